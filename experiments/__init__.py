@@ -1,0 +1,1 @@
+"""Headless experiments: the only room where the theory and the bench meet."""

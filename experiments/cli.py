@@ -1,0 +1,141 @@
+"""The command `fjh`: one experiment, its options, one sentence when something is wrong."""
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+from rich import box
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+from rich.table import Table
+
+from experiments.files import OutputError, output_folder, write_arrays
+from experiments.mapping import JacobianChoice
+from sim import ModelError, SimulationDiverged
+
+UNSOUND, WRONG_INPUT, INTERRUPTED = 1, 2, 130
+
+app = typer.Typer(
+    name="fjh",
+    help="Experiments on the fault-tolerant flexure-jointed hexapod.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+)
+
+
+@app.callback()
+def _fjh() -> None:
+    """Experiments on the fault-tolerant flexure-jointed hexapod."""
+
+
+@app.command()
+def table1(
+    out: Annotated[Path, typer.Option(help="Folder for results.")] = Path("results/table1"),
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the detector noise.")] = 0,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Only the first 4 s of the 16 s spiral.")
+    ] = False,
+    jacobian: Annotated[
+        JacobianChoice,
+        typer.Option(
+            help="Jacobian in the mapping: analytic, at the estimated pose every control tick, or "
+            "constant, eq. (39). Both are run; this one makes the table."
+        ),
+    ] = "analytic",
+    model: Annotated[
+        Path | None, typer.Option(help="Another MJCF file; default models/fjh.xml.")
+    ] = None,
+) -> None:
+    """Reproduce Table I and Figures 4, 5, 6: six spirals, sound and with strut 1 locked."""
+    # Late: the help text need not wait for MuJoCo's and matplotlib's import.
+    from experiments import report_table1
+    from experiments.table1 import CLOSURE_LIMIT_M, run_table1
+
+    folder = output_folder(out)
+    try:
+        with _progress() as progress:
+            task = progress.add_task("Table I", total=None)
+            result = run_table1(
+                mjcf=model,
+                seed=seed,
+                quick=quick,
+                jacobian=jacobian,
+                on_progress=lambda done, total: progress.update(task, completed=done, total=total),
+            )
+    except SimulationDiverged as diverged:
+        state_file = folder / "diverged.npz"
+        write_arrays(
+            state_file,
+            {"time_s": np.array(diverged.time_s), "state": diverged.state},
+        )
+        raise _Unsound(f"{diverged}; the state is in {state_file}") from None
+    summary = report_table1.write(folder, result, model)
+    _print_table(summary)
+    if result.closure_residual_max_m > CLOSURE_LIMIT_M:
+        raise _Unsound(
+            f"a closed loop opened by {result.closure_residual_max_m:.1e} m, more than "
+            f"{CLOSURE_LIMIT_M:.0e} m: the numbers are not sound"
+        )
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run `fjh`; returns the exit code: 0 sound, 1 unsound, 2 wrong input, 130 interrupted."""
+    try:
+        code = app(args=arguments, prog_name="fjh", standalone_mode=False)
+    except typer.exceptions.TyperException as error:
+        return _complain(error.format_message(), WRONG_INPUT)
+    except (ModelError, OutputError) as error:
+        return _complain(str(error), WRONG_INPUT)
+    except _Unsound as error:
+        return _complain(str(error), UNSOUND)
+    except (KeyboardInterrupt, typer.Abort):
+        return _complain("interrupted, nothing was written", INTERRUPTED)
+    return code or 0
+
+
+class _Unsound(Exception):
+    """The run ended, but its numbers cannot be trusted."""
+
+
+def _complain(sentence: str, code: int) -> int:
+    if sentence:
+        print(f"fjh: {sentence}", file=sys.stderr)
+    return code
+
+
+def _progress() -> Progress:
+    return Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+        console=Console(stderr=True),
+        transient=True,
+    )
+
+
+def _print_table(summary: dict) -> None:
+    from experiments.summary import notes, table_rows, table_title
+
+    columns = summary["columns"]
+    table = Table(title=table_title(summary), title_justify="left", box=box.SIMPLE)
+    table.add_column(no_wrap=True)
+    for column in columns:
+        heading = column["name"].replace("_uncorrected", "\nuncorr.")
+        table.add_column(heading, justify="right", no_wrap=True)
+    for label, cells in table_rows(columns):
+        table.add_row(label, *cells)
+    console = Console()
+    console.print(table)
+    for note in notes(summary):
+        console.print(note)

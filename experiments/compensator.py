@@ -1,0 +1,98 @@
+"""The compensators G_alpha(s) and G_beta(s) of Fig. 3: textbook single-loop design."""
+
+from dataclasses import dataclass
+
+import control
+import numpy as np
+
+from experiments.bench import Bench
+from sim import LinearPlant
+
+_FREQUENCIES_RAD_S = 2 * np.pi * np.geomspace(0.1, 400.0, 8000)
+
+
+@dataclass(frozen=True)
+class Loop:
+    """One pointing channel, designed and measured; plain arrays, so that it travels to workers.
+
+    Attributes:
+        numerator: Of G(s), highest power first; `denominator` alike.
+        A: State matrix of the Tustin discretization; `B`, `C`, `D` alike.
+        period_s: Control period.
+        crossover_hz: Gain crossover of the sampled loop.
+        gain_margin_db: At `phase_crossover_hz`.
+        phase_margin_deg: At `crossover_hz`.
+        phase_crossover_hz: Where the phase passes -180 degrees.
+    """
+
+    numerator: np.ndarray
+    denominator: np.ndarray
+    A: np.ndarray
+    B: np.ndarray
+    C: np.ndarray
+    D: np.ndarray
+    period_s: float
+    crossover_hz: float
+    gain_margin_db: float
+    phase_margin_deg: float
+    phase_crossover_hz: float
+
+    @property
+    def discrete(self) -> control.StateSpace:
+        """The compensator as it runs."""
+        return control.ss(self.A, self.B, self.C, self.D, self.period_s)
+
+    def __str__(self) -> str:
+        return (
+            f"crossover {self.crossover_hz:.2f} Hz, "
+            f"gain margin {self.gain_margin_db:.1f} dB at {self.phase_crossover_hz:.1f} Hz, "
+            f"phase margin {self.phase_margin_deg:.1f} deg"
+        )
+
+
+def design(plant: LinearPlant, pointing: np.ndarray, bench: Bench) -> tuple[Loop, Loop]:
+    """The alpha and beta loops on the sound plant.
+
+    G(s) = K / s * w^2 / (s^2 + 2 zeta w s + w^2): an integrator, so that the error falls with
+    frequency, and a roll-off that keeps the suspension modes from closing the loop again. K puts
+    |G P| = 1 at the chosen crossover.
+
+    Args:
+        plant: Linear model of the sound plant.
+        pointing: Gains from commanded (alpha, beta) to strut displacements, shape (n, 2).
+        bench: Crossovers, roll-off and control period.
+    """
+    return _loop(plant, pointing, bench, 0), _loop(plant, pointing, bench, 1)
+
+
+def sampled(plant: LinearPlant, gain: np.ndarray, period_s: float) -> control.StateSpace:
+    """The plant behind a zero-order hold, from `gain`'s inputs to the twist."""
+    continuous = control.ss(plant.A, plant.B @ gain, plant.C_twist, 0)
+    return control.c2d(continuous, period_s, method="zoh")
+
+
+def _loop(plant: LinearPlant, pointing: np.ndarray, bench: Bench, row: int) -> Loop:
+    w, zeta = 2 * np.pi * bench.roll_off_hz, bench.roll_off_damping
+    crossover = 2 * np.pi * bench.crossover_hz[row]
+    shape = control.tf([w**2], [1, 2 * zeta * w, w**2, 0])
+    P = control.ss(plant.A, plant.B @ pointing[:, [row]], plant.C_twist[[row]], 0)
+    G = shape / abs(shape(1j * crossover) * P(1j * crossover))
+    period_s = bench.control_period_s
+    G_d = control.c2d(control.ss(G), period_s, "tustin", prewarp_frequency=crossover)
+    P_d = sampled(plant, pointing, period_s)[row, row]
+    # On the frequency response: the polynomial method loses its digits on twelve plant states.
+    response = control.frequency_response(P_d * G_d, _FREQUENCIES_RAD_S)
+    gain_margin, phase_margin, _, at_phase, at_gain, _ = control.stability_margins(response)
+    return Loop(
+        numerator=G.num[0][0],
+        denominator=G.den[0][0],
+        A=G_d.A,
+        B=G_d.B,
+        C=G_d.C,
+        D=G_d.D,
+        period_s=period_s,
+        crossover_hz=at_gain / (2 * np.pi),
+        gain_margin_db=20 * np.log10(gain_margin),
+        phase_margin_deg=phase_margin,
+        phase_crossover_hz=at_phase / (2 * np.pi),
+    )

@@ -1,0 +1,55 @@
+"""Results on disk: a file is there whole or not at all."""
+
+import json
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+
+class OutputError(Exception):
+    """The output folder cannot be used; the message says why."""
+
+
+def output_folder(path: Path) -> Path:
+    """The folder, made if need be, before any work is done.
+
+    Raises:
+        OutputError: It is a file, lies below one, or is not writable.
+    """
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except (FileExistsError, NotADirectoryError):
+        raise OutputError(f"--out {path} is a file, not a folder") from None
+    except OSError as error:
+        raise OutputError(f"--out {path} cannot be made: {error.strerror}") from None
+    if not os.access(path, os.W_OK):
+        raise OutputError(f"--out {path} is not writable")
+    return path
+
+
+def write_whole(path: Path, write: Callable[[Path], Any]) -> None:
+    """Let `write` make a temporary neighbour, then put it in place in one step."""
+    partial = path.with_name(f".{path.stem}.partial{path.suffix}")
+    try:
+        write(partial)
+        os.replace(partial, path)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text file whole."""
+    write_whole(path, lambda partial: partial.write_text(text, encoding="utf-8"))
+
+
+def write_json(path: Path, content: dict[str, Any]) -> None:
+    """Write JSON whole; NaN is refused, since JSON has none."""
+    write_text(path, json.dumps(content, indent=2, allow_nan=False) + "\n")
+
+
+def write_arrays(path: Path, arrays: dict[str, np.ndarray]) -> None:
+    """Write an `.npz` whole."""
+    write_whole(path, lambda partial: np.savez(partial, **arrays))

@@ -1,0 +1,104 @@
+"""From desired pointing to strut displacements: the mapping block of Fig. 3, and its pose estimate.
+
+Displacements are absolute, from the nominal pose: eq. (41) taken whole, because its incremental
+form drifts when J is re-evaluated.
+"""
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from prioritized import ConstrainedSystem, VelocityMapping
+from sim import NOMINAL, Hexapod, Pose
+
+Array = np.ndarray
+JacobianChoice = Literal["analytic", "constant"]
+
+MAJOR = [0, 1]
+"""Task rows (alpha, beta): the pointing task."""
+SECONDARY = [3, 4, 5, 2]
+"""[t_x, t_y, t_z, gamma], the order of the paper's W_d and W_e."""
+
+
+@dataclass(frozen=True)
+class Goal:
+    """What the secondary freedom is spent on.
+
+    Attributes:
+        joint_weight: W1, diagonal over the six struts; None is zero.
+        secondary_weight: W2, diagonal over [t_x, t_y, t_z, gamma]; None is zero.
+        locked_m: Struts known to be stuck, and where: displacement by strut 0..5.
+    """
+
+    joint_weight: tuple[float, ...] | None = None
+    secondary_weight: tuple[float, ...] | None = None
+    locked_m: dict[int, float] = field(default_factory=dict)
+
+
+class StrutMapping:
+    """Optimal strut displacements for desired (alpha, beta), eqs. (28) and (30).
+
+    Its model of the machine is its own: the closed-form geometry of the sound hexapod, with the
+    struts that it was told are stuck reconfigured as in section 2.3.2.
+    """
+
+    def __init__(self, geometry: Hexapod, goal: Goal, jacobian: JacobianChoice) -> None:
+        """Prepare the mapping at the nominal pose; "analytic" re-evaluates it at every call."""
+        self.geometry = geometry
+        self.goal = goal
+        self.jacobian = jacobian
+        self._A_0 = geometry.inverse_jacobian(NOMINAL)
+        self._at_nominal = self.at(self._A_0)
+        self._locked_m = np.zeros(len(self._A_0))
+        for strut, displacement in goal.locked_m.items():
+            self._locked_m[strut] = displacement
+
+    def pointing_gain(self) -> Array:
+        """Strut displacements per commanded (alpha, beta) at the nominal pose, shape (6, 2)."""
+        expand, mapping = self._at_nominal
+        return expand @ mapping.major
+
+    def displacements(self, pointing_rad: Array, pose: Pose) -> Array:
+        """Strut displacements (6,) for desired (alpha, beta); zero at struts known to be stuck."""
+        if self.jacobian == "constant":
+            A, (expand, mapping) = self._A_0, self._at_nominal
+        else:
+            A = self.geometry.inverse_jacobian(pose)
+            expand, mapping = self.at(A)
+        if not self._locked_m.any():
+            return expand @ mapping(pointing_rad)
+        # A strut stuck off centre has already moved the payload by J[:, k] l_k.
+        offset = np.linalg.solve(A, self._locked_m)
+        return expand @ mapping(pointing_rad - offset[MAJOR], secondary_velocity=-offset[SECONDARY])
+
+    def estimate(self, displacements_m: Array, pose: Pose) -> Pose:
+        """Pose that the commanded strut displacements lead to, from the pose one tick before.
+
+        One Newton step on the strut lengths; a tick moves so little that it lands within round-off.
+        There is no other sensor for gamma, t_x, t_y, t_z; alpha and beta come from the same
+        commands, so that the estimate carries no detector noise.
+        """
+        lengths = displacements_m + self._locked_m
+        if self.jacobian == "constant":
+            return NOMINAL.moved(np.linalg.solve(self._A_0, lengths))
+        A = self.geometry.inverse_jacobian(pose)
+        return pose.moved(np.linalg.solve(A, lengths - self.geometry.displacements(pose)))
+
+    def at(self, A: Array) -> tuple[Array, VelocityMapping]:
+        """Mapping where l_dot = A x_dot, and the matrix that puts its rates on the six struts."""
+        n = len(A)
+        # theta_dot = [l_dot; x_dot]: the struts are active, the payload twist passive.
+        system = ConstrainedSystem(
+            J_T=np.hstack([np.zeros((6, n)), np.eye(6)]),
+            J_C=np.hstack([np.eye(n), -A]),
+            active=np.arange(n),
+        )
+        kinematics = system.with_failures(locked=list(self.goal.locked_m)).kinematics()
+        mapping = kinematics.velocity_mapping(
+            major=MAJOR,
+            secondary=SECONDARY,
+            joint_weight=self.goal.joint_weight,
+            secondary_weight=self.goal.secondary_weight,
+        )
+        return np.eye(n)[:, kinematics.actuators], mapping

@@ -1,0 +1,34 @@
+"""Numbers printed in Chen, McInroy, Yi (2003), as data."""
+
+import numpy as np
+
+JACOBIAN = np.array(
+    [
+        [1.740, 1.740, 0.000, -1.740, -1.740, 0.000],
+        [1.004, -1.004, -2.009, -1.004, 1.004, 2.009],
+        [0.710, -0.710, 0.710, -0.710, 0.710, -0.710],
+        [0.354, -0.354, -0.000, 0.354, -0.354, 0.000],
+        [0.204, 0.204, -0.408, 0.204, 0.204, -0.408],
+        [-0.289, -0.289, -0.289, -0.289, -0.289, -0.289],
+    ]
+)
+"""Eq. (39), section 4.1: [alpha, beta, gamma, t_x, t_y, t_z] rates per strut rate, [rad]/[m] and 1."""
+
+JACOBIAN_TOLERANCE = 6e-4
+"""Half a unit of the last digit, and 0.00055 for 1.004: the geometry gives 1.00455."""
+
+CONDITION_NUMBER = 4.92
+"""Section 4.1, of eq. (39)."""
+
+TABLE_I_URAD = {
+    "W_a": (2.4476, 3.0916),
+    "W_b": (2.2444, 3.2712),
+    "W_c": (2.3115, 3.2528),
+    "W_d": (2.3634, 3.5601),
+    "W_e": (2.8324, 3.2868),
+    "W_a_uncorrected": (9.8167, 4.7903),
+}
+"""Table I, section 4.2: RMS of desired minus measured (alpha, beta), [urad]."""
+
+TRANSLATION_REDUCTION = 20.0
+"""Section 4.2.2: t_x and t_y peaks fall by more than this factor from W_d to W_e."""

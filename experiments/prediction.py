@@ -1,0 +1,62 @@
+"""What the linear model of this bench says a run should give."""
+
+from collections.abc import Sequence
+
+import control
+import mujoco
+import numpy as np
+
+from experiments.bench import Bench
+from experiments.compensator import Loop, sampled
+from experiments.mapping import MAJOR, Goal, StrutMapping
+from sim import Plant, hexapod, linearize
+
+Array = np.ndarray
+
+
+def predicted_rms_rad(
+    model: mujoco.MjModel,
+    bench: Bench,
+    loops: tuple[Loop, Loop],
+    goal: Goal,
+    *,
+    locked: Sequence[int] = (),
+    duration_s: float | None = None,
+) -> Array:
+    """RMS of desired minus true (alpha, beta) over the spiral, shape (2,), [rad].
+
+    The plant, with its locks, is linearized and sampled behind the zero-order hold; the loop is
+    closed with the discrete compensators and the mapping at J_0. The spiral goes through as it is;
+    white detector noise gives the sum of squares of the pulse response. Left out: the DAC's
+    quantization, 0.02 urad here.
+    """
+    plant = Plant(model)
+    for strut in locked:
+        plant.lock(strut)
+    gain = StrutMapping(hexapod(model), goal, "constant").pointing_gain()
+    compensators = control.append(*(loop.discrete for loop in loops))
+    P = sampled(linearize(plant.model, plant.data), gain, bench.control_period_s)
+    L = P[MAJOR, :] * compensators
+    unity = control.ss([], [], [], np.eye(2), bench.control_period_s)
+    T = control.feedback(L, unity)
+
+    time_s = bench.time_s(bench.duration_s if duration_s is None else duration_s)
+    desired_rad = bench.desired_rad(time_s)
+    error_rad = desired_rad - _response(T, time_s, desired_rad)
+    noise_rad = bench.detector_noise_m / bench.focal_length_m
+    variance = noise_rad**2 * sum(
+        (_response(T, time_s, pulse) ** 2).sum(axis=0) for pulse in _unit_pulses(len(time_s))
+    )
+    return np.sqrt((error_rad**2).mean(axis=0) + variance)
+
+
+def _response(T: control.StateSpace, time_s: Array, signal: Array) -> Array:
+    """True (alpha, beta) that a signal (N, 2) at the loop's input gives, shape (N, 2)."""
+    return np.asarray(control.forced_response(T, time_s, signal.T).outputs).T
+
+
+def _unit_pulses(ticks: int) -> tuple[Array, Array]:
+    """One tick of detector noise, in alpha and in beta; each shape (ticks, 2)."""
+    pulses = np.zeros((2, ticks, 2))
+    pulses[[0, 1], 0, [0, 1]] = 1.0
+    return pulses[0], pulses[1]

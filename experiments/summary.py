@@ -1,0 +1,206 @@
+"""Table I as data: the contents of `table1.json`, and its Markdown."""
+
+import platform
+from dataclasses import asdict
+from importlib.metadata import version
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from experiments import paper
+from experiments.compensator import Loop
+from experiments.mapping import JacobianChoice
+from experiments.run import Trajectory
+from experiments.table1 import COLUMNS, Column, Table1, other_jacobian
+from sim import element_id
+
+PACKAGES = ("mujoco", "numpy", "scipy", "control", "rerun-sdk", "matplotlib")
+
+
+def pointing_rms_urad(run: Trajectory) -> np.ndarray:
+    """RMS of desired minus true (alpha, beta), shape (2,)."""
+    return 1e6 * _rms(run.desired_rad - run.true_rad)
+
+
+def summarize(table: Table1, model_sha256: str) -> dict[str, Any]:
+    """All numbers of the table, ready for JSON; units are in the names."""
+    return {
+        "experiment": "table1",
+        "seed": table.seed,
+        "versions": versions(),
+        "model_sha256": model_sha256,
+        "jacobian": table.jacobian,
+        "duration_s": _duration_s(table),
+        "bench": asdict(table.bench) | plant_constants(table.model),
+        "loops": {
+            "alpha": _loop(table.loops[0]),
+            "beta": _loop(table.loops[1]),
+        },
+        "jacobian_comparison": compare_jacobians(table),
+        "columns": [_column(table, column) for column in COLUMNS],
+    }
+
+
+def versions() -> dict[str, str]:
+    """Versions of Python and of the packages that the numbers depend on."""
+    return {"python": platform.python_version()} | {name: version(name) for name in PACKAGES}
+
+
+def plant_constants(model: mujoco.MjModel) -> dict[str, float]:
+    """The plant's chosen constants, read from the compiled model."""
+    strut = model.joint("strut1")
+    payload = element_id(model, "body", "payload")
+    bend = model.joint("bottom_bend_x1")
+    twist = model.joint("top_twist1")
+    return {
+        "physics_step_s": model.opt.timestep,
+        "gravity_m_per_s2": float(-model.opt.gravity[2]),
+        "payload_mass_kg": float(model.body_mass[payload]),
+        "payload_inertia_x_kg_m2": float(model.body_inertia[payload].max()),
+        "housing_mass_kg": float(model.body("housing1").mass[0]),
+        "stem_mass_kg": float(model.body("stem1").mass[0]),
+        "tip_mass_kg": float(model.body("tip1").mass[0]),
+        "suspension_stiffness_n_per_m": float(strut.stiffness[0]),
+        "suspension_damping_n_s_per_m": float(strut.damping[0]),
+        "suspension_preload_n": float(strut.stiffness[0] * model.qpos_spring[strut.qposadr[0]]),
+        "flexure_bending_stiffness_n_m_per_rad": float(bend.stiffness[0]),
+        "flexure_bending_damping_n_m_s_per_rad": float(bend.damping[0]),
+        "flexure_torsion_stiffness_n_m_per_rad": float(twist.stiffness[0]),
+        "flexure_torsion_damping_n_m_s_per_rad": float(twist.damping[0]),
+    }
+
+
+def compare_jacobians(table: Table1) -> dict[str, Any]:
+    """How far the RMS values move with the other Jacobian, beside what another seed moves them."""
+    by_column = {
+        name: pointing_rms_urad(run) - pointing_rms_urad(table.trajectories[name])
+        for name, run in table.other.items()
+    }
+    by_jacobian = float(np.abs(list(by_column.values())).max())
+    seeds = pointing_rms_urad(table.reseeded) - pointing_rms_urad(table.trajectories["W_a"])
+    by_seed = float(np.abs(seeds).max())
+    other: JacobianChoice = other_jacobian(table.jacobian)
+    verdict = "below" if by_jacobian < by_seed else "above"
+    return {
+        "other": other,
+        "largest_rms_difference_urad": by_jacobian,
+        "next_seed_rms_difference_urad": by_seed,
+        "sentence": (
+            f"With the {other} Jacobian no RMS moves by more than {by_jacobian:.1e} urad, which is "
+            f"{verdict} the noise: another seed moves W_a by {by_seed:.1e} urad."
+        ),
+    }
+
+
+def markdown(summary: dict[str, Any]) -> str:
+    """The table beside the paper's, as Markdown."""
+    columns = summary["columns"]
+    head = ["", *(column["name"] for column in columns)]
+    lines = [_row(head), _row(["---"] * len(head))]
+    lines += [_row([label, *cells]) for label, cells in table_rows(columns)]
+    bullets = [f"- {note}" for note in notes(summary)]
+    return "\n".join([table_title(summary), "", *lines, "", *bullets, ""])
+
+
+def table_title(summary: dict[str, Any]) -> str:
+    """What the numbers are."""
+    title = "Table I: RMS of desired minus true angle"
+    if summary["duration_s"] < summary["bench"]["duration_s"]:
+        title += f", first {summary['duration_s']:g} s only (the paper's: 16 s)"
+    return title
+
+
+def notes(summary: dict[str, Any]) -> list[str]:
+    """What a reader of the table should know: the loops, and what the Jacobian changes."""
+    loops = [f"Loop {name}: {loop['sentence']}." for name, loop in summary["loops"].items()]
+    return [*loops, summary["jacobian_comparison"]["sentence"]]
+
+
+def table_rows(columns: list[dict[str, Any]]) -> list[tuple[str, list[str]]]:
+    """Label and cells of each row of the printed table."""
+
+    def numbers(key: str, digits: str) -> list[str]:
+        return [format(column[key], digits) for column in columns]
+
+    rows = []
+    for angle in ("alpha", "beta"):
+        rows += [
+            (f"{angle}, urad", numbers(f"{angle}_rms_urad", ".4f")),
+            ("  linear model", numbers(f"predicted_{angle}_rms_urad", ".4f")),
+            ("  paper", numbers(f"paper_{angle}_rms_urad", ".4f")),
+        ]
+    peaks = [column["secondary_peak"] for column in columns]
+    rows += [
+        (f"peak {label}", [format(peak[key], ".3f") for peak in peaks])
+        for label, key in (
+            ("t_x, um", "t_x_um"),
+            ("t_y, um", "t_y_um"),
+            ("t_z, um", "t_z_um"),
+            ("gamma, urad", "gamma_urad"),
+        )
+    ]
+    rows.append(("closure, m", numbers("closure_residual_max_m", ".1e")))
+    return rows
+
+
+def _column(table: Table1, column: Column) -> dict[str, Any]:
+    run = table.trajectories[column.name]
+    alpha, beta = pointing_rms_urad(run)
+    alpha_measured, beta_measured = 1e6 * _rms(run.desired_rad - run.measured_rad)
+    alpha_paper, beta_paper = paper.TABLE_I_URAD[column.name]
+    alpha_predicted, beta_predicted = 1e6 * table.predicted_rad[column.name]
+    alpha_other, beta_other = pointing_rms_urad(table.other[column.name])
+    return {
+        "name": column.name,
+        "locked": list(column.locked),
+        "free": [],
+        "joint_weight": column.goal.joint_weight,
+        "secondary_weight_t_x_t_y_t_z_gamma": column.goal.secondary_weight,
+        "alpha_rms_urad": alpha,
+        "beta_rms_urad": beta,
+        "alpha_measured_rms_urad": alpha_measured,
+        "beta_measured_rms_urad": beta_measured,
+        "paper_alpha_rms_urad": alpha_paper,
+        "paper_beta_rms_urad": beta_paper,
+        "predicted_alpha_rms_urad": alpha_predicted,
+        "predicted_beta_rms_urad": beta_predicted,
+        "other_jacobian_alpha_rms_urad": alpha_other,
+        "other_jacobian_beta_rms_urad": beta_other,
+        "strut_input_rms_percent": _rms(run.strut_input_percent).tolist(),
+        "strut_input_peak_percent": np.abs(run.strut_input_percent).max(0).tolist(),
+        "secondary_peak": _peaks(run.secondary),
+        "secondary_peak_estimated": _peaks(run.secondary_estimated),
+        "closure_residual_max_m": float(run.closure_residual_m.max()),
+        "recording": f"{column.name}.rrd",
+        "data": f"{column.name}.npz",
+    }
+
+
+def _loop(loop: Loop) -> dict[str, Any]:
+    return {
+        "numerator": loop.numerator.tolist(),
+        "denominator": loop.denominator.tolist(),
+        "crossover_hz": loop.crossover_hz,
+        "gain_margin_db": loop.gain_margin_db,
+        "phase_margin_deg": loop.phase_margin_deg,
+        "phase_crossover_hz": loop.phase_crossover_hz,
+        "sentence": str(loop),
+    }
+
+
+def _peaks(secondary: np.ndarray) -> dict[str, float]:
+    names = ("gamma_urad", "t_x_um", "t_y_um", "t_z_um")
+    return dict(zip(names, (1e6 * np.abs(secondary).max(0)).tolist(), strict=True))
+
+
+def _duration_s(table: Table1) -> float:
+    return len(table.trajectories["W_a"].time_s) * table.bench.control_period_s
+
+
+def _rms(signal: np.ndarray) -> np.ndarray:
+    return np.sqrt((signal**2).mean(axis=0))
+
+
+def _row(cells: list[str]) -> str:
+    return "| " + " | ".join(cells) + " |"

@@ -1,0 +1,24 @@
+"""Prioritized manipulation of any constrained multibody system, sound or failed.
+
+Chen, McInroy, Yi, "Optimal, Fault-Tolerant Mappings to Achieve Secondary Goals without
+Compromising Primary Performance" (2003).
+
+    paper                code                            shape
+    J_T, J_C             J_T, J_C                        (m, N), (c, N)
+    theta_a              active                          (n,) velocity indices, actuator order
+    J, eq. (14)          kinematics.J                    (m, n)
+    J_Tp J~_Cp           kinematics.self_motion          (m, k)
+    J~_Cp^T              kinematics.internal_force       (r, c)
+    J~_Cp^T J_Ca (17)    kinematics.active_constraint    (r', n)
+    v_m, v_s             major, secondary                (m1,), (m2,)
+    W1, W2               joint_weight, secondary_weight  (., n), (., m2)
+
+Spatial vectors are [angular; linear].
+"""
+
+from prioritized._kinematics import Kinematics as Kinematics
+from prioritized._rank import RANK_TOLERANCE as RANK_TOLERANCE
+from prioritized._system import ConstrainedSystem as ConstrainedSystem
+from prioritized._velocity import Status as Status
+from prioritized._velocity import VelocityMapping as VelocityMapping
+from prioritized._velocity import velocity_mapping as velocity_mapping

@@ -1,0 +1,133 @@
+"""Elimination of the passive joints: eqs. (10) to (17)."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from prioritized import _check
+from prioritized._check import Array, Indices
+from prioritized._rank import ranked_svd
+from prioritized._velocity import VelocityMapping, velocity_mapping
+
+
+@dataclass(frozen=True)
+class Kinematics:
+    """A mechanism seen from its surviving active joints.
+
+    Attributes:
+        J: Task Jacobian, eq. (14), shape (m, n - q).
+        self_motion: Orthonormal basis of the task motion that remains with every active joint
+            held (unstable singularity), shape (m, k).
+        internal_force: Orthonormal rows spanning the left null space of J_Cp, shape (r, c).
+        active_constraint: Orthonormal rows; admissible active rates are their null space,
+            eq. (17), shape (r', n - q).
+        actuators: Surviving actuators in nominal numbering, shape (n - q,).
+        active: Their velocity indices; `passive`: those of all other velocities.
+        actuator_count: Nominal number n of actuators.
+        passive_gain: (N - n + q, n - q), eq. (10) without its free part.
+        constraint_gain: (c, m), eq. (11) without its free part.
+        scale: Size of the terms whose difference is J; its rank is decided against it.
+        rank_tolerance: See the rank decision.
+    """
+
+    J: Array
+    self_motion: Array
+    internal_force: Array
+    active_constraint: Array
+    actuators: Indices
+    active: Indices
+    passive: Indices
+    actuator_count: int
+    passive_gain: Array
+    constraint_gain: Array
+    scale: float
+    rank_tolerance: float
+
+    def expand(self, rates: ArrayLike) -> Array:
+        """Rates of the survivors (..., n - q) to all actuators (..., n), zero where failed."""
+        survivors = _check.vector("rates", rates, len(self.actuators))
+        everyone = np.zeros((*survivors.shape[:-1], self.actuator_count))
+        everyone[..., self.actuators] = survivors
+        return everyone
+
+    def passive_rates(self, rates: ArrayLike) -> Array:
+        """Least-norm rates of the `passive` velocities, eq. (10) with xi = 0."""
+        return _check.vector("rates", rates, len(self.active)) @ self.passive_gain.T
+
+    def constraint_force(self, f: ArrayLike) -> Array:
+        """Least-norm constraint forces under the task force f, eq. (11) with eta = 0."""
+        return _check.vector("f", f, self.J.shape[0]) @ self.constraint_gain.T
+
+    def velocity_mapping(
+        self,
+        major: Sequence[int] | ArrayLike,
+        secondary: Sequence[int] | ArrayLike | None = None,
+        joint_weight: ArrayLike | None = None,
+        secondary_weight: ArrayLike | None = None,
+    ) -> VelocityMapping:
+        """:func:`prioritized.velocity_mapping` of this mechanism, every constraint passed on.
+
+        A `joint_weight` for all n actuators is cut to the survivors.
+        """
+        return velocity_mapping(
+            self.J,
+            major,
+            secondary,
+            self._survivors_weight(joint_weight),
+            secondary_weight,
+            active_constraint=self.active_constraint,
+            scale=self.scale,
+            rank_tolerance=self.rank_tolerance,
+        )
+
+    def _survivors_weight(self, weight: ArrayLike | None) -> Array | None:
+        if weight is None:
+            return None
+        W = np.asarray(weight, dtype=float)
+        if W.ndim and W.shape[-1] == self.actuator_count:
+            return W[..., self.actuators]
+        return W
+
+
+def reduce_to_active(
+    J_T: Array,
+    J_C: Array,
+    *,
+    actuators: Indices,
+    active: Indices,
+    actuator_count: int,
+    constraint_scale: float,
+    rank_tolerance: float,
+) -> Kinematics:
+    """Eliminate every velocity that is not in `active` from v = J_T theta_dot, J_C theta_dot = 0."""
+    is_passive = np.ones(J_T.shape[1], dtype=bool)
+    is_passive[active] = False
+    passive = np.flatnonzero(is_passive)
+    J_Ta, J_Tp = J_T[:, active], J_T[:, passive]
+    J_Ca, J_Cp = J_C[:, active], J_C[:, passive]
+
+    loops = ranked_svd(J_Cp, constraint_scale, rank_tolerance, full=True)
+    r = int(loops.rank)
+    J_Cp_pinv = (loops.Vt[:r].T / loops.sigma[:r]) @ loops.U[:, :r].T
+    free_passive, internal_force = loops.Vt[r:].T, loops.U[:, r:].T
+
+    passive_gain = -J_Cp_pinv @ J_Ca
+    task_scale = float(np.linalg.norm(J_T))
+    moved = ranked_svd(J_Tp @ free_passive, task_scale, rank_tolerance)
+    bound = ranked_svd(internal_force @ J_Ca, constraint_scale, rank_tolerance)
+    return Kinematics(
+        J=J_Ta + J_Tp @ passive_gain,
+        self_motion=moved.U[:, : int(moved.rank)],
+        internal_force=internal_force,
+        active_constraint=bound.Vt[: int(bound.rank)],
+        actuators=actuators,
+        active=active,
+        passive=passive,
+        actuator_count=actuator_count,
+        passive_gain=passive_gain,
+        constraint_gain=-(J_Tp @ J_Cp_pinv).T,
+        scale=task_scale * (1.0 + float(np.linalg.norm(passive_gain))),
+        rank_tolerance=rank_tolerance,
+    )

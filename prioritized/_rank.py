@@ -1,0 +1,85 @@
+"""The one rank decision of the library."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from prioritized._check import Array
+
+RANK_TOLERANCE = 1e-10
+"""Singular values below this fraction of the scale of the inputs count as zero."""
+
+
+@dataclass(frozen=True)
+class RankedSvd:
+    """A = U diag(sigma) V^T with its rank decided; leading axes are batch axes.
+
+    Attributes:
+        U: Left singular vectors, shape (..., m, min(m, n)), or (m, m) when full.
+        sigma: Singular values, descending, shape (..., min(m, n)).
+        Vt: Right singular vectors as rows, shape (..., min(m, n), n), or (n, n) when full.
+        threshold: What counts as zero, shape (..., 1).
+        kept: Which singular values count, shape (..., min(m, n)).
+    """
+
+    U: Array
+    sigma: Array
+    Vt: Array
+    threshold: Array
+    kept: Array
+
+    @property
+    def rank(self) -> Array:
+        """Number of singular values that count, shape (...)."""
+        return self.kept.sum(axis=-1)
+
+    @property
+    def gap(self) -> Array:
+        """Factor by which the threshold could move, either way, before the rank would change.
+
+        At least 1, infinite where nothing is near; shape (...).
+        """
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ratio = self.sigma / self.threshold
+            ratio = np.where(self.kept, ratio, 1.0 / ratio)
+        return np.min(np.where(np.isnan(ratio), np.inf, ratio), axis=-1, initial=np.inf)
+
+    def pseudo_inverse(self) -> Array:
+        """Moore-Penrose inverse on the decided rank, shape (..., n, m); needs the thin SVD."""
+        reciprocal = np.divide(1.0, self.sigma, out=np.zeros_like(self.sigma), where=self.kept)
+        V = np.swapaxes(self.Vt, -1, -2)
+        return (V * reciprocal[..., None, :]) @ np.swapaxes(self.U, -1, -2)
+
+    def null_projector(self) -> Array:
+        """Orthogonal projector onto the null space of A, shape (..., n, n)."""
+        V_kept = np.swapaxes(self.Vt, -1, -2) * self.kept[..., None, :]
+        return np.eye(self.Vt.shape[-1]) - V_kept @ self.Vt
+
+
+def ranked_svd(
+    A: Array, scale: Array | float, tolerance: float, *, full: bool = False
+) -> RankedSvd:
+    """Singular value decomposition with the rank decided against the scale of the inputs.
+
+    `scale` is the norm of the matrices that A was made from, never of A itself: a product that
+    cancels to round-off is zero, however it compares with its own largest singular value.
+
+    Args:
+        A: Matrix or batch of matrices, shape (..., m, n).
+        scale: Norm of the inputs, shape (...).
+        tolerance: Fraction of `scale` below which a singular value is zero.
+        full: Return square U and V; then A must be one matrix.
+    """
+    U, sigma, Vt = np.linalg.svd(A, full_matrices=full)
+    threshold = np.asarray(tolerance * np.asarray(scale))[..., None]
+    # Not >=: the zero matrix, with threshold zero, has rank zero.
+    kept = sigma > threshold
+    return RankedSvd(U, sigma, Vt, threshold, kept)
+
+
+def null_basis(A: Array, scale: float, tolerance: float) -> Array:
+    """Orthonormal basis of the null space of A (m, n), shape (n, k); k may be zero."""
+    if A.shape[0] == 0:
+        return np.eye(A.shape[1])
+    svd = ranked_svd(A, scale, tolerance, full=True)
+    return svd.Vt[int(svd.rank) :].T

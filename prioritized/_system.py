@@ -1,0 +1,130 @@
+"""General constrained multibody systems and their actuator failures: sections 2.1 and 2.3."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from prioritized import _check
+from prioritized._check import Array, Indices
+from prioritized._kinematics import Kinematics, reduce_to_active
+from prioritized._rank import RANK_TOLERANCE
+
+
+@dataclass(frozen=True, init=False)
+class ConstrainedSystem:
+    """v = J_T theta_dot subject to J_C theta_dot = 0, eqs. (2) and (3).
+
+    Any mechanism: J_C is None for a serial arm; redundant rows are welcome.
+
+    Args:
+        J_T: Task Jacobian of all generalized velocities, shape (m, N).
+        J_C: Constraint Jacobian, shape (c, N), or None.
+        active: Velocity indices of the n actuated joints, in actuator order.
+        rank_tolerance: Singular values below this fraction of the scale of J_T and J_C are zero.
+
+    Attributes:
+        locked: Actuators with a position failure, 0..n-1.
+        free: Actuators with a torque failure, 0..n-1.
+        locked_passive: Velocity indices of passive joints that are stuck.
+
+    Raises:
+        ValueError: Wrong shape, index or non-finite input, naming the argument.
+    """
+
+    J_T: Array
+    J_C: Array
+    active: Indices
+    rank_tolerance: float
+    locked: frozenset[int]
+    free: frozenset[int]
+    locked_passive: frozenset[int]
+
+    def __init__(
+        self,
+        J_T: ArrayLike,
+        J_C: ArrayLike | None,
+        active: Sequence[int] | ArrayLike,
+        rank_tolerance: float = RANK_TOLERANCE,
+    ) -> None:
+        task = _check.matrix("J_T", J_T)
+        N = task.shape[1]
+        constraint = np.zeros((0, N)) if J_C is None else J_C
+        fields = {
+            "J_T": _check.frozen(task),
+            "J_C": _check.frozen(_check.matrix("J_C", constraint, columns=N)),
+            "active": _check.frozen(_check.indices("active", active, N)),
+            "rank_tolerance": rank_tolerance,
+            "locked": frozenset(),
+            "free": frozenset(),
+            "locked_passive": frozenset(),
+        }
+        for name, value in fields.items():
+            object.__setattr__(self, name, value)
+
+    def with_failures(
+        self,
+        locked: Sequence[int] = (),
+        free: Sequence[int] = (),
+        locked_passive: Sequence[int] = (),
+    ) -> "ConstrainedSystem":
+        """The same mechanism after (further) failures, section 2.3.
+
+        Repeating a failure changes nothing, and a later lock overrides free: a released actuator
+        may still jam. A linear actuator that locks when it loses torque (the paper's footnote 1)
+        belongs in `locked`.
+
+        Args:
+            locked: Actuators whose position is stuck (position failure).
+            free: Actuators that exert no torque (torque failure, free-swinging).
+            locked_passive: Velocity indices of passive joints that are stuck.
+
+        Raises:
+            ValueError: An index out of range, or one actuator both locked and free in one call.
+        """
+        n, N = len(self.active), self.J_T.shape[1]
+        lock = set(_check.indices("locked", locked, n).tolist())
+        release = set(_check.indices("free", free, n).tolist())
+        stuck = set(_check.indices("locked_passive", locked_passive, N).tolist())
+        if lock & release:
+            raise ValueError(
+                f"an actuator is either locked or free, got both for {sorted(lock & release)}"
+            )
+        if stuck & set(self.active.tolist()):
+            raise ValueError(
+                "locked_passive must name passive velocities, got the actuated "
+                f"{sorted(stuck & set(self.active.tolist()))}: put their actuators in locked"
+            )
+        now_locked = self.locked | lock
+        failed = _copy(self)
+        object.__setattr__(failed, "locked", now_locked)
+        object.__setattr__(failed, "free", (self.free | release) - now_locked)
+        object.__setattr__(failed, "locked_passive", self.locked_passive | stuck)
+        return failed
+
+    def kinematics(self) -> Kinematics:
+        """Differential kinematics and statics of the surviving actuators, eqs. (12) to (17)."""
+        n, N = len(self.active), self.J_T.shape[1]
+        actuators = np.array(
+            [k for k in range(n) if k not in self.locked | self.free], dtype=np.intp
+        )
+        # Section 2.3.2: a locked joint is a passive joint with one more constraint row.
+        stuck = [int(self.active[k]) for k in sorted(self.locked)]
+        E = np.eye(N)[stuck + sorted(self.locked_passive)]
+        return reduce_to_active(
+            self.J_T,
+            np.vstack([self.J_C, E]),
+            actuators=actuators,
+            active=self.active[actuators],
+            actuator_count=n,
+            constraint_scale=float(np.linalg.norm(self.J_C)) or 1.0,
+            rank_tolerance=self.rank_tolerance,
+        )
+
+
+def _copy(system: ConstrainedSystem) -> ConstrainedSystem:
+    twin = object.__new__(ConstrainedSystem)
+    for name, value in vars(system).items():
+        object.__setattr__(twin, name, value)
+    return twin

@@ -1,0 +1,59 @@
+"""Position-sensitive detector behind the telescope."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+Array = NDArray[np.float64]
+
+
+def pointing_angles(rotation: Array) -> Array:
+    """Angles (alpha, beta) of the payload's z axis about x_b and y_b, shape (..., 2), [rad].
+
+    Args:
+        rotation: Payload axes in base axes, shape (..., 3, 3).
+    """
+    x, y, z = np.moveaxis(rotation[..., 2], -1, 0)
+    return np.stack([np.arctan2(-y, z), np.arctan2(x, z)], axis=-1)
+
+
+def secondary_motion(rotation: Array, translation_m: Array) -> Array:
+    """What the detector does not see: [gamma, t_x, t_y, t_z], shape (..., 4), [rad] and [m].
+
+    Args:
+        rotation: Payload axes in base axes, shape (..., 3, 3).
+        translation_m: Payload origin in base axes, shape (..., 3).
+    """
+    gamma = Rotation.from_matrix(rotation).as_rotvec()[..., 2:]
+    return np.concatenate([gamma, translation_m], axis=-1)
+
+
+@dataclass(frozen=True)
+class Detector:
+    """Spot of a laser fixed to the base, seen from the payload (section 4.1).
+
+    Attributes:
+        focal_length_m: Effective focal length of the telescope.
+        half_width_m: Half the detector's side; the spot saturates there.
+        noise_m: Standard deviation of the spot position, each axis, each sample.
+    """
+
+    focal_length_m: float
+    half_width_m: float
+    noise_m: float
+
+    def read(self, rotation: Array, rng: np.random.Generator) -> Array:
+        """Measured (alpha, beta), shape (2,), [rad]; small-angle optics, as on the bench.
+
+        Args:
+            rotation: Payload axes in base axes, shape (3, 3).
+            rng: Source of the noise; two normal numbers are drawn.
+        """
+        # The beam, along z_b, in payload axes is the third row.
+        x, y, z = rotation[2]
+        spot = self.focal_length_m * np.array([x, y]) / z
+        spot = spot + self.noise_m * rng.standard_normal(2)
+        spot = np.clip(spot, -self.half_width_m, self.half_width_m)
+        return np.array([spot[1], -spot[0]]) / self.focal_length_m

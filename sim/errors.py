@@ -1,0 +1,26 @@
+"""What the bench refuses, and how a run can end badly."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+class ModelError(ValueError):
+    """An MJCF file or model that the bench cannot use; the message names the thing."""
+
+
+class SimulationDiverged(RuntimeError):
+    """The physics left the finite numbers.
+
+    Attributes:
+        time_s: Simulation time at which it was noticed.
+        state: MuJoCo's integration state there (mjSTATE_INTEGRATION).
+    """
+
+    def __init__(self, time_s: float, state: NDArray[np.float64]) -> None:
+        # Both in `args`, so that the exception survives the way out of a worker process.
+        super().__init__(time_s, state)
+        self.time_s = time_s
+        self.state = state
+
+    def __str__(self) -> str:
+        return f"the simulation became non-finite at t = {self.time_s:.4f} s"

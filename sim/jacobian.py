@@ -1,0 +1,99 @@
+"""Task and constraint Jacobians of any MJCF model."""
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.errors import ModelError
+from sim.model import element_id
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Jacobians:
+    """Velocities of a MuJoCo model as v = J_T qvel, 0 = J_C qvel.
+
+    Attributes:
+        J_T: Twist [angular; linear] of the site, shape (6, nv), [rad]/[s] and [m]/[s].
+        J_C: Active equality constraints, shape (c, nv); redundant rows are normal.
+        active: Velocity index of each actuator, in actuator order, shape (nu,).
+        gear: Gear ratio of each actuator, shape (nu,).
+    """
+
+    J_T: Array
+    J_C: Array
+    active: NDArray[np.intp]
+    gear: Array
+
+
+def jacobians(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    site: str,
+    axes: str | None = None,
+) -> Jacobians:
+    """Jacobians at the present `data.qpos`; derived quantities in `data` are brought up to date.
+
+    Contacts and limits are left out: they are not equalities.
+
+    Args:
+        model: Any model whose actuators each drive a slide or hinge joint of their own.
+        data: Its state; `eq_active` decides which equalities count.
+        site: The task point.
+        axes: Site whose axes the twist is expressed in; None is the world.
+
+    Raises:
+        ModelError: A missing site, or an actuator the theory has no word for.
+    """
+    task = element_id(model, "site", site)
+    frame = None if axes is None else element_id(model, "site", axes)
+    active = actuated_velocities(model)
+    mujoco.mj_fwdPosition(model, data)
+
+    linear, angular = np.zeros((3, model.nv)), np.zeros((3, model.nv))
+    mujoco.mj_jacSite(model, data, linear, angular, task)
+    to_axes = np.eye(3) if frame is None else data.site_xmat[frame].reshape(3, 3).T
+    return Jacobians(
+        J_T=np.vstack([to_axes @ angular, to_axes @ linear]),
+        J_C=constraint_jacobian(model, data),
+        active=active,
+        gear=model.actuator_gear[:, 0].copy(),
+    )
+
+
+def constraint_jacobian(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
+    """Rows of the active equality constraints, shape (c, nv), as MuJoCo last computed them."""
+    if mujoco.mj_isSparse(model):
+        rows = np.zeros((data.nefc, model.nv))
+        mujoco.mju_sparse2dense(
+            rows, data.efc_J, data.efc_J_rownnz, data.efc_J_rowadr, data.efc_J_colind
+        )
+    else:
+        rows = data.efc_J.reshape(-1, model.nv)
+    return rows[data.efc_type == int(mujoco.mjtConstraint.mjCNSTR_EQUALITY)].copy()
+
+
+def actuated_velocities(model: mujoco.MjModel) -> NDArray[np.intp]:
+    """Velocity index of each actuator.
+
+    Raises:
+        ModelError: An actuator not on a slide or hinge joint, or two on one joint.
+    """
+    one_axis = (mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE)
+    owner: dict[int, str] = {}
+    for k in range(model.nu):
+        name = model.actuator(k).name or f"number {k}"
+        joint = int(model.actuator_trnid[k, 0])
+        on_joint = int(model.actuator_trntype[k]) == mujoco.mjtTrn.mjTRN_JOINT
+        if not on_joint or int(model.jnt_type[joint]) not in one_axis:
+            raise ModelError(f'actuator "{name}" does not drive a slide or hinge joint')
+        if joint in owner:
+            raise ModelError(
+                f'actuators "{owner[joint]}" and "{name}" drive the same joint '
+                f'"{model.joint(joint).name}"'
+            )
+        owner[joint] = name
+    return model.jnt_dofadr[list(owner)].astype(np.intp)

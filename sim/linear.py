@@ -1,0 +1,82 @@
+"""Linear model of a mechanism about its present equilibrium."""
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from sim.jacobian import jacobians
+
+Array = NDArray[np.float64]
+
+_POSITION_STEP = 1e-6
+_VELOCITY_STEP = 1e-4
+
+
+@dataclass(frozen=True)
+class LinearPlant:
+    """x_dot = A x + B u, twist = C_twist x, actuated = C_actuated x.
+
+    x = [y; y_dot] with y the k free coordinates on the closed loops; u as `data.ctrl`.
+
+    Attributes:
+        A: Shape (2k, 2k).
+        B: Shape (2k, nu).
+        C_twist: Displacement [rotation; translation] of the site, shape (6, 2k).
+        C_actuated: Displacement of the actuated joints, shape (nu, 2k).
+    """
+
+    A: Array
+    B: Array
+    C_twist: Array
+    C_actuated: Array
+
+
+def linearize(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    site: str = "payload",
+    axes: str | None = "base",
+) -> LinearPlant:
+    """Linearize at `data`, which must be at rest; locks and switched-off coils count.
+
+    The velocities are reduced to a null-space basis of the active equalities, and MuJoCo's own
+    accelerations differentiated along it. Central differences: stepping off a curved constraint by
+    h leaves a gap of order h^2, which is the same on both sides and cancels.
+    """
+    jac = jacobians(model, data, site, axes)
+    Z = scipy.linalg.null_space(jac.J_C) if len(jac.J_C) else np.eye(model.nv)
+    k = Z.shape[1]
+    probe = mujoco.MjData(model)
+    probe.eq_active[:] = data.eq_active
+
+    def acceleration(y: Array, y_dot: Array, u: Array) -> Array:
+        probe.qpos[:] = data.qpos
+        mujoco.mj_integratePos(model, probe.qpos, Z @ y, 1.0)
+        probe.qvel[:] = Z @ y_dot
+        probe.ctrl[:] = u
+        mujoco.mj_forward(model, probe)
+        return Z.T @ probe.qacc
+
+    def gradient(argument: int, size: int, step: float) -> Array:
+        columns = []
+        for e in np.eye(size) * step:
+            ahead = [np.zeros(k), np.zeros(k), data.ctrl.copy()]
+            behind = [part.copy() for part in ahead]
+            ahead[argument] += e
+            behind[argument] -= e
+            columns.append((acceleration(*ahead) - acceleration(*behind)) / (2 * step))
+        return np.array(columns).T.reshape(k, size)
+
+    zero = np.zeros((k, k))
+    stiffness = gradient(0, k, _POSITION_STEP)
+    damping = gradient(1, k, _VELOCITY_STEP)
+    drive = gradient(2, model.nu, _POSITION_STEP)
+    return LinearPlant(
+        A=np.block([[zero, np.eye(k)], [stiffness, damping]]),
+        B=np.vstack([np.zeros((k, model.nu)), drive]),
+        C_twist=np.hstack([jac.J_T @ Z, np.zeros((6, k))]),
+        C_actuated=np.hstack([Z[jac.active], np.zeros((model.nu, k))]),
+    )

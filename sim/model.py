@@ -1,0 +1,49 @@
+"""Loading MJCF models and finding their elements by name."""
+
+import hashlib
+from pathlib import Path
+
+import mujoco
+
+from sim.errors import ModelError
+
+# The rooms are neighbours in a checkout and in site-packages alike.
+HEXAPOD_MJCF = Path(__file__).parents[1] / "models" / "fjh.xml"
+
+
+def load_model(path: str | Path | None = None) -> mujoco.MjModel:
+    """Compile an MJCF file; without a path, the hexapod `models/fjh.xml`.
+
+    Raises:
+        ModelError: The file is missing or not valid MJCF.
+    """
+    file = HEXAPOD_MJCF if path is None else Path(path)
+    if not file.is_file():
+        raise ModelError(f"there is no MJCF file {file}")
+    try:
+        return mujoco.MjModel.from_xml_path(str(file))
+    except ValueError as error:
+        reason = " ".join(str(error).split())
+        raise ModelError(f"{file} is not a valid MJCF model: {reason}") from None
+
+
+def model_sha256(path: str | Path | None = None) -> str:
+    """SHA-256 of the MJCF file, so that a result names the machine it came from."""
+    file = HEXAPOD_MJCF if path is None else Path(path)
+    return hashlib.sha256(file.read_bytes()).hexdigest()
+
+
+def element_id(model: mujoco.MjModel, kind: str, name: str) -> int:
+    """Id of a named element; `kind` as in MJCF: "site", "joint", "body", "equality", "actuator".
+
+    Raises:
+        ModelError: There is none of that name; the message lists those there are.
+    """
+    try:
+        return getattr(model, kind)(name).id
+    except KeyError:
+        count = {"joint": model.njnt, "equality": model.neq, "actuator": model.nu}
+        number = count.get(kind, getattr(model, f"n{kind}", 0))
+        names = [getattr(model, kind)(k).name for k in range(number)]
+        present = ", ".join(filter(None, names)) or "none"
+        raise ModelError(f'the model has no {kind} named "{name}"; it has: {present}') from None

@@ -1,0 +1,118 @@
+"""The machine: MuJoCo physics, struts that can lock or go limp, and the truth about the payload."""
+
+import copy
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.errors import ModelError, SimulationDiverged
+from sim.hexapod import Pose
+from sim.jacobian import actuated_velocities
+from sim.model import element_id
+
+Array = NDArray[np.float64]
+
+_LOOPS = (int(mujoco.mjtEq.mjEQ_CONNECT), int(mujoco.mjtEq.mjEQ_WELD))
+
+_NOT_FINITE = (
+    mujoco.mjtWarning.mjWARN_BADQPOS,
+    mujoco.mjtWarning.mjWARN_BADQVEL,
+    mujoco.mjtWarning.mjWARN_BADQACC,
+)
+
+
+class Plant:
+    """A machine of its own: it keeps private copies of model and data, failures included.
+
+    Actuator k of the model drives strut k + 1; equality `lock{k + 1}` locks it.
+    """
+
+    def __init__(self, model: mujoco.MjModel) -> None:
+        """Stand at the nominal pose, sound, coils without current.
+
+        Raises:
+            ModelError: The model lacks the site `base` or `payload`, or a lock.
+        """
+        # Locks and switched-off coils live in the model, so a shared one would share its failures.
+        self.model = copy.copy(model)
+        self.data = mujoco.MjData(self.model)
+        joint = self.model.actuator_trnid[:, 0]
+        actuated_velocities(self.model)
+        self._strut_qpos = self.model.jnt_qposadr[joint]
+        self._locks = [element_id(self.model, "equality", f"lock{k + 1}") for k in range(model.nu)]
+        self._base = element_id(self.model, "site", "base")
+        self._payload = element_id(self.model, "site", "payload")
+        self._is_loop = np.isin(self.model.eq_type, _LOOPS)
+        mujoco.mj_forward(self.model, self.data)
+        self._origin = self.data.site_xpos[self._payload].copy()
+
+    def step(self, command_m: Array, period_s: float) -> None:
+        """Hold the commanded strut displacements (nu,) for one period of physics steps.
+
+        Raises:
+            ValueError: The period is not a whole number of physics steps.
+            SimulationDiverged: The state is no longer finite.
+        """
+        steps = round(period_s / self.model.opt.timestep)
+        if steps < 1 or abs(steps * self.model.opt.timestep - period_s) > 1e-12:
+            raise ValueError(
+                f"period_s must be a multiple of the physics step "
+                f"{self.model.opt.timestep} s, got {period_s}"
+            )
+        self.data.ctrl[:] = command_m
+        mujoco.mj_step(self.model, self.data, steps)
+        self._check_finite()
+        mujoco.mj_kinematics(self.model, self.data)
+
+    def settle(self, seconds: float) -> None:
+        """Let the machine come to rest without current; time starts again at zero."""
+        self.step(np.zeros(self.model.nu), seconds)
+        self.data.time = 0.0
+
+    def lock(self, strut: int) -> None:
+        """Position failure: strut 0..nu-1 stays where it is, from now on."""
+        lock, qpos = self._locks[strut], self._strut_qpos[strut]
+        self.model.eq_data[lock, 0] = self.data.qpos[qpos] - self.model.qpos0[qpos]
+        self.data.eq_active[lock] = True
+
+    def release(self, strut: int) -> None:
+        """Torque failure: the coil of strut 0..nu-1 is switched off, from now on."""
+        group = int(self.model.actuator_group[strut])
+        if np.count_nonzero(self.model.actuator_group == group) > 1:
+            name = self.model.actuator(strut).name
+            raise ModelError(f'actuator "{name}" shares group {group} with another')
+        self.model.opt.disableactuator |= 1 << group
+
+    def pose(self) -> Pose:
+        """Payload in base axes, relative to the nominal pose."""
+        to_base = self.data.site_xmat[self._base].reshape(3, 3).T
+        rotation = to_base @ self.data.site_xmat[self._payload].reshape(3, 3)
+        shift = self.data.site_xpos[self._payload] - self._origin
+        return Pose(rotation, to_base @ shift)
+
+    def strut_displacement_m(self) -> Array:
+        """Extension of each strut from its nominal length, shape (nu,)."""
+        return self.data.qpos[self._strut_qpos] - self.model.qpos0[self._strut_qpos]
+
+    def coil_force_n(self) -> Array:
+        """Force of each coil, shape (nu,); proportional to its current."""
+        return self.data.actuator_force.copy()
+
+    def closure_residual_m(self) -> float:
+        """Largest gap of a closed loop at the last physics step; a weld's angles count as m/rad."""
+        rows = self.data.efc_type == int(mujoco.mjtConstraint.mjCNSTR_EQUALITY)
+        rows &= self._is_loop[np.where(rows, self.data.efc_id, 0)]
+        return float(np.abs(self.data.efc_pos[rows]).max(initial=0.0))
+
+    def integration_state(self) -> Array:
+        """All that MuJoCo needs to go on from here (mjSTATE_INTEGRATION)."""
+        what = mujoco.mjtState.mjSTATE_INTEGRATION
+        state = np.empty(mujoco.mj_stateSize(self.model, what))
+        mujoco.mj_getState(self.model, self.data, state, what)
+        return state
+
+    def _check_finite(self) -> None:
+        bad = any(self.data.warning[kind].number for kind in _NOT_FINITE)
+        if bad or not np.isfinite(self.data.qpos).all():
+            raise SimulationDiverged(self.data.time, self.integration_state())
