@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim import Amplifier, Detector, spiral
+from sim import Amplifier, Array, Detector, spiral
 
 
 @dataclass(frozen=True)
@@ -49,11 +49,11 @@ class Bench:
         """Gain crossovers of the (alpha, beta) loops."""
         return self.alpha_crossover_hz, self.beta_crossover_hz
 
-    def time_s(self, seconds: float) -> np.ndarray:
+    def time_s(self, seconds: float) -> Array:
         """Control ticks of the first `seconds` of the run, shape (N,)."""
         return np.arange(round(seconds / self.control_period_s)) * self.control_period_s
 
-    def desired_rad(self, time_s: np.ndarray) -> np.ndarray:
+    def desired_rad(self, time_s: Array) -> Array:
         """The spiral at the given times, shape (N, 2)."""
         turns = self.duration_s / self.spiral_period_s
         return spiral(time_s, self.spiral_radius_urad * 1e-6, turns, self.duration_s)

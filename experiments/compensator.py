@@ -6,7 +6,7 @@ import control
 import numpy as np
 
 from experiments.bench import Bench
-from sim import LinearPlant
+from sim import Array, LinearPlant
 
 _FREQUENCIES_RAD_S = 2 * np.pi * np.geomspace(0.1, 400.0, 8000)
 
@@ -25,12 +25,12 @@ class Loop:
         phase_crossover_hz: Where the phase passes -180 degrees.
     """
 
-    numerator: np.ndarray
-    denominator: np.ndarray
-    A: np.ndarray
-    B: np.ndarray
-    C: np.ndarray
-    D: np.ndarray
+    numerator: Array
+    denominator: Array
+    A: Array
+    B: Array
+    C: Array
+    D: Array
     period_s: float
     crossover_hz: float
     gain_margin_db: float
@@ -50,7 +50,7 @@ class Loop:
         )
 
 
-def design(plant: LinearPlant, pointing: np.ndarray, bench: Bench) -> tuple[Loop, Loop]:
+def design(plant: LinearPlant, pointing: Array, bench: Bench) -> tuple[Loop, Loop]:
     """The alpha and beta loops on the sound plant.
 
     G(s) = K / s * w^2 / (s^2 + 2 zeta w s + w^2): an integrator, so that the error falls with
@@ -65,13 +65,13 @@ def design(plant: LinearPlant, pointing: np.ndarray, bench: Bench) -> tuple[Loop
     return _loop(plant, pointing, bench, 0), _loop(plant, pointing, bench, 1)
 
 
-def sampled(plant: LinearPlant, gain: np.ndarray, period_s: float) -> control.StateSpace:
+def sampled(plant: LinearPlant, gain: Array, period_s: float) -> control.StateSpace:
     """The plant behind a zero-order hold, from `gain`'s inputs to the twist."""
     continuous = control.ss(plant.A, plant.B @ gain, plant.C_twist, 0)
     return control.c2d(continuous, period_s, method="zoh")
 
 
-def _loop(plant: LinearPlant, pointing: np.ndarray, bench: Bench, row: int) -> Loop:
+def _loop(plant: LinearPlant, pointing: Array, bench: Bench, row: int) -> Loop:
     w, zeta = 2 * np.pi * bench.roll_off_hz, bench.roll_off_damping
     crossover = 2 * np.pi * bench.crossover_hz[row]
     shape = control.tf([w**2], [1, 2 * zeta * w, w**2, 0])

@@ -6,9 +6,7 @@ import numpy as np
 
 from experiments.compensator import Loop
 from experiments.mapping import StrutMapping
-from sim import NOMINAL, Amplifier, Pose
-
-Array = np.ndarray
+from sim import NOMINAL, Amplifier, Array, Pose
 
 
 @dataclass(frozen=True)

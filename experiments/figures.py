@@ -1,20 +1,22 @@
 """Figures 4, 5 and 6 of the paper, from the runs of Table I."""
 
 from collections.abc import Sequence
-from typing import Any
 
 import matplotlib
 
 matplotlib.use("Agg")
 
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure, SubFigure
+from matplotlib.figure import Figure
 
 from experiments.run import Trajectory
 
 # Okabe and Ito's palette: told apart by colour-blind readers and in grey print.
-DESIRED, MEASURED, START, INPUT = "#000000", "#0072B2", "#D55E00", "#0072B2"
+DESIRED, MEASURED, START = "#000000", "#0072B2", "#D55E00"
 LIMIT_URAD = 125
+
+SECONDARY = [("$t_x$, µm", 1), ("$t_y$, µm", 2), ("$t_z$, µm", 3), ("$\\gamma$, µrad", 0)]
+"""Label and column of `Trajectory.secondary`, in the order of the paper's weights."""
 
 
 def figure_4(runs: dict[str, Trajectory]) -> Figure:
@@ -34,21 +36,16 @@ def figure_6(runs: dict[str, Trajectory]) -> Figure:
     """Spirals and secondary motion with strut 1 locked and the mapping reconfigured."""
     figure = Figure(figsize=(10, 9), layout="constrained")
     figure.suptitle("Fig. 6: strut 1 locked, mapping reconfigured")
-    top, bottom = figure.subfigures(2, 1, height_ratios=[1.1, 1])
-    names = ["W_d", "W_e"]
-    for axes, name in zip(top.subplots(1, 2), names, strict=True):
-        _spiral(axes, runs[name])
-        axes.set_title(_weight(name))
-    labels = ["$t_x$, µm", "$t_y$, µm", "$t_z$, µm", "$\\gamma$, µrad"]
-    for column, name in enumerate(names):
+    grid = figure.add_gridspec(5, 2, height_ratios=[6, 1.2, 1.2, 1.2, 1.2])
+    for column, name in enumerate(["W_d", "W_e"]):
         run = runs[name]
-        for row, (label, index) in enumerate(zip(labels, [1, 2, 3, 0], strict=True)):
-            axes = bottom.add_subplot(4, 2, 2 * row + column + 1)
+        axes = figure.add_subplot(grid[0, column], title=_weight(name))
+        _spiral(axes, run)
+        for row, (label, index) in enumerate(SECONDARY, 1):
+            axes = figure.add_subplot(grid[row, column], ylabel=label, ylim=(-26, 26))
             axes.plot(run.time_s, 1e6 * run.secondary[:, index], color=MEASURED, lw=1)
-            axes.set_ylabel(label)
-            axes.set_ylim(-26, 26)
             axes.grid(alpha=0.3)
-            axes.tick_params(labelbottom=row == 3)
+            axes.tick_params(labelbottom=row == len(SECONDARY))
         axes.set_xlabel("time, s")
     return figure
 
@@ -56,13 +53,21 @@ def figure_6(runs: dict[str, Trajectory]) -> Figure:
 def _spirals_and_inputs(runs: dict[str, Trajectory], names: Sequence[str], title: str) -> Figure:
     figure = Figure(figsize=(11, 4.2 * len(names)), layout="constrained")
     figure.suptitle(title)
-    rows = figure.subfigures(len(names), 1)
-    for row, name in zip(rows, names, strict=True):
-        left, right = row.subfigures(1, 2, width_ratios=[1, 1.5])
-        axes = left.subplots()
-        _spiral(axes, runs[name])
-        axes.set_title(_weight(name))
-        _inputs(right, runs[name])
+    rows = figure.add_gridspec(len(names), 2, width_ratios=[1, 1.5])
+    for row, name in enumerate(names):
+        run = runs[name]
+        axes = figure.add_subplot(rows[row, 0], title=_weight(name))
+        _spiral(axes, run)
+        struts = rows[row, 1].subgridspec(6, 1, hspace=0.1)
+        for k in range(6):
+            axes = figure.add_subplot(struts[k], ylim=(-5, 5))
+            axes.plot(run.time_s, run.strut_input_percent[:, k], color=MEASURED, lw=0.8)
+            axes.set_ylabel(f"{k + 1}", rotation=0, va="center")
+            axes.grid(alpha=0.3)
+            axes.tick_params(labelbottom=k == 5)
+            if k == 0:
+                axes.set_title("inputs of struts 1 to 6, % of the largest DAC input")
+        axes.set_xlabel("time, s")
     return figure
 
 
@@ -80,17 +85,6 @@ def _spiral(axes: Axes, run: Trajectory) -> None:
     )
     axes.grid(alpha=0.3)
     axes.legend(loc="upper right", fontsize="small", ncols=3)
-
-
-def _inputs(figure: SubFigure, run: Trajectory) -> None:
-    grid: Any = figure.subplots(6, 1, sharex=True, sharey=True)
-    for k, axes in enumerate(grid):
-        axes.plot(run.time_s, run.strut_input_percent[:, k], color=INPUT, lw=0.8)
-        axes.set_ylabel(f"{k + 1}", rotation=0, va="center")
-        axes.set_ylim(-5, 5)
-        axes.grid(alpha=0.3)
-    grid[0].set_title("strut inputs, % of the largest DAC input")
-    grid[-1].set_xlabel("time, s")
 
 
 def _weight(name: str) -> str:

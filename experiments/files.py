@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from sim import Array
+
 
 class OutputError(Exception):
     """The output folder cannot be used; the message says why."""
@@ -35,7 +37,7 @@ def write_whole(path: Path, write: Callable[[Path], Any]) -> None:
     partial = path.with_name(f".{path.stem}.partial{path.suffix}")
     try:
         write(partial)
-        os.replace(partial, path)
+        partial.replace(path)
     finally:
         partial.unlink(missing_ok=True)
 
@@ -50,6 +52,6 @@ def write_json(path: Path, content: dict[str, Any]) -> None:
     write_text(path, json.dumps(content, indent=2, allow_nan=False) + "\n")
 
 
-def write_arrays(path: Path, arrays: dict[str, np.ndarray]) -> None:
+def write_arrays(path: Path, arrays: dict[str, Array]) -> None:
     """Write an `.npz` whole."""
-    write_whole(path, lambda partial: np.savez(partial, **arrays))
+    write_whole(path, lambda partial: np.savez(partial, allow_pickle=False, **arrays))

@@ -10,9 +10,8 @@ from typing import Literal
 import numpy as np
 
 from prioritized import ConstrainedSystem, VelocityMapping
-from sim import NOMINAL, Hexapod, Pose
+from sim import NOMINAL, Array, Hexapod, Pose
 
-Array = np.ndarray
 JacobianChoice = Literal["analytic", "constant"]
 
 MAJOR = [0, 1]

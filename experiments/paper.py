@@ -12,7 +12,7 @@ JACOBIAN = np.array(
         [-0.289, -0.289, -0.289, -0.289, -0.289, -0.289],
     ]
 )
-"""Eq. (39), section 4.1: [alpha, beta, gamma, t_x, t_y, t_z] rates per strut rate, [rad]/[m] and 1."""
+"""Eq. (39), section 4.1: rates of [alpha, beta, gamma, t_x, t_y, t_z] per strut rate."""
 
 JACOBIAN_TOLERANCE = 6e-4
 """Half a unit of the last digit, and 0.00055 for 1.004: the geometry gives 1.00455."""

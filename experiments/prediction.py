@@ -9,9 +9,7 @@ import numpy as np
 from experiments.bench import Bench
 from experiments.compensator import Loop, sampled
 from experiments.mapping import MAJOR, Goal, StrutMapping
-from sim import Plant, hexapod, linearize
-
-Array = np.ndarray
+from sim import Array, Plant, hexapod, linearize
 
 
 def predicted_rms_rad(

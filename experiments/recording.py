@@ -11,6 +11,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from experiments.run import Trajectory
+from sim import Array
 
 RATE_HZ = 250
 STRUTS = [f"strut {k} [%]" for k in range(1, 7)]
@@ -59,7 +60,7 @@ def write_recording(
     ns = np.rint(run.time_s[every] * 1e9).astype("timedelta64[ns]")
     time = rr.TimeColumn("sim_time", duration=ns)
 
-    def series(entity: str, names: list[str], values: np.ndarray) -> None:
+    def series(entity: str, names: list[str], values: Array) -> None:
         style = rr.SeriesLines(names=names, colors=COLORS[: len(names)])
         recording.log(entity, style, static=True)
         columns = rr.Scalars.columns(scalars=values[every])

@@ -11,14 +11,13 @@ from experiments.compensator import Loop, design
 from experiments.controller import Controller
 from experiments.mapping import Goal, JacobianChoice, StrutMapping
 from sim import (
+    Array,
     Plant,
     hexapod,
     linearize,
     pointing_angles,
     secondary_motion,
 )
-
-Array = np.ndarray
 
 SETTLING_S = 0.5
 """Rest before a run: fifteen periods of the slowest mode, for the last nanometres of sag."""

@@ -13,12 +13,12 @@ from experiments.compensator import Loop
 from experiments.mapping import JacobianChoice
 from experiments.run import Trajectory
 from experiments.table1 import COLUMNS, Column, Table1, other_jacobian
-from sim import element_id
+from sim import Array, element_id
 
 PACKAGES = ("mujoco", "numpy", "scipy", "control", "rerun-sdk", "matplotlib")
 
 
-def pointing_rms_urad(run: Trajectory) -> np.ndarray:
+def pointing_rms_urad(run: Trajectory) -> Array:
     """RMS of desired minus true (alpha, beta), shape (2,)."""
     return 1e6 * _rms(run.desired_rad - run.true_rad)
 
@@ -189,7 +189,7 @@ def _loop(loop: Loop) -> dict[str, Any]:
     }
 
 
-def _peaks(secondary: np.ndarray) -> dict[str, float]:
+def _peaks(secondary: Array) -> dict[str, float]:
     names = ("gamma_urad", "t_x_um", "t_y_um", "t_z_um")
     return dict(zip(names, (1e6 * np.abs(secondary).max(0)).tolist(), strict=True))
 
@@ -198,7 +198,7 @@ def _duration_s(table: Table1) -> float:
     return len(table.trajectories["W_a"].time_s) * table.bench.control_period_s
 
 
-def _rms(signal: np.ndarray) -> np.ndarray:
+def _rms(signal: Array) -> Array:
     return np.sqrt((signal**2).mean(axis=0))
 
 

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import mujoco
-import numpy as np
 
 from experiments.bench import Bench
 from experiments.compensator import Loop
@@ -13,7 +12,7 @@ from experiments.mapping import Goal, JacobianChoice
 from experiments.parallel import in_parallel
 from experiments.prediction import predicted_rms_rad
 from experiments.run import Trajectory, nominal_loops, track_spiral
-from sim import load_model, model_sha256
+from sim import Array, load_model
 
 QUICK_S = 4.0
 """Seconds of spiral under --quick."""
@@ -74,7 +73,7 @@ class Table1:
     trajectories: dict[str, Trajectory]
     other: dict[str, Trajectory]
     reseeded: Trajectory
-    predicted_rad: dict[str, np.ndarray]
+    predicted_rad: dict[str, Array]
     seed: int
 
     @property

@@ -1,12 +1,15 @@
 """Argument checks: wrong input raises at once and names what was expected and what came."""
 
 from collections.abc import Sequence
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
+_T = TypeVar("_T", bound=np.generic)
 Indices = NDArray[np.intp]
+Mask = NDArray[np.bool_]
 
 
 def matrix(name: str, value: ArrayLike, columns: int | None = None) -> Array:
@@ -66,7 +69,7 @@ def finite(name: str, A: Array) -> Array:
     return A
 
 
-def frozen(A: Array) -> Array:
+def frozen(A: NDArray[_T]) -> NDArray[_T]:
     """A read-only copy."""
     A = np.array(A)
     A.setflags(write=False)

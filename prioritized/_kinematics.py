@@ -101,7 +101,7 @@ def reduce_to_active(
     constraint_scale: float,
     rank_tolerance: float,
 ) -> Kinematics:
-    """Eliminate every velocity that is not in `active` from v = J_T theta_dot, J_C theta_dot = 0."""
+    """Eliminate all but the `active` velocities from v = J_T theta_dot, J_C theta_dot = 0."""
     is_passive = np.ones(J_T.shape[1], dtype=bool)
     is_passive[active] = False
     passive = np.flatnonzero(is_passive)

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from prioritized._check import Array
+from prioritized._check import Array, Mask
 
 RANK_TOLERANCE = 1e-10
 """Singular values below this fraction of the scale of the inputs count as zero."""
@@ -26,7 +26,7 @@ class RankedSvd:
     sigma: Array
     Vt: Array
     threshold: Array
-    kept: Array
+    kept: Mask
 
     @property
     def rank(self) -> Array:

@@ -117,7 +117,7 @@ def velocity_mapping(
     C = _check.batch("active_constraint", _or_no_rows(active_constraint, n), columns=n)
     if C.shape[-2]:
         P = ranked_svd(C, _norm(C), rank_tolerance).null_projector()
-    reach = ranked_svd(J_m @ P, _norm(J) if scale is None else scale, rank_tolerance)
+    reach = ranked_svd(J_m @ P, _norm(J) if scale is None else np.asarray(scale), rank_tolerance)
     X = P @ reach.pseudo_inverse()
     P = P @ reach.null_projector()
 

@@ -1,6 +1,7 @@
 """The bench: MuJoCo model, plant, sensors, actuators, failures and trajectories."""
 
 from sim.amplifier import Amplifier as Amplifier
+from sim.array import Array as Array
 from sim.detector import Detector as Detector
 from sim.detector import pointing_angles as pointing_angles
 from sim.detector import secondary_motion as secondary_motion

@@ -4,11 +4,9 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from sim.array import Array
 from sim.model import element_id
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -6,10 +6,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from sim.array import Array
 from sim.errors import ModelError
 from sim.model import element_id
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

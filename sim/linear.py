@@ -5,11 +5,9 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
+from sim.array import Array
 from sim.jacobian import jacobians
-
-Array = NDArray[np.float64]
 
 _POSITION_STEP = 1e-6
 _VELOCITY_STEP = 1e-4

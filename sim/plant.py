@@ -4,14 +4,12 @@ import copy
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from sim.array import Array
 from sim.errors import ModelError, SimulationDiverged
 from sim.hexapod import Pose
 from sim.jacobian import actuated_velocities
 from sim.model import element_id
-
-Array = NDArray[np.float64]
 
 _LOOPS = (int(mujoco.mjtEq.mjEQ_CONNECT), int(mujoco.mjtEq.mjEQ_WELD))
 

@@ -1,9 +1,8 @@
 """Desired pointing trajectories."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from sim.array import Array
 
 
 def spiral(time_s: Array, radius_rad: float, turns: float, duration_s: float) -> Array:
