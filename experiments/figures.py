@@ -1,7 +1,5 @@
 """Figures 4, 5 and 6 of the paper, from the runs of Table I."""
 
-from collections.abc import Sequence
-
 import matplotlib
 
 matplotlib.use("Agg")
@@ -21,7 +19,24 @@ SECONDARY = [("$t_x$, µm", 1), ("$t_y$, µm", 2), ("$t_z$, µm", 3), ("$\\gamma
 
 def figure_4(runs: dict[str, Trajectory]) -> Figure:
     """Spirals and strut inputs when weighted strut displacements are minimized."""
-    return _spirals_and_inputs(runs, ["W_a", "W_b", "W_c"], "Fig. 4: joint displacements minimized")
+    names = ["W_a", "W_b", "W_c"]
+    figure = Figure(figsize=(11, 12.6), layout="constrained")
+    figure.suptitle("Fig. 4: weighted strut displacements minimized")
+    rows = figure.add_gridspec(len(names), 2, width_ratios=[1, 1.5])
+    for row, name in enumerate(names):
+        run = runs[name]
+        axes = figure.add_subplot(rows[row, 0], title=_weight(name))
+        _spiral(axes, run)
+        struts = rows[row, 1].subgridspec(3, 2)
+        for k in range(6):
+            axes = figure.add_subplot(struts[k // 2, k % 2], ylim=(-5, 5))
+            axes.plot(run.time_s, run.strut_input_percent[:, k], color=MEASURED, lw=0.8)
+            axes.set_ylabel(f"Input {k + 1}, %")
+            axes.grid(alpha=0.3)
+            axes.tick_params(labelbottom=k >= 4, labelleft=k % 2 == 0)
+            if k >= 4:
+                axes.set_xlabel("time, s")
+    return figure
 
 
 def figure_5(runs: dict[str, Trajectory]) -> Figure:
@@ -46,27 +61,6 @@ def figure_6(runs: dict[str, Trajectory]) -> Figure:
             axes.plot(run.time_s, 1e6 * run.secondary[:, index], color=MEASURED, lw=1)
             axes.grid(alpha=0.3)
             axes.tick_params(labelbottom=row == len(SECONDARY))
-        axes.set_xlabel("time, s")
-    return figure
-
-
-def _spirals_and_inputs(runs: dict[str, Trajectory], names: Sequence[str], title: str) -> Figure:
-    figure = Figure(figsize=(11, 4.2 * len(names)), layout="constrained")
-    figure.suptitle(title)
-    rows = figure.add_gridspec(len(names), 2, width_ratios=[1, 1.5])
-    for row, name in enumerate(names):
-        run = runs[name]
-        axes = figure.add_subplot(rows[row, 0], title=_weight(name))
-        _spiral(axes, run)
-        struts = rows[row, 1].subgridspec(6, 1, hspace=0.1)
-        for k in range(6):
-            axes = figure.add_subplot(struts[k], ylim=(-5, 5))
-            axes.plot(run.time_s, run.strut_input_percent[:, k], color=MEASURED, lw=0.8)
-            axes.set_ylabel(f"{k + 1}", rotation=0, va="center")
-            axes.grid(alpha=0.3)
-            axes.tick_params(labelbottom=k == 5)
-            if k == 0:
-                axes.set_title("inputs of struts 1 to 6, % of the largest DAC input")
         axes.set_xlabel("time, s")
     return figure
 

@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 
 from sim.array import Array
+from sim.errors import ModelError
 from sim.model import element_id
 
 
@@ -64,8 +65,15 @@ def hexapod(model: mujoco.MjModel) -> Hexapod:
     """Read the nodes from the bodies `housing1..6`, `tip1..6` and the sites of an MJCF model.
 
     Raises:
-        sim.ModelError: The model lacks one of them.
+        sim.ModelError: The model lacks one of them, or of `strut1..6`, `coil1..6`, `lock1..6`; or
+            its coils do not drive the struts in their order.
     """
+    for k in range(1, 7):
+        element_id(model, "equality", f"lock{k}")
+        coil = element_id(model, "actuator", f"coil{k}")
+        strut = element_id(model, "joint", f"strut{k}")
+        if coil != k - 1 or model.actuator_trnid[coil, 0] != strut:
+            raise ModelError(f'actuator "coil{k}" must be number {k} and drive joint "strut{k}"')
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     to_base = data.site_xmat[element_id(model, "site", "base")].reshape(3, 3).T

@@ -49,14 +49,14 @@ class Plant:
         """Hold the commanded strut displacements (nu,) for one period of physics steps.
 
         Raises:
-            ValueError: The period is not a whole number of physics steps.
+            ModelError: The period is not a whole number of physics steps.
             SimulationDiverged: The state is no longer finite.
         """
         steps = round(period_s / self.model.opt.timestep)
         if steps < 1 or abs(steps * self.model.opt.timestep - period_s) > 1e-12:
-            raise ValueError(
-                f"period_s must be a multiple of the physics step "
-                f"{self.model.opt.timestep} s, got {period_s}"
+            raise ModelError(
+                f"the model's physics step of {self.model.opt.timestep} s does not divide "
+                f"the period of {period_s} s"
             )
         self.data.ctrl[:] = command_m
         mujoco.mj_step(self.model, self.data, steps)

@@ -1,0 +1,38 @@
+import json
+
+import mujoco
+import numpy as np
+import pytest
+
+from experiments.cli import main
+from sim import load_model
+
+
+@pytest.fixture(scope="session")
+def model() -> mujoco.MjModel:
+    """The hexapod; plants copy it, tests that alter it must copy it too."""
+    return load_model()
+
+
+@pytest.fixture(scope="session")
+def table1_folder(tmp_path_factory):
+    """All of Table I at full length, made by the command."""
+    folder = tmp_path_factory.mktemp("table1")
+    assert main(["table1", "--out", str(folder)]) == 0
+    return folder
+
+
+@pytest.fixture(scope="session")
+def table1(table1_folder):
+    """`table1.json`, its columns by name."""
+    summary = json.loads((table1_folder / "table1.json").read_text())
+    return summary | {"by_name": {column["name"]: column for column in summary["columns"]}}
+
+
+@pytest.fixture(scope="session")
+def runs(table1, table1_folder):
+    """The `.npz` of each column, by name."""
+    return {
+        name: dict(np.load(table1_folder / column["data"]))
+        for name, column in table1["by_name"].items()
+    }

@@ -1,0 +1,281 @@
+"""Physics of the plant, one sentence each."""
+
+import copy
+
+import mujoco
+import numpy as np
+import pytest
+import scipy.linalg
+
+from experiments.bench import Bench
+from experiments.run import nominal_loops, track_spiral
+from experiments.summary import pointing_rms_urad
+from experiments.table1 import COLUMNS
+from sim import ModelError, Plant, SimulationDiverged, linearize, load_model
+from sim.model import HEXAPOD_MJCF
+from tests.closed_form import closed_form, modes_of
+
+PERIOD_S = 1e-3
+CLOSURE_LIMIT_M = 1e-8
+
+
+def swing(plant: Plant, seconds: float) -> list[float]:
+    """Drive all struts by 20 um at 0.5 Hz, each at its own phase; closure residual at every tick."""
+    residuals = []
+    for _ in range(round(seconds / PERIOD_S)):
+        phase = np.pi * plant.data.time + np.arange(6)
+        plant.step(2e-5 * np.sin(phase), PERIOD_S)
+        residuals.append(plant.closure_residual_m())
+    return residuals
+
+
+def edited(*replacements: tuple[str, str]) -> mujoco.MjModel:
+    """The hexapod with its MJCF text changed: how a check is shown to fail."""
+    text = HEXAPOD_MJCF.read_text()
+    for old, new in replacements:
+        assert old in text
+        text = text.replace(old, new)
+    return mujoco.MjModel.from_xml_string(text)
+
+
+def test_preload_holds_the_payload_at_the_nominal_pose_against_gravity(model):
+    plant = Plant(model)
+    plant.settle(2.0)
+    assert np.abs(plant.pose().translation_m).max() < 1e-7
+    assert np.abs(plant.strut_displacement_m()).max() < 1e-7
+    # It can fail: without preload the payload hangs low.
+    limp = Plant(edited(('springref="1.4939740e-4"', 'springref="0"')))
+    limp.settle(2.0)
+    assert np.abs(limp.pose().translation_m).max() > 1e-4
+
+
+def test_the_preload_in_the_file_is_the_one_that_static_balance_asks_for(model):
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    strut = [model.joint(f"strut{k}") for k in range(1, 7)]
+    slides = np.zeros((model.nv, 6))
+    slides[[joint.dofadr[0] for joint in strut], range(6)] = 1.0
+    J_C = data.efc_J.reshape(-1, model.nv)
+    springs = np.zeros(model.nv)  # at the nominal pose only the preloaded slides push
+    balance, residual, *_ = np.linalg.lstsq(
+        np.hstack([slides, J_C.T]), data.qfrc_bias - springs, rcond=None
+    )
+    stiffness = model.jnt_stiffness[[joint.id for joint in strut]]
+    preload = model.qpos_spring[[joint.qposadr[0] for joint in strut]]
+    np.testing.assert_allclose(preload, balance[:6] / stiffness, rtol=1e-7)
+
+
+def test_the_centre_of_mass_of_payload_and_tips_is_the_payload_origin(model):
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    ids = [model.body("payload").id, *(model.body(f"tip{k}").id for k in range(1, 7))]
+    mass = model.body_mass[ids]
+    centre = mass @ data.xipos[ids] / mass.sum()
+    np.testing.assert_allclose(centre, data.site("payload").xpos, atol=1e-9)
+
+
+def payload_displacement(model: mujoco.MjModel, wrench: np.ndarray) -> np.ndarray:
+    """Where the payload comes to rest under a wrench [torque; force] at its origin, world axes."""
+    plant = Plant(model)
+    payload = model.body("payload").id
+    # MuJoCo applies the force at the centre of mass of the body.
+    lever = plant.data.xipos[payload] - plant.data.xpos[payload]
+    torque = wrench[:3] - np.cross(lever, wrench[3:])
+    plant.data.xfrc_applied[payload] = [*wrench[3:], *torque]
+    plant.settle(1.5)
+    change = np.empty(model.nv)
+    mujoco.mj_differentiatePos(model, change, 1.0, model.qpos0, plant.data.qpos)
+    moved = change[model.joint("payload").dofadr[0] :][:6]
+    return np.concatenate([moved[3:], moved[:3]])
+
+
+def test_stiffness_at_the_payload_is_that_of_the_springs_through_the_jacobian(model):
+    """A small wrench moves the payload by (A^T k A)^-1 w; flexures add half a per cent."""
+    oracle = closed_form(model)
+    springs = oracle.A.T @ oracle.A * model.joint("strut1").stiffness[0]
+    unloaded = payload_displacement(model, np.zeros(6))
+    size = np.array([0.1, 0.1, 0.1, 1.0, 1.0, 1.0])
+    moved = [payload_displacement(model, wrench) - unloaded for wrench in np.diag(size)]
+    measured = np.linalg.inv(np.array(moved).T / size)
+    # Lengths as of the strut put rotation and translation in one unit.
+    unit = np.diag([1 / 0.4064] * 3 + [1.0] * 3)
+    measured, springs, full = (unit @ K @ unit for K in (measured, springs, oracle.K))
+    assert np.linalg.norm(measured - springs) < 5e-3 * np.linalg.norm(springs)
+    assert np.linalg.norm(measured - full) < 1e-3 * np.linalg.norm(full)
+
+
+def test_modes_of_the_linearized_plant_are_those_of_the_closed_form(model):
+    plant = Plant(model)
+    frequency, damping = modes_of(linearize(plant.model, plant.data).A)
+    expected_frequency, expected_damping = closed_form(model).modes()
+    np.testing.assert_allclose(frequency, expected_frequency, rtol=0.01)
+    np.testing.assert_allclose(damping, expected_damping, rtol=0.03)
+
+
+def test_the_strut_mass_term_is_needed(model):
+    """Without strut mass in the closed form the modes come out more than 1 % too high."""
+    light = copy.copy(model)
+    for part in ("housing", "stem"):
+        for k in range(1, 7):
+            light.body_mass[model.body(f"{part}{k}").id] = 0.0
+            light.body_inertia[model.body(f"{part}{k}").id] = 0.0
+    assert np.all(closed_form(light).modes()[0] > 1.01 * closed_form(model).modes()[0])
+
+
+def ring_down(model: mujoco.MjModel, shape: np.ndarray, seconds: float) -> np.ndarray:
+    """Free motion after a velocity along one mode, seen along that mode; shape (N,)."""
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    data.qvel[:] = shape * 1e-3
+    samples = []
+    for _ in range(round(seconds / model.opt.timestep)):
+        mujoco.mj_step(model, data)
+        change = np.empty(model.nv)
+        mujoco.mj_differentiatePos(model, change, 1.0, model.qpos0, data.qpos)
+        samples.append(shape @ change)
+    return np.array(samples)
+
+
+def mode_shapes(model: mujoco.MjModel) -> np.ndarray:
+    """Generalized velocities of the six undamped modes, orthonormal on the loops, shape (6, nv)."""
+    plant = Plant(model)
+    lin = linearize(plant.model, plant.data)
+    stiffness = -lin.A[6:, :6]
+    values, vectors = np.linalg.eig(stiffness)
+    Z = _null_space(plant)
+    order = np.argsort(values.real)
+    return (Z @ vectors.real[:, order]).T
+
+
+def _null_space(plant: Plant) -> np.ndarray:
+    return scipy.linalg.null_space(plant.data.efc_J.reshape(-1, plant.model.nv))
+
+
+def pole_of(samples: np.ndarray, dt: float) -> complex:
+    """Continuous pole of a decaying oscillation: y[k+1] = a y[k] + b y[k-1] fitted."""
+    history = np.column_stack([samples[1:-1], samples[:-2]])
+    a, b = np.linalg.lstsq(history, samples[2:], rcond=None)[0]
+    return np.log(complex(max(np.roots([1.0, -a, -b]), key=np.imag))) / dt
+
+
+def test_a_simulated_ring_down_shows_the_damping_of_the_closed_form(model):
+    """Damping is the model's: what the integrator adds stays within the 3 %."""
+    frequency, damping = closed_form(model).modes()
+    for k, shape in enumerate(mode_shapes(model)):
+        pole = pole_of(ring_down(model, shape, 0.3), model.opt.timestep)
+        assert abs(pole) / (2 * np.pi) == pytest.approx(frequency[k], rel=0.01)
+        assert -pole.real / abs(pole) == pytest.approx(damping[k], rel=0.03)
+
+
+def test_the_ring_down_check_sees_the_damping_that_a_discrete_integrator_adds():
+    model = edited(('integrator="Euler"', 'integrator="discrete"'))
+    _, damping = closed_form(model).modes()
+    pole = pole_of(ring_down(model, mode_shapes(model)[3], 0.3), model.opt.timestep)
+    assert -pole.real / abs(pole) > 1.1 * damping[3]
+
+
+def test_with_damping_off_energy_is_kept(model):
+    """All six modes at once, two seconds, within one per cent of the energy put in."""
+    undamped = copy.copy(model)
+    undamped.dof_damping[:] = 0.0
+    undamped.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_ENERGY)
+    data = mujoco.MjData(undamped)
+    mujoco.mj_forward(undamped, data)
+    rest = data.energy.sum()
+    data.qvel[:] = 1e-2 * mode_shapes(model).sum(axis=0)
+    mujoco.mj_forward(undamped, data)
+    start = data.energy.sum() - rest
+    energy = []
+    for _ in range(round(2.0 / undamped.opt.timestep)):
+        mujoco.mj_step(undamped, data)
+        energy.append(data.energy.sum() - rest)
+    # A symplectic step lets the energy ripple within a period; averaged over one it stays.
+    period = round(1 / (30.0 * undamped.opt.timestep))
+    assert np.mean(energy[-3 * period :]) == pytest.approx(start, rel=0.01)
+
+
+@pytest.mark.parametrize("name", ["W_a", "W_a_uncorrected"])
+def test_halving_the_time_step_changes_the_rms_errors_by_less_than_a_percent(model, name):
+    column = next(column for column in COLUMNS if column.name == name)
+    bench = Bench()
+    loops = nominal_loops(model, bench)
+    half = copy.copy(model)
+    half.opt.timestep /= 2
+
+    def rms(machine: mujoco.MjModel) -> np.ndarray:
+        run = track_spiral(
+            machine, bench, loops, column.goal, locked=column.locked, jacobian="constant"
+        )
+        return pointing_rms_urad(run)
+
+    np.testing.assert_allclose(rms(half), rms(model), rtol=0.01)
+
+
+@pytest.mark.parametrize("strut", range(6))
+def test_a_strut_locked_in_flight_stays_where_it_is_and_the_loops_stay_closed(model, strut):
+    plant = Plant(model)
+    residuals = swing(plant, 0.8)
+    plant.lock(strut)
+    where = plant.strut_displacement_m()[strut]
+    assert abs(where) > 1e-6, "the lock must be off centre to be a test"
+    for _ in range(700):
+        residuals += swing(plant, PERIOD_S)
+        assert abs(plant.strut_displacement_m()[strut] - where) < 1e-7
+    assert max(residuals) < CLOSURE_LIMIT_M
+
+
+@pytest.mark.parametrize("strut", range(6))
+def test_a_coil_switched_off_in_flight_carries_no_current(model, strut):
+    plant = Plant(model)
+    residuals = swing(plant, 0.7)
+    assert abs(plant.coil_force_n()[strut]) > 0.1
+    plant.release(strut)
+    residuals += swing(plant, 0.7)
+    assert plant.coil_force_n()[strut] == 0.0
+    others = np.delete(plant.coil_force_n(), strut)
+    assert np.all(np.abs(others) > 1e-3)
+    # Its suspension holds it near the centre; the flexures let the others pull it a little.
+    assert abs(plant.strut_displacement_m()[strut]) < 1e-6
+    assert max(residuals) < CLOSURE_LIMIT_M
+
+
+def test_a_softly_closed_loop_is_seen_by_its_closure_residual():
+    plant = Plant(edited(('solref="2.5e-4 1"', 'solref="0.02 1"')))
+    assert max(swing(plant, 0.2)) > 100 * CLOSURE_LIMIT_M
+
+
+def test_failures_of_one_plant_leave_another_of_the_same_model_sound(model):
+    failed, sound = Plant(model), Plant(model)
+    failed.lock(0)
+    failed.release(1)
+    swing(failed, 0.1)
+    swing(sound, 0.1)
+    assert np.all(np.abs(sound.coil_force_n()) > 0)
+    assert abs(sound.strut_displacement_m()[0]) > 1e-6
+
+
+def test_a_plant_that_turns_non_finite_stops_with_its_time_and_state(model):
+    plant = Plant(model)
+    plant.model.jnt_stiffness[:] = -1e7
+    mujoco.set_mju_user_warning(lambda message: None)
+    try:
+        with pytest.raises(SimulationDiverged) as caught:
+            for _ in range(1000):
+                plant.step(np.zeros(6), PERIOD_S)
+    finally:
+        mujoco.set_mju_user_warning(None)
+    assert 0 < caught.value.time_s < 1.0
+    assert caught.value.state.size > model.nq
+
+
+def test_a_control_period_must_be_whole_physics_steps(model):
+    with pytest.raises(ModelError, match="physics step of 0.000125 s does not divide"):
+        Plant(model).step(np.zeros(6), 3.3e-4)
+
+
+def test_every_number_of_the_file_says_where_it_comes_from():
+    """The MJCF explains itself: paper, geometry or chosen."""
+    text = HEXAPOD_MJCF.read_text()
+    assert text.count("[paper]") >= 5
+    assert text.count("[chosen") >= 5
+    assert load_model().nv == 42
