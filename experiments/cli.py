@@ -18,7 +18,7 @@ from rich.progress import (
 )
 from rich.table import Table
 
-from experiments.files import OutputError, output_folder, write_arrays
+from experiments.files import OutputError, usable_folder, write_arrays
 from experiments.mapping import JacobianChoice
 from sim import ModelError, SimulationDiverged
 
@@ -60,7 +60,7 @@ def table1(
     from experiments import report_table1
     from experiments.table1 import CLOSURE_LIMIT_M, run_table1
 
-    folder = output_folder(out)
+    folder = usable_folder(out)
     try:
         with _progress() as progress:
             task = progress.add_task("Table I", total=None)
@@ -97,8 +97,8 @@ def main(arguments: list[str] | None = None) -> int:
         return _complain(str(error), WRONG_INPUT)
     except _Unsound as error:
         return _complain(str(error), UNSOUND)
-    except (KeyboardInterrupt, typer.Abort):
-        return _complain("interrupted, nothing was written", INTERRUPTED)
+    if code == INTERRUPTED:  # Typer has already caught the Ctrl-C
+        return _complain("interrupted: no file was left half-written", INTERRUPTED)
     return code or 0
 
 

@@ -15,25 +15,23 @@ class OutputError(Exception):
     """The output folder cannot be used; the message says why."""
 
 
-def output_folder(path: Path) -> Path:
-    """The folder, made if need be, before any work is done.
+def usable_folder(path: Path) -> Path:
+    """The folder itself, if it is one or can be made; checked before any work is done.
 
     Raises:
         OutputError: It is a file, lies below one, or is not writable.
     """
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-    except (FileExistsError, NotADirectoryError):
-        raise OutputError(f"--out {path} is a file, not a folder") from None
-    except OSError as error:
-        raise OutputError(f"--out {path} cannot be made: {error.strerror}") from None
-    if not os.access(path, os.W_OK):
-        raise OutputError(f"--out {path} is not writable")
+    nearest = next(place for place in (path, *path.absolute().parents) if place.exists())
+    if not nearest.is_dir():
+        raise OutputError(f"--out {path} cannot be a folder: {nearest} is a file")
+    if not os.access(nearest, os.W_OK):
+        raise OutputError(f"--out {path} cannot be written: no permission in {nearest}")
     return path
 
 
 def write_whole(path: Path, write: Callable[[Path], Any]) -> None:
     """Let `write` make a temporary neighbour, then put it in place in one step."""
+    path.parent.mkdir(parents=True, exist_ok=True)
     partial = path.with_name(f".{path.stem}.partial{path.suffix}")
     try:
         write(partial)

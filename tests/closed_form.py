@@ -1,7 +1,7 @@
 """Independent oracle: mass, damping and stiffness of the hexapod at the payload, by hand.
 
-Twist [omega; v] of the payload origin in world axes. Struts turn about their bottom nodes q; the node
-p at the top moves with d = v + omega x a, of which d_par = u.d stretches the strut and
+Twist [omega; v] of the payload origin in world axes. Struts turn about their bottom nodes q; the
+node p at the top moves with d = v + omega x a, of which d_par = u.d stretches the strut and
 d_perp = d - u d_par swings it by u x d / L. Kinetic energy of one strut:
 
     2 T = (m_stem + m_tip) d_par^2

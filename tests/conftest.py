@@ -32,7 +32,9 @@ def table1(table1_folder):
 @pytest.fixture(scope="session")
 def runs(table1, table1_folder):
     """The `.npz` of each column, by name."""
-    return {
-        name: dict(np.load(table1_folder / column["data"]))
-        for name, column in table1["by_name"].items()
-    }
+
+    def load(file: str) -> dict[str, np.ndarray]:
+        with np.load(table1_folder / file) as data:
+            return dict(data)
+
+    return {name: load(column["data"]) for name, column in table1["by_name"].items()}

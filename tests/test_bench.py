@@ -1,0 +1,180 @@
+"""Sensors, converters, controller: the bench around the plant."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from experiments.bench import Bench
+from experiments.controller import Controller
+from experiments.mapping import MAJOR, SECONDARY, Goal, StrutMapping
+from experiments.run import nominal_loops, track_spiral
+from sim import (
+    NOMINAL,
+    Amplifier,
+    Detector,
+    Pose,
+    hexapod,
+    pointing_angles,
+    secondary_motion,
+    spiral,
+)
+
+EQUAL = (1.0,) * 6
+
+
+def test_pointing_angles_are_rotations_about_x_b_and_y_b_and_blind_to_z_b():
+    alpha, beta = 3e-4, -2e-4
+    R = Rotation.from_rotvec([alpha, beta, 0]).as_matrix()
+    np.testing.assert_allclose(pointing_angles(R), [alpha, beta], atol=1e-10)
+    spun = R @ Rotation.from_rotvec([0, 0, 0.5]).as_matrix()
+    np.testing.assert_allclose(pointing_angles(spun), pointing_angles(R), atol=1e-15)
+
+
+def test_secondary_motion_is_the_rotation_about_z_b_and_the_translation():
+    pose = NOMINAL.moved(np.array([0, 0, 2e-5, 1e-6, 2e-6, 3e-6]))
+    motion = secondary_motion(pose.rotation, pose.translation_m)
+    np.testing.assert_allclose(motion, [2e-5, 1e-6, 2e-6, 3e-6], atol=1e-12)
+
+
+def test_the_detector_reads_the_pointing_angles_through_its_optics():
+    R = Rotation.from_rotvec([1e-4, -5e-5, 0]).as_matrix()
+    rng = np.random.default_rng(0)
+    quiet = Detector(focal_length_m=1.0, half_width_m=5e-3, noise_m=0.0)
+    np.testing.assert_allclose(quiet.read(R, rng), [1e-4, -5e-5], atol=1e-9)
+    noisy = Detector(focal_length_m=1.0, half_width_m=5e-3, noise_m=3e-7)
+    readings = np.array([noisy.read(R, rng) for _ in range(4000)])
+    np.testing.assert_allclose(readings.std(axis=0), 3e-7, rtol=0.05)
+
+
+def test_the_spot_saturates_at_the_edge_of_the_detector():
+    detector = Detector(focal_length_m=1.0, half_width_m=5e-3, noise_m=0.0)
+    R = Rotation.from_rotvec([0.02, 0, 0]).as_matrix()
+    np.testing.assert_allclose(detector.read(R, np.random.default_rng(0)), [5e-3, 0], atol=1e-12)
+
+
+def test_the_converter_has_sixteen_bits_and_the_amplifier_saturates():
+    amplifier = Amplifier(full_scale_m=0.000635, bits=16, current_limit_a=4.0)
+    step_m = 0.000635 / 2**15
+    fine = amplifier.displacement_m(amplifier.input_percent(np.linspace(0, 5, 200) * step_m))
+    np.testing.assert_allclose(np.unique(fine), np.arange(6) * step_m, atol=1e-18)
+    assert amplifier.input_percent(np.array(1.0)) == pytest.approx(100.0, abs=0.004)
+    assert amplifier.input_percent(np.array(-1.0)) == -100.0
+    assert amplifier.current_a(np.array(-100.0)) == -4.0
+
+
+def test_the_amplifiers_full_scale_is_the_coils_force_limit(model):
+    """100 % input, largest coil force and full stroke are one point."""
+    bench = Bench()
+    stiffness = model.joint("strut1").stiffness[0]
+    assert model.actuator("coil1").gainprm[0] == stiffness
+    force_limit = model.actuator("coil1").forcerange[1]
+    assert force_limit == pytest.approx(stiffness * bench.stroke_m, rel=1e-9)
+    assert model.joint("strut1").range[1] == bench.stroke_m
+
+
+def test_the_spiral_starts_at_the_centre_and_ends_after_eight_turns_at_its_radius():
+    path = spiral(np.array([0.0, 1.0, 16.0]), radius_rad=1e-4, turns=8, duration_s=16)
+    np.testing.assert_allclose(path, [[0, 0], [-1e-4 / 16, 0], [1e-4, 0]], atol=1e-15)
+
+
+def test_the_loops_have_textbook_margins_at_the_crossovers_asked_for(model):
+    bench = Bench()
+    for loop, crossover in zip(nominal_loops(model, bench), bench.crossover_hz, strict=True):
+        assert loop.crossover_hz == pytest.approx(crossover, rel=0.01)
+        assert loop.gain_margin_db > 6.0
+        assert loop.phase_margin_deg > 45.0
+
+
+def test_the_stated_gain_margin_is_where_the_loop_goes_unstable(model):
+    """The whole discrete loop is stable just below the margin and unstable just above."""
+    import control
+
+    from experiments.compensator import sampled
+    from sim import Plant, linearize
+
+    bench = Bench()
+    loops = nominal_loops(model, bench)
+    plant = Plant(model)
+    gain = StrutMapping(hexapod(model), Goal(joint_weight=EQUAL), "constant").pointing_gain()
+    P = sampled(linearize(plant.model, plant.data), gain, bench.control_period_s)
+    for row, loop in enumerate(loops):
+        margin = 10 ** (loop.gain_margin_db / 20)
+        for factor, stable in ((0.98 * margin, True), (1.02 * margin, False)):
+            closed = control.feedback(P[row, row] * loop.discrete * factor, 1)
+            assert (np.abs(closed.poles()).max() < 1) == stable
+
+
+@pytest.mark.parametrize("locked", [{}, {0: 0.0}, {3: 2e-4}])
+def test_commanded_displacements_point_where_asked_with_the_secondary_goal_met(model, locked):
+    """Forward through the exact geometry; a strut stuck off centre is a known offset."""
+    machine = hexapod(model)
+    goal = Goal(secondary_weight=(10.0, 10.0, 1.0, 1.0), locked_m=locked)
+    mapping = StrutMapping(machine, goal, "analytic")
+    asked, command, pose = np.array([8e-5, -5e-5]), np.zeros(6), NOMINAL
+    for _ in range(4):  # the estimate settles in a tick or two
+        command = mapping.displacements(asked, pose)
+        pose = mapping.estimate(command, pose)
+    assert all(command[k] == 0.0 for k in locked)
+    lengths = command + [locked.get(k, 0.0) for k in range(6)]
+    np.testing.assert_allclose(machine.displacements(pose), lengths, atol=1e-12)
+    # J(x) l against the true x: the difference is of second order in the displacement.
+    scale = np.abs(lengths).max()
+    np.testing.assert_allclose(pointing_angles(pose.rotation), asked, atol=50 * scale**2 + 1e-9)
+    others = Goal(secondary_weight=(1.0, 1.0, 1.0, 1.0), locked_m=locked)
+    plain = StrutMapping(machine, others, "analytic")
+    translation = [
+        np.linalg.norm(m.estimate(m.displacements(asked, pose), pose).translation_m[:2])
+        for m in (mapping, plain)
+    ]
+    assert translation[0] <= translation[1] + 1e-12
+
+
+def test_the_constant_jacobian_is_the_analytic_one_at_the_nominal_pose(model):
+    goal = Goal(joint_weight=EQUAL)
+    machine = hexapod(model)
+    asked = np.array([1e-4, 2e-5])
+    analytic, constant = (
+        StrutMapping(machine, goal, choice) for choice in ("analytic", "constant")
+    )
+    nominal = constant.displacements(asked, NOMINAL)
+    np.testing.assert_array_equal(analytic.displacements(asked, NOMINAL), nominal)
+    moved = NOMINAL.moved(np.array([0.01, 0, 0, 0.001, 0, 0]))
+    np.testing.assert_array_equal(constant.displacements(asked, moved), nominal)
+    assert np.abs(analytic.displacements(asked, moved) - nominal).max() > 1e-8
+
+
+def test_task_rows_are_those_of_the_paper():
+    assert MAJOR == [0, 1]
+    assert sorted(MAJOR + SECONDARY) == list(range(6))
+
+
+def test_a_controller_step_is_a_pure_function(model):
+    bench = Bench()
+    mapping = StrutMapping(hexapod(model), Goal(joint_weight=EQUAL), "analytic")
+    controller = Controller(nominal_loops(model, bench), mapping, bench.amplifier())
+    state = controller.start()
+    once = controller.step(state, np.array([1e-5, 0]), np.zeros(2))
+    again = controller.step(state, np.array([1e-5, 0]), np.zeros(2))
+    np.testing.assert_array_equal(once.input_percent, again.input_percent)
+    np.testing.assert_array_equal(state.compensator, 0.0)
+    assert np.abs(once.compensator).max() > 0
+
+
+def test_the_same_seed_gives_the_same_run_to_the_bit_and_another_does_not(model):
+    bench = Bench()
+    loops = nominal_loops(model, bench)
+    goal = Goal(joint_weight=EQUAL)
+    first, second, other = (
+        track_spiral(model, bench, loops, goal, seed=seed, duration_s=0.2) for seed in (3, 3, 4)
+    )
+    np.testing.assert_array_equal(first.true_rad, second.true_rad)
+    np.testing.assert_array_equal(first.measured_rad, second.measured_rad)
+    assert np.any(first.measured_rad != other.measured_rad)
+
+
+def test_a_pose_moves_along_the_manifold():
+    rng = np.random.default_rng(0)
+    pose = Pose(np.eye(3), np.zeros(3))
+    for _ in range(1000):
+        pose = pose.moved(0.1 * rng.normal(size=6))
+    np.testing.assert_allclose(pose.rotation @ pose.rotation.T, np.eye(3), atol=1e-12)

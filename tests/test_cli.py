@@ -1,0 +1,150 @@
+"""The command: bad input in one sentence, sound exit codes, nothing half-written."""
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+from experiments.cli import main
+from sim.model import HEXAPOD_MJCF
+
+
+def sentence(capsys) -> str:
+    """What went to standard error, which must be one line without a traceback."""
+    error = capsys.readouterr().err.strip()
+    assert error.startswith("fjh: ")
+    assert "\n" not in error
+    assert "Traceback" not in error
+    return error
+
+
+@pytest.fixture
+def mjcf(tmp_path):
+    """Write an altered copy of the hexapod's file."""
+
+    def write(*replacements: tuple[str, str]):
+        text = HEXAPOD_MJCF.read_text()
+        for old, new in replacements:
+            assert old in text
+            text = text.replace(old, new)
+        path = tmp_path / "machine.xml"
+        path.write_text(text)
+        return str(path)
+
+    return write
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        (["table7"], "table7"),
+        (["table1", "--seed", "-1"], "--seed"),
+        (["table1", "--jacobian", "guessed"], "--jacobian"),
+        (["table1", "--fast"], "--fast"),
+        (["table1", "--model", "nowhere.xml"], "nowhere.xml"),
+    ],
+)
+def test_wrong_input_is_one_sentence_that_names_it(capsys, tmp_path, arguments, named):
+    out = tmp_path / "out"
+    if arguments[0] == "table1":
+        arguments = [*arguments, "--out", str(out)]
+    assert main(arguments) == 2
+    assert named in sentence(capsys)
+    assert not out.exists()
+
+
+def test_an_output_path_that_is_a_file_is_refused(capsys, tmp_path):
+    file = tmp_path / "taken"
+    file.write_text("mine")
+    assert main(["table1", "--out", str(file)]) == 2
+    assert str(file) in sentence(capsys)
+    assert file.read_text() == "mine"
+    assert main(["table1", "--out", str(file / "below")]) == 2
+    assert str(file / "below") in sentence(capsys)
+
+
+def test_a_broken_machine_file_is_refused(capsys, tmp_path, mjcf):
+    path = mjcf(("</mujoco>", ""))
+    assert main(["table1", "--model", path, "--out", str(tmp_path / "out")]) == 2
+    assert path in sentence(capsys)
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "named"),
+    [
+        ('<site name="base"', '<site name="foot"', 'site named "base"'),
+        ('<site name="payload"', '<site name="top"', 'site named "payload"'),
+        ('name="lock4"', 'name="brake4"', 'equality named "lock4"'),
+        ('name="coil2"', 'name="motor2"', 'actuator named "coil2"'),
+        ('"tip6"', '"end6"', 'body named "tip6"'),
+        ('"strut5"', '"leg5"', 'joint named "strut5"'),
+    ],
+)
+def test_a_machine_without_a_named_element_is_refused(capsys, tmp_path, mjcf, old, new, named):
+    path = mjcf((old, new))
+    assert main(["table1", "--model", path, "--out", str(tmp_path / "out")]) == 2
+    assert named in sentence(capsys)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_diverging_machine_stops_with_its_time_and_state(capsys, tmp_path, mjcf):
+    out = tmp_path / "out"
+    path = mjcf(('damping="110"', 'damping="-4000"'))
+    assert main(["table1", "--quick", "--model", path, "--out", str(out)]) == 1
+    message = sentence(capsys)
+    with np.load(out / "diverged.npz") as saved:
+        assert f"{float(saved['time_s']):.4f} s" in message
+        assert saved["state"].size > 50
+    assert [file.name for file in out.iterdir()] == ["diverged.npz"]
+
+
+def test_quick_writes_everything_at_full_rate_and_prints_one_table(capsys, tmp_path):
+    assert main(["table1", "--quick", "--seed", "5", "--out", str(tmp_path)]) == 0
+    printed = capsys.readouterr().out
+    summary = json.loads((tmp_path / "table1.json").read_text())
+    assert summary["seed"] == 5
+    names = {f"{c['name']}.{kind}" for c in summary["columns"] for kind in ("npz", "rrd")}
+    figures = {"figure4.png", "figure5.png", "figure6.png"}
+    expected = names | figures | {"table1.json", "table1.md"}
+    assert {file.name for file in tmp_path.iterdir()} == expected
+    for column in summary["columns"]:
+        with np.load(tmp_path / column["data"]) as data:
+            assert np.diff(data["time_s"]).max() <= 1 / 250
+        assert f"{column['alpha_rms_urad']:.4f}" in printed
+        assert f"{column['alpha_rms_urad']:.4f}" in (tmp_path / "table1.md").read_text()
+        assert column["alpha_rms_urad"] == pytest.approx(
+            column["predicted_alpha_rms_urad"], rel=0.05
+        )
+
+
+def test_ctrl_c_ends_the_run_with_a_word_and_leaves_nothing(tmp_path):
+    out = tmp_path / "out"
+    process = subprocess.Popen(
+        [sys.executable, "-m", "experiments", "table1", "--out", str(out)],
+        stderr=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        start_new_session=True,
+        text=True,
+    )
+    time.sleep(6)
+    os.killpg(process.pid, signal.SIGINT)
+    _, error = process.communicate(timeout=30)
+    assert process.returncode == 130
+    assert "Traceback" not in error
+    assert "interrupted" in error
+    assert not list(out.glob("*"))
+
+
+def test_help_names_every_option_with_its_default(capsys):
+    assert main(["table1", "--help"]) == 0
+    text = re.sub(r"\s+", " ", capsys.readouterr().out)
+    for option in ("--out", "--seed", "--quick", "--jacobian", "--model"):
+        assert option in text
+    assert "results/table1" in text

@@ -1,0 +1,35 @@
+"""Four rooms, one direction: who may import whom."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+THIRD_PARTY = {"mujoco", "rerun", "control", "matplotlib", "typer", "rich", "scipy", "numpy"}
+ALLOWED = {
+    "prioritized": {"numpy", "scipy"},
+    "sim": {"numpy", "scipy", "mujoco"},
+}
+
+
+def imported(room: str) -> set[str]:
+    """Top-level names that a room imports, its own left out."""
+    names = set()
+    for file in (ROOT / room).rglob("*.py"):
+        for node in ast.walk(ast.parse(file.read_text())):
+            if isinstance(node, ast.Import):
+                names |= {alias.name.split(".")[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and node.module:
+                names.add(node.module.split(".")[0])
+    return names - {room}
+
+
+@pytest.mark.parametrize("room", ALLOWED)
+def test_a_room_imports_only_what_it_may(room):
+    rooms = {"prioritized", "sim", "experiments", "tests"}
+    assert imported(room) & (THIRD_PARTY | rooms) <= ALLOWED[room]
+
+
+def test_the_check_sees_imports():
+    assert {"prioritized", "sim", "rerun"} <= imported("experiments")
