@@ -23,5 +23,8 @@ check: venv
 	$(BIN)/ruff check .
 	$(BIN)/pyright
 
+bench: venv
+	$(BIN)/fjh bench
+
 clean:
 	rm -rf .venv results build *.egg-info

@@ -18,7 +18,7 @@ from rich.progress import (
 )
 from rich.table import Table
 
-from experiments.files import OutputError, usable_folder, write_arrays
+from experiments.files import OutputError, usable_folder, write_arrays, write_json
 from experiments.mapping import JacobianChoice
 from sim import ModelError, SimulationDiverged
 
@@ -85,6 +85,32 @@ def table1(
             f"a closed loop opened by {result.closure_residual_max_m:.1e} m, more than "
             f"{CLOSURE_LIMIT_M:.0e} m: the numbers are not sound"
         )
+
+
+@app.command()
+def bench(
+    out: Annotated[Path, typer.Option(help="Folder for bench.json.")] = Path("results/bench"),
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the detector noise.")] = 0,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Time 0.5 s of simulation instead of 4 s.")
+    ] = False,
+) -> None:
+    """Time the closed loop against bare MuJoCo physics; ratios, medians of five."""
+    from experiments.speed import measure
+
+    folder = usable_folder(out)
+    with _progress() as progress:
+        task = progress.add_task("bench", total=None)
+        result = measure(
+            seconds=0.5 if quick else 4.0,
+            repeats=5,
+            seed=seed,
+            on_progress=lambda done, total: progress.update(task, completed=done, total=total),
+        )
+    write_json(folder / "bench.json", result)
+    for name, ratio in result["closed_loop_over_mj_step"].items():
+        factor = result["real_time_factor"][f"closed_loop_{name}"]
+        print(f"{name} Jacobian: {ratio:.2f} x mj_step, {factor:.1f} x real time")
 
 
 def main(arguments: list[str] | None = None) -> int:

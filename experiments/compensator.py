@@ -76,7 +76,8 @@ def _loop(plant: LinearPlant, pointing: Array, bench: Bench, row: int) -> Loop:
     crossover = 2 * np.pi * bench.crossover_hz[row]
     shape = control.tf([w**2], [1, 2 * zeta * w, w**2, 0])
     P = control.ss(plant.A, plant.B @ pointing[:, [row]], plant.C_twist[[row]], 0)
-    G = shape / abs(shape(1j * crossover) * P(1j * crossover))
+    K = 1 / abs(shape(1j * crossover) * P(1j * crossover))
+    G = K * shape
     period_s = bench.control_period_s
     G_d = control.c2d(control.ss(G), period_s, "tustin", prewarp_frequency=crossover)
     P_d = sampled(plant, pointing, period_s)[row, row]

@@ -57,7 +57,7 @@ def plant_constants(model: mujoco.MjModel) -> dict[str, float]:
         "physics_step_s": model.opt.timestep,
         "gravity_m_per_s2": float(-model.opt.gravity[2]),
         "payload_mass_kg": float(model.body_mass[payload]),
-        "payload_inertia_x_kg_m2": float(model.body_inertia[payload].max()),
+        "payload_inertia_max_kg_m2": float(model.body_inertia[payload].max()),
         "housing_mass_kg": float(model.body("housing1").mass[0]),
         "stem_mass_kg": float(model.body("stem1").mass[0]),
         "tip_mass_kg": float(model.body("tip1").mass[0]),

@@ -19,6 +19,7 @@ Spatial vectors are [angular; linear].
 from prioritized._kinematics import Kinematics as Kinematics
 from prioritized._rank import RANK_TOLERANCE as RANK_TOLERANCE
 from prioritized._system import ConstrainedSystem as ConstrainedSystem
+from prioritized._system import Failures as Failures
 from prioritized._velocity import Status as Status
 from prioritized._velocity import VelocityMapping as VelocityMapping
 from prioritized._velocity import velocity_mapping as velocity_mapping

@@ -1,7 +1,7 @@
 """General constrained multibody systems and their actuator failures: sections 2.1 and 2.3."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,34 +12,40 @@ from prioritized._kinematics import Kinematics, reduce_to_active
 from prioritized._rank import RANK_TOLERANCE
 
 
-@dataclass(frozen=True, init=False)
-class ConstrainedSystem:
-    """v = J_T theta_dot subject to J_C theta_dot = 0, eqs. (2) and (3).
-
-    Any mechanism: J_C is None for a serial arm; redundant rows are welcome.
-
-    Args:
-        J_T: Task Jacobian of all generalized velocities, shape (m, N).
-        J_C: Constraint Jacobian, shape (c, N), or None.
-        active: Velocity indices of the n actuated joints, in actuator order.
-        rank_tolerance: Singular values below this fraction of the scale of J_T and J_C are zero.
+@dataclass(frozen=True)
+class Failures:
+    """What is broken.
 
     Attributes:
         locked: Actuators with a position failure, 0..n-1.
         free: Actuators with a torque failure, 0..n-1.
         locked_passive: Velocity indices of passive joints that are stuck.
+    """
 
-    Raises:
-        ValueError: Wrong shape, index or non-finite input, naming the argument.
+    locked: frozenset[int] = frozenset()
+    free: frozenset[int] = frozenset()
+    locked_passive: frozenset[int] = frozenset()
+
+
+@dataclass(frozen=True, eq=False, init=False)
+class ConstrainedSystem:
+    """v = J_T theta_dot subject to J_C theta_dot = 0, eqs. (2) and (3).
+
+    Any mechanism: J_C is None for a serial arm; redundant rows are welcome.
+
+    Attributes:
+        J_T: Task Jacobian of all generalized velocities, shape (m, N).
+        J_C: Constraint Jacobian, shape (c, N).
+        active: Velocity indices of the n actuated joints, in actuator order.
+        rank_tolerance: Singular values below this fraction of the scale of J_T and J_C are zero.
+        failures: What is broken; see :meth:`with_failures`.
     """
 
     J_T: Array
     J_C: Array
     active: Indices
     rank_tolerance: float
-    locked: frozenset[int]
-    free: frozenset[int]
-    locked_passive: frozenset[int]
+    failures: Failures
 
     def __init__(
         self,
@@ -47,7 +53,13 @@ class ConstrainedSystem:
         J_C: ArrayLike | None,
         active: Sequence[int] | ArrayLike,
         rank_tolerance: float = RANK_TOLERANCE,
+        failures: Failures = Failures(),
     ) -> None:
+        """Take the Jacobians as read-only copies.
+
+        Raises:
+            ValueError: Wrong shape, index or non-finite input, naming the argument.
+        """
         task = _check.matrix("J_T", J_T)
         N = task.shape[1]
         constraint = np.zeros((0, N)) if J_C is None else J_C
@@ -56,9 +68,7 @@ class ConstrainedSystem:
             "J_C": _check.frozen(_check.matrix("J_C", constraint, columns=N)),
             "active": _check.frozen(_check.indices("active", active, N)),
             "rank_tolerance": rank_tolerance,
-            "locked": frozenset(),
-            "free": frozenset(),
-            "locked_passive": frozenset(),
+            "failures": failures,
         }
         for name, value in fields.items():
             object.__setattr__(self, name, value)
@@ -91,27 +101,27 @@ class ConstrainedSystem:
             raise ValueError(
                 f"an actuator is either locked or free, got both for {sorted(lock & release)}"
             )
-        if stuck & set(self.active.tolist()):
+        if actuated := stuck & set(self.active.tolist()):
             raise ValueError(
                 "locked_passive must name passive velocities, got the actuated "
-                f"{sorted(stuck & set(self.active.tolist()))}: put their actuators in locked"
+                f"{sorted(actuated)}: put their actuators in locked"
             )
-        now_locked = self.locked | lock
-        failed = _copy(self)
-        object.__setattr__(failed, "locked", now_locked)
-        object.__setattr__(failed, "free", (self.free | release) - now_locked)
-        object.__setattr__(failed, "locked_passive", self.locked_passive | stuck)
-        return failed
+        now_locked = self.failures.locked | lock
+        failures = Failures(
+            locked=now_locked,
+            free=(self.failures.free | release) - now_locked,
+            locked_passive=self.failures.locked_passive | stuck,
+        )
+        return replace(self, failures=failures)
 
     def kinematics(self) -> Kinematics:
         """Differential kinematics and statics of the surviving actuators, eqs. (12) to (17)."""
         n, N = len(self.active), self.J_T.shape[1]
-        actuators = np.array(
-            [k for k in range(n) if k not in self.locked | self.free], dtype=np.intp
-        )
+        locked, free = self.failures.locked, self.failures.free
+        actuators = np.array([k for k in range(n) if k not in locked | free], dtype=np.intp)
         # Section 2.3.2: a locked joint is a passive joint with one more constraint row.
-        stuck = [int(self.active[k]) for k in sorted(self.locked)]
-        E = np.eye(N)[stuck + sorted(self.locked_passive)]
+        stuck = [*self.active[sorted(locked)].tolist(), *sorted(self.failures.locked_passive)]
+        E = np.eye(N)[stuck]
         return reduce_to_active(
             self.J_T,
             np.vstack([self.J_C, E]),
@@ -121,10 +131,3 @@ class ConstrainedSystem:
             constraint_scale=float(np.linalg.norm(self.J_C)) or 1.0,
             rank_tolerance=self.rank_tolerance,
         )
-
-
-def _copy(system: ConstrainedSystem) -> ConstrainedSystem:
-    twin = object.__new__(ConstrainedSystem)
-    for name, value in vars(system).items():
-        object.__setattr__(twin, name, value)
-    return twin

@@ -142,6 +142,13 @@ def test_ctrl_c_ends_the_run_with_a_word_and_leaves_nothing(tmp_path):
     assert not list(out.glob("*"))
 
 
+def test_bench_states_ratios_to_bare_physics(tmp_path):
+    assert main(["bench", "--quick", "--out", str(tmp_path)]) == 0
+    result = json.loads((tmp_path / "bench.json").read_text())
+    assert all(ratio > 0 for ratio in result["closed_loop_over_mj_step"].values())
+    assert len(result["all_s"]["mj_step"]) == 5
+
+
 def test_help_names_every_option_with_its_default(capsys):
     assert main(["table1", "--help"]) == 0
     text = re.sub(r"\s+", " ", capsys.readouterr().out)

@@ -11,7 +11,7 @@ from experiments.bench import Bench
 from experiments.run import nominal_loops, track_spiral
 from experiments.summary import pointing_rms_urad
 from experiments.table1 import COLUMNS
-from sim import ModelError, Plant, SimulationDiverged, linearize, load_model
+from sim import ModelError, Plant, SimulationDiverged, linearize
 from sim.model import HEXAPOD_MJCF
 from tests.closed_form import closed_form, modes_of
 
@@ -270,11 +270,3 @@ def test_a_plant_that_turns_non_finite_stops_with_its_time_and_state(model):
 def test_a_control_period_must_be_whole_physics_steps(model):
     with pytest.raises(ModelError, match=r"does not divide the period of 0\.00033 s"):
         Plant(model).step(np.zeros(6), 3.3e-4)
-
-
-def test_every_number_of_the_file_says_where_it_comes_from():
-    """The MJCF explains itself: paper, geometry or chosen."""
-    text = HEXAPOD_MJCF.read_text()
-    assert text.count("[paper]") >= 5
-    assert text.count("[chosen") >= 5
-    assert load_model().nv == 42

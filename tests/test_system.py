@@ -116,10 +116,10 @@ def test_failures_compose():
     at_once = system.with_failures(locked=[0], free=[1])
     np.testing.assert_array_equal(one_by_one.kinematics().J, at_once.kinematics().J)
     jammed = system.with_failures(free=[1]).with_failures(locked=[1])
-    assert jammed.locked == {1}
-    assert jammed.free == frozenset()
+    assert jammed.failures.locked == {1}
+    assert jammed.failures.free == frozenset()
     released_later = jammed.with_failures(free=[1])
-    assert released_later.locked == {1}
+    assert released_later.failures.locked == {1}
 
 
 def test_a_stuck_passive_joint_is_one_more_constraint():
