@@ -15,14 +15,19 @@ def in_parallel(
 ) -> list[Any]:
     """Results of function(**call), in the order of `calls`, however they finish.
 
-    An exception in a run ends all of them and is raised here; so does Ctrl-C.
+    An exception in a run ends all of them and is raised here; so does Ctrl-C. Only the main thread
+    may call this: it is the one that Python lets handle signals.
     """
     # spawn: a fork would inherit the threads of numerical libraries in an unknown state.
     context = multiprocessing.get_context("spawn")
     workers = min(len(calls), multiprocessing.cpu_count())
     results: list[Any] = [None] * len(calls)
     jobs = [(function, index, call) for index, call in enumerate(calls)]
-    with context.Pool(workers, initializer=_start_worker) as pool:
+    # Ctrl-C goes to the whole process group: workers are born deaf to it, and the parent ends them.
+    handler = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    pool = context.Pool(workers, initializer=_start_worker)
+    signal.signal(signal.SIGINT, handler)
+    with pool:
         on_progress(0, len(calls))
         for done, (index, result) in enumerate(pool.imap_unordered(_run, jobs), 1):
             results[index] = result
@@ -31,9 +36,7 @@ def in_parallel(
 
 
 def _start_worker() -> None:
-    # Ctrl-C reaches the parent, which ends its workers; a diverging run raises an exception, and
-    # MuJoCo need not write MUJOCO_LOG.TXT beside it.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # A diverging run raises an exception; MuJoCo need not write MUJOCO_LOG.TXT beside it.
     mujoco.set_mju_user_warning(lambda message: None)
 
 

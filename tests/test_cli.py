@@ -9,6 +9,7 @@ import sys
 import time
 
 import numpy as np
+import psutil
 import pytest
 
 from experiments.cli import main
@@ -133,7 +134,10 @@ def test_ctrl_c_ends_the_run_with_a_word_and_leaves_nothing(tmp_path):
         start_new_session=True,
         text=True,
     )
-    time.sleep(6)
+    deadline = time.monotonic() + 60
+    while not psutil.Process(process.pid).children() and time.monotonic() < deadline:
+        time.sleep(0.05)  # until the first worker is there
+    time.sleep(0.5)
     os.killpg(process.pid, signal.SIGINT)
     _, error = process.communicate(timeout=30)
     assert process.returncode == 130
