@@ -151,7 +151,7 @@ def _progress() -> Progress:
 
 
 def _print_table(summary: dict) -> None:
-    from experiments.summary import notes, table_rows, table_title
+    from experiments.table_text import notes, table_rows, table_title
 
     columns = summary["columns"]
     table = Table(title=table_title(summary), title_justify="left", box=box.SIMPLE)

@@ -8,8 +8,9 @@ from typing import Any
 from experiments import figures
 from experiments.files import write_arrays, write_json, write_text, write_whole
 from experiments.recording import write_recording
-from experiments.summary import markdown, summarize
+from experiments.summary import summarize
 from experiments.table1 import Table1
+from experiments.table_text import markdown
 from sim import model_sha256
 
 FIGURES = {

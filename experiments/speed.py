@@ -8,8 +8,8 @@ from typing import Any
 import mujoco
 
 from experiments.bench import Bench
+from experiments.provenance import versions
 from experiments.run import nominal_loops, track_spiral
-from experiments.summary import versions
 from experiments.table1 import COLUMNS
 from sim import load_model, model_sha256
 

@@ -1,21 +1,17 @@
-"""Table I as data: the contents of `table1.json`, and its Markdown."""
+"""Table I as data: the contents of `table1.json`."""
 
-import platform
 from dataclasses import asdict
-from importlib.metadata import version
 from typing import Any
 
-import mujoco
 import numpy as np
 
 from experiments import paper
 from experiments.compensator import Loop
 from experiments.mapping import JacobianChoice
+from experiments.provenance import plant_constants, versions
 from experiments.run import Trajectory
 from experiments.table1 import COLUMNS, Column, Table1, other_jacobian
-from sim import Array, element_id
-
-PACKAGES = ("mujoco", "numpy", "scipy", "control", "rerun-sdk", "matplotlib")
+from sim import Array
 
 
 def pointing_rms_urad(run: Trajectory) -> Array:
@@ -42,35 +38,6 @@ def summarize(table: Table1, model_sha256: str) -> dict[str, Any]:
     }
 
 
-def versions() -> dict[str, str]:
-    """Versions of Python and of the packages that the numbers depend on."""
-    return {"python": platform.python_version()} | {name: version(name) for name in PACKAGES}
-
-
-def plant_constants(model: mujoco.MjModel) -> dict[str, float]:
-    """The plant's chosen constants, read from the compiled model."""
-    strut = model.joint("strut1")
-    payload = element_id(model, "body", "payload")
-    bend = model.joint("bottom_bend_x1")
-    twist = model.joint("top_twist1")
-    return {
-        "physics_step_s": model.opt.timestep,
-        "gravity_m_per_s2": float(-model.opt.gravity[2]),
-        "payload_mass_kg": float(model.body_mass[payload]),
-        "payload_inertia_max_kg_m2": float(model.body_inertia[payload].max()),
-        "housing_mass_kg": float(model.body("housing1").mass[0]),
-        "stem_mass_kg": float(model.body("stem1").mass[0]),
-        "tip_mass_kg": float(model.body("tip1").mass[0]),
-        "suspension_stiffness_n_per_m": float(strut.stiffness[0]),
-        "suspension_damping_n_s_per_m": float(strut.damping[0]),
-        "suspension_preload_n": float(strut.stiffness[0] * model.qpos_spring[strut.qposadr[0]]),
-        "flexure_bending_stiffness_n_m_per_rad": float(bend.stiffness[0]),
-        "flexure_bending_damping_n_m_s_per_rad": float(bend.damping[0]),
-        "flexure_torsion_stiffness_n_m_per_rad": float(twist.stiffness[0]),
-        "flexure_torsion_damping_n_m_s_per_rad": float(twist.damping[0]),
-    }
-
-
 def compare_jacobians(table: Table1) -> dict[str, Any]:
     """How far the RMS values move with the other Jacobian, beside what another seed moves them."""
     by_column = {
@@ -91,57 +58,6 @@ def compare_jacobians(table: Table1) -> dict[str, Any]:
             f"{verdict} the noise: another seed moves W_a by {by_seed:.1e} urad."
         ),
     }
-
-
-def markdown(summary: dict[str, Any]) -> str:
-    """The table beside the paper's, as Markdown."""
-    columns = summary["columns"]
-    head = ["", *(column["name"] for column in columns)]
-    lines = [_row(head), _row(["---"] * len(head))]
-    lines += [_row([label, *cells]) for label, cells in table_rows(columns)]
-    bullets = [f"- {note}" for note in notes(summary)]
-    return "\n".join([table_title(summary), "", *lines, "", *bullets, ""])
-
-
-def table_title(summary: dict[str, Any]) -> str:
-    """What the numbers are."""
-    title = "Table I: RMS of desired minus true angle"
-    if summary["duration_s"] < summary["bench"]["duration_s"]:
-        title += f", first {summary['duration_s']:g} s only (the paper's: 16 s)"
-    return title
-
-
-def notes(summary: dict[str, Any]) -> list[str]:
-    """What a reader of the table should know: the loops, and what the Jacobian changes."""
-    loops = [f"Loop {name}: {loop['sentence']}." for name, loop in summary["loops"].items()]
-    return [*loops, summary["jacobian_comparison"]["sentence"]]
-
-
-def table_rows(columns: list[dict[str, Any]]) -> list[tuple[str, list[str]]]:
-    """Label and cells of each row of the printed table."""
-
-    def numbers(key: str, digits: str) -> list[str]:
-        return [format(column[key], digits) for column in columns]
-
-    rows = []
-    for angle in ("alpha", "beta"):
-        rows += [
-            (f"{angle}, urad", numbers(f"{angle}_rms_urad", ".4f")),
-            ("  linear model", numbers(f"predicted_{angle}_rms_urad", ".4f")),
-            ("  paper", numbers(f"paper_{angle}_rms_urad", ".4f")),
-        ]
-    peaks = [column["secondary_peak"] for column in columns]
-    rows += [
-        (f"peak {label}", [format(peak[key], ".3f") for peak in peaks])
-        for label, key in (
-            ("t_x, um", "t_x_um"),
-            ("t_y, um", "t_y_um"),
-            ("t_z, um", "t_z_um"),
-            ("gamma, urad", "gamma_urad"),
-        )
-    ]
-    rows.append(("closure, m", numbers("closure_residual_max_m", ".1e")))
-    return rows
 
 
 def _column(table: Table1, column: Column) -> dict[str, Any]:
@@ -200,7 +116,3 @@ def _duration_s(table: Table1) -> float:
 
 def _rms(signal: Array) -> Array:
     return np.sqrt((signal**2).mean(axis=0))
-
-
-def _row(cells: list[str]) -> str:
-    return "| " + " | ".join(cells) + " |"
