@@ -13,23 +13,28 @@ class Bench:
 
     Attributes:
         duration_s: Length of a run (paper).
+        quick_duration_s: The part of it that --quick runs.
         spiral_radius_urad: Final radius of the spiral (calibrated).
         spiral_period_s: Time of one turn; eight turns in 16 s (calibrated).
         alpha_crossover_hz: Gain crossover of the alpha loop (calibrated).
         beta_crossover_hz: Gain crossover of the beta loop (calibrated).
         roll_off_hz: Corner of the second-order low-pass in both compensators: below the plant's
-            modes, far enough above crossover to leave 55 degrees of phase margin.
+            modes, far enough above crossover to leave 57 degrees of phase margin.
         roll_off_damping: Its damping ratio.
-        control_period_s: Fixed rate of the controller, 1 kHz; four physics steps.
+        control_period_s: Fixed rate of the controller, 1 kHz; eight physics steps.
         focal_length_m: Effective focal length of the telescope (paper).
         detector_half_width_m: Half the side of a 10 mm detector; 5 mrad of range.
         detector_noise_m: Spot noise of one sample, standard deviation: 0.3 urad (calibrated).
         dac_bits: Resolution of the converters (paper).
-        stroke_m: Strut stroke, full scale of the strut input (paper).
-        current_limit_a: Coil current at 100 %: 80 N at 20 N/A.
+        dac_full_input_a: Coil current asked for at 100 % input: 80.01 N, full stroke.
+        amplifier_limit_a: Current at which the amplifier saturates: there as well.
+        coil_newton_per_a: Motor constant.
+        settling_s: Rest before a run: fifteen periods of the slowest mode, for the last nanometres
+            of sag.
     """
 
     duration_s: float = 16.0
+    quick_duration_s: float = 4.0
     spiral_radius_urad: float = 100.0
     spiral_period_s: float = 2.0
     alpha_crossover_hz: float = 8.6
@@ -41,8 +46,10 @@ class Bench:
     detector_half_width_m: float = 5e-3
     detector_noise_m: float = 0.3e-6
     dac_bits: int = 16
-    stroke_m: float = 0.000635
-    current_limit_a: float = 4.0
+    dac_full_input_a: float = 4.0005
+    amplifier_limit_a: float = 4.0005
+    coil_newton_per_a: float = 20.0
+    settling_s: float = 0.5
 
     @property
     def crossover_hz(self) -> tuple[float, float]:
@@ -50,7 +57,13 @@ class Bench:
         return self.alpha_crossover_hz, self.beta_crossover_hz
 
     def time_s(self, seconds: float) -> Array:
-        """Control ticks of the first `seconds` of the run, shape (N,)."""
+        """Control ticks of the first `seconds` of the run, shape (N,).
+
+        Raises:
+            ValueError: Not even one tick.
+        """
+        if not seconds >= self.control_period_s:
+            raise ValueError(f"a run lasts at least one control period, got {seconds} s")
         return np.arange(round(seconds / self.control_period_s)) * self.control_period_s
 
     def desired_rad(self, time_s: Array) -> Array:
@@ -66,10 +79,12 @@ class Bench:
             noise_m=self.detector_noise_m,
         )
 
-    def amplifier(self) -> Amplifier:
-        """One channel of converter and current amplifier, alike for all struts."""
+    def amplifier(self, newton_per_m: float) -> Amplifier:
+        """One strut's converter, amplifier and coil; the coil's gain is the model's."""
         return Amplifier(
-            full_scale_m=self.stroke_m,
             bits=self.dac_bits,
-            current_limit_a=self.current_limit_a,
+            full_input_a=self.dac_full_input_a,
+            limit_a=self.amplifier_limit_a,
+            newton_per_a=self.coil_newton_per_a,
+            newton_per_m=newton_per_m,
         )

@@ -6,8 +6,9 @@ import control
 import numpy as np
 
 from experiments.bench import Bench
-from sim import Array, LinearPlant
+from sim import Array, LinearPlant, ModelError
 
+ANGLES = ("alpha", "beta")
 _FREQUENCIES_RAD_S = 2 * np.pi * np.geomspace(0.1, 400.0, 8000)
 
 
@@ -61,7 +62,15 @@ def design(plant: LinearPlant, pointing: Array, bench: Bench) -> tuple[Loop, Loo
         plant: Linear model of the sound plant.
         pointing: Gains from commanded (alpha, beta) to strut displacements, shape (n, 2).
         bench: Crossovers, roll-off and control period.
+
+    Raises:
+        sim.ModelError: The plant has not six degrees of freedom, a coil moves nothing, or a loop
+            comes out unstable.
     """
+    if plant.A.shape != (12, 12):
+        raise ModelError(
+            f"the sound machine must have six degrees of freedom, it has {len(plant.A) // 2}"
+        )
     return _loop(plant, pointing, bench, 0), _loop(plant, pointing, bench, 1)
 
 
@@ -76,14 +85,21 @@ def _loop(plant: LinearPlant, pointing: Array, bench: Bench, row: int) -> Loop:
     crossover = 2 * np.pi * bench.crossover_hz[row]
     shape = control.tf([w**2], [1, 2 * zeta * w, w**2, 0])
     P = control.ss(plant.A, plant.B @ pointing[:, [row]], plant.C_twist[[row]], 0)
-    K = 1 / abs(shape(1j * crossover) * P(1j * crossover))
-    G = K * shape
+    response = abs(shape(1j * crossover) * P(1j * crossover))
+    if not 0 < response < np.inf:
+        raise ModelError(f"the coils do not move {ANGLES[row]}")
+    G = shape * (1 / response)
     period_s = bench.control_period_s
     G_d = control.c2d(control.ss(G), period_s, "tustin", prewarp_frequency=crossover)
     P_d = sampled(plant, pointing, period_s)[row, row]
+    if np.abs(control.feedback(P_d * G_d, 1).poles()).max() >= 1:
+        raise ModelError(
+            f"the {ANGLES[row]} loop is unstable on this machine at a crossover of "
+            f"{bench.crossover_hz[row]} Hz: lower it, or give the struts more damping"
+        )
     # On the frequency response: the polynomial method loses its digits on twelve plant states.
-    response = control.frequency_response(P_d * G_d, _FREQUENCIES_RAD_S)
-    gain_margin, phase_margin, _, at_phase, at_gain, _ = control.stability_margins(response)
+    curve = control.frequency_response(P_d * G_d, _FREQUENCIES_RAD_S)
+    gain_margin, phase_margin, _, at_phase, at_gain, _ = control.stability_margins(curve)
     return Loop(
         numerator=G.num[0][0],
         denominator=G.den[0][0],

@@ -1,8 +1,10 @@
-"""Results on disk: a file is there whole or not at all."""
+"""Results on disk: a set of files appears whole or not at all."""
 
 import json
 import os
-from collections.abc import Callable
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -19,37 +21,60 @@ def usable_folder(path: Path) -> Path:
     """The folder itself, if it is one or can be made; checked before any work is done.
 
     Raises:
-        OutputError: It is a file, lies below one, or is not writable.
+        OutputError: It is a file, lies below one, is not writable, or is no path at all.
     """
-    nearest = next(place for place in (path, *path.absolute().parents) if place.exists())
+    here = path.absolute()
+    nearest = next(place for place in (here, *here.parents) if os.path.lexists(place))
     if not nearest.is_dir():
-        raise OutputError(f"--out {path} cannot be a folder: {nearest} is a file")
+        raise OutputError(f"--out {path} cannot be a folder: {nearest} is not one")
     if not os.access(nearest, os.W_OK):
         raise OutputError(f"--out {path} cannot be written: no permission in {nearest}")
+    try:
+        here.lstat()
+    except FileNotFoundError:
+        pass  # it will be made
+    except OSError as error:
+        raise OutputError(f"--out {path} cannot be made: {error.strerror}") from None
     return path
 
 
-def write_whole(path: Path, write: Callable[[Path], Any]) -> None:
-    """Let `write` make a temporary neighbour, then put it in place in one step."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(f".{path.stem}.partial{path.suffix}")
+@contextmanager
+def published(folder: Path, index: str) -> Iterator[Path]:
+    """A temporary folder to write into; on leaving it without an error its files move to `folder`.
+
+    Args:
+        folder: Made if need be; files of the same names are replaced.
+        index: The file that names the others. It leaves first and arrives last, so that whoever
+            finds it finds what it speaks of.
+
+    Raises:
+        OutputError: The disk or the folder refuses; what was there before is still whole.
+    """
     try:
-        write(partial)
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)
-
-
-def write_text(path: Path, text: str) -> None:
-    """Write a text file whole."""
-    write_whole(path, lambda partial: partial.write_text(text, encoding="utf-8"))
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(dir=folder, prefix=".fjh-") as staging:
+            yield Path(staging)
+            _move_all(Path(staging), folder, index)
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise OutputError(f"{folder} could not be written: {reason}") from None
 
 
 def write_json(path: Path, content: dict[str, Any]) -> None:
-    """Write JSON whole; NaN is refused, since JSON has none."""
-    write_text(path, json.dumps(content, indent=2, allow_nan=False) + "\n")
+    """Write JSON; NaN is refused, since JSON has none."""
+    path.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
 
 
 def write_arrays(path: Path, arrays: dict[str, Array]) -> None:
-    """Write an `.npz` whole."""
-    write_whole(path, lambda partial: np.savez(partial, allow_pickle=False, **arrays))
+    """Write an `.npz`, readable without pickle."""
+    np.savez(path, allow_pickle=False, **arrays)
+
+
+def _move_all(staging: Path, folder: Path, index: str) -> None:
+    names = sorted((file.name for file in staging.iterdir()), key=lambda name: name == index)
+    for name in names:
+        if (folder / name).is_dir():
+            raise OutputError(f"{folder / name} is a folder where a file is to be written")
+    (folder / index).unlink(missing_ok=True)
+    for name in names:
+        (staging / name).replace(folder / name)

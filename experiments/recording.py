@@ -30,13 +30,19 @@ COLORS = [
 
 
 def write_recording(
-    path: Path, name: str, run: Trajectory, notes: str, properties: dict[str, Any]
+    path: Path,
+    recording_id: str,
+    name: str,
+    run: Trajectory,
+    notes: str,
+    properties: dict[str, Any],
 ) -> None:
     """Write one run as an `.rrd` file.
 
     Args:
         path: File to write.
-        name: Name of the recording.
+        recording_id: What tells it from all others: experiment, column and seed.
+        name: What a person reads.
         run: The run.
         notes: Markdown shown beside the plots.
         properties: Recording properties: seed, versions, model hash, bench constants.
@@ -45,7 +51,7 @@ def write_recording(
         Exception: Whatever the writer complains of; it runs in strict mode.
     """
     rr.set_strict_mode(True)
-    recording = rr.RecordingStream("fjh", recording_id=f"table1-{name}", send_properties=False)
+    recording = rr.RecordingStream("fjh", recording_id=recording_id, send_properties=False)
     recording.save(path, default_blueprint=_blueprint(name))
     recording.set_log_time_enabled(False)
     recording.send_recording_name(name)

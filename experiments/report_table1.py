@@ -1,17 +1,14 @@
 """Everything that `fjh table1` leaves in its folder."""
 
 from dataclasses import asdict
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 from experiments import figures
-from experiments.files import write_arrays, write_json, write_text, write_whole
+from experiments.files import published, write_arrays, write_json
 from experiments.recording import write_recording
-from experiments.summary import summarize
 from experiments.table1 import Table1
 from experiments.table_text import markdown
-from sim import model_sha256
 
 FIGURES = {
     "figure4.png": figures.figure_4,
@@ -20,21 +17,31 @@ FIGURES = {
 }
 
 
-def write(folder: Path, table: Table1, mjcf: Path | None) -> dict[str, Any]:
-    """Write data, recordings, figures and tables; the JSON, which names them, comes last."""
-    summary = summarize(table, model_sha256(mjcf))
+def write(folder: Path, table: Table1, summary: dict[str, Any]) -> None:
+    """Write data, recordings, figures and tables; all of them or none.
+
+    Raises:
+        OutputError: The disk or the folder refuses.
+    """
     properties = _properties(summary)
-    for column in summary["columns"]:
-        name = column["name"]
-        run, notes = table.trajectories[name], _notes(column, summary)
-        write_arrays(folder / column["data"], asdict(run))
-        recorder = partial(write_recording, name=name, run=run, notes=notes, properties=properties)
-        write_whole(folder / column["recording"], recorder)
-    for name, draw in FIGURES.items():
-        write_whole(folder / name, partial(draw(table.trajectories).savefig, dpi=150))
-    write_text(folder / "table1.md", markdown(summary))
-    write_json(folder / "table1.json", summary)
-    return summary
+    with published(folder, index="table1.json") as staging:
+        for column in summary["columns"]:
+            name = column["name"]
+            run = table.trajectories[name]
+            write_arrays(staging / column["data"], asdict(run))
+            recording_id = f"table1-{name}-seed{table.seed}"
+            write_recording(
+                staging / column["recording"],
+                recording_id,
+                name,
+                run,
+                _notes(column, summary),
+                properties,
+            )
+        for name, draw in FIGURES.items():
+            draw(table.trajectories).savefig(staging / name, dpi=150)
+        (staging / "table1.md").write_text(markdown(summary), encoding="utf-8")
+        write_json(staging / "table1.json", summary)
 
 
 def _properties(summary: dict[str, Any]) -> dict[str, Any]:

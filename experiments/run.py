@@ -1,7 +1,8 @@
 """One closed-loop run: plant, sensors, controller; arrays come back, files are made elsewhere."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -19,9 +20,6 @@ from sim import (
     secondary_motion,
 )
 
-SETTLING_S = 0.5
-"""Rest before a run: fifteen periods of the slowest mode, for the last nanometres of sag."""
-
 
 @dataclass(frozen=True)
 class Trajectory:
@@ -34,7 +32,7 @@ class Trajectory:
         measured_rad: (N, 2) the detector's reading.
         strut_input_percent: (N, 6) normalized current sent from this tick on.
         strut_displacement_m: (N, 6) true strut extensions.
-        secondary: (N, 4) true [gamma_rad, t_x_m, t_y_m, t_z_m], from the settled pose.
+        secondary: (N, 4) true [gamma_rad, t_x_m, t_y_m, t_z_m], relative to the settled pose.
         secondary_estimated: (N, 4) the same as the controller estimates it.
         closure_residual_m: (N,) largest gap of a closed loop.
     """
@@ -51,9 +49,13 @@ class Trajectory:
 
 
 def nominal_loops(model: mujoco.MjModel, bench: Bench) -> tuple[Loop, Loop]:
-    """The compensators, designed once on the sound plant with W_a and J_0."""
-    sound = Plant(model)
+    """The compensators, designed once on the sound plant with W_a and J_0.
+
+    Raises:
+        sim.ModelError: The machine is not a hexapod, or its pointing loops cannot be closed.
+    """
     equal = StrutMapping(hexapod(model), Goal(joint_weight=(1.0,) * 6), "constant")
+    sound = Plant(model)
     return design(linearize(sound.model, sound.data), equal.pointing_gain(), bench)
 
 
@@ -83,46 +85,71 @@ def track_spiral(
     Raises:
         sim.SimulationDiverged: The physics left the finite numbers.
     """
-    plant, detector = Plant(model), bench.detector()
-    amplifier = bench.amplifier()
-    controller = Controller(loops, StrutMapping(hexapod(model), goal, jacobian), amplifier)
-    rng = np.random.default_rng(seed)
-    state = controller.start()
-    plant.settle(SETTLING_S)
-    for strut in locked:
-        plant.lock(strut)
-
     time_s = bench.time_s(bench.duration_s if duration_s is None else duration_s)
     desired_rad = bench.desired_rad(time_s)
-    ticks = []
+    plant = Plant(model)
+    amplifier = bench.amplifier(newton_per_m=float(model.actuator_gainprm[0, 0]))
+    controller = Controller(loops, StrutMapping(hexapod(model), goal, jacobian), amplifier)
+
+    plant.settle(bench.settling_s)
+    for strut in locked:
+        plant.lock(strut)
+    ticks = _ticks(plant, controller, bench, desired_rad, np.random.default_rng(seed))
+    return _trajectory(time_s, desired_rad, list(ticks))
+
+
+class _Tick(NamedTuple):
+    """What is kept of one control tick; angles are worked out afterwards, all at once."""
+
+    rotation: Array
+    translation_m: Array
+    rotation_estimated: Array
+    translation_estimated_m: Array
+    measured_rad: Array
+    strut_input_percent: Array
+    strut_displacement_m: Array
+    closure_residual_m: Array
+
+
+def _ticks(
+    plant: Plant,
+    controller: Controller,
+    bench: Bench,
+    desired_rad: Array,
+    rng: np.random.Generator,
+) -> Iterator[_Tick]:
+    detector, state = bench.detector(), controller.start()
     for desired in desired_rad:
         pose = plant.pose()
         measured = detector.read(pose.rotation, rng)
         state = controller.step(state, desired, measured)
-        ticks.append(
-            (
-                pose.rotation,
-                pose.translation_m,
-                state.pose.rotation,
-                state.pose.translation_m,
-                measured,
-                state.input_percent,
-                plant.strut_displacement_m(),
-                plant.closure_residual_m(),
-            )
+        yield _Tick(
+            rotation=pose.rotation,
+            translation_m=pose.translation_m,
+            rotation_estimated=state.pose.rotation,
+            translation_estimated_m=state.pose.translation_m,
+            measured_rad=measured,
+            strut_input_percent=state.input_percent,
+            strut_displacement_m=plant.strut_displacement_m(),
+            closure_residual_m=np.asarray(plant.closure_residual_m()),
         )
-        command = amplifier.displacement_m(state.input_percent)
-        plant.step(command, bench.control_period_s)
-    R, t, R_estimated, t_estimated, *signals = map(np.array, zip(*ticks, strict=True))
-    measured_rad, strut_input_percent, strut_displacement_m, closure_residual_m = signals
+        command_m = controller.amplifier.displacement_m(state.input_percent)
+        plant.step(command_m, bench.control_period_s)
+
+
+def _trajectory(time_s: Array, desired_rad: Array, ticks: list[_Tick]) -> Trajectory:
+    kept = _Tick(*map(np.array, zip(*ticks, strict=True)))
+    settled = kept.rotation[0].T
     return Trajectory(
         time_s=time_s,
         desired_rad=desired_rad,
-        true_rad=pointing_angles(R),
-        measured_rad=measured_rad,
-        strut_input_percent=strut_input_percent,
-        strut_displacement_m=strut_displacement_m,
-        secondary=secondary_motion(R, t - t[0]),
-        secondary_estimated=secondary_motion(R_estimated, t_estimated),
-        closure_residual_m=closure_residual_m,
+        true_rad=pointing_angles(kept.rotation),
+        measured_rad=kept.measured_rad,
+        strut_input_percent=kept.strut_input_percent,
+        strut_displacement_m=kept.strut_displacement_m,
+        secondary=secondary_motion(
+            kept.rotation @ settled, kept.translation_m - kept.translation_m[0]
+        ),
+        secondary_estimated=secondary_motion(kept.rotation_estimated, kept.translation_estimated_m),
+        closure_residual_m=kept.closure_residual_m,
     )

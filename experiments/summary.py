@@ -8,7 +8,7 @@ import numpy as np
 from experiments import paper
 from experiments.compensator import Loop
 from experiments.mapping import JacobianChoice
-from experiments.provenance import plant_constants, versions
+from experiments.provenance import versions
 from experiments.run import Trajectory
 from experiments.table1 import COLUMNS, Column, Table1, other_jacobian
 from sim import Array
@@ -19,16 +19,16 @@ def pointing_rms_urad(run: Trajectory) -> Array:
     return 1e6 * _rms(run.desired_rad - run.true_rad)
 
 
-def summarize(table: Table1, model_sha256: str) -> dict[str, Any]:
+def summarize(table: Table1) -> dict[str, Any]:
     """All numbers of the table, ready for JSON; units are in the names."""
     return {
         "experiment": "table1",
         "seed": table.seed,
         "versions": versions(),
-        "model_sha256": model_sha256,
+        "model_sha256": table.model_sha256,
         "jacobian": table.jacobian,
         "duration_s": _duration_s(table),
-        "bench": asdict(table.bench) | plant_constants(table.model),
+        "bench": asdict(table.bench) | table.plant_constants,
         "loops": {
             "alpha": _loop(table.loops[0]),
             "beta": _loop(table.loops[1]),
@@ -53,6 +53,7 @@ def compare_jacobians(table: Table1) -> dict[str, Any]:
         "other": other,
         "largest_rms_difference_urad": by_jacobian,
         "next_seed_rms_difference_urad": by_seed,
+        "next_seed_closure_residual_max_m": _opening(table.reseeded),
         "sentence": (
             f"With the {other} Jacobian no RMS moves by more than {by_jacobian:.1e} urad, which is "
             f"{verdict} the noise: another seed moves W_a by {by_seed:.1e} urad."
@@ -87,7 +88,8 @@ def _column(table: Table1, column: Column) -> dict[str, Any]:
         "strut_input_peak_percent": np.abs(run.strut_input_percent).max(0).tolist(),
         "secondary_peak": _peaks(run.secondary),
         "secondary_peak_estimated": _peaks(run.secondary_estimated),
-        "closure_residual_max_m": float(run.closure_residual_m.max()),
+        "closure_residual_max_m": _opening(run),
+        "other_jacobian_closure_residual_max_m": _opening(table.other[column.name]),
         "recording": f"{column.name}.rrd",
         "data": f"{column.name}.npz",
     }
@@ -112,6 +114,10 @@ def _peaks(secondary: Array) -> dict[str, float]:
 
 def _duration_s(table: Table1) -> float:
     return len(table.trajectories["W_a"].time_s) * table.bench.control_period_s
+
+
+def _opening(run: Trajectory) -> float:
+    return float(run.closure_residual_m.max())
 
 
 def _rms(signal: Array) -> Array:

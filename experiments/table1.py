@@ -4,21 +4,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-import mujoco
-
 from experiments.bench import Bench
 from experiments.compensator import Loop
 from experiments.mapping import Goal, JacobianChoice
 from experiments.parallel import in_parallel
 from experiments.prediction import predicted_rms_rad
+from experiments.provenance import plant_constants
 from experiments.run import Trajectory, nominal_loops, track_spiral
-from sim import Array, load_model
-
-QUICK_S = 4.0
-"""Seconds of spiral under --quick."""
-
-CLOSURE_LIMIT_M = 1e-8
-"""A run with a larger gap in a closed loop is not sound: 10 nm is about 0.03 urad."""
+from sim import Array, load_model, model_sha256
 
 
 @dataclass(frozen=True)
@@ -55,8 +48,9 @@ class Table1:
     """All runs of the table.
 
     Attributes:
-        model: The machine.
-        bench: Constants around it.
+        bench: Constants around the plant.
+        plant_constants: Constants of the plant.
+        model_sha256: Of the machine file.
         loops: The (alpha, beta) compensators.
         jacobian: Of the runs in `trajectories`; `other` holds those with the other choice.
         trajectories: By column name.
@@ -66,8 +60,9 @@ class Table1:
         seed: Of the detector noise.
     """
 
-    model: mujoco.MjModel
     bench: Bench
+    plant_constants: dict[str, float | list[float]]
+    model_sha256: str
     loops: tuple[Loop, Loop]
     jacobian: JacobianChoice
     trajectories: dict[str, Trajectory]
@@ -75,12 +70,6 @@ class Table1:
     reseeded: Trajectory
     predicted_rad: dict[str, Array]
     seed: int
-
-    @property
-    def closure_residual_max_m(self) -> float:
-        """Largest gap of a closed loop in any run of the table."""
-        runs = (*self.trajectories.values(), *self.other.values(), self.reseeded)
-        return max(float(run.closure_residual_m.max()) for run in runs)
 
 
 def other_jacobian(jacobian: JacobianChoice) -> JacobianChoice:
@@ -110,44 +99,33 @@ def run_table1(
         sim.SimulationDiverged: The physics left the finite numbers.
     """
     model, bench = load_model(mjcf), Bench()
-    loops = nominal_loops(model, bench)
-    duration_s = QUICK_S if quick else bench.duration_s
-    primary = [(column, jacobian, seed) for column in COLUMNS]
-    compared = [(column, other_jacobian(jacobian), seed) for column in COLUMNS]
-    jobs = [*primary, *compared, (COLUMNS[0], jacobian, seed + 1)]
+    loops, constants = nominal_loops(model, bench), plant_constants(model)
+    shared = {
+        "model": model,
+        "bench": bench,
+        "loops": loops,
+        "duration_s": bench.quick_duration_s if quick else bench.duration_s,
+    }
+    jobs = [(column, jacobian, seed) for column in COLUMNS]
+    jobs += [(column, other_jacobian(jacobian), seed) for column in COLUMNS]
+    jobs.append((COLUMNS[0], jacobian, seed + 1))
     calls = [
-        {
-            "model": model,
-            "bench": bench,
-            "loops": loops,
-            "goal": column.goal,
-            "locked": column.locked,
-            "jacobian": choice,
-            "seed": job_seed,
-            "duration_s": duration_s,
-        }
-        for column, choice, job_seed in jobs
+        shared | {"goal": c.goal, "locked": c.locked, "jacobian": choice, "seed": noise}
+        for c, choice, noise in jobs
     ]
     runs = in_parallel(track_spiral, calls, on_progress)
     names = [column.name for column in COLUMNS]
     return Table1(
-        model=model,
         bench=bench,
+        plant_constants=constants,
+        model_sha256=model_sha256(mjcf),
         loops=loops,
         jacobian=jacobian,
         trajectories=dict(zip(names, runs[: len(names)], strict=True)),
         other=dict(zip(names, runs[len(names) : -1], strict=True)),
         reseeded=runs[-1],
         predicted_rad={
-            column.name: predicted_rms_rad(
-                model,
-                bench,
-                loops,
-                column.goal,
-                locked=column.locked,
-                duration_s=duration_s,
-            )
-            for column in COLUMNS
+            c.name: predicted_rms_rad(**shared, goal=c.goal, locked=c.locked) for c in COLUMNS
         },
         seed=seed,
     )

@@ -1,15 +1,15 @@
 """Argument checks: wrong input raises at once and names what was expected and what came."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
-_T = TypeVar("_T", bound=np.generic)
 Indices = NDArray[np.intp]
 Mask = NDArray[np.bool_]
+_T = TypeVar("_T", bound=np.generic)
 
 
 def matrix(name: str, value: ArrayLike, columns: int | None = None) -> Array:
@@ -22,51 +22,52 @@ def matrix(name: str, value: ArrayLike, columns: int | None = None) -> Array:
 
 def batch(name: str, value: ArrayLike, columns: int | None = None) -> Array:
     """A finite matrix with any leading batch axes as float64."""
-    A = np.asarray(value, dtype=float)
+    A = _real(name, value)
     if A.ndim < 2:
         raise ValueError(f"{name} must be a matrix, got shape {A.shape}")
     if columns is not None and A.shape[-1] != columns:
         raise ValueError(f"{name} must have {columns} columns, got shape {A.shape}")
-    return finite(name, A)
+    return A
 
 
 def vector(name: str, value: ArrayLike, size: int) -> Array:
     """A finite vector with any leading batch axes, shape (..., size)."""
-    v = np.asarray(value, dtype=float)
+    v = _real(name, value)
     if v.ndim < 1 or v.shape[-1] != size:
         raise ValueError(f"{name} must have shape (..., {size}), got {v.shape}")
-    return finite(name, v)
+    return v
 
 
 def weight(name: str, value: ArrayLike, size: int) -> Array:
     """A weighting matrix: a vector is the diagonal of one, a matrix has `size` columns."""
-    W = np.asarray(value, dtype=float)
+    W = _real(name, value)
     if W.ndim == 0:
         raise ValueError(f"{name} must be a diagonal or a matrix, got the scalar {W}")
     if W.shape[-1] != size:
         raise ValueError(f"{name} must have {size} columns, got shape {W.shape}")
-    return finite(name, np.diag(W) if W.ndim == 1 else W)
+    return np.diag(W) if W.ndim == 1 else W
+
+
+def not_negative(name: str, value: ArrayLike) -> Array:
+    """Finite numbers, none below zero."""
+    x = _real(name, value)
+    if (x < 0).any():
+        raise ValueError(f"{name} must not be negative, got {value!r}")
+    return x
 
 
 def indices(name: str, value: Sequence[int] | ArrayLike, limit: int) -> Indices:
-    """Distinct integers of range(limit)."""
-    raw = np.asarray(value)
-    if raw.size == 0:
-        return np.zeros(0, dtype=np.intp)
-    if raw.ndim != 1 or not np.issubdtype(raw.dtype, np.integer):
-        raise ValueError(f"{name} must be a list of integers, got {value!r}")
-    if raw.min() < 0 or raw.max() >= limit:
-        raise ValueError(f"{name} must lie in 0..{limit - 1}, got {raw.tolist()}")
+    """Distinct integers of range(limit), in the order given."""
+    raw = _integers(name, value, limit)
     if len(set(raw.tolist())) != raw.size:
         raise ValueError(f"{name} must not repeat an index, got {raw.tolist()}")
-    return raw.astype(np.intp)
+    return raw
 
 
-def finite(name: str, A: Array) -> Array:
-    """The array itself, if all of it is finite."""
-    if not np.isfinite(A).all():
-        raise ValueError(f"{name} must be finite, got NaN or infinity")
-    return A
+def index_set(name: str, value: Iterable[int], limit: int) -> frozenset[int]:
+    """Integers of range(limit); order and repetition do not matter."""
+    members = value if isinstance(value, np.ndarray) else list(value)
+    return frozenset(_integers(name, members, limit).tolist())
 
 
 def frozen(A: NDArray[_T]) -> NDArray[_T]:
@@ -74,3 +75,26 @@ def frozen(A: NDArray[_T]) -> NDArray[_T]:
     A = np.array(A)
     A.setflags(write=False)
     return A
+
+
+def _integers(name: str, value: Sequence[int] | ArrayLike, limit: int) -> Indices:
+    raw = np.asarray(value)
+    if raw.size == 0:
+        return np.zeros(0, dtype=np.intp)
+    if raw.ndim != 1 or raw.dtype.kind not in "iu":
+        raise ValueError(f"{name} must be a list of integers, got {value!r}")
+    if raw.min() < 0 or raw.max() >= limit:
+        raise ValueError(f"{name} must lie in 0..{limit - 1}, got {raw.tolist()}")
+    return raw.astype(np.intp)
+
+
+def _real(name: str, value: ArrayLike) -> Array:
+    try:
+        raw = np.asarray(value)
+    except ValueError:
+        raise ValueError(f"{name} must be a rectangular array, got rows that differ") from None
+    if raw.dtype.kind not in "fiu":
+        raise ValueError(f"{name} must hold real numbers, got {raw.dtype}")
+    if not np.isfinite(raw).all():
+        raise ValueError(f"{name} must be finite, got NaN or infinity")
+    return raw.astype(float)

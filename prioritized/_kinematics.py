@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from prioritized import _check
 from prioritized._check import Array, Indices
-from prioritized._rank import ranked_svd
+from prioritized._rank import frobenius, ranked_svd
 from prioritized._velocity import VelocityMapping, velocity_mapping
 
 
@@ -20,7 +20,8 @@ class Kinematics:
         J: Task Jacobian, eq. (14), shape (m, n - q).
         self_motion: Orthonormal basis of the task motion that remains with every active joint
             held (unstable singularity), shape (m, k).
-        internal_force: Orthonormal rows spanning the left null space of J_Cp, shape (r, c).
+        internal_force: Orthonormal rows spanning the left null space of J_Cp, shape (r, c); c
+            counts the rows of J_C and then one for each stuck joint, by velocity index.
         active_constraint: Orthonormal rows; admissible active rates are their null space,
             eq. (17), shape (r', n - q).
         actuators: Surviving actuators in nominal numbering, shape (n - q,).
@@ -97,28 +98,39 @@ def reduce_to_active(
     *,
     actuators: Indices,
     active: Indices,
+    stuck: Indices,
     actuator_count: int,
-    constraint_scale: float,
     rank_tolerance: float,
 ) -> Kinematics:
-    """Eliminate all but the `active` velocities from v = J_T theta_dot, J_C theta_dot = 0."""
-    is_passive = np.ones(J_T.shape[1], dtype=bool)
-    is_passive[active] = False
-    passive = np.flatnonzero(is_passive)
-    J_Ta, J_Tp = J_T[:, active], J_T[:, passive]
-    J_Ca, J_Cp = J_C[:, active], J_C[:, passive]
+    """Eliminate all but the `active` velocities from v = J_T theta_dot, J_C theta_dot = 0.
+
+    The `stuck` ones are zero. The paper adds a unit row E to J_C for each (section 2.3.2); here
+    they are left out of the decomposition and E's share is put back afterwards, which is the same
+    and does not weigh a unit row against the units of J_C.
+    """
+    passive = np.setdiff1d(np.arange(J_T.shape[1]), active, assume_unique=True)
+    moving = np.setdiff1d(passive, stuck, assume_unique=True)
+    J_Ca, J_Cs, J_Cp = J_C[:, active], J_C[:, stuck], J_C[:, moving]
+    J_Ts, J_Tp = J_T[:, stuck], J_T[:, moving]
+    constraint_scale, task_scale = float(frobenius(J_C)), float(frobenius(J_T))
 
     loops = ranked_svd(J_Cp, constraint_scale, rank_tolerance, full=True)
     r = int(loops.rank)
     J_Cp_pinv = (loops.Vt[:r].T / loops.sigma[:r]) @ loops.U[:, :r].T
-    free_passive, internal_force = loops.Vt[r:].T, loops.U[:, r:].T
+    free_motion, left_null = loops.Vt[r:].T, loops.U[:, r:].T
+    moving_gain = -J_Cp_pinv @ J_Ca
+    moved = ranked_svd(J_Tp @ free_motion, task_scale, rank_tolerance)
+    bound = ranked_svd(left_null @ J_Ca, constraint_scale, rank_tolerance)
 
-    passive_gain = -J_Cp_pinv @ J_Ca
-    task_scale = float(np.linalg.norm(J_T))
-    moved = ranked_svd(J_Tp @ free_passive, task_scale, rank_tolerance)
-    bound = ranked_svd(internal_force @ J_Ca, constraint_scale, rank_tolerance)
+    # Rows of [J_C; E]: a stuck joint's reaction balances what f and f_C put on it, eq. (9).
+    internal_force = np.linalg.qr(np.hstack([left_null, -left_null @ J_Cs]).T)[0].T
+    f_C = -J_Cp_pinv.T @ J_Tp.T
+    constraint_gain = np.vstack([f_C, -J_Ts.T - J_Cs.T @ f_C])
+    constraint_gain -= internal_force.T @ (internal_force @ constraint_gain)  # least norm
+    passive_gain = np.zeros((len(passive), len(active)))
+    passive_gain[np.searchsorted(passive, moving)] = moving_gain
     return Kinematics(
-        J=J_Ta + J_Tp @ passive_gain,
+        J=J_T[:, active] + J_Tp @ moving_gain,
         self_motion=moved.U[:, : int(moved.rank)],
         internal_force=internal_force,
         active_constraint=bound.Vt[: int(bound.rank)],
@@ -127,7 +139,7 @@ def reduce_to_active(
         passive=passive,
         actuator_count=actuator_count,
         passive_gain=passive_gain,
-        constraint_gain=-(J_Tp @ J_Cp_pinv).T,
-        scale=task_scale * (1.0 + float(np.linalg.norm(passive_gain))),
+        constraint_gain=constraint_gain,
+        scale=task_scale * (1.0 + float(frobenius(moving_gain))),
         rank_tolerance=rank_tolerance,
     )

@@ -56,6 +56,11 @@ class RankedSvd:
         return np.eye(self.Vt.shape[-1]) - V_kept @ self.Vt
 
 
+def frobenius(A: Array) -> Array:
+    """Norm for scales, shape (...): a sum, with no second decomposition; never below the 2-norm."""
+    return np.sqrt(np.einsum("...ij,...ij->...", A, A))
+
+
 def ranked_svd(
     A: Array, scale: Array | float, tolerance: float, *, full: bool = False
 ) -> RankedSvd:
@@ -75,11 +80,3 @@ def ranked_svd(
     # Not >=: the zero matrix, with threshold zero, has rank zero.
     kept = sigma > threshold
     return RankedSvd(U, sigma, Vt, threshold, kept)
-
-
-def null_basis(A: Array, scale: float, tolerance: float) -> Array:
-    """Orthonormal basis of the null space of A (m, n), shape (n, k); k may be zero."""
-    if A.shape[0] == 0:
-        return np.eye(A.shape[1])
-    svd = ranked_svd(A, scale, tolerance, full=True)
-    return svd.Vt[int(svd.rank) :].T

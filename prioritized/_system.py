@@ -1,7 +1,8 @@
 """General constrained multibody systems and their actuator failures: sections 2.1 and 2.3."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+import copy
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -45,7 +46,7 @@ class ConstrainedSystem:
     J_C: Array
     active: Indices
     rank_tolerance: float
-    failures: Failures
+    failures: Failures = field(default=Failures(), init=False)
 
     def __init__(
         self,
@@ -53,7 +54,6 @@ class ConstrainedSystem:
         J_C: ArrayLike | None,
         active: Sequence[int] | ArrayLike,
         rank_tolerance: float = RANK_TOLERANCE,
-        failures: Failures = Failures(),
     ) -> None:
         """Take the Jacobians as read-only copies.
 
@@ -67,17 +67,16 @@ class ConstrainedSystem:
             "J_T": _check.frozen(task),
             "J_C": _check.frozen(_check.matrix("J_C", constraint, columns=N)),
             "active": _check.frozen(_check.indices("active", active, N)),
-            "rank_tolerance": rank_tolerance,
-            "failures": failures,
+            "rank_tolerance": float(_check.not_negative("rank_tolerance", rank_tolerance)),
         }
         for name, value in fields.items():
             object.__setattr__(self, name, value)
 
     def with_failures(
         self,
-        locked: Sequence[int] = (),
-        free: Sequence[int] = (),
-        locked_passive: Sequence[int] = (),
+        locked: Iterable[int] = (),
+        free: Iterable[int] = (),
+        locked_passive: Iterable[int] = (),
     ) -> "ConstrainedSystem":
         """The same mechanism after (further) failures, section 2.3.
 
@@ -94,9 +93,9 @@ class ConstrainedSystem:
             ValueError: An index out of range, or one actuator both locked and free in one call.
         """
         n, N = len(self.active), self.J_T.shape[1]
-        lock = set(_check.indices("locked", locked, n).tolist())
-        release = set(_check.indices("free", free, n).tolist())
-        stuck = set(_check.indices("locked_passive", locked_passive, N).tolist())
+        lock = _check.index_set("locked", locked, n)
+        release = _check.index_set("free", free, n)
+        stuck = _check.index_set("locked_passive", locked_passive, N)
         if lock & release:
             raise ValueError(
                 f"an actuator is either locked or free, got both for {sorted(lock & release)}"
@@ -112,22 +111,23 @@ class ConstrainedSystem:
             free=(self.failures.free | release) - now_locked,
             locked_passive=self.failures.locked_passive | stuck,
         )
-        return replace(self, failures=failures)
+        failed = copy.copy(self)
+        object.__setattr__(failed, "failures", failures)
+        return failed
 
     def kinematics(self) -> Kinematics:
         """Differential kinematics and statics of the surviving actuators, eqs. (12) to (17)."""
-        n, N = len(self.active), self.J_T.shape[1]
+        n = len(self.active)
         locked, free = self.failures.locked, self.failures.free
         actuators = np.array([k for k in range(n) if k not in locked | free], dtype=np.intp)
-        # Section 2.3.2: a locked joint is a passive joint with one more constraint row.
-        stuck = [*self.active[sorted(locked)].tolist(), *sorted(self.failures.locked_passive)]
-        E = np.eye(N)[stuck]
+        # Section 2.3.2: a locked joint is a passive joint whose rate is zero.
+        stuck = {*self.active[sorted(locked)].tolist(), *self.failures.locked_passive}
         return reduce_to_active(
             self.J_T,
-            np.vstack([self.J_C, E]),
+            self.J_C,
             actuators=actuators,
             active=self.active[actuators],
+            stuck=np.array(sorted(stuck), dtype=np.intp),
             actuator_count=n,
-            constraint_scale=float(np.linalg.norm(self.J_C)) or 1.0,
             rank_tolerance=self.rank_tolerance,
         )

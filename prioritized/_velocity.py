@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from prioritized import _check
 from prioritized._check import Array
-from prioritized._rank import RANK_TOLERANCE, ranked_svd
+from prioritized._rank import RANK_TOLERANCE, frobenius, ranked_svd
 
 
 class Status(Enum):
@@ -97,8 +97,8 @@ def velocity_mapping(
         joint_weight: W1, diagonal (n,) or matrix (..., k, n); None is zero.
         secondary_weight: W2, diagonal (m2,) or matrix (..., k, m2); None is zero.
         active_constraint: C, shape (..., r, n).
-        scale: Norm that the rank of the major task is decided against, shape (...); by default
-            the norm of J. A J that is a difference of large terms has theirs.
+        scale: Size of J that ranks are decided against, shape (...); by default its norm. A J that
+            is a difference of large terms has theirs.
         rank_tolerance: Singular values below this fraction of the scale count as zero.
 
     Raises:
@@ -107,25 +107,29 @@ def velocity_mapping(
     J = _check.batch("J", J)
     m, n = J.shape[-2:]
     S_m, S_s = task_selection(major, secondary, m)
-    J_m, J_s = S_m @ J, S_s @ J
+    m2 = len(S_s)
     W1 = _check.weight("joint_weight", _or_no_rows(joint_weight, n), n)
-    m2 = S_s.shape[0]
     W2 = _check.weight("secondary_weight", _or_no_rows(secondary_weight, m2), m2)
-
-    # Level 1 and 2: rates = X v_m + P y, y free.
-    P = np.eye(n)
     C = _check.batch("active_constraint", _or_no_rows(active_constraint, n), columns=n)
+    tolerance = float(_check.not_negative("rank_tolerance", rank_tolerance))
+    scale = frobenius(J) if scale is None else _check.not_negative("scale", scale)
+
+    # Levels 1 and 2: rates = X v_m + P y, y free.
+    P = np.eye(n)
     if C.shape[-2]:
-        P = ranked_svd(C, _norm(C), rank_tolerance).null_projector()
-    reach = ranked_svd(J_m @ P, _norm(J) if scale is None else np.asarray(scale), rank_tolerance)
+        P = ranked_svd(C, frobenius(C), tolerance).null_projector()
+    J_m = S_m @ J
+    reach = ranked_svd(J_m @ P, frobenius(S_m) * scale, tolerance)
     X = P @ reach.pseudo_inverse()
     P = P @ reach.null_projector()
 
     # Level 3: G rates close to [W1 rates_d; W2 v_sd]. X is orthogonal to P, so the pseudo-inverse
     # gives the least norm of the rates among equals.
     lead = np.broadcast_shapes(J.shape[:-2], W1.shape[:-2], W2.shape[:-2])
-    G = _stack(lead, W1, W2 @ J_s)
-    Y = P @ ranked_svd(G @ P, _norm(G), rank_tolerance).pseudo_inverse()
+    W2_S = W2 @ S_s
+    G = _stack(lead, W1, W2_S @ J)
+    G_scale = np.hypot(frobenius(W1), frobenius(W2_S) * scale)
+    Y = P @ ranked_svd(G @ P, G_scale, tolerance).pseudo_inverse()
     k1 = W1.shape[-2]
     return VelocityMapping(
         major=X - Y @ (G @ X),
@@ -147,7 +151,7 @@ def task_selection(
     if secondary is not None:
         return S_m, _selection("secondary", secondary, m)
     if np.ndim(major) == 2:
-        full = ranked_svd(S_m, _norm(S_m), RANK_TOLERANCE, full=True)
+        full = ranked_svd(S_m, frobenius(S_m), RANK_TOLERANCE, full=True)
         return S_m, full.Vt[int(full.rank) :]
     rest = np.setdiff1d(np.arange(m), np.asarray(major, dtype=int))
     return S_m, np.eye(m)[rest]
@@ -166,11 +170,6 @@ def _or_no_rows(value: ArrayLike | None, columns: int) -> ArrayLike:
 def _stack(lead: tuple[int, ...], top: Array, bottom: Array) -> Array:
     wide = [np.broadcast_to(A, lead + A.shape[-2:]) for A in (top, bottom)]
     return np.concatenate(wide, axis=-2)
-
-
-def _norm(A: Array) -> Array:
-    # Frobenius: a sum, with no second SVD; never smaller than the 2-norm.
-    return np.sqrt(np.einsum("...ij,...ij->...", A, A))
 
 
 def _apply(gain: Array, name: str, value: ArrayLike) -> Array:

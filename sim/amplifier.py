@@ -1,4 +1,4 @@
-"""Digital-to-analog converter and current amplifier in front of a voice coil."""
+"""Digital-to-analog converter, current amplifier and voice coil: from command to displacement."""
 
 from dataclasses import dataclass
 
@@ -9,31 +9,34 @@ from sim.array import Array
 
 @dataclass(frozen=True)
 class Amplifier:
-    """Commanded strut displacement to normalized coil current.
-
-    100 % is the largest DAC input allowed: there the amplifier gives its largest current, and the
-    coil force holds the suspension spring at full stroke.
+    """One strut's drive chain: DAC input, coil current, coil force on the suspension spring.
 
     Attributes:
-        full_scale_m: Strut displacement at 100 % input.
         bits: Resolution of the two's-complement DAC.
-        current_limit_a: Largest current, at 100 %.
+        full_input_a: Current that the amplifier is asked for at the largest DAC input, 100 %.
+        limit_a: Current at which the amplifier saturates.
+        newton_per_a: Motor constant of the coil.
+        newton_per_m: Coil force per commanded strut displacement: the suspension's stiffness.
     """
 
-    full_scale_m: float
     bits: int
-    current_limit_a: float
+    full_input_a: float
+    limit_a: float
+    newton_per_a: float
+    newton_per_m: float
 
     def input_percent(self, displacement_m: Array) -> Array:
-        """Normalized current 100 * DAC input / largest DAC input; quantized and saturated."""
+        """Normalized input 100 * DAC input / largest DAC input; quantized, clipped at +-100 %."""
         half = 2 ** (self.bits - 1)
-        code = np.rint(displacement_m / self.full_scale_m * half)
+        wanted_a = displacement_m * (self.newton_per_m / self.newton_per_a)
+        code = np.rint(wanted_a / self.full_input_a * half)
         return np.clip(code, -half, half - 1) * (100.0 / half)
 
-    def displacement_m(self, input_percent: Array) -> Array:
-        """Strut displacement that an input holds at rest, [m]."""
-        return input_percent * (self.full_scale_m / 100.0)
-
     def current_a(self, input_percent: Array) -> Array:
-        """Coil current, [A]."""
-        return input_percent * (self.current_limit_a / 100.0)
+        """Coil current; the amplifier saturates."""
+        asked_a = input_percent * (self.full_input_a / 100.0)
+        return np.clip(asked_a, -self.limit_a, self.limit_a)
+
+    def displacement_m(self, input_percent: Array) -> Array:
+        """Strut displacement at which the suspension balances the coil."""
+        return self.current_a(input_percent) * (self.newton_per_a / self.newton_per_m)

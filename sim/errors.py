@@ -13,7 +13,8 @@ class SimulationDiverged(RuntimeError):
 
     Attributes:
         time_s: Simulation time at which it was noticed.
-        state: MuJoCo's integration state there (mjSTATE_INTEGRATION).
+        state: MuJoCo's integration state (mjSTATE_INTEGRATION; its first number is the time) one
+            control period before, the last that was finite: to go on from there and look.
     """
 
     def __init__(self, time_s: float, state: NDArray[np.float64]) -> None:

@@ -65,11 +65,12 @@ def hexapod(model: mujoco.MjModel) -> Hexapod:
     """Read the nodes from the bodies `housing1..6`, `tip1..6` and the sites of an MJCF model.
 
     Raises:
-        sim.ModelError: The model lacks one of them, or of `strut1..6`, `coil1..6`, `lock1..6`; or
-            its coils do not drive the struts in their order.
+        sim.ModelError: The model lacks one of them, or of `strut1..6` and `coil1..6`; or its coils
+            do not drive the struts in their order.
     """
+    if model.nu != 6:
+        raise ModelError(f"a hexapod has six actuators, the model has {model.nu}")
     for k in range(1, 7):
-        element_id(model, "equality", f"lock{k}")
         coil = element_id(model, "actuator", f"coil{k}")
         strut = element_id(model, "joint", f"strut{k}")
         if coil != k - 1 or model.actuator_trnid[coil, 0] != strut:

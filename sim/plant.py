@@ -30,15 +30,17 @@ class Plant:
         """Stand at the nominal pose, sound, coils without current.
 
         Raises:
-            ModelError: The model lacks the site `base` or `payload`, or a lock.
+            ModelError: The model lacks the site `base` or `payload`, or a lock of its own for
+                every actuated joint.
         """
         # Locks and switched-off coils live in the model, so a shared one would share its failures.
         self.model = copy.copy(model)
+        # A diverging run must keep its state to be looked at, whatever the file says.
+        self.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
         self.data = mujoco.MjData(self.model)
-        joint = self.model.actuator_trnid[:, 0]
         actuated_velocities(self.model)
-        self._strut_qpos = self.model.jnt_qposadr[joint]
-        self._locks = [element_id(self.model, "equality", f"lock{k + 1}") for k in range(model.nu)]
+        self._strut_qpos = self.model.jnt_qposadr[self.model.actuator_trnid[:, 0]]
+        self._locks = [_lock_of(self.model, k) for k in range(model.nu)]
         self._base = element_id(self.model, "site", "base")
         self._payload = element_id(self.model, "site", "payload")
         self._is_loop = np.isin(self.model.eq_type, _LOOPS)
@@ -49,6 +51,7 @@ class Plant:
         """Hold the commanded strut displacements (nu,) for one period of physics steps.
 
         Raises:
+            ValueError: The command has a wrong shape or is not finite.
             ModelError: The period is not a whole number of physics steps.
             SimulationDiverged: The state is no longer finite.
         """
@@ -58,9 +61,13 @@ class Plant:
                 f"the model's physics step of {self.model.opt.timestep} s does not divide "
                 f"the period of {period_s} s"
             )
+        if np.shape(command_m) != (self.model.nu,) or not np.isfinite(command_m).all():
+            raise ValueError(f"command_m must be {self.model.nu} finite numbers, got {command_m}")
+        last = self.integration_state()
         self.data.ctrl[:] = command_m
         mujoco.mj_step(self.model, self.data, steps)
-        self._check_finite()
+        if not self._is_finite():
+            raise SimulationDiverged(self.data.time, last)
         mujoco.mj_kinematics(self.model, self.data)
 
     def settle(self, seconds: float) -> None:
@@ -70,12 +77,14 @@ class Plant:
 
     def lock(self, strut: int) -> None:
         """Position failure: strut 0..nu-1 stays where it is, from now on."""
+        self._check_strut(strut)
         lock, qpos = self._locks[strut], self._strut_qpos[strut]
         self.model.eq_data[lock, 0] = self.data.qpos[qpos] - self.model.qpos0[qpos]
         self.data.eq_active[lock] = True
 
     def release(self, strut: int) -> None:
         """Torque failure: the coil of strut 0..nu-1 is switched off, from now on."""
+        self._check_strut(strut)
         group = int(self.model.actuator_group[strut])
         if np.count_nonzero(self.model.actuator_group == group) > 1:
             name = self.model.actuator(strut).name
@@ -110,7 +119,22 @@ class Plant:
         mujoco.mj_getState(self.model, self.data, state, what)
         return state
 
-    def _check_finite(self) -> None:
-        bad = any(self.data.warning[kind].number for kind in _NOT_FINITE)
-        if bad or not np.isfinite(self.data.qpos).all():
-            raise SimulationDiverged(self.data.time, self.integration_state())
+    def _check_strut(self, strut: int) -> None:
+        if strut not in range(self.model.nu):
+            raise ValueError(f"strut must lie in 0..{self.model.nu - 1}, got {strut}")
+
+    def _is_finite(self) -> bool:
+        warned = any(self.data.warning[kind].number for kind in _NOT_FINITE)
+        return not warned and bool(np.isfinite(self.data.qpos).all())
+
+
+def _lock_of(model: mujoco.MjModel, actuator: int) -> int:
+    """Equality `lock{k + 1}`, which must hold the joint of actuator k and no other."""
+    lock = element_id(model, "equality", f"lock{actuator + 1}")
+    joint = int(model.actuator_trnid[actuator, 0])
+    holds = (int(model.eq_type[lock]), int(model.eq_obj1id[lock]), int(model.eq_obj2id[lock]))
+    if holds != (int(mujoco.mjtEq.mjEQ_JOINT), joint, -1):
+        raise ModelError(
+            f'equality "lock{actuator + 1}" must lock the joint "{model.joint(joint).name}" alone'
+        )
+    return lock

@@ -1,9 +1,12 @@
 """Sensors, converters, controller: the bench around the plant."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from experiments import paper
 from experiments.bench import Bench
 from experiments.controller import Controller
 from experiments.mapping import MAJOR, SECONDARY, Goal, StrutMapping
@@ -53,23 +56,39 @@ def test_the_spot_saturates_at_the_edge_of_the_detector():
 
 
 def test_the_converter_has_sixteen_bits_and_the_amplifier_saturates():
-    amplifier = Amplifier(full_scale_m=0.000635, bits=16, current_limit_a=4.0)
-    step_m = 0.000635 / 2**15
+    amplifier = Amplifier(
+        bits=16, full_input_a=4.0, limit_a=3.0, newton_per_a=20.0, newton_per_m=1e5
+    )
+    step_m = 4.0 * 20.0 / 1e5 / 2**15
     fine = amplifier.displacement_m(amplifier.input_percent(np.linspace(0, 5, 200) * step_m))
     np.testing.assert_allclose(np.unique(fine), np.arange(6) * step_m, atol=1e-18)
     assert amplifier.input_percent(np.array(1.0)) == pytest.approx(100.0, abs=0.004)
     assert amplifier.input_percent(np.array(-1.0)) == -100.0
-    assert amplifier.current_a(np.array(-100.0)) == -4.0
+    assert amplifier.current_a(np.array([50.0, -100.0])).tolist() == [2.0, -3.0]
+    # Beyond its limit the amplifier gives no more force, so the strut goes no further.
+    assert amplifier.displacement_m(np.array(100.0)) == pytest.approx(3.0 * 20.0 / 1e5)
 
 
 def test_the_amplifiers_full_scale_is_the_coils_force_limit(model):
-    """100 % input, largest coil force and full stroke are one point."""
-    bench = Bench()
-    stiffness = model.joint("strut1").stiffness[0]
-    assert model.actuator("coil1").gainprm[0] == stiffness
-    force_limit = model.actuator("coil1").forcerange[1]
-    assert force_limit == pytest.approx(stiffness * bench.stroke_m, rel=1e-9)
-    assert model.joint("strut1").range[1] == bench.stroke_m
+    """100 % input, largest current, largest coil force and full stroke are one point."""
+    coil, strut = model.actuator("coil1"), model.joint("strut1")
+    assert coil.gainprm[0] == strut.stiffness[0]
+    amplifier = Bench().amplifier(newton_per_m=coil.gainprm[0])
+    full_force = amplifier.current_a(np.array(100.0)) * amplifier.newton_per_a
+    assert full_force == pytest.approx(coil.forcerange[1], rel=1e-9)
+    assert amplifier.displacement_m(np.array(100.0)) == pytest.approx(strut.range[1], rel=1e-9)
+
+
+def test_a_saturated_amplifier_shows_in_the_run(model):
+    """Half a per cent of the current: the spiral outgrows it."""
+    bench, goal = Bench(), Goal(joint_weight=EQUAL)
+    weak = replace(bench, amplifier_limit_a=0.005 * bench.dac_full_input_a)
+    loops = nominal_loops(model, bench)
+    full, cut = (track_spiral(model, b, loops, goal, duration_s=4.0) for b in (bench, weak))
+    assert np.abs(full.strut_input_percent).max() > 0.5
+    limit_m = 0.005 * 0.000635
+    assert np.abs(cut.strut_displacement_m).max() < 1.1 * limit_m
+    assert np.abs(full.strut_displacement_m).max() > 1.1 * limit_m
 
 
 def test_the_spiral_starts_at_the_centre_and_ends_after_eight_turns_at_its_radius():
@@ -143,15 +162,18 @@ def test_the_constant_jacobian_is_the_analytic_one_at_the_nominal_pose(model):
     assert np.abs(analytic.displacements(asked, moved) - nominal).max() > 1e-8
 
 
-def test_task_rows_are_those_of_the_paper():
-    assert MAJOR == [0, 1]
-    assert sorted(MAJOR + SECONDARY) == list(range(6))
+def test_the_secondary_rows_are_t_x_t_y_t_z_gamma(model):
+    """The paper's Diag[10, 10, 1, 1] must fall on the translations across the line of sight."""
+    J = np.linalg.inv(hexapod(model).inverse_jacobian(NOMINAL))
+    np.testing.assert_allclose(J[SECONDARY], paper.JACOBIAN[[3, 4, 5, 2]], atol=6e-4)
+    np.testing.assert_allclose(J[MAJOR], paper.JACOBIAN[[0, 1]], atol=6e-4)
 
 
 def test_a_controller_step_is_a_pure_function(model):
     bench = Bench()
     mapping = StrutMapping(hexapod(model), Goal(joint_weight=EQUAL), "analytic")
-    controller = Controller(nominal_loops(model, bench), mapping, bench.amplifier())
+    amplifier = bench.amplifier(newton_per_m=126e3)
+    controller = Controller(nominal_loops(model, bench), mapping, amplifier)
     state = controller.start()
     once = controller.step(state, np.array([1e-5, 0]), np.zeros(2))
     again = controller.step(state, np.array([1e-5, 0]), np.zeros(2))

@@ -13,6 +13,7 @@ import psutil
 import pytest
 
 from experiments.cli import main
+from experiments.files import OutputError, published
 from sim.model import HEXAPOD_MJCF
 
 
@@ -46,6 +47,7 @@ def mjcf(tmp_path):
     [
         (["table7"], "table7"),
         (["table1", "--seed", "-1"], "--seed"),
+        (["table1", "--seed", "4294967296"], "--seed"),
         (["table1", "--jacobian", "guessed"], "--jacobian"),
         (["table1", "--fast"], "--fast"),
         (["table1", "--model", "nowhere.xml"], "nowhere.xml"),
@@ -68,6 +70,12 @@ def test_an_output_path_that_is_a_file_is_refused(capsys, tmp_path):
     assert file.read_text() == "mine"
     assert main(["table1", "--out", str(file / "below")]) == 2
     assert str(file / "below") in sentence(capsys)
+    dangling = tmp_path / "dangling"
+    dangling.symlink_to(tmp_path / "nowhere")
+    assert main(["table1", "--out", str(dangling)]) == 2
+    assert str(dangling) in sentence(capsys)
+    assert main(["table1", "--out", str(tmp_path / ("x" * 300))]) == 2
+    assert "too long" in sentence(capsys)
 
 
 def test_a_broken_machine_file_is_refused(capsys, tmp_path, mjcf):
@@ -86,6 +94,8 @@ def test_a_broken_machine_file_is_refused(capsys, tmp_path, mjcf):
         ('name="coil2"', 'name="motor2"', 'actuator named "coil2"'),
         ('"tip6"', '"end6"', 'body named "tip6"'),
         ('"strut5"', '"leg5"', 'joint named "strut5"'),
+        ('"top_twist1"', '"spin1"', 'joint named "top_twist1"'),
+        ('"stem1"', '"rod1"', 'body named "stem1"'),
     ],
 )
 def test_a_machine_without_a_named_element_is_refused(capsys, tmp_path, mjcf, old, new, named):
@@ -95,15 +105,51 @@ def test_a_machine_without_a_named_element_is_refused(capsys, tmp_path, mjcf, ol
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "named"),
+    [
+        ("<weld ", "<weld active='false' ", "six degrees of freedom"),
+        ('gainprm="126000"', 'gainprm="0"', "do not move alpha"),
+        ('damping="110"', 'damping="-4000"', "alpha loop is unstable"),
+        (
+            "</actuator>",
+            '<motor name="coil7" joint="top_twist1"/></actuator>',
+            "six actuators, the model has 7",
+        ),
+        ('joint1="strut2"', 'joint1="strut3"', '"lock2"'),
+        ('timestep="1.25e-4"', 'timestep="3e-4"', "0.0003 s does not divide"),
+    ],
+)
+def test_a_machine_that_cannot_point_is_refused(capsys, tmp_path, mjcf, old, new, named):
+    path = mjcf((old, new))
+    assert main(["table1", "--model", path, "--out", str(tmp_path / "out")]) == 2
+    assert named in sentence(capsys)
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_diverging_machine_stops_with_its_time_and_state(capsys, tmp_path, mjcf):
     out = tmp_path / "out"
-    path = mjcf(('damping="110"', 'damping="-4000"'))
+    path = mjcf(('timestep="1.25e-4"', 'timestep="1e-3"'), ('damping="110"', 'damping="2000"'))
     assert main(["table1", "--quick", "--model", path, "--out", str(out)]) == 1
     message = sentence(capsys)
     with np.load(out / "diverged.npz") as saved:
         assert f"{float(saved['time_s']):.4f} s" in message
         assert saved["state"].size > 50
+        assert np.isfinite(saved["state"]).all()
     assert [file.name for file in out.iterdir()] == ["diverged.npz"]
+
+
+def test_files_that_cannot_all_be_written_leave_the_old_ones_whole(tmp_path):
+    (tmp_path / "index.json").write_text("old")
+    (tmp_path / "b.npz").mkdir()
+    with (
+        pytest.raises(OutputError, match=r"b\.npz is a folder"),
+        published(tmp_path, index="index.json") as staging,
+    ):
+        for name in ("a.npz", "b.npz", "index.json"):
+            (staging / name).write_text("new")
+    assert {file.name for file in tmp_path.iterdir()} == {"index.json", "b.npz"}
+    assert (tmp_path / "index.json").read_text() == "old"
 
 
 def test_quick_writes_everything_at_full_rate_and_prints_one_table(capsys, tmp_path):

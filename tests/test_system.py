@@ -6,6 +6,7 @@ import pytest
 import scipy.linalg
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from experiments import paper
 from prioritized import ConstrainedSystem, velocity_mapping
@@ -110,6 +111,74 @@ def test_a_tilted_mechanism_gets_the_same_verdict_as_an_upright_one():
         assert kin.self_motion.shape == (3, 0)
 
 
+def tilted_arm(R: np.ndarray) -> np.ndarray:
+    """Task Jacobian of a planar three-joint arm lying in the plane that R makes of x, z."""
+    axis = R @ np.array([0.0, 1.0, 0.0])
+    joints = [R @ np.array(p) for p in ([0.0, 0, 0], [0.3, 0, 0.1], [0.5, 0, -0.2])]
+    tip = R @ np.array([0.9, 0.0, 0.1])
+    return np.array([[*axis, *np.cross(axis, tip - joint)] for joint in joints]).T
+
+
+def test_a_tilted_arm_does_not_chase_the_secondary_motion_it_cannot_make():
+    """Out of its plane the arm cannot move: the product that says so leaves only round-off."""
+    for angles in ([0, 0, 0], [20, 30, 40]):
+        R = Rotation.from_euler("xyz", angles, degrees=True).as_matrix()
+        in_plane = R[:, [0, 2]].T
+        out_of_plane = R[:, [1]].T
+        directions = np.hstack([np.zeros((2, 3)), in_plane])
+        secondary = np.hstack([np.zeros((1, 3)), out_of_plane])
+        kin = ConstrainedSystem(tilted_arm(R), None, range(3)).kinematics()
+        mapping = kin.velocity_mapping(directions, secondary, secondary_weight=[1.0])
+        np.testing.assert_allclose(mapping.secondary, 0, atol=1e-9)
+        least_norm = np.linalg.pinv(directions @ kin.J)
+        np.testing.assert_allclose(mapping.major, least_norm, atol=1e-9)
+        report = kin.velocity_mapping(secondary)
+        assert report.rank == 0
+
+
+@given(SEEDS)
+def test_a_jacobian_that_cancels_is_zero_however_it_is_left(seed):
+    """J is a difference of large terms; what round-off leaves of it is no motion."""
+    rng = np.random.default_rng(seed)
+    J_Ca, J_Cp = rng.normal(size=(3, 2)), rng.normal(size=(3, 3))
+    J_Tp = rng.normal(size=(2, 3))
+    J_Ta = J_Tp @ np.linalg.solve(J_Cp, J_Ca)  # the task sees nothing of the active joints
+    kin = ConstrainedSystem(np.hstack([J_Ta, J_Tp]), np.hstack([J_Ca, J_Cp]), [0, 1]).kinematics()
+    assert np.abs(kin.J).max() < 1e-9 * kin.scale
+    assert kin.velocity_mapping([0, 1]).rank == 0
+
+
+@given(SEEDS, st.sets(st.integers(0, 3), min_size=1, max_size=2), st.floats(-12, 12))
+def test_locked_joints_are_the_papers_unit_rows_in_any_units(seed, locked, exponent):
+    """Section 2.3.2 as printed, with E stacked under J_C; scaling J_C changes no motion."""
+    system = random_system(seed)
+    kin = system.with_failures(locked).kinematics()
+    stuck = system.active[sorted(locked)]
+    E = np.eye(7)[np.sort(stuck)]
+    J_C, active, passive = np.vstack([system.J_C, E]), kin.active, kin.passive
+    J_Cp_pinv = np.linalg.pinv(J_C[:, passive])
+    left_null = scipy.linalg.null_space(J_C[:, passive].T).T
+    # Admissible rates only: on others eq. (14) is a least-squares compromise without meaning.
+    rates = scipy.linalg.null_space(left_null @ J_C[:, active], rcond=1e-9)
+    J = system.J_T[:, active] - system.J_T[:, passive] @ J_Cp_pinv @ J_C[:, active]
+    np.testing.assert_allclose(kin.J @ rates, J @ rates, atol=1e-6)
+    f = np.random.default_rng(seed).normal(size=6)
+    balance = kin.constraint_force(f) @ J_C[:, passive] + f @ system.J_T[:, passive]
+    paper_force = -J_Cp_pinv.T @ system.J_T[:, passive].T @ f
+    if not kin.self_motion.size:
+        np.testing.assert_allclose(balance, 0, atol=1e-6)
+        np.testing.assert_allclose(kin.constraint_force(f), paper_force, atol=1e-6)
+    np.testing.assert_allclose(kin.internal_force @ J_C[:, passive], 0, atol=1e-9)
+    np.testing.assert_allclose(
+        kin.internal_force @ kin.internal_force.T, np.eye(len(left_null)), atol=1e-9
+    )
+    scaled = ConstrainedSystem(system.J_T, 10.0**exponent * system.J_C, system.active)
+    again = scaled.with_failures(locked).kinematics()
+    np.testing.assert_allclose(again.J @ rates, kin.J @ rates, atol=1e-6)
+    assert again.self_motion.shape == kin.self_motion.shape
+    assert again.active_constraint.shape == kin.active_constraint.shape
+
+
 def test_failures_compose():
     system = random_system(0)
     one_by_one = system.with_failures(free=[1]).with_failures(locked=[0]).with_failures(locked=[0])
@@ -118,6 +187,8 @@ def test_failures_compose():
     jammed = system.with_failures(free=[1]).with_failures(locked=[1])
     assert jammed.failures.locked == {1}
     assert jammed.failures.free == frozenset()
+    again = jammed.with_failures(locked={1}).with_failures(locked=[1, 1])
+    assert again.failures == jammed.failures
     released_later = jammed.with_failures(free=[1])
     assert released_later.failures.locked == {1}
 
@@ -144,7 +215,7 @@ def test_expand_puts_survivors_where_they_were():
         ({"locked": [0], "free": [0]}, "either locked or free"),
         ({"locked": [4]}, r"locked must lie in 0\.\.3"),
         ({"free": [-1]}, r"free must lie in 0\.\.3"),
-        ({"locked": [1, 1]}, "locked must not repeat"),
+        ({"locked": [1.5]}, "locked must be a list of integers"),
     ],
 )
 def test_impossible_failures_are_refused_by_name(failures, message):
