@@ -100,11 +100,16 @@ def _loop(loop: Loop) -> dict[str, Any]:
         "numerator": loop.numerator.tolist(),
         "denominator": loop.denominator.tolist(),
         "crossover_hz": loop.crossover_hz,
-        "gain_margin_db": loop.gain_margin_db,
+        "gain_margin_db": _or_none(loop.gain_margin_db),
         "phase_margin_deg": loop.phase_margin_deg,
-        "phase_crossover_hz": loop.phase_crossover_hz,
+        "phase_crossover_hz": _or_none(loop.phase_crossover_hz),
         "sentence": str(loop),
     }
+
+
+def _or_none(value: float) -> float | None:
+    """JSON has no infinity: a phase that never crosses has no gain margin."""
+    return value if np.isfinite(value) else None
 
 
 def _peaks(secondary: Array) -> dict[str, float]:

@@ -22,7 +22,7 @@ def matrix(name: str, value: ArrayLike, columns: int | None = None) -> Array:
 
 def batch(name: str, value: ArrayLike, columns: int | None = None) -> Array:
     """A finite matrix with any leading batch axes as float64."""
-    A = _real(name, value)
+    A = real(name, value)
     if A.ndim < 2:
         raise ValueError(f"{name} must be a matrix, got shape {A.shape}")
     if columns is not None and A.shape[-1] != columns:
@@ -32,7 +32,7 @@ def batch(name: str, value: ArrayLike, columns: int | None = None) -> Array:
 
 def vector(name: str, value: ArrayLike, size: int) -> Array:
     """A finite vector with any leading batch axes, shape (..., size)."""
-    v = _real(name, value)
+    v = real(name, value)
     if v.ndim < 1 or v.shape[-1] != size:
         raise ValueError(f"{name} must have shape (..., {size}), got {v.shape}")
     return v
@@ -40,7 +40,7 @@ def vector(name: str, value: ArrayLike, size: int) -> Array:
 
 def weight(name: str, value: ArrayLike, size: int) -> Array:
     """A weighting matrix: a vector is the diagonal of one, a matrix has `size` columns."""
-    W = _real(name, value)
+    W = real(name, value)
     if W.ndim == 0:
         raise ValueError(f"{name} must be a diagonal or a matrix, got the scalar {W}")
     if W.shape[-1] != size:
@@ -50,7 +50,7 @@ def weight(name: str, value: ArrayLike, size: int) -> Array:
 
 def not_negative(name: str, value: ArrayLike) -> Array:
     """Finite numbers, none below zero."""
-    x = _real(name, value)
+    x = real(name, value)
     if (x < 0).any():
         raise ValueError(f"{name} must not be negative, got {value!r}")
     return x
@@ -88,7 +88,8 @@ def _integers(name: str, value: Sequence[int] | ArrayLike, limit: int) -> Indice
     return raw.astype(np.intp)
 
 
-def _real(name: str, value: ArrayLike) -> Array:
+def real(name: str, value: ArrayLike) -> Array:
+    """Finite real numbers of any shape as float64."""
     try:
         raw = np.asarray(value)
     except ValueError:

@@ -86,7 +86,7 @@ class Kinematics:
     def _survivors_weight(self, weight: ArrayLike | None) -> Array | None:
         if weight is None:
             return None
-        W = np.asarray(weight, dtype=float)
+        W = _check.real("joint_weight", weight)
         if W.ndim and W.shape[-1] == self.actuator_count:
             return W[..., self.actuators]
         return W
