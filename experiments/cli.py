@@ -27,6 +27,8 @@ from sim import ModelError, SimulationDiverged
 UNSOUND, WRONG_INPUT, INTERRUPTED = 1, 2, 130
 MAX_SEED = 2**32 - 1
 
+Seed = Annotated[int, typer.Option(min=0, max=MAX_SEED, help="Seed of the detector noise.")]
+
 app = typer.Typer(
     name="fjh",
     help="Experiments on the fault-tolerant flexure-jointed hexapod.",
@@ -43,7 +45,7 @@ def _fjh() -> None:
 @app.command()
 def table1(
     out: Annotated[Path, typer.Option(help="Folder for results.")] = Path("results/table1"),
-    seed: Annotated[int, typer.Option(min=0, max=MAX_SEED, help="Seed of the detector noise.")] = 0,
+    seed: Seed = 0,
     quick: Annotated[
         bool, typer.Option("--quick", help="Only the first 4 s of the 16 s spiral.")
     ] = False,
@@ -86,7 +88,7 @@ def table1(
 @app.command()
 def bench(
     out: Annotated[Path, typer.Option(help="Folder for bench.json.")] = Path("results/bench"),
-    seed: Annotated[int, typer.Option(min=0, max=MAX_SEED, help="Seed of the detector noise.")] = 0,
+    seed: Seed = 0,
     quick: Annotated[
         bool, typer.Option("--quick", help="Time 0.5 s of simulation instead of 4 s.")
     ] = False,
