@@ -56,10 +56,6 @@ def _properties(summary: dict[str, Any]) -> dict[str, Any]:
 def _notes(column: dict[str, Any], summary: dict[str, Any]) -> str:
     """The run in words, shown beside its plots."""
     locked = ", ".join(f"strut {k + 1}" for k in column["locked"]) or "none"
-    rows = [
-        ("alpha", "alpha_rms_urad"),
-        ("beta", "beta_rms_urad"),
-    ]
     lines = [
         f"# {column['name']}",
         "",
@@ -69,9 +65,10 @@ def _notes(column: dict[str, Any], summary: dict[str, Any]) -> str:
         "| RMS, urad | here | linear model | paper |",
         "| --- | --- | --- | --- |",
         *(
-            f"| {angle} | {column[key]:.4f} | {column[f'predicted_{key}']:.4f} "
-            f"| {column[f'paper_{key}']:.4f} |"
-            for angle, key in rows
+            f"| {angle} | {column[f'{angle}_rms_urad']:.4f} "
+            f"| {column[f'predicted_{angle}_rms_urad']:.4f} "
+            f"| {column[f'paper_{angle}_rms_urad']:.4f} |"
+            for angle in ("alpha", "beta")
         ),
         "",
         f"Largest closure residual {column['closure_residual_max_m']:.1e} m.",

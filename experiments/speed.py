@@ -8,6 +8,7 @@ from typing import Any
 import mujoco
 
 from experiments.bench import Bench
+from experiments.mapping import JacobianChoice
 from experiments.provenance import versions
 from experiments.run import nominal_loops, track_spiral
 from experiments.table1 import COLUMNS
@@ -32,16 +33,9 @@ def measure(
     model, bench = load_model(), Bench()
     loops = nominal_loops(model, bench)
 
-    def run(jacobian: Any) -> None:
-        track_spiral(
-            model,
-            bench,
-            loops,
-            COLUMNS[0].goal,
-            jacobian=jacobian,
-            seed=seed,
-            duration_s=seconds,
-        )
+    def run(jacobian: JacobianChoice) -> None:
+        goal = COLUMNS[0].goal
+        track_spiral(model, bench, loops, goal, jacobian=jacobian, seed=seed, duration_s=seconds)
 
     def physics() -> None:
         data = mujoco.MjData(model)

@@ -12,6 +12,19 @@ Mask = NDArray[np.bool_]
 _T = TypeVar("_T", bound=np.generic)
 
 
+def real(name: str, value: ArrayLike) -> Array:
+    """Finite real numbers of any shape as float64."""
+    try:
+        raw = np.asarray(value)
+    except ValueError:
+        raise ValueError(f"{name} must be a rectangular array, got rows that differ") from None
+    if raw.dtype.kind not in "fiu":
+        raise ValueError(f"{name} must hold real numbers, got {raw.dtype}")
+    if not np.isfinite(raw).all():
+        raise ValueError(f"{name} must be finite, got NaN or infinity")
+    return raw.astype(float)
+
+
 def matrix(name: str, value: ArrayLike, columns: int | None = None) -> Array:
     """One finite matrix as float64, with the given number of columns if that is fixed."""
     A = batch(name, value, columns)
@@ -86,16 +99,3 @@ def _integers(name: str, value: Sequence[int] | ArrayLike, limit: int) -> Indice
     if raw.min() < 0 or raw.max() >= limit:
         raise ValueError(f"{name} must lie in 0..{limit - 1}, got {raw.tolist()}")
     return raw.astype(np.intp)
-
-
-def real(name: str, value: ArrayLike) -> Array:
-    """Finite real numbers of any shape as float64."""
-    try:
-        raw = np.asarray(value)
-    except ValueError:
-        raise ValueError(f"{name} must be a rectangular array, got rows that differ") from None
-    if raw.dtype.kind not in "fiu":
-        raise ValueError(f"{name} must hold real numbers, got {raw.dtype}")
-    if not np.isfinite(raw).all():
-        raise ValueError(f"{name} must be finite, got NaN or infinity")
-    return raw.astype(float)

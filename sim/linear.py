@@ -15,7 +15,7 @@ _VELOCITY_STEP = 1e-4
 
 @dataclass(frozen=True)
 class LinearPlant:
-    """x_dot = A x + B u, twist = C_twist x, actuated = C_actuated x.
+    """x_dot = A x + B u, twist = C_twist x.
 
     x = [y; y_dot] with y the k free coordinates on the closed loops; u as `data.ctrl`.
 
@@ -23,13 +23,11 @@ class LinearPlant:
         A: Shape (2k, 2k).
         B: Shape (2k, nu).
         C_twist: Displacement [rotation; translation] of the site, shape (6, 2k).
-        C_actuated: Displacement of the actuated joints, shape (nu, 2k).
     """
 
     A: Array
     B: Array
     C_twist: Array
-    C_actuated: Array
 
 
 def linearize(
@@ -76,5 +74,4 @@ def linearize(
         A=np.block([[zero, np.eye(k)], [stiffness, damping]]),
         B=np.vstack([np.zeros((k, model.nu)), drive]),
         C_twist=np.hstack([jac.J_T @ Z, np.zeros((6, k))]),
-        C_actuated=np.hstack([Z[jac.active], np.zeros((model.nu, k))]),
     )

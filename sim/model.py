@@ -17,7 +17,7 @@ def load_model(path: str | Path | None = None) -> mujoco.MjModel:
     Raises:
         ModelError: The file is missing or not valid MJCF.
     """
-    file = HEXAPOD_MJCF if path is None else Path(path)
+    file = _file(path)
     if not file.is_file():
         raise ModelError(f"there is no MJCF file {file}")
     try:
@@ -29,8 +29,7 @@ def load_model(path: str | Path | None = None) -> mujoco.MjModel:
 
 def model_sha256(path: str | Path | None = None) -> str:
     """SHA-256 of the MJCF file, so that a result names the machine it came from."""
-    file = HEXAPOD_MJCF if path is None else Path(path)
-    return hashlib.sha256(file.read_bytes()).hexdigest()
+    return hashlib.sha256(_file(path).read_bytes()).hexdigest()
 
 
 def element_id(model: mujoco.MjModel, kind: str, name: str) -> int:
@@ -47,3 +46,7 @@ def element_id(model: mujoco.MjModel, kind: str, name: str) -> int:
         names = [getattr(model, kind)(k).name for k in range(number)]
         present = ", ".join(filter(None, names)) or "none"
         raise ModelError(f'the model has no {kind} named "{name}"; it has: {present}') from None
+
+
+def _file(path: str | Path | None) -> Path:
+    return HEXAPOD_MJCF if path is None else Path(path)

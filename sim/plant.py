@@ -38,7 +38,7 @@ class Plant:
         # A diverging run must keep its state to be looked at, whatever the file says.
         self.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
         self.data = mujoco.MjData(self.model)
-        actuated_velocities(self.model)
+        actuated_velocities(self.model)  # refuses what is not one actuator on one joint
         self._strut_qpos = self.model.jnt_qposadr[self.model.actuator_trnid[:, 0]]
         self._locks = [_lock_of(self.model, k) for k in range(model.nu)]
         self._base = element_id(self.model, "site", "base")
