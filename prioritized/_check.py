@@ -12,14 +12,15 @@ Mask = NDArray[np.bool_]
 _T = TypeVar("_T", bound=np.generic)
 
 
-def real(name: str, value: ArrayLike) -> Array:
+def real(name: str, value: ArrayLike | None) -> Array:
     """Finite real numbers of any shape as float64."""
     try:
         raw = np.asarray(value)
     except ValueError:
         raise ValueError(f"{name} must be a rectangular array, got rows that differ") from None
     if raw.dtype.kind not in "fiu":
-        raise ValueError(f"{name} must hold real numbers, got {raw.dtype}")
+        got = raw.dtype if value is not None else None
+        raise ValueError(f"{name} must hold real numbers, got {got}")
     if not np.isfinite(raw).all():
         raise ValueError(f"{name} must be finite, got NaN or infinity")
     return raw.astype(float)
@@ -43,7 +44,7 @@ def batch(name: str, value: ArrayLike, columns: int | None = None) -> Array:
     return A
 
 
-def vector(name: str, value: ArrayLike, size: int) -> Array:
+def vector(name: str, value: ArrayLike | None, size: int) -> Array:
     """A finite vector with any leading batch axes, shape (..., size)."""
     v = real(name, value)
     if v.ndim < 1 or v.shape[-1] != size:
@@ -59,6 +60,22 @@ def weight(name: str, value: ArrayLike, size: int) -> Array:
     if W.shape[-1] != size:
         raise ValueError(f"{name} must have {size} columns, got shape {W.shape}")
     return np.diag(W) if W.ndim == 1 else W
+
+
+def or_no_rows(value: ArrayLike | None, columns: int) -> ArrayLike:
+    """What is None counts as a matrix without rows."""
+    return np.zeros((0, columns)) if value is None else value
+
+
+def positive_semidefinite(name: str, value: ArrayLike, size: int) -> Array:
+    """A symmetric matrix (size, size) without negative eigenvalues; a vector is its diagonal."""
+    K = weight(name, value, size)
+    round_off = 1e-12 * np.abs(K).max(initial=0.0)
+    if K.shape != (size, size) or (np.abs(K - K.T) > round_off).any():
+        raise ValueError(f"{name} must be a diagonal of {size} or a symmetric matrix, got {K}")
+    if (lowest := np.linalg.eigvalsh(K).min(initial=0.0)) < -round_off * size:
+        raise ValueError(f"{name} must have no negative eigenvalue, got {lowest:.3g}")
+    return K
 
 
 def not_negative(name: str, value: ArrayLike) -> Array:

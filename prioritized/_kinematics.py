@@ -1,4 +1,4 @@
-"""Elimination of the passive joints: eqs. (10) to (17)."""
+"""A mechanism seen from its surviving active joints: eqs. (10) to (17)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,7 +8,9 @@ from numpy.typing import ArrayLike
 
 from prioritized import _check
 from prioritized._check import Array, Indices
-from prioritized._rank import frobenius, ranked_svd
+from prioritized._force import ForceMapping, force_mapping
+from prioritized._manipulability import Manipulability, classify
+from prioritized._task import task_selection
 from prioritized._velocity import VelocityMapping, velocity_mapping
 
 
@@ -25,11 +27,15 @@ class Kinematics:
         active_constraint: Orthonormal rows; admissible active rates are their null space,
             eq. (17), shape (r', n - q).
         actuators: Surviving actuators in nominal numbering, shape (n - q,).
-        active: Their velocity indices; `passive`: those of all other velocities.
+        active: Their velocity indices; `passive`: those of all other velocities, (N - n + q,).
         actuator_count: Nominal number n of actuators.
         passive_gain: (N - n + q, n - q), eq. (10) without its free part.
+        passive_drift: Basis of the passive motion with every active joint held, orthonormal,
+            shape (N - n + q, d); zero rows at stuck joints.
+        task_drift: Its task motion J_Tp J~_Cp as a fraction of the size of J_T, shape (m, d).
         constraint_gain: (c, m), eq. (11) without its free part.
         scale: Size of the terms whose difference is J; its rank is decided against it.
+        loop_gap: Gap of the rank of J_Cp; `constraint_gap`: of `active_constraint`.
         rank_tolerance: See the rank decision.
     """
 
@@ -42,24 +48,43 @@ class Kinematics:
     passive: Indices
     actuator_count: int
     passive_gain: Array
+    passive_drift: Array
+    task_drift: Array
     constraint_gain: Array
     scale: float
+    loop_gap: float
+    constraint_gap: float
     rank_tolerance: float
 
     def expand(self, rates: ArrayLike) -> Array:
-        """Rates of the survivors (..., n - q) to all actuators (..., n), zero where failed."""
+        """Rates or torques of the survivors (..., n - q) to all actuators (..., n), else zero."""
         survivors = _check.vector("rates", rates, len(self.actuators))
         everyone = np.zeros((*survivors.shape[:-1], self.actuator_count))
         everyone[..., self.actuators] = survivors
         return everyone
 
     def passive_rates(self, rates: ArrayLike) -> Array:
-        """Least-norm rates of the `passive` velocities, eq. (10) with xi = 0."""
+        """Rates of the `passive` velocities, eq. (10) with xi = 0, shape (..., N - n + q).
+
+        Under self-motion those of least norm in the passive metric.
+        """
         return _check.vector("rates", rates, len(self.active)) @ self.passive_gain.T
 
     def constraint_force(self, f: ArrayLike) -> Array:
         """Least-norm constraint forces under the task force f, eq. (11) with eta = 0."""
         return _check.vector("f", f, self.J.shape[0]) @ self.constraint_gain.T
+
+    def manipulability(self, major: Sequence[int] | ArrayLike) -> Manipulability:
+        """The four conditions of section 2.2 for a major task, each with basis, gap and sentence.
+
+        Args:
+            major: Task rows of the major task, or a matrix of directions (m1, m).
+
+        Raises:
+            ValueError: A row out of range or repeated.
+        """
+        S_m, _ = task_selection(major, None, len(self.J))
+        return classify(self, S_m)
 
     def velocity_mapping(
         self,
@@ -67,79 +92,62 @@ class Kinematics:
         secondary: Sequence[int] | ArrayLike | None = None,
         joint_weight: ArrayLike | None = None,
         secondary_weight: ArrayLike | None = None,
+        *,
+        major_metric: ArrayLike | None = None,
+        tie_metric: ArrayLike | None = None,
+        damping: float = 0.0,
     ) -> VelocityMapping:
         """:func:`prioritized.velocity_mapping` of this mechanism, every constraint passed on.
 
-        A `joint_weight` for all n actuators is cut to the survivors.
+        A `joint_weight` or `tie_metric` for all n actuators is cut to the survivors.
         """
         return velocity_mapping(
             self.J,
             major,
             secondary,
-            self._survivors_weight(joint_weight),
+            self._of_survivors("joint_weight", joint_weight),
             secondary_weight,
-            active_constraint=self.active_constraint,
+            self.active_constraint,
+            self.task_drift,
+            major_metric=major_metric,
+            tie_metric=self._of_survivors("tie_metric", tie_metric),
+            damping=damping,
             scale=self.scale,
             rank_tolerance=self.rank_tolerance,
         )
 
-    def _survivors_weight(self, weight: ArrayLike | None) -> Array | None:
+    def force_mapping(
+        self,
+        major: Sequence[int] | ArrayLike,
+        secondary: Sequence[int] | ArrayLike | None = None,
+        torque_weight: ArrayLike | None = None,
+        secondary_weight: ArrayLike | None = None,
+        *,
+        major_metric: ArrayLike | None = None,
+        tie_metric: ArrayLike | None = None,
+    ) -> ForceMapping:
+        """:func:`prioritized.force_mapping` of this mechanism, every condition passed on.
+
+        A `torque_weight` or `tie_metric` for all n actuators is cut to the survivors.
+        """
+        return force_mapping(
+            self.J,
+            major,
+            secondary,
+            self._of_survivors("torque_weight", torque_weight),
+            secondary_weight,
+            self.active_constraint,
+            self.task_drift,
+            major_metric=major_metric,
+            tie_metric=self._of_survivors("tie_metric", tie_metric),
+            scale=self.scale,
+            rank_tolerance=self.rank_tolerance,
+        )
+
+    def _of_survivors(self, name: str, weight: ArrayLike | None) -> Array | None:
         if weight is None:
             return None
-        W = _check.real("joint_weight", weight)
+        W = _check.real(name, weight)
         if W.ndim and W.shape[-1] == self.actuator_count:
             return W[..., self.actuators]
         return W
-
-
-def reduce_to_active(
-    J_T: Array,
-    J_C: Array,
-    *,
-    actuators: Indices,
-    active: Indices,
-    stuck: Indices,
-    actuator_count: int,
-    rank_tolerance: float,
-) -> Kinematics:
-    """Eliminate all but the `active` velocities from v = J_T theta_dot, J_C theta_dot = 0.
-
-    The `stuck` ones are zero. The paper adds a unit row E to J_C for each (section 2.3.2); here
-    they are left out of the decomposition and E's share is put back afterwards, which is the same
-    and does not weigh a unit row against the units of J_C.
-    """
-    passive = np.setdiff1d(np.arange(J_T.shape[1]), active, assume_unique=True)
-    moving = np.setdiff1d(passive, stuck, assume_unique=True)
-    J_Ca, J_Cs, J_Cp = J_C[:, active], J_C[:, stuck], J_C[:, moving]
-    J_Ts, J_Tp = J_T[:, stuck], J_T[:, moving]
-    constraint_scale, task_scale = float(frobenius(J_C)), float(frobenius(J_T))
-
-    loops = ranked_svd(J_Cp, constraint_scale, rank_tolerance, full=True)
-    r = int(loops.rank)
-    J_Cp_pinv = (loops.Vt[:r].T / loops.sigma[:r]) @ loops.U[:, :r].T
-    free_motion, left_null = loops.Vt[r:].T, loops.U[:, r:].T
-    moving_gain = -J_Cp_pinv @ J_Ca
-    moved = ranked_svd(J_Tp @ free_motion, task_scale, rank_tolerance)
-    bound = ranked_svd(left_null @ J_Ca, constraint_scale, rank_tolerance)
-
-    # Rows of [J_C; E]: a stuck joint's reaction balances what f and f_C put on it, eq. (9).
-    internal_force = np.linalg.qr(np.hstack([left_null, -left_null @ J_Cs]).T)[0].T
-    f_C = -J_Cp_pinv.T @ J_Tp.T
-    constraint_gain = np.vstack([f_C, -J_Ts.T - J_Cs.T @ f_C])
-    constraint_gain -= internal_force.T @ (internal_force @ constraint_gain)  # least norm
-    passive_gain = np.zeros((len(passive), len(active)))
-    passive_gain[np.searchsorted(passive, moving)] = moving_gain
-    return Kinematics(
-        J=J_T[:, active] + J_Tp @ moving_gain,
-        self_motion=moved.U[:, : int(moved.rank)],
-        internal_force=internal_force,
-        active_constraint=bound.Vt[: int(bound.rank)],
-        actuators=actuators,
-        active=active,
-        passive=passive,
-        actuator_count=actuator_count,
-        passive_gain=passive_gain,
-        constraint_gain=constraint_gain,
-        scale=task_scale * (1.0 + float(frobenius(moving_gain))),
-        rank_tolerance=rank_tolerance,
-    )

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from prioritized._check import Array, Mask
+from prioritized._check import Array, Indices, Mask
 
 RANK_TOLERANCE = 1e-10
 """Singular values below this fraction of the scale of the inputs count as zero."""
@@ -29,7 +29,7 @@ class RankedSvd:
     kept: Mask
 
     @property
-    def rank(self) -> Array:
+    def rank(self) -> Indices:
         """Number of singular values that count, shape (...)."""
         return self.kept.sum(axis=-1)
 
@@ -44,9 +44,16 @@ class RankedSvd:
             ratio = np.where(self.kept, ratio, 1.0 / ratio)
         return np.min(np.where(np.isnan(ratio), np.inf, ratio), axis=-1, initial=np.inf)
 
-    def pseudo_inverse(self) -> Array:
-        """Moore-Penrose inverse on the decided rank, shape (..., n, m); needs the thin SVD."""
-        reciprocal = np.divide(1.0, self.sigma, out=np.zeros_like(self.sigma), where=self.kept)
+    def pseudo_inverse(self, damping: float = 0.0) -> Array:
+        """Moore-Penrose inverse on the decided rank, shape (..., n, m); needs the thin SVD.
+
+        Damping lambda turns 1 / sigma into sigma / (sigma^2 + lambda^2).
+        """
+        reciprocal = np.zeros_like(self.sigma)
+        # Divided twice: sigma^2 of a tiny sigma would underflow.
+        np.divide(1.0, self.sigma, out=reciprocal, where=self.kept)
+        if damping:
+            reciprocal /= 1.0 + (damping * reciprocal) ** 2
         V = np.swapaxes(self.Vt, -1, -2)
         return (V * reciprocal[..., None, :]) @ np.swapaxes(self.U, -1, -2)
 
@@ -59,6 +66,11 @@ class RankedSvd:
 def frobenius(A: Array) -> Array:
     """Norm for scales, shape (...): a sum, with no second decomposition; never below the 2-norm."""
     return np.sqrt(np.einsum("...ij,...ij->...", A, A))
+
+
+def basis_scale(basis: Array) -> Array:
+    """Scale of products with a basis, whose columns have unit size: never below one."""
+    return np.maximum(1.0, frobenius(basis))
 
 
 def ranked_svd(
@@ -76,6 +88,7 @@ def ranked_svd(
         full: Return square U and V; then A must be one matrix.
     """
     U, sigma, Vt = np.linalg.svd(A, full_matrices=full)
+    sigma = np.abs(sigma)  # LAPACK may return -0.0, and 1 / -0.0 is no gap
     threshold = np.asarray(tolerance * np.asarray(scale))[..., None]
     # Not >=: the zero matrix, with threshold zero, has rank zero.
     kept = sigma > threshold

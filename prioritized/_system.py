@@ -9,7 +9,8 @@ from numpy.typing import ArrayLike
 
 from prioritized import _check
 from prioritized._check import Array, Indices
-from prioritized._kinematics import Kinematics, reduce_to_active
+from prioritized._elimination import reduce_to_active
+from prioritized._kinematics import Kinematics
 from prioritized._rank import RANK_TOLERANCE
 
 
@@ -39,6 +40,7 @@ class ConstrainedSystem:
         J_C: Constraint Jacobian, shape (c, N).
         active: Velocity indices of the n actuated joints, in actuator order.
         rank_tolerance: Singular values below this fraction of the scale of J_T and J_C are zero.
+        stiffness: K of the joint springs, shape (N, N), or None for a rigid mechanism.
         failures: What is broken; see :meth:`with_failures`.
     """
 
@@ -46,6 +48,7 @@ class ConstrainedSystem:
     J_C: Array
     active: Indices
     rank_tolerance: float
+    stiffness: Array | None
     failures: Failures = field(default=Failures(), init=False)
 
     def __init__(
@@ -54,8 +57,20 @@ class ConstrainedSystem:
         J_C: ArrayLike | None,
         active: Sequence[int] | ArrayLike,
         rank_tolerance: float = RANK_TOLERANCE,
+        stiffness: ArrayLike | None = None,
     ) -> None:
         """Take the Jacobians as read-only copies.
+
+        With springs the mechanism is quasi-static and elastic: motion that the loops leave free
+        goes where the potential energy theta^T K theta / 2 is least. Springs of active joints
+        matter once they are released.
+
+        Args:
+            J_T: Task Jacobian, shape (m, N).
+            J_C: Constraint Jacobian, shape (c, N); None is none.
+            active: Velocity index of each of the n actuators.
+            rank_tolerance: Fraction of the inputs' scale below which singular values are zero.
+            stiffness: K, diagonal (N,) or symmetric positive semidefinite (N, N); None is rigid.
 
         Raises:
             ValueError: Wrong shape, index or non-finite input, naming the argument.
@@ -68,6 +83,7 @@ class ConstrainedSystem:
             "J_C": _check.frozen(_check.matrix("J_C", constraint, columns=N)),
             "active": _check.frozen(_check.indices("active", active, N)),
             "rank_tolerance": float(_check.not_negative("rank_tolerance", rank_tolerance)),
+            "stiffness": _metric("stiffness", stiffness, N),
         }
         for name, value in fields.items():
             object.__setattr__(self, name, value)
@@ -115,9 +131,20 @@ class ConstrainedSystem:
         object.__setattr__(failed, "failures", failures)
         return failed
 
-    def kinematics(self) -> Kinematics:
-        """Differential kinematics and statics of the surviving actuators, eqs. (12) to (17)."""
-        n = len(self.active)
+    def kinematics(self, passive_metric: ArrayLike | None = None) -> Kinematics:
+        """Differential kinematics and statics of the surviving actuators, eqs. (12) to (17).
+
+        Args:
+            passive_metric: Under self-motion the passive rates are not determined; those with the
+                least theta_dot^T M theta_dot are taken, diagonal (N,) or symmetric positive
+                semidefinite (N, N). None is the plain norm, which mixes the units of hinges and
+                slides; the mass matrix gives the motion of a machine that is frictionless and
+                starts from rest.
+
+        Raises:
+            ValueError: A metric of the wrong shape, not finite, or with a negative eigenvalue.
+        """
+        n, N = len(self.active), self.J_T.shape[1]
         locked, free = self.failures.locked, self.failures.free
         actuators = np.array([k for k in range(n) if k not in locked | free], dtype=np.intp)
         # Section 2.3.2: a locked joint is a passive joint whose rate is zero.
@@ -129,5 +156,13 @@ class ConstrainedSystem:
             active=self.active[actuators],
             stuck=np.array(sorted(stuck), dtype=np.intp),
             actuator_count=n,
+            stiffness=self.stiffness,
+            passive_metric=_metric("passive_metric", passive_metric, N),
             rank_tolerance=self.rank_tolerance,
         )
+
+
+def _metric(name: str, value: ArrayLike | None, size: int) -> Array | None:
+    if value is None:
+        return None
+    return _check.frozen(_check.positive_semidefinite(name, value, size))

@@ -2,24 +2,15 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import Enum
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from prioritized import _check
-from prioritized._check import Array
-from prioritized._rank import RANK_TOLERANCE, frobenius, ranked_svd
-
-
-class Status(Enum):
-    """What a mapping can promise about the major task; the value says what to do."""
-
-    EXACT = "every major velocity is reached exactly"
-    LEAST_SQUARES = (
-        "some major velocities are out of reach and come out as the least-squares best: "
-        "see residual(v_major), drop major rows, or give the mechanism back an actuator"
-    )
+from prioritized._check import Array, Indices, Mask
+from prioritized._levels import Level, apply, lexicographic, respond, stack
+from prioritized._rank import RANK_TOLERANCE, basis_scale, frobenius, ranked_svd
+from prioritized._task import Status, task_selection
 
 
 @dataclass(frozen=True)
@@ -33,20 +24,16 @@ class VelocityMapping:
         achieved: (..., m1, m1), major velocity reached per major velocity asked for.
         rank: Rank of the major task on the admissible rates, shape (...).
         gap: Factor the rank threshold could move before `rank` changed, shape (...).
+        status: The worst of the batch.
     """
 
     major: Array
     joint: Array
     secondary: Array
     achieved: Array
-    rank: Array
+    rank: Indices
     gap: Array
-
-    @property
-    def status(self) -> Status:
-        """EXACT if the major task is reached for every batch element."""
-        exact = np.all(self.rank == self.major.shape[-1])
-        return Status.EXACT if exact else Status.LEAST_SQUARES
+    status: Status
 
     def __call__(
         self,
@@ -55,17 +42,17 @@ class VelocityMapping:
         secondary_velocity: ArrayLike | None = None,
     ) -> Array:
         """Optimal active joint rates, shape (..., n); what is None counts as zero."""
-        rates = _apply(self.major, "v_major", v_major)
-        if joint_velocity is not None:
-            rates = rates + _apply(self.joint, "joint_velocity", joint_velocity)
-        if secondary_velocity is not None:
-            rates = rates + _apply(self.secondary, "secondary_velocity", secondary_velocity)
-        return rates
+        return respond(
+            (self.major, self.joint, self.secondary),
+            "v_major",
+            v_major=v_major,
+            joint_velocity=joint_velocity,
+            secondary_velocity=secondary_velocity,
+        )
 
     def residual(self, v_major: ArrayLike) -> Array:
-        """Part of the major velocity that is out of reach, shape (..., m1)."""
-        v = _check.vector("v_major", v_major, self.major.shape[-1])
-        return v - np.einsum("...ij,...j->...i", self.achieved, v)
+        """Part of the major velocity that the rates leave out, shape (..., m1)."""
+        return np.asarray(v_major, dtype=float) - apply(self.achieved, "v_major", v_major)
 
 
 def velocity_mapping(
@@ -75,16 +62,22 @@ def velocity_mapping(
     joint_weight: ArrayLike | None = None,
     secondary_weight: ArrayLike | None = None,
     active_constraint: ArrayLike | None = None,
+    self_motion: ArrayLike | None = None,
+    *,
+    major_metric: ArrayLike | None = None,
+    tie_metric: ArrayLike | None = None,
+    damping: float = 0.0,
     scale: ArrayLike | None = None,
     rank_tolerance: float = RANK_TOLERANCE,
 ) -> VelocityMapping:
     """Minimize |W1 (rates - rates_d)|^2 + |W2 (v_s - v_sd)|^2 without touching the major task.
 
-    Three levels, each inside what the one before leaves free:
+    Four levels, each inside what the one before leaves free:
 
     1. C rates = 0                          (constrained active joints, eq. 17)
-    2. |J_m rates - v_m|   smallest         (zero where reachable, eq. 23)
-    3. the weighted sum above smallest      (eq. 24), ties by the least norm of the rates
+    2. |M (J_m rates - v_m)|   smallest     (zero where reachable, eq. 23)
+    3. the weighted sum above  smallest     (eq. 24)
+    4. |T rates|, then |rates| smallest     (ties)
 
     Theorems 3, 4 and 5 of Chen, McInroy, Yi (2003) are the cases of W1, W2 both nonsingular,
     W2 = 0, and W1 = 0; here the weights may be anything.
@@ -97,6 +90,14 @@ def velocity_mapping(
         joint_weight: W1, diagonal (n,) or matrix (..., k, n); None is zero.
         secondary_weight: W2, diagonal (m2,) or matrix (..., k, m2); None is zero.
         active_constraint: C, shape (..., r, n).
+        self_motion: Basis of the task motion that no actuator holds, shape (m, k), columns of unit
+            size; it only decides the status.
+        major_metric: M, diagonal (m1,) or matrix (..., k, m1). It matters where the major task is
+            out of reach or damped, and its rows mix units.
+        tie_metric: T, diagonal (n,) or matrix (..., k, n). It matters where the weights leave
+            rates undecided, and joints mix units.
+        damping: Tikhonov damping of level 2, in units of the singular values of M J_m: near a
+            singularity the rates stay below |M v_m| / (2 damping), and the major task is not exact.
         scale: Size of J that ranks are decided against, shape (...); by default its norm. A J that
             is a difference of large terms has theirs.
         rank_tolerance: Singular values below this fraction of the scale count as zero.
@@ -107,71 +108,48 @@ def velocity_mapping(
     J = _check.batch("J", J)
     m, n = J.shape[-2:]
     S_m, S_s = task_selection(major, secondary, m)
-    m2 = len(S_s)
-    W1 = _check.weight("joint_weight", _or_no_rows(joint_weight, n), n)
-    W2 = _check.weight("secondary_weight", _or_no_rows(secondary_weight, m2), m2)
-    C = _check.batch("active_constraint", _or_no_rows(active_constraint, n), columns=n)
+    m1, m2 = len(S_m), len(S_s)
+    W1 = _check.weight("joint_weight", _check.or_no_rows(joint_weight, n), n)
+    W2 = _check.weight("secondary_weight", _check.or_no_rows(secondary_weight, m2), m2)
+    C = _check.batch("active_constraint", _check.or_no_rows(active_constraint, n), columns=n)
+    Q = np.zeros((m, 0)) if self_motion is None else _check.matrix("self_motion", self_motion)
+    M = np.eye(m1) if major_metric is None else _check.weight("major_metric", major_metric, m1)
+    T = _check.weight("tie_metric", _check.or_no_rows(tie_metric, n), n)
+    damping = float(_check.not_negative("damping", damping))
     tolerance = float(_check.not_negative("rank_tolerance", rank_tolerance))
     scale = frobenius(J) if scale is None else _check.not_negative("scale", scale)
 
-    # Levels 1 and 2: rates = X v_m + P y, y free.
-    P = np.eye(n)
-    if C.shape[-2]:
-        P = ranked_svd(C, frobenius(C), tolerance).null_projector()
-    J_m = S_m @ J
-    reach = ranked_svd(J_m @ P, frobenius(S_m) * scale, tolerance)
-    X = P @ reach.pseudo_inverse()
-    P = P @ reach.null_projector()
-
-    # Level 3: G rates close to [W1 rates_d; W2 v_sd]. X is orthogonal to P, so the pseudo-inverse
-    # gives the least norm of the rates among equals.
-    lead = np.broadcast_shapes(J.shape[:-2], W1.shape[:-2], W2.shape[:-2])
-    W2_S = W2 @ S_s
-    G = _stack(lead, W1, W2_S @ J)
-    G_scale = np.hypot(frobenius(W1), frobenius(W2_S) * scale)
-    Y = P @ ranked_svd(G @ P, G_scale, tolerance).pseudo_inverse()
-    k1 = W1.shape[-2]
+    # What the levels aim at, as gains of p = [v_m; rates_d; v_sd].
+    I_m, I_joint, I_s = np.split(np.eye(m1 + n + m2), [m1, m1 + n])
+    zero = np.zeros((1, m1 + n + m2))
+    J_m, W2_S = S_m @ J, W2 @ S_s
+    levels = [
+        Level(C, zero, frobenius(C)),
+        Level(M @ J_m, M @ I_m, frobenius(M @ S_m) * scale, damping),
+        Level(
+            stack(W1, W2_S @ J),
+            stack(W1 @ I_joint, W2 @ I_s),
+            np.hypot(frobenius(W1), frobenius(W2_S) * scale),
+        ),
+        Level(T, zero, frobenius(T)),
+    ]
+    X, decisions = lexicographic(levels, tolerance)
+    reach = decisions[1]
+    drift = ranked_svd(S_m @ Q, frobenius(S_m) * basis_scale(Q), tolerance)
     return VelocityMapping(
-        major=X - Y @ (G @ X),
-        joint=Y[..., :k1] @ W1,
-        secondary=Y[..., k1:] @ W2,
-        achieved=J_m @ X,
+        major=X[..., :m1],
+        joint=X[..., m1 : m1 + n],
+        secondary=X[..., m1 + n :],
+        achieved=J_m @ X[..., :m1],
         rank=reach.rank,
         gap=reach.gap,
+        status=_status(drifts=drift.rank > 0, reached=reach.rank == m1, damped=damping > 0),
     )
 
 
-def task_selection(
-    major: Sequence[int] | ArrayLike,
-    secondary: Sequence[int] | ArrayLike | None,
-    m: int,
-) -> tuple[Array, Array]:
-    """Selection matrices S_m (m1, m), S_s (m2, m): v_m = S_m v, v_s = S_s v."""
-    S_m = _selection("major", major, m)
-    if secondary is not None:
-        return S_m, _selection("secondary", secondary, m)
-    if np.ndim(major) == 2:
-        full = ranked_svd(S_m, frobenius(S_m), RANK_TOLERANCE, full=True)
-        return S_m, full.Vt[int(full.rank) :]
-    rest = np.setdiff1d(np.arange(m), np.asarray(major, dtype=int))
-    return S_m, np.eye(m)[rest]
-
-
-def _selection(name: str, rows: Sequence[int] | ArrayLike, m: int) -> Array:
-    if np.ndim(rows) == 2:
-        return _check.matrix(name, rows, columns=m)
-    return np.eye(m)[_check.indices(name, rows, m)]
-
-
-def _or_no_rows(value: ArrayLike | None, columns: int) -> ArrayLike:
-    return np.zeros((0, columns)) if value is None else value
-
-
-def _stack(lead: tuple[int, ...], top: Array, bottom: Array) -> Array:
-    wide = [np.broadcast_to(A, lead + A.shape[-2:]) for A in (top, bottom)]
-    return np.concatenate(wide, axis=-2)
-
-
-def _apply(gain: Array, name: str, value: ArrayLike) -> Array:
-    v = _check.vector(name, value, gain.shape[-1])
-    return np.einsum("...ij,...j->...i", gain, v)
+def _status(*, drifts: Mask, reached: Mask, damped: bool) -> Status:
+    if np.any(drifts):
+        return Status.SELF_MOTION
+    if not np.all(reached):
+        return Status.LEAST_SQUARES
+    return Status.DAMPED if damped else Status.EXACT

@@ -1,0 +1,235 @@
+"""Every failure condition of a mechanism, classified at once."""
+
+import dataclasses
+import itertools
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from prioritized import _check
+from prioritized._check import Array, Mask
+from prioritized._rank import frobenius, ranked_svd
+from prioritized._system import ConstrainedSystem
+from prioritized._task import task_selection
+
+SOUND, LOCKED, FREE = 0, 1, 2
+
+MOST_ACTUATORS = 10
+"""With more, 3^n conditions no longer fit in memory: list the interesting ones instead."""
+
+
+@dataclass(frozen=True)
+class Classes:
+    """Verdicts on each condition; all arrays start with the conditions' axis, length C.
+
+    Flags as in :class:`prioritized.Manipulability`.
+
+    Attributes:
+        possible: The major task can still be done: reached in full, and moved by no self-motion.
+        worst_gain: Least major speed per unit norm of the admissible active rates; zero when some
+            direction is out of reach.
+        major_rank: Dimension of the major velocities within reach.
+        secondary_rank: Dimension of the secondary velocities that remain at will while the major
+            task is held.
+        lost_secondary: Orthonormal basis of the secondary motion that is lost, columns padded with
+            zeros, shape (C, m2, m2).
+        self_motion: Orthonormal basis of the task self-motion, columns padded with zeros,
+            shape (C, m, .).
+        gap: Smallest gap of the rank decisions behind the verdicts.
+    """
+
+    possible: Mask
+    unmanipulable: Mask
+    unmanipulable_task: Mask
+    unstable: Mask
+    unstable_major: Mask
+    irresolvable: Mask
+    constrained_active: Mask
+    worst_gain: Array
+    major_rank: NDArray[np.intp]
+    secondary_rank: NDArray[np.intp]
+    lost_secondary: Array
+    self_motion: Array
+    gap: Array
+
+
+@dataclass(frozen=True)
+class FailureAtlas(Classes):
+    """All failure conditions of a mechanism; its own verdicts are those of rigid kinematics.
+
+    Attributes:
+        codes: Condition of each actuator, 0 sound, 1 locked, 2 free, shape (C, n).
+        elastic: Verdicts with the system's springs, side by side; None when it has none.
+    """
+
+    codes: NDArray[np.int8]
+    elastic: Classes | None
+
+    def row(self, locked: Iterable[int] = (), free: Iterable[int] = ()) -> int:
+        """Row of the condition with just these failures.
+
+        Raises:
+            ValueError: The atlas does not hold it.
+        """
+        n = self.codes.shape[1]
+        wanted = np.zeros(n, dtype=np.int8)
+        wanted[sorted(_check.index_set("locked", locked, n))] = LOCKED
+        wanted[sorted(_check.index_set("free", free, n))] = FREE
+        found = np.flatnonzero((self.codes == wanted).all(axis=1))
+        if not found.size:
+            raise ValueError(f"the atlas holds no condition {wanted.tolist()}")
+        return int(found[0])
+
+
+def failure_atlas(
+    system: ConstrainedSystem,
+    major: Sequence[int] | ArrayLike,
+    secondary: Sequence[int] | ArrayLike | None = None,
+    codes: ArrayLike | None = None,
+) -> FailureAtlas:
+    """Classify every combination of sound, locked and free actuators in one vectorized call.
+
+    The loops are eliminated once; each condition is then a small problem in the few motions they
+    leave. Verdicts are those of `system.with_failures(...).kinematics().manipulability(major)`,
+    one by one.
+
+    Args:
+        system: The mechanism; failures it already has are part of every condition.
+        major: Task rows of the major task, or a matrix of directions (m1, m).
+        secondary: As for :func:`prioritized.velocity_mapping`.
+        codes: Conditions to classify, 0 sound, 1 locked, 2 free, shape (C, n); None is all 3^n,
+            the last actuator's code changing fastest.
+
+    Raises:
+        ValueError: Wrong rows or codes, or more than ten actuators and no list of conditions.
+    """
+    n = len(system.active)
+    S_m, S_s = task_selection(major, secondary, system.J_T.shape[0])
+    conditions = _conditions(codes, n)
+    known = system.failures
+    locked, free = conditions == LOCKED, conditions == FREE
+    locked[:, sorted(known.locked)] = True
+    free[:, sorted(known.free)] = True
+    motions = _motions(system, locked, active=~locked & ~free)
+    rigid = _classes(system, motions, S_m, S_s)
+    elastic = None
+    if system.stiffness is not None:
+        elastic = _classes(
+            system, _sprung(motions, system.stiffness, system.rank_tolerance), S_m, S_s
+        )
+    return FailureAtlas(**vars(rigid), codes=conditions, elastic=elastic)
+
+
+def _conditions(codes: ArrayLike | None, n: int) -> NDArray[np.int8]:
+    if codes is None:
+        if n > MOST_ACTUATORS:
+            raise ValueError(f"codes must list conditions beyond {MOST_ACTUATORS} actuators: {n}")
+        return np.array(list(itertools.product((SOUND, LOCKED, FREE), repeat=n)), dtype=np.int8)
+    listed = _check.matrix("codes", codes, columns=n)
+    if not np.isin(listed, (SOUND, LOCKED, FREE)).all():
+        raise ValueError("codes must be 0 (sound), 1 (locked) or 2 (free)")
+    return listed.astype(np.int8)
+
+
+@dataclass(frozen=True)
+class _Motions:
+    """The few motions theta_dot = B x that the loops leave, under each condition.
+
+    Attributes:
+        B: Orthonormal basis, shape (N, d).
+        driven: Motion per active rate, shape (C, d, n); failed actuators have zero columns.
+        adrift: Orthogonal projector on the motions with every active joint held, shape (C, d, d).
+        moving: Passive and free joints that are not stuck, shape (C, N).
+        bound: Number of active rates that the loops forbid, shape (C,).
+        internal: Number of internal forces, shape (C,).
+        gap: Smallest gap so far, shape (C,).
+    """
+
+    B: Array
+    driven: Array
+    adrift: Array
+    moving: Mask
+    bound: NDArray[np.intp]
+    internal: NDArray[np.intp]
+    gap: Array
+
+
+def _motions(system: ConstrainedSystem, locked: Mask, active: Mask) -> _Motions:
+    tolerance = system.rank_tolerance
+    loops = ranked_svd(system.J_C, frobenius(system.J_C), tolerance, full=True)
+    B = loops.Vt[int(loops.rank) :].T
+    actuated, stuck = B[system.active], B[sorted(system.failures.locked_passive)]
+    conditions = len(locked)
+    still = np.concatenate(
+        [locked[..., None] * actuated, np.broadcast_to(stuck, (conditions, *stuck.shape))], axis=1
+    )
+    # B is orthonormal: what the rows of it leave is decided against one.
+    held = ranked_svd(still, 1.0, tolerance)
+    possible = held.null_projector()
+    rates = ranked_svd(active[..., None] * actuated @ possible, 1.0, tolerance)
+
+    moving = np.ones((conditions, len(B)), dtype=bool)
+    moving[:, sorted(system.failures.locked_passive)] = False
+    moving[:, system.active] = ~locked & ~active
+    adrift = B.shape[1] - held.rank - rates.rank
+    return _Motions(
+        B=B,
+        driven=possible @ rates.pseudo_inverse(),
+        adrift=possible @ rates.null_projector(),
+        moving=moving,
+        bound=active.sum(axis=1) - rates.rank,
+        # Rows of J_C less the rank of its columns of moving passive joints.
+        internal=len(system.J_C) - (moving.sum(axis=1) - adrift),
+        gap=np.minimum.reduce([np.broadcast_to(loops.gap, conditions), held.gap, rates.gap]),
+    )
+
+
+def _sprung(motions: _Motions, stiffness: Array, tolerance: float) -> _Motions:
+    """Motion that was adrift goes where theta^T K theta is least."""
+    F, K = motions.adrift, motions.B.T @ stiffness @ motions.B
+    scale = np.sqrt(np.einsum("ci,ij,cj->c", motions.moving, stiffness**2, motions.moving))
+    held = ranked_svd(F @ K @ F, scale, tolerance)
+    return dataclasses.replace(
+        motions,
+        driven=motions.driven - held.pseudo_inverse() @ K @ motions.driven,
+        adrift=F @ held.null_projector(),
+        gap=np.minimum(motions.gap, held.gap),
+    )
+
+
+def _classes(system: ConstrainedSystem, motions: _Motions, S_m: Array, S_s: Array) -> Classes:
+    tolerance, task_scale = system.rank_tolerance, frobenius(system.J_T)
+    m1, m2 = len(S_m), len(S_s)
+    task = system.J_T @ motions.B
+    J = task @ motions.driven
+    scale = task_scale * (1.0 + frobenius(motions.B @ motions.driven))
+    reach = ranked_svd(S_m @ J, frobenius(S_m) * scale, tolerance)
+    reach_task = ranked_svd(J, scale, tolerance)
+    drift = ranked_svd(task @ motions.adrift, task_scale, tolerance)
+    drift_major = ranked_svd(S_m @ task @ motions.adrift, frobenius(S_m) * task_scale, tolerance)
+    aside = ranked_svd(
+        S_s @ J @ reach.null_projector(), frobenius(S_s) * scale, tolerance, full=True
+    )
+
+    reached = reach.rank == m1
+    beyond = np.arange(m2) >= aside.rank[:, None]
+    least = reach.sigma[:, :m1].min(axis=1, initial=np.inf)
+    return Classes(
+        possible=reached & (drift_major.rank == 0),
+        unmanipulable=~reached,
+        unmanipulable_task=reach_task.rank < len(system.J_T),
+        unstable=drift.rank > 0,
+        unstable_major=drift_major.rank > 0,
+        irresolvable=motions.internal > 0,
+        constrained_active=motions.bound > 0,
+        worst_gain=np.where(reached, least, 0.0),
+        major_rank=reach.rank,
+        secondary_rank=aside.rank,
+        lost_secondary=aside.U * beyond[:, None, :],
+        self_motion=drift.U * drift.kept[:, None, :],
+        gap=np.minimum.reduce(
+            [motions.gap, *(d.gap for d in (reach, reach_task, drift, drift_major, aside))]
+        ),
+    )

@@ -1,0 +1,55 @@
+"""Major and secondary directions of the task, and what a mapping can promise about them."""
+
+from collections.abc import Sequence
+from enum import Enum
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from prioritized import _check
+from prioritized._check import Array
+from prioritized._rank import RANK_TOLERANCE, frobenius, ranked_svd
+
+
+class Status(Enum):
+    """What a mapping can promise about the major task; the value says what to do."""
+
+    EXACT = "the major task is met exactly"
+    DAMPED = "the major task is met up to the damping asked for: see residual(), or set damping=0"
+    LEAST_SQUARES = (
+        "part of the major task is out of reach and comes out as the least-squares best in the "
+        "major_metric: see residual(), drop major rows, or give the mechanism back an actuator"
+    )
+    SELF_MOTION = (
+        "the major task can move with every actuator held, so no mapping can hold it: brake a "
+        "joint, drop major rows, or give the system the stiffness that resists this motion"
+    )
+    UNSEEN = (
+        "part of the major force reaches no actuator, so the structure bears it and no torque can "
+        "command it: see reaction, drop major rows, or move away from the singularity"
+    )
+
+
+def task_selection(
+    major: Sequence[int] | ArrayLike,
+    secondary: Sequence[int] | ArrayLike | None,
+    m: int,
+) -> tuple[Array, Array]:
+    """Selection matrices S_m (m1, m), S_s (m2, m): v_m = S_m v, v_s = S_s v, eq. (15).
+
+    Power demands f = S_m^T f_m + S_s^T f_s of the forces.
+    """
+    S_m = _selection("major", major, m)
+    if secondary is not None:
+        return S_m, _selection("secondary", secondary, m)
+    if np.ndim(major) == 2:
+        full = ranked_svd(S_m, frobenius(S_m), RANK_TOLERANCE, full=True)
+        return S_m, full.Vt[int(full.rank) :]
+    rest = np.setdiff1d(np.arange(m), np.asarray(major, dtype=int))
+    return S_m, np.eye(m)[rest]
+
+
+def _selection(name: str, rows: Sequence[int] | ArrayLike, m: int) -> Array:
+    if np.ndim(rows) == 2:
+        return _check.matrix(name, rows, columns=m)
+    return np.eye(m)[_check.indices(name, rows, m)]
