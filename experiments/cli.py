@@ -1,7 +1,7 @@
 """The command `fjh`: one experiment, its options, one sentence when something is wrong."""
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
@@ -68,21 +68,42 @@ def table1(
     from experiments.table1 import run_table1
 
     folder = usable_folder(out)
-    try:
-        with _progress("Table I") as on_progress:
-            result = run_table1(
-                mjcf=model, seed=seed, quick=quick, jacobian=jacobian, on_progress=on_progress
-            )
-    except SimulationDiverged as diverged:
-        state = {"time_s": np.array(diverged.time_s), "state": diverged.state}
-        with published(folder, index="diverged.npz") as staging:
-            write_arrays(staging / "diverged.npz", state)
-        raise _Unsound(f"{diverged}; the state is in {folder / 'diverged.npz'}") from None
+    with _progress("Table I") as on_progress, _diverged_into(folder):
+        result = run_table1(
+            mjcf=model, seed=seed, quick=quick, jacobian=jacobian, on_progress=on_progress
+        )
     summary = summarize(result)
     report_table1.write(folder, result, summary)
     _print_table(summary)
     if sentence := complaint(summary):
         raise _Unsound(f"the table is not sound: {sentence}")
+
+
+@app.command()
+def release(
+    out: Annotated[Path, typer.Option(help="Folder for results.")] = Path("results/release"),
+    seed: Seed = 0,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Spirals of 4 s, and three points of the sweep.")
+    ] = False,
+) -> None:
+    """Strut 1 loses its coil, or coil and spring: predicted, simulated, corrected."""
+    from experiments import report_release
+    from experiments.release import run_release
+    from experiments.release_summary import complaint, summarize
+
+    folder = usable_folder(out)
+    with _progress("release") as on_progress, _diverged_into(folder):
+        result = run_release(seed=seed, quick=quick, on_progress=on_progress)
+    summary = summarize(result, seed)
+    report_release.write(folder, result, summary)
+    _print_rows(
+        "Strut 1 released: RMS of desired minus true angle, urad",
+        ("", "alpha", "model", "beta", "model", "motion off"),
+        report_release.table_rows(summary),
+    )
+    if sentence := complaint(summary):
+        raise _Unsound(f"the experiment is not sound: {sentence}")
 
 
 @app.command()
@@ -151,18 +172,34 @@ def _progress(description: str) -> Iterator[Callable[[int, int], None]]:
         yield lambda done, total: bar.update(task, completed=done, total=total)
 
 
+@contextmanager
+def _diverged_into(folder: Path) -> Iterator[None]:
+    """Leave the state of a diverging simulation in the folder."""
+    try:
+        yield
+    except SimulationDiverged as diverged:
+        state = {"time_s": np.array(diverged.time_s), "state": diverged.state}
+        with published(folder, index="diverged.npz") as staging:
+            write_arrays(staging / "diverged.npz", state)
+        raise _Unsound(f"{diverged}; the state is in {folder / 'diverged.npz'}") from None
+
+
 def _print_table(summary: dict) -> None:
     from experiments.table_text import notes, table_rows, table_title
 
     columns = summary["columns"]
-    table = Table(title=table_title(summary), title_justify="left", box=box.SIMPLE)
-    table.add_column(no_wrap=True)
-    for column in columns:
-        heading = column["name"].replace("_uncorrected", "\nuncorr.")
-        table.add_column(heading, justify="right", no_wrap=True)
-    for label, cells in table_rows(columns):
-        table.add_row(label, *cells)
-    console = Console()
-    console.print(table)
+    headings = [column["name"].replace("_uncorrected", "\nuncorr.") for column in columns]
+    rows = [(label, *cells) for label, cells in table_rows(columns)]
+    _print_rows(table_title(summary), ("", *headings), rows)
     for note in notes(summary):
-        console.print(note)
+        Console().print(note)
+
+
+def _print_rows(title: str, headings: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """A table on standard output; the first column is its labels."""
+    table = Table(title=title, title_justify="left", box=box.SIMPLE)
+    for k, heading in enumerate(headings):
+        table.add_column(heading, justify="right" if k else "left", no_wrap=True)
+    for row in rows:
+        table.add_row(*row)
+    Console().print(table)

@@ -28,30 +28,48 @@ class Goal:
         joint_weight: W1, diagonal over the six struts; None is zero.
         secondary_weight: W2, diagonal over [t_x, t_y, t_z, gamma]; None is zero.
         locked_m: Struts known to be stuck, and where: displacement by strut 0..5.
+        free: Struts known to be without coil, their suspension spring intact.
+        loose: Struts known to be without coil and spring.
     """
 
     joint_weight: tuple[float, ...] | None = None
     secondary_weight: tuple[float, ...] | None = None
     locked_m: dict[int, float] = field(default_factory=dict)
+    free: tuple[int, ...] = ()
+    loose: tuple[int, ...] = ()
 
 
 class StrutMapping:
     """Optimal strut displacements for desired (alpha, beta), eqs. (28) and (30).
 
     Its model of the machine is its own: the closed-form geometry of the sound hexapod, with the
-    struts that it was told are stuck reconfigured as in section 2.3.2.
+    struts that it was told have failed reconfigured as in section 2.3.
     """
 
-    def __init__(self, geometry: Hexapod, goal: Goal, jacobian: JacobianChoice) -> None:
-        """Prepare the mapping at the nominal pose; "analytic" re-evaluates it at every call."""
+    def __init__(
+        self,
+        geometry: Hexapod,
+        goal: Goal,
+        jacobian: JacobianChoice,
+        stiffness: Array | None = None,
+    ) -> None:
+        """Prepare the mapping at the nominal pose; "analytic" re-evaluates it at every call.
+
+        `stiffness`, over [struts; payload twist], says where a free strut goes: without it, a free
+        strut is an unstable singularity.
+        """
         self.geometry = geometry
         self.goal = goal
         self.jacobian = jacobian
+        self._stiffness = None if stiffness is None else stiffness.copy()
+        if self._stiffness is not None:
+            self._stiffness[list(goal.loose), list(goal.loose)] = 0.0
         self._A_0 = geometry.inverse_jacobian(NOMINAL)
         self._at_nominal = self.at(self._A_0)
         self._locked_m = np.zeros(len(self._A_0))
         for strut, displacement in goal.locked_m.items():
             self._locked_m[strut] = displacement
+        self._follow = self._free_struts_follow()
 
     def pointing_gain(self) -> Array:
         """Strut displacements per commanded (alpha, beta) at the nominal pose, shape (6, 2)."""
@@ -68,7 +86,7 @@ class StrutMapping:
         if not self._locked_m.any():
             return expand @ mapping(pointing_rad)
         # A strut stuck off centre has already moved the payload by J[:, k] l_k.
-        offset = np.linalg.solve(A, self._locked_m)
+        offset = np.linalg.solve(A, self._follow @ self._locked_m)
         return expand @ mapping(pointing_rad - offset[MAJOR], secondary_velocity=-offset[SECONDARY])
 
     def estimate(self, displacements_m: Array, pose: Pose) -> Pose:
@@ -78,7 +96,7 @@ class StrutMapping:
         There is no other sensor for gamma, t_x, t_y, t_z; alpha and beta come from the same
         commands, so that the estimate carries no detector noise.
         """
-        lengths = displacements_m + self._locked_m
+        lengths = self._follow @ (displacements_m + self._locked_m)
         if self.jacobian == "constant":
             return NOMINAL.moved(np.linalg.solve(self._A_0, lengths))
         A = self.geometry.inverse_jacobian(pose)
@@ -86,18 +104,33 @@ class StrutMapping:
 
     def at(self, A: Array) -> tuple[Array, VelocityMapping]:
         """Mapping where l_dot = A x_dot, and the matrix that puts its rates on the six struts."""
-        n = len(A)
-        # theta_dot = [l_dot; x_dot]: the struts are active, the payload twist passive.
-        system = ConstrainedSystem(
-            J_T=np.hstack([np.zeros((6, n)), np.eye(6)]),
-            J_C=np.hstack([np.eye(n), -A]),
-            active=np.arange(n),
-        )
-        kinematics = system.with_failures(locked=list(self.goal.locked_m)).kinematics()
+        failed = self._system(A).with_failures(locked=list(self.goal.locked_m))
+        kinematics = failed.kinematics()
         mapping = kinematics.velocity_mapping(
             major=MAJOR,
             secondary=SECONDARY,
             joint_weight=self.goal.joint_weight,
             secondary_weight=self.goal.secondary_weight,
         )
-        return np.eye(n)[:, kinematics.actuators], mapping
+        return np.eye(len(A))[:, kinematics.actuators], mapping
+
+    def _system(self, A: Array) -> ConstrainedSystem:
+        """Struts and payload with the free struts released: theta_dot = [l_dot; x_dot]."""
+        n = len(A)
+        sound = ConstrainedSystem(
+            J_T=np.hstack([np.zeros((6, n)), np.eye(6)]),
+            J_C=np.hstack([np.eye(n), -A]),
+            active=np.arange(n),
+            stiffness=self._stiffness,
+        )
+        return sound.with_failures(free=[*self.goal.free, *self.goal.loose])
+
+    def _free_struts_follow(self) -> Array:
+        """Displacements of all struts per displacement of those that are held, shape (6, 6)."""
+        kinematics = self._system(self._A_0).kinematics()
+        follow = np.zeros((6, 6))
+        follow[kinematics.actuators, kinematics.actuators] = 1.0
+        is_strut = kinematics.passive < 6
+        free = kinematics.passive[is_strut]
+        follow[np.ix_(free, kinematics.actuators)] = kinematics.passive_gain[is_strut]
+        return follow

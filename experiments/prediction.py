@@ -9,7 +9,7 @@ import numpy as np
 from experiments.bench import Bench
 from experiments.compensator import Loop, sampled
 from experiments.mapping import MAJOR, Goal, StrutMapping
-from sim import Array, Plant, hexapod, linearize
+from sim import Array, Failure, Plant, hexapod, linearize
 
 
 def predicted_rms_rad(
@@ -18,20 +18,21 @@ def predicted_rms_rad(
     loops: tuple[Loop, Loop],
     goal: Goal,
     *,
-    locked: Sequence[int] = (),
+    failures: Sequence[Failure] = (),
+    stiffness: Array | None = None,
     duration_s: float | None = None,
 ) -> Array:
     """RMS of desired minus true (alpha, beta) over the spiral, shape (2,), [rad].
 
-    The plant, with its locks, is linearized and sampled behind the zero-order hold; the loop is
-    closed with the discrete compensators and the mapping at J_0. The spiral goes through as it is;
-    white detector noise gives the sum of squares of the pulse response. Left out: the DAC's
-    quantization, 0.02 urad here.
+    The plant, with its failures from the start, is linearized and sampled behind the zero-order
+    hold; the loop is closed with the discrete compensators and the mapping at J_0. The spiral goes
+    through as it is; white detector noise gives the sum of squares of the pulse response. Left out:
+    the DAC's quantization, 0.02 urad here.
     """
     plant = Plant(model)
-    for strut in locked:
-        plant.lock(strut)
-    gain = StrutMapping(hexapod(model), goal, "constant").pointing_gain()
+    for failure in failures:
+        failure.strike(plant)
+    gain = StrutMapping(hexapod(model), goal, "constant", stiffness).pointing_gain()
     compensators = control.append(*(loop.discrete for loop in loops))
     P = sampled(linearize(plant.model, plant.data), gain, bench.control_period_s)
     L = P[MAJOR, :] * compensators
@@ -46,6 +47,39 @@ def predicted_rms_rad(
         (_response(T, time_s, pulse) ** 2).sum(axis=0) for pulse in _unit_pulses(len(time_s))
     )
     return np.sqrt((error_rad**2).mean(axis=0) + variance)
+
+
+def predicted_motion(
+    model: mujoco.MjModel, failures: Sequence[Failure], time_s: Array, command_m: Array
+) -> Array:
+    """Payload twist [rotation; translation] that strut commands cause, shape (N, 6).
+
+    The plant is linearized anew after each failure, which hands its state on: struts that lose
+    their coil or spring keep the loops, and so the coordinates. Locks would not.
+
+    Args:
+        model: The machine.
+        failures: Struts that go free or loose, in the order of time.
+        time_s: Control ticks, shape (N,).
+        command_m: Commanded strut displacements, held for a tick each, shape (N, 6).
+    """
+    plant = Plant(model)
+    period_s = float(time_s[1] - time_s[0])
+    starts = np.searchsorted(time_s, [failure.time_s for failure in failures])
+    ends = [*starts, len(time_s)]
+    twist, state = [], 0.0
+    for k, (begin, end) in enumerate(zip([0, *starts], ends, strict=True)):
+        if k > 0:
+            failures[k - 1].strike(plant)
+        if begin == end:
+            continue
+        model_now = sampled(linearize(plant.model, plant.data), np.eye(6), period_s)
+        ticks = np.arange(end - begin + 1) * period_s
+        held = np.vstack([command_m[begin:end], command_m[end - 1]])
+        response = control.forced_response(model_now, ticks, held.T, state, return_states=True)
+        twist.append(np.asarray(response.outputs).T[:-1])
+        state = np.asarray(response.states)[:, -1]
+    return np.concatenate(twist)
 
 
 def _response(T: control.StateSpace, time_s: Array, signal: Array) -> Array:

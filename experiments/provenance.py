@@ -2,6 +2,7 @@
 
 import platform
 from importlib.metadata import version
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -54,3 +55,12 @@ def plant_constants(model: mujoco.MjModel) -> dict[str, float | list[float]]:
         "closure_impedance": model.eq_solimp[lock, 0],
     }
     return {name: np.asarray(value).tolist() for name, value in constants.items()}
+
+
+def recording_properties(summary: dict[str, Any]) -> dict[str, Any]:
+    """What makes a recording self-describing, flat as Rerun's properties are."""
+    plain = {key: summary[key] for key in ("seed", "model_sha256", "jacobian")}
+    packages = {
+        f"version_{name.replace('-', '_')}": value for name, value in summary["versions"].items()
+    }
+    return plain | packages | summary["bench"]

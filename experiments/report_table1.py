@@ -6,6 +6,7 @@ from typing import Any
 
 from experiments import figures
 from experiments.files import published, write_arrays, write_json
+from experiments.provenance import recording_properties
 from experiments.recording import write_recording
 from experiments.table1 import Table1
 from experiments.table_text import markdown
@@ -23,7 +24,7 @@ def write(folder: Path, table: Table1, summary: dict[str, Any]) -> None:
     Raises:
         OutputError: The disk or the folder refuses.
     """
-    properties = _properties(summary)
+    properties = recording_properties(summary)
     with published(folder, index="table1.json") as staging:
         for column in summary["columns"]:
             name = column["name"]
@@ -42,15 +43,6 @@ def write(folder: Path, table: Table1, summary: dict[str, Any]) -> None:
             draw(table.trajectories).savefig(staging / name, dpi=150)
         (staging / "table1.md").write_text(markdown(summary), encoding="utf-8")
         write_json(staging / "table1.json", summary)
-
-
-def _properties(summary: dict[str, Any]) -> dict[str, Any]:
-    """What makes a recording self-describing, flat as Rerun's properties are."""
-    plain = {key: summary[key] for key in ("seed", "model_sha256", "jacobian")}
-    packages = {
-        f"version_{name.replace('-', '_')}": value for name, value in summary["versions"].items()
-    }
-    return plain | packages | summary["bench"]
 
 
 def _notes(column: dict[str, Any], summary: dict[str, Any]) -> str:

@@ -13,6 +13,7 @@ from experiments.controller import Controller
 from experiments.mapping import Goal, JacobianChoice, StrutMapping
 from sim import (
     Array,
+    Failure,
     Plant,
     hexapod,
     linearize,
@@ -65,7 +66,9 @@ def track_spiral(
     loops: tuple[Loop, Loop],
     goal: Goal,
     *,
-    locked: Sequence[int] = (),
+    failures: Sequence[Failure] = (),
+    reconfigured: Goal | None = None,
+    stiffness: Array | None = None,
     jacobian: JacobianChoice = "analytic",
     seed: int = 0,
     duration_s: float | None = None,
@@ -76,8 +79,11 @@ def track_spiral(
         model: The machine; plant and controller each make their own of it.
         bench: Constants around the plant.
         loops: Compensators from :func:`nominal_loops`.
-        goal: Weights, and the failures that the controller knows of.
-        locked: Struts 0..5 that lock at the start, whether the controller knows or not.
+        goal: Weights, and the failures that the controller knows of from the start.
+        failures: What happens to the plant, whether the controller knows or not.
+        reconfigured: Goal that the controller goes over to at the first failure; None: it goes on.
+        stiffness: Of the struts and the payload, for a goal with free struts; see
+            :func:`experiments.springs.strut_and_payload_stiffness`.
         jacobian: Where the mapping takes its Jacobian from.
         seed: Of the detector noise.
         duration_s: Only the first seconds of the spiral; None is all of it.
@@ -89,12 +95,16 @@ def track_spiral(
     desired_rad = bench.desired_rad(time_s)
     plant = Plant(model)
     amplifier = bench.amplifier(newton_per_m=float(model.actuator_gainprm[0, 0]))
-    controller = Controller(loops, StrutMapping(hexapod(model), goal, jacobian), amplifier)
+    geometry = hexapod(model)
 
+    def controller(goal: Goal) -> Controller:
+        return Controller(loops, StrutMapping(geometry, goal, jacobian, stiffness), amplifier)
+
+    before = controller(goal)
+    after = before if reconfigured is None else controller(reconfigured)
     plant.settle(bench.settling_s)
-    for strut in locked:
-        plant.lock(strut)
-    ticks = _ticks(plant, controller, bench, desired_rad, np.random.default_rng(seed))
+    rng = np.random.default_rng(seed)
+    ticks = _ticks(plant, before, after, failures, bench, time_s, desired_rad, rng)
     return _trajectory(time_s, desired_rad, list(ticks))
 
 
@@ -114,12 +124,19 @@ class _Tick(NamedTuple):
 def _ticks(
     plant: Plant,
     controller: Controller,
+    reconfigured: Controller,
+    failures: Sequence[Failure],
     bench: Bench,
+    time_s: Array,
     desired_rad: Array,
     rng: np.random.Generator,
 ) -> Iterator[_Tick]:
     detector, state = bench.detector(), controller.start()
-    for desired in desired_rad:
+    to_come = sorted(failures, key=lambda failure: failure.time_s)
+    for now, desired in zip(time_s, desired_rad, strict=True):
+        while to_come and to_come[0].time_s <= now:
+            to_come.pop(0).strike(plant)
+            controller = reconfigured
         pose = plant.pose()
         measured = detector.read(pose.rotation, rng)
         state = controller.step(state, desired, measured)

@@ -70,8 +70,8 @@ def _column(table: Table1, column: Column) -> dict[str, Any]:
     alpha_other, beta_other = pointing_rms_urad(table.other[column.name])
     return {
         "name": column.name,
-        "locked": list(column.locked),
-        "free": [],
+        "locked": column.struts("locked"),
+        "free": column.struts("free"),
         "joint_weight": column.goal.joint_weight,
         "secondary_weight_t_x_t_y_t_z_gamma": column.goal.secondary_weight,
         "alpha_rms_urad": alpha,

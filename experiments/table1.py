@@ -11,7 +11,7 @@ from experiments.parallel import in_parallel
 from experiments.prediction import predicted_rms_rad
 from experiments.provenance import plant_constants
 from experiments.run import Trajectory, nominal_loops, track_spiral
-from sim import Array, load_model, model_sha256
+from sim import Array, Failure, FailureKind, load_model, model_sha256
 
 
 @dataclass(frozen=True)
@@ -21,25 +21,30 @@ class Column:
     Attributes:
         name: As in `table1.json`.
         goal: Weights, and the failure that the mapping is told of.
-        locked: Struts 0..5 that are locked in the plant.
+        failures: What happens to the plant.
     """
 
     name: str
     goal: Goal
-    locked: tuple[int, ...] = ()
+    failures: tuple[Failure, ...] = ()
+
+    def struts(self, kind: FailureKind) -> list[int]:
+        """Struts 0..5 that fail this way."""
+        return [failure.strut for failure in self.failures if failure.kind == kind]
 
 
 _EQUAL = (1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
 _STRUT_1 = {0: 0.0}
+_LOCK_1 = (Failure(strut=0, kind="locked"),)
 
 COLUMNS = (
     Column("W_a", Goal(joint_weight=_EQUAL)),
     Column("W_b", Goal(joint_weight=(2.0, 1.0, 2.0, 1.0, 2.0, 1.0))),
     Column("W_c", Goal(joint_weight=(1.0, 2.0, 1.0, 2.0, 1.0, 2.0))),
     # Secondary weights are on [t_x, t_y, t_z, gamma].
-    Column("W_d", Goal(secondary_weight=(1.0, 1.0, 1.0, 1.0), locked_m=_STRUT_1), (0,)),
-    Column("W_e", Goal(secondary_weight=(10.0, 10.0, 1.0, 1.0), locked_m=_STRUT_1), (0,)),
-    Column("W_a_uncorrected", Goal(joint_weight=_EQUAL), (0,)),
+    Column("W_d", Goal(secondary_weight=(1.0, 1.0, 1.0, 1.0), locked_m=_STRUT_1), _LOCK_1),
+    Column("W_e", Goal(secondary_weight=(10.0, 10.0, 1.0, 1.0), locked_m=_STRUT_1), _LOCK_1),
+    Column("W_a_uncorrected", Goal(joint_weight=_EQUAL), _LOCK_1),
 )
 
 
@@ -110,7 +115,7 @@ def run_table1(
     jobs += [(column, other_jacobian(jacobian), seed) for column in COLUMNS]
     jobs.append((COLUMNS[0], jacobian, seed + 1))
     calls = [
-        shared | {"goal": c.goal, "locked": c.locked, "jacobian": choice, "seed": noise}
+        shared | {"goal": c.goal, "failures": c.failures, "jacobian": choice, "seed": noise}
         for c, choice, noise in jobs
     ]
     runs = in_parallel(track_spiral, calls, on_progress)
@@ -125,7 +130,7 @@ def run_table1(
         other=dict(zip(names, runs[len(names) : -1], strict=True)),
         reseeded=runs[-1],
         predicted_rad={
-            c.name: predicted_rms_rad(**shared, goal=c.goal, locked=c.locked) for c in COLUMNS
+            c.name: predicted_rms_rad(**shared, goal=c.goal, failures=c.failures) for c in COLUMNS
         },
         seed=seed,
     )

@@ -29,7 +29,8 @@ class Classes:
     Attributes:
         possible: The major task can still be done: reached in full, and moved by no self-motion.
         worst_gain: Least major speed per unit norm of the admissible active rates; zero when some
-            direction is out of reach.
+            direction is out of reach. Where the major task is unstable, that of passive joints
+            that follow with the least norm.
         major_rank: Dimension of the major velocities within reach.
         secondary_rank: Dimension of the secondary velocities that remain at will while the major
             task is held.

@@ -113,7 +113,7 @@ def force_mapping(
     1. Q^T f = 0                          (no joint bears what self-motion gives way to, eq. 9)
     2. |M (f_m - f_md)|        smallest   (zero unless level 1 forbids it, eq. 33)
     3. the weighted sum above  smallest
-    4. |T torques|, then |torques|, then |(f_s, eta)| smallest   (ties)
+    4. |T torques|, then |torques|, then |f_s|, then |eta| smallest   (ties)
 
     Theorems 7, 8 and 9 of Chen, McInroy, Yi (2003) are the cases without self-motion and internal
     force of W3, W4 both nonsingular, W4 = 0, and W3 = 0; here the weights may be anything. Power
@@ -173,6 +173,7 @@ def force_mapping(
         ),
         Level(T @ torques, zero, frobenius(T) * torque_scale),
         Level(torques, zero, torque_scale),
+        Level(X_s, zero, frobenius(X_s)),
     ]
     X, decisions = lexicographic(levels, tolerance)
     exerted = decisions[1]

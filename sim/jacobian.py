@@ -10,6 +10,13 @@ from sim.array import Array
 from sim.errors import ModelError
 from sim.model import element_id
 
+_CLOSURES = [
+    int(getattr(mujoco.mjtEq, f"mjEQ_{kind}")) for kind in ("CONNECT", "WELD", "JOINT", "TENDON")
+]
+_ONE_AXIS = (int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE))
+# "In parent" matters to ball and free joints only, which are refused anyway.
+_ON_JOINT = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
+
 
 @dataclass(frozen=True)
 class Jacobians:
@@ -18,8 +25,8 @@ class Jacobians:
     Attributes:
         J_T: Twist [angular; linear] of the site, shape (6, nv), [rad]/[s] and [m]/[s].
         J_C: Active equality constraints, shape (c, nv); redundant rows are normal.
-        active: Velocity index of each actuator, in actuator order, shape (nu,).
-        gear: Gear ratio of each actuator, shape (nu,).
+        active: Velocity index of each actuator, in actuator order, shape (n,).
+        gear: Gear ratio of each actuator, never zero, shape (n,).
     """
 
     J_T: Array
@@ -36,7 +43,9 @@ def jacobians(
 ) -> Jacobians:
     """Jacobians at the present `data.qpos`; derived quantities in `data` are brought up to date.
 
-    Contacts and limits are left out: they are not equalities.
+    Slide, hinge, ball and free joints; connect, weld, joint and tendon equalities. Contacts, limits
+    and dry friction are left out: they are not equalities. The rows are derivatives of the closures
+    where these are closed; that is for the caller to see to.
 
     Args:
         model: Any model whose actuators each drive a slide or hinge joint of their own.
@@ -45,11 +54,14 @@ def jacobians(
         axes: Site whose axes the twist is expressed in; None is the world.
 
     Raises:
-        ModelError: A missing site, or an actuator the theory has no word for.
+        ModelError: A missing site; an actuator or an active equality that the theory has no word
+            for; a part of the mechanism that MuJoCo has put to sleep.
+        ValueError: `data.qpos` is not finite.
     """
     task = element_id(model, "site", site)
     frame = None if axes is None else element_id(model, "site", axes)
     active = actuated_velocities(model)
+    _check_state(model, data)
     mujoco.mj_fwdPosition(model, data)
 
     linear, angular = np.zeros((3, model.nv)), np.zeros((3, model.nv))
@@ -64,7 +76,13 @@ def jacobians(
 
 
 def constraint_jacobian(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
-    """Rows of the active equality constraints, shape (c, nv), as MuJoCo last computed them."""
+    """Rows of the active equality constraints, shape (c, nv), as MuJoCo last computed them.
+
+    Raises:
+        ModelError: A part of the mechanism sleeps; MuJoCo leaves its rows out.
+    """
+    if data.ntree_awake < model.ntree:
+        raise ModelError("a part of the mechanism sleeps, its closures with it: switch sleep off")
     if mujoco.mj_isSparse(model):
         rows = np.zeros((data.nefc, model.nv))
         mujoco.mju_sparse2dense(
@@ -79,16 +97,17 @@ def actuated_velocities(model: mujoco.MjModel) -> NDArray[np.intp]:
     """Velocity index of each actuator.
 
     Raises:
-        ModelError: An actuator not on a slide or hinge joint, or two on one joint.
+        ModelError: An actuator not on a slide or hinge joint, one of gear 0, or two on one joint.
     """
-    one_axis = (mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE)
     owner: dict[int, str] = {}
-    for k in range(model.nu):
+    for k in range(model.nactuator):
         name = model.actuator(k).name or f"number {k}"
         joint = int(model.actuator_trnid[k, 0])
-        on_joint = int(model.actuator_trntype[k]) == mujoco.mjtTrn.mjTRN_JOINT
-        if not on_joint or int(model.jnt_type[joint]) not in one_axis:
+        on_joint = int(model.actuator_trntype[k]) in _ON_JOINT
+        if not on_joint or int(model.jnt_type[joint]) not in _ONE_AXIS:
             raise ModelError(f'actuator "{name}" does not drive a slide or hinge joint')
+        if model.actuator_gear[model.actuator_outadr[k], 0] == 0.0:
+            raise ModelError(f'actuator "{name}" has gear 0 and moves nothing')
         if joint in owner:
             raise ModelError(
                 f'actuators "{owner[joint]}" and "{name}" drive the same joint '
@@ -96,3 +115,12 @@ def actuated_velocities(model: mujoco.MjModel) -> NDArray[np.intp]:
             )
         owner[joint] = name
     return model.jnt_dofadr[list(owner)].astype(np.intp)
+
+
+def _check_state(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    if not np.isfinite(data.qpos).all():
+        raise ValueError(f"data.qpos must be finite, got {data.qpos}")
+    strange = data.eq_active.astype(bool) & ~np.isin(model.eq_type, _CLOSURES)
+    for k in np.flatnonzero(strange):
+        name = model.equality(k).name or f"number {k}"
+        raise ModelError(f'equality "{name}" holds a flex: only connect, weld, joint and tendon do')

@@ -7,7 +7,7 @@ import numpy as np
 import scipy.linalg
 
 from sim.array import Array
-from sim.jacobian import jacobians
+from sim.jacobian import constraint_jacobian, jacobians
 
 _POSITION_STEP = 1e-6
 _VELOCITY_STEP = 1e-4
@@ -39,11 +39,13 @@ def linearize(
     """Linearize at `data`, which must be at rest; locks and switched-off coils count.
 
     The velocities are reduced to a null-space basis of the active equalities, and MuJoCo's own
-    accelerations differentiated along it. Central differences: stepping off a curved constraint by
-    h leaves a gap of order h^2, which is the same on both sides and cancels.
+    unconstrained accelerations, projected on what the loops allow, differentiated along it. (Its
+    constrained ones let 1e-4 of the stiffest spring through, the constraints' softness: as much as
+    the flexures of a strut without its spring.) Central differences: stepping off a curved
+    constraint by h leaves a gap of order h^2, which is the same on both sides and cancels.
     """
     jac = jacobians(model, data, site, axes)
-    Z = scipy.linalg.null_space(jac.J_C) if len(jac.J_C) else np.eye(model.nv)
+    Z = _allowed(jac.J_C)
     k = Z.shape[1]
     probe = mujoco.MjData(model)
     probe.eq_active[:] = data.eq_active
@@ -54,7 +56,10 @@ def linearize(
         probe.qvel[:] = Z @ y_dot
         probe.ctrl[:] = u
         mujoco.mj_forward(model, probe)
-        return Z.T @ probe.qacc
+        allowed, mass = _allowed(constraint_jacobian(model, probe)), np.zeros((model.nv, model.nv))
+        mujoco.mj_fullM(model, probe, mass)
+        force = allowed.T @ (mass @ probe.qacc_smooth)
+        return Z.T @ allowed @ np.linalg.solve(allowed.T @ mass @ allowed, force)
 
     def gradient(argument: int, size: int, step: float) -> Array:
         columns = []
@@ -75,3 +80,8 @@ def linearize(
         B=np.vstack([np.zeros((k, model.nu)), drive]),
         C_twist=np.hstack([jac.J_T @ Z, np.zeros((6, k))]),
     )
+
+
+def _allowed(J_C: Array) -> Array:
+    """Orthonormal basis of the velocities that the constraints allow."""
+    return scipy.linalg.null_space(J_C) if len(J_C) else np.eye(J_C.shape[1])

@@ -1,5 +1,6 @@
 """Loading MJCF models and finding their elements by name."""
 
+import copy
 import hashlib
 from pathlib import Path
 
@@ -25,6 +26,14 @@ def load_model(path: str | Path | None = None) -> mujoco.MjModel:
     except ValueError as error:
         reason = " ".join(str(error).split())
         raise ModelError(f"{file} is not a valid MJCF model: {reason}") from None
+
+
+def weightless(model: mujoco.MjModel) -> mujoco.MjModel:
+    """The machine in orbit: no gravity, and springs without the preload that carried the weight."""
+    orbiting = copy.copy(model)
+    orbiting.opt.gravity[:] = 0.0
+    orbiting.qpos_spring[:] = orbiting.qpos0
+    return orbiting
 
 
 def model_sha256(path: str | Path | None = None) -> str:

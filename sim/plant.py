@@ -91,6 +91,11 @@ class Plant:
             raise ModelError(f'actuator "{name}" shares group {group} with another')
         self.model.opt.disableactuator |= 1 << group
 
+    def break_loose(self, strut: int) -> None:
+        """Release strut 0..nu-1 and take its suspension spring, and with it its preload, away."""
+        self.release(strut)
+        self.model.jnt_stiffness[self.model.actuator_trnid[strut, 0]] = 0.0
+
     def pose(self) -> Pose:
         """Payload in base axes, relative to the nominal pose."""
         to_base = self.data.site_xmat[self._base].reshape(3, 3).T

@@ -210,7 +210,7 @@ def test_halving_the_time_step_changes_the_rms_errors_by_less_than_a_percent(mod
 
     def rms(machine: mujoco.MjModel) -> np.ndarray:
         run = track_spiral(
-            machine, bench, loops, column.goal, locked=column.locked, jacobian="constant"
+            machine, bench, loops, column.goal, failures=column.failures, jacobian="constant"
         )
         assert run.closure_residual_m.max() < CLOSURE_LIMIT_M
         return pointing_rms_urad(run)

@@ -98,9 +98,9 @@ def test_loops_stay_closed_and_locks_hold(table1, runs, column):
     stated = table1["by_name"][column.name]["closure_residual_max_m"]
     assert 0 < stated < CLOSURE_LIMIT_M
     assert run["closure_residual_m"].max() == stated
-    for strut in column.locked:
+    for strut in column.struts("locked"):
         assert np.ptp(run["strut_displacement_m"][:, strut]) < 1e-7
-    sound = np.setdiff1d(range(6), column.locked)
+    sound = np.setdiff1d(range(6), column.struts("locked"))
     assert np.all(np.ptp(run["strut_displacement_m"][:, sound], axis=0) > 1e-6)
 
 
@@ -162,7 +162,7 @@ def test_a_run_alone_gives_the_same_bits_as_beside_others(model, runs):
     column = next(column for column in COLUMNS if column.name == "W_d")
     loops = nominal_loops(model, bench)
     alone = track_spiral(
-        model, bench, loops, column.goal, locked=column.locked, seed=0, duration_s=2.0
+        model, bench, loops, column.goal, failures=column.failures, seed=0, duration_s=2.0
     )
     ticks = len(alone.time_s)
     np.testing.assert_array_equal(alone.true_rad, runs["W_d"]["true_rad"][:ticks])

@@ -1,0 +1,184 @@
+"""A strut without its coil, and one without coil and spring: section 2.3.1 where springs decide.
+
+Rigid kinematics calls a released strut an unstable singularity. The springs resolve it: the payload
+goes where their energy is least.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import mujoco
+
+from experiments.bench import Bench
+from experiments.mapping import MAJOR, Goal
+from experiments.parallel import in_parallel
+from experiments.prediction import predicted_motion, predicted_rms_rad
+from experiments.release_statics import STRUT, fall, released_statics
+from experiments.run import Trajectory, nominal_loops, track_spiral
+from experiments.springs import elastic_system, strut_and_payload_stiffness
+from prioritized import FailureAtlas, failure_atlas
+from sim import Array, Failure, FailureKind, load_model, weightless
+
+RATIOS = tuple(10.0**k for k in range(3, -4, -1))
+"""Suspension of the failed strut over the flexures' resistance to its swing."""
+
+_EQUAL = Goal(joint_weight=(1.0,) * 6)
+
+
+@dataclass(frozen=True)
+class Case:
+    """One spiral with a failing strut.
+
+    Attributes:
+        name: As in `release.json`.
+        kind: How the strut fails; None: it does not.
+        time_s: When.
+        corrected: Whether the mapping is told, at that time.
+    """
+
+    name: str
+    kind: FailureKind | None = None
+    time_s: float = 0.0
+    corrected: bool = False
+
+    @property
+    def failures(self) -> tuple[Failure, ...]:
+        """What happens to the plant."""
+        return () if self.kind is None else (Failure(STRUT, self.kind, self.time_s),)
+
+    @property
+    def reconfigured(self) -> Goal | None:
+        """What the mapping goes over to."""
+        if not self.corrected:
+            return None
+        known = {"free": self.kind == "free", "loose": self.kind == "loose"}
+        return replace(_EQUAL, **{kind: (STRUT,) for kind, holds in known.items() if holds})
+
+
+def cases(half_s: float) -> tuple[Case, ...]:
+    """All spirals: sound, strut 1 without coil, without coil and spring; from the start and later.
+
+    Args:
+        half_s: The later time.
+    """
+    failing = [
+        Case(f"{kind}_{when}_{'corrected' if told else 'uncorrected'}", kind, time_s, told)
+        for kind in ("free", "loose")
+        for when, time_s in (("from_start", 0.0), ("in_flight", half_s))
+        for told in (False, True)
+    ]
+    return (Case("sound"), *failing)
+
+
+@dataclass(frozen=True)
+class Release:
+    """All runs of the experiment.
+
+    Attributes:
+        cases: The spirals.
+        trajectories: By name.
+        predicted_rad: RMS of each that fails from the start (or not), by name, (2,).
+        linear: Payload twist (N, 6) by name, from the linear model and the strut inputs.
+        quasi_static: The same from the elastic mapping alone.
+        sweep: Static answers, by suspension over flexure stiffness.
+        fall: What happens on the ground when the spring goes too.
+        atlas: Rigid and elastic verdicts on all 3^6 conditions.
+    """
+
+    cases: tuple[Case, ...]
+    trajectories: dict[str, Trajectory]
+    predicted_rad: dict[str, Array]
+    linear: dict[str, Array]
+    quasi_static: dict[str, Array]
+    sweep: list[dict[str, float]]
+    fall: dict[str, float]
+    atlas: FailureAtlas
+
+
+def run_release(
+    *, seed: int, quick: bool, on_progress: Callable[[int, int], None] = lambda done, total: None
+) -> Release:
+    """Run the spirals and the sweep, side by side on the machine's cores.
+
+    A strut that loses its spring loses the preload that carries the weight: those runs, and the
+    sweep, are in orbit. On the ground it falls to its stop, and is a locked strut from then on.
+
+    Args:
+        seed: Of the detector noise.
+        quick: Only the first seconds of the spiral, and three points of the sweep.
+        on_progress: Called with finished and total number of runs.
+
+    Raises:
+        sim.SimulationDiverged: The physics left the finite numbers.
+    """
+    ground, bench = load_model(), Bench()
+    orbit, stiffness = weightless(ground), strut_and_payload_stiffness(ground)
+    loops = nominal_loops(ground, bench)
+    duration_s = bench.quick_duration_s if quick else bench.duration_s
+    chosen = cases(duration_s / 2)
+
+    def shared(case: Case) -> dict[str, Any]:
+        return {
+            "model": orbit if case.kind == "loose" else ground,
+            "bench": bench,
+            "loops": loops,
+            "failures": case.failures,
+            "stiffness": stiffness,
+            "duration_s": duration_s,
+        }
+
+    spirals = [
+        shared(case)
+        | {
+            "goal": _EQUAL,
+            "reconfigured": case.reconfigured,
+            "jacobian": "constant",
+            "seed": seed,
+        }
+        for case in chosen
+    ]
+    statics = [{"model": orbit, "ratio": ratio} for ratio in RATIOS[:: 3 if quick else 1]]
+    total = len(spirals) + len(statics)
+    runs = in_parallel(track_spiral, spirals, lambda done, _: on_progress(done, total))
+    sweep = in_parallel(
+        released_statics, statics, lambda done, _: on_progress(len(spirals) + done, total)
+    )
+    trajectories = dict(zip([case.name for case in chosen], runs, strict=True))
+    predicted, linear, quasi_static = {}, {}, {}
+    for case in chosen:
+        run = trajectories[case.name]
+        command_m = _commands(ground, bench, run)
+        model = shared(case)["model"]
+        linear[case.name] = predicted_motion(model, case.failures, run.time_s, command_m)
+        quasi_static[case.name] = _quasi_static(case, ground, run.time_s, command_m)
+        if case.time_s == 0.0:
+            goal = case.reconfigured or _EQUAL
+            predicted[case.name] = predicted_rms_rad(**shared(case), goal=goal)
+    return Release(
+        cases=chosen,
+        trajectories=trajectories,
+        predicted_rad=predicted,
+        linear=linear,
+        quasi_static=quasi_static,
+        sweep=sweep,
+        fall=fall(ground),
+        atlas=failure_atlas(elastic_system(ground), MAJOR),
+    )
+
+
+def _commands(model: mujoco.MjModel, bench: Bench, run: Trajectory) -> Array:
+    amplifier = bench.amplifier(newton_per_m=float(model.actuator_gainprm[0, 0]))
+    return amplifier.displacement_m(run.strut_input_percent)
+
+
+def _quasi_static(case: Case, model: mujoco.MjModel, time_s: Array, command_m: Array) -> Array:
+    """Payload twist that the elastic mapping expects of the commands, shape (N, 6)."""
+    twist = command_m @ elastic_system(model).kinematics().J.T
+    if case.kind is None:
+        return twist
+    soft = {STRUT: 0.0} if case.kind == "loose" else {}
+    failed = elastic_system(model, soft).with_failures(free=[STRUT]).kinematics()
+    after = time_s >= case.time_s
+    twist[after] = command_m[after][:, failed.actuators] @ failed.J.T
+    return twist

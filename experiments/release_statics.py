@@ -1,0 +1,107 @@
+"""Where the payload comes to rest when strut 1 has lost its coil, and perhaps its spring."""
+
+import mujoco
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from experiments.mapping import MAJOR
+from experiments.springs import elastic_system
+from sim import Array, Plant, hexapod, linearize
+
+STRUT = 0
+"""The strut that fails, strut 1 as in the paper."""
+
+_ASKED_RAD = np.array([100e-6, 0.0])
+_AT_REST_S = 8.0  # more than ten time constants of the softest motion: 110 N s/m on 200 N/m
+
+
+def released_statics(model: mujoco.MjModel, ratio: float) -> dict[str, float]:
+    """Where the payload comes to rest, 100 urad of alpha asked for, strut 1 without its coil.
+
+    Args:
+        model: The hexapod in orbit.
+        ratio: Suspension of strut 1 over the flexures' resistance to its swing.
+    """
+    flexure_n_per_m = _swing_stiffness(model)
+    soft = {STRUT: ratio * flexure_n_per_m}
+    failed = elastic_system(model, soft).with_failures(free=[STRUT]).kinematics()
+    sound = elastic_system(model).kinematics()
+    deaf = sound.velocity_mapping(MAJOR, joint_weight=np.ones(6))(_ASKED_RAD)
+    told = failed.expand(failed.velocity_mapping(MAJOR, joint_weight=np.ones(6))(_ASKED_RAD))
+    expected = failed.J @ deaf[failed.actuators]
+    locked = np.delete(sound.J, STRUT, axis=1) @ deaf[failed.actuators]
+
+    plant = _released(model, soft[STRUT])
+    at_rest = linearize(plant.model, plant.data)
+    # Here the coils are forces against springs, and the struts that still have one yield a little.
+    linear = -at_rest.C_twist @ np.linalg.solve(at_rest.A, at_rest.B @ deaf)
+    twist, extension_m = _at_rest(plant, deaf)
+    corrected, _ = _at_rest(_released(model, soft[STRUT]), told)
+    passive = list(failed.passive).index(sound.active[STRUT])
+    follows = failed.passive_rates(deaf[failed.actuators])[passive]
+    return {
+        "suspension_over_flexure": ratio,
+        "suspension_n_per_m": soft[STRUT],
+        "flexure_n_per_m": flexure_n_per_m,
+        "alpha_simulated_urad": 1e6 * twist[0],
+        "alpha_elastic_urad": 1e6 * expected[0],
+        "alpha_linear_model_urad": 1e6 * linear[0],
+        "alpha_as_if_locked_urad": 1e6 * locked[0],
+        "strut_1_simulated_um": 1e6 * extension_m,
+        "strut_1_elastic_um": 1e6 * follows,
+        "mismatch_elastic_percent": percent(twist - expected, twist),
+        "mismatch_linear_model_percent": percent(twist - linear, twist),
+        "mismatch_as_if_locked_percent": percent(twist - locked, twist),
+        "alpha_corrected_urad": 1e6 * corrected[0],
+        "beta_corrected_urad": 1e6 * corrected[1],
+        "worst_gain": float(failed.manipulability(MAJOR).worst_gain),
+    }
+
+
+def fall(model: mujoco.MjModel) -> dict[str, float]:
+    """Where strut 1 goes on the ground when it loses its spring, and with it its preload."""
+    plant = Plant(model)
+    plant.break_loose(STRUT)
+    twist, extension_m = _at_rest(plant, np.zeros(6))
+    stop_m = model.jnt_range[model.joint(f"strut{STRUT + 1}").id, 0]
+    return {
+        "strut_1_um": 1e6 * extension_m,
+        "stop_um": 1e6 * float(stop_m),
+        "alpha_urad": 1e6 * twist[0],
+        "beta_urad": 1e6 * twist[1],
+    }
+
+
+def _released(model: mujoco.MjModel, suspension: float) -> Plant:
+    plant = Plant(model)
+    plant.release(STRUT)
+    plant.model.jnt_stiffness[plant.model.actuator_trnid[STRUT, 0]] = suspension
+    return plant
+
+
+def _at_rest(plant: Plant, command_m: Array) -> tuple[Array, float]:
+    """Payload twist and extension of the released strut once everything has come to rest."""
+    plant.step(command_m, _AT_REST_S)
+    pose = plant.pose()
+    turn = Rotation.from_matrix(pose.rotation).as_rotvec()
+    extension_m = float(plant.strut_displacement_m()[STRUT])
+    return np.concatenate([turn, pose.translation_m]), extension_m
+
+
+def _swing_stiffness(model: mujoco.MjModel) -> float:
+    """What both flexures of a strut put up against its swing, at its top, [N]/[m]."""
+    bend = sum(
+        model.jnt_stiffness[model.joint(f"{end}_bend_x{STRUT + 1}").id] for end in ("bottom", "top")
+    )
+    geometry = hexapod(model)
+    return float(bend / np.sum((geometry.top_m - geometry.bottom_m)[STRUT] ** 2))
+
+
+def percent(difference: Array, whole: Array) -> float:
+    """Size of a difference of twists (..., 6), rotation and translation each against its own.
+
+    The larger of the two.
+    """
+    parts = (slice(0, 3), slice(3, 6))
+    ratios = [np.linalg.norm(difference[..., p]) / np.linalg.norm(whole[..., p]) for p in parts]
+    return float(100 * max(ratios))

@@ -1,0 +1,118 @@
+"""The release experiment as data: the contents of `release.json`, and whether to believe it."""
+
+from dataclasses import asdict
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from experiments.bench import Bench
+from experiments.provenance import plant_constants, versions
+from experiments.release import Case, Release
+from experiments.release_statics import percent
+from experiments.run import Trajectory
+from experiments.soundness import CLOSURE_LIMIT_M
+from experiments.summary import pointing_rms_urad
+from prioritized import Classes, FailureAtlas
+from sim import Array, load_model, model_sha256
+
+MISMATCH_LIMIT_PERCENT = 1.0
+"""Largest distance of simulated from predicted motion."""
+
+
+def summarize(release: Release, seed: int) -> dict[str, Any]:
+    """All numbers of the experiment, ready for JSON; units are in the names."""
+    model: mujoco.MjModel = load_model()
+    run = release.trajectories["sound"]
+    return {
+        "experiment": "release",
+        "seed": seed,
+        "versions": versions(),
+        "model_sha256": model_sha256(),
+        "jacobian": "constant",
+        "duration_s": len(run.time_s) * Bench().control_period_s,
+        "bench": asdict(Bench()) | plant_constants(model),
+        "spirals": [_spiral(release, case) for case in release.cases],
+        "sweep": release.sweep,
+        "on_the_ground_without_spring": release.fall,
+        "atlas": _atlas(release.atlas),
+    }
+
+
+def complaint(summary: dict[str, Any]) -> str | None:
+    """One sentence on what makes the experiment unsound; None when nothing does."""
+    for spiral in summary["spirals"]:
+        if not spiral["closure_residual_max_m"] < CLOSURE_LIMIT_M:
+            return f"in {spiral['name']} a loop opened by {spiral['closure_residual_max_m']:.1e} m"
+        off = spiral["motion_mismatch_linear_model_percent"]
+        if spiral["kind"] and not off < MISMATCH_LIMIT_PERCENT:
+            return f"the motion of {spiral['name']} is {off:.2g} % off the linear model"
+    for point in summary["sweep"]:
+        if not point["mismatch_elastic_percent"] < MISMATCH_LIMIT_PERCENT:
+            ratio, off = point["suspension_over_flexure"], point["mismatch_elastic_percent"]
+            return f"at a stiffness ratio of {ratio:g} the elastic model is {off:.2g} % off"
+    return None
+
+
+def twist(run: Trajectory) -> Array:
+    """True payload motion [alpha, beta, gamma, t_x, t_y, t_z], shape (N, 6)."""
+    return np.hstack([run.true_rad, run.secondary])
+
+
+def _spiral(release: Release, case: Case) -> dict[str, Any]:
+    run = release.trajectories[case.name]
+    alpha, beta = pointing_rms_urad(run)
+    predicted = release.predicted_rad.get(case.name)
+    true = twist(run)
+    return {
+        "name": case.name,
+        "kind": case.kind,
+        "failure_time_s": case.time_s if case.kind else None,
+        "corrected": case.corrected,
+        "in_orbit": case.kind == "loose",
+        "alpha_rms_urad": alpha,
+        "beta_rms_urad": beta,
+        "predicted_alpha_rms_urad": None if predicted is None else 1e6 * predicted[0],
+        "predicted_beta_rms_urad": None if predicted is None else 1e6 * predicted[1],
+        "motion_mismatch_linear_model_percent": percent(true - release.linear[case.name], true),
+        "motion_mismatch_quasi_static_percent": percent(
+            true - release.quasi_static[case.name], true
+        ),
+        "strut_1_peak_um": 1e6 * float(np.abs(run.strut_displacement_m[:, 0]).max()),
+        "closure_residual_max_m": float(run.closure_residual_m.max()),
+        "recording": f"{case.name}.rrd",
+        "data": f"{case.name}.npz",
+    }
+
+
+def _atlas(atlas: FailureAtlas) -> dict[str, Any]:
+    assert atlas.elastic is not None  # the hexapod has springs
+    singles = []
+    for strut in range(6):
+        for kind in ("locked", "free"):
+            row = atlas.row(**{kind: [strut]})
+            singles.append(
+                {
+                    "strut": strut + 1,
+                    "kind": kind,
+                    "rigid": _verdict(atlas, row),
+                    "elastic": _verdict(atlas.elastic, row),
+                }
+            )
+    return {
+        "conditions": len(atlas.codes),
+        "possible_rigid": int(atlas.possible.sum()),
+        "possible_elastic": int(atlas.elastic.possible.sum()),
+        "smallest_gap": float(min(atlas.gap.min(), atlas.elastic.gap.min())),
+        "single_failures": singles,
+    }
+
+
+def _verdict(classes: Classes, row: int) -> dict[str, Any]:
+    lost = classes.lost_secondary[row]
+    return {
+        "possible": bool(classes.possible[row]),
+        "worst_gain_rad_per_m": float(classes.worst_gain[row]),
+        "unstable_major": bool(classes.unstable_major[row]),
+        "lost_gamma_t_x_t_y_t_z": lost[:, np.abs(lost).any(axis=0)].T.tolist(),
+    }

@@ -1,0 +1,34 @@
+"""Inertia and springs of a model, velocity by velocity."""
+
+import mujoco
+import numpy as np
+
+from sim.array import Array
+from sim.errors import ModelError
+
+
+def mass_matrix(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
+    """Joint-space inertia at the present `data.qpos`, armature included, shape (nv, nv).
+
+    Derived quantities in `data` are brought up to date. [kg], [kg m] and [kg m^2].
+    """
+    mujoco.mj_fwdPosition(model, data)
+    mass = np.zeros((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, mass)
+    return mass
+
+
+def joint_stiffness(model: mujoco.MjModel) -> Array:
+    """Spring stiffness of each velocity, shape (nv,), [N]/[m] and [N m]/[rad].
+
+    A ball or free joint has one spring, repeated over its velocities. Springs of tendons are not
+    joint springs and left out.
+
+    Raises:
+        ModelError: A spring that is not linear: a polynomial, or one that yields.
+    """
+    linear = ~model.jnt_stiffnesspoly.any(axis=1) & (model.jnt_plasticadr < 0)
+    for k in np.flatnonzero(~linear):
+        name = model.joint(k).name or f"number {k}"
+        raise ModelError(f'the spring of joint "{name}" is not linear')
+    return model.jnt_stiffness[model.dof_jntid]
