@@ -80,6 +80,31 @@ def table1(
 
 
 @app.command()
+def systems(
+    out: Annotated[Path, typer.Option(help="Folder for results.")] = Path("results/systems"),
+    seed: Annotated[
+        int, typer.Option(min=0, max=MAX_SEED, help="Seed of the directions that are tried.")
+    ] = 0,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Only the first three conditions of each.")
+    ] = False,
+) -> None:
+    """The paper's other mechanisms, sound and failed: classified, driven, compared."""
+    from experiments import report_systems
+    from experiments.systems import run_systems
+
+    folder = usable_folder(out)
+    with _progress("systems") as on_progress, _diverged_into(folder):
+        examinations = run_systems(seed=seed, quick=quick, on_progress=on_progress)
+    summary = report_systems.summarize(examinations, seed)
+    report_systems.write(folder, examinations, summary)
+    title = "What the classification says; `off by`: simulated motion and torques"
+    _print_rows(title, report_systems.HEADINGS, report_systems.table_rows(summary))
+    if sentence := report_systems.complaint(summary):
+        raise _Unsound(f"the experiment is not sound: {sentence}")
+
+
+@app.command()
 def release(
     out: Annotated[Path, typer.Option(help="Folder for results.")] = Path("results/release"),
     seed: Seed = 0,

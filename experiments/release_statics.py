@@ -2,7 +2,6 @@
 
 import mujoco
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from experiments.mapping import MAJOR
 from experiments.springs import elastic_system
@@ -82,10 +81,7 @@ def _released(model: mujoco.MjModel, suspension: float) -> Plant:
 def _at_rest(plant: Plant, command_m: Array) -> tuple[Array, float]:
     """Payload twist and extension of the released strut once everything has come to rest."""
     plant.step(command_m, _AT_REST_S)
-    pose = plant.pose()
-    turn = Rotation.from_matrix(pose.rotation).as_rotvec()
-    extension_m = float(plant.strut_displacement_m()[STRUT])
-    return np.concatenate([turn, pose.translation_m]), extension_m
+    return plant.displacement(), float(plant.strut_displacement_m()[STRUT])
 
 
 def _swing_stiffness(model: mujoco.MjModel) -> float:

@@ -19,6 +19,7 @@ from sim.jacobian import Jacobians as Jacobians
 from sim.jacobian import jacobians as jacobians
 from sim.linear import LinearPlant as LinearPlant
 from sim.linear import linearize as linearize
+from sim.model import HEXAPOD_MJCF as HEXAPOD_MJCF
 from sim.model import element_id as element_id
 from sim.model import load_model as load_model
 from sim.model import model_sha256 as model_sha256

@@ -4,6 +4,7 @@ import copy
 
 import mujoco
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from sim.array import Array
 from sim.errors import ModelError, SimulationDiverged
@@ -95,6 +96,21 @@ class Plant:
         """Release strut 0..nu-1 and take its suspension spring, and with it its preload, away."""
         self.release(strut)
         self.model.jnt_stiffness[self.model.actuator_trnid[strut, 0]] = 0.0
+
+    def push(self, wrench: Array) -> None:
+        """Push the payload, at its site, from now on: [moment; force] in base axes, shape (6,)."""
+        self.data.xfrc_applied[:] = 0.0
+        body = self.model.site_bodyid[self._payload]
+        to_world = self.data.site_xmat[self._base].reshape(3, 3)
+        moment, force = to_world @ wrench[:3], to_world @ wrench[3:]
+        # MuJoCo takes the wrench at the centre of mass, force first.
+        arm = self.data.site_xpos[self._payload] - self.data.xipos[body]
+        self.data.xfrc_applied[body] = [*force, *(moment + np.cross(arm, force))]
+
+    def displacement(self) -> Array:
+        """Payload displacement [rotation vector; translation] in base axes, shape (6,)."""
+        pose = self.pose()
+        return np.concatenate([Rotation.from_matrix(pose.rotation).as_rotvec(), pose.translation_m])
 
     def pose(self) -> Pose:
         """Payload in base axes, relative to the nominal pose."""

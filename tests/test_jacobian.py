@@ -4,9 +4,10 @@ import mujoco
 import numpy as np
 import pytest
 import scipy.linalg
+from scipy.spatial.transform import Rotation
 
 from prioritized import ConstrainedSystem
-from sim import ModelError, Pose, hexapod, jacobians
+from sim import ModelError, Pose, hexapod, jacobians, joint_stiffness, mass_matrix
 
 # A planar four-bar closed by a connect: three closure rows of rank two.
 FOUR_BAR = """
@@ -45,6 +46,196 @@ SERIAL = """
   <actuator><motor name="m1" joint="a"/><motor name="m2" joint="{second}"/></actuator>
 </mujoco>
 """
+
+# Every kind of joint and of closure at once, on tilted ground: a free platform on two spherical
+# legs and a universal one, a free payload welded to it, two legs coupled by a quadratic gear, the
+# third by a cable to a drum.  Frictions, limits and contacts are there to be left out.
+EVERYTHING = """
+<mujoco>
+  <option jacobian="{storage}"/>
+  <default><geom contype="0" conaffinity="0" mass="1"/></default>
+  <worldbody>
+    <body name="ground" euler="20 30 40">
+      <site name="ground"/>
+      <body name="leg1" pos="0.3 0 0">
+        <joint name="ball1" type="ball"/><geom size="0.02"/>
+        <body name="rod1" pos="0 0 0.4">
+          <joint name="slide1" type="slide" axis="-0.2 0 1" frictionloss="2"/><geom size="0.02"/>
+        </body>
+      </body>
+      <body name="leg2" pos="-0.15 0.26 0">
+        <joint name="hinge_x" axis="1 0 0"/><joint name="hinge_y" axis="0 1 0"/><geom size="0.02"/>
+        <body name="rod2" pos="0 0 0.4">
+          <joint name="slide2" type="slide" axis="0 -0.2 1"/><geom size="0.02"/>
+        </body>
+      </body>
+      <body name="leg3" pos="-0.15 -0.26 0">
+        <joint name="ball3" type="ball"/><geom size="0.02"/>
+        <body name="rod3" pos="0 0 0.4">
+          <joint name="slide3" type="slide" axis="0 0.2 1"/><geom size="0.02"/>
+        </body>
+      </body>
+      <body name="drum" pos="0 0 -0.1">
+        <joint name="drum" axis="1 1 0" limited="true" range="40 50"/><geom size="0.02"/>
+      </body>
+    </body>
+    <body name="platform" pos="0.1 -0.1 0.4" euler="10 0 20">
+      <freejoint/><geom type="box" size="0.1 0.1 0.02" contype="1" conaffinity="1"/>
+    </body>
+    <body name="payload" pos="0.1 -0.1 0.43">
+      <freejoint/><geom type="box" size="0.05 0.05 0.02" contype="1" conaffinity="1"/>
+      <site name="tool" pos="0.02 0.03 0.1"/>
+    </body>
+  </worldbody>
+  <tendon>
+    <fixed name="cable"><joint joint="slide3" coef="1"/><joint joint="drum" coef="-0.05"/></fixed>
+  </tendon>
+  <equality>
+    <connect name="pin1" body1="platform" body2="rod1" anchor="0.2 0 0"/>
+    <connect name="pin2" body1="rod2" body2="platform" anchor="0 0 0"/>
+    <connect name="pin3" body1="platform" body2="rod3" anchor="-0.1 -0.17 0"/>
+    <weld name="grip" body1="payload" body2="platform" torquescale="0.3"/>
+    <joint name="gear" joint1="slide1" joint2="slide2" polycoef="0 1.5 2 0 0"/>
+    <tendon name="reel" tendon1="cable"/>
+    <joint name="brake" joint1="drum" active="false"/>
+  </equality>
+  <actuator>
+    <motor name="m1" joint="slide1" gear="-3"/>
+    <motor name="m2" jointinparent="hinge_y" gear="0.5"/>
+  </actuator>
+</mujoco>
+"""
+ROWS, FREEDOMS = 3 * 3 + 6 + 1 + 1, 7
+
+
+def everything(storage: str = "dense") -> tuple[mujoco.MjModel, mujoco.MjData]:
+    model = mujoco.MjModel.from_xml_string(EVERYTHING.format(storage=storage))
+    return model, mujoco.MjData(model)
+
+
+def gaps(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
+    """How far each closure is open, row by row."""
+    mujoco.mj_fwdPosition(model, data)
+    return data.efc_pos[data.efc_type == int(mujoco.mjtConstraint.mjCNSTR_EQUALITY)].copy()
+
+
+def move(model: mujoco.MjModel, data: mujoco.MjData, step: np.ndarray) -> None:
+    mujoco.mj_integratePos(model, data.qpos, step, 1.0)
+
+
+def close(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    """Newton on the closures, by the least steps."""
+    for _ in range(12):
+        opening = gaps(model, data)
+        move(model, data, -np.linalg.pinv(jacobians(model, data, "tool").J_C) @ opening)
+    assert np.abs(gaps(model, data)).max() < 1e-13
+
+
+def random_closed_pose(model: mujoco.MjModel, data: mujoco.MjData, seed: int) -> None:
+    move(model, data, 0.1 * np.random.default_rng(seed).normal(size=model.nv))
+    close(model, data)
+
+
+@pytest.mark.parametrize("storage", ["dense", "sparse"])
+@pytest.mark.parametrize("seed", range(4))
+def test_the_task_jacobian_is_the_slope_of_the_tools_pose_along_the_closed_loops(storage, seed):
+    """Move along the null space of J_C, close the loops again, and see where the tool went."""
+    model, data = everything(storage)
+    random_closed_pose(model, data, seed)
+    jac = jacobians(model, data, "tool", "ground")
+    Z = scipy.linalg.null_space(jac.J_C)
+    assert Z.shape == (model.nv, FREEDOMS)
+    velocity = Z @ np.random.default_rng(seed).normal(size=FREEDOMS)
+    velocity /= np.linalg.norm(velocity)
+    here = data.qpos.copy()
+    to_ground = data.site("ground").xmat.reshape(3, 3).T
+
+    def pose(h: float) -> tuple[Rotation, np.ndarray]:
+        data.qpos[:] = here
+        move(model, data, h * velocity)
+        close(model, data)
+        tool = data.site("tool")
+        return Rotation.from_matrix(to_ground @ tool.xmat.reshape(3, 3)), to_ground @ tool.xpos
+
+    errors = []
+    for h in (4e-3, 2e-3):
+        (turn, place), (turn_back, place_back) = pose(h), pose(-h)
+        change = np.concatenate([(turn * turn_back.inv()).as_rotvec(), place - place_back])
+        errors.append(np.linalg.norm(change / (2 * h) - jac.J_T @ velocity))
+    assert errors[1] < 1e-4  # of a unit velocity
+    assert errors[1] < 0.3 * errors[0] + 1e-9  # central differences: the error falls as h^2
+
+
+@pytest.mark.parametrize("storage", ["dense", "sparse"])
+@pytest.mark.parametrize("seed", range(4))
+def test_the_rows_of_the_closures_are_the_slopes_of_their_gaps(storage, seed):
+    """At a closed pose, along every velocity, admissible or not."""
+    model, data = everything(storage)
+    random_closed_pose(model, data, seed)
+    J_C = jacobians(model, data, "tool").J_C
+    assert J_C.shape == (ROWS, model.nv)
+    here = data.qpos.copy()
+
+    def opening(step: np.ndarray) -> np.ndarray:
+        data.qpos[:] = here
+        move(model, data, step)
+        return gaps(model, data)
+
+    errors = []
+    for h in (4e-3, 2e-3):
+        slope = [(opening(e) - opening(-e)) / (2 * h) for e in h * np.eye(model.nv)]
+        errors.append(np.linalg.norm(np.array(slope).T - J_C))
+    assert errors[1] < 1e-4
+    assert errors[1] < 0.3 * errors[0] + 1e-9  # central differences: the error falls as h^2
+
+
+def test_the_rows_are_the_same_stored_dense_or_sparse():
+    for seed in range(4):
+        (model, data), (sparse_model, sparse_data) = everything("dense"), everything("sparse")
+        random_closed_pose(model, data, seed)
+        sparse_data.qpos[:] = data.qpos
+        dense = jacobians(model, data, "tool", "ground")
+        sparse = jacobians(sparse_model, sparse_data, "tool", "ground")
+        assert mujoco.mj_isSparse(sparse_model) and not mujoco.mj_isSparse(model)
+        np.testing.assert_allclose(sparse.J_C, dense.J_C, atol=1e-15)  # sums in another order
+        np.testing.assert_array_equal(sparse.J_T, dense.J_T)
+
+
+@pytest.mark.parametrize("storage", ["dense", "sparse"])
+def test_contacts_limits_and_dry_friction_hold_nothing_in_the_theory(storage):
+    """They are at work in the physics, and no row of J_C is theirs."""
+    model, data = everything(storage)
+    full = jacobians(model, data, "tool").J_C
+    at_work = {mujoco.mjtConstraint(kind).name for kind in data.efc_type}
+    assert {"mjCNSTR_FRICTION_DOF", "mjCNSTR_LIMIT_JOINT", "mjCNSTR_CONTACT_PYRAMIDAL"} < at_work
+    none = mujoco.mjtDisableBit
+    model.opt.disableflags |= int(
+        none.mjDSBL_CONTACT | none.mjDSBL_LIMIT | none.mjDSBL_FRICTIONLOSS
+    )
+    np.testing.assert_array_equal(jacobians(model, data, "tool").J_C, full)
+    assert len(full) == data.nefc == ROWS
+
+
+def test_an_equality_counts_while_it_is_active():
+    model, data = everything()
+    closed = jacobians(model, data, "tool").J_C
+    data.eq_active[model.equality("brake").id] = True
+    braked = jacobians(model, data, "tool").J_C
+    np.testing.assert_array_equal(braked[:ROWS], closed)
+    np.testing.assert_array_equal(np.flatnonzero(braked[ROWS]), model.joint("drum").dofadr)
+    data.eq_active[model.equality("grip").id] = False
+    assert len(jacobians(model, data, "tool").J_C) == ROWS + 1 - 6
+    data.eq_active[:] = False
+    assert jacobians(model, data, "tool").J_C.shape == (0, model.nv)
+
+
+def test_actuators_are_known_by_their_velocity_and_gear():
+    model, data = everything()
+    jac = jacobians(model, data, "tool")
+    np.testing.assert_array_equal(
+        jac.active, [model.joint(name).dofadr[0] for name in ("slide1", "hinge_y")]
+    )
+    np.testing.assert_array_equal(jac.gear, [-3.0, 0.5])
 
 
 @pytest.mark.parametrize("storage", ["dense", "sparse"])
@@ -121,14 +312,144 @@ def test_only_active_equalities_count(model):
     assert np.abs(free[model.joint("strut3").dofadr[0]]).max() < 1e-12
 
 
-def test_what_the_theory_has_no_word_for_is_refused_by_name():
-    def check(kind: str, second: str, message: str) -> None:
-        model = mujoco.MjModel.from_xml_string(SERIAL.format(kind=kind, second=second))
-        with pytest.raises(ModelError, match=message):
-            jacobians(model, mujoco.MjData(model), "tool")
+DRIVES = """
+<mujoco>
+  <worldbody>
+    <body name="arm">
+      <joint name="a"/><geom size="0.1"/><site name="tool"/><site name="crank" pos="0 0 0.1"/>
+      <body pos="1 0 0"><joint name="ball" type="ball"/><geom size="0.1"/></body>
+    </body>
+    <body pos="4 0 0"><joint name="float" type="free"/><geom size="0.1"/></body>
+  </worldbody>
+  <tendon><fixed name="cable"><joint joint="a" coef="1"/></fixed></tendon>
+  <actuator><{drive}/></actuator>
+</mujoco>
+"""
 
-    check("ball", "b", 'actuator "m2" does not drive a slide or hinge joint')
-    check("hinge", "a", 'actuators "m1" and "m2" drive the same joint "a"')
+
+@pytest.mark.parametrize(
+    "drive",
+    [
+        'motor name="m" tendon="cable"',
+        'motor name="m" site="tool"',
+        'motor name="m" site="tool" refsite="crank"',
+        'adhesion name="m" body="arm" gain="1" ctrlrange="0 1"',
+        'motor name="m" joint="ball"',
+        'motor name="m" jointinparent="float"',
+        'motor name="m" cranksite="crank" slidersite="tool" cranklength="0.2"',
+    ],
+)
+def test_an_actuator_that_is_not_one_velocity_is_refused(drive):
+    model = mujoco.MjModel.from_xml_string(DRIVES.format(drive=drive))
+    with pytest.raises(ModelError, match='actuator "m" does not drive a slide or hinge joint'):
+        jacobians(model, mujoco.MjData(model), "tool")
+
+
+def test_what_the_theory_has_no_word_for_is_refused_by_name():
+    model = mujoco.MjModel.from_xml_string(SERIAL.format(kind="hinge", second="a"))
+    with pytest.raises(ModelError, match='actuators "m1" and "m2" drive the same joint "a"'):
+        jacobians(model, mujoco.MjData(model), "tool")
     model = mujoco.MjModel.from_xml_string(SERIAL.format(kind="hinge", second="b"))
     with pytest.raises(ModelError, match='no site named "nose"; it has: tool'):
         jacobians(model, mujoco.MjData(model), "nose")
+    model.actuator_gear[1, 0] = 0.0
+    with pytest.raises(ModelError, match='actuator "m2" has gear 0'):
+        jacobians(model, mujoco.MjData(model), "tool")
+
+
+FLEX = """
+<mujoco>
+  <worldbody>
+    <body><joint name="a"/><geom size="0.1"/><site name="tool"/></body>
+    <flexcomp name="cloth" type="grid" count="3 3 1" spacing="0.1 0.1 0.1" dim="2" radius="0.01"
+              mass="1" pos="0 0 2"/>
+  </worldbody>
+  <equality><flex name="skin" flex="cloth"/></equality>
+  <actuator><motor joint="a"/></actuator>
+</mujoco>
+"""
+
+
+def test_a_flex_may_be_there_but_its_equality_may_not_be_active():
+    model = mujoco.MjModel.from_xml_string(FLEX)
+    data = mujoco.MjData(model)
+    with pytest.raises(ModelError, match='equality "skin" holds a flex'):
+        jacobians(model, data, "tool")
+    data.eq_active[0] = False
+    assert len(jacobians(model, data, "tool").J_C) == 0
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_a_pose_that_is_not_finite_is_refused(bad):
+    model, data = everything()
+    data.qpos[3] = bad
+    with pytest.raises(ValueError, match=r"data\.qpos must be finite"):
+        jacobians(model, data, "tool")
+
+
+SLEEPER = """
+<mujoco>
+  <option gravity="0 0 0"><flag sleep="enable"/></option>
+  <worldbody>
+    <body><joint name="a"/><geom size="0.1"/></body>
+    <body pos="3 0 0"><joint name="b"/><geom size="0.1"/><site name="tool"/></body>
+  </worldbody>
+  <equality><joint joint1="a" joint2="b"/></equality>
+</mujoco>
+"""
+
+
+def test_a_sleeping_part_whose_closures_mujoco_drops_is_refused():
+    model = mujoco.MjModel.from_xml_string(SLEEPER)
+    data = mujoco.MjData(model)
+    assert len(jacobians(model, data, "tool").J_C) == 1
+    mujoco.mj_step(model, data, 2000)
+    with pytest.raises(ModelError, match="switch sleep off"):
+        jacobians(model, data, "tool")
+    model.opt.enableflags = 0
+    assert len(jacobians(model, data, "tool").J_C) == 1
+
+
+SPRINGS = """
+<mujoco>
+  <option gravity="0 0 0"/>
+  <worldbody>
+    <body><joint name="ball" type="ball" stiffness="3"/><geom size="0.1"/>
+      <body pos="1 0 0"><joint name="slide" type="slide" stiffness="2{poly}"/><geom size="0.1"/>
+        <body pos="1 0 0"><joint name="hinge" stiffness="5"{plastic}/><geom size="0.1"/></body>
+      </body>
+    </body>
+    <body pos="4 0 0"><joint name="float" type="free" stiffness="7"/><geom size="0.1"/></body>
+  </worldbody>
+</mujoco>
+"""
+
+
+def test_springs_push_back_with_their_stiffness_against_each_velocity():
+    model = mujoco.MjModel.from_xml_string(SPRINGS.format(poly="", plastic=""))
+    data, h = mujoco.MjData(model), 1e-4
+    pushed = []
+    for e in h * np.eye(model.nv):
+        data.qpos[:] = model.qpos0
+        move(model, data, e)
+        mujoco.mj_forward(model, data)
+        pushed.append(-data.qfrc_passive / h)
+    np.testing.assert_allclose(pushed, np.diag(joint_stiffness(model)), atol=1e-9)
+
+
+def test_a_spring_that_is_not_linear_is_refused_by_name():
+    for poly, plastic, joint in ((" 5 7", "", "slide"), ("", ' springyield="0.1"', "hinge")):
+        model = mujoco.MjModel.from_xml_string(SPRINGS.format(poly=poly, plastic=plastic))
+        with pytest.raises(ModelError, match=f'the spring of joint "{joint}" is not linear'):
+            joint_stiffness(model)
+
+
+def test_the_mass_matrix_gives_the_kinetic_energy_of_any_velocity():
+    model, data = everything()
+    random_closed_pose(model, data, seed=0)
+    mass = mass_matrix(model, data)
+    model.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_ENERGY)
+    for velocity in np.random.default_rng(0).normal(size=(3, model.nv)):
+        data.qvel[:] = velocity
+        mujoco.mj_forward(model, data)
+        assert velocity @ mass @ velocity / 2 == pytest.approx(data.energy[1], rel=1e-12)

@@ -1,0 +1,189 @@
+"""Everything that `fjh systems` leaves in its folder, and whether to believe it."""
+
+from pathlib import Path
+from typing import Any
+
+from matplotlib.figure import Figure
+
+from experiments.files import published, write_arrays, write_json
+from experiments.mechanisms import MECHANISMS, Mechanism
+from experiments.probe import STEP
+from experiments.provenance import versions
+from experiments.recording import COLORS, write_series
+from experiments.systems import Examination
+from sim import model_sha256
+
+LIMIT = 0.01
+"""Largest relative distance between simulated and predicted motions, displacements and torques."""
+
+
+def summarize(examinations: list[Examination], seed: int) -> dict[str, Any]:
+    """All numbers of the experiment, ready for JSON."""
+    return {
+        "experiment": "systems",
+        "seed": seed,
+        "versions": versions(),
+        "model_sha256": {mechanism.name: model_sha256(mechanism.path) for mechanism in MECHANISMS},
+        "step_m_or_rad": STEP,
+        "systems": [_entry(one) for one in examinations],
+    }
+
+
+def complaint(summary: dict[str, Any]) -> str | None:
+    """One sentence on what the simulation does otherwise than predicted; None when nothing."""
+    for one in summary["systems"]:
+        where = f"{one['mechanism']}, {one['condition']}"
+        if not one["agrees"]:
+            return f"{where}: the simulation moves in other directions than the classification says"
+        checked = ["motion_error", "drift_error", "force_error", "yielded_steps"]
+        # Self-motion of the major task is held by nothing: each corner hands its drift on.
+        checked += [] if one["unstable_major"] else ["major_error"]
+        for name in checked:
+            if not one[name] < LIMIT:
+                return f"{where}: {name} is {one[name]:.2g}, more than {LIMIT:g}"
+    return None
+
+
+def write(folder: Path, examinations: list[Examination], summary: dict[str, Any]) -> None:
+    """Write data, recordings, figure and table; all of them or none.
+
+    Raises:
+        OutputError: The disk or the folder refuses.
+    """
+    with published(folder, index="systems.json") as staging:
+        for mechanism in MECHANISMS:
+            ours = [one for one in examinations if one.mechanism == mechanism]
+            _write_mechanism(staging, mechanism, ours, summary)
+        figure_systems(examinations).savefig(staging / "systems.png", dpi=150)
+        (staging / "systems.md").write_text(markdown(summary), encoding="utf-8")
+        write_json(staging / "systems.json", summary)
+
+
+HEADINGS = ("mechanism", "broken", "major task", "self-motion", "bound", "off by")
+
+
+def table_rows(summary: dict[str, Any]) -> list[tuple[str, ...]]:
+    """One row for each mechanism and condition, in print."""
+    return [
+        (
+            one["mechanism"],
+            one["condition"],
+            _task_words(one),
+            _count_words(one["self_motion"], one["self_motion_major"]),
+            str(one["constrained_active"] or "-"),
+            f"{max(one['motion_error'], one['force_error'], one['drift_error']):.0e}",
+        )
+        for one in summary["systems"]
+    ]
+
+
+def markdown(summary: dict[str, Any]) -> str:
+    """The table as Markdown."""
+    rows = [HEADINGS, ("---",) * len(HEADINGS), *table_rows(summary)]
+    return "\n".join("| " + " | ".join(row) + " |" for row in rows) + "\n"
+
+
+def figure_systems(examinations: list[Examination]) -> Figure:
+    """Each mechanism's major task around a polygon, in every condition."""
+    figure = Figure(figsize=(10, 10), layout="constrained")
+    figure.suptitle("Major task around an octagon, sound and failed, simulated")
+    for panel, mechanism in enumerate(MECHANISMS, 1):
+        axes = figure.add_subplot(2, 2, panel, title=mechanism.title, aspect="equal")
+        ours = [one for one in examinations if one.mechanism == mechanism]
+        for one, color in zip(ours, COLORS, strict=False):
+            ls = "--" if one.report.unstable_major or one.report.unmanipulable else "-"
+            axes.plot(
+                1e6 * one.reached[:, 0],
+                1e6 * one.reached[:, 1],
+                ls,
+                color=[value / 255 for value in color],
+                label=str(one.condition),
+                lw=1,
+            )
+        desired = 1e6 * ours[0].desired
+        axes.plot(desired[:, 0], desired[:, 1], "ko", ms=4, label="asked for")
+        first, second = mechanism.major_names[:2]
+        unit = "µrad" if first.startswith("turn") else "µm"
+        axes.set(xlabel=f"{first}, {unit}", ylabel=f"{second}, {unit}")
+        axes.grid(alpha=0.3)
+        axes.legend(fontsize="x-small", title="broken; dashed: task lost", title_fontsize="x-small")
+    return figure
+
+
+def _write_mechanism(
+    staging: Path, mechanism: Mechanism, ours: list[Examination], summary: dict[str, Any]
+) -> None:
+    arrays, plots = {}, {}
+    for k, one in enumerate(ours):
+        arrays |= {
+            f"{field}_{k}": getattr(one, field) for field in ("time_s", "desired", "reached")
+        }
+        unit = "urad" if mechanism.major_names[0].startswith("turn") else "um"
+        names = [f"{name} off [{unit}]" for name in mechanism.major_names]
+        plots[str(one.condition)] = (one.time_s, names, 1e6 * (one.desired - one.reached))
+    write_arrays(staging / f"{mechanism.name}.npz", arrays)
+    model = {"seed": summary["seed"], "model_sha256": summary["model_sha256"][mechanism.name]}
+    properties = model | {
+        f"version_{name.replace('-', '_')}": value for name, value in summary["versions"].items()
+    }
+    notes = [f"# {mechanism.title}", "", "Major task around an octagon: desired less reached.", ""]
+    for one in ours:
+        notes += [f"## {one.condition}", "", *str(one.report).splitlines(), ""]
+    write_series(
+        staging / f"{mechanism.name}.rrd",
+        f"systems-{mechanism.name}",
+        mechanism.title,
+        plots,
+        "\n".join(notes),
+        properties,
+    )
+
+
+def _entry(one: Examination) -> dict[str, Any]:
+    report = one.report
+    return {
+        "mechanism": one.mechanism.name,
+        "condition": str(one.condition),
+        "locked": list(one.condition.locked),
+        "free": list(one.condition.free),
+        "major": one.mechanism.major_names,
+        "unmanipulable": report.unmanipulable,
+        "unmanipulable_task": report.unmanipulable_task,
+        "unstable": report.unstable,
+        "unstable_major": report.unstable_major,
+        "unstable_secondary": report.unstable_secondary,
+        "irresolvable": report.irresolvable,
+        "self_motion": report.bases["unstable"].shape[1],
+        "self_motion_major": report.bases["unstable_major"].shape[1],
+        "constrained_active": len(report.bases["constrained_active"]),
+        "internal_forces": len(report.bases["irresolvable"]),
+        "lost_task_directions": report.bases["unmanipulable_task"].shape[1],
+        "worst_gain": report.worst_gain,
+        "smallest_gap": min(report.gaps.values()),
+        "simulated": {
+            "major_directions": one.reach,
+            "self_motion": one.drift,
+            "self_motion_major": one.drift_major,
+            "constrained_active": one.bound,
+        },
+        "agrees": one.agrees,
+        "motion_error": one.motion_error,
+        "drift_error": one.drift_error,
+        "major_error": one.major_error,
+        "force_error": one.force_error,
+        "yielded_steps": one.yielded,
+        "recording": f"{one.mechanism.name}.rrd",
+        "data": f"{one.mechanism.name}.npz",
+    }
+
+
+def _task_words(one: dict[str, Any]) -> str:
+    if one["unmanipulable"]:
+        return "unreached"
+    return "not held" if one["unstable_major"] else "exact"
+
+
+def _count_words(count: int, major: int) -> str:
+    if not count:
+        return "-"
+    return f"{count}, major" if major else f"{count}, aside"
