@@ -28,6 +28,34 @@ def table1_folder(tmp_path_factory):
 
 
 @pytest.fixture(scope="session")
+def release_folder(tmp_path_factory):
+    """The released strut at full length, made by the command."""
+    folder = tmp_path_factory.mktemp("release")
+    assert main(["release", "--out", str(folder)]) == 0
+    return folder
+
+
+@pytest.fixture(scope="session")
+def release(release_folder):
+    """`release.json`."""
+    return json.loads((release_folder / "release.json").read_text())
+
+
+@pytest.fixture(scope="session")
+def systems_folder(tmp_path_factory):
+    """Every mechanism in every condition, made by the command."""
+    folder = tmp_path_factory.mktemp("systems")
+    assert main(["systems", "--out", str(folder)]) == 0
+    return folder
+
+
+@pytest.fixture(scope="session")
+def systems(systems_folder):
+    """`systems.json`."""
+    return json.loads((systems_folder / "systems.json").read_text())
+
+
+@pytest.fixture(scope="session")
 def table1(table1_folder):
     """`table1.json`, its columns by name."""
     summary = json.loads((table1_folder / "table1.json").read_text())

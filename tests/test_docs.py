@@ -98,3 +98,105 @@ def test_every_number_of_the_machine_file_says_where_it_comes_from():
     assert unmarked(text) == []
     assert unmarked(text.replace("[chosen", "[guessed")) != []
     assert unmarked(text.replace("springref is", "it is")) != []
+
+
+THEORY = (ROOT / "docs" / "theory.md").read_text()
+
+
+def markdown_row(text: str, label: str) -> list[str]:
+    """Cells of the first table row that starts with a label."""
+    row = re.search(rf"^\| {re.escape(label)} \|(.*)\|$", text, re.MULTILINE)
+    assert row, label
+    return [cell.strip() for cell in row.group(1).split("|")]
+
+
+def test_every_test_and_name_that_the_theory_page_speaks_of_exists():
+    tests = "\n".join(file.read_text() for file in (ROOT / "tests").glob("test_*.py"))
+    named = set(re.findall(r"`(test_\w+)`", THEORY))
+    assert len(named) > 40
+    assert {name for name in named if f"def {name}(" not in tests} == set()
+    code = "\n".join(file.read_text() for file in (ROOT / "prioritized").glob("*.py"))
+    words = re.findall(r"`(?:Kinematics\.)?([a-zA-Z_]\w+)(?:\(.*?\))?`", THEORY)
+    outside = {"experiments", "sim", "fjh"} | named
+    assert {word for word in words if word not in outside and word not in code} == set()
+    for path in re.findall(r"`((?:prioritized|tests|experiments)/\w+\.py)`", THEORY):
+        assert (ROOT / path).is_file(), path
+
+
+def test_the_theory_page_speaks_of_every_equation_theorem_and_remark():
+    """Equations (1) to (41), the two Problems, six Theorems, the Remarks and the footnote."""
+    told = set()
+    for first, last in re.findall(r"\((\d+)\)(?: to \((\d+)\))?", THEORY):
+        told |= set(range(int(first), int(last or first) + 1))
+    assert set(range(1, 42)) - told == set()
+    for name in ("Problem 1", "Problem 6", "Remark 2", "Remark 10", "Footnote 1"):
+        assert name in THEORY
+    for theorem in (3, 4, 5, 7, 8, 9):
+        assert f"Theorem {theorem}" in THEORY
+
+
+def test_the_theory_pages_tables_are_those_that_come_out(systems, release):
+    from experiments.report_systems import table_rows
+
+    for row in table_rows(systems):
+        # Not the last digits of the errors, which another machine may round otherwise.
+        assert "| " + " | ".join(row[:-1]) + " | " in THEORY
+    sweep = release["sweep"]
+    for label, key, tolerance in (
+        ("alpha for 100 µrad asked, simulated", "alpha_simulated_urad", 0.006),
+        ("alpha, elastic mapping", "alpha_elastic_urad", 0.006),
+        ("payload motion off by, if taken as locked, %", "mismatch_as_if_locked_percent", 0.5),
+        ("alpha, told to the mapping, simulated", "alpha_corrected_urad", 0.006),
+    ):
+        printed = [float(cell) for cell in markdown_row(THEORY, label)]
+        np.testing.assert_allclose(printed, [point[key] for point in sweep], atol=tolerance)
+    atlas = release["atlas"]
+    assert f"still point in {atlas['possible_rigid']}" in THEORY
+    assert f"mechanism in {atlas['possible_elastic']}" in THEORY
+
+
+def test_the_theory_pages_weighted_pseudo_inverse_is_what_it_does(model):
+    """The paper's introduction: it compromises the major task in accordance with the weight."""
+    from experiments.springs import elastic_system
+
+    kin = elastic_system(model).with_failures(locked=[0, 1]).kinematics()
+    v = np.array([1e-4, 0, 0, 0, 0, 0])
+
+    def errors_u(rates: np.ndarray) -> list[float]:
+        off = 1e6 * (kin.J @ rates - v)
+        return [float(np.linalg.norm(off[:2])), float(np.linalg.norm(off[3:]))]
+
+    for w in (1, 10, 100):
+        W = np.diag([w, w, 1, 1, 1, 1])
+        printed = [float(cell) for cell in markdown_row(THEORY, f"pseudo-inverse, w = {w}")]
+        computed = errors_u(np.linalg.pinv(W @ kin.J) @ W @ v)
+        np.testing.assert_allclose(computed, printed, rtol=5e-3)
+    exact = errors_u(kin.velocity_mapping([0, 1], secondary_weight=np.ones(4))(v[:2]))
+    np.testing.assert_allclose(exact, [0.0, 20.32], atol=5e-3)
+    assert exact[0] < 1e-9
+
+
+def test_the_readmes_mechanisms_are_as_classified(systems):
+    import mujoco
+
+    from experiments.mechanisms import MECHANISMS
+    from prioritized import ConstrainedSystem
+    from sim import jacobians, load_model
+
+    for mechanism in MECHANISMS:
+        cells = readme_cells(f"`{mechanism.name}.xml`")
+        machine = load_model(mechanism.path)
+        jac = jacobians(machine, mujoco.MjData(machine), "payload", "base")
+        # Every velocity passive: what the loops leave is all adrift.
+        adrift = ConstrainedSystem(jac.J_T, jac.J_C, []).kinematics().passive_drift
+        assert cells[:2] == [mechanism.title, f"{machine.nv}, {machine.nu}, {adrift.shape[1]}"]
+        ours = [one for one in systems["systems"] if one["mechanism"] == mechanism.name]
+        exact = sum(not one["unmanipulable"] and not one["unstable_major"] for one in ours)
+        words = [f"{exact} exact"]
+        for key, word in (("unstable_major", "not held"), ("unmanipulable", "unreached")):
+            if count := sum(one[key] for one in ours):
+                words.append(f"{count} {word}")
+        assert cells[2:4] == [str(len(ours)), ", ".join(words)]
+        keys = ("motion_error", "drift_error", "force_error")
+        off = 100 * max(one[key] for one in ours for key in keys)
+        assert float(cells[4].removesuffix(" %")) == pytest.approx(off, abs=0.01)

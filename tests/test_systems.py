@@ -1,0 +1,119 @@
+"""The paper's other systems: the simulation does what the classification says."""
+
+import copy
+
+import numpy as np
+import pytest
+
+from experiments.mechanisms import MECHANISMS, Condition
+from experiments.probe import drift, respond
+from experiments.report_systems import complaint
+from experiments.systems import examine, kinematics
+from sim import Failure, load_model
+
+BY_NAME = {mechanism.name: mechanism for mechanism in MECHANISMS}
+
+
+@pytest.fixture(scope="module")
+def entries(systems):
+    return {(one["mechanism"], one["condition"]): one for one in systems["systems"]}
+
+
+def test_what_moves_in_the_simulation_is_what_the_classification_says(entries):
+    """Reachable major directions, self-motion and forbidden active rates, counted from outside."""
+    assert len(entries) == 22
+    for where, one in entries.items():
+        assert one["agrees"], where
+        # Steps of 1e-4 bend away by their curvature; closures and locks are good to 1e-9.
+        assert one["motion_error"] < 5e-3, where
+        assert one["drift_error"] < 1e-4, where
+        assert one["force_error"] < 1e-4, where
+        assert one["yielded_steps"] < 1e-4, where
+        if not one["unstable_major"]:
+            assert one["major_error"] < 0.01, where
+        # Far from any rank threshold: these verdicts are no accident.
+        assert one["smallest_gap"] > 1e4, where
+
+
+@pytest.mark.parametrize(
+    ("where", "unstable", "major", "constrained"),
+    [
+        (("arm", "free 4"), True, True, 0),  # a limp elbow swings the camera
+        (("arm", "free 7"), True, False, 0),  # a limp wrist roll turns it about its own axis
+        (("hand", "sound"), False, False, 1),  # four motors, three freedoms: they can squeeze
+        (("hand", "free 1"), False, False, 0),  # three motors still hold the object
+        (("hand", "free 1, 2"), True, True, 0),  # a limp finger lets it swing about the other
+        (("arms", "sound"), False, False, 6),  # twelve motors, six freedoms
+        (("arms", "free 1-6"), False, False, 0),  # one arm carries both the load and the other
+        (("platform", "free 1"), False, False, 0),  # over-actuated: no self-motion
+        (("platform", "free 1, 2"), True, True, 0),
+    ],
+)
+def test_each_mechanism_is_classified_as_a_mechanic_would(
+    entries, where, unstable, major, constrained
+):
+    one = entries[where]
+    assert (one["unstable"], one["unstable_major"]) == (unstable, major)
+    assert one["constrained_active"] == constrained
+    assert one["simulated"]["constrained_active"] == constrained
+
+
+def test_an_arm_keeps_pointing_whatever_joint_locks_and_loses_a_column(entries):
+    """Serial arms: the failed column is dropped, section 2.3.2."""
+    model = load_model(BY_NAME["arm"].path)
+    nominal = kinematics(model, BY_NAME["arm"], Condition())
+    locked = kinematics(model, BY_NAME["arm"], Condition(locked=(3,)))
+    np.testing.assert_array_equal(locked.J, np.delete(nominal.J, 3, axis=1))
+    assert not entries["arm", "locked 4"]["unmanipulable"]
+    assert entries["arm", "locked 4"]["lost_task_directions"] == 1
+
+
+def test_in_a_hand_dropping_the_column_of_a_locked_finger_joint_is_wrong():
+    """The warning that closes section 2.3.2, in the simulation: the rest is constrained too."""
+    mechanism = BY_NAME["hand"]
+    model = load_model(mechanism.path)
+    nominal = kinematics(model, mechanism, Condition())
+    locked = kinematics(model, mechanism, Condition(locked=(0,)))
+    answer = respond(model, [Failure(0, "locked")], locked.actuators)
+    moved = answer.task[list(mechanism.task)]
+    right = moved - locked.J @ answer.active
+    dropped = moved - np.delete(nominal.J, 0, axis=1) @ np.eye(3)
+    assert np.linalg.norm(right) < 1e-3 * np.linalg.norm(moved)
+    assert np.linalg.norm(dropped) > 0.1 * np.linalg.norm(moved)
+
+
+def test_a_push_leaves_a_sound_mechanism_at_rest_and_a_limp_one_coasting():
+    model = load_model(BY_NAME["platform"].path)
+    rows = BY_NAME["platform"].task
+    assert np.abs(drift(model, [], rows)).max() < 1e-6
+    limp = drift(model, [Failure(0, "free"), Failure(1, "free")], rows)
+    assert np.abs(limp).max() > 0.05
+
+
+def test_a_wrong_classification_would_be_seen():
+    """Told of another failure than the simulation suffers, the counts and motions disagree."""
+    mechanism = BY_NAME["platform"]
+    sound = examine(mechanism, Condition(), seed=0)
+    limp = examine(mechanism, Condition(free=(0, 1)), seed=0)
+    assert sound.agrees
+    assert limp.drift == 1
+    assert limp.drift != sound.report.bases["unstable"].shape[1]
+
+
+def test_everything_named_is_there(systems, systems_folder):
+    named = {one[kind] for one in systems["systems"] for kind in ("recording", "data")}
+    named |= {"systems.json", "systems.md", "systems.png"}
+    assert {file.name for file in systems_folder.iterdir()} == named
+
+
+def test_an_unsound_experiment_is_called_so(systems):
+    assert complaint(systems) is None
+    for key, value in (
+        ("agrees", False),
+        ("motion_error", 0.02),
+        ("force_error", 0.02),
+        ("major_error", 0.02),
+    ):
+        spoilt = copy.deepcopy(systems)
+        spoilt["systems"][0][key] = value
+        assert complaint(spoilt)
