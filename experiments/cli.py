@@ -1,27 +1,18 @@
 """The command `fjh`: one experiment, its options, one sentence when something is wrong."""
 
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 import typer
-from rich import box
 from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
-from rich.table import Table
 
 from experiments.files import OutputError, published, usable_folder, write_arrays, write_json
 from experiments.mapping import JacobianChoice
+from experiments.terminal import print_rows, progress
 from sim import ModelError, SimulationDiverged
 
 UNSOUND, WRONG_INPUT, INTERRUPTED = 1, 2, 130
@@ -60,7 +51,10 @@ def table1(
         Path | None, typer.Option(help="Another MJCF file; default models/fjh.xml.")
     ] = None,
 ) -> None:
-    """Reproduce Table I and Figures 4, 5, 6: six spirals, sound and with strut 1 locked."""
+    """Reproduce Table I and Figures 4 to 6.
+
+    Six spirals, sound and with strut 1 locked, and the linear model of the bench beside them.
+    """
     # Late: the help text need not wait for MuJoCo's and matplotlib's import.
     from experiments import report_table1
     from experiments.soundness import complaint
@@ -68,7 +62,7 @@ def table1(
     from experiments.table1 import run_table1
 
     folder = usable_folder(out)
-    with _progress("Table I") as on_progress, _diverged_into(folder):
+    with progress("Table I") as on_progress, _diverged_into(folder):
         result = run_table1(
             mjcf=model, seed=seed, quick=quick, jacobian=jacobian, on_progress=on_progress
         )
@@ -89,18 +83,22 @@ def systems(
         bool, typer.Option("--quick", help="Only the first three conditions of each.")
     ] = False,
 ) -> None:
-    """The paper's other mechanisms, sound and failed: classified, driven, compared."""
-    from experiments import report_systems
+    """Classify and drive four other mechanisms.
+
+    An arm, a hand, two arms and a platform, sound and failed; the simulation is compared with what
+    the classification says.
+    """
+    from experiments import report_systems, systems_summary
     from experiments.systems import run_systems
 
     folder = usable_folder(out)
-    with _progress("systems") as on_progress, _diverged_into(folder):
+    with progress("systems") as on_progress, _diverged_into(folder):
         examinations = run_systems(seed=seed, quick=quick, on_progress=on_progress)
-    summary = report_systems.summarize(examinations, seed)
+    summary = systems_summary.summarize(examinations, seed)
     report_systems.write(folder, examinations, summary)
     title = "What the classification says; `off by`: simulated motion and torques"
-    _print_rows(title, report_systems.HEADINGS, report_systems.table_rows(summary))
-    if sentence := report_systems.complaint(summary):
+    print_rows(title, systems_summary.HEADINGS, systems_summary.table_rows(summary))
+    if sentence := systems_summary.complaint(summary):
         raise _Unsound(f"the experiment is not sound: {sentence}")
 
 
@@ -112,17 +110,21 @@ def release(
         bool, typer.Option("--quick", help="Spirals of 4 s, and three points of the sweep.")
     ] = False,
 ) -> None:
-    """Strut 1 loses its coil, or coil and spring: predicted, simulated, corrected."""
+    """Take coil and spring of strut 1 away.
+
+    From the start and in flight, told to the mapping or not; predicted and simulated. At rest, over
+    six decades of stiffness.
+    """
     from experiments import report_release
     from experiments.release import run_release
     from experiments.release_summary import complaint, summarize
 
     folder = usable_folder(out)
-    with _progress("release") as on_progress, _diverged_into(folder):
+    with progress("release") as on_progress, _diverged_into(folder):
         result = run_release(seed=seed, quick=quick, on_progress=on_progress)
     summary = summarize(result, seed)
     report_release.write(folder, result, summary)
-    _print_rows(
+    print_rows(
         "Strut 1 released: RMS of desired minus true angle, urad",
         ("", "alpha", "model", "beta", "model", "motion off"),
         report_release.table_rows(summary),
@@ -139,11 +141,14 @@ def bench(
         bool, typer.Option("--quick", help="Time 0.5 s of simulation instead of 4 s.")
     ] = False,
 ) -> None:
-    """Time the closed loop against bare MuJoCo physics; ratios, medians of five."""
+    """Time the loop against bare physics.
+
+    Ratios of medians of five, in one process.
+    """
     from experiments.speed import measure
 
     folder = usable_folder(out)
-    with _progress("bench") as on_progress:
+    with progress("bench") as on_progress:
         result = measure(
             seconds=0.5 if quick else 4.0, repeats=5, seed=seed, on_progress=on_progress
         )
@@ -180,24 +185,6 @@ def _complain(sentence: str, code: int) -> int:
 
 
 @contextmanager
-def _progress(description: str) -> Iterator[Callable[[int, int], None]]:
-    """A progress bar on a terminal's standard error; nothing where that is a file or a pipe."""
-    bar = Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-        console=Console(stderr=True),
-        transient=True,
-        disable=not sys.stderr.isatty(),
-    )
-    with bar:
-        task = bar.add_task(description, total=None)
-        yield lambda done, total: bar.update(task, completed=done, total=total)
-
-
-@contextmanager
 def _diverged_into(folder: Path) -> Iterator[None]:
     """Leave the state of a diverging simulation in the folder."""
     try:
@@ -215,16 +202,6 @@ def _print_table(summary: dict) -> None:
     columns = summary["columns"]
     headings = [column["name"].replace("_uncorrected", "\nuncorr.") for column in columns]
     rows = [(label, *cells) for label, cells in table_rows(columns)]
-    _print_rows(table_title(summary), ("", *headings), rows)
+    print_rows(table_title(summary), ("", *headings), rows)
     for note in notes(summary):
         Console().print(note)
-
-
-def _print_rows(title: str, headings: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """A table on standard output; the first column is its labels."""
-    table = Table(title=title, title_justify="left", box=box.SIMPLE)
-    for k, heading in enumerate(headings):
-        table.add_column(heading, justify="right" if k else "left", no_wrap=True)
-    for row in rows:
-        table.add_row(*row)
-    Console().print(table)

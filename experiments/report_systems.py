@@ -1,4 +1,4 @@
-"""Everything that `fjh systems` leaves in its folder, and whether to believe it."""
+"""Everything that `fjh systems` leaves in its folder."""
 
 from pathlib import Path
 from typing import Any
@@ -7,41 +7,9 @@ from matplotlib.figure import Figure
 
 from experiments.files import published, write_arrays, write_json
 from experiments.mechanisms import MECHANISMS, Mechanism
-from experiments.probe import STEP
-from experiments.provenance import versions
-from experiments.recording import COLORS, write_series
+from experiments.rerun_file import COLORS, write_series
 from experiments.systems import Examination
-from sim import model_sha256
-
-LIMIT = 0.01
-"""Largest relative distance between simulated and predicted motions, displacements and torques."""
-
-
-def summarize(examinations: list[Examination], seed: int) -> dict[str, Any]:
-    """All numbers of the experiment, ready for JSON."""
-    return {
-        "experiment": "systems",
-        "seed": seed,
-        "versions": versions(),
-        "model_sha256": {mechanism.name: model_sha256(mechanism.path) for mechanism in MECHANISMS},
-        "step_m_or_rad": STEP,
-        "systems": [_entry(one) for one in examinations],
-    }
-
-
-def complaint(summary: dict[str, Any]) -> str | None:
-    """One sentence on what the simulation does otherwise than predicted; None when nothing."""
-    for one in summary["systems"]:
-        where = f"{one['mechanism']}, {one['condition']}"
-        if not one["agrees"]:
-            return f"{where}: the simulation moves in other directions than the classification says"
-        checked = ["motion_error", "drift_error", "force_error", "yielded_steps"]
-        # Self-motion of the major task is held by nothing: each corner hands its drift on.
-        checked += [] if one["unstable_major"] else ["major_error"]
-        for name in checked:
-            if not one[name] < LIMIT:
-                return f"{where}: {name} is {one[name]:.2g}, more than {LIMIT:g}"
-    return None
+from experiments.systems_summary import markdown
 
 
 def write(folder: Path, examinations: list[Examination], summary: dict[str, Any]) -> None:
@@ -57,30 +25,6 @@ def write(folder: Path, examinations: list[Examination], summary: dict[str, Any]
         figure_systems(examinations).savefig(staging / "systems.png", dpi=150)
         (staging / "systems.md").write_text(markdown(summary), encoding="utf-8")
         write_json(staging / "systems.json", summary)
-
-
-HEADINGS = ("mechanism", "broken", "major task", "self-motion", "bound", "off by")
-
-
-def table_rows(summary: dict[str, Any]) -> list[tuple[str, ...]]:
-    """One row for each mechanism and condition, in print."""
-    return [
-        (
-            one["mechanism"],
-            one["condition"],
-            _task_words(one),
-            _count_words(one["self_motion"], one["self_motion_major"]),
-            str(one["constrained_active"] or "-"),
-            f"{max(one['motion_error'], one['force_error'], one['drift_error']):.0e}",
-        )
-        for one in summary["systems"]
-    ]
-
-
-def markdown(summary: dict[str, Any]) -> str:
-    """The table as Markdown."""
-    rows = [HEADINGS, ("---",) * len(HEADINGS), *table_rows(summary)]
-    return "\n".join("| " + " | ".join(row) + " |" for row in rows) + "\n"
 
 
 def figure_systems(examinations: list[Examination]) -> Figure:
@@ -128,7 +72,8 @@ def _write_mechanism(
     }
     notes = [f"# {mechanism.title}", "", "Major task around an octagon: desired less reached.", ""]
     for one in ours:
-        notes += [f"## {one.condition}", "", *str(one.report).splitlines(), ""]
+        said = [f"- {sentence}" for sentence in str(one.report).splitlines()]
+        notes += [f"## {one.condition}", "", *said, ""]
     write_series(
         staging / f"{mechanism.name}.rrd",
         f"systems-{mechanism.name}",
@@ -137,53 +82,3 @@ def _write_mechanism(
         "\n".join(notes),
         properties,
     )
-
-
-def _entry(one: Examination) -> dict[str, Any]:
-    report = one.report
-    return {
-        "mechanism": one.mechanism.name,
-        "condition": str(one.condition),
-        "locked": list(one.condition.locked),
-        "free": list(one.condition.free),
-        "major": one.mechanism.major_names,
-        "unmanipulable": report.unmanipulable,
-        "unmanipulable_task": report.unmanipulable_task,
-        "unstable": report.unstable,
-        "unstable_major": report.unstable_major,
-        "unstable_secondary": report.unstable_secondary,
-        "irresolvable": report.irresolvable,
-        "self_motion": report.bases["unstable"].shape[1],
-        "self_motion_major": report.bases["unstable_major"].shape[1],
-        "constrained_active": len(report.bases["constrained_active"]),
-        "internal_forces": len(report.bases["irresolvable"]),
-        "lost_task_directions": report.bases["unmanipulable_task"].shape[1],
-        "worst_gain": report.worst_gain,
-        "smallest_gap": min(report.gaps.values()),
-        "simulated": {
-            "major_directions": one.reach,
-            "self_motion": one.drift,
-            "self_motion_major": one.drift_major,
-            "constrained_active": one.bound,
-        },
-        "agrees": one.agrees,
-        "motion_error": one.motion_error,
-        "drift_error": one.drift_error,
-        "major_error": one.major_error,
-        "force_error": one.force_error,
-        "yielded_steps": one.yielded,
-        "recording": f"{one.mechanism.name}.rrd",
-        "data": f"{one.mechanism.name}.npz",
-    }
-
-
-def _task_words(one: dict[str, Any]) -> str:
-    if one["unmanipulable"]:
-        return "unreached"
-    return "not held" if one["unstable_major"] else "exact"
-
-
-def _count_words(count: int, major: int) -> str:
-    if not count:
-        return "-"
-    return f"{count}, major" if major else f"{count}, aside"

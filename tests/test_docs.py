@@ -136,7 +136,7 @@ def test_the_theory_page_speaks_of_every_equation_theorem_and_remark():
 
 
 def test_the_theory_pages_tables_are_those_that_come_out(systems, release):
-    from experiments.report_systems import table_rows
+    from experiments.systems_summary import table_rows
 
     for row in table_rows(systems):
         # Not the last digits of the errors, which another machine may round otherwise.

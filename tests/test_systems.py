@@ -7,8 +7,8 @@ import pytest
 
 from experiments.mechanisms import MECHANISMS, Condition
 from experiments.probe import drift, respond
-from experiments.report_systems import complaint
 from experiments.systems import examine, kinematics
+from experiments.systems_summary import complaint
 from sim import Failure, load_model
 
 BY_NAME = {mechanism.name: mechanism for mechanism in MECHANISMS}
