@@ -22,7 +22,7 @@ def motion_error(kin: Kinematics, answer: Response, moved: Array) -> float:
     return float(max(off, np.linalg.norm(forbidden) / np.linalg.norm(answer.active)))
 
 
-def polygon(
+def drive_polygon(
     model: mujoco.MjModel,
     failures: list[Failure],
     mechanism: Mechanism,
@@ -42,7 +42,7 @@ def polygon(
     return np.repeat(corners, held, axis=0), moved[..., rows].reshape(-1, m1), float(error)
 
 
-def held(
+def hold_force(
     model: mujoco.MjModel,
     failures: list[Failure],
     mechanism: Mechanism,
@@ -80,7 +80,7 @@ def dimension(moved: Array) -> int:
     return int((np.linalg.svd(moved, compute_uv=False) > SEEN).sum())
 
 
-def angle(moved: Array, basis: Array) -> float:
+def largest_angle(moved: Array, basis: Array) -> float:
     """Sine of the largest angle between what moved and a subspace; zero when nothing moved."""
     size = np.linalg.norm(moved, 2)
     if size < SEEN:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from experiments.agreement import angle, dimension, held, motion_error, polygon
+from experiments.agreement import dimension, drive_polygon, hold_force, largest_angle, motion_error
 from experiments.mechanisms import MECHANISMS, Condition, Mechanism
 from experiments.parallel import in_parallel
 from experiments.probe import PERIOD_S, drift, respond
@@ -94,8 +94,8 @@ def examine(mechanism: Mechanism, condition: Condition, seed: int) -> Examinatio
     moved = answer.task[task]
     coasting = drift(model, failures, mechanism.task)[task]
     rng = np.random.default_rng(seed)
-    desired, reached, major_error = polygon(model, failures, mechanism, kin, rng)
-    force_error, yielded = held(model, failures, mechanism, kin, rng)
+    desired, reached, major_error = drive_polygon(model, failures, mechanism, kin, rng)
+    force_error, yielded = hold_force(model, failures, mechanism, kin, rng)
     return Examination(
         mechanism=mechanism,
         condition=condition,
@@ -106,7 +106,7 @@ def examine(mechanism: Mechanism, condition: Condition, seed: int) -> Examinatio
         drift_major=dimension(coasting[major]),
         bound=len(kin.actuators) - dimension(answer.active),
         motion_error=motion_error(kin, answer, moved),
-        drift_error=angle(coasting, report.bases["unstable"]),
+        drift_error=largest_angle(coasting, report.bases["unstable"]),
         major_error=major_error,
         force_error=force_error,
         yielded=yielded,
