@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from prioritized import _check
 from prioritized._check import Array, Mask
+from prioritized._levels import transposed
 from prioritized._rank import frobenius, ranked_svd
 from prioritized._system import ConstrainedSystem
 from prioritized._task import task_selection
@@ -72,12 +73,13 @@ class FailureAtlas(Classes):
         """Row of the condition with just these failures.
 
         Raises:
-            ValueError: The atlas does not hold it.
+            ValueError: The atlas does not hold it, or one actuator both locked and free.
         """
         n = self.codes.shape[1]
         wanted = np.zeros(n, dtype=np.int8)
-        wanted[sorted(_check.index_set("locked", locked, n))] = LOCKED
-        wanted[sorted(_check.index_set("free", free, n))] = FREE
+        lock, release = _check.lock_and_release(locked, free, n)
+        wanted[sorted(lock)] = LOCKED
+        wanted[sorted(release)] = FREE
         found = np.flatnonzero((self.codes == wanted).all(axis=1))
         if not found.size:
             raise ValueError(f"the atlas holds no condition {wanted.tolist()}")
@@ -129,8 +131,8 @@ def _conditions(codes: ArrayLike | None, n: int) -> NDArray[np.int8]:
             raise ValueError(f"codes must list conditions beyond {MOST_ACTUATORS} actuators: {n}")
         return np.array(list(itertools.product((SOUND, LOCKED, FREE), repeat=n)), dtype=np.int8)
     listed = _check.matrix("codes", codes, columns=n)
-    if not np.isin(listed, (SOUND, LOCKED, FREE)).all():
-        raise ValueError("codes must be 0 (sound), 1 (locked) or 2 (free)")
+    if (strange := listed[~np.isin(listed, (SOUND, LOCKED, FREE))]).size:
+        raise ValueError(f"codes must be 0 (sound), 1 (locked) or 2 (free), got {strange[0]:g}")
     return listed.astype(np.int8)
 
 
@@ -189,12 +191,14 @@ def _motions(system: ConstrainedSystem, locked: Mask, active: Mask) -> _Motions:
 
 def _sprung(motions: _Motions, stiffness: Array, tolerance: float) -> _Motions:
     """Motion that was adrift goes where theta^T K theta is least."""
-    F, K = motions.adrift, motions.B.T @ stiffness @ motions.B
+    F, B_m = motions.adrift, motions.moving[..., None] * motions.B
     scale = np.sqrt(np.einsum("ci,ij,cj->c", motions.moving, stiffness**2, motions.moving))
-    held = ranked_svd(F @ K @ F, scale, tolerance)
+    # Springs of joints that are held must not weigh in, not even by the round-off of F.
+    K_m = transposed(B_m) @ stiffness
+    held = ranked_svd(F @ K_m @ B_m @ F, scale, tolerance)
     return dataclasses.replace(
         motions,
-        driven=motions.driven - held.pseudo_inverse() @ K @ motions.driven,
+        driven=motions.driven - held.pseudo_inverse() @ (K_m @ motions.B) @ motions.driven,
         adrift=F @ held.null_projector(),
         gap=np.minimum(motions.gap, held.gap),
     )

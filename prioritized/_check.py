@@ -34,13 +34,17 @@ def matrix(name: str, value: ArrayLike, columns: int | None = None) -> Array:
     return A
 
 
-def batch(name: str, value: ArrayLike, columns: int | None = None) -> Array:
+def batch(
+    name: str, value: ArrayLike, columns: int | None = None, rows: int | None = None
+) -> Array:
     """A finite matrix with any leading batch axes as float64."""
     A = real(name, value)
     if A.ndim < 2:
         raise ValueError(f"{name} must be a matrix, got shape {A.shape}")
     if columns is not None and A.shape[-1] != columns:
         raise ValueError(f"{name} must have {columns} columns, got shape {A.shape}")
+    if rows is not None and A.shape[-2] != rows:
+        raise ValueError(f"{name} must have {rows} rows, got shape {A.shape}")
     return A
 
 
@@ -86,6 +90,14 @@ def not_negative(name: str, value: ArrayLike) -> Array:
     return x
 
 
+def number(name: str, value: ArrayLike) -> float:
+    """One finite number, not below zero."""
+    x = not_negative(name, value)
+    if x.ndim:
+        raise ValueError(f"{name} must be one number, got shape {x.shape}")
+    return float(x)
+
+
 def indices(name: str, value: Sequence[int] | ArrayLike, limit: int) -> Indices:
     """Distinct integers of range(limit), in the order given."""
     raw = _integers(name, value, limit)
@@ -96,8 +108,20 @@ def indices(name: str, value: Sequence[int] | ArrayLike, limit: int) -> Indices:
 
 def index_set(name: str, value: Iterable[int], limit: int) -> frozenset[int]:
     """Integers of range(limit); order and repetition do not matter."""
+    if not isinstance(value, Iterable):
+        raise ValueError(f"{name} must be a list of integers, got {value!r}")
     members = value if isinstance(value, np.ndarray) else list(value)
     return frozenset(_integers(name, members, limit).tolist())
+
+
+def lock_and_release(
+    locked: Iterable[int], free: Iterable[int], n: int
+) -> tuple[frozenset[int], frozenset[int]]:
+    """Failed actuators of range(n), none of them in both sets."""
+    lock, release = index_set("locked", locked, n), index_set("free", free, n)
+    if both := sorted(lock & release):
+        raise ValueError(f"an actuator is either locked or free, got both for {both}")
+    return lock, release
 
 
 def frozen(A: NDArray[_T]) -> NDArray[_T]:

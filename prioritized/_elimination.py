@@ -42,8 +42,10 @@ def reduce_to_active(
     bound = ranked_svd(left_null @ J_Ca, constraint_scale, rank_tolerance)
 
     gain = -closing @ J_Ca
+    pull = np.zeros((len(stuck), len(J_T)))  # on stuck joints, of springs that f stretches
     if stiffness is not None:
         give, rest = _least(free, stiffness[np.ix_(moving, moving)], rank_tolerance)
+        pull = stiffness[np.ix_(stuck, moving)] @ give @ J_Tp.T
         gain, closing = _settled(gain, closing, give, stiffness, moving, active)
         free = rest  # the springs hold all else
     if passive_metric is not None:
@@ -53,7 +55,7 @@ def reduce_to_active(
     # Rows of [J_C; E]: a stuck joint's reaction balances what f and f_C put on it, eq. (9).
     internal_force = np.linalg.qr(np.hstack([left_null, -left_null @ J_Cs]).T)[0].T
     f_C = -closing.T @ J_Tp.T
-    constraint_gain = np.vstack([f_C, -J_Ts.T - J_Cs.T @ f_C])
+    constraint_gain = np.vstack([f_C, pull - J_Ts.T - J_Cs.T @ f_C])
     constraint_gain -= internal_force.T @ (internal_force @ constraint_gain)  # least norm
 
     def among_passive(rows: Array) -> Array:

@@ -88,7 +88,8 @@ class ForceMapping:
 
     def residual(self, f_major: ArrayLike) -> Array:
         """Part of the major force that cannot be exerted, shape (..., m1)."""
-        return np.asarray(f_major, dtype=float) - apply(self.achieved, "f_major", f_major)
+        wanted = _check.vector("f_major", f_major, self.achieved.shape[-1])
+        return wanted - apply(self.achieved, "f_major", wanted)
 
 
 def force_mapping(
@@ -127,8 +128,8 @@ def force_mapping(
         torque_weight: W3, diagonal (n,) or matrix (..., k, n); None is zero.
         secondary_weight: W4, diagonal (m2,) or matrix (..., k, m2); None is zero.
         active_constraint: C, shape (..., r, n); admissible rates are its null space, eq. (17).
-        self_motion: Q, a basis of the task motion that no actuator holds, shape (m, k), columns of
-            unit size.
+        self_motion: Q, a basis of the task motion that no actuator holds, shape (..., m, k),
+            columns of unit size.
         major_metric: M, diagonal (m1,) or matrix (..., k, m1). It matters where self-motion
             forbids the major force, and its rows mix units.
         tie_metric: T, diagonal (n,) or matrix (..., k, n). It matters where the weights leave
@@ -146,12 +147,11 @@ def force_mapping(
     W3 = _check.weight("torque_weight", _check.or_no_rows(torque_weight, n), n)
     W4 = _check.weight("secondary_weight", _check.or_no_rows(secondary_weight, m2), m2)
     C = _check.batch("active_constraint", _check.or_no_rows(active_constraint, n), columns=n)
-    Q = np.zeros((m, 0)) if self_motion is None else _check.batch("self_motion", self_motion)
-    if Q.shape[-2] != m:
-        raise ValueError(f"self_motion must have {m} rows, got shape {Q.shape}")
+    Q = np.zeros((m, 0)) if self_motion is None else self_motion
+    Q = _check.batch("self_motion", Q, rows=m)
     M = np.eye(m1) if major_metric is None else _check.weight("major_metric", major_metric, m1)
     T = _check.weight("tie_metric", _check.or_no_rows(tie_metric, n), n)
-    tolerance = float(_check.not_negative("rank_tolerance", rank_tolerance))
+    tolerance = _check.number("rank_tolerance", rank_tolerance)
     scale = frobenius(J) if scale is None else _check.not_negative("scale", scale)
 
     # Unknown x = [f_m; f_s; eta], aims p = [f_md; torques_d; f_sd].

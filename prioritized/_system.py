@@ -82,7 +82,7 @@ class ConstrainedSystem:
             "J_T": _check.frozen(task),
             "J_C": _check.frozen(_check.matrix("J_C", constraint, columns=N)),
             "active": _check.frozen(_check.indices("active", active, N)),
-            "rank_tolerance": float(_check.not_negative("rank_tolerance", rank_tolerance)),
+            "rank_tolerance": _check.number("rank_tolerance", rank_tolerance),
             "stiffness": _metric("stiffness", stiffness, N),
         }
         for name, value in fields.items():
@@ -109,13 +109,8 @@ class ConstrainedSystem:
             ValueError: An index out of range, or one actuator both locked and free in one call.
         """
         n, N = len(self.active), self.J_T.shape[1]
-        lock = _check.index_set("locked", locked, n)
-        release = _check.index_set("free", free, n)
+        lock, release = _check.lock_and_release(locked, free, n)
         stuck = _check.index_set("locked_passive", locked_passive, N)
-        if lock & release:
-            raise ValueError(
-                f"an actuator is either locked or free, got both for {sorted(lock & release)}"
-            )
         if actuated := stuck & set(self.active.tolist()):
             raise ValueError(
                 "locked_passive must name passive velocities, got the actuated "

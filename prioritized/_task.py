@@ -50,6 +50,10 @@ def task_selection(
 
 
 def _selection(name: str, rows: Sequence[int] | ArrayLike, m: int) -> Array:
-    if np.ndim(rows) == 2:
+    try:
+        directions = np.ndim(rows) == 2
+    except ValueError:
+        raise ValueError(f"{name} must be a rectangular array, got rows that differ") from None
+    if directions:
         return _check.matrix(name, rows, columns=m)
     return np.eye(m)[_check.indices(name, rows, m)]

@@ -52,7 +52,8 @@ class VelocityMapping:
 
     def residual(self, v_major: ArrayLike) -> Array:
         """Part of the major velocity that the rates leave out, shape (..., m1)."""
-        return np.asarray(v_major, dtype=float) - apply(self.achieved, "v_major", v_major)
+        wanted = _check.vector("v_major", v_major, self.achieved.shape[-1])
+        return wanted - apply(self.achieved, "v_major", wanted)
 
 
 def velocity_mapping(
@@ -90,8 +91,8 @@ def velocity_mapping(
         joint_weight: W1, diagonal (n,) or matrix (..., k, n); None is zero.
         secondary_weight: W2, diagonal (m2,) or matrix (..., k, m2); None is zero.
         active_constraint: C, shape (..., r, n).
-        self_motion: Basis of the task motion that no actuator holds, shape (m, k), columns of unit
-            size; it only decides the status.
+        self_motion: Basis of the task motion that no actuator holds, shape (..., m, k), columns of
+            unit size; it only decides the status.
         major_metric: M, diagonal (m1,) or matrix (..., k, m1). It matters where the major task is
             out of reach or damped, and its rows mix units.
         tie_metric: T, diagonal (n,) or matrix (..., k, n). It matters where the weights leave
@@ -112,11 +113,12 @@ def velocity_mapping(
     W1 = _check.weight("joint_weight", _check.or_no_rows(joint_weight, n), n)
     W2 = _check.weight("secondary_weight", _check.or_no_rows(secondary_weight, m2), m2)
     C = _check.batch("active_constraint", _check.or_no_rows(active_constraint, n), columns=n)
-    Q = np.zeros((m, 0)) if self_motion is None else _check.matrix("self_motion", self_motion)
+    Q = np.zeros((m, 0)) if self_motion is None else self_motion
+    Q = _check.batch("self_motion", Q, rows=m)
     M = np.eye(m1) if major_metric is None else _check.weight("major_metric", major_metric, m1)
     T = _check.weight("tie_metric", _check.or_no_rows(tie_metric, n), n)
-    damping = float(_check.not_negative("damping", damping))
-    tolerance = float(_check.not_negative("rank_tolerance", rank_tolerance))
+    damping = _check.number("damping", damping)
+    tolerance = _check.number("rank_tolerance", rank_tolerance)
     scale = frobenius(J) if scale is None else _check.not_negative("scale", scale)
 
     # What the levels aim at, as gains of p = [v_m; rates_d; v_sd].

@@ -1,0 +1,185 @@
+"""Random mechanisms whose ranks are drawn, and oracles that eliminate nothing.
+
+Every size and every rank is a drawn integer, so that a failing example shrinks to the smallest
+mechanism that still fails; only the entries come from a seed.  What is not zero by rank is between
+0.5 and 2, so that each rank is far from the threshold and 1e-8 separates zero from the rest.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from hypothesis import strategies as st
+
+from prioritized import ConstrainedSystem, Kinematics
+
+SEEDS = st.integers(0, 2**32 - 1)
+ZERO = 1e-8
+
+
+def orthogonal(rng: np.random.Generator, size: int) -> np.ndarray:
+    return np.linalg.qr(rng.normal(size=(size, size)))[0]
+
+
+def of_rank(rng: np.random.Generator, rows: int, columns: int, rank: int) -> np.ndarray:
+    """A matrix with `rank` singular values between 0.5 and 2, and no others."""
+    U, V = orthogonal(rng, rows)[:, :rank], orthogonal(rng, columns)[:rank]
+    return U * rng.uniform(0.5, 2.0, size=rank) @ V
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """A system and the ranks it was made from.
+
+    Attributes:
+        system: The mechanism.
+        reach: Dimension of the task velocities that the actuators reach.
+        bound: Number of active rates that the loops forbid.
+        internal: Dimension of the internal forces.
+        drift: Dimension of the task motion with every active joint held.
+        idle: Dimension of the passive motion that the task does not see.
+        rng: For whatever else the test needs.
+    """
+
+    system: ConstrainedSystem
+    reach: int
+    bound: int
+    internal: int
+    drift: int
+    idle: int
+    rng: np.random.Generator
+
+
+@st.composite
+def systems(
+    draw: st.DrawFn,
+    *,
+    actives: tuple[int, int] = (1, 4),
+    tasks: tuple[int, int] = (1, 6),
+    self_motion: bool = True,
+) -> Drawn:
+    """Any mechanism: redundant rows, self-motion, idle joints, bound actuators, lost directions."""
+    n, m = draw(st.integers(*actives)), draw(st.integers(*tasks))
+    held = draw(st.integers(0, 3))
+    drift = draw(st.integers(0, min(m, 2))) if self_motion else 0
+    idle = draw(st.integers(0, 1)) if self_motion else 0
+    p = held + drift + idle
+    bound, redundant = draw(st.integers(0, min(n, 2))), draw(st.integers(0, 2))
+    lost = draw(st.integers(0, min(m, n - bound, 2)))
+    rng = np.random.default_rng(draw(SEEDS))
+
+    c = held + bound + redundant
+    U, V = orthogonal(rng, c), orthogonal(rng, p)
+    J_Cp = U[:, :held] * rng.uniform(0.5, 2.0, size=held) @ V[:, :held].T
+    forbidden = of_rank(rng, bound, n, bound)
+    J_Ca = U[:, :held] @ rng.normal(size=(held, n)) + U[:, held : held + bound] @ forbidden
+    J_Tp = rng.normal(size=(m, held)) @ V[:, :held].T
+    J_Tp += of_rank(rng, m, p - held, drift) @ V[:, held:].T
+    Z = null(forbidden)
+    reach = min(m, n - bound) - lost
+    J = of_rank(rng, m, n - bound, reach) @ Z.T + rng.normal(size=(m, bound)) @ forbidden
+    J_Ta = J + J_Tp @ np.linalg.pinv(J_Cp, rcond=ZERO) @ J_Ca
+
+    order = rng.permutation(n + p)
+    J_T, J_C = np.empty((m, n + p)), np.empty((c, n + p))
+    J_T[:, order], J_C[:, order] = np.hstack([J_Ta, J_Tp]), np.hstack([J_Ca, J_Cp])
+    system = ConstrainedSystem(J_T, J_C, order[:n])
+    return Drawn(system, reach, bound, bound + redundant, drift, idle, rng)
+
+
+@st.composite
+def failures(draw: st.DrawFn, system: ConstrainedSystem) -> ConstrainedSystem:
+    """The system with each actuator sound, locked or free, and perhaps a passive joint stuck."""
+    n, N = len(system.active), system.J_T.shape[1]
+    codes = draw(st.lists(st.integers(0, 2), min_size=n, max_size=n))
+    passive = sorted(set(range(N)) - set(system.active.tolist()))
+    stuck = draw(st.sets(st.sampled_from(passive), max_size=1)) if passive else set()
+    locked, free = ([k for k in range(n) if codes[k] == code] for code in (1, 2))
+    return system.with_failures(locked, free, stuck)
+
+
+@st.composite
+def springs(draw: st.DrawFn, N: int, rng: np.random.Generator) -> np.ndarray:
+    """R of K = R^T R: springs on some joints, or between joints, of any rank."""
+    if draw(st.booleans()):
+        on = draw(st.lists(st.booleans(), min_size=N, max_size=N))
+        return np.diag(rng.uniform(0.5, 2.0, size=N) * on)
+    return of_rank(rng, N, N, draw(st.integers(0, N)))
+
+
+def sprung(system: ConstrainedSystem, K: np.ndarray) -> ConstrainedSystem:
+    """The same mechanism with springs; its failures stay."""
+    known = system.failures
+    made = ConstrainedSystem(system.J_T, system.J_C, system.active, stiffness=K)
+    return made.with_failures(known.locked, known.free, known.locked_passive)
+
+
+def rows_of(data: st.DataObject, m: int) -> list[int]:
+    """Any major rows, at least one."""
+    return data.draw(st.lists(st.integers(0, m - 1), min_size=1, unique=True))
+
+
+@st.composite
+def weights(draw: st.DrawFn, size: int, rng: np.random.Generator) -> np.ndarray | None:
+    """None, a diagonal with zeros in it, or a matrix of any height and rank."""
+    kind = draw(st.sampled_from(["none", "diagonal", "matrix"]))
+    if kind == "none":
+        return None
+    if kind == "diagonal":
+        on = draw(st.lists(st.booleans(), min_size=size, max_size=size))
+        return rng.uniform(0.5, 2.0, size=size) * on
+    rows = draw(st.integers(1, size + 2))
+    return of_rank(rng, rows, size, draw(st.integers(0, min(rows, size))))
+
+
+def as_matrix(W: np.ndarray | None, size: int) -> np.ndarray:
+    if W is None:
+        return np.zeros((0, size))
+    return np.diag(W) if W.ndim == 1 else W
+
+
+def null(A: np.ndarray) -> np.ndarray:
+    """Null space of a matrix whose singular values are zero or far above 1e-8."""
+    _, sigma, Vt = np.linalg.svd(A)
+    return Vt[np.count_nonzero(sigma > ZERO) :].T
+
+
+def projector(basis: np.ndarray) -> np.ndarray:
+    """What two orthonormal bases of one space have in common."""
+    return basis @ basis.T
+
+
+def dense_lexicographic(
+    hard: np.ndarray, levels: Sequence[tuple[np.ndarray, np.ndarray]]
+) -> np.ndarray:
+    """Least |A x - b| for each level in turn inside hard x = 0, by nested null-space bases."""
+    basis = null(hard)
+    x = np.zeros(hard.shape[1])
+    for A, b in levels:
+        kernel = null(A @ basis)
+        seen = basis @ null(kernel.T)
+        x = x + seen @ np.linalg.lstsq(A @ seen, b - A @ x, rcond=None)[0]
+        basis = basis @ kernel
+    return x
+
+
+def stuck_joints(system: ConstrainedSystem) -> list[int]:
+    """Velocity indices of all joints that cannot move."""
+    locked = system.active[sorted(system.failures.locked)].tolist()
+    return sorted({*locked, *system.failures.locked_passive})
+
+
+def closure(system: ConstrainedSystem) -> np.ndarray:
+    """Section 2.3.2: J_C with a unit row under it for each stuck joint."""
+    return np.vstack([system.J_C, np.eye(system.J_T.shape[1])[stuck_joints(system)]])
+
+
+def motions(system: ConstrainedSystem) -> np.ndarray:
+    """Orthonormal basis of all generalized velocities that the mechanism allows."""
+    return null(closure(system))
+
+
+def adrift(system: ConstrainedSystem, kin: Kinematics) -> np.ndarray:
+    """Orthonormal basis of those with every active joint held, in all coordinates."""
+    held = np.eye(system.J_T.shape[1])[kin.active]
+    return null(np.vstack([closure(system), held]))

@@ -1,0 +1,164 @@
+"""Section 2.3: failures rebuild the model; here it is rebuilt by hand and compared."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from prioritized import ConstrainedSystem, Kinematics, velocity_mapping
+from tests.random_systems import (
+    SEEDS,
+    closure,
+    failures,
+    motions,
+    null,
+    projector,
+    stuck_joints,
+    systems,
+)
+
+
+def assert_same_mechanism(one: Kinematics, two: Kinematics, atol: float = 1e-7) -> None:
+    """Equal Jacobian on admissible rates, equal spaces; bases may be turned in themselves."""
+    np.testing.assert_array_equal(one.active, two.active)
+    np.testing.assert_array_equal(one.passive, two.passive)
+    Z = null(one.active_constraint)
+    np.testing.assert_allclose(one.J @ Z, two.J @ Z, atol=atol)
+    np.testing.assert_allclose(one.passive_gain @ Z, two.passive_gain @ Z, atol=atol)
+    for name in ("self_motion", "passive_drift"):
+        expected, actual = projector(getattr(one, name)), projector(getattr(two, name))
+        np.testing.assert_allclose(actual, expected, atol=atol)
+    for name in ("internal_force", "active_constraint"):
+        expected, actual = projector(getattr(one, name).T), projector(getattr(two, name).T)
+        np.testing.assert_allclose(actual, expected, atol=atol)
+    np.testing.assert_allclose(one.constraint_gain, two.constraint_gain, atol=atol)
+
+
+@given(st.data(), systems())
+def test_a_torque_failure_is_a_passive_joint_like_any_other(data, drawn):
+    """Section 2.3.1: a motor that exerts nothing might as well never have been there."""
+    system, n = drawn.system, len(drawn.system.active)
+    free = data.draw(st.sets(st.integers(0, n - 1)))
+    left = np.delete(system.active, sorted(free))
+    without = ConstrainedSystem(system.J_T, system.J_C, left)
+    assert_same_mechanism(without.kinematics(), system.with_failures(free=free).kinematics())
+
+
+@given(st.data(), systems())
+def test_a_mixture_of_failures_is_the_printed_model_with_unit_rows(data, drawn):
+    """Section 2.3.2: E under J_C for what is stuck, and all that failed among the passive."""
+    failed = data.draw(failures(drawn.system))
+    gone = sorted(failed.failures.locked | failed.failures.free)
+    left = np.delete(failed.active, gone)
+    printed = ConstrainedSystem(failed.J_T, closure(failed), left)
+    kin = failed.kinematics()
+    assert_same_mechanism(printed.kinematics(), kin)
+    # What is stuck does not move, whatever the others do.
+    stuck = np.isin(kin.passive, stuck_joints(failed))
+    np.testing.assert_array_equal(kin.passive_gain[stuck], 0)
+    np.testing.assert_array_equal(kin.passive_drift[stuck], 0)
+
+
+@given(st.data(), systems(actives=(2, 4)))
+def test_failures_come_in_any_order_and_may_be_told_twice(data, drawn):
+    """One by one, repeated and shuffled, or all at once: the same broken mechanism."""
+    at_once = data.draw(failures(drawn.system))
+    broken = at_once.failures
+    events = [{"locked": [k]} for k in broken.locked] + [{"free": [k]} for k in broken.free]
+    events += [{"locked_passive": [k]} for k in broken.locked_passive]
+    # A released actuator that jams later, or is reported released after it jammed, is locked.
+    events += [{"free": [k]} for k in data.draw(st.sets(st.sampled_from([*broken.locked, -1])))]
+    events = [event for event in events if event != {"free": [-1]}]
+    system = drawn.system
+    for event in data.draw(st.permutations(events + events)):
+        system = system.with_failures(**event)
+    assert system.failures == broken
+    np.testing.assert_array_equal(system.kinematics().J, at_once.kinematics().J)
+    assert not drawn.system.failures.locked  # the sound one stays as it was
+
+
+@given(st.data(), systems(actives=(2, 4)))
+def test_a_position_failure_leaves_of_all_motions_those_that_keep_the_joint_still(data, drawn):
+    """Driven motions and self-motion of the locked model together are exactly these."""
+    n, N = len(drawn.system.active), drawn.system.J_T.shape[1]
+    locked = data.draw(st.sets(st.integers(0, n - 1), min_size=1))
+    kin = drawn.system.with_failures(locked=locked).kinematics()
+    Z = null(kin.active_constraint)
+    made = np.zeros((N, Z.shape[1] + kin.passive_drift.shape[1]))
+    made[kin.active, : Z.shape[1]] = Z
+    made[kin.passive] = np.hstack([kin.passive_gain @ Z, kin.passive_drift])
+    sound = motions(drawn.system)
+    still = sound @ null(sound[drawn.system.active[sorted(locked)]])
+    assert made.shape == still.shape
+    np.testing.assert_allclose(projector(np.linalg.qr(made)[0]), projector(still), atol=1e-7)
+
+
+@given(st.data(), systems(actives=(2, 4)))
+def test_weights_of_all_actuators_are_cut_to_the_survivors(data, drawn):
+    """A controller keeps its weights when an actuator fails: those of the failed have no say."""
+    system, n = data.draw(failures(drawn.system)), len(drawn.system.active)
+    kin, rng = system.kinematics(), drawn.rng
+    square, diagonal = rng.normal(size=(n, n)), rng.uniform(0.5, 2.0, size=n)
+    for W in (square, diagonal):
+        for T in (square[::-1], diagonal):
+            cut = W[..., kin.actuators], T[..., kin.actuators]
+            rates = kin.velocity_mapping([0], None, W, tie_metric=T)
+            same = kin.velocity_mapping([0], None, cut[0], tie_metric=cut[1])
+            np.testing.assert_array_equal(rates.major, same.major)
+            torques = kin.force_mapping([0], None, W, tie_metric=T)
+            same = kin.force_mapping([0], None, cut[0], tie_metric=cut[1])
+            np.testing.assert_array_equal(torques.major, same.major)
+    everyone = kin.expand(diagonal[kin.actuators])
+    np.testing.assert_array_equal(everyone[kin.actuators], diagonal[kin.actuators])
+    assert np.count_nonzero(everyone) == len(kin.actuators)
+
+
+def four_bar(angles: np.ndarray, lengths: np.ndarray) -> ConstrainedSystem:
+    """A planar loop of four hinges, motors on the first two; the task is the coupler's twist.
+
+    The last bar is the ground: the sum of all hinge twists about the fixed origin is zero.
+    """
+    turned = np.cumsum(angles)
+    bars = lengths[:, None] * np.stack([np.cos(turned), np.sin(turned)], axis=1)
+    hinges = np.vstack([np.zeros(2), np.cumsum(bars, axis=0)])
+    twists = np.array([[1.0, y, -x] for x, y in hinges]).T
+    J_T = np.hstack([twists[:, :2], np.zeros((3, 2))])
+    return ConstrainedSystem(J_T, twists, [0, 1])
+
+
+@given(SEEDS, st.integers(0, 1))
+def test_the_warning_of_section_2_3_2_a_four_bar_stops_where_a_column_less_would_move(seed, locked):
+    """One loop, one freedom, two motors: one locked, all is locked; the paper's closing warning."""
+    rng = np.random.default_rng(seed)
+    system = four_bar(rng.uniform(0.3, 1.2, size=3), rng.uniform(0.5, 2.0, size=3))
+    sound = system.kinematics()
+    assert sound.manipulability([0]).constrained_active
+    kin = system.with_failures(locked=[locked]).kinematics()
+    assert kin.manipulability([0]).unmanipulable
+    assert motions(system.with_failures(locked=[locked])).shape == (4, 0)
+    np.testing.assert_allclose(kin.velocity_mapping([0])([1.0]), 0.0, atol=1e-9)
+    dropped = velocity_mapping(np.delete(sound.J, locked, axis=1), [0])([1.0])
+    rates = np.insert(dropped, locked, 0.0)
+    assert np.abs(sound.active_constraint @ rates).max() > 1e-2  # the loop would tear
+    # Force, too: the motor left behind only squeezes, so the structure bears the whole task.
+    mapping = kin.force_mapping([0], torque_weight=[1.0])
+    np.testing.assert_allclose(mapping([1.0]), 0.0, atol=1e-9)
+    np.testing.assert_allclose(mapping.reaction, np.eye(3), atol=1e-9)
+
+
+def test_a_four_bar_is_rid_of_internal_force_by_releasing_one_of_two_motors():
+    """The other way to lose an actuator: what was over-actuated is then just actuated."""
+    system = four_bar(np.array([0.5, 0.9, 0.7]), np.array([1.0, 2.0, 1.5]))
+    assert system.kinematics().manipulability([0]).irresolvable
+    report = system.with_failures(free=[1]).kinematics().manipulability([0])
+    assert not (report.irresolvable or report.constrained_active or report.unstable)
+    crank, elbow, *_ = null(system.J_C)[:, 0]  # the one motion that closes the loop
+    assert report.worst_gain == pytest.approx(abs((crank + elbow) / crank))
+
+
+def test_a_passive_joint_that_sticks_again_changes_nothing():
+    system = four_bar(np.array([0.5, 0.9, 0.7]), np.array([1.0, 2.0, 1.5]))
+    once = system.with_failures(locked_passive=[2])
+    twice = once.with_failures(locked_passive=[2, 2])
+    assert once.failures == twice.failures
+    assert once.kinematics().active_constraint.shape == (2, 2)  # nothing moves any more

@@ -1,0 +1,186 @@
+"""Laws of the force mapping, Problem 6, with internal forces and self-motion."""
+
+import numpy as np
+import scipy.linalg
+from hypothesis import given
+from hypothesis import strategies as st
+
+from prioritized import Status, force_mapping
+from tests.random_systems import (
+    SEEDS,
+    adrift,
+    as_matrix,
+    dense_lexicographic,
+    failures,
+    null,
+    of_rank,
+    rows_of,
+    stuck_joints,
+    systems,
+    weights,
+)
+
+pinv = np.linalg.pinv
+
+
+def theorem_7(J_m, J_s, W3, W4):
+    """Eq. (34), as printed: gains of f_md, and of the stacked [torques_d; f_sd]."""
+    K = J_s.T @ pinv(np.vstack([W3 @ J_s.T, W4]))
+    major = J_m.T - K @ np.vstack([W3 @ J_m.T, np.zeros((len(J_s), len(J_m)))])
+    return major, K @ scipy.linalg.block_diag(W3, W4)
+
+
+def theorem_8(J_m, J_s, W3):
+    """Eq. (36), as printed."""
+    K = J_s.T @ pinv(W3 @ J_s.T) @ W3
+    return J_m.T - K @ J_m.T, K
+
+
+@given(SEEDS, st.integers(1, 3), st.integers(1, 4), st.integers(0, 3))
+def test_theorems_7_8_and_9_are_special_cases(seed, m1, m2, extra):
+    """Without self-motion and internal force the torques are those of the paper."""
+    n = m2 + extra
+    rng = np.random.default_rng(seed)
+    J_m, J_s = rng.normal(size=(m1, n)), of_rank(rng, m2, n, m2)
+    J = np.vstack([J_m, J_s])
+    W3, W4 = of_rank(rng, n, n, n), of_rank(rng, m2, m2, m2)
+    major = list(range(m1))
+
+    both = force_mapping(J, major, torque_weight=W3, secondary_weight=W4)
+    expected, goals = theorem_7(J_m, J_s, W3, W4)
+    np.testing.assert_allclose(both.major, expected, atol=1e-10)
+    np.testing.assert_allclose(np.hstack([both.torque, both.secondary]), goals, atol=1e-10)
+
+    torque = force_mapping(J, major, torque_weight=W3)
+    expected, goals = theorem_8(J_m, J_s, W3)
+    np.testing.assert_allclose(torque.major, expected, atol=1e-10)
+    np.testing.assert_allclose(torque.torque, goals, atol=1e-10)
+
+    secondary = force_mapping(J, major, secondary_weight=W4)  # Theorem 9
+    np.testing.assert_allclose(secondary.major, J_m.T, atol=1e-10)
+    np.testing.assert_allclose(secondary.secondary, J_s.T, atol=1e-10)
+
+
+@given(st.data(), systems())
+def test_torques_are_the_lexicographic_optimum_over_all_forces_of_the_mechanism(data, drawn):
+    """Against eqs. (8) and (9) with every constraint force unknown; nothing is eliminated."""
+    system = data.draw(failures(drawn.system))
+    kin = system.kinematics()
+    rng, m, n = drawn.rng, len(system.J_T), len(kin.active)
+    major = rows_of(data, m)
+    rest = sorted(set(range(m)) - set(major))
+    m1, m2 = len(major), len(rest)
+    W3, W4 = data.draw(weights(n, rng)), data.draw(weights(m2, rng))
+    T, M = data.draw(weights(n, rng)), of_rank(rng, m1 + 1, m1, m1)
+    mapping = kin.force_mapping(major, None, W3, W4, major_metric=M, tie_metric=T)
+    aims = rng.normal(size=m1), rng.normal(size=n), rng.normal(size=m2)
+    torques, f_s = mapping(*aims), mapping.secondary_force(*aims)
+
+    # Unknown are f and f_C; a stuck joint bears whatever comes, the moving ones nothing.
+    bearing = np.setdiff1d(kin.passive, stuck_joints(system))
+    balance = np.vstack([system.J_T, system.J_C]).T
+    to_torques, to_f = balance[kin.active], np.eye(balance.shape[1])
+    W3, W4, T = as_matrix(W3, n), as_matrix(W4, m2), as_matrix(T, n)
+    weighted = np.vstack([W3 @ to_torques, W4 @ to_f[rest]])
+    levels = [
+        (M @ to_f[major], M @ aims[0]),
+        (weighted, np.concatenate([W3 @ aims[1], W4 @ aims[2]])),
+        (T @ to_torques, np.zeros(len(T))),
+        (to_torques, np.zeros(n)),
+        (to_f[rest], np.zeros(m2)),
+    ]
+    best = dense_lexicographic(balance[bearing], levels)
+    # The mechanisms are well conditioned up to their chance sub-blocks: 1e-6 leaves these room.
+    np.testing.assert_allclose(torques, to_torques @ best, atol=1e-6)
+    np.testing.assert_allclose(f_s, best[rest], atol=1e-6)
+    np.testing.assert_allclose(mapping.residual(aims[0]), aims[0] - best[major], atol=1e-6)
+
+
+@given(st.data(), systems(actives=(1, 4)))
+def test_self_motion_is_never_pushed_against_and_eq_16_gives_the_torques(data, drawn):
+    """Nothing holds self-motion, so f does no work on it: Q^T f = 0 whatever is asked for."""
+    system = data.draw(failures(drawn.system))
+    kin = system.kinematics()
+    m, n = kin.J.shape
+    major = rows_of(data, m)
+    rest = sorted(set(range(m)) - set(major))
+    mapping = kin.force_mapping(
+        major, torque_weight=np.ones(n), secondary_weight=np.ones(len(rest))
+    )
+    aims = [drawn.rng.normal(size=size) for size in (len(major), n, len(rest))]
+    f = np.empty(m)
+    f[major], f[rest] = aims[0] - mapping.residual(aims[0]), mapping.secondary_force(*aims)
+    np.testing.assert_allclose(kin.self_motion.T @ f, 0, atol=1e-9)
+    np.testing.assert_allclose((system.J_T @ adrift(system, kin)).T @ f, 0, atol=1e-9)
+    expected = kin.J.T @ f + kin.active_constraint.T @ mapping.internal_force(*aims)
+    np.testing.assert_allclose(mapping(*aims), expected, atol=1e-9)
+
+
+@given(st.data(), systems(actives=(1, 3)))
+def test_a_major_force_that_self_motion_forbids_comes_out_closest_in_the_major_metric(data, drawn):
+    """Level 2 has no gradient left along any force that level 1 allows, and the status says so."""
+    kin = drawn.system.kinematics()
+    m, n = kin.J.shape
+    major = rows_of(data, m)
+    M = of_rank(drawn.rng, len(major), len(major), len(major))
+    mapping = kin.force_mapping(major, torque_weight=np.ones(n), major_metric=M)
+    f_md = drawn.rng.normal(size=len(major))
+    allowed = null(kin.self_motion.T)[major]  # major parts of all forces that do no work on Q
+    np.testing.assert_allclose(allowed.T @ M.T @ M @ mapping.residual(f_md), 0, atol=1e-9)
+    short = np.linalg.matrix_rank(allowed, tol=1e-8) < len(major)
+    assert (mapping.status is Status.LEAST_SQUARES) == short
+    assert (np.abs(mapping.residual(f_md)).max() > 1e-12) == short
+    assert mapping.rank == np.linalg.matrix_rank(allowed, tol=1e-8)
+
+
+def test_the_metric_chooses_which_part_of_a_forbidden_force_is_given_up():
+    """The task gives way along (1, 1): only forces along (1, -1) can be exerted."""
+    Q = np.array([[1.0], [1.0]]) / np.sqrt(2)
+    plain = force_mapping(np.eye(2), [0, 1], self_motion=Q)
+    np.testing.assert_allclose(plain.achieved, [[0.5, -0.5], [-0.5, 0.5]], atol=1e-12)
+    weighted = force_mapping(np.eye(2), [0, 1], self_motion=Q, major_metric=[3.0, 1.0])
+    # Minimum of 9 (x - f_1)^2 + (-x - f_2)^2.
+    np.testing.assert_allclose(weighted.achieved, [[0.9, -0.1], [-0.9, 0.1]], atol=1e-12)
+    assert plain.status is weighted.status is Status.LEAST_SQUARES
+    assert plain.rank == 1
+
+
+def test_ties_go_to_the_least_torques_and_then_to_the_least_secondary_force():
+    """Two secondary rows push the same actuator: the torque vanishes, they share its burden."""
+    J = np.array([[1.0, 1.0], [1.0, 0.0], [1.0, 0.0]])
+    mapping = force_mapping(J, [0])
+    np.testing.assert_allclose(mapping([2.0]), [0.0, 2.0], atol=1e-12)
+    np.testing.assert_allclose(mapping.secondary_force([2.0]), [-1.0, -1.0], atol=1e-12)
+
+
+def test_a_force_that_the_structure_bears_is_called_unseen():
+    """An arm stretched out: a pull along it needs no torque, so no torque can command it."""
+    stretched = np.array([[0.0, 0.0], [2.0, 1.0]])  # [along; across]
+    along, across = force_mapping(stretched, [0]), force_mapping(stretched, [1])
+    assert along.status is Status.UNSEEN
+    np.testing.assert_array_equal(along.major, 0)
+    assert across.status is Status.EXACT
+    np.testing.assert_allclose(across.major[:, 0], [2.0, 1.0], atol=1e-12)
+    np.testing.assert_allclose(across.reaction, np.diag([1.0, 0.0]), atol=1e-12)
+
+
+@given(SEEDS, st.integers(0, 2), st.integers(0, 2))
+def test_a_batch_is_its_elements_one_by_one(seed, r, k):
+    rng = np.random.default_rng(seed)
+    J, C = rng.normal(size=(3, 4, 3)), rng.normal(size=(3, r, 3))
+    Q = np.linalg.qr(rng.normal(size=(3, 4, k)))[0]
+    W3, W4, M = rng.normal(size=(3, 2, 3)), rng.normal(size=(3, 2, 2)), rng.normal(size=(3, 2, 2))
+    J[0], W4[1] = 0.0, 0.0  # one has nothing to offer, one has no wish
+    aims = rng.normal(size=(3, 2)), rng.normal(size=(3, 3)), rng.normal(size=(3, 2))
+    batch = force_mapping(J, [0, 1], None, W3, W4, C, Q, major_metric=M)
+    for i in range(3):
+        wishes = [aim[i] for aim in aims]
+        one = force_mapping(J[i], [0, 1], None, W3[i], W4[i], C[i], Q[i], major_metric=M[i])
+        np.testing.assert_allclose(batch(*aims)[i], one(*wishes), atol=1e-8)
+        f_s, eta = batch.secondary_force(*aims)[i], batch.internal_force(*aims)[i]
+        np.testing.assert_allclose(f_s, one.secondary_force(*wishes), atol=1e-8)
+        np.testing.assert_allclose(eta, one.internal_force(*wishes), atol=1e-8)
+        residual = batch.residual(aims[0])[i]
+        np.testing.assert_allclose(residual, one.residual(wishes[0]), atol=1e-8)
+        np.testing.assert_allclose(batch.reaction[i], one.reaction, atol=1e-8)
+        assert batch.rank[i] == one.rank

@@ -1,0 +1,195 @@
+"""The conditions of section 2.2: each verdict with the motion or the force that proves it."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from prioritized import ConstrainedSystem
+from tests.random_systems import (
+    SEEDS,
+    adrift,
+    closure,
+    failures,
+    motions,
+    null,
+    of_rank,
+    projector,
+    rows_of,
+    stuck_joints,
+    systems,
+)
+
+ALONG, ACROSS = [0], [1]
+FLAGS = {
+    "unmanipulable",
+    "unmanipulable_task",
+    "unstable",
+    "unstable_major",
+    "unstable_secondary",
+    "idle",
+    "irresolvable",
+    "constrained_active",
+}
+
+
+def holding(report) -> set[str]:
+    """Names of the conditions that hold; each flag agrees with its finding and its basis."""
+    assert set(report.findings) == FLAGS
+    for name in FLAGS:
+        assert getattr(report, name) == report.findings[name].holds
+        assert report.findings[name].holds == (report.bases[name].size > 0)
+    return {name for name in FLAGS if getattr(report, name)}
+
+
+def test_an_arm_stretched_out_cannot_move_along_itself():
+    """Two hinges at 0 and 1 of a line, tip at 2: both rates move the tip across the line only."""
+    kin = ConstrainedSystem([[0.0, 0.0], [2.0, 1.0]], None, [0, 1]).kinematics()
+    assert holding(kin.manipulability(ACROSS)) == {"unmanipulable_task"}
+    report = kin.manipulability([1, 0])
+    assert holding(report) == {"unmanipulable", "unmanipulable_task"}
+    # Major coordinates are those of `major`, here [across; along]; the task's are [along; across].
+    np.testing.assert_allclose(np.abs(report.bases["unmanipulable"]), [[0.0], [1.0]], atol=1e-12)
+    np.testing.assert_allclose(np.abs(report.bases["unmanipulable_task"]), [[1.0], [0.0]])
+    assert report.worst_gain == 0.0
+    assert kin.manipulability(ACROSS).worst_gain == pytest.approx(np.sqrt(5.0))
+    assert "cannot move the major task in one direction" in str(report)
+
+
+def test_a_released_hinge_lets_the_major_task_go_only_where_it_moves_it():
+    """A slide along, a slide across: releasing one leaves the other direction held."""
+    system = ConstrainedSystem(np.eye(2), None, [0, 1]).with_failures(free=[1])
+    kin = system.kinematics()
+    across = kin.manipulability(ACROSS)
+    assert holding(across) == {"unmanipulable", "unmanipulable_task", "unstable", "unstable_major"}
+    along = kin.manipulability(ALONG)
+    assert holding(along) == {"unmanipulable_task", "unstable", "unstable_secondary"}
+    np.testing.assert_allclose(np.abs(along.bases["unstable_secondary"]), [[0.0], [1.0]])
+
+
+def test_a_rod_between_two_ball_joints_spins_unseen():
+    """Its two spins must agree, and neither the task nor the slide takes part."""
+    system = ConstrainedSystem([[1.0, 0.0, 0.0]], [[0.0, 1.0, -1.0]], [0])
+    report = system.kinematics().manipulability([0])
+    assert holding(report) == {"idle"}
+    np.testing.assert_allclose(np.abs(report.bases["idle"]), np.full((2, 1), np.sqrt(0.5)))
+
+
+def test_a_door_with_two_hinges_on_one_axis_is_over_constrained_and_moves_all_the_same():
+    """Either hinge would do: how they share the load is open, but no active rate is forbidden."""
+    J_C = [[1.0, -1.0], [1.0, -1.0]]  # the crank and the door turn together, said twice
+    report = ConstrainedSystem([[0.0, 1.0]], J_C, [0]).kinematics().manipulability([0])
+    assert holding(report) == {"irresolvable"}
+    np.testing.assert_allclose(np.abs(report.bases["irresolvable"]), np.full((1, 2), np.sqrt(0.5)))
+
+
+def test_two_geared_motors_forbid_each_other():
+    """One to two: rates (1, 2) are the only ones, and torques along (2, -1) only squeeze."""
+    system = ConstrainedSystem([[1.0, 0.0]], [[2.0, -1.0]], [0, 1])
+    report = system.kinematics().manipulability([0])
+    assert holding(report) == {"irresolvable", "constrained_active"}
+    expected = np.array([[2.0, 1.0]]) / np.sqrt(5.0)
+    np.testing.assert_allclose(np.abs(report.bases["constrained_active"]), expected)
+    assert report.worst_gain == pytest.approx(1.0 / np.sqrt(5.0))
+
+
+def test_with_every_actuator_gone_nothing_is_manipulable():
+    system = ConstrainedSystem(np.eye(2), None, [0, 1])
+    jammed = system.with_failures(locked=[0, 1]).kinematics().manipulability([0])
+    assert holding(jammed) == {"unmanipulable", "unmanipulable_task"}
+    loose = system.with_failures(free=[0, 1]).kinematics().manipulability([0])
+    assert holding(loose) == FLAGS - {"idle", "irresolvable", "constrained_active"}
+
+
+@given(systems())
+def test_every_drawn_rank_is_found_again(drawn):
+    """Self-motion, idle joints, internal forces, forbidden rates, reach: as they were made."""
+    m, n = len(drawn.system.J_T), len(drawn.system.active)
+    bases = drawn.system.kinematics().manipulability(list(range(m))).bases
+    assert bases["unstable"].shape == bases["unstable_major"].shape == (m, drawn.drift)
+    assert bases["idle"].shape[1] == drawn.idle
+    assert bases["irresolvable"].shape == (drawn.internal, len(drawn.system.J_C))
+    assert bases["constrained_active"].shape == (drawn.bound, n)
+    assert bases["unmanipulable"].shape == bases["unmanipulable_task"].shape == (m, m - drawn.reach)
+    assert not bases["unstable_secondary"].size
+
+
+@given(st.data(), systems())
+def test_every_basis_proves_its_verdict(data, drawn):
+    """Each direction is acted out with explicit rates of all joints, or borne by no torque."""
+    system = data.draw(failures(drawn.system))
+    kin = system.kinematics()
+    J_T, N = system.J_T, system.J_T.shape[1]
+    major = rows_of(data, len(J_T))
+    report = kin.manipulability(major)
+    bases = report.bases
+    closed, loose = motions(system), adrift(system, kin)
+    driven = null(np.vstack([closure(system), loose.T]))  # motions that no self-motion is part of
+
+    for name, rows in (("unmanipulable", major), ("unmanipulable_task", range(len(J_T)))):
+        moved = J_T[list(rows)] @ driven
+        np.testing.assert_allclose(bases[name].T @ moved, 0, atol=1e-8)
+        assert bases[name].shape[1] == len(rows) - np.linalg.matrix_rank(moved, tol=1e-8)
+
+    # Columns of `loose` close the loops with every active joint at rest: they are the rates.
+    drift = J_T @ loose
+    still = loose @ null(drift[major])  # of these, the ones that leave the major task alone
+    expected = {
+        "unstable": drift,
+        "unstable_major": drift[major],
+        "unstable_secondary": J_T @ still,
+        "idle": (loose @ null(drift))[kin.passive],
+    }
+    for name, made in expected.items():
+        beyond = projector(null(made.T))
+        np.testing.assert_allclose(projector(bases[name]), np.eye(len(made)) - beyond, atol=1e-6)
+
+    rows = np.vstack([system.J_C, np.eye(N)[stuck_joints(system)]])
+    np.testing.assert_allclose(bases["irresolvable"] @ rows[:, kin.passive], 0, atol=1e-8)
+    left = len(rows) - np.linalg.matrix_rank(rows[:, kin.passive], tol=1e-8)
+    assert len(bases["irresolvable"]) == left
+    rates = closed[kin.active]
+    np.testing.assert_allclose(bases["constrained_active"] @ rates, 0, atol=1e-8)
+    forbidden = len(rates) - np.linalg.matrix_rank(rates, tol=1e-8)
+    assert len(bases["constrained_active"]) == forbidden
+
+
+@given(st.data(), systems(self_motion=False))
+def test_the_worst_gain_is_the_least_speed_per_unit_rate(data, drawn):
+    """Its inverse is what the worst unit velocity costs in rates, as the mapping pays it."""
+    kin = drawn.system.kinematics()
+    major = rows_of(data, len(kin.J))
+    report = kin.manipulability(major)
+    cost = np.linalg.norm(kin.velocity_mapping(major).major, 2)
+    assert report.unmanipulable == (report.worst_gain == 0.0)
+    if not report.unmanipulable:
+        assert report.worst_gain == pytest.approx(1.0 / cost, rel=1e-6)
+
+
+@given(SEEDS, st.integers(1, 4), st.data())
+def test_a_freed_joint_of_a_serial_arm_is_unstable_and_major_if_its_column_says_so(seed, n, data):
+    """Section 2.3.1: a serial arm has no loop to hold what its motor lets go."""
+    J_T = np.random.default_rng(seed).normal(size=(3, n))
+    quiet = data.draw(st.booleans())
+    freed = data.draw(st.integers(0, n - 1))
+    if quiet:
+        J_T[0, freed] = 0.0
+    system = ConstrainedSystem(J_T, None, range(n)).with_failures(free=[freed])
+    report = system.kinematics().manipulability([0])
+    assert report.unstable
+    assert report.unstable_major == (not quiet)
+    assert report.unstable_secondary == quiet
+    column = J_T[:, [freed]] / np.linalg.norm(J_T[:, freed])
+    np.testing.assert_allclose(projector(report.bases["unstable"]), projector(column), atol=1e-12)
+
+
+@given(SEEDS, st.integers(1, 3))
+def test_one_of_many_major_rows_may_be_given_in_any_length(seed, m1):
+    """A direction ten times as long is the same direction: no verdict and no gap changes."""
+    rng = np.random.default_rng(seed)
+    kin = ConstrainedSystem(of_rank(rng, 4, 3, 2), None, range(3)).kinematics()
+    S = rng.normal(size=(m1, 4))
+    one, ten = kin.manipulability(S), kin.manipulability(10.0 * S)
+    assert holding(one) == holding(ten)
+    np.testing.assert_allclose(one.gaps["unstable_major"], ten.gaps["unstable_major"])
+    assert 10.0 * one.worst_gain == pytest.approx(ten.worst_gain)

@@ -1,0 +1,161 @@
+"""Balance of power: what the actuators spend is what the task receives, eq. (4)."""
+
+import mujoco
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from prioritized import ConstrainedSystem, Status, force_mapping
+from sim import jacobians
+from tests.random_systems import (
+    SEEDS,
+    failures,
+    motions,
+    null,
+    of_rank,
+    projector,
+    rows_of,
+    systems,
+    weights,
+)
+
+
+@given(st.data(), systems())
+def test_force_times_velocity_is_torque_times_rate_for_every_motion_whatever_failed(data, drawn):
+    """Also through self-motion, redundant rows, locked and free actuators, over-actuation."""
+    system = data.draw(failures(drawn.system))
+    kin, rng = system.kinematics(), drawn.rng
+    m, n = kin.J.shape
+    major = rows_of(data, m)
+    rest = sorted(set(range(m)) - set(major))
+    W3, W4 = data.draw(weights(n, rng)), data.draw(weights(len(rest), rng))
+    mapping = kin.force_mapping(major, None, W3, W4)
+    aims = [rng.normal(size=size) for size in (len(major), n, len(rest))]
+    torques, f = mapping(*aims), np.empty(m)
+    f[major], f[rest] = aims[0] - mapping.residual(aims[0]), mapping.secondary_force(*aims)
+
+    theta_dot = motions(system)  # each column a motion, all of them together any motion
+    v, rates = system.J_T @ theta_dot, theta_dot[kin.active]
+    np.testing.assert_allclose(f @ v, torques @ rates, atol=1e-7)
+    # The same through the model: v = J rates + whatever self-motion adds.
+    drifting = rng.normal(size=kin.self_motion.shape[1])
+    rates = rates @ rng.normal(size=rates.shape[1])
+    v = kin.J @ rates + kin.self_motion @ drifting
+    np.testing.assert_allclose(f @ v, torques @ rates, atol=1e-7)
+
+
+@given(st.data(), systems())
+def test_the_directions_of_a_task_may_be_any_basis(data, drawn):
+    """Power defines f_m and f_s for oblique directions: f . v = f_m . v_m + f_s . v_s."""
+    kin, rng = drawn.system.kinematics(), drawn.rng
+    m, n = kin.J.shape
+    m1 = data.draw(st.integers(1, m))
+    S = of_rank(rng, m, m, m)
+    mapping = kin.force_mapping(S[:m1], S[m1:], np.ones(n), np.ones(m - m1))
+    aims = [rng.normal(size=size) for size in (m1, n, m - m1)]
+    f_m, f_s = aims[0] - mapping.residual(aims[0]), mapping.secondary_force(*aims)
+    theta_dot = motions(drawn.system)
+    v, rates = drawn.system.J_T @ theta_dot, theta_dot[kin.active]
+    spent = f_m @ S[:m1] @ v + f_s @ S[m1:] @ v
+    np.testing.assert_allclose(spent, mapping(*aims) @ rates, atol=1e-7)
+
+
+@given(st.data(), systems())
+def test_the_reaction_is_every_force_that_does_no_work_on_any_motion(data, drawn):
+    """Such forces change no torque beyond what merely squeezes the loops, C^T eta."""
+    system = data.draw(failures(drawn.system))
+    kin = system.kinematics()
+    major = rows_of(data, len(system.J_T))
+    mapping = kin.force_mapping(major, torque_weight=np.ones(len(kin.active)))
+    moved = system.J_T @ motions(system)
+    borne = projector(null(moved.T))
+    np.testing.assert_allclose(mapping.reaction, borne, atol=1e-7)
+    squeeze = projector(kin.active_constraint.T)
+    torques = kin.J.T @ borne
+    np.testing.assert_allclose(torques, squeeze @ torques, atol=1e-7)
+    if not kin.self_motion.size:
+        seen = np.linalg.matrix_rank(moved[major], tol=1e-8) == len(major)
+        assert mapping.status is (Status.EXACT if seen else Status.UNSEEN)
+
+
+def test_a_locked_strut_bears_one_force_of_the_hexapod(model):
+    """Six directions, five motions: the sixth force loads the lock, and no coil feels it."""
+    jac = jacobians(model, mujoco.MjData(model), site="payload", axes="base")
+    system = ConstrainedSystem(jac.J_T, jac.J_C, jac.active)
+    nominal = system.kinematics()
+    sound = nominal.force_mapping([0, 1], torque_weight=np.ones(6))
+    np.testing.assert_allclose(sound.reaction, 0, atol=1e-9)
+    mapping = system.with_failures(locked=[2]).kinematics().force_mapping([0, 1])
+    assert np.trace(mapping.reaction) == pytest.approx(1.0)
+    assert mapping.status is Status.EXACT
+    f = mapping.reaction @ np.random.default_rng(0).normal(size=6)
+    others = np.delete(np.arange(6), 2)
+    torques = nominal.J.T @ f
+    np.testing.assert_allclose(torques[others], 0, atol=1e-9 * np.abs(torques[2]))
+
+
+def exerted(kin, torques):
+    """Task force that these torques hold in balance, and nothing else does: eqs. (8), (9)."""
+    balance = np.vstack([kin.J.T, kin.self_motion.T])
+    load = np.concatenate([torques, np.zeros(kin.self_motion.shape[1])])
+    f, _, rank, _ = np.linalg.lstsq(balance, load, rcond=None)
+    assert rank == len(f)
+    return f
+
+
+def test_without_eq_9_a_free_strut_turns_the_major_force_into_another(model):
+    """The paper's (33) lets f push on the released strut, which gives way: the law can fail."""
+    jac = jacobians(model, mujoco.MjData(model), site="payload", axes="base")
+    system = ConstrainedSystem(jac.J_T, jac.J_C, jac.active)
+    kin = system.with_failures(free=[2]).kinematics()
+    f_md = np.array([1.0, -0.5])
+    ours = kin.force_mapping([0, 1], torque_weight=np.ones(6))
+    np.testing.assert_allclose(exerted(kin, ours(f_md))[:2], f_md, atol=1e-9)
+    paper = force_mapping(kin.J, [0, 1], torque_weight=np.ones(5))  # told of no self-motion
+    assert np.linalg.norm(exerted(kin, paper(f_md))[:2] - f_md) > 0.1
+    theta_dot = motions(system.with_failures(free=[2]))
+    f = np.concatenate([f_md, paper.secondary_force(f_md)])
+    lost = f @ jac.J_T @ theta_dot - paper(f_md) @ theta_dot[kin.active]
+    assert np.abs(lost).max() > 0.1
+
+
+@given(systems(actives=(2, 4)).filter(lambda drawn: drawn.bound and not drawn.drift))
+def test_without_internal_force_an_over_actuated_mechanism_works_harder(drawn):
+    """Torques that only squeeze the loops are free to choose: eta makes their sum the least."""
+    kin = drawn.system.kinematics()
+    m, n = kin.J.shape
+    f = drawn.rng.normal(size=m)
+    every_row = list(range(m))
+    least = kin.force_mapping(every_row, torque_weight=np.ones(n))(f)
+    paper = force_mapping(kin.J, every_row, torque_weight=np.ones(n))(f)
+    squeeze = kin.active_constraint @ paper
+    excess = np.linalg.norm(paper) ** 2 - np.linalg.norm(least) ** 2
+    np.testing.assert_allclose(excess, squeeze @ squeeze, atol=1e-8)
+    assert excess > 1e-9  # generic loops: some of J^T f squeezes
+    np.testing.assert_allclose(kin.active_constraint @ least, 0, atol=1e-9)
+
+
+@pytest.mark.parametrize("share", [0.5, 0.9])
+def test_two_motors_on_one_shaft_share_the_load_as_their_weights_say(share):
+    """Geared one to one, tau_1 + tau_2 is what the task feels; W3 divides it."""
+    system = ConstrainedSystem([[1.0, 0.0]], [[1.0, -1.0]], [0, 1])
+    weight = 1.0 / np.sqrt([share, 1.0 - share])
+    mapping = system.kinematics().force_mapping([0], torque_weight=weight)
+    np.testing.assert_allclose(mapping([3.0]), [3.0 * share, 3.0 * (1.0 - share)], atol=1e-12)
+    # The paper's model knows no eta: which motor turns the output is then a matter of bookkeeping.
+    alone = force_mapping([[1.0, 0.0]], [0], torque_weight=weight)
+    np.testing.assert_allclose(alone([3.0]), [3.0, 0.0], atol=1e-12)
+
+
+@given(SEEDS, st.integers(1, 3))
+def test_a_desired_torque_that_only_squeezes_is_granted_in_full(seed, n_bound):
+    """Preload: torques in the range of C^T move nothing, so every wish for them comes true."""
+    rng = np.random.default_rng(seed)
+    C = of_rank(rng, n_bound, 4, n_bound)
+    mapping = force_mapping(
+        rng.normal(size=(3, 4)), [0], torque_weight=np.ones(4), active_constraint=C
+    )
+    preload = C.T @ rng.normal(size=n_bound)
+    without, with_preload = mapping([1.0]), mapping([1.0], preload)
+    np.testing.assert_allclose(with_preload - without, preload, atol=1e-9)
