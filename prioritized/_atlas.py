@@ -96,7 +96,8 @@ def failure_atlas(
 
     The loops are eliminated once; each condition is then a small problem in the few motions they
     leave. Verdicts are those of `system.with_failures(...).kinematics().manipulability(major)`,
-    one by one.
+    one by one; where the rows of J_C differ in size by many orders they may differ, because here a
+    joint's share in an orthonormal motion is weighed instead, and the gaps say so.
 
     Args:
         system: The mechanism; failures it already has are part of every condition.

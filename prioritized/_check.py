@@ -66,9 +66,13 @@ def weight(name: str, value: ArrayLike, size: int) -> Array:
     return np.diag(W) if W.ndim == 1 else W
 
 
-def or_no_rows(value: ArrayLike | None, columns: int) -> ArrayLike:
-    """What is None counts as a matrix without rows."""
-    return np.zeros((0, columns)) if value is None else value
+def common_axes(leads: dict[str, tuple[int, ...]]) -> tuple[int, ...]:
+    """The batch axes that arguments with these leading axes have together."""
+    try:
+        return np.broadcast_shapes(*leads.values())
+    except ValueError:
+        batches = ", ".join(f"{name} {axes}" for name, axes in leads.items() if axes)
+        raise ValueError(f"leading axes must broadcast, got {batches}") from None
 
 
 def positive_semidefinite(name: str, value: ArrayLike, size: int) -> Array:

@@ -43,13 +43,14 @@ def reduce_to_active(
 
     gain = -closing @ J_Ca
     pull = np.zeros((len(stuck), len(J_T)))  # on stuck joints, of springs that f stretches
+    spring_gap = np.inf
     if stiffness is not None:
-        give, rest = _least(free, stiffness[np.ix_(moving, moving)], rank_tolerance)
+        give, rest, spring_gap = _least(free, stiffness[np.ix_(moving, moving)], rank_tolerance)
         pull = stiffness[np.ix_(stuck, moving)] @ give @ J_Tp.T
         gain, closing = _settled(gain, closing, give, stiffness, moving, active)
         free = rest  # the springs hold all else
     if passive_metric is not None:
-        give, _ = _least(free, passive_metric[np.ix_(moving, moving)], rank_tolerance)
+        give, _, _ = _least(free, passive_metric[np.ix_(moving, moving)], rank_tolerance)
         gain, closing = _settled(gain, closing, give, passive_metric, moving, active)
 
     # Rows of [J_C; E]: a stuck joint's reaction balances what f and f_C put on it, eq. (9).
@@ -81,19 +82,22 @@ def reduce_to_active(
         scale=task_scale * (1.0 + float(frobenius(gain))),
         loop_gap=float(loops.gap),
         constraint_gap=float(bound.gap),
+        spring_gap=spring_gap,
         rank_tolerance=rank_tolerance,
     )
 
 
-def _least(free: Array, K_pp: Array, rank_tolerance: float) -> tuple[Array, Array]:
+def _least(free: Array, K_pp: Array, rank_tolerance: float) -> tuple[Array, Array, float]:
     """How free motion gives way to a load when theta^T K theta resists, and the motion left over.
 
-    The inverse of K on its span, shape (p, p), and an orthonormal basis of what K does not see.
+    The inverse of K on its span, shape (p, p), an orthonormal basis of what K does not see, and
+    the gap between the two.
     """
     held = ranked_svd(free.T @ K_pp @ free, frobenius(K_pp), rank_tolerance, full=True)
     h = int(held.rank)
     directions = free @ held.Vt[:h].T
-    return (directions / held.sigma[:h]) @ directions.T, free @ held.Vt[h:].T
+    give = (directions / held.sigma[:h]) @ directions.T
+    return give, free @ held.Vt[h:].T, float(held.gap)
 
 
 def _settled(

@@ -9,8 +9,9 @@ from numpy.typing import ArrayLike
 from prioritized import _check
 from prioritized._check import Array, Indices, Mask
 from prioritized._levels import Level, apply, lexicographic, respond, stack, transposed
+from prioritized._problem import checked
 from prioritized._rank import RANK_TOLERANCE, basis_scale, frobenius, ranked_svd
-from prioritized._task import Status, task_selection
+from prioritized._task import Status
 
 Gains = tuple[Array, Array, Array]
 """Per major force, desired torque and desired secondary force."""
@@ -108,8 +109,9 @@ def force_mapping(
 ) -> ForceMapping:
     """Minimize |W3 (torques - torques_d)|^2 + |W4 (f_s - f_sd)|^2 at the major force asked for.
 
-    torques = J^T f + C^T eta with f = S_m^T f_m + S_s^T f_s, eq. (16). The secondary force f_s and
-    the internal force eta are chosen; four levels, each inside what the one before leaves free:
+    torques = J^T f + C^T eta with f = S_m^T f_m + S_s^T f_s, eq. (16): f_m is dual to v_m by
+    power, whatever directions they are taken in. The secondary force f_s and the internal force
+    eta are chosen; four levels, each inside what the one before leaves free:
 
     1. Q^T f = 0                          (no joint bears what self-motion gives way to, eq. 9)
     2. |M (f_m - f_md)|        smallest   (zero unless level 1 forbids it, eq. 33)
@@ -140,32 +142,39 @@ def force_mapping(
     Raises:
         ValueError: Wrong shape, index or non-finite input, naming the argument.
     """
-    J = _check.batch("J", J)
-    m, n = J.shape[-2:]
-    S_m, S_s = task_selection(major, secondary, m)
-    m1, m2 = len(S_m), len(S_s)
-    W3 = _check.weight("torque_weight", _check.or_no_rows(torque_weight, n), n)
-    W4 = _check.weight("secondary_weight", _check.or_no_rows(secondary_weight, m2), m2)
-    C = _check.batch("active_constraint", _check.or_no_rows(active_constraint, n), columns=n)
-    Q = np.zeros((m, 0)) if self_motion is None else self_motion
-    Q = _check.batch("self_motion", Q, rows=m)
-    M = np.eye(m1) if major_metric is None else _check.weight("major_metric", major_metric, m1)
-    T = _check.weight("tie_metric", _check.or_no_rows(tie_metric, n), n)
-    tolerance = _check.number("rank_tolerance", rank_tolerance)
-    scale = frobenius(J) if scale is None else _check.not_negative("scale", scale)
+    args = checked(
+        J,
+        major,
+        secondary,
+        weight_name="torque_weight",
+        joint_weight=torque_weight,
+        secondary_weight=secondary_weight,
+        active_constraint=active_constraint,
+        self_motion=self_motion,
+        major_metric=major_metric,
+        tie_metric=tie_metric,
+        scale=scale,
+        rank_tolerance=rank_tolerance,
+    )
+    J, S_m, S_s, C, Q = args.J, args.S_m, args.S_s, args.active_constraint, args.self_motion
+    W3, W4, M, T = args.joint_weight, args.secondary_weight, args.major_metric, args.tie_metric
+    _refuse_overlap(S_m, S_s, args.tolerance)
+    (m, n), m1, m2, r = J.shape[-2:], len(S_m), len(S_s), C.shape[-2]
 
     # Unknown x = [f_m; f_s; eta], aims p = [f_md; torques_d; f_sd].
-    r = C.shape[-2]
     I_m, I_torque, I_s = np.split(np.eye(m1 + n + m2), [m1, m1 + n])
     zero = np.zeros((1, m1 + n + m2))
     X_m, X_s, _ = np.split(np.eye(m1 + m2 + r), [m1, m1 + m2])
     force = np.hstack([S_m.T, S_s.T, np.zeros((m, r))])
     torques = transposed(stack(force[:, : m1 + m2].T @ J, C))
     force_scale = frobenius(force)
-    torque_scale = np.hypot(force_scale * scale, frobenius(C))
+    torque_scale = np.hypot(force_scale * args.scale, frobenius(C))
+    borne = Level(transposed(Q) @ force, zero, force_scale * basis_scale(Q))
+    exerted = Level(M @ X_m, M @ I_m, frobenius(M))
+    least_secondary = Level(X_s, zero, frobenius(X_s))
     levels = [
-        Level(transposed(Q) @ force, zero, force_scale * basis_scale(Q)),
-        Level(M @ X_m, M @ I_m, frobenius(M)),
+        borne,
+        exerted,
         Level(
             stack(W3 @ torques, W4 @ X_s),
             stack(W3 @ I_torque, W4 @ I_s),
@@ -173,28 +182,37 @@ def force_mapping(
         ),
         Level(T @ torques, zero, frobenius(T) * torque_scale),
         Level(torques, zero, torque_scale),
-        Level(X_s, zero, frobenius(X_s)),
+        least_secondary,
     ]
-    X, decisions = lexicographic(levels, tolerance)
-    exerted = decisions[1]
+    X, (_, reach, *_) = lexicographic(levels, args.tolerance)
     to_f_m, to_f_s, to_eta = np.split(X, [m1, m1 + m2], axis=-2)
 
     # Forces that do no work on any motion, driven or self-motion: the structure bears them.
-    driven = J @ ranked_svd(C, frobenius(C), tolerance).null_projector()
-    motion = stack(transposed(driven), transposed(Q) * np.asarray(scale)[..., None, None])
-    motion_scale = scale * basis_scale(Q)
-    seen = ranked_svd(motion, motion_scale, tolerance)
-    major_seen = ranked_svd(motion @ S_m.T, frobenius(S_m) * motion_scale, tolerance)
+    driven = J @ ranked_svd(C, frobenius(C), args.tolerance).null_projector()
+    motion = stack(transposed(driven), transposed(Q) * args.scale[..., None, None])
+    motion_scale = args.scale * basis_scale(Q)
+    # A major force, with no more secondary force than self-motion demands of it.
+    alone, _ = lexicographic([borne, exerted, least_secondary], args.tolerance)
+    work = motion @ force @ alone[..., :m1]
+    seen = ranked_svd(work, force_scale * motion_scale, args.tolerance).rank == m1
     return ForceMapping(
         torque_gains=_by_aim(torques @ X, m1, n),
         secondary_gains=_by_aim(to_f_s, m1, n),
         internal_gains=_by_aim(to_eta, m1, n),
         achieved=to_f_m[..., :m1],
-        reaction=seen.null_projector(),
-        rank=exerted.rank,
-        gap=exerted.gap,
-        status=_status(exerted=exerted.rank == m1, seen=major_seen.rank == m1),
+        reaction=ranked_svd(motion, motion_scale, args.tolerance).null_projector(),
+        rank=np.broadcast_to(reach.rank, args.lead),
+        gap=np.broadcast_to(reach.gap, args.lead),
+        status=_status(exerted=reach.rank == m1, seen=seen),
     )
+
+
+def _refuse_overlap(S_m: Array, S_s: Array, tolerance: float) -> None:
+    """A secondary force along a major direction would cancel the major force unnoticed."""
+    both = stack(S_m, S_s)
+    ranks = [ranked_svd(S, frobenius(S), tolerance).rank for S in (S_m, S_s, both)]
+    if ranks[2] < ranks[0] + ranks[1]:
+        raise ValueError("secondary must leave out the major directions, got some of them")
 
 
 def _status(*, exerted: Mask, seen: Mask) -> Status:

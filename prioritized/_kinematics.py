@@ -35,7 +35,8 @@ class Kinematics:
         task_drift: Its task motion J_Tp J~_Cp as a fraction of the size of J_T, shape (m, d).
         constraint_gain: (c, m), eq. (11) without its free part.
         scale: Size of the terms whose difference is J; its rank is decided against it.
-        loop_gap: Gap of the rank of J_Cp; `constraint_gap`: of `active_constraint`.
+        loop_gap: Gap of the rank of J_Cp; `constraint_gap`: of `active_constraint`; `spring_gap`:
+            of what the springs hold, infinite without springs.
         rank_tolerance: See the rank decision.
     """
 
@@ -54,6 +55,7 @@ class Kinematics:
     scale: float
     loop_gap: float
     constraint_gap: float
+    spring_gap: float
     rank_tolerance: float
 
     def expand(self, rates: ArrayLike) -> Array:

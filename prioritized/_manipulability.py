@@ -38,7 +38,8 @@ class Manipulability:
         findings: By name: `unmanipulable`, `unmanipulable_task`, `unstable`, `unstable_major`,
             `unstable_secondary`, `idle`, `irresolvable`, `constrained_active`.
         worst_gain: Least major speed per unit norm of the admissible active rates over all major
-            directions: the smallest singular value of J_m on them; zero when unmanipulable.
+            directions: the smallest singular value of J_m on them; zero when unmanipulable,
+            infinite for a task without rows.
     """
 
     findings: Mapping[str, Finding]
@@ -110,13 +111,17 @@ def classify(kinematics: "Kinematics", S_m: Array) -> Manipulability:
     drift_major = ranked_svd(S_m @ kin.task_drift, size, tolerance, full=True)
     # Of the self-motion that leaves the major task alone, what still moves the task.
     aside = ranked_svd(kin.task_drift @ _null(drift_major), 1.0, tolerance, full=True)
-    moved = {
-        "unmanipulable": (_left_null(reach), reach.gap),
-        "unmanipulable_task": (_left_null(reach_task), reach_task.gap),
+    adrift = {
         "unstable": (kin.self_motion, drift.gap),
         "unstable_major": (_range(drift_major), drift_major.gap),
         "unstable_secondary": (_range(aside), aside.gap),
         "idle": (kin.passive_drift @ _null(drift), drift.gap),
+    }
+    moved = {
+        "unmanipulable": (_left_null(reach), reach.gap),
+        "unmanipulable_task": (_left_null(reach_task), reach_task.gap),
+        # What is adrift is first of all what no spring holds.
+        **{name: (basis, min(gap, kin.spring_gap)) for name, (basis, gap) in adrift.items()},
     }
     opposed = {
         "irresolvable": (kin.internal_force, kin.loop_gap),

@@ -9,8 +9,9 @@ from numpy.typing import ArrayLike
 from prioritized import _check
 from prioritized._check import Array, Indices, Mask
 from prioritized._levels import Level, apply, lexicographic, respond, stack
+from prioritized._problem import checked
 from prioritized._rank import RANK_TOLERANCE, basis_scale, frobenius, ranked_svd
-from prioritized._task import Status, task_selection
+from prioritized._task import Status
 
 
 @dataclass(frozen=True)
@@ -106,45 +107,49 @@ def velocity_mapping(
     Raises:
         ValueError: Wrong shape, index or non-finite input, naming the argument.
     """
-    J = _check.batch("J", J)
-    m, n = J.shape[-2:]
-    S_m, S_s = task_selection(major, secondary, m)
-    m1, m2 = len(S_m), len(S_s)
-    W1 = _check.weight("joint_weight", _check.or_no_rows(joint_weight, n), n)
-    W2 = _check.weight("secondary_weight", _check.or_no_rows(secondary_weight, m2), m2)
-    C = _check.batch("active_constraint", _check.or_no_rows(active_constraint, n), columns=n)
-    Q = np.zeros((m, 0)) if self_motion is None else self_motion
-    Q = _check.batch("self_motion", Q, rows=m)
-    M = np.eye(m1) if major_metric is None else _check.weight("major_metric", major_metric, m1)
-    T = _check.weight("tie_metric", _check.or_no_rows(tie_metric, n), n)
+    args = checked(
+        J,
+        major,
+        secondary,
+        weight_name="joint_weight",
+        joint_weight=joint_weight,
+        secondary_weight=secondary_weight,
+        active_constraint=active_constraint,
+        self_motion=self_motion,
+        major_metric=major_metric,
+        tie_metric=tie_metric,
+        scale=scale,
+        rank_tolerance=rank_tolerance,
+    )
     damping = _check.number("damping", damping)
-    tolerance = _check.number("rank_tolerance", rank_tolerance)
-    scale = frobenius(J) if scale is None else _check.not_negative("scale", scale)
+    J, S_m, C, Q = args.J, args.S_m, args.active_constraint, args.self_motion
+    W1, W2, M, T = args.joint_weight, args.secondary_weight, args.major_metric, args.tie_metric
+    n, m1, m2 = J.shape[-1], len(S_m), len(args.S_s)
 
     # What the levels aim at, as gains of p = [v_m; rates_d; v_sd].
     I_m, I_joint, I_s = np.split(np.eye(m1 + n + m2), [m1, m1 + n])
     zero = np.zeros((1, m1 + n + m2))
-    J_m, W2_S = S_m @ J, W2 @ S_s
+    J_m, W2_S = S_m @ J, W2 @ args.S_s
     levels = [
         Level(C, zero, frobenius(C)),
-        Level(M @ J_m, M @ I_m, frobenius(M @ S_m) * scale, damping),
+        Level(M @ J_m, M @ I_m, frobenius(M @ S_m) * args.scale, damping),
         Level(
             stack(W1, W2_S @ J),
             stack(W1 @ I_joint, W2 @ I_s),
-            np.hypot(frobenius(W1), frobenius(W2_S) * scale),
+            np.hypot(frobenius(W1), frobenius(W2_S) * args.scale),
         ),
         Level(T, zero, frobenius(T)),
     ]
-    X, decisions = lexicographic(levels, tolerance)
+    X, decisions = lexicographic(levels, args.tolerance)
     reach = decisions[1]
-    drift = ranked_svd(S_m @ Q, frobenius(S_m) * basis_scale(Q), tolerance)
+    drift = ranked_svd(S_m @ Q, frobenius(S_m) * basis_scale(Q), args.tolerance)
     return VelocityMapping(
         major=X[..., :m1],
         joint=X[..., m1 : m1 + n],
         secondary=X[..., m1 + n :],
         achieved=J_m @ X[..., :m1],
-        rank=reach.rank,
-        gap=reach.gap,
+        rank=np.broadcast_to(reach.rank, args.lead),
+        gap=np.broadcast_to(reach.gap, args.lead),
         status=_status(drifts=drift.rank > 0, reached=reach.rank == m1, damped=damping > 0),
     )
 

@@ -164,6 +164,15 @@ def test_a_force_that_the_structure_bears_is_called_unseen():
     np.testing.assert_allclose(across.reaction, np.diag([1.0, 0.0]), atol=1e-12)
 
 
+def test_a_force_that_self_motion_turns_on_the_structure_is_unseen_too():
+    """A limp joint lets only f = (f, -f) pass, and the motor feels nothing of that pair."""
+    pair = np.ones((2, 1)) / np.sqrt(2.0)
+    mapping = force_mapping([[1.0], [1.0]], [0], torque_weight=[1.0], self_motion=pair)
+    np.testing.assert_allclose(mapping([3.0]), 0.0, atol=1e-12)
+    np.testing.assert_allclose(mapping.secondary_force([3.0]), -3.0, atol=1e-12)
+    assert mapping.status is Status.UNSEEN
+
+
 @given(SEEDS, st.integers(0, 2), st.integers(0, 2))
 def test_a_batch_is_its_elements_one_by_one(seed, r, k):
     rng = np.random.default_rng(seed)

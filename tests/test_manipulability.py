@@ -183,6 +183,15 @@ def test_a_freed_joint_of_a_serial_arm_is_unstable_and_major_if_its_column_says_
     np.testing.assert_allclose(projector(report.bases["unstable"]), projector(column), atol=1e-12)
 
 
+def test_the_gap_of_what_springs_hold_is_theirs():
+    """A spring of 3e-10 of the stiffest holds the second hinge, by a factor of three."""
+    system = ConstrainedSystem([[1.0, 1.0, 1.0]], None, [0], stiffness=[0.0, 1.0, 3e-10])
+    report = system.kinematics().manipulability([0])
+    assert not report.unstable
+    assert report.gaps["unstable"] == pytest.approx(3.0)
+    assert report.gaps["idle"] == pytest.approx(3.0)
+
+
 @given(SEEDS, st.integers(1, 3))
 def test_one_of_many_major_rows_may_be_given_in_any_length(seed, m1):
     """A direction ten times as long is the same direction: no verdict and no gap changes."""

@@ -155,6 +155,17 @@ def test_a_batch_is_its_elements_one_by_one(seed):
         assert batch.rank[k] == one.rank
 
 
+def test_the_answer_has_the_batch_axes_of_all_arguments_together():
+    """A batch of weights on one mechanism, or of mechanisms under one weight: ranks for each."""
+    J = np.random.default_rng(0).normal(size=(6, 6))
+    W = np.ones((4, 1, 6, 6))
+    for mapping in (
+        velocity_mapping(J, [0, 1], joint_weight=W),
+        velocity_mapping(np.stack([J] * 5), [0, 1], joint_weight=W),
+    ):
+        assert mapping.rank.shape == mapping.gap.shape == mapping.major.shape[:-2]
+
+
 @given(SEEDS)
 def test_major_directions_are_as_good_as_rows(seed):
     rng = np.random.default_rng(seed)

@@ -39,6 +39,11 @@ NOT_FINITE = st.sampled_from([NAN, INF, -INF])
         ({"self_motion": np.ones((5, 1))}, r"self_motion must have 2 rows, got shape \(5, 1\)"),
         ({"self_motion": [1.0, 0.0]}, r"self_motion must be a matrix, got shape \(2,\)"),
         ({"major_metric": [1.0, 2.0]}, r"major_metric must have 1 columns, got shape \(2,\)"),
+        ({"major_metric": [0.0]}, r"major_metric must weigh every major direction, got \[0.0\]"),
+        (
+            {"J": np.ones((2, 2, 3)), "secondary_weight": np.ones((3, 1, 1))},
+            r"leading axes must broadcast, got J \(2,\), secondary_weight \(3,\)",
+        ),
         ({"tie_metric": [[1.0]]}, r"tie_metric must have 3 columns, got shape \(1, 1\)"),
         ({"scale": -1.0}, "scale must not be negative, got -1"),
         ({"scale": "large"}, "scale must hold real numbers, got <U5"),
@@ -206,3 +211,11 @@ def test_rates_and_forces_of_a_mechanism_are_checked_like_all_else():
             answer([1.0, NAN])
     with pytest.raises(ValueError, match="torque_weight must have 2 columns"):
         kin.force_mapping([0], torque_weight=[1.0])
+
+
+@pytest.mark.parametrize("secondary", [[0], [0, 1], [[1.0, 1.0], [1.0, -1.0]]])
+def test_a_secondary_force_along_the_major_one_is_refused(secondary):
+    """It would cancel the major force, and every torque would come out zero."""
+    with pytest.raises(ValueError, match="secondary must leave out the major directions"):
+        force_mapping(J, [0], secondary)
+    assert velocity_mapping(J, [0], secondary, secondary_weight=np.ones(len(secondary)))
