@@ -68,6 +68,8 @@ def weight(name: str, value: ArrayLike, size: int) -> Array:
 
 def common_axes(leads: dict[str, tuple[int, ...]]) -> tuple[int, ...]:
     """The batch axes that arguments with these leading axes have together."""
+    if not any(leads.values()):
+        return ()
     try:
         return np.broadcast_shapes(*leads.values())
     except ValueError:

@@ -39,16 +39,20 @@ def lexicographic(levels: Sequence[Level], tolerance: float) -> tuple[Array, lis
     decisions = []
     for level in levels:
         decided = ranked_svd(level.A @ free, level.scale, tolerance)
+        decisions.append(decided)
+        if level.A.shape[-2] == 0:
+            continue
         # The step lies in `free` and across the null space left to the next level: least norm.
         step = free @ decided.pseudo_inverse(level.damping)
         X = X + step @ (level.target - level.A @ X)
         free = free @ decided.null_projector()
-        decisions.append(decided)
     return X, decisions
 
 
 def stack(top: Array, bottom: Array) -> Array:
     """One matrix above another, leading axes broadcast."""
+    if top.shape[:-2] == bottom.shape[:-2]:
+        return np.concatenate([top, bottom], axis=-2)
     lead = np.broadcast_shapes(top.shape[:-2], bottom.shape[:-2])
     wide = [np.broadcast_to(A, lead + A.shape[-2:]) for A in (top, bottom)]
     return np.concatenate(wide, axis=-2)

@@ -71,9 +71,11 @@ def checked(
     C = _check.batch("active_constraint", _no_rows(active_constraint, n), columns=n)
     Q = np.zeros((m, 0)) if self_motion is None else self_motion
     Q = _check.batch("self_motion", Q, rows=m)
-    M = np.eye(m1) if major_metric is None else _check.weight("major_metric", major_metric, m1)
-    if np.any(ranked_svd(M, frobenius(M), tolerance).rank < m1):
-        raise ValueError(f"major_metric must weigh every major direction, got {major_metric}")
+    M = np.eye(m1)
+    if major_metric is not None:
+        M = _check.weight("major_metric", major_metric, m1)
+        if np.any(ranked_svd(M, frobenius(M), tolerance).rank < m1):
+            raise ValueError(f"major_metric must weigh every major direction, got {major_metric}")
     T = _check.weight("tie_metric", _no_rows(tie_metric, n), n)
     size = frobenius(J) if scale is None else _check.not_negative("scale", scale)
     lead = _check.common_axes(

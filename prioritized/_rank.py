@@ -87,7 +87,11 @@ def ranked_svd(
         tolerance: Fraction of `scale` below which a singular value is zero.
         full: Return square U and V; then A must be one matrix.
     """
-    U, sigma, Vt = np.linalg.svd(A, full_matrices=full)
+    if A.size or full:
+        U, sigma, Vt = np.linalg.svd(A, full_matrices=full)
+    else:  # nothing to decompose, and LAPACK is slow at it
+        *lead, m, n = A.shape
+        U, sigma, Vt = np.zeros((*lead, m, 0)), np.zeros((*lead, 0)), np.zeros((*lead, 0, n))
     sigma = np.abs(sigma)  # LAPACK may return -0.0, and 1 / -0.0 is no gap
     threshold = np.asarray(tolerance * np.asarray(scale))[..., None]
     # Not >=: the zero matrix, with threshold zero, has rank zero.

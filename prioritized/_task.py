@@ -45,8 +45,7 @@ def task_selection(
     if np.ndim(major) == 2:
         full = ranked_svd(S_m, frobenius(S_m), RANK_TOLERANCE, full=True)
         return S_m, full.Vt[int(full.rank) :]
-    rest = np.setdiff1d(np.arange(m), np.asarray(major, dtype=int))
-    return S_m, np.eye(m)[rest]
+    return S_m, np.eye(m)[S_m.sum(axis=0) == 0]
 
 
 def _selection(name: str, rows: Sequence[int] | ArrayLike, m: int) -> Array:
