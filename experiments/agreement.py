@@ -1,25 +1,32 @@
 """How far a simulated mechanism is from what was predicted of it."""
 
+from dataclasses import dataclass
+
 import mujoco
 import numpy as np
 
 from experiments.mechanisms import Mechanism
 from experiments.probe import STEP, Response, follow, hold
-from prioritized import ForceMapping, Kinematics
+from prioritized import ConstrainedSystem, ForceMapping, Kinematics
 from sim import Array, Failure
 
 SEEN = 1e-3
-"""Fraction of its full size that a simulated motion must have to count: what the servos hold has
-come to rest to 1e-6, and what moves is of order one."""
+"""What counts as motion, per commanded step or as a fraction of the way after a push: what servos
+and closures hold stands still to 1e-5, and the smallest motion there is comes to 0.015 (a rotor's
+radian moves a hand's object that many metres)."""
 
 _CORNERS = 8
 
 
 def motion_error(kin: Kinematics, answer: Response, moved: Array) -> float:
-    """Payload motion against J times the active motion, and that against what the loops allow."""
+    """Payload motion against J times the active motion, and that against what the loops allow.
+
+    Relative; each row of the task against its own motion, so that no turn is weighed against a way.
+    """
     forbidden = kin.active_constraint @ answer.active
-    off = np.linalg.norm(moved - kin.J @ answer.active) / np.linalg.norm(moved)
-    return float(max(off, np.linalg.norm(forbidden) / np.linalg.norm(answer.active)))
+    off = np.linalg.norm(moved - kin.J @ answer.active, axis=1)
+    rows = off / np.maximum(np.linalg.norm(moved, axis=1), SEEN)
+    return float(max(rows.max(), np.linalg.norm(forbidden) / np.linalg.norm(answer.active)))
 
 
 def drive_polygon(
@@ -29,10 +36,15 @@ def drive_polygon(
     kin: Kinematics,
     rng: np.random.Generator,
 ) -> tuple[Array, Array, float]:
-    """Drive the major task around a polygon of radius STEP in its first two directions."""
+    """Drive the major task around an octagon of radius STEP, then both ways along the others.
+
+    Times a row each (T, m1) of what is asked for and reached, and the largest distance at a corner
+    from what the mapping promises, in steps.
+    """
     m1 = len(mechanism.major)
     angle = 2 * np.pi * (np.arange(_CORNERS) / _CORNERS + rng.random())
-    corners = STEP * np.stack([np.cos(angle), np.sin(angle)], axis=1) @ np.eye(2, m1)
+    octagon = np.stack([np.cos(angle), np.sin(angle)], axis=1) @ np.eye(2, m1)
+    corners = STEP * np.vstack([octagon, np.eye(m1)[2:], -np.eye(m1)[2:]])
     mapping = kin.velocity_mapping(mechanism.major, joint_weight=np.ones(len(kin.actuators)))
     moved = follow(model, failures, kin.expand(mapping(corners)))
     rows = [mechanism.task[row] for row in mechanism.major]
@@ -42,26 +54,60 @@ def drive_polygon(
     return np.repeat(corners, held, axis=0), moved[..., rows].reshape(-1, m1), float(error)
 
 
+@dataclass(frozen=True)
+class Held:
+    """A force exerted through the force mapping, in simulation.
+
+    Attributes:
+        torque_error: Servo torques against the mapping's, relative.
+        closure_error: What the closures and locks do to the joints, against the constraint forces
+            that the kinematics derives from force and torques, relative.
+        yielded: Payload displacement, in steps. One servo, alone with its torque, would move one.
+    """
+
+    torque_error: float
+    closure_error: float
+    yielded: float
+
+
 def hold_force(
     model: mujoco.MjModel,
     failures: list[Failure],
     mechanism: Mechanism,
+    system: ConstrainedSystem,
     kin: Kinematics,
     rng: np.random.Generator,
-) -> tuple[float, float]:
-    """Exert a major force with the force mapping, an internal force on top where there is one."""
+) -> Held:
+    """Exert a major force with the force mapping, and squeeze where there is internal force."""
     mapping = kin.force_mapping(mechanism.major, torque_weight=np.ones(len(kin.actuators)))
     f_major = rng.normal(size=len(mechanism.major))
     squeeze = rng.normal(size=len(kin.active_constraint)) @ kin.active_constraint
-    torques = kin.expand(mapping(f_major, torque=squeeze))
-    wrench = np.zeros(6)
-    wrench[list(mechanism.task)] = _task_force(mapping, mechanism, f_major, squeeze)
-
+    torques = mapping(f_major, torque=squeeze)
+    force = _task_force(mapping, mechanism, f_major, squeeze)
     # As hard as moves a servo by one step if nothing helps.
-    scale = STEP / np.abs(torques / model.actuator_gainprm[:, 0]).max()
-    held = hold(model, failures, scale * wrench, scale * torques)
-    off = np.linalg.norm(held.torques - scale * torques) / np.linalg.norm(scale * torques)
-    return float(off), float(np.abs(held.displacement).max() / STEP)
+    scale = STEP / np.abs(kin.expand(torques) / model.actuator_gainprm[:, 0]).max()
+    torques, force = scale * torques, scale * force
+    wrench = np.zeros(6)
+    wrench[list(mechanism.task)] = force
+    held = hold(model, failures, wrench, kin.expand(torques))
+    closures = _closure_rows(system).T @ -kin.constraint_force(force, torques)  # eq. (5)
+    return Held(
+        torque_error=_relative(held.torques - kin.expand(torques), torques),
+        closure_error=_relative(held.constraint_force - closures, closures),
+        yielded=float(np.abs(held.displacement).max() / STEP),
+    )
+
+
+def _closure_rows(system: ConstrainedSystem) -> Array:
+    """J_C and a unit row E for each stuck joint, section 2.3.2."""
+    stuck = system.active[sorted(system.failures.locked)].tolist()
+    stuck = sorted({*stuck, *system.failures.locked_passive})
+    return np.vstack([system.J_C, np.eye(system.J_C.shape[1])[stuck]])
+
+
+def _relative(difference: Array, whole: Array) -> float:
+    size = np.linalg.norm(whole)
+    return float(np.linalg.norm(difference) / size) if size else 0.0
 
 
 def _task_force(

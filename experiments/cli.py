@@ -22,7 +22,7 @@ Seed = Annotated[int, typer.Option(min=0, max=MAX_SEED, help="Seed of the detect
 
 app = typer.Typer(
     name="fjh",
-    help="Experiments on the fault-tolerant flexure-jointed hexapod.",
+    help="Experiments on the fault-tolerant hexapod and the other mechanisms of its paper.",
     no_args_is_help=True,
     rich_markup_mode=None,
 )
@@ -30,7 +30,7 @@ app = typer.Typer(
 
 @app.callback()
 def _fjh() -> None:
-    """Experiments on the fault-tolerant flexure-jointed hexapod."""
+    """Experiments on the fault-tolerant hexapod and the other mechanisms of its paper."""
 
 
 @app.command()
@@ -125,8 +125,8 @@ def release(
     summary = summarize(result, seed)
     report_release.write(folder, result, summary)
     print_rows(
-        "Strut 1 released: RMS of desired minus true angle, urad",
-        ("", "alpha", "model", "beta", "model", "motion off"),
+        "Strut 1 released: RMS of desired minus true angle, peak of alpha, urad; peak sensitivity",
+        report_release.HEADINGS,
         report_release.table_rows(summary),
     )
     if sentence := complaint(summary):

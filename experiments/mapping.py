@@ -55,12 +55,18 @@ class StrutMapping:
     ) -> None:
         """Prepare the mapping at the nominal pose; "analytic" re-evaluates it at every call.
 
-        `stiffness`, over [struts; payload twist], says where a free strut goes: without it, a free
-        strut is an unstable singularity.
+        `stiffness`, over [struts; payload twist], says where a free strut goes.
+
+        Raises:
+            ValueError: Free or loose struts without stiffness: an unstable singularity.
         """
         self.geometry = geometry
         self.goal = goal
         self.jacobian = jacobian
+        if stiffness is None and (goal.free or goal.loose):
+            raise ValueError(
+                "stiffness must be given for a goal with free or loose struts, got None"
+            )
         self._stiffness = None if stiffness is None else stiffness.copy()
         if self._stiffness is not None:
             self._stiffness[list(goal.loose), list(goal.loose)] = 0.0

@@ -53,6 +53,11 @@ class Mechanism:
         return HEXAPOD_MJCF.with_name(f"{self.name}.xml")
 
     @property
+    def major_unit(self) -> str:
+        """Of the major task: [rad] or [m]."""
+        return "rad" if self.major_names[0].startswith("turn") else "m"
+
+    @property
     def major_names(self) -> list[str]:
         """Major rows in words."""
         return [TASK_ROWS[self.task[row]] for row in self.major]

@@ -29,13 +29,7 @@ def predicted_rms_rad(
     through as it is; white detector noise gives the sum of squares of the pulse response. Left out:
     the DAC's quantization, 0.02 urad here.
     """
-    plant = Plant(model)
-    for failure in failures:
-        failure.strike(plant)
-    gain = StrutMapping(hexapod(model), goal, "constant", stiffness).pointing_gain()
-    compensators = control.append(*(loop.discrete for loop in loops))
-    P = sampled(linearize(plant.model, plant.data), gain, bench.control_period_s)
-    L = P[MAJOR, :] * compensators
+    L = _loop_transfer(model, bench, loops, goal, failures, stiffness)
     unity = control.ss([], [], [], np.eye(2), bench.control_period_s)
     T = control.feedback(L, unity)
 
@@ -47,6 +41,44 @@ def predicted_rms_rad(
         (_response(T, time_s, pulse) ** 2).sum(axis=0) for pulse in _unit_pulses(len(time_s))
     )
     return np.sqrt((error_rad**2).mean(axis=0) + variance)
+
+
+def sensitivity_peak(
+    model: mujoco.MjModel,
+    bench: Bench,
+    loops: tuple[Loop, Loop],
+    goal: Goal,
+    *,
+    failures: Sequence[Failure] = (),
+    stiffness: Array | None = None,
+) -> float:
+    """Peak over frequency of the largest singular value of (I + L)^-1 of the two pointing loops.
+
+    Its inverse is how near the loops come to instability, both channels and their coupling taken
+    together; a well-damped single loop has less than 2.
+    """
+    L = _loop_transfer(model, bench, loops, goal, failures, stiffness)
+    frequency_rad_s = 2 * np.pi * np.geomspace(0.1, 0.45 / bench.control_period_s, 3000)
+    response = np.moveaxis(control.frequency_response(L, frequency_rad_s).frdata, -1, 0)
+    return float(1 / np.linalg.svd(np.eye(2) + response, compute_uv=False).min())
+
+
+def _loop_transfer(
+    model: mujoco.MjModel,
+    bench: Bench,
+    loops: tuple[Loop, Loop],
+    goal: Goal,
+    failures: Sequence[Failure],
+    stiffness: Array | None,
+) -> control.StateSpace:
+    """Open pointing loops: compensators, mapping at J_0, converters' hold, failed plant."""
+    plant = Plant(model)
+    for failure in failures:
+        failure.strike(plant)
+    gain = StrutMapping(hexapod(model), goal, "constant", stiffness).pointing_gain()
+    compensators = control.append(*(loop.discrete for loop in loops))
+    P = sampled(linearize(plant.model, plant.data), gain, bench.control_period_s)
+    return P[MAJOR, :] * compensators
 
 
 def predicted_motion(

@@ -1,4 +1,7 @@
-"""What a simulated mechanism does, measured from outside: no Jacobian goes in."""
+"""What a simulated mechanism does, measured from outside.
+
+No Jacobian goes into a number; only how long to wait is taken from the linear model.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -112,10 +115,12 @@ class Holding:
     Attributes:
         displacement: Of the payload, shape (6,).
         torques: Of all actuators, shape (nu,).
+        constraint_force: Of closures and locks on each velocity, shape (nv,).
     """
 
     displacement: Array
     torques: Array
+    constraint_force: Array
 
 
 def hold(
@@ -128,4 +133,4 @@ def hold(
     plant = failed_plant(model, failures)
     plant.push(-wrench)
     plant.step(torques / model.actuator_gainprm[:, 0], settling_s(model, failures))
-    return Holding(plant.displacement(), plant.coil_force_n())
+    return Holding(plant.displacement(), plant.coil_force_n(), plant.constraint_force())

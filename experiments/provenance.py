@@ -34,7 +34,7 @@ def plant_constants(model: mujoco.MjModel) -> dict[str, float | list[float]]:
     preload_m = model.qpos_spring[model.jnt_qposadr[strut]]
     constants = {
         "physics_step_s": model.opt.timestep,
-        "gravity_m_per_s2": -model.opt.gravity[2],
+        "gravity_m_per_s2": 0.0 - model.opt.gravity[2],
         "payload_mass_kg": model.body_mass[payload],
         "payload_principal_inertia_kg_m2": model.body_inertia[payload],
         "housing_mass_kg": model.body_mass[part("body", "housing1")],

@@ -6,14 +6,14 @@ goes where their energy is least.
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal
 
 import mujoco
 
 from experiments.bench import Bench
 from experiments.mapping import MAJOR, Goal
 from experiments.parallel import in_parallel
-from experiments.prediction import predicted_motion, predicted_rms_rad
+from experiments.prediction import predicted_motion, predicted_rms_rad, sensitivity_peak
 from experiments.release_statics import STRUT, fall, released_statics
 from experiments.run import Trajectory, nominal_loops, track_spiral
 from experiments.springs import elastic_system, strut_and_payload_stiffness
@@ -21,7 +21,9 @@ from prioritized import FailureAtlas, failure_atlas
 from sim import Array, Failure, FailureKind, load_model, weightless
 
 RATIOS = tuple(10.0**k for k in range(3, -4, -1))
-"""Suspension of the failed strut over the flexures' resistance to its swing."""
+"""Suspension of the failed strut over what its own flexures put up against its swing."""
+
+Told = Literal["uncorrected", "corrected", "as_locked"]
 
 _EQUAL = Goal(joint_weight=(1.0,) * 6)
 
@@ -34,13 +36,14 @@ class Case:
         name: As in `release.json`.
         kind: How the strut fails; None: it does not.
         time_s: When.
-        corrected: Whether the mapping is told, at that time.
+        told: What the mapping is told at that time: nothing; the truth, and the springs say where
+            the strut goes ("corrected"); or that its damper holds it at the centre ("as_locked").
     """
 
     name: str
     kind: FailureKind | None = None
     time_s: float = 0.0
-    corrected: bool = False
+    told: Told = "uncorrected"
 
     @property
     def failures(self) -> tuple[Failure, ...]:
@@ -50,8 +53,10 @@ class Case:
     @property
     def reconfigured(self) -> Goal | None:
         """What the mapping goes over to."""
-        if not self.corrected:
+        if self.kind is None or self.told == "uncorrected":
             return None
+        if self.told == "as_locked":
+            return replace(_EQUAL, locked_m={STRUT: 0.0})
         known = {"free": self.kind == "free", "loose": self.kind == "loose"}
         return replace(_EQUAL, **{kind: (STRUT,) for kind, holds in known.items() if holds})
 
@@ -62,11 +67,15 @@ def cases(half_s: float) -> tuple[Case, ...]:
     Args:
         half_s: The later time.
     """
+    telling: dict[FailureKind, tuple[Told, ...]] = {
+        "free": ("uncorrected", "corrected"),
+        "loose": ("uncorrected", "corrected", "as_locked"),
+    }
     failing = [
-        Case(f"{kind}_{when}_{'corrected' if told else 'uncorrected'}", kind, time_s, told)
-        for kind in ("free", "loose")
+        Case(f"{kind}_{when}_{told}", kind, time_s, told)
+        for kind in telling
         for when, time_s in (("from_start", 0.0), ("in_flight", half_s))
-        for told in (False, True)
+        for told in telling[kind]
     ]
     return (Case("sound"), *failing)
 
@@ -79,6 +88,7 @@ class Release:
         cases: The spirals.
         trajectories: By name.
         predicted_rad: RMS of each that fails from the start (or not), by name, (2,).
+        sensitivity: Peak sensitivity of its loops after the failure, by name.
         linear: Payload twist (N, 6) by name, from the linear model and the strut inputs.
         quasi_static: The same from the elastic mapping alone.
         sweep: Static answers, by suspension over flexure stiffness.
@@ -89,6 +99,7 @@ class Release:
     cases: tuple[Case, ...]
     trajectories: dict[str, Trajectory]
     predicted_rad: dict[str, Array]
+    sensitivity: dict[str, float]
     linear: dict[str, Array]
     quasi_static: dict[str, Array]
     sweep: list[dict[str, float]]
@@ -145,20 +156,23 @@ def run_release(
         released_statics, statics, lambda done, _: on_progress(len(spirals) + done, total)
     )
     trajectories = dict(zip([case.name for case in chosen], runs, strict=True))
-    predicted, linear, quasi_static = {}, {}, {}
+    predicted, sensitivity, linear, quasi_static = {}, {}, {}, {}
     for case in chosen:
         run = trajectories[case.name]
         command_m = _commands(ground, bench, run)
         model = shared(case)["model"]
         linear[case.name] = predicted_motion(model, case.failures, run.time_s, command_m)
         quasi_static[case.name] = _quasi_static(case, ground, run.time_s, command_m)
+        goal = case.reconfigured or _EQUAL
+        after = {key: value for key, value in shared(case).items() if key != "duration_s"}
+        sensitivity[case.name] = sensitivity_peak(**after, goal=goal)
         if case.time_s == 0.0:
-            goal = case.reconfigured or _EQUAL
             predicted[case.name] = predicted_rms_rad(**shared(case), goal=goal)
     return Release(
         cases=chosen,
         trajectories=trajectories,
         predicted_rad=predicted,
+        sensitivity=sensitivity,
         linear=linear,
         quasi_static=quasi_static,
         sweep=sweep,

@@ -11,10 +11,10 @@ from experiments.provenance import plant_constants, versions
 from experiments.release import Case, Release
 from experiments.release_statics import percent
 from experiments.run import Trajectory
-from experiments.soundness import CLOSURE_LIMIT_M
+from experiments.soundness import CLOSURE_LIMIT_M, off_prediction
 from experiments.summary import pointing_rms_urad
 from prioritized import Classes, FailureAtlas
-from sim import Array, load_model, model_sha256
+from sim import Array, load_model, model_sha256, weightless
 
 MISMATCH_LIMIT_PERCENT = 1.0
 """Largest distance of simulated from predicted motion."""
@@ -47,10 +47,20 @@ def complaint(summary: dict[str, Any]) -> str | None:
         off = spiral["motion_mismatch_linear_model_percent"]
         if spiral["kind"] and not off < MISMATCH_LIMIT_PERCENT:
             return f"the motion of {spiral['name']} is {off:.2g} % off the linear model"
+        if sentence := off_prediction(spiral):
+            return sentence
     for point in summary["sweep"]:
-        if not point["mismatch_elastic_percent"] < MISMATCH_LIMIT_PERCENT:
-            ratio, off = point["suspension_over_flexure"], point["mismatch_elastic_percent"]
-            return f"at a stiffness ratio of {ratio:g} the elastic model is {off:.2g} % off"
+        ratio = f"at a stiffness ratio of {point['suspension_over_swing']:g}"
+        for name in ("elastic", "linear_model"):
+            if not (off := point[f"mismatch_{name}_percent"]) < MISMATCH_LIMIT_PERCENT:
+                return f"{ratio} the {name.replace('_', ' ')} is {off:.2g} % off"
+        if not abs(point["alpha_corrected_urad"] / 100 - 1) < MISMATCH_LIMIT_PERCENT / 100:
+            return f"{ratio} the mapping points at {point['alpha_corrected_urad']:.2f} of 100 urad"
+    fall = summary["on_the_ground_without_spring"]
+    if not abs(fall["strut_1_um"] / fall["stop_um"] - 1) < MISMATCH_LIMIT_PERCENT / 100:
+        return (
+            f"the strut without its spring stands at {fall['strut_1_um']:.1f} um, not at its stop"
+        )
     return None
 
 
@@ -62,18 +72,22 @@ def twist(run: Trajectory) -> Array:
 def _spiral(release: Release, case: Case) -> dict[str, Any]:
     run = release.trajectories[case.name]
     alpha, beta = pointing_rms_urad(run)
+    alpha_peak, beta_peak = 1e6 * np.abs(run.desired_rad - run.true_rad).max(axis=0)
     predicted = release.predicted_rad.get(case.name)
     true = twist(run)
     return {
         "name": case.name,
         "kind": case.kind,
         "failure_time_s": case.time_s if case.kind else None,
-        "corrected": case.corrected,
-        "in_orbit": case.kind == "loose",
+        "told": case.told,
+        "plant": plant_constants(weightless(load_model())) if case.kind == "loose" else {},
         "alpha_rms_urad": alpha,
         "beta_rms_urad": beta,
         "predicted_alpha_rms_urad": None if predicted is None else 1e6 * predicted[0],
         "predicted_beta_rms_urad": None if predicted is None else 1e6 * predicted[1],
+        "alpha_peak_urad": alpha_peak,
+        "beta_peak_urad": beta_peak,
+        "sensitivity_peak": release.sensitivity[case.name],
         "motion_mismatch_linear_model_percent": percent(true - release.linear[case.name], true),
         "motion_mismatch_quasi_static_percent": percent(
             true - release.quasi_static[case.name], true

@@ -35,15 +35,19 @@ def write(folder: Path, release: Release, summary: dict[str, Any]) -> None:
                 name,
                 run,
                 _notes(spiral, summary),
-                properties,
+                properties | spiral["plant"],
             )
         write_arrays(staging / "atlas.npz", _atlas_arrays(release))
         figure_release(release, summary).savefig(staging / "release.png", dpi=150)
         write_json(staging / "release.json", summary)
 
 
+HEADINGS = ("", "alpha", "model", "beta", "model", "peak", "Ms")
+"""RMS of alpha and beta here and in the linear model, peak of alpha, peak sensitivity."""
+
+
 def table_rows(summary: dict[str, Any]) -> list[tuple[str, ...]]:
-    """Each spiral as (name, alpha, the model's, beta, the model's, motion off the model's)."""
+    """Each spiral as (name, alpha, the model's, beta, the model's, peak alpha, sensitivity)."""
 
     def number(value: float | None, digits: int) -> str:
         return "" if value is None else f"{value:.{digits}f}"
@@ -55,7 +59,8 @@ def table_rows(summary: dict[str, Any]) -> list[tuple[str, ...]]:
             number(spiral["predicted_alpha_rms_urad"], 3),
             number(spiral["beta_rms_urad"], 3),
             number(spiral["predicted_beta_rms_urad"], 3),
-            f"{spiral['motion_mismatch_linear_model_percent']:.2f} %" if spiral["kind"] else "",
+            number(spiral["alpha_peak_urad"], 1),
+            number(spiral["sensitivity_peak"], 2),
         )
         for spiral in summary["spirals"]
     ]
@@ -67,7 +72,7 @@ def figure_release(release: Release, summary: dict[str, Any]) -> Figure:
     figure.suptitle("Strut 1 without its coil: the springs decide where the payload goes")
     grid = figure.add_gridspec(2, 2)
     sweep = summary["sweep"]
-    ratio = [point["suspension_over_flexure"] for point in sweep]
+    ratio = [point["suspension_over_swing"] for point in sweep]
 
     axes = figure.add_subplot(grid[0, 0], title="100 µrad asked for, at rest", xscale="log")
     curves: tuple[tuple[str, str, dict[str, Any]], ...] = (
@@ -78,7 +83,7 @@ def figure_release(release: Release, summary: dict[str, Any]) -> Figure:
     )
     for key, label, style in curves:
         axes.plot(ratio, [point[key] for point in sweep], label=label, **style)
-    axes.set(xlabel="suspension / flexure stiffness", ylabel="$\\alpha$, µrad", ylim=(0, 110))
+    axes.set(xlabel="suspension / own swing stiffness", ylabel="$\\alpha$, µrad", ylim=(0, 110))
     axes.legend(fontsize="small")
 
     axes = figure.add_subplot(grid[0, 1], title="distance from the simulation", xscale="log")
@@ -88,7 +93,7 @@ def figure_release(release: Release, summary: dict[str, Any]) -> Figure:
         ("mismatch_linear_model_percent", "linear model, coils as forces", MEASURED),
     ):
         axes.loglog(ratio, [point[key] for point in sweep], "o-", color=color, ms=4, label=label)
-    axes.set(xlabel="suspension / flexure stiffness", ylabel="payload motion, %")
+    axes.set(xlabel="suspension / own swing stiffness", ylabel="payload motion, %")
     axes.legend(fontsize="small", loc="center left", bbox_to_anchor=(0, 0.6))
 
     for column, name in enumerate(("free_in_flight_corrected", "loose_in_flight_corrected")):
@@ -124,8 +129,13 @@ def _notes(spiral: dict[str, Any], summary: dict[str, Any]) -> str:
         what = "All struts sound."
     else:
         lost = "coil" if spiral["kind"] == "free" else "coil and suspension spring, in orbit,"
-        told = "is told" if spiral["corrected"] else "is not told"
-        what = f"Strut 1 loses its {lost} at {spiral['failure_time_s']:g} s; the mapping {told}."
+        told = {
+            "uncorrected": "is not told",
+            "corrected": "is told, and reckons with the springs",
+            "as_locked": "is told that it is locked",
+        }
+        when = f"at {spiral['failure_time_s']:g} s"
+        what = f"Strut 1 loses its {lost} {when}; the mapping {told[spiral['told']]}."
     return "\n".join(
         [
             f"# {spiral['name'].replace('_', ' ')}",

@@ -44,10 +44,10 @@ def figure_systems(examinations: list[Examination]) -> Figure:
                 label=str(one.condition),
                 lw=1,
             )
-        desired = 1e6 * ours[0].desired
+        desired = 1e6 * ours[0].desired[:, :2]
         axes.plot(desired[:, 0], desired[:, 1], "ko", ms=4, label="asked for")
         first, second = mechanism.major_names[:2]
-        unit = "µrad" if first.startswith("turn") else "µm"
+        unit = f"µ{mechanism.major_unit}"
         axes.set(xlabel=f"{first}, {unit}", ylabel=f"{second}, {unit}")
         axes.grid(alpha=0.3)
         axes.legend(fontsize="x-small", title="broken; dashed: task lost", title_fontsize="x-small")
@@ -60,9 +60,11 @@ def _write_mechanism(
     arrays, plots = {}, {}
     for k, one in enumerate(ours):
         arrays |= {
-            f"{field}_{k}": getattr(one, field) for field in ("time_s", "desired", "reached")
+            f"time_s_{k}": one.time_s,
+            f"desired_{mechanism.major_unit}_{k}": one.desired,
+            f"reached_{mechanism.major_unit}_{k}": one.reached,
         }
-        unit = "urad" if mechanism.major_names[0].startswith("turn") else "um"
+        unit = f"u{mechanism.major_unit}"
         names = [f"{name} off [{unit}]" for name in mechanism.major_names]
         plots[str(one.condition)] = (one.time_s, names, 1e6 * (one.desired - one.reached))
     write_arrays(staging / f"{mechanism.name}.npz", arrays)

@@ -19,12 +19,16 @@ def complaint(summary: dict[str, Any]) -> str | None:
     )
     if not opened < CLOSURE_LIMIT_M:
         return f"a closed loop opened by {opened:.1e} m, more than {CLOSURE_LIMIT_M:.0e} m"
-    for column in columns:
-        for angle in ("alpha", "beta"):
-            rms, predicted = column[f"{angle}_rms_urad"], column[f"predicted_{angle}_rms_urad"]
-            if not abs(rms - predicted) < PREDICTION_TOLERANCE * predicted:
-                return (
-                    f"{angle} of {column['name']} comes out at {rms:.3f} urad RMS where the linear "
-                    f"model predicts {predicted:.3f}"
-                )
+    return next(filter(None, map(off_prediction, columns)), None)
+
+
+def off_prediction(run: dict[str, Any]) -> str | None:
+    """One sentence on an RMS that is not the linear model's; None also where none is predicted."""
+    for angle in ("alpha", "beta"):
+        rms, predicted = run[f"{angle}_rms_urad"], run[f"predicted_{angle}_rms_urad"]
+        if predicted is not None and not abs(rms - predicted) < PREDICTION_TOLERANCE * predicted:
+            return (
+                f"{angle} of {run['name']} comes out at {rms:.3f} urad RMS where the linear "
+                f"model predicts {predicted:.3f}"
+            )
     return None

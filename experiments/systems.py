@@ -6,7 +6,14 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from experiments.agreement import dimension, drive_polygon, hold_force, largest_angle, motion_error
+from experiments.agreement import (
+    Held,
+    dimension,
+    drive_polygon,
+    hold_force,
+    largest_angle,
+    motion_error,
+)
 from experiments.mechanisms import MECHANISMS, Condition, Mechanism
 from experiments.parallel import in_parallel
 from experiments.probe import PERIOD_S, drift, respond
@@ -28,9 +35,7 @@ class Examination:
         motion_error: Simulated against predicted payload motion, every actuator in turn, relative.
         drift_error: Sine of the angle between simulated and predicted self-motion; zero when none.
         major_error: Major displacement along a polygon, against what the mapping promises.
-        force_error: Servo torques against the force mapping's, relative.
-        yielded: Payload displacement under that force, in steps: what one servo, left alone with
-            its torque, would yield.
+        held: A force exerted through the force mapping.
         time_s: (T,) of the polygon; `desired`: (T, m1) major displacement; `reached`: (T, m1).
     """
 
@@ -45,8 +50,7 @@ class Examination:
     motion_error: float
     drift_error: float
     major_error: float
-    force_error: float
-    yielded: float
+    held: Held
     time_s: Array
     desired: Array
     reached: Array
@@ -86,7 +90,7 @@ def examine(mechanism: Mechanism, condition: Condition, seed: int) -> Examinatio
     model = load_model(mechanism.path)
     failures = [Failure(k, "locked") for k in condition.locked]
     failures += [Failure(k, "free") for k in condition.free]
-    kin = kinematics(model, mechanism, condition)
+    system, kin = classified(model, mechanism, condition)
     report = kin.manipulability(mechanism.major)
     major, task = list(mechanism.major), list(mechanism.task)
 
@@ -95,7 +99,7 @@ def examine(mechanism: Mechanism, condition: Condition, seed: int) -> Examinatio
     coasting = drift(model, failures, mechanism.task)[task]
     rng = np.random.default_rng(seed)
     desired, reached, major_error = drive_polygon(model, failures, mechanism, kin, rng)
-    force_error, yielded = hold_force(model, failures, mechanism, kin, rng)
+    held = hold_force(model, failures, mechanism, system, kin, rng)
     return Examination(
         mechanism=mechanism,
         condition=condition,
@@ -108,15 +112,16 @@ def examine(mechanism: Mechanism, condition: Condition, seed: int) -> Examinatio
         motion_error=motion_error(kin, answer, moved),
         drift_error=largest_angle(coasting, report.bases["unstable"]),
         major_error=major_error,
-        force_error=force_error,
-        yielded=yielded,
+        held=held,
         time_s=np.arange(1, len(desired) + 1) * PERIOD_S,
         desired=desired,
         reached=reached,
     )
 
 
-def kinematics(model: mujoco.MjModel, mechanism: Mechanism, condition: Condition) -> Kinematics:
+def classified(
+    model: mujoco.MjModel, mechanism: Mechanism, condition: Condition
+) -> tuple[ConstrainedSystem, Kinematics]:
     """The failed mechanism at its nominal pose, with the task rows it is about.
 
     Frictionless from rest: under self-motion the passive joints keep their momentum at zero, which
@@ -126,4 +131,4 @@ def kinematics(model: mujoco.MjModel, mechanism: Mechanism, condition: Condition
     jac = jacobians(model, data, site="payload", axes="base")
     system = ConstrainedSystem(jac.J_T[list(mechanism.task)], jac.J_C, jac.active)
     failed = system.with_failures(condition.locked, condition.free)
-    return failed.kinematics(passive_metric=mass_matrix(model, data))
+    return failed, failed.kinematics(passive_metric=mass_matrix(model, data))

@@ -30,13 +30,17 @@ def complaint(summary: dict[str, Any]) -> str | None:
         where = f"{one['mechanism']}, {one['condition']}"
         if not one["agrees"]:
             return f"{where}: the simulation moves in other directions than the classification says"
-        checked = ["motion_error", "drift_error", "force_error", "yielded_steps"]
-        # Self-motion of the major task is held by nothing: each corner hands its drift on.
-        checked += [] if one["unstable_major"] else ["major_error"]
-        for name in checked:
+        for name in checked_errors(one):
             if not one[name] < LIMIT:
                 return f"{where}: {name} is {one[name]:.2g}, more than {LIMIT:g}"
     return None
+
+
+def checked_errors(one: dict[str, Any]) -> list[str]:
+    """Which errors of an entry must be small."""
+    always = ["motion_error", "drift_error", "torque_error", "closure_error", "yielded_steps"]
+    # Self-motion of the major task is held by nothing: each corner hands its drift on.
+    return always if one["unstable_major"] else [*always, "major_error"]
 
 
 HEADINGS = ("mechanism", "broken", "major task", "self-motion", "bound", "off by")
@@ -51,7 +55,7 @@ def table_rows(summary: dict[str, Any]) -> list[tuple[str, ...]]:
             _task_words(one),
             _count_words(one["self_motion"], one["self_motion_major"]),
             str(one["constrained_active"] or "-"),
-            f"{max(one['motion_error'], one['force_error'], one['drift_error']):.0e}",
+            f"{max(one[name] for name in checked_errors(one)):.0e}",
         )
         for one in summary["systems"]
     ]
@@ -65,8 +69,10 @@ def markdown(summary: dict[str, Any]) -> str:
 
 def _entry(one: Examination) -> dict[str, Any]:
     report = one.report
+    unit = one.mechanism.major_unit
     return {
         "mechanism": one.mechanism.name,
+        "index": one.mechanism.conditions.index(one.condition),
         "condition": str(one.condition),
         "locked": list(one.condition.locked),
         "free": list(one.condition.free),
@@ -82,7 +88,7 @@ def _entry(one: Examination) -> dict[str, Any]:
         "constrained_active": len(report.bases["constrained_active"]),
         "internal_forces": len(report.bases["irresolvable"]),
         "lost_task_directions": report.bases["unmanipulable_task"].shape[1],
-        "worst_gain": report.worst_gain,
+        f"worst_gain_{unit}_per_actuator_unit": report.worst_gain,
         "smallest_gap": min(report.gaps.values()),
         "simulated": {
             "major_directions": one.reach,
@@ -94,8 +100,9 @@ def _entry(one: Examination) -> dict[str, Any]:
         "motion_error": one.motion_error,
         "drift_error": one.drift_error,
         "major_error": one.major_error,
-        "force_error": one.force_error,
-        "yielded_steps": one.yielded,
+        "torque_error": one.held.torque_error,
+        "closure_error": one.held.closure_error,
+        "yielded_steps": one.held.yielded,
         "recording": f"{one.mechanism.name}.rrd",
         "data": f"{one.mechanism.name}.npz",
     }

@@ -104,6 +104,14 @@ def number(name: str, value: ArrayLike) -> float:
     return float(x)
 
 
+def fraction(name: str, value: ArrayLike) -> float:
+    """One number of at least zero and below one."""
+    x = number(name, value)
+    if x >= 1:
+        raise ValueError(f"{name} must lie below 1, got {x}")
+    return x
+
+
 def indices(name: str, value: Sequence[int] | ArrayLike, limit: int) -> Indices:
     """Distinct integers of range(limit), in the order given."""
     raw = _integers(name, value, limit)

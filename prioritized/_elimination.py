@@ -42,11 +42,13 @@ def reduce_to_active(
     bound = ranked_svd(left_null @ J_Ca, constraint_scale, rank_tolerance)
 
     gain = -closing @ J_Ca
-    pull = np.zeros((len(stuck), len(J_T)))  # on stuck joints, of springs that f stretches
+    # What springs that f stretches do to stuck and to active joints.
+    pull, drag = np.zeros((len(stuck), len(J_T))), np.zeros((len(active), len(J_T)))
     spring_gap = np.inf
     if stiffness is not None:
         give, rest, spring_gap = _least(free, stiffness[np.ix_(moving, moving)], rank_tolerance)
         pull = stiffness[np.ix_(stuck, moving)] @ give @ J_Tp.T
+        drag = stiffness[np.ix_(active, moving)] @ give @ J_Tp.T
         gain, closing = _settled(gain, closing, give, stiffness, moving, active)
         free = rest  # the springs hold all else
     if passive_metric is not None:
@@ -58,6 +60,8 @@ def reduce_to_active(
     f_C = -closing.T @ J_Tp.T
     constraint_gain = np.vstack([f_C, pull - J_Ts.T - J_Cs.T @ f_C])
     constraint_gain -= internal_force.T @ (internal_force @ constraint_gain)  # least norm
+    c = len(J_C)
+    squeeze = ranked_svd((internal_force[:, :c] @ J_Ca).T, constraint_scale, rank_tolerance)
 
     def among_passive(rows: Array) -> Array:
         everyone = np.zeros((len(passive), rows.shape[1]))
@@ -79,6 +83,8 @@ def reduce_to_active(
         passive_drift=among_passive(free),
         task_drift=task_drift,
         constraint_gain=constraint_gain,
+        torque_gain=J_T[:, active].T + J_Ca.T @ constraint_gain[:c] - drag,
+        internal_gain=squeeze.pseudo_inverse(),
         scale=task_scale * (1.0 + float(frobenius(gain))),
         loop_gap=float(loops.gap),
         constraint_gap=float(bound.gap),

@@ -33,7 +33,9 @@ class Kinematics:
         passive_drift: Basis of the passive motion with every active joint held, orthonormal,
             shape (N - n + q, d); zero rows at stuck joints.
         task_drift: Its task motion J_Tp J~_Cp as a fraction of the size of J_T, shape (m, d).
-        constraint_gain: (c, m), eq. (11) without its free part.
+        constraint_gain: (c, m), eq. (11) without its free part; `torque_gain`: (n - q, m), the
+            torques that go with it.
+        internal_gain: (r, n - q), eta of eq. (11) for what the torques differ from these.
         scale: Size of the terms whose difference is J; its rank is decided against it.
         loop_gap: Gap of the rank of J_Cp; `constraint_gap`: of `active_constraint`; `spring_gap`:
             of what the springs hold, infinite without springs.
@@ -52,6 +54,8 @@ class Kinematics:
     passive_drift: Array
     task_drift: Array
     constraint_gain: Array
+    torque_gain: Array
+    internal_gain: Array
     scale: float
     loop_gap: float
     constraint_gap: float
@@ -72,9 +76,22 @@ class Kinematics:
         """
         return _check.vector("rates", rates, len(self.active)) @ self.passive_gain.T
 
-    def constraint_force(self, f: ArrayLike) -> Array:
-        """Least-norm constraint forces under the task force f, eq. (11) with eta = 0."""
-        return _check.vector("f", f, self.J.shape[0]) @ self.constraint_gain.T
+    def constraint_force(self, f: ArrayLike, torques: ArrayLike | None = None) -> Array:
+        """Constraint forces f_C under the task force f, eq. (11), shape (..., c).
+
+        In the sign of eq. (5): the closures push on the joints with -J_C^T f_C.
+
+        Args:
+            f: Task force, shape (..., m).
+            torques: Of the surviving actuators, shape (..., n - q): eta is then what balances them,
+                the least where several do. None is eta = 0, the least norm of f_C.
+        """
+        force = _check.vector("f", f, self.J.shape[0])
+        f_C = force @ self.constraint_gain.T
+        if torques is None:
+            return f_C
+        more = _check.vector("torques", torques, len(self.active)) - force @ self.torque_gain.T
+        return f_C + more @ self.internal_gain.T @ self.internal_force
 
     def manipulability(self, major: Sequence[int] | ArrayLike) -> Manipulability:
         """The four conditions of section 2.2 for a major task, each with basis, gap and sentence.

@@ -79,4 +79,5 @@ def respond(gains: Sequence[Array], required: str, **wishes: ArrayLike | None) -
 def apply(gain: Array, name: str, value: ArrayLike | None) -> Array:
     """Gain (..., i, j) times a checked argument (..., j)."""
     v = _check.vector(name, value, gain.shape[-1])
+    _check.common_axes({"the mapping": gain.shape[:-2], name: v.shape[:-1]})
     return np.einsum("...ij,...j->...i", gain, v)

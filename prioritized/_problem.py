@@ -65,7 +65,7 @@ def checked(
     m, n = J.shape[-2:]
     S_m, S_s = task_selection(major, secondary, m)
     m1, m2 = len(S_m), len(S_s)
-    tolerance = _check.number("rank_tolerance", rank_tolerance)
+    tolerance = _check.fraction("rank_tolerance", rank_tolerance)
     W = _check.weight(weight_name, _no_rows(joint_weight, n), n)
     W_s = _check.weight("secondary_weight", _no_rows(secondary_weight, m2), m2)
     C = _check.batch("active_constraint", _no_rows(active_constraint, n), columns=n)
@@ -78,6 +78,8 @@ def checked(
             raise ValueError(f"major_metric must weigh every major direction, got {major_metric}")
     T = _check.weight("tie_metric", _no_rows(tie_metric, n), n)
     size = frobenius(J) if scale is None else _check.not_negative("scale", scale)
+    if size.ndim > J.ndim - 2:
+        raise ValueError(f"scale must have the leading axes of J, got shape {size.shape}")
     lead = _check.common_axes(
         {
             "J": J.shape[:-2],

@@ -82,7 +82,7 @@ class ConstrainedSystem:
             "J_T": _check.frozen(task),
             "J_C": _check.frozen(_check.matrix("J_C", constraint, columns=N)),
             "active": _check.frozen(_check.indices("active", active, N)),
-            "rank_tolerance": _check.number("rank_tolerance", rank_tolerance),
+            "rank_tolerance": _check.fraction("rank_tolerance", rank_tolerance),
             "stiffness": _metric("stiffness", stiffness, N),
         }
         for name, value in fields.items():

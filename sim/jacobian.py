@@ -10,6 +10,9 @@ from sim.array import Array
 from sim.errors import ModelError
 from sim.model import element_id
 
+_WITHOUT_CLOSURES = int(mujoco.mjtDisableBit.mjDSBL_EQUALITY) | int(
+    mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
+)
 _CLOSURES = [
     int(getattr(mujoco.mjtEq, f"mjEQ_{kind}")) for kind in ("CONNECT", "WELD", "JOINT", "TENDON")
 ]
@@ -55,7 +58,7 @@ def jacobians(
 
     Raises:
         ModelError: A missing site; an actuator or an active equality that the theory has no word
-            for; a part of the mechanism that MuJoCo has put to sleep.
+            for; closures that the model's flags switch off, or that sleep.
         ValueError: `data.qpos` is not finite.
     """
     task = element_id(model, "site", site)
@@ -67,9 +70,12 @@ def jacobians(
     linear, angular = np.zeros((3, model.nv)), np.zeros((3, model.nv))
     mujoco.mj_jacSite(model, data, linear, angular, task)
     to_axes = np.eye(3) if frame is None else data.site_xmat[frame].reshape(3, 3).T
+    J_C = constraint_jacobian(model, data)
+    if not np.isfinite(J_C).all():
+        raise ModelError("an equality of the model is not finite")
     return Jacobians(
         J_T=np.vstack([to_axes @ angular, to_axes @ linear]),
-        J_C=constraint_jacobian(model, data),
+        J_C=J_C,
         active=active,
         gear=model.actuator_gear[:, 0].copy(),
     )
@@ -120,6 +126,8 @@ def actuated_velocities(model: mujoco.MjModel) -> NDArray[np.intp]:
 def _check_state(model: mujoco.MjModel, data: mujoco.MjData) -> None:
     if not np.isfinite(data.qpos).all():
         raise ValueError(f"data.qpos must be finite, got {data.qpos}")
+    if data.eq_active.any() and model.opt.disableflags & _WITHOUT_CLOSURES:
+        raise ModelError("equalities are active, and the model's flags disable them")
     strange = data.eq_active.astype(bool) & ~np.isin(model.eq_type, _CLOSURES)
     for k in np.flatnonzero(strange):
         name = model.equality(k).name or f"number {k}"

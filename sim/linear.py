@@ -7,6 +7,7 @@ import numpy as np
 import scipy.linalg
 
 from sim.array import Array
+from sim.errors import ModelError
 from sim.jacobian import constraint_jacobian, jacobians
 
 _POSITION_STEP = 1e-6
@@ -36,19 +37,27 @@ def linearize(
     site: str = "payload",
     axes: str | None = "base",
 ) -> LinearPlant:
-    """Linearize at `data`, which must be at rest; locks and switched-off coils count.
+    """Linearize at `data`, which must be at rest; locks, switched-off coils and pushes count.
+
+    Equalities are all that constrains: contacts and limits, a strut on its stop, are left out.
 
     The velocities are reduced to a null-space basis of the active equalities, and MuJoCo's own
     unconstrained accelerations, projected on what the loops allow, differentiated along it. (Its
     constrained ones let 1e-4 of the stiffest spring through, the constraints' softness: as much as
     the flexures of a strut without its spring.) Central differences: stepping off a curved
     constraint by h leaves a gap of order h^2, which is the same on both sides and cancels.
+
+    Raises:
+        ModelError: As :func:`jacobians`; or an actuator with a state of its own.
     """
+    if model.na:
+        raise ModelError("an actuator has a state of its own: only those without one are linear")
     jac = jacobians(model, data, site, axes)
     Z = _allowed(jac.J_C)
     k = Z.shape[1]
     probe = mujoco.MjData(model)
     probe.eq_active[:] = data.eq_active
+    probe.xfrc_applied[:], probe.qfrc_applied[:] = data.xfrc_applied, data.qfrc_applied
 
     def acceleration(y: Array, y_dot: Array, u: Array) -> Array:
         probe.qpos[:] = data.qpos

@@ -98,7 +98,18 @@ class Plant:
         self.model.jnt_stiffness[self.model.actuator_trnid[strut, 0]] = 0.0
 
     def push(self, wrench: Array) -> None:
-        """Push the payload, at its site, from now on: [moment; force] in base axes, shape (6,)."""
+        """Push the payload, from now on, with [moment; force] at its site in base axes.
+
+        Moment, force and lever arm stay as they are now, in the world.
+
+        Args:
+            wrench: Shape (6,), [N m] and [N].
+
+        Raises:
+            ValueError: It has another shape or is not finite.
+        """
+        if np.shape(wrench) != (6,) or not np.isfinite(wrench).all():
+            raise ValueError(f"wrench must be 6 finite numbers, got {wrench}")
         self.data.xfrc_applied[:] = 0.0
         body = self.model.site_bodyid[self._payload]
         to_world = self.data.site_xmat[self._base].reshape(3, 3)
@@ -122,6 +133,10 @@ class Plant:
     def strut_displacement_m(self) -> Array:
         """Extension of each strut from its nominal length, shape (nu,)."""
         return self.data.qpos[self._strut_qpos] - self.model.qpos0[self._strut_qpos]
+
+    def constraint_force(self) -> Array:
+        """What closures, locks and stops do to each velocity, shape (nv,), [N] and [N m]."""
+        return self.data.qfrc_constraint.copy()
 
     def coil_force_n(self) -> Array:
         """Force of each coil, shape (nu,); proportional to its current."""

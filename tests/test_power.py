@@ -10,12 +10,17 @@ from prioritized import ConstrainedSystem, Status, force_mapping
 from sim import jacobians
 from tests.random_systems import (
     SEEDS,
+    ZERO,
+    adrift,
+    closure,
     failures,
     motions,
     null,
     of_rank,
     projector,
     rows_of,
+    springs,
+    sprung,
     systems,
     weights,
 )
@@ -43,6 +48,33 @@ def test_force_times_velocity_is_torque_times_rate_for_every_motion_whatever_fai
     rates = rates @ rng.normal(size=rates.shape[1])
     v = kin.J @ rates + kin.self_motion @ drifting
     np.testing.assert_allclose(f @ v, torques @ rates, atol=1e-7)
+
+
+@given(st.data(), systems(), st.booleans())
+def test_the_constraint_forces_of_a_mapping_balance_every_joint(data, drawn, elastic):
+    """Eq. (5) whole, with springs: [torques; 0] = J_T^T f + [J_C; E]^T f_C + K theta."""
+    system = data.draw(failures(drawn.system))
+    N, rng = system.J_T.shape[1], drawn.rng
+    K = np.zeros((N, N))
+    if elastic:
+        R = data.draw(springs(N, rng))
+        K = R.T @ R
+        system = sprung(system, K)
+    kin = system.kinematics()
+    m, n = kin.J.shape
+    mapping = kin.force_mapping([0], None, np.ones(n), np.ones(m - 1))
+    aims = [rng.normal(size=size) for size in (1, n, m - 1)]
+    torques = mapping(*aims)
+    f = np.append(aims[0] - mapping.residual(aims[0]), mapping.secondary_force(*aims))
+    # Springs under the load f with every active joint held; oracle: least energy, densely.
+    Z = adrift(system, kin)
+    held, directions = np.linalg.eigh(Z.T @ K @ Z)
+    stretched = Z @ directions[:, held > ZERO]
+    theta = -stretched @ ((stretched.T @ system.J_T.T @ f) / held[held > ZERO])
+    on_joints = system.J_T.T @ f + K @ theta
+    on_joints += closure(system).T @ kin.constraint_force(f, torques)
+    np.testing.assert_allclose(on_joints[kin.active], torques, atol=1e-6)
+    np.testing.assert_allclose(on_joints[kin.passive], 0, atol=1e-6)
 
 
 @given(st.data(), systems())
