@@ -155,6 +155,20 @@ def test_a_batch_is_its_elements_one_by_one(seed):
         assert batch.rank[k] == one.rank
 
 
+@given(SEEDS)
+def test_weights_that_change_at_every_tick_never_move_the_major_task(seed):
+    """Remark 10: goals on the fly; the major task does not see what the weights do."""
+    rng = np.random.default_rng(seed)
+    J, v_major = rng.normal(size=(6, 6)), np.array([1.0, -2.0])
+    travelled = np.zeros(6)
+    for _ in range(10):
+        mapping = velocity_mapping(
+            J, [0, 1], joint_weight=rng.uniform(0, 9, 6), secondary_weight=rng.uniform(0, 9, 4)
+        )
+        travelled += mapping(v_major, rng.normal(size=6), rng.normal(size=4)) / 10
+    np.testing.assert_allclose(J[:2] @ travelled, v_major, atol=1e-8)
+
+
 def test_the_answer_has_the_batch_axes_of_all_arguments_together():
     """A batch of weights on one mechanism, or of mechanisms under one weight: ranks for each."""
     J = np.random.default_rng(0).normal(size=(6, 6))
