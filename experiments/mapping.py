@@ -4,6 +4,7 @@ Displacements are absolute, from the nominal pose: eq. (41) taken whole, because
 form drifts when J is re-evaluated.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -110,8 +111,7 @@ class StrutMapping:
 
     def at(self, A: Array) -> tuple[Array, VelocityMapping]:
         """Mapping where l_dot = A x_dot, and the matrix that puts its rates on the six struts."""
-        failed = self._system(A).with_failures(locked=list(self.goal.locked_m))
-        kinematics = failed.kinematics()
+        kinematics = self._system(A, locked=list(self.goal.locked_m)).kinematics()
         mapping = kinematics.velocity_mapping(
             major=MAJOR,
             secondary=SECONDARY,
@@ -120,7 +120,7 @@ class StrutMapping:
         )
         return np.eye(len(A))[:, kinematics.actuators], mapping
 
-    def _system(self, A: Array) -> ConstrainedSystem:
+    def _system(self, A: Array, locked: Sequence[int] = ()) -> ConstrainedSystem:
         """Struts and payload with the free struts released: theta_dot = [l_dot; x_dot]."""
         n = len(A)
         sound = ConstrainedSystem(
@@ -129,7 +129,7 @@ class StrutMapping:
             active=np.arange(n),
             stiffness=self._stiffness,
         )
-        return sound.with_failures(free=[*self.goal.free, *self.goal.loose])
+        return sound.with_failures(locked, free=[*self.goal.free, *self.goal.loose])
 
     def _free_struts_follow(self) -> Array:
         """Displacements of all struts per displacement of those that are held, shape (6, 6)."""

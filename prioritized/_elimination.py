@@ -1,10 +1,12 @@
 """Elimination of the passive joints, eqs. (6) to (17); springs decide what loops leave free."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from prioritized._check import Array, Indices
 from prioritized._kinematics import Kinematics
-from prioritized._rank import frobenius, ranked_svd
+from prioritized._rank import RankedSvd, frobenius, ranked_svd
 
 
 def reduce_to_active(
@@ -29,49 +31,37 @@ def reduce_to_active(
     theta^T K theta / 2, is least; what no spring resists stays self-motion, and follows the
     active joints with the least norm in the passive metric.
     """
-    passive = np.setdiff1d(np.arange(J_T.shape[1]), active, assume_unique=True)
-    moving = np.setdiff1d(passive, stuck, assume_unique=True)
-    J_Ca, J_Cs, J_Cp = J_C[:, active], J_C[:, stuck], J_C[:, moving]
-    J_Ts, J_Tp = J_T[:, stuck], J_T[:, moving]
+    passive = _others(active, J_T.shape[1])
+    moving = _others(np.concatenate([active, stuck]), J_T.shape[1])
     constraint_scale, task_scale = float(frobenius(J_C)), float(frobenius(J_T))
+    loops = ranked_svd(J_C[:, moving], constraint_scale, rank_tolerance, full=True)
+    left_null = loops.U[:, int(loops.rank) :].T
+    bound = ranked_svd(left_null @ J_C[:, active], constraint_scale, rank_tolerance)
+    motion = _passive_motion(
+        loops, J_C[:, active], moving, active, stiffness, passive_metric, rank_tolerance
+    )
+    # Motion of the moving joints under a task force, springs alone: give @ J_Tp^T @ f, negated.
+    stretch = motion.give @ J_T[:, moving].T
 
-    loops = ranked_svd(J_Cp, constraint_scale, rank_tolerance, full=True)
-    r = int(loops.rank)
-    closing = (loops.Vt[:r].T / loops.sigma[:r]) @ loops.U[:, :r].T  # J_Cp^+
-    free, left_null = loops.Vt[r:].T, loops.U[:, r:].T
-    bound = ranked_svd(left_null @ J_Ca, constraint_scale, rank_tolerance)
-
-    gain = -closing @ J_Ca
-    # What springs that f stretches do to stuck and to active joints.
-    pull, drag = np.zeros((len(stuck), len(J_T))), np.zeros((len(active), len(J_T)))
-    spring_gap = np.inf
-    if stiffness is not None:
-        give, rest, spring_gap = _least(free, stiffness[np.ix_(moving, moving)], rank_tolerance)
-        pull = stiffness[np.ix_(stuck, moving)] @ give @ J_Tp.T
-        drag = stiffness[np.ix_(active, moving)] @ give @ J_Tp.T
-        gain, closing = _settled(gain, closing, give, stiffness, moving, active)
-        free = rest  # the springs hold all else
-    if passive_metric is not None:
-        give, _, _ = _least(free, passive_metric[np.ix_(moving, moving)], rank_tolerance)
-        gain, closing = _settled(gain, closing, give, passive_metric, moving, active)
-
-    # Rows of [J_C; E]: a stuck joint's reaction balances what f and f_C put on it, eq. (9).
-    internal_force = np.linalg.qr(np.hstack([left_null, -left_null @ J_Cs]).T)[0].T
-    f_C = -closing.T @ J_Tp.T
-    constraint_gain = np.vstack([f_C, pull - J_Ts.T - J_Cs.T @ f_C])
+    # Rows of [J_C; E]: a stuck joint's reaction balances what f, f_C, springs put on it, eq. (9).
+    f_C = -motion.closing.T @ J_T[:, moving].T
+    reaction = -J_T[:, stuck].T - J_C[:, stuck].T @ f_C + _rows(stiffness, stuck, moving) @ stretch
+    internal_force = np.linalg.qr(np.hstack([left_null, -left_null @ J_C[:, stuck]]).T)[0].T
+    constraint_gain = np.vstack([f_C, reaction])
     constraint_gain -= internal_force.T @ (internal_force @ constraint_gain)  # least norm
-    c = len(J_C)
-    squeeze = ranked_svd((internal_force[:, :c] @ J_Ca).T, constraint_scale, rank_tolerance)
+    f_C, squeeze = constraint_gain[: len(J_C)], internal_force[:, : len(J_C)] @ J_C[:, active]
+    torque_gain = J_T[:, active].T + J_C[:, active].T @ f_C
+    torque_gain -= _rows(stiffness, active, moving) @ stretch
 
     def among_passive(rows: Array) -> Array:
         everyone = np.zeros((len(passive), rows.shape[1]))
         everyone[np.searchsorted(passive, moving)] = rows
         return everyone
 
-    task_drift = J_Tp @ free / (task_scale or 1.0)
+    task_drift = J_T[:, moving] @ motion.free / (task_scale or 1.0)
     drift = ranked_svd(task_drift, 1.0, rank_tolerance)
     return Kinematics(
-        J=J_T[:, active] + J_Tp @ gain,
+        J=J_T[:, active] + J_T[:, moving] @ motion.gain,
         self_motion=drift.U[:, : int(drift.rank)],
         internal_force=internal_force,
         active_constraint=bound.Vt[: int(bound.rank)],
@@ -79,18 +69,59 @@ def reduce_to_active(
         active=active,
         passive=passive,
         actuator_count=actuator_count,
-        passive_gain=among_passive(gain),
-        passive_drift=among_passive(free),
+        passive_gain=among_passive(motion.gain),
+        passive_drift=among_passive(motion.free),
         task_drift=task_drift,
         constraint_gain=constraint_gain,
-        torque_gain=J_T[:, active].T + J_Ca.T @ constraint_gain[:c] - drag,
-        internal_gain=squeeze.pseudo_inverse(),
-        scale=task_scale * (1.0 + float(frobenius(gain))),
+        torque_gain=torque_gain,
+        internal_gain=ranked_svd(squeeze.T, constraint_scale, rank_tolerance).pseudo_inverse(),
+        scale=task_scale * (1.0 + float(frobenius(motion.gain))),
         loop_gap=float(loops.gap),
         constraint_gap=float(bound.gap),
-        spring_gap=spring_gap,
+        spring_gap=motion.spring_gap,
         rank_tolerance=rank_tolerance,
     )
+
+
+class _PassiveMotion(NamedTuple):
+    """How the p moving passive joints follow.
+
+    Attributes:
+        gain: Rates per active rate, eq. (10), shape (p, n).
+        closing: J_Cp^+, in the metric of springs and passive metric, shape (p, c).
+        free: Orthonormal basis of the motion that neither loops nor springs hold, shape (p, d).
+        give: Inverse of the springs' K on the motion that the loops leave free, shape (p, p).
+        spring_gap: Gap between what springs hold and what they do not.
+    """
+
+    gain: Array
+    closing: Array
+    free: Array
+    give: Array
+    spring_gap: float
+
+
+def _passive_motion(
+    loops: RankedSvd,
+    J_Ca: Array,
+    moving: Indices,
+    active: Indices,
+    stiffness: Array | None,
+    passive_metric: Array | None,
+    rank_tolerance: float,
+) -> _PassiveMotion:
+    r = int(loops.rank)
+    closing = (loops.Vt[:r].T / loops.sigma[:r]) @ loops.U[:, :r].T
+    gain, free = -closing @ J_Ca, loops.Vt[r:].T
+    give, spring_gap = np.zeros((len(moving), len(moving))), np.inf
+    if stiffness is not None:
+        give, rest, spring_gap = _least(free, stiffness[np.ix_(moving, moving)], rank_tolerance)
+        gain, closing = _settled(gain, closing, give, stiffness, moving, active)
+        free = rest  # the springs hold all else
+    if passive_metric is not None:
+        follow, _, _ = _least(free, passive_metric[np.ix_(moving, moving)], rank_tolerance)
+        gain, closing = _settled(gain, closing, follow, passive_metric, moving, active)
+    return _PassiveMotion(gain, closing, free, give, spring_gap)
 
 
 def _least(free: Array, K_pp: Array, rank_tolerance: float) -> tuple[Array, Array, float]:
@@ -112,3 +143,17 @@ def _settled(
     """Passive rates per active rate, and J_Cp^+, taken along the free motion to the least."""
     K_pp, K_pa = K[np.ix_(moving, moving)], K[np.ix_(moving, active)]
     return gain - give @ (K_pp @ gain + K_pa), closing - give @ (K_pp @ closing)
+
+
+def _others(known: Indices, count: int) -> Indices:
+    """The indices of range(count) that are not known, ascending."""
+    rest = np.ones(count, dtype=bool)
+    rest[known] = False
+    return np.flatnonzero(rest)
+
+
+def _rows(stiffness: Array | None, rows: Indices, columns: Indices) -> Array:
+    """Springs between joints; zero in a rigid mechanism."""
+    if stiffness is None:
+        return np.zeros((len(rows), len(columns)))
+    return stiffness[np.ix_(rows, columns)]
