@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from prioritized import _check
+from prioritized._arrays import ReadOnly
 from prioritized._check import Array, Mask
 from prioritized._motions import Motions, motions_under, sprung
 from prioritized._rank import frobenius, ranked_svd
@@ -20,8 +21,8 @@ MOST_ACTUATORS = 10
 """With more, 3^n conditions no longer fit in memory: list the interesting ones instead."""
 
 
-@dataclass(frozen=True)
-class Classes:
+@dataclass(frozen=True, eq=False)
+class Classes(ReadOnly):
     """Verdicts on each condition; all arrays start with the conditions' axis, length C.
 
     Flags as in :class:`prioritized.Manipulability`.
@@ -56,7 +57,7 @@ class Classes:
     gap: Array
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class FailureAtlas(Classes):
     """All failure conditions of a mechanism; its own verdicts are those of rigid kinematics.
 
@@ -96,7 +97,8 @@ def failure_atlas(
     The loops are eliminated once; each condition is then a small problem in the few motions they
     leave. Verdicts are those of `system.with_failures(...).kinematics().manipulability(major)`,
     one by one; where the rows of J_C differ in size by many orders they may differ, because here a
-    joint's share in an orthonormal motion is weighed instead, and the gaps say so.
+    joint's share in an orthonormal motion is weighed instead, and the gaps say so. Meant for
+    mechanisms of few freedoms: with a hundred, one by one is faster.
 
     Args:
         system: The mechanism; failures it already has are part of every condition.
@@ -109,7 +111,8 @@ def failure_atlas(
         ValueError: Wrong rows or codes, or more than ten actuators and no list of conditions.
     """
     n = len(system.active)
-    S_m, S_s = task_selection(major, secondary, system.J_T.shape[0])
+    m = system.J_T.shape[0]
+    S_m, S_s = task_selection(major, secondary, m, system.rank_tolerance)
     conditions = _conditions(codes, n)
     known = system.failures
     locked, free = conditions == LOCKED, conditions == FREE
@@ -141,7 +144,8 @@ def _classes(system: ConstrainedSystem, motions: Motions, S_m: Array, S_s: Array
     m1, m2 = len(S_m), len(S_s)
     task = system.J_T @ motions.B
     J = task @ motions.driven
-    scale = task_scale * (1.0 + frobenius(motions.B @ motions.driven))
+    through = np.linalg.norm(system.J_T, axis=0)
+    scale = task_scale + frobenius(through[:, None] * (motions.B @ motions.driven))
     reach = ranked_svd(S_m @ J, frobenius(S_m) * scale, tolerance)
     reach_task = ranked_svd(J, scale, tolerance)
     drift = ranked_svd(task @ motions.adrift, task_scale, tolerance)

@@ -147,7 +147,7 @@ def frozen(A: NDArray[_T]) -> NDArray[_T]:
 
 def _integers(name: str, value: Sequence[int] | ArrayLike, limit: int) -> Indices:
     raw = np.asarray(value)
-    if raw.size == 0:
+    if raw.size == 0 and raw.ndim == 1:
         return np.zeros(0, dtype=np.intp)
     if raw.ndim != 1 or raw.dtype.kind not in "iu":
         raise ValueError(f"{name} must be a list of integers, got {value!r}")

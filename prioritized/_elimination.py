@@ -46,11 +46,11 @@ def reduce_to_active(
     # Rows of [J_C; E]: a stuck joint's reaction balances what f, f_C, springs put on it, eq. (9).
     f_C = -motion.closing.T @ J_T[:, moving].T
     reaction = -J_T[:, stuck].T - J_C[:, stuck].T @ f_C + _rows(stiffness, stuck, moving) @ stretch
-    internal_force = np.linalg.qr(np.hstack([left_null, -left_null @ J_C[:, stuck]]).T)[0].T
+    rows = np.hstack([left_null, -left_null @ J_C[:, stuck]])
+    internal_force = np.linalg.qr(rows.T)[0].T if stuck.size else rows
     constraint_gain = np.vstack([f_C, reaction])
     constraint_gain -= internal_force.T @ (internal_force @ constraint_gain)  # least norm
-    f_C, squeeze = constraint_gain[: len(J_C)], internal_force[:, : len(J_C)] @ J_C[:, active]
-    torque_gain = J_T[:, active].T + J_C[:, active].T @ f_C
+    torque_gain = J_T[:, active].T + J_C[:, active].T @ constraint_gain[: len(J_C)]
     torque_gain -= _rows(stiffness, active, moving) @ stretch
 
     def among_passive(rows: Array) -> Array:
@@ -58,6 +58,8 @@ def reduce_to_active(
         everyone[np.searchsorted(passive, moving)] = rows
         return everyone
 
+    # J is a difference of J_Ta and of what comes through the passive joints that the task sees.
+    through = np.linalg.norm(J_T[:, moving], axis=0)
     task_drift = J_T[:, moving] @ motion.free / (task_scale or 1.0)
     drift = ranked_svd(task_drift, 1.0, rank_tolerance)
     return Kinematics(
@@ -74,8 +76,8 @@ def reduce_to_active(
         task_drift=task_drift,
         constraint_gain=constraint_gain,
         torque_gain=torque_gain,
-        internal_gain=ranked_svd(squeeze.T, constraint_scale, rank_tolerance).pseudo_inverse(),
-        scale=task_scale * (1.0 + float(frobenius(motion.gain))),
+        internal_gain=internal_force @ rows.T @ bound.pseudo_inverse().T,
+        scale=task_scale + float(frobenius(through[:, None] * motion.gain)),
         loop_gap=float(loops.gap),
         constraint_gap=float(bound.gap),
         spring_gap=motion.spring_gap,
@@ -91,7 +93,7 @@ class _PassiveMotion(NamedTuple):
         closing: J_Cp^+, in the metric of springs and passive metric, shape (p, c).
         free: Orthonormal basis of the motion that neither loops nor springs hold, shape (p, d).
         give: Inverse of the springs' K on the motion that the loops leave free, shape (p, p).
-        spring_gap: Gap between what springs hold and what they do not.
+        spring_gap: Gap between what springs hold, or the metric weighs, and what they do not.
     """
 
     gain: Array
@@ -119,8 +121,9 @@ def _passive_motion(
         gain, closing = _settled(gain, closing, give, stiffness, moving, active)
         free = rest  # the springs hold all else
     if passive_metric is not None:
-        follow, _, _ = _least(free, passive_metric[np.ix_(moving, moving)], rank_tolerance)
+        follow, _, metric_gap = _least(free, passive_metric[np.ix_(moving, moving)], rank_tolerance)
         gain, closing = _settled(gain, closing, follow, passive_metric, moving, active)
+        spring_gap = min(spring_gap, metric_gap)
     return _PassiveMotion(gain, closing, free, give, spring_gap)
 
 

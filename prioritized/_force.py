@@ -7,8 +7,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from prioritized import _check
+from prioritized._arrays import ReadOnly, apply, on_axes, respond, stack, transposed
 from prioritized._check import Array, Indices, Mask
-from prioritized._levels import Level, apply, lexicographic, respond, stack, transposed
+from prioritized._levels import Level, lexicographic, smallest_gap
 from prioritized._problem import checked
 from prioritized._rank import RANK_TOLERANCE, basis_scale, frobenius, ranked_svd
 from prioritized._task import Status
@@ -17,8 +18,8 @@ Gains = tuple[Array, Array, Array]
 """Per major force, desired torque and desired secondary force."""
 
 
-@dataclass(frozen=True)
-class ForceMapping:
+@dataclass(frozen=True, eq=False)
+class ForceMapping(ReadOnly):
     """Gains of the optimal active joint torques; made by :func:`force_mapping`.
 
     torques = major @ f_m + torque @ torques_desired + secondary @ f_s_desired
@@ -28,11 +29,12 @@ class ForceMapping:
             `secondary` (..., n, m2).
         secondary_gains: What the secondary force is made of, (..., m2, .).
         internal_gains: What the internal force is made of, (..., r, .).
-        achieved: (..., m1, m1), major force exerted per major force asked for.
+        achieved: (..., m1, m1), major force in equilibrium per major force asked for.
         reaction: Orthogonal projector on the task forces that no torque sees: the structure bears
-            them, whatever the actuators do, shape (..., m, m); zero when there are none.
-        rank: Dimension of the major forces that can be exerted, shape (...).
-        gap: Factor the rank threshold could move before `rank` changed, shape (...).
+            them, whatever the actuators do, shape (..., m, m); zero when there are none. Where
+            they have a major part, the torques hold f_m in equilibrium but do not determine it.
+        rank: Dimension of the major forces that equilibrium admits, shape (...).
+        gap: Factor the rank threshold could move before the rank of any level changed, shape (...).
         status: The worst of the batch.
     """
 
@@ -88,7 +90,7 @@ class ForceMapping:
         return _respond(self.internal_gains, f_major, torque, secondary_force)
 
     def residual(self, f_major: ArrayLike) -> Array:
-        """Part of the major force that cannot be exerted, shape (..., m1)."""
+        """Part of the major force that no equilibrium admits, shape (..., m1)."""
         wanted = _check.vector("f_major", f_major, self.achieved.shape[-1])
         return wanted - apply(self.achieved, "f_major", wanted)
 
@@ -137,7 +139,8 @@ def force_mapping(
         tie_metric: T, diagonal (n,) or matrix (..., k, n). It matters where the weights leave
             torques undecided, and joints mix units.
         scale: Size of J that ranks are decided against, shape (...); by default its norm.
-        rank_tolerance: Singular values below this fraction of the scale count as zero.
+        rank_tolerance: Singular values below this fraction of the scale count as zero, those of
+            the stacked weights too: one goal cannot be weighed 1e10 times another.
 
     Raises:
         ValueError: Wrong shape, index or non-finite input, naming the argument.
@@ -147,7 +150,7 @@ def force_mapping(
         major,
         secondary,
         weight_name="torque_weight",
-        joint_weight=torque_weight,
+        weight=torque_weight,
         secondary_weight=secondary_weight,
         active_constraint=active_constraint,
         self_motion=self_motion,
@@ -157,7 +160,7 @@ def force_mapping(
         rank_tolerance=rank_tolerance,
     )
     J, S_m, S_s, C, Q = args.J, args.S_m, args.S_s, args.active_constraint, args.self_motion
-    W3, W4, M, T = args.joint_weight, args.secondary_weight, args.major_metric, args.tie_metric
+    W3, W4, M, T = args.weight, args.secondary_weight, args.major_metric, args.tie_metric
     _refuse_overlap(S_m, S_s, args.tolerance)
     (m, n), m1, m2, r = J.shape[-2:], len(S_m), len(S_s), C.shape[-2]
 
@@ -184,7 +187,8 @@ def force_mapping(
         Level(torques, zero, torque_scale),
         least_secondary,
     ]
-    X, (_, reach, *_) = lexicographic(levels, args.tolerance)
+    X, decisions = lexicographic(levels, args.tolerance)
+    X, reach = on_axes(X, args.lead), decisions[1]
     to_f_m, to_f_s, to_eta = np.split(X, [m1, m1 + m2], axis=-2)
 
     # Forces that do no work on any motion, driven or self-motion: the structure bears them.
@@ -200,9 +204,11 @@ def force_mapping(
         secondary_gains=_by_aim(to_f_s, m1, n),
         internal_gains=_by_aim(to_eta, m1, n),
         achieved=to_f_m[..., :m1],
-        reaction=ranked_svd(motion, motion_scale, args.tolerance).null_projector(),
+        reaction=on_axes(
+            ranked_svd(motion, motion_scale, args.tolerance).null_projector(), args.lead
+        ),
         rank=np.broadcast_to(reach.rank, args.lead),
-        gap=np.broadcast_to(reach.gap, args.lead),
+        gap=np.broadcast_to(smallest_gap(decisions), args.lead),
         status=_status(exerted=reach.rank == m1, seen=seen),
     )
 

@@ -1,5 +1,6 @@
 """A mechanism seen from its surviving active joints: eqs. (10) to (17)."""
 
+import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -7,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from prioritized import _check
+from prioritized._arrays import ReadOnly
 from prioritized._check import Array, Indices
 from prioritized._force import ForceMapping, force_mapping
 from prioritized._manipulability import Manipulability, classify
@@ -14,8 +16,8 @@ from prioritized._task import task_selection
 from prioritized._velocity import VelocityMapping, velocity_mapping
 
 
-@dataclass(frozen=True)
-class Kinematics:
+@dataclass(frozen=True, eq=False)
+class Kinematics(ReadOnly):
     """A mechanism seen from its surviving active joints.
 
     Attributes:
@@ -38,7 +40,7 @@ class Kinematics:
         internal_gain: (r, n - q), eta of eq. (11) for what the torques differ from these.
         scale: Size of the terms whose difference is J; its rank is decided against it.
         loop_gap: Gap of the rank of J_Cp; `constraint_gap`: of `active_constraint`; `spring_gap`:
-            of what the springs hold, infinite without springs.
+            of what springs hold and the passive metric weighs, infinite without them.
         rank_tolerance: See the rank decision.
     """
 
@@ -62,6 +64,11 @@ class Kinematics:
     spring_gap: float
     rank_tolerance: float
 
+    @property
+    def gap(self) -> float:
+        """Smallest gap of the rank decisions that J and its constraints rest on."""
+        return min(self.loop_gap, self.constraint_gap, self.spring_gap)
+
     def expand(self, rates: ArrayLike) -> Array:
         """Rates or torques of the survivors (..., n - q) to all actuators (..., n), else zero."""
         survivors = _check.vector("rates", rates, len(self.actuators))
@@ -84,7 +91,8 @@ class Kinematics:
         Args:
             f: Task force, shape (..., m).
             torques: Of the surviving actuators, shape (..., n - q): eta is then what balances them,
-                the least where several do. None is eta = 0, the least norm of f_C.
+                with the least internal force in the closures where several do. None is eta = 0,
+                the least norm of f_C.
         """
         force = _check.vector("f", f, self.J.shape[0])
         f_C = force @ self.constraint_gain.T
@@ -102,7 +110,7 @@ class Kinematics:
         Raises:
             ValueError: A row out of range or repeated.
         """
-        S_m, _ = task_selection(major, None, len(self.J))
+        S_m, _ = task_selection(major, None, len(self.J), self.rank_tolerance)
         return classify(self, S_m)
 
     def velocity_mapping(
@@ -118,9 +126,10 @@ class Kinematics:
     ) -> VelocityMapping:
         """:func:`prioritized.velocity_mapping` of this mechanism, every constraint passed on.
 
-        A `joint_weight` or `tie_metric` for all n actuators is cut to the survivors.
+        A `joint_weight` or `tie_metric` for all n actuators is cut to the survivors; rates, desired
+        ones too, are the survivors' alone: `desired[..., kin.actuators]`.
         """
-        return velocity_mapping(
+        mapping = velocity_mapping(
             self.J,
             major,
             secondary,
@@ -134,6 +143,7 @@ class Kinematics:
             scale=self.scale,
             rank_tolerance=self.rank_tolerance,
         )
+        return dataclasses.replace(mapping, gap=np.minimum(mapping.gap, self.gap))
 
     def force_mapping(
         self,
@@ -147,9 +157,10 @@ class Kinematics:
     ) -> ForceMapping:
         """:func:`prioritized.force_mapping` of this mechanism, every condition passed on.
 
-        A `torque_weight` or `tie_metric` for all n actuators is cut to the survivors.
+        A `torque_weight` or `tie_metric` for all n actuators is cut to the survivors; torques,
+        desired ones too, are the survivors' alone.
         """
-        return force_mapping(
+        mapping = force_mapping(
             self.J,
             major,
             secondary,
@@ -162,6 +173,7 @@ class Kinematics:
             scale=self.scale,
             rank_tolerance=self.rank_tolerance,
         )
+        return dataclasses.replace(mapping, gap=np.minimum(mapping.gap, self.gap))
 
     def _of_survivors(self, name: str, weight: ArrayLike | None) -> Array | None:
         if weight is None:

@@ -4,9 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from prioritized import _check
 from prioritized._check import Array
 from prioritized._rank import RankedSvd, ranked_svd
 
@@ -49,35 +47,10 @@ def lexicographic(levels: Sequence[Level], tolerance: float) -> tuple[Array, lis
     return X, decisions
 
 
-def stack(top: Array, bottom: Array) -> Array:
-    """One matrix above another, leading axes broadcast."""
-    if top.shape[:-2] == bottom.shape[:-2]:
-        return np.concatenate([top, bottom], axis=-2)
-    lead = np.broadcast_shapes(top.shape[:-2], bottom.shape[:-2])
-    wide = [np.broadcast_to(A, lead + A.shape[-2:]) for A in (top, bottom)]
-    return np.concatenate(wide, axis=-2)
-
-
-def transposed(A: Array) -> Array:
-    """The transpose of each matrix of a batch."""
-    return np.swapaxes(A, -1, -2)
-
-
-def respond(gains: Sequence[Array], required: str, **wishes: ArrayLike | None) -> Array:
-    """Sum of each gain (..., i, j) times its wish (..., j); what is None counts as zero.
-
-    Raises:
-        ValueError: A wish of the wrong shape or not finite, or the required one None; by its name.
-    """
-    total = np.zeros(gains[0].shape[-2])
-    for gain, (name, wish) in zip(gains, wishes.items(), strict=True):
-        if wish is not None or name == required:
-            total = total + apply(gain, name, wish)
-    return total
-
-
-def apply(gain: Array, name: str, value: ArrayLike | None) -> Array:
-    """Gain (..., i, j) times a checked argument (..., j)."""
-    v = _check.vector(name, value, gain.shape[-1])
-    _check.common_axes({"the mapping": gain.shape[:-2], name: v.shape[:-1]})
-    return np.einsum("...ij,...j->...i", gain, v)
+def smallest_gap(decisions: Sequence[RankedSvd]) -> Array:
+    """Smallest gap of the decisions, shape (...)."""
+    gap = np.asarray(np.inf)
+    for decided in decisions:
+        if decided.sigma.size:
+            gap = np.minimum(gap, decided.gap)
+    return gap

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from prioritized._arrays import ReadOnly
 from prioritized._check import Array
 from prioritized._rank import RankedSvd, frobenius, ranked_svd
 
@@ -13,14 +14,14 @@ if TYPE_CHECKING:
     from prioritized._kinematics import Kinematics
 
 
-@dataclass(frozen=True)
-class Finding:
+@dataclass(frozen=True, eq=False)
+class Finding(ReadOnly):
     """Whether a condition holds, and what shows it.
 
     Attributes:
         holds: The verdict.
         basis: Orthonormal basis of the directions concerned, empty when it does not hold.
-        gap: Factor the rank threshold could move before the verdict's rank changed.
+        gap: Factor the rank threshold could move before a decision behind the verdict changed.
         sentence: The verdict in words.
     """
 
@@ -30,7 +31,7 @@ class Finding:
     sentence: str
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Manipulability:
     """The conditions of section 2.2 for one major task; `str()` says them in words.
 
@@ -111,21 +112,20 @@ def classify(kinematics: "Kinematics", S_m: Array) -> Manipulability:
     drift_major = ranked_svd(S_m @ kin.task_drift, size, tolerance, full=True)
     # Of the self-motion that leaves the major task alone, what still moves the task.
     aside = ranked_svd(kin.task_drift @ _null(drift_major), 1.0, tolerance, full=True)
-    adrift = {
-        "unstable": (kin.self_motion, drift.gap),
-        "unstable_major": (_range(drift_major), drift_major.gap),
-        "unstable_secondary": (_range(aside), aside.gap),
-        "idle": (kin.passive_drift @ _null(drift), drift.gap),
-    }
+    # Each verdict is as safe as the least of the decisions it rests on: what is adrift is first of
+    # all what neither loops nor springs hold.
+    loose = min(kin.loop_gap, kin.spring_gap)
     moved = {
-        "unmanipulable": (_left_null(reach), reach.gap),
-        "unmanipulable_task": (_left_null(reach_task), reach_task.gap),
-        # What is adrift is first of all what no spring holds.
-        **{name: (basis, min(gap, kin.spring_gap)) for name, (basis, gap) in adrift.items()},
+        "unmanipulable": (_left_null(reach), min(reach.gap, kin.gap)),
+        "unmanipulable_task": (_left_null(reach_task), min(reach_task.gap, kin.gap)),
+        "unstable": (kin.self_motion, min(drift.gap, loose)),
+        "unstable_major": (_range(drift_major), min(drift_major.gap, loose)),
+        "unstable_secondary": (_range(aside), min(aside.gap, drift_major.gap, loose)),
+        "idle": (kin.passive_drift @ _null(drift), min(drift.gap, loose)),
     }
     opposed = {
         "irresolvable": (kin.internal_force, kin.loop_gap),
-        "constrained_active": (kin.active_constraint, kin.constraint_gap),
+        "constrained_active": (kin.active_constraint, min(kin.constraint_gap, kin.loop_gap)),
     }
     findings = {name: _finding(name, A, A.shape[1], gap) for name, (A, gap) in moved.items()}
     findings |= {name: _finding(name, A, A.shape[0], gap) for name, (A, gap) in opposed.items()}

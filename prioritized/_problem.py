@@ -19,7 +19,7 @@ class Problem:
     Attributes:
         J: (..., m, n).
         S_m: (m1, m); `S_s`: (m2, m).
-        joint_weight: W1 or W3, (..., k, n); `secondary_weight`: W2 or W4, (..., k, m2).
+        weight: W1 or W3, (..., k, n); `secondary_weight`: W2 or W4, (..., k, m2).
         active_constraint: C, (..., r, n); `self_motion`: Q, (..., m, k).
         major_metric: M, (..., k, m1); `tie_metric`: T, (..., k, n).
         scale: Size of J, shape (...).
@@ -30,7 +30,7 @@ class Problem:
     J: Array
     S_m: Array
     S_s: Array
-    joint_weight: Array
+    weight: Array
     secondary_weight: Array
     active_constraint: Array
     self_motion: Array
@@ -47,7 +47,7 @@ def checked(
     secondary: Sequence[int] | ArrayLike | None,
     *,
     weight_name: str,
-    joint_weight: ArrayLike | None,
+    weight: ArrayLike | None,
     secondary_weight: ArrayLike | None,
     active_constraint: ArrayLike | None,
     self_motion: ArrayLike | None,
@@ -56,17 +56,17 @@ def checked(
     scale: ArrayLike | None,
     rank_tolerance: float,
 ) -> Problem:
-    """Check every argument of a mapping; `weight_name` is what its caller calls `joint_weight`.
+    """Check every argument of a mapping; `weight_name` is what its caller calls `weight`.
 
     Raises:
         ValueError: Wrong shape, index or non-finite input, naming the argument.
     """
     J = _check.batch("J", J)
     m, n = J.shape[-2:]
-    S_m, S_s = task_selection(major, secondary, m)
-    m1, m2 = len(S_m), len(S_s)
     tolerance = _check.fraction("rank_tolerance", rank_tolerance)
-    W = _check.weight(weight_name, _no_rows(joint_weight, n), n)
+    S_m, S_s = task_selection(major, secondary, m, tolerance)
+    m1, m2 = len(S_m), len(S_s)
+    W = _check.weight(weight_name, _no_rows(weight, n), n)
     W_s = _check.weight("secondary_weight", _no_rows(secondary_weight, m2), m2)
     C = _check.batch("active_constraint", _no_rows(active_constraint, n), columns=n)
     Q = np.zeros((m, 0)) if self_motion is None else self_motion
@@ -78,6 +78,8 @@ def checked(
             raise ValueError(f"major_metric must weigh every major direction, got {major_metric}")
     T = _check.weight("tie_metric", _no_rows(tie_metric, n), n)
     size = frobenius(J) if scale is None else _check.not_negative("scale", scale)
+    if not np.isfinite(size).all():
+        raise ValueError(f"J must be of a size whose square is finite, got {np.abs(J).max():.0e}")
     if size.ndim > J.ndim - 2:
         raise ValueError(f"scale must have the leading axes of J, got shape {size.shape}")
     lead = _check.common_axes(

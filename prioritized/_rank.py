@@ -10,7 +10,7 @@ RANK_TOLERANCE = 1e-10
 """Singular values below this fraction of the scale of the inputs count as zero."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class RankedSvd:
     """A = U diag(sigma) V^T with its rank decided; leading axes are batch axes.
 
@@ -39,7 +39,7 @@ class RankedSvd:
 
         At least 1, infinite where nothing is near; shape (...).
         """
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             ratio = self.sigma / self.threshold
             ratio = np.where(self.kept, ratio, 1.0 / ratio)
         return np.min(np.where(np.isnan(ratio), np.inf, ratio), axis=-1, initial=np.inf)
@@ -85,7 +85,7 @@ def ranked_svd(
         A: Matrix or batch of matrices, shape (..., m, n).
         scale: Norm of the inputs, shape (...).
         tolerance: Fraction of `scale` below which a singular value is zero.
-        full: Return square U and V; then A must be one matrix.
+        full: Return square U and V.
     """
     if A.size or full:
         U, sigma, Vt = np.linalg.svd(A, full_matrices=full)

@@ -2,7 +2,7 @@
 
 import copy
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -49,7 +49,7 @@ class ConstrainedSystem:
     active: Indices
     rank_tolerance: float
     stiffness: Array | None
-    failures: Failures = field(default=Failures(), init=False)
+    failures: Failures
 
     def __init__(
         self,
@@ -58,6 +58,7 @@ class ConstrainedSystem:
         active: Sequence[int] | ArrayLike,
         rank_tolerance: float = RANK_TOLERANCE,
         stiffness: ArrayLike | None = None,
+        failures: Failures | None = None,
     ) -> None:
         """Take the Jacobians as read-only copies.
 
@@ -71,6 +72,8 @@ class ConstrainedSystem:
             active: Velocity index of each of the n actuators.
             rank_tolerance: Fraction of the inputs' scale below which singular values are zero.
             stiffness: K, diagonal (N,) or symmetric positive semidefinite (N, N); None is rigid.
+            failures: What is broken from the start; None is nothing. They survive
+                `dataclasses.replace(system, J_T=..., J_C=...)`, the same mechanism at another pose.
 
         Raises:
             ValueError: Wrong shape, index or non-finite input, naming the argument.
@@ -85,8 +88,13 @@ class ConstrainedSystem:
             "rank_tolerance": _check.fraction("rank_tolerance", rank_tolerance),
             "stiffness": _metric("stiffness", stiffness, N),
         }
-        for name, value in fields.items():
+        for name, value in (fields | {"failures": Failures()}).items():
             object.__setattr__(self, name, value)
+        if failures is not None:
+            broken = self.with_failures(
+                failures.locked, failures.free, failures.locked_passive
+            ).failures
+            object.__setattr__(self, "failures", broken)
 
     def with_failures(
         self,

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from prioritized import _check
 from prioritized._check import Array
-from prioritized._rank import RANK_TOLERANCE, frobenius, ranked_svd
+from prioritized._rank import frobenius, ranked_svd
 
 
 class Status(Enum):
@@ -34,6 +34,7 @@ def task_selection(
     major: Sequence[int] | ArrayLike,
     secondary: Sequence[int] | ArrayLike | None,
     m: int,
+    tolerance: float,
 ) -> tuple[Array, Array]:
     """Selection matrices S_m (m1, m), S_s (m2, m): v_m = S_m v, v_s = S_s v, eq. (15).
 
@@ -43,7 +44,7 @@ def task_selection(
     if secondary is not None:
         return S_m, _selection("secondary", secondary, m)
     if np.ndim(major) == 2:
-        full = ranked_svd(S_m, frobenius(S_m), RANK_TOLERANCE, full=True)
+        full = ranked_svd(S_m, frobenius(S_m), tolerance, full=True)
         return S_m, full.Vt[int(full.rank) :]
     return S_m, np.eye(m)[S_m.sum(axis=0) == 0]
 

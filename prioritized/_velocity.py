@@ -7,15 +7,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from prioritized import _check
+from prioritized._arrays import ReadOnly, apply, on_axes, respond, stack
 from prioritized._check import Array, Indices, Mask
-from prioritized._levels import Level, apply, lexicographic, respond, stack
+from prioritized._levels import Level, lexicographic, smallest_gap
 from prioritized._problem import checked
 from prioritized._rank import RANK_TOLERANCE, basis_scale, frobenius, ranked_svd
 from prioritized._task import Status
 
 
-@dataclass(frozen=True)
-class VelocityMapping:
+@dataclass(frozen=True, eq=False)
+class VelocityMapping(ReadOnly):
     """Gains of the optimal active joint rates; made by :func:`velocity_mapping`.
 
     rates = major @ v_m + joint @ rates_desired + secondary @ v_s_desired
@@ -24,7 +25,7 @@ class VelocityMapping:
         major: (..., n, m1), `joint`: (..., n, n), `secondary`: (..., n, m2).
         achieved: (..., m1, m1), major velocity reached per major velocity asked for.
         rank: Rank of the major task on the admissible rates, shape (...).
-        gap: Factor the rank threshold could move before `rank` changed, shape (...).
+        gap: Factor the rank threshold could move before the rank of any level changed, shape (...).
         status: The worst of the batch.
     """
 
@@ -98,11 +99,13 @@ def velocity_mapping(
             out of reach or damped, and its rows mix units.
         tie_metric: T, diagonal (n,) or matrix (..., k, n). It matters where the weights leave
             rates undecided, and joints mix units.
-        damping: Tikhonov damping of level 2, in units of the singular values of M J_m: near a
-            singularity the rates stay below |M v_m| / (2 damping), and the major task is not exact.
+        damping: Tikhonov damping of level 2, in units of the singular values of M J_m: the part of
+            the rates that serves the major task stays below |M v_m| / (2 damping), and the major
+            task is not exact. The secondary goal is not damped: give it a joint_weight.
         scale: Size of J that ranks are decided against, shape (...); by default its norm. A J that
             is a difference of large terms has theirs.
-        rank_tolerance: Singular values below this fraction of the scale count as zero.
+        rank_tolerance: Singular values below this fraction of the scale count as zero, those of
+            the stacked weights too: one goal cannot be weighed 1e10 times another.
 
     Raises:
         ValueError: Wrong shape, index or non-finite input, naming the argument.
@@ -112,7 +115,7 @@ def velocity_mapping(
         major,
         secondary,
         weight_name="joint_weight",
-        joint_weight=joint_weight,
+        weight=joint_weight,
         secondary_weight=secondary_weight,
         active_constraint=active_constraint,
         self_motion=self_motion,
@@ -123,7 +126,7 @@ def velocity_mapping(
     )
     damping = _check.number("damping", damping)
     J, S_m, C, Q = args.J, args.S_m, args.active_constraint, args.self_motion
-    W1, W2, M, T = args.joint_weight, args.secondary_weight, args.major_metric, args.tie_metric
+    W1, W2, M, T = args.weight, args.secondary_weight, args.major_metric, args.tie_metric
     n, m1, m2 = J.shape[-1], len(S_m), len(args.S_s)
 
     # What the levels aim at, as gains of p = [v_m; rates_d; v_sd].
@@ -141,15 +144,15 @@ def velocity_mapping(
         Level(T, zero, frobenius(T)),
     ]
     X, decisions = lexicographic(levels, args.tolerance)
-    reach = decisions[1]
+    X, reach = on_axes(X, args.lead), decisions[1]
     drift = ranked_svd(S_m @ Q, frobenius(S_m) * basis_scale(Q), args.tolerance)
     return VelocityMapping(
         major=X[..., :m1],
         joint=X[..., m1 : m1 + n],
         secondary=X[..., m1 + n :],
-        achieved=J_m @ X[..., :m1],
+        achieved=on_axes(J_m @ X[..., :m1], args.lead),
         rank=np.broadcast_to(reach.rank, args.lead),
-        gap=np.broadcast_to(reach.gap, args.lead),
+        gap=np.broadcast_to(smallest_gap(decisions), args.lead),
         status=_status(drifts=drift.rank > 0, reached=reach.rank == m1, damped=damping > 0),
     )
 
