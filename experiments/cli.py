@@ -11,11 +11,12 @@ import typer
 from rich.console import Console
 
 from experiments.files import OutputError, published, usable_folder, write_arrays, write_json
+from experiments.interrupt import INTERRUPTED, SENTENCE
 from experiments.mapping import JacobianChoice
 from experiments.terminal import print_rows, progress
 from sim import ModelError, SimulationDiverged
 
-UNSOUND, WRONG_INPUT, INTERRUPTED = 1, 2, 130
+UNSOUND, WRONG_INPUT = 1, 2
 MAX_SEED = 2**32 - 1
 
 Seed = Annotated[int, typer.Option(min=0, max=MAX_SEED, help="Seed of the detector noise.")]
@@ -170,7 +171,7 @@ def main(arguments: list[str] | None = None) -> int:
     except _Unsound as error:
         return _complain(str(error), UNSOUND)
     if code == INTERRUPTED:  # Typer has already caught the Ctrl-C
-        return _complain("interrupted: no file was left half-written", INTERRUPTED)
+        return _complain(SENTENCE, INTERRUPTED)
     return code or 0
 
 

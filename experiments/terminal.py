@@ -16,10 +16,16 @@ from rich.progress import (
 )
 from rich.table import Table
 
+from experiments.interrupt import raise_from_now_on
+
 
 @contextmanager
 def progress(description: str) -> Iterator[Callable[[int, int], None]]:
-    """A progress bar on a terminal's standard error; nothing where that is a file or a pipe."""
+    """A progress bar on a terminal's standard error; nothing where that is a file or a pipe.
+
+    The work begins here: from here on Ctrl-C is an exception.
+    """
+    raise_from_now_on()
     bar = Progress(
         TextColumn("{task.description}"),
         BarColumn(),
