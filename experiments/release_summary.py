@@ -24,6 +24,7 @@ def summarize(release: Release, seed: int) -> dict[str, Any]:
     """All numbers of the experiment, ready for JSON; units are in the names."""
     model: mujoco.MjModel = load_model()
     run = release.trajectories["sound"]
+    orbit = plant_constants(weightless(model))
     return {
         "experiment": "release",
         "seed": seed,
@@ -32,7 +33,7 @@ def summarize(release: Release, seed: int) -> dict[str, Any]:
         "jacobian": "constant",
         "duration_s": len(run.time_s) * Bench().control_period_s,
         "bench": asdict(Bench()) | plant_constants(model),
-        "spirals": [_spiral(release, case) for case in release.cases],
+        "spirals": [_spiral(release, case, orbit) for case in release.cases],
         "sweep": release.sweep,
         "on_the_ground_without_spring": release.fall,
         "atlas": _atlas(release.atlas),
@@ -69,7 +70,7 @@ def twist(run: Trajectory) -> Array:
     return np.hstack([run.true_rad, run.secondary])
 
 
-def _spiral(release: Release, case: Case) -> dict[str, Any]:
+def _spiral(release: Release, case: Case, orbit: dict[str, Any]) -> dict[str, Any]:
     run = release.trajectories[case.name]
     alpha, beta = pointing_rms_urad(run)
     alpha_peak, beta_peak = 1e6 * np.abs(run.desired_rad - run.true_rad).max(axis=0)
@@ -80,7 +81,7 @@ def _spiral(release: Release, case: Case) -> dict[str, Any]:
         "kind": case.kind,
         "failure_time_s": case.time_s if case.kind else None,
         "told": case.told,
-        "plant": plant_constants(weightless(load_model())) if case.kind == "loose" else {},
+        "plant": orbit if case.kind == "loose" else {},
         "alpha_rms_urad": alpha,
         "beta_rms_urad": beta,
         "predicted_alpha_rms_urad": None if predicted is None else 1e6 * predicted[0],

@@ -29,7 +29,7 @@ def write(folder: Path, examinations: list[Examination], summary: dict[str, Any]
 
 def figure_systems(examinations: list[Examination]) -> Figure:
     """Each mechanism's major task around a polygon, in every condition."""
-    figure = Figure(figsize=(10, 10), layout="constrained")
+    figure = Figure(figsize=(12.5, 9.5), layout="constrained")
     figure.suptitle("Major task around an octagon, sound and failed, simulated")
     for panel, mechanism in enumerate(MECHANISMS, 1):
         axes = figure.add_subplot(2, 2, panel, title=mechanism.title, aspect="equal")
@@ -50,7 +50,13 @@ def figure_systems(examinations: list[Examination]) -> Figure:
         unit = f"µ{mechanism.major_unit}"
         axes.set(xlabel=f"{first}, {unit}", ylabel=f"{second}, {unit}")
         axes.grid(alpha=0.3)
-        axes.legend(fontsize="x-small", title="broken; dashed: task lost", title_fontsize="x-small")
+        axes.legend(
+            fontsize="x-small",
+            title="broken; dashed: task lost",
+            title_fontsize="x-small",
+            loc="upper left",
+            bbox_to_anchor=(1.0, 1.0),
+        )
     return figure
 
 
