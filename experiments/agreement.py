@@ -100,9 +100,7 @@ def hold_force(
 
 def _closure_rows(system: ConstrainedSystem) -> Array:
     """J_C and a unit row E for each stuck joint, section 2.3.2."""
-    stuck = system.active[sorted(system.failures.locked)].tolist()
-    stuck = sorted({*stuck, *system.failures.locked_passive})
-    return np.vstack([system.J_C, np.eye(system.J_C.shape[1])[stuck]])
+    return np.vstack([system.J_C, np.eye(system.J_C.shape[1])[system.stuck]])
 
 
 def _relative(difference: Array, whole: Array) -> float:

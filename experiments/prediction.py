@@ -9,7 +9,7 @@ import numpy as np
 from experiments.bench import Bench
 from experiments.compensator import Loop, sampled
 from experiments.mapping import MAJOR, Goal, StrutMapping
-from sim import Array, Failure, Plant, hexapod, linearize
+from sim import Array, Failure, Plant, failed_plant, hexapod, linearize
 
 
 def predicted_rms_rad(
@@ -72,9 +72,7 @@ def _loop_transfer(
     stiffness: Array | None,
 ) -> control.StateSpace:
     """Open pointing loops: compensators, mapping at J_0, converters' hold, failed plant."""
-    plant = Plant(model)
-    for failure in failures:
-        failure.strike(plant)
+    plant = failed_plant(model, failures)
     gain = StrutMapping(hexapod(model), goal, "constant", stiffness).pointing_gain()
     compensators = control.append(*(loop.discrete for loop in loops))
     P = sampled(linearize(plant.model, plant.data), gain, bench.control_period_s)

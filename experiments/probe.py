@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from sim import Array, Failure, Plant, linearize
+from sim import Array, Failure, failed_plant, linearize
 
 STEP = 1e-4
 """Size of commanded displacements, [m] or [rad]: far above the closures' nanometres, and small
@@ -33,14 +33,6 @@ class Response:
 
     active: Array
     task: Array
-
-
-def failed_plant(model: mujoco.MjModel, failures: Sequence[Failure]) -> Plant:
-    """A plant at rest at the nominal pose, the failures struck."""
-    plant = Plant(model)
-    for failure in failures:
-        failure.strike(plant)
-    return plant
 
 
 def settling_s(model: mujoco.MjModel, failures: Sequence[Failure]) -> float:

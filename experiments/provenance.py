@@ -60,7 +60,11 @@ def plant_constants(model: mujoco.MjModel) -> dict[str, float | list[float]]:
 def recording_properties(summary: dict[str, Any]) -> dict[str, Any]:
     """What makes a recording self-describing, flat as Rerun's properties are."""
     plain = {key: summary[key] for key in ("seed", "model_sha256", "jacobian")}
-    packages = {
+    return plain | version_properties(summary) | summary["bench"]
+
+
+def version_properties(summary: dict[str, Any]) -> dict[str, str]:
+    """Versions as properties: flat, and without the hyphens that their names may not have."""
+    return {
         f"version_{name.replace('-', '_')}": value for name, value in summary["versions"].items()
     }
-    return plain | packages | summary["bench"]

@@ -57,8 +57,8 @@ class Case:
             return None
         if self.told == "as_locked":
             return replace(_EQUAL, locked_m={STRUT: 0.0})
-        known = {"free": self.kind == "free", "loose": self.kind == "loose"}
-        return replace(_EQUAL, **{kind: (STRUT,) for kind, holds in known.items() if holds})
+        known = (STRUT,)
+        return replace(_EQUAL, free=known) if self.kind == "free" else replace(_EQUAL, loose=known)
 
 
 def cases(half_s: float) -> tuple[Case, ...]:
@@ -136,7 +136,6 @@ def run_release(
             "loops": loops,
             "failures": case.failures,
             "stiffness": stiffness,
-            "duration_s": duration_s,
         }
 
     spirals = [
@@ -146,6 +145,7 @@ def run_release(
             "reconfigured": case.reconfigured,
             "jacobian": "constant",
             "seed": seed,
+            "duration_s": duration_s,
         }
         for case in chosen
     ]
@@ -164,10 +164,10 @@ def run_release(
         linear[case.name] = predicted_motion(model, case.failures, run.time_s, command_m)
         quasi_static[case.name] = _quasi_static(case, ground, run.time_s, command_m)
         goal = case.reconfigured or _EQUAL
-        after = {key: value for key, value in shared(case).items() if key != "duration_s"}
-        sensitivity[case.name] = sensitivity_peak(**after, goal=goal)
+        sensitivity[case.name] = sensitivity_peak(**shared(case), goal=goal)
         if case.time_s == 0.0:
-            predicted[case.name] = predicted_rms_rad(**shared(case), goal=goal)
+            rms_rad = predicted_rms_rad(**shared(case), goal=goal, duration_s=duration_s)
+            predicted[case.name] = rms_rad
     return Release(
         cases=chosen,
         trajectories=trajectories,

@@ -7,6 +7,7 @@ from matplotlib.figure import Figure
 
 from experiments.files import published, write_arrays, write_json
 from experiments.mechanisms import MECHANISMS, Mechanism
+from experiments.provenance import version_properties
 from experiments.rerun_file import COLORS, write_series
 from experiments.systems import Examination
 from experiments.systems_summary import markdown
@@ -75,9 +76,7 @@ def _write_mechanism(
         plots[str(one.condition)] = (one.time_s, names, 1e6 * (one.desired - one.reached))
     write_arrays(staging / f"{mechanism.name}.npz", arrays)
     model = {"seed": summary["seed"], "model_sha256": summary["model_sha256"][mechanism.name]}
-    properties = model | {
-        f"version_{name.replace('-', '_')}": value for name, value in summary["versions"].items()
-    }
+    properties = model | version_properties(summary)
     notes = [f"# {mechanism.title}", "", "Major task around an octagon: desired less reached.", ""]
     for one in ours:
         said = [f"- {sentence}" for sentence in str(one.report).splitlines()]

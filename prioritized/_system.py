@@ -134,6 +134,13 @@ class ConstrainedSystem:
         object.__setattr__(failed, "failures", failures)
         return failed
 
+    @property
+    def stuck(self) -> Indices:
+        """Velocity indices of all joints whose rate is zero, actuated or not, ascending."""
+        # Section 2.3.2: a locked joint is a passive joint whose rate is zero.
+        locked = self.active[sorted(self.failures.locked)].tolist()
+        return np.array(sorted({*locked, *self.failures.locked_passive}), dtype=np.intp)
+
     def kinematics(self, passive_metric: ArrayLike | None = None) -> Kinematics:
         """Differential kinematics and statics of the surviving actuators, eqs. (12) to (17).
 
@@ -150,14 +157,12 @@ class ConstrainedSystem:
         n, N = len(self.active), self.J_T.shape[1]
         locked, free = self.failures.locked, self.failures.free
         actuators = np.array([k for k in range(n) if k not in locked | free], dtype=np.intp)
-        # Section 2.3.2: a locked joint is a passive joint whose rate is zero.
-        stuck = {*self.active[sorted(locked)].tolist(), *self.failures.locked_passive}
         return reduce_to_active(
             self.J_T,
             self.J_C,
             actuators=actuators,
             active=self.active[actuators],
-            stuck=np.array(sorted(stuck), dtype=np.intp),
+            stuck=self.stuck,
             actuator_count=n,
             stiffness=self.stiffness,
             passive_metric=_metric("passive_metric", passive_metric, N),

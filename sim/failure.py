@@ -1,8 +1,10 @@
 """What can happen to a strut in flight."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal, get_args
 
+import mujoco
 import numpy as np
 
 from sim.plant import Plant
@@ -45,3 +47,11 @@ class Failure:
         """
         events = {"locked": plant.lock, "free": plant.release, "loose": plant.break_loose}
         events[self.kind](self.strut)
+
+
+def failed_plant(model: mujoco.MjModel, failures: Iterable[Failure]) -> Plant:
+    """A plant at rest at the nominal pose, with failures that have struck already."""
+    plant = Plant(model)
+    for failure in failures:
+        failure.strike(plant)
+    return plant
