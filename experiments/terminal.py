@@ -49,3 +49,9 @@ def print_rows(title: str, headings: Sequence[str], rows: Sequence[Sequence[str]
     for row in rows:
         table.add_row(*row)
     Console().print(table)
+
+
+def print_notes(notes: Sequence[str]) -> None:
+    """Sentences on standard output, one paragraph each."""
+    for note in notes:
+        Console().print(note, highlight=False)

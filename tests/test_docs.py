@@ -136,7 +136,7 @@ def test_the_theory_page_speaks_of_every_equation_theorem_and_remark():
 
 
 def test_the_theory_pages_tables_are_those_that_come_out(systems, release):
-    from experiments.systems_summary import table_rows
+    from experiments.systems.summary import table_rows
 
     for row in table_rows(systems):
         # Not the last digits of the errors, which another machine may round otherwise.
@@ -198,8 +198,8 @@ def test_the_theory_pages_weighted_pseudo_inverse_is_what_it_does(model):
 def test_the_readmes_mechanisms_are_as_classified(systems, table1):
     import mujoco
 
-    from experiments.mechanisms import MECHANISMS
-    from experiments.systems_summary import checked_errors
+    from experiments.systems.mechanisms import MECHANISMS
+    from experiments.systems.summary import checked_errors
     from prioritized import ConstrainedSystem
     from sim import jacobians, load_model
 

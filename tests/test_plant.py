@@ -8,10 +8,10 @@ import pytest
 import scipy.linalg
 
 from experiments.bench import Bench
+from experiments.measures import pointing_rms_urad
 from experiments.run import nominal_loops, track_spiral
 from experiments.soundness import CLOSURE_LIMIT_M
-from experiments.summary import pointing_rms_urad
-from experiments.table1 import COLUMNS
+from experiments.table1.study import COLUMNS
 from sim import ModelError, Plant, SimulationDiverged, linearize
 from sim.model import HEXAPOD_MJCF
 from tests.closed_form import closed_form, modes_of

@@ -10,8 +10,8 @@ import scipy.linalg
 from experiments.bench import Bench
 from experiments.mapping import MAJOR, Goal, StrutMapping
 from experiments.prediction import sensitivity_peak
-from experiments.release_statics import released_statics
-from experiments.release_summary import complaint
+from experiments.release.statics import released_statics
+from experiments.release.summary import complaint
 from experiments.run import nominal_loops, track_spiral
 from experiments.springs import elastic_system, strut_and_payload_stiffness
 from sim import (

@@ -5,11 +5,11 @@ import copy
 import numpy as np
 import pytest
 
-from experiments import systems as systems_module
-from experiments.mechanisms import MECHANISMS, Condition
-from experiments.probe import drift, respond
-from experiments.systems import classified, examine
-from experiments.systems_summary import complaint, summarize
+from experiments.systems import study as systems_module
+from experiments.systems.mechanisms import MECHANISMS, Condition
+from experiments.systems.probe import drift, respond
+from experiments.systems.study import classified, examine
+from experiments.systems.summary import complaint, summarize
 from sim import Failure, load_model
 
 BY_NAME = {mechanism.name: mechanism for mechanism in MECHANISMS}

@@ -10,7 +10,7 @@ from experiments import paper
 from experiments.bench import Bench
 from experiments.run import nominal_loops, track_spiral
 from experiments.soundness import CLOSURE_LIMIT_M, complaint
-from experiments.table1 import COLUMNS
+from experiments.table1.study import COLUMNS
 
 CORRECTED = ["W_a", "W_b", "W_c", "W_d", "W_e"]
 NOMINAL_COLUMNS = CORRECTED[:3]

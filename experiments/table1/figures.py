@@ -1,16 +1,11 @@
 """Figures 4, 5 and 6 of the paper, from the runs of Table I."""
 
-import matplotlib
-
-matplotlib.use("Agg")
-
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from experiments.palette import DESIRED, MEASURED, START
 from experiments.run import Trajectory
 
-# Okabe and Ito's palette: told apart by colour-blind readers and in grey print.
-DESIRED, MEASURED, START = "#000000", "#0072B2", "#D55E00"
 LIMIT_URAD = 125
 
 SECONDARY = [("$t_x$, µm", 1), ("$t_y$, µm", 2), ("$t_z$, µm", 3), ("$\\gamma$, µrad", 0)]

@@ -8,15 +8,10 @@ import numpy as np
 from experiments import paper
 from experiments.compensator import Loop
 from experiments.mapping import JacobianChoice
+from experiments.measures import closure_residual_max_m, pointing_rms_urad, rms
 from experiments.provenance import versions
-from experiments.run import Trajectory
-from experiments.table1 import COLUMNS, Column, Table1, other_jacobian
+from experiments.table1.study import COLUMNS, Column, Table1, other_jacobian
 from sim import Array
-
-
-def pointing_rms_urad(run: Trajectory) -> Array:
-    """RMS of desired minus true (alpha, beta), shape (2,)."""
-    return 1e6 * _rms(run.desired_rad - run.true_rad)
 
 
 def summarize(table: Table1) -> dict[str, Any]:
@@ -53,7 +48,7 @@ def compare_jacobians(table: Table1) -> dict[str, Any]:
         "other": other,
         "largest_rms_difference_urad": by_jacobian,
         "next_seed_rms_difference_urad": by_seed,
-        "next_seed_closure_residual_max_m": _opening(table.reseeded),
+        "next_seed_closure_residual_max_m": closure_residual_max_m(table.reseeded),
         "sentence": (
             f"With the {other} Jacobian no RMS moves by more than {by_jacobian:.1e} urad, which is "
             f"{verdict} the noise: another seed moves W_a by {by_seed:.1e} urad."
@@ -64,7 +59,7 @@ def compare_jacobians(table: Table1) -> dict[str, Any]:
 def _column(table: Table1, column: Column) -> dict[str, Any]:
     run = table.trajectories[column.name]
     alpha, beta = pointing_rms_urad(run)
-    alpha_measured, beta_measured = 1e6 * _rms(run.desired_rad - run.measured_rad)
+    alpha_measured, beta_measured = 1e6 * rms(run.desired_rad - run.measured_rad)
     alpha_paper, beta_paper = paper.TABLE_I_URAD[column.name]
     alpha_predicted, beta_predicted = 1e6 * table.predicted_rad[column.name]
     alpha_other, beta_other = pointing_rms_urad(table.other[column.name])
@@ -84,12 +79,12 @@ def _column(table: Table1, column: Column) -> dict[str, Any]:
         "predicted_beta_rms_urad": beta_predicted,
         "other_jacobian_alpha_rms_urad": alpha_other,
         "other_jacobian_beta_rms_urad": beta_other,
-        "strut_input_rms_percent": _rms(run.strut_input_percent).tolist(),
+        "strut_input_rms_percent": rms(run.strut_input_percent).tolist(),
         "strut_input_peak_percent": np.abs(run.strut_input_percent).max(0).tolist(),
         "secondary_peak": _peaks(run.secondary),
         "secondary_peak_estimated": _peaks(run.secondary_estimated),
-        "closure_residual_max_m": _opening(run),
-        "other_jacobian_closure_residual_max_m": _opening(table.other[column.name]),
+        "closure_residual_max_m": closure_residual_max_m(run),
+        "other_jacobian_closure_residual_max_m": closure_residual_max_m(table.other[column.name]),
         "recording": f"{column.name}.rrd",
         "data": f"{column.name}.npz",
     }
@@ -119,11 +114,3 @@ def _peaks(secondary: Array) -> dict[str, float]:
 
 def _duration_s(table: Table1) -> float:
     return len(table.trajectories["W_a"].time_s) * table.bench.control_period_s
-
-
-def _opening(run: Trajectory) -> float:
-    return float(run.closure_residual_m.max())
-
-
-def _rms(signal: Array) -> Array:
-    return np.sqrt((signal**2).mean(axis=0))

@@ -6,11 +6,11 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from experiments.files import published, write_arrays, write_json
-from experiments.mechanisms import MECHANISMS, Mechanism
 from experiments.provenance import version_properties
 from experiments.rerun_file import COLORS, write_series
-from experiments.systems import Examination
-from experiments.systems_summary import markdown
+from experiments.systems.mechanisms import MECHANISMS, Mechanism
+from experiments.systems.study import Examination
+from experiments.systems.summary import markdown
 
 
 def write(folder: Path, examinations: list[Examination], summary: dict[str, Any]) -> None:

@@ -14,7 +14,7 @@ from experiments.bench import Bench
 from experiments.mapping import MAJOR, Goal
 from experiments.parallel import in_parallel
 from experiments.prediction import predicted_motion, predicted_rms_rad, sensitivity_peak
-from experiments.release_statics import STRUT, fall, released_statics
+from experiments.release.statics import STRUT, fall, released_statics
 from experiments.run import Trajectory, nominal_loops, track_spiral
 from experiments.springs import elastic_system, strut_and_payload_stiffness
 from prioritized import FailureAtlas, failure_atlas

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from experiments.agreement import (
+from experiments.parallel import in_parallel
+from experiments.systems.agreement import (
     Held,
     dimension,
     drive_polygon,
@@ -14,9 +15,8 @@ from experiments.agreement import (
     largest_angle,
     motion_error,
 )
-from experiments.mechanisms import MECHANISMS, Condition, Mechanism
-from experiments.parallel import in_parallel
-from experiments.probe import PERIOD_S, drift, respond
+from experiments.systems.mechanisms import MECHANISMS, Condition, Mechanism
+from experiments.systems.probe import PERIOD_S, drift, respond
 from prioritized import ConstrainedSystem, Kinematics, Manipulability
 from sim import Array, Failure, jacobians, load_model, mass_matrix
 

@@ -4,12 +4,12 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from experiments import figures
 from experiments.files import published, write_arrays, write_json
 from experiments.provenance import recording_properties
 from experiments.recording import write_recording
-from experiments.table1 import Table1
-from experiments.table_text import markdown
+from experiments.table1 import figures
+from experiments.table1.study import Table1
+from experiments.table1.text import markdown
 
 FIGURES = {
     "figure4.png": figures.figure_4,

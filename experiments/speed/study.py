@@ -11,7 +11,7 @@ from experiments.bench import Bench
 from experiments.mapping import JacobianChoice
 from experiments.provenance import versions
 from experiments.run import nominal_loops, track_spiral
-from experiments.table1 import COLUMNS
+from experiments.table1.study import COLUMNS
 from sim import load_model, model_sha256
 
 

@@ -7,12 +7,12 @@ import mujoco
 import numpy as np
 
 from experiments.bench import Bench
+from experiments.measures import pointing_rms_urad
 from experiments.provenance import plant_constants, versions
-from experiments.release import Case, Release
-from experiments.release_statics import percent
+from experiments.release.statics import percent
+from experiments.release.study import Case, Release
 from experiments.run import Trajectory
 from experiments.soundness import CLOSURE_LIMIT_M, off_prediction
-from experiments.summary import pointing_rms_urad
 from prioritized import Classes, FailureAtlas
 from sim import Array, load_model, model_sha256, weightless
 

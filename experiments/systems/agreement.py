@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from experiments.mechanisms import Mechanism
-from experiments.probe import STEP, Response, follow, hold
+from experiments.systems.mechanisms import Mechanism
+from experiments.systems.probe import STEP, Response, follow, hold
 from prioritized import ConstrainedSystem, ForceMapping, Kinematics
 from sim import Array, Failure
 

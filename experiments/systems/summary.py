@@ -2,10 +2,10 @@
 
 from typing import Any
 
-from experiments.mechanisms import MECHANISMS
-from experiments.probe import STEP
 from experiments.provenance import versions
-from experiments.systems import Examination
+from experiments.systems.mechanisms import MECHANISMS
+from experiments.systems.probe import STEP
+from experiments.systems.study import Examination
 from sim import model_sha256
 
 LIMIT = 0.01

@@ -6,12 +6,12 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from experiments.figures import DESIRED, MEASURED, START
 from experiments.files import published, write_arrays, write_json
+from experiments.palette import DESIRED, MEASURED, START
 from experiments.provenance import recording_properties
 from experiments.recording import write_recording
-from experiments.release import Release
-from experiments.release_summary import twist
+from experiments.release.study import Release
+from experiments.release.summary import twist
 from prioritized import Classes
 from sim import Array
 

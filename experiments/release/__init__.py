@@ -1,0 +1,1 @@
+"""Strut 1 without its coil, or without coil and spring."""

@@ -1,0 +1,1 @@
+"""How fast the loop runs, beside bare physics."""

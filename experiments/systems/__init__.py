@@ -1,0 +1,1 @@
+"""The other mechanisms of the paper, classified and driven."""
