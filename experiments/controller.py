@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from experiments.compensator import Loop
-from experiments.mapping import StrutMapping
+from experiments.mapping import NOTHING_YET, Asked, StrutMapping
 from sim import NOMINAL, Amplifier, Array, Pose
 
 
@@ -17,11 +17,13 @@ class ControllerState:
         compensator: States of the alpha and beta compensators, shape (2, order).
         input_percent: Strut inputs it last sent, shape (6,).
         pose: Payload pose estimated from them.
+        asked: What the compensators last asked of the mapping, and its answer.
     """
 
     compensator: Array
     input_percent: Array
     pose: Pose
+    asked: Asked
 
 
 class Controller:
@@ -43,7 +45,7 @@ class Controller:
 
     def start(self) -> ControllerState:
         """At rest at the nominal pose."""
-        return ControllerState(np.zeros_like(self._B), np.zeros(6), NOMINAL)
+        return ControllerState(np.zeros_like(self._B), np.zeros(6), NOMINAL, NOTHING_YET)
 
     def step(
         self, state: ControllerState, desired_rad: Array, measured_rad: Array
@@ -55,5 +57,6 @@ class Controller:
         error = desired_rad - measured_rad
         pointing = np.einsum("ij,ij->i", self._C, state.compensator) + self._D * error
         compensator = np.einsum("ijk,ik->ij", self._A, state.compensator) + self._B * error[:, None]
-        wanted_m = self.mapping.displacements(pointing, pose)
-        return ControllerState(compensator, self.amplifier.input_percent(wanted_m), pose)
+        wanted_m = self.mapping.displacements(pointing, pose, sent_m, state.asked)
+        percent = self.amplifier.input_percent(wanted_m)
+        return ControllerState(compensator, percent, pose, Asked(pointing, wanted_m))

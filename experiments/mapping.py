@@ -1,7 +1,7 @@
 """From desired pointing to strut displacements: the mapping block of Fig. 3, and its pose estimate.
 
-Displacements are absolute, from the nominal pose: eq. (41) taken whole, because its incremental
-form drifts when J is re-evaluated.
+Displacements are absolute, from the nominal pose: eq. (41) taken whole. Its incremental form drifts
+when J is re-evaluated; docs/jacobian.md compares the forms.
 """
 
 from collections.abc import Sequence
@@ -11,9 +11,14 @@ from typing import Literal
 import numpy as np
 
 from prioritized import ConstrainedSystem, VelocityMapping
-from sim import NOMINAL, Array, Hexapod, Pose
+from sim import NOMINAL, Array, Hexapod, Pose, pointing_angles, secondary_motion
 
 JacobianChoice = Literal["analytic", "constant"]
+
+DisplacementForm = Literal["absolute", "incremental", "relinearized"]
+"""How eq. (41) becomes a displacement: from the nominal pose; from what was asked for a tick
+before; or, from where the struts are, one Gauss-Newton step towards the optimum of the curved
+problem."""
 
 MAJOR = [0, 1]
 """Task rows (alpha, beta): the pointing task."""
@@ -40,6 +45,22 @@ class Goal:
     loose: tuple[int, ...] = ()
 
 
+@dataclass(frozen=True)
+class Asked:
+    """What the incremental form goes on from.
+
+    Attributes:
+        pointing_rad: (alpha, beta) last asked of the mapping.
+        displacements_m: Strut displacements that it answered, before the converters, shape (6,).
+    """
+
+    pointing_rad: Array
+    displacements_m: Array
+
+
+NOTHING_YET = Asked(np.zeros(2), np.zeros(6))
+
+
 class StrutMapping:
     """Optimal strut displacements for desired (alpha, beta), eqs. (28) and (30).
 
@@ -53,17 +74,25 @@ class StrutMapping:
         goal: Goal,
         jacobian: JacobianChoice,
         stiffness: Array | None = None,
+        form: DisplacementForm = "absolute",
     ) -> None:
         """Prepare the mapping at the nominal pose; "analytic" re-evaluates it at every call.
 
         `stiffness`, over [struts; payload twist], says where a free strut goes.
 
         Raises:
-            ValueError: Free or loose struts without stiffness: an unstable singularity.
+            ValueError: Free or loose struts without stiffness: an unstable singularity. A strut
+                locked off centre in incremental form: no increment tells of its displacement.
         """
+        if form == "incremental" and any(goal.locked_m.values()):
+            raise ValueError(
+                f'form must be "absolute" or "relinearized" with a strut locked off centre, '
+                f"got {form} with locked_m = {goal.locked_m}"
+            )
         self.geometry = geometry
         self.goal = goal
         self.jacobian = jacobian
+        self.form = form
         if stiffness is None and (goal.free or goal.loose):
             raise ValueError(
                 "stiffness must be given for a goal with free or loose struts, got None"
@@ -83,13 +112,36 @@ class StrutMapping:
         expand, mapping = self._at_nominal
         return expand @ mapping.major
 
-    def displacements(self, pointing_rad: Array, pose: Pose) -> Array:
-        """Strut displacements (6,) for desired (alpha, beta); zero at struts known to be stuck."""
+    def displacements(
+        self,
+        pointing_rad: Array,
+        pose: Pose,
+        sent_m: Array = NOTHING_YET.displacements_m,
+        last: Asked = NOTHING_YET,
+    ) -> Array:
+        """Strut displacements (6,) for desired (alpha, beta); zero at struts known to be stuck.
+
+        Args:
+            pointing_rad: Desired (alpha, beta), shape (2,).
+            pose: Where the payload is.
+            sent_m: Strut displacements that hold it there, for the relinearized form.
+            last: What was asked before, for the incremental form.
+        """
         if self.jacobian == "constant":
             A, (expand, mapping) = self._A_0, self._at_nominal
         else:
             A = self.geometry.inverse_jacobian(pose)
             expand, mapping = self.at(A)
+        if self.form == "incremental":
+            return last.displacements_m + expand @ mapping(pointing_rad - last.pointing_rad)
+        if self.form == "relinearized":
+            gamma_and_t = secondary_motion(pose.rotation, pose.translation_m)
+            change = mapping(
+                pointing_rad - pointing_angles(pose.rotation),
+                joint_velocity=-expand.T @ sent_m,
+                secondary_velocity=-gamma_and_t[[1, 2, 3, 0]],
+            )
+            return sent_m + expand @ change
         if not self._locked_m.any():
             return expand @ mapping(pointing_rad)
         # A strut stuck off centre has already moved the payload by J[:, k] l_k.

@@ -32,3 +32,12 @@ TABLE_I_URAD = {
 
 TRANSLATION_REDUCTION = 20.0
 """Section 4.2.2: t_x and t_y peaks fall by more than this factor from W_d to W_e."""
+
+JACOBIAN_VARIATION = {"frobenius": 0.0012, "two": 0.0018}
+"""Section 4.1: e of eq. (40) in the Frobenius and the 2-norm."""
+
+JACOBIAN_VARIATION_TOLERANCE = 5e-5
+"""Half a unit of its last digit."""
+
+STROKE_M = 0.000635
+"""Section 4.1: the strut displacements of eq. (40) are at most this."""

@@ -10,7 +10,7 @@ import numpy as np
 from experiments.bench import Bench
 from experiments.compensator import Loop, design
 from experiments.controller import Controller
-from experiments.mapping import Goal, JacobianChoice, StrutMapping
+from experiments.mapping import DisplacementForm, Goal, JacobianChoice, StrutMapping
 from sim import (
     Array,
     Failure,
@@ -70,6 +70,7 @@ def track_spiral(
     reconfigured: Goal | None = None,
     stiffness: Array | None = None,
     jacobian: JacobianChoice = "analytic",
+    form: DisplacementForm = "absolute",
     seed: int = 0,
     duration_s: float | None = None,
 ) -> Trajectory:
@@ -85,6 +86,7 @@ def track_spiral(
         stiffness: Of the struts and the payload, for a goal with free struts; see
             :func:`experiments.springs.strut_and_payload_stiffness`.
         jacobian: Where the mapping takes its Jacobian from.
+        form: How eq. (41) becomes a displacement.
         seed: Of the detector noise.
         duration_s: Only the first seconds of the spiral; None is all of it.
 
@@ -98,7 +100,8 @@ def track_spiral(
     geometry = hexapod(model)
 
     def controller(goal: Goal) -> Controller:
-        return Controller(loops, StrutMapping(geometry, goal, jacobian, stiffness), amplifier)
+        mapping = StrutMapping(geometry, goal, jacobian, stiffness, form)
+        return Controller(loops, mapping, amplifier)
 
     before = controller(goal)
     after = before if reconfigured is None else controller(reconfigured)

@@ -12,6 +12,8 @@ from sim.errors import SimulationDiverged as SimulationDiverged
 from sim.failure import Failure as Failure
 from sim.failure import FailureKind as FailureKind
 from sim.failure import failed_plant as failed_plant
+from sim.forward import UnreachableLengths as UnreachableLengths
+from sim.forward import forward_kinematics as forward_kinematics
 from sim.hexapod import NOMINAL as NOMINAL
 from sim.hexapod import Hexapod as Hexapod
 from sim.hexapod import Pose as Pose

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from sim.array import Array
 from sim.errors import ModelError
@@ -12,22 +13,21 @@ from sim.model import element_id
 
 @dataclass(frozen=True)
 class Pose:
-    """Payload frame in base axes, relative to the nominal pose.
+    """Payload frame in base axes, relative to the nominal pose; or a batch of them.
 
     Attributes:
-        rotation: Shape (3, 3).
-        translation_m: Shape (3,).
+        rotation: Shape (..., 3, 3).
+        translation_m: Shape (..., 3).
     """
 
     rotation: Array
     translation_m: Array
 
     def moved(self, twist: Array) -> "Pose":
-        """The pose after a small displacement [rotation vector; translation], base axes."""
-        quat_wxyz, turn = np.array([1.0, 0.0, 0.0, 0.0]), np.empty(9)
-        mujoco.mju_quatIntegrate(quat_wxyz, twist[:3], 1.0)
-        mujoco.mju_quat2Mat(turn, quat_wxyz)
-        return Pose(turn.reshape(3, 3) @ self.rotation, self.translation_m + twist[3:])
+        """The pose after a displacement [rotation vector; translation] (..., 6), base axes."""
+        turn = Rotation.from_rotvec(twist[..., :3].reshape(-1, 3)).as_matrix()
+        turn = turn.reshape(*twist.shape[:-1], 3, 3)
+        return Pose(turn @ self.rotation, self.translation_m + twist[..., 3:])
 
 
 NOMINAL = Pose(np.eye(3), np.zeros(3))
@@ -37,6 +37,8 @@ NOMINAL = Pose(np.eye(3), np.zeros(3))
 class Hexapod:
     """Nodes of a hexapod in base axes, measured from the nominal payload origin.
 
+    A batch of poses gives a batch of answers.
+
     Attributes:
         bottom_m: Bottom node of each strut, on the base, shape (6, 3).
         top_m: Top node of each strut at the nominal pose, on the payload, shape (6, 3).
@@ -45,20 +47,26 @@ class Hexapod:
     bottom_m: Array
     top_m: Array
 
+    @property
+    def nominal_length_m(self) -> Array:
+        """Strut lengths at the nominal pose, shape (6,)."""
+        return np.linalg.norm(self.top_m - self.bottom_m, axis=1)
+
     def displacements(self, pose: Pose) -> Array:
-        """Strut lengths less their nominal ones at a pose, shape (6,), [m]."""
-        nominal = np.linalg.norm(self.top_m - self.bottom_m, axis=1)
-        return np.linalg.norm(self._struts(pose), axis=1) - nominal
+        """Strut lengths less their nominal ones at a pose, shape (..., 6), [m]."""
+        _, struts = self._arms_and_struts(pose)
+        return np.linalg.norm(struts, axis=-1) - self.nominal_length_m
 
     def inverse_jacobian(self, pose: Pose) -> Array:
-        """A in l_dot = A [omega; v] at a pose, shape (6, 6): rows [(R a) x u, u]."""
-        struts = self._struts(pose)
-        u = struts / np.linalg.norm(struts, axis=1, keepdims=True)
-        arms = self.top_m @ pose.rotation.T
-        return np.hstack([np.cross(arms, u), u])
+        """A in l_dot = A [omega; v] at a pose, shape (..., 6, 6): rows [(R a) x u, u]."""
+        arms, struts = self._arms_and_struts(pose)
+        u = struts / np.linalg.norm(struts, axis=-1, keepdims=True)
+        return np.concatenate([np.cross(arms, u), u], axis=-1)
 
-    def _struts(self, pose: Pose) -> Array:
-        return self.top_m @ pose.rotation.T + pose.translation_m - self.bottom_m
+    def _arms_and_struts(self, pose: Pose) -> tuple[Array, Array]:
+        """From the payload origin to the top nodes, and from bottom to top; (..., 6, 3) each."""
+        arms = self.top_m @ pose.rotation.swapaxes(-1, -2)
+        return arms, arms + pose.translation_m[..., None, :] - self.bottom_m
 
 
 def hexapod(model: mujoco.MjModel) -> Hexapod:
