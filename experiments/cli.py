@@ -7,6 +7,7 @@ import typer
 from experiments.conduct import Unsound
 from experiments.files import OutputError
 from experiments.interrupt import INTERRUPTED, SENTENCE
+from experiments.jacobian.command import jacobian
 from experiments.release.command import release
 from experiments.speed.command import bench
 from experiments.systems.command import systems
@@ -21,7 +22,7 @@ app = typer.Typer(
     no_args_is_help=True,
     rich_markup_mode=None,
 )
-for command in (table1, systems, release, bench):
+for command in (table1, systems, release, jacobian, bench):
     app.command()(command)
 
 

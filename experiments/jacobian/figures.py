@@ -1,0 +1,108 @@
+"""Figures of the study of the Jacobian."""
+
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+
+from experiments import paper
+from experiments.jacobian.norms import NORMS
+from experiments.jacobian.variation import VERTICES, relative_change
+from experiments.palette import BLACK, BLUE, GREEN, ORANGE, PURPLE, VERMILION
+from sim import Hexapod
+
+
+def figure_variation(geometry: Hexapod, summary: dict[str, Any]) -> Figure:
+    """E at the corners of the box, its certificate, and the search for the paper's numbers."""
+    figure = Figure(figsize=(11, 4.6), layout="constrained")
+    figure.suptitle("Eq. (40): how far the Jacobian departs from the nominal one")
+    left, right = figure.subplots(1, 2)
+    _corners(left, geometry, summary)
+    _search(right, summary)
+    return figure
+
+
+def _corners(axes: Axes, geometry: Hexapod, summary: dict[str, Any]) -> None:
+    corners_m = summary["stroke_m"] * VERTICES
+    names = ("Frobenius", BLUE), ("2-norm", VERMILION)
+    for norm, (label, color) in zip(NORMS, names, strict=True):
+        one = summary["variation"][norm]
+        e = np.sort(relative_change(geometry, corners_m, norm))
+        axes.plot(np.arange(1, 65), 1e3 * e, ".", color=color, label=f"{label}, at the corners")
+        bound = 1e3 * one["certified_upper_bound"]
+        axes.axhline(bound, color=color, lw=1, label=f"{label}, certified bound")
+        axes.axhline(1e3 * one["paper"], color=color, lw=1, ls=":", label=f"{label}, paper")
+    axes.set(xlabel="64 corners of the box of strut lengths, sorted", ylabel="e, 1e-3")
+    axes.set_ylim(0, 4.6)
+    axes.grid(alpha=0.3)
+    axes.legend(fontsize="small", ncols=2, loc="upper left")
+
+
+def _search(axes: Axes, summary: dict[str, Any]) -> None:
+    for one in summary["tried"]:
+        fits = one["stroke_fraction"] is not None
+        e = [1e3 * one[norm] for norm in NORMS]
+        axes.plot(*e, "o", ms=5, color=GREEN if fits else BLUE, mfc="none")
+        if fits:
+            axes.plot([0, e[0]], [0, e[1]], color=GREEN, lw=0.6)
+    half = 1e3 * paper.JACOBIAN_VARIATION_TOLERANCE
+    corner = [1e3 * paper.JACOBIAN_VARIATION[norm] - half for norm in NORMS]
+    axes.add_patch(Rectangle((corner[0], corner[1]), 2 * half, 2 * half, color=BLACK, zorder=3))
+    axes.plot([], [], "s", color=BLACK, label="paper, with its rounding")
+    axes.plot([], [], "o", color=BLUE, mfc="none", label="a reading of (40)")
+    axes.plot(
+        [], [], "o-", color=GREEN, mfc="none", label="fits on a part of the stroke, or on more"
+    )
+    axes.set(xlabel="e, Frobenius norm, 1e-3", ylabel="e, 2-norm, 1e-3", xlim=(0, 4.2))
+    axes.set_ylim(0, 6)
+    axes.grid(alpha=0.3)
+    axes.legend(fontsize="small", loc="upper left")
+
+
+def figure_loop(loop: dict[str, Any]) -> Figure:
+    """What a constant Jacobian costs, against e of the visited set and e of the box."""
+    figure = Figure(figsize=(11, 5), layout="constrained")
+    figure.suptitle("When eq. (40) may be trusted: strut 1 locked, W_e, spiral and stroke grown")
+    left, right = figure.subplots(1, 2, sharey=True)
+    together = [one for one in loop["growth"] if one["stroke_factor"] == one["spiral_factor"]]
+    for axes, growth, key in ((left, loop["growth"], "e_visited"), (right, together, "e_box")):
+        e = [one[key]["frobenius"] for one in growth]
+        _costs(axes, growth, e)
+        for cost in loop["costs"]:
+            if key == "e_visited" and cost["cost"] == "static_extra_percent":
+                axes.axvline(cost["e_visited_frobenius"], color=BLUE, lw=0.8, ls=":")
+                axes.text(
+                    cost["e_visited_frobenius"],
+                    0.0013,
+                    f" {cost['percent']:g} %: x{cost['spiral_factor']:.0f}",
+                    color=BLUE,
+                    fontsize="small",
+                )
+    left.set(xlabel="e of the visited set, Frobenius norm", ylabel="%", ylim=(1e-3, 1e3))
+    right.set_xlabel("e of the box, Frobenius norm (stroke and spiral alike)")
+    left.legend(fontsize="small", loc="upper left")
+    return figure
+
+
+def _costs(axes: Axes, growth: list[dict[str, Any]], e: list[float]) -> None:
+    styles = {
+        "constant": (BLUE, "o"),
+        "analytic": (VERMILION, "x"),
+        "incremental": (ORANGE, "^"),
+        "relinearized": (GREEN, "s"),
+    }
+    static = [one["static_extra_percent"] for one in growth]
+    axes.loglog(e, static, color=BLUE, lw=1, label="goal off, constant J, geometry alone")
+    for variant, (color, marker) in styles.items():
+        extra = [one["variants"][variant]["extra_percent"] for one in growth]
+        label = f"goal off, {variant}, simulated"
+        axes.loglog(e, extra, marker, color=color, mfc="none", label=label)
+    gain = [one["loop_gain_error_percent"] for one in growth]
+    axes.loglog(e, gain, color=PURPLE, ls="--", label="loop gain off, constant J")
+    pointing = [abs(one["variants"]["constant"]["pointing_cost_percent"]) for one in growth]
+    axes.loglog(e, pointing, ".", color=BLACK, label="pointing RMS changed, constant J")
+    for percent in (1, 10):
+        axes.axhline(percent, color=BLACK, lw=0.5)
+    axes.grid(alpha=0.3)
