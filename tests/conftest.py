@@ -56,6 +56,20 @@ def systems(systems_folder):
 
 
 @pytest.fixture(scope="session")
+def jacobian_folder(tmp_path_factory):
+    """The study of the Jacobian, in the loop too, short: made by the command."""
+    folder = tmp_path_factory.mktemp("jacobian")
+    assert main(["jacobian", "--loop", "--quick", "--out", str(folder)]) == 0
+    return folder
+
+
+@pytest.fixture(scope="session")
+def jacobian_study(jacobian_folder):
+    """`jacobian.json`."""
+    return json.loads((jacobian_folder / "jacobian.json").read_text())
+
+
+@pytest.fixture(scope="session")
 def table1(table1_folder):
     """`table1.json`, its columns by name."""
     summary = json.loads((table1_folder / "table1.json").read_text())

@@ -28,6 +28,8 @@ VARIANTS: dict[str, tuple[JacobianChoice, DisplacementForm]] = {
 BY_NAME = {column.name: column for column in COLUMNS}
 GROWN = "W_e"
 """The column that grows: strut 1 locked, t_x and t_y to be small. Curvature costs it the most."""
+RECORDED = (Growth(1, 1), Growth(100, 100), Growth(100, 1000))
+"""Sizes at which its runs are kept whole, data and recording."""
 AT_NOMINAL = ("W_a", "W_d", "W_e")
 STRIDE_S = 0.16
 """Between the instants at which a run is compared with the optimum, twelve a turn."""

@@ -7,14 +7,11 @@ from typing import Any
 from experiments.bench import Bench
 from experiments.files import published, write_arrays, write_json
 from experiments.jacobian.figures import figure_loop, figure_variation
-from experiments.jacobian.growth import Growth, grown_bench, grown_machine
-from experiments.jacobian.loop import GROWN, VARIANTS, Case, Outcome
+from experiments.jacobian.growth import grown_bench, grown_machine
+from experiments.jacobian.loop import GROWN, RECORDED, VARIANTS, Case, Outcome
 from experiments.provenance import plant_constants, version_properties
 from experiments.recording import write_recording
 from sim import hexapod, load_model
-
-RECORDED = (Growth(1, 1), Growth(100, 100), Growth(100, 1000))
-"""Sizes whose runs are kept whole: data and recording."""
 
 
 def write(folder: Path, summary: dict[str, Any], outcomes: dict[Case, Outcome]) -> None:
@@ -77,7 +74,9 @@ def _notes(case: Case, outcome: Outcome) -> str:
             f"# {case.name}",
             "",
             f"{case.column}, strut 1 locked; stroke x{case.growth.stroke:g}, spiral "
-            f"x{case.growth.spiral:g}; {jacobian} Jacobian, {form} displacements; seed {case.seed}.",
+            f"x{case.growth.spiral:g}; seed {case.seed}.",
+            "",
+            f"{jacobian.capitalize()} Jacobian, {form} displacements.",
             "",
             f"Off the optimum of the secondary goal by {outcome.extra_percent:.2f} %.",
             "",

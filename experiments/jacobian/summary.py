@@ -55,7 +55,7 @@ def complaint(summary: dict[str, Any]) -> str | None:
     return None
 
 
-HEADINGS = ("how eq. (40) is read", "Frobenius", "2-norm", "the paper's two at")
+HEADINGS = ("how eq. (40) is read", "Frobenius", "2-norm", "the paper's at")
 """e in both norms, and the part of the stroke that would give the printed ones."""
 
 
@@ -75,9 +75,9 @@ def table_rows(summary: dict[str, Any]) -> list[tuple[str, ...]]:
 
 def _part(trial: dict[str, Any]) -> str:
     if trial["stroke_fraction"] is None:
-        return "none"
+        return "-"
     low, high = trial["stroke_fraction"]
-    return f"{100 * low:.0f} to {100 * high:.0f} % of the stroke"
+    return f"{100 * low:.0f}-{100 * high:.0f} % stroke"
 
 
 def _certified(study: JacobianStudy, found: Variation, norm: Norm) -> dict[str, Any]:

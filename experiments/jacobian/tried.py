@@ -60,8 +60,8 @@ def trials(
         "inverse of J": inverse,
         "lengths in mm": in_millimetres,
         "inverse, lengths in mm": lambda pose, J: inverse(pose, in_millimetres(pose, J)),
-        "payload origin between the top nodes": at_height(top_m),
-        "payload origin between the bottom nodes": at_height(-top_m),
+        "origin between the top nodes": at_height(top_m),
+        "origin between the bottom nodes": at_height(-top_m),
     }
     rng = np.random.default_rng(seed)
     points_m = rng.uniform(-stroke_m, stroke_m, (points, 6))
@@ -73,7 +73,7 @@ def trials(
         Trial(name, _by_norm(lambda norm, it=reading: supremum(norm, it)))
         for name, reading in over_the_box.items()
     ]
-    for what, reading in (("twist, base axes", twist_in_base_axes), ("inverse of J", inverse)):
+    for what, reading in (("twist", twist_in_base_axes), ("inverse", inverse)):
         found += [
             Trial(f"{what}; {how}", e)
             for how, e in _elsewhere(geometry, stroke_m, points_m, local_starts, reading).items()
@@ -100,8 +100,8 @@ def _elsewhere(
         "largest of random points": _by_norm(lambda n: random[n].max()),
         "mean of random points": _by_norm(lambda n: random[n].mean()),
         "median of random points": _by_norm(lambda n: np.median(random[n])),
-        "highest local maximum, gradient by differences": _by_norm(lambda n: maxima[n].max()),
-        "lowest local maximum, gradient by differences": _by_norm(lambda n: maxima[n].min()),
+        "highest local maximum": _by_norm(lambda n: maxima[n].max()),
+        "lowest local maximum": _by_norm(lambda n: maxima[n].min()),
     }
 
 

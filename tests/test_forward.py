@@ -1,0 +1,161 @@
+"""Forward kinematics of the hexapod: from strut lengths to the pose."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sim import (
+    NOMINAL,
+    Hexapod,
+    Plant,
+    Pose,
+    UnreachableLengths,
+    forward_kinematics,
+    hexapod,
+    load_model,
+)
+
+MACHINE = hexapod(load_model())
+ROUND_OFF_M = 1e-14
+
+
+@given(seed=st.integers(0, 2**32 - 1), spread_m=st.floats(0.0, 0.03))
+def test_the_pose_gives_back_the_lengths_it_was_found_from(seed, spread_m):
+    """Also seven per cent of the strut length away, fifty times the paper's stroke."""
+    rng = np.random.default_rng(seed)
+    asked = rng.uniform(-spread_m, spread_m, (5, 6))
+    pose = forward_kinematics(MACHINE, asked)
+    np.testing.assert_allclose(MACHINE.displacements(pose), asked, atol=ROUND_OFF_M)
+    np.testing.assert_allclose(
+        pose.rotation @ pose.rotation.swapaxes(-1, -2),
+        np.broadcast_to(np.eye(3), (5, 3, 3)),
+        atol=1e-14,
+    )
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+def test_the_lengths_of_a_pose_give_back_the_pose(seed):
+    """As far as the assembled machine moves there is one pose to a set of lengths."""
+    rng = np.random.default_rng(seed)
+    twist = rng.uniform(-1, 1, (4, 6)) * [0.05, 0.05, 0.05, 0.02, 0.02, 0.02]
+    there = NOMINAL.moved(twist)
+    pose = forward_kinematics(MACHINE, MACHINE.displacements(there))
+    np.testing.assert_allclose(pose.rotation, there.rotation, atol=1e-13)
+    np.testing.assert_allclose(pose.translation_m, there.translation_m, atol=1e-13)
+
+
+def random_hexapod(rng: np.random.Generator) -> Hexapod:
+    """The hexapod of the paper with every node moved by up to 5 cm."""
+    return Hexapod(
+        bottom_m=MACHINE.bottom_m + rng.uniform(-0.05, 0.05, (6, 3)),
+        top_m=MACHINE.top_m + rng.uniform(-0.05, 0.05, (6, 3)),
+    )
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+def test_any_hexapod_will_do(seed):
+    rng = np.random.default_rng(seed)
+    machine = random_hexapod(rng)
+    asked = rng.uniform(-2e-3, 2e-3, 6)
+    pose = forward_kinematics(machine, asked)
+    np.testing.assert_allclose(machine.displacements(pose), asked, atol=ROUND_OFF_M)
+
+
+@pytest.mark.parametrize("shape", [(), (1,), (7,), (2, 3), (0,)])
+def test_a_batch_is_its_members_one_by_one(shape):
+    asked = np.random.default_rng(1).uniform(-5e-3, 5e-3, (*shape, 6))
+    together = forward_kinematics(MACHINE, asked)
+    assert together.rotation.shape == (*shape, 3, 3)
+    assert together.translation_m.shape == (*shape, 3)
+    for index in np.ndindex(shape):
+        alone = forward_kinematics(MACHINE, asked[index])
+        np.testing.assert_allclose(together.rotation[index], alone.rotation, atol=1e-14)
+        np.testing.assert_allclose(together.translation_m[index], alone.translation_m, atol=1e-14)
+
+
+def newton_errors_m(asked: np.ndarray) -> list[float]:
+    errors = []
+    for steps in range(10):
+        try:
+            pose = forward_kinematics(MACHINE, asked, most_steps=steps)
+        except UnreachableLengths as not_yet:
+            errors.append(float(not_yet.residual_m))
+        else:
+            return [*errors, float(np.abs(MACHINE.displacements(pose) - asked).max())]
+    raise AssertionError("ten steps were not enough")
+
+
+def test_each_newton_step_squares_the_error():
+    """Over ten decades: were it a fixed rate, the multiple would grow as the error falls."""
+    asked = 0.01 * np.array([1, 1, -1, -1, -1, -1])
+    errors = newton_errors_m(asked)
+    assert len(errors) <= 6
+    squares = [after / before**2 for before, after in pairwise(errors)]
+    before_round_off = [s for s, after in zip(squares, errors[1:], strict=True) if after > 1e-14]
+    assert len(before_round_off) >= 3
+    assert 0.5 < min(before_round_off) <= max(before_round_off) < 10
+    assert errors[0] > 1e10 * errors[len(before_round_off)]
+    # On the paper's stroke: 0.6 mm, 3 um, 7 pm, round-off.
+    assert len(newton_errors_m(asked * 0.0635)) == 4
+
+
+def test_the_pose_is_where_the_physics_takes_the_payload(model):
+    """MuJoCo closes the loops by its own constraints; its payload is where the lengths say."""
+    plant = Plant(model)
+    plant.step(np.array([2e-4, -1e-4, 3e-4, 0.0, -2e-4, 1e-4]), 1.0)
+    pose, truth = forward_kinematics(MACHINE, plant.strut_displacement_m()), plant.pose()
+    np.testing.assert_allclose(pose.translation_m, truth.translation_m, atol=1e-8)
+    np.testing.assert_allclose(pose.rotation, truth.rotation, atol=3e-8)
+    assert np.abs(truth.translation_m).max() > 1e-5
+
+
+def test_starting_near_the_end_saves_steps():
+    asked = np.full(6, 0.02)
+    there = forward_kinematics(MACHINE, asked)
+    again = forward_kinematics(MACHINE, asked, start=there, most_steps=0)
+    np.testing.assert_array_equal(again.translation_m, there.translation_m)
+    with pytest.raises(UnreachableLengths):
+        forward_kinematics(MACHINE, asked, most_steps=0)
+
+
+@pytest.mark.parametrize(
+    "asked",
+    [
+        [2.0, 0, 0, 0, 0, 0],  # longer than the other struts let the platform reach
+        [-0.41] * 6,  # shorter than nothing
+        [-0.38, 0.5, -0.38, 0.5, -0.38, 0.5],
+    ],
+)
+def test_lengths_that_no_pose_reaches_are_refused(asked):
+    """Triangle inequality: a strut joins its two nodes, whatever the pose."""
+    with pytest.raises(UnreachableLengths, match=r"displacements_m: no pose reaches .* off by"):
+        forward_kinematics(MACHINE, np.array(asked))
+
+
+def test_one_unreachable_member_of_a_batch_is_named_and_the_others_are_found():
+    asked = np.zeros((4, 6))
+    asked[2, 0] = 2.0
+    with pytest.raises(UnreachableLengths, match="1 of 4 sets of") as refusal:
+        forward_kinematics(MACHINE, asked)
+    np.testing.assert_array_equal(refusal.value.reached, [True, True, False, True])
+    assert refusal.value.residual_m[2] > 0.1
+    # Leaving it out is all there is to do.
+    forward_kinematics(MACHINE, asked[refusal.value.reached])
+
+
+@pytest.mark.parametrize("bad", [np.zeros(5), np.full(6, np.nan), np.full((2, 6), np.inf), 0.0])
+def test_what_are_no_six_finite_lengths_is_refused(bad):
+    with pytest.raises(ValueError, match="displacements_m must be finite, shape"):
+        forward_kinematics(MACHINE, bad)
+
+
+def test_a_singular_start_ends_nothing():
+    """All six struts in one plane: the Jacobian has no inverse there."""
+    height_m = (MACHINE.bottom_m - MACHINE.top_m)[0, 2]
+    flat = Pose(np.eye(3), np.array([0.0, 0.0, height_m]))
+    assert np.linalg.cond(MACHINE.inverse_jacobian(flat)) > 1e10
+    with pytest.raises(UnreachableLengths):
+        forward_kinematics(MACHINE, np.zeros(6), start=flat)
