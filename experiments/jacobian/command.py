@@ -52,7 +52,7 @@ def jacobian(
     print_notes([summary["paragraph"]])
     if loop:
         print_rows(
-            "Secondary goal off its optimum, loop gain off, pointing RMS changed by, %",
+            "In the loop, strut 1 locked: secondary goal off its optimum, loop gain off, %",
             report.LOOP_HEADINGS,
             report.loop_rows(summary["loop"]),
         )

@@ -30,21 +30,19 @@ def write(folder: Path, summary: dict[str, Any], outcomes: dict[Case, Outcome]) 
         write_json(staging / "jacobian.json", summary)
 
 
-LOOP_HEADINGS = ("spiral", "e box", "e visited", "geometry", *VARIANTS, "loop gain", "pointing")
-"""Size; eq. (40), Frobenius; distance from the optimum expected and run; and the loop's errors."""
+LOOP_HEADINGS = ("", "e", "geometry", "const.", "analyt.", "increm.", "relin.", "loop gain")
+"""Spiral; eq. (40) visited; distance from the optimum, expected and run; loop gain error, %."""
 
 
 def loop_rows(loop: dict[str, Any]) -> list[tuple[str, ...]]:
     """One row for each size."""
     return [
         (
-            one["name"],
-            f"{one['e_box']['frobenius']:.1e}",
+            f"x{one['spiral_factor']:g}",
             f"{one['e_visited']['frobenius']:.1e}",
             f"{one['static_extra_percent']:.2f}",
             *(f"{one['variants'][variant]['extra_percent']:.2f}" for variant in VARIANTS),
             f"{one['loop_gain_error_percent']:.2f}",
-            f"{one['variants']['constant']['pointing_cost_percent']:.2f}",
         )
         for one in loop["growth"]
     ]
