@@ -116,16 +116,19 @@ class StrutMapping:
         self,
         pointing_rad: Array,
         pose: Pose,
-        sent_m: Array = NOTHING_YET.displacements_m,
-        last: Asked = NOTHING_YET,
+        sent_m: Array | None = None,
+        last: Asked | None = None,
     ) -> Array:
         """Strut displacements (6,) for desired (alpha, beta); zero at struts known to be stuck.
 
         Args:
             pointing_rad: Desired (alpha, beta), shape (2,).
             pose: Where the payload is.
-            sent_m: Strut displacements that hold it there, for the relinearized form.
-            last: What was asked before, for the incremental form.
+            sent_m: Strut displacements that hold it there; the relinearized form goes on from them.
+            last: What was asked before; the incremental form goes on from it.
+
+        Raises:
+            ValueError: What the form goes on from is missing.
         """
         if self.jacobian == "constant":
             A, (expand, mapping) = self._A_0, self._at_nominal
@@ -133,8 +136,12 @@ class StrutMapping:
             A = self.geometry.inverse_jacobian(pose)
             expand, mapping = self.at(A)
         if self.form == "incremental":
+            if last is None:
+                raise ValueError("last must be given in incremental form, got None")
             return last.displacements_m + expand @ mapping(pointing_rad - last.pointing_rad)
         if self.form == "relinearized":
+            if sent_m is None:
+                raise ValueError("sent_m must be given in relinearized form, got None")
             gamma_and_t = secondary_motion(pose.rotation, pose.translation_m)
             change = mapping(
                 pointing_rad - pointing_angles(pose.rotation),

@@ -166,6 +166,12 @@ def test_relinearized_a_strut_stuck_off_centre_needs_no_term_of_its_own():
     np.testing.assert_allclose(strut_m, absolute, atol=2e-7)
 
 
+@pytest.mark.parametrize(("name", "missing"), [("incremental", "last"), ("relinearized", "sent_m")])
+def test_a_form_that_goes_on_from_somewhere_must_be_told_from_where(name, missing):
+    with pytest.raises(ValueError, match=f"{missing} must be given in {name} form, got None"):
+        variant(name).displacements(np.zeros(2), NOMINAL)
+
+
 def test_increments_know_nothing_of_a_strut_stuck_off_centre_and_say_so():
     goal = Goal(secondary_weight=(1.0, 1.0, 1.0, 1.0), locked_m={2: 1e-4})
     with pytest.raises(ValueError, match=r'form must be "absolute" or "relinearized".*incremental'):
