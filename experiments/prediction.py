@@ -94,7 +94,8 @@ def predicted_error_rad(
     # What the mapping commands at zero pointing, because it knows of a strut off centre.
     standing_m = mapping.displacements(np.zeros(2), NOMINAL)
 
-    T = _driven_loop(failed_plant(model, failures), mapping.pointing_gain(), loops)
+    plant = failed_plant(model, failures)
+    T = driven_loop(plant, mapping.pointing_gain(), [loop.discrete for loop in loops])
     if np.abs(T.poles()).max() >= 1:
         return None
     driven = np.hstack([desired - noise - offset, floor, np.tile(standing_m, (ticks, 1))])
@@ -103,10 +104,18 @@ def predicted_error_rad(
     return (desired - true)[rest:]
 
 
-def _driven_loop(plant: Plant, gain: Array, loops: tuple[Loop, Loop]) -> control.StateSpace:
-    """Closed loop from [desired pointing; floor; further strut commands] to true pointing."""
+def driven_loop(
+    plant: Plant, gain: Array, compensators: Sequence[control.StateSpace]
+) -> control.StateSpace:
+    """Closed loop from [desired pointing; floor; further strut commands] to true pointing.
+
+    Args:
+        plant: At rest, with its failures.
+        gain: Strut displacements per commanded (alpha, beta), shape (6, 2).
+        compensators: Of alpha and beta, discrete.
+    """
     linear = linearize(plant.model, plant.data)
-    period_s = loops[0].period_s
+    period_s = compensators[0].dt
     inputs = np.hstack([linear.B_floor, linear.B, linear.B @ gain])
     P = control.c2d(control.ss(linear.A, inputs, linear.C_twist[MAJOR], 0), period_s, method="zoh")
     # Last inputs and outputs close the loop: command from pointing error.
@@ -118,7 +127,7 @@ def _driven_loop(plant: Plant, gain: Array, loops: tuple[Loop, Loop]) -> control
         np.block([[np.zeros((2, 4 + free))], [np.eye(2), np.zeros((2, 2 + free))]]),
         period_s,
     )
-    return general.lft(control.append(*(loop.discrete for loop in loops)))
+    return general.lft(control.append(*compensators))
 
 
 def sensitivity_peak(
