@@ -20,10 +20,12 @@ def paragraph(summary: dict[str, Any]) -> str:
         f"Of {count} candidate explanations simulated, {_met(met, tolerance)}.",
         _nearest(best, paper),
         f"The paper's excess over a lost strut points {_excess(summary):.1f} : 1 along "
-        f"alpha : beta, strut 1 itself 1.7 : 1.",
+        f"alpha : beta, strut 1 itself {paper['strut_1_alpha_over_beta']:.1f} : 1.",
         _map_sentence(summary["map"]),
         _conclusion(summary),
     ]
+    if summary["duration_s"] < summary["bench"]["duration_s"]:
+        sentences.insert(0, "Part of the spiral only, not to be compared with Table I.")
     return " ".join(sentences)
 
 
@@ -36,7 +38,7 @@ def _met(met: list[dict[str, Any]], tolerance: str) -> str:
 
 def _nearest(best: dict[str, Any], paper: dict[str, Any]) -> str:
     what = ", ".join(f"{key} = {value:g}" for key, value in best["differs"].items()) or "as it is"
-    columns = {column["name"]: column["simulated_urad"] for column in best["columns"]}
+    columns = {column["name"]: column["rms_urad"] for column in best["columns"]}
     told = ", ".join(
         f"{name} {_pair(columns[name])} (paper {_pair(paper['columns_urad'][name])})"
         for name in ("W_a", "W_d", "W_e")

@@ -15,8 +15,8 @@ from experiments.uncorrected.stability_map import ROLL_OFF_HZ
 from experiments.uncorrected.study import Uncorrected
 from sim import Array
 
-HEADINGS = ("", "ratio alpha", "beta", "model", "", "W_a", "W_d", "W_e")
-"""Both ratios here and in the linear model, then RMS of alpha, beta of the other columns."""
+HEADINGS = ("", "ratios", "model", "W_a", "W_d", "W_e")
+"""Pairs of alpha, beta: both ratios here and in the linear model, RMS of the other columns."""
 
 
 def write(folder: Path, study: Uncorrected, summary: dict[str, Any]) -> None:
@@ -48,14 +48,14 @@ def write(folder: Path, study: Uncorrected, summary: dict[str, Any]) -> None:
 
 
 def table_rows(summary: dict[str, Any]) -> list[tuple[str, ...]]:
-    """Each candidate as (what, two ratios, the model's two, W_a, W_d, W_e)."""
+    """Each candidate as (name, ratios, the linear model's, W_a, W_d, W_e)."""
     return [
         (
-            candidate["what"],
-            *_cells(candidate["ratio"]),
-            *_cells(candidate["predicted_ratio"]),
+            candidate["name"].replace("_", " "),
+            _pair(candidate["ratio"], 2),
+            _pair(candidate["predicted_ratio"], 2),
             *(
-                ", ".join(_cells(column["simulated_urad"]))
+                _pair(column["rms_urad"], 1)
                 for column in candidate["columns"]
                 if column["name"] != "W_a_uncorrected"
             ),
@@ -64,10 +64,8 @@ def table_rows(summary: dict[str, Any]) -> list[tuple[str, ...]]:
     ]
 
 
-def _cells(pair: list[float] | None) -> tuple[str, str]:
-    if pair is None:
-        return ("-", "-")
-    return (f"{pair[0]:.2f}", f"{pair[1]:.2f}")
+def _pair(values: list[float] | None, digits: int) -> str:
+    return "-" if values is None else ", ".join(f"{value:.{digits}f}" for value in values)
 
 
 def _map_arrays(study: Uncorrected) -> dict[str, Array]:

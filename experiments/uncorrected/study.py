@@ -26,6 +26,8 @@ from sim import Array, SimulationDiverged, load_model
 LOCKS_M = np.linspace(-250e-6, 250e-6, 101)
 """Where strut 1 is stuck, in the sweep of the lock."""
 
+QUICK_CANDIDATES = ("lost_strut", "floor_office", "off_centre")
+
 CHECKED_POINTS = ((0.05, 12.0, 25.0), (0.02, 6.0, 40.0), (0.005, 7.3, 40.0))
 """(damping ratio, alpha crossover, roll-off) of map points that are simulated too, [-, Hz, Hz]."""
 
@@ -94,14 +96,12 @@ def run_uncorrected(
     """
     model, bench = load_model(), Bench()
     duration_s = bench.quick_duration_s if quick else bench.duration_s
-    quick_ones = ("lost_strut", "floor_office", "off_centre", "saturation")
-    chosen = tuple(c for c in CANDIDATES if not quick or c.name in quick_ones)
-    predicted = {c.name: predict(c, seed, duration_s) for c in chosen}
-    calls = []
-    for c in chosen:
-        shared = {"model": c.machine(model), "bench": c.bench, "loops": predicted[c.name].loops}
-        shared |= {"jacobian": "constant", "duration_s": duration_s}
-        calls += [shared | c.run(column, seed) for column in COLUMNS]
+    chosen = tuple(c for c in CANDIDATES if not quick or c.name in QUICK_CANDIDATES)
+    words = [{"candidate": c, "seed": seed, "duration_s": duration_s} for c in chosen]
+    foretold = in_parallel(predict, words, lambda done, total: None)
+    predicted = dict(zip([c.name for c in chosen], foretold, strict=True))
+    jobs = [(c, column) for c in chosen for column in c.simulated]
+    calls = [_call(c, column, predicted[c.name], seed, duration_s) for c, column in jobs]
     points = [] if quick else _point_calls(seed)
     where = grid(quick=quick)
     rows = [
@@ -121,22 +121,34 @@ def run_uncorrected(
     ended = in_parallel(attempt, simulations, lambda done, _: on_progress(done, total))
     mapped = in_parallel(map_row, rows, lambda done, _: on_progress(len(simulations) + done, total))
     shape = (len(ROLL_OFF_HZ), len(where.damping_ratio), len(where.alpha_crossover_hz))
-    width = len(COLUMNS)
+    runs: dict[str, dict[str, Trajectory | float]] = {c.name: {} for c in chosen}
+    for (c, column), run in zip(jobs, ended[: len(jobs)], strict=True):
+        runs[c.name][column] = run
     return Uncorrected(
         candidates=chosen,
         predicted=predicted,
-        runs={
-            c.name: dict(zip(COLUMNS, ended[width * k : width * (k + 1)], strict=True))
-            for k, c in enumerate(chosen)
-        },
+        runs=runs,
         grid=where,
         map_rad=np.reshape([row[0] for row in mapped], (*shape, 2, 2)),
-        map_poles=np.reshape([row[1] for row in mapped], (*shape, width)),
+        map_poles=np.reshape([row[1] for row in mapped], (*shape, len(COLUMNS))),
         checked=_compare(points, ended[len(calls) :]),
         lock_ratio={c.name: lock_sweep(c, predicted[c.name].loops, seed) for c in _swept(chosen)},
         seed=seed,
         duration_s=duration_s,
     )
+
+
+def _call(
+    candidate: Candidate, column: str, predicted: Predicted, seed: int, duration_s: float
+) -> dict[str, Any]:
+    """Arguments of `track_spiral` for one run."""
+    return candidate.run(column, seed) | {
+        "model": candidate.machine(load_model()),
+        "bench": candidate.bench,
+        "loops": predicted.loops,
+        "jacobian": "constant",
+        "duration_s": duration_s,
+    }
 
 
 def predict(candidate: Candidate, seed: int, duration_s: float) -> Predicted:

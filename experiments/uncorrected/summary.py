@@ -12,10 +12,10 @@ from experiments.provenance import plant_constants, versions
 from experiments.run import Trajectory
 from experiments.soundness import CLOSURE_LIMIT_M, PREDICTION_TOLERANCE
 from experiments.uncorrected.answer import paragraph
-from experiments.uncorrected.candidates import COLUMNS, Candidate
+from experiments.uncorrected.candidates import COLUMNS, STRUT, Candidate
 from experiments.uncorrected.stability_map import ROLL_OFF_HZ
 from experiments.uncorrected.study import Uncorrected
-from sim import Array, load_model, model_sha256
+from sim import NOMINAL, Array, hexapod, load_model, model_sha256
 
 RATIO_TOLERANCE = 0.15
 """How near both ratios, and W_a itself, must come to the paper's."""
@@ -44,6 +44,7 @@ def summarize(study: Uncorrected) -> dict[str, Any]:
             "beta_ratio": PAPER_RATIOS[1],
             "ratio_tolerance": RATIO_TOLERANCE,
             "corrected_tolerance": CORRECTED_TOLERANCE,
+            "strut_1_alpha_over_beta": _strut_direction(),
             "columns_urad": {name: list(TABLE_I_URAD[name]) for name in COLUMNS},
         },
         "candidates": [_candidate(study, candidate) for candidate in study.candidates],
@@ -65,8 +66,9 @@ def complaint(summary: dict[str, Any]) -> str | None:
     ]
     for run in runs:
         stable = run["sensitivity_peak"] is not None
-        if stable and not (run["closure_residual_max_m"] or 0.0) < CLOSURE_LIMIT_M:
-            return f"in {run['name']} a loop opened by {run['closure_residual_max_m']:.1e} m"
+        opened = run["closure_residual_max_m"]
+        if stable and opened is not None and not opened < CLOSURE_LIMIT_M:
+            return f"in {run['name']} a loop opened by {opened:.1e} m"
         if sentence := _off(run):
             return sentence
     for point in summary["checked_points"]:
@@ -76,12 +78,20 @@ def complaint(summary: dict[str, Any]) -> str | None:
     return None
 
 
+def _strut_direction() -> float:
+    """How much more a millimetre of strut 1 moves alpha than beta."""
+    column = np.linalg.inv(hexapod(load_model()).inverse_jacobian(NOMINAL))[:, STRUT]
+    return float(column[0] / column[1])
+
+
 def _off(run: dict[str, Any]) -> str | None:
     """One sentence on a run that is not the linear model's, where that has a say."""
     if run["predicted_urad"] is None:
         return None
-    if run["simulated_urad"] is None:
+    if run.get("diverged_at_s") is not None:
         return f"{run['name']} diverged, and the linear model calls it stable"
+    if run["simulated_urad"] is None:
+        return None
     simulated, predicted = np.array(run["simulated_urad"]), np.array(run["predicted_urad"])
     off = float(np.abs(simulated / predicted - 1).max())
     if off < PREDICTION_TOLERANCE:
@@ -97,7 +107,7 @@ def _distance(candidate: dict[str, Any]) -> float:
 def _candidate(study: Uncorrected, candidate: Candidate) -> dict[str, Any]:
     runs, predicted = study.runs[candidate.name], study.predicted[candidate.name]
     columns = [_column(study, candidate, name) for name in COLUMNS]
-    rms = {column["name"]: column["simulated_urad"] for column in columns}
+    rms = {column["name"]: column["rms_urad"] for column in columns}
     ratio = _ratio(rms["W_a_uncorrected"], rms["W_a"])
     distance = None if ratio is None else float(np.abs(ratio / PAPER_RATIOS - 1).max())
     verdict = {
@@ -125,13 +135,15 @@ def _candidate(study: Uncorrected, candidate: Candidate) -> dict[str, Any]:
 
 
 def _column(study: Uncorrected, candidate: Candidate, name: str) -> dict[str, Any]:
-    run, predicted = study.runs[candidate.name][name], study.predicted[candidate.name]
-    ended = None if isinstance(run, float) else run
-    foretold = predicted.rms_urad[name]
+    run, predicted = study.runs[candidate.name].get(name), study.predicted[candidate.name]
+    ended = run if isinstance(run, Trajectory) else None
+    simulated = None if ended is None else pointing_rms_urad(ended).tolist()
+    foretold = _listed(predicted.rms_urad[name])
     return {
         "name": name,
-        "simulated_urad": None if ended is None else pointing_rms_urad(ended).tolist(),
-        "predicted_urad": _listed(foretold),
+        "rms_urad": foretold if run is None else simulated,
+        "simulated_urad": simulated,
+        "predicted_urad": foretold,
         "sensitivity_peak": predicted.sensitivity[name],
         "strut_input_peak_percent": None
         if ended is None
