@@ -82,7 +82,7 @@ def compensators(
     Raises:
         sim.ModelError: As there.
     """
-    return tuple(_closing(plant, pointing, bench, row)[1] for row in (0, 1))
+    return _closing(plant, pointing, bench, 0)[1], _closing(plant, pointing, bench, 1)[1]
 
 
 def sampled(plant: LinearPlant, gain: Array, period_s: float) -> control.StateSpace:

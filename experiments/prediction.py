@@ -78,9 +78,7 @@ def predicted_error_rad(
     ticks = rest + len(spiral_s)
     desired = np.zeros((ticks, 2))
     desired[rest:] = bench.desired_rad(spiral_s)
-    noise = np.random.default_rng(seed).standard_normal((ticks, 2))
-    # The detector's y is alpha with the sign of theory, its x is beta with the other.
-    noise = noise[:, ::-1] * np.array([1, -1]) * bench.detector_noise_m / bench.focal_length_m
+    noise = detector_noise_rad(bench, seed, ticks)
     floor = np.zeros((ticks, 3))
     if floor_m_per_s2 is not None:
         floor[rest:] = floor_m_per_s2[: len(spiral_s)]
@@ -102,6 +100,12 @@ def predicted_error_rad(
     time_s = np.arange(ticks) * bench.control_period_s
     true = offset + np.asarray(control.forced_response(T, time_s, driven.T).outputs).T
     return (desired - true)[rest:]
+
+
+def detector_noise_rad(bench: Bench, seed: int, ticks: int) -> Array:
+    """What the detector of a run adds to (alpha, beta), tick by tick, shape (N, 2)."""
+    spot_m = bench.detector_noise_m * np.random.default_rng(seed).standard_normal((ticks, 2))
+    return spot_m[:, ::-1] * np.array([1, -1]) / bench.focal_length_m
 
 
 def driven_loop(

@@ -106,7 +106,7 @@ def track_spiral(
     if floor.shape != (len(time_s), 3):
         raise ValueError(
             f"floor_m_per_s2 must have 3 columns and at least {len(time_s)} rows, "
-            f"got {np.shape(floor_m_per_s2)}"
+            f"got the shape {floor.shape}"
         )
     desired_rad = bench.desired_rad(time_s)
     plant = Plant(model)

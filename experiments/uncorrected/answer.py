@@ -15,8 +15,8 @@ def paragraph(summary: dict[str, Any]) -> str:
     sentences = [
         f"Chen, McInroy and Yi's uncorrected lock multiplies the RMS pointing errors by "
         f"{paper['alpha_ratio']:.2f} (alpha) and {paper['beta_ratio']:.2f} (beta); a lost strut "
-        f"alone gives {_pair(lost['ratio'])} on this bench, and {_pair(lost['predicted_ratio'])} in "
-        f"its linear model ({summary['duration_s']:g} s of spiral, seed {summary['seed']}).",
+        f"alone gives {_pair(lost['ratio'])} on this bench, {_pair(lost['predicted_ratio'])} in its "
+        f"linear model ({summary['duration_s']:g} s of spiral, seed {summary['seed']}).",
         f"Of {count} candidate explanations simulated, {_met(met, tolerance)}.",
         _nearest(best, paper),
         f"The paper's excess over a lost strut points {_excess(summary):.1f} : 1 along "
@@ -51,7 +51,7 @@ def _nearest(best: dict[str, Any], paper: dict[str, Any]) -> str:
 
 
 def _excess(summary: dict[str, Any]) -> float:
-    """alpha : beta of what the paper's last column has beyond its W_a times a lost strut's cost."""
+    """Direction alpha : beta of what the paper's last column has beyond a lost strut's cost."""
     paper = summary["paper"]["columns_urad"]
     lost = next(one for one in summary["candidates"] if one["name"] == "lost_strut")
     expected = np.array(lost["ratio"]) * paper["W_a"]

@@ -77,7 +77,9 @@ class Candidate:
         """Parameters that are not the bench's."""
         mine, bench = asdict(self), asdict(BENCH)
         return {
-            key: mine[key] for key in mine if key not in ("name", "what", "simulated") and mine[key] != bench[key]
+            key: mine[key]
+            for key in mine
+            if key not in ("name", "what", "simulated") and mine[key] != bench[key]
         }
 
     def run(self, column: str, seed: int) -> dict[str, Any]:
@@ -104,19 +106,31 @@ class Candidate:
 
 BENCH = Candidate("lost_strut", "the bench of Table I, a strut lost", simulated=COLUMNS)
 
-RINGING = {"damping_ratio": 0.015, "roll_off_hz": 40.0}
-"""Locked mode near crossover: roll-off above the modes, dampers at a seventh."""
+_RESONANCE = Candidate(
+    "resonance",
+    "little damping, roll-off above the modes",
+    damping_ratio=0.015,
+    roll_off_hz=40.0,
+    simulated=COLUMNS,
+)
+"""Locked mode near crossover: roll-off at the modes, dampers at a seventh."""
+
+_EXCITED = replace(_RESONANCE, simulated=("W_a", "W_a_uncorrected"))
 
 CANDIDATES: Sequence[Candidate] = (
     BENCH,
-    Candidate(
-        "resonance", "little damping, roll-off above the modes", **RINGING, simulated=COLUMNS
+    _RESONANCE,
+    replace(
+        _EXCITED,
+        name="resonance_noise",
+        what="the same, five times the noise",
+        detector_noise_m=1.5e-6,
     ),
-    Candidate(
-        "resonance_noise", "the same, five times the noise", **RINGING, detector_noise_m=1.5e-6
-    ),
-    Candidate(
-        "resonance_floor", "the same, floor VC-C", **RINGING, floor_velocity_m_per_s=12.5e-6
+    replace(
+        _EXCITED,
+        name="resonance_floor",
+        what="the same, floor VC-C",
+        floor_velocity_m_per_s=12.5e-6,
     ),
     Candidate("floor_office", "floor of an office, ISO 2631-2", floor_velocity_m_per_s=400e-6),
     Candidate("off_centre", "locked off centre, spiral at once", lock_m=-110e-6),

@@ -10,9 +10,9 @@ from experiments.bench import Bench
 from experiments.compensator import compensators
 from experiments.mapping import StrutMapping
 from experiments.measures import rms
-from experiments.prediction import driven_loop
+from experiments.prediction import detector_noise_rad, driven_loop
 from experiments.uncorrected.candidates import BENCH, COLUMNS, STRUT
-from experiments.uncorrected.machine import EQUAL, damped
+from experiments.uncorrected.machine import damped
 from sim import Array, Failure, ModelError, failed_plant, hexapod, linearize
 
 ROLL_OFF_HZ = (25.0, 40.0)
@@ -69,7 +69,9 @@ def map_row(
     machine = damped(model, damping_ratio)
     goals = {name: BENCH.run(name, seed)["goal"] for name in COLUMNS}
     geometry, lock = hexapod(machine), (Failure(STRUT, "locked"),)
-    gains = {name: StrutMapping(geometry, goals[name], "constant").pointing_gain() for name in goals}
+    gains = {
+        name: StrutMapping(geometry, goals[name], "constant").pointing_gain() for name in goals
+    }
     plants = {name: failed_plant(machine, () if name == "W_a" else lock) for name in COLUMNS}
     sound = linearize(plants["W_a"].model, plants["W_a"].data)
     errors = np.full((len(alpha_crossover_hz), 2, 2), np.inf)
@@ -91,8 +93,6 @@ def map_row(
 def _error_rad(T: control.StateSpace, bench: Bench, seed: int) -> Array:
     time_s = bench.time_s(bench.duration_s)
     desired = bench.desired_rad(time_s)
-    noise = np.random.default_rng(seed).standard_normal(desired.shape)
-    noise *= bench.detector_noise_m / bench.focal_length_m
     driven = np.zeros((len(time_s), T.ninputs))
-    driven[:, :2] = desired - noise
+    driven[:, :2] = desired - detector_noise_rad(bench, seed, len(time_s))
     return desired - np.asarray(control.forced_response(T, time_s, driven.T).outputs).T

@@ -8,11 +8,12 @@ import numpy as np
 
 from experiments.bench import Bench
 from experiments.compensator import Loop
-from experiments.measures import rms
+from experiments.measures import pointing_rms_urad, rms
 from experiments.parallel import in_parallel
 from experiments.prediction import predicted_error_rad, sensitivity_peak
 from experiments.run import Trajectory, nominal_loops, track_spiral
 from experiments.uncorrected.candidates import BENCH, CANDIDATES, COLUMNS, Candidate
+from experiments.uncorrected.machine import damped
 from experiments.uncorrected.stability_map import (
     ROLL_OFF_HZ,
     Grid,
@@ -20,7 +21,6 @@ from experiments.uncorrected.stability_map import (
     grid,
     map_row,
 )
-from experiments.uncorrected.machine import damped
 from sim import Array, SimulationDiverged, load_model
 
 LOCKS_M = np.linspace(-250e-6, 250e-6, 101)
@@ -207,7 +207,7 @@ def _compare(calls: list[dict[str, Any]], ended: list[Trajectory | float]) -> li
         ratio, alpha_hz, roll_off_hz = CHECKED_POINTS[k // 2]
         prediction = {key: call[key] for key in call if key != "jacobian"}
         error = predicted_error_rad(**prediction)
-        simulated = None if isinstance(run, float) else 1e6 * rms(run.desired_rad - run.true_rad)
+        simulated = pointing_rms_urad(run) if isinstance(run, Trajectory) else None
         compared.append(
             {
                 "name": ("W_a", "W_a_uncorrected")[k % 2],
