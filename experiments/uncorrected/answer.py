@@ -15,8 +15,8 @@ def paragraph(summary: dict[str, Any]) -> str:
     sentences = [
         f"Chen, McInroy and Yi's uncorrected lock multiplies the RMS pointing errors by "
         f"{paper['alpha_ratio']:.2f} (alpha) and {paper['beta_ratio']:.2f} (beta); a lost strut "
-        f"alone gives {_pair(lost['ratio'])} on this bench, {_pair(lost['predicted_ratio'])} in its "
-        f"linear model ({summary['duration_s']:g} s of spiral, seed {summary['seed']}).",
+        f"alone gives {_pair(lost['ratio'])} on this bench, {_pair(lost['predicted_ratio'])} in "
+        f"its linear model ({summary['duration_s']:g} s of spiral, seed {summary['seed']}).",
         f"Of {count} candidate explanations simulated, {_met(met, tolerance)}.",
         _nearest(best, paper),
         f"The paper's excess over a lost strut points {_excess(summary):.1f} : 1 along "
@@ -64,7 +64,8 @@ def _map_sentence(numbers: dict[str, Any]) -> str:
     return (
         f"Over damping and crossover the ratios stay within {alpha[0]:.2f} to {alpha[1]:.2f} and "
         f"{beta[0]:.2f} to {beta[1]:.2f} wherever the loops are stable "
-        f"({numbers['points_stable']} of {numbers['points']} points); the uncorrected loop alone "
+        f"({numbers['points_stable']} of {numbers['points']} points, "
+        f"{numbers['points_within_tolerance']} within tolerance); the uncorrected loop alone "
         f"is unstable at {numbers['points_uncorrected_alone_unstable']} points, a corrected loop "
         f"alone at {numbers['points_corrected_alone_unstable']}."
     )

@@ -43,7 +43,7 @@ def write(folder: Path, study: Uncorrected, summary: dict[str, Any]) -> None:
                     properties | {f"candidate_{k}": v for k, v in candidate["differs"].items()},
                 )
         write_arrays(staging / "map.npz", _map_arrays(study))
-        figure_uncorrected(study, summary).savefig(staging / "uncorrected.png", dpi=150)
+        figure_uncorrected(study, summary).savefig(staging / "uncorrected.png", dpi=130)
         write_json(staging / "uncorrected.json", summary)
 
 

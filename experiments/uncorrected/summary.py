@@ -168,6 +168,9 @@ def _map(study: Uncorrected) -> dict[str, Any]:
         "points_stable": int(both.sum()),
         "alpha_ratio_range": [float(ratio[:, 0].min()), float(ratio[:, 0].max())],
         "beta_ratio_range": [float(ratio[:, 1].min()), float(ratio[:, 1].max())],
+        "points_within_tolerance": int(
+            (np.abs(ratio / PAPER_RATIOS - 1) < RATIO_TOLERANCE).all(axis=1).sum()
+        ),
         "points_uncorrected_alone_unstable": int(
             (sound & corrected_d & corrected_e & ~uncorrected).sum()
         ),
