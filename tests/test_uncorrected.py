@@ -2,6 +2,8 @@
 
 import copy
 import json
+import re
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -10,7 +12,7 @@ from rerun.chunk import RrdReader
 
 from experiments.bench import Bench
 from experiments.cli import main
-from experiments.mapping import Goal
+from experiments.mapping import Goal, StrutMapping
 from experiments.measures import rms
 from experiments.prediction import driven_loop, predicted_error_rad, predicted_rms_rad
 from experiments.run import Trajectory, nominal_loops, track_spiral
@@ -209,15 +211,41 @@ def test_damping_is_that_asked_for_and_the_integrator_adds_none(model):
         damped(model, 0)
 
 
-def test_a_current_limit_below_its_need_costs_the_uncorrected_spiral_first(model, loops):
+DOCS = (Path(__file__).parents[1] / "docs" / "uncorrected.md").read_text()
+
+
+@pytest.mark.parametrize("name", ["lost_strut", "off_centre", "off_centre_retuned"])
+def test_the_page_says_the_linear_models_ratios(model, name):
+    row = re.search(rf"^\| {name.replace('_', ' ')} \|(.*)\|$", DOCS, re.MULTILINE)
+    assert row
+    printed = [float(number) for number in row.group(1).split("|")[2].split(",")]
+    candidate = next(c for c in CANDIDATES if c.name == name)
+    machine = candidate.machine(model)
+    loops = nominal_loops(machine, candidate.bench)
+    sound, uncorrected = (
+        predicted_error_rad(machine, candidate.bench, loops, **candidate.run(column, 0))
+        for column in ("W_a", "W_a_uncorrected")
+    )
+    assert sound is not None
+    assert uncorrected is not None
+    np.testing.assert_allclose(rms(uncorrected) / rms(sound), printed, atol=0.006)
+
+
+def test_the_corrected_columns_need_more_stroke_than_the_uncorrected_one(model):
     """Outermost turn: W_a asks 16.6 um of every strut, uncorrected 24.9 um of strut 4."""
     J = np.linalg.inv(hexapod(model).inverse_jacobian(NOMINAL))[:2]
     W_a = np.linalg.pinv(J)
     lost = J[:, 1:] @ W_a[1:]
     need = {"sound": W_a, "uncorrected": W_a @ np.linalg.inv(lost)}
+    for column, weight in (("W_d", 1.0), ("W_e", 10.0)):
+        goal = Goal(secondary_weight=(weight, weight, 1.0, 1.0), locked_m={0: 0.0})
+        need[column] = StrutMapping(hexapod(model), goal, "constant").pointing_gain()
     peak_um = {name: 100 * np.linalg.norm(gain, axis=1).max() for name, gain in need.items()}
     assert peak_um["sound"] == pytest.approx(16.6, abs=0.05)
     assert peak_um["uncorrected"] == pytest.approx(24.9, abs=0.05)
+    assert peak_um["W_e"] == pytest.approx(28.6, abs=0.05)
+    assert peak_um["W_d"] == pytest.approx(31.5, abs=0.05)
+    assert np.linalg.eigvalsh(lost) == pytest.approx([2 / 3, 1], abs=1e-3)
 
 
 def test_static_theory_of_a_lost_strut_gives_139_and_115_percent(model):

@@ -58,7 +58,7 @@ def _map(axes: Axes, study: Uncorrected, roll_off: int, angle: int) -> None:
     axes.set_xticks([3, 5, 10, 20], ["3", "5", "10", "20"])
     axes.minorticks_off()
     axes.plot(8.6, 0.106, "*", ms=12, mfc="white", mec=BLACK)
-    if roll_off == 1 and angle == 0:
+    if roll_off == 0 and angle == 0:
         axes.legend(handles=_map_legend(), fontsize="x-small", loc="lower left", framealpha=1)
 
 
@@ -79,7 +79,8 @@ def _map_legend() -> list[Any]:
     hatched = [("xxx", "sound loop unstable"), ("...", "$W_d$ or $W_e$ unstable")]
     patches = [Patch(fc="white", ec=BLACK, hatch=hatch, label=text) for hatch, text in hatched]
     star = Line2D([], [], marker="*", ls="", ms=10, mfc="white", mec=BLACK, label="the bench")
-    return [star, *patches]
+    blank = Patch(fc="white", ec=BLACK, label="white: uncorrected loop unstable")
+    return [star, *patches, blank]
 
 
 def _lock(axes: Axes, study: Uncorrected, summary: dict[str, Any]) -> None:
