@@ -160,8 +160,8 @@ CANDIDATES: Sequence[Candidate] = (
         amplifier_limit_a=0.2,
         simulated=COLUMNS,
     ),
-    # Found by a search over damping, roll-off, both crossovers and lock, in the linear model, for
-    # the least distance of both ratios with W_a's alpha : beta within 20 % of the paper's.
+    # Found by a search in the linear model, then moved by hand to have both ratios and W_a inside
+    # their 15 %: docs/uncorrected.md.
     Candidate(
         "off_centre_retuned",
         "locked off centre, loops retuned for it",

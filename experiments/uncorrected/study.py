@@ -26,6 +26,9 @@ from sim import Array, SimulationDiverged, load_model
 LOCKS_M = np.linspace(-250e-6, 250e-6, 101)
 """Where strut 1 is stuck, in the sweep of the lock."""
 
+SETTLED_S = 2.0
+"""Time for the loop to take the payload to the centre before a spiral."""
+
 QUICK_CANDIDATES = ("lost_strut", "floor_office", "off_centre")
 
 CHECKED_POINTS = ((0.05, 12.0, 25.0), (0.02, 6.0, 40.0), (0.005, 7.3, 40.0))
@@ -40,11 +43,14 @@ class Predicted:
         loops: The (alpha, beta) compensators.
         rms_urad: (2,) by column; None: unstable, or saturated.
         sensitivity: Peak sensitivity of the stable loops, by column.
+        settled_urad: (2,) of W_d and W_e if these, other than the uncorrected run, start after the
+            loop has settled; None as in `rms_urad`.
     """
 
     loops: tuple[Loop, Loop]
     rms_urad: dict[str, Array | None]
     sensitivity: dict[str, float | None]
+    settled_urad: dict[str, Array | None]
 
 
 @dataclass(frozen=True)
@@ -157,6 +163,7 @@ def predict(candidate: Candidate, seed: int, duration_s: float) -> Predicted:
     loops = nominal_loops(machine, candidate.bench)
     rms_urad: dict[str, Array | None] = {}
     sensitivity: dict[str, float | None] = {}
+    settled_urad: dict[str, Array | None] = {}
     for column in COLUMNS:
         run = candidate.run(column, seed)
         error = predicted_error_rad(machine, candidate.bench, loops, **run, duration_s=duration_s)
@@ -165,7 +172,11 @@ def predict(candidate: Candidate, seed: int, duration_s: float) -> Predicted:
         sensitivity[column] = (
             None if error is None else sensitivity_peak(machine, candidate.bench, loops, **loop)
         )
-    return Predicted(loops, rms_urad, sensitivity)
+    for column in ("W_d", "W_e"):
+        run = candidate.run(column, seed) | {"lead_in_s": SETTLED_S}
+        error = predicted_error_rad(machine, candidate.bench, loops, **run, duration_s=duration_s)
+        settled_urad[column] = None if error is None or candidate.saturates else 1e6 * rms(error)
+    return Predicted(loops, rms_urad, sensitivity, settled_urad)
 
 
 def lock_sweep(candidate: Candidate, loops: tuple[Loop, Loop], seed: int) -> Array:

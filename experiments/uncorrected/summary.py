@@ -116,6 +116,7 @@ def _candidate(study: Uncorrected, candidate: Candidate) -> dict[str, Any]:
         "meets_corrected": _near(rms, ["W_d", "W_e"], CORRECTED_TOLERANCE),
     }
     foretold = _ratio(predicted.rms_urad["W_a_uncorrected"], predicted.rms_urad["W_a"])
+    settled = predicted.settled_urad
     recorded = isinstance(runs["W_a_uncorrected"], Trajectory) and candidate.name in RECORDED
     return {
         "name": candidate.name,
@@ -129,6 +130,10 @@ def _candidate(study: Uncorrected, candidate: Candidate) -> dict[str, Any]:
         "ratio_distance": distance,
         **verdict,
         "explains": all(verdict.values()),
+        "settled_corrected_urad": {k: _listed(v) for k, v in settled.items()},
+        "explains_if_corrected_settled": verdict["meets_ratios"]
+        and verdict["meets_w_a"]
+        and _near(settled, ["W_d", "W_e"], CORRECTED_TOLERANCE),
         "data": f"{candidate.name}.npz",
         "recording": f"{candidate.name}.rrd" if recorded else None,
     }
