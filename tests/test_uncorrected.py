@@ -16,6 +16,7 @@ from experiments.mapping import Goal, StrutMapping
 from experiments.measures import rms
 from experiments.prediction import driven_loop, predicted_error_rad, predicted_rms_rad
 from experiments.run import Trajectory, nominal_loops, track_spiral
+from experiments.uncorrected.answer import paragraph
 from experiments.uncorrected.candidates import BENCH, CANDIDATES, COLUMNS
 from experiments.uncorrected.machine import (
     EQUAL,
@@ -321,6 +322,20 @@ def test_the_paragraph_says_the_numbers_of_the_run(study):
     assert "4.01" in text
     assert "1.55" in text
     assert text.startswith("Part of the spiral only")
+    # A strut at its centre has nothing to settle.
+    settled = lost["settled_corrected_urad"]["W_d"]
+    column = lost["columns"][COLUMNS.index("W_d")]
+    np.testing.assert_allclose(settled, column["predicted_urad"], rtol=0.02)
+
+
+def test_the_conclusion_names_its_condition_and_only_where_it_holds(study):
+    """A candidate that fits once W_d and W_e start settled is not passed over, nor called plain."""
+    told = copy.deepcopy(study)
+    assert "began off centre" not in paragraph(told)
+    told["candidates"][0]["explains_if_corrected_settled"] = True
+    assert "If the uncorrected run alone began off centre" in paragraph(told)
+    told["explained_by"] = ["lost_strut"]
+    assert "it is explained by lost_strut" in paragraph(told)
 
 
 def test_the_study_complains_of_numbers_that_do_not_agree(study):

@@ -173,7 +173,8 @@ def predict(candidate: Candidate, seed: int, duration_s: float) -> Predicted:
             None if error is None else sensitivity_peak(machine, candidate.bench, loops, **loop)
         )
     for column in ("W_d", "W_e"):
-        run = candidate.run(column, seed) | {"lead_in_s": SETTLED_S}
+        later: dict[str, Any] = {"lead_in_s": SETTLED_S}
+        run = candidate.run(column, seed) | later
         error = predicted_error_rad(machine, candidate.bench, loops, **run, duration_s=duration_s)
         settled_urad[column] = None if error is None or candidate.saturates else 1e6 * rms(error)
     return Predicted(loops, rms_urad, sensitivity, settled_urad)
