@@ -164,7 +164,7 @@ CANDIDATES: Sequence[Candidate] = (
     # their 15 %: docs/uncorrected.md.
     Candidate(
         "off_centre_retuned",
-        "locked off centre, loops retuned for it",
+        "locked off centre, five parameters fitted",
         damping_ratio=0.10,
         alpha_crossover_hz=15.5,
         beta_crossover_hz=8.6,
