@@ -12,6 +12,7 @@ from experiments.release.command import release
 from experiments.speed.command import bench
 from experiments.systems.command import systems
 from experiments.table1.command import table1
+from experiments.uncorrected.command import uncorrected
 from sim import ModelError
 
 UNSOUND, WRONG_INPUT = 1, 2
@@ -22,7 +23,7 @@ app = typer.Typer(
     no_args_is_help=True,
     rich_markup_mode=None,
 )
-for command in (table1, systems, release, jacobian, bench):
+for command in (table1, systems, release, jacobian, uncorrected, bench):
     app.command()(command)
 
 

@@ -74,13 +74,27 @@ def design(plant: LinearPlant, pointing: Array, bench: Bench) -> tuple[Loop, Loo
     return _loop(plant, pointing, bench, 0), _loop(plant, pointing, bench, 1)
 
 
+def compensators(
+    plant: LinearPlant, pointing: Array, bench: Bench
+) -> tuple[control.StateSpace, control.StateSpace]:
+    """The (alpha, beta) compensators of :func:`design` as they run, their margins not measured.
+
+    Raises:
+        sim.ModelError: As there.
+    """
+    return _closing(plant, pointing, bench, 0)[1], _closing(plant, pointing, bench, 1)[1]
+
+
 def sampled(plant: LinearPlant, gain: Array, period_s: float) -> control.StateSpace:
     """The plant behind a zero-order hold, from `gain`'s inputs to the twist."""
     continuous = control.ss(plant.A, plant.B @ gain, plant.C_twist, 0)
     return control.c2d(continuous, period_s, method="zoh")
 
 
-def _loop(plant: LinearPlant, pointing: Array, bench: Bench, row: int) -> Loop:
+def _closing(
+    plant: LinearPlant, pointing: Array, bench: Bench, row: int
+) -> tuple[control.TransferFunction, control.StateSpace, control.StateSpace]:
+    """Compensator, continuous and discrete, and the sampled open loop, which closes stably."""
     w, zeta = 2 * np.pi * bench.roll_off_hz, bench.roll_off_damping
     crossover = 2 * np.pi * bench.crossover_hz[row]
     shape = control.tf([w**2], [1, 2 * zeta * w, w**2, 0])
@@ -97,8 +111,13 @@ def _loop(plant: LinearPlant, pointing: Array, bench: Bench, row: int) -> Loop:
             f"the {ANGLES[row]} loop is unstable on this machine at a crossover of "
             f"{bench.crossover_hz[row]} Hz: lower it, or give the struts more damping"
         )
+    return G, G_d, P_d * G_d
+
+
+def _loop(plant: LinearPlant, pointing: Array, bench: Bench, row: int) -> Loop:
+    G, G_d, L = _closing(plant, pointing, bench, row)
     # On the frequency response: the polynomial method loses its digits on twelve plant states.
-    curve = control.frequency_response(P_d * G_d, _FREQUENCIES_RAD_S)
+    curve = control.frequency_response(L, _FREQUENCIES_RAD_S)
     gain_margin, phase_margin, _, at_phase, at_gain, _ = control.stability_margins(curve)
     return Loop(
         numerator=G.num[0][0],
@@ -107,7 +126,7 @@ def _loop(plant: LinearPlant, pointing: Array, bench: Bench, row: int) -> Loop:
         B=G_d.B,
         C=G_d.C,
         D=G_d.D,
-        period_s=period_s,
+        period_s=bench.control_period_s,
         crossover_hz=at_gain / (2 * np.pi),
         gain_margin_db=20 * np.log10(gain_margin),
         phase_margin_deg=phase_margin,

@@ -9,7 +9,7 @@ import numpy as np
 from experiments.bench import Bench
 from experiments.compensator import Loop, sampled
 from experiments.mapping import MAJOR, Goal, StrutMapping
-from sim import Array, Failure, Plant, failed_plant, hexapod, linearize
+from sim import NOMINAL, Array, Failure, Plant, failed_plant, hexapod, linearize
 
 
 def predicted_rms_rad(
@@ -41,6 +41,97 @@ def predicted_rms_rad(
         (_response(T, time_s, pulse) ** 2).sum(axis=0) for pulse in _unit_pulses(len(time_s))
     )
     return np.sqrt((error_rad**2).mean(axis=0) + variance)
+
+
+def predicted_error_rad(
+    model: mujoco.MjModel,
+    bench: Bench,
+    loops: tuple[Loop, Loop],
+    goal: Goal,
+    *,
+    failures: Sequence[Failure] = (),
+    seed: int = 0,
+    duration_s: float | None = None,
+    start_m: Array | None = None,
+    lead_in_s: float = 0.0,
+    floor_m_per_s2: Array | None = None,
+) -> Array | None:
+    """Desired minus true (alpha, beta), tick by tick, shape (N, 2), [rad]; None: unstable loop.
+
+    The linear model of :func:`predicted_rms_rad`, driven by what drives one run: the same detector
+    noise, floor, and lock off centre. Saturation and quantization are left out.
+
+    Args:
+        model: As in :func:`experiments.run.track_spiral`, and so are all others.
+        bench: Constants around the plant.
+        loops: Compensators.
+        goal: What the mapping knows.
+        failures: Locks from the start.
+        seed: Of the detector noise.
+        duration_s: Only the first seconds.
+        start_m: Where the struts of `failures` lock; the others return to the centre.
+        lead_in_s: As there.
+        floor_m_per_s2: As there.
+    """
+    spiral_s = bench.time_s(bench.duration_s if duration_s is None else duration_s)
+    rest = round(lead_in_s / bench.control_period_s)
+    ticks = rest + len(spiral_s)
+    desired = np.zeros((ticks, 2))
+    desired[rest:] = bench.desired_rad(spiral_s)
+    noise = detector_noise_rad(bench, seed, ticks)
+    floor = np.zeros((ticks, 3))
+    if floor_m_per_s2 is not None:
+        floor[rest:] = floor_m_per_s2[: len(spiral_s)]
+
+    geometry = hexapod(model)
+    stuck_m = np.zeros(6)
+    for failure in failures:
+        stuck_m[failure.strut] = 0.0 if start_m is None else start_m[failure.strut]
+    offset = np.linalg.solve(geometry.inverse_jacobian(NOMINAL), stuck_m)[MAJOR]
+    mapping = StrutMapping(geometry, goal, "constant")
+    # What the mapping commands at zero pointing, because it knows of a strut off centre.
+    standing_m = mapping.displacements(np.zeros(2), NOMINAL)
+
+    plant = failed_plant(model, failures)
+    T = driven_loop(plant, mapping.pointing_gain(), [loop.discrete for loop in loops])
+    if np.abs(T.poles()).max() >= 1:
+        return None
+    driven = np.hstack([desired - noise - offset, floor, np.tile(standing_m, (ticks, 1))])
+    time_s = np.arange(ticks) * bench.control_period_s
+    true = offset + np.asarray(control.forced_response(T, time_s, driven.T).outputs).T
+    return (desired - true)[rest:]
+
+
+def detector_noise_rad(bench: Bench, seed: int, ticks: int) -> Array:
+    """What the detector of a run adds to (alpha, beta), tick by tick, shape (N, 2)."""
+    spot_m = bench.detector_noise_m * np.random.default_rng(seed).standard_normal((ticks, 2))
+    return spot_m[:, ::-1] * np.array([1, -1]) / bench.focal_length_m
+
+
+def driven_loop(
+    plant: Plant, gain: Array, compensators: Sequence[control.StateSpace]
+) -> control.StateSpace:
+    """Closed loop from [desired pointing; floor; further strut commands] to true pointing.
+
+    Args:
+        plant: At rest, with its failures.
+        gain: Strut displacements per commanded (alpha, beta), shape (6, 2).
+        compensators: Of alpha and beta, discrete.
+    """
+    linear = linearize(plant.model, plant.data)
+    period_s = compensators[0].dt
+    inputs = np.hstack([linear.B_floor, linear.B, linear.B @ gain])
+    P = control.c2d(control.ss(linear.A, inputs, linear.C_twist[MAJOR], 0), period_s, method="zoh")
+    # Last inputs and outputs close the loop: command from pointing error.
+    n, free = P.nstates, 3 + linear.B.shape[1]
+    general = control.ss(
+        P.A,
+        np.hstack([np.zeros((n, 2)), P.B]),
+        np.vstack([P.C, -P.C]),
+        np.block([[np.zeros((2, 4 + free))], [np.eye(2), np.zeros((2, 2 + free))]]),
+        period_s,
+    )
+    return general.lft(control.append(*compensators))
 
 
 def sensitivity_peak(

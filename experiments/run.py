@@ -73,6 +73,9 @@ def track_spiral(
     form: DisplacementForm = "absolute",
     seed: int = 0,
     duration_s: float | None = None,
+    start_m: Array | None = None,
+    lead_in_s: float = 0.0,
+    floor_m_per_s2: Array | None = None,
 ) -> Trajectory:
     """Track the spiral with the given secondary goal.
 
@@ -89,11 +92,24 @@ def track_spiral(
         form: How eq. (41) becomes a displacement.
         seed: Of the detector noise.
         duration_s: Only the first seconds of the spiral; None is all of it.
+        start_m: Strut displacements (6,) that the coils hold when the run begins; None is no
+            current. A failure at time 0 strikes there: this is how a strut locks off centre.
+        lead_in_s: So long the closed loop points at zero before the spiral starts, failures of
+            time 0 behind it and the floor at rest; it is not kept.
+        floor_m_per_s2: Acceleration of the floor in base axes, held for a tick each, at least as
+            long as the spiral, shape (N, 3); None is a floor at rest.
 
     Raises:
+        ValueError: The floor's acceleration has not three columns, or ends before the spiral.
         sim.SimulationDiverged: The physics left the finite numbers.
     """
     time_s = bench.time_s(bench.duration_s if duration_s is None else duration_s)
+    floor = np.zeros((len(time_s), 3)) if floor_m_per_s2 is None else floor_m_per_s2[: len(time_s)]
+    if floor.shape != (len(time_s), 3):
+        raise ValueError(
+            f"floor_m_per_s2 must have 3 columns and at least {len(time_s)} rows, "
+            f"got the shape {floor.shape}"
+        )
     desired_rad = bench.desired_rad(time_s)
     plant = Plant(model)
     amplifier = bench.amplifier(newton_per_m=float(model.actuator_gainprm[0, 0]))
@@ -105,10 +121,24 @@ def track_spiral(
 
     before = controller(goal)
     after = before if reconfigured is None else controller(reconfigured)
-    plant.settle(bench.settling_s)
+    plant.settle(bench.settling_s, start_m)
     rng = np.random.default_rng(seed)
-    ticks = _ticks(plant, before, after, failures, bench, time_s, desired_rad, rng)
-    return _trajectory(time_s, desired_rad, list(ticks))
+    lead_in = round(lead_in_s / bench.control_period_s)
+    path = _Path(*(_after_rest(lead_in, part) for part in (time_s, desired_rad, floor)))
+    ticks = list(_ticks(plant, before, after, failures, bench, path, rng))
+    return _trajectory(time_s, desired_rad, ticks[lead_in:])
+
+
+class _Path(NamedTuple):
+    """What drives a run, tick by tick; time stands still while the loop points at zero."""
+
+    time_s: Array
+    desired_rad: Array
+    floor_m_per_s2: Array
+
+
+def _after_rest(ticks: int, signal: Array) -> Array:
+    return np.concatenate([np.zeros((ticks, *signal.shape[1:])), signal])
 
 
 class _Tick(NamedTuple):
@@ -130,16 +160,16 @@ def _ticks(
     reconfigured: Controller,
     failures: Sequence[Failure],
     bench: Bench,
-    time_s: Array,
-    desired_rad: Array,
+    path: _Path,
     rng: np.random.Generator,
 ) -> Iterator[_Tick]:
     detector, state = bench.detector(), controller.start()
     to_come = sorted(failures, key=lambda failure: failure.time_s)
-    for now, desired in zip(time_s, desired_rad, strict=True):
+    for now, desired, floor in zip(*path, strict=True):
         while to_come and to_come[0].time_s <= now:
             to_come.pop(0).strike(plant)
             controller = reconfigured
+        plant.shake(floor)
         pose = plant.pose()
         measured = detector.read(pose.rotation, rng)
         state = controller.step(state, desired, measured)

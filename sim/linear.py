@@ -1,5 +1,6 @@
 """Linear model of a mechanism about its present equilibrium."""
 
+import copy
 from dataclasses import dataclass
 
 import mujoco
@@ -9,25 +10,30 @@ import scipy.linalg
 from sim.array import Array
 from sim.errors import ModelError
 from sim.jacobian import constraint_jacobian, jacobians
+from sim.model import element_id
 
 _POSITION_STEP = 1e-6
 _VELOCITY_STEP = 1e-4
+_FLOOR_STEP = 1e-2
 
 
 @dataclass(frozen=True)
 class LinearPlant:
-    """x_dot = A x + B u, twist = C_twist x.
+    """x_dot = A x + B u + B_floor a, twist = C_twist x.
 
-    x = [y; y_dot] with y the k free coordinates on the closed loops; u as `data.ctrl`.
+    x = [y; y_dot] with y the k free coordinates on the closed loops; u as `data.ctrl`; a the
+    acceleration of the floor, which all of x is measured from.
 
     Attributes:
         A: Shape (2k, 2k).
         B: Shape (2k, nu).
+        B_floor: Shape (2k, 3), for a in the axes of the twist.
         C_twist: Displacement [rotation; translation] of the site, shape (6, 2k).
     """
 
     A: Array
     B: Array
+    B_floor: Array
     C_twist: Array
 
 
@@ -55,11 +61,17 @@ def linearize(
     jac = jacobians(model, data, site, axes)
     Z = _allowed(jac.J_C)
     k = Z.shape[1]
+    to_world = np.eye(3)
+    if axes is not None:
+        to_world = data.site_xmat[element_id(model, "site", axes)].reshape(3, 3).copy()
+    gravity, model = model.opt.gravity.copy(), copy.copy(model)
     probe = mujoco.MjData(model)
     probe.eq_active[:] = data.eq_active
     probe.xfrc_applied[:], probe.qfrc_applied[:] = data.xfrc_applied, data.qfrc_applied
 
-    def acceleration(y: Array, y_dot: Array, u: Array) -> Array:
+    def acceleration(y: Array, y_dot: Array, u: Array, floor: Array) -> Array:
+        # Seen from a floor that accelerates, every mass weighs by so much less.
+        model.opt.gravity[:] = gravity - to_world @ floor
         probe.qpos[:] = data.qpos
         mujoco.mj_integratePos(model, probe.qpos, Z @ y, 1.0)
         probe.qvel[:] = Z @ y_dot
@@ -73,7 +85,7 @@ def linearize(
     def gradient(argument: int, size: int, step: float) -> Array:
         columns = []
         for e in np.eye(size) * step:
-            ahead = [np.zeros(k), np.zeros(k), data.ctrl.copy()]
+            ahead = [np.zeros(k), np.zeros(k), data.ctrl.copy(), np.zeros(3)]
             behind = [part.copy() for part in ahead]
             ahead[argument] += e
             behind[argument] -= e
@@ -84,9 +96,11 @@ def linearize(
     stiffness = gradient(0, k, _POSITION_STEP)
     damping = gradient(1, k, _VELOCITY_STEP)
     drive = gradient(2, model.nu, _POSITION_STEP)
+    floor = gradient(3, 3, _FLOOR_STEP)
     return LinearPlant(
         A=np.block([[zero, np.eye(k)], [stiffness, damping]]),
         B=np.vstack([np.zeros((k, model.nu)), drive]),
+        B_floor=np.vstack([np.zeros((k, 3)), floor]),
         C_twist=np.hstack([jac.J_T @ Z, np.zeros((6, k))]),
     )
 

@@ -47,6 +47,7 @@ class Plant:
         self._is_loop = np.isin(self.model.eq_type, _LOOPS)
         mujoco.mj_forward(self.model, self.data)
         self._origin = self.data.site_xpos[self._payload].copy()
+        self._gravity = self.model.opt.gravity.copy()
 
     def step(self, command_m: Array, period_s: float) -> None:
         """Hold the commanded strut displacements (nu,) for one period of physics steps.
@@ -71,9 +72,12 @@ class Plant:
             raise SimulationDiverged(self.data.time, last)
         mujoco.mj_kinematics(self.model, self.data)
 
-    def settle(self, seconds: float) -> None:
-        """Let the machine come to rest without current; time starts again at zero."""
-        self.step(np.zeros(self.model.nu), seconds)
+    def settle(self, seconds: float, command_m: Array | None = None) -> None:
+        """Let the machine come to rest at strut displacements (nu,); time starts again at zero.
+
+        None is without current.
+        """
+        self.step(np.zeros(self.model.nu) if command_m is None else command_m, seconds)
         self.data.time = 0.0
 
     def lock(self, strut: int) -> None:
@@ -117,6 +121,22 @@ class Plant:
         # MuJoCo takes the wrench at the centre of mass, force first.
         arm = self.data.site_xpos[self._payload] - self.data.xipos[body]
         self.data.xfrc_applied[body] = [*force, *(moment + np.cross(arm, force))]
+
+    def shake(self, acceleration: Array) -> None:
+        """Accelerate the floor, from now on, without turning it.
+
+        What is seen from the floor: every mass m feels the inertial force -m a beside its weight.
+
+        Args:
+            acceleration: Of the base, in base axes, shape (3,), [m]/[s^2].
+
+        Raises:
+            ValueError: It has another shape or is not finite.
+        """
+        if np.shape(acceleration) != (3,) or not np.isfinite(acceleration).all():
+            raise ValueError(f"acceleration must be 3 finite numbers, got {acceleration}")
+        to_world = self.data.site_xmat[self._base].reshape(3, 3)
+        self.model.opt.gravity[:] = self._gravity - to_world @ acceleration
 
     def displacement(self) -> Array:
         """Payload displacement [rotation vector; translation] in base axes, shape (6,)."""

@@ -1,0 +1,42 @@
+"""The command `fjh uncorrected`."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from experiments.conduct import Seed, Unsound, diverged_into
+from experiments.files import usable_folder
+from experiments.terminal import print_notes, print_rows, progress
+
+
+def uncorrected(
+    out: Annotated[Path, typer.Option(help="Folder for results.")] = Path("results/uncorrected"),
+    seed: Seed = 0,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Spirals of 4 s, four candidates, a coarse map.")
+    ] = False,
+) -> None:
+    """Ask why the paper's uncorrected lock costs so much.
+
+    Candidate explanations one at a time and together, simulated and predicted; a map over damping
+    and crossover.
+    """
+    from experiments.uncorrected import report
+    from experiments.uncorrected.study import run_uncorrected
+    from experiments.uncorrected.summary import complaint, summarize
+
+    folder = usable_folder(out)
+    with progress("uncorrected") as on_progress, diverged_into(folder):
+        result = run_uncorrected(seed=seed, quick=quick, on_progress=on_progress)
+    summary = summarize(result)
+    report.write(folder, result, summary)
+    print_rows(
+        "Strut 1 locked, uncorrected: RMS over that of W_a, here and in the linear model; "
+        "W_a, W_d, W_e in urad",
+        report.HEADINGS,
+        report.table_rows(summary),
+    )
+    print_notes([summary["paragraph"]])
+    if sentence := complaint(summary):
+        raise Unsound(f"the study is not sound: {sentence}")

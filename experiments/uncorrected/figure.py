@@ -1,0 +1,135 @@
+"""The picture of the study: map, lock sweep, candidates, spirals."""
+
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch, Rectangle
+
+from experiments.palette import BLACK, BLUE, DESIRED, MEASURED, START, VERMILION
+from experiments.run import Trajectory
+from experiments.uncorrected.candidates import COLUMNS
+from experiments.uncorrected.stability_map import ROLL_OFF_HZ
+from experiments.uncorrected.study import LOCKS_M, Uncorrected
+from sim import Array
+
+ANGLES = (("alpha", "$\\alpha$", BLUE), ("beta", "$\\beta$", VERMILION))
+
+
+def figure_uncorrected(study: Uncorrected, summary: dict[str, Any]) -> Figure:
+    """Map of both ratios, ratios over the place of the lock, candidates, two spirals."""
+    figure = Figure(figsize=(10, 13), layout="constrained")
+    figure.suptitle(
+        "Strut 1 locked, nobody corrects: RMS error over that of the sound machine.\n"
+        "Shaded: within 15 % of the paper's 4.01 ($\\alpha$) and 1.55 ($\\beta$)"
+    )
+    grid = figure.add_gridspec(4, 4, height_ratios=[1, 1, 1.25, 1.25])
+    for k, roll_off_hz in enumerate(ROLL_OFF_HZ):
+        for j, (_, symbol, _) in enumerate(ANGLES):
+            axes = figure.add_subplot(grid[k, 2 * j : 2 * j + 2])
+            _map(axes, study, k, j)
+            axes.set_title(f"{symbol} ratio, roll-off at {roll_off_hz:g} Hz", fontsize="medium")
+    _lock(figure.add_subplot(grid[2, 0:2]), study, summary)
+    _candidates(figure.add_subplot(grid[2, 2:4]), summary)
+    for column, name in ((slice(0, 2), "lost_strut"), (slice(2, 4), summary["best"])):
+        run = study.runs[name]["W_a_uncorrected"]
+        if isinstance(run, Trajectory):
+            _spiral(figure.add_subplot(grid[3, column]), run, name)
+    return figure
+
+
+def _map(axes: Axes, study: Uncorrected, roll_off: int, angle: int) -> None:
+    """Ratio in colour; hatched where a loop is unstable."""
+    x, y = _edges(study.grid.alpha_crossover_hz), _edges(study.grid.damping_ratio)
+    sound, uncorrected = (study.map_rad[roll_off, :, :, k, angle] for k in (0, 1))
+    both = np.isfinite(sound) & np.isfinite(uncorrected)
+    ratio = np.full(sound.shape, np.nan)
+    ratio[both] = uncorrected[both] / sound[both]
+    mesh = axes.pcolormesh(x, y, np.ma.masked_invalid(ratio), cmap="cividis", vmin=1.0, vmax=1.6)
+    assert axes.figure is not None
+    axes.figure.colorbar(mesh, ax=axes, label="uncorrected / sound")
+    stable = study.map_poles[roll_off] < 1
+    _hatch(axes, x, y, ~stable[..., COLUMNS.index("W_a")], "xxx")
+    corrected = stable[..., COLUMNS.index("W_d")] & stable[..., COLUMNS.index("W_e")]
+    _hatch(axes, x, y, ~corrected, "...")
+    axes.set(xscale="log", yscale="log", xlabel="alpha crossover, Hz", ylabel="damping ratio")
+    axes.set_xticks([3, 5, 10, 20], ["3", "5", "10", "20"])
+    axes.minorticks_off()
+    axes.plot(8.6, 0.106, "*", ms=12, mfc="white", mec=BLACK)
+    if roll_off == 0 and angle == 0:
+        axes.legend(handles=_map_legend(), fontsize="x-small", loc="lower left", framealpha=1)
+
+
+def _hatch(axes: Axes, x: Array, y: Array, where: Array, hatch: str) -> None:
+    for row, column in np.argwhere(where):
+        left, right = map(float, x[column : column + 2])
+        low, high = map(float, y[row : row + 2])
+        cell = Rectangle((left, low), right - left, high - low, fill=False, lw=0, hatch=hatch)
+        axes.add_patch(cell)
+
+
+def _edges(centres: Array) -> Array:
+    """Borders of cells around evenly spaced logarithms, one more than centres."""
+    step = np.sqrt(centres[1] / centres[0])
+    return np.append(centres / step, centres[-1] * step)
+
+
+def _map_legend() -> list[Any]:
+    hatched = [("xxx", "sound loop unstable"), ("...", "$W_d$ or $W_e$ unstable")]
+    patches = [Patch(fc="white", ec=BLACK, hatch=hatch, label=text) for hatch, text in hatched]
+    star = Line2D([], [], marker="*", ls="", ms=10, mfc="white", mec=BLACK, label="the bench")
+    blank = Patch(fc="white", ec=BLACK, label="white: uncorrected loop unstable")
+    return [star, *patches, blank]
+
+
+def _lock(axes: Axes, study: Uncorrected, summary: dict[str, Any]) -> None:
+    """Ratios over where strut 1 is stuck, the spiral starting at once."""
+    _bands(axes, summary, horizontal=True)
+    for name, style in (("lost_strut", "-"), ("off_centre_retuned", "--")):
+        if name not in study.lock_ratio:
+            continue
+        for k, (_, symbol, color) in enumerate(ANGLES):
+            ratio = study.lock_ratio[name][:, k]
+            label = f"{symbol}, {'loops of the bench' if style == '-' else 'loops retuned'}"
+            axes.plot(1e6 * LOCKS_M, ratio, style, color=color, label=label)
+    axes.set(xlabel="strut 1 locked at, µm", ylabel="uncorrected / sound", ylim=(0.8, 6))
+    axes.set_title("Locked off centre, spiral at once", fontsize="medium")
+    axes.legend(fontsize="x-small", loc="upper center", ncols=2)
+    axes.grid(alpha=0.3)
+
+
+def _candidates(axes: Axes, summary: dict[str, Any]) -> None:
+    """Both ratios of every candidate; filled where the other columns stay Table I's."""
+    shown = [one for one in summary["candidates"] if one["ratio"]]
+    _bands(axes, summary, horizontal=False)
+    for row, one in enumerate(shown):
+        for k, (_, _, color) in enumerate(ANGLES):
+            face = color if one["meets_w_a"] and one["meets_corrected"] else "white"
+            axes.plot(one["ratio"][k], row, "os"[k], color=color, mfc=face, ms=7)
+    axes.set_yticks(range(len(shown)), [one["name"].replace("_", " ") for one in shown])
+    axes.set(xscale="log", xlabel="uncorrected / sound", ylim=(len(shown) - 0.5, -0.5))
+    axes.set_xticks([1, 1.5, 2, 3, 4, 6], ["1", "1.5", "2", "3", "4", "6"])
+    axes.minorticks_off()
+    axes.set_title("Candidates; hollow: spoils $W_a$, $W_d$ or $W_e$", fontsize="medium")
+    axes.grid(alpha=0.3)
+
+
+def _bands(axes: Axes, summary: dict[str, Any], *, horizontal: bool) -> None:
+    tolerance = summary["paper"]["ratio_tolerance"]
+    for name, _, color in ANGLES:
+        middle = summary["paper"][f"{name}_ratio"]
+        span = axes.axhspan if horizontal else axes.axvspan
+        span(middle * (1 - tolerance), middle * (1 + tolerance), color=color, alpha=0.15, lw=0)
+
+
+def _spiral(axes: Axes, run: Trajectory, name: str) -> None:
+    """Like Fig. 5."""
+    axes.plot(*(1e6 * run.measured_rad.T), color=MEASURED, lw=0.7, label="detector")
+    axes.plot(*(1e6 * run.desired_rad.T), color=DESIRED, lw=0.7, ls="--", label="desired")
+    axes.plot(*(1e6 * run.measured_rad[0]), "o", color=START, ms=5, label="start")
+    axes.set(xlabel="$\\alpha$, µrad", ylabel="$\\beta$, µrad", aspect="equal")
+    axes.set_title(f"{name.replace('_', ' ')}, $W_a$ uncorrected", fontsize="medium")
+    axes.legend(fontsize="x-small", loc="upper right")
+    axes.grid(alpha=0.3)

@@ -1,0 +1,210 @@
+"""The study as data: the contents of `uncorrected.json`, and whether to believe it."""
+
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from experiments.bench import Bench
+from experiments.measures import closure_residual_max_m, pointing_rms_urad
+from experiments.paper import TABLE_I_URAD
+from experiments.provenance import plant_constants, versions
+from experiments.run import Trajectory
+from experiments.soundness import CLOSURE_LIMIT_M, PREDICTION_TOLERANCE
+from experiments.uncorrected.answer import paragraph
+from experiments.uncorrected.candidates import COLUMNS, STRUT, Candidate
+from experiments.uncorrected.stability_map import ROLL_OFF_HZ
+from experiments.uncorrected.study import Uncorrected
+from sim import NOMINAL, Array, hexapod, load_model, model_sha256
+
+RATIO_TOLERANCE = 0.15
+"""How near both ratios, and W_a itself, must come to the paper's."""
+
+CORRECTED_TOLERANCE = 0.25
+"""How near W_d and W_e must stay to the paper's."""
+
+RECORDED = ("lost_strut", "together", "off_centre_retuned")
+"""Candidates with a recording of the uncorrected column; all have its data."""
+
+PAPER_RATIOS = np.divide(TABLE_I_URAD["W_a_uncorrected"], TABLE_I_URAD["W_a"])
+
+
+def summarize(study: Uncorrected) -> dict[str, Any]:
+    """All numbers of the study, ready for JSON; units are in the names."""
+    summary = {
+        "experiment": "uncorrected",
+        "seed": study.seed,
+        "versions": versions(),
+        "model_sha256": model_sha256(),
+        "jacobian": "constant",
+        "duration_s": study.duration_s,
+        "bench": asdict(Bench()) | plant_constants(load_model()),
+        "paper": {
+            "alpha_ratio": PAPER_RATIOS[0],
+            "beta_ratio": PAPER_RATIOS[1],
+            "ratio_tolerance": RATIO_TOLERANCE,
+            "corrected_tolerance": CORRECTED_TOLERANCE,
+            "strut_1_alpha_over_beta": _strut_direction(),
+            "columns_urad": {name: list(TABLE_I_URAD[name]) for name in COLUMNS},
+        },
+        "candidates": [_candidate(study, candidate) for candidate in study.candidates],
+        "map": _map(study),
+        "checked_points": [_point(point) for point in study.checked],
+    }
+    best = min(summary["candidates"], key=_distance)
+    summary["best"] = best["name"]
+    summary["explained_by"] = [one["name"] for one in summary["candidates"] if one["explains"]]
+    return summary | {"paragraph": paragraph(summary)}
+
+
+def complaint(summary: dict[str, Any]) -> str | None:
+    """One sentence on what makes the study unsound; None when nothing does."""
+    runs = [
+        column | {"name": f"{column['name']} of {candidate['name']}"}
+        for candidate in summary["candidates"]
+        for column in candidate["columns"]
+    ]
+    for run in runs:
+        stable = run["sensitivity_peak"] is not None
+        opened = run["closure_residual_max_m"]
+        if stable and opened is not None and not opened < CLOSURE_LIMIT_M:
+            return f"in {run['name']} a loop opened by {opened:.1e} m"
+        if sentence := _off(run):
+            return sentence
+    for point in summary["checked_points"]:
+        where = f"{point['damping_ratio']:g}, {point['alpha_crossover_hz']:g} Hz"
+        if sentence := _off(point | {"name": f"{point['name']} at {where} of the map"}):
+            return sentence
+    return None
+
+
+def _strut_direction() -> float:
+    """How much more a millimetre of strut 1 moves alpha than beta."""
+    column = np.linalg.inv(hexapod(load_model()).inverse_jacobian(NOMINAL))[:, STRUT]
+    return float(column[0] / column[1])
+
+
+def _off(run: dict[str, Any]) -> str | None:
+    """One sentence on a run that is not the linear model's, where that has a say."""
+    if run["predicted_urad"] is None:
+        return None
+    if run.get("diverged_at_s") is not None:
+        return f"{run['name']} diverged, and the linear model calls it stable"
+    if run["simulated_urad"] is None:
+        return None
+    simulated, predicted = np.array(run["simulated_urad"]), np.array(run["predicted_urad"])
+    off = float(np.abs(simulated / predicted - 1).max())
+    if off < PREDICTION_TOLERANCE:
+        return None
+    return f"{run['name']} is {100 * off:.1f} % off the linear model"
+
+
+def _distance(candidate: dict[str, Any]) -> float:
+    distance = candidate["ratio_distance"]
+    return np.inf if distance is None else distance
+
+
+def _candidate(study: Uncorrected, candidate: Candidate) -> dict[str, Any]:
+    runs, predicted = study.runs[candidate.name], study.predicted[candidate.name]
+    columns = [_column(study, candidate, name) for name in COLUMNS]
+    rms = {column["name"]: column["rms_urad"] for column in columns}
+    ratio = _ratio(rms["W_a_uncorrected"], rms["W_a"])
+    distance = None if ratio is None else float(np.abs(ratio / PAPER_RATIOS - 1).max())
+    verdict = {
+        "meets_ratios": distance is not None and distance < RATIO_TOLERANCE,
+        "meets_w_a": _near(rms, ["W_a"], RATIO_TOLERANCE),
+        "meets_corrected": _near(rms, ["W_d", "W_e"], CORRECTED_TOLERANCE),
+    }
+    foretold = _ratio(predicted.rms_urad["W_a_uncorrected"], predicted.rms_urad["W_a"])
+    settled = predicted.settled_urad
+    recorded = isinstance(runs["W_a_uncorrected"], Trajectory) and candidate.name in RECORDED
+    return {
+        "name": candidate.name,
+        "what": candidate.what,
+        "differs": candidate.differs(),
+        "loops": [str(loop) for loop in predicted.loops],
+        "gain_margin_db": [_or_none(loop.gain_margin_db) for loop in predicted.loops],
+        "columns": columns,
+        "ratio": _listed(ratio),
+        "predicted_ratio": _listed(foretold),
+        "ratio_distance": distance,
+        **verdict,
+        "explains": all(verdict.values()),
+        "settled_corrected_urad": {k: _listed(v) for k, v in settled.items()},
+        "explains_if_corrected_settled": verdict["meets_ratios"]
+        and verdict["meets_w_a"]
+        and _near(settled, ["W_d", "W_e"], CORRECTED_TOLERANCE),
+        "data": f"{candidate.name}.npz",
+        "recording": f"{candidate.name}.rrd" if recorded else None,
+    }
+
+
+def _column(study: Uncorrected, candidate: Candidate, name: str) -> dict[str, Any]:
+    run, predicted = study.runs[candidate.name].get(name), study.predicted[candidate.name]
+    ended = run if isinstance(run, Trajectory) else None
+    simulated = None if ended is None else pointing_rms_urad(ended).tolist()
+    foretold = _listed(predicted.rms_urad[name])
+    return {
+        "name": name,
+        "rms_urad": foretold if run is None else simulated,
+        "simulated_urad": simulated,
+        "predicted_urad": foretold,
+        "sensitivity_peak": predicted.sensitivity[name],
+        "strut_input_peak_percent": None
+        if ended is None
+        else float(np.abs(ended.strut_input_percent).max()),
+        "closure_residual_max_m": None if ended is None else closure_residual_max_m(ended),
+        "diverged_at_s": run if isinstance(run, float) else None,
+    }
+
+
+def _map(study: Uncorrected) -> dict[str, Any]:
+    """The map in a few numbers; its arrays are in `map.npz`."""
+    both = np.isfinite(study.map_rad).all(axis=(-2, -1))
+    ratio = study.map_rad[both][:, 1] / study.map_rad[both][:, 0]
+    stable = study.map_poles < 1
+    sound, corrected_d, corrected_e, uncorrected = np.moveaxis(stable, -1, 0)
+    return {
+        "data": "map.npz",
+        "roll_off_hz": list(ROLL_OFF_HZ),
+        "damping_ratio": study.grid.damping_ratio.tolist(),
+        "alpha_crossover_hz": study.grid.alpha_crossover_hz.tolist(),
+        "points": int(stable[..., 0].size),
+        "points_stable": int(both.sum()),
+        "alpha_ratio_range": [float(ratio[:, 0].min()), float(ratio[:, 0].max())],
+        "beta_ratio_range": [float(ratio[:, 1].min()), float(ratio[:, 1].max())],
+        "points_within_tolerance": int(
+            (np.abs(ratio / PAPER_RATIOS - 1) < RATIO_TOLERANCE).all(axis=1).sum()
+        ),
+        "points_uncorrected_alone_unstable": int(
+            (sound & corrected_d & corrected_e & ~uncorrected).sum()
+        ),
+        "points_corrected_alone_unstable": int(
+            (sound & uncorrected & ~(corrected_d & corrected_e)).sum()
+        ),
+    }
+
+
+def _point(point: dict[str, Any]) -> dict[str, Any]:
+    return point | {key: _listed(point[key]) for key in ("predicted_urad", "simulated_urad")}
+
+
+def _near(rms: dict[str, Any], names: list[str], tolerance: float) -> bool:
+    return all(
+        rms[name] is not None
+        and bool(np.all(np.abs(np.divide(rms[name], TABLE_I_URAD[name]) - 1) < tolerance))
+        for name in names
+    )
+
+
+def _ratio(over: Any, under: Any) -> Array | None:
+    return None if over is None or under is None else np.divide(over, under)
+
+
+def _listed(values: Array | None) -> list[float] | None:
+    return None if values is None else values.tolist()
+
+
+def _or_none(value: float) -> float | None:
+    """JSON has no infinity: a phase that never crosses has no gain margin."""
+    return value if np.isfinite(value) else None
