@@ -5,11 +5,12 @@ when J is re-evaluated; docs/jacobian.md compares the forms.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
+from experiments.goal import MAJOR, SECONDARY, Goal
 from prioritized import ConstrainedSystem, VelocityMapping
 from sim import NOMINAL, Array, Hexapod, Pose, pointing_angles, secondary_motion
 
@@ -19,30 +20,6 @@ DisplacementForm = Literal["absolute", "incremental", "relinearized"]
 """How eq. (41) becomes a displacement: from the nominal pose; from what was asked for a tick
 before; or, from where the struts are, one Gauss-Newton step towards the optimum of the curved
 problem."""
-
-MAJOR = [0, 1]
-"""Task rows (alpha, beta): the pointing task."""
-SECONDARY = [3, 4, 5, 2]
-"""[t_x, t_y, t_z, gamma], the order of the paper's W_d and W_e."""
-
-
-@dataclass(frozen=True)
-class Goal:
-    """What the secondary freedom is spent on.
-
-    Attributes:
-        joint_weight: W1, diagonal over the six struts; None is zero.
-        secondary_weight: W2, diagonal over [t_x, t_y, t_z, gamma]; None is zero.
-        locked_m: Struts known to be stuck, and where: displacement by strut 0..5.
-        free: Struts known to be without coil, their suspension spring intact.
-        loose: Struts known to be without coil and spring.
-    """
-
-    joint_weight: tuple[float, ...] | None = None
-    secondary_weight: tuple[float, ...] | None = None
-    locked_m: dict[int, float] = field(default_factory=dict)
-    free: tuple[int, ...] = ()
-    loose: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,8 @@ import numpy as np
 
 from experiments.bench import Bench
 from experiments.compensator import Loop, sampled
-from experiments.mapping import MAJOR, Goal, StrutMapping
+from experiments.goal import MAJOR, Goal
+from experiments.mapping import StrutMapping
 from sim import NOMINAL, Array, Failure, Plant, failed_plant, hexapod, linearize
 
 

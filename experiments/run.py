@@ -10,7 +10,8 @@ import numpy as np
 from experiments.bench import Bench
 from experiments.compensator import Loop, design
 from experiments.controller import Controller
-from experiments.mapping import DisplacementForm, Goal, JacobianChoice, StrutMapping
+from experiments.goal import Goal
+from experiments.mapping import DisplacementForm, JacobianChoice, StrutMapping
 from sim import (
     Array,
     Failure,

@@ -9,7 +9,8 @@ from scipy.spatial.transform import Rotation
 from experiments import paper
 from experiments.bench import Bench
 from experiments.controller import Controller
-from experiments.mapping import MAJOR, SECONDARY, Goal, StrutMapping
+from experiments.goal import MAJOR, SECONDARY, Goal
+from experiments.mapping import StrutMapping
 from experiments.run import nominal_loops, track_spiral
 from sim import (
     NOMINAL,

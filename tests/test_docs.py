@@ -225,3 +225,78 @@ def test_the_readmes_mechanisms_are_as_classified(systems, table1):
         for angle in ("alpha", "beta")
     )
     assert readme_cells("`fjh.xml`")[4] == f"{100 * off:.1f} % (RMS)"
+
+
+JACOBIAN = (ROOT / "docs" / "jacobian.md").read_text()
+
+
+def test_the_jacobian_pages_values_are_those_that_come_out(jacobian_study):
+    variation = jacobian_study["variation"]
+    tried = {one["reading"]: one for one in jacobian_study["tried"]}
+
+    def row(label: str) -> list[float]:
+        return [float(cell) for cell in markdown_row(JACOBIAN, label)[:2]]
+
+    def both(key: str) -> list[float]:
+        return [variation[norm][key] for norm in ("frobenius", "two")]
+
+    np.testing.assert_allclose(row("twist, base axes: found"), both("value"), atol=6e-6)
+    bounds = both("certified_upper_bound")
+    np.testing.assert_allclose(row("twist, base axes: certified to be at most"), bounds, atol=6e-6)
+    np.testing.assert_allclose(row("certified bound"), bounds, atol=6e-7)
+    np.testing.assert_allclose(row("value found"), both("value"), atol=6e-7)
+    for part in ("linear", "quadratic", "cubic", "remainder"):
+        computed = [variation[norm]["certificate"][part] for norm in ("frobenius", "two")]
+        np.testing.assert_allclose(row(part), computed, rtol=0.05)
+    for label, reading in {
+        "twist, payload axes": "twist, payload axes",
+        "Euler rates, R = Rz Ry Rx": "Euler rates, R = Rz Ry Rx",
+        "Euler rates, R = Rx Ry Rz": "Euler rates, R = Rx Ry Rz",
+        "inverse of J": "inverse of J",
+        "lengths in mm": "lengths in mm",
+        "inverse, lengths in mm": "inverse, lengths in mm",
+        "origin between the top nodes": "origin between the top nodes",
+        "origin between the bottom nodes": "origin between the bottom nodes",
+        "J, one strut at a time": "twist; one strut at a time",
+        "J, struts within a ball": "twist; struts within a ball",
+        "J, mean of 1000 random points": "twist; mean of random points",
+        "inverse, one strut at a time": "inverse; one strut at a time",
+        "inverse, struts within a ball": "inverse; struts within a ball",
+        "inverse, median of 1000 random points": "inverse; median of random points",
+    }.items():
+        computed = [tried[reading][norm] for norm in ("frobenius", "two")]
+        np.testing.assert_allclose(row(label), computed, atol=6e-6)
+    assert f"{both('value')[0]:.5f} and {both('value')[1]:.5f} (Frobenius, 2-norm)" in README
+
+
+def test_the_jacobian_pages_costs_are_those_of_the_geometry():
+    """The long run is not repeated here; what it shows, the geometry alone must say as well."""
+    from experiments.bench import Bench
+    from experiments.jacobian.growth import Growth, grown_bench
+    from experiments.jacobian.loop import BY_NAME, GROWN, STRIDE_S
+    from experiments.jacobian.statics import extra_percent, follow, loop_gain_error, optimum
+    from experiments.jacobian.variation import relative_change
+    from experiments.mapping import StrutMapping
+    from sim import hexapod, load_model
+
+    geometry, goal = hexapod(load_model()), BY_NAME[GROWN].goal
+    constant = StrutMapping(geometry, goal, "constant")
+    time_s = np.arange(0, 16, STRIDE_S)
+    for label, growth in {"×1": Growth(1, 1), "×100": Growth(100, 100)}.items():
+        visited = follow(constant, grown_bench(Bench(), growth).desired_rad(time_s))
+        best = optimum(geometry, goal, visited.pointing_rad)
+        off = extra_percent(goal, (visited.strut_m, visited.secondary), best)
+        e = relative_change(geometry, visited.strut_m, "frobenius").max()
+        gain = 100 * loop_gain_error(constant, visited.strut_m)
+        cells = [float(cell) for cell in markdown_row(JACOBIAN, label)]
+        np.testing.assert_allclose([cells[0], cells[2], cells[8 - 1]], [e, off, gain], rtol=0.15)
+        # The simulation adds its floor to what the geometry says.
+        floor = cells[6]
+        assert cells[3] == pytest.approx(np.hypot(off, floor), rel=0.05)
+
+
+def test_every_test_and_file_that_the_jacobian_page_speaks_of_exists():
+    for path in re.findall(r"`((?:prioritized|tests|experiments)/[\w/]+\.py)`", JACOBIAN):
+        assert (ROOT / path).is_file(), path
+    for picture in re.findall(r"\((pictures/\w+\.png)\)", JACOBIAN):
+        assert (ROOT / "docs" / picture).is_file(), picture

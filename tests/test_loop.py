@@ -7,6 +7,7 @@ import pytest
 from scipy.optimize import minimize
 
 from experiments.bench import Bench
+from experiments.goal import SECONDARY, Goal
 from experiments.jacobian.growth import GROWTHS, Growth, grown_bench, grown_machine
 from experiments.jacobian.loop import GROWN, RECORDED, VARIANTS
 from experiments.jacobian.loop_summary import loop_complaint
@@ -17,7 +18,7 @@ from experiments.jacobian.statics import (
     loop_gain_error,
     optimum,
 )
-from experiments.mapping import SECONDARY, Asked, Goal, StrutMapping
+from experiments.mapping import Asked, StrutMapping
 from experiments.table1.study import COLUMNS
 from sim import (
     NOMINAL,

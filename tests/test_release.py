@@ -8,7 +8,8 @@ import pytest
 import scipy.linalg
 
 from experiments.bench import Bench
-from experiments.mapping import MAJOR, Goal, StrutMapping
+from experiments.goal import MAJOR, Goal
+from experiments.mapping import StrutMapping
 from experiments.prediction import sensitivity_peak
 from experiments.release.statics import released_statics
 from experiments.release.summary import complaint

@@ -12,7 +12,8 @@ from rerun.chunk import RrdReader
 
 from experiments.bench import Bench
 from experiments.cli import main
-from experiments.mapping import Goal, StrutMapping
+from experiments.goal import Goal
+from experiments.mapping import StrutMapping
 from experiments.measures import rms
 from experiments.prediction import driven_loop, predicted_error_rad, predicted_rms_rad
 from experiments.run import Trajectory, nominal_loops, track_spiral
@@ -25,8 +26,8 @@ from experiments.uncorrected.machine import (
     floor_acceleration,
     pointing_mode,
 )
+from experiments.uncorrected.soundness import complaint
 from experiments.uncorrected.stability_map import at_crossover, map_row
-from experiments.uncorrected.summary import complaint
 from sim import (
     NOMINAL,
     Failure,

@@ -65,7 +65,7 @@ class Outcome:
     Attributes:
         trajectory: The run itself.
         extra_percent: Distance from the optimum at the same pointing, of what the optimum costs.
-        static_extra_percent: The same for the constant Jacobian, on the geometry alone.
+        static_extra_percent: The same on the geometry alone.
         e_visited: Eq. (40) over the strut displacements that were visited, by norm.
         loop_gain_error: Largest ||J_m M_0 - I|| over them, M_0 the constant mapping.
     """
@@ -146,13 +146,15 @@ def _outcome(
             (strut_m, secondary),
             optimum(geometry, column.goal, run.true_rad[seen]),
         ),
-        static_extra_percent=_static(constant, run.desired_rad[seen]),
+        static_extra_percent=_static(
+            StrutMapping(geometry, column.goal, jacobian, form=form), run.desired_rad[seen]
+        ),
         e_visited={n: float(relative_change(geometry, strut_m, n).max()) for n in NORMS},
         loop_gain_error=loop_gain_error(constant, strut_m),
     )
 
 
-def _static(constant: StrutMapping, desired_rad: Array) -> float:
-    visited = follow(constant, desired_rad)
-    best = optimum(constant.geometry, constant.goal, visited.pointing_rad)
-    return extra_percent(constant.goal, (visited.strut_m, visited.secondary), best)
+def _static(mapping: StrutMapping, desired_rad: Array) -> float:
+    visited = follow(mapping, desired_rad)
+    best = optimum(mapping.geometry, mapping.goal, visited.pointing_rad)
+    return extra_percent(mapping.goal, (visited.strut_m, visited.secondary), best)

@@ -81,6 +81,7 @@ def _run(case: Case, outcome: Outcome) -> dict[str, Any]:
         "secondary_rms": {"gamma_urad": gamma, "t_x_um": t_x, "t_y_um": t_y, "t_z_um": t_z},
         "strut_input_rms_percent": rms(run.strut_input_percent).tolist(),
         "extra_percent": outcome.extra_percent,
+        "static_extra_percent": outcome.static_extra_percent,
         "e_visited": dict(outcome.e_visited),
         "closure_residual_max_m": closure_residual_max_m(run),
     }

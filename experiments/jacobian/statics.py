@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from experiments.mapping import MAJOR, NOTHING_YET, Asked, Goal, StrutMapping
+from experiments.goal import MAJOR, Goal
+from experiments.mapping import NOTHING_YET, Asked, StrutMapping
 from sim import (
     NOMINAL,
     Array,

@@ -3,7 +3,7 @@
 import mujoco
 import numpy as np
 
-from experiments.mapping import MAJOR
+from experiments.goal import MAJOR
 from experiments.springs import elastic_system, strut_and_payload_stiffness
 from sim import Array, Plant, hexapod, linearize
 

@@ -11,7 +11,7 @@ from typing import Any, Literal
 import mujoco
 
 from experiments.bench import Bench
-from experiments.mapping import MAJOR, Goal
+from experiments.goal import MAJOR, Goal
 from experiments.parallel import in_parallel
 from experiments.prediction import predicted_motion, predicted_rms_rad, sensitivity_peak
 from experiments.release.statics import STRUT, fall, released_statics

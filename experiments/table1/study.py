@@ -6,7 +6,8 @@ from pathlib import Path
 
 from experiments.bench import Bench
 from experiments.compensator import Loop
-from experiments.mapping import Goal, JacobianChoice
+from experiments.goal import Goal
+from experiments.mapping import JacobianChoice
 from experiments.parallel import in_parallel
 from experiments.prediction import predicted_rms_rad
 from experiments.provenance import plant_constants

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from experiments.bench import Bench
-from experiments.mapping import Goal
+from experiments.goal import Goal
 from experiments.uncorrected.machine import EQUAL, damped, floor_acceleration
 from sim import Array, Failure
 

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from experiments.conduct import Seed, Unsound, diverged_into
+from experiments.conduct import Seed, Unsound
 from experiments.files import usable_folder
 from experiments.terminal import print_notes, print_rows, progress
 
@@ -14,7 +14,7 @@ def uncorrected(
     out: Annotated[Path, typer.Option(help="Folder for results.")] = Path("results/uncorrected"),
     seed: Seed = 0,
     quick: Annotated[
-        bool, typer.Option("--quick", help="Spirals of 4 s, four candidates, a coarse map.")
+        bool, typer.Option("--quick", help="Spirals of 4 s, three candidates, a coarse map.")
     ] = False,
 ) -> None:
     """Ask why the paper's uncorrected lock costs so much.
@@ -23,17 +23,18 @@ def uncorrected(
     and crossover.
     """
     from experiments.uncorrected import report
+    from experiments.uncorrected.soundness import complaint
     from experiments.uncorrected.study import run_uncorrected
-    from experiments.uncorrected.summary import complaint, summarize
+    from experiments.uncorrected.summary import summarize
 
     folder = usable_folder(out)
-    with progress("uncorrected") as on_progress, diverged_into(folder):
+    with progress("uncorrected") as on_progress:
         result = run_uncorrected(seed=seed, quick=quick, on_progress=on_progress)
     summary = summarize(result)
     report.write(folder, result, summary)
     print_rows(
-        "Strut 1 locked, uncorrected: RMS over that of W_a, here and in the linear model; "
-        "W_a, W_d, W_e in urad",
+        "Strut 1 locked, uncorrected: RMS alpha, beta over that of W_a, here and in the linear "
+        "model; W_a, W_d, W_e in urad",
         report.HEADINGS,
         report.table_rows(summary),
     )

@@ -11,8 +11,9 @@ from matplotlib.patches import Patch, Rectangle
 from experiments.palette import BLACK, BLUE, DESIRED, MEASURED, START, VERMILION
 from experiments.run import Trajectory
 from experiments.uncorrected.candidates import COLUMNS
+from experiments.uncorrected.foretold import LOCKS_M
 from experiments.uncorrected.stability_map import ROLL_OFF_HZ
-from experiments.uncorrected.study import LOCKS_M, Uncorrected
+from experiments.uncorrected.study import Uncorrected
 from sim import Array
 
 ANGLES = (("alpha", "$\\alpha$", BLUE), ("beta", "$\\beta$", VERMILION))

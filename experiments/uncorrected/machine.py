@@ -6,7 +6,8 @@ import mujoco
 import numpy as np
 
 from experiments.bench import Bench
-from experiments.mapping import Goal, StrutMapping
+from experiments.goal import Goal
+from experiments.mapping import StrutMapping
 from sim import Array, Plant, hexapod, linearize
 
 EQUAL = Goal(joint_weight=(1.0,) * 6)

@@ -52,10 +52,10 @@ def table_rows(summary: dict[str, Any]) -> list[tuple[str, ...]]:
     return [
         (
             candidate["name"].replace("_", " "),
-            _pair(candidate["ratio"], 2),
-            _pair(candidate["predicted_ratio"], 2),
+            _pair(candidate["ratio"]),
+            _pair(candidate["predicted_ratio"]),
             *(
-                _pair(column["rms_urad"], 1)
+                _pair(column["rms_urad"])
                 for column in candidate["columns"]
                 if column["name"] != "W_a_uncorrected"
             ),
@@ -64,8 +64,8 @@ def table_rows(summary: dict[str, Any]) -> list[tuple[str, ...]]:
     ]
 
 
-def _pair(values: list[float] | None, digits: int) -> str:
-    return "-" if values is None else ", ".join(f"{value:.{digits}f}" for value in values)
+def _pair(values: list[float] | None) -> str:
+    return "-" if values is None else " ".join(f"{value:.3g}" for value in values)
 
 
 def _map_arrays(study: Uncorrected) -> dict[str, Array]:
