@@ -94,10 +94,10 @@ def _costs(axes: Axes, growth: list[dict[str, Any]], e: list[float]) -> None:
         "relinearized": (GREEN, "s"),
     }
     static = [one["static_extra_percent"] for one in growth]
-    axes.loglog(e, static, color=BLUE, lw=1, label="goal off, constant J, geometry alone")
+    axes.loglog(e, static, color=BLUE, lw=1, label="secondary goal off, constant J, geometry alone")
     for variant, (color, marker) in styles.items():
         extra = [one["variants"][variant]["extra_percent"] for one in growth]
-        label = f"goal off, {variant}, simulated"
+        label = f"secondary goal off, {variant}, simulated"
         axes.loglog(e, extra, marker, color=color, mfc="none", label=label)
     gain = [one["loop_gain_error_percent"] for one in growth]
     axes.loglog(e, gain, color=PURPLE, ls="--", label="loop gain off, constant J")
