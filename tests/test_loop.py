@@ -241,6 +241,7 @@ def test_geometry_alone_says_what_the_simulation_shows_once_it_shows(loop):
 
 def test_what_the_constant_jacobian_costs_is_found_between_the_sizes_that_were_run(loop):
     assert loop["costs"]
+    assert "Part of the spiral only" in loop["paragraph"]
     for cost in loop["costs"]:
         sizes = [one["spiral_factor"] for one in loop["growth"]]
         assert sizes[0] < cost["spiral_factor"] < sizes[-1]

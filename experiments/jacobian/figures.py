@@ -63,27 +63,39 @@ def _search(axes: Axes, summary: dict[str, Any]) -> None:
 
 def figure_loop(loop: dict[str, Any]) -> Figure:
     """What a constant Jacobian costs, against e of the visited set and e of the box."""
-    figure = Figure(figsize=(11, 5), layout="constrained")
+    figure = Figure(figsize=(11.5, 5.6), layout="constrained")
     figure.suptitle("When eq. (40) may be trusted: strut 1 locked, W_e, spiral and stroke grown")
     left, right = figure.subplots(1, 2, sharey=True)
     together = [one for one in loop["growth"] if one["stroke_factor"] == one["spiral_factor"]]
     for axes, growth, key in ((left, loop["growth"], "e_visited"), (right, together, "e_box")):
-        e = [one[key]["frobenius"] for one in growth]
-        _costs(axes, growth, e)
-        for cost in loop["costs"]:
-            if key == "e_visited" and cost["cost"] == "static_extra_percent":
-                axes.axvline(cost["e_visited_frobenius"], color=BLUE, lw=0.8, ls=":")
-                axes.text(
-                    cost["e_visited_frobenius"],
-                    0.0013,
-                    f" {cost['percent']:g} %: x{cost['spiral_factor']:.0f}",
-                    color=BLUE,
-                    fontsize="small",
-                )
-    left.set(xlabel="e of the visited set, Frobenius norm", ylabel="%", ylim=(1e-3, 1e3))
-    right.set_xlabel("e of the box, Frobenius norm (stroke and spiral alike)")
-    left.legend(fontsize="small", loc="upper left")
+        _costs(axes, growth, [one[key]["frobenius"] for one in growth])
+    for cost in loop["costs"]:
+        _mark(left, cost, cost["e_visited_frobenius"])
+        if cost["e_box"] is not None:
+            _mark(right, cost, cost["e_box"]["frobenius"])
+    left.set(xlabel="e of the visited set, Frobenius norm", ylabel="off by, %", ylim=(1e-3, 1e3))
+    left.set_title("stroke and spiral alike, then the spiral alone")
+    right.set(xlabel="e of the box, Frobenius norm", title="stroke and spiral alike")
+    figure.legend(*left.get_legend_handles_labels(), loc="outside lower center", ncols=4)
     return figure
+
+
+_COST_COLORS = {"static_extra_percent": BLUE, "loop_gain_error_percent": PURPLE}
+
+
+def _mark(axes: Axes, cost: dict[str, Any], e: float) -> None:
+    """Where the constant Jacobian begins to cost so much."""
+    color = _COST_COLORS[cost["cost"]]
+    axes.plot(e, cost["percent"], "D", color=color, ms=7, zorder=4)
+    goal = cost["cost"] == "static_extra_percent"
+    axes.annotate(
+        f"spiral x{cost['spiral_factor']:.0f}",
+        (e, cost["percent"]),
+        (-6, 8) if goal else (6, -14),
+        textcoords="offset points",
+        ha="right" if goal else "left",
+        color=color,
+    )
 
 
 def _costs(axes: Axes, growth: list[dict[str, Any]], e: list[float]) -> None:
@@ -91,18 +103,16 @@ def _costs(axes: Axes, growth: list[dict[str, Any]], e: list[float]) -> None:
         "constant": (BLUE, "o"),
         "analytic": (VERMILION, "x"),
         "incremental": (ORANGE, "^"),
-        "relinearized": (GREEN, "s"),
+        "relinearized": (GREEN, "s-"),
     }
     static = [one["static_extra_percent"] for one in growth]
-    axes.loglog(e, static, color=BLUE, lw=1, label="secondary goal off, constant J, geometry alone")
+    axes.loglog(e, static, color=BLUE, lw=1, label="goal, constant J, geometry alone")
     for variant, (color, marker) in styles.items():
         extra = [one["variants"][variant]["extra_percent"] for one in growth]
-        label = f"secondary goal off, {variant}, simulated"
-        axes.loglog(e, extra, marker, color=color, mfc="none", label=label)
+        label = f"goal, {variant}" + (": the floor" if variant == "relinearized" else "")
+        axes.loglog(e, extra, marker, color=color, mfc="none", lw=0.6, label=label)
     gain = [one["loop_gain_error_percent"] for one in growth]
-    axes.loglog(e, gain, color=PURPLE, ls="--", label="loop gain off, constant J")
+    axes.loglog(e, gain, color=PURPLE, ls="--", label="loop gain, constant J")
     pointing = [abs(one["variants"]["constant"]["pointing_cost_percent"]) for one in growth]
-    axes.loglog(e, pointing, ".", color=BLACK, label="pointing RMS changed, constant J")
-    for percent in (1, 10):
-        axes.axhline(percent, color=BLACK, lw=0.5)
+    axes.loglog(e, pointing, ".", color=BLACK, label="pointing RMS, constant J")
     axes.grid(alpha=0.3)

@@ -54,8 +54,12 @@ class Case:
     @property
     def name(self) -> str:
         """What its files are called."""
-        where = f"{self.column}_x{self.growth.spiral:g}_{self.variant}"
-        return where if self.seed == 0 else f"{where}_seed{self.seed}"
+        return f"{self.column}_x{self.growth.spiral:g}_{self.variant}_seed{self.seed}"
+
+    @property
+    def is_recorded(self) -> bool:
+        """Whether its data and recording are kept."""
+        return self.column == GROWN and self.growth in RECORDED
 
 
 @dataclass(frozen=True)

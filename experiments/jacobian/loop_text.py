@@ -4,51 +4,63 @@ from typing import Any
 
 from experiments.jacobian.loop import GROWN
 
+_QUANTITIES = {
+    "pointing_rms_urad": "pointing",
+    "gamma_rms_urad": "gamma",
+    "translation_rms_um": "translation",
+    "strut_input_rms_percent": "strut inputs",
+}
+
 
 def loop_paragraph(loop: dict[str, Any]) -> str:
     """What a reader could cite, from `summarize_loop`'s numbers."""
     first, last = loop["growth"][0], loop["growth"][-1]
     extra = {name: one["extra_percent"] for name, one in last["variants"].items()}
+    pointing = {name: one["pointing_cost_percent"] for name, one in last["variants"].items()}
     per_e = first["static_extra_percent"] / (100 * first["e_visited"]["frobenius"])
     gain_per_e = first["loop_gain_error_percent"] / (100 * first["e_visited"]["frobenius"])
-    pointing = max(abs(g["variants"]["constant"]["pointing_cost_percent"]) for g in loop["growth"])
-    (drift,) = (
-        one["variants"]["incremental"]["gamma_rms_urad"] / one["noise"]["gamma_rms_urad"]
-        for one in loop["nominal"]
-        if one["column"] == GROWN
-    )
     sentences = [
-        f"Tracking the spiral with strut 1 locked ({GROWN}) visits e = "
-        f"{first['e_visited']['frobenius']:.1e} of the {first['e_box']['frobenius']:.1e} that the "
-        f"stroke allows (Frobenius). {_beside_the_noise(loop)}",
-        f"With spiral and stroke grown, a constant Jacobian is off the optimum of the secondary "
-        f"goal by {per_e:.1f} e and off the loop gain by {gain_per_e:.1f} e, e being eq. (40) over "
-        f"the lengths that are visited: {_where(loop)}.",
-        f"Pointing itself, which the detector closes, changes by no more than {pointing:.1f} % up "
-        f"to a spiral {last['spiral_factor']:g} times as large.",
-        f"There the secondary goal is off by {extra['constant']:.0f} % with the constant Jacobian, "
-        f"by {extra['analytic']:.0f} % with that of the present pose on absolute displacements, "
-        f"which counts the curvature twice instead of not at all, by {extra['incremental']:.0f} % "
-        f"with increments, which drift with the area that is encircled (at nominal size gamma by "
-        f"{drift:.1f} times what another noise seed changes), and by {extra['relinearized']:.1f} % "
-        f"with one Gauss-Newton step a tick from the estimated pose.",
+        f"Tracking {loop['duration_s']:g} s of the spiral with strut 1 locked ({GROWN}, seed "
+        f"{loop['seed']}) visits e = {first['e_visited']['frobenius']:.1e} of the "
+        f"{first['e_box']['frobenius']:.1e} that the stroke allows (Frobenius). "
+        f"{_beside_the_noise(loop)}",
+        f"With spiral and stroke grown, geometry puts a constant Jacobian off the optimum of the "
+        f"secondary goal by {per_e:.1f} e and off the loop gain by {gain_per_e:.1f} e, e being eq. "
+        f"(40) over the lengths that are visited: {_where(loop)}. In the runs it shows once it "
+        f"passes the floor of {first['variants']['constant']['extra_percent']:.1f} % that "
+        f"converters, detector noise and dynamics keep from the optimum.",
+        f"At a spiral {last['spiral_factor']:g} times as large the secondary goal is off by "
+        f"{extra['constant']:.0f} % with the constant Jacobian, and by {extra['analytic']:.0f} % "
+        f"with that of the present pose on absolute displacements, which is no remedy: it counts "
+        f"twice the curvature that the other leaves out. It is off by {extra['incremental']:.0f} % "
+        f"with increments, which drift with the area that is encircled, and by "
+        f"{extra['relinearized']:.1f} % with one Gauss-Newton step a tick from the estimated pose.",
+        f"Pointing RMS, relative to the Jacobian of the present pose on absolute displacements, "
+        f"then changes by {pointing['constant']:+.1f} % (constant), {pointing['incremental']:+.1f} "
+        f"% (increments) and {pointing['relinearized']:+.1f} % (Gauss-Newton).",
     ]
+    if loop["duration_s"] < loop["spiral_duration_s"]:
+        sentences.insert(0, "Part of the spiral only, not to be compared with the whole.")
     return " ".join(sentences)
 
 
 def _beside_the_noise(loop: dict[str, Any]) -> str:
-    above = [
-        f"{what} of {one['column']}"
-        for one in loop["nominal"]
-        for what, noise in one["noise"].items()
-        if not one["variants"]["constant"][what] < noise
-    ]
-    if above:
-        return f"There a constant Jacobian shows above the noise in {', '.join(above)}."
+    """Which changes another noise seed would hide, at nominal size."""
     return (
-        "There a constant Jacobian changes pointing RMS, secondary motion and strut inputs by less "
-        "than another seed of the detector noise does."
+        f"There, against the Jacobian of every tick, a constant one changes "
+        f"{_by_more(loop, 'constant')} than another noise seed does, and increments change "
+        f"{_by_more(loop, 'incremental')}."
     )
+
+
+def _by_more(loop: dict[str, Any], variant: str) -> str:
+    above = [
+        f"{words} of {one['column']}"
+        for what, words in _QUANTITIES.items()
+        for one in loop["nominal"]
+        if not one["variants"][variant][what] < one["noise"][what]
+    ]
+    return f"{', '.join(above) or 'nothing'} by more"
 
 
 def _where(loop: dict[str, Any]) -> str:

@@ -8,7 +8,7 @@ from experiments.bench import Bench
 from experiments.files import published, write_arrays, write_json
 from experiments.jacobian.figures import figure_loop, figure_variation
 from experiments.jacobian.growth import grown_bench, grown_machine
-from experiments.jacobian.loop import GROWN, RECORDED, VARIANTS, Case, Outcome
+from experiments.jacobian.loop import VARIANTS, Case, Outcome
 from experiments.provenance import plant_constants, version_properties
 from experiments.recording import write_recording
 from sim import hexapod, load_model
@@ -25,7 +25,7 @@ def write(folder: Path, summary: dict[str, Any], outcomes: dict[Case, Outcome]) 
         if outcomes:
             figure_loop(summary["loop"]).savefig(staging / "jacobian_loop.png", dpi=150)
         for case, outcome in outcomes.items():
-            if case.column == GROWN and case.growth in RECORDED:
+            if case.is_recorded:
                 _write_run(staging, case, outcome, summary)
         write_json(staging / "jacobian.json", summary)
 
@@ -67,12 +67,13 @@ def _write_run(staging: Path, case: Case, outcome: Outcome, summary: dict[str, A
 def _notes(case: Case, outcome: Outcome) -> str:
     """The run in words, shown beside its plots."""
     jacobian, form = VARIANTS[case.variant]
+    duration_s = len(outcome.trajectory.time_s) * Bench().control_period_s
     return "\n".join(
         [
             f"# {case.name}",
             "",
             f"{case.column}, strut 1 locked; stroke x{case.growth.stroke:g}, spiral "
-            f"x{case.growth.spiral:g}; seed {case.seed}.",
+            f"x{case.growth.spiral:g}; seed {case.seed}, {duration_s:g} s.",
             "",
             f"{jacobian.capitalize()} Jacobian, {form} displacements.",
             "",

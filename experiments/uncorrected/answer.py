@@ -45,7 +45,7 @@ def _nearest(best: dict[str, Any], paper: dict[str, Any]) -> str:
         if columns[name] is not None
     )
     return (
-        f"Nearest is {_words(best)} with {_pair(best['ratio'])} ({what}); the other columns then "
+        f"Nearest is {_name(best)} with {_pair(best['ratio'])} ({what}); the other columns then "
         f"are, in urad, {told}."
     )
 
@@ -63,7 +63,7 @@ def _map_sentence(numbers: dict[str, Any]) -> str:
     alpha, beta = numbers["alpha_ratio_range"], numbers["beta_ratio_range"]
     return (
         f"Over damping and crossover the ratios stay within {alpha[0]:.2f} to {alpha[1]:.2f} and "
-        f"{beta[0]:.2f} to {beta[1]:.2f} wherever the loops are stable "
+        f"{beta[0]:.2f} to {beta[1]:.2f} wherever W_a's and the uncorrected loop are stable "
         f"({numbers['points_stable']} of {numbers['points']} points, "
         f"{numbers['points_within_tolerance']} within tolerance); the uncorrected loop alone "
         f"is unstable at {numbers['points_uncorrected_alone_unstable']} points, a corrected loop "
@@ -86,7 +86,7 @@ def _conclusion(summary: dict[str, Any]) -> str:
     return (
         f"{none} If the uncorrected run alone began off centre, and W_d and W_e with the loop "
         f"settled, these would be {_pair(settled['W_d'])}, and {_pair(settled['W_e'])} in the "
-        f"linear model: then {_words(one)} meets the whole table, at a gain margin of "
+        f"linear model: then {_name(one)} meets the whole table, at a gain margin of "
         f"{min(filter(None, one['gain_margin_db'])):.1f} dB."
     )
 
@@ -95,5 +95,9 @@ def _pair(values: list[float]) -> str:
     return f"{values[0]:.2f} and {values[1]:.2f}"
 
 
+def _name(candidate: dict[str, Any]) -> str:
+    return f'"{candidate["name"].replace("_", " ")}"'
+
+
 def _words(candidate: dict[str, Any]) -> str:
-    return f'"{candidate["what"]}"'
+    return f"{_name(candidate)} ({candidate['what']})"

@@ -19,7 +19,8 @@ COLUMNS = ("W_a", "W_d", "W_e", "W_a_uncorrected")
 """Columns of Table I that a candidate must get right."""
 
 _BENCH = Bench()
-_BENCH_DAMPING = 0.106
+BENCH_DAMPING = 0.106
+"""Of the pointing modes in `models/fjh.xml`; `pointing_mode` says so."""
 _SECONDARY = {"W_d": (1.0, 1.0, 1.0, 1.0), "W_e": (10.0, 10.0, 1.0, 1.0)}
 
 
@@ -64,9 +65,9 @@ class Candidate:
     @property
     def bench(self) -> Bench:
         """Around the plant. Less damping needs more rest before the run."""
-        ratio = self.damping_ratio or _BENCH_DAMPING
+        ratio = self.damping_ratio or BENCH_DAMPING
         own = {key: getattr(self, key) for key in asdict(_BENCH) if hasattr(self, key)}
-        rest_s = _BENCH.settling_s * max(1.0, _BENCH_DAMPING / ratio)
+        rest_s = _BENCH.settling_s * max(1.0, BENCH_DAMPING / ratio)
         return replace(_BENCH, **own, settling_s=round(rest_s, 1))
 
     def machine(self, model: mujoco.MjModel) -> mujoco.MjModel:
@@ -117,6 +118,20 @@ _RESONANCE = Candidate(
 
 _EXCITED = replace(_RESONANCE, simulated=("W_a", "W_a_uncorrected"))
 
+# Found by a search in the linear model, then moved by hand to have both ratios and W_a inside
+# their 15 %: docs/uncorrected.md.
+RETUNED = Candidate(
+    "off_centre_retuned",
+    "locked off centre, six parameters fitted",
+    damping_ratio=0.10,
+    alpha_crossover_hz=15.5,
+    beta_crossover_hz=8.6,
+    roll_off_hz=32.2,
+    spiral_radius_urad=141.0,
+    lock_m=-125e-6,
+    simulated=COLUMNS,
+)
+
 CANDIDATES: Sequence[Candidate] = (
     BENCH,
     _RESONANCE,
@@ -160,17 +175,11 @@ CANDIDATES: Sequence[Candidate] = (
         amplifier_limit_a=0.2,
         simulated=COLUMNS,
     ),
-    # Found by a search in the linear model, then moved by hand to have both ratios and W_a inside
-    # their 15 %: docs/uncorrected.md.
-    Candidate(
-        "off_centre_retuned",
-        "locked off centre, five parameters fitted",
-        damping_ratio=0.10,
-        alpha_crossover_hz=15.5,
-        beta_crossover_hz=8.6,
-        roll_off_hz=32.2,
-        spiral_radius_urad=141.0,
-        lock_m=-125e-6,
-        simulated=COLUMNS,
+    RETUNED,
+    replace(
+        RETUNED,
+        name="off_centre_retuned_settled",
+        what="the same, loop settled first",
+        lead_in_s=2.0,
     ),
 )

@@ -5,14 +5,16 @@ from typing import Annotated
 
 import typer
 
-from experiments.conduct import Seed, Unsound
+from experiments.conduct import MAX_SEED, Unsound
 from experiments.files import usable_folder
 from experiments.terminal import print_notes, print_rows, progress
 
 
 def uncorrected(
     out: Annotated[Path, typer.Option(help="Folder for results.")] = Path("results/uncorrected"),
-    seed: Seed = 0,
+    seed: Annotated[
+        int, typer.Option(min=0, max=MAX_SEED, help="Seed of the detector noise and the floor.")
+    ] = 0,
     quick: Annotated[
         bool, typer.Option("--quick", help="Spirals of 4 s, three candidates, a coarse map.")
     ] = False,
@@ -34,7 +36,7 @@ def uncorrected(
     report.write(folder, result, summary)
     print_rows(
         "Strut 1 locked, uncorrected: RMS alpha, beta over that of W_a, here and in the linear "
-        "model; W_a, W_d, W_e in urad",
+        "model; W_a, W_d, W_e in urad (*: the linear model's)",
         report.HEADINGS,
         report.table_rows(summary),
     )

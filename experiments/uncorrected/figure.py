@@ -10,7 +10,7 @@ from matplotlib.patches import Patch, Rectangle
 
 from experiments.palette import BLACK, BLUE, DESIRED, MEASURED, START, VERMILION
 from experiments.run import Trajectory
-from experiments.uncorrected.candidates import COLUMNS
+from experiments.uncorrected.candidates import BENCH, BENCH_DAMPING, COLUMNS, RETUNED
 from experiments.uncorrected.foretold import LOCKS_M
 from experiments.uncorrected.stability_map import ROLL_OFF_HZ
 from experiments.uncorrected.study import Uncorrected
@@ -34,7 +34,7 @@ def figure_uncorrected(study: Uncorrected, summary: dict[str, Any]) -> Figure:
             axes.set_title(f"{symbol} ratio, roll-off at {roll_off_hz:g} Hz", fontsize="medium")
     _lock(figure.add_subplot(grid[2, 0:2]), study, summary)
     _candidates(figure.add_subplot(grid[2, 2:4]), summary)
-    for column, name in ((slice(0, 2), "lost_strut"), (slice(2, 4), summary["best"])):
+    for column, name in ((slice(0, 2), BENCH.name), (slice(2, 4), summary["best"])):
         run = study.runs[name]["W_a_uncorrected"]
         if isinstance(run, Trajectory):
             _spiral(figure.add_subplot(grid[3, column]), run, name)
@@ -48,7 +48,7 @@ def _map(axes: Axes, study: Uncorrected, roll_off: int, angle: int) -> None:
     both = np.isfinite(sound) & np.isfinite(uncorrected)
     ratio = np.full(sound.shape, np.nan)
     ratio[both] = uncorrected[both] / sound[both]
-    mesh = axes.pcolormesh(x, y, np.ma.masked_invalid(ratio), cmap="cividis", vmin=1.0, vmax=1.6)
+    mesh = axes.pcolormesh(x, y, np.ma.masked_invalid(ratio), cmap="cividis", vmin=1.1, vmax=1.4)
     assert axes.figure is not None
     axes.figure.colorbar(mesh, ax=axes, label="uncorrected / sound")
     stable = study.map_poles[roll_off] < 1
@@ -58,7 +58,7 @@ def _map(axes: Axes, study: Uncorrected, roll_off: int, angle: int) -> None:
     axes.set(xscale="log", yscale="log", xlabel="alpha crossover, Hz", ylabel="damping ratio")
     axes.set_xticks([3, 5, 10, 20], ["3", "5", "10", "20"])
     axes.minorticks_off()
-    axes.plot(8.6, 0.106, "*", ms=12, mfc="white", mec=BLACK)
+    axes.plot(BENCH.alpha_crossover_hz, BENCH_DAMPING, "*", ms=12, mfc="white", mec=BLACK)
     if roll_off == 0 and angle == 0:
         axes.legend(handles=_map_legend(), fontsize="x-small", loc="lower left", framealpha=1)
 
@@ -88,7 +88,7 @@ def _map_legend() -> list[Any]:
 def _lock(axes: Axes, study: Uncorrected, summary: dict[str, Any]) -> None:
     """Ratios over where strut 1 is stuck, the spiral starting at once."""
     _bands(axes, summary, horizontal=True)
-    for name, style in (("lost_strut", "-"), ("off_centre_retuned", "--")):
+    for name, style in ((BENCH.name, "-"), (RETUNED.name, "--")):
         if name not in study.lock_ratio:
             continue
         for k, (_, symbol, color) in enumerate(ANGLES):
@@ -114,6 +114,9 @@ def _candidates(axes: Axes, summary: dict[str, Any]) -> None:
     axes.set_xticks([1, 1.5, 2, 3, 4, 6], ["1", "1.5", "2", "3", "4", "6"])
     axes.minorticks_off()
     axes.set_title("Candidates; hollow: spoils $W_a$, $W_d$ or $W_e$", fontsize="medium")
+    for k, (_, symbol, color) in enumerate(ANGLES):
+        axes.plot([], [], "os"[k], color=color, label=symbol)
+    axes.legend(fontsize="x-small", loc="lower right")
     axes.grid(alpha=0.3)
 
 

@@ -55,13 +55,20 @@ def table_rows(summary: dict[str, Any]) -> list[tuple[str, ...]]:
             _pair(candidate["ratio"]),
             _pair(candidate["predicted_ratio"]),
             *(
-                _pair(column["rms_urad"])
+                _rms(column)
                 for column in candidate["columns"]
                 if column["name"] != "W_a_uncorrected"
             ),
         )
         for candidate in summary["candidates"]
     ]
+
+
+def _rms(column: dict[str, Any]) -> str:
+    """A star: by the linear model, not simulated."""
+    if column["rms_urad"] is None:
+        return "unstable"
+    return _pair(column["rms_urad"]) + ("" if column["simulated_urad"] else " *")
 
 
 def _pair(values: list[float] | None) -> str:

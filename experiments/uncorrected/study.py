@@ -9,7 +9,7 @@ import numpy as np
 from experiments.bench import Bench
 from experiments.parallel import in_parallel
 from experiments.run import Trajectory, track_spiral
-from experiments.uncorrected.candidates import BENCH, CANDIDATES, COLUMNS, Candidate
+from experiments.uncorrected.candidates import BENCH, CANDIDATES, COLUMNS, RETUNED, Candidate
 from experiments.uncorrected.checked_points import compare, point_calls
 from experiments.uncorrected.foretold import Predicted, lock_sweep, predict
 from experiments.uncorrected.stability_map import (
@@ -128,4 +128,4 @@ def _call(
 
 
 def _swept(chosen: tuple[Candidate, ...]) -> list[Candidate]:
-    return [c for c in chosen if c.name in (BENCH.name, "off_centre_retuned")]
+    return [c for c in chosen if c.name in (BENCH.name, RETUNED.name)]

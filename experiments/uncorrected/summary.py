@@ -11,7 +11,7 @@ from experiments.paper import TABLE_I_URAD
 from experiments.provenance import plant_constants, versions
 from experiments.run import Trajectory
 from experiments.uncorrected.answer import paragraph
-from experiments.uncorrected.candidates import COLUMNS, STRUT, Candidate
+from experiments.uncorrected.candidates import BENCH, COLUMNS, RETUNED, STRUT, Candidate
 from experiments.uncorrected.stability_map import ROLL_OFF_HZ
 from experiments.uncorrected.study import Uncorrected
 from sim import NOMINAL, Array, hexapod, load_model, model_sha256
@@ -22,7 +22,7 @@ RATIO_TOLERANCE = 0.15
 CORRECTED_TOLERANCE = 0.25
 """How near W_d and W_e must stay to the paper's."""
 
-RECORDED = ("lost_strut", "together", "off_centre_retuned")
+RECORDED = (BENCH.name, "together", RETUNED.name)
 """Candidates with a recording of the uncorrected column; all have its data."""
 
 PAPER_RATIOS = np.divide(TABLE_I_URAD["W_a_uncorrected"], TABLE_I_URAD["W_a"])
