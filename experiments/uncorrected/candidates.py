@@ -121,7 +121,7 @@ _EXCITED = replace(_RESONANCE, simulated=("W_a", "W_a_uncorrected"))
 # Found by a search in the linear model, then moved by hand to have both ratios and W_a inside
 # their 15 %: docs/uncorrected.md.
 RETUNED = Candidate(
-    "off_centre_retuned",
+    "retuned",
     "locked off centre, six parameters fitted",
     damping_ratio=0.10,
     alpha_crossover_hz=15.5,
@@ -178,7 +178,7 @@ CANDIDATES: Sequence[Candidate] = (
     RETUNED,
     replace(
         RETUNED,
-        name="off_centre_retuned_settled",
+        name="retuned_settled",
         what="the same, loop settled first",
         lead_in_s=2.0,
     ),

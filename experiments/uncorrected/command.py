@@ -35,8 +35,8 @@ def uncorrected(
     summary = summarize(result)
     report.write(folder, result, summary)
     print_rows(
-        "Strut 1 locked, uncorrected: RMS alpha, beta over that of W_a, here and in the linear "
-        "model; W_a, W_d, W_e in urad (*: the linear model's)",
+        "Strut 1 locked, uncorrected: RMS alpha, beta over those of W_a; W_a, W_d, W_e in urad "
+        "(*: the linear model's)",
         report.HEADINGS,
         report.table_rows(summary),
     )

@@ -15,8 +15,8 @@ from experiments.uncorrected.stability_map import ROLL_OFF_HZ
 from experiments.uncorrected.study import Uncorrected
 from sim import Array
 
-HEADINGS = ("", "ratios", "model", "W_a", "W_d", "W_e")
-"""Pairs of alpha, beta: both ratios here and in the linear model, RMS of the other columns."""
+HEADINGS = ("", "ratios", "W_a", "W_d", "W_e")
+"""Pairs of alpha, beta: both ratios, RMS of the other columns."""
 
 
 def write(folder: Path, study: Uncorrected, summary: dict[str, Any]) -> None:
@@ -48,12 +48,11 @@ def write(folder: Path, study: Uncorrected, summary: dict[str, Any]) -> None:
 
 
 def table_rows(summary: dict[str, Any]) -> list[tuple[str, ...]]:
-    """Each candidate as (name, ratios, the linear model's, W_a, W_d, W_e)."""
+    """Each candidate as (name, ratios, W_a, W_d, W_e)."""
     return [
         (
             candidate["name"].replace("_", " "),
-            _pair(candidate["ratio"]),
-            _pair(candidate["predicted_ratio"]),
+            _pair(candidate["ratio"], ".2f"),
             *(
                 _rms(column)
                 for column in candidate["columns"]
@@ -68,11 +67,11 @@ def _rms(column: dict[str, Any]) -> str:
     """A star: by the linear model, not simulated."""
     if column["rms_urad"] is None:
         return "unstable"
-    return _pair(column["rms_urad"]) + ("" if column["simulated_urad"] else " *")
+    return _pair(column["rms_urad"], ".1f") + ("" if column["simulated_urad"] else " *")
 
 
-def _pair(values: list[float] | None) -> str:
-    return "-" if values is None else " ".join(f"{value:.3g}" for value in values)
+def _pair(values: list[float] | None, digits: str) -> str:
+    return "-" if values is None else ", ".join(format(value, digits) for value in values)
 
 
 def _map_arrays(study: Uncorrected) -> dict[str, Array]:
