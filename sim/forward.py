@@ -6,7 +6,7 @@ from sim.array import Array
 from sim.hexapod import NOMINAL, Hexapod, Pose
 
 _ROUND_OFF = 16 * np.finfo(float).eps
-"""Residual at which the struts have the lengths asked for, relative to the longest strut."""
+"""Residual at which the struts have the lengths asked for, relative to what they are made of."""
 _LONGEST_TURN_RAD = 0.5
 _SHORTEST_STEP = 2.0**-8
 
@@ -16,16 +16,19 @@ class UnreachableLengths(ValueError):
 
     Attributes:
         reached: Which of the batch were, shape (...).
-        residual_m: How far off the longest-off strut stays at the best pose found, shape (...).
+        residual_m: How far off the longest-off strut stays at the pose where the search ended,
+            shape (...).
     """
 
     def __init__(self, reached: Array, residual_m: Array, asked_m: Array) -> None:
-        """Speak of the worst of the batch, whose displacements `asked_m` (6,) were asked for."""
+        """Speak of the worst of the batch (...), asked for displacements (..., 6)."""
         self.reached, self.residual_m = reached, residual_m
         count = f"{np.sum(~reached)} of {reached.size} sets of " if reached.size > 1 else ""
+        worst = np.where(reached, -1.0, residual_m).argmax()
         super().__init__(
-            f"displacements_m: no pose reaches {count}strut lengths; at the nearest found a strut "
-            f"is still off by {residual_m.max():.3g} m, asked for {np.round(asked_m, 9).tolist()}"
+            f"displacements_m: no pose found that reaches {count}strut lengths; a strut is still "
+            f"off by {residual_m.reshape(-1)[worst]:.3g}, asked for "
+            f"{np.round(asked_m.reshape(-1, 6)[worst], 9).tolist()}"
         )
 
 
@@ -44,35 +47,65 @@ def forward_kinematics(
     Args:
         geometry: The hexapod.
         displacements_m: Shape (..., 6), [m].
-        start: One pose to start from, or a batch of the same shape (...).
+        start: One pose to start from, or a batch of them; the two shapes broadcast.
         most_steps: Newton steps; from the nominal pose four are enough for strokes of a percent.
 
     Returns:
-        The pose, batch shape (...); each strut is right to round-off, 16 eps of the longest.
+        The pose, batch shape (...); each strut is right to round-off, 16 eps of its length and of
+        the distances of the nodes from the payload origin.
 
     Raises:
-        ValueError: `displacements_m` has another shape or is not finite.
+        ValueError: `displacements_m` has another shape or is not finite; `start` is not finite, or
+            a batch of another shape.
         UnreachableLengths: Some lengths belong to no pose, or to one beyond a singularity.
     """
-    asked = np.asarray(displacements_m, dtype=float)
-    if asked.shape[-1:] != (6,) or not np.isfinite(asked).all():
-        raise ValueError(f"displacements_m must be finite, shape (..., 6), got {displacements_m}")
-    pose = start.moved(np.zeros(asked.shape))
-    limit_m = _ROUND_OFF * (geometry.nominal_length_m + asked).max(initial=0.0)
-    for _ in range(most_steps):
+    asked, pose = _checked(displacements_m, start)
+    limit_m = _ROUND_OFF * (geometry.nominal_length_m + np.abs(asked) + _spread_m(geometry)).max(-1)
+    steps = 0
+    while True:
         missing = asked - geometry.displacements(pose)
-        if not (worst := np.abs(missing).max(-1)).max(initial=0.0) > limit_m:
+        residual_m = np.abs(missing).max(-1)
+        if np.all(residual_m <= limit_m):
             return pose
+        if steps == most_steps:
+            raise UnreachableLengths(residual_m <= limit_m, residual_m, asked)
         pose = _nearer(geometry, asked, pose, _newton_step(geometry, pose, missing))
-    worst = np.abs(asked - geometry.displacements(pose)).max(-1)
-    if worst.max() > limit_m:
-        raise UnreachableLengths(worst <= limit_m, worst, asked.reshape(-1, 6)[worst.argmax()])
-    return pose
+        steps += 1
+
+
+def _checked(displacements_m: Array, start: Pose) -> tuple[Array, Pose]:
+    """Arguments of one batch shape."""
+    asked = np.asarray(displacements_m, dtype=float)
+    # Lengths beyond this overflow when they are squared.
+    if asked.shape[-1:] != (6,) or not np.all(np.abs(asked) < 1e100):
+        raise ValueError(f"displacements_m must be finite, shape (..., 6), got {displacements_m}")
+    rotation, translation_m = start.rotation, start.translation_m
+    if not (np.isfinite(rotation).all() and np.all(np.abs(translation_m) < 1e100)):
+        raise ValueError(f"start must be finite, got {start}")
+    try:
+        shape = np.broadcast_shapes(asked.shape[:-1], translation_m.shape[:-1])
+    except ValueError:
+        raise ValueError(
+            f"start must have a batch shape that broadcasts with {asked.shape[:-1]} of "
+            f"displacements_m, got {translation_m.shape[:-1]}"
+        ) from None
+    return np.broadcast_to(asked, (*shape, 6)), Pose(
+        np.broadcast_to(rotation, (*shape, 3, 3)), np.broadcast_to(translation_m, (*shape, 3))
+    )
+
+
+def _spread_m(geometry: Hexapod) -> float:
+    """How far the nodes are from the origin: lengths are differences of such distances."""
+    nodes_m = np.concatenate([geometry.top_m, geometry.bottom_m])
+    return float(np.linalg.norm(nodes_m, axis=1).max())
 
 
 def _newton_step(geometry: Hexapod, pose: Pose, missing_m: Array) -> Array:
     """Twist (..., 6) that the linearized struts ask for, no longer than one can trust it."""
-    A = geometry.inverse_jacobian(pose)
+    # A strut of no length has no direction: its pose stays where it is, and is refused.
+    with np.errstate(invalid="ignore"):
+        A = geometry.inverse_jacobian(pose)
+    A = np.where(np.isfinite(A).all((-1, -2), keepdims=True), A, 0.0)
     # pinv where solve would do: a singular pose in a batch must not end the others.
     twist = (np.linalg.pinv(A, rcond=1e-12) @ missing_m[..., None])[..., 0]
     turn = np.linalg.norm(twist[..., :3], axis=-1, keepdims=True)

@@ -131,7 +131,7 @@ def test_starting_near_the_end_saves_steps():
 )
 def test_lengths_that_no_pose_reaches_are_refused(asked):
     """Triangle inequality: a strut joins its two nodes, whatever the pose."""
-    with pytest.raises(UnreachableLengths, match=r"displacements_m: no pose reaches .* off by"):
+    with pytest.raises(UnreachableLengths, match=r"displacements_m: no pose found .* off by"):
         forward_kinematics(MACHINE, np.array(asked))
 
 
@@ -150,6 +150,60 @@ def test_one_unreachable_member_of_a_batch_is_named_and_the_others_are_found():
 def test_what_are_no_six_finite_lengths_is_refused(bad):
     with pytest.raises(ValueError, match="displacements_m must be finite, shape"):
         forward_kinematics(MACHINE, bad)
+
+
+def test_the_start_may_be_a_batch_and_is_named_when_it_is_not_one():
+    several = NOMINAL.moved(1e-3 * np.ones((3, 6)))
+    pose = forward_kinematics(MACHINE, np.full(6, 1e-3), start=several)
+    assert pose.translation_m.shape == (3, 3)
+    with pytest.raises(UnreachableLengths, match="3 of 3 sets of") as refusal:
+        forward_kinematics(MACHINE, np.array([2.0, 0, 0, 0, 0, 0]), start=several)
+    assert refusal.value.reached.shape == (3,)
+    with pytest.raises(ValueError, match="start must have a batch shape that broadcasts"):
+        forward_kinematics(MACHINE, np.zeros((2, 6)), start=several)
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        Pose(np.full((3, 3), np.nan), np.zeros(3)),
+        Pose(np.eye(3), np.full(3, np.inf)),
+        Pose(np.eye(3), np.full(3, 1e200)),
+    ],
+)
+def test_a_start_that_is_not_finite_is_refused_and_nothing_comes_back_as_nan(bad):
+    with pytest.raises(ValueError, match="start must be finite"):
+        forward_kinematics(MACHINE, np.zeros(6), start=bad)
+    with pytest.raises(ValueError, match="displacements_m must be finite"):
+        forward_kinematics(MACHINE, np.full(6, 1e308))
+
+
+def test_a_start_where_a_strut_has_no_length_is_refused_and_the_others_are_found():
+    on_its_node = Pose(np.eye(3), MACHINE.bottom_m[0] - MACHINE.top_m[0])
+    both = Pose(
+        np.stack([np.eye(3)] * 2), np.stack([on_its_node.translation_m, NOMINAL.translation_m])
+    )
+    with pytest.raises(UnreachableLengths) as refusal:
+        forward_kinematics(MACHINE, np.zeros(6), start=both)
+    np.testing.assert_array_equal(refusal.value.reached, [False, True])
+
+
+def test_nothing_to_find_is_found_at_once():
+    assert forward_kinematics(MACHINE, np.zeros((0, 6)), most_steps=0).rotation.shape == (0, 3, 3)
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1.0, 1e3])
+@pytest.mark.parametrize("away", [0.0, 100.0])
+def test_any_unit_of_length_and_any_origin_will_do(scale, away):
+    """Round-off is measured against the nodes' distances, which lengths are differences of."""
+    machine = Hexapod(
+        bottom_m=scale * (MACHINE.bottom_m + np.array([0, 0, away])),
+        top_m=scale * (MACHINE.top_m + np.array([0, 0, away])),
+    )
+    asked = scale * np.random.default_rng(3).uniform(-6e-4, 6e-4, (50, 6))
+    pose = forward_kinematics(machine, asked)
+    off = np.abs(machine.displacements(pose) - asked).max()
+    assert off <= 16 * np.finfo(float).eps * scale * (2 + away)
 
 
 def test_a_singular_start_ends_nothing():

@@ -11,6 +11,7 @@ triangle inequalities bound.
 
 from dataclasses import dataclass
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 
@@ -48,19 +49,26 @@ class Certificate:
 def certify(geometry: Hexapod, stroke_m: float, norm: Norm) -> Certificate:
     """Bound ||J - J_0|| over all strut displacements of at most the stroke.
 
+    The rounding allowance is meant for well-conditioned machines, condition numbers up to 1e6.
+
     Args:
         geometry: The hexapod; J is the twist of its payload origin, base axes, per strut rate.
         stroke_m: Half the side of the box.
         norm: Of the matrices.
+
+    Raises:
+        ValueError: The stroke is negative or not finite.
     """
+    if not 0 <= stroke_m < np.inf:
+        raise ValueError(f"stroke_m must be finite and not negative, got {stroke_m}")
     forms = jacobian_forms(geometry, stroke_m, ORDER)
     return Certificate(
-        terms=tuple(_largest(form, norm) for form in forms[1:]),
+        terms=tuple(largest_at_vertices(form, norm) for form in forms[1:]),
         remainder=_remainder(geometry, stroke_m, norm),
     )
 
 
-def _largest(form: Array, norm: Norm) -> float:
+def largest_at_vertices(form: Array, norm: Norm) -> float:
     """Largest norm of a multilinear form (6,) * k + (6, 6) on vertices, each argument its own."""
     for _ in range(form.ndim - 2):
         form = np.tensordot(form, _VERTICES, axes=(0, 1))
@@ -74,6 +82,8 @@ def _remainder(geometry: Hexapod, stroke_m: float, norm: Norm) -> float:
     A characteristic length weighs turns against displacements in the estimates; each is valid, and
     the best is taken.
     """
+    if not stroke_m < geometry.nominal_length_m.min():
+        return np.inf  # a strut would vanish
     lengths_m = geometry.nominal_length_m.mean() * np.geomspace(0.1, 2.0, 40)
     return min(_remainder_with(geometry, stroke_m, norm, float(c)) for c in lengths_m)
 
@@ -83,29 +93,49 @@ def _remainder_with(geometry: Hexapod, stroke_m: float, norm: Norm, length_m: fl
     J_0 = np.linalg.inv(geometry.inverse_jacobian(NOMINAL))
     nominal = float(np.linalg.norm(scale[:, None] * J_0, 2))
     for growth in np.linspace(1.005, 1.5, 100):
-        bounds = _coefficient_bounds(geometry, stroke_m, length_m, growth * nominal)
+        bounds = coefficient_bounds(geometry, stroke_m, length_m, growth * nominal)
         # On the way out the norm cannot pass `growth` if it cannot get there: see the docs.
-        if nominal + bounds[1] < growth * nominal:
-            # ||D^-1 M|| is at most ||D^-1|| in the same norm times ||M||_2.
-            return bounds[-1] * float(size(np.diag(1 / scale), norm))
+        if nominal + bounds.J[1] < growth * nominal:
+            return bounds.J[-1] * unscaled(length_m, norm)
     return np.inf
 
 
-def _coefficient_bounds(
-    geometry: Hexapod, stroke_m: float, length_m: float, largest_J: float
-) -> list[float]:
-    """Bounds on the 2-norms of J's Taylor coefficients at any point of any ray in the box.
+def unscaled(length_m: float, norm: Norm) -> float:
+    """Bound on the norm of M over the 2-norm of D M, D = diag(c, c, c, 1, 1, 1)."""
+    return float(size(np.diag([1 / length_m] * 3 + [1.0] * 3), norm))
 
-    The recursion of :func:`experiments.jacobian.rays.jacobian_series` with norms for vectors.
-    Turns are measured at `length_m`, where J itself is at most `largest_J`.
+
+class Bounds(NamedTuple):
+    """Bounds on the coefficients of a :class:`Series` at any point of any ray in the box.
+
+    Lengths for vectors, 2-norms for matrices: of A / D and of D J.
     """
-    L = geometry.nominal_length_m
-    over_length = [(stroke_m / (L.min() - stroke_m)) ** k / (L.min() - stroke_m) for k in range(5)]
+
+    arm: list[float]
+    from_bottom: list[float]
+    over_length: list[float]
+    A: list[float]
+    J: list[float]
+
+
+def coefficient_bounds(
+    geometry: Hexapod, stroke_m: float, length_m: float, largest_J: float
+) -> Bounds:
+    """The recursion of :func:`jacobian_series` with norms for vectors.
+
+    Args:
+        geometry: The hexapod.
+        stroke_m: Half the side of the box, less than the shortest strut.
+        length_m: c of D = diag(c, c, c, 1, 1, 1), at which turns are measured.
+        largest_J: What ||D J|| is at most on the rays.
+    """
+    L, shortest = geometry.nominal_length_m, float(geometry.nominal_length_m.min()) - stroke_m
+    over_length = [(stroke_m / shortest) ** k / shortest for k in range(ORDER + 2)]
     displacement = np.sqrt(6) * stroke_m
     arm = [float(np.linalg.norm(geometry.top_m, axis=1).max())]
-    strut = [float(L.max()) + stroke_m]
     to_bottom = float(np.linalg.norm(geometry.bottom_m, axis=1).max())
     from_bottom = [to_bottom + largest_J * displacement]
+    strut = [float(L.max()) + stroke_m]
     A, J, turning = [], [], []
     for k in range(ORDER + 2):
         moment = [sum(arm[i] * from_bottom[m - i] for i in range(m + 1)) for m in range(k + 1)]
@@ -116,4 +146,4 @@ def _coefficient_bounds(
         arm.append(sum(turning[m] * arm[k - m] for m in range(k + 1)) / (k + 1))
         from_bottom.append(J[k] * displacement / (k + 1))
         strut.append(from_bottom[-1] + arm[-1])
-    return J
+    return Bounds(arm, from_bottom, over_length, A, J)

@@ -17,16 +17,14 @@ def loop_paragraph(loop: dict[str, Any]) -> str:
     first, last = loop["growth"][0], loop["growth"][-1]
     extra = {name: one["extra_percent"] for name, one in last["variants"].items()}
     pointing = {name: one["pointing_cost_percent"] for name, one in last["variants"].items()}
-    per_e = first["static_extra_percent"] / (100 * first["e_visited"]["frobenius"])
-    gain_per_e = first["loop_gain_error_percent"] / (100 * first["e_visited"]["frobenius"])
     sentences = [
         f"Tracking {loop['duration_s']:g} s of the spiral with strut 1 locked ({GROWN}, seed "
         f"{loop['seed']}) visits e = {first['e_visited']['frobenius']:.1e} of the "
         f"{first['e_box']['frobenius']:.1e} that the stroke allows (Frobenius). "
         f"{_beside_the_noise(loop)}",
         f"With spiral and stroke grown, geometry puts a constant Jacobian off the optimum of the "
-        f"secondary goal by {per_e:.1f} e and off the loop gain by {gain_per_e:.1f} e, e being eq. "
-        f"(40) over the lengths that are visited: {_where(loop)}. In the runs it shows once it "
+        f"secondary goal by {_per_e(loop, 'static_extra_percent')} e and off the loop gain by "
+        f"{_per_e(loop, 'loop_gain_error_percent')} e, e being eq. (40) over the lengths that are visited: {_where(loop)}. In the runs it shows once it "
         f"passes the floor of {first['variants']['constant']['extra_percent']:.1f} % that "
         f"converters, detector noise and dynamics keep from the optimum.",
         f"At a spiral {last['spiral_factor']:g} times as large the secondary goal is off by "
@@ -61,6 +59,12 @@ def _by_more(loop: dict[str, Any], variant: str) -> str:
         if not one["variants"][variant][what] < one["noise"][what]
     ]
     return f"{', '.join(above) or 'nothing'} by more"
+
+
+def _per_e(loop: dict[str, Any], cost: str) -> str:
+    """Smallest and largest ratio of a cost to e of the visited set."""
+    ratios = [one[cost] / (100 * one["e_visited"]["frobenius"]) for one in loop["growth"]]
+    return f"{min(ratios):.1f} to {max(ratios):.1f}"
 
 
 def _where(loop: dict[str, Any]) -> str:

@@ -12,14 +12,33 @@ one from another. The k-th coefficient of J is a homogeneous polynomial of degre
 from collections.abc import Callable
 from itertools import product
 from math import factorial, prod
+from typing import NamedTuple
 
 import numpy as np
 
 from sim import NOMINAL, Array, Hexapod
 
 
-def jacobian_series(geometry: Hexapod, direction_m: Array, order: int) -> list[Array]:
-    """Taylor coefficients of J(t d) about t = 0, each of shape (..., 6, 6).
+class Series(NamedTuple):
+    """Taylor coefficients in t of what moves along a ray.
+
+    Attributes:
+        arm: p, shapes (..., 6, 3).
+        from_bottom: x - b, shapes (..., 6, 3).
+        over_length: 1 / (L + t d), shapes (..., 6, 1).
+        A: Inverse Jacobian, shapes (..., 6, 6).
+        J: Jacobian, shapes (..., 6, 6).
+    """
+
+    arm: list[Array]
+    from_bottom: list[Array]
+    over_length: list[Array]
+    A: list[Array]
+    J: list[Array]
+
+
+def jacobian_series(geometry: Hexapod, direction_m: Array, order: int) -> Series:
+    """Taylor coefficients of J(t d), and of what it is made of, about t = 0.
 
     Args:
         geometry: The hexapod.
@@ -28,21 +47,21 @@ def jacobian_series(geometry: Hexapod, direction_m: Array, order: int) -> list[A
     """
     L, J_0 = geometry.nominal_length_m, np.linalg.inv(geometry.inverse_jacobian(NOMINAL))
     over_length = [(-direction_m / L)[..., None] ** k / L[:, None] for k in range(order + 1)]
-    arms, from_bottom = [geometry.top_m], [-geometry.bottom_m]  # p, and x - b
+    arm, from_bottom = [geometry.top_m], [-geometry.bottom_m]
     rows: list[Array] = []
     A: list[Array] = []
     J: list[Array] = []
     turning: list[Array] = []
     for k in range(order + 1):
-        moment = _coefficient(k, arms, from_bottom, np.cross)  # of p x (x + p - b)
-        rows.append(np.concatenate([moment, arms[k] + from_bottom[k]], axis=-1))
+        moment = _coefficient(k, arm, from_bottom, np.cross)  # p x (x + p - b) = p x (x - b)
+        rows.append(np.concatenate([moment, arm[k] + from_bottom[k]], axis=-1))
         A.append(_coefficient(k, rows, over_length, np.multiply))
         J.append(J_0 if k == 0 else -J_0 @ _coefficient(k - 1, A[1:], J, np.matmul))
         twist = (J[k] @ direction_m[..., None])[..., None, :, 0]
         turning.append(twist[..., :3])
-        arms.append(_coefficient(k, turning, arms, np.cross) / (k + 1))
+        arm.append(_coefficient(k, turning, arm, np.cross) / (k + 1))
         from_bottom.append(twist[..., 3:] / (k + 1))
-    return J
+    return Series(arm, from_bottom, over_length, A, J)
 
 
 def jacobian_forms(geometry: Hexapod, stroke_m: float, order: int) -> list[Array]:
@@ -62,7 +81,7 @@ def jacobian_forms(geometry: Hexapod, stroke_m: float, order: int) -> list[Array
         for signs in product((-1.0, 1.0), repeat=k):
             parts = [e * strokes[axis] for e, axis in zip(signs, chosen, strict=True)]
             direction = np.sum(parts, axis=0)
-            total += prod(signs) * jacobian_series(geometry, direction, k)[k]
+            total += prod(signs) * jacobian_series(geometry, direction, k).J[k]
         forms.append(total.reshape((6,) * k + (6, 6)) / (2**k * factorial(k)))
     return forms
 

@@ -58,8 +58,8 @@ def complaint(summary: dict[str, Any]) -> str | None:
     return None
 
 
-HEADINGS = ("how eq. (40) is read", "Frobenius", "2-norm", "the paper's at")
-"""e in both norms, and the part of the stroke that would give the printed ones."""
+HEADINGS = ("how eq. (40) is read", "Frobenius", "2-norm", "paper's at")
+"""e in both norms, and the part of the stroke that would give both printed numbers."""
 
 
 def table_rows(summary: dict[str, Any]) -> list[tuple[str, ...]]:
@@ -77,10 +77,12 @@ def table_rows(summary: dict[str, Any]) -> list[tuple[str, ...]]:
 
 
 def _part(trial: dict[str, Any]) -> str:
+    if trial["is_the_papers"]:
+        return "all of it"
     if trial["stroke_fraction"] is None:
         return "-"
     low, high = trial["stroke_fraction"]
-    return f"{100 * low:.0f}-{100 * high:.0f} % stroke"
+    return f"{100 * low:.0f}-{100 * high:.0f} %"
 
 
 def _certified(study: JacobianStudy, found: Variation, norm: Norm) -> dict[str, Any]:
@@ -117,7 +119,8 @@ def _paragraph(summary: dict[str, Any]) -> str:
     frobenius, two = (summary["variation"][norm] for norm in ("frobenius", "two"))
     ours = [one for one in summary["tried"] if one["is_the_papers"]]
     if ours:
-        where = "The paper's numbers are those of: " + "; ".join(one["reading"] for one in ours)
+        names = " and ".join(f'"{one["reading"]}"' for one in ours)
+        where = f"Of {len(summary['tried'])} readings of (40) that were tried, {names} gives both"
     else:
         where = f"None of the {len(summary['tried'])} readings of (40) that were tried gives both"
     return (

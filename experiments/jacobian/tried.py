@@ -8,10 +8,12 @@ import numpy as np
 from scipy.optimize import minimize
 
 from experiments import paper
-from experiments.jacobian.norms import NORMS, Norm
+from experiments.jacobian.norms import NORMS, Norm, size
 from experiments.jacobian.readings import READINGS, at_height, in_millimetres, inverse
 from experiments.jacobian.variation import (
+    VERTICES,
     Reading,
+    jacobian,
     relative_change,
     twist_in_base_axes,
     variation,
@@ -91,10 +93,12 @@ def _elsewhere(
         return {norm: relative_change(geometry, places_m, norm, reading) for norm in NORMS}
 
     alone, random = at(one_strut_m), at(points_m)
+    entry, nominal = _largest_entry(geometry, stroke_m, reading)
     starts_m = points_m[:local_starts]
     ball = {n: _on_the_ball(geometry, stroke_m, starts_m[:8], n, reading) for n in NORMS}
     maxima = {n: _local_maxima(geometry, stroke_m, starts_m, n, reading) for n in NORMS}
     return {
+        "largest entry of the change": _by_norm(lambda n: entry / size(nominal, n)),
         "one strut at a time": _by_norm(lambda n: alone[n].max()),
         "struts within a ball": _by_norm(lambda n: ball[n]),
         "largest of random points": _by_norm(lambda n: random[n].max()),
@@ -103,6 +107,16 @@ def _elsewhere(
         "highest local maximum": _by_norm(lambda n: maxima[n].max()),
         "lowest local maximum": _by_norm(lambda n: maxima[n].min()),
     }
+
+
+def _largest_entry(geometry: Hexapod, stroke_m: float, reading: Reading) -> tuple[float, Array]:
+    """Sup max_ij |J_ij - J_0ij| over the box, and J_0: a change of entries, a norm only below.
+
+    At a corner, as each entry is all but linear in the strut lengths.
+    """
+    nominal = jacobian(geometry, np.zeros(6), reading)
+    change = jacobian(geometry, stroke_m * VERTICES, reading) - nominal
+    return float(np.abs(change).max()), nominal
 
 
 def _by_norm(e: Callable[[Norm], Any]) -> dict[Norm, float]:
