@@ -47,6 +47,8 @@ def _search(axes: Axes, summary: dict[str, Any]) -> None:
         axes.plot(*e, "o", ms=5, color=GREEN if fits else BLUE, mfc="none")
         if fits:
             axes.plot([0, e[0]], [0, e[1]], color=GREEN, lw=0.6)
+        if one["is_the_papers"]:
+            axes.plot(*e, "*", ms=9, color=VERMILION, mec="white", zorder=4, label=one["reading"])
     half = 1e3 * paper.JACOBIAN_VARIATION_TOLERANCE
     corner = [1e3 * paper.JACOBIAN_VARIATION[norm] - half for norm in NORMS]
     axes.add_patch(Rectangle((corner[0], corner[1]), 2 * half, 2 * half, color=BLACK, zorder=3))

@@ -24,7 +24,8 @@ def loop_paragraph(loop: dict[str, Any]) -> str:
         f"{_beside_the_noise(loop)}",
         f"With spiral and stroke grown, geometry puts a constant Jacobian off the optimum of the "
         f"secondary goal by {_per_e(loop, 'static_extra_percent')} e and off the loop gain by "
-        f"{_per_e(loop, 'loop_gain_error_percent')} e, e being eq. (40) over the lengths that are visited: {_where(loop)}. In the runs it shows once it "
+        f"{_per_e(loop, 'loop_gain_error_percent')} e, e being eq. (40) over the lengths that are "
+        f"visited: {_where(loop)}. In the runs it shows once it "
         f"passes the floor of {first['variants']['constant']['extra_percent']:.1f} % that "
         f"converters, detector noise and dynamics keep from the optimum.",
         f"At a spiral {last['spiral_factor']:g} times as large the secondary goal is off by "
