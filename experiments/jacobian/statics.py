@@ -59,7 +59,7 @@ def follow(mapping: StrutMapping, desired_rad: Array) -> Visited:
             wanted_m = mapping.displacements(pointing, pose, last.displacements_m, last)
             last = Asked(pointing, wanted_m)
             pose = forward_kinematics(mapping.geometry, wanted_m, start=pose)
-        visited.append(wanted_m)
+        visited.append(last.displacements_m)
     return visit(mapping.geometry, np.array(visited))
 
 
