@@ -21,7 +21,7 @@ def figure_4(runs: dict[str, Trajectory]) -> Figure:
     for row, name in enumerate(names):
         run = runs[name]
         axes = figure.add_subplot(rows[row, 0], title=_weight(name))
-        _spiral(axes, run)
+        spiral(axes, run, LIMIT_URAD)
         struts = rows[row, 1].subgridspec(3, 2)
         for k in range(6):
             axes = figure.add_subplot(struts[k // 2, k % 2], ylim=(-5, 5))
@@ -38,7 +38,7 @@ def figure_5(runs: dict[str, Trajectory]) -> Figure:
     """Spiral with strut 1 locked and nothing done about it."""
     figure = Figure(figsize=(5, 5), layout="constrained")
     figure.suptitle("Fig. 5: strut 1 locked, no correction")
-    _spiral(figure.add_subplot(), runs["W_a_uncorrected"])
+    spiral(figure.add_subplot(), runs["W_a_uncorrected"], LIMIT_URAD)
     return figure
 
 
@@ -50,7 +50,7 @@ def figure_6(runs: dict[str, Trajectory]) -> Figure:
     for column, name in enumerate(["W_d", "W_e"]):
         run = runs[name]
         axes = figure.add_subplot(grid[0, column], title=_weight(name))
-        _spiral(axes, run)
+        spiral(axes, run, LIMIT_URAD)
         for row, (label, index) in enumerate(SECONDARY, 1):
             axes = figure.add_subplot(grid[row, column], ylabel=label, ylim=(-26, 26))
             axes.plot(run.time_s, 1e6 * run.secondary[:, index], color=MEASURED, lw=1)
@@ -60,7 +60,8 @@ def figure_6(runs: dict[str, Trajectory]) -> Figure:
     return figure
 
 
-def _spiral(axes: Axes, run: Trajectory) -> None:
+def spiral(axes: Axes, run: Trajectory, limit_urad: float) -> None:
+    """Detector reading over desired pointing, beta against alpha."""
     desired, measured = 1e6 * run.desired_rad, 1e6 * run.measured_rad
     axes.plot(*measured.T, color=MEASURED, lw=0.8, label="detector")
     axes.plot(*desired.T, color=DESIRED, lw=0.8, ls="--", label="desired")
@@ -68,8 +69,8 @@ def _spiral(axes: Axes, run: Trajectory) -> None:
     axes.set(
         xlabel="$\\alpha$, µrad",
         ylabel="$\\beta$, µrad",
-        xlim=(-LIMIT_URAD, LIMIT_URAD),
-        ylim=(-LIMIT_URAD, LIMIT_URAD),
+        xlim=(-limit_urad, limit_urad),
+        ylim=(-limit_urad, limit_urad),
         aspect="equal",
     )
     axes.grid(alpha=0.3)

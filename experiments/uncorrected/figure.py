@@ -8,8 +8,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 
-from experiments.palette import BLACK, BLUE, DESIRED, MEASURED, START, VERMILION
+from experiments.palette import BLACK, BLUE, VERMILION
 from experiments.run import Trajectory
+from experiments.table1.figures import spiral
 from experiments.uncorrected.candidates import BENCH, BENCH_DAMPING, COLUMNS, RETUNED
 from experiments.uncorrected.foretold import LOCKS_M
 from experiments.uncorrected.stability_map import ROLL_OFF_HZ
@@ -37,7 +38,9 @@ def figure_uncorrected(study: Uncorrected, summary: dict[str, Any]) -> Figure:
     for column, name in ((slice(0, 2), BENCH.name), (slice(2, 4), summary["best"])):
         run = study.runs[name]["W_a_uncorrected"]
         if isinstance(run, Trajectory):
-            _spiral(figure.add_subplot(grid[3, column]), run, name)
+            axes = figure.add_subplot(grid[3, column])
+            spiral(axes, run, 1.15e6 * float(np.abs(run.measured_rad).max()))
+            axes.set_title(f"{name.replace('_', ' ')}, $W_a$ uncorrected", fontsize="medium")
     return figure
 
 
@@ -126,14 +129,3 @@ def _bands(axes: Axes, summary: dict[str, Any], *, horizontal: bool) -> None:
         middle = summary["paper"][f"{name}_ratio"]
         span = axes.axhspan if horizontal else axes.axvspan
         span(middle * (1 - tolerance), middle * (1 + tolerance), color=color, alpha=0.15, lw=0)
-
-
-def _spiral(axes: Axes, run: Trajectory, name: str) -> None:
-    """Like Fig. 5."""
-    axes.plot(*(1e6 * run.measured_rad.T), color=MEASURED, lw=0.7, label="detector")
-    axes.plot(*(1e6 * run.desired_rad.T), color=DESIRED, lw=0.7, ls="--", label="desired")
-    axes.plot(*(1e6 * run.measured_rad[0]), "o", color=START, ms=5, label="start")
-    axes.set(xlabel="$\\alpha$, µrad", ylabel="$\\beta$, µrad", aspect="equal")
-    axes.set_title(f"{name.replace('_', ' ')}, $W_a$ uncorrected", fontsize="medium")
-    axes.legend(fontsize="x-small", loc="upper right")
-    axes.grid(alpha=0.3)
