@@ -16,6 +16,11 @@ def pointing_rms_urad(run: Trajectory) -> Array:
     return 1e6 * rms(run.desired_rad - run.true_rad)
 
 
+def finite_or_none(value: float) -> float | None:
+    """JSON has no infinity: a phase that never crosses has no gain margin."""
+    return value if np.isfinite(value) else None
+
+
 def closure_residual_max_m(run: Trajectory) -> float:
     """Largest gap of a closed loop in the whole run."""
     return float(run.closure_residual_m.max())

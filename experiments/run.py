@@ -105,8 +105,8 @@ def track_spiral(
         sim.SimulationDiverged: The physics left the finite numbers.
     """
     time_s = bench.time_s(bench.duration_s if duration_s is None else duration_s)
-    floor = np.zeros((len(time_s), 3)) if floor_m_per_s2 is None else floor_m_per_s2[: len(time_s)]
-    if floor.shape != (len(time_s), 3):
+    floor = None if floor_m_per_s2 is None else floor_m_per_s2[: len(time_s)]
+    if floor is not None and floor.shape != (len(time_s), 3):
         raise ValueError(
             f"floor_m_per_s2 must have 3 columns and at least {len(time_s)} rows, "
             f"got the shape {floor.shape}"
@@ -125,17 +125,24 @@ def track_spiral(
     plant.settle(bench.settling_s, start_m)
     rng = np.random.default_rng(seed)
     lead_in = round(lead_in_s / bench.control_period_s)
-    path = _Path(*(_after_rest(lead_in, part) for part in (time_s, desired_rad, floor)))
+    path = _Path(
+        time_s=_after_rest(lead_in, time_s),
+        desired_rad=_after_rest(lead_in, desired_rad),
+        floor_m_per_s2=None if floor is None else _after_rest(lead_in, floor),
+    )
     ticks = list(_ticks(plant, before, after, failures, bench, path, rng))
     return _trajectory(time_s, desired_rad, ticks[lead_in:])
 
 
 class _Path(NamedTuple):
-    """What drives a run, tick by tick; time stands still while the loop points at zero."""
+    """What drives a run, tick by tick; time stands still while the loop points at zero.
+
+    A floor at rest is None.
+    """
 
     time_s: Array
     desired_rad: Array
-    floor_m_per_s2: Array
+    floor_m_per_s2: Array | None
 
 
 def _after_rest(ticks: int, signal: Array) -> Array:
@@ -166,11 +173,13 @@ def _ticks(
 ) -> Iterator[_Tick]:
     detector, state = bench.detector(), controller.start()
     to_come = sorted(failures, key=lambda failure: failure.time_s)
-    for now, desired, floor in zip(*path, strict=True):
+    ticks = zip(path.time_s, path.desired_rad, strict=True)
+    for tick, (now, desired) in enumerate(ticks):
         while to_come and to_come[0].time_s <= now:
             to_come.pop(0).strike(plant)
             controller = reconfigured
-        plant.shake(floor)
+        if path.floor_m_per_s2 is not None:
+            plant.shake(path.floor_m_per_s2[tick])
         pose = plant.pose()
         measured = detector.read(pose.rotation, rng)
         state = controller.step(state, desired, measured)

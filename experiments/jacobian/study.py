@@ -81,7 +81,10 @@ def run_jacobian(
         J_0_mjcf=_from_mjcf(model),
         variations=variations,
         certificates=certificates,
-        tried=trials(geometry, stroke_m, RANDOM_POINTS, starts, seed),
+        tried=[
+            *(Trial(name, {n: one[n].value for n in NORMS}) for name, one in variations.items()),
+            *trials(geometry, stroke_m, RANDOM_POINTS, starts, seed),
+        ],
         newton_error_m=_newton_errors_m(geometry, base["frobenius"].at_strut_m),
     )
     on_progress(steps, steps)

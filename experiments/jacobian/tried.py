@@ -9,7 +9,7 @@ from scipy.optimize import minimize
 
 from experiments import paper
 from experiments.jacobian.norms import NORMS, Norm, size
-from experiments.jacobian.readings import READINGS, at_height, in_millimetres, inverse
+from experiments.jacobian.readings import at_height, in_millimetres, inverse
 from experiments.jacobian.variation import (
     VERTICES,
     Reading,
@@ -56,9 +56,12 @@ class Trial:
 def trials(
     geometry: Hexapod, stroke_m: float, points: int, local_starts: int, seed: int
 ) -> list[Trial]:
-    """All that was tried: e at random points, and local searches from the first of them."""
+    """What was tried beyond the readings of (38) itself, :data:`~experiments.jacobian.readings.READINGS`.
+
+    The supremum of other matrices; e at random points, and local searches from the first of them.
+    """
     top_m = float(geometry.top_m[:, 2].mean())
-    over_the_box = READINGS | {
+    over_the_box: dict[str, Reading] = {
         "inverse of J": inverse,
         "lengths in mm": in_millimetres,
         "inverse, lengths in mm": lambda pose, J: inverse(pose, in_millimetres(pose, J)),

@@ -8,7 +8,7 @@ import numpy as np
 from experiments import paper
 from experiments.compensator import Loop
 from experiments.mapping import JacobianChoice
-from experiments.measures import closure_residual_max_m, pointing_rms_urad, rms
+from experiments.measures import closure_residual_max_m, finite_or_none, pointing_rms_urad, rms
 from experiments.provenance import versions
 from experiments.table1.study import COLUMNS, Column, Table1, other_jacobian
 from sim import Array
@@ -95,16 +95,11 @@ def _loop(loop: Loop) -> dict[str, Any]:
         "numerator": loop.numerator.tolist(),
         "denominator": loop.denominator.tolist(),
         "crossover_hz": loop.crossover_hz,
-        "gain_margin_db": _or_none(loop.gain_margin_db),
+        "gain_margin_db": finite_or_none(loop.gain_margin_db),
         "phase_margin_deg": loop.phase_margin_deg,
-        "phase_crossover_hz": _or_none(loop.phase_crossover_hz),
+        "phase_crossover_hz": finite_or_none(loop.phase_crossover_hz),
         "sentence": str(loop),
     }
-
-
-def _or_none(value: float) -> float | None:
-    """JSON has no infinity: a phase that never crosses has no gain margin."""
-    return value if np.isfinite(value) else None
 
 
 def _peaks(secondary: Array) -> dict[str, float]:

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+import mujoco
 import numpy as np
 
 from experiments.bench import Bench
@@ -77,7 +78,7 @@ def run_uncorrected(
     foretold = in_parallel(predict, words, lambda done, total: None)
     predicted = dict(zip([c.name for c in chosen], foretold, strict=True))
     jobs = [(c, column) for c in chosen for column in c.simulated]
-    calls = [_call(c, column, predicted[c.name], seed, duration_s) for c, column in jobs]
+    calls = [_call(model, c, column, predicted[c.name], seed, duration_s) for c, column in jobs]
     points = [] if quick else point_calls(seed)
     where = grid(quick=quick)
     rows = [
@@ -115,11 +116,16 @@ def run_uncorrected(
 
 
 def _call(
-    candidate: Candidate, column: str, predicted: Predicted, seed: int, duration_s: float
+    model: mujoco.MjModel,
+    candidate: Candidate,
+    column: str,
+    predicted: Predicted,
+    seed: int,
+    duration_s: float,
 ) -> dict[str, Any]:
     """Arguments of `track_spiral` for one run."""
     return candidate.run(column, seed) | {
-        "model": candidate.machine(load_model()),
+        "model": candidate.machine(model),
         "bench": candidate.bench,
         "loops": predicted.loops,
         "jacobian": "constant",

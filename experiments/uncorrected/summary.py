@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from experiments.bench import Bench
-from experiments.measures import closure_residual_max_m, pointing_rms_urad
+from experiments.measures import closure_residual_max_m, finite_or_none, pointing_rms_urad
 from experiments.paper import TABLE_I_URAD
 from experiments.provenance import plant_constants, versions
 from experiments.run import Trajectory
@@ -86,7 +86,7 @@ def _candidate(study: Uncorrected, candidate: Candidate) -> dict[str, Any]:
         "what": candidate.what,
         "differs": candidate.differs(),
         "loops": [str(loop) for loop in predicted.loops],
-        "gain_margin_db": [_or_none(loop.gain_margin_db) for loop in predicted.loops],
+        "gain_margin_db": [finite_or_none(loop.gain_margin_db) for loop in predicted.loops],
         "columns": columns,
         "ratio": _listed(ratio),
         "predicted_ratio": _listed(foretold),
@@ -166,8 +166,3 @@ def _ratio(over: Any, under: Any) -> Array | None:
 
 def _listed(values: Array | None) -> list[float] | None:
     return None if values is None else values.tolist()
-
-
-def _or_none(value: float) -> float | None:
-    """JSON has no infinity: a phase that never crosses has no gain margin."""
-    return value if np.isfinite(value) else None
