@@ -56,7 +56,7 @@ class Trial:
 def trials(
     geometry: Hexapod, stroke_m: float, points: int, local_starts: int, seed: int
 ) -> list[Trial]:
-    """What was tried beyond the readings of (38) itself, :data:`~experiments.jacobian.readings.READINGS`.
+    """What was tried beyond the readings of (38) itself.
 
     The supremum of other matrices; e at random points, and local searches from the first of them.
     """
