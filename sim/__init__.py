@@ -2,6 +2,8 @@
 
 from sim.amplifier import Amplifier as Amplifier
 from sim.array import Array as Array
+from sim.coil import COPPER_PER_K as COPPER_PER_K
+from sim.coil import Coils as Coils
 from sim.detector import Detector as Detector
 from sim.detector import pointing_angles as pointing_angles
 from sim.detector import secondary_motion as secondary_motion
@@ -28,4 +30,5 @@ from sim.model import load_model as load_model
 from sim.model import model_sha256 as model_sha256
 from sim.model import weightless as weightless
 from sim.plant import Plant as Plant
+from sim.strut_sensors import StrutSensors as StrutSensors
 from sim.trajectory import spiral as spiral

@@ -9,8 +9,8 @@ import numpy as np
 
 from sim.plant import Plant
 
-FailureKind = Literal["locked", "free", "loose"]
-"""Stuck where it is; without coil; without coil and suspension spring."""
+FailureKind = Literal["locked", "free", "loose", "weak"]
+"""Stuck where it is; without coil; without coil and suspension spring; with a part of its coil."""
 
 
 @dataclass(frozen=True)
@@ -21,14 +21,16 @@ class Failure:
         strut: 0..nu-1.
         kind: See :data:`FailureKind`.
         time_s: When, not before the start.
+        strength: Part of the coil's force that a weak one has left, in 0..1.
 
     Raises:
-        ValueError: No such kind, a negative strut, or a time that is not finite.
+        ValueError: No such kind, a negative strut, a time that is not finite, or no such part.
     """
 
     strut: int
     kind: FailureKind
     time_s: float = 0.0
+    strength: float = 0.5
 
     def __post_init__(self) -> None:
         if self.kind not in get_args(FailureKind):
@@ -38,6 +40,8 @@ class Failure:
             raise ValueError(
                 f"strut and time_s must be finite and not negative, got {self.strut}, {self.time_s}"
             )
+        if not 0 <= self.strength <= 1:
+            raise ValueError(f"strength must lie in 0..1, got {self.strength}")
 
     def strike(self, plant: Plant) -> None:
         """Let it happen now.
@@ -45,8 +49,11 @@ class Failure:
         Raises:
             ValueError: No such strut.
         """
-        events = {"locked": plant.lock, "free": plant.release, "loose": plant.break_loose}
-        events[self.kind](self.strut)
+        if self.kind == "weak":
+            plant.weaken(self.strut, self.strength)
+        else:
+            events = {"locked": plant.lock, "free": plant.release, "loose": plant.break_loose}
+            events[self.kind](self.strut)
 
 
 def failed_plant(model: mujoco.MjModel, failures: Iterable[Failure]) -> Plant:

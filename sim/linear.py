@@ -19,7 +19,7 @@ _FLOOR_STEP = 1e-2
 
 @dataclass(frozen=True)
 class LinearPlant:
-    """x_dot = A x + B u + B_floor a, twist = C_twist x.
+    """x_dot = A x + B u + B_floor a; twist = C_twist x, displacement of actuators = C_active x.
 
     x = [y; y_dot] with y the k free coordinates on the closed loops; u as `data.ctrl`; a the
     acceleration of the floor, which all of x is measured from.
@@ -29,12 +29,14 @@ class LinearPlant:
         B: Shape (2k, nu).
         B_floor: Shape (2k, 3), for a in the axes of the twist.
         C_twist: Displacement [rotation; translation] of the site, shape (6, 2k).
+        C_active: Displacement of each actuated joint, shape (nu, 2k).
     """
 
     A: Array
     B: Array
     B_floor: Array
     C_twist: Array
+    C_active: Array
 
 
 def linearize(
@@ -102,6 +104,7 @@ def linearize(
         B=np.vstack([np.zeros((k, model.nu)), drive]),
         B_floor=np.vstack([np.zeros((k, 3)), floor]),
         C_twist=np.hstack([jac.J_T @ Z, np.zeros((6, k))]),
+        C_active=np.hstack([Z[jac.active], np.zeros((model.nu, k))]),
     )
 
 

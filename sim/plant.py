@@ -96,6 +96,11 @@ class Plant:
             raise ModelError(f'actuator "{name}" shares group {group} with another')
         self.model.opt.disableactuator |= 1 << group
 
+    def weaken(self, strut: int, strength: float) -> None:
+        """The coil of strut 0..nu-1 gives this part of the force that it gave."""
+        self._check_strut(strut)
+        self.model.actuator_gainprm[strut, 0] *= strength
+
     def break_loose(self, strut: int) -> None:
         """Release strut 0..nu-1 and take its suspension spring, and with it its preload, away."""
         self.release(strut)

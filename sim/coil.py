@@ -1,0 +1,58 @@
+"""Temperatures of coils: heating with the square of the current."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import exprel
+
+from sim.array import Array
+
+COPPER_PER_K = 3.93e-3
+"""Rise of copper's resistance, relative to that at 20 degrees Celsius, [1]/[K]."""
+_REFERENCE_C = 20.0
+
+
+@dataclass(frozen=True)
+class Coils:
+    """Windings that warm up, each a single thermal mass with a path of its own to the ambient.
+
+        C dT/dt = R(T) I^2 - (T - T_ambient) / R_th,   R(T) = R_20 (1 + kappa (T - 20))
+
+    The copper's own rise heats it further: above I^2 = 1 / (kappa R_20 R_th) it never settles.
+
+    Attributes:
+        resistance_ohm: R_20, of each winding at 20 degrees Celsius.
+        heat_capacity_j_per_k: C, of each winding.
+        thermal_resistance_k_per_w: R_th, from each winding to the ambient, shape (n,).
+        ambient_c: T_ambient, [degrees Celsius].
+    """
+
+    resistance_ohm: float
+    heat_capacity_j_per_k: float
+    thermal_resistance_k_per_w: Array
+    ambient_c: float
+
+    def cold(self) -> Array:
+        """Temperatures of coils that have long been without current, shape (n,)."""
+        return np.full(len(self.thermal_resistance_k_per_w), self.ambient_c)
+
+    def net_power_w(self, temperature_c: Array, current_a: Array) -> Array:
+        """Power that stays in each winding, shape (n,)."""
+        resistance = self.resistance_ohm * (1 + COPPER_PER_K * (temperature_c - _REFERENCE_C))
+        lost = (temperature_c - self.ambient_c) / self.thermal_resistance_k_per_w
+        return resistance * current_a**2 - lost
+
+    def step(self, temperature_c: Array, current_a: Array, period_s: float) -> Array:
+        """Temperatures (n,) after a period of constant currents (n,): the exact solution."""
+        rising = self.resistance_ohm * COPPER_PER_K * current_a**2
+        decay = (1 / self.thermal_resistance_k_per_w - rising) / self.heat_capacity_j_per_k
+        rate = self.net_power_w(temperature_c, current_a) / self.heat_capacity_j_per_k
+        return temperature_c + rate * period_s * exprel(-decay * period_s)
+
+    def temperatures_c(self, current_a: Array, period_s: float) -> Array:
+        """From cold, at the beginning of every period of held currents (N, n), shape (N, n)."""
+        now, passed = self.cold(), []
+        for held_a in current_a:
+            passed.append(now)
+            now = self.step(now, held_a, period_s)
+        return np.array(passed)
