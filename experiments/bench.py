@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim import Amplifier, Array, Detector, spiral
+from sim import Amplifier, Array, Detector, StrutSensors, spiral
 
 
 @dataclass(frozen=True)
@@ -31,6 +31,10 @@ class Bench:
         coil_newton_per_a: Motor constant.
         settling_s: Rest before a run: fifteen periods of the slowest mode, for the last nanometres
             of sag.
+        strut_sensor_noise_m: Of one sample of a strut's displacement sensor, standard deviation:
+            an eddy-current gauge over this stroke. Only runs that say so use these sensors.
+        handover_s: In which the secondary motion of a former mapping fades: slow against the
+            suspension modes, fast against the spiral.
     """
 
     duration_s: float = 16.0
@@ -50,6 +54,8 @@ class Bench:
     amplifier_limit_a: float = 4.0005
     coil_newton_per_a: float = 20.0
     settling_s: float = 0.5
+    strut_sensor_noise_m: float = 50e-9
+    handover_s: float = 0.5
 
     @property
     def crossover_hz(self) -> tuple[float, float]:
@@ -78,6 +84,10 @@ class Bench:
             half_width_m=self.detector_half_width_m,
             noise_m=self.detector_noise_m,
         )
+
+    def strut_sensors(self) -> StrutSensors:
+        """The gauges beside the struts."""
+        return StrutSensors(noise_m=self.strut_sensor_noise_m)
 
     def amplifier(self, newton_per_m: float) -> Amplifier:
         """One strut's converter, amplifier and coil; the coil's gain is the model's."""

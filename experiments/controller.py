@@ -1,12 +1,45 @@
 """The controller of Fig. 3: one compensator for each pointing angle, then the strut mapping."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from experiments.compensator import Loop
 from experiments.mapping import NOTHING_YET, Asked, StrutMapping
 from sim import NOMINAL, Amplifier, Array, Pose
+
+
+@dataclass(frozen=True)
+class Sensed:
+    """What a controller can measure at one tick.
+
+    Attributes:
+        pointing_rad: The detector's (alpha, beta), shape (2,).
+        strut_m: Strut displacements, shape (6,), from sensors that not every machine has.
+    """
+
+    pointing_rad: Array
+    strut_m: Array
+
+
+@dataclass(frozen=True)
+class Handover:
+    """What one mapping owes to the one before it, so that no strut command steps.
+
+    Attributes:
+        pointing_rad: Added to what the compensators ask, for good: their integrators stand where
+            the old mapping needed them, shape (2,).
+        rest_m: Secondary displacement in which the old mapping left the struts, faded out without
+            moving the pointing, shape (6,).
+        age_s: Time since.
+    """
+
+    pointing_rad: Array
+    rest_m: Array
+    age_s: float
+
+
+NOTHING_OWED = Handover(np.zeros(2), np.zeros(6), np.inf)
 
 
 @dataclass(frozen=True)
@@ -18,26 +51,40 @@ class ControllerState:
         input_percent: Strut inputs it last sent, shape (6,).
         pose: Payload pose estimated from them.
         asked: What the compensators last asked of the mapping, and its answer.
+        handover: From the mapping before.
     """
 
     compensator: Array
     input_percent: Array
     pose: Pose
     asked: Asked
+    handover: Handover = NOTHING_OWED
 
 
 class Controller:
-    """Detector angles in, strut inputs out; it never sees the plant.
+    """Sensors in, strut inputs out; it never sees the plant.
 
     `step` is a pure function: the state goes in and comes out.
     """
 
     def __init__(
-        self, loops: tuple[Loop, Loop], mapping: StrutMapping, amplifier: Amplifier
+        self,
+        loops: tuple[Loop, Loop],
+        mapping: StrutMapping,
+        amplifier: Amplifier,
+        handover_s: float,
     ) -> None:
-        """Take the (alpha, beta) compensators, the mapping, and the converters it drives."""
+        """Take the (alpha, beta) compensators, the mapping, and the converters it drives.
+
+        `handover_s` is how long the secondary motion of a former mapping takes to fade.
+        """
         self.mapping = mapping
         self.amplifier = amplifier
+        self.handover_s = handover_s
+        self._strength = np.ones(6)
+        for strut, left in mapping.goal.strength.items():
+            self._strength[strut] = left
+        self.period_s = loops[0].period_s
         self._A = np.stack([loop.A for loop in loops])
         self._B = np.stack([loop.B[:, 0] for loop in loops])
         self._C = np.stack([loop.C[0] for loop in loops])
@@ -48,15 +95,65 @@ class Controller:
         return ControllerState(np.zeros_like(self._B), np.zeros(6), NOMINAL, NOTHING_YET)
 
     def step(
-        self, state: ControllerState, desired_rad: Array, measured_rad: Array
+        self,
+        state: ControllerState,
+        desired_rad: Array,
+        sensed: Sensed,
+        rest_m: Array | None = None,
     ) -> ControllerState:
-        """One control tick; the new state holds the inputs to send."""
-        sent_m = self.amplifier.displacement_m(state.input_percent)
+        """One control tick; the new state holds the inputs to send.
+
+        Args:
+            state: From the tick before.
+            desired_rad: (alpha, beta), shape (2,).
+            sensed: Of which this controller uses the detector.
+            rest_m: Desired strut displacements of the secondary goal, shape (6,); None is zero.
+        """
+        sent_m = self._sent_m(state)
         pose = self.mapping.estimate(sent_m, state.pose)
 
-        error = desired_rad - measured_rad
+        error = desired_rad - sensed.pointing_rad
         pointing = np.einsum("ij,ij->i", self._C, state.compensator) + self._D * error
         compensator = np.einsum("ijk,ik->ij", self._A, state.compensator) + self._B * error[:, None]
-        wanted_m = self.mapping.displacements(pointing, pose, sent_m, state.asked)
-        percent = self.amplifier.input_percent(wanted_m)
-        return ControllerState(compensator, percent, pose, Asked(pointing, wanted_m))
+        owed = state.handover
+        pointing = pointing + owed.pointing_rad
+        rest_m = self._faded(owed) + (0.0 if rest_m is None else rest_m)
+        wanted_m = self.mapping.displacements(pointing, pose, sent_m, state.asked, rest_m)
+        return ControllerState(
+            compensator,
+            self.amplifier.input_percent(wanted_m / self._strength),
+            pose,
+            Asked(pointing, wanted_m, rest_m),
+            replace(owed, age_s=owed.age_s + self.period_s),
+        )
+
+    def take_over(self, state: ControllerState, falling_m: Array | None = None) -> ControllerState:
+        """The state of another controller, such that this one goes on from the strut commands sent.
+
+        Bumpless transfer: the compensators are left alone. What the surviving struts stand off
+        from what this mapping asks for is split into pointing, which becomes a constant that the
+        integrators are relieved of, and secondary motion, which is faded out.
+
+        Args:
+            state: Of the other controller.
+            falling_m: What each strut is just about to lose of its displacement, shape (6,),
+                because its coil no longer holds it. The others step, to make up for its pointing.
+        """
+        asked, owed, sent_m = state.asked, state.handover, self._sent_m(state)
+        pose = self.mapping.estimate(sent_m, state.pose)
+        own_m = self.mapping.displacements(asked.pointing_rad, pose, sent_m, asked, asked.rest_m)
+        pointing_rad, rest_m = self.mapping.split(sent_m - own_m, pose)
+        if falling_m is not None:
+            pointing_rad = pointing_rad + self.mapping.pointing(falling_m, pose)
+        handover = Handover(owed.pointing_rad + pointing_rad, self._faded(owed) + rest_m, age_s=0.0)
+        return replace(state, handover=handover)
+
+    def _sent_m(self, state: ControllerState) -> Array:
+        """Strut displacements that the coils' last forces hold, shape (6,)."""
+        return self._strength * self.amplifier.displacement_m(state.input_percent)
+
+    def _faded(self, owed: Handover) -> Array:
+        """What is left of the former mapping's secondary displacement, shape (6,)."""
+        if owed.age_s >= self.handover_s:
+            return np.zeros(6)
+        return 0.5 * (1 + np.cos(np.pi * owed.age_s / self.handover_s)) * owed.rest_m

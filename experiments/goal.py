@@ -18,6 +18,7 @@ class Goal:
         locked_m: Struts known to be stuck, and where: displacement by strut 0..5.
         free: Struts known to be without coil, their suspension spring intact.
         loose: Struts known to be without coil and spring.
+        strength: Struts known to have a weakened coil, and the part of its force that is left.
     """
 
     joint_weight: tuple[float, ...] | None = None
@@ -25,3 +26,4 @@ class Goal:
     locked_m: dict[int, float] = field(default_factory=dict)
     free: tuple[int, ...] = ()
     loose: tuple[int, ...] = ()
+    strength: dict[int, float] = field(default_factory=dict)

@@ -29,13 +29,30 @@ class Asked:
     Attributes:
         pointing_rad: (alpha, beta) last asked of the mapping.
         displacements_m: Strut displacements that it answered, before the converters, shape (6,).
+        rest_m: Desired strut displacements last asked of it, shape (6,).
     """
 
     pointing_rad: Array
     displacements_m: Array
+    rest_m: Array
 
 
-NOTHING_YET = Asked(np.zeros(2), np.zeros(6))
+NOTHING_YET = Asked(np.zeros(2), np.zeros(6), np.zeros(6))
+
+
+@dataclass(frozen=True)
+class Reconfigured:
+    """The mapping at one pose, section 2.3.
+
+    Attributes:
+        mapping: Rates of the surviving struts, eqs. (28) and (30).
+        expand: Puts them on the six struts, shape (6, n').
+        J: Twist per surviving strut rate, eq. (14), shape (6, n').
+    """
+
+    mapping: VelocityMapping
+    expand: Array
+    J: Array
 
 
 class StrutMapping:
@@ -86,8 +103,7 @@ class StrutMapping:
 
     def pointing_gain(self) -> Array:
         """Strut displacements per commanded (alpha, beta) at the nominal pose, shape (6, 2)."""
-        expand, mapping = self._at_nominal
-        return expand @ mapping.major
+        return self._at_nominal.expand @ self._at_nominal.mapping.major
 
     def displacements(
         self,
@@ -95,6 +111,7 @@ class StrutMapping:
         pose: Pose,
         sent_m: Array | None = None,
         last: Asked | None = None,
+        rest_m: Array | None = None,
     ) -> Array:
         """Strut displacements (6,) for desired (alpha, beta); zero at struts known to be stuck.
 
@@ -103,34 +120,65 @@ class StrutMapping:
             pose: Where the payload is.
             sent_m: Strut displacements that hold it there; the relinearized form goes on from them.
             last: What was asked before; the incremental form goes on from it.
+            rest_m: Desired strut displacements (6,): where the secondary goal is at its best, so
+                far as pointing leaves the struts free; None is the nominal pose.
 
         Raises:
             ValueError: What the form goes on from is missing.
         """
-        if self.jacobian == "constant":
-            A, (expand, mapping) = self._A_0, self._at_nominal
-        else:
-            A = self.geometry.inverse_jacobian(pose)
-            expand, mapping = self.at(A)
+        A, now = self._present(pose)
+        joint = np.zeros(now.J.shape[1]) if rest_m is None else now.expand.T @ rest_m
+        secondary = now.J[SECONDARY] @ joint
         if self.form == "incremental":
             if last is None:
                 raise ValueError("last must be given in incremental form, got None")
-            return last.displacements_m + expand @ mapping(pointing_rad - last.pointing_rad)
+            before = now.expand.T @ last.rest_m
+            change = now.mapping(
+                pointing_rad - last.pointing_rad,
+                joint - before,
+                secondary - now.J[SECONDARY] @ before,
+            )
+            return last.displacements_m + now.expand @ change
         if self.form == "relinearized":
             if sent_m is None:
                 raise ValueError("sent_m must be given in relinearized form, got None")
             gamma_and_t = secondary_motion(pose.rotation, pose.translation_m)
-            change = mapping(
+            change = now.mapping(
                 pointing_rad - pointing_angles(pose.rotation),
-                joint_velocity=-expand.T @ sent_m,
-                secondary_velocity=-gamma_and_t[[1, 2, 3, 0]],
+                joint - now.expand.T @ sent_m,
+                secondary - gamma_and_t[[1, 2, 3, 0]],
             )
-            return sent_m + expand @ change
+            return sent_m + now.expand @ change
         if not self._locked_m.any():
-            return expand @ mapping(pointing_rad)
+            return now.expand @ now.mapping(pointing_rad, joint, secondary)
         # A strut stuck off centre has already moved the payload by J[:, k] l_k.
         offset = np.linalg.solve(A, self._follow @ self._locked_m)
-        return expand @ mapping(pointing_rad - offset[MAJOR], secondary_velocity=-offset[SECONDARY])
+        return now.expand @ now.mapping(
+            pointing_rad - offset[MAJOR], joint, secondary - offset[SECONDARY]
+        )
+
+    def pointing(self, displacements_m: Array, pose: Pose) -> Array:
+        """(alpha, beta) of displacements (6,) of all struts, sound or not, about the pose."""
+        A = self._A_0 if self.jacobian == "constant" else self.geometry.inverse_jacobian(pose)
+        return np.linalg.solve(A, displacements_m)[MAJOR]
+
+    def split(self, displacements_m: Array, pose: Pose) -> tuple[Array, Array]:
+        """What displacements (6,) of the surviving struts do to pointing, and what is left of them.
+
+        The first, (alpha, beta), would take the mapping's own displacements; less these, the
+        second, shape (6,), is secondary motion alone.
+        """
+        _, now = self._present(pose)
+        surviving = now.expand.T @ displacements_m
+        pointing_rad = now.J[MAJOR] @ surviving
+        return pointing_rad, now.expand @ (surviving - now.mapping(pointing_rad))
+
+    def _present(self, pose: Pose) -> tuple[Array, Reconfigured]:
+        """A in l_dot = A x_dot, and the mapping there: at the pose, or at the nominal one."""
+        if self.jacobian == "constant":
+            return self._A_0, self._at_nominal
+        A = self.geometry.inverse_jacobian(pose)
+        return A, self.at(A)
 
     def estimate(self, displacements_m: Array, pose: Pose) -> Pose:
         """Pose that the commanded strut displacements lead to, from the pose one tick before.
@@ -145,8 +193,8 @@ class StrutMapping:
         A = self.geometry.inverse_jacobian(pose)
         return pose.moved(np.linalg.solve(A, lengths - self.geometry.displacements(pose)))
 
-    def at(self, A: Array) -> tuple[Array, VelocityMapping]:
-        """Mapping where l_dot = A x_dot, and the matrix that puts its rates on the six struts."""
+    def at(self, A: Array) -> Reconfigured:
+        """The mapping where l_dot = A x_dot."""
         kinematics = self._system(A, locked=list(self.goal.locked_m)).kinematics()
         mapping = kinematics.velocity_mapping(
             major=MAJOR,
@@ -154,7 +202,7 @@ class StrutMapping:
             joint_weight=self.goal.joint_weight,
             secondary_weight=self.goal.secondary_weight,
         )
-        return np.eye(len(A))[:, kinematics.actuators], mapping
+        return Reconfigured(mapping, np.eye(len(A))[:, kinematics.actuators], kinematics.J)
 
     def _system(self, A: Array, locked: Sequence[int] = ()) -> ConstrainedSystem:
         """Struts and payload with the free struts released: theta_dot = [l_dot; x_dot]."""

@@ -24,3 +24,13 @@ def finite_or_none(value: float) -> float | None:
 def closure_residual_max_m(run: Trajectory) -> float:
     """Largest gap of a closed loop in the whole run."""
     return float(run.closure_residual_m.max())
+
+
+def percent(difference: Array, whole: Array) -> float:
+    """Size of a difference of twists or wrenches (..., 6), in percent of the whole.
+
+    Rotation and translation, or moment and force, each against its own; the larger of the two.
+    """
+    parts = (slice(0, 3), slice(3, 6))
+    ratios = [np.linalg.norm(difference[..., p]) / np.linalg.norm(whole[..., p]) for p in parts]
+    return float(100 * max(ratios))

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from math import ceil
 from typing import NamedTuple
 
 import mujoco
@@ -9,9 +10,10 @@ import numpy as np
 
 from experiments.bench import Bench
 from experiments.compensator import Loop, design
-from experiments.controller import Controller
+from experiments.controller import Controller, Sensed
 from experiments.goal import Goal
 from experiments.mapping import DisplacementForm, JacobianChoice, StrutMapping
+from experiments.pilot import Informed, Pilot, State
 from sim import (
     Array,
     Failure,
@@ -61,6 +63,22 @@ def nominal_loops(model: mujoco.MjModel, bench: Bench) -> tuple[Loop, Loop]:
     return design(linearize(sound.model, sound.data), equal.pointing_gain(), bench)
 
 
+def controller_for(
+    model: mujoco.MjModel,
+    bench: Bench,
+    loops: tuple[Loop, Loop],
+    goal: Goal,
+    *,
+    jacobian: JacobianChoice = "analytic",
+    form: DisplacementForm = "absolute",
+    stiffness: Array | None = None,
+) -> Controller:
+    """The controller of this machine for a goal; arguments as in :func:`track_spiral`."""
+    mapping = StrutMapping(hexapod(model), goal, jacobian, stiffness, form)
+    amplifier = bench.amplifier(newton_per_m=float(model.actuator_gainprm[0, 0]))
+    return Controller(loops, mapping, amplifier, bench.handover_s)
+
+
 def track_spiral(
     model: mujoco.MjModel,
     bench: Bench,
@@ -86,7 +104,8 @@ def track_spiral(
         loops: Compensators from :func:`nominal_loops`.
         goal: Weights, and the failures that the controller knows of from the start.
         failures: What happens to the plant, whether the controller knows or not.
-        reconfigured: Goal that the controller goes over to at the first failure; None: it goes on.
+        reconfigured: Goal that the controller goes over to at the first failure, as if it knew at
+            once; None: it goes on.
         stiffness: Of the struts and the payload, for a goal with free struts; see
             :func:`experiments.springs.strut_and_payload_stiffness`.
         jacobian: Where the mapping takes its Jacobian from.
@@ -104,34 +123,83 @@ def track_spiral(
         ValueError: The floor's acceleration has not three columns, or ends before the spiral.
         sim.SimulationDiverged: The physics left the finite numbers.
     """
-    time_s = bench.time_s(bench.duration_s if duration_s is None else duration_s)
+    choice = {"jacobian": jacobian, "form": form, "stiffness": stiffness}
+    pilot = controller_for(model, bench, loops, goal, **choice)
+    flight = {
+        "failures": failures,
+        "seed": seed,
+        "duration_s": duration_s,
+        "start_m": start_m,
+        "lead_in_s": lead_in_s,
+        "floor_m_per_s2": floor_m_per_s2,
+    }
+    if reconfigured is None or not failures:
+        return fly(model, bench, pilot, **flight)[0]
+    after = controller_for(model, bench, loops, reconfigured, **choice)
+    first_s = min(failure.time_s for failure in failures)
+    tick = 0 if first_s == 0 else ceil((lead_in_s + first_s) / bench.control_period_s - 1e-6)
+    return fly(model, bench, Informed(pilot, after, tick), **flight)[0]
+
+
+def fly(
+    model: mujoco.MjModel,
+    bench: Bench,
+    pilot: Pilot[State],
+    *,
+    desired_rad: Array | None = None,
+    failures: Sequence[Failure] = (),
+    seed: int = 0,
+    begin_s: float = 0.0,
+    duration_s: float | None = None,
+    start_m: Array | None = None,
+    lead_in_s: float = 0.0,
+    floor_m_per_s2: Array | None = None,
+) -> tuple[Trajectory, State]:
+    """Track the spiral, or another path, with any pilot; its last state comes back beside the run.
+
+    Args:
+        model: The machine; the plant makes its own of it.
+        bench: Constants around the plant.
+        pilot: Flies from the start.
+        desired_rad: (alpha, beta) asked for, tick by tick, shape (N, 2); None is the spiral.
+        failures: What happens to the plant.
+        seed: Of the noise of all sensors.
+        begin_s: Where on the spiral the run begins, at rest at the centre: it has to catch up.
+        duration_s: As in :func:`track_spiral`, and so are all others.
+        start_m: As there.
+        lead_in_s: As there.
+        floor_m_per_s2: As there.
+
+    Raises:
+        ValueError: The floor's acceleration has not three columns, or ends before the path; a
+            duration for a path, which has its own.
+        sim.SimulationDiverged: The physics left the finite numbers.
+    """
+    if desired_rad is None:
+        spiral_s = bench.duration_s if duration_s is None else duration_s
+        desired_rad = bench.desired_rad(begin_s + bench.time_s(spiral_s))
+    elif duration_s is not None:
+        raise ValueError(f"duration_s must be None with a desired_rad, got {duration_s}")
+    time_s = begin_s + bench.time_s(len(desired_rad) * bench.control_period_s)
     floor = None if floor_m_per_s2 is None else floor_m_per_s2[: len(time_s)]
     if floor is not None and floor.shape != (len(time_s), 3):
         raise ValueError(
             f"floor_m_per_s2 must have 3 columns and at least {len(time_s)} rows, "
             f"got the shape {floor.shape}"
         )
-    desired_rad = bench.desired_rad(time_s)
     plant = Plant(model)
-    amplifier = bench.amplifier(newton_per_m=float(model.actuator_gainprm[0, 0]))
-    geometry = hexapod(model)
-
-    def controller(goal: Goal) -> Controller:
-        mapping = StrutMapping(geometry, goal, jacobian, stiffness, form)
-        return Controller(loops, mapping, amplifier)
-
-    before = controller(goal)
-    after = before if reconfigured is None else controller(reconfigured)
     plant.settle(bench.settling_s, start_m)
-    rng = np.random.default_rng(seed)
     lead_in = round(lead_in_s / bench.control_period_s)
     path = _Path(
         time_s=_after_rest(lead_in, time_s),
         desired_rad=_after_rest(lead_in, desired_rad),
         floor_m_per_s2=None if floor is None else _after_rest(lead_in, floor),
     )
-    ticks = list(_ticks(plant, before, after, failures, bench, path, rng))
-    return _trajectory(time_s, desired_rad, ticks[lead_in:])
+    ticks, state = [], pilot.start()
+    for tick, after in _ticks(plant, pilot, state, failures, bench, path, seed):
+        ticks.append(tick)
+        state = after  # the last is kept: a supervisor's are large
+    return _trajectory(time_s, desired_rad, ticks[lead_in:]), state
 
 
 class _Path(NamedTuple):
@@ -164,40 +232,45 @@ class _Tick(NamedTuple):
 
 def _ticks(
     plant: Plant,
-    controller: Controller,
-    reconfigured: Controller,
+    pilot: Pilot[State],
+    state: State,
     failures: Sequence[Failure],
     bench: Bench,
     path: _Path,
-    rng: np.random.Generator,
-) -> Iterator[_Tick]:
-    detector, state = bench.detector(), controller.start()
+    seed: int,
+) -> Iterator[tuple[_Tick, State]]:
+    detector, strut_sensors = bench.detector(), bench.strut_sensors()
+    # Sources of their own: whether strut sensors are read changes nothing of the detector's noise.
+    detector_rng, strut_rng = np.random.default_rng(seed), np.random.default_rng([seed, 1])
     to_come = sorted(failures, key=lambda failure: failure.time_s)
     ticks = zip(path.time_s, path.desired_rad, strict=True)
     for tick, (now, desired) in enumerate(ticks):
         while to_come and to_come[0].time_s <= now:
             to_come.pop(0).strike(plant)
-            controller = reconfigured
         if path.floor_m_per_s2 is not None:
             plant.shake(path.floor_m_per_s2[tick])
-        pose = plant.pose()
-        measured = detector.read(pose.rotation, rng)
-        state = controller.step(state, desired, measured)
-        yield _Tick(
+        pose, struts_m = plant.pose(), plant.strut_displacement_m()
+        sensed = Sensed(
+            pointing_rad=detector.read(pose.rotation, detector_rng),
+            strut_m=strut_sensors.read(struts_m, strut_rng),
+        )
+        state = pilot.step(state, desired, sensed)
+        kept = _Tick(
             rotation=pose.rotation,
             translation_m=pose.translation_m,
             rotation_estimated=state.pose.rotation,
             translation_estimated_m=state.pose.translation_m,
-            measured_rad=measured,
+            measured_rad=sensed.pointing_rad,
             strut_input_percent=state.input_percent,
-            strut_displacement_m=plant.strut_displacement_m(),
+            strut_displacement_m=struts_m,
             closure_residual_m=np.asarray(plant.closure_residual_m()),
         )
-        command_m = controller.amplifier.displacement_m(state.input_percent)
+        yield kept, state
+        command_m = pilot.amplifier.displacement_m(state.input_percent)
         plant.step(command_m, bench.control_period_s)
 
 
-def _trajectory(time_s: Array, desired_rad: Array, ticks: list[_Tick]) -> Trajectory:
+def _trajectory(time_s: Array, desired_rad: Array, ticks: Sequence[_Tick]) -> Trajectory:
     kept = _Tick(*map(np.array, zip(*ticks, strict=True)))
     settled = kept.rotation[0].T
     return Trajectory(

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from experiments import paper
 from experiments.bench import Bench
-from experiments.controller import Controller
+from experiments.controller import Controller, Sensed
 from experiments.goal import MAJOR, SECONDARY, Goal
 from experiments.mapping import StrutMapping
 from experiments.run import nominal_loops, track_spiral
@@ -174,10 +174,11 @@ def test_a_controller_step_is_a_pure_function(model):
     bench = Bench()
     mapping = StrutMapping(hexapod(model), Goal(joint_weight=EQUAL), "analytic")
     amplifier = bench.amplifier(newton_per_m=126e3)
-    controller = Controller(nominal_loops(model, bench), mapping, amplifier)
+    controller = Controller(nominal_loops(model, bench), mapping, amplifier, bench.handover_s)
     state = controller.start()
-    once = controller.step(state, np.array([1e-5, 0]), np.zeros(2))
-    again = controller.step(state, np.array([1e-5, 0]), np.zeros(2))
+    sensed = Sensed(np.zeros(2), np.zeros(6))
+    once = controller.step(state, np.array([1e-5, 0]), sensed)
+    again = controller.step(state, np.array([1e-5, 0]), sensed)
     np.testing.assert_array_equal(once.input_percent, again.input_percent)
     np.testing.assert_array_equal(state.compensator, 0.0)
     assert np.abs(once.compensator).max() > 0

@@ -152,7 +152,7 @@ def test_the_forms_are_one_and_the_same_where_the_jacobian_is_constant():
     pose = absolute.estimate(before, NOMINAL)
     again = relinearized.displacements(pointing, pose, sent_m=before)
     np.testing.assert_allclose(again, wanted, rtol=1e-5)
-    last = Asked(np.array([1e-5, 1e-5]), before)
+    last = Asked(np.array([1e-5, 1e-5]), before, np.zeros(6))
     np.testing.assert_allclose(
         incremental.displacements(pointing, NOMINAL, last=last), wanted, atol=1e-18
     )

@@ -132,7 +132,8 @@ def test_without_its_spring_the_loop_needs_the_mapping_of_its_bandwidth(spirals)
     assert sound["sensitivity_peak"] < 2.0
     assert told["sensitivity_peak"] > 5.0
     assert as_locked["sensitivity_peak"] < 2.1
-    assert told["alpha_peak_urad"] > 3 * as_locked["alpha_peak_urad"]
+    for switched in (told, as_locked):  # either way the handover itself is not felt
+        assert switched["alpha_peak_urad"] < 1.05 * sound["alpha_peak_urad"]
     for when in ("from_start", "in_flight"):
         untold = spirals[f"loose_{when}_uncorrected"]
         for angle in ("alpha", "beta"):
@@ -259,7 +260,7 @@ def test_a_failure_strikes_at_its_time_and_the_mapping_changes_with_it(model):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ((0, "broken"), "kind must be one of locked, free, loose, got broken"),
+        ((0, "broken"), "kind must be one of .*weak, got broken"),
         ((-1, "free"), "strut and time_s must be finite and not negative, got -1, 0.0"),
         ((0, "free", np.nan), "strut and time_s must be finite and not negative, got 0, nan"),
         ((0, "free", -1.0), "strut and time_s must be finite and not negative, got 0, -1.0"),

@@ -57,7 +57,7 @@ def follow(mapping: StrutMapping, desired_rad: Array) -> Visited:
         for _ in range(_TICKS_A_POINT):
             pointing = pointing + desired - pointing_angles(pose.rotation)
             wanted_m = mapping.displacements(pointing, pose, last.displacements_m, last)
-            last = Asked(pointing, wanted_m)
+            last = Asked(pointing, wanted_m, last.rest_m)
             pose = forward_kinematics(mapping.geometry, wanted_m, start=pose)
         visited.append(last.displacements_m)
     return visit(mapping.geometry, np.array(visited))

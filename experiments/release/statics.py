@@ -4,6 +4,7 @@ import mujoco
 import numpy as np
 
 from experiments.goal import MAJOR
+from experiments.measures import percent
 from experiments.springs import elastic_system, strut_and_payload_stiffness
 from sim import Array, Plant, hexapod, linearize
 
@@ -97,13 +98,3 @@ def _swing_stiffness(model: mujoco.MjModel) -> float:
 def _resistance(model: mujoco.MjModel, column: Array) -> float:
     """What all flexures together put up against one strut's length, the others held, [N]/[m]."""
     return float(column @ strut_and_payload_stiffness(model)[6:, 6:] @ column)
-
-
-def percent(difference: Array, whole: Array) -> float:
-    """Size of a difference of twists (..., 6), rotation and translation each against its own.
-
-    The larger of the two.
-    """
-    parts = (slice(0, 3), slice(3, 6))
-    ratios = [np.linalg.norm(difference[..., p]) / np.linalg.norm(whole[..., p]) for p in parts]
-    return float(100 * max(ratios))

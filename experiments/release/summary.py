@@ -7,9 +7,8 @@ import mujoco
 import numpy as np
 
 from experiments.bench import Bench
-from experiments.measures import pointing_rms_urad
+from experiments.measures import percent, pointing_rms_urad
 from experiments.provenance import plant_constants, versions
-from experiments.release.statics import percent
 from experiments.release.study import Case, Release
 from experiments.run import Trajectory
 from experiments.soundness import CLOSURE_LIMIT_M, off_prediction

@@ -1,0 +1,231 @@
+"""One mapping takes over from another in flight: no strut command steps, no pointing is lost."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from experiments.bench import Bench
+from experiments.controller import Controller, Sensed
+from experiments.diagnosis.machine import Fault
+from experiments.diagnosis.record import Diagnosis
+from experiments.goal import MAJOR, Goal
+from experiments.mapping import DisplacementForm
+from experiments.recover.cases import DITHER
+from experiments.run import controller_for, fly, nominal_loops, track_spiral
+from experiments.supervisor import falling, reconfigured_goal, supervisor
+from sim import NOMINAL, Failure, hexapod, load_model
+
+MODEL, BENCH = load_model(), Bench()
+LOOPS = nominal_loops(MODEL, BENCH)
+EQUAL = Goal(joint_weight=(1.0,) * 6)
+J = np.linalg.inv(hexapod(MODEL).inverse_jacobian(NOMINAL))
+DESIRED = np.array([6e-5, -3e-5])
+LSB_PERCENT = 100 / 2**15
+
+GOALS = {
+    "W_b": Goal(joint_weight=(2.0, 1.0, 2.0, 1.0, 2.0, 1.0)),
+    "W_e, one locked": Goal(secondary_weight=(10.0, 10.0, 1.0, 1.0), locked_m={2: -4e-6}),
+    "locked off centre": Goal(joint_weight=(1.0,) * 6, locked_m={0: 4e-6}),
+    "W_e, two locked": Goal(secondary_weight=(10.0, 10.0, 1.0, 1.0), locked_m={1: -3e-6, 3: 1e-6}),
+}
+
+
+def controller(goal: Goal, form: DisplacementForm = "absolute") -> Controller:
+    return controller_for(MODEL, BENCH, LOOPS, goal, jacobian="constant", form=form)
+
+
+def steady(pilot, state, ticks: int, rest_m=None):
+    """The compensators see no error: what they ask stands still."""
+    for _ in range(ticks):
+        state = pilot.step(state, DESIRED, Sensed(DESIRED, np.zeros(6)), rest_m)
+    return state
+
+
+def pulled(pilot, rest_m=None):
+    """Some way out, by an error that lasts a tenth of a second."""
+    state = pilot.start()
+    for _ in range(100):
+        state = pilot.step(state, DESIRED, Sensed(0.7 * DESIRED, np.zeros(6)), rest_m)
+    return steady(pilot, state, 200, rest_m)
+
+
+@pytest.mark.parametrize("form", ["absolute", "relinearized"])
+@pytest.mark.parametrize("name", GOALS)
+def test_no_surviving_strut_steps_when_the_mapping_changes(name, form):
+    before, after = controller(EQUAL, form), controller(GOALS[name], form)
+    state = pulled(before)
+    survivors = [k for k in range(6) if k not in GOALS[name].locked_m]
+    sent = state.input_percent[survivors]
+    bumpless = steady(after, after.take_over(state), 1).input_percent[survivors]
+    bare = steady(after, state, 1).input_percent[survivors]
+    # The first tick of the fade, and the converters' last bit.
+    assert np.abs(bumpless - sent).max() <= 1.5 * LSB_PERCENT
+    if form == "absolute" or "locked" not in name:
+        assert np.abs(bare - sent).max() > 20 * LSB_PERCENT
+
+
+@pytest.mark.parametrize("name", GOALS)
+def test_what_is_left_of_the_former_mapping_fades_without_moving_the_pointing(name):
+    before, after = controller(EQUAL), controller(GOALS[name])
+    start = after.take_over(pulled(before))
+    survivors = [k for k in range(6) if k not in GOALS[name].locked_m]
+
+    def surviving_m(state):
+        return after.amplifier.displacement_m(state.input_percent)[survivors]
+
+    first = steady(after, start, 1)
+    pointing = J[np.ix_(MAJOR, survivors)] @ surviving_m(first)
+    state = first
+    for _ in range(round(BENCH.handover_s / BENCH.control_period_s)):
+        state = steady(after, state, 1)
+        now = J[np.ix_(MAJOR, survivors)] @ surviving_m(state)
+        # Six struts' last bits, 10 nm each at most, through J_m.
+        np.testing.assert_allclose(now, pointing, atol=6e-8)
+    own = after.mapping.displacements(state.asked.pointing_rad, state.pose)[survivors]
+    np.testing.assert_allclose(surviving_m(state), own, atol=1.1e-8)
+    if name != "locked off centre":  # the least of all struts is the least of those left, too
+        assert np.abs(surviving_m(first) - own).max() > 1e-7
+
+
+def test_a_handover_of_a_handover_owes_both():
+    first, second, third = (
+        controller(goal) for goal in (EQUAL, GOALS["W_b"], GOALS["W_e, one locked"])
+    )
+    state = steady(second, second.take_over(pulled(first)), 100)
+    then = steady(third, third.take_over(state), 1)
+    step = np.abs(then.input_percent - state.input_percent)
+    assert np.delete(step, 2).max() <= 2 * LSB_PERCENT
+
+
+def test_the_dither_goes_through_a_handover():
+    rest_m = np.array([2e-6, -1e-6, 3e-6, 0.0, 1e-6, -2e-6])
+    before, after = controller(EQUAL), controller(GOALS["W_b"])
+    state = pulled(before, rest_m)
+    then = steady(after, after.take_over(state), 1, rest_m)
+    assert np.abs(then.input_percent - state.input_percent).max() <= 1.5 * LSB_PERCENT
+
+
+def test_what_a_limp_strut_is_about_to_lose_the_others_make_up_for_at_once():
+    before, after = controller(EQUAL), controller(Goal(EQUAL.joint_weight, locked_m={2: 0.0}))
+    state = pulled(before)
+    sent_m = before.amplifier.displacement_m(state.input_percent)
+    falling_m = np.zeros(6)
+    falling_m[2] = sent_m[2]
+    then = steady(after, after.take_over(state, falling_m), 1)
+    now_m = after.amplifier.displacement_m(then.input_percent)
+    now_m[2] = 0.0
+    np.testing.assert_allclose(J[MAJOR] @ now_m, J[MAJOR] @ sent_m, atol=6e-8)
+
+
+def test_a_weak_coil_that_is_known_is_commanded_the_more():
+    weak = replace(EQUAL, strength={4: 0.5})
+    sound, aware = controller(EQUAL), controller(weak)
+    rest_m = np.zeros(6)
+    wanted = pulled(sound).input_percent
+    asked = pulled(aware).input_percent
+    np.testing.assert_allclose(asked[4], 2 * wanted[4], atol=2 * LSB_PERCENT)
+    others = [0, 1, 2, 3, 5]
+    np.testing.assert_allclose(asked[others], wanted[others], atol=LSB_PERCENT)
+    state = sound.start()
+    np.testing.assert_array_equal(
+        sound.step(state, DESIRED, Sensed(DESIRED, rest_m)).input_percent, 0.0
+    )
+
+
+def test_in_flight_the_switch_to_the_locked_mapping_is_not_felt():
+    """Lock of strut 1 at 3 s, told at once, off centre: nothing but the lock itself."""
+    failure = [Failure(0, "locked", 3.0)]
+    deaf = track_spiral(
+        MODEL, BENCH, LOOPS, EQUAL, failures=failure, jacobian="constant", duration_s=3.3
+    )
+    stuck_m = float(deaf.strut_displacement_m[3000, 0])
+    told = Goal(EQUAL.joint_weight, locked_m={0: stuck_m})
+    run = track_spiral(
+        MODEL,
+        BENCH,
+        LOOPS,
+        EQUAL,
+        failures=failure,
+        reconfigured=told,
+        jacobian="constant",
+        duration_s=3.3,
+    )
+    error = 1e6 * np.linalg.norm(run.desired_rad - run.true_rad, axis=1)
+    assert error[3000:].max() < 1.3 * error[2500:3000].max()
+    step = np.abs(np.diff(run.strut_input_percent[2990:3010], axis=0))[:, 1:]
+    assert step.max() < 5 * LSB_PERCENT
+
+
+# --- the supervisor
+
+
+def diagnosis(fault: Fault, displacement_m=0.0, alarm=0, tick=10) -> Diagnosis:
+    return Diagnosis(fault, 1.0, 1.0, displacement_m, alarm, alarm, tick, settled=False)
+
+
+def test_what_stands_is_what_was_settled_last_and_what_is_being_confirmed():
+    pilot = supervisor(MODEL, BENCH, LOOPS, EQUAL, dither=DITHER)
+    weak, locked = diagnosis(Fault(1, "weak", 0.5)), diagnosis(Fault(1, "locked"), 3e-6)
+    other = diagnosis(Fault(4, "free"))
+    state = pilot.start()
+    assert state.standing == []
+    state = replace(state, settled=(weak, locked))
+    assert state.standing == [locked]
+    assert replace(state, watch=replace(state.watch, diagnosis=other)).standing == [locked, other]
+
+
+def test_the_reconfigured_goal_says_what_is_known_of_each_strut():
+    known = [
+        diagnosis(Fault(0, "locked"), 3e-6),
+        diagnosis(Fault(2, "free"), 9e-6),
+        diagnosis(Fault(5, "weak", 0.6), 1e-6),
+    ]
+    goal = reconfigured_goal(EQUAL, known)
+    assert goal.locked_m == {0: 3e-6, 2: 0.0} and goal.strength == {5: 0.6}
+    assert goal.joint_weight == EQUAL.joint_weight
+    sent_m = np.full(6, 2e-6)
+    np.testing.assert_array_equal(falling(known[0], sent_m), 0.0)
+    assert falling(known[1], sent_m)[2] == 9e-6
+    assert falling(known[2], sent_m)[5] == pytest.approx(1e-6 - 0.6 * 2e-6)
+
+
+def test_a_weak_coil_is_commanded_more_with_care():
+    """Twice as much at the most; what has less than half of its force is left alone."""
+    sent_m = np.full(6, 8e-6)
+    most = diagnosis(Fault(5, "weak", 0.5), 4e-6)
+    assert reconfigured_goal(EQUAL, [most]).strength == {5: 0.5}
+    np.testing.assert_array_equal(falling(replace(most, settled=True), sent_m), 0.0)
+    gone = diagnosis(Fault(5, "weak", 0.4), 4e-6)
+    assert reconfigured_goal(EQUAL, [gone]).locked_m == {5: 0.0}
+    assert falling(gone, sent_m)[5] == 4e-6
+
+
+def test_a_supervisor_is_a_pure_function_and_says_when_the_task_is_lost():
+    pilot = supervisor(MODEL, BENCH, LOOPS, EQUAL, dither=DITHER)
+    state = pilot.start()
+    sensed = Sensed(np.zeros(2), np.zeros(6))
+    once, again = (pilot.step(state, DESIRED, sensed) for _ in range(2))
+    np.testing.assert_array_equal(once.input_percent, again.input_percent)
+    assert state.ticks == 0 and len(state.watch.history) == 1
+    locked = [Fault(k, "locked") for k in (0, 3, 1)]
+    assert pilot.can_point(locked)
+    assert not pilot.can_point([*locked, Fault(4, "locked")])  # struts 3 and 6 pull alike
+    assert pilot.can_point([Fault(k, "weak", 0.5) for k in range(6)])
+
+
+def test_a_second_failure_soon_after_the_first_is_found_too():
+    """A fifth of a second later: the first diagnosis is not settled yet."""
+    pilot = supervisor(MODEL, BENCH, LOOPS, EQUAL, dither=DITHER)
+    failures = [Failure(1, "locked", 7.0), Failure(5, "free", 7.2)]
+    run, state = fly(MODEL, BENCH, pilot, failures=failures, begin_s=6.3, duration_s=2.0, seed=3)
+    found = {(each.fault.strut, each.fault.kind) for each in state.standing}
+    assert found == {(1, "locked"), (5, "free")}
+    assert not state.task_lost and not state.watch.unexplained
+    # A lock is no reason for any other strut to step; its own current is switched off.
+    named = next(each.tick for each in state.diagnoses if each.fault.strut == 1)
+    step = np.abs(np.diff(run.strut_input_percent, axis=0))
+    usual = step[500:600].max()
+    assert np.delete(step[named - 1 : named + 1], 1, axis=1).max() < 1.5 * usual
+    error = 1e6 * np.linalg.norm(run.desired_rad - run.true_rad, axis=1)
+    assert error[-300:].max() < 1.5 * error[500:700].max()
