@@ -1,0 +1,1 @@
+"""Which strut has failed, how, and since when: from what a controller sends and senses."""
