@@ -3,6 +3,7 @@
 The `.rrd` is a view at 250 Hz; the `.npz` beside it is the record.
 """
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
+from experiments.marks import Mark, log_marks
 from experiments.rerun_file import COLORS, log_series, open_recording, screen, time_column
 from experiments.run import Trajectory
 from sim import Array
@@ -27,6 +29,7 @@ def write_recording(
     run: Trajectory,
     notes: str,
     properties: dict[str, Any],
+    marks: Sequence[Mark] = (),
 ) -> None:
     """Write one run as an `.rrd` file.
 
@@ -37,11 +40,13 @@ def write_recording(
         run: The run.
         notes: Markdown shown beside the plots.
         properties: Recording properties: seed, versions, model hash, bench constants.
+        marks: Failures in flight, and when they were found.
 
     Raises:
         Exception: Whatever the writer complains of; it runs in strict mode.
     """
-    recording = open_recording(path, recording_id, name, notes, properties, _blueprint(name))
+    screen = _blueprint(name, with_marks=bool(marks))
+    recording = open_recording(path, recording_id, name, notes, properties, screen)
     tick_s = float(run.time_s[1] - run.time_s[0])
     every = slice(None, None, max(1, round(1 / (RATE_HZ * tick_s))))
     time = time_column(run.time_s[every])
@@ -61,6 +66,8 @@ def write_recording(
     series("secondary/estimated", SECONDARY, 1e6 * run.secondary_estimated)
     series("closure/residual", ["closure [nm]"], 1e9 * run.closure_residual_m[:, None])
     _detector_plane(recording, time, run, every)
+    if marks:
+        log_marks(recording, marks, run.time_s, run.strut_input_percent)
     recording.disconnect()
 
 
@@ -89,24 +96,28 @@ def _detector_plane(
     )
 
 
-def _blueprint(name: str) -> rrb.Blueprint:
+def _blueprint(name: str, with_marks: bool) -> rrb.Blueprint:
     def plot(entity: str, title: str) -> rrb.TimeSeriesView:
         return rrb.TimeSeriesView(origin=entity, name=title)
 
+    on_the_left: list[rrb.View] = [
+        rrb.Spatial2DView(
+            origin="detector", name=f"{name}: detector plane, alpha right, beta up [urad]"
+        ),
+        rrb.TextDocumentView(origin="notes", name="Run"),
+    ]
+    on_the_right: list[rrb.View] = [
+        plot("pointing/error", "Pointing error, desired - true [urad]"),
+        plot("strut/input", "Strut inputs [%]"),
+        plot("secondary/true", "Secondary motion [urad], [um]"),
+        plot("closure/residual", "Closure residual [nm]"),
+    ]
+    if with_marks:
+        on_the_left.append(rrb.TextLogView(origin="events", name="What happened"))
+        on_the_right.insert(0, rrb.StateTimelineView(origin="state", name="Struts"))
     return screen(
         rrb.Horizontal(
-            rrb.Vertical(
-                rrb.Spatial2DView(
-                    origin="detector", name=f"{name}: detector plane, alpha right, beta up [urad]"
-                ),
-                rrb.TextDocumentView(origin="notes", name="Run"),
-                row_shares=[2, 1],
-            ),
-            rrb.Vertical(
-                plot("pointing/error", "Pointing error, desired - true [urad]"),
-                plot("strut/input", "Strut inputs [%]"),
-                plot("secondary/true", "Secondary motion [urad], [um]"),
-                plot("closure/residual", "Closure residual [nm]"),
-            ),
+            rrb.Vertical(*on_the_left, row_shares=[4, 2, 1][: len(on_the_left)]),
+            rrb.Vertical(*on_the_right, row_shares=[1.8, 1, 1, 1, 1][-len(on_the_right) :]),
         )
     )

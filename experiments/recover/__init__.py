@@ -1,0 +1,1 @@
+"""A strut fails in flight, and nobody says so."""

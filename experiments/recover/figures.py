@@ -1,0 +1,101 @@
+"""The figure of `fjh recover`."""
+
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from experiments.diagnosis.machine import KINDS
+from experiments.palette import BLACK, BLUE, GREEN, ORANGE, VERMILION
+from experiments.recover.flights import pointing_error_urad
+from experiments.recover.marks import marks
+from experiments.recover.study import Recover
+
+_COLORS = {"locked": BLUE, "free": VERMILION, "weak": GREEN}
+
+
+def figure_recover(result: Recover, summary: dict[str, Any]) -> Figure:
+    """How fast, what looks alike, what recovery is worth, and failure after failure."""
+    figure = Figure(figsize=(11, 8), layout="constrained")
+    figure.suptitle("A strut fails in flight: found by the pointing angles, commands and a dither")
+    grid = figure.add_gridspec(2, 2)
+    _delays(figure.add_subplot(grid[0, 0]), summary["cases"])
+    _separations(figure.add_subplot(grid[0, 1]), summary["ambiguity"])
+    _after(figure.add_subplot(grid[1, 0]), summary["cases"])
+    _shown(figure.add_subplot(grid[1, 1]), result)
+    for axes in figure.axes:
+        axes.grid(alpha=0.3)
+    return figure
+
+
+def _delays(axes: Axes, cases: list[dict[str, Any]]) -> None:
+    """Share of failures named, over the time since they happened."""
+    for kind in KINDS:
+        named = [c["named_ms"] for c in cases if c["truth"]["kind"] == kind]
+        delays = np.sort([np.inf if delay is None else delay for delay in named])
+        if delays.size:
+            share = np.arange(1, len(delays) + 1) / len(delays)
+            axes.step(delays, 100 * share, where="post", color=_COLORS[kind], label=kind)
+    axes.set(
+        title="strut named",
+        xlabel="time since the failure, ms",
+        ylabel="of the failures, %",
+        xscale="log",
+        ylim=(0, 102),
+    )
+    axes.xaxis.set_major_formatter("{x:g}")
+    axes.xaxis.set_minor_formatter("")
+    axes.legend(loc="lower right")
+
+
+def _separations(axes: Axes, ambiguity: dict[str, Any]) -> None:
+    """From the nearest other strut, and from the nearest other kind, setting by setting."""
+    settings = list(dict.fromkeys(each["setting"] for each in ambiguity["failures"]))
+    for column, setting in enumerate(settings):
+        seen = [each for each in ambiguity["failures"] if each["setting"] == setting]
+        for key, shift, color, label in (
+            ("from_other_struts", -0.12, BLUE, "nearest other strut"),
+            ("from_other_kinds", 0.12, ORANGE, "nearest other kind"),
+        ):
+            values = [each[key] for each in seen]
+            x = np.full(len(values), column + shift)
+            axes.semilogy(x, values, "o", color=color, ms=4, alpha=0.6, label=label)
+    axes.axhline(ambiguity["alike_below"], color=BLACK, lw=0.8, ls=":")
+    axes.set_xticks(range(len(settings)), [name.replace(", ", ",\n") for name in settings])
+    axes.set(title="how far apart: below the dotted line, alike", ylabel="separation $d$")
+    handles, labels = axes.get_legend_handles_labels()
+    axes.legend(handles[:2], labels[:2], fontsize="small")
+
+
+def _after(axes: Axes, cases: list[dict[str, Any]]) -> None:
+    """Each case after recovery, against the oracle's."""
+    oracle = [case["rms_after_oracle_urad"] for case in cases]
+    deaf = [case["rms_after_uncorrected_urad"] for case in cases]
+    found = [case["rms_after_urad"] for case in cases]
+    axes.plot(oracle, deaf, "s", color=ORANGE, ms=4, alpha=0.6, label="no correction")
+    axes.plot(oracle, found, "o", color=BLUE, ms=4, alpha=0.6, label="found and reconfigured")
+    ends = [0, max(oracle)]
+    axes.plot(ends, ends, color=BLACK, lw=0.8, label="oracle")
+    axes.set(
+        title="pointing error after recovery, RMS",
+        xlabel="told at once, µrad",
+        ylabel="µrad",
+    )
+    axes.legend(fontsize="small")
+
+
+def _shown(axes: Axes, result: Recover) -> None:
+    """The last of the flights that are kept: the cascade, unless --quick."""
+    name, (run, flight) = list(result.shown.items())[-1]
+    axes.semilogy(run.time_s, pointing_error_urad(run), color=BLACK, lw=0.6)
+    for mark in marks(run, flight):
+        axes.axvline(mark.failed_s, color=VERMILION, lw=1)
+        label = mark.failure if mark.diagnosed_s is None else mark.diagnosis
+        axes.text(mark.failed_s + 0.1, 0.02, label, rotation=90, fontsize="x-small")
+        if mark.diagnosed_s is not None:
+            axes.axvline(mark.diagnosed_s, color=GREEN, lw=1)
+    lost = ": in the end the task is lost" if flight.task_lost else ""
+    axes.set(
+        title=f"{name}{lost}", xlabel="time, s", ylabel="pointing error, µrad", ylim=(1e-2, 3e2)
+    )

@@ -1,0 +1,27 @@
+"""What a flight's recording and figure mark: failures, and when they were found."""
+
+from experiments.diagnosis.machine import fault_of
+from experiments.marks import Mark
+from experiments.recover.second import Succession
+from experiments.run import Trajectory
+
+
+def marks(run: Trajectory, flight: Succession) -> list[Mark]:
+    """One for each failure; found when its strut was first named, and as what in the end."""
+    found = []
+    for failure in flight.failures:
+        own = [
+            each
+            for each in flight.diagnoses
+            if each.fault.strut == failure.strut and run.time_s[each.tick] >= failure.time_s
+        ]
+        found.append(
+            Mark(
+                strut=failure.strut,
+                failed_s=failure.time_s,
+                failure=str(fault_of(failure)),
+                diagnosed_s=float(run.time_s[own[0].tick]) if own else None,
+                diagnosis=f"found: {own[-1].fault}" if own else "",
+            )
+        )
+    return found
