@@ -1,0 +1,143 @@
+"""The figure of the force experiment."""
+
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from experiments.force.overactuated import InternalForce
+from experiments.force.soundness import LIMIT_PERCENT
+from experiments.force.study import Examination, Force
+from experiments.palette import BLACK, BLUE, GREEN, ORANGE, VERMILION
+
+
+def figure_force(force: Force, summary: dict[str, Any]) -> Figure:
+    """Agreement; what the optimum is worth; lock; free strut; internal force, twice."""
+    figure = Figure(figsize=(15, 8.5), layout="constrained")
+    figure.suptitle("Static force mappings in simulation")
+    panels = figure.subplots(2, 3)
+    _agreement(panels[0, 0], summary)
+    _tradeoff(panels[0, 1], force)
+    _reactions(panels[0, 2], force.examinations)
+    _prescribed(panels[1, 0], force.examinations)
+    _hot_motors(panels[1, 1], summary["internal_force"])
+    _squeeze(panels[1, 2], force.internal[-1])
+    for axes in panels.flat:
+        axes.grid(alpha=0.3)
+    return figure
+
+
+def _agreement(axes: Axes, summary: dict[str, Any]) -> None:
+    conditions = summary["conditions"]
+    for key, label, color, marker in (
+        ("pressed_off_percent", "pressing on the fixture: wrench", BLUE, "o"),
+        ("held_off_percent", "holding: strut forces", VERMILION, "s"),
+        ("moved_percent", "holding: payload gives way", GREEN, "^"),
+    ):
+        for k in range(3):
+            off = [one["theorems"][k][key] for one in conditions]
+            named = label if k == 0 else None
+            axes.semilogy(range(len(off)), off, marker, color=color, ms=4, alpha=0.7, label=named)
+    axes.axhline(LIMIT_PERCENT, color=BLACK, lw=1, ls="--", label="limit")
+    axes.set_xticks(range(len(conditions)), [one["condition"] for one in conditions], rotation=90)
+    axes.tick_params(axis="x", labelsize="x-small")
+    axes.set(title="Theorems 7, 8, 9: simulation off by", ylabel="%")
+    axes.legend(fontsize="x-small")
+
+
+def _tradeoff(axes: Axes, force: Force) -> None:
+    trade = force.tradeoff
+    least = trade.mapping.weighed[0]
+    for tried, style, label in (
+        (trade.others, {"color": BLUE, "marker": ".", "ls": ""}, "other torques, as exact"),
+        (trade.pseudo_inverse, {"color": VERMILION, "marker": "s"}, "weighted pseudo-inverse"),
+        (trade.mapping, {"color": BLACK, "marker": "*", "ms": 13, "ls": ""}, "the mapping"),
+    ):
+        axes.semilogy(tried.weighed / least, 100 * tried.major_off, label=label, **style)
+    axes.axhline(LIMIT_PERCENT, color=BLACK, lw=1, ls="--")
+    axes.set(
+        title="One major force on the sound hexapod",
+        xlabel="weighted torque / the mapping's",
+        ylabel="simulated major force off by, %",
+    )
+    axes.legend(fontsize="x-small")
+
+
+def _reactions(axes: Axes, examinations: list[Examination]) -> None:
+    held, pressed, predicted = [], [], []
+    for one in examinations:
+        if one.condition.kind == "locked":
+            strut = one.condition.strut
+            for trial in one.trials:
+                predicted += list(trial.answer.strut[:, strut])
+                held += list(trial.held.lock_n[:, -1, strut])
+                pressed += list(trial.pressed.lock_n[:, -1, strut])
+    ends = [min(predicted), max(predicted)]
+    axes.plot(ends, ends, color=BLACK, lw=1, label="as predicted")
+    axes.plot(predicted, held, "s", color=VERMILION, ms=4, label="holding")
+    axes.plot(predicted, pressed, "o", color=BLUE, ms=4, label="pressing: shared with the fixture")
+    axes.set(
+        title="Locked strut: the reaction that no torque sees",
+        xlabel="lock force by eq. (11), N",
+        ylabel="simulated, N",
+    )
+    axes.legend(fontsize="x-small")
+
+
+def _prescribed(axes: Axes, examinations: list[Examination]) -> None:
+    freed = [one for one in examinations if one.condition.kind == "free"]
+    ways = [held for one in freed for held in one.prescribed]
+    for mapping, label, color in (
+        ("rigid", "rigid mapping: eq. (9)", BLUE),
+        ("elastic", "elastic mapping: spring used", ORANGE),
+    ):
+        for source, style in (
+            ("predicted", {"marker": "o", "mfc": "none", "ms": 8}),
+            ("simulated", {"marker": "x", "ms": 5}),
+        ):
+            moved = np.vstack([getattr(way, source) for way in ways if way.mapping == mapping])
+            axes.plot(
+                1e6 * np.linalg.norm(moved[:, 3:], axis=1),
+                1e6 * np.linalg.norm(moved[:, :2], axis=1),
+                ls="",
+                color=color,
+                label=f"{label}, {source}",
+                **style,
+            )
+    axes.set(
+        title="Free strut with its spring, prescribed wrench",
+        xlabel="payload translation, µm",
+        ylabel="pointing off by, µrad",
+    )
+    axes.legend(fontsize="x-small")
+
+
+def _hot_motors(axes: Axes, uses: list[dict[str, Any]]) -> None:
+    hot = [use for use in uses if use["motor"]]
+    for k, (how, label, color) in enumerate(
+        (("without", "$J^T f$ alone", ORANGE), ("used", "with internal force", BLUE))
+    ):
+        place = np.arange(len(hot)) + 0.4 * k - 0.2
+        axes.bar(
+            place, [use[how]["hot_motor_rms_n"] for use in hot], 0.38, color=color, label=label
+        )
+        weighed = [use[how]["weighed_rms_n"] for use in hot]
+        axes.plot(place, weighed, "D", color=BLACK, ms=5, label=None if k else "$|W_3 \\tau|$")
+    axes.set_xticks(range(len(hot)), [use["name"] for use in hot])
+    axes.set(title="Platform: a hot motor spared, the force unchanged", ylabel="RMS, N", ylim=0)
+    axes.legend(fontsize="x-small")
+
+
+def _squeeze(axes: Axes, use: InternalForce) -> None:
+    for k, (how, label, color) in enumerate(
+        ((use.without, "$J^T f$ alone", ORANGE), (use.used, "with internal force", BLUE))
+    ):
+        for leg in range(4):
+            force = how.pressed.strut_n[:, -1, leg]
+            place = np.full(len(force), leg + 1 + 0.2 * k - 0.1)
+            axes.plot(place, force, "o", color=color, ms=5, label=None if leg else label)
+    axes.axhline(0, color=BLACK, lw=1)
+    axes.set_xticks(range(1, 5), [f"leg {leg}" for leg in range(1, 5)])
+    axes.set(title="Platform squeezed: no leg changes sides", ylabel="force on the pin, N")
+    axes.legend(fontsize="x-small")

@@ -1,0 +1,168 @@
+"""The force experiment as data: the contents of `force.json`."""
+
+from typing import Any
+
+import numpy as np
+
+from experiments.force.answers import Answer
+from experiments.force.cases import PRESCRIBED
+from experiments.force.optimum import weighed
+from experiments.force.overactuated import PLATFORM_MJCF, Exerted, InternalForce
+from experiments.force.prescribed import Held, payload_stiffness
+from experiments.force.study import Examination, Force, Trial
+from experiments.force.tradeoff import MAJOR_WEIGHTS, Tradeoff
+from experiments.goal import MAJOR, SECONDARY
+from experiments.measures import percent, rms
+from experiments.provenance import plant_constants, versions
+from prioritized import Status
+from sim import Array, load_model, model_sha256
+
+
+def summarize(force: Force, seed: int) -> dict[str, Any]:
+    """All numbers of the experiment, ready for JSON; units are in the names."""
+    model = load_model()
+    K = payload_stiffness(model)
+    return {
+        "experiment": "force",
+        "seed": seed,
+        "versions": versions(),
+        "model_sha256": {"fjh": model_sha256(), "platform": model_sha256(PLATFORM_MJCF)},
+        "bench": plant_constants(model),
+        "asked": {
+            "major_n_m": force.aims.major.tolist(),
+            "secondary_n_and_n_m": force.aims.secondary.tolist(),
+        },
+        "conditions": [_condition(one, K) for one in force.examinations],
+        "tradeoff": _tradeoff(force.tradeoff),
+        "internal_force": [_internal(one) for one in force.internal],
+        "recording": "force.rrd",
+        "data": "force.npz",
+    }
+
+
+def _condition(one: Examination, K: Array) -> dict[str, Any]:
+    condition = one.condition
+    gaps = [part.closure_residual_m for trial in one.trials for part in (trial.pressed, trial.held)]
+    return {
+        "condition": str(condition),
+        "kind": condition.kind,
+        "strut": None if condition.kind is None else condition.strut + 1,
+        "theorems": [_theorem(trial, K) for trial in one.trials],
+        "reaction": _reaction(one) if condition.kind == "locked" else None,
+        "prescribed": [_prescribed(held) for held in one.prescribed],
+        "closure_residual_max_m": float(max(gap.max() for gap in gaps)),
+    }
+
+
+def _theorem(trial: Trial, K: Array) -> dict[str, Any]:
+    said, fixture = trial.answer, trial.pressed.fixture[:, -1]
+    asked, strut = said.asked[:, MAJOR], trial.held.strut_n[:, -1]
+    # As far as the push would move the payload if the springs alone held it.
+    unheld = np.linalg.solve(K, said.wrench.T).T
+    return {
+        "theorem": said.goal.theorem,
+        "exact": said.status is Status.EXACT,
+        "cost_excess": _cost_excess(said),
+        "torque_peak_n": float(np.abs(said.torques).max()),
+        "pressed_off_percent": percent((fixture - said.wrench) @ said.seen, said.wrench),
+        "pressed_major_off_percent": _off_percent(fixture[:, MAJOR] - asked, asked),
+        "held_off_percent": _off_percent(strut - said.strut, said.strut),
+        "moved_percent": percent(trial.held.displacement[:, -1], unheld),
+    }
+
+
+def _cost_excess(said: Answer) -> float:
+    """The largest of the aims, relative to all that is weighed there."""
+    whole = weighed(said.goal, said.torques, said.asked[:, SECONDARY])
+    return float(((said.cost - said.least_cost) / (whole**2).sum(axis=1)).max())
+
+
+def _reaction(one: Examination) -> dict[str, Any]:
+    """What the lock bears of the prescribed wrenches, held and pressing."""
+    trial, strut = one.trial(PRESCRIBED), one.condition.strut
+    return {
+        "predicted_n": trial.answer.strut[:, strut].tolist(),
+        "simulated_n": trial.held.lock_n[:, -1, strut].tolist(),
+        "simulated_pressed_n": trial.pressed.lock_n[:, -1, strut].tolist(),
+    }
+
+
+def _prescribed(held: Held) -> dict[str, Any]:
+    def size(displacement: Array) -> dict[str, list[float]]:
+        pointing, translation = displacement[:, MAJOR], displacement[:, 3:]
+        return {
+            "pointing_urad": (1e6 * np.linalg.norm(pointing, axis=1)).tolist(),
+            "translation_um": (1e6 * np.linalg.norm(translation, axis=1)).tolist(),
+        }
+
+    return {
+        "mapping": held.mapping,
+        "lacking_force_n": np.linalg.norm(held.lacking[:, 3:], axis=1).tolist(),
+        "lacking_major_n_m": np.linalg.norm(held.lacking[:, MAJOR], axis=1).tolist(),
+        "predicted": size(held.predicted),
+        "simulated": size(held.simulated),
+        "off_percent": percent(held.simulated - held.predicted, held.unheld),
+    }
+
+
+def _tradeoff(trade: Tradeoff) -> dict[str, Any]:
+    least = trade.mapping.weighed[0]
+    return {
+        "asked_n_m": trade.asked.tolist(),
+        "mapping": {
+            "weighed_torque_n": float(least),
+            "major_off_percent": 100 * float(trade.mapping.major_off[0]),
+        },
+        "others": {
+            "count": len(trade.others.weighed),
+            "cheapest_over_mapping": float(trade.others.weighed.min() / least),
+            "dearest_over_mapping": float(trade.others.weighed.max() / least),
+            "major_off_percent": 100 * float(trade.others.major_off.max()),
+        },
+        "pseudo_inverse": [
+            {
+                "major_weight_per_n_m": weight,
+                "weighed_over_mapping": float(weighed_n / least),
+                "major_off_percent": 100 * float(off),
+            }
+            for weight, weighed_n, off in zip(
+                MAJOR_WEIGHTS,
+                trade.pseudo_inverse.weighed,
+                trade.pseudo_inverse.major_off,
+                strict=True,
+            )
+        ],
+    }
+
+
+def _internal(use: InternalForce) -> dict[str, Any]:
+    """Root mean squares over the forces that are exerted."""
+
+    def weighed_n(how: Exerted) -> Array:
+        return np.linalg.norm((how.torques - use.desired) * use.torque_weight, axis=1)
+
+    def exerted(how: Exerted) -> dict[str, Any]:
+        legs, fixture = how.pressed.strut_n[:, -1], how.pressed.fixture[:, -1]
+        if use.motor is None:
+            of_motors = {"least_squeeze_n": float((legs * np.sign(use.desired)).min())}
+        else:
+            of_motors = {"hot_motor_rms_n": float(rms(how.torques[:, use.motor]))}
+        return of_motors | {
+            "weighed_rms_n": float(rms(weighed_n(how))),
+            "internal_rms_n": float(rms(how.legs @ use.direction)),
+            "internal_simulated_rms_n": float(rms(legs @ use.direction)),
+            "wrench_off_percent": percent(fixture - use.wrench, use.wrench),
+            "legs_off_percent": _off_percent(legs - how.legs, how.legs),
+        }
+
+    return {
+        "name": use.name,
+        "motor": None if use.motor is None else use.motor + 1,
+        "without": exerted(use.without),
+        "used": exerted(use.used),
+        "saved_at_least_n": float((weighed_n(use.without) - weighed_n(use.used)).min()),
+    }
+
+
+def _off_percent(difference: Array, whole: Array) -> float:
+    return float(100 * np.linalg.norm(difference) / np.linalg.norm(whole))
