@@ -1,0 +1,1 @@
+"""The goals of the paper's abstract, pursued beside the major task."""

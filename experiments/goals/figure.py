@@ -1,0 +1,106 @@
+"""The picture of the four goals: what each is about, and what it costs the major task."""
+
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from experiments.goals.demonstration import REFERENCE, Demonstration, Outcome
+from experiments.goals.study import DEMONSTRATIONS, Outcomes
+from experiments.goals.summary import way_label
+from experiments.palette import BLACK, BLUE, GREEN, PURPLE, VERMILION
+from sim import Array
+
+MEASURES = {
+    "hottest_coil_c": "hottest coil, °C",
+    "stroke_margin_um": "least stroke left, µm",
+    "clearance_um": "clearance, µm",
+    "condition_number": "condition number of $J_m$",
+}
+_WINDOW_S = 0.5
+
+
+def figure_goals(outcomes: Outcomes, summary: dict[str, Any]) -> Figure:
+    """A row for each goal: its measure and the pointing error over time, and what changed."""
+    figure = Figure(figsize=(13, 13.5), layout="constrained")
+    figure.suptitle("Four secondary goals: pursued through the mapping, not at all, conventionally")
+    grid = figure.subplots(len(DEMONSTRATIONS), 3, width_ratios=[1, 1, 0.8])
+    for row, one, goal in zip(grid, DEMONSTRATIONS, summary["goals"], strict=True):
+        ours = outcomes[one.name]
+        _measure(row[0], one, ours)
+        _error(row[1], one, ours)
+        _changes(row[2], goal)
+        for axes in row:
+            axes.grid(alpha=0.3)
+    return figure
+
+
+def styles(ours: dict[str, Outcome]) -> dict[str, dict[str, Any]]:
+    """Ways drawn over time, with their lines; of the pseudo-inverses the one of least weight."""
+    lightest = next(name for name in ours if name.startswith("pseudo_inverse"))
+    return {
+        "nothing": {"color": VERMILION, "label": "nothing done"},
+        lightest: {
+            "color": PURPLE,
+            "ls": "--",
+            "label": f"pseudo-inverse, w = {lightest.rsplit('_', 1)[1]}",
+        },
+        "pursued": {"color": BLUE, "label": "pursued"},
+    }
+
+
+def _measure(axes: Axes, one: Demonstration, ours: dict[str, Outcome]) -> None:
+    for name, style in styles(ours).items():
+        axes.plot(ours[name].time_s, ours[name].measure, lw=1.5, **style)
+    axes.axhline(one.limit, color=BLACK, ls=":", label="limit")
+    axes.set(title=one.title, xlabel="time, s", ylabel=MEASURES[one.measure])
+    if one.measure == "condition_number":
+        axes.set_yscale("log")
+        axes.set_yticks([1, 2, 5, 10, 20, 50], ["1", "2", "5", "10", "20", "50"])
+        axes.minorticks_off()
+    axes.legend(fontsize="small")
+
+
+def _error(axes: Axes, one: Demonstration, ours: dict[str, Outcome]) -> None:
+    shown = styles(ours) | {REFERENCE: {"color": BLACK, "ls": ":", "label": "nothing to avoid"}}
+    for name, style in shown.items():
+        axes.semilogy(*_moving_rms(ours[name]), lw=1.5, **style)
+    axes.set(
+        title=f"pointing error, RMS of {_WINDOW_S:g} s",
+        xlabel="time, s",
+        ylabel="both angles, µrad",
+    )
+    axes.legend(fontsize="small")
+
+
+def _changes(axes: Axes, goal: dict[str, Any]) -> None:
+    runs = [run for run in goal["runs"] if not run["name"].startswith(REFERENCE)]
+    runs = sorted(runs, key=lambda run: (run["name"] != "nothing", run["major_weight"] or np.inf))
+    noise = goal["another_seed"]["difference_rms_urad"]
+    largest = [max(run["difference_rms_urad"]) for run in runs]
+    colors = {"pursued": BLUE, "nothing": VERMILION}
+    for k, (run, change) in enumerate(zip(runs, largest, strict=True)):
+        if change > 0:
+            axes.plot(change, k, "o", color=colors.get(run["name"], PURPLE), ms=8)
+        else:
+            axes.annotate(
+                "the same run", (0.03, k), xycoords=("axes fraction", "data"), va="center"
+            )
+    axes.axvspan(0, noise, color=GREEN, alpha=0.2, label="less than another seed does")
+    axes.set_xscale("log")
+    axes.set_xlim(min(noise, *(change for change in largest if change > 0)) / 3, None)
+    axes.set_yticks(range(len(runs)), [way_label(run) for run in runs])
+    axes.set(title="RMS of the change of pointing", xlabel="µrad", ylim=(-0.6, len(runs)))
+    axes.legend(fontsize="small", loc="upper right")
+
+
+def _moving_rms(outcome: Outcome) -> tuple[Array, Array]:
+    """Middle of each window, and the RMS [urad] of both angles together in it."""
+    ticks = round(_WINDOW_S / float(outcome.time_s[1] - outcome.time_s[0]))
+    windows = len(outcome.time_s) // ticks
+    squares = (1e6 * outcome.error_rad[: windows * ticks]) ** 2
+    return (
+        outcome.time_s[: windows * ticks].reshape(windows, ticks).mean(axis=1),
+        np.sqrt(squares.sum(axis=1).reshape(windows, ticks).mean(axis=1)),
+    )
