@@ -6,8 +6,11 @@ import typer
 
 from experiments.conduct import Unsound
 from experiments.files import OutputError
+from experiments.force.command import force
+from experiments.goals.command import goals
 from experiments.interrupt import INTERRUPTED, SENTENCE
 from experiments.jacobian.command import jacobian
+from experiments.recover.command import recover
 from experiments.release.command import release
 from experiments.speed.command import bench
 from experiments.systems.command import systems
@@ -23,7 +26,8 @@ app = typer.Typer(
     no_args_is_help=True,
     rich_markup_mode=None,
 )
-for command in (table1, systems, release, jacobian, uncorrected, bench):
+commands = (table1, systems, release, recover, force, goals, jacobian, uncorrected, bench)
+for command in commands:
     app.command()(command)
 
 

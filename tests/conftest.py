@@ -42,6 +42,20 @@ def release(release_folder):
 
 
 @pytest.fixture(scope="session")
+def recover_folder(tmp_path_factory):
+    """Failures in flight, a few: made by the command."""
+    folder = tmp_path_factory.mktemp("recover")
+    assert main(["recover", "--quick", "--out", str(folder)]) == 0
+    return folder
+
+
+@pytest.fixture(scope="session")
+def recover(recover_folder):
+    """`recover.json`."""
+    return json.loads((recover_folder / "recover.json").read_text())
+
+
+@pytest.fixture(scope="session")
 def systems_folder(tmp_path_factory):
     """Every mechanism in every condition, made by the command."""
     folder = tmp_path_factory.mktemp("systems")
@@ -67,6 +81,20 @@ def jacobian_folder(tmp_path_factory):
 def jacobian_study(jacobian_folder):
     """`jacobian.json`."""
     return json.loads((jacobian_folder / "jacobian.json").read_text())
+
+
+@pytest.fixture(scope="session")
+def goals_folder(tmp_path_factory):
+    """The four secondary goals, short: made by the command."""
+    folder = tmp_path_factory.mktemp("goals")
+    assert main(["goals", "--quick", "--out", str(folder)]) == 0
+    return folder
+
+
+@pytest.fixture(scope="session")
+def goals(goals_folder):
+    """`goals.json`."""
+    return json.loads((goals_folder / "goals.json").read_text())
 
 
 @pytest.fixture(scope="session")
