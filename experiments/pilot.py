@@ -48,11 +48,10 @@ class Pilot(Protocol[State]):
 
 
 @dataclass(frozen=True)
-class InformedState:
-    """State of the controller that flies, and how many ticks it has been."""
+class PointingState:
+    """State of the pointing loops; pilots add what they need."""
 
     controller: ControllerState
-    ticks: int
 
     @property
     def input_percent(self) -> Array:
@@ -63,6 +62,13 @@ class InformedState:
     def pose(self) -> Pose:
         """Estimated pose of the payload."""
         return self.controller.pose
+
+
+@dataclass(frozen=True)
+class InformedState(PointingState):
+    """Beside it, how many ticks it has been."""
+
+    ticks: int
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ import numpy as np
 
 from experiments.bench import Bench
 from experiments.compensator import Loop
-from experiments.controller import Controller, ControllerState, Sensed
+from experiments.controller import Controller, Sensed
 from experiments.diagnosis.dither import STILL, Dither
 from experiments.diagnosis.machine import Fault, SoundMachine, sound_machine
 from experiments.diagnosis.monitor import Monitor, monitor
@@ -17,19 +17,19 @@ from experiments.diagnosis.rules import RULES, Rules
 from experiments.diagnosis.sensing import sensing
 from experiments.goal import MAJOR, Goal
 from experiments.mapping import JacobianChoice
+from experiments.pilot import PointingState
 from experiments.run import controller_for
 from experiments.springs import elastic_system
 from prioritized import failure_atlas
-from sim import Amplifier, Array, Pose
+from sim import Amplifier, Array
 
 
 @dataclass(frozen=True)
-class SupervisorState:
+class SupervisorState(PointingState):
     """What the supervisor remembers.
 
     Attributes:
-        controller: State of the controller that flies.
-        flies: That controller.
+        flies: The controller that flies; `controller` is its state.
         watch: State of the monitor.
         monitor: That monitor.
         settled: The diagnoses that are believed.
@@ -39,7 +39,6 @@ class SupervisorState:
         ticks: Flown.
     """
 
-    controller: ControllerState
     flies: Controller
     watch: MonitorState
     monitor: Monitor
@@ -55,16 +54,6 @@ class SupervisorState:
         if self.watch.diagnosis is not None:
             latest = (*latest, self.watch.diagnosis)
         return list({each.fault.strut: each for each in latest}.values())
-
-    @property
-    def input_percent(self) -> Array:
-        """Strut inputs to send, shape (6,)."""
-        return self.controller.input_percent
-
-    @property
-    def pose(self) -> Pose:
-        """Estimated pose of the payload."""
-        return self.controller.pose
 
 
 @dataclass(frozen=True)

@@ -8,12 +8,13 @@ import numpy as np
 
 from experiments.bench import Bench
 from experiments.compensator import Loop
-from experiments.controller import Controller, ControllerState, Sensed
+from experiments.controller import Controller, Sensed
 from experiments.goal import Goal
 from experiments.goals.demonstration import Outcome, Way, smooth_step
 from experiments.goals.pseudo_inverse import PseudoInverseMapping
 from experiments.mapping import StrutMapping
 from experiments.measures import closure_residual_max_m
+from experiments.pilot import PointingState
 from experiments.run import Trajectory
 from sim import Amplifier, Array, Pose, hexapod, pointing_angles
 
@@ -73,23 +74,6 @@ StrutRates = Callable[[Array, Pose], Array]
 def no_rates(displacements_m: Array, pose: Pose) -> Array:
     """No secondary goal."""
     return np.zeros_like(displacements_m)
-
-
-@dataclass(frozen=True)
-class PointingState:
-    """State of the pointing loops; pilots add what their goal needs."""
-
-    controller: ControllerState
-
-    @property
-    def input_percent(self) -> Array:
-        """Strut inputs to send, shape (6,)."""
-        return self.controller.input_percent
-
-    @property
-    def pose(self) -> Pose:
-        """Estimated pose of the payload."""
-        return self.controller.pose
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,6 @@ from experiments.goal import Goal
 from experiments.goals.demonstration import Demonstration, Outcome, Way, smooth_step
 from experiments.goals.off_axis import (
     JUDGED_FROM_S,
-    PointingState,
     Seeker,
     controllers,
     no_rates,
@@ -20,6 +19,7 @@ from experiments.goals.off_axis import (
     outcome,
     unrolled,
 )
+from experiments.pilot import PointingState
 from experiments.run import fly
 from sim import Amplifier, Array, Coils, load_model
 
