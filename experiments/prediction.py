@@ -149,8 +149,12 @@ def sensitivity_peak(
     Its inverse is how near the loops come to instability, both channels and their coupling taken
     together; a well-damped single loop has less than 2.
     """
-    L = _loop_transfer(model, bench, loops, goal, failures, stiffness)
-    frequency_rad_s = 2 * np.pi * np.geomspace(0.1, 0.45 / bench.control_period_s, 3000)
+    return peak_of_sensitivity(_loop_transfer(model, bench, loops, goal, failures, stiffness))
+
+
+def peak_of_sensitivity(L: control.StateSpace) -> float:
+    """The same of any sampled open loop with two inputs and two outputs."""
+    frequency_rad_s = 2 * np.pi * np.geomspace(0.1, 0.45 / L.dt, 3000)
     response = np.moveaxis(control.frequency_response(L, frequency_rad_s).frdata, -1, 0)
     return float(1 / np.linalg.svd(np.eye(2) + response, compute_uv=False).min())
 

@@ -10,6 +10,7 @@ from experiments.compensator import Loop
 from experiments.diagnosis.dither import Dither
 from experiments.diagnosis.machine import Fault, SoundMachine
 from experiments.diagnosis.record import Diagnosis
+from experiments.measures import closure_residual_max_m
 from experiments.pilot import NEVER, Informed, Pilot, State
 from experiments.recover.cases import AFTER_S, BEFORE_S, GOAL, RECOVERED_S, Case
 from experiments.run import Trajectory, controller_for, fly
@@ -100,7 +101,7 @@ def find(
         false_alarm=any(tick < STRUCK for tick in state.watch.alarm_ticks),
         unexplained=state.watch.unexplained,
         task_lost=state.task_lost,
-        closure_residual_max_m=float(run.closure_residual_m.max()),
+        closure_residual_max_m=closure_residual_max_m(run),
     )
 
 

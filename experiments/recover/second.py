@@ -9,6 +9,7 @@ from experiments.bench import Bench
 from experiments.compensator import Loop
 from experiments.diagnosis.machine import Fault, Kind, fault_of
 from experiments.diagnosis.record import Diagnosis
+from experiments.measures import closure_residual_max_m
 from experiments.recover.cases import BEFORE_S, DITHER, GOAL
 from experiments.recover.flights import pointing_error_urad
 from experiments.run import Trajectory, fly
@@ -116,5 +117,5 @@ def fly_sequence(
         unexplained=state.watch.unexplained,
         rms_urad=float(np.sqrt((size[-last_second:] ** 2).mean())),
         peak_urad=float(size[run.time_s >= first_s].max()),
-        closure_residual_max_m=float(run.closure_residual_m.max()),
+        closure_residual_max_m=closure_residual_max_m(run),
     )

@@ -13,6 +13,7 @@ from experiments.compensator import Loop
 from experiments.diagnosis.machine import KINDS, Fault, SoundMachine, failed_machine, sound_machine
 from experiments.goal import MAJOR, Goal
 from experiments.mapping import StrutMapping
+from experiments.prediction import peak_of_sensitivity
 from experiments.recover.cases import GOAL
 from experiments.supervisor import WEAKEST
 from sim import Array, hexapod
@@ -52,7 +53,7 @@ def beliefs(
         P = _machine(sound, truth)
         for believed, gain in zip(told, gains, strict=True):
             L = control.ss(P.A, P.B @ gain, P.C, 0, P.dt) * compensators
-            found.append(Belief(truth, believed, _largest_pole(L), _peak(L)))
+            found.append(Belief(truth, believed, _largest_pole(L), peak_of_sensitivity(L)))
     return found
 
 
@@ -81,9 +82,3 @@ def _machine(sound: SoundMachine, truth: Fault | None) -> control.StateSpace:
 
 def _largest_pole(L: control.StateSpace) -> float:
     return float(np.abs(control.feedback(L, np.eye(2)).poles()).max())
-
-
-def _peak(L: control.StateSpace) -> float:
-    frequency_rad_s = 2 * np.pi * np.geomspace(0.1, 0.45 / L.dt, 1500)
-    response = np.moveaxis(control.frequency_response(L, frequency_rad_s).frdata, -1, 0)
-    return float(1 / np.linalg.svd(np.eye(2) + response, compute_uv=False).min())
