@@ -37,6 +37,7 @@ class Tick:
     singular_values: Array
     rates: Array
     command_rad: Array
+    joint_rad: Array
     closure_residual_m: float
 
 
@@ -113,6 +114,7 @@ def sweep(
                 singular_values=np.linalg.svd(kin.J[POINTING], compute_uv=False),
                 rates=speed,
                 command_rad=command,
+                joint_rad=plant.strut_displacement_m(),
                 closure_residual_m=plant.closure_residual_m(),
             )
         )
@@ -137,5 +139,6 @@ def _outcome(time_s: Array, ticks: Sequence[Tick]) -> Outcome:
             "singular_values": singular_values,
             "joint_rates_rad_per_s": np.array([tick.rates for tick in ticks]),
             "joint_command_rad": np.array([tick.command_rad for tick in ticks]),
+            "joint_rad": np.array([tick.joint_rad for tick in ticks]),
         },
     )

@@ -1,7 +1,7 @@
 """The hexapod searching around a target off its axis: the run that three demonstrations share."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 
 import mujoco
 import numpy as np
@@ -123,10 +123,5 @@ def outcome(flown: Trajectory, measure: Array, **arrays: Array) -> Outcome:
         error_rad=flown.desired_rad - flown.true_rad,
         measure=measure,
         closure_residual_max_m=closure_residual_max_m(flown),
-        arrays={
-            "strut_input_percent": flown.strut_input_percent,
-            "strut_displacement_m": flown.strut_displacement_m,
-            "secondary": flown.secondary,
-            **arrays,
-        },
+        arrays={name: each for name, each in asdict(flown).items() if name != "time_s"} | arrays,
     )

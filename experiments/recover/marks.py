@@ -1,7 +1,9 @@
 """What a flight's recording and figure mark: failures, and when they were found."""
 
+import numpy as np
+
 from experiments.diagnosis.machine import fault_of
-from experiments.marks import Mark
+from experiments.recording.marks import Mark
 from experiments.recover.second import Succession
 from experiments.run import Trajectory
 
@@ -20,7 +22,7 @@ def marks(run: Trajectory, flight: Succession) -> list[Mark]:
                 strut=failure.strut,
                 failed_s=failure.time_s,
                 failure=str(fault_of(failure)),
-                diagnosed_s=float(run.time_s[own[0].tick]) if own else None,
+                diagnosed_s=float(run.time_s[own[0].tick]) if own else np.inf,
                 diagnosis=f"found: {own[-1].fault}" if own else "",
             )
         )

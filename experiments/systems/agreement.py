@@ -29,29 +29,46 @@ def motion_error(kin: Kinematics, answer: Response, moved: Array) -> float:
     return float(max(rows.max(), np.linalg.norm(forbidden) / np.linalg.norm(answer.active)))
 
 
+@dataclass(frozen=True)
+class Polygon:
+    """The major task driven around a polygon, in simulation.
+
+    Attributes:
+        desired: Shape (T, m1).
+        reached: Shape (T, m1).
+        qpos: Positions of all joints, shape (T, nq).
+        error: Largest distance at a corner from what the mapping promises, in steps.
+    """
+
+    desired: Array
+    reached: Array
+    qpos: Array
+    error: float
+
+
 def drive_polygon(
     model: mujoco.MjModel,
     failures: list[Failure],
     mechanism: Mechanism,
     kin: Kinematics,
     rng: np.random.Generator,
-) -> tuple[Array, Array, float]:
-    """Drive the major task around an octagon of radius STEP, then both ways along the others.
-
-    Times a row each (T, m1) of what is asked for and reached, and the largest distance at a corner
-    from what the mapping promises, in steps.
-    """
+) -> Polygon:
+    """Drive the major task around an octagon of radius STEP, then both ways along the others."""
     m1 = len(mechanism.major)
     angle = 2 * np.pi * (np.arange(_CORNERS) / _CORNERS + rng.random())
     octagon = np.stack([np.cos(angle), np.sin(angle)], axis=1) @ np.eye(2, m1)
     corners = STEP * np.vstack([octagon, np.eye(m1)[2:], -np.eye(m1)[2:]])
     mapping = kin.velocity_mapping(mechanism.major, joint_weight=np.ones(len(kin.actuators)))
-    moved = follow(model, failures, kin.expand(mapping(corners)))
+    moved, qpos = follow(model, failures, kin.expand(mapping(corners)))
     rows = [mechanism.task[row] for row in mechanism.major]
     promised = corners - mapping.residual(corners)
     error = np.abs(moved[:, -1, rows] - promised).max() / STEP
-    held = moved.shape[1]
-    return np.repeat(corners, held, axis=0), moved[..., rows].reshape(-1, m1), float(error)
+    return Polygon(
+        desired=np.repeat(corners, moved.shape[1], axis=0),
+        reached=moved[..., rows].reshape(-1, m1),
+        qpos=qpos,
+        error=float(error),
+    )
 
 
 @dataclass(frozen=True)

@@ -88,16 +88,22 @@ def _pushed(
     return after - before, float(max(np.abs(at_once).max(), np.abs(after).max()))
 
 
-def follow(model: mujoco.MjModel, failures: Sequence[Failure], commands: Array) -> Array:
-    """Payload displacement (K, S, 6) while each of the commands (K, nu) is held for S periods."""
+def follow(
+    model: mujoco.MjModel, failures: Sequence[Failure], commands: Array
+) -> tuple[Array, Array]:
+    """What happens while each of the commands (K, nu) is held for S periods.
+
+    Displacement of the payload (K, S, 6), and positions of all joints (K S, nq).
+    """
     plant = failed_plant(model, failures)
     periods = round(settling_s(model, failures) / PERIOD_S)
-    moved = []
+    moved, qpos = [], []
     for command in commands:
         for _ in range(periods):
             plant.step(command, PERIOD_S)
             moved.append(plant.displacement())
-    return np.array(moved).reshape(len(commands), periods, 6)
+            qpos.append(plant.data.qpos.copy())
+    return np.array(moved).reshape(len(commands), periods, 6), np.array(qpos)
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ import numpy as np
 from experiments.parallel import in_parallel
 from experiments.systems.agreement import (
     Held,
+    Polygon,
     dimension,
     drive_polygon,
     hold_force,
@@ -34,9 +35,8 @@ class Examination:
         bound: Simulated number of forbidden active rates.
         motion_error: Simulated against predicted payload motion, every actuator in turn, relative.
         drift_error: Sine of the angle between simulated and predicted self-motion; zero when none.
-        major_error: Major displacement along a polygon, against what the mapping promises.
         held: A force exerted through the force mapping.
-        time_s: (T,) of the polygon; `desired`: (T, m1) major displacement; `reached`: (T, m1).
+        polygon: The major task driven around one; `time_s`: (T,).
     """
 
     mechanism: Mechanism
@@ -49,11 +49,9 @@ class Examination:
     bound: int
     motion_error: float
     drift_error: float
-    major_error: float
     held: Held
     time_s: Array
-    desired: Array
-    reached: Array
+    polygon: Polygon
 
     @property
     def agrees(self) -> bool:
@@ -98,7 +96,7 @@ def examine(mechanism: Mechanism, condition: Condition, seed: int) -> Examinatio
     moved = answer.task[task]
     coasting = drift(model, failures, mechanism.task)[task]
     rng = np.random.default_rng(seed)
-    desired, reached, major_error = drive_polygon(model, failures, mechanism, kin, rng)
+    polygon = drive_polygon(model, failures, mechanism, kin, rng)
     held = hold_force(model, failures, mechanism, system, kin, rng)
     return Examination(
         mechanism=mechanism,
@@ -111,11 +109,9 @@ def examine(mechanism: Mechanism, condition: Condition, seed: int) -> Examinatio
         bound=len(kin.actuators) - dimension(answer.active),
         motion_error=motion_error(kin, answer, moved),
         drift_error=largest_angle(coasting, report.bases["unstable"]),
-        major_error=major_error,
         held=held,
-        time_s=np.arange(1, len(desired) + 1) * PERIOD_S,
-        desired=desired,
-        reached=reached,
+        time_s=np.arange(1, len(polygon.desired) + 1) * PERIOD_S,
+        polygon=polygon,
     )
 
 

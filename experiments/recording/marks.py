@@ -6,11 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 import rerun as rr
 
-from experiments.rerun_file import time_column
+from experiments.palette import YELLOW
+from experiments.recording.file import rgb, time_column
+from experiments.run import Trajectory
 from sim import Array
 
-FAILED = [213, 94, 0]
-DIAGNOSED = [0, 158, 115]
+FAILED = rgb(YELLOW)
+DIAGNOSED = [255, 255, 255]
 _SOUND = [190, 190, 190]
 
 _WIDTH = 3.0
@@ -24,51 +26,56 @@ class Mark:
         strut: 0..5.
         failed_s: When it happened.
         failure: What, in words.
-        diagnosed_s: When it was found; None: it was not.
+        diagnosed_s: When it was found; infinite: never.
         diagnosis: What was found, in words.
     """
 
     strut: int
     failed_s: float
     failure: str
-    diagnosed_s: float | None = None
+    diagnosed_s: float = np.inf
     diagnosis: str = ""
 
+    @property
+    def is_found(self) -> bool:
+        """Whether it ever was."""
+        return self.diagnosed_s < np.inf
 
-def log_marks(
-    recording: rr.RecordingStream, marks: Sequence[Mark], time_s: Array, strut_input_percent: Array
-) -> None:
-    """Log what each strut is in, what happened as text, and the failed strut's input in colour.
+
+def happens_in_flight(marks: Sequence[Mark], time_s: Array) -> bool:
+    """Whether a strut fails after the run (N,) has begun."""
+    return any(mark.failed_s > time_s[0] for mark in marks)
+
+
+def log_marks(recording: rr.RecordingStream, marks: Sequence[Mark], run: Trajectory) -> None:
+    """Log what each failing strut is in, what happens as text, and the strut's input in colour.
 
     Args:
         recording: To log into.
         marks: What happened.
-        time_s: Of the run, shape (N,).
-        strut_input_percent: (N, 6).
+        run: In which.
     """
-    begin_s, end_s = float(time_s[0]), float(time_s[-1])
-    by_strut = {mark.strut: mark for mark in marks}
-    for strut in range(6):
-        entity = f"state/strut_{strut + 1}"
+    time_s, begin_s, end_s = run.time_s, float(run.time_s[0]), float(run.time_s[-1])
+    for mark in marks:
+        entity = f"state/strut_{mark.strut + 1}"
         style = rr.StateConfiguration(
             values=["sound", "failed", "diagnosed"], colors=[_SOUND, FAILED, DIAGNOSED]
         )
         recording.log(entity, style, static=True)
-        changes = [(begin_s, "sound")]
-        if mark := by_strut.get(strut):
-            changes.append((mark.failed_s, "failed"))
-            if mark.diagnosed_s is not None:
-                changes.append((mark.diagnosed_s, "diagnosed"))
+        changes = [(begin_s, "sound")] if mark.failed_s > begin_s else []
+        changes.append((mark.failed_s, "failed"))
+        if mark.is_found:
+            changes.append((mark.diagnosed_s, "diagnosed"))
         times, states = zip(*changes, strict=True)
         columns = rr.StateChange.columns(state=states)
         recording.send_columns(entity, [time_column(np.array(times))], columns)
     for mark in marks:
-        found_s = end_s if mark.diagnosed_s is None else mark.diagnosed_s
-        signal = strut_input_percent[:, mark.strut]
+        found_s = min(mark.diagnosed_s, end_s)
+        signal = run.strut_input_percent[:, mark.strut]
         told = f"strut {mark.strut + 1}"
         _log_part(recording, f"{told} failed [%]", FAILED, time_s, signal, mark.failed_s, found_s)
         _log_text(recording, mark.failed_s, mark.failure)
-        if mark.diagnosed_s is not None:
+        if mark.is_found:
             name = f"{told} diagnosed [%]"
             _log_part(recording, name, DIAGNOSED, time_s, signal, found_s, end_s)
             _log_text(recording, mark.diagnosed_s, mark.diagnosis)

@@ -1,0 +1,146 @@
+"""Recording of `fjh force`: the hexapod holds wrenches, sound and with strut 1 failed."""
+
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+from scipy.spatial.transform import Rotation
+
+from experiments.force.cases import PRESCRIBED
+from experiments.force.rig import Readings
+from experiments.force.study import Examination, Trial
+from experiments.force.text import tables
+from experiments.palette import GREEN, ORANGE
+from experiments.provenance import version_properties
+from experiments.recording.file import About, recording_file, rgb, screen, time_column
+from experiments.recording.hexapod import Picture, log_hexapod
+from experiments.recording.machine import (
+    body_entity,
+    exaggeration,
+    machine_tabs,
+    sized_entity,
+    sizes,
+)
+from experiments.recording.marks import Mark
+from experiments.recording.notes import constants
+from experiments.recording.series import Plot, log_plots, notes_view, plot_views
+from sim import Array, Pose, load_model
+
+_WRENCH = ["m_x [N m]", "m_y [N m]", "m_z [N m]", "f_x [N]", "f_y [N]", "f_z [N]"]
+_STRUTS = [f"strut {k} [N]" for k in range(1, 7)]
+_MOTION = ["alpha [urad]", "beta [urad]", "gamma [urad]", "t_x [um]", "t_y [um]", "t_z [um]"]
+_M_PER_N, _M_PER_N_M = 0.01, 0.07
+"""Lengths of arrows."""
+_ABOVE_M = 0.17
+"""Of the payload's origin: where the arrows begin, in sight."""
+_PARTS = slice(0, 3), slice(3, 6)
+
+
+def write_force(path: Path, examinations: list[Examination], summary: dict[str, Any]) -> None:
+    """Write the `.rrd`: prescribed wrenches, one after another, a column for each condition."""
+    shown = [one for one in examinations if one.condition.strut == 0]
+    held = [_yielding(one) for one in shown]
+    factor = exaggeration(
+        *(float(max(np.abs(one.displacement[..., part]).max() for one in held)) for part in _PARTS)
+    )
+    full_n = float(np.ceil(max(np.abs(one.strut_n).max() for one in held)))
+    model = load_model()
+    properties = {"seed": summary["seed"]}
+    properties |= {f"model_sha256_{name}": sha for name, sha in summary["model_sha256"].items()}
+    properties |= version_properties(summary) | summary["bench"]
+    notes = _notes(summary, properties)
+    about = About(f"force-seed{summary['seed']}", "force mapping", notes, properties)
+    with recording_file(path, about, _screen(model, shown, factor, full_n)) as recording:
+        for k, one in enumerate(shown):
+            trial = one.trial(PRESCRIBED)
+            for size in sizes(factor):
+                entity = sized_entity(f"{_entity(k)}/hexapod", size)
+                log_hexapod(recording, entity, model, _picture(one, size, full_n))
+                _log_wrench(recording, entity, model, trial)
+            log_plots(recording, _plots(one), f"{_entity(k)}/")
+
+
+def _entity(k: int) -> str:
+    return f"condition_{k}"
+
+
+def _screen(
+    model: mujoco.MjModel, shown: list[Examination], factor: int, full_n: float
+) -> rrb.Blueprint:
+    columns = []
+    for k, one in enumerate(shown):
+        title = f"{one.condition}; struts ±{full_n:g} N"
+        view = machine_tabs(f"{_entity(k)}/hexapod", title, model, factor)
+        plots = plot_views(_plots(one), f"{_entity(k)}/")
+        columns.append(rrb.Vertical(view, *plots, row_shares=[2] + [1] * len(plots)))
+    return screen(rrb.Horizontal(notes_view(), *columns))
+
+
+def _yielding(one: Examination) -> Readings:
+    """The payload under all that was asked for, where that was tried."""
+    return one.prescribed[0].readings if one.prescribed else one.trial(PRESCRIBED).held
+
+
+def _picture(one: Examination, factor: int, full_n: float) -> Picture:
+    held = _yielding(one)
+    twist = factor * held.displacement.reshape(-1, 6)
+    pose = Pose(Rotation.from_rotvec(twist[:, :3]).as_matrix(), twist[:, 3:])
+    marks = [Mark(0, 0.0, str(one.condition))] if one.condition.failures else []
+    return Picture(held.time_s.ravel(), pose, held.strut_n.reshape(-1, 6), full_n, marks)
+
+
+def _log_wrench(
+    recording: rr.RecordingStream, entity: str, model: mujoco.MjModel, trial: Trial
+) -> None:
+    """The wrench that is held, as two arrows on the payload."""
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    to_world = data.site("base").xmat.reshape(3, 3)
+    wrench = trial.answer.wrench.reshape(-1, 2, 3) @ to_world.T
+    arrows = wrench * [[_M_PER_N_M], [_M_PER_N]]
+    path = f"{body_entity(entity, 'payload')}/wrench"
+    style = rr.Arrows3D.from_fields(
+        colors=[rgb(GREEN), rgb(ORANGE)], radii=[0.008], origins=[[0, 0, _ABOVE_M]] * 2
+    )
+    recording.log(path, style, static=True)
+    columns = rr.Arrows3D.columns(vectors=arrows.reshape(-1, 3)).partition([2] * len(arrows))
+    recording.send_columns(path, [time_column(trial.held.time_s[:, 0])], columns)
+
+
+def _plots(one: Examination) -> list[Plot]:
+    trial = one.trial(PRESCRIBED)
+    pressed, held = trial.pressed, trial.held
+
+    def plot(entity: str, title: str, names: list[str], read: Readings, values: Array) -> Plot:
+        # Pressing is over sooner than holding: each load is shown beside itself.
+        time_s = read.time_s * held.time_s[-1, -1] / read.time_s[-1, -1]
+        return Plot(entity, title, names, time_s.ravel(), values.reshape(-1, len(names)))
+
+    plots = [
+        plot("fixture", "Wrench on the fixture [N m], [N]", _WRENCH, pressed, pressed.fixture),
+        plot("struts", "Struts, holding [N]", _STRUTS, held, held.strut_n),
+    ]
+    if one.condition.kind == "locked":
+        predicted = np.broadcast_to(trial.answer.strut[:, None, :1], held.lock_n[..., :1].shape)
+        lock = np.concatenate([held.lock_n[..., :1], predicted], axis=-1)
+        plots.append(
+            plot("lock", "Reaction of the lock [N]", ["lock [N]", "predicted [N]"], held, lock)
+        )
+    for way in one.prescribed:
+        title = f"Payload, {way.mapping} mapping [urad], [um]"
+        moved = 1e6 * way.readings.displacement
+        plots.append(plot(f"payload/{way.mapping}", title, _MOTION, way.readings, moved))
+    return plots
+
+
+def _notes(summary: dict[str, Any], properties: dict[str, Any]) -> str:
+    """The tables, shown beside the views."""
+    lines = ["# Static force mappings", "", f"Seed {summary['seed']}. Each load is a step."]
+    lines += ["On the payload: the moment held is green, the force orange."]
+    lines += ["The wrench on the fixture is stretched in time: pressing rests sooner.", ""]
+    for table in tables(summary):
+        lines += [f"## {table.title}", "", table.markdown(), ""]
+    return "\n".join([*lines, *constants(properties)])

@@ -1,0 +1,1 @@
+"""Pictures of recordings, made by the viewer's own headless mode."""

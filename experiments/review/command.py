@@ -1,0 +1,48 @@
+"""The command `fjh review`."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from experiments.files import OutputError, published, usable_folder
+from experiments.interrupt import raise_from_now_on
+
+
+def review(
+    runs: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="RUN", help="Folders of results, and single runs (.npz), of the hexapod."
+        ),
+    ],
+    out: Annotated[Path, typer.Option(metavar="FILE.rrd", help="The recording to write.")] = Path(
+        "review.rrd"
+    ),
+    model: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE", help="Another machine file, MJCF.  [default: the hexapod, fjh.xml]"
+        ),
+    ] = None,
+) -> None:
+    """Put runs side by side in one recording.
+
+    All columns of Table I, or any set of runs: a column each with spiral, errors, inputs and
+    secondary motion, the same scales in all; a page with the hexapods in 3D, and one with the
+    numbers, the paper's beside them. Seconds.
+
+    Example: fjh review results/table1 --out /tmp/table1.rrd
+    """
+    from experiments.recording.side_by_side import write_side_by_side
+    from experiments.review.runs import about_runs, find_runs
+    from sim import load_model, model_sha256
+
+    if out.suffix != ".rrd":
+        raise OutputError(f"--out {out} must end in .rrd")
+    folder = usable_folder(out.parent)
+    raise_from_now_on()
+    kept = find_runs(runs, model_sha256(model))
+    shown = {name: one.shown for name, one in kept.items()}
+    with published(folder, index=out.name) as staging:
+        write_side_by_side(staging / out.name, about_runs(kept), load_model(model), shown)

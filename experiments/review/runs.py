@@ -1,0 +1,96 @@
+"""Finding the runs that are to be put side by side, and what to say of them."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from experiments import paper
+from experiments.conduct import WrongInput
+from experiments.measures import closure_residual_max_m, pointing_rms_urad
+from experiments.recording.file import About
+from experiments.recording.keep import Kept, read_run
+from experiments.recording.notes import constants
+
+
+def find_runs(places: Sequence[Path], model_sha256: str) -> dict[str, Kept]:
+    """Single runs and the runs in folders, by name.
+
+    In a folder they are in the order in which its JSON speaks of them; what holds no run there is
+    passed over.
+
+    Args:
+        places: Folders and files.
+        model_sha256: Of the machine that is going to be drawn.
+
+    Raises:
+        WrongInput: There is no run of the hexapod in one of the places, one is named twice, or it
+            was flown on another machine.
+    """
+    found: dict[Path, Kept] = {}
+    for place in places:
+        runs = _runs_in(place) if place.is_dir() else {place: read_run(place)}
+        if not runs:
+            raise WrongInput(f"{place} holds no run of the hexapod as `fjh table1` writes them")
+        for file, run in runs.items():
+            if file.resolve() in found:
+                raise WrongInput(f"{file} is named twice")
+            if run.properties.get("model_sha256", model_sha256) != model_sha256:
+                raise WrongInput(f"{file} was flown on another machine; --model FILE draws that")
+            found[file.resolve()] = run
+    stems = [file.stem for file in found]
+    return {
+        file.stem if stems.count(file.stem) == 1 else f"{file.parent.name}/{file.stem}": run
+        for file, run in found.items()
+    }
+
+
+def _runs_in(folder: Path) -> dict[Path, Kept]:
+    told = "".join(file.read_text("utf-8", "replace") for file in sorted(folder.glob("*.json")))
+    found = {}
+    for file in sorted(folder.glob("*.npz"), key=lambda file: told.find(f'"{file.stem}"')):
+        try:
+            found[file] = read_run(file)
+        except WrongInput:
+            continue
+    return found
+
+
+def about_runs(runs: Mapping[str, Kept]) -> About:
+    """What a recording of several runs says of itself: their numbers in a table, the paper's too.
+
+    Its properties are what the runs have in common.
+    """
+    first, *others = (one.properties for one in runs.values())
+    common = {
+        name: value
+        for name, value in first.items()
+        if all(name in other and other[name] == value for other in others)
+    }
+    table = [
+        "| run | alpha, urad RMS | beta | paper, alpha | beta | largest strut input, % "
+        "| largest t_x, um | t_y | t_z | gamma, urad | closure, nm |",
+        "| --- |" + " --- |" * 10,
+        *(_row(name, run) for name, run in runs.items()),
+    ]
+    colors = (
+        "On the detector, beta over alpha, what is desired is orange, what is measured blue. "
+        "Struts are blue for negative and red for positive input; a failed one wears a yellow "
+        "collar."
+    )
+    shared = ["What all runs have in common:", "", *constants(common)]
+    notes = ["# Side by side", "", *table, "", colors, "", *shared]
+    return About("review", "review", "\n".join(notes), common)
+
+
+def _row(name: str, one: Kept) -> str:
+    run = one.shown.run
+    alpha, beta = pointing_rms_urad(run)
+    paper_rms = paper.TABLE_I_URAD.get(name) if one.experiment == "table1" else None
+    gamma, *translation = 1e6 * np.abs(run.secondary).max(axis=0)
+    cells = [name, f"{alpha:.4f}", f"{beta:.4f}"]
+    cells += [f"{value:.4f}" for value in paper_rms] if paper_rms else ["", ""]
+    cells += [f"{np.abs(run.strut_input_percent).max():.2f}"]
+    cells += [f"{value:.3f}" for value in (*translation, gamma)]
+    cells += [f"{1e9 * closure_residual_max_m(run):.2f}"]
+    return "| " + " | ".join(cells) + " |"

@@ -1,0 +1,50 @@
+"""Reading recordings back, with nothing of the code that wrote them."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rerun.chunk import RrdReader
+
+
+def rows(path: Path, entity: str, component: str) -> tuple[np.ndarray, list[Any]]:
+    """Times [ns] and values of a component of an entity, in the order of time."""
+    stream = RrdReader(path).stream()
+    chunks = stream.filter(content=entity, components=component, is_static=False).to_chunks()
+    batches = [chunk.to_record_batch() for chunk in chunks]
+    times = np.concatenate([b.column("sim_time").cast("int64").to_numpy() for b in batches])
+    values = [value for batch in batches for value in batch.column(component).to_pylist()]
+    order = np.argsort(times, kind="stable")
+    return times[order], [values[k] for k in order]
+
+
+def scalars(path: Path, entity: str) -> tuple[np.ndarray, np.ndarray]:
+    """Times [ns] and values (T, k) of an entity's lines."""
+    times, values = rows(path, entity, "Scalars:scalars")
+    return times, np.array(values)
+
+
+def static(path: Path, entity: str, component: str) -> list[Any]:
+    """A component that has no time."""
+    stream = RrdReader(path).stream()
+    chunks = stream.filter(content=entity, components=component, is_static=True).to_chunks()
+    return chunks[0].to_record_batch().column(component).to_pylist()[0]
+
+
+def notes(path: Path) -> str:
+    """What the recording says of itself."""
+    return static(path, "/notes", "TextDocument:text")[0]
+
+
+def properties(path: Path) -> dict[str, Any]:
+    """What makes the run self-describing; a property that is no list comes without one."""
+    chunks = RrdReader(path).stream().filter(content="/__properties/run").to_chunks()
+    batch = chunks[0].to_record_batch()
+    names = [name for name in batch.schema.names if not name.startswith("rerun.")]
+    cells = {name: batch.column(name).to_pylist()[0] for name in names}
+    return {name: cell[0] if len(cell) == 1 else cell for name, cell in cells.items()}
+
+
+def entities(path: Path) -> set[str]:
+    """Where something is logged."""
+    return set(RrdReader(path).store().schema().entity_paths(include_properties=False))
