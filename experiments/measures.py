@@ -1,7 +1,10 @@
-"""What is read off a run: errors, inputs, gaps."""
+"""What is read off a run and its loops: errors, inputs, gaps, margins."""
+
+from typing import Any
 
 import numpy as np
 
+from experiments.compensator import Loop
 from experiments.run import Trajectory
 from sim import Array
 
@@ -19,6 +22,19 @@ def pointing_rms_urad(run: Trajectory) -> Array:
 def finite_or_none(value: float) -> float | None:
     """JSON has no infinity: a phase that never crosses has no gain margin."""
     return value if np.isfinite(value) else None
+
+
+def loop_measures(loop: Loop) -> dict[str, Any]:
+    """Compensator and margins of one pointing loop, ready for JSON."""
+    return {
+        "numerator": loop.numerator.tolist(),
+        "denominator": loop.denominator.tolist(),
+        "crossover_hz": loop.crossover_hz,
+        "gain_margin_db": finite_or_none(loop.gain_margin_db),
+        "phase_margin_deg": loop.phase_margin_deg,
+        "phase_crossover_hz": finite_or_none(loop.phase_crossover_hz),
+        "sentence": str(loop),
+    }
 
 
 def closure_residual_max_m(run: Trajectory) -> float:

@@ -9,14 +9,16 @@ import mujoco
 import numpy as np
 
 from experiments.bench import Bench
+from experiments.choices import JacobianChoice
 from experiments.compensator import Loop, design
 from experiments.controller import Controller, Sensed
 from experiments.goal import Goal
-from experiments.mapping import DisplacementForm, JacobianChoice, StrutMapping
+from experiments.mapping import DisplacementForm, StrutMapping
 from experiments.pilot import Informed, Pilot, State
 from sim import (
     Array,
     Failure,
+    LinearPlant,
     Plant,
     hexapod,
     linearize,
@@ -52,15 +54,24 @@ class Trajectory:
     closure_residual_m: Array
 
 
+def nominal_plant(model: mujoco.MjModel) -> tuple[LinearPlant, Array]:
+    """The sound plant, linear, and W_a's strut displacements per (alpha, beta) at J_0, (6, 2).
+
+    Raises:
+        sim.ModelError: The machine is not a hexapod.
+    """
+    equal = StrutMapping(hexapod(model), Goal(joint_weight=(1.0,) * 6), "constant")
+    sound = Plant(model)
+    return linearize(sound.model, sound.data), equal.pointing_gain()
+
+
 def nominal_loops(model: mujoco.MjModel, bench: Bench) -> tuple[Loop, Loop]:
     """The compensators, designed once on the sound plant with W_a and J_0.
 
     Raises:
         sim.ModelError: The machine is not a hexapod, or its pointing loops cannot be closed.
     """
-    equal = StrutMapping(hexapod(model), Goal(joint_weight=(1.0,) * 6), "constant")
-    sound = Plant(model)
-    return design(linearize(sound.model, sound.data), equal.pointing_gain(), bench)
+    return design(*nominal_plant(model), bench)
 
 
 def controller_for(

@@ -10,21 +10,20 @@ from experiments.force.overactuated import InternalForce
 from experiments.force.soundness import LIMIT_PERCENT
 from experiments.force.study import Examination, Force
 from experiments.palette import BLACK, BLUE, GREEN, ORANGE, VERMILION
+from experiments.plotting import PAGE_IN, new_figure
 
 
 def figure_force(force: Force, summary: dict[str, Any]) -> Figure:
     """Agreement; what the optimum is worth; lock; free strut; internal force, twice."""
-    figure = Figure(figsize=(15, 8.5), layout="constrained")
+    figure = new_figure(PAGE_IN, 7.6)
     figure.suptitle("Static force mappings in simulation")
-    panels = figure.subplots(2, 3)
+    panels = figure.subplots(3, 2)
     _agreement(panels[0, 0], summary)
     _tradeoff(panels[0, 1], force)
-    _reactions(panels[0, 2], force.examinations)
-    _prescribed(panels[1, 0], force.examinations)
-    _hot_motors(panels[1, 1], summary["internal_force"])
-    _squeeze(panels[1, 2], force.internal[-1])
-    for axes in panels.flat:
-        axes.grid(alpha=0.3)
+    _reactions(panels[1, 0], force.examinations)
+    _prescribed(panels[1, 1], force.examinations)
+    _hot_motors(panels[2, 0], summary["internal_force"])
+    _squeeze(panels[2, 1], force.internal[-1])
     return figure
 
 
@@ -38,12 +37,11 @@ def _agreement(axes: Axes, summary: dict[str, Any]) -> None:
         for k in range(3):
             off = [one["theorems"][k][key] for one in conditions]
             named = label if k == 0 else None
-            axes.semilogy(range(len(off)), off, marker, color=color, ms=4, alpha=0.7, label=named)
+            axes.semilogy(range(len(off)), off, marker, color=color, ms=3, alpha=0.7, label=named)
     axes.axhline(LIMIT_PERCENT, color=BLACK, lw=1, ls="--", label="limit")
     axes.set_xticks(range(len(conditions)), [one["condition"] for one in conditions], rotation=90)
-    axes.tick_params(axis="x", labelsize="x-small")
     axes.set(title="Theorems 7, 8, 9: simulation off by", ylabel="%")
-    axes.legend(fontsize="x-small")
+    axes.legend()
 
 
 def _tradeoff(axes: Axes, force: Force) -> None:
@@ -52,7 +50,7 @@ def _tradeoff(axes: Axes, force: Force) -> None:
     for tried, style, label in (
         (trade.others, {"color": BLUE, "marker": ".", "ls": ""}, "other torques, as exact"),
         (trade.pseudo_inverse, {"color": VERMILION, "marker": "s"}, "weighted pseudo-inverse"),
-        (trade.mapping, {"color": BLACK, "marker": "*", "ms": 13, "ls": ""}, "the mapping"),
+        (trade.mapping, {"color": BLACK, "marker": "*", "ms": 9, "ls": ""}, "the mapping"),
     ):
         axes.semilogy(tried.weighed / least, 100 * tried.major_off, label=label, **style)
     axes.axhline(LIMIT_PERCENT, color=BLACK, lw=1, ls="--")
@@ -61,7 +59,7 @@ def _tradeoff(axes: Axes, force: Force) -> None:
         xlabel="weighted torque / the mapping's",
         ylabel="simulated major force off by, %",
     )
-    axes.legend(fontsize="x-small")
+    axes.legend()
 
 
 def _reactions(axes: Axes, examinations: list[Examination]) -> None:
@@ -75,14 +73,14 @@ def _reactions(axes: Axes, examinations: list[Examination]) -> None:
                 pressed += list(trial.pressed.lock_n[:, -1, strut])
     ends = [min(predicted), max(predicted)]
     axes.plot(ends, ends, color=BLACK, lw=1, label="as predicted")
-    axes.plot(predicted, held, "s", color=VERMILION, ms=4, label="holding")
-    axes.plot(predicted, pressed, "o", color=BLUE, ms=4, label="pressing: shared with the fixture")
+    axes.plot(predicted, held, "s", color=VERMILION, ms=3, label="holding")
+    axes.plot(predicted, pressed, "o", color=BLUE, ms=3, label="pressing: shared with the fixture")
     axes.set(
         title="Locked strut: the reaction that no torque sees",
         xlabel="lock force by eq. (11), N",
         ylabel="simulated, N",
     )
-    axes.legend(fontsize="x-small")
+    axes.legend()
 
 
 def _prescribed(axes: Axes, examinations: list[Examination]) -> None:
@@ -110,7 +108,7 @@ def _prescribed(axes: Axes, examinations: list[Examination]) -> None:
         xlabel="payload translation, µm",
         ylabel="pointing off by, µrad",
     )
-    axes.legend(fontsize="x-small")
+    axes.legend()
 
 
 def _hot_motors(axes: Axes, uses: list[dict[str, Any]]) -> None:
@@ -123,10 +121,12 @@ def _hot_motors(axes: Axes, uses: list[dict[str, Any]]) -> None:
             place, [use[how]["hot_motor_rms_n"] for use in hot], 0.38, color=color, label=label
         )
         weighed = [use[how]["weighed_rms_n"] for use in hot]
-        axes.plot(place, weighed, "D", color=BLACK, ms=5, label=None if k else "$|W_3 \\tau|$")
+        axes.plot(place, weighed, "D", color=BLACK, ms=3.5, label=None if k else "$|W_3 \\tau|$")
     axes.set_xticks(range(len(hot)), [use["name"] for use in hot])
-    axes.set(title="Platform: a hot motor spared, the force unchanged", ylabel="RMS, N", ylim=0)
-    axes.legend(fontsize="x-small")
+    axes.set(title="Platform: a hot motor spared, the force unchanged", ylabel="RMS, N")
+    axes.margins(y=0.35)
+    axes.set_ylim(bottom=0)
+    axes.legend(loc="upper center", ncols=3)
 
 
 def _squeeze(axes: Axes, use: InternalForce) -> None:
@@ -136,8 +136,9 @@ def _squeeze(axes: Axes, use: InternalForce) -> None:
         for leg in range(4):
             force = how.pressed.strut_n[:, -1, leg]
             place = np.full(len(force), leg + 1 + 0.2 * k - 0.1)
-            axes.plot(place, force, "o", color=color, ms=5, label=None if leg else label)
+            axes.plot(place, force, "o", color=color, ms=3.5, label=None if leg else label)
     axes.axhline(0, color=BLACK, lw=1)
     axes.set_xticks(range(1, 5), [f"leg {leg}" for leg in range(1, 5)])
     axes.set(title="Platform squeezed: no leg changes sides", ylabel="force on the pin, N")
-    axes.legend(fontsize="x-small")
+    axes.margins(y=0.2)
+    axes.legend(loc="upper center", ncols=2)

@@ -1,15 +1,18 @@
 """The picture of the four goals: what each is about, and what it costs the major task."""
 
+from itertools import chain
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator
 
 from experiments.goals.demonstration import REFERENCE, Demonstration, Outcome
 from experiments.goals.study import DEMONSTRATIONS, Outcomes
-from experiments.goals.summary import way_label
+from experiments.goals.text import way_label
 from experiments.palette import BLACK, BLUE, GREEN, PURPLE, VERMILION
+from experiments.plotting import PAGE_IN, new_figure
 from sim import Array
 
 MEASURES = {
@@ -23,7 +26,7 @@ _WINDOW_S = 0.5
 
 def figure_goals(outcomes: Outcomes, summary: dict[str, Any]) -> Figure:
     """A row for each goal: its measure and the pointing error over time, and what changed."""
-    figure = Figure(figsize=(13, 13.5), layout="constrained")
+    figure = new_figure(PAGE_IN, 8.4)
     figure.suptitle("Four secondary goals: pursued through the mapping, not at all, conventionally")
     grid = figure.subplots(len(DEMONSTRATIONS), 3, width_ratios=[1, 1, 0.8])
     for row, one, goal in zip(grid, DEMONSTRATIONS, summary["goals"], strict=True):
@@ -31,8 +34,9 @@ def figure_goals(outcomes: Outcomes, summary: dict[str, Any]) -> Figure:
         _measure(row[0], one, ours)
         _error(row[1], one, ours)
         _changes(row[2], goal)
-        for axes in row:
-            axes.grid(alpha=0.3)
+    handles, labels = zip(*(axes.get_legend_handles_labels() for axes in grid.flat), strict=True)
+    legend = dict(zip(chain(*labels), chain(*handles), strict=True))
+    figure.legend(legend.values(), legend.keys(), loc="outside lower center", ncols=3)
     return figure
 
 
@@ -52,26 +56,27 @@ def styles(ours: dict[str, Outcome]) -> dict[str, dict[str, Any]]:
 
 def _measure(axes: Axes, one: Demonstration, ours: dict[str, Outcome]) -> None:
     for name, style in styles(ours).items():
-        axes.plot(ours[name].time_s, ours[name].measure, lw=1.5, **style)
+        axes.plot(ours[name].time_s, ours[name].measure, **style)
     axes.axhline(one.limit, color=BLACK, ls=":", label="limit")
     axes.set(title=one.title, xlabel="time, s", ylabel=MEASURES[one.measure])
     if one.measure == "condition_number":
         axes.set_yscale("log")
         axes.set_yticks([1, 2, 5, 10, 20, 50], ["1", "2", "5", "10", "20", "50"])
         axes.minorticks_off()
-    axes.legend(fontsize="small")
 
 
 def _error(axes: Axes, one: Demonstration, ours: dict[str, Outcome]) -> None:
     shown = styles(ours) | {REFERENCE: {"color": BLACK, "ls": ":", "label": "nothing to avoid"}}
     for name, style in shown.items():
-        axes.semilogy(*_moving_rms(ours[name]), lw=1.5, **style)
+        axes.semilogy(*_moving_rms(ours[name]), **style)
     axes.set(
         title=f"pointing error, RMS of {_WINDOW_S:g} s",
         xlabel="time, s",
         ylabel="both angles, µrad",
     )
-    axes.legend(fontsize="small")
+    axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    axes.yaxis.set_major_formatter("{x:g}")
+    axes.minorticks_off()
 
 
 def _changes(axes: Axes, goal: dict[str, Any]) -> None:
@@ -82,7 +87,7 @@ def _changes(axes: Axes, goal: dict[str, Any]) -> None:
     colors = {"pursued": BLUE, "nothing": VERMILION}
     for k, (run, change) in enumerate(zip(runs, largest, strict=True)):
         if change > 0:
-            axes.plot(change, k, "o", color=colors.get(run["name"], PURPLE), ms=8)
+            axes.plot(change, k, "o", color=colors.get(run["name"], PURPLE), ms=5)
         else:
             axes.annotate(
                 "the same run", (0.03, k), xycoords=("axes fraction", "data"), va="center"
@@ -91,8 +96,7 @@ def _changes(axes: Axes, goal: dict[str, Any]) -> None:
     axes.set_xscale("log")
     axes.set_xlim(min(noise, *(change for change in largest if change > 0)) / 3, None)
     axes.set_yticks(range(len(runs)), [way_label(run) for run in runs])
-    axes.set(title="RMS of the change of pointing", xlabel="µrad", ylim=(-0.6, len(runs)))
-    axes.legend(fontsize="small", loc="upper right")
+    axes.set(title="change of pointing, RMS", xlabel="µrad", ylim=(-0.6, len(runs)))
 
 
 def _moving_rms(outcome: Outcome) -> tuple[Array, Array]:

@@ -11,12 +11,13 @@ from experiments import paper
 from experiments.jacobian.norms import NORMS
 from experiments.jacobian.variation import VERTICES, relative_change
 from experiments.palette import BLACK, BLUE, GREEN, ORANGE, PURPLE, VERMILION
+from experiments.plotting import PAGE_IN, new_figure
 from sim import Hexapod
 
 
 def figure_variation(geometry: Hexapod, summary: dict[str, Any]) -> Figure:
     """E at the corners of the box, its certificate, and the search for the paper's numbers."""
-    figure = Figure(figsize=(11, 4.6), layout="constrained")
+    figure = new_figure(PAGE_IN, 3.3)
     figure.suptitle("Eq. (40): how far the Jacobian departs from the nominal one")
     left, right = figure.subplots(1, 2)
     _corners(left, geometry, summary)
@@ -36,19 +37,18 @@ def _corners(axes: Axes, geometry: Hexapod, summary: dict[str, Any]) -> None:
         axes.axhline(1e3 * one["paper"], color=color, lw=1, ls=":", label=f"{label}, paper")
     axes.set(xlabel="64 corners of the box of strut lengths, sorted", ylabel="e, 1e-3")
     axes.set_ylim(0, 4.6)
-    axes.grid(alpha=0.3)
-    axes.legend(fontsize="small", ncols=2, loc="upper left")
+    axes.legend(ncols=2, loc="upper left")
 
 
 def _search(axes: Axes, summary: dict[str, Any]) -> None:
     for one in summary["tried"]:
         fits = one["stroke_fraction"] is not None
         e = [1e3 * one[norm] for norm in NORMS]
-        axes.plot(*e, "o", ms=5, color=GREEN if fits else BLUE, mfc="none")
+        axes.plot(*e, "o", ms=3.5, color=GREEN if fits else BLUE, mfc="none")
         if fits:
             axes.plot([0, e[0]], [0, e[1]], color=GREEN, lw=0.6)
         if one["is_the_papers"]:
-            axes.plot(*e, "*", ms=9, color=VERMILION, mec="white", zorder=4, label=one["reading"])
+            axes.plot(*e, "*", ms=8, color=VERMILION, mec="white", zorder=4, label=one["reading"])
     half = 1e3 * paper.JACOBIAN_VARIATION_TOLERANCE
     corner = [1e3 * paper.JACOBIAN_VARIATION[norm] - half for norm in NORMS]
     axes.add_patch(Rectangle((corner[0], corner[1]), 2 * half, 2 * half, color=BLACK, zorder=3))
@@ -59,14 +59,13 @@ def _search(axes: Axes, summary: dict[str, Any]) -> None:
     )
     axes.set(xlabel="e, Frobenius norm, 1e-3", ylabel="e, 2-norm, 1e-3", xlim=(0, 4.2))
     axes.set_ylim(0, 6)
-    axes.grid(alpha=0.3)
-    axes.legend(fontsize="small", loc="upper left")
+    axes.legend(loc="upper left")
 
 
 def figure_loop(loop: dict[str, Any]) -> Figure:
     """What a constant Jacobian costs, against e of the visited set and e of the box."""
-    figure = Figure(figsize=(11.5, 5.6), layout="constrained")
-    figure.suptitle("When eq. (40) may be trusted: strut 1 locked, W_e, spiral and stroke grown")
+    figure = new_figure(PAGE_IN, 3.9)
+    figure.suptitle("When eq. (40) may be trusted: strut 1 locked, $W_e$, spiral and stroke grown")
     left, right = figure.subplots(1, 2, sharey=True)
     together = [one for one in loop["growth"] if one["stroke_factor"] == one["spiral_factor"]]
     for axes, growth, key in ((left, loop["growth"], "e_visited"), (right, together, "e_box")):
@@ -88,7 +87,7 @@ _COST_COLORS = {"static_extra_percent": BLUE, "loop_gain_error_percent": PURPLE}
 def _mark(axes: Axes, cost: dict[str, Any], e: float) -> None:
     """Where the constant Jacobian begins to cost so much."""
     color = _COST_COLORS[cost["cost"]]
-    axes.plot(e, cost["percent"], "D", color=color, ms=7, zorder=4)
+    axes.plot(e, cost["percent"], "D", color=color, ms=4.5, zorder=4)
     goal = cost["cost"] == "static_extra_percent"
     axes.annotate(
         f"spiral x{cost['spiral_factor']:.0f}",
@@ -117,4 +116,3 @@ def _costs(axes: Axes, growth: list[dict[str, Any]], e: list[float]) -> None:
     axes.loglog(e, gain, color=PURPLE, ls="--", label="loop gain, constant J")
     pointing = [abs(one["variants"]["constant"]["pointing_cost_percent"]) for one in growth]
     axes.loglog(e, pointing, ".", color=BLACK, label="pointing RMS, constant J")
-    axes.grid(alpha=0.3)

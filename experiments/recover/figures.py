@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 
 from experiments.diagnosis.machine import KINDS
 from experiments.palette import BLACK, BLUE, GREEN, ORANGE, VERMILION
+from experiments.plotting import PAGE_IN, new_figure
 from experiments.recover.flights import pointing_error_urad
 from experiments.recover.marks import marks
 from experiments.recover.study import Recover
@@ -17,15 +18,13 @@ _COLORS = {"locked": BLUE, "free": VERMILION, "weak": GREEN}
 
 def figure_recover(result: Recover, summary: dict[str, Any]) -> Figure:
     """How fast, what looks alike, what recovery is worth, and failure after failure."""
-    figure = Figure(figsize=(11, 8), layout="constrained")
+    figure = new_figure(PAGE_IN, 5.4)
     figure.suptitle("A strut fails in flight: found by the pointing angles, commands and a dither")
     grid = figure.add_gridspec(2, 2)
     _delays(figure.add_subplot(grid[0, 0]), summary["cases"])
     _separations(figure.add_subplot(grid[0, 1]), summary["ambiguity"])
     _after(figure.add_subplot(grid[1, 0]), summary["cases"])
     _shown(figure.add_subplot(grid[1, 1]), result)
-    for axes in figure.axes:
-        axes.grid(alpha=0.3)
     return figure
 
 
@@ -60,12 +59,12 @@ def _separations(axes: Axes, ambiguity: dict[str, Any]) -> None:
         ):
             values = [each[key] for each in seen]
             x = np.full(len(values), column + shift)
-            axes.semilogy(x, values, "o", color=color, ms=4, alpha=0.6, label=label)
+            axes.semilogy(x, values, "o", color=color, ms=3, alpha=0.6, label=label)
     axes.axhline(ambiguity["alike_below"], color=BLACK, lw=0.8, ls=":")
     axes.set_xticks(range(len(settings)), [name.replace(", ", ",\n") for name in settings])
     axes.set(title="how far apart: below the dotted line, alike", ylabel="separation $d$")
     handles, labels = axes.get_legend_handles_labels()
-    axes.legend(handles[:2], labels[:2], fontsize="small")
+    axes.legend(handles[:2], labels[:2])
 
 
 def _after(axes: Axes, cases: list[dict[str, Any]]) -> None:
@@ -73,8 +72,8 @@ def _after(axes: Axes, cases: list[dict[str, Any]]) -> None:
     oracle = [case["rms_after_oracle_urad"] for case in cases]
     deaf = [case["rms_after_uncorrected_urad"] for case in cases]
     found = [case["rms_after_urad"] for case in cases]
-    axes.plot(oracle, deaf, "s", color=ORANGE, ms=4, alpha=0.6, label="no correction")
-    axes.plot(oracle, found, "o", color=BLUE, ms=4, alpha=0.6, label="found and reconfigured")
+    axes.plot(oracle, deaf, "s", color=ORANGE, ms=3, alpha=0.6, label="no correction")
+    axes.plot(oracle, found, "o", color=BLUE, ms=3, alpha=0.6, label="found and reconfigured")
     ends = [0, max(oracle)]
     axes.plot(ends, ends, color=BLACK, lw=0.8, label="oracle")
     axes.set(
@@ -82,7 +81,7 @@ def _after(axes: Axes, cases: list[dict[str, Any]]) -> None:
         xlabel="told at once, µrad",
         ylabel="µrad",
     )
-    axes.legend(fontsize="small")
+    axes.legend()
 
 
 def _shown(axes: Axes, result: Recover) -> None:
@@ -92,7 +91,7 @@ def _shown(axes: Axes, result: Recover) -> None:
     for mark in marks(run, flight):
         axes.axvline(mark.failed_s, color=VERMILION, lw=1)
         label = mark.failure if mark.diagnosed_s is None else mark.diagnosis
-        axes.text(mark.failed_s + 0.1, 0.02, label, rotation=90, fontsize="x-small")
+        axes.text(mark.failed_s + 0.1, 0.02, label, rotation=90)
         if mark.diagnosed_s is not None:
             axes.axvline(mark.diagnosed_s, color=GREEN, lw=1)
     lost = ": in the end the task is lost" if flight.task_lost else ""

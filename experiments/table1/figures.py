@@ -1,80 +1,93 @@
-"""Figures 4, 5 and 6 of the paper, from the runs of Table I."""
+"""Figures 4, 5 and 6 of the paper, in its arrangement, from the runs of Table I."""
 
+import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, SubFigure
 
 from experiments.palette import DESIRED, MEASURED, START
+from experiments.plotting import COLUMN_IN, PAGE_IN, new_figure
 from experiments.run import Trajectory
-
-LIMIT_URAD = 125
 
 SECONDARY = [("$t_x$, µm", 1), ("$t_y$, µm", 2), ("$t_z$, µm", 3), ("$\\gamma$, µrad", 0)]
 """Label and column of `Trajectory.secondary`, in the order of the paper's weights."""
 
 
 def figure_4(runs: dict[str, Trajectory]) -> Figure:
-    """Spirals and strut inputs when weighted strut displacements are minimized."""
+    """A row for each of W_a, W_b, W_c: tracking spiral on the left, strut inputs on the right."""
     names = ["W_a", "W_b", "W_c"]
-    figure = Figure(figsize=(11, 12.6), layout="constrained")
-    figure.suptitle("Fig. 4: weighted strut displacements minimized")
-    rows = figure.add_gridspec(len(names), 2, width_ratios=[1, 1.5])
+    figure = new_figure(PAGE_IN, 8.2)
+    limit_percent = 1.1 * max(abs(runs[name].strut_input_percent).max() for name in names)
+    grid = figure.add_gridspec(len(names), 2, width_ratios=[1, 1.5])
     for row, name in enumerate(names):
-        run = runs[name]
-        axes = figure.add_subplot(rows[row, 0], title=_weight(name))
-        spiral(axes, run, LIMIT_URAD)
-        struts = rows[row, 1].subgridspec(3, 2)
-        for k in range(6):
-            axes = figure.add_subplot(struts[k // 2, k % 2], ylim=(-5, 5))
-            axes.plot(run.time_s, run.strut_input_percent[:, k], color=MEASURED, lw=0.8)
-            axes.set_ylabel(f"Input {k + 1}, %")
-            axes.grid(alpha=0.3)
-            axes.tick_params(labelbottom=k >= 4, labelleft=k % 2 == 0)
-            if k >= 4:
-                axes.set_xlabel("time, s")
+        spiral(figure.add_subfigure(grid[row, 0]).subplots(), runs[name], _weight(name))
+        _inputs(figure.add_subfigure(grid[row, 1]), runs[name], limit_percent)
     return figure
 
 
 def figure_5(runs: dict[str, Trajectory]) -> Figure:
-    """Spiral with strut 1 locked and nothing done about it."""
-    figure = Figure(figsize=(5, 5), layout="constrained")
-    figure.suptitle("Fig. 5: strut 1 locked, no correction")
-    spiral(figure.add_subplot(), runs["W_a_uncorrected"], LIMIT_URAD)
+    """Tracking spiral with strut 1 locked and nothing done about it."""
+    figure = new_figure(COLUMN_IN, 3.5)
+    title = "strut 1 locked, no correction"
+    spiral(figure.subplots(), runs["W_a_uncorrected"], title)
     return figure
 
 
 def figure_6(runs: dict[str, Trajectory]) -> Figure:
-    """Spirals and secondary motion with strut 1 locked and the mapping reconfigured."""
-    figure = Figure(figsize=(10, 9), layout="constrained")
-    figure.suptitle("Fig. 6: strut 1 locked, mapping reconfigured")
-    grid = figure.add_gridspec(5, 2, height_ratios=[6, 1.2, 1.2, 1.2, 1.2])
-    for column, name in enumerate(["W_d", "W_e"]):
+    """Columns W_d and W_e: tracking spiral above SDOF displacements, strut 1 locked and known."""
+    names = ["W_d", "W_e"]
+    figure = new_figure(PAGE_IN, 7.2)
+    halves = figure.add_gridspec(2, 1, height_ratios=[1, 1.1])
+    spirals = figure.add_subfigure(halves[0]).subplots(1, len(names))
+    motions = figure.add_subfigure(halves[1])
+    grid = motions.subplots(len(SECONDARY), len(names), sharex=True, sharey=True)
+    for name, axes, below in zip(names, spirals, grid.T, strict=True):
         run = runs[name]
-        axes = figure.add_subplot(grid[0, column], title=_weight(name))
-        spiral(axes, run, LIMIT_URAD)
-        for row, (label, index) in enumerate(SECONDARY, 1):
-            axes = figure.add_subplot(grid[row, column], ylabel=label, ylim=(-26, 26))
-            axes.plot(run.time_s, 1e6 * run.secondary[:, index], color=MEASURED, lw=1)
-            axes.grid(alpha=0.3)
-            axes.tick_params(labelbottom=row == len(SECONDARY))
-        axes.set_xlabel("time, s")
+        spiral(axes, run, _weight(name))
+        for panel, (label, column) in zip(below, SECONDARY, strict=True):
+            for motion, style in (
+                (run.secondary, {"color": MEASURED, "label": "true"}),
+                (run.secondary_estimated, {"color": DESIRED, "ls": "--", "label": "estimated"}),
+            ):
+                panel.plot(run.time_s, 1e6 * motion[:, column], lw=0.8, **style)
+            panel.set_ylabel(label)
+            _whole_run(panel, run)
+        below[-1].set_xlabel("time, s")
+    grid[0, 0].legend(loc="upper left", ncols=2)
     return figure
 
 
-def spiral(axes: Axes, run: Trajectory, limit_urad: float) -> None:
+def spiral(axes: Axes, run: Trajectory, title: str) -> None:
     """Detector reading over desired pointing, beta against alpha."""
     desired, measured = 1e6 * run.desired_rad, 1e6 * run.measured_rad
-    axes.plot(*measured.T, color=MEASURED, lw=0.8, label="detector")
-    axes.plot(*desired.T, color=DESIRED, lw=0.8, ls="--", label="desired")
-    axes.plot(*desired[0], "o", color=START, ms=6, label="start")
+    limit_urad = 5 * np.ceil(0.24 * abs(np.stack([desired, measured])).max())
+    axes.plot(*measured.T, color=MEASURED, lw=0.6, label="detector")
+    axes.plot(*desired.T, color=DESIRED, lw=0.6, ls="--", label="desired")
+    axes.plot(*desired[0], "o", color=START, ms=4, label="start")
     axes.set(
+        title=title,
         xlabel="$\\alpha$, µrad",
         ylabel="$\\beta$, µrad",
         xlim=(-limit_urad, limit_urad),
         ylim=(-limit_urad, limit_urad),
         aspect="equal",
     )
-    axes.grid(alpha=0.3)
-    axes.legend(loc="upper right", fontsize="small", ncols=3)
+    axes.legend(loc="upper center", ncols=3, handlelength=1.2, columnspacing=0.8)
+
+
+def _inputs(figure: SubFigure, run: Trajectory, limit_percent: float) -> None:
+    """Normalized currents of struts 1 to 6; the odd ones on the left, which W_b spares."""
+    grid = figure.subplots(3, 2, sharex=True, sharey=True)
+    for k, axes in enumerate(grid.flat):
+        axes.plot(run.time_s, run.strut_input_percent[:, k], color=MEASURED, lw=0.6)
+        axes.set(ylabel=f"Input {k + 1}, %", ylim=(-limit_percent, limit_percent))
+        _whole_run(axes, run)
+    for axes in grid[-1]:
+        axes.set_xlabel("time, s")
+
+
+def _whole_run(axes: Axes, run: Trajectory) -> None:
+    end_s = round(float(run.time_s[-1]))
+    axes.set(xlim=(0, end_s), xticks=range(0, end_s + 1, 2))
 
 
 def _weight(name: str) -> str:

@@ -8,7 +8,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 
-from experiments.palette import BLACK, BLUE, VERMILION
+from experiments.palette import BLACK, BLUE, COLOR_MAP, VERMILION
+from experiments.plotting import PAGE_IN, new_figure
 from experiments.run import Trajectory
 from experiments.table1.figures import spiral
 from experiments.uncorrected.candidates import BENCH, BENCH_DAMPING, COLUMNS, RETUNED
@@ -22,25 +23,24 @@ ANGLES = (("alpha", "$\\alpha$", BLUE), ("beta", "$\\beta$", VERMILION))
 
 def figure_uncorrected(study: Uncorrected, summary: dict[str, Any]) -> Figure:
     """Map of both ratios, ratios over the place of the lock, candidates, two spirals."""
-    figure = Figure(figsize=(10, 13), layout="constrained")
+    figure = new_figure(PAGE_IN, 9.2)
     figure.suptitle(
         "Strut 1 locked, nobody corrects: RMS error over that of the sound machine.\n"
         "Shaded: within 15 % of the paper's 4.01 ($\\alpha$) and 1.55 ($\\beta$)"
     )
-    grid = figure.add_gridspec(4, 4, height_ratios=[1, 1, 1.25, 1.25])
+    grid = figure.add_gridspec(4, 4, height_ratios=[1, 1, 1.2, 1.45])
     for k, roll_off_hz in enumerate(ROLL_OFF_HZ):
         for j, (_, symbol, _) in enumerate(ANGLES):
             axes = figure.add_subplot(grid[k, 2 * j : 2 * j + 2])
             _map(axes, study, k, j)
-            axes.set_title(f"{symbol} ratio, roll-off at {roll_off_hz:g} Hz", fontsize="medium")
+            axes.set_title(f"{symbol} ratio, roll-off at {roll_off_hz:g} Hz")
     _lock(figure.add_subplot(grid[2, 0:2]), study, summary)
     _candidates(figure.add_subplot(grid[2, 2:4]), summary)
     for column, name in ((slice(0, 2), BENCH.name), (slice(2, 4), summary["best"])):
         run = study.runs[name]["W_a_uncorrected"]
         if isinstance(run, Trajectory):
             axes = figure.add_subplot(grid[3, column])
-            spiral(axes, run, 1.15e6 * float(np.abs(run.measured_rad).max()))
-            axes.set_title(f"{name.replace('_', ' ')}, $W_a$ uncorrected", fontsize="medium")
+            spiral(axes, run, f"{name.replace('_', ' ')}, $W_a$ uncorrected")
     return figure
 
 
@@ -51,7 +51,7 @@ def _map(axes: Axes, study: Uncorrected, roll_off: int, angle: int) -> None:
     both = np.isfinite(sound) & np.isfinite(uncorrected)
     ratio = np.full(sound.shape, np.nan)
     ratio[both] = uncorrected[both] / sound[both]
-    mesh = axes.pcolormesh(x, y, np.ma.masked_invalid(ratio), cmap="cividis", vmin=1.1, vmax=1.4)
+    mesh = axes.pcolormesh(x, y, np.ma.masked_invalid(ratio), cmap=COLOR_MAP, vmin=1.1, vmax=1.4)
     assert axes.figure is not None
     axes.figure.colorbar(mesh, ax=axes, label="uncorrected / sound")
     stable = study.map_poles[roll_off] < 1
@@ -59,11 +59,12 @@ def _map(axes: Axes, study: Uncorrected, roll_off: int, angle: int) -> None:
     corrected = stable[..., COLUMNS.index("W_d")] & stable[..., COLUMNS.index("W_e")]
     _hatch(axes, x, y, ~corrected, "...")
     axes.set(xscale="log", yscale="log", xlabel="alpha crossover, Hz", ylabel="damping ratio")
+    axes.grid(False)
     axes.set_xticks([3, 5, 10, 20], ["3", "5", "10", "20"])
     axes.minorticks_off()
-    axes.plot(BENCH.alpha_crossover_hz, BENCH_DAMPING, "*", ms=12, mfc="white", mec=BLACK)
+    axes.plot(BENCH.alpha_crossover_hz, BENCH_DAMPING, "*", ms=8, mfc="white", mec=BLACK)
     if roll_off == 0 and angle == 0:
-        axes.legend(handles=_map_legend(), fontsize="x-small", loc="lower left", framealpha=1)
+        axes.legend(handles=_map_legend(), loc="lower left", framealpha=1)
 
 
 def _hatch(axes: Axes, x: Array, y: Array, where: Array, hatch: str) -> None:
@@ -83,7 +84,7 @@ def _edges(centres: Array) -> Array:
 def _map_legend() -> list[Any]:
     hatched = [("xxx", "sound loop unstable"), ("...", "$W_d$ or $W_e$ unstable")]
     patches = [Patch(fc="white", ec=BLACK, hatch=hatch, label=text) for hatch, text in hatched]
-    star = Line2D([], [], marker="*", ls="", ms=10, mfc="white", mec=BLACK, label="the bench")
+    star = Line2D([], [], marker="*", ls="", ms=7, mfc="white", mec=BLACK, label="the bench")
     blank = Patch(fc="white", ec=BLACK, label="white: uncorrected loop unstable")
     return [star, *patches, blank]
 
@@ -99,9 +100,8 @@ def _lock(axes: Axes, study: Uncorrected, summary: dict[str, Any]) -> None:
             label = f"{symbol}, {'loops of the bench' if style == '-' else 'loops retuned'}"
             axes.plot(1e6 * LOCKS_M, ratio, style, color=color, label=label)
     axes.set(xlabel="strut 1 locked at, µm", ylabel="uncorrected / sound", ylim=(0.8, 6))
-    axes.set_title("Locked off centre, spiral at once", fontsize="medium")
-    axes.legend(fontsize="x-small", loc="upper center", ncols=2)
-    axes.grid(alpha=0.3)
+    axes.set_title("Locked off centre, spiral at once")
+    axes.legend(loc="upper center")
 
 
 def _candidates(axes: Axes, summary: dict[str, Any]) -> None:
@@ -111,16 +111,15 @@ def _candidates(axes: Axes, summary: dict[str, Any]) -> None:
     for row, one in enumerate(shown):
         for k, (_, _, color) in enumerate(ANGLES):
             face = color if one["meets_w_a"] and one["meets_corrected"] else "white"
-            axes.plot(one["ratio"][k], row, "os"[k], color=color, mfc=face, ms=7)
+            axes.plot(one["ratio"][k], row, "os"[k], color=color, mfc=face, ms=4)
     axes.set_yticks(range(len(shown)), [one["name"].replace("_", " ") for one in shown])
     axes.set(xscale="log", xlabel="uncorrected / sound", ylim=(len(shown) - 0.5, -0.5))
     axes.set_xticks([1, 1.5, 2, 3, 4, 6], ["1", "1.5", "2", "3", "4", "6"])
     axes.minorticks_off()
-    axes.set_title("Candidates; hollow: spoils $W_a$, $W_d$ or $W_e$", fontsize="medium")
+    axes.set_title("Candidates; hollow: spoils $W_a$, $W_d$ or $W_e$")
     for k, (_, symbol, color) in enumerate(ANGLES):
         axes.plot([], [], "os"[k], color=color, label=symbol)
-    axes.legend(fontsize="x-small", loc="lower right")
-    axes.grid(alpha=0.3)
+    axes.legend()
 
 
 def _bands(axes: Axes, summary: dict[str, Any], *, horizontal: bool) -> None:

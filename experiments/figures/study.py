@@ -1,0 +1,105 @@
+"""What the figures are drawn from: the machine, its loops as they run, its failure conditions."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import control
+import mujoco
+import numpy as np
+
+from experiments.bench import Bench
+from experiments.compensator import ANGLES, Loop, design, sampled
+from experiments.goal import MAJOR
+from experiments.run import nominal_plant
+from experiments.springs import elastic_system
+from prioritized import FailureAtlas, failure_atlas
+from sim import Amplifier, Array, Hexapod, LinearPlant, hexapod, load_model, model_sha256
+
+_FREQUENCIES = 1500
+
+
+@dataclass(frozen=True)
+class OpenLoop:
+    """Frequency response of one pointing loop as it runs: sampled, behind the zero-order hold.
+
+    Attributes:
+        angle: "alpha" or "beta".
+        loop: Its compensator and margins.
+        frequency_hz: (F,), from 0.1 Hz to four fifths of the Nyquist frequency.
+        plant: Complex response (F,) of the pointing angle to its commanded value.
+        open_loop: The same behind the compensator.
+    """
+
+    angle: str
+    loop: Loop
+    frequency_hz: Array
+    plant: Array
+    open_loop: Array
+
+
+@dataclass(frozen=True)
+class Portrait:
+    """One machine on one bench.
+
+    Attributes:
+        model: The machine; `model_sha256`: of its file.
+        geometry: Its nodes.
+        bench: Constants around it.
+        modes_hz: Natural frequencies of the sound plant, ascending.
+        loops: The (alpha, beta) loops.
+        atlas: Rigid and elastic verdicts on all 3^6 conditions, major task (alpha, beta).
+    """
+
+    model: mujoco.MjModel
+    model_sha256: str
+    geometry: Hexapod
+    bench: Bench
+    modes_hz: Array
+    loops: tuple[OpenLoop, OpenLoop]
+    atlas: FailureAtlas
+
+    @property
+    def amplifier(self) -> Amplifier:
+        """What drives a strut."""
+        return self.bench.amplifier(newton_per_m=float(self.model.actuator_gainprm[0, 0]))
+
+
+def portray(mjcf: Path | None = None, bench: Bench | None = None) -> Portrait:
+    """Design the loops and classify every failure condition.
+
+    Args:
+        mjcf: Another machine file; None is `models/fjh.xml`.
+        bench: Other constants around it; None is the bench of all studies.
+
+    Raises:
+        sim.ModelError: A missing, broken or incomplete machine file, or one that cannot point.
+    """
+    model, bench = load_model(mjcf), bench or Bench()
+    plant, pointing = nominal_plant(model)
+    alpha, beta = design(plant, pointing, bench)
+    return Portrait(
+        model=model,
+        model_sha256=model_sha256(mjcf),
+        geometry=hexapod(model),
+        bench=bench,
+        modes_hz=_modes_hz(plant),
+        loops=(_opened(plant, pointing, alpha, 0), _opened(plant, pointing, beta, 1)),
+        atlas=failure_atlas(elastic_system(model), MAJOR),
+    )
+
+
+def _opened(plant: LinearPlant, pointing: Array, loop: Loop, row: int) -> OpenLoop:
+    frequency_hz = np.geomspace(0.1, 0.4 / loop.period_s, _FREQUENCIES)
+    P = sampled(plant, pointing, loop.period_s)[row, row]
+
+    def response(system: control.StateSpace) -> Array:
+        return control.frequency_response(system, 2 * np.pi * frequency_hz).complex
+
+    return OpenLoop(
+        ANGLES[row], loop, frequency_hz, response(P), response(P) * response(loop.discrete)
+    )
+
+
+def _modes_hz(plant: LinearPlant) -> Array:
+    poles = np.linalg.eigvals(plant.A)
+    return np.sort(abs(poles[poles.imag > 0])) / (2 * np.pi)

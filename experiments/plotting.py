@@ -1,0 +1,65 @@
+"""Figures as they are printed: widths, style, and how they are saved. No display is needed."""
+
+from pathlib import Path
+
+import matplotlib
+from matplotlib.figure import Figure
+
+PAGE_IN = 7.16
+"""Width of a figure across both columns of a page; `COLUMN_IN`: of one column."""
+COLUMN_IN = 3.5
+
+TEXT_PT, TITLE_PT = 7, 8
+"""The only two sizes of text: 7 pt is the least that journals print."""
+
+_DPI = 220
+_NO_DATE = {"png": {}, "pdf": {"CreationDate": None}, "svg": {"Date": None}}
+
+matplotlib.use("Agg")
+matplotlib.rcParams.update(
+    {
+        "figure.dpi": _DPI,
+        "font.size": TEXT_PT,
+        "axes.titlesize": TITLE_PT,
+        "axes.labelsize": TEXT_PT,
+        "xtick.labelsize": TEXT_PT,
+        "ytick.labelsize": TEXT_PT,
+        "legend.fontsize": TEXT_PT,
+        "figure.titlesize": TITLE_PT,
+        "figure.labelsize": TEXT_PT,
+        "axes.grid": True,
+        "axes.linewidth": 0.6,
+        "grid.alpha": 0.3,
+        "grid.linewidth": 0.5,
+        "lines.linewidth": 1.0,
+        "lines.markersize": 3.5,
+        "hatch.linewidth": 0.4,
+        "legend.borderpad": 0.3,
+        "legend.columnspacing": 1.0,
+        "legend.handlelength": 1.6,
+        "legend.labelspacing": 0.3,
+        "xtick.major.width": 0.6,
+        "ytick.major.width": 0.6,
+        # Text stays text in PDF, as TrueType, which publishers ask for; SVG must look alike
+        # wherever it is opened, so that its letters are outlines.
+        "pdf.fonttype": 42,
+        "svg.fonttype": "path",
+        # The same figure is the same file, to the bit.
+        "svg.hashsalt": "fjh",
+    }
+)
+
+
+def new_figure(width_in: float, height_in: float) -> Figure:
+    """An empty figure of this size in print, laid out so that nothing overlaps."""
+    return Figure(figsize=(width_in, height_in), layout="constrained")
+
+
+def save_figure(
+    figure: Figure, folder: Path, name: str, formats: tuple[str, ...] = ("png", "pdf")
+) -> None:
+    """Write `name.png` and `name.pdf`, or the formats asked for; the same bytes every time."""
+    figure.draw_without_rendering()
+    figure.set_layout_engine("none")  # laid out once: all formats are alike
+    for suffix in formats:
+        figure.savefig(folder / f"{name}.{suffix}", metadata=_NO_DATE[suffix])

@@ -1,0 +1,73 @@
+"""The figure of `fjh release`: statics over stiffness, and spirals in which the strut is lost."""
+
+from typing import Any
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from experiments.palette import DESIRED, MEASURED, START
+from experiments.plotting import PAGE_IN, new_figure
+from experiments.release.study import Release
+from experiments.release.summary import twist
+from sim import Array
+
+
+def figure_release(release: Release, summary: dict[str, Any]) -> Figure:
+    """The sweep over stiffness, and strut 1 losing coil and spring in flight."""
+    figure = new_figure(PAGE_IN, 4.9)
+    figure.suptitle("Strut 1 without its coil: the springs decide where the payload goes")
+    (reached, off), flights = figure.subplots(2, 2)
+    _reached(reached, summary["sweep"])
+    _off(off, summary["sweep"])
+    names = ("free_in_flight_corrected", "loose_in_flight_corrected")
+    for axes, name in zip(flights, names, strict=True):
+        _flight(axes, release, name)
+    return figure
+
+
+def _reached(axes: Axes, sweep: list[dict[str, Any]]) -> None:
+    ratio = [point["suspension_over_swing"] for point in sweep]
+    curves: tuple[tuple[str, str, dict[str, Any]], ...] = (
+        ("alpha_as_if_locked_urad", "as if locked at its centre", {"color": START, "ls": ":"}),
+        ("alpha_elastic_urad", "elastic mapping", {"color": DESIRED}),
+        ("alpha_simulated_urad", "simulated", {"color": MEASURED, "marker": "o", "ls": ""}),
+        ("alpha_corrected_urad", "simulated, corrected", {"color": START, "marker": "s", "ls": ""}),
+    )
+    for key, label, style in curves:
+        axes.semilogx(ratio, [point[key] for point in sweep], label=label, **style)
+    axes.set(
+        title="100 µrad asked for, at rest",
+        xlabel="suspension / own swing stiffness",
+        ylabel="$\\alpha$, µrad",
+        ylim=(0, 110),
+    )
+    axes.legend()
+
+
+def _off(axes: Axes, sweep: list[dict[str, Any]]) -> None:
+    ratio = [point["suspension_over_swing"] for point in sweep]
+    for key, label, color in (
+        ("mismatch_as_if_locked_percent", "as if locked", START),
+        ("mismatch_elastic_percent", "elastic mapping", DESIRED),
+        ("mismatch_linear_model_percent", "linear model, coils as forces", MEASURED),
+    ):
+        axes.loglog(ratio, [point[key] for point in sweep], "o-", color=color, label=label)
+    axes.set(
+        title="distance from the simulation",
+        xlabel="suspension / own swing stiffness",
+        ylabel="payload motion, %",
+    )
+    axes.legend(loc="center left", bbox_to_anchor=(0, 0.29))
+
+
+def _flight(axes: Axes, release: Release, name: str) -> None:
+    run = release.trajectories[name]
+    lines: tuple[tuple[Array, str, dict[str, Any]], ...] = (
+        (twist(run), "simulated", {"color": MEASURED, "lw": 2, "alpha": 0.5}),
+        (release.linear[name], "linear model", {"color": DESIRED, "lw": 0.6}),
+        (release.quasi_static[name], "quasi-static", {"color": START, "lw": 0.6, "ls": "--"}),
+    )
+    for motion, label, style in lines:
+        axes.plot(run.time_s, 1e6 * motion[:, 3], label=label, **style)
+    axes.set(title=name.replace("_", " "), xlabel="time, s", ylabel="$t_x$, µm")
+    axes.legend(loc="upper left")
