@@ -4,48 +4,73 @@ import sys
 
 import typer
 
-from experiments.conduct import Unsound
+from experiments.conduct import Interrupted, Unsound, WrongInput
+from experiments.figures.command import figures
 from experiments.files import OutputError
 from experiments.force.command import force
 from experiments.goals.command import goals
 from experiments.interrupt import INTERRUPTED, SENTENCE
 from experiments.jacobian.command import jacobian
+from experiments.presentation import presented
 from experiments.recover.command import recover
 from experiments.release.command import release
+from experiments.render.command import render
+from experiments.report.command import report
+from experiments.review.command import review
 from experiments.speed.command import bench
 from experiments.systems.command import systems
 from experiments.table1.command import table1
 from experiments.uncorrected.command import uncorrected
-from sim import ModelError
 
 UNSOUND, WRONG_INPUT = 1, 2
 
-app = typer.Typer(
-    name="fjh",
-    help="Experiments on the fault-tolerant hexapod and the other mechanisms of its paper.",
-    no_args_is_help=True,
-    rich_markup_mode=None,
+HELP = """Experiments on the fault-tolerant hexapod and the other mechanisms of its paper.
+
+Each of the studies runs one experiment in MuJoCo and prints its tables; `fjh report` runs all. Into
+results/COMMAND/, or where --out says, it writes all numbers (.json, units in their names), data
+(.npz), figures and recordings (.rrd; `rerun FILE.rrd` opens one). Begin with `fjh table1`: a
+minute on two cores. `fjh review` and `fjh render` show what is there.
+"""
+EXIT_CODES = """\b
+Exit codes:
+  0    sound
+  1    unsound: a simulation diverged, left its prediction or missed a goal; no picture
+  2    wrong input
+  130  interrupted; no file is left half-written
+"""
+
+app = typer.Typer(name="fjh", help=HELP, epilog=EXIT_CODES, rich_markup_mode=None)
+STUDIES = (
+    table1,
+    figures,
+    systems,
+    release,
+    recover,
+    force,
+    goals,
+    jacobian,
+    uncorrected,
+    bench,
+    report,
 )
-commands = (table1, systems, release, recover, force, goals, jacobian, uncorrected, bench)
-for command in commands:
-    app.command()(command)
-
-
-@app.callback()
-def _fjh() -> None:
-    """Experiments on the fault-tolerant hexapod and the other mechanisms of its paper."""
+for command in (*map(presented, STUDIES), review, render):
+    # The first line whole: Typer itself would cut it at any full stop.
+    app.command(short_help=(command.__doc__ or "").partition("\n")[0])(command)
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Run `fjh`; returns the exit code: 0 sound, 1 unsound, 2 wrong input, 130 interrupted."""
+    words = sys.argv[1:] if arguments is None else arguments
     try:
-        code = app(args=arguments, prog_name="fjh", standalone_mode=False)
+        code = app(args=words or ["--help"], prog_name="fjh", standalone_mode=False)
     except typer.exceptions.TyperException as error:
         return _complain(error.format_message(), WRONG_INPUT)
-    except (ModelError, OutputError) as error:
+    except (WrongInput, OutputError) as error:
         return _complain(str(error), WRONG_INPUT)
     except Unsound as error:
         return _complain(str(error), UNSOUND)
+    except Interrupted as error:
+        return _complain(str(error), INTERRUPTED)
     if code == INTERRUPTED:  # Typer has already caught the Ctrl-C
         return _complain(SENTENCE, INTERRUPTED)
     return code or 0

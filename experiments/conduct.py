@@ -1,19 +1,37 @@
 """What every command shares: its options, and what is left when a run cannot be trusted."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
-import numpy as np
 import typer
 
 from experiments.files import published, write_arrays
-from sim import SimulationDiverged
 
-MAX_SEED = 2**32 - 1
+OnProgress = Callable[[int, int], None]
+"""To be called with the finished and total steps of some work."""
 
-Seed = Annotated[int, typer.Option(min=0, max=MAX_SEED, help="Seed of the detector noise.")]
+Progress = Callable[[str], AbstractContextManager[OnProgress]]
+"""Shows how far the work of a name is, while its context lasts."""
+
+Out = Annotated[Path, typer.Option(metavar="FOLDER", help="Folder for results, made if need be.")]
+
+
+def seed_option(of_what: str) -> Any:
+    """The option `--seed`; the same seed gives the same numbers to the bit."""
+    return typer.Option(min=0, max=2**32 - 1, metavar="N", help=f"Seed of {of_what}.")
+
+
+Seed = Annotated[int, seed_option("the detector noise")]
+
+
+class WrongInput(Exception):
+    """The command cannot do what it is asked to; the message says why."""
+
+
+class Interrupted(Exception):
+    """Ctrl-C, by a command that has more to say of it than all others."""
 
 
 class Unsound(Exception):
@@ -27,6 +45,11 @@ def diverged_into(folder: Path) -> Iterator[None]:
     Raises:
         Unsound: A simulation inside diverged.
     """
+    # Late: the help text need not wait for MuJoCo's import.
+    import numpy as np
+
+    from sim import SimulationDiverged
+
     try:
         yield
     except SimulationDiverged as diverged:

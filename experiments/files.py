@@ -4,13 +4,12 @@ import json
 import os
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from sim import Array
+if TYPE_CHECKING:  # the help text need not wait for MuJoCo's import
+    from sim import Array
 
 
 class OutputError(Exception):
@@ -43,13 +42,15 @@ def published(folder: Path, index: str) -> Iterator[Path]:
     """A temporary folder to write into; on leaving it without an error its files move to `folder`.
 
     Args:
-        folder: Made if need be; files of the same names are replaced.
+        folder: Made if need be; files of the same names are replaced, and files that the former
+            index lists as `files` and the new set has not are removed. No other file is touched.
         index: The file that names the others. It leaves first and arrives last, so that whoever
             finds it finds what it speaks of.
 
     Raises:
         OutputError: The disk or the folder refuses; what was there before is still whole.
     """
+    missing = [place for place in (folder, *folder.parents) if not place.exists()]
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(dir=folder, prefix=".fjh-") as staging:
@@ -58,15 +59,42 @@ def published(folder: Path, index: str) -> Iterator[Path]:
     except OSError as error:
         reason = error.strerror or str(error)
         raise OutputError(f"{folder} could not be written: {reason}") from None
+    finally:
+        for place in missing:  # made in vain: nothing came
+            with suppress(OSError):
+                place.rmdir()
 
 
 def write_json(path: Path, content: dict[str, Any]) -> None:
     """Write JSON; NaN is refused, since JSON has none."""
-    path.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    path.write_text(json_text(content), encoding="utf-8")
 
 
-def write_arrays(path: Path, arrays: dict[str, Array]) -> None:
+def json_text(content: dict[str, Any]) -> str:
+    """Content as JSON for people to read, too.
+
+    Raises:
+        ValueError: A number is NaN or infinite, which JSON has not.
+    """
+    return json.dumps(content, indent=2, allow_nan=False) + "\n"
+
+
+def write_index(path: Path, summary: dict[str, Any]) -> dict[str, Any]:
+    """Write the last file of a set: the summary, and as `files` the names of all files beside it.
+
+    Returns:
+        What was written.
+    """
+    files = sorted({path.name, *(file.name for file in path.parent.iterdir())})
+    content = summary | {"files": files}
+    write_json(path, content)
+    return content
+
+
+def write_arrays(path: Path, arrays: dict[str, "Array"]) -> None:
     """Write an `.npz`, readable without pickle."""
+    import numpy as np  # late, as above
+
     np.savez(path, allow_pickle=False, **arrays)
 
 
@@ -75,6 +103,22 @@ def _move_all(staging: Path, folder: Path, index: str) -> None:
     for name in names:
         if (folder / name).is_dir():
             raise OutputError(f"{folder / name} is a folder where a file is to be written")
+    outdated = _listed(folder / index) - set(names)
     (folder / index).unlink(missing_ok=True)
+    for name in outdated:
+        (folder / name).unlink(missing_ok=True)
     for name in names:
         (staging / name).replace(folder / name)
+
+
+def _listed(index: Path) -> set[str]:
+    """Files beside an index that it lists; none if it is missing or nothing that we wrote."""
+    try:
+        names = json.loads(index.read_bytes())["files"]
+        return {name for name in names if (index.parent / name).is_file() and _is_plain(name)}
+    except (OSError, ValueError, LookupError, TypeError):
+        return set()
+
+
+def _is_plain(name: str) -> bool:
+    return Path(name).name == name

@@ -20,9 +20,13 @@ def leave_at_once() -> None:
 
 
 def raise_from_now_on() -> None:
-    """From now on Ctrl-C is a KeyboardInterrupt: there are workers to end and files to remove."""
+    """From now on Ctrl-C is a KeyboardInterrupt: there are workers to end and files to remove.
+
+    So is being told to end, or to hang up.
+    """
     if signal.getsignal(signal.SIGINT) is _leave:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
+        for each in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            signal.signal(each, signal.default_int_handler)
 
 
 def _leave(_signal: int, _frame: FrameType | None) -> None:

@@ -10,11 +10,10 @@ from typing import Literal
 
 import numpy as np
 
+from experiments.choices import JacobianChoice
 from experiments.goal import MAJOR, SECONDARY, Goal
 from prioritized import ConstrainedSystem, VelocityMapping
 from sim import NOMINAL, Array, Hexapod, Pose, pointing_angles, secondary_motion
-
-JacobianChoice = Literal["analytic", "constant"]
 
 DisplacementForm = Literal["absolute", "incremental", "relinearized"]
 """How eq. (41) becomes a displacement: from the nominal pose; from what was asked for a tick

@@ -7,6 +7,7 @@ import mujoco
 import numpy as np
 
 from experiments.bench import Bench
+from experiments.choices import JacobianChoice
 from experiments.compensator import Loop
 from experiments.controller import Controller, Sensed
 from experiments.diagnosis.dither import STILL, Dither
@@ -16,7 +17,6 @@ from experiments.diagnosis.record import Diagnosis, MonitorState
 from experiments.diagnosis.rules import RULES, Rules
 from experiments.diagnosis.sensing import sensing
 from experiments.goal import MAJOR, Goal
-from experiments.mapping import JacobianChoice
 from experiments.pilot import PointingState
 from experiments.run import controller_for
 from experiments.springs import elastic_system

@@ -14,13 +14,14 @@ from rich.progress import (
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
-from rich.table import Table
+from rich.table import Table as RichTable
 
+from experiments.findings import Table
 from experiments.interrupt import raise_from_now_on
 
 
 @contextmanager
-def progress(description: str) -> Iterator[Callable[[int, int], None]]:
+def progress(description: str, *, shown: bool = True) -> Iterator[Callable[[int, int], None]]:
     """A progress bar on a terminal's standard error; nothing where that is a file or a pipe.
 
     The work begins here: from here on Ctrl-C is an exception.
@@ -34,24 +35,26 @@ def progress(description: str) -> Iterator[Callable[[int, int], None]]:
         TimeRemainingColumn(),
         console=Console(stderr=True),
         transient=True,
-        disable=not sys.stderr.isatty(),
+        disable=not (shown and sys.stderr.isatty()),
     )
     with bar:
         task = bar.add_task(description, total=None)
         yield lambda done, total: bar.update(task, completed=done, total=total)
 
 
-def print_rows(title: str, headings: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """A table on standard output; the first column is its labels."""
-    table = Table(title=title, title_justify="left", box=box.SIMPLE)
-    for k, heading in enumerate(headings):
-        table.add_column(heading, justify="right" if k else "left", no_wrap=True)
-    for row in rows:
-        table.add_row(*row)
-    Console().print(table)
+def print_table(table: Table) -> None:
+    """A table on standard output, its legend below."""
+    drawn = RichTable(title=table.title, title_justify="left", box=box.SIMPLE)
+    for k, heading in enumerate(table.headings):
+        drawn.add_column(heading, justify="right" if k else "left", no_wrap=True)
+    for row in table.rows:
+        drawn.add_row(*row)
+    Console().print(drawn)
+    if table.legend:
+        Console().print(f"{table.legend}\n", highlight=False, markup=False)
 
 
 def print_notes(notes: Sequence[str]) -> None:
     """Sentences on standard output, one paragraph each."""
     for note in notes:
-        Console().print(note, highlight=False)
+        Console().print(note, highlight=False, markup=False)

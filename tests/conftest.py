@@ -28,6 +28,14 @@ def table1_folder(tmp_path_factory):
 
 
 @pytest.fixture(scope="session")
+def figures_folder(tmp_path_factory):
+    """Machine, loops and failures drawn, made by the command."""
+    folder = tmp_path_factory.mktemp("figures")
+    assert main(["figures", "--out", str(folder)]) == 0
+    return folder
+
+
+@pytest.fixture(scope="session")
 def release_folder(tmp_path_factory):
     """The released strut at full length, made by the command."""
     folder = tmp_path_factory.mktemp("release")

@@ -1,23 +1,81 @@
 """The documentation runs, and says the numbers that come out."""
 
 import re
+import shutil
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
+
+from experiments.cli import STUDIES
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text()
 
 
-def test_the_readmes_snippet_runs_and_freezes_the_failed_strut():
-    snippet = re.search(r"```python\n(.*?)```", README, re.DOTALL)
-    assert snippet
+PAGES = [Path("README.md"), *(page.relative_to(ROOT) for page in sorted(ROOT.glob("docs/*.md")))]
+OWN, ON_THE_HEXAPOD = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
+
+
+@pytest.mark.parametrize("machine", ["arm", "arms", "fjh", "hand"])
+def test_the_readmes_ten_lines_fail_an_actuator_of_any_mjcf(machine, tmp_path, monkeypatch):
+    """Where the task is met, MuJoCo itself turns as asked, and actuator 1 stands."""
+    assert len(OWN.strip().splitlines()) == 10
+    monkeypatch.chdir(tmp_path)
+    shutil.copy(ROOT / "models" / f"{machine}.xml", "yours.xml")
     names: dict = {}
-    exec(snippet.group(1), names)
+    exec(OWN, names)
+    rates, kin = names["rates"], names["failed"]
+    assert rates[1] == 0.0
+    if kin.manipulability(major=[0, 1]).unmanipulable:  # a planar hand does not turn about x
+        assert machine == "hand"
+        return
+    np.testing.assert_allclose(kin.J[:2] @ rates[kin.actuators], [0.1, 0.0], atol=1e-12)
+    if machine == "arm":
+        model, data = names["model"], mujoco.MjData(names["model"])
+        data.qpos[:] = 1e-6 * rates
+        mujoco.mj_kinematics(model, data)
+        turned = data.site("payload").xmat.reshape(3, 3).copy()
+        data.qpos[:] = 0
+        mujoco.mj_kinematics(model, data)
+        turn = turned @ data.site("payload").xmat.reshape(3, 3).T
+        vector = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0]]) / 2e-6
+        np.testing.assert_allclose(vector, [0.1, 0.0], atol=1e-6)
+
+
+def test_the_readmes_hexapod_freezes_the_failed_strut(capsys):
+    names: dict = {}
+    exec(ON_THE_HEXAPOD, names)
     assert names["rates"][0] == 0.0
     nominal = names["system"].kinematics()
     np.testing.assert_allclose(nominal.J[:2] @ names["rates"], [1e-4, 0.0], atol=1e-15)
+    assert capsys.readouterr().out.splitlines()[-1] == "54"
+
+
+def test_the_readme_lists_every_command():
+    rows = re.findall(
+        r"^\| ((?:`\w+`(?:, )?)+) \|", README[README.index("## Other") :], re.MULTILINE
+    )
+    listed = re.findall(r"`(\w+)`", " ".join(rows))
+    commands = {study.__name__ for study in STUDIES} - {"bench"}
+    assert commands | {"review", "render"} == set(listed)
+    assert "make bench" in README
+
+
+@pytest.mark.parametrize("page", PAGES, ids=str)
+def test_every_link_and_picture_of_a_page_is_there(page):
+    text = (ROOT / page).read_text()
+    for link in re.findall(r"\]\(([^)#]+)\)", text):
+        if not link.startswith("http"):
+            assert (ROOT / page.parent / link).is_file(), link
+
+
+def test_every_picture_is_on_a_page():
+    """What `make pictures` writes is looked at; nothing lies about."""
+    pages = "".join(page.read_text() for page in [ROOT / "README.md", *ROOT.glob("docs/*.md")])
+    pictures = {picture.name for picture in (ROOT / "docs" / "pictures").iterdir()}
+    assert {name for name in pictures if f"pictures/{name}" not in pages} == set()
 
 
 @pytest.mark.parametrize("angle", ["alpha", "beta"])
@@ -136,9 +194,9 @@ def test_the_theory_page_speaks_of_every_equation_theorem_and_remark():
 
 
 def test_the_theory_pages_tables_are_those_that_come_out(systems, release):
-    from experiments.systems.summary import table_rows
+    from experiments.systems.text import table
 
-    for row in table_rows(systems):
+    for row in table(systems).rows:
         # Not the last digits of the errors, which another machine may round otherwise.
         assert "| " + " | ".join(row[:-1]) + " | " in THEORY
     sweep = release["sweep"]

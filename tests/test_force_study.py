@@ -25,6 +25,7 @@ from experiments.goal import MAJOR, SECONDARY
 from experiments.springs import strut_and_payload_stiffness
 from prioritized import ConstrainedSystem, force_mapping
 from sim import HEXAPOD_MJCF, NOMINAL, Plant, hexapod, jacobians, load_model
+from tests.printed import assert_printable
 from tests.test_force import theorem_7, theorem_8
 
 
@@ -326,9 +327,11 @@ def test_everything_named_is_there(done, summary, force):
     assert {file.name for file in folder.iterdir()} == {
         "force.json",
         "force.png",
+        "force.pdf",
         summary["recording"],
         summary["data"],
     }
+    assert_printable(folder)
     assert {"experiment", "seed", "versions", "model_sha256", "bench"} <= set(summary)
     assert set(summary["model_sha256"]) == {"fjh", "platform"}
     with np.load(folder / summary["data"]) as data:

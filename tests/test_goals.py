@@ -26,7 +26,8 @@ from experiments.goals.pseudo_inverse import PseudoInverseMapping, weighted_pseu
 from experiments.goals.reliability import COILS, HEAVIEST, LIMIT_C, WARM_C, joint_weights
 from experiments.goals.singularity import manipulability, manipulability_gradient
 from experiments.goals.stroke import rates_from_stops, stop_potential
-from experiments.goals.summary import CHANGES, complaint, table_rows
+from experiments.goals.summary import CHANGES, complaint
+from experiments.goals.text import table
 from experiments.mapping import StrutMapping
 from experiments.run import controller_for, fly, nominal_loops
 from prioritized import velocity_mapping
@@ -376,7 +377,7 @@ def test_the_coils_stay_cool_though_their_heat_path_is_worse_than_the_controller
 
 def test_everything_named_is_there(goals, goals_folder):
     named = {goal[kind] for goal in goals["goals"] for kind in ("recording", "data")}
-    named |= {"goals.json", "goals.md", "goals.png"}
+    named |= {"goals.json", "goals.md", "goals.png", "goals.pdf"}
     assert {file.name for file in goals_folder.iterdir()} == named
     assert goals["experiment"] == "goals"
     assert set(goals["model_sha256"]) == {"fjh", "arm"}
@@ -451,7 +452,7 @@ def test_every_test_file_and_picture_that_the_goals_page_speaks_of_exists():
 
 
 def test_the_goals_page_has_a_row_for_every_run_and_its_limits(goals):
-    rows = {row[0]: row for row in table_rows(goals)}
+    rows = {row[0]: row for row in table(goals).rows}
     for label, row in rows.items():
         printed = re.search(rf"^\| {re.escape(label)} \|(.*)\|$", PAGE, re.MULTILINE)
         assert printed, label

@@ -15,7 +15,7 @@ from experiments.recover.soundness import complaint
 from experiments.recover.wrong import beliefs
 from experiments.run import nominal_loops
 from sim import load_model
-from tests.test_recording import scalars
+from tests.rrd import scalars
 
 
 def test_the_failures_are_found_named_and_flown_around(recover):

@@ -6,7 +6,18 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-THIRD_PARTY = {"mujoco", "rerun", "control", "matplotlib", "typer", "rich", "scipy", "numpy"}
+THIRD_PARTY = {
+    "mujoco",
+    "rerun",
+    "control",
+    "matplotlib",
+    "typer",
+    "rich",
+    "scipy",
+    "numpy",
+    "jinja2",
+    "psutil",
+}
 ALLOWED = {
     "prioritized": {"numpy", "scipy"},
     "sim": {"numpy", "scipy", "mujoco"},

@@ -118,7 +118,7 @@ def test_a_wrong_classification_is_complained_of(monkeypatch, name, happens, tol
 
 def test_everything_named_is_there(systems, systems_folder):
     named = {one[kind] for one in systems["systems"] for kind in ("recording", "data")}
-    named |= {"systems.json", "systems.md", "systems.png"}
+    named |= {"systems.json", "systems.md", "systems.png", "systems.pdf"}
     assert {file.name for file in systems_folder.iterdir()} == named
 
 

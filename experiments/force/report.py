@@ -3,45 +3,30 @@
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from experiments.files import published, write_arrays, write_json
-from experiments.force.cases import PRESCRIBED
+from experiments.files import published, write_arrays, write_index
 from experiments.force.figure import figure_force
+from experiments.force.recording import write_force
 from experiments.force.rig import Readings
-from experiments.force.study import Examination, Force
-from experiments.force.text import tables
+from experiments.force.study import Force
 from experiments.force.tradeoff import Tried
-from experiments.provenance import version_properties
-from experiments.rerun_file import write_series
+from experiments.plotting import save_figure
 from sim import Array
 
-_WRENCH = ["m_x [N m]", "m_y [N m]", "m_z [N m]", "f_x [N]", "f_y [N]", "f_z [N]"]
-_STRUTS = [f"strut {k} [N]" for k in range(1, 7)]
-_MOTION = ["alpha [urad]", "beta [urad]", "gamma [urad]", "t_x [um]", "t_y [um]", "t_z [um]"]
 
-
-def write(folder: Path, force: Force, summary: dict[str, Any]) -> None:
+def write(folder: Path, force: Force, summary: dict[str, Any]) -> dict[str, Any]:
     """Write data, recording and figure; all of them or none.
+
+    Returns:
+        The contents of `force.json`: the summary and the names of all files.
 
     Raises:
         OutputError: The disk or the folder refuses.
     """
     with published(folder, index="force.json") as staging:
         write_arrays(staging / summary["data"], _arrays(force))
-        write_series(
-            staging / summary["recording"],
-            f"force-seed{summary['seed']}",
-            "force mapping",
-            _plots(force.examinations),
-            _notes(summary),
-            {"seed": summary["seed"]}
-            | {f"model_sha256_{name}": sha for name, sha in summary["model_sha256"].items()}
-            | version_properties(summary)
-            | summary["bench"],
-        )
-        figure_force(force, summary).savefig(staging / "force.png", dpi=130)
-        write_json(staging / "force.json", summary)
+        write_force(staging / summary["recording"], force.examinations, summary)
+        save_figure(figure_force(force, summary), staging, "force")
+        return write_index(staging / "force.json", summary)
 
 
 def _arrays(force: Force) -> dict[str, Array]:
@@ -74,36 +59,3 @@ def _arrays(force: Force) -> dict[str, Array]:
 
 def _prefixed(where: str, record: Readings | Tried) -> dict[str, Array]:
     return {f"{where}_{name}": values for name, values in vars(record).items()}
-
-
-def _plots(examinations: list[Examination]) -> dict[str, tuple[Array, list[str], Array]]:
-    """Prescribed wrenches, one after another, on the sound hexapod and with strut 1 failed."""
-    plots = {}
-    for one in examinations:
-        if one.condition.strut != 0:
-            continue
-        trial, where = one.trial(PRESCRIBED), str(one.condition)
-        pressed, held = trial.pressed, trial.held
-        plots[f"{where}: wrench on the fixture"] = _series(pressed, _WRENCH, pressed.fixture)
-        plots[f"{where}: struts, holding"] = _series(held, _STRUTS, held.strut_n)
-        if one.condition.kind == "locked":
-            predicted = np.broadcast_to(trial.answer.strut[:, None, :1], held.lock_n[..., :1].shape)
-            lock = np.concatenate([held.lock_n[..., :1], predicted], axis=-1)
-            names = ["lock [N]", "predicted [N]"]
-            plots[f"{where}: reaction"] = _series(held, names, lock)
-        for way in one.prescribed:
-            title = f"{where}: payload, {way.mapping} mapping"
-            plots[title] = _series(way.readings, _MOTION, 1e6 * way.readings.displacement)
-    return plots
-
-
-def _series(readings: Readings, names: list[str], values: Array) -> tuple[Array, list[str], Array]:
-    return readings.time_s.ravel(), names, values.reshape(-1, len(names))
-
-
-def _notes(summary: dict[str, Any]) -> str:
-    """The tables, shown beside the plots."""
-    lines = ["# Static force mappings", "", f"Seed {summary['seed']}. Each load is a step.", ""]
-    for table in tables(summary):
-        lines += [f"## {table.title}", "", table.markdown(), ""]
-    return "\n".join(lines)

@@ -1,27 +1,24 @@
-"""The force experiment in print."""
+"""The force experiment in print, from `force.json`."""
 
-from dataclasses import dataclass
 from typing import Any
 
+from experiments.findings import Findings, Picture, Table
+from experiments.force.soundness import complaint
 
-@dataclass(frozen=True)
-class Table:
-    """Rows of cells; the first of each is its label.
+PICTURES = [
+    Picture(
+        "force.png",
+        "Theorems 7 to 9 in simulation, sound, locked and free; the platform's internal force.",
+        "Six panels: distances from the theorems far below the limit of one percent; the mapping "
+        "as the cheapest exact torque; lock reactions on the line of prediction; a payload that "
+        "settles where predicted; a hot motor relieved; and a grip that is kept.",
+    )
+]
 
-    Attributes:
-        title: For people.
-        headings: One a column.
-        rows: One a line.
-    """
 
-    title: str
-    headings: tuple[str, ...]
-    rows: list[tuple[str, ...]]
-
-    def markdown(self) -> str:
-        """The table without its title."""
-        lines = [self.headings, ("---",) * len(self.headings), *self.rows]
-        return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+def findings(summary: dict[str, Any]) -> Findings:
+    """The tables; they need no further words."""
+    return Findings(summary, tables(summary), [], PICTURES, complaint(summary))
 
 
 def tables(summary: dict[str, Any]) -> list[Table]:
@@ -50,10 +47,11 @@ def _exactness(conditions: list[dict[str, Any]]) -> Table:
         )
 
     return Table(
-        "Theorems 7, 8, 9: simulation off by, in percent.\n"
-        "Pressing: major force, wrench by theorem; holding: struts, payload",
+        "Theorems 7, 8, 9: simulation off by, in percent",
         ("", "major", "thm 7", "thm 8", "thm 9", "struts", "moves"),
         [row(one) for one in conditions],
+        "Pressing on a fixture: major force, and whole wrench by theorem. Holding: strut forces, "
+        "and the motion of the payload.",
     )
 
 
@@ -74,10 +72,10 @@ def _prescribed(conditions: list[dict[str, Any]]) -> Table:
             ]
             rows.append((label, f"{held['lacking_force_n'][0]:.2f}", lock, *motion))
     return Table(
-        "The first prescribed wrench, strut 1 failing; simulated/predicted.\n"
-        "Force not exerted, N; lock's reaction, N; payload moves, um; tilts, urad",
-        ("", "lacking", "lock", "moves", "tilts"),
+        "The first prescribed wrench, strut 1 failing; simulated/predicted",
+        ("", "lacking, N", "lock, N", "moves, um", "tilts, urad"),
         rows,
+        "Force not exerted, the lock's reaction, and how far the payload moves and tilts.",
     )
 
 
@@ -97,10 +95,10 @@ def _tradeoff(trade: dict[str, Any]) -> Table:
         for one in trade["pseudo_inverse"]
     ]
     return Table(
-        "One major force on the sound hexapod.\n"
-        "Weighted torque over the mapping's; simulated major force off by, in percent",
-        ("", "torque", "major off"),
+        "One major force on the sound hexapod",
+        ("", "torque", "major off, %"),
         rows,
+        "Weighted torque over the mapping's; simulated major force off by.",
     )
 
 
@@ -122,10 +120,11 @@ def _internal(uses: list[dict[str, Any]]) -> Table:
         )
 
     return Table(
-        "Over-actuated platform, without and with its internal force; RMS, N.\n"
-        "Weighted torque; hot motor; least squeeze; internal force simulated/predicted",
+        "Over-actuated platform, without and with its internal force; RMS, N",
         ("", "torque", "hot", "squeeze", "internal", "off, %"),
         [row(use) for use in uses],
+        "Weighted torque; the hot motor; the least squeeze; internal force simulated/predicted; "
+        "simulation off by.",
     )
 
 

@@ -6,8 +6,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
+from experiments.choices import JacobianChoice
 from experiments.goal import MAJOR, SECONDARY, Goal
-from experiments.mapping import JacobianChoice, Reconfigured, StrutMapping
+from experiments.mapping import Reconfigured, StrutMapping
 from prioritized import Status, VelocityMapping, velocity_mapping
 from sim import Array, Hexapod
 

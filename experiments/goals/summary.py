@@ -1,4 +1,4 @@
-"""The goals as data: the contents of `goals.json`, in print, and whether to believe it."""
+"""The goals as data: the contents of `goals.json`, and whether to believe it."""
 
 from dataclasses import asdict
 from typing import Any
@@ -58,39 +58,6 @@ def complaint(summary: dict[str, Any]) -> str | None:
     return None
 
 
-HEADINGS = ("", "worst", "limit", "RMS", "peak", "change", "by tick")
-"""Secondary measure and its limit; RMS and peak of the pointing error, the change of that RMS, and
-the RMS of the change itself [urad], the larger of the two angles each."""
-
-
-def table_rows(summary: dict[str, Any]) -> list[tuple[str, ...]]:
-    """One row for each goal and way, in print, and one for what another seed changes."""
-    rows = []
-    for goal in summary["goals"]:
-        for run in goal["runs"]:
-            if run["name"].startswith(f"{REFERENCE}_seed"):
-                continue
-            label = way_label(run)
-            measures = (f"{round(run[goal['measure']], 1) + 0.0:.1f}", f"{goal['limit']:g}")
-            keys = ("rms_urad", "peak_urad", "rms_change_urad", "difference_rms_urad")
-            rows.append((f"{goal['name']}, {label}", *measures, *(_larger(run[k]) for k in keys)))
-        noise = goal["another_seed"]
-        changes = [_larger([noise[key]]) for key in ("rms_change_urad", "difference_rms_urad")]
-        rows.append((f"{goal['name']}, other seed", "", "", "", "", *changes))
-    return rows
-
-
-def way_label(run: dict[str, Any]) -> str:
-    """A run in a word; pseudo-inverses by their weight."""
-    return "w = {:g}".format(run["major_weight"]) if run["major_weight"] else run["name"]
-
-
-def markdown(summary: dict[str, Any]) -> str:
-    """The table as Markdown."""
-    rows = [HEADINGS, ("---",) * len(HEADINGS), *table_rows(summary)]
-    return "\n".join("| " + " | ".join(row) + " |" for row in rows) + "\n"
-
-
 def _entry(
     one: Demonstration, outcomes: dict[str, Outcome], ran: tuple[Way, ...]
 ) -> dict[str, Any]:
@@ -147,8 +114,3 @@ def _another_seed(references: list[dict[str, Any]]) -> dict[str, float]:
             for key in ("difference_rms_urad", "difference_peak_urad")
         },
     }
-
-
-def _larger(values: list[float]) -> str:
-    value = max(map(abs, values))
-    return f"{value:.3f}" if value < 100 else f"{value:.0f}"

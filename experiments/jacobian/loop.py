@@ -6,12 +6,13 @@ from dataclasses import dataclass
 import mujoco
 
 from experiments.bench import Bench
+from experiments.choices import JacobianChoice
 from experiments.compensator import Loop
 from experiments.jacobian.growth import GROWTHS, Growth, grown_bench, grown_machine
 from experiments.jacobian.norms import NORMS, Norm
 from experiments.jacobian.statics import extra_percent, follow, loop_gain_error, optimum
 from experiments.jacobian.variation import relative_change
-from experiments.mapping import DisplacementForm, JacobianChoice, StrutMapping
+from experiments.mapping import DisplacementForm, StrutMapping
 from experiments.parallel import in_parallel
 from experiments.run import Trajectory, nominal_loops, track_spiral
 from experiments.table1.study import COLUMNS

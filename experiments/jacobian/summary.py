@@ -1,4 +1,4 @@
-"""The study of the Jacobian as data: `jacobian.json`, its table, and one paragraph to cite."""
+"""The study of the Jacobian as data: `jacobian.json`, and one paragraph to cite."""
 
 from dataclasses import asdict
 from typing import Any
@@ -56,33 +56,6 @@ def complaint(summary: dict[str, Any]) -> str | None:
         if bound is None or not value <= bound < CERTIFICATE_LIMIT * value:
             return f"in the {norm} norm e is {value:.6f}, certified to be at most {bound}"
     return None
-
-
-HEADINGS = ("how eq. (40) is read", "Frobenius", "2-norm", "paper's at")
-"""e in both norms, and the part of the stroke that would give both printed numbers."""
-
-
-def table_rows(summary: dict[str, Any]) -> list[tuple[str, ...]]:
-    """The certified values, the paper's, and everything that was tried."""
-    variation = summary["variation"]
-
-    def row(label: str, e: dict[str, float], note: str = "", digits: int = 5) -> tuple[str, ...]:
-        return (label, *(f"{e[norm]:.{digits}f}" for norm in NORMS), note)
-
-    rows = [
-        row("certified to be at most", {n: variation[n]["certified_upper_bound"] for n in NORMS}),
-        row("paper", {n: variation[n]["paper"] for n in NORMS}, digits=4),
-    ]
-    return rows + [row(one["reading"], one, _part(one)) for one in summary["tried"]]
-
-
-def _part(trial: dict[str, Any]) -> str:
-    if trial["is_the_papers"]:
-        return "all of it"
-    if trial["stroke_fraction"] is None:
-        return "-"
-    low, high = trial["stroke_fraction"]
-    return f"{100 * low:.0f}-{100 * high:.0f} %"
 
 
 def _certified(study: JacobianStudy, found: Variation, norm: Norm) -> dict[str, Any]:

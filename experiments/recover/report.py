@@ -1,43 +1,46 @@
 """Everything that `fjh recover` leaves in its folder."""
 
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from experiments.files import published, write_arrays, write_json
+from experiments.files import published, write_index
+from experiments.plotting import save_figure
 from experiments.provenance import recording_properties
-from experiments.recording import write_recording
+from experiments.recording.file import About
+from experiments.recording.keep import keep_run
+from experiments.recording.notes import run_notes
+from experiments.recording.shown import Shown
 from experiments.recover.figures import figure_recover
 from experiments.recover.marks import marks
 from experiments.recover.study import Recover
-from experiments.recover.text import markdown
+from experiments.recover.text import findings
+from experiments.run import Trajectory
+from sim import load_model
 
 
-def write(folder: Path, result: Recover, summary: dict[str, Any]) -> None:
+def write(folder: Path, result: Recover, summary: dict[str, Any]) -> dict[str, Any]:
     """Write data, recordings and the figure; all of them or none.
+
+    Returns:
+        The contents of `recover.json`: the summary and the names of all files.
 
     Raises:
         OutputError: The disk or the folder refuses.
     """
     with published(folder, index="recover.json") as staging:
         for name, (run, flight) in result.shown.items():
-            write_arrays(staging / f"{name}.npz", asdict(run))
-            write_recording(
-                staging / f"{name}.rrd",
-                f"recover-{name}-seed{summary['seed']}",
-                name,
-                run,
-                _notes(name, summary["shown"][name], summary),
-                recording_properties(summary),
-                marks(run, flight),
-            )
-        figure_recover(result, summary).savefig(staging / "recover.png", dpi=150)
-        (staging / "recover.md").write_text(markdown(summary), encoding="utf-8")
-        write_json(staging / "recover.json", summary)
+            notes = _notes(name, run, summary)
+            properties = recording_properties(summary)
+            about = About(f"recover-{name}-seed{summary['seed']}", name, notes, properties)
+            keep_run(staging, name, about, load_model(), Shown(run, marks(run, flight)))
+        save_figure(figure_recover(result, summary), staging, "recover")
+        (staging / "recover.md").write_text(findings(summary).markdown(), encoding="utf-8")
+        return write_index(staging / "recover.json", summary)
 
 
-def _notes(name: str, flight: dict[str, Any], summary: dict[str, Any]) -> str:
+def _notes(name: str, run: Trajectory, summary: dict[str, Any]) -> str:
     """The run in words, shown beside its plots."""
+    flight = summary["shown"][name]
     happened = [
         f"- strut {each['strut']} {each['kind']} at {each['time_s']:g} s"
         for each in flight["happened"]
@@ -49,18 +52,16 @@ def _notes(name: str, flight: dict[str, Any], summary: dict[str, Any]) -> str:
             "The struts that are left cannot point any more: the task is declared lost, and the "
             "commands stand still."
         )
-    return "\n".join(
-        [
-            f"# {name}",
-            "",
-            f"Seed {summary['seed']}, constant Jacobian, W_a; nobody tells the controller.",
-            "",
-            "What happens:",
-            *happened,
-            "",
-            "What is found, from the pointing angles, the commands and a dither:",
-            *found,
-            "",
-            ends,
-        ]
-    )
+    said = [
+        f"Seed {summary['seed']}, constant Jacobian, W_a; nobody tells the controller.",
+        "",
+        "What happens:",
+        *happened,
+        "",
+        "What is found, from the pointing angles, the commands and a dither:",
+        *found,
+        "",
+        ends,
+        "",
+    ]
+    return run_notes(name, said, run, {}, recording_properties(summary))

@@ -1,14 +1,30 @@
-"""The numbers of `fjh recover` in words and tables."""
+"""Failures in flight in words and tables, from `recover.json`."""
 
 from typing import Any
 
-HEADINGS = ("", "locked", "free", "weak")
-AMBIGUITY_HEADINGS = ("failure", "where", "setting", "other strut", "other kind", "alike")
+from experiments.findings import Findings, Picture, Table
+from experiments.recover.soundness import complaint
+
+PICTURES = [
+    Picture(
+        "recover.png",
+        "A strut fails in flight: delays, separations, recovery, and failure after failure.",
+        "Panels with the delays until a strut is named, by kind of failure; how far apart the "
+        "failures look; pointing errors with and without recovery; and a flight on which struts "
+        "fail until the task is lost.",
+    )
+]
 
 
-def table_rows(summary: dict[str, Any]) -> list[tuple[str, ...]]:
+def findings(summary: dict[str, Any]) -> Findings:
+    """Delays and errors, what looks alike, and all rates in sentences."""
+    tables = [recovery(summary), ambiguity(summary)]
+    return Findings(summary, tables, notes(summary), PICTURES, complaint(summary))
+
+
+def recovery(summary: dict[str, Any]) -> Table:
     """Delays and pointing errors by kind of failure."""
-    kinds = HEADINGS[1:]
+    kinds = ("locked", "free", "weak")
 
     def delay(kind: str, what: str) -> str:
         counted = summary["delay_ms"][kind][what]
@@ -31,10 +47,16 @@ def table_rows(summary: dict[str, Any]) -> list[tuple[str, ...]]:
             ("no correction", "uncorrected"),
         ):
             rows.append((f"{when}: {label}", *(errors(kind, flown, when) for kind in kinds)))
-    return rows
+    return Table(
+        "A strut fails in flight",
+        ("", *kinds),
+        rows,
+        "Delays after the failure; pointing errors before it, until recovery, and after. weak: a "
+        "coil that has lost part of its force.",
+    )
 
 
-def ambiguity_rows(summary: dict[str, Any]) -> list[tuple[str, ...]]:
+def ambiguity(summary: dict[str, Any]) -> Table:
     """Of the struts compared the least separation, and all that is alike."""
     groups: dict[tuple[str, str, str], list[dict[str, Any]]] = {}
     for seen in summary["ambiguity"]["failures"]:
@@ -51,7 +73,14 @@ def ambiguity_rows(summary: dict[str, Any]) -> list[tuple[str, ...]]:
         ]
         nearest = f"{other['from_other_kinds']:.1f} ({other['nearest_other_kind']})"
         rows.append((kind, where, setting, f"{strut:.1f}", nearest, " ".join(pairs)))
-    return rows
+    alike, evidence = summary["ambiguity"]["alike_below"], summary["ambiguity"]["evidence_s"]
+    return Table(
+        "Which failures look alike",
+        ("failure", "where", "setting", "other strut", "other kind", "alike"),
+        rows,
+        f"Separation of {evidence:g} s of outputs from the nearest other strut and other kind of "
+        f"failure, the least of six struts; alike: pairs below {alike:g}, ?: of another kind.",
+    )
 
 
 def notes(summary: dict[str, Any]) -> list[str]:
@@ -87,19 +116,6 @@ def notes(summary: dict[str, Any]) -> list[str]:
         lines.append(f"After {len(cascade['happened'])} failures the task is {ends}.")
     lines += [_mismatch(each) for each in summary["mismatch"]]
     return lines
-
-
-def markdown(summary: dict[str, Any]) -> str:
-    """The tables and notes as a page."""
-    parts = [_table(HEADINGS, table_rows(summary))]
-    parts.append("\n".join(f"- {note}" for note in notes(summary)))
-    parts.append(_table(AMBIGUITY_HEADINGS, ambiguity_rows(summary)))
-    return "\n\n".join(parts) + "\n"
-
-
-def _table(headings: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
-    lines = [headings, ("---",) * len(headings), *rows]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
 def _mismatch(mismatch: dict[str, Any]) -> str:

@@ -8,7 +8,7 @@ from typing import Any
 import mujoco
 
 from experiments.bench import Bench
-from experiments.mapping import JacobianChoice
+from experiments.choices import JacobianChoice
 from experiments.provenance import versions
 from experiments.run import nominal_loops, track_spiral
 from experiments.table1.study import COLUMNS

@@ -5,35 +5,36 @@ from typing import Annotated
 
 import typer
 
-from experiments.conduct import MAX_SEED, Unsound, diverged_into
+from experiments.conduct import Out, Progress, diverged_into, seed_option
 from experiments.files import usable_folder
-from experiments.terminal import print_rows, progress
+from experiments.findings import Findings
 
 
 def systems(
-    out: Annotated[Path, typer.Option(help="Folder for results.")] = Path("results/systems"),
-    seed: Annotated[
-        int, typer.Option(min=0, max=MAX_SEED, help="Seed of the directions that are tried.")
-    ] = 0,
+    out: Out = Path("results/systems"),
+    seed: Annotated[int, seed_option("the directions that are tried")] = 0,
     quick: Annotated[
         bool, typer.Option("--quick", help="Only the first three conditions of each.")
     ] = False,
-) -> None:
+    *,
+    progress: Progress,
+) -> Findings:
     """Classify and drive four other mechanisms.
 
     An arm, a hand, two arms and a platform, sound and failed; the simulation is compared with what
-    the classification says.
+    the classification says: 12 s on two cores, 8 s with --quick.
+
+    Writes systems.json, the table as systems.md, a figure, and for each mechanism its data (.npz)
+    and its recording (.rrd).
+
+    Example: fjh systems --seed 1 --out /tmp/mechanisms
     """
     from experiments.systems import report
-    from experiments.systems import summary as systems_summary
     from experiments.systems.study import run_systems
+    from experiments.systems.summary import summarize
+    from experiments.systems.text import findings
 
     folder = usable_folder(out)
     with progress("systems") as on_progress, diverged_into(folder):
-        examinations = run_systems(seed=seed, quick=quick, on_progress=on_progress)
-    summary = systems_summary.summarize(examinations, seed)
-    report.write(folder, examinations, summary)
-    title = "What the classification says; `off by`: simulated motion and torques"
-    print_rows(title, systems_summary.HEADINGS, systems_summary.table_rows(summary))
-    if sentence := systems_summary.complaint(summary):
-        raise Unsound(f"the experiment is not sound: {sentence}")
+        result = run_systems(seed=seed, quick=quick, on_progress=on_progress)
+    return findings(report.write(folder, result, summarize(result, seed)))

@@ -3,18 +3,26 @@
 from pathlib import Path
 from typing import Any
 
-from matplotlib.figure import Figure
-
-from experiments.files import published, write_arrays, write_json
+from experiments.files import published, write_arrays, write_index
+from experiments.plotting import save_figure
 from experiments.provenance import version_properties
-from experiments.rerun_file import COLORS, write_series
+from experiments.recording.file import About
+from experiments.recording.mechanism import Driven, Task, write_mechanism
+from experiments.recording.notes import constants
+from experiments.recording.series import Plot
+from experiments.systems.figure import figure_systems
 from experiments.systems.mechanisms import MECHANISMS, Mechanism
+from experiments.systems.probe import PERIOD_S
 from experiments.systems.study import Examination
-from experiments.systems.summary import markdown
+from experiments.systems.text import findings
+from sim import load_model
 
 
-def write(folder: Path, examinations: list[Examination], summary: dict[str, Any]) -> None:
+def write(folder: Path, examinations: list[Examination], summary: dict[str, Any]) -> dict[str, Any]:
     """Write data, recordings, figure and table; all of them or none.
+
+    Returns:
+        The contents of `systems.json`: the summary and the names of all files.
 
     Raises:
         OutputError: The disk or the folder refuses.
@@ -23,69 +31,55 @@ def write(folder: Path, examinations: list[Examination], summary: dict[str, Any]
         for mechanism in MECHANISMS:
             ours = [one for one in examinations if one.mechanism == mechanism]
             _write_mechanism(staging, mechanism, ours, summary)
-        figure_systems(examinations).savefig(staging / "systems.png", dpi=150)
-        (staging / "systems.md").write_text(markdown(summary), encoding="utf-8")
-        write_json(staging / "systems.json", summary)
-
-
-def figure_systems(examinations: list[Examination]) -> Figure:
-    """Each mechanism's major task around a polygon, in every condition."""
-    figure = Figure(figsize=(12.5, 9.5), layout="constrained")
-    figure.suptitle("Major task around an octagon, sound and failed, simulated")
-    for panel, mechanism in enumerate(MECHANISMS, 1):
-        axes = figure.add_subplot(2, 2, panel, title=mechanism.title, aspect="equal")
-        ours = [one for one in examinations if one.mechanism == mechanism]
-        for one, color in zip(ours, COLORS, strict=False):
-            ls = "--" if one.report.unstable_major or one.report.unmanipulable else "-"
-            axes.plot(
-                1e6 * one.reached[:, 0],
-                1e6 * one.reached[:, 1],
-                ls,
-                color=[value / 255 for value in color],
-                label=str(one.condition),
-                lw=1,
-            )
-        desired = 1e6 * ours[0].desired[:, :2]
-        axes.plot(desired[:, 0], desired[:, 1], "ko", ms=4, label="asked for")
-        first, second = mechanism.major_names[:2]
-        unit = f"µ{mechanism.major_unit}"
-        axes.set(xlabel=f"{first}, {unit}", ylabel=f"{second}, {unit}")
-        axes.grid(alpha=0.3)
-        axes.legend(
-            fontsize="x-small",
-            title="broken; dashed: task lost",
-            title_fontsize="x-small",
-            loc="upper left",
-            bbox_to_anchor=(1.0, 1.0),
-        )
-    return figure
+        save_figure(figure_systems(examinations), staging, "systems")
+        (staging / "systems.md").write_text(findings(summary).markdown(), encoding="utf-8")
+        return write_index(staging / "systems.json", summary)
 
 
 def _write_mechanism(
     staging: Path, mechanism: Mechanism, ours: list[Examination], summary: dict[str, Any]
 ) -> None:
-    arrays, plots = {}, {}
+    unit = mechanism.major_unit
+    arrays = {}
     for k, one in enumerate(ours):
         arrays |= {
             f"time_s_{k}": one.time_s,
-            f"desired_{mechanism.major_unit}_{k}": one.desired,
-            f"reached_{mechanism.major_unit}_{k}": one.reached,
+            f"desired_{unit}_{k}": one.polygon.desired,
+            f"reached_{unit}_{k}": one.polygon.reached,
+            f"qpos_{k}": one.polygon.qpos,
         }
-        unit = f"u{mechanism.major_unit}"
-        names = [f"{name} off [{unit}]" for name in mechanism.major_names]
-        plots[str(one.condition)] = (one.time_s, names, 1e6 * (one.desired - one.reached))
     write_arrays(staging / f"{mechanism.name}.npz", arrays)
-    model = {"seed": summary["seed"], "model_sha256": summary["model_sha256"][mechanism.name]}
-    properties = model | version_properties(summary)
-    notes = [f"# {mechanism.title}", "", "Major task around an octagon: desired less reached.", ""]
+    properties = {
+        "seed": summary["seed"],
+        "model_sha256": summary["model_sha256"][mechanism.name],
+        "step_m_or_rad": summary["step_m_or_rad"],
+        "period_s": PERIOD_S,
+    } | version_properties(summary)
+    notes = _notes(mechanism, ours, properties)
+    about = About(
+        f"systems-{mechanism.name}-seed{summary['seed']}", mechanism.title, notes, properties
+    )
+    driven = {str(one.condition): _driven(mechanism, one) for one in ours}
+    write_mechanism(staging / f"{mechanism.name}.rrd", about, load_model(mechanism.path), driven)
+
+
+def _driven(mechanism: Mechanism, one: Examination) -> Driven:
+    desired, reached = 1e6 * one.polygon.desired, 1e6 * one.polygon.reached
+    unit = f"u{mechanism.major_unit}"
+    names = [f"{name} off [{unit}]" for name in mechanism.major_names]
+    first, second = mechanism.major_names[:2]
+    return Driven(
+        one.time_s,
+        one.polygon.qpos,
+        [Plot("off", f"desired - reached [{unit}]", names, one.time_s, desired - reached)],
+        Task((first, second), unit, desired[:, :2], reached[:, :2]),
+    )
+
+
+def _notes(mechanism: Mechanism, ours: list[Examination], properties: dict[str, Any]) -> str:
+    """What the classification says of each condition, shown beside the views."""
+    lines = [f"# {mechanism.title}", "", "Major task around an octagon, sound and failed.", ""]
     for one in ours:
         said = [f"- {sentence}" for sentence in str(one.report).splitlines()]
-        notes += [f"## {one.condition}", "", *said, ""]
-    write_series(
-        staging / f"{mechanism.name}.rrd",
-        f"systems-{mechanism.name}",
-        mechanism.title,
-        plots,
-        "\n".join(notes),
-        properties,
-    )
+        lines += [f"## {one.condition}", "", *said, ""]
+    return "\n".join([*lines, *constants(properties)])

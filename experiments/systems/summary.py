@@ -1,4 +1,4 @@
-"""The mechanisms as data: the contents of `systems.json`, in print, and whether to believe it."""
+"""The mechanisms as data: the contents of `systems.json`, and whether to believe it."""
 
 from typing import Any
 
@@ -43,30 +43,6 @@ def checked_errors(one: dict[str, Any]) -> list[str]:
     return always if one["unstable_major"] else [*always, "major_error"]
 
 
-HEADINGS = ("mechanism", "broken", "major task", "self-motion", "bound", "off by")
-
-
-def table_rows(summary: dict[str, Any]) -> list[tuple[str, ...]]:
-    """One row for each mechanism and condition, in print."""
-    return [
-        (
-            one["mechanism"],
-            one["condition"],
-            _task_words(one),
-            _count_words(one["self_motion"], one["self_motion_major"]),
-            str(one["constrained_active"] or "-"),
-            f"{max(one[name] for name in checked_errors(one)):.0e}",
-        )
-        for one in summary["systems"]
-    ]
-
-
-def markdown(summary: dict[str, Any]) -> str:
-    """The table as Markdown."""
-    rows = [HEADINGS, ("---",) * len(HEADINGS), *table_rows(summary)]
-    return "\n".join("| " + " | ".join(row) + " |" for row in rows) + "\n"
-
-
 def _entry(one: Examination) -> dict[str, Any]:
     report = one.report
     unit = one.mechanism.major_unit
@@ -99,22 +75,10 @@ def _entry(one: Examination) -> dict[str, Any]:
         "agrees": one.agrees,
         "motion_error": one.motion_error,
         "drift_error": one.drift_error,
-        "major_error": one.major_error,
+        "major_error": one.polygon.error,
         "torque_error": one.held.torque_error,
         "closure_error": one.held.closure_error,
         "yielded_steps": one.held.yielded,
         "recording": f"{one.mechanism.name}.rrd",
         "data": f"{one.mechanism.name}.npz",
     }
-
-
-def _task_words(one: dict[str, Any]) -> str:
-    if one["unmanipulable"]:
-        return "unreached"
-    return "not held" if one["unstable_major"] else "exact"
-
-
-def _count_words(count: int, major: int) -> str:
-    if not count:
-        return "-"
-    return f"{count}, major" if major else f"{count}, aside"

@@ -1,68 +1,81 @@
 """Everything that `fjh table1` leaves in its folder."""
 
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from experiments.files import published, write_arrays, write_json
+from experiments.files import published, write_index
+from experiments.plotting import save_figure
 from experiments.provenance import recording_properties
-from experiments.recording import write_recording
+from experiments.recording.file import About
+from experiments.recording.keep import keep_run
+from experiments.recording.marks import Mark
+from experiments.recording.notes import run_notes
+from experiments.recording.shown import Shown
+from experiments.run import Trajectory
 from experiments.table1 import figures
 from experiments.table1.study import Table1
-from experiments.table1.text import markdown
+from experiments.table1.text import findings
+from sim import load_model
 
 FIGURES = {
-    "figure4.png": figures.figure_4,
-    "figure5.png": figures.figure_5,
-    "figure6.png": figures.figure_6,
+    "figure4": figures.figure_4,
+    "figure5": figures.figure_5,
+    "figure6": figures.figure_6,
 }
 
+_CHOICES = ("locked", "free", "joint_weight", "secondary_weight_t_x_t_y_t_z_gamma")
 
-def write(folder: Path, table: Table1, summary: dict[str, Any]) -> None:
+
+def write(folder: Path, table: Table1, summary: dict[str, Any]) -> dict[str, Any]:
     """Write data, recordings, figures and tables; all of them or none.
+
+    Returns:
+        The contents of `table1.json`: the summary and the names of all files.
 
     Raises:
         OutputError: The disk or the folder refuses.
     """
     properties = recording_properties(summary)
+    model = load_model(table.mjcf)
     with published(folder, index="table1.json") as staging:
         for column in summary["columns"]:
             name = column["name"]
-            run = table.trajectories[name]
-            write_arrays(staging / column["data"], asdict(run))
-            recording_id = f"table1-{name}-seed{table.seed}"
-            write_recording(
-                staging / column["recording"],
-                recording_id,
-                name,
-                run,
-                _notes(column, summary),
-                properties,
-            )
+            shown = Shown(table.trajectories[name], _marks(column))
+            own = properties | {key: column[key] for key in _CHOICES if column[key]}
+            notes = _notes(column, summary, shown.run, own)
+            about = About(f"table1-{name}-seed{table.seed}", name, notes, own)
+            keep_run(staging, name, about, model, shown)
         for name, draw in FIGURES.items():
-            draw(table.trajectories).savefig(staging / name, dpi=150)
-        (staging / "table1.md").write_text(markdown(summary), encoding="utf-8")
-        write_json(staging / "table1.json", summary)
+            save_figure(draw(table.trajectories), staging, name)
+        (staging / "table1.md").write_text(findings(summary).markdown(), encoding="utf-8")
+        return write_index(staging / "table1.json", summary)
 
 
-def _notes(column: dict[str, Any], summary: dict[str, Any]) -> str:
+def _marks(column: dict[str, Any]) -> list[Mark]:
+    """Locked struts; whether the mapping knows of them."""
+    known = "uncorrected" if "uncorrected" in column["name"] else "corrected"
+    return [Mark(k, 0.0, f"strut {k + 1} locked, {known}") for k in column["locked"]]
+
+
+def _notes(
+    column: dict[str, Any], summary: dict[str, Any], run: Trajectory, properties: dict[str, Any]
+) -> str:
     """The run in words, shown beside its plots."""
-    locked = ", ".join(f"strut {k + 1}" for k in column["locked"]) or "none"
-    lines = [
-        f"# {column['name']}",
-        "",
+    weight = column["joint_weight"], column["secondary_weight_t_x_t_y_t_z_gamma"]
+    locked = ", ".join(mark.failure for mark in _marks(column)) or "all struts sound"
+    minimized = (
+        f"strut displacements, weights {weight[0]}"
+        if weight[0]
+        else (f"secondary motion, weights on t_x, t_y, t_z, gamma {weight[1]}")
+    )
+    said = [
         f"Seed {summary['seed']}, {summary['duration_s']:g} s, {summary['jacobian']} Jacobian; "
-        f"locked: {locked}.",
+        f"{locked}. Minimized: {minimized}.",
         "",
-        "| RMS, urad | here | linear model | paper |",
-        "| --- | --- | --- | --- |",
-        *(
-            f"| {angle} | {column[f'{angle}_rms_urad']:.4f} "
-            f"| {column[f'predicted_{angle}_rms_urad']:.4f} "
-            f"| {column[f'paper_{angle}_rms_urad']:.4f} |"
-            for angle in ("alpha", "beta")
-        ),
-        "",
-        f"Largest closure residual {column['closure_residual_max_m']:.1e} m.",
+        *(f"Loop {name}: {loop['sentence']}." for name, loop in summary["loops"].items()),
     ]
-    return "\n".join(lines)
+    beside = {
+        source: (column[f"{key}_alpha_rms_urad"], column[f"{key}_beta_rms_urad"])
+        for source, key in (("linear model", "predicted"), ("paper", "paper"))
+    }
+    return run_notes(column["name"], said, run, beside, properties)

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from experiments.bench import Bench
+from experiments.choices import JacobianChoice
 from experiments.compensator import Loop
 from experiments.goal import Goal
-from experiments.mapping import JacobianChoice
 from experiments.parallel import in_parallel
 from experiments.prediction import predicted_rms_rad
 from experiments.provenance import plant_constants
@@ -54,6 +54,7 @@ class Table1:
     """All runs of the table.
 
     Attributes:
+        mjcf: The machine file; None is `models/fjh.xml`.
         bench: Constants around the plant.
         plant_constants: Constants of the plant.
         model_sha256: Of the machine file.
@@ -66,6 +67,7 @@ class Table1:
         seed: Of the detector noise.
     """
 
+    mjcf: Path | None
     bench: Bench
     plant_constants: dict[str, float | list[float]]
     model_sha256: str
@@ -122,6 +124,7 @@ def run_table1(
     runs = in_parallel(track_spiral, calls, on_progress)
     names = [column.name for column in COLUMNS]
     return Table1(
+        mjcf=mjcf,
         bench=bench,
         plant_constants=constants,
         model_sha256=model_sha256(mjcf),

@@ -6,9 +6,8 @@ from typing import Any
 import numpy as np
 
 from experiments import paper
-from experiments.compensator import Loop
-from experiments.mapping import JacobianChoice
-from experiments.measures import closure_residual_max_m, finite_or_none, pointing_rms_urad, rms
+from experiments.choices import JacobianChoice
+from experiments.measures import closure_residual_max_m, loop_measures, pointing_rms_urad, rms
 from experiments.provenance import versions
 from experiments.table1.study import COLUMNS, Column, Table1, other_jacobian
 from sim import Array
@@ -25,8 +24,8 @@ def summarize(table: Table1) -> dict[str, Any]:
         "duration_s": _duration_s(table),
         "bench": asdict(table.bench) | table.plant_constants,
         "loops": {
-            "alpha": _loop(table.loops[0]),
-            "beta": _loop(table.loops[1]),
+            "alpha": loop_measures(table.loops[0]),
+            "beta": loop_measures(table.loops[1]),
         },
         "jacobian_comparison": compare_jacobians(table),
         "columns": [_column(table, column) for column in COLUMNS],
@@ -87,18 +86,6 @@ def _column(table: Table1, column: Column) -> dict[str, Any]:
         "other_jacobian_closure_residual_max_m": closure_residual_max_m(table.other[column.name]),
         "recording": f"{column.name}.rrd",
         "data": f"{column.name}.npz",
-    }
-
-
-def _loop(loop: Loop) -> dict[str, Any]:
-    return {
-        "numerator": loop.numerator.tolist(),
-        "denominator": loop.denominator.tolist(),
-        "crossover_hz": loop.crossover_hz,
-        "gain_margin_db": finite_or_none(loop.gain_margin_db),
-        "phase_margin_deg": loop.phase_margin_deg,
-        "phase_crossover_hz": finite_or_none(loop.phase_crossover_hz),
-        "sentence": str(loop),
     }
 
 

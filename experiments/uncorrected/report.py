@@ -6,21 +6,30 @@ from typing import Any
 
 import numpy as np
 
-from experiments.files import published, write_arrays, write_json
+from experiments import paper
+from experiments.files import published, write_arrays, write_index
+from experiments.plotting import save_figure
 from experiments.provenance import recording_properties
-from experiments.recording import write_recording
+from experiments.recording.file import About
+from experiments.recording.keep import keep_run
+from experiments.recording.marks import Mark
+from experiments.recording.notes import run_notes
+from experiments.recording.shown import Shown
 from experiments.run import Trajectory
 from experiments.uncorrected.figure import figure_uncorrected
 from experiments.uncorrected.stability_map import ROLL_OFF_HZ
 from experiments.uncorrected.study import Uncorrected
-from sim import Array
+from sim import Array, load_model
 
-HEADINGS = ("", "ratios", "W_a", "W_d", "W_e")
-"""Pairs of alpha, beta: both ratios, RMS of the other columns."""
+_PAPER_URAD = paper.TABLE_I_URAD["W_a_uncorrected"], paper.TABLE_I_URAD["W_a"]
+_LOCKED = Mark(0, 0.0, "strut 1 locked, not known to the mapping")
 
 
-def write(folder: Path, study: Uncorrected, summary: dict[str, Any]) -> None:
+def write(folder: Path, study: Uncorrected, summary: dict[str, Any]) -> dict[str, Any]:
     """Write data, recordings and figure; all of them or none.
+
+    Returns:
+        The contents of `uncorrected.json`: the summary and the names of all files.
 
     Raises:
         OutputError: The disk or the folder refuses.
@@ -32,46 +41,16 @@ def write(folder: Path, study: Uncorrected, summary: dict[str, Any]) -> None:
             run = study.runs[name]["W_a_uncorrected"]
             if not isinstance(run, Trajectory):
                 continue
-            write_arrays(staging / candidate["data"], asdict(run))
-            if candidate["recording"]:
-                write_recording(
-                    staging / candidate["recording"],
-                    f"uncorrected-{name}-seed{study.seed}",
-                    name,
-                    run,
-                    _notes(candidate, summary),
-                    properties | {f"candidate_{k}": v for k, v in candidate["differs"].items()},
-                )
+            if not candidate["recording"]:
+                write_arrays(staging / candidate["data"], asdict(run))
+                continue
+            own = properties | {f"candidate_{k}": v for k, v in candidate["differs"].items()}
+            notes = _notes(candidate, summary, run, own)
+            about = About(f"uncorrected-{name}-seed{study.seed}", name, notes, own)
+            keep_run(staging, name, about, load_model(), Shown(run, [_LOCKED]))
         write_arrays(staging / "map.npz", _map_arrays(study))
-        figure_uncorrected(study, summary).savefig(staging / "uncorrected.png", dpi=130)
-        write_json(staging / "uncorrected.json", summary)
-
-
-def table_rows(summary: dict[str, Any]) -> list[tuple[str, ...]]:
-    """Each candidate as (name, ratios, W_a, W_d, W_e)."""
-    return [
-        (
-            candidate["name"].replace("_", " "),
-            _pair(candidate["ratio"], ".2f"),
-            *(
-                _rms(column)
-                for column in candidate["columns"]
-                if column["name"] != "W_a_uncorrected"
-            ),
-        )
-        for candidate in summary["candidates"]
-    ]
-
-
-def _rms(column: dict[str, Any]) -> str:
-    """A star: by the linear model, not simulated."""
-    if column["rms_urad"] is None:
-        return "unstable"
-    return _pair(column["rms_urad"], ".1f") + ("" if column["simulated_urad"] else " *")
-
-
-def _pair(values: list[float] | None, digits: str) -> str:
-    return "-" if values is None else ", ".join(format(value, digits) for value in values)
+        save_figure(figure_uncorrected(study, summary), staging, "uncorrected")
+        return write_index(staging / "uncorrected.json", summary)
 
 
 def _map_arrays(study: Uncorrected) -> dict[str, Array]:
@@ -84,19 +63,21 @@ def _map_arrays(study: Uncorrected) -> dict[str, Array]:
     }
 
 
-def _notes(candidate: dict[str, Any], summary: dict[str, Any]) -> str:
+def _notes(
+    candidate: dict[str, Any], summary: dict[str, Any], run: Trajectory, properties: dict[str, Any]
+) -> str:
     """The run in words, shown beside its plots."""
     ratio = candidate["ratio"]
-    return "\n".join(
-        [
-            f"# {candidate['name'].replace('_', ' ')}",
-            "",
-            f"Strut 1 locked, W_a uncorrected: {candidate['what']}.",
-            "",
-            f"Seed {summary['seed']}, {summary['duration_s']:g} s, constant Jacobian.",
-            "",
-            *([f"RMS over W_a's: alpha {ratio[0]:.3f}, beta {ratio[1]:.3f}."] if ratio else []),
-            "",
-            *(f"- {key}: {value:g}" for key, value in candidate["differs"].items()),
-        ]
-    )
+    said = [
+        f"Strut 1 locked, W_a uncorrected: {candidate['what']}.",
+        "",
+        f"Seed {summary['seed']}, {summary['duration_s']:g} s, constant Jacobian.",
+        *([f"RMS over W_a's: alpha {ratio[0]:.3f}, beta {ratio[1]:.3f}."] if ratio else []),
+        "The paper's: "
+        + ", ".join(f"{u / a:.2f}" for u, a in zip(*_PAPER_URAD, strict=True))
+        + ".",
+        "",
+    ]
+    beside = {"paper": paper.TABLE_I_URAD["W_a_uncorrected"]}
+    title = candidate["name"].replace("_", " ")
+    return run_notes(title, said, run, beside, properties)

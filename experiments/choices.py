@@ -1,0 +1,6 @@
+"""Choices that the command line offers; apart, so that its help need not wait for other imports."""
+
+from typing import Literal
+
+JacobianChoice = Literal["analytic", "constant"]
+"""Of the estimated pose at every control tick, or of the nominal pose as eq. (39)."""

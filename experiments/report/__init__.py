@@ -1,0 +1,1 @@
+"""Every experiment, one after another, told on one page."""

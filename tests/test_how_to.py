@@ -1,0 +1,290 @@
+"""The how-to pages: their code runs as printed, and what they promise comes out."""
+
+import contextlib
+import importlib
+import inspect
+import io
+import json
+import re
+import sys
+from collections import Counter
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+import typer
+from rerun.chunk import RrdReader
+
+import experiments
+from experiments.presentation import presented
+from experiments.report.chapter import Chapter
+from experiments.systems import mechanisms
+from experiments.systems.study import examine
+from experiments.systems.summary import complaint, summarize
+from sim import Plant, jacobians, load_model
+from tests.printed import assert_printable
+
+DOCS = Path(__file__).parents[1] / "docs"
+
+
+def blocks(text: str) -> list[tuple[str, str]]:
+    """Language and contents of each fenced block."""
+    return re.findall(r"^```(\w+)\n(.*?)^```$", text, re.DOTALL | re.MULTILINE)
+
+
+def run(text: str) -> dict:
+    """Execute the Python of a page in order; what a block prints must stand in the text after it.
+
+    Returns:
+        The names that it leaves.
+    """
+    names: dict = {}
+    printed = ""
+    for language, content in blocks(text):
+        if language == "python":
+            with contextlib.redirect_stdout(io.StringIO()) as output:
+                exec(content, names)
+            printed = output.getvalue()
+        elif language == "text":
+            assert printed == content
+    return names
+
+
+def test_a_page_that_prints_something_else_is_seen():
+    page = "```python\nprint(1)\n```\n\n```text\n{}\n```\n"
+    run(page.format(1))
+    with pytest.raises(AssertionError):
+        run(page.format(2))
+
+
+# Add a mechanism.
+
+MECHANISM = (DOCS / "add-a-mechanism.md").read_text()
+RAIL = next(content for language, content in blocks(MECHANISM) if language == "xml")
+
+
+@pytest.fixture(scope="module")
+def walked(tmp_path_factory) -> dict:
+    """Names after the whole page, in a folder with its file."""
+    folder = tmp_path_factory.mktemp("mechanism")
+    (folder / "rail.xml").write_text(RAIL)
+    with contextlib.chdir(folder):
+        return run(MECHANISM) | {"folder": folder}
+
+
+def test_a_locked_mechanism_moves_as_the_page_says(walked):
+    assert walked["off"] < 0.01
+    assert walked["command"][1] == 0.0
+    # A mapping that does not know of the lock misses.
+    unaware = walked["system"].kinematics().velocity_mapping([1, 2], joint_weight=[1, 1, 1])
+    plant = Plant(walked["model"])
+    plant.lock(1)
+    plant.step(unaware(walked["move_m"]), 1.0)
+    assert np.abs(plant.displacement()[[3, 4]] - walked["move_m"]).max() > 0.1 * 2e-4
+
+
+def test_a_limp_mechanism_coasts_where_the_page_says(walked):
+    drift, basis = walked["drift"], walked["limp"].self_motion
+    assert np.linalg.norm(drift) > 1e-6
+    assert np.linalg.norm(drift - basis @ basis.T @ drift) < 0.01 * np.linalg.norm(drift)
+    plant = Plant(walked["model"])
+    plant.push(np.array([0, 0, 1e-5, 0, 0, 0]))
+    plant.step(np.zeros(3), 0.05)
+    plant.push(np.zeros(6))
+    plant.step(np.zeros(3), 0.5)
+    assert np.abs(plant.displacement()).max() < 1e-9  # sound, it comes back
+
+
+def test_a_pushed_mechanism_stands_as_the_page_says(walked):
+    plant, torques = walked["plant"], walked["torques"]
+    np.testing.assert_allclose(plant.coil_force_n(), torques, rtol=0.01)
+    yields = np.abs(torques / walked["model"].actuator_gainprm[:, 0]).max()
+    assert np.abs(plant.displacement()).max() < 0.01 * yields
+    assert np.abs(torques).max() > 0.1
+
+
+def test_the_mechanism_of_the_page_passes_the_study(walked, monkeypatch):
+    """Each of its conditions, simulated and classified."""
+    monkeypatch.setattr(mechanisms, "HEXAPOD_MJCF", walked["folder"] / "fjh.xml")
+    conditions = walked["rail"].conditions
+    examined = [examine(walked["rail"], condition, seed=0) for condition in conditions]
+    monkeypatch.undo()
+    summary = summarize(examined, seed=0)
+    assert len(summary["systems"]) == 4
+    assert complaint(summary) is None
+
+
+REFUSED = {
+    "does not drive": (
+        '<position name="motor2" joint="left"',
+        '<position name="motor2" site="base"',
+    ),
+    "drive the same": ('name="motor2" joint="left"', 'name="motor2" joint="rail"'),
+    "has gear 0": ('name="motor2" joint="left"', 'name="motor2" joint="left" gear="0"'),
+    "flags disable": ('contact="disable"', 'contact="disable" equality="disable"'),
+    "no site": ('name="payload"', 'name="tool"'),
+    "no equality": ('<joint name="lock3" joint1="right" active="false"/>', ""),
+    "must lock": ('name="lock3" joint1="right"', 'name="lock3" joint1="right_elbow"'),
+    "shares group": ('group="1"', 'group="2"'),
+}
+
+
+def test_every_refusal_of_the_page_is_tried():
+    said = re.findall(r"^\|[^|]*\| `([^|]*)` \|", MECHANISM, re.MULTILINE)
+    assert len(said) == len(REFUSED)
+    assert all(any(words in sentence for sentence in said) for words in REFUSED)
+
+
+@pytest.mark.parametrize("words", REFUSED)
+def test_what_the_page_calls_refused_is_refused_in_these_words(tmp_path, words):
+    before, after = REFUSED[words]
+    assert before in RAIL
+    (tmp_path / "rail.xml").write_text(RAIL.replace(before, after))
+    model = load_model(tmp_path / "rail.xml")
+    with pytest.raises(ValueError, match=words) as refused:
+        jacobians(model, mujoco.MjData(model), site="payload", axes="base")
+        Plant(model).release(1)
+    assert f"| `{refused.value}` |" in MECHANISM
+
+
+# Read a recording.
+
+RECORDINGS = (DOCS / "recordings.md").read_text()
+
+
+def table(heading: str) -> list[list[str]]:
+    """Rows of the page's table whose first heading this is."""
+    lines = RECORDINGS.split(f"| {heading} |")[1].split("\n\n")[0].splitlines()[2:]
+    return [[cell.strip(" `") for cell in line.strip("|").split("|")] for line in lines]
+
+
+def test_the_recordings_pages_code_reads_the_run(table1, table1_folder):
+    with contextlib.chdir(table1_folder):
+        names = run(RECORDINGS)
+    assert names["values"].shape == (8000, 2)
+    constants = names["constants"]
+    assert constants["model_sha256"] == [[table1["model_sha256"]]]
+    assert constants["version_mujoco"] == [[table1["versions"]["mujoco"]]]
+    assert set(table1["bench"]) <= set(constants)
+
+
+def test_the_table_of_entities_names_all_that_the_file_holds(table1_folder):
+    """No entity in no row or in two, and as many as the row says."""
+    reader = RrdReader(table1_folder / "W_e.rrd")
+    present = reader.store().schema().entity_paths(include_properties=True)
+    patterns = {entity.replace("*", "[^/]+"): int(count) for entity, count, *_ in table("entity")}
+    rows = [[row for row in patterns if re.fullmatch(row, path)] for path in present]
+    assert all(len(row) == 1 for row in rows)
+    assert Counter(row[0] for row in rows) == patterns
+
+
+def test_the_table_of_entities_says_how_much_the_file_holds(table1_folder):
+    """Rows a second, 16 of them, and type: the first entity of each row speaks."""
+    reader = RrdReader(table1_folder / "W_e.rrd")
+    present = reader.store().schema().entity_paths(include_properties=True)
+    checked = 0
+    for entity, _, _, rate_hz, kind in table("entity"):
+        if not rate_hz:
+            continue
+        path = next(p for p in present if re.fullmatch(entity.replace("*", "[^/]+"), p))
+        chunks = reader.stream().filter(content=path, is_static=False).to_chunks()
+        batch = max((chunk.to_record_batch() for chunk in chunks), key=lambda one: one.num_rows)
+        assert -(-batch.num_rows // 16) == int(rate_hz), entity  # pieces are one less than points
+        assert ("double" in str(batch.schema)) == (kind == "float64"), entity
+        assert ("float" in str(batch.schema)) == (kind == "float32"), entity
+        checked += 1
+    assert checked == 13
+
+
+def test_the_table_of_arrays_is_what_the_record_holds(table1_folder):
+    with np.load(table1_folder / "W_e.npz") as arrays:
+        shapes = {name: arrays[name].shape for name in arrays}
+    sizes = {"N": 16000, "F": 1}
+    told = {
+        name: tuple(sizes.get(size) or int(size) for size in re.findall(r"\w+", shape))
+        for name, shape, _ in table("array")
+    }
+    assert told == shapes
+
+
+# Add an experiment.
+
+EXPERIMENT = (DOCS / "add-an-experiment.md").read_text()
+MODULES = {
+    path: content
+    for language, content in blocks(EXPERIMENT)
+    if language == "python"
+    for path in re.findall(r"\A# (\S+\.py)$", content, re.MULTILINE)
+}
+
+
+@pytest.fixture(scope="module")
+def seeds_command(tmp_path_factory):
+    """The study of the page as a part of `experiments`, as if its folder were there."""
+    place = tmp_path_factory.mktemp("written")
+    for path, content in ({"experiments/seeds/__init__.py": ""} | MODULES).items():
+        (place / path).parent.mkdir(parents=True, exist_ok=True)
+        (place / path).write_text(content)
+    before = set(sys.modules)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(experiments, "__path__", [*experiments.__path__, str(place / "experiments")])
+        yield importlib.import_module("experiments.seeds.command").seeds
+    for name in set(sys.modules) - before:
+        if name.startswith("experiments.seeds"):
+            del sys.modules[name]
+
+
+def fjh(study, *arguments: str) -> None:
+    """The study as `fjh` runs it."""
+    app = typer.Typer()
+    app.command()(presented(study))
+    app(list(arguments), standalone_mode=False)
+
+
+@pytest.fixture(scope="module")
+def seeds_folder(seeds_command, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("seeds")
+    with contextlib.redirect_stdout(io.StringIO()) as output:
+        fjh(seeds_command, "--quick", "--out", str(folder))
+    return folder, output.getvalue()
+
+
+def test_the_study_of_the_page_writes_all_files_and_prints_its_table(seeds_folder):
+    folder, printed = seeds_folder
+    runs = {f"seed_{k}.{kind}" for k in (0, 1) for kind in ("npz", "rrd")}
+    report = {f"seeds.{kind}" for kind in ("json", "md", "png", "pdf")}
+    assert {path.name for path in folder.iterdir()} == runs | report
+    summary = json.loads((folder / "seeds.json").read_text())
+    assert set(summary["files"]) == runs | report
+    assert "RMS of desired minus true angle" in printed
+    for one in summary["runs"]:
+        assert f"{one['alpha_rms_urad']:.4f}" in printed
+    assert_printable(folder)
+    properties = RrdReader(folder / "seed_1.rrd").stream().filter(content="/__properties/run")
+    assert [chunk.to_record_batch()["seed"].to_pylist() for chunk in properties.to_chunks()] == [
+        [[1]]
+    ]
+
+
+def test_the_tests_of_the_page_pass_and_fail_where_the_study_is_spoilt(seeds_folder):
+    folder, _ = seeds_folder
+    summary = json.loads((folder / "seeds.json").read_text())
+    names: dict = {}
+    exec(MODULES["tests/test_seeds.py"], names)
+    tests = {name: test for name, test in names.items() if name.startswith("test_")}
+    assert len(tests) == 3
+    spoilt = json.loads((folder / "seeds.json").read_text())
+    spoilt["runs"][0] |= {"alpha_rms_urad": 2 * summary["runs"][0]["alpha_rms_urad"]}
+    for test in tests.values():
+        fixtures = {"seeds": summary, "seeds_folder": folder}
+        wanted = {name: fixtures[name] for name in inspect.signature(test).parameters}
+        test(**wanted)
+        with pytest.raises(AssertionError):
+            test(**wanted | {"seeds": spoilt})
+
+
+def test_the_study_of_the_page_could_be_a_chapter(seeds_command):
+    question, how = Chapter(seeds_command).question
+    assert question == "Ask what the detector noise alone changes."
+    assert "two seeds" in how

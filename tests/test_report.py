@@ -1,0 +1,361 @@
+"""`fjh report`: one page that needs nothing else, made of chapters that are run once."""
+
+import base64
+import io
+import json
+import re
+import shutil
+import subprocess
+from dataclasses import dataclass
+from html.parser import HTMLParser
+from pathlib import Path
+from urllib.parse import unquote_to_bytes
+
+import matplotlib.image
+import pytest
+
+from experiments.cli import main
+from experiments.conduct import Progress, Unsound
+from experiments.files import published, write_index
+from experiments.findings import Findings, Picture, Table
+from experiments.report import chapters, origin
+from experiments.report.chapter import Chapter, Edition
+from experiments.systems.command import systems
+from experiments.table1.text import findings as table1_findings
+
+PIXEL = base64.b64decode(
+    "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAYAAAAfFcSJAAAADUlEQVR42mNk+M9QDwADhgGAWjR9awAAAABJRU5ErkJg"
+    "gg=="
+)
+VOID = {"meta", "img", "br", "link", "input", "hr"}
+
+
+class Page(HTMLParser):
+    """What a browser would find; fails on tags that are not closed in order."""
+
+    def __init__(self, html: str):
+        super().__init__()
+        self.open: list[str] = []
+        self.ids: list[str] = []
+        self.links: list[str] = []
+        self.images: list[dict[str, str]] = []
+        self.tables: list[list[list[str]]] = []
+        self.text = ""
+        self.tags: set[str] = set()
+        self.feed(html)
+        self.close()
+        assert self.open == []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        """Called by the parser."""
+        given = {name: value or "" for name, value in attrs}
+        assert len(given) == len(attrs)
+        self.tags.add(tag)
+        if tag not in VOID:
+            self.open.append(tag)
+        self.ids += [given["id"]] if "id" in given else []
+        self.links += [given[key] for key in ("href", "src", "srcset", "data") if key in given]
+        if tag == "img":
+            self.images.append(given)
+        elif tag == "table":
+            self.tables.append([])
+        elif tag == "tr":
+            self.tables[-1].append([])
+        elif tag in ("td", "th"):
+            self.tables[-1][-1].append("")
+
+    def handle_endtag(self, tag: str) -> None:
+        """Called by the parser."""
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        """Called by the parser."""
+        self.text += data
+        if self.open and {"td", "th"} & set(self.open):
+            self.tables[-1][-1][-1] += data
+
+
+def stub(name: str, ran: list[str], complaint: str | None = None, raised=None) -> Chapter:
+    def study(*, out: Path, seed: int, quick: bool, progress: Progress) -> Findings:
+        """Ask something & <something> else."""
+        ran.append(name)
+        with progress(name) as on_progress:
+            on_progress(1, 1)
+        if raised:
+            raise raised
+        with published(out, index=f"{name}.json") as staging:
+            (staging / "figure.png").write_bytes(PIXEL)
+            (staging / "run.rrd").write_text("a recording")
+            summary = write_index(staging / f"{name}.json", {"seed": seed, "quick": quick})
+        return Findings(
+            summary,
+            [Table("Of <it>", ("", "x\ny, um"), [(f"a < {name}", "7.25")], "What & why.")],
+            ["5 < 6 & so on"],
+            [Picture("figure.png", "A <pixel>.", 'One "pixel".')],
+            complaint,
+        )
+
+    study.__name__ = name
+    return Chapter(study)
+
+
+@dataclass(frozen=True)
+class Reporter:
+    """Runs `fjh report` on chapters of a test's choice."""
+
+    out: Path
+    monkeypatch: pytest.MonkeyPatch
+    capsys: pytest.CaptureFixture[str]
+
+    def __call__(self, *some: Chapter, options: tuple[str, ...] = ()) -> tuple[int, dict, str]:
+        """Exit code, contents of the index, standard error."""
+        self.monkeypatch.setattr(chapters, "CHAPTERS", some)
+        code = main(["report", "--out", str(self.out), *options])
+        index = self.out / "report.json"
+        told = json.loads(index.read_text()) if index.exists() else {}
+        if told:
+            check(self.html(), told)
+        return code, told, self.capsys.readouterr().err
+
+    def html(self) -> str:
+        """The page."""
+        return (self.out / "report.html").read_text()
+
+
+@pytest.fixture
+def report(tmp_path, monkeypatch, capsys):
+    return Reporter(tmp_path / "out", monkeypatch, capsys)
+
+
+def check(html: str, told: dict) -> Page:
+    """The laws of every page."""
+    page = Page(html)
+    assert html.startswith("<!DOCTYPE html>\n<html lang=")
+    assert len(set(page.ids)) == len(page.ids)
+    for link in page.links:
+        assert link.startswith("data:image/") or link.removeprefix("#") in page.ids, link
+    assert not page.tags & {"script", "link", "iframe", "object", "base"}
+    assert not re.search(r"url\(|@import|https?:", html)
+    expected = [
+        [table["headings"], *table["rows"]]
+        for chapter in told["chapters"]
+        for table in chapter["tables"]
+    ]
+    shown = page.tables[1:-1]  # between the contents and the origin
+    assert shown == [
+        [[cell.replace("\n", " ") for cell in row] for row in table] for table in expected
+    ]
+    pictures = [picture for chapter in told["chapters"] for picture in chapter["pictures"]]
+    assert [image["alt"] for image in page.images] == [picture["alt"] for picture in pictures]
+    for image in page.images:
+        head, _, data = image["src"].partition(",")
+        assert head == "data:image/png;base64"
+        pixels = matplotlib.image.imread(io.BytesIO(base64.b64decode(unquote_to_bytes(data))))
+        assert pixels.size > 0
+    for chapter in told["chapters"]:
+        for words in (chapter["command"], *chapter["question"], *chapter["notes"]):
+            assert words in page.text
+        assert (chapter["complaint"] or "sound") in page.text
+    for fact in (told["command"], told["commit"], told["code_sha256"], told["model_sha256"]):
+        assert fact in page.text
+    for name, version in told["versions"].items():
+        assert f"{name} {version}" in page.text
+    assert told["machine"]["processor"] in page.text
+    return page
+
+
+def test_the_check_sees_a_page_that_leads_elsewhere_or_shows_other_numbers(report):
+    _, told, _ = report(stub("one", []))
+    html = report.html()
+    for old, new in (
+        ("</figure>", ""),
+        ('href="#one"', 'href="#two"'),
+        ("</h1>", "</h1><a href='elsewhere.html'></a>"),
+        ("color-scheme", "background: url(x.png); color-scheme"),
+        ("7.25", "7.26"),
+        ("data:image/png;base64,iVBOR", "data:image/png;base64,jVBOR"),
+    ):
+        assert old in html
+        with pytest.raises((AssertionError, OSError, ValueError, SyntaxError)):
+            check(html.replace(old, new), told)
+
+
+def test_a_chapter_is_run_once_and_again_when_a_file_of_it_is_gone_or_changed(report):
+    ran: list[str] = []
+    both = (stub("one", ran), stub("two", ran))
+    code, told, _ = report(*both)
+    assert code == 0
+    assert told["missing"] == []
+    assert [chapter["name"] for chapter in told["chapters"]] == ran == ["one", "two"]
+    assert told["chapters"][1]["command"] == f"fjh two --seed 0 --out {report.out / 'two'}"
+    assert told["chapters"][1]["recordings"] == ["run.rrd"]
+    page = report.html()
+
+    again = report(*both)[1]
+    assert ran == ["one", "two"]
+    assert again["chapters"] == told["chapters"]
+    undated = [
+        re.sub(r"[Ww]ritten.*", "", text)
+        for text in (page, Path(report.out, "report.html").read_text())
+    ]
+    assert undated[0] == undated[1]  # the same page, but for the time of its writing
+
+    (report.out / "two" / "figure.png").unlink()
+    report(*both)
+    assert ran == ["one", "two", "two"]
+    (report.out / "one" / "one.json").write_text("{}")
+    report(*both)
+    assert ran == ["one", "two", "two", "one"]
+    for text in ("", "[]", "{}", '{"basis": 7}'):
+        before = len(ran)
+        (report.out / "two" / "chapter.json").write_text(text)
+        report(*both)
+        assert ran[before:] == ["two"], text
+
+
+def test_other_options_code_or_versions_run_every_chapter_again(report, monkeypatch):
+    ran: list[str] = []
+    both = (stub("one", ran), stub("two", ran))
+    report(*both)
+    _, told, _ = report(*both, options=("--quick",))
+    assert "fjh one --quick --seed 0" in told["chapters"][0]["command"]
+    report(*both, options=("--quick", "--seed", "3"))
+    assert len(ran) == 6
+    for what, value in (
+        ("code_sha256", lambda: "0" * 64),
+        ("versions", lambda: {"numpy": "0.1"}),
+        ("processor", lambda: "an abacus"),
+    ):
+        before = len(ran)
+        monkeypatch.setattr(origin, what, value)
+        report(*both, options=("--quick", "--seed", "3"))
+        assert len(ran) == before + 2, what
+        report(*both, options=("--quick", "--seed", "3"))
+        assert len(ran) == before + 2, what
+
+
+def test_ctrl_c_keeps_finished_chapters_and_says_how_to_go_on(report):
+    ran: list[str] = []
+    first, last = stub("one", ran), stub("three", ran)
+    code, told, error = report(first, stub("two", ran, raised=KeyboardInterrupt()), last)
+    assert code == 130
+    assert error.startswith("fjh: interrupted: no file was left half-written; ")
+    assert error.endswith("the same command goes on with two, chapter 2 of 3\n")
+    assert error.count("\n") == 1
+    assert told["missing"] == ["two", "three"]
+    assert "still to come are two, three" in report.html()
+    assert {path.name for path in report.out.iterdir()} == {"one", "report.json", "report.html"}
+    code, told, _ = report(first, stub("two", ran), last)
+    assert (code, ran, told["missing"]) == (0, ["one", "two", "two", "three"], [])
+
+
+def test_an_interrupted_report_of_another_kind_costs_only_the_chapters_that_it_replaced(report):
+    ran: list[str] = []
+    first, last = stub("one", ran), stub("two", ran)
+    report(first, last)
+    interrupted = stub("two", ran, raised=KeyboardInterrupt())
+    assert report(first, interrupted, options=("--quick",))[0] == 130
+    assert report(first, last)[0] == 0
+    assert ran == ["one", "two", "one", "two", "one"]
+
+
+def test_ctrl_c_in_the_first_chapter_leaves_no_folder(report):
+    assert report(stub("one", [], raised=KeyboardInterrupt()))[0] == 130
+    assert not report.out.exists()
+
+
+def test_an_unsound_chapter_is_told_and_the_others_still_run(report):
+    ran: list[str] = []
+    code, told, error = report(
+        stub("one", ran, complaint="1 < 2 at 3 s"),
+        stub("two", ran, raised=Unsound("it diverged at 4 s")),
+        stub("three", ran),
+    )
+    assert code == 1
+    assert error == (
+        "fjh: the experiment is not sound: one: 1 < 2 at 3 s; two: it diverged at 4 s\n"
+    )
+    assert ran == ["one", "two", "three"]
+    assert [chapter["complaint"] is None for chapter in told["chapters"]] == [False, False, True]
+    html = report.html()
+    assert html.count("&#x2717; unsound") == 4  # in the contents and in the chapter
+    assert html.count("&#x2713; sound") == 2
+
+
+def test_what_diverged_is_tried_again_and_never_told_with_older_numbers(report):
+    ran: list[str] = []
+    report(stub("one", ran))
+    code, told, _ = report(stub("one", ran, raised=Unsound("it diverged")), options=("--quick",))
+    assert code == 1
+    assert told["chapters"][0]["tables"] == told["chapters"][0]["pictures"] == []
+    code, _, _ = report(stub("one", ran), options=("--quick",))
+    assert (code, ran) == (0, ["one"] * 3)
+
+
+def test_wrong_input_is_refused_before_any_work(report, tmp_path):
+    ran: list[str] = []
+    report.out.write_text("taken")
+    code, _, error = report(stub("one", ran))
+    assert code == 2
+    assert "cannot be a folder" in error
+    assert main(["report", "--seed", "-1"]) == 2
+    assert ran == []
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+
+
+def test_a_real_study_and_table_1_beside_the_papers_numbers(report, table1_folder):
+    """The study is run, Table I is the one of the other tests."""
+
+    def table1(*, out: Path, seed: int, quick: bool, progress: Progress) -> Findings:
+        """Reproduce Table I."""
+        shutil.copytree(table1_folder, out)
+        return table1_findings(json.loads((out / "table1.json").read_text()))
+
+    code, told, _ = report(Chapter(table1), Chapter(systems), options=("--quick",))
+    assert code == 0
+    page = Page(report.html())
+    rows = page.tables[1]
+    assert rows[0][1:] == ["W_a", "W_b", "W_c", "W_d", "W_e", "W_a uncorr."]
+    papers = [row[1:] for row in rows if row[0].strip() == "paper"]
+    assert papers == [
+        ["2.4476", "2.2444", "2.3115", "2.3634", "2.8324", "9.8167"],
+        ["3.0916", "3.2712", "3.2528", "3.5601", "3.2868", "4.7903"],
+    ]
+    assert len(page.images) == 4
+    assert told["chapters"][1]["recordings"] == ["arm.rrd", "arms.rrd", "hand.rrd", "platform.rrd"]
+
+
+@pytest.mark.parametrize("chapter", chapters.CHAPTERS, ids=lambda chapter: chapter.name)
+def test_a_chapters_command_is_one_that_fjh_understands(chapter, capsys):
+    words = chapter.command(Edition(Path("results"), 0, True, {})).split()[1:]
+    assert chapter.name == words[0]
+    assert main([*words, "--help"]) == 0
+    told = capsys.readouterr().out
+    for word in words[1:]:
+        assert not word.startswith("--") or f"{word} " in told
+    assert all(chapter.question)
+
+
+def test_the_code_hash_changes_with_a_source_and_not_with_the_report(tmp_path, monkeypatch):
+    here = tmp_path / "experiments" / "report"
+    here.mkdir(parents=True)
+    monkeypatch.setattr(origin, "ROOT", tmp_path)
+    monkeypatch.setattr(origin, "HERE", here)
+    seen = {origin.code_sha256()}
+    for name in ("sim/a.py", "sim/b/a.py", "models/a.xml", "prioritized/a.py", "experiments/a.py"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text("1")
+        seen.add(origin.code_sha256())
+    (tmp_path / "sim" / "a.py").write_text("2")
+    seen.add(origin.code_sha256())
+    assert len(seen) == 7
+    (here / "page.py").write_text("1")
+    assert origin.code_sha256() in seen
+
+
+def test_a_commit_is_named_only_in_the_projects_own_checkout(tmp_path, monkeypatch):
+    assert re.match(r"[0-9a-f]{40}(, with uncommitted changes)?$|not a git", origin.commit())
+    monkeypatch.setattr(origin, "HERE", tmp_path)
+    assert origin.commit() == "not a git checkout"
+    subprocess.run(["git", "init", "-q", str(tmp_path)], check=True)
+    assert origin.commit() == "not a git checkout"
