@@ -2,8 +2,9 @@
 PYTHON ?= python3
 BIN := .venv/bin
 STAMP := .venv/installed
+RUNS := results/report
 
-.PHONY: venv table1 test check bench clean
+.PHONY: venv table1 test check bench pictures clean
 
 venv: $(STAMP)
 
@@ -25,6 +26,17 @@ check: venv
 
 bench: venv
 	$(BIN)/fjh bench
+
+# Every picture in docs/pictures: the figures of all studies, and recordings as the viewer shows
+# them. 45 minutes the first time; what is there already is not run again.
+pictures: venv
+	$(BIN)/fjh report --out $(RUNS)
+	cp $(RUNS)/*/*.png docs/pictures/
+	cp $(RUNS)/figures/figure2.svg docs/pictures/
+	$(BIN)/fjh review $(RUNS)/table1 --out $(RUNS)/review.rrd
+	$(BIN)/fjh render $(RUNS)/table1/W_e.rrd --time 14 --out docs/pictures/run.png
+	$(BIN)/fjh render $(RUNS)/review.rrd --out docs/pictures/review.png
+	$(BIN)/fjh render $(RUNS)/recover/locked.rrd --time 9.3 --out docs/pictures/failure.png
 
 clean:
 	rm -rf .venv results build *.egg-info
