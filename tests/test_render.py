@@ -137,15 +137,13 @@ def test_failures_in_flight_are_told_without_a_click(viewer, recover_folder):
 
 
 def test_the_other_studies_recordings_open_to_something(
-    viewer, systems_folder, goals_folder, release_folder, jacobian_folder
+    viewer, systems_folder, goals_folder, release_folder
 ):
     """One of each kind of screen."""
     for path in (
         systems_folder / "hand.rrd",
         goals_folder / "stroke.rrd",
-        goals_folder / "singularity.rrd",
         release_folder / "loose_in_flight_corrected.rrd",
-        sorted(jacobian_folder.glob("*.rrd"))[0],
     ):
         assert_useful(viewer, path)
 

@@ -1,15 +1,13 @@
 """Runs side by side: every column of Table I, and any other set."""
 
-import json
-from dataclasses import fields
+import shutil
 
 import numpy as np
 import pytest
 
 from experiments import paper
 from experiments.cli import main
-from experiments.files import write_arrays
-from experiments.run import Trajectory
+from sim import HEXAPOD_MJCF
 from tests import rrd
 from tests.test_recording import SIGNALS
 
@@ -88,24 +86,23 @@ def test_what_holds_no_run_is_one_sentence(capsys, tmp_path, table1_folder, plac
 
 
 def test_runs_of_another_machine_are_not_drawn_as_the_hexapod(capsys, tmp_path, table1_folder):
-    with np.load(table1_folder / "W_a.npz") as data:
-        arrays = dict(data)
-    other = json.dumps(json.loads(str(arrays["properties"])) | {"model_sha256": "0" * 64})
-    write_arrays(tmp_path / "W.npz", arrays | {"properties": np.array(other)})
-    assert main(["review", str(tmp_path / "W.npz"), "--out", str(tmp_path / "r.rrd")]) == 2
+    """Told by the recording beside the data."""
+    longer = tmp_path / "longer.xml"
+    longer.write_text(HEXAPOD_MJCF.read_text().replace("</mujoco>", "</mujoco> "))
+    run = [str(table1_folder / "W_a.npz"), "--model", str(longer)]
+    assert main(["review", *run, "--out", str(tmp_path / "r.rrd")]) == 2
     assert "another machine" in capsys.readouterr().err
     assert not (tmp_path / "r.rrd").exists()
 
 
-def test_runs_without_anything_in_common_or_said_of_them(tmp_path, table1_folder, runs):
-    """An .npz that says nothing of itself, beside one that does."""
-    own = {field.name for field in fields(Trajectory)}
-    bare = {name: values for name, values in runs["W_a"].items() if name in own}
-    write_arrays(tmp_path / "bare.npz", bare)
+def test_data_without_a_recording_beside_it_is_a_run_that_says_nothing(tmp_path, table1_folder):
+    shutil.copy(table1_folder / "W_a.npz", tmp_path / "bare.npz")
     out = tmp_path / "two.rrd"
     files = [str(tmp_path / "bare.npz"), str(table1_folder / "W_b.npz")]
     assert main(["review", *files, "--out", str(out)]) == 0
     assert "| bare |" in rrd.notes(out)
+    (tmp_path / "bare.rrd").write_text("no recording")
+    assert main(["review", *files, "--out", str(out)]) == 2
 
 
 def test_what_runs_do_not_share_is_not_said_of_all(release, release_folder, tmp_path):

@@ -3,12 +3,13 @@
 import json
 import zipfile
 import zlib
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
 import mujoco
 import numpy as np
+from rerun.chunk import RrdReader
 
 from experiments.conduct import WrongInput
 from experiments.files import write_arrays
@@ -26,8 +27,8 @@ class Kept:
 
     Attributes:
         shown: The run, with its marks.
-        experiment: That flew it; empty when the file does not say.
-        properties: All its parameters; none when the file does not say.
+        experiment: That flew it; empty when there is no recording beside the data.
+        properties: All its parameters; none when there is none.
     """
 
     shown: Shown
@@ -53,12 +54,12 @@ def keep_run(
         shown: The run.
         further: Arrays beside the run's own.
     """
-    said = {
-        "experiment": np.array(about.recording_id.partition("-")[0]),
-        "properties": np.array(json.dumps(about.properties)),
+    told = {
+        "experiment": about.recording_id.partition("-")[0],
+        "marks": json.dumps([asdict(mark) for mark in shown.marks]),
     }
-    arrays = asdict(shown.run) | (further or {}) | _mark_arrays(shown) | said
-    write_arrays(folder / f"{name}.npz", arrays)
+    write_arrays(folder / f"{name}.npz", asdict(shown.run) | (further or {}))
+    about = replace(about, properties=about.properties | told)
     write_run(folder / f"{name}.rrd", about, model, shown)
 
 
@@ -80,22 +81,27 @@ def read_run(path: Path) -> Kept:
     rows = {len(np.atleast_1d(values)) for values in asdict(run).values()}
     if len(rows) != 1 or rows.pop() < 2 or not all(map(_is_finite, asdict(run).values())):
         raise WrongInput(f"{path} is not a whole run: rows are missing or not finite")
-    names = [f"mark_{field.name}" for field in fields(Mark)]
-    columns = [arrays[name].tolist() for name in names if name in arrays]
-    return Kept(
-        Shown(run, [Mark(*values) for values in zip(*columns, strict=True)]),
-        str(arrays.get("experiment", "")),
-        json.loads(str(arrays.get("properties", "{}"))),
-    )
+    properties = _properties(path.with_suffix(".rrd"))
+    marks = [Mark(**mark) for mark in json.loads(properties.pop("marks", "[]"))]
+    return Kept(Shown(run, marks), properties.pop("experiment", ""), properties)
+
+
+def _properties(recording: Path) -> dict[str, Any]:
+    """Of the recording beside the data; none where there is no recording."""
+    if not recording.is_file():
+        return {}
+    try:
+        chunks = RrdReader(recording).stream().filter(content="/__properties/run").to_chunks()
+    except Exception as error:  # the reader's own errors have no common class
+        raise WrongInput(f"{recording} is not a readable recording: {error}") from None
+    columns = {
+        name: column[0]
+        for chunk in chunks
+        for name, column in chunk.to_record_batch().to_pydict().items()
+        if not name.startswith("rerun.")
+    }
+    return {name: cell[0] if len(cell) == 1 else cell for name, cell in columns.items()}
 
 
 def _is_finite(values: Array) -> bool:
     return values.dtype.kind == "f" and bool(np.isfinite(values).all())
-
-
-def _mark_arrays(shown: Shown) -> dict[str, Array]:
-    """Marks as arrays, one entry each."""
-    return {
-        f"mark_{field.name}": np.array([getattr(mark, field.name) for mark in shown.marks])
-        for field in fields(Mark)
-    }
