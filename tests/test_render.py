@@ -136,14 +136,11 @@ def test_failures_in_flight_are_told_without_a_click(viewer, recover_folder):
     assert {"/events", "/state"} <= assert_useful(viewer, recover_folder / "locked.rrd")
 
 
-def test_the_other_studies_recordings_open_to_something(
-    viewer, systems_folder, goals_folder, release_folder
-):
+def test_the_other_studies_recordings_open_to_something(viewer, systems_folder, goals_folder):
     """One of each kind of screen."""
     for path in (
         systems_folder / "hand.rrd",
         goals_folder / "stroke.rrd",
-        release_folder / "loose_in_flight_corrected.rrd",
     ):
         assert_useful(viewer, path)
 
@@ -188,13 +185,10 @@ def test_what_is_no_recording_is_refused_with_the_viewers_words(tmp_path):
 
 
 def test_render_makes_a_picture_of_the_size_and_time_asked_for(table1_folder, tmp_path):
-    path = table1_folder / "W_d.rrd"
-    for name, options in (("a", ["--time", "3"]), ("b", ["--size", "800x600"])):
-        out = tmp_path / f"{name}.png"
-        assert main(["render", str(path), *options, "--out", str(out)]) == 0
-    at_3_s, small = (pixels((tmp_path / f"{name}.png").read_bytes()) for name in "ab")
-    assert at_3_s.shape == (900, 1600, 3)
-    assert small.shape == (600, 800, 3)
+    path, out = str(table1_folder / "W_d.rrd"), tmp_path / "a.png"
+    assert main(["render", path, "--time", "3", "--size", "800x600", "--out", str(out)]) == 0
+    at_3_s = pixels(out.read_bytes())
+    assert at_3_s.shape == (600, 800, 3)
     assert content(at_3_s) > 0.01
 
 

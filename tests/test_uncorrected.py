@@ -306,7 +306,7 @@ def test_the_folder_holds_what_the_json_speaks_of(folder, study):
         np.testing.assert_allclose(error, column["simulated_urad"])
         assert bool(candidate["recording"]) == (candidate["name"] == "lost_strut")
     reader = RrdReader(folder / "lost_strut.rrd")
-    assert reader.recordings()[0].application_id == "fjh"
+    assert reader.recordings()[0].application_id.startswith("fjh-uncorrected-lost_strut-seed0-")
     assert len(reader.blueprints()) == 1
     with np.load(folder / "map.npz") as data:
         shape = (2, len(data["damping_ratio"]), len(data["alpha_crossover_hz"]))
