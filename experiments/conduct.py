@@ -18,6 +18,14 @@ Progress = Callable[[str], AbstractContextManager[OnProgress]]
 Out = Annotated[Path, typer.Option(metavar="FOLDER", help="Folder for results, made if need be.")]
 
 
+MachineFile = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FILE", help="Another machine file, MJCF.  [default: the hexapod, fjh.xml]"
+    ),
+]
+
+
 def seed_option(of_what: str) -> Any:
     """The option `--seed`; the same seed gives the same numbers to the bit."""
     return typer.Option(min=0, max=2**32 - 1, metavar="N", help=f"Seed of {of_what}.")

@@ -37,6 +37,17 @@ def usable_folder(path: Path) -> Path:
     return path
 
 
+def usable_file(path: Path, suffix: str) -> Path:
+    """The folder of a file of this ending, if it can be written there.
+
+    Raises:
+        OutputError: It has another ending, or its folder cannot be used.
+    """
+    if path.suffix != suffix:
+        raise OutputError(f"--out {path} must end in {suffix}")
+    return usable_folder(path.parent)
+
+
 @contextmanager
 def published(folder: Path, index: str) -> Iterator[Path]:
     """A temporary folder to write into; on leaving it without an error its files move to `folder`.

@@ -92,5 +92,5 @@ def flown(loop: LinearLoop, faults: Sequence[Fault], onset: int) -> tuple[Array,
         u = loop.gain @ np.array(pointing) + loop.secondary_m[tick]
         states.append(x)
         sent.append(u)
-        x = machine.A @ x + machine.B @ u
+        x = machine.step(x, u)
     return np.array(states), np.array(sent)

@@ -90,6 +90,10 @@ class Machine:
     B: Array
     onset: Array
 
+    def step(self, x: Array, sent_m: Array) -> Array:
+        """The state one tick later, with displacements (6,) commanded meanwhile."""
+        return self.A @ x + self.B @ sent_m
+
 
 def failed_machine(sound: SoundMachine, faults: Sequence[Fault]) -> Machine:
     """The machine from tick to tick, in the coordinates of the sound one.

@@ -47,7 +47,7 @@ class Monitor:
             sent_m: Strut displacements commanded since the tick before, shape (6,).
         """
         last, machine = state.history[-1], self.bank.believed
-        x = machine.A @ last.x + machine.B @ sent_m
+        x = machine.step(last.x, sent_m)
         now = Moment(last.tick + 1, x, sent_m, self.sensing.whitened(sensed))
         kept = self._ticks(self.rules.look_back_s)
         if state.evidence is not None:  # back to the oldest onset that is looked for
@@ -76,7 +76,7 @@ class Monitor:
         past = [moment for moment in state.history if moment.tick >= found.onset_tick]
         told = [replace(past[0], x=machine.onset @ past[0].x)]
         for moment in past[1:]:
-            x = machine.A @ told[-1].x + machine.B @ moment.sent_m
+            x = machine.step(told[-1].x, moment.sent_m)
             told.append(replace(moment, x=x))
         begun = replace(self._forgetting(state), history=tuple(told))
         for moment in told:

@@ -40,7 +40,7 @@ def separations(
     x = np.zeros(len(bank.believed.A))
     last = np.zeros(sent.shape[1])
     for tick in range(until):
-        x = bank.believed.A @ x + bank.believed.B @ last
+        x = bank.believed.step(x, last)
         if tick >= evidence.onsets[0]:
             evidence = bank.step(evidence, tick, x, last, bank.C @ states[tick])
         last = sent[tick]

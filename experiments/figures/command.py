@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from experiments.conduct import Out, Progress, seed_option
+from experiments.conduct import MachineFile, Out, Progress, seed_option
 from experiments.files import usable_folder
 from experiments.findings import Findings
 
@@ -16,12 +16,7 @@ def figures(
     quick: Annotated[
         bool, typer.Option("--quick", help="As without: it takes seconds anyway.")
     ] = False,
-    model: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE", help="Another machine file, MJCF.  [default: the hexapod, fjh.xml]"
-        ),
-    ] = None,
+    model: MachineFile = None,
     *,
     progress: Progress,
 ) -> Findings:

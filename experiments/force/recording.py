@@ -7,7 +7,6 @@ import mujoco
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
-from scipy.spatial.transform import Rotation
 
 from experiments.force.cases import PRESCRIBED
 from experiments.force.rig import Readings
@@ -27,7 +26,7 @@ from experiments.recording.machine import (
 from experiments.recording.marks import Mark
 from experiments.recording.notes import constants
 from experiments.recording.series import Plot, log_plots, notes_view, plot_views
-from sim import Array, Pose, load_model
+from sim import NOMINAL, Array, load_model
 
 _WRENCH = ["m_x [N m]", "m_y [N m]", "m_z [N m]", "f_x [N]", "f_y [N]", "f_z [N]"]
 _STRUTS = [f"strut {k} [N]" for k in range(1, 7)]
@@ -86,8 +85,7 @@ def _yielding(one: Examination) -> Readings:
 
 def _picture(one: Examination, factor: int, full_n: float) -> Picture:
     held = _yielding(one)
-    twist = factor * held.displacement.reshape(-1, 6)
-    pose = Pose(Rotation.from_rotvec(twist[:, :3]).as_matrix(), twist[:, 3:])
+    pose = NOMINAL.moved(factor * held.displacement.reshape(-1, 6))
     marks = [Mark(0, 0.0, str(one.condition))] if one.condition.failures else []
     return Picture(held.time_s.ravel(), pose, held.strut_n.reshape(-1, 6), full_n, marks)
 

@@ -10,9 +10,11 @@ import rerun.blueprint as rrb
 from rerun_loader_mjcf import MJCFLogger, MJCFLogPaths
 from scipy.spatial.transform import Rotation
 
-from experiments.recording.file import TIMELINE, time_column
+from experiments.recording.file import TIMELINE, at_most, time_column
+from experiments.recording.scale import round_down
 from sim import Array
 
+_PICTURES_HZ = 25
 _DISTANCE = 1.6
 """From which the whole machine is seen, in its extents."""
 
@@ -72,9 +74,12 @@ def _displacement(motion: Motion, nominal: Motion) -> tuple[Array, Array]:
 def exaggeration(angle_rad: float, way_m: float) -> int:
     """A round factor (1, 2, 5, 10, ...) that makes a motion visible: up to 7 degrees and 30 mm."""
     most = min(0.12 / max(angle_rad, 1e-12), 0.03 / max(way_m, 1e-12))
-    decades = 10.0 ** np.arange(10)
-    round_numbers = np.sort(np.concatenate([decades, 2 * decades, 5 * decades]))
-    return int(round_numbers[round_numbers <= max(most, 1.0)][-1])
+    return int(round_down(np.clip(most, 1.0, 5e9)))
+
+
+def stills(time_s: Array) -> slice:
+    """Of evenly spaced samples, those that become pictures."""
+    return at_most(_PICTURES_HZ, time_s)
 
 
 def log_machine(

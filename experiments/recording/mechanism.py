@@ -7,7 +7,7 @@ from pathlib import Path
 import mujoco
 import rerun.blueprint as rrb
 
-from experiments.recording.file import About, at_most, recording_file, screen
+from experiments.recording.file import About, recording_file, screen
 from experiments.recording.machine import (
     exaggerated,
     exaggeration_of,
@@ -16,12 +16,12 @@ from experiments.recording.machine import (
     motion_of,
     sized_entity,
     sizes,
+    stills,
 )
 from experiments.recording.plane import Square, log_plane, plane_view, square_around
 from experiments.recording.series import Plot, log_plots, notes_view, plot_views
 from sim import Array
 
-PICTURES_HZ = 25
 _COLUMNS = 3
 
 
@@ -75,8 +75,9 @@ def write_mechanism(
         Exception: Whatever the writer complains of; it runs in strict mode.
     """
     nominal = motion_of(model, model.qpos0[None])
-    stills = {name: at_most(PICTURES_HZ, one.time_s) for name, one in conditions.items()}
-    motions = {name: motion_of(model, one.qpos[stills[name]]) for name, one in conditions.items()}
+    motions = {
+        name: motion_of(model, one.qpos[stills(one.time_s)]) for name, one in conditions.items()
+    }
     factors = {name: exaggeration_of(motion, nominal) for name, motion in motions.items()}
     cells = [
         _cell(k, name, model, one, factors[name])
@@ -89,7 +90,7 @@ def write_mechanism(
             for size in sizes(factors[name]):
                 entity = sized_entity(f"{_entity(k)}/machine", size)
                 larger = exaggerated(motions[name], nominal, size)
-                log_machine(recording, entity, model, larger, one.time_s[stills[name]])
+                log_machine(recording, entity, model, larger, one.time_s[stills(one.time_s)])
             log_plots(recording, one.plots, f"{_entity(k)}/")
             if task := one.task:
                 entity = f"{_entity(k)}/task"

@@ -8,6 +8,7 @@ import rerun.blueprint as rrb
 
 from experiments.palette import ORANGE, SKY
 from experiments.recording.file import TIMELINE, at_most, rgb, time_column
+from experiments.recording.scale import round_down
 from sim import Array
 
 RATE_HZ = 100
@@ -68,8 +69,7 @@ def _log_scale(
     recording: rr.RecordingStream, entity: str, square: Square, names: tuple[str, str], unit: str
 ) -> None:
     """A cross with a round number on its arms: the view itself has no scale."""
-    decade = 10 ** np.floor(np.log10(square.half))
-    arm = decade * max(step for step in (1, 2, 5) if step * decade <= square.half)
+    arm = round_down(square.half)
     ends = np.array([[arm, 0], [-arm, 0], [0, arm], [0, -arm]]) + square.center * _UP
     cross = rr.LineStrips2D(ends.reshape(2, 2, 2), colors=[_GREY], radii=[square.half / 800])
     recording.log(f"{entity}/axes", cross, static=True)

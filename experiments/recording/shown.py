@@ -3,20 +3,19 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import mujoco
 import numpy as np
 import rerun as rr
-from scipy.spatial.transform import Rotation
 
 from experiments.recording.file import at_most, log_series, time_column
-from experiments.recording.hexapod import Picture
-from experiments.recording.machine import exaggeration
+from experiments.recording.hexapod import Picture, log_hexapod
+from experiments.recording.machine import exaggeration, sized_entity, sizes, stills
 from experiments.recording.marks import Mark
 from experiments.recording.plane import Square, log_plane, square_around
-from experiments.recording.series import Plot
+from experiments.recording.series import Plot, log_plots
 from experiments.run import Trajectory
-from sim import Pose
+from sim import NOMINAL
 
-PICTURES_HZ = 25
 INPUTS = [f"strut {k} [%]" for k in range(1, 7)]
 SECONDARY = ["gamma [urad]", "t_x [um]", "t_y [um]", "t_z [um]"]
 
@@ -34,6 +33,68 @@ class Shown:
     run: Trajectory
     marks: Sequence[Mark] = ()
     extras: Sequence[Plot] = ()
+
+
+@dataclass(frozen=True)
+class Scales:
+    """What one or several runs need to be seen, the same for all of them.
+
+    Attributes:
+        factor: By which the payload's motion is exaggerated.
+        full_percent: Strut input of the deepest colours.
+        square_urad: The part of the detector that is shown.
+        bounds: Largest absolute value of each plotted signal, by its entity.
+    """
+
+    factor: int
+    full_percent: float
+    square_urad: Square
+    bounds: dict[str, float]
+
+    @property
+    def loads(self) -> str:
+        """What the colours of the struts mean."""
+        return f"struts -{self.full_percent:g} % blue, +{self.full_percent:g} % red"
+
+
+def scales_of(runs: Sequence[Trajectory]) -> Scales:
+    """Round factor and colours, the detector where the second halves of all runs are."""
+    angles = [max(np.abs(r.true_rad).max(), np.abs(r.secondary[:, 0]).max()) for r in runs]
+    ways = [np.abs(run.secondary[:, 1:]).max() for run in runs]
+    inputs = max(np.abs(run.strut_input_percent).max() for run in runs)
+    curves = [curve for run in runs for curve in (run.desired_rad, run.measured_rad)]
+    return Scales(
+        factor=exaggeration(float(max(angles)), float(max(ways))),
+        full_percent=float(max(1.0, np.ceil(inputs))),
+        # The first halves lead there.
+        square_urad=square_around(*(1e6 * curve[len(curve) // 2 :] for curve in curves)),
+        bounds={
+            "pointing/error": max(1e6 * np.abs(r.desired_rad - r.true_rad).max() for r in runs),
+            "strut/input": inputs,
+            "secondary/true": max(1e6 * np.abs(run.secondary).max() for run in runs),
+            "closure/residual": max(1e9 * run.closure_residual_m.max() for run in runs),
+        },
+    )
+
+
+def log_shown(
+    recording: rr.RecordingStream,
+    under: str,
+    model: mujoco.MjModel,
+    shown: Shown,
+    scales: Scales,
+    rate_hz: float,
+) -> None:
+    """Log a run below an entity: signals, detector, and the hexapod of this MJCF in both sizes."""
+    run = shown.run
+    log_signals(recording, under, run, rate_hz)
+    desired, measured = 1e6 * run.desired_rad, 1e6 * run.measured_rad
+    detector = f"{under}detector", run.time_s, desired, measured
+    log_plane(recording, *detector, ("alpha", "beta"), "urad", scales.square_urad)
+    for size in sizes(scales.factor):
+        picture = picture_of(shown, size, scales.full_percent)
+        log_hexapod(recording, sized_entity(f"{under}hexapod", size), model, picture)
+    log_plots(recording, shown.extras, under)
 
 
 def log_signals(recording: rr.RecordingStream, under: str, run: Trajectory, rate_hz: float) -> None:
@@ -55,57 +116,15 @@ def log_signals(recording: rr.RecordingStream, under: str, run: Trajectory, rate
         log_series(recording, time, f"{under}{entity}", names, values[every])
 
 
-def log_detector(
-    recording: rr.RecordingStream, entity: str, run: Trajectory, square: Square
-) -> None:
-    """Log the desired spiral and the detector's reading."""
-    desired, measured = 1e6 * run.desired_rad, 1e6 * run.measured_rad
-    names = "alpha", "beta"
-    log_plane(recording, entity, run.time_s, desired, measured, names, "urad", square)
-
-
-def square_urad(runs: Sequence[Trajectory]) -> Square:
-    """The part of the detector that the second halves of all runs need: the first lead there."""
-    curves = [curve for run in runs for curve in (run.desired_rad, run.measured_rad)]
-    return square_around(*(1e6 * curve[len(curve) // 2 :] for curve in curves))
-
-
 def picture_of(shown: Shown, factor: int, full_percent: float) -> Picture:
     """A run as the hexapod is drawn, the payload's motion so many times as large.
 
     Takes alpha, beta, gamma as a rotation vector: good to the second order of the angles.
     """
     run = shown.run
-    every = at_most(PICTURES_HZ, run.time_s)
-    gamma_rad, translation_m = run.secondary[every, :1], run.secondary[every, 1:]
-    angles = np.concatenate([run.true_rad[every], gamma_rad], axis=1)
-    pose = Pose(Rotation.from_rotvec(factor * angles).as_matrix(), factor * translation_m)
+    every = stills(run.time_s)
+    twist = np.concatenate([run.true_rad[every], run.secondary[every]], axis=1)
     load = run.strut_input_percent[every]
-    return Picture(run.time_s[every], pose, load, full_percent, shown.marks)
-
-
-def exaggeration_of(runs: Sequence[Trajectory]) -> int:
-    """A round factor that makes the payload's motion visible in all runs."""
-    angles = [max(np.abs(r.true_rad).max(), np.abs(r.secondary[:, 0]).max()) for r in runs]
-    ways = [np.abs(run.secondary[:, 1:]).max() for run in runs]
-    return exaggeration(float(max(angles)), float(max(ways)))
-
-
-def full_scale_percent(runs: Sequence[Trajectory]) -> float:
-    """Strut input of the deepest colours: the largest there is, rounded up."""
-    return float(max(1.0, np.ceil(max(np.abs(run.strut_input_percent).max() for run in runs))))
-
-
-def loads_name(full_percent: float) -> str:
-    """What the colours of the struts mean."""
-    return f"struts -{full_percent:g} % blue, +{full_percent:g} % red"
-
-
-def bounds(runs: Sequence[Trajectory]) -> dict[str, float]:
-    """Largest pointing error [urad], strut input [%], secondary motion [urad or um], gap [nm]."""
-    return {
-        "pointing/error": max(1e6 * np.abs(run.desired_rad - run.true_rad).max() for run in runs),
-        "strut/input": max(np.abs(run.strut_input_percent).max() for run in runs),
-        "secondary/true": max(1e6 * np.abs(run.secondary).max() for run in runs),
-        "closure/residual": max(1e9 * run.closure_residual_m.max() for run in runs),
-    }
+    return Picture(
+        run.time_s[every], NOMINAL.moved(factor * twist), load, full_percent, shown.marks
+    )

@@ -7,21 +7,10 @@ import mujoco
 import rerun.blueprint as rrb
 
 from experiments.recording.file import About, recording_file, screen
-from experiments.recording.hexapod import log_hexapod
-from experiments.recording.machine import machine_tabs, sized_entity, sizes
+from experiments.recording.machine import machine_tabs
 from experiments.recording.plane import plane_view
-from experiments.recording.series import Plot, log_plots, notes_view, plot_views
-from experiments.recording.shown import (
-    Shown,
-    bounds,
-    exaggeration_of,
-    full_scale_percent,
-    loads_name,
-    log_detector,
-    log_signals,
-    picture_of,
-    square_urad,
-)
+from experiments.recording.series import Plot, notes_view, plot_views
+from experiments.recording.shown import Scales, Shown, log_shown, scales_of
 
 RATE_HZ = 100
 _SIGNALS = (
@@ -49,35 +38,25 @@ def write_side_by_side(
     Raises:
         Exception: Whatever the writer complains of; it runs in strict mode.
     """
-    runs = [one.run for one in shown.values()]
-    factor, full_percent = exaggeration_of(runs), full_scale_percent(runs)
-    square = square_urad(runs)
-    views = _screen(model, shown, factor, full_percent)
-    with recording_file(path, about, views) as recording:
+    scales = scales_of([one.run for one in shown.values()])
+    with recording_file(path, about, _screen(model, shown, scales)) as recording:
         for k, one in enumerate(shown.values()):
-            under = _entity(k)
-            log_signals(recording, f"{under}/", one.run, RATE_HZ)
-            log_detector(recording, f"{under}/detector", one.run, square)
-            for size in sizes(factor):
-                picture = picture_of(one, size, full_percent)
-                log_hexapod(recording, sized_entity(f"{under}/hexapod", size), model, picture)
-            log_plots(recording, one.extras, f"{under}/")
+            log_shown(recording, f"{_entity(k)}/", model, one, scales, RATE_HZ)
 
 
 def _entity(k: int) -> str:
     return f"run_{k}"
 
 
-def _screen(
-    model: mujoco.MjModel, shown: Mapping[str, Shown], factor: int, full_percent: float
-) -> rrb.Blueprint:
-    runs = [one.run for one in shown.values()]
-    square, limits, loads = square_urad(runs), bounds(runs), loads_name(full_percent)
+def _screen(model: mujoco.MjModel, shown: Mapping[str, Shown], scales: Scales) -> rrb.Blueprint:
+    limits = scales.bounds
     extras = zip(*(one.extras for one in shown.values()), strict=True)
     ranges = [_range_of(plots) for plots in extras]
 
     def machine(k: int, name: str) -> rrb.Tabs:
-        return machine_tabs(f"{_entity(k)}/hexapod", f"{name}; {loads}", model, factor)
+        return machine_tabs(
+            f"{_entity(k)}/hexapod", f"{name}; {scales.loads}", model, scales.factor
+        )
 
     def signals(k: int) -> list[rrb.View]:
         # Small plots have no room for a scale: the title says it; nor for more than one legend.
@@ -92,7 +71,7 @@ def _screen(
         ]
 
     def column(k: int, name: str, one: Shown) -> rrb.Container:
-        detector = plane_view(f"{_entity(k)}/detector", f"{name} [urad]", square)
+        detector = plane_view(f"{_entity(k)}/detector", f"{name} [urad]", scales.square_urad)
         plots = [*signals(k), *plot_views(one.extras, f"{_entity(k)}/", ranges)]
         if len(shown) > FEW:
             return rrb.Vertical(detector, *plots)

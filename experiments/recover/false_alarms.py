@@ -162,5 +162,5 @@ def expected_outputs(sound: SoundMachine, sent_m: Array, C: Array) -> Array:
     x, outputs = np.zeros(len(machine.A)), []
     for u in sent_m:
         outputs.append(C @ x)
-        x = machine.A @ x + machine.B @ u
+        x = machine.step(x, u)
     return np.array(outputs)

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from experiments.conduct import Unsound
-from experiments.files import OutputError, published, usable_folder
+from experiments.files import published, usable_file
 from experiments.interrupt import raise_from_now_on
 
 _SIZE = re.compile(r"([1-9]\d{1,3})x([1-9]\d{1,3})")
@@ -41,9 +41,7 @@ def render(
     pixels = _SIZE.fullmatch(size)
     if not pixels:
         raise typer.BadParameter(f"{size} is not WIDTHxHEIGHT", param_hint="--size")
-    if out.suffix != ".png":
-        raise OutputError(f"--out {out} must end in .png")
-    folder = usable_folder(out.parent)
+    folder = usable_file(out, ".png")
     raise_from_now_on()
     try:
         with headless_viewer((int(pixels[1]), int(pixels[2]))) as viewer:

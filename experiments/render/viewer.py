@@ -85,15 +85,15 @@ def show(viewer: ViewerClient, recording: Path, time_s: float | None) -> None:
     viewer.set_time(TIMELINE, duration=wanted_s, play_state="paused")
 
 
-def photograph(viewer: ViewerClient, view_id: str | None = None) -> bytes:
-    """A PNG of the whole screen or of one view, when it has come to rest.
+def photograph(viewer: ViewerClient) -> bytes:
+    """A PNG of the whole screen when it has come to rest.
 
     Raises:
         ViewerError: It keeps changing, or complains of something that it should show.
     """
     last = b""
     for _ in range(_SHOTS):
-        picture = viewer.take_screenshot(view_id)
+        picture = viewer.take_screenshot()
         if picture == last:
             break
         last = picture

@@ -5,7 +5,8 @@ from typing import Annotated
 
 import typer
 
-from experiments.files import OutputError, published, usable_folder
+from experiments.conduct import MachineFile
+from experiments.files import published, usable_file
 from experiments.interrupt import raise_from_now_on
 
 
@@ -19,12 +20,7 @@ def review(
     out: Annotated[Path, typer.Option(metavar="FILE.rrd", help="The recording to write.")] = Path(
         "review.rrd"
     ),
-    model: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE", help="Another machine file, MJCF.  [default: the hexapod, fjh.xml]"
-        ),
-    ] = None,
+    model: MachineFile = None,
 ) -> None:
     """Put runs side by side in one recording.
 
@@ -38,9 +34,7 @@ def review(
     from experiments.review.runs import about_runs, find_runs
     from sim import load_model, model_sha256
 
-    if out.suffix != ".rrd":
-        raise OutputError(f"--out {out} must end in .rrd")
-    folder = usable_folder(out.parent)
+    folder = usable_file(out, ".rrd")
     raise_from_now_on()
     kept = find_runs(runs, model_sha256(model))
     shown = {name: one.shown for name, one in kept.items()}

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from experiments.choices import JacobianChoice
-from experiments.conduct import Out, Progress, Seed, diverged_into
+from experiments.conduct import MachineFile, Out, Progress, Seed, diverged_into
 from experiments.files import usable_folder
 from experiments.findings import Findings
 
@@ -24,12 +24,7 @@ def table1(
             "constant, at the nominal pose as eq. (39). Both are run; this one makes the table."
         ),
     ] = "analytic",
-    model: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE", help="Another machine file, MJCF.  [default: the hexapod, fjh.xml]"
-        ),
-    ] = None,
+    model: MachineFile = None,
     *,
     progress: Progress,
 ) -> Findings:
