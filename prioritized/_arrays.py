@@ -1,6 +1,7 @@
 """Matrices in batches."""
 
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,6 +17,12 @@ def stack(top: Array, bottom: Array) -> Array:
     lead = np.broadcast_shapes(top.shape[:-2], bottom.shape[:-2])
     wide = [np.broadcast_to(A, lead + A.shape[-2:]) for A in (top, bottom)]
     return np.concatenate(wide, axis=-2)
+
+
+def product(A: Array, B: Array) -> Array:
+    """A B, leading axes broadcast."""
+    # dot has half the overhead of @, which is most of the time that small matrices take.
+    return A.dot(B) if A.ndim == 2 and B.ndim <= 2 else A @ B
 
 
 def transposed(A: Array) -> Array:
@@ -39,6 +46,8 @@ def respond(gains: Sequence[Array], required: str, **wishes: ArrayLike | None) -
 def apply(gain: Array, name: str, value: ArrayLike | None) -> Array:
     """Gain (..., i, j) times a checked argument (..., j)."""
     v = _check.vector(name, value, gain.shape[-1])
+    if gain.ndim == 2 and v.ndim == 1:
+        return gain.dot(v)
     _check.common_axes({"the mapping": gain.shape[:-2], name: v.shape[:-1]})
     return np.einsum("...ij,...j->...i", gain, v)
 
@@ -46,6 +55,18 @@ def apply(gain: Array, name: str, value: ArrayLike | None) -> Array:
 def on_axes(A: Array, lead: tuple[int, ...]) -> Array:
     """The matrices A on all batch axes, whatever they depend on."""
     return A if A.shape[:-2] == lead else np.broadcast_to(A, (*lead, *A.shape[-2:]))
+
+
+def read_only(A: Array) -> Array:
+    """The array itself, which no one may write to any more."""
+    A.setflags(write=False)
+    return A
+
+
+@lru_cache
+def none(shape: tuple[int, ...]) -> Array:
+    """An array without elements, or of zeros: what there is none of."""
+    return read_only(np.zeros(shape))
 
 
 class ReadOnly:

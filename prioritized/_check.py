@@ -1,19 +1,24 @@
 """Argument checks: wrong input raises at once and names what was expected and what came."""
 
 from collections.abc import Iterable, Sequence
-from typing import TypeVar
+from math import inf, isfinite
+from typing import TypeGuard, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.linalg.blas import dnrm2
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 _T = TypeVar("_T", bound=np.generic)
+_FLOAT64 = np.dtype(np.float64)
 
 
 def real(name: str, value: ArrayLike | None) -> Array:
-    """Finite real numbers of any shape as float64."""
+    """A copy of finite real numbers of any shape as float64."""
+    if is_plain(value) and is_surely_finite(value):
+        return value.copy()  # the common case
     try:
         raw = np.asarray(value)
     except ValueError:
@@ -24,6 +29,16 @@ def real(name: str, value: ArrayLike | None) -> Array:
     if not np.isfinite(raw).all():
         raise ValueError(f"{name} must be finite, got NaN or infinity")
     return raw.astype(float)
+
+
+def is_plain(value: ArrayLike | None) -> TypeGuard[Array]:
+    """Whether this is an array of float64 as it stands, finite or not."""
+    return type(value) is np.ndarray and value.dtype is _FLOAT64
+
+
+def is_surely_finite(A: Array) -> bool:
+    """Whether all numbers are finite, and so is their norm: one pass, and no array in between."""
+    return A.size == 0 or isfinite(dnrm2(A.ravel()))
 
 
 def matrix(name: str, value: ArrayLike, columns: int | None = None) -> Array:
@@ -90,6 +105,8 @@ def positive_semidefinite(name: str, value: ArrayLike, size: int) -> Array:
 
 def not_negative(name: str, value: ArrayLike) -> Array:
     """Finite numbers, none below zero."""
+    if isinstance(value, float) and 0.0 <= value < inf:
+        return np.asarray(value)
     x = real(name, value)
     if (x < 0).any():
         raise ValueError(f"{name} must not be negative, got {value!r}")
@@ -98,6 +115,8 @@ def not_negative(name: str, value: ArrayLike) -> Array:
 
 def number(name: str, value: ArrayLike) -> float:
     """One finite number, not below zero."""
+    if isinstance(value, float) and 0.0 <= value < inf:
+        return value
     x = not_negative(name, value)
     if x.ndim:
         raise ValueError(f"{name} must be one number, got shape {x.shape}")

@@ -4,88 +4,113 @@ from typing import NamedTuple
 
 import numpy as np
 
+from prioritized._arrays import none
 from prioritized._check import Array, Indices
-from prioritized._kinematics import Kinematics
-from prioritized._rank import RankedSvd, frobenius, ranked_svd
+from prioritized._equality import certain, certain_inverse
+from prioritized._rank import RankedSvd, frobenius, norm, ranked_svd
 
 
-def reduce_to_active(
-    J_T: Array,
-    J_C: Array,
-    *,
-    actuators: Indices,
-    active: Indices,
-    stuck: Indices,
-    actuator_count: int,
-    stiffness: Array | None,
-    passive_metric: Array | None,
-    rank_tolerance: float,
-) -> Kinematics:
-    """Eliminate all but the `active` velocities from v = J_T theta_dot, J_C theta_dot = 0.
+class Joints(NamedTuple):
+    """Velocity indices by what their joints do, ascending but for the active ones.
 
-    The `stuck` ones are zero. The paper adds a unit row E to J_C for each (section 2.3.2); here
-    they are left out of the decomposition and E's share is put back afterwards, which is the same
-    and does not weigh a unit row against the units of J_C.
+    The paper adds a unit row E to J_C for each stuck joint (section 2.3.2); here they are left out
+    of the decomposition and E's share is put back afterwards, which is the same and does not weigh
+    a unit row against the units of J_C.
 
-    Passive motion that the loops leave free goes where the potential energy of the springs,
-    theta^T K theta / 2, is least; what no spring resists stays self-motion, and follows the
-    active joints with the least norm in the passive metric.
+    Attributes:
+        actuators: Surviving actuators, in nominal numbering, shape (n - q,).
+        active: Their velocities, shape (n - q,).
+        stuck: Joints whose rate is zero, actuated or not.
+        moving: All others, shape (p,).
+        passive: All that are not active, shape (N - n + q,).
+        actuator_count: Nominal number n of actuators.
     """
-    passive = _others(active, J_T.shape[1])
-    moving = _others(np.concatenate([active, stuck]), J_T.shape[1])
-    constraint_scale, task_scale = float(frobenius(J_C)), float(frobenius(J_T))
-    loops = ranked_svd(J_C[:, moving], constraint_scale, rank_tolerance, full=True)
-    left_null = loops.U[:, int(loops.rank) :].T
-    bound = ranked_svd(left_null @ J_C[:, active], constraint_scale, rank_tolerance)
-    motion = _passive_motion(
-        loops, J_C[:, active], moving, active, stiffness, passive_metric, rank_tolerance
-    )
-    # Motion of the moving joints under a task force, springs alone: give @ J_Tp^T @ f, negated.
-    stretch = motion.give @ J_T[:, moving].T
 
-    # Rows of [J_C; E]: a stuck joint's reaction balances what f, f_C, springs put on it, eq. (9).
-    f_C = -motion.closing.T @ J_T[:, moving].T
-    reaction = -J_T[:, stuck].T - J_C[:, stuck].T @ f_C + _rows(stiffness, stuck, moving) @ stretch
-    rows = np.hstack([left_null, -left_null @ J_C[:, stuck]])
-    internal_force = np.linalg.qr(rows.T)[0].T if stuck.size else rows
-    constraint_gain = np.vstack([f_C, reaction])
-    constraint_gain -= internal_force.T @ (internal_force @ constraint_gain)  # least norm
-    torque_gain = J_T[:, active].T + J_C[:, active].T @ constraint_gain[: len(J_C)]
-    torque_gain -= _rows(stiffness, active, moving) @ stretch
+    actuators: Indices
+    active: Indices
+    stuck: Indices
+    moving: Indices
+    passive: Indices
+    actuator_count: int
 
-    def among_passive(rows: Array) -> Array:
-        everyone = np.zeros((len(passive), rows.shape[1]))
-        everyone[np.searchsorted(passive, moving)] = rows
+    def among_passive(self, rows: Array) -> Array:
+        """Rows of the moving joints (p, .) among all that are not active, the others zero."""
+        everyone = np.zeros((len(self.passive), rows.shape[1]))
+        everyone[np.searchsorted(self.passive, self.moving)] = rows
         return everyone
 
-    # J is a difference of J_Ta and of what comes through the passive joints that the task sees.
-    through = np.linalg.norm(J_T[:, moving], axis=0)
-    task_drift = J_T[:, moving] @ motion.free / (task_scale or 1.0)
-    drift = ranked_svd(task_drift, 1.0, rank_tolerance)
-    return Kinematics(
-        J=J_T[:, active] + J_T[:, moving] @ motion.gain,
-        self_motion=drift.U[:, : int(drift.rank)],
-        internal_force=internal_force,
-        active_constraint=bound.Vt[: int(bound.rank)],
-        actuators=actuators,
-        active=active,
-        passive=passive,
-        actuator_count=actuator_count,
-        passive_gain=among_passive(motion.gain),
-        passive_drift=among_passive(motion.free),
-        task_drift=task_drift,
-        constraint_gain=constraint_gain,
-        torque_gain=torque_gain,
-        internal_gain=internal_force @ rows.T @ bound.pseudo_inverse().T,
-        scale=task_scale + float(frobenius(through[:, None] * motion.gain)),
-        loop_gap=float(loops.gap),
-        constraint_gap=float(bound.gap),
-        spring_gap=motion.spring_gap,
-        rank_tolerance=rank_tolerance,
-    )
+
+def sort_joints(actuators: Indices, active: Indices, stuck: Indices, n: int, N: int) -> Joints:
+    """Tell the joints apart: `active` and `stuck` of N velocities, all n actuators counted."""
+    moving = _others(np.concatenate([active, stuck]), N)
+    return Joints(actuators, active, stuck, moving, _others(active, N), n)
 
 
-class _PassiveMotion(NamedTuple):
+class Task(NamedTuple):
+    """The task Jacobian by joints.
+
+    Attributes:
+        J_T: Shape (m, N).
+        active: Its columns of active joints, shape (m, n - q).
+        moving: Those of moving ones, shape (m, p).
+        size: Norm of J_T.
+        moving_squared: Squared norm of each moving joint's column, shape (p,).
+    """
+
+    J_T: Array
+    active: Array
+    moving: Array
+    size: float
+    moving_squared: Array
+
+
+def sort_task(J_T: Array, joints: Joints) -> Task:
+    """Tell the columns of the task Jacobian apart."""
+    moving = J_T[:, joints.moving]
+    squared = (moving * moving).sum(axis=0)
+    return Task(J_T, J_T[:, joints.active], moving, norm(J_T), squared)
+
+
+class Loops(NamedTuple):
+    """The decision on what the loops hold of the moving joints.
+
+    Attributes:
+        closing: J_Cp^+ in the plain norm, shape (p, c).
+        free: Orthonormal basis of what the loops leave free, shape (p, d).
+        left_null: Orthonormal rows that span the left null space of J_Cp, shape (r, c).
+        decision: Of the rank of J_Cp; None where it is beyond doubt.
+        J_Cp: Shape (c, p); `scale`: what its rank is decided against, with `rank_tolerance`.
+    """
+
+    closing: Array
+    free: Array
+    left_null: Array
+    decision: RankedSvd | None
+    J_Cp: Array
+    scale: float
+    rank_tolerance: float
+
+    def gap(self) -> float:
+        """Gap of the rank of J_Cp."""
+        decision = self.decision or ranked_svd(self.J_Cp, self.scale, self.rank_tolerance)
+        return float(decision.gap)
+
+
+def close_loops(J_C: Array, moving: Indices, rank_tolerance: float) -> Loops:
+    """Eliminate the moving joints from J_C theta_dot = 0, eqs. (6) to (8)."""
+    J_Cp, scale = J_C.take(moving, 1), norm(J_C)
+    c, p = J_Cp.shape
+    if c == p:
+        inverse = certain_inverse(J_Cp, certain(rank_tolerance) * scale)
+        if inverse is not None:
+            return Loops(inverse, none((p, 0)), none((0, c)), None, J_Cp, scale, rank_tolerance)
+    svd = ranked_svd(J_Cp, scale, rank_tolerance, full=True)
+    r = int(svd.rank)
+    closing = (svd.Vt[:r].T / svd.sigma[:r]) @ svd.U[:, :r].T
+    return Loops(closing, svd.Vt[r:].T, svd.U[:, r:].T, svd, J_Cp, scale, rank_tolerance)
+
+
+class PassiveMotion(NamedTuple):
     """How the p moving passive joints follow.
 
     Attributes:
@@ -94,6 +119,7 @@ class _PassiveMotion(NamedTuple):
         free: Orthonormal basis of the motion that neither loops nor springs hold, shape (p, d).
         give: Inverse of the springs' K on the motion that the loops leave free, shape (p, p).
         spring_gap: Gap between what springs hold, or the metric weighs, and what they do not.
+        loops: What the loops alone hold.
     """
 
     gain: Array
@@ -101,21 +127,29 @@ class _PassiveMotion(NamedTuple):
     free: Array
     give: Array
     spring_gap: float
+    loops: Loops
 
 
-def _passive_motion(
-    loops: RankedSvd,
-    J_Ca: Array,
-    moving: Indices,
-    active: Indices,
+def passive_motion(
+    J_C: Array,
+    joints: Joints,
     stiffness: Array | None,
     passive_metric: Array | None,
     rank_tolerance: float,
-) -> _PassiveMotion:
-    r = int(loops.rank)
-    closing = (loops.Vt[:r].T / loops.sigma[:r]) @ loops.U[:, :r].T
-    gain, free = -closing @ J_Ca, loops.Vt[r:].T
-    give, spring_gap = np.zeros((len(moving), len(moving))), np.inf
+) -> PassiveMotion:
+    """Eq. (10): the moving joints follow the active ones.
+
+    Motion that the loops leave free goes where the potential energy of the springs,
+    theta^T K theta / 2, is least; what no spring resists stays self-motion, and follows the
+    active joints with the least norm in the passive metric.
+    """
+    moving, active = joints.moving, joints.active
+    loops = close_loops(J_C, moving, rank_tolerance)
+    closing, free = loops.closing, loops.free
+    gain = -closing.dot(J_C.take(active, 1))
+    give, spring_gap = none((len(moving), len(moving))), np.inf
+    if not free.shape[1]:
+        return PassiveMotion(gain, closing, free, give, spring_gap, loops)
     if stiffness is not None:
         give, rest, spring_gap = _least(free, stiffness[np.ix_(moving, moving)], rank_tolerance)
         gain, closing = _settled(gain, closing, give, stiffness, moving, active)
@@ -124,7 +158,7 @@ def _passive_motion(
         follow, _, metric_gap = _least(free, passive_metric[np.ix_(moving, moving)], rank_tolerance)
         gain, closing = _settled(gain, closing, follow, passive_metric, moving, active)
         spring_gap = min(spring_gap, metric_gap)
-    return _PassiveMotion(gain, closing, free, give, spring_gap)
+    return PassiveMotion(gain, closing, free, give, spring_gap, loops)
 
 
 def _least(free: Array, K_pp: Array, rank_tolerance: float) -> tuple[Array, Array, float]:
@@ -153,10 +187,3 @@ def _others(known: Indices, count: int) -> Indices:
     rest = np.ones(count, dtype=bool)
     rest[known] = False
     return np.flatnonzero(rest)
-
-
-def _rows(stiffness: Array | None, rows: Indices, columns: Indices) -> Array:
-    """Springs between joints; zero in a rigid mechanism."""
-    if stiffness is None:
-        return np.zeros((len(rows), len(columns)))
-    return stiffness[np.ix_(rows, columns)]

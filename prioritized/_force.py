@@ -160,7 +160,8 @@ def force_mapping(
         rank_tolerance=rank_tolerance,
     )
     J, S_m, S_s, C, Q = args.J, args.S_m, args.S_s, args.active_constraint, args.self_motion
-    W3, W4, M, T = args.weight, args.secondary_weight, args.major_metric, args.tie_metric
+    W3, W4, T = args.weight, args.secondary_weight, args.tie_metric
+    M = np.eye(len(S_m)) if args.major_metric is None else args.major_metric
     _refuse_overlap(S_m, S_s, args.tolerance)
     (m, n), m1, m2, r = J.shape[-2:], len(S_m), len(S_s), C.shape[-2]
 

@@ -1,4 +1,4 @@
-"""A mechanism seen from its surviving active joints: eqs. (10) to (17)."""
+"""A mechanism seen from its surviving active joints, and the mappings through them."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -8,66 +8,21 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from prioritized import _check
-from prioritized._arrays import ReadOnly
-from prioritized._check import Array, Indices
+from prioritized._check import Array
 from prioritized._force import ForceMapping, force_mapping
 from prioritized._manipulability import Manipulability, classify
+from prioritized._reduced import Reduced
 from prioritized._task import task_selection
 from prioritized._velocity import VelocityMapping, velocity_mapping
 
 
 @dataclass(frozen=True, eq=False)
-class Kinematics(ReadOnly):
-    """A mechanism seen from its surviving active joints.
+class Kinematics(Reduced):
+    """A mechanism seen from its surviving active joints, eqs. (10) to (17).
 
-    Attributes:
-        J: Task Jacobian, eq. (14), shape (m, n - q).
-        self_motion: Orthonormal basis of the task motion that remains with every active joint
-            held (unstable singularity), shape (m, k).
-        internal_force: Orthonormal rows spanning the left null space of J_Cp, shape (r, c); c
-            counts the rows of J_C and then one for each stuck joint, by velocity index.
-        active_constraint: Orthonormal rows; admissible active rates are their null space,
-            eq. (17), shape (r', n - q).
-        actuators: Surviving actuators in nominal numbering, shape (n - q,).
-        active: Their velocity indices; `passive`: those of all other velocities, (N - n + q,).
-        actuator_count: Nominal number n of actuators.
-        passive_gain: (N - n + q, n - q), eq. (10) without its free part.
-        passive_drift: Basis of the passive motion with every active joint held, orthonormal,
-            shape (N - n + q, d); zero rows at stuck joints.
-        task_drift: Its task motion J_Tp J~_Cp as a fraction of the size of J_T, shape (m, d).
-        constraint_gain: (c, m), eq. (11) without its free part; `torque_gain`: (n - q, m), the
-            torques that go with it.
-        internal_gain: (r, n - q), eta of eq. (11) for what the torques differ from these.
-        scale: Size of the terms whose difference is J; its rank is decided against it.
-        loop_gap: Gap of the rank of J_Cp; `constraint_gap`: of `active_constraint`; `spring_gap`:
-            of what springs hold and the passive metric weighs, infinite without them.
-        rank_tolerance: See the rank decision.
+    Made by :meth:`prioritized.ConstrainedSystem.kinematics`; its arrays J, self_motion,
+    internal_force, active_constraint and others are described in :class:`Reduced`.
     """
-
-    J: Array
-    self_motion: Array
-    internal_force: Array
-    active_constraint: Array
-    actuators: Indices
-    active: Indices
-    passive: Indices
-    actuator_count: int
-    passive_gain: Array
-    passive_drift: Array
-    task_drift: Array
-    constraint_gain: Array
-    torque_gain: Array
-    internal_gain: Array
-    scale: float
-    loop_gap: float
-    constraint_gap: float
-    spring_gap: float
-    rank_tolerance: float
-
-    @property
-    def gap(self) -> float:
-        """Smallest gap of the rank decisions that J and its constraints rest on."""
-        return min(self.loop_gap, self.constraint_gap, self.spring_gap)
 
     def expand(self, rates: ArrayLike) -> Array:
         """Rates or torques of the survivors (..., n - q) to all actuators (..., n), else zero."""
@@ -135,15 +90,15 @@ class Kinematics(ReadOnly):
             secondary,
             self._of_survivors("joint_weight", joint_weight),
             secondary_weight,
-            self.active_constraint,
-            self.task_drift,
+            _any(self.active_constraint),
+            _any(self.task_drift),
             major_metric=major_metric,
             tie_metric=self._of_survivors("tie_metric", tie_metric),
             damping=damping,
             scale=self.scale,
             rank_tolerance=self.rank_tolerance,
         )
-        return dataclasses.replace(mapping, gap=np.minimum(mapping.gap, self.gap))
+        return VelocityMapping(mapping.problem, mapping.damping, foundation=self)
 
     def force_mapping(
         self,
@@ -178,7 +133,12 @@ class Kinematics(ReadOnly):
     def _of_survivors(self, name: str, weight: ArrayLike | None) -> Array | None:
         if weight is None:
             return None
-        W = _check.real(name, weight)
-        if W.ndim and W.shape[-1] == self.actuator_count:
+        W = weight if _check.is_plain(weight) else _check.real(name, weight)
+        if W.ndim and W.shape[-1] == self.actuator_count > len(self.actuators):
             return W[..., self.actuators]
         return W
+
+
+def _any(A: Array) -> Array | None:
+    """What there is none of need not be checked."""
+    return A if A.size else None

@@ -1,27 +1,32 @@
 """The checked arguments that Problems 1 and 6 have in common."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from math import prod
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from prioritized import _check
-from prioritized._check import Array
+from prioritized._arrays import none, product
+from prioritized._check import Array, Mask
 from prioritized._rank import frobenius, ranked_svd
 from prioritized._task import task_selection
 
+LARGEST = float(np.sqrt(np.finfo(float).max))
+"""Of a size of J: beyond it squares overflow."""
 
-@dataclass(frozen=True)
-class Problem:
-    """Arguments of a mapping as checked arrays; what was None has no rows or columns.
+
+class Problem(NamedTuple):
+    """Arguments of a mapping as checked copies; what was None has no rows or columns.
 
     Attributes:
         J: (..., m, n).
         S_m: (m1, m); `S_s`: (m2, m).
         weight: W1 or W3, (..., k, n); `secondary_weight`: W2 or W4, (..., k, m2).
         active_constraint: C, (..., r, n); `self_motion`: Q, (..., m, k).
-        major_metric: M, (..., k, m1); `tie_metric`: T, (..., k, n).
+        major_metric: M, (..., k, m1), or None for the identity.
+        tie_metric: T, (..., k, n).
         scale: Size of J, shape (...).
         tolerance: Of the rank decisions.
         lead: Batch axes of the answer.
@@ -34,11 +39,54 @@ class Problem:
     secondary_weight: Array
     active_constraint: Array
     self_motion: Array
-    major_metric: Array
+    major_metric: Array | None
     tie_metric: Array
     scale: Array
     tolerance: float
     lead: tuple[int, ...]
+
+    @property
+    def major_jacobian(self) -> Array:
+        """Jacobian of the major task, shape (..., m1, n)."""
+        return product(self.S_m, self.J)
+
+    @property
+    def task_weight(self) -> Array:
+        """Secondary weight on the task, shape (..., k, m)."""
+        return product(self.secondary_weight, self.S_s)
+
+    def flat(self) -> "Problem":
+        """The same with one batch axis; what does not depend on it stays without."""
+
+        def flattened(A: Array, own: int) -> Array:
+            if A.ndim == own:
+                return A
+            shape = A.shape[A.ndim - own :]
+            return np.broadcast_to(A, (*self.lead, *shape)).reshape(-1, *shape)
+
+        return self._map(flattened, lead=(prod(self.lead),))
+
+    def part(self, which: slice | Mask) -> "Problem":
+        """Some problems of a flat batch."""
+        return self._map(
+            lambda A, own: A if A.ndim == own else A[which],
+            lead=np.empty(self.lead, dtype=bool)[which].shape,
+        )
+
+    def _map(self, change: Callable[[Array, int], Array], lead: tuple[int, ...]) -> "Problem":
+        """Change each array that may be a batch, given the axes that it has by itself."""
+        M = self.major_metric
+        return self._replace(
+            J=change(self.J, 2),
+            weight=change(self.weight, 2),
+            secondary_weight=change(self.secondary_weight, 2),
+            active_constraint=change(self.active_constraint, 2),
+            self_motion=change(self.self_motion, 2),
+            major_metric=None if M is None else change(M, 2),
+            tie_metric=change(self.tie_metric, 2),
+            scale=change(np.asarray(self.scale), 0),
+            lead=lead,
+        )
 
 
 def checked(
@@ -66,37 +114,42 @@ def checked(
     tolerance = _check.fraction("rank_tolerance", rank_tolerance)
     S_m, S_s = task_selection(major, secondary, m, tolerance)
     m1, m2 = len(S_m), len(S_s)
-    W = _check.weight(weight_name, _no_rows(weight, n), n)
-    W_s = _check.weight("secondary_weight", _no_rows(secondary_weight, m2), m2)
-    C = _check.batch("active_constraint", _no_rows(active_constraint, n), columns=n)
-    Q = np.zeros((m, 0)) if self_motion is None else self_motion
-    Q = _check.batch("self_motion", Q, rows=m)
-    M = np.eye(m1)
-    if major_metric is not None:
-        M = _check.weight("major_metric", major_metric, m1)
-        if np.any(ranked_svd(M, frobenius(M), tolerance).rank < m1):
-            raise ValueError(f"major_metric must weigh every major direction, got {major_metric}")
-    T = _check.weight("tie_metric", _no_rows(tie_metric, n), n)
+    W = _weight(weight_name, weight, n)
+    W_s = _weight("secondary_weight", secondary_weight, m2)
+    T = _weight("tie_metric", tie_metric, n)
+    M = None if major_metric is None else _metric(major_metric, m1, tolerance)
+    C, Q = none((0, n)), none((m, 0))
+    if active_constraint is not None:
+        C = _check.batch("active_constraint", active_constraint, columns=n)
+    if self_motion is not None:
+        Q = _check.batch("self_motion", self_motion, rows=m)
     size = frobenius(J) if scale is None else _check.not_negative("scale", scale)
-    if not np.isfinite(size).all():
+    if not (size < LARGEST if J.ndim == 2 else np.all(size < LARGEST)):
         raise ValueError(f"J must be of a size whose square is finite, got {np.abs(J).max():.0e}")
     if size.ndim > J.ndim - 2:
         raise ValueError(f"scale must have the leading axes of J, got shape {size.shape}")
-    lead = _check.common_axes(
-        {
-            "J": J.shape[:-2],
-            weight_name: W.shape[:-2],
-            "secondary_weight": W_s.shape[:-2],
-            "active_constraint": C.shape[:-2],
-            "self_motion": Q.shape[:-2],
-            "major_metric": M.shape[:-2],
-            "tie_metric": T.shape[:-2],
-            "scale": size.shape,
-        }
-    )
+    M_axes = 2 if M is None else M.ndim
+    if J.ndim == W.ndim == W_s.ndim == C.ndim == Q.ndim == T.ndim == M_axes == 2:
+        return Problem(J, S_m, S_s, W, W_s, C, Q, M, T, size, tolerance, lead=())
+    batches = {
+        "J": J,
+        weight_name: W,
+        "secondary_weight": W_s,
+        "active_constraint": C,
+        "self_motion": Q,
+        "major_metric": S_m if M is None else M,
+        "tie_metric": T,
+    }
+    lead = _check.common_axes({name: A.shape[:-2] for name, A in batches.items()})
     return Problem(J, S_m, S_s, W, W_s, C, Q, M, T, size, tolerance, lead)
 
 
-def _no_rows(value: ArrayLike | None, columns: int) -> ArrayLike:
-    """What is None counts as a matrix without rows."""
-    return np.zeros((0, columns)) if value is None else value
+def _weight(name: str, value: ArrayLike | None, size: int) -> Array:
+    return none((0, size)) if value is None else _check.weight(name, value, size)
+
+
+def _metric(value: ArrayLike, m1: int, tolerance: float) -> Array:
+    M = _check.weight("major_metric", value, m1)
+    if np.any(ranked_svd(M, frobenius(M), tolerance).rank < m1):
+        raise ValueError(f"major_metric must weigh every major direction, got {value}")
+    return M

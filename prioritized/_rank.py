@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg.blas import dnrm2
+from scipy.linalg.lapack import dgesdd
 
 from prioritized._check import Array, Indices, Mask
 
@@ -63,8 +65,15 @@ class RankedSvd:
         return np.eye(self.Vt.shape[-1]) - V_kept @ self.Vt
 
 
+def norm(A: Array) -> float:
+    """Frobenius norm of one matrix."""
+    return dnrm2(A.ravel()) if A.size else 0.0
+
+
 def frobenius(A: Array) -> Array:
     """Norm for scales, shape (...): a sum, with no second decomposition; never below the 2-norm."""
+    if A.ndim == 2:
+        return np.asarray(norm(A))
     return np.sqrt(np.einsum("...ij,...ij->...", A, A))
 
 
@@ -87,7 +96,11 @@ def ranked_svd(
         tolerance: Fraction of `scale` below which a singular value is zero.
         full: Return square U and V.
     """
-    if A.size or full:
+    if A.ndim == 2 and A.size:  # most of numpy's time for a small matrix is not LAPACK's
+        U, sigma, Vt, failed = dgesdd(A, full_matrices=full)
+        if failed:
+            raise np.linalg.LinAlgError("SVD did not converge")
+    elif A.size or full:
         U, sigma, Vt = np.linalg.svd(A, full_matrices=full)
     else:  # nothing to decompose, and LAPACK is slow at it
         *lead, m, n = A.shape

@@ -1,15 +1,17 @@
 """General constrained multibody systems and their actuator failures: sections 2.1 and 2.3."""
 
-import copy
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from prioritized import _check
+from prioritized._arrays import read_only
 from prioritized._check import Array, Indices
-from prioritized._elimination import reduce_to_active
+from prioritized._elimination import Joints, Task, sort_joints, sort_task
 from prioritized._kinematics import Kinematics
 from prioritized._rank import RANK_TOLERANCE
 
@@ -130,9 +132,34 @@ class ConstrainedSystem:
             free=(self.failures.free | release) - now_locked,
             locked_passive=self.failures.locked_passive | stuck,
         )
-        failed = copy.copy(self)
-        object.__setattr__(failed, "failures", failures)
-        return failed
+        return self._changed(failures=failures)
+
+    def at(self, J_T: ArrayLike | None = None, J_C: ArrayLike | None = None) -> "ConstrainedSystem":
+        """The same mechanism at another pose, failures and all; what is None stays as it is.
+
+        Args:
+            J_T: Task Jacobian there, of the same shape as before.
+            J_C: Constraint Jacobian there; rows may have come or gone.
+
+        Raises:
+            ValueError: Wrong shape or non-finite input, naming the argument.
+        """
+        (m, N), poses = self.J_T.shape, {}
+        if J_T is not None:
+            poses["J_T"] = read_only(_check.batch("J_T", J_T, columns=N, rows=m))
+        if J_C is not None:
+            poses["J_C"] = read_only(_check.matrix("J_C", J_C, columns=N))
+        return self._changed(**poses)
+
+    def _changed(self, **changes: Any) -> "ConstrainedSystem":
+        other = object.__new__(ConstrainedSystem)
+        other.__dict__.update(self.__dict__)
+        if "failures" in changes:
+            other.__dict__.pop("_joints", None)
+        if changes.keys() != {"J_C"}:
+            other.__dict__.pop("_task", None)
+        other.__dict__.update(changes)
+        return other
 
     @property
     def stuck(self) -> Indices:
@@ -154,20 +181,20 @@ class ConstrainedSystem:
         Raises:
             ValueError: A metric of the wrong shape, not finite, or with a negative eigenvalue.
         """
-        n, N = len(self.active), self.J_T.shape[1]
-        locked, free = self.failures.locked, self.failures.free
-        actuators = np.array([k for k in range(n) if k not in locked | free], dtype=np.intp)
-        return reduce_to_active(
-            self.J_T,
-            self.J_C,
-            actuators=actuators,
-            active=self.active[actuators],
-            stuck=self.stuck,
-            actuator_count=n,
-            stiffness=self.stiffness,
-            passive_metric=_metric("passive_metric", passive_metric, N),
-            rank_tolerance=self.rank_tolerance,
+        metric = _metric("passive_metric", passive_metric, self.J_T.shape[1])
+        return Kinematics(
+            self._task, self.J_C, self._joints, self.stiffness, metric, self.rank_tolerance
         )
+
+    @cached_property
+    def _joints(self) -> Joints:
+        n, failed = len(self.active), self.failures.locked | self.failures.free
+        actuators = np.array([k for k in range(n) if k not in failed], dtype=np.intp)
+        return sort_joints(actuators, self.active[actuators], self.stuck, n, self.J_T.shape[1])
+
+    @cached_property
+    def _task(self) -> Task:
+        return sort_task(self.J_T, self._joints)
 
 
 def _metric(name: str, value: ArrayLike | None, size: int) -> Array | None:

@@ -2,6 +2,8 @@
 
 from collections.abc import Sequence
 from enum import Enum
+from functools import lru_cache
+from typing import TypeGuard
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -40,13 +42,33 @@ def task_selection(
 
     Power demands f = S_m^T f_m + S_s^T f_s of the forces.
     """
+    if _are_rows(major) and (secondary is None or _are_rows(secondary)):
+        return _of_rows(tuple(major), None if secondary is None else tuple(secondary), m)
     S_m = _selection("major", major, m)
     if secondary is not None:
         return S_m, _selection("secondary", secondary, m)
     if np.ndim(major) == 2:
         full = ranked_svd(S_m, frobenius(S_m), tolerance, full=True)
         return S_m, full.Vt[int(full.rank) :]
-    return S_m, np.eye(m)[S_m.sum(axis=0) == 0]
+    return S_m, _rest(S_m)
+
+
+def _are_rows(value: Sequence[int] | ArrayLike) -> TypeGuard[Sequence[int]]:
+    """Plain row numbers in a list: the common case, whose matrices are made once."""
+    return isinstance(value, list | tuple) and {int}.issuperset(map(type, value))
+
+
+@lru_cache
+def _of_rows(
+    major: tuple[int, ...], secondary: tuple[int, ...] | None, m: int
+) -> tuple[Array, Array]:
+    S_m = _selection("major", major, m)
+    S_s = _rest(S_m) if secondary is None else _selection("secondary", secondary, m)
+    return _check.frozen(S_m), _check.frozen(S_s)
+
+
+def _rest(S_m: Array) -> Array:
+    return np.eye(S_m.shape[1])[S_m.sum(axis=0) == 0]
 
 
 def _selection(name: str, rows: Sequence[int] | ArrayLike, m: int) -> Array:

@@ -2,40 +2,57 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from prioritized import _check
-from prioritized._arrays import ReadOnly, apply, on_axes, respond, stack
-from prioritized._check import Array, Indices, Mask
-from prioritized._levels import Level, lexicographic, smallest_gap
-from prioritized._problem import checked
-from prioritized._rank import RANK_TOLERANCE, basis_scale, frobenius, ranked_svd
+from prioritized._arrays import apply, on_axes, respond
+from prioritized._check import Array, Indices
+from prioritized._gains import lexicographic_gains
+from prioritized._levels import smallest_gap
+from prioritized._problem import Problem, checked
+from prioritized._rank import RANK_TOLERANCE, RankedSvd, basis_scale, frobenius, ranked_svd
+from prioritized._rates import optimal_rates
+from prioritized._side_by_side import rates_side_by_side
 from prioritized._task import Status
 
 
+class Foundation(Protocol):
+    """What a J comes from, decisions included; see :class:`prioritized.Kinematics`."""
+
+    @property
+    def J(self) -> Array: ...
+    @property
+    def scale(self) -> float: ...
+    @property
+    def active_constraint(self) -> Array: ...
+    @property
+    def task_drift(self) -> Array: ...
+    @property
+    def gap(self) -> float: ...
+
+
 @dataclass(frozen=True, eq=False)
-class VelocityMapping(ReadOnly):
-    """Gains of the optimal active joint rates; made by :func:`velocity_mapping`.
+class VelocityMapping:
+    """The optimal active joint rates; made by :func:`velocity_mapping`.
 
     rates = major @ v_m + joint @ rates_desired + secondary @ v_s_desired
 
+    A call solves for the rates alone, without a singular value decomposition where no rank is in
+    doubt. The gains, and the ranks with their gaps, are worked out when they are first asked for.
+
     Attributes:
-        major: (..., n, m1), `joint`: (..., n, n), `secondary`: (..., n, m2).
-        achieved: (..., m1, m1), major velocity reached per major velocity asked for.
-        rank: Rank of the major task on the admissible rates, shape (...).
-        gap: Factor the rank threshold could move before the rank of any level changed, shape (...).
-        status: The worst of the batch.
+        problem: What was asked for.
+        damping: Of the major task.
+        foundation: Whose decisions J rests on; None for a J as given.
     """
 
-    major: Array
-    joint: Array
-    secondary: Array
-    achieved: Array
-    rank: Indices
-    gap: Array
-    status: Status
+    problem: Problem
+    damping: float
+    foundation: Foundation | None = None
 
     def __call__(
         self,
@@ -44,6 +61,11 @@ class VelocityMapping(ReadOnly):
         secondary_velocity: ArrayLike | None = None,
     ) -> Array:
         """Optimal active joint rates, shape (..., n); what is None counts as zero."""
+        if not self.damping:
+            solve = rates_side_by_side if self.problem.lead else optimal_rates
+            rates = solve(self.problem, v_major, joint_velocity, secondary_velocity)
+            if rates is not None:
+                return rates
         return respond(
             (self.major, self.joint, self.secondary),
             "v_major",
@@ -52,10 +74,87 @@ class VelocityMapping(ReadOnly):
             secondary_velocity=secondary_velocity,
         )
 
+    def at(self, kinematics: Foundation) -> "VelocityMapping":
+        """The same task, weights and metrics at another pose: no more than J is looked at anew.
+
+        Raises:
+            ValueError: Another number of task rows or surviving actuators.
+        """
+        problem = self.problem
+        if kinematics.J.shape != problem.J.shape:
+            raise ValueError(
+                f"kinematics must have a J of shape {problem.J.shape}, got {kinematics.J.shape}"
+            )
+        there = problem._replace(
+            J=kinematics.J,
+            scale=np.asarray(kinematics.scale),
+            active_constraint=kinematics.active_constraint,
+            self_motion=kinematics.task_drift,
+        )
+        return VelocityMapping(there, self.damping, kinematics)
+
     def residual(self, v_major: ArrayLike) -> Array:
         """Part of the major velocity that the rates leave out, shape (..., m1)."""
         wanted = _check.vector("v_major", v_major, self.achieved.shape[-1])
         return wanted - apply(self.achieved, "v_major", wanted)
+
+    @property
+    def major(self) -> Array:
+        """Gain of the major velocity, shape (..., n, m1)."""
+        return self._gains[0]
+
+    @property
+    def joint(self) -> Array:
+        """Gain of the desired rates, shape (..., n, n)."""
+        return self._gains[1]
+
+    @property
+    def secondary(self) -> Array:
+        """Gain of the desired secondary velocity, shape (..., n, m2)."""
+        return self._gains[2]
+
+    @cached_property
+    def achieved(self) -> Array:
+        """Major velocity reached per major velocity asked for, shape (..., m1, m1)."""
+        return _check.frozen(on_axes(self.problem.major_jacobian @ self.major, self.problem.lead))
+
+    @property
+    def rank(self) -> Indices:
+        """Rank of the major task on the admissible rates, shape (...)."""
+        return np.broadcast_to(self._decisions[1].rank, self.problem.lead)
+
+    @cached_property
+    def gap(self) -> Array:
+        """Factor by which the rank threshold could move before the rank of any level changed."""
+        gap = smallest_gap(self._decisions)
+        if self.foundation is not None:
+            gap = np.minimum(gap, self.foundation.gap)
+        return np.broadcast_to(gap, self.problem.lead)
+
+    @property
+    def status(self) -> Status:
+        """The worst of the batch."""
+        S_m, Q, tolerance = self.problem.S_m, self.problem.self_motion, self.problem.tolerance
+        drift = ranked_svd(S_m @ Q, frobenius(S_m) * basis_scale(Q), tolerance)
+        if np.any(drift.rank > 0):
+            return Status.SELF_MOTION
+        if not np.all(self.rank == len(S_m)):
+            return Status.LEAST_SQUARES
+        return Status.DAMPED if self.damping else Status.EXACT
+
+    @property
+    def _gains(self) -> tuple[Array, Array, Array]:
+        return self._solution[0]
+
+    @property
+    def _decisions(self) -> list[RankedSvd]:
+        return self._solution[1]
+
+    @cached_property
+    def _solution(self) -> tuple[tuple[Array, Array, Array], list[RankedSvd]]:
+        X, decisions = lexicographic_gains(self.problem, self.damping)
+        X, m1, n = _check.frozen(X), len(self.problem.S_m), X.shape[-2]
+        return (X[..., :m1], X[..., m1 : m1 + n], X[..., m1 + n :]), decisions
 
 
 def velocity_mapping(
@@ -124,42 +223,4 @@ def velocity_mapping(
         scale=scale,
         rank_tolerance=rank_tolerance,
     )
-    damping = _check.number("damping", damping)
-    J, S_m, C, Q = args.J, args.S_m, args.active_constraint, args.self_motion
-    W1, W2, M, T = args.weight, args.secondary_weight, args.major_metric, args.tie_metric
-    n, m1, m2 = J.shape[-1], len(S_m), len(args.S_s)
-
-    # What the levels aim at, as gains of p = [v_m; rates_d; v_sd].
-    I_m, I_joint, I_s = np.split(np.eye(m1 + n + m2), [m1, m1 + n])
-    zero = np.zeros((1, m1 + n + m2))
-    J_m, W2_S = S_m @ J, W2 @ args.S_s
-    levels = [
-        Level(C, zero, frobenius(C)),
-        Level(M @ J_m, M @ I_m, frobenius(M @ S_m) * args.scale, damping),
-        Level(
-            stack(W1, W2_S @ J),
-            stack(W1 @ I_joint, W2 @ I_s),
-            np.hypot(frobenius(W1), frobenius(W2_S) * args.scale),
-        ),
-        Level(T, zero, frobenius(T)),
-    ]
-    X, decisions = lexicographic(levels, args.tolerance)
-    X, reach = on_axes(X, args.lead), decisions[1]
-    drift = ranked_svd(S_m @ Q, frobenius(S_m) * basis_scale(Q), args.tolerance)
-    return VelocityMapping(
-        major=X[..., :m1],
-        joint=X[..., m1 : m1 + n],
-        secondary=X[..., m1 + n :],
-        achieved=on_axes(J_m @ X[..., :m1], args.lead),
-        rank=np.broadcast_to(reach.rank, args.lead),
-        gap=np.broadcast_to(smallest_gap(decisions), args.lead),
-        status=_status(drifts=drift.rank > 0, reached=reach.rank == m1, damped=damping > 0),
-    )
-
-
-def _status(*, drifts: Mask, reached: Mask, damped: bool) -> Status:
-    if np.any(drifts):
-        return Status.SELF_MOTION
-    if not np.all(reached):
-        return Status.LEAST_SQUARES
-    return Status.DAMPED if damped else Status.EXACT
+    return VelocityMapping(args, _check.number("damping", damping))

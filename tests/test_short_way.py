@@ -1,0 +1,186 @@
+"""Rates without gains, inverses without an SVD: the short way is taken only where it is safe."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from prioritized import RANK_TOLERANCE, ConstrainedSystem, Status, velocity_mapping
+from prioritized._equality import certain_inverse, equality_constrained_batch
+from prioritized._rates import optimal_rates
+from tests.random_systems import (
+    SEEDS,
+    of_rank,
+    orthogonal,
+    rows_of,
+    systems,
+    weights,
+)
+
+
+def by_gains(mapping, v_m, rates_d, v_sd):
+    gains = (mapping.major, v_m), (mapping.joint, rates_d), (mapping.secondary, v_sd)
+    return sum(np.einsum("...ij,...j->...i", gain, wish) for gain, wish in gains)
+
+
+@given(st.data(), systems())
+def test_rates_are_what_the_gains_say_whatever_the_ranks(data, drawn):
+    """Dgglse where all is certain, singular value decompositions elsewhere: one answer."""
+    kin, rng = drawn.system.kinematics(), drawn.rng
+    m, n = kin.J.shape
+    major = rows_of(data, m)
+    m1, m2 = len(major), m - len(major)
+    W1, W2 = data.draw(weights(n, rng)), data.draw(weights(m2, rng))
+    mapping = kin.velocity_mapping(major, None, W1, W2)
+    aims = rng.normal(size=m1), rng.normal(size=n), rng.normal(size=m2)
+    np.testing.assert_allclose(mapping(*aims), by_gains(mapping, *aims), atol=1e-7)
+    zeros = aims[0], np.zeros(n), np.zeros(m2)
+    np.testing.assert_allclose(mapping(aims[0]), by_gains(mapping, *zeros), atol=1e-7)
+
+
+@given(SEEDS, st.integers(1, 4), st.integers(0, 3), st.integers(1, 40), st.data())
+def test_many_at_once_are_each_what_it_is_alone(seed, m1, extra, count, data):
+    """Some of them singular, some with weights that decide nothing: each in its own way."""
+    rng = np.random.default_rng(seed)
+    m, n = m1 + 2, m1 + extra
+    J = rng.normal(size=(count, m, n))
+    J[rng.random(count) < 0.2, 0] = 0.0  # out of reach
+    own = data.draw(st.booleans())
+    W1 = rng.normal(size=(count, n, n) if own else (n, n))
+    W1[..., data.draw(st.integers(0, n)) :, :] = 0.0
+    W2 = rng.normal(size=(count, 2, 2)) if data.draw(st.booleans()) else np.ones(2)
+    aims = rng.normal(size=(count, m1)), rng.normal(size=(count, n)), rng.normal(size=2)
+    rates = velocity_mapping(J, list(range(m1)), None, W1, W2)(*aims)
+    for k in range(count):
+        weight = W1[k] if own else W1
+        secondary = W2[k] if W2.ndim == 3 else W2
+        alone = velocity_mapping(J[k], list(range(m1)), None, weight, secondary)
+        size = 1e-9 * max(1.0, float(np.abs(rates[k]).max()))
+        np.testing.assert_allclose(
+            rates[k], alone(aims[0][k], aims[1][k], aims[2]), atol=size, rtol=1e-6
+        )
+
+
+@given(SEEDS, st.floats(4, 16), st.floats(-3, 3), st.booleans())
+def test_near_a_singularity_the_short_way_never_claims_more_than_the_threshold(
+    seed, nearness, unit, in_weights
+):
+    """The major task or the weights lose a direction bit by bit; beyond it, the SVD decides."""
+    rng = np.random.default_rng(seed)
+    small, size = 10.0**-nearness, 10.0**unit
+    near = size * orthogonal(rng, 3) @ np.diag([1.0, 1.0, small]) @ orthogonal(rng, 3)
+    well = size * of_rank(rng, 3, 3, 3)
+    J = np.vstack([well[:1] if in_weights else near[:1], well[1:]])
+    if not in_weights:  # two major rows, nearly one
+        J[1] = J[0] + small * well[1]
+    major = [0] if in_weights else [0, 1]
+    W1 = near if in_weights else np.eye(3)
+    mapping = velocity_mapping(J, major, joint_weight=W1)
+    v_m = rng.normal(size=len(major)) * size
+    quick = optimal_rates(mapping.problem, v_m, None, None)
+    if quick is not None:
+        assert mapping.rank == len(major)
+        assert float(mapping.gap) > 1.0
+        np.testing.assert_allclose(J[major] @ quick, v_m, rtol=1e-6, atol=1e-6 * size)
+    else:
+        assert small < 1e3 * RANK_TOLERANCE
+    # The same, whichever way: the batch asks the same question of other triangles.
+    pair = velocity_mapping(np.stack([J, J]), major, joint_weight=W1)(v_m)
+    scale = float(np.abs(pair).max())
+    close = 1e-13 / small if small > 2 * RANK_TOLERANCE else 1e-3
+    np.testing.assert_allclose(pair[0], mapping(v_m), atol=close * scale + 1e-12)
+
+
+@given(SEEDS, st.floats(0, 18))
+def test_an_inverse_is_certain_only_if_no_singular_value_is_below(seed, nearness):
+    rng = np.random.default_rng(seed)
+    sigma = np.array([1.0, 0.7, 10.0**-nearness])
+    A = orthogonal(rng, 3) * sigma @ orthogonal(rng, 3)
+    inverse = certain_inverse(A, 1e-8)
+    if inverse is not None:
+        assert sigma.min() > 0.99e-8
+        np.testing.assert_allclose(inverse @ A, np.eye(3), atol=1e-6)
+    else:
+        assert sigma.min() < 3e-8  # at worst sqrt(3) is lost between the norms
+
+
+@given(SEEDS, st.integers(1, 4), st.integers(0, 4), st.integers(0, 3))
+def test_reflections_side_by_side_solve_the_constrained_least_squares(seed, p, free, more):
+    """Equations met, and no slope left along what they leave free."""
+    rng = np.random.default_rng(seed)
+    n, k, count = p + free, free + more, 5
+    A, G = rng.normal(size=(p, n, count)), rng.normal(size=(k, n, count))
+    b, c = rng.normal(size=(p, count)), rng.normal(size=(k, count))
+    x, doubtless = equality_constrained_batch(
+        A.copy(), b.copy(), G.copy(), c.copy(), np.full(count, 1e-6), np.full(count, 1e-6)
+    )
+    for i in np.flatnonzero(doubtless):
+        np.testing.assert_allclose(A[..., i] @ x[:, i], b[:, i], atol=1e-6)
+        Z = np.linalg.svd(A[..., i])[2][p:].T
+        slope = Z.T @ G[..., i].T @ (G[..., i] @ x[:, i] - c[:, i])
+        np.testing.assert_allclose(slope, 0.0, atol=1e-5 * max(1.0, np.abs(x[:, i]).max()))
+
+
+J = np.random.default_rng(3).normal(size=(4, 5))
+BAD: dict[str, dict[str, Any]] = {
+    "v_major": {"v_major": np.array([np.nan, 0.0])},
+    "joint_velocity": {"v_major": np.ones(2), "joint_velocity": np.full(5, np.inf)},
+    "secondary_velocity": {"v_major": np.ones(2), "secondary_velocity": np.array([np.nan, 1.0])},
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+@pytest.mark.parametrize("batch", [False, True])
+def test_a_wish_that_is_not_finite_is_refused_by_name_on_the_short_way_too(name, batch):
+    many = np.stack([J, J]) if batch else J
+    mapping = velocity_mapping(many, [0, 1], None, np.ones(5), np.ones(2))
+    with pytest.raises(ValueError, match=f"{name} must be finite"):
+        mapping(**BAD[name])
+    with pytest.raises(ValueError, match=r"v_major must have shape \(\.\.\., 2\), got \(3,\)"):
+        mapping(np.ones(3))
+
+
+def test_lists_and_integers_are_as_good_as_arrays():
+    mapping = velocity_mapping(J, [0, 1], None, np.ones(5), [1, 2])
+    np.testing.assert_array_equal(mapping([1, 2], [0] * 5), mapping(np.array([1.0, 2.0])))
+
+
+def test_a_mapping_keeps_its_own_copy_of_what_it_was_given():
+    given_J, W1 = J.copy(), np.eye(5)
+    mapping = velocity_mapping(given_J, [0, 1], joint_weight=W1)
+    before = mapping(np.ones(2))
+    given_J *= 2.0
+    W1[0, 0] = 100.0
+    np.testing.assert_array_equal(mapping(np.ones(2)), before)
+    np.testing.assert_allclose(mapping.major @ np.ones(2), before, atol=1e-12)
+
+
+@given(systems(), SEEDS)
+def test_a_mechanism_at_another_pose_is_as_if_made_there(drawn, seed):
+    system = drawn.system.with_failures(locked=[0])
+    rng = np.random.default_rng(seed)
+    J_T = system.J_T + 0.1 * rng.normal(size=system.J_T.shape)
+    assert system.kinematics().J.shape[1] == len(system.active) - 1
+    for moved, J_C in (
+        (system.at(J_T), system.J_C),
+        (system.at(J_T, 2 * system.J_C), 2 * system.J_C),
+    ):
+        made = ConstrainedSystem(J_T, J_C, system.active).with_failures(locked=[0])
+        assert moved.failures == made.failures
+        np.testing.assert_array_equal(moved.kinematics().J, made.kinematics().J)
+        np.testing.assert_array_equal(moved.kinematics().gap, made.kinematics().gap)
+        freed = moved.with_failures(free=[len(system.active) - 1])
+        assert freed.kinematics().J.shape[1] == max(0, len(system.active) - 2)
+    with pytest.raises(ValueError, match="J_T must have"):
+        system.at(np.zeros((len(J_T) + 1, J_T.shape[1])))
+
+
+def test_what_is_certain_agrees_with_the_status():
+    mapping = velocity_mapping(J, [0, 1], joint_weight=np.ones(5))
+    assert optimal_rates(mapping.problem, np.ones(2), None, None) is not None
+    assert mapping.status is Status.EXACT
+    twice = velocity_mapping(np.vstack([J[:1], J[:1]]), [0, 1], joint_weight=np.ones(5))
+    assert optimal_rates(twice.problem, np.ones(2), None, None) is None
+    assert twice.status is Status.LEAST_SQUARES
