@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from experiments.compensator import Loop
 from experiments.mapping import NOTHING_YET, Asked, StrutMapping
@@ -61,6 +62,10 @@ class ControllerState:
     handover: Handover = NOTHING_OWED
 
 
+_NO_REST = np.zeros(6)
+_PARTS = ("A", "B"), ("C", "D")
+
+
 class Controller:
     """Sensors in, strut inputs out; it never sees the plant.
 
@@ -85,14 +90,18 @@ class Controller:
         for strut, left in mapping.goal.strength.items():
             self._strength[strut] = left
         self.period_s = loops[0].period_s
-        self._A = np.stack([loop.A for loop in loops])
-        self._B = np.stack([loop.B[:, 0] for loop in loops])
-        self._C = np.stack([loop.C[0] for loop in loops])
-        self._D = np.array([loop.D[0, 0] for loop in loops])
+        # Both loops at once: [next states; pointing] = M [states; errors].
+        self._orders = len(loops), len(loops[0].A)
+        self._M = np.block(
+            [
+                [block_diag(*(getattr(loop, part) for loop in loops)) for part in row]
+                for row in _PARTS
+            ]
+        )
 
     def start(self) -> ControllerState:
         """At rest at the nominal pose."""
-        return ControllerState(np.zeros_like(self._B), np.zeros(6), NOMINAL, NOTHING_YET)
+        return ControllerState(np.zeros(self._orders), np.zeros(6), NOMINAL, NOTHING_YET)
 
     def step(
         self,
@@ -113,18 +122,21 @@ class Controller:
         pose = self.mapping.estimate(sent_m, state.pose)
 
         error = desired_rad - sensed.pointing_rad
-        pointing = np.einsum("ij,ij->i", self._C, state.compensator) + self._D * error
-        compensator = np.einsum("ijk,ik->ij", self._A, state.compensator) + self._B * error[:, None]
+        after = self._M.dot(np.concatenate([state.compensator.ravel(), error]))
+        compensator, pointing = after[:-2].reshape(self._orders), after[-2:]
         owed = state.handover
-        pointing = pointing + owed.pointing_rad
-        rest_m = self._faded(owed) + (0.0 if rest_m is None else rest_m)
+        if owed is not NOTHING_OWED:
+            pointing = pointing + owed.pointing_rad
+            faded_m = self._faded(owed)
+            rest_m = faded_m if rest_m is None else faded_m + rest_m
+            owed = replace(owed, age_s=owed.age_s + self.period_s)
         wanted_m = self.mapping.displacements(pointing, pose, sent_m, state.asked, rest_m)
         return ControllerState(
             compensator,
             self.amplifier.input_percent(wanted_m / self._strength),
             pose,
-            Asked(pointing, wanted_m, rest_m),
-            replace(owed, age_s=owed.age_s + self.period_s),
+            Asked(pointing, wanted_m, _NO_REST if rest_m is None else rest_m),
+            owed,
         )
 
     def take_over(self, state: ControllerState, falling_m: Array | None = None) -> ControllerState:

@@ -4,16 +4,16 @@ Displacements are absolute, from the nominal pose: eq. (41) taken whole. Its inc
 when J is re-evaluated; docs/jacobian.md compares the forms.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, Protocol
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from experiments.choices import JacobianChoice
 from experiments.goal import MAJOR, SECONDARY, Goal
-from prioritized import ConstrainedSystem, VelocityMapping
-from sim import NOMINAL, Array, Hexapod, Pose, pointing_angles, secondary_motion
+from prioritized import ConstrainedSystem, Status
+from sim import NOMINAL, Array, Hexapod, Pose, Posture, pointing_angles, secondary_motion
 
 DisplacementForm = Literal["absolute", "incremental", "relinearized"]
 """How eq. (41) becomes a displacement: from the nominal pose; from what was asked for a tick
@@ -39,6 +39,29 @@ class Asked:
 NOTHING_YET = Asked(np.zeros(2), np.zeros(6), np.zeros(6))
 
 
+class Mapping(Protocol):
+    """What makes rates of a pointing velocity; see :class:`prioritized.VelocityMapping`."""
+
+    @property
+    def major(self) -> Array:
+        """Gain of the pointing velocity."""
+        ...
+
+    @property
+    def status(self) -> Status:
+        """What it can promise about the pointing."""
+        ...
+
+    def __call__(
+        self,
+        v_major: ArrayLike,
+        joint_velocity: ArrayLike | None = None,
+        secondary_velocity: ArrayLike | None = None,
+    ) -> Array:
+        """Optimal rates; what is None counts as zero."""
+        ...
+
+
 @dataclass(frozen=True)
 class Reconfigured:
     """The mapping at one pose, section 2.3.
@@ -49,7 +72,7 @@ class Reconfigured:
         J: Twist per surviving strut rate, eq. (14), shape (6, n').
     """
 
-    mapping: VelocityMapping
+    mapping: Mapping
     expand: Array
     J: Array
 
@@ -90,15 +113,23 @@ class StrutMapping:
             raise ValueError(
                 "stiffness must be given for a goal with free or loose struts, got None"
             )
-        self._stiffness = None if stiffness is None else stiffness.copy()
-        if self._stiffness is not None:
-            self._stiffness[list(goal.loose), list(goal.loose)] = 0.0
-        self._A_0 = geometry.inverse_jacobian(NOMINAL)
-        self._at_nominal = self.at(self._A_0)
-        self._locked_m = np.zeros(len(self._A_0))
+        if stiffness is not None:
+            stiffness = stiffness.copy()
+            stiffness[list(goal.loose), list(goal.loose)] = 0.0
+        self._nominal = geometry.posture(NOMINAL)
+        released = _parallel(self._nominal, stiffness).with_failures(free=[*goal.free, *goal.loose])
+        self._failed = released.with_failures(locked=list(goal.locked_m))
+        survivors = self._failed.kinematics().actuators
+        self._expand = np.eye(len(self._failed.active))[:, survivors]
+        self._prepared = self._failed.kinematics().velocity_mapping(
+            MAJOR, SECONDARY, goal.joint_weight, goal.secondary_weight
+        )
+        self._at_nominal = self.at(self._nominal.inverse_jacobian)
+        self._locked_m = np.zeros(len(self._failed.active))
         for strut, displacement in goal.locked_m.items():
             self._locked_m[strut] = displacement
-        self._follow = self._free_struts_follow()
+        self._is_off_centre = bool(self._locked_m.any())
+        self._follow = _free_struts_follow(released)
 
     def pointing_gain(self) -> Array:
         """Strut displacements per commanded (alpha, beta) at the nominal pose, shape (6, 2)."""
@@ -125,9 +156,11 @@ class StrutMapping:
         Raises:
             ValueError: What the form goes on from is missing.
         """
-        A, now = self._present(pose)
-        joint = np.zeros(now.J.shape[1]) if rest_m is None else now.expand.T @ rest_m
-        secondary = now.J[SECONDARY] @ joint
+        posture, now = self._present(pose)
+        if self.form == "absolute" and rest_m is None and not self._is_off_centre:
+            return now.expand.dot(now.mapping(pointing_rad))
+        joint = np.zeros(now.J.shape[1]) if rest_m is None else now.expand.T.dot(rest_m)
+        secondary = now.J[SECONDARY].dot(joint)
         if self.form == "incremental":
             if last is None:
                 raise ValueError("last must be given in incremental form, got None")
@@ -148,18 +181,16 @@ class StrutMapping:
                 secondary - gamma_and_t[[1, 2, 3, 0]],
             )
             return sent_m + now.expand @ change
-        if not self._locked_m.any():
-            return now.expand @ now.mapping(pointing_rad, joint, secondary)
         # A strut stuck off centre has already moved the payload by J[:, k] l_k.
-        offset = np.linalg.solve(A, self._follow @ self._locked_m)
-        return now.expand @ now.mapping(
-            pointing_rad - offset[MAJOR], joint, secondary - offset[SECONDARY]
+        offset = posture.twist(self._follow.dot(self._locked_m))
+        return now.expand.dot(
+            now.mapping(pointing_rad - offset[MAJOR], joint, secondary - offset[SECONDARY])
         )
 
     def pointing(self, displacements_m: Array, pose: Pose) -> Array:
         """(alpha, beta) of displacements (6,) of all struts, sound or not, about the pose."""
-        A = self._A_0 if self.jacobian == "constant" else self.geometry.inverse_jacobian(pose)
-        return np.linalg.solve(A, displacements_m)[MAJOR]
+        posture = self._nominal if self.jacobian == "constant" else self.geometry.posture(pose)
+        return posture.twist(displacements_m)[MAJOR]
 
     def split(self, displacements_m: Array, pose: Pose) -> tuple[Array, Array]:
         """What displacements (6,) of the surviving struts do to pointing, and what is left of them.
@@ -172,54 +203,54 @@ class StrutMapping:
         pointing_rad = now.J[MAJOR] @ surviving
         return pointing_rad, now.expand @ (surviving - now.mapping(pointing_rad))
 
-    def _present(self, pose: Pose) -> tuple[Array, Reconfigured]:
-        """A in l_dot = A x_dot, and the mapping there: at the pose, or at the nominal one."""
+    def _present(self, pose: Pose) -> tuple[Posture, Reconfigured]:
+        """The struts, and the mapping: at the pose, or at the nominal one."""
         if self.jacobian == "constant":
-            return self._A_0, self._at_nominal
-        A = self.geometry.inverse_jacobian(pose)
-        return A, self.at(A)
+            return self._nominal, self._at_nominal
+        posture = self.geometry.posture(pose)
+        return posture, self.at(posture.inverse_jacobian)
 
     def estimate(self, displacements_m: Array, pose: Pose) -> Pose:
         """Pose that the commanded strut displacements lead to, from the pose one tick before.
 
         One Newton step on the strut lengths; a tick moves so little that it lands within round-off.
         There is no other sensor for gamma, t_x, t_y, t_z; alpha and beta come from the same
-        commands, so that the estimate carries no detector noise.
+        commands, so that the estimate carries no detector noise. With the present Jacobian the
+        pose comes with its struts, which the mapping and the next estimate need.
         """
-        lengths = self._follow @ (displacements_m + self._locked_m)
+        lengths = self._follow.dot(displacements_m + self._locked_m)
         if self.jacobian == "constant":
-            return NOMINAL.moved(np.linalg.solve(self._A_0, lengths))
-        A = self.geometry.inverse_jacobian(pose)
-        return pose.moved(np.linalg.solve(A, lengths - self.geometry.displacements(pose)))
+            return NOMINAL.moved(self._nominal.twist(lengths))
+        posture = self.geometry.posture(pose)
+        moved = pose.moved(posture.twist(lengths - posture.displacement_m))
+        return self.geometry.posture(moved)
 
     def at(self, A: Array) -> Reconfigured:
         """The mapping where l_dot = A x_dot."""
-        kinematics = self._system(A, locked=list(self.goal.locked_m)).kinematics()
-        mapping = kinematics.velocity_mapping(
-            major=MAJOR,
-            secondary=SECONDARY,
-            joint_weight=self.goal.joint_weight,
-            secondary_weight=self.goal.secondary_weight,
-        )
-        return Reconfigured(mapping, np.eye(len(A))[:, kinematics.actuators], kinematics.J)
+        J_C = self._failed.J_C.copy()
+        J_C[:, len(A) :] = -A
+        kinematics = self._failed.at(J_C=J_C).kinematics()
+        return Reconfigured(self._prepared.at(kinematics), self._expand, kinematics.J)
 
-    def _system(self, A: Array, locked: Sequence[int] = ()) -> ConstrainedSystem:
-        """Struts and payload with the free struts released: theta_dot = [l_dot; x_dot]."""
-        n = len(A)
-        sound = ConstrainedSystem(
-            J_T=np.hstack([np.zeros((6, n)), np.eye(6)]),
-            J_C=np.hstack([np.eye(n), -A]),
-            active=np.arange(n),
-            stiffness=self._stiffness,
-        )
-        return sound.with_failures(locked, free=[*self.goal.free, *self.goal.loose])
 
-    def _free_struts_follow(self) -> Array:
-        """Displacements of all struts per displacement of those that are held, shape (6, 6)."""
-        kinematics = self._system(self._A_0).kinematics()
-        follow = np.zeros((6, 6))
-        follow[kinematics.actuators, kinematics.actuators] = 1.0
-        is_strut = kinematics.passive < 6
-        free = kinematics.passive[is_strut]
-        follow[np.ix_(free, kinematics.actuators)] = kinematics.passive_gain[is_strut]
-        return follow
+def _parallel(posture: Posture, stiffness: Array | None) -> ConstrainedSystem:
+    """Struts and payload, theta_dot = [l_dot; x_dot]: l_dot = A x_dot."""
+    A = posture.inverse_jacobian
+    n = len(A)
+    return ConstrainedSystem(
+        J_T=np.hstack([np.zeros((6, n)), np.eye(6)]),
+        J_C=np.hstack([np.eye(n), -A]),
+        active=np.arange(n),
+        stiffness=stiffness,
+    )
+
+
+def _free_struts_follow(released: ConstrainedSystem) -> Array:
+    """Displacements of all struts per displacement of those that are held, shape (6, 6)."""
+    kinematics = released.kinematics()
+    follow = np.zeros((6, 6))
+    follow[kinematics.actuators, kinematics.actuators] = 1.0
+    is_strut = kinematics.passive < 6
+    free = kinematics.passive[is_strut]
+    follow[np.ix_(free, kinematics.actuators)] = kinematics.passive_gain[is_strut]
+    return follow

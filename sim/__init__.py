@@ -19,6 +19,7 @@ from sim.forward import forward_kinematics as forward_kinematics
 from sim.hexapod import NOMINAL as NOMINAL
 from sim.hexapod import Hexapod as Hexapod
 from sim.hexapod import Pose as Pose
+from sim.hexapod import Posture as Posture
 from sim.hexapod import hexapod as hexapod
 from sim.jacobian import Jacobians as Jacobians
 from sim.jacobian import jacobians as jacobians

@@ -28,14 +28,14 @@ class Amplifier:
     def input_percent(self, displacement_m: Array) -> Array:
         """Normalized input 100 * DAC input / largest DAC input; quantized, clipped at +-100 %."""
         half = 2 ** (self.bits - 1)
-        wanted_a = displacement_m * (self.newton_per_m / self.newton_per_a)
-        code = np.rint(wanted_a / self.full_input_a * half)
-        return np.clip(code, -half, half - 1) * (100.0 / half)
+        full_input_m = self.full_input_a * self.newton_per_a / self.newton_per_m
+        code = np.rint(displacement_m * (half / full_input_m))
+        return code.clip(-half, half - 1) * (100.0 / half)
 
     def current_a(self, input_percent: Array) -> Array:
         """Coil current; the amplifier saturates."""
         asked_a = input_percent * (self.full_input_a / 100.0)
-        return np.clip(asked_a, -self.limit_a, self.limit_a)
+        return asked_a.clip(-self.limit_a, self.limit_a)
 
     def displacement_m(self, input_percent: Array) -> Array:
         """Strut displacement at which the suspension balances the coil."""

@@ -51,8 +51,11 @@ class Detector:
             rng: Source of the noise; two normal numbers are drawn.
         """
         # The beam, along z_b, in payload axes is the third row.
-        x, y, z = rotation[2]
-        spot = self.focal_length_m * np.array([x, y]) / z
-        spot = spot + self.noise_m * rng.standard_normal(2)
-        spot = np.clip(spot, -self.half_width_m, self.half_width_m)
-        return np.array([spot[1], -spot[0]]) / self.focal_length_m
+        x, y, z = rotation[2].tolist()
+        x_noise, y_noise = rng.standard_normal(2).tolist()
+        x_spot = self._seen(self.focal_length_m * x / z + self.noise_m * x_noise)
+        y_spot = self._seen(self.focal_length_m * y / z + self.noise_m * y_noise)
+        return np.array([y_spot / self.focal_length_m, -x_spot / self.focal_length_m])
+
+    def _seen(self, spot_m: float) -> float:
+        return min(max(spot_m, -self.half_width_m), self.half_width_m)

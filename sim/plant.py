@@ -1,9 +1,11 @@
 """The machine: MuJoCo physics, struts that can lock or go limp, and the truth about the payload."""
 
 import copy
+from math import isfinite
 
 import mujoco
 import numpy as np
+from scipy.linalg.blas import dnrm2, idamax
 from scipy.spatial.transform import Rotation
 
 from sim.array import Array
@@ -19,6 +21,8 @@ _NOT_FINITE = (
     mujoco.mjtWarning.mjWARN_BADQVEL,
     mujoco.mjtWarning.mjWARN_BADQACC,
 )
+
+_STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 
 
 class Plant:
@@ -41,10 +45,13 @@ class Plant:
         self.data = mujoco.MjData(self.model)
         actuated_velocities(self.model)  # refuses what is not one actuator on one joint
         self._strut_qpos = self.model.jnt_qposadr[self.model.actuator_trnid[:, 0]]
+        self._strut_qpos0 = self.model.qpos0[self._strut_qpos]
         self._locks = [_lock_of(self.model, k) for k in range(model.nu)]
         self._base = element_id(self.model, "site", "base")
         self._payload = element_id(self.model, "site", "payload")
-        self._is_loop = np.isin(self.model.eq_type, _LOOPS)
+        self._is_loop = np.isin(self.model.eq_type, _LOOPS).astype(float)
+        self._warnings = [self.data.warning[kind] for kind in _NOT_FINITE]
+        self._last = self.integration_state()
         mujoco.mj_forward(self.model, self.data)
         self._origin = self.data.site_xpos[self._payload].copy()
         self._gravity = self.model.opt.gravity.copy()
@@ -57,19 +64,20 @@ class Plant:
             ModelError: The period is not a whole number of physics steps.
             SimulationDiverged: The state is no longer finite.
         """
-        steps = round(period_s / self.model.opt.timestep)
-        if steps < 1 or abs(steps * self.model.opt.timestep - period_s) > 1e-12:
+        timestep_s = self.model.opt.timestep
+        steps = round(period_s / timestep_s)
+        if steps < 1 or abs(steps * timestep_s - period_s) > 1e-12:
             raise ModelError(
-                f"the model's physics step of {self.model.opt.timestep} s does not divide "
+                f"the model's physics step of {timestep_s} s does not divide "
                 f"the period of {period_s} s"
             )
-        if np.shape(command_m) != (self.model.nu,) or not np.isfinite(command_m).all():
+        if np.shape(command_m) != self._strut_qpos0.shape or not isfinite(dnrm2(command_m)):
             raise ValueError(f"command_m must be {self.model.nu} finite numbers, got {command_m}")
-        last = self.integration_state()
+        mujoco.mj_getState(self.model, self.data, self._last, _STATE)
         self.data.ctrl[:] = command_m
         mujoco.mj_step(self.model, self.data, steps)
         if not self._is_finite():
-            raise SimulationDiverged(self.data.time, last)
+            raise SimulationDiverged(self.data.time, self._last.copy())
         mujoco.mj_kinematics(self.model, self.data)
 
     def settle(self, seconds: float, command_m: Array | None = None) -> None:
@@ -84,7 +92,7 @@ class Plant:
         """Position failure: strut 0..nu-1 stays where it is, from now on."""
         self._check_strut(strut)
         lock, qpos = self._locks[strut], self._strut_qpos[strut]
-        self.model.eq_data[lock, 0] = self.data.qpos[qpos] - self.model.qpos0[qpos]
+        self.model.eq_data[lock, 0] = self.data.qpos[qpos] - self._strut_qpos0[strut]
         self.data.eq_active[lock] = True
 
     def release(self, strut: int) -> None:
@@ -151,13 +159,13 @@ class Plant:
     def pose(self) -> Pose:
         """Payload in base axes, relative to the nominal pose."""
         to_base = self.data.site_xmat[self._base].reshape(3, 3).T
-        rotation = to_base @ self.data.site_xmat[self._payload].reshape(3, 3)
+        rotation = to_base.dot(self.data.site_xmat[self._payload].reshape(3, 3))
         shift = self.data.site_xpos[self._payload] - self._origin
-        return Pose(rotation, to_base @ shift)
+        return Pose(rotation, to_base.dot(shift))
 
     def strut_displacement_m(self) -> Array:
         """Extension of each strut from its nominal length, shape (nu,)."""
-        return self.data.qpos[self._strut_qpos] - self.model.qpos0[self._strut_qpos]
+        return self.data.qpos.take(self._strut_qpos) - self._strut_qpos0
 
     def constraint_force(self) -> Array:
         """What closures, locks and stops do to each velocity, shape (nv,), [N] and [N m]."""
@@ -169,15 +177,14 @@ class Plant:
 
     def closure_residual_m(self) -> float:
         """Largest gap of a closed loop at the last physics step; a weld's angles count as m/rad."""
-        rows = self.data.efc_type == int(mujoco.mjtConstraint.mjCNSTR_EQUALITY)
-        rows &= self._is_loop[np.where(rows, self.data.efc_id, 0)]
-        return float(np.abs(self.data.efc_pos[rows]).max(initial=0.0))
+        rows = self.data.ne  # equalities come first
+        gaps = self.data.efc_pos[:rows] * self._is_loop.take(self.data.efc_id[:rows])
+        return abs(float(gaps[idamax(gaps)])) if rows else 0.0
 
     def integration_state(self) -> Array:
         """All that MuJoCo needs to go on from here (mjSTATE_INTEGRATION)."""
-        what = mujoco.mjtState.mjSTATE_INTEGRATION
-        state = np.empty(mujoco.mj_stateSize(self.model, what))
-        mujoco.mj_getState(self.model, self.data, state, what)
+        state = np.empty(mujoco.mj_stateSize(self.model, _STATE))
+        mujoco.mj_getState(self.model, self.data, state, _STATE)
         return state
 
     def _check_strut(self, strut: int) -> None:
@@ -185,8 +192,8 @@ class Plant:
             raise ValueError(f"strut must lie in 0..{self.model.nu - 1}, got {strut}")
 
     def _is_finite(self) -> bool:
-        warned = any(self.data.warning[kind].number for kind in _NOT_FINITE)
-        return not warned and bool(np.isfinite(self.data.qpos).all())
+        a, b, c = self._warnings
+        return not (a.number or b.number or c.number) and isfinite(dnrm2(self.data.qpos))
 
 
 def _lock_of(model: mujoco.MjModel, actuator: int) -> int:

@@ -9,7 +9,8 @@ from scipy.spatial.transform import Rotation
 
 from experiments.goals.demonstration import Outcome, smooth_step
 from experiments.goals.pseudo_inverse import weighted_pseudo_inverse
-from prioritized import ConstrainedSystem, Kinematics, VelocityMapping
+from experiments.mapping import Mapping
+from prioritized import ConstrainedSystem, Kinematics
 from sim import HEXAPOD_MJCF, Array, Failure, failed_plant, jacobians, load_model
 
 ARM_MJCF = HEXAPOD_MJCF.with_name("arm.xml")
@@ -121,7 +122,7 @@ def sweep(
     return _outcome(time_s, ticks)
 
 
-def _mapping(kin: Kinematics, major_weight: float | None) -> VelocityMapping:
+def _mapping(kin: Kinematics, major_weight: float | None) -> Mapping:
     W1 = np.ones(len(kin.actuators))
     if major_weight is None:
         return kin.velocity_mapping(POINTING, joint_weight=W1)

@@ -1,7 +1,7 @@
 """The conventional approach: a weighted pseudo-inverse over all rows, no task before another."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,6 +13,39 @@ from prioritized import Status, VelocityMapping, velocity_mapping
 from sim import Array, Hexapod
 
 
+@dataclass(frozen=True)
+class WeightedPseudoInverse:
+    """Rates that compromise between all tasks; made by :func:`weighted_pseudo_inverse`.
+
+    Attributes:
+        equals: The mapping with nothing major; its secondary task is [v_s; v_m].
+        secondary_count: Rows of v_s.
+    """
+
+    equals: VelocityMapping
+    secondary_count: int
+
+    @property
+    def major(self) -> Array:
+        """Gain of the major velocity, shape (n, m1)."""
+        return self.equals.secondary[:, self.secondary_count :]
+
+    @property
+    def status(self) -> Status:
+        """Never exact: the major task is one wish among others."""
+        return Status.DAMPED
+
+    def __call__(
+        self,
+        v_major: ArrayLike,
+        joint_velocity: ArrayLike | None = None,
+        secondary_velocity: ArrayLike | None = None,
+    ) -> Array:
+        """Active joint rates, shape (n,); what is None counts as zero."""
+        v_s = np.zeros(self.secondary_count) if secondary_velocity is None else secondary_velocity
+        return self.equals([], joint_velocity, np.concatenate([v_s, v_major]))
+
+
 def weighted_pseudo_inverse(
     J: Array,
     major: Sequence[int],
@@ -20,7 +53,7 @@ def weighted_pseudo_inverse(
     major_weight: float,
     joint_weight: ArrayLike | None = None,
     secondary_weight: ArrayLike | None = None,
-) -> VelocityMapping:
+) -> WeightedPseudoInverse:
     """Minimize |w (v_m - v_md)|^2 + |W1 (rates - rates_d)|^2 + |W2 (v_s - v_sd)|^2, all at once.
 
     The sum of eq. (24) with the major task as one more term instead of a constraint, eq. (23). It
@@ -42,14 +75,7 @@ def weighted_pseudo_inverse(
     W2 = np.zeros(m2) if secondary_weight is None else np.asarray(secondary_weight)
     weights = np.concatenate([W2, np.full(len(major), major_weight)])
     equals = velocity_mapping(J, [], [*secondary, *major], joint_weight, weights)
-    gain = equals.secondary[:, m2:]
-    return replace(
-        equals,
-        major=gain,
-        secondary=equals.secondary[:, :m2],
-        achieved=J[major] @ gain,
-        status=Status.DAMPED,
-    )
+    return WeightedPseudoInverse(equals, m2)
 
 
 class PseudoInverseMapping(StrutMapping):
