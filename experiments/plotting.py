@@ -3,7 +3,9 @@
 from pathlib import Path
 
 import matplotlib
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullLocator
 
 PAGE_IN = 7.16
 """Width of a figure across both columns of a page; `COLUMN_IN`: of one column."""
@@ -53,6 +55,16 @@ matplotlib.rcParams.update(
 def new_figure(width_in: float, height_in: float) -> Figure:
     """An empty figure of this size in print, laid out so that nothing overlaps."""
     return Figure(figsize=(width_in, height_in), layout="constrained")
+
+
+def logarithmic(axes: Axes, names: str) -> None:
+    """Scale x, y or both ("xy"): 1, 2, 5 of each decade as plain numbers, however few decades."""
+    for name in names:
+        axes.set(**{f"{name}scale": "log"})
+        axis = getattr(axes, f"{name}axis")
+        axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        axis.set_major_formatter("{x:g}")
+        axis.set_minor_locator(NullLocator())
 
 
 def save_figure(

@@ -1,0 +1,1 @@
+"""Every failure condition flown, and held against what was said of it beforehand."""

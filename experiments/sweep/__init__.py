@@ -1,0 +1,1 @@
+"""Thousands of closed-loop runs, on as many machines as there are."""

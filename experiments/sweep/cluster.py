@@ -1,0 +1,136 @@
+"""Where a sweep runs: workers of this machine, or a scheduler that somebody else started."""
+
+import logging
+import signal
+import tempfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from multiprocessing.resource_tracker import ensure_running
+from typing import Any
+
+from dask import config
+from dask.system import CPU_COUNT
+from distributed import Client, LocalCluster
+
+from experiments.conduct import WrongInput
+from experiments.sweep.identity import Identity, identity
+
+ANSWERS_IN = "5 s"
+"""So long a scheduler may take to answer."""
+_SILENT = logging.CRITICAL + 1
+
+
+@dataclass(frozen=True)
+class Where:
+    """What runs a sweep.
+
+    Attributes:
+        scheduler: Address of a Dask scheduler, as "tcp://host:8786"; None is a cluster on this
+            machine.
+        workers: Of that, with one thread each; None is one for each core.
+
+    Raises:
+        WrongInput: Both are given.
+    """
+
+    scheduler: str | None = None
+    workers: int | None = None
+
+    def __post_init__(self) -> None:
+        if self.scheduler and self.workers:
+            raise WrongInput("--workers are of this machine, leave them out with --scheduler")
+
+
+@contextmanager
+def cluster(where: Where, most: int) -> Iterator[Client]:
+    """A client of somebody's scheduler, or of a local cluster that ends with the context.
+
+    Args:
+        where: Which.
+        most: Local workers that there is work for.
+
+    Raises:
+        WrongInput: Nobody answers there, or its workers have another version of this package.
+    """
+    workers = min(where.workers or CPU_COUNT, most)
+    with (
+        _silenced("distributed", "distributed.client"),
+        _remote(where.scheduler) if where.scheduler else _local(workers) as client,
+    ):
+        yield client
+
+
+@contextmanager
+def _silenced(*names: str) -> Iterator[None]:
+    """What goes wrong is said in one sentence, by the sweep."""
+    loggers = [logging.getLogger(name) for name in names]
+    levels = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(_SILENT)
+    try:
+        yield
+    finally:
+        for logger, level in zip(loggers, levels, strict=True):
+            logger.setLevel(level)
+
+
+@contextmanager
+def _local(workers: int) -> Iterator[Client]:
+    with tempfile.TemporaryDirectory(prefix="fjh-") as scratch:
+        settings = {
+            "temporary-directory": scratch,
+            "distributed.worker.multiprocessing-method": "spawn",
+        }
+        with config.set(settings), _deaf_to_ctrl_c():
+            here = LocalCluster(
+                n_workers=workers,
+                threads_per_worker=1,
+                host="127.0.0.1",
+                dashboard_address="127.0.0.1:0",
+                silence_logs=_SILENT,
+            )
+        with here, Client(here) as client:
+            yield client
+
+
+@contextmanager
+def _deaf_to_ctrl_c() -> Iterator[None]:
+    """Threads born here, and all processes that they ever start, never see SIGINT.
+
+    It goes to the whole process group; the client alone answers, and ends its workers.
+    """
+    ensure_running()  # of itself it would unblock the signal in the thread that starts a worker
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextmanager
+def _remote(scheduler: str) -> Iterator[Client]:
+    try:
+        client = Client(scheduler, timeout=ANSWERS_IN)
+    except (OSError, ValueError) as error:
+        raise WrongInput(f"--scheduler {scheduler} does not answer: {error}") from None
+    with client:
+        said: Any = client.run(identity, on_error="return")
+        refuse_strangers(said)
+        yield client
+
+
+def refuse_strangers(said: Mapping[str, Identity | Exception]) -> None:
+    """Refuse workers, by their addresses, that said of themselves what we would not.
+
+    Raises:
+        WrongInput: One of them has other code or packages, or none at all.
+    """
+    for worker, theirs in said.items():
+        if isinstance(theirs, Exception):
+            raise WrongInput(f"worker {worker} cannot run this package: {theirs}")
+        names = [name for name, ours in identity().items() if theirs.get(name) != ours]
+        if names:
+            raise WrongInput(
+                f"worker {worker} has another {', '.join(names)}: install the same release there"
+            )

@@ -1,0 +1,92 @@
+"""What a sweep can vary, one at a time: a few choices, or a range."""
+
+from dataclasses import dataclass, fields
+from typing import Literal, get_args
+
+from experiments.bench import Bench
+from experiments.choices import JacobianChoice
+from experiments.table1.study import COLUMNS
+
+Value = float | int | str | bool
+
+ACTIVE = tuple(f"joint_weight_{k}" for k in range(1, 7))
+SECONDARY = tuple(f"secondary_weight_{name}" for name in ("t_x", "t_y", "t_z", "gamma"))
+"""Factors on the diagonals of W1 and W2, in the order of the paper's."""
+
+BENCH = tuple(
+    field.name for field in fields(Bench) if field.name not in ("duration_s", "quick_duration_s")
+)
+"""Constants of the bench; how long a run lasts is the design's."""
+
+_ONES = (1.0,) * 6
+WEIGHTS = {
+    column.name: (column.goal.joint_weight, column.goal.secondary_weight) for column in COLUMNS[:5]
+} | {"both": (_ONES, _ONES[:4])}
+"""W1 and W2 by name: the paper's five, and all ones in both."""
+
+CONDITIONS = {"S": None, "L": "locked", "F": "free", "B": "loose"}
+"""A letter for each state of a strut, and the failure it stands for."""
+
+Kind = Literal["real", "integer", "name", "switch", "struts"]
+
+KINDS: dict[str, Kind] = {
+    "struts": "struts",
+    "failure_time_s": "real",
+    "known": "switch",
+    "weight": "name",
+    **dict.fromkeys(ACTIVE + SECONDARY, "real"),
+    "jacobian": "name",
+    "seed": "integer",
+    **dict.fromkeys(BENCH, "real"),
+    "dac_bits": "integer",
+}
+"""All that can be varied, and what its values are."""
+
+NAMES = {"weight": tuple(WEIGHTS), "jacobian": get_args(JacobianChoice)}
+
+
+@dataclass(frozen=True)
+class Choice:
+    """Some values; one of them is a constant."""
+
+    name: str
+    values: tuple[Value, ...]
+
+    def at(self, u: float) -> Value:
+        """The value at u in [0, 1): each has the same share."""
+        return self.values[int(u * len(self.values))]
+
+
+@dataclass(frozen=True)
+class Range:
+    """From low to high, both included.
+
+    Attributes:
+        name: Of what is varied.
+        low: Least value; `high`: largest.
+        log: Whether its logarithm is what is spread evenly.
+        points: So many values in a grid; None: any value between.
+    """
+
+    name: str
+    low: float
+    high: float
+    log: bool
+    points: int | None
+
+    def at(self, u: float) -> Value:
+        """The value at u in [0, 1]."""
+        if KINDS[self.name] == "integer":
+            return int(min(self.low + u * (self.high - self.low + 1), self.high))
+        if self.log:
+            return self.low * (self.high / self.low) ** u
+        return self.low + u * (self.high - self.low)
+
+    @property
+    def values(self) -> tuple[Value, ...]:
+        """The points of a grid, ends included."""
+        points = self.points or 1
+        return tuple(self.at(k / max(points - 1, 1)) for k in range(points))
+
+
+Factor = Choice | Range

@@ -1,0 +1,139 @@
+"""The atlas flown: conditions, the library's verdicts beside the runs, and what may disagree."""
+
+import copy
+import itertools
+import json
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from experiments.atlas.conditions import (
+    classified,
+    conditions,
+    representatives,
+    verdict_columns,
+)
+from experiments.atlas.summary import complaint
+from experiments.atlas.text import findings
+from sim import NOMINAL, hexapod
+from tests.conftest import FLOWN
+
+
+@pytest.fixture(scope="module")
+def flown(atlas_folder):
+    """`atlas.json`."""
+    return json.loads((atlas_folder / "atlas.json").read_text())
+
+
+@pytest.fixture(scope="module")
+def rows(atlas_folder):
+    """`atlas.parquet`, by struts and Jacobian."""
+    table = pq.read_table(atlas_folder / "atlas.parquet").to_pylist()
+    return {(row["struts"], row["jacobian"]): row for row in table}
+
+
+def test_the_representatives_are_one_of_each_set_that_symmetry_makes(model):
+    """Symmetries found in the machine's own nodes: rotations and mirrors that map struts on struts.
+
+    Burnside counts the sets: conditions left as they are, averaged over the six.
+    """
+    machine = hexapod(model)
+    ends = np.stack([machine.bottom_m, machine.top_m])
+    third = 2 * np.pi / 3
+    found = []
+    for turn, flip in itertools.product(range(3), (1, -1)):
+        c, s = np.cos(turn * third), np.sin(turn * third)
+        moved = ends @ (np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]) @ np.diag([flip, 1, 1])).T
+        gaps = np.linalg.norm(moved[:, :, None] - ends[:, None], axis=-1).max(axis=0)
+        assert gaps.min(axis=1).max() < 1e-9
+        found.append(gaps.argmin(axis=1).tolist())
+    every = conditions()
+    left_alone = sum("".join(c[k] for k in move) == c for move in found for c in every)
+    chosen = representatives()
+    assert len(chosen) == left_alone / 6 == 138
+    reached = {"".join(c[k] for k in move) for move in found for c in chosen}
+    assert reached == set(every)
+
+
+def test_symmetry_leaves_the_verdict_alone():
+    atlas = classified()
+    assert atlas.elastic is not None
+    for struts in ("FSSSSS", "SLFSSL", "SFFSLF"):
+        turned = [struts[k:] + struts[:k] for k in (0, 2, 4)]
+        rows = [conditions().index(each) for each in turned]
+        for flag in (atlas.possible, atlas.elastic.possible, atlas.elastic.major_rank):
+            assert len(set(flag[rows].tolist())) == 1
+
+
+def test_verdicts_stand_beside_their_conditions():
+    atlas, asked = classified(), ["LLLLLL", "SSSSSS", "SLSSSF"]
+    columns = dict(verdict_columns(pa.chunked_array([asked])))
+    at = [atlas.row(range(6)), atlas.row(), atlas.row(locked=[1], free=[5])]
+    assert atlas.elastic is not None
+    assert columns["rigid_possible"].to_pylist() == atlas.possible[at].tolist()
+    assert columns["elastic_possible"].to_pylist() == atlas.elastic.possible[at].tolist()
+    assert columns["failures"].to_pylist() == [6, 0, 2]
+    assert columns["verdict"].to_pylist() == ["none", "rigid", "springs"]
+
+
+def test_what_the_library_calls_possible_points_and_nothing_else_does(rows):
+    """In the physics: as well as the sound machine, or as badly as something that cannot move."""
+    assert len(rows) == 2 * len(FLOWN)
+    for (struts, _), row in rows.items():
+        possible = row["elastic_possible"]
+        assert (row["status"] == "exact") == possible
+        sound = rows["SSSSSS", "constant"]
+        worse = max(row[f"{a}_rms_urad"] / sound[f"{a}_rms_urad"] for a in ("alpha", "beta"))
+        assert (worse < 2) == possible, struts
+
+
+def test_without_any_strut_the_error_is_the_whole_spiral(rows):
+    row = rows["LLLLLL", "analytic"]
+    from experiments.bench import Bench
+
+    desired_urad = 1e6 * Bench().desired_rad(Bench().time_s(0.5))
+    alpha, beta = np.sqrt((desired_urad**2).mean(axis=0))
+    assert row["alpha_rms_urad"] == pytest.approx(alpha, rel=1e-3)
+    assert row["beta_rms_urad"] == pytest.approx(beta, rel=1e-3)
+
+
+def test_the_only_disagreement_is_at_a_singularity_that_the_nominal_pose_alone_has(
+    model, flown, rows
+):
+    """Beside it the lost direction is within reach, at a price: by the machine's own geometry."""
+    assert [each["struts"] for each in flown["explained"]] == ["SFFSLF"]
+    assert {each["jacobian"] for each in flown["explained"]} == {"analytic"}
+    assert flown["contradicted"] == []
+    there, beside = rows["SFFSLF", "constant"], rows["SFFSLF", "analytic"]
+    assert there["alpha_rms_urad"] == pytest.approx(there["predicted_alpha_rms_urad"], rel=0.05)
+    assert beside["alpha_rms_urad"] > 10 * there["alpha_rms_urad"]
+    assert "SFFSLF" in " ".join(findings(flown).notes)
+
+    from experiments.goal import Goal
+    from experiments.mapping import StrutMapping
+    from experiments.springs import strut_and_payload_stiffness
+
+    goal = Goal(joint_weight=(1.0,) * 6, locked_m={4: 0.0}, free=(1, 2, 5))
+    machine = hexapod(model)
+    mapping = StrutMapping(machine, goal, "analytic", strut_and_payload_stiffness(model))
+    gains = {}
+    for name, pose in (("at", NOMINAL), ("beside", NOMINAL.moved(np.full(6, 1e-5)))):
+        now = mapping.at(machine.inverse_jacobian(pose))
+        gains[name] = np.linalg.norm(now.mapping.major)
+    assert gains["beside"] > 1e3 * gains["at"]
+
+
+@pytest.mark.parametrize(
+    ("struts", "said"),
+    [("SSLSSS", "SSLSSS with W_a and the constant Jacobian"), ("SLLSLL", "SLLSLL")],
+)
+def test_physics_that_contradicts_theory_is_complained_of(flown, struts, said):
+    assert complaint(flown) is None
+    spoilt = copy.deepcopy(flown)
+    entry = {"struts": struts, "weight": "W_a", "jacobian": "constant", "off_over_allowed": 3.0}
+    spoilt["contradicted"] = [entry]
+    assert said in str(complaint(spoilt))
+    opened = flown | {"closure_residual_max_m": 1e-7}
+    assert "a closed loop opened by 1.0e-07 m" in str(complaint(opened))
