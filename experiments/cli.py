@@ -4,6 +4,7 @@ import sys
 
 import typer
 
+from experiments.atlas.command import atlas
 from experiments.conduct import Interrupted, Unsound, WrongInput
 from experiments.figures.command import figures
 from experiments.files import OutputError
@@ -18,6 +19,7 @@ from experiments.render.command import render
 from experiments.report.command import report
 from experiments.review.command import review
 from experiments.speed.command import bench
+from experiments.sweep.command import sweep
 from experiments.systems.command import systems
 from experiments.table1.command import table1
 from experiments.uncorrected.command import uncorrected
@@ -50,6 +52,8 @@ STUDIES = (
     goals,
     jacobian,
     uncorrected,
+    sweep,
+    atlas,
     bench,
     report,
 )

@@ -16,7 +16,7 @@ class OutputError(Exception):
     """The output folder cannot be used; the message says why."""
 
 
-def usable_folder(path: Path) -> Path:
+def usable_folder(path: Path, option: str = "--out") -> Path:
     """The folder itself, if it is one or can be made; checked before any work is done.
 
     Raises:
@@ -25,27 +25,28 @@ def usable_folder(path: Path) -> Path:
     here = path.absolute()
     nearest = next(place for place in (here, *here.parents) if os.path.lexists(place))
     if not nearest.is_dir():
-        raise OutputError(f"--out {path} cannot be a folder: {nearest} is not one")
+        raise OutputError(f"{option} {path} cannot be a folder: {nearest} is not one")
     if not os.access(nearest, os.W_OK):
-        raise OutputError(f"--out {path} cannot be written: no permission in {nearest}")
+        raise OutputError(f"{option} {path} cannot be written: no permission in {nearest}")
     try:
         here.lstat()
     except FileNotFoundError:
         pass  # it will be made
     except OSError as error:
-        raise OutputError(f"--out {path} cannot be made: {error.strerror}") from None
+        raise OutputError(f"{option} {path} cannot be made: {error.strerror}") from None
     return path
 
 
-def usable_file(path: Path, suffix: str) -> Path:
+def usable_file(path: Path, suffix: str, option: str = "--out") -> Path:
     """The folder of a file of this ending, if it can be written there.
 
     Raises:
-        OutputError: It has another ending, or its folder cannot be used.
+        OutputError: It has another ending, or its folder cannot be used; the message names the
+            option that asked for it.
     """
     if path.suffix != suffix:
-        raise OutputError(f"--out {path} must end in {suffix}")
-    return usable_folder(path.parent)
+        raise OutputError(f"{option} {path} must end in {suffix}")
+    return usable_folder(path.parent, option)
 
 
 @contextmanager

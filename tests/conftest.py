@@ -6,6 +6,7 @@ import pytest
 from hypothesis import settings
 
 from experiments.cli import main
+from experiments.sweep.cluster import Where, cluster
 from sim import load_model
 
 # Timings are noise on a busy machine, and a run of the suite must be one that can be repeated.
@@ -103,6 +104,81 @@ def goals_folder(tmp_path_factory):
 def goals(goals_folder):
     """`goals.json`."""
     return json.loads((goals_folder / "goals.json").read_text())
+
+
+@pytest.fixture(scope="session")
+def bench_folder(tmp_path_factory):
+    """Everything timed, but as briefly as can be: made by the command."""
+    from experiments.speed import study  # late: the other tests do without its extra packages
+
+    folder = tmp_path_factory.mktemp("bench")
+    least = study.Effort(seconds=0.05, rounds=2, batches=(1, 10, 100), actuators=(6, 10, 20))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(study, "QUICK", least)
+        saved = str(folder / "saved.json")
+        assert main(["bench", "--quick", "--save", saved, "--out", str(folder / "out")]) == 0
+    return folder / "out"
+
+
+@pytest.fixture(scope="session")
+def bench(bench_folder):
+    """`bench.json`."""
+    return json.loads((bench_folder / "bench.json").read_text())
+
+
+@pytest.fixture(scope="session")
+def crew():
+    """A client of a Dask cluster of two workers."""
+    with cluster(Where(workers=2), most=2) as client:
+        yield client
+
+
+@pytest.fixture(scope="session")
+def scheduler(crew):
+    """Its address."""
+    return crew.scheduler_info()["address"]
+
+
+@pytest.fixture(scope="session")
+def sweep_design(tmp_path_factory):
+    """A design file: a few short runs, some of which fail in flight, told and not told."""
+    path = tmp_path_factory.mktemp("design") / "short.toml"
+    path.write_text("""
+layout = "latin-hypercube"
+runs = 30
+duration_s = 0.2
+[vary]
+settling_s = 0.1
+struts = ["SSSSSS", "SLSSSS"]
+failure_time_s = [0.0, 0.1]
+known = [true, false]
+roll_off_hz = { from = 20, to = 30 }
+""")
+    return path
+
+
+@pytest.fixture(scope="session")
+def sweep_folder(sweep_design, scheduler, tmp_path_factory):
+    """That sweep, made by the command."""
+    folder = tmp_path_factory.mktemp("sweep")
+    words = ["sweep", "--design", str(sweep_design), "--scheduler", scheduler]
+    assert main([*words, "--out", str(folder)]) == 0
+    return folder
+
+
+FLOWN = ("SSSSSS", "FSSSSS", "SSLSSS", "SLLSLL", "SFFSLF", "LLLLLL")
+"""Failure conditions of every verdict; the fifth leaves the linear model where it is singular."""
+
+
+@pytest.fixture(scope="session")
+def atlas_folder(scheduler, tmp_path_factory):
+    """A few failure conditions flown, made by the command."""
+    folder = tmp_path_factory.mktemp("atlas")
+    with pytest.MonkeyPatch.context() as few:
+        few.setattr("experiments.atlas.conditions.representatives", lambda: FLOWN)
+        words = ["atlas", "--quick", "--scheduler", scheduler, "--out", str(folder)]
+        assert main(words) == 0
+    return folder
 
 
 @pytest.fixture(scope="session")

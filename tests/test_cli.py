@@ -211,13 +211,3 @@ import experiments.__main__
     _, error = process.communicate(timeout=30)
     assert process.returncode == 130
     assert error == "fjh: interrupted: no file was left half-written\n"
-
-
-def test_bench_states_ratios_to_bare_physics_and_json_is_the_files_contents(capsys, tmp_path):
-    assert main(["bench", "--quick", "--json", "--out", str(tmp_path)]) == 0
-    text = (tmp_path / "bench.json").read_text()
-    assert capsys.readouterr() == (text, "")
-    result = json.loads(text)
-    assert result["files"] == ["bench.json"]
-    assert all(ratio > 0 for ratio in result["closed_loop_over_mj_step"].values())
-    assert len(result["all_s"]["mj_step"]) == 5

@@ -38,7 +38,9 @@ def portrait() -> Portrait:
 # What every figure keeps.
 
 
-@pytest.mark.parametrize("study", ["figures", "goals", "jacobian", "recover", "systems"])
+@pytest.mark.parametrize(
+    "study", ["atlas", "bench", "figures", "goals", "jacobian", "recover", "sweep", "systems"]
+)
 def test_every_figure_of_a_study_can_be_printed(request, study):
     assert_printable(request.getfixturevalue(f"{study}_folder"))
 

@@ -169,7 +169,7 @@ def test_tab_completes_commands_options_and_choices_at_once(tmp_path, words, off
     assert offered == NAMES or found == offered
     # What makes it fast: none of the packages that take their time is imported.
     assert "typer" in imported
-    for slow in ("mujoco", "matplotlib", "numpy", "scipy", "rerun"):
+    for slow in ("mujoco", "matplotlib", "numpy", "scipy", "rerun", "distributed", "pyarrow"):
         assert not re.search(rf"\| +{slow}$", imported, re.MULTILINE), slow
     assert list(tmp_path.iterdir()) == []
 
@@ -245,7 +245,18 @@ def test_an_interrupted_run_leaves_no_folder_and_an_old_one_whole(tmp_path, rais
 
 
 @pytest.mark.parametrize(
-    "name", ["table1", "figures", "systems", "release", "recover", "jacobian", "goals"]
+    "name",
+    [
+        "table1",
+        "figures",
+        "systems",
+        "release",
+        "recover",
+        "jacobian",
+        "goals",
+        "sweep",
+        "atlas",
+    ],
 )
 def test_a_study_lists_its_files_and_tells_the_same_from_its_json(request, name):
     """The figures have captions, and what is told needs nothing but the file."""

@@ -17,6 +17,13 @@ THIRD_PARTY = {
     "numpy",
     "jinja2",
     "psutil",
+    "daqp",
+    "mink",
+    "placo",
+    "threadpoolctl",
+    "dask",
+    "distributed",
+    "pyarrow",
 }
 ALLOWED = {
     "prioritized": {"numpy", "scipy"},

@@ -118,7 +118,7 @@ def _by_failures(axes: Axes, atlas: FailureAtlas, found: list[Verdict]) -> None:
         share = 100 * count / conditions
         axes.barh(range(struts + 1), share, left=left, color=verdict.color, ec="white", lw=0.4)
         for k in np.flatnonzero(share > 4).tolist():
-            middle = left[k] + share[k] / 2
+            middle = float(left[k] + share[k] / 2)
             axes.text(middle, k, str(count[k]), ha="center", va="center", color=ink)
         left += share
     axes.set(

@@ -1,1 +1,1 @@
-"""How fast the loop runs, beside bare physics."""
+"""How fast: the closed loop beside bare physics, the mapping beside what others offer."""

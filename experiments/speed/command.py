@@ -5,34 +5,66 @@ from typing import Annotated
 
 import typer
 
-from experiments.conduct import Out, Progress, Seed
-from experiments.files import published, usable_folder, write_index
+from experiments.conduct import Out, Progress, WrongInput, seed_option
+from experiments.files import published, usable_file, usable_folder, write_json
 from experiments.findings import Findings
+from experiments.speed import extra
 
 
 def bench(
     out: Out = Path("results/bench"),
-    seed: Seed = 0,
+    seed: Annotated[int, seed_option("detector noise and random problems")] = 0,
     quick: Annotated[
-        bool, typer.Option("--quick", help="Time 0.5 s of simulation instead of 4 s.")
+        bool,
+        typer.Option("--quick", help="2 s of the spiral, fewer rounds, batches up to 10,000."),
+    ] = False,
+    save: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE.json", help="Keep the numbers here too, for --compare."),
+    ] = None,
+    compare: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE.json", help="Print what changed since these were saved, beyond noise."
+        ),
+    ] = None,
+    check: Annotated[
+        bool,
+        typer.Option("--check", help="Unsound, exit code 1, when a ratio leaves its stable bound."),
     ] = False,
     *,
     progress: Progress,
 ) -> Findings:
-    """Time the control loop against bare physics.
+    """Time the control loop and the mapping against physics and other libraries.
 
-    Ratios of medians of five, in one process: half a minute, 7 s with --quick. Leave the machine
-    alone meanwhile.
+    The closed loop beside MuJoCo's bare steps; one tick beside mink; one Problem 1 beside daqp,
+    PlaCo, LAPACK and the printed formula; growth. All answers are compared first. Medians by
+    turns in one process: 2 minutes, 20 s with --quick. Leave the machine alone meanwhile.
 
-    Writes bench.json.
+    Writes bench.json, times in us, the tables as bench.md, and a figure.
 
-    Example: fjh bench
+    Example: fjh bench --quick --save /tmp/before.json
     """
-    from experiments.speed.study import measure
+    if absent := extra.missing():
+        raise WrongInput(
+            f"fjh bench compares with packages that are not installed, {', '.join(absent)}: "
+            'pip install ".[bench]" in a checkout, or make venv'
+        )
+    from experiments.speed import comparison, report
+    from experiments.speed.study import FULL, QUICK, measure
+    from experiments.speed.summary import summarize
     from experiments.speed.text import findings
 
-    folder, simulated_s = usable_folder(out), 0.5 if quick else 4.0
+    folder = usable_folder(out)
+    if save is not None:
+        usable_file(save, ".json", option="--save")
+    before = None if compare is None else comparison.saved(compare)
     with progress("bench") as on_progress:
-        result = measure(seconds=simulated_s, repeats=5, seed=seed, on_progress=on_progress)
-    with published(folder, index="bench.json") as staging:
-        return findings(write_index(staging / "bench.json", result))
+        timed = measure(seed=seed, effort=QUICK if quick else FULL, on_progress=on_progress)
+    summary = summarize(timed)
+    if save is not None:
+        with published(save.parent, index=save.name) as staging:
+            write_json(staging / save.name, summary)
+    if before is not None:
+        summary["comparison"] = comparison.compare(summary, before)
+    return findings(report.write(folder, summary), check=check)

@@ -1,73 +1,139 @@
-"""How fast a closed-loop run is, as ratios within one process: absolute times are noise."""
+"""Everything that is timed, in one process on one thread."""
 
-import time
 from collections.abc import Callable
-from statistics import median
-from typing import Any
+from dataclasses import dataclass
 
 import mujoco
+import numpy as np
+from threadpoolctl import threadpool_limits
 
 from experiments.bench import Bench
-from experiments.choices import JacobianChoice
-from experiments.provenance import versions
-from experiments.run import nominal_loops, track_spiral
-from experiments.table1.study import COLUMNS
-from sim import load_model, model_sha256
+from experiments.run import nominal_loops
+from experiments.speed import growth, loop, pointing
+from experiments.speed.agreement import Agreement, compare
+from experiments.speed.case import Case, random_cases
+from experiments.speed.growth import Series
+from experiments.speed.problem import Problem, random_problem
+from experiments.speed.solvers import SOLVERS
+from experiments.speed.stopwatch import by_turns
+from sim import Array, load_model
+
+TOLERANCE = 1e-9
+"""Of the solvers, as a fraction of the rates."""
+_PROBLEMS, _CASES, _SAMPLES = 64, 8, 20
 
 
-def measure(
-    *,
-    seconds: float,
-    repeats: int,
-    seed: int,
-    on_progress: Callable[[int, int], None] = lambda done, total: None,
-) -> dict[str, Any]:
-    """Time the W_a run with both Jacobians beside bare physics of the same steps.
+@dataclass(frozen=True)
+class Effort:
+    """How much is timed.
 
-    Args:
-        seconds: Simulated time of each timing.
-        repeats: Timings of each, taken in turn; the median counts. One warm-up goes first.
-        seed: Of the detector noise.
-        on_progress: Called with finished and total number of timings.
+    Attributes:
+        seconds: Of the spiral.
+        rounds: In which every contender has its turn; one more goes before, to warm up.
+        batches: Sizes of batches.
+        actuators: Numbers of actuators.
     """
-    model, bench = load_model(), Bench()
-    loops = nominal_loops(model, bench)
 
-    def run(jacobian: JacobianChoice) -> None:
-        goal = COLUMNS[0].goal
-        track_spiral(model, bench, loops, goal, jacobian=jacobian, seed=seed, duration_s=seconds)
+    seconds: float
+    rounds: int
+    batches: tuple[int, ...]
+    actuators: tuple[int, ...] = growth.ACTUATORS
 
-    def physics() -> None:
-        data = mujoco.MjData(model)
-        simulated_s = bench.settling_s + seconds  # as much as track_spiral steps through
-        mujoco.mj_step(model, data, round(simulated_s / model.opt.timestep))
 
-    timed: dict[str, Callable[[], None]] = {
-        "mj_step": physics,
-        "closed_loop_analytic": lambda: run("analytic"),
-        "closed_loop_constant": lambda: run("constant"),
-    }
-    taken_s: dict[str, list[float]] = {name: [] for name in timed}
-    for repeat in range(repeats + 1):
-        for k, (name, work) in enumerate(timed.items()):
-            start = time.perf_counter()
-            work()
-            if repeat > 0:  # the first round warms caches
-                taken_s[name].append(time.perf_counter() - start)
-            on_progress(repeat * len(timed) + k + 1, (repeats + 1) * len(timed))
-    medians = {name: median(values) for name, values in taken_s.items()}
-    bare = medians["mj_step"]
-    return {
-        "experiment": "bench",
-        "seed": seed,
-        "versions": versions(),
-        "model_sha256": model_sha256(),
-        "simulated_s": seconds,
-        "median_s": medians,
-        "all_s": taken_s,
-        "closed_loop_over_mj_step": {
-            "analytic": medians["closed_loop_analytic"] / bare,
-            "constant": medians["closed_loop_constant"] / bare,
-        },
-        "real_time_factor": {name: seconds / value for name, value in medians.items()},
-    }
+FULL = Effort(seconds=Bench().duration_s, rounds=7, batches=growth.BATCHES)
+QUICK = Effort(seconds=2.0, rounds=5, batches=growth.BATCHES[:-1])
+
+
+@dataclass(frozen=True)
+class Questions:
+    """What is asked of everybody, drawn from one seed.
+
+    Attributes:
+        problems: Of the hexapod's size.
+        by_actuators: By number of actuators.
+        by_batch: By size of the batch, ascending.
+        cases: Of the hexapod, strut 1 locked.
+    """
+
+    problems: list[Problem]
+    by_actuators: dict[int, list[Problem]]
+    by_batch: dict[int, list[Problem]]
+    cases: list[Case]
+
+
+@dataclass(frozen=True)
+class Timed:
+    """What was measured.
+
+    Attributes:
+        effort: How much was timed.
+        flight: The run that was.
+        agreements: Of all answers, before.
+        samples_us: By name, shape (rounds, samples).
+        actuators: One series for each solver.
+        batches: Ours, per mapping.
+    """
+
+    effort: Effort
+    flight: loop.Flight
+    agreements: list[Agreement]
+    samples_us: dict[str, Array]
+    actuators: list[Series]
+    batches: Series
+
+
+def measure(*, seed: int, effort: Effort, on_progress: Callable[[int, int], None]) -> Timed:
+    """Compare all answers, then time who gave them.
+
+    Raises:
+        Unsound: Two answers to the same question differ; nothing is timed.
+    """
+    # Set at run time, since NumPy may long have been imported: OpenBLAS keeps to one thread.
+    with threadpool_limits(1):
+        model, bench = load_model(), Bench()
+        asked = questions(model, effort, seed)
+        agreed = agreements(model, asked)
+        for each in agreed:
+            each.check()
+        flight = loop.Flight(model, bench, nominal_loops(model, bench), effort.seconds, seed)
+        actuators, alone = growth.with_actuators(asked.by_actuators)
+        batches, together = growth.in_batches(asked.by_batch)
+        contenders = [
+            *loop.whole(flight),
+            *loop.parts(flight),
+            *pointing.contenders(model, asked.cases),
+            *(each.contender(asked.problems, samples=_SAMPLES) for each in SOLVERS),
+            *alone,
+            *together,
+        ]
+        samples_us = by_turns(contenders, effort.rounds, on_progress)
+    return Timed(effort, flight, agreed, samples_us, actuators, batches)
+
+
+def questions(model: mujoco.MjModel, effort: Effort, seed: int) -> Questions:
+    """Random, the same for the same seed."""
+    rng = np.random.default_rng(seed)
+    return Questions(
+        problems=[random_problem(6, rng) for _ in range(_PROBLEMS)],
+        by_actuators=growth.actuator_problems(effort.actuators, rng),
+        by_batch=growth.batch_problems(effort.batches, rng),
+        cases=random_cases(model, _CASES, rng),
+    )
+
+
+def agreements(model: mujoco.MjModel, asked: Questions) -> list[Agreement]:
+    """How far apart all answers to each question are."""
+    weighted = {each.name: each.answers(asked.problems) for each in SOLVERS if not each.unit_rows}
+    unit = [each.with_unit_rows() for each in asked.problems]
+    largest = next(reversed(asked.by_batch.values()))[0]
+    return [
+        compare("Problem 1", weighted, TOLERANCE),
+        compare(
+            "Problem 1 with unit rows",
+            {each.name: each.answers(unit) for each in SOLVERS},
+            TOLERANCE,
+        ),
+        *growth.actuator_agreements(asked.by_actuators, TOLERANCE),
+        growth.batch_agreement(largest, TOLERANCE),
+        pointing.agreement(model, asked.cases),
+    ]

@@ -2,19 +2,68 @@
 
 from typing import Any
 
-from experiments.findings import Findings, Table
+from experiments.findings import Findings, Picture
+from experiments.speed.extra import PACKAGES
+from experiments.speed.summary import complaint
+from experiments.speed.tables import (
+    SOLVE,
+    TICK,
+    changes_table,
+    growth_tables,
+    parts_table,
+    ratio_table,
+    times_table,
+)
 
-
-def findings(summary: dict[str, Any]) -> Findings:
-    """One row for each Jacobian; a time is never unsound."""
-    rows = [
-        (name, f"{ratio:.2f}", f"{summary['real_time_factor'][f'closed_loop_{name}']:.1f}")
-        for name, ratio in summary["closed_loop_over_mj_step"].items()
-    ]
-    table = Table(
-        "Time of the closed loop",
-        ("Jacobian", "x mj_step", "x real time"),
-        rows,
-        "Over the time of MuJoCo's steps alone; simulated time over it.",
+PICTURES = [
+    Picture(
+        "bench.png",
+        "How the time of one Problem 1 grows with the number of actuators, and the time of one "
+        "mapping with the size of the batch.",
+        "Two panels with logarithmic axes. Left: five rising lines, microseconds against 6 to 200 "
+        "actuators. Right: a line that falls with the size of the batch, beside the level lines "
+        "of single solves.",
     )
-    return Findings(summary, [table], [], [], None)
+]
+
+
+def findings(summary: dict[str, Any], *, check: bool = False) -> Findings:
+    """Ratios first, then what they are made of; a time is unsound only when that is asked for."""
+    tables = [
+        ratio_table(summary),
+        times_table("One control tick, us", TICK, summary),
+        parts_table(summary["tick_parts_us"]),
+        times_table("One Problem 1, hexapod's size, us", SOLVE, summary),
+        *growth_tables(summary["growth"]),
+    ]
+    if "comparison" in summary:
+        tables.append(changes_table(summary["comparison"]))
+    return Findings(
+        summary, tables, _notes(summary), PICTURES, complaint(summary) if check else None
+    )
+
+
+def _notes(summary: dict[str, Any]) -> list[str]:
+    furthest = max(
+        one["distances"][name] / one["tolerance"]
+        for one in summary["agreement"]
+        for name in one["distances"]
+    )
+    names = ("mujoco", "numpy", "scipy", *PACKAGES)
+    notes = [
+        f"The spiral runs {summary['real_time_factor']:.1f} times as fast as the clock.",
+        f"All answers agreed before they were timed, on {len(summary['agreement'])} sets of "
+        f"questions; the furthest used {100 * furthest:.2g} % of its tolerance.",
+        f"One process, one thread, {summary['rounds']} rounds by turns, on "
+        f"{summary['machine']['processor']}; "
+        + ", ".join(f"{name} {summary['versions'][name]}" for name in names)
+        + ".",
+    ]
+    now_s = summary["simulated_s"]
+    saved_s = summary["comparison"]["saved_simulated_s"] if "comparison" in summary else now_s
+    if saved_s != now_s:
+        notes.append(
+            f"The saved run flew {saved_s:g} s of the spiral, this one {now_s:g} s: with --quick "
+            "the loop settles for a larger part of its time, and batches are smaller."
+        )
+    return notes

@@ -1,0 +1,384 @@
+"""The benchmark: its arithmetic and its honesty. Clocks and times are made up, none is asserted."""
+
+import copy
+import json
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from threadpoolctl import threadpool_limits
+
+from experiments.bench import Bench
+from experiments.cli import main
+from experiments.conduct import Unsound
+from experiments.findings import Findings
+from experiments.run import nominal_loops, track_spiral
+from experiments.speed import growth, loop, pointing, study
+from experiments.speed.agreement import compare
+from experiments.speed.comparison import compare as compare_runs
+from experiments.speed.growth import fitted
+from experiments.speed.problem import random_problem
+from experiments.speed.ratios import RATIOS, measured
+from experiments.speed.solvers import SOLVERS
+from experiments.speed.stopwatch import Contender, by_turns
+from experiments.speed.summary import complaint
+from experiments.speed.text import findings
+
+# Bound and goal as they were asked for.
+ASKED = {
+    "closed_loop_over_mj_step": (1.5, 1.15),
+    "loop_overhead_over_mink": (0.6, 0.2),
+    "tick_over_mink": (0.3, 0.1),
+    "solve_over_daqp": (4.0, 1.0),
+    "solve_over_placo": (None, None),
+    "batched_over_daqp": (0.5, 0.1),
+}
+
+
+# The stopwatch.
+
+
+def test_contenders_take_turns_and_the_first_round_is_not_kept():
+    now_ns, log = [0], []
+
+    def call(name: str, us: int) -> None:
+        log.append(name)
+        now_ns[0] += 1000 * us * (10 if len(log) <= 8 else 1)  # cold caches at first
+
+    def prepared(name: str, *arguments: tuple[str, int]) -> list[tuple[str, int]]:
+        log.append(f"new {name}")
+        now_ns[0] += 10**9  # not timed
+        return list(arguments)
+
+    contenders = [
+        Contender("a", call, lambda: prepared("a", ("a1", 3), ("a2", 5)), units=4, samples=2),
+        Contender("b", call, lambda: prepared("b", ("b", 7))),
+    ]
+    told = []
+    taken = by_turns(contenders, 2, lambda *done: told.append(done), lambda: now_ns[0])
+    assert log == ["new a", "a1", "a2", "new a", "a1", "a2", "new b", "b"] * 3
+    # Two calls of 3 and 5 us, with four units each.
+    np.testing.assert_array_equal(taken["a"], np.full((2, 2), 1.0))
+    np.testing.assert_array_equal(taken["b"], np.full((2, 1), 7.0))
+    assert told == [(k, 6) for k in range(1, 7)]
+
+
+# Ratios, exponents, comparison.
+
+
+def samples(**by_name: float) -> dict[str, np.ndarray]:
+    """Seven rounds of three samples; one sample in each round was disturbed."""
+    return {name: np.tile([us, us, 100 * us], (7, 1)) for name, us in by_name.items()}
+
+
+def test_ratios_are_those_of_medians_with_the_spread_over_rounds():
+    us = samples(
+        mj_step=160, closed_loop=200, mink=100, tick=25, prioritized=6, daqp=3, placo=2, batched=1.5
+    )
+    us["tick"][2] *= 2  # a whole round disturbed
+    found = {ratio.name: measured(ratio, us) for ratio in RATIOS}
+    assert {name: one.ratio for name, one in found.items()} == pytest.approx(
+        {
+            "closed_loop_over_mj_step": 1.25,
+            "loop_overhead_over_mink": 0.4,
+            "tick_over_mink": 0.25,
+            "solve_over_daqp": 2.0,
+            "solve_over_placo": 3.0,
+            "batched_over_daqp": 0.5,
+        }
+    )
+    assert found["solve_over_daqp"].p5 == found["solve_over_daqp"].p95 == 2.0
+    by_round = [0.25] * 6 + [0.5]
+    assert found["tick_over_mink"].p5 == 0.25
+    assert found["tick_over_mink"].p95 == pytest.approx(np.percentile(by_round, 95))
+
+
+def test_a_power_law_gives_its_exponent_and_the_slopes_on_the_way():
+    sizes = [6, 10, 20, 50, 200]
+    law = fitted(sizes, 3.0 * np.power(sizes, 2.5))
+    assert (law.exponent, law.least, law.most) == pytest.approx((2.5, 2.5, 2.5))
+    bent = fitted([1, 10, 100], [5.0, 5.0, 500.0])
+    assert (bent.exponent, bent.least, bent.most) == pytest.approx((1.0, 0.0, 2.0))
+
+
+def test_changed_is_what_left_the_former_range(bench):
+    before, now = copy.deepcopy(bench), copy.deepcopy(bench)
+    for timing in now["timings"].values():
+        for key in timing:
+            timing[key] *= 0.5 if timing is now["timings"]["daqp"] else 1.0
+    now["ratios"]["tick_over_mink"] |= {"ratio": 7.0, "p5": 1.0, "p95": 9.0}
+    before["ratios"]["tick_over_mink"] |= {"ratio": 2.0, "p5": 0.5, "p95": 1.1}
+    before["timings"]["daqp"] |= {"median_us": 4.0, "p5_us": 3.9, "p95_us": 4.1}
+    now["timings"]["daqp"] = {"median_us": 2.0, "p5_us": 1.9, "p95_us": 2.1}
+    result = compare_runs(now, before)
+    assert {name for name, one in result["timings"].items() if one["changed"]} == {"daqp"}
+    assert result["timings"]["daqp"]["now_over_saved"] == 0.5
+    # More than three times, but so it was before now and then.
+    assert result["ratios"]["tick_over_mink"]["now_over_saved"] == 3.5
+    assert not any(one["changed"] for one in result["ratios"].values())
+    shown = findings(now | {"comparison": result})
+    assert ("daqp", "4", "2", "0.50", "changed") in shown.tables[-1].rows
+    assert not any("flew" in note for note in shown.notes)
+    before["simulated_s"] = 16.0
+    shown = findings(now | {"comparison": compare_runs(now, before)})
+    assert any("flew 16 s" in note for note in shown.notes)
+
+
+# What the file says.
+
+
+def test_the_file_has_every_ratio_as_it_follows_from_its_medians(bench):
+    us = {name: one["median_us"] for name, one in bench["timings"].items()}
+    for ratio in RATIOS:
+        one = bench["ratios"][ratio.name]
+        assert bench[ratio.name] == one["ratio"] == pytest.approx(ratio.of(us))
+        assert (one["bound"], one["goal"]) == ASKED[ratio.name]
+        assert one["p5"] <= one["p95"]
+        if one["bound"] is not None:
+            assert one["within_bound"] == (one["ratio"] < one["bound"])
+            assert one["reaches_goal"] == (one["ratio"] <= one["goal"])
+    assert set(ASKED) == set(bench["ratios"])
+    for one in bench["timings"].values():
+        assert 0 < one["p5_us"] <= one["median_us"] <= one["p95_us"]
+    assert bench["real_time_factor"] == pytest.approx(1000 / us["closed_loop"])
+    assert {"mink", "placo", "daqp", "numpy", "mujoco"} <= set(bench["versions"])
+    assert bench["numerical_threads"] == 1
+
+
+def test_the_parts_of_a_tick_are_all_of_it(bench):
+    us = {name: one["median_us"] for name, one in bench["timings"].items()}
+    parts = dict(bench["tick_parts_us"])
+    assert parts.pop("all") == pytest.approx(us["closed_loop"] - us["mj_step"])
+    del parts["jacobian"]  # of the mapping
+    assert sum(parts.values()) == pytest.approx(us["closed_loop"] - us["mj_step"])
+
+
+def test_growth_is_made_of_the_same_medians(bench):
+    us = {name: one["median_us"] for name, one in bench["timings"].items()}
+    actuators, batch = bench["growth"]["actuators"], bench["growth"]["batch"]
+    assert set(actuators) == {"prioritized", "daqp", "placo", "pinv_formula", "dgglse"}
+    for name, one in actuators.items():
+        assert one["median_us"] == [us[f"{name}_n{n}"] for n in one["size"]]
+    assert batch["median_us"][-1] == us["batched"]
+    whole = np.multiply(batch["median_us"], batch["size"])
+    assert batch["exponent"] == pytest.approx(fitted(batch["size"], whole).exponent)
+
+
+def test_files_are_listed_and_told_from_the_json_alone(bench, bench_folder):
+    assert set(bench["files"]) == {file.name for file in bench_folder.iterdir()}
+    told = findings(bench)
+    assert (bench_folder / "bench.md").read_text() == told.markdown()
+    assert {picture.file for picture in told.pictures} <= set(bench["files"])
+    for table in told.tables:
+        assert {len(row) for row in table.rows} == {len(table.headings)}
+    saved = json.loads((bench_folder.parent / "saved.json").read_text())
+    assert saved | {"files": bench["files"]} == bench
+
+
+def test_a_slow_run_is_unsound_only_where_that_is_asked_and_stable(bench):
+    slow = copy.deepcopy(bench)
+    for one in slow["ratios"].values():
+        one["ratio"] = 1e6
+    assert findings(slow).complaint is None
+    checked = findings(slow, check=True)
+    assert isinstance(checked, Findings)
+    stable = [name for name, one in slow["ratios"].items() if one["check_bound"] is not None]
+    assert stable == [ratio.name for ratio in RATIOS if ratio.stable]
+    assert stable
+    for name in stable:
+        assert str(complaint(slow)).startswith(f"{name} is 1000000.00")
+        slow["ratios"][name]["ratio"] = 0.01
+    # What is left scatters too much, or has no bound.
+    assert findings(slow, check=True).complaint is None
+    for name in stable:
+        assert slow["ratios"][name]["check_bound"] >= slow["ratios"][name]["bound"]
+
+
+# The same steps, the same task.
+
+LEAST = replace(study.QUICK, batches=(1, 100), actuators=(6, 30))
+
+
+def test_bare_physics_takes_as_many_steps_as_the_closed_loop(model, monkeypatch):
+    counted, mj_step = [0], mujoco.mj_step
+
+    def counting(model: mujoco.MjModel, data: mujoco.MjData, nstep: int = 1) -> None:
+        counted[0] += nstep
+        mj_step(model, data, nstep)
+
+    bench = Bench()
+    flight = loop.Flight(model, bench, nominal_loops(model, bench), seconds=0.05, seed=0)
+    monkeypatch.setattr(mujoco, "mj_step", counting)
+    track_spiral(model, bench, flight.loops, loop.GOAL, duration_s=flight.seconds)
+    assert counted == [flight.steps]
+    flight.step()
+    assert counted == [2 * flight.steps]
+    assert (growth.ACTUATORS[0], growth.ACTUATORS[-1]) == (6, 200)
+    assert study.FULL.batches[-1] == 100_000
+    whole = replace(flight, seconds=study.FULL.seconds)
+    assert (whole.seconds, whole.ticks, whole.steps) == (16.0, 16_000, 132_000)
+
+
+@pytest.fixture(scope="module")
+def asked(model) -> study.Questions:
+    return study.questions(model, LEAST, seed=3)
+
+
+def test_the_random_problems_are_those_of_the_seed(model, asked):
+    again = study.questions(model, LEAST, seed=3)
+    other = study.questions(model, LEAST, seed=4)
+    np.testing.assert_array_equal(asked.problems[5].J, again.problems[5].J)
+    assert np.any(asked.problems[5].J != other.problems[5].J)
+    given = [(each.J.tobytes(), each.joint_weight.tobytes()) for each in asked.problems]
+    assert len(set(given)) == len(given) > 50  # fresh in every call
+
+
+def test_everybody_is_asked_and_all_agree(model, asked):
+    with threadpool_limits(1):  # as in the bench; threads of OpenBLAS get into each other's way
+        found = {each.question: each for each in study.agreements(model, asked)}
+    for each in found.values():
+        each.check()
+    general = {solver.name for solver in SOLVERS if not solver.unit_rows}
+    assert set(found["Problem 1"].distances) == general
+    assert set(found["Problem 1 with unit rows"].distances) == {each.name for each in SOLVERS}
+    assert set(found["pointing with strut 1 locked"].distances) == {"tick", "mink", "dgglse"}
+    assert "batched" in found["a batch of 100"].distances
+    assert all(f"Problem 1 with {n} actuators" in found for n in LEAST.actuators)
+
+
+@pytest.mark.parametrize("wrong", [solver.name for solver in SOLVERS])
+def test_one_who_answers_otherwise_is_named_and_nobody_else(asked, wrong):
+    unit = [each.with_unit_rows() for each in asked.problems]
+    answers = {solver.name: solver.answers(unit) for solver in SOLVERS}
+    compare("question", answers, study.TOLERANCE).check()
+    answers[wrong][7, 2] += 1e-6
+    with pytest.raises(Unsound, match=rf"question: {wrong} by [^,]+ of the answer, more than"):
+        compare("question", answers, study.TOLERANCE).check()
+    answers[wrong][7, 2] = np.nan
+    with pytest.raises(Unsound, match=wrong):
+        compare("question", answers, study.TOLERANCE).check()
+
+
+def test_the_hierarchy_of_daqp_knows_no_weights(asked):
+    """What it is left out of the general problem for: it weighs rows by their lengths."""
+    answers = {solver.name: solver.answers(asked.problems) for solver in SOLVERS}
+    with pytest.raises(Unsound, match=r"question: daqp_hierarchy by \S+ of the answer"):
+        compare("question", answers, study.TOLERANCE).check()
+
+
+def test_the_solvers_are_given_different_problems(asked):
+    """A problem with one weight changed has another answer: the agreement is not idle."""
+    problem = asked.problems[0]
+    other = replace(problem, joint_weight=problem.joint_weight * [2, 1, 1, 1, 1, 1])
+    for solver in SOLVERS:
+        if not solver.unit_rows:
+            apart = np.abs(solver.answers([problem]) - solver.answers([other])).max()
+            assert apart > 1e-3, solver.name
+
+
+def test_a_batch_is_its_problems_one_by_one():
+    batch = random_problem(6, np.random.default_rng(1), (5,))
+    growth.batch_agreement(batch, study.TOLERANCE).check()
+    assert batch.one(2).J.shape == (6, 6)
+
+
+# The command.
+
+
+@pytest.fixture
+def untimed(monkeypatch):
+    """Nothing may be timed."""
+
+    def refuse(*given: object) -> None:
+        raise AssertionError("something was timed")
+
+    monkeypatch.setattr(study, "by_turns", refuse)
+    monkeypatch.setattr(study, "QUICK", replace(study.QUICK, batches=(1, 10)))
+
+
+def test_answers_that_differ_end_the_bench_before_anything_is_timed(
+    capsys, monkeypatch, tmp_path, untimed
+):
+    honest = pointing.solve_ik
+    monkeypatch.setattr(pointing, "solve_ik", lambda *given: 1.001 * honest(*given))
+    assert main(["bench", "--quick", "--out", str(tmp_path / "out")]) == 1
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith("fjh: the answers differ, so nothing was timed: pointing with strut 1")
+    assert "mink by 1.0e-03" in err
+    assert "tick" not in err
+    assert err.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("absent", ["mink", "placo", "daqp", "threadpoolctl"])
+def test_without_the_extra_one_sentence_says_what_to_install(
+    capsys, monkeypatch, tmp_path, untimed, absent
+):
+    monkeypatch.setitem(sys.modules, absent, None)  # what an import of it meets
+    assert main(["bench", "--quick", "--out", str(tmp_path / "out")]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert f"not installed, {absent}: pip install" in err
+    assert "[bench]" in err
+    assert err.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("content", "reason"),
+    [
+        (None, "No such file"),
+        ("no JSON", "not written by"),
+        ('{"experiment": "table1"}', "not written by"),
+        ('{"experiment": "bench", "median_s": {}}', "not written by"),
+        (
+            '{"experiment": "bench", "simulated_s": 2, "ratios": {"tick": {}}, "timings": {}}',
+            "not written by",
+        ),
+    ],
+)
+def test_a_file_that_is_no_saved_bench_is_refused(capsys, tmp_path, untimed, content, reason):
+    file = tmp_path / "before.json"
+    if content is not None:
+        file.write_text(content)
+    out = str(tmp_path / "out")
+    assert main(["bench", "--quick", "--compare", str(file), "--out", out]) == 2
+    err = capsys.readouterr().err
+    assert f"--compare {file}" in err
+    assert reason in err
+    assert main(["bench", "--quick", "--save", str(tmp_path / "b.txt"), "--out", out]) == 2
+    assert "--save" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+# The page.
+
+PAGE = (Path(__file__).parents[1] / "docs" / "performance.md").read_text()
+
+
+def rows(text: str) -> dict[str, list[str]]:
+    """Cells of each table row by its label."""
+    lines = [line.strip("|").split("|") for line in text.splitlines() if line.startswith("|")]
+    found = {label.strip(): [cell.strip() for cell in cells] for label, *cells in lines}
+    return {label: cells for label, cells in found.items() if label.strip("-")}
+
+
+def test_the_page_has_every_row_that_comes_out_and_the_bounds(bench_folder):
+    begin, end = (f"<!-- results/bench/bench.md {word} -->\n" for word in ("begins", "ends"))
+    pasted = rows(PAGE.partition(begin)[2].partition(end)[0])
+    assert set(rows((bench_folder / "bench.md").read_text())) == set(pasted)
+    for name, limits in ASKED.items():
+        printed = ["" if limit is None else f"{limit:g}" for limit in limits]
+        assert pasted[name][2:4] == printed
+    assert "of the spiral only" not in PAGE  # a --quick run is not what the page is made of
+
+
+def test_the_page_says_what_ci_fails_on():
+    checked = rows(PAGE.partition("## What CI fails on")[2])
+    for ratio in RATIOS:
+        if ratio.check_bound is not None:
+            assert checked[f"`{ratio.name}`"][0] == f"{ratio.check_bound:g}"
