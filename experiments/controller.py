@@ -62,7 +62,6 @@ class ControllerState:
     handover: Handover = NOTHING_OWED
 
 
-_NO_REST = np.zeros(6)
 _PARTS = ("A", "B"), ("C", "D")
 
 
@@ -135,7 +134,7 @@ class Controller:
             compensator,
             self.amplifier.input_percent(wanted_m / self._strength),
             pose,
-            Asked(pointing, wanted_m, _NO_REST if rest_m is None else rest_m),
+            Asked(pointing, wanted_m, NOTHING_YET.rest_m if rest_m is None else rest_m),
             owed,
         )
 

@@ -46,6 +46,11 @@ class Problem(NamedTuple):
     lead: tuple[int, ...]
 
     @property
+    def is_unconstrained(self) -> bool:
+        """Whether all rates are admissible, and no metric weighs the major task."""
+        return not self.active_constraint.size and self.major_metric is None
+
+    @property
     def major_jacobian(self) -> Array:
         """Jacobian of the major task, shape (..., m1, n)."""
         return product(self.S_m, self.J)

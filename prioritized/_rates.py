@@ -20,16 +20,16 @@ def optimal_rates(
 ) -> Array | None:
     """The rates that reach v_m and minimize the weighted sum, without the gains.
 
+    For one problem, and an unconstrained one.
+
     Returns:
-        Shape (n,), or None where this short way does not serve: batches, admissible rates that are
-        constrained, a metric of the major task; or where the major task is not beyond doubt within
-        reach, or the weights do not beyond doubt decide all that it leaves free.
+        Shape (n,), or None where gains are the better way: several targets; a major task that is
+        not beyond doubt within reach; weights that do not beyond doubt decide all that it leaves
+        free.
 
     Raises:
         ValueError: A wish of the wrong shape or not finite.
     """
-    if problem.active_constraint.size or problem.major_metric is not None:
-        return None
     J, W1, W2 = problem.J, problem.weight, problem.secondary_weight
     v = _one("v_major", v_major, len(problem.S_m))
     target = np.zeros(len(W1) + len(W2))

@@ -22,17 +22,17 @@ def rates_side_by_side(
 ) -> Array | None:
     """The rates of a batch, shape (..., n), without the gains of those whose ranks are no question.
 
+    For unconstrained problems.
+
     Returns:
-        None where gains are the better way: constrained admissible rates, a metric of the major
-        task, no weights, or wishes with more axes than the batch.
+        None where gains are the better way: too few weights, or wishes with more axes than the
+        batch.
 
     Raises:
         ValueError: A wish of the wrong shape or not finite.
     """
     p, n, m2 = len(problem.S_m), problem.J.shape[-1], len(problem.S_s)
     k = problem.weight.shape[-2] + problem.secondary_weight.shape[-2]
-    if problem.active_constraint.size or problem.major_metric is not None:
-        return None
     if not (0 < p <= n <= p + k and k):
         return None
     wishes = {

@@ -61,7 +61,7 @@ class VelocityMapping:
         secondary_velocity: ArrayLike | None = None,
     ) -> Array:
         """Optimal active joint rates, shape (..., n); what is None counts as zero."""
-        if not self.damping:
+        if not self.damping and self.problem.is_unconstrained:
             solve = rates_side_by_side if self.problem.lead else optimal_rates
             rates = solve(self.problem, v_major, joint_velocity, secondary_velocity)
             if rates is not None:

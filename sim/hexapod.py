@@ -65,7 +65,7 @@ class Posture(Pose):
         """
         *_, twist, singular = dgesv(self.inverse_jacobian, displacement_m)
         if singular:
-            raise np.linalg.LinAlgError("no strut displacement tells of a motion: singular pose")
+            raise np.linalg.LinAlgError("the pose is singular: held struts let the payload move")
         return twist
 
 
