@@ -17,6 +17,11 @@ def certain(tolerance: float) -> float:
     return max(2.0 * tolerance, ROUND_OFF)
 
 
+def can_be_decided(p: int, n: int, k: int) -> bool:
+    """Whether p equations and k rows of least squares, some of each, can determine n unknowns."""
+    return 0 < p <= n <= p + k and k > 0
+
+
 def certain_inverse(A: Array, least: float) -> Array | None:
     """A^-1 of a square A, or None where its singular values do not all pass beyond doubt."""
     if not A.size:
@@ -46,7 +51,7 @@ def equality_constrained(
         decides all that they leave free.
     """
     p, n = A.shape
-    if not (0 < p <= n <= p + len(G) and len(G)):
+    if not can_be_decided(p, n, len(G)):
         return None
     T, R, _, x, singular = lapack.dgglse(G, A, c, b, overwrite_a=True, overwrite_c=True)
     if singular or not _passes(R[:, n - p :], least_A) or not _passes(T[: n - p, : n - p], least_G):

@@ -5,7 +5,7 @@ from numpy.typing import ArrayLike
 
 from prioritized import _check
 from prioritized._check import Array, Mask
-from prioritized._equality import certain, equality_constrained_batch
+from prioritized._equality import can_be_decided, certain, equality_constrained_batch
 from prioritized._gains import lexicographic_gains
 from prioritized._problem import Problem
 from prioritized._rank import frobenius
@@ -33,7 +33,7 @@ def rates_side_by_side(
     """
     p, n, m2 = len(problem.S_m), problem.J.shape[-1], len(problem.S_s)
     k = problem.weight.shape[-2] + problem.secondary_weight.shape[-2]
-    if not (0 < p <= n <= p + k and k):
+    if not can_be_decided(p, n, k):
         return None
     wishes = {
         "v_major": _check.vector("v_major", v_major, p),

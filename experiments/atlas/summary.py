@@ -7,12 +7,10 @@ import numpy as np
 
 from experiments.atlas.conditions import classified
 from experiments.figures.atlas import verdicts
-from experiments.provenance import versions
 from experiments.soundness import CLOSURE_LIMIT_M
 from experiments.sweep.design import Design
 from experiments.sweep.study import Ran
-from experiments.sweep.summary import ANGLES, Columns, comparable, off_by
-from sim import model_sha256
+from experiments.sweep.summary import ANGLES, Columns, comparable, off_by, origin
 
 LOST = ("drifts", "one_direction", "none")
 """Verdicts without pointing."""
@@ -28,18 +26,9 @@ def summarize(ran: Ran, design: Design, path: Path) -> dict[str, Any]:
     """
     columns = Columns(path)
     values = {factor.name: list(factor.values) for factor in design.factors}
-    return {
-        "experiment": "atlas",
-        "seed": ran.basis["seed"],
-        "versions": versions(),
-        "model_sha256": model_sha256(),
-        "basis": ran.basis,
-        "dataset": path.name,
-        "runs": design.runs,
-        "duration_s": design.duration_s,
+    return origin("atlas", ran, design, path) | {
         "conditions": len(values["struts"]),
         "weights": values["weight"],
-        "took": ran.took,
         "verdicts": _verdicts(columns),
         **_disagreement(columns),
         "closure_residual_max_m": _opened_m(columns),

@@ -32,7 +32,9 @@ def read_design(path: Path | None) -> Design:
     """
     try:
         text = tomllib.loads((path or DEFAULT).read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
+    except OSError as error:
+        raise WrongInput(f"--design {path} cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError as error:
         raise WrongInput(f"--design {path} cannot be read: {error}") from None
     except tomllib.TOMLDecodeError as error:
         raise WrongInput(f"--design {path} is not TOML: {error}") from None

@@ -29,6 +29,21 @@ class Columns:
         return pq.read_table(self.path, columns=[name])[name].to_numpy()
 
 
+def origin(experiment: str, ran: Ran, design: Design, path: Path) -> dict[str, Any]:
+    """What a summary begins with: where its numbers are from; arguments as in `summarize`."""
+    return {
+        "experiment": experiment,
+        "seed": ran.basis["seed"],
+        "versions": versions(),
+        "model_sha256": model_sha256(),
+        "basis": ran.basis,
+        "dataset": path.name,
+        "runs": design.runs,
+        "duration_s": design.duration_s,
+        "took": ran.took,
+    }
+
+
 def summarize(ran: Ran, design: Design, path: Path) -> dict[str, Any]:
     """All numbers that are told of a sweep, ready for JSON.
 
@@ -38,16 +53,7 @@ def summarize(ran: Ran, design: Design, path: Path) -> dict[str, Any]:
         path: Its rows.
     """
     columns = Columns(path)
-    return {
-        "experiment": "sweep",
-        "seed": ran.basis["seed"],
-        "versions": versions(),
-        "model_sha256": model_sha256(),
-        "basis": ran.basis,
-        "dataset": path.name,
-        "runs": design.runs,
-        "duration_s": design.duration_s,
-        "took": ran.took,
+    return origin("sweep", ran, design, path) | {
         "status": dict(sorted(Counter(columns["status"].tolist()).items())),
         "groups": _groups(columns, design.duration_s),
         "prediction": prediction(columns),
