@@ -16,11 +16,19 @@ class Bench:
         quick_duration_s: The part of it that --quick runs.
         spiral_radius_urad: Final radius of the spiral (calibrated).
         spiral_period_s: Time of one turn; eight turns in 16 s (calibrated).
+        spiral_exponent: Radius and angle grow with (t / duration)^exponent: 1 is a constant rate of
+            turn, 1/2 a constant speed along the spiral.
+        spiral_start_deg: Direction in which the spiral leaves the centre, from alpha towards beta.
+        spiral_direction: 1 turns from alpha towards beta, -1 the other way.
         alpha_crossover_hz: Gain crossover of the alpha loop (calibrated).
         beta_crossover_hz: Gain crossover of the beta loop (calibrated).
         roll_off_hz: Corner of the second-order low-pass in both compensators: below the plant's
             modes, far enough above crossover to leave 57 degrees of phase margin.
         roll_off_damping: Its damping ratio.
+        demand_limit_urad: Largest pointing, each of alpha and beta, that the compensators may
+            demand of the mapping; None is no limit.
+        anti_windup: Conditional integration: a compensator at its limit keeps its state while the
+            error would drive it further. Without it, the integrators wind up.
         control_period_s: Fixed rate of the controller, 1 kHz; eight physics steps.
         focal_length_m: Effective focal length of the telescope (paper).
         detector_half_width_m: Half the side of a 10 mm detector; 5 mrad of range.
@@ -41,10 +49,15 @@ class Bench:
     quick_duration_s: float = 4.0
     spiral_radius_urad: float = 100.0
     spiral_period_s: float = 2.0
+    spiral_exponent: float = 1.0
+    spiral_start_deg: float = 0.0
+    spiral_direction: int = 1
     alpha_crossover_hz: float = 8.6
     beta_crossover_hz: float = 6.6
     roll_off_hz: float = 25.0
     roll_off_damping: float = 0.7
+    demand_limit_urad: float | None = None
+    anti_windup: bool = False
     control_period_s: float = 1e-3
     focal_length_m: float = 1.0
     detector_half_width_m: float = 5e-3
@@ -74,8 +87,19 @@ class Bench:
 
     def desired_rad(self, time_s: Array) -> Array:
         """The spiral at the given times, shape (N, 2)."""
-        turns = self.duration_s / self.spiral_period_s
-        return spiral(time_s, self.spiral_radius_urad * 1e-6, turns, self.duration_s)
+        return spiral(
+            time_s,
+            self.spiral_radius_urad * 1e-6,
+            self.spiral_direction * self.duration_s / self.spiral_period_s,
+            self.duration_s,
+            exponent=self.spiral_exponent,
+            start_rad=np.radians(self.spiral_start_deg),
+        )
+
+    @property
+    def demand_limit_rad(self) -> float:
+        """Of the compensators' output; infinite where there is none."""
+        return np.inf if self.demand_limit_urad is None else self.demand_limit_urad * 1e-6
 
     def detector(self) -> Detector:
         """The position-sensitive detector behind its telescope."""

@@ -4,3 +4,6 @@ from typing import Literal
 
 JacobianChoice = Literal["analytic", "constant"]
 """Of the estimated pose at every control tick, or of the nominal pose as eq. (39)."""
+
+ConfigurationName = Literal["calibrated", "demand-limit"]
+"""Of Table I, see :mod:`experiments.table1.configuration`."""

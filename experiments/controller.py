@@ -1,6 +1,7 @@
 """The controller of Fig. 3: one compensator for each pointing angle, then the strut mapping."""
 
 from dataclasses import dataclass, replace
+from math import inf
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -77,14 +78,22 @@ class Controller:
         mapping: StrutMapping,
         amplifier: Amplifier,
         handover_s: float,
+        demand_limit_rad: float = inf,
+        *,
+        anti_windup: bool = False,
     ) -> None:
         """Take the (alpha, beta) compensators, the mapping, and the converters it drives.
 
-        `handover_s` is how long the secondary motion of a former mapping takes to fade.
+        `handover_s` is how long the secondary motion of a former mapping takes to fade;
+        `demand_limit_rad` bounds each of the compensators' outputs, and `anti_windup` keeps the
+        state of a compensator that is there while its error would drive it further (conditional
+        integration: Astrom and Hagglund, Advanced PID Control, 2006, section 3.5).
         """
         self.mapping = mapping
         self.amplifier = amplifier
         self.handover_s = handover_s
+        self.demand_limit_rad = demand_limit_rad
+        self.anti_windup = anti_windup
         self._strength = np.ones(6)
         for strut, left in mapping.goal.strength.items():
             self._strength[strut] = left
@@ -123,6 +132,12 @@ class Controller:
         error = desired_rad - sensed.pointing_rad
         after = self._M.dot(np.concatenate([state.compensator.ravel(), error]))
         compensator, pointing = after[:-2].reshape(self._orders), after[-2:]
+        if self.demand_limit_rad < inf:
+            demanded = pointing
+            pointing = demanded.clip(-self.demand_limit_rad, self.demand_limit_rad)
+            if self.anti_windup:
+                held = (pointing != demanded) & (error * demanded > 0)
+                compensator = np.where(held[:, None], state.compensator, compensator)
         owed = state.handover
         if owed is not NOTHING_OWED:
             pointing = pointing + owed.pointing_rad

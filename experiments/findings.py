@@ -71,3 +71,8 @@ class Findings:
             parts += [f"## {table.title}", table.legend, table.markdown()]
         parts.append("\n".join(f"- {note}" for note in self.notes))
         return "\n\n".join(part for part in parts if part) + "\n"
+
+
+def is_cut(summary: dict[str, Any]) -> bool:
+    """Whether only a part of the spiral was run, which the paper's numbers do not compare with."""
+    return summary["duration_s"] < summary["bench"]["duration_s"]

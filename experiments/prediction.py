@@ -9,6 +9,7 @@ import numpy as np
 from experiments.bench import Bench
 from experiments.compensator import Loop, sampled
 from experiments.goal import MAJOR, Goal
+from experiments.limited_loop import limited_response
 from experiments.mapping import StrutMapping
 from sim import NOMINAL, Array, Failure, Plant, failed_plant, hexapod, linearize
 
@@ -60,7 +61,8 @@ def predicted_error_rad(
     """Desired minus true (alpha, beta), tick by tick, shape (N, 2), [rad]; None: unstable loop.
 
     The linear model of :func:`predicted_rms_rad`, driven by what drives one run: the same detector
-    noise, floor, and lock off centre. Saturation and quantization are left out.
+    noise, floor, and lock off centre, with the limit on the demanded pointing where the bench has
+    one. Saturation of the amplifiers and quantization are left out.
 
     Args:
         model: As in :func:`experiments.run.track_spiral`, and so are all others.
@@ -93,14 +95,27 @@ def predicted_error_rad(
     # What the mapping commands at zero pointing, because it knows of a strut off centre.
     standing_m = mapping.displacements(np.zeros(2), NOMINAL)
 
-    plant = failed_plant(model, failures)
-    T = driven_loop(plant, mapping.pointing_gain(), [loop.discrete for loop in loops])
+    plant, gain = failed_plant(model, failures), mapping.pointing_gain()
+    compensators = [loop.discrete for loop in loops]
+    T = driven_loop(plant, gain, compensators)
     if np.abs(T.poles()).max() >= 1:
         return None
-    driven = np.hstack([desired - noise - offset, floor, np.tile(standing_m, (ticks, 1))])
-    time_s = np.arange(ticks) * bench.control_period_s
-    true = offset + np.asarray(control.forced_response(T, time_s, driven.T).outputs).T
-    return (desired - true)[rest:]
+    reference = desired - noise - offset
+    disturbance = np.hstack([floor, np.tile(standing_m, (ticks, 1))])
+    if bench.demand_limit_urad is None:
+        driven = np.hstack([reference, disturbance])
+        time_s = np.arange(ticks) * bench.control_period_s
+        moved = np.asarray(control.forced_response(T, time_s, driven.T).outputs).T
+    else:
+        moved = limited_response(
+            driven_plant(plant, gain, bench.control_period_s),
+            compensators,
+            reference[None],
+            disturbance,
+            np.array([bench.demand_limit_rad]),
+            np.array([bench.anti_windup]),
+        )[0]
+    return (desired - (offset + moved))[rest:]
 
 
 def detector_noise_rad(bench: Bench, seed: int, ticks: int) -> Array:
@@ -119,12 +134,10 @@ def driven_loop(
         gain: Strut displacements per commanded (alpha, beta), shape (6, 2).
         compensators: Of alpha and beta, discrete.
     """
-    linear = linearize(plant.model, plant.data)
     period_s = compensators[0].dt
-    inputs = np.hstack([linear.B_floor, linear.B, linear.B @ gain])
-    P = control.c2d(control.ss(linear.A, inputs, linear.C_twist[MAJOR], 0), period_s, method="zoh")
+    P = driven_plant(plant, gain, period_s)
     # Last inputs and outputs close the loop: command from pointing error.
-    n, free = P.nstates, 3 + linear.B.shape[1]
+    n, free = P.nstates, P.ninputs - 2
     general = control.ss(
         P.A,
         np.hstack([np.zeros((n, 2)), P.B]),
@@ -133,6 +146,15 @@ def driven_loop(
         period_s,
     )
     return general.lft(control.append(*compensators))
+
+
+def driven_plant(plant: Plant, gain: Array, period_s: float) -> control.StateSpace:
+    """Sampled plant from [floor; further strut commands; demanded pointing] to true pointing."""
+    linear = linearize(plant.model, plant.data)
+    inputs = np.hstack([linear.B_floor, linear.B, linear.B @ gain])
+    return control.c2d(
+        control.ss(linear.A, inputs, linear.C_twist[MAJOR], 0), period_s, method="zoh"
+    )
 
 
 def sensitivity_peak(

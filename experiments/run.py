@@ -87,7 +87,14 @@ def controller_for(
     """The controller of this machine for a goal; arguments as in :func:`track_spiral`."""
     mapping = StrutMapping(hexapod(model), goal, jacobian, stiffness, form)
     amplifier = bench.amplifier(newton_per_m=float(model.actuator_gainprm[0, 0]))
-    return Controller(loops, mapping, amplifier, bench.handover_s)
+    return Controller(
+        loops,
+        mapping,
+        amplifier,
+        bench.handover_s,
+        bench.demand_limit_rad,
+        anti_windup=bench.anti_windup,
+    )
 
 
 def track_spiral(

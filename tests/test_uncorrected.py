@@ -18,7 +18,8 @@ from experiments.measures import rms
 from experiments.prediction import driven_loop, predicted_error_rad, predicted_rms_rad
 from experiments.run import Trajectory, nominal_loops, track_spiral
 from experiments.uncorrected.answer import paragraph
-from experiments.uncorrected.candidates import BENCH, CANDIDATES, COLUMNS
+from experiments.uncorrected.candidate import COLUMNS
+from experiments.uncorrected.candidates import BENCH, CANDIDATES
 from experiments.uncorrected.machine import (
     EQUAL,
     FLOOR_BAND_HZ,

@@ -13,10 +13,19 @@ ACTIVE = tuple(f"joint_weight_{k}" for k in range(1, 7))
 SECONDARY = tuple(f"secondary_weight_{name}" for name in ("t_x", "t_y", "t_z", "gamma"))
 """Factors on the diagonals of W1 and W2, in the order of the paper's."""
 
-BENCH = tuple(
-    field.name for field in fields(Bench) if field.name not in ("duration_s", "quick_duration_s")
+_NOT_SWEPT = (
+    "duration_s",
+    "quick_duration_s",
+    "spiral_exponent",
+    "spiral_start_deg",
+    "spiral_direction",
+    "demand_limit_urad",
+    "anti_windup",
 )
-"""Constants of the bench; how long a run lasts is the design's."""
+"""How long a run lasts is the design's; spiral and limit are mapped by `fjh uncorrected`."""
+
+BENCH = tuple(field.name for field in fields(Bench) if field.name not in _NOT_SWEPT)
+"""Constants of the bench that a design can vary."""
 
 _ONES = (1.0,) * 6
 WEIGHTS = {

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from experiments.choices import JacobianChoice
+from experiments.choices import ConfigurationName, JacobianChoice
 from experiments.conduct import MachineFile, Out, Progress, Seed, diverged_into
 from experiments.files import usable_folder
 from experiments.findings import Findings
@@ -24,6 +24,14 @@ def table1(
             "constant, at the nominal pose as eq. (39). Both are run; this one makes the table."
         ),
     ] = "analytic",
+    configuration: Annotated[
+        ConfigurationName,
+        typer.Option(
+            help="Constants of the bench: calibrated to columns W_a to W_e, or, fitted to the last "
+            "column as well, with a spiral that turns the other way and a limit of 95 urad on the "
+            "pointing that the compensators may demand (docs/uncorrected.md)."
+        ),
+    ] = "calibrated",
     model: MachineFile = None,
     *,
     progress: Progress,
@@ -36,7 +44,7 @@ def table1(
     Writes table1.json, the table as table1.md, Figures 4 to 6, and for each column of the table
     its data (.npz, 1 kHz) and its recording (.rrd, 500 Hz).
 
-    Example: fjh table1 --jacobian constant --seed 7 --out /tmp/mine
+    Example: fjh table1 --configuration demand-limit --seed 7 --out /tmp/mine
     """
     # Late: the help text need not wait for MuJoCo's and matplotlib's import.
     from experiments.table1 import report
@@ -47,6 +55,11 @@ def table1(
     folder = usable_folder(out)
     with progress("Table I") as on_progress, diverged_into(folder):
         result = run_table1(
-            mjcf=model, seed=seed, quick=quick, jacobian=jacobian, on_progress=on_progress
+            mjcf=model,
+            seed=seed,
+            quick=quick,
+            jacobian=jacobian,
+            configuration=configuration,
+            on_progress=on_progress,
         )
     return findings(report.write(folder, result, summarize(result)))

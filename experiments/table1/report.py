@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Any
 
 from experiments.files import published, write_index
+from experiments.findings import is_cut
 from experiments.plotting import save_figure
 from experiments.provenance import recording_properties
 from experiments.recording.file import About
@@ -43,12 +44,19 @@ def write(folder: Path, table: Table1, summary: dict[str, Any]) -> dict[str, Any
             shown = Shown(table.trajectories[name], _marks(column))
             own = properties | {key: column[key] for key in _CHOICES if column[key]}
             notes = _notes(column, summary, shown.run, own)
-            about = About(f"table1-{name}-seed{table.seed}", name, notes, own)
+            about = About(_identity(name, table), name, notes, own)
             keep_run(staging, name, about, model, shown)
         for name, draw in FIGURES.items():
             save_figure(draw(table.trajectories), staging, name)
         (staging / "table1.md").write_text(findings(summary).markdown(), encoding="utf-8")
         return write_index(staging / "table1.json", summary)
+
+
+def _identity(name: str, table: Table1) -> str:
+    """Of a recording; the viewer lays out all recordings of one identity alike."""
+    chosen = table.configuration.name
+    words = ["table1", *([] if chosen == "calibrated" else [chosen]), name, f"seed{table.seed}"]
+    return "-".join(words)
 
 
 def _marks(column: dict[str, Any]) -> list[Mark]:
@@ -74,8 +82,10 @@ def _notes(
         "",
         *(f"Loop {name}: {loop['sentence']}." for name, loop in summary["loops"].items()),
     ]
+    # The paper's numbers are of the whole spiral.
+    sources = {"linear model": "predicted"} | ({} if is_cut(summary) else {"paper": "paper"})
     beside = {
         source: (column[f"{key}_alpha_rms_urad"], column[f"{key}_beta_rms_urad"])
-        for source, key in (("linear model", "predicted"), ("paper", "paper"))
+        for source, key in sources.items()
     }
     return run_notes(column["name"], said, run, beside, properties)

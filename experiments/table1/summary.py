@@ -22,7 +22,9 @@ def summarize(table: Table1) -> dict[str, Any]:
         "model_sha256": table.model_sha256,
         "jacobian": table.jacobian,
         "duration_s": _duration_s(table),
-        "bench": asdict(table.bench) | table.plant_constants,
+        "configuration": table.configuration.name,
+        "fit": table.configuration.fit,
+        "bench": asdict(table.configuration.bench) | table.plant_constants,
         "loops": {
             "alpha": loop_measures(table.loops[0]),
             "beta": loop_measures(table.loops[1]),
@@ -68,6 +70,7 @@ def _column(table: Table1, column: Column) -> dict[str, Any]:
         "free": column.struts("free"),
         "joint_weight": column.goal.joint_weight,
         "secondary_weight_t_x_t_y_t_z_gamma": column.goal.secondary_weight,
+        "origin": table.configuration.origin(column.name),
         "alpha_rms_urad": alpha,
         "beta_rms_urad": beta,
         "alpha_measured_rms_urad": alpha_measured,
@@ -95,4 +98,4 @@ def _peaks(secondary: Array) -> dict[str, float]:
 
 
 def _duration_s(table: Table1) -> float:
-    return len(table.trajectories["W_a"].time_s) * table.bench.control_period_s
+    return len(table.trajectories["W_a"].time_s) * table.configuration.bench.control_period_s

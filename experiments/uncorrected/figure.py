@@ -12,7 +12,8 @@ from experiments.palette import BLACK, BLUE, COLOR_MAP, VERMILION
 from experiments.plotting import PAGE_IN, new_figure
 from experiments.run import Trajectory
 from experiments.table1.figures import spiral
-from experiments.uncorrected.candidates import BENCH, BENCH_DAMPING, COLUMNS, RETUNED
+from experiments.uncorrected.candidate import BENCH_DAMPING, COLUMNS
+from experiments.uncorrected.candidates import BENCH, RETUNED
 from experiments.uncorrected.foretold import LOCKS_M
 from experiments.uncorrected.stability_map import ROLL_OFF_HZ
 from experiments.uncorrected.study import Uncorrected
@@ -23,12 +24,12 @@ ANGLES = (("alpha", "$\\alpha$", BLUE), ("beta", "$\\beta$", VERMILION))
 
 def figure_uncorrected(study: Uncorrected, summary: dict[str, Any]) -> Figure:
     """Map of both ratios, ratios over the place of the lock, candidates, two spirals."""
-    figure = new_figure(PAGE_IN, 9.2)
+    figure = new_figure(PAGE_IN, 9.6)
     figure.suptitle(
         "Strut 1 locked, nobody corrects: RMS error over that of the sound machine.\n"
         "Shaded: within 15 % of the paper's 4.01 ($\\alpha$) and 1.55 ($\\beta$)"
     )
-    grid = figure.add_gridspec(4, 4, height_ratios=[1, 1, 1.2, 1.45])
+    grid = figure.add_gridspec(4, 4, height_ratios=[1, 1, 1.45, 1.45])
     for k, roll_off_hz in enumerate(ROLL_OFF_HZ):
         for j, (_, symbol, _) in enumerate(ANGLES):
             axes = figure.add_subplot(grid[k, 2 * j : 2 * j + 2])
@@ -91,7 +92,7 @@ def _map_legend() -> list[Any]:
 
 def _lock(axes: Axes, study: Uncorrected, summary: dict[str, Any]) -> None:
     """Ratios over where strut 1 is stuck, the spiral starting at once."""
-    _bands(axes, summary, horizontal=True)
+    ratio_bands(axes, summary, horizontal=True)
     for name, style in ((BENCH.name, "-"), (RETUNED.name, "--")):
         if name not in study.lock_ratio:
             continue
@@ -107,7 +108,7 @@ def _lock(axes: Axes, study: Uncorrected, summary: dict[str, Any]) -> None:
 def _candidates(axes: Axes, summary: dict[str, Any]) -> None:
     """Both ratios of every candidate; filled where the other columns stay Table I's."""
     shown = [one for one in summary["candidates"] if one["ratio"]]
-    _bands(axes, summary, horizontal=False)
+    ratio_bands(axes, summary, horizontal=False)
     for row, one in enumerate(shown):
         for k, (_, _, color) in enumerate(ANGLES):
             face = color if one["meets_w_a"] and one["meets_corrected"] else "white"
@@ -122,7 +123,8 @@ def _candidates(axes: Axes, summary: dict[str, Any]) -> None:
     axes.legend()
 
 
-def _bands(axes: Axes, summary: dict[str, Any], *, horizontal: bool) -> None:
+def ratio_bands(axes: Axes, summary: dict[str, Any], *, horizontal: bool) -> None:
+    """Where a ratio is within tolerance of the paper's."""
     tolerance = summary["paper"]["ratio_tolerance"]
     for name, _, color in ANGLES:
         middle = summary["paper"][f"{name}_ratio"]

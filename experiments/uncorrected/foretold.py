@@ -9,7 +9,7 @@ from experiments.compensator import Loop
 from experiments.measures import rms
 from experiments.prediction import predicted_error_rad, sensitivity_peak
 from experiments.run import nominal_loops
-from experiments.uncorrected.candidates import COLUMNS, Candidate
+from experiments.uncorrected.candidate import COLUMNS, Candidate
 from sim import Array, load_model
 
 LOCKS_M = np.linspace(-250e-6, 250e-6, 101)

@@ -8,6 +8,7 @@ import numpy as np
 
 from experiments import paper
 from experiments.files import published, write_arrays, write_index
+from experiments.findings import is_cut
 from experiments.plotting import save_figure
 from experiments.provenance import recording_properties
 from experiments.recording.file import About
@@ -16,7 +17,9 @@ from experiments.recording.marks import Mark
 from experiments.recording.notes import run_notes
 from experiments.recording.shown import Shown
 from experiments.run import Trajectory
+from experiments.uncorrected.demand_limit_figure import figure_demand_limit
 from experiments.uncorrected.figure import figure_uncorrected
+from experiments.uncorrected.limit_map import ANTI_WINDUP
 from experiments.uncorrected.stability_map import ROLL_OFF_HZ
 from experiments.uncorrected.study import Uncorrected
 from sim import Array, load_model
@@ -49,7 +52,9 @@ def write(folder: Path, study: Uncorrected, summary: dict[str, Any]) -> dict[str
             about = About(f"uncorrected-{name}-seed{study.seed}", name, notes, own)
             keep_run(staging, name, about, load_model(), Shown(run, [_LOCKED]))
         write_arrays(staging / "map.npz", _map_arrays(study))
+        write_arrays(staging / "limit_map.npz", _limit_arrays(study))
         save_figure(figure_uncorrected(study, summary), staging, "uncorrected")
+        save_figure(figure_demand_limit(study, summary), staging, "demand_limit")
         return write_index(staging / "uncorrected.json", summary)
 
 
@@ -63,6 +68,18 @@ def _map_arrays(study: Uncorrected) -> dict[str, Array]:
     }
 
 
+def _limit_arrays(study: Uncorrected) -> dict[str, Array]:
+    grid = study.limit_grid
+    return {
+        "exponent": np.array(grid.exponent),
+        "direction": np.array(grid.direction),
+        "start_deg": np.array(grid.start_deg),
+        "anti_windup": np.array(ANTI_WINDUP),
+        "limit_over_radius": grid.limit_over_radius,
+        "rms_urad": 1e6 * study.limit_rad,
+    }
+
+
 def _notes(
     candidate: dict[str, Any], summary: dict[str, Any], run: Trajectory, properties: dict[str, Any]
 ) -> str:
@@ -73,11 +90,12 @@ def _notes(
         "",
         f"Seed {summary['seed']}, {summary['duration_s']:g} s, constant Jacobian.",
         *([f"RMS over W_a's: alpha {ratio[0]:.3f}, beta {ratio[1]:.3f}."] if ratio else []),
-        "The paper's: "
-        + ", ".join(f"{u / a:.2f}" for u, a in zip(*_PAPER_URAD, strict=True))
-        + ".",
-        "",
     ]
-    beside = {"paper": paper.TABLE_I_URAD["W_a_uncorrected"]}
+    beside = {}
+    if not is_cut(summary):
+        the_papers = ", ".join(f"{u / a:.2f}" for u, a in zip(*_PAPER_URAD, strict=True))
+        said.append(f"The paper's: {the_papers}.")
+        beside["paper"] = paper.TABLE_I_URAD["W_a_uncorrected"]
+    said.append("")
     title = candidate["name"].replace("_", " ")
     return run_notes(title, said, run, beside, properties)

@@ -11,7 +11,8 @@ from experiments.compensator import compensators
 from experiments.mapping import StrutMapping
 from experiments.measures import rms
 from experiments.prediction import detector_noise_rad, driven_loop
-from experiments.uncorrected.candidates import BENCH, COLUMNS, STRUT
+from experiments.uncorrected.candidate import COLUMNS, STRUT
+from experiments.uncorrected.candidates import BENCH
 from experiments.uncorrected.machine import damped
 from sim import Array, Failure, ModelError, failed_plant, hexapod, linearize
 

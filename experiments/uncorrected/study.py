@@ -1,6 +1,6 @@
 """Table I's last column: every candidate explanation, simulated and predicted, and the map."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,10 +9,13 @@ import numpy as np
 
 from experiments.bench import Bench
 from experiments.parallel import in_parallel
-from experiments.run import Trajectory, track_spiral
-from experiments.uncorrected.candidates import BENCH, CANDIDATES, COLUMNS, RETUNED, Candidate
+from experiments.run import Trajectory, nominal_loops, track_spiral
+from experiments.uncorrected.beam_walk import OFFSETS_M, beam_walk_urad
+from experiments.uncorrected.candidate import COLUMNS, Candidate
+from experiments.uncorrected.candidates import BENCH, CANDIDATES, RETUNED
 from experiments.uncorrected.checked_points import compare, point_calls
 from experiments.uncorrected.foretold import Predicted, lock_sweep, predict
+from experiments.uncorrected.limit_map import LimitGrid, limit_grid, limit_row
 from experiments.uncorrected.stability_map import (
     ROLL_OFF_HZ,
     Grid,
@@ -36,6 +39,9 @@ class Uncorrected:
         map_rad: (roll-offs, dampings, crossovers, 2, 2), see `map_row`; `map_poles` alike.
         map_poles: (roll-offs, dampings, crossovers, 4).
         checked: W_a and uncorrected, predicted and simulated RMS at some points of the map.
+        limit_grid: Of the map over the demand limit.
+        limit_rad: RMS there, shape (*limit_grid.shape, 4, 2), see `limit_row`.
+        beam_walk_urad: RMS over OFFSETS_M, shape (offsets, 4, 2, 2), see `beam_walk_urad`.
         lock_ratio: Predicted ratios over LOCKS_M by candidate, (101, 2); the spiral starts at once.
         seed: Of noise and floor.
         duration_s: Of each simulated run.
@@ -48,6 +54,9 @@ class Uncorrected:
     map_rad: Array
     map_poles: Array
     checked: list[dict[str, Any]]
+    limit_grid: LimitGrid
+    limit_rad: Array
+    beam_walk_urad: Array
     lock_ratio: dict[str, Array]
     seed: int
     duration_s: float
@@ -80,23 +89,38 @@ def run_uncorrected(
     jobs = [(c, column) for c in chosen for column in c.simulated]
     calls = [_call(model, c, column, predicted[c.name], seed, duration_s) for c, column in jobs]
     points = [] if quick else point_calls(seed)
-    where = grid(quick=quick)
-    rows = [
-        {
-            "model": model,
-            "bench": bench,
-            "damping_ratio": ratio,
-            "alpha_crossover_hz": where.alpha_crossover_hz,
-            "roll_off_hz": roll_off_hz,
-            "seed": seed,
-        }
-        for roll_off_hz in ROLL_OFF_HZ
-        for ratio in where.damping_ratio
+    where, limits = grid(quick=quick), limit_grid(quick=quick)
+    sound = {"model": model, "loops": nominal_loops(model, bench), "seed": seed}
+    work: list[tuple[Callable[..., Any], list[dict[str, Any]]]] = [
+        (attempt, [*calls, *points]),
+        (
+            map_row,
+            [
+                {
+                    "model": model,
+                    "bench": bench,
+                    "damping_ratio": ratio,
+                    "alpha_crossover_hz": where.alpha_crossover_hz,
+                    "roll_off_hz": roll_off_hz,
+                    "seed": seed,
+                }
+                for roll_off_hz in ROLL_OFF_HZ
+                for ratio in where.damping_ratio
+            ],
+        ),
+        (
+            limit_row,
+            [
+                sound | {"bench": each, "limit_over_radius": limits.limit_over_radius}
+                for each in limits.benches(bench)
+            ],
+        ),
+        (
+            beam_walk_urad,
+            [sound | {"bench": bench, "offset_m": float(offset)} for offset in OFFSETS_M],
+        ),
     ]
-    simulations = [*calls, *points]
-    total = len(simulations) + len(rows)
-    ended = in_parallel(attempt, simulations, lambda done, _: on_progress(done, total))
-    mapped = in_parallel(map_row, rows, lambda done, _: on_progress(len(simulations) + done, total))
+    ended, mapped, limited, walked = _all_of(work, on_progress)
     shape = (len(ROLL_OFF_HZ), len(where.damping_ratio), len(where.alpha_crossover_hz))
     runs: dict[str, dict[str, Trajectory | float]] = {c.name: {} for c in chosen}
     for (c, column), run in zip(jobs, ended[: len(jobs)], strict=True):
@@ -109,10 +133,28 @@ def run_uncorrected(
         map_rad=np.reshape([row[0] for row in mapped], (*shape, 2, 2)),
         map_poles=np.reshape([row[1] for row in mapped], (*shape, len(COLUMNS))),
         checked=compare(points, ended[len(calls) :]),
+        limit_grid=limits,
+        limit_rad=np.reshape(limited, (*limits.shape, len(COLUMNS), 2)),
+        beam_walk_urad=np.array(walked),
         lock_ratio={c.name: lock_sweep(c, predicted[c.name].loops, seed) for c in _swept(chosen)},
         seed=seed,
         duration_s=duration_s,
     )
+
+
+def _all_of(
+    work: Sequence[tuple[Callable[..., Any], list[dict[str, Any]]]],
+    on_progress: Callable[[int, int], None],
+) -> list[list[Any]]:
+    """Several functions, each over its own calls, as one progress."""
+    total, done, ended = sum(len(calls) for _, calls in work), 0, []
+    for function, calls in work:
+        before = done
+        ended.append(
+            in_parallel(function, calls, lambda now, _, at=before: on_progress(at + now, total))
+        )
+        done += len(calls)
+    return ended
 
 
 def _call(

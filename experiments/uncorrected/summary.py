@@ -11,21 +11,24 @@ from experiments.paper import TABLE_I_URAD
 from experiments.provenance import plant_constants, versions
 from experiments.run import Trajectory
 from experiments.uncorrected.answer import paragraph
-from experiments.uncorrected.candidates import BENCH, COLUMNS, RETUNED, STRUT, Candidate
-from experiments.uncorrected.stability_map import ROLL_OFF_HZ
+from experiments.uncorrected.candidate import COLUMNS, STRUT, Candidate
+from experiments.uncorrected.candidates import BENCH, CLOCKWISE, RETUNED
+from experiments.uncorrected.lost_strut import fast_loop_ratio, remaining_gain
+from experiments.uncorrected.maps import (
+    PAPER_RATIOS,
+    RATIO_TOLERANCE,
+    beam_walk,
+    limit_map,
+    stability_map,
+)
 from experiments.uncorrected.study import Uncorrected
 from sim import NOMINAL, Array, hexapod, load_model, model_sha256
-
-RATIO_TOLERANCE = 0.15
-"""How near both ratios, and W_a itself, must come to the paper's."""
 
 CORRECTED_TOLERANCE = 0.25
 """How near W_d and W_e must stay to the paper's."""
 
-RECORDED = (BENCH.name, "together", RETUNED.name)
+RECORDED = (BENCH.name, "together", RETUNED.name, CLOCKWISE.name)
 """Candidates with a recording of the uncorrected column; all have its data."""
-
-PAPER_RATIOS = np.divide(TABLE_I_URAD["W_a_uncorrected"], TABLE_I_URAD["W_a"])
 
 
 def summarize(study: Uncorrected) -> dict[str, Any]:
@@ -44,10 +47,13 @@ def summarize(study: Uncorrected) -> dict[str, Any]:
             "ratio_tolerance": RATIO_TOLERANCE,
             "corrected_tolerance": CORRECTED_TOLERANCE,
             "strut_1_alpha_over_beta": _strut_direction(),
+            "fast_loop_ratio": fast_loop_ratio(remaining_gain(load_model())).tolist(),
             "columns_urad": {name: list(TABLE_I_URAD[name]) for name in COLUMNS},
         },
         "candidates": [_candidate(study, candidate) for candidate in study.candidates],
-        "map": _map(study),
+        "map": stability_map(study),
+        "limit_map": limit_map(study),
+        "beam_walk": beam_walk(study),
         "checked_points": [_point(point) for point in study.checked],
     }
     best = min(summary["candidates"], key=_distance)
@@ -85,6 +91,8 @@ def _candidate(study: Uncorrected, candidate: Candidate) -> dict[str, Any]:
         "name": candidate.name,
         "what": candidate.what,
         "differs": candidate.differs(),
+        "numbers_changed": candidate.freedom[0],
+        "choices_changed": candidate.freedom[1],
         "loops": [str(loop) for loop in predicted.loops],
         "gain_margin_db": [finite_or_none(loop.gain_margin_db) for loop in predicted.loops],
         "columns": columns,
@@ -97,6 +105,7 @@ def _candidate(study: Uncorrected, candidate: Candidate) -> dict[str, Any]:
         "explains_if_corrected_settled": verdict["meets_ratios"]
         and verdict["meets_w_a"]
         and _near(settled, ["W_d", "W_e"], CORRECTED_TOLERANCE),
+        "signature": _signature(candidate, runs["W_a_uncorrected"]),
         "data": f"{candidate.name}.npz",
         "recording": f"{candidate.name}.rrd" if recorded else None,
     }
@@ -121,30 +130,18 @@ def _column(study: Uncorrected, candidate: Candidate, name: str) -> dict[str, An
     }
 
 
-def _map(study: Uncorrected) -> dict[str, Any]:
-    """The map in a few numbers; its arrays are in `map.npz`."""
-    both = np.isfinite(study.map_rad).all(axis=(-2, -1))
-    ratio = study.map_rad[both][:, 1] / study.map_rad[both][:, 0]
-    stable = study.map_poles < 1
-    sound, corrected_d, corrected_e, uncorrected = np.moveaxis(stable, -1, 0)
+def _signature(candidate: Candidate, run: Trajectory | float) -> dict[str, Any] | None:
+    """What Fig. 5 would show: how far the outer turns reach, and when the error arises."""
+    if not isinstance(run, Trajectory):
+        return None
+    squared = np.square(run.desired_rad - run.true_rad).sum(axis=1)
+    outer = run.time_s >= 0.75 * run.time_s[-1]
+    reach = np.abs(run.true_rad[outer]).max(axis=0) / np.abs(run.desired_rad[outer]).max(axis=0)
     return {
-        "data": "map.npz",
-        "roll_off_hz": list(ROLL_OFF_HZ),
-        "damping_ratio": study.grid.damping_ratio.tolist(),
-        "alpha_crossover_hz": study.grid.alpha_crossover_hz.tolist(),
-        "points": int(stable[..., 0].size),
-        "points_stable": int(both.sum()),
-        "alpha_ratio_range": [float(ratio[:, 0].min()), float(ratio[:, 0].max())],
-        "beta_ratio_range": [float(ratio[:, 1].min()), float(ratio[:, 1].max())],
-        "points_within_tolerance": int(
-            (np.abs(ratio / PAPER_RATIOS - 1) < RATIO_TOLERANCE).all(axis=1).sum()
-        ),
-        "points_uncorrected_alone_unstable": int(
-            (sound & corrected_d & corrected_e & ~uncorrected).sum()
-        ),
-        "points_corrected_alone_unstable": int(
-            (sound & uncorrected & ~(corrected_d & corrected_e)).sum()
-        ),
+        "outer_reach_percent": (100 * reach).tolist(),
+        "largest_error_first_turn_urad": 1e6
+        * float(np.sqrt(squared[run.time_s < Bench().spiral_period_s].max())),
+        "error_share_last_quarter": float(squared[outer].sum() / squared.sum()),
     }
 
 

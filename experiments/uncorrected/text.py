@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from experiments.findings import Findings, Picture, Table
+from experiments.findings import Findings, Picture, Table, is_cut
 from experiments.uncorrected.soundness import complaint
 
 PICTURES = [
@@ -12,7 +12,14 @@ PICTURES = [
         "Maps of both ratios over damping and crossover, hatched where a loop is unstable; ratios "
         "over the place at which strut 1 is locked; candidates beside bands of the paper's ratios; "
         "two uncorrected spirals.",
-    )
+    ),
+    Picture(
+        "demand_limit.png",
+        "A limit on the pointing that the compensators demand explains the last column.",
+        "Ratio of alpha and of beta over the limit, a line for each spiral, beside a band of the "
+        "paper's; three uncorrected spirals, of which the limited one is cut off along alpha; "
+        "ratios over the place of the detector, which stay below the bands.",
+    ),
 ]
 
 
@@ -27,6 +34,7 @@ def table(summary: dict[str, Any]) -> Table:
     rows = [
         (
             candidate["name"].replace("_", " "),
+            f"{candidate['numbers_changed']}, {candidate['choices_changed']}",
             _pair(candidate["ratio"], ".2f"),
             *(
                 _rms(column)
@@ -36,18 +44,20 @@ def table(summary: dict[str, Any]) -> Table:
         )
         for candidate in summary["candidates"]
     ]
+    paper = [] if is_cut(summary) else [_paper(summary["paper"])]
     return Table(
         "Strut 1 locked, uncorrected: RMS of alpha, beta over those of W_a",
-        ("", "ratios", "W_a", "W_d", "W_e"),
-        [*rows, _paper(summary["paper"])],
-        "W_a, W_d, W_e: RMS of alpha, beta, urad; *: by the linear model, not simulated.",
+        ("", "changed", "ratios", "W_a", "W_d", "W_e"),
+        [*rows, *paper],
+        "Changed: numbers, and choices between two, that are not the bench's. W_a, W_d, W_e: RMS "
+        "of alpha, beta, urad; *: by the linear model, not simulated.",
     )
 
 
 def _paper(paper: dict[str, Any]) -> tuple[str, ...]:
     columns = [_pair(paper["columns_urad"][name], ".1f") for name in ("W_a", "W_d", "W_e")]
     ratios = _pair([paper["alpha_ratio"], paper["beta_ratio"]], ".2f")
-    return ("the paper", ratios, *columns)
+    return ("the paper", "", ratios, *columns)
 
 
 def _rms(column: dict[str, Any]) -> str:

@@ -1,0 +1,123 @@
+"""Table I over a limit on the demanded pointing, its spiral and anti-windup; linear plant."""
+
+from dataclasses import dataclass, replace
+from itertools import product
+
+import mujoco
+import numpy as np
+
+from experiments.bench import Bench
+from experiments.compensator import Loop
+from experiments.limited_loop import limited_response
+from experiments.mapping import StrutMapping
+from experiments.measures import rms
+from experiments.paper import TABLE_I_URAD
+from experiments.prediction import detector_noise_rad, driven_plant
+from experiments.uncorrected.candidate import COLUMNS
+from experiments.uncorrected.candidates import BENCH
+from sim import Array, failed_plant, hexapod
+
+RADIUS_URAD = {1.0: 100.0, 0.5: 113.0}
+"""Of the spiral by its exponent, so that W_a stays where Table I has it."""
+
+ANTI_WINDUP = (False, True)
+
+
+@dataclass(frozen=True)
+class LimitGrid:
+    """Where the map is computed.
+
+    Attributes:
+        exponent: 1 for a constant rate of turn, 1/2 for a constant speed.
+        direction: 1 from alpha towards beta, -1 the other way.
+        start_deg: Direction in which the spiral leaves the centre. Half a turn on, all angles only
+            change their sign.
+        limit_over_radius: Limit on each demanded angle over the spiral's radius.
+    """
+
+    exponent: tuple[float, ...]
+    direction: tuple[int, ...]
+    start_deg: tuple[float, ...]
+    limit_over_radius: Array
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Of the map: exponents, directions, starts, anti-windup, limits."""
+        spirals = (len(self.exponent), len(self.direction), len(self.start_deg))
+        return (*spirals, len(ANTI_WINDUP), len(self.limit_over_radius))
+
+    def benches(self, bench: Bench) -> list[Bench]:
+        """One for each spiral, in the order of the map."""
+        return [
+            replace(
+                bench,
+                spiral_exponent=exponent,
+                spiral_radius_urad=RADIUS_URAD[exponent],
+                spiral_direction=direction,
+                spiral_start_deg=start_deg,
+            )
+            for exponent, direction, start_deg in product(
+                self.exponent, self.direction, self.start_deg
+            )
+        ]
+
+
+def limit_grid(*, quick: bool) -> LimitGrid:
+    """Limits from a tenth below the radius to an eighth above it."""
+    if quick:
+        return LimitGrid((1.0,), (1, -1), (0.0,), np.array([0.95, 1.0]))
+    limits = np.round(np.arange(0.90, 1.125, 0.01), 2)
+    return LimitGrid((1.0, 0.5), (1, -1), (0.0, 45.0, 90.0, 135.0), limits)
+
+
+def limit_row(
+    model: mujoco.MjModel,
+    bench: Bench,
+    loops: tuple[Loop, Loop],
+    limit_over_radius: Array,
+    seed: int,
+) -> Array:
+    """RMS of desired minus true (alpha, beta) for one spiral, [rad].
+
+    Args:
+        model: The hexapod.
+        bench: With its spiral; its limit is not used.
+        loops: Compensators.
+        limit_over_radius: Shape (L,).
+        seed: Of the detector noise.
+
+    Returns:
+        Shape (2, L, 4, 2): without and with anti-windup; each of COLUMNS.
+    """
+    time_s = bench.time_s(bench.duration_s)
+    desired = bench.desired_rad(time_s)
+    reference = desired - detector_noise_rad(bench, seed, len(time_s))
+    limits = np.tile(limit_over_radius * bench.spiral_radius_urad * 1e-6, len(ANTI_WINDUP))
+    held = np.repeat(ANTI_WINDUP, len(limit_over_radius))
+    errors = []
+    for name in COLUMNS:
+        run = BENCH.run(name, seed)
+        gain = StrutMapping(hexapod(model), run["goal"], "constant").pointing_gain()
+        plant = driven_plant(failed_plant(model, run["failures"]), gain, bench.control_period_s)
+        true = limited_response(
+            plant,
+            [loop.discrete for loop in loops],
+            np.broadcast_to(reference, (len(limits), *reference.shape)),
+            np.zeros((len(time_s), plant.ninputs - 2)),
+            limits,
+            held,
+        )
+        errors.append([rms(desired - each) for each in true])
+    return np.moveaxis(np.reshape(errors, (len(COLUMNS), len(ANTI_WINDUP), -1, 2)), 0, 2)
+
+
+def largest_miss(rms_urad: Array) -> Array:
+    """Largest relative distance of the twelve entries of Table I from the paper's, shape (...).
+
+    Args:
+        rms_urad: Shape (..., 4, 2), each of COLUMNS; W_b and W_c have W_a's errors.
+    """
+    entries = dict(zip(COLUMNS, np.moveaxis(rms_urad, -2, 0), strict=True))
+    entries |= {"W_b": entries["W_a"], "W_c": entries["W_a"]}
+    misses = [np.abs(entries[name] / TABLE_I_URAD[name] - 1) for name in TABLE_I_URAD]
+    return np.max(misses, axis=(0, -1))
