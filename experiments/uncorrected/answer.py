@@ -118,7 +118,7 @@ def _conclusion(summary: dict[str, Any]) -> list[str]:
         names = ", ".join(_name(one) for one in explained)
         said.append(
             f"With all columns started alike, {names} leave W_a within 15 % and W_d and W_e within "
-            f"25 % of Table I as well; {_name(fewest)} changes fewest constants, {_changed(fewest)}."
+            f"25 % of Table I as well; {_name(fewest)} changes least, {_changed(fewest)}."
         )
     else:
         said.append(
@@ -140,7 +140,7 @@ def _changed(candidate: dict[str, Any]) -> str:
     numbers, choices = candidate["numbers_changed"], candidate["choices_changed"]
     words = [f"{numbers} number{'s' * (numbers != 1)}"]
     if choices:
-        words.append(f"{choices} choice{'s' * (choices != 1)} among a few")
+        words.append(f"{choices} choice{'s' * (choices != 1)} between two")
     return " and ".join(words)
 
 
