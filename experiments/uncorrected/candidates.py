@@ -34,7 +34,7 @@ RETUNED = Candidate(
 
 # At constant speed the radius that meets W_a is 113 urad.
 _CONSTANT_SPEED = Candidate(
-    "demand_limit_constant_speed",
+    "limit_speed",
     "limit on the demanded pointing, constant speed",
     spiral_exponent=0.5,
     spiral_radius_urad=113.0,
@@ -43,7 +43,7 @@ _CONSTANT_SPEED = Candidate(
 )
 
 CLOCKWISE = Candidate(
-    "demand_limit_clockwise",
+    "limit_clockwise",
     "limit on the demanded pointing, bench's spiral, clockwise",
     spiral_direction=-1,
     demand_limit_urad=95.0,
@@ -53,7 +53,7 @@ CLOCKWISE = Candidate(
 
 DEMAND_LIMITS = (
     Candidate(
-        "demand_limit",
+        "limit",
         "limit on the demanded pointing, bench's spiral",
         demand_limit_urad=98.0,
     ),
@@ -61,14 +61,14 @@ DEMAND_LIMITS = (
     _CONSTANT_SPEED,
     replace(
         _CONSTANT_SPEED,
-        name="demand_limit_from_90_degrees",
+        name="limit_speed_90",
         what="the same, starting along beta",
         spiral_start_deg=90.0,
         demand_limit_urad=118.1,
     ),
     replace(
         _CONSTANT_SPEED,
-        name="demand_limit_anti_windup",
+        name="limit_anti_windup",
         what="constant speed, clockwise, conditional integration",
         spiral_direction=-1,
         demand_limit_urad=106.2,

@@ -92,7 +92,7 @@ def _map_legend() -> list[Any]:
 
 def _lock(axes: Axes, study: Uncorrected, summary: dict[str, Any]) -> None:
     """Ratios over where strut 1 is stuck, the spiral starting at once."""
-    ratio_bands(axes, summary, horizontal=True)
+    _bands(axes, summary, horizontal=True)
     for name, style in ((BENCH.name, "-"), (RETUNED.name, "--")):
         if name not in study.lock_ratio:
             continue
@@ -108,7 +108,7 @@ def _lock(axes: Axes, study: Uncorrected, summary: dict[str, Any]) -> None:
 def _candidates(axes: Axes, summary: dict[str, Any]) -> None:
     """Both ratios of every candidate; filled where the other columns stay Table I's."""
     shown = [one for one in summary["candidates"] if one["ratio"]]
-    ratio_bands(axes, summary, horizontal=False)
+    _bands(axes, summary, horizontal=False)
     for row, one in enumerate(shown):
         for k, (_, _, color) in enumerate(ANGLES):
             face = color if one["meets_w_a"] and one["meets_corrected"] else "white"
@@ -123,8 +123,7 @@ def _candidates(axes: Axes, summary: dict[str, Any]) -> None:
     axes.legend()
 
 
-def ratio_bands(axes: Axes, summary: dict[str, Any], *, horizontal: bool) -> None:
-    """Where a ratio is within tolerance of the paper's."""
+def _bands(axes: Axes, summary: dict[str, Any], *, horizontal: bool) -> None:
     tolerance = summary["paper"]["ratio_tolerance"]
     for name, _, color in ANGLES:
         middle = summary["paper"][f"{name}_ratio"]

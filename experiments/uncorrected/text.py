@@ -17,8 +17,8 @@ PICTURES = [
         "demand_limit.png",
         "A limit on the pointing that the compensators demand explains the last column.",
         "Ratio of alpha and of beta over the limit, a line for each spiral, beside a band of the "
-        "paper's; three uncorrected spirals, of which the limited one is cut off along alpha; "
-        "ratios over the place of the detector, which stay below the bands.",
+        "paper's. Two uncorrected spirals: the limited one is cut off along alpha in its outer "
+        "turns, the one locked off centre begins with a tail.",
     ),
 ]
 
@@ -34,7 +34,6 @@ def table(summary: dict[str, Any]) -> Table:
     rows = [
         (
             candidate["name"].replace("_", " "),
-            f"{candidate['numbers_changed']}, {candidate['choices_changed']}",
             _pair(candidate["ratio"], ".2f"),
             *(
                 _rms(column)
@@ -47,17 +46,16 @@ def table(summary: dict[str, Any]) -> Table:
     paper = [] if is_cut(summary) else [_paper(summary["paper"])]
     return Table(
         "Strut 1 locked, uncorrected: RMS of alpha, beta over those of W_a",
-        ("", "changed", "ratios", "W_a", "W_d", "W_e"),
+        ("", "ratios", "W_a", "W_d", "W_e"),
         [*rows, *paper],
-        "Changed: numbers, and choices between two, that are not the bench's. W_a, W_d, W_e: RMS "
-        "of alpha, beta, urad; *: by the linear model, not simulated.",
+        "W_a, W_d, W_e: RMS of alpha, beta, urad; *: by the linear model, not simulated.",
     )
 
 
 def _paper(paper: dict[str, Any]) -> tuple[str, ...]:
     columns = [_pair(paper["columns_urad"][name], ".1f") for name in ("W_a", "W_d", "W_e")]
     ratios = _pair([paper["alpha_ratio"], paper["beta_ratio"]], ".2f")
-    return ("the paper", "", ratios, *columns)
+    return ("the paper", ratios, *columns)
 
 
 def _rms(column: dict[str, Any]) -> str:
