@@ -11,6 +11,7 @@ import time
 import numpy as np
 import psutil
 import pytest
+from rerun.chunk import RrdReader
 
 from experiments.cli import main
 from experiments.files import OutputError, published
@@ -142,10 +143,14 @@ def test_files_that_cannot_all_be_written_leave_the_old_ones_whole(tmp_path):
 
 
 def test_quick_writes_everything_at_full_rate_and_prints_one_table(capsys, tmp_path):
-    assert main(["table1", "--quick", "--seed", "5", "--out", str(tmp_path)]) == 0
+    words = ["table1", "--quick", "--configuration", "demand-limit", "--seed", "5"]
+    assert main([*words, "--out", str(tmp_path)]) == 0
     printed = capsys.readouterr().out
     summary = json.loads((tmp_path / "table1.json").read_text())
     assert summary["seed"] == 5
+    assert summary["configuration"] == "demand-limit"
+    assert summary["bench"]["demand_limit_urad"] == 95.0
+    assert summary["columns"][-1]["origin"] == "fitted"
     names = {f"{c['name']}.{kind}" for c in summary["columns"] for kind in ("npz", "rrd")}
     figures = {f"figure{k}.{kind}" for k in (4, 5, 6) for kind in ("png", "pdf")}
     expected = names | figures | {"table1.json", "table1.md"}
@@ -158,6 +163,18 @@ def test_quick_writes_everything_at_full_rate_and_prints_one_table(capsys, tmp_p
         assert column["alpha_rms_urad"] == pytest.approx(
             column["predicted_alpha_rms_urad"], rel=0.05
         )
+
+    # The paper's numbers are of 16 s, and have no place beside these: on screen or in a recording.
+    for shown in (printed, (tmp_path / "table1.md").read_text()):
+        assert "detector" in shown
+        assert "9.8167" not in shown
+        assert "13.9 %" not in shown
+    reader = RrdReader(tmp_path / "W_a.rrd")
+    assert reader.recordings()[0].application_id.startswith("fjh-table1-demand-limit-W_a-seed5-")
+    notes = reader.stream().filter(content="/notes").to_chunks()
+    said = str([chunk.to_record_batch().to_pydict() for chunk in notes])
+    assert "linear model" in said
+    assert "2.4476" not in said
 
 
 def has_workers(process: subprocess.Popen) -> bool:
