@@ -15,10 +15,13 @@ from experiments.bench import Bench
 from experiments.cli import main
 from experiments.conduct import Unsound
 from experiments.findings import Findings
+from experiments.mapping import StrutMapping
 from experiments.run import nominal_loops, track_spiral
 from experiments.speed import growth, loop, pointing, study
 from experiments.speed.agreement import compare
 from experiments.speed.comparison import compare as compare_runs
+from experiments.speed.comparison import saved
+from experiments.speed.general import GeneralTick
 from experiments.speed.growth import fitted
 from experiments.speed.problem import random_problem
 from experiments.speed.ratios import RATIOS, measured
@@ -27,11 +30,12 @@ from experiments.speed.stopwatch import Contender, by_turns
 from experiments.speed.summary import complaint
 from experiments.speed.text import findings
 
-# Bound and goal as they were asked for.
+# Bound and goal as they were asked for; of `tick_over_mink` the bound is a measured one.
 ASKED = {
     "closed_loop_over_mj_step": (1.5, 1.15),
     "loop_overhead_over_mink": (0.6, 0.2),
-    "tick_over_mink": (0.3, 0.1),
+    "tick_over_mink": (1.2, None),
+    "hexapod_tick_over_mink": (0.3, 0.1),
     "solve_over_daqp": (4.0, 1.0),
     "solve_over_placo": (None, None),
     "batched_over_daqp": (0.5, 0.1),
@@ -76,15 +80,25 @@ def samples(**by_name: float) -> dict[str, np.ndarray]:
 
 def test_ratios_are_those_of_medians_with_the_spread_over_rounds():
     us = samples(
-        mj_step=160, closed_loop=200, mink=100, tick=25, prioritized=6, daqp=3, placo=2, batched=1.5
+        mj_step=160,
+        closed_loop=200,
+        mink=100,
+        mink_update=20,
+        tick=150,
+        hexapod_tick=25,
+        prioritized=6,
+        daqp=3,
+        placo=2,
+        batched=1.5,
     )
-    us["tick"][2] *= 2  # a whole round disturbed
+    us["hexapod_tick"][2] *= 2  # a whole round disturbed
     found = {ratio.name: measured(ratio, us) for ratio in RATIOS}
     assert {name: one.ratio for name, one in found.items()} == pytest.approx(
         {
             "closed_loop_over_mj_step": 1.25,
             "loop_overhead_over_mink": 0.4,
-            "tick_over_mink": 0.25,
+            "tick_over_mink": 1.25,  # from joint positions to displacements, on both sides
+            "hexapod_tick_over_mink": 0.25,
             "solve_over_daqp": 2.0,
             "solve_over_placo": 3.0,
             "batched_over_daqp": 0.5,
@@ -92,8 +106,8 @@ def test_ratios_are_those_of_medians_with_the_spread_over_rounds():
     )
     assert found["solve_over_daqp"].p5 == found["solve_over_daqp"].p95 == 2.0
     by_round = [0.25] * 6 + [0.5]
-    assert found["tick_over_mink"].p5 == 0.25
-    assert found["tick_over_mink"].p95 == pytest.approx(np.percentile(by_round, 95))
+    assert found["hexapod_tick_over_mink"].p5 == 0.25
+    assert found["hexapod_tick_over_mink"].p95 == pytest.approx(np.percentile(by_round, 95))
 
 
 def test_a_power_law_gives_its_exponent_and_the_slopes_on_the_way():
@@ -127,6 +141,29 @@ def test_changed_is_what_left_the_former_range(bench):
     assert any("flew 16 s" in note for note in shown.notes)
 
 
+def test_a_saved_closed_form_is_compared_with_the_closed_form_whatever_it_was_called(
+    bench, tmp_path
+):
+    """Before the general path was timed, `tick_over_mink` was the hexapod's closed form."""
+    before = copy.deepcopy(bench)
+    for kind, name in (("ratios", "tick_over_mink"), ("timings", "tick")):
+        before[kind][name] = before[kind].pop(f"hexapod_{name}")
+    file = tmp_path / "before.json"
+    file.write_text(json.dumps(before))
+    result = compare_runs(bench, saved(file))
+    for kind, name in (("ratios", "tick_over_mink"), ("timings", "tick")):
+        assert name not in result[kind]
+        assert result[kind][f"hexapod_{name}"]["now_over_saved"] == 1.0
+        assert set(result[kind]) == set(bench[kind]) - {name}
+    shown = findings(bench | {"comparison": result})
+    assert any("saved run's tick_over_mink was" in note for note in shown.notes)
+    file.write_text(json.dumps(bench))
+    result = compare_runs(bench, saved(file))
+    assert set(result["ratios"]) == set(bench["ratios"])
+    shown = findings(bench | {"comparison": result})
+    assert not any("saved run's" in note for note in shown.notes)
+
+
 # What the file says.
 
 
@@ -139,6 +176,7 @@ def test_the_file_has_every_ratio_as_it_follows_from_its_medians(bench):
         assert one["p5"] <= one["p95"]
         if one["bound"] is not None:
             assert one["within_bound"] == (one["ratio"] < one["bound"])
+        if one["goal"] is not None:
             assert one["reaches_goal"] == (one["ratio"] <= one["goal"])
     assert set(ASKED) == set(bench["ratios"])
     for one in bench["timings"].values():
@@ -146,6 +184,18 @@ def test_the_file_has_every_ratio_as_it_follows_from_its_medians(bench):
     assert bench["real_time_factor"] == pytest.approx(1000 / us["closed_loop"])
     assert {"mink", "placo", "daqp", "numpy", "mujoco"} <= set(bench["versions"])
     assert bench["numerical_threads"] == 1
+
+
+def test_every_ratio_to_mink_says_which_path_it_uses(bench, bench_folder):
+    told = (bench_folder / "bench.md").read_text()
+    for name, path in {
+        "loop_overhead_over_mink": "hexapod's closed form",
+        "tick_over_mink": "general path",
+        "hexapod_tick_over_mink": "hexapod's closed form",
+    }.items():
+        means = bench["ratios"][name]["means"]
+        assert path in means
+        assert f"- {name}: {means}\n" in told
 
 
 def test_the_parts_of_a_tick_are_all_of_it(bench):
@@ -244,7 +294,8 @@ def test_everybody_is_asked_and_all_agree(model, asked):
     general = {solver.name for solver in SOLVERS if not solver.unit_rows}
     assert set(found["Problem 1"].distances) == general
     assert set(found["Problem 1 with unit rows"].distances) == {each.name for each in SOLVERS}
-    assert set(found["pointing with strut 1 locked"].distances) == {"tick", "mink", "dgglse"}
+    ways = {"tick", "hexapod_tick", "mink", "dgglse"}
+    assert set(found["pointing with strut 1 locked"].distances) == ways
     assert "batched" in found["a batch of 100"].distances
     assert all(f"Problem 1 with {n} actuators" in found for n in LEAST.actuators)
 
@@ -312,6 +363,25 @@ def test_answers_that_differ_end_the_bench_before_anything_is_timed(
     assert "tick" not in err
     assert err.count("\n") == 1
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(("way", "wrong"), [("tick", GeneralTick), ("hexapod_tick", StrutMapping)])
+def test_a_tick_that_differs_is_named_and_the_other_is_not(model, asked, monkeypatch, way, wrong):
+    honest = wrong.displacements
+    monkeypatch.setattr(wrong, "displacements", lambda *given: 1.001 * honest(*given))
+    found = pointing.agreement(model, asked.cases)
+    with pytest.raises(Unsound, match=rf"strut 1 locked: {way} by 1.0e-03 of the answer"):
+        found.check()
+
+
+def test_the_ticks_that_are_timed_are_those_that_were_compared(model, asked):
+    """From joint positions or a pose, at every case, by the very callables of the agreement."""
+    answers = {}
+    for each in pointing.contenders(model, asked.cases):
+        answers[each.name] = [each.call(*given) for given in each.arguments()]
+    general, closed = np.array(answers["tick"]), np.array(answers["hexapod_tick"])
+    compare("question", {"tick": general, "hexapod_tick": closed}, pointing.TOLERANCE).check()
+    assert len(np.unique(general, axis=0)) == len(asked.cases)
 
 
 @pytest.mark.parametrize("absent", ["mink", "placo", "daqp", "threadpoolctl"])

@@ -1,4 +1,7 @@
-"""One tick of the locked hexapod: the mapping here, mink, and LAPACK as the judge between them."""
+"""One tick of the locked hexapod, by the general path and in closed form, beside mink.
+
+LAPACK on MuJoCo's Jacobians is the judge between them.
+"""
 
 from collections.abc import Sequence
 from copy import deepcopy
@@ -11,6 +14,7 @@ from scipy.linalg.lapack import dgglse
 from experiments.goal import MAJOR
 from experiments.speed.agreement import Agreement, compare
 from experiments.speed.case import STUCK, Case, strut_mapping, strut_velocities
+from experiments.speed.general import general_tick
 from experiments.speed.mink_ik import arguments, solve_ik
 from experiments.speed.stopwatch import Contender
 from sim import Array, Pose, jacobians
@@ -21,17 +25,21 @@ _SAMPLES = 10
 
 
 def contenders(model: mujoco.MjModel, cases: Sequence[Case]) -> list[Contender]:
-    """One tick in both ways."""
+    """One tick in each way, and mink's kinematics, which the general path includes."""
     theirs = arguments(model, cases)
-    poses = [(each[0], case.qpos) for each, case in zip(theirs, cases, strict=True)]
+    updates = [(each[0], case.qpos) for each, case in zip(theirs, cases, strict=True)]
+    asked = [(case.pointing_rad, case.qpos) for case in cases]
 
-    def ours() -> list[tuple[Array, Pose]]:
+    def asked_at_poses() -> list[tuple[Array, Pose]]:
         return [(case.pointing_rad, deepcopy(case.pose)) for case in cases]
 
     return [
-        Contender("tick", strut_mapping(model).displacements, ours, samples=_SAMPLES),
+        Contender("tick", general_tick(model).displacements, lambda: asked, samples=_SAMPLES),
+        Contender(
+            "hexapod_tick", strut_mapping(model).displacements, asked_at_poses, samples=_SAMPLES
+        ),
         Contender("mink", solve_ik, lambda: theirs, samples=_SAMPLES),
-        Contender("mink_update", Configuration.update, lambda: poses, samples=_SAMPLES),
+        Contender("mink_update", Configuration.update, lambda: updates, samples=_SAMPLES),
     ]
 
 
@@ -48,10 +56,12 @@ def by_lapack(model: mujoco.MjModel, case: Case) -> Array:
 
 
 def agreement(model: mujoco.MjModel, cases: Sequence[Case]) -> Agreement:
-    """Strut displacements of all three."""
-    mapping, struts = strut_mapping(model), strut_velocities(model)
+    """Strut displacements of all four."""
+    general, mapping = general_tick(model), strut_mapping(model)
+    struts = strut_velocities(model)
     answers = {
-        "tick": [mapping.displacements(case.pointing_rad, case.pose) for case in cases],
+        "tick": [general.displacements(case.pointing_rad, case.qpos) for case in cases],
+        "hexapod_tick": [mapping.displacements(case.pointing_rad, case.pose) for case in cases],
         "mink": [solve_ik(*each)[struts] for each in arguments(model, cases)],
         "dgglse": [by_lapack(model, case) for case in cases],
     }

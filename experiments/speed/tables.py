@@ -9,9 +9,10 @@ TICK = {
     "mj_step": "physics alone: mj_step",
     "closed_loop": "closed loop",
     "closed_loop_constant": "closed loop, constant Jacobian",
-    "tick": "Jacobian, reconfiguration, mapping, apply",
+    "tick": "general path: kinematics to apply",
+    "hexapod_tick": "hexapod's closed form: Jacobian to apply",
     "mink": "mink: solve_ik",
-    "mink_update": "mink: Configuration.update, not in it",
+    "mink_update": "mink: Configuration.update",
 }
 PARTS = {
     "sensors": "sensors",

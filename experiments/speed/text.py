@@ -66,4 +66,9 @@ def _notes(summary: dict[str, Any]) -> list[str]:
             f"The saved run flew {saved_s:g} s of the spiral, this one {now_s:g} s: with --quick "
             "the loop settles for a larger part of its time, and batches are smaller."
         )
+    renamed = summary["comparison"]["renamed"] if "comparison" in summary else {}
+    notes += [
+        f"The saved run's {before} was measured with the closed form; it is compared with {now}."
+        for before, now in renamed.items()
+    ]
     return notes
