@@ -1,13 +1,11 @@
 """Every constant of the bench that the paper does not give, chosen once, here."""
 
 from dataclasses import asdict, dataclass
-from numbers import Integral, Real
 from typing import Any
 
 import numpy as np
 
 from sim import Amplifier, Array, Detector, StrutSensors, spiral
-
 
 LIMITS: dict[str, tuple[float, float]] = {
     "duration_s": (1e-3, 3600.0),
@@ -139,7 +137,9 @@ def check_within(name: str, value: Any, low: float, high: float) -> None:
     Raises:
         ValueError: It is not.
     """
-    kind, said = (Integral, "a whole number") if isinstance(low, int) else (Real, "a number")
+    whole = isinstance(low, int)
+    kinds = (int, np.integer) if whole else (int, float, np.integer, np.floating)
     # To Python a truth value is a whole number. Of NaN neither comparison holds.
-    if not isinstance(value, kind) or isinstance(value, bool) or not low <= value <= high:
+    if not isinstance(value, kinds) or isinstance(value, bool) or not low <= value <= high:
+        said = "a whole number" if whole else "a number"
         raise ValueError(f"{name} must be {said} from {low:g} to {high:g}, got {value!r}")
