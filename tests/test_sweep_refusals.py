@@ -1,8 +1,10 @@
 """Schedulers that are none or have no workers, and benches that nobody could build."""
 
+import gc
 import socket
 import threading
 import time
+import warnings
 from contextlib import closing, contextmanager
 from dataclasses import fields, replace
 
@@ -73,6 +75,8 @@ def test_what_is_no_scheduler_is_refused_in_one_sentence(
     with listening(answer) as port:
         address = f"{scheme}://127.0.0.1:{port}"
         said = refusal(capsys, tmp_path, "sweep", "--scheduler", address)
+        with warnings.catch_warnings(action="ignore", category=ResourceWarning):
+            gc.collect()  # Dask leaves some of its sockets to it
     assert said.startswith(f"fjh: --scheduler {address} does not answer: ")
     assert said.count("\n") == 1
 
