@@ -7,6 +7,7 @@ import time
 import warnings
 from contextlib import closing, contextmanager
 from dataclasses import fields, replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -58,11 +59,13 @@ def listening(answer: bytes):
 
         thread = threading.Thread(target=serve)
         thread.start()
-        yield server.getsockname()[1]
-        server.shutdown(socket.SHUT_RDWR)
-        thread.join()
-        for caller in callers:
-            caller.close()
+        try:
+            yield server.getsockname()[1]
+        finally:
+            server.shutdown(socket.SHUT_RDWR)
+            thread.join()
+            for caller in callers:
+                caller.close()
 
 
 @pytest.mark.parametrize("scheme", ["tcp", "tls", "ws", "http", "ucx"])
@@ -81,7 +84,7 @@ def test_what_is_no_scheduler_is_refused_in_one_sentence(
     assert said.count("\n") == 1
 
 
-def without_workers() -> LocalCluster:
+def without_workers() -> Any:
     """A scheduler in this process."""
     return LocalCluster(
         n_workers=0,
@@ -141,7 +144,8 @@ def test_a_worker_is_no_scheduler(idle, capsys, tmp_path):
     idle.scale(1)
     with Client(idle.scheduler_address) as client:
         client.wait_for_workers(1)
-        [address] = client.run(lambda: None)
+        ran: Any = client.run(lambda: None)
+        [address] = ran
         said = refusal(capsys, tmp_path, "sweep", "--scheduler", address)
         idle.scale(0)
     assert said == f"fjh: --scheduler {address} does not answer: it is a Worker\n"
@@ -200,7 +204,7 @@ def test_every_constant_has_its_limits_and_converters_have_whole_bits():
     assert set(LIMITS) == {field.name for field in fields(Bench)}
     assert set(VARIED) == {name for name in KINDS if KINDS[name] in ("real", "integer")}
     with pytest.raises(ValueError, match="must be a whole number from 1 to 32"):
-        Bench(dac_bits=16.5)  # pyright: ignore[reportArgumentType]
+        replace(Bench(), **{"dac_bits": 16.5})
 
 
 HUGE = "1" + 400 * "0"
@@ -223,7 +227,10 @@ HUGE = "1" + 400 * "0"
         ("vary.joint_weight_1 = 1e300", "joint_weight_1 must be a number from 0 to 1e"),
         ("vary.focal_length_m = nan", "focal_length_m must be a number .* got nan"),
         ("vary.roll_off_hz = {from = 1, to = 1e9, points = 2}", "roll_off_hz must .* got 1"),
-        ("vary.roll_off_hz = {from = 1, to = 2, points = 1_000_000_000_000}", "how many points"),
+        (
+            "vary.roll_off_hz = {from = 1, to = 2, points = 1_000_000_000_000}",
+            "at most 10000000 runs",
+        ),
         (
             "duration_s = 0.02\nvary.control_period_s = [1e-3, 0.05]",
             "duration_s must be a number from 0.05 to 16, got 0.02",

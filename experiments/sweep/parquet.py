@@ -78,4 +78,4 @@ def _opened(path: Path) -> Iterator[pq.ParquetFile]:
     except (OSError, ValueError, pa.ArrowException) as error:
         if isinstance(error, OSError) and error.errno:  # the system's, not the contents'
             raise OutputError(f"{path} cannot be read: {error.strerror}") from None
-        raise Broken(path, " ".join(str(error).split())) from None
+        raise Broken(path, " ".join(str(error).split()).rstrip(".")) from None
