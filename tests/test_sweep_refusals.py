@@ -203,8 +203,9 @@ def test_a_bench_has_no_constant_beyond_its_limits(name):
 def test_every_constant_has_its_limits_and_converters_have_whole_bits():
     assert set(LIMITS) == {field.name for field in fields(Bench)}
     assert set(VARIED) == {name for name in KINDS if KINDS[name] in ("real", "integer")}
+    bits: Any = {"dac_bits": 16.5}
     with pytest.raises(ValueError, match="must be a whole number from 1 to 32"):
-        replace(Bench(), **{"dac_bits": 16.5})
+        replace(Bench(), **bits)
 
 
 HUGE = "1" + 400 * "0"
