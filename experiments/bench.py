@@ -1,10 +1,34 @@
 """Every constant of the bench that the paper does not give, chosen once, here."""
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 
 from sim import Amplifier, Array, Detector, StrutSensors, spiral
+
+LIMITS: dict[str, tuple[float, float]] = {
+    "duration_s": (1e-3, 3600.0),
+    "quick_duration_s": (1e-3, 3600.0),
+    "spiral_radius_urad": (1e-3, 1e6),
+    "spiral_period_s": (1e-2, 3600.0),
+    "alpha_crossover_hz": (1e-3, 1e3),
+    "beta_crossover_hz": (1e-3, 1e3),
+    "roll_off_hz": (1e-2, 1e4),
+    "roll_off_damping": (1e-2, 100.0),
+    "control_period_s": (1e-4, 0.1),
+    "focal_length_m": (1e-3, 1e3),
+    "detector_half_width_m": (1e-6, 100.0),
+    "detector_noise_m": (0.0, 0.1),
+    "dac_bits": (1, 32),
+    "dac_full_input_a": (1e-6, 1e4),
+    "amplifier_limit_a": (1e-6, 1e4),
+    "coil_newton_per_a": (1e-3, 1e5),
+    "settling_s": (1e-3, 3600.0),
+    "strut_sensor_noise_m": (0.0, 0.1),
+    "handover_s": (0.0, 3600.0),
+}
+"""Least and largest value of each constant: what lies beyond is a slip, not a bench."""
 
 
 @dataclass(frozen=True)
@@ -43,6 +67,9 @@ class Bench:
             an eddy-current gauge over this stroke. Only runs that say so use these sensors.
         handover_s: In which the secondary motion of a former mapping fades: slow against the
             suspension modes, fast against the spiral.
+
+    Raises:
+        ValueError: One of them is no number, or outside its `LIMITS`.
     """
 
     duration_s: float = 16.0
@@ -69,6 +96,10 @@ class Bench:
     settling_s: float = 0.5
     strut_sensor_noise_m: float = 50e-9
     handover_s: float = 0.5
+
+    def __post_init__(self) -> None:
+        for name, value in asdict(self).items():
+            check_within(name, value, *LIMITS[name])
 
     @property
     def crossover_hz(self) -> tuple[float, float]:
@@ -122,3 +153,17 @@ class Bench:
             newton_per_a=self.coil_newton_per_a,
             newton_per_m=newton_per_m,
         )
+
+
+def check_within(name: str, value: Any, low: float, high: float) -> None:
+    """Whether a value is a number in these limits; a whole one, if they are.
+
+    Raises:
+        ValueError: It is not.
+    """
+    whole = isinstance(low, int)
+    kinds = (int, np.integer) if whole else (int, float, np.integer, np.floating)
+    # To Python a truth value is a whole number. Of NaN neither comparison holds.
+    if not isinstance(value, kinds) or isinstance(value, bool) or not low <= value <= high:
+        said = "a whole number" if whole else "a number"
+        raise ValueError(f"{name} must be {said} from {low:g} to {high:g}, got {value!r}")

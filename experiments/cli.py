@@ -22,6 +22,7 @@ from experiments.speed.command import bench
 from experiments.sweep.command import sweep
 from experiments.systems.command import systems
 from experiments.table1.command import table1
+from experiments.terminal import notice
 from experiments.uncorrected.command import uncorrected
 
 UNSOUND, WRONG_INPUT = 1, 2
@@ -82,5 +83,5 @@ def main(arguments: list[str] | None = None) -> int:
 
 def _complain(sentence: str, code: int) -> int:
     if sentence:
-        print(f"fjh: {sentence}", file=sys.stderr)
+        notice(sentence)
     return code

@@ -50,6 +50,23 @@ def usable_file(path: Path, suffix: str, option: str = "--out") -> Path:
 
 
 @contextmanager
+def made(folder: Path) -> Iterator[None]:
+    """The folder is there, made with those above it; on leaving, those made in vain are gone.
+
+    Raises:
+        OSError: It cannot be made.
+    """
+    missing = [place for place in (folder, *folder.parents) if not place.exists()]
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        yield
+    finally:
+        for place in missing:
+            with suppress(OSError):  # something came
+                place.rmdir()
+
+
+@contextmanager
 def published(folder: Path, index: str) -> Iterator[Path]:
     """A temporary folder to write into; on leaving it without an error its files move to `folder`.
 
@@ -62,19 +79,16 @@ def published(folder: Path, index: str) -> Iterator[Path]:
     Raises:
         OutputError: The disk or the folder refuses; what was there before is still whole.
     """
-    missing = [place for place in (folder, *folder.parents) if not place.exists()]
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(dir=folder, prefix=".fjh-") as staging:
+        with (
+            made(folder),
+            tempfile.TemporaryDirectory(dir=folder, prefix=".fjh-") as staging,
+        ):
             yield Path(staging)
             _move_all(Path(staging), folder, index)
     except OSError as error:
         reason = error.strerror or str(error)
         raise OutputError(f"{folder} could not be written: {reason}") from None
-    finally:
-        for place in missing:  # made in vain: nothing came
-            with suppress(OSError):
-                place.rmdir()
 
 
 def write_json(path: Path, content: dict[str, Any]) -> None:

@@ -58,3 +58,8 @@ def print_notes(notes: Sequence[str]) -> None:
     """Sentences on standard output, one paragraph each."""
     for note in notes:
         Console().print(note, highlight=False, markup=False)
+
+
+def notice(sentence: str) -> None:
+    """A sentence on standard error, whatever is left out or shown beside it."""
+    print(f"fjh: {sentence}", file=sys.stderr, flush=True)

@@ -155,7 +155,7 @@ def test_the_default_design_varies_weights_failures_times_and_bench():
         ("layout = 'grid'\nvary.weight = ['W_z']", "weight .* 'W_z'"),
         ("layout = 'grid'\nvary.known = [1]", "known .* true or false"),
         ("layout = 'grid'\nvary.seed = [-1]", "seed .* -1"),
-        ("layout = 'grid'\nvary.roll_off_hz = 0", "roll_off_hz .* more than 0"),
+        ("layout = 'grid'\nvary.roll_off_hz = 0", "roll_off_hz .* from 0.01 to 10000, got 0"),
         ("layout = 'grid'\nvary.roll_off_hz = []", "at least one"),
         ("layout = 'grid'\nvary.roll_off_hz = {from = 1, to = 2}", "how many points"),
         ("layout = 'grid'\nvary.roll_off_hz = {from = 2, to = 1, points = 2}", "2.0 to 1.0"),
@@ -370,7 +370,7 @@ def test_a_worker_of_other_code_is_refused(scheduler, tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "nowhere"])
 def test_a_scheduler_that_does_not_answer_is_wrong_input(capsys, tmp_path, address, monkeypatch):
-    monkeypatch.setattr(clusters, "ANSWERS_IN", "0.5 s")
+    monkeypatch.setattr(clusters, "ANSWERS_IN_S", 0.5)
     out = tmp_path / "out"
     assert main(["sweep", "--quick", "--scheduler", address, "--out", str(out)]) == 2
     error = capsys.readouterr().err

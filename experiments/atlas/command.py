@@ -45,18 +45,23 @@ def atlas(
     from experiments.sweep.cluster import Where
     from experiments.sweep.design import Cases, grid
     from experiments.sweep.factors import Choice
-    from experiments.sweep.study import finished_before, run_cases
+    from experiments.sweep.study import complete
 
-    folder = usable_folder(out)
+    folder, where = usable_folder(out), Where(scheduler, workers)
     factors = [
         Choice("struts", representatives() if quick else conditions()),
         Choice("weight", ("W_a",) if quick else ("W_a", "W_b", "W_c", "W_d", "W_e")),
         Choice("jacobian", ("constant", "analytic")),
     ]
     cases = Cases(grid(0.5 if quick else 2.0, factors), seed)
-    if resume and (summary := finished_before(folder, "atlas.json", cases)):
-        return findings(summary)
-    where = Where(scheduler, workers)
     with progress("atlas") as on_progress:
-        ran = run_cases(folder, cases, where=where, resume=resume, on_progress=on_progress)
-    return findings(report.write(folder, ran, cases.design))
+        summary = complete(
+            folder,
+            "atlas.json",
+            cases,
+            where=where,
+            resume=resume,
+            on_progress=on_progress,
+            write=lambda ran: report.write(folder, ran, cases.design),
+        )
+    return findings(summary)

@@ -11,8 +11,8 @@ from experiments.atlas.summary import summarize
 from experiments.atlas.text import findings
 from experiments.files import published, write_index
 from experiments.plotting import save_figure
-from experiments.sweep.dataset import merge
 from experiments.sweep.design import Design
+from experiments.sweep.merged import merge
 from experiments.sweep.study import Ran
 from experiments.sweep.summary import Columns
 

@@ -1,5 +1,6 @@
 """Where a sweep runs: workers of this machine, or a scheduler that somebody else started."""
 
+import asyncio
 import logging
 import signal
 import tempfile
@@ -11,12 +12,13 @@ from typing import Any
 
 from dask import config
 from dask.system import CPU_COUNT
-from distributed import Client, LocalCluster
+from distributed import Client, LocalCluster, rpc
 
 from experiments.conduct import WrongInput
 from experiments.sweep.identity import Identity, identity
+from experiments.sweep.waiting import wait_for_worker
 
-ANSWERS_IN = "5 s"
+ANSWERS_IN_S = 5.0
 """So long a scheduler may take to answer."""
 _SILENT = logging.CRITICAL + 1
 
@@ -31,13 +33,17 @@ class Where:
         workers: Of that, with one thread each; None is one for each core.
 
     Raises:
-        WrongInput: Both are given.
+        WrongInput: Both are given, or the address is none.
     """
 
     scheduler: str | None = None
     workers: int | None = None
 
     def __post_init__(self) -> None:
+        if self.scheduler is not None and self.scheduler.split() != [self.scheduler]:
+            raise WrongInput(
+                f"--scheduler must be an address, as tcp://host:8786, got {self.scheduler!r}"
+            )
         if self.scheduler and self.workers:
             raise WrongInput("--workers are of this machine, leave them out with --scheduler")
 
@@ -51,7 +57,8 @@ def cluster(where: Where, most: int) -> Iterator[Client]:
         most: Local workers that there is work for.
 
     Raises:
-        WrongInput: Nobody answers there, or its workers have another version of this package.
+        WrongInput: No scheduler answers there; or it has no workers, and gets none; or they have
+            another version of this package.
     """
     workers = min(where.workers or CPU_COUNT, most)
     with (
@@ -111,13 +118,24 @@ def _deaf_to_ctrl_c() -> Iterator[None]:
 @contextmanager
 def _remote(scheduler: str) -> Iterator[Client]:
     try:
-        client = Client(scheduler, timeout=ANSWERS_IN)
-    except (OSError, ValueError) as error:
-        raise WrongInput(f"--scheduler {scheduler} does not answer: {error}") from None
+        asyncio.run(_check_scheduler(scheduler))
+        client = Client(scheduler, timeout=ANSWERS_IN_S)
+    except Exception as error:  # whatever there is at that port, and in Dask for that scheme
+        why = " ".join(str(error).split()) or f"nothing within {ANSWERS_IN_S:g} s"
+        raise WrongInput(f"--scheduler {scheduler} does not answer: {why}") from None
     with client:
+        wait_for_worker(client)
         said: Any = client.run(identity, on_error="return")
         refuse_strangers(said)
         yield client
+
+
+async def _check_scheduler(address: str) -> None:
+    """Ask who is there. Dask's client would wait for ever for one that says nothing."""
+    async with asyncio.timeout(ANSWERS_IN_S), rpc(address, timeout=ANSWERS_IN_S) as there:
+        found: Any = await there.identity()
+    if found["type"] != "Scheduler":
+        raise ValueError(f"it is a {found['type']}")
 
 
 def refuse_strangers(said: Mapping[str, Identity | Exception]) -> None:

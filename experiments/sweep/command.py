@@ -8,6 +8,7 @@ import typer
 from experiments.conduct import Out, Progress, seed_option
 from experiments.files import usable_folder
 from experiments.findings import Findings
+from experiments.sweep.waiting import PATIENCE_S
 
 DesignFile = Annotated[
     Path | None,
@@ -21,7 +22,8 @@ Scheduler = Annotated[
     str | None,
     typer.Option(
         metavar="ADDRESS",
-        help="A Dask scheduler, as tcp://host:8786.  [default: a cluster on this machine]",
+        help=f"A Dask scheduler, as tcp://host:8786; given up after {PATIENCE_S:g} s without a "
+        "worker.  [default: a cluster on this machine]",
     ),
 ]
 Workers = Annotated[
@@ -71,16 +73,21 @@ def sweep(
     from experiments.sweep.cluster import Where
     from experiments.sweep.design import Cases
     from experiments.sweep.read import read_design
-    from experiments.sweep.study import finished_before, run_cases
+    from experiments.sweep.study import complete
     from experiments.sweep.text import findings
 
-    folder, chosen = usable_folder(out), read_design(design)
+    folder, where, chosen = usable_folder(out), Where(scheduler, workers), read_design(design)
     if quick:
         chosen = replace(chosen, runs=min(chosen.runs, 40), duration_s=0.5)
     cases = Cases(chosen, seed)
-    if resume and (summary := finished_before(folder, "sweep.json", cases)):
-        return findings(summary)
-    where = Where(scheduler, workers)
     with progress("sweep") as on_progress:
-        ran = run_cases(folder, cases, where=where, resume=resume, on_progress=on_progress)
-    return findings(report.write(folder, ran, chosen))
+        summary = complete(
+            folder,
+            "sweep.json",
+            cases,
+            where=where,
+            resume=resume,
+            on_progress=on_progress,
+            write=lambda ran: report.write(folder, ran, chosen),
+        )
+    return findings(summary)

@@ -1,18 +1,20 @@
 """A sweep on disk while it runs: a Parquet dataset that grows by whole parts."""
 
-import json
-import shutil
+import os
+import tempfile
 import time
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
-from typing import Any
 
+import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from experiments.files import OutputError, write_json
+from experiments.sweep import parquet
+from experiments.sweep.basis import BASIS, OF, Basis, digest, is_of
+from experiments.sweep.parquet import Broken
 from experiments.sweep.run import Row
-from experiments.sweep.table import table_of
+from experiments.sweep.table import SCHEMA, table_of
 
 PART = 256
 """Rows of a part, consecutive cases; and of a row group in the finished file."""
@@ -20,47 +22,52 @@ PART = 256
 KEPT_EVERY_S = 10.0
 """So long a finished run may be in memory alone."""
 
-BASIS, REST = "_basis.json", "_rest.parquet"
-"""Names that readers of Parquet datasets pass over."""
+REST = "_rest.parquet"
+"""A name that readers of Parquet datasets pass over."""
 
 
 class Dataset:
     """Rows of the cases 0 .. runs - 1, in a folder that the first of them makes.
 
     Complete parts are files of their own; finished runs of the others are together in one more.
-    Every file is renamed into its place when it is whole. Where the disk or the folder refuses, an
-    OutputError is raised.
+    Every file is renamed into its place when it is whole, and says which basis it is of. Where the
+    disk or the folder refuses, an OutputError is raised.
+
+    Attributes:
+        folder: Of the files.
+        runs: How many there will be.
+        broken: What was wrong with files that were there; their cases are missing again.
     """
 
-    def __init__(self, folder: Path, runs: int, basis: dict[str, Any]) -> None:
+    def __init__(self, folder: Path, runs: int, basis: Basis) -> None:
         """Read what is there; the caller knows that it is of this basis."""
         self.folder = folder
         self.runs = runs
+        self.broken: list[Broken] = []
         self._basis = basis
+        self._whole = {part for part in range(self._parts) if self._has(part)}
         self._open: dict[int, dict[int, Row]] = {}
         self._kept_s = time.monotonic()
-        if (folder / REST).exists():
-            for row in pq.read_table(folder / REST).to_pylist():
-                part = row["case"] // PART
-                if not self._file(part).exists():  # it may have been completed since
-                    self._open.setdefault(part, {})[row["case"]] = row
+        for row in self._rest():
+            part = row["case"] // PART
+            if part not in self._whole:  # it may have been completed since
+                self._open.setdefault(part, {})[row["case"]] = row
+        for part in list(self._open):
+            self._write_if_whole(part)
 
     def missing(self) -> Iterator[int]:
         """Cases without a row, in order."""
         for part in range(self._parts):
-            if not self._file(part).exists():
+            if part not in self._whole:
                 have = frozenset(self._open.get(part, ()))
                 yield from (case for case in self._cases(part) if case not in have)
 
     def add(self, row: Row) -> None:
         """Keep a finished run; the last of a part writes it."""
         part = row["case"] // PART
-        rows = self._open.setdefault(part, {})
-        rows[row["case"]] = row
-        if len(rows) == len(self._cases(part)):
-            self._write(self._file(part), list(rows.values()))
-            del self._open[part]
-        elif time.monotonic() - self._kept_s > KEPT_EVERY_S:
+        self._open.setdefault(part, {})[row["case"]] = row
+        self._write_if_whole(part)
+        if time.monotonic() - self._kept_s > KEPT_EVERY_S:
             self.keep()
 
     def keep(self) -> None:
@@ -75,16 +82,54 @@ class Dataset:
         return map(self._file, range(self._parts))
 
     def remove(self) -> None:
-        """Take the folder away: what was in it is published."""
-        shutil.rmtree(self.folder)
+        """Take the folder away, all at once: what was in it is published."""
+        try:
+            with tempfile.TemporaryDirectory(dir=self.folder.parent, prefix=".fjh-") as gone:
+                self.folder.rename(Path(gone) / self.folder.name)
+        except OSError as error:
+            raise OutputError(f"{self.folder} could not be removed: {error.strerror}") from None
+
+    def _write_if_whole(self, part: int) -> None:
+        rows = self._open[part]
+        if len(rows) == len(self._cases(part)):
+            self._write(self._file(part), list(rows.values()))
+            self._whole.add(part)
+            del self._open[part]
+
+    def _has(self, part: int) -> bool:
+        cases = self._cases(part)
+        table = self._read(self._file(part), lambda found: np.array_equal(found, cases))
+        return table is not None
+
+    def _rest(self) -> list[Row]:
+        def are_ascending(found: np.ndarray) -> bool:
+            return bool(np.all(np.diff([-1, *found, self.runs]) > 0))
+
+        table = self._read(self.folder / REST, are_ascending)
+        return [] if table is None else table.to_pylist()
+
+    def _read(self, path: Path, are_ours: Callable[[np.ndarray], bool]) -> pa.Table | None:
+        """The rows of a file, if they are what was written there."""
+        if not path.exists():
+            return None
+        try:
+            table = parquet.read(path)
+            if not (table.schema.equals(SCHEMA) and is_of(table.schema, self._basis)):
+                raise Broken(path, "it is of another sweep")
+            if not are_ours(table["case"].to_numpy()):
+                raise Broken(path, "it has other cases")
+        except Broken as broken:
+            self.broken.append(broken)
+            return None
+        return table
 
     def _write(self, path: Path, rows: list[Row]) -> None:
-        table = table_of(rows)
+        table = table_of(rows).replace_schema_metadata({OF: digest(self._basis)})
         try:
             if not (self.folder / BASIS).exists():
                 self.folder.mkdir(parents=True, exist_ok=True)
-                _whole(self.folder / BASIS, lambda staged: write_json(staged, self._basis))
-            _whole(path, lambda staged: pq.write_table(table, staged, **_FORMAT))
+                _replace(self.folder / BASIS, lambda staged: write_json(staged, self._basis))
+            _replace(path, lambda staged: parquet.write(staged, [table]))
         except OSError as error:
             reason = error.strerror or error
             raise OutputError(f"{self.folder} could not be written: {reason}") from None
@@ -100,37 +145,13 @@ class Dataset:
         return self.folder / f"part-{part:06d}.parquet"
 
 
-def basis_in(folder: Path) -> dict[str, Any] | None:
-    """What the dataset in a folder belongs to; None if there is none."""
-    try:
-        return json.loads((folder / BASIS).read_bytes())
-    except (OSError, ValueError):
-        return None
-
-
-def merge(files: Iterable[Path], path: Path, extended: Callable[[pa.Table], pa.Table]) -> None:
-    """One Parquet file of all parts, a row group each: no more than one is ever in memory.
-
-    Args:
-        files: Of the parts, in order; at least one.
-        path: To write.
-        extended: Gives a part further columns.
-    """
-    writer = None
-    for file in files:
-        table = extended(pq.read_table(file))
-        writer = writer or pq.ParquetWriter(path, table.schema, **_FORMAT)
-        writer.write_table(table)
-    if writer:
-        writer.close()
-
-
-_FORMAT: dict[str, Any] = {"compression": "zstd", "use_dictionary": False}
-"""Few numbers repeat; those that do are left to the compression."""
-
-
-def _whole(path: Path, write: Callable[[Path], None]) -> None:
+def _replace(path: Path, write: Callable[[Path], None]) -> None:
     """Write beside the path and rename: whoever sees the file sees all of it."""
     staged = path.with_name(f".{path.name}")
-    write(staged)
-    staged.replace(path)
+    try:
+        write(staged)
+        with staged.open("rb") as file:
+            os.fsync(file.fileno())  # or after a power cut the name may be there without the rows
+        staged.replace(path)
+    finally:
+        staged.unlink(missing_ok=True)

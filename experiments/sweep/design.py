@@ -48,7 +48,7 @@ class Design:
 
 def grid(duration_s: float, factors: Sequence[Factor]) -> Design:
     """Every combination of the factors' values, the last factor's changing fastest."""
-    runs = math.prod(len(factor.values) for factor in factors)
+    runs = math.prod(factor.count for factor in factors)
     return Design("grid", runs, duration_s, tuple(factors))
 
 
@@ -67,7 +67,7 @@ class Cases:
     def __getitem__(self, number: int) -> Case:
         factors = self.design.factors
         if self._cube is None:
-            shape = [len(factor.values) for factor in factors]
+            shape = [factor.count for factor in factors]
             at = np.unravel_index(number, shape)
             varied = {each.name: each.values[k] for each, k in zip(factors, at, strict=True)}
         else:

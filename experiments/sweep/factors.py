@@ -3,6 +3,7 @@
 from dataclasses import dataclass, fields
 from typing import Literal, get_args
 
+from experiments.bench import LIMITS as BENCH_LIMITS
 from experiments.bench import Bench
 from experiments.choices import JacobianChoice
 from experiments.table1.study import COLUMNS
@@ -51,6 +52,14 @@ KINDS: dict[str, Kind] = {
 }
 """All that can be varied, and what its values are."""
 
+LIMITS: dict[str, tuple[float, float]] = {
+    "failure_time_s": (0.0, 3600.0),
+    **dict.fromkeys(ACTIVE + SECONDARY, (0.0, 1e6)),
+    "seed": (0, 2**32 - 1),
+    **{name: BENCH_LIMITS[name] for name in BENCH},
+}
+"""Least and largest value of what is a number."""
+
 NAMES = {"weight": tuple(WEIGHTS), "jacobian": get_args(JacobianChoice)}
 
 
@@ -64,6 +73,11 @@ class Choice:
     def at(self, u: float) -> Value:
         """The value at u in [0, 1): each has the same share."""
         return self.values[int(u * len(self.values))]
+
+    @property
+    def count(self) -> int:
+        """Of the values."""
+        return len(self.values)
 
 
 @dataclass(frozen=True)
@@ -94,8 +108,12 @@ class Range:
     @property
     def values(self) -> tuple[Value, ...]:
         """The points of a grid, ends included."""
-        points = self.points or 1
-        return tuple(self.at(k / max(points - 1, 1)) for k in range(points))
+        return tuple(self.at(k / max(self.count - 1, 1)) for k in range(self.count))
+
+    @property
+    def count(self) -> int:
+        """Of the points of a grid."""
+        return self.points or 1
 
 
 Factor = Choice | Range

@@ -1,19 +1,17 @@
 """A design from its TOML file; whatever is wrong there is said in one sentence."""
 
-import math
 import tomllib
 from pathlib import Path
 from typing import Any
 
-from experiments.bench import Bench
+from experiments.bench import Bench, check_within
 from experiments.conduct import WrongInput
 from experiments.sweep.design import Design, grid
 from experiments.sweep.factors import (
-    ACTIVE,
     CONDITIONS,
     KINDS,
+    LIMITS,
     NAMES,
-    SECONDARY,
     Choice,
     Factor,
     Range,
@@ -36,11 +34,11 @@ def read_design(path: Path | None) -> Design:
         raise WrongInput(f"--design {path} cannot be read: {error.strerror}") from None
     except UnicodeDecodeError as error:
         raise WrongInput(f"--design {path} cannot be read: {error}") from None
-    except tomllib.TOMLDecodeError as error:
+    except (ValueError, RecursionError) as error:
         raise WrongInput(f"--design {path} is not TOML: {error}") from None
     try:
         return _design(text)
-    except WrongInput as wrong:
+    except (WrongInput, ValueError) as wrong:
         raise WrongInput(f"--design {path or DEFAULT.name}: {wrong}") from None
 
 
@@ -49,13 +47,11 @@ def _design(text: dict[str, Any]) -> Design:
     layout, duration_s = text.get("layout"), text.get("duration_s", Bench().quick_duration_s)
     if layout not in ("latin-hypercube", "grid"):
         raise WrongInput(f'layout must be "latin-hypercube" or "grid", got {layout!r}')
-    whole_s = Bench().duration_s
-    if not _is_number(duration_s) or not Bench().control_period_s <= duration_s <= whole_s:
-        raise WrongInput(f"duration_s must be a number up to {whole_s:g}, got {duration_s!r}")
     vary = text.get("vary")
     if not isinstance(vary, dict) or not vary:
         raise WrongInput(f"[vary] must name something to vary, got {vary!r}")
     factors = [_factor(name, value, layout) for name, value in vary.items()]
+    check_within("duration_s", duration_s, _longest_period_s(factors), Bench().duration_s)
     runs = text.get("runs")
     if layout == "grid":
         if runs is not None:
@@ -99,45 +95,29 @@ def _range(name: str, table: dict[str, Any], layout: str) -> Range:
 
 
 def _checked(name: str, value: Any) -> Any:
-    """The value, of the kind that the name asks for."""
-    wanted = {
-        "real": _is_number(value) and value >= 0,
-        "integer": type(value) is int and 0 <= value < 2**32,
-        "switch": type(value) is bool,
-        "name": value in NAMES.get(name, ()),
-        "struts": isinstance(value, str) and len(value) == 6 and set(value) <= set(CONDITIONS),
-    }
-    if not wanted[KINDS[name]]:
-        raise WrongInput(f"{name} must be {_said(name)}, got {value!r}")
-    if value == 0 and name not in MAY_BE_ZERO:
-        raise WrongInput(f"{name} must be more than 0, got {value!r}")
-    return float(value) if KINDS[name] == "real" else value
-
-
-MAY_BE_ZERO = {
-    "seed",
-    "known",
-    "failure_time_s",
-    "detector_noise_m",
-    "strut_sensor_noise_m",
-    "handover_s",
-    *ACTIVE,
-    *SECONDARY,
-}
-
-
-def _said(name: str) -> str:
-    return {
-        "real": "a finite number, not negative",
-        "integer": "a whole number, not negative",
-        "switch": "true or false",
-        "name": f"one of {', '.join(NAMES.get(name, ()))}",
-        "struts": f"six letters out of {''.join(CONDITIONS)}",
+    """The value, of the kind that the name asks for, and within its limits."""
+    if name in LIMITS:
+        check_within(name, value, *LIMITS[name])
+        return float(value) if KINDS[name] == "real" else value
+    wanted, said = {
+        "switch": (type(value) is bool, "true or false"),
+        "name": (value in NAMES.get(name, ()), f"one of {', '.join(NAMES.get(name, ()))}"),
+        "struts": (
+            isinstance(value, str) and len(value) == 6 and set(value) <= set(CONDITIONS),
+            f"six letters out of {''.join(CONDITIONS)}",
+        ),
     }[KINDS[name]]
+    if not wanted:
+        raise WrongInput(f"{name} must be {said}, got {value!r}")
+    return value
 
 
-def _is_number(value: Any) -> bool:
-    return type(value) in (int, float) and math.isfinite(value)
+def _longest_period_s(factors: list[Factor]) -> float:
+    """Of the controller, in any run: no run is shorter."""
+    for each in factors:
+        if each.name == "control_period_s":
+            return each.high if isinstance(each, Range) else max(map(float, each.values))
+    return Bench().control_period_s
 
 
 def _only(table: dict[str, Any], known: set[str], where: str) -> None:

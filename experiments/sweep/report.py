@@ -5,9 +5,9 @@ from typing import Any
 
 from experiments.files import published, write_index
 from experiments.plotting import save_figure
-from experiments.sweep.dataset import merge
 from experiments.sweep.design import Design
 from experiments.sweep.figure import figure_sweep
+from experiments.sweep.merged import merge
 from experiments.sweep.study import Ran
 from experiments.sweep.summary import Columns, summarize
 from experiments.sweep.text import findings

@@ -2,18 +2,21 @@
 
 import json
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 from experiments.conduct import Interrupted, OnProgress, WrongInput
-from experiments.report.origin import processor
+from experiments.sweep.basis import Basis, basis_in, basis_of, check_same
 from experiments.sweep.cluster import Where, cluster
-from experiments.sweep.dataset import Dataset, basis_in
+from experiments.sweep.dataset import Dataset
 from experiments.sweep.design import Cases
-from experiments.sweep.identity import identity
+from experiments.sweep.lock import alone_in
+from experiments.sweep.merged import check_merged
+from experiments.sweep.parquet import Broken
 from experiments.sweep.stream import finished_rows
+from experiments.terminal import notice
 
 UNFINISHED = "unfinished"
 """Folder of the dataset, below the results', until all of it is there."""
@@ -31,8 +34,39 @@ class Ran:
     """
 
     dataset: Dataset
-    basis: dict[str, Any]
+    basis: Basis
     took: dict[str, Any]
+
+
+def complete(
+    folder: Path,
+    index: str,
+    cases: Cases,
+    *,
+    where: Where,
+    resume: bool,
+    on_progress: OnProgress,
+    write: Callable[[Ran], dict[str, Any]],
+) -> dict[str, Any]:
+    """The index of a folder in which all cases have been run, now or before.
+
+    Args:
+        folder: Of the results; for as long as this takes nobody else can run cases there.
+        index: Name of the file that names the others.
+        cases: To run.
+        where: On what.
+        resume: Go on with what is there.
+        on_progress: Called with finished and total number of runs.
+        write: Leaves everything in the folder, and returns the index.
+
+    Raises:
+        WrongInput: Somebody else runs cases there; or as `run_cases` and `finished_before`.
+        Interrupted, Unsound, OutputError: As `run_cases`.
+    """
+    with alone_in(folder / UNFINISHED):
+        if resume and (summary := finished_before(folder, index, cases)):
+            return summary
+        return write(run_cases(folder, cases, where=where, resume=resume, on_progress=on_progress))
 
 
 def run_cases(
@@ -64,50 +98,39 @@ def run_cases(
             )
         check_same(former, basis, folder)
     dataset = Dataset(unfinished, len(cases), basis)
+    if dataset.broken:
+        others = len(dataset.broken) - 1
+        more = f" and those of {others} more broken files" if others else ""
+        notice(f"{dataset.broken[0]}; its runs{more} are done again")
     took = _run_missing(dataset, cases, where, on_progress)
     return Ran(dataset, basis, took)
 
 
 def finished_before(folder: Path, index: str, cases: Cases) -> dict[str, Any] | None:
-    """The index of a folder that holds these cases already, all of them; None if it holds nothing.
+    """The index of a folder that holds these cases already, all of them.
+
+    Returns:
+        None if it holds nothing, or nothing whole.
 
     Raises:
         WrongInput: It holds others.
     """
-    if basis_in(folder / UNFINISHED) is not None:
+    if basis_in(folder / UNFINISHED) is not None or not (folder / index).exists():
         return None
+    basis = basis_of(cases)
     try:
         summary = json.loads((folder / index).read_bytes())
-        former = summary["basis"]
+        former, dataset = dict(summary["basis"]), folder / summary["dataset"]
     except (OSError, ValueError, LookupError, TypeError):
-        return None  # there is none, or it is not one that we wrote
-    check_same(former, basis_of(cases), folder)
+        notice(f"{folder / index} is broken; all runs are done again")
+        return None
+    check_same(former, basis, folder)
+    try:
+        check_merged(dataset, len(cases), basis)
+    except Broken as broken:
+        notice(f"{broken}; all runs are done again")
+        return None
     return summary
-
-
-def basis_of(cases: Cases) -> dict[str, Any]:
-    """All that the bytes of a dataset depend on; as JSON it is the same again."""
-    basis = {
-        "design": cases.design.as_json(),
-        "seed": cases.seed,
-        **identity(),
-        "version of pyarrow": version("pyarrow"),
-        "processor": processor(),
-    }
-    return json.loads(json.dumps(basis))
-
-
-def check_same(former: dict[str, Any], basis: dict[str, Any], folder: Path) -> None:
-    """Whether a sweep goes on as it began.
-
-    Raises:
-        WrongInput: It does not; the message says what has changed.
-    """
-    changed = [name for name in basis if former.get(name) != basis[name]]
-    if changed:
-        raise WrongInput(
-            f"--resume cannot go on with the sweep in {folder}: it has another {', '.join(changed)}"
-        )
 
 
 def _run_missing(

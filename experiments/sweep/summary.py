@@ -5,11 +5,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow.parquet as pq
 from scipy.stats import spearmanr
 
 from experiments.provenance import versions
 from experiments.soundness import CLOSURE_LIMIT_M, PREDICTION_TOLERANCE
+from experiments.sweep import parquet
 from experiments.sweep.design import Design
 from experiments.sweep.factors import Range
 from experiments.sweep.run import INPUT_PEAK
@@ -26,7 +26,7 @@ class Columns:
         self.path = path
 
     def __getitem__(self, name: str) -> np.ndarray:
-        return pq.read_table(self.path, columns=[name])[name].to_numpy()
+        return parquet.read(self.path, [name])[name].to_numpy()
 
 
 def origin(experiment: str, ran: Ran, design: Design, path: Path) -> dict[str, Any]:
