@@ -1,6 +1,6 @@
 """Every constant of the bench that the paper does not give, chosen once, here."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,9 @@ LIMITS: dict[str, tuple[float, float]] = {
     "quick_duration_s": (1e-3, 3600.0),
     "spiral_radius_urad": (1e-3, 1e6),
     "spiral_period_s": (1e-2, 3600.0),
+    "spiral_exponent": (0.1, 10.0),
+    "spiral_start_deg": (-360.0, 360.0),
+    "demand_limit_urad": (1e-3, 1e6),
     "alpha_crossover_hz": (1e-3, 1e3),
     "beta_crossover_hz": (1e-3, 1e3),
     "roll_off_hz": (1e-2, 1e4),
@@ -69,7 +72,8 @@ class Bench:
             suspension modes, fast against the spiral.
 
     Raises:
-        ValueError: One of them is no number, or outside its `LIMITS`.
+        ValueError: One of them is no number or outside its `LIMITS`, the direction is neither 1
+            nor -1, or `anti_windup` is no truth value.
     """
 
     duration_s: float = 16.0
@@ -98,8 +102,14 @@ class Bench:
     handover_s: float = 0.5
 
     def __post_init__(self) -> None:
-        for name, value in asdict(self).items():
-            check_within(name, value, *LIMITS[name])
+        for name, (low, high) in LIMITS.items():
+            value = getattr(self, name)
+            if name != "demand_limit_urad" or value is not None:
+                check_within(name, value, low, high)
+        if self.spiral_direction not in (1, -1):
+            raise ValueError(f"spiral_direction must be 1 or -1, got {self.spiral_direction!r}")
+        if not isinstance(self.anti_windup, bool):
+            raise ValueError(f"anti_windup must be True or False, got {self.anti_windup!r}")
 
     @property
     def crossover_hz(self) -> tuple[float, float]:

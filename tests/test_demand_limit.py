@@ -227,3 +227,17 @@ def test_the_configuration_of_the_table_is_the_candidate_of_the_study():
     assert CLOCKWISE.bench == CONFIGURATIONS["demand-limit"].bench
     assert CLOCKWISE.freedom == (1, 1)
     assert CONFIGURATIONS["calibrated"].bench == Bench()
+
+
+@pytest.mark.parametrize(
+    ("constant", "words"),
+    [
+        ({"spiral_direction": 0}, "spiral_direction must be 1 or -1, got 0"),
+        ({"spiral_exponent": 0.0}, "spiral_exponent must be a number from 0.1 to 10"),
+        ({"demand_limit_urad": float("nan")}, "demand_limit_urad must be a number from"),
+        ({"anti_windup": 1}, "anti_windup must be True or False, got 1"),
+    ],
+)
+def test_a_bench_without_sense_is_refused(constant, words):
+    with pytest.raises(ValueError, match=words):
+        replace(Bench(), **constant)
