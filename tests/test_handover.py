@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from experiments.bench import Bench
-from experiments.controller import Controller, Sensed
+from experiments.controller import Controller, Handover, Sensed
 from experiments.diagnosis.machine import Fault
 from experiments.diagnosis.record import Diagnosis
 from experiments.goal import MAJOR, Goal
@@ -14,7 +14,7 @@ from experiments.mapping import DisplacementForm
 from experiments.recover.cases import DITHER
 from experiments.run import controller_for, fly, nominal_loops, track_spiral
 from experiments.supervisor import falling, reconfigured_goal, supervisor
-from sim import NOMINAL, Failure, hexapod, load_model
+from sim import NOMINAL, Failure, hexapod, load_model, pointing_angles
 
 MODEL, BENCH = load_model(), Bench()
 LOOPS = nominal_loops(MODEL, BENCH)
@@ -88,6 +88,19 @@ def test_what_is_left_of_the_former_mapping_fades_without_moving_the_pointing(na
         assert np.abs(surviving_m(first) - own).max() > 1e-7
 
 
+def test_the_former_secondary_motion_fades_as_half_a_cosine():
+    """It begins and ends with no rate, so that no mode of the machine is struck."""
+    after, rest_m = controller(GOALS["W_b"]), np.array([1.0, 0, 0, -1.0, 0, 0]) * 1e-6
+    for part, left in ((0.0, 1.0), (0.25, 0.5 + 0.125**0.5), (0.5, 0.5), (0.75, 0.5 - 0.125**0.5)):
+        owed = Handover(np.zeros(2), rest_m, age_s=part * BENCH.handover_s)
+        state = steady(after, replace(after.start(), handover=owed), 1)
+        np.testing.assert_allclose(state.asked.rest_m, left * rest_m, atol=1e-20)
+    for part in (1.0, 1.5):  # and does not come back
+        owed = Handover(np.zeros(2), rest_m, age_s=part * BENCH.handover_s)
+        state = steady(after, replace(after.start(), handover=owed), 1)
+        np.testing.assert_array_equal(state.asked.rest_m, 0.0)
+
+
 def test_a_handover_of_a_handover_owes_both():
     first, second, third = (
         controller(goal) for goal in (EQUAL, GOALS["W_b"], GOALS["W_e, one locked"])
@@ -131,6 +144,21 @@ def test_a_weak_coil_that_is_known_is_commanded_the_more():
     np.testing.assert_array_equal(
         sound.step(state, DESIRED, Sensed(DESIRED, rest_m)).input_percent, 0.0
     )
+
+
+def test_the_controller_reckons_with_what_a_weak_coil_holds_and_not_with_its_command():
+    """Twice the command at half the strength is the same displacement, pose and handover."""
+    sound, aware = controller(EQUAL), controller(replace(EQUAL, strength={4: 0.5}))
+    expected, state = pulled(sound), pulled(aware)
+    # Six struts' last bits, 20 nm each at most, through J.
+    found = state.pose.translation_m, pointing_angles(state.pose.rotation)
+    same = expected.pose.translation_m, pointing_angles(expected.pose.rotation)
+    np.testing.assert_allclose(found[0], same[0], atol=4e-8)
+    np.testing.assert_allclose(found[1], same[1], atol=2e-7)
+    assert np.abs(state.input_percent[4] - expected.input_percent[4]) > 20 * LSB_PERCENT
+    owed = aware.take_over(state).handover
+    np.testing.assert_allclose(owed.pointing_rad, 0, atol=2e-7)
+    np.testing.assert_allclose(owed.rest_m, 0, atol=4e-8)
 
 
 def test_in_flight_the_switch_to_the_locked_mapping_is_not_felt():

@@ -246,6 +246,16 @@ def test_a_coil_switched_off_in_flight_carries_no_current(model, strut):
     assert max(residuals) < CLOSURE_LIMIT_M
 
 
+def test_a_coil_that_weakens_twice_is_left_with_the_product(model):
+    """Force per command; the other coils keep theirs."""
+    plant, whole = Plant(model), model.actuator_gainprm[:, 0]
+    for strength, left in ((0.5, 0.5), (0.6, 0.3), (0.0, 0.0)):
+        plant.weaken(2, strength)
+        plant.step(np.full(6, 1e-6), PERIOD_S)
+        expected = whole * 1e-6 * np.where(np.arange(6) == 2, left, 1.0)
+        np.testing.assert_allclose(plant.coil_force_n(), expected, rtol=1e-12)
+
+
 def test_stops_hold_the_struts_within_their_stroke(model):
     """Twice the force that the suspension takes at full stroke moves no strut past it."""
     plant = Plant(model)
