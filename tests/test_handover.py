@@ -1,13 +1,13 @@
 """One mapping takes over from another in flight: no strut command steps, no pointing is lost."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
 
 from experiments.bench import Bench
 from experiments.controller import Controller, Handover, Sensed
-from experiments.diagnosis.machine import Fault
+from experiments.diagnosis.machine import Fault, sound_machine
 from experiments.diagnosis.record import Diagnosis
 from experiments.goal import MAJOR, Goal
 from experiments.mapping import DisplacementForm
@@ -22,6 +22,8 @@ EQUAL = Goal(joint_weight=(1.0,) * 6)
 J = np.linalg.inv(hexapod(MODEL).inverse_jacobian(NOMINAL))
 DESIRED = np.array([6e-5, -3e-5])
 LSB_PERCENT = 100 / 2**15
+SOUND = sound_machine(MODEL, BENCH)
+PILOT = supervisor(MODEL, BENCH, LOOPS, EQUAL, sound=SOUND)
 
 GOALS = {
     "W_b": Goal(joint_weight=(2.0, 1.0, 2.0, 1.0, 2.0, 1.0)),
@@ -194,10 +196,9 @@ def diagnosis(fault: Fault, displacement_m=0.0, alarm=0, tick=10) -> Diagnosis:
 
 
 def test_what_stands_is_what_was_settled_last_and_what_is_being_confirmed():
-    pilot = supervisor(MODEL, BENCH, LOOPS, EQUAL, dither=DITHER)
     weak, locked = diagnosis(Fault(1, "weak", 0.5)), diagnosis(Fault(1, "locked"), 3e-6)
     other = diagnosis(Fault(4, "free"))
-    state = pilot.start()
+    state = PILOT.start()
     assert state.standing == []
     state = replace(state, settled=(weak, locked))
     assert state.standing == [locked]
@@ -241,6 +242,83 @@ def test_a_supervisor_is_a_pure_function_and_says_when_the_task_is_lost():
     assert pilot.can_point(locked)
     assert not pilot.can_point([*locked, Fault(4, "locked")])  # struts 3 and 6 pull alike
     assert pilot.can_point([Fault(k, "weak", 0.5) for k in range(6)])
+
+
+@dataclass(frozen=True)
+class Script:
+    """A monitor that says what it is told to, tick after tick, and counts whom it came after."""
+
+    says: tuple[Diagnosis | None, ...]
+    after: int = 0
+    sound = SOUND
+
+    def step(self, watch, sensed, sent_m):
+        """The next that it says."""
+        told = self.says[len(watch.history) - 1]
+        return replace(watch, history=(*watch.history, watch.history[-1]), diagnosis=told)
+
+    def believing(self, watch):
+        """Itself, one failure later."""
+        return replace(self, after=self.after + 1), replace(watch, diagnosis=None)
+
+
+def supervised(*says: Diagnosis | None):
+    """The supervisor's states, tick by tick, under a monitor that says this."""
+    pilot, begun = PILOT, PILOT.start()
+    states = [replace(begun, controller=pulled(begun.flies), monitor=Script(says))]
+    for _ in says:
+        states.append(pilot.step(states[-1], DESIRED, Sensed(DESIRED, np.zeros(6))))
+    return states[1:]
+
+
+def test_what_is_named_is_flown_around_and_what_is_settled_is_known_for_good():
+    """Another strut after it: both are flown around, and the monitor goes on from the first."""
+    named = diagnosis(Fault(1, "locked"), 3e-6)
+    settled, other = replace(named, settled=True), diagnosis(Fault(4, "free"), 1e-6)
+    sound, first, known, both = supervised(None, named, settled, other)
+    assert sound.flies is PILOT.first and sound.diagnoses == ()
+    assert first.flies.mapping.goal.locked_m == {1: 3e-6}
+    assert (first.settled, first.diagnoses, first.monitor.after) == ((), (named,), 0)
+    assert known.flies.mapping.goal.locked_m == {1: 3e-6}
+    assert (known.settled, known.diagnoses, known.monitor.after) == (
+        (settled,),
+        (named, settled),
+        1,
+    )
+    assert both.flies.mapping.goal.locked_m == {1: 3e-6, 4: 0.0}
+    assert (both.settled, both.standing) == ((settled,), [settled, other])
+    assert [state.ticks for state in (sound, first, known, both)] == [1, 2, 3, 4]
+
+
+def test_a_diagnosis_that_is_withdrawn_is_flown_around_no_longer():
+    named = diagnosis(Fault(1, "locked"), 3e-6)
+    first, withdrawn = supervised(named, None)
+    assert first.flies.mapping.goal.locked_m == {1: 3e-6}
+    assert withdrawn.flies.mapping.goal == PILOT.first.mapping.goal
+    assert (withdrawn.diagnoses, withdrawn.settled, withdrawn.monitor.after) == ((named,), (), 0)
+
+
+def test_the_others_make_up_at_once_for_what_a_named_strut_is_about_to_lose():
+    sent_m = PILOT.amplifier.displacement_m(supervised(None)[0].input_percent)
+    (first,) = supervised(diagnosis(Fault(2, "free"), float(sent_m[2])))
+    now_m = PILOT.amplifier.displacement_m(first.input_percent)
+    assert now_m[2] == 0.0 and abs(sent_m[2]) > 1e-6
+    np.testing.assert_allclose(J[MAJOR] @ now_m, J[MAJOR] @ sent_m, atol=6e-8)
+
+
+def test_when_the_task_is_lost_the_commands_stand_and_no_other_failure_is_looked_for():
+    """Four locked struts leave nothing to point with; what was named may still be settled."""
+    locked = [replace(diagnosis(Fault(k, "locked")), settled=True) for k in (0, 3, 1)]
+    last = diagnosis(Fault(4, "locked"))
+    states = supervised(*locked, last, replace(last, settled=True), None, None)
+    assert [state.task_lost for state in states] == [False] * 3 + [True] * 4
+    for state in states[3:]:
+        np.testing.assert_array_equal(state.input_percent, states[2].input_percent)
+        assert state.flies is states[2].flies
+    assert states[4].settled[-1].fault == last.fault and states[4].watch.diagnosis is None
+    assert states[4].monitor.after == states[6].monitor.after == 3
+    assert len(states[6].watch.history) == len(states[4].watch.history)
+    assert [state.ticks for state in states] == list(range(1, 8))
 
 
 def test_a_second_failure_soon_after_the_first_is_found_too():

@@ -202,7 +202,9 @@ def test_with_damping_off_energy_is_kept_at_every_step(model, mode):
     assert energy[0] > 1e-6
 
 
-def test_halving_the_time_step_changes_the_rms_errors_by_less_than_a_percent(model, table1):
+def test_halving_the_time_step_changes_no_rms_error_by_more_than_a_hundredth_of_a_percent(
+    model, table1
+):
     columns = [c for c in COLUMNS if c.name in ("W_a", "W_e", "W_a_uncorrected")]
     half = copy.copy(model)
     half.opt.timestep /= 2
@@ -214,7 +216,7 @@ def test_halving_the_time_step_changes_the_rms_errors_by_less_than_a_percent(mod
         assert run.closure_residual_m.max() < CLOSURE_LIMIT_M
         told = table1["by_name"][column.name]
         whole = [told[f"{angle}_rms_urad"] for angle in ("alpha", "beta")]
-        np.testing.assert_allclose(pointing_rms_urad(run), whole, rtol=0.01)
+        np.testing.assert_allclose(pointing_rms_urad(run), whole, rtol=1e-4)
         # Another step is another run: the comparison is not one of a run with itself.
         assert np.abs(pointing_rms_urad(run) - whole).min() > 0
 
@@ -299,6 +301,15 @@ def test_failures_of_one_plant_leave_another_of_the_same_model_sound(model):
     swing(sound, 0.1)
     assert np.all(np.abs(sound.coil_force_n()) > 0)
     assert abs(sound.strut_displacement_m()[0]) > 1e-6
+
+
+def test_each_of_mujocos_warnings_of_a_non_finite_state_ends_the_run(model):
+    """One alone, and at once: the state may look finite for a while yet."""
+    for kind in ("BADQPOS", "BADQVEL", "BADQACC"):
+        plant = Plant(model)
+        plant.data.warning[getattr(mujoco.mjtWarning, f"mjWARN_{kind}")].number = 1
+        with pytest.raises(SimulationDiverged):
+            plant.step(np.zeros(6), PERIOD_S)
 
 
 @pytest.mark.parametrize("flag", ['autoreset="disable"', ""])
