@@ -39,6 +39,8 @@ def test_secondary_motion_is_the_rotation_about_z_b_and_the_translation():
     pose = NOMINAL.moved(np.array([0, 0, 2e-5, 1e-6, 2e-6, 3e-6]))
     motion = secondary_motion(pose.rotation, pose.translation_m)
     np.testing.assert_allclose(motion, [2e-5, 1e-6, 2e-6, 3e-6], atol=1e-12)
+    two = np.stack([pose.rotation, np.eye(3)]), np.stack([pose.translation_m, np.zeros(3)])
+    np.testing.assert_array_equal(secondary_motion(*two), [motion, np.zeros(4)])
 
 
 def test_the_detector_reads_the_pointing_angles_through_its_optics():
