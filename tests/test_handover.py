@@ -271,6 +271,11 @@ def supervised(*says: Diagnosis | None):
     return states[1:]
 
 
+def failures_before(state) -> int:
+    """After how many settled failures this state's monitor watches."""
+    return state.monitor.after
+
+
 def test_what_is_named_is_flown_around_and_what_is_settled_is_known_for_good():
     """Another strut after it: both are flown around, and the monitor goes on from the first."""
     named = diagnosis(Fault(1, "locked"), 3e-6)
@@ -278,9 +283,9 @@ def test_what_is_named_is_flown_around_and_what_is_settled_is_known_for_good():
     sound, first, known, both = supervised(None, named, settled, other)
     assert sound.flies is PILOT.first and sound.diagnoses == ()
     assert first.flies.mapping.goal.locked_m == {1: 3e-6}
-    assert (first.settled, first.diagnoses, first.monitor.after) == ((), (named,), 0)
+    assert (first.settled, first.diagnoses, failures_before(first)) == ((), (named,), 0)
     assert known.flies.mapping.goal.locked_m == {1: 3e-6}
-    assert (known.settled, known.diagnoses, known.monitor.after) == (
+    assert (known.settled, known.diagnoses, failures_before(known)) == (
         (settled,),
         (named, settled),
         1,
@@ -295,7 +300,7 @@ def test_a_diagnosis_that_is_withdrawn_is_flown_around_no_longer():
     first, withdrawn = supervised(named, None)
     assert first.flies.mapping.goal.locked_m == {1: 3e-6}
     assert withdrawn.flies.mapping.goal == PILOT.first.mapping.goal
-    assert (withdrawn.diagnoses, withdrawn.settled, withdrawn.monitor.after) == ((named,), (), 0)
+    assert (withdrawn.diagnoses, withdrawn.settled, failures_before(withdrawn)) == ((named,), (), 0)
 
 
 def test_the_others_make_up_at_once_for_what_a_named_strut_is_about_to_lose():
@@ -327,7 +332,7 @@ def test_when_the_task_is_lost_the_commands_stand_and_no_other_failure_is_looked
         np.testing.assert_array_equal(state.input_percent, states[2].input_percent)
         assert state.flies is states[2].flies
     assert states[4].settled[-1].fault == last.fault and states[4].watch.diagnosis is None
-    assert states[4].monitor.after == states[6].monitor.after == 3
+    assert failures_before(states[4]) == failures_before(states[6]) == 3
     assert len(states[6].watch.history) == len(states[4].watch.history)
     assert [state.ticks for state in states] == list(range(1, 8))
 
