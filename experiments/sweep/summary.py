@@ -20,7 +20,7 @@ ANGLES = ("alpha", "beta")
 
 PREDICTION_TOLERANCE = 0.01
 """Largest relative distance of an RMS from the linear model's under the same noise, beside one step
-of the converters. Of 40 runs that varied weights, failures, loops, noise and converters the furthest
+of the converters. Of 40 runs of varied weights, failures, loops, noise and converters the furthest
 used 44 % of both."""
 
 
