@@ -313,13 +313,13 @@ def test_the_others_make_up_at_once_for_what_a_named_strut_is_about_to_lose():
 
 def test_the_supervisor_dithers_by_its_own_clock_with_the_jacobian_it_was_given():
     pilot = supervisor(MODEL, BENCH, LOOPS, EQUAL, jacobian="analytic", dither=DITHER, sound=SOUND)
-    assert PILOT.first.mapping.jacobian == "constant"  # unless it is given another
     state = replace(pilot.start(), monitor=Script((None,) * 9))
     for tick in range(9):
         state = pilot.step(state, DESIRED, Sensed(DESIRED, np.zeros(6)))
         np.testing.assert_array_equal(state.controller.asked.rest_m, DITHER.at(tick * 1e-3))
-    for flies in (pilot.first, pilot.reconfigured([diagnosis(Fault(1, "locked"))])):
-        assert flies.mapping.jacobian == "analytic"
+    for each, choice in ((pilot, "analytic"), (PILOT, "constant")):  # which is the default
+        for flies in (each.first, each.reconfigured([diagnosis(Fault(1, "locked"))])):
+            assert flies.mapping.jacobian == choice
 
 
 def test_when_the_task_is_lost_the_commands_stand_and_no_other_failure_is_looked_for():
