@@ -1,20 +1,20 @@
 """One mapping takes over from another in flight: no strut command steps, no pointing is lost."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
 
 from experiments.bench import Bench
-from experiments.controller import Controller, Sensed
-from experiments.diagnosis.machine import Fault
+from experiments.controller import Controller, Handover, Sensed
+from experiments.diagnosis.machine import Fault, sound_machine
 from experiments.diagnosis.record import Diagnosis
 from experiments.goal import MAJOR, Goal
 from experiments.mapping import DisplacementForm
 from experiments.recover.cases import DITHER
 from experiments.run import controller_for, fly, nominal_loops, track_spiral
 from experiments.supervisor import falling, reconfigured_goal, supervisor
-from sim import NOMINAL, Failure, hexapod, load_model
+from sim import NOMINAL, Failure, hexapod, load_model, pointing_angles
 
 MODEL, BENCH = load_model(), Bench()
 LOOPS = nominal_loops(MODEL, BENCH)
@@ -22,6 +22,8 @@ EQUAL = Goal(joint_weight=(1.0,) * 6)
 J = np.linalg.inv(hexapod(MODEL).inverse_jacobian(NOMINAL))
 DESIRED = np.array([6e-5, -3e-5])
 LSB_PERCENT = 100 / 2**15
+SOUND = sound_machine(MODEL, BENCH)
+PILOT = supervisor(MODEL, BENCH, LOOPS, EQUAL, sound=SOUND)
 
 GOALS = {
     "W_b": Goal(joint_weight=(2.0, 1.0, 2.0, 1.0, 2.0, 1.0)),
@@ -82,10 +84,24 @@ def test_what_is_left_of_the_former_mapping_fades_without_moving_the_pointing(na
         now = J[np.ix_(MAJOR, survivors)] @ surviving_m(state)
         # Six struts' last bits, 10 nm each at most, through J_m.
         np.testing.assert_allclose(now, pointing, atol=6e-8)
-    own = after.mapping.displacements(state.asked.pointing_rad, state.pose)[survivors]
-    np.testing.assert_allclose(surviving_m(state), own, atol=1.1e-8)
+    for later in (state, steady(after, state, round(BENCH.handover_s / BENCH.control_period_s))):
+        own = after.mapping.displacements(later.asked.pointing_rad, later.pose)[survivors]
+        np.testing.assert_allclose(surviving_m(later), own, atol=1.1e-8)
     if name != "locked off centre":  # the least of all struts is the least of those left, too
         assert np.abs(surviving_m(first) - own).max() > 1e-7
+
+
+def test_the_former_secondary_motion_fades_as_half_a_cosine():
+    """It begins and ends with no rate, so that no mode of the machine is struck."""
+    after, rest_m = controller(GOALS["W_b"]), np.array([1.0, 0, 0, -1.0, 0, 0]) * 1e-6
+    for part, left in ((0.0, 1.0), (0.25, 0.5 + 0.125**0.5), (0.5, 0.5), (0.75, 0.5 - 0.125**0.5)):
+        owed = Handover(np.zeros(2), rest_m, age_s=part * BENCH.handover_s)
+        state = steady(after, replace(after.start(), handover=owed), 1)
+        np.testing.assert_allclose(state.asked.rest_m, left * rest_m, atol=1e-20)
+    for part in (1.0, 1.5):  # and does not come back
+        owed = Handover(np.zeros(2), rest_m, age_s=part * BENCH.handover_s)
+        state = steady(after, replace(after.start(), handover=owed), 1)
+        np.testing.assert_array_equal(state.asked.rest_m, 0.0)
 
 
 def test_a_handover_of_a_handover_owes_both():
@@ -133,6 +149,21 @@ def test_a_weak_coil_that_is_known_is_commanded_the_more():
     )
 
 
+def test_the_controller_reckons_with_what_a_weak_coil_holds_and_not_with_its_command():
+    """Twice the command at half the strength is the same displacement, pose and handover."""
+    sound, aware = controller(EQUAL), controller(replace(EQUAL, strength={4: 0.5}))
+    expected, state = pulled(sound), pulled(aware)
+    # Six struts' last bits, 20 nm each at most, through J.
+    found = state.pose.translation_m, pointing_angles(state.pose.rotation)
+    same = expected.pose.translation_m, pointing_angles(expected.pose.rotation)
+    np.testing.assert_allclose(found[0], same[0], atol=4e-8)
+    np.testing.assert_allclose(found[1], same[1], atol=2e-7)
+    assert np.abs(state.input_percent[4] - expected.input_percent[4]) > 20 * LSB_PERCENT
+    owed = aware.take_over(state).handover
+    np.testing.assert_allclose(owed.pointing_rad, 0, atol=2e-7)
+    np.testing.assert_allclose(owed.rest_m, 0, atol=4e-8)
+
+
 def test_in_flight_the_switch_to_the_locked_mapping_is_not_felt():
     """Lock of strut 1 at 3 s, told at once, off centre: nothing but the lock itself."""
     failure = [Failure(0, "locked", 3.0)]
@@ -165,10 +196,9 @@ def diagnosis(fault: Fault, displacement_m=0.0, alarm=0, tick=10) -> Diagnosis:
 
 
 def test_what_stands_is_what_was_settled_last_and_what_is_being_confirmed():
-    pilot = supervisor(MODEL, BENCH, LOOPS, EQUAL, dither=DITHER)
     weak, locked = diagnosis(Fault(1, "weak", 0.5)), diagnosis(Fault(1, "locked"), 3e-6)
     other = diagnosis(Fault(4, "free"))
-    state = pilot.start()
+    state = PILOT.start()
     assert state.standing == []
     state = replace(state, settled=(weak, locked))
     assert state.standing == [locked]
@@ -212,6 +242,99 @@ def test_a_supervisor_is_a_pure_function_and_says_when_the_task_is_lost():
     assert pilot.can_point(locked)
     assert not pilot.can_point([*locked, Fault(4, "locked")])  # struts 3 and 6 pull alike
     assert pilot.can_point([Fault(k, "weak", 0.5) for k in range(6)])
+
+
+@dataclass(frozen=True)
+class Script:
+    """A monitor that says what it is told to, tick after tick, and counts whom it came after."""
+
+    says: tuple[Diagnosis | None, ...]
+    after: int = 0
+    sound = SOUND
+
+    def step(self, watch, sensed, sent_m):
+        """The next that it says."""
+        told = self.says[len(watch.history) - 1]
+        return replace(watch, history=(*watch.history, watch.history[-1]), diagnosis=told)
+
+    def believing(self, watch):
+        """Itself, one failure later."""
+        return replace(self, after=self.after + 1), replace(watch, diagnosis=None)
+
+
+def supervised(*says: Diagnosis | None):
+    """The supervisor's states, tick by tick, under a monitor that says this."""
+    pilot, begun = PILOT, PILOT.start()
+    states = [replace(begun, controller=pulled(begun.flies), monitor=Script(says))]
+    for _ in says:
+        states.append(pilot.step(states[-1], DESIRED, Sensed(DESIRED, np.zeros(6))))
+    return states[1:]
+
+
+def failures_before(state) -> int:
+    """After how many settled failures this state's monitor watches."""
+    return state.monitor.after
+
+
+def test_what_is_named_is_flown_around_and_what_is_settled_is_known_for_good():
+    """Another strut after it: both are flown around, and the monitor goes on from the first."""
+    named = diagnosis(Fault(1, "locked"), 3e-6)
+    settled, other = replace(named, settled=True), diagnosis(Fault(4, "free"), 1e-6)
+    sound, first, known, both = supervised(None, named, settled, other)
+    assert sound.flies is PILOT.first and sound.diagnoses == ()
+    assert first.flies.mapping.goal.locked_m == {1: 3e-6}
+    assert (first.settled, first.diagnoses, failures_before(first)) == ((), (named,), 0)
+    assert known.flies.mapping.goal.locked_m == {1: 3e-6}
+    assert (known.settled, known.diagnoses, failures_before(known)) == (
+        (settled,),
+        (named, settled),
+        1,
+    )
+    assert both.flies.mapping.goal.locked_m == {1: 3e-6, 4: 0.0}
+    assert (both.settled, both.standing) == ((settled,), [settled, other])
+    assert [state.ticks for state in (sound, first, known, both)] == [1, 2, 3, 4]
+
+
+def test_a_diagnosis_that_is_withdrawn_is_flown_around_no_longer():
+    named = diagnosis(Fault(1, "locked"), 3e-6)
+    first, withdrawn = supervised(named, None)
+    assert first.flies.mapping.goal.locked_m == {1: 3e-6}
+    assert withdrawn.flies.mapping.goal == PILOT.first.mapping.goal
+    assert (withdrawn.diagnoses, withdrawn.settled, failures_before(withdrawn)) == ((named,), (), 0)
+
+
+def test_the_others_make_up_at_once_for_what_a_named_strut_is_about_to_lose():
+    sent_m = PILOT.amplifier.displacement_m(supervised(None)[0].input_percent)
+    (first,) = supervised(diagnosis(Fault(2, "free"), float(sent_m[2])))
+    now_m = PILOT.amplifier.displacement_m(first.input_percent)
+    assert now_m[2] == 0.0 and abs(sent_m[2]) > 1e-6
+    np.testing.assert_allclose(J[MAJOR] @ now_m, J[MAJOR] @ sent_m, atol=6e-8)
+
+
+def test_the_supervisor_dithers_by_its_own_clock_with_the_jacobian_it_was_given():
+    pilot = supervisor(MODEL, BENCH, LOOPS, EQUAL, jacobian="analytic", dither=DITHER, sound=SOUND)
+    state = replace(pilot.start(), monitor=Script((None,) * 9))
+    for tick in range(9):
+        state = pilot.step(state, DESIRED, Sensed(DESIRED, np.zeros(6)))
+        np.testing.assert_array_equal(state.controller.asked.rest_m, DITHER.at(tick * 1e-3))
+    for each, choice in ((pilot, "analytic"), (PILOT, "constant")):  # which is the default
+        for flies in (each.first, each.reconfigured([diagnosis(Fault(1, "locked"))])):
+            assert flies.mapping.jacobian == choice
+
+
+def test_when_the_task_is_lost_the_commands_stand_and_no_other_failure_is_looked_for():
+    """Four locked struts leave nothing to point with; what was named may still be settled."""
+    locked = [replace(diagnosis(Fault(k, "locked")), settled=True) for k in (0, 3, 1)]
+    last = diagnosis(Fault(4, "locked"))
+    states = supervised(*locked, last, replace(last, settled=True), None, None)
+    assert [state.task_lost for state in states] == [False] * 3 + [True] * 4
+    for state in states[3:]:
+        np.testing.assert_array_equal(state.input_percent, states[2].input_percent)
+        assert state.flies is states[2].flies
+    assert states[4].settled[-1].fault == last.fault and states[4].watch.diagnosis is None
+    assert failures_before(states[4]) == failures_before(states[6]) == 3
+    assert len(states[6].watch.history) == len(states[4].watch.history)
+    assert [state.ticks for state in states] == list(range(1, 8))
 
 
 def test_a_second_failure_soon_after_the_first_is_found_too():

@@ -109,8 +109,9 @@ def test_modes_of_the_linearized_plant_are_those_of_the_closed_form(model):
     plant = Plant(model)
     frequency, damping = modes_of(linearize(plant.model, plant.data).A)
     expected_frequency, expected_damping = closed_form(model).modes()
-    np.testing.assert_allclose(frequency, expected_frequency, rtol=0.01)
-    np.testing.assert_allclose(damping, expected_damping, rtol=0.03)
+    # 0.05 % off, both.
+    np.testing.assert_allclose(frequency, expected_frequency, rtol=1e-3)
+    np.testing.assert_allclose(damping, expected_damping, rtol=1e-3)
 
 
 def test_the_strut_mass_term_is_needed(model):
@@ -160,12 +161,12 @@ def pole_of(samples: np.ndarray, dt: float) -> complex:
 
 
 def test_a_simulated_ring_down_shows_the_damping_of_the_closed_form(model):
-    """Damping is the model's: what the integrator adds stays within the 3 %."""
+    """Damping is the model's: what the integrator adds stays within a per cent."""
     frequency, damping = closed_form(model).modes()
     for k, shape in enumerate(mode_shapes(model)):
         pole = pole_of(ring_down(model, shape, 0.3), model.opt.timestep)
         assert abs(pole) / (2 * np.pi) == pytest.approx(frequency[k], rel=0.01)
-        assert -pole.real / abs(pole) == pytest.approx(damping[k], rel=0.03)
+        assert -pole.real / abs(pole) == pytest.approx(damping[k], rel=0.01)
 
 
 def test_the_ring_down_check_sees_the_damping_that_a_discrete_integrator_adds():
@@ -201,7 +202,9 @@ def test_with_damping_off_energy_is_kept_at_every_step(model, mode):
     assert energy[0] > 1e-6
 
 
-def test_halving_the_time_step_changes_the_rms_errors_by_less_than_a_percent(model, table1):
+def test_halving_the_time_step_changes_no_rms_error_by_more_than_a_hundredth_of_a_percent(
+    model, table1
+):
     columns = [c for c in COLUMNS if c.name in ("W_a", "W_e", "W_a_uncorrected")]
     half = copy.copy(model)
     half.opt.timestep /= 2
@@ -213,7 +216,7 @@ def test_halving_the_time_step_changes_the_rms_errors_by_less_than_a_percent(mod
         assert run.closure_residual_m.max() < CLOSURE_LIMIT_M
         told = table1["by_name"][column.name]
         whole = [told[f"{angle}_rms_urad"] for angle in ("alpha", "beta")]
-        np.testing.assert_allclose(pointing_rms_urad(run), whole, rtol=0.01)
+        np.testing.assert_allclose(pointing_rms_urad(run), whole, rtol=1e-4)
         # Another step is another run: the comparison is not one of a run with itself.
         assert np.abs(pointing_rms_urad(run) - whole).min() > 0
 
@@ -246,13 +249,42 @@ def test_a_coil_switched_off_in_flight_carries_no_current(model, strut):
     assert max(residuals) < CLOSURE_LIMIT_M
 
 
+def test_a_coil_that_weakens_twice_is_left_with_the_product(model):
+    """Force per command; the other coils keep theirs."""
+    plant, whole = Plant(model), model.actuator_gainprm[:, 0]
+    for strength, left in ((0.5, 0.5), (0.6, 0.3), (0.0, 0.0)):
+        plant.weaken(2, strength)
+        plant.step(np.full(6, 1e-6), PERIOD_S)
+        expected = whole * 1e-6 * np.where(np.arange(6) == 2, left, 1.0)
+        np.testing.assert_allclose(plant.coil_force_n(), expected, rtol=1e-12)
+
+
+def test_a_strut_that_breaks_loose_loses_its_own_coil_and_spring_and_no_other(model):
+    plant = Plant(model)
+    plant.break_loose(4)
+    springs = model.jnt_stiffness.copy()
+    springs[model.joint("strut5").id] = 0.0
+    np.testing.assert_array_equal(plant.model.jnt_stiffness, springs)
+    plant.step(np.full(6, 1e-6), PERIOD_S)
+    np.testing.assert_array_equal(plant.coil_force_n() == 0.0, np.arange(6) == 4)
+
+
+def test_a_mechanism_without_loops_has_none_that_could_open(model):
+    """Struts hanging from the base, nothing between their ends."""
+    cut = copy.copy(model)
+    cut.eq_active0[:] = False
+    plant = Plant(cut)
+    plant.step(np.zeros(6), PERIOD_S)
+    assert plant.closure_residual_m() == 0.0
+
+
 def test_stops_hold_the_struts_within_their_stroke(model):
     """Twice the force that the suspension takes at full stroke moves no strut past it."""
     plant = Plant(model)
     payload = model.body("payload").id
     plant.data.xfrc_applied[payload, 2] = -600.0
     plant.settle(1.0)
-    assert np.abs(plant.strut_displacement_m()).max() == pytest.approx(0.000635, rel=1e-3)
+    assert np.abs(plant.strut_displacement_m()).max() == pytest.approx(0.000635, rel=3e-5)
     assert plant.closure_residual_m() < CLOSURE_LIMIT_M
 
 
@@ -269,6 +301,15 @@ def test_failures_of_one_plant_leave_another_of_the_same_model_sound(model):
     swing(sound, 0.1)
     assert np.all(np.abs(sound.coil_force_n()) > 0)
     assert abs(sound.strut_displacement_m()[0]) > 1e-6
+
+
+def test_each_of_mujocos_warnings_of_a_non_finite_state_ends_the_run(model):
+    """One alone, and at once: the state may look finite for a while yet."""
+    for kind in ("BADQPOS", "BADQVEL", "BADQACC"):
+        plant = Plant(model)
+        plant.data.warning[getattr(mujoco.mjtWarning, f"mjWARN_{kind}")].number = 1
+        with pytest.raises(SimulationDiverged):
+            plant.step(np.zeros(6), PERIOD_S)
 
 
 @pytest.mark.parametrize("flag", ['autoreset="disable"', ""])

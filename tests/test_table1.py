@@ -36,17 +36,31 @@ def input_rms(table1, name: str) -> np.ndarray:
     return np.array(table1["by_name"][name]["strut_input_rms_percent"])
 
 
+def corrected_rms(table1, key: str) -> np.ndarray:
+    return np.array([table1["by_name"][name][key] for name in CORRECTED])
+
+
+@pytest.mark.parametrize(("angle", "off"), [("alpha", 0.020), ("beta", -0.038)])
+def test_the_calibrated_level_is_the_papers_mean_over_the_corrected_columns(table1, angle, off):
+    """Two levels were fitted, one an angle: 2.0 % above and 3.8 % below the paper's means."""
+    level = corrected_rms(table1, f"{angle}_rms_urad").mean()
+    printed = corrected_rms(table1, f"paper_{angle}_rms_urad").mean()
+    assert level / printed - 1 == pytest.approx(off, abs=0.005)
+
+
 @pytest.mark.parametrize("angle", ANGLES)
-@pytest.mark.parametrize("name", CORRECTED)
-def test_rms_is_within_a_quarter_of_the_papers(table1, name, angle):
-    column = table1["by_name"][name]
-    assert column[f"{angle}_rms_urad"] == pytest.approx(column[f"paper_{angle}_rms_urad"], rel=0.25)
+def test_no_corrected_entry_is_further_from_the_papers_than_a_constant_would_be(table1, angle):
+    """The paper's own scatter: a constant at its mean misses an entry of alpha by 13.9 %."""
+    here = corrected_rms(table1, f"{angle}_rms_urad")
+    printed = corrected_rms(table1, f"paper_{angle}_rms_urad")
+    assert np.abs(here / printed - 1).max() < 0.139
 
 
 @pytest.mark.parametrize("angle", ANGLES)
 def test_sound_columns_track_alike_whatever_the_weights(table1, angle):
+    """J_m M = I under any weights: under the same noise 0.007 % apart, over eight seeds."""
     rms = [table1["by_name"][name][f"{angle}_rms_urad"] for name in NOMINAL_COLUMNS]
-    assert max(rms) < 1.1 * min(rms)
+    assert max(rms) < 1.0003 * min(rms)
 
 
 @pytest.mark.parametrize(("name", "spared"), [("W_b", [0, 2, 4]), ("W_c", [1, 3, 5])])
@@ -60,8 +74,9 @@ def test_weighted_struts_are_spared_and_the_others_pay(table1, name, spared):
 @pytest.mark.parametrize("angle", ANGLES)
 @pytest.mark.parametrize("name", ["W_d", "W_e"])
 def test_reconfiguration_restores_tracking_with_strut_1_locked(table1, name, angle):
+    """To the level of six struts, under the same noise: 0.06 % off over eight seeds."""
     restored = table1["by_name"][name][f"{angle}_rms_urad"]
-    assert restored == pytest.approx(table1["by_name"]["W_a"][f"{angle}_rms_urad"], rel=0.35)
+    assert restored == pytest.approx(table1["by_name"]["W_a"][f"{angle}_rms_urad"], rel=0.0015)
 
 
 @pytest.mark.parametrize("axis", ["t_x_um", "t_y_um"])
@@ -73,9 +88,10 @@ def test_translation_across_the_line_of_sight_falls_by_more_than_twenty(table1, 
 @pytest.mark.parametrize("angle", ANGLES)
 @pytest.mark.parametrize("column", COLUMNS, ids=lambda column: column.name)
 def test_the_linear_model_predicts_every_column(table1, column, angle):
+    """Within the 0.2 % that docs/bench.md states; 0.13 % at the most, over eight seeds."""
     result = table1["by_name"][column.name]
     predicted = result[f"predicted_{angle}_rms_urad"]
-    assert result[f"{angle}_rms_urad"] == pytest.approx(predicted, rel=0.05)
+    assert result[f"{angle}_rms_urad"] == pytest.approx(predicted, rel=0.002)
 
 
 def test_a_lock_without_correction_costs_what_linear_theory_says_not_what_the_paper_saw(table1):
@@ -91,7 +107,7 @@ def test_a_lock_without_correction_costs_what_linear_theory_says_not_what_the_pa
         / table1["by_name"]["W_a"][f"{angle}_rms_urad"]
         for angle in ANGLES
     ]
-    np.testing.assert_allclose(ratio, [1.39, 1.15], rtol=0.05)
+    np.testing.assert_allclose(ratio, [1.39, 1.15], rtol=0.02)
     printed = np.divide(paper.TABLE_I_URAD["W_a_uncorrected"], paper.TABLE_I_URAD["W_a"])
     np.testing.assert_allclose(printed, [4.01, 1.55], rtol=0.005)
     assert ratio[0] < 0.5 * printed[0]  # not reproduced, and not hidden
@@ -157,8 +173,11 @@ def test_an_unsound_table_is_complained_of(table1):
     opened["columns"][2]["other_jacobian_closure_residual_max_m"] = 2e-8
     assert "closed loop opened by 2.0e-08 m" in str(complaint(opened))
     astray = deepcopy(table1)
-    astray["columns"][1]["beta_rms_urad"] *= 1.06
+    astray["columns"][1]["beta_rms_urad"] *= 1.005
     assert "beta of W_b" in str(complaint(astray))
+    assert complaint(astray | {"duration_s": 4.0}) is None  # the noise alone may do that
+    astray["columns"][1]["beta_rms_urad"] *= 1.03
+    assert "beta of W_b" in str(complaint(astray | {"duration_s": 4.0}))
 
 
 def test_a_run_alone_gives_the_same_bits_as_beside_others(model, runs):
@@ -201,12 +220,6 @@ def test_each_column_says_where_its_errors_come_from(table1):
     said = " ".join(notes(table1))
     assert "five numbers act as two" in said
     assert "a constant at the paper's mean is within 13.9 %" in said
-
-
-def test_columns_that_are_equal_by_construction_are_equal(table1):
-    """J_m M = I: what the weights change of pointing is a hundredth of what the noise does."""
-    errors = [[c[f"{a}_rms_urad"] for a in ANGLES] for c in table1["columns"][:-1]]
-    assert np.ptp(errors, axis=0).max() < 1e-3 * np.min(errors)
 
 
 DEMAND_LIMITED = re.findall(

@@ -11,7 +11,7 @@ from experiments.measures import percent, pointing_rms_urad
 from experiments.provenance import plant_constants, versions
 from experiments.release.study import Case, Release
 from experiments.run import Trajectory
-from experiments.soundness import CLOSURE_LIMIT_M, off_prediction
+from experiments.soundness import CLOSURE_LIMIT_M, off_prediction, prediction_tolerance
 from prioritized import Classes, FailureAtlas
 from sim import Array, load_model, model_sha256, weightless
 
@@ -41,13 +41,14 @@ def summarize(release: Release, seed: int) -> dict[str, Any]:
 
 def complaint(summary: dict[str, Any]) -> str | None:
     """One sentence on what makes the experiment unsound; None when nothing does."""
+    tolerance = prediction_tolerance(summary["duration_s"])
     for spiral in summary["spirals"]:
         if not spiral["closure_residual_max_m"] < CLOSURE_LIMIT_M:
             return f"in {spiral['name']} a loop opened by {spiral['closure_residual_max_m']:.1e} m"
         off = spiral["motion_mismatch_linear_model_percent"]
         if spiral["kind"] and not off < MISMATCH_LIMIT_PERCENT:
             return f"the motion of {spiral['name']} is {off:.2g} % off the linear model"
-        if sentence := off_prediction(spiral):
+        if sentence := off_prediction(spiral, tolerance):
             return sentence
     for point in summary["sweep"]:
         ratio = f"at a stiffness ratio of {point['suspension_over_swing']:g}"

