@@ -192,7 +192,8 @@ def test_a_scheduler_that_goes_while_we_wait_is_one_sentence(monkeypatch):
 def test_a_bench_has_no_constant_beyond_its_limits(name):
     low, high = LIMITS[name]
     for value in (low, high):
-        assert getattr(Bench(**{name: value}), name) == value
+        constant: Any = {name: value}
+        assert getattr(Bench(**constant), name) == value
     beyond = [low - 1, np.nextafter(low, -np.inf), np.nextafter(high, np.inf), 10**400]
     others = [np.nan, np.inf, -np.inf, True, "1", [1.0], 1j]
     if name != "demand_limit_urad":  # where None is no limit
