@@ -79,9 +79,10 @@ def recording_file(
     recording.log("notes", document, static=True)
     try:
         yield recording
-        path.write_bytes(encoded.read() or b"")
     finally:
+        content = encoded.read()  # in any case: Rerun warns of what nobody reads
         recording.disconnect()
+    path.write_bytes(content or b"")
     _read_back(path)
 
 
