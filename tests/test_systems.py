@@ -3,6 +3,7 @@
 import copy
 from dataclasses import replace
 from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from experiments.systems import figure as figure_module
 from experiments.systems import study as systems_module
 from experiments.systems.mechanisms import MECHANISMS, Condition
 from experiments.systems.probe import drift, respond
-from experiments.systems.study import classified, examine
+from experiments.systems.study import Examination, classified, examine
 from experiments.systems.summary import complaint, summarize
 from sim import Failure, load_model
 
@@ -137,7 +138,7 @@ def test_the_figure_has_a_panel_for_each_mechanism_and_a_line_for_each_condition
         for k in range(7)
     ]
     monkeypatch.setattr(figure_module, "MECHANISMS", mechanisms)
-    figure = figure_module.figure_systems(examined)
+    figure = figure_module.figure_systems(cast("list[Examination]", examined))
     assert [axes.get_title() for axes in figure.axes] == [one.title for one in mechanisms]
     for axes in figure.axes:
         assert {line.get_label() for line in axes.lines} == {
