@@ -1,6 +1,7 @@
 """The command `fjh`: one experiment, its options, one sentence when something is wrong."""
 
 import sys
+from itertools import pairwise
 
 import typer
 
@@ -66,6 +67,8 @@ for command in (*map(presented, STUDIES), review, render):
 def main(arguments: list[str] | None = None) -> int:
     """Run `fjh`; returns the exit code: 0 sound, 1 unsound, 2 wrong input, 130 interrupted."""
     words = sys.argv[1:] if arguments is None else arguments
+    if empty := _empty_option(words):
+        return _complain(f"{empty} is empty, expected a value", WRONG_INPUT)
     try:
         code = app(args=words or ["--help"], prog_name="fjh", standalone_mode=False)
     except typer.exceptions.TyperException as error:
@@ -79,6 +82,16 @@ def main(arguments: list[str] | None = None) -> int:
     if code == INTERRUPTED:  # Typer has already caught the Ctrl-C
         return _complain(SENTENCE, INTERRUPTED)
     return code or 0
+
+
+def _empty_option(words: list[str]) -> str | None:
+    """The first option or argument with nothing in it; a path of nothing would be this folder."""
+    for former, word in pairwise(["the first argument", *words]):
+        if not word:
+            return former if former.startswith("-") else f"an argument after {former}"
+        if word.startswith("--") and word.endswith("="):
+            return word[:-1]
+    return None
 
 
 def _complain(sentence: str, code: int) -> int:

@@ -47,6 +47,21 @@ class Unsound(Exception):
 
 
 @contextmanager
+def machine_refused() -> Iterator[None]:
+    """Turn the refusal of a machine file into that of the command line.
+
+    Raises:
+        WrongInput: A machine file will not do.
+    """
+    from sim import ModelError  # late: the help text need not wait for MuJoCo's import
+
+    try:
+        yield
+    except ModelError as error:
+        raise WrongInput(str(error)) from error
+
+
+@contextmanager
 def diverged_into(folder: Path) -> Iterator[None]:
     """Leave the state of a diverging simulation in the folder.
 

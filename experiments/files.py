@@ -2,11 +2,12 @@
 
 import json
 import os
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from experiments.staging import staging_folder
 
 if TYPE_CHECKING:  # the help text need not wait for MuJoCo's import
     from sim import Array
@@ -80,12 +81,9 @@ def published(folder: Path, index: str) -> Iterator[Path]:
         OutputError: The disk or the folder refuses; what was there before is still whole.
     """
     try:
-        with (
-            made(folder),
-            tempfile.TemporaryDirectory(dir=folder, prefix=".fjh-") as staging,
-        ):
-            yield Path(staging)
-            _move_all(Path(staging), folder, index)
+        with made(folder), staging_folder(folder) as staging:
+            yield staging
+            _move_all(staging, folder, index)
     except OSError as error:
         reason = error.strerror or str(error)
         raise OutputError(f"{folder} could not be written: {reason}") from None

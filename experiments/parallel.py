@@ -5,8 +5,6 @@ import signal
 from collections.abc import Callable, Sequence
 from typing import Any
 
-import mujoco
-
 
 def in_parallel(
     function: Callable[..., Any],
@@ -25,7 +23,7 @@ def in_parallel(
     jobs = [(function, index, call) for index, call in enumerate(calls)]
     # Ctrl-C goes to the whole process group: workers are born deaf to it, and the parent ends them.
     handler = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    pool = context.Pool(workers, initializer=_start_worker)
+    pool = context.Pool(workers)
     signal.signal(signal.SIGINT, handler)
     with pool:
         on_progress(0, len(calls))
@@ -33,11 +31,6 @@ def in_parallel(
             results[index] = result
             on_progress(done, len(calls))
     return results
-
-
-def _start_worker() -> None:
-    # A diverging run raises an exception; MuJoCo need not write MUJOCO_LOG.TXT beside it.
-    mujoco.set_mju_user_warning(lambda message: None)
 
 
 def _run(job: tuple[Callable[..., Any], int, dict[str, Any]]) -> tuple[int, Any]:

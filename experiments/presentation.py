@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from experiments.conduct import Unsound, WrongInput
+from experiments.conduct import Unsound, machine_refused
 from experiments.files import json_text
 from experiments.findings import Findings
 from experiments.terminal import print_notes, print_table, progress
@@ -38,12 +38,8 @@ def presented(study: Callable[..., Findings]) -> Callable[..., None]:
 
     @functools.wraps(study)
     def command(*, quiet: bool, as_json: bool, **options: Any) -> None:
-        from sim import ModelError  # late: the help text need not wait for MuJoCo's import
-
-        try:
+        with machine_refused():
             findings = study(**options, progress=functools.partial(progress, shown=not quiet))
-        except ModelError as error:
-            raise WrongInput(str(error)) from error
         if as_json:
             print(json_text(findings.summary), end="")
         elif not quiet:

@@ -33,3 +33,6 @@ from sim.model import weightless as weightless
 from sim.plant import Plant as Plant
 from sim.strut_sensors import StrutSensors as StrutSensors
 from sim.trajectory import spiral as spiral
+from sim.warning import log_warnings
+
+log_warnings()  # in every process that uses MuJoCo through us, workers too

@@ -2,6 +2,7 @@
 
 import copy
 import hashlib
+import math
 from pathlib import Path
 
 import mujoco
@@ -16,16 +17,19 @@ def load_model(path: str | Path | None = None) -> mujoco.MjModel:
     """Compile an MJCF file; without a path, the hexapod `models/fjh.xml`.
 
     Raises:
-        ModelError: The file is missing or not valid MJCF.
+        ModelError: The file is missing or not valid MJCF, or its time step is not positive.
     """
     file = _file(path)
     if not file.is_file():
         raise ModelError(f"there is no MJCF file {file}")
     try:
-        return mujoco.MjModel.from_xml_path(str(file))
+        model = mujoco.MjModel.from_xml_path(str(file))
     except ValueError as error:
         reason = " ".join(str(error).split())
         raise ModelError(f"{file} is not a valid MJCF model: {reason}") from None
+    if not 0 < model.opt.timestep < math.inf:  # MuJoCo takes any
+        raise ModelError(f"{file}: timestep must be positive and finite, got {model.opt.timestep}")
+    return model
 
 
 def weightless(model: mujoco.MjModel) -> mujoco.MjModel:

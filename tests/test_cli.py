@@ -13,7 +13,7 @@ import psutil
 import pytest
 from rerun.chunk import RrdReader
 
-from experiments.cli import main
+from experiments.cli import STUDIES, main
 from experiments.files import OutputError, published
 from sim.model import HEXAPOD_MJCF
 
@@ -79,6 +79,17 @@ def test_an_output_path_that_is_a_file_is_refused(capsys, tmp_path):
     assert "too long" in sentence(capsys)
 
 
+@pytest.mark.parametrize("command", [*(study.__name__ for study in STUDIES), "review", "render"])
+def test_an_empty_path_is_not_the_current_folder(capsys, tmp_path, monkeypatch, command):
+    monkeypatch.chdir(tmp_path)
+    for words in (["--out", ""], ["--out="]):
+        assert main([command, *words]) == 2
+        assert sentence(capsys) == "fjh: --out is empty, expected a value"
+    assert main([command, ""]) == 2
+    assert sentence(capsys) == f"fjh: an argument after {command} is empty, expected a value"
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_broken_machine_file_is_refused(capsys, tmp_path, mjcf):
     path = mjcf(("</mujoco>", ""))
     assert main(["table1", "--model", path, "--out", str(tmp_path / "out")]) == 2
@@ -108,6 +119,10 @@ def test_a_broken_machine_file_is_refused(capsys, tmp_path, mjcf):
         ),
         ('joint1="strut2"', 'joint1="strut3"', '"lock2"'),
         ('timestep="1.25e-4"', 'timestep="3e-4"', "0.0003 s does not divide"),
+        *(
+            ('timestep="1.25e-4"', f'timestep="{bad}"', f"positive and finite, got {got}")
+            for bad, got in (("0", "0.0"), ("-1e-4", "-0.0001"), ("nan", "nan"), ("inf", "inf"))
+        ),
     ],
 )
 def test_a_machine_that_will_not_do_is_refused(capsys, tmp_path, mjcf, old, new, named):

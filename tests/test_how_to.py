@@ -111,7 +111,7 @@ def test_the_mechanism_of_the_page_passes_the_study(walked, monkeypatch):
     examined = [examine(walked["rail"], condition, seed=0) for condition in conditions]
     monkeypatch.undo()
     summary = summarize(examined, seed=0)
-    assert len(summary["systems"]) == 4
+    assert len(summary["systems"]) == 5
     assert complaint(summary) is None
 
 

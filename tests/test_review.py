@@ -7,8 +7,12 @@ import pytest
 
 from experiments import paper
 from experiments.cli import main
+from experiments.recording.keep import Kept
+from experiments.recording.shown import Shown
+from experiments.review.runs import about_runs
 from sim import HEXAPOD_MJCF
 from tests import rrd
+from tests.made import made_run
 from tests.test_recording import SIGNALS
 
 EVERY = 10
@@ -45,6 +49,12 @@ def test_the_papers_numbers_stand_beside_ours(review, table1):
         ours = f"{column['alpha_rms_urad']:.4f} | {column['beta_rms_urad']:.4f}"
         alpha, beta = paper.TABLE_I_URAD[column["name"]]
         assert f"| {column['name']} | {ours} | {alpha:.4f} | {beta:.4f} |" in told
+
+
+@pytest.mark.parametrize(("ticks", "beside"), [(16000, True), (4000, False)])
+def test_the_papers_numbers_stand_beside_whole_spirals_only(ticks, beside):
+    kept = Kept(Shown(made_run(ticks), []), "table1", {})
+    assert (f"{paper.TABLE_I_URAD['W_a'][0]:.4f}" in about_runs({"W_a": kept}).notes) == beside
 
 
 def test_what_the_runs_have_in_common_are_the_recordings_properties(review, table1):

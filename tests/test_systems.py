@@ -1,14 +1,18 @@
 """The paper's other systems: the simulation does what the classification says."""
 
 import copy
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
 
+from experiments.systems import figure as figure_module
 from experiments.systems import study as systems_module
 from experiments.systems.mechanisms import MECHANISMS, Condition
 from experiments.systems.probe import drift, respond
-from experiments.systems.study import classified, examine
+from experiments.systems.study import Examination, classified, examine
 from experiments.systems.summary import complaint, summarize
 from sim import Failure, load_model
 
@@ -114,6 +118,34 @@ def test_a_wrong_classification_is_complained_of(monkeypatch, name, happens, tol
     )
     one = examine(mechanism, happens, seed=0)
     assert complaint(summarize([one], seed=0))
+
+
+@pytest.mark.parametrize("count", [1, 4, 5])
+def test_the_figure_has_a_panel_for_each_mechanism_and_a_line_for_each_condition(
+    monkeypatch, count
+):
+    """The page on mechanisms adds a fifth, whoever goes on a seventh condition."""
+    path = np.zeros((8, 2))
+    mechanisms = [replace(MECHANISMS[0], name=f"arm{k}", title=f"arm {k}") for k in range(count)]
+    examined = [
+        SimpleNamespace(
+            mechanism=mechanism,
+            condition=f"broken {k}",
+            report=SimpleNamespace(unstable_major=False, unmanipulable=False),
+            polygon=SimpleNamespace(reached=path, desired=path),
+        )
+        for mechanism in mechanisms
+        for k in range(7)
+    ]
+    monkeypatch.setattr(figure_module, "MECHANISMS", mechanisms)
+    figure = figure_module.figure_systems(cast("list[Examination]", examined))
+    assert [axes.get_title() for axes in figure.axes] == [one.title for one in mechanisms]
+    for axes in figure.axes:
+        assert {line.get_label() for line in axes.lines} == {
+            *(f"broken {k}" for k in range(7)),
+            "asked for",
+        }
+    figure.draw_without_rendering()
 
 
 def test_everything_named_is_there(systems, systems_folder):

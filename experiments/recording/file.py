@@ -3,6 +3,7 @@
 import hashlib
 import json
 import re
+import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -13,6 +14,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 from matplotlib.colors import to_rgb
+from rerun.chunk import RrdReader
 
 from experiments.palette import LINES
 from sim import Array
@@ -55,7 +57,10 @@ def recording_file(
 ) -> Iterator[rr.RecordingStream]:
     """A recording that goes to a file, with its blueprint, properties and notes inside.
 
+    The file is read back when it is written.
+
     Raises:
+        OSError: The disk refuses, or what it holds cannot be read back.
         Exception: Whatever the writer complains of, here and inside; it runs in strict mode.
     """
     rr.set_strict_mode(True)
@@ -63,7 +68,9 @@ def recording_file(
     recording = rr.RecordingStream(
         f"fjh-{about.identity}", recording_id=about.identity, send_properties=False
     )
-    recording.save(path, default_blueprint=blueprint)
+    # Into memory first: a writer of Rerun's own would only log that the disk is full.
+    encoded = recording.binary_stream()
+    recording.send_blueprint(blueprint, make_active=False, make_default=True)
     recording.set_log_time_enabled(False)
     recording.send_recording_name(about.name)
     if about.properties:
@@ -73,7 +80,28 @@ def recording_file(
     try:
         yield recording
     finally:
+        content = encoded.read()  # in any case: Rerun warns of what nobody reads
         recording.disconnect()
+    path.write_bytes(content or b"")
+    _read_back(path)
+
+
+def _read_back(path: Path) -> None:
+    """Decode all of a recording and of its screen.
+
+    Raises:
+        OSError: It is not whole.
+    """
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")  # of a file that ends too early, the reader only warns
+            reader = RrdReader(path)
+            (shown,), (layout,) = reader.recordings(), reader.blueprints()
+            for store in (shown, layout):
+                reader.stream(store=store).to_chunks()
+    except Exception as error:  # the reader's own errors have no common class
+        reason = " ".join(str(error).split())
+        raise OSError(f"{path.name} cannot be read back: {reason}") from error
 
 
 def time_column(time_s: Array) -> rr.TimeColumn:

@@ -1,9 +1,7 @@
 """A hexapod run on disk: its data (.npz, the record) and its recording (.rrd, the view)."""
 
 import json
-import zipfile
-import zlib
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,11 +11,11 @@ from rerun.chunk import RrdReader
 
 from experiments.conduct import WrongInput
 from experiments.files import write_arrays
-from experiments.recording.file import About
-from experiments.recording.marks import Mark
-from experiments.recording.run import write_run
+from experiments.recording.file import TIMELINE, About, at_most
+from experiments.recording.marks import marks_from
+from experiments.recording.run import RATE_HZ, write_run
 from experiments.recording.shown import Shown
-from experiments.run import Trajectory
+from experiments.recording.whole import whole_run
 from sim import Array
 
 
@@ -67,41 +65,45 @@ def read_run(path: Path) -> Kept:
     """A run, with what :func:`keep_run` wrote beside it.
 
     Raises:
-        WrongInput: It is no such file, or not a whole one.
+        NoRunError: It holds something else.
+        WrongInput: It is no such file, or not a whole one, or the recording beside it is not of it.
     """
     try:
         with np.load(path) as file:
             arrays = dict(file)
-    except (OSError, ValueError, TypeError, EOFError, zipfile.BadZipFile, zlib.error):
+    except Exception:  # numpy and zipfile raise a dozen kinds, MemoryError among them
         raise WrongInput(f"{path} is not a readable .npz file") from None
-    signals = [field.name for field in fields(Trajectory)]
-    if missing := [name for name in signals if name not in arrays]:
-        raise WrongInput(f"{path} is no run of the hexapod: it lacks {missing[0]}")
-    run = Trajectory(**{name: arrays[name] for name in signals})
-    rows = {len(np.atleast_1d(values)) for values in asdict(run).values()}
-    if len(rows) != 1 or rows.pop() < 2 or not all(map(_is_finite, asdict(run).values())):
-        raise WrongInput(f"{path} is not a whole run: rows are missing or not finite")
-    properties = _properties(path.with_suffix(".rrd"))
-    marks = [Mark(**mark) for mark in json.loads(properties.pop("marks", "[]"))]
-    return Kept(Shown(run, marks), properties.pop("experiment", ""), properties)
-
-
-def _properties(recording: Path) -> dict[str, Any]:
-    """Of the recording beside the data; none where there is no recording."""
+    run, recording = whole_run(str(path), arrays), path.with_suffix(".rrd")
     if not recording.is_file():
-        return {}
+        return Kept(Shown(run), "", {})
     try:
-        chunks = RrdReader(recording).stream().filter(content="/__properties/run").to_chunks()
+        properties, true_urad = _read_recording(recording)
     except Exception as error:  # the reader's own errors have no common class
-        raise WrongInput(f"{recording} is not a readable recording: {error}") from None
-    columns = {
+        reason = " ".join(str(error).split())
+        raise WrongInput(f"{recording} is not a readable recording: {reason}") from None
+    if not np.array_equal(true_urad, 1e6 * run.true_rad[at_most(RATE_HZ, run.time_s)]):
+        raise WrongInput(f"{recording} is not the recording of {path.name}: they hold other angles")
+    try:
+        marks = marks_from(properties.pop("marks", "[]"), end_s=float(run.time_s[-1]))
+    except ValueError as error:
+        raise WrongInput(f"{recording} has marks that are none: {error}") from None
+    return Kept(Shown(run, marks), str(properties.pop("experiment", "")), properties)
+
+
+def _read_recording(path: Path) -> tuple[dict[str, Any], Array]:
+    """Properties of a run's recording, and the true angles that it shows [urad], (T, 2)."""
+    recording = RrdReader(path)
+    properties = recording.stream().filter(content="/__properties/run").to_chunks()
+    angles = recording.stream().filter(content="/pointing/true", is_static=False).to_chunks()
+    cells = {
         name: column[0]
-        for chunk in chunks
+        for chunk in properties
         for name, column in chunk.to_record_batch().to_pydict().items()
         if not name.startswith("rerun.")
     }
-    return {name: cell[0] if len(cell) == 1 else cell for name, cell in columns.items()}
-
-
-def _is_finite(values: Array) -> bool:
-    return values.dtype.kind == "f" and bool(np.isfinite(values).all())
+    batches = [chunk.to_record_batch() for chunk in angles]
+    times = np.concatenate([batch.column(TIMELINE).cast("int64") for batch in batches])
+    values = [batch.column("Scalars:scalars").flatten() for batch in batches]
+    shown = np.concatenate(values).reshape(len(times), 2)
+    plain = {name: cell[0] if len(cell) == 1 else cell for name, cell in cells.items()}
+    return plain, shown[np.argsort(times)]

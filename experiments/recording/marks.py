@@ -1,5 +1,6 @@
 """In a recording: when a strut fails, and when that is found, in colour and on the time line."""
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -40,6 +41,36 @@ class Mark:
     def is_found(self) -> bool:
         """Whether it ever was."""
         return self.diagnosed_s < np.inf
+
+
+def marks_from(text: str, end_s: float) -> list[Mark]:
+    """Marks of a run that lasts until `end_s`, from JSON: a list of their attributes.
+
+    Raises:
+        ValueError: It is none of that; the message says what came.
+    """
+    try:
+        marks = [Mark(**each) for each in json.loads(text)]
+        sound = all(_is_sound(mark, end_s) for mark in marks)
+    except (ValueError, TypeError):
+        sound, marks = False, []
+    if not sound:
+        raise ValueError(
+            f"expected a list of failures of struts 0 to 5 within {end_s:g} s, got {text!s:.80}"
+        )
+    return marks
+
+
+def _is_sound(mark: Mark, end_s: float) -> bool:
+    return (
+        isinstance(mark.strut, int)
+        and mark.strut in range(6)
+        and 0 <= mark.failed_s <= end_s
+        and mark.failed_s <= mark.diagnosed_s
+        and (mark.diagnosed_s <= end_s or not mark.is_found)
+        and isinstance(mark.failure, str)
+        and isinstance(mark.diagnosis, str)
+    )
 
 
 def happens_in_flight(marks: Sequence[Mark], time_s: Array) -> bool:

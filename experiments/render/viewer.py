@@ -36,30 +36,41 @@ def headless_viewer(size: tuple[int, int] = SIZE) -> Iterator[ViewerClient]:
     every machine; else with the graphics card.
 
     Raises:
-        ViewerError: It does not start: there is no Vulkan driver.
+        ViewerError: It does not start, or dies or gives no answer while the block lasts: there is
+            no Vulkan driver, or it cannot draw so many pixels.
     """
+    with tempfile.TemporaryDirectory(prefix="fjh-viewer-") as home:
+        log = Path(home) / "log"
+        try:
+            with _running(size, home, log) as client:
+                _past_greetings(client)
+                yield client
+        # Without a driver it dies after connecting, anywhere in the block.
+        except OSError as error:
+            raise ViewerError(_cause(log, size, error)) from None
+
+
+@contextmanager
+def _running(size: tuple[int, int], home: str, log: Path) -> Iterator[ViewerClient]:
+    """The viewer's process, as long as the block lasts."""
     port = _free_port()
     options = ["--headless", "--hide-welcome-screen", "--bind", "127.0.0.1", "--port", str(port)]
     options += ["--window-size", f"{size[0]}x{size[1]}"]
     program = Path(str(rerun_cli.__file__)).with_name("rerun")
-    with tempfile.TemporaryDirectory(prefix="fjh-viewer-") as home:
-        log = Path(home) / "log"
-        with log.open("w") as output:
-            viewer = subprocess.Popen(
-                [program, *options],
-                env=os.environ | _surroundings(home),
-                stdout=output,
-                stderr=subprocess.STDOUT,
-                # Ctrl-C is for us: we end it.
-                start_new_session=True,
-            )
-        try:
-            client = _connected(viewer, port, log)
-            _past_greetings(client)
-            yield client
-        finally:
-            viewer.kill()
-            viewer.wait()
+    with log.open("w") as output:
+        viewer = subprocess.Popen(
+            [program, *options],
+            env=os.environ | _surroundings(home),
+            stdout=output,
+            stderr=subprocess.STDOUT,
+            # Ctrl-C is for us: we end it.
+            start_new_session=True,
+        )
+    try:
+        yield _connected(viewer, port)
+    finally:
+        viewer.kill()
+        viewer.wait()
 
 
 def show(viewer: ViewerClient, recording: Path, time_s: float | None) -> None:
@@ -100,7 +111,7 @@ def photograph(viewer: ViewerClient) -> bytes:
     else:
         raise ViewerError("the viewer's screen does not come to rest")
     if said := complaints(viewer):
-        raise ViewerError(f"the viewer complains: {said[0]}")
+        raise ViewerError(f"the viewer complains: {' '.join(said[0].split())}")
     return last
 
 
@@ -120,12 +131,13 @@ def software_driver() -> Path | None:
 def _surroundings(home: str) -> dict[str, str]:
     """An empty home, so that nobody's settings show; and the driver."""
     mine = {"HOME": home, "XDG_RUNTIME_DIR": home, "RERUN_APP_ONLY": "true", "RUST_LOG": "warn"}
+    mine["NO_COLOR"] = "1"  # its log may end up in a sentence
     if driver := software_driver():
         mine |= dict.fromkeys(("VK_DRIVER_FILES", "VK_ICD_FILENAMES"), str(driver))
     return mine
 
 
-def _connected(viewer: subprocess.Popen, port: int, log: Path) -> ViewerClient:
+def _connected(viewer: subprocess.Popen, port: int) -> ViewerClient:
     deadline = time.monotonic() + _PATIENCE_S
     while viewer.poll() is None and time.monotonic() < deadline:
         try:
@@ -135,12 +147,19 @@ def _connected(viewer: subprocess.Popen, port: int, log: Path) -> ViewerClient:
             time.sleep(0.1)
         else:
             return client
-    if re.search("graphics adapter|render context", log.read_text()):
-        raise ViewerError(
+    raise ConnectionError("it does not start")
+
+
+def _cause(log: Path, size: tuple[int, int], error: OSError) -> str:
+    """Why a viewer of so many pixels gives no answer, in one sentence."""
+    told = log.read_text(errors="replace")
+    if re.search("graphics adapter|render context", told):
+        return (
             "the viewer needs a Vulkan driver; without a graphics card install Mesa's "
             "(mesa-vulkan-drivers and libvulkan1 on Debian and Ubuntu)"
         )
-    raise ViewerError(f"the viewer does not start: {log.read_text()[-300:].strip()}")
+    reasons = [str(error), *told.splitlines()[-1:]]
+    return f"the viewer gives no answer at {size[0]}x{size[1]} pixels: {'; '.join(reasons)}"
 
 
 def _past_greetings(viewer: ViewerClient) -> None:

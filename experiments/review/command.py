@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from experiments.conduct import MachineFile
+from experiments.conduct import MachineFile, machine_refused
 from experiments.files import published, usable_file
 from experiments.interrupt import raise_from_now_on
 
@@ -32,11 +32,14 @@ def review(
     """
     from experiments.recording.side_by_side import write_side_by_side
     from experiments.review.runs import about_runs, find_runs
-    from sim import load_model, model_sha256
+    from sim import hexapod, load_model, model_sha256
 
     folder = usable_file(out, ".rrd")
     raise_from_now_on()
-    kept = find_runs(runs, model_sha256(model))
-    shown = {name: one.shown for name, one in kept.items()}
-    with published(folder, index=out.name) as staging:
-        write_side_by_side(staging / out.name, about_runs(kept), load_model(model), shown)
+    with machine_refused():
+        machine = load_model(model)
+        hexapod(machine)  # refuses any other
+        kept = find_runs(runs, model_sha256(model))
+        shown = {name: one.shown for name, one in kept.items()}
+        with published(folder, index=out.name) as staging:
+            write_side_by_side(staging / out.name, about_runs(kept), machine, shown)

@@ -1,35 +1,42 @@
 """Finding the runs that are to be put side by side, and what to say of them."""
 
+import json
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from experiments import paper
+from experiments.bench import Bench
 from experiments.conduct import WrongInput
 from experiments.measures import closure_residual_max_m, pointing_rms_urad
 from experiments.recording.file import About
 from experiments.recording.keep import Kept, read_run
 from experiments.recording.notes import constants
+from experiments.recording.whole import NoRunError
+from experiments.review.told import check_told, told_in
 
 
 def find_runs(places: Sequence[Path], model_sha256: str) -> dict[str, Kept]:
     """Single runs and the runs in folders, by name.
 
-    In a folder they are in the order in which its JSON speaks of them; what holds no run there is
-    passed over.
+    In a folder they are in the order in which its JSON speaks of them; files of something else are
+    passed over there. What JSON beside a run says of it must agree with its data.
 
     Args:
         places: Folders and files.
         model_sha256: Of the machine that is going to be drawn.
 
     Raises:
-        WrongInput: There is no run of the hexapod in one of the places, one is named twice, or it
-            was flown on another machine.
+        WrongInput: There is no run of the hexapod in one of the places, one is named twice, is
+            not whole, was flown on another machine, or is not what the JSON beside it says.
     """
     found: dict[Path, Kept] = {}
     for place in places:
-        runs = _runs_in(place) if place.is_dir() else {place: read_run(place)}
+        told = told_in(place if place.is_dir() else place.parent)
+        runs = _runs_in(place, told) if place.is_dir() else {place: read_run(place)}
         if not runs:
             raise WrongInput(f"{place} holds no run of the hexapod as `fjh table1` writes them")
         for file, run in runs.items():
@@ -37,6 +44,7 @@ def find_runs(places: Sequence[Path], model_sha256: str) -> dict[str, Kept]:
                 raise WrongInput(f"{file} is named twice")
             if run.properties.get("model_sha256", model_sha256) != model_sha256:
                 raise WrongInput(f"{file} was flown on another machine; --model FILE draws that")
+            check_told(file.name, run.shown.run, told)
             found[file.resolve()] = run
     stems = [file.stem for file in found]
     return {
@@ -45,14 +53,11 @@ def find_runs(places: Sequence[Path], model_sha256: str) -> dict[str, Kept]:
     }
 
 
-def _runs_in(folder: Path) -> dict[Path, Kept]:
-    told = "".join(file.read_text("utf-8", "replace") for file in sorted(folder.glob("*.json")))
-    found = {}
-    for file in sorted(folder.glob("*.npz"), key=lambda file: told.find(f'"{file.stem}"')):
-        try:
+def _runs_in(folder: Path, told: dict[str, Any]) -> dict[Path, Kept]:
+    words, found = json.dumps(told), {}
+    for file in sorted(folder.glob("*.npz"), key=lambda file: words.find(json.dumps(file.stem))):
+        with suppress(NoRunError):
             found[file] = read_run(file)
-        except WrongInput:
-            continue
     return found
 
 
@@ -86,7 +91,10 @@ def about_runs(runs: Mapping[str, Kept]) -> About:
 def _row(name: str, one: Kept) -> str:
     run = one.shown.run
     alpha, beta = pointing_rms_urad(run)
-    paper_rms = paper.TABLE_I_URAD.get(name) if one.experiment == "table1" else None
+    # The paper's numbers are of the whole spiral.
+    is_whole = len(run.time_s) == len(Bench().time_s(Bench().duration_s))
+    is_the_papers = one.experiment == "table1" and is_whole
+    paper_rms = paper.TABLE_I_URAD.get(name) if is_the_papers else None
     gamma, *translation = 1e6 * np.abs(run.secondary).max(axis=0)
     cells = [name, f"{alpha:.4f}", f"{beta:.4f}"]
     cells += [f"{value:.4f}" for value in paper_rms] if paper_rms else ["", ""]

@@ -15,8 +15,6 @@ from sim import Array, LinearPlant, load_model
 @cache
 def machine() -> mujoco.MjModel:
     """The hexapod; plants copy it."""
-    # A diverging run is a row; MuJoCo need not write MUJOCO_LOG.TXT beside it.
-    mujoco.set_mju_user_warning(lambda message: None)
     return load_model()
 
 

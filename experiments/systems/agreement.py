@@ -78,7 +78,8 @@ class Held:
     Attributes:
         torque_error: Servo torques against the mapping's, relative.
         closure_error: What the closures and locks do to the joints, against the constraint forces
-            that the kinematics derives from force and torques, relative.
+            that the kinematics derives from force and torques, relative to the largest of these and
+            of what force and torques do to the joints: closures may have nothing to bear.
         yielded: Payload displacement, in steps. One servo, alone with its torque, would move one.
     """
 
@@ -110,7 +111,9 @@ def hold_force(
     closures = _closure_rows(system).T @ -kin.constraint_force(force, torques)  # eq. (5)
     return Held(
         torque_error=_relative(held.torques - kin.expand(torques), torques),
-        closure_error=_relative(held.constraint_force - closures, closures),
+        closure_error=_relative(
+            held.constraint_force - closures, closures, system.J_T.T @ force, torques
+        ),
         yielded=float(np.abs(held.displacement).max() / STEP),
     )
 
@@ -120,8 +123,9 @@ def _closure_rows(system: ConstrainedSystem) -> Array:
     return np.vstack([system.J_C, np.eye(system.J_C.shape[1])[system.stuck]])
 
 
-def _relative(difference: Array, whole: Array) -> float:
-    size = np.linalg.norm(whole)
+def _relative(difference: Array, *wholes: Array) -> float:
+    """Norm of a difference as a part of the largest of the wholes; zero when all are."""
+    size = max(np.linalg.norm(whole) for whole in wholes)
     return float(np.linalg.norm(difference) / size) if size else 0.0
 
 

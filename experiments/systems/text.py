@@ -9,8 +9,8 @@ PICTURES = [
     Picture(
         "systems.png",
         "Each mechanism's major task around an octagon, sound and failed, in simulation.",
-        "Four panels: paths of the arm, the hand, the two arms and the platform; they pass through "
-        "all corners, but for the dashed ones, whose task is lost as classified.",
+        "A panel for each mechanism: its paths pass through all corners, but for the dashed ones, "
+        "whose task is lost as classified.",
     )
 ]
 
