@@ -90,6 +90,7 @@ def test_a_strut_that_locks_stops_and_stays(strut):
 
 def test_only_what_is_looked_for_can_be_found():
     assert fault_of(Failure(2, "weak", strength=0.3)) == Fault(2, "weak", 0.3)
+    assert str(Fault(2, "weak", 0.3)).endswith("to 30 %")
     with pytest.raises(ValueError, match="kind must be one of locked, free, weak, got loose"):
         fault_of(Failure(0, "loose"))
 

@@ -71,7 +71,9 @@ def test_an_alarm_is_looked_into_until_a_strut_is_certain_and_then_it_is_named()
 
 def test_what_is_named_is_settled_after_the_time_of_confirmation():
     states = watched(lambda tick: LOCKED)
-    assert [state.diagnosis.settled for state in states[ALARM:]] == [False] * 10 + [True]
+    found = [state.diagnosis for state in states[ALARM:]]
+    assert [each is not None and each.settled for each in found] == [False] * 10 + [True]
+    assert None not in found
 
 
 def test_a_strut_whose_residuals_noise_does_not_explain_is_not_named():
@@ -127,3 +129,14 @@ def test_a_contradicted_failure_that_was_not_certain_before_is_given_up():
     states = watched(lambda tick: LOCKED if tick == 8 else UNSURE, shocks=(ALARM, 20))
     assert states[19].diagnosis is not None
     assert states[20].diagnosis is None and states[20].unexplained
+
+
+def test_a_settled_failure_is_believed_from_its_onset_on():
+    last = watched(lambda tick: LOCKED)[-1]
+    usual = monitor((), SOUND, sensing(SOUND, BENCH, strut_sensors=False), RULES)
+    after, state = usual.believing(last)
+    assert after.faults == (LOCKED.fault,) and 2 not in after.bank.struts
+    assert [moment.tick for moment in state.history] == list(range(ALARM - 1, 16))
+    assert (state.diagnosis, state.evidence, state.alarm_ticks) == (None, None, (ALARM,))
+    with pytest.raises(ValueError, match="must hold a settled diagnosis"):
+        after.believing(state)
