@@ -252,6 +252,14 @@ def test_a_coil_that_weakens_again_is_weak_by_the_product():
     assert verdict.fault.strength == pytest.approx(0.25, abs=0.02)
 
 
+def test_without_evidence_failure_is_as_likely_as_none_and_all_are_alike():
+    hypotheses = bank(SOUND, (), ANGLES.C)
+    verdict = hypotheses.verdict(hypotheses.start(np.arange(4)), 3, np.zeros(12))
+    assert verdict.sound_confidence == pytest.approx(1 / 2)
+    assert verdict.strut_confidence == pytest.approx(1 / 2 / 6, rel=1e-4)
+    assert verdict.kind_confidence == pytest.approx(1 / 3, rel=1e-4)
+
+
 def test_where_no_strut_is_left_there_is_nothing_to_look_for():
     with pytest.raises(ValueError, match="must leave a strut"):
         bank(SOUND, [Fault(k, "locked") for k in range(6)], ANGLES.C)
