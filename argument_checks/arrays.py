@@ -1,5 +1,6 @@
 """Arrays of finite numbers of moderate size, by shape."""
 
+from math import prod
 from typing import Any, TypeGuard, TypeVar
 
 import numpy as np
@@ -66,39 +67,21 @@ def shaped(name: str, value: ArrayLike, *shape: int) -> Array:
     return A
 
 
-def sized(name: str, A: Array) -> Array:
-    """The matrices themselves, each of which is zero or not too small for products."""
-    if A.ndim == 2 and A.size and dnrm2(A.ravel()) >= SMALLEST:
-        return A  # the common case
-    size = np.abs(A).max(axis=(-2, -1), initial=0.0)
-    if (small := size[(size > 0.0) & (size < SMALLEST)]).size:
-        least = f"{SMALLEST:g}"
-        raise ValueError(f"{name} must be zero or of a size of at least {least}, got {small[0]:g}")
-    return A
-
-
-def batch(
-    name: str, value: ArrayLike, columns: int | None = None, rows: int | None = None
-) -> Array:
-    """A finite matrix with any leading batch axes as float64."""
+def exactly(name: str, value: ArrayLike, *shape: int) -> Array:
+    """Finite numbers of one shape, without a copy of a float64 array; for every tick."""
+    # The common case, every call spared: is_plain and is_moderate.
+    if (
+        type(value) is np.ndarray
+        and value.dtype is _FLOAT64
+        and value.shape == shape
+        and value.size
+        and dnrm2(value.ravel()) < LARGEST
+    ):
+        return value
     A = real(name, value)
-    if A.ndim < 2:
-        raise ValueError(f"{name} must be a matrix, got shape {A.shape}")
-    if columns is not None and A.shape[-1] != columns:
-        raise ValueError(f"{name} must have {columns} columns, got shape {A.shape}")
-    if rows is not None and A.shape[-2] != rows:
-        raise ValueError(f"{name} must have {rows} rows, got shape {A.shape}")
+    if A.shape != shape:
+        raise ValueError(f"{name} must be {prod(shape)} finite numbers, got shape {A.shape}")
     return A
-
-
-def matrix(
-    name: str, value: ArrayLike, columns: int | None = None, rows: int | None = None
-) -> Array:
-    """One finite matrix as float64, zero or not too small, with what of its shape is fixed."""
-    A = batch(name, value, columns, rows)
-    if A.ndim != 2:
-        raise ValueError(f"{name} must be one matrix, got shape {A.shape}")
-    return sized(name, A)
 
 
 def vector(name: str, value: ArrayLike | None, size: int) -> Array:
@@ -107,29 +90,6 @@ def vector(name: str, value: ArrayLike | None, size: int) -> Array:
     if v.ndim < 1 or v.shape[-1] != size:
         raise ValueError(f"{name} must have shape (..., {size}), got {v.shape}")
     return v
-
-
-def weight(name: str, value: ArrayLike, size: int) -> Array:
-    """A weighting matrix: a vector is the diagonal of one, a matrix has `size` columns."""
-    W = real(name, value)
-    if W.ndim == 0:
-        raise ValueError(f"{name} must be a diagonal or a matrix, got the scalar {W}")
-    if W.shape[-1] != size:
-        raise ValueError(f"{name} must have {size} columns, got shape {W.shape}")
-    return np.diag(W) if W.ndim == 1 else W
-
-
-def positive_semidefinite(name: str, value: ArrayLike, size: int) -> Array:
-    """A symmetric matrix (size, size) without negative eigenvalues; a vector is its diagonal."""
-    K = sized(name, weight(name, value, size))
-    round_off = 1e-12 * np.abs(K).max(initial=0.0)
-    if K.shape != (size, size) or (np.abs(K - K.T) > round_off).any():
-        raise ValueError(
-            f"{name} must be a diagonal of {size} or a symmetric matrix, got {shown(K.tolist())}"
-        )
-    if (lowest := np.linalg.eigvalsh(K).min(initial=0.0)) < -round_off * size:
-        raise ValueError(f"{name} must have no negative eigenvalue, got {lowest:.3g}")
-    return K
 
 
 def not_negative(name: str, value: ArrayLike) -> Array:

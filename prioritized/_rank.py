@@ -104,7 +104,7 @@ def ranked_svd(
         ValueError: A number of the matrix is not finite: products of the inputs overflowed.
     """
     if not (is_moderate(A) or np.isfinite(A).all()):  # LAPACK may not even return
-        raise ValueError("J, weights and metrics must be of sizes whose products are finite")
+        raise ValueError("J, weights and metrics must have finite products, got an overflow")
     if A.ndim == 2 and A.size:  # most of numpy's time for a small matrix is not LAPACK's
         U, sigma, Vt, failed = dgesdd(A, full_matrices=full)
         if failed:

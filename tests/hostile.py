@@ -44,7 +44,6 @@ SCALARS = {
     "half": 0.5,
     "minus half": -0.5,
     "zero": 0.0,
-    "99": 99,
     "denormal": 5e-324,
     "tiny": 1e-310,
     "small": 1e-160,
