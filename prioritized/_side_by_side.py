@@ -1,5 +1,7 @@
 """Optimal rates of a batch of problems, many at once."""
 
+from math import prod
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -92,5 +94,5 @@ def _last(A: Array) -> Array:
 def _times(A: Array, B: Array) -> Array:
     """A (i, j) or (B, i, j) times columns (j, ..., B)."""
     if A.ndim == 2:
-        return A.dot(B.reshape(len(B), -1)).reshape(len(A), *B.shape[1:])
+        return A.dot(B.reshape(len(B), prod(B.shape[1:]))).reshape(len(A), *B.shape[1:])
     return np.einsum("bij,j...b->i...b", A, B)

@@ -48,6 +48,13 @@ def test_one_jacobian_serves_a_batch_of_weights_as_it_serves_each_of_them():
         np.testing.assert_allclose(rates[k], alone(V), rtol=1e-9)
 
 
+def test_a_batch_whose_rows_are_all_major_is_answered():
+    """There is no secondary task then, and that raised numpy's words."""
+    batch = RNG.normal(size=(2, 3, 4))
+    rates = velocity_mapping(batch, [0, 1, 2], joint_weight=np.ones(4))(np.ones(3))
+    np.testing.assert_allclose(np.einsum("bij,bj->bi", batch, rates), 1.0)
+
+
 @pytest.mark.parametrize("size", [5e-324, 1e-310, 1e-130, 1e130, 1e308])
 def test_a_mechanism_of_a_size_that_products_cannot_carry_is_refused_by_name(size):
     for name, build in (
