@@ -12,7 +12,7 @@ LIMITS: dict[str, tuple[float, float]] = {
     "quick_duration_s": (1e-3, 3600.0),
     "spiral_radius_urad": (1e-3, 1e6),
     "spiral_period_s": (1e-2, 3600.0),
-    "spiral_exponent": (0.1, 10.0),
+    "spiral_exponent": (0.1, 1.0),
     "spiral_start_deg": (-360.0, 360.0),
     "demand_limit_urad": (1e-3, 1e6),
     "alpha_crossover_hz": (1e-3, 1e3),

@@ -6,8 +6,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike
 
-from prioritized import _check
-from prioritized._check import Array
+import argument_checks as check
+from argument_checks import Array
 
 
 def stack(top: Array, bottom: Array) -> Array:
@@ -45,10 +45,10 @@ def respond(gains: Sequence[Array], required: str, **wishes: ArrayLike | None) -
 
 def apply(gain: Array, name: str, value: ArrayLike | None) -> Array:
     """Gain (..., i, j) times a checked argument (..., j)."""
-    v = _check.vector(name, value, gain.shape[-1])
+    v = check.vector(name, value, gain.shape[-1])
     if gain.ndim == 2 and v.ndim == 1:
         return gain.dot(v)
-    _check.common_axes({"the mapping": gain.shape[:-2], name: v.shape[:-1]})
+    check.common_axes({"the mapping": gain.shape[:-2], name: v.shape[:-1]})
     return np.einsum("...ij,...j->...i", gain, v)
 
 

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from prioritized import _check
+import argument_checks as check
+from argument_checks import Array, Mask
 from prioritized._arrays import ReadOnly
-from prioritized._check import Array, Mask
+from prioritized._failures import lock_and_release
 from prioritized._motions import Motions, motions_under, sprung
 from prioritized._rank import frobenius, ranked_svd
 from prioritized._system import ConstrainedSystem
@@ -77,7 +78,7 @@ class FailureAtlas(Classes):
         """
         n = self.codes.shape[1]
         wanted = np.zeros(n, dtype=np.int8)
-        lock, release = _check.lock_and_release(locked, free, n)
+        lock, release = lock_and_release(locked, free, n)
         wanted[sorted(lock)] = LOCKED
         wanted[sorted(release)] = FREE
         found = np.flatnonzero((self.codes == wanted).all(axis=1))
@@ -108,9 +109,10 @@ def failure_atlas(
             the last actuator's code changing fastest.
 
     Raises:
+        TypeError: `system` is none.
         ValueError: Wrong rows or codes, or more than ten actuators and no list of conditions.
     """
-    n = len(system.active)
+    n = len(check.instance("system", system, ConstrainedSystem).active)
     m = system.J_T.shape[0]
     S_m, S_s = task_selection(major, secondary, m, system.rank_tolerance)
     conditions = _conditions(codes, n)
@@ -133,7 +135,7 @@ def _conditions(codes: ArrayLike | None, n: int) -> NDArray[np.int8]:
         if n > MOST_ACTUATORS:
             raise ValueError(f"codes must list conditions beyond {MOST_ACTUATORS} actuators: {n}")
         return np.array(list(itertools.product((SOUND, LOCKED, FREE), repeat=n)), dtype=np.int8)
-    listed = _check.matrix("codes", codes, columns=n)
+    listed = check.matrix("codes", codes, columns=n)
     if (strange := listed[~np.isin(listed, (SOUND, LOCKED, FREE))]).size:
         raise ValueError(f"codes must be 0 (sound), 1 (locked) or 2 (free), got {strange[0]:g}")
     return listed.astype(np.int8)

@@ -4,8 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from argument_checks import Array, Indices
 from prioritized._arrays import none
-from prioritized._check import Array, Indices
 from prioritized._equality import certain, certain_inverse
 from prioritized._rank import RankedSvd, frobenius, norm, ranked_svd
 

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.linalg import lapack
 
-from prioritized._check import Array, Mask
+from argument_checks import Array, Mask
 
 ROUND_OFF = 1e-12
 """Fraction of the scale below which a triangle's singular values may be round-off."""

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from prioritized import _check
+import argument_checks as check
+from argument_checks import Array, Indices, Mask
 from prioritized._arrays import ReadOnly, apply, on_axes, respond, stack, transposed
-from prioritized._check import Array, Indices, Mask
 from prioritized._levels import Level, lexicographic, smallest_gap
 from prioritized._problem import checked
 from prioritized._rank import RANK_TOLERANCE, basis_scale, frobenius, ranked_svd
@@ -91,7 +91,7 @@ class ForceMapping(ReadOnly):
 
     def residual(self, f_major: ArrayLike) -> Array:
         """Part of the major force that no equilibrium admits, shape (..., m1)."""
-        wanted = _check.vector("f_major", f_major, self.achieved.shape[-1])
+        wanted = check.vector("f_major", f_major, self.achieved.shape[-1])
         return wanted - apply(self.achieved, "f_major", wanted)
 
 

@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from argument_checks import Array
 from prioritized._arrays import on_axes, stack
-from prioritized._check import Array
 from prioritized._levels import Level, lexicographic
 from prioritized._problem import Problem
 from prioritized._rank import RankedSvd, frobenius

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from prioritized import _check
-from prioritized._check import Array
+import argument_checks as check
+from argument_checks import Array
 from prioritized._force import ForceMapping, force_mapping
 from prioritized._manipulability import Manipulability, classify
 from prioritized._reduced import Reduced
@@ -26,7 +26,7 @@ class Kinematics(Reduced):
 
     def expand(self, rates: ArrayLike) -> Array:
         """Rates or torques of the survivors (..., n - q) to all actuators (..., n), else zero."""
-        survivors = _check.vector("rates", rates, len(self.actuators))
+        survivors = check.vector("rates", rates, len(self.actuators))
         everyone = np.zeros((*survivors.shape[:-1], self.actuator_count))
         everyone[..., self.actuators] = survivors
         return everyone
@@ -36,7 +36,7 @@ class Kinematics(Reduced):
 
         Under self-motion those of least norm in the passive metric.
         """
-        return _check.vector("rates", rates, len(self.active)) @ self.passive_gain.T
+        return check.vector("rates", rates, len(self.active)) @ self.passive_gain.T
 
     def constraint_force(self, f: ArrayLike, torques: ArrayLike | None = None) -> Array:
         """Constraint forces f_C under the task force f, eq. (11), shape (..., c).
@@ -49,11 +49,11 @@ class Kinematics(Reduced):
                 with the least internal force in the closures where several do. None is eta = 0,
                 the least norm of f_C.
         """
-        force = _check.vector("f", f, self.J.shape[0])
+        force = check.vector("f", f, self.J.shape[0])
         f_C = force @ self.constraint_gain.T
         if torques is None:
             return f_C
-        more = _check.vector("torques", torques, len(self.active)) - force @ self.torque_gain.T
+        more = check.vector("torques", torques, len(self.active)) - force @ self.torque_gain.T
         return f_C + more @ self.internal_gain.T @ self.internal_force
 
     def manipulability(self, major: Sequence[int] | ArrayLike) -> Manipulability:
@@ -133,7 +133,7 @@ class Kinematics(Reduced):
     def _of_survivors(self, name: str, weight: ArrayLike | None) -> Array | None:
         if weight is None:
             return None
-        W = weight if _check.is_plain(weight) else _check.real(name, weight)
+        W = weight if check.is_plain(weight) else check.real(name, weight)
         if W.ndim and W.shape[-1] == self.actuator_count > len(self.actuators):
             return W[..., self.actuators]
         return W

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from prioritized._check import Array
+from argument_checks import Array
 from prioritized._rank import RankedSvd, ranked_svd
 
 

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from argument_checks import Array
 from prioritized._arrays import ReadOnly
-from prioritized._check import Array
 from prioritized._rank import RankedSvd, frobenius, ranked_svd
 
 if TYPE_CHECKING:

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from argument_checks import Array, Mask
 from prioritized._arrays import transposed
-from prioritized._check import Array, Mask
 from prioritized._rank import frobenius, ranked_svd
 from prioritized._system import ConstrainedSystem
 

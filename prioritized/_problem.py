@@ -7,14 +7,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from prioritized import _check
+import argument_checks as check
+from argument_checks import Array, Mask
 from prioritized._arrays import none, product
-from prioritized._check import Array, Mask
-from prioritized._rank import frobenius, ranked_svd
+from prioritized._rank import frobenius, norm, ranked_svd
 from prioritized._task import task_selection
 
-LARGEST = float(np.sqrt(np.finfo(float).max))
-"""Of a size of J: beyond it squares overflow."""
+_LEAST, _MOST = 1e-50, 1e50
+"""Of weights: products with any J are far from the ends of what floats hold."""
 
 
 class Problem(NamedTuple):
@@ -67,7 +67,7 @@ class Problem(NamedTuple):
             if A.ndim == own:
                 return A
             shape = A.shape[A.ndim - own :]
-            return np.broadcast_to(A, (*self.lead, *shape)).reshape(-1, *shape)
+            return np.broadcast_to(A, (*self.lead, *shape)).reshape(prod(self.lead), *shape)
 
         return self._map(flattened, lead=(prod(self.lead),))
 
@@ -114,23 +114,29 @@ def checked(
     Raises:
         ValueError: Wrong shape, index or non-finite input, naming the argument.
     """
-    J = _check.batch("J", J)
+    J = check.batch("J", J)
     m, n = J.shape[-2:]
-    tolerance = _check.fraction("rank_tolerance", rank_tolerance)
+    tolerance = check.fraction("rank_tolerance", rank_tolerance)
     S_m, S_s = task_selection(major, secondary, m, tolerance)
     m1, m2 = len(S_m), len(S_s)
     W = _weight(weight_name, weight, n)
     W_s = _weight("secondary_weight", secondary_weight, m2)
     T = _weight("tie_metric", tie_metric, n)
+    if W.size or W_s.size:
+        W, W_s = _of_moderate_size(W, W_s)
+    if T.size:
+        (T,) = _of_moderate_size(T)
     M = None if major_metric is None else _metric(major_metric, m1, tolerance)
     C, Q = none((0, n)), none((m, 0))
     if active_constraint is not None:
-        C = _check.batch("active_constraint", active_constraint, columns=n)
+        C = check.sized(
+            "active_constraint", check.batch("active_constraint", active_constraint, columns=n)
+        )
     if self_motion is not None:
-        Q = _check.batch("self_motion", self_motion, rows=m)
-    size = frobenius(J) if scale is None else _check.not_negative("scale", scale)
-    if not (size < LARGEST if J.ndim == 2 else np.all(size < LARGEST)):
-        raise ValueError(f"J must be of a size whose square is finite, got {np.abs(J).max():.0e}")
+        Q = check.batch("self_motion", self_motion, rows=m)
+    size = frobenius(J) if scale is None else check.not_negative("scale", scale)
+    if scale is None and (size.item() if J.ndim == 2 else size.min(initial=1.0)) < check.SMALLEST:
+        check.sized("J", J)
     if size.ndim > J.ndim - 2:
         raise ValueError(f"scale must have the leading axes of J, got shape {size.shape}")
     M_axes = 2 if M is None else M.ndim
@@ -145,16 +151,34 @@ def checked(
         "major_metric": S_m if M is None else M,
         "tie_metric": T,
     }
-    lead = _check.common_axes({name: A.shape[:-2] for name, A in batches.items()})
+    leads = {name: A.shape[:-2] for name, A in batches.items()}
+    lead = check.common_axes(leads | {"scale": size.shape})
     return Problem(J, S_m, S_s, W, W_s, C, Q, M, T, size, tolerance, lead)
 
 
 def _weight(name: str, value: ArrayLike | None, size: int) -> Array:
-    return none((0, size)) if value is None else _check.weight(name, value, size)
+    return none((0, size)) if value is None else check.weight(name, value, size)
+
+
+def _of_moderate_size(*weights: Array) -> tuple[Array, ...]:
+    """Weights of one sum, all times one power of two where products with them could vanish.
+
+    Their ratios alone matter, so the answer is the same, round-off included.
+    """
+    for W in weights:  # the common case
+        if W.ndim == 2 and _LEAST < norm(W) < _MOST:
+            return weights
+    sizes = [np.abs(W).max(axis=(-2, -1), initial=0.0) for W in weights]
+    size = np.maximum.reduce(np.broadcast_arrays(*sizes))
+    strange = (size > 0.0) & ((size < _LEAST) | (size > _MOST))
+    if not strange.any():
+        return weights
+    exponent = np.where(strange, np.frexp(size)[1], 0)[..., None, None]
+    return tuple(np.ldexp(W, -exponent) for W in weights)
 
 
 def _metric(value: ArrayLike, m1: int, tolerance: float) -> Array:
-    M = _check.weight("major_metric", value, m1)
+    M = check.sized("major_metric", check.weight("major_metric", value, m1))
     if np.any(ranked_svd(M, frobenius(M), tolerance).rank < m1):
-        raise ValueError(f"major_metric must weigh every major direction, got {value}")
+        raise ValueError(f"major_metric must weigh every major direction, got {check.shown(value)}")
     return M

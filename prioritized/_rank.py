@@ -6,10 +6,14 @@ import numpy as np
 from scipy.linalg.blas import dnrm2
 from scipy.linalg.lapack import dgesdd
 
-from prioritized._check import Array, Indices, Mask
+from argument_checks import Array, Indices, Mask, is_moderate
 
 RANK_TOLERANCE = 1e-10
 """Singular values below this fraction of the scale of the inputs count as zero."""
+
+
+NOTHING = 1e-200
+"""A singular value that is zero whatever the scale: products with its inverse overflow."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +99,12 @@ def ranked_svd(
         scale: Norm of the inputs, shape (...).
         tolerance: Fraction of `scale` below which a singular value is zero.
         full: Return square U and V.
+
+    Raises:
+        ValueError: A number of the matrix is not finite: products of the inputs overflowed.
     """
+    if not (is_moderate(A) or np.isfinite(A).all()):  # LAPACK may not even return
+        raise ValueError("J, weights and metrics must have finite products, got an overflow")
     if A.ndim == 2 and A.size:  # most of numpy's time for a small matrix is not LAPACK's
         U, sigma, Vt, failed = dgesdd(A, full_matrices=full)
         if failed:
@@ -106,7 +115,6 @@ def ranked_svd(
         *lead, m, n = A.shape
         U, sigma, Vt = np.zeros((*lead, m, 0)), np.zeros((*lead, 0)), np.zeros((*lead, 0, n))
     sigma = np.abs(sigma)  # LAPACK may return -0.0, and 1 / -0.0 is no gap
-    threshold = np.asarray(tolerance * np.asarray(scale))[..., None]
-    # Not >=: the zero matrix, with threshold zero, has rank zero.
+    threshold = np.maximum(tolerance * np.asarray(scale), NOTHING)[..., None]
     kept = sigma > threshold
     return RankedSvd(U, sigma, Vt, threshold, kept)

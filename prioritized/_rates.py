@@ -5,8 +5,8 @@ from math import hypot
 import numpy as np
 from numpy.typing import ArrayLike
 
-from prioritized import _check
-from prioritized._check import Array
+import argument_checks as check
+from argument_checks import Array
 from prioritized._equality import certain, equality_constrained
 from prioritized._problem import Problem
 from prioritized._rank import norm
@@ -60,7 +60,7 @@ def optimal_rates(
 
 def _one(name: str, wish: ArrayLike | None, size: int) -> Array | None:
     """One wish, or None for a batch of them."""
-    if _check.is_plain(wish) and wish.shape == (size,) and _check.is_surely_finite(wish):
+    if check.is_plain(wish) and wish.shape == (size,) and check.is_moderate(wish):
         return wish
-    vector = _check.vector(name, wish, size)
+    vector = check.vector(name, wish, size)
     return vector if vector.ndim == 1 else None

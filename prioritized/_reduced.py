@@ -6,8 +6,8 @@ from math import sqrt
 
 import numpy as np
 
+from argument_checks import Array, Indices
 from prioritized._arrays import none, read_only
-from prioritized._check import Array, Indices
 from prioritized._elimination import Joints, PassiveMotion, Task, passive_motion
 from prioritized._rank import RankedSvd, norm, ranked_svd
 

@@ -1,10 +1,12 @@
 """Optimal rates of a batch of problems, many at once."""
 
+from math import prod
+
 import numpy as np
 from numpy.typing import ArrayLike
 
-from prioritized import _check
-from prioritized._check import Array, Mask
+import argument_checks as check
+from argument_checks import Array, Mask
 from prioritized._equality import can_be_decided, certain, equality_constrained_batch
 from prioritized._gains import lexicographic_gains
 from prioritized._problem import Problem
@@ -36,16 +38,16 @@ def rates_side_by_side(
     if not can_be_decided(p, n, k):
         return None
     wishes = {
-        "v_major": _check.vector("v_major", v_major, p),
+        "v_major": check.vector("v_major", v_major, p),
         "joint_velocity": _or_zero("joint_velocity", joint_velocity, n),
         "secondary_velocity": _or_zero("secondary_velocity", secondary_velocity, m2),
     }
     axes = {name: wish.shape[:-1] for name, wish in wishes.items()}
-    if _check.common_axes({"the mapping": problem.lead, **axes}) != problem.lead:
+    if check.common_axes({"the mapping": problem.lead, **axes}) != problem.lead:
         return None
     flat = problem.flat()
     aims = [
-        np.broadcast_to(wish, (*problem.lead, wish.shape[-1])).reshape(flat.lead[0], -1)
+        np.broadcast_to(wish, (*problem.lead, wish.shape[-1])).reshape(*flat.lead, wish.shape[-1])
         for wish in wishes.values()
     ]
     rates, doubtless = np.empty((flat.lead[0], n)), np.empty(flat.lead, dtype=bool)
@@ -59,13 +61,14 @@ def rates_side_by_side(
 
 
 def _or_zero(name: str, wish: ArrayLike | None, size: int) -> Array:
-    return np.zeros(size) if wish is None else _check.vector(name, wish, size)
+    return np.zeros(size) if wish is None else check.vector(name, wish, size)
 
 
 def _block(problem: Problem, v: Array, rates_d: Array, v_sd: Array) -> tuple[Array, Mask]:
     """Rates (B, n) and which are beyond doubt; the problems' axis comes last meanwhile."""
     W1, W2, W2_S = problem.weight, problem.secondary_weight, problem.task_weight
-    J = np.ascontiguousarray(_last(problem.J))
+    # One J for a batch of weights must stand there as often as they do.
+    J = np.ascontiguousarray(np.broadcast_to(_last(problem.J), (*problem.J.shape[-2:], len(v))))
     soft = np.empty((W1.shape[-2] + W2.shape[-2], *J.shape[1:]))
     soft[: W1.shape[-2]] = _last(W1)
     soft[W1.shape[-2] :] = _times(W2_S, J)
@@ -91,5 +94,5 @@ def _last(A: Array) -> Array:
 def _times(A: Array, B: Array) -> Array:
     """A (i, j) or (B, i, j) times columns (j, ..., B)."""
     if A.ndim == 2:
-        return A.dot(B.reshape(len(B), -1)).reshape(len(A), *B.shape[1:])
+        return A.dot(B.reshape(len(B), prod(B.shape[1:]))).reshape(len(A), *B.shape[1:])
     return np.einsum("bij,j...b->i...b", A, B)

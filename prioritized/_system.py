@@ -8,27 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from prioritized import _check
+import argument_checks as check
+from argument_checks import Array, Indices
 from prioritized._arrays import read_only
-from prioritized._check import Array, Indices
 from prioritized._elimination import Joints, Task, sort_joints, sort_task
+from prioritized._failures import Failures, lock_and_release
 from prioritized._kinematics import Kinematics
 from prioritized._rank import RANK_TOLERANCE
-
-
-@dataclass(frozen=True)
-class Failures:
-    """What is broken.
-
-    Attributes:
-        locked: Actuators with a position failure, 0..n-1.
-        free: Actuators with a torque failure, 0..n-1.
-        locked_passive: Velocity indices of passive joints that are stuck.
-    """
-
-    locked: frozenset[int] = frozenset()
-    free: frozenset[int] = frozenset()
-    locked_passive: frozenset[int] = frozenset()
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -80,19 +66,20 @@ class ConstrainedSystem:
         Raises:
             ValueError: Wrong shape, index or non-finite input, naming the argument.
         """
-        task = _check.matrix("J_T", J_T)
+        task = check.matrix("J_T", J_T)
         N = task.shape[1]
         constraint = np.zeros((0, N)) if J_C is None else J_C
         fields = {
-            "J_T": _check.frozen(task),
-            "J_C": _check.frozen(_check.matrix("J_C", constraint, columns=N)),
-            "active": _check.frozen(_check.indices("active", active, N)),
-            "rank_tolerance": _check.fraction("rank_tolerance", rank_tolerance),
+            "J_T": check.frozen(task),
+            "J_C": check.frozen(check.matrix("J_C", constraint, columns=N)),
+            "active": check.frozen(check.indices("active", active, N)),
+            "rank_tolerance": check.fraction("rank_tolerance", rank_tolerance),
             "stiffness": _metric("stiffness", stiffness, N),
         }
         for name, value in (fields | {"failures": Failures()}).items():
             object.__setattr__(self, name, value)
         if failures is not None:
+            check.instance("failures", failures, Failures)
             broken = self.with_failures(
                 failures.locked, failures.free, failures.locked_passive
             ).failures
@@ -119,8 +106,8 @@ class ConstrainedSystem:
             ValueError: An index out of range, or one actuator both locked and free in one call.
         """
         n, N = len(self.active), self.J_T.shape[1]
-        lock, release = _check.lock_and_release(locked, free, n)
-        stuck = _check.index_set("locked_passive", locked_passive, N)
+        lock, release = lock_and_release(locked, free, n)
+        stuck = check.index_set("locked_passive", locked_passive, N)
         if actuated := stuck & set(self.active.tolist()):
             raise ValueError(
                 "locked_passive must name passive velocities, got the actuated "
@@ -146,9 +133,9 @@ class ConstrainedSystem:
         """
         (m, N), poses = self.J_T.shape, {}
         if J_T is not None:
-            poses["J_T"] = read_only(_check.batch("J_T", J_T, columns=N, rows=m))
+            poses["J_T"] = read_only(check.matrix("J_T", J_T, columns=N, rows=m))
         if J_C is not None:
-            poses["J_C"] = read_only(_check.matrix("J_C", J_C, columns=N))
+            poses["J_C"] = read_only(check.matrix("J_C", J_C, columns=N))
         return self._changed(**poses)
 
     def _changed(self, **changes: Any) -> "ConstrainedSystem":
@@ -200,4 +187,4 @@ class ConstrainedSystem:
 def _metric(name: str, value: ArrayLike | None, size: int) -> Array | None:
     if value is None:
         return None
-    return _check.frozen(_check.positive_semidefinite(name, value, size))
+    return check.frozen(check.positive_semidefinite(name, value, size))

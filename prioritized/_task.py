@@ -8,8 +8,8 @@ from typing import TypeGuard
 import numpy as np
 from numpy.typing import ArrayLike
 
-from prioritized import _check
-from prioritized._check import Array
+import argument_checks as check
+from argument_checks import Array
 from prioritized._rank import frobenius, ranked_svd
 
 
@@ -64,7 +64,7 @@ def _of_rows(
 ) -> tuple[Array, Array]:
     S_m = _selection("major", major, m)
     S_s = _rest(S_m) if secondary is None else _selection("secondary", secondary, m)
-    return _check.frozen(S_m), _check.frozen(S_s)
+    return check.frozen(S_m), check.frozen(S_s)
 
 
 def _rest(S_m: Array) -> Array:
@@ -73,9 +73,9 @@ def _rest(S_m: Array) -> Array:
 
 def _selection(name: str, rows: Sequence[int] | ArrayLike, m: int) -> Array:
     try:
-        directions = np.ndim(rows) == 2
+        directions = not check.is_masked(rows) and np.ndim(rows) == 2
     except ValueError:
         raise ValueError(f"{name} must be a rectangular array, got rows that differ") from None
     if directions:
-        return _check.matrix(name, rows, columns=m)
-    return np.eye(m)[_check.indices(name, rows, m)]
+        return check.matrix(name, rows, columns=m)
+    return np.eye(m)[check.indices(name, rows, m)]

@@ -3,36 +3,21 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from prioritized import _check
+import argument_checks as check
+from argument_checks import Array, Indices
 from prioritized._arrays import apply, on_axes, respond
-from prioritized._check import Array, Indices
 from prioritized._gains import lexicographic_gains
 from prioritized._levels import smallest_gap
 from prioritized._problem import Problem, checked
 from prioritized._rank import RANK_TOLERANCE, RankedSvd, basis_scale, frobenius, ranked_svd
 from prioritized._rates import optimal_rates
+from prioritized._reduced import Reduced
 from prioritized._side_by_side import rates_side_by_side
 from prioritized._task import Status
-
-
-class Foundation(Protocol):
-    """What a J comes from, decisions included; see :class:`prioritized.Kinematics`."""
-
-    @property
-    def J(self) -> Array: ...
-    @property
-    def scale(self) -> float: ...
-    @property
-    def active_constraint(self) -> Array: ...
-    @property
-    def task_drift(self) -> Array: ...
-    @property
-    def gap(self) -> float: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +37,7 @@ class VelocityMapping:
 
     problem: Problem
     damping: float
-    foundation: Foundation | None = None
+    foundation: Reduced | None = None
 
     def __call__(
         self,
@@ -74,12 +59,14 @@ class VelocityMapping:
             secondary_velocity=secondary_velocity,
         )
 
-    def at(self, kinematics: Foundation) -> "VelocityMapping":
+    def at(self, kinematics: Reduced) -> "VelocityMapping":
         """The same task, weights and metrics at another pose: no more than J is looked at anew.
 
         Raises:
+            TypeError: `kinematics` is no :class:`prioritized.Kinematics`.
             ValueError: Another number of task rows or surviving actuators.
         """
+        check.instance("kinematics", kinematics, Reduced)
         problem = self.problem
         if kinematics.J.shape != problem.J.shape:
             raise ValueError(
@@ -95,7 +82,7 @@ class VelocityMapping:
 
     def residual(self, v_major: ArrayLike) -> Array:
         """Part of the major velocity that the rates leave out, shape (..., m1)."""
-        wanted = _check.vector("v_major", v_major, self.achieved.shape[-1])
+        wanted = check.vector("v_major", v_major, self.achieved.shape[-1])
         return wanted - apply(self.achieved, "v_major", wanted)
 
     @property
@@ -116,7 +103,7 @@ class VelocityMapping:
     @cached_property
     def achieved(self) -> Array:
         """Major velocity reached per major velocity asked for, shape (..., m1, m1)."""
-        return _check.frozen(on_axes(self.problem.major_jacobian @ self.major, self.problem.lead))
+        return check.frozen(on_axes(self.problem.major_jacobian @ self.major, self.problem.lead))
 
     @property
     def rank(self) -> Indices:
@@ -153,7 +140,7 @@ class VelocityMapping:
     @cached_property
     def _solution(self) -> tuple[tuple[Array, Array, Array], list[RankedSvd]]:
         X, decisions = lexicographic_gains(self.problem, self.damping)
-        X, m1, n = _check.frozen(X), len(self.problem.S_m), X.shape[-2]
+        X, m1, n = check.frozen(X), len(self.problem.S_m), X.shape[-2]
         return (X[..., :m1], X[..., m1 : m1 + n], X[..., m1 + n :]), decisions
 
 
@@ -223,4 +210,4 @@ def velocity_mapping(
         scale=scale,
         rank_tolerance=rank_tolerance,
     )
-    return VelocityMapping(args, _check.number("damping", damping))
+    return VelocityMapping(args, check.number("damping", damping))

@@ -16,9 +16,7 @@ from sim.failure import FailureKind as FailureKind
 from sim.failure import failed_plant as failed_plant
 from sim.forward import UnreachableLengths as UnreachableLengths
 from sim.forward import forward_kinematics as forward_kinematics
-from sim.hexapod import NOMINAL as NOMINAL
 from sim.hexapod import Hexapod as Hexapod
-from sim.hexapod import Pose as Pose
 from sim.hexapod import Posture as Posture
 from sim.hexapod import hexapod as hexapod
 from sim.jacobian import Jacobians as Jacobians
@@ -31,6 +29,8 @@ from sim.model import load_model as load_model
 from sim.model import model_sha256 as model_sha256
 from sim.model import weightless as weightless
 from sim.plant import Plant as Plant
+from sim.pose import NOMINAL as NOMINAL
+from sim.pose import Pose as Pose
 from sim.strut_sensors import StrutSensors as StrutSensors
 from sim.trajectory import spiral as spiral
 from sim.warning import log_warnings

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import exprel
 
+import argument_checks as check
 from sim.array import Array
 
 COPPER_PER_K = 3.93e-3
@@ -25,6 +26,9 @@ class Coils:
         heat_capacity_j_per_k: C, of each winding.
         thermal_resistance_k_per_w: R_th, from each winding to the ambient, shape (n,).
         ambient_c: T_ambient, [degrees Celsius].
+
+    Raises:
+        ValueError: Numbers that are not finite, or not positive but for the ambient's.
     """
 
     resistance_ohm: float
@@ -32,27 +36,62 @@ class Coils:
     thermal_resistance_k_per_w: Array
     ambient_c: float
 
+    def __post_init__(self) -> None:
+        """Refuse what no winding is."""
+        check.positive("resistance_ohm", self.resistance_ohm)
+        check.positive("heat_capacity_j_per_k", self.heat_capacity_j_per_k)
+        check.signed("ambient_c", self.ambient_c)
+        paths = check.real("thermal_resistance_k_per_w", self.thermal_resistance_k_per_w)
+        if paths.ndim != 1 or not (paths > check.SMALLEST).all():
+            raise ValueError(
+                "thermal_resistance_k_per_w must be a list of positive numbers, "
+                f"got {check.shown(paths.tolist())}"
+            )
+        object.__setattr__(self, "thermal_resistance_k_per_w", paths)
+
     def cold(self) -> Array:
         """Temperatures of coils that have long been without current, shape (n,)."""
         return np.full(len(self.thermal_resistance_k_per_w), self.ambient_c)
 
     def net_power_w(self, temperature_c: Array, current_a: Array) -> Array:
         """Power that stays in each winding, shape (n,)."""
+        temperature_c, current_a = self._checked(temperature_c, current_a)
         resistance = self.resistance_ohm * (1 + COPPER_PER_K * (temperature_c - _REFERENCE_C))
         lost = (temperature_c - self.ambient_c) / self.thermal_resistance_k_per_w
         return resistance * current_a**2 - lost
 
     def step(self, temperature_c: Array, current_a: Array, period_s: float) -> Array:
-        """Temperatures (n,) after a period of constant currents (n,): the exact solution."""
+        """Temperatures (n,) after a period of constant currents (n,): the exact solution.
+
+        Raises:
+            ValueError: Wrong shape or not finite; or so much current for so long that the
+                temperature has left what numbers hold.
+        """
+        temperature_c, current_a = self._checked(temperature_c, current_a)
+        check.number("period_s", period_s)
         rising = self.resistance_ohm * COPPER_PER_K * current_a**2
         decay = (1 / self.thermal_resistance_k_per_w - rising) / self.heat_capacity_j_per_k
         rate = self.net_power_w(temperature_c, current_a) / self.heat_capacity_j_per_k
-        return temperature_c + rate * period_s * exprel(-decay * period_s)
+        with np.errstate(over="ignore", invalid="ignore"):  # refused below
+            warmer_c = temperature_c + rate * period_s * exprel(-decay * period_s)
+        if not check.is_moderate(warmer_c):
+            raise ValueError("current_a must leave temperatures finite, got a thermal runaway")
+        return warmer_c
 
     def temperatures_c(self, current_a: Array, period_s: float) -> Array:
         """From cold, at the beginning of every period of held currents (N, n), shape (N, n)."""
+        current_a = check.shaped("current_a", current_a, *self.thermal_resistance_k_per_w.shape)
+        if current_a.ndim != 2:
+            raise ValueError(f"current_a must have shape (N, n), got {current_a.shape}")
         now, passed = self.cold(), []
         for held_a in current_a:
             passed.append(now)
             now = self.step(now, held_a, period_s)
-        return np.array(passed)
+        return np.array(passed).reshape(current_a.shape)
+
+    def _checked(self, temperature_c: Array, current_a: Array) -> tuple[Array, Array]:
+        shape = self.thermal_resistance_k_per_w.shape
+        return (
+            check.exactly("temperature_c", temperature_c, *shape),
+            check.exactly("current_a", current_a, *shape),
+        )

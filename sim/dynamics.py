@@ -3,15 +3,22 @@
 import mujoco
 import numpy as np
 
+import argument_checks as check
 from sim.array import Array
 from sim.errors import ModelError
+from sim.model import check_state
 
 
 def mass_matrix(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
     """Joint-space inertia at the present `data.qpos`, armature included, shape (nv, nv).
 
     Derived quantities in `data` are brought up to date. [kg], [kg m] and [kg m^2].
+
+    Raises:
+        ValueError: `data` is of another model, or its `qpos` is not finite.
+        TypeError: One of them is none.
     """
+    check_state(model, data)
     mujoco.mj_fwdPosition(model, data)
     mass = np.zeros((model.nv, model.nv))
     mujoco.mj_fullM(model, data, mass)
@@ -26,7 +33,9 @@ def joint_stiffness(model: mujoco.MjModel) -> Array:
 
     Raises:
         ModelError: A spring that is not linear: a polynomial, or one that yields.
+        TypeError: `model` is none.
     """
+    check.instance("model", model, mujoco.MjModel)
     linear = ~model.jnt_stiffnesspoly.any(axis=1) & (model.jnt_plasticadr < 0)
     for k in np.flatnonzero(~linear):
         name = model.joint(k).name or f"number {k}"

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 import mujoco
-import numpy as np
 
+import argument_checks as check
 from sim.plant import Plant
 
 FailureKind = Literal["locked", "free", "loose", "weak"]
@@ -33,22 +33,21 @@ class Failure:
     strength: float = 0.5
 
     def __post_init__(self) -> None:
-        if self.kind not in get_args(FailureKind):
+        if check.instance("kind", self.kind, str) not in get_args(FailureKind):
             known = ", ".join(get_args(FailureKind))
-            raise ValueError(f"kind must be one of {known}, got {self.kind}")
-        if self.strut < 0 or not 0 <= self.time_s < np.inf:
-            raise ValueError(
-                f"strut and time_s must be finite and not negative, got {self.strut}, {self.time_s}"
-            )
-        if not 0 <= self.strength <= 1:
-            raise ValueError(f"strength must lie in 0..1, got {self.strength}")
+            raise ValueError(f"kind must be one of {known}, got {check.shown(self.kind)}")
+        check.index("strut", self.strut)
+        check.number("time_s", self.time_s)
+        check.at_most_one("strength", self.strength)
 
     def strike(self, plant: Plant) -> None:
         """Let it happen now.
 
         Raises:
             ValueError: No such strut.
+            TypeError: `plant` is none.
         """
+        check.instance("plant", plant, Plant)
         if self.kind == "weak":
             plant.weaken(self.strut, self.strength)
         else:
@@ -57,8 +56,15 @@ class Failure:
 
 
 def failed_plant(model: mujoco.MjModel, failures: Iterable[Failure]) -> Plant:
-    """A plant at rest at the nominal pose, with failures that have struck already."""
+    """A plant at rest at the nominal pose, with failures that have struck already.
+
+    Raises:
+        ModelError: As :class:`Plant`.
+        ValueError: A failure of a strut that the model lacks.
+        TypeError: Something in `failures` is none.
+    """
     plant = Plant(model)
-    for failure in failures:
+    for failure in check.instance("failures", failures, Iterable):
+        check.instance("failures", failure, Failure)
         failure.strike(plant)
     return plant

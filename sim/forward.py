@@ -2,13 +2,16 @@
 
 import numpy as np
 
+import argument_checks as check
 from sim.array import Array
-from sim.hexapod import NOMINAL, Hexapod, Pose
+from sim.hexapod import Hexapod
+from sim.pose import NOMINAL, Pose
 
 _ROUND_OFF = 16 * np.finfo(float).eps
 """Residual at which the struts have the lengths asked for, relative to what they are made of."""
 _LONGEST_TURN_RAD = 0.5
 _SHORTEST_STEP = 2.0**-8
+_LONGEST_M = 1e50
 
 
 class UnreachableLengths(ValueError):
@@ -57,8 +60,11 @@ def forward_kinematics(
     Raises:
         ValueError: `displacements_m` has another shape or is not finite; `start` is not finite, or
             a batch of another shape.
+        TypeError: `geometry` or `start` is none.
         UnreachableLengths: Some lengths belong to no pose, or to one beyond a singularity.
     """
+    check.instance("geometry", geometry, Hexapod)
+    check.index("most_steps", most_steps)
     asked, pose = _checked(displacements_m, start)
     limit_m = _ROUND_OFF * (geometry.nominal_length_m + np.abs(asked) + _spread_m(geometry)).max(-1)
     steps = 0
@@ -75,13 +81,12 @@ def forward_kinematics(
 
 def _checked(displacements_m: Array, start: Pose) -> tuple[Array, Pose]:
     """Arguments of one batch shape."""
-    asked = np.asarray(displacements_m, dtype=float)
-    # Lengths beyond this overflow when they are squared.
-    if asked.shape[-1:] != (6,) or not np.all(np.abs(asked) < 1e100):
-        raise ValueError(f"displacements_m must be finite, shape (..., 6), got {displacements_m}")
-    rotation, translation_m = start.rotation, start.translation_m
-    if not (np.isfinite(rotation).all() and np.all(np.abs(translation_m) < 1e100)):
-        raise ValueError(f"start must be finite, got {start}")
+    asked = check.shaped("displacements_m", displacements_m, 6)
+    rotation, translation_m = check.instance("start", start, Pose).rotation, start.translation_m
+    # Beyond this a step where the struts are nearly singular would leave what numbers hold.
+    for name, lengths in (("displacements_m", asked), ("start.translation_m", translation_m)):
+        if (longest := np.abs(lengths).max(initial=0.0)) > _LONGEST_M:
+            raise ValueError(f"{name} must be at most {_LONGEST_M:g}, got {longest:g}")
     try:
         shape = np.broadcast_shapes(asked.shape[:-1], translation_m.shape[:-1])
     except ValueError:
@@ -104,7 +109,7 @@ def _newton_step(geometry: Hexapod, pose: Pose, missing_m: Array) -> Array:
     """Twist (..., 6) that the linearized struts ask for, no longer than one can trust it."""
     # A strut of no length has no direction: its pose stays where it is, and is refused.
     with np.errstate(invalid="ignore"):
-        A = geometry.inverse_jacobian(pose)
+        _, A = geometry.lengths_and_jacobian(pose, singular=True)
     A = np.where(np.isfinite(A).all((-1, -2), keepdims=True), A, 0.0)
     # pinv where solve would do: a singular pose in a batch must not end the others.
     twist = (np.linalg.pinv(A, rcond=1e-12) @ missing_m[..., None])[..., 0]

@@ -6,43 +6,12 @@ from functools import cached_property
 import mujoco
 import numpy as np
 from scipy.linalg.lapack import dgesv
-from scipy.spatial.transform import Rotation
 
+import argument_checks as check
 from sim.array import Array
 from sim.errors import ModelError
 from sim.model import element_id
-
-
-@dataclass(frozen=True)
-class Pose:
-    """Payload frame in base axes, relative to the nominal pose; or a batch of them.
-
-    Attributes:
-        rotation: Shape (..., 3, 3).
-        translation_m: Shape (..., 3).
-    """
-
-    rotation: Array
-    translation_m: Array
-
-    def moved(self, twist: Array) -> "Pose":
-        """The pose after a displacement [rotation vector; translation] (..., 6), base axes."""
-        if twist.ndim == 1:
-            return Pose(_turn(twist[:3]).dot(self.rotation), self.translation_m + twist[3:])
-        turn = Rotation.from_rotvec(twist[..., :3].reshape(-1, 3)).as_matrix()
-        turn = turn.reshape(*twist.shape[:-1], 3, 3)
-        return Pose(turn @ self.rotation, self.translation_m + twist[..., 3:])
-
-
-def _turn(rotation_vector: Array) -> Array:
-    """Matrix of one rotation: MuJoCo takes a tenth of scipy's time, which is made for batches."""
-    quat_wxyz, matrix = np.array([1.0, 0.0, 0.0, 0.0]), np.empty(9)
-    mujoco.mju_quatIntegrate(quat_wxyz, rotation_vector, 1.0)
-    mujoco.mju_quat2Mat(matrix, quat_wxyz)
-    return matrix.reshape(3, 3)
-
-
-NOMINAL = Pose(np.eye(3), np.zeros(3))
+from sim.pose import Pose, computed, keep
 
 
 @dataclass(frozen=True)
@@ -52,20 +21,35 @@ class Posture(Pose):
     Attributes:
         displacement_m: Strut lengths less their nominal ones, shape (..., 6).
         inverse_jacobian: A in l_dot = A [omega; v], shape (..., 6, 6).
+
+    Raises:
+        ValueError: Another shape, or numbers that are not finite.
     """
 
     displacement_m: Array
     inverse_jacobian: Array
 
+    def __post_init__(self) -> None:
+        """Take what numbers can be had as arrays."""
+        super().__post_init__()
+        keep(self, "displacement_m", 6)
+        keep(self, "inverse_jacobian", 6, 6)
+
     def twist(self, displacement_m: Array) -> Array:
         """The displacement [rotation vector; translation] (6,) of small strut displacements (6,).
 
         Raises:
-            numpy.linalg.LinAlgError: The pose is singular.
+            ValueError: Another shape, or numbers that are not finite; or the pose is singular, and
+                a displacement that large finds no twist.
         """
+        displacement_m = check.exactly("displacement_m", displacement_m, 6)
+        if self.inverse_jacobian.ndim != 2:
+            raise ValueError("inverse_jacobian must be that of one pose, got a batch")
         *_, twist, singular = dgesv(self.inverse_jacobian, displacement_m)
-        if singular:
-            raise np.linalg.LinAlgError("the pose is singular: held struts let the payload move")
+        if singular or not check.is_moderate(twist):
+            raise ValueError(
+                "inverse_jacobian must not be singular: held struts let the payload move"
+            )
         return twist
 
 
@@ -78,10 +62,19 @@ class Hexapod:
     Attributes:
         bottom_m: Bottom node of each strut, on the base, shape (6, 3).
         top_m: Top node of each strut at the nominal pose, on the payload, shape (6, 3).
+
+    Raises:
+        ValueError: Another shape, or numbers that are not finite.
     """
 
     bottom_m: Array
     top_m: Array
+
+    def __post_init__(self) -> None:
+        """Take what numbers can be had as arrays."""
+        for name in ("bottom_m", "top_m"):
+            keep(self, name, 6, 3)
+            check.exactly(name, getattr(self, name), 6, 3)
 
     @cached_property
     def nominal_length_m(self) -> Array:
@@ -89,7 +82,11 @@ class Hexapod:
         return _length(self.top_m - self.bottom_m)
 
     def displacements(self, pose: Pose) -> Array:
-        """Strut lengths less their nominal ones at a pose, shape (..., 6), [m]."""
+        """Strut lengths less their nominal ones at a pose, shape (..., 6), [m].
+
+        Raises:
+            TypeError: `pose` is none.
+        """
         if isinstance(pose, Posture):
             return pose.displacement_m
         _, struts = self._arms_and_struts(pose)
@@ -100,18 +97,42 @@ class Hexapod:
         return self.posture(pose).inverse_jacobian
 
     def posture(self, pose: Pose) -> Posture:
-        """The pose with its struts; one that has them already is returned as it is."""
+        """The pose with its struts; one that has them already is returned as it is.
+
+        Raises:
+            ValueError: Some strut has no length there, and so no direction.
+            TypeError: `pose` is none.
+        """
         if isinstance(pose, Posture):
             return pose
+        length_m, A = self.lengths_and_jacobian(pose)
+        return computed(
+            Posture,
+            rotation=pose.rotation,
+            translation_m=pose.translation_m,
+            displacement_m=length_m - self.nominal_length_m,
+            inverse_jacobian=A,
+        )
+
+    def lengths_and_jacobian(self, pose: Pose, *, singular: bool = False) -> tuple[Array, Array]:
+        """Strut lengths (..., 6) and A (..., 6, 6) at a pose.
+
+        Args:
+            pose: One, or a batch.
+            singular: Whether the rows of a strut without length may come back as NaN.
+        """
         arms, struts = self._arms_and_struts(pose)
         length_m = _length(struts)
+        if not singular and np.count_nonzero(length_m) < length_m.size:
+            raise ValueError("pose must leave every strut a length, got one whose nodes coincide")
         A = np.empty((*length_m.shape, 6))
         u = np.divide(struts, length_m[..., None], out=A[..., 3:])
         A[..., :3] = _cross(arms, u)
-        return Posture(pose.rotation, pose.translation_m, length_m - self.nominal_length_m, A)
+        return length_m, A
 
     def _arms_and_struts(self, pose: Pose) -> tuple[Array, Array]:
         """From the payload origin to the top nodes, and from bottom to top; (..., 6, 3) each."""
+        check.instance("pose", pose, Pose)
         # dot has half the overhead of @, and serves one pose alone.
         turned = self.top_m.dot if pose.rotation.ndim == 2 else self.top_m.__matmul__
         arms = turned(pose.rotation.swapaxes(-1, -2))
@@ -137,7 +158,9 @@ def hexapod(model: mujoco.MjModel) -> Hexapod:
     Raises:
         sim.ModelError: The model lacks one of them, or of `strut1..6` and `coil1..6`; or its coils
             do not drive the struts in their order.
+        TypeError: `model` is none.
     """
+    check.instance("model", model, mujoco.MjModel)
     if model.nu != 6:
         raise ModelError(f"a hexapod has six actuators, the model has {model.nu}")
     for k in range(1, 7):

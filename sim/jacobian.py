@@ -6,9 +6,10 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+import argument_checks as check
 from sim.array import Array
 from sim.errors import ModelError
-from sim.model import element_id
+from sim.model import check_state, element_id
 
 _WITHOUT_CLOSURES = int(mujoco.mjtDisableBit.mjDSBL_EQUALITY) | int(
     mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
@@ -30,12 +31,23 @@ class Jacobians:
         J_C: Active equality constraints, shape (c, nv); redundant rows are normal.
         active: Velocity index of each actuator, in actuator order, shape (n,).
         gear: Gear ratio of each actuator, never zero, shape (n,).
+
+    Raises:
+        ValueError: Shapes that do not fit, an index out of range, or numbers that are not finite.
     """
 
     J_T: Array
     J_C: Array
     active: NDArray[np.intp]
     gear: Array
+
+    def __post_init__(self) -> None:
+        """Refuse what no model has."""
+        nv = check.batch("J_T", self.J_T).shape[-1]
+        check.batch("J_C", self.J_C, columns=nv)
+        active = check.indices("active", self.active, nv)
+        if not check.exactly("gear", self.gear, len(active)).all():
+            raise ValueError(f"gear must not be zero, got {check.shown(self.gear)}")
 
 
 def jacobians(
@@ -59,12 +71,16 @@ def jacobians(
     Raises:
         ModelError: A missing site; an actuator or an active equality that the theory has no word
             for; closures that the model's flags switch off, or that sleep.
-        ValueError: `data.qpos` is not finite.
+        ValueError: `data.qpos` is not finite, or `data` of another model.
+        TypeError: An argument is of another kind.
     """
-    task = element_id(model, "site", site)
-    frame = None if axes is None else element_id(model, "site", axes)
+    check_state(model, data)
+    task = element_id(model, "site", check.instance("site", site, str))
+    frame = None
+    if axes is not None:
+        frame = element_id(model, "site", check.instance("axes", axes, str))
     active = actuated_velocities(model)
-    _check_state(model, data)
+    _check_closures(model, data)
     mujoco.mj_fwdPosition(model, data)
 
     linear, angular = np.zeros((3, model.nv)), np.zeros((3, model.nv))
@@ -123,9 +139,7 @@ def actuated_velocities(model: mujoco.MjModel) -> NDArray[np.intp]:
     return model.jnt_dofadr[list(owner)].astype(np.intp)
 
 
-def _check_state(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    if not np.isfinite(data.qpos).all():
-        raise ValueError(f"data.qpos must be finite, got {data.qpos}")
+def _check_closures(model: mujoco.MjModel, data: mujoco.MjData) -> None:
     if data.eq_active.any() and model.opt.disableflags & _WITHOUT_CLOSURES:
         raise ModelError("equalities are active, and the model's flags disable them")
     strange = data.eq_active.astype(bool) & ~np.isin(model.eq_type, _CLOSURES)

@@ -10,7 +10,7 @@ import scipy.linalg
 from sim.array import Array
 from sim.errors import ModelError
 from sim.jacobian import constraint_jacobian, jacobians
-from sim.model import element_id
+from sim.model import check_state, element_id
 
 _POSITION_STEP = 1e-6
 _VELOCITY_STEP = 1e-4
@@ -57,7 +57,9 @@ def linearize(
 
     Raises:
         ModelError: As :func:`jacobians`; or an actuator with a state of its own.
+        ValueError, TypeError: As :func:`jacobians`.
     """
+    check_state(model, data)
     if model.na:
         raise ModelError("an actuator has a state of its own: only those without one are linear")
     jac = jacobians(model, data, site, axes)

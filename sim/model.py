@@ -6,7 +6,9 @@ import math
 from pathlib import Path
 
 import mujoco
+import numpy as np
 
+import argument_checks as check
 from sim.errors import ModelError
 
 # The rooms are neighbours in a checkout and in site-packages alike.
@@ -18,10 +20,9 @@ def load_model(path: str | Path | None = None) -> mujoco.MjModel:
 
     Raises:
         ModelError: The file is missing or not valid MJCF, or its time step is not positive.
+        TypeError: `path` is none.
     """
     file = _file(path)
-    if not file.is_file():
-        raise ModelError(f"there is no MJCF file {file}")
     try:
         model = mujoco.MjModel.from_xml_path(str(file))
     except ValueError as error:
@@ -33,7 +34,12 @@ def load_model(path: str | Path | None = None) -> mujoco.MjModel:
 
 
 def weightless(model: mujoco.MjModel) -> mujoco.MjModel:
-    """The machine in orbit: no gravity, and springs without the preload that carried the weight."""
+    """The machine in orbit: no gravity, and springs without the preload that carried the weight.
+
+    Raises:
+        TypeError: `model` is none.
+    """
+    check.instance("model", model, mujoco.MjModel)
     orbiting = copy.copy(model)
     orbiting.opt.gravity[:] = 0.0
     orbiting.qpos_spring[:] = orbiting.qpos0
@@ -41,7 +47,12 @@ def weightless(model: mujoco.MjModel) -> mujoco.MjModel:
 
 
 def model_sha256(path: str | Path | None = None) -> str:
-    """SHA-256 of the MJCF file, so that a result names the machine it came from."""
+    """SHA-256 of the MJCF file, so that a result names the machine it came from.
+
+    Raises:
+        ModelError: The file is missing.
+        TypeError: `path` is none.
+    """
     return hashlib.sha256(_file(path).read_bytes()).hexdigest()
 
 
@@ -50,16 +61,48 @@ def element_id(model: mujoco.MjModel, kind: str, name: str) -> int:
 
     Raises:
         ModelError: There is none of that name; the message lists those there are.
+        ValueError: No such kind.
+        TypeError: `model` or a name is none.
     """
+    check.instance("model", model, mujoco.MjModel)
+    counts = {"site": "nsite", "joint": "njnt", "body": "nbody", "equality": "neq"}
+    counts |= {"actuator": "nu"}
+    if check.instance("kind", kind, str) not in counts:
+        raise ValueError(f"kind must be one of {', '.join(counts)}, got {check.shown(kind)}")
     try:
-        return getattr(model, kind)(name).id
+        return getattr(model, kind)(check.instance("name", name, str)).id
     except KeyError:
-        count = {"joint": model.njnt, "equality": model.neq, "actuator": model.nu}
-        number = count.get(kind, getattr(model, f"n{kind}", 0))
-        names = [getattr(model, kind)(k).name for k in range(number)]
+        names = [getattr(model, kind)(k).name for k in range(getattr(model, counts[kind]))]
         present = ", ".join(filter(None, names)) or "none"
         raise ModelError(f'the model has no {kind} named "{name}"; it has: {present}') from None
 
 
+def check_state(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    """Refuse a state that is not finite, or of another model: MuJoCo would write past its arrays.
+
+    Raises:
+        ValueError: `data` is of a model of other size, or its `qpos` is not finite.
+        TypeError: One of them is none.
+    """
+    check.instance("model", model, mujoco.MjModel)
+    check.instance("data", data, mujoco.MjData)
+    if data.model is not model and _sizes(data.model) != _sizes(model):
+        raise ValueError("data must be of this model, got that of a model of other size")
+    if not np.isfinite(data.qpos).all():
+        raise ValueError(f"data.qpos must be finite, got {check.shown(data.qpos.tolist())}")
+
+
+def _sizes(model: mujoco.MjModel) -> list[int]:
+    names = ("nq", "nv", "nu", "na", "nbody", "njnt", "ngeom", "nsite", "neq", "ntendon", "nM")
+    return [getattr(model, name) for name in names]
+
+
 def _file(path: str | Path | None) -> Path:
-    return HEXAPOD_MJCF if path is None else Path(path)
+    file = HEXAPOD_MJCF if path is None else Path(check.instance("path", path, str, Path))
+    try:
+        found = file.is_file()
+    except (OSError, ValueError):  # a name too long, or with a null character
+        found = False
+    if not found:
+        raise ModelError(f"there is no MJCF file {check.shown(str(file))}")
+    return file

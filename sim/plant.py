@@ -8,11 +8,12 @@ import numpy as np
 from scipy.linalg.blas import dnrm2, idamax
 from scipy.spatial.transform import Rotation
 
+import argument_checks as check
 from sim.array import Array
 from sim.errors import ModelError, SimulationDiverged
-from sim.hexapod import Pose
 from sim.jacobian import actuated_velocities
 from sim.model import element_id
+from sim.pose import Pose, computed
 
 _LOOPS = (int(mujoco.mjtEq.mjEQ_CONNECT), int(mujoco.mjtEq.mjEQ_WELD))
 
@@ -21,6 +22,9 @@ _NOT_FINITE = (
     mujoco.mjtWarning.mjWARN_BADQVEL,
     mujoco.mjtWarning.mjWARN_BADQACC,
 )
+
+_MOST_STEPS = 2**31 - 1
+"""MuJoCo counts physics steps in 32 bits."""
 
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 
@@ -36,14 +40,18 @@ class Plant:
 
         Raises:
             ModelError: The model lacks the site `base` or `payload`, or a lock of its own for
-                every actuated joint.
+                every actuated joint; or an actuator has a gear, so that its control is no
+                displacement of its joint.
+            TypeError: `model` is none.
         """
+        check.instance("model", model, mujoco.MjModel)
         # Locks and switched-off coils live in the model, so a shared one would share its failures.
         self.model = copy.copy(model)
         # A diverging run must keep its state to be looked at, whatever the file says.
         self.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
         self.data = mujoco.MjData(self.model)
         actuated_velocities(self.model)  # refuses what is not one actuator on one joint
+        _refuse_gears(self.model)
         self._strut_qpos = self.model.jnt_qposadr[self.model.actuator_trnid[:, 0]]
         self._strut_qpos0 = self.model.qpos0[self._strut_qpos]
         self._locks = [_lock_of(self.model, k) for k in range(model.nu)]
@@ -60,19 +68,21 @@ class Plant:
         """Hold the commanded strut displacements (nu,) for one period of physics steps.
 
         Raises:
-            ValueError: The command has a wrong shape or is not finite.
+            ValueError: The command has a wrong shape or is not finite; or the period is not
+                positive, or has more physics steps than MuJoCo counts.
             ModelError: The period is not a whole number of physics steps.
             SimulationDiverged: The state is no longer finite.
         """
         timestep_s = self.model.opt.timestep
-        steps = round(period_s / timestep_s)
+        steps = round(check.positive("period_s", period_s) / timestep_s)
+        if steps > _MOST_STEPS:
+            raise ValueError(f"period_s must be at most {_MOST_STEPS} steps, got {period_s:g} s")
         if steps < 1 or abs(steps * timestep_s - period_s) > 1e-12:
             raise ModelError(
                 f"the model's physics step of {timestep_s} s does not divide "
                 f"the period of {period_s} s"
             )
-        if np.shape(command_m) != self._strut_qpos0.shape or not isfinite(dnrm2(command_m)):
-            raise ValueError(f"command_m must be {self.model.nu} finite numbers, got {command_m}")
+        command_m = check.exactly("command_m", command_m, *self._strut_qpos0.shape)
         mujoco.mj_getState(self.model, self.data, self._last, _STATE)
         self.data.ctrl[:] = command_m
         mujoco.mj_step(self.model, self.data, steps)
@@ -84,20 +94,33 @@ class Plant:
         """Let the machine come to rest at strut displacements (nu,); time starts again at zero.
 
         None is without current.
+
+        Raises:
+            ValueError, ModelError, SimulationDiverged: As :meth:`step`.
         """
+        check.positive("seconds", seconds)
         self.step(np.zeros(self.model.nu) if command_m is None else command_m, seconds)
         self.data.time = 0.0
 
     def lock(self, strut: int) -> None:
-        """Position failure: strut 0..nu-1 stays where it is, from now on."""
-        self._check_strut(strut)
+        """Position failure: strut 0..nu-1 stays where it is, from now on.
+
+        Raises:
+            ValueError: No such strut.
+        """
+        strut = check.index("strut", strut, self.model.nu)
         lock, qpos = self._locks[strut], self._strut_qpos[strut]
         self.model.eq_data[lock, 0] = self.data.qpos[qpos] - self._strut_qpos0[strut]
         self.data.eq_active[lock] = True
 
     def release(self, strut: int) -> None:
-        """Torque failure: the coil of strut 0..nu-1 is switched off, from now on."""
-        self._check_strut(strut)
+        """Torque failure: the coil of strut 0..nu-1 is switched off, from now on.
+
+        Raises:
+            ValueError: No such strut.
+            ModelError: Its actuator shares a group with another.
+        """
+        strut = check.index("strut", strut, self.model.nu)
         group = int(self.model.actuator_group[strut])
         if np.count_nonzero(self.model.actuator_group == group) > 1:
             name = self.model.actuator(strut).name
@@ -105,12 +128,20 @@ class Plant:
         self.model.opt.disableactuator |= 1 << group
 
     def weaken(self, strut: int, strength: float) -> None:
-        """The coil of strut 0..nu-1 gives this part of the force that it gave."""
-        self._check_strut(strut)
-        self.model.actuator_gainprm[strut, 0] *= strength
+        """The coil of strut 0..nu-1 gives this part, in 0..1, of the force that it gave.
+
+        Raises:
+            ValueError: No such strut, or no such part.
+        """
+        strut = check.index("strut", strut, self.model.nu)
+        self.model.actuator_gainprm[strut, 0] *= check.at_most_one("strength", strength)
 
     def break_loose(self, strut: int) -> None:
-        """Release strut 0..nu-1 and take its suspension spring, and with it its preload, away."""
+        """Release strut 0..nu-1 and take its suspension spring, and with it its preload, away.
+
+        Raises:
+            ValueError, ModelError: As :meth:`release`.
+        """
         self.release(strut)
         self.model.jnt_stiffness[self.model.actuator_trnid[strut, 0]] = 0.0
 
@@ -125,8 +156,7 @@ class Plant:
         Raises:
             ValueError: It has another shape or is not finite.
         """
-        if np.shape(wrench) != (6,) or not np.isfinite(wrench).all():
-            raise ValueError(f"wrench must be 6 finite numbers, got {wrench}")
+        wrench = check.exactly("wrench", wrench, 6)
         self.data.xfrc_applied[:] = 0.0
         body = self.model.site_bodyid[self._payload]
         to_world = self.data.site_xmat[self._base].reshape(3, 3)
@@ -146,8 +176,7 @@ class Plant:
         Raises:
             ValueError: It has another shape or is not finite.
         """
-        if np.shape(acceleration) != (3,) or not np.isfinite(acceleration).all():
-            raise ValueError(f"acceleration must be 3 finite numbers, got {acceleration}")
+        acceleration = check.exactly("acceleration", acceleration, 3)
         to_world = self.data.site_xmat[self._base].reshape(3, 3)
         self.model.opt.gravity[:] = self._gravity - to_world @ acceleration
 
@@ -161,7 +190,7 @@ class Plant:
         to_base = self.data.site_xmat[self._base].reshape(3, 3).T
         rotation = to_base.dot(self.data.site_xmat[self._payload].reshape(3, 3))
         shift = self.data.site_xpos[self._payload] - self._origin
-        return Pose(rotation, to_base.dot(shift))
+        return computed(Pose, rotation=rotation, translation_m=to_base.dot(shift))
 
     def strut_displacement_m(self) -> Array:
         """Extension of each strut from its nominal length, shape (nu,)."""
@@ -187,13 +216,18 @@ class Plant:
         mujoco.mj_getState(self.model, self.data, state, _STATE)
         return state
 
-    def _check_strut(self, strut: int) -> None:
-        if strut not in range(self.model.nu):
-            raise ValueError(f"strut must lie in 0..{self.model.nu - 1}, got {strut}")
-
     def _is_finite(self) -> bool:
         a, b, c = self._warnings
         return not (a.number or b.number or c.number) and isfinite(dnrm2(self.data.qpos))
+
+
+def _refuse_gears(model: mujoco.MjModel) -> None:
+    """Its spring turns a coil's force into the displacement commanded; a gear would scale it."""
+    for k in np.flatnonzero(model.actuator_gear[:, 0] != 1.0):
+        name, gear = model.actuator(k).name, model.actuator_gear[k, 0]
+        raise ModelError(
+            f'actuator "{name}" must have gear 1, its control being a displacement; got {gear:g}'
+        )
 
 
 def _lock_of(model: mujoco.MjModel, actuator: int) -> int:

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+import argument_checks as check
 from sim.array import Array
 
 
@@ -13,9 +14,16 @@ class StrutSensors:
 
     Attributes:
         noise_m: Standard deviation of one sample.
+
+    Raises:
+        ValueError: It is negative or not finite.
     """
 
     noise_m: float
+
+    def __post_init__(self) -> None:
+        """Refuse what no noise is."""
+        check.number("noise_m", self.noise_m)
 
     def read(self, displacement_m: Array, rng: np.random.Generator) -> Array:
         """Measured strut displacements, shape (nu,).
@@ -23,5 +31,13 @@ class StrutSensors:
         Args:
             displacement_m: True ones, shape (nu,).
             rng: Source of the noise; nu normal numbers are drawn.
+
+        Raises:
+            ValueError: Displacements that are no vector or not finite.
+            TypeError: `rng` is no generator.
         """
+        displacement_m = check.finite("displacement_m", displacement_m)
+        check.instance("rng", rng, np.random.Generator)
+        if displacement_m.ndim != 1:
+            raise ValueError(f"displacement_m must be a vector, got shape {displacement_m.shape}")
         return displacement_m + self.noise_m * rng.standard_normal(len(displacement_m))

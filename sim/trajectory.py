@@ -2,6 +2,7 @@
 
 import numpy as np
 
+import argument_checks as check
 from sim.array import Array
 
 
@@ -20,16 +21,26 @@ def spiral(
     followed at constant speed, but for the first part of a turn.
 
     Args:
-        time_s: Shape (N,).
+        time_s: Not negative, shape (N,).
         radius_rad: Reached at `duration_s`.
         turns: Made by then; positive from alpha towards beta, negative the other way.
         duration_s: Of the whole spiral.
-        exponent: Of the law of time.
+        exponent: Of the law of time, above 0 and at most 1.
         start_rad: Direction in which it leaves the centre, from alpha towards beta.
+
+    Raises:
+        ValueError: Times that are no vector or negative, or numbers that are not finite; a duration
+            that is not positive; another exponent.
     """
-    progress = time_s / duration_s
+    time_s = check.not_negative("time_s", time_s)
+    if time_s.ndim != 1:
+        raise ValueError(f"time_s must be a vector, got shape {time_s.shape}")
+    check.signed("radius_rad", radius_rad)
+    check.signed("turns", turns)
+    check.at_most_one("exponent", check.positive("exponent", exponent))
+    progress = time_s / check.positive("duration_s", duration_s)
     if exponent != 1.0:
         progress = progress**exponent
-    angle = 2 * np.pi * turns * progress + start_rad
+    angle = 2 * np.pi * turns * progress + check.signed("start_rad", start_rad)
     radius = radius_rad * progress
     return np.column_stack([radius * np.cos(angle), radius * np.sin(angle)])

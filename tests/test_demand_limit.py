@@ -233,7 +233,7 @@ def test_the_configuration_of_the_table_is_the_candidate_of_the_study():
     ("constant", "words"),
     [
         ({"spiral_direction": 0}, "spiral_direction must be 1 or -1, got 0"),
-        ({"spiral_exponent": 0.0}, "spiral_exponent must be a number from 0.1 to 10"),
+        ({"spiral_exponent": 0.0}, "spiral_exponent must be a number from 0.1 to 1"),
         ({"demand_limit_urad": float("nan")}, "demand_limit_urad must be a number from"),
         ({"anti_windup": 1}, "anti_windup must be True or False, got 1"),
     ],

@@ -148,7 +148,9 @@ def test_one_unreachable_member_of_a_batch_is_named_and_the_others_are_found():
 
 @pytest.mark.parametrize("bad", [np.zeros(5), np.full(6, np.nan), np.full((2, 6), np.inf), 0.0])
 def test_what_are_no_six_finite_lengths_is_refused(bad):
-    with pytest.raises(ValueError, match="displacements_m must be finite, shape"):
+    with pytest.raises(
+        ValueError, match=r"displacements_m must (be finite|have shape \(\.\.\., 6\))"
+    ):
         forward_kinematics(MACHINE, bad)
 
 
@@ -163,19 +165,12 @@ def test_the_start_may_be_a_batch_and_is_named_when_it_is_not_one():
         forward_kinematics(MACHINE, np.zeros((2, 6)), start=several)
 
 
-@pytest.mark.parametrize(
-    "bad",
-    [
-        Pose(np.full((3, 3), np.nan), np.zeros(3)),
-        Pose(np.eye(3), np.full(3, np.inf)),
-        Pose(np.eye(3), np.full(3, 1e200)),
-    ],
-)
-def test_a_start_that_is_not_finite_is_refused_and_nothing_comes_back_as_nan(bad):
-    with pytest.raises(ValueError, match="start must be finite"):
-        forward_kinematics(MACHINE, np.zeros(6), start=bad)
-    with pytest.raises(ValueError, match="displacements_m must be finite"):
-        forward_kinematics(MACHINE, np.full(6, 1e308))
+@pytest.mark.parametrize("far", [1e60, 1e200, np.inf, np.nan])
+def test_what_is_not_finite_or_astronomical_is_refused_and_nothing_comes_back_as_nan(far):
+    with pytest.raises(ValueError, match=r"(start\.)?translation_m must be"):
+        forward_kinematics(MACHINE, np.zeros(6), start=Pose(np.eye(3), np.full(3, far)))
+    with pytest.raises(ValueError, match="displacements_m must be"):
+        forward_kinematics(MACHINE, np.full(6, far))
 
 
 def test_a_start_where_a_strut_has_no_length_is_refused_and_the_others_are_found():

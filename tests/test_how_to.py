@@ -122,6 +122,7 @@ REFUSED = {
     ),
     "drive the same": ('name="motor2" joint="left"', 'name="motor2" joint="rail"'),
     "has gear 0": ('name="motor2" joint="left"', 'name="motor2" joint="left" gear="0"'),
+    "must have gear 1": ('name="motor2" joint="left"', 'name="motor2" joint="left" gear="2"'),
     "flags disable": ('contact="disable"', 'contact="disable" equality="disable"'),
     "no site": ('name="payload"', 'name="tool"'),
     "no equality": ('<joint name="lock3" joint1="right" active="false"/>', ""),

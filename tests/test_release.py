@@ -260,10 +260,10 @@ def test_a_failure_strikes_at_its_time_and_the_mapping_changes_with_it(model):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ((0, "broken"), "kind must be one of .*weak, got broken"),
-        ((-1, "free"), "strut and time_s must be finite and not negative, got -1, 0.0"),
-        ((0, "free", np.nan), "strut and time_s must be finite and not negative, got 0, nan"),
-        ((0, "free", -1.0), "strut and time_s must be finite and not negative, got 0, -1.0"),
+        ((0, "broken"), "kind must be one of .*weak, got 'broken'"),
+        ((-1, "free"), "strut must not be negative, got -1"),
+        ((0, "free", np.nan), "time_s must be finite, got NaN"),
+        ((0, "free", -1.0), "time_s must not be negative, got -1.0"),
     ],
 )
 def test_a_failure_that_could_not_strike_is_refused_at_once(arguments, message):
@@ -275,5 +275,5 @@ def test_a_free_strut_needs_springs_and_a_push_needs_six_numbers(model):
     with pytest.raises(ValueError, match="stiffness must be given for a goal with free or loose"):
         StrutMapping(hexapod(model), Goal(EQUAL, free=(0,)), "constant")
     for wrench in (np.zeros(3), np.full(6, np.nan)):
-        with pytest.raises(ValueError, match="wrench must be 6 finite numbers"):
+        with pytest.raises(ValueError, match=r"wrench must be (6 finite numbers|finite)"):
             Plant(model).push(wrench)

@@ -342,13 +342,14 @@ def test_the_code_hash_changes_with_a_source_and_not_with_the_report(tmp_path, m
     monkeypatch.setattr(origin, "ROOT", tmp_path)
     monkeypatch.setattr(origin, "HERE", here)
     seen = {origin.code_sha256()}
-    for name in ("sim/a.py", "sim/b/a.py", "models/a.xml", "prioritized/a.py", "experiments/a.py"):
+    rooms = ("argument_checks/a.py", "prioritized/a.py", "experiments/a.py")
+    for name in ("sim/a.py", "sim/b/a.py", "models/a.xml", *rooms):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text("1")
         seen.add(origin.code_sha256())
     (tmp_path / "sim" / "a.py").write_text("2")
     seen.add(origin.code_sha256())
-    assert len(seen) == 7
+    assert len(seen) == 8
     (here / "page.py").write_text("1")
     assert origin.code_sha256() in seen
 

@@ -97,7 +97,7 @@ def test_shaking_leaves_the_callers_model_alone_and_stops_with_zero(model):
 
 @pytest.mark.parametrize("bad", [np.zeros(2), np.full(3, np.nan)])
 def test_a_floor_that_is_no_floor_is_refused(model, bad):
-    with pytest.raises(ValueError, match="acceleration must be 3 finite numbers"):
+    with pytest.raises(ValueError, match=r"acceleration must be (3 finite numbers|finite)"):
         Plant(model).shake(bad)
 
 

@@ -14,7 +14,13 @@ from sim import model_sha256
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
-SOURCES = ("experiments/**/*.py", "models/*.xml", "prioritized/**/*.py", "sim/**/*.py")
+SOURCES = (
+    "argument_checks/**/*.py",
+    "experiments/**/*.py",
+    "models/*.xml",
+    "prioritized/**/*.py",
+    "sim/**/*.py",
+)
 
 
 def origin() -> dict[str, Any]:

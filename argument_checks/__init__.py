@@ -1,0 +1,37 @@
+"""Argument checks of all rooms: wrong input raises at once, in one sentence.
+
+It names the argument, what it must be and what came. Every check returns the argument in the form
+that the caller computes with. Made for use as `import argument_checks as check`.
+"""
+
+from argument_checks.arrays import LARGEST as LARGEST
+from argument_checks.arrays import SMALLEST as SMALLEST
+from argument_checks.arrays import Array as Array
+from argument_checks.arrays import Indices as Indices
+from argument_checks.arrays import Mask as Mask
+from argument_checks.arrays import common_axes as common_axes
+from argument_checks.arrays import exactly as exactly
+from argument_checks.arrays import finite as finite
+from argument_checks.arrays import frozen as frozen
+from argument_checks.arrays import is_masked as is_masked
+from argument_checks.arrays import is_moderate as is_moderate
+from argument_checks.arrays import is_plain as is_plain
+from argument_checks.arrays import not_negative as not_negative
+from argument_checks.arrays import real as real
+from argument_checks.arrays import shaped as shaped
+from argument_checks.arrays import vector as vector
+from argument_checks.matrices import batch as batch
+from argument_checks.matrices import matrix as matrix
+from argument_checks.matrices import positive_semidefinite as positive_semidefinite
+from argument_checks.matrices import sized as sized
+from argument_checks.matrices import weight as weight
+from argument_checks.scalars import at_most_one as at_most_one
+from argument_checks.scalars import fraction as fraction
+from argument_checks.scalars import index as index
+from argument_checks.scalars import index_set as index_set
+from argument_checks.scalars import indices as indices
+from argument_checks.scalars import instance as instance
+from argument_checks.scalars import number as number
+from argument_checks.scalars import positive as positive
+from argument_checks.scalars import shown as shown
+from argument_checks.scalars import signed as signed

@@ -1,0 +1,195 @@
+"""No hostile argument of `sim` ends in anything but one sentence or finite numbers."""
+
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+
+from sim import (
+    HEXAPOD_MJCF,
+    NOMINAL,
+    Amplifier,
+    Coils,
+    Detector,
+    Failure,
+    Hexapod,
+    Jacobians,
+    Plant,
+    Pose,
+    Posture,
+    StrutSensors,
+    element_id,
+    failed_plant,
+    forward_kinematics,
+    hexapod,
+    jacobians,
+    joint_stiffness,
+    linearize,
+    load_model,
+    mass_matrix,
+    model_sha256,
+    pointing_angles,
+    secondary_motion,
+    spiral,
+    weightless,
+)
+from tests.hostile import Target, complaints
+
+MODEL = load_model()
+DATA = mujoco.MjData(MODEL)
+MACHINE = hexapod(MODEL)
+POSTURE = MACHINE.posture(NOMINAL)
+AMPLIFIER: dict[str, Any] = {"bits": 16, "full_input_a": 4.0, "limit_a": 3.0, "newton_per_a": 20.0}
+AMPLIFIER |= {"newton_per_m": 1e5}
+COILS: dict[str, Any] = {"resistance_ohm": 5.0, "heat_capacity_j_per_k": 4.0, "ambient_c": 20.0}
+COILS |= {"thermal_resistance_k_per_w": np.full(2, 1.5)}
+DETECTOR = {"focal_length_m": 1.0, "half_width_m": 5e-3, "noise_m": 3e-7}
+POSE = {"rotation": np.eye(3), "translation_m": np.zeros(3)}
+WARM = {"temperature_c": np.full(2, 30.0), "current_a": np.ones(2)}
+ROTATIONS = np.stack([np.eye(3)] * 2)
+
+
+def drives(**given: Any) -> Any:
+    amplifier = Amplifier(**given)
+    return amplifier.displacement_m(amplifier.input_percent(np.array([1e-4, -1.0])))
+
+
+def warmed(**given: Any) -> Any:
+    coils = Coils(**given)
+    cold = coils.cold()
+    return coils.step(cold, np.ones(cold.shape), 1e-3)
+
+
+def seen(**given: Any) -> Any:
+    return Detector(**given).read(np.eye(3), np.random.default_rng(0))
+
+
+def struts(geometry: Hexapod, pose: Pose = NOMINAL) -> Any:
+    return geometry.nominal_length_m, geometry.posture(pose)
+
+
+def state(plant: Plant) -> Any:
+    """All that a plant tells of itself."""
+    loads = (plant.constraint_force(), plant.coil_force_n(), plant.closure_residual_m())
+    return plant.pose(), plant.displacement(), plant.strut_displacement_m(), loads
+
+
+def after(method: str) -> Any:
+    """What a plant tells after one of its methods and two physics steps."""
+
+    def act(**given: Any) -> Any:
+        plant = Plant(MODEL)
+        getattr(plant, method)(**given)
+        plant.step(np.zeros(6), 2e-3)
+        return state(plant)
+
+    return act
+
+
+def struck(**given: Any) -> Any:
+    return state(failed_plant(MODEL, [Failure(**given)]))
+
+
+def linear_with(**given: Any) -> Any:
+    return Jacobians(**given)
+
+
+def rng() -> np.random.Generator:
+    return np.random.default_rng(0)
+
+
+JACOBIANS = vars(jacobians(MODEL, DATA, "payload", "base"))
+SITES = {"site": "payload", "axes": "base"}
+MACHINES = {"model": MODEL, "data": DATA}
+TWIST = {"twist": np.full(6, 1e-3)}
+FAILED = {"strut": 0, "kind": "weak", "time_s": 0.0, "strength": 0.5}
+
+TARGETS = {
+    "Amplifier": Target(drives, AMPLIFIER),
+    "Amplifier.input_percent": Target(
+        Amplifier(**AMPLIFIER).input_percent, {"displacement_m": np.full(6, 1e-4)}
+    ),
+    "Amplifier.current_a": Target(Amplifier(**AMPLIFIER).current_a, {"input_percent": np.ones(6)}),
+    "Amplifier.displacement_m": Target(
+        Amplifier(**AMPLIFIER).displacement_m, {"input_percent": np.ones(6)}
+    ),
+    "Coils": Target(warmed, COILS),
+    "Coils.net_power_w": Target(Coils(**COILS).net_power_w, WARM),
+    "Coils.step": Target(Coils(**COILS).step, WARM | {"period_s": 1e-3}),
+    "Coils.temperatures_c": Target(
+        Coils(**COILS).temperatures_c, {"current_a": np.ones((3, 2)), "period_s": 1e-3}
+    ),
+    "Detector": Target(seen, DETECTOR),
+    "Detector.read": Target(
+        lambda **a: Detector(**DETECTOR).read(**a), {"rotation": np.eye(3), "rng": rng()}
+    ),
+    "StrutSensors": Target(
+        lambda **a: StrutSensors(**a).read(np.zeros(6), rng()), {"noise_m": 1e-9}
+    ),
+    "StrutSensors.read": Target(
+        StrutSensors(1e-9).read, {"displacement_m": np.full(6, 1e-5), "rng": rng()}
+    ),
+    "pointing_angles": Target(pointing_angles, {"rotation": ROTATIONS}),
+    "secondary_motion": Target(
+        secondary_motion, {"rotation": ROTATIONS, "translation_m": np.ones((2, 3))}
+    ),
+    "spiral": Target(
+        spiral,
+        {"time_s": np.arange(3.0), "radius_rad": 1e-4, "turns": 8.0, "duration_s": 16.0}
+        | {"exponent": 0.5, "start_rad": 1.0},
+    ),
+    "Pose": Target(lambda **a: struts(MACHINE, Pose(**a)), POSE),
+    "Pose.moved": Target(NOMINAL.moved, TWIST),
+    "Pose.moved of a batch": Target(NOMINAL.moved, {"twist": np.full((2, 6), 1e-3)}),
+    "Posture": Target(
+        lambda **a: Posture(**a).twist(np.ones(6)),
+        POSE | {"displacement_m": np.zeros(6), "inverse_jacobian": POSTURE.inverse_jacobian},
+    ),
+    "Posture.twist": Target(POSTURE.twist, {"displacement_m": np.full(6, 1e-5)}),
+    "Hexapod": Target(
+        lambda **a: struts(Hexapod(**a)), {"bottom_m": MACHINE.bottom_m, "top_m": MACHINE.top_m}
+    ),
+    "Hexapod.displacements": Target(MACHINE.displacements, {"pose": NOMINAL}),
+    "Hexapod.inverse_jacobian": Target(MACHINE.inverse_jacobian, {"pose": NOMINAL}),
+    "Hexapod.posture": Target(MACHINE.posture, {"pose": NOMINAL}),
+    "hexapod": Target(hexapod, {"model": MODEL}),
+    "forward_kinematics": Target(
+        forward_kinematics,
+        {"geometry": MACHINE, "displacements_m": np.full(6, 1e-5), "start": NOMINAL}
+        | {"most_steps": 60},
+    ),
+    "mass_matrix": Target(mass_matrix, MACHINES),
+    "joint_stiffness": Target(joint_stiffness, {"model": MODEL}),
+    "jacobians": Target(jacobians, MACHINES | SITES),
+    "Jacobians": Target(linear_with, JACOBIANS),
+    "linearize": Target(linearize, MACHINES | SITES),
+    "element_id": Target(element_id, {"model": MODEL, "kind": "site", "name": "base"}),
+    "load_model": Target(load_model, {"path": HEXAPOD_MJCF}),
+    "model_sha256": Target(model_sha256, {"path": HEXAPOD_MJCF}),
+    "weightless": Target(weightless, {"model": MODEL}),
+    "Failure": Target(struck, FAILED),
+    "Failure.strike": Target(Failure(0, "weak").strike, {"plant": Plant(MODEL)}),
+    "failed_plant": Target(
+        lambda **a: state(failed_plant(**a)), {"model": MODEL, "failures": [Failure(0, "locked")]}
+    ),
+    "Plant": Target(lambda **a: state(Plant(**a)), {"model": MODEL}),
+    "Plant.step": Target(after("step"), {"command_m": np.full(6, 1e-5), "period_s": 2e-3}),
+    "Plant.settle": Target(after("settle"), {"seconds": 2e-3, "command_m": np.full(6, 1e-5)}),
+    "Plant.lock": Target(after("lock"), {"strut": 0}),
+    "Plant.release": Target(after("release"), {"strut": 0}),
+    "Plant.break_loose": Target(after("break_loose"), {"strut": 0}),
+    "Plant.weaken": Target(after("weaken"), {"strut": 0, "strength": 0.5}),
+    "Plant.push": Target(after("push"), {"wrench": np.full(6, 1e-3)}),
+    "Plant.shake": Target(after("shake"), {"acceleration": np.full(3, 1e-3)}),
+}
+
+
+@pytest.mark.parametrize("target", TARGETS)
+def test_a_hostile_argument_ends_in_one_sentence_or_in_finite_numbers(
+    target, tmp_path, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)  # MuJoCo writes a log of states that diverge
+    calls, wrong = complaints(TARGETS[target])
+    assert calls > 30
+    assert not wrong, "\n".join(wrong)

@@ -1,0 +1,158 @@
+"""No hostile argument of `prioritized` ends in anything but one sentence or finite numbers."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from prioritized import (
+    ConstrainedSystem,
+    Failures,
+    ForceMapping,
+    Kinematics,
+    Status,
+    VelocityMapping,
+    failure_atlas,
+    force_mapping,
+    velocity_mapping,
+)
+from tests.hostile import Target, complaints
+
+RNG = np.random.default_rng(7)
+J = RNG.normal(size=(3, 4))
+BATCH = RNG.normal(size=(2, 3, 4))
+J_T = RNG.normal(size=(3, 5))
+J_C = RNG.normal(size=(1, 5))
+SPRUNG = ConstrainedSystem(J_T, J_C, [0, 1, 2], stiffness=np.ones(5))
+SYSTEM = ConstrainedSystem(J_T, J_C, [0, 1, 2])
+KIN = SYSTEM.kinematics()
+LOOSE = SYSTEM.with_failures(free=[1]).kinematics()
+
+
+def rates(mapping: VelocityMapping) -> dict[str, Any]:
+    """All numbers of a velocity mapping; an exact one must meet its major task."""
+    S_m = mapping.problem.S_m
+    v = np.ones(len(S_m))
+    answer = mapping(v)
+    if mapping.status is Status.EXACT:
+        done = (mapping.problem.major_jacobian @ answer[..., None])[..., 0]
+        assert np.allclose(done, v, rtol=0, atol=1e-4)
+    gains = (mapping.major, mapping.joint, mapping.secondary, mapping.achieved)
+    return {"rates": answer, "gains": gains, "gap": mapping.gap, "rest": mapping.residual(v)}
+
+
+def torques(mapping: ForceMapping) -> dict[str, Any]:
+    """All numbers of a force mapping."""
+    f = np.ones(mapping.major.shape[-1])
+    forces = (mapping(f), mapping.secondary_force(f), mapping.internal_force(f))
+    return {"mapping": mapping, "forces": forces, "rest": mapping.residual(f)}
+
+
+def mechanism(kin: Kinematics) -> dict[str, Any]:
+    """All numbers of a mechanism."""
+    names = "J scale self_motion internal_force active_constraint passive_gain passive_drift"
+    names += " task_drift constraint_gain torque_gain internal_gain gap"
+    report = kin.manipulability([0])
+    arrays: dict[str, Any] = {name: getattr(kin, name) for name in names.split()}
+    return arrays | {"findings": report.findings, "worst_gain": report.worst_gain}
+
+
+PROBLEM = {"J": J, "major": [0, 1], "secondary": [2], "secondary_weight": np.ones(1)}
+FULL = {
+    "active_constraint": RNG.normal(size=(1, 4)),
+    "self_motion": RNG.normal(size=(3, 1)),
+    "major_metric": np.ones(2),
+    "tie_metric": np.ones(4),
+    "scale": 3.0,
+    "rank_tolerance": 1e-10,
+}
+RATES = {"v_major": np.ones(2), "joint_velocity": np.ones(4), "secondary_velocity": np.ones(1)}
+FORCES = {"f_major": np.ones(2), "torque": np.ones(4), "secondary_force": np.ones(1)}
+ONE = velocity_mapping(J, [0, 1], joint_weight=np.ones(4), secondary_weight=[1.0])
+MANY = velocity_mapping(BATCH, [0, 1], joint_weight=np.ones(4), secondary_weight=[1.0])
+FORCE = force_mapping(J, [0, 1], torque_weight=np.ones(4), secondary_weight=[1.0])
+CODES = {"codes": np.zeros((2, 3)), "system": SYSTEM, "major": [0], "secondary": [1, 2]}
+
+TARGETS = {
+    "velocity_mapping": Target(
+        lambda **a: rates(velocity_mapping(**a)), PROBLEM | {"joint_weight": np.ones(4)}
+    ),
+    "velocity_mapping of directions": Target(
+        lambda **a: rates(velocity_mapping(**a)),
+        {"J": J, "major": J[:1, :3], "secondary": J[1:, :3], "joint_weight": np.eye(4)},
+    ),
+    "velocity_mapping of joints alone": Target(
+        lambda **a: rates(velocity_mapping(**a)),
+        {"J": J, "major": [0], "joint_weight": np.ones(4)},
+    ),
+    "velocity_mapping with all": Target(
+        lambda **a: rates(velocity_mapping(**a)),
+        PROBLEM | FULL | {"joint_weight": np.ones(4), "damping": 0.1},
+    ),
+    "velocity_mapping of a batch": Target(
+        lambda **a: rates(velocity_mapping(**a)),
+        {"J": BATCH, "major": [0, 1], "joint_weight": np.stack([np.eye(4)] * 2), "scale": 3.0},
+    ),
+    "VelocityMapping": Target(lambda **a: ONE(**a), RATES),
+    "VelocityMapping of a batch": Target(lambda **a: MANY(**a), RATES),
+    "VelocityMapping.residual": Target(ONE.residual, {"v_major": np.ones(2)}),
+    "VelocityMapping.at": Target(
+        lambda **a: KIN.velocity_mapping([0]).at(**a)(1.0), {"kinematics": KIN}
+    ),
+    "force_mapping": Target(
+        lambda **a: torques(force_mapping(**a)), PROBLEM | {"torque_weight": np.ones(4)}
+    ),
+    "force_mapping with all": Target(
+        lambda **a: torques(force_mapping(**a)), PROBLEM | FULL | {"torque_weight": np.ones(4)}
+    ),
+    "force_mapping of a batch": Target(
+        lambda **a: torques(force_mapping(**a)),
+        {"J": BATCH, "major": [0, 1], "torque_weight": np.stack([np.eye(4)] * 2), "scale": 3.0},
+    ),
+    "ForceMapping": Target(lambda **a: FORCE(**a), FORCES),
+    "ForceMapping.secondary_force": Target(FORCE.secondary_force, FORCES),
+    "ForceMapping.internal_force": Target(FORCE.internal_force, FORCES),
+    "ForceMapping.residual": Target(FORCE.residual, {"f_major": np.ones(2)}),
+    "ConstrainedSystem": Target(
+        lambda **a: mechanism(ConstrainedSystem(**a).kinematics()),
+        {"J_T": J_T, "J_C": J_C, "active": [0, 1, 2], "rank_tolerance": 1e-10}
+        | {"stiffness": np.ones(5), "failures": Failures()},
+    ),
+    "ConstrainedSystem.with_failures": Target(
+        lambda **a: mechanism(SPRUNG.with_failures(**a).kinematics()),
+        {"locked": [0], "free": [1], "locked_passive": [4]},
+    ),
+    "ConstrainedSystem.at": Target(
+        lambda **a: mechanism(SYSTEM.at(**a).kinematics()), {"J_T": J_T, "J_C": J_C}
+    ),
+    "ConstrainedSystem.kinematics": Target(
+        lambda **a: mechanism(SYSTEM.with_failures(free=[0, 1, 2]).kinematics(**a)),
+        {"passive_metric": np.eye(5)},
+    ),
+    "Kinematics.expand": Target(KIN.expand, {"rates": np.ones(3)}),
+    "Kinematics.passive_rates": Target(LOOSE.passive_rates, {"rates": np.ones(2)}),
+    "Kinematics.constraint_force": Target(
+        LOOSE.constraint_force, {"f": np.ones(3), "torques": np.ones(2)}
+    ),
+    "Kinematics.manipulability": Target(KIN.manipulability, {"major": J[:1, :3]}),
+    "Kinematics.velocity_mapping": Target(
+        lambda **a: rates(LOOSE.velocity_mapping(**a)),
+        {"major": [0], "secondary": [1, 2], "joint_weight": np.ones(3), "damping": 0.0}
+        | {"secondary_weight": np.ones(2), "major_metric": np.ones(1), "tie_metric": np.ones(3)},
+    ),
+    "Kinematics.force_mapping": Target(
+        lambda **a: torques(LOOSE.force_mapping(**a)),
+        {"major": [0], "secondary": [1, 2], "torque_weight": np.ones(3)}
+        | {"secondary_weight": np.ones(2), "major_metric": np.ones(1), "tie_metric": np.ones(3)},
+    ),
+    "failure_atlas": Target(failure_atlas, CODES),
+    "failure_atlas of springs": Target(failure_atlas, CODES | {"system": SPRUNG}, ("codes",)),
+    "FailureAtlas.row": Target(failure_atlas(SYSTEM, [0]).row, {"locked": [0], "free": [1]}),
+}
+
+
+@pytest.mark.parametrize("target", TARGETS)
+def test_a_hostile_argument_ends_in_one_sentence_or_in_finite_numbers(target):
+    calls, wrong = complaints(TARGETS[target])
+    assert calls > 30
+    assert not wrong, "\n".join(wrong)
