@@ -109,7 +109,7 @@ def failure_atlas(
             the last actuator's code changing fastest.
 
     Raises:
-        TypeError: `system` is none.
+        TypeError: `system` is of another type.
         ValueError: Wrong rows or codes, or more than ten actuators and no list of conditions.
     """
     n = len(check.instance("system", system, ConstrainedSystem).active)

@@ -16,7 +16,7 @@ def mass_matrix(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
 
     Raises:
         ValueError: `data` is of another model, or its `qpos` is not finite.
-        TypeError: One of them is none.
+        TypeError: One of them is of another type.
     """
     check_state(model, data)
     mujoco.mj_fwdPosition(model, data)
@@ -33,7 +33,7 @@ def joint_stiffness(model: mujoco.MjModel) -> Array:
 
     Raises:
         ModelError: A spring that is not linear: a polynomial, or one that yields.
-        TypeError: `model` is none.
+        TypeError: `model` is of another type.
     """
     check.instance("model", model, mujoco.MjModel)
     linear = ~model.jnt_stiffnesspoly.any(axis=1) & (model.jnt_plasticadr < 0)

@@ -45,7 +45,7 @@ class Failure:
 
         Raises:
             ValueError: No such strut.
-            TypeError: `plant` is none.
+            TypeError: `plant` is of another type.
         """
         check.instance("plant", plant, Plant)
         if self.kind == "weak":
@@ -61,7 +61,7 @@ def failed_plant(model: mujoco.MjModel, failures: Iterable[Failure]) -> Plant:
     Raises:
         ModelError: As :class:`Plant`.
         ValueError: A failure of a strut that the model lacks.
-        TypeError: Something in `failures` is none.
+        TypeError: Something in `failures` is of another type.
     """
     plant = Plant(model)
     for failure in check.instance("failures", failures, Iterable):

@@ -60,7 +60,7 @@ def forward_kinematics(
     Raises:
         ValueError: `displacements_m` has another shape or is not finite; `start` is not finite, or
             a batch of another shape.
-        TypeError: `geometry` or `start` is none.
+        TypeError: `geometry` or `start` is of another type.
         UnreachableLengths: Some lengths belong to no pose, or to one beyond a singularity.
     """
     check.instance("geometry", geometry, Hexapod)

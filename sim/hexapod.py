@@ -85,7 +85,7 @@ class Hexapod:
         """Strut lengths less their nominal ones at a pose, shape (..., 6), [m].
 
         Raises:
-            TypeError: `pose` is none.
+            TypeError: `pose` is of another type.
         """
         if isinstance(pose, Posture):
             return pose.displacement_m
@@ -101,7 +101,7 @@ class Hexapod:
 
         Raises:
             ValueError: Some strut has no length there, and so no direction.
-            TypeError: `pose` is none.
+            TypeError: `pose` is of another type.
         """
         if isinstance(pose, Posture):
             return pose
@@ -158,7 +158,7 @@ def hexapod(model: mujoco.MjModel) -> Hexapod:
     Raises:
         sim.ModelError: The model lacks one of them, or of `strut1..6` and `coil1..6`; or its coils
             do not drive the struts in their order.
-        TypeError: `model` is none.
+        TypeError: `model` is of another type.
     """
     check.instance("model", model, mujoco.MjModel)
     if model.nu != 6:

@@ -20,7 +20,7 @@ def load_model(path: str | Path | None = None) -> mujoco.MjModel:
 
     Raises:
         ModelError: The file is missing or not valid MJCF, or its time step is not positive.
-        TypeError: `path` is none.
+        TypeError: `path` is of another type.
     """
     file = _file(path)
     try:
@@ -37,7 +37,7 @@ def weightless(model: mujoco.MjModel) -> mujoco.MjModel:
     """The machine in orbit: no gravity, and springs without the preload that carried the weight.
 
     Raises:
-        TypeError: `model` is none.
+        TypeError: `model` is of another type.
     """
     check.instance("model", model, mujoco.MjModel)
     orbiting = copy.copy(model)
@@ -51,7 +51,7 @@ def model_sha256(path: str | Path | None = None) -> str:
 
     Raises:
         ModelError: The file is missing.
-        TypeError: `path` is none.
+        TypeError: `path` is of another type.
     """
     return hashlib.sha256(_file(path).read_bytes()).hexdigest()
 
@@ -62,7 +62,7 @@ def element_id(model: mujoco.MjModel, kind: str, name: str) -> int:
     Raises:
         ModelError: There is none of that name; the message lists those there are.
         ValueError: No such kind.
-        TypeError: `model` or a name is none.
+        TypeError: `model` or a name is of another type.
     """
     check.instance("model", model, mujoco.MjModel)
     counts = {"site": "nsite", "joint": "njnt", "body": "nbody", "equality": "neq"}
@@ -82,7 +82,7 @@ def check_state(model: mujoco.MjModel, data: mujoco.MjData) -> None:
 
     Raises:
         ValueError: `data` is of a model of other size, or its `qpos` is not finite.
-        TypeError: One of them is none.
+        TypeError: One of them is of another type.
     """
     check.instance("model", model, mujoco.MjModel)
     check.instance("data", data, mujoco.MjData)

@@ -42,7 +42,7 @@ class Plant:
             ModelError: The model lacks the site `base` or `payload`, or a lock of its own for
                 every actuated joint; or an actuator has a gear, so that its control is no
                 displacement of its joint.
-            TypeError: `model` is none.
+            TypeError: `model` is of another type.
         """
         check.instance("model", model, mujoco.MjModel)
         # Locks and switched-off coils live in the model, so a shared one would share its failures.
