@@ -1,6 +1,7 @@
 """A disk that takes no more: one sentence, nothing published, and no former file lost."""
 
 import resource
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -17,13 +18,15 @@ ROOM = 512
 """Bytes that go into a file of the full disk."""
 
 
-@pytest.fixture
+@contextmanager
 def full_disk():
-    """No file may grow beyond `ROOM`."""
+    """No file may grow beyond `ROOM`. Not as a fixture: pytest's own output may go to a file."""
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (ROOM, before[1]))
-    yield
-    resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
 @pytest.fixture(scope="module")
@@ -54,10 +57,11 @@ WRITERS = {
 
 
 @pytest.mark.parametrize("name", WRITERS)
-def test_no_kind_of_file_is_published_cut_off(tmp_path, full_disk, name):
+def test_no_kind_of_file_is_published_cut_off(tmp_path, name):
     (tmp_path / "a.json").write_text("old")
     with (
         pytest.raises(OutputError, match=f"^{tmp_path} could not be written: [^\n]+$"),
+        full_disk(),
         published(tmp_path, index="a.json") as staging,
     ):
         WRITERS[name](staging / name)
@@ -65,9 +69,10 @@ def test_no_kind_of_file_is_published_cut_off(tmp_path, full_disk, name):
     assert (tmp_path / "a.json").read_text() == "old"
 
 
-def test_review_on_a_full_disk_is_one_sentence_and_no_file(kept, tmp_path, full_disk, capfd):
+def test_review_on_a_full_disk_is_one_sentence_and_no_file(kept, tmp_path, capfd):
     out = tmp_path / "new" / "review.rrd"
-    assert main(["review", str(kept), "--out", str(out)]) == 2
+    with full_disk():
+        assert main(["review", str(kept), "--out", str(out)]) == 2
     said = capfd.readouterr()
     assert said.err.startswith(f"fjh: {out.parent} could not be written: ")
     assert said.err.count("\n") == 1

@@ -66,7 +66,8 @@ def trade(aims: Aims, rng: np.random.Generator) -> Tradeoff:
 
     best, possible = answer(system, goal, first).torques, statics(system, first.major)
     directions = possible.to_torques @ possible.free
-    away = rng.normal(size=(OTHERS, directions.shape[1])) @ directions.T
+    # By their projector: which basis LAPACK chooses depends on the processor.
+    away = rng.normal(size=(OTHERS, 6)) @ (directions @ np.linalg.pinv(directions)).T
     size = np.linalg.norm(best) * rng.uniform(0.05, 1.0, (OTHERS, 1))
     away *= size / np.linalg.norm(away, axis=1, keepdims=True)
     J = system.kinematics().J
