@@ -32,17 +32,21 @@ def test_a_warning_goes_to_the_logger_and_into_no_file(here, caplog):
     assert "NaN" in caplog.text
 
 
-@pytest.mark.parametrize(("first", "shown"), [("sim", True), ("experiments", False)])
-def test_a_program_without_logging_sees_it_and_a_command_does_not(here, first, shown):
-    program = f"import {first}, sim; sim.load_model('odd.xml')"
+def alone(program: str) -> subprocess.CompletedProcess[str]:
+    """A program of its own, which finds the project and nothing else."""
     root = str(Path(__file__).parents[1])
-    done = subprocess.run(
+    return subprocess.run(
         [sys.executable, "-c", program],
         env={"PYTHONPATH": root},
         capture_output=True,
         text=True,
         check=True,
     )
+
+
+@pytest.mark.parametrize(("first", "shown"), [("sim", True), ("experiments", False)])
+def test_a_program_without_logging_sees_it_and_a_command_does_not(here, first, shown):
+    done = alone(f"import {first}, sim; sim.load_model('odd.xml')")
     assert ("NaN" in done.stderr) == shown
 
 
@@ -51,18 +55,10 @@ def test_nor_does_a_worker_write_one(here):
 
 
 def test_a_programs_own_handler_stays(here):
-    program = """
+    done = alone("""
 import mujoco
 mujoco.set_mju_user_warning(print)
 import sim
 sim.load_model("odd.xml")
-"""
-    root = str(Path(__file__).parents[1])
-    done = subprocess.run(
-        [sys.executable, "-c", program],
-        env={"PYTHONPATH": root},
-        capture_output=True,
-        text=True,
-        check=True,
-    )
+""")
     assert "NaN" in done.stdout

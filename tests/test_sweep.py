@@ -27,6 +27,7 @@ from experiments.prediction import predicted_error_rad
 from experiments.run import nominal_loops, track_spiral
 from experiments.sweep import cluster as clusters
 from experiments.sweep import run, stream
+from experiments.sweep.basis import basis_in
 from experiments.sweep.case import case_of
 from experiments.sweep.cluster import Where
 from experiments.sweep.dataset import Dataset
@@ -485,7 +486,9 @@ def test_ctrl_c_is_clean_even_while_a_worker_is_starting_again(tmp_path, sweep_d
     assert not psutil.pid_exists(reborn.pid)
     assert list(scratch.iterdir()) == []
     done = int(kept.group(1))
-    assert len(list(Dataset(out / UNFINISHED, 300, {}).missing())) == 300 - done > 0
+    basis = basis_in(out / UNFINISHED)
+    assert basis is not None
+    assert len(list(Dataset(out / UNFINISHED, 300, basis).missing())) == 300 - done > 0
 
 
 # The page.

@@ -66,13 +66,22 @@ def trade(aims: Aims, rng: np.random.Generator) -> Tradeoff:
 
     best, possible = answer(system, goal, first).torques, statics(system, first.major)
     directions = possible.to_torques @ possible.free
-    # By their projector: which basis LAPACK chooses depends on the processor.
-    away = rng.normal(size=(OTHERS, 6)) @ (directions @ np.linalg.pinv(directions)).T
+    away = rng.normal(size=(OTHERS, directions.shape[1])) @ same_basis(directions).T
     size = np.linalg.norm(best) * rng.uniform(0.05, 1.0, (OTHERS, 1))
     away *= size / np.linalg.norm(away, axis=1, keepdims=True)
     J = system.kinematics().J
     compromises = np.array([compromise(J, W3, asked, weight) for weight in MAJOR_WEIGHTS])
     return Tradeoff(asked, tried(best), tried(best + away), tried(compromises))
+
+
+def same_basis(directions: Array) -> Array:
+    """An orthonormal basis of the columns' span that is the same whatever basis they are.
+
+    The one that LAPACK chooses for a null space depends on the processor.
+    """
+    projector = directions @ np.linalg.pinv(directions)
+    Q, R = np.linalg.qr(projector[:, : directions.shape[1]])
+    return Q * np.sign(np.diagonal(R))
 
 
 def compromise(J: Array, W3: Array, f_major: Array, weight: float) -> Array:

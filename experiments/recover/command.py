@@ -19,11 +19,11 @@ def recover(
     *,
     progress: Progress,
 ) -> Findings:
-    """Let a strut fail in flight and tell nobody.
+    """Simulate unannounced actuator failures; measure detection, isolation and recovery.
 
-    Locked, free or weak, at random times and postures: detected, isolated and flown around, from
-    what a controller sends and senses; beside an oracle, and beside doing nothing. 20 minutes on
-    two cores, 45 s with --quick.
+    Locked, free or weak struts, at random times and postures, found from what a controller sends
+    and senses with an exact model of the plant; beside an oracle, and beside doing nothing. 20
+    minutes on two cores, 45 s with --quick.
 
     Writes recover.json, the tables as recover.md, a figure, and for some flights their data (.npz)
     and their recordings (.rrd).

@@ -53,7 +53,7 @@ def _notes(name: str, run: Trajectory, summary: dict[str, Any]) -> str:
             "commands stand still."
         )
     said = [
-        f"Seed {summary['seed']}, constant Jacobian, W_a; nobody tells the controller.",
+        f"Seed {summary['seed']}, constant Jacobian, W_a; the controller is not told.",
         "",
         "What happens:",
         *happened,

@@ -51,8 +51,9 @@ def recovery(summary: dict[str, Any]) -> Table:
         "A strut fails in flight",
         ("", *kinds),
         rows,
-        "Delays after the failure; pointing errors before it, until recovery, and after. weak: a "
-        "coil that has lost part of its force.",
+        "The controller's model is the simulated plant itself, which no real one is. Delays after "
+        "the failure; pointing errors before it, until recovery, and after. weak: a coil that has "
+        "lost part of its force.",
     )
 
 

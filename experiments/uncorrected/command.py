@@ -14,18 +14,19 @@ def uncorrected(
     out: Out = Path("results/uncorrected"),
     seed: Annotated[int, seed_option("the detector noise and the floor")] = 0,
     quick: Annotated[
-        bool, typer.Option("--quick", help="Spirals of 4 s, three candidates, a coarse map.")
+        bool, typer.Option("--quick", help="Spirals of 4 s, three candidates, coarse maps.")
     ] = False,
     *,
     progress: Progress,
 ) -> Findings:
-    """Ask why the paper's uncorrected lock costs so much.
+    """Test explanations for the large error in the last column of Table I.
 
-    Candidate explanations of Table I's last column, one at a time and together, simulated and
-    predicted; a map over damping and crossover. 3 minutes on two cores, 20 s with --quick.
+    Candidates one at a time and together, simulated and predicted; maps over damping and
+    crossover, and over a limit on the demanded pointing, its spiral and anti-windup; a detector
+    off the focus. 4 minutes on two cores, 25 s with --quick.
 
-    Writes uncorrected.json, a figure, the map (map.npz), the data of each candidate (.npz) and some
-    recordings (.rrd).
+    Writes uncorrected.json, two figures, the maps (map.npz, limit_map.npz), the data of each
+    candidate (.npz) and some recordings (.rrd).
 
     Example: fjh uncorrected --quick --out /tmp/why
     """

@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 
 from experiments.paper import TABLE_I_URAD
-from experiments.uncorrected.beam_walk import OFFSETS_M
 from experiments.uncorrected.limit_map import ANTI_WINDUP, largest_miss
 from experiments.uncorrected.stability_map import ROLL_OFF_HZ
 from experiments.uncorrected.study import Uncorrected
@@ -86,8 +85,8 @@ def beam_walk(study: Uncorrected) -> dict[str, Any]:
     ratio = study.beam_walk_urad[:, -1] / study.beam_walk_urad[:, 0]
     met = (np.abs(ratio / PAPER_RATIOS - 1) < RATIO_TOLERANCE).all(axis=-1)
     return {
-        "offset_m": [OFFSETS_M.min(), OFFSETS_M.max()],
-        "offsets": len(OFFSETS_M),
+        "offset_m": [study.offset_m.min(), study.offset_m.max()],
+        "offsets": len(study.offset_m),
         "offsets_met": int(met.any(axis=-1).sum()),
         "largest_ratio_true": ratio[:, 0].max(axis=0).tolist(),
         "largest_ratio_detector": ratio[:, 1].max(axis=0).tolist(),

@@ -10,7 +10,7 @@ import numpy as np
 from experiments.bench import Bench
 from experiments.parallel import in_parallel
 from experiments.run import Trajectory, nominal_loops, track_spiral
-from experiments.uncorrected.beam_walk import OFFSETS_M, beam_walk_urad
+from experiments.uncorrected.beam_walk import beam_walk_urad, offsets_m
 from experiments.uncorrected.candidate import COLUMNS, Candidate
 from experiments.uncorrected.candidates import BENCH, CANDIDATES, RETUNED
 from experiments.uncorrected.checked_points import compare, point_calls
@@ -41,7 +41,8 @@ class Uncorrected:
         checked: W_a and uncorrected, predicted and simulated RMS at some points of the map.
         limit_grid: Of the map over the demand limit.
         limit_rad: RMS there, shape (*limit_grid.shape, 4, 2), see `limit_row`.
-        beam_walk_urad: RMS over OFFSETS_M, shape (offsets, 4, 2, 2), see `beam_walk_urad`.
+        offset_m: Of the detector behind the focus.
+        beam_walk_urad: RMS there, shape (offsets, 4, 2, 2), see `beam_walk_urad`.
         lock_ratio: Predicted ratios over LOCKS_M by candidate, (101, 2); the spiral starts at once.
         seed: Of noise and floor.
         duration_s: Of each simulated run.
@@ -56,6 +57,7 @@ class Uncorrected:
     checked: list[dict[str, Any]]
     limit_grid: LimitGrid
     limit_rad: Array
+    offset_m: Array
     beam_walk_urad: Array
     lock_ratio: dict[str, Array]
     seed: int
@@ -89,7 +91,7 @@ def run_uncorrected(
     jobs = [(c, column) for c in chosen for column in c.simulated]
     calls = [_call(model, c, column, predicted[c.name], seed, duration_s) for c, column in jobs]
     points = [] if quick else point_calls(seed)
-    where, limits = grid(quick=quick), limit_grid(quick=quick)
+    where, limits, offsets = grid(quick=quick), limit_grid(quick=quick), offsets_m(quick=quick)
     sound = {"model": model, "loops": nominal_loops(model, bench), "seed": seed}
     work: list[tuple[Callable[..., Any], list[dict[str, Any]]]] = [
         (attempt, [*calls, *points]),
@@ -117,7 +119,7 @@ def run_uncorrected(
         ),
         (
             beam_walk_urad,
-            [sound | {"bench": bench, "offset_m": float(offset)} for offset in OFFSETS_M],
+            [sound | {"bench": bench, "offset_m": float(offset)} for offset in offsets],
         ),
     ]
     ended, mapped, limited, walked = _all_of(work, on_progress)
@@ -135,6 +137,7 @@ def run_uncorrected(
         checked=compare(points, ended[len(calls) :]),
         limit_grid=limits,
         limit_rad=np.reshape(limited, (*limits.shape, len(COLUMNS), 2)),
+        offset_m=offsets,
         beam_walk_urad=np.array(walked),
         lock_ratio={c.name: lock_sweep(c, predicted[c.name].loops, seed) for c in _swept(chosen)},
         seed=seed,
