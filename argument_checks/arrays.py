@@ -45,7 +45,14 @@ def real(name: str, value: ArrayLike | None) -> Array:
 
 def finite(name: str, value: ArrayLike) -> Array:
     """The same, but without a copy of what needs none: for what is called at every tick."""
-    return value if is_plain(value) and is_moderate(value) else real(name, value)
+    # The common case, calls spared: is_plain and is_moderate.
+    if (
+        type(value) is np.ndarray
+        and value.dtype is _FLOAT64
+        and (not value.size or dnrm2(value.ravel()) < LARGEST)
+    ):
+        return value
+    return real(name, value)
 
 
 def is_plain(value: ArrayLike | None) -> TypeGuard[Array]:
@@ -69,8 +76,7 @@ def shaped(name: str, value: ArrayLike, *shape: int) -> Array:
 
 def exactly(name: str, value: ArrayLike, *shape: int) -> Array:
     """Finite numbers of one shape, without a copy of a float64 array; for every tick."""
-    # The common case, every call spared: is_plain and is_moderate.
-    if (
+    if (  # as above
         type(value) is np.ndarray
         and value.dtype is _FLOAT64
         and value.shape == shape
