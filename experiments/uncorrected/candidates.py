@@ -62,14 +62,14 @@ DEMAND_LIMITS = (
     replace(
         _CONSTANT_SPEED,
         name="limit_speed_90",
-        what="the same, starting along beta",
+        what="limit on the demanded pointing, constant speed from 90 degrees",
         spiral_start_deg=90.0,
         demand_limit_urad=118.1,
     ),
     replace(
         _CONSTANT_SPEED,
         name="limit_anti_windup",
-        what="constant speed, clockwise, conditional integration",
+        what="limit on the demanded pointing, constant speed, conditional integration",
         spiral_direction=-1,
         demand_limit_urad=106.2,
         anti_windup=True,
