@@ -60,7 +60,8 @@ def plant_constants(model: mujoco.MjModel) -> dict[str, float | list[float]]:
 def recording_properties(summary: dict[str, Any]) -> dict[str, Any]:
     """What makes a recording self-describing, flat as Rerun's properties are."""
     plain = {key: summary[key] for key in ("seed", "model_sha256", "jacobian")}
-    bench = {name: "none" if value is None else value for name, value in summary["bench"].items()}
+    # What is None is absent: Rerun knows one type for each name in a process.
+    bench = {name: value for name, value in summary["bench"].items() if value is not None}
     return plain | version_properties(summary) | bench
 
 
