@@ -23,7 +23,7 @@ LIMITS: dict[str, tuple[float, float]] = {
     "focal_length_m": (1e-3, 1e3),
     "detector_half_width_m": (1e-6, 100.0),
     "detector_noise_m": (0.0, 0.1),
-    "dac_bits": (1, 32),
+    "dac_bits": (2, 32),
     "dac_full_input_a": (1e-6, 1e4),
     "amplifier_limit_a": (1e-6, 1e4),
     "coil_newton_per_a": (1e-3, 1e5),

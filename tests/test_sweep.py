@@ -84,7 +84,7 @@ UNEVEN = Design(
     (
         Range("roll_off_hz", 20.0, 30.0, False, None),
         Range("detector_noise_m", 1e-7, 1e-5, True, None),
-        Range("dac_bits", 1, 17, False, None),
+        Range("dac_bits", 2, 18, False, None),
         Choice("known", (True, False)),
     ),
 )
@@ -96,7 +96,7 @@ def test_a_hypercube_has_one_run_in_each_slice_of_each_range():
     for name, edges in (
         ("roll_off_hz", np.linspace(20, 30, 18)),
         ("detector_noise_m", np.geomspace(1e-7, 1e-5, 18)),
-        ("dac_bits", np.arange(1, 19)),
+        ("dac_bits", np.arange(2, 20)),
     ):
         counts, _ = np.histogram([row[name] for row in rows], edges)
         assert counts.tolist() == [1] * 17, name
@@ -162,7 +162,7 @@ def test_the_default_design_varies_weights_failures_times_and_bench():
         ("layout = 'grid'\nvary.roll_off_hz = {from = 2, to = 1, points = 2}", "2.0 to 1.0"),
         ("layout = 'grid'\nvary.roll_off_hz = {from = 1, too = 2}", "no 'too'"),
         ("layout = 'grid'\nvary.struts = {from = 1, to = 2, points = 2}", "a list"),
-        ("layout = 'grid'\nvary.dac_bits = {from = 1, to = 9, log = true, points = 2}", "log"),
+        ("layout = 'grid'\nvary.dac_bits = {from = 2, to = 9, log = true, points = 2}", "log"),
         ("layout = 'latin-hypercube'\nruns = 2\nvary.seed = {from=1, to=2, points=2}", "points"),
     ],
 )

@@ -210,7 +210,7 @@ def test_every_constant_has_its_limits_and_converters_have_whole_bits():
     assert set(LIMITS) | choices == {field.name for field in fields(Bench)}
     assert set(VARIED) == {name for name in KINDS if KINDS[name] in ("real", "integer")}
     bits: Any = {"dac_bits": 16.5}
-    with pytest.raises(ValueError, match="must be a whole number from 1 to 32"):
+    with pytest.raises(ValueError, match="must be a whole number from 2 to 32"):
         replace(Bench(), **bits)
 
 
@@ -220,9 +220,9 @@ HUGE = "1" + 400 * "0"
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("vary.dac_bits = 99999", "dac_bits must be a whole number from 1 to 32, got 99999"),
-        ("vary.dac_bits = [16, 0]", "dac_bits must be a whole number from 1 to 32, got 0"),
-        ("vary.dac_bits = 16.0", "dac_bits must be a whole number from 1 to 32, got 16.0"),
+        ("vary.dac_bits = 99999", "dac_bits must be a whole number from 2 to 32, got 99999"),
+        ("vary.dac_bits = [16, 0]", "dac_bits must be a whole number from 2 to 32, got 0"),
+        ("vary.dac_bits = 16.0", "dac_bits must be a whole number from 2 to 32, got 16.0"),
         (
             "vary.settling_s = 1e12",
             "settling_s must be a number from 0.001 to 3600, got 1000000000000",
