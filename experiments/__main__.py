@@ -2,11 +2,11 @@
 
 import sys
 
-from experiments.interrupt import leave_at_once
+from experiments.output.interrupt import leave_at_once
 
 leave_at_once()
 
-from experiments.cli import main  # noqa: E402  (the imports take a second: Ctrl-C must be ready)
+from experiments.app.cli import main  # noqa: E402  (the imports take a second: Ctrl-C must be ready)
 
 
 def run() -> None:

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from hypothesis import settings
 
-from experiments.cli import main
+from experiments.app.cli import main
 from experiments.sweep.cluster import Where, cluster
 from sim import load_model
 
@@ -109,7 +109,7 @@ def goals(goals_folder):
 @pytest.fixture(scope="session")
 def bench_folder(tmp_path_factory):
     """Everything timed, but as briefly as can be: made by the command."""
-    from experiments.speed import study  # late: the other tests do without its extra packages
+    from experiments.benchmark import study  # late: the other tests do without its extra packages
 
     folder = tmp_path_factory.mktemp("bench")
     least = study.Effort(seconds=0.05, rounds=2, batches=(1, 10, 100), actuators=(6, 10, 20))

@@ -5,12 +5,12 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from experiments.bench import Bench
-from experiments.recording.file import About
-from experiments.recording.keep import keep_run
-from experiments.recording.marks import Mark
-from experiments.recording.shown import Shown
-from experiments.run import Trajectory
+from experiments.hexapod.recording.keep import keep_run
+from experiments.hexapod.recording.shown import Shown
+from experiments.hexapod.simulation import Trajectory
+from experiments.hexapod.testbed import Bench
+from experiments.output.recording.file import About
+from experiments.output.recording.marks import Mark
 
 MARK = Mark(0, 0.0, "strut 1 locked")
 

@@ -91,7 +91,7 @@ def test_what_the_library_calls_possible_points_and_nothing_else_does(rows):
 
 def test_without_any_strut_the_error_is_the_whole_spiral(rows):
     row = rows["LLLLLL", "analytic"]
-    from experiments.bench import Bench
+    from experiments.hexapod.testbed import Bench
 
     desired_urad = 1e6 * Bench().desired_rad(Bench().time_s(0.5))
     alpha, beta = np.sqrt((desired_urad**2).mean(axis=0))
@@ -111,9 +111,9 @@ def test_the_only_disagreement_is_at_a_singularity_that_the_nominal_pose_alone_h
     assert beside["alpha_rms_urad"] > 10 * there["alpha_rms_urad"]
     assert "SFFSLF" in " ".join(findings(flown).notes)
 
-    from experiments.goal import Goal
-    from experiments.mapping import StrutMapping
-    from experiments.springs import strut_and_payload_stiffness
+    from experiments.hexapod.goal import Goal
+    from experiments.hexapod.mapping import StrutMapping
+    from experiments.hexapod.springs import strut_and_payload_stiffness
 
     goal = Goal(joint_weight=(1.0,) * 6, locked_m={4: 0.0}, free=(1, 2, 5))
     machine = hexapod(model)

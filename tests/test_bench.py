@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from experiments import paper
-from experiments.bench import Bench
-from experiments.controller import Controller, Sensed
-from experiments.goal import MAJOR, SECONDARY, Goal
-from experiments.mapping import StrutMapping
-from experiments.run import nominal_loops, track_spiral
+from experiments.hexapod import paper
+from experiments.hexapod.goal import MAJOR, SECONDARY, Goal
+from experiments.hexapod.mapping import StrutMapping
+from experiments.hexapod.simulation import nominal_loops, track_spiral
+from experiments.hexapod.testbed import Bench
+from ftc.controller import Controller, Sensed
 from sim import (
     NOMINAL,
     Amplifier,
@@ -147,7 +147,7 @@ def test_the_stated_gain_margin_is_where_the_loop_goes_unstable(model):
     """The whole discrete loop is stable just below the margin and unstable just above."""
     import control
 
-    from experiments.compensator import sampled
+    from experiments.hexapod.compensator import sampled
     from sim import Plant, linearize
 
     bench = Bench()

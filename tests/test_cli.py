@@ -13,8 +13,8 @@ import psutil
 import pytest
 from rerun.chunk import RrdReader
 
-from experiments.cli import STUDIES, main
-from experiments.files import OutputError, published
+from experiments.app.cli import STUDIES, main
+from experiments.output.files import OutputError, published
 from sim.model import HEXAPOD_MJCF
 
 
@@ -233,7 +233,7 @@ class Slow(types.ModuleType):
     def __getattr__(self, name):
         print("importing", flush=True)
         time.sleep(30)
-sys.modules["experiments.cli"] = Slow("experiments.cli")
+sys.modules["experiments.app.cli"] = Slow("experiments.app.cli")
 import experiments.__main__
 """
     process = started(["-c", imports])

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.optimize import direct
 from scipy.spatial.transform import Rotation
 
-from experiments import paper
+from experiments.hexapod import paper
 from experiments.jacobian import certificate
 from experiments.jacobian.certificate import ORDER, certify
 from experiments.jacobian.norms import NORMS, size

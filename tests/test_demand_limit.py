@@ -6,15 +6,13 @@ import control
 import numpy as np
 import pytest
 
-from experiments.bench import Bench
-from experiments.compensator import sampled
-from experiments.controller import Sensed
-from experiments.limited_loop import limited_response
-from experiments.mapping import StrutMapping
-from experiments.measures import rms
-from experiments.paper import TABLE_I_URAD
-from experiments.prediction import driven_plant, predicted_error_rad
-from experiments.run import controller_for, nominal_loops, track_spiral
+from experiments.hexapod.compensator import sampled
+from experiments.hexapod.mapping import StrutMapping
+from experiments.hexapod.metrics import rms
+from experiments.hexapod.paper import TABLE_I_URAD
+from experiments.hexapod.prediction import driven_plant, predicted_error_rad
+from experiments.hexapod.simulation import controller_for, nominal_loops, track_spiral
+from experiments.hexapod.testbed import Bench
 from experiments.table1.configuration import CONFIGURATIONS
 from experiments.uncorrected.beam_walk import beam_walk_urad
 from experiments.uncorrected.candidate import COLUMNS
@@ -22,6 +20,8 @@ from experiments.uncorrected.candidates import BENCH, CLOCKWISE
 from experiments.uncorrected.limit_map import largest_miss, limit_grid, limit_row
 from experiments.uncorrected.lost_strut import fast_loop_ratio, remaining_gain
 from experiments.uncorrected.machine import EQUAL
+from ftc.controller import Sensed
+from ftc.limited_loop import limited_response
 from sim import Failure, failed_plant, hexapod, linearize, spiral
 
 LOCK_1 = (Failure(0, "locked"),)

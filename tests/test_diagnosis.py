@@ -7,21 +7,21 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import binom
 
-from experiments.bench import Bench
-from experiments.controller import Sensed
-from experiments.diagnosis.bank import LOST, bank
-from experiments.diagnosis.calibration import calibrated, excitation
-from experiments.diagnosis.chart import WINDOWS, chart
-from experiments.diagnosis.dither import HEAVE, STILL, Dither
-from experiments.diagnosis.linear_flight import flown, linear_loop
-from experiments.diagnosis.machine import KINDS, Fault, failed_machine, fault_of, sound_machine
-from experiments.diagnosis.monitor import Monitor, monitor
-from experiments.diagnosis.record import MonitorState
-from experiments.diagnosis.rules import RULES
-from experiments.diagnosis.sensing import sensing
-from experiments.diagnosis.separation import separations
-from experiments.goal import MAJOR, Goal
-from experiments.run import nominal_loops
+from experiments.hexapod.goal import MAJOR, Goal
+from experiments.hexapod.simulation import nominal_loops
+from experiments.hexapod.testbed import Bench
+from ftc.controller import Sensed
+from ftc.fdi.calibration import calibrated, excitation
+from ftc.fdi.config import RULES
+from ftc.fdi.diagnosis import MonitorState
+from ftc.fdi.dither import HEAVE, STILL, Dither
+from ftc.fdi.fault_model import KINDS, Fault, failed_machine, fault_of, sound_machine
+from ftc.fdi.hypotheses import LOST, bank
+from ftc.fdi.isolability import separations
+from ftc.fdi.monitor import Monitor, monitor
+from ftc.fdi.residual_test import WINDOWS, chart
+from ftc.fdi.sensing import sensing
+from ftc.linear_loop import flown, linear_loop
 from sim import Failure, LinearPlant, failed_plant, linearize, load_model
 
 MODEL, BENCH = load_model(), Bench()

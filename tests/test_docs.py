@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from experiments.cli import STUDIES
+from experiments.app.cli import STUDIES
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text()
@@ -233,7 +233,7 @@ def test_the_theory_pages_tables_are_those_that_come_out(systems, release):
 
 def test_the_theory_pages_weighted_pseudo_inverse_is_what_it_does(model):
     """The paper's introduction: it compromises the major task in accordance with the weight."""
-    from experiments.springs import elastic_system
+    from experiments.hexapod.springs import elastic_system
 
     kin = elastic_system(model).with_failures(locked=[0, 1]).kinematics()
     v = np.array([1e-4, 0, 0, 0, 0, 0])
@@ -332,12 +332,12 @@ def test_the_jacobian_pages_values_are_those_that_come_out(jacobian_study):
 
 def test_the_jacobian_pages_costs_are_those_of_the_geometry():
     """The long run is not repeated here; what it shows, the geometry alone must say as well."""
-    from experiments.bench import Bench
-    from experiments.jacobian.growth import Growth, grown_bench
+    from experiments.hexapod.mapping import StrutMapping
+    from experiments.hexapod.scaling import Growth, grown_bench
+    from experiments.hexapod.testbed import Bench
     from experiments.jacobian.loop import BY_NAME, GROWN, STRIDE_S
     from experiments.jacobian.statics import extra_percent, follow, loop_gain_error, optimum
     from experiments.jacobian.variation import relative_change
-    from experiments.mapping import StrutMapping
     from sim import hexapod, load_model
 
     geometry, goal = hexapod(load_model()), BY_NAME[GROWN].goal

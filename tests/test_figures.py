@@ -14,16 +14,16 @@ from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.text import Annotation
 
-from experiments.bench import Bench
-from experiments.cli import main
+from experiments.app.cli import main
 from experiments.figures.atlas import figure_atlas
 from experiments.figures.block_diagram import figure_3
 from experiments.figures.bode import figure_bode
 from experiments.figures.geometry import figure_2
 from experiments.figures.study import Portrait, portray
-from experiments.palette import BLACK, BLUE, SKY, YELLOW
-from experiments.plotting import COLUMN_IN, new_figure, save_figure
-from experiments.run import Trajectory, nominal_plant
+from experiments.hexapod.simulation import Trajectory, nominal_plant
+from experiments.hexapod.testbed import Bench
+from experiments.output.palette import BLACK, BLUE, SKY, YELLOW
+from experiments.output.plotting import COLUMN_IN, new_figure, save_figure
 from experiments.table1.figures import figure_4, figure_6
 from sim import hexapod, load_model
 from sim.model import HEXAPOD_MJCF

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from experiments.cli import main
+from experiments.app.cli import main
 from experiments.force import soundness, study
 from experiments.force.answers import told
 from experiments.force.cases import LEVERED, SPARING, Condition, draw_aims
@@ -21,8 +21,8 @@ from experiments.force.soundness import complaint
 from experiments.force.study import examine
 from experiments.force.summary import summarize
 from experiments.force.text import tables
-from experiments.goal import MAJOR, SECONDARY
-from experiments.springs import strut_and_payload_stiffness
+from experiments.hexapod.goal import MAJOR, SECONDARY
+from experiments.hexapod.springs import strut_and_payload_stiffness
 from prioritized import ConstrainedSystem, force_mapping
 from sim import HEXAPOD_MJCF, NOMINAL, Plant, hexapod, jacobians, load_model
 from tests.printed import assert_printable

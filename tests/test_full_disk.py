@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 import rerun.blueprint as rrb
 
-from experiments.cli import main
-from experiments.files import OutputError, published, write_arrays, write_json
-from experiments.plotting import new_figure, save_figure
-from experiments.recording.file import About, log_series, recording_file, screen, time_column
+from experiments.app.cli import main
+from experiments.output.files import OutputError, published, write_arrays, write_json
+from experiments.output.plotting import new_figure, save_figure
+from experiments.output.recording.file import About, log_series, recording_file, screen, time_column
 from tests.made import keep_made
 
 ROOM = 512

@@ -13,10 +13,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from experiments.bench import Bench
-from experiments.cli import main
-from experiments.controller import Sensed
-from experiments.goal import MAJOR, SECONDARY, Goal
+from experiments.app.cli import main
 from experiments.goals import off_axis, stroke, study
 from experiments.goals.arm import ARM_MJCF
 from experiments.goals.demonstration import Outcome, Way, smooth_step
@@ -28,8 +25,11 @@ from experiments.goals.singularity import manipulability, manipulability_gradien
 from experiments.goals.stroke import rates_from_stops, stop_potential
 from experiments.goals.summary import CHANGES, complaint
 from experiments.goals.text import table
-from experiments.mapping import StrutMapping
-from experiments.run import controller_for, fly, nominal_loops
+from experiments.hexapod.goal import MAJOR, SECONDARY, Goal
+from experiments.hexapod.mapping import StrutMapping
+from experiments.hexapod.simulation import controller_for, fly, nominal_loops
+from experiments.hexapod.testbed import Bench
+from ftc.controller import Sensed
 from prioritized import velocity_mapping
 from sim import (
     COPPER_PER_K,

@@ -15,11 +15,11 @@ import pytest
 import typer
 from typer.core import TyperGroup
 
-from experiments.cli import STUDIES, app, main
-from experiments.conduct import Progress, Unsound
-from experiments.files import OutputError, json_text, published, write_index
-from experiments.findings import Findings, Table
-from experiments.presentation import presented
+from experiments.app.cli import STUDIES, app, main
+from experiments.app.presentation import presented
+from experiments.output.files import OutputError, json_text, published, write_index
+from experiments.output.results import Findings, Table
+from experiments.output.study import Progress, Unsound
 
 ROOT = Path(__file__).parents[1]
 NAMES = [study.__name__ for study in STUDIES]

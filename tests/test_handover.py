@@ -5,15 +5,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from experiments.bench import Bench
-from experiments.controller import Controller, Handover, Sensed
-from experiments.diagnosis.machine import Fault, sound_machine
-from experiments.diagnosis.record import Diagnosis
-from experiments.goal import MAJOR, Goal
-from experiments.mapping import DisplacementForm
+from experiments.hexapod.goal import MAJOR, Goal
+from experiments.hexapod.mapping import DisplacementForm
+from experiments.hexapod.simulation import controller_for, fly, nominal_loops, track_spiral
+from experiments.hexapod.supervisor import falling, reconfigured_goal, supervisor
+from experiments.hexapod.testbed import Bench
 from experiments.recover.cases import DITHER
-from experiments.run import controller_for, fly, nominal_loops, track_spiral
-from experiments.supervisor import falling, reconfigured_goal, supervisor
+from ftc.controller import Controller, Handover, Sensed
+from ftc.fdi.diagnosis import Diagnosis
+from ftc.fdi.fault_model import Fault, sound_machine
 from sim import NOMINAL, Failure, hexapod, load_model, pointing_angles
 
 MODEL, BENCH = load_model(), Bench()

@@ -9,15 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiments.cli import main
-from experiments.conduct import WrongInput
-from experiments.files import write_arrays
-from experiments.measures import pointing_rms_urad
-from experiments.recording import keep as keep_module
-from experiments.recording.marks import Mark, marks_from
-from experiments.recording.whole import COLUMNS, whole_run
-from experiments.review.told import check_told
-from experiments.run import Trajectory
+from experiments.app.cli import main
+from experiments.app.review.told import check_told
+from experiments.hexapod.metrics import pointing_rms_urad
+from experiments.hexapod.recording import keep as keep_module
+from experiments.hexapod.simulation import Trajectory
+from experiments.output.files import write_arrays
+from experiments.output.recording.marks import Mark, marks_from
+from experiments.output.recording.whole import COLUMNS, whole_run
+from experiments.output.study import WrongInput
 from tests.made import keep_made, made_run
 
 

@@ -17,8 +17,8 @@ import typer
 from rerun.chunk import RrdReader
 
 import experiments
-from experiments.presentation import presented
-from experiments.report.chapter import Chapter
+from experiments.app.presentation import presented
+from experiments.app.report.chapter import Chapter
 from experiments.systems import mechanisms
 from experiments.systems.study import examine
 from experiments.systems.summary import complaint, summarize

@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from experiments.bench import Bench
-from experiments.goal import SECONDARY, Goal
-from experiments.jacobian.growth import GROWTHS, Growth, grown_bench, grown_machine
+from experiments.hexapod.columns import COLUMNS
+from experiments.hexapod.goal import SECONDARY, Goal
+from experiments.hexapod.mapping import Asked, StrutMapping
+from experiments.hexapod.scaling import GROWTHS, Growth, grown_bench, grown_machine
+from experiments.hexapod.testbed import Bench
 from experiments.jacobian.loop import GROWN, RECORDED, VARIANTS
 from experiments.jacobian.loop_summary import loop_complaint
 from experiments.jacobian.statics import (
@@ -18,8 +20,6 @@ from experiments.jacobian.statics import (
     loop_gain_error,
     optimum,
 )
-from experiments.mapping import Asked, StrutMapping
-from experiments.table1.study import COLUMNS
 from sim import (
     NOMINAL,
     Plant,

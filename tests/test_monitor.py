@@ -6,14 +6,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from experiments.bench import Bench
-from experiments.controller import Sensed
-from experiments.diagnosis.bank import Bank, Verdict
-from experiments.diagnosis.machine import Fault, sound_machine
-from experiments.diagnosis.monitor import Monitor, monitor
-from experiments.diagnosis.record import MonitorState
-from experiments.diagnosis.rules import Rules
-from experiments.diagnosis.sensing import sensing
+from experiments.hexapod.testbed import Bench
+from ftc.controller import Sensed
+from ftc.fdi.config import Rules
+from ftc.fdi.diagnosis import MonitorState
+from ftc.fdi.fault_model import Fault, sound_machine
+from ftc.fdi.hypotheses import Bank, Verdict
+from ftc.fdi.monitor import Monitor, monitor
+from ftc.fdi.sensing import sensing
 from sim import load_model
 
 BENCH = Bench()

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 import scipy.linalg
 
-from experiments.bench import Bench
-from experiments.measures import pointing_rms_urad
-from experiments.parallel import in_parallel
-from experiments.run import nominal_loops, track_spiral
-from experiments.soundness import CLOSURE_LIMIT_M
-from experiments.table1.study import COLUMNS
+from experiments.hexapod.checks import CLOSURE_LIMIT_M
+from experiments.hexapod.columns import COLUMNS
+from experiments.hexapod.metrics import pointing_rms_urad
+from experiments.hexapod.simulation import nominal_loops, track_spiral
+from experiments.hexapod.testbed import Bench
+from experiments.output.parallel import in_parallel
 from sim import ModelError, Plant, SimulationDiverged, linearize
 from sim.model import HEXAPOD_MJCF
 from tests.closed_form import closed_form, modes_of

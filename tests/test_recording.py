@@ -13,12 +13,12 @@ import rerun as rr
 import rerun.blueprint as rrb
 from rerun.chunk import RrdReader
 
-from experiments import paper
-from experiments.conduct import WrongInput
-from experiments.files import published, write_arrays
-from experiments.measures import pointing_rms_urad
-from experiments.recording.file import About, log_series, recording_file, screen, time_column
-from experiments.recording.keep import read_run
+from experiments.hexapod import paper
+from experiments.hexapod.metrics import pointing_rms_urad
+from experiments.hexapod.recording.keep import read_run
+from experiments.output.files import published, write_arrays
+from experiments.output.recording.file import About, log_series, recording_file, screen, time_column
+from experiments.output.study import WrongInput
 from tests import rrd
 
 SIGNALS = {

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
-from experiments.bench import Bench
+from experiments.hexapod.simulation import nominal_loops
+from experiments.hexapod.testbed import Bench
 from experiments.recover.cases import draw
 from experiments.recover.false_alarms import Healthy, together
 from experiments.recover.second import pairs
 from experiments.recover.soundness import complaint
 from experiments.recover.wrong import beliefs
-from experiments.run import nominal_loops
 from sim import load_model
 from tests.rrd import scalars
 

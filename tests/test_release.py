@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 import scipy.linalg
 
-from experiments.bench import Bench
-from experiments.goal import MAJOR, Goal
-from experiments.mapping import StrutMapping
-from experiments.prediction import sensitivity_peak
+from experiments.hexapod.goal import MAJOR, Goal
+from experiments.hexapod.mapping import StrutMapping
+from experiments.hexapod.prediction import sensitivity_peak
+from experiments.hexapod.simulation import nominal_loops, track_spiral
+from experiments.hexapod.springs import elastic_system, strut_and_payload_stiffness
+from experiments.hexapod.testbed import Bench
 from experiments.release.statics import released_statics
 from experiments.release.summary import complaint
-from experiments.run import nominal_loops, track_spiral
-from experiments.springs import elastic_system, strut_and_payload_stiffness
 from sim import (
     NOMINAL,
     Failure,

@@ -13,16 +13,16 @@ import pytest
 import rerun.blueprint as rrb
 from PIL import Image
 
-from experiments.cli import main
-from experiments.conduct import WrongInput
-from experiments.recording.file import About, log_series, recording_file, screen, time_column
-from experiments.render.viewer import (
+from experiments.app.cli import main
+from experiments.app.render.viewer import (
     complaints,
     headless_viewer,
     photograph,
     show,
     software_driver,
 )
+from experiments.output.recording.file import About, log_series, recording_file, screen, time_column
+from experiments.output.study import WrongInput
 
 # On a person's machine without Mesa's driver there is nothing to look at; in CI that is an error.
 pytestmark = pytest.mark.skipif(

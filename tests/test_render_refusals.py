@@ -7,8 +7,8 @@ from typing import NoReturn
 import pytest
 import rerun_cli
 
-from experiments.cli import main
-from experiments.render import viewer
+from experiments.app.cli import main
+from experiments.app.render import viewer
 
 ADAPTER = "Error: Failed to find an appropriate graphics adapter"
 SLOW = "WARN egui: Failed to render screenshot"

@@ -5,11 +5,11 @@ import shutil
 import numpy as np
 import pytest
 
-from experiments import paper
-from experiments.cli import main
-from experiments.recording.keep import Kept
-from experiments.recording.shown import Shown
-from experiments.review.runs import about_runs
+from experiments.app.cli import main
+from experiments.app.review.runs import about_runs
+from experiments.hexapod import paper
+from experiments.hexapod.recording.keep import Kept
+from experiments.hexapod.recording.shown import Shown
 from sim import HEXAPOD_MJCF
 from tests import rrd
 from tests.made import made_run

@@ -11,24 +11,24 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_limits
 
-from experiments.bench import Bench
-from experiments.cli import main
-from experiments.conduct import Unsound
-from experiments.findings import Findings
-from experiments.mapping import StrutMapping
-from experiments.run import nominal_loops, track_spiral
-from experiments.speed import growth, loop, pointing, study
-from experiments.speed.agreement import compare
-from experiments.speed.comparison import compare as compare_runs
-from experiments.speed.comparison import saved
-from experiments.speed.general import GeneralTick
-from experiments.speed.growth import fitted
-from experiments.speed.problem import random_problem
-from experiments.speed.ratios import RATIOS, measured
-from experiments.speed.solvers import SOLVERS
-from experiments.speed.stopwatch import Contender, by_turns
-from experiments.speed.summary import complaint
-from experiments.speed.text import findings
+from experiments.app.cli import main
+from experiments.benchmark import growth, loop, pointing, study
+from experiments.benchmark.agreement import compare
+from experiments.benchmark.comparison import compare as compare_runs
+from experiments.benchmark.comparison import saved
+from experiments.benchmark.general import GeneralTick
+from experiments.benchmark.growth import fitted
+from experiments.benchmark.problem import random_problem
+from experiments.benchmark.ratios import RATIOS, measured
+from experiments.benchmark.solvers import SOLVERS
+from experiments.benchmark.stopwatch import Contender, by_turns
+from experiments.benchmark.summary import complaint
+from experiments.benchmark.text import findings
+from experiments.hexapod.mapping import StrutMapping
+from experiments.hexapod.simulation import nominal_loops, track_spiral
+from experiments.hexapod.testbed import Bench
+from experiments.output.results import Findings
+from experiments.output.study import Unsound
 
 # Bound and goal as they were asked for; of `tick_over_mink` the bound is a measured one.
 ASKED = {

@@ -7,13 +7,13 @@ from pathlib import Path
 
 import pytest
 
-from experiments import staging
-from experiments.files import published
+from experiments.output import staging
+from experiments.output.files import published
 
 WRITES = """
 import sys
 from pathlib import Path
-from experiments.files import published
+from experiments.output.files import published
 
 with published(Path(sys.argv[1]), index="theirs.json") as folder:
     (folder / "theirs.json").write_text("whole")

@@ -19,12 +19,12 @@ import psutil
 import pyarrow.parquet as pq
 import pytest
 
-from experiments.bench import Bench
-from experiments.cli import main
-from experiments.conduct import Interrupted, Unsound, WrongInput
-from experiments.goal import Goal
-from experiments.prediction import predicted_error_rad
-from experiments.run import nominal_loops, track_spiral
+from experiments.app.cli import main
+from experiments.hexapod.goal import Goal
+from experiments.hexapod.prediction import predicted_error_rad
+from experiments.hexapod.simulation import nominal_loops, track_spiral
+from experiments.hexapod.testbed import Bench
+from experiments.output.study import Interrupted, Unsound, WrongInput
 from experiments.sweep import cluster as clusters
 from experiments.sweep import run, stream
 from experiments.sweep.basis import basis_in

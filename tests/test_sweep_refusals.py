@@ -14,9 +14,9 @@ import pytest
 from distributed import Client, LocalCluster
 from typer.testing import CliRunner
 
-from experiments.bench import LIMITS, Bench
-from experiments.cli import app, main
-from experiments.conduct import Unsound, WrongInput
+from experiments.app.cli import app, main
+from experiments.hexapod.testbed import LIMITS, Bench
+from experiments.output.study import Unsound, WrongInput
 from experiments.sweep import cluster as clusters
 from experiments.sweep import stream, waiting
 from experiments.sweep.case import case_of

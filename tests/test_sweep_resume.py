@@ -11,9 +11,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from experiments.cli import main
-from experiments.conduct import WrongInput
-from experiments.files import OutputError
+from experiments.app.cli import main
+from experiments.output.files import OutputError
+from experiments.output.study import WrongInput
 from experiments.sweep.cluster import Where
 from experiments.sweep.dataset import REST, Dataset
 from experiments.sweep.design import Cases, Design

@@ -12,8 +12,8 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 
-from experiments.cli import main
-from experiments.conduct import WrongInput
+from experiments.app.cli import main
+from experiments.output.study import WrongInput
 from experiments.sweep.lock import LOCK, alone_in
 from experiments.sweep.merged import check_merged
 from experiments.sweep.parquet import Broken

@@ -7,14 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiments import paper
-from experiments.bench import Bench
-from experiments.measures import rms
-from experiments.prediction import predicted_error_rad
-from experiments.run import nominal_loops, track_spiral
-from experiments.soundness import CLOSURE_LIMIT_M, complaint
+from experiments.hexapod import paper
+from experiments.hexapod.checks import CLOSURE_LIMIT_M, complaint
+from experiments.hexapod.columns import COLUMNS
+from experiments.hexapod.metrics import rms
+from experiments.hexapod.prediction import predicted_error_rad
+from experiments.hexapod.simulation import nominal_loops, track_spiral
+from experiments.hexapod.testbed import Bench
 from experiments.table1.configuration import CONFIGURATIONS
-from experiments.table1.study import COLUMNS
 from experiments.table1.text import notes, table
 
 CORRECTED = ["W_a", "W_b", "W_c", "W_d", "W_e"]

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
-from experiments.bench import Bench
-from experiments.cli import main
-from experiments.goal import Goal
-from experiments.mapping import StrutMapping
-from experiments.measures import rms
-from experiments.prediction import driven_loop, predicted_error_rad, predicted_rms_rad
-from experiments.run import Trajectory, nominal_loops, track_spiral
+from experiments.app.cli import main
+from experiments.hexapod.goal import Goal
+from experiments.hexapod.mapping import StrutMapping
+from experiments.hexapod.metrics import rms
+from experiments.hexapod.prediction import driven_loop, predicted_error_rad, predicted_rms_rad
+from experiments.hexapod.simulation import Trajectory, nominal_loops, track_spiral
+from experiments.hexapod.testbed import Bench
 from experiments.uncorrected.answer import paragraph
 from experiments.uncorrected.candidate import COLUMNS
 from experiments.uncorrected.candidates import BENCH, CANDIDATES

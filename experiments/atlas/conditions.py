@@ -5,9 +5,9 @@ import itertools
 import numpy as np
 import pyarrow as pa
 
-from experiments.figures.atlas import verdicts
-from experiments.goal import MAJOR
-from experiments.springs import elastic_system
+from experiments.hexapod.failure_atlas import verdicts
+from experiments.hexapod.goal import MAJOR
+from experiments.hexapod.springs import elastic_system
 from experiments.sweep.machine import machine
 from prioritized import FailureAtlas, failure_atlas
 

@@ -9,8 +9,8 @@ from matplotlib.lines import Line2D
 
 from experiments.atlas.conditions import classified
 from experiments.figures.atlas import Verdict, verdicts
-from experiments.palette import BLACK
-from experiments.plotting import PAGE_IN, logarithmic, new_figure
+from experiments.output.palette import BLACK
+from experiments.output.plotting import PAGE_IN, logarithmic, new_figure
 from experiments.sweep.summary import ANGLES, Columns
 
 MARKERS = {"constant": "o", "analytic": "x"}

@@ -9,8 +9,8 @@ from experiments.atlas.conditions import verdict_columns
 from experiments.atlas.figure import figure_atlas_flown
 from experiments.atlas.summary import summarize
 from experiments.atlas.text import findings
-from experiments.files import published, write_index
-from experiments.plotting import save_figure
+from experiments.output.files import published, write_index
+from experiments.output.plotting import save_figure
 from experiments.sweep.design import Design
 from experiments.sweep.merged import merge
 from experiments.sweep.study import Ran

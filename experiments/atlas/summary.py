@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 
 from experiments.atlas.conditions import classified
-from experiments.figures.atlas import verdicts
-from experiments.soundness import CLOSURE_LIMIT_M
+from experiments.hexapod.checks import CLOSURE_LIMIT_M
+from experiments.hexapod.failure_atlas import verdicts
 from experiments.sweep.design import Design
 from experiments.sweep.study import Ran
 from experiments.sweep.summary import ANGLES, Columns, comparable, off_by, origin

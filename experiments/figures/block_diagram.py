@@ -6,8 +6,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
 
 from experiments.figures.study import OpenLoop, Portrait
-from experiments.palette import BLACK, ORANGE, SKY
-from experiments.plotting import PAGE_IN, new_figure
+from experiments.output.palette import BLACK, ORANGE, SKY
+from experiments.output.plotting import PAGE_IN, new_figure
 from sim import Array
 
 _HEIGHT_IN = 3.85

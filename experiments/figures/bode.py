@@ -5,8 +5,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from experiments.figures.study import OpenLoop
-from experiments.palette import BLACK, BLUE, ORANGE, VERMILION
-from experiments.plotting import PAGE_IN, new_figure
+from experiments.output.palette import BLACK, BLUE, ORANGE, VERMILION
+from experiments.output.plotting import PAGE_IN, new_figure
 from sim import Array
 
 _MARGIN = {"arrowstyle": "<->", "color": VERMILION, "shrinkA": 0, "shrinkB": 0}

@@ -8,8 +8,8 @@ from experiments.figures.block_diagram import figure_3
 from experiments.figures.bode import figure_bode
 from experiments.figures.geometry import figure_2
 from experiments.figures.study import Portrait
-from experiments.files import published, write_index
-from experiments.plotting import save_figure
+from experiments.output.files import published, write_index
+from experiments.output.plotting import save_figure
 
 
 def write(folder: Path, portrait: Portrait, summary: dict[str, Any]) -> dict[str, Any]:

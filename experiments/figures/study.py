@@ -7,11 +7,11 @@ import control
 import mujoco
 import numpy as np
 
-from experiments.bench import Bench
-from experiments.compensator import ANGLES, Loop, design, sampled
-from experiments.goal import MAJOR
-from experiments.run import nominal_plant
-from experiments.springs import elastic_system
+from experiments.hexapod.compensator import ANGLES, Loop, design, sampled
+from experiments.hexapod.goal import MAJOR
+from experiments.hexapod.simulation import nominal_plant
+from experiments.hexapod.springs import elastic_system
+from experiments.hexapod.testbed import Bench
 from prioritized import FailureAtlas, failure_atlas
 from sim import Amplifier, Array, Hexapod, LinearPlant, hexapod, load_model, model_sha256
 

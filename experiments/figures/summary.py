@@ -5,11 +5,12 @@ from typing import Any
 
 import numpy as np
 
-from experiments.figures.atlas import verdicts
 from experiments.figures.geometry import node_names
 from experiments.figures.study import Portrait
-from experiments.measures import loop_measures
-from experiments.provenance import plant_constants, versions
+from experiments.hexapod.failure_atlas import verdicts
+from experiments.hexapod.metrics import loop_measures
+from experiments.hexapod.provenance import plant_constants
+from experiments.output.provenance import versions
 from prioritized import FailureAtlas
 
 

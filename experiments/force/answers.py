@@ -7,7 +7,7 @@ import numpy as np
 
 from experiments.force.cases import Aims, Condition, ForceGoal, as_wrench
 from experiments.force.optimum import cost, least_cost, statics
-from experiments.goal import MAJOR, SECONDARY
+from experiments.hexapod.goal import MAJOR, SECONDARY
 from prioritized import ConstrainedSystem, Kinematics, Status
 from sim import Array, jacobians, load_model
 

@@ -9,8 +9,8 @@ from matplotlib.figure import Figure
 from experiments.force.overactuated import InternalForce
 from experiments.force.soundness import LIMIT_PERCENT
 from experiments.force.study import Examination, Force
-from experiments.palette import BLACK, BLUE, GREEN, ORANGE, VERMILION
-from experiments.plotting import PAGE_IN, new_figure
+from experiments.output.palette import BLACK, BLUE, GREEN, ORANGE, VERMILION
+from experiments.output.plotting import PAGE_IN, new_figure
 
 
 def figure_force(force: Force, summary: dict[str, Any]) -> Figure:

@@ -9,8 +9,8 @@ import scipy.linalg
 
 from experiments.force.cases import LEVERED, Aims
 from experiments.force.rig import Readings, hold
-from experiments.goal import MAJOR, SECONDARY
-from experiments.springs import elastic_system, strut_and_payload_stiffness
+from experiments.hexapod.goal import MAJOR, SECONDARY
+from experiments.hexapod.springs import elastic_system, strut_and_payload_stiffness
 from prioritized import Failures
 from sim import NOMINAL, Array, Failure, hexapod, load_model
 

@@ -12,20 +12,20 @@ from experiments.force.cases import PRESCRIBED
 from experiments.force.rig import Readings
 from experiments.force.study import Examination, Trial
 from experiments.force.text import tables
-from experiments.palette import GREEN, ORANGE
-from experiments.provenance import version_properties
-from experiments.recording.file import About, recording_file, rgb, screen, time_column
-from experiments.recording.hexapod import Picture, log_hexapod
-from experiments.recording.machine import (
+from experiments.hexapod.recording.hexapod import Picture, log_hexapod
+from experiments.hexapod.recording.notes import constants
+from experiments.output.palette import GREEN, ORANGE
+from experiments.output.provenance import version_properties
+from experiments.output.recording.file import About, recording_file, rgb, screen, time_column
+from experiments.output.recording.machine import (
     body_entity,
     exaggeration,
     machine_tabs,
     sized_entity,
     sizes,
 )
-from experiments.recording.marks import Mark
-from experiments.recording.notes import constants
-from experiments.recording.series import Plot, log_plots, notes_view, plot_views
+from experiments.output.recording.marks import Mark
+from experiments.output.recording.series import Plot, log_plots, notes_view, plot_views
 from sim import NOMINAL, Array, load_model
 
 _WRENCH = ["m_x [N m]", "m_y [N m]", "m_z [N m]", "f_x [N]", "f_y [N]", "f_z [N]"]

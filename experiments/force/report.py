@@ -3,13 +3,13 @@
 from pathlib import Path
 from typing import Any
 
-from experiments.files import published, write_arrays, write_index
 from experiments.force.figure import figure_force
 from experiments.force.recording import write_force
 from experiments.force.rig import Readings
 from experiments.force.study import Force
 from experiments.force.tradeoff import Tried
-from experiments.plotting import save_figure
+from experiments.output.files import published, write_arrays, write_index
+from experiments.output.plotting import save_figure
 from sim import Array
 
 

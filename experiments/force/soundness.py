@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from experiments.soundness import CLOSURE_LIMIT_M
+from experiments.hexapod.checks import CLOSURE_LIMIT_M
 
 LIMIT_PERCENT = 1.0
 """Largest distance of a simulated force, or of a motion, from what was said of it."""

@@ -20,7 +20,7 @@ from experiments.force.overactuated import InternalForce, use_internal_force
 from experiments.force.prescribed import Held, elastic_torques, hold_prescribed
 from experiments.force.rig import Readings, hold, press, with_fixture
 from experiments.force.tradeoff import Tradeoff, trade
-from experiments.parallel import in_parallel
+from experiments.output.parallel import in_parallel
 from sim import HEXAPOD_MJCF, weightless
 
 DRAWS = 4

@@ -11,9 +11,10 @@ from experiments.force.overactuated import PLATFORM_MJCF, Exerted, InternalForce
 from experiments.force.prescribed import Held, payload_stiffness
 from experiments.force.study import Examination, Force, Trial
 from experiments.force.tradeoff import MAJOR_WEIGHTS, Tradeoff
-from experiments.goal import MAJOR, SECONDARY
-from experiments.measures import percent, rms
-from experiments.provenance import plant_constants, versions
+from experiments.hexapod.goal import MAJOR, SECONDARY
+from experiments.hexapod.metrics import percent, rms
+from experiments.hexapod.provenance import plant_constants
+from experiments.output.provenance import versions
 from prioritized import Status
 from sim import Array, load_model, model_sha256
 

@@ -2,8 +2,8 @@
 
 from typing import Any
 
-from experiments.findings import Findings, Picture, Table
 from experiments.force.soundness import complaint
+from experiments.output.results import Findings, Picture, Table
 
 PICTURES = [
     Picture(

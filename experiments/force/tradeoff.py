@@ -8,7 +8,7 @@ from experiments.force.answers import answer, told
 from experiments.force.cases import LEAST_TORQUE, Aims, Condition
 from experiments.force.optimum import statics
 from experiments.force.rig import press, with_fixture
-from experiments.goal import MAJOR
+from experiments.hexapod.goal import MAJOR
 from sim import HEXAPOD_MJCF, Array
 
 OTHERS = 60

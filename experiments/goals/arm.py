@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from experiments.goals.demonstration import Outcome, smooth_step
 from experiments.goals.pseudo_inverse import weighted_pseudo_inverse
-from experiments.mapping import Mapping
+from experiments.hexapod.mapping import Mapping
 from prioritized import ConstrainedSystem, Kinematics
 from sim import HEXAPOD_MJCF, Array, Failure, failed_plant, jacobians, load_model
 

@@ -11,8 +11,8 @@ from matplotlib.ticker import LogLocator
 from experiments.goals.demonstration import REFERENCE, Demonstration, Outcome
 from experiments.goals.study import DEMONSTRATIONS, Outcomes
 from experiments.goals.text import way_label
-from experiments.palette import BLACK, BLUE, GREEN, PURPLE, VERMILION
-from experiments.plotting import PAGE_IN, new_figure
+from experiments.output.palette import BLACK, BLUE, GREEN, PURPLE, VERMILION
+from experiments.output.plotting import PAGE_IN, new_figure
 from sim import Array
 
 MEASURES = {

@@ -3,9 +3,6 @@
 import mujoco
 import numpy as np
 
-from experiments.bench import Bench
-from experiments.compensator import Loop
-from experiments.goal import SECONDARY, Goal
 from experiments.goals.demonstration import Demonstration, Outcome, Way
 from experiments.goals.off_axis import (
     JUDGED_FROM_S,
@@ -15,7 +12,10 @@ from experiments.goals.off_axis import (
     off_axis_path,
     outcome,
 )
-from experiments.run import fly
+from experiments.hexapod.compensator import Loop
+from experiments.hexapod.goal import SECONDARY, Goal
+from experiments.hexapod.simulation import fly
+from experiments.hexapod.testbed import Bench
 from sim import (
     HEXAPOD_MJCF,
     NOMINAL,

@@ -6,16 +6,16 @@ from dataclasses import asdict, dataclass, replace
 import mujoco
 import numpy as np
 
-from experiments.bench import Bench
-from experiments.compensator import Loop
-from experiments.controller import Controller, Sensed
-from experiments.goal import Goal
 from experiments.goals.demonstration import Outcome, Way, smooth_step
 from experiments.goals.pseudo_inverse import PseudoInverseMapping
-from experiments.mapping import StrutMapping
-from experiments.measures import closure_residual_max_m
-from experiments.pilot import PointingState
-from experiments.run import Trajectory
+from experiments.hexapod.compensator import Loop
+from experiments.hexapod.goal import Goal
+from experiments.hexapod.mapping import StrutMapping
+from experiments.hexapod.metrics import closure_residual_max_m
+from experiments.hexapod.pilot import PointingState
+from experiments.hexapod.simulation import Trajectory
+from experiments.hexapod.testbed import Bench
+from ftc.controller import Controller, Sensed
 from sim import Amplifier, Array, Pose, hexapod, pointing_angles
 
 SLEW_S = 3.0

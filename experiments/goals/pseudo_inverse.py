@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from experiments.choices import JacobianChoice
-from experiments.goal import MAJOR, SECONDARY, Goal
-from experiments.mapping import Reconfigured, StrutMapping
+from experiments.hexapod.choices import JacobianChoice
+from experiments.hexapod.goal import MAJOR, SECONDARY, Goal
+from experiments.hexapod.mapping import Reconfigured, StrutMapping
 from prioritized import Status, VelocityMapping, velocity_mapping
 from sim import Array, Hexapod
 

@@ -8,15 +8,15 @@ from experiments.goals import obstacle
 from experiments.goals.arm import ARM_MJCF
 from experiments.goals.demonstration import Outcome
 from experiments.goals.figure import MEASURES
-from experiments.provenance import version_properties
-from experiments.recording.file import About
-from experiments.recording.marks import Mark
-from experiments.recording.mechanism import Driven, write_mechanism
-from experiments.recording.notes import constants
-from experiments.recording.series import Plot
-from experiments.recording.shown import Shown
-from experiments.recording.side_by_side import write_side_by_side
-from experiments.run import Trajectory
+from experiments.hexapod.recording.notes import constants
+from experiments.hexapod.recording.shown import Shown
+from experiments.hexapod.recording.side_by_side import write_side_by_side
+from experiments.hexapod.simulation import Trajectory
+from experiments.output.provenance import version_properties
+from experiments.output.recording.file import About
+from experiments.output.recording.marks import Mark
+from experiments.output.recording.mechanism import Driven, write_mechanism
+from experiments.output.recording.series import Plot
 from sim import load_model
 
 _STRUTS = [f"strut {k} [um]" for k in range(1, 7)]

@@ -5,10 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from experiments.bench import Bench
-from experiments.compensator import Loop
-from experiments.controller import Controller, Sensed
-from experiments.goal import Goal
 from experiments.goals.demonstration import Demonstration, Outcome, Way, smooth_step
 from experiments.goals.off_axis import (
     JUDGED_FROM_S,
@@ -19,8 +15,12 @@ from experiments.goals.off_axis import (
     outcome,
     unrolled,
 )
-from experiments.pilot import PointingState
-from experiments.run import fly
+from experiments.hexapod.compensator import Loop
+from experiments.hexapod.goal import Goal
+from experiments.hexapod.pilot import PointingState
+from experiments.hexapod.simulation import fly
+from experiments.hexapod.testbed import Bench
+from ftc.controller import Controller, Sensed
 from sim import Amplifier, Array, Coils, load_model
 
 TARGET_URAD = (2771.0, 1600.0)

@@ -3,13 +3,13 @@
 from pathlib import Path
 from typing import Any
 
-from experiments.files import published, write_arrays, write_index
 from experiments.goals.demonstration import REFERENCE, Outcome
 from experiments.goals.figure import figure_goals
 from experiments.goals.recording import write_goal
 from experiments.goals.study import Outcomes
 from experiments.goals.text import findings
-from experiments.plotting import save_figure
+from experiments.output.files import published, write_arrays, write_index
+from experiments.output.plotting import save_figure
 from sim import Array
 
 

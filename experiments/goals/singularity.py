@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from experiments.compensator import Loop
 from experiments.goals.arm import LOOP_GAIN_PER_S, PERIOD_S, TRACKER_NOISE_RAD, sweep
 from experiments.goals.demonstration import Demonstration, Outcome, Way, smooth_step
+from experiments.hexapod.compensator import Loop
 from sim import Array
 
 SHOULDER = (0, 1, 2)

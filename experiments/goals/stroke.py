@@ -2,9 +2,6 @@
 
 import numpy as np
 
-from experiments.bench import Bench
-from experiments.compensator import Loop
-from experiments.goal import Goal
 from experiments.goals.demonstration import Demonstration, Outcome, Way
 from experiments.goals.off_axis import (
     JUDGED_FROM_S,
@@ -14,8 +11,11 @@ from experiments.goals.off_axis import (
     off_axis_path,
     outcome,
 )
-from experiments.jacobian.growth import Growth, grown_bench, grown_machine
-from experiments.run import fly
+from experiments.hexapod.compensator import Loop
+from experiments.hexapod.goal import Goal
+from experiments.hexapod.scaling import Growth, grown_bench, grown_machine
+from experiments.hexapod.simulation import fly
+from experiments.hexapod.testbed import Bench
 from sim import Array, Pose, load_model
 
 TARGET_URAD = (3464.0, 2000.0)

@@ -2,11 +2,11 @@
 
 from collections.abc import Callable
 
-from experiments.bench import Bench
 from experiments.goals import obstacle, reliability, singularity, stroke
 from experiments.goals.demonstration import Outcome, ways
-from experiments.parallel import in_parallel
-from experiments.run import nominal_loops
+from experiments.hexapod.simulation import nominal_loops
+from experiments.hexapod.testbed import Bench
+from experiments.output.parallel import in_parallel
 from sim import load_model
 
 DEMONSTRATIONS = (

@@ -5,13 +5,14 @@ from typing import Any
 
 import numpy as np
 
-from experiments.bench import Bench
 from experiments.goals.arm import ARM_MJCF
 from experiments.goals.demonstration import REFERENCE, Demonstration, Outcome, Way, ways
 from experiments.goals.study import DEMONSTRATIONS, Outcomes
-from experiments.measures import rms
-from experiments.provenance import plant_constants, versions
-from experiments.soundness import CLOSURE_LIMIT_M
+from experiments.hexapod.checks import CLOSURE_LIMIT_M
+from experiments.hexapod.metrics import rms
+from experiments.hexapod.provenance import plant_constants
+from experiments.hexapod.testbed import Bench
+from experiments.output.provenance import versions
 from sim import load_model, model_sha256
 
 CHANGES = {

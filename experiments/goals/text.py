@@ -2,9 +2,9 @@
 
 from typing import Any
 
-from experiments.findings import Findings, Picture, Table
 from experiments.goals.demonstration import REFERENCE
 from experiments.goals.summary import complaint
+from experiments.output.results import Findings, Picture, Table
 
 PICTURES = [
     Picture(

@@ -7,11 +7,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from experiments import paper
+from experiments.hexapod import paper
 from experiments.jacobian.norms import NORMS
 from experiments.jacobian.variation import VERTICES, relative_change
-from experiments.palette import BLACK, BLUE, GREEN, ORANGE, PURPLE, VERMILION
-from experiments.plotting import PAGE_IN, new_figure
+from experiments.output.palette import BLACK, BLUE, GREEN, ORANGE, PURPLE, VERMILION
+from experiments.output.plotting import PAGE_IN, new_figure
 from sim import Hexapod
 
 

@@ -5,17 +5,17 @@ from dataclasses import dataclass
 
 import mujoco
 
-from experiments.bench import Bench
-from experiments.choices import JacobianChoice
-from experiments.compensator import Loop
-from experiments.jacobian.growth import GROWTHS, Growth, grown_bench, grown_machine
+from experiments.hexapod.choices import JacobianChoice
+from experiments.hexapod.columns import COLUMNS
+from experiments.hexapod.compensator import Loop
+from experiments.hexapod.mapping import DisplacementForm, StrutMapping
+from experiments.hexapod.scaling import GROWTHS, Growth, grown_bench, grown_machine
+from experiments.hexapod.simulation import Trajectory, nominal_loops, track_spiral
+from experiments.hexapod.testbed import Bench
 from experiments.jacobian.norms import NORMS, Norm
 from experiments.jacobian.statics import extra_percent, follow, loop_gain_error, optimum
 from experiments.jacobian.variation import relative_change
-from experiments.mapping import DisplacementForm, StrutMapping
-from experiments.parallel import in_parallel
-from experiments.run import Trajectory, nominal_loops, track_spiral
-from experiments.table1.study import COLUMNS
+from experiments.output.parallel import in_parallel
 from sim import Array, hexapod, load_model
 
 VARIANTS: dict[str, tuple[JacobianChoice, DisplacementForm]] = {

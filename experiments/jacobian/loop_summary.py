@@ -4,16 +4,16 @@ from typing import Any
 
 import numpy as np
 
-from experiments import paper
-from experiments.bench import Bench
-from experiments.jacobian.growth import GROWTHS, Growth
+from experiments.hexapod import paper
+from experiments.hexapod.checks import CLOSURE_LIMIT_M
+from experiments.hexapod.metrics import closure_residual_max_m, pointing_rms_urad, rms
+from experiments.hexapod.scaling import GROWTHS, Growth
+from experiments.hexapod.simulation import Trajectory
+from experiments.hexapod.testbed import Bench
 from experiments.jacobian.loop import AT_NOMINAL, GROWN, VARIANTS, Case, Outcome
 from experiments.jacobian.loop_text import loop_paragraph
 from experiments.jacobian.norms import NORMS
 from experiments.jacobian.variation import variation
-from experiments.measures import closure_residual_max_m, pointing_rms_urad, rms
-from experiments.run import Trajectory
-from experiments.soundness import CLOSURE_LIMIT_M
 from sim import Array, hexapod, load_model
 
 GEOMETRY_TOLERANCE = 0.15

@@ -4,18 +4,19 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from experiments.bench import Bench
-from experiments.files import published, write_index
+from experiments.hexapod.provenance import plant_constants
+from experiments.hexapod.recording.keep import keep_run
+from experiments.hexapod.recording.notes import run_notes
+from experiments.hexapod.recording.shown import Shown
+from experiments.hexapod.scaling import grown_bench, grown_machine
+from experiments.hexapod.testbed import Bench
 from experiments.jacobian.figures import figure_loop, figure_variation
-from experiments.jacobian.growth import grown_bench, grown_machine
 from experiments.jacobian.loop import VARIANTS, Case, Outcome
-from experiments.plotting import save_figure
-from experiments.provenance import plant_constants, version_properties
-from experiments.recording.file import About
-from experiments.recording.keep import keep_run
-from experiments.recording.marks import Mark
-from experiments.recording.notes import run_notes
-from experiments.recording.shown import Shown
+from experiments.output.files import published, write_index
+from experiments.output.plotting import save_figure
+from experiments.output.provenance import version_properties
+from experiments.output.recording.file import About
+from experiments.output.recording.marks import Mark
 from sim import hexapod, load_model
 
 

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from experiments.goal import MAJOR, Goal
-from experiments.mapping import NOTHING_YET, Asked, StrutMapping
+from experiments.hexapod.goal import MAJOR, Goal
+from experiments.hexapod.mapping import NOTHING_YET, Asked, StrutMapping
 from sim import (
     NOMINAL,
     Array,

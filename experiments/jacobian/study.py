@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from experiments import paper
+from experiments.hexapod import paper
 from experiments.jacobian.certificate import Certificate, certify
 from experiments.jacobian.norms import NORMS, Norm
 from experiments.jacobian.readings import READINGS

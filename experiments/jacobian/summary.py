@@ -5,13 +5,14 @@ from typing import Any
 
 import numpy as np
 
-from experiments import paper
-from experiments.bench import Bench
+from experiments.hexapod import paper
+from experiments.hexapod.provenance import plant_constants
+from experiments.hexapod.testbed import Bench
 from experiments.jacobian.norms import NORMS, Norm, size
 from experiments.jacobian.study import JacobianStudy
 from experiments.jacobian.tried import Trial
 from experiments.jacobian.variation import Variation
-from experiments.provenance import plant_constants, versions
+from experiments.output.provenance import versions
 from sim import load_model, model_sha256
 
 CERTIFICATE_LIMIT = 1.02

@@ -2,11 +2,11 @@
 
 from typing import Any
 
-from experiments.findings import Findings, Picture, Table
 from experiments.jacobian.loop import VARIANTS
 from experiments.jacobian.loop_summary import loop_complaint
 from experiments.jacobian.norms import NORMS
 from experiments.jacobian.summary import complaint
+from experiments.output.results import Findings, Picture, Table
 
 VARIATION_PICTURE = Picture(
     "jacobian.png",

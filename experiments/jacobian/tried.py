@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import minimize
 
-from experiments import paper
+from experiments.hexapod import paper
 from experiments.jacobian.norms import NORMS, Norm, size
 from experiments.jacobian.readings import at_height, in_millimetres, inverse
 from experiments.jacobian.variation import (

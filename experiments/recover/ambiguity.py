@@ -7,15 +7,15 @@ from typing import Literal
 import mujoco
 import numpy as np
 
-from experiments.bench import Bench
-from experiments.compensator import Loop
-from experiments.diagnosis.bank import bank
-from experiments.diagnosis.dither import STILL, Dither
-from experiments.diagnosis.linear_flight import LinearLoop, linear_loop
-from experiments.diagnosis.machine import KINDS, Fault
-from experiments.diagnosis.sensing import sensing
-from experiments.diagnosis.separation import separations
+from experiments.hexapod.compensator import Loop
+from experiments.hexapod.testbed import Bench
 from experiments.recover.cases import DITHER, GOAL
+from ftc.fdi.dither import STILL, Dither
+from ftc.fdi.fault_model import KINDS, Fault
+from ftc.fdi.hypotheses import bank
+from ftc.fdi.isolability import separations
+from ftc.fdi.sensing import sensing
+from ftc.linear_loop import LinearLoop, linear_loop
 from sim import Array
 
 ALIKE = 6.18

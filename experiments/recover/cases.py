@@ -4,9 +4,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from experiments.diagnosis.dither import Dither
-from experiments.diagnosis.machine import KINDS, Fault, Kind
-from experiments.goal import Goal
+from experiments.hexapod.goal import Goal
+from ftc.fdi.dither import Dither
+from ftc.fdi.fault_model import KINDS, Fault, Kind
 from sim import Failure
 
 GOAL = Goal(joint_weight=(1.0,) * 6)

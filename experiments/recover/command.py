@@ -5,9 +5,9 @@ from typing import Annotated
 
 import typer
 
-from experiments.conduct import Out, Progress, Seed, diverged_into
-from experiments.files import usable_folder
-from experiments.findings import Findings
+from experiments.output.files import usable_folder
+from experiments.output.results import Findings
+from experiments.output.study import Out, Progress, Seed, diverged_into
 
 
 def recover(

@@ -6,15 +6,15 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from experiments.bench import Bench
-from experiments.compensator import Loop
-from experiments.diagnosis.bank import bank
-from experiments.diagnosis.dither import Dither
-from experiments.diagnosis.linear_flight import linear_loop
-from experiments.diagnosis.machine import Fault, Kind
-from experiments.diagnosis.sensing import sensing
-from experiments.diagnosis.separation import separations
+from experiments.hexapod.compensator import Loop
+from experiments.hexapod.testbed import Bench
 from experiments.recover.cases import DITHER, GOAL
+from ftc.fdi.dither import Dither
+from ftc.fdi.fault_model import Fault, Kind
+from ftc.fdi.hypotheses import bank
+from ftc.fdi.isolability import separations
+from ftc.fdi.sensing import sensing
+from ftc.linear_loop import linear_loop
 from sim import NOMINAL, hexapod
 
 DIRECTIONS = {"gamma": 2, "t_x": 3, "t_y": 4, "t_z": 5}

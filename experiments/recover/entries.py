@@ -4,13 +4,13 @@ from typing import Any
 
 import numpy as np
 
-from experiments.diagnosis.machine import KINDS, Fault
 from experiments.recover.ambiguity import Lookalikes
 from experiments.recover.flights import STRUCK
 from experiments.recover.mismatch import Mismatch
 from experiments.recover.recovery import Recovery, Told
 from experiments.recover.second import Succession
 from experiments.recover.statistics import rate
+from ftc.fdi.fault_model import KINDS, Fault
 
 
 def lookalike_entry(seen: Lookalikes) -> dict[str, Any]:

@@ -7,17 +7,17 @@ import mujoco
 import numpy as np
 from scipy.stats import chi2
 
-from experiments.bench import Bench
-from experiments.compensator import Loop
-from experiments.diagnosis.chart import chart
-from experiments.diagnosis.dither import STILL, Dither
-from experiments.diagnosis.machine import SoundMachine, failed_machine, sound_machine
-from experiments.diagnosis.rules import RULES
-from experiments.diagnosis.sensing import sensing
-from experiments.measures import pointing_rms_urad
-from experiments.pilot import NEVER, Informed
+from experiments.hexapod.compensator import Loop
+from experiments.hexapod.metrics import pointing_rms_urad
+from experiments.hexapod.pilot import NEVER, Informed
+from experiments.hexapod.simulation import controller_for, fly
+from experiments.hexapod.testbed import Bench
 from experiments.recover.cases import DITHER, GOAL, Case
-from experiments.run import controller_for, fly
+from ftc.fdi.config import RULES
+from ftc.fdi.dither import STILL, Dither
+from ftc.fdi.fault_model import SoundMachine, failed_machine, sound_machine
+from ftc.fdi.residual_test import chart
+from ftc.fdi.sensing import sensing
 from sim import Array
 
 

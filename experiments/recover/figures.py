@@ -6,12 +6,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from experiments.diagnosis.machine import KINDS
-from experiments.palette import BLACK, BLUE, GREEN, ORANGE, VERMILION
-from experiments.plotting import PAGE_IN, new_figure
+from experiments.output.palette import BLACK, BLUE, GREEN, ORANGE, VERMILION
+from experiments.output.plotting import PAGE_IN, new_figure
 from experiments.recover.flights import pointing_error_urad
 from experiments.recover.marks import marks
 from experiments.recover.study import Recover
+from ftc.fdi.fault_model import KINDS
 
 _COLORS = {"locked": BLUE, "free": VERMILION, "weak": GREEN}
 

@@ -5,16 +5,16 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from experiments.bench import Bench
-from experiments.compensator import Loop
-from experiments.diagnosis.dither import Dither
-from experiments.diagnosis.machine import Fault, SoundMachine
-from experiments.diagnosis.record import Diagnosis
-from experiments.measures import closure_residual_max_m
-from experiments.pilot import NEVER, Informed, Pilot, State
+from experiments.hexapod.compensator import Loop
+from experiments.hexapod.metrics import closure_residual_max_m
+from experiments.hexapod.pilot import NEVER, Informed, Pilot, State
+from experiments.hexapod.simulation import Trajectory, controller_for, fly
+from experiments.hexapod.supervisor import reconfigured_goal, supervisor
+from experiments.hexapod.testbed import Bench
 from experiments.recover.cases import AFTER_S, BEFORE_S, GOAL, RECOVERED_S, Case
-from experiments.run import Trajectory, controller_for, fly
-from experiments.supervisor import reconfigured_goal, supervisor
+from ftc.fdi.diagnosis import Diagnosis
+from ftc.fdi.dither import Dither
+from ftc.fdi.fault_model import Fault, SoundMachine
 from sim import Array
 
 CATCHING_UP_S = 0.5

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from experiments.diagnosis.machine import fault_of
-from experiments.recording.marks import Mark
+from experiments.hexapod.simulation import Trajectory
+from experiments.output.recording.marks import Mark
 from experiments.recover.second import Succession
-from experiments.run import Trajectory
+from ftc.fdi.fault_model import fault_of
 
 
 def marks(run: Trajectory, flight: Succession) -> list[Mark]:

@@ -6,16 +6,16 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from experiments.bench import Bench
-from experiments.compensator import Loop
-from experiments.diagnosis.calibration import calibrated, excitation
-from experiments.diagnosis.chart import chart
-from experiments.diagnosis.machine import SoundMachine, sound_machine
-from experiments.diagnosis.rules import RULES
-from experiments.diagnosis.sensing import sensing
+from experiments.hexapod.compensator import Loop
+from experiments.hexapod.testbed import Bench
 from experiments.recover.cases import DITHER, Case
 from experiments.recover.false_alarms import expected_outputs, healthy_flight
 from experiments.recover.flights import Found, find
+from ftc.fdi.calibration import calibrated, excitation
+from ftc.fdi.config import RULES
+from ftc.fdi.fault_model import SoundMachine, sound_machine
+from ftc.fdi.residual_test import chart
+from ftc.fdi.sensing import sensing
 
 ERRORS = (1e-4, 3e-4, 1e-3, 3e-3, 1e-2)
 """Of each coil's gain, relative, standard deviation."""

@@ -5,13 +5,8 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from experiments.bench import Bench
-from experiments.compensator import Loop
-from experiments.diagnosis.bank import bank
-from experiments.diagnosis.linear_flight import linear_loop
-from experiments.diagnosis.machine import KINDS, Fault
-from experiments.diagnosis.sensing import sensing
-from experiments.diagnosis.separation import separations
+from experiments.hexapod.compensator import Loop
+from experiments.hexapod.testbed import Bench
 from experiments.recover.ambiguity import EVIDENCE_S
 from experiments.recover.cases import AFTER_S, BEFORE_S, DITHER, GOAL, Case
 from experiments.recover.flights import (
@@ -23,6 +18,11 @@ from experiments.recover.flights import (
     informed,
     uncorrected,
 )
+from ftc.fdi.fault_model import KINDS, Fault
+from ftc.fdi.hypotheses import bank
+from ftc.fdi.isolability import separations
+from ftc.fdi.sensing import sensing
+from ftc.linear_loop import linear_loop
 
 LATE_S = (0.03, 0.1, 0.3, 1.0)
 """How late a diagnosis may come."""

@@ -3,18 +3,18 @@
 from pathlib import Path
 from typing import Any
 
-from experiments.files import published, write_index
-from experiments.plotting import save_figure
-from experiments.provenance import recording_properties
-from experiments.recording.file import About
-from experiments.recording.keep import keep_run
-from experiments.recording.notes import run_notes
-from experiments.recording.shown import Shown
+from experiments.hexapod.provenance import recording_properties
+from experiments.hexapod.recording.keep import keep_run
+from experiments.hexapod.recording.notes import run_notes
+from experiments.hexapod.recording.shown import Shown
+from experiments.hexapod.simulation import Trajectory
+from experiments.output.files import published, write_index
+from experiments.output.plotting import save_figure
+from experiments.output.recording.file import About
 from experiments.recover.figures import figure_recover
 from experiments.recover.marks import marks
 from experiments.recover.study import Recover
 from experiments.recover.text import findings
-from experiments.run import Trajectory
 from sim import load_model
 
 

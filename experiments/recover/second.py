@@ -5,15 +5,15 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from experiments.bench import Bench
-from experiments.compensator import Loop
-from experiments.diagnosis.machine import Fault, Kind, fault_of
-from experiments.diagnosis.record import Diagnosis
-from experiments.measures import closure_residual_max_m
+from experiments.hexapod.compensator import Loop
+from experiments.hexapod.metrics import closure_residual_max_m
+from experiments.hexapod.simulation import Trajectory, fly
+from experiments.hexapod.supervisor import supervisor
+from experiments.hexapod.testbed import Bench
 from experiments.recover.cases import BEFORE_S, DITHER, GOAL
 from experiments.recover.flights import pointing_error_urad
-from experiments.run import Trajectory, fly
-from experiments.supervisor import supervisor
+from ftc.fdi.diagnosis import Diagnosis
+from ftc.fdi.fault_model import Fault, Kind, fault_of
 from sim import Failure
 
 _FIRST_S, _LEFT_S = (1.5, 9.0), 2.0

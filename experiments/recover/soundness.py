@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from experiments.soundness import CLOSURE_LIMIT_M
+from experiments.hexapod.checks import CLOSURE_LIMIT_M
 
 ISOLATION = 0.99
 OVER_ORACLE = 1.10

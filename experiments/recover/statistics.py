@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import binomtest, chi2
 
-from experiments.bench import Bench
+from experiments.hexapod.testbed import Bench
 from experiments.recover.false_alarms import Healthy
 from experiments.recover.flights import STRUCK
 from experiments.recover.recovery import Recovery

@@ -4,9 +4,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from experiments.bench import Bench
-from experiments.parallel import in_parallel
-from experiments.provenance import plant_constants
+from experiments.hexapod.provenance import plant_constants
+from experiments.hexapod.simulation import Trajectory, nominal_loops
+from experiments.hexapod.testbed import Bench
+from experiments.output.parallel import in_parallel
 from experiments.recover.ambiguity import SETTINGS, Lookalikes, lookalikes
 from experiments.recover.cases import draw
 from experiments.recover.design import FREQUENCIES_HZ, DesignPoint, dither_design
@@ -16,7 +17,6 @@ from experiments.recover.mismatch import ERRORS, Mismatch, mismatched
 from experiments.recover.recovery import TOLD, Recovery, Told, recover_case, told_late_or_wrongly
 from experiments.recover.second import CASCADE, Succession, fly_sequence, pairs
 from experiments.recover.wrong import Belief, beliefs
-from experiments.run import Trajectory, nominal_loops
 from sim import Failure, load_model
 
 MAIN = SETTINGS[1]

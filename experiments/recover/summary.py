@@ -3,10 +3,8 @@
 from dataclasses import asdict
 from typing import Any
 
-from experiments.bench import Bench
-from experiments.diagnosis.machine import KINDS
-from experiments.diagnosis.rules import RULES
-from experiments.provenance import versions
+from experiments.hexapod.testbed import Bench
+from experiments.output.provenance import versions
 from experiments.recover.ambiguity import ALIKE, EVIDENCE_S
 from experiments.recover.cases import DITHER, RECOVERED_S
 from experiments.recover.entries import (
@@ -28,6 +26,8 @@ from experiments.recover.statistics import (
 )
 from experiments.recover.study import MAIN, Recover
 from experiments.recover.wrong import Belief
+from ftc.fdi.config import RULES
+from ftc.fdi.fault_model import KINDS
 from sim import model_sha256
 
 SEPARATION = 10.0

@@ -8,14 +8,14 @@ import mujoco
 import numpy as np
 import scipy.linalg
 
-from experiments.bench import Bench
-from experiments.compensator import Loop
-from experiments.diagnosis.machine import KINDS, Fault, SoundMachine, failed_machine, sound_machine
-from experiments.goal import MAJOR, Goal
-from experiments.mapping import StrutMapping
-from experiments.prediction import peak_of_sensitivity
+from experiments.hexapod.compensator import Loop
+from experiments.hexapod.goal import MAJOR, Goal
+from experiments.hexapod.mapping import StrutMapping
+from experiments.hexapod.prediction import peak_of_sensitivity
+from experiments.hexapod.supervisor import WEAKEST
+from experiments.hexapod.testbed import Bench
 from experiments.recover.cases import GOAL
-from experiments.supervisor import WEAKEST
+from ftc.fdi.fault_model import KINDS, Fault, SoundMachine, failed_machine, sound_machine
 from sim import Array, hexapod
 
 HALF = 0.5

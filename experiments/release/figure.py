@@ -5,8 +5,8 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from experiments.palette import DESIRED, MEASURED, START
-from experiments.plotting import PAGE_IN, new_figure
+from experiments.output.palette import DESIRED, MEASURED, START
+from experiments.output.plotting import PAGE_IN, new_figure
 from experiments.release.study import Release
 from experiments.release.summary import twist
 from sim import Array

@@ -4,17 +4,17 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from experiments.files import published, write_arrays, write_index
-from experiments.plotting import save_figure
-from experiments.provenance import recording_properties
-from experiments.recording.file import About
-from experiments.recording.keep import keep_run
-from experiments.recording.marks import Mark
-from experiments.recording.notes import run_notes
-from experiments.recording.shown import Shown
+from experiments.hexapod.provenance import recording_properties
+from experiments.hexapod.recording.keep import keep_run
+from experiments.hexapod.recording.notes import run_notes
+from experiments.hexapod.recording.shown import Shown
+from experiments.hexapod.simulation import Trajectory
+from experiments.output.files import published, write_arrays, write_index
+from experiments.output.plotting import save_figure
+from experiments.output.recording.file import About
+from experiments.output.recording.marks import Mark
 from experiments.release.figure import figure_release
 from experiments.release.study import Release
-from experiments.run import Trajectory
 from prioritized import Classes
 from sim import Array, load_model
 

@@ -3,9 +3,9 @@
 import mujoco
 import numpy as np
 
-from experiments.goal import MAJOR
-from experiments.measures import percent
-from experiments.springs import elastic_system, strut_and_payload_stiffness
+from experiments.hexapod.goal import MAJOR
+from experiments.hexapod.metrics import percent
+from experiments.hexapod.springs import elastic_system, strut_and_payload_stiffness
 from sim import Array, Plant, hexapod, linearize
 
 STRUT = 0

@@ -6,12 +6,13 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from experiments.bench import Bench
-from experiments.measures import percent, pointing_rms_urad
-from experiments.provenance import plant_constants, versions
+from experiments.hexapod.checks import CLOSURE_LIMIT_M, off_prediction, prediction_tolerance
+from experiments.hexapod.metrics import percent, pointing_rms_urad
+from experiments.hexapod.provenance import plant_constants
+from experiments.hexapod.simulation import Trajectory
+from experiments.hexapod.testbed import Bench
+from experiments.output.provenance import versions
 from experiments.release.study import Case, Release
-from experiments.run import Trajectory
-from experiments.soundness import CLOSURE_LIMIT_M, off_prediction, prediction_tolerance
 from prioritized import Classes, FailureAtlas
 from sim import Array, load_model, model_sha256, weightless
 

@@ -8,8 +8,8 @@ from typing import Any
 
 import pyarrow as pa
 
-from experiments.conduct import WrongInput
-from experiments.report.origin import processor
+from experiments.output.provenance import processor
+from experiments.output.study import WrongInput
 from experiments.sweep.design import Cases
 from experiments.sweep.identity import identity
 

@@ -4,9 +4,9 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-from experiments.bench import Bench
-from experiments.choices import JacobianChoice
-from experiments.goal import Goal
+from experiments.hexapod.choices import JacobianChoice
+from experiments.hexapod.goal import Goal
+from experiments.hexapod.testbed import Bench
 from experiments.sweep.factors import (
     ACTIVE,
     BENCH,

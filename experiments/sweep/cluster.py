@@ -14,7 +14,7 @@ from dask import config
 from dask.system import CPU_COUNT
 from distributed import Client, LocalCluster, rpc
 
-from experiments.conduct import WrongInput
+from experiments.output.study import WrongInput
 from experiments.sweep.identity import Identity, identity
 from experiments.sweep.waiting import wait_for_worker
 

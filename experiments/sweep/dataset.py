@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 
-from experiments.files import OutputError, write_json
+from experiments.output.files import OutputError, write_json
 from experiments.sweep import parquet
 from experiments.sweep.basis import BASIS, OF, Basis, digest, is_of
 from experiments.sweep.parquet import Broken

@@ -3,10 +3,10 @@
 from dataclasses import dataclass, fields
 from typing import Literal, get_args
 
-from experiments.bench import LIMITS as BENCH_LIMITS
-from experiments.bench import Bench
-from experiments.choices import JacobianChoice
-from experiments.table1.study import COLUMNS
+from experiments.hexapod.choices import JacobianChoice
+from experiments.hexapod.columns import COLUMNS
+from experiments.hexapod.testbed import LIMITS as BENCH_LIMITS
+from experiments.hexapod.testbed import Bench
 
 Value = float | int | str | bool
 

@@ -6,8 +6,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from experiments.palette import BLACK, BLUE, VERMILION
-from experiments.plotting import PAGE_IN, logarithmic, new_figure
+from experiments.output.palette import BLACK, BLUE, VERMILION
+from experiments.output.plotting import PAGE_IN, logarithmic, new_figure
 from experiments.sweep.summary import ANGLES, Columns, comparable
 
 MOST_POINTS = 2000

@@ -4,8 +4,7 @@ import hashlib
 import json
 from functools import cache
 
-from experiments.provenance import versions
-from experiments.report.origin import code_sha256
+from experiments.output.provenance import code_sha256, versions
 from sim import model_sha256
 
 Identity = dict[str, str]

@@ -8,8 +8,8 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TextIO
 
-from experiments.conduct import WrongInput
-from experiments.files import OutputError, made
+from experiments.output.files import OutputError, made
+from experiments.output.study import WrongInput
 
 LOCK = "_lock"
 """A name that readers of Parquet datasets pass over."""

@@ -5,10 +5,10 @@ from functools import cache, lru_cache
 import mujoco
 import numpy as np
 
-from experiments.bench import Bench
-from experiments.compensator import Loop, compensators
-from experiments.run import nominal_plant
-from experiments.springs import strut_and_payload_stiffness
+from experiments.hexapod.compensator import Loop, compensators
+from experiments.hexapod.simulation import nominal_plant
+from experiments.hexapod.springs import strut_and_payload_stiffness
+from experiments.hexapod.testbed import Bench
 from sim import Array, LinearPlant, load_model
 
 

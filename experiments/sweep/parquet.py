@@ -9,7 +9,7 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from experiments.files import OutputError
+from experiments.output.files import OutputError
 
 _FORMAT: dict[str, Any] = {
     "compression": "zstd",

@@ -4,8 +4,8 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-from experiments.bench import Bench, check_within
-from experiments.conduct import WrongInput
+from experiments.hexapod.testbed import Bench, check_within
+from experiments.output.study import WrongInput
 from experiments.sweep.design import Design, grid
 from experiments.sweep.factors import (
     CONDITIONS,

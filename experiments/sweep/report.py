@@ -3,8 +3,8 @@
 from pathlib import Path
 from typing import Any
 
-from experiments.files import published, write_index
-from experiments.plotting import save_figure
+from experiments.output.files import published, write_index
+from experiments.output.plotting import save_figure
 from experiments.sweep.design import Design
 from experiments.sweep.figure import figure_sweep
 from experiments.sweep.merged import merge

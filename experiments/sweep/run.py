@@ -5,11 +5,11 @@ from typing import Any
 
 import numpy as np
 
-from experiments.goal import MAJOR
-from experiments.mapping import StrutMapping
-from experiments.measures import closure_residual_max_m, pointing_rms_urad, rms
-from experiments.prediction import detector_noise_rad, driven_loop
-from experiments.run import Trajectory, track_spiral
+from experiments.hexapod.goal import MAJOR
+from experiments.hexapod.mapping import StrutMapping
+from experiments.hexapod.metrics import closure_residual_max_m, pointing_rms_urad, rms
+from experiments.hexapod.prediction import detector_noise_rad, driven_loop
+from experiments.hexapod.simulation import Trajectory, track_spiral
 from experiments.sweep.case import Case
 from experiments.sweep.machine import loops, machine, stiffness
 from sim import NOMINAL, Array, ModelError, SimulationDiverged, failed_plant, hexapod

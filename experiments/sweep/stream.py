@@ -10,7 +10,7 @@ from typing import Any
 
 from distributed import Client, Future, as_completed
 
-from experiments.conduct import Unsound
+from experiments.output.study import Unsound
 from experiments.sweep.case import Case
 from experiments.sweep.identity import digest
 from experiments.sweep.run import Row

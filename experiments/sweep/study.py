@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from experiments.conduct import Interrupted, OnProgress, WrongInput
+from experiments.output.study import Interrupted, OnProgress, WrongInput
+from experiments.output.terminal import notice
 from experiments.sweep.basis import Basis, basis_in, basis_of, check_same
 from experiments.sweep.cluster import Where, cluster
 from experiments.sweep.dataset import Dataset
@@ -16,7 +17,6 @@ from experiments.sweep.lock import alone_in
 from experiments.sweep.merged import check_merged
 from experiments.sweep.parquet import Broken
 from experiments.sweep.stream import finished_rows
-from experiments.terminal import notice
 
 UNFINISHED = "unfinished"
 """Folder of the dataset, below the results', until all of it is there."""

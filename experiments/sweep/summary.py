@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from scipy.stats import spearmanr
 
-from experiments.provenance import versions
-from experiments.soundness import CLOSURE_LIMIT_M
+from experiments.hexapod.checks import CLOSURE_LIMIT_M
+from experiments.output.provenance import versions
 from experiments.sweep import parquet
 from experiments.sweep.design import Design
 from experiments.sweep.factors import Range

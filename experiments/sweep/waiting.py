@@ -2,8 +2,8 @@
 
 from typing import TYPE_CHECKING
 
-from experiments.conduct import Unsound, WrongInput
-from experiments.terminal import notice
+from experiments.output.study import Unsound, WrongInput
+from experiments.output.terminal import notice
 
 if TYPE_CHECKING:  # the help text need not wait for Dask's import
     from distributed import Client

@@ -5,8 +5,8 @@ from itertools import cycle
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from experiments.palette import BLACK, LINES
-from experiments.plotting import PAGE_IN, new_figure
+from experiments.output.palette import BLACK, LINES
+from experiments.output.plotting import PAGE_IN, new_figure
 from experiments.systems.mechanisms import MECHANISMS, Mechanism
 from experiments.systems.study import Examination
 

@@ -3,13 +3,13 @@
 from pathlib import Path
 from typing import Any
 
-from experiments.files import published, write_arrays, write_index
-from experiments.plotting import save_figure
-from experiments.provenance import version_properties
-from experiments.recording.file import About
-from experiments.recording.mechanism import Driven, Task, write_mechanism
-from experiments.recording.notes import constants
-from experiments.recording.series import Plot
+from experiments.hexapod.recording.notes import constants
+from experiments.output.files import published, write_arrays, write_index
+from experiments.output.plotting import save_figure
+from experiments.output.provenance import version_properties
+from experiments.output.recording.file import About
+from experiments.output.recording.mechanism import Driven, Task, write_mechanism
+from experiments.output.recording.series import Plot
 from experiments.systems.figure import figure_systems
 from experiments.systems.mechanisms import MECHANISMS, Mechanism
 from experiments.systems.probe import PERIOD_S

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from experiments.parallel import in_parallel
+from experiments.output.parallel import in_parallel
 from experiments.systems.agreement import (
     Held,
     Polygon,

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from experiments.provenance import versions
+from experiments.output.provenance import versions
 from experiments.systems.mechanisms import MECHANISMS
 from experiments.systems.probe import STEP
 from experiments.systems.study import Examination

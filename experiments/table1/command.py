@@ -5,10 +5,10 @@ from typing import Annotated
 
 import typer
 
-from experiments.choices import ConfigurationName, JacobianChoice
-from experiments.conduct import MachineFile, Out, Progress, Seed, diverged_into
-from experiments.files import usable_folder
-from experiments.findings import Findings
+from experiments.hexapod.choices import ConfigurationName, JacobianChoice
+from experiments.output.files import usable_folder
+from experiments.output.results import Findings
+from experiments.output.study import MachineFile, Out, Progress, Seed, diverged_into
 
 
 def table1(

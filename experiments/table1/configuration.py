@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
-from experiments.bench import Bench
-from experiments.choices import ConfigurationName
+from experiments.hexapod.choices import ConfigurationName
+from experiments.hexapod.testbed import Bench
 
 FITTED, EQUAL, PREDICTED = "fitted", "= W_a", "predicted"
 """Where the errors of a column come from: constants were fitted to them; they are those of W_a by

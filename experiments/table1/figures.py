@@ -1,12 +1,12 @@
 """Figures 4, 5 and 6 of the paper, in its arrangement, from the runs of Table I."""
 
-import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 
-from experiments.palette import DESIRED, MEASURED, START
-from experiments.plotting import COLUMN_IN, PAGE_IN, new_figure
-from experiments.run import Trajectory
+from experiments.hexapod.plots import spiral
+from experiments.hexapod.simulation import Trajectory
+from experiments.output.palette import DESIRED, MEASURED
+from experiments.output.plotting import COLUMN_IN, PAGE_IN, new_figure
 
 SECONDARY = [("$t_x$, µm", 1), ("$t_y$, µm", 2), ("$t_z$, µm", 3), ("$\\gamma$, µrad", 0)]
 """Label and column of `Trajectory.secondary`, in the order of the paper's weights."""
@@ -54,24 +54,6 @@ def figure_6(runs: dict[str, Trajectory]) -> Figure:
         below[-1].set_xlabel("time, s")
     grid[0, 0].legend(loc="upper left", ncols=2)
     return figure
-
-
-def spiral(axes: Axes, run: Trajectory, title: str) -> None:
-    """Detector reading over desired pointing, beta against alpha."""
-    desired, measured = 1e6 * run.desired_rad, 1e6 * run.measured_rad
-    limit_urad = 5 * np.ceil(0.24 * abs(np.stack([desired, measured])).max())
-    axes.plot(*measured.T, color=MEASURED, lw=0.6, label="detector")
-    axes.plot(*desired.T, color=DESIRED, lw=0.6, ls="--", label="desired")
-    axes.plot(*desired[0], "o", color=START, ms=4, label="start")
-    axes.set(
-        title=title,
-        xlabel="$\\alpha$, µrad",
-        ylabel="$\\beta$, µrad",
-        xlim=(-limit_urad, limit_urad),
-        ylim=(-limit_urad, limit_urad),
-        aspect="equal",
-    )
-    axes.legend(loc="upper center", ncols=3, handlelength=1.2, columnspacing=0.8)
 
 
 def _inputs(figure: SubFigure, run: Trajectory, limit_percent: float) -> None:

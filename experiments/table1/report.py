@@ -3,16 +3,16 @@
 from pathlib import Path
 from typing import Any
 
-from experiments.files import published, write_index
-from experiments.findings import is_cut
-from experiments.plotting import save_figure
-from experiments.provenance import recording_properties
-from experiments.recording.file import About
-from experiments.recording.keep import keep_run
-from experiments.recording.marks import Mark
-from experiments.recording.notes import run_notes
-from experiments.recording.shown import Shown
-from experiments.run import Trajectory
+from experiments.hexapod.provenance import recording_properties
+from experiments.hexapod.recording.keep import keep_run
+from experiments.hexapod.recording.notes import run_notes
+from experiments.hexapod.recording.shown import Shown
+from experiments.hexapod.simulation import Trajectory
+from experiments.output.files import published, write_index
+from experiments.output.plotting import save_figure
+from experiments.output.recording.file import About
+from experiments.output.recording.marks import Mark
+from experiments.output.results import is_cut
 from experiments.table1 import figures
 from experiments.table1.study import Table1
 from experiments.table1.text import findings

@@ -5,11 +5,17 @@ from typing import Any
 
 import numpy as np
 
-from experiments import paper
-from experiments.choices import JacobianChoice
-from experiments.measures import closure_residual_max_m, loop_measures, pointing_rms_urad, rms
-from experiments.provenance import versions
-from experiments.table1.study import COLUMNS, Column, Table1, other_jacobian
+from experiments.hexapod import paper
+from experiments.hexapod.choices import JacobianChoice
+from experiments.hexapod.columns import COLUMNS, Column
+from experiments.hexapod.metrics import (
+    closure_residual_max_m,
+    loop_measures,
+    pointing_rms_urad,
+    rms,
+)
+from experiments.output.provenance import versions
+from experiments.table1.study import Table1, other_jacobian
 from sim import Array
 
 

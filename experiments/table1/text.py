@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from experiments.findings import Findings, Picture, Table, is_cut
-from experiments.soundness import complaint
+from experiments.hexapod.checks import complaint
+from experiments.output.results import Findings, Picture, Table, is_cut
 from sim import Array
 
 ANGLES = ("alpha", "beta")

@@ -4,12 +4,12 @@ import control
 import mujoco
 import numpy as np
 
-from experiments.bench import Bench
-from experiments.compensator import Loop, sampled
-from experiments.goal import MAJOR
-from experiments.mapping import StrutMapping
-from experiments.measures import rms
-from experiments.prediction import detector_noise_rad
+from experiments.hexapod.compensator import Loop, sampled
+from experiments.hexapod.goal import MAJOR
+from experiments.hexapod.mapping import StrutMapping
+from experiments.hexapod.metrics import rms
+from experiments.hexapod.prediction import detector_noise_rad
+from experiments.hexapod.testbed import Bench
 from experiments.uncorrected.candidate import COLUMNS
 from experiments.uncorrected.candidates import BENCH
 from sim import Array, failed_plant, hexapod, linearize

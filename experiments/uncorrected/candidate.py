@@ -6,8 +6,8 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from experiments.bench import Bench
-from experiments.goal import Goal
+from experiments.hexapod.goal import Goal
+from experiments.hexapod.testbed import Bench
 from experiments.uncorrected.machine import EQUAL, damped, floor_acceleration
 from sim import Array, Failure
 
@@ -42,7 +42,7 @@ class Candidate:
         amplifier_limit_a: Where the amplifier saturates.
         demand_limit_urad: Largest pointing that the compensators may demand; None is no limit.
         anti_windup: Whether their integrators are held there.
-        spiral_exponent: 1/2 is a spiral of constant speed; see :class:`experiments.bench.Bench`.
+        spiral_exponent: 1/2 is a spiral of constant speed; see :class:`Bench`.
         spiral_start_deg: Direction in which it leaves the centre.
         spiral_direction: -1 turns the other way.
         simulated: Columns that run in MuJoCo; the others are the linear model's.

@@ -2,10 +2,10 @@
 
 from typing import Any
 
-from experiments.bench import Bench
-from experiments.measures import pointing_rms_urad, rms
-from experiments.prediction import predicted_error_rad
-from experiments.run import Trajectory, nominal_loops
+from experiments.hexapod.metrics import pointing_rms_urad, rms
+from experiments.hexapod.prediction import predicted_error_rad
+from experiments.hexapod.simulation import Trajectory, nominal_loops
+from experiments.hexapod.testbed import Bench
 from experiments.uncorrected.candidates import BENCH
 from experiments.uncorrected.machine import damped
 from experiments.uncorrected.stability_map import at_crossover

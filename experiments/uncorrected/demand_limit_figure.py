@@ -5,10 +5,10 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from experiments.palette import BLACK, BLUE, GREEN, PURPLE, VERMILION
-from experiments.plotting import PAGE_IN, new_figure
-from experiments.run import Trajectory
-from experiments.table1.figures import spiral
+from experiments.hexapod.plots import spiral
+from experiments.hexapod.simulation import Trajectory
+from experiments.output.palette import BLACK, BLUE, GREEN, PURPLE, VERMILION
+from experiments.output.plotting import PAGE_IN, new_figure
 from experiments.uncorrected.candidates import CLOCKWISE, RETUNED
 from experiments.uncorrected.figure import ANGLES
 from experiments.uncorrected.study import Uncorrected

@@ -8,10 +8,10 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 
-from experiments.palette import BLACK, BLUE, COLOR_MAP, VERMILION
-from experiments.plotting import PAGE_IN, new_figure
-from experiments.run import Trajectory
-from experiments.table1.figures import spiral
+from experiments.hexapod.plots import spiral
+from experiments.hexapod.simulation import Trajectory
+from experiments.output.palette import BLACK, BLUE, COLOR_MAP, VERMILION
+from experiments.output.plotting import PAGE_IN, new_figure
 from experiments.uncorrected.candidate import BENCH_DAMPING, COLUMNS
 from experiments.uncorrected.candidates import BENCH, RETUNED
 from experiments.uncorrected.foretold import LOCKS_M

@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from experiments.compensator import Loop
-from experiments.measures import rms
-from experiments.prediction import predicted_error_rad, sensitivity_peak
-from experiments.run import nominal_loops
+from experiments.hexapod.compensator import Loop
+from experiments.hexapod.metrics import rms
+from experiments.hexapod.prediction import predicted_error_rad, sensitivity_peak
+from experiments.hexapod.simulation import nominal_loops
 from experiments.uncorrected.candidate import COLUMNS, Candidate
 from sim import Array, load_model
 

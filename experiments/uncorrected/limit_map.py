@@ -6,15 +6,15 @@ from itertools import product
 import mujoco
 import numpy as np
 
-from experiments.bench import Bench
-from experiments.compensator import Loop
-from experiments.limited_loop import limited_response
-from experiments.mapping import StrutMapping
-from experiments.measures import rms
-from experiments.paper import TABLE_I_URAD
-from experiments.prediction import detector_noise_rad, driven_plant
+from experiments.hexapod.compensator import Loop
+from experiments.hexapod.mapping import StrutMapping
+from experiments.hexapod.metrics import rms
+from experiments.hexapod.paper import TABLE_I_URAD
+from experiments.hexapod.prediction import detector_noise_rad, driven_plant
+from experiments.hexapod.testbed import Bench
 from experiments.uncorrected.candidate import COLUMNS
 from experiments.uncorrected.candidates import BENCH
+from ftc.limited_loop import limited_response
 from sim import Array, failed_plant, hexapod
 
 RADIUS_URAD = {1.0: 100.0, 0.5: 113.0}

@@ -3,7 +3,7 @@
 import mujoco
 import numpy as np
 
-from experiments.mapping import StrutMapping
+from experiments.hexapod.mapping import StrutMapping
 from experiments.uncorrected.candidate import STRUT
 from experiments.uncorrected.machine import EQUAL
 from sim import NOMINAL, Array, hexapod

@@ -5,9 +5,9 @@ import copy
 import mujoco
 import numpy as np
 
-from experiments.bench import Bench
-from experiments.goal import Goal
-from experiments.mapping import StrutMapping
+from experiments.hexapod.goal import Goal
+from experiments.hexapod.mapping import StrutMapping
+from experiments.hexapod.testbed import Bench
 from sim import Array, Plant, hexapod, linearize
 
 EQUAL = Goal(joint_weight=(1.0,) * 6)

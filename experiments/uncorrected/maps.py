@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from experiments.paper import TABLE_I_URAD
+from experiments.hexapod.paper import TABLE_I_URAD
 from experiments.uncorrected.limit_map import ANTI_WINDUP, largest_miss
 from experiments.uncorrected.stability_map import ROLL_OFF_HZ
 from experiments.uncorrected.study import Uncorrected

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from experiments.soundness import CLOSURE_LIMIT_M
+from experiments.hexapod.checks import CLOSURE_LIMIT_M
 
 PREDICTION_TOLERANCE = 0.03
 """Largest relative distance of an RMS from the linear model's, under the same noise.

@@ -6,11 +6,11 @@ import control
 import mujoco
 import numpy as np
 
-from experiments.bench import Bench
-from experiments.compensator import compensators
-from experiments.mapping import StrutMapping
-from experiments.measures import rms
-from experiments.prediction import detector_noise_rad, driven_loop
+from experiments.hexapod.compensator import compensators
+from experiments.hexapod.mapping import StrutMapping
+from experiments.hexapod.metrics import rms
+from experiments.hexapod.prediction import detector_noise_rad, driven_loop
+from experiments.hexapod.testbed import Bench
 from experiments.uncorrected.candidate import COLUMNS, STRUT
 from experiments.uncorrected.candidates import BENCH
 from experiments.uncorrected.machine import damped

@@ -7,9 +7,9 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from experiments.bench import Bench
-from experiments.parallel import in_parallel
-from experiments.run import Trajectory, nominal_loops, track_spiral
+from experiments.hexapod.simulation import Trajectory, nominal_loops, track_spiral
+from experiments.hexapod.testbed import Bench
+from experiments.output.parallel import in_parallel
 from experiments.uncorrected.beam_walk import beam_walk_urad, offsets_m
 from experiments.uncorrected.candidate import COLUMNS, Candidate
 from experiments.uncorrected.candidates import BENCH, CANDIDATES, RETUNED

@@ -5,11 +5,12 @@ from typing import Any
 
 import numpy as np
 
-from experiments.bench import Bench
-from experiments.measures import closure_residual_max_m, finite_or_none, pointing_rms_urad
-from experiments.paper import TABLE_I_URAD
-from experiments.provenance import plant_constants, versions
-from experiments.run import Trajectory
+from experiments.hexapod.metrics import closure_residual_max_m, finite_or_none, pointing_rms_urad
+from experiments.hexapod.paper import TABLE_I_URAD
+from experiments.hexapod.provenance import plant_constants
+from experiments.hexapod.simulation import Trajectory
+from experiments.hexapod.testbed import Bench
+from experiments.output.provenance import versions
 from experiments.uncorrected.answer import paragraph
 from experiments.uncorrected.candidate import COLUMNS, STRUT, Candidate
 from experiments.uncorrected.candidates import BENCH, CLOCKWISE, RETUNED

@@ -1,0 +1,185 @@
+"""The Rerun viewer without a window: it opens a recording, goes to a time, and is photographed."""
+
+import os
+import re
+import socket
+import subprocess
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import rerun_cli
+from rerun.experimental import ViewerClient, ViewerState
+
+from experiments.output.recording.file import TIMELINE
+from experiments.output.study import WrongInput
+
+SIZE = (1600, 900)
+_PATIENCE_S = 60.0
+_SHOTS = 40
+_GREETING_S = 3.0
+"""How long its notices stay, while the viewer paints."""
+_TICK_S = 0.05
+
+
+class ViewerError(Exception):
+    """The viewer does not start, or not all of the recording is shown; the message says why."""
+
+
+@contextmanager
+def headless_viewer(size: tuple[int, int] = SIZE) -> Iterator[ViewerClient]:
+    """A viewer of so many pixels, for this process alone; gone when the block is left.
+
+    It draws with Mesa's software renderer where that is installed, so that pictures are the same on
+    every machine; else with the graphics card.
+
+    Raises:
+        ViewerError: It does not start, or dies or gives no answer while the block lasts: there is
+            no Vulkan driver, or it cannot draw so many pixels.
+    """
+    with tempfile.TemporaryDirectory(prefix="fjh-viewer-") as home:
+        log = Path(home) / "log"
+        try:
+            with _running(size, home, log) as client:
+                _past_greetings(client)
+                yield client
+        # Without a driver it dies after connecting, anywhere in the block.
+        except OSError as error:
+            raise ViewerError(_cause(log, size, error)) from None
+
+
+@contextmanager
+def _running(size: tuple[int, int], home: str, log: Path) -> Iterator[ViewerClient]:
+    """The viewer's process, as long as the block lasts."""
+    port = _free_port()
+    options = ["--headless", "--hide-welcome-screen", "--bind", "127.0.0.1", "--port", str(port)]
+    options += ["--window-size", f"{size[0]}x{size[1]}"]
+    program = Path(str(rerun_cli.__file__)).with_name("rerun")
+    with log.open("w") as output:
+        viewer = subprocess.Popen(
+            [program, *options],
+            env=os.environ | _surroundings(home),
+            stdout=output,
+            stderr=subprocess.STDOUT,
+            # Ctrl-C is for us: we end it.
+            start_new_session=True,
+        )
+    try:
+        yield _connected(viewer, port)
+    finally:
+        viewer.kill()
+        viewer.wait()
+
+
+def show(viewer: ViewerClient, recording: Path, time_s: float | None) -> None:
+    """Open a recording and go to a time of it [s]; None is its end.
+
+    Raises:
+        WrongInput: It is no recording, or has no such time.
+    """
+    opened = viewer.open(str(recording.absolute()))
+    deadline = time.monotonic() + _PATIENCE_S
+    while (state := viewer.get_state()).loading and time.monotonic() < deadline:
+        time.sleep(0.05)
+    if state.loading or not opened.store_ids:
+        said = complaints(viewer) or ["it is no recording"]
+        raise WrongInput(f"the viewer cannot open {recording}: {said[0].splitlines()[0]}")
+    begin_s, end_s = _span_s(state)
+    # A run of 16 s has its last tick shortly before 16 s.
+    if time_s is not None and not begin_s <= time_s <= end_s + _TICK_S:
+        raise WrongInput(
+            f"{recording} lasts from {begin_s:g} to {end_s:g} s, time {time_s:g} s is not in it"
+        )
+    wanted_s = end_s if time_s is None else min(time_s, end_s)
+    viewer.set_time(TIMELINE, duration=wanted_s, play_state="paused")
+
+
+def photograph(viewer: ViewerClient) -> bytes:
+    """A PNG of the whole screen when it has come to rest.
+
+    Raises:
+        ViewerError: It keeps changing, or complains of something that it should show.
+    """
+    last = b""
+    for _ in range(_SHOTS):
+        picture = viewer.take_screenshot()
+        if picture == last:
+            break
+        last = picture
+    else:
+        raise ViewerError("the viewer's screen does not come to rest")
+    if said := complaints(viewer):
+        raise ViewerError(f"the viewer complains: {' '.join(said[0].split())}")
+    return last
+
+
+def complaints(viewer: ViewerClient) -> list[str]:
+    """What the viewer logs as warnings or errors, and what its views fail to show."""
+    reports = [str(report) for view in viewer.get_state().views for report in view.reports]
+    logs = [entry for entry in viewer.get_logs() if entry.level in ("WARN", "ERROR")]
+    # To draw in software is what was asked for.
+    return reports + [e.message for e in logs if "oftware rasterizer" not in e.message]
+
+
+def software_driver() -> Path | None:
+    """Mesa's Vulkan driver that needs no graphics card, where it is installed."""
+    return next(iter(sorted(Path("/usr/share/vulkan/icd.d").glob("lvp_icd*.json"))), None)
+
+
+def _surroundings(home: str) -> dict[str, str]:
+    """An empty home, so that nobody's settings show; and the driver."""
+    mine = {"HOME": home, "XDG_RUNTIME_DIR": home, "RERUN_APP_ONLY": "true", "RUST_LOG": "warn"}
+    mine["NO_COLOR"] = "1"  # its log may end up in a sentence
+    if driver := software_driver():
+        mine |= dict.fromkeys(("VK_DRIVER_FILES", "VK_ICD_FILENAMES"), str(driver))
+    return mine
+
+
+def _connected(viewer: subprocess.Popen, port: int) -> ViewerClient:
+    deadline = time.monotonic() + _PATIENCE_S
+    while viewer.poll() is None and time.monotonic() < deadline:
+        try:
+            client = ViewerClient.connect(f"rerun+http://127.0.0.1:{port}/proxy")
+            client.get_state()
+        except ConnectionError:
+            time.sleep(0.1)
+        else:
+            return client
+    raise ConnectionError("it does not start")
+
+
+def _cause(log: Path, size: tuple[int, int], error: OSError) -> str:
+    """Why a viewer of so many pixels gives no answer, in one sentence."""
+    told = log.read_text(errors="replace")
+    if re.search("graphics adapter|render context", told):
+        return (
+            "the viewer needs a Vulkan driver; without a graphics card install Mesa's "
+            "(mesa-vulkan-drivers and libvulkan1 on Debian and Ubuntu)"
+        )
+    reasons = [str(error), *told.splitlines()[-1:]]
+    return f"the viewer gives no answer at {size[0]}x{size[1]} pixels: {'; '.join(reasons)}"
+
+
+def _past_greetings(viewer: ViewerClient) -> None:
+    """Let it paint until the notices with which it starts are gone: they lie over the screen."""
+    gone = time.monotonic() + _GREETING_S
+    while time.monotonic() < gone:
+        viewer.take_screenshot()
+        time.sleep(0.1)
+
+
+def _span_s(state: ViewerState) -> tuple[float, float]:
+    """When the recording that is shown begins and ends."""
+    shown = [one for one in state.recordings if one.store_id == state.active_recording]
+    for line in (line for one in shown for line in one.timelines):
+        if line.name == TIMELINE and line.start is not None and line.end is not None:
+            return 1e-9 * line.start, 1e-9 * line.end
+    raise WrongInput(f"the recording has no timeline {TIMELINE}")
+
+
+def _free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]

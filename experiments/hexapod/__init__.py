@@ -1,0 +1,1 @@
+"""The hexapod testbed: its constants, its simulation, its metrics, the paper's numbers."""

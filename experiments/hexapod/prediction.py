@@ -1,0 +1,242 @@
+"""What the linear model of this bench says a run should give."""
+
+from collections.abc import Sequence
+
+import control
+import mujoco
+import numpy as np
+
+from experiments.hexapod.compensator import Loop, sampled
+from experiments.hexapod.goal import MAJOR, Goal
+from experiments.hexapod.mapping import StrutMapping
+from experiments.hexapod.testbed import Bench
+from ftc.limited_loop import limited_response
+from sim import NOMINAL, Array, Failure, Plant, failed_plant, hexapod, linearize
+
+
+def predicted_rms_rad(
+    model: mujoco.MjModel,
+    bench: Bench,
+    loops: tuple[Loop, Loop],
+    goal: Goal,
+    *,
+    failures: Sequence[Failure] = (),
+    stiffness: Array | None = None,
+    duration_s: float | None = None,
+) -> Array:
+    """RMS of desired minus true (alpha, beta) over the spiral, shape (2,), [rad].
+
+    The plant, with its failures from the start, is linearized and sampled behind the zero-order
+    hold; the loop is closed with the discrete compensators and the mapping at J_0. The spiral goes
+    through as it is; white detector noise gives the sum of squares of the pulse response. Left out:
+    the DAC's quantization, 0.02 urad here.
+    """
+    L = _loop_transfer(model, bench, loops, goal, failures, stiffness)
+    unity = control.ss([], [], [], np.eye(2), bench.control_period_s)
+    T = control.feedback(L, unity)
+
+    time_s = bench.time_s(bench.duration_s if duration_s is None else duration_s)
+    desired_rad = bench.desired_rad(time_s)
+    error_rad = desired_rad - _response(T, time_s, desired_rad)
+    noise_rad = bench.detector_noise_m / bench.focal_length_m
+    variance = noise_rad**2 * sum(
+        (_response(T, time_s, pulse) ** 2).sum(axis=0) for pulse in _unit_pulses(len(time_s))
+    )
+    return np.sqrt((error_rad**2).mean(axis=0) + variance)
+
+
+def predicted_error_rad(
+    model: mujoco.MjModel,
+    bench: Bench,
+    loops: tuple[Loop, Loop],
+    goal: Goal,
+    *,
+    failures: Sequence[Failure] = (),
+    seed: int = 0,
+    duration_s: float | None = None,
+    start_m: Array | None = None,
+    lead_in_s: float = 0.0,
+    floor_m_per_s2: Array | None = None,
+) -> Array | None:
+    """Desired minus true (alpha, beta), tick by tick, shape (N, 2), [rad]; None: unstable loop.
+
+    The linear model of :func:`predicted_rms_rad`, driven by what drives one run: the same detector
+    noise, floor, and lock off centre, with the limit on the demanded pointing where the bench has
+    one. Saturation of the amplifiers and quantization are left out.
+
+    Args:
+        model: As in :func:`experiments.hexapod.simulation.track_spiral`, and so are all others.
+        bench: Constants around the plant.
+        loops: Compensators.
+        goal: What the mapping knows.
+        failures: Locks from the start.
+        seed: Of the detector noise.
+        duration_s: Only the first seconds.
+        start_m: Where the struts of `failures` lock; the others return to the centre.
+        lead_in_s: As there.
+        floor_m_per_s2: As there.
+    """
+    spiral_s = bench.time_s(bench.duration_s if duration_s is None else duration_s)
+    rest = round(lead_in_s / bench.control_period_s)
+    ticks = rest + len(spiral_s)
+    desired = np.zeros((ticks, 2))
+    desired[rest:] = bench.desired_rad(spiral_s)
+    noise = detector_noise_rad(bench, seed, ticks)
+    floor = np.zeros((ticks, 3))
+    if floor_m_per_s2 is not None:
+        floor[rest:] = floor_m_per_s2[: len(spiral_s)]
+
+    geometry = hexapod(model)
+    stuck_m = np.zeros(6)
+    for failure in failures:
+        stuck_m[failure.strut] = 0.0 if start_m is None else start_m[failure.strut]
+    offset = np.linalg.solve(geometry.inverse_jacobian(NOMINAL), stuck_m)[MAJOR]
+    mapping = StrutMapping(geometry, goal, "constant")
+    # What the mapping commands at zero pointing, because it knows of a strut off centre.
+    standing_m = mapping.displacements(np.zeros(2), NOMINAL)
+
+    plant, gain = failed_plant(model, failures), mapping.pointing_gain()
+    compensators = [loop.discrete for loop in loops]
+    T = driven_loop(plant, gain, compensators)
+    if np.abs(T.poles()).max() >= 1:
+        return None
+    reference = desired - noise - offset
+    disturbance = np.hstack([floor, np.tile(standing_m, (ticks, 1))])
+    if bench.demand_limit_urad is None:
+        driven = np.hstack([reference, disturbance])
+        time_s = np.arange(ticks) * bench.control_period_s
+        moved = np.asarray(control.forced_response(T, time_s, driven.T).outputs).T
+    else:
+        moved = limited_response(
+            driven_plant(plant, gain, bench.control_period_s),
+            compensators,
+            reference[None],
+            disturbance,
+            np.array([bench.demand_limit_rad]),
+            np.array([bench.anti_windup]),
+        )[0]
+    return (desired - (offset + moved))[rest:]
+
+
+def detector_noise_rad(bench: Bench, seed: int, ticks: int) -> Array:
+    """What the detector of a run adds to (alpha, beta), tick by tick, shape (N, 2)."""
+    spot_m = bench.detector_noise_m * np.random.default_rng(seed).standard_normal((ticks, 2))
+    return spot_m[:, ::-1] * np.array([1, -1]) / bench.focal_length_m
+
+
+def driven_loop(
+    plant: Plant, gain: Array, compensators: Sequence[control.StateSpace]
+) -> control.StateSpace:
+    """Closed loop from [desired pointing; floor; further strut commands] to true pointing.
+
+    Args:
+        plant: At rest, with its failures.
+        gain: Strut displacements per commanded (alpha, beta), shape (6, 2).
+        compensators: Of alpha and beta, discrete.
+    """
+    period_s = compensators[0].dt
+    P = driven_plant(plant, gain, period_s)
+    # Last inputs and outputs close the loop: command from pointing error.
+    n, free = P.nstates, P.ninputs - 2
+    general = control.ss(
+        P.A,
+        np.hstack([np.zeros((n, 2)), P.B]),
+        np.vstack([P.C, -P.C]),
+        np.block([[np.zeros((2, 4 + free))], [np.eye(2), np.zeros((2, 2 + free))]]),
+        period_s,
+    )
+    return general.lft(control.append(*compensators))
+
+
+def driven_plant(plant: Plant, gain: Array, period_s: float) -> control.StateSpace:
+    """Sampled plant from [floor; further strut commands; demanded pointing] to true pointing."""
+    linear = linearize(plant.model, plant.data)
+    inputs = np.hstack([linear.B_floor, linear.B, linear.B @ gain])
+    return control.c2d(
+        control.ss(linear.A, inputs, linear.C_twist[MAJOR], 0), period_s, method="zoh"
+    )
+
+
+def sensitivity_peak(
+    model: mujoco.MjModel,
+    bench: Bench,
+    loops: tuple[Loop, Loop],
+    goal: Goal,
+    *,
+    failures: Sequence[Failure] = (),
+    stiffness: Array | None = None,
+) -> float:
+    """Peak over frequency of the largest singular value of (I + L)^-1 of the two pointing loops.
+
+    Its inverse is how near the loops come to instability, both channels and their coupling taken
+    together; a well-damped single loop has less than 2.
+    """
+    return peak_of_sensitivity(_loop_transfer(model, bench, loops, goal, failures, stiffness))
+
+
+def peak_of_sensitivity(L: control.StateSpace) -> float:
+    """The same of any sampled open loop with two inputs and two outputs."""
+    frequency_rad_s = 2 * np.pi * np.geomspace(0.1, 0.45 / L.dt, 3000)
+    response = np.moveaxis(control.frequency_response(L, frequency_rad_s).frdata, -1, 0)
+    return float(1 / np.linalg.svd(np.eye(2) + response, compute_uv=False).min())
+
+
+def _loop_transfer(
+    model: mujoco.MjModel,
+    bench: Bench,
+    loops: tuple[Loop, Loop],
+    goal: Goal,
+    failures: Sequence[Failure],
+    stiffness: Array | None,
+) -> control.StateSpace:
+    """Open pointing loops: compensators, mapping at J_0, converters' hold, failed plant."""
+    plant = failed_plant(model, failures)
+    gain = StrutMapping(hexapod(model), goal, "constant", stiffness).pointing_gain()
+    compensators = control.append(*(loop.discrete for loop in loops))
+    P = sampled(linearize(plant.model, plant.data), gain, bench.control_period_s)
+    return P[MAJOR, :] * compensators
+
+
+def predicted_motion(
+    model: mujoco.MjModel, failures: Sequence[Failure], time_s: Array, command_m: Array
+) -> Array:
+    """Payload twist [rotation; translation] that strut commands cause, shape (N, 6).
+
+    The plant is linearized anew after each failure, which hands its state on: struts that lose
+    their coil or spring keep the loops, and so the coordinates. Locks would not.
+
+    Args:
+        model: The machine.
+        failures: Struts that go free or loose, in the order of time.
+        time_s: Control ticks, shape (N,).
+        command_m: Commanded strut displacements, held for a tick each, shape (N, 6).
+    """
+    plant = Plant(model)
+    period_s = float(time_s[1] - time_s[0])
+    starts = np.searchsorted(time_s, [failure.time_s for failure in failures])
+    ends = [*starts, len(time_s)]
+    twist, state = [], 0.0
+    for k, (begin, end) in enumerate(zip([0, *starts], ends, strict=True)):
+        if k > 0:
+            failures[k - 1].strike(plant)
+        if begin == end:
+            continue
+        model_now = sampled(linearize(plant.model, plant.data), np.eye(6), period_s)
+        ticks = np.arange(end - begin + 1) * period_s
+        held = np.vstack([command_m[begin:end], command_m[end - 1]])
+        response = control.forced_response(model_now, ticks, held.T, state, return_states=True)
+        twist.append(np.asarray(response.outputs).T[:-1])
+        state = np.asarray(response.states)[:, -1]
+    return np.concatenate(twist)
+
+
+def _response(T: control.StateSpace, time_s: Array, signal: Array) -> Array:
+    """True (alpha, beta) that a signal (N, 2) at the loop's input gives, shape (N, 2)."""
+    return np.asarray(control.forced_response(T, time_s, signal.T).outputs).T
+
+
+def _unit_pulses(ticks: int) -> tuple[Array, Array]:
+    """One tick of detector noise, in alpha and in beta; each shape (ticks, 2)."""
+    pulses = np.zeros((2, ticks, 2))
+    pulses[[0, 1], 0, [0, 1]] = 1.0
+    return pulses[0], pulses[1]

@@ -1,0 +1,130 @@
+"""A run of the hexapod as recordings show it: its signals, its picture, its scales."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+import rerun as rr
+
+from experiments.hexapod.recording.hexapod import Picture, log_hexapod
+from experiments.hexapod.simulation import Trajectory
+from experiments.output.recording.file import at_most, log_series, time_column
+from experiments.output.recording.machine import exaggeration, sized_entity, sizes, stills
+from experiments.output.recording.marks import Mark
+from experiments.output.recording.plane import Square, log_plane, square_around
+from experiments.output.recording.series import Plot, log_plots
+from sim import NOMINAL
+
+INPUTS = [f"strut {k} [%]" for k in range(1, 7)]
+SECONDARY = ["gamma [urad]", "t_x [um]", "t_y [um]", "t_z [um]"]
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A run and what is to be pointed out in it.
+
+    Attributes:
+        run: The run.
+        marks: Struts that fail, and when that was found.
+        extras: Plots beside those that every run has.
+    """
+
+    run: Trajectory
+    marks: Sequence[Mark] = ()
+    extras: Sequence[Plot] = ()
+
+
+@dataclass(frozen=True)
+class Scales:
+    """What one or several runs need to be seen, the same for all of them.
+
+    Attributes:
+        factor: By which the payload's motion is exaggerated.
+        full_percent: Strut input of the deepest colours.
+        square_urad: The part of the detector that is shown.
+        bounds: Largest absolute value of each plotted signal, by its entity.
+    """
+
+    factor: int
+    full_percent: float
+    square_urad: Square
+    bounds: dict[str, float]
+
+    @property
+    def loads(self) -> str:
+        """What the colours of the struts mean."""
+        return f"struts -{self.full_percent:g} % blue, +{self.full_percent:g} % red"
+
+
+def scales_of(runs: Sequence[Trajectory]) -> Scales:
+    """Round factor and colours, the detector where the second halves of all runs are."""
+    angles = [max(np.abs(r.true_rad).max(), np.abs(r.secondary[:, 0]).max()) for r in runs]
+    ways = [np.abs(run.secondary[:, 1:]).max() for run in runs]
+    inputs = max(np.abs(run.strut_input_percent).max() for run in runs)
+    curves = [curve for run in runs for curve in (run.desired_rad, run.measured_rad)]
+    return Scales(
+        factor=exaggeration(float(max(angles)), float(max(ways))),
+        full_percent=float(max(1.0, np.ceil(inputs))),
+        # The first halves lead there.
+        square_urad=square_around(*(1e6 * curve[len(curve) // 2 :] for curve in curves)),
+        bounds={
+            "pointing/error": max(1e6 * np.abs(r.desired_rad - r.true_rad).max() for r in runs),
+            "strut/input": inputs,
+            "secondary/true": max(1e6 * np.abs(run.secondary).max() for run in runs),
+            "closure/residual": max(1e9 * run.closure_residual_m.max() for run in runs),
+        },
+    )
+
+
+def log_shown(
+    recording: rr.RecordingStream,
+    under: str,
+    model: mujoco.MjModel,
+    shown: Shown,
+    scales: Scales,
+    rate_hz: float,
+) -> None:
+    """Log a run below an entity: signals, detector, and the hexapod of this MJCF in both sizes."""
+    run = shown.run
+    log_signals(recording, under, run, rate_hz)
+    desired, measured = 1e6 * run.desired_rad, 1e6 * run.measured_rad
+    detector = f"{under}detector", run.time_s, desired, measured
+    log_plane(recording, *detector, ("alpha", "beta"), "urad", scales.square_urad)
+    for size in sizes(scales.factor):
+        picture = picture_of(shown, size, scales.full_percent)
+        log_hexapod(recording, sized_entity(f"{under}hexapod", size), model, picture)
+    log_plots(recording, shown.extras, under)
+
+
+def log_signals(recording: rr.RecordingStream, under: str, run: Trajectory, rate_hz: float) -> None:
+    """Log every signal as float64, below an entity; at most so many values a second."""
+    every = at_most(rate_hz, run.time_s)
+    time = time_column(run.time_s[every])
+    angles, struts = ["alpha [urad]", "beta [urad]"], [f"strut {k} [um]" for k in range(1, 7)]
+    for entity, names, values in (
+        ("pointing/desired", angles, 1e6 * run.desired_rad),
+        ("pointing/true", angles, 1e6 * run.true_rad),
+        ("pointing/measured", angles, 1e6 * run.measured_rad),
+        ("pointing/error", angles, 1e6 * (run.desired_rad - run.true_rad)),
+        ("strut/input", INPUTS, run.strut_input_percent),
+        ("strut/displacement", struts, 1e6 * run.strut_displacement_m),
+        ("secondary/true", SECONDARY, 1e6 * run.secondary),
+        ("secondary/estimated", SECONDARY, 1e6 * run.secondary_estimated),
+        ("closure/residual", ["closure [nm]"], 1e9 * run.closure_residual_m[:, None]),
+    ):
+        log_series(recording, time, f"{under}{entity}", names, values[every])
+
+
+def picture_of(shown: Shown, factor: int, full_percent: float) -> Picture:
+    """A run as the hexapod is drawn, the payload's motion so many times as large.
+
+    Takes alpha, beta, gamma as a rotation vector: good to the second order of the angles.
+    """
+    run = shown.run
+    every = stills(run.time_s)
+    twist = np.concatenate([run.true_rad[every], run.secondary[every]], axis=1)
+    load = run.strut_input_percent[every]
+    return Picture(
+        run.time_s[every], NOMINAL.moved(factor * twist), load, full_percent, shown.marks
+    )

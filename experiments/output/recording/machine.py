@@ -1,0 +1,161 @@
+"""A mechanism in 3D, as its MJCF draws it, its bodies moving."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+from rerun_loader_mjcf import MJCFLogger, MJCFLogPaths
+from scipy.spatial.transform import Rotation
+
+from experiments.output.recording.file import TIMELINE, at_most, time_column
+from experiments.output.recording.scale import round_down
+from sim import Array
+
+_PICTURES_HZ = 25
+_DISTANCE = 1.6
+"""From which the whole machine is seen, in its extents."""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Bodies of a machine over time, in MuJoCo's world.
+
+    Attributes:
+        names: Of B bodies.
+        rotation: Shape (T, B, 3, 3).
+        position_m: Shape (T, B, 3).
+    """
+
+    names: tuple[str, ...]
+    rotation: Array
+    position_m: Array
+
+
+def motion_of(model: mujoco.MjModel, qpos: Array) -> Motion:
+    """All bodies at positions (T, nq)."""
+    data = mujoco.MjData(model)
+    names = tuple(model.body(k).name or f"body_{k}" for k in range(model.nbody))
+    rotation = np.empty((len(qpos), model.nbody, 3, 3))
+    position_m = np.empty((len(qpos), model.nbody, 3))
+    for k, data.qpos[:] in enumerate(qpos):
+        mujoco.mj_kinematics(model, data)
+        rotation[k], position_m[k] = data.xmat.reshape(-1, 3, 3), data.xpos
+    return Motion(names, rotation, position_m)
+
+
+def exaggerated(motion: Motion, nominal: Motion, factor: float) -> Motion:
+    """Every body's displacement from its nominal pose, so many times as large.
+
+    Rotation vectors and translations of the bodies' origins are multiplied: to first order loops
+    stay closed.
+    """
+    vector, shift = _displacement(motion, nominal)
+    turn = Rotation.from_rotvec(factor * vector.reshape(-1, 3)).as_matrix()
+    larger = turn.reshape(motion.rotation.shape) @ nominal.rotation
+    return Motion(motion.names, larger, nominal.position_m + factor * shift)
+
+
+def exaggeration_of(motion: Motion, nominal: Motion) -> int:
+    """A round factor that makes the motion of all bodies visible."""
+    vector, shift = _displacement(motion, nominal)
+    return exaggeration(float(np.abs(vector).max()), float(np.abs(shift).max()))
+
+
+def _displacement(motion: Motion, nominal: Motion) -> tuple[Array, Array]:
+    """Rotation vectors and translations from the nominal poses, shape (T, B, 3) each."""
+    turn = motion.rotation @ nominal.rotation.swapaxes(-1, -2)
+    vector = Rotation.from_matrix(turn.reshape(-1, 3, 3)).as_rotvec()
+    return vector.reshape(motion.position_m.shape), motion.position_m - nominal.position_m
+
+
+def exaggeration(angle_rad: float, way_m: float) -> int:
+    """A round factor (1, 2, 5, 10, ...) that makes a motion visible: up to 7 degrees and 30 mm."""
+    most = min(0.12 / max(angle_rad, 1e-12), 0.03 / max(way_m, 1e-12))
+    return int(round_down(np.clip(most, 1.0, 5e9)))
+
+
+def stills(time_s: Array) -> slice:
+    """Of evenly spaced samples, those that become pictures."""
+    return at_most(_PICTURES_HZ, time_s)
+
+
+def log_machine(
+    recording: rr.RecordingStream,
+    entity: str,
+    model: mujoco.MjModel,
+    motion: Motion,
+    time_s: Array,
+) -> None:
+    """Log the geoms of an MJCF below an entity, and their motion at times (T,)."""
+    time = time_column(time_s)
+    recording.set_time(TIMELINE, duration=float(time_s[0]))
+    MJCFLogger(model, entity_path_prefix=entity, log_collision=True).log_model(recording)
+    recording.reset_time()
+    for k, name in enumerate(motion.names):
+        columns = rr.Transform3D.columns(
+            translation=motion.position_m[:, k],
+            quaternion=Rotation.from_matrix(motion.rotation[:, k]).as_quat(),
+        )
+        recording.send_columns(body_entity(entity, name), [time], columns)
+
+
+def body_entity(entity: str, body: str) -> str:
+    """Where the drawing keeps a body's pose; what is logged below moves with it."""
+    return MJCFLogPaths(entity).body_path(body)
+
+
+def log_body_colors(
+    recording: rr.RecordingStream,
+    entity: str,
+    model: mujoco.MjModel,
+    bodies: Iterable[str],
+    time: rr.TimeColumn,
+    colors: Array,
+) -> None:
+    """Colour the cylinders of some bodies over time, shape (T, 3) in 0..255."""
+    for name in bodies:
+        body = model.body(name)
+        for k in range(body.geomadr[0], body.geomadr[0] + body.geomnum[0]):
+            if model.geom_type[k] == mujoco.mjtGeom.mjGEOM_CYLINDER:
+                geom = model.geom(k).name or f"geom_{k}"
+                columns = rr.Cylinders3D.columns(colors=colors)
+                path = f"{MJCFLogPaths(entity).visual_root}/{name}/{geom}"
+                recording.send_columns(path, [time], columns)
+
+
+def sizes(factor: int) -> tuple[int, ...]:
+    """Exaggerations that a recording offers: one that shows the motion, and none."""
+    return tuple(dict.fromkeys((factor, 1)))
+
+
+def sized_entity(entity: str, size: int) -> str:
+    """Where a machine is that moves so many times as far as it does."""
+    return f"{entity}_x{size}"
+
+
+def machine_tabs(entity: str, name: str, model: mujoco.MjModel, factor: int) -> rrb.Tabs:
+    """A mechanism exaggerated, and on the next tab as it is."""
+    titles = {size: f"x{size} {name}" if size > 1 else "True size (x1)" for size in sizes(factor)}
+    views = [_machine_view(sized_entity(entity, size), titles[size], model) for size in titles]
+    return rrb.Tabs(*views, active_tab=0)
+
+
+def _machine_view(entity: str, name: str, model: mujoco.MjModel) -> rrb.Spatial3DView:
+    """A mechanism seen as its MJCF says: from its azimuth and elevation, as large as its extent."""
+    azimuth, elevation = np.deg2rad([model.vis.global_.azimuth, model.vis.global_.elevation])
+    level = np.cos(elevation)
+    ahead = np.array([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)])
+    return rrb.Spatial3DView(
+        origin=entity,
+        name=name,
+        eye_controls=rrb.EyeControls3D(
+            kind=rrb.Eye3DKind.Orbital,
+            position=model.stat.center - _DISTANCE * model.stat.extent * ahead,
+            look_target=model.stat.center,
+            eye_up=[0, 0, 1],
+        ),
+        line_grid=False,
+    )

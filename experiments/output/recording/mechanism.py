@@ -1,0 +1,118 @@
+"""Recordings of any mechanism in several conditions: a cell each, in 3D, its task, its plots."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+import rerun.blueprint as rrb
+
+from experiments.output.recording.file import About, recording_file, screen
+from experiments.output.recording.machine import (
+    exaggerated,
+    exaggeration_of,
+    log_machine,
+    machine_tabs,
+    motion_of,
+    sized_entity,
+    sizes,
+    stills,
+)
+from experiments.output.recording.plane import Square, log_plane, plane_view, square_around
+from experiments.output.recording.series import Plot, log_plots, notes_view, plot_views
+from sim import Array
+
+_COLUMNS = 3
+
+
+@dataclass(frozen=True)
+class Task:
+    """Two rows of the major task, asked for and reached.
+
+    Attributes:
+        names: Of the two.
+        unit: In which they are given.
+        desired: Shape (N, 2).
+        reached: Shape (N, 2).
+    """
+
+    names: tuple[str, str]
+    unit: str
+    desired: Array
+    reached: Array
+
+    @property
+    def square(self) -> Square:
+        """The part of the plane that both need."""
+        return square_around(self.desired, self.reached)
+
+
+@dataclass(frozen=True)
+class Driven:
+    """A mechanism in one condition.
+
+    Attributes:
+        time_s: Shape (N,), evenly spaced.
+        qpos: Positions of all its joints, shape (N, nq).
+        plots: Beside the picture.
+        task: Drawn in a plane; None: in no plane.
+    """
+
+    time_s: Array
+    qpos: Array
+    plots: Sequence[Plot]
+    task: Task | None = None
+
+
+def write_mechanism(
+    path: Path, about: About, model: mujoco.MjModel, conditions: Mapping[str, Driven]
+) -> None:
+    """Write one mechanism in several conditions as an `.rrd` file.
+
+    Motions that could not be seen are exaggerated, each condition's by a factor in its view's name.
+
+    Raises:
+        Exception: Whatever the writer complains of; it runs in strict mode.
+    """
+    nominal = motion_of(model, model.qpos0[None])
+    motions = {
+        name: motion_of(model, one.qpos[stills(one.time_s)]) for name, one in conditions.items()
+    }
+    factors = {name: exaggeration_of(motion, nominal) for name, motion in motions.items()}
+    cells = [
+        _cell(k, name, model, one, factors[name])
+        for k, (name, one) in enumerate(conditions.items())
+    ]
+    grid = rrb.Grid(*cells, grid_columns=min(_COLUMNS, len(cells)))
+    views = rrb.Horizontal(notes_view(), grid, column_shares=[1, 4])
+    with recording_file(path, about, screen(views)) as recording:
+        for k, (name, one) in enumerate(conditions.items()):
+            for size in sizes(factors[name]):
+                entity = sized_entity(f"{_entity(k)}/machine", size)
+                larger = exaggerated(motions[name], nominal, size)
+                log_machine(recording, entity, model, larger, one.time_s[stills(one.time_s)])
+            log_plots(recording, one.plots, f"{_entity(k)}/")
+            if task := one.task:
+                entity = f"{_entity(k)}/task"
+                curves = task.desired, task.reached
+                log_plane(
+                    recording, entity, one.time_s, *curves, task.names, task.unit, task.square
+                )
+
+
+def _entity(k: int) -> str:
+    return f"condition_{k}"
+
+
+def _cell(k: int, name: str, model: mujoco.MjModel, one: Driven, factor: int) -> rrb.Vertical:
+    pictures: list[rrb.View | rrb.Container] = [
+        machine_tabs(f"{_entity(k)}/machine", name, model, factor)
+    ]
+    if task := one.task:
+        title = f"{task.names[1]} over {task.names[0]} [{task.unit}]"
+        pictures.append(plane_view(f"{_entity(k)}/task", title, task.square))
+    return rrb.Vertical(
+        rrb.Horizontal(*pictures, column_shares=[3, 2][: len(pictures)]),
+        *plot_views(one.plots, f"{_entity(k)}/"),
+        row_shares=[2] + [1] * len(one.plots),
+    )
