@@ -18,7 +18,7 @@ from typer.core import TyperGroup
 from experiments.app.cli import STUDIES, app, main
 from experiments.app.presentation import presented
 from experiments.output.files import OutputError, json_text, published, write_index
-from experiments.output.results import Findings, Table
+from experiments.output.findings import Findings, Table
 from experiments.output.study import Progress, Unsound
 
 ROOT = Path(__file__).parents[1]

@@ -18,7 +18,7 @@ from experiments.app.cli import main
 from experiments.app.report import chapters, origin
 from experiments.app.report.chapter import Chapter, Edition
 from experiments.output.files import published, write_index
-from experiments.output.results import Findings, Picture, Table
+from experiments.output.findings import Findings, Picture, Table
 from experiments.output.study import Progress, Unsound
 from experiments.systems.command import systems
 from experiments.table1.text import findings as table1_findings

@@ -27,7 +27,7 @@ from experiments.benchmark.text import findings
 from experiments.hexapod.mapping import StrutMapping
 from experiments.hexapod.simulation import nominal_loops, track_spiral
 from experiments.hexapod.testbed import Bench
-from experiments.output.results import Findings
+from experiments.output.findings import Findings
 from experiments.output.study import Unsound
 
 # Bound and goal as they were asked for; of `tick_over_mink` the bound is a measured one.

@@ -5,6 +5,7 @@ from itertools import pairwise
 
 import typer
 
+from experiments.app.command import command as command_of
 from experiments.app.presentation import presented
 from experiments.app.render.command import render
 from experiments.app.report.command import report
@@ -20,7 +21,7 @@ from experiments.output.interrupt import INTERRUPTED, SENTENCE
 from experiments.output.study import Interrupted, Unsound, WrongInput
 from experiments.output.terminal import notice
 from experiments.recover.command import recover
-from experiments.release.command import release
+from experiments.release import STUDY as RELEASE
 from experiments.sweep.command import sweep
 from experiments.systems.command import systems
 from experiments.table1.command import table1
@@ -48,7 +49,6 @@ STUDIES = (
     table1,
     figures,
     systems,
-    release,
     recover,
     force,
     goals,
@@ -59,7 +59,7 @@ STUDIES = (
     bench,
     report,
 )
-for command in (*map(presented, STUDIES), review, render):
+for command in (*map(presented, STUDIES), command_of(RELEASE), review, render):
     # The first line whole: Typer itself would cut it at any full stop.
     app.command(short_help=(command.__doc__ or "").partition("\n")[0])(command)
 

@@ -7,9 +7,10 @@ from typing import Annotated, Any
 
 import typer
 
+from experiments.app.command import machine_refused
 from experiments.output.files import json_text
-from experiments.output.results import Findings
-from experiments.output.study import Unsound, machine_refused
+from experiments.output.findings import Findings
+from experiments.output.study import Unsound
 from experiments.output.terminal import print_notes, print_table, progress
 
 Quiet = Annotated[

@@ -5,9 +5,10 @@ from typing import Annotated
 
 import typer
 
+from experiments.app.legacy import Out, Seed
 from experiments.output.files import usable_folder
-from experiments.output.results import Findings
-from experiments.output.study import Out, Progress, Seed
+from experiments.output.findings import Findings
+from experiments.output.study import Progress
 from experiments.sweep.command import Resume, Scheduler, Workers
 
 

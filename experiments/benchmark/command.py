@@ -5,10 +5,11 @@ from typing import Annotated
 
 import typer
 
+from experiments.app.legacy import Out, seed_option
 from experiments.benchmark import extra
 from experiments.output.files import published, usable_file, usable_folder, write_json
-from experiments.output.results import Findings
-from experiments.output.study import Out, Progress, WrongInput, seed_option
+from experiments.output.findings import Findings
+from experiments.output.study import Progress, WrongInput
 
 
 def bench(

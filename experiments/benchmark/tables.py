@@ -3,7 +3,7 @@
 from typing import Any
 
 from experiments.hexapod.testbed import Bench
-from experiments.output.results import Table
+from experiments.output.findings import Table
 
 TICK = {
     "mj_step": "physics alone: mj_step",

@@ -13,7 +13,7 @@ from experiments.benchmark.tables import (
     ratio_table,
     times_table,
 )
-from experiments.output.results import Findings, Picture
+from experiments.output.findings import Findings, Picture
 
 PICTURES = [
     Picture(

@@ -3,7 +3,7 @@
 from typing import Any
 
 from experiments.force.soundness import complaint
-from experiments.output.results import Findings, Picture, Table
+from experiments.output.findings import Findings, Picture, Table
 
 PICTURES = [
     Picture(

@@ -4,7 +4,7 @@ from typing import Any
 
 from experiments.goals.demonstration import REFERENCE
 from experiments.goals.summary import complaint
-from experiments.output.results import Findings, Picture, Table
+from experiments.output.findings import Findings, Picture, Table
 
 PICTURES = [
     Picture(

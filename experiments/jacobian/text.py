@@ -6,7 +6,7 @@ from experiments.jacobian.loop import VARIANTS
 from experiments.jacobian.loop_summary import loop_complaint
 from experiments.jacobian.norms import NORMS
 from experiments.jacobian.summary import complaint
-from experiments.output.results import Findings, Picture, Table
+from experiments.output.findings import Findings, Picture, Table
 
 VARIATION_PICTURE = Picture(
     "jacobian.png",

@@ -1,68 +1,92 @@
-"""What a study says of itself: its numbers, and the tables, sentences and pictures made of them.
+"""What came out of a study: its numbers, their checks, and tables, sentences and figures of them.
 
 The terminal, the Markdown files, the recordings' notes and `fjh report` all show this one
-description.
+description; :func:`publish` writes all files of a study, or none.
 """
 
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from experiments.output.files import published, write_arrays, write_index
+from experiments.output.tables import Table
+
+if TYPE_CHECKING:  # the help text need not wait for these imports
+    from matplotlib.figure import Figure
+    from numpy.typing import NDArray
 
 
 @dataclass(frozen=True)
-class Table:
-    """Rows of cells; the first of each is its label.
+class Check:
+    """One number that must stay below its limit for the study to be trusted.
 
     Attributes:
-        title: For people, on one line.
-        headings: One a column; a line break is where a narrow page may break it.
-        rows: One a line; cells are print, as a reader shall see them.
-        legend: What the columns mean, with their units, where title and headings do not say.
+        what: The number, with its unit.
+        where: In which run or condition.
+        value: As it came out; NaN fails.
+        limit: Not reached.
     """
 
-    title: str
-    headings: tuple[str, ...]
-    rows: list[tuple[str, ...]]
-    legend: str = ""
+    what: str
+    where: str
+    value: float
+    limit: float
 
-    def markdown(self) -> str:
-        """The table without title and legend."""
-        headings = [heading.replace("\n", " ") for heading in self.headings]
-        lines = [headings, ("---",) * len(headings), *self.rows]
-        return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+    @property
+    def passed(self) -> bool:
+        """Whether the value is below the limit."""
+        return self.value < self.limit
+
+    def __str__(self) -> str:
+        return f"{self.where}: {self.what} is {self.value:.3g}, expected below {self.limit:.3g}"
 
 
 @dataclass(frozen=True)
 class Picture:
-    """A figure that the study writes.
+    """A figure of the study.
 
     Attributes:
-        file: Name in the study's folder.
+        name: Of its files, without ending.
         caption: What it shows.
         alt: What there is to see, for a reader who cannot.
+        draw: Makes it.
+        formats: Endings of the files.
     """
 
-    file: str
+    name: str
     caption: str
     alt: str
+    draw: "Callable[[], Figure]"
+    formats: tuple[str, ...] = ("png", "pdf")
 
 
 @dataclass(frozen=True)
-class Findings:
+class Results:
     """What came out of a study.
 
     Attributes:
-        summary: All numbers, as in its JSON file.
+        summary: All numbers, as in its JSON file; units in the names.
         tables: In print's order.
         notes: Sentences below them.
-        pictures: Figures among its files.
-        complaint: One sentence on what makes it unsound; None when nothing does.
+        checks: The study is sound if all of them passed.
+        pictures: Its figures.
+        arrays: Contents of `.npz` files, by file name.
+        records: Each writes further files, a run's data and its recording, into a folder.
     """
 
     summary: dict[str, Any]
-    tables: list[Table]
-    notes: list[str]
-    pictures: list[Picture]
-    complaint: str | None
+    tables: Sequence[Table] = ()
+    notes: Sequence[str] = ()
+    checks: Sequence[Check] = ()
+    pictures: Sequence[Picture] = ()
+    arrays: "Mapping[str, Mapping[str, NDArray[Any]]]" = field(default_factory=dict)
+    records: Sequence[Callable[[Path], None]] = ()
+
+    @property
+    def failed_check(self) -> str | None:
+        """One sentence on the first check that failed; None where all passed."""
+        return next((str(check) for check in self.checks if not check.passed), None)
 
     def markdown(self) -> str:
         """Tables and notes as a page."""
@@ -71,6 +95,28 @@ class Findings:
             parts += [f"## {table.title}", table.legend, table.markdown()]
         parts.append("\n".join(f"- {note}" for note in self.notes))
         return "\n\n".join(part for part in parts if part) + "\n"
+
+
+def publish(folder: Path, name: str, results: Results) -> Results:
+    """Write `name.json`, `name.md`, figures, data and recordings; all of them or none.
+
+    Returns:
+        The results, the names of all files in their summary.
+
+    Raises:
+        OutputError: The disk or the folder refuses.
+    """
+    from experiments.output.plotting import save_figure  # late: matplotlib takes a second
+
+    with published(folder, index=f"{name}.json") as staging:
+        for file, arrays in results.arrays.items():
+            write_arrays(staging / file, dict(arrays))
+        for record in results.records:
+            record(staging)
+        for picture in results.pictures:
+            save_figure(picture.draw(), staging, picture.name, picture.formats)
+        (staging / f"{name}.md").write_text(results.markdown(), encoding="utf-8")
+        return replace(results, summary=write_index(staging / f"{name}.json", results.summary))
 
 
 def is_cut(summary: dict[str, Any]) -> bool:

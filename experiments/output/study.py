@@ -1,37 +1,71 @@
-"""What every command shares: its options, and what is left when a run cannot be trusted."""
+"""A study as data: what the command line offers of it, and the two functions that make it."""
 
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
-from pathlib import Path
-from typing import Annotated, Any
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from pkgutil import resolve_name
+from typing import Any
 
-import typer
-
-from experiments.output.files import published, write_arrays
+from experiments.output.results import Results
 
 OnProgress = Callable[[int, int], None]
 """To be called with the finished and total steps of some work."""
 
 Progress = Callable[[str], AbstractContextManager[OnProgress]]
-"""Shows how far the work of a name is, while its context lasts."""
-
-Out = Annotated[Path, typer.Option(metavar="FOLDER", help="Folder for results, made if need be.")]
+"""Shows the progress of the named work while its context lasts."""
 
 
-MachineFile = Annotated[
-    Path | None,
-    typer.Option(
-        metavar="FILE", help="Another machine file, MJCF.  [default: the hexapod, fjh.xml]"
-    ),
-]
+@dataclass(frozen=True)
+class Option:
+    """One more option of a study's command, passed on to its runs by name.
+
+    Attributes:
+        name: As a Python name; `--its-name` on the command line.
+        kind: Type of its value; a `Literal` is a choice.
+        default: Where it is not given.
+        help: For the help text.
+        metavar: What stands for the value in the help text; None: its type.
+    """
+
+    name: str
+    kind: Any
+    default: Any
+    help: str
+    metavar: str | None = None
 
 
-def seed_option(of_what: str) -> Any:
-    """The option `--seed`; the same seed gives the same numbers to the bit."""
-    return typer.Option(min=0, max=2**32 - 1, metavar="N", help=f"Seed of {of_what}.")
+@dataclass(frozen=True)
+class Study:
+    """One experiment.
 
+    `runs` and `results` are entry points, "package.module:function", resolved when the study is
+    run: the help text does not wait for the import of MuJoCo.
 
-Seed = Annotated[int, seed_option("the detector noise")]
+    Attributes:
+        name: Of its command, its folder and its JSON file.
+        help: For the help text: one line, what it does and how long it takes, what it writes, an
+            example; a paragraph each.
+        runs: `runs(seed=, quick=, on_progress=, **options)` simulates, and returns frozen data.
+        results: `results(outcome)` makes :class:`Results` of them.
+        quick: What --quick leaves out.
+        seed: What the seed is of.
+        options: Further ones.
+        streams: Whether the runs write into the folder while they run, and take it as `folder`.
+    """
+
+    name: str
+    help: str
+    runs: str
+    results: str
+    quick: str
+    seed: str = "the detector noise"
+    options: tuple[Option, ...] = ()
+    streams: bool = False
+
+    def perform(self, *, on_progress: OnProgress, **options: Any) -> Results:
+        """Run the study; no file is made, unless it streams."""
+        outcome = resolve_name(self.runs)(on_progress=on_progress, **options)
+        return resolve_name(self.results)(outcome)
 
 
 class WrongInput(Exception):
@@ -44,39 +78,3 @@ class Interrupted(Exception):
 
 class Unsound(Exception):
     """The run ended, but its numbers cannot be trusted."""
-
-
-@contextmanager
-def machine_refused() -> Iterator[None]:
-    """Turn the refusal of a machine file into that of the command line.
-
-    Raises:
-        WrongInput: A machine file will not do.
-    """
-    from sim import ModelError  # late: the help text need not wait for MuJoCo's import
-
-    try:
-        yield
-    except ModelError as error:
-        raise WrongInput(str(error)) from error
-
-
-@contextmanager
-def diverged_into(folder: Path) -> Iterator[None]:
-    """Leave the state of a diverging simulation in the folder.
-
-    Raises:
-        Unsound: A simulation inside diverged.
-    """
-    # Late: the help text need not wait for MuJoCo's import.
-    import numpy as np
-
-    from sim import SimulationDiverged
-
-    try:
-        yield
-    except SimulationDiverged as diverged:
-        state = {"time_s": np.array(diverged.time_s), "state": diverged.state}
-        with published(folder, index="diverged.npz") as staging:
-            write_arrays(staging / "diverged.npz", state)
-        raise Unsound(f"{diverged}; the state is in {folder / 'diverged.npz'}") from None

@@ -17,7 +17,7 @@ from rich.progress import (
 from rich.table import Table as RichTable
 
 from experiments.output.interrupt import raise_from_now_on
-from experiments.output.results import Table
+from experiments.output.tables import Table
 
 
 @contextmanager

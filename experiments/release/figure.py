@@ -1,5 +1,6 @@
 """The figure of `fjh release`: statics over stiffness, and spirals in which the strut is lost."""
 
+from functools import partial
 from typing import Any
 
 from matplotlib.axes import Axes
@@ -7,9 +8,22 @@ from matplotlib.figure import Figure
 
 from experiments.output.palette import DESIRED, MEASURED, START
 from experiments.output.plotting import PAGE_IN, new_figure
-from experiments.release.study import Release
-from experiments.release.summary import twist
+from experiments.output.results import Picture
+from experiments.release.runs import Release, twist
 from sim import Array
+
+
+def pictures(release: Release, summary: dict[str, Any]) -> list[Picture]:
+    """The study's figure and its caption."""
+    picture = Picture(
+        "release",
+        "Strut 1 without its coil: statics over six decades of stiffness, and two spirals.",
+        "Above: the elastic mapping follows the simulation over all stiffnesses, taking the strut "
+        "as locked fails for soft suspensions. Below: t_x over time when coil, or coil and spring, "
+        "are lost in flight; simulation and linear model lie on top of each other.",
+        partial(figure_release, release, summary),
+    )
+    return [picture]
 
 
 def figure_release(release: Release, summary: dict[str, Any]) -> Figure:

@@ -5,9 +5,10 @@ from typing import Annotated
 
 import typer
 
+from experiments.app.legacy import Out, seed_option
 from experiments.output.files import usable_folder
-from experiments.output.results import Findings
-from experiments.output.study import Out, Progress, seed_option
+from experiments.output.findings import Findings
+from experiments.output.study import Progress
 from experiments.sweep.waiting import PATIENCE_S
 
 DesignFile = Annotated[

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from experiments.output.results import Findings, Picture, Table
+from experiments.output.findings import Findings, Picture, Table
 from experiments.sweep.summary import complaint
 
 PICTURES = [

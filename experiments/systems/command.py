@@ -5,9 +5,11 @@ from typing import Annotated
 
 import typer
 
+from experiments.app.command import diverged_into
+from experiments.app.legacy import Out, seed_option
 from experiments.output.files import usable_folder
-from experiments.output.results import Findings
-from experiments.output.study import Out, Progress, diverged_into, seed_option
+from experiments.output.findings import Findings
+from experiments.output.study import Progress
 
 
 def systems(

@@ -5,10 +5,12 @@ from typing import Annotated
 
 import typer
 
+from experiments.app.command import diverged_into
+from experiments.app.legacy import MachineFile, Out, Seed
 from experiments.hexapod.choices import ConfigurationName, JacobianChoice
 from experiments.output.files import usable_folder
-from experiments.output.results import Findings
-from experiments.output.study import MachineFile, Out, Progress, Seed, diverged_into
+from experiments.output.findings import Findings
+from experiments.output.study import Progress
 
 
 def table1(

@@ -9,10 +9,10 @@ from experiments.hexapod.recording.notes import run_notes
 from experiments.hexapod.recording.shown import Shown
 from experiments.hexapod.simulation import Trajectory
 from experiments.output.files import published, write_index
+from experiments.output.findings import is_cut
 from experiments.output.plotting import save_figure
 from experiments.output.recording.file import About
 from experiments.output.recording.marks import Mark
-from experiments.output.results import is_cut
 from experiments.table1 import figures
 from experiments.table1.study import Table1
 from experiments.table1.text import findings

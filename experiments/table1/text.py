@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from experiments.hexapod.checks import complaint
-from experiments.output.results import Findings, Picture, Table, is_cut
+from experiments.hexapod.legacy_checks import complaint
+from experiments.output.findings import Findings, Picture, Table, is_cut
 from sim import Array
 
 ANGLES = ("alpha", "beta")

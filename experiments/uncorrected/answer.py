@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from experiments.output.results import is_cut
+from experiments.output.findings import is_cut
 
 
 def paragraph(summary: dict[str, Any]) -> str:

@@ -13,10 +13,10 @@ from experiments.hexapod.recording.notes import run_notes
 from experiments.hexapod.recording.shown import Shown
 from experiments.hexapod.simulation import Trajectory
 from experiments.output.files import published, write_arrays, write_index
+from experiments.output.findings import is_cut
 from experiments.output.plotting import save_figure
 from experiments.output.recording.file import About
 from experiments.output.recording.marks import Mark
-from experiments.output.results import is_cut
 from experiments.uncorrected.demand_limit_figure import figure_demand_limit
 from experiments.uncorrected.figure import figure_uncorrected
 from experiments.uncorrected.limit_map import ANTI_WINDUP

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from experiments.output.results import Findings, Picture, Table, is_cut
+from experiments.output.findings import Findings, Picture, Table, is_cut
 from experiments.uncorrected.soundness import complaint
 
 PICTURES = [

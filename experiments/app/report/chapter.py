@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from experiments.output.files import published, write_json
-from experiments.output.results import Findings
+from experiments.output.findings import Findings
 from experiments.output.study import Progress, Unsound
 
 ENTRY = "chapter.json"

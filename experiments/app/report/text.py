@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any
 
 from experiments.app.report.page import span
-from experiments.output.results import Findings, Table
+from experiments.output.findings import Findings, Table
 
 
 def findings(summary: dict[str, Any], folder: Path) -> Findings:

@@ -5,9 +5,10 @@ from typing import Annotated
 
 import typer
 
+from experiments.app.command import machine_refused
+from experiments.app.legacy import MachineFile
 from experiments.output.files import published, usable_file
 from experiments.output.interrupt import raise_from_now_on
-from experiments.output.study import MachineFile, machine_refused
 
 
 def review(

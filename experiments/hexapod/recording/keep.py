@@ -1,6 +1,7 @@
 """A hexapod run on disk: its data (.npz, the record) and its recording (.rrd, the view)."""
 
 import json
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -9,6 +10,7 @@ import mujoco
 import numpy as np
 from rerun.chunk import RrdReader
 
+from experiments.hexapod.recording.notes import run_notes
 from experiments.hexapod.recording.run import RATE_HZ, write_run
 from experiments.hexapod.recording.shown import Shown
 from experiments.output.files import write_arrays
@@ -59,6 +61,35 @@ def keep_run(
     write_arrays(folder / f"{name}.npz", asdict(shown.run) | (further or {}))
     about = replace(about, properties=about.properties | told)
     write_run(folder / f"{name}.rrd", about, model, shown)
+
+
+def record_run(
+    folder: Path,
+    name: str,
+    identity: str,
+    model: mujoco.MjModel,
+    shown: Shown,
+    *,
+    said: Sequence[str],
+    beside: Mapping[str, tuple[float | None, float | None]],
+    properties: dict[str, Any],
+    further: dict[str, Array] | None = None,
+) -> None:
+    """Write a run's data and its recording, with notes beside the views.
+
+    Args:
+        folder: Where.
+        name: Of both files, without ending, and of the recording.
+        identity: What tells the recording from others: experiment, run and seed.
+        model: The machine that is drawn.
+        shown: The run.
+        said: What was done, a sentence or a list item each.
+        beside: RMS of (alpha, beta) [urad] to compare with, by where they come from.
+        properties: All parameters.
+        further: Arrays beside the run's own.
+    """
+    notes = run_notes(name.replace("_", " "), [*said, ""], shown.run, beside, properties)
+    keep_run(folder, name, About(identity, name, notes, properties), model, shown, further)
 
 
 def read_run(path: Path) -> Kept:

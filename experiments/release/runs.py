@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import mujoco
+import numpy as np
 
 from experiments.hexapod.goal import MAJOR, Goal
 from experiments.hexapod.prediction import predicted_motion, predicted_rms_rad, sensitivity_peak
@@ -85,6 +86,7 @@ class Release:
     """All runs of the experiment.
 
     Attributes:
+        seed: Of the detector noise.
         cases: The spirals.
         trajectories: By name.
         predicted_rad: RMS of each that fails from the start (or not), by name, (2,).
@@ -96,6 +98,7 @@ class Release:
         atlas: Rigid and elastic verdicts on all 3^6 conditions.
     """
 
+    seed: int
     cases: tuple[Case, ...]
     trajectories: dict[str, Trajectory]
     predicted_rad: dict[str, Array]
@@ -169,6 +172,7 @@ def run_release(
             rms_rad = predicted_rms_rad(**shared(case), goal=goal, duration_s=duration_s)
             predicted[case.name] = rms_rad
     return Release(
+        seed=seed,
         cases=chosen,
         trajectories=trajectories,
         predicted_rad=predicted,
@@ -196,3 +200,8 @@ def _quasi_static(case: Case, model: mujoco.MjModel, time_s: Array, command_m: A
     after = time_s >= case.time_s
     twist[after] = command_m[after][:, failed.actuators] @ failed.J.T
     return twist
+
+
+def twist(run: Trajectory) -> Array:
+    """True payload motion [alpha, beta, gamma, t_x, t_y, t_z], shape (N, 6)."""
+    return np.hstack([run.true_rad, run.secondary])

@@ -1,0 +1,217 @@
+"""The released strut as numbers, checks, tables and files."""
+
+from dataclasses import asdict, fields
+from functools import partial
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from experiments.hexapod.checks import closure_check, prediction_checks, prediction_tolerance
+from experiments.hexapod.metrics import percent, pointing_rms_urad
+from experiments.hexapod.provenance import plant_constants, recording_properties
+from experiments.hexapod.recording.keep import record_run
+from experiments.hexapod.recording.shown import Shown
+from experiments.hexapod.testbed import Bench
+from experiments.output.provenance import versions
+from experiments.output.recording.marks import Mark
+from experiments.output.results import Check, Results
+from experiments.output.tables import Column, Table, tabulate
+from experiments.release.figure import pictures
+from experiments.release.runs import Case, Release, twist
+from prioritized import Classes, FailureAtlas
+from sim import Array, load_model, model_sha256, weightless
+
+MISMATCH_LIMIT_PERCENT = 1.0
+"""Largest distance of simulated from predicted motion."""
+
+KNOWN = {
+    "uncorrected": "the mapping is not told",
+    "corrected": "the mapping is told, and reckons with the springs",
+    "as_locked": "the mapping is told that it is locked",
+}
+
+
+def results(release: Release) -> Results:
+    """Everything that `fjh release` publishes."""
+    summary = summarize(release)
+    return Results(
+        summary,
+        tables=(spirals(summary), sweep(summary)),
+        checks=checks(summary),
+        pictures=pictures(release, summary),
+        arrays={"atlas.npz": _atlas_arrays(release.atlas)},
+        records=[partial(_record, release, summary, spiral) for spiral in summary["spirals"]],
+    )
+
+
+def summarize(release: Release) -> dict[str, Any]:
+    """All numbers of the experiment, ready for JSON; units are in the names."""
+    model: mujoco.MjModel = load_model()
+    run = release.trajectories["sound"]
+    orbit = plant_constants(weightless(model))
+    return {
+        "experiment": "release",
+        "seed": release.seed,
+        "versions": versions(),
+        "model_sha256": model_sha256(),
+        "jacobian": "constant",
+        "duration_s": len(run.time_s) * Bench().control_period_s,
+        "bench": asdict(Bench()) | plant_constants(model),
+        "spirals": [_spiral(release, case, orbit) for case in release.cases],
+        "sweep": release.sweep,
+        "on_the_ground_without_spring": release.fall,
+        "atlas": _atlas(release.atlas),
+    }
+
+
+def checks(summary: dict[str, Any]) -> list[Check]:
+    """Loops stay closed, motions are the linear model's, and the mapping points where it should."""
+    tolerance, off = prediction_tolerance(summary["duration_s"]), MISMATCH_LIMIT_PERCENT
+    found = []
+    for spiral in summary["spirals"]:
+        found.append(closure_check(spiral["name"], spiral["closure_residual_max_m"]))
+        if spiral["kind"]:
+            mismatch = spiral["motion_mismatch_linear_model_percent"]
+            what = "distance of the motion from the linear model's [%]"
+            found.append(Check(what, spiral["name"], mismatch, off))
+        found += prediction_checks(spiral, tolerance)
+    for point in summary["sweep"]:
+        where = f"stiffness ratio {point['suspension_over_swing']:g}"
+        for model in ("elastic", "linear_model"):
+            what = f"distance of the {model.replace('_', ' ')} from the simulation [%]"
+            found.append(Check(what, where, point[f"mismatch_{model}_percent"], off))
+        error = abs(point["alpha_corrected_urad"] - 100)
+        found.append(Check("pointing error of the corrected mapping [%]", where, error, off))
+    fall = summary["on_the_ground_without_spring"]
+    error = 100 * abs(fall["strut_1_um"] / fall["stop_um"] - 1)
+    found.append(Check("distance of strut 1 from its stop [%]", "without its spring", error, off))
+    return found
+
+
+def spirals(summary: dict[str, Any]) -> Table:
+    """One row for each spiral."""
+    columns = (
+        Column("", lambda spiral: spiral["name"].replace("_", " ")),
+        Column("alpha", "alpha_rms_urad", ".3f"),
+        Column("model", "predicted_alpha_rms_urad", ".3f"),
+        Column("beta", "beta_rms_urad", ".3f"),
+        Column("model", "predicted_beta_rms_urad", ".3f"),
+        Column("peak", "alpha_peak_urad", ".1f"),
+        Column("Ms", "sensitivity_peak", ".2f"),
+    )
+    return tabulate(
+        "Strut 1 released: RMS of desired minus true angle, urad",
+        columns,
+        summary["spirals"],
+        "free: without coil; loose: without coil and spring, in orbit. model: the linear model's. "
+        "peak: of the alpha error, urad. Ms: peak of the loops' sensitivity.",
+    )
+
+
+def sweep(summary: dict[str, Any]) -> Table:
+    """One row for each stiffness."""
+    columns = (
+        Column("stiffness", "suspension_over_swing", ".0e"),
+        Column("simulated", "alpha_simulated_urad", ".2f"),
+        Column("elastic", "alpha_elastic_urad", ".2f"),
+        Column("as locked", "alpha_as_if_locked_urad", ".2f"),
+        Column("corrected", "alpha_corrected_urad", ".2f"),
+    )
+    return tabulate(
+        "At rest, alpha of 100 urad asked for; alpha reached, urad",
+        columns,
+        summary["sweep"],
+        "stiffness: suspension over the strut's own swing. Not told to the mapping: simulated, by "
+        "the elastic mapping, and taking the strut as locked at its centre. corrected: told.",
+    )
+
+
+def _spiral(release: Release, case: Case, orbit: dict[str, Any]) -> dict[str, Any]:
+    run = release.trajectories[case.name]
+    alpha, beta = pointing_rms_urad(run)
+    alpha_peak, beta_peak = 1e6 * np.abs(run.desired_rad - run.true_rad).max(axis=0)
+    predicted = release.predicted_rad.get(case.name)
+    true = twist(run)
+    return {
+        "name": case.name,
+        "kind": case.kind,
+        "failure_time_s": case.time_s if case.kind else None,
+        "told": case.told,
+        "plant": orbit if case.kind == "loose" else {},
+        "alpha_rms_urad": alpha,
+        "beta_rms_urad": beta,
+        "predicted_alpha_rms_urad": None if predicted is None else 1e6 * predicted[0],
+        "predicted_beta_rms_urad": None if predicted is None else 1e6 * predicted[1],
+        "alpha_peak_urad": alpha_peak,
+        "beta_peak_urad": beta_peak,
+        "sensitivity_peak": release.sensitivity[case.name],
+        "motion_mismatch_linear_model_percent": percent(true - release.linear[case.name], true),
+        "motion_mismatch_quasi_static_percent": percent(
+            true - release.quasi_static[case.name], true
+        ),
+        "strut_1_peak_um": 1e6 * float(np.abs(run.strut_displacement_m[:, 0]).max()),
+        "closure_residual_max_m": float(run.closure_residual_m.max()),
+        "recording": f"{case.name}.rrd",
+        "data": f"{case.name}.npz",
+    }
+
+
+def _atlas(atlas: FailureAtlas) -> dict[str, Any]:
+    assert atlas.elastic is not None  # the hexapod has springs
+    elastic, singles = atlas.elastic, []
+    for strut in range(6):
+        for kind in ("locked", "free"):
+            row = atlas.row(**{kind: [strut]})
+            verdicts = {"rigid": _verdict(atlas, row), "elastic": _verdict(elastic, row)}
+            singles.append({"strut": strut + 1, "kind": kind, **verdicts})
+    return {
+        "conditions": len(atlas.codes),
+        "possible_rigid": int(atlas.possible.sum()),
+        "possible_elastic": int(elastic.possible.sum()),
+        "smallest_gap": float(min(atlas.gap.min(), elastic.gap.min())),
+        "single_failures": singles,
+    }
+
+
+def _verdict(classes: Classes, row: int) -> dict[str, Any]:
+    lost = classes.lost_secondary[row]
+    return {
+        "possible": bool(classes.possible[row]),
+        "worst_gain_rad_per_m": float(classes.worst_gain[row]),
+        "unstable_major": bool(classes.unstable_major[row]),
+        "lost_gamma_t_x_t_y_t_z": lost[:, np.abs(lost).any(axis=0)].T.tolist(),
+    }
+
+
+def _atlas_arrays(atlas: FailureAtlas) -> dict[str, Array]:
+    """Rigid and elastic verdicts in one file; rows are conditions."""
+    assert atlas.elastic is not None  # the hexapod has springs
+    names = [field.name for field in fields(Classes)]
+    rigid = {f"rigid_{name}": getattr(atlas, name) for name in names}
+    elastic = {f"elastic_{name}": getattr(atlas.elastic, name) for name in names}
+    return {"codes": atlas.codes} | rigid | elastic
+
+
+def _record(release: Release, summary: dict[str, Any], spiral: dict[str, Any], folder: Any) -> None:
+    name, kind, known = spiral["name"], spiral["kind"], spiral["told"]
+    marks, what = [], "all struts sound"
+    if kind is not None:
+        when = spiral["failure_time_s"]
+        marks = [Mark(0, when, f"strut 1 {kind}, {known.replace('_', ' ')}")]
+        lost = "coil" if kind == "free" else "coil and suspension spring"
+        what = f"strut 1 loses its {lost}; {KNOWN[known]} (at {when:g} s)"
+    orbit = " In orbit: no weight, no preload." if kind == "loose" else ""
+    seed, duration_s = summary["seed"], summary["duration_s"]
+    predicted = spiral["predicted_alpha_rms_urad"], spiral["predicted_beta_rms_urad"]
+    record_run(
+        folder,
+        name,
+        f"release-{name}-seed{seed}",
+        load_model(),
+        Shown(release.trajectories[name], marks),
+        said=[f"Seed {seed}, {duration_s:g} s, constant Jacobian, W_a; {what}.{orbit}"],
+        beside={"linear model": predicted},
+        properties=recording_properties(summary) | spiral["plant"],
+        further={"linear": release.linear[name], "quasi_static": release.quasi_static[name]},
+    )
