@@ -133,7 +133,13 @@ class Kinematics:
     @cached_property
     def _statics(self) -> ConstraintForces:
         mechanism = self.task, self.J_C, self.joints, self.stiffness, self._motion
-        return constraint_forces(*mechanism, self.internal_force, self._constraint)
+        return constraint_forces(*mechanism, self.internal_force)
+
+    @cached_property
+    def _internal_gain(self) -> Array:
+        """Internal force eta per torque that is not in equilibrium without it, (r, n - q)."""
+        rows = internal_force_rows(self.J_C, self.joints, self._motion)
+        return self.internal_force @ rows.T @ self._constraint.pseudo_inverse().T
 
     def expand(self, rates: ArrayLike) -> Array:
         """Rates or torques of the survivors (..., n - q) for all actuators (..., n), else zero."""
@@ -163,8 +169,8 @@ class Kinematics:
         f_C = force @ statics.gain.T
         if torques is None:
             return f_C
-        more = check.vector("torques", torques, len(self.active)) - force @ statics.torques.T
-        return f_C + more @ statics.internal.T @ self.internal_force
+        rest = check.vector("torques", torques, len(self.active)) - force @ statics.torques.T
+        return f_C + rest @ self._internal_gain.T @ self.internal_force
 
     def manipulability(self, major: Sequence[int] | ArrayLike) -> Manipulability:
         """The four conditions of section 2.2 for a major task, each with basis, gap and sentence.

@@ -7,21 +7,18 @@ import numpy as np
 from argument_checks import Array, Indices
 from prioritized._arrays import read_only
 from prioritized._elimination import Joints, PassiveMotion, Task
-from prioritized._rank import RankedSvd
 
 
 class ConstraintForces(NamedTuple):
-    """Constraint forces, for the rows of J_C and then for the s stuck joints.
+    """Constraint forces of least norm per task force, and the torques in equilibrium with them.
 
     Attributes:
-        gain: Those of least norm per task force, shape (c + s, m).
-        torques: Torques in equilibrium with them, per task force, shape (n - q, m).
-        internal: Internal force eta per torque that differs from these, shape (r, n - q).
+        gain: For the c rows of J_C and then for the s stuck joints, shape (c + s, m).
+        torques: Shape (n - q, m).
     """
 
     gain: Array
     torques: Array
-    internal: Array
 
 
 def internal_force_rows(J_C: Array, joints: Joints, motion: PassiveMotion) -> Array:
@@ -37,9 +34,8 @@ def constraint_forces(
     stiffness: Array | None,
     motion: PassiveMotion,
     internal_force: Array,
-    active_constraint: RankedSvd,
 ) -> ConstraintForces:
-    """Constraint forces from `internal_force`, orthonormal rows, and the decomposition of (17)."""
+    """Eq. (11) without its internal force, of which `internal_force` has orthonormal rows."""
     stuck, active = joints.stuck, joints.active
 
     def spring_load(locked: Indices) -> Array:
@@ -56,9 +52,4 @@ def constraint_forces(
     gain = np.vstack([f_C, reaction])
     gain = gain - internal_force.T @ (internal_force @ gain)
     torques = task.active.T + J_C[:, active].T @ gain[: len(J_C)]
-    rows = internal_force_rows(J_C, joints, motion)
-    return ConstraintForces(
-        gain=read_only(gain),
-        torques=torques - spring_load(active),
-        internal=internal_force @ rows.T @ active_constraint.pseudo_inverse().T,
-    )
+    return ConstraintForces(read_only(gain), torques - spring_load(active))

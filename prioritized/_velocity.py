@@ -79,7 +79,8 @@ class VelocityMapping:
             TypeError: `kinematics` is not a :class:`prioritized.Kinematics`.
             ValueError: It has another number of task rows or surviving actuators.
         """
-        if not hasattr(kinematics, "relative_self_motion"):
+        Q = getattr(kinematics, "relative_self_motion", None)
+        if Q is None:
             raise TypeError(f"kinematics must be a Kinematics, got {check.shown(kinematics)}")
         problem = self.problem
         if kinematics.J.shape != problem.J.shape:
@@ -90,7 +91,7 @@ class VelocityMapping:
             J=kinematics.J,
             scale=np.asarray(kinematics.scale),
             active_constraint=kinematics.active_constraint,
-            self_motion=kinematics.relative_self_motion,
+            self_motion=Q,
         )
         return VelocityMapping(there, self.damping, kinematics)
 
