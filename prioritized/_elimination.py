@@ -85,6 +85,17 @@ def sort_task(J_T: Array, joints: Joints) -> Task:
     return Task(J_T, J_T[:, joints.active], moving, norm(J_T), squared)
 
 
+class Partition(NamedTuple):
+    """A constrained system by joints, eqs. (6) to (9)."""
+
+    task: Task
+    J_C: Array  # (c, N)
+    joints: Joints
+    stiffness: Array | None  # K of the joint springs, (N, N); None is a rigid mechanism
+    passive_metric: Array | None  # (N, N); None is the identity
+    rank_tolerance: float
+
+
 class Loops(NamedTuple):
     """What the loops determine of the moving joints.
 
@@ -146,18 +157,13 @@ class PassiveMotion(NamedTuple):
     loops: Loops
 
 
-def passive_motion(
-    J_C: Array,
-    joints: Joints,
-    stiffness: Array | None,
-    passive_metric: Array | None,
-    rank_tolerance: float,
-) -> PassiveMotion:
+def passive_motion(system: Partition) -> PassiveMotion:
     """The passive motion per active rate, eq. (10).
 
     Of the motion that the loops leave free, the part that springs resist minimizes their energy
     theta^T K theta / 2. The rest is self-motion: it takes the least norm in the passive metric.
     """
+    _, J_C, joints, stiffness, passive_metric, rank_tolerance = system
     moving, active = joints.moving, joints.active
     loops = close_loops(J_C, moving, rank_tolerance)
     closing, free = loops.closing, loops.free

@@ -11,11 +11,11 @@ from numpy.typing import ArrayLike
 import argument_checks as check
 from argument_checks import Array, Indices
 from prioritized._arrays import none, read_only
-from prioritized._elimination import Joints, PassiveMotion, Task, passive_motion
+from prioritized._elimination import Partition, PassiveMotion, passive_motion
 from prioritized._force import ForceMapping, force_mapping
 from prioritized._manipulability import Gaps, Manipulability, classify
 from prioritized._rank import RankedSvd, norm, ranked_svd
-from prioritized._statics import ConstraintForces, constraint_forces, internal_force_rows
+from prioritized._statics import constraint_gain, internal_force, internal_gain, torque_gain
 from prioritized._task import task_selection
 from prioritized._velocity import VelocityMapping, velocity_mapping
 
@@ -28,27 +28,22 @@ class Kinematics:
     first used. Of N velocities n have actuators, q of which failed; s joints are stuck.
     """
 
-    task: Task
-    J_C: Array  # (c, N)
-    joints: Joints
-    stiffness: Array | None  # K of the joint springs, (N, N); None is a rigid mechanism
-    passive_metric: Array | None  # (N, N); None is the identity
-    rank_tolerance: float
+    system: Partition
 
     @property
     def actuators(self) -> Indices:
         """Surviving actuators in nominal numbering, shape (n - q,)."""
-        return self.joints.actuators
+        return self.system.joints.actuators
 
     @property
     def active(self) -> Indices:
         """Their velocity indices, shape (n - q,)."""
-        return self.joints.active
+        return self.system.joints.active
 
     @property
     def passive(self) -> Indices:
         """Velocity indices of all others, failed ones too, shape (N - n + q,)."""
-        return self.joints.passive
+        return self.system.joints.passive
 
     @property
     def J(self) -> Array:
@@ -63,7 +58,7 @@ class Kinematics:
     @cached_property
     def self_motion(self) -> Array:
         """Orthonormal basis of the task motion with every active joint locked, shape (m, k)."""
-        svd = ranked_svd(self.relative_self_motion, 1.0, self.rank_tolerance)
+        svd = ranked_svd(self.relative_self_motion, 1.0, self.system.rank_tolerance)
         return read_only(svd.U[:, : int(svd.rank)])
 
     @cached_property
@@ -72,8 +67,7 @@ class Kinematics:
 
         Columns: the c rows of J_C, then the s stuck joints by velocity index.
         """
-        rows = internal_force_rows(self.J_C, self.joints, self._motion)
-        return read_only(np.linalg.qr(rows.T)[0].T if self.joints.stuck.size else rows.copy())
+        return read_only(internal_force(self.system, self._motion))
 
     @property
     def active_constraint(self) -> Array:
@@ -85,24 +79,25 @@ class Kinematics:
     @cached_property
     def passive_gain(self) -> Array:
         """Passive rates per active rate, eq. (10), shape (N - n + q, n - q)."""
-        return read_only(self.joints.among_passive(self._motion.gain))
+        return read_only(self.system.joints.among_passive(self._motion.gain))
 
     @cached_property
     def passive_self_motion(self) -> Array:
         """Orthonormal basis of the passive motion, active joints locked, shape (N - n + q, d)."""
-        return read_only(self.joints.among_passive(self._motion.free))
+        return read_only(self.system.joints.among_passive(self._motion.free))
 
     @property
     def relative_self_motion(self) -> Array:
         """Task motion of that basis, J_Tp J~_Cp, divided by the size of J_T, shape (m, d)."""
-        if not self._motion.free.shape[1]:
-            return none((len(self.task.J_T), 0))
-        return read_only(self.task.moving.dot(self._motion.free) / (self.task.size or 1.0))
+        task, free = self.system.task, self._motion.free
+        if not free.shape[1]:
+            return none((len(task.J_T), 0))
+        return read_only(task.moving.dot(free) / (task.size or 1.0))
 
-    @property
+    @cached_property
     def constraint_gain(self) -> Array:
         """Constraint forces of least norm per task force, eq. (11), shape (c + s, m)."""
-        return self._statics.gain
+        return read_only(constraint_gain(self.system, self._motion, self.internal_force))
 
     @cached_property
     def gaps(self) -> Gaps:
@@ -117,34 +112,29 @@ class Kinematics:
 
     @cached_property
     def _motion(self) -> PassiveMotion:
-        return passive_motion(
-            self.J_C, self.joints, self.stiffness, self.passive_metric, self.rank_tolerance
-        )
+        return passive_motion(self.system)
 
     @cached_property
     def _jacobian(self) -> tuple[Array, float]:
-        return self.task.reduced(self._motion.gain)
+        return self.system.task.reduced(self._motion.gain)
 
     @cached_property
     def _constraint(self) -> RankedSvd:
-        left = self._motion.loops.left_null @ self.J_C[:, self.active]
-        return ranked_svd(left, norm(self.J_C), self.rank_tolerance)
+        left = self._motion.loops.left_null @ self.system.J_C[:, self.active]
+        return ranked_svd(left, norm(self.system.J_C), self.system.rank_tolerance)
 
     @cached_property
-    def _statics(self) -> ConstraintForces:
-        mechanism = self.task, self.J_C, self.joints, self.stiffness, self._motion
-        return constraint_forces(*mechanism, self.internal_force)
+    def _torque_gain(self) -> Array:
+        return torque_gain(self.system, self._motion, self.constraint_gain)
 
     @cached_property
     def _internal_gain(self) -> Array:
-        """Internal force eta per torque that is not in equilibrium without it, (r, n - q)."""
-        rows = internal_force_rows(self.J_C, self.joints, self._motion)
-        return self.internal_force @ rows.T @ self._constraint.pseudo_inverse().T
+        return internal_gain(self.system, self._motion, self.internal_force, self._constraint)
 
     def expand(self, rates: ArrayLike) -> Array:
         """Rates or torques of the survivors (..., n - q) for all actuators (..., n), else zero."""
         survivors = check.vector("rates", rates, len(self.actuators))
-        expanded = np.zeros((*survivors.shape[:-1], self.joints.actuator_count))
+        expanded = np.zeros((*survivors.shape[:-1], self.system.joints.actuator_count))
         expanded[..., self.actuators] = survivors
         return expanded
 
@@ -165,11 +155,11 @@ class Kinematics:
             torques: Of the surviving actuators, shape (..., n - q); they determine the internal
                 force, the least in norm where several balance them. None is eta = 0.
         """
-        force, statics = check.vector("f", f, self.J.shape[0]), self._statics
-        f_C = force @ statics.gain.T
+        force = check.vector("f", f, self.J.shape[0])
+        f_C = force @ self.constraint_gain.T
         if torques is None:
             return f_C
-        rest = check.vector("torques", torques, len(self.active)) - force @ statics.torques.T
+        rest = check.vector("torques", torques, len(self.active)) - force @ self._torque_gain.T
         return f_C + rest @ self._internal_gain.T @ self.internal_force
 
     def manipulability(self, major: Sequence[int] | ArrayLike) -> Manipulability:
@@ -181,14 +171,14 @@ class Kinematics:
         Raises:
             ValueError: A row out of range or repeated.
         """
-        S_m, _ = task_selection(major, None, len(self.J), self.rank_tolerance)
+        S_m, _ = task_selection(major, None, len(self.J), self.system.rank_tolerance)
         return classify(
             S_m,
             (self.J, self.scale),
             (self.self_motion, self.relative_self_motion, self.passive_self_motion),
             (self.internal_force, self.active_constraint),
             self.gaps,
-            self.rank_tolerance,
+            self.system.rank_tolerance,
         )
 
     def velocity_mapping(
@@ -220,7 +210,7 @@ class Kinematics:
             tie_metric=self._of_survivors("tie_metric", tie_metric),
             damping=damping,
             scale=self.scale,
-            rank_tolerance=self.rank_tolerance,
+            rank_tolerance=self.system.rank_tolerance,
         )
         return VelocityMapping(mapping.problem, mapping.damping, self)
 
@@ -250,7 +240,7 @@ class Kinematics:
             major_metric=major_metric,
             tie_metric=self._of_survivors("tie_metric", tie_metric),
             scale=self.scale,
-            rank_tolerance=self.rank_tolerance,
+            rank_tolerance=self.system.rank_tolerance,
         )
         return dataclasses.replace(mapping, gap=np.minimum(mapping.gap, self.gap))
 
@@ -259,6 +249,6 @@ class Kinematics:
         if weight is None:
             return None
         W = weight if check.is_plain(weight) else check.real(name, weight)
-        if W.ndim and W.shape[-1] == self.joints.actuator_count > len(self.actuators):
+        if W.ndim and W.shape[-1] == self.system.joints.actuator_count > len(self.actuators):
             return W[..., self.actuators]
         return W

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 import argument_checks as check
 from argument_checks import Array, Indices
 from prioritized._arrays import read_only
-from prioritized._elimination import Joints, Task, sort_joints, sort_task
+from prioritized._elimination import Joints, Partition, Task, sort_joints, sort_task
 from prioritized._kinematics import Kinematics
 from prioritized._rank import RANK_TOLERANCE
 
@@ -189,9 +189,8 @@ class ConstrainedSystem:
             ValueError: A metric of the wrong shape, not finite, or with a negative eigenvalue.
         """
         metric = _metric("passive_metric", passive_metric, self.J_T.shape[1])
-        return Kinematics(
-            self._task, self.J_C, self._joints, self.stiffness, metric, self.rank_tolerance
-        )
+        matrices = self._task, self.J_C, self._joints, self.stiffness, metric
+        return Kinematics(Partition(*matrices, self.rank_tolerance))
 
     @cached_property
     def _joints(self) -> Joints:

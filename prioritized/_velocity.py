@@ -145,11 +145,11 @@ class VelocityMapping:
         return Status.DAMPED if self.damping else Status.EXACT
 
     @cached_property
-    def _solution(self) -> tuple[list[Array], list[RankedSvd]]:
+    def _solution(self) -> tuple[tuple[Array, ...], list[RankedSvd]]:
         """Gains of the major velocity, the rates and the secondary velocity; rank decisions."""
         X, decisions = velocity_gains(self.problem, self.damping)
-        m1 = len(self.problem.S_m)
-        return np.split(check.frozen(X), [m1, m1 + X.shape[-2]], axis=-1), decisions
+        X, m1, n = check.frozen(X), len(self.problem.S_m), X.shape[-2]
+        return (X[..., :m1], X[..., m1 : m1 + n], X[..., m1 + n :]), decisions
 
 
 def velocity_mapping(
