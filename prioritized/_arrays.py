@@ -21,7 +21,7 @@ def stack(top: Array, bottom: Array) -> Array:
 
 def product(A: Array, B: Array) -> Array:
     """A B, leading axes broadcast."""
-    # dot has half the overhead of @, which is most of the time that small matrices take.
+    # For small matrices overhead is most of the time, and that of dot is half that of @.
     return A.dot(B) if A.ndim == 2 and B.ndim <= 2 else A @ B
 
 
@@ -30,16 +30,16 @@ def transposed(A: Array) -> Array:
     return np.swapaxes(A, -1, -2)
 
 
-def respond(gains: Sequence[Array], required: str, **wishes: ArrayLike | None) -> Array:
-    """Sum of each gain (..., i, j) times its wish (..., j); what is None counts as zero.
+def respond(gains: Sequence[Array], required: str, **inputs: ArrayLike | None) -> Array:
+    """Sum of each gain (..., i, j) times its input (..., j); what is None counts as zero.
 
     Raises:
-        ValueError: A wish of the wrong shape or not finite, or the required one None; by its name.
+        ValueError: An input has a wrong shape or is not finite, or the required one is None.
     """
     total = np.zeros(gains[0].shape[-2])
-    for gain, (name, wish) in zip(gains, wishes.items(), strict=True):
-        if wish is not None or name == required:
-            total = total + apply(gain, name, wish)
+    for gain, (name, value) in zip(gains, inputs.items(), strict=True):
+        if value is not None or name == required:
+            total = total + apply(gain, name, value)
     return total
 
 
@@ -53,19 +53,19 @@ def apply(gain: Array, name: str, value: ArrayLike | None) -> Array:
 
 
 def on_axes(A: Array, lead: tuple[int, ...]) -> Array:
-    """The matrices A on all batch axes, whatever they depend on."""
+    """The matrices A broadcast to all batch axes."""
     return A if A.shape[:-2] == lead else np.broadcast_to(A, (*lead, *A.shape[-2:]))
 
 
 def read_only(A: Array) -> Array:
-    """The array itself, which no one may write to any more."""
+    """The array itself, made read-only."""
     A.setflags(write=False)
     return A
 
 
 @lru_cache
 def none(shape: tuple[int, ...]) -> Array:
-    """An array without elements, or of zeros: what there is none of."""
+    """A shared read-only array of zeros, mostly without elements."""
     return read_only(np.zeros(shape))
 
 
@@ -73,7 +73,7 @@ class ReadOnly:
     """A frozen dataclass whose arrays cannot be written to either, in tuples too."""
 
     def __post_init__(self) -> None:
-        """Take the right to write from every array field."""
+        """Make every array field read-only."""
         for value in vars(self).values():
             for A in value if isinstance(value, tuple) else (value,):
                 if isinstance(A, np.ndarray):

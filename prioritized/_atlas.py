@@ -10,34 +10,32 @@ from numpy.typing import ArrayLike, NDArray
 import argument_checks as check
 from argument_checks import Array, Mask
 from prioritized._arrays import ReadOnly
-from prioritized._failures import lock_and_release
-from prioritized._motions import Motions, motions_under, sprung
+from prioritized._motions import Motions, motions_under, with_stiffness
 from prioritized._rank import frobenius, ranked_svd
-from prioritized._system import ConstrainedSystem
+from prioritized._system import ConstrainedSystem, failed_actuators
 from prioritized._task import task_selection
 
 SOUND, LOCKED, FREE = 0, 1, 2
 
 MOST_ACTUATORS = 10
-"""With more, 3^n conditions no longer fit in memory: list the interesting ones instead."""
+"""With more, all 3^n conditions no longer fit in memory."""
 
 
 @dataclass(frozen=True, eq=False)
 class Classes(ReadOnly):
-    """Verdicts on each condition; all arrays start with the conditions' axis, length C.
+    """Verdicts on each of C conditions, the first axis of all arrays.
 
     Flags as in :class:`prioritized.Manipulability`.
 
     Attributes:
-        possible: The major task can still be done: reached in full, and moved by no self-motion.
+        possible: The major task is still possible: fully reachable, and no self-motion moves it.
         worst_gain: Least major speed per unit norm of the admissible active rates; zero when some
-            direction is out of reach. Where the major task is unstable, that of passive joints
-            that follow with the least norm.
-        major_rank: Dimension of the major velocities within reach.
-        secondary_rank: Dimension of the secondary velocities that remain at will while the major
-            task is held.
-        lost_secondary: Orthonormal basis of the secondary motion that is lost, columns padded with
-            zeros, shape (C, m2, m2).
+            direction is out of reach. Where the major task is unstable, passive joints follow with
+            the least norm.
+        major_rank: Dimension of the reachable major velocities.
+        secondary_rank: Dimension of the secondary velocities reachable with the major task at rest.
+        lost_secondary: Orthonormal basis of the secondary velocities that are not, columns padded
+            with zeros, shape (C, m2, m2).
         self_motion: Orthonormal basis of the task self-motion, columns padded with zeros,
             shape (C, m, .).
         gap: Smallest gap of the rank decisions behind the verdicts.
@@ -60,30 +58,30 @@ class Classes(ReadOnly):
 
 @dataclass(frozen=True, eq=False)
 class FailureAtlas(Classes):
-    """All failure conditions of a mechanism; its own verdicts are those of rigid kinematics.
+    """Verdicts of rigid kinematics on failure conditions of a mechanism.
 
     Attributes:
         codes: Condition of each actuator, 0 sound, 1 locked, 2 free, shape (C, n).
-        elastic: Verdicts with the system's springs, side by side; None when it has none.
+        elastic: Verdicts with the springs of the system; None when it has none.
     """
 
     codes: NDArray[np.int8]
     elastic: Classes | None
 
     def row(self, locked: Iterable[int] = (), free: Iterable[int] = ()) -> int:
-        """Row of the condition with just these failures.
+        """Row of the condition with exactly these failures.
 
         Raises:
             ValueError: The atlas does not hold it, or one actuator both locked and free.
         """
         n = self.codes.shape[1]
-        wanted = np.zeros(n, dtype=np.int8)
-        lock, release = lock_and_release(locked, free, n)
-        wanted[sorted(lock)] = LOCKED
-        wanted[sorted(release)] = FREE
-        found = np.flatnonzero((self.codes == wanted).all(axis=1))
+        condition = np.zeros(n, dtype=np.int8)
+        lock, release = failed_actuators(locked, free, n)
+        condition[sorted(lock)] = LOCKED
+        condition[sorted(release)] = FREE
+        found = np.flatnonzero((self.codes == condition).all(axis=1))
         if not found.size:
-            raise ValueError(f"the atlas holds no condition {wanted.tolist()}")
+            raise ValueError(f"the atlas holds no condition {condition.tolist()}")
         return int(found[0])
 
 
@@ -93,13 +91,13 @@ def failure_atlas(
     secondary: Sequence[int] | ArrayLike | None = None,
     codes: ArrayLike | None = None,
 ) -> FailureAtlas:
-    """Classify every combination of sound, locked and free actuators in one vectorized call.
+    """Verdicts on every combination of sound, locked and free actuators, in one vectorized call.
 
-    The loops are eliminated once; each condition is then a small problem in the few motions they
-    leave. Verdicts are those of `system.with_failures(...).kinematics().manipulability(major)`,
-    one by one; where the rows of J_C differ in size by many orders they may differ, because here a
-    joint's share in an orthonormal motion is weighed instead, and the gaps say so. Meant for
-    mechanisms of few freedoms: with a hundred, one by one is faster.
+    The loops are eliminated once; each condition is then a small problem in the motions that they
+    admit. The verdicts are those of `system.with_failures(...).kinematics().manipulability(major)`.
+    They may differ where the rows of J_C differ in size by many orders, because ranks are here
+    decided on an orthonormal basis of the motions; the gaps are then small. Meant for few degrees
+    of freedom: with a hundred, classifying one condition after the other is faster.
 
     Args:
         system: The mechanism; failures it already has are part of every condition.
@@ -110,7 +108,7 @@ def failure_atlas(
 
     Raises:
         TypeError: `system` is of another type.
-        ValueError: Wrong rows or codes, or more than ten actuators and no list of conditions.
+        ValueError: Wrong rows or codes, or more than ten actuators and no codes.
     """
     n = len(check.instance("system", system, ConstrainedSystem).active)
     m = system.J_T.shape[0]
@@ -124,16 +122,15 @@ def failure_atlas(
     rigid = _classes(system, motions, S_m, S_s)
     elastic = None
     if system.stiffness is not None:
-        elastic = _classes(
-            system, sprung(motions, system.stiffness, system.rank_tolerance), S_m, S_s
-        )
+        settled = with_stiffness(motions, system.stiffness, system.rank_tolerance)
+        elastic = _classes(system, settled, S_m, S_s)
     return FailureAtlas(**vars(rigid), codes=conditions, elastic=elastic)
 
 
 def _conditions(codes: ArrayLike | None, n: int) -> NDArray[np.int8]:
     if codes is None:
         if n > MOST_ACTUATORS:
-            raise ValueError(f"codes must list conditions beyond {MOST_ACTUATORS} actuators: {n}")
+            raise ValueError(f"codes must be given for more than {MOST_ACTUATORS} actuators: {n}")
         return np.array(list(itertools.product((SOUND, LOCKED, FREE), repeat=n)), dtype=np.int8)
     listed = check.matrix("codes", codes, columns=n)
     if (strange := listed[~np.isin(listed, (SOUND, LOCKED, FREE))]).size:
@@ -150,29 +147,31 @@ def _classes(system: ConstrainedSystem, motions: Motions, S_m: Array, S_s: Array
     scale = task_scale + frobenius(through[:, None] * (motions.B @ motions.driven))
     reach = ranked_svd(S_m @ J, frobenius(S_m) * scale, tolerance)
     reach_task = ranked_svd(J, scale, tolerance)
-    drift = ranked_svd(task @ motions.adrift, task_scale, tolerance)
-    drift_major = ranked_svd(S_m @ task @ motions.adrift, frobenius(S_m) * task_scale, tolerance)
-    aside = ranked_svd(
+    moved = ranked_svd(task @ motions.self_motion, task_scale, tolerance)
+    moved_major = ranked_svd(
+        S_m @ task @ motions.self_motion, frobenius(S_m) * task_scale, tolerance
+    )
+    secondary = ranked_svd(
         S_s @ J @ reach.null_projector(), frobenius(S_s) * scale, tolerance, full=True
     )
 
     reached = reach.rank == m1
-    beyond = np.arange(m2) >= aside.rank[:, None]
+    lost = np.arange(m2) >= secondary.rank[:, None]
     least = reach.sigma[:, :m1].min(axis=1, initial=np.inf)
     return Classes(
-        possible=reached & (drift_major.rank == 0),
+        possible=reached & (moved_major.rank == 0),
         unmanipulable=~reached,
         unmanipulable_task=reach_task.rank < len(system.J_T),
-        unstable=drift.rank > 0,
-        unstable_major=drift_major.rank > 0,
+        unstable=moved.rank > 0,
+        unstable_major=moved_major.rank > 0,
         irresolvable=motions.internal > 0,
-        constrained_active=motions.bound > 0,
+        constrained_active=motions.constraints > 0,
         worst_gain=np.where(reached, least, 0.0),
         major_rank=reach.rank,
-        secondary_rank=aside.rank,
-        lost_secondary=aside.U * beyond[:, None, :],
-        self_motion=drift.U * drift.kept[:, None, :],
+        secondary_rank=secondary.rank,
+        lost_secondary=secondary.U * lost[:, None, :],
+        self_motion=moved.U * moved.kept[:, None, :],
         gap=np.minimum.reduce(
-            [motions.gap, *(d.gap for d in (reach, reach_task, drift, drift_major, aside))]
+            [motions.gap, *(d.gap for d in (reach, reach_task, moved, moved_major, secondary))]
         ),
     )

@@ -1,26 +1,27 @@
-"""Elimination of the passive joints, eqs. (6) to (17); springs decide what loops leave free."""
+"""Elimination of the passive joints, eqs. (6) to (10); springs decide what loops leave free."""
 
+from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
 
 from argument_checks import Array, Indices
-from prioritized._arrays import none
-from prioritized._equality import certain, certain_inverse
+from prioritized._arrays import none, read_only
+from prioritized._equality import well_conditioned_above, well_conditioned_inverse
 from prioritized._rank import RankedSvd, frobenius, norm, ranked_svd
 
 
 class Joints(NamedTuple):
-    """Velocity indices by what their joints do, ascending but for the active ones.
+    """Velocity indices by the role of the joint; all but the active ones ascend.
 
-    The paper adds a unit row E to J_C for each stuck joint (section 2.3.2); here they are left out
-    of the decomposition and E's share is put back afterwards, which is the same and does not weigh
-    a unit row against the units of J_C.
+    For each stuck joint the paper adds a unit row E to J_C (section 2.3.2). Here stuck joints are
+    left out of the decomposition instead, and E's rows are restored in the result: the same
+    mathematically, but ranks do not depend on the units of J_C relative to E.
 
     Attributes:
         actuators: Surviving actuators, in nominal numbering, shape (n - q,).
         active: Their velocities, shape (n - q,).
-        stuck: Joints whose rate is zero, actuated or not.
+        stuck: Joints whose rate is zero, actuated or not, shape (s,).
         moving: All others, shape (p,).
         passive: All that are not active, shape (N - n + q,).
         actuator_count: Nominal number n of actuators.
@@ -34,16 +35,23 @@ class Joints(NamedTuple):
     actuator_count: int
 
     def among_passive(self, rows: Array) -> Array:
-        """Rows of the moving joints (p, .) among all that are not active, the others zero."""
-        everyone = np.zeros((len(self.passive), rows.shape[1]))
-        everyone[np.searchsorted(self.passive, self.moving)] = rows
-        return everyone
+        """Rows of the moving joints (p, .) placed among the passive ones, zero elsewhere."""
+        passive = np.zeros((len(self.passive), rows.shape[1]))
+        passive[np.searchsorted(self.passive, self.moving)] = rows
+        return passive
 
 
 def sort_joints(actuators: Indices, active: Indices, stuck: Indices, n: int, N: int) -> Joints:
-    """Tell the joints apart: `active` and `stuck` of N velocities, all n actuators counted."""
+    """The N velocities by role, given the surviving actuators among n, and the stuck joints."""
     moving = _others(np.concatenate([active, stuck]), N)
     return Joints(actuators, active, stuck, moving, _others(active, N), n)
+
+
+def _others(known: Indices, count: int) -> Indices:
+    """The indices of range(count) that are not known, ascending."""
+    rest = np.ones(count, dtype=bool)
+    rest[known] = False
+    return np.flatnonzero(rest)
 
 
 class Task(NamedTuple):
@@ -52,9 +60,9 @@ class Task(NamedTuple):
     Attributes:
         J_T: Shape (m, N).
         active: Its columns of active joints, shape (m, n - q).
-        moving: Those of moving ones, shape (m, p).
+        moving: Those of moving joints, shape (m, p).
         size: Norm of J_T.
-        moving_squared: Squared norm of each moving joint's column, shape (p,).
+        moving_squared: Squared norm of each column of `moving`, shape (p,).
     """
 
     J_T: Array
@@ -63,23 +71,41 @@ class Task(NamedTuple):
     size: float
     moving_squared: Array
 
+    def reduced(self, gain: Array) -> tuple[Array, float]:
+        """J = J_Ta + J_Tp gain, eq. (14), shape (m, n - q), and the size of the two terms."""
+        # A fast passive joint adds to the size only if it moves the task.
+        through = self.moving_squared.dot(np.add.reduce(gain * gain, 1))
+        return read_only(self.active + self.moving.dot(gain)), self.size + sqrt(through)
+
 
 def sort_task(J_T: Array, joints: Joints) -> Task:
-    """Tell the columns of the task Jacobian apart."""
+    """The task Jacobian by joints."""
     moving = J_T[:, joints.moving]
     squared = (moving * moving).sum(axis=0)
     return Task(J_T, J_T[:, joints.active], moving, norm(J_T), squared)
 
 
+class Partition(NamedTuple):
+    """A constrained system by joints, eqs. (6) to (9)."""
+
+    task: Task
+    J_C: Array  # (c, N)
+    joints: Joints
+    stiffness: Array | None  # K of the joint springs, (N, N); None is a rigid mechanism
+    passive_metric: Array | None  # (N, N); None is the identity
+    rank_tolerance: float
+
+
 class Loops(NamedTuple):
-    """The decision on what the loops hold of the moving joints.
+    """What the loops determine of the moving joints.
 
     Attributes:
         closing: J_Cp^+ in the plain norm, shape (p, c).
-        free: Orthonormal basis of what the loops leave free, shape (p, d).
+        free: Orthonormal basis of the motion that the loops leave free, shape (p, d).
         left_null: Orthonormal rows that span the left null space of J_Cp, shape (r, c).
-        decision: Of the rank of J_Cp; None where it is beyond doubt.
-        J_Cp: Shape (c, p); `scale`: what its rank is decided against, with `rank_tolerance`.
+        decision: Rank decision on J_Cp; None where it is clearly of full rank.
+        J_Cp: Shape (c, p).
+        scale: Size that its rank is decided against, with `rank_tolerance`.
     """
 
     closing: Array
@@ -97,11 +123,12 @@ class Loops(NamedTuple):
 
 
 def close_loops(J_C: Array, moving: Indices, rank_tolerance: float) -> Loops:
-    """Eliminate the moving joints from J_C theta_dot = 0, eqs. (6) to (8)."""
+    """The moving joints eliminated from J_C theta_dot = 0, eqs. (6) to (8)."""
     J_Cp, scale = J_C.take(moving, 1), norm(J_C)
     c, p = J_Cp.shape
     if c == p:
-        inverse = certain_inverse(J_Cp, certain(rank_tolerance) * scale)
+        least = well_conditioned_above(rank_tolerance) * scale
+        inverse = well_conditioned_inverse(J_Cp, least)
         if inverse is not None:
             return Loops(inverse, none((p, 0)), none((0, c)), None, J_Cp, scale, rank_tolerance)
     svd = ranked_svd(J_Cp, scale, rank_tolerance, full=True)
@@ -111,79 +138,64 @@ def close_loops(J_C: Array, moving: Indices, rank_tolerance: float) -> Loops:
 
 
 class PassiveMotion(NamedTuple):
-    """How the p moving passive joints follow.
+    """How the p moving passive joints follow the active ones.
 
     Attributes:
-        gain: Rates per active rate, eq. (10), shape (p, n).
-        closing: J_Cp^+, in the metric of springs and passive metric, shape (p, c).
-        free: Orthonormal basis of the motion that neither loops nor springs hold, shape (p, d).
-        give: Inverse of the springs' K on the motion that the loops leave free, shape (p, p).
-        spring_gap: Gap between what springs hold, or the metric weighs, and what they do not.
-        loops: What the loops alone hold.
+        gain: Passive rates per active rate, eq. (10), shape (p, n - q).
+        closing: J_Cp^+ in the metric of the springs and the passive metric, shape (p, c).
+        free: Orthonormal basis of the motion that neither loops nor springs resist, shape (p, d).
+        compliance: Inverse of K on the motion that the loops leave free, shape (p, p).
+        spring_gap: Gap between motion that springs resist, or the metric weighs, and the rest.
+        loops: The decision on the loops alone.
     """
 
     gain: Array
     closing: Array
     free: Array
-    give: Array
+    compliance: Array
     spring_gap: float
     loops: Loops
 
 
-def passive_motion(
-    J_C: Array,
-    joints: Joints,
-    stiffness: Array | None,
-    passive_metric: Array | None,
-    rank_tolerance: float,
-) -> PassiveMotion:
-    """Eq. (10): the moving joints follow the active ones.
+def passive_motion(system: Partition) -> PassiveMotion:
+    """The passive motion per active rate, eq. (10).
 
-    Motion that the loops leave free goes where the potential energy of the springs,
-    theta^T K theta / 2, is least; what no spring resists stays self-motion, and follows the
-    active joints with the least norm in the passive metric.
+    Of the motion that the loops leave free, the part that springs resist minimizes their energy
+    theta^T K theta / 2. The rest is self-motion: it takes the least norm in the passive metric.
     """
+    _, J_C, joints, stiffness, passive_metric, rank_tolerance = system
     moving, active = joints.moving, joints.active
     loops = close_loops(J_C, moving, rank_tolerance)
     closing, free = loops.closing, loops.free
     gain = -closing.dot(J_C.take(active, 1))
-    give, spring_gap = none((len(moving), len(moving))), np.inf
+    compliance, spring_gap = none((len(moving), len(moving))), np.inf
     if not free.shape[1]:
-        return PassiveMotion(gain, closing, free, give, spring_gap, loops)
+        return PassiveMotion(gain, closing, free, compliance, spring_gap, loops)
     if stiffness is not None:
-        give, rest, spring_gap = _least(free, stiffness[np.ix_(moving, moving)], rank_tolerance)
-        gain, closing = _settled(gain, closing, give, stiffness, moving, active)
-        free = rest  # the springs hold all else
+        K_pp = stiffness[np.ix_(moving, moving)]
+        compliance, unresisted, spring_gap = _compliance(free, K_pp, rank_tolerance)
+        gain, closing = _least_energy(gain, closing, compliance, stiffness, moving, active)
+        free = unresisted
     if passive_metric is not None:
-        follow, _, metric_gap = _least(free, passive_metric[np.ix_(moving, moving)], rank_tolerance)
-        gain, closing = _settled(gain, closing, follow, passive_metric, moving, active)
+        M_pp = passive_metric[np.ix_(moving, moving)]
+        inverse, _, metric_gap = _compliance(free, M_pp, rank_tolerance)
+        gain, closing = _least_energy(gain, closing, inverse, passive_metric, moving, active)
         spring_gap = min(spring_gap, metric_gap)
-    return PassiveMotion(gain, closing, free, give, spring_gap, loops)
+    return PassiveMotion(gain, closing, free, compliance, spring_gap, loops)
 
 
-def _least(free: Array, K_pp: Array, rank_tolerance: float) -> tuple[Array, Array, float]:
-    """How free motion gives way to a load when theta^T K theta resists, and the motion left over.
-
-    The inverse of K on its span, shape (p, p), an orthonormal basis of what K does not see, and
-    the gap between the two.
-    """
-    held = ranked_svd(free.T @ K_pp @ free, frobenius(K_pp), rank_tolerance, full=True)
-    h = int(held.rank)
-    directions = free @ held.Vt[:h].T
-    give = (directions / held.sigma[:h]) @ directions.T
-    return give, free @ held.Vt[h:].T, float(held.gap)
+def _compliance(free: Array, K_pp: Array, rank_tolerance: float) -> tuple[Array, Array, float]:
+    """Inverse of K on the free motion (p, p), a basis of what K does not resist, and the gap."""
+    resisted = ranked_svd(free.T @ K_pp @ free, frobenius(K_pp), rank_tolerance, full=True)
+    h = int(resisted.rank)
+    directions = free @ resisted.Vt[:h].T
+    compliance = (directions / resisted.sigma[:h]) @ directions.T
+    return compliance, free @ resisted.Vt[h:].T, float(resisted.gap)
 
 
-def _settled(
-    gain: Array, closing: Array, give: Array, K: Array, moving: Indices, active: Indices
+def _least_energy(
+    gain: Array, closing: Array, compliance: Array, K: Array, moving: Indices, active: Indices
 ) -> tuple[Array, Array]:
-    """Passive rates per active rate, and J_Cp^+, taken along the free motion to the least."""
+    """Passive rates per active rate, and J_Cp^+, shifted along free motion to the least energy."""
     K_pp, K_pa = K[np.ix_(moving, moving)], K[np.ix_(moving, active)]
-    return gain - give @ (K_pp @ gain + K_pa), closing - give @ (K_pp @ closing)
-
-
-def _others(known: Indices, count: int) -> Indices:
-    """The indices of range(count) that are not known, ascending."""
-    rest = np.ones(count, dtype=bool)
-    rest[known] = False
-    return np.flatnonzero(rest)
+    return gain - compliance @ (K_pp @ gain + K_pa), closing - compliance @ (K_pp @ closing)

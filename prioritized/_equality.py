@@ -1,4 +1,4 @@
-"""Least squares under linear equations, without an SVD where ranks are full beyond doubt."""
+"""Equality-constrained least squares without an SVD, where a cheap bound shows full ranks."""
 
 import numpy as np
 from scipy.linalg import lapack
@@ -9,21 +9,21 @@ ROUND_OFF = 1e-12
 """Fraction of the scale below which a triangle's singular values may be round-off."""
 
 
-def certain(tolerance: float) -> float:
-    """Fraction of the scale that singular values must pass to be no zeros beyond doubt.
+def well_conditioned_above(tolerance: float) -> float:
+    """Fraction of the scale above which a singular value is clearly not zero.
 
     Below it the SVD decides, at the tolerance itself.
     """
     return max(2.0 * tolerance, ROUND_OFF)
 
 
-def can_be_decided(p: int, n: int, k: int) -> bool:
-    """Whether p equations and k rows of least squares, some of each, can determine n unknowns."""
+def is_determined(p: int, n: int, k: int) -> bool:
+    """Whether p > 0 equations and k > 0 rows of least squares can determine n unknowns."""
     return 0 < p <= n <= p + k and k > 0
 
 
-def certain_inverse(A: Array, least: float) -> Array | None:
-    """A^-1 of a square A, or None where its singular values do not all pass beyond doubt."""
+def well_conditioned_inverse(A: Array, least: float) -> Array | None:
+    """A^-1 of a square A, or None unless all its singular values are shown to exceed `least`."""
     if not A.size:
         return np.zeros_like(A)
     factors, pivots, singular = lapack.dgetrf(A)
@@ -36,31 +36,30 @@ def certain_inverse(A: Array, least: float) -> Array | None:
 def equality_constrained(
     A: Array, b: Array, G: Array, c: Array, least_A: float, least_G: float
 ) -> Array | None:
-    """The x that minimizes |G x - c| subject to A x = b, by LAPACK's dgglse.
+    """The x (n,) that minimizes |G x - c| subject to A x = b, by LAPACK's dgglse.
 
     Args:
         A: Shape (p, n).
         b: Shape (p,).
-        G: Shape (k, n), best in Fortran's order; it is used up.
-        c: Shape (k,); it is used up.
-        least_A: What the singular values of A must pass.
-        least_G: What those of G on the null space of A must pass.
+        G: Shape (k, n), best in Fortran's order; overwritten.
+        c: Shape (k,); overwritten.
+        least_A: What all singular values of A must exceed.
+        least_G: What those of G on the null space of A must exceed.
 
     Returns:
-        Shape (n,), or None where it is in doubt that the rows of A are independent and that G
-        decides all that they leave free.
+        None unless the singular values are shown to exceed these bounds: x is then unique.
     """
     p, n = A.shape
-    if not can_be_decided(p, n, len(G)):
+    if not is_determined(p, n, len(G)):
         return None
     T, R, _, x, singular = lapack.dgglse(G, A, c, b, overwrite_a=True, overwrite_c=True)
-    if singular or not _passes(R[:, n - p :], least_A) or not _passes(T[: n - p, : n - p], least_G):
+    if singular or not _exceeds(R[:, n - p :], least_A):
         return None
-    return x
+    return x if _exceeds(T[: n - p, : n - p], least_G) else None
 
 
-def _passes(triangle: Array, least: float) -> bool:
-    """Whether the least singular value passes: it is at least 1 / |triangle^-1|."""
+def _exceeds(triangle: Array, least: float) -> bool:
+    """Whether the smallest singular value exceeds `least`: it is at least 1 / |triangle^-1|."""
     if not triangle.size:
         return True
     inverse, singular = lapack.dtrtri(triangle)
@@ -70,51 +69,48 @@ def _passes(triangle: Array, least: float) -> bool:
 def equality_constrained_batch(
     A: Array, b: Array, G: Array, c: Array, least_A: Array, least_G: Array
 ) -> tuple[Array, Mask]:
-    """The same for many small problems side by side, and which are beyond doubt.
+    """The x (n, B) of a batch of small problems, and which of them are well conditioned (B,).
 
-    Householder reflections, each one array operation over all problems; hence their axis is the
-    last. The arguments are used up.
+    By Householder reflections, each one array operation over all problems, whose axis is therefore
+    the last. Bounds as in :func:`equality_constrained`; the x of other problems is not to be used.
 
     Args:
-        A: Shape (p, n, B), 0 < p <= n.
+        A: Shape (p, n, B), 0 < p <= n; overwritten, as are the next three.
         b: Shape (p, B).
         G: Shape (k, n, B), k >= n - p.
         c: Shape (k, B).
-        least_A: As there, shape (B,) or one for all.
+        least_A: Shape (B,) or one number for all.
         least_G: Likewise.
-
-    Returns:
-        Shapes (n, B) and (B,).
     """
     p, n = A.shape[:2]
     free = n - p
-    with np.errstate(all="ignore"):  # what is singular comes out in doubt
-        # A Q = [L 0]: the first p coordinates of Q^T x are decided.
-        turns = []
+    with np.errstate(all="ignore"):  # singular problems come out ill-conditioned
+        # A Q = [L 0]: the equations decide the first p coordinates of Q^T x.
+        reflections = []
         for i in range(p):
-            turn = _reflect(A[i, i:])
-            turns.append(turn)
-            _turn(A[i + 1 :, i:].swapaxes(0, 1), turn)
-            _turn(G[:, i:].swapaxes(0, 1), turn)
+            reflection = _reflection(A[i, i:])
+            reflections.append(reflection)
+            _apply(A[i + 1 :, i:].swapaxes(0, 1), reflection)
+            _apply(G[:, i:].swapaxes(0, 1), reflection)
         y = _back_substituted(A[::-1, p - 1 :: -1], b[::-1])[::-1]
         c -= np.einsum("kib,ib->kb", G[:, :p], y)
         G = G[:, p:]
         for j in range(free):
-            turn = _reflect(G[j:, j])
-            _turn(G[j:, j + 1 :], turn)
-            _turn(c[j:, None], turn)
+            reflection = _reflection(G[j:, j])
+            _apply(G[j:, j + 1 :], reflection)
+            _apply(c[j:, None], reflection)
         x = np.concatenate([y, _back_substituted(G[:free], c[:free])])
         for i in reversed(range(p)):
-            _turn(x[i:, None], turns[i])
-        doubtless = _inverse_norm(A[::-1, p - 1 :: -1]) * least_A < 1.0
-        doubtless &= _inverse_norm(G[:free]) * least_G < 1.0
-    return x, doubtless
+            _apply(x[i:, None], reflections[i])
+        well_conditioned = _inverse_norm(A[::-1, p - 1 :: -1]) * least_A < 1.0
+        well_conditioned &= _inverse_norm(G[:free]) * least_G < 1.0
+    return x, well_conditioned
 
 
-def _reflect(x: Array) -> tuple[Array, Array]:
-    """The reflection I - beta v v^T that turns x (q, B) into a multiple of the first axis.
+def _reflection(x: Array) -> tuple[Array, Array]:
+    """Vector v and factor beta of I - beta v v^T, which reflects x (q, B) to a multiple of e_1.
 
-    That multiple is left in x[0].
+    x[0] is overwritten with that multiple.
     """
     v = x.copy()
     norm = np.sqrt(np.einsum("qb,qb->b", v, v))
@@ -124,9 +120,9 @@ def _reflect(x: Array) -> tuple[Array, Array]:
     return v, 1.0 / (norm * np.abs(v[0]))
 
 
-def _turn(M: Array, turn: tuple[Array, Array]) -> None:
+def _apply(M: Array, reflection: tuple[Array, Array]) -> None:
     """Reflect the columns of M (q, r, B) in place."""
-    v, beta = turn
+    v, beta = reflection
     M -= v[:, None] * (beta * np.einsum("qb,qrb->rb", v, M))
 
 

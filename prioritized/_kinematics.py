@@ -3,33 +3,140 @@
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 import argument_checks as check
-from argument_checks import Array
+from argument_checks import Array, Indices
+from prioritized._arrays import none, read_only
+from prioritized._elimination import Partition, PassiveMotion, passive_motion
 from prioritized._force import ForceMapping, force_mapping
-from prioritized._manipulability import Manipulability, classify
-from prioritized._reduced import Reduced
+from prioritized._manipulability import Gaps, Manipulability, classify
+from prioritized._rank import RankedSvd, norm, ranked_svd
+from prioritized._statics import constraint_gain, internal_force, internal_gain, torque_gain
 from prioritized._task import task_selection
 from prioritized._velocity import VelocityMapping, velocity_mapping
 
 
 @dataclass(frozen=True, eq=False)
-class Kinematics(Reduced):
-    """A mechanism seen from its surviving active joints, eqs. (10) to (17).
+class Kinematics:
+    """A mechanism seen from its surviving active joints, eqs. (6) to (17).
 
-    Made by :meth:`prioritized.ConstrainedSystem.kinematics`; its arrays J, self_motion,
-    internal_force, active_constraint and others are described in :class:`Reduced`.
+    Made by :meth:`prioritized.ConstrainedSystem.kinematics`. Arrays are read-only and computed when
+    first used. Of N velocities n have actuators, q of which failed; s joints are stuck.
     """
 
+    system: Partition
+
+    @property
+    def actuators(self) -> Indices:
+        """Surviving actuators in nominal numbering, shape (n - q,)."""
+        return self.system.joints.actuators
+
+    @property
+    def active(self) -> Indices:
+        """Their velocity indices, shape (n - q,)."""
+        return self.system.joints.active
+
+    @property
+    def passive(self) -> Indices:
+        """Velocity indices of all others, failed ones too, shape (N - n + q,)."""
+        return self.system.joints.passive
+
+    @property
+    def J(self) -> Array:
+        """Task Jacobian, eq. (14), shape (m, n - q)."""
+        return self._jacobian[0]
+
+    @property
+    def scale(self) -> float:
+        """Size of the terms whose difference is J; its rank is decided against it."""
+        return self._jacobian[1]
+
+    @cached_property
+    def self_motion(self) -> Array:
+        """Orthonormal basis of the task motion with every active joint locked, shape (m, k)."""
+        svd = ranked_svd(self.relative_self_motion, 1.0, self.system.rank_tolerance)
+        return read_only(svd.U[:, : int(svd.rank)])
+
+    @cached_property
+    def internal_force(self) -> Array:
+        """Orthonormal rows spanning the left null space of J_Cp, eq. (13), shape (r, c + s).
+
+        Columns: the c rows of J_C, then the s stuck joints by velocity index.
+        """
+        return read_only(internal_force(self.system, self._motion))
+
+    @property
+    def active_constraint(self) -> Array:
+        """Orthonormal rows; admissible active rates are their null space, eq. (17), (r', n - q)."""
+        if not len(self._motion.loops.left_null):
+            return none((0, len(self.active)))
+        return read_only(self._constraint.Vt[: int(self._constraint.rank)])
+
+    @cached_property
+    def passive_gain(self) -> Array:
+        """Passive rates per active rate, eq. (10), shape (N - n + q, n - q)."""
+        return read_only(self.system.joints.among_passive(self._motion.gain))
+
+    @cached_property
+    def passive_self_motion(self) -> Array:
+        """Orthonormal basis of the passive motion, active joints locked, shape (N - n + q, d)."""
+        return read_only(self.system.joints.among_passive(self._motion.free))
+
+    @property
+    def relative_self_motion(self) -> Array:
+        """Task motion of that basis, J_Tp J~_Cp, divided by the size of J_T, shape (m, d)."""
+        task, free = self.system.task, self._motion.free
+        if not free.shape[1]:
+            return none((len(task.J_T), 0))
+        return read_only(task.moving.dot(free) / (task.size or 1.0))
+
+    @cached_property
+    def constraint_gain(self) -> Array:
+        """Constraint forces of least norm per task force, eq. (11), shape (c + s, m)."""
+        return read_only(constraint_gain(self.system, self._motion, self.internal_force))
+
+    @cached_property
+    def gaps(self) -> Gaps:
+        """Gaps of the rank decisions that J and its constraints rest on."""
+        loops, springs = self._motion.loops.gap(), self._motion.spring_gap
+        return Gaps(loops, springs, float(self._constraint.gap))
+
+    @property
+    def gap(self) -> float:
+        """The smallest of them."""
+        return min(self.gaps)
+
+    @cached_property
+    def _motion(self) -> PassiveMotion:
+        return passive_motion(self.system)
+
+    @cached_property
+    def _jacobian(self) -> tuple[Array, float]:
+        return self.system.task.reduced(self._motion.gain)
+
+    @cached_property
+    def _constraint(self) -> RankedSvd:
+        left = self._motion.loops.left_null @ self.system.J_C[:, self.active]
+        return ranked_svd(left, norm(self.system.J_C), self.system.rank_tolerance)
+
+    @cached_property
+    def _torque_gain(self) -> Array:
+        return torque_gain(self.system, self._motion, self.constraint_gain)
+
+    @cached_property
+    def _internal_gain(self) -> Array:
+        return internal_gain(self.system, self._motion, self.internal_force, self._constraint)
+
     def expand(self, rates: ArrayLike) -> Array:
-        """Rates or torques of the survivors (..., n - q) to all actuators (..., n), else zero."""
+        """Rates or torques of the survivors (..., n - q) for all actuators (..., n), else zero."""
         survivors = check.vector("rates", rates, len(self.actuators))
-        everyone = np.zeros((*survivors.shape[:-1], self.actuator_count))
-        everyone[..., self.actuators] = survivors
-        return everyone
+        expanded = np.zeros((*survivors.shape[:-1], self.system.joints.actuator_count))
+        expanded[..., self.actuators] = survivors
+        return expanded
 
     def passive_rates(self, rates: ArrayLike) -> Array:
         """Rates of the `passive` velocities, eq. (10) with xi = 0, shape (..., N - n + q).
@@ -39,22 +146,21 @@ class Kinematics(Reduced):
         return check.vector("rates", rates, len(self.active)) @ self.passive_gain.T
 
     def constraint_force(self, f: ArrayLike, torques: ArrayLike | None = None) -> Array:
-        """Constraint forces f_C under the task force f, eq. (11), shape (..., c).
+        """Constraint forces f_C under the task force f, eq. (11), shape (..., c + s).
 
         In the sign of eq. (5): the closures push on the joints with -J_C^T f_C.
 
         Args:
             f: Task force, shape (..., m).
-            torques: Of the surviving actuators, shape (..., n - q): eta is then what balances them,
-                with the least internal force in the closures where several do. None is eta = 0,
-                the least norm of f_C.
+            torques: Of the surviving actuators, shape (..., n - q); they determine the internal
+                force, the least in norm where several balance them. None is eta = 0.
         """
         force = check.vector("f", f, self.J.shape[0])
         f_C = force @ self.constraint_gain.T
         if torques is None:
             return f_C
-        more = check.vector("torques", torques, len(self.active)) - force @ self.torque_gain.T
-        return f_C + more @ self.internal_gain.T @ self.internal_force
+        rest = check.vector("torques", torques, len(self.active)) - force @ self._torque_gain.T
+        return f_C + rest @ self._internal_gain.T @ self.internal_force
 
     def manipulability(self, major: Sequence[int] | ArrayLike) -> Manipulability:
         """The four conditions of section 2.2 for a major task, each with basis, gap and sentence.
@@ -65,8 +171,15 @@ class Kinematics(Reduced):
         Raises:
             ValueError: A row out of range or repeated.
         """
-        S_m, _ = task_selection(major, None, len(self.J), self.rank_tolerance)
-        return classify(self, S_m)
+        S_m, _ = task_selection(major, None, len(self.J), self.system.rank_tolerance)
+        return classify(
+            S_m,
+            (self.J, self.scale),
+            (self.self_motion, self.relative_self_motion, self.passive_self_motion),
+            (self.internal_force, self.active_constraint),
+            self.gaps,
+            self.system.rank_tolerance,
+        )
 
     def velocity_mapping(
         self,
@@ -79,26 +192,27 @@ class Kinematics(Reduced):
         tie_metric: ArrayLike | None = None,
         damping: float = 0.0,
     ) -> VelocityMapping:
-        """:func:`prioritized.velocity_mapping` of this mechanism, every constraint passed on.
+        """:func:`prioritized.velocity_mapping` with J and every constraint of this mechanism.
 
         A `joint_weight` or `tie_metric` for all n actuators is cut to the survivors; rates, desired
         ones too, are the survivors' alone: `desired[..., kin.actuators]`.
         """
+        C, Q = self.active_constraint, self.relative_self_motion  # None spares the checks
         mapping = velocity_mapping(
             self.J,
             major,
             secondary,
             self._of_survivors("joint_weight", joint_weight),
             secondary_weight,
-            _any(self.active_constraint),
-            _any(self.task_drift),
+            C if C.size else None,
+            Q if Q.size else None,
             major_metric=major_metric,
             tie_metric=self._of_survivors("tie_metric", tie_metric),
             damping=damping,
             scale=self.scale,
-            rank_tolerance=self.rank_tolerance,
+            rank_tolerance=self.system.rank_tolerance,
         )
-        return VelocityMapping(mapping.problem, mapping.damping, foundation=self)
+        return VelocityMapping(mapping.problem, mapping.damping, self)
 
     def force_mapping(
         self,
@@ -110,7 +224,7 @@ class Kinematics(Reduced):
         major_metric: ArrayLike | None = None,
         tie_metric: ArrayLike | None = None,
     ) -> ForceMapping:
-        """:func:`prioritized.force_mapping` of this mechanism, every condition passed on.
+        """:func:`prioritized.force_mapping` with J and every condition of this mechanism.
 
         A `torque_weight` or `tie_metric` for all n actuators is cut to the survivors; torques,
         desired ones too, are the survivors' alone.
@@ -122,23 +236,19 @@ class Kinematics(Reduced):
             self._of_survivors("torque_weight", torque_weight),
             secondary_weight,
             self.active_constraint,
-            self.task_drift,
+            self.relative_self_motion,
             major_metric=major_metric,
             tie_metric=self._of_survivors("tie_metric", tie_metric),
             scale=self.scale,
-            rank_tolerance=self.rank_tolerance,
+            rank_tolerance=self.system.rank_tolerance,
         )
         return dataclasses.replace(mapping, gap=np.minimum(mapping.gap, self.gap))
 
     def _of_survivors(self, name: str, weight: ArrayLike | None) -> Array | None:
+        """A weight on all actuators cut to the survivors; others unchanged."""
         if weight is None:
             return None
         W = weight if check.is_plain(weight) else check.real(name, weight)
-        if W.ndim and W.shape[-1] == self.actuator_count > len(self.actuators):
+        if W.ndim and W.shape[-1] == self.system.joints.actuator_count > len(self.actuators):
             return W[..., self.actuators]
         return W
-
-
-def _any(A: Array) -> Array | None:
-    """What there is none of need not be checked."""
-    return A if A.size else None

@@ -1,8 +1,8 @@
-"""Velocity and force manipulability: the four conditions of section 2.2 and what they mean."""
+"""Velocity and force manipulability: the four conditions of section 2.2."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import NamedTuple
 
 import numpy as np
 
@@ -10,18 +10,15 @@ from argument_checks import Array
 from prioritized._arrays import ReadOnly
 from prioritized._rank import RankedSvd, frobenius, ranked_svd
 
-if TYPE_CHECKING:
-    from prioritized._kinematics import Kinematics
-
 
 @dataclass(frozen=True, eq=False)
 class Finding(ReadOnly):
-    """Whether a condition holds, and what shows it.
+    """Whether a condition holds, and in which directions.
 
     Attributes:
         holds: The verdict.
         basis: Orthonormal basis of the directions concerned, empty when it does not hold.
-        gap: Factor the rank threshold could move before a decision behind the verdict changed.
+        gap: Factor by which the rank threshold could change before the verdict might.
         sentence: The verdict in words.
     """
 
@@ -38,9 +35,8 @@ class Manipulability:
     Attributes:
         findings: By name: `unmanipulable`, `unmanipulable_task`, `unstable`, `unstable_major`,
             `unstable_secondary`, `idle`, `irresolvable`, `constrained_active`.
-        worst_gain: Least major speed per unit norm of the admissible active rates over all major
-            directions: the smallest singular value of J_m on them; zero when unmanipulable,
-            infinite for a task without rows.
+        worst_gain: Smallest singular value of J_m on the admissible active rates: the least major
+            speed per unit norm of these rates. Zero when unmanipulable, infinite without rows.
     """
 
     findings: Mapping[str, Finding]
@@ -58,27 +54,27 @@ class Manipulability:
 
     @property
     def unstable(self) -> bool:
-        """The task moves with every active joint held: self-motion; basis (m, .)."""
+        """The task can move with every active joint locked: self-motion; basis (m, .)."""
         return self.findings["unstable"].holds
 
     @property
     def unstable_major(self) -> bool:
-        """Self-motion moves the major task; basis of what it does there, (m1, .)."""
+        """Self-motion moves the major task; basis of these major velocities, (m1, .)."""
         return self.findings["unstable_major"].holds
 
     @property
     def unstable_secondary(self) -> bool:
-        """Some self-motion leaves the major task untouched; basis (m, .)."""
+        """Some self-motion moves the task but not the major task; basis (m, .)."""
         return self.findings["unstable_secondary"].holds
 
     @property
     def idle(self) -> bool:
-        """Some self-motion no task row sees; basis in the passive velocities."""
+        """Passive joints can move without active joints and task; basis in passive velocities."""
         return self.findings["idle"].holds
 
     @property
     def irresolvable(self) -> bool:
-        """Internal forces exist that rigid statics cannot resolve; basis as rows (., c)."""
+        """Rigid statics does not determine the internal force; basis as rows (., c)."""
         return self.findings["irresolvable"].holds
 
     @property
@@ -100,37 +96,66 @@ class Manipulability:
         return "\n".join(finding.sentence for finding in self.findings.values())
 
 
-def classify(kinematics: "Kinematics", S_m: Array) -> Manipulability:
-    """Decide each condition for the major task S_m v."""
-    kin, tolerance = kinematics, kinematics.rank_tolerance
-    m1, size = len(S_m), float(frobenius(S_m))
-    Z = _null(ranked_svd(kin.active_constraint, 1.0, tolerance, full=True))
+class Gaps(NamedTuple):
+    """Gaps of the rank decisions of an elimination; infinite where there was nothing to decide.
 
-    reach = ranked_svd(S_m @ kin.J @ Z, size * kin.scale, tolerance, full=True)
-    reach_task = ranked_svd(kin.J @ Z, kin.scale, tolerance, full=True)
-    drift = ranked_svd(kin.task_drift, 1.0, tolerance, full=True)
-    drift_major = ranked_svd(S_m @ kin.task_drift, size, tolerance, full=True)
-    # Of the self-motion that leaves the major task alone, what still moves the task.
-    aside = ranked_svd(kin.task_drift @ _null(drift_major), 1.0, tolerance, full=True)
-    # Each verdict is as safe as the least of the decisions it rests on: what is adrift is first of
-    # all what neither loops nor springs hold.
-    loose = min(kin.loop_gap, kin.spring_gap)
-    moved = {
-        "unmanipulable": (_left_null(reach), min(reach.gap, kin.gap)),
-        "unmanipulable_task": (_left_null(reach_task), min(reach_task.gap, kin.gap)),
-        "unstable": (kin.self_motion, min(drift.gap, loose)),
-        "unstable_major": (_range(drift_major), min(drift_major.gap, loose)),
-        "unstable_secondary": (_range(aside), min(aside.gap, drift_major.gap, loose)),
-        "idle": (kin.passive_drift @ _null(drift), min(drift.gap, loose)),
+    Attributes:
+        loops: Of J_Cp.
+        springs: Of the motion that springs resist or the passive metric weighs.
+        constraint: Of the active constraint.
+    """
+
+    loops: float
+    springs: float
+    constraint: float
+
+
+def classify(
+    S_m: Array,
+    jacobian: tuple[Array, float],
+    self_motions: tuple[Array, Array, Array],
+    constraints: tuple[Array, Array],
+    gaps: Gaps,
+    tolerance: float,
+) -> Manipulability:
+    """The conditions for the major task S_m v, from arrays of :class:`prioritized.Kinematics`.
+
+    Args:
+        S_m: Shape (m1, m).
+        jacobian: J and its scale.
+        self_motions: Basis of the task's, relative task motion, and basis of the passive joints'.
+        constraints: Rows of internal_force and of active_constraint.
+        gaps: Those behind these arrays.
+        tolerance: Of the rank decisions.
+    """
+    (J, scale), (internal_force, active_constraint) = jacobian, constraints
+    self_motion, relative_self_motion, passive_self_motion = self_motions
+    m1, size = len(S_m), float(frobenius(S_m))
+    Z = _null(ranked_svd(active_constraint, 1.0, tolerance, full=True))
+    reach = ranked_svd(S_m @ J @ Z, size * scale, tolerance, full=True)
+    reach_task = ranked_svd(J @ Z, scale, tolerance, full=True)
+    moved = ranked_svd(relative_self_motion, 1.0, tolerance, full=True)
+    moved_major = ranked_svd(S_m @ relative_self_motion, size, tolerance, full=True)
+    # The self-motion that does not move the major task may move the rest.
+    aside = ranked_svd(relative_self_motion @ _null(moved_major), 1.0, tolerance, full=True)
+    # The gap of a verdict is the smallest of all decisions behind it: self-motion is what neither
+    # loops nor springs prevent.
+    gap, free_gap = min(gaps), min(gaps.loops, gaps.springs)
+    columns = {
+        "unmanipulable": (_left_null(reach), min(reach.gap, gap)),
+        "unmanipulable_task": (_left_null(reach_task), min(reach_task.gap, gap)),
+        "unstable": (self_motion, min(moved.gap, free_gap)),
+        "unstable_major": (_range(moved_major), min(moved_major.gap, free_gap)),
+        "unstable_secondary": (_range(aside), min(aside.gap, moved_major.gap, free_gap)),
+        "idle": (passive_self_motion @ _null(moved), min(moved.gap, free_gap)),
     }
-    opposed = {
-        "irresolvable": (kin.internal_force, kin.loop_gap),
-        "constrained_active": (kin.active_constraint, min(kin.constraint_gap, kin.loop_gap)),
+    rows = {
+        "irresolvable": (internal_force, gaps.loops),
+        "constrained_active": (active_constraint, min(gaps.constraint, gaps.loops)),
     }
-    findings = {name: _finding(name, A, A.shape[1], gap) for name, (A, gap) in moved.items()}
-    findings |= {name: _finding(name, A, A.shape[0], gap) for name, (A, gap) in opposed.items()}
-    reachable = reach.rank == m1
-    worst = reach.sigma[:m1].min(initial=np.inf) if reachable else 0.0
+    findings = {name: _finding(name, A, A.shape[1], least) for name, (A, least) in columns.items()}
+    findings |= {name: _finding(name, A, A.shape[0], least) for name, (A, least) in rows.items()}
+    worst = reach.sigma[:m1].min(initial=np.inf) if reach.rank == m1 else 0.0
     return Manipulability(findings, float(worst))
 
 
@@ -140,41 +165,41 @@ _SENTENCES = {
         "The actuators reach every major velocity.",
     ),
     "unmanipulable_task": (
-        "They cannot move the task as a whole in {}.",
-        "They reach every velocity of the task as a whole.",
+        "The actuators cannot move the whole task in {}.",
+        "The actuators reach every velocity of the whole task.",
     ),
     "unstable": (
-        "With every actuator held the task still moves in {}: self-motion.",
-        "With every actuator held the task stands still.",
+        "With every actuator locked the task can still move in {}: self-motion.",
+        "With every actuator locked the task cannot move.",
     ),
     "unstable_major": (
-        "Self-motion moves the major task in {}: no mapping can hold it.",
+        "Self-motion moves the major task in {}: no mapping can prevent it.",
         "No self-motion moves the major task.",
     ),
     "unstable_secondary": (
-        "Self-motion in {} leaves the major task untouched.",
+        "Self-motion moves the secondary task alone in {}.",
         "No self-motion moves the secondary task alone.",
     ),
     "idle": (
-        "Passive joints move in {} that the task does not see.",
-        "No passive joint moves unseen by the task.",
+        "Passive joints can move in {} without moving the task.",
+        "No passive joint can move without an active joint or the task.",
     ),
     "irresolvable": (
-        "Rigid statics leaves the internal force open in {}.",
-        "Statics determines every constraint force.",
+        "Rigid statics does not determine the internal force in {}.",
+        "Rigid statics determines every constraint force.",
     ),
     "constrained_active": (
-        "The loops forbid active rates in {}; torques there only squeeze the mechanism.",
-        "The loops leave the active rates free.",
+        "The loops forbid active rates in {}; torques there cause internal force only.",
+        "The loops do not constrain the active rates.",
     ),
 }
-"""What a finding says when it holds, with the number of directions, and when it does not."""
+"""The sentence when a condition holds, with the number of directions, and when it does not."""
 
 
 def _finding(name: str, basis: Array, count: int, gap: Array | float) -> Finding:
-    some, none = _SENTENCES[name]
+    holds, fails = _SENTENCES[name]
     number = "one direction" if count == 1 else f"{count} directions"
-    return Finding(count > 0, basis, float(gap), some.format(number) if count else none)
+    return Finding(count > 0, basis, float(gap), holds.format(number) if count else fails)
 
 
 def _left_null(A: RankedSvd) -> Array:

@@ -14,40 +14,28 @@ from prioritized._rank import frobenius, norm, ranked_svd
 from prioritized._task import task_selection
 
 _LEAST, _MOST = 1e-50, 1e50
-"""Of weights: products with any J are far from the ends of what floats hold."""
+"""Norms of weights between which products with any J neither under- nor overflow."""
 
 
 class Problem(NamedTuple):
-    """Arguments of a mapping as checked copies; what was None has no rows or columns.
+    """Checked copies of the arguments of a mapping; what was None has no rows or columns."""
 
-    Attributes:
-        J: (..., m, n).
-        S_m: (m1, m); `S_s`: (m2, m).
-        weight: W1 or W3, (..., k, n); `secondary_weight`: W2 or W4, (..., k, m2).
-        active_constraint: C, (..., r, n); `self_motion`: Q, (..., m, k).
-        major_metric: M, (..., k, m1), or None for the identity.
-        tie_metric: T, (..., k, n).
-        scale: Size of J, shape (...).
-        tolerance: Of the rank decisions.
-        lead: Batch axes of the answer.
-    """
-
-    J: Array
-    S_m: Array
-    S_s: Array
-    weight: Array
-    secondary_weight: Array
-    active_constraint: Array
-    self_motion: Array
-    major_metric: Array | None
-    tie_metric: Array
-    scale: Array
-    tolerance: float
-    lead: tuple[int, ...]
+    J: Array  # (..., m, n)
+    S_m: Array  # (m1, m)
+    S_s: Array  # (m2, m)
+    weight: Array  # W1 or W3, (..., k, n)
+    secondary_weight: Array  # W2 or W4, (..., k, m2)
+    active_constraint: Array  # C, (..., r, n)
+    self_motion: Array  # Q, (..., m, k)
+    major_metric: Array | None  # M, (..., k, m1); None is the identity
+    tie_metric: Array  # T, (..., k, n)
+    scale: Array  # size of J, (...)
+    tolerance: float  # of the rank decisions
+    lead: tuple[int, ...]  # batch axes of the result
 
     @property
     def is_unconstrained(self) -> bool:
-        """Whether all rates are admissible, and no metric weighs the major task."""
+        """Whether all rates are admissible, and the major task has no metric."""
         return not self.active_constraint.size and self.major_metric is None
 
     @property
@@ -61,7 +49,7 @@ class Problem(NamedTuple):
         return product(self.secondary_weight, self.S_s)
 
     def flat(self) -> "Problem":
-        """The same with one batch axis; what does not depend on it stays without."""
+        """The same problems with one batch axis, on those arrays that have any."""
 
         def flattened(A: Array, own: int) -> Array:
             if A.ndim == own:
@@ -72,14 +60,14 @@ class Problem(NamedTuple):
         return self._map(flattened, lead=(prod(self.lead),))
 
     def part(self, which: slice | Mask) -> "Problem":
-        """Some problems of a flat batch."""
+        """Some of the problems of a flat batch."""
         return self._map(
             lambda A, own: A if A.ndim == own else A[which],
             lead=np.empty(self.lead, dtype=bool)[which].shape,
         )
 
     def _map(self, change: Callable[[Array, int], Array], lead: tuple[int, ...]) -> "Problem":
-        """Change each array that may be a batch, given the axes that it has by itself."""
+        """Each array that may be a batch changed, given how many axes one of the batch has."""
         M = self.major_metric
         return self._replace(
             J=change(self.J, 2),
@@ -109,10 +97,10 @@ def checked(
     scale: ArrayLike | None,
     rank_tolerance: float,
 ) -> Problem:
-    """Check every argument of a mapping; `weight_name` is what its caller calls `weight`.
+    """The arguments of a mapping, checked; `weight_name` is the caller's name of `weight`.
 
     Raises:
-        ValueError: Wrong shape, index or non-finite input, naming the argument.
+        ValueError: An argument has a wrong shape or index or is not finite; it is named.
     """
     J = check.batch("J", J)
     m, n = J.shape[-2:]
@@ -161,19 +149,19 @@ def _weight(name: str, value: ArrayLike | None, size: int) -> Array:
 
 
 def _of_moderate_size(*weights: Array) -> tuple[Array, ...]:
-    """Weights of one sum, all times one power of two where products with them could vanish.
+    """Weights of one sum, all scaled by one power of two where products could under- or overflow.
 
-    Their ratios alone matter, so the answer is the same, round-off included.
+    Only their ratios matter, so the result is the same, round-off included.
     """
     for W in weights:  # the common case
         if W.ndim == 2 and _LEAST < norm(W) < _MOST:
             return weights
     sizes = [np.abs(W).max(axis=(-2, -1), initial=0.0) for W in weights]
     size = np.maximum.reduce(np.broadcast_arrays(*sizes))
-    strange = (size > 0.0) & ((size < _LEAST) | (size > _MOST))
-    if not strange.any():
+    extreme = (size > 0.0) & ((size < _LEAST) | (size > _MOST))
+    if not extreme.any():
         return weights
-    exponent = np.where(strange, np.frexp(size)[1], 0)[..., None, None]
+    exponent = np.where(extreme, np.frexp(size)[1], 0)[..., None, None]
     return tuple(np.ldexp(W, -exponent) for W in weights)
 
 

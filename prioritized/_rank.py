@@ -13,7 +13,7 @@ RANK_TOLERANCE = 1e-10
 
 
 NOTHING = 1e-200
-"""A singular value that is zero whatever the scale: products with its inverse overflow."""
+"""Singular values below it are zero at any scale: products with their inverse overflow."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,9 +41,9 @@ class RankedSvd:
 
     @property
     def gap(self) -> Array:
-        """Factor by which the threshold could move, either way, before the rank would change.
+        """Factor by which the threshold could change, up or down, before the rank would, (...).
 
-        At least 1, infinite where nothing is near; shape (...).
+        At least 1, and infinite where no threshold would change it.
         """
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             ratio = self.sigma / self.threshold
@@ -75,14 +75,14 @@ def norm(A: Array) -> float:
 
 
 def frobenius(A: Array) -> Array:
-    """Norm for scales, shape (...): a sum, with no second decomposition; never below the 2-norm."""
+    """Frobenius norm of each matrix, shape (...): an upper bound of the 2-norm without an SVD."""
     if A.ndim == 2:
         return np.asarray(norm(A))
     return np.sqrt(np.einsum("...ij,...ij->...", A, A))
 
 
 def basis_scale(basis: Array) -> Array:
-    """Scale of products with a basis, whose columns have unit size: never below one."""
+    """Scale of products with a basis, whose columns have unit size: at least one, even if empty."""
     return np.maximum(1.0, frobenius(basis))
 
 
@@ -92,7 +92,7 @@ def ranked_svd(
     """Singular value decomposition with the rank decided against the scale of the inputs.
 
     `scale` is the norm of the matrices that A was made from, never of A itself: a product that
-    cancels to round-off is zero, however it compares with its own largest singular value.
+    cancels to round-off must count as zero.
 
     Args:
         A: Matrix or batch of matrices, shape (..., m, n).
@@ -101,20 +101,20 @@ def ranked_svd(
         full: Return square U and V.
 
     Raises:
-        ValueError: A number of the matrix is not finite: products of the inputs overflowed.
+        ValueError: A has a number that is not finite, because products of the inputs overflowed.
     """
-    if not (is_moderate(A) or np.isfinite(A).all()):  # LAPACK may not even return
+    if not (is_moderate(A) or np.isfinite(A).all()):  # LAPACK may not return
         raise ValueError("J, weights and metrics must have finite products, got an overflow")
-    if A.ndim == 2 and A.size:  # most of numpy's time for a small matrix is not LAPACK's
+    if A.ndim == 2 and A.size:  # for small matrices numpy takes longer than LAPACK
         U, sigma, Vt, failed = dgesdd(A, full_matrices=full)
         if failed:
             raise np.linalg.LinAlgError("SVD did not converge")
     elif A.size or full:
         U, sigma, Vt = np.linalg.svd(A, full_matrices=full)
-    else:  # nothing to decompose, and LAPACK is slow at it
+    else:  # without elements LAPACK would be slow
         *lead, m, n = A.shape
         U, sigma, Vt = np.zeros((*lead, m, 0)), np.zeros((*lead, 0)), np.zeros((*lead, 0, n))
-    sigma = np.abs(sigma)  # LAPACK may return -0.0, and 1 / -0.0 is no gap
+    sigma = np.abs(sigma)  # LAPACK may return -0.0, whose inverse would be a negative gap
     threshold = np.maximum(tolerance * np.asarray(scale), NOTHING)[..., None]
     kept = sigma > threshold
     return RankedSvd(U, sigma, Vt, threshold, kept)

@@ -11,17 +11,41 @@ from numpy.typing import ArrayLike
 import argument_checks as check
 from argument_checks import Array, Indices
 from prioritized._arrays import read_only
-from prioritized._elimination import Joints, Task, sort_joints, sort_task
-from prioritized._failures import Failures, lock_and_release
+from prioritized._elimination import Joints, Partition, Task, sort_joints, sort_task
 from prioritized._kinematics import Kinematics
 from prioritized._rank import RANK_TOLERANCE
+
+
+@dataclass(frozen=True)
+class Failures:
+    """What has failed.
+
+    Attributes:
+        locked: Actuators with a position failure, 0..n-1.
+        free: Actuators with a torque failure, 0..n-1.
+        locked_passive: Velocity indices of passive joints that are stuck.
+    """
+
+    locked: frozenset[int] = frozenset()
+    free: frozenset[int] = frozenset()
+    locked_passive: frozenset[int] = frozenset()
+
+
+def failed_actuators(
+    locked: Iterable[int], free: Iterable[int], n: int
+) -> tuple[frozenset[int], frozenset[int]]:
+    """Locked and free actuators of range(n), checked; none may be in both sets."""
+    lock, release = check.index_set("locked", locked, n), check.index_set("free", free, n)
+    if both := sorted(lock & release):
+        raise ValueError(f"an actuator is either locked or free, got both for {both}")
+    return lock, release
 
 
 @dataclass(frozen=True, eq=False, init=False)
 class ConstrainedSystem:
     """v = J_T theta_dot subject to J_C theta_dot = 0, eqs. (2) and (3).
 
-    Any mechanism: J_C is None for a serial arm; redundant rows are welcome.
+    Any mechanism: J_C is None for a serial arm, and its rows may be redundant.
 
     Attributes:
         J_T: Task Jacobian of all generalized velocities, shape (m, N).
@@ -29,7 +53,7 @@ class ConstrainedSystem:
         active: Velocity indices of the n actuated joints, in actuator order.
         rank_tolerance: Singular values below this fraction of the scale of J_T and J_C are zero.
         stiffness: K of the joint springs, shape (N, N), or None for a rigid mechanism.
-        failures: What is broken; see :meth:`with_failures`.
+        failures: See :meth:`with_failures`.
     """
 
     J_T: Array
@@ -51,8 +75,8 @@ class ConstrainedSystem:
         """Take the Jacobians as read-only copies.
 
         With springs the mechanism is quasi-static and elastic: motion that the loops leave free
-        goes where the potential energy theta^T K theta / 2 is least. Springs of active joints
-        matter once they are released.
+        minimizes the potential energy theta^T K theta / 2. Springs of active joints have an effect
+        only after a torque failure.
 
         Args:
             J_T: Task Jacobian, shape (m, N).
@@ -60,11 +84,11 @@ class ConstrainedSystem:
             active: Velocity index of each of the n actuators.
             rank_tolerance: Fraction of the inputs' scale below which singular values are zero.
             stiffness: K, diagonal (N,) or symmetric positive semidefinite (N, N); None is rigid.
-            failures: What is broken from the start; None is nothing. They survive
+            failures: Failures from the start; None is none. They are kept by
                 `dataclasses.replace(system, J_T=..., J_C=...)`, the same mechanism at another pose.
 
         Raises:
-            ValueError: Wrong shape, index or non-finite input, naming the argument.
+            ValueError: An argument has a wrong shape or index or is not finite; it is named.
         """
         task = check.matrix("J_T", J_T)
         N = task.shape[1]
@@ -80,10 +104,8 @@ class ConstrainedSystem:
             object.__setattr__(self, name, value)
         if failures is not None:
             check.instance("failures", failures, Failures)
-            broken = self.with_failures(
-                failures.locked, failures.free, failures.locked_passive
-            ).failures
-            object.__setattr__(self, "failures", broken)
+            failed = self.with_failures(failures.locked, failures.free, failures.locked_passive)
+            object.__setattr__(self, "failures", failed.failures)
 
     def with_failures(
         self,
@@ -93,9 +115,8 @@ class ConstrainedSystem:
     ) -> "ConstrainedSystem":
         """The same mechanism after (further) failures, section 2.3.
 
-        Repeating a failure changes nothing, and a later lock overrides free: a released actuator
-        may still jam. A linear actuator that locks when it loses torque (the paper's footnote 1)
-        belongs in `locked`.
+        Repeating a failure changes nothing. A later lock overrides free: a free actuator may still
+        jam. A linear actuator that locks when it loses torque (the paper's footnote 1) is locked.
 
         Args:
             locked: Actuators whose position is stuck (position failure).
@@ -106,7 +127,7 @@ class ConstrainedSystem:
             ValueError: An index out of range, or one actuator both locked and free in one call.
         """
         n, N = len(self.active), self.J_T.shape[1]
-        lock, release = lock_and_release(locked, free, n)
+        lock, release = failed_actuators(locked, free, n)
         stuck = check.index_set("locked_passive", locked_passive, N)
         if actuated := stuck & set(self.active.tolist()):
             raise ValueError(
@@ -122,14 +143,14 @@ class ConstrainedSystem:
         return self._changed(failures=failures)
 
     def at(self, J_T: ArrayLike | None = None, J_C: ArrayLike | None = None) -> "ConstrainedSystem":
-        """The same mechanism at another pose, failures and all; what is None stays as it is.
+        """The same mechanism with the same failures at another pose.
 
         Args:
-            J_T: Task Jacobian there, of the same shape as before.
-            J_C: Constraint Jacobian there; rows may have come or gone.
+            J_T: Task Jacobian at that pose, of the same shape as before; None is unchanged.
+            J_C: Constraint Jacobian at that pose, with any number of rows; None is unchanged.
 
         Raises:
-            ValueError: Wrong shape or non-finite input, naming the argument.
+            ValueError: An argument has a wrong shape or is not finite; it is named.
         """
         (m, N), poses = self.J_T.shape, {}
         if J_T is not None:
@@ -159,19 +180,17 @@ class ConstrainedSystem:
         """Differential kinematics and statics of the surviving actuators, eqs. (12) to (17).
 
         Args:
-            passive_metric: Under self-motion the passive rates are not determined; those with the
-                least theta_dot^T M theta_dot are taken, diagonal (N,) or symmetric positive
-                semidefinite (N, N). None is the plain norm, which mixes the units of hinges and
-                slides; the mass matrix gives the motion of a machine that is frictionless and
-                starts from rest.
+            passive_metric: M, diagonal (N,) or symmetric positive semidefinite (N, N). Self-motion
+                leaves the passive rates undetermined; those that minimize theta_dot^T M theta_dot
+                are taken. None is the identity, which mixes the units of hinges and slides; the
+                mass matrix gives the motion of a frictionless machine that starts from rest.
 
         Raises:
             ValueError: A metric of the wrong shape, not finite, or with a negative eigenvalue.
         """
         metric = _metric("passive_metric", passive_metric, self.J_T.shape[1])
-        return Kinematics(
-            self._task, self.J_C, self._joints, self.stiffness, metric, self.rank_tolerance
-        )
+        matrices = self._task, self.J_C, self._joints, self.stiffness, metric
+        return Kinematics(Partition(*matrices, self.rank_tolerance))
 
     @cached_property
     def _joints(self) -> Joints:

@@ -1,4 +1,4 @@
-"""Major and secondary directions of the task, and what a mapping can promise about them."""
+"""Major and secondary directions of the task, and how well a mapping meets the major task."""
 
 from collections.abc import Sequence
 from enum import Enum
@@ -14,21 +14,21 @@ from prioritized._rank import frobenius, ranked_svd
 
 
 class Status(Enum):
-    """What a mapping can promise about the major task; the value says what to do."""
+    """How well a mapping meets the major task; the value says what to do about it."""
 
     EXACT = "the major task is met exactly"
-    DAMPED = "the major task is met up to the damping asked for: see residual(), or set damping=0"
+    DAMPED = "damping makes the major task inexact: see residual(), or set damping=0"
     LEAST_SQUARES = (
-        "part of the major task is out of reach and comes out as the least-squares best in the "
-        "major_metric: see residual(), drop major rows, or give the mechanism back an actuator"
+        "part of the major task is out of reach and is met in the least-squares sense of the "
+        "major_metric: see residual(), drop major rows, or restore an actuator"
     )
     SELF_MOTION = (
-        "the major task can move with every actuator held, so no mapping can hold it: brake a "
+        "the major task can move with every actuator locked, so no mapping can hold it: brake a "
         "joint, drop major rows, or give the system the stiffness that resists this motion"
     )
     UNSEEN = (
-        "part of the major force reaches no actuator, so the structure bears it and no torque can "
-        "command it: see reaction, drop major rows, or move away from the singularity"
+        "the structure bears part of the major force, which no torque can command: see reaction, "
+        "drop major rows, or move away from the singularity"
     )
 
 
@@ -40,7 +40,7 @@ def task_selection(
 ) -> tuple[Array, Array]:
     """Selection matrices S_m (m1, m), S_s (m2, m): v_m = S_m v, v_s = S_s v, eq. (15).
 
-    Power demands f = S_m^T f_m + S_s^T f_s of the forces.
+    By the balance of power, f = S_m^T f_m + S_s^T f_s.
     """
     if _are_rows(major) and (secondary is None or _are_rows(secondary)):
         return _of_rows(tuple(major), None if secondary is None else tuple(secondary), m)
@@ -54,7 +54,7 @@ def task_selection(
 
 
 def _are_rows(value: Sequence[int] | ArrayLike) -> TypeGuard[Sequence[int]]:
-    """Plain row numbers in a list: the common case, whose matrices are made once."""
+    """Whether these are plain row numbers in a list, the common case, whose matrices are cached."""
     return isinstance(value, list | tuple) and {int}.issuperset(map(type, value))
 
 

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -10,14 +11,26 @@ from numpy.typing import ArrayLike
 import argument_checks as check
 from argument_checks import Array, Indices
 from prioritized._arrays import apply, on_axes, respond
-from prioritized._gains import lexicographic_gains
 from prioritized._levels import smallest_gap
 from prioritized._problem import Problem, checked
 from prioritized._rank import RANK_TOLERANCE, RankedSvd, basis_scale, frobenius, ranked_svd
-from prioritized._rates import optimal_rates
-from prioritized._reduced import Reduced
-from prioritized._side_by_side import rates_side_by_side
+from prioritized._solving import batched_rates, optimal_rates, velocity_gains
 from prioritized._task import Status
+
+
+class Mechanism(Protocol):
+    """What a mapping takes from :class:`prioritized.Kinematics`, whose module imports this one."""
+
+    @property
+    def J(self) -> Array: ...
+    @property
+    def scale(self) -> float: ...
+    @property
+    def active_constraint(self) -> Array: ...
+    @property
+    def relative_self_motion(self) -> Array: ...
+    @property
+    def gap(self) -> float: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,18 +39,18 @@ class VelocityMapping:
 
     rates = major @ v_m + joint @ rates_desired + secondary @ v_s_desired
 
-    A call solves for the rates alone, without a singular value decomposition where no rank is in
-    doubt. The gains, and the ranks with their gaps, are worked out when they are first asked for.
+    A call solves for the rates alone, without a singular value decomposition where all ranks are
+    clearly full. Gains, ranks and gaps are computed when first used.
 
     Attributes:
-        problem: What was asked for.
+        problem: The checked arguments.
         damping: Of the major task.
-        foundation: Whose decisions J rests on; None for a J as given.
+        kinematics: The mechanism that J belongs to; None for a J given as a matrix.
     """
 
     problem: Problem
     damping: float
-    foundation: Reduced | None = None
+    kinematics: Mechanism | None = None
 
     def __call__(
         self,
@@ -47,7 +60,7 @@ class VelocityMapping:
     ) -> Array:
         """Optimal active joint rates, shape (..., n); what is None counts as zero."""
         if not self.damping and self.problem.is_unconstrained:
-            solve = rates_side_by_side if self.problem.lead else optimal_rates
+            solve = batched_rates if self.problem.lead else optimal_rates
             rates = solve(self.problem, v_major, joint_velocity, secondary_velocity)
             if rates is not None:
                 return rates
@@ -59,14 +72,16 @@ class VelocityMapping:
             secondary_velocity=secondary_velocity,
         )
 
-    def at(self, kinematics: Reduced) -> "VelocityMapping":
-        """The same task, weights and metrics at another pose: no more than J is looked at anew.
+    def at(self, kinematics: Mechanism) -> "VelocityMapping":
+        """The same task, weights and metrics at another pose; these are not checked again.
 
         Raises:
-            TypeError: `kinematics` is no :class:`prioritized.Kinematics`.
-            ValueError: Another number of task rows or surviving actuators.
+            TypeError: `kinematics` is not a :class:`prioritized.Kinematics`.
+            ValueError: It has another number of task rows or surviving actuators.
         """
-        check.instance("kinematics", kinematics, Reduced)
+        Q = getattr(kinematics, "relative_self_motion", None)
+        if Q is None:
+            raise TypeError(f"kinematics must be a Kinematics, got {check.shown(kinematics)}")
         problem = self.problem
         if kinematics.J.shape != problem.J.shape:
             raise ValueError(
@@ -76,70 +91,63 @@ class VelocityMapping:
             J=kinematics.J,
             scale=np.asarray(kinematics.scale),
             active_constraint=kinematics.active_constraint,
-            self_motion=kinematics.task_drift,
+            self_motion=Q,
         )
         return VelocityMapping(there, self.damping, kinematics)
 
     def residual(self, v_major: ArrayLike) -> Array:
-        """Part of the major velocity that the rates leave out, shape (..., m1)."""
-        wanted = check.vector("v_major", v_major, self.achieved.shape[-1])
-        return wanted - apply(self.achieved, "v_major", wanted)
+        """Part of the major velocity that the optimal rates do not reach, shape (..., m1)."""
+        v_m = check.vector("v_major", v_major, self.achieved.shape[-1])
+        return v_m - apply(self.achieved, "v_major", v_m)
 
     @property
     def major(self) -> Array:
         """Gain of the major velocity, shape (..., n, m1)."""
-        return self._gains[0]
+        return self._solution[0][0]
 
     @property
     def joint(self) -> Array:
         """Gain of the desired rates, shape (..., n, n)."""
-        return self._gains[1]
+        return self._solution[0][1]
 
     @property
     def secondary(self) -> Array:
         """Gain of the desired secondary velocity, shape (..., n, m2)."""
-        return self._gains[2]
+        return self._solution[0][2]
 
     @cached_property
     def achieved(self) -> Array:
-        """Major velocity reached per major velocity asked for, shape (..., m1, m1)."""
+        """Major velocity reached per major velocity commanded, shape (..., m1, m1)."""
         return check.frozen(on_axes(self.problem.major_jacobian @ self.major, self.problem.lead))
 
     @property
     def rank(self) -> Indices:
         """Rank of the major task on the admissible rates, shape (...)."""
-        return np.broadcast_to(self._decisions[1].rank, self.problem.lead)
+        return np.broadcast_to(self._solution[1][1].rank, self.problem.lead)
 
     @cached_property
     def gap(self) -> Array:
-        """Factor by which the rank threshold could move before the rank of any level changed."""
-        gap = smallest_gap(self._decisions)
-        if self.foundation is not None:
-            gap = np.minimum(gap, self.foundation.gap)
+        """Factor by which the rank threshold could change before any rank would, shape (...)."""
+        gap = smallest_gap(self._solution[1])
+        if self.kinematics is not None:
+            gap = np.minimum(gap, self.kinematics.gap)
         return np.broadcast_to(gap, self.problem.lead)
 
     @property
     def status(self) -> Status:
-        """The worst of the batch."""
+        """What holds for every problem of the batch."""
         S_m, Q, tolerance = self.problem.S_m, self.problem.self_motion, self.problem.tolerance
-        drift = ranked_svd(S_m @ Q, frobenius(S_m) * basis_scale(Q), tolerance)
-        if np.any(drift.rank > 0):
+        self_motion = ranked_svd(S_m @ Q, frobenius(S_m) * basis_scale(Q), tolerance)
+        if np.any(self_motion.rank > 0):
             return Status.SELF_MOTION
         if not np.all(self.rank == len(S_m)):
             return Status.LEAST_SQUARES
         return Status.DAMPED if self.damping else Status.EXACT
 
-    @property
-    def _gains(self) -> tuple[Array, Array, Array]:
-        return self._solution[0]
-
-    @property
-    def _decisions(self) -> list[RankedSvd]:
-        return self._solution[1]
-
     @cached_property
-    def _solution(self) -> tuple[tuple[Array, Array, Array], list[RankedSvd]]:
-        X, decisions = lexicographic_gains(self.problem, self.damping)
+    def _solution(self) -> tuple[tuple[Array, ...], list[RankedSvd]]:
+        """Gains of the major velocity, the rates and the secondary velocity; rank decisions."""
+        X, decisions = velocity_gains(self.problem, self.damping)
         X, m1, n = check.frozen(X), len(self.problem.S_m), X.shape[-2]
         return (X[..., :m1], X[..., m1 : m1 + n], X[..., m1 + n :]), decisions
 
@@ -159,9 +167,10 @@ def velocity_mapping(
     scale: ArrayLike | None = None,
     rank_tolerance: float = RANK_TOLERANCE,
 ) -> VelocityMapping:
-    """Minimize |W1 (rates - rates_d)|^2 + |W2 (v_s - v_sd)|^2 without touching the major task.
+    """The mapping from a major velocity to the optimal active joint rates.
 
-    Four levels, each inside what the one before leaves free:
+    It minimizes |W1 (rates - rates_d)|^2 + |W2 (v_s - v_sd)|^2 at the given major velocity, by
+    lexicographic least squares: each level is solved without changing those before it.
 
     1. C rates = 0                          (constrained active joints, eq. 17)
     2. |M (J_m rates - v_m)|   smallest     (zero where reachable, eq. 23)
@@ -169,7 +178,7 @@ def velocity_mapping(
     4. |T rates|, then |rates| smallest     (ties)
 
     Theorems 3, 4 and 5 of Chen, McInroy, Yi (2003) are the cases of W1, W2 both nonsingular,
-    W2 = 0, and W1 = 0; here the weights may be anything.
+    W2 = 0, and W1 = 0; here the weights may be any matrices.
 
     Args:
         J: Task Jacobian, eq. (14), shape (..., m, n).
@@ -179,22 +188,22 @@ def velocity_mapping(
         joint_weight: W1, diagonal (n,) or matrix (..., k, n); None is zero.
         secondary_weight: W2, diagonal (m2,) or matrix (..., k, m2); None is zero.
         active_constraint: C, shape (..., r, n).
-        self_motion: Basis of the task motion that no actuator holds, shape (..., m, k), columns of
-            unit size; it only decides the status.
-        major_metric: M, diagonal (m1,) or matrix (..., k, m1). It matters where the major task is
-            out of reach or damped, and its rows mix units.
-        tie_metric: T, diagonal (n,) or matrix (..., k, n). It matters where the weights leave
-            rates undecided, and joints mix units.
-        damping: Tikhonov damping of level 2, in units of the singular values of M J_m: the part of
-            the rates that serves the major task stays below |M v_m| / (2 damping), and the major
-            task is not exact. The secondary goal is not damped: give it a joint_weight.
-        scale: Size of J that ranks are decided against, shape (...); by default its norm. A J that
-            is a difference of large terms has theirs.
-        rank_tolerance: Singular values below this fraction of the scale count as zero, those of
-            the stacked weights too: one goal cannot be weighed 1e10 times another.
+        self_motion: Task motion with every actuator locked, shape (..., m, k), columns of unit
+            size; it affects the status only.
+        major_metric: M, diagonal (m1,) or matrix (..., k, m1); None is the identity. It affects the
+            rates where the major task is out of reach or damped.
+        tie_metric: T, diagonal (n,) or matrix (..., k, n); None is zero. It affects the rates where
+            the weights do not determine them.
+        damping: Tikhonov damping of level 2, in units of the singular values of M J_m. It keeps
+            the part of the rates that moves the major task below |M v_m| / (2 damping) and makes
+            that task inexact. Secondary goals are not damped: use joint_weight.
+        scale: Size of J that ranks are decided against, shape (...); None is the norm of J. For a
+            J that is a difference of large terms give the size of these.
+        rank_tolerance: Singular values below this fraction of the scale count as zero. Among the
+            stacked weights, too: at 1e-10, no goal can be weighted 1e10 times another.
 
     Raises:
-        ValueError: Wrong shape, index or non-finite input, naming the argument.
+        ValueError: An argument has a wrong shape or index or is not finite; it is named.
     """
     args = checked(
         J,

@@ -36,7 +36,7 @@ class Drawn:
         reach: Dimension of the task velocities that the actuators reach.
         bound: Number of active rates that the loops forbid.
         internal: Dimension of the internal forces.
-        drift: Dimension of the task motion with every active joint held.
+        self_motion: Dimension of the task motion with every active joint held.
         idle: Dimension of the passive motion that the task does not see.
         rng: For whatever else the test needs.
     """
@@ -45,7 +45,7 @@ class Drawn:
     reach: int
     bound: int
     internal: int
-    drift: int
+    self_motion: int
     idle: int
     rng: np.random.Generator
 
@@ -61,9 +61,9 @@ def systems(
     """Any mechanism: redundant rows, self-motion, idle joints, bound actuators, lost directions."""
     n, m = draw(st.integers(*actives)), draw(st.integers(*tasks))
     held = draw(st.integers(0, 3))
-    drift = draw(st.integers(0, min(m, 2))) if self_motion else 0
+    moved = draw(st.integers(0, min(m, 2))) if self_motion else 0
     idle = draw(st.integers(0, 1)) if self_motion else 0
-    p = held + drift + idle
+    p = held + moved + idle
     bound, redundant = draw(st.integers(0, min(n, 2))), draw(st.integers(0, 2))
     lost = draw(st.integers(0, min(m, n - bound, 2)))
     rng = np.random.default_rng(draw(SEEDS))
@@ -74,7 +74,7 @@ def systems(
     forbidden = of_rank(rng, bound, n, bound)
     J_Ca = U[:, :held] @ rng.normal(size=(held, n)) + U[:, held : held + bound] @ forbidden
     J_Tp = rng.normal(size=(m, held)) @ V[:, :held].T
-    J_Tp += of_rank(rng, m, p - held, drift) @ V[:, held:].T
+    J_Tp += of_rank(rng, m, p - held, moved) @ V[:, held:].T
     Z = null(forbidden)
     reach = min(m, n - bound) - lost
     J = of_rank(rng, m, n - bound, reach) @ Z.T + rng.normal(size=(m, bound)) @ forbidden
@@ -84,7 +84,7 @@ def systems(
     J_T, J_C = np.empty((m, n + p)), np.empty((c, n + p))
     J_T[:, order], J_C[:, order] = np.hstack([J_Ta, J_Tp]), np.hstack([J_Ca, J_Cp])
     system = ConstrainedSystem(J_T, J_C, order[:n])
-    return Drawn(system, reach, bound, bound + redundant, drift, idle, rng)
+    return Drawn(system, reach, bound, bound + redundant, moved, idle, rng)
 
 
 @st.composite
@@ -107,7 +107,7 @@ def springs(draw: st.DrawFn, N: int, rng: np.random.Generator) -> np.ndarray:
     return of_rank(rng, N, N, draw(st.integers(0, N)))
 
 
-def sprung(system: ConstrainedSystem, K: np.ndarray) -> ConstrainedSystem:
+def with_stiffness(system: ConstrainedSystem, K: np.ndarray) -> ConstrainedSystem:
     """The same mechanism with springs; its failures stay."""
     known = system.failures
     made = ConstrainedSystem(system.J_T, system.J_C, system.active, stiffness=K)
@@ -179,7 +179,7 @@ def motions(system: ConstrainedSystem) -> np.ndarray:
     return null(closure(system))
 
 
-def adrift(system: ConstrainedSystem, kin: Kinematics) -> np.ndarray:
+def self_motions(system: ConstrainedSystem, kin: Kinematics) -> np.ndarray:
     """Orthonormal basis of those with every active joint held, in all coordinates."""
     held = np.eye(system.J_T.shape[1])[kin.active]
     return null(np.vstack([closure(system), held]))

@@ -17,8 +17,8 @@ from tests.random_systems import (
     projector,
     rows_of,
     springs,
-    sprung,
     systems,
+    with_stiffness,
 )
 
 FLAGS = (
@@ -41,8 +41,8 @@ def assert_says(classes, row: int, system: ConstrainedSystem, major, secondary) 
     np.testing.assert_allclose(classes.worst_gain[row], report.worst_gain, atol=1e-7)
     assert classes.major_rank[row] == len(major) - report.bases["unmanipulable"].shape[1]
     # Padding with zeros leaves the projector as it is.
-    drift = projector(classes.self_motion[row])
-    np.testing.assert_allclose(drift, projector(kin.self_motion), atol=1e-6)
+    moved = projector(classes.self_motion[row])
+    np.testing.assert_allclose(moved, projector(kin.self_motion), atol=1e-6)
 
     # Secondary velocities at will: what admissible rates make while the major task stands still.
     rates = null(np.vstack([kin.active_constraint, kin.J[major]]))
@@ -59,7 +59,7 @@ def test_each_condition_gets_the_verdict_it_gets_alone(data, drawn, elastic):
     system, n = drawn.system, len(drawn.system.active)
     if elastic:
         R = data.draw(springs(system.J_T.shape[1], drawn.rng))
-        system = sprung(system, R.T @ R)
+        system = with_stiffness(system, R.T @ R)
     if data.draw(st.booleans()):
         system = data.draw(failures(system))
     m = len(system.J_T)
@@ -120,7 +120,7 @@ def test_directions_are_as_good_as_rows(seed, m1):
 def test_an_arm_of_twelve_joints_needs_a_list():
     """3^12 conditions do not fit; those of single locks do."""
     arm = ConstrainedSystem(np.random.default_rng(0).normal(size=(3, 12)), None, range(12))
-    with pytest.raises(ValueError, match="codes must list conditions beyond 10 actuators"):
+    with pytest.raises(ValueError, match="codes must be given for more than 10 actuators"):
         failure_atlas(arm, [0])
     atlas = failure_atlas(arm, [0], codes=np.eye(12, dtype=int))
     assert atlas.possible.all()
@@ -166,7 +166,7 @@ def test_springs_on_the_struts_alone_hold_released_struts_as_locks_would(hexapod
     """
     K = np.zeros(hexapod.J_T.shape[1])
     K[hexapod.active] = 1e4
-    elastic = failure_atlas(sprung(hexapod, np.diag(K)), [0, 1]).elastic
+    elastic = failure_atlas(with_stiffness(hexapod, np.diag(K)), [0, 1]).elastic
     assert elastic is not None
     assert elastic.possible.sum() == 729 - 64 - 192 - 48
     assert not elastic.unstable.any()

@@ -265,9 +265,9 @@ def test_the_readmes_mechanisms_are_as_classified(systems, table1):
         cells = readme_cells(f"`{mechanism.name}.xml`")
         machine = load_model(mechanism.path)
         jac = jacobians(machine, mujoco.MjData(machine), "payload", "base")
-        # Every velocity passive: what the loops leave is all adrift.
-        adrift = ConstrainedSystem(jac.J_T, jac.J_C, []).kinematics().passive_drift
-        assert cells[:2] == [mechanism.title, f"{machine.nv}, {machine.nu}, {adrift.shape[1]}"]
+        # Every velocity passive: all that the loops leave is self-motion.
+        free = ConstrainedSystem(jac.J_T, jac.J_C, []).kinematics().passive_self_motion
+        assert cells[:2] == [mechanism.title, f"{machine.nv}, {machine.nu}, {free.shape[1]}"]
         ours = [one for one in systems["systems"] if one["mechanism"] == mechanism.name]
         exact = sum(not one["unmanipulable"] and not one["unstable_major"] for one in ours)
         words = [f"{exact} exact"]

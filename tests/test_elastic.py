@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 from prioritized import RANK_TOLERANCE, ConstrainedSystem
 from tests.random_systems import (
     SEEDS,
-    adrift,
     closure,
     dense_lexicographic,
     failures,
@@ -16,10 +15,11 @@ from tests.random_systems import (
     of_rank,
     orthogonal,
     projector,
+    self_motions,
     springs,
-    sprung,
     stuck_joints,
     systems,
+    with_stiffness,
 )
 
 
@@ -29,7 +29,7 @@ def test_passive_joints_settle_where_the_energy_of_all_joints_is_least(data, dra
     system, rng = data.draw(failures(drawn.system)), drawn.rng
     N = system.J_T.shape[1]
     R, S = data.draw(springs(N, rng)), data.draw(springs(N, rng))
-    kin = sprung(system, R.T @ R).kinematics(passive_metric=S.T @ S)
+    kin = with_stiffness(system, R.T @ R).kinematics(passive_metric=S.T @ S)
     Z = null(kin.active_constraint)
     rates = Z @ rng.normal(size=Z.shape[1])
     levels = [
@@ -46,18 +46,18 @@ def test_passive_joints_settle_where_the_energy_of_all_joints_is_least(data, dra
 
 @given(st.data(), systems())
 def test_what_no_spring_resists_stays_self_motion(data, drawn):
-    """Stiffness on some joints only: the motions it does not see are those still adrift."""
+    """Stiffness on some joints only: the motions it does not see are those that remain."""
     system = data.draw(failures(drawn.system))
     R = data.draw(springs(system.J_T.shape[1], drawn.rng))
-    rigid, kin = system.kinematics(), sprung(system, R.T @ R).kinematics()
-    loose = adrift(system, rigid)
+    rigid, kin = system.kinematics(), with_stiffness(system, R.T @ R).kinematics()
+    loose = self_motions(system, rigid)
     loose = loose @ null(R @ loose)
-    drift = system.J_T @ loose
+    moved = system.J_T @ loose
     np.testing.assert_allclose(
-        projector(kin.passive_drift), projector(loose[kin.passive]), atol=1e-6
+        projector(kin.passive_self_motion), projector(loose[kin.passive]), atol=1e-6
     )
-    beyond = projector(null(drift.T))
-    np.testing.assert_allclose(projector(kin.self_motion), np.eye(len(drift)) - beyond, atol=1e-6)
+    beyond = projector(null(moved.T))
+    np.testing.assert_allclose(projector(kin.self_motion), np.eye(len(moved)) - beyond, atol=1e-6)
     # Springs bear no loop and forbid no rate.
     for name in ("internal_force", "active_constraint"):
         np.testing.assert_allclose(getattr(kin, name), getattr(rigid, name), atol=1e-12)
@@ -68,7 +68,7 @@ def test_without_self_motion_springs_and_metrics_have_nothing_to_say(data, drawn
     """Loops that leave nothing open determine every rate: energy is stored, motion is the same."""
     system, N = drawn.system, drawn.system.J_T.shape[1]
     R = data.draw(springs(N, drawn.rng))
-    rigid, kin = system.kinematics(), sprung(system, R.T @ R).kinematics(R.T @ R)
+    rigid, kin = system.kinematics(), with_stiffness(system, R.T @ R).kinematics(R.T @ R)
     for name in ("J", "self_motion", "passive_gain", "constraint_gain"):
         np.testing.assert_allclose(getattr(kin, name), getattr(rigid, name), atol=1e-12)
 
@@ -84,7 +84,7 @@ def test_a_frictionless_machine_started_from_rest_has_no_momentum_in_its_free_mo
     theta_dot = np.empty(N)
     rates = null(kin.active_constraint).sum(axis=1)
     theta_dot[kin.active], theta_dot[kin.passive] = rates, kin.passive_rates(rates)
-    free = adrift(system, kin)
+    free = self_motions(system, kin)
     np.testing.assert_allclose(free.T @ M @ theta_dot, 0, atol=1e-7)
     np.testing.assert_allclose(closure(system) @ theta_dot, 0, atol=1e-7)
     assert kin.self_motion.shape == system.kinematics().self_motion.shape  # it holds nothing
@@ -97,11 +97,11 @@ def test_under_load_springs_and_constraint_forces_balance_on_every_passive_joint
     m, N = system.J_T.shape
     R = data.draw(springs(N, rng))
     K = R.T @ R
-    kin = sprung(system, K).kinematics()
+    kin = with_stiffness(system, K).kinematics()
     f = rng.normal(size=m)
     f -= kin.self_motion @ (kin.self_motion.T @ f)  # what nothing resists cannot be loaded
-    # Actuators at zero: the load alone moves what is adrift, until F^T (K theta + J_T^T f) = 0.
-    F = adrift(system, kin)
+    # Actuators at zero: the load alone moves the self-motion, until F^T (K theta + J_T^T f) = 0.
+    F = self_motions(system, kin)
     F = F @ null(null(R @ F).T)  # what the springs see of it
     theta = -F @ np.linalg.solve(F.T @ K @ F, F.T @ system.J_T.T @ f)
     force = system.J_T.T @ f + closure(system).T @ kin.constraint_force(f) + K @ theta
@@ -119,11 +119,11 @@ def test_a_released_joint_with_an_ever_stiffer_spring_becomes_a_locked_one(data,
     joint = data.draw(st.integers(0, n - 1))
     R = of_rank(rng, N, N, N)
     K = R.T @ R
-    locked = sprung(system, K).with_failures(locked=[joint]).kinematics().J
+    locked = with_stiffness(system, K).with_failures(locked=[joint]).kinematics().J
     errors = []
     for stiff in (1e3, 1e6):
         own = stiff * np.diag(np.arange(N) == system.active[joint])
-        kin = sprung(system, K + own).with_failures(free=[joint]).kinematics()
+        kin = with_stiffness(system, K + own).with_failures(free=[joint]).kinematics()
         assert kin.self_motion.shape == (len(locked), 0)
         errors.append(np.abs(kin.J - locked).max(initial=0.0))
     assert errors[1] <= 1.1e-3 * errors[0] + 1e-9
@@ -139,15 +139,15 @@ def test_a_lone_spring_of_any_strength_holds_a_released_joint_and_none_does_not(
     system = drawn.system
     joint = data.draw(st.integers(0, len(system.active) - 1))
     at = np.eye(system.J_T.shape[1])[system.active[joint]]
-    held = sprung(system, 10.0**exponent * at).with_failures(free=[joint]).kinematics()
+    held = with_stiffness(system, 10.0**exponent * at).with_failures(free=[joint]).kinematics()
     locked = system.with_failures(locked=[joint]).kinematics()
     np.testing.assert_allclose(held.J, locked.J, atol=1e-6)
     assert held.self_motion.shape == (len(system.J_T), 0)
-    slack = sprung(system, 0.0 * at).with_failures(free=[joint]).kinematics()
+    slack = with_stiffness(system, 0.0 * at).with_failures(free=[joint]).kinematics()
     rigid = system.with_failures(free=[joint]).kinematics()
     assert slack.self_motion.shape == rigid.self_motion.shape
     np.testing.assert_allclose(slack.J, rigid.J, atol=1e-12)
-    assert slack.passive_drift.shape[1] == 1
+    assert slack.passive_self_motion.shape[1] == 1
 
 
 @given(SEEDS, st.floats(2, 14), st.floats(-6, 6))
@@ -160,7 +160,7 @@ def test_a_spring_counts_from_the_rank_tolerance_of_the_stiffest_on(seed, weakne
     ratio = 10.0**-weakness / np.hypot(1.0, 10.0**-weakness)
     if abs(np.log10(ratio / RANK_TOLERANCE)) > 0.05:  # round-off of K is 1e-16
         kin = ConstrainedSystem([[1.0, 1.0, 1.0]], None, [0], stiffness=K).kinematics()
-        assert kin.passive_drift.shape[1] == (ratio < RANK_TOLERANCE)
+        assert kin.passive_self_motion.shape[1] == (ratio < RANK_TOLERANCE)
 
 
 @given(st.data(), systems(), st.floats(-6, 6))
@@ -168,8 +168,8 @@ def test_newtons_or_kilonewtons(data, drawn, exponent):
     """The unit of force scales K as a whole and moves nothing."""
     system = data.draw(failures(drawn.system))
     R = data.draw(springs(system.J_T.shape[1], drawn.rng))
-    one = sprung(system, R.T @ R).kinematics()
-    other = sprung(system, 10.0**exponent * R.T @ R).kinematics()
+    one = with_stiffness(system, R.T @ R).kinematics()
+    other = with_stiffness(system, 10.0**exponent * R.T @ R).kinematics()
     np.testing.assert_allclose(one.J, other.J, atol=1e-7)
     assert one.self_motion.shape == other.self_motion.shape
 
@@ -180,7 +180,7 @@ def test_two_springs_in_series_share_the_motion_by_their_compliance():
     system = ConstrainedSystem([[0.0, 0.0, 1.0]], J_C, [0], stiffness=[0.0, 3.0, 1.0])
     kin = system.kinematics()
     np.testing.assert_allclose(kin.passive_rates([4.0]), [1.0, 3.0], atol=1e-12)
-    # Rigid kinematics shares by the norm, and says that the task is adrift.
+    # Rigid kinematics shares by the norm, and says that the task has self-motion.
     rigid = ConstrainedSystem(system.J_T, J_C, [0]).kinematics()
     np.testing.assert_allclose(rigid.passive_rates([4.0]), [2.0, 2.0], atol=1e-12)
     assert rigid.manipulability([0]).unstable_major

@@ -25,7 +25,7 @@ def assert_same_mechanism(one: Kinematics, two: Kinematics, atol: float = 1e-7) 
     Z = null(one.active_constraint)
     np.testing.assert_allclose(one.J @ Z, two.J @ Z, atol=atol)
     np.testing.assert_allclose(one.passive_gain @ Z, two.passive_gain @ Z, atol=atol)
-    for name in ("self_motion", "passive_drift"):
+    for name in ("self_motion", "passive_self_motion"):
         expected, actual = projector(getattr(one, name)), projector(getattr(two, name))
         np.testing.assert_allclose(actual, expected, atol=atol)
     for name in ("internal_force", "active_constraint"):
@@ -56,7 +56,7 @@ def test_a_mixture_of_failures_is_the_printed_model_with_unit_rows(data, drawn):
     # What is stuck does not move, whatever the others do.
     stuck = np.isin(kin.passive, stuck_joints(failed))
     np.testing.assert_array_equal(kin.passive_gain[stuck], 0)
-    np.testing.assert_array_equal(kin.passive_drift[stuck], 0)
+    np.testing.assert_array_equal(kin.passive_self_motion[stuck], 0)
 
 
 @given(st.data(), systems(actives=(2, 4)))
@@ -84,9 +84,9 @@ def test_a_position_failure_leaves_of_all_motions_those_that_keep_the_joint_stil
     locked = data.draw(st.sets(st.integers(0, n - 1), min_size=1))
     kin = drawn.system.with_failures(locked=locked).kinematics()
     Z = null(kin.active_constraint)
-    made = np.zeros((N, Z.shape[1] + kin.passive_drift.shape[1]))
+    made = np.zeros((N, Z.shape[1] + kin.passive_self_motion.shape[1]))
     made[kin.active, : Z.shape[1]] = Z
-    made[kin.passive] = np.hstack([kin.passive_gain @ Z, kin.passive_drift])
+    made[kin.passive] = np.hstack([kin.passive_gain @ Z, kin.passive_self_motion])
     sound = motions(drawn.system)
     still = sound @ null(sound[drawn.system.active[sorted(locked)]])
     assert made.shape == still.shape

@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 from prioritized import ConstrainedSystem, Status, velocity_mapping
 from tests.random_systems import (
     SEEDS,
-    adrift,
     as_matrix,
     closure,
     dense_lexicographic,
@@ -16,6 +15,7 @@ from tests.random_systems import (
     of_rank,
     orthogonal,
     rows_of,
+    self_motions,
     systems,
     weights,
 )
@@ -36,7 +36,7 @@ def test_rates_are_the_lexicographic_optimum_over_all_coordinates(data, drawn):
     rates = mapping(*aims)
 
     # xi of eq. (10) is nobody's to command: passive rates take no part in self-motion.
-    hard = np.vstack([closure(system), adrift(system, kin).T])
+    hard = np.vstack([closure(system), self_motions(system, kin).T])
     J_T, to_rates = system.J_T, np.eye(system.J_T.shape[1])[kin.active]
     W1, W2, T = as_matrix(W1, n), as_matrix(W2, len(rest)), as_matrix(T, n)
     levels = [
@@ -82,8 +82,8 @@ def test_a_lower_level_never_changes_what_a_higher_one_achieved(data, drawn):
     np.testing.assert_allclose(kin.J[major] @ rates, kin.J[major] @ plain(v_m), atol=1e-7)
     np.testing.assert_allclose(other.achieved, plain.achieved, atol=1e-7)
     assert other.status is plain.status
-    drifts = np.abs(kin.self_motion[major]).max(initial=0.0) > 1e-8
-    assert (other.status is Status.SELF_MOTION) == drifts
+    moved = np.abs(kin.self_motion[major]).max(initial=0.0) > 1e-8
+    assert (other.status is Status.SELF_MOTION) == moved
 
 
 UNITS = st.floats(-2, 2)
@@ -107,7 +107,7 @@ def in_other_units(drawn, exponent, data):
 
 @given(st.data(), systems(), UNITS)
 def test_with_metrics_the_choice_of_the_unit_of_length_changes_nothing(data, drawn, exponent):
-    """Metres or centimetres: the same motion and the same torques, out of reach or adrift."""
+    """Metres or centimetres: the same motion and torques, out of reach or under self-motion."""
     system, of_task, of_joint = in_other_units(drawn, exponent, data)
     m, N = system.J_T.shape
     rng, active = drawn.rng, system.active
@@ -148,7 +148,7 @@ def test_with_metrics_the_choice_of_the_unit_of_length_changes_nothing(data, dra
 
 @given(st.data(), systems(self_motion=False), UNITS)
 def test_a_unique_answer_needs_no_metric(data, drawn, exponent):
-    """Every major velocity within reach, W1 nonsingular, nothing adrift: no unit matters."""
+    """Every major velocity within reach, W1 nonsingular, no self-motion: no unit matters."""
     system, of_task, of_joint = in_other_units(drawn, exponent, data)
     kin, again = drawn.system.kinematics(), system.kinematics()
     major = rows_of(data, len(of_task))

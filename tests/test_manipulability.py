@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 from prioritized import ConstrainedSystem
 from tests.random_systems import (
     SEEDS,
-    adrift,
     closure,
     failures,
     motions,
@@ -16,6 +15,7 @@ from tests.random_systems import (
     of_rank,
     projector,
     rows_of,
+    self_motions,
     stuck_joints,
     systems,
 )
@@ -106,7 +106,7 @@ def test_every_drawn_rank_is_found_again(drawn):
     """Self-motion, idle joints, internal forces, forbidden rates, reach: as they were made."""
     m, n = len(drawn.system.J_T), len(drawn.system.active)
     bases = drawn.system.kinematics().manipulability(list(range(m))).bases
-    assert bases["unstable"].shape == bases["unstable_major"].shape == (m, drawn.drift)
+    assert bases["unstable"].shape == bases["unstable_major"].shape == (m, drawn.self_motion)
     assert bases["idle"].shape[1] == drawn.idle
     assert bases["irresolvable"].shape == (drawn.internal, len(drawn.system.J_C))
     assert bases["constrained_active"].shape == (drawn.bound, n)
@@ -123,7 +123,7 @@ def test_every_basis_proves_its_verdict(data, drawn):
     major = rows_of(data, len(J_T))
     report = kin.manipulability(major)
     bases = report.bases
-    closed, loose = motions(system), adrift(system, kin)
+    closed, loose = motions(system), self_motions(system, kin)
     driven = null(np.vstack([closure(system), loose.T]))  # motions that no self-motion is part of
 
     for name, rows in (("unmanipulable", major), ("unmanipulable_task", range(len(J_T)))):
@@ -132,13 +132,13 @@ def test_every_basis_proves_its_verdict(data, drawn):
         assert bases[name].shape[1] == len(rows) - np.linalg.matrix_rank(moved, tol=1e-8)
 
     # Columns of `loose` close the loops with every active joint at rest: they are the rates.
-    drift = J_T @ loose
-    still = loose @ null(drift[major])  # of these, the ones that leave the major task alone
+    moved = J_T @ loose
+    still = loose @ null(moved[major])  # of these, the ones that leave the major task alone
     expected = {
-        "unstable": drift,
-        "unstable_major": drift[major],
+        "unstable": moved,
+        "unstable_major": moved[major],
         "unstable_secondary": J_T @ still,
-        "idle": (loose @ null(drift))[kin.passive],
+        "idle": (loose @ null(moved))[kin.passive],
     }
     for name, made in expected.items():
         beyond = projector(null(made.T))

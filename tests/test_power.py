@@ -11,7 +11,6 @@ from sim import jacobians
 from tests.random_systems import (
     SEEDS,
     ZERO,
-    adrift,
     closure,
     failures,
     motions,
@@ -19,10 +18,11 @@ from tests.random_systems import (
     of_rank,
     projector,
     rows_of,
+    self_motions,
     springs,
-    sprung,
     systems,
     weights,
+    with_stiffness,
 )
 
 
@@ -59,7 +59,7 @@ def test_the_constraint_forces_of_a_mapping_balance_every_joint(data, drawn, ela
     if elastic:
         R = data.draw(springs(N, rng))
         K = R.T @ R
-        system = sprung(system, K)
+        system = with_stiffness(system, K)
     kin = system.kinematics()
     m, n = kin.J.shape
     mapping = kin.force_mapping([0], None, np.ones(n), np.ones(m - 1))
@@ -67,7 +67,7 @@ def test_the_constraint_forces_of_a_mapping_balance_every_joint(data, drawn, ela
     torques = mapping(*aims)
     f = np.append(aims[0] - mapping.residual(aims[0]), mapping.secondary_force(*aims))
     # Springs under the load f with every active joint held; oracle: least energy, densely.
-    Z = adrift(system, kin)
+    Z = self_motions(system, kin)
     held, directions = np.linalg.eigh(Z.T @ K @ Z)
     stretched = Z @ directions[:, held > ZERO]
     theta = -stretched @ ((stretched.T @ system.J_T.T @ f) / held[held > ZERO])
@@ -152,7 +152,7 @@ def test_without_eq_9_a_free_strut_turns_the_major_force_into_another(model):
     assert np.abs(lost).max() > 0.1
 
 
-@given(systems(actives=(2, 4)).filter(lambda drawn: drawn.bound and not drawn.drift))
+@given(systems(actives=(2, 4)).filter(lambda drawn: drawn.bound and not drawn.self_motion))
 def test_without_internal_force_an_over_actuated_mechanism_works_harder(drawn):
     """Torques that only squeeze the loops are free to choose: eta makes their sum the least."""
     kin = drawn.system.kinematics()

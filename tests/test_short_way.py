@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from prioritized import RANK_TOLERANCE, ConstrainedSystem, Status, velocity_mapping
-from prioritized._equality import certain_inverse, equality_constrained_batch
-from prioritized._rates import optimal_rates
+from prioritized._equality import equality_constrained_batch, well_conditioned_inverse
+from prioritized._solving import optimal_rates
 from tests.random_systems import (
     SEEDS,
     of_rank,
@@ -22,12 +22,12 @@ from tests.random_systems import (
 
 def by_gains(mapping, v_m, rates_d, v_sd):
     gains = (mapping.major, v_m), (mapping.joint, rates_d), (mapping.secondary, v_sd)
-    return sum(np.einsum("...ij,...j->...i", gain, wish) for gain, wish in gains)
+    return sum(np.einsum("...ij,...j->...i", gain, value) for gain, value in gains)
 
 
 @given(st.data(), systems())
 def test_rates_are_what_the_gains_say_whatever_the_ranks(data, drawn):
-    """Dgglse where all is certain, singular value decompositions elsewhere: one answer."""
+    """Dgglse where all is well conditioned, singular value decompositions elsewhere: one result."""
     kin, rng = drawn.system.kinematics(), drawn.rng
     m, n = kin.J.shape
     major = rows_of(data, m)
@@ -94,11 +94,11 @@ def test_near_a_singularity_the_short_way_never_claims_more_than_the_threshold(
 
 
 @given(SEEDS, st.floats(0, 18))
-def test_an_inverse_is_certain_only_if_no_singular_value_is_below(seed, nearness):
+def test_an_inverse_is_returned_only_if_no_singular_value_is_below(seed, nearness):
     rng = np.random.default_rng(seed)
     sigma = np.array([1.0, 0.7, 10.0**-nearness])
     A = orthogonal(rng, 3) * sigma @ orthogonal(rng, 3)
-    inverse = certain_inverse(A, 1e-8)
+    inverse = well_conditioned_inverse(A, 1e-8)
     if inverse is not None:
         assert sigma.min() > 0.99e-8
         np.testing.assert_allclose(inverse @ A, np.eye(3), atol=1e-6)
@@ -107,16 +107,16 @@ def test_an_inverse_is_certain_only_if_no_singular_value_is_below(seed, nearness
 
 
 @given(SEEDS, st.integers(1, 4), st.integers(0, 4), st.integers(0, 3))
-def test_reflections_side_by_side_solve_the_constrained_least_squares(seed, p, free, more):
+def test_batched_reflections_solve_the_constrained_least_squares(seed, p, free, more):
     """Equations met, and no slope left along what they leave free."""
     rng = np.random.default_rng(seed)
     n, k, count = p + free, free + more, 5
     A, G = rng.normal(size=(p, n, count)), rng.normal(size=(k, n, count))
     b, c = rng.normal(size=(p, count)), rng.normal(size=(k, count))
-    x, doubtless = equality_constrained_batch(
+    x, well_conditioned = equality_constrained_batch(
         A.copy(), b.copy(), G.copy(), c.copy(), np.full(count, 1e-6), np.full(count, 1e-6)
     )
-    for i in np.flatnonzero(doubtless):
+    for i in np.flatnonzero(well_conditioned):
         np.testing.assert_allclose(A[..., i] @ x[:, i], b[:, i], atol=1e-6)
         Z = np.linalg.svd(A[..., i])[2][p:].T
         slope = Z.T @ G[..., i].T @ (G[..., i] @ x[:, i] - c[:, i])
@@ -133,7 +133,7 @@ BAD: dict[str, dict[str, Any]] = {
 
 @pytest.mark.parametrize("name", BAD)
 @pytest.mark.parametrize("batch", [False, True])
-def test_a_wish_that_is_not_finite_is_refused_by_name_on_the_short_way_too(name, batch):
+def test_a_velocity_that_is_not_finite_is_refused_by_name_without_gains_too(name, batch):
     many = np.stack([J, J]) if batch else J
     mapping = velocity_mapping(many, [0, 1], None, np.ones(5), np.ones(2))
     with pytest.raises(ValueError, match=f"{name} must be finite"):
@@ -177,7 +177,7 @@ def test_a_mechanism_at_another_pose_is_as_if_made_there(drawn, seed):
         system.at(np.zeros((len(J_T) + 1, J_T.shape[1])))
 
 
-def test_what_is_certain_agrees_with_the_status():
+def test_what_is_well_conditioned_agrees_with_the_status():
     mapping = velocity_mapping(J, [0, 1], joint_weight=np.ones(5))
     assert optimal_rates(mapping.problem, np.ones(2), None, None) is not None
     assert mapping.status is Status.EXACT
