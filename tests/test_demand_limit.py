@@ -13,7 +13,7 @@ from experiments.hexapod.paper import TABLE_I_URAD
 from experiments.hexapod.prediction import driven_plant, predicted_error_rad
 from experiments.hexapod.simulation import controller_for, nominal_loops, track_spiral
 from experiments.hexapod.testbed import Bench
-from experiments.table1.configuration import CONFIGURATIONS
+from experiments.table1.runs import CONFIGURATIONS
 from experiments.uncorrected.beam_walk import beam_walk_urad
 from experiments.uncorrected.candidate import COLUMNS
 from experiments.uncorrected.candidates import BENCH, CLOCKWISE

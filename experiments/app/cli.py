@@ -24,7 +24,7 @@ from experiments.recover.command import recover
 from experiments.release import STUDY as RELEASE
 from experiments.sweep.command import sweep
 from experiments.systems.command import systems
-from experiments.table1.command import table1
+from experiments.table1 import STUDY as TABLE1
 from experiments.uncorrected.command import uncorrected
 
 UNSOUND, WRONG_INPUT = 1, 2
@@ -46,7 +46,6 @@ Exit codes:
 
 app = typer.Typer(name="fjh", help=HELP, epilog=EXIT_CODES, rich_markup_mode=None)
 STUDIES = (
-    table1,
     figures,
     systems,
     recover,
@@ -59,7 +58,13 @@ STUDIES = (
     bench,
     report,
 )
-for command in (*map(presented, STUDIES), command_of(RELEASE), review, render):
+for command in (
+    command_of(TABLE1),
+    *map(presented, STUDIES),
+    command_of(RELEASE),
+    review,
+    render,
+):
     # The first line whole: Typer itself would cut it at any full stop.
     app.command(short_help=(command.__doc__ or "").partition("\n")[0])(command)
 

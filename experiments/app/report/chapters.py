@@ -7,11 +7,9 @@ from experiments.goals.command import goals
 from experiments.jacobian.command import jacobian
 from experiments.recover.command import recover
 from experiments.systems.command import systems
-from experiments.table1.command import table1
 from experiments.uncorrected.command import uncorrected
 
 CHAPTERS = (
-    Chapter(table1),
     Chapter(figures),
     Chapter(systems),
     Chapter(force),
