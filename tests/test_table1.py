@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from experiments.hexapod import paper
-from experiments.hexapod.columns import COLUMNS
 from experiments.hexapod.checks import CLOSURE_LIMIT_M
+from experiments.hexapod.columns import COLUMNS
 from experiments.hexapod.metrics import rms
 from experiments.hexapod.prediction import predicted_error_rad
 from experiments.hexapod.simulation import nominal_loops, track_spiral

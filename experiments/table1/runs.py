@@ -151,7 +151,7 @@ def run_table1(
 
 
 def _predicted_rad(column: Column, seed: int, shared: dict[str, Any]) -> Array:
-    """RMS (2,) by the linear model: over all noise, or with a limit, which needs one, this seed's."""
+    """RMS (2,) by the linear model: over all noise; with a limit, which needs one, this seed's."""
     run = shared | {"goal": column.goal, "failures": column.failures}
     if shared["bench"].demand_limit_urad is None:
         return predicted_rms_rad(**run)
