@@ -12,7 +12,7 @@ from experiments.app.report.command import report
 from experiments.app.review.command import review
 from experiments.atlas.command import atlas
 from experiments.benchmark.command import bench
-from experiments.figures.command import figures
+from experiments.figures import STUDY as FIGURES
 from experiments.force.command import force
 from experiments.goals.command import goals
 from experiments.jacobian.command import jacobian
@@ -46,7 +46,6 @@ Exit codes:
 
 app = typer.Typer(name="fjh", help=HELP, epilog=EXIT_CODES, rich_markup_mode=None)
 STUDIES = (
-    figures,
     systems,
     recover,
     force,
@@ -60,6 +59,7 @@ STUDIES = (
 )
 for command in (
     command_of(TABLE1),
+    command_of(FIGURES),
     *map(presented, STUDIES),
     command_of(RELEASE),
     review,

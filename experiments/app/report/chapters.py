@@ -1,7 +1,6 @@
 """The chapters of the report, in reading order."""
 
 from experiments.app.report.chapter import Chapter
-from experiments.figures.command import figures
 from experiments.force.command import force
 from experiments.goals.command import goals
 from experiments.jacobian.command import jacobian
@@ -10,7 +9,6 @@ from experiments.systems.command import systems
 from experiments.uncorrected.command import uncorrected
 
 CHAPTERS = (
-    Chapter(figures),
     Chapter(systems),
     Chapter(force),
     Chapter(goals),
