@@ -25,7 +25,7 @@ from experiments.release import STUDY as RELEASE
 from experiments.sweep.command import sweep
 from experiments.systems.command import systems
 from experiments.table1 import STUDY as TABLE1
-from experiments.uncorrected.command import uncorrected
+from experiments.uncorrected import STUDY as UNCORRECTED
 
 UNSOUND, WRONG_INPUT = 1, 2
 
@@ -51,7 +51,6 @@ STUDIES = (
     force,
     goals,
     jacobian,
-    uncorrected,
     sweep,
     atlas,
     bench,
@@ -61,6 +60,7 @@ for command in (
     command_of(TABLE1),
     command_of(FIGURES),
     *map(presented, STUDIES),
+    command_of(UNCORRECTED),
     command_of(RELEASE),
     review,
     render,

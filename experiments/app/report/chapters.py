@@ -6,13 +6,11 @@ from experiments.goals.command import goals
 from experiments.jacobian.command import jacobian
 from experiments.recover.command import recover
 from experiments.systems.command import systems
-from experiments.uncorrected.command import uncorrected
 
 CHAPTERS = (
     Chapter(systems),
     Chapter(force),
     Chapter(goals),
     Chapter(jacobian, {"loop": True}),
-    Chapter(uncorrected),
     Chapter(recover),  # last: it takes as long as all others together
 )
