@@ -13,7 +13,7 @@ from experiments.app.review.command import review
 from experiments.atlas.command import atlas
 from experiments.benchmark.command import bench
 from experiments.figures import STUDY as FIGURES
-from experiments.force.command import force
+from experiments.force import STUDY as FORCE
 from experiments.goals.command import goals
 from experiments.jacobian.command import jacobian
 from experiments.output.files import OutputError
@@ -48,7 +48,6 @@ app = typer.Typer(name="fjh", help=HELP, epilog=EXIT_CODES, rich_markup_mode=Non
 STUDIES = (
     systems,
     recover,
-    force,
     goals,
     jacobian,
     sweep,
@@ -60,6 +59,7 @@ for command in (
     command_of(TABLE1),
     command_of(FIGURES),
     *map(presented, STUDIES),
+    command_of(FORCE),
     command_of(UNCORRECTED),
     command_of(RELEASE),
     review,

@@ -1,16 +1,32 @@
 """The figure of the force experiment."""
 
+from functools import partial
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from experiments.force.overactuated import InternalForce
-from experiments.force.soundness import LIMIT_PERCENT
-from experiments.force.study import Examination, Force
+from experiments.force.platform import InternalForce
+from experiments.force.runs import Examination, Force
+from experiments.force.tables import LIMIT_PERCENT
 from experiments.output.palette import BLACK, BLUE, GREEN, ORANGE, VERMILION
 from experiments.output.plotting import PAGE_IN, new_figure
+from experiments.output.results import Picture
+
+
+def pictures(force: Force, summary: dict[str, Any]) -> list[Picture]:
+    """The study's figure and its caption."""
+    picture = Picture(
+        "force",
+        "Theorems 7 to 9 in simulation, sound, locked and free; the platform's internal force.",
+        "Six panels: distances from the theorems far below the limit of one percent; torques of "
+        "the mapping beside others of the same major force; lock reactions on the line of "
+        "prediction; displacement of the payload where predicted; torque of a hot motor reduced; "
+        "leg forces that keep their sign.",
+        partial(figure_force, force, summary),
+    )
+    return [picture]
 
 
 def figure_force(force: Force, summary: dict[str, Any]) -> Figure:

@@ -1,7 +1,6 @@
 """The chapters of the report, in reading order."""
 
 from experiments.app.report.chapter import Chapter
-from experiments.force.command import force
 from experiments.goals.command import goals
 from experiments.jacobian.command import jacobian
 from experiments.recover.command import recover
@@ -9,7 +8,6 @@ from experiments.systems.command import systems
 
 CHAPTERS = (
     Chapter(systems),
-    Chapter(force),
     Chapter(goals),
     Chapter(jacobian, {"loop": True}),
     Chapter(recover),  # last: it takes as long as all others together
