@@ -94,7 +94,7 @@ def _map(axes: Axes, study: Uncorrected, roll_off: int, angle: int) -> None:
     axes.grid(False)
     axes.set_xticks([3, 5, 10, 20], ["3", "5", "10", "20"])
     axes.minorticks_off()
-    axes.plot(BENCH.alpha_crossover_hz, BENCH_DAMPING, "*", ms=8, mfc="white", mec=BLACK)
+    axes.plot(BENCH.bench.alpha_crossover_hz, BENCH_DAMPING, "*", ms=8, mfc="white", mec=BLACK)
     if roll_off == 0 and angle == 0:
         axes.legend(handles=_map_legend(), loc="lower left", framealpha=1)
 
@@ -148,7 +148,7 @@ def _candidates(axes: Axes, summary: dict[str, Any]) -> None:
     axes.set(xscale="log", xlabel="uncorrected / sound", ylim=(len(shown) - 0.5, -0.5))
     axes.set_xticks([1, 1.5, 2, 3, 4, 6], ["1", "1.5", "2", "3", "4", "6"])
     axes.minorticks_off()
-    axes.set_title("Candidates; hollow: spoils $W_a$, $W_d$ or $W_e$")
+    axes.set_title("Candidates; hollow: misses $W_a$, $W_d$ or $W_e$")
     for k, (_, symbol, color) in enumerate(ANGLES):
         axes.plot([], [], "os"[k], color=color, label=symbol)
     axes.legend()
