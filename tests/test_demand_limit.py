@@ -13,13 +13,11 @@ from experiments.hexapod.paper import TABLE_I_URAD
 from experiments.hexapod.prediction import driven_plant, predicted_error_rad
 from experiments.hexapod.simulation import controller_for, nominal_loops, track_spiral
 from experiments.hexapod.testbed import Bench
-from experiments.table1.configuration import CONFIGURATIONS
-from experiments.uncorrected.beam_walk import beam_walk_urad
-from experiments.uncorrected.candidate import COLUMNS
-from experiments.uncorrected.candidates import BENCH, CLOCKWISE
+from experiments.table1.runs import CONFIGURATIONS
+from experiments.uncorrected.candidates import BENCH, CLOCKWISE, COLUMNS
 from experiments.uncorrected.limit_map import largest_miss, limit_grid, limit_row
-from experiments.uncorrected.lost_strut import fast_loop_ratio, remaining_gain
-from experiments.uncorrected.machine import EQUAL
+from experiments.uncorrected.predicted import beam_walk_urad, fast_loop_ratio, remaining_gain
+from experiments.uncorrected.vibration import W_A
 from ftc.controller import Sensed
 from ftc.limited_loop import limited_response
 from sim import Failure, failed_plant, hexapod, linearize, spiral
@@ -56,7 +54,7 @@ def test_a_spiral_turns_the_other_way_and_leaves_where_it_is_told():
 
 def demands(model, loops, bench, ticks, error_rad):
     """What the compensators ask, tick by tick, while the sensor reads a constant error."""
-    controller = controller_for(model, bench, loops, EQUAL)
+    controller = controller_for(model, bench, loops, W_A)
     state, asked = controller.start(), []
     for _ in range(ticks):
         state = controller.step(state, np.asarray(error_rad), Sensed(np.zeros(2), np.zeros(6)))
@@ -80,7 +78,7 @@ def test_no_angle_is_demanded_beyond_the_limit_and_each_has_its_own(model, loops
 def test_an_integrator_at_its_limit_winds_up_unless_it_is_held(model, loops, anti_windup):
     """After the error has changed its sign a held one leaves the limit at once, the other late."""
     bench = replace(TIGHT, anti_windup=anti_windup)
-    controller = controller_for(model, bench, loops, EQUAL)
+    controller = controller_for(model, bench, loops, W_A)
     state, _ = demands(model, loops, bench, 1000, [5e-6, 0.0])
     ticks = 0
     while state.asked.pointing_rad[0] >= TIGHT.demand_limit_rad and ticks < 2000:
@@ -96,9 +94,9 @@ def test_mujoco_does_tick_by_tick_what_the_limited_linear_loop_says(
 ):
     bench = replace(TIGHT, anti_windup=anti_windup)
     shared = {"failures": failures, "seed": 2, "duration_s": 1.5}
-    run = track_spiral(model, bench, loops, EQUAL, jacobian="constant", **shared)
+    run = track_spiral(model, bench, loops, W_A, jacobian="constant", **shared)
     error = run.desired_rad - run.true_rad
-    predicted = predicted_error_rad(model, bench, loops, EQUAL, **shared)
+    predicted = predicted_error_rad(model, bench, loops, W_A, **shared)
     assert predicted is not None
     # Quantization leaves 0.02 urad, and what has wound up is at most 0.8 % off.
     np.testing.assert_array_less(rms(error - predicted), 0.03e-6 + 5e-3 * rms(predicted))
@@ -106,7 +104,7 @@ def test_mujoco_does_tick_by_tick_what_the_limited_linear_loop_says(
         replace(bench, demand_limit_urad=None),
         replace(bench, anti_windup=not anti_windup),
     ):
-        wrong = predicted_error_rad(model, other, loops, EQUAL, **shared)
+        wrong = predicted_error_rad(model, other, loops, W_A, **shared)
         assert wrong is not None
         assert np.any(rms(error - wrong) > 10 * rms(error - predicted))
 
@@ -115,13 +113,13 @@ def test_a_limit_that_is_never_reached_changes_nothing(model, loops):
     """The stepped loop and the linear one of python-control are the same."""
     shared = {"failures": LOCK_1, "seed": 1, "duration_s": 2.0}
     wide = replace(Bench(), demand_limit_urad=1e3)
-    stepped = predicted_error_rad(model, wide, loops, EQUAL, **shared)
-    linear = predicted_error_rad(model, Bench(), loops, EQUAL, **shared)
+    stepped = predicted_error_rad(model, wide, loops, W_A, **shared)
+    linear = predicted_error_rad(model, Bench(), loops, W_A, **shared)
     assert stepped is not None
     assert linear is not None
     np.testing.assert_allclose(stepped, linear, rtol=1e-9, atol=1e-15)
     few = {"jacobian": "constant", "duration_s": 0.3}
-    runs = [track_spiral(model, bench, loops, EQUAL, **few) for bench in (wide, Bench())]
+    runs = [track_spiral(model, bench, loops, W_A, **few) for bench in (wide, Bench())]
     np.testing.assert_array_equal(runs[0].strut_input_percent, runs[1].strut_input_percent)
 
 
@@ -157,7 +155,7 @@ def test_any_fast_linear_loop_gives_139_and_115_percent_whatever_its_compensator
 def test_the_loops_of_the_bench_tend_to_the_bound(model, loops):
     """Their own frequency responses, sound and locked: the slower the turn, the nearer."""
     bound, distance = fast_loop_ratio(remaining_gain(model)), []
-    gain = StrutMapping(hexapod(model), EQUAL, "constant").pointing_gain()
+    gain = StrutMapping(hexapod(model), W_A, "constant").pointing_gain()
     compensators = control.append(*(loop.discrete for loop in loops))
     plants = [failed_plant(model, failures) for failures in (LOCK_1, ())]
     open_loops = [
@@ -177,7 +175,7 @@ def test_beam_walk_reads_translations_as_angles_and_vanishes_at_the_focus(model,
     """At the focus it is the bench; off it, W_e, which hardly translates, hardly errs."""
     at_focus = beam_walk_urad(model, Bench(), loops, 0.0, 0)
     for k, failures in ((0, ()), (3, LOCK_1)):
-        expected = predicted_error_rad(model, Bench(), loops, EQUAL, failures=failures)
+        expected = predicted_error_rad(model, Bench(), loops, W_A, failures=failures)
         assert expected is not None
         np.testing.assert_allclose(at_focus[k, 0], 1e6 * rms(expected), rtol=1e-6)
     off = beam_walk_urad(model, Bench(), loops, -1.0, 0)

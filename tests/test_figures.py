@@ -15,16 +15,15 @@ from matplotlib.figure import Figure
 from matplotlib.text import Annotation
 
 from experiments.app.cli import main
-from experiments.figures.atlas import figure_atlas
 from experiments.figures.block_diagram import figure_3
-from experiments.figures.bode import figure_bode
+from experiments.figures.figure import figure_atlas, figure_bode
 from experiments.figures.geometry import figure_2
-from experiments.figures.study import Portrait, portray
+from experiments.figures.runs import Portrait, portray
 from experiments.hexapod.simulation import Trajectory, nominal_plant
 from experiments.hexapod.testbed import Bench
 from experiments.output.palette import BLACK, BLUE, SKY, YELLOW
 from experiments.output.plotting import COLUMN_IN, new_figure, save_figure
-from experiments.table1.figures import figure_4, figure_6
+from experiments.table1.figure import figure_4, figure_6
 from sim import hexapod, load_model
 from sim.model import HEXAPOD_MJCF
 from tests.printed import assert_printable, faults
@@ -32,7 +31,7 @@ from tests.printed import assert_printable, faults
 
 @pytest.fixture(scope="module")
 def portrait() -> Portrait:
-    return portray()
+    return portray(None, Bench(), 0)
 
 
 # What every figure keeps.
@@ -84,6 +83,7 @@ def test_the_command_leaves_figures_and_their_numbers(figures_folder, portrait):
     assert {file.name for file in figures_folder.iterdir()} == names | {
         "figure2.svg",
         "figures.json",
+        "figures.md",
     }
     summary = json.loads((figures_folder / "figures.json").read_text())
     assert {"experiment", "seed", "versions", "model_sha256", "bench"} <= set(summary)
@@ -183,7 +183,7 @@ def numbers(polynomial: str) -> np.ndarray:
 )
 def test_the_block_diagram_prints_the_loop_that_runs(model, bench):
     """The printed G(s), and the plant's own matrices, have the printed crossover and margins."""
-    text = said(figure_3(portray(bench=bench)))
+    text = said(figure_3(portray(None, bench, 0)))
     plant, pointing = nominal_plant(model)
 
     def response(w: float, row: int) -> complex:

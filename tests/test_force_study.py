@@ -11,16 +11,15 @@ import numpy as np
 import pytest
 
 from experiments.app.cli import main
-from experiments.force import soundness, study
-from experiments.force.answers import told
+from experiments.force import runs
+from experiments.force import tables as tables_module
+from experiments.force.answers import known_system
 from experiments.force.cases import LEVERED, SPARING, Condition, draw_aims
-from experiments.force.overactuated import platform
-from experiments.force.prescribed import payload_stiffness
+from experiments.force.platform import platform
+from experiments.force.results import summarize
 from experiments.force.rig import FIXTURE, Gauges, hold, press, with_fixture
-from experiments.force.soundness import complaint
-from experiments.force.study import examine
-from experiments.force.summary import summarize
-from experiments.force.text import tables
+from experiments.force.runs import examine, payload_stiffness
+from experiments.force.tables import checks, tables
 from experiments.hexapod.goal import MAJOR, SECONDARY
 from experiments.hexapod.springs import strut_and_payload_stiffness
 from prioritized import ConstrainedSystem, force_mapping
@@ -32,14 +31,14 @@ from tests.test_force import theorem_7, theorem_8
 @pytest.fixture(scope="module")
 def done(tmp_path_factory):
     """The experiment with strut 1 failing, by the command: its folder, and what it computed."""
-    folder, computed, run = tmp_path_factory.mktemp("force"), [], study.run_force
+    folder, computed, run = tmp_path_factory.mktemp("force"), [], runs.run_force
 
     def keep(**options):
         computed.append(run(**options))
         return computed[0]
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(study, "run_force", keep)
+        patch.setattr(runs, "run_force", keep)
         assert main(["force", "--quick", "--out", str(folder)]) == 0
     return folder, computed[0]
 
@@ -97,7 +96,7 @@ def test_the_mapping_never_sees_the_fixture(rig):
     closed = jacobians(load_model(), mujoco.MjData(load_model()), "payload", "base")
     with_it = jacobians(rig, mujoco.MjData(rig), "payload", "base")
     np.testing.assert_array_equal(with_it.J_C, closed.J_C)
-    assert told(Condition()).J_C.shape == closed.J_C.shape
+    assert known_system(Condition()).J_C.shape == closed.J_C.shape
 
 
 def test_every_simulated_force_is_the_mappings(summary):
@@ -197,7 +196,7 @@ def test_sound_or_locked_the_hexapod_holds_all_of_a_prescribed_wrench_and_stands
 def test_without_eq_9_a_free_strut_presses_with_another_major_force(rig, force):
     """Theorem 8 as printed, for a mechanism that has the self-motion which section 3 excludes."""
     condition = Condition("free", 0)
-    kin = told(condition).kinematics()
+    kin = known_system(condition).kinematics()
     printed = force_mapping(kin.J, MAJOR, SECONDARY, np.array(SPARING)[kin.actuators])
     torques = kin.expand(printed(force.aims.major))
     off = press(rig, condition.failures, torques).fixture[:, -1, MAJOR] - force.aims.major
@@ -229,8 +228,12 @@ def test_the_platform_spends_its_internal_force_and_presses_with_the_same_wrench
             assert without["least_squeeze_n"] < 0 < used["least_squeeze_n"]
 
 
+def failed(summary) -> list[str]:
+    return [str(check) for check in checks(summary) if not check.passed]
+
+
 def summary_of(force, one):
-    return summarize(dataclasses.replace(force, examinations=[one]), seed=0)
+    return summarize(dataclasses.replace(force, examinations=[one]))
 
 
 @pytest.mark.parametrize(
@@ -246,23 +249,23 @@ def summary_of(force, one):
     ],
     ids=lambda condition: str(condition).replace(" ", "_"),
 )
-def test_told_of_another_failure_than_happens_the_study_complains(
+def test_a_mapping_that_knows_of_another_failure_fails_a_check(
     monkeypatch, force, happens, believed
 ):
-    monkeypatch.setattr(study, "told", lambda _: told(believed))
+    monkeypatch.setattr(runs, "known_system", lambda _: known_system(believed))
     one = examine(happens, draw_aims(np.random.default_rng(0), 1))
-    assert complaint(summary_of(force, one))
+    assert failed(summary_of(force, one))
 
 
 def test_a_coil_that_is_not_asked_is_as_good_as_one_that_is_gone(monkeypatch, force):
-    """Told that a sound strut is free, the mapping leaves its coil alone, and is right."""
-    monkeypatch.setattr(study, "told", lambda _: told(Condition("free")))
+    """A mapping that takes a sound strut as free leaves its coil alone, and is exact."""
+    monkeypatch.setattr(runs, "known_system", lambda _: known_system(Condition("free")))
     one = examine(Condition(), draw_aims(np.random.default_rng(0), 1))
-    assert complaint(summary_of(force, one)) is None
+    assert not failed(summary_of(force, one))
 
 
 def skewed(change) -> ConstrainedSystem:
-    system = told(Condition())
+    system = known_system(Condition())
     return ConstrainedSystem(change(system.J_T), system.J_C, system.active)
 
 
@@ -276,10 +279,10 @@ def skewed(change) -> ConstrainedSystem:
     ],
     ids=["scaled", "flipped", "another_point"],
 )
-def test_with_a_wrong_jacobian_the_study_complains(monkeypatch, force, change):
-    monkeypatch.setattr(study, "told", lambda _: skewed(change))
+def test_a_wrong_jacobian_fails_a_check(monkeypatch, force, change):
+    monkeypatch.setattr(runs, "known_system", lambda _: skewed(change))
     one = examine(Condition(), draw_aims(np.random.default_rng(0), 1))
-    assert complaint(summary_of(force, one))
+    assert failed(summary_of(force, one))
 
 
 @pytest.mark.parametrize(
@@ -301,22 +304,22 @@ def test_with_a_wrong_jacobian_the_study_complains(monkeypatch, force, change):
         ("internal_force", "without", "legs_off_percent", 2.0),
     ],
 )
-def test_an_unsound_experiment_is_called_so(summary, group, part, key, value):
-    assert complaint(summary) is None
+def test_every_number_that_must_be_small_has_its_check(summary, group, part, key, value):
+    assert not failed(summary)
     spoilt = copy.deepcopy(summary)
     entry = spoilt[group] if isinstance(spoilt[group], dict) else spoilt[group][0]
     inner = entry if part is None else entry[part]
     (inner if isinstance(inner, dict) else inner[0])[key] = value
-    assert complaint(spoilt)
+    assert len(failed(spoilt)) == 1
 
 
 def test_an_unsound_run_ends_with_a_sentence_and_one(monkeypatch, capsys, tmp_path, force):
-    monkeypatch.setattr(study, "run_force", lambda **options: force)
-    monkeypatch.setattr(soundness, "LIMIT_PERCENT", 1e-9)
+    monkeypatch.setattr(runs, "run_force", lambda **options: force)
+    monkeypatch.setattr(tables_module, "LIMIT_PERCENT", 1e-9)
     assert main(["force", "--quick", "--out", str(tmp_path)]) == 1
     error = capsys.readouterr().err.strip()
     assert error.startswith(
-        "fjh: the experiment is not sound: sound, theorem 7: pressed_off_percent"
+        "fjh: the experiment is not sound: sound, theorem 7: distance of the wrench on the fixture"
     )
     assert "\n" not in error
     assert (tmp_path / "force.json").is_file()
@@ -326,6 +329,7 @@ def test_everything_named_is_there(done, summary, force):
     folder = done[0]
     assert {file.name for file in folder.iterdir()} == {
         "force.json",
+        "force.md",
         "force.png",
         "force.pdf",
         summary["recording"],

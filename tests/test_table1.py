@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from experiments.hexapod import paper
+from experiments.hexapod.checks import CLOSURE_LIMIT_M
 from experiments.hexapod.columns import COLUMNS
-from experiments.hexapod.legacy_checks import CLOSURE_LIMIT_M, complaint
 from experiments.hexapod.metrics import rms
 from experiments.hexapod.prediction import predicted_error_rad
 from experiments.hexapod.simulation import nominal_loops, track_spiral
 from experiments.hexapod.testbed import Bench
-from experiments.table1.configuration import CONFIGURATIONS
-from experiments.table1.text import notes, table
+from experiments.table1.results import checks, notes, table
+from experiments.table1.runs import CONFIGURATIONS
 
 CORRECTED = ["W_a", "W_b", "W_c", "W_d", "W_e"]
 NOMINAL_COLUMNS = CORRECTED[:3]
@@ -167,17 +167,25 @@ def test_a_controller_that_does_not_know_of_the_lock_estimates_wrongly(runs):
     assert np.all(peak > 100 * believed)
 
 
-def test_an_unsound_table_is_complained_of(table1):
-    assert complaint(table1) is None
+def failed(summary) -> list[str]:
+    return [str(check) for check in checks(summary) if not check.passed]
+
+
+def test_an_unsound_table_fails_its_checks(table1):
+    assert not failed(table1)
     opened = deepcopy(table1)
     opened["columns"][2]["other_jacobian_closure_residual_max_m"] = 2e-8
-    assert "closed loop opened by 2.0e-08 m" in str(complaint(opened))
-    astray = deepcopy(table1)
-    astray["columns"][1]["beta_rms_urad"] *= 1.005
-    assert "beta of W_b" in str(complaint(astray))
-    assert complaint(astray | {"duration_s": 4.0}) is None  # the noise alone may do that
-    astray["columns"][1]["beta_rms_urad"] *= 1.03
-    assert "beta of W_b" in str(complaint(astray | {"duration_s": 4.0}))
+    (sentence,) = failed(opened)
+    assert sentence.startswith("W_c, other Jacobian: closure residual [m] is 2e-08")
+    opened["jacobian_comparison"]["next_seed_closure_residual_max_m"] = 2e-8
+    assert len(failed(opened)) == 2
+    off = deepcopy(table1)
+    off["columns"][1]["beta_rms_urad"] *= 1.005
+    (sentence,) = failed(off)
+    assert sentence.startswith("W_b: relative distance of the RMS error of beta")
+    assert not failed(off | {"duration_s": 4.0})  # the noise alone may do that
+    off["columns"][1]["beta_rms_urad"] *= 1.03
+    assert len(failed(off | {"duration_s": 4.0})) == 1
 
 
 def test_a_run_alone_gives_the_same_bits_as_beside_others(model, runs):

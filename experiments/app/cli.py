@@ -12,8 +12,8 @@ from experiments.app.report.command import report
 from experiments.app.review.command import review
 from experiments.atlas.command import atlas
 from experiments.benchmark.command import bench
-from experiments.figures.command import figures
-from experiments.force.command import force
+from experiments.figures import STUDY as FIGURES
+from experiments.force import STUDY as FORCE
 from experiments.goals.command import goals
 from experiments.jacobian.command import jacobian
 from experiments.output.files import OutputError
@@ -24,8 +24,8 @@ from experiments.recover.command import recover
 from experiments.release import STUDY as RELEASE
 from experiments.sweep.command import sweep
 from experiments.systems.command import systems
-from experiments.table1.command import table1
-from experiments.uncorrected.command import uncorrected
+from experiments.table1 import STUDY as TABLE1
+from experiments.uncorrected import STUDY as UNCORRECTED
 
 UNSOUND, WRONG_INPUT = 1, 2
 
@@ -46,20 +46,25 @@ Exit codes:
 
 app = typer.Typer(name="fjh", help=HELP, epilog=EXIT_CODES, rich_markup_mode=None)
 STUDIES = (
-    table1,
-    figures,
     systems,
     recover,
-    force,
     goals,
     jacobian,
-    uncorrected,
     sweep,
     atlas,
     bench,
     report,
 )
-for command in (*map(presented, STUDIES), command_of(RELEASE), review, render):
+for command in (
+    command_of(TABLE1),
+    command_of(FIGURES),
+    *map(presented, STUDIES),
+    command_of(FORCE),
+    command_of(UNCORRECTED),
+    command_of(RELEASE),
+    review,
+    render,
+):
     # The first line whole: Typer itself would cut it at any full stop.
     app.command(short_help=(command.__doc__ or "").partition("\n")[0])(command)
 

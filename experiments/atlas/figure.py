@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from experiments.atlas.conditions import classified
-from experiments.figures.atlas import Verdict, verdicts
+from experiments.hexapod.failure_atlas import Verdict, verdicts
 from experiments.output.palette import BLACK
 from experiments.output.plotting import PAGE_IN, logarithmic, new_figure
 from experiments.sweep.summary import ANGLES, Columns

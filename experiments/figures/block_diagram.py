@@ -5,7 +5,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
 
-from experiments.figures.study import OpenLoop, Portrait
+from experiments.figures.runs import OpenLoop, Portrait
 from experiments.output.palette import BLACK, ORANGE, SKY
 from experiments.output.plotting import PAGE_IN, new_figure
 from sim import Array

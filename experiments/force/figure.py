@@ -1,16 +1,32 @@
 """The figure of the force experiment."""
 
+from functools import partial
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from experiments.force.overactuated import InternalForce
-from experiments.force.soundness import LIMIT_PERCENT
-from experiments.force.study import Examination, Force
+from experiments.force.platform import InternalForce
+from experiments.force.runs import Examination, Force
+from experiments.force.tables import LIMIT_PERCENT
 from experiments.output.palette import BLACK, BLUE, GREEN, ORANGE, VERMILION
 from experiments.output.plotting import PAGE_IN, new_figure
+from experiments.output.results import Picture
+
+
+def pictures(force: Force, summary: dict[str, Any]) -> list[Picture]:
+    """The study's figure and its caption."""
+    picture = Picture(
+        "force",
+        "Theorems 7 to 9 in simulation, sound, locked and free; the platform's internal force.",
+        "Six panels: distances from the theorems far below the limit of one percent; torques of "
+        "the mapping beside others of the same major force; lock reactions on the line of "
+        "prediction; displacement of the payload where predicted; torque of a hot motor reduced; "
+        "leg forces that keep their sign.",
+        partial(figure_force, force, summary),
+    )
+    return [picture]
 
 
 def figure_force(force: Force, summary: dict[str, Any]) -> Figure:
@@ -32,7 +48,7 @@ def _agreement(axes: Axes, summary: dict[str, Any]) -> None:
     for key, label, color, marker in (
         ("pressed_off_percent", "pressing on the fixture: wrench", BLUE, "o"),
         ("held_off_percent", "holding: strut forces", VERMILION, "s"),
-        ("moved_percent", "holding: payload gives way", GREEN, "^"),
+        ("moved_percent", "holding: payload displacement", GREEN, "^"),
     ):
         for k in range(3):
             off = [one["theorems"][k][key] for one in conditions]
@@ -76,7 +92,7 @@ def _reactions(axes: Axes, examinations: list[Examination]) -> None:
     axes.plot(predicted, held, "s", color=VERMILION, ms=3, label="holding")
     axes.plot(predicted, pressed, "o", color=BLUE, ms=3, label="pressing: shared with the fixture")
     axes.set(
-        title="Locked strut: the reaction that no torque sees",
+        title="Locked strut: reaction force of the lock",
         xlabel="lock force by eq. (11), N",
         ylabel="simulated, N",
     )
@@ -123,7 +139,7 @@ def _hot_motors(axes: Axes, uses: list[dict[str, Any]]) -> None:
         weighed = [use[how]["weighed_rms_n"] for use in hot]
         axes.plot(place, weighed, "D", color=BLACK, ms=3.5, label=None if k else "$|W_3 \\tau|$")
     axes.set_xticks(range(len(hot)), [use["name"] for use in hot])
-    axes.set(title="Platform: a hot motor spared, the force unchanged", ylabel="RMS, N")
+    axes.set(title="Platform: less torque of a hot motor, same force", ylabel="RMS, N")
     axes.margins(y=0.35)
     axes.set_ylim(bottom=0)
     axes.legend(loc="upper center", ncols=3)
@@ -139,6 +155,6 @@ def _squeeze(axes: Axes, use: InternalForce) -> None:
             axes.plot(place, force, "o", color=color, ms=3.5, label=None if leg else label)
     axes.axhline(0, color=BLACK, lw=1)
     axes.set_xticks(range(1, 5), [f"leg {leg}" for leg in range(1, 5)])
-    axes.set(title="Platform squeezed: no leg changes sides", ylabel="force on the pin, N")
+    axes.set(title="Platform squeezed: leg forces keep their sign", ylabel="force on the pin, N")
     axes.margins(y=0.2)
     axes.legend(loc="upper center", ncols=2)

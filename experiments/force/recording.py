@@ -10,8 +10,8 @@ import rerun.blueprint as rrb
 
 from experiments.force.cases import PRESCRIBED
 from experiments.force.rig import Readings
-from experiments.force.study import Examination, Trial
-from experiments.force.text import tables
+from experiments.force.runs import Examination, Trial
+from experiments.force.tables import tables
 from experiments.hexapod.recording.hexapod import Picture, log_hexapod
 from experiments.hexapod.recording.notes import constants
 from experiments.output.palette import GREEN, ORANGE
@@ -38,7 +38,7 @@ _ABOVE_M = 0.17
 _PARTS = slice(0, 3), slice(3, 6)
 
 
-def write_force(path: Path, examinations: list[Examination], summary: dict[str, Any]) -> None:
+def write_force(examinations: list[Examination], summary: dict[str, Any], folder: Path) -> None:
     """Write the `.rrd`: prescribed wrenches, one after another, a column for each condition."""
     shown = [one for one in examinations if one.condition.strut == 0]
     held = [_yielding(one) for one in shown]
@@ -52,6 +52,7 @@ def write_force(path: Path, examinations: list[Examination], summary: dict[str, 
     properties |= version_properties(summary) | summary["bench"]
     notes = _notes(summary, properties)
     about = About(f"force-seed{summary['seed']}", "force mapping", notes, properties)
+    path = folder / summary["recording"]
     with recording_file(path, about, _screen(model, shown, factor, full_n)) as recording:
         for k, one in enumerate(shown):
             trial = one.trial(PRESCRIBED)

@@ -1,1 +1,23 @@
-"""What could make a lock that nobody corrects as costly as Table I's last column says."""
+"""The last column of Table I: which changes of the bench reproduce its errors."""
+
+from experiments.output.study import Study
+
+STUDY = Study(
+    name="uncorrected",
+    help="""Test explanations for the large error in the last column of Table I.
+
+    Strut 1 is locked and the mapping is not reconfigured. Candidate explanations, one at a time and
+    combined, are simulated and compared with the linear model; maps cover damping and crossover,
+    and a limit on the demanded pointing with its spiral and anti-windup; a detector off the focus
+    is tried too. 4 minutes on two cores, 25 s with --quick.
+
+    Writes uncorrected.json, the table as uncorrected.md, two figures, the maps (map.npz,
+    limit_map.npz), the data of each candidate (.npz) and some recordings (.rrd).
+
+    Example: fjh uncorrected --quick --out /tmp/why
+    """,
+    runs="experiments.uncorrected.runs:run_uncorrected",
+    results="experiments.uncorrected.results:results",
+    quick="Spirals of 4 s, three candidates, coarse maps.",
+    seed="the detector noise and the floor",
+)

@@ -1,10 +1,49 @@
-"""The answer in one paragraph, composed from the numbers of the run."""
+"""The answer as a table and in one paragraph, from `uncorrected.json`."""
 
 from typing import Any
 
 import numpy as np
 
-from experiments.output.findings import is_cut
+from experiments.output.results import is_cut
+from experiments.output.tables import Column, Table, tabulate
+
+_SHOWN = ("W_a", "W_d", "W_e")
+
+
+def table(summary: dict[str, Any]) -> Table:
+    """One row for each candidate, and one for the paper where the whole spiral was run."""
+    paper = summary["paper"]
+    printed = {
+        "name": "the paper",
+        "ratio": [paper["alpha_ratio"], paper["beta_ratio"]],
+        "columns": [
+            {"name": name, "rms_urad": urad, "simulated_urad": urad}
+            for name, urad in paper["columns_urad"].items()
+        ],
+    }
+    columns = [
+        Column("", lambda one: one["name"].replace("_", " ")),
+        Column("ratios", lambda one: _numbers(one["ratio"], ".2f") if one["ratio"] else "-"),
+        *(Column(name, lambda one, name=name: _rms(one["columns"], name)) for name in _SHOWN),
+    ]
+    return tabulate(
+        "Strut 1 locked, uncorrected: RMS of alpha, beta over those of W_a",
+        columns,
+        [*summary["candidates"], *([] if is_cut(summary) else [printed])],
+        "W_a, W_d, W_e: RMS of alpha, beta, urad; *: by the linear model, not simulated.",
+    )
+
+
+def _rms(columns: list[dict[str, Any]], name: str) -> str:
+    """A star: by the linear model, not simulated."""
+    column = next(column for column in columns if column["name"] == name)
+    if column["rms_urad"] is None:
+        return "unstable"
+    return _numbers(column["rms_urad"], ".1f") + ("" if column["simulated_urad"] else " *")
+
+
+def _numbers(values: list[float], digits: str) -> str:
+    return ", ".join(format(value, digits) for value in values)
 
 
 def paragraph(summary: dict[str, Any]) -> str:
@@ -48,14 +87,14 @@ def _met(met: list[dict[str, Any]], tolerance: str) -> str:
 def _nearest(best: dict[str, Any], paper: dict[str, Any]) -> str:
     what = ", ".join(f"{key} = {value:g}" for key, value in best["differs"].items()) or "as it is"
     columns = {column["name"]: column["rms_urad"] for column in best["columns"]}
-    told = ", ".join(
+    others = ", ".join(
         f"{name} {_pair(columns[name])} (paper {_pair(paper['columns_urad'][name])})"
-        for name in ("W_a", "W_d", "W_e")
+        for name in _SHOWN
         if columns[name] is not None
     )
     return (
         f"Nearest is {_name(best)} with {_pair(best['ratio'])} ({what}); the other columns then "
-        f"are, in urad, {told}."
+        f"are, in urad, {others}."
     )
 
 

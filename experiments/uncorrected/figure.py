@@ -1,5 +1,6 @@
-"""The picture of the study: map, lock sweep, candidates, spirals."""
+"""The study's figures: maps, lock sweep, candidates and spirals; and the demand limit."""
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -10,23 +11,53 @@ from matplotlib.patches import Patch, Rectangle
 
 from experiments.hexapod.plots import spiral
 from experiments.hexapod.simulation import Trajectory
-from experiments.output.palette import BLACK, BLUE, COLOR_MAP, VERMILION
+from experiments.output.palette import BLACK, BLUE, COLOR_MAP, GREEN, PURPLE, VERMILION
 from experiments.output.plotting import PAGE_IN, new_figure
-from experiments.uncorrected.candidate import BENCH_DAMPING, COLUMNS
-from experiments.uncorrected.candidates import BENCH, RETUNED
-from experiments.uncorrected.foretold import LOCKS_M
+from experiments.output.results import Picture
+from experiments.uncorrected.candidates import BENCH, BENCH_DAMPING, CLOCKWISE, COLUMNS, RETUNED
+from experiments.uncorrected.predicted import LOCKS_M
+from experiments.uncorrected.runs import Uncorrected
 from experiments.uncorrected.stability_map import ROLL_OFF_HZ
-from experiments.uncorrected.study import Uncorrected
 from sim import Array
 
 ANGLES = (("alpha", "$\\alpha$", BLUE), ("beta", "$\\beta$", VERMILION))
+
+SPIRALS = {
+    (1.0, 1): (BLUE, "the bench's"),
+    (1.0, -1): (VERMILION, "clockwise"),
+    (0.5, 1): (GREEN, "constant speed"),
+    (0.5, -1): (PURPLE, "constant speed, clockwise"),
+}
+"""Colour and name of each spiral of the map by exponent and direction."""
+
+
+def pictures(study: Uncorrected, summary: dict[str, Any]) -> list[Picture]:
+    """Both figures and their captions."""
+    return [
+        Picture(
+            "uncorrected",
+            "Candidate explanations of Table I's last column, beside the paper's ratios.",
+            "Maps of both ratios over damping and crossover, hatched where a loop is unstable; "
+            "ratios over the place at which strut 1 is locked; candidates beside bands of the "
+            "paper's ratios; two uncorrected spirals.",
+            partial(figure_uncorrected, study, summary),
+        ),
+        Picture(
+            "demand_limit",
+            "A limit on the pointing that the compensators demand explains the last column.",
+            "Ratio of alpha and of beta over the limit, a line for each spiral, beside a band of "
+            "the paper's. Two uncorrected spirals: the limited one is cut off along alpha in its "
+            "outer turns, the one locked off centre begins with a tail.",
+            partial(figure_demand_limit, study, summary),
+        ),
+    ]
 
 
 def figure_uncorrected(study: Uncorrected, summary: dict[str, Any]) -> Figure:
     """Map of both ratios, ratios over the place of the lock, candidates, two spirals."""
     figure = new_figure(PAGE_IN, 9.6)
     figure.suptitle(
-        "Strut 1 locked, nobody corrects: RMS error over that of the sound machine.\n"
+        "Strut 1 locked, mapping not reconfigured: RMS error over that with all struts sound.\n"
         "Shaded: within 15 % of the paper's 4.01 ($\\alpha$) and 1.55 ($\\beta$)"
     )
     grid = figure.add_gridspec(4, 4, height_ratios=[1, 1, 1.45, 1.45])
@@ -63,7 +94,7 @@ def _map(axes: Axes, study: Uncorrected, roll_off: int, angle: int) -> None:
     axes.grid(False)
     axes.set_xticks([3, 5, 10, 20], ["3", "5", "10", "20"])
     axes.minorticks_off()
-    axes.plot(BENCH.alpha_crossover_hz, BENCH_DAMPING, "*", ms=8, mfc="white", mec=BLACK)
+    axes.plot(BENCH.bench.alpha_crossover_hz, BENCH_DAMPING, "*", ms=8, mfc="white", mec=BLACK)
     if roll_off == 0 and angle == 0:
         axes.legend(handles=_map_legend(), loc="lower left", framealpha=1)
 
@@ -117,7 +148,7 @@ def _candidates(axes: Axes, summary: dict[str, Any]) -> None:
     axes.set(xscale="log", xlabel="uncorrected / sound", ylim=(len(shown) - 0.5, -0.5))
     axes.set_xticks([1, 1.5, 2, 3, 4, 6], ["1", "1.5", "2", "3", "4", "6"])
     axes.minorticks_off()
-    axes.set_title("Candidates; hollow: spoils $W_a$, $W_d$ or $W_e$")
+    axes.set_title("Candidates; hollow: misses $W_a$, $W_d$ or $W_e$")
     for k, (_, symbol, color) in enumerate(ANGLES):
         axes.plot([], [], "os"[k], color=color, label=symbol)
     axes.legend()
@@ -129,3 +160,48 @@ def _bands(axes: Axes, summary: dict[str, Any], *, horizontal: bool) -> None:
         middle = summary["paper"][f"{name}_ratio"]
         span = axes.axhspan if horizontal else axes.axvspan
         span(middle * (1 - tolerance), middle * (1 + tolerance), color=color, alpha=0.15, lw=0)
+
+
+def figure_demand_limit(study: Uncorrected, summary: dict[str, Any]) -> Figure:
+    """Both ratios over the limit, and what Fig. 5 would show of it and of a lock off centre."""
+    figure = new_figure(PAGE_IN, 6.8)
+    figure.suptitle(
+        "Strut 1 locked, not known to the mapping, and a limit on the pointing that the "
+        "compensators demand.\nShaded: within 15 % of the paper's 4.01 ($\\alpha$) and 1.55 "
+        "($\\beta$)"
+    )
+    grid = figure.subplots(2, 2, height_ratios=[1, 1.3])
+    for k, (name, symbol, _) in enumerate(ANGLES):
+        axes, printed = grid[0, k], summary["paper"][f"{name}_ratio"]
+        _over_limit(axes, study, k)
+        axes.axhspan(0.85 * printed, 1.15 * printed, color=BLACK, alpha=0.1, lw=0)
+        axes.set(title=f"{symbol}: RMS error over that of the sound machine")
+    shown = {CLOCKWISE.name: "demand limit of 95 µrad", RETUNED.name: "locked 125 µm off centre"}
+    for axes, (name, title) in zip(grid[1], shown.items(), strict=True):
+        run = study.runs.get(name, {}).get("W_a_uncorrected")
+        if isinstance(run, Trajectory):
+            spiral(axes, run, title)
+        else:
+            axes.set_axis_off()
+    return figure
+
+
+def _over_limit(axes: Axes, study: Uncorrected, angle: int) -> None:
+    """One line a spiral that starts along alpha; dashed with anti-windup."""
+    grid = study.limit_grid
+    ratio = study.limit_rad[..., -1, angle] / study.limit_rad[..., 0, angle]
+    for i, exponent in enumerate(grid.exponent):
+        for j, direction in enumerate(grid.direction):
+            color, label = SPIRALS[exponent, direction]
+            for held, style in enumerate(("-", "--")):
+                axes.plot(
+                    grid.limit_over_radius,
+                    ratio[i, j, 0, held],
+                    style,
+                    color=color,
+                    label=label if style == "-" else None,
+                )
+    axes.set(xlabel="limit over radius of the spiral")
+    if angle == 0:
+        axes.plot([], [], "--", color=BLACK, label="with anti-windup")
+        axes.legend()

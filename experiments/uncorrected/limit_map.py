@@ -2,20 +2,20 @@
 
 from dataclasses import dataclass, replace
 from itertools import product
+from typing import Any
 
 import mujoco
 import numpy as np
 
 from experiments.hexapod.compensator import Loop
-from experiments.hexapod.mapping import StrutMapping
 from experiments.hexapod.metrics import rms
 from experiments.hexapod.paper import TABLE_I_URAD
 from experiments.hexapod.prediction import detector_noise_rad, driven_plant
 from experiments.hexapod.testbed import Bench
-from experiments.uncorrected.candidate import COLUMNS
-from experiments.uncorrected.candidates import BENCH
+from experiments.uncorrected.candidates import COLUMNS, RATIO_TOLERANCE
+from experiments.uncorrected.predicted import gain_and_plant
 from ftc.limited_loop import limited_response
-from sim import Array, failed_plant, hexapod
+from sim import Array
 
 RADIUS_URAD = {1.0: 100.0, 0.5: 113.0}
 """Of the spiral by its exponent, so that W_a stays where Table I has it."""
@@ -96,9 +96,8 @@ def limit_row(
     held = np.repeat(ANTI_WINDUP, len(limit_over_radius))
     errors = []
     for name in COLUMNS:
-        run = BENCH.run(name, seed)
-        gain = StrutMapping(hexapod(model), run["goal"], "constant").pointing_gain()
-        plant = driven_plant(failed_plant(model, run["failures"]), gain, bench.control_period_s)
+        gain, failed = gain_and_plant(model, name)
+        plant = driven_plant(failed, gain, bench.control_period_s)
         true = limited_response(
             plant,
             [loop.discrete for loop in loops],
@@ -121,3 +120,51 @@ def largest_miss(rms_urad: Array) -> Array:
     entries |= {"W_b": entries["W_a"], "W_c": entries["W_a"]}
     misses = [np.abs(entries[name] / TABLE_I_URAD[name] - 1) for name in TABLE_I_URAD]
     return np.max(misses, axis=(0, -1))
+
+
+def limit_numbers(grid: LimitGrid, limit_rad: Array) -> dict[str, Any]:
+    """The map in a few numbers; its arrays are in `limit_map.npz`.
+
+    Args:
+        grid: Where it was computed.
+        limit_rad: RMS errors of :func:`limit_row`, shape (*grid.shape, 4, 2).
+    """
+    miss = largest_miss(1e6 * limit_rad)
+    ratio = limit_rad[..., -1, :] / limit_rad[..., 0, :]
+    met = miss < RATIO_TOLERANCE
+    spirals = []
+    for (i, exponent), (j, direction), (k, held) in product(
+        enumerate(grid.exponent), enumerate(grid.direction), enumerate(ANTI_WINDUP)
+    ):
+        here = (i, j, slice(None), k)
+        start, limit = np.unravel_index(miss[here].argmin(), miss[here].shape)
+        limits = grid.limit_over_radius[met[here].any(axis=0)]
+        spirals.append(
+            {
+                "exponent": exponent,
+                "direction": direction,
+                "anti_windup": held,
+                "settings": met[here].size,
+                "settings_met": int(met[here].sum()),
+                "limit_over_radius_met": [limits.min(), limits.max()] if limits.size else None,
+                "best": {
+                    "start_deg": grid.start_deg[start],
+                    "limit_over_radius": grid.limit_over_radius[limit],
+                    "ratio": ratio[here][start, limit].tolist(),
+                    "largest_miss_percent": 100 * float(miss[here].min()),
+                },
+            }
+        )
+    return {
+        "data": "limit_map.npz",
+        "settings": met.size,
+        "settings_met": int(met.sum()),
+        "limit_over_radius": [grid.limit_over_radius.min(), grid.limit_over_radius.max()],
+        "spirals": spirals,
+    }
+
+
+def limit_arrays(grid: LimitGrid, limit_rad: Array) -> dict[str, Array]:
+    """The contents of `limit_map.npz`."""
+    axes = {name: np.array(values) for name, values in vars(grid).items()}
+    return axes | {"anti_windup": np.array(ANTI_WINDUP), "rms_urad": 1e6 * limit_rad}

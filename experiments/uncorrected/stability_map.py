@@ -1,23 +1,27 @@
 """Both ratios over damping and crossover, in the linear model."""
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import control
 import mujoco
 import numpy as np
 
 from experiments.hexapod.compensator import compensators
-from experiments.hexapod.mapping import StrutMapping
-from experiments.hexapod.metrics import rms
-from experiments.hexapod.prediction import detector_noise_rad, driven_loop
+from experiments.hexapod.metrics import pointing_rms_urad, rms
+from experiments.hexapod.prediction import detector_noise_rad, driven_loop, predicted_error_rad
+from experiments.hexapod.simulation import Trajectory, nominal_loops
 from experiments.hexapod.testbed import Bench
-from experiments.uncorrected.candidate import COLUMNS, STRUT
-from experiments.uncorrected.candidates import BENCH
-from experiments.uncorrected.machine import damped
-from sim import Array, Failure, ModelError, failed_plant, hexapod, linearize
+from experiments.uncorrected.candidates import BENCH, COLUMNS, PAPER_RATIOS, RATIO_TOLERANCE
+from experiments.uncorrected.predicted import gain_and_plant
+from experiments.uncorrected.vibration import damped
+from sim import Array, ModelError, linearize, load_model
 
 ROLL_OFF_HZ = (25.0, 40.0)
 """The bench's, below the modes; and one at them, behind which a locked mode can close the loop."""
+
+CHECKED_POINTS = ((0.05, 12.0, 25.0), (0.02, 6.0, 40.0), (0.005, 7.3, 40.0))
+"""(damping ratio, alpha crossover, roll-off) of map points that are simulated too, [-, Hz, Hz]."""
 
 
 @dataclass(frozen=True)
@@ -68,22 +72,18 @@ def map_row(
         be closed.
     """
     machine = damped(model, damping_ratio)
-    goals = {name: BENCH.run(name, seed)["goal"] for name in COLUMNS}
-    geometry, lock = hexapod(machine), (Failure(STRUT, "locked"),)
-    gains = {
-        name: StrutMapping(geometry, goals[name], "constant").pointing_gain() for name in goals
-    }
-    plants = {name: failed_plant(machine, () if name == "W_a" else lock) for name in COLUMNS}
-    sound = linearize(plants["W_a"].model, plants["W_a"].data)
+    driven = {name: gain_and_plant(machine, name) for name in COLUMNS}
+    pointing, plant = driven["W_a"]
+    sound = linearize(plant.model, plant.data)
     errors = np.full((len(alpha_crossover_hz), 2, 2), np.inf)
     poles = np.full((len(alpha_crossover_hz), len(COLUMNS)), np.inf)
     for k, alpha_hz in enumerate(alpha_crossover_hz):
         here = at_crossover(bench, alpha_hz, roll_off_hz)
         try:
-            G = compensators(sound, gains["W_a"], here)
+            G = compensators(sound, pointing, here)
         except ModelError:
             continue
-        loops = {name: driven_loop(plants[name], gains[name], G) for name in COLUMNS}
+        loops = {name: driven_loop(plant, gain, G) for name, (gain, plant) in driven.items()}
         poles[k] = [np.abs(loops[name].poles()).max() for name in COLUMNS]
         for j, name in enumerate(("W_a", "W_a_uncorrected")):
             if poles[k, COLUMNS.index(name)] < 1:
@@ -97,3 +97,80 @@ def _error_rad(T: control.StateSpace, bench: Bench, seed: int) -> Array:
     driven = np.zeros((len(time_s), T.ninputs))
     driven[:, :2] = desired - detector_noise_rad(bench, seed, len(time_s))
     return desired - np.asarray(control.forced_response(T, time_s, driven.T).outputs).T
+
+
+def map_numbers(where: Grid, map_rad: Array, map_poles: Array) -> dict[str, Any]:
+    """The map in a few numbers; its arrays are in `map.npz`.
+
+    Args:
+        where: The grid.
+        map_rad: RMS errors of :func:`map_row`, shape (roll-offs, dampings, crossovers, 2, 2).
+        map_poles: Its poles, shape (roll-offs, dampings, crossovers, 4).
+    """
+    both = np.isfinite(map_rad).all(axis=(-2, -1))
+    ratio = map_rad[both][:, 1] / map_rad[both][:, 0]
+    stable = map_poles < 1
+    sound, corrected_d, corrected_e, uncorrected = np.moveaxis(stable, -1, 0)
+    return {
+        "data": "map.npz",
+        "roll_off_hz": list(ROLL_OFF_HZ),
+        "damping_ratio": where.damping_ratio.tolist(),
+        "alpha_crossover_hz": where.alpha_crossover_hz.tolist(),
+        "points": int(stable[..., 0].size),
+        "points_stable": int(both.sum()),
+        "alpha_ratio_range": [float(ratio[:, 0].min()), float(ratio[:, 0].max())],
+        "beta_ratio_range": [float(ratio[:, 1].min()), float(ratio[:, 1].max())],
+        "points_within_tolerance": int(
+            (np.abs(ratio / PAPER_RATIOS - 1) < RATIO_TOLERANCE).all(axis=1).sum()
+        ),
+        "points_uncorrected_alone_unstable": int(
+            (sound & corrected_d & corrected_e & ~uncorrected).sum()
+        ),
+        "points_corrected_alone_unstable": int(
+            (sound & uncorrected & ~(corrected_d & corrected_e)).sum()
+        ),
+    }
+
+
+def map_arrays(where: Grid, map_rad: Array, map_poles: Array) -> dict[str, Array]:
+    """The contents of `map.npz`."""
+    return vars(where) | {
+        "roll_off_hz": np.array(ROLL_OFF_HZ),
+        "rms_urad": 1e6 * map_rad,
+        "largest_pole": map_poles,
+    }
+
+
+def checked_calls(seed: int) -> list[dict[str, Any]]:
+    """Arguments of `track_spiral`: W_a and uncorrected, point after point."""
+    calls = []
+    for ratio, alpha_hz, roll_off_hz in CHECKED_POINTS:
+        machine = damped(load_model(), ratio)
+        bench = at_crossover(Bench(), alpha_hz, roll_off_hz)
+        loops = nominal_loops(machine, bench)
+        shared = {"model": machine, "bench": bench, "loops": loops, "jacobian": "constant"}
+        calls += [shared | BENCH.run(column, seed) for column in ("W_a", "W_a_uncorrected")]
+    return calls
+
+
+def compare_checked(
+    calls: list[dict[str, Any]], ended: list[Trajectory | float]
+) -> list[dict[str, Any]]:
+    """Simulated beside predicted RMS at the checked points of the map."""
+    compared = []
+    for k, (call, run) in enumerate(zip(calls, ended, strict=True)):
+        ratio, alpha_hz, roll_off_hz = CHECKED_POINTS[k // 2]
+        prediction = {key: call[key] for key in call if key != "jacobian"}
+        error = predicted_error_rad(**prediction)
+        simulated = pointing_rms_urad(run).tolist() if isinstance(run, Trajectory) else None
+        compared.append(
+            {
+                "name": ("W_a", "W_a_uncorrected")[k % 2],
+                "damping_ratio": ratio,
+                "alpha_crossover_hz": alpha_hz,
+                "roll_off_hz": roll_off_hz,
+                "predicted_urad": None if error is None else (1e6 * rms(error)).tolist(),
+                "simulated_urad": simulated,
+            }
+        )
+    return compared

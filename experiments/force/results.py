@@ -1,31 +1,48 @@
-"""The force experiment as data: the contents of `force.json`."""
+"""The force experiment as numbers and files."""
 
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from experiments.force.answers import Answer
+from experiments.force.answers import MAJOR_WEIGHTS, Answer, Tradeoff, Tried
 from experiments.force.cases import PRESCRIBED
+from experiments.force.figure import pictures
 from experiments.force.optimum import weighed
-from experiments.force.overactuated import PLATFORM_MJCF, Exerted, InternalForce
-from experiments.force.prescribed import Held, payload_stiffness
-from experiments.force.study import Examination, Force, Trial
-from experiments.force.tradeoff import MAJOR_WEIGHTS, Tradeoff
+from experiments.force.platform import PLATFORM_MJCF, Exerted, InternalForce
+from experiments.force.recording import write_force
+from experiments.force.rig import Readings
+from experiments.force.runs import Examination, Force, Held, Trial, payload_stiffness
+from experiments.force.tables import checks, tables
 from experiments.hexapod.goal import MAJOR, SECONDARY
 from experiments.hexapod.metrics import percent, rms
 from experiments.hexapod.provenance import plant_constants
 from experiments.output.provenance import versions
+from experiments.output.results import Results
 from prioritized import Status
 from sim import Array, load_model, model_sha256
 
 
-def summarize(force: Force, seed: int) -> dict[str, Any]:
+def results(force: Force) -> Results:
+    """Everything that `fjh force` publishes."""
+    summary = summarize(force)
+    return Results(
+        summary,
+        tables=tables(summary),
+        checks=checks(summary),
+        pictures=pictures(force, summary),
+        arrays={summary["data"]: _arrays(force)},
+        records=[partial(write_force, force.examinations, summary)],
+    )
+
+
+def summarize(force: Force) -> dict[str, Any]:
     """All numbers of the experiment, ready for JSON; units are in the names."""
     model = load_model()
     K = payload_stiffness(model)
     return {
         "experiment": "force",
-        "seed": seed,
+        "seed": force.seed,
         "versions": versions(),
         "model_sha256": {"fjh": model_sha256(), "platform": model_sha256(PLATFORM_MJCF)},
         "bench": plant_constants(model),
@@ -56,26 +73,26 @@ def _condition(one: Examination, K: Array) -> dict[str, Any]:
 
 
 def _theorem(trial: Trial, K: Array) -> dict[str, Any]:
-    said, fixture = trial.answer, trial.pressed.fixture[:, -1]
-    asked, strut = said.asked[:, MAJOR], trial.held.strut_n[:, -1]
+    answer, fixture = trial.answer, trial.pressed.fixture[:, -1]
+    asked, strut = answer.asked[:, MAJOR], trial.held.strut_n[:, -1]
     # As far as the push would move the payload if the springs alone held it.
-    unheld = np.linalg.solve(K, said.wrench.T).T
+    unheld = np.linalg.solve(K, answer.wrench.T).T
     return {
-        "theorem": said.goal.theorem,
-        "exact": said.status is Status.EXACT,
-        "cost_excess": _cost_excess(said),
-        "torque_peak_n": float(np.abs(said.torques).max()),
-        "pressed_off_percent": percent((fixture - said.wrench) @ said.seen, said.wrench),
+        "theorem": answer.goal.theorem,
+        "exact": answer.status is Status.EXACT,
+        "cost_excess": _cost_excess(answer),
+        "torque_peak_n": float(np.abs(answer.torques).max()),
+        "pressed_off_percent": percent((fixture - answer.wrench) @ answer.seen, answer.wrench),
         "pressed_major_off_percent": _off_percent(fixture[:, MAJOR] - asked, asked),
-        "held_off_percent": _off_percent(strut - said.strut, said.strut),
+        "held_off_percent": _off_percent(strut - answer.strut, answer.strut),
         "moved_percent": percent(trial.held.displacement[:, -1], unheld),
     }
 
 
-def _cost_excess(said: Answer) -> float:
+def _cost_excess(answer: Answer) -> float:
     """The largest of the aims, relative to all that is weighed there."""
-    whole = weighed(said.goal, said.torques, said.asked[:, SECONDARY])
-    return float(((said.cost - said.least_cost) / (whole**2).sum(axis=1)).max())
+    whole = weighed(answer.goal, answer.torques, answer.asked[:, SECONDARY])
+    return float(((answer.cost - answer.least_cost) / (whole**2).sum(axis=1)).max())
 
 
 def _reaction(one: Examination) -> dict[str, Any]:
@@ -167,3 +184,36 @@ def _internal(use: InternalForce) -> dict[str, Any]:
 
 def _off_percent(difference: Array, whole: Array) -> float:
     return float(100 * np.linalg.norm(difference) / np.linalg.norm(whole))
+
+
+def _arrays(force: Force) -> dict[str, Array]:
+    """All commands, predictions and readings; wrenches and displacements are [angular; linear]."""
+    arrays = {"asked_wrench": force.aims.wrench}
+    for one in force.examinations:
+        for trial in one.trials:
+            answer = trial.answer
+            where = f"{one.condition} {answer.goal}".replace(" ", "_")
+            arrays |= {
+                f"{where}_torques_n": answer.torques,
+                f"{where}_wrench": answer.wrench,
+                f"{where}_strut_n": answer.strut,
+                **_prefixed(f"{where}_pressed", trial.pressed),
+                **_prefixed(f"{where}_held", trial.held),
+            }
+        for held in one.prescribed:
+            where = f"{one.condition} prescribed {held.mapping}".replace(" ", "_")
+            arrays |= {f"{where}_torques_n": held.torques, f"{where}_predicted": held.predicted}
+            arrays |= _prefixed(where, held.readings)
+    for name in ("mapping", "others", "pseudo_inverse"):
+        arrays |= _prefixed(f"tradeoff_{name}", getattr(force.tradeoff, name))
+    for use in force.internal:
+        where = f"platform_{use.name}".replace(" ", "_")
+        arrays |= {f"{where}_wrench": use.wrench}
+        for name, how in (("without", use.without), ("used", use.used)):
+            arrays |= {f"{where}_{name}_torques_n": how.torques, f"{where}_{name}_legs_n": how.legs}
+            arrays |= _prefixed(f"{where}_{name}", how.pressed)
+    return arrays
+
+
+def _prefixed(where: str, record: Readings | Tried) -> dict[str, Array]:
+    return {f"{where}_{name}": values for name, values in vars(record).items()}

@@ -1,5 +1,7 @@
 """Figures 4, 5 and 6 of the paper, in its arrangement, from the runs of Table I."""
 
+from functools import partial
+
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 
@@ -7,9 +9,39 @@ from experiments.hexapod.plots import spiral
 from experiments.hexapod.simulation import Trajectory
 from experiments.output.palette import DESIRED, MEASURED
 from experiments.output.plotting import COLUMN_IN, PAGE_IN, new_figure
+from experiments.output.results import Picture
 
 SECONDARY = [("$t_x$, µm", 1), ("$t_y$, µm", 2), ("$t_z$, µm", 3), ("$\\gamma$, µrad", 0)]
 """Label and column of `Trajectory.secondary`, in the order of the paper's weights."""
+
+
+def pictures(runs: dict[str, Trajectory]) -> list[Picture]:
+    """Figures 4 to 6 with their captions."""
+    return [
+        Picture(
+            "figure4",
+            "The paper's Fig. 4: spirals and strut inputs with weighted strut displacements "
+            "minimized.",
+            "Three rows, W_a, W_b and W_c: on the left the same spiral each time, on the right six "
+            "strut inputs; under W_b those of struts 1, 3 and 5 are small, under W_c those of 2, "
+            "4, 6.",
+            partial(figure_4, runs),
+        ),
+        Picture(
+            "figure5",
+            "The paper's Fig. 5: strut 1 locked, mapping not reconfigured.",
+            "A spiral of the detector reading beside the desired one, distorted by the locked "
+            "strut.",
+            partial(figure_5, runs),
+        ),
+        Picture(
+            "figure6",
+            "The paper's Fig. 6: strut 1 locked, mapping reconfigured, secondary motion minimized.",
+            "Two spirals that track as well as with six struts; under W_e the translations t_x and "
+            "t_y almost vanish, under W_d their amplitude is about ten micrometres.",
+            partial(figure_6, runs),
+        ),
+    ]
 
 
 def figure_4(runs: dict[str, Trajectory]) -> Figure:
@@ -25,10 +57,9 @@ def figure_4(runs: dict[str, Trajectory]) -> Figure:
 
 
 def figure_5(runs: dict[str, Trajectory]) -> Figure:
-    """Tracking spiral with strut 1 locked and nothing done about it."""
+    """Tracking spiral with strut 1 locked and the mapping of six struts."""
     figure = new_figure(COLUMN_IN, 3.5)
-    title = "strut 1 locked, no correction"
-    spiral(figure.subplots(), runs["W_a_uncorrected"], title)
+    spiral(figure.subplots(), runs["W_a_uncorrected"], "strut 1 locked, no correction")
     return figure
 
 
@@ -57,7 +88,7 @@ def figure_6(runs: dict[str, Trajectory]) -> Figure:
 
 
 def _inputs(figure: SubFigure, run: Trajectory, limit_percent: float) -> None:
-    """Normalized currents of struts 1 to 6; the odd ones on the left, which W_b spares."""
+    """Normalized currents of struts 1 to 6; W_b keeps the odd ones, on the left, small."""
     grid = figure.subplots(3, 2, sharex=True, sharey=True)
     for k, axes in enumerate(grid.flat):
         axes.plot(run.time_s, run.strut_input_percent[:, k], color=MEASURED, lw=0.6)

@@ -1,25 +1,39 @@
-"""What the figures show, as data: the contents of `figures.json`."""
+"""The figures as numbers, tables and files."""
 
 from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
+from experiments.figures.figure import pictures
 from experiments.figures.geometry import node_names
-from experiments.figures.study import Portrait
+from experiments.figures.runs import Portrait
 from experiments.hexapod.failure_atlas import verdicts
 from experiments.hexapod.metrics import loop_measures
 from experiments.hexapod.provenance import plant_constants
 from experiments.output.provenance import versions
+from experiments.output.results import Results
+from experiments.output.tables import Column, Table, tabulate
 from prioritized import FailureAtlas
 
 
-def summarize(portrait: Portrait, seed: int) -> dict[str, Any]:
+def results(portrait: Portrait) -> Results:
+    """Everything that `fjh figures` publishes; nothing of it is simulated, no check applies."""
+    summary = summarize(portrait)
+    return Results(
+        summary,
+        tables=(pointing_after_failures(summary),),
+        notes=[f"Loop {name}: {loop['sentence']}." for name, loop in summary["loops"].items()],
+        pictures=pictures(portrait),
+    )
+
+
+def summarize(portrait: Portrait) -> dict[str, Any]:
     """All numbers that are drawn, ready for JSON; units are in the names."""
     geometry = portrait.geometry
     return {
         "experiment": "figures",
-        "seed": seed,
+        "seed": portrait.seed,
         "versions": versions(),
         "model_sha256": portrait.model_sha256,
         "bench": asdict(portrait.bench) | plant_constants(portrait.model),
@@ -50,3 +64,17 @@ def _atlas(atlas: FailureAtlas) -> dict[str, Any]:
             for verdict in verdicts(atlas)
         },
     }
+
+
+def pointing_after_failures(summary: dict[str, Any]) -> Table:
+    """One row for each verdict: in how many conditions, by the number of failed struts."""
+    atlas = summary["atlas"]
+    counts = [
+        Column(str(k), lambda verdict, k=k: verdict["by_number_of_failures"][k]) for k in range(7)
+    ]
+    return tabulate(
+        "Pointing after failures",
+        [Column("struts failed", "label"), *counts, Column("in all", "conditions")],
+        atlas["verdicts"].values(),
+        f"Numbers of the {atlas['conditions']} conditions; a failed strut is locked or free.",
+    )

@@ -1,4 +1,4 @@
-"""What the figures are drawn from: the machine, its loops as they run, its failure conditions."""
+"""What the figures show: a machine, its sampled control loops and its failure conditions."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +12,7 @@ from experiments.hexapod.goal import MAJOR
 from experiments.hexapod.simulation import nominal_plant
 from experiments.hexapod.springs import elastic_system
 from experiments.hexapod.testbed import Bench
+from experiments.output.study import OnProgress
 from prioritized import FailureAtlas, failure_atlas
 from sim import Amplifier, Array, Hexapod, LinearPlant, hexapod, load_model, model_sha256
 
@@ -23,8 +24,6 @@ class OpenLoop:
     """Frequency response of one pointing loop as it runs: sampled, behind the zero-order hold.
 
     Attributes:
-        angle: "alpha" or "beta".
-        loop: Its compensator and margins.
         frequency_hz: (F,), from 0.1 Hz to four fifths of the Nyquist frequency.
         plant: Complex response (F,) of the pointing angle to its commanded value.
         open_loop: The same behind the compensator.
@@ -42,14 +41,13 @@ class Portrait:
     """One machine on one bench.
 
     Attributes:
-        model: The machine; `model_sha256`: of its file.
-        geometry: Its nodes.
-        bench: Constants around it.
+        model_sha256: Of the machine file.
         modes_hz: Natural frequencies of the sound plant, ascending.
         loops: The (alpha, beta) loops.
         atlas: Rigid and elastic verdicts on all 3^6 conditions, major task (alpha, beta).
     """
 
+    seed: int
     model: mujoco.MjModel
     model_sha256: str
     geometry: Hexapod
@@ -64,22 +62,30 @@ class Portrait:
         return self.bench.amplifier(newton_per_m=float(self.model.actuator_gainprm[0, 0]))
 
 
-def portray(mjcf: Path | None = None, bench: Bench | None = None) -> Portrait:
-    """Design the loops and classify every failure condition.
-
-    Args:
-        mjcf: Another machine file; None is `models/fjh.xml`.
-        bench: Other constants around it; None is the bench of all studies.
+def run_figures(
+    *, seed: int, quick: bool, on_progress: OnProgress, model: Path | None = None
+) -> Portrait:
+    """Everything that is drawn of a machine file; None is `models/fjh.xml`.
 
     Raises:
         sim.ModelError: A missing, broken or incomplete machine file, or one that cannot point.
     """
-    model, bench = load_model(mjcf), bench or Bench()
+    return portray(model, Bench(), seed)
+
+
+def portray(machine_file: Path | None, bench: Bench, seed: int) -> Portrait:
+    """Design the loops and classify every failure condition; the seed is only noted.
+
+    Raises:
+        sim.ModelError: As above.
+    """
+    model = load_model(machine_file)
     plant, pointing = nominal_plant(model)
     alpha, beta = design(plant, pointing, bench)
     return Portrait(
+        seed=seed,
         model=model,
-        model_sha256=model_sha256(mjcf),
+        model_sha256=model_sha256(machine_file),
         geometry=hexapod(model),
         bench=bench,
         modes_hz=_modes_hz(plant),

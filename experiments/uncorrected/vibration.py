@@ -1,17 +1,17 @@
-"""The machine with other dampers, and the floor it stands on."""
+"""Vibration: the damping of the pointing modes, and the motion of the floor."""
 
 import copy
 
 import mujoco
 import numpy as np
 
-from experiments.hexapod.goal import Goal
+from experiments.hexapod.columns import COLUMNS
 from experiments.hexapod.mapping import StrutMapping
 from experiments.hexapod.testbed import Bench
 from sim import Array, Plant, hexapod, linearize
 
-EQUAL = Goal(joint_weight=(1.0,) * 6)
-"""W_a."""
+W_A = COLUMNS[0].goal
+"""All struts sound and weighted alike."""
 
 THIRD_OCTAVE = 2 ** (1 / 6) - 2 ** (-1 / 6)
 """Width of a one-third-octave band over its centre frequency."""
@@ -41,7 +41,7 @@ def pointing_mode(model: mujoco.MjModel) -> tuple[float, float]:
     """
     sound = Plant(model)
     linear = linearize(sound.model, sound.data)
-    drive = linear.B @ StrutMapping(hexapod(model), EQUAL, "constant").pointing_gain()[:, 0]
+    drive = linear.B @ StrutMapping(hexapod(model), W_A, "constant").pointing_gain()[:, 0]
     poles, shapes = np.linalg.eig(linear.A)
     residues = (linear.C_twist[0] @ shapes) * np.linalg.solve(shapes, drive.astype(complex))
     pole = poles[np.argmax(np.abs(residues))]

@@ -1,4 +1,4 @@
-"""A platform on four legs where three would do: what its internal force is good for."""
+"""A platform on four legs where three are enough: two uses of its internal force."""
 
 from dataclasses import dataclass
 
@@ -43,7 +43,6 @@ class InternalForce:
     """One use of the internal force.
 
     Attributes:
-        name: For people.
         motor: The hot motor, 0..3; None: the legs are squeezed.
         torque_weight: W3, diagonal, shape (4,), [1]/[N].
         desired: Torques that the legs are to stay near, shape (4,), [N].

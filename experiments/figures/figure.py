@@ -1,0 +1,199 @@
+"""The study's figures; the Bode plot and the map of failure conditions are drawn here."""
+
+from functools import partial
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import ListedColormap
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+
+from experiments.figures.block_diagram import figure_3
+from experiments.figures.geometry import figure_2
+from experiments.figures.runs import OpenLoop, Portrait
+from experiments.hexapod.failure_atlas import Verdict, verdicts
+from experiments.output.palette import BLACK, BLUE, ORANGE, VERMILION
+from experiments.output.plotting import PAGE_IN, new_figure
+from experiments.output.results import Picture
+from prioritized import FailureAtlas
+from sim import Array
+
+_MARGIN = {"arrowstyle": "<->", "color": VERMILION, "shrinkA": 0, "shrinkB": 0}
+
+
+def pictures(portrait: Portrait) -> list[Picture]:
+    """All four figures and their captions."""
+    return [
+        Picture(
+            "figure2",
+            "The paper's Fig. 2, drawn from the machine file: top view and front view.",
+            "Six struts, numbered, zigzag between three nodes on the base and three on the "
+            "payload; both coordinate frames, laser, telescope and detector.",
+            partial(figure_2, portrait.model),
+            formats=("png", "pdf", "svg"),
+        ),
+        Picture(
+            "figure3",
+            "The paper's Fig. 3 with the numbers of the simulated loop.",
+            "Block diagram: spiral, two compensators with transfer functions and margins, velocity "
+            "mapping, drives, hexapod, and back through telescope and detector.",
+            partial(figure_3, portrait),
+        ),
+        Picture(
+            "bode",
+            "Sampled open pointing loops, with gain and phase margins.",
+            "Magnitude and phase of the alpha and beta loops over frequency; the suspension modes "
+            "stand out at 39 Hz, below unity gain.",
+            partial(figure_bode, portrait.loops),
+        ),
+        Picture(
+            "atlas",
+            "Every combination of sound, locked and free struts: can the hexapod still point?",
+            "A map of 27 by 27 conditions, and the share of each verdict over the number of "
+            "failures.",
+            partial(figure_atlas, portrait.atlas),
+        ),
+    ]
+
+
+def figure_bode(loops: tuple[OpenLoop, OpenLoop]) -> Figure:
+    """Magnitude above phase, alpha beside beta: open loop, plant, compensator."""
+    figure = new_figure(PAGE_IN, 4.4)
+    figure.suptitle("Open pointing loops as they run: sampled, plant behind the zero-order hold")
+    grid = figure.subplots(2, 2, sharex=True, sharey="row", height_ratios=[1.2, 1])
+    for (magnitude, phase), one in zip(grid.T, loops, strict=True):
+        _curves(magnitude, phase, one)
+        _margins(magnitude, phase, one)
+        magnitude.set_title(f"$\\{one.angle}$ loop, {1e3 * one.loop.period_s:g} ms")
+        phase.set(xlabel="frequency, Hz", xlim=one.frequency_hz[[0, -1]])
+    grid[0, 0].set(ylabel="magnitude, dB", ylim=(-85, 55))
+    grid[1, 0].set(ylabel="phase, deg", ylim=(-560, 20), yticks=range(-540, 1, 90))
+    grid[0, 1].legend(loc="upper right")
+    return figure
+
+
+def decibels(response: Array) -> Array:
+    """Magnitude of a complex response."""
+    return 20 * np.log10(abs(response))
+
+
+def phase_deg(response: Array) -> Array:
+    """Phase of a complex response over frequency, without jumps."""
+    return np.rad2deg(np.unwrap(np.angle(response)))
+
+
+def _curves(magnitude: Axes, phase: Axes, one: OpenLoop) -> None:
+    compensator = one.open_loop / one.plant
+    for response, style in (
+        (one.open_loop, {"color": BLUE, "lw": 1.5, "label": "open loop"}),
+        (compensator, {"color": ORANGE, "ls": "--", "label": "compensator"}),
+        (one.plant, {"color": BLACK, "ls": ":", "label": "plant"}),
+    ):
+        magnitude.semilogx(one.frequency_hz, decibels(response), **style)
+        phase.semilogx(one.frequency_hz, phase_deg(response), **style)
+    magnitude.axhline(0, color=BLACK, lw=0.6)
+    phase.axhline(-180, color=BLACK, lw=0.6)
+
+
+def _margins(magnitude: Axes, phase: Axes, one: OpenLoop) -> None:
+    """Arrows from the critical point to the curve, as long as the margins."""
+    loop = one.loop
+    for axes in (magnitude, phase):
+        axes.axvline(loop.crossover_hz, color=VERMILION, lw=0.6, ls="--")
+    _arrow(phase, loop.crossover_hz, -180, -180 + loop.phase_margin_deg)
+    phase.annotate(
+        f"phase margin {loop.phase_margin_deg:.1f}°\nat {loop.crossover_hz:.2f} Hz",
+        (loop.crossover_hz, -180),
+        (-4, -4),
+        textcoords="offset points",
+        ha="right",
+        va="top",
+    )
+    if np.isfinite(loop.gain_margin_db):  # else the phase never passes -180 degrees
+        for axes in (magnitude, phase):
+            axes.axvline(loop.phase_crossover_hz, color=VERMILION, lw=0.6, ls=":")
+        _arrow(magnitude, loop.phase_crossover_hz, -loop.gain_margin_db, 0)
+        magnitude.annotate(
+            f"gain margin {loop.gain_margin_db:.1f} dB\nat {loop.phase_crossover_hz:.1f} Hz",
+            (loop.phase_crossover_hz, -loop.gain_margin_db),
+            (-4, -6),
+            textcoords="offset points",
+            ha="right",
+            va="top",
+            bbox={"fc": "white", "lw": 0, "pad": 1},
+        )
+
+
+def _arrow(axes: Axes, frequency_hz: float, low: float, high: float) -> None:
+    axes.annotate("", (frequency_hz, low), (frequency_hz, high), arrowprops=_MARGIN)
+
+
+def figure_atlas(atlas: FailureAtlas) -> Figure:
+    """Map of all 3^6 conditions, and the share of each verdict over the number of failures."""
+    figure = new_figure(PAGE_IN, 4.9)
+    found = [verdict for verdict in verdicts(atlas) if verdict.holds.any()]
+    count = {verdict.name: verdict.holds.sum() for verdict in verdicts(atlas)}
+    figure.suptitle(
+        f"Pointing in the {len(atlas.codes)} failure conditions: still exact in {count['rigid']} "
+        f"without springs, in {count['rigid'] + count['springs']} with them"
+    )
+    left, right = figure.subplots(1, 2, width_ratios=[1.4, 1])
+    _map(left, found)
+    _by_failures(right, atlas, found)
+    legend = [
+        Patch(fc=verdict.color, ec=BLACK, lw=0.4, label=f"{verdict.holds.sum()} {verdict.label}")
+        for verdict in found
+    ]
+    figure.legend(handles=legend, loc="outside lower center", ncols=2)
+    return figure
+
+
+def _map(axes: Axes, found: list[Verdict]) -> None:
+    """Struts 1 to 3 down the rows, 4 to 6 along the columns: the order of the atlas itself."""
+    number = np.argmax([verdict.holds for verdict in found], axis=0)
+    axes.pcolormesh(
+        number.reshape(27, 27),
+        cmap=ListedColormap([verdict.color for verdict in found]),
+        vmin=-0.5,
+        vmax=len(found) - 0.5,
+        edgecolors="white",
+        linewidth=0.4,
+    )
+    axes.set(aspect="equal", xlim=(-3.2, 27), ylim=(27, -3.2))
+    axes.set_title("S sound, L locked, F free")
+    axes.axis("off")
+    for place in (9, 18):
+        axes.plot([place, place], [-3.2, 27], color=BLACK, lw=1)
+        axes.plot([-3.2, 27], [place, place], color=BLACK, lw=1)
+    for level in range(3):
+        span, out = 3 ** (2 - level), -3 + level
+        for k in range(3 ** (level + 1)):
+            middle, letter = (k + 0.5) * span, "SLF"[k % 3]
+            axes.text(middle, out + 0.5, letter, ha="center", va="center")
+            axes.text(out + 0.5, middle, letter, ha="center", va="center")
+        axes.text(27.3, out + 0.5, f"strut {4 + level}", va="center")
+        axes.text(out + 0.5, 27.3, f"strut {1 + level}", va="top", ha="center", rotation=90)
+
+
+def _by_failures(axes: Axes, atlas: FailureAtlas, found: list[Verdict]) -> None:
+    """How many failures until the task is lost."""
+    failures = (atlas.codes != 0).sum(axis=1)
+    struts = atlas.codes.shape[1]
+    conditions = np.bincount(failures, minlength=struts + 1)
+    left = np.zeros(struts + 1)
+    for verdict in found:
+        ink = "white" if verdict.color in (BLACK, BLUE) else BLACK
+        count = np.bincount(failures[verdict.holds], minlength=struts + 1)
+        share = 100 * count / conditions
+        axes.barh(range(struts + 1), share, left=left, color=verdict.color, ec="white", lw=0.4)
+        for k in np.flatnonzero(share > 4).tolist():
+            middle = float(left[k] + share[k] / 2)
+            axes.text(middle, k, str(count[k]), ha="center", va="center", color=ink)
+        left += share
+    axes.set(
+        ylim=(struts + 0.6, -0.6),
+        xlim=(0, 100),
+        xlabel="of the conditions with so many failures, %",
+        ylabel="struts failed, locked or free",
+    )
+    axes.grid(False)

@@ -1,0 +1,204 @@
+"""Forces by the mapping's torques: pressing on a fixture, and holding a prescribed wrench."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import mujoco
+import numpy as np
+import scipy.linalg
+
+from experiments.force.answers import Answer, Tradeoff, answer, known_system, trade
+from experiments.force.cases import (
+    GOALS,
+    LEVERED,
+    PRESCRIBED,
+    STRUTS,
+    Aims,
+    Condition,
+    ForceGoal,
+    conditions,
+    draw_aims,
+)
+from experiments.force.platform import InternalForce, use_internal_force
+from experiments.force.rig import Readings, hold, press, with_fixture
+from experiments.hexapod.goal import MAJOR, SECONDARY
+from experiments.hexapod.springs import elastic_system, strut_and_payload_stiffness
+from experiments.output.parallel import in_parallel
+from experiments.output.study import OnProgress
+from prioritized import Failures
+from sim import HEXAPOD_MJCF, NOMINAL, Array, Failure, hexapod, load_model, weightless
+
+DRAWS = 4
+
+
+@dataclass(frozen=True)
+class Held:
+    """Prescribed wrenches against one set of torques, one a row.
+
+    Attributes:
+        mapping: Where the torques come from. "rigid" knows no springs, and eq. (9) forbids what a
+            free strut would have to bear; "elastic" leaves that to the strut's spring.
+        torques: Of the coils, shape (D, 6), [N].
+        lacking: What neither they nor a lock exert, [moment; force], shape (D, 6).
+        readings: Of the simulation, a load for each wrench.
+        predicted: Displacement at which all springs together balance what is lacking, shape (D, 6).
+        unheld: Displacement if they had to balance all of it, shape (D, 6).
+    """
+
+    mapping: str
+    torques: Array
+    lacking: Array
+    readings: Readings
+    predicted: Array
+    unheld: Array
+
+    @property
+    def simulated(self) -> Array:
+        """Displacement [rotation; translation] of the payload at rest, shape (D, 6)."""
+        return self.readings.displacement[:, -1]
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One condition under one goal; one load for each aim.
+
+    Attributes:
+        answer: The mapping's.
+        pressed: Against the fixture.
+        held: Without it, against the wrench that the mapping exerts.
+    """
+
+    answer: Answer
+    pressed: Readings
+    held: Readings
+
+
+@dataclass(frozen=True)
+class Examination:
+    """One condition of the hexapod.
+
+    Attributes:
+        condition: What was broken.
+        trials: By goal.
+        prescribed: All that was asked for, held by the rigid mapping's torques, and with a free
+            strut by the elastic one's; not tried on a strut that no spring holds.
+    """
+
+    condition: Condition
+    trials: tuple[Trial, ...]
+    prescribed: tuple[Held, ...]
+
+    def trial(self, goal: ForceGoal) -> Trial:
+        """The one under a goal."""
+        return next(trial for trial in self.trials if trial.answer.goal == goal)
+
+
+@dataclass(frozen=True)
+class Force:
+    """All of the experiment; every condition has the same aims."""
+
+    seed: int
+    aims: Aims
+    examinations: list[Examination]
+    tradeoff: Tradeoff
+    internal: tuple[InternalForce, ...]
+
+
+def run_force(*, seed: int, quick: bool, on_progress: OnProgress) -> Force:
+    """Examine every condition, in parallel on the machine's cores.
+
+    Args:
+        seed: Of the directions of all forces.
+        quick: Only strut 1 fails.
+        on_progress: Called with finished and total number of examinations.
+
+    Raises:
+        sim.SimulationDiverged: The physics left the finite numbers.
+    """
+    rng = np.random.default_rng(seed)
+    aims = draw_aims(rng, DRAWS)
+    tradeoff = trade(aims, rng)
+    internal = use_internal_force(rng, DRAWS)
+    calls = [
+        {"condition": condition, "aims": aims} for condition in conditions(1 if quick else STRUTS)
+    ]
+    return Force(seed, aims, in_parallel(examine, calls, on_progress), tradeoff, internal)
+
+
+def examine(condition: Condition, aims: Aims) -> Examination:
+    """The mapping's torques in one condition, pressing and holding.
+
+    On the ground, where the preload carries the weight; a strut that loses its spring loses its
+    preload too, and is looked at in orbit.
+    """
+    model, system = with_fixture(HEXAPOD_MJCF), known_system(condition)
+    if condition.kind == "loose":
+        model = weightless(model)
+
+    def trial(goal: ForceGoal) -> Trial:
+        found = answer(system, goal, aims)
+        return Trial(
+            found,
+            press(model, condition.failures, found.torques),
+            hold(model, condition.failures, found.torques, found.wrench),
+        )
+
+    examined = Examination(condition, tuple(trial(goal) for goal in GOALS), prescribed=())
+    if condition.kind == "loose":
+        return examined
+    torques = {"rigid": examined.trial(PRESCRIBED).answer.torques}
+    if system.failures.free:
+        torques["elastic"] = elastic_torques(system.failures, aims)
+    held = [
+        hold_prescribed(model, condition.failures, system.failures, aims, *way)
+        for way in torques.items()
+    ]
+    return replace(examined, prescribed=tuple(held))
+
+
+def hold_prescribed(
+    model: mujoco.MjModel,
+    failures: Sequence[Failure],
+    known: Failures,
+    aims: Aims,
+    mapping: str,
+    torques: Array,
+) -> Held:
+    """Push the payload back with all of the aims.
+
+    Args:
+        model: The plant, from :func:`with_fixture`.
+        failures: What is broken; not a strut's spring.
+        known: What the prediction knows of it.
+        aims: The wrenches.
+        mapping: Where the torques come from, see :class:`Held`.
+        torques: Of the coils, shape (D, 6), [N].
+    """
+    sound, locked = load_model(), sorted(known.locked)
+    A, K = hexapod(sound).inverse_jacobian(NOMINAL), payload_stiffness(sound)
+    # A lock leaves five directions to move in, and bears what comes across them.
+    Z = scipy.linalg.null_space(A[locked]) if locked else np.eye(6)
+    give = Z @ np.linalg.inv(Z.T @ K @ Z) @ Z.T
+    missing = aims.wrench - torques @ A
+    return Held(
+        mapping=mapping,
+        torques=torques,
+        lacking=missing @ Z @ Z.T,
+        readings=hold(model, failures, torques, aims.wrench),
+        predicted=-missing @ give,
+        unheld=-aims.wrench @ give,
+    )
+
+
+def elastic_torques(known: Failures, aims: Aims) -> Array:
+    """Torques (D, 6) of a mapping that reckons with the springs, closest to the aims."""
+    kin = elastic_system(load_model()).with_failures(known.locked, known.free).kinematics()
+    mapping = kin.force_mapping(MAJOR, SECONDARY, secondary_weight=LEVERED)
+    return kin.expand(mapping(aims.major, secondary_force=aims.secondary))
+
+
+def payload_stiffness(model: mujoco.MjModel) -> Array:
+    """K of all springs against the payload's displacement in base axes, shape (6, 6)."""
+    of_struts_and_payload = strut_and_payload_stiffness(model)
+    A = hexapod(model).inverse_jacobian(NOMINAL)
+    return A.T @ of_struts_and_payload[:6, :6] @ A + of_struts_and_payload[6:, 6:]

@@ -1,0 +1,184 @@
+"""Tables and checks of the force experiment, from `force.json`."""
+
+from collections.abc import Callable
+from typing import Any
+
+from experiments.hexapod.checks import closure_check
+from experiments.output.results import Check
+from experiments.output.tables import Column, Table, tabulate
+
+LIMIT_PERCENT = 1.0
+"""Largest distance of a simulated force, or of a motion, from its prediction."""
+COST_LIMIT = 1e-9
+"""Largest excess over the least cost, relative: two ways to one least-squares problem."""
+ROUND_OFF_N = 1e-9
+
+
+def checks(summary: dict[str, Any]) -> list[Check]:
+    """Forces and motions are as predicted; no cheaper torques have the same major force."""
+    found = []
+    for condition in summary["conditions"]:
+        found += _condition_checks(condition)
+    trade = summary["tradeoff"]
+    advantage = 1 / trade["others"]["cheapest_over_mapping"]
+    what = "weighted torque over that of the cheapest other torques"
+    found.append(Check(what, "the mapping", advantage, 1.0))
+    for how, where in (("mapping", "the mapping"), ("others", "other torques")):
+        found.append(_off("the major force", where, trade[how]["major_off_percent"]))
+    for use in summary["internal_force"]:
+        where = f"platform, {use['name']}"
+        what = "weighted torque with internal force minus that without [N]"
+        found.append(Check(what, where, -use["saved_at_least_n"], ROUND_OFF_N))
+        for how in ("without", "used"):
+            exerted = f"{where}, internal force {how}"
+            found.append(_off("the wrench on the fixture", exerted, use[how]["wrench_off_percent"]))
+            found.append(_off("the leg forces", exerted, use[how]["legs_off_percent"]))
+    return found
+
+
+def _condition_checks(one: dict[str, Any]) -> list[Check]:
+    found = [closure_check(one["condition"], one["closure_residual_max_m"])]
+    for trial in one["theorems"]:
+        where = f"{one['condition']}, theorem {trial['theorem']}"
+        found += [
+            Check("status other than exact", where, float(not trial["exact"]), 0.5),
+            Check("relative excess over the least cost", where, trial["cost_excess"], COST_LIMIT),
+            _off("the wrench on the fixture", where, trial["pressed_off_percent"]),
+            _off("the strut forces", where, trial["held_off_percent"]),
+            _off("the payload's position", where, trial["moved_percent"]),
+        ]
+        # Clamped, a lock and the fixture share what no torque sees: no major force is claimed.
+        if one["kind"] != "locked":
+            found.append(_off("the major force", where, trial["pressed_major_off_percent"]))
+    for held in one["prescribed"]:
+        where = f"{one['condition']}, prescribed wrench, {held['mapping']} mapping"
+        found.append(_off("the payload's position", where, held["off_percent"]))
+    return found
+
+
+def _off(what: str, where: str, percent: float) -> Check:
+    return Check(f"distance of {what} from the prediction [%]", where, percent, LIMIT_PERCENT)
+
+
+def tables(summary: dict[str, Any]) -> list[Table]:
+    """All of them, in print's order."""
+    return [
+        _exactness(summary["conditions"]),
+        _prescribed(summary["conditions"]),
+        _tradeoff(summary["tradeoff"]),
+        _internal(summary["internal_force"]),
+    ]
+
+
+def _exactness(conditions: list[dict[str, Any]]) -> Table:
+    def worst(key: str) -> Callable[[dict[str, Any]], str]:
+        return lambda one: _percent(max(trial[key] for trial in one["theorems"]))
+
+    def major(one: dict[str, Any]) -> str:
+        return "-" if one["kind"] == "locked" else worst("pressed_major_off_percent")(one)
+
+    def by_theorem(one: dict[str, Any], k: int) -> str:
+        return _percent(one["theorems"][k]["pressed_off_percent"])
+
+    return tabulate(
+        "Theorems 7, 8, 9: simulation off by, in percent",
+        [
+            Column("", "condition"),
+            Column("major", major),
+            *(Column(f"thm {7 + k}", lambda one, k=k: by_theorem(one, k)) for k in range(3)),
+            Column("struts", worst("held_off_percent")),
+            Column("moves", worst("moved_percent")),
+        ],
+        conditions,
+        "Pressing on a fixture: major force, and whole wrench by theorem. Holding: strut forces, "
+        "and the motion of the payload.",
+    )
+
+
+def _prescribed(conditions: list[dict[str, Any]]) -> Table:
+    shown = [one for one in conditions if one["strut"] in (None, 1)]
+
+    def label(held: dict[str, Any]) -> str:
+        return (held["kind"] or "sound") + ", elastic" * (held["mapping"] == "elastic")
+
+    def lock(held: dict[str, Any]) -> str:
+        bears = held["reaction"]
+        return _both(bears["simulated_n"][0], bears["predicted_n"][0]) if bears else "-"
+
+    def first(key: str) -> Callable[[dict[str, Any]], str]:
+        return lambda held: _both(held["simulated"][key][0], held["predicted"][key][0])
+
+    return tabulate(
+        "The first prescribed wrench, strut 1 failing; simulated/predicted",
+        [
+            Column("", label),
+            Column("lacking, N", lambda held: held["lacking_force_n"][0], ".2f"),
+            Column("lock, N", lock),
+            Column("moves, um", first("translation_um")),
+            Column("tilts, urad", first("pointing_urad")),
+        ],
+        [one | held for one in shown for held in one["prescribed"]],
+        "Force not exerted, the lock's reaction, and how far the payload moves and tilts.",
+    )
+
+
+def _tradeoff(trade: dict[str, Any]) -> Table:
+    others = trade["others"]
+    between = f"{others['cheapest_over_mapping']:.3f} to {others['dearest_over_mapping']:.2f}"
+    rows = [
+        ("the mapping", "1", _percent(trade["mapping"]["major_off_percent"])),
+        (f"{others['count']} other torques", between, _percent(others["major_off_percent"])),
+    ]
+    rows += [
+        (
+            f"pseudo-inverse, w = {one['major_weight_per_n_m']:g}",
+            f"{one['weighed_over_mapping']:.3f}",
+            _percent(one["major_off_percent"]),
+        )
+        for one in trade["pseudo_inverse"]
+    ]
+    return Table(
+        "One major force on the sound hexapod",
+        ("", "torque", "major off, %"),
+        rows,
+        "Weighted torque over the mapping's; simulated major force off by.",
+    )
+
+
+def _internal(uses: list[dict[str, Any]]) -> Table:
+    def both(key: str) -> Callable[[dict[str, Any]], str]:
+        def cell(use: dict[str, Any]) -> str:
+            used = use["used"].get(key)
+            return "-" if used is None else f"{use['without'][key]:.1f}, {used:.1f}"
+
+        return cell
+
+    def internal(use: dict[str, Any]) -> str:
+        return _both(use["used"]["internal_simulated_rms_n"], use["used"]["internal_rms_n"])
+
+    def off(use: dict[str, Any]) -> str:
+        keys = ("wrench_off_percent", "legs_off_percent")
+        return _percent(max(use[how][key] for how in ("without", "used") for key in keys))
+
+    return tabulate(
+        "Over-actuated platform, without and with its internal force; RMS, N",
+        [
+            Column("", "name"),
+            Column("torque", both("weighed_rms_n")),
+            Column("hot", both("hot_motor_rms_n")),
+            Column("squeeze", both("least_squeeze_n")),
+            Column("internal", internal),
+            Column("off, %", off),
+        ],
+        uses,
+        "Weighted torque; the hot motor; the least squeeze; internal force simulated/predicted; "
+        "simulation off by.",
+    )
+
+
+def _both(simulated: float, predicted: float) -> str:
+    return f"{simulated:.2f}/{predicted:.2f}"
+
+
+def _percent(value: float) -> str:
+    return f"{value:.1e}" if value < 0.01 else f"{value:.2f}"

@@ -1,0 +1,231 @@
+"""Table I as numbers, checks, table and files."""
+
+from dataclasses import asdict
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from experiments.hexapod import paper
+from experiments.hexapod.checks import closure_check, prediction_checks, prediction_tolerance
+from experiments.hexapod.columns import COLUMNS
+from experiments.hexapod.columns import Column as Experiment
+from experiments.hexapod.metrics import closure_residual_max_m as closure_m
+from experiments.hexapod.metrics import loop_measures, pointing_rms_urad, rms
+from experiments.hexapod.provenance import recording_properties
+from experiments.hexapod.recording.keep import record_run
+from experiments.hexapod.recording.shown import Shown
+from experiments.output.provenance import versions
+from experiments.output.recording.marks import Mark
+from experiments.output.results import Check, Results, is_cut
+from experiments.output.tables import Column, Table
+from experiments.table1.figure import pictures
+from experiments.table1.runs import Table1, other_jacobian
+from sim import Array, load_model
+
+ANGLES = ("alpha", "beta")
+_CHOICES = ("locked", "free", "joint_weight", "secondary_weight_t_x_t_y_t_z_gamma")
+
+
+def results(outcome: Table1) -> Results:
+    """Everything that `fjh table1` publishes."""
+    summary = summarize(outcome)
+    return Results(
+        summary,
+        tables=(table(summary),),
+        notes=notes(summary),
+        checks=checks(summary),
+        pictures=pictures(outcome.trajectories),
+        records=[partial(_record, outcome, summary, column) for column in summary["columns"]],
+    )
+
+
+def summarize(outcome: Table1) -> dict[str, Any]:
+    """All numbers of the table, ready for JSON; units are in the names."""
+    bench = outcome.configuration.bench
+    ticks = len(outcome.trajectories["W_a"].time_s)
+    loops = zip(ANGLES, outcome.loops, strict=True)
+    return {
+        "experiment": "table1",
+        "seed": outcome.seed,
+        "versions": versions(),
+        "model_sha256": outcome.model_sha256,
+        "jacobian": outcome.jacobian,
+        "duration_s": ticks * bench.control_period_s,
+        "configuration": outcome.configuration.name,
+        "fit": outcome.configuration.fit,
+        "bench": asdict(bench) | outcome.plant_constants,
+        "loops": {angle: loop_measures(loop) for angle, loop in loops},
+        "jacobian_comparison": compare_jacobians(outcome),
+        "columns": [_column(outcome, experiment) for experiment in COLUMNS],
+    }
+
+
+def compare_jacobians(outcome: Table1) -> dict[str, Any]:
+    """How far the other Jacobian changes the RMS errors, beside what another seed changes."""
+    table = {name: pointing_rms_urad(run) for name, run in outcome.trajectories.items()}
+    differences = [pointing_rms_urad(run) - table[name] for name, run in outcome.other.items()]
+    by_jacobian = float(np.abs(differences).max())
+    by_seed = float(np.abs(pointing_rms_urad(outcome.reseeded) - table["W_a"]).max())
+    other = other_jacobian(outcome.jacobian)
+    return {
+        "other": other,
+        "largest_rms_difference_urad": by_jacobian,
+        "next_seed_rms_difference_urad": by_seed,
+        "next_seed_closure_residual_max_m": closure_m(outcome.reseeded),
+        "sentence": (
+            f"With the {other} Jacobian the RMS errors change by at most {by_jacobian:.1e} urad, "
+            f"which is {'below' if by_jacobian < by_seed else 'above'} the noise: another seed "
+            f"changes those of W_a by {by_seed:.1e} urad."
+        ),
+    }
+
+
+def checks(summary: dict[str, Any]) -> list[Check]:
+    """Loops of the mechanism stay closed, and every RMS error is the linear model's."""
+    tolerance = prediction_tolerance(summary["duration_s"])
+    reseeded = summary["jacobian_comparison"]["next_seed_closure_residual_max_m"]
+    found = [closure_check("W_a, next seed", reseeded)]
+    for column in summary["columns"]:
+        name, other = column["name"], column["other_jacobian_closure_residual_max_m"]
+        found.append(closure_check(name, column["closure_residual_max_m"]))
+        found.append(closure_check(f"{name}, other Jacobian", other))
+        found += prediction_checks(column, tolerance)
+    return found
+
+
+def table(summary: dict[str, Any]) -> Table:
+    """The paper's arrangement: one column for each experiment."""
+    columns = summary["columns"]
+    title = f"Table I, bench {summary['configuration']}: RMS of desired minus true angle"
+    if is_cut(summary):
+        title += f", first {summary['duration_s']:g} s of the spiral only"
+    headings = [column["name"].replace("_uncorrected", "\nuncorr.") for column in columns]
+    rows = [
+        (row.heading, *(row.cell(column) for column in columns))
+        for row in _rows(with_paper=not is_cut(summary))
+    ]
+    return Table(
+        title,
+        ("", *headings),
+        rows,
+        "Strut 1 is locked in the last three columns. Origin: constants of the bench were fitted "
+        "to the column; its errors are those of W_a by construction, since J_m M = I; or they are "
+        "predicted. Detector: of its reading, as in the paper. Peaks are of the secondary motion; "
+        "closure is the largest opening of a loop of the mechanism.",
+    )
+
+
+def _rows(*, with_paper: bool) -> list[Column]:
+    """What is printed of each experiment; the paper's numbers are of whole spirals only."""
+    rows = [Column("origin", "origin")]
+    for angle in ANGLES:
+        rows += [
+            Column(f"{angle}, urad", f"{angle}_rms_urad", ".4f"),
+            Column("  linear model", f"predicted_{angle}_rms_urad", ".4f"),
+            Column("  detector", f"{angle}_measured_rms_urad", ".4f"),
+        ]
+        if with_paper:
+            rows.append(Column("  paper", f"paper_{angle}_rms_urad", ".4f"))
+    for motion in ("t_x_um", "t_y_um", "t_z_um", "gamma_urad"):
+        label = "peak " + ", ".join(motion.rsplit("_", 1))
+        rows.append(Column(label, lambda column, key=motion: column["secondary_peak"][key], ".3f"))
+    return [*rows, Column("closure, m", "closure_residual_max_m", ".1e")]
+
+
+def notes(summary: dict[str, Any]) -> list[str]:
+    """What was fitted, the loops, and what the Jacobian changes."""
+    fit = [] if is_cut(summary) else [summary["fit"], _distance_sentence(summary["columns"])]
+    return [*fit, *_loop_sentences(summary), summary["jacobian_comparison"]["sentence"]]
+
+
+def _loop_sentences(summary: dict[str, Any]) -> list[str]:
+    return [f"Loop {name}: {loop['sentence']}." for name, loop in summary["loops"].items()]
+
+
+def _distance_sentence(columns: list[dict[str, Any]]) -> str:
+    """How far the table is from the paper's, beside what a constant would be."""
+
+    def entries(key: str) -> Array:
+        return np.array([[column[key.format(angle)] for angle in ANGLES] for column in columns])
+
+    printed = entries("paper_{}_rms_urad")
+    off = 100 * np.abs(entries("{}_measured_rms_urad") / printed - 1)
+    constant = 100 * np.abs(printed[:-1].mean(axis=0) / printed[:-1] - 1)
+    return (
+        f"Detector errors are within {off[:-1].max():.1f} % of the paper's in W_a to W_e, where a "
+        f"constant at the paper's mean is within {constant.max():.1f} %, and within "
+        f"{off[-1].max():.1f} % in the last column."
+    )
+
+
+def _column(outcome: Table1, experiment: Experiment) -> dict[str, Any]:
+    name = experiment.name
+    run, other = outcome.trajectories[name], outcome.other[name]
+    column: dict[str, Any] = {
+        "name": name,
+        "locked": experiment.struts("locked"),
+        "free": experiment.struts("free"),
+        "joint_weight": experiment.goal.joint_weight,
+        "secondary_weight_t_x_t_y_t_z_gamma": experiment.goal.secondary_weight,
+        "origin": outcome.configuration.origin(name),
+    }
+    for key, pair in (
+        ("{}_rms_urad", pointing_rms_urad(run)),
+        ("{}_measured_rms_urad", 1e6 * rms(run.desired_rad - run.measured_rad)),
+        ("paper_{}_rms_urad", paper.TABLE_I_URAD[name]),
+        ("predicted_{}_rms_urad", 1e6 * outcome.predicted_rad[name]),
+        ("other_jacobian_{}_rms_urad", pointing_rms_urad(other)),
+    ):
+        column |= {key.format(angle): value for angle, value in zip(ANGLES, pair, strict=True)}
+    return column | {
+        "strut_input_rms_percent": rms(run.strut_input_percent).tolist(),
+        "strut_input_peak_percent": np.abs(run.strut_input_percent).max(0).tolist(),
+        "secondary_peak": _peaks(run.secondary),
+        "secondary_peak_estimated": _peaks(run.secondary_estimated),
+        "closure_residual_max_m": closure_m(run),
+        "other_jacobian_closure_residual_max_m": closure_m(other),
+        "recording": f"{name}.rrd",
+        "data": f"{name}.npz",
+    }
+
+
+def _peaks(secondary: Array) -> dict[str, float]:
+    names = ("gamma_urad", "t_x_um", "t_y_um", "t_z_um")
+    return dict(zip(names, (1e6 * np.abs(secondary).max(0)).tolist(), strict=True))
+
+
+def _record(outcome: Table1, summary: dict[str, Any], column: dict[str, Any], folder: Path) -> None:
+    """Write the data and the recording of one column."""
+    name, chosen = column["name"], summary["configuration"]
+    known = "uncorrected" if "uncorrected" in name else "corrected"
+    marks = [Mark(k, 0.0, f"strut {k + 1} locked, {known}") for k in column["locked"]]
+    locked = ", ".join(mark.failure for mark in marks) or "all struts sound"
+    joints, secondary = column["joint_weight"], column["secondary_weight_t_x_t_y_t_z_gamma"]
+    minimized = f"secondary motion, weights on t_x, t_y, t_z, gamma {secondary}"
+    if joints:
+        minimized = f"strut displacements, weights {joints}"
+    # The paper's numbers are of the whole spiral.
+    sources = {"linear model": "predicted"} | ({} if is_cut(summary) else {"paper": "paper"})
+    # The viewer lays out all recordings of one identity alike.
+    words = ["table1", *([] if chosen == "calibrated" else [chosen]), name]
+    record_run(
+        folder,
+        name,
+        "-".join([*words, f"seed{outcome.seed}"]),
+        load_model(outcome.machine_file),
+        Shown(outcome.trajectories[name], marks),
+        said=[
+            f"Column {name} of Table I: seed {summary['seed']}, {summary['duration_s']:g} s, "
+            f"{summary['jacobian']} Jacobian; {locked}. Minimized: {minimized}.",
+            "",
+            *_loop_sentences(summary),
+        ],
+        beside={
+            source: (column[f"{key}_alpha_rms_urad"], column[f"{key}_beta_rms_urad"])
+            for source, key in sources.items()
+        },
+        properties=recording_properties(summary)
+        | {key: column[key] for key in _CHOICES if column[key]},
+    )

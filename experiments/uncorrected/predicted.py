@@ -1,0 +1,195 @@
+"""What linear theory says of a lost strut, of a candidate, and of a detector off the focus."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import control
+import mujoco
+import numpy as np
+
+from experiments.hexapod.compensator import Loop, sampled
+from experiments.hexapod.goal import MAJOR
+from experiments.hexapod.mapping import StrutMapping
+from experiments.hexapod.metrics import rms
+from experiments.hexapod.prediction import (
+    detector_noise_rad,
+    predicted_error_rad,
+    sensitivity_peak,
+)
+from experiments.hexapod.simulation import nominal_loops
+from experiments.hexapod.testbed import Bench
+from experiments.uncorrected.candidates import (
+    COLUMNS,
+    EXPERIMENTS,
+    PAPER_RATIOS,
+    RATIO_TOLERANCE,
+    STRUT,
+    Candidate,
+)
+from sim import NOMINAL, Array, Plant, failed_plant, hexapod, linearize, load_model
+
+LOCKS_M = np.linspace(-250e-6, 250e-6, 101)
+"""Where strut 1 is stuck, in the sweep of the lock."""
+
+SETTLED_S = 2.0
+"""Time for the loop to take the payload to the centre before a spiral."""
+
+
+def remaining_gain(model: mujoco.MjModel) -> Array:
+    """True per demanded (alpha, beta) of W_a's mapping while strut 1 stands still, shape (2, 2)."""
+    geometry = hexapod(model)
+    J_m = np.linalg.inv(geometry.inverse_jacobian(NOMINAL))[:2]
+    mapping = StrutMapping(geometry, EXPERIMENTS["W_a"].goal, "constant").pointing_gain()
+    mapping[STRUT] = 0.0
+    return J_m @ mapping
+
+
+def fast_loop_ratio(gain: Array) -> Array:
+    """RMS errors over those of the sound machine, for any linear compensators, shape (2,).
+
+    With G the gain that is left and L = diag(L_alpha, L_beta) the sound loops, the error is
+    e = (I + G L)^-1 r, since each compensator sees its own angle alone. Where |L| >> 1 this is
+    L^-1 G^-1 r, and the sound error L^-1 r: each angle passes the same filter in both, which
+    cancels from the ratio. The spiral has as much of alpha as of beta at every frequency, a quarter
+    turn apart; so what is left are the norms of the rows of G^-1, whatever the compensators are.
+
+    Args:
+        gain: G, shape (2, 2).
+    """
+    return np.linalg.norm(np.linalg.inv(gain), axis=1)
+
+
+def gain_and_plant(model: mujoco.MjModel, column: str) -> tuple[Array, Plant]:
+    """Strut displacements per demanded (alpha, beta), and the failed plant, of one of COLUMNS."""
+    experiment = EXPERIMENTS[column]
+    gain = StrutMapping(hexapod(model), experiment.goal, "constant").pointing_gain()
+    return gain, failed_plant(model, experiment.failures)
+
+
+@dataclass(frozen=True)
+class Predicted:
+    """What the linear model says of one candidate.
+
+    Attributes:
+        loops: The (alpha, beta) compensators.
+        rms_urad: (2,) by column; None: unstable, or saturated.
+        sensitivity: Peak sensitivity of the stable loops, by column.
+        settled_urad: (2,) of W_d and W_e if these, other than the uncorrected run, start after the
+            loop has settled; None as in `rms_urad`.
+    """
+
+    loops: tuple[Loop, Loop]
+    rms_urad: dict[str, Array | None]
+    sensitivity: dict[str, float | None]
+    settled_urad: dict[str, Array | None]
+
+
+def predict(candidate: Candidate, seed: int, duration_s: float) -> Predicted:
+    """The linear model of a candidate's four columns."""
+    machine, bench = candidate.machine(load_model()), candidate.bench
+    loops = nominal_loops(machine, bench)
+
+    def error_rad(column: str, **changed: Any) -> Array | None:
+        run = candidate.run(column, seed) | changed
+        return predicted_error_rad(machine, bench, loops, **run, duration_s=duration_s)
+
+    def rms_urad(error: Array | None) -> Array | None:
+        return None if error is None or candidate.saturates else 1e6 * rms(error)
+
+    def sensitivity(column: str) -> float:
+        run = candidate.run(column, seed)
+        return sensitivity_peak(machine, bench, loops, run["goal"], failures=run["failures"])
+
+    errors = {column: error_rad(column) for column in COLUMNS}
+    return Predicted(
+        loops,
+        rms_urad={column: rms_urad(error) for column, error in errors.items()},
+        sensitivity={
+            column: None if error is None else sensitivity(column)
+            for column, error in errors.items()
+        },
+        settled_urad={
+            column: rms_urad(error_rad(column, lead_in_s=SETTLED_S)) for column in ("W_d", "W_e")
+        },
+    )
+
+
+def lock_sweep(candidate: Candidate, loops: tuple[Loop, Loop], seed: int) -> Array:
+    """Ratios of the uncorrected to the sound RMS over LOCKS_M, shape (101, 2).
+
+    The error is linear in the place of the lock: two responses give all.
+    """
+    machine, bench = candidate.machine(load_model()), candidate.bench
+    run = candidate.run("W_a_uncorrected", seed)
+    sound = predicted_error_rad(machine, bench, loops, **candidate.run("W_a", seed))
+    at_centre, off = (
+        predicted_error_rad(machine, bench, loops, **run | {"start_m": start_m * np.eye(6)[0]})
+        for start_m in (0.0, 1e-4)
+    )
+    assert sound is not None and at_centre is not None and off is not None  # by choice of candidate
+    errors = at_centre[:, None] + (off - at_centre)[:, None] * (LOCKS_M / 1e-4)[:, None]
+    return rms(errors) / rms(sound)
+
+
+def offsets_m(*, quick: bool) -> Array:
+    """Of the detector behind the focal plane; -1 m, at the telescope itself, is no telescope."""
+    return np.linspace(-1.0, 1.0, 3 if quick else 41)
+
+
+def beam_walk_urad(
+    model: mujoco.MjModel, bench: Bench, loops: tuple[Loop, Loop], offset_m: float, seed: int
+) -> Array:
+    """RMS errors of the linear loops, shape (4, 2, 2), [urad]; infinite where a loop is unstable.
+
+    A thin lens of focal length f puts a ray of height h and slope theta at f theta + d (theta - h /
+    f), d behind its focal plane. The factor f + d of the angle is calibrated away; what is left is
+    an angle read for a translation t of the payload, of d t / f^2 but for that factor.
+
+    Args:
+        model: The hexapod.
+        bench: Spiral, noise, focal length.
+        loops: Compensators.
+        offset_m: d.
+        seed: Of the detector noise.
+
+    Returns:
+        Each of COLUMNS; desired minus true and desired minus read; alpha and beta.
+    """
+    walk = offset_m / bench.focal_length_m**2
+    reading = np.eye(6)[MAJOR]
+    reading[:, 3:5] = walk * np.array([[0.0, -1.0], [1.0, 0.0]])
+    time_s = bench.time_s(bench.duration_s)
+    desired = bench.desired_rad(time_s)
+    noise = detector_noise_rad(bench, seed, len(time_s))
+    compensators = control.append(*(loop.discrete for loop in loops))
+    errors = np.full((len(COLUMNS), 2, 2), np.inf)
+    for k, name in enumerate(COLUMNS):
+        gain, plant = gain_and_plant(model, name)
+        L = sampled(linearize(plant.model, plant.data), gain, bench.control_period_s) * compensators
+        closed = control.ss(
+            L.A - L.B @ reading @ L.C, L.B, np.vstack([L.C[MAJOR], reading @ L.C]), 0, L.dt
+        )
+        if np.abs(closed.poles()).max() >= 1:
+            continue
+        outputs = control.forced_response(closed, time_s, (desired - noise).T).outputs
+        true, read = np.split(np.asarray(outputs).T, 2, axis=1)
+        errors[k] = 1e6 * np.array([rms(desired - true), rms(desired - read - noise)])
+    return errors
+
+
+def beam_walk(offset_m: Array, rms_urad: Array) -> dict[str, Any]:
+    """How near a detector off the focus brings the ratios, in numbers.
+
+    Args:
+        offset_m: Shape (K,).
+        rms_urad: Of :func:`beam_walk_urad` at each, shape (K, 4, 2, 2).
+    """
+    ratio = rms_urad[:, -1] / rms_urad[:, 0]
+    met = (np.abs(ratio / PAPER_RATIOS - 1) < RATIO_TOLERANCE).all(axis=-1)
+    return {
+        "offset_m": [offset_m.min(), offset_m.max()],
+        "offsets": len(offset_m),
+        "offsets_met": int(met.any(axis=-1).sum()),
+        "largest_ratio_true": ratio[:, 0].max(axis=0).tolist(),
+        "largest_ratio_detector": ratio[:, 1].max(axis=0).tolist(),
+    }

@@ -1,0 +1,155 @@
+"""Every candidate explanation, simulated and predicted, and the maps."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from experiments.hexapod.simulation import Trajectory, nominal_loops, track_spiral
+from experiments.hexapod.testbed import Bench
+from experiments.output.parallel import in_parallel
+from experiments.output.study import OnProgress
+from experiments.uncorrected.candidates import BENCH, CANDIDATES, COLUMNS, RETUNED, Candidate
+from experiments.uncorrected.limit_map import LimitGrid, limit_grid, limit_row
+from experiments.uncorrected.predicted import (
+    Predicted,
+    beam_walk_urad,
+    lock_sweep,
+    offsets_m,
+    predict,
+)
+from experiments.uncorrected.stability_map import (
+    ROLL_OFF_HZ,
+    Grid,
+    checked_calls,
+    compare_checked,
+    grid,
+    map_row,
+)
+from sim import Array, SimulationDiverged, load_model
+
+QUICK_CANDIDATES = ("lost_strut", "floor_office", "off_centre")
+
+
+@dataclass(frozen=True)
+class Uncorrected:
+    """All of the study.
+
+    Attributes:
+        predicted: By candidate.
+        runs: By candidate and column; a time in seconds where the physics left the finite numbers.
+        map_rad: (roll-offs, dampings, crossovers, 2, 2), see `map_row`.
+        map_poles: (roll-offs, dampings, crossovers, 4).
+        checked: W_a and uncorrected, predicted and simulated RMS at some points of the map.
+        limit_rad: RMS over the limit, shape (*limit_grid.shape, 4, 2), see `limit_row`.
+        offset_m: Of the detector behind the focus.
+        beam_walk_urad: RMS there, shape (offsets, 4, 2, 2).
+        lock_ratio: Predicted ratios over LOCKS_M by candidate, (101, 2); the spiral starts at once.
+        duration_s: Of each simulated run.
+    """
+
+    seed: int
+    duration_s: float
+    candidates: tuple[Candidate, ...]
+    predicted: dict[str, Predicted]
+    runs: dict[str, dict[str, Trajectory | float]]
+    grid: Grid
+    map_rad: Array
+    map_poles: Array
+    checked: list[dict[str, Any]]
+    limit_grid: LimitGrid
+    limit_rad: Array
+    offset_m: Array
+    beam_walk_urad: Array
+    lock_ratio: dict[str, Array]
+
+
+def run_uncorrected(*, seed: int, quick: bool, on_progress: OnProgress) -> Uncorrected:
+    """Run all candidates in four columns of Table I, and the maps, on the machine's cores.
+
+    Args:
+        seed: Of the detector noise and of the floor.
+        quick: Only the first seconds of the spiral, three candidates, coarse maps.
+        on_progress: Called with finished and total number of jobs, for one phase after another.
+    """
+    model, bench = load_model(), Bench()
+    duration_s = bench.quick_duration_s if quick else bench.duration_s
+    chosen = tuple(c for c in CANDIDATES if not quick or c.name in QUICK_CANDIDATES)
+    calls = [{"candidate": c, "seed": seed, "duration_s": duration_s} for c in chosen]
+    found = in_parallel(predict, calls, on_progress)
+    predicted = dict(zip([c.name for c in chosen], found, strict=True))
+
+    jobs = [(c, column) for c in chosen for column in c.simulated]
+    points = [] if quick else checked_calls(seed)
+    calls = [_call(c, column, predicted[c.name], seed, duration_s) for c, column in jobs]
+    ended = in_parallel(simulate, [*calls, *points], on_progress)
+    runs: dict[str, dict[str, Trajectory | float]] = {c.name: {} for c in chosen}
+    for (c, column), run in zip(jobs, ended[: len(jobs)], strict=True):
+        runs[c.name][column] = run
+
+    where, limits, offsets = grid(quick=quick), limit_grid(quick=quick), offsets_m(quick=quick)
+    map_rad, map_poles = _map(where, seed, on_progress)
+    linear = {"model": model, "loops": nominal_loops(model, bench), "seed": seed}
+    over = {"limit_over_radius": limits.limit_over_radius}
+    calls = [linear | over | {"bench": each} for each in limits.benches(bench)]
+    limited = in_parallel(limit_row, calls, on_progress)
+    calls = [linear | {"bench": bench, "offset_m": float(offset)} for offset in offsets]
+    walked = in_parallel(beam_walk_urad, calls, on_progress)
+    swept = [c for c in chosen if c.name in (BENCH.name, RETUNED.name)]
+    return Uncorrected(
+        seed=seed,
+        duration_s=duration_s,
+        candidates=chosen,
+        predicted=predicted,
+        runs=runs,
+        grid=where,
+        map_rad=map_rad,
+        map_poles=map_poles,
+        checked=compare_checked(points, ended[len(jobs) :]),
+        limit_grid=limits,
+        limit_rad=np.reshape(limited, (*limits.shape, len(COLUMNS), 2)),
+        offset_m=offsets,
+        beam_walk_urad=np.array(walked),
+        lock_ratio={c.name: lock_sweep(c, predicted[c.name].loops, seed) for c in swept},
+    )
+
+
+def simulate(**call: Any) -> Trajectory | float:
+    """The run, or the time at which the physics left the finite numbers: a result, here."""
+    try:
+        return track_spiral(**call)
+    except SimulationDiverged as diverged:
+        return diverged.time_s
+
+
+def _call(
+    candidate: Candidate, column: str, predicted: Predicted, seed: int, duration_s: float
+) -> dict[str, Any]:
+    """Arguments of `track_spiral` for one run."""
+    return candidate.run(column, seed) | {
+        "model": candidate.machine(load_model()),
+        "bench": candidate.bench,
+        "loops": predicted.loops,
+        "jacobian": "constant",
+        "duration_s": duration_s,
+    }
+
+
+def _map(where: Grid, seed: int, on_progress: OnProgress) -> tuple[Array, Array]:
+    """RMS errors and largest poles over damping and crossover, as in :class:`Uncorrected`."""
+    calls = [
+        {
+            "model": load_model(),
+            "bench": Bench(),
+            "damping_ratio": ratio,
+            "alpha_crossover_hz": where.alpha_crossover_hz,
+            "roll_off_hz": roll_off_hz,
+            "seed": seed,
+        }
+        for roll_off_hz in ROLL_OFF_HZ
+        for ratio in where.damping_ratio
+    ]
+    rows = in_parallel(map_row, calls, on_progress)
+    shape = (len(ROLL_OFF_HZ), len(where.damping_ratio), len(where.alpha_crossover_hz))
+    errors, poles = ([row[k] for row in rows] for k in (0, 1))
+    return np.reshape(errors, (*shape, 2, 2)), np.reshape(poles, (*shape, len(COLUMNS)))
