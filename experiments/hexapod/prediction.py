@@ -6,18 +6,22 @@ import control
 import mujoco
 import numpy as np
 
-from experiments.hexapod.compensator import Loop, sampled
+from experiments.hexapod.compensator import sampled
 from experiments.hexapod.goal import MAJOR, Goal
 from experiments.hexapod.mapping import StrutMapping
 from experiments.hexapod.testbed import Bench
-from ftc.limited_loop import limited_response
+from ftc.compensator import Compensator
+from ftc.compensator import sensitivity_peak as peak_of_sensitivity
+from ftc.fdi.dither import Dither
+from ftc.fdi.fault_model import sound_machine
+from ftc.linear_loop import LinearLoop, closed_loop, limited_response
 from sim import NOMINAL, Array, Failure, Plant, failed_plant, hexapod, linearize
 
 
 def predicted_rms_rad(
     model: mujoco.MjModel,
     bench: Bench,
-    loops: tuple[Loop, Loop],
+    loops: tuple[Compensator, Compensator],
     goal: Goal,
     *,
     failures: Sequence[Failure] = (),
@@ -48,7 +52,7 @@ def predicted_rms_rad(
 def predicted_error_rad(
     model: mujoco.MjModel,
     bench: Bench,
-    loops: tuple[Loop, Loop],
+    loops: tuple[Compensator, Compensator],
     goal: Goal,
     *,
     failures: Sequence[Failure] = (),
@@ -134,18 +138,7 @@ def driven_loop(
         gain: Strut displacements per commanded (alpha, beta), shape (6, 2).
         compensators: Of alpha and beta, discrete.
     """
-    period_s = compensators[0].dt
-    P = driven_plant(plant, gain, period_s)
-    # Last inputs and outputs close the loop: command from pointing error.
-    n, free = P.nstates, P.ninputs - 2
-    general = control.ss(
-        P.A,
-        np.hstack([np.zeros((n, 2)), P.B]),
-        np.vstack([P.C, -P.C]),
-        np.block([[np.zeros((2, 4 + free))], [np.eye(2), np.zeros((2, 2 + free))]]),
-        period_s,
-    )
-    return general.lft(control.append(*compensators))
+    return closed_loop(driven_plant(plant, gain, compensators[0].dt), compensators)
 
 
 def driven_plant(plant: Plant, gain: Array, period_s: float) -> control.StateSpace:
@@ -160,7 +153,7 @@ def driven_plant(plant: Plant, gain: Array, period_s: float) -> control.StateSpa
 def sensitivity_peak(
     model: mujoco.MjModel,
     bench: Bench,
-    loops: tuple[Loop, Loop],
+    loops: tuple[Compensator, Compensator],
     goal: Goal,
     *,
     failures: Sequence[Failure] = (),
@@ -174,17 +167,10 @@ def sensitivity_peak(
     return peak_of_sensitivity(_loop_transfer(model, bench, loops, goal, failures, stiffness))
 
 
-def peak_of_sensitivity(L: control.StateSpace) -> float:
-    """The same of any sampled open loop with two inputs and two outputs."""
-    frequency_rad_s = 2 * np.pi * np.geomspace(0.1, 0.45 / L.dt, 3000)
-    response = np.moveaxis(control.frequency_response(L, frequency_rad_s).frdata, -1, 0)
-    return float(1 / np.linalg.svd(np.eye(2) + response, compute_uv=False).min())
-
-
 def _loop_transfer(
     model: mujoco.MjModel,
     bench: Bench,
-    loops: tuple[Loop, Loop],
+    loops: tuple[Compensator, Compensator],
     goal: Goal,
     failures: Sequence[Failure],
     stiffness: Array | None,
@@ -240,3 +226,28 @@ def _unit_pulses(ticks: int) -> tuple[Array, Array]:
     pulses = np.zeros((2, ticks, 2))
     pulses[[0, 1], 0, [0, 1]] = 1.0
     return pulses[0], pulses[1]
+
+
+def linear_loop(
+    model: mujoco.MjModel,
+    bench: Bench,
+    loops: tuple[Compensator, Compensator],
+    goal: Goal,
+    dither: Dither,
+    *,
+    begin_s: float,
+    duration_s: float,
+) -> LinearLoop:
+    """The loop on the spiral, as a run has it, with the mapping of the sound machine at J_0."""
+    mapping = StrutMapping(hexapod(model), goal, "constant")
+    time_s = bench.time_s(duration_s)
+    passed = [mapping.displacements(np.zeros(2), NOMINAL, rest_m=unit) for unit in np.eye(6)]
+    sound = sound_machine(model, bench)
+    return LinearLoop(
+        sound=sound,
+        C=sound.linear.C_twist[MAJOR],
+        gain=mapping.pointing_gain(),
+        secondary_m=np.array([dither.at(each) for each in time_s]) @ np.array(passed),
+        desired_rad=bench.desired_rad(begin_s + time_s),
+        loops=loops,
+    )

@@ -12,14 +12,16 @@ from experiments.hexapod.choices import JacobianChoice
 from experiments.hexapod.compensator import Loop, design
 from experiments.hexapod.goal import Goal
 from experiments.hexapod.mapping import DisplacementForm, StrutMapping
-from experiments.hexapod.pilot import Informed, Pilot, State
 from experiments.hexapod.testbed import Bench
+from ftc.compensator import Compensator
 from ftc.controller import Controller, Sensed
+from ftc.oracle import Informed, Pilot, State
 from sim import (
     Array,
     Failure,
     LinearPlant,
     Plant,
+    Pose,
     hexapod,
     linearize,
     pointing_angles,
@@ -77,13 +79,13 @@ def nominal_loops(model: mujoco.MjModel, bench: Bench) -> tuple[Loop, Loop]:
 def controller_for(
     model: mujoco.MjModel,
     bench: Bench,
-    loops: tuple[Loop, Loop],
+    loops: tuple[Compensator, Compensator],
     goal: Goal,
     *,
     jacobian: JacobianChoice = "analytic",
     form: DisplacementForm = "absolute",
     stiffness: Array | None = None,
-) -> Controller:
+) -> Controller[Pose]:
     """The controller of this machine for a goal; arguments as in :func:`track_spiral`."""
     mapping = StrutMapping(hexapod(model), goal, jacobian, stiffness, form)
     amplifier = bench.amplifier(newton_per_m=float(model.actuator_gainprm[0, 0]))
@@ -100,7 +102,7 @@ def controller_for(
 def track_spiral(
     model: mujoco.MjModel,
     bench: Bench,
-    loops: tuple[Loop, Loop],
+    loops: tuple[Compensator, Compensator],
     goal: Goal,
     *,
     failures: Sequence[Failure] = (),

@@ -1,0 +1,26 @@
+"""The goal of a controller: what the secondary freedom is spent on, and what is known to fail."""
+
+from dataclasses import dataclass, field
+
+
+@dataclass(frozen=True)
+class Goal:
+    """Weights of the secondary goal, and the failures known to the controller.
+
+    Actuators are numbered 0..n-1; displacements are in their own units, [m] or [rad].
+
+    Attributes:
+        joint_weight: W1, diagonal over the n actuators; None is zero.
+        secondary_weight: W2, diagonal over the secondary rows; None is zero.
+        locked_m: Actuators known to be locked, and the displacement at which each stands.
+        free: Actuators known to exert no force, their springs intact.
+        loose: Actuators known to have lost force and spring.
+        strength: Actuators known to be weakened, and the part of the force that each has left.
+    """
+
+    joint_weight: tuple[float, ...] | None = None
+    secondary_weight: tuple[float, ...] | None = None
+    locked_m: dict[int, float] = field(default_factory=dict)
+    free: tuple[int, ...] = ()
+    loose: tuple[int, ...] = ()
+    strength: dict[int, float] = field(default_factory=dict)

@@ -1,0 +1,337 @@
+"""The prioritized mapping in the loop: from a major task to displacements of the actuators.
+
+Displacements are absolute, from the nominal pose: eq. (41) taken whole. Its incremental form drifts
+when J is re-evaluated; docs/jacobian.md compares the forms.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Generic, Literal, Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from argument_checks import Array
+from ftc.goal import Goal
+from prioritized import ConstrainedSystem, Kinematics, Status
+
+DisplacementForm = Literal["absolute", "incremental", "relinearized"]
+"""How eq. (41) becomes a displacement: from the nominal pose; from what was commanded a tick
+before; or, from where the actuators are, one Gauss-Newton step towards the optimum of the curved
+problem."""
+
+Pose = TypeVar("Pose")
+
+
+class Geometry(Protocol[Pose]):
+    """What a mapping knows of its mechanism, parallel or serial, all actuators sound.
+
+    A pose is the client's own type; the mapping only hands it back.
+    """
+
+    @property
+    def nominal(self) -> Pose:
+        """The pose that displacements are measured from."""
+        ...
+
+    @property
+    def system(self) -> ConstrainedSystem:
+        """The mechanism at the nominal pose, with springs where there are any."""
+        ...
+
+    def posture(self, pose: Pose) -> Pose:
+        """The pose at which the mapping is evaluated; the nominal one for a constant Jacobian."""
+        ...
+
+    def jacobian(self, posture: Pose) -> Array:
+        """What :meth:`placed` needs of a posture."""
+        ...
+
+    def placed(self, system: ConstrainedSystem, jacobian: Array) -> ConstrainedSystem:
+        """The system, failures and all, where the Jacobian is this."""
+        ...
+
+    def twist(self, posture: Pose, displacements_m: Array) -> Array:
+        """Task displacement (m,) of small displacements (n,) of the sound mechanism."""
+        ...
+
+    def moved(self, pose: Pose, displacements_m: Array) -> Pose:
+        """The pose to which displacements (n,) lead, from the pose one tick before."""
+        ...
+
+    def task(self, pose: Pose) -> Array:
+        """Task coordinates (m,) of a pose; only the Gauss-Newton form asks for them."""
+        ...
+
+
+class LocalGeometry:
+    """Any mechanism about its nominal pose, from its Jacobians alone; poses are twists (m,)."""
+
+    def __init__(self, system: ConstrainedSystem) -> None:
+        """Take the sound mechanism at its nominal pose."""
+        self.system = system
+        self.nominal = np.zeros(len(system.J_T))
+        self._J = system.kinematics().J
+
+    def posture(self, pose: Array) -> Array:
+        """The nominal pose, whatever the present one."""
+        return self.nominal
+
+    def jacobian(self, posture: Array) -> Array:
+        """The task Jacobian, shape (m, N)."""
+        return self.system.J_T
+
+    def placed(self, system: ConstrainedSystem, jacobian: Array) -> ConstrainedSystem:
+        """The system where the task Jacobian is this."""
+        return system.at(J_T=jacobian)
+
+    def twist(self, posture: Array, displacements_m: Array) -> Array:
+        """Task displacement (m,) of displacements (n,)."""
+        return self._J @ displacements_m
+
+    def moved(self, pose: Array, displacements_m: Array) -> Array:
+        """The twist of displacements (n,)."""
+        return self._J @ displacements_m
+
+    def task(self, pose: Array) -> Array:
+        """The twist itself."""
+        return pose
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What was last demanded of a mapping, and its answer; the incremental form goes on from it.
+
+    Attributes:
+        pointing_rad: Demanded major task, shape (m1,).
+        displacements_m: Displacements of the actuators, before the converters, shape (n,).
+        rest_m: Reference of the secondary goal, displacements of the actuators, shape (n,).
+    """
+
+    pointing_rad: Array
+    displacements_m: Array
+    rest_m: Array
+
+
+class Mapping(Protocol):
+    """What makes rates of a major velocity; see :class:`prioritized.VelocityMapping`."""
+
+    @property
+    def major(self) -> Array:
+        """Gain of the major velocity."""
+        ...
+
+    @property
+    def status(self) -> Status:
+        """What it can promise about the major task."""
+        ...
+
+    def __call__(
+        self,
+        v_major: ArrayLike,
+        joint_velocity: ArrayLike | None = None,
+        secondary_velocity: ArrayLike | None = None,
+    ) -> Array:
+        """Optimal rates; what is None counts as zero."""
+        ...
+
+
+@dataclass(frozen=True)
+class Reconfigured:
+    """The mapping at one pose, section 2.3.
+
+    Attributes:
+        mapping: Rates of the n' surviving actuators, eqs. (28) and (30).
+        expand: Puts them on all actuators, shape (n, n').
+        J: Task velocity per surviving rate, eq. (14), shape (m, n').
+    """
+
+    mapping: Mapping
+    expand: Array
+    J: Array
+
+
+class PrioritizedMapping(Generic[Pose]):
+    """Optimal displacements of the actuators for a demanded major task, eqs. (28) and (30).
+
+    Actuators that the goal says have failed are reconfigured as in section 2.3.
+    """
+
+    def __init__(
+        self,
+        geometry: Geometry[Pose],
+        goal: Goal,
+        major: Sequence[int],
+        secondary: Sequence[int],
+        form: DisplacementForm = "absolute",
+    ) -> None:
+        """Prepare the mapping at the nominal pose.
+
+        Args:
+            geometry: The mechanism.
+            goal: Weights, and the failures that are known.
+            major: Task rows of the major task.
+            secondary: Task rows of the secondary task, in the order of its weights.
+            form: How eq. (41) becomes a displacement.
+
+        Raises:
+            ValueError: An actuator locked off centre in incremental form: its displacement is in
+                no increment.
+        """
+        if form == "incremental" and any(goal.locked_m.values()):
+            raise ValueError(
+                f'form must be "absolute" or "relinearized" with an actuator locked off centre, '
+                f"got {form} with locked_m = {goal.locked_m}"
+            )
+        self._model = geometry
+        self._major, self._secondary = list(major), list(secondary)
+        self.goal = goal
+        self.form = form
+        self._nominal = geometry.nominal
+        released = _without_springs(geometry.system, goal.loose).with_failures(
+            free=[*goal.free, *goal.loose]
+        )
+        self._failed = released.with_failures(locked=list(goal.locked_m))
+        kinematics = self._failed.kinematics()
+        self._expand = np.eye(len(self._failed.active))[:, kinematics.actuators]
+        self._prepared = kinematics.velocity_mapping(
+            self._major, self._secondary, goal.joint_weight, goal.secondary_weight
+        )
+        self._at_nominal = self.at(geometry.jacobian(self._nominal))
+        self._locked_m = np.zeros(self.actuators)
+        for actuator, displacement in goal.locked_m.items():
+            self._locked_m[actuator] = displacement
+        self._is_off_centre = bool(self._locked_m.any())
+        self._follow = _free_actuators_follow(released)
+
+    @property
+    def actuators(self) -> int:
+        """Number of actuators, failed ones included."""
+        return len(self._failed.active)
+
+    @property
+    def nominal(self) -> Pose:
+        """The pose that displacements are measured from."""
+        return self._nominal
+
+    def nothing(self) -> Asked:
+        """Nothing demanded yet."""
+        n = self.actuators
+        return Asked(np.zeros(len(self._major)), np.zeros(n), np.zeros(n))
+
+    def pointing_gain(self) -> Array:
+        """Displacements per demanded major task at the nominal pose, shape (n, m1)."""
+        return self._at_nominal.expand @ self._at_nominal.mapping.major
+
+    def displacements(
+        self,
+        pointing_rad: Array,
+        pose: Pose,
+        sent_m: Array | None = None,
+        last: Asked | None = None,
+        rest_m: Array | None = None,
+    ) -> Array:
+        """Displacements (n,) for a demanded major task; zero at actuators known to be locked.
+
+        Args:
+            pointing_rad: Demanded major task, shape (m1,).
+            pose: Where the mechanism is.
+            sent_m: Displacements (n,) that hold it there; the relinearized form goes on from them.
+            last: What was demanded before; the incremental form goes on from it.
+            rest_m: Reference of the secondary goal, displacements (n,); it is followed as far as
+                the major task leaves the actuators free. None is the nominal pose.
+
+        Raises:
+            ValueError: What the form goes on from is missing.
+        """
+        posture, now = self._present(pose)
+        if self.form == "absolute" and rest_m is None and not self._is_off_centre:
+            return now.expand.dot(now.mapping(pointing_rad))
+        joint = np.zeros(now.J.shape[1]) if rest_m is None else now.expand.T.dot(rest_m)
+        secondary = now.J[self._secondary].dot(joint)
+        if self.form == "incremental":
+            if last is None:
+                raise ValueError("last must be given in incremental form, got None")
+            before = now.expand.T @ last.rest_m
+            change = now.mapping(
+                pointing_rad - last.pointing_rad,
+                joint - before,
+                secondary - now.J[self._secondary] @ before,
+            )
+            return last.displacements_m + now.expand @ change
+        if self.form == "relinearized":
+            if sent_m is None:
+                raise ValueError("sent_m must be given in relinearized form, got None")
+            task = self._model.task(pose)
+            change = now.mapping(
+                pointing_rad - task[self._major],
+                joint - now.expand.T @ sent_m,
+                secondary - task[self._secondary],
+            )
+            return sent_m + now.expand @ change
+        # An actuator locked off centre has already moved the task by J[:, k] l_k.
+        offset = self._model.twist(posture, self._follow.dot(self._locked_m))
+        return now.expand.dot(
+            now.mapping(
+                pointing_rad - offset[self._major], joint, secondary - offset[self._secondary]
+            )
+        )
+
+    def pointing(self, displacements_m: Array, pose: Pose) -> Array:
+        """Major task (m1,) of displacements (n,) of all actuators, sound or not, at the pose."""
+        return self._model.twist(self._model.posture(pose), displacements_m)[self._major]
+
+    def split(self, displacements_m: Array, pose: Pose) -> tuple[Array, Array]:
+        """Displacements (n,) of the surviving actuators as major task and secondary motion.
+
+        The first, shape (m1,), is their effect on the major task, which the mapping's own
+        displacements would have too; less these, the second, shape (n,), is secondary motion alone.
+        """
+        _, now = self._present(pose)
+        surviving = now.expand.T @ displacements_m
+        pointing_rad = now.J[self._major] @ surviving
+        return pointing_rad, now.expand @ (surviving - now.mapping(pointing_rad))
+
+    def estimate(self, displacements_m: Array, pose: Pose) -> Pose:
+        """The pose to which commanded displacements (n,) lead, from the pose one tick before.
+
+        There is no sensor for the secondary task; the major task comes from the same commands, so
+        that the estimate carries no sensor noise.
+        """
+        return self._model.moved(pose, self._follow.dot(displacements_m + self._locked_m))
+
+    def at(self, jacobian: Array, /) -> Reconfigured:
+        """The mapping where the Jacobian of the geometry is this."""
+        kinematics = self._model.placed(self._failed, jacobian).kinematics()
+        return Reconfigured(self.rates_at(kinematics), self._expand, kinematics.J)
+
+    def rates_at(self, kinematics: Kinematics) -> Mapping:
+        """Optimal rates of the surviving actuators; another optimality would override this."""
+        return self._prepared.at(kinematics)
+
+    def _present(self, pose: Pose) -> tuple[Pose, Reconfigured]:
+        posture = self._model.posture(pose)
+        if posture is self._nominal:
+            return posture, self._at_nominal
+        return posture, self.at(self._model.jacobian(posture))
+
+
+def _without_springs(system: ConstrainedSystem, actuators: Sequence[int]) -> ConstrainedSystem:
+    """The mechanism without the springs of these actuators."""
+    if system.stiffness is None or not actuators:
+        return system
+    K, joints = system.stiffness.copy(), system.active[list(actuators)]
+    K[joints, joints] = 0.0
+    return replace(system, stiffness=K)
+
+
+def _free_actuators_follow(released: ConstrainedSystem) -> Array:
+    """Displacements of all actuators per displacement of those that are held, shape (n, n)."""
+    kinematics, n = released.kinematics(), len(released.active)
+    follow = np.zeros((n, n))
+    follow[kinematics.actuators, kinematics.actuators] = 1.0
+    number = {velocity: k for k, velocity in enumerate(released.active.tolist())}
+    for velocity, gain in zip(kinematics.passive.tolist(), kinematics.passive_gain, strict=True):
+        if velocity in number:
+            follow[number[velocity], kinematics.actuators] = gain
+    return follow

@@ -1,0 +1,122 @@
+"""Any controller as a run sees it, and one that is told of a failure beforehand: an oracle."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Protocol, TypeVar
+
+import numpy as np
+
+from argument_checks import Array
+from ftc.controller import Controller, ControllerState, Converter, Sensed
+
+
+class PilotState(Protocol):
+    """What a run keeps of a controller's state."""
+
+    @property
+    def input_percent(self) -> Array:
+        """Inputs to send to the drives, shape (n,)."""
+        ...
+
+    @property
+    def pose(self) -> Any:
+        """Estimated pose."""
+        ...
+
+
+State = TypeVar("State", bound=PilotState)
+
+
+class Pilot(Protocol[State]):
+    """Inputs of the drives from what can be measured; `step` is a pure function of the state."""
+
+    @property
+    def amplifier(self) -> Converter:
+        """The drives."""
+        ...
+
+    def start(self) -> State:
+        """At rest at the nominal pose."""
+        ...
+
+    def step(self, state: State, desired_rad: Array, sensed: Sensed) -> State:
+        """One control tick."""
+        ...
+
+
+@dataclass(frozen=True)
+class PointingState:
+    """State of a controller within another one, which adds what it needs."""
+
+    controller: ControllerState[Any]
+
+    @property
+    def input_percent(self) -> Array:
+        """Inputs to send to the drives, shape (n,)."""
+        return self.controller.input_percent
+
+    @property
+    def pose(self) -> Any:
+        """Estimated pose."""
+        return self.controller.pose
+
+
+@dataclass(frozen=True)
+class InformedState(PointingState):
+    """Beside it, the number of ticks so far."""
+
+    ticks: int
+
+
+NEVER = -1
+"""A tick that does not come."""
+
+
+@dataclass(frozen=True)
+class Informed:
+    """Goes over from one controller to another at a tick that is known beforehand.
+
+    Attributes:
+        before: Controls first.
+        after: Takes over.
+        tick: When, counted from the first.
+        falling_m: What each actuator loses then of its displacement, (n,); None: the displacement
+            commanded of those that the goal of `after` says are free.
+        secondary: Reference of the secondary goal (n,) at each time of the run; None is zero.
+    """
+
+    before: Controller[Any]
+    after: Controller[Any]
+    tick: int
+    falling_m: Array | None = None
+    secondary: Callable[[float], Array] | None = None
+
+    @property
+    def amplifier(self) -> Converter:
+        """The same for both."""
+        return self.before.amplifier
+
+    def start(self) -> InformedState:
+        """At rest at the nominal pose."""
+        return InformedState(self.before.start(), ticks=0)
+
+    def step(self, state: InformedState, desired_rad: Array, sensed: Sensed) -> InformedState:
+        """One control tick."""
+        last = state.controller
+        if state.ticks == self.tick:
+            falling_m = self._falling(last) if self.falling_m is None else self.falling_m
+            last = self.after.take_over(last, falling_m)
+        taken_over = self.tick != NEVER and state.ticks >= self.tick
+        acting = self.after if taken_over else self.before
+        if self.secondary is None:
+            rest_m = np.zeros(acting.mapping.actuators)
+        else:
+            rest_m = self.secondary(state.ticks * acting.period_s)
+        return InformedState(acting.step(last, desired_rad, sensed, rest_m), state.ticks + 1)
+
+    def _falling(self, last: ControllerState[Any]) -> Array:
+        # An actuator that keeps its damper falls too slowly to be made up for at once.
+        free = list(self.after.mapping.goal.free)
+        falling_m = np.zeros(self.after.mapping.actuators)
+        falling_m[free] = self.amplifier.displacement_m(last.input_percent)[free]
+        return falling_m
