@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from experiments.output.recording.whole import COLUMNS, whole_run
 
 from experiments.app.cli import main
 from experiments.app.review.told import check_told
@@ -16,7 +17,6 @@ from experiments.hexapod.recording import keep as keep_module
 from experiments.hexapod.simulation import Trajectory
 from experiments.output.files import write_arrays
 from experiments.output.recording.marks import Mark, marks_from
-from experiments.output.recording.whole import COLUMNS, whole_run
 from experiments.output.study import WrongInput
 from tests.made import keep_made, made_run
 

@@ -17,9 +17,9 @@ from experiments.force.command import force
 from experiments.goals.command import goals
 from experiments.jacobian.command import jacobian
 from experiments.output.files import OutputError
-from experiments.output.interrupt import INTERRUPTED, SENTENCE
 from experiments.output.study import Interrupted, Unsound, WrongInput
-from experiments.output.terminal import notice
+from experiments.output.terminal import INTERRUPTED, notice
+from experiments.output.terminal import INTERRUPTION as SENTENCE
 from experiments.recover.command import recover
 from experiments.release import STUDY as RELEASE
 from experiments.sweep.command import sweep

@@ -7,8 +7,8 @@ from typing import Annotated
 import typer
 
 from experiments.output.files import published, usable_file
-from experiments.output.interrupt import raise_from_now_on
 from experiments.output.study import Unsound
+from experiments.output.terminal import raise_on_interrupt
 
 _SIZE = re.compile(r"([1-9]\d{1,3})x([1-9]\d{1,3})")
 
@@ -42,7 +42,7 @@ def render(
     if not pixels:
         raise typer.BadParameter(f"{size} is not WIDTHxHEIGHT", param_hint="--size")
     folder = usable_file(out, ".png")
-    raise_from_now_on()
+    raise_on_interrupt()
     try:
         with headless_viewer((int(pixels[1]), int(pixels[2]))) as viewer:
             show(viewer, file, time)

@@ -10,9 +10,9 @@ from typing import Any
 from experiments.app.report.chapter import Chapter, Edition, former_entry, run_chapter
 from experiments.app.report.page import page
 from experiments.output.files import published, write_index
-from experiments.output.interrupt import SENTENCE
 from experiments.output.provenance import origin
 from experiments.output.study import Interrupted, OnProgress, Progress
+from experiments.output.terminal import INTERRUPTION as SENTENCE
 
 INDEX = "report.json"
 

@@ -8,7 +8,7 @@ import typer
 from experiments.app.command import machine_refused
 from experiments.app.legacy import MachineFile
 from experiments.output.files import published, usable_file
-from experiments.output.interrupt import raise_from_now_on
+from experiments.output.terminal import raise_on_interrupt
 
 
 def review(
@@ -32,11 +32,11 @@ def review(
     Example: fjh review results/table1 --out /tmp/table1.rrd
     """
     from experiments.app.review.runs import about_runs, find_runs
-    from experiments.hexapod.recording.side_by_side import write_side_by_side
+    from experiments.hexapod.recording.screens import write_side_by_side
     from sim import hexapod, load_model, model_sha256
 
     folder = usable_file(out, ".rrd")
-    raise_from_now_on()
+    raise_on_interrupt()
     with machine_refused():
         machine = load_model(model)
         hexapod(machine)  # refuses any other

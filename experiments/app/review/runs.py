@@ -11,11 +11,10 @@ import numpy as np
 from experiments.app.review.told import check_told, told_in
 from experiments.hexapod import paper
 from experiments.hexapod.metrics import closure_residual_max_m, pointing_rms_urad
-from experiments.hexapod.recording.keep import Kept, read_run
-from experiments.hexapod.recording.notes import constants
+from experiments.hexapod.recording.keep import Kept, NoRunError, read_run
+from experiments.hexapod.recording.shown import constants
 from experiments.hexapod.testbed import Bench
 from experiments.output.recording.file import About
-from experiments.output.recording.whole import NoRunError
 from experiments.output.study import WrongInput
 
 

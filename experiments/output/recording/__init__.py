@@ -1,4 +1,9 @@
-"""Rerun recordings: made after a run, opened without a click.
+"""Rerun recordings of any mechanism: made after a run, opened without a click.
 
-The `.rrd` is a view; the `.npz` beside it is the record.
+The `.rrd` is for looking at; the `.npz` beside it is the record.
 """
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
