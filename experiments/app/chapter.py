@@ -20,13 +20,9 @@ ENTRY = "chapter.json"
 
 @dataclass(frozen=True)
 class Edition:
-    """What all chapters of a report share.
+    """What all chapters share: a folder with one for each, seed, short runs or not.
 
-    Attributes:
-        folder: Each chapter has a folder of its own below it.
-        seed: Of every study.
-        quick: Short runs.
-        origin: Code, versions and machine, as when the report was begun.
+    The origin is that of the report's beginning: code, versions, machine.
     """
 
     folder: Path

@@ -92,12 +92,9 @@ def _running(size: tuple[int, int], home: str, log: Path) -> Iterator[ViewerClie
         viewer.wait()
 
 
-_LIBC = ctypes.CDLL(None)
-
-
 def _die_with_parent() -> None:
     """Let the system end this process when its parent dies, by `kill -9` too."""
-    _LIBC.prctl(_SET_PARENT_DEATH_SIGNAL, signal.SIGKILL)
+    ctypes.CDLL(None).prctl(_SET_PARENT_DEATH_SIGNAL, signal.SIGKILL)
 
 
 def show(viewer: ViewerClient, recording: Path, time_s: float | None) -> None:

@@ -1,9 +1,8 @@
-"""The command `fjh report`: every study of the paper, one after another, on one page."""
+"""The command `fjh report`: the main studies, one after another, on one page."""
 
 import base64
 import shlex
 from collections.abc import Sequence
-from contextlib import AbstractContextManager
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
@@ -13,7 +12,7 @@ from experiments.app.chapter import Chapter, Edition, former_entry, run_chapter
 from experiments.app.command import show, with_options
 from experiments.output.files import published, usable_folder, write_index
 from experiments.output.results import Results
-from experiments.output.study import Interrupted, OnProgress, Progress, Unsound
+from experiments.output.study import Interrupted, Progress, Unsound
 from experiments.output.tables import Column, tabulate
 from experiments.output.terminal import INTERRUPTION, progress
 from experiments.release import STUDY as RELEASE
@@ -23,7 +22,7 @@ CHAPTERS = (Chapter(RELEASE),)
 
 INDEX = "report.json"
 
-HELP = """Run the studies of the paper and write one HTML page on all of them.
+HELP = """Run the main studies and write one HTML page on all of them.
 
 For each study the page has tables, figures, whether it is sound, and the command that reproduces
 it; at the end machine, versions and commit. It needs no other file. 45 minutes on two cores;
@@ -41,8 +40,8 @@ Example: fjh report --quick --out /tmp/report
 
 
 def _report(*, out: Path, seed: int, quick: bool, quiet: bool, json: bool) -> None:
-    bars = partial(progress, shown=not quiet)
-    summary = run_report(usable_folder(out), CHAPTERS, seed=seed, quick=quick, progress=bars)
+    edition = Edition(usable_folder(out), seed, quick, _origin())
+    summary = run_report(CHAPTERS, edition, partial(progress, shown=not quiet))
     columns = (
         Column("", "name"),
         Column("verdict", lambda chapter: "unsound" if chapter["complaint"] else "sound"),
@@ -57,26 +56,12 @@ def _report(*, out: Path, seed: int, quick: bool, quiet: bool, json: bool) -> No
         raise Unsound(f"the experiment is not sound: {'; '.join(failed)}")
 
 
-report = with_options(
-    _report,
-    "report",
-    HELP,
-    seed="every study",
-    quick="Every study with its own --quick: 5 minutes.",
-)
+QUICK = "Every study with its own --quick: 5 minutes."
+report = with_options(_report, "report", HELP, seed="every study", quick=QUICK)
 
 
-def run_report(
-    folder: Path, chapters: Sequence[Chapter], *, seed: int, quick: bool, progress: Progress
-) -> dict[str, Any]:
-    """Run every chapter that is not complete in the folder; `report.html` grows with each.
-
-    Args:
-        folder: For page and index, and below it a folder for each chapter.
-        chapters: In reading order.
-        seed: Of every study.
-        quick: Short runs.
-        progress: Shows the running study, with its number in front.
+def run_report(chapters: Sequence[Chapter], edition: Edition, progress: Progress) -> dict[str, Any]:
+    """Run every chapter that is not complete in its folder; `report.html` grows with each.
 
     Returns:
         The contents of `report.json`.
@@ -85,15 +70,15 @@ def run_report(
         Interrupted: By Ctrl-C; finished chapters are whole and on the page.
         OutputError: The disk or the folder refuses.
     """
-    edition = Edition(folder, seed, quick, _origin())
     former = {chapter.name: former_entry(chapter, edition) for chapter in chapters}
     entries = {name: entry for name, entry in former.items() if entry}
     summary: dict[str, Any] = {}
     for k, chapter in enumerate(chapters, 1):
         if chapter.name not in entries:
             try:
-                numbered = _numbered(progress, f"{k}/{len(chapters)} ")
-                entries[chapter.name] = run_chapter(chapter, edition, numbered)
+                entries[chapter.name] = run_chapter(
+                    chapter, edition, lambda work, k=k: progress(f"{k}/{len(chapters)} {work}")
+                )
             except KeyboardInterrupt:
                 raise Interrupted(
                     f"{INTERRUPTION}; finished chapters stay, and the same command goes on with "
@@ -117,24 +102,17 @@ def _origin() -> dict[str, Any]:
     }
 
 
-def _numbered(progress: Progress, number: str) -> Progress:
-    def shown(work: str) -> AbstractContextManager[OnProgress]:
-        return progress(number + work)
-
-    return shown
-
-
 def _publish(
     chapters: Sequence[Chapter], entries: dict[str, dict[str, Any]], edition: Edition
 ) -> dict[str, Any]:
     """Write page and index of the chapters that are finished; returns the index."""
-    switches = ["--quick"] if edition.quick else []
-    options = ["--seed", str(edition.seed), "--out", str(edition.folder)]
+    quick = ["--quick"] if edition.quick else []
+    options = [*quick, "--seed", str(edition.seed), "--out", str(edition.folder)]
     summary = {
         "experiment": "report",
         "seed": edition.seed,
         "quick": edition.quick,
-        "command": shlex.join(["fjh", "report", *switches, *options]),
+        "command": shlex.join(["fjh", "report", *options]),
         **edition.origin,
         "written": datetime.now(UTC).isoformat(timespec="seconds"),
         "missing": [chapter.name for chapter in chapters if chapter.name not in entries],

@@ -3,7 +3,8 @@
 The `.rrd` is for looking at; the `.npz` beside it is the record.
 """
 
-import numpy as np
+from typing import Any
+
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+Array = NDArray[Any]
