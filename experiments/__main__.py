@@ -2,9 +2,9 @@
 
 import sys
 
-from experiments.output.interrupt import leave_at_once
+from experiments.output.terminal import exit_on_interrupt
 
-leave_at_once()
+exit_on_interrupt()
 
 from experiments.app.cli import main  # noqa: E402  (the imports take a second: Ctrl-C must be ready)
 

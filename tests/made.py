@@ -1,16 +1,20 @@
-"""A short run that no simulation made: for tests that are about files."""
+"""A short run that no simulation made, and a study of nothing: for tests that are about files."""
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
 
-from experiments.hexapod.recording.keep import keep_run
+from experiments.hexapod.recording.hexapod import Mark
+from experiments.hexapod.recording.keep import record_run
 from experiments.hexapod.recording.shown import Shown
 from experiments.hexapod.simulation import Trajectory
 from experiments.hexapod.testbed import Bench
-from experiments.output.recording.file import About
-from experiments.output.recording.marks import Mark
+from experiments.output.results import Results
+from experiments.output.study import OnProgress, Option, Study
 
 MARK = Mark(0, 0.0, "strut 1 locked")
 
@@ -39,5 +43,33 @@ def made_run(ticks: int = 400) -> Trajectory:
 
 def keep_made(folder: Path, model: mujoco.MjModel, name: str = "made") -> None:
     """`made.npz` and `made.rrd`, as any study writes a run."""
-    about = About("made-seed0", name, "notes", {"seed": 0})
-    keep_run(folder, name, about, model, Shown(made_run(), [MARK]))
+    shown, properties = Shown(made_run(), [MARK]), {"seed": 0}
+    record_run(
+        folder, name, "made-seed0", model, shown, said=["Made."], beside={}, properties=properties
+    )
+
+
+@dataclass(frozen=True)
+class MadeStudy(Study):
+    """A study whose runs are one function, called with `on_progress` and all options."""
+
+    make: Callable[..., Results] = Results
+
+    def perform(self, *, on_progress: OnProgress, **options: Any) -> Results:
+        """What the function returns."""
+        return self.make(on_progress=on_progress, **options)
+
+
+def made_study(
+    name: str, make: Callable[..., Results], options: tuple[Option, ...] = ()
+) -> MadeStudy:
+    """A study of this name."""
+    return MadeStudy(
+        name,
+        "Ask something & <something> else.",
+        runs="",
+        results="",
+        quick="Less.",
+        options=options,
+        make=make,
+    )

@@ -13,7 +13,7 @@ import psutil
 import pytest
 from rerun.chunk import RrdReader
 
-from experiments.app.cli import STUDIES, main
+from experiments.app.cli import app, main
 from experiments.output.files import OutputError, published
 from sim.model import HEXAPOD_MJCF
 
@@ -79,7 +79,7 @@ def test_an_output_path_that_is_a_file_is_refused(capsys, tmp_path):
     assert "too long" in sentence(capsys)
 
 
-@pytest.mark.parametrize("command", [*(study.__name__ for study in STUDIES), "review", "render"])
+@pytest.mark.parametrize("command", [each.callback.__name__ for each in app.registered_commands])
 def test_an_empty_path_is_not_the_current_folder(capsys, tmp_path, monkeypatch, command):
     monkeypatch.chdir(tmp_path)
     for words in (["--out", ""], ["--out="]):

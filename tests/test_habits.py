@@ -8,46 +8,52 @@ import re
 import shlex
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
 
 import pytest
 import typer
 from typer.core import TyperGroup
 
 from experiments.app.cli import STUDIES, app, main
-from experiments.app.presentation import presented
+from experiments.app.command import command
 from experiments.output.files import OutputError, json_text, published, write_index
-from experiments.output.findings import Findings, Table
-from experiments.output.study import Progress, Unsound
+from experiments.output.results import Check, Results
+from experiments.output.study import OnProgress, Option, Unsound
+from experiments.output.tables import Table
+from tests.made import made_study
 
 ROOT = Path(__file__).parents[1]
-NAMES = [study.__name__ for study in STUDIES]
-SOUND = Findings(
+GROUP = typer.main.get_command(app)
+assert isinstance(GROUP, TyperGroup)
+NAMES = [name for name in GROUP.commands if name not in ("review", "render")]
+SOUND = Results(
     {"seed": 3},
     [Table("Heights", ("", "m"), [("hill", "7.25")], "Above the sea.")],
     ["So it is."],
-    [],
-    None,
+    [Check("height [m]", "hill", 7.25, 8.0)],
 )
+WRITTEN = {"seed": 3, "files": ["measure.json", "measure.md"]}
+"""The contents of its JSON file."""
 
 
-def study_of(findings: Findings):
-    def study(
-        times: Annotated[int, typer.Option(help="How often.")] = 2, *, progress: Progress
-    ) -> Findings:
-        """Measure."""
-        with progress("measuring") as on_progress:
-            for k in range(times):
-                on_progress(k + 1, times)
-        return findings
-
-    return study
+@pytest.fixture(autouse=True)
+def elsewhere(tmp_path, monkeypatch):
+    """An empty working directory."""
+    monkeypatch.chdir(tmp_path)
 
 
-def run(findings: Findings, *arguments: str) -> None:
+def run(results: Results, *arguments: str) -> None:
+    """A study of these results as `fjh measure` runs it."""
+
+    def make(*, times: int, on_progress: OnProgress, seed: int, quick: bool) -> Results:
+        for k in range(times):
+            on_progress(k + 1, times)
+        return results
+
+    study = made_study("measure", make, (Option("times", int, 2, "How often."),))
     study_app = typer.Typer()
-    study_app.command()(presented(study_of(findings)))
+    study_app.command()(command(study))
     study_app(list(arguments), standalone_mode=False)
 
 
@@ -69,8 +75,8 @@ def test_a_person_sees_tables_legends_and_notes(capsys):
     ("arguments", "printed"),
     [
         (["--quiet"], ""),
-        (["--json"], json_text(SOUND.summary)),
-        (["--json", "--quiet"], json_text(SOUND.summary)),
+        (["--json"], json_text(WRITTEN)),
+        (["--json", "--quiet"], json_text(WRITTEN)),
     ],
 )
 def test_scripts_get_nothing_or_json_and_nothing_else(capsys, arguments, printed):
@@ -86,25 +92,24 @@ def test_a_terminal_shows_progress_unless_it_is_to_be_quiet(monkeypatch, capsys,
     monkeypatch.setenv("TERM", "xterm")
     monkeypatch.setattr(sys, "stderr", screen)
     run(SOUND, "--times", "3", *arguments)
-    assert ("measuring" in screen.getvalue()) == shows
+    assert ("measure" in screen.getvalue()) == shows
     assert shows or screen.getvalue() == ""
 
 
 @pytest.mark.parametrize("arguments", [[], ["--quiet"], ["--json"]])
-def test_a_complaint_is_raised_in_every_mode_after_the_output(capsys, arguments):
-    unsound = Findings({"seed": 4}, SOUND.tables, [], [], "the hill is gone")
-    with pytest.raises(Unsound, match="not sound: the hill is gone"):
+def test_a_failed_check_is_raised_in_every_mode_after_the_output(capsys, arguments):
+    unsound = replace(SOUND, checks=[Check("height [m]", "hill", float("nan"), 8.0)])
+    with pytest.raises(Unsound, match=r"not sound: hill: height .m. is nan, expected below 8"):
         run(unsound, *arguments)
     out = capsys.readouterr().out
     assert (out == "") == (arguments == ["--quiet"])
     if "--json" in arguments:
-        assert json.loads(out) == unsound.summary
+        assert json.loads(out) == WRITTEN
 
 
 @pytest.fixture
-def nowhere(tmp_path, monkeypatch):
-    """An empty working directory, and at the end still one."""
-    monkeypatch.chdir(tmp_path)
+def nowhere(tmp_path, elsewhere):
+    """The working directory, which is empty at the end, too."""
     yield
     assert list(tmp_path.iterdir()) == []
 
@@ -121,9 +126,7 @@ def test_help_says_what_how_long_which_files_units_and_an_example(capsys, nowher
     example = re.search(rf"Example: (fjh {name}.*?) Options:", text)
     assert example
     words = shlex.split(example.group(1))[2:]
-    group = typer.main.get_command(app)
-    assert isinstance(group, TyperGroup)
-    group.commands[name].make_context(name, words)  # raises what the command would complain of
+    GROUP.commands[name].make_context(name, words)  # raises what the command would complain of
 
 
 def test_the_list_of_commands_has_whole_sentences_and_the_exit_codes(capsys, nowhere):
@@ -131,8 +134,7 @@ def test_the_list_of_commands_has_whole_sentences_and_the_exit_codes(capsys, now
     whole = capsys.readouterr().out
     text = re.sub(r"\s+", " ", whole)
     for study in STUDIES:
-        assert study.__doc__
-        assert study.__doc__.partition("\n")[0] in text
+        assert study.help.partition("\n")[0] in text
     for code in (0, 1, 2, 130):
         assert re.search(rf"^ +{code} +\w", whole, re.MULTILINE)
     assert main([]) == 0
@@ -245,29 +247,19 @@ def test_an_interrupted_run_leaves_no_folder_and_an_old_one_whole(tmp_path, rais
 
 
 @pytest.mark.parametrize(
-    "name",
-    [
-        "table1",
-        "figures",
-        "systems",
-        "release",
-        "recover",
-        "jacobian",
-        "goals",
-        "sweep",
-        "atlas",
-    ],
+    "study",
+    [study for study in STUDIES if study.name not in ("force", "uncorrected", "bench")],
+    ids=lambda study: study.name,
 )
-def test_a_study_lists_its_files_and_tells_the_same_from_its_json(request, name):
-    """The figures have captions, and what is told needs nothing but the file."""
-    folder = request.getfixturevalue(f"{name}_folder")
-    summary = json.loads((folder / f"{name}.json").read_text())
+def test_a_study_lists_its_files_and_is_checked_by_its_json(request, study):
+    """What the checks say needs nothing but the file; no row of a table is short."""
+    folder = request.getfixturevalue(f"{study.name}_folder")
+    summary = json.loads((folder / f"{study.name}.json").read_text())
     assert set(summary["files"]) == contents(folder)
-    findings = importlib.import_module(f"experiments.{name}.text").findings(summary)
-    assert findings.complaint is None
-    pictures = {picture.file for picture in findings.pictures}
-    assert pictures == {file for file in summary["files"] if file.endswith(".png")}
-    if (folder / f"{name}.md").exists():
-        assert (folder / f"{name}.md").read_text() == findings.markdown()
-    for table in findings.tables:
-        assert {len(row) for row in table.rows} == {len(table.headings)}
+    checks = importlib.import_module(study.results.partition(":")[0]).checks(summary)
+    assert checks
+    assert [str(check) for check in checks if not check.passed] == []
+    tables = re.findall(r"(?:^\|.*\n)+", (folder / f"{study.name}.md").read_text(), re.MULTILINE)
+    assert tables
+    for table in tables:
+        assert len({line.count("|") for line in table.splitlines()}) == 1

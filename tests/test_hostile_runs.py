@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from experiments.app.cli import main
-from experiments.app.review.told import check_told
+from experiments.app.review import check_stated
 from experiments.hexapod.metrics import pointing_rms_urad
 from experiments.hexapod.recording import keep as keep_module
+from experiments.hexapod.recording.hexapod import Mark
+from experiments.hexapod.recording.keep import COLUMNS, marks_from, whole_run
 from experiments.hexapod.simulation import Trajectory
 from experiments.output.files import write_arrays
-from experiments.output.recording.marks import Mark, marks_from
-from experiments.output.recording.whole import COLUMNS, whole_run
 from experiments.output.study import WrongInput
 from tests.made import keep_made, made_run
 
@@ -145,7 +145,7 @@ def test_marks_in_a_recording_are_checked(folder, monkeypatch):
         return properties | {"marks": "[3]"}, angles
 
     monkeypatch.setattr(keep_module, "_read_recording", spoilt)
-    with pytest.raises(WrongInput, match=r"made\.rrd has marks that are none"):
+    with pytest.raises(WrongInput, match=r"made\.rrd has invalid marks"):
         keep_module.read_run(folder / "made.npz")
 
 
@@ -167,7 +167,7 @@ def test_json_that_contradicts_the_data_is_noticed(alpha):
     ours = f"{pointing_rms_urad(RUN)[0]:.10g}"
     said = re.escape(f"made.json says alpha_rms_urad = {alpha} of made.npz, whose data give {ours}")
     with pytest.raises(WrongInput, match=said):
-        check_told("made.npz", RUN, told)
+        check_stated("made.npz", RUN, told)
 
 
 @pytest.mark.parametrize("place", [".", "made.npz"])

@@ -14,7 +14,7 @@ import rerun.blueprint as rrb
 from PIL import Image
 
 from experiments.app.cli import main
-from experiments.app.render.viewer import (
+from experiments.app.render import (
     complaints,
     headless_viewer,
     photograph,

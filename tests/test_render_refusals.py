@@ -7,8 +7,8 @@ from typing import NoReturn
 import pytest
 import rerun_cli
 
+from experiments.app import render
 from experiments.app.cli import main
-from experiments.app.render import viewer
 
 ADAPTER = "Error: Failed to find an appropriate graphics adapter"
 SLOW = "WARN egui: Failed to render screenshot"
@@ -36,7 +36,7 @@ def stand_in(tmp_path, monkeypatch):
         program.write_text(f"#!/bin/sh\necho '{line}'\ntouch {logged}\nexec sleep 600\n")
         program.chmod(0o755)
         monkeypatch.setattr(rerun_cli, "__file__", str(tmp_path / "__init__.py"))
-        monkeypatch.setattr(viewer, "_connected", lambda *_: Mute(logged, error))
+        monkeypatch.setattr(render, "_connected", lambda *_: Mute(logged, error))
 
     return put
 

@@ -4,7 +4,6 @@ import base64
 import io
 import json
 import re
-import shutil
 import subprocess
 from dataclasses import dataclass
 from html.parser import HTMLParser
@@ -14,19 +13,16 @@ from urllib.parse import unquote_to_bytes
 import matplotlib.image
 import pytest
 
-from experiments.app.cli import main
-from experiments.app.report import chapters, origin
-from experiments.app.report.chapter import Chapter, Edition
-from experiments.output.files import published, write_index
-from experiments.output.findings import Findings, Picture, Table
-from experiments.output.study import Progress, Unsound
-from experiments.systems.command import systems
-from experiments.table1.text import findings as table1_findings
+from experiments.app import report as report_module
+from experiments.app.chapter import Chapter, Edition
+from experiments.app.cli import STUDIES, main
+from experiments.output import provenance
+from experiments.output.plotting import new_figure
+from experiments.output.results import Check, Picture, Results
+from experiments.output.study import OnProgress, Unsound
+from experiments.output.tables import Table
+from tests.made import made_study
 
-PIXEL = base64.b64decode(
-    "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAYAAAAfFcSJAAAADUlEQVR42mNk+M9QDwADhgGAWjR9awAAAABJRU5ErkJg"
-    "gg=="
-)
 VOID = {"meta", "img", "br", "link", "input", "hr"}
 
 
@@ -75,28 +71,24 @@ class Page(HTMLParser):
             self.tables[-1][-1][-1] += data
 
 
-def stub(name: str, ran: list[str], complaint: str | None = None, raised=None) -> Chapter:
-    def study(*, out: Path, seed: int, quick: bool, progress: Progress) -> Findings:
-        """Ask something & <something> else."""
+def stub(name: str, ran: list[str], failed: float = 0.0, raised=None) -> Chapter:
+    """A chapter that is sound unless a number of its is 1 or more."""
+
+    def make(*, seed: int, quick: bool, on_progress: OnProgress) -> Results:
         ran.append(name)
-        with progress(name) as on_progress:
-            on_progress(1, 1)
+        on_progress(1, 1)
         if raised:
             raise raised
-        with published(out, index=f"{name}.json") as staging:
-            (staging / "figure.png").write_bytes(PIXEL)
-            (staging / "run.rrd").write_text("a recording")
-            summary = write_index(staging / f"{name}.json", {"seed": seed, "quick": quick})
-        return Findings(
-            summary,
+        return Results(
+            {"seed": seed, "quick": quick},
             [Table("Of <it>", ("", "x\ny, um"), [(f"a < {name}", "7.25")], "What & why.")],
             ["5 < 6 & so on"],
-            [Picture("figure.png", "A <pixel>.", 'One "pixel".')],
-            complaint,
+            [Check("error & <more>", "at 3 s", failed, 1.0)],
+            [Picture("figure", "A <pixel>.", 'One "pixel".', lambda: new_figure(0.1, 0.1))],
+            records=[lambda folder: (folder / "run.rrd").write_text("a recording") and None],
         )
 
-    study.__name__ = name
-    return Chapter(study)
+    return Chapter(made_study(name, make))
 
 
 @dataclass(frozen=True)
@@ -109,7 +101,7 @@ class Reporter:
 
     def __call__(self, *some: Chapter, options: tuple[str, ...] = ()) -> tuple[int, dict, str]:
         """Exit code, contents of the index, standard error."""
-        self.monkeypatch.setattr(chapters, "CHAPTERS", some)
+        self.monkeypatch.setattr(report_module, "CHAPTERS", some)
         code = main(["report", "--out", str(self.out), *options])
         index = self.out / "report.json"
         told = json.loads(index.read_text()) if index.exists() else {}
@@ -227,7 +219,7 @@ def test_other_options_code_or_versions_run_every_chapter_again(report, monkeypa
         ("processor", lambda: "an abacus"),
     ):
         before = len(ran)
-        monkeypatch.setattr(origin, what, value)
+        monkeypatch.setattr(provenance, what, value)
         report(*both, options=("--quick", "--seed", "3"))
         assert len(ran) == before + 2, what
         report(*both, options=("--quick", "--seed", "3"))
@@ -267,13 +259,14 @@ def test_ctrl_c_in_the_first_chapter_leaves_no_folder(report):
 def test_an_unsound_chapter_is_told_and_the_others_still_run(report):
     ran: list[str] = []
     code, told, error = report(
-        stub("one", ran, complaint="1 < 2 at 3 s"),
+        stub("one", ran, failed=2.0),
         stub("two", ran, raised=Unsound("it diverged at 4 s")),
         stub("three", ran),
     )
     assert code == 1
     assert error == (
-        "fjh: the experiment is not sound: one: 1 < 2 at 3 s; two: it diverged at 4 s\n"
+        "fjh: the experiment is not sound: one: at 3 s: error & <more> is 2, expected below 1; "
+        "two: it diverged at 4 s\n"
     )
     assert ran == ["one", "two", "three"]
     assert [chapter["complaint"] is None for chapter in told["chapters"]] == [False, False, True]
@@ -303,29 +296,50 @@ def test_wrong_input_is_refused_before_any_work(report, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
 
 
-def test_a_real_study_and_table_1_beside_the_papers_numbers(report, table1_folder):
-    """The study is run, Table I is the one of the other tests."""
-
-    def table1(*, out: Path, seed: int, quick: bool, progress: Progress) -> Findings:
-        """Reproduce Table I."""
-        shutil.copytree(table1_folder, out)
-        return table1_findings(json.loads((out / "table1.json").read_text()))
-
-    code, told, _ = report(Chapter(table1), Chapter(systems), options=("--quick",))
+def test_a_real_study_has_captions_for_its_figures_and_its_tables_as_they_are_printed(report):
+    """The study of the other tests, run short."""
+    study = next(each for each in STUDIES if each.name == "release")
+    code, told, _ = report(Chapter(study), options=("--quick",))
     assert code == 0
+    (chapter,) = told["chapters"]
+    figures = {file for file in chapter["wrote"] if file.endswith(".png")}
+    assert {picture["file"] for picture in chapter["pictures"]} == figures
+    assert chapter["recordings"] == [file for file in chapter["wrote"] if file.endswith(".rrd")]
+    assert chapter["model_sha256"] == told["model_sha256"]
     page = Page(report.html())
-    rows = page.tables[1]
+    printed = (report.out / "release" / "release.md").read_text()
+    for row in (row for table in page.tables[1:-1] for row in table):
+        assert f"| {' | '.join(row)} |" in printed
+
+
+def tables_in(markdown: str) -> list[Table]:
+    """The tables of a study's Markdown file."""
+    tables = []
+    for title, body in re.findall(r"^## (.*?)\n(.*?)(?=^## |\Z)", markdown, re.M | re.S):
+        lines = [line for line in body.splitlines() if line.startswith("|")]
+        heads, _, *rows = [[cell.strip() for cell in line[1:-1].split("|")] for line in lines]
+        tables.append(Table(title, tuple(heads), [tuple(row) for row in rows]))
+    return tables
+
+
+def test_table_1_stands_on_the_page_beside_the_papers_numbers(report, table1_folder):
+    """Table I is the one of the other tests."""
+    tables = tables_in((table1_folder / "table1.md").read_text())
+
+    def make(*, seed: int, quick: bool, on_progress: OnProgress) -> Results:
+        return Results({}, tables)
+
+    assert report(Chapter(made_study("table1", make)))[0] == 0
+    rows = Page(report.html()).tables[1]
     assert rows[0][1:] == ["W_a", "W_b", "W_c", "W_d", "W_e", "W_a uncorr."]
     papers = [row[1:] for row in rows if row[0].strip() == "paper"]
     assert papers == [
         ["2.4476", "2.2444", "2.3115", "2.3634", "2.8324", "9.8167"],
         ["3.0916", "3.2712", "3.2528", "3.5601", "3.2868", "4.7903"],
     ]
-    assert len(page.images) == 4
-    assert told["chapters"][1]["recordings"] == ["arm.rrd", "arms.rrd", "hand.rrd", "platform.rrd"]
 
 
-@pytest.mark.parametrize("chapter", chapters.CHAPTERS, ids=lambda chapter: chapter.name)
+@pytest.mark.parametrize("chapter", report_module.CHAPTERS, ids=lambda chapter: chapter.name)
 def test_a_chapters_command_is_one_that_fjh_understands(chapter, capsys):
     words = chapter.command(Edition(Path("results"), 0, True, {})).split()[1:]
     assert chapter.name == words[0]
@@ -337,26 +351,26 @@ def test_a_chapters_command_is_one_that_fjh_understands(chapter, capsys):
 
 
 def test_the_code_hash_changes_with_a_source_and_not_with_the_report(tmp_path, monkeypatch):
-    here = tmp_path / "experiments" / "report"
+    here = tmp_path / "experiments" / "app"
     here.mkdir(parents=True)
-    monkeypatch.setattr(origin, "ROOT", tmp_path)
-    monkeypatch.setattr(origin, "HERE", here)
-    seen = {origin.code_sha256()}
+    monkeypatch.setattr(provenance, "ROOT", tmp_path)
+    monkeypatch.setattr(provenance, "APP", here)
+    seen = {provenance.code_sha256()}
     rooms = ("argument_checks/a.py", "prioritized/a.py", "experiments/a.py")
     for name in ("sim/a.py", "sim/b/a.py", "models/a.xml", *rooms):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text("1")
-        seen.add(origin.code_sha256())
+        seen.add(provenance.code_sha256())
     (tmp_path / "sim" / "a.py").write_text("2")
-    seen.add(origin.code_sha256())
+    seen.add(provenance.code_sha256())
     assert len(seen) == 8
     (here / "page.py").write_text("1")
-    assert origin.code_sha256() in seen
+    assert provenance.code_sha256() in seen
 
 
 def test_a_commit_is_named_only_in_the_projects_own_checkout(tmp_path, monkeypatch):
-    assert re.match(r"[0-9a-f]{40}(, with uncommitted changes)?$|not a git", origin.commit())
-    monkeypatch.setattr(origin, "HERE", tmp_path)
-    assert origin.commit() == "not a git checkout"
+    assert re.match(r"[0-9a-f]{40}(, with uncommitted changes)?$|not a git", provenance.commit())
+    monkeypatch.setattr(provenance, "HERE", tmp_path)
+    assert provenance.commit() == "not a git checkout"
     subprocess.run(["git", "init", "-q", str(tmp_path)], check=True)
-    assert origin.commit() == "not a git checkout"
+    assert provenance.commit() == "not a git checkout"

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from experiments.app.cli import main
-from experiments.app.review.runs import about_runs
+from experiments.app.review import about_runs
 from experiments.hexapod import paper
 from experiments.hexapod.recording.keep import Kept
 from experiments.hexapod.recording.shown import Shown

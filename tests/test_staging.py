@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from experiments.output import staging
+from experiments.output import files
 from experiments.output.files import published
 
 WRITES = """
@@ -81,7 +81,7 @@ def test_a_folder_that_was_removed_before_it_was_locked_is_made_again(tmp_path, 
         fcntl_flock(handle, how)
 
     fcntl_flock = fcntl.flock
-    monkeypatch.setattr(staging.fcntl, "flock", lock)
+    monkeypatch.setattr(files.fcntl, "flock", lock)
     write(tmp_path)
     assert len(removed) == 1
     assert contents(tmp_path) == {"index.json"}

@@ -1,96 +1,164 @@
-"""The command `fjh`: one experiment, its options, one sentence when something is wrong."""
+"""The command `fjh`: its studies, and the commands that show what they wrote."""
 
+import re
 import sys
 from itertools import pairwise
+from pathlib import Path
+from typing import Annotated
 
 import typer
 
-from experiments.app.command import command as command_of
+from experiments.app.command import command, machine_refused
 from experiments.app.presentation import presented
-from experiments.app.render.command import render
-from experiments.app.report.command import report
-from experiments.app.review.command import review
+from experiments.app.report import report
 from experiments.atlas.command import atlas
 from experiments.benchmark.command import bench
-from experiments.figures import STUDY as FIGURES
-from experiments.force import STUDY as FORCE
+from experiments.figures.command import figures
+from experiments.force.command import force
 from experiments.goals.command import goals
 from experiments.jacobian.command import jacobian
-from experiments.output.files import OutputError
-from experiments.output.interrupt import INTERRUPTED, SENTENCE
+from experiments.output.files import OutputError, published, usable_file
 from experiments.output.study import Interrupted, Unsound, WrongInput
-from experiments.output.terminal import notice
+from experiments.output.terminal import INTERRUPTED, INTERRUPTION, notice, raise_on_interrupt
 from experiments.recover.command import recover
 from experiments.release import STUDY as RELEASE
 from experiments.sweep.command import sweep
 from experiments.systems.command import systems
-from experiments.table1 import STUDY as TABLE1
-from experiments.uncorrected import STUDY as UNCORRECTED
+from experiments.table1.command import table1
+from experiments.uncorrected.command import uncorrected
+
+LEGACY = (
+    table1,
+    figures,
+    systems,
+    recover,
+    force,
+    goals,
+    jacobian,
+    uncorrected,
+    sweep,
+    atlas,
+    bench,
+)
+STUDIES = (RELEASE,)
 
 UNSOUND, WRONG_INPUT = 1, 2
 
 HELP = """Experiments on the fault-tolerant hexapod and the other mechanisms of its paper.
 
-Each of the studies runs one experiment in MuJoCo and prints its tables; `fjh report` runs all. Into
-results/COMMAND/, or where --out says, it writes all numbers (.json, units in their names), data
-(.npz), figures and recordings (.rrd; `rerun FILE.rrd` opens one). Begin with `fjh table1`: a
-minute on two cores. `fjh review` and `fjh render` show what is there.
+Each study runs one experiment in MuJoCo and prints its tables; `fjh report` runs most of them. A
+study writes into results/COMMAND/, or the folder given by --out: all numbers (.json, units in their
+names), the tables (.md), data (.npz), figures and recordings (.rrd; `rerun FILE.rrd` opens one).
+Begin with `fjh table1`: a minute on two cores. `fjh review` and `fjh render` show recordings.
 """
 EXIT_CODES = """\b
 Exit codes:
   0    sound
-  1    unsound: a simulation diverged, left its prediction or missed a goal; no picture
+  1    unsound: a simulation diverged, a check of the results failed, or no picture was drawn
   2    wrong input
   130  interrupted; no file is left half-written
 """
 
+_SIZE = re.compile(r"([1-9]\d{1,3})x([1-9]\d{1,3})")
+
+
+def review(
+    runs: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="RUN", help="Folders of results, and single runs (.npz), of the hexapod."
+        ),
+    ],
+    out: Annotated[Path, typer.Option(metavar="FILE.rrd", help="The recording to write.")] = Path(
+        "review.rrd"
+    ),
+    model: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE", help="Another machine file, MJCF.  [default: the hexapod, fjh.xml]"
+        ),
+    ] = None,
+) -> None:
+    """Put runs side by side in one recording.
+
+    All columns of Table I, or any set of runs: a column each with spiral, errors, inputs and
+    secondary motion, the same scales in all; a page with the hexapods in 3D, and one with the
+    numbers, the paper's beside them. Takes seconds.
+
+    Example: fjh review results/table1 --out /tmp/table1.rrd
+    """
+    folder = usable_file(out, ".rrd")
+    raise_on_interrupt()
+    with machine_refused():
+        from experiments.app.review import write_review  # late: help does not wait for it
+
+        with published(folder, index=out.name) as staging:
+            write_review(staging / out.name, runs, model)
+
+
+def render(
+    file: Annotated[
+        Path,
+        typer.Argument(metavar="FILE.rrd", help="A recording.", exists=True, dir_okay=False),
+    ],
+    out: Annotated[Path, typer.Option(metavar="FILE.png", help="The picture to write.")],
+    time: Annotated[
+        float | None,
+        typer.Option(
+            metavar="S", help="Simulation time to show, s.  [default: the recording's end]"
+        ),
+    ] = None,
+    size: Annotated[
+        str, typer.Option(metavar="WIDTHxHEIGHT", help="Of the picture, pixels.")
+    ] = "1600x900",
+) -> None:
+    """Make a picture of a recording, as the viewer shows it.
+
+    Rerun's viewer draws without a window: no display is needed, but a graphics card or Mesa's
+    Vulkan driver (mesa-vulkan-drivers). A warning of the viewer's is an error. Takes 5 s.
+
+    Example: fjh render results/table1/W_e.rrd --time 6 --out picture.png
+    """
+    pixels = _SIZE.fullmatch(size)
+    if not pixels:
+        raise typer.BadParameter(f"{size} is not WIDTHxHEIGHT", param_hint="--size")
+    folder = usable_file(out, ".png")
+    raise_on_interrupt()
+    from experiments.app.render import picture_of  # late, as above
+
+    picture = picture_of(file, time, (int(pixels[1]), int(pixels[2])))
+    with published(folder, index=out.name) as staging:
+        (staging / out.name).write_bytes(picture)
+
+
 app = typer.Typer(name="fjh", help=HELP, epilog=EXIT_CODES, rich_markup_mode=None)
-STUDIES = (
-    systems,
-    recover,
-    goals,
-    jacobian,
-    sweep,
-    atlas,
-    bench,
-    report,
-)
-for command in (
-    command_of(TABLE1),
-    command_of(FIGURES),
-    *map(presented, STUDIES),
-    command_of(FORCE),
-    command_of(UNCORRECTED),
-    command_of(RELEASE),
-    review,
-    render,
-):
+for each in (*map(presented, LEGACY), *map(command, STUDIES), report, review, render):
     # The first line whole: Typer itself would cut it at any full stop.
-    app.command(short_help=(command.__doc__ or "").partition("\n")[0])(command)
+    app.command(short_help=(each.__doc__ or "").partition("\n")[0])(each)
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Run `fjh`; returns the exit code: 0 sound, 1 unsound, 2 wrong input, 130 interrupted."""
     words = sys.argv[1:] if arguments is None else arguments
     if empty := _empty_option(words):
-        return _complain(f"{empty} is empty, expected a value", WRONG_INPUT)
+        return _failed(f"{empty} is empty, expected a value", WRONG_INPUT)
     try:
         code = app(args=words or ["--help"], prog_name="fjh", standalone_mode=False)
     except typer.exceptions.TyperException as error:
-        return _complain(error.format_message(), WRONG_INPUT)
+        return _failed(error.format_message(), WRONG_INPUT)
     except (WrongInput, OutputError) as error:
-        return _complain(str(error), WRONG_INPUT)
+        return _failed(str(error), WRONG_INPUT)
     except Unsound as error:
-        return _complain(str(error), UNSOUND)
+        return _failed(str(error), UNSOUND)
     except Interrupted as error:
-        return _complain(str(error), INTERRUPTED)
+        return _failed(str(error), INTERRUPTED)
     if code == INTERRUPTED:  # Typer has already caught the Ctrl-C
-        return _complain(SENTENCE, INTERRUPTED)
+        return _failed(INTERRUPTION, INTERRUPTED)
     return code or 0
 
 
 def _empty_option(words: list[str]) -> str | None:
-    """The first option or argument with nothing in it; a path of nothing would be this folder."""
+    """The first option or argument that is empty; an empty path would be this folder."""
     for former, word in pairwise(["the first argument", *words]):
         if not word:
             return former if former.startswith("-") else f"an argument after {former}"
@@ -99,7 +167,7 @@ def _empty_option(words: list[str]) -> str | None:
     return None
 
 
-def _complain(sentence: str, code: int) -> int:
+def _failed(sentence: str, code: int) -> int:
     if sentence:
         notice(sentence)
     return code

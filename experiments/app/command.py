@@ -1,4 +1,4 @@
-"""A study as a command: its options, its progress, its files, its verdict."""
+"""A study as a command: its options, its progress, its files, its exit code."""
 
 import inspect
 from collections.abc import Callable, Iterator
@@ -14,45 +14,29 @@ from experiments.output.results import Results, publish
 from experiments.output.study import Option, Progress, Study, Unsound, WrongInput
 from experiments.output.terminal import print_notes, print_table, progress
 
-_QUIET = Option("quiet", bool, False, "No tables and no progress: files and exit code only.")
-_JSON = Option(
-    "json",
-    bool,
-    False,
+_QUIET = "No tables and no progress: files and exit code only."
+_JSON = (
     "The contents of the JSON file on standard output instead of tables; --quiet then leaves out "
-    "the progress only.",
+    "the progress only."
 )
 
 
 def command(study: Study) -> Callable[..., None]:
-    """The study as Typer takes it.
-
-    Returns:
-        A command that raises `Unsound` when a check failed, and `WrongInput` when a machine file
-        will not do.
-    """
+    """The study as a command for Typer, which raises `Unsound` where a check failed."""
 
     def run(*, out: Path, quiet: bool, json: bool, **options: Any) -> None:
         with machine_refused():
             results = conduct(study, out, partial(progress, shown=not quiet), **options)
-        if json:
-            print(json_text(results.summary), end="")
-        elif not quiet:
-            for table in results.tables:
-                print_table(table)
-            print_notes(results.notes)
+        show(results, quiet=quiet, json=json)
         if failed := results.failed_check:
             raise Unsound(f"the experiment is not sound: {failed}")
 
-    parameters = [_parameter(option) for option in _options(study)]
-    run.__name__, run.__doc__ = study.name, study.help
-    run.__dict__["__signature__"] = inspect.Signature(parameters)
-    run.__annotations__ = {each.name: each.annotation for each in parameters}
-    return run
+    shared = {"seed": study.seed, "quick": study.quick}
+    return with_options(run, study.name, study.help, **shared, further=study.options)
 
 
 def conduct(study: Study, folder: Path, progress: Progress, **options: Any) -> Results:
-    """Run a study and publish it in the folder.
+    """Results of a study, which are published in the folder.
 
     Raises:
         OutputError: The disk or the folder refuses.
@@ -65,22 +49,52 @@ def conduct(study: Study, folder: Path, progress: Progress, **options: Any) -> R
         return publish(folder, study.name, study.perform(on_progress=on_progress, **options))
 
 
-def _options(study: Study) -> list[Option]:
-    seed = Option("seed", int, 0, f"Seed of {study.seed}.", metavar="N")
-    return [
-        Option("out", Path, Path("results", study.name), "Folder for results, made if need be."),
-        seed,
-        Option("quick", bool, False, study.quick),
-        *study.options,
-        _QUIET,
-        _JSON,
-    ]
+def show(results: Results, *, quiet: bool, json: bool) -> None:
+    """Print tables and notes for a person, or JSON for a script, or nothing."""
+    if json:
+        print(json_text(results.summary), end="")
+    elif not quiet:
+        for table in results.tables:
+            print_table(table)
+        print_notes(results.notes)
+
+
+def with_options(
+    run: Callable[..., None],
+    name: str,
+    help: str,
+    *,
+    seed: str,
+    quick: str,
+    further: tuple[Option, ...] = (),
+) -> Callable[..., None]:
+    """The function as Typer takes it, with the options that all studies have, and further ones.
+
+    Args:
+        run: Takes all of them by keyword.
+        name: Of the command, and of its folder.
+        help: Its help text.
+        seed: What the seed is of.
+        quick: What --quick leaves out.
+        further: Options of this command only.
+    """
+    options = (
+        Option("out", Path, Path("results", name), "Folder for results, made if need be."),
+        Option("seed", int, 0, f"Seed of {seed}.", metavar="N"),
+        Option("quick", bool, False, quick),
+        *further,
+        Option("quiet", bool, False, _QUIET),
+        Option("json", bool, False, _JSON),
+    )
+    parameters = [_parameter(option) for option in options]
+    run.__name__, run.__doc__ = name, help
+    run.__dict__["__signature__"] = inspect.Signature(parameters)
+    run.__annotations__ = {each.name: each.annotation for each in parameters}
+    return run
 
 
 def _parameter(option: Option) -> inspect.Parameter:
-    bounds: dict[str, Any] = {}
-    if option.name == "seed":
-        bounds = {"min": 0, "max": 2**32 - 1}
+    bounds: dict[str, Any] = {"min": 0, "max": 2**32 - 1} if option.name == "seed" else {}
     metavar = "FOLDER" if option.name == "out" else option.metavar
     names = () if option.kind is not bool else (f"--{option.name.replace('_', '-')}",)
     info = typer.Option(*names, help=option.help, metavar=metavar, **bounds)
@@ -94,12 +108,8 @@ def _parameter(option: Option) -> inspect.Parameter:
 
 @contextmanager
 def machine_refused() -> Iterator[None]:
-    """Turn the refusal of a machine file into that of the command line.
-
-    Raises:
-        WrongInput: A machine file will not do.
-    """
-    from sim import ModelError  # late: the help text need not wait for MuJoCo's import
+    """Make a `WrongInput` of the error that a machine file raises."""
+    from sim import ModelError  # late: the help text does not wait for MuJoCo's import
 
     try:
         yield
@@ -109,13 +119,8 @@ def machine_refused() -> Iterator[None]:
 
 @contextmanager
 def diverged_into(folder: Path) -> Iterator[None]:
-    """Leave the state of a diverging simulation in the folder.
-
-    Raises:
-        Unsound: A simulation inside diverged.
-    """
-    # Late: the help text need not wait for MuJoCo's import.
-    import numpy as np
+    """Leave the state of a diverging simulation in the folder, and raise `Unsound`."""
+    import numpy as np  # late, as above
 
     from sim import SimulationDiverged
 

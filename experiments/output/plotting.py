@@ -1,4 +1,4 @@
-"""Figures as they are printed: widths, style, and how they are saved. No display is needed."""
+"""Figures for print: widths, colours, style, and how they are saved. No display is needed."""
 
 from pathlib import Path
 
@@ -10,6 +10,23 @@ from matplotlib.ticker import LogLocator, NullLocator
 PAGE_IN = 7.16
 """Width of a figure across both columns of a page; `COLUMN_IN`: of one column."""
 COLUMN_IN = 3.5
+
+# Okabe and Ito's: colour-blind readers can distinguish them, and so can readers of a grey print.
+BLACK, BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY, YELLOW = (
+    "#000000",
+    "#0072B2",
+    "#D55E00",
+    "#009E73",
+    "#CC79A7",
+    "#E69F00",
+    "#56B4E9",
+    "#F0E442",
+)
+LINES = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)
+"""For curves of one kind, in the order of their use; yellow is too light for a line."""
+DESIRED, MEASURED, START = BLACK, BLUE, VERMILION
+COLOR_MAP = "cividis"
+"""For a quantity: perceptually uniform, and the same to colour-blind readers."""
 
 TEXT_PT, TITLE_PT = 7, 8
 """The only two sizes of text: 7 pt is the least that journals print."""

@@ -1,4 +1,4 @@
-"""Where a report comes from: machine, commit, and the code itself."""
+"""Where results come from: machine, commit, versions, and the code itself."""
 
 import hashlib
 import os
@@ -10,11 +10,9 @@ from typing import Any
 
 import psutil
 
-from sim import model_sha256
-
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
-REPORT = ROOT / "experiments" / "app" / "report"
+APP = ROOT / "experiments" / "app"
 SOURCES = (
     "argument_checks/**/*.py",
     "experiments/**/*.py",
@@ -26,17 +24,6 @@ SOURCES = (
 
 
 PACKAGES = ("mujoco", "numpy", "scipy", "control", "rerun-sdk", "matplotlib")
-
-
-def origin() -> dict[str, Any]:
-    """All that tells one report from another of the same options."""
-    return {
-        "versions": versions(),
-        "model_sha256": model_sha256(),
-        "machine": machine(),
-        "commit": commit(),
-        "code_sha256": code_sha256(),
-    }
 
 
 def machine() -> dict[str, Any]:
@@ -70,11 +57,11 @@ def commit() -> str:
 
 
 def code_sha256() -> str:
-    """SHA-256 over all that makes numbers: sources and machine files, but not this report."""
+    """SHA-256 over all that makes numbers: sources and machine files, but not the command line."""
     digest = hashlib.sha256()
     for pattern in SOURCES:
         for file in sorted(ROOT.glob(pattern)):
-            if not file.is_relative_to(REPORT):
+            if not file.is_relative_to(APP):
                 digest.update(f"{file.relative_to(ROOT).as_posix()}\0".encode())
                 digest.update(hashlib.sha256(file.read_bytes()).digest())
     return digest.hexdigest()

@@ -51,7 +51,7 @@ class Picture:
         caption: What it shows.
         alt: What there is to see, for a reader who cannot.
         draw: Makes it.
-        formats: Endings of the files.
+        formats: Endings of the files; a page shows the first.
     """
 
     name: str
@@ -59,6 +59,11 @@ class Picture:
     alt: str
     draw: "Callable[[], Figure]"
     formats: tuple[str, ...] = ("png", "pdf")
+
+    @property
+    def file(self) -> str:
+        """The file that a page shows."""
+        return f"{self.name}.{self.formats[0]}"
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,7 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from experiments.output.palette import DESIRED, MEASURED, START
-from experiments.output.plotting import PAGE_IN, new_figure
+from experiments.output.plotting import DESIRED, MEASURED, PAGE_IN, START, new_figure
 from experiments.output.results import Picture
 from experiments.release.runs import Release, twist
 from sim import Array

@@ -10,11 +10,11 @@ import numpy as np
 from experiments.hexapod.checks import closure_check, prediction_checks, prediction_tolerance
 from experiments.hexapod.metrics import percent, pointing_rms_urad
 from experiments.hexapod.provenance import plant_constants, recording_properties
+from experiments.hexapod.recording.hexapod import Mark
 from experiments.hexapod.recording.keep import record_run
 from experiments.hexapod.recording.shown import Shown
 from experiments.hexapod.testbed import Bench
 from experiments.output.provenance import versions
-from experiments.output.recording.marks import Mark
 from experiments.output.results import Check, Results
 from experiments.output.tables import Column, Table, tabulate
 from experiments.release.figure import pictures

@@ -1,4 +1,4 @@
-"""The hexapod in 3D: its payload moves, its struts follow and show their current."""
+"""The hexapod in 3D, its struts coloured by their current, and the marks of struts that fail."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,7 +9,8 @@ import numpy as np
 import rerun as rr
 from scipy.spatial.transform import Rotation
 
-from experiments.output.palette import VERMILION, YELLOW
+from experiments.hexapod.simulation import Trajectory
+from experiments.output.plotting import VERMILION, YELLOW
 from experiments.output.recording.file import TIMELINE, rgb, time_column
 from experiments.output.recording.machine import (
     Motion,
@@ -17,14 +18,58 @@ from experiments.output.recording.machine import (
     log_body_colors,
     log_machine,
 )
-from experiments.output.recording.marks import Mark
 from sim import Array, Pose
 
-_WHITE = [240, 240, 240]
+_WHITE, _GREY, _YELLOW = [255, 255, 255], [190, 190, 190], rgb(YELLOW)
+_LABEL = [240, 240, 240]
+_MARK_WIDTH = 3.0
+
+
+@dataclass(frozen=True)
+class Mark:
+    """One strut's failure in a run.
+
+    Attributes:
+        strut: 0..5.
+        failed_s: When it happened.
+        failure: What happened, in words.
+        diagnosed_s: When it was diagnosed; infinite: never.
+        diagnosis: The diagnosis, in words.
+    """
+
+    strut: int
+    failed_s: float
+    failure: str
+    diagnosed_s: float = np.inf
+    diagnosis: str = ""
+
+    @property
+    def is_found(self) -> bool:
+        """Whether it was ever diagnosed."""
+        return self.diagnosed_s < np.inf
+
+
+@dataclass(frozen=True)
+class Picture:
+    """The hexapod at times (T,), as it is drawn.
+
+    Attributes:
+        time_s: Shape (T,).
+        pose: Of the payload, T of them, exaggeration included.
+        load: Of the struts, shape (T, 6); it colours them.
+        full_load: That of the deepest colours.
+        marks: Struts that fail.
+    """
+
+    time_s: Array
+    pose: Pose
+    load: Array
+    full_load: float
+    marks: Sequence[Mark] = ()
 
 
 def hexapod_motion(model: mujoco.MjModel, pose: Pose) -> Motion:
-    """Bodies of the hexapod when its payload stands at poses (T,): struts reach for its top nodes.
+    """Bodies of the hexapod with its payload at poses (T,), each strut pointing at its top node.
 
     However large the motion, its loops are closed.
     """
@@ -51,7 +96,7 @@ def hexapod_motion(model: mujoco.MjModel, pose: Pose) -> Motion:
 
 
 def _smallest_turn(before: Array, after: Array) -> Array:
-    """Rotations (T, 3, 3) that lay one direction (3,) along others (T, 3)."""
+    """Rotations (T, 3, 3) that turn one direction (3,) into others (T, 3)."""
     axis = np.cross(before, after)
     sine = np.linalg.norm(axis, axis=-1, keepdims=True)
     angle = np.arctan2(sine, (after @ before)[:, None])
@@ -59,23 +104,10 @@ def _smallest_turn(before: Array, after: Array) -> Array:
     return Rotation.from_rotvec(angle * unit).as_matrix()
 
 
-@dataclass(frozen=True)
-class Picture:
-    """The hexapod over time, as it is drawn.
-
-    Attributes:
-        time_s: Shape (T,).
-        pose: Of the payload, T of them, as far from nominal as is to be seen.
-        load: Of the struts, shape (T, 6); it colours them.
-        full_load: That of the deepest colours.
-        marks: Struts that fail.
-    """
-
-    time_s: Array
-    pose: Pose
-    load: Array
-    full_load: float
-    marks: Sequence[Mark] = ()
+def load_colors(load: Array, full_load: float) -> Array:
+    """Blue for negative, grey for no, red for positive load (T,), shape (T, 3), 0..255."""
+    share = 0.5 + 0.5 * load / full_load
+    return matplotlib.colormaps["coolwarm"](share, bytes=True)[:, :3]
 
 
 def log_hexapod(
@@ -89,7 +121,7 @@ def log_hexapod(
         colors = load_colors(picture.load[:, k], picture.full_load)
         log_body_colors(recording, entity, model, (f"housing{k + 1}", f"stem{k + 1}"), time, colors)
         label = rr.Points3D(
-            [[0, 0, 0.21]], radii=[0.001], colors=[_WHITE], labels=[f"{k + 1}"], show_labels=True
+            [[0, 0, 0.21]], radii=[0.001], colors=[_LABEL], labels=[f"{k + 1}"], show_labels=True
         )
         recording.log(f"{body_entity(entity, f'housing{k + 1}')}/number", label, static=True)
     # The pointing axis: the payload's z axis, upwards. The laser is in the MJCF, and stands still.
@@ -99,24 +131,18 @@ def log_hexapod(
         _log_collar(recording, entity, mark)
 
 
-def load_colors(load: Array, full_load: float) -> Array:
-    """Blue for negative, grey for no, red for positive load (T,), shape (T, 3), 0..255."""
-    share = 0.5 + 0.5 * load / full_load
-    return matplotlib.colormaps["coolwarm"](share, bytes=True)[:, :3]
-
-
 def _log_collar(recording: rr.RecordingStream, entity: str, mark: Mark) -> None:
-    """A yellow collar around a strut from when it fails, and what is known of it."""
+    """Log a yellow collar around a strut from its failure on, labelled with what is known of it."""
     path = f"{body_entity(entity, f'housing{mark.strut + 1}')}/failed"
-    told = [(mark.failed_s, mark.failure)]
+    known = [(mark.failed_s, mark.failure)]
     if mark.is_found:
-        told.append((mark.diagnosed_s, mark.diagnosis))
-    times, labels = zip(*told, strict=True)
+        known.append((mark.diagnosed_s, mark.diagnosis))
+    times, labels = zip(*known, strict=True)
     shape = rr.Cylinders3D(
         lengths=[0.05],
         radii=[0.032],
         centers=[[0, 0, 0.05]],
-        colors=[rgb(YELLOW)],
+        colors=[_YELLOW],
         fill_mode=rr.components.FillMode.Solid,
     )
     recording.set_time(TIMELINE, duration=mark.failed_s)
@@ -124,3 +150,48 @@ def _log_collar(recording: rr.RecordingStream, entity: str, mark: Mark) -> None:
     recording.reset_time()
     columns = rr.Cylinders3D.columns(labels=labels, show_labels=[True] * len(labels))
     recording.send_columns(path, [time_column(np.array(times))], columns)
+
+
+def log_marks(recording: rr.RecordingStream, marks: Sequence[Mark], run: Trajectory) -> None:
+    """Log for each failing strut of a run: its state, the events as text, its input in colour."""
+    begin_s, end_s = float(run.time_s[0]), float(run.time_s[-1])
+    style = rr.StateConfiguration(
+        values=["sound", "failed", "diagnosed"], colors=[_GREY, _YELLOW, _WHITE]
+    )
+    for mark in marks:
+        strut, found_s = mark.strut + 1, min(mark.diagnosed_s, end_s)
+        changes = [(begin_s, "sound")] if mark.failed_s > begin_s else []
+        changes.append((mark.failed_s, "failed"))
+        _log_input(recording, run, mark, "failed", _YELLOW, (mark.failed_s, found_s))
+        _log_text(recording, mark.failed_s, mark.failure)
+        if mark.is_found:
+            changes.append((mark.diagnosed_s, "diagnosed"))
+            _log_input(recording, run, mark, "diagnosed", _WHITE, (found_s, end_s))
+            _log_text(recording, mark.diagnosed_s, mark.diagnosis)
+        times, states = zip(*changes, strict=True)
+        columns = rr.StateChange.columns(state=states)
+        recording.log(f"state/strut_{strut}", style, static=True)
+        recording.send_columns(f"state/strut_{strut}", [time_column(np.array(times))], columns)
+
+
+def _log_input(
+    recording: rr.RecordingStream,
+    run: Trajectory,
+    mark: Mark,
+    state: str,
+    color: list[int],
+    span_s: tuple[float, float],
+) -> None:
+    """Log the input of a marked strut while it is in a state, as a thick line."""
+    entity = f"strut/input/strut_{mark.strut + 1}_{state}"
+    name = f"strut {mark.strut + 1} {state} [%]"
+    style = rr.SeriesLines(names=[name], colors=[color], widths=[_MARK_WIDTH])
+    recording.log(entity, style, static=True)
+    within = (run.time_s >= span_s[0]) & (run.time_s <= span_s[1])
+    columns = rr.Scalars.columns(scalars=run.strut_input_percent[within, mark.strut])
+    recording.send_columns(entity, [time_column(run.time_s[within])], columns)
+
+
+def _log_text(recording: rr.RecordingStream, when_s: float, text: str) -> None:
+    columns = rr.TextLog.columns(text=[text])
+    recording.send_columns("events", [time_column(np.array([when_s]))], columns)

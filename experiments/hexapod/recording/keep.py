@@ -1,4 +1,4 @@
-"""A hexapod run on disk: its data (.npz, the record) and its recording (.rrd, the view)."""
+"""A hexapod run on disk, written and read back: its data (.npz) and its recording (.rrd)."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -10,57 +10,48 @@ import mujoco
 import numpy as np
 from rerun.chunk import RrdReader
 
-from experiments.hexapod.recording.notes import run_notes
-from experiments.hexapod.recording.run import RATE_HZ, write_run
-from experiments.hexapod.recording.shown import Shown
+from experiments.hexapod.recording.hexapod import Mark
+from experiments.hexapod.recording.screens import RATE_HZ, write_run
+from experiments.hexapod.recording.shown import Shown, run_notes
+from experiments.hexapod.simulation import Trajectory
 from experiments.output.files import write_arrays
 from experiments.output.recording.file import TIMELINE, About, at_most
-from experiments.output.recording.marks import marks_from
-from experiments.output.recording.whole import whole_run
 from experiments.output.study import WrongInput
 from sim import Array
+
+COLUMNS = {
+    "time_s": (),
+    "desired_rad": (2,),
+    "true_rad": (2,),
+    "measured_rad": (2,),
+    "strut_input_percent": (6,),
+    "strut_displacement_m": (6,),
+    "secondary": (4,),
+    "secondary_estimated": (4,),
+    "closure_residual_m": (),
+}
+"""Shape of each signal of a run at one control tick."""
+
+LARGEST = 1e6
+"""In [s], [rad], [m] or [%]: what the machine does stays far below."""
+
+_UNEVEN = 1e-6
+
+
+class NoRunError(WrongInput):
+    """The file holds something else than a run."""
 
 
 @dataclass(frozen=True)
 class Kept:
-    """A run read back from its data.
+    """A run read back, with its marks; the experiment and its parameters are in the recording.
 
-    Attributes:
-        shown: The run, with its marks.
-        experiment: That flew it; empty when there is no recording beside the data.
-        properties: All its parameters; none when there is none.
+    Where there is no recording beside the data, they are empty.
     """
 
     shown: Shown
     experiment: str
     properties: dict[str, Any]
-
-
-def keep_run(
-    folder: Path,
-    name: str,
-    about: About,
-    model: mujoco.MjModel,
-    shown: Shown,
-    further: dict[str, Array] | None = None,
-) -> None:
-    """Write `name.npz`, every control tick, and `name.rrd`.
-
-    Args:
-        folder: Where.
-        name: Of both files, without ending.
-        about: What the recording says of itself.
-        model: The machine that is drawn.
-        shown: The run.
-        further: Arrays beside the run's own.
-    """
-    told = {
-        "experiment": about.recording_id.partition("-")[0],
-        "marks": json.dumps([asdict(mark) for mark in shown.marks]),
-    }
-    write_arrays(folder / f"{name}.npz", asdict(shown.run) | (further or {}))
-    about = replace(about, properties=about.properties | told)
-    write_run(folder / f"{name}.rrd", about, model, shown)
 
 
 def record_run(
@@ -75,12 +66,12 @@ def record_run(
     properties: dict[str, Any],
     further: dict[str, Array] | None = None,
 ) -> None:
-    """Write a run's data and its recording, with notes beside the views.
+    """Write `name.npz`, every control tick, and `name.rrd`, with notes beside the views.
 
     Args:
         folder: Where.
         name: Of both files, without ending, and of the recording.
-        identity: What tells the recording from others: experiment, run and seed.
+        identity: What distinguishes the recording: experiment, run and seed.
         model: The machine that is drawn.
         shown: The run.
         said: What was done, a sentence or a list item each.
@@ -92,8 +83,26 @@ def record_run(
     keep_run(folder, name, About(identity, name, notes, properties), model, shown, further)
 
 
+def keep_run(
+    folder: Path,
+    name: str,
+    about: About,
+    model: mujoco.MjModel,
+    shown: Shown,
+    further: dict[str, Array] | None = None,
+) -> None:
+    """Write `name.npz` and `name.rrd`; marks and experiment become properties, for `read_run`."""
+    for_reading = {
+        "experiment": about.recording_id.partition("-")[0],
+        "marks": json.dumps([asdict(mark) for mark in shown.marks]),
+    }
+    write_arrays(folder / f"{name}.npz", asdict(shown.run) | (further or {}))
+    about = replace(about, properties=about.properties | for_reading)
+    write_run(folder / f"{name}.rrd", about, model, shown)
+
+
 def read_run(path: Path) -> Kept:
-    """A run, with what :func:`keep_run` wrote beside it.
+    """A run, with what :func:`record_run` wrote beside it.
 
     Raises:
         NoRunError: It holds something else.
@@ -117,7 +126,7 @@ def read_run(path: Path) -> Kept:
     try:
         marks = marks_from(properties.pop("marks", "[]"), end_s=float(run.time_s[-1]))
     except ValueError as error:
-        raise WrongInput(f"{recording} has marks that are none: {error}") from None
+        raise WrongInput(f"{recording} has invalid marks: {error}") from None
     return Kept(Shown(run, marks), str(properties.pop("experiment", "")), properties)
 
 
@@ -138,3 +147,69 @@ def _read_recording(path: Path) -> tuple[dict[str, Any], Array]:
     shown = np.concatenate(values).reshape(len(times), 2)
     plain = {name: cell[0] if len(cell) == 1 else cell for name, cell in cells.items()}
     return plain, shown[np.argsort(times)]
+
+
+def marks_from(text: str, end_s: float) -> list[Mark]:
+    """Marks of a run that lasts until `end_s`, from JSON: a list of their attributes.
+
+    Raises:
+        ValueError: It is something else; the message states what came.
+    """
+    try:
+        marks = [Mark(**each) for each in json.loads(text)]
+        valid = all(_is_valid(mark, end_s) for mark in marks)
+    except (ValueError, TypeError):
+        valid, marks = False, []
+    if not valid:
+        raise ValueError(
+            f"expected a list of failures of struts 0 to 5 within {end_s:g} s, got {text!s:.80}"
+        )
+    return marks
+
+
+def _is_valid(mark: Mark, end_s: float) -> bool:
+    return (
+        isinstance(mark.strut, int)
+        and mark.strut in range(6)
+        and 0 <= mark.failed_s <= end_s
+        and mark.failed_s <= mark.diagnosed_s
+        and (mark.diagnosed_s <= end_s or not mark.is_found)
+        and isinstance(mark.failure, str)
+        and isinstance(mark.diagnosis, str)
+    )
+
+
+def whole_run(name: str, arrays: Mapping[str, Array]) -> Trajectory:
+    """The run in the arrays of a file of this name; further arrays are ignored.
+
+    Raises:
+        NoRunError: A signal is missing.
+        WrongInput: A signal has another type or shape, or values that no run has; or the times do
+            not increase in even steps.
+    """
+    if missing := [signal for signal in COLUMNS if signal not in arrays]:
+        raise NoRunError(f"{name} is no run of the hexapod: it lacks {missing[0]}")
+    ticks = arrays["time_s"].size
+    if ticks < 2:
+        raise WrongInput(f"{name} is not a whole run: it has fewer than two ticks")
+    for signal, columns in COLUMNS.items():
+        fault = _fault(arrays[signal], (ticks, *columns))
+        if fault:
+            raise WrongInput(f"{name} is not a whole run: {signal} {fault}")
+    steps_s = np.diff(arrays["time_s"])
+    if not (steps_s.min() > 0 and np.ptp(steps_s) <= _UNEVEN * steps_s.max()):
+        raise WrongInput(f"{name} is not a whole run: time_s does not run forward in even steps")
+    return Trajectory(**{signal: arrays[signal] for signal in COLUMNS})
+
+
+def _fault(values: Array, shape: tuple[int, ...]) -> str | None:
+    """What no signal of a run may be, in words; None for a valid one."""
+    if values.dtype != np.float64:
+        return f"must be float64, got {values.dtype}"
+    if values.shape != shape:
+        return f"must have shape {shape}, got {values.shape}"
+    if not np.isfinite(values).all():
+        return "is not finite everywhere"
+    if (largest := np.abs(values).max()) > LARGEST:
+        return f"has values up to {largest:.3g}, expected at most {LARGEST:g}"
+    return None

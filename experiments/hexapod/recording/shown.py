@@ -1,19 +1,26 @@
-"""A run of the hexapod as recordings show it: its signals, its picture, its scales."""
+"""A run of the hexapod as recordings show it: its signals, its 3D view, its scales, its notes."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import mujoco
 import numpy as np
 import rerun as rr
 
-from experiments.hexapod.recording.hexapod import Picture, log_hexapod
+from experiments.hexapod.metrics import closure_residual_max_m, pointing_rms_urad
+from experiments.hexapod.recording.hexapod import Mark, Picture, log_hexapod
 from experiments.hexapod.simulation import Trajectory
 from experiments.output.recording.file import at_most, log_series, time_column
 from experiments.output.recording.machine import exaggeration, sized_entity, sizes, stills
-from experiments.output.recording.marks import Mark
-from experiments.output.recording.plane import Square, log_plane, square_around
-from experiments.output.recording.series import Plot, log_plots
+from experiments.output.recording.views import (
+    Plot,
+    Square,
+    Task,
+    log_plane,
+    log_plots,
+    square_around,
+)
 from sim import NOMINAL
 
 INPUTS = [f"strut {k} [%]" for k in range(1, 7)]
@@ -22,13 +29,7 @@ SECONDARY = ["gamma [urad]", "t_x [um]", "t_y [um]", "t_z [um]"]
 
 @dataclass(frozen=True)
 class Shown:
-    """A run and what is to be pointed out in it.
-
-    Attributes:
-        run: The run.
-        marks: Struts that fail, and when that was found.
-        extras: Plots beside those that every run has.
-    """
+    """A run with the marks of its failing struts, and plots beside those that every run has."""
 
     run: Trajectory
     marks: Sequence[Mark] = ()
@@ -37,7 +38,7 @@ class Shown:
 
 @dataclass(frozen=True)
 class Scales:
-    """What one or several runs need to be seen, the same for all of them.
+    """The scales of one or several runs, the same for all of them.
 
     Attributes:
         factor: By which the payload's motion is exaggerated.
@@ -58,15 +59,15 @@ class Scales:
 
 
 def scales_of(runs: Sequence[Trajectory]) -> Scales:
-    """Round factor and colours, the detector where the second halves of all runs are."""
+    """Scales on which all of the runs can be seen."""
     angles = [max(np.abs(r.true_rad).max(), np.abs(r.secondary[:, 0]).max()) for r in runs]
-    ways = [np.abs(run.secondary[:, 1:]).max() for run in runs]
+    distances = [np.abs(run.secondary[:, 1:]).max() for run in runs]
     inputs = max(np.abs(run.strut_input_percent).max() for run in runs)
     curves = [curve for run in runs for curve in (run.desired_rad, run.measured_rad)]
     return Scales(
-        factor=exaggeration(float(max(angles)), float(max(ways))),
+        factor=exaggeration(float(max(angles)), float(max(distances))),
         full_percent=float(max(1.0, np.ceil(inputs))),
-        # The first halves lead there.
+        # The first half of a spiral lies within the second.
         square_urad=square_around(*(1e6 * curve[len(curve) // 2 :] for curve in curves)),
         bounds={
             "pointing/error": max(1e6 * np.abs(r.desired_rad - r.true_rad).max() for r in runs),
@@ -88,9 +89,8 @@ def log_shown(
     """Log a run below an entity: signals, detector, and the hexapod of this MJCF in both sizes."""
     run = shown.run
     log_signals(recording, under, run, rate_hz)
-    desired, measured = 1e6 * run.desired_rad, 1e6 * run.measured_rad
-    detector = f"{under}detector", run.time_s, desired, measured
-    log_plane(recording, *detector, ("alpha", "beta"), "urad", scales.square_urad)
+    task = Task(("alpha", "beta"), "urad", 1e6 * run.desired_rad, 1e6 * run.measured_rad)
+    log_plane(recording, f"{under}detector", run.time_s, task, scales.square_urad)
     for size in sizes(scales.factor):
         picture = picture_of(shown, size, scales.full_percent)
         log_hexapod(recording, sized_entity(f"{under}hexapod", size), model, picture)
@@ -117,9 +117,9 @@ def log_signals(recording: rr.RecordingStream, under: str, run: Trajectory, rate
 
 
 def picture_of(shown: Shown, factor: int, full_percent: float) -> Picture:
-    """A run as the hexapod is drawn, the payload's motion so many times as large.
+    """A run as the hexapod is drawn, the payload's motion multiplied by a factor.
 
-    Takes alpha, beta, gamma as a rotation vector: good to the second order of the angles.
+    Takes alpha, beta, gamma as a rotation vector: correct to the second order of the angles.
     """
     run = shown.run
     every = stills(run.time_s)
@@ -128,3 +128,46 @@ def picture_of(shown: Shown, factor: int, full_percent: float) -> Picture:
     return Picture(
         run.time_s[every], NOMINAL.moved(factor * twist), load, full_percent, shown.marks
     )
+
+
+def run_notes(
+    title: str,
+    said: Sequence[str],
+    run: Trajectory,
+    beside: Mapping[str, tuple[float | None, float | None]],
+    properties: Mapping[str, Any],
+) -> str:
+    """The notes beside a run, as Markdown: what was done, results, every constant.
+
+    Args:
+        title: Of the run.
+        said: What was done, a sentence or a list item each.
+        run: The run.
+        beside: RMS of (alpha, beta) [urad] to compare the run with, by where they come from; None
+            where there is none.
+        properties: All parameters.
+    """
+    rms = {"here": pointing_rms_urad(run), **beside}
+    gamma, *translation = 1e6 * np.abs(run.secondary).max(axis=0)
+    inputs = np.abs(run.strut_input_percent).max(axis=0)
+    peaks = {
+        "strut inputs 1 to 6, %": ", ".join(f"{peak:.2f}" for peak in inputs),
+        "gamma, urad": f"{gamma:.3f}",
+        "t_x, t_y, t_z, um": ", ".join(f"{peak:.3f}" for peak in translation),
+        "closure residual, nm": f"{1e9 * closure_residual_max_m(run):.2f}",
+    }
+    lines = [f"# {title}", "", *said, "", "| RMS, urad | alpha | beta |", "| --- | --- | --- |"]
+    lines += [f"| {name} | {_number(pair[0])} | {_number(pair[1])} |" for name, pair in rms.items()]
+    lines += ["", "| peak | |", "| --- | --- |"]
+    lines += [f"| {name} | {value} |" for name, value in peaks.items()]
+    return "\n".join([*lines, "", *constants(properties)])
+
+
+def constants(properties: Mapping[str, Any]) -> list[str]:
+    """All parameters as a table in Markdown; units are in their names."""
+    rows = [f"| {name} | {value} |" for name, value in properties.items()]
+    return ["| parameter | value |", "| --- | --- |", *rows]
+
+
+def _number(value: float | None) -> str:
+    return "" if value is None else f"{value:.4f}"

@@ -16,24 +16,20 @@ import rerun.blueprint as rrb
 from matplotlib.colors import to_rgb
 from rerun.chunk import RrdReader
 
-from experiments.output.palette import LINES
-from sim import Array
+from experiments.output.plotting import LINES
+from experiments.output.recording import Array
 
 TIMELINE = "sim_time"
-
-
-def rgb(color: str) -> list[int]:
-    """A colour of the palette as Rerun takes it."""
-    return [round(255 * part) for part in to_rgb(color)]
+_ROUND = (1, 2, 5, 10)
 
 
 @dataclass(frozen=True)
 class About:
-    """What a recording says of itself.
+    """What a recording states about itself.
 
     Attributes:
         recording_id: Experiment, run and seed; its file adds a hash of notes and properties.
-        name: What a person reads.
+        name: For people.
         notes: Markdown shown beside the views: parameters, results, the paper's numbers.
         properties: Seed, versions, model hash, every constant; units in the names.
     """
@@ -45,23 +41,21 @@ class About:
 
     @property
     def identity(self) -> str:
-        """What tells it from all others; the viewer takes those alike for one recording."""
-        told = json.dumps([self.notes, self.properties], default=str).encode()
+        """A name that no other recording has: the viewer merges recordings of one name."""
+        content = json.dumps([self.notes, self.properties], default=str).encode()
         name = re.sub(r"[^\w-]", "-", self.recording_id)
-        return f"{name}-{hashlib.sha256(told).hexdigest()[:8]}"
+        return f"{name}-{hashlib.sha256(content).hexdigest()[:8]}"
 
 
 @contextmanager
 def recording_file(
     path: Path, about: About, blueprint: rrb.Blueprint
 ) -> Iterator[rr.RecordingStream]:
-    """A recording that goes to a file, with its blueprint, properties and notes inside.
-
-    The file is read back when it is written.
+    """A recording to log into: with its views, properties and notes it is written on leaving.
 
     Raises:
-        OSError: The disk refuses, or what it holds cannot be read back.
-        Exception: Whatever the writer complains of, here and inside; it runs in strict mode.
+        OSError: The disk refuses, or the file cannot be read back.
+        Exception: Any error of the writer's, here and in the block; it runs in strict mode.
     """
     rr.set_strict_mode(True)
     # The viewer keeps one layout for all recordings of an application: each of ours has its own.
@@ -80,28 +74,43 @@ def recording_file(
     try:
         yield recording
     finally:
-        content = encoded.read()  # in any case: Rerun warns of what nobody reads
+        content = encoded.read()  # after an error, too: Rerun warns of a stream that nobody reads
         recording.disconnect()
     path.write_bytes(content or b"")
     _read_back(path)
 
 
 def _read_back(path: Path) -> None:
-    """Decode all of a recording and of its screen.
-
-    Raises:
-        OSError: It is not whole.
-    """
+    """Decode all of a recording and of its views; an `OSError` where they are not whole."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")  # of a file that ends too early, the reader only warns
             reader = RrdReader(path)
-            (shown,), (layout,) = reader.recordings(), reader.blueprints()
-            for store in (shown, layout):
+            (recording,), (views,) = reader.recordings(), reader.blueprints()
+            for store in (recording, views):
                 reader.stream(store=store).to_chunks()
     except Exception as error:  # the reader's own errors have no common class
         reason = " ".join(str(error).split())
         raise OSError(f"{path.name} cannot be read back: {reason}") from error
+
+
+def rgb(color: str) -> list[int]:
+    """A colour of the palette as Rerun takes it."""
+    return [round(255 * part) for part in to_rgb(color)]
+
+
+def round_up(value: float) -> float:
+    """The next of 1, 2, 5, 10, 20, ... from a positive value on; 1 from any other."""
+    if value <= 0:
+        return 1.0
+    decade = 10.0 ** np.floor(np.log10(value))
+    return float(decade * min(step for step in _ROUND if step * decade >= value))
+
+
+def round_down(value: float) -> float:
+    """The last of 1, 2, 5, 10, 20, ... up to a positive value."""
+    decade = 10.0 ** np.floor(np.log10(value))
+    return float(decade * max(step for step in _ROUND if step * decade <= value))
 
 
 def time_column(time_s: Array) -> rr.TimeColumn:
@@ -110,7 +119,7 @@ def time_column(time_s: Array) -> rr.TimeColumn:
 
 
 def at_most(rate_hz: float, time_s: Array) -> slice:
-    """Every so many of evenly spaced samples that there are no more than this in a second."""
+    """Every k-th of evenly spaced samples, k such that there are at most so many in a second."""
     return slice(None, None, max(1, round(1 / (rate_hz * float(time_s[1] - time_s[0])))))
 
 
@@ -129,7 +138,7 @@ def log_series(
 
 
 def screen(views: rrb.Container) -> rrb.Blueprint:
-    """The views alone, at the recording's end: everything has been drawn there."""
+    """The views without the viewer's panels, at the recording's end, where all is drawn."""
     return rrb.Blueprint(
         views,
         rrb.TimePanel(timeline=TIMELINE, state="collapsed", play_state="following"),

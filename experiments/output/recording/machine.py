@@ -1,4 +1,4 @@
-"""A mechanism in 3D, as its MJCF draws it, its bodies moving."""
+"""A mechanism in 3D, drawn as its MJCF says, its bodies moving."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -10,24 +10,17 @@ import rerun.blueprint as rrb
 from rerun_loader_mjcf import MJCFLogger, MJCFLogPaths
 from scipy.spatial.transform import Rotation
 
-from experiments.output.recording.file import TIMELINE, at_most, time_column
-from experiments.output.recording.scale import round_down
-from sim import Array
+from experiments.output.recording import Array
+from experiments.output.recording.file import TIMELINE, at_most, round_down, time_column
 
 _PICTURES_HZ = 25
 _DISTANCE = 1.6
-"""From which the whole machine is seen, in its extents."""
+"""Of the eye, in extents of the machine: all of it is seen."""
 
 
 @dataclass(frozen=True)
 class Motion:
-    """Bodies of a machine over time, in MuJoCo's world.
-
-    Attributes:
-        names: Of B bodies.
-        rotation: Shape (T, B, 3, 3).
-        position_m: Shape (T, B, 3).
-    """
+    """B bodies of a machine at T times, in MuJoCo's world: (T, B, 3, 3) and (T, B, 3)."""
 
     names: tuple[str, ...]
     rotation: Array
@@ -47,7 +40,7 @@ def motion_of(model: mujoco.MjModel, qpos: Array) -> Motion:
 
 
 def exaggerated(motion: Motion, nominal: Motion, factor: float) -> Motion:
-    """Every body's displacement from its nominal pose, so many times as large.
+    """The motion with every body's displacement from its nominal pose multiplied by a factor.
 
     Rotation vectors and translations of the bodies' origins are multiplied: to first order loops
     stay closed.
@@ -71,14 +64,14 @@ def _displacement(motion: Motion, nominal: Motion) -> tuple[Array, Array]:
     return vector.reshape(motion.position_m.shape), motion.position_m - nominal.position_m
 
 
-def exaggeration(angle_rad: float, way_m: float) -> int:
+def exaggeration(angle_rad: float, distance_m: float) -> int:
     """A round factor (1, 2, 5, 10, ...) that makes a motion visible: up to 7 degrees and 30 mm."""
-    most = min(0.12 / max(angle_rad, 1e-12), 0.03 / max(way_m, 1e-12))
+    most = min(0.12 / max(angle_rad, 1e-12), 0.03 / max(distance_m, 1e-12))
     return int(round_down(np.clip(most, 1.0, 5e9)))
 
 
 def stills(time_s: Array) -> slice:
-    """Of evenly spaced samples, those that become pictures."""
+    """The samples that are drawn in 3D, of evenly spaced ones."""
     return at_most(_PICTURES_HZ, time_s)
 
 
@@ -103,7 +96,7 @@ def log_machine(
 
 
 def body_entity(entity: str, body: str) -> str:
-    """Where the drawing keeps a body's pose; what is logged below moves with it."""
+    """The entity of a body's pose; what is logged below it moves with the body."""
     return MJCFLogPaths(entity).body_path(body)
 
 
@@ -127,24 +120,24 @@ def log_body_colors(
 
 
 def sizes(factor: int) -> tuple[int, ...]:
-    """Exaggerations that a recording offers: one that shows the motion, and none."""
+    """The exaggerations that a recording shows: this factor, and none."""
     return tuple(dict.fromkeys((factor, 1)))
 
 
 def sized_entity(entity: str, size: int) -> str:
-    """Where a machine is that moves so many times as far as it does."""
+    """The entity of a machine whose motion is exaggerated by so much."""
     return f"{entity}_x{size}"
 
 
 def machine_tabs(entity: str, name: str, model: mujoco.MjModel, factor: int) -> rrb.Tabs:
-    """A mechanism exaggerated, and on the next tab as it is."""
+    """Two tabs: a mechanism with its motion exaggerated, and as it is."""
     titles = {size: f"x{size} {name}" if size > 1 else "True size (x1)" for size in sizes(factor)}
     views = [_machine_view(sized_entity(entity, size), titles[size], model) for size in titles]
     return rrb.Tabs(*views, active_tab=0)
 
 
 def _machine_view(entity: str, name: str, model: mujoco.MjModel) -> rrb.Spatial3DView:
-    """A mechanism seen as its MJCF says: from its azimuth and elevation, as large as its extent."""
+    """A mechanism seen from the azimuth and elevation of its MJCF, at a distance of its extent."""
     azimuth, elevation = np.deg2rad([model.vis.global_.azimuth, model.vis.global_.elevation])
     level = np.cos(elevation)
     ahead = np.array([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)])

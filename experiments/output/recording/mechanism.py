@@ -1,4 +1,4 @@
-"""Recordings of any mechanism in several conditions: a cell each, in 3D, its task, its plots."""
+"""The recording of a mechanism in several conditions: for each 3D view, task and plots."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -7,6 +7,7 @@ from pathlib import Path
 import mujoco
 import rerun.blueprint as rrb
 
+from experiments.output.recording import Array
 from experiments.output.recording.file import About, recording_file, screen
 from experiments.output.recording.machine import (
     exaggerated,
@@ -18,44 +19,24 @@ from experiments.output.recording.machine import (
     sizes,
     stills,
 )
-from experiments.output.recording.plane import Square, log_plane, plane_view, square_around
-from experiments.output.recording.series import Plot, log_plots, notes_view, plot_views
-from sim import Array
+from experiments.output.recording.views import (
+    Plot,
+    Task,
+    log_plane,
+    log_plots,
+    notes_view,
+    plane_view,
+    plot_views,
+)
 
 _COLUMNS = 3
 
 
 @dataclass(frozen=True)
-class Task:
-    """Two rows of the major task, asked for and reached.
-
-    Attributes:
-        names: Of the two.
-        unit: In which they are given.
-        desired: Shape (N, 2).
-        reached: Shape (N, 2).
-    """
-
-    names: tuple[str, str]
-    unit: str
-    desired: Array
-    reached: Array
-
-    @property
-    def square(self) -> Square:
-        """The part of the plane that both need."""
-        return square_around(self.desired, self.reached)
-
-
-@dataclass(frozen=True)
 class Driven:
-    """A mechanism in one condition.
+    """A mechanism in one condition, at evenly spaced times (N,).
 
-    Attributes:
-        time_s: Shape (N,), evenly spaced.
-        qpos: Positions of all its joints, shape (N, nq).
-        plots: Beside the picture.
-        task: Drawn in a plane; None: in no plane.
+    `qpos` are the positions of all its joints, (N, nq); the task, if any, is drawn in a plane.
     """
 
     time_s: Array
@@ -69,10 +50,10 @@ def write_mechanism(
 ) -> None:
     """Write one mechanism in several conditions as an `.rrd` file.
 
-    Motions that could not be seen are exaggerated, each condition's by a factor in its view's name.
+    Motions too small to be seen are exaggerated, by a factor that the title of the view states.
 
     Raises:
-        Exception: Whatever the writer complains of; it runs in strict mode.
+        Exception: Any error of the writer's; it runs in strict mode.
     """
     nominal = motion_of(model, model.qpos0[None])
     motions = {
@@ -92,12 +73,9 @@ def write_mechanism(
                 larger = exaggerated(motions[name], nominal, size)
                 log_machine(recording, entity, model, larger, one.time_s[stills(one.time_s)])
             log_plots(recording, one.plots, f"{_entity(k)}/")
-            if task := one.task:
+            if one.task:
                 entity = f"{_entity(k)}/task"
-                curves = task.desired, task.reached
-                log_plane(
-                    recording, entity, one.time_s, *curves, task.names, task.unit, task.square
-                )
+                log_plane(recording, entity, one.time_s, one.task, one.task.square)
 
 
 def _entity(k: int) -> str:

@@ -1,9 +1,12 @@
-"""The Rerun viewer without a window: it opens a recording, goes to a time, and is photographed."""
+"""Pictures of recordings: Rerun's viewer without a window opens one and goes to a time."""
 
+import ctypes
 import os
 import re
+import signal
 import socket
 import subprocess
+import sys
 import tempfile
 import time
 from collections.abc import Iterator
@@ -14,23 +17,36 @@ import rerun_cli
 from rerun.experimental import ViewerClient, ViewerState
 
 from experiments.output.recording.file import TIMELINE
-from experiments.output.study import WrongInput
+from experiments.output.study import Unsound, WrongInput
 
 SIZE = (1600, 900)
 _PATIENCE_S = 60.0
 _SHOTS = 40
 _GREETING_S = 3.0
-"""How long its notices stay, while the viewer paints."""
+"""How long the viewer's notices stay, while it paints."""
 _TICK_S = 0.05
+_SET_PARENT_DEATH_SIGNAL = 1  # of prctl, Linux
 
 
-class ViewerError(Exception):
-    """The viewer does not start, or not all of the recording is shown; the message says why."""
+class ViewerError(Unsound):
+    """The viewer does not start, or does not show all of the recording; the message says why."""
+
+
+def picture_of(recording: Path, time_s: float | None, size: tuple[int, int]) -> bytes:
+    """A PNG of a recording at a time [s], None its end, of so many pixels.
+
+    Raises:
+        ViewerError: The viewer does not start, gives no answer, or warns.
+        WrongInput: It is no recording, or has no such time.
+    """
+    with headless_viewer(size) as viewer:
+        show(viewer, recording, time_s)
+        return photograph(viewer)
 
 
 @contextmanager
 def headless_viewer(size: tuple[int, int] = SIZE) -> Iterator[ViewerClient]:
-    """A viewer of so many pixels, for this process alone; gone when the block is left.
+    """A viewer of so many pixels for this process alone, which ends with the block.
 
     It draws with Mesa's software renderer where that is installed, so that pictures are the same on
     every machine; else with the graphics card.
@@ -43,7 +59,7 @@ def headless_viewer(size: tuple[int, int] = SIZE) -> Iterator[ViewerClient]:
         log = Path(home) / "log"
         try:
             with _running(size, home, log) as client:
-                _past_greetings(client)
+                _wait_for_greetings(client)
                 yield client
         # Without a driver it dies after connecting, anywhere in the block.
         except OSError as error:
@@ -53,24 +69,32 @@ def headless_viewer(size: tuple[int, int] = SIZE) -> Iterator[ViewerClient]:
 @contextmanager
 def _running(size: tuple[int, int], home: str, log: Path) -> Iterator[ViewerClient]:
     """The viewer's process, as long as the block lasts."""
-    port = _free_port()
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
     options = ["--headless", "--hide-welcome-screen", "--bind", "127.0.0.1", "--port", str(port)]
     options += ["--window-size", f"{size[0]}x{size[1]}"]
     program = Path(str(rerun_cli.__file__)).with_name("rerun")
     with log.open("w") as output:
         viewer = subprocess.Popen(
             [program, *options],
-            env=os.environ | _surroundings(home),
+            env=os.environ | _environment(home),
             stdout=output,
             stderr=subprocess.STDOUT,
             # Ctrl-C is for us: we end it.
             start_new_session=True,
+            preexec_fn=_die_with_parent if sys.platform == "linux" else None,
         )
     try:
         yield _connected(viewer, port)
     finally:
         viewer.kill()
         viewer.wait()
+
+
+def _die_with_parent() -> None:
+    """Let the system end this process when its parent dies, by `kill -9` too."""
+    ctypes.CDLL(None).prctl(_SET_PARENT_DEATH_SIGNAL, signal.SIGKILL)
 
 
 def show(viewer: ViewerClient, recording: Path, time_s: float | None) -> None:
@@ -100,7 +124,7 @@ def photograph(viewer: ViewerClient) -> bytes:
     """A PNG of the whole screen when it has come to rest.
 
     Raises:
-        ViewerError: It keeps changing, or complains of something that it should show.
+        ViewerError: It keeps changing, or warns of something that it cannot show.
     """
     last = b""
     for _ in range(_SHOTS):
@@ -119,7 +143,7 @@ def complaints(viewer: ViewerClient) -> list[str]:
     """What the viewer logs as warnings or errors, and what its views fail to show."""
     reports = [str(report) for view in viewer.get_state().views for report in view.reports]
     logs = [entry for entry in viewer.get_logs() if entry.level in ("WARN", "ERROR")]
-    # To draw in software is what was asked for.
+    # It warns of drawing in software, which is wanted.
     return reports + [e.message for e in logs if "oftware rasterizer" not in e.message]
 
 
@@ -128,7 +152,7 @@ def software_driver() -> Path | None:
     return next(iter(sorted(Path("/usr/share/vulkan/icd.d").glob("lvp_icd*.json"))), None)
 
 
-def _surroundings(home: str) -> dict[str, str]:
+def _environment(home: str) -> dict[str, str]:
     """An empty home, so that nobody's settings show; and the driver."""
     mine = {"HOME": home, "XDG_RUNTIME_DIR": home, "RERUN_APP_ONLY": "true", "RUST_LOG": "warn"}
     mine["NO_COLOR"] = "1"  # its log may end up in a sentence
@@ -152,17 +176,17 @@ def _connected(viewer: subprocess.Popen, port: int) -> ViewerClient:
 
 def _cause(log: Path, size: tuple[int, int], error: OSError) -> str:
     """Why a viewer of so many pixels gives no answer, in one sentence."""
-    told = log.read_text(errors="replace")
-    if re.search("graphics adapter|render context", told):
+    logged = log.read_text(errors="replace")
+    if re.search("graphics adapter|render context", logged):
         return (
             "the viewer needs a Vulkan driver; without a graphics card install Mesa's "
             "(mesa-vulkan-drivers and libvulkan1 on Debian and Ubuntu)"
         )
-    reasons = [str(error), *told.splitlines()[-1:]]
+    reasons = [str(error), *logged.splitlines()[-1:]]
     return f"the viewer gives no answer at {size[0]}x{size[1]} pixels: {'; '.join(reasons)}"
 
 
-def _past_greetings(viewer: ViewerClient) -> None:
+def _wait_for_greetings(viewer: ViewerClient) -> None:
     """Let it paint until the notices with which it starts are gone: they lie over the screen."""
     gone = time.monotonic() + _GREETING_S
     while time.monotonic() < gone:
@@ -171,15 +195,9 @@ def _past_greetings(viewer: ViewerClient) -> None:
 
 
 def _span_s(state: ViewerState) -> tuple[float, float]:
-    """When the recording that is shown begins and ends."""
+    """When the recording that is shown begins and ends [s]."""
     shown = [one for one in state.recordings if one.store_id == state.active_recording]
     for line in (line for one in shown for line in one.timelines):
         if line.name == TIMELINE and line.start is not None and line.end is not None:
             return 1e-9 * line.start, 1e-9 * line.end
     raise WrongInput(f"the recording has no timeline {TIMELINE}")
-
-
-def _free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]

@@ -1,1 +1,0 @@
-"""Pictures of recordings, made by the viewer's own headless mode."""

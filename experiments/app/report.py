@@ -1,0 +1,155 @@
+"""The command `fjh report`: the main studies, one after another, on one page."""
+
+import base64
+import shlex
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from experiments.app.chapter import Chapter, Edition, former_entry, run_chapter
+from experiments.app.command import show, with_options
+from experiments.output.files import published, usable_folder, write_index
+from experiments.output.results import Results
+from experiments.output.study import Interrupted, Progress, Unsound
+from experiments.output.tables import Column, tabulate
+from experiments.output.terminal import INTERRUPTION, progress
+from experiments.release import STUDY as RELEASE
+
+CHAPTERS = (Chapter(RELEASE),)
+"""In reading order; what takes longest comes last."""
+
+INDEX = "report.json"
+
+HELP = """Run the main studies and write one HTML page on all of them.
+
+For each study the page has tables, figures, whether it is sound, and the command that reproduces
+it; at the end machine, versions and commit. It needs no other file. 45 minutes on two cores;
+release, sweep, atlas and bench are left out.
+
+After Ctrl-C the same command goes on where it stopped: a chapter is run again only if its files,
+its options, the code, the versions of its packages or the processor have changed. The page is
+written anew after every chapter. Where a chapter is not sound, the others are run nevertheless.
+
+Writes report.json, report.html, and in a folder for each chapter what its own command writes, with
+chapter.json, by which a later report recognizes the chapter.
+
+Example: fjh report --quick --out /tmp/report
+"""
+
+
+def _report(*, out: Path, seed: int, quick: bool, quiet: bool, json: bool) -> None:
+    edition = Edition(usable_folder(out), seed, quick, _origin())
+    summary = run_report(CHAPTERS, edition, partial(progress, shown=not quiet))
+    columns = (
+        Column("", "name"),
+        Column("verdict", lambda chapter: "unsound" if chapter["complaint"] else "sound"),
+        Column("took", lambda chapter: span(chapter["wall_time_s"])),
+    )
+    chapters = summary["chapters"]
+    table = tabulate("All studies", columns, chapters)
+    notes = [f"Open {out / 'report.html'} in a browser."]
+    show(Results(summary, [table], notes), quiet=quiet, json=json)
+    failed = [f"{each['name']}: {each['complaint']}" for each in chapters if each["complaint"]]
+    if failed:
+        raise Unsound(f"the experiment is not sound: {'; '.join(failed)}")
+
+
+QUICK = "Every study with its own --quick: 5 minutes."
+report = with_options(_report, "report", HELP, seed="every study", quick=QUICK)
+
+
+def run_report(chapters: Sequence[Chapter], edition: Edition, progress: Progress) -> dict[str, Any]:
+    """Run every chapter that is not complete in its folder; `report.html` grows with each.
+
+    Returns:
+        The contents of `report.json`.
+
+    Raises:
+        Interrupted: By Ctrl-C; finished chapters are whole and on the page.
+        OutputError: The disk or the folder refuses.
+    """
+    former = {chapter.name: former_entry(chapter, edition) for chapter in chapters}
+    entries = {name: entry for name, entry in former.items() if entry}
+    summary: dict[str, Any] = {}
+    for k, chapter in enumerate(chapters, 1):
+        if chapter.name not in entries:
+            try:
+                entries[chapter.name] = run_chapter(
+                    chapter, edition, lambda work, k=k: progress(f"{k}/{len(chapters)} {work}")
+                )
+            except KeyboardInterrupt:
+                raise Interrupted(
+                    f"{INTERRUPTION}; finished chapters stay, and the same command goes on with "
+                    f"{chapter.name}, chapter {k} of {len(chapters)}"
+                ) from None
+        summary = _publish(chapters, entries, edition)
+    return summary
+
+
+def _origin() -> dict[str, Any]:
+    """All that distinguishes one report from another with the same options."""
+    from experiments.output import provenance  # late: the help text does not wait for these imports
+    from sim import model_sha256
+
+    return {
+        "versions": provenance.versions(),
+        "model_sha256": model_sha256(),
+        "machine": provenance.machine(),
+        "commit": provenance.commit(),
+        "code_sha256": provenance.code_sha256(),
+    }
+
+
+def _publish(
+    chapters: Sequence[Chapter], entries: dict[str, dict[str, Any]], edition: Edition
+) -> dict[str, Any]:
+    """Write page and index of the chapters that are finished; returns the index."""
+    quick = ["--quick"] if edition.quick else []
+    options = [*quick, "--seed", str(edition.seed), "--out", str(edition.folder)]
+    summary = {
+        "experiment": "report",
+        "seed": edition.seed,
+        "quick": edition.quick,
+        "command": shlex.join(["fjh", "report", *options]),
+        **edition.origin,
+        "written": datetime.now(UTC).isoformat(timespec="seconds"),
+        "missing": [chapter.name for chapter in chapters if chapter.name not in entries],
+        "chapters": [entries[chapter.name] for chapter in chapters if chapter.name in entries],
+    }
+    with published(edition.folder, index=INDEX) as staging:
+        (staging / "report.html").write_text(page(summary, edition.folder), encoding="utf-8")
+        return write_index(staging / INDEX, summary)
+
+
+def page(summary: dict[str, Any], folder: Path) -> str:
+    """The contents of `report.json` as HTML, with the figures that lie below `folder` inside."""
+    from jinja2 import Environment, PackageLoader, StrictUndefined  # late, as above
+
+    def embedded(name: str, file: str) -> str:
+        path = folder / name / file
+        encoded = base64.b64encode(path.read_bytes()).decode("ascii")
+        return f"data:image/{path.suffix[1:].replace('svg', 'svg+xml')};base64,{encoded}"
+
+    environment = Environment(
+        loader=PackageLoader("experiments.app", "."),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    template = environment.get_template("page.html.j2")
+    return template.render(report=summary, folder=folder, embedded=embedded, span=span, when=when)
+
+
+def when(moment: str) -> str:
+    """A time of day in ISO 8601, to the minute, for people."""
+    return f"{datetime.fromisoformat(moment):%Y-%m-%d %H:%M %Z}"
+
+
+def span(seconds: float) -> str:
+    """A duration for people."""
+    if seconds < 100:
+        return f"{seconds:.0f} s"
+    return f"{seconds // 60:.0f} min {seconds % 60:.0f} s"

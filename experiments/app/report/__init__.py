@@ -1,1 +1,0 @@
-"""Every experiment, one after another, told on one page."""

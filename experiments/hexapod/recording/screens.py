@@ -1,0 +1,137 @@
+"""Recordings of hexapod runs: one run on a screen of its own, or several side by side."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import mujoco
+import rerun.blueprint as rrb
+
+from experiments.hexapod.recording.hexapod import log_marks
+from experiments.hexapod.recording.shown import Scales, Shown, log_shown, scales_of
+from experiments.output.recording.file import About, recording_file, round_up, screen
+from experiments.output.recording.machine import machine_tabs
+from experiments.output.recording.views import Plot, notes_view, plane_view, plot_views
+
+RATE_HZ = 500
+"""Of the signals of a single run."""
+SIDE_BY_SIDE_HZ = 100
+FEW = 3
+"""Columns that leave room for the hexapod beside the plots; more have it on a page of its own."""
+MANY = 6
+"""Columns on a page."""
+
+_DETECTOR = "Detector: beta over alpha [urad]; desired orange, measured blue"
+_TITLES = (
+    "Pointing error, desired - true [urad]",
+    "Strut inputs [%]",
+    "Secondary motion [urad], [um]",
+    "Closure residual [nm]",
+)
+_SIGNALS = (
+    ("pointing/error", "error", "urad"),
+    ("strut/input", "inputs", "%"),
+    ("secondary/true", "SDOF", "urad, um"),
+)
+
+
+def write_run(path: Path, about: About, model: mujoco.MjModel, shown: Shown) -> None:
+    """Write one run as an `.rrd` file, drawn as the hexapod of this MJCF.
+
+    Raises:
+        Exception: Any error of the writer's; it runs in strict mode.
+    """
+    scales = scales_of([shown.run])
+    with recording_file(path, about, _single(model, shown, scales)) as recording:
+        log_shown(recording, "", model, shown, scales, RATE_HZ)
+        if shown.marks:
+            log_marks(recording, shown.marks, shown.run)
+
+
+def write_side_by_side(
+    path: Path, about: About, model: mujoco.MjModel, shown: Mapping[str, Shown]
+) -> None:
+    """Write runs of the same machine, by their names, as one `.rrd` file: a column each.
+
+    Raises:
+        Exception: Any error of the writer's; it runs in strict mode.
+    """
+    scales = scales_of([one.run for one in shown.values()])
+    with recording_file(path, about, _columns(model, shown, scales)) as recording:
+        for k, one in enumerate(shown.values()):
+            log_shown(recording, f"{_entity(k)}/", model, one, scales, SIDE_BY_SIDE_HZ)
+
+
+def _single(model: mujoco.MjModel, shown: Shown, scales: Scales) -> rrb.Blueprint:
+    machine = machine_tabs("hexapod", f"motion; {scales.loads}", model, scales.factor)
+    error, *signals = (
+        _signal(entity, title, bound)
+        for title, (entity, bound) in zip(_TITLES, scales.bounds.items(), strict=True)
+    )
+    below: list[rrb.View] = [notes_view()]
+    pointing: list[rrb.View] = [plane_view("detector", _DETECTOR, scales.square_urad), error]
+    # What was there from the start is no event.
+    if any(mark.failed_s > shown.run.time_s[0] for mark in shown.marks):
+        below.append(rrb.TextLogView(origin="events", name="What happens"))
+        pointing.append(rrb.StateTimelineView(origin="state", name="Struts"))
+    return screen(
+        rrb.Horizontal(
+            rrb.Vertical(machine, *below, row_shares=[5, 4, 2][: 1 + len(below)]),
+            rrb.Vertical(*pointing, row_shares=[10, 6, 1 + len(shown.marks)][: len(pointing)]),
+            rrb.Vertical(*signals, *plot_views(shown.extras)),
+        )
+    )
+
+
+def _signal(entity: str, title: str, bound: float) -> rrb.TimeSeriesView:
+    high = round_up(bound)
+    axis = rrb.ScalarAxis(range=(0.0 if entity == "closure/residual" else -high, high))
+    return rrb.TimeSeriesView(origin=entity, name=title, axis_y=axis)
+
+
+def _entity(k: int) -> str:
+    return f"run_{k}"
+
+
+def _columns(model: mujoco.MjModel, shown: Mapping[str, Shown], scales: Scales) -> rrb.Blueprint:
+    extras = zip(*(one.extras for one in shown.values()), strict=True)
+    ranges = [_range_of(plots) for plots in extras]
+
+    def machine(k: int, name: str) -> rrb.Tabs:
+        title = f"{name}; {scales.loads}"
+        return machine_tabs(f"{_entity(k)}/hexapod", title, model, scales.factor)
+
+    def column(k: int, name: str, one: Shown) -> rrb.Container:
+        detector = plane_view(f"{_entity(k)}/detector", f"{name} [urad]", scales.square_urad)
+        plots = [*_small_signals(k, scales), *plot_views(one.extras, f"{_entity(k)}/", ranges)]
+        if len(shown) > FEW:
+            return rrb.Vertical(detector, *plots)
+        return rrb.Horizontal(rrb.Vertical(machine(k, name), detector), rrb.Vertical(*plots))
+
+    columns = [column(k, name, one) for k, (name, one) in enumerate(shown.items())]
+    if len(shown) <= FEW:
+        shares = [1] + [2] * len(columns)
+        return screen(rrb.Horizontal(notes_view(), *columns, column_shares=shares))
+    hexapods = rrb.Grid(*(machine(k, name) for k, name in enumerate(shown)), name="Hexapods")
+    pages = [
+        rrb.Horizontal(*columns[begin : begin + MANY], name=f"Side by side, from {begin + 1}")
+        for begin in range(0, len(columns), MANY)
+    ]
+    return screen(rrb.Tabs(*pages, hexapods, notes_view(), active_tab=0))
+
+
+def _small_signals(k: int, scales: Scales) -> list[rrb.View]:
+    """The signals of run k: no room for a scale, which the title states, nor for many legends."""
+    return [
+        rrb.TimeSeriesView(
+            origin=f"{_entity(k)}/{entity}",
+            name=f"{words} ±{scales.bounds[entity]:.3g} {unit}",
+            axis_y=rrb.ScalarAxis(range=(-scales.bounds[entity], scales.bounds[entity])),
+            plot_legend=rrb.PlotLegend(visible=k == 0),
+        )
+        for entity, words, unit in _SIGNALS
+    ]
+
+
+def _range_of(plots: Sequence[Plot]) -> tuple[float, float]:
+    """Of the values of all plots: the same scale in every column."""
+    return float(min(p.values.min() for p in plots)), float(max(p.values.max() for p in plots))
