@@ -23,7 +23,7 @@ from experiments.output.terminal import notice
 from experiments.recover.command import recover
 from experiments.release import STUDY as RELEASE
 from experiments.sweep.command import sweep
-from experiments.systems.command import systems
+from experiments.systems import STUDY as SYSTEMS
 from experiments.table1.command import table1
 from experiments.uncorrected.command import uncorrected
 
@@ -48,7 +48,6 @@ app = typer.Typer(name="fjh", help=HELP, epilog=EXIT_CODES, rich_markup_mode=Non
 STUDIES = (
     table1,
     figures,
-    systems,
     recover,
     force,
     goals,
@@ -59,7 +58,7 @@ STUDIES = (
     bench,
     report,
 )
-for command in (*map(presented, STUDIES), command_of(RELEASE), review, render):
+for command in (*map(presented, STUDIES), command_of(SYSTEMS), command_of(RELEASE), review, render):
     # The first line whole: Typer itself would cut it at any full stop.
     app.command(short_help=(command.__doc__ or "").partition("\n")[0])(command)
 
