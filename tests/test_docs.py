@@ -194,7 +194,7 @@ def test_the_theory_page_speaks_of_every_equation_theorem_and_remark():
 
 
 def test_the_theory_pages_tables_are_those_that_come_out(systems, release):
-    from experiments.systems.text import table
+    from experiments.systems.results import table
 
     for row in table(systems).rows:
         # Not the last digits of the errors, which another machine may round otherwise.
@@ -256,8 +256,8 @@ def test_the_theory_pages_weighted_pseudo_inverse_is_what_it_does(model):
 def test_the_readmes_mechanisms_are_as_classified(systems, table1):
     import mujoco
 
-    from experiments.systems.mechanisms import MECHANISMS
-    from experiments.systems.summary import checked_errors
+    from experiments.systems.results import checked_errors
+    from experiments.systems.runs import MECHANISMS
     from prioritized import ConstrainedSystem
     from sim import jacobians, load_model
 

@@ -19,9 +19,8 @@ from rerun.chunk import RrdReader
 import experiments
 from experiments.app.presentation import presented
 from experiments.app.report.chapter import Chapter
-from experiments.systems import mechanisms
-from experiments.systems.study import examine
-from experiments.systems.summary import complaint, summarize
+from experiments.systems.results import checks, summarize
+from experiments.systems.runs import run_systems
 from sim import Plant, jacobians, load_model
 from tests.printed import assert_printable
 
@@ -106,13 +105,16 @@ def test_a_pushed_mechanism_stands_as_the_page_says(walked):
 
 def test_the_mechanism_of_the_page_passes_the_study(walked, monkeypatch):
     """Each of its conditions, simulated and classified."""
-    monkeypatch.setattr(mechanisms, "HEXAPOD_MJCF", walked["folder"] / "fjh.xml")
-    conditions = walked["rail"].conditions
-    examined = [examine(walked["rail"], condition, seed=0) for condition in conditions]
-    monkeypatch.undo()
-    summary = summarize(examined, seed=0)
-    assert len(summary["systems"]) == 5
-    assert complaint(summary) is None
+    monkeypatch.chdir(walked["folder"])
+    summary = summarize(run_systems(seed=0, quick=False, mechanisms=(walked["rail"],)))
+    assert [one["condition"] for one in summary["systems"]] == [
+        "sound",
+        "locked 1",
+        "locked 2",
+        "free 1",
+        "free 2",
+    ]
+    assert all(check.passed for check in checks(summary))
 
 
 REFUSED = {

@@ -1,16 +1,14 @@
 """The other mechanisms of the paper: each file closes, moves, locks and lets go as it says."""
 
-from dataclasses import dataclass
-
 import mujoco
 import numpy as np
 import pytest
 import scipy.linalg
 from scipy.spatial.transform import Rotation
 
+from experiments.systems import runs as systems
 from sim import Jacobians, Plant, jacobians, joint_stiffness, load_model, mass_matrix
-from sim.model import HEXAPOD_MJCF
-from tests.test_docs import unmarked
+from tests.test_docs import readme_cells, unmarked
 
 PERIOD_S = 1e-3
 STROKE = 1e-3
@@ -18,36 +16,19 @@ STROKE = 1e-3
 CLOSURE_LIMIT_M = 1e-7
 
 
-@dataclass(frozen=True)
-class Mechanism:
-    """What a file promises; `task` are the rows that it can move, the others stand still."""
-
-    velocities: int
-    actuators: int
-    freedoms: int
-    task: tuple[int, ...]
-
-
-MECHANISMS = {
-    "arm": Mechanism(7, 7, 7, (0, 1, 2, 3, 4, 5)),
-    "hand": Mechanism(7, 4, 3, (2, 3, 4)),
-    "arms": Mechanism(18, 12, 6, (0, 1, 2, 3, 4, 5)),
-    "platform": Mechanism(11, 4, 3, (2, 3, 4)),
-}
-LOOPS = [name for name in MECHANISMS if name != "arm"]
+MECHANISMS = {mechanism.name: mechanism for mechanism in systems.MECHANISMS}
+LOOPS = [name for name, it in MECHANISMS.items() if load_model(it.path).neq > len(it.conditions[0])]
+"""Those with more equalities than a lock for each actuator."""
 EACH = pytest.mark.parametrize("name", MECHANISMS)
 EACH_ACTUATOR = pytest.mark.parametrize(
-    ("name", "k"), [(name, k) for name, it in MECHANISMS.items() for k in range(it.actuators)]
+    ("name", "k"),
+    [(name, k) for name, it in MECHANISMS.items() for k in range(len(it.conditions[0]))],
 )
-
-
-def path_of(name: str):
-    return HEXAPOD_MJCF.with_name(f"{name}.xml")
 
 
 @pytest.fixture(scope="module")
 def models() -> dict[str, mujoco.MjModel]:
-    return {name: load_model(path_of(name)) for name in MECHANISMS}
+    return {name: load_model(it.path) for name, it in MECHANISMS.items()}
 
 
 def nominal(model: mujoco.MjModel) -> tuple[Jacobians, np.ndarray]:
@@ -74,7 +55,7 @@ def swing(plant: Plant, command: np.ndarray, seconds: float) -> float:
 
 @EACH
 def test_every_number_of_the_file_says_where_it_comes_from(name):
-    assert unmarked(path_of(name).read_text()) == []
+    assert unmarked(MECHANISMS[name].path.read_text()) == []
 
 
 @EACH
@@ -89,16 +70,18 @@ def test_the_nominal_pose_is_closed_and_the_posture_is_baked_in(models, name):
 
 
 @EACH
-def test_the_mechanism_has_the_freedoms_it_says(models, name):
+def test_the_mechanism_has_the_freedoms_that_the_readme_says(models, name):
     """Freedoms are velocities less the rank of the closures; the motors rule them all."""
-    model, it = models[name], MECHANISMS[name]
+    model, task = models[name], MECHANISMS[name].task
+    velocities, actuators, freedoms = map(int, readme_cells(f"`{name}.xml`")[1].split(","))
     jac, motions = nominal(model)
-    assert (model.nv, len(jac.active)) == (it.velocities, it.actuators)
-    assert motions.shape[1] == it.freedoms
-    assert np.linalg.matrix_rank(motions[jac.active]) == it.freedoms
+    assert (model.nv, len(jac.active)) == (velocities, actuators)
+    assert {len(condition) for condition in MECHANISMS[name].conditions} == {actuators}
+    assert motions.shape[1] == freedoms
+    assert np.linalg.matrix_rank(motions[jac.active]) == freedoms
     reach = jac.J_T @ motions
-    assert np.linalg.matrix_rank(reach) == len(it.task)
-    np.testing.assert_allclose(np.delete(reach, it.task, axis=0), 0.0, atol=1e-15)
+    assert np.linalg.matrix_rank(reach) == len(task)
+    np.testing.assert_allclose(np.delete(reach, task, axis=0), 0.0, atol=1e-15)
 
 
 @pytest.mark.parametrize("name", LOOPS)

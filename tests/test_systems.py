@@ -8,15 +8,22 @@ from typing import cast
 import numpy as np
 import pytest
 
-from experiments.systems import figure as figure_module
-from experiments.systems import study as systems_module
-from experiments.systems.mechanisms import MECHANISMS, Condition
-from experiments.systems.probe import drift, respond
-from experiments.systems.study import Examination, classified, examine
-from experiments.systems.summary import complaint, summarize
+from experiments.systems import runs as systems_module
+from experiments.systems.figure import figure_systems
+from experiments.systems.probe import Rig, coast, respond
+from experiments.systems.results import checks, summarize
+from experiments.systems.runs import MECHANISMS, Mechanism, Systems, classified, examine
 from sim import Failure, load_model
 
 BY_NAME = {mechanism.name: mechanism for mechanism in MECHANISMS}
+
+
+def rig(mechanism: Mechanism, *failures: Failure) -> Rig:
+    return Rig(load_model(mechanism.path), failures, mechanism.task, mechanism.major)
+
+
+def failed_checks(summary: dict) -> list[str]:
+    return [str(check) for check in checks(summary) if not check.passed]
 
 
 @pytest.fixture(scope="module")
@@ -26,7 +33,7 @@ def entries(systems):
 
 def test_what_moves_in_the_simulation_is_what_the_classification_says(entries):
     """Reachable major directions, self-motion and forbidden active rates, counted from outside."""
-    assert len(entries) == 22
+    assert len(entries) == sum(len(mechanism.conditions) for mechanism in MECHANISMS)
     for where, one in entries.items():
         assert one["agrees"], where
         # Steps of 1e-4 bend away by their curvature; closures and locks are good to 1e-9.
@@ -68,8 +75,8 @@ def test_each_mechanism_is_classified_as_a_mechanic_would(
 def test_an_arm_keeps_pointing_whatever_joint_locks_and_loses_a_column(entries):
     """Serial arms: the failed column is dropped, section 2.3.2."""
     model = load_model(BY_NAME["arm"].path)
-    _, nominal = classified(model, BY_NAME["arm"], Condition())
-    _, locked = classified(model, BY_NAME["arm"], Condition(locked=(3,)))
+    _, nominal = classified(model, BY_NAME["arm"], "SSSSSSS")
+    _, locked = classified(model, BY_NAME["arm"], "SSSLSSS")
     np.testing.assert_array_equal(locked.J, np.delete(nominal.J, 3, axis=1))
     assert not entries["arm", "locked 4"]["unmanipulable"]
     assert entries["arm", "locked 4"]["lost_task_directions"] == 1
@@ -79,71 +86,66 @@ def test_in_a_hand_dropping_the_column_of_a_locked_finger_joint_is_wrong():
     """The warning that closes section 2.3.2, in the simulation: the rest is constrained too."""
     mechanism = BY_NAME["hand"]
     model = load_model(mechanism.path)
-    _, nominal = classified(model, mechanism, Condition())
-    _, locked = classified(model, mechanism, Condition(locked=(0,)))
-    answer = respond(model, [Failure(0, "locked")], locked.actuators)
-    moved = answer.task[list(mechanism.task)]
-    right = moved - locked.J @ answer.active
+    _, nominal = classified(model, mechanism, "SSSS")
+    _, locked = classified(model, mechanism, "LSSS")
+    active, moved = respond(rig(mechanism, Failure(0, "locked")), locked.actuators)
+    right = moved - locked.J @ active
     dropped = moved - np.delete(nominal.J, 0, axis=1) @ np.eye(3)
     assert np.linalg.norm(right) < 1e-3 * np.linalg.norm(moved)
     assert np.linalg.norm(dropped) > 0.1 * np.linalg.norm(moved)
 
 
 def test_a_push_leaves_a_sound_mechanism_at_rest_and_a_limp_one_coasting():
-    model = load_model(BY_NAME["platform"].path)
-    rows = BY_NAME["platform"].task
-    assert np.abs(drift(model, [], rows)).max() < 1e-6
-    limp = drift(model, [Failure(0, "free"), Failure(1, "free")], rows)
+    platform = BY_NAME["platform"]
+    assert np.abs(coast(rig(platform))).max() < 1e-6
+    limp = coast(rig(platform, Failure(0, "free"), Failure(1, "free")))
     assert np.abs(limp).max() > 0.05
 
 
 @pytest.mark.parametrize(
-    ("name", "happens", "told"),
+    ("name", "happens", "known"),
     [
-        ("arm", Condition(locked=(1,)), Condition()),
-        ("arm", Condition(free=(6,)), Condition()),
-        ("hand", Condition(free=(0,)), Condition()),
-        ("hand", Condition(locked=(0,)), Condition(free=(0,))),
-        ("arms", Condition(locked=(1,)), Condition(locked=(1,), free=(7,))),
-        ("arms", Condition(), Condition(free=(1,))),
-        ("platform", Condition(), Condition(free=(0,))),
-        ("platform", Condition(locked=(0,)), Condition(free=(0,))),
+        ("arm", "SLSSSSS", "SSSSSSS"),
+        ("arm", "SSSSSSF", "SSSSSSS"),
+        ("hand", "FSSS", "SSSS"),
+        ("hand", "LSSS", "FSSS"),
+        ("arms", "SLSSSSSSSSSS", "SLSSSSSFSSSS"),
+        ("arms", "SSSSSSSSSSSS", "SFSSSSSSSSSS"),
+        ("platform", "SSSS", "FSSS"),
+        ("platform", "LSSS", "FSSS"),
     ],
 )
-def test_a_wrong_classification_is_complained_of(monkeypatch, name, happens, told):
-    """The simulation suffers one failure and the library is told of another: that must show."""
+def test_a_wrong_classification_fails_a_check(monkeypatch, name, happens, known):
+    """The simulation has one failure and the library knows of another: that must show."""
     mechanism = BY_NAME[name]
     monkeypatch.setattr(
-        systems_module, "classified", lambda model, it, _: classified(model, it, told)
+        systems_module, "classified", lambda model, it, _: classified(model, it, known)
     )
     one = examine(mechanism, happens, seed=0)
-    assert complaint(summarize([one], seed=0))
+    assert failed_checks(summarize(Systems(0, {mechanism: [one]})))
 
 
 @pytest.mark.parametrize("count", [1, 4, 5])
-def test_the_figure_has_a_panel_for_each_mechanism_and_a_line_for_each_condition(
-    monkeypatch, count
-):
+def test_the_figure_has_a_panel_for_each_mechanism_and_a_line_for_each_condition(count):
     """The page on mechanisms adds a fifth, whoever goes on a seventh condition."""
     path = np.zeros((8, 2))
-    mechanisms = [replace(MECHANISMS[0], name=f"arm{k}", title=f"arm {k}") for k in range(count)]
-    examined = [
-        SimpleNamespace(
-            mechanism=mechanism,
-            condition=f"broken {k}",
-            report=SimpleNamespace(unstable_major=False, unmanipulable=False),
-            polygon=SimpleNamespace(reached=path, desired=path),
-        )
-        for mechanism in mechanisms
-        for k in range(7)
-    ]
-    monkeypatch.setattr(figure_module, "MECHANISMS", mechanisms)
-    figure = figure_module.figure_systems(cast("list[Examination]", examined))
-    assert [axes.get_title() for axes in figure.axes] == [one.title for one in mechanisms]
+    examined = {
+        replace(MECHANISMS[0], title=f"arm {k}"): [
+            SimpleNamespace(
+                condition="S" * k + "L",
+                report=SimpleNamespace(unstable_major=False, unmanipulable=False),
+                polygon=SimpleNamespace(reached=path, desired=path),
+            )
+            for k in range(7)
+        ]
+        for k in range(count)
+    }
+    figure = figure_systems(cast("Systems", SimpleNamespace(examinations=examined)))
+    assert [axes.get_title() for axes in figure.axes] == [one.title for one in examined]
     for axes in figure.axes:
         assert {line.get_label() for line in axes.lines} == {
-            *(f"broken {k}" for k in range(7)),
-            "asked for",
+            *(f"locked {k + 1}" for k in range(7)),
+            "commanded",
         }
     figure.draw_without_rendering()
 
@@ -155,7 +157,7 @@ def test_everything_named_is_there(systems, systems_folder):
 
 
 def test_an_unsound_experiment_is_called_so(systems):
-    assert complaint(systems) is None
+    assert failed_checks(systems) == []
     for key, value in (
         ("agrees", False),
         ("motion_error", 0.02),
@@ -165,4 +167,5 @@ def test_an_unsound_experiment_is_called_so(systems):
     ):
         spoilt = copy.deepcopy(systems)
         spoilt["systems"][0][key] = value
-        assert complaint(spoilt)
+        (sentence,) = failed_checks(spoilt)
+        assert sentence.startswith("arm, sound: ")

@@ -1,134 +1,212 @@
-"""What a simulated mechanism does, measured from outside.
+"""What a failed mechanism does in simulation, measured from outside, and how far predictions miss.
 
-No Jacobian goes into a number; only how long to wait is taken from the linear model.
+No Jacobian goes into a measurement; only how long to wait is taken from the linear model.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import mujoco
 import numpy as np
 
-from sim import Array, Failure, failed_plant, linearize
+from prioritized import ConstrainedSystem, ForceMapping, Kinematics
+from sim import Array, Failure, Plant, failed_plant, linearize
 
 STEP = 1e-4
 """Size of commanded displacements, [m] or [rad]: far above the closures' nanometres, and small
 against the curvature of a hand of 0.1 m."""
-
 PERIOD_S = 0.01
+VISIBLE = 1e-3
+"""What counts as motion, per commanded step or as a fraction of the way after a push: what servos
+and closures hold stands still to 1e-5, and the smallest motion there is comes to 0.015 (a rotor's
+radian moves a hand's object that many metres)."""
+
+_CORNERS = 8
 _PUSH_S = 0.05
 _TRIAL = 1e-6
 _AT_REST = 1e-6
-_NEVER = 0.01  # [1]/[s]: slower than any servo; what decays no faster coasts
+_COASTING_PER_S = 0.01  # slower than any servo; what decays no faster coasts
 
 
 @dataclass(frozen=True)
-class Response:
-    """Answers to one commanded step of each surviving actuator, divided by the step.
+class Rig:
+    """A mechanism, what fails of it, and its task: rows of the twist, and which of them are major.
 
-    Attributes:
-        active: Displacement of the surviving actuators, column by column, shape (n', n').
-        task: Displacement of the payload, shape (6, n').
+    Each measurement makes a plant of its own.
     """
 
-    active: Array
-    task: Array
+    model: mujoco.MjModel
+    failures: tuple[Failure, ...]
+    task: tuple[int, ...]
+    major: tuple[int, ...]
+
+    def plant(self) -> Plant:
+        """At its nominal pose, failed."""
+        return failed_plant(self.model, self.failures)
+
+    @property
+    def major_rows(self) -> list[int]:
+        """Rows of the twist that the major task is."""
+        return [self.task[row] for row in self.major]
+
+    @cached_property
+    def settling_s(self) -> float:
+        """How long the slowest motion that the servos hold needs to rest, whole periods."""
+        plant = self.plant()
+        at_rest = linearize(plant.model, plant.data)
+        decay = -np.linalg.eigvals(at_rest.A).real
+        slowest = decay[decay > _COASTING_PER_S].min(initial=np.inf)
+        return PERIOD_S * np.ceil(-np.log(_AT_REST) / slowest / PERIOD_S)
 
 
-def settling_s(model: mujoco.MjModel, failures: Sequence[Failure]) -> float:
-    """How long the slowest motion that the servos hold needs to come to rest, whole periods."""
-    plant = failed_plant(model, failures)
-    at_rest = linearize(plant.model, plant.data)
-    decay = -np.linalg.eigvals(at_rest.A).real
-    slowest = decay[decay > _NEVER].min(initial=np.inf)
-    return PERIOD_S * np.ceil(-np.log(_AT_REST) / slowest / PERIOD_S)
+def respond(rig: Rig, survivors: Array) -> tuple[Array, Array]:
+    """Displacements at rest after one step of each surviving actuator, divided by the step.
 
-
-def respond(model: mujoco.MjModel, failures: Sequence[Failure], survivors: Array) -> Response:
-    """Command each survivor alone and see where everything comes to rest."""
-    wait_s = settling_s(model, failures)
-    active, task = [], []
+    Of the survivors, shape (n', n'), and of the task, shape (m, n'): a column a commanded step.
+    """
+    active, twist = [], []
     for k in survivors:
-        plant = failed_plant(model, failures)
-        plant.step(STEP * np.eye(model.nu)[k], wait_s)
+        plant = rig.plant()
+        plant.step(STEP * np.eye(rig.model.nu)[k], rig.settling_s)
         active.append(plant.strut_displacement_m()[survivors] / STEP)
-        task.append(plant.displacement() / STEP)
-    return Response(active=np.array(active).T, task=np.array(task).T)
+        twist.append(plant.displacement() / STEP)
+    return np.array(active).T, np.array(twist).T[list(rig.task)]
 
 
-def drift(model: mujoco.MjModel, failures: Sequence[Failure], rows: Sequence[int]) -> Array:
-    """Push the payload along each task row, wait, and see what keeps moving, shape (6, rows).
+def coast(rig: Rig) -> Array:
+    """What keeps moving after a push along each task row, shape (m, m).
 
     What the actuators hold has come back to rest by then; self-motion coasts. Columns are
     displacements after the wait, during a tenth of it, as fractions of the largest there was.
     """
-    wait_s = settling_s(model, failures)
     coasting = []
-    for row in rows:
+    for row in rig.task:
         # A first, tiny push tells how hard to push.
-        _, peak = _pushed(model, failures, _TRIAL * np.eye(6)[row], wait_s)
-        moved, peak = _pushed(model, failures, _TRIAL * STEP / peak * np.eye(6)[row], wait_s)
+        _, peak = _pushed(rig, _TRIAL * np.eye(6)[row])
+        moved, peak = _pushed(rig, _TRIAL * STEP / peak * np.eye(6)[row])
         coasting.append(moved / peak)
-    return np.array(coasting).T
+    return np.array(coasting).T[list(rig.task)]
 
 
-def _pushed(
-    model: mujoco.MjModel, failures: Sequence[Failure], wrench: Array, wait_s: float
-) -> tuple[Array, float]:
+def _pushed(rig: Rig, wrench: Array) -> tuple[Array, float]:
     """Displacement in a tenth of the wait, after it and a short push, and the largest there was."""
-    plant, still = failed_plant(model, failures), np.zeros(model.nu)
+    plant, still = rig.plant(), np.zeros(rig.model.nu)
     plant.push(wrench)
     plant.step(still, _PUSH_S)
     plant.push(np.zeros(6))
     at_once = plant.displacement()
-    plant.step(still, wait_s)
+    plant.step(still, rig.settling_s)
     before = plant.displacement()
-    plant.step(still, max(PERIOD_S, round(0.1 * wait_s, 2)))
+    plant.step(still, max(PERIOD_S, round(0.1 * rig.settling_s, 2)))
     after = plant.displacement()
     return after - before, float(max(np.abs(at_once).max(), np.abs(after).max()))
 
 
-def follow(
-    model: mujoco.MjModel, failures: Sequence[Failure], commands: Array
-) -> tuple[Array, Array]:
-    """What happens while each of the commands (K, nu) is held for S periods.
+@dataclass(frozen=True)
+class Polygon:
+    """The major task driven around a polygon: desired and reached (T, m1), all joints (T, nq).
 
-    Displacement of the payload (K, S, 6), and positions of all joints (K S, nq).
+    `error` is the largest distance at a corner from what the mapping promises, in steps.
     """
-    plant = failed_plant(model, failures)
-    periods = round(settling_s(model, failures) / PERIOD_S)
-    moved, qpos = [], []
-    for command in commands:
+
+    desired: Array
+    reached: Array
+    qpos: Array
+    error: float
+
+
+def drive_polygon(rig: Rig, kin: Kinematics, rng: np.random.Generator) -> Polygon:
+    """Drive the major task around an octagon of radius STEP, then both ways along the others."""
+    m1 = len(rig.major)
+    angle = 2 * np.pi * (np.arange(_CORNERS) / _CORNERS + rng.random())
+    octagon = np.stack([np.cos(angle), np.sin(angle)], axis=1) @ np.eye(2, m1)
+    corners = STEP * np.vstack([octagon, np.eye(m1)[2:], -np.eye(m1)[2:]])
+    mapping = kin.velocity_mapping(rig.major, joint_weight=np.ones(len(kin.actuators)))
+    plant, periods = rig.plant(), round(rig.settling_s / PERIOD_S)
+    twist, qpos = [], []
+    for command in kin.expand(mapping(corners)):
         for _ in range(periods):
             plant.step(command, PERIOD_S)
-            moved.append(plant.displacement())
+            twist.append(plant.displacement())
             qpos.append(plant.data.qpos.copy())
-    return np.array(moved).reshape(len(commands), periods, 6), np.array(qpos)
+    reached = np.array(twist)[:, rig.major_rows]
+    promised = corners - mapping.residual(corners)
+    error = np.abs(reached[periods - 1 :: periods] - promised).max() / STEP
+    return Polygon(np.repeat(corners, periods, axis=0), reached, np.array(qpos), float(error))
 
 
-@dataclass(frozen=True)
-class Holding:
-    """Where a pushed mechanism comes to rest.
+def hold_force(
+    rig: Rig, system: ConstrainedSystem, kin: Kinematics, rng: np.random.Generator
+) -> dict[str, float]:
+    """How far a force, exerted through the force mapping, is from what was predicted of it.
 
-    Attributes:
-        displacement: Of the payload, shape (6,).
-        torques: Of all actuators, shape (nu,).
-        constraint_force: Of closures and locks on each velocity, shape (nv,).
+    A random major force, and a random internal force where there is one.
+
+    Returns:
+        torque_error: Servo torques against the mapping's, relative.
+        closure_error: What the closures and locks do to the joints, against the constraint forces
+            that the kinematics derives from force and torques, relative to the largest of these and
+            of what force and torques do to the joints: closures may have nothing to bear.
+        yielded_steps: Payload displacement. One servo, alone with its torque, would move one step.
     """
-
-    displacement: Array
-    torques: Array
-    constraint_force: Array
-
-
-def hold(
-    model: mujoco.MjModel, failures: Sequence[Failure], wrench: Array, torques: Array
-) -> Holding:
-    """Exert `wrench` on the world, by a push back at the payload, with servos told the torques.
-
-    A servo that stands at zero and is commanded torque / gain exerts that torque.
-    """
-    plant = failed_plant(model, failures)
+    mapping = kin.force_mapping(rig.major, torque_weight=np.ones(len(kin.actuators)))
+    f_major = rng.normal(size=len(rig.major))
+    squeeze = rng.normal(size=len(kin.active_constraint)) @ kin.active_constraint
+    torques = mapping(f_major, torque=squeeze)
+    force = _task_force(rig, mapping, f_major, squeeze)
+    gain = rig.model.actuator_gainprm[:, 0]
+    # As hard as moves a servo by one step if nothing helps.
+    scale = STEP / np.abs(kin.expand(torques) / gain).max()
+    torques, force = scale * torques, scale * force
+    wrench = np.zeros(6)
+    wrench[list(rig.task)] = force
+    plant, expected = rig.plant(), kin.expand(torques)
     plant.push(-wrench)
-    plant.step(torques / model.actuator_gainprm[:, 0], settling_s(model, failures))
-    return Holding(plant.displacement(), plant.coil_force_n(), plant.constraint_force())
+    plant.step(expected / gain, rig.settling_s)  # a servo that stands still exerts gain * command
+    stuck = np.eye(system.J_C.shape[1])[system.stuck]  # section 2.3.2: a row for each stuck joint
+    closures = np.vstack([system.J_C, stuck]).T @ -kin.constraint_force(force, torques)  # eq. (5)
+    bears = (closures, system.J_T.T @ force, torques)
+    return {
+        "torque_error": _relative(plant.coil_force_n() - expected, torques),
+        "closure_error": _relative(plant.constraint_force() - closures, *bears),
+        "yielded_steps": float(np.abs(plant.displacement()).max() / STEP),
+    }
+
+
+def _task_force(rig: Rig, mapping: ForceMapping, f_major: Array, squeeze: Array) -> Array:
+    """The major force that the mapping attains, and the secondary force that goes with it."""
+    force, major = np.zeros(len(rig.task)), list(rig.major)
+    force[major] = f_major - mapping.residual(f_major)
+    secondary = np.setdiff1d(np.arange(len(force)), major)
+    force[secondary] = mapping.secondary_force(f_major, torque=squeeze)
+    return force
+
+
+def _relative(difference: Array, *wholes: Array) -> float:
+    """Norm of a difference as a part of the largest of the wholes; zero when all are."""
+    size = max(np.linalg.norm(whole) for whole in wholes)
+    return float(np.linalg.norm(difference) / size) if size else 0.0
+
+
+def motion_error(kin: Kinematics, active: Array, moved: Array) -> float:
+    """Payload motion against J times the active motion, and that against what the loops allow.
+
+    Relative; each row of the task against its own motion, so that no turn is weighed against a way.
+    """
+    forbidden = kin.active_constraint @ active
+    off = np.linalg.norm(moved - kin.J @ active, axis=1)
+    rows = off / np.maximum(np.linalg.norm(moved, axis=1), VISIBLE)
+    return float(max(rows.max(), np.linalg.norm(forbidden) / np.linalg.norm(active)))
+
+
+def dimension(moved: Array) -> int:
+    """Number of directions with a motion that counts."""
+    return int((np.linalg.svd(moved, compute_uv=False) > VISIBLE).sum())
+
+
+def largest_angle(moved: Array, basis: Array) -> float:
+    """Sine of the largest angle between what moved and a subspace; zero when nothing moved."""
+    size = np.linalg.norm(moved, 2)
+    if size < VISIBLE:
+        return 0.0
+    return float(np.linalg.norm(moved - basis @ (basis.T @ moved), 2) / size)

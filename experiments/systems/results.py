@@ -1,0 +1,178 @@
+"""The examined mechanisms as numbers, checks, a table and files."""
+
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from experiments.hexapod.recording.notes import constants
+from experiments.output.provenance import version_properties, versions
+from experiments.output.recording.file import About
+from experiments.output.recording.mechanism import Driven, Task, write_mechanism
+from experiments.output.recording.series import Plot
+from experiments.output.results import Check, Results
+from experiments.output.tables import Column, Table, tabulate
+from experiments.systems.figure import pictures
+from experiments.systems.probe import PERIOD_S, STEP
+from experiments.systems.runs import Examination, Mechanism, Systems, failed, in_words
+from sim import Array, load_model, model_sha256
+
+LIMIT = 0.01
+"""Largest relative distance between simulated and predicted motions, displacements and torques."""
+
+
+def results(systems: Systems) -> Results:
+    """Everything that `fjh systems` publishes."""
+    summary = summarize(systems)
+    examined = systems.examinations.items()
+    return Results(
+        summary,
+        tables=(table(summary),),
+        checks=checks(summary),
+        pictures=pictures(systems),
+        arrays={f"{mechanism.name}.npz": _arrays(ours) for mechanism, ours in examined},
+        records=[partial(_record, mechanism, ours, summary) for mechanism, ours in examined],
+    )
+
+
+def summarize(systems: Systems) -> dict[str, Any]:
+    """All numbers of the experiment, ready for JSON."""
+    examined = systems.examinations
+    return {
+        "experiment": "systems",
+        "seed": systems.seed,
+        "versions": versions(),
+        "model_sha256": {mechanism.name: model_sha256(mechanism.path) for mechanism in examined},
+        "step_m_or_rad": STEP,
+        "systems": [_entry(one) for ours in examined.values() for one in ours],
+    }
+
+
+def checks(summary: dict[str, Any]) -> list[Check]:
+    """The simulation moves where the classification says, and as far as predicted."""
+    found = []
+    for one in summary["systems"]:
+        where = f"{one['mechanism']}, {one['condition']}"
+        what = "disagreement of simulation and classification on the directions of motion (0 or 1)"
+        found.append(Check(what, where, float(not one["agrees"]), 0.5))
+        found += [Check(name, where, one[name], LIMIT) for name in checked_errors(one)]
+    return found
+
+
+def checked_errors(one: dict[str, Any]) -> list[str]:
+    """Which errors of an entry must be small."""
+    always = ["motion_error", "drift_error", "torque_error", "closure_error", "yielded_steps"]
+    # No actuator holds self-motion of the major task: each corner passes its motion on to the next.
+    return always if one["unstable_major"] else [*always, "major_error"]
+
+
+def table(summary: dict[str, Any]) -> Table:
+    """One row for each mechanism and condition."""
+    columns = (
+        Column("mechanism", "mechanism"),
+        Column("failed", "condition"),
+        Column("major task", _task_words),
+        Column("self-motion", _self_motion_words),
+        Column("constraints", lambda one: one["constrained_active"] or "-"),
+        Column("error", lambda one: max(one[name] for name in checked_errors(one)), ".0e"),
+    )
+    return tabulate(
+        "Classification, and the largest error of the simulation",
+        columns,
+        summary["systems"],
+        "self-motion: number of motions that no actuator holds, and whether they move the major "
+        "task. constraints: number of combinations of actuator rates that the loops forbid. error: "
+        "of simulated motions, torques and forces, relative to the predicted.",
+    )
+
+
+def _task_words(one: dict[str, Any]) -> str:
+    if one["unmanipulable"]:
+        return "unreached"
+    return "not held" if one["unstable_major"] else "exact"
+
+
+def _self_motion_words(one: dict[str, Any]) -> str:
+    if not one["self_motion"]:
+        return "-"
+    return f"{one['self_motion']}, {'major' if one['self_motion_major'] else 'aside'}"
+
+
+_FLAGS = (
+    "unmanipulable",
+    "unmanipulable_task",
+    "unstable",
+    "unstable_major",
+    "unstable_secondary",
+    "irresolvable",
+)
+
+
+def _entry(one: Examination) -> dict[str, Any]:
+    mechanism, report = one.mechanism, one.report
+    return {
+        "mechanism": mechanism.name,
+        "index": mechanism.conditions.index(one.condition),
+        "condition": in_words(one.condition),
+        "locked": failed(one.condition, "L"),
+        "free": failed(one.condition, "F"),
+        "major": mechanism.major_names,
+        **{flag: getattr(report, flag) for flag in _FLAGS},
+        "self_motion": one.predicted["self_motion"],
+        "self_motion_major": one.predicted["self_motion_major"],
+        "constrained_active": one.predicted["constrained_active"],
+        "internal_forces": len(report.bases["irresolvable"]),
+        "lost_task_directions": report.bases["unmanipulable_task"].shape[1],
+        f"worst_gain_{mechanism.major_unit}_per_actuator_unit": report.worst_gain,
+        "smallest_gap": min(report.gaps.values()),
+        "simulated": one.simulated,
+        "agrees": one.simulated == one.predicted,
+        **one.errors,
+        "recording": f"{mechanism.name}.rrd",
+        "data": f"{mechanism.name}.npz",
+    }
+
+
+def _arrays(ours: list[Examination]) -> dict[str, Array]:
+    """Every condition's run around the polygon, its number at the end of the names."""
+    arrays = {}
+    for k, one in enumerate(ours):
+        unit = one.mechanism.major_unit
+        arrays |= {
+            f"time_s_{k}": one.time_s,
+            f"desired_{unit}_{k}": one.polygon.desired,
+            f"reached_{unit}_{k}": one.polygon.reached,
+            f"qpos_{k}": one.polygon.qpos,
+        }
+    return arrays
+
+
+def _record(
+    mechanism: Mechanism, ours: list[Examination], summary: dict[str, Any], folder: Path
+) -> None:
+    properties = {
+        "seed": summary["seed"],
+        "model_sha256": summary["model_sha256"][mechanism.name],
+        "step_m_or_rad": summary["step_m_or_rad"],
+        "period_s": PERIOD_S,
+    } | version_properties(summary)
+    notes = [f"# {mechanism.title}", "", "Major task around an octagon, sound and failed.", ""]
+    for one in ours:
+        sentences = [f"- {sentence}" for sentence in str(one.report).splitlines()]
+        notes += [f"## {in_words(one.condition)}", "", *sentences, ""]
+    identity = f"systems-{mechanism.name}-seed{summary['seed']}"
+    text = "\n".join([*notes, *constants(properties)])
+    about = About(identity, mechanism.title, text, properties)
+    driven = {in_words(one.condition): _driven(one) for one in ours}
+    write_mechanism(folder / f"{mechanism.name}.rrd", about, load_model(mechanism.path), driven)
+
+
+def _driven(one: Examination) -> Driven:
+    desired, reached = 1e6 * one.polygon.desired, 1e6 * one.polygon.reached
+    names, unit = one.mechanism.major_names, f"u{one.mechanism.major_unit}"
+    title, labels = f"desired - reached [{unit}]", [f"{name} off [{unit}]" for name in names]
+    return Driven(
+        one.time_s,
+        one.polygon.qpos,
+        [Plot("off", title, labels, one.time_s, desired - reached)],
+        Task((names[0], names[1]), unit, desired[:, :2], reached[:, :2]),
+    )

@@ -1,0 +1,214 @@
+"""The paper's other systems: each is classified in every condition, then simulated and compared."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from experiments.output.parallel import in_parallel
+from experiments.systems import probe
+from experiments.systems.probe import PERIOD_S, Polygon, Rig
+from prioritized import ConstrainedSystem, Kinematics, Manipulability
+from sim import (
+    HEXAPOD_MJCF,
+    Array,
+    Failure,
+    jacobians,
+    load_model,
+    mass_matrix,
+)
+
+_TWIST_ROWS = ("turn x", "turn y", "turn z", "x", "y", "z")
+
+
+@dataclass(frozen=True)
+class Mechanism:
+    """One MJCF file and its task.
+
+    Attributes:
+        path: Of the file; its name without ending is the mechanism's.
+        title: For people.
+        task: Rows of the payload twist [angular; linear] that the mechanism is about.
+        major: Which of these are the major task.
+        conditions: What is tried: a letter for each actuator, S sound, L locked, F free.
+    """
+
+    path: Path
+    title: str
+    task: tuple[int, ...]
+    major: tuple[int, ...]
+    conditions: tuple[str, ...]
+
+    @property
+    def name(self) -> str:
+        """As in `systems.json`."""
+        return self.path.stem
+
+    @property
+    def major_names(self) -> list[str]:
+        """Major rows in words."""
+        return [_TWIST_ROWS[self.task[row]] for row in self.major]
+
+    @property
+    def major_unit(self) -> str:
+        """Of the major task: [rad] or [m]."""
+        return "rad" if self.major_names[0].startswith("turn") else "m"
+
+
+MECHANISMS = (
+    Mechanism(
+        path=HEXAPOD_MJCF.with_name("arm.xml"),
+        title="7-joint serial arm, pointing",
+        task=(0, 1, 2, 3, 4, 5),
+        major=(0, 1),
+        conditions=("SSSSSSS", "SLSSSSS", "SSSLSSS", "SSSFSSS", "SSSSSSF", "SLSSSSF"),
+    ),
+    Mechanism(
+        path=HEXAPOD_MJCF.with_name("hand.xml"),
+        title="planar two-finger hand, placing an object",
+        task=(2, 3, 4),
+        major=(1, 2),
+        conditions=("SSSS", "LSSS", "FSSS", "FFSS", "LSFS", "LLSS"),
+    ),
+    Mechanism(
+        path=HEXAPOD_MJCF.with_name("arms.xml"),
+        title="two cooperating arms, carrying a load",
+        task=(0, 1, 2, 3, 4, 5),
+        major=(3, 4, 5),
+        conditions=("SSSSSSSSSSSS", "SLSSSSSSSSSS", "SFSSSSSSSSSS", "SLSSSSSFSSSS", "FFFFFFSSSSSS"),
+    ),
+    Mechanism(
+        path=HEXAPOD_MJCF.with_name("platform.xml"),
+        title="planar platform on four legs, positioning",
+        task=(2, 3, 4),
+        major=(1, 2),
+        conditions=("SSSS", "LSSS", "FSSS", "FFSS", "LFSS"),
+    ),
+)
+
+
+def failed(condition: str, letter: str) -> list[int]:
+    """Actuators 0..n-1 that have this letter in a condition."""
+    return [k for k, one in enumerate(condition) if one == letter]
+
+
+def in_words(condition: str) -> str:
+    """A condition for people, actuators 1..n; a run of three or more by its ends."""
+    words = []
+    for kind, letter in (("locked", "L"), ("free", "F")):
+        numbers = [k + 1 for k in failed(condition, letter)]
+        if len(numbers) > 2 and numbers[-1] - numbers[0] == len(numbers) - 1:
+            words.append(f"{kind} {numbers[0]}-{numbers[-1]}")
+        elif numbers:
+            words.append(f"{kind} {', '.join(map(str, numbers))}")
+    return "; ".join(words) or "sound"
+
+
+@dataclass(frozen=True)
+class Examination:
+    """One mechanism in one condition, classified and simulated.
+
+    Attributes:
+        mechanism: What was examined.
+        condition: One letter for each actuator.
+        report: The classification.
+        simulated: Numbers of major directions reached, of self-motions, of those that move the
+            major task, and of forbidden combinations of active rates; `predicted` by the report.
+        errors: Of simulated motions, torques and forces against predicted, relative or in steps.
+        time_s: (T,); `polygon`: the major task driven around one.
+    """
+
+    mechanism: Mechanism
+    condition: str
+    report: Manipulability
+    simulated: dict[str, int]
+    predicted: dict[str, int]
+    errors: dict[str, float]
+    time_s: Array
+    polygon: Polygon
+
+
+@dataclass(frozen=True)
+class Systems:
+    """All examinations, by mechanism; `seed` is that of the directions tried."""
+
+    seed: int
+    examinations: dict[Mechanism, list[Examination]]
+
+
+def run_systems(
+    *,
+    seed: int,
+    quick: bool,
+    on_progress: Callable[[int, int], None] = lambda done, total: None,
+    mechanisms: tuple[Mechanism, ...] = MECHANISMS,
+) -> Systems:
+    """Examine every mechanism in every condition, in parallel on the machine's cores.
+
+    Args:
+        seed: Of the directions in which the mechanisms are driven and push.
+        quick: Only the first three conditions of each.
+        on_progress: Called with finished and total number of examinations.
+        mechanisms: To be examined.
+    """
+    calls = [
+        {"mechanism": mechanism, "condition": condition, "seed": seed}
+        for mechanism in mechanisms
+        for condition in mechanism.conditions[: 3 if quick else None]
+    ]
+    examined = in_parallel(examine, calls, on_progress)
+    return Systems(
+        seed, {it: [one for one in examined if one.mechanism == it] for it in mechanisms}
+    )
+
+
+def examine(mechanism: Mechanism, condition: str, seed: int) -> Examination:
+    """Classify one condition, then simulate it and compare."""
+    model = load_model(mechanism.path)
+    failures = [Failure(k, "locked") for k in failed(condition, "L")]
+    failures += [Failure(k, "free") for k in failed(condition, "F")]
+    rig = Rig(model, tuple(failures), mechanism.task, mechanism.major)
+    system, kin = classified(model, mechanism, condition)
+    report, major = kin.manipulability(mechanism.major), list(mechanism.major)
+
+    active, moved = probe.respond(rig, kin.actuators)
+    coasting = probe.coast(rig)
+    rng = np.random.default_rng(seed)
+    polygon = probe.drive_polygon(rig, kin, rng)
+    errors = {
+        "motion_error": probe.motion_error(kin, active, moved),
+        "drift_error": probe.largest_angle(coasting, report.bases["unstable"]),
+        "major_error": polygon.error,
+        **probe.hold_force(rig, system, kin, rng),
+    }
+    simulated = {
+        "major_directions": probe.dimension(moved[major]),
+        "self_motion": probe.dimension(coasting),
+        "self_motion_major": probe.dimension(coasting[major]),
+        "constrained_active": len(kin.actuators) - probe.dimension(active),
+    }
+    predicted = {
+        "major_directions": len(major) - report.bases["unmanipulable"].shape[1],
+        "self_motion": report.bases["unstable"].shape[1],
+        "self_motion_major": report.bases["unstable_major"].shape[1],
+        "constrained_active": len(report.bases["constrained_active"]),
+    }
+    time_s = np.arange(1, len(polygon.desired) + 1) * PERIOD_S
+    return Examination(mechanism, condition, report, simulated, predicted, errors, time_s, polygon)
+
+
+def classified(
+    model: mujoco.MjModel, mechanism: Mechanism, condition: str
+) -> tuple[ConstrainedSystem, Kinematics]:
+    """The failed mechanism at its nominal pose, with the task rows it is about.
+
+    Frictionless from rest: under self-motion the passive joints keep their momentum at zero, which
+    is what the mass matrix as their metric says.
+    """
+    data = mujoco.MjData(model)
+    jac = jacobians(model, data, site="payload", axes="base")
+    system = ConstrainedSystem(jac.J_T[list(mechanism.task)], jac.J_C, jac.active)
+    system = system.with_failures(failed(condition, "L"), failed(condition, "F"))
+    return system, system.kinematics(passive_metric=mass_matrix(model, data))
