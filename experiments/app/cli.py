@@ -10,7 +10,6 @@ from experiments.app.presentation import presented
 from experiments.app.render.command import render
 from experiments.app.report.command import report
 from experiments.app.review.command import review
-from experiments.atlas.command import atlas
 from experiments.benchmark.command import bench
 from experiments.figures.command import figures
 from experiments.force.command import force
@@ -22,7 +21,8 @@ from experiments.output.study import Interrupted, Unsound, WrongInput
 from experiments.output.terminal import notice
 from experiments.recover.command import recover
 from experiments.release import STUDY as RELEASE
-from experiments.sweep.command import sweep
+from experiments.sweep import ATLAS
+from experiments.sweep import STUDY as SWEEP
 from experiments.systems.command import systems
 from experiments.table1.command import table1
 from experiments.uncorrected.command import uncorrected
@@ -54,12 +54,11 @@ STUDIES = (
     goals,
     jacobian,
     uncorrected,
-    sweep,
-    atlas,
     bench,
     report,
 )
-for command in (*map(presented, STUDIES), command_of(RELEASE), review, render):
+CONVERTED = (RELEASE, SWEEP, ATLAS)
+for command in (*map(presented, STUDIES), *map(command_of, CONVERTED), review, render):
     # The first line whole: Typer itself would cut it at any full stop.
     app.command(short_help=(command.__doc__ or "").partition("\n")[0])(command)
 

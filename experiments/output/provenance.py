@@ -4,6 +4,7 @@ import hashlib
 import os
 import platform
 import subprocess
+from collections.abc import Iterable
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,6 @@ from sim import model_sha256
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
-REPORT = ROOT / "experiments" / "app" / "report"
 SOURCES = (
     "argument_checks/**/*.py",
     "experiments/**/*.py",
@@ -23,7 +23,8 @@ SOURCES = (
     "prioritized/**/*.py",
     "sim/**/*.py",
 )
-
+REPORT = ("experiments/app/report/**/*.py",)
+"""All that makes numbers, figures and captions; and the report itself, which only shows them."""
 
 PACKAGES = ("mujoco", "numpy", "scipy", "control", "rerun-sdk", "matplotlib")
 
@@ -69,15 +70,22 @@ def commit() -> str:
     return f"{_git('rev-parse', 'HEAD')}{changes}"
 
 
-def code_sha256() -> str:
-    """SHA-256 over all that makes numbers: sources and machine files, but not this report."""
+def code_sha256(sources: Iterable[str] = SOURCES, without: Iterable[str] = REPORT) -> str:
+    """SHA-256 over the names and contents of project files.
+
+    Args:
+        sources: Patterns of the files, below the project's root.
+        without: Patterns of those among them that do not count.
+    """
     digest = hashlib.sha256()
-    for pattern in SOURCES:
-        for file in sorted(ROOT.glob(pattern)):
-            if not file.is_relative_to(REPORT):
-                digest.update(f"{file.relative_to(ROOT).as_posix()}\0".encode())
-                digest.update(hashlib.sha256(file.read_bytes()).digest())
+    for file in sorted(_matching(sources) - _matching(without)):
+        digest.update(f"{file.relative_to(ROOT).as_posix()}\0".encode())
+        digest.update(hashlib.sha256(file.read_bytes()).digest())
     return digest.hexdigest()
+
+
+def _matching(patterns: Iterable[str]) -> set[Path]:
+    return {file for pattern in patterns for file in ROOT.glob(pattern)}
 
 
 def _git(*arguments: str) -> str | None:
