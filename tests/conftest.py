@@ -172,10 +172,10 @@ FLOWN = ("SSSSSS", "FSSSSS", "SSLSSS", "SLLSLL", "SFFSLF", "LLLLLL")
 
 @pytest.fixture(scope="session")
 def atlas_folder(scheduler, tmp_path_factory):
-    """A few failure conditions flown, made by the command."""
+    """A few failure conditions simulated, made by the command."""
     folder = tmp_path_factory.mktemp("atlas")
     with pytest.MonkeyPatch.context() as few:
-        few.setattr("experiments.atlas.conditions.representatives", lambda: FLOWN)
+        few.setattr("experiments.sweep.runs.representatives", lambda: FLOWN)
         words = ["atlas", "--quick", "--scheduler", scheduler, "--out", str(folder)]
         assert main(words) == 0
     return folder

@@ -1,4 +1,4 @@
-"""Sweeps: cases that are a pure function, rows that are the run, and bytes that nobody can move."""
+"""Sweeps: runs that are a pure function, rows that are the run, and bytes that nobody can move."""
 
 import contextlib
 import itertools
@@ -25,18 +25,15 @@ from experiments.hexapod.prediction import predicted_error_rad
 from experiments.hexapod.simulation import nominal_loops, track_spiral
 from experiments.hexapod.testbed import Bench
 from experiments.output.study import Interrupted, Unsound, WrongInput
-from experiments.sweep import cluster as clusters
-from experiments.sweep import run, stream
+from experiments.sweep import basis, cluster
 from experiments.sweep.basis import basis_in
-from experiments.sweep.case import case_of
 from experiments.sweep.cluster import Where
-from experiments.sweep.dataset import Dataset
-from experiments.sweep.design import Cases, Design, grid
-from experiments.sweep.factors import BENCH, KINDS, Choice, Range
-from experiments.sweep.read import read_design
-from experiments.sweep.study import UNFINISHED, finished_before, run_cases
-from experiments.sweep.summary import Columns, complaint, prediction
-from experiments.sweep.table import SCHEMA
+from experiments.sweep.dataset import Columns, Dataset
+from experiments.sweep.design import Design, SweepRuns, grid, read_design
+from experiments.sweep.results import checks, prediction
+from experiments.sweep.row import SCHEMA, row_of
+from experiments.sweep.runs import UNFINISHED, published_before, run_missing
+from experiments.sweep.sweep_run import BENCH, KINDS, Choice, Range, sweep_run
 from sim import Failure, SimulationDiverged
 
 SHORT = Choice("settling_s", (0.05,))
@@ -52,10 +49,10 @@ FEW = Design(
 )
 
 
-def run_into(folder: Path, cases, scheduler: str, *, resume: bool = False, on_progress=None):
-    return run_cases(
+def run_into(folder: Path, runs, scheduler: str, *, resume: bool = False, on_progress=None):
+    return run_missing(
         folder,
-        cases,
+        runs,
         where=Where(scheduler),
         resume=resume,
         on_progress=on_progress or (lambda done, total: None),
@@ -69,9 +66,9 @@ def bytes_of(folder: Path) -> dict[str, bytes]:
 
 @pytest.fixture(scope="session")
 def undisturbed(scheduler, tmp_path_factory):
-    """The few cases on two workers."""
+    """The few runs on two workers."""
     folder = tmp_path_factory.mktemp("undisturbed")
-    assert run_into(folder, Cases(FEW, 0), scheduler).took["runs"] == len(Cases(FEW, 0))
+    assert run_into(folder, SweepRuns(FEW, 0), scheduler).took["runs"] == len(SweepRuns(FEW, 0))
     return bytes_of(folder)
 
 
@@ -91,8 +88,8 @@ UNEVEN = Design(
 
 
 def test_a_hypercube_has_one_run_in_each_slice_of_each_range():
-    cases = Cases(UNEVEN, seed=3)
-    rows = [cases[k].parameters() for k in range(len(cases))]
+    runs = SweepRuns(UNEVEN, seed=3)
+    rows = [runs[k].parameters() for k in range(len(runs))]
     for name, edges in (
         ("roll_off_hz", np.linspace(20, 30, 18)),
         ("detector_noise_m", np.geomspace(1e-7, 1e-5, 18)),
@@ -109,23 +106,23 @@ def test_a_grid_is_the_full_product_its_last_factor_the_fastest():
         Range("roll_off_hz", 20.0, 30.0, False, 3),
         Range("detector_noise_m", 1e-7, 1e-5, True, 3),
     ]
-    cases = Cases(grid(0.1, factors), seed=0)
+    runs = SweepRuns(grid(0.1, factors), seed=0)
     names = [factor.name for factor in factors]
-    rows = [tuple(cases[k].parameters()[name] for name in names) for k in range(len(cases))]
+    rows = [tuple(runs[k].parameters()[name] for name in names) for k in range(len(runs))]
     levels = (("SSSSSS", "LSSSSS"), (20, 25, 30), (1e-7, 1e-6, 1e-5))
     for row, expected in zip(rows, itertools.product(*levels), strict=True):
         assert row[0] == expected[0]
         assert row[1:] == pytest.approx(expected[1:], rel=1e-12)
 
 
-def test_a_case_is_a_pure_function_of_design_seed_and_number_and_small():
-    cases, again = Cases(UNEVEN, 3), Cases(UNEVEN, 3)
-    order = np.random.default_rng(0).permutation(len(cases)).tolist()
-    assert [again[k] for k in order] == [cases[k] for k in order]
-    assert len({cases[k].seed for k in order}) == len(cases)
-    other = Cases(UNEVEN, 4)
-    assert all(other[k] != cases[k] for k in order)
-    assert len(pickle.dumps(cases[0])) < 1000
+def test_a_run_is_a_pure_function_of_design_seed_and_number_and_small():
+    runs, again = SweepRuns(UNEVEN, 3), SweepRuns(UNEVEN, 3)
+    order = np.random.default_rng(0).permutation(len(runs)).tolist()
+    assert [again[k] for k in order] == [runs[k] for k in order]
+    assert len({runs[k].seed for k in order}) == len(runs)
+    other = SweepRuns(UNEVEN, 4)
+    assert all(other[k] != runs[k] for k in order)
+    assert len(pickle.dumps(runs[0])) < 1000
 
 
 def test_the_default_design_varies_weights_failures_times_and_bench():
@@ -183,7 +180,7 @@ def test_a_row_is_what_the_run_and_the_linear_model_say(model):
     """With compensators designed anew, and the prediction of another function."""
     bench = Bench(detector_noise_m=1e-6)
     values = {"seed": 7, "detector_noise_m": 1e-6, "weight": "W_e", "struts": "SSLSSS"}
-    row = run.run_case(case_of(3, 0.3, values))
+    row = row_of(sweep_run(3, 0.3, values))
     goal = Goal(secondary_weight=(10, 10, 1, 1), locked_m={2: 0.0})
     lock = (Failure(2, "locked"),)
     same = {"failures": lock, "seed": 7, "duration_s": 0.3}
@@ -225,7 +222,7 @@ def test_a_row_is_what_the_run_and_the_linear_model_say(model):
     ],
 )
 def test_a_run_that_ends_badly_is_a_row_with_its_status(values, status):
-    row = run.run_case(case_of(0, 0.05, {"seed": 1, "settling_s": 0.05} | values))
+    row = row_of(sweep_run(0, 0.05, {"seed": 1, "settling_s": 0.05} | values))
     assert row["status"] == status
     assert ("message" in row) == (status == "refused")
     assert ("alpha_rms_urad" in row) == (status != "refused")
@@ -235,8 +232,8 @@ def test_a_diverging_run_is_a_row(monkeypatch):
     def diverge(*_args, **_options):
         raise SimulationDiverged(0.03, np.zeros(3))
 
-    monkeypatch.setattr(run, "track_spiral", diverge)
-    row = run.run_case(case_of(0, 0.05, {"seed": 1}))
+    monkeypatch.setattr("experiments.sweep.row.track_spiral", diverge)
+    row = row_of(sweep_run(0, 0.05, {"seed": 1}))
     assert (row["status"], row["diverged_at_s"]) == ("diverged", 0.03)
     assert "non-finite at t = 0.0300 s" in row["message"]
 
@@ -244,14 +241,14 @@ def test_a_diverging_run_is_a_row(monkeypatch):
 # The bytes.
 
 
-def test_the_rows_are_the_cases_in_order(undisturbed, tmp_path):
+def test_the_rows_are_the_runs_in_order(undisturbed, tmp_path):
     (tmp_path / "part").write_bytes(undisturbed["part-000000.parquet"])
     table = pq.read_table(tmp_path / "part")
     assert table.schema.equals(SCHEMA)
-    cases = Cases(FEW, 0)
+    runs = SweepRuns(FEW, 0)
     for k in (0, 11, 23):
         [row] = table.slice(k, 1).to_pylist()
-        expected = dict.fromkeys(SCHEMA.names) | run.run_case(cases[k])
+        expected = dict.fromkeys(SCHEMA.names) | row_of(runs[k])
         for name, value in row.items():
             # Here numpy has as many threads as it likes.
             number = isinstance(value, float)
@@ -263,29 +260,29 @@ def test_neither_order_nor_interruption_changes_a_byte(scheduler, undisturbed, t
         if done == 9:
             raise KeyboardInterrupt
 
-    cases = Cases(FEW, 0)
+    runs = SweepRuns(FEW, 0)
     with pytest.raises(Interrupted, match="9 of 24 runs are kept"):
-        run_into(tmp_path, cases, scheduler, on_progress=interrupt)
+        run_into(tmp_path, runs, scheduler, on_progress=interrupt)
     with pytest.raises(WrongInput, match="--resume goes on"):
-        run_into(tmp_path, cases, scheduler)
+        run_into(tmp_path, runs, scheduler)
     with pytest.raises(WrongInput, match="another seed"):
-        run_into(tmp_path, Cases(FEW, 1), scheduler, resume=True)
+        run_into(tmp_path, SweepRuns(FEW, 1), scheduler, resume=True)
     with pytest.raises(WrongInput, match="another design"):
-        run_into(tmp_path, Cases(replace(FEW, duration_s=0.06), 0), scheduler, resume=True)
-    assert run_into(tmp_path, cases, scheduler, resume=True).took["runs"] == 24 - 9
+        run_into(tmp_path, SweepRuns(replace(FEW, duration_s=0.06), 0), scheduler, resume=True)
+    assert run_into(tmp_path, runs, scheduler, resume=True).took["runs"] == 24 - 9
     assert bytes_of(tmp_path) == undisturbed
-    assert run_into(tmp_path, cases, scheduler, resume=True).took["runs"] == 0
+    assert run_into(tmp_path, runs, scheduler, resume=True).took["runs"] == 0
 
 
 def test_one_worker_writes_the_bytes_of_two(undisturbed, tmp_path):
-    cases, alone = Cases(FEW, 0), Where(workers=1)
-    run_cases(tmp_path, cases, where=alone, resume=False, on_progress=lambda done, total: None)
+    runs, alone = SweepRuns(FEW, 0), Where(workers=1)
+    run_missing(tmp_path, runs, where=alone, resume=False, on_progress=lambda done, total: None)
     assert bytes_of(tmp_path) == undisturbed
 
 
 def test_parts_are_written_when_they_are_whole_whatever_comes_first(tmp_path, monkeypatch):
     monkeypatch.setattr("experiments.sweep.dataset.PART", 4)
-    rows = [case_of(k, 0.1, {"seed": k}).parameters() | {"status": "exact"} for k in range(10)]
+    rows = [sweep_run(k, 0.1, {"seed": k}).parameters() | {"status": "exact"} for k in range(10)]
     datasets = {}
     for name, order in (("forth", range(10)), ("back", range(9, -1, -1))):
         dataset = Dataset(tmp_path / name, 10, {})
@@ -301,7 +298,7 @@ def test_parts_are_written_when_they_are_whole_whatever_comes_first(tmp_path, mo
 
 
 def test_another_seed_is_another_sweep(scheduler, undisturbed, tmp_path):
-    run_into(tmp_path, Cases(replace(FEW, runs=3), 1), scheduler)
+    run_into(tmp_path, SweepRuns(replace(FEW, runs=3), 1), scheduler)
     found = pq.read_table(tmp_path / UNFINISHED)["alpha_rms_urad"].to_pylist()
     (tmp_path / "part").write_bytes(undisturbed["part-000000.parquet"])
     assert not set(found) & set(pq.read_table(tmp_path / "part")["alpha_rms_urad"].to_pylist())
@@ -313,28 +310,28 @@ def test_another_seed_is_another_sweep(scheduler, undisturbed, tmp_path):
 def test_a_killed_worker_loses_nothing_that_was_received(
     crew, scheduler, undisturbed, tmp_path, monkeypatch
 ):
-    """Its cases go to another; those received before are not run again: the scheduler's own log."""
+    """Its runs go to another; those received before are not run again: the scheduler's own log."""
     received, log = [], crew.cluster.scheduler.transition_log
-    plain = stream.finished_rows
+    plain = cluster.finished_rows
     log.clear()
 
-    def kill_in_the_middle(client, cases):
-        for row in plain(client, cases):
-            received.append(row["case"])
+    def kill_in_the_middle(client, runs):
+        for finished in plain(client, runs):
+            received.append(finished["case"])
             if len(received) == 6:
                 os.kill(next(iter(client.run(os.getpid).values())), signal.SIGKILL)
-            yield row
+            yield finished
 
-    monkeypatch.setattr("experiments.sweep.study.finished_rows", kill_in_the_middle)
-    run_into(tmp_path, Cases(FEW, 0), scheduler)
+    monkeypatch.setattr("experiments.sweep.runs.finished_rows", kill_in_the_middle)
+    run_into(tmp_path, SweepRuns(FEW, 0), scheduler)
     assert bytes_of(tmp_path) == undisturbed
     assert sorted(received) == list(range(24))
     moves = [(key, start, end) for key, start, end, *_ in log]
-    runs = Counter(key.rpartition("-")[2] for key, *move in moves if move == FINISHED)
-    assert [runs[str(case)] for case in received[:6]] == [1] * 6
+    done = Counter(key.rpartition("-")[2] for key, *move in moves if move == FINISHED)
+    assert [done[str(number)] for number in received[:6]] == [1] * 6
     # It was in the middle of something, or held what nobody had fetched.
     assert any(end == "released" for _, start, end in moves if start == "processing") or (
-        max(runs.values()) > 1
+        max(done.values()) > 1
     )
 
 
@@ -342,36 +339,36 @@ FINISHED = ["processing", "memory"]
 
 
 def test_a_bug_ends_the_sweep_with_one_sentence_and_keeps_what_is_done(scheduler, tmp_path):
-    class Broken(Cases):
+    class Broken(SweepRuns):
         def __getitem__(self, number):
-            case = super().__getitem__(number)
-            return replace(case, weight=None, bench=None) if number == 20 else case
+            run = super().__getitem__(number)
+            return replace(run, weight=None, bench=None) if number == 20 else run
 
-    with pytest.raises(Unsound, match=r"case 20 failed: \w+Error in \w+\.py, line \d+: "):
+    with pytest.raises(Unsound, match=r"run 20 failed: \w+Error in \w+\.py, line \d+: "):
         run_into(tmp_path, Broken(FEW, 0), scheduler)
     assert pq.read_table(tmp_path / UNFINISHED / "_rest.parquet").num_rows > 0
 
 
 def test_a_worker_of_other_code_is_refused(scheduler, tmp_path, monkeypatch):
-    """At the start by what it says of itself; if it joins later, by its first case."""
-    monkeypatch.setattr(stream, "digest", lambda: "other")
+    """At the start by what it says of itself; if it joins later, by its first run."""
+    monkeypatch.setattr(cluster, "digest", lambda identity: "other")
     with pytest.raises(Unsound, match="ForeignWorker"):
-        run_into(tmp_path / "later", Cases(FEW, 0), scheduler)
-    ours, worker = clusters.identity(), "tcp://there:1"
-    clusters.refuse_strangers({worker: dict(ours)})
+        run_into(tmp_path / "later", SweepRuns(FEW, 0), scheduler)
+    ours, worker = basis.identity(), "tcp://there:1"
+    basis.check_workers({worker: dict(ours)})
     for said, why in (
         (ours | {"version of mujoco": "3.0"}, "another version of mujoco"),
         (ours | {"code_sha256": "0"}, "another code_sha256"),
         (ModuleNotFoundError("No module named 'experiments'"), "cannot run this package"),
     ):
         with pytest.raises(WrongInput, match=f"{worker} (has|cannot).*") as wrong:
-            clusters.refuse_strangers({worker: said})
+            basis.check_workers({worker: said})
         assert why in str(wrong.value)
 
 
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "nowhere"])
 def test_a_scheduler_that_does_not_answer_is_wrong_input(capsys, tmp_path, address, monkeypatch):
-    monkeypatch.setattr(clusters, "ANSWERS_IN_S", 0.5)
+    monkeypatch.setattr(cluster, "ANSWERS_IN_S", 0.5)
     out = tmp_path / "out"
     assert main(["sweep", "--quick", "--scheduler", address, "--out", str(out)]) == 2
     error = capsys.readouterr().err
@@ -406,7 +403,7 @@ def test_the_command_tells_what_is_in_its_dataset(sweep_folder):
     covered = [rms for rms in table["predicted_alpha_rms_urad"] if rms is not None]
     assert summary["prediction"]["compared"] == len(covered) < 30
     assert set(summary["influence"]) == {"roll_off_hz"}
-    assert complaint(summary) is None
+    assert all(check.passed for check in checks(summary))
 
 
 def test_a_finished_sweep_is_found_again_and_another_refused(sweep_folder, sweep_design, capsys):
@@ -417,20 +414,24 @@ def test_a_finished_sweep_is_found_again_and_another_refused(sweep_folder, sweep
     assert main([*words, "--seed", "5"]) == 2
     assert "another seed" in capsys.readouterr().err
     assert {path: path.stat().st_mtime_ns for path in sweep_folder.iterdir()} == stamps
-    assert finished_before(sweep_folder / "none", "sweep.json", Cases(FEW, 0)) is None
+    assert published_before(sweep_folder / "none", "sweep", SweepRuns(FEW, 0)) is None
 
 
 @pytest.mark.parametrize(
     ("spoil", "said"),
     [
-        ({"off": 2, "worst_case": 7}, "2 of .* case 7 the most"),
-        ({"closure_residual_max_m": 1e-7}, "a closed loop opened by 1.0e-07 m"),
+        (
+            {"largest_over_allowed": 1.25, "worst_case": 7},
+            "run 7: distance of the RMS error from the linear model's, .* is 1.25, expected below",
+        ),
+        ({"closure_residual_max_m": 1e-7}, r"all runs: closure residual \[m\] is 1e-07"),
     ],
 )
-def test_an_unsound_sweep_is_complained_of(sweep_folder, spoil, said):
+def test_a_check_of_an_unsound_sweep_fails(sweep_folder, spoil, said):
     summary = json.loads((sweep_folder / "sweep.json").read_text())
     summary["prediction"] |= spoil
-    assert re.search(said, str(complaint(summary)))
+    [failed] = [check for check in checks(summary) if not check.passed]
+    assert re.match(said, str(failed))
 
 
 def test_a_run_off_its_prediction_is_counted(sweep_folder, tmp_path):
@@ -438,7 +439,7 @@ def test_a_run_off_its_prediction_is_counted(sweep_folder, tmp_path):
     at = table.schema.names.index("beta_rms_urad")
     spoilt = [1.1 * rms + 0.1 for rms in table["beta_rms_urad"].to_pylist()]
     pq.write_table(table.set_column(at, "beta_rms_urad", [spoilt]), tmp_path / "spoilt.parquet")
-    found = prediction(Columns(tmp_path / "spoilt.parquet"))
+    found = prediction(Columns([tmp_path / "spoilt.parquet"]))
     assert 0 < found["off"] == found["compared"]
 
 
@@ -486,9 +487,9 @@ def test_ctrl_c_is_clean_even_while_a_worker_is_starting_again(tmp_path, sweep_d
     assert not psutil.pid_exists(reborn.pid)
     assert list(scratch.iterdir()) == []
     done = int(kept.group(1))
-    basis = basis_in(out / UNFINISHED)
-    assert basis is not None
-    assert len(list(Dataset(out / UNFINISHED, 300, basis).missing())) == 300 - done > 0
+    of = basis_in(out / UNFINISHED)
+    assert of is not None
+    assert len(list(Dataset(out / UNFINISHED, 300, of).missing())) == 300 - done > 0
 
 
 # The page.

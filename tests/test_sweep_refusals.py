@@ -18,11 +18,9 @@ from experiments.app.cli import app, main
 from experiments.hexapod.testbed import LIMITS, Bench
 from experiments.output.study import Unsound, WrongInput
 from experiments.sweep import cluster as clusters
-from experiments.sweep import stream, waiting
-from experiments.sweep.case import case_of
-from experiments.sweep.factors import KINDS
-from experiments.sweep.factors import LIMITS as VARIED
-from experiments.sweep.read import read_design
+from experiments.sweep.design import read_design
+from experiments.sweep.sweep_run import KINDS, sweep_run
+from experiments.sweep.sweep_run import LIMITS as VARIED
 
 # Schedulers.
 
@@ -106,8 +104,8 @@ def idle():
 
 @pytest.fixture
 def impatient(monkeypatch):
-    monkeypatch.setattr(waiting, "PATIENCE_S", 0.3)
-    monkeypatch.setattr(stream, "LOOK_EVERY_S", 0.05)
+    monkeypatch.setattr(clusters, "PATIENCE_S", 0.3)
+    monkeypatch.setattr(clusters, "LOOK_EVERY_S", 0.05)
 
 
 @pytest.mark.parametrize("command", ["sweep", "atlas"])
@@ -124,7 +122,7 @@ def test_a_scheduler_without_workers_is_said_at_once_and_given_up(
 def test_the_help_says_how_long_a_scheduler_may_be_without_workers():
     for command in ("sweep", "atlas"):
         text = " ".join(CliRunner().invoke(app, [command, "--help"]).output.split())
-        assert f"given up after {waiting.PATIENCE_S:g} s without a worker" in text
+        assert f"given up after {clusters.PATIENCE_S:g} s without a worker" in text
 
 
 def test_a_worker_that_comes_while_we_wait_is_taken(idle, monkeypatch):
@@ -134,10 +132,10 @@ def test_a_worker_that_comes_while_we_wait_is_taken(idle, monkeypatch):
         said.append(sentence)
         idle.scale(1)
 
-    monkeypatch.setattr(waiting, "notice", start_one)
+    monkeypatch.setattr(clusters, "notice", start_one)
     with Client(idle.scheduler_address) as client:
-        waiting.wait_for_worker(client)
-        waiting.wait_for_worker(client)
+        clusters.wait_for_worker(client)
+        clusters.wait_for_worker(client)
         idle.scale(0)
     assert len(said) == 1
 
@@ -156,20 +154,20 @@ def test_a_worker_is_no_scheduler(idle, capsys, tmp_path):
 LEFT = threading.Event()
 
 
-def fly_the_first(case, of):
+def simulate_the_first(run, code):
     """Its number; the others are not done before all workers have left."""
-    return case.number if case.number == 0 else LEFT.wait(20)
+    return run.number if run.number == 0 else LEFT.wait(20)
 
 
 def test_when_all_workers_leave_a_running_sweep_it_is_said_and_given_up(
     idle, impatient, monkeypatch, capsys
 ):
     """What has come by then is kept by whoever takes the rows."""
-    monkeypatch.setattr(stream, "fly", fly_the_first)
+    monkeypatch.setattr(clusters, "simulate", simulate_the_first)
     idle.scale(1)
     with Client(idle.scheduler_address) as client:
         client.wait_for_workers(1)
-        rows = stream.finished_rows(client, [case_of(k, 0.1, {"seed": 1}) for k in range(4)])
+        rows = clusters.finished_rows(client, [sweep_run(k, 0.1, {"seed": 1}) for k in range(4)])
         assert next(rows) == 0
         idle.scale(0)
         while client.scheduler_info(n_workers=0)["n_workers"]:
@@ -182,9 +180,9 @@ def test_when_all_workers_leave_a_running_sweep_it_is_said_and_given_up(
 
 def test_a_scheduler_that_goes_while_we_wait_is_one_sentence(monkeypatch):
     with without_workers() as cluster, Client(cluster.scheduler_address, timeout=0.3) as client:
-        monkeypatch.setattr(waiting, "notice", lambda sentence: cluster.close())
+        monkeypatch.setattr(clusters, "notice", lambda sentence: cluster.close())
         with pytest.raises(Unsound, match="the scheduler has gone"):
-            waiting.wait_for_worker(client)
+            clusters.wait_for_worker(client)
 
 
 # Benches.

@@ -14,14 +14,14 @@ import pytest
 from experiments.app.cli import main
 from experiments.output.files import OutputError
 from experiments.output.study import WrongInput
+from experiments.sweep.basis import basis_of
 from experiments.sweep.cluster import Where
 from experiments.sweep.dataset import REST, Dataset
-from experiments.sweep.design import Cases, Design
-from experiments.sweep.factors import Range
-from experiments.sweep.merged import merge
-from experiments.sweep.study import UNFINISHED, basis_of, finished_before, run_cases
+from experiments.sweep.design import Design, SweepRuns
+from experiments.sweep.runs import UNFINISHED, published_before, run_missing
+from experiments.sweep.sweep_run import Range
 
-TEN = Cases(
+TEN = SweepRuns(
     Design("latin-hypercube", 10, 0.05, (Range("roll_off_hz", 20.0, 30.0, False, None),)), 0
 )
 """In three parts, of four, four and two."""
@@ -29,28 +29,28 @@ BASIS = basis_of(TEN)
 FIRST = "part-000000.parquet"
 
 
-def row(case):
+def row(run):
     """As a run would give, at no cost."""
-    return case.parameters() | {"status": "exact", "alpha_rms_urad": np.sin(case.number)}
+    return run.parameters() | {"status": "exact", "alpha_rms_urad": np.sin(run.number)}
 
 
 @pytest.fixture(autouse=True)
 def _no_cluster(monkeypatch):
     monkeypatch.setattr("experiments.sweep.dataset.PART", 4)
-    monkeypatch.setattr("experiments.sweep.study.cluster", lambda where, most: nullcontext())
-    monkeypatch.setattr("experiments.sweep.study.finished_rows", lambda _, cases: map(row, cases))
+    monkeypatch.setattr("experiments.sweep.runs.cluster", lambda where, most: nullcontext())
+    monkeypatch.setattr("experiments.sweep.runs.finished_rows", lambda _, runs: map(row, runs))
 
 
-def run_into(folder: Path, cases: Cases = TEN, *, resume: bool = True):
+def run_into(folder: Path, runs: SweepRuns = TEN, *, resume: bool = True):
     quiet = {"where": Where(), "on_progress": lambda done, total: None}
-    return run_cases(folder, cases, resume=resume, **quiet)
+    return run_missing(folder, runs, resume=resume, **quiet)
 
 
-def seven_of_ten(folder: Path, cases: Cases = TEN) -> Path:
+def seven_of_ten(folder: Path, runs: SweepRuns = TEN) -> Path:
     """An unfinished dataset: a part, and three runs of the next."""
-    dataset = Dataset(folder / UNFINISHED, len(cases), basis_of(cases))
+    dataset = Dataset(folder / UNFINISHED, len(runs), basis_of(runs))
     for k in range(7):
-        dataset.add(row(cases[k]))
+        dataset.add(row(runs[k]))
     dataset.keep()
     return dataset.folder
 
@@ -233,7 +233,7 @@ def test_a_part_that_breaks_while_the_sweep_runs_ends_it_with_one_sentence(tmp_p
     dataset = run_into(tmp_path).dataset
     truncate(tmp_path / UNFINISHED / FIRST)
     with pytest.raises(OutputError, match=f"{FIRST} is broken"):
-        merge(dataset.files(), tmp_path / "merged.parquet", lambda part: part)
+        dataset.merge(tmp_path / "merged.parquet")
 
 
 # What was being written.
@@ -294,11 +294,11 @@ def test_a_published_sweep_is_taken_away_all_at_once(tmp_path, monkeypatch):
 def finished(tmp_path) -> Path:
     """A folder with the ten runs, and an index that says no more than it must."""
     dataset = run_into(tmp_path).dataset
-    merge(dataset.files(), tmp_path / "sweep.parquet", lambda part: part)
+    dataset.merge(tmp_path / "sweep.parquet")
     dataset.remove()
     index = {"basis": BASIS, "dataset": "sweep.parquet"}
     (tmp_path / "sweep.json").write_text(json.dumps(index))
-    assert finished_before(tmp_path, "sweep.json", TEN) == index
+    assert published_before(tmp_path, "sweep", TEN) == index
     return tmp_path
 
 
@@ -318,7 +318,7 @@ def test_a_finished_sweep_that_is_not_whole_is_one_sentence_and_done_again(
     finished, capsys, name, spoil
 ):
     spoil(finished / name)
-    assert finished_before(finished, "sweep.json", TEN) is None
+    assert published_before(finished, "sweep", TEN) is None
     said = capsys.readouterr().err
     assert said.startswith(f"fjh: {finished / name} is broken")
     assert said.endswith("; all runs are done again\n")
@@ -328,4 +328,4 @@ def test_a_finished_sweep_that_is_not_whole_is_one_sentence_and_done_again(
 def test_a_finished_sweep_beside_runs_of_unknown_origin_is_not_taken_for_them(finished):
     (seven_of_ten(finished) / "_basis.json").unlink()
     with pytest.raises(WrongInput, match="is missing"):
-        finished_before(finished, "sweep.json", TEN)
+        published_before(finished, "sweep", TEN)

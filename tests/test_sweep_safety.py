@@ -13,12 +13,11 @@ import pyarrow.parquet as pq
 import pytest
 
 from experiments.app.cli import main
+from experiments.output.lock import LOCK, alone_in
+from experiments.output.parquet import Broken
 from experiments.output.study import WrongInput
-from experiments.sweep.lock import LOCK, alone_in
-from experiments.sweep.merged import check_merged
-from experiments.sweep.parquet import Broken
-from experiments.sweep.study import UNFINISHED
-from experiments.sweep.summary import Columns
+from experiments.sweep.dataset import Columns, check_merged
+from experiments.sweep.runs import UNFINISHED
 
 
 @pytest.mark.parametrize("study", ["sweep", "atlas"])
@@ -37,8 +36,8 @@ def test_the_finished_files_have_checksums_and_their_readers_compare_them(reques
     with pytest.raises(Broken, match="CRC"):
         check_merged(copy, summary["runs"], summary["basis"])
     with pytest.raises(Broken, match="CRC"):
-        Columns(copy)["alpha_rms_urad"]
-    assert len(Columns(copy)["beta_rms_urad"]) == summary["runs"]
+        Columns([copy])["alpha_rms_urad"]
+    assert len(Columns([copy])["beta_rms_urad"]) == summary["runs"]
 
 
 # Two at a time.
@@ -46,7 +45,7 @@ def test_the_finished_files_have_checksums_and_their_readers_compare_them(reques
 HOLD = """
 import sys
 from pathlib import Path
-from experiments.sweep.lock import alone_in
+from experiments.output.lock import alone_in
 with alone_in(Path(sys.argv[1])):
     print(flush=True)
     sys.stdin.read()

@@ -45,8 +45,12 @@ def conduct(study: Study, folder: Path, progress: Progress, **options: Any) -> R
     usable_folder(folder)
     if study.streams:
         options["folder"] = folder
-    with progress(study.name) as on_progress, diverged_into(folder):
-        return publish(folder, study.name, study.perform(on_progress=on_progress, **options))
+    with (
+        progress(study.name) as on_progress,
+        diverged_into(folder),
+        study.perform(on_progress=on_progress, **options) as results,
+    ):
+        return publish(folder, study.name, results)
 
 
 def show(results: Results, *, quiet: bool, json: bool) -> None:

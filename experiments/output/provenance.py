@@ -4,6 +4,7 @@ import hashlib
 import os
 import platform
 import subprocess
+from collections.abc import Iterable
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,10 @@ import psutil
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
+<<<<<<< HEAD
 APP = ROOT / "experiments" / "app"
+=======
+>>>>>>> sweep
 SOURCES = (
     "argument_checks/**/*.py",
     "experiments/**/*.py",
@@ -21,7 +25,8 @@ SOURCES = (
     "prioritized/**/*.py",
     "sim/**/*.py",
 )
-
+REPORT = ("experiments/app/report/**/*.py",)
+"""All that makes numbers, figures and captions; and the report itself, which only shows them."""
 
 PACKAGES = ("mujoco", "numpy", "scipy", "control", "rerun-sdk", "matplotlib")
 
@@ -56,6 +61,7 @@ def commit() -> str:
     return f"{_git('rev-parse', 'HEAD')}{changes}"
 
 
+<<<<<<< HEAD
 def code_sha256() -> str:
     """SHA-256 over all that makes numbers: sources and machine files, but not the command line."""
     digest = hashlib.sha256()
@@ -64,7 +70,24 @@ def code_sha256() -> str:
             if not file.is_relative_to(APP):
                 digest.update(f"{file.relative_to(ROOT).as_posix()}\0".encode())
                 digest.update(hashlib.sha256(file.read_bytes()).digest())
+=======
+def code_sha256(sources: Iterable[str] = SOURCES, without: Iterable[str] = REPORT) -> str:
+    """SHA-256 over the names and contents of project files.
+
+    Args:
+        sources: Patterns of the files, below the project's root.
+        without: Patterns of those among them that do not count.
+    """
+    digest = hashlib.sha256()
+    for file in sorted(_matching(sources) - _matching(without)):
+        digest.update(f"{file.relative_to(ROOT).as_posix()}\0".encode())
+        digest.update(hashlib.sha256(file.read_bytes()).digest())
+>>>>>>> sweep
     return digest.hexdigest()
+
+
+def _matching(patterns: Iterable[str]) -> set[Path]:
+    return {file for pattern in patterns for file in ROOT.glob(pattern)}
 
 
 def _git(*arguments: str) -> str | None:

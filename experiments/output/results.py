@@ -78,6 +78,7 @@ class Results:
         pictures: Its figures.
         arrays: Contents of `.npz` files, by file name.
         records: Each writes further files, a run's data and its recording, into a folder.
+        published: Whether a former run has published all of it: nothing is written.
     """
 
     summary: dict[str, Any]
@@ -87,6 +88,7 @@ class Results:
     pictures: Sequence[Picture] = ()
     arrays: "Mapping[str, Mapping[str, NDArray[Any]]]" = field(default_factory=dict)
     records: Sequence[Callable[[Path], None]] = ()
+    published: bool = False
 
     @property
     def failed_check(self) -> str | None:
@@ -111,6 +113,8 @@ def publish(folder: Path, name: str, results: Results) -> Results:
     Raises:
         OutputError: The disk or the folder refuses.
     """
+    if results.published:
+        return results
     from experiments.output.plotting import save_figure  # late: matplotlib takes a second
 
     with published(folder, index=f"{name}.json") as staging:

@@ -1,7 +1,7 @@
 """A study as data: what the command line offers of it, and the two functions that make it."""
 
-from collections.abc import Callable
-from contextlib import AbstractContextManager
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
 from pkgutil import resolve_name
 from typing import Any
@@ -50,7 +50,8 @@ class Study:
         quick: What --quick leaves out.
         seed: What the seed is of.
         options: Further ones.
-        streams: Whether the runs write into the folder while they run, and take it as `folder`.
+        streams: Whether the runs write into the folder while they run. They take it as `folder`,
+            and return a context manager of the data, which is left when all files are published.
     """
 
     name: str
@@ -62,10 +63,15 @@ class Study:
     options: tuple[Option, ...] = ()
     streams: bool = False
 
-    def perform(self, *, on_progress: OnProgress, **options: Any) -> Results:
-        """Run the study; no file is made, unless it streams."""
+    @contextmanager
+    def perform(self, *, on_progress: OnProgress, **options: Any) -> Iterator[Results]:
+        """The results of the study, to be published within the context.
+
+        No file is made, unless the study streams: then the context holds its unfinished files.
+        """
         outcome = resolve_name(self.runs)(on_progress=on_progress, **options)
-        return resolve_name(self.results)(outcome)
+        with outcome if self.streams else nullcontext(outcome) as data:
+            yield resolve_name(self.results)(data)
 
 
 class WrongInput(Exception):

@@ -1,32 +1,61 @@
-"""What the numbers of a sweep depend on: a dataset goes on only with what it was begun with."""
+"""What the rows of a sweep depend on: the same for all its workers, and when it is resumed."""
 
 import hashlib
 import json
+import platform
+from collections.abc import Mapping
+from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-import pyarrow as pa
-
-from experiments.output.provenance import processor
+from experiments.output.provenance import code_sha256, processor, versions
 from experiments.output.study import WrongInput
-from experiments.sweep.design import Cases
-from experiments.sweep.identity import identity
+from experiments.sweep.design import SweepRuns
+from experiments.sweep.row import Row, row_of
+from experiments.sweep.sweep_run import SweepRun
+from sim import model_sha256
 
 Basis = dict[str, Any]
+
+ROWS_FROM = (
+    "argument_checks/**/*.py",
+    "ftc/**/*.py",
+    "models/*.xml",
+    "prioritized/**/*.py",
+    "sim/**/*.py",
+    "experiments/hexapod/**/*.py",
+    "experiments/output/parquet.py",
+    "experiments/sweep/*.py",
+)
+"""Sources that rows, or the bytes in which they are stored, depend on."""
+
+NOT_FROM = (
+    "experiments/hexapod/plots.py",
+    "experiments/hexapod/recording/*.py",
+    *(
+        f"experiments/sweep/{name}.py"
+        for name in ("__init__", "atlas", "cluster", "figure", "results", "runs")
+    ),
+)
+"""And those among them that only distribute the runs, or describe and draw their rows."""
 
 BASIS = "_basis.json"
 """A name that readers of Parquet datasets pass over."""
 
-OF = "basis_sha256"
-"""Key in the metadata of a Parquet file: the digest of the basis that its rows are of."""
+
+@cache
+def identity() -> dict[str, str]:
+    """Code, machine file and package versions of this process: equal wherever a run is equal."""
+    own = {"code_sha256": code_sha256(ROWS_FROM, NOT_FROM), "model_sha256": model_sha256()}
+    return own | {f"version of {name}": version for name, version in versions().items()}
 
 
-def basis_of(cases: Cases) -> Basis:
-    """All that the bytes of a dataset depend on; as JSON it is the same again."""
+def basis_of(runs: SweepRuns) -> Basis:
+    """All that the bytes of a dataset depend on; it is the same again when read from JSON."""
     basis = {
-        "design": cases.design.as_json(),
-        "seed": cases.seed,
+        "design": runs.design.as_json(),
+        "seed": runs.seed,
         **identity(),
         "version of pyarrow": version("pyarrow"),
         "processor": processor(),
@@ -34,11 +63,16 @@ def basis_of(cases: Cases) -> Basis:
     return json.loads(json.dumps(basis))
 
 
+def digest(content: dict[str, Any]) -> str:
+    """SHA-256 of a basis or an identity."""
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
 def basis_in(folder: Path) -> Basis | None:
-    """What the dataset in a folder belongs to; None if there is none.
+    """Basis of the dataset in a folder; None if there is no dataset.
 
     Raises:
-        WrongInput: There is one, but nothing says what it belongs to.
+        WrongInput: There is one, but its basis is missing or cannot be read.
     """
     path = folder / BASIS
     try:
@@ -60,11 +94,11 @@ def basis_in(folder: Path) -> Basis | None:
     )
 
 
-def check_same(former: Any, basis: Basis, folder: Path) -> None:
-    """Whether a sweep goes on as it began.
+def check_same(former: Basis, basis: Basis, folder: Path) -> None:
+    """Check that a sweep would continue as it began.
 
     Raises:
-        WrongInput: It does not; the message says what has changed.
+        WrongInput: It would not; the message names what has changed.
     """
     changed = [name for name in basis if former.get(name) != basis[name]]
     if changed:
@@ -73,11 +107,33 @@ def check_same(former: Any, basis: Basis, folder: Path) -> None:
         )
 
 
-def digest(basis: Basis) -> str:
-    """The basis in 64 letters."""
-    return hashlib.sha256(json.dumps(basis, sort_keys=True).encode()).hexdigest()
+def check_workers(answers: Mapping[str, dict[str, str] | Exception]) -> None:
+    """Check that workers, by their addresses, have the identity of this process.
+
+    Raises:
+        WrongInput: One of them has other code or packages, or none at all.
+    """
+    for worker, theirs in answers.items():
+        if isinstance(theirs, Exception):
+            raise WrongInput(f"worker {worker} cannot run this package: {theirs}")
+        names = [name for name, ours in identity().items() if theirs.get(name) != ours]
+        if names:
+            raise WrongInput(
+                f"worker {worker} has another {', '.join(names)}: install the same release there"
+            )
 
 
-def is_of(schema: pa.Schema, basis: Basis) -> bool:
-    """Whether the rows of a Parquet file with this schema say that they are of the basis."""
-    return (schema.metadata or {}).get(OF.encode()) == digest(basis).encode()
+class ForeignWorker(RuntimeError):
+    """A worker that would run other code."""
+
+
+def simulate(run: SweepRun, code: str) -> Row:
+    """The row of a run, on a worker, for a sweep whose identity has this digest.
+
+    Raises:
+        ForeignWorker: This process has another; it joined the sweep later.
+    """
+    if code != digest(identity()):
+        host = platform.node()
+        raise ForeignWorker(f"{host} has another version of this package, or of what it needs")
+    return row_of(run)

@@ -1,25 +1,42 @@
-"""Where a sweep runs: workers of this machine, or a scheduler that somebody else started."""
+"""Where a sweep runs: workers of this machine, or of a scheduler that somebody else started."""
 
 import asyncio
 import logging
 import signal
 import tempfile
-from collections.abc import Iterator, Mapping
+import time
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import islice
 from multiprocessing.resource_tracker import ensure_running
+from pathlib import Path
+from traceback import extract_tb
+from types import TracebackType
 from typing import Any
 
 from dask import config
 from dask.system import CPU_COUNT
-from distributed import Client, LocalCluster, rpc
+from distributed import Client, Future, LocalCluster, as_completed, rpc
 
-from experiments.output.study import WrongInput
-from experiments.sweep.identity import Identity, identity
-from experiments.sweep.waiting import wait_for_worker
+from experiments.output.study import Unsound, WrongInput
+from experiments.output.terminal import notice
+from experiments.sweep import PATIENCE_S
+from experiments.sweep.basis import check_workers, digest, identity, simulate
+from experiments.sweep.row import Row
+from experiments.sweep.sweep_run import SweepRun
 
 ANSWERS_IN_S = 5.0
-"""So long a scheduler may take to answer."""
+"""How long a scheduler may take to answer."""
+
+IN_FLIGHT = 4000
+"""Runs that the scheduler knows of at once: several for each core of a large cluster, and few
+megabytes. Those of a worker that is lost go to another."""
+
+POLL_S, LOOK_EVERY_S = 0.02, 5.0
+"""Period of looking for results; and, while there are none, for workers."""
+
+_GONE = "the scheduler has gone; finished runs are kept, and --resume goes on"
 _SILENT = logging.CRITICAL + 1
 
 
@@ -33,7 +50,7 @@ class Where:
         workers: Of that, with one thread each; None is one for each core.
 
     Raises:
-        WrongInput: Both are given, or the address is none.
+        WrongInput: Both are given, the address is none, or there are no workers.
     """
 
     scheduler: str | None = None
@@ -44,6 +61,8 @@ class Where:
             raise WrongInput(
                 f"--scheduler must be an address, as tcp://host:8786, got {self.scheduler!r}"
             )
+        if self.workers is not None and self.workers < 1:
+            raise WrongInput(f"--workers must be a number from 1 on, got {self.workers}")
         if self.scheduler and self.workers:
             raise WrongInput("--workers are of this machine, leave them out with --scheduler")
 
@@ -70,7 +89,7 @@ def cluster(where: Where, most: int) -> Iterator[Client]:
 
 @contextmanager
 def _silenced(*names: str) -> Iterator[None]:
-    """What goes wrong is said in one sentence, by the sweep."""
+    """No log: the sweep itself reports in one sentence what goes wrong."""
     loggers = [logging.getLogger(name) for name in names]
     levels = [logger.level for logger in loggers]
     for logger in loggers:
@@ -89,7 +108,7 @@ def _local(workers: int) -> Iterator[Client]:
             "temporary-directory": scratch,
             "distributed.worker.multiprocessing-method": "spawn",
         }
-        with config.set(settings), _deaf_to_ctrl_c():
+        with config.set(settings), _ignoring_ctrl_c():
             here = LocalCluster(
                 n_workers=workers,
                 threads_per_worker=1,
@@ -102,10 +121,10 @@ def _local(workers: int) -> Iterator[Client]:
 
 
 @contextmanager
-def _deaf_to_ctrl_c() -> Iterator[None]:
-    """Threads born here, and all processes that they ever start, never see SIGINT.
+def _ignoring_ctrl_c() -> Iterator[None]:
+    """Threads started here, and all processes that they ever start, never see SIGINT.
 
-    It goes to the whole process group; the client alone answers, and ends its workers.
+    It goes to the whole process group; only the client answers, and ends its workers.
     """
     ensure_running()  # of itself it would unblock the signal in the thread that starts a worker
     before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
@@ -125,30 +144,85 @@ def _remote(scheduler: str) -> Iterator[Client]:
         raise WrongInput(f"--scheduler {scheduler} does not answer: {why}") from None
     with client:
         wait_for_worker(client)
-        said: Any = client.run(identity, on_error="return")
-        refuse_strangers(said)
+        answers: Any = client.run(identity, on_error="return")
+        check_workers(answers)
         yield client
 
 
 async def _check_scheduler(address: str) -> None:
-    """Ask who is there. Dask's client would wait for ever for one that says nothing."""
+    """Ask what is there: Dask's client would wait for ever for what does not answer."""
     async with asyncio.timeout(ANSWERS_IN_S), rpc(address, timeout=ANSWERS_IN_S) as there:
         found: Any = await there.identity()
     if found["type"] != "Scheduler":
         raise ValueError(f"it is a {found['type']}")
 
 
-def refuse_strangers(said: Mapping[str, Identity | Exception]) -> None:
-    """Refuse workers, by their addresses, that said of themselves what we would not.
+def wait_for_worker(client: Client) -> None:
+    """Return as soon as the scheduler has a worker.
 
     Raises:
-        WrongInput: One of them has other code or packages, or none at all.
+        WrongInput: It has had none for `PATIENCE_S`.
+        Unsound: It has gone.
     """
-    for worker, theirs in said.items():
-        if isinstance(theirs, Exception):
-            raise WrongInput(f"worker {worker} cannot run this package: {theirs}")
-        names = [name for name, ours in identity().items() if theirs.get(name) != ours]
-        if names:
-            raise WrongInput(
-                f"worker {worker} has another {', '.join(names)}: install the same release there"
-            )
+    try:
+        if client.scheduler_info(n_workers=0)["n_workers"]:
+            return
+        notice(f"the scheduler has no workers; waiting up to {PATIENCE_S:g} s for one")
+        client.wait_for_workers(1, timeout=PATIENCE_S)
+    except TimeoutError:
+        raise WrongInput(
+            f"the scheduler has had no workers for {PATIENCE_S:g} s: start some with dask worker; "
+            "finished runs are kept, and --resume goes on"
+        ) from None
+    except (OSError, KeyError):
+        raise Unsound(_GONE) from None
+
+
+def finished_rows(client: Client, runs: Iterable[SweepRun]) -> Iterator[Row]:
+    """The rows of runs, in the order in which they finish.
+
+    Raises:
+        Unsound: A run failed in a way that no row foresees, or ended several workers; or the
+            scheduler has gone.
+        WrongInput: Somebody's scheduler has lost all its workers, and got no other.
+    """
+    waiting, code = iter(runs), digest(identity())
+    finished = as_completed(with_results=True, raise_errors=False, loop=client.loop)
+
+    def submit(count: int) -> None:
+        for run in islice(waiting, count):
+            # A name of its own for every client: a scheduler may have several.
+            key = f"{client.id}-{run.number}"
+            finished.add(client.submit(simulate, run, code, key=key))
+
+    submit(IN_FLIGHT)
+    for future, result in _arriving(finished, client):
+        if future.status == "error":
+            raise Unsound(_failure(str(future.key), *result[1:]))
+        if future.status != "finished":
+            raise Unsound(_GONE)
+        submit(1)
+        yield result
+
+
+def _arriving(finished: as_completed, client: Client) -> Iterator[tuple[Future, Any]]:
+    """What arrives, until nothing more can; as_completed itself would wait for ever."""
+    looked_s = time.monotonic()
+    while not finished.is_empty():
+        if finished.has_ready():
+            yield from finished.next_batch(block=False)
+            looked_s = time.monotonic()
+        elif client.cluster is None and time.monotonic() - looked_s > LOOK_EVERY_S:
+            wait_for_worker(client)
+            looked_s = time.monotonic()
+        else:
+            time.sleep(POLL_S)
+
+
+def _failure(key: str, error: Exception, traceback: TracebackType | None) -> str:
+    """Which run failed, why, and where."""
+    frames = extract_tb(traceback)
+    where = f" in {Path(frames[-1].filename).name}, line {frames[-1].lineno}" if frames else ""
+    why = " ".join(str(error).split())
+    number = key.rpartition("-")[2]
+    return f"run {number} failed: {type(error).__name__}{where}: {why}"

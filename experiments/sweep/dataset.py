@@ -1,50 +1,50 @@
-"""A sweep on disk while it runs: a Parquet dataset that grows by whole parts."""
+"""Rows on disk: a Parquet dataset that grows by whole parts, and all of them in one file."""
 
 import os
 import tempfile
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
 
+from experiments.output import parquet
 from experiments.output.files import OutputError, write_json
-from experiments.sweep import parquet
-from experiments.sweep.basis import BASIS, OF, Basis, digest, is_of
-from experiments.sweep.parquet import Broken
-from experiments.sweep.run import Row
-from experiments.sweep.table import SCHEMA, table_of
+from experiments.output.parquet import Broken
+from experiments.sweep.basis import BASIS, Basis, digest
+from experiments.sweep.row import SCHEMA, Row, table_of
 
 PART = 256
-"""Rows of a part, consecutive cases; and of a row group in the finished file."""
+"""Rows of a part, consecutive runs; and of a row group in the finished file."""
 
 KEPT_EVERY_S = 10.0
-"""So long a finished run may be in memory alone."""
+"""How long a finished run may be in memory only."""
 
 REST = "_rest.parquet"
 """A name that readers of Parquet datasets pass over."""
 
+_BASIS_SHA256 = b"basis_sha256"
+"""Key in the metadata of every file: the digest of the basis that its rows are of."""
+
 
 class Dataset:
-    """Rows of the cases 0 .. runs - 1, in a folder that the first of them makes.
+    """Rows of the runs 0 .. runs - 1, in a folder that the first of them makes.
 
     Complete parts are files of their own; finished runs of the others are together in one more.
     Every file is renamed into its place when it is whole, and says which basis it is of. Where the
     disk or the folder refuses, an OutputError is raised.
 
     Attributes:
-        folder: Of the files.
-        runs: How many there will be.
-        broken: What was wrong with files that were there; their cases are missing again.
+        broken: What was wrong with files that were there; their runs are missing again.
     """
 
     def __init__(self, folder: Path, runs: int, basis: Basis) -> None:
         """Read what is there; the caller knows that it is of this basis."""
         self.folder = folder
         self.runs = runs
+        self.basis = basis
         self.broken: list[Broken] = []
-        self._basis = basis
         self._whole = {part for part in range(self._parts) if self._has(part)}
         self._open: dict[int, dict[int, Row]] = {}
         self._kept_s = time.monotonic()
@@ -56,11 +56,11 @@ class Dataset:
             self._write_if_whole(part)
 
     def missing(self) -> Iterator[int]:
-        """Cases without a row, in order."""
+        """Numbers of the runs without a row, in order."""
         for part in range(self._parts):
             if part not in self._whole:
                 have = frozenset(self._open.get(part, ()))
-                yield from (case for case in self._cases(part) if case not in have)
+                yield from (number for number in self._numbers(part) if number not in have)
 
     def add(self, row: Row) -> None:
         """Keep a finished run; the last of a part writes it."""
@@ -77,12 +77,27 @@ class Dataset:
             self._write(self.folder / REST, rows)
         self._kept_s = time.monotonic()
 
-    def files(self) -> Iterable[Path]:
-        """Those of the parts, in order; all are there when no case is missing."""
-        return map(self._file, range(self._parts))
+    def files(self) -> list[Path]:
+        """Those of the parts, in order; all of them exist when no run is missing."""
+        return [self._file(part) for part in range(self._parts)]
+
+    def merge(
+        self, path: Path, extended: Callable[[pa.Table], pa.Table] = lambda part: part
+    ) -> None:
+        """Write all parts into one file, a row group each, of which one at a time is in memory.
+
+        Args:
+            path: To write.
+            extended: Gives a part further columns.
+
+        Raises:
+            Broken: A part is not what was written.
+            OSError: The disk or the folder refuses.
+        """
+        parquet.write(path, (extended(parquet.read(file)) for file in self.files()))
 
     def remove(self) -> None:
-        """Take the folder away, all at once: what was in it is published."""
+        """Remove the folder, in one step: what was in it is published."""
         try:
             with tempfile.TemporaryDirectory(dir=self.folder.parent, prefix=".fjh-") as gone:
                 self.folder.rename(Path(gone) / self.folder.name)
@@ -91,21 +106,20 @@ class Dataset:
 
     def _write_if_whole(self, part: int) -> None:
         rows = self._open[part]
-        if len(rows) == len(self._cases(part)):
+        if len(rows) == len(self._numbers(part)):
             self._write(self._file(part), list(rows.values()))
             self._whole.add(part)
             del self._open[part]
 
     def _has(self, part: int) -> bool:
-        cases = self._cases(part)
-        table = self._read(self._file(part), lambda found: np.array_equal(found, cases))
-        return table is not None
+        numbers = self._numbers(part)
+        return self._read(self._file(part), lambda n: np.array_equal(n, numbers)) is not None
 
     def _rest(self) -> list[Row]:
-        def are_ascending(found: np.ndarray) -> bool:
-            return bool(np.all(np.diff([-1, *found, self.runs]) > 0))
+        def ascend(numbers: np.ndarray) -> bool:
+            return bool(np.all(np.diff([-1, *numbers, self.runs]) > 0))
 
-        table = self._read(self.folder / REST, are_ascending)
+        table = self._read(self.folder / REST, ascend)
         return [] if table is None else table.to_pylist()
 
     def _read(self, path: Path, are_ours: Callable[[np.ndarray], bool]) -> pa.Table | None:
@@ -114,7 +128,7 @@ class Dataset:
             return None
         try:
             table = parquet.read(path)
-            if not (table.schema.equals(SCHEMA) and is_of(table.schema, self._basis)):
+            if not (table.schema.equals(SCHEMA) and _is_of(table, self.basis)):
                 raise Broken(path, "it is of another sweep")
             if not are_ours(table["case"].to_numpy()):
                 raise Broken(path, "it has other cases")
@@ -124,11 +138,11 @@ class Dataset:
         return table
 
     def _write(self, path: Path, rows: list[Row]) -> None:
-        table = table_of(rows).replace_schema_metadata({OF: digest(self._basis)})
+        table = table_of(rows).replace_schema_metadata({_BASIS_SHA256: digest(self.basis)})
         try:
             if not (self.folder / BASIS).exists():
                 self.folder.mkdir(parents=True, exist_ok=True)
-                _replace(self.folder / BASIS, lambda staged: write_json(staged, self._basis))
+                _replace(self.folder / BASIS, lambda staged: write_json(staged, self.basis))
             _replace(path, lambda staged: parquet.write(staged, [table]))
         except OSError as error:
             reason = error.strerror or error
@@ -138,11 +152,15 @@ class Dataset:
     def _parts(self) -> int:
         return -(-self.runs // PART)
 
-    def _cases(self, part: int) -> range:
+    def _numbers(self, part: int) -> range:
         return range(part * PART, min((part + 1) * PART, self.runs))
 
     def _file(self, part: int) -> Path:
         return self.folder / f"part-{part:06d}.parquet"
+
+
+def _is_of(table: pa.Table, basis: Basis) -> bool:
+    return (table.schema.metadata or {}).get(_BASIS_SHA256) == digest(basis).encode()
 
 
 def _replace(path: Path, write: Callable[[Path], None]) -> None:
@@ -155,3 +173,36 @@ def _replace(path: Path, write: Callable[[Path], None]) -> None:
         staged.replace(path)
     finally:
         staged.unlink(missing_ok=True)
+
+
+def check_merged(path: Path, runs: int, basis: Basis) -> None:
+    """Check that a file holds the rows of so many runs of the basis, all of them.
+
+    Raises:
+        Broken: It does not, or is not what was written.
+    """
+    found = 0
+    for table in parquet.row_groups(path):
+        if table.schema.names[: len(SCHEMA)] != SCHEMA.names or not _is_of(table, basis):
+            raise Broken(path, "it is of another sweep")
+        if not np.array_equal(table["case"].to_numpy(), np.arange(found, found + len(table))):
+            raise Broken(path, "it has other cases")
+        found += len(table)
+    if found != runs:
+        raise Broken(path, f"it has {found} runs instead of {runs}")
+
+
+class Columns:
+    """Columns of Parquet files as arrays, read when they are asked for; a missing number is NaN."""
+
+    def __init__(
+        self, files: Sequence[Path], further: Mapping[str, np.ndarray] | None = None
+    ) -> None:
+        """Take further columns from memory."""
+        self.files = files
+        self.further = further or {}
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        if name in self.further:
+            return self.further[name]
+        return pa.concat_tables(parquet.read(file, [name]) for file in self.files)[name].to_numpy()

@@ -1,4 +1,4 @@
-"""Parquet files with a checksum on every page, none of which is read without comparing it."""
+"""Parquet files with a checksum on every page; each page that is read is compared with it."""
 
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -27,11 +27,7 @@ class Broken(OutputError):
 
 
 def write(path: Path, tables: Iterable[pa.Table]) -> None:
-    """Write a file, each table a row group: no more than one is ever in memory.
-
-    Args:
-        path: Of the file.
-        tables: At least one, all of the same schema.
+    """Write at least one table, all of the same schema, each a row group: one at a time is in use.
 
     Raises:
         OSError: The disk or the folder refuses.
@@ -44,11 +40,7 @@ def write(path: Path, tables: Iterable[pa.Table]) -> None:
 
 
 def read(path: Path, columns: list[str] | None = None) -> pa.Table:
-    """The file as one table.
-
-    Args:
-        path: Of the file.
-        columns: Those to read; None is all of them.
+    """Some columns of a file as one table; None is all of them.
 
     Raises:
         Broken: It is not whole, or a page does not have its checksum.
@@ -59,7 +51,7 @@ def read(path: Path, columns: list[str] | None = None) -> pa.Table:
 
 
 def row_groups(path: Path) -> Iterator[pa.Table]:
-    """The file's tables one after the other; raises as `read` does."""
+    """The tables of a file one after the other; raises as :func:`read` does."""
     with _opened(path) as file:
         for k in range(file.num_row_groups):
             yield file.read_row_group(k)

@@ -1,1 +1,0 @@
-"""Every failure condition flown, and held against what was said of it beforehand."""

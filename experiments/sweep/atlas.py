@@ -1,0 +1,174 @@
+"""The simulated failure conditions as numbers, checks, tables and files, compared with theory."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+
+from experiments.hexapod.checks import closure_check
+from experiments.hexapod.failure_atlas import verdicts
+from experiments.output.results import Check, Results
+from experiments.output.tables import Column, Table, tabulate
+from experiments.sweep.dataset import Columns
+from experiments.sweep.figure import ANGLES, MARKERS, atlas_pictures
+from experiments.sweep.results import comparable, off_by, origin, rate
+from experiments.sweep.row import classified, verdict_columns
+from experiments.sweep.runs import Outcome, Sweep
+
+LOST = ("drifts", "one_direction", "none")
+"""Verdicts without pointing."""
+
+
+def results(outcome: Outcome) -> Results:
+    """Everything that `fjh atlas` publishes."""
+    if not isinstance(outcome, Sweep):
+        return replace(described(outcome), published=True)
+    files = outcome.dataset.files()
+    columns = Columns(files, verdict_columns(Columns(files)["struts"].tolist()))
+    summary = summarize(outcome, columns)
+    return replace(
+        described(summary),
+        pictures=atlas_pictures(columns, summary),
+        records=[lambda folder: outcome.dataset.merge(folder / summary["dataset"], _with_verdicts)],
+    )
+
+
+def described(summary: dict[str, Any]) -> Results:
+    """Table, sentences and checks of the atlas, from `atlas.json` alone."""
+    return Results(summary, tables=[table(summary)], notes=notes(summary), checks=checks(summary))
+
+
+def _with_verdicts(part: pa.Table) -> pa.Table:
+    for name, values in verdict_columns(part["struts"].to_pylist()).items():
+        part = part.append_column(name, pa.array(values))
+    return part
+
+
+def summarize(sweep: Sweep, columns: Columns) -> dict[str, Any]:
+    """All numbers of the atlas, ready for JSON; the columns have the verdicts among them."""
+    values = {factor.name: list(factor.values) for factor in sweep.runs.design.factors}
+    compared = comparable(columns)
+    return origin("atlas", sweep) | {
+        "conditions": len(values["struts"]),
+        "weights": values["weight"],
+        "verdicts": _verdicts(columns, compared),
+        **_disagreement(columns, compared),
+        "closure_residual_max_m": float(columns["closure_residual_max_m"][compared].max()),
+    }
+
+
+def checks(summary: dict[str, Any]) -> list[Check]:
+    """The simulation nowhere contradicts the theory, and all loops stay closed."""
+    where, contradicted = "all conditions", summary["contradicted"]
+    if contradicted:
+        worst = contradicted[0]
+        where = f"{worst['struts']} with {worst['weight']} and the {worst['jacobian']} Jacobian"
+    number = Check("number of runs that contradict the theory", where, len(contradicted), 1)
+    return [number, closure_check("all runs", summary["closure_residual_max_m"])]
+
+
+def _verdicts(columns: Columns, compared: np.ndarray) -> list[dict[str, Any]]:
+    """Prediction and simulation of each verdict with each Jacobian."""
+    verdict, jacobian = columns["verdict"], columns["jacobian"]
+    relative, _ = off_by(columns)
+    found = []
+    for each in verdicts(classified()):
+        for name in MARKERS:
+            chosen = (verdict == each.name) & (jacobian == name)
+            if not chosen.any():
+                continue
+            off = relative[chosen & compared]
+            of_rms = {
+                f"{source}_{angle}_median_urad": _median(
+                    columns[f"{prefix}{angle}_rms_urad"], chosen
+                )
+                for angle in ANGLES
+                for source, prefix in (("predicted", "predicted_"), ("simulated", ""))
+            }
+            found.append(
+                {
+                    "verdict": each.name,
+                    "label": each.label,
+                    "jacobian": name,
+                    "runs": int(chosen.sum()),
+                    **of_rms,
+                    "compared": len(off),
+                    "largest_off_percent": 100 * float(off.max()) if len(off) else None,
+                }
+            )
+    return found
+
+
+def _median(values: np.ndarray, chosen: np.ndarray) -> float | None:
+    ended = values[chosen & np.isfinite(values)]
+    return float(np.median(ended)) if len(ended) else None
+
+
+def _disagreement(columns: Columns, compared: np.ndarray) -> dict[str, Any]:
+    """Runs off their prediction: what theory explains, and what contradicts it.
+
+    Explained is a condition that has lost pointing, simulated with the Jacobian of the estimated
+    pose: its singularity is one of the nominal pose only. Beside it the mapping reaches the lost
+    direction with a gain of 1e5, and what the integrators wound up there saturates the amplifiers.
+    With the constant Jacobian the same condition must be as predicted, and so must all others.
+    """
+    _, allowed = off_by(columns)
+    status, possible = columns["status"], columns["elastic_possible"].astype(bool)
+    # Runs that did not end, or have no prediction, are off as well.
+    off = ~(allowed < 1) | ~compared | ((status == "exact") != possible)
+    explained = np.isin(columns["verdict"], LOST) & (columns["jacobian"] == "analytic")
+    order = np.argsort(-np.nan_to_num(allowed, nan=np.inf), kind="stable")
+
+    def listed(chosen: np.ndarray) -> list[dict[str, Any]]:
+        return [_entry(columns, allowed, k) for k in order if chosen[k]]
+
+    return {"explained": listed(off & explained), "contradicted": listed(off & ~explained)}
+
+
+def _entry(columns: Columns, allowed: np.ndarray, k: int) -> dict[str, Any]:
+    names = ("struts", "weight", "jacobian", "verdict", "status")
+    numbers = [f"{source}{angle}_rms_urad" for angle in ANGLES for source in ("predicted_", "")]
+    words = {"case": int(columns["case"][k])} | {name: columns[name][k] for name in names}
+    values = {name: float(columns[name][k]) for name in numbers}
+    values["off_over_allowed"] = float(allowed[k])
+    return words | {name: value if np.isfinite(value) else None for name, value in values.items()}
+
+
+def table(summary: dict[str, Any]) -> Table:
+    """Predicted and simulated errors, one row for each verdict and Jacobian."""
+    columns = (
+        Column("", lambda each: each["verdict"].replace("_", " ")),
+        Column("Jacobian", "jacobian"),
+        Column("runs", "runs"),
+        Column("alpha:\nmodel", "predicted_alpha_median_urad", ".3f"),
+        Column("simulated", "simulated_alpha_median_urad", ".3f"),
+        Column("beta:\nmodel", "predicted_beta_median_urad", ".3f"),
+        Column("simulated", "simulated_beta_median_urad", ".3f"),
+        Column("off, %", "largest_off_percent", ".3f"),
+    )
+    labels = {each["verdict"].replace("_", " "): each["label"] for each in summary["verdicts"]}
+    meaning = "; ".join(f"{verdict}: {label}" for verdict, label in labels.items())
+    return tabulate(
+        f"{summary['conditions']} failure conditions with {', '.join(summary['weights'])}, "
+        f"{summary['duration_s']:g} s: RMS error, urad",
+        columns,
+        summary["verdicts"],
+        f"{meaning}. Medians; model: the linear model; off: largest distance from it of a run "
+        "whose amplifiers do not saturate, a step of the converters included.",
+    )
+
+
+def notes(summary: dict[str, Any]) -> list[str]:
+    """What disagrees, and the time that it took."""
+    off = summary["explained"]
+    if not off:
+        return rate(summary)
+    conditions = sorted({each["struts"] for each in off})
+    named = ", ".join(conditions[:6]) + (", ..." if len(conditions) > 6 else "")
+    sentence = (
+        f"{len(off)} runs in {len(conditions)} conditions without pointing leave the linear "
+        f"model, with the analytic Jacobian only ({named}): beside the nominal pose, where "
+        "they are singular, the mapping reaches the lost direction with a gain of 1e5."
+    )
+    return [sentence, *rate(summary)]

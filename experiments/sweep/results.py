@@ -1,0 +1,217 @@
+"""A sweep as numbers, checks, tables and files, from its columns one at a time."""
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from scipy.stats import spearmanr
+
+from experiments.hexapod.checks import closure_check
+from experiments.output.provenance import versions
+from experiments.output.results import Check, Results
+from experiments.output.tables import Column, Table, tabulate
+from experiments.sweep.dataset import Columns
+from experiments.sweep.figure import ANGLES, sweep_pictures
+from experiments.sweep.row import INPUT_PEAK
+from experiments.sweep.runs import Outcome, Sweep
+from experiments.sweep.sweep_run import Range
+from sim import Array, model_sha256
+
+PREDICTION_TOLERANCE = 0.01
+"""Largest relative distance of an RMS from the linear model's under the same noise, beside one step
+of the converters. Of 40 runs of varied weights, failures, loops, noise and converters the furthest
+used 44 % of both."""
+
+
+def results(outcome: Outcome) -> Results:
+    """Everything that `fjh sweep` publishes."""
+    if not isinstance(outcome, Sweep):
+        return replace(described(outcome), published=True)
+    columns = Columns(outcome.dataset.files())
+    summary = summarize(outcome, columns)
+    return replace(
+        described(summary),
+        pictures=sweep_pictures(columns, comparable(columns), summary),
+        records=[lambda folder: outcome.dataset.merge(folder / summary["dataset"])],
+    )
+
+
+def described(summary: dict[str, Any]) -> Results:
+    """Tables, sentences and checks of a sweep, from `sweep.json` alone."""
+    tables = (groups(summary), influence(summary))
+    return Results(summary, tables=tables, notes=notes(summary), checks=checks(summary))
+
+
+def origin(experiment: str, sweep: Sweep) -> dict[str, Any]:
+    """The first part of a summary: where its numbers are from."""
+    return {
+        "experiment": experiment,
+        "seed": sweep.runs.seed,
+        "versions": versions(),
+        "model_sha256": model_sha256(),
+        "basis": sweep.dataset.basis,
+        "dataset": f"{experiment}.parquet",
+        "runs": sweep.runs.design.runs,
+        "duration_s": sweep.runs.design.duration_s,
+        "took": sweep.took,
+    }
+
+
+def summarize(sweep: Sweep, columns: Columns) -> dict[str, Any]:
+    """All numbers of a sweep, ready for JSON; units are in the names."""
+    design = sweep.runs.design
+    varied = [each.name for each in design.factors if isinstance(each, Range)]
+    return origin("sweep", sweep) | {
+        "status": dict(sorted(Counter(columns["status"].tolist()).items())),
+        "groups": _groups(columns, design.duration_s),
+        "prediction": prediction(columns),
+        "influence": _influence(columns, varied),
+    }
+
+
+def checks(summary: dict[str, Any]) -> list[Check]:
+    """Runs that the linear model covers are as it predicts, and their loops stay closed."""
+    found = summary["prediction"]
+    if not found["compared"]:
+        return []
+    what = (
+        "distance of the RMS error from the linear model's, over "
+        f"{100 * PREDICTION_TOLERANCE:g} % and one step of the converters,"
+    )
+    worst = Check(what, f"run {found['worst_case']}", found["largest_over_allowed"], 1.0)
+    return [worst, closure_check("all runs", found["closure_residual_max_m"])]
+
+
+def comparable(columns: Columns) -> np.ndarray:
+    """Runs that the linear model covers: predicted, ended, amplifiers not saturated."""
+    peaks = np.max([columns[name] for name in INPUT_PEAK], axis=0)
+    return np.isfinite(columns["predicted_alpha_rms_urad"]) & (peaks < 99.9)
+
+
+def off_by(columns: Columns) -> tuple[Array, Array]:
+    """Largest distance of each run from the linear model, over both angles, shape (runs,).
+
+    Returns:
+        In parts of the predicted RMS; and over what is allowed, one and more being too much.
+    """
+    relative, allowed = [], []
+    for angle in ANGLES:
+        predicted = columns[f"predicted_{angle}_rms_urad"]
+        off = np.abs(columns[f"{angle}_rms_urad"] - predicted)
+        relative.append(off / predicted)
+        allowed.append(off / (PREDICTION_TOLERANCE * predicted + columns["dac_step_urad"]))
+    return np.max(relative, axis=0), np.max(allowed, axis=0)
+
+
+def prediction(columns: Columns) -> dict[str, Any]:
+    """Simulation compared with the linear model, over the runs that it covers."""
+    compared = comparable(columns)
+    relative, allowed = (off[compared] for off in off_by(columns))
+    if not compared.any():
+        return {"compared": 0, "off": 0, "closure_residual_max_m": None}
+    return {
+        "compared": int(compared.sum()),
+        "off": int((allowed >= 1).sum()),
+        "median_percent": 100 * float(np.median(relative)),
+        "largest_percent": 100 * float(relative.max()),
+        "largest_over_allowed": float(allowed.max()),
+        "worst_case": int(columns["case"][compared][allowed.argmax()]),
+        "closure_residual_max_m": float(columns["closure_residual_max_m"][compared].max()),
+    }
+
+
+def _groups(columns: Columns, duration_s: float) -> list[dict[str, Any]]:
+    """Runs by the number of struts that fail in them, and whether the mapping knows."""
+    failing = np.array([sum(letter != "S" for letter in struts) for struts in columns["struts"]])
+    failing[columns["failure_time_s"] >= duration_s] = 0
+    known = columns["known"].astype(bool)
+    rms = {angle: columns[f"{angle}_rms_urad"] for angle in ANGLES}
+    groups = []
+    for count in np.unique(failing).tolist():
+        for told in (True, False) if count else (None,):
+            chosen = (failing == count) & (True if told is None else known == told)
+            if chosen.any():
+                group = {"failures": count, "told": told, "runs": int(chosen.sum())}
+                groups.append(group | _spread(rms, chosen))
+    return groups
+
+
+def _spread(rms: Mapping[str, Array], chosen: np.ndarray) -> dict[str, Any]:
+    """Median and 95th percentile of the RMS errors of the runs that came to their end."""
+    found = {}
+    for angle, values in rms.items():
+        ended = values[chosen & np.isfinite(values)]
+        median, most = np.quantile(ended, (0.5, 0.95)).tolist() if len(ended) else (None, None)
+        found |= {f"{angle}_median_urad": median, f"{angle}_percentile_95_urad": most}
+    return found
+
+
+def _influence(columns: Columns, varied: list[str]) -> dict[str, dict[str, float]]:
+    """Rank correlation of each range with the RMS errors, by its name; the strongest first."""
+    rms = {angle: columns[f"{angle}_rms_urad"] for angle in ANGLES}
+    ended = np.isfinite(rms["alpha"])
+    if np.count_nonzero(ended) < 3:
+        return {}
+    found = {}
+    for name in varied:
+        values = columns[name][ended]
+        if np.ptp(values) > 0:
+            found[name] = {
+                angle: float(spearmanr(values, rms[angle][ended]).statistic) for angle in ANGLES
+            }
+    return dict(sorted(found.items(), key=lambda item: -max(map(abs, item[1].values()))))
+
+
+def groups(summary: dict[str, Any]) -> Table:
+    """One row for each number of failing struts, known and not known to the mapping."""
+    known = {None: "none", True: "{}, known", False: "{}, not known"}
+    columns = (
+        Column("struts that fail", lambda group: known[group["told"]].format(group["failures"])),
+        Column("runs", "runs"),
+        Column("alpha", "alpha_median_urad", ".3f"),
+        Column("95 %", "alpha_percentile_95_urad", ".3f"),
+        Column("beta", "beta_median_urad", ".3f"),
+        Column("95 %", "beta_percentile_95_urad", ".3f"),
+    )
+    return tabulate(
+        "RMS of desired minus true angle, urad",
+        columns,
+        summary["groups"],
+        "Median, and what 95 % of the runs stay below.",
+    )
+
+
+def influence(summary: dict[str, Any]) -> Table:
+    """One row for each range."""
+    return tabulate(
+        "What the errors depend on",
+        (Column("", "name"), Column("alpha", "alpha", "+.2f"), Column("beta", "beta", "+.2f")),
+        [{"name": name, **found} for name, found in summary["influence"].items()],
+        "Spearman's rank correlation with the RMS error over all runs that came to their end.",
+    )
+
+
+def notes(summary: dict[str, Any]) -> list[str]:
+    """How runs ended, how they compare with the linear model, and the time that they took."""
+    ended = ", ".join(f"{count} {status}" for status, count in summary["status"].items())
+    found = summary["prediction"]
+    sentences = [f"{summary['runs']} runs of {summary['duration_s']:g} s: {ended}."]
+    if found["compared"]:
+        sentences.append(
+            f"The linear model covers {found['compared']} runs. Its RMS error differs by "
+            f"{found['median_percent']:.2g} % (median); the largest difference is "
+            f"{found['largest_over_allowed']:.2g} of what is allowed, "
+            f"{100 * PREDICTION_TOLERANCE:g} % and one step of the converters, which the model "
+            "leaves out."
+        )
+    return sentences + rate(summary)
+
+
+def rate(summary: dict[str, Any]) -> list[str]:
+    """How many runs this session did, and how fast, if there were two."""
+    took = summary["took"]
+    if took["runs_per_s"] is None:
+        return []
+    return [f"{took['runs']} runs in this session, {took['runs_per_s']:.2f} a second."]

@@ -1,0 +1,209 @@
+"""A run of a sweep, simulated and predicted: a row of numbers and words, and the table of rows."""
+
+from collections.abc import Sequence
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+
+from experiments.hexapod.failure_atlas import verdicts
+from experiments.hexapod.goal import MAJOR
+from experiments.hexapod.mapping import StrutMapping
+from experiments.hexapod.metrics import closure_residual_max_m, pointing_rms_urad, rms
+from experiments.hexapod.prediction import detector_noise_rad, driven_loop
+from experiments.hexapod.simulation import Trajectory, track_spiral
+from experiments.hexapod.springs import elastic_system
+from experiments.sweep.machine import loops, machine, stiffness
+from experiments.sweep.sweep_run import KINDS, SweepRun
+from prioritized import FailureAtlas, failure_atlas
+from sim import NOMINAL, Array, ModelError, SimulationDiverged, failed_plant, hexapod
+
+Row = dict[str, Any]
+
+MARGINAL = 1 + 1e-9
+"""A largest pole up to here is an integrator that the mapping lets move nothing."""
+
+INPUT_RMS = tuple(f"strut_input_rms_percent_{k}" for k in range(1, 7))
+INPUT_PEAK = tuple(f"strut_input_peak_percent_{k}" for k in range(1, 7))
+PREDICTED = (
+    "dac_step_urad",
+    "predicted_pole_radius",
+    "predicted_alpha_rms_urad",
+    "predicted_beta_rms_urad",
+)
+MEASURED = (
+    "alpha_rms_urad",
+    "beta_rms_urad",
+    "alpha_peak_urad",
+    "beta_peak_urad",
+    "alpha_measured_rms_urad",
+    "beta_measured_rms_urad",
+    *INPUT_RMS,
+    *INPUT_PEAK,
+    "gamma_peak_urad",
+    "t_x_peak_um",
+    "t_y_peak_um",
+    "t_z_peak_um",
+    "closure_residual_max_m",
+)
+_TYPES = {"integer": pa.int64(), "switch": pa.bool_(), "real": pa.float64()}
+
+SCHEMA = pa.schema(
+    [
+        ("case", pa.int64()),
+        ("seed", pa.int64()),
+        ("duration_s", pa.float64()),
+        *((name, _TYPES.get(kind, pa.string())) for name, kind in KINDS.items() if name != "seed"),
+        ("status", pa.string()),
+        ("message", pa.string()),
+        ("diverged_at_s", pa.float64()),
+        *((name, pa.float64()) for name in (*PREDICTED, *MEASURED)),
+    ]
+)
+"""Columns of a sweep's dataset."""
+
+
+def table_of(rows: Sequence[Row]) -> pa.Table:
+    """Rows in the order of their runs; what a row lacks is null."""
+    return pa.Table.from_pylist(sorted(rows, key=lambda row: row["case"]), schema=SCHEMA)
+
+
+def row_of(run: SweepRun) -> Row:
+    """The row of a run, which is simulated here.
+
+    Returns:
+        Its parameters, how it ended as `status`, and what was measured, as far as there is any:
+
+        - "exact": it ran to the end, the mapping meeting the pointing task exactly.
+        - "least_squares", "self_motion": it ran to the end, but part of the pointing task is out
+          of the mapping's reach; or free to move.
+        - "unstable": the same, but the linear model's loop is not stable.
+        - "diverged": the physics left the finite numbers.
+        - "refused": the loops cannot be closed on this bench, or physics not stepped at its rate.
+    """
+    row = run.parameters()
+    try:
+        # As it is after the failures, at J_0.
+        mapping = StrutMapping(hexapod(machine()), run.reconfigured, "constant", stiffness())
+        predicted = _predicted(run, mapping)
+        status = mapping.at(mapping.geometry.inverse_jacobian(NOMINAL)).mapping.status
+        row |= predicted | {"status": status.name.lower()}
+        row["dac_step_urad"] = _dac_step_urad(run, mapping)
+        if predicted and "predicted_alpha_rms_urad" not in predicted:
+            row["status"] = "unstable"
+        return row | _measured(_simulated(run))
+    except SimulationDiverged as diverged:
+        return row | {
+            "status": "diverged",
+            "message": str(diverged),
+            "diverged_at_s": diverged.time_s,
+        }
+    except ModelError as refused:
+        return row | {"status": "refused", "message": str(refused)}
+
+
+def _simulated(run: SweepRun) -> Trajectory:
+    from_start = run.failure_time_s == 0
+    return track_spiral(
+        machine(),
+        run.bench,
+        loops(run.bench),
+        run.reconfigured if from_start else run.goal,
+        failures=run.failures,
+        reconfigured=run.reconfigured if run.known and not from_start else None,
+        stiffness=stiffness(),
+        jacobian=run.jacobian,
+        seed=run.seed,
+        duration_s=run.duration_s,
+    )
+
+
+def _predicted(run: SweepRun, mapping: StrutMapping) -> Row:
+    """Largest pole of the linear, sampled loop, and the RMS errors if the loop is stable.
+
+    Empty where the plant is not the linear model's: it changes during the run, or a strut falls on
+    its stop, as one without its spring does.
+    """
+    failures, bench = run.failures, run.bench
+    if any(failure.time_s > 0 or failure.kind == "loose" for failure in failures):
+        return {}
+    plant = failed_plant(machine(), failures)
+    compensators = [loop.discrete for loop in loops(bench)]
+    T = driven_loop(plant, mapping.pointing_gain(), compensators)
+    row: Row = {"predicted_pole_radius": float(np.abs(T.poles()).max())}
+    if row["predicted_pole_radius"] > MARGINAL:
+        return row
+    time_s = bench.time_s(run.duration_s)
+    desired = bench.desired_rad(time_s)
+    driven = desired - detector_noise_rad(bench, run.seed, len(time_s))
+    pointing = T[MAJOR, MAJOR]  # a floor at rest, and nothing beside the compensators
+    true = _response(pointing.A, pointing.B, pointing.C, pointing.D, driven)
+    alpha, beta = (1e6 * rms(desired - true)).tolist()
+    return row | {"predicted_alpha_rms_urad": alpha, "predicted_beta_rms_urad": beta}
+
+
+def _response(A: Array, B: Array, C: Array, D: Array, driven: Array) -> Array:
+    """Output of a sampled system from rest, (N, 2)."""
+    state, outputs = np.zeros(len(A)), []
+    for u in driven:
+        outputs.append(C @ state + D @ u)
+        state = A @ state + B @ u
+    return np.array(outputs)
+
+
+def _dac_step_urad(run: SweepRun, mapping: StrutMapping) -> float:
+    """Pointing moved by one step of one strut's converter: the loops cannot command less."""
+    amplifier = run.bench.amplifier(newton_per_m=float(machine().actuator_gainprm[0, 0]))
+    step_m = amplifier.displacement_m(np.eye(6) * 100 / 2 ** (run.bench.dac_bits - 1))
+    steps_rad = [mapping.pointing(strut_m, NOMINAL) for strut_m in step_m]
+    return 1e6 * float(np.linalg.norm(steps_rad, axis=1).max())
+
+
+def _measured(run: Trajectory) -> Row:
+    error_urad = 1e6 * (run.desired_rad - run.true_rad)
+    measured_urad = 1e6 * (run.desired_rad - run.measured_rad)
+    values = (
+        pointing_rms_urad(run),
+        np.abs(error_urad).max(0),
+        rms(measured_urad),
+        rms(run.strut_input_percent),
+        np.abs(run.strut_input_percent).max(0),
+        1e6 * np.abs(run.secondary).max(0),
+        [closure_residual_max_m(run)],
+    )
+    return dict(zip(MEASURED, np.concatenate(values).tolist(), strict=True))
+
+
+@cache
+def classified() -> FailureAtlas:
+    """All failure conditions of the hexapod, (alpha, beta) being the major task."""
+    return failure_atlas(elastic_system(machine()), MAJOR)
+
+
+def verdict_columns(struts: Sequence[str]) -> dict[str, np.ndarray]:
+    """The classification of failure conditions, rigid and with the springs: the atlas' own columns.
+
+    Args:
+        struts: Conditions, a letter S, L or F for each strut; so many values has each column.
+    """
+    atlas = classified()
+    elastic = atlas.elastic
+    assert elastic is not None  # the hexapod has springs
+    name = np.empty(len(atlas.codes), dtype=object)
+    for verdict in verdicts(atlas):
+        name[verdict.holds] = verdict.name
+    columns = {
+        "verdict": name,
+        "failures": (atlas.codes != 0).sum(axis=1),
+        "rigid_possible": atlas.possible,
+        "rigid_unstable_major": atlas.unstable_major,
+        "rigid_worst_gain_rad_per_m": atlas.worst_gain,
+        "elastic_possible": elastic.possible,
+        "elastic_major_rank": elastic.major_rank,
+        "elastic_worst_gain_rad_per_m": elastic.worst_gain,
+    }
+    # The atlas counts conditions in base 3: sound, locked, free; strut 1 is the first digit.
+    digits = str.maketrans("SLF", "012")
+    rows = [int(each.translate(digits), 3) for each in struts]
+    return {name: values[rows] for name, values in columns.items()}

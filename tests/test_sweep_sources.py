@@ -1,0 +1,117 @@
+"""A sweep goes on after an edit that no row depends on, and after no other."""
+
+import ast
+import shutil
+from pathlib import Path
+
+import pytest
+
+from experiments.output import provenance
+from experiments.output.study import WrongInput
+from experiments.sweep import basis as bases
+from experiments.sweep.basis import NOT_FROM, ROWS_FROM, basis_of, check_same
+from experiments.sweep.design import Design, SweepRuns
+from experiments.sweep.sweep_run import Choice
+
+ROOT = Path(__file__).parents[1]
+RUNS = SweepRuns(Design("grid", 1, 0.1, (Choice("seed", (1,)),)), 0)
+ROOMS = ("argument_checks", "experiments", "ftc", "models", "prioritized", "sim")
+
+
+@pytest.fixture
+def project(tmp_path, monkeypatch):
+    """A copy of the sources, of which the basis is taken."""
+    for room in ROOMS:
+        shutil.copytree(ROOT / room, tmp_path / room, ignore=shutil.ignore_patterns("__pycache__"))
+    monkeypatch.setattr(provenance, "ROOT", tmp_path)
+    bases.identity.cache_clear()
+    yield tmp_path
+    bases.identity.cache_clear()
+
+
+def edit(project: Path, pattern: str) -> None:
+    """Edit the first file of the pattern."""
+    bases.identity.cache_clear()
+    with min(project.glob(pattern)).open("a") as file:
+        file.write("\n# edited\n")
+
+
+WORDS_AND_DRAWINGS = (
+    "experiments/app/cli.py",
+    "experiments/app/report/*.py",
+    "experiments/hexapod/plots.py",
+    "experiments/hexapod/recording/*.py",
+    "experiments/output/plotting.py",
+    "experiments/output/results.py",
+    "experiments/release/*.py",
+    *(
+        f"experiments/sweep/{name}.py"
+        for name in ("__init__", "atlas", "cluster", "figure", "results", "runs")
+    ),
+)
+
+
+@pytest.mark.parametrize("pattern", WORDS_AND_DRAWINGS)
+def test_an_edited_caption_or_help_text_changes_nothing_for_a_sweep(project, pattern):
+    before, shown = basis_of(RUNS), provenance.code_sha256()
+    edit(project, pattern)
+    check_same(before, basis_of(RUNS), project)
+    # A page shows captions, too; only its own code does not count.
+    assert (provenance.code_sha256() == shown) == ("app/report" in pattern)
+
+
+@pytest.mark.parametrize(
+    "pattern",
+    [
+        "argument_checks/*.py",
+        "ftc/*.py",
+        "ftc/fdi/*.py",
+        "models/*.xml",
+        "prioritized/*.py",
+        "sim/*.py",
+        "experiments/hexapod/simulation.py",
+        "experiments/output/parquet.py",
+        *(
+            f"experiments/sweep/{name}.py"
+            for name in ("basis", "dataset", "design", "machine", "row", "sweep_run")
+        ),
+    ],
+)
+def test_an_edit_of_what_makes_rows_makes_another_sweep(project, pattern):
+    before = basis_of(RUNS)
+    edit(project, pattern)
+    with pytest.raises(WrongInput, match=r"it has another code_sha256$"):
+        check_same(before, basis_of(RUNS), project)
+
+
+def test_all_that_a_row_is_made_with_counts():
+    """Every module that the worker's function imports, and those that they import."""
+    counted = {path for pattern in ROWS_FROM for path in ROOT.glob(pattern)}
+    counted -= {path for pattern in NOT_FROM for path in ROOT.glob(pattern)}
+    reached, waiting = set(), [ROOT / "experiments" / "sweep" / "row.py"]
+    while waiting:
+        path = waiting.pop()
+        if path not in reached:
+            reached.add(path)
+            waiting += imported(path)
+    assert ROOT / "sim" / "plant.py" in reached
+    left = {str(path.relative_to(ROOT)) for path in reached - counted}
+    # What has no robot in it makes no numbers; packages' own files hold their help texts.
+    assert {
+        name
+        for name in left
+        if not name.startswith("experiments/output/") and not name.endswith("__init__.py")
+    } == set()
+
+
+def imported(path: Path) -> list[Path]:
+    """Files of the project that a file imports."""
+    names = []
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            names += [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            names += [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
+    stems = [ROOT.joinpath(*name.split(".")) for name in names if name.split(".")[0] in ROOMS]
+    files = [path for stem in stems for path in (stem.with_suffix(".py"), stem / "__init__.py")]
+    return [path for path in files if path.exists()]
