@@ -11,7 +11,7 @@ from experiments.app.render.command import render
 from experiments.app.report.command import report
 from experiments.app.review.command import review
 from experiments.atlas.command import atlas
-from experiments.benchmark.command import bench
+from experiments.benchmark import STUDY as BENCH
 from experiments.figures.command import figures
 from experiments.force.command import force
 from experiments.goals.command import goals
@@ -56,10 +56,9 @@ STUDIES = (
     uncorrected,
     sweep,
     atlas,
-    bench,
     report,
 )
-for command in (*map(presented, STUDIES), command_of(RELEASE), review, render):
+for command in (*map(presented, STUDIES), command_of(RELEASE), command_of(BENCH), review, render):
     # The first line whole: Typer itself would cut it at any full stop.
     app.command(short_help=(command.__doc__ or "").partition("\n")[0])(command)
 
