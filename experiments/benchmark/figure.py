@@ -1,5 +1,6 @@
-"""Growth of the time, beside the peers."""
+"""The figure of `fjh bench`: growth of the time, beside the peers."""
 
+from functools import partial
 from typing import Any
 
 from matplotlib.axes import Axes
@@ -7,6 +8,7 @@ from matplotlib.figure import Figure
 
 from experiments.output.palette import BLACK, LINES
 from experiments.output.plotting import PAGE_IN, new_figure
+from experiments.output.results import Picture
 
 LABELS = {
     "prioritized": "velocity_mapping",
@@ -19,6 +21,20 @@ _STYLES: dict[str, dict[str, Any]] = {
     name: {"color": color, "marker": mark}
     for name, color, mark in zip(LABELS, LINES, "osD^v", strict=False)
 }
+
+
+def pictures(summary: dict[str, Any]) -> list[Picture]:
+    """The study's figure and its caption."""
+    picture = Picture(
+        "bench",
+        "How the time of one Problem 1 grows with the number of actuators, and the time of one "
+        "mapping with the size of the batch.",
+        "Two panels with logarithmic axes. Left: five rising lines, microseconds against 6 to 200 "
+        "actuators. Right: a line that falls with the size of the batch, beside the level lines "
+        "of single solves.",
+        partial(figure_growth, summary),
+    )
+    return [picture]
 
 
 def figure_growth(summary: dict[str, Any]) -> Figure:

@@ -1,69 +1,188 @@
-"""One tick of the locked hexapod, by the general path and in closed form, beside mink.
+"""One tick of the hexapod, strut 1 locked: by the general path, in closed form, and by mink.
 
-LAPACK on MuJoCo's Jacobians is the judge between them.
+The hexapod is to point by (alpha, beta) with its loops closed, strut 1 where it is, and the other
+struts moving least. LAPACK on MuJoCo's Jacobians is the reference.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from copy import deepcopy
+from dataclasses import dataclass
+from typing import Any
 
+import mink
 import mujoco
 import numpy as np
-from mink import Configuration
 from scipy.linalg.lapack import dgglse
 
-from experiments.benchmark.agreement import Agreement, compare
-from experiments.benchmark.case import STUCK, Case, strut_mapping, strut_velocities
-from experiments.benchmark.general import general_tick
-from experiments.benchmark.mink_ik import arguments, solve_ik
-from experiments.benchmark.stopwatch import Contender
-from experiments.hexapod.goal import MAJOR
-from sim import Array, Pose, jacobians
+from experiments.benchmark.measurement import Agreement, Contender, compare
+from experiments.hexapod.goal import MAJOR, SECONDARY, Goal
+from experiments.hexapod.mapping import StrutMapping
+from prioritized import ConstrainedSystem
+from sim import NOMINAL, Array, Plant, Pose, hexapod, jacobians
 
 TOLERANCE = 1e-5
-"""mink closes the 0.7 nm by which the loops sag, too: that is 1e-6 of the answer."""
-_SAMPLES = 10
+"""mink also closes the 0.7 nm by which the loops sag: that is 1e-6 of the answer."""
+STUCK = 0
+GOAL = Goal(joint_weight=(1.0,) * 6, locked_m={STUCK: 0.0})
+_RADIUS_RAD = 1e-4
 
 
-def contenders(model: mujoco.MjModel, cases: Sequence[Case]) -> list[Contender]:
-    """One tick in each way, and mink's kinematics, which the general path includes."""
-    theirs = arguments(model, cases)
-    updates = [(each[0], case.qpos) for each, case in zip(theirs, cases, strict=True)]
-    asked = [(case.pointing_rad, case.qpos) for case in cases]
+@dataclass(frozen=True)
+class Case:
+    """All joints (nq,) and the payload's pose, loops closed; (alpha, beta) that is asked for."""
 
-    def asked_at_poses() -> list[tuple[Array, Pose]]:
-        return [(case.pointing_rad, deepcopy(case.pose)) for case in cases]
+    qpos: Array
+    pose: Pose
+    pointing_rad: Array
 
+
+def random_cases(model: mujoco.MjModel, count: int, rng: np.random.Generator) -> list[Case]:
+    """Poses that the machine itself has gone to, and as many displacements to ask for there."""
+    mapping = strut_mapping(model)
+    cases = []
+    for there_rad, asked_rad in rng.uniform(-_RADIUS_RAD, _RADIUS_RAD, size=(count, 2, 2)):
+        plant = Plant(model)
+        plant.settle(0.1, mapping.displacements(there_rad, NOMINAL))
+        cases.append(Case(plant.data.qpos.copy(), plant.pose(), asked_rad))
+    return cases
+
+
+def strut_mapping(model: mujoco.MjModel) -> StrutMapping:
+    """The experiments' own, which re-evaluates its Jacobian at every call."""
+    return StrutMapping(hexapod(model), GOAL, "analytic")
+
+
+def general_tick(model: mujoco.MjModel) -> Callable[[Array, Array], Array]:
+    """The library as a client with a robot of its own calls it, for any MJCF; strut 1 locked.
+
+    Returns:
+        From desired (alpha, beta) and joint positions (nq,) to actuator displacements (n,).
+    """
+    data = mujoco.MjData(model)
+    jac = jacobians(model, data, site="payload", axes="base")
+    system = ConstrainedSystem(jac.J_T, jac.J_C, jac.active).with_failures(locked=[STUCK])
+    mapping = system.kinematics().velocity_mapping(
+        MAJOR, SECONDARY, GOAL.joint_weight, GOAL.secondary_weight
+    )
+
+    def displacements(pointing_rad: Array, qpos: Array) -> Array:
+        data.qpos[:] = qpos
+        jac = jacobians(model, data, site="payload", axes="base")
+        kinematics = system.at(J_T=jac.J_T, J_C=jac.J_C).kinematics()
+        return kinematics.expand(mapping.at(kinematics)(pointing_rad))
+
+    return displacements
+
+
+class Rows(mink.Task):
+    """Rows that count alone: mink's tasks have more, all of which it would have to obey.
+
+    Its `FrameTask` has six rows where two are meant, and its `DampingTask` one for every joint,
+    which takes 6 % longer.
+    """
+
+    def __init__(
+        self, cost: Array, error: Array, rows: Callable[[mink.Configuration], Array]
+    ) -> None:
+        """Of constant error, and with a Jacobian that depends on the configuration."""
+        super().__init__(cost=cost)
+        self._error, self._rows = error, rows
+
+    def compute_error(self, configuration: mink.Configuration) -> Array:
+        """What is left to move, with mink's sign."""
+        return self._error
+
+    def compute_jacobian(self, configuration: mink.Configuration) -> Array:
+        """Shape (rows, nv)."""
+        return self._rows(configuration)
+
+
+def _pointing(model: mujoco.MjModel, pointing_rad: Array) -> Rows:
+    """The payload's rotation about x_b and y_b, from the configuration that is solved for."""
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    to_base = data.site("base").xmat.reshape(3, 3).T[MAJOR]
+    payload, rotation = model.site("payload").id, np.empty((3, model.nv))
+
+    def rows(configuration: mink.Configuration) -> Array:
+        mujoco.mj_jacSite(configuration.model, configuration.data, None, rotation, payload)
+        return to_base @ rotation
+
+    return Rows(np.ones(len(MAJOR)), -pointing_rad, rows)
+
+
+def mink_arguments(model: mujoco.MjModel, cases: Sequence[Case]) -> list[tuple[Any, ...]]:
+    """Of `solve_ik`: configurations already updated, tasks already made."""
+    struts = _strut_velocities(model)
+    moved = np.eye(model.nv)[struts]
+    least = Rows(np.array(GOAL.joint_weight), np.zeros(len(moved)), lambda _: moved)
+    loops = mink.EqualityConstraintTask(model, cost=1.0)
+    freeze = mink.DofFreezingTask(model, [int(struts[STUCK])])
     return [
-        Contender("tick", general_tick(model).displacements, lambda: asked, samples=_SAMPLES),
-        Contender(
-            "hexapod_tick", strut_mapping(model).displacements, asked_at_poses, samples=_SAMPLES
-        ),
-        Contender("mink", solve_ik, lambda: theirs, samples=_SAMPLES),
-        Contender("mink_update", Configuration.update, lambda: updates, samples=_SAMPLES),
+        (
+            mink.Configuration(model, case.qpos),
+            [least],
+            [_pointing(model, case.pointing_rad), loops, freeze],
+        )
+        for case in cases
     ]
 
 
-def by_lapack(model: mujoco.MjModel, case: Case) -> Array:
+def solve_ik(configuration: mink.Configuration, tasks: list[Any], constraints: list[Any]) -> Array:
+    """A displacement of all joints (nv,), as a user of mink gets it fastest.
+
+    Pointing, loops and lock are equalities: a strict priority, as here. Limits are off. Without
+    `eq_reduction` daqp's tolerance is 1e-4 of so small a motion; it costs no time.
+    """
+    return mink.solve_ik(
+        configuration, tasks, 1.0, "daqp", limits=[], constraints=constraints, eq_reduction=1
+    )
+
+
+def _strut_velocities(model: mujoco.MjModel) -> Array:
+    """Velocity index of each strut, shape (6,)."""
+    return model.jnt_dofadr[model.actuator_trnid[:, 0]]
+
+
+def _by_lapack(model: mujoco.MjModel, case: Case) -> Array:
     """The same strut displacements (6,) from MuJoCo's Jacobians, in all joints at once."""
     data = mujoco.MjData(model)
     data.qpos[:] = case.qpos
     jac = jacobians(model, data, "payload", "base")
     struts = np.eye(model.nv)[jac.active]
     equal = np.vstack([jac.J_T[MAJOR], jac.J_C, struts[[STUCK]]])
-    wanted = np.zeros(len(equal))
-    wanted[: len(MAJOR)] = case.pointing_rad
-    return dgglse(struts, equal, np.zeros(len(struts)), wanted)[3][jac.active]
+    target = np.zeros(len(equal))
+    target[: len(MAJOR)] = case.pointing_rad
+    return dgglse(struts, equal, np.zeros(len(struts)), target)[3][jac.active]
 
 
 def agreement(model: mujoco.MjModel, cases: Sequence[Case]) -> Agreement:
     """Strut displacements of all four."""
-    general, mapping = general_tick(model), strut_mapping(model)
-    struts = strut_velocities(model)
+    general, closed = general_tick(model), strut_mapping(model)
+    struts = _strut_velocities(model)
     answers = {
-        "tick": [general.displacements(case.pointing_rad, case.qpos) for case in cases],
-        "hexapod_tick": [mapping.displacements(case.pointing_rad, case.pose) for case in cases],
-        "mink": [solve_ik(*each)[struts] for each in arguments(model, cases)],
-        "dgglse": [by_lapack(model, case) for case in cases],
+        "tick": [general(case.pointing_rad, case.qpos) for case in cases],
+        "hexapod_tick": [closed.displacements(case.pointing_rad, case.pose) for case in cases],
+        "mink": [solve_ik(*each)[struts] for each in mink_arguments(model, cases)],
+        "dgglse": [_by_lapack(model, case) for case in cases],
     }
     arrays = {name: np.array(each) for name, each in answers.items()}
     return compare("pointing with strut 1 locked", arrays, TOLERANCE)
+
+
+def contenders(model: mujoco.MjModel, cases: Sequence[Case]) -> list[Contender]:
+    """One tick in each way, and mink's kinematics, which the general path includes."""
+    theirs = mink_arguments(model, cases)
+    updates = [(each[0], case.qpos) for each, case in zip(theirs, cases, strict=True)]
+    at_joints = [(case.pointing_rad, case.qpos) for case in cases]
+
+    def at_poses() -> list[tuple[Array, Pose]]:
+        return [(case.pointing_rad, deepcopy(case.pose)) for case in cases]
+
+    timed = {
+        "tick": (general_tick(model), lambda: at_joints),
+        "hexapod_tick": (strut_mapping(model).displacements, at_poses),
+        "mink": (solve_ik, lambda: theirs),
+        "mink_update": (mink.Configuration.update, lambda: updates),
+    }
+    return [Contender(name, *each, units=len(cases), samples=10) for name, each in timed.items()]

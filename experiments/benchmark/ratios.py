@@ -1,31 +1,36 @@
-"""The ratios that count: of what to what, how large they may be, and what is aimed at."""
+"""The ratios that count: what they compare, how large they may be, and those of a saved run."""
 
+import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from experiments.output.files import published, write_json
+from experiments.output.results import Check
+from experiments.output.study import WrongInput
+from experiments.output.tables import Column, Table, tabulate
 from sim import Array
 
 CHECK_MARGIN = 2.0
 """A stable ratio fails beyond this multiple of its bound: well beyond the scatter that was seen."""
+_FORMERLY = {"tick_over_mink": "hexapod_tick_over_mink", "tick": "hexapod_tick"}
+"""Before the general path was timed, these names stood for the closed form."""
 
 
 @dataclass(frozen=True)
 class Ratio:
-    """A quotient of medians.
+    """A quotient of medians, by its name in `bench.json`.
 
-    Attributes:
-        name: In `bench.json`.
-        of: The quotient, from the medians by name.
-        means: In words.
-        bound: It must be below; None is reported only.
-        goal: It should be at most.
-        stable: It scatters so little that a commit may fail on it: docs/performance.md.
+    `of` computes it from the medians by name. It must be below `bound`, and should be at most
+    `goal`; None: it is reported only. A `stable` one scatters so little that a commit may fail on
+    it: docs/performance.md.
     """
 
     name: str
-    of: Callable[[Mapping[str, float]], float]
+    of: Callable[[Mapping[str, Any]], Any]
     means: str
     bound: float | None = None
     goal: float | None = None
@@ -33,18 +38,34 @@ class Ratio:
 
     @property
     def check_bound(self) -> float | None:
-        """Where `--check` draws the line; None: nowhere."""
+        """From where on `--check` fails; None: never."""
         return CHECK_MARGIN * self.bound if self.stable and self.bound is not None else None
 
+    def measured(self, samples_us: Mapping[str, Array]) -> dict[str, Any]:
+        """Its value, from samples by name, shape (rounds, samples), beside its limits.
 
-def _over(above: str, below: str) -> Callable[[Mapping[str, float]], float]:
-    return lambda us: us[above] / us[below]
+        p5 and p95 are percentiles over the rounds, each with its own medians.
+        """
+        value = float(self.of({name: np.median(each) for name, each in samples_us.items()}))
+        by_round = self.of({name: np.median(each, axis=1) for name, each in samples_us.items()})
+        p5, p95 = np.percentile(by_round, [5, 95])
+        return {
+            "ratio": value,
+            "p5": float(p5),
+            "p95": float(p95),
+            "means": self.means,
+            "bound": self.bound,
+            "goal": self.goal,
+            "within_bound": None if self.bound is None else value < self.bound,
+            "reaches_goal": None if self.goal is None else value <= self.goal,
+            "check_bound": self.check_bound,
+        }
 
 
 RATIOS = (
     Ratio(
         "closed_loop_over_mj_step",
-        _over("closed_loop", "mj_step"),
+        lambda us: us["closed_loop"] / us["mj_step"],
         "the whole closed loop over MuJoCo's own steps",
         bound=1.5,
         goal=1.15,
@@ -68,7 +89,7 @@ RATIOS = (
     ),
     Ratio(
         "hexapod_tick_over_mink",
-        _over("hexapod_tick", "mink"),
+        lambda us: us["hexapod_tick"] / us["mink"],
         "a tick in the hexapod's closed form: Jacobian, reconfiguration, mapping and apply; over "
         "one mink.solve_ik, a solver for any MJCF",
         bound=0.3,
@@ -77,7 +98,7 @@ RATIOS = (
     ),
     Ratio(
         "solve_over_daqp",
-        _over("prioritized", "daqp"),
+        lambda us: us["prioritized"] / us["daqp"],
         "one Problem 1 from J and weights over daqp, its H given",
         bound=4.0,
         goal=1.0,
@@ -85,12 +106,12 @@ RATIOS = (
     ),
     Ratio(
         "solve_over_placo",
-        _over("prioritized", "placo"),
+        lambda us: us["prioritized"] / us["placo"],
         "the same over PlaCo's solver, its problem given",
     ),
     Ratio(
         "batched_over_daqp",
-        _over("batched", "daqp"),
+        lambda us: us["batched"] / us["daqp"],
         "one mapping of a large batch over daqp's one",
         bound=0.5,
         goal=0.1,
@@ -99,27 +120,97 @@ RATIOS = (
 )
 
 
-@dataclass(frozen=True)
-class Measured:
-    """What came out.
+def checks(summary: dict[str, Any]) -> list[Check]:
+    """Stable ratios stay below their bounds, with a margin."""
+    return [
+        Check("ratio of medians", name, one["ratio"], one["check_bound"])
+        for name, one in summary["ratios"].items()
+        if one["check_bound"] is not None
+    ]
 
-    Attributes:
-        ratio: Of the medians over all rounds.
-        p5: 5th percentile over the rounds, each with its own medians; `p95` alike.
+
+def table(ratios: dict[str, Any], title: str) -> Table:
+    """Each ratio beside its limits, and what it means."""
+    columns = (
+        Column("", "name"),
+        Column("ratio", "ratio", ".3g"),
+        Column("5 to 95 %", lambda one: f"{one['p5']:.3g} to {one['p95']:.3g}"),
+        Column("below", "bound", "g"),
+        Column("goal", "goal", "g"),
+        Column("met", _met),
+    )
+    entries = [{"name": name} | one for name, one in ratios.items()]
+    means = "\n".join(f"- {name}: {one['means']}" for name, one in ratios.items())
+    return tabulate(title, columns, entries, means)
+
+
+def _met(one: dict[str, Any]) -> str:
+    if one["reaches_goal"]:
+        return "goal"
+    return {None: "", True: "bound", False: "no"}[one["within_bound"]]
+
+
+def save(path: Path, summary: dict[str, Any]) -> None:
+    """Write the numbers for a later `--compare`."""
+    with published(path.parent, index=path.name) as staging:
+        write_json(staging / path.name, summary)
+
+
+def saved(path: Path) -> dict[str, Any]:
+    """The `bench.json` of an earlier run, every number under the name that it has now.
+
+    Raises:
+        WrongInput: There is no such file, or something else is in it.
+    """
+    try:
+        summary = json.loads(path.read_bytes())
+        if summary["experiment"] == "bench":
+            compare(summary, summary)  # it has all that a comparison reads
+            return _renamed(summary)
+    except OSError as error:
+        raise WrongInput(f"--compare {path} cannot be read: {error.strerror}") from None
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError):
+        pass
+    raise WrongInput(f"--compare {path} was not written by this fjh bench")
+
+
+def _renamed(summary: dict[str, Any]) -> dict[str, Any]:
+    if "hexapod_tick" in summary["timings"]:
+        return summary
+    named = {
+        kind: {_FORMERLY.get(name, name): one for name, one in summary[kind].items()}
+        for kind in ("ratios", "timings")
+    }
+    return summary | named | {"renamed": _FORMERLY}
+
+
+def compare(now: dict[str, Any], before: dict[str, Any]) -> dict[str, Any]:
+    """What both runs have timed: now over before, and whether that is more than noise.
+
+    It is when the ranges from the 5th to the 95th percentile have nothing in common. `renamed`:
+    names whose meaning has changed since, each with the name under which its numbers are compared.
     """
 
-    ratio: float
-    p5: float
-    p95: float
+    def changes(kind: str, key: str, unit: str) -> dict[str, dict[str, Any]]:
+        low, high = f"p5{unit}", f"p95{unit}"
+        pairs = {
+            name: (one, before[kind][name])
+            for name, one in now[kind].items()
+            if name in before[kind]
+        }
+        return {
+            name: {
+                "saved": old[key],
+                "now": new[key],
+                "now_over_saved": new[key] / old[key],
+                "changed": new[low] > old[high] or new[high] < old[low],
+            }
+            for name, (new, old) in pairs.items()
+        }
 
-
-def measured(ratio: Ratio, samples_us: Mapping[str, Array]) -> Measured:
-    """The ratio, from samples by name, shape (rounds, samples)."""
-    whole = ratio.of({name: float(np.median(each)) for name, each in samples_us.items()})
-    rounds = len(next(iter(samples_us.values())))
-    by_round = [
-        ratio.of({name: float(np.median(each[k])) for name, each in samples_us.items()})
-        for k in range(rounds)
-    ]
-    p5, p95 = np.percentile(by_round, [5, 95])
-    return Measured(whole, float(p5), float(p95))
+    return {
+        "saved_simulated_s": before["simulated_s"],
+        "renamed": before.get("renamed", {}),
+        "ratios": changes("ratios", "ratio", ""),
+        "timings": changes("timings", "median_us", "_us"),
+    }

@@ -1,11 +1,12 @@
 """Problem 1 through every solver, each called in the fastest way that it documents."""
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from copy import deepcopy
 from ctypes import c_int
 from dataclasses import dataclass
 from importlib import import_module
+from operator import itemgetter
 from typing import Any
 
 import daqp
@@ -13,8 +14,7 @@ import numpy as np
 import scipy.linalg
 from scipy.linalg.lapack import dgglse
 
-from experiments.benchmark.problem import Problem
-from experiments.benchmark.stopwatch import Contender
+from experiments.benchmark.measurement import Agreement, Contender, Problem, Questions, compare
 from experiments.hexapod.goal import MAJOR, SECONDARY
 from prioritized import velocity_mapping
 from sim import Array
@@ -24,6 +24,11 @@ with warnings.catch_warnings():
     warnings.simplefilter("ignore", DeprecationWarning)
     placo: Any = import_module("placo")  # not as a statement: its type stubs are wrong
 
+TOLERANCE = 1e-9
+"""Of the answers, as a fraction of the rates."""
+BATCHED = "batched"
+"""Name of the largest batch."""
+_COMPARED = 64
 _EQUALITY = 5
 """daqp's mark of a constraint that holds with equality."""
 _STRICT = {"primal_tol": 1e-12, "rho_soft": 1e-8}
@@ -32,39 +37,28 @@ _STRICT = {"primal_tol": 1e-12, "rho_soft": 1e-8}
 
 @dataclass(frozen=True)
 class Solver:
-    """One way to solve Problem 1.
+    """One way to solve Problem 1, of which only `solve` is timed.
 
-    Attributes:
-        name: Of its median.
-        prepare: From the problem to the arguments of `solve`; not timed.
-        solve: What is timed.
-        rates: Reads the rates (n,) off what `solve` returned; not timed.
-        unit_rows: It knows no weights: the objective's rows must be unit vectors.
+    `prepare` makes its arguments of a problem, and `rates` reads the rates (n,) off what it
+    returned. Where `unit_rows`, it knows no weights: the objective's rows must be unit vectors.
     """
 
     name: str
-    prepare: Callable[[Problem], tuple[Any, ...]]
     solve: Callable[..., Any]
-    rates: Callable[[Any], Array]
+    prepare: Callable[[Problem], tuple[Any, ...]] = lambda problem: (problem,)
+    rates: Callable[[Any], Array] = np.asarray
     unit_rows: bool = False
 
     def contender(
-        self, problems: list[Problem], *, name: str = "", samples: int, units: int = 1
+        self, problems: list[Problem], name: str, size: int = 1, samples: int = 3
     ) -> Contender:
-        """To be timed on the problems, in new arrays for each sample.
-
-        Args:
-            problems: The objective's rows are made unit vectors for a solver that needs them.
-            name: Of the median; the solver's own by default.
-            samples: Of each round.
-            units: Mappings in one problem.
-        """
+        """To be timed on problems of `size` mappings each, in new arrays for each sample."""
         given = [each.with_unit_rows() for each in problems] if self.unit_rows else problems
 
         def arguments() -> list[tuple[Any, ...]]:
             return [self.prepare(deepcopy(each)) for each in given]
 
-        return Contender(name or self.name, self.solve, arguments, units, samples)
+        return Contender(name, self.solve, arguments, size * len(given), samples)
 
     def answers(self, problems: list[Problem]) -> Array:
         """Rates of each problem as it is, shape (N, n)."""
@@ -83,8 +77,9 @@ def _map(problem: Problem) -> Array:
 
 
 def _quadratic_program(problem: Problem) -> tuple[Any, ...]:
-    (H, f), (J_m, v_m) = problem.quadratic(), problem.constraint()
-    return H, f, J_m, v_m, v_m, np.full(len(v_m), _EQUALITY, dtype=c_int)
+    """H (n, n) and f of the same objective, rates^T H rates / 2 + f^T rates; the constraint."""
+    (A, b), (J_m, v_m) = problem.least_squares(), problem.constraint()
+    return A.T @ A, -b @ A, J_m, v_m, v_m, np.full(len(v_m), _EQUALITY, dtype=c_int)
 
 
 def _build_quadratic_program(problem: Problem) -> Any:
@@ -93,13 +88,13 @@ def _build_quadratic_program(problem: Problem) -> Any:
 
 def _levels(problem: Problem) -> tuple[Any, ...]:
     (A, b), (J_m, v_m) = problem.least_squares(), problem.constraint()
-    rows, wanted = np.vstack([J_m, A]), np.concatenate([v_m, b])
+    rows, target = np.vstack([J_m, A]), np.concatenate([v_m, b])
     ends = np.array([len(v_m), len(rows)], dtype=c_int)
-    return rows, wanted, np.zeros(len(rows), dtype=c_int), ends
+    return rows, target, np.zeros(len(rows), dtype=c_int), ends
 
 
-def _hierarchy(rows: Array, wanted: Array, sense: Array, ends: Array) -> Any:
-    return daqp.solve(None, None, rows, wanted, wanted, sense, ends, **_STRICT)
+def _hierarchy(rows: Array, target: Array, sense: Array, ends: Array) -> Any:
+    return daqp.solve(None, None, rows, target, target, sense, ends, **_STRICT)
 
 
 def _empty_program(problem: Problem) -> tuple[Any, Problem]:
@@ -116,10 +111,9 @@ def _build(program: Any, problem: Problem) -> None:
 
 
 def _built_program(problem: Problem) -> tuple[Any]:
-    """Solved once, so that its memory is there: the first time takes 40 % longer."""
+    """Solved once, so that its memory is allocated: the first time takes 40 % longer."""
     program, _ = _empty_program(problem)
-    _build(program, problem)
-    program.solve()
+    _build_and_solve_program(program, problem)
     return (program,)
 
 
@@ -149,36 +143,66 @@ def _constrained_least_squares(problem: Problem) -> tuple[Any, ...]:
     return A, J_m, b, v_m
 
 
-def _as_it_is(problem: Problem) -> tuple[Problem]:
-    return (problem,)
-
-
-def _itself(answer: Array) -> Array:
-    return answer
-
-
-def _first(answer: tuple[Array, ...]) -> Array:
-    return answer[0]
-
-
-def _fourth(answer: tuple[Array, ...]) -> Array:
-    return answer[3]
-
-
-OURS = Solver("prioritized", _as_it_is, _map, _itself)
-DAQP = Solver("daqp", _quadratic_program, daqp.solve, _first)
-PLACO = Solver("placo", _built_program, _solve_program, _itself)
-FORMULA = Solver("pinv_formula", _as_it_is, _formula, _itself)
-LAPACK = Solver("dgglse", _constrained_least_squares, dgglse, _fourth)
+OURS = Solver("prioritized", _map)
+DAQP = Solver("daqp", daqp.solve, _quadratic_program, itemgetter(0))
+PLACO = Solver("placo", _solve_program, _built_program)
+FORMULA = Solver("pinv_formula", _formula)
+LAPACK = Solver("dgglse", dgglse, _constrained_least_squares, itemgetter(3))
 SOLVERS = (
     OURS,
     DAQP,
-    Solver("daqp_with_build", _as_it_is, _build_quadratic_program, _first),
-    Solver("daqp_hierarchy", _levels, _hierarchy, _first, unit_rows=True),
+    Solver("daqp_with_build", _build_quadratic_program, rates=itemgetter(0)),
+    Solver("daqp_hierarchy", _hierarchy, _levels, itemgetter(0), unit_rows=True),
     PLACO,
-    Solver("placo_with_build", _empty_program, _build_and_solve_program, _itself),
+    Solver("placo_with_build", _build_and_solve_program, _empty_program),
     FORMULA,
     LAPACK,
 )
 GROWING = (OURS, DAQP, PLACO, FORMULA, LAPACK)
 """Those whose time is followed as the number of actuators grows."""
+
+
+def agreements(asked: Questions) -> list[Agreement]:
+    """How far apart all answers to each question are."""
+
+    def among(question: str, solvers: Sequence[Solver], problems: list[Problem]) -> Agreement:
+        return compare(question, {one.name: one.answers(problems) for one in solvers}, TOLERANCE)
+
+    weighted = [each for each in SOLVERS if not each.unit_rows]
+    unit = [each.with_unit_rows() for each in asked.problems]
+    return [
+        among("Problem 1", weighted, asked.problems),
+        among("Problem 1 with unit rows", SOLVERS, unit),
+        *(
+            among(f"Problem 1 with {n} actuators", GROWING, problems)
+            for n, problems in asked.by_actuators.items()
+        ),
+        batch_agreement(next(reversed(asked.by_batch.values()))[0]),
+    ]
+
+
+def batch_agreement(batch: Problem) -> Agreement:
+    """The batch beside its first problems one by one."""
+    alone = [batch.one(k) for k in range(min(_COMPARED, len(batch.J)))]
+    answers = {solver.name: solver.answers(alone) for solver in (OURS, DAQP, LAPACK)}
+    together = {BATCHED: OURS.solve(batch)[: len(alone)]}
+    return compare(f"a batch of {len(batch.J)}", answers | together, TOLERANCE)
+
+
+def batch_names(batches: Sequence[int]) -> list[str]:
+    """Of our samples, by size of the batch."""
+    return [*(f"{OURS.name}_batch{size}" for size in batches[:-1]), BATCHED]
+
+
+def contenders(asked: Questions) -> list[Contender]:
+    """Every solver on one problem, those that can at every size, and ours on batches."""
+    batches = zip(batch_names(list(asked.by_batch)), asked.by_batch.items(), strict=True)
+    return [
+        *(each.contender(asked.problems, each.name, samples=20) for each in SOLVERS),
+        *(
+            each.contender(problems, f"{each.name}_n{n}")
+            for each in GROWING
+            for n, problems in asked.by_actuators.items()
+        ),
+        *(OURS.contender(problems, name, size) for name, (size, problems) in batches),
+    ]

@@ -1,0 +1,195 @@
+"""Everything that is timed, in one process on one thread.
+
+The modules that need the packages of the extra `bench` are imported when these are known to be
+installed.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from experiments.benchmark.measurement import Agreement, Contender, by_turns, questions
+from experiments.benchmark.ratios import saved
+from experiments.hexapod.choices import JacobianChoice
+from experiments.hexapod.columns import COLUMNS
+from experiments.hexapod.compensator import Loop
+from experiments.hexapod.simulation import controller_for, fly, nominal_loops, track_spiral
+from experiments.hexapod.testbed import Bench
+from experiments.output.files import usable_file
+from experiments.output.study import OnProgress, WrongInput
+from ftc.controller import Sensed
+from sim import Array, Plant, Pose, load_model
+
+PACKAGES = ("mink", "placo", "daqp", "qpsolvers", "threadpoolctl")
+"""The peers, the interface between mink and daqp, and what keeps all of them to one thread."""
+GOAL = COLUMNS[0].goal
+"""W_a, all struts sound."""
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How much is timed: `seconds` of the spiral, and sizes of problems, ascending.
+
+    Every contender has its turn in each of the `rounds`; one more goes before, to warm up.
+    """
+
+    seconds: float
+    rounds: int
+    batches: tuple[int, ...]
+    actuators: tuple[int, ...] = (6, 10, 20, 50, 100, 200)
+
+
+FULL = Effort(Bench().duration_s, rounds=7, batches=(1, 10, 100, 1_000, 10_000, 100_000))
+QUICK = Effort(2.0, rounds=5, batches=FULL.batches[:-1])
+
+
+@dataclass(frozen=True)
+class Timed:
+    """What was measured: `samples_us` by name, shape (rounds, samples), after the `agreements`.
+
+    The numbers are also written to `save`, compared with those of the saved file `before`, and
+    unsound beyond their bounds if `check`.
+    """
+
+    seed: int
+    effort: Effort
+    agreements: list[Agreement]
+    samples_us: dict[str, Array]
+    save: Path | None = None
+    before: dict[str, Any] | None = None
+    check: bool = False
+
+
+def run_bench(
+    *,
+    seed: int,
+    quick: bool,
+    save: Path | None = None,
+    compare: Path | None = None,
+    check: bool = False,
+    on_progress: OnProgress,
+) -> Timed:
+    """Compare all answers, then time the contenders who gave them.
+
+    Raises:
+        WrongInput: A package is missing, or `compare` is no saved file.
+        OutputError: `save` cannot be written.
+        Unsound: Two answers to the same question differ; nothing is timed.
+    """
+    if absent := [name for name in PACKAGES if find_spec(name) is None]:
+        raise WrongInput(
+            f"fjh bench compares with packages that are not installed, {', '.join(absent)}: "
+            'pip install ".[bench]" in a checkout, or make venv'
+        )
+    from threadpoolctl import threadpool_limits
+
+    from experiments.benchmark import pointing, solvers
+
+    if save is not None:
+        usable_file(save, ".json", option="--save")
+    before = None if compare is None else saved(compare)
+    effort, rng = QUICK if quick else FULL, np.random.default_rng(seed)
+    # Set at run time, since NumPy may long have been imported: OpenBLAS keeps to one thread.
+    with threadpool_limits(1):
+        model, bench = load_model(), Bench()
+        asked = questions(effort.actuators, effort.batches, rng)
+        cases = pointing.random_cases(model, 8, rng)
+        agreed = [*solvers.agreements(asked), pointing.agreement(model, cases)]
+        for each in agreed:
+            each.check()
+        loop = ClosedLoop(model, bench, nominal_loops(model, bench), effort.seconds, seed)
+        contenders = [
+            *whole(loop),
+            *parts(loop),
+            *pointing.contenders(model, cases),
+            *solvers.contenders(asked),
+        ]
+        samples_us = by_turns(contenders, effort.rounds, on_progress)
+    return Timed(seed, effort, agreed, samples_us, save, before, check)
+
+
+@dataclass(frozen=True)
+class ClosedLoop:
+    """The run that is timed: `seconds` of the spiral after settling, noise of this seed."""
+
+    model: mujoco.MjModel
+    bench: Bench
+    loops: tuple[Loop, Loop]
+    seconds: float
+    seed: int
+
+    @property
+    def ticks(self) -> int:
+        """Of control."""
+        return len(self.bench.time_s(self.seconds))
+
+    @property
+    def steps(self) -> int:
+        """Of physics, those of settling too."""
+        return round((self.bench.settling_s + self.seconds) / self.model.opt.timestep)
+
+    def run(self, jacobian: JacobianChoice) -> None:
+        """The whole closed loop, its log kept in memory."""
+        track_spiral(
+            self.model,
+            self.bench,
+            self.loops,
+            GOAL,
+            jacobian=jacobian,
+            seed=self.seed,
+            duration_s=self.seconds,
+        )
+
+    def step(self) -> None:
+        """MuJoCo alone, in one call."""
+        mujoco.mj_step(self.model, mujoco.MjData(self.model), self.steps)
+
+
+def whole(loop: ClosedLoop) -> list[Contender]:
+    """Times per control tick: bare physics, and the loop with either Jacobian."""
+    return [
+        Contender("mj_step", loop.step, lambda: [()], loop.ticks),
+        Contender("closed_loop", loop.run, lambda: [("analytic",)], loop.ticks),
+        Contender("closed_loop_constant", loop.run, lambda: [("constant",)], loop.ticks),
+    ]
+
+
+def parts(loop: ClosedLoop) -> list[Contender]:
+    """Times of what a control tick is made of, each part alone, 0.2 s after the start of a run."""
+    model, bench = loop.model, loop.bench
+    controller = controller_for(model, bench, loop.loops, GOAL)
+    _, state = fly(model, bench, controller, seed=loop.seed, duration_s=0.2)
+    mapping, amplifier = controller.mapping, controller.amplifier
+    command_m, asked_rad = amplifier.displacement_m(state.input_percent), state.asked.pointing_rad
+    detector, strut_sensors = bench.detector(), bench.strut_sensors()
+    rng, plant, bare = np.random.default_rng(loop.seed), Plant(model), mujoco.MjData(model)
+    period_s = bench.control_period_s
+    # Without what the estimate has already computed from this pose.
+    bare_pose = Pose(state.pose.rotation, state.pose.translation_m)
+
+    def sense() -> Sensed:
+        plant.closure_residual_m()
+        return Sensed(
+            pointing_rad=detector.read(plant.pose().rotation, rng),
+            strut_m=strut_sensors.read(plant.strut_displacement_m(), rng),
+        )
+
+    timed: dict[str, tuple[Callable[..., Any], *tuple[Any, ...]]] = {
+        "mj_step": (mujoco.mj_step, model, bare, round(period_s / model.opt.timestep)),
+        "plant_step": (plant.step, command_m, period_s),
+        "sensors": (sense,),
+        "controller": (controller.step, state, asked_rad, sense()),
+        "estimate": (mapping.estimate, command_m, state.pose),
+        "mapping": (mapping.displacements, asked_rad, state.pose),
+        "jacobian": (mapping.geometry.inverse_jacobian, bare_pose),
+        "converter": (amplifier.input_percent, command_m),
+    }
+    return [
+        Contender(f"part_{name}", call, lambda given=tuple(given): [given] * 32, 32, samples=5)
+        for name, (call, *given) in timed.items()
+    ]
