@@ -7,17 +7,12 @@ import mujoco
 import numpy as np
 
 from experiments.hexapod.compensator import Loop
-from experiments.hexapod.goal import MAJOR, Goal
+from experiments.hexapod.diagnosis import nominal_model
+from experiments.hexapod.goal import Goal
 from experiments.hexapod.mapping import StrutMapping
 from experiments.hexapod.testbed import Bench
 from ftc.fdi.dither import Dither
-from ftc.fdi.fault_model import (
-    Fault,
-    Machine,
-    SoundMachine,
-    failed_machine,
-    sound_machine,
-)
+from ftc.fdi.fault_model import Fault, FaultModel, NominalModel, fault_model
 from sim import NOMINAL, Array, hexapod
 
 
@@ -34,7 +29,7 @@ class LinearLoop:
         loops: Compensators of alpha and beta.
     """
 
-    sound: SoundMachine
+    sound: NominalModel
     gain: Array
     secondary_m: Array
     desired_rad: Array
@@ -56,7 +51,7 @@ def linear_loop(
     time_s = bench.time_s(duration_s)
     passed = [mapping.displacements(np.zeros(2), NOMINAL, rest_m=unit) for unit in np.eye(6)]
     return LinearLoop(
-        sound=sound_machine(model, bench),
+        sound=nominal_model(model, bench),
         gain=mapping.pointing_gain(),
         secondary_m=np.array([dither.at(each) for each in time_s]) @ np.array(passed),
         desired_rad=bench.desired_rad(begin_s + time_s),
@@ -72,15 +67,15 @@ def flown(loop: LinearLoop, faults: Sequence[Fault], onset: int) -> tuple[Array,
         faults: What strikes, all at once, unknown to the mapping.
         onset: At which tick.
     """
-    sound = failed_machine(loop.sound, ())
-    failed = failed_machine(loop.sound, faults)
+    sound = fault_model(loop.sound)
+    failed = fault_model(loop.sound, faults)
     x, compensators = np.zeros(len(sound.A)), [np.zeros(len(each.A)) for each in loop.loops]
     states, sent = [], []
-    machine: Machine = sound
+    machine: FaultModel = sound
     for tick, desired in enumerate(loop.desired_rad):
         if tick == onset:
             x, machine = failed.onset @ x, failed
-        error = desired - loop.sound.linear.C_twist[MAJOR] @ x
+        error = desired - loop.sound.plant.C @ x
         pointing = [
             (each.C @ c + each.D[:, 0] * e)[0]
             for each, c, e in zip(loop.loops, compensators, error, strict=True)

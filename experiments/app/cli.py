@@ -20,7 +20,7 @@ from experiments.output.files import OutputError
 from experiments.output.interrupt import INTERRUPTED, SENTENCE
 from experiments.output.study import Interrupted, Unsound, WrongInput
 from experiments.output.terminal import notice
-from experiments.recover.command import recover
+from experiments.recover import STUDY as RECOVER
 from experiments.release import STUDY as RELEASE
 from experiments.sweep.command import sweep
 from experiments.systems.command import systems
@@ -49,7 +49,6 @@ STUDIES = (
     table1,
     figures,
     systems,
-    recover,
     force,
     goals,
     jacobian,
@@ -59,7 +58,7 @@ STUDIES = (
     bench,
     report,
 )
-for command in (*map(presented, STUDIES), command_of(RELEASE), review, render):
+for command in (*map(presented, STUDIES), command_of(RELEASE), command_of(RECOVER), review, render):
     # The first line whole: Typer itself would cut it at any full stop.
     app.command(short_help=(command.__doc__ or "").partition("\n")[0])(command)
 

@@ -8,18 +8,18 @@ import numpy as np
 
 from experiments.hexapod.choices import JacobianChoice
 from experiments.hexapod.compensator import Loop
+from experiments.hexapod.diagnosis import nominal_model
+from experiments.hexapod.dithers import STILL
 from experiments.hexapod.goal import MAJOR, Goal
 from experiments.hexapod.pilot import PointingState
 from experiments.hexapod.simulation import controller_for
 from experiments.hexapod.springs import elastic_system
 from experiments.hexapod.testbed import Bench
 from ftc.controller import Controller, Sensed
-from ftc.fdi.config import RULES, Rules
-from ftc.fdi.diagnosis import Diagnosis, MonitorState
-from ftc.fdi.dither import STILL, Dither
-from ftc.fdi.fault_model import Fault, SoundMachine, sound_machine
+from ftc.fdi.diagnosis import DEFAULT_CONFIG, Diagnosis, FdiConfig, MonitorState
+from ftc.fdi.dither import Dither
+from ftc.fdi.fault_model import Fault, NominalModel
 from ftc.fdi.monitor import Monitor, monitor
-from ftc.fdi.sensing import sensing
 from prioritized import failure_atlas
 from sim import Amplifier, Array
 
@@ -32,7 +32,7 @@ class SupervisorState(PointingState):
         flies: The controller that flies; `controller` is its state.
         watch: State of the monitor.
         monitor: That monitor.
-        settled: The diagnoses that are believed.
+        confirmed: The diagnoses that are believed.
         diagnoses: All that were made, revised and withdrawn ones included, in order.
         task_lost: Whether the struts that are left can no longer point; the commands then stand
             still.
@@ -42,18 +42,18 @@ class SupervisorState(PointingState):
     flies: Controller
     watch: MonitorState
     monitor: Monitor
-    settled: tuple[Diagnosis, ...] = ()
+    confirmed: tuple[Diagnosis, ...] = ()
     diagnoses: tuple[Diagnosis, ...] = ()
     task_lost: bool = False
     ticks: int = 0
 
     @property
     def standing(self) -> list[Diagnosis]:
-        """What is held to be true: the last settled on each strut, and the one being confirmed."""
-        latest = self.settled
+        """What is held to be true: the last confirmed on each strut, and the one in question."""
+        latest = self.confirmed
         if self.watch.diagnosis is not None:
             latest = (*latest, self.watch.diagnosis)
-        return list({each.fault.strut: each for each in latest}.values())
+        return list({each.fault.actuator: each for each in latest}.values())
 
 
 @dataclass(frozen=True)
@@ -89,12 +89,14 @@ class Supervisor:
             return replace(state, ticks=state.ticks + 1)
         sent_m = self.amplifier.displacement_m(state.input_percent)
         known = state.watch.diagnosis
-        watch = state.monitor.step(state.watch, sensed, sent_m)
+        measured = np.concatenate([sensed.pointing_rad, sensed.strut_m])
+        outputs = len(state.monitor.nominal.noise)  # without the gauges unless they are used
+        watch = state.monitor.step(state.watch, measured[:outputs], sent_m)
         state = replace(state, watch=watch)
         if watch.diagnosis is not known:
             state = self._reconfigured(state, sent_m)
         if not state.task_lost:
-            rest_m = self.dither.at(state.ticks * self.monitor.sound.period_s)
+            rest_m = self.dither.at(state.ticks * self.monitor.nominal.period_s)
             controller = state.flies.step(state.controller, desired_rad, sensed, rest_m)
             state = replace(state, controller=controller)
         return replace(state, ticks=state.ticks + 1)
@@ -112,9 +114,9 @@ class Supervisor:
             flies = self.reconfigured(believed)
             controller = flies.take_over(state.controller, falling_m)
             state = replace(state, flies=flies, controller=controller)
-        if found is None or not found.settled:
+        if found is None or not found.confirmed:
             return state
-        state = replace(state, settled=(*state.settled, found))
+        state = replace(state, confirmed=(*state.confirmed, found))
         if lost:  # nothing is left to be done about another failure
             return replace(state, watch=replace(state.watch, diagnosis=None, evidence=None))
         monitor, watch = state.monitor.believing(state.watch)
@@ -129,7 +131,7 @@ sound strut would make the loop unstable: docs/recover.md."""
 def reckoned_strength(diagnosis: Diagnosis) -> float:
     """Part of the coil's force that the mapping reckons with; 0 is a strut that is left alone."""
     fault = diagnosis.fault
-    return fault.strength if fault.kind == "weak" and fault.strength >= WEAKEST else 0.0
+    return fault.effectiveness if fault.kind == "weak" and fault.effectiveness >= WEAKEST else 0.0
 
 
 def falling(diagnosis: Diagnosis, sent_m: Array) -> Array:
@@ -139,9 +141,9 @@ def falling(diagnosis: Diagnosis, sent_m: Array) -> Array:
     nor one that had been found out before.
     """
     fault, falling_m = diagnosis.fault, np.zeros(len(sent_m))
-    if fault.kind != "locked" and not diagnosis.settled:
-        held_m = reckoned_strength(diagnosis) * sent_m[fault.strut]
-        falling_m[fault.strut] = diagnosis.displacement_m - held_m
+    if fault.kind != "locked" and not diagnosis.confirmed:
+        held_m = reckoned_strength(diagnosis) * sent_m[fault.actuator]
+        falling_m[fault.actuator] = diagnosis.displacement - held_m
     return falling_m
 
 
@@ -156,9 +158,9 @@ def reconfigured_goal(goal: Goal, diagnoses: Sequence[Diagnosis]) -> Goal:
     for diagnosis in diagnoses:
         fault, left = diagnosis.fault, reckoned_strength(diagnosis)
         if left > 0:
-            strength[fault.strut] = left
+            strength[fault.actuator] = left
         else:
-            locked_m[fault.strut] = diagnosis.displacement_m if fault.kind == "locked" else 0.0
+            locked_m[fault.actuator] = diagnosis.displacement if fault.kind == "locked" else 0.0
     return replace(goal, locked_m=locked_m, strength=strength)
 
 
@@ -171,8 +173,8 @@ def supervisor(
     jacobian: JacobianChoice = "constant",
     strut_sensors: bool = False,
     dither: Dither = STILL,
-    rules: Rules = RULES,
-    sound: SoundMachine | None = None,
+    config: FdiConfig = DEFAULT_CONFIG,
+    nominal: NominalModel | None = None,
 ) -> Supervisor:
     """Diagnosis and control for this machine.
 
@@ -184,10 +186,11 @@ def supervisor(
         jacobian: Of the mapping.
         strut_sensors: Whether the diagnosis may use them.
         dither: What finds failures sooner.
-        rules: Rates and confidences.
-        sound: What the diagnosis takes the machine for; None is the model's.
+        config: Rates and confidences.
+        nominal: What the diagnosis takes the machine for; None is the model's.
     """
-    sound = sound_machine(model, bench) if sound is None else sound
+    if nominal is None:
+        nominal = nominal_model(model, bench, strut_sensors=strut_sensors)
     atlas = failure_atlas(elastic_system(model), MAJOR)
 
     def controller(diagnoses: Sequence[Diagnosis]) -> Controller:
@@ -197,14 +200,14 @@ def supervisor(
     def can_point(faults: Sequence[Fault]) -> bool:
         assert atlas.elastic is not None  # the hexapod has springs
         by_kind = {
-            kind: [fault.strut for fault in faults if fault.kind == kind]
+            kind: [fault.actuator for fault in faults if fault.kind == kind]
             for kind in ("locked", "free")
         }
         return bool(atlas.elastic.possible[atlas.row(**by_kind)])
 
     return Supervisor(
         first=controller([]),
-        monitor=monitor((), sound, sensing(sound, bench, strut_sensors), rules),
+        monitor=monitor(nominal, config=config),
         dither=dither,
         reconfigured=controller,
         can_point=can_point,

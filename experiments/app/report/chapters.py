@@ -5,7 +5,6 @@ from experiments.figures.command import figures
 from experiments.force.command import force
 from experiments.goals.command import goals
 from experiments.jacobian.command import jacobian
-from experiments.recover.command import recover
 from experiments.systems.command import systems
 from experiments.table1.command import table1
 from experiments.uncorrected.command import uncorrected
@@ -18,5 +17,4 @@ CHAPTERS = (
     Chapter(goals),
     Chapter(jacobian, {"loop": True}),
     Chapter(uncorrected),
-    Chapter(recover),  # last: it takes as long as all others together
 )
