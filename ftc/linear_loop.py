@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import control
 import numpy as np
 
+<<<<<<< HEAD
 from argument_checks import Array
 from ftc.compensator import Channel
 from ftc.fdi.fault_model import Fault, SoundMachine, failed_machine
@@ -153,6 +154,16 @@ def limited_response(
     settings = {"disturbance": pushed, "limit": limit, "anti_windup": anti_windup}
     ticks = steps([stage], plant.C, compensators, reference, **settings)
     return np.stack([tick.output for tick in ticks], axis=1)
+=======
+from experiments.hexapod.compensator import Loop
+from experiments.hexapod.diagnosis import nominal_model
+from experiments.hexapod.goal import Goal
+from experiments.hexapod.mapping import StrutMapping
+from experiments.hexapod.testbed import Bench
+from ftc.fdi.dither import Dither
+from ftc.fdi.fault_model import Fault, FaultModel, NominalModel, fault_model
+from sim import NOMINAL, Array, hexapod
+>>>>>>> fdi
 
 
 @dataclass(frozen=True)
@@ -169,12 +180,43 @@ class LinearLoop:
         loops: One compensator for each major row.
     """
 
+<<<<<<< HEAD
     sound: SoundMachine
     C: Array
     gain: Array
     secondary_m: Array
     desired_rad: Array
     loops: Sequence[Channel]
+=======
+    sound: NominalModel
+    gain: Array
+    secondary_m: Array
+    desired_rad: Array
+    loops: tuple[Loop, Loop]
+
+
+def linear_loop(
+    model: mujoco.MjModel,
+    bench: Bench,
+    loops: tuple[Loop, Loop],
+    goal: Goal,
+    dither: Dither,
+    *,
+    begin_s: float,
+    duration_s: float,
+) -> LinearLoop:
+    """The loop on the spiral, as :func:`fly`, with the sound machine's mapping."""
+    mapping = StrutMapping(hexapod(model), goal, "constant")
+    time_s = bench.time_s(duration_s)
+    passed = [mapping.displacements(np.zeros(2), NOMINAL, rest_m=unit) for unit in np.eye(6)]
+    return LinearLoop(
+        sound=nominal_model(model, bench),
+        gain=mapping.pointing_gain(),
+        secondary_m=np.array([dither.at(each) for each in time_s]) @ np.array(passed),
+        desired_rad=bench.desired_rad(begin_s + time_s),
+        loops=loops,
+    )
+>>>>>>> fdi
 
 
 def flown(loop: LinearLoop, faults: Sequence[Fault], onset: int) -> tuple[Array, Array]:
@@ -185,6 +227,7 @@ def flown(loop: LinearLoop, faults: Sequence[Fault], onset: int) -> tuple[Array,
         faults: That strike, all at once, unknown to the mapping.
         onset: At which tick.
     """
+<<<<<<< HEAD
     sound, failed = failed_machine(loop.sound, ()), failed_machine(loop.sound, faults)
     stages = [Stage(sound.A, sound.B), Stage(failed.A, failed.B, onset, failed.onset)]
     ticks = list(
@@ -205,3 +248,27 @@ def linear_loop(*args: Any, **kwargs: Any) -> LinearLoop:  # lead: remove
     from importlib import import_module
 
     return import_module("experiments.hexapod.prediction").linear_loop(*args, **kwargs)
+=======
+    sound = fault_model(loop.sound)
+    failed = fault_model(loop.sound, faults)
+    x, compensators = np.zeros(len(sound.A)), [np.zeros(len(each.A)) for each in loop.loops]
+    states, sent = [], []
+    machine: FaultModel = sound
+    for tick, desired in enumerate(loop.desired_rad):
+        if tick == onset:
+            x, machine = failed.onset @ x, failed
+        error = desired - loop.sound.plant.C @ x
+        pointing = [
+            (each.C @ c + each.D[:, 0] * e)[0]
+            for each, c, e in zip(loop.loops, compensators, error, strict=True)
+        ]
+        compensators = [
+            each.A @ c + each.B[:, 0] * e
+            for each, c, e in zip(loop.loops, compensators, error, strict=True)
+        ]
+        u = loop.gain @ np.array(pointing) + loop.secondary_m[tick]
+        states.append(x)
+        sent.append(u)
+        x = machine.step(x, u)
+    return np.array(states), np.array(sent)
+>>>>>>> fdi

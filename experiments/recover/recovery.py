@@ -1,140 +1,267 @@
-"""One case predicted, then flown three ways; and flights told late or wrongly."""
+"""One failure on the spiral: a supervised controller beside an informed and a fault-unaware one."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
 
 from experiments.hexapod.compensator import Loop
+from experiments.hexapod.dithers import HEAVE
+from experiments.hexapod.goal import Goal
+from experiments.hexapod.metrics import closure_residual_max_m
+from experiments.hexapod.pilot import NEVER, Informed, Pilot, State
+from experiments.hexapod.simulation import Trajectory, controller_for, fly
+from experiments.hexapod.supervisor import reconfigured_goal, supervisor
 from experiments.hexapod.testbed import Bench
-from experiments.recover.ambiguity import EVIDENCE_S
-from experiments.recover.cases import AFTER_S, BEFORE_S, DITHER, GOAL, Case
-from experiments.recover.flights import (
-    STRUCK,
-    Errors,
-    Found,
-    errors,
-    find,
-    informed,
-    uncorrected,
-)
-from ftc.fdi.fault_model import KINDS, Fault
-from ftc.fdi.hypotheses import bank
-from ftc.fdi.isolability import separations
-from ftc.fdi.sensing import sensing
-from ftc.linear_loop import linear_loop
+from ftc.controller import Controller
+from ftc.fdi.diagnosis import Diagnosis
+from ftc.fdi.dither import Dither
+from ftc.fdi.fault_model import KINDS, Fault, FaultKind, NominalModel
+from sim import Array, Failure
 
-LATE_S = (0.03, 0.1, 0.3, 1.0)
-"""How late a diagnosis may come."""
+GOAL = Goal(joint_weight=(1.0,) * 6)
+"""W_a, under which antipodal struts look alike."""
 
-_STANDING = (0.0,) * 6
-TOLD = (
-    Case(0, "locked", 8.25, _STANDING, seed=0),
-    Case(0, "free", 8.25, _STANDING, seed=0),
-    Case(0, "weak", 8.25, _STANDING, seed=0, strength=1.0),
-)
-"""What happens in the flights that are told late or wrongly; the last is nothing at all."""
+DITHER = Dither(0.5e-6, 20.0, HEAVE)
+"""A strut that fails is then seen at 1.2 urad, four times the detector's noise. Its frequency is
+above the loops' crossovers, so that they do not suppress it; below the modes from 32 Hz on, where
+the linear model would have to be more exact; and high enough for inertia to move a free strut."""
+
+BEFORE_S, AFTER_S = 1.2, 2.5
+"""Of each run, before and after the failure; the first half second, a transient, is not counted."""
+
+RECOVERED_S = 0.5
+"""After the failure: what counts as recovery begins here."""
+
+STRUCK = round(BEFORE_S / Bench().control_period_s)
+"""Tick of the failure in each run."""
+
+_TRANSIENT_S = 0.5
+_EARLIEST_S, _LATEST_S = 1.5, 13.4
+_STANDING_M = 10e-6
+_EFFECTIVENESS = 0.2, 0.8
+_EACH: list[tuple[FaultKind, int]] = [(kind, strut) for strut in range(6) for kind in KINDS]
+
+
+@dataclass(frozen=True)
+class Testbed:
+    """The machine, the constants around it, and its compensators."""
+
+    model: mujoco.MjModel
+    bench: Bench
+    loops: tuple[Loop, Loop]
+
+    def controller(self, goal: Goal = GOAL) -> Controller:
+        """A controller for a goal, with the constant Jacobian."""
+        return controller_for(self.model, self.bench, self.loops, goal, jacobian="constant")
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """One failure on the spiral.
+
+    Attributes:
+        fault: What fails.
+        time_s: On the spiral.
+        rest_m: Secondary displacement at which the struts stand, shape (6,).
+        seed: Of the sensors' noise.
+    """
+
+    fault: Fault
+    time_s: float
+    rest_m: tuple[float, ...]
+    seed: int
+
+    @property
+    def failure(self) -> Failure:
+        """What happens to the plant."""
+        fault = self.fault
+        return Failure(fault.actuator, fault.kind, self.time_s, fault.effectiveness)
+
+    @property
+    def begin_s(self) -> float:
+        """Where on the spiral the run begins."""
+        return self.time_s - BEFORE_S
+
+    def dither(self, about: Dither) -> Dither:
+        """The dither, about where the struts stand."""
+        return replace(about, offset=self.rest_m)
+
+
+def draw(seed: int, number: int) -> list[Scenario]:
+    """Each strut and kind in turn, at a random time on the spiral and in a random posture.
+
+    Args:
+        seed: Of the draw, and of the sensors' noise.
+        number: Of scenarios; eighteen are one of each.
+    """
+    rng = np.random.default_rng([seed, 2])
+    drawn = []
+    for kind, strut in (_EACH[k % len(_EACH)] for k in range(number)):
+        # Whole control periods, so that all runs of a scenario are sampled alike.
+        time_s = round(float(rng.uniform(_EARLIEST_S, _LATEST_S)), 3)
+        rest_m = tuple(rng.normal(scale=_STANDING_M, size=6).tolist())
+        noise = int(rng.integers(2**32))
+        left = float(rng.uniform(*_EFFECTIVENESS)) if kind == "weak" else 0.0
+        drawn.append(Scenario(Fault(strut, kind, left), time_s, rest_m, noise))
+    return drawn
+
+
+@dataclass(frozen=True)
+class Identification:
+    """What the supervised controller made of one scenario.
+
+    Attributes:
+        scenario: What happened.
+        diagnoses: All of them, in order; ticks count from the start of the run.
+        standing: Those that stand in the end.
+        false_alarm: Whether there was an alarm before the failure.
+        unexplained: Whether it gave an alarm up.
+        closure_residual_max_m: Of the run.
+    """
+
+    scenario: Scenario
+    diagnoses: tuple[Diagnosis, ...]
+    standing: tuple[Diagnosis, ...]
+    false_alarm: bool
+    unexplained: bool
+    closure_residual_max_m: float
+
+    @property
+    def first(self) -> Diagnosis | None:
+        """The first diagnosis after the failure."""
+        return next((each for each in self.diagnoses if each.tick >= STRUCK), None)
+
+    @property
+    def last(self) -> Diagnosis | None:
+        """The last of those that stand in the end."""
+        return self.standing[-1] if self.standing else None
+
+    @property
+    def strut_right(self) -> bool:
+        """Whether the strut was right as first named, without a false alarm before."""
+        named = self.first is not None and self.first.fault.actuator == self.scenario.fault.actuator
+        return named and not self.false_alarm
+
+    @property
+    def right(self) -> bool:
+        """Whether strut and kind were right in the end, and nothing else was diagnosed."""
+        held = [(each.fault.actuator, each.fault.kind) for each in self.standing]
+        truth = self.scenario.fault
+        return held == [(truth.actuator, truth.kind)] and not self.false_alarm
+
+
+def identify(
+    bed: Testbed,
+    scenario: Scenario,
+    dither: Dither = DITHER,
+    strut_sensors: bool = False,
+    plant: mujoco.MjModel | None = None,
+    nominal: NominalModel | None = None,
+) -> tuple[Trajectory, Identification]:
+    """Simulate a scenario with a supervised controller.
+
+    `plant` is the machine, if it is not quite the model; `nominal` what the diagnosis takes it for.
+    """
+    pilot = supervisor(
+        bed.model,
+        bed.bench,
+        bed.loops,
+        GOAL,
+        dither=scenario.dither(dither),
+        strut_sensors=strut_sensors,
+        nominal=nominal,
+    )
+    run, state = _simulate(bed if plant is None else replace(bed, model=plant), pilot, scenario)
+    return run, Identification(
+        scenario=scenario,
+        diagnoses=state.diagnoses,
+        standing=tuple(state.standing),
+        false_alarm=any(tick < STRUCK for tick in state.watch.alarm_ticks),
+        unexplained=state.watch.unexplained,
+        closure_residual_max_m=closure_residual_max_m(run),
+    )
+
+
+def fault_unaware(bed: Testbed, scenario: Scenario) -> Trajectory:
+    """The same run by a controller that goes on as if nothing had happened."""
+    pilot = bed.controller()
+    unaware = Informed(pilot, pilot, NEVER, secondary=scenario.dither(DITHER).at)
+    return _simulate(bed, unaware, scenario)[0]
+
+
+def informed(
+    bed: Testbed, scenario: Scenario, fault: Fault, displacement_m: float, late_s: float = 0.0
+) -> Trajectory:
+    """The same run by a controller that is informed of a failure.
+
+    Args:
+        bed: As in :func:`identify`.
+        scenario: What happens.
+        fault: What the controller is informed of.
+        displacement_m: Where that strut has stuck, which is the same in all runs of a scenario.
+        late_s: How long after the failure.
+    """
+    tick = STRUCK + round(late_s / bed.bench.control_period_s)
+    news = Diagnosis(fault, 1.0, 1.0, displacement_m, STRUCK, STRUCK, tick, confirmed=True)
+    after = bed.controller(reconfigured_goal(GOAL, [news]))
+    falling_m = np.zeros(6)
+    if fault.kind != "locked" and late_s == 0:
+        falling_m[fault.actuator] = (1 - fault.effectiveness) * displacement_m
+    pilot = Informed(bed.controller(), after, tick, falling_m, scenario.dither(DITHER).at)
+    return _simulate(bed, pilot, scenario)[0]
+
+
+def _simulate(bed: Testbed, pilot: Pilot[State], scenario: Scenario) -> tuple[Trajectory, State]:
+    return fly(
+        bed.model,
+        bed.bench,
+        pilot,
+        failures=[scenario.failure],
+        seed=scenario.seed,
+        begin_s=scenario.begin_s,
+        duration_s=BEFORE_S + AFTER_S,
+    )
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Pointing error |desired - true|, both angles together: before, during, after recovery."""
+
+    rms_urad: tuple[float, ...]
+    peak_urad: tuple[float, ...]
+
+
+def errors(run: Trajectory) -> Errors:
+    """Before, during and after: see RECOVERED_S."""
+    period_s = run.time_s[1] - run.time_s[0]
+    edges = [round(s / period_s) for s in (_TRANSIENT_S, BEFORE_S, BEFORE_S + RECOVERED_S)]
+    _, *parts = np.split(pointing_error_urad(run), edges)
+    return Errors(
+        rms_urad=tuple(float(np.sqrt((part**2).mean())) for part in parts),
+        peak_urad=tuple(float(part.max()) for part in parts),
+    )
+
+
+def pointing_error_urad(run: Trajectory) -> Array:
+    """Size of desired minus true (alpha, beta), shape (N,)."""
+    return 1e6 * np.linalg.norm(run.desired_rad - run.true_rad, axis=1)
 
 
 @dataclass(frozen=True)
 class Recovery:
-    """One case.
+    """One scenario: the identification, and the errors of the three controllers."""
 
-    Attributes:
-        found: What the supervisor made of it.
-        from_others: Predicted separation from other struts and from soundness.
-        from_kinds: Predicted separation from other kinds of the same strut.
-        supervised: Errors with the supervisor.
-        informed: Errors with an oracle that knows at once.
-        uncorrected: Errors of a controller that goes on.
-    """
-
-    found: Found
-    from_others: float
-    from_kinds: float
+    found: Identification
     supervised: Errors
     informed: Errors
     uncorrected: Errors
 
 
-def recover_case(
-    model: mujoco.MjModel, bench: Bench, loops: tuple[Loop, Loop], case: Case
-) -> Recovery:
-    """Predict one case from the linear model, detector and dither alone; then fly it."""
-    from_others, from_kinds = _predicted(model, bench, loops, case)
-    run, found = find(model, bench, loops, case, DITHER, strut_sensors=False)
-    deaf = uncorrected(model, bench, loops, case, DITHER)
-    displacement_m = float(deaf.strut_displacement_m[STRUCK, case.strut])
-    told = informed(model, bench, loops, case, DITHER, displacement_m)
-    return Recovery(found, from_others, from_kinds, errors(run), errors(told), errors(deaf))
-
-
-def _predicted(
-    model: mujoco.MjModel, bench: Bench, loops: tuple[Loop, Loop], case: Case
-) -> tuple[float, float]:
-    loop = linear_loop(
-        model,
-        bench,
-        loops,
-        GOAL,
-        case.dither(DITHER),
-        begin_s=case.begin_s,
-        duration_s=BEFORE_S + AFTER_S,
-    )
-    seen = sensing(loop.sound, bench, strut_sensors=False)
-    hypotheses = bank(loop.sound, (), seen.C)
-    until = STRUCK + round(EVIDENCE_S / loop.sound.period_s)
-    separation, from_sound = separations(loop, hypotheses, case.fault, STRUCK, until)
-    from_others = min(float(np.delete(separation, case.strut, axis=0).min()), from_sound)
-    own = KINDS.index(case.kind)
-    return from_others, float(np.delete(separation[case.strut], own).min())
-
-
-@dataclass(frozen=True)
-class Told:
-    """One flight whose controller was told late, or wrongly.
-
-    Attributes:
-        case: What happened.
-        told: What it was told.
-        late_s: How late.
-        flown: Errors.
-        uncorrected: Errors, had it been told nothing.
-    """
-
-    case: Case
-    told: Fault
-    late_s: float
-    flown: Errors
-    uncorrected: Errors
-
-
-def told_late_or_wrongly(
-    model: mujoco.MjModel, bench: Bench, loops: tuple[Loop, Loop], case: Case
-) -> list[Told]:
-    """The truth, later and later; then, at once, that each other strut has locked."""
-    deaf = uncorrected(model, bench, loops, case, DITHER)
-    stand_m = deaf.strut_displacement_m[STRUCK]
-    news = [(case.fault, late_s) for late_s in LATE_S]
-    news += [(Fault(k, "locked"), 0.0) for k in range(6) if k != case.strut]
-    return [
-        Told(
-            case,
-            fault,
-            late_s,
-            errors(
-                informed(
-                    model,
-                    bench,
-                    loops,
-                    case,
-                    DITHER,
-                    float(stand_m[fault.strut]),
-                    told=fault,
-                    late_s=late_s,
-                )
-            ),
-            errors(deaf),
-        )
-        for fault, late_s in news
-    ]
+def recover(bed: Testbed, scenario: Scenario) -> Recovery:
+    """Simulate a scenario three times."""
+    run, found = identify(bed, scenario)
+    unaware = fault_unaware(bed, scenario)
+    displacement_m = float(unaware.strut_displacement_m[STRUCK, scenario.fault.actuator])
+    oracle = informed(bed, scenario, scenario.fault, displacement_m)
+    return Recovery(found, errors(run), errors(oracle), errors(unaware))

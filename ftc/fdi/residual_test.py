@@ -1,8 +1,8 @@
-"""When to suspect a failure at all: a chart on the residuals, its threshold from false alarms.
+"""When to suspect a failure at all: a test of the residuals, its threshold from false alarms.
 
-While the machine is what it is believed to be, the residuals are the sensors' white noise; a
-failure adds a mean. The mean over the last M samples is then tested for several M side by side:
-finite moving averages, Basseville and Nikiforov, Detection of Abrupt Changes (1993), section 2.1.
+While the plant is as the model has it, the residuals are the sensors' white noise; a failure adds a
+mean. The mean over the last M samples is tested for several M at once: finite moving averages,
+Basseville and Nikiforov, Detection of Abrupt Changes (1993), section 2.1.
 """
 
 from dataclasses import dataclass
@@ -10,14 +10,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import chi2
 
-from sim import Array
+from argument_checks import Array
 
 WINDOWS = tuple(2**k for k in range(10))
-"""Numbers of samples averaged: from one, for a jump, to half a second, for a creeping change."""
+"""Numbers of samples averaged: from one, for a jump, to 512, for a creeping change."""
 
 
 @dataclass(frozen=True)
-class Chart:
+class ResidualTest:
     """Alarm when M |mean of the last M whitened residuals|^2 exceeds a threshold for any M.
 
     Attributes:
@@ -31,6 +31,10 @@ class Chart:
     def start(self) -> Array:
         """No residuals yet, shape (max M, p)."""
         return np.zeros((WINDOWS[-1], self.outputs))
+
+    def push(self, recent: Array, residual: Array) -> Array:
+        """The latest residuals (max M, p) and one more (p,), the oldest dropped."""
+        return np.vstack([recent[1:], residual])
 
     def alarm(self, recent: Array) -> int:
         """The smallest M for which the latest residuals (max M, p) are more than noise, or 0.
@@ -52,10 +56,10 @@ class Chart:
         return alarm
 
 
-def chart(outputs: int, false_alarms_per_hour: float, period_s: float) -> Chart:
-    """A chart that raises no more false alarms than that, on average.
+def residual_test(outputs: int, false_alarms_per_hour: float, period_s: float) -> ResidualTest:
+    """A test that raises no more false alarms than that, on average.
 
-    Union bound: the rate is at most that of all tests together, each exact for Gaussian noise.
+    Union bound: the rate is at most that of all windows together, each exact for Gaussian noise.
     """
     tests_per_hour = len(WINDOWS) * 3600 / period_s
-    return Chart(outputs, float(chi2.isf(false_alarms_per_hour / tests_per_hour, outputs)))
+    return ResidualTest(outputs, float(chi2.isf(false_alarms_per_hour / tests_per_hour, outputs)))

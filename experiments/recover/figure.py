@@ -1,5 +1,6 @@
 """The figure of `fjh recover`."""
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -8,23 +9,36 @@ from matplotlib.figure import Figure
 
 from experiments.output.palette import BLACK, BLUE, GREEN, ORANGE, VERMILION
 from experiments.output.plotting import PAGE_IN, new_figure
-from experiments.recover.flights import pointing_error_urad
-from experiments.recover.marks import marks
-from experiments.recover.study import Recover
+from experiments.output.results import Picture
+from experiments.recover.recovery import pointing_error_urad
+from experiments.recover.runs import Recover
 from ftc.fdi.fault_model import KINDS
 
 _COLORS = {"locked": BLUE, "free": VERMILION, "weak": GREEN}
 
 
-def figure_recover(result: Recover, summary: dict[str, Any]) -> Figure:
+def pictures(outcome: Recover, summary: dict[str, Any]) -> list[Picture]:
+    """The study's figure and its caption."""
+    picture = Picture(
+        "recover",
+        "Unannounced actuator failures: delays, isolability, recovery, and failures in succession.",
+        "Panels with the delays until the failed strut is named, by kind of failure; how far apart "
+        "the failures look; pointing errors with and without recovery; and a run in which one or "
+        "several struts fail.",
+        partial(figure_recover, outcome, summary),
+    )
+    return [picture]
+
+
+def figure_recover(outcome: Recover, summary: dict[str, Any]) -> Figure:
     """How fast, what looks alike, what recovery is worth, and failure after failure."""
     figure = new_figure(PAGE_IN, 5.4)
-    figure.suptitle("A strut fails in flight: found by the pointing angles, commands and a dither")
+    figure.suptitle("Unannounced failures, diagnosed from pointing angles, commands and a dither")
     grid = figure.add_gridspec(2, 2)
     _delays(figure.add_subplot(grid[0, 0]), summary["cases"])
-    _separations(figure.add_subplot(grid[0, 1]), summary["ambiguity"])
+    _distances(figure.add_subplot(grid[0, 1]), summary["ambiguity"])
     _after(figure.add_subplot(grid[1, 0]), summary["cases"])
-    _shown(figure.add_subplot(grid[1, 1]), result)
+    _shown(figure.add_subplot(grid[1, 1]), outcome)
     return figure
 
 
@@ -48,7 +62,7 @@ def _delays(axes: Axes, cases: list[dict[str, Any]]) -> None:
     axes.legend(loc="lower right")
 
 
-def _separations(axes: Axes, ambiguity: dict[str, Any]) -> None:
+def _distances(axes: Axes, ambiguity: dict[str, Any]) -> None:
     """From the nearest other strut, and from the nearest other kind, setting by setting."""
     settings = list(dict.fromkeys(each["setting"] for each in ambiguity["failures"]))
     for column, setting in enumerate(settings):
@@ -62,39 +76,39 @@ def _separations(axes: Axes, ambiguity: dict[str, Any]) -> None:
             axes.semilogy(x, values, "o", color=color, ms=3, alpha=0.6, label=label)
     axes.axhline(ambiguity["alike_below"], color=BLACK, lw=0.8, ls=":")
     axes.set_xticks(range(len(settings)), [name.replace(", ", ",\n") for name in settings])
-    axes.set(title="how far apart: below the dotted line, alike", ylabel="separation $d$")
+    axes.set(title="isolability: below the dotted line, alike", ylabel="distance $d$")
     handles, labels = axes.get_legend_handles_labels()
     axes.legend(handles[:2], labels[:2])
 
 
 def _after(axes: Axes, cases: list[dict[str, Any]]) -> None:
-    """Each case after recovery, against the oracle's."""
+    """Each case after recovery, against the informed controller's."""
     oracle = [case["rms_after_oracle_urad"] for case in cases]
-    deaf = [case["rms_after_uncorrected_urad"] for case in cases]
+    unaware = [case["rms_after_uncorrected_urad"] for case in cases]
     found = [case["rms_after_urad"] for case in cases]
-    axes.plot(oracle, deaf, "s", color=ORANGE, ms=3, alpha=0.6, label="no correction")
-    axes.plot(oracle, found, "o", color=BLUE, ms=3, alpha=0.6, label="found and reconfigured")
+    axes.plot(oracle, unaware, "s", color=ORANGE, ms=3, alpha=0.6, label="fault-unaware")
+    axes.plot(oracle, found, "o", color=BLUE, ms=3, alpha=0.6, label="supervised")
     ends = [0, max(oracle)]
-    axes.plot(ends, ends, color=BLACK, lw=0.8, label="oracle")
+    axes.plot(ends, ends, color=BLACK, lw=0.8, label="informed")
     axes.set(
         title="pointing error after recovery, RMS",
-        xlabel="told at once, µrad",
+        xlabel="controller informed at once, µrad",
         ylabel="µrad",
     )
     axes.legend()
 
 
-def _shown(axes: Axes, result: Recover) -> None:
-    """The last of the flights that are kept: the cascade, unless --quick."""
-    name, (run, flight) = list(result.shown.items())[-1]
+def _shown(axes: Axes, outcome: Recover) -> None:
+    """The last of the runs that are kept: the cascade, unless --quick."""
+    name, (run, happened) = list(outcome.shown.items())[-1]
     axes.semilogy(run.time_s, pointing_error_urad(run), color=BLACK, lw=0.6)
-    for mark in marks(run, flight):
+    for mark in happened.marks(run):
         axes.axvline(mark.failed_s, color=VERMILION, lw=1)
-        label = mark.failure if mark.diagnosed_s is None else mark.diagnosis
+        label = mark.diagnosis if mark.is_found else mark.failure
         axes.text(mark.failed_s + 0.1, 0.02, label, rotation=90)
-        if mark.diagnosed_s is not None:
+        if mark.is_found:
             axes.axvline(mark.diagnosed_s, color=GREEN, lw=1)
-    lost = ": in the end the task is lost" if flight.task_lost else ""
+    lost = ": in the end the task is lost" if happened.task_lost else ""
     axes.set(
         title=f"{name}{lost}", xlabel="time, s", ylabel="pointing error, µrad", ylim=(1e-2, 3e2)
     )

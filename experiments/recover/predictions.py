@@ -1,0 +1,217 @@
+"""What the linear model predicts, before any noise: isolability, dithers, wrong beliefs."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import control
+import numpy as np
+import scipy.linalg
+
+from experiments.hexapod.diagnosis import fault_entry, nominal_model
+from experiments.hexapod.dithers import STILL
+from experiments.hexapod.goal import Goal
+from experiments.hexapod.mapping import StrutMapping
+from experiments.hexapod.prediction import peak_of_sensitivity
+from experiments.hexapod.supervisor import WEAKEST
+from experiments.recover.recovery import AFTER_S, BEFORE_S, DITHER, GOAL, STRUCK, Scenario, Testbed
+from ftc.fdi.dither import Dither
+from ftc.fdi.fault_model import KINDS, Fault, FaultKind, NominalModel, fault_model
+from ftc.fdi.hypotheses import HypothesisBank, hypothesis_bank
+from ftc.fdi.isolability import isolability
+from ftc.linear_loop import LinearLoop, flown, linear_loop
+from sim import NOMINAL, Array, hexapod
+
+ALIKE = 6.18
+"""Distance below which one of a thousand pairs is mistaken: Phi(-d / 2) = 1e-3."""
+
+EVIDENCE_S = 0.5
+"""How long evidence is collected; a dither is for speed, and has less:"""
+DITHER_EVIDENCE_S = 0.1
+
+DIRECTIONS = {"gamma": 2, "t_x": 3, "t_y": 4, "t_z": 5}
+"""Payload motions that pointing does not see, by the column of strut displacements per twist."""
+FREQUENCIES_HZ = (5.0, 10.0, 20.0, 30.0)
+AMPLITUDES_M = (0.125e-6, 0.25e-6, 0.5e-6, 1e-6)
+
+HALF = 0.5
+"""Effectiveness of a weak coil."""
+
+_BEGIN_S, _EARLIEST_S = 6.0, 1.5
+_RIGID: tuple[FaultKind, ...] = ("locked", "free")
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What there is to see a failure with: a dither, and whether there are gauges on the struts."""
+
+    name: str
+    dither: Dither
+    strut_sensors: bool
+
+
+SETTINGS = (
+    Setting("angles", STILL, strut_sensors=False),
+    Setting("angles, dither", DITHER, strut_sensors=False),
+    Setting("angles and struts", STILL, strut_sensors=True),
+    Setting("angles and struts, dither", DITHER, strut_sensors=True),
+)
+
+
+def from_others_and_kinds(bed: Testbed, scenario: Scenario) -> tuple[float, float]:
+    """Distance from other struts and no failure, and from other kinds of the same strut.
+
+    Of the scenario's failure, by the detector and the dither.
+    """
+    loop = _loop(bed, scenario.dither(DITHER), scenario.begin_s, BEFORE_S + AFTER_S)
+    fault = scenario.fault
+    distance, from_none = _distances(loop, hypothesis_bank(loop.sound), fault, STRUCK, EVIDENCE_S)
+    from_others = min(float(np.delete(distance, fault.actuator, axis=0).min()), from_none)
+    return from_others, float(_other_kinds(distance, fault).min())
+
+
+def lookalikes(bed: Testbed, setting: Setting, struts: Sequence[int]) -> list[dict[str, Any]]:
+    """One entry, ready for JSON, for each kind of failure of these struts, centred and off centre.
+
+    Each within half a turn of the spiral from 7.5 s on.
+    """
+    half_turn_s, period_s = bed.bench.spiral_period_s / 2, bed.bench.control_period_s
+    duration_s = _EARLIEST_S + half_turn_s + EVIDENCE_S + period_s
+    loop = _loop(bed, setting.dither, _BEGIN_S, duration_s)
+    bank = hypothesis_bank(nominal_model(bed.model, bed.bench, strut_sensors=setting.strut_sensors))
+    first, half_turn = round(_EARLIEST_S / period_s), round(half_turn_s / period_s)
+    moved_m = (loop.desired_rad @ loop.gain.T)[first : first + half_turn]
+    entries = []
+    for fault in [Fault(k, kind, HALF * (kind == "weak")) for k in struts for kind in KINDS]:
+        for where, choose in _PLACES.items():
+            onset = first + choose(moved_m[:, fault.actuator])
+            distance, from_none = _distances(loop, bank, fault, onset, EVIDENCE_S)
+            seen = {"setting": setting.name, "failure": fault_entry(fault), "where": where}
+            seen["from_soundness"] = from_none
+            entries.append(seen | _nearest(distance, fault))
+    return entries
+
+
+_PLACES: dict[Literal["centre", "off centre"], Callable[[Array], int]] = {
+    "centre": lambda strut_m: int(np.abs(strut_m).argmin()),
+    "off centre": lambda strut_m: int(np.abs(strut_m).argmax()),
+}
+
+
+def _nearest(distance: Array, fault: Fault) -> dict[str, Any]:
+    """The nearest other strut and kind, and all that is alike, the nearest first."""
+    own, strut = KINDS.index(fault.kind), fault.actuator
+    others = np.delete(distance, strut, axis=0).min(axis=1)
+    kinds = _other_kinds(distance, fault)
+    alike = [
+        fault_entry(Fault(k, kind)) | {"separation": float(distance[k, column])}
+        for k in range(len(distance))
+        for column, kind in enumerate(KINDS)
+        if (k, kind) != (strut, fault.kind) and distance[k, column] < ALIKE
+    ]
+    return {
+        "nearest_other_strut": int(np.delete(np.arange(6), strut)[others.argmin()]) + 1,
+        "from_other_struts": float(others.min()),
+        "nearest_other_kind": np.delete(KINDS, own)[kinds.argmin()].item(),
+        "from_other_kinds": float(kinds.min()),
+        "alike": sorted(alike, key=lambda each: each["separation"]),
+    }
+
+
+def _other_kinds(distance: Array, fault: Fault) -> Array:
+    return np.delete(distance[fault.actuator], KINDS.index(fault.kind))
+
+
+def dither_design(
+    bed: Testbed, struts: Sequence[int], frequencies_hz: Sequence[float]
+) -> list[dict[str, Any]]:
+    """Least distance of a locked or free strut from the others, an entry for each dither.
+
+    Each direction at each frequency; then the amplitudes of the one that is chosen.
+    """
+    per_twist = hexapod(bed.model).inverse_jacobian(NOMINAL)
+    onset = round(_EARLIEST_S / bed.bench.control_period_s)
+
+    def entry(name: str, frequency_hz: float, amplitude_m: float) -> dict[str, Any]:
+        column = per_twist[:, DIRECTIONS[name]]
+        direction = tuple((column / np.abs(column).max()).tolist())
+        dither = Dither(amplitude_m, frequency_hz, direction)
+        loop = _loop(bed, dither, _BEGIN_S, _EARLIEST_S + DITHER_EVIDENCE_S)
+        bank, apart = hypothesis_bank(loop.sound), []
+        for fault in [Fault(strut, kind) for strut in struts for kind in _RIGID]:
+            distance, _ = _distances(loop, bank, fault, onset, DITHER_EVIDENCE_S)
+            apart.append(np.delete(distance, fault.actuator, axis=0).min())
+        named = {"direction": name, "frequency_hz": frequency_hz, "amplitude_m": amplitude_m}
+        return named | {"separation": float(min(apart))}
+
+    entries = [entry(name, hz, DITHER.amplitude) for name in DIRECTIONS for hz in frequencies_hz]
+    return entries + [entry("t_z", DITHER.frequency_hz, size) for size in AMPLITUDES_M]
+
+
+def _loop(bed: Testbed, dither: Dither, begin_s: float, duration_s: float) -> LinearLoop:
+    span = {"begin_s": begin_s, "duration_s": duration_s}
+    return linear_loop(bed.model, bed.bench, bed.loops, GOAL, dither, **span)
+
+
+def _distances(
+    loop: LinearLoop, bank: HypothesisBank, fault: Fault, onset: int, evidence_s: float
+) -> tuple[Array, float]:
+    states, commanded = flown(loop, [fault], onset)
+    until = onset + round(evidence_s / loop.sound.period_s)
+    return isolability(bank, fault, onset, states[:until], commanded[:until])
+
+
+@dataclass(frozen=True)
+class Belief:
+    """The loop under one fault when another is believed; None is no fault.
+
+    Attributes:
+        truth: What has failed.
+        believed: What the mapping reckons with.
+        largest_pole: Largest size of a closed-loop pole; below 1 is stable.
+        sensitivity_peak: Of the largest singular value of the sensitivity.
+    """
+
+    truth: Fault | None
+    believed: Fault | None
+    largest_pole: float
+    sensitivity_peak: float
+
+
+def beliefs(bed: Testbed, struts: Sequence[int]) -> list[Belief]:
+    """All failures of one of these struts or none, under all beliefs about one strut or none."""
+    nominal = nominal_model(bed.model, bed.bench)
+    compensators = control.append(*(loop.discrete for loop in bed.loops))
+    truths = [None, *(Fault(k, kind, HALF) for kind in KINDS for k in struts)]
+    possible = [None, *(Fault(k, kind, WEAKEST) for kind in ("locked", "weak") for k in range(6))]
+    gains = [_gain(bed, believed) for believed in possible]
+    found = []
+    for truth in truths:
+        P = _plant(nominal, truth)
+        for believed, gain in zip(possible, gains, strict=True):
+            L = control.ss(P.A, P.B @ gain, P.C, 0, P.dt) * compensators
+            pole = float(np.abs(control.feedback(L, np.eye(2)).poles()).max())
+            found.append(Belief(truth, believed, pole, peak_of_sensitivity(L)))
+    return found
+
+
+def _gain(bed: Testbed, believed: Fault | None) -> Array:
+    """Commanded strut displacements per (alpha, beta), shape (6, 2)."""
+    goal, effectiveness = GOAL, np.ones(6)
+    if believed is not None and believed.kind == "weak":
+        effectiveness[believed.actuator] = believed.effectiveness
+    elif believed is not None:
+        goal = Goal(GOAL.joint_weight, locked_m={believed.actuator: 0.0})
+    mapping = StrutMapping(hexapod(bed.model), goal, "constant")
+    return mapping.pointing_gain() / effectiveness[:, None]
+
+
+def _plant(nominal: NominalModel, truth: Fault | None) -> control.StateSpace:
+    """From commands to pointing, on the coordinates that a lock leaves."""
+    faults = [] if truth is None else [truth]
+    model = fault_model(nominal, faults)
+    stuck = [fault.actuator for fault in faults if fault.kind == "locked"]
+    k = nominal.plant.nstates // 2
+    left = scipy.linalg.null_space(nominal.displacement[stuck, :k]) if stuck else np.eye(k)
+    Q = scipy.linalg.block_diag(left, left)
+    return control.ss(Q.T @ model.A @ Q, Q.T @ model.B, nominal.plant.C @ Q, 0, nominal.period_s)

@@ -1,0 +1,414 @@
+"""Recovery from unannounced failures as numbers, checks, tables and files."""
+
+from collections.abc import Sequence
+from dataclasses import asdict
+from functools import partial
+from math import nan
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from experiments.hexapod.checks import closure_check
+from experiments.hexapod.diagnosis import fault_entry, fault_text
+from experiments.hexapod.provenance import recording_properties
+from experiments.hexapod.recording.keep import record_run
+from experiments.hexapod.recording.shown import Shown
+from experiments.hexapod.testbed import Bench
+from experiments.output.provenance import versions
+from experiments.output.results import Check, Results
+from experiments.output.tables import Column, Table, tabulate
+from experiments.recover.figure import pictures
+from experiments.recover.predictions import ALIKE, EVIDENCE_S, Belief
+from experiments.recover.recovery import DITHER, RECOVERED_S, STRUCK, Identification, Recovery
+from experiments.recover.robustness import rate
+from experiments.recover.runs import MAIN, Recover, Succession
+from ftc.fdi.diagnosis import DEFAULT_CONFIG
+from ftc.fdi.fault_model import KINDS
+from sim import load_model, model_sha256
+
+ISOLABLE = 10.0
+"""Fixed beforehand: a failure counts in the isolation rate if the linear model puts half a second
+of its outputs this far from every other explanation: odds of e^50 on average."""
+
+NOT_ISOLATED, OVER_ORACLE, FALSE_ALARMS_PER_HOUR = 0.01, 1.10, 0.1
+"""Goals: the share of failures that may stay unidentified, the RMS over an informed controller's,
+and the rate of false alarms."""
+
+ENOUGH_H = 30.0
+"""Fewer hours could not show the rate of false alarms even without any alarm."""
+
+_CONFIG_KEYS = {"effectiveness_step": "strength_step", "least_p_value": "misfit"}
+_WHEN = ("before", "during", "after")
+
+
+def results(outcome: Recover) -> Results:
+    """Everything that `fjh recover` publishes."""
+    summary = summarize(outcome)
+    return Results(
+        summary,
+        tables=(recovery(summary), ambiguity(summary)),
+        notes=notes(summary),
+        checks=checks(summary),
+        pictures=pictures(outcome, summary),
+        records=[partial(_record, outcome, summary, name) for name in outcome.shown],
+    )
+
+
+def summarize(outcome: Recover) -> dict[str, Any]:
+    """All numbers, ready for JSON; units are in the names."""
+    recoveries, shown = outcome.recoveries, outcome.shown
+    config = {_CONFIG_KEYS.get(key, key): value for key, value in asdict(DEFAULT_CONFIG).items()}
+    identified = [each.found for each in recoveries]
+    successions = [*outcome.pairs, *(happened for _, happened in shown.values())]
+    return {
+        "experiment": "recover",
+        "seed": outcome.seed,
+        "versions": versions(),
+        "model_sha256": model_sha256(),
+        "jacobian": "constant",
+        "bench": asdict(Bench()) | outcome.plant,
+        "rules": config,
+        "dither": {
+            "amplitude_m": DITHER.amplitude,
+            "frequency_hz": DITHER.frequency_hz,
+            "direction": list(DITHER.direction),
+            "rest_m": np.broadcast_to(DITHER.offset, 6).tolist(),
+        },
+        "recovered_from_s": RECOVERED_S,
+        "isolation": _isolation(recoveries, outcome.predicted),
+        "settings": [
+            _setting(name, found)
+            for name, found in [(MAIN.name, identified), *outcome.others.items()]
+        ],
+        "delay_ms": {kind: _delays_ms(recoveries, kind) for kind in KINDS},
+        "errors_urad": {kind: _errors_urad(recoveries, kind) for kind in KINDS},
+        "after_over_oracle": _over_oracle(recoveries),
+        "false_alarms": {
+            "flown": outcome.fault_free.entry,
+            "with_fresh_noise": outcome.redrawn.entry,
+            "model_error_max_urad": outcome.model_error_urad,
+        },
+        "dither_design": outcome.dither_design,
+        "dither_cost": outcome.dither_cost,
+        "ambiguity": {
+            "alike_below": ALIKE,
+            "evidence_s": EVIDENCE_S,
+            "failures": outcome.lookalikes,
+        },
+        "beliefs": _beliefs(outcome.beliefs),
+        "told": outcome.informed,
+        "gave_up": sum(each.unexplained for each in identified),
+        "second_failure": {
+            "all_right": rate([each.right for each in outcome.pairs]),
+            "gave_up": sum(each.unexplained for each in outcome.pairs),
+            "flights": [_succession(each) for each in outcome.pairs],
+        },
+        "mismatch": outcome.mismatches,
+        "shown": {name: _succession(happened) for name, (_, happened) in shown.items()},
+        "closure_residual_max_m": max(
+            each.closure_residual_max_m for each in (*identified, *successions)
+        ),
+        "cases": [_case(*each) for each in zip(recoveries, outcome.predicted, strict=True)],
+    }
+
+
+def checks(summary: dict[str, Any]) -> list[Check]:
+    """Closed and stable loops, failures identified and recovered from, few false alarms."""
+    beliefs, alarms = summary["beliefs"], summary["false_alarms"]
+    worst = f"{beliefs['worst_truth']}, {beliefs['worst_belief']} believed"
+    found = [
+        closure_check("all runs", summary["closure_residual_max_m"]),
+        Check("number of unstable pairs of fault and belief", worst, beliefs["unstable"], 1),
+    ]
+    isolation = {key.replace("_", " "): counted for key, counted in summary["isolation"].items()}
+    for which in ("strut as first named", "strut and kind in the end"):
+        found.append(_isolated(which, isolation[which]["rate"]))
+    for which, ratio in summary["after_over_oracle"].items():
+        what = "RMS after recovery over that of a controller informed at once"
+        found.append(Check(what, which.replace("_", " "), ratio, OVER_ORACLE))
+    found.append(_isolated("two failures in a run", summary["second_failure"]["all_right"]["rate"]))
+    for name, happened in summary["shown"].items():
+        what = "a wrong diagnosis, or a wrong verdict on the task (0 no, 1 yes),"
+        found.append(Check(what, f"run {name}", float(not happened["right"]), 0.5))
+    for which in ("flown", "with_fresh_noise"):
+        bound = "high_per_hour_95" if alarms[which]["hours"] >= ENOUGH_H else "low_per_hour_95"
+        what = "95 % bound of the false alarms per hour"
+        where = which.replace("_", " ").replace("flown", "as simulated")
+        found.append(Check(what, where, alarms[which][bound], FALSE_ALARMS_PER_HOUR))
+    return found
+
+
+def _isolated(where: str, right: float | None) -> Check:
+    what = "share of the isolable failures that is not identified"
+    return Check(what, where, nan if right is None else 1 - right, NOT_ISOLATED)
+
+
+def recovery(summary: dict[str, Any]) -> Table:
+    """Delays and pointing errors by kind of failure."""
+
+    def delay(label: str) -> dict[str, Any]:
+        row = {"": f"{label}, ms: median/95 %/largest"}
+        for kind in KINDS:
+            counted = summary["delay_ms"][kind][label]
+            row[kind] = counted and "/".join(f"{ms:.0f}" for ms in counted.values())
+        return row
+
+    def errors(label: str, controller: str, when: str) -> dict[str, Any]:
+        row = {"": label}
+        for kind in KINDS:
+            pooled = summary["errors_urad"][kind]
+            row[kind] = pooled and "{rms:.2f}/{peak:.1f}".format(**pooled[controller][when])
+        return row
+
+    controllers = {"supervised": "supervised"}
+    controllers |= {"informed": "informed at once", "uncorrected": "fault-unaware"}
+    rows = [
+        delay("alarm"),
+        delay("named"),
+        errors("before, urad: RMS/peak", "supervised", "before"),
+    ]
+    for when in ("during", "after"):
+        rows += [errors(f"{when}: {label}", key, when) for key, label in controllers.items()]
+    return tabulate(
+        "Unannounced actuator failures: detection, isolation and recovery",
+        [Column(heading, heading) for heading in ("", *KINDS)],
+        rows,
+        "The controller's model is the simulated plant itself, which no real one is. Delays after "
+        "the failure; pointing errors before it, until recovery, and after. weak: a coil that has "
+        "lost part of its force. supervised: the failure is diagnosed; informed: the controller is "
+        "given it; fault-unaware: the controller goes on as before.",
+    )
+
+
+def ambiguity(summary: dict[str, Any]) -> Table:
+    """Of the struts compared the least distance, and all that is alike."""
+    groups: dict[tuple[str, str, str], list[dict[str, Any]]] = {}
+    for seen in summary["ambiguity"]["failures"]:
+        key = (seen["failure"]["kind"], seen["where"], seen["setting"])
+        groups.setdefault(key, []).append(seen)
+    entries = []
+    for (kind, where, setting), seen in sorted(groups.items()):
+        other = min(seen, key=lambda each: each["from_other_kinds"])
+        alike = [
+            f"{each['failure']['strut']}={twin['strut']}{'' if twin['kind'] == kind else ' ?'}"
+            for each in seen
+            for twin in each["alike"]
+        ]
+        entry = {"failure": kind, "where": where, "setting": setting, "alike": " ".join(alike)}
+        entry["strut"] = min(each["from_other_struts"] for each in seen)
+        entry["kind"] = f"{other['from_other_kinds']:.1f} ({other['nearest_other_kind']})"
+        entries.append(entry)
+    below, evidence = summary["ambiguity"]["alike_below"], summary["ambiguity"]["evidence_s"]
+    columns = (
+        Column("failure", "failure"),
+        Column("where", "where"),
+        Column("setting", "setting"),
+        Column("other strut", "strut", ".1f"),
+        Column("other kind", "kind"),
+        Column("alike", "alike"),
+    )
+    return tabulate(
+        "Isolability: which failures look alike",
+        columns,
+        entries,
+        f"Distance of {evidence:g} s of outputs from the nearest other strut and other kind of "
+        f"failure, the least of six struts; alike: pairs below {below:g}, ?: of another kind.",
+    )
+
+
+def notes(summary: dict[str, Any]) -> list[str]:
+    """What was asked, and what came out, a sentence each."""
+    isolation, alarms = summary["isolation"], summary["false_alarms"]
+    beliefs, second = summary["beliefs"], summary["second_failure"]
+    over, cost = summary["after_over_oracle"], summary["dither_cost"]
+    change, reseeded = (max(map(abs, cost[f"{key}_urad"])) for key in ("change", "reseeded"))
+    lines = [
+        f"Of the failures at a distance of {isolation['separation_required']:g} in the linear "
+        f"model, the strut was identified at first in {_rate(isolation['strut_as_first_named'])}, "
+        f"strut and kind in the end in {_rate(isolation['strut_and_kind_in_the_end'])}.",
+        *(
+            f"Diagnosed from {each['name']}: strut identified in {_rate(each['strut'])}, strut and "
+            f"kind in {_rate(each['strut_and_kind'])}."
+            for each in summary["settings"]
+        ),
+        f"After recovery the RMS error is {over['pooled']:.4f} times that of a controller informed "
+        f"at once; {over['worst_case']:.4f} times in the worst case.",
+        f"False alarms: {_alarms(alarms['flown'])} as simulated, "
+        f"{_alarms(alarms['with_fresh_noise'])} in the same runs with fresh noise.",
+        f"The dither changes the RMS error without failures by {change:.1e} urad, another seed by "
+        f"{reseeded:.1e} urad.",
+        f"Of {beliefs['pairs_of_truth_and_belief']} pairs of true and believed fault, "
+        f"{beliefs['unstable']} give an unstable loop; the sensitivity peak is "
+        f"{beliefs['sensitivity_peak_worst']:.2f} at worst, "
+        f"{beliefs['sensitivity_peak_nothing_failed']:.2f} without failures.",
+        f"Both failures were identified in {_rate(second['all_right'])} runs with two.",
+    ]
+    if cascade := summary["shown"].get("cascade"):
+        ends = "is declared lost" if cascade["task_lost"] else "is not declared lost"
+        lines.append(f"After {len(cascade['happened'])} failures the task {ends}.")
+    for each in summary["mismatch"]:
+        how = "calibrated in a commissioning run" if each["calibrated"] else "uncalibrated"
+        alarm = "an alarm" if each["healthy_alarm"] else "no alarm"
+        right = each["strut_and_kind"]
+        lines.append(
+            f"Coil gains off by {100 * each['coil_gain_error']:g} %, {how}: {alarm} without "
+            f"failures, {right['right']} of {right['cases']} failures identified."
+        )
+    return lines
+
+
+def _rate(rate: dict[str, Any]) -> str:
+    if rate["rate"] is None:
+        return "none tried"
+    low, high = 100 * rate["low"], 100 * rate["high"]
+    return f"{rate['right']} of {rate['cases']} ({low:.1f} to {high:.1f} %)"
+
+
+def _alarms(counted: dict[str, Any]) -> str:
+    return (
+        f"{counted['alarms']} in {counted['hours']:.3g} h (below "
+        f"{counted['high_per_hour_95']:.2g} per hour at 95 %)"
+    )
+
+
+def _isolation(
+    recoveries: Sequence[Recovery], predicted: Sequence[tuple[float, float]]
+) -> dict[str, Any]:
+    cases = [(each.found, *far) for each, far in zip(recoveries, predicted, strict=True)]
+    struts = [found for found, from_others, _ in cases if from_others >= ISOLABLE]
+    both = [found for found, *far in cases if min(far) >= ISOLABLE]
+    return {
+        "separation_required": ISOLABLE,
+        "strut_as_first_named": rate([each.strut_right for each in struts]),
+        "strut_and_kind_in_the_end": rate([each.right for each in both]),
+        "all_cases_strut": rate([each.found.strut_right for each in recoveries]),
+        "all_cases_strut_and_kind": rate([each.found.right for each in recoveries]),
+        "smallest_separation_from_others": min(from_others for from_others, _ in predicted),
+        "smallest_separation_from_kinds": min(from_kinds for _, from_kinds in predicted),
+    }
+
+
+def _setting(name: str, found: Sequence[Identification]) -> dict[str, Any]:
+    return {
+        "name": name,
+        "named": sum(each.first is not None for each in found),
+        "strut": rate([each.strut_right for each in found]),
+        "strut_and_kind": rate([each.right for each in found]),
+    }
+
+
+def _delays_ms(recoveries: Sequence[Recovery], kind: str) -> dict[str, Any]:
+    """From failure to alarm and to the first naming, of cases found."""
+    all_first = [each.found.first for each in recoveries if each.found.scenario.fault.kind == kind]
+    first, period_ms = [each for each in all_first if each], 1e3 * Bench().control_period_s
+    names = ("median", "percentile_95", "largest")
+    delays = {}
+    for what, ticks in (
+        ("alarm", [each.alarm_tick - STRUCK for each in first]),
+        ("named", [each.tick - STRUCK for each in first]),
+    ):
+        levels = (period_ms * np.quantile(ticks, (0.5, 0.95, 1.0))).tolist() if ticks else ()
+        delays[what] = dict(zip(names, levels, strict=True)) if ticks else None
+    return delays
+
+
+def _errors_urad(recoveries: Sequence[Recovery], kind: str) -> dict[str, Any] | None:
+    """Root of the mean square over the cases, and the largest peak: before, during, after."""
+    cases = [each for each in recoveries if each.found.scenario.fault.kind == kind]
+    if not cases:
+        return None
+    pooled = {}
+    for controller in ("supervised", "informed", "uncorrected"):
+        errors = [getattr(each, controller) for each in cases]
+        rms = np.sqrt(np.mean([np.square(each.rms_urad) for each in errors], axis=0))
+        peak = np.max([each.peak_urad for each in errors], axis=0)
+        pooled[controller] = {
+            when: {"rms": float(rms[k]), "peak": float(peak[k])} for k, when in enumerate(_WHEN)
+        }
+    return pooled
+
+
+def _over_oracle(recoveries: Sequence[Recovery]) -> dict[str, float]:
+    """RMS after recovery, over the informed controller's: all cases together, and the worst."""
+    after = np.array([[e.rms_urad[2] for e in (r.supervised, r.informed)] for r in recoveries])
+    pooled = np.sqrt((after**2).mean(axis=0))
+    return {
+        "pooled": float(pooled[0] / pooled[1]),
+        "worst_case": float((after[:, 0] / after[:, 1]).max()),
+    }
+
+
+def _beliefs(beliefs: Sequence[Belief]) -> dict[str, Any]:
+    worst = max(beliefs, key=lambda each: each.sensitivity_peak)
+    return {
+        "pairs_of_truth_and_belief": len(beliefs),
+        "unstable": sum(each.largest_pole >= 1 for each in beliefs),
+        "largest_pole": max(each.largest_pole for each in beliefs),
+        "sensitivity_peak_nothing_failed": beliefs[0].sensitivity_peak,
+        "sensitivity_peak_worst": worst.sensitivity_peak,
+        "worst_truth": fault_text(worst.truth),
+        "worst_belief": fault_text(worst.believed),
+    }
+
+
+def _succession(happened: Succession) -> dict[str, Any]:
+    return {
+        "happened": [
+            {"strut": each.strut + 1, "kind": each.kind, "time_s": each.time_s}
+            for each in happened.failures
+        ],
+        "found": [fault_entry(fault) for fault in happened.found],
+        "right": happened.right,
+        "task_lost": happened.task_lost,
+        "unexplained": happened.unexplained,
+        "rms_in_the_end_urad": happened.rms_urad,
+        "peak_urad": happened.peak_urad,
+    }
+
+
+def _case(recovery: Recovery, far: tuple[float, float]) -> dict[str, Any]:
+    found, first, last = recovery.found, recovery.found.first, recovery.found.last
+    return {
+        "truth": fault_entry(found.scenario.fault),
+        "time_s": found.scenario.time_s,
+        "seed": found.scenario.seed,
+        "separation_from_others": far[0],
+        "separation_from_kinds": far[1],
+        "first": first and fault_entry(first.fault),
+        "first_strut_confidence": first and first.actuator_confidence,
+        "alarm_ms": first and first.alarm_tick - STRUCK,
+        "named_ms": first and first.tick - STRUCK,
+        "last": last and fault_entry(last.fault),
+        "kind_confidence": last and last.kind_confidence,
+        "false_alarm": found.false_alarm,
+        "rms_after_urad": recovery.supervised.rms_urad[2],
+        "rms_after_oracle_urad": recovery.informed.rms_urad[2],
+        "rms_after_uncorrected_urad": recovery.uncorrected.rms_urad[2],
+    }
+
+
+def _record(outcome: Recover, summary: dict[str, Any], name: str, folder: Path) -> None:
+    run, happened = outcome.shown[name]
+    entry, seed = summary["shown"][name], summary["seed"]
+    failures = [f"- strut {e['strut']} {e['kind']} at {e['time_s']:g} s" for e in entry["happened"]]
+    found = [f"- strut {each['strut']} {each['kind']}" for each in entry["found"]]
+    ends = f"In the last second the pointing error is {entry['rms_in_the_end_urad']:.2f} urad RMS."
+    if entry["task_lost"]:
+        ends = (
+            "The remaining struts cannot point any more: the task is declared lost, and the "
+            "commands stay constant."
+        )
+    said = [f"Seed {seed}, constant Jacobian, W_a; the failures are unannounced.", ""]
+    said += ["Failures:", *failures, ""]
+    said += ["Identified from the pointing angles, the commands and a dither:", *found, "", ends]
+    record_run(
+        folder,
+        name,
+        f"recover-{name}-seed{seed}",
+        load_model(),
+        Shown(run, happened.marks(run)),
+        said=said,
+        beside={},
+        properties=recording_properties(summary),
+    )

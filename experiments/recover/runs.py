@@ -1,0 +1,319 @@
+"""The study: single failures, failures in succession, and all that is computed beside them."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from itertools import chain, islice
+from typing import Any
+
+import numpy as np
+
+from experiments.hexapod.diagnosis import fault_of, fault_text
+from experiments.hexapod.metrics import closure_residual_max_m
+from experiments.hexapod.provenance import plant_constants
+from experiments.hexapod.simulation import Trajectory, fly, nominal_loops
+from experiments.hexapod.supervisor import supervisor
+from experiments.hexapod.testbed import Bench
+from experiments.output.parallel import in_parallel
+from experiments.output.recording.marks import Mark
+from experiments.recover.predictions import (
+    FREQUENCIES_HZ,
+    SETTINGS,
+    Belief,
+    beliefs,
+    dither_design,
+    from_others_and_kinds,
+    lookalikes,
+)
+from experiments.recover.recovery import (
+    BEFORE_S,
+    DITHER,
+    GOAL,
+    Identification,
+    Recovery,
+    Testbed,
+    draw,
+    identify,
+    pointing_error_urad,
+    recover,
+)
+from experiments.recover.robustness import (
+    GAIN_ERRORS,
+    INFORMED_LATE,
+    FaultFree,
+    dither_cost,
+    fault_free,
+    informed_late_or_wrongly,
+    mismatched,
+    together,
+)
+from ftc.fdi.diagnosis import Diagnosis
+from ftc.fdi.fault_model import Fault, FaultKind
+from sim import Failure, load_model
+
+MAIN = SETTINGS[1]
+"""The detector alone, and the dither: what the large set is simulated with."""
+OTHERS = [setting for setting in SETTINGS if setting is not MAIN]
+
+SHOWN = {
+    "locked": (Failure(0, "locked", 8.25),),
+    "free": (Failure(0, "free", 8.25),),
+    "cascade": (
+        Failure(0, "locked", 4.0),
+        Failure(3, "free", 6.0),
+        Failure(1, "locked", 8.0),
+        Failure(4, "locked", 10.0),
+    ),
+}
+"""Failures of the runs that are kept whole, by name. The cascade leaves struts 3 and 6 in the end,
+which pull in one direction of the (alpha, beta) plane."""
+
+_FIRST_S, _GAP_S, _LEFT_S = (1.5, 9.0), (0.1, 2.0), 2.0
+_MISMATCH_CASES = 6
+_KINDS: tuple[FaultKind, ...] = ("locked", "free")
+
+
+@dataclass(frozen=True)
+class Succession:
+    """Failures one after another, simulated with a supervised controller.
+
+    Attributes:
+        failures: What happened.
+        diagnoses: All that were made, in order; ticks count from the start of the run.
+        found: What stood in the end.
+        task_lost: Whether the controller declared the task lost.
+        lost_rightly: Whether the failure atlas says so of what did happen.
+        unexplained: Whether it gave an alarm up.
+        rms_urad: Of the pointing error in the last second.
+        peak_urad: Of it, from the first failure on.
+        closure_residual_max_m: Of the run.
+    """
+
+    failures: tuple[Failure, ...]
+    diagnoses: tuple[Diagnosis, ...]
+    found: tuple[Fault, ...]
+    task_lost: bool
+    lost_rightly: bool
+    unexplained: bool
+    rms_urad: float
+    peak_urad: float
+    closure_residual_max_m: float
+
+    @property
+    def right(self) -> bool:
+        """Whether each failure was found, and no other, and the loss of the task if it is lost."""
+        happened = sorted((failure.strut, failure.kind) for failure in self.failures)
+        found = sorted((fault.actuator, fault.kind) for fault in self.found)
+        return happened == found and self.task_lost == self.lost_rightly
+
+    def marks(self, run: Trajectory) -> list[Mark]:
+        """For a recording: each failure, when its strut was first named, and the last diagnosis."""
+        marks = []
+        for failure in self.failures:
+            own = [
+                each
+                for each in self.diagnoses
+                if each.fault.actuator == failure.strut and run.time_s[each.tick] >= failure.time_s
+            ]
+            mark = Mark(failure.strut, failure.time_s, fault_text(fault_of(failure)))
+            if own:
+                found_s = float(run.time_s[own[0].tick])
+                words = f"found: {fault_text(own[-1].fault)}"
+                mark = Mark(mark.strut, mark.failed_s, mark.failure, found_s, words)
+            marks.append(mark)
+        return marks
+
+
+def pairs(seed: int, number: int) -> list[tuple[Failure, ...]]:
+    """Two struts each, locked or free, some time apart, at random times on the spiral."""
+    rng = np.random.default_rng([seed, 4])
+    drawn = []
+    for _ in range(number):
+        struts = rng.permutation(6)[:2]
+        first_s = round(float(rng.uniform(*_FIRST_S)), 3)
+        times_s = first_s, first_s + round(float(rng.uniform(*_GAP_S)), 3)
+        kinds = [_KINDS[k] for k in rng.integers(len(_KINDS), size=2)]
+        each = zip(struts, kinds, times_s, strict=True)
+        drawn.append(tuple(Failure(int(strut), kind, time_s) for strut, kind, time_s in each))
+    return drawn
+
+
+def succession(
+    bed: Testbed, failures: tuple[Failure, ...], seed: int, begin_s: float | None = None
+) -> tuple[Trajectory, Succession]:
+    """Simulate the failures, and two seconds more.
+
+    `begin_s` is where on the spiral; None: shortly before the first failure.
+    """
+    first_s, last_s = failures[0].time_s, failures[-1].time_s
+    begin_s = first_s - BEFORE_S if begin_s is None else begin_s
+    pilot = supervisor(bed.model, bed.bench, bed.loops, GOAL, dither=DITHER)
+    run, state = fly(
+        bed.model,
+        bed.bench,
+        pilot,
+        failures=failures,
+        seed=seed,
+        begin_s=begin_s,
+        duration_s=last_s + _LEFT_S - begin_s,
+    )
+    error_urad = pointing_error_urad(run)
+    last_second = round(1 / bed.bench.control_period_s)
+    return run, Succession(
+        failures=failures,
+        diagnoses=state.diagnoses,
+        found=tuple(each.fault for each in state.standing),
+        task_lost=state.task_lost,
+        lost_rightly=not pilot.can_point([fault_of(failure) for failure in failures]),
+        unexplained=state.watch.unexplained,
+        rms_urad=float(np.sqrt((error_urad[-last_second:] ** 2).mean())),
+        peak_urad=float(error_urad[run.time_s >= first_s].max()),
+        closure_residual_max_m=closure_residual_max_m(run),
+    )
+
+
+@dataclass(frozen=True)
+class Size:
+    """How much of everything; the defaults are the whole study."""
+
+    cases: int = 306
+    other_cases: int = 36
+    pairs: int = 36
+    fault_free: int = 24
+    fault_free_s: float = 16.0
+    draws: int = 1000
+    settings: int = 4
+    struts: int = 6
+    informed: int = 3
+    shown: int = 3
+    frequencies: int = 4
+    mismatches: int = 5
+
+
+QUICK = Size(4, 1, 1, 1, 3.0, 20, 2, 1, 1, 1, 1, 0)
+
+
+@dataclass(frozen=True)
+class Recover:
+    """All of it; what are dictionaries here are entries of the JSON file.
+
+    Attributes:
+        seed: Of the failures drawn, and of all noise.
+        recoveries: The main set.
+        predicted: For each of it, distance from other struts, and from other kinds.
+        others: What was found in other settings, by name.
+        lookalikes: Failures as the settings see them.
+        beliefs: Stability under right and wrong beliefs.
+        informed: Runs whose controller is informed late or wrongly.
+        pairs: Runs with two failures.
+        fault_free: Runs without.
+        redrawn: The same runs with fresh noise.
+        model_error_urad: Largest fault-free residual without noise.
+        dither_design: What other dithers would separate.
+        dither_cost: On pointing.
+        mismatches: Runs of plants that differ from the model.
+        shown: Whole runs, by name.
+        plant: Constants of the plant.
+    """
+
+    seed: int
+    recoveries: list[Recovery]
+    predicted: list[tuple[float, float]]
+    others: dict[str, list[Identification]]
+    lookalikes: list[dict[str, Any]]
+    beliefs: list[Belief]
+    informed: list[dict[str, Any]]
+    pairs: list[Succession]
+    fault_free: FaultFree
+    redrawn: FaultFree
+    model_error_urad: float
+    dither_design: list[dict[str, Any]]
+    dither_cost: dict[str, Any]
+    mismatches: list[dict[str, Any]]
+    shown: dict[str, tuple[Trajectory, Succession]]
+    plant: dict[str, Any]
+
+
+def run_recover(
+    *, seed: int, quick: bool, on_progress: Callable[[int, int], None] = lambda done, total: None
+) -> Recover:
+    """Everything, independent jobs in parallel on the machine's cores.
+
+    Args:
+        seed: Of the failures drawn, and of all noise.
+        quick: A small set.
+        on_progress: Called with finished and total number of jobs.
+    """
+    size, model, bench = QUICK if quick else Size(), load_model(), Bench()
+    bed = Testbed(model, bench, nominal_loops(model, bench))
+    done = _in_parallel_by_name(_jobs(bed, size, seed), on_progress)
+    simulated, redrawn, model_errors_urad = zip(*done["fault_free"], strict=True)
+    return Recover(
+        seed=seed,
+        recoveries=done["recoveries"],
+        predicted=done["predicted"],
+        others={setting.name: done[setting.name] for setting in OTHERS},
+        lookalikes=list(chain(*done["lookalikes"])),
+        beliefs=done["beliefs"][0],
+        informed=list(chain(*done["informed"])),
+        pairs=done["pairs"],
+        fault_free=together(simulated),
+        redrawn=together(redrawn),
+        model_error_urad=max(model_errors_urad),
+        dither_design=done["dither_design"][0],
+        dither_cost=done["dither_cost"][0],
+        mismatches=list(chain(*done["mismatches"])),
+        shown=dict(zip(SHOWN, done["shown"], strict=False)),
+        plant=plant_constants(model),
+    )
+
+
+def _jobs(bed: Testbed, size: Size, seed: int) -> dict[str, list[Callable[[], Any]]]:
+    """Independent jobs, by what they are for."""
+    cases, struts = draw(seed, size.cases), range(size.struts)
+    frequencies_hz, duration_s = FREQUENCIES_HZ[-size.frequencies :], size.fault_free_s
+    shown = list(SHOWN.values())[: size.shown]
+    healthy, few = draw(seed + 1, size.fault_free), draw(seed, size.other_cases)
+    numbered = enumerate(pairs(seed, size.pairs), seed)
+    return {
+        "shown": [partial(succession, bed, failures, seed, begin_s=0.0) for failures in shown],
+        "beliefs": [partial(beliefs, bed, struts)],
+        "dither_design": [partial(dither_design, bed, struts[:3], frequencies_hz)],
+        "dither_cost": [partial(dither_cost, bed, cases[0], duration_s)],
+        "lookalikes": [
+            partial(lookalikes, bed, each, struts) for each in SETTINGS[: size.settings]
+        ],
+        "informed": [
+            partial(informed_late_or_wrongly, bed, case) for case in INFORMED_LATE[: size.informed]
+        ],
+        "fault_free": [partial(fault_free, bed, each, duration_s, size.draws) for each in healthy],
+        "recoveries": [partial(recover, bed, case) for case in cases],
+        "predicted": [partial(from_others_and_kinds, bed, case) for case in cases],
+        "pairs": [partial(_found, succession, bed, both, noise) for noise, both in numbered],
+        "mismatches": [
+            partial(mismatched, bed, error, cases[::7][:_MISMATCH_CASES])
+            for error in GAIN_ERRORS[: size.mismatches]
+        ],
+    } | {
+        each.name: [
+            partial(_found, identify, bed, case, each.dither, each.strut_sensors) for case in few
+        ]
+        for each in OTHERS
+    }
+
+
+def _in_parallel_by_name(
+    jobs: dict[str, list[Callable[[], Any]]], on_progress: Callable[[int, int], None]
+) -> dict[str, list[Any]]:
+    calls = [{"job": job} for named in jobs.values() for job in named]
+    results = iter(in_parallel(_run, calls, on_progress))
+    return {name: list(islice(results, len(named))) for name, named in jobs.items()}
+
+
+def _run(job: Callable[[], Any]) -> Any:
+    return job()
+
+
+def _found(simulate: Callable[..., tuple[Trajectory, Any]], *arguments: Any) -> Any:
+    """What was found, without the run, which need not travel between processes."""
+    return simulate(*arguments)[1]
