@@ -6,15 +6,14 @@ saturates, or whose plant changes in the run, is stepped: :func:`steps`.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import control
 import numpy as np
 
-<<<<<<< HEAD
 from argument_checks import Array
 from ftc.compensator import Channel
-from ftc.fdi.fault_model import Fault, SoundMachine, failed_machine
+from ftc.fdi.fault_model import Fault, NominalModel, fault_model
 
 
 def closed_loop(
@@ -154,121 +153,46 @@ def limited_response(
     settings = {"disturbance": pushed, "limit": limit, "anti_windup": anti_windup}
     ticks = steps([stage], plant.C, compensators, reference, **settings)
     return np.stack([tick.output for tick in ticks], axis=1)
-=======
-from experiments.hexapod.compensator import Loop
-from experiments.hexapod.diagnosis import nominal_model
-from experiments.hexapod.goal import Goal
-from experiments.hexapod.mapping import StrutMapping
-from experiments.hexapod.testbed import Bench
-from ftc.fdi.dither import Dither
-from ftc.fdi.fault_model import Fault, FaultModel, NominalModel, fault_model
-from sim import NOMINAL, Array, hexapod
->>>>>>> fdi
 
 
 @dataclass(frozen=True)
 class LinearLoop:
-    """Machine, mapping at the nominal pose and compensators.
+    """Plant, mapping at the nominal pose and compensators.
 
     Attributes:
-        sound: The machine.
-        C: Major task per state of the machine, shape (m1, s).
+        nominal: The plant; its first outputs are the major task.
         gain: Displacements per demanded major task, shape (n, m1).
-        secondary_m: Displacements that the secondary goal asks for, as far as the mapping lets it,
+        secondary: Displacements that the secondary goal asks for, as far as the mapping lets it,
             shape (N, n).
-        desired_rad: Reference of the major task, shape (N, m1).
-        loops: One compensator for each major row.
+        reference: Of the major task, shape (N, m1).
+        compensators: One for each major row.
     """
 
-<<<<<<< HEAD
-    sound: SoundMachine
-    C: Array
+    nominal: NominalModel
     gain: Array
-    secondary_m: Array
-    desired_rad: Array
-    loops: Sequence[Channel]
-=======
-    sound: NominalModel
-    gain: Array
-    secondary_m: Array
-    desired_rad: Array
-    loops: tuple[Loop, Loop]
+    secondary: Array
+    reference: Array
+    compensators: Sequence[Channel]
 
 
-def linear_loop(
-    model: mujoco.MjModel,
-    bench: Bench,
-    loops: tuple[Loop, Loop],
-    goal: Goal,
-    dither: Dither,
-    *,
-    begin_s: float,
-    duration_s: float,
-) -> LinearLoop:
-    """The loop on the spiral, as :func:`fly`, with the sound machine's mapping."""
-    mapping = StrutMapping(hexapod(model), goal, "constant")
-    time_s = bench.time_s(duration_s)
-    passed = [mapping.displacements(np.zeros(2), NOMINAL, rest_m=unit) for unit in np.eye(6)]
-    return LinearLoop(
-        sound=nominal_model(model, bench),
-        gain=mapping.pointing_gain(),
-        secondary_m=np.array([dither.at(each) for each in time_s]) @ np.array(passed),
-        desired_rad=bench.desired_rad(begin_s + time_s),
-        loops=loops,
-    )
->>>>>>> fdi
-
-
-def flown(loop: LinearLoop, faults: Sequence[Fault], onset: int) -> tuple[Array, Array]:
-    """States of the machine, shape (N, s), and displacements commanded, (N, n), without noise.
+def simulate(loop: LinearLoop, faults: Sequence[Fault], onset: int) -> tuple[Array, Array]:
+    """States of the plant, shape (N, s), and displacements commanded, (N, n), without noise.
 
     Args:
         loop: The loop.
         faults: That strike, all at once, unknown to the mapping.
         onset: At which tick.
     """
-<<<<<<< HEAD
-    sound, failed = failed_machine(loop.sound, ()), failed_machine(loop.sound, faults)
+    sound, failed = fault_model(loop.nominal), fault_model(loop.nominal, faults)
     stages = [Stage(sound.A, sound.B), Stage(failed.A, failed.B, onset, failed.onset)]
     ticks = list(
         steps(
             stages,
-            loop.C,
-            loop.loops,
-            loop.desired_rad,
+            loop.nominal.plant.C[: loop.reference.shape[1]],
+            loop.compensators,
+            loop.reference,
             gain=loop.gain,
-            secondary=loop.secondary_m,
+            secondary=loop.secondary,
         )
     )
     return np.array([tick.x for tick in ticks]), np.array([tick.commanded for tick in ticks])
-
-
-def linear_loop(*args: Any, **kwargs: Any) -> LinearLoop:  # lead: remove
-    """The hexapod's, of :mod:`experiments.hexapod.prediction`."""
-    from importlib import import_module
-
-    return import_module("experiments.hexapod.prediction").linear_loop(*args, **kwargs)
-=======
-    sound = fault_model(loop.sound)
-    failed = fault_model(loop.sound, faults)
-    x, compensators = np.zeros(len(sound.A)), [np.zeros(len(each.A)) for each in loop.loops]
-    states, sent = [], []
-    machine: FaultModel = sound
-    for tick, desired in enumerate(loop.desired_rad):
-        if tick == onset:
-            x, machine = failed.onset @ x, failed
-        error = desired - loop.sound.plant.C @ x
-        pointing = [
-            (each.C @ c + each.D[:, 0] * e)[0]
-            for each, c, e in zip(loop.loops, compensators, error, strict=True)
-        ]
-        compensators = [
-            each.A @ c + each.B[:, 0] * e
-            for each, c, e in zip(loop.loops, compensators, error, strict=True)
-        ]
-        u = loop.gain @ np.array(pointing) + loop.secondary_m[tick]
-        states.append(x)
-        sent.append(u)
-        x = machine.step(x, u)
-    return np.array(states), np.array(sent)
->>>>>>> fdi

@@ -23,7 +23,7 @@ class SupervisorState(PointingState):
         flies: The controller in use; `controller` is its state.
         watch: State of the monitor.
         monitor: That monitor.
-        settled: The confirmed diagnoses.
+        confirmed: The confirmed diagnoses.
         diagnoses: All that were made, revised and withdrawn ones included, in order.
         task_lost: Whether the remaining actuators cannot do the major task; the commands then
             stand still.
@@ -33,7 +33,7 @@ class SupervisorState(PointingState):
     flies: Controller[Any]
     watch: MonitorState
     monitor: Monitor
-    settled: tuple[Diagnosis, ...] = ()
+    confirmed: tuple[Diagnosis, ...] = ()
     diagnoses: tuple[Diagnosis, ...] = ()
     task_lost: bool = False
     ticks: int = 0
@@ -41,10 +41,10 @@ class SupervisorState(PointingState):
     @property
     def standing(self) -> list[Diagnosis]:
         """The last diagnosis confirmed of each actuator, and the one being confirmed."""
-        latest = self.settled
+        latest = self.confirmed
         if self.watch.diagnosis is not None:
             latest = (*latest, self.watch.diagnosis)
-        return list({each.fault.strut: each for each in latest}.values())
+        return list({each.fault.actuator: each for each in latest}.values())
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,9 @@ class Supervisor:
             return replace(state, ticks=state.ticks + 1)
         sent_m = self.amplifier.displacement_m(state.input_percent)
         known = state.watch.diagnosis
-        watch = state.monitor.step(state.watch, sensed, sent_m)
+        measured = np.concatenate([sensed.pointing_rad, sensed.strut_m])
+        outputs = len(state.monitor.nominal.noise)  # without the actuators' sensors unless used
+        watch = state.monitor.step(state.watch, measured[:outputs], sent_m)
         state = replace(state, watch=watch)
         if watch.diagnosis is not known:
             state = self._reconfigured(state, sent_m)
@@ -103,9 +105,9 @@ class Supervisor:
             flies = self.reconfigured(believed)
             controller = flies.take_over(state.controller, falling_m)
             state = replace(state, flies=flies, controller=controller)
-        if found is None or not found.settled:
+        if found is None or not found.confirmed:
             return state
-        state = replace(state, settled=(*state.settled, found))
+        state = replace(state, confirmed=(*state.confirmed, found))
         if lost:  # nothing is left to be done about another failure
             return replace(state, watch=replace(state.watch, diagnosis=None, evidence=None))
         monitor, watch = state.monitor.believing(state.watch)
@@ -120,7 +122,7 @@ a wrong diagnosis, a sound strut would make the loop unstable: docs/recover.md."
 def reckoned_strength(diagnosis: Diagnosis) -> float:
     """Part of its force that the mapping takes an actuator to have; 0: it is not used."""
     fault = diagnosis.fault
-    return fault.strength if fault.kind == "weak" and fault.strength >= WEAKEST else 0.0
+    return fault.effectiveness if fault.kind == "weak" and fault.effectiveness >= WEAKEST else 0.0
 
 
 def falling(diagnosis: Diagnosis, sent_m: Array) -> Array:
@@ -130,9 +132,9 @@ def falling(diagnosis: Diagnosis, sent_m: Array) -> Array:
     nor does one that was diagnosed before.
     """
     fault, falling_m = diagnosis.fault, np.zeros(len(sent_m))
-    if fault.kind != "locked" and not diagnosis.settled:
-        held_m = reckoned_strength(diagnosis) * sent_m[fault.strut]
-        falling_m[fault.strut] = diagnosis.displacement_m - held_m
+    if fault.kind != "locked" and not diagnosis.confirmed:
+        held_m = reckoned_strength(diagnosis) * sent_m[fault.actuator]
+        falling_m[fault.actuator] = diagnosis.displacement - held_m
     return falling_m
 
 
@@ -148,7 +150,7 @@ def reconfigured_goal(goal: Goal, diagnoses: Sequence[Diagnosis]) -> Goal:
     for diagnosis in diagnoses:
         fault, left = diagnosis.fault, reckoned_strength(diagnosis)
         if left > 0:
-            strength[fault.strut] = left
+            strength[fault.actuator] = left
         else:
-            locked_m[fault.strut] = diagnosis.displacement_m if fault.kind == "locked" else 0.0
+            locked_m[fault.actuator] = diagnosis.displacement if fault.kind == "locked" else 0.0
     return replace(goal, locked_m=locked_m, strength=strength)

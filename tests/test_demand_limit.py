@@ -19,7 +19,7 @@ from experiments.uncorrected.limit_map import largest_miss, limit_grid, limit_ro
 from experiments.uncorrected.predicted import beam_walk_urad, fast_loop_ratio, remaining_gain
 from experiments.uncorrected.vibration import W_A
 from ftc.controller import Sensed
-from ftc.limited_loop import limited_response
+from ftc.linear_loop import limited_response
 from sim import Failure, failed_plant, hexapod, linearize, spiral
 
 LOCK_1 = (Failure(0, "locked"),)

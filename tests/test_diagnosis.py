@@ -4,15 +4,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from ftc.fdi.config import RULES
+from ftc.fdi.sensing import sensing
 from scipy.integrate import quad
 from scipy.stats import binom
 
 from experiments.hexapod.goal import MAJOR, Goal
+from experiments.hexapod.prediction import linear_loop
 from experiments.hexapod.simulation import nominal_loops
 from experiments.hexapod.testbed import Bench
 from ftc.controller import Sensed
 from ftc.fdi.calibration import calibrated, excitation
-from ftc.fdi.config import RULES
 from ftc.fdi.diagnosis import MonitorState
 from ftc.fdi.dither import HEAVE, STILL, Dither
 from ftc.fdi.fault_model import KINDS, Fault, failed_machine, fault_of, sound_machine
@@ -20,8 +22,7 @@ from ftc.fdi.hypotheses import LOST, bank
 from ftc.fdi.isolability import separations
 from ftc.fdi.monitor import Monitor, monitor
 from ftc.fdi.residual_test import WINDOWS, chart
-from ftc.fdi.sensing import sensing
-from ftc.linear_loop import flown, linear_loop
+from ftc.linear_loop import simulate
 from sim import Failure, LinearPlant, failed_plant, linearize, load_model
 
 MODEL, BENCH = load_model(), Bench()
@@ -136,7 +137,7 @@ def test_a_small_shift_is_seen_over_a_long_window_and_a_large_one_at_once(shift,
 
 def history(fault: Fault | None, seen, noise: float = 1.0, seed: int = 0, dither: Dither = DITHER):
     """Commands and outputs of a linear flight, as the bank gets them."""
-    states, sent = flown(loop(dither), [] if fault is None else [fault], ONSET)
+    states, sent = simulate(loop(dither), [] if fault is None else [fault], ONSET)
     rng = np.random.default_rng(seed)
     y = states @ seen.C.T + noise * rng.standard_normal((len(states), len(seen.C)))
     return np.vstack([np.zeros(6), sent[:-1]]), y
@@ -207,7 +208,7 @@ def test_each_failure_is_found_in_the_linear_model(strut, kind):
     assert verdict.onset == ONSET
     if kind == "weak":
         assert verdict.fault.strength == pytest.approx(0.4, abs=0.02)
-    states, _ = flown(loop(), [fault], ONSET)
+    states, _ = simulate(loop(), [fault], ONSET)
     np.testing.assert_allclose(verdict.x @ ANGLES.C.T, states[-1] @ ANGLES.C.T, atol=0.3)
 
 
@@ -221,7 +222,7 @@ def test_confidence_is_what_it_says():
         strut, kind = int(rng.integers(6)), KINDS[rng.integers(3)]
         fault = Fault(strut, kind, 1 - rng.uniform(*LOST)) if kind == "weak" else Fault(strut, kind)
         faults = [fault] if rng.random() < 0.5 else []
-        states, sent = flown(way, faults, int(rng.choice(onsets)))
+        states, sent = simulate(way, faults, int(rng.choice(onsets)))
         y = states[:until] @ C.T + rng.standard_normal((until, 2))
         evidence, x = gathered(hypotheses, onsets, np.vstack([np.zeros(6), sent[: until - 1]]), y)
         verdict = hypotheses.verdict(evidence, until - 1, x)
@@ -237,7 +238,7 @@ def test_a_coil_that_weakens_again_is_weak_by_the_product():
     known = Fault(2, "weak", 0.5)
     twice = Fault(2, "weak", 0.25)
     way = loop()
-    states, sent = flown(way, [known], 0)
+    states, sent = simulate(way, [known], 0)
     machine, x = failed_machine(SOUND, [twice]), states[ONSET]
     for tick in range(ONSET, len(states)):
         states[tick] = x
@@ -347,7 +348,7 @@ def test_a_failure_is_named_in_time_and_its_strut_located(seen, kind):
 def test_after_its_confirmation_the_failed_machine_is_the_believed_one():
     """Its residuals are noise again: no further alarm, and no strut is suspected twice."""
     fault = Fault(3, "locked")
-    states, sent = flown(loop(duration_s=3.5), [fault], ONSET)
+    states, sent = simulate(loop(duration_s=3.5), [fault], ONSET)
     y = states @ ANGLES.C.T + np.random.default_rng(2).standard_normal((len(states), 2))
     watch, state = watched(ANGLES, np.vstack([np.zeros(6), sent[:-1]]), y)
     assert watch.faults == (fault,) and 3 not in watch.bank.struts
@@ -356,7 +357,7 @@ def test_after_its_confirmation_the_failed_machine_is_the_believed_one():
 
 def test_a_shock_that_is_no_struts_is_named_by_nobody_and_the_watch_goes_on():
     """The pointing jumps by itself for a tenth of a second; a strut that locks later is found."""
-    states, sent = flown(loop(duration_s=5.2), [Fault(4, "locked")], ONSET + 3000)
+    states, sent = simulate(loop(duration_s=5.2), [Fault(4, "locked")], ONSET + 3000)
     rng = np.random.default_rng(4)
     y = states @ ANGLES.C.T + rng.standard_normal((len(states), 2))
     y[ONSET : ONSET + 100] += 30 * rng.standard_normal((100, 2))
@@ -384,7 +385,7 @@ def test_calibration_finds_the_gains_of_the_coils():
     base = loop(STILL, begin_s=0.0, duration_s=4.0)
     time_s = BENCH.time_s(4.0)
     way = replace(base, sound=wrong, secondary_m=np.array([excitation(t) for t in time_s]))
-    states, sent = flown(way, [], 10**9)
+    states, sent = simulate(way, [], 10**9)
     y = states @ ANGLES.C.T + np.random.default_rng(1).standard_normal((len(states), 2))
     found = calibrated(SOUND, ANGLES.C, sent, y).linear.B
     np.testing.assert_allclose(found, wrong.linear.B, rtol=3e-3, atol=1e-9)

@@ -14,11 +14,11 @@ import mujoco
 import numpy as np
 import pytest
 import typer
+from experiments.app.report.chapter import Chapter
 from rerun.chunk import RrdReader
 
 import experiments
 from experiments.app.presentation import presented
-from experiments.app.report.chapter import Chapter
 from experiments.systems.results import checks, summarize
 from experiments.systems.runs import run_systems
 from sim import Plant, jacobians, load_model

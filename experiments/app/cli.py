@@ -11,36 +11,35 @@ import typer
 from experiments.app.command import command, machine_refused
 from experiments.app.presentation import presented
 from experiments.app.report import report
-from experiments.atlas.command import atlas
-from experiments.benchmark.command import bench
-from experiments.figures.command import figures
-from experiments.force.command import force
+from experiments.benchmark import STUDY as BENCH
+from experiments.figures import STUDY as FIGURES
+from experiments.force import STUDY as FORCE
 from experiments.goals.command import goals
 from experiments.jacobian.command import jacobian
 from experiments.output.files import OutputError, published, usable_file
 from experiments.output.study import Interrupted, Unsound, WrongInput
 from experiments.output.terminal import INTERRUPTED, INTERRUPTION, notice, raise_on_interrupt
-from experiments.recover.command import recover
+from experiments.recover import STUDY as RECOVER
 from experiments.release import STUDY as RELEASE
-from experiments.sweep.command import sweep
-from experiments.systems.command import systems
-from experiments.table1.command import table1
-from experiments.uncorrected.command import uncorrected
+from experiments.sweep import ATLAS
+from experiments.sweep import STUDY as SWEEP
+from experiments.systems import STUDY as SYSTEMS
+from experiments.table1 import STUDY as TABLE1
+from experiments.uncorrected import STUDY as UNCORRECTED
 
-LEGACY = (
-    table1,
-    figures,
-    systems,
-    recover,
-    force,
-    goals,
-    jacobian,
-    uncorrected,
-    sweep,
-    atlas,
-    bench,
+LEGACY = (goals, jacobian)
+STUDIES = (
+    TABLE1,
+    FIGURES,
+    SYSTEMS,
+    RELEASE,
+    RECOVER,
+    FORCE,
+    UNCORRECTED,
+    SWEEP,
+    ATLAS,
+    BENCH,
 )
-STUDIES = (RELEASE,)
 
 UNSOUND, WRONG_INPUT = 1, 2
 

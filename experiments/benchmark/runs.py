@@ -23,7 +23,7 @@ from experiments.hexapod.testbed import Bench
 from experiments.output.files import usable_file
 from experiments.output.study import OnProgress, WrongInput
 from ftc.controller import Sensed
-from sim import Array, Plant, Pose, load_model
+from sim import Array, Plant, Pose, hexapod, load_model
 
 PACKAGES = ("mink", "placo", "daqp", "qpsolvers", "threadpoolctl")
 """The peers, the interface between mink and daqp, and what keeps all of them to one thread."""
@@ -186,7 +186,7 @@ def parts(loop: ClosedLoop) -> list[Contender]:
         "controller": (controller.step, state, asked_rad, sense()),
         "estimate": (mapping.estimate, command_m, state.pose),
         "mapping": (mapping.displacements, asked_rad, state.pose),
-        "jacobian": (mapping.geometry.inverse_jacobian, bare_pose),
+        "jacobian": (hexapod(model).inverse_jacobian, bare_pose),
         "converter": (amplifier.input_percent, command_m),
     }
     return [

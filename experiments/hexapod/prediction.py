@@ -7,13 +7,13 @@ import mujoco
 import numpy as np
 
 from experiments.hexapod.compensator import sampled
+from experiments.hexapod.diagnosis import nominal_model
 from experiments.hexapod.goal import MAJOR, Goal
 from experiments.hexapod.mapping import StrutMapping
 from experiments.hexapod.testbed import Bench
 from ftc.compensator import Compensator
 from ftc.compensator import sensitivity_peak as peak_of_sensitivity
 from ftc.fdi.dither import Dither
-from ftc.fdi.fault_model import sound_machine
 from ftc.linear_loop import LinearLoop, closed_loop, limited_response
 from sim import NOMINAL, Array, Failure, Plant, failed_plant, hexapod, linearize
 
@@ -242,12 +242,10 @@ def linear_loop(
     mapping = StrutMapping(hexapod(model), goal, "constant")
     time_s = bench.time_s(duration_s)
     passed = [mapping.displacements(np.zeros(2), NOMINAL, rest_m=unit) for unit in np.eye(6)]
-    sound = sound_machine(model, bench)
     return LinearLoop(
-        sound=sound,
-        C=sound.linear.C_twist[MAJOR],
+        nominal=nominal_model(model, bench),
         gain=mapping.pointing_gain(),
-        secondary_m=np.array([dither.at(each) for each in time_s]) @ np.array(passed),
-        desired_rad=bench.desired_rad(begin_s + time_s),
-        loops=loops,
+        secondary=np.array([dither.at(each) for each in time_s]) @ np.array(passed),
+        reference=bench.desired_rad(begin_s + time_s),
+        compensators=loops,
     )

@@ -13,10 +13,6 @@ import psutil
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
-<<<<<<< HEAD
-APP = ROOT / "experiments" / "app"
-=======
->>>>>>> sweep
 SOURCES = (
     "argument_checks/**/*.py",
     "experiments/**/*.py",
@@ -25,7 +21,7 @@ SOURCES = (
     "prioritized/**/*.py",
     "sim/**/*.py",
 )
-REPORT = ("experiments/app/report/**/*.py",)
+REPORT = ("experiments/app/*.py",)
 """All that makes numbers, figures and captions; and the report itself, which only shows them."""
 
 PACKAGES = ("mujoco", "numpy", "scipy", "control", "rerun-sdk", "matplotlib")
@@ -61,16 +57,6 @@ def commit() -> str:
     return f"{_git('rev-parse', 'HEAD')}{changes}"
 
 
-<<<<<<< HEAD
-def code_sha256() -> str:
-    """SHA-256 over all that makes numbers: sources and machine files, but not the command line."""
-    digest = hashlib.sha256()
-    for pattern in SOURCES:
-        for file in sorted(ROOT.glob(pattern)):
-            if not file.is_relative_to(APP):
-                digest.update(f"{file.relative_to(ROOT).as_posix()}\0".encode())
-                digest.update(hashlib.sha256(file.read_bytes()).digest())
-=======
 def code_sha256(sources: Iterable[str] = SOURCES, without: Iterable[str] = REPORT) -> str:
     """SHA-256 over the names and contents of project files.
 
@@ -82,7 +68,6 @@ def code_sha256(sources: Iterable[str] = SOURCES, without: Iterable[str] = REPOR
     for file in sorted(_matching(sources) - _matching(without)):
         digest.update(f"{file.relative_to(ROOT).as_posix()}\0".encode())
         digest.update(hashlib.sha256(file.read_bytes()).digest())
->>>>>>> sweep
     return digest.hexdigest()
 
 

@@ -12,14 +12,14 @@ from experiments.hexapod.diagnosis import fault_entry, nominal_model
 from experiments.hexapod.dithers import STILL
 from experiments.hexapod.goal import Goal
 from experiments.hexapod.mapping import StrutMapping
-from experiments.hexapod.prediction import peak_of_sensitivity
-from experiments.hexapod.supervisor import WEAKEST
+from experiments.hexapod.prediction import linear_loop, peak_of_sensitivity
 from experiments.recover.recovery import AFTER_S, BEFORE_S, DITHER, GOAL, STRUCK, Scenario, Testbed
 from ftc.fdi.dither import Dither
 from ftc.fdi.fault_model import KINDS, Fault, FaultKind, NominalModel, fault_model
 from ftc.fdi.hypotheses import HypothesisBank, hypothesis_bank
 from ftc.fdi.isolability import isolability
-from ftc.linear_loop import LinearLoop, flown, linear_loop
+from ftc.linear_loop import LinearLoop, simulate
+from ftc.supervisor import WEAKEST
 from sim import NOMINAL, Array, hexapod
 
 ALIKE = 6.18
@@ -65,7 +65,7 @@ def from_others_and_kinds(bed: Testbed, scenario: Scenario) -> tuple[float, floa
     """
     loop = _loop(bed, scenario.dither(DITHER), scenario.begin_s, BEFORE_S + AFTER_S)
     fault = scenario.fault
-    distance, from_none = _distances(loop, hypothesis_bank(loop.sound), fault, STRUCK, EVIDENCE_S)
+    distance, from_none = _distances(loop, hypothesis_bank(loop.nominal), fault, STRUCK, EVIDENCE_S)
     from_others = min(float(np.delete(distance, fault.actuator, axis=0).min()), from_none)
     return from_others, float(_other_kinds(distance, fault).min())
 
@@ -80,7 +80,7 @@ def lookalikes(bed: Testbed, setting: Setting, struts: Sequence[int]) -> list[di
     loop = _loop(bed, setting.dither, _BEGIN_S, duration_s)
     bank = hypothesis_bank(nominal_model(bed.model, bed.bench, strut_sensors=setting.strut_sensors))
     first, half_turn = round(_EARLIEST_S / period_s), round(half_turn_s / period_s)
-    moved_m = (loop.desired_rad @ loop.gain.T)[first : first + half_turn]
+    moved_m = (loop.reference @ loop.gain.T)[first : first + half_turn]
     entries = []
     for fault in [Fault(k, kind, HALF * (kind == "weak")) for k in struts for kind in KINDS]:
         for where, choose in _PLACES.items():
@@ -137,7 +137,7 @@ def dither_design(
         direction = tuple((column / np.abs(column).max()).tolist())
         dither = Dither(amplitude_m, frequency_hz, direction)
         loop = _loop(bed, dither, _BEGIN_S, _EARLIEST_S + DITHER_EVIDENCE_S)
-        bank, apart = hypothesis_bank(loop.sound), []
+        bank, apart = hypothesis_bank(loop.nominal), []
         for fault in [Fault(strut, kind) for strut in struts for kind in _RIGID]:
             distance, _ = _distances(loop, bank, fault, onset, DITHER_EVIDENCE_S)
             apart.append(np.delete(distance, fault.actuator, axis=0).min())
@@ -156,8 +156,8 @@ def _loop(bed: Testbed, dither: Dither, begin_s: float, duration_s: float) -> Li
 def _distances(
     loop: LinearLoop, bank: HypothesisBank, fault: Fault, onset: int, evidence_s: float
 ) -> tuple[Array, float]:
-    states, commanded = flown(loop, [fault], onset)
-    until = onset + round(evidence_s / loop.sound.period_s)
+    states, commanded = simulate(loop, [fault], onset)
+    until = onset + round(evidence_s / loop.nominal.period_s)
     return isolability(bank, fault, onset, states[:until], commanded[:until])
 
 

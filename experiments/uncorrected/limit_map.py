@@ -14,7 +14,7 @@ from experiments.hexapod.prediction import detector_noise_rad, driven_plant
 from experiments.hexapod.testbed import Bench
 from experiments.uncorrected.candidates import COLUMNS, RATIO_TOLERANCE
 from experiments.uncorrected.predicted import gain_and_plant
-from ftc.limited_loop import limited_response
+from ftc.linear_loop import limited_response
 from sim import Array
 
 RADIUS_URAD = {1.0: 100.0, 0.5: 113.0}
