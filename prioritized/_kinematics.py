@@ -15,7 +15,7 @@ from prioritized._elimination import Partition, PassiveMotion, passive_motion
 from prioritized._force import ForceMapping, force_mapping
 from prioritized._manipulability import Gaps, Manipulability, classify
 from prioritized._rank import RankedSvd, norm, ranked_svd
-from prioritized._statics import constraint_gain, internal_force, internal_gain, torque_gain
+from prioritized._statics import constraint_gain, internal_rows, torque_gain
 from prioritized._task import task_selection
 from prioritized._velocity import VelocityMapping, velocity_mapping
 
@@ -67,7 +67,8 @@ class Kinematics:
 
         Columns: the c rows of J_C, then the s stuck joints by velocity index.
         """
-        return read_only(internal_force(self.system, self._motion))
+        rows, stuck = self._internal_rows, self.system.joints.stuck
+        return read_only(np.linalg.qr(rows.T)[0].T if stuck.size else rows.copy())
 
     @property
     def active_constraint(self) -> Array:
@@ -124,12 +125,18 @@ class Kinematics:
         return ranked_svd(left, norm(self.system.J_C), self.system.rank_tolerance)
 
     @cached_property
+    def _internal_rows(self) -> Array:
+        return internal_rows(self.system, self._motion)
+
+    @cached_property
     def _torque_gain(self) -> Array:
         return torque_gain(self.system, self._motion, self.constraint_gain)
 
     @cached_property
     def _internal_gain(self) -> Array:
-        return internal_gain(self.system, self._motion, self.internal_force, self._constraint)
+        """Internal force eta per torque that is out of equilibrium without it, (r, n - q)."""
+        back = self._constraint.pseudo_inverse().T
+        return self.internal_force @ self._internal_rows.T @ back
 
     def expand(self, rates: ArrayLike) -> Array:
         """Rates or torques of the survivors (..., n - q) for all actuators (..., n), else zero."""

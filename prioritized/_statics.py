@@ -4,18 +4,11 @@ import numpy as np
 
 from argument_checks import Array, Indices
 from prioritized._elimination import Partition, PassiveMotion
-from prioritized._rank import RankedSvd
 
 
-def internal_force(system: Partition, motion: PassiveMotion) -> Array:
-    """Orthonormal rows that span the left null space of [J_Cp; E], eq. (13), shape (r, c + s)."""
-    rows = _internal_rows(system, motion)
-    return np.linalg.qr(rows.T)[0].T if system.joints.stuck.size else rows.copy()
-
-
-def _internal_rows(system: Partition, motion: PassiveMotion) -> Array:
-    """Rows that span it: those without E, with the reactions that balance the stuck joints."""
-    left = motion.loops.left_null
+def internal_rows(system: Partition, motion: PassiveMotion) -> Array:
+    """Rows that span the left null space of [J_Cp; E], eq. (13), shape (r, c + s)."""
+    left = motion.loops.left_null  # the reactions of stuck joints balance it
     return np.hstack([left, -left @ system.J_C[:, system.joints.stuck]])
 
 
@@ -35,14 +28,6 @@ def torque_gain(system: Partition, motion: PassiveMotion, constraint_gain: Array
     active, f_C = system.joints.active, constraint_gain[: len(system.J_C)]
     torques = system.task.active.T + system.J_C[:, active].T @ f_C
     return torques - _spring_load(system, motion, active)
-
-
-def internal_gain(
-    system: Partition, motion: PassiveMotion, internal_force: Array, constraint: RankedSvd
-) -> Array:
-    """Internal force eta per torque that is out of equilibrium without it, shape (r, n - q)."""
-    rows = _internal_rows(system, motion)
-    return internal_force @ rows.T @ constraint.pseudo_inverse().T
 
 
 def _spring_load(system: Partition, motion: PassiveMotion, locked: Indices) -> Array:
