@@ -109,12 +109,12 @@ def goals(goals_folder):
 @pytest.fixture(scope="session")
 def bench_folder(tmp_path_factory):
     """Everything timed, but as briefly as can be: made by the command."""
-    from experiments.benchmark import study  # late: the other tests do without its extra packages
+    from experiments.benchmark import runs
 
     folder = tmp_path_factory.mktemp("bench")
-    least = study.Effort(seconds=0.05, rounds=2, batches=(1, 10, 100), actuators=(6, 10, 20))
+    least = runs.Effort(seconds=0.05, rounds=2, batches=(1, 10, 100), actuators=(6, 10, 20))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(study, "QUICK", least)
+        patch.setattr(runs, "QUICK", least)
         saved = str(folder / "saved.json")
         assert main(["bench", "--quick", "--save", saved, "--out", str(folder / "out")]) == 0
     return folder / "out"

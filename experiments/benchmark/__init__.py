@@ -9,11 +9,11 @@ STUDY = Study(
     help="""Time the control loop and the mapping against physics and other libraries.
 
     The closed loop is compared with MuJoCo's bare steps, one tick with mink, and one Problem 1 with
-    daqp, PlaCo, LAPACK and the printed formula; growth with the number of actuators and the size of
-    a batch follows. All answers are compared first. Medians by turns in one process: 2 minutes,
-    20 s with --quick. Leave the machine alone meanwhile.
+    daqp, PlaCo, LAPACK and the printed formula, also over the number of actuators and the size of a
+    batch. All answers are compared first. The contenders are timed by turns in one process: 2
+    minutes, 20 s with --quick. No other work should run meanwhile.
 
-    Writes bench.json, times in us, the tables as bench.md, and a figure.
+    Writes bench.json (times in us, medians and their ranges), the tables as bench.md, and a figure.
 
     Example: fjh bench --quick --save /tmp/before.json
     """,
@@ -27,9 +27,14 @@ STUDY = Study(
             "compare",
             Path | None,
             None,
-            "Print what changed since these were saved, beyond noise.",
+            "Print what changed, by more than noise, since these were saved.",
             "FILE.json",
         ),
-        Option("check", bool, False, "Unsound, exit code 1, when a ratio leaves its stable bound."),
+        Option(
+            "check",
+            bool,
+            False,
+            "Fail, exit code 1, when a stable ratio is beyond twice its bound.",
+        ),
     ),
 )

@@ -189,5 +189,5 @@ def power_law(sizes: Sequence[int], time_us: Sequence[float] | Array) -> dict[st
     """
     x, y = np.log(sizes), np.log(time_us)
     slopes = np.diff(y) / np.diff(x)
-    exponent = np.polynomial.Polynomial.fit(x, y, 1).convert().coef[1]
+    exponent = np.polyfit(x, y, 1)[0]
     return {"exponent": float(exponent), "least": float(slopes.min()), "most": float(slopes.max())}

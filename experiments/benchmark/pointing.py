@@ -24,7 +24,6 @@ TOLERANCE = 1e-5
 """mink also closes the 0.7 nm by which the loops sag: that is 1e-6 of the answer."""
 STUCK = 0
 GOAL = Goal(joint_weight=(1.0,) * 6, locked_m={STUCK: 0.0})
-_RADIUS_RAD = 1e-4
 
 
 @dataclass(frozen=True)
@@ -40,7 +39,7 @@ def random_cases(model: mujoco.MjModel, count: int, rng: np.random.Generator) ->
     """Poses that the machine itself has gone to, and as many displacements to ask for there."""
     mapping = strut_mapping(model)
     cases = []
-    for there_rad, asked_rad in rng.uniform(-_RADIUS_RAD, _RADIUS_RAD, size=(count, 2, 2)):
+    for there_rad, asked_rad in rng.uniform(-1e-4, 1e-4, size=(count, 2, 2)):
         plant = Plant(model)
         plant.settle(0.1, mapping.displacements(there_rad, NOMINAL))
         cases.append(Case(plant.data.qpos.copy(), plant.pose(), asked_rad))
@@ -75,16 +74,16 @@ def general_tick(model: mujoco.MjModel) -> Callable[[Array, Array], Array]:
 
 
 class Rows(mink.Task):
-    """Rows that count alone: mink's tasks have more, all of which it would have to obey.
+    """Only the rows that are meant, of constant error.
 
-    Its `FrameTask` has six rows where two are meant, and its `DampingTask` one for every joint,
-    which takes 6 % longer.
+    mink's `FrameTask` has six rows where two are meant, all of which would be constraints, and its
+    `DampingTask` one for every joint, which takes 6 % longer.
     """
 
     def __init__(
         self, cost: Array, error: Array, rows: Callable[[mink.Configuration], Array]
     ) -> None:
-        """Of constant error, and with a Jacobian that depends on the configuration."""
+        """Rows of the Jacobian (rows, nv) follow from the configuration."""
         super().__init__(cost=cost)
         self._error, self._rows = error, rows
 
@@ -156,20 +155,6 @@ def _by_lapack(model: mujoco.MjModel, case: Case) -> Array:
     return dgglse(struts, equal, np.zeros(len(struts)), target)[3][jac.active]
 
 
-def agreement(model: mujoco.MjModel, cases: Sequence[Case]) -> Agreement:
-    """Strut displacements of all four."""
-    general, closed = general_tick(model), strut_mapping(model)
-    struts = _strut_velocities(model)
-    answers = {
-        "tick": [general(case.pointing_rad, case.qpos) for case in cases],
-        "hexapod_tick": [closed.displacements(case.pointing_rad, case.pose) for case in cases],
-        "mink": [solve_ik(*each)[struts] for each in mink_arguments(model, cases)],
-        "dgglse": [_by_lapack(model, case) for case in cases],
-    }
-    arrays = {name: np.array(each) for name, each in answers.items()}
-    return compare("pointing with strut 1 locked", arrays, TOLERANCE)
-
-
 def contenders(model: mujoco.MjModel, cases: Sequence[Case]) -> list[Contender]:
     """One tick in each way, and mink's kinematics, which the general path includes."""
     theirs = mink_arguments(model, cases)
@@ -186,3 +171,15 @@ def contenders(model: mujoco.MjModel, cases: Sequence[Case]) -> list[Contender]:
         "mink_update": (mink.Configuration.update, lambda: updates),
     }
     return [Contender(name, *each, units=len(cases), samples=10) for name, each in timed.items()]
+
+
+def agreement(model: mujoco.MjModel, cases: Sequence[Case]) -> Agreement:
+    """Strut displacements of the three contenders, and of LAPACK."""
+    answers = {
+        each.name: np.array([each.call(*given) for given in each.arguments()])
+        for each in contenders(model, cases)
+    }
+    del answers["mink_update"]  # it returns nothing
+    answers["mink"] = answers["mink"][:, _strut_velocities(model)]
+    answers["dgglse"] = np.array([_by_lapack(model, case) for case in cases])
+    return compare("pointing with strut 1 locked", answers, TOLERANCE)

@@ -54,8 +54,9 @@ SOLVE = {
 def results(timed: Timed) -> Results:
     """Everything that `fjh bench` publishes, and the saved file outside its folder."""
     summary = summarize(timed)
-    compared = {"comparison": ratios.compare(summary, timed.before)} if timed.before else {}
-    shown = summary | compared
+    shown = dict(summary)
+    if timed.before is not None:
+        shown["comparison"] = ratios.compare(summary, timed.before)
     return Results(
         shown,
         tables=tables(shown),

@@ -28,7 +28,6 @@ TOLERANCE = 1e-9
 """Of the answers, as a fraction of the rates."""
 BATCHED = "batched"
 """Name of the largest batch."""
-_COMPARED = 64
 _EQUALITY = 5
 """daqp's mark of a constraint that holds with equality."""
 _STRICT = {"primal_tol": 1e-12, "rho_soft": 1e-8}
@@ -183,7 +182,7 @@ def agreements(asked: Questions) -> list[Agreement]:
 
 def batch_agreement(batch: Problem) -> Agreement:
     """The batch beside its first problems one by one."""
-    alone = [batch.one(k) for k in range(min(_COMPARED, len(batch.J)))]
+    alone = [batch.one(k) for k in range(min(64, len(batch.J)))]
     answers = {solver.name: solver.answers(alone) for solver in (OURS, DAQP, LAPACK)}
     together = {BATCHED: OURS.solve(batch)[: len(alone)]}
     return compare(f"a batch of {len(batch.J)}", answers | together, TOLERANCE)
