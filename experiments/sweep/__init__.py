@@ -14,15 +14,9 @@ _WHERE = (
         None,
         f"A Dask scheduler, as tcp://host:8786; given up after {PATIENCE_S:g} s without a worker.  "
         "[default: a cluster on this machine]",
-        metavar="ADDRESS",
+        "ADDRESS",
     ),
-    Option(
-        "workers",
-        int | None,
-        None,
-        "Processes on this machine.  [default: one for each core]",
-        metavar="N",
-    ),
+    Option("workers", int | None, None, "Processes here.  [default: one for each core]", "N"),
     Option("resume", bool, False, "Continue the runs in the folder; refused if they are others."),
 )
 
@@ -52,7 +46,7 @@ STUDY = Study(
             Path | None,
             None,
             "What is varied, and how: a TOML file.  [default: experiments/sweep/default.toml]",
-            metavar="FILE",
+            "FILE",
         ),
         *_WHERE,
     ),

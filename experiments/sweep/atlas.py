@@ -1,5 +1,6 @@
 """The simulated failure conditions as numbers, checks, tables and files, compared with theory."""
 
+import itertools
 from dataclasses import replace
 from typing import Any
 
@@ -11,9 +12,9 @@ from experiments.hexapod.failure_atlas import verdicts
 from experiments.output.results import Check, Results
 from experiments.output.tables import Column, Table, tabulate
 from experiments.sweep.dataset import Columns
-from experiments.sweep.figure import ANGLES, MARKERS, atlas_pictures
+from experiments.sweep.figure import MARKERS, atlas_pictures
 from experiments.sweep.results import comparable, off_by, origin, rate
-from experiments.sweep.row import classified, verdict_columns
+from experiments.sweep.row import ANGLES, classified, verdict_columns
 from experiments.sweep.runs import Outcome, Sweep
 
 LOST = ("drifts", "one_direction", "none")
@@ -36,7 +37,7 @@ def results(outcome: Outcome) -> Results:
 
 def described(summary: dict[str, Any]) -> Results:
     """Table, sentences and checks of the atlas, from `atlas.json` alone."""
-    return Results(summary, tables=[table(summary)], notes=notes(summary), checks=checks(summary))
+    return Results(summary, [table(summary)], notes(summary), checks(summary))
 
 
 def _with_verdicts(part: pa.Table) -> pa.Table:
@@ -72,36 +73,30 @@ def _verdicts(columns: Columns, compared: np.ndarray) -> list[dict[str, Any]]:
     """Prediction and simulation of each verdict with each Jacobian."""
     verdict, jacobian = columns["verdict"], columns["jacobian"]
     relative, _ = off_by(columns)
+    rms = {
+        f"{source}_{angle}_median_urad": columns[f"{prefix}{angle}_rms_urad"]
+        for angle in ANGLES
+        for source, prefix in (("predicted", "predicted_"), ("simulated", ""))
+    }
     found = []
-    for each in verdicts(classified()):
-        for name in MARKERS:
-            chosen = (verdict == each.name) & (jacobian == name)
-            if not chosen.any():
-                continue
-            off = relative[chosen & compared]
-            of_rms = {
-                f"{source}_{angle}_median_urad": _median(
-                    columns[f"{prefix}{angle}_rms_urad"], chosen
-                )
-                for angle in ANGLES
-                for source, prefix in (("predicted", "predicted_"), ("simulated", ""))
-            }
-            found.append(
-                {
-                    "verdict": each.name,
-                    "label": each.label,
-                    "jacobian": name,
-                    "runs": int(chosen.sum()),
-                    **of_rms,
-                    "compared": len(off),
-                    "largest_off_percent": 100 * float(off.max()) if len(off) else None,
-                }
-            )
+    for each, name in itertools.product(verdicts(classified()), MARKERS):
+        chosen = (verdict == each.name) & (jacobian == name)
+        off = relative[chosen & compared]
+        entry = {
+            "verdict": each.name,
+            "label": each.label,
+            "jacobian": name,
+            "runs": int(chosen.sum()),
+            **{key: _median(values[chosen]) for key, values in rms.items()},
+            "compared": len(off),
+            "largest_off_percent": 100 * float(off.max()) if len(off) else None,
+        }
+        found += [entry] if chosen.any() else []
     return found
 
 
-def _median(values: np.ndarray, chosen: np.ndarray) -> float | None:
-    ended = values[chosen & np.isfinite(values)]
+def _median(values: np.ndarray) -> float | None:
+    ended = values[np.isfinite(values)]
     return float(np.median(ended)) if len(ended) else None
 
 

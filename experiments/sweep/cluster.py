@@ -36,18 +36,13 @@ megabytes. Those of a worker that is lost go to another."""
 POLL_S, LOOK_EVERY_S = 0.02, 5.0
 """Period of looking for results; and, while there are none, for workers."""
 
-_GONE = "the scheduler has gone; finished runs are kept, and --resume goes on"
+_KEPT = "finished runs are kept, and --resume goes on"
 _SILENT = logging.CRITICAL + 1
 
 
 @dataclass(frozen=True)
 class Where:
-    """What runs a sweep.
-
-    Attributes:
-        scheduler: Address of a Dask scheduler, as "tcp://host:8786"; None is a cluster on this
-            machine.
-        workers: Of that, with one thread each; None is one for each core.
+    """A Dask scheduler; if there is no address, workers of this machine, by default one a core.
 
     Raises:
         WrongInput: Both are given, the address is none, or there are no workers.
@@ -71,9 +66,7 @@ class Where:
 def cluster(where: Where, most: int) -> Iterator[Client]:
     """A client of somebody's scheduler, or of a local cluster that ends with the context.
 
-    Args:
-        where: Which.
-        most: Local workers that there is work for.
+    A local cluster has `most` workers at most.
 
     Raises:
         WrongInput: No scheduler answers there; or it has no workers, and gets none; or they have
@@ -170,12 +163,10 @@ def wait_for_worker(client: Client) -> None:
         notice(f"the scheduler has no workers; waiting up to {PATIENCE_S:g} s for one")
         client.wait_for_workers(1, timeout=PATIENCE_S)
     except TimeoutError:
-        raise WrongInput(
-            f"the scheduler has had no workers for {PATIENCE_S:g} s: start some with dask worker; "
-            "finished runs are kept, and --resume goes on"
-        ) from None
+        why = f"the scheduler has had no workers for {PATIENCE_S:g} s: start some with dask worker"
+        raise WrongInput(f"{why}; {_KEPT}") from None
     except (OSError, KeyError):
-        raise Unsound(_GONE) from None
+        raise Unsound(f"the scheduler has gone; {_KEPT}") from None
 
 
 def finished_rows(client: Client, runs: Iterable[SweepRun]) -> Iterator[Row]:
@@ -200,7 +191,7 @@ def finished_rows(client: Client, runs: Iterable[SweepRun]) -> Iterator[Row]:
         if future.status == "error":
             raise Unsound(_failure(str(future.key), *result[1:]))
         if future.status != "finished":
-            raise Unsound(_GONE)
+            raise Unsound(f"the scheduler has gone; {_KEPT}")
         submit(1)
         yield result
 

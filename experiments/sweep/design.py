@@ -25,10 +25,7 @@ from experiments.sweep.sweep_run import (
 )
 from sim import Array
 
-Layout = Literal["latin-hypercube", "grid"]
-
 DEFAULT = Path(__file__).with_name("default.toml")
-
 MOST_RUNS = 10_000_000
 
 
@@ -44,28 +41,20 @@ class Design:
         factors: What is varied; all else is as on the bench.
     """
 
-    layout: Layout
+    layout: Literal["latin-hypercube", "grid"]
     runs: int
     duration_s: float
     factors: tuple[Factor, ...]
 
     def as_json(self) -> dict[str, Any]:
         """The same as plain numbers and words."""
-        factors = {
-            factor.name: {key: value for key, value in asdict(factor).items() if key != "name"}
-            for factor in self.factors
-        }
-        return {
-            "layout": self.layout,
-            "runs": self.runs,
-            "duration_s": self.duration_s,
-            "factors": factors,
-        }
+        content = asdict(self)
+        return content | {"factors": {each.pop("name"): each for each in content["factors"]}}
 
 
 def grid(duration_s: float, factors: Sequence[Factor]) -> Design:
     """Every combination of the factors' values; the last factor changes fastest."""
-    runs = math.prod(factor.count for factor in factors)
+    runs = math.prod(len(factor.values) for factor in factors)
     return Design("grid", runs, duration_s, tuple(factors))
 
 
@@ -76,7 +65,10 @@ class SweepRuns:
         """Lay the runs out; of a hypercube this keeps eight bytes for each run and factor."""
         self.design = design
         self.seed = seed
-        self._cube = _hypercube(design, seed) if design.layout == "latin-hypercube" else None
+        self._cube: Array | None = None  # points of the unit cube, (runs, factors)
+        if design.layout == "latin-hypercube":
+            sampler = qmc.LatinHypercube(d=len(design.factors), rng=np.random.default_rng(seed))
+            self._cube = sampler.random(design.runs)
 
     def __len__(self) -> int:
         return self.design.runs
@@ -84,20 +76,13 @@ class SweepRuns:
     def __getitem__(self, number: int) -> SweepRun:
         factors = self.design.factors
         if self._cube is None:
-            shape = [factor.count for factor in factors]
-            at = np.unravel_index(number, shape)
+            at = np.unravel_index(number, [len(factor.values) for factor in factors])
             varied = {each.name: each.values[k] for each, k in zip(factors, at, strict=True)}
         else:
             row = self._cube[number].tolist()
             varied = {each.name: each.at(u) for each, u in zip(factors, row, strict=True)}
         noise = np.random.SeedSequence(self.seed, spawn_key=(number,)).generate_state(1)
         return sweep_run(number, self.design.duration_s, {"seed": int(noise[0])} | varied)
-
-
-def _hypercube(design: Design, seed: int) -> Array:
-    """Points of the unit cube, one for each run, shape (runs, factors)."""
-    sampler = qmc.LatinHypercube(d=len(design.factors), rng=np.random.default_rng(seed))
-    return sampler.random(design.runs)
 
 
 def read_design(path: Path | None) -> Design:
@@ -108,10 +93,9 @@ def read_design(path: Path | None) -> Design:
     """
     try:
         content = tomllib.loads((path or DEFAULT).read_text(encoding="utf-8"))
-    except OSError as error:
-        raise WrongInput(f"--design {path} cannot be read: {error.strerror}") from None
-    except UnicodeDecodeError as error:
-        raise WrongInput(f"--design {path} cannot be read: {error}") from None
+    except (OSError, UnicodeDecodeError) as error:
+        why = error.strerror if isinstance(error, OSError) else error
+        raise WrongInput(f"--design {path} cannot be read: {why}") from None
     except (ValueError, RecursionError) as error:
         raise WrongInput(f"--design {path} is not TOML: {error}") from None
     try:

@@ -13,9 +13,8 @@ from experiments.output.palette import BLACK, BLUE, VERMILION
 from experiments.output.plotting import PAGE_IN, logarithmic, new_figure
 from experiments.output.results import Picture
 from experiments.sweep.dataset import Columns
-from experiments.sweep.row import classified
+from experiments.sweep.row import ANGLES, classified
 
-ANGLES = ("alpha", "beta")
 COLORS = {"alpha": BLUE, "beta": VERMILION}
 MARKERS = {"constant": "o", "analytic": "x"}
 

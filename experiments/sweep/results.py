@@ -13,8 +13,8 @@ from experiments.output.provenance import versions
 from experiments.output.results import Check, Results
 from experiments.output.tables import Column, Table, tabulate
 from experiments.sweep.dataset import Columns
-from experiments.sweep.figure import ANGLES, sweep_pictures
-from experiments.sweep.row import INPUT_PEAK
+from experiments.sweep.figure import sweep_pictures
+from experiments.sweep.row import ANGLES, INPUT_PEAK
 from experiments.sweep.runs import Outcome, Sweep
 from experiments.sweep.sweep_run import Range
 from sim import Array, model_sha256
@@ -40,8 +40,8 @@ def results(outcome: Outcome) -> Results:
 
 def described(summary: dict[str, Any]) -> Results:
     """Tables, sentences and checks of a sweep, from `sweep.json` alone."""
-    tables = (groups(summary), influence(summary))
-    return Results(summary, tables=tables, notes=notes(summary), checks=checks(summary))
+    tables = groups(summary), influence(summary)
+    return Results(summary, tables, notes(summary), checks(summary))
 
 
 def origin(experiment: str, sweep: Sweep) -> dict[str, Any]:

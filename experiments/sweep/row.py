@@ -24,27 +24,15 @@ Row = dict[str, Any]
 MARGINAL = 1 + 1e-9
 """A largest pole up to here is an integrator that the mapping lets move nothing."""
 
+ANGLES = ("alpha", "beta")
 INPUT_RMS = tuple(f"strut_input_rms_percent_{k}" for k in range(1, 7))
 INPUT_PEAK = tuple(f"strut_input_peak_percent_{k}" for k in range(1, 7))
-PREDICTED = (
-    "dac_step_urad",
-    "predicted_pole_radius",
-    "predicted_alpha_rms_urad",
-    "predicted_beta_rms_urad",
-)
+PREDICTED = tuple(f"predicted_{angle}_rms_urad" for angle in ANGLES)
 MEASURED = (
-    "alpha_rms_urad",
-    "beta_rms_urad",
-    "alpha_peak_urad",
-    "beta_peak_urad",
-    "alpha_measured_rms_urad",
-    "beta_measured_rms_urad",
+    *(f"{angle}_{what}_urad" for what in ("rms", "peak", "measured_rms") for angle in ANGLES),
     *INPUT_RMS,
     *INPUT_PEAK,
-    "gamma_peak_urad",
-    "t_x_peak_um",
-    "t_y_peak_um",
-    "t_z_peak_um",
+    *("gamma_peak_urad", "t_x_peak_um", "t_y_peak_um", "t_z_peak_um"),
     "closure_residual_max_m",
 )
 _TYPES = {"integer": pa.int64(), "switch": pa.bool_(), "real": pa.float64()}
@@ -58,7 +46,9 @@ SCHEMA = pa.schema(
         ("status", pa.string()),
         ("message", pa.string()),
         ("diverged_at_s", pa.float64()),
-        *((name, pa.float64()) for name in (*PREDICTED, *MEASURED)),
+        ("dac_step_urad", pa.float64()),
+        ("predicted_pole_radius", pa.float64()),
+        *((name, pa.float64()) for name in PREDICTED + MEASURED),
     ]
 )
 """Columns of a sweep's dataset."""
@@ -73,14 +63,10 @@ def row_of(run: SweepRun) -> Row:
     """The row of a run, which is simulated here.
 
     Returns:
-        Its parameters, how it ended as `status`, and what was measured, as far as there is any:
-
-        - "exact": it ran to the end, the mapping meeting the pointing task exactly.
-        - "least_squares", "self_motion": it ran to the end, but part of the pointing task is out
-          of the mapping's reach; or free to move.
-        - "unstable": the same, but the linear model's loop is not stable.
-        - "diverged": the physics left the finite numbers.
-        - "refused": the loops cannot be closed on this bench, or physics not stepped at its rate.
+        Its parameters, its `status`, and what was measured, as far as there is any. A run to the
+        end has the status of its mapping, "exact" where it meets the pointing task, or "unstable",
+        if the linear model's loop is. Others are "diverged": the physics left the finite numbers;
+        or "refused": the loops cannot be closed on this bench, or physics not stepped at its rate.
     """
     row = run.parameters()
     try:
@@ -90,15 +76,12 @@ def row_of(run: SweepRun) -> Row:
         status = mapping.at(mapping.geometry.inverse_jacobian(NOMINAL)).mapping.status
         row |= predicted | {"status": status.name.lower()}
         row["dac_step_urad"] = _dac_step_urad(run, mapping)
-        if predicted and "predicted_alpha_rms_urad" not in predicted:
+        if predicted and PREDICTED[0] not in predicted:
             row["status"] = "unstable"
         return row | _measured(_simulated(run))
     except SimulationDiverged as diverged:
-        return row | {
-            "status": "diverged",
-            "message": str(diverged),
-            "diverged_at_s": diverged.time_s,
-        }
+        found = {"status": "diverged", "message": str(diverged), "diverged_at_s": diverged.time_s}
+        return row | found
     except ModelError as refused:
         return row | {"status": "refused", "message": str(refused)}
 
@@ -139,8 +122,7 @@ def _predicted(run: SweepRun, mapping: StrutMapping) -> Row:
     driven = desired - detector_noise_rad(bench, run.seed, len(time_s))
     pointing = T[MAJOR, MAJOR]  # a floor at rest, and nothing beside the compensators
     true = _response(pointing.A, pointing.B, pointing.C, pointing.D, driven)
-    alpha, beta = (1e6 * rms(desired - true)).tolist()
-    return row | {"predicted_alpha_rms_urad": alpha, "predicted_beta_rms_urad": beta}
+    return row | dict(zip(PREDICTED, (1e6 * rms(desired - true)).tolist(), strict=True))
 
 
 def _response(A: Array, B: Array, C: Array, D: Array, driven: Array) -> Array:

@@ -27,11 +27,9 @@ _TURN, _MIRROR = (2, 3, 4, 5, 0, 1), (1, 0, 5, 4, 3, 2)
 
 @dataclass(frozen=True)
 class Sweep:
-    """A complete sweep.
+    """A complete sweep: its rows are on disk.
 
     Attributes:
-        runs: All of them.
-        dataset: Their rows, on disk.
         took: `runs` of this session, and `runs_per_s` from the first of them to finish to the last;
             None for fewer than two.
     """
@@ -46,32 +44,23 @@ Outcome = Sweep | dict[str, Any]
 
 
 def run_sweep(
-    *,
-    seed: int,
-    quick: bool,
-    design: Path | None,
-    scheduler: str | None,
-    workers: int | None,
-    **options: Any,
+    *, seed: int, quick: bool, design: Path | None, **options: Any
 ) -> AbstractContextManager[Outcome]:
-    """The runs of a design file, `complete` with the further options; None: the default design."""
-    where, chosen = Where(scheduler, workers), read_design(design)
+    """The runs of a design file, or of the default design; further options as of `complete`."""
+    chosen = read_design(design)
     if quick:
         chosen = replace(chosen, runs=min(chosen.runs, 40), duration_s=0.5)
-    return complete("sweep", SweepRuns(chosen, seed), where=where, **options)
+    return complete("sweep", SweepRuns(chosen, seed), **options)
 
 
-def run_atlas(
-    *, seed: int, quick: bool, scheduler: str | None, workers: int | None, **options: Any
-) -> AbstractContextManager[Outcome]:
-    """All failure conditions with all weights and both Jacobians, `complete` with the options."""
+def run_atlas(*, seed: int, quick: bool, **options: Any) -> AbstractContextManager[Outcome]:
+    """All failure conditions, weights and Jacobians; further options as of `complete`."""
     factors = [
         Choice("struts", representatives() if quick else conditions()),
         Choice("weight", ("W_a",) if quick else ("W_a", "W_b", "W_c", "W_d", "W_e")),
         Choice("jacobian", ("constant", "analytic")),
     ]
-    runs = SweepRuns(grid(0.5 if quick else 2.0, factors), seed)
-    return complete("atlas", runs, where=Where(scheduler, workers), **options)
+    return complete("atlas", SweepRuns(grid(0.5 if quick else 2.0, factors), seed), **options)
 
 
 def conditions() -> tuple[str, ...]:
@@ -100,27 +89,21 @@ def complete(
     runs: SweepRuns,
     *,
     folder: Path,
-    where: Where,
+    scheduler: str | None,
+    workers: int | None,
     resume: bool,
     on_progress: OnProgress,
 ) -> Iterator[Outcome]:
     """The sweep with all its runs done, now or before; to be published within the context.
 
     Within it nobody else can run anything in the folder; after it, unless publishing failed, the
-    dataset of unfinished runs is gone.
-
-    Args:
-        name: Of the study, and of its JSON file.
-        runs: To be done.
-        folder: Of the results.
-        where: On what they run.
-        resume: Continue with what is in the folder.
-        on_progress: Called with finished and total number of runs.
+    dataset of unfinished runs is gone. The options are those of the commands.
 
     Raises:
         WrongInput: Another process runs a sweep there; or as `run_missing` and `published_before`.
         Interrupted, Unsound, OutputError: As `run_missing`.
     """
+    where = Where(scheduler, workers)
     with alone_in(folder / UNFINISHED):
         if resume and (summary := published_before(folder, name, runs)):
             yield summary
@@ -133,7 +116,7 @@ def complete(
 def run_missing(
     folder: Path, runs: SweepRuns, *, where: Where, resume: bool, on_progress: OnProgress
 ) -> Sweep:
-    """Do the runs that are missing in `folder`/unfinished; arguments as of `complete`.
+    """Do the runs that are missing in `folder`/unfinished, a dataset that grows part by part.
 
     Raises:
         WrongInput: There is an unfinished sweep that shall not be resumed, or is another one; or

@@ -40,9 +40,7 @@ WEIGHTS = {
 STRUTS = {"S": None, "L": "locked", "F": "free", "B": "loose"}
 """A letter for each state of a strut, and the failure that it stands for."""
 
-Kind = Literal["real", "integer", "name", "switch", "struts"]
-
-KINDS: dict[str, Kind] = {
+KINDS: dict[str, Literal["real", "integer", "name", "switch", "struts"]] = {
     "struts": "struts",
     "failure_time_s": "real",
     "known": "switch",
@@ -77,11 +75,6 @@ class Choice:
         """The value at u in [0, 1): each has the same share."""
         return self.values[int(u * len(self.values))]
 
-    @property
-    def count(self) -> int:
-        """Number of the values."""
-        return len(self.values)
-
 
 @dataclass(frozen=True)
 class Range:
@@ -109,15 +102,14 @@ class Range:
     @property
     def values(self) -> tuple[Value, ...]:
         """The points of a grid, ends included."""
-        return tuple(self.at(k / max(self.count - 1, 1)) for k in range(self.count))
-
-    @property
-    def count(self) -> int:
-        """Number of the points of a grid."""
-        return self.points or 1
+        count = self.points or 1
+        return tuple(self.at(k / max(count - 1, 1)) for k in range(count))
 
 
 Factor = Choice | Range
+
+
+_COLUMNS = ("seed", "duration_s", "struts", "failure_time_s", "known", "weight")
 
 
 @dataclass(frozen=True)
@@ -176,12 +168,7 @@ class SweepRun:
         bench = asdict(self.bench)
         return {
             "case": self.number,
-            "seed": self.seed,
-            "duration_s": self.duration_s,
-            "struts": self.struts,
-            "failure_time_s": self.failure_time_s,
-            "known": self.known,
-            "weight": self.weight,
+            **{name: getattr(self, name) for name in _COLUMNS},
             **dict(zip(ACTIVE, self.joint_weight or (None,) * 6, strict=True)),
             **dict(zip(SECONDARY, self.secondary_weight or (None,) * 4, strict=True)),
             "jacobian": self.jacobian,
@@ -193,7 +180,7 @@ def sweep_run(number: int, duration_s: float, varied: Mapping[str, Value]) -> Sw
     """The run with these values; what is not among them is the bench's, all struts sound, W_a."""
     weight = str(varied.get("weight", "W_a"))
     joint, secondary = WEIGHTS[weight]
-    constants = {name: varied[name] for name in BENCH if name in varied}
+    bench = {name: varied[name] for name in BENCH if name in varied}
     return SweepRun(
         number=number,
         seed=int(varied["seed"]),
@@ -202,19 +189,15 @@ def sweep_run(number: int, duration_s: float, varied: Mapping[str, Value]) -> Sw
         failure_time_s=float(varied.get("failure_time_s", 0.0)),
         known=bool(varied.get("known", True)),
         weight=weight,
-        joint_weight=_times(joint, ACTIVE, varied),
-        secondary_weight=_times(secondary, SECONDARY, varied),
+        joint_weight=joint and _times(joint, ACTIVE, varied),
+        secondary_weight=secondary and _times(secondary, SECONDARY, varied),
         jacobian="constant" if varied.get("jacobian") == "constant" else "analytic",
-        bench=replace(Bench(), **constants),
+        bench=replace(Bench(), **bench),
     )
 
 
 def _times(
-    diagonal: tuple[float, ...] | None, factors: tuple[str, ...], varied: Mapping[str, Value]
-) -> tuple[float, ...] | None:
-    if diagonal is None:
-        return None
-    return tuple(
-        weight * float(varied.get(name, 1.0))
-        for weight, name in zip(diagonal, factors, strict=True)
-    )
+    diagonal: tuple[float, ...], factors: tuple[str, ...], varied: Mapping[str, Value]
+) -> tuple[float, ...]:
+    pairs = zip(diagonal, factors, strict=True)
+    return tuple(weight * float(varied.get(name, 1.0)) for weight, name in pairs)
