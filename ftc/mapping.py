@@ -4,7 +4,7 @@ Displacements are absolute, from the nominal pose: eq. (41) taken whole. Its inc
 when J is re-evaluated; docs/jacobian.md compares the forms.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Generic, Literal, Protocol, TypeVar
 
@@ -59,10 +59,6 @@ class Geometry(Protocol[Pose]):
         """The pose to which displacements (n,) lead, from the pose one tick before."""
         ...
 
-    def task(self, pose: Pose) -> Array:
-        """Task coordinates (m,) of a pose; only the Gauss-Newton form asks for them."""
-        ...
-
 
 class LocalGeometry:
     """Any mechanism about its nominal pose, from its Jacobians alone; poses are twists (m,)."""
@@ -92,10 +88,6 @@ class LocalGeometry:
     def moved(self, pose: Array, displacements_m: Array) -> Array:
         """The twist of displacements (n,)."""
         return self._J @ displacements_m
-
-    def task(self, pose: Array) -> Array:
-        """The twist itself."""
-        return pose
 
 
 @dataclass(frozen=True)
@@ -164,6 +156,7 @@ class PrioritizedMapping(Generic[Pose]):
         major: Sequence[int],
         secondary: Sequence[int],
         form: DisplacementForm = "absolute",
+        task: Callable[[Pose], Array] | None = None,
     ) -> None:
         """Prepare the mapping at the nominal pose.
 
@@ -173,17 +166,20 @@ class PrioritizedMapping(Generic[Pose]):
             major: Task rows of the major task.
             secondary: Task rows of the secondary task, in the order of its weights.
             form: How eq. (41) becomes a displacement.
+            task: Task coordinates (m,) of a pose, for the relinearized form.
 
         Raises:
             ValueError: An actuator locked off centre in incremental form: its displacement is in
-                no increment.
+                no increment. The relinearized form without task coordinates.
         """
+        if form == "relinearized" and task is None:
+            raise ValueError("task must be given in relinearized form, got None")
         if form == "incremental" and any(goal.locked_m.values()):
             raise ValueError(
                 f'form must be "absolute" or "relinearized" with an actuator locked off centre, '
                 f"got {form} with locked_m = {goal.locked_m}"
             )
-        self._model = geometry
+        self._model, self._task = geometry, task
         self._major, self._secondary = list(major), list(secondary)
         self.goal = goal
         self.form = form
@@ -260,9 +256,9 @@ class PrioritizedMapping(Generic[Pose]):
             )
             return last.displacements_m + now.expand @ change
         if self.form == "relinearized":
-            if sent_m is None:
+            if sent_m is None or self._task is None:
                 raise ValueError("sent_m must be given in relinearized form, got None")
-            task = self._model.task(pose)
+            task = self._task(pose)
             change = now.mapping(
                 pointing_rad - task[self._major],
                 joint - now.expand.T @ sent_m,

@@ -3,19 +3,23 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+import control
 import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from experiments.goals.demonstration import Outcome, smooth_step
 from experiments.goals.pseudo_inverse import weighted_pseudo_inverse
-from experiments.hexapod.mapping import Mapping
+from ftc.controller import Controller, DirectDrive, Sensed
+from ftc.goal import Goal
+from ftc.mapping import Mapping, PrioritizedMapping
 from prioritized import ConstrainedSystem, Kinematics
 from sim import HEXAPOD_MJCF, Array, Failure, failed_plant, jacobians, load_model
 
 ARM_MJCF = HEXAPOD_MJCF.with_name("arm.xml")
 POINTING = [0, 1]
 """Major rows in payload axes: turns of the camera across its line of sight."""
+SECONDARY = [2, 3, 4, 5]
 PERIOD_S = 5e-3
 LOOP_GAIN_PER_S = 6.0
 """Of the tracker's error, a crossover of 1 Hz: a tenth of the slowest servo mode."""
@@ -42,20 +46,88 @@ class Tick:
     closure_residual_m: float
 
 
-class OwnArm:
-    """The controller's own arm, at the joint angles that it commands."""
+@dataclass(frozen=True)
+class ArmPosture:
+    """The arm as its controller knows it halfway through a control period.
 
-    def __init__(self, model: mujoco.MjModel, locked: Sequence[int]) -> None:
-        """`locked`: joints known to be stuck."""
-        self._model, self._data, self._locked = model, mujoco.MjData(model), list(locked)
+    Attributes:
+        command_rad: Joint angles commanded at the start of the period, shape (7,).
+        J_T: Twist of the camera per joint rate in its own axes, shape (6, 7).
+        camera: Its axes in the base's, shape (3, 3).
+    """
 
-    def at(self, joint_rad: Array) -> tuple[Kinematics, Array]:
-        """Kinematics in payload axes (6, n'), and the payload's axes in the base's, (3, 3)."""
-        self._data.qpos[:] = joint_rad
+    command_rad: Array
+    J_T: Array
+    camera: Array
+
+
+class ArmGeometry:
+    """The controller's own arm, as :class:`ftc.mapping.Geometry`; its displacements are rates."""
+
+    def __init__(self, model: mujoco.MjModel) -> None:
+        """Stand at the nominal pose."""
+        self._model, self._data = model, mujoco.MjData(model)
+        still = np.zeros(model.nu)
+        self.nominal = self._posture(still, still)
+        jac = jacobians(model, self._data, site="payload", axes="payload")
+        self.system = ConstrainedSystem(jac.J_T, jac.J_C, jac.active)
+
+    def posture(self, pose: ArmPosture) -> ArmPosture:
+        """The pose itself."""
+        return pose
+
+    def jacobian(self, posture: ArmPosture) -> Array:
+        """The camera's Jacobian, shape (6, 7)."""
+        return posture.J_T
+
+    def placed(self, system: ConstrainedSystem, jacobian: Array) -> ConstrainedSystem:
+        """The arm where its Jacobian is this."""
+        return system.at(J_T=jacobian)
+
+    def twist(self, posture: ArmPosture, displacements_m: Array) -> Array:
+        """Twist of the camera (6,) at joint rates (7,)."""
+        return posture.J_T @ displacements_m
+
+    def moved(self, pose: ArmPosture, displacements_m: Array) -> ArmPosture:
+        """The arm one period later, its joints having moved at these rates (7,)."""
+        return self._posture(pose.command_rad + PERIOD_S * displacements_m, displacements_m)
+
+    def _posture(self, command_rad: Array, rates: Array) -> ArmPosture:
+        # Halfway through the period: rates held from its start would drift off the curved path.
+        self._data.qpos[:] = command_rad + 0.5 * PERIOD_S * rates
         jac = jacobians(self._model, self._data, site="payload", axes="payload")
-        system = ConstrainedSystem(jac.J_T, jac.J_C, jac.active).with_failures(self._locked)
         base, payload = (self._data.site(name).xmat.reshape(3, 3) for name in ("base", "payload"))
-        return system.kinematics(), base.T @ payload
+        return ArmPosture(command_rad, jac.J_T, base.T @ payload)
+
+
+class PseudoInverseArm(PrioritizedMapping[ArmPosture]):
+    """The mapping of the arm with a weighted pseudo-inverse, no task before another."""
+
+    def __init__(self, geometry: ArmGeometry, goal: Goal, major_weight: float) -> None:
+        """`major_weight` weighs pointing."""
+        self._major_weight = major_weight
+        super().__init__(geometry, goal, POINTING, [])
+
+    def rates_at(self, kinematics: Kinematics) -> Mapping:
+        """The compromise between all tasks."""
+        W1 = np.ones(len(kinematics.actuators))
+        return weighted_pseudo_inverse(
+            kinematics.J, POINTING, [], self._major_weight, joint_weight=W1
+        )
+
+
+def arm_controller(
+    model: mujoco.MjModel, locked: Sequence[int], major_weight: float | None
+) -> Controller[ArmPosture]:
+    """The controller of the arm: the tracker's error to joint rates; arguments as :func:`sweep`."""
+    geometry = ArmGeometry(model)
+    goal = Goal(joint_weight=(1.0,) * model.nu, locked_m=dict.fromkeys(locked, 0.0))
+    if major_weight is None:
+        mapping = PrioritizedMapping(geometry, goal, POINTING, SECONDARY)
+    else:
+        mapping = PseudoInverseArm(geometry, goal, major_weight)
+    proportional = control.ss([], [], [], LOOP_GAIN_PER_S, PERIOD_S)
+    return Controller([proportional] * len(POINTING), mapping, DirectDrive(), handover_s=0.0)
 
 
 def sweep(
@@ -88,31 +160,36 @@ def sweep(
     """
     model = load_model(ARM_MJCF)
     plant = failed_plant(model, [Failure(joint, "locked") for joint in locked])
-    own, rng = OwnArm(model, locked), np.random.default_rng(seed)
+    controller, rng = arm_controller(model, locked, major_weight), np.random.default_rng(seed)
+    working = [joint for joint in range(model.nu) if joint not in locked]
     # Servos lag behind by their damping over their stiffness: they are sent ahead by as much.
     lead_s = -model.actuator_biasprm[:, 2] / model.actuator_gainprm[:, 0]
     time_s = np.arange(round(duration_s / PERIOD_S)) * PERIOD_S
     axis = np.array([np.cos(axis_rad), np.sin(axis_rad), 0.0])
     turned = angle_rad * smooth_step(np.append(time_s, duration_s) / (duration_s - REST_S))
     views = Rotation.from_rotvec(turned[:, None] * axis).apply(Z)
-    command, speed, ticks = np.zeros(model.nu), np.zeros(model.nu), []
+    state, ticks = controller.start(), []
     for k, now in enumerate(time_s):
         pose = plant.pose().rotation
         off, across = np.cross(pose[:, 2], views[k]), np.cross(axis, views[k])
         # Drawn in the axes of the sweep: the same noise, however the camera is rolled.
         noise = np.stack([axis, across], axis=1) @ rng.standard_normal(2)
         tracked = (pose.T @ (off + TRACKER_NOISE_RAD * noise))[:2]
-        # Halfway through the period: rates held from its start would drift off the curved path.
-        kin, payload = own.at(command + 0.5 * PERIOD_S * speed)
-        ahead = payload.T @ np.cross(views[k], views[k + 1] - views[k]) / PERIOD_S
-        wanted = ahead[:2] + LOOP_GAIN_PER_S * tracked
-        speed = kin.expand(_mapping(kin, major_weight)(wanted, rates(kin.J[:3], float(now))))
-        command = command + PERIOD_S * speed
+        arm = controller.estimate(state)
+        ahead = arm.camera.T @ np.cross(views[k], views[k + 1] - views[k]) / PERIOD_S
+        rates_d = np.zeros(model.nu)
+        rates_d[working] = rates(arm.J_T[:3, working], float(now))
+        sensed = Sensed(-tracked, np.zeros(0))  # of the error itself: its reference is zero
+        state = controller.step(
+            state, np.zeros(2), sensed, rates_d, feedforward=ahead[:2], pose=arm
+        )
+        speed = state.input_percent
+        command = arm.command_rad + PERIOD_S * speed
         plant.step(command + lead_s * speed, PERIOD_S)
         ticks.append(
             Tick(
                 error_rad=np.array([off @ axis, off @ across]),
-                singular_values=np.linalg.svd(kin.J[POINTING], compute_uv=False),
+                singular_values=np.linalg.svd(arm.J_T[np.ix_(POINTING, working)], compute_uv=False),
                 rates=speed,
                 command_rad=command,
                 joint_rad=plant.strut_displacement_m(),
@@ -120,13 +197,6 @@ def sweep(
             )
         )
     return _outcome(time_s, ticks)
-
-
-def _mapping(kin: Kinematics, major_weight: float | None) -> Mapping:
-    W1 = np.ones(len(kin.actuators))
-    if major_weight is None:
-        return kin.velocity_mapping(POINTING, joint_weight=W1)
-    return weighted_pseudo_inverse(kin.J, POINTING, [], major_weight, joint_weight=W1)
 
 
 def _outcome(time_s: Array, ticks: Sequence[Tick]) -> Outcome:

@@ -63,10 +63,11 @@ class HexapodGeometry:
         moved = pose.moved(posture.twist(displacements_m - posture.displacement_m))
         return self.hexapod.posture(moved)
 
-    def task(self, pose: Pose) -> Array:
-        """[alpha, beta, gamma, t_x, t_y, t_z] of a pose."""
-        secondary = secondary_motion(pose.rotation, pose.translation_m)
-        return np.concatenate([pointing_angles(pose.rotation), secondary])
+
+def task_coordinates(pose: Pose) -> Array:
+    """[alpha, beta, gamma, t_x, t_y, t_z] of a pose, shape (6,)."""
+    secondary = secondary_motion(pose.rotation, pose.translation_m)
+    return np.concatenate([pointing_angles(pose.rotation), secondary])
 
 
 class StrutMapping(PrioritizedMapping[Pose]):
@@ -95,4 +96,4 @@ class StrutMapping(PrioritizedMapping[Pose]):
                 "stiffness must be given for a goal with free or loose struts, got None"
             )
         own = HexapodGeometry(geometry, constant=jacobian == "constant", stiffness=stiffness)
-        super().__init__(own, goal, MAJOR, SECONDARY, form)
+        super().__init__(own, goal, MAJOR, SECONDARY, form, task_coordinates)
