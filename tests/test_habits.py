@@ -247,8 +247,6 @@ def test_an_interrupted_run_leaves_no_folder_and_an_old_one_whole(tmp_path, rais
 @pytest.mark.parametrize(
     "name",
     [
-        "table1",
-        "figures",
         "systems",
         "release",
         "recover",
