@@ -16,13 +16,15 @@ from matplotlib.text import Annotation
 
 from experiments.app.cli import main
 from experiments.figures.block_diagram import figure_3
-from experiments.figures.figure import figure_atlas, figure_bode
+from experiments.figures.figure import figure_atlas, figure_bode, pictures
 from experiments.figures.geometry import figure_2
+from experiments.figures.results import notes, pointing_after_failures
 from experiments.figures.runs import Portrait, portray
 from experiments.hexapod.simulation import Trajectory, nominal_plant
 from experiments.hexapod.testbed import Bench
 from experiments.output.palette import BLACK, BLUE, SKY, YELLOW
 from experiments.output.plotting import COLUMN_IN, new_figure, save_figure
+from experiments.output.results import Results
 from experiments.table1.figure import figure_4, figure_6
 from sim import hexapod, load_model
 from sim.model import HEXAPOD_MJCF
@@ -93,6 +95,17 @@ def test_the_command_leaves_figures_and_their_numbers(figures_folder, portrait):
     counts = [one["by_number_of_failures"] for one in atlas["verdicts"].values()]
     # So many conditions have 0..6 failures: each failed strut is locked or free.
     np.testing.assert_array_equal(np.sum(counts, axis=0), [1, 12, 60, 160, 240, 192, 64])
+
+
+def test_the_page_is_made_of_the_json_alone_and_every_file_is_listed(figures_folder, portrait):
+    summary = json.loads((figures_folder / "figures.json").read_text())
+    assert set(summary["files"]) == {path.name for path in figures_folder.iterdir()}
+    drawn = {f"{picture.name}.png" for picture in pictures(portrait)}
+    assert drawn == {file for file in summary["files"] if file.endswith(".png")}
+    table = pointing_after_failures(summary)
+    page = Results(summary, tables=[table], notes=notes(summary)).markdown()
+    assert (figures_folder / "figures.md").read_text() == page
+    assert {len(row) for row in table.rows} == {len(table.headings)}
 
 
 def test_a_machine_that_is_no_hexapod_is_refused(capsys, tmp_path):

@@ -1,5 +1,6 @@
 """Table I at full length: every number that the experiment promises."""
 
+import json
 import re
 from copy import deepcopy
 from pathlib import Path
@@ -14,6 +15,8 @@ from experiments.hexapod.metrics import rms
 from experiments.hexapod.prediction import predicted_error_rad
 from experiments.hexapod.simulation import nominal_loops, track_spiral
 from experiments.hexapod.testbed import Bench
+from experiments.output.results import Results
+from experiments.table1.figure import pictures
 from experiments.table1.results import checks, notes, table
 from experiments.table1.runs import CONFIGURATIONS
 
@@ -228,6 +231,16 @@ def test_each_column_says_where_its_errors_come_from(table1):
     said = " ".join(notes(table1))
     assert "five numbers act as two" in said
     assert "a constant at the paper's mean is within 13.9 %" in said
+
+
+def test_the_page_is_made_of_the_json_alone_and_every_file_is_listed(table1_folder):
+    summary = json.loads((table1_folder / "table1.json").read_text())
+    assert set(summary["files"]) == {path.name for path in table1_folder.iterdir()}
+    drawn = {f"{picture.name}.png" for picture in pictures({})}
+    assert drawn == {file for file in summary["files"] if file.endswith(".png")}
+    page = Results(summary, tables=[table(summary)], notes=notes(summary)).markdown()
+    assert (table1_folder / "table1.md").read_text() == page
+    assert {len(row) for row in table(summary).rows} == {len(table(summary).headings)}
 
 
 DEMAND_LIMITED = re.findall(

@@ -23,10 +23,8 @@ _CORNERS = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
 class Side:
     """A direction of sight, along one of the base's axes.
 
-    Attributes:
-        name: Of the view.
-        across: Base axis 0..2 that points right; `down`: that points down. A view from behind the
-            third would be mirrored: down is the side that `across` turns to.
+    Base axis `across`, 0..2, points right and `down` points down: the side to which the other
+    turns, as a view from behind would be mirrored.
     """
 
     name: str
@@ -49,16 +47,10 @@ TOP, FRONT = Side("top", across=0, down=1), Side("front", across=0, down=2)
 
 @dataclass(frozen=True)
 class Part:
-    """One geom.
-
-    Attributes:
-        name: Of the geom; empty where it has none.
-        belongs_to: "base", "payload" or "strut".
-        surface_m: Points whose convex hull it is, base axes, from the payload origin, (k, 3).
-    """
+    """One geom; `surface_m`: points whose convex hull it is, as :class:`Frame`, shape (k, 3)."""
 
     name: str
-    belongs_to: str
+    belongs_to: str  # "base", "payload" or "strut"
     surface_m: Array
 
     def outline_m(self, side: Side) -> Array:
@@ -69,15 +61,12 @@ class Part:
 
 @dataclass(frozen=True)
 class Frame:
-    """A coordinate frame of the paper's Fig. 2, in base axes.
+    """A coordinate frame of the paper's Fig. 2, in base axes, from the payload origin.
 
-    Attributes:
-        subscript: "" for the payload's {x, y, z}, "_b" for the base's.
-        origin_m: From the payload origin, shape (3,).
-        axes: Unit vectors x, y, z in rows, shape (3, 3).
+    The unit vectors x, y, z are the rows of `axes`, shape (3, 3).
     """
 
-    subscript: str
+    subscript: str  # "" for the payload, "_b" for the base
     origin_m: Array
     axes: Array
 

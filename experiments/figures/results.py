@@ -23,7 +23,7 @@ def results(portrait: Portrait) -> Results:
     return Results(
         summary,
         tables=(pointing_after_failures(summary),),
-        notes=[f"Loop {name}: {loop['sentence']}." for name, loop in summary["loops"].items()],
+        notes=notes(summary),
         pictures=pictures(portrait),
     )
 
@@ -64,6 +64,11 @@ def _atlas(atlas: FailureAtlas) -> dict[str, Any]:
             for verdict in verdicts(atlas)
         },
     }
+
+
+def notes(summary: dict[str, Any]) -> list[str]:
+    """Crossover and margins of both loops."""
+    return [f"Loop {name}: {loop['sentence']}." for name, loop in summary["loops"].items()]
 
 
 def pointing_after_failures(summary: dict[str, Any]) -> Table:

@@ -14,9 +14,7 @@ from experiments.hexapod.springs import elastic_system
 from experiments.hexapod.testbed import Bench
 from experiments.output.study import OnProgress
 from prioritized import FailureAtlas, failure_atlas
-from sim import Amplifier, Array, Hexapod, LinearPlant, hexapod, load_model, model_sha256
-
-_FREQUENCIES = 1500
+from sim import Array, Hexapod, LinearPlant, hexapod, load_model, model_sha256
 
 
 @dataclass(frozen=True)
@@ -56,11 +54,6 @@ class Portrait:
     loops: tuple[OpenLoop, OpenLoop]
     atlas: FailureAtlas
 
-    @property
-    def amplifier(self) -> Amplifier:
-        """What drives a strut."""
-        return self.bench.amplifier(newton_per_m=float(self.model.actuator_gainprm[0, 0]))
-
 
 def run_figures(
     *, seed: int, quick: bool, on_progress: OnProgress, model: Path | None = None
@@ -82,20 +75,21 @@ def portray(machine_file: Path | None, bench: Bench, seed: int) -> Portrait:
     model = load_model(machine_file)
     plant, pointing = nominal_plant(model)
     alpha, beta = design(plant, pointing, bench)
+    poles = np.linalg.eigvals(plant.A)
     return Portrait(
         seed=seed,
         model=model,
         model_sha256=model_sha256(machine_file),
         geometry=hexapod(model),
         bench=bench,
-        modes_hz=_modes_hz(plant),
+        modes_hz=np.sort(abs(poles[poles.imag > 0])) / (2 * np.pi),
         loops=(_opened(plant, pointing, alpha, 0), _opened(plant, pointing, beta, 1)),
         atlas=failure_atlas(elastic_system(model), MAJOR),
     )
 
 
 def _opened(plant: LinearPlant, pointing: Array, loop: Loop, row: int) -> OpenLoop:
-    frequency_hz = np.geomspace(0.1, 0.4 / loop.period_s, _FREQUENCIES)
+    frequency_hz = np.geomspace(0.1, 0.4 / loop.period_s, 1500)
     P = sampled(plant, pointing, loop.period_s)[row, row]
 
     def response(system: control.StateSpace) -> Array:
@@ -104,8 +98,3 @@ def _opened(plant: LinearPlant, pointing: Array, loop: Loop, row: int) -> OpenLo
     return OpenLoop(
         ANGLES[row], loop, frequency_hz, response(P), response(P) * response(loop.discrete)
     )
-
-
-def _modes_hz(plant: LinearPlant) -> Array:
-    poles = np.linalg.eigvals(plant.A)
-    return np.sort(abs(poles[poles.imag > 0])) / (2 * np.pi)

@@ -74,11 +74,7 @@ def answer(system: ConstrainedSystem, goal: ForceGoal, aims: Aims) -> Answer:
 def closure_forces(system: ConstrainedSystem, kin: Kinematics, f: Array, torques: Array) -> Array:
     """What the closures take on along each actuated joint, by eqs. (5) and (11), shape (D, n).
 
-    Args:
-        system: The failed mechanism.
-        kin: Its kinematics.
-        f: Task forces, shape (D, m).
-        torques: Of the surviving actuators, shape (D, n - q).
+    Of task forces f (D, m) and torques of the surviving actuators (D, n - q).
     """
     f_C = kin.constraint_force(f, torques)[:, : len(system.J_C)]  # after these, the locks'
     return (f_C @ system.J_C)[:, system.active]
@@ -101,11 +97,10 @@ class Tried:
 
 @dataclass(frozen=True)
 class Tradeoff:
-    """Ways to one major force on the sound hexapod.
+    """Torques for one major force on the sound hexapod.
 
     Attributes:
         asked: The major force, shape (2,), [N m].
-        mapping: The mapping's torques, one row.
         others: Other torques of the same major force, at random.
         pseudo_inverse: Weighted pseudo-inverses, by :data:`MAJOR_WEIGHTS`.
     """
@@ -117,12 +112,7 @@ class Tradeoff:
 
 
 def trade(aims: Aims, rng: np.random.Generator) -> Tradeoff:
-    """Press with each of them on the fixture, for the first of the aims and the least torque.
-
-    Args:
-        aims: The first is taken.
-        rng: Of the other torques.
-    """
+    """Press with each of them on the fixture, for the first of the aims and the least torque."""
     model, system, goal = with_fixture(HEXAPOD_MJCF), known_system(Condition()), LEAST_TORQUE
     first = Aims(aims.major[:1], aims.secondary[:1])
     W3, asked = np.array(goal.torque_weight), first.major[0]

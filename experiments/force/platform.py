@@ -63,12 +63,7 @@ class InternalForce:
 
 
 def use_internal_force(rng: np.random.Generator, count: int) -> tuple[InternalForce, ...]:
-    """Spare each motor in turn, then squeeze; everything presses on the fixture.
-
-    Args:
-        rng: Of the forces.
-        count: How many of them.
-    """
+    """Relieve each motor in turn, then squeeze, pressing on the fixture with so many forces."""
     model, system = with_fixture(PLATFORM_MJCF), platform()
     kin = system.kinematics()
     angle, moment = rng.uniform(0, 2 * np.pi, count), rng.uniform(-MOMENT_N_M, MOMENT_N_M, count)

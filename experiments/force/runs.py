@@ -60,12 +60,9 @@ class Held:
 
 @dataclass(frozen=True)
 class Trial:
-    """One condition under one goal; one load for each aim.
+    """One condition under one goal, a load for each aim.
 
-    Attributes:
-        answer: The mapping's.
-        pressed: Against the fixture.
-        held: Without it, against the wrench that the mapping exerts.
+    Pressing on the fixture; held without it, against the wrench that the mapping exerts.
     """
 
     answer: Answer
@@ -78,8 +75,6 @@ class Examination:
     """One condition of the hexapod.
 
     Attributes:
-        condition: What was broken.
-        trials: By goal.
         prescribed: All that was asked for, held by the rigid mapping's torques, and with a free
             strut by the elastic one's; not tried on a strut that no spring holds.
     """

@@ -44,6 +44,12 @@ def remaining_gain(model: mujoco.MjModel) -> Array:
     return J_m @ mapping
 
 
+def strut_direction(model: mujoco.MjModel) -> float:
+    """How much more strut 1 moves alpha than beta, for the same extension."""
+    column = np.linalg.inv(hexapod(model).inverse_jacobian(NOMINAL))[:, STRUT]
+    return float(column[0] / column[1])
+
+
 def fast_loop_ratio(gain: Array) -> Array:
     """RMS errors over those of the sound machine, for any linear compensators, shape (2,).
 

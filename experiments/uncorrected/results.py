@@ -27,15 +27,19 @@ from experiments.uncorrected.candidates import (
     PAPER_RATIOS,
     RATIO_TOLERANCE,
     RETUNED,
-    STRUT,
     Candidate,
 )
 from experiments.uncorrected.figure import pictures
 from experiments.uncorrected.limit_map import limit_arrays, limit_numbers
-from experiments.uncorrected.predicted import beam_walk, fast_loop_ratio, remaining_gain
+from experiments.uncorrected.predicted import (
+    beam_walk,
+    fast_loop_ratio,
+    remaining_gain,
+    strut_direction,
+)
 from experiments.uncorrected.runs import Uncorrected
 from experiments.uncorrected.stability_map import map_arrays, map_numbers
-from sim import NOMINAL, Array, hexapod, load_model, model_sha256
+from sim import Array, load_model, model_sha256
 
 PREDICTION_TOLERANCE = 0.03
 """Largest relative distance of an RMS from the linear model's, under the same noise.
@@ -57,9 +61,11 @@ def results(study: Uncorrected) -> Results:
     records = []
     for candidate in summary["candidates"]:
         run = study.runs[candidate["name"]]["W_a_uncorrected"]
-        if candidate["recording"] and isinstance(run, Trajectory):
+        if not isinstance(run, Trajectory):
+            continue
+        if candidate["recording"]:
             records.append(partial(_record, summary, candidate, run))
-        elif isinstance(run, Trajectory):
+        else:
             arrays[candidate["data"]] = asdict(run)
     return Results(
         summary,
@@ -88,7 +94,7 @@ def summarize(study: Uncorrected) -> dict[str, Any]:
             "beta_ratio": PAPER_RATIOS[1],
             "ratio_tolerance": RATIO_TOLERANCE,
             "corrected_tolerance": CORRECTED_TOLERANCE,
-            "strut_1_alpha_over_beta": _strut_direction(),
+            "strut_1_alpha_over_beta": strut_direction(model),
             "fast_loop_ratio": fast_loop_ratio(remaining_gain(model)).tolist(),
             "columns_urad": {name: list(TABLE_I_URAD[name]) for name in COLUMNS},
         },
@@ -98,8 +104,8 @@ def summarize(study: Uncorrected) -> dict[str, Any]:
         "beam_walk": beam_walk(study.offset_m, study.beam_walk_urad),
         "checked_points": study.checked,
     }
-    best = min(summary["candidates"], key=_distance)
-    summary["best"] = best["name"]
+    compared = [one for one in summary["candidates"] if one["ratio_distance"] is not None]
+    summary["best"] = min(compared, key=lambda one: one["ratio_distance"])["name"]
     summary["explained_by"] = [one["name"] for one in summary["candidates"] if one["explains"]]
     return summary | {"paragraph": paragraph(summary)}
 
@@ -133,17 +139,6 @@ def _prediction_check(where: str, run: dict[str, Any]) -> list[Check]:
     off = float(np.abs(np.divide(run["simulated_urad"], run["predicted_urad"]) - 1).max())
     what = "relative distance of the RMS errors from the linear model's"
     return [Check(what, where, off, PREDICTION_TOLERANCE)]
-
-
-def _strut_direction() -> float:
-    """How much more a millimetre of strut 1 moves alpha than beta."""
-    column = np.linalg.inv(hexapod(load_model()).inverse_jacobian(NOMINAL))[:, STRUT]
-    return float(column[0] / column[1])
-
-
-def _distance(candidate: dict[str, Any]) -> float:
-    distance = candidate["ratio_distance"]
-    return np.inf if distance is None else distance
 
 
 def _candidate(study: Uncorrected, candidate: Candidate) -> dict[str, Any]:
