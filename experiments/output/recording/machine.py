@@ -51,17 +51,17 @@ def exaggerated(motion: Motion, nominal: Motion, factor: float) -> Motion:
     return Motion(motion.names, larger, nominal.position_m + factor * shift)
 
 
-def exaggeration_of(motion: Motion, nominal: Motion) -> int:
-    """A round factor that makes the motion of all bodies visible."""
-    vector, shift = _displacement(motion, nominal)
-    return exaggeration(float(np.abs(vector).max()), float(np.abs(shift).max()))
-
-
 def _displacement(motion: Motion, nominal: Motion) -> tuple[Array, Array]:
     """Rotation vectors and translations from the nominal poses, shape (T, B, 3) each."""
     turn = motion.rotation @ nominal.rotation.swapaxes(-1, -2)
     vector = Rotation.from_matrix(turn.reshape(-1, 3, 3)).as_rotvec()
     return vector.reshape(motion.position_m.shape), motion.position_m - nominal.position_m
+
+
+def exaggeration_of(motion: Motion, nominal: Motion) -> int:
+    """A round factor that makes the motion of all bodies visible."""
+    vector, shift = _displacement(motion, nominal)
+    return exaggeration(float(np.abs(vector).max()), float(np.abs(shift).max()))
 
 
 def exaggeration(angle_rad: float, distance_m: float) -> int:
