@@ -1,8 +1,8 @@
 """The how-to pages: their code runs as printed, and what they promise comes out."""
 
 import contextlib
+import copy
 import importlib
-import inspect
 import io
 import json
 import re
@@ -18,11 +18,12 @@ from experiments.app.report.chapter import Chapter
 from rerun.chunk import RrdReader
 
 import experiments
-from experiments.app.presentation import presented
+from experiments.app import cli, report
+from experiments.app.chapter import Chapter
+from experiments.app.command import command
 from experiments.systems.results import checks, summarize
 from experiments.systems.runs import run_systems
 from sim import Plant, jacobians, load_model
-from tests.printed import assert_printable
 
 DOCS = Path(__file__).parents[1] / "docs"
 
@@ -223,71 +224,73 @@ MODULES = {
 
 
 @pytest.fixture(scope="module")
-def seeds_command(tmp_path_factory):
+def seeds_study(tmp_path_factory):
     """The study of the page as a part of `experiments`, as if its folder were there."""
     place = tmp_path_factory.mktemp("written")
-    for path, content in ({"experiments/seeds/__init__.py": ""} | MODULES).items():
+    for path, content in MODULES.items():
         (place / path).parent.mkdir(parents=True, exist_ok=True)
         (place / path).write_text(content)
     before = set(sys.modules)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(experiments, "__path__", [*experiments.__path__, str(place / "experiments")])
-        yield importlib.import_module("experiments.seeds.command").seeds
+        yield importlib.import_module("experiments.seeds").STUDY
     for name in set(sys.modules) - before:
         if name.startswith("experiments.seeds"):
             del sys.modules[name]
 
 
-def fjh(study, *arguments: str) -> None:
-    """The study as `fjh` runs it."""
-    app = typer.Typer()
-    app.command()(presented(study))
-    app(list(arguments), standalone_mode=False)
-
-
 @pytest.fixture(scope="module")
-def seeds_folder(seeds_command, tmp_path_factory):
-    folder = tmp_path_factory.mktemp("seeds")
+def seeds_folder(seeds_study, tmp_path_factory):
+    """Files of the study, and what it prints."""
+    folder, app = tmp_path_factory.mktemp("seeds"), typer.Typer()
+    app.command()(command(seeds_study))
     with contextlib.redirect_stdout(io.StringIO()) as output:
-        fjh(seeds_command, "--quick", "--out", str(folder))
+        app(["--quick", "--out", str(folder)], standalone_mode=False)
     return folder, output.getvalue()
 
 
 def test_the_study_of_the_page_writes_all_files_and_prints_its_table(seeds_folder):
     folder, printed = seeds_folder
     runs = {f"seed_{k}.{kind}" for k in (0, 1) for kind in ("npz", "rrd")}
-    report = {f"seeds.{kind}" for kind in ("json", "md", "png", "pdf")}
-    assert {path.name for path in folder.iterdir()} == runs | report
+    assert {path.name for path in folder.iterdir()} == runs | {"seeds.json", "seeds.md"}
     summary = json.loads((folder / "seeds.json").read_text())
-    assert set(summary["files"]) == runs | report
-    assert "RMS of desired minus true angle" in printed
+    assert set(summary["files"]) == runs | {"seeds.json", "seeds.md"}
+    assert "RMS error, urad" in printed
     for one in summary["runs"]:
+        with np.load(folder / f"{one['name']}.npz") as data:
+            error_urad = 1e6 * (data["desired_rad"] - data["true_rad"])
+        stated = one["alpha_rms_urad"], one["beta_rms_urad"]
+        np.testing.assert_allclose(stated, np.sqrt((error_urad**2).mean(axis=0)), rtol=1e-12)
         assert f"{one['alpha_rms_urad']:.4f}" in printed
-    assert_printable(folder)
     properties = RrdReader(folder / "seed_1.rrd").stream().filter(content="/__properties/run")
     assert [chunk.to_record_batch()["seed"].to_pylist() for chunk in properties.to_chunks()] == [
         [[1]]
     ]
 
 
-def test_the_tests_of_the_page_pass_and_fail_where_the_study_is_spoilt(seeds_folder):
+def test_the_checks_of_the_page_pass_and_fail_where_the_study_is_spoilt(seeds_folder):
     folder, _ = seeds_folder
+    checks = importlib.import_module("experiments.seeds.results").checks
     summary = json.loads((folder / "seeds.json").read_text())
-    names: dict = {}
-    exec(MODULES["tests/test_seeds.py"], names)
-    tests = {name: test for name, test in names.items() if name.startswith("test_")}
-    assert len(tests) == 3
-    spoilt = json.loads((folder / "seeds.json").read_text())
-    spoilt["runs"][0] |= {"alpha_rms_urad": 2 * summary["runs"][0]["alpha_rms_urad"]}
-    for test in tests.values():
-        fixtures = {"seeds": summary, "seeds_folder": folder}
-        wanted = {name: fixtures[name] for name in inspect.signature(test).parameters}
-        test(**wanted)
-        with pytest.raises(AssertionError):
-            test(**wanted | {"seeds": spoilt})
+    alpha = [run["alpha_rms_urad"] for run in summary["runs"]]
+    assert 0 < abs(alpha[1] - alpha[0]) < 0.05 * alpha[0]  # the seed matters, and matters little
+    assert [check.passed for check in checks(summary)] == [True] * 4
+    for k, name in enumerate(("alpha", "beta")):
+        spoilt = copy.deepcopy(summary)
+        spoilt["runs"][1][f"{name}_rms_urad"] *= 1.06
+        (failed,) = [number for number, c in enumerate(checks(spoilt)) if not c.passed]
+        assert failed == 2 + k
+        assert checks(spoilt)[failed].where == "seed_1"
 
 
-def test_the_study_of_the_page_could_be_a_chapter(seeds_command):
-    question, how = Chapter(seeds_command).question
-    assert question == "Ask what the detector noise alone changes."
+def test_the_study_of_the_page_could_be_a_chapter(seeds_study):
+    question, how = Chapter(seeds_study).question
+    assert question == "Measure what the detector noise alone changes."
     assert "two seeds" in how
+
+
+def test_the_page_names_the_places_to_register_a_study():
+    assert "`STUDIES` in `experiments/app/cli.py`" in EXPERIMENT
+    assert isinstance(cli.STUDIES, tuple)
+    assert "`CHAPTERS` in `experiments/app/report.py`" in EXPERIMENT
+    assert isinstance(report.CHAPTERS, tuple)

@@ -12,29 +12,18 @@ from scipy.spatial.transform import Rotation
 from experiments.hexapod.simulation import Trajectory
 from experiments.output.plotting import VERMILION, YELLOW
 from experiments.output.recording.file import TIMELINE, rgb, time_column
-from experiments.output.recording.machine import (
-    Motion,
-    body_entity,
-    log_body_colors,
-    log_machine,
-)
+from experiments.output.recording.machine import Motion, body_entity, log_body_colors, log_machine
 from sim import Array, Pose
 
-_WHITE, _GREY, _YELLOW = [255, 255, 255], [190, 190, 190], rgb(YELLOW)
-_LABEL = [240, 240, 240]
+_WHITE, _GREY, _LABEL, _YELLOW = [255] * 3, [190] * 3, [240] * 3, rgb(YELLOW)
 _MARK_WIDTH = 3.0
 
 
 @dataclass(frozen=True)
 class Mark:
-    """One strut's failure in a run.
+    """The failure of strut 0..5 in a run and its diagnosis, each a time and in words.
 
-    Attributes:
-        strut: 0..5.
-        failed_s: When it happened.
-        failure: What happened, in words.
-        diagnosed_s: When it was diagnosed; infinite: never.
-        diagnosis: The diagnosis, in words.
+    A failure that is never diagnosed has an infinite time of diagnosis.
     """
 
     strut: int
@@ -51,14 +40,9 @@ class Mark:
 
 @dataclass(frozen=True)
 class Picture:
-    """The hexapod at times (T,), as it is drawn.
+    """The hexapod at times (T,), as it is drawn: T poses of its payload, exaggeration included.
 
-    Attributes:
-        time_s: Shape (T,).
-        pose: Of the payload, T of them, exaggeration included.
-        load: Of the struts, shape (T, 6); it colours them.
-        full_load: That of the deepest colours.
-        marks: Struts that fail.
+    The loads (T, 6) colour the struts, the full load most deeply.
     """
 
     time_s: Array

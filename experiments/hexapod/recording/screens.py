@@ -21,25 +21,18 @@ MANY = 6
 """Columns on a page."""
 
 _DETECTOR = "Detector: beta over alpha [urad]; desired orange, measured blue"
-_TITLES = (
-    "Pointing error, desired - true [urad]",
-    "Strut inputs [%]",
-    "Secondary motion [urad], [um]",
-    "Closure residual [nm]",
-)
-_SIGNALS = (
-    ("pointing/error", "error", "urad"),
-    ("strut/input", "inputs", "%"),
-    ("secondary/true", "SDOF", "urad, um"),
-)
+_TITLES = {
+    "pointing/error": "Pointing error, desired - true [urad]",
+    "strut/input": "Strut inputs [%]",
+    "secondary/true": "Secondary motion [urad], [um]",
+    "closure/residual": "Closure residual [nm]",
+}
+_SHORT = {"pointing/error": ("error", "urad"), "strut/input": ("inputs", "%")}
+_SHORT |= {"secondary/true": ("SDOF", "urad, um")}
 
 
 def write_run(path: Path, about: About, model: mujoco.MjModel, shown: Shown) -> None:
-    """Write one run as an `.rrd` file, drawn as the hexapod of this MJCF.
-
-    Raises:
-        Exception: Any error of the writer's; it runs in strict mode.
-    """
+    """Write one run as an `.rrd` file, drawn as the hexapod of this MJCF."""
     scales = scales_of([shown.run])
     with recording_file(path, about, _single(model, shown, scales)) as recording:
         log_shown(recording, "", model, shown, scales, RATE_HZ)
@@ -50,11 +43,7 @@ def write_run(path: Path, about: About, model: mujoco.MjModel, shown: Shown) -> 
 def write_side_by_side(
     path: Path, about: About, model: mujoco.MjModel, shown: Mapping[str, Shown]
 ) -> None:
-    """Write runs of the same machine, by their names, as one `.rrd` file: a column each.
-
-    Raises:
-        Exception: Any error of the writer's; it runs in strict mode.
-    """
+    """Write runs of the same machine, by their names, as one `.rrd` file: a column each."""
     scales = scales_of([one.run for one in shown.values()])
     with recording_file(path, about, _columns(model, shown, scales)) as recording:
         for k, one in enumerate(shown.values()):
@@ -63,10 +52,7 @@ def write_side_by_side(
 
 def _single(model: mujoco.MjModel, shown: Shown, scales: Scales) -> rrb.Blueprint:
     machine = machine_tabs("hexapod", f"motion; {scales.loads}", model, scales.factor)
-    error, *signals = (
-        _signal(entity, title, bound)
-        for title, (entity, bound) in zip(_TITLES, scales.bounds.items(), strict=True)
-    )
+    error, *signals = (_signal(entity, scales.bounds[entity]) for entity in _TITLES)
     below: list[rrb.View] = [notes_view()]
     pointing: list[rrb.View] = [plane_view("detector", _DETECTOR, scales.square_urad), error]
     # What was there from the start is no event.
@@ -82,10 +68,10 @@ def _single(model: mujoco.MjModel, shown: Shown, scales: Scales) -> rrb.Blueprin
     )
 
 
-def _signal(entity: str, title: str, bound: float) -> rrb.TimeSeriesView:
+def _signal(entity: str, bound: float) -> rrb.TimeSeriesView:
     high = round_up(bound)
     axis = rrb.ScalarAxis(range=(0.0 if entity == "closure/residual" else -high, high))
-    return rrb.TimeSeriesView(origin=entity, name=title, axis_y=axis)
+    return rrb.TimeSeriesView(origin=entity, name=_TITLES[entity], axis_y=axis)
 
 
 def _entity(k: int) -> str:
@@ -128,7 +114,7 @@ def _small_signals(k: int, scales: Scales) -> list[rrb.View]:
             axis_y=rrb.ScalarAxis(range=(-scales.bounds[entity], scales.bounds[entity])),
             plot_legend=rrb.PlotLegend(visible=k == 0),
         )
-        for entity, words, unit in _SIGNALS
+        for entity, (words, unit) in _SHORT.items()
     ]
 
 

@@ -40,11 +40,9 @@ class Shown:
 class Scales:
     """The scales of one or several runs, the same for all of them.
 
-    Attributes:
-        factor: By which the payload's motion is exaggerated.
-        full_percent: Strut input of the deepest colours.
-        square_urad: The part of the detector that is shown.
-        bounds: Largest absolute value of each plotted signal, by its entity.
+    The factor exaggerates the payload's motion; the full input has the deepest colours; the square
+    is the part of the detector that is shown; bounds are the largest absolute value of each plotted
+    signal, by its entity.
     """
 
     factor: int
@@ -137,15 +135,9 @@ def run_notes(
     beside: Mapping[str, tuple[float | None, float | None]],
     properties: Mapping[str, Any],
 ) -> str:
-    """The notes beside a run, as Markdown: what was done, results, every constant.
+    """The notes beside a run, as Markdown: what was done, results, every parameter.
 
-    Args:
-        title: Of the run.
-        said: What was done, a sentence or a list item each.
-        run: The run.
-        beside: RMS of (alpha, beta) [urad] to compare the run with, by where they come from; None
-            where there is none.
-        properties: All parameters.
+    Arguments as of :func:`experiments.hexapod.recording.keep.record_run`.
     """
     rms = {"here": pointing_rms_urad(run), **beside}
     gamma, *translation = 1e6 * np.abs(run.secondary).max(axis=0)

@@ -51,17 +51,17 @@ def exaggerated(motion: Motion, nominal: Motion, factor: float) -> Motion:
     return Motion(motion.names, larger, nominal.position_m + factor * shift)
 
 
-def exaggeration_of(motion: Motion, nominal: Motion) -> int:
-    """A round factor that makes the motion of all bodies visible."""
-    vector, shift = _displacement(motion, nominal)
-    return exaggeration(float(np.abs(vector).max()), float(np.abs(shift).max()))
-
-
 def _displacement(motion: Motion, nominal: Motion) -> tuple[Array, Array]:
     """Rotation vectors and translations from the nominal poses, shape (T, B, 3) each."""
     turn = motion.rotation @ nominal.rotation.swapaxes(-1, -2)
     vector = Rotation.from_matrix(turn.reshape(-1, 3, 3)).as_rotvec()
     return vector.reshape(motion.position_m.shape), motion.position_m - nominal.position_m
+
+
+def exaggeration_of(motion: Motion, nominal: Motion) -> int:
+    """A round factor that makes the motion of all bodies visible."""
+    vector, shift = _displacement(motion, nominal)
+    return exaggeration(float(np.abs(vector).max()), float(np.abs(shift).max()))
 
 
 def exaggeration(angle_rad: float, distance_m: float) -> int:
@@ -130,25 +130,21 @@ def sized_entity(entity: str, size: int) -> str:
 
 
 def machine_tabs(entity: str, name: str, model: mujoco.MjModel, factor: int) -> rrb.Tabs:
-    """Two tabs: a mechanism with its motion exaggerated, and as it is."""
-    titles = {size: f"x{size} {name}" if size > 1 else "True size (x1)" for size in sizes(factor)}
-    views = [_machine_view(sized_entity(entity, size), titles[size], model) for size in titles]
-    return rrb.Tabs(*views, active_tab=0)
-
-
-def _machine_view(entity: str, name: str, model: mujoco.MjModel) -> rrb.Spatial3DView:
-    """A mechanism seen from the azimuth and elevation of its MJCF, at a distance of its extent."""
+    """Two tabs: a mechanism with its motion exaggerated, and as it is, seen as its MJCF says."""
     azimuth, elevation = np.deg2rad([model.vis.global_.azimuth, model.vis.global_.elevation])
     level = np.cos(elevation)
     ahead = np.array([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)])
-    return rrb.Spatial3DView(
-        origin=entity,
-        name=name,
-        eye_controls=rrb.EyeControls3D(
-            kind=rrb.Eye3DKind.Orbital,
-            position=model.stat.center - _DISTANCE * model.stat.extent * ahead,
-            look_target=model.stat.center,
-            eye_up=[0, 0, 1],
-        ),
-        line_grid=False,
+    eye = rrb.EyeControls3D(
+        kind=rrb.Eye3DKind.Orbital,
+        position=model.stat.center - _DISTANCE * model.stat.extent * ahead,
+        look_target=model.stat.center,
+        eye_up=[0, 0, 1],
     )
+    titles = {size: f"x{size} {name}" if size > 1 else "True size (x1)" for size in sizes(factor)}
+    views = (
+        rrb.Spatial3DView(
+            origin=sized_entity(entity, size), name=title, eye_controls=eye, line_grid=False
+        )
+        for size, title in titles.items()
+    )
+    return rrb.Tabs(*views, active_tab=0)

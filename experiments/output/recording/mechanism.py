@@ -51,23 +51,18 @@ def write_mechanism(
     """Write one mechanism in several conditions as an `.rrd` file.
 
     Motions too small to be seen are exaggerated, by a factor that the title of the view states.
-
-    Raises:
-        Exception: Any error of the writer's; it runs in strict mode.
     """
     nominal = motion_of(model, model.qpos0[None])
     motions = {
         name: motion_of(model, one.qpos[stills(one.time_s)]) for name, one in conditions.items()
     }
     factors = {name: exaggeration_of(motion, nominal) for name, motion in motions.items()}
-    cells = [
-        _cell(k, name, model, one, factors[name])
-        for k, (name, one) in enumerate(conditions.items())
-    ]
+    each = list(enumerate(conditions.items()))
+    cells = [_cell(k, name, model, one, factors[name]) for k, (name, one) in each]
     grid = rrb.Grid(*cells, grid_columns=min(_COLUMNS, len(cells)))
     views = rrb.Horizontal(notes_view(), grid, column_shares=[1, 4])
     with recording_file(path, about, screen(views)) as recording:
-        for k, (name, one) in enumerate(conditions.items()):
+        for k, (name, one) in each:
             for size in sizes(factors[name]):
                 entity = sized_entity(f"{_entity(k)}/machine", size)
                 larger = exaggerated(motions[name], nominal, size)
