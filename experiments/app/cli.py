@@ -15,7 +15,7 @@ from experiments.benchmark.command import bench
 from experiments.figures.command import figures
 from experiments.force.command import force
 from experiments.goals.command import goals
-from experiments.jacobian.command import jacobian
+from experiments.jacobian import STUDY as JACOBIAN
 from experiments.output.files import OutputError
 from experiments.output.interrupt import INTERRUPTED, SENTENCE
 from experiments.output.study import Interrupted, Unsound, WrongInput
@@ -51,14 +51,18 @@ STUDIES = (
     recover,
     force,
     goals,
-    jacobian,
     uncorrected,
     sweep,
     atlas,
     bench,
     report,
 )
-for command in (*map(presented, STUDIES), command_of(SYSTEMS), command_of(RELEASE), review, render):
+for command in (
+    *map(presented, STUDIES),
+    *map(command_of, (SYSTEMS, JACOBIAN, RELEASE)),
+    review,
+    render,
+):
     # The first line whole: Typer itself would cut it at any full stop.
     app.command(short_help=(command.__doc__ or "").partition("\n")[0])(command)
 

@@ -4,7 +4,6 @@ from experiments.app.report.chapter import Chapter
 from experiments.figures.command import figures
 from experiments.force.command import force
 from experiments.goals.command import goals
-from experiments.jacobian.command import jacobian
 from experiments.recover.command import recover
 from experiments.table1.command import table1
 from experiments.uncorrected.command import uncorrected
@@ -14,7 +13,6 @@ CHAPTERS = (
     Chapter(figures),
     Chapter(force),
     Chapter(goals),
-    Chapter(jacobian, {"loop": True}),
     Chapter(uncorrected),
     Chapter(recover),  # last: it takes as long as all others together
 )
