@@ -335,8 +335,14 @@ def test_the_jacobian_pages_costs_are_those_of_the_geometry():
     from experiments.hexapod.mapping import StrutMapping
     from experiments.hexapod.scaling import Growth, grown_bench
     from experiments.hexapod.testbed import Bench
-    from experiments.jacobian.loop import BY_NAME, GROWN, STRIDE_S
-    from experiments.jacobian.statics import extra_percent, follow, loop_gain_error, optimum
+    from experiments.jacobian.loop import (
+        BY_NAME,
+        GROWN,
+        STRIDE_S,
+        extra_percent,
+        follow,
+        loop_gain_error,
+    )
     from experiments.jacobian.variation import relative_change
     from sim import hexapod, load_model
 
@@ -345,8 +351,7 @@ def test_the_jacobian_pages_costs_are_those_of_the_geometry():
     time_s = np.arange(0, 16, STRIDE_S)
     for label, growth in {"x1": Growth(1, 1), "x100": Growth(100, 100)}.items():
         visited = follow(constant, grown_bench(Bench(), growth).desired_rad(time_s))
-        best = optimum(geometry, goal, visited.pointing_rad)
-        off = extra_percent(goal, (visited.strut_m, visited.secondary), best)
+        off = extra_percent(geometry, goal, visited)
         e = relative_change(geometry, visited.strut_m, "frobenius").max()
         gain = 100 * loop_gain_error(constant, visited.strut_m)
         cells = [float(cell) for cell in markdown_row(JACOBIAN, label)]

@@ -7,16 +7,26 @@ The argument is written out in docs/jacobian.md. In short, for every l in the bo
 A norm of a linear map is convex, so each T is largest at vertices of the box, all combinations of
 which are tried; R is at most the largest fourth Taylor coefficient anywhere in the box, which
 triangle inequalities bound.
+
+The coefficients come from a power series. On the ray l = t d the lengths are L + t d, and the
+payload moves with the twist [omega; v] = J d:
+
+    R' = omega x R,    x' = v,    J = A^-1,
+    A = [p x u, u],    p = R a,    u = (x + p - b) / (L + t d)
+
+Everything on the right is a product of what is known before, so that the Taylor coefficients follow
+one from another. The k-th coefficient of J is a homogeneous polynomial of degree k in d.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import product
+from math import factorial, prod
 from typing import NamedTuple
 
 import numpy as np
 
-from experiments.jacobian.norms import Norm, size
-from experiments.jacobian.rays import jacobian_forms
+from experiments.jacobian.variation import Norm, size
 from sim import NOMINAL, Array, Hexapod
 
 ORDER = 3
@@ -28,17 +38,74 @@ _VERTICES = np.array([(1.0, *rest) for rest in product((1.0, -1.0), repeat=5)])
 """Half of the box's; the others are their negatives, with the same norms."""
 
 
+class Series(NamedTuple):
+    """Taylor coefficients in t of what moves along a ray, from order 0 on."""
+
+    arm: list[Array]  # p, (..., 6, 3)
+    from_bottom: list[Array]  # x - b, (..., 6, 3)
+    over_length: list[Array]  # 1 / (L + t d), (..., 6, 1)
+    A: list[Array]  # inverse Jacobian, (..., 6, 6)
+    J: list[Array]
+
+
+def jacobian_series(geometry: Hexapod, direction_m: Array, order: int) -> Series:
+    """Taylor coefficients of J(t d), and of what it is made of, about t = 0, for d (..., 6)."""
+    L, J_0 = geometry.nominal_length_m, np.linalg.inv(geometry.inverse_jacobian(NOMINAL))
+    over_length = [(-direction_m / L)[..., None] ** k / L[:, None] for k in range(order + 1)]
+    arm, from_bottom = [geometry.top_m], [-geometry.bottom_m]
+    rows: list[Array] = []
+    A: list[Array] = []
+    J: list[Array] = []
+    turning: list[Array] = []
+    for k in range(order + 1):
+        moment = _coefficient(k, arm, from_bottom, np.cross)  # p x (x + p - b) = p x (x - b)
+        rows.append(np.concatenate([moment, arm[k] + from_bottom[k]], axis=-1))
+        A.append(_coefficient(k, rows, over_length, np.multiply))
+        J.append(J_0 if k == 0 else -J_0 @ _coefficient(k - 1, A[1:], J, np.matmul))
+        twist = (J[k] @ direction_m[..., None])[..., None, :, 0]
+        turning.append(twist[..., :3])
+        arm.append(_coefficient(k, turning, arm, np.cross) / (k + 1))
+        from_bottom.append(twist[..., 3:] / (k + 1))
+    return Series(arm, from_bottom, over_length, A, J)
+
+
+def jacobian_forms(geometry: Hexapod, stroke_m: float, order: int) -> list[Array]:
+    """The coefficients as symmetric multilinear forms, on struts in units of the stroke.
+
+    Polarization: T(d1, ..., dk) = sum over signs of e1 ... ek P(e1 d1 + ... + ek dk) / (2^k k!).
+
+    Returns:
+        For k = 0 to `order` the form T_k, shape (6,) * k + (6, 6): the k-th coefficient along a
+        ray d = stroke s is T_k contracted k times with s.
+    """
+    forms = [np.linalg.inv(geometry.inverse_jacobian(NOMINAL))]
+    strokes = stroke_m * np.eye(6)
+    for k in range(1, order + 1):
+        chosen = np.indices((6,) * k).reshape(k, -1)
+        total = np.zeros((6**k, 6, 6))
+        for signs in product((-1.0, 1.0), repeat=k):
+            parts = [e * strokes[axis] for e, axis in zip(signs, chosen, strict=True)]
+            direction = np.sum(parts, axis=0)
+            total += prod(signs) * jacobian_series(geometry, direction, k).J[k]
+        forms.append(total.reshape((6,) * k + (6, 6)) / (2**k * factorial(k)))
+    return forms
+
+
+def _coefficient(
+    k: int, left: list[Array], right: list[Array], times: Callable[[Array, Array], Array]
+) -> Array:
+    """The k-th coefficient of the product of two series: Cauchy's."""
+    return np.sum([times(left[m], right[k - m]) for m in range(k + 1)], axis=0)
+
+
 @dataclass(frozen=True)
 class Certificate:
-    """sup ||J - J_0|| over the box is at most the sum of what each Taylor term can be.
-
-    Attributes:
-        terms: Largest norm of the linear, quadratic and cubic term.
-        remainder: Bound on all that is left; infinite where the argument does not hold.
-    """
+    """sup ||J - J_0|| over the box is at most the sum of what each Taylor term can be."""
 
     terms: tuple[float, ...]
+    """Largest norm of the linear, quadratic and cubic term."""
     remainder: float
+    """Bound on all that is left; infinite where the argument does not hold."""
 
     @property
     def upper_bound(self) -> float:
@@ -123,11 +190,8 @@ def coefficient_bounds(
 ) -> Bounds:
     """The recursion of :func:`jacobian_series` with norms for vectors.
 
-    Args:
-        geometry: The hexapod.
-        stroke_m: Half the side of the box, less than the shortest strut.
-        length_m: c of D = diag(c, c, c, 1, 1, 1), at which turns are measured.
-        largest_J: What ||D J|| is at most on the rays.
+    Half the side of the box, the stroke, is less than the shortest strut; length_m is c of
+    D = diag(c, c, c, 1, 1, 1), at which turns are measured; ||D J|| <= largest_J on the rays.
     """
     L, shortest = geometry.nominal_length_m, float(geometry.nominal_length_m.min()) - stroke_m
     over_length = [(stroke_m / shortest) ** k / shortest for k in range(ORDER + 2)]

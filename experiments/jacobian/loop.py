@@ -1,22 +1,35 @@
-"""The constant Jacobian in closed loop: what it costs, as spiral and stroke grow."""
+"""The constant Jacobian in closed loop, and on the geometry alone, as spiral and stroke grow.
+
+On the geometry alone there is no inertia and no noise, and every strut goes where it is commanded.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import mujoco
+import numpy as np
 
 from experiments.hexapod.choices import JacobianChoice
 from experiments.hexapod.columns import COLUMNS
 from experiments.hexapod.compensator import Loop
-from experiments.hexapod.mapping import DisplacementForm, StrutMapping
+from experiments.hexapod.goal import MAJOR, Goal
+from experiments.hexapod.mapping import NOTHING_YET, Asked, DisplacementForm, StrutMapping
 from experiments.hexapod.scaling import GROWTHS, Growth, grown_bench, grown_machine
 from experiments.hexapod.simulation import Trajectory, nominal_loops, track_spiral
 from experiments.hexapod.testbed import Bench
-from experiments.jacobian.norms import NORMS, Norm
-from experiments.jacobian.statics import extra_percent, follow, loop_gain_error, optimum
-from experiments.jacobian.variation import relative_change
+from experiments.jacobian.variation import NORMS, Norm, relative_change
 from experiments.output.parallel import in_parallel
-from sim import Array, hexapod, load_model
+from sim import (
+    NOMINAL,
+    Array,
+    Hexapod,
+    forward_kinematics,
+    hexapod,
+    load_model,
+    pointing_angles,
+    secondary_motion,
+)
 
 VARIANTS: dict[str, tuple[JacobianChoice, DisplacementForm]] = {
     "constant": ("constant", "absolute"),
@@ -29,25 +42,20 @@ VARIANTS: dict[str, tuple[JacobianChoice, DisplacementForm]] = {
 BY_NAME = {column.name: column for column in COLUMNS}
 GROWN = "W_e"
 """The column that grows: strut 1 locked, t_x and t_y to be small. Curvature costs it the most."""
-RECORDED = (Growth(1, 1), Growth(100, 100), Growth(100, 1000))
-"""Sizes at which its runs are kept whole, data and recording."""
 AT_NOMINAL = ("W_a", "W_d", "W_e")
+RECORDED = (Growth(1, 1), Growth(100, 100), Growth(100, 1000))
+"""Sizes at which runs of GROWN are kept whole, data and recording."""
+
 STRIDE_S = 0.16
 """Between the instants at which a run is compared with the optimum, a dozen a turn."""
-VISITED_STRIDE_S = 0.008
-"""Between those whose strut lengths count as visited."""
+_VISITED_STRIDE_S = 0.008  # between those whose strut lengths count as visited
+_MOST_STEPS = 20
+_TICKS_A_POINT = 4  # enough to settle: each leaves a part e, eq. (40), of the error before
 
 
 @dataclass(frozen=True)
-class Case:
-    """One closed-loop run.
-
-    Attributes:
-        column: Of Table I.
-        growth: Of stroke and spiral.
-        variant: Key of :data:`VARIANTS`.
-        seed: Of the detector noise.
-    """
+class LoopRun:
+    """One run to be simulated: a column of Table I, its size, a key of VARIANTS, the noise seed."""
 
     column: str
     growth: Growth
@@ -66,7 +74,7 @@ class Case:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class Tracked:
     """What a run gave.
 
     Attributes:
@@ -84,22 +92,19 @@ class Outcome:
     loop_gain_error: float
 
 
-def cases(seed: int, quick: bool) -> list[Case]:
+def loop_runs(seed: int, quick: bool) -> list[LoopRun]:
     """Every variant: at nominal size for three columns, and another seed; grown for one column."""
     nominal, growths = GROWTHS[0], GROWTHS[3::3] if quick else GROWTHS[1:]
     columns = (GROWN,) if quick else AT_NOMINAL
-    chosen = [Case(c, nominal, v, seed) for c in columns for v in VARIANTS]
-    chosen += [Case(c, nominal, "analytic", seed + 1) for c in columns]
-    return chosen + [Case(GROWN, g, v, seed) for g in growths for v in VARIANTS]
+    chosen = [LoopRun(c, nominal, v, seed) for c in columns for v in VARIANTS]
+    chosen += [LoopRun(c, nominal, "analytic", seed + 1) for c in columns]
+    return chosen + [LoopRun(GROWN, g, v, seed) for g in growths for v in VARIANTS]
 
 
 def run_loop(
-    *,
-    seed: int = 0,
-    quick: bool = False,
-    on_progress: Callable[[int, int], None] = lambda done, total: None,
-) -> dict[Case, Outcome]:
-    """Track the spiral with each variant, side by side on the machine's cores.
+    *, seed: int, quick: bool, on_progress: Callable[[int, int], None]
+) -> dict[LoopRun, Tracked]:
+    """Track the spiral with each variant, in parallel on the machine's cores.
 
     Args:
         seed: Of the detector noise.
@@ -110,62 +115,118 @@ def run_loop(
         sim.SimulationDiverged: The physics left the finite numbers.
     """
     model, bench = load_model(), Bench()
-    shared = {
+    shared: dict[str, Any] = {
         "model": model,
         "bench": bench,
         "loops": nominal_loops(model, bench),
         "duration_s": bench.quick_duration_s if quick else bench.duration_s,
     }
-    chosen = cases(seed, quick)
-    outcomes = in_parallel(_outcome, [shared | {"case": case} for case in chosen], on_progress)
-    return dict(zip(chosen, outcomes, strict=True))
+    runs = loop_runs(seed, quick)
+    tracked = in_parallel(_track, [shared | {"run": run} for run in runs], on_progress)
+    return dict(zip(runs, tracked, strict=True))
 
 
-def _outcome(
-    model: mujoco.MjModel,
-    bench: Bench,
-    loops: tuple[Loop, Loop],
-    duration_s: float,
-    case: Case,
-) -> Outcome:
-    column = BY_NAME[case.column]
-    machine, around = grown_machine(model, case.growth), grown_bench(bench, case.growth)
-    jacobian, form = VARIANTS[case.variant]
-    run = track_spiral(
-        machine,
-        around,
+def _track(
+    model: mujoco.MjModel, bench: Bench, loops: tuple[Loop, Loop], duration_s: float, run: LoopRun
+) -> Tracked:
+    column, (jacobian, form) = BY_NAME[run.column], VARIANTS[run.variant]
+    trajectory = track_spiral(
+        grown_machine(model, run.growth),
+        grown_bench(bench, run.growth),
         loops,
         column.goal,
         failures=column.failures,
         jacobian=jacobian,
         form=form,
-        seed=case.seed,
+        seed=run.seed,
         duration_s=duration_s,
     )
-    geometry = hexapod(model)
-    seen, passed = (
-        slice(None, None, round(stride_s / bench.control_period_s))
-        for stride_s in (STRIDE_S, VISITED_STRIDE_S)
-    )
-    strut_m, secondary = run.strut_displacement_m[seen], run.secondary[seen]
-    visited_m = run.strut_displacement_m[passed]
-    constant = StrutMapping(geometry, column.goal, "constant")
-    return Outcome(
-        trajectory=run,
-        extra_percent=extra_percent(
-            column.goal,
-            (strut_m, secondary),
-            optimum(geometry, column.goal, run.true_rad[seen]),
-        ),
-        static_extra_percent=_static(
-            StrutMapping(geometry, column.goal, jacobian, form=form), run.desired_rad[seen]
-        ),
+    geometry, goal = hexapod(model), column.goal
+    compared = slice(None, None, round(STRIDE_S / bench.control_period_s))
+    passed = slice(None, None, round(_VISITED_STRIDE_S / bench.control_period_s))
+    strut_m, visited_m = (trajectory.strut_displacement_m[part] for part in (compared, passed))
+    seen = Visited(strut_m, trajectory.true_rad[compared], trajectory.secondary[compared])
+    mapping = StrutMapping(geometry, goal, jacobian, form=form)
+    static = follow(mapping, trajectory.desired_rad[compared])
+    return Tracked(
+        trajectory=trajectory,
+        extra_percent=extra_percent(geometry, goal, seen),
+        static_extra_percent=extra_percent(geometry, goal, static),
         e_visited={n: float(relative_change(geometry, visited_m, n).max()) for n in NORMS},
-        loop_gain_error=loop_gain_error(constant, visited_m),
+        loop_gain_error=loop_gain_error(StrutMapping(geometry, goal, "constant"), visited_m),
     )
 
 
-def _static(mapping: StrutMapping, desired_rad: Array) -> float:
-    visited = follow(mapping, desired_rad)
-    best = optimum(mapping.geometry, mapping.goal, visited.pointing_rad)
-    return extra_percent(mapping.goal, (visited.strut_m, visited.secondary), best)
+@dataclass(frozen=True)
+class Visited:
+    """Where a path leads: displacements (T, 6), (alpha, beta) (T, 2), secondary motion (T, 4)."""
+
+    strut_m: Array
+    pointing_rad: Array
+    secondary: Array
+
+
+def visit(geometry: Hexapod, strut_m: Array) -> Visited:
+    """Where strut displacements (T, 6) lead."""
+    pose = forward_kinematics(geometry, strut_m)
+    secondary = secondary_motion(pose.rotation, pose.translation_m)
+    return Visited(strut_m, pointing_angles(pose.rotation), secondary)
+
+
+def follow(mapping: StrutMapping, desired_rad: Array) -> Visited:
+    """The path of a pointing loop that settles at every desired (alpha, beta), (T, 2)."""
+    pose, pointing, last = NOMINAL, np.zeros(2), NOTHING_YET
+    visited_m = []
+    for desired in desired_rad:
+        for _ in range(_TICKS_A_POINT):
+            pointing = pointing + desired - pointing_angles(pose.rotation)
+            commanded_m = mapping.displacements(pointing, pose, last.displacements_m, last)
+            last = Asked(pointing, commanded_m, last.rest_m)
+            pose = forward_kinematics(mapping.geometry, commanded_m, start=pose)
+        visited_m.append(last.displacements_m)
+    return visit(mapping.geometry, np.array(visited_m))
+
+
+def optimum(geometry: Hexapod, goal: Goal, pointing_rad: Array) -> Visited:
+    """The strut displacements that point exactly and meet the goal best, curvature and all.
+
+    Minimizes |W1 l|^2 + |W2 s|^2 over all poses with this pointing (T, 2), s the secondary motion:
+    Gauss-Newton, each step the mapping at the present pose.
+
+    Raises:
+        RuntimeError: It does not converge.
+    """
+    mapping = StrutMapping(geometry, goal, "analytic", form="relinearized")
+    strut_m, pose, best_m = np.zeros(6), NOMINAL, []
+    for pointing in pointing_rad:
+        for _ in range(_MOST_STEPS):
+            change_m = mapping.displacements(pointing, pose, strut_m) - strut_m
+            strut_m = strut_m + change_m
+            pose = forward_kinematics(geometry, strut_m, start=pose)
+            if np.abs(change_m).max() < 1e-13:
+                break
+        else:
+            raise RuntimeError(f"no optimum found at (alpha, beta) = {pointing} rad")
+        best_m.append(strut_m)
+    return visit(geometry, np.array(best_m))
+
+
+def goal_vector(goal: Goal, visited: Visited) -> Array:
+    """What the goal keeps small: [W1 l; W2 s], shape (T, 10)."""
+    w1 = np.zeros(6) if goal.joint_weight is None else np.array(goal.joint_weight)
+    w2 = np.zeros(4) if goal.secondary_weight is None else np.array(goal.secondary_weight)
+    return np.hstack([w1 * visited.strut_m, w2 * visited.secondary[:, [1, 2, 3, 0]]])
+
+
+def extra_percent(geometry: Hexapod, goal: Goal, visited: Visited) -> float:
+    """RMS distance of a path from the optimum at the same pointing, in percent of its cost."""
+    least = goal_vector(goal, optimum(geometry, goal, visited.pointing_rad))
+    return 100 * float(np.linalg.norm(goal_vector(goal, visited) - least) / np.linalg.norm(least))
+
+
+def loop_gain_error(mapping: StrutMapping, strut_m: Array) -> float:
+    """Largest ||J_m(l) M - I|| over strut displacements (T, 6), M the constant mapping."""
+    pose = forward_kinematics(mapping.geometry, strut_m)
+    J_m = np.linalg.inv(mapping.geometry.inverse_jacobian(pose))[:, MAJOR]
+    off = J_m @ mapping.pointing_gain() - np.eye(2)
+    return float(np.linalg.norm(off, 2, axis=(-2, -1)).max())
