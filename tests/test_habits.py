@@ -251,7 +251,6 @@ def test_an_interrupted_run_leaves_no_folder_and_an_old_one_whole(tmp_path, rais
         "figures",
         "systems",
         "release",
-        "recover",
         "jacobian",
         "goals",
         "sweep",
