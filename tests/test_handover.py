@@ -5,15 +5,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
+from experiments.hexapod.diagnosis import nominal_model
 from experiments.hexapod.goal import MAJOR, Goal
 from experiments.hexapod.mapping import DisplacementForm
 from experiments.hexapod.simulation import controller_for, fly, nominal_loops, track_spiral
 from experiments.hexapod.supervisor import falling, reconfigured_goal, supervisor
 from experiments.hexapod.testbed import Bench
-from experiments.recover.cases import DITHER
+from experiments.recover.recovery import DITHER
 from ftc.controller import Controller, Handover, Sensed
 from ftc.fdi.diagnosis import Diagnosis
-from ftc.fdi.fault_model import Fault, sound_machine
+from ftc.fdi.fault_model import Fault
 from sim import NOMINAL, Failure, hexapod, load_model, pointing_angles
 
 MODEL, BENCH = load_model(), Bench()
@@ -22,8 +23,8 @@ EQUAL = Goal(joint_weight=(1.0,) * 6)
 J = np.linalg.inv(hexapod(MODEL).inverse_jacobian(NOMINAL))
 DESIRED = np.array([6e-5, -3e-5])
 LSB_PERCENT = 100 / 2**15
-SOUND = sound_machine(MODEL, BENCH)
-PILOT = supervisor(MODEL, BENCH, LOOPS, EQUAL, sound=SOUND)
+SOUND = nominal_model(MODEL, BENCH)
+PILOT = supervisor(MODEL, BENCH, LOOPS, EQUAL, nominal=SOUND)
 
 GOALS = {
     "W_b": Goal(joint_weight=(2.0, 1.0, 2.0, 1.0, 2.0, 1.0)),
@@ -192,7 +193,7 @@ def test_in_flight_the_switch_to_the_locked_mapping_is_not_felt():
 
 
 def diagnosis(fault: Fault, displacement_m=0.0, alarm=0, tick=10) -> Diagnosis:
-    return Diagnosis(fault, 1.0, 1.0, displacement_m, alarm, alarm, tick, settled=False)
+    return Diagnosis(fault, 1.0, 1.0, displacement_m, alarm, alarm, tick, confirmed=False)
 
 
 def test_what_stands_is_what_was_settled_last_and_what_is_being_confirmed():
@@ -200,7 +201,7 @@ def test_what_stands_is_what_was_settled_last_and_what_is_being_confirmed():
     other = diagnosis(Fault(4, "free"))
     state = PILOT.start()
     assert state.standing == []
-    state = replace(state, settled=(weak, locked))
+    state = replace(state, confirmed=(weak, locked))
     assert state.standing == [locked]
     assert replace(state, watch=replace(state.watch, diagnosis=other)).standing == [locked, other]
 
@@ -225,7 +226,7 @@ def test_a_weak_coil_is_commanded_more_with_care():
     sent_m = np.full(6, 8e-6)
     most = diagnosis(Fault(5, "weak", 0.5), 4e-6)
     assert reconfigured_goal(EQUAL, [most]).strength == {5: 0.5}
-    np.testing.assert_array_equal(falling(replace(most, settled=True), sent_m), 0.0)
+    np.testing.assert_array_equal(falling(replace(most, confirmed=True), sent_m), 0.0)
     gone = diagnosis(Fault(5, "weak", 0.4), 4e-6)
     assert reconfigured_goal(EQUAL, [gone]).locked_m == {5: 0.0}
     assert falling(gone, sent_m)[5] == 4e-6
@@ -250,9 +251,9 @@ class Script:
 
     says: tuple[Diagnosis | None, ...]
     after: int = 0
-    sound = SOUND
+    nominal = SOUND
 
-    def step(self, watch, sensed, sent_m):
+    def step(self, watch, measured, sent_m):
         """The next that it says."""
         told = self.says[len(watch.history) - 1]
         return replace(watch, history=(*watch.history, watch.history[-1]), diagnosis=told)
@@ -279,19 +280,19 @@ def failures_before(state) -> int:
 def test_what_is_named_is_flown_around_and_what_is_settled_is_known_for_good():
     """Another strut after it: both are flown around, and the monitor goes on from the first."""
     named = diagnosis(Fault(1, "locked"), 3e-6)
-    settled, other = replace(named, settled=True), diagnosis(Fault(4, "free"), 1e-6)
+    settled, other = replace(named, confirmed=True), diagnosis(Fault(4, "free"), 1e-6)
     sound, first, known, both = supervised(None, named, settled, other)
     assert sound.flies is PILOT.first and sound.diagnoses == ()
     assert first.flies.mapping.goal.locked_m == {1: 3e-6}
-    assert (first.settled, first.diagnoses, failures_before(first)) == ((), (named,), 0)
+    assert (first.confirmed, first.diagnoses, failures_before(first)) == ((), (named,), 0)
     assert known.flies.mapping.goal.locked_m == {1: 3e-6}
-    assert (known.settled, known.diagnoses, failures_before(known)) == (
+    assert (known.confirmed, known.diagnoses, failures_before(known)) == (
         (settled,),
         (named, settled),
         1,
     )
     assert both.flies.mapping.goal.locked_m == {1: 3e-6, 4: 0.0}
-    assert (both.settled, both.standing) == ((settled,), [settled, other])
+    assert (both.confirmed, both.standing) == ((settled,), [settled, other])
     assert [state.ticks for state in (sound, first, known, both)] == [1, 2, 3, 4]
 
 
@@ -300,7 +301,8 @@ def test_a_diagnosis_that_is_withdrawn_is_flown_around_no_longer():
     first, withdrawn = supervised(named, None)
     assert first.flies.mapping.goal.locked_m == {1: 3e-6}
     assert withdrawn.flies.mapping.goal == PILOT.first.mapping.goal
-    assert (withdrawn.diagnoses, withdrawn.settled, failures_before(withdrawn)) == ((named,), (), 0)
+    assert (withdrawn.diagnoses, withdrawn.confirmed) == ((named,), ())
+    assert failures_before(withdrawn) == 0
 
 
 def test_the_others_make_up_at_once_for_what_a_named_strut_is_about_to_lose():
@@ -312,7 +314,8 @@ def test_the_others_make_up_at_once_for_what_a_named_strut_is_about_to_lose():
 
 
 def test_the_supervisor_dithers_by_its_own_clock_with_the_jacobian_it_was_given():
-    pilot = supervisor(MODEL, BENCH, LOOPS, EQUAL, jacobian="analytic", dither=DITHER, sound=SOUND)
+    given = {"jacobian": "analytic", "dither": DITHER, "nominal": SOUND}
+    pilot = supervisor(MODEL, BENCH, LOOPS, EQUAL, **given)
     state = replace(pilot.start(), monitor=Script((None,) * 9))
     for tick in range(9):
         state = pilot.step(state, DESIRED, Sensed(DESIRED, np.zeros(6)))
@@ -324,14 +327,14 @@ def test_the_supervisor_dithers_by_its_own_clock_with_the_jacobian_it_was_given(
 
 def test_when_the_task_is_lost_the_commands_stand_and_no_other_failure_is_looked_for():
     """Four locked struts leave nothing to point with; what was named may still be settled."""
-    locked = [replace(diagnosis(Fault(k, "locked")), settled=True) for k in (0, 3, 1)]
+    locked = [replace(diagnosis(Fault(k, "locked")), confirmed=True) for k in (0, 3, 1)]
     last = diagnosis(Fault(4, "locked"))
-    states = supervised(*locked, last, replace(last, settled=True), None, None)
+    states = supervised(*locked, last, replace(last, confirmed=True), None, None)
     assert [state.task_lost for state in states] == [False] * 3 + [True] * 4
     for state in states[3:]:
         np.testing.assert_array_equal(state.input_percent, states[2].input_percent)
         assert state.flies is states[2].flies
-    assert states[4].settled[-1].fault == last.fault and states[4].watch.diagnosis is None
+    assert states[4].confirmed[-1].fault == last.fault and states[4].watch.diagnosis is None
     assert failures_before(states[4]) == failures_before(states[6]) == 3
     assert len(states[6].watch.history) == len(states[4].watch.history)
     assert [state.ticks for state in states] == list(range(1, 8))
@@ -342,11 +345,11 @@ def test_a_second_failure_soon_after_the_first_is_found_too():
     pilot = supervisor(MODEL, BENCH, LOOPS, EQUAL, dither=DITHER)
     failures = [Failure(1, "locked", 7.0), Failure(5, "free", 7.2)]
     run, state = fly(MODEL, BENCH, pilot, failures=failures, begin_s=6.3, duration_s=2.0, seed=3)
-    found = {(each.fault.strut, each.fault.kind) for each in state.standing}
+    found = {(each.fault.actuator, each.fault.kind) for each in state.standing}
     assert found == {(1, "locked"), (5, "free")}
     assert not state.task_lost and not state.watch.unexplained
     # A lock is no reason for any other strut to step; its own current is switched off.
-    named = next(each.tick for each in state.diagnoses if each.fault.strut == 1)
+    named = next(each.tick for each in state.diagnoses if each.fault.actuator == 1)
     step = np.abs(np.diff(run.strut_input_percent, axis=0))
     usual = step[500:600].max()
     assert np.delete(step[named - 1 : named + 1], 1, axis=1).max() < 1.5 * usual

@@ -1,19 +1,25 @@
-"""`fjh recover`: a strut fails in flight, and nobody says so."""
+"""`fjh recover`: actuator failures that nothing announces."""
 
+import re
 from copy import deepcopy
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from rerun.chunk import RrdReader
 
-from experiments.hexapod.simulation import nominal_loops
+from experiments.hexapod.simulation import Trajectory, nominal_loops
 from experiments.hexapod.testbed import Bench
-from experiments.recover.cases import draw
-from experiments.recover.false_alarms import Healthy, together
-from experiments.recover.second import pairs
-from experiments.recover.soundness import complaint
-from experiments.recover.wrong import beliefs
+from experiments.output.results import Results
+from experiments.recover import figure
+from experiments.recover.predictions import beliefs
+from experiments.recover.recovery import Testbed, draw
+from experiments.recover.results import ambiguity, checks, notes, recovery
+from experiments.recover.robustness import FaultFree, together
+from experiments.recover.runs import SHOWN, Succession, pairs
+from ftc.fdi.diagnosis import Diagnosis
+from ftc.fdi.fault_model import Fault
 from sim import load_model
 from tests.rrd import scalars
 
@@ -44,8 +50,8 @@ def test_a_healthy_flight_raises_no_alarm_and_the_model_is_near(recover):
 
 def test_the_interval_of_a_rate_is_that_of_a_poisson_process():
     """Nothing in T hours: below 3 / T at 95 %, the rule of three."""
-    assert Healthy(10.0, 0).upper_per_hour == pytest.approx(0.2996, abs=1e-3)
-    assert together([Healthy(4.0, 1), Healthy(6.0, 0)]) == Healthy(10.0, 1)
+    assert FaultFree(10.0, 0).upper_per_hour == pytest.approx(0.2996, abs=1e-3)
+    assert together([FaultFree(4.0, 1), FaultFree(6.0, 0)]) == FaultFree(10.0, 1)
 
 
 def test_no_belief_about_one_strut_destabilizes_the_loop_and_a_bad_one_would_show(recover):
@@ -56,7 +62,7 @@ def test_no_belief_about_one_strut_destabilizes_the_loop_and_a_bad_one_would_sho
     alpha, beta = (
         replace(loop, C=6 * loop.C, D=6 * loop.D) for loop in nominal_loops(model, bench)
     )
-    found = beliefs(model, bench, (alpha, beta), struts=[])
+    found = beliefs(Testbed(model, bench, (alpha, beta)), struts=[])
     assert any(each.largest_pole > 1 for each in found)
 
 
@@ -83,35 +89,59 @@ def test_the_ambiguity_is_that_of_antipodal_struts_and_the_dither_lifts_it(recov
 def test_draws_repeat_with_their_seed_and_cover_every_failure():
     cases = draw(7, 18)
     assert cases == draw(7, 18) and cases != draw(8, 18)
-    assert len({(case.strut, case.kind) for case in cases}) == 18
+    assert len({(case.fault.actuator, case.fault.kind) for case in cases}) == 18
     for first, second in pairs(7, 20):
         assert first.strut != second.strut and 0.1 <= second.time_s - first.time_s <= 2.0
 
 
 @pytest.mark.parametrize(
-    ("spoil", "word"),
+    ("spoil", "words"),
     [
-        (lambda s: s.update(closure_residual_max_m=2e-8), "closed loop opened"),
+        (lambda s: s.update(closure_residual_max_m=2e-8), "all runs: closure residual"),
         (lambda s: s["beliefs"].update(unstable=1), "unstable"),
-        (lambda s: s["isolation"]["strut_as_first_named"].update(rate=0.98), "isolated"),
-        (lambda s: s["isolation"]["strut_and_kind_in_the_end"].update(rate=0.9), "isolated"),
-        (lambda s: s["isolation"]["strut_as_first_named"].update(rate=None), "separated enough"),
-        (lambda s: s["after_over_oracle"].update(pooled=1.2), "oracle"),
-        (lambda s: s["after_over_oracle"].update(worst_case=1.2), "oracle"),
+        (lambda s: s["isolation"]["strut_as_first_named"].update(rate=0.98), "as first named"),
+        (lambda s: s["isolation"]["strut_and_kind_in_the_end"].update(rate=0.9), "in the end"),
+        (lambda s: s["isolation"]["strut_as_first_named"].update(rate=None), "is nan"),
+        (lambda s: s["after_over_oracle"].update(pooled=1.2), "pooled: RMS after recovery"),
+        (lambda s: s["after_over_oracle"].update(worst_case=1.2), "worst case: RMS after"),
         (lambda s: s["second_failure"]["all_right"].update(rate=0.9), "two failures"),
-        (lambda s: s["shown"]["locked"].update(right=False), "in the flight locked"),
+        (lambda s: s["shown"]["locked"].update(right=False), "run locked: a wrong"),
         (lambda s: s["false_alarms"]["flown"].update(low_per_hour_95=0.2), "false alarms"),
         (
             lambda s: s["false_alarms"]["with_fresh_noise"].update(hours=99, high_per_hour_95=0.11),
-            "false alarms",
+            "with fresh noise: 95 % bound of the false alarms",
         ),
     ],
 )
-def test_whatever_is_not_as_it_should_be_is_complained_of(recover, spoil, word):
-    assert complaint(recover) is None
+def test_whatever_is_not_as_it_should_be_fails_its_check(recover, spoil, words):
+    assert Results(recover, checks=checks(recover)).failed_check is None
     spoilt = deepcopy(recover)
     spoil(spoilt)
-    assert word in str(complaint(spoilt))
+    assert re.search(words, str(Results(spoilt, checks=checks(spoilt)).failed_check))
+
+
+def test_tables_and_notes_are_those_of_the_json_file_and_all_files_are_listed(
+    recover, recover_folder
+):
+    told = Results(recover, (recovery(recover), ambiguity(recover)), notes(recover))
+    assert (recover_folder / "recover.md").read_text() == told.markdown()
+    assert set(recover["files"]) == {path.name for path in recover_folder.iterdir()}
+    for table in told.tables:
+        assert {len(row) for row in table.rows} == {len(table.headings)}
+
+
+def test_in_the_figure_a_failure_that_is_not_found_is_named_by_what_happened(recover_folder):
+    """And one that is, by what was found, with a line where that was."""
+    with np.load(recover_folder / "locked.npz") as data:
+        run = Trajectory(**{each.name: data[each.name] for each in fields(Trajectory)})
+    found = Diagnosis(Fault(0, "locked"), 1.0, 1.0, 0.0, 8250, 8260, 8270, confirmed=True)
+    labels = {}
+    for diagnoses in ((), (found,)):
+        happened = Succession(SHOWN["locked"], diagnoses, (), False, False, False, 1.0, 1.0, 0.0)
+        axes = Figure().add_subplot()
+        figure.draw_shown(axes, "locked", run, happened)
+        labels[len(diagnoses)] = [text.get_text() for text in axes.texts], len(axes.lines)
+    assert labels == {0: (["strut 1 locked"], 2), 1: (["found: strut 1 locked"], 3)}
 
 
 def test_the_recording_marks_the_strut_when_it_fails_and_when_it_is_found(recover_folder, recover):

@@ -7,11 +7,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from experiments.hexapod.simulation import Trajectory
 from experiments.output.palette import BLACK, BLUE, GREEN, ORANGE, VERMILION
 from experiments.output.plotting import PAGE_IN, new_figure
 from experiments.output.results import Picture
 from experiments.recover.recovery import pointing_error_urad
-from experiments.recover.runs import Recover
+from experiments.recover.runs import Recover, Succession
 from ftc.fdi.fault_model import KINDS
 
 _COLORS = {"locked": BLUE, "free": VERMILION, "weak": GREEN}
@@ -38,7 +39,9 @@ def figure_recover(outcome: Recover, summary: dict[str, Any]) -> Figure:
     _delays(figure.add_subplot(grid[0, 0]), summary["cases"])
     _distances(figure.add_subplot(grid[0, 1]), summary["ambiguity"])
     _after(figure.add_subplot(grid[1, 0]), summary["cases"])
-    _shown(figure.add_subplot(grid[1, 1]), outcome)
+    # The last of the runs that are kept: the cascade, unless --quick.
+    name, (run, happened) = list(outcome.shown.items())[-1]
+    draw_shown(figure.add_subplot(grid[1, 1]), name, run, happened)
     return figure
 
 
@@ -98,9 +101,8 @@ def _after(axes: Axes, cases: list[dict[str, Any]]) -> None:
     axes.legend()
 
 
-def _shown(axes: Axes, outcome: Recover) -> None:
-    """The last of the runs that are kept: the cascade, unless --quick."""
-    name, (run, happened) = list(outcome.shown.items())[-1]
+def draw_shown(axes: Axes, name: str, run: Trajectory, happened: Succession) -> None:
+    """The pointing error of one run; each failure, labelled by what was found or what happened."""
     axes.semilogy(run.time_s, pointing_error_urad(run), color=BLACK, lw=0.6)
     for mark in happened.marks(run):
         axes.axvline(mark.failed_s, color=VERMILION, lw=1)

@@ -8,7 +8,7 @@ import control
 import numpy as np
 import scipy.linalg
 
-from experiments.hexapod.diagnosis import fault_entry, nominal_model
+from experiments.hexapod.diagnosis import fault_entry
 from experiments.hexapod.dithers import STILL
 from experiments.hexapod.goal import Goal
 from experiments.hexapod.mapping import StrutMapping
@@ -78,7 +78,7 @@ def lookalikes(bed: Testbed, setting: Setting, struts: Sequence[int]) -> list[di
     half_turn_s, period_s = bed.bench.spiral_period_s / 2, bed.bench.control_period_s
     duration_s = _EARLIEST_S + half_turn_s + EVIDENCE_S + period_s
     loop = _loop(bed, setting.dither, _BEGIN_S, duration_s)
-    bank = hypothesis_bank(nominal_model(bed.model, bed.bench, strut_sensors=setting.strut_sensors))
+    bank = hypothesis_bank(bed.nominal(strut_sensors=setting.strut_sensors))
     first, half_turn = round(_EARLIEST_S / period_s), round(half_turn_s / period_s)
     moved_m = (loop.reference @ loop.gain.T)[first : first + half_turn]
     entries = []
@@ -180,7 +180,7 @@ class Belief:
 
 def beliefs(bed: Testbed, struts: Sequence[int]) -> list[Belief]:
     """All failures of one of these struts or none, under all beliefs about one strut or none."""
-    nominal = nominal_model(bed.model, bed.bench)
+    nominal = bed.nominal()
     compensators = control.append(*(loop.discrete for loop in bed.loops))
     truths = [None, *(Fault(k, kind, HALF) for kind in KINDS for k in struts)]
     possible = [None, *(Fault(k, kind, WEAKEST) for kind in ("locked", "weak") for k in range(6))]

@@ -1,17 +1,19 @@
 """One failure on the spiral: a supervised controller beside an informed and a fault-unaware one."""
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import mujoco
 import numpy as np
 
 from experiments.hexapod.compensator import Loop
+from experiments.hexapod.diagnosis import nominal_model
 from experiments.hexapod.dithers import HEAVE
 from experiments.hexapod.goal import Goal
 from experiments.hexapod.metrics import closure_residual_max_m
 from experiments.hexapod.pilot import NEVER, Informed, Pilot, State
 from experiments.hexapod.simulation import Trajectory, controller_for, fly
-from experiments.hexapod.supervisor import reconfigured_goal, supervisor
+from experiments.hexapod.supervisor import Supervisor, reconfigured_goal, supervisor
 from experiments.hexapod.testbed import Bench
 from ftc.controller import Controller
 from ftc.fdi.diagnosis import Diagnosis
@@ -54,6 +56,18 @@ class Testbed:
     def controller(self, goal: Goal = GOAL) -> Controller:
         """A controller for a goal, with the constant Jacobian."""
         return controller_for(self.model, self.bench, self.loops, goal, jacobian="constant")
+
+    def supervised(self, dither: Dither, **options: Any) -> Supervisor:
+        """The controller of GOAL with fault detection and isolation; options of `supervisor`."""
+        return supervisor(self.model, self.bench, self.loops, GOAL, dither=dither, **options)
+
+    def nominal(self, *, strut_sensors: bool = False) -> NominalModel:
+        """The model that the diagnosis has."""
+        return nominal_model(self.model, self.bench, strut_sensors=strut_sensors)
+
+    def simulate(self, pilot: Pilot[State], **options: Any) -> tuple[Trajectory, State]:
+        """A run on the machine, and the pilot's last state; options of `fly`."""
+        return fly(self.model, self.bench, pilot, **options)
 
 
 @dataclass(frozen=True)
@@ -116,7 +130,7 @@ class Identification:
         diagnoses: All of them, in order; ticks count from the start of the run.
         standing: Those that stand in the end.
         false_alarm: Whether there was an alarm before the failure.
-        unexplained: Whether it gave an alarm up.
+        unexplained: Whether an alarm was given up.
         closure_residual_max_m: Of the run.
     """
 
@@ -163,15 +177,8 @@ def identify(
 
     `plant` is the machine, if it is not quite the model; `nominal` what the diagnosis takes it for.
     """
-    pilot = supervisor(
-        bed.model,
-        bed.bench,
-        bed.loops,
-        GOAL,
-        dither=scenario.dither(dither),
-        strut_sensors=strut_sensors,
-        nominal=nominal,
-    )
+    options = {"strut_sensors": strut_sensors, "nominal": nominal}
+    pilot = bed.supervised(scenario.dither(dither), **options)
     run, state = _simulate(bed if plant is None else replace(bed, model=plant), pilot, scenario)
     return run, Identification(
         scenario=scenario,
@@ -193,14 +200,9 @@ def fault_unaware(bed: Testbed, scenario: Scenario) -> Trajectory:
 def informed(
     bed: Testbed, scenario: Scenario, fault: Fault, displacement_m: float, late_s: float = 0.0
 ) -> Trajectory:
-    """The same run by a controller that is informed of a failure.
+    """The same run by a controller that is informed of a fault so long after the failure.
 
-    Args:
-        bed: As in :func:`identify`.
-        scenario: What happens.
-        fault: What the controller is informed of.
-        displacement_m: Where that strut has stuck, which is the same in all runs of a scenario.
-        late_s: How long after the failure.
+    `displacement_m` is where that strut has stuck, which is the same in all runs of a scenario.
     """
     tick = STRUCK + round(late_s / bed.bench.control_period_s)
     news = Diagnosis(fault, 1.0, 1.0, displacement_m, STRUCK, STRUCK, tick, confirmed=True)
@@ -213,9 +215,7 @@ def informed(
 
 
 def _simulate(bed: Testbed, pilot: Pilot[State], scenario: Scenario) -> tuple[Trajectory, State]:
-    return fly(
-        bed.model,
-        bed.bench,
+    return bed.simulate(
         pilot,
         failures=[scenario.failure],
         seed=scenario.seed,

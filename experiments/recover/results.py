@@ -147,29 +147,24 @@ def _isolated(where: str, right: float | None) -> Check:
 def recovery(summary: dict[str, Any]) -> Table:
     """Delays and pointing errors by kind of failure."""
 
-    def delay(label: str) -> dict[str, Any]:
-        row = {"": f"{label}, ms: median/95 %/largest"}
-        for kind in KINDS:
-            counted = summary["delay_ms"][kind][label]
-            row[kind] = counted and "/".join(f"{ms:.0f}" for ms in counted.values())
-        return row
+    def delay(what: str, kind: str) -> str:
+        counted = summary["delay_ms"][kind][what]
+        return "" if counted is None else "/".join(f"{ms:.0f}" for ms in counted.values())
 
-    def errors(label: str, controller: str, when: str) -> dict[str, Any]:
-        row = {"": label}
-        for kind in KINDS:
-            pooled = summary["errors_urad"][kind]
-            row[kind] = pooled and "{rms:.2f}/{peak:.1f}".format(**pooled[controller][when])
-        return row
+    def error(controller: str, when: str, kind: str) -> str:
+        pooled = summary["errors_urad"][kind]
+        return "" if pooled is None else "{rms:.2f}/{peak:.1f}".format(**pooled[controller][when])
 
     controllers = {"supervised": "supervised"}
     controllers |= {"informed": "informed at once", "uncorrected": "fault-unaware"}
-    rows = [
-        delay("alarm"),
-        delay("named"),
-        errors("before, urad: RMS/peak", "supervised", "before"),
-    ]
+    cells = {
+        "alarm, ms: median/95 %/largest": partial(delay, "alarm"),
+        "named, ms: median/95 %/largest": partial(delay, "named"),
+        "before, urad: RMS/peak": partial(error, "supervised", "before"),
+    }
     for when in ("during", "after"):
-        rows += [errors(f"{when}: {label}", key, when) for key, label in controllers.items()]
+        cells |= {f"{when}: {said}": partial(error, key, when) for key, said in controllers.items()}
+    rows = [{"": label} | {kind: cell(kind) for kind in KINDS} for label, cell in cells.items()]
     return tabulate(
         "Unannounced actuator failures: detection, isolation and recovery",
         [Column(heading, heading) for heading in ("", *KINDS)],
@@ -187,30 +182,22 @@ def ambiguity(summary: dict[str, Any]) -> Table:
     for seen in summary["ambiguity"]["failures"]:
         key = (seen["failure"]["kind"], seen["where"], seen["setting"])
         groups.setdefault(key, []).append(seen)
-    entries = []
+    headings, entries = ("failure", "where", "setting", "other strut", "other kind", "alike"), []
     for (kind, where, setting), seen in sorted(groups.items()):
+        strut = min(each["from_other_struts"] for each in seen)
         other = min(seen, key=lambda each: each["from_other_kinds"])
-        alike = [
+        nearest = f"{other['from_other_kinds']:.1f} ({other['nearest_other_kind']})"
+        alike = " ".join(
             f"{each['failure']['strut']}={twin['strut']}{'' if twin['kind'] == kind else ' ?'}"
             for each in seen
             for twin in each["alike"]
-        ]
-        entry = {"failure": kind, "where": where, "setting": setting, "alike": " ".join(alike)}
-        entry["strut"] = min(each["from_other_struts"] for each in seen)
-        entry["kind"] = f"{other['from_other_kinds']:.1f} ({other['nearest_other_kind']})"
-        entries.append(entry)
+        )
+        cells = kind, where, setting, f"{strut:.1f}", nearest, alike
+        entries.append(dict(zip(headings, cells, strict=True)))
     below, evidence = summary["ambiguity"]["alike_below"], summary["ambiguity"]["evidence_s"]
-    columns = (
-        Column("failure", "failure"),
-        Column("where", "where"),
-        Column("setting", "setting"),
-        Column("other strut", "strut", ".1f"),
-        Column("other kind", "kind"),
-        Column("alike", "alike"),
-    )
     return tabulate(
         "Isolability: which failures look alike",
-        columns,
+        [Column(heading, heading) for heading in headings],
         entries,
         f"Distance of {evidence:g} s of outputs from the nearest other strut and other kind of "
         f"failure, the least of six struts; alike: pairs below {below:g}, ?: of another kind.",
@@ -299,18 +286,20 @@ def _setting(name: str, found: Sequence[Identification]) -> dict[str, Any]:
 
 
 def _delays_ms(recoveries: Sequence[Recovery], kind: str) -> dict[str, Any]:
-    """From failure to alarm and to the first naming, of cases found."""
-    all_first = [each.found.first for each in recoveries if each.found.scenario.fault.kind == kind]
-    first, period_ms = [each for each in all_first if each], 1e3 * Bench().control_period_s
-    names = ("median", "percentile_95", "largest")
-    delays = {}
-    for what, ticks in (
-        ("alarm", [each.alarm_tick - STRUCK for each in first]),
-        ("named", [each.tick - STRUCK for each in first]),
-    ):
-        levels = (period_ms * np.quantile(ticks, (0.5, 0.95, 1.0))).tolist() if ticks else ()
-        delays[what] = dict(zip(names, levels, strict=True)) if ticks else None
-    return delays
+    """From failure to alarm and to the first naming, of cases identified."""
+    found = [each.found.first for each in recoveries if each.found.scenario.fault.kind == kind]
+    first = [each for each in found if each is not None]
+    return {
+        "alarm": _quantiles_ms([each.alarm_tick - STRUCK for each in first]),
+        "named": _quantiles_ms([each.tick - STRUCK for each in first]),
+    }
+
+
+def _quantiles_ms(ticks: Sequence[int]) -> dict[str, float] | None:
+    if not ticks:
+        return None
+    levels = 1e3 * Bench().control_period_s * np.quantile(ticks, (0.5, 0.95, 1.0))
+    return dict(zip(("median", "percentile_95", "largest"), levels.tolist(), strict=True))
 
 
 def _errors_urad(recoveries: Sequence[Recovery], kind: str) -> dict[str, Any] | None:
@@ -391,17 +380,23 @@ def _case(recovery: Recovery, far: tuple[float, float]) -> dict[str, Any]:
 def _record(outcome: Recover, summary: dict[str, Any], name: str, folder: Path) -> None:
     run, happened = outcome.shown[name]
     entry, seed = summary["shown"][name], summary["seed"]
-    failures = [f"- strut {e['strut']} {e['kind']} at {e['time_s']:g} s" for e in entry["happened"]]
-    found = [f"- strut {each['strut']} {each['kind']}" for each in entry["found"]]
     ends = f"In the last second the pointing error is {entry['rms_in_the_end_urad']:.2f} urad RMS."
     if entry["task_lost"]:
         ends = (
             "The remaining struts cannot point any more: the task is declared lost, and the "
             "commands stay constant."
         )
-    said = [f"Seed {seed}, constant Jacobian, W_a; the failures are unannounced.", ""]
-    said += ["Failures:", *failures, ""]
-    said += ["Identified from the pointing angles, the commands and a dither:", *found, "", ends]
+    said = [
+        f"Seed {seed}, constant Jacobian, W_a; the failures are unannounced.",
+        "",
+        "Failures:",
+        *(f"- strut {e['strut']} {e['kind']} at {e['time_s']:g} s" for e in entry["happened"]),
+        "",
+        "Identified from the pointing angles, the commands and a dither:",
+        *(f"- strut {each['strut']} {each['kind']}" for each in entry["found"]),
+        "",
+        ends,
+    ]
     record_run(
         folder,
         name,

@@ -2,18 +2,17 @@
 
 import copy
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import mujoco
 import numpy as np
 from scipy.stats import binomtest, chi2
 
-from experiments.hexapod.diagnosis import fault_text, nominal_model
+from experiments.hexapod.diagnosis import fault_text
 from experiments.hexapod.dithers import STILL, excitation
 from experiments.hexapod.metrics import pointing_rms_urad
 from experiments.hexapod.pilot import NEVER, Informed
-from experiments.hexapod.simulation import fly
 from experiments.recover.recovery import (
     DITHER,
     STRUCK,
@@ -115,8 +114,7 @@ def dither_cost(bed: Testbed, scenario: Scenario, duration_s: float) -> dict[str
 
     def rms_urad(dither: Dither, seed: int) -> Array:
         never = Informed(pilot, pilot, NEVER, secondary=scenario.dither(dither).at)
-        run, _ = fly(bed.model, bed.bench, never, seed=seed, duration_s=duration_s)
-        return pointing_rms_urad(run)
+        return pointing_rms_urad(bed.simulate(never, seed=seed, duration_s=duration_s)[0])
 
     still = rms_urad(STILL, scenario.seed)
     swinging, reseeded = rms_urad(DITHER, scenario.seed), rms_urad(STILL, scenario.seed + 1)
@@ -140,7 +138,7 @@ def fault_free(
         As simulated; with fresh noise, drawn so many times; and the largest residual without noise,
         [urad].
     """
-    nominal = nominal_model(bed.model, bed.bench)
+    nominal = bed.nominal()
     secondary = scenario.dither(DITHER).at
     commanded, measured, true = _fault_free(bed, nominal, secondary, scenario.seed, duration_s)
     expected = fault_model(nominal).outputs(commanded)
@@ -173,8 +171,8 @@ def _fault_free(
     """Commands from each tick on (N, 6); whitened (alpha, beta), measured and true, (N, 2) each."""
     pilot = bed.controller()
     never = Informed(pilot, pilot, NEVER, secondary=secondary)
-    machine = bed.model if plant is None else plant
-    run, _ = fly(machine, bed.bench, never, seed=seed, duration_s=duration_s)
+    machine = bed if plant is None else replace(bed, model=plant)
+    run, _ = machine.simulate(never, seed=seed, duration_s=duration_s)
     commanded_m = pilot.amplifier.displacement_m(run.strut_input_percent)
     return commanded_m, run.measured_rad / nominal.noise, run.true_rad / nominal.noise
 
@@ -187,7 +185,7 @@ def mismatched(bed: Testbed, error: float, scenarios: Sequence[Scenario]) -> lis
     plant, seed = copy.copy(bed.model), scenarios[0].seed
     rng = np.random.default_rng(seed)
     plant.actuator_gainprm[:, 0] *= 1 + error * rng.standard_normal(plant.nu)
-    nominal = nominal_model(bed.model, bed.bench)
+    nominal = bed.nominal()
     duration_s = bed.bench.duration_s
     swinging = scenarios[0].dither(DITHER).at
     run, measured, _ = _fault_free(bed, nominal, excitation, seed, duration_s, plant)

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from itertools import chain, islice
 from typing import Any
 
@@ -11,24 +10,15 @@ import numpy as np
 from experiments.hexapod.diagnosis import fault_of, fault_text
 from experiments.hexapod.metrics import closure_residual_max_m
 from experiments.hexapod.provenance import plant_constants
-from experiments.hexapod.simulation import Trajectory, fly, nominal_loops
-from experiments.hexapod.supervisor import supervisor
+from experiments.hexapod.simulation import Trajectory, nominal_loops
 from experiments.hexapod.testbed import Bench
 from experiments.output.parallel import in_parallel
 from experiments.output.recording.marks import Mark
-from experiments.recover.predictions import (
-    FREQUENCIES_HZ,
-    SETTINGS,
-    Belief,
-    beliefs,
-    dither_design,
-    from_others_and_kinds,
-    lookalikes,
-)
+from experiments.recover import predictions, robustness
+from experiments.recover.predictions import FREQUENCIES_HZ, SETTINGS, Belief
 from experiments.recover.recovery import (
     BEFORE_S,
     DITHER,
-    GOAL,
     Identification,
     Recovery,
     Testbed,
@@ -37,16 +27,7 @@ from experiments.recover.recovery import (
     pointing_error_urad,
     recover,
 )
-from experiments.recover.robustness import (
-    GAIN_ERRORS,
-    INFORMED_LATE,
-    FaultFree,
-    dither_cost,
-    fault_free,
-    informed_late_or_wrongly,
-    mismatched,
-    together,
-)
+from experiments.recover.robustness import GAIN_ERRORS, INFORMED_LATE, FaultFree
 from ftc.fdi.diagnosis import Diagnosis
 from ftc.fdi.fault_model import Fault, FaultKind
 from sim import Failure, load_model
@@ -83,7 +64,7 @@ class Succession:
         found: What stood in the end.
         task_lost: Whether the controller declared the task lost.
         lost_rightly: Whether the failure atlas says so of what did happen.
-        unexplained: Whether it gave an alarm up.
+        unexplained: Whether an alarm was given up.
         rms_urad: Of the pointing error in the last second.
         peak_urad: Of it, from the first failure on.
         closure_residual_max_m: Of the run.
@@ -115,12 +96,10 @@ class Succession:
                 for each in self.diagnoses
                 if each.fault.actuator == failure.strut and run.time_s[each.tick] >= failure.time_s
             ]
-            mark = Mark(failure.strut, failure.time_s, fault_text(fault_of(failure)))
-            if own:
-                found_s = float(run.time_s[own[0].tick])
-                words = f"found: {fault_text(own[-1].fault)}"
-                mark = Mark(mark.strut, mark.failed_s, mark.failure, found_s, words)
-            marks.append(mark)
+            found_s = float(run.time_s[own[0].tick]) if own else np.inf
+            words = f"found: {fault_text(own[-1].fault)}" if own else ""
+            happened = fault_text(fault_of(failure))
+            marks.append(Mark(failure.strut, failure.time_s, happened, found_s, words))
         return marks
 
 
@@ -147,10 +126,8 @@ def succession(
     """
     first_s, last_s = failures[0].time_s, failures[-1].time_s
     begin_s = first_s - BEFORE_S if begin_s is None else begin_s
-    pilot = supervisor(bed.model, bed.bench, bed.loops, GOAL, dither=DITHER)
-    run, state = fly(
-        bed.model,
-        bed.bench,
+    pilot = bed.supervised(DITHER)
+    run, state = bed.simulate(
         pilot,
         failures=failures,
         seed=seed,
@@ -198,20 +175,10 @@ class Recover:
     """All of it; what are dictionaries here are entries of the JSON file.
 
     Attributes:
-        seed: Of the failures drawn, and of all noise.
-        recoveries: The main set.
-        predicted: For each of it, distance from other struts, and from other kinds.
-        others: What was found in other settings, by name.
-        lookalikes: Failures as the settings see them.
-        beliefs: Stability under right and wrong beliefs.
-        informed: Runs whose controller is informed late or wrongly.
-        pairs: Runs with two failures.
-        fault_free: Runs without.
-        redrawn: The same runs with fresh noise.
+        predicted: For each of `recoveries`, the distance from other struts, and from other kinds.
+        others: What was identified in other settings, by their names.
+        redrawn: As `fault_free`, with fresh noise.
         model_error_urad: Largest fault-free residual without noise.
-        dither_design: What other dithers would separate.
-        dither_cost: On pointing.
-        mismatches: Runs of plants that differ from the model.
         shown: Whole runs, by name.
         plant: Constants of the plant.
     """
@@ -246,19 +213,19 @@ def run_recover(
     """
     size, model, bench = QUICK if quick else Size(), load_model(), Bench()
     bed = Testbed(model, bench, nominal_loops(model, bench))
-    done = _in_parallel_by_name(_jobs(bed, size, seed), on_progress)
+    done = _by_name(bed, _jobs(size, seed), on_progress)
     simulated, redrawn, model_errors_urad = zip(*done["fault_free"], strict=True)
     return Recover(
         seed=seed,
         recoveries=done["recoveries"],
         predicted=done["predicted"],
-        others={setting.name: done[setting.name] for setting in OTHERS},
+        others={each.name: [found for _, found in done[each.name]] for each in OTHERS},
         lookalikes=list(chain(*done["lookalikes"])),
         beliefs=done["beliefs"][0],
         informed=list(chain(*done["informed"])),
-        pairs=done["pairs"],
-        fault_free=together(simulated),
-        redrawn=together(redrawn),
+        pairs=[found for _, found in done["pairs"]],
+        fault_free=robustness.together(simulated),
+        redrawn=robustness.together(redrawn),
         model_error_urad=max(model_errors_urad),
         dither_design=done["dither_design"][0],
         dither_cost=done["dither_cost"][0],
@@ -268,52 +235,45 @@ def run_recover(
     )
 
 
-def _jobs(bed: Testbed, size: Size, seed: int) -> dict[str, list[Callable[[], Any]]]:
+Jobs = tuple[Callable[..., Any], list[tuple[Any, ...]]]
+"""A function of the testbed and further arguments, and these, a tuple for each call."""
+
+
+def _jobs(size: Size, seed: int) -> dict[str, Jobs]:
     """Independent jobs, by what they are for."""
-    cases, struts = draw(seed, size.cases), range(size.struts)
-    frequencies_hz, duration_s = FREQUENCIES_HZ[-size.frequencies :], size.fault_free_s
-    shown = list(SHOWN.values())[: size.shown]
-    healthy, few = draw(seed + 1, size.fault_free), draw(seed, size.other_cases)
-    numbered = enumerate(pairs(seed, size.pairs), seed)
+    cases, few, struts = draw(seed, size.cases), draw(seed, size.other_cases), range(size.struts)
+    frequencies_hz, lasting = FREQUENCIES_HZ[-size.frequencies :], size.fault_free_s
+    shown, errors = list(SHOWN.values())[: size.shown], GAIN_ERRORS[: size.mismatches]
+    fault_free, drawn = draw(seed + 1, size.fault_free), pairs(seed, size.pairs)
+    late = robustness.informed_late_or_wrongly
     return {
-        "shown": [partial(succession, bed, failures, seed, begin_s=0.0) for failures in shown],
-        "beliefs": [partial(beliefs, bed, struts)],
-        "dither_design": [partial(dither_design, bed, struts[:3], frequencies_hz)],
-        "dither_cost": [partial(dither_cost, bed, cases[0], duration_s)],
-        "lookalikes": [
-            partial(lookalikes, bed, each, struts) for each in SETTINGS[: size.settings]
-        ],
-        "informed": [
-            partial(informed_late_or_wrongly, bed, case) for case in INFORMED_LATE[: size.informed]
-        ],
-        "fault_free": [partial(fault_free, bed, each, duration_s, size.draws) for each in healthy],
-        "recoveries": [partial(recover, bed, case) for case in cases],
-        "predicted": [partial(from_others_and_kinds, bed, case) for case in cases],
-        "pairs": [partial(_found, succession, bed, both, noise) for noise, both in numbered],
-        "mismatches": [
-            partial(mismatched, bed, error, cases[::7][:_MISMATCH_CASES])
-            for error in GAIN_ERRORS[: size.mismatches]
-        ],
-    } | {
-        each.name: [
-            partial(_found, identify, bed, case, each.dither, each.strut_sensors) for case in few
-        ]
-        for each in OTHERS
+        "shown": (succession, [(failures, seed, 0.0) for failures in shown]),
+        "beliefs": (predictions.beliefs, [(struts,)]),
+        "dither_design": (predictions.dither_design, [(struts[:3], frequencies_hz)]),
+        "dither_cost": (robustness.dither_cost, [(cases[0], lasting)]),
+        "lookalikes": (predictions.lookalikes, [(s, struts) for s in SETTINGS[: size.settings]]),
+        "informed": (late, [(case,) for case in INFORMED_LATE[: size.informed]]),
+        "fault_free": (robustness.fault_free, [(c, lasting, size.draws) for c in fault_free]),
+        "recoveries": (recover, [(case,) for case in cases]),
+        "predicted": (predictions.from_others_and_kinds, [(case,) for case in cases]),
+        "pairs": (succession, [(both, noise) for noise, both in enumerate(drawn, seed)]),
+        "mismatches": (robustness.mismatched, [(e, cases[::7][:_MISMATCH_CASES]) for e in errors]),
+        **{s.name: (identify, [(c, s.dither, s.strut_sensors) for c in few]) for s in OTHERS},
     }
 
 
-def _in_parallel_by_name(
-    jobs: dict[str, list[Callable[[], Any]]], on_progress: Callable[[int, int], None]
+def _by_name(
+    bed: Testbed, jobs: dict[str, Jobs], on_progress: Callable[[int, int], None]
 ) -> dict[str, list[Any]]:
-    calls = [{"job": job} for named in jobs.values() for job in named]
+    """Results of all calls, in parallel, by the names of the jobs."""
+    calls = [
+        {"job": job, "bed": bed, "arguments": arguments}
+        for job, all_arguments in jobs.values()
+        for arguments in all_arguments
+    ]
     results = iter(in_parallel(_run, calls, on_progress))
-    return {name: list(islice(results, len(named))) for name, named in jobs.items()}
+    return {name: list(islice(results, len(calls))) for name, (_, calls) in jobs.items()}
 
 
-def _run(job: Callable[[], Any]) -> Any:
-    return job()
-
-
-def _found(simulate: Callable[..., tuple[Trajectory, Any]], *arguments: Any) -> Any:
-    """What was found, without the run, which need not travel between processes."""
-    return simulate(*arguments)[1]
+def _run(job: Callable[..., Any], bed: Testbed, arguments: tuple[Any, ...]) -> Any:
+    return job(bed, *arguments)
