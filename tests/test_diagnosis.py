@@ -11,6 +11,7 @@ from scipy.stats import binom
 from experiments.hexapod.diagnosis import fault_of, fault_text, nominal_model
 from experiments.hexapod.dithers import HEAVE, STILL, excitation
 from experiments.hexapod.goal import Goal
+from experiments.hexapod.prediction import linear_loop
 from experiments.hexapod.simulation import nominal_loops
 from experiments.hexapod.testbed import Bench
 from ftc.fdi.calibration import calibrated
@@ -21,7 +22,6 @@ from ftc.fdi.hypotheses import LOST, hypothesis_bank
 from ftc.fdi.isolability import isolability
 from ftc.fdi.monitor import Monitor, monitor
 from ftc.fdi.residual_test import WINDOWS, residual_test
-from experiments.hexapod.prediction import linear_loop
 from ftc.linear_loop import LinearLoop, simulate
 from sim import Failure, LinearPlant, Plant, failed_plant, linearize, load_model
 
@@ -390,7 +390,7 @@ def test_calibration_finds_the_gains_of_the_coils():
     wrong = ANGLES.with_gains(true)
     base = loop(STILL, begin_s=0.0, duration_s=4.0)
     time_s = BENCH.time_s(4.0)
-    way = replace(base, sound=wrong, secondary_m=np.array([excitation(t) for t in time_s]))
+    way = replace(base, nominal=wrong, secondary=np.array([excitation(t) for t in time_s]))
     states, sent = simulate(way, [], 10**9)
     y = states @ C_ANGLES.T + np.random.default_rng(1).standard_normal((len(states), 2))
     found = calibrated(ANGLES, sent, y).plant.B

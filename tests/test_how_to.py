@@ -14,7 +14,6 @@ import mujoco
 import numpy as np
 import pytest
 import typer
-from experiments.app.report.chapter import Chapter
 from rerun.chunk import RrdReader
 
 import experiments

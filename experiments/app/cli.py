@@ -15,7 +15,7 @@ from experiments.benchmark import STUDY as BENCH
 from experiments.figures import STUDY as FIGURES
 from experiments.force import STUDY as FORCE
 from experiments.goals.command import goals
-from experiments.jacobian.command import jacobian
+from experiments.jacobian import STUDY as JACOBIAN
 from experiments.output.files import OutputError, published, usable_file
 from experiments.output.study import Interrupted, Unsound, WrongInput
 from experiments.output.terminal import INTERRUPTED, INTERRUPTION, notice, raise_on_interrupt
@@ -27,7 +27,7 @@ from experiments.systems import STUDY as SYSTEMS
 from experiments.table1 import STUDY as TABLE1
 from experiments.uncorrected import STUDY as UNCORRECTED
 
-LEGACY = (goals, jacobian)
+LEGACY = (goals,)
 STUDIES = (
     TABLE1,
     FIGURES,
@@ -35,6 +35,7 @@ STUDIES = (
     RELEASE,
     RECOVER,
     FORCE,
+    JACOBIAN,
     UNCORRECTED,
     SWEEP,
     ATLAS,
