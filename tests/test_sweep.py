@@ -488,8 +488,8 @@ def test_ctrl_c_is_clean_even_while_a_worker_is_starting_again(tmp_path, sweep_d
     assert list(scratch.iterdir()) == []
     done = int(kept.group(1))
     of = basis_in(out / UNFINISHED)
-    assert of is not None
-    assert len(list(Dataset(out / UNFINISHED, 300, of).missing())) == 300 - done > 0
+    assert (of is None) == (done == 0)  # as on a machine that is too busy to finish one
+    assert of is None or len(list(Dataset(out / UNFINISHED, 300, of).missing())) == 300 - done > 0
 
 
 # The page.

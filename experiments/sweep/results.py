@@ -77,7 +77,7 @@ def checks(summary: dict[str, Any]) -> list[Check]:
     if not found["compared"]:
         return []
     what = (
-        "distance of the RMS error from the linear model's, over "
+        "distance of the RMS error from the linear model's, divided by "
         f"{100 * PREDICTION_TOLERANCE:g} % and one step of the converters,"
     )
     worst = Check(what, f"run {found['worst_case']}", found["largest_over_allowed"], 1.0)
