@@ -11,6 +11,7 @@ import time
 import numpy as np
 import psutil
 import pytest
+import typer
 from rerun.chunk import RrdReader
 
 from experiments.app.cli import app, main
@@ -79,7 +80,7 @@ def test_an_output_path_that_is_a_file_is_refused(capsys, tmp_path):
     assert "too long" in sentence(capsys)
 
 
-@pytest.mark.parametrize("command", [each.callback.__name__ for each in app.registered_commands])
+@pytest.mark.parametrize("command", [*typer.main.get_group(app).commands])
 def test_an_empty_path_is_not_the_current_folder(capsys, tmp_path, monkeypatch, command):
     monkeypatch.chdir(tmp_path)
     for words in (["--out", ""], ["--out="]):

@@ -13,7 +13,6 @@ from pathlib import Path
 
 import pytest
 import typer
-from typer.core import TyperGroup
 
 from experiments.app.cli import STUDIES, app, main
 from experiments.app.command import command
@@ -24,8 +23,7 @@ from experiments.output.tables import Table
 from tests.made import made_study
 
 ROOT = Path(__file__).parents[1]
-GROUP = typer.main.get_command(app)
-assert isinstance(GROUP, TyperGroup)
+GROUP = typer.main.get_group(app)
 NAMES = [name for name in GROUP.commands if name not in ("review", "render")]
 SOUND = Results(
     {"seed": 3},

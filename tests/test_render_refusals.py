@@ -1,9 +1,12 @@
 """A viewer that dies or gives no answer: one sentence. It is a stand-in, so no driver is needed."""
 
+import subprocess
+import sys
 import time
 from pathlib import Path
 from typing import NoReturn
 
+import psutil
 import pytest
 import rerun_cli
 
@@ -62,3 +65,36 @@ def test_a_viewer_that_fails_after_connecting_is_one_sentence(
     assert told.count("\n") == 1
     assert said in told
     assert not out.parent.exists()
+
+
+DRAWS = """
+import subprocess, sys, time
+import rerun_cli
+from experiments.app import render
+
+class Client:
+    def take_screenshot(self):
+        return b""
+
+def connected(viewer, port):
+    print(viewer.pid, flush=True)
+    return Client()
+
+rerun_cli.__file__ = sys.argv[1]
+render._connected = connected
+with render.headless_viewer():
+    time.sleep(600)
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems have no such signal")
+def test_a_killed_command_leaves_no_viewer(tmp_path):
+    program = tmp_path / "rerun"
+    program.write_text("#!/bin/sh\nexec sleep 600\n")
+    program.chmod(0o755)
+    command = [sys.executable, "-c", DRAWS, str(tmp_path / "__init__.py")]
+    with subprocess.Popen(command, stdout=subprocess.PIPE) as process:
+        assert process.stdout
+        viewer = psutil.Process(int(process.stdout.readline()))
+        process.kill()
+    viewer.wait(timeout=30)

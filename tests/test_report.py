@@ -71,6 +71,10 @@ class Page(HTMLParser):
             self.tables[-1][-1][-1] += data
 
 
+def record(folder: Path) -> None:
+    (folder / "run.rrd").write_text("a recording")
+
+
 def stub(name: str, ran: list[str], failed: float = 0.0, raised=None) -> Chapter:
     """A chapter that is sound unless a number of its is 1 or more."""
 
@@ -85,7 +89,7 @@ def stub(name: str, ran: list[str], failed: float = 0.0, raised=None) -> Chapter
             ["5 < 6 & so on"],
             [Check("error & <more>", "at 3 s", failed, 1.0)],
             [Picture("figure", "A <pixel>.", 'One "pixel".', lambda: new_figure(0.1, 0.1))],
-            records=[lambda folder: (folder / "run.rrd").write_text("a recording") and None],
+            records=[record],
         )
 
     return Chapter(made_study(name, make))

@@ -49,11 +49,8 @@ def headless_viewer(size: tuple[int, int] = SIZE) -> Iterator[ViewerClient]:
     """A viewer of so many pixels for this process alone, which ends with the block.
 
     It draws with Mesa's software renderer where that is installed, so that pictures are the same on
-    every machine; else with the graphics card.
-
-    Raises:
-        ViewerError: It does not start, or dies or gives no answer while the block lasts: there is
-            no Vulkan driver, or it cannot draw so many pixels.
+    every machine; else with the graphics card. A `ViewerError` is raised, wherever in the block,
+    when it dies or gives no answer: without a Vulkan driver, or with too many pixels.
     """
     with tempfile.TemporaryDirectory(prefix="fjh-viewer-") as home:
         log = Path(home) / "log"
@@ -98,11 +95,7 @@ def _die_with_parent() -> None:
 
 
 def show(viewer: ViewerClient, recording: Path, time_s: float | None) -> None:
-    """Open a recording and go to a time of it [s]; None is its end.
-
-    Raises:
-        WrongInput: It is no recording, or has no such time.
-    """
+    """Open a recording and go to a time of it [s], None its end; else `WrongInput`."""
     opened = viewer.open(str(recording.absolute()))
     deadline = time.monotonic() + _PATIENCE_S
     while (state := viewer.get_state()).loading and time.monotonic() < deadline:
@@ -121,11 +114,7 @@ def show(viewer: ViewerClient, recording: Path, time_s: float | None) -> None:
 
 
 def photograph(viewer: ViewerClient) -> bytes:
-    """A PNG of the whole screen when it has come to rest.
-
-    Raises:
-        ViewerError: It keeps changing, or warns of something that it cannot show.
-    """
+    """A PNG of the whole screen at rest; `ViewerError` where it keeps changing, or warns."""
     last = b""
     for _ in range(_SHOTS):
         picture = viewer.take_screenshot()
@@ -154,11 +143,11 @@ def software_driver() -> Path | None:
 
 def _environment(home: str) -> dict[str, str]:
     """An empty home, so that nobody's settings show; and the driver."""
-    mine = {"HOME": home, "XDG_RUNTIME_DIR": home, "RERUN_APP_ONLY": "true", "RUST_LOG": "warn"}
-    mine["NO_COLOR"] = "1"  # its log may end up in a sentence
+    own = {"HOME": home, "XDG_RUNTIME_DIR": home, "RERUN_APP_ONLY": "true", "RUST_LOG": "warn"}
+    own["NO_COLOR"] = "1"  # its log may end up in a sentence
     if driver := software_driver():
-        mine |= dict.fromkeys(("VK_DRIVER_FILES", "VK_ICD_FILENAMES"), str(driver))
-    return mine
+        own |= dict.fromkeys(("VK_DRIVER_FILES", "VK_ICD_FILENAMES"), str(driver))
+    return own
 
 
 def _connected(viewer: subprocess.Popen, port: int) -> ViewerClient:
@@ -187,7 +176,7 @@ def _cause(log: Path, size: tuple[int, int], error: OSError) -> str:
 
 
 def _wait_for_greetings(viewer: ViewerClient) -> None:
-    """Let it paint until the notices with which it starts are gone: they lie over the screen."""
+    """Let it paint until the notices with which it starts, and which cover views, are gone."""
     gone = time.monotonic() + _GREETING_S
     while time.monotonic() < gone:
         viewer.take_screenshot()

@@ -24,12 +24,7 @@ _ROUNDING = 1e-9
 
 
 def write_review(file: Path, places: Sequence[Path], model: Path | None) -> None:
-    """Write the recording of the runs in some places, drawn as the hexapod of this MJCF.
-
-    Raises:
-        sim.ModelError: The model is not a hexapod.
-        WrongInput: As of :func:`find_runs`.
-    """
+    """Write the recording of the runs in some places, drawn as the hexapod of this MJCF."""
     machine = load_model(model)
     hexapod(machine)  # raises for any other
     kept = find_runs(places, model_sha256(model))
@@ -91,15 +86,12 @@ def read_summaries(folder: Path) -> dict[str, Any]:
 
 
 def check_stated(data: str, run: Trajectory, stated: dict[str, Any]) -> None:
-    """Compare what JSON files state of a data file with the run in it.
+    """Raise `WrongInput` where the JSON files beside a data file contradict the run in it.
 
     Args:
         data: Name of the data file.
         run: What it holds.
-        stated: Contents of the JSON files beside it, by their names.
-
-    Raises:
-        WrongInput: They contradict each other.
+        stated: Contents of the JSON files, by their names.
     """
     alpha, beta = pointing_rms_urad(run)
     alpha_measured, beta_measured = 1e6 * rms(run.desired_rad - run.measured_rad)

@@ -23,7 +23,7 @@ class OutputError(Exception):
 
 
 def usable_folder(path: Path, option: str = "--out") -> Path:
-    """The folder itself, if it is one or can be made; checked before any work is done.
+    """The folder itself, if it exists or can be made; to be called before any work is done.
 
     Raises:
         OutputError: It is a file, lies below one, is not writable, or is no path at all.
@@ -57,7 +57,7 @@ def usable_file(path: Path, suffix: str, option: str = "--out") -> Path:
 
 @contextmanager
 def made(folder: Path) -> Iterator[None]:
-    """The folder is there, made with those above it; on leaving, those made in vain are gone.
+    """Make the folder and those above it; on leaving, those of them that are empty are removed.
 
     Raises:
         OSError: It cannot be made.
@@ -68,19 +68,21 @@ def made(folder: Path) -> Iterator[None]:
         yield
     finally:
         for place in missing:
-            with suppress(OSError):  # something came
+            with suppress(OSError):  # it is not empty
                 place.rmdir()
 
 
 @contextmanager
 def published(folder: Path, index: str) -> Iterator[Path]:
-    """A temporary folder to write into; on leaving it without an error its files move to `folder`.
+    """A temporary folder to write into; at the end of the block its files move to `folder`.
+
+    After an error they are deleted.
 
     Args:
         folder: Made if need be; files of the same names are replaced, and files that the former
             index lists as `files` and the new set has not are removed. No other file is touched.
-        index: The file that names the others. It leaves first and arrives last, so that whoever
-            finds it finds what it speaks of.
+        index: The file that names the others. It is removed first and moved last: where it is,
+            all files that it lists are.
 
     Raises:
         OutputError: The disk or the folder refuses; what was there before is still whole.
@@ -100,20 +102,16 @@ def write_json(path: Path, content: dict[str, Any]) -> None:
 
 
 def json_text(content: dict[str, Any]) -> str:
-    """Content as JSON for people to read, too.
+    """Content as indented JSON.
 
     Raises:
-        ValueError: A number is NaN or infinite, which JSON has not.
+        ValueError: A number is NaN or infinite, which JSON does not have.
     """
     return json.dumps(content, indent=2, allow_nan=False) + "\n"
 
 
 def write_index(path: Path, summary: dict[str, Any]) -> dict[str, Any]:
-    """Write the last file of a set: the summary, and as `files` the names of all files beside it.
-
-    Returns:
-        What was written.
-    """
+    """What is written as the last file of a set: the summary, and as `files` the names of all."""
     files = sorted({path.name, *(file.name for file in path.parent.iterdir())})
     content = summary | {"files": files}
     write_json(path, content)
@@ -141,7 +139,7 @@ def _move_all(staging: Path, folder: Path, index: str) -> None:
 
 
 def _listed(index: Path) -> set[str]:
-    """Files beside an index that it lists; none if it is missing or nothing that we wrote."""
+    """Files beside an index that it lists; none if it is missing or of another program."""
     try:
         names = json.loads(index.read_bytes())["files"]
         return {name for name in names if (index.parent / name).is_file() and _is_plain(name)}

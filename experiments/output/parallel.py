@@ -1,4 +1,4 @@
-"""Independent runs side by side on the machine's cores."""
+"""Independent runs in parallel on the machine's cores."""
 
 import multiprocessing
 import signal
@@ -21,7 +21,7 @@ def in_parallel(
     workers = min(len(calls), multiprocessing.cpu_count())
     results: list[Any] = [None] * len(calls)
     jobs = [(function, index, call) for index, call in enumerate(calls)]
-    # Ctrl-C goes to the whole process group: workers are born deaf to it, and the parent ends them.
+    # Ctrl-C goes to the whole process group: workers ignore it, and the parent ends them.
     handler = signal.signal(signal.SIGINT, signal.SIG_IGN)
     pool = context.Pool(workers)
     signal.signal(signal.SIGINT, handler)
