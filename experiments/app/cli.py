@@ -14,7 +14,7 @@ from experiments.atlas.command import atlas
 from experiments.benchmark.command import bench
 from experiments.figures.command import figures
 from experiments.force.command import force
-from experiments.goals.command import goals
+from experiments.goals import STUDY as GOALS
 from experiments.jacobian import STUDY as JACOBIAN
 from experiments.output.files import OutputError
 from experiments.output.interrupt import INTERRUPTED, SENTENCE
@@ -50,7 +50,6 @@ STUDIES = (
     figures,
     recover,
     force,
-    goals,
     uncorrected,
     sweep,
     atlas,
@@ -59,7 +58,7 @@ STUDIES = (
 )
 for command in (
     *map(presented, STUDIES),
-    *map(command_of, (SYSTEMS, JACOBIAN, RELEASE)),
+    *map(command_of, (SYSTEMS, GOALS, JACOBIAN, RELEASE)),
     review,
     render,
 ):

@@ -7,8 +7,8 @@ import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from experiments.goals.control import weighted_pseudo_inverse
 from experiments.goals.demonstration import Outcome, smooth_step
-from experiments.goals.pseudo_inverse import weighted_pseudo_inverse
 from experiments.hexapod.mapping import Mapping
 from prioritized import ConstrainedSystem, Kinematics
 from sim import HEXAPOD_MJCF, Array, Failure, failed_plant, jacobians, load_model

@@ -3,7 +3,6 @@
 from experiments.app.report.chapter import Chapter
 from experiments.figures.command import figures
 from experiments.force.command import force
-from experiments.goals.command import goals
 from experiments.recover.command import recover
 from experiments.table1.command import table1
 from experiments.uncorrected.command import uncorrected
@@ -12,7 +11,6 @@ CHAPTERS = (
     Chapter(table1),
     Chapter(figures),
     Chapter(force),
-    Chapter(goals),
     Chapter(uncorrected),
     Chapter(recover),  # last: it takes as long as all others together
 )
