@@ -14,17 +14,29 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from experiments.app.cli import main
-from experiments.goals import off_axis, stroke, study
+from experiments.goals import control, runs
 from experiments.goals.arm import ARM_MJCF
-from experiments.goals.demonstration import Outcome, Way, smooth_step
-from experiments.goals.obstacle import GAP_M, RADIUS_M, SAFE_M, Clearance, cluttered, retreat
-from experiments.goals.off_axis import SLEW_S, off_axis_path, unrolled
-from experiments.goals.pseudo_inverse import PseudoInverseMapping, weighted_pseudo_inverse
-from experiments.goals.reliability import COILS, HEAVIEST, LIMIT_C, WARM_C, joint_weights
-from experiments.goals.singularity import manipulability, manipulability_gradient
-from experiments.goals.stroke import rates_from_stops, stop_potential
-from experiments.goals.summary import CHANGES, complaint
-from experiments.goals.text import table
+from experiments.goals.control import PseudoInverseMapping, unrolled, weighted_pseudo_inverse
+from experiments.goals.demonstration import Outcome, Strategy, smooth_step, strategies
+from experiments.goals.results import CHANGES, checks, table
+from experiments.goals.runs import SLEW_S, Goals, off_axis_path, run_stroke
+from experiments.goals.secondary_goals import (
+    COILS,
+    GAP_M,
+    HEAVIEST,
+    LIMIT_C,
+    RADIUS_M,
+    SAFE_M,
+    WARM_C,
+    Clearance,
+    cluttered,
+    joint_weights,
+    manipulability,
+    manipulability_gradient,
+    rates_from_stops,
+    retreat,
+    stop_potential,
+)
 from experiments.hexapod.goal import MAJOR, SECONDARY, Goal
 from experiments.hexapod.mapping import StrutMapping
 from experiments.hexapod.simulation import controller_for, fly, nominal_loops
@@ -326,9 +338,9 @@ def test_a_detector_that_rolls_with_the_payload_and_is_not_turned_back_would_be_
     monkeypatch, model, goals_folder
 ):
     """The goal rolls the payload by half a milliradian, 4 mrad off the axis: 2 urad."""
-    monkeypatch.setattr(off_axis, "unrolled", lambda sensed, pose: sensed)
-    way = Way("pursued", pursues=True, major_weight=None, limited=True, seed=0)
-    run = stroke.run(way, 5.0, nominal_loops(model, Bench()))
+    monkeypatch.setattr(control, "unrolled", lambda sensed, pose: sensed)
+    strategy = Strategy("pursued", pursues=True, major_weight=None, limited=True, seed=0)
+    run = run_stroke(strategy, 5.0, nominal_loops(model, Bench()))
     with np.load(goals_folder / "stroke.npz") as data:
         off = 1e6 * np.abs(run.error_rad - data["unlimited_error_rad"])[-1000:].mean(axis=0)
         right = 1e6 * np.abs(data["pursued_error_rad"] - data["unlimited_error_rad"])
@@ -383,9 +395,9 @@ def test_everything_named_is_there(goals, goals_folder):
     assert {"seed", "versions", "bench"} <= set(goals)
 
 
-def outcomes_in(folder: Path, goals: dict) -> study.Outcomes:
+def goals_in(folder: Path, goals: dict) -> Goals:
     """What the study returned, read back from its data."""
-    outcomes: study.Outcomes = {}
+    outcomes: dict[str, dict[str, Outcome]] = {}
     for goal in goals["goals"]:
         with np.load(folder / goal["data"]) as data:
             arrays = dict(data)
@@ -400,39 +412,45 @@ def outcomes_in(folder: Path, goals: dict) -> study.Outcomes:
             measure = mine.pop(goal["measure"], np.zeros(len(error)))
             gap_m = run["closure_residual_max_m"]
             ours[run["name"]] = Outcome(arrays["time_s"], error, measure, gap_m, mine)
-    return outcomes
+    return Goals(goals["seed"], strategies(goals["seed"], quick=True), outcomes)
 
 
 @pytest.mark.parametrize(
     ("name", "taken_for", "said"),
     [
-        ("pseudo_inverse_10", "pursued", "the RMS of the pointing error changes"),
-        ("nothing", "pursued", "singularity: pursued, condition_number reaches"),
-        ("pursued", "nothing", "singularity: nothing was at stake"),
+        ("pseudo_inverse_10", "pursued", "pursued: change of the RMS of the pointing error [urad]"),
+        ("nothing", "pursued", "singularity, pursued: condition_number beyond its limit is 3"),
+        ("pursued", "nothing", "singularity, nothing: distance of condition_number from its limit"),
     ],
 )
-def test_a_run_taken_for_another_is_complained_of_and_ends_with_code_1(
+def test_a_run_taken_for_another_fails_a_check_and_ends_with_code_1(
     monkeypatch, capsys, tmp_path, goals, goals_folder, name, taken_for, said
 ):
-    outcomes = outcomes_in(goals_folder, goals)
-    outcomes["singularity"][taken_for] = outcomes["singularity"][name]
-    monkeypatch.setattr(study, "run_goals", lambda **_: outcomes)
+    ran = goals_in(goals_folder, goals)
+    ran.outcomes["singularity"][taken_for] = ran.outcomes["singularity"][name]
+    monkeypatch.setattr(runs, "run_goals", lambda **_: ran)
     assert main(["goals", "--quick", "--out", str(tmp_path)]) == 1
     assert said in capsys.readouterr().err
 
 
+def failed_checks(summary: dict) -> list[str]:
+    return [str(check) for check in checks(summary) if not check.passed]
+
+
 def test_an_unsound_experiment_is_called_so(goals):
-    assert complaint(goals) is None
-    for place in range(4):
+    assert failed_checks(goals) == []
+    for place, goal in enumerate(goals["goals"]):
         for key in CHANGES:
             spoilt = copy.deepcopy(goals)
             pursued = spoilt["goals"][place]["runs"][0]
             assert pursued["name"] == "pursued"
-            pursued[key] = [0.0, -1.01 * spoilt["goals"][place]["another_seed"][key]]
-            assert CHANGES[key] in (complaint(spoilt) or "")
+            pursued[key] = [0.0, -1.01 * goal["another_seed"][key]]
+            (sentence,) = failed_checks(spoilt)
+            assert sentence.startswith(f"{goal['name']}, pursued: {CHANGES[key]} [urad] is ")
         spoilt = copy.deepcopy(goals)
         spoilt["goals"][place]["runs"][-1]["closure_residual_max_m"] = 2e-8
-        assert "a loop opened by 2.0e-08 m" in (complaint(spoilt) or "")
+        (sentence,) = failed_checks(spoilt)
+        assert "closure residual [m] is 2e-08, expected below 1e-08" in sentence
 
 
 ROOT = Path(__file__).parents[1]

@@ -9,12 +9,11 @@ from typing import Annotated
 import typer
 
 from experiments.app.command import command, machine_refused
-from experiments.app.presentation import presented
 from experiments.app.report import report
 from experiments.benchmark import STUDY as BENCH
 from experiments.figures import STUDY as FIGURES
 from experiments.force import STUDY as FORCE
-from experiments.goals.command import goals
+from experiments.goals import STUDY as GOALS
 from experiments.jacobian import STUDY as JACOBIAN
 from experiments.output.files import OutputError, published, usable_file
 from experiments.output.study import Interrupted, Unsound, WrongInput
@@ -27,7 +26,6 @@ from experiments.systems import STUDY as SYSTEMS
 from experiments.table1 import STUDY as TABLE1
 from experiments.uncorrected import STUDY as UNCORRECTED
 
-LEGACY = (goals,)
 STUDIES = (
     TABLE1,
     FIGURES,
@@ -35,6 +33,7 @@ STUDIES = (
     RELEASE,
     RECOVER,
     FORCE,
+    GOALS,
     JACOBIAN,
     UNCORRECTED,
     SWEEP,
@@ -132,7 +131,7 @@ def render(
 
 
 app = typer.Typer(name="fjh", help=HELP, epilog=EXIT_CODES, rich_markup_mode=None)
-for each in (*map(presented, LEGACY), *map(command, STUDIES), report, review, render):
+for each in (*map(command, STUDIES), report, review, render):
     # The first line whole: Typer itself would cut it at any full stop.
     app.command(short_help=(each.__doc__ or "").partition("\n")[0])(each)
 

@@ -8,8 +8,8 @@ import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from experiments.goals.control import weighted_pseudo_inverse
 from experiments.goals.demonstration import Outcome, smooth_step
-from experiments.goals.pseudo_inverse import weighted_pseudo_inverse
 from ftc.controller import Controller, DirectDrive, Sensed
 from ftc.goal import Goal
 from ftc.mapping import Mapping, PrioritizedMapping

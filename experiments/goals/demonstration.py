@@ -1,4 +1,4 @@
-"""What a demonstration of a secondary goal consists of, and the ways in which it is run."""
+"""What a demonstration of a secondary goal consists of, and the strategies that it is run with."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -11,7 +11,7 @@ from sim import Array
 
 
 @dataclass(frozen=True)
-class Way:
+class Strategy:
     """How one run treats the secondary goal.
 
     Attributes:
@@ -30,13 +30,13 @@ class Way:
 
 
 REFERENCE = "unlimited"
-"""Doing nothing where there is nothing to avoid: what the major error would be anyway."""
+"""Nothing done where there is nothing to avoid: what the major error would be anyway."""
 
 
-def ways(seed: int, quick: bool) -> tuple[Way, ...]:
-    """All runs of one demonstration: the three ways, and what noise alone changes."""
+def strategies(seed: int, quick: bool) -> tuple[Strategy, ...]:
+    """All runs of one demonstration: the three strategies, and what noise alone changes."""
     weights = (10.0,) if quick else (1.0, 10.0, 100.0)
-    pursued = Way("pursued", pursues=True, major_weight=None, limited=True, seed=seed)
+    pursued = Strategy("pursued", pursues=True, major_weight=None, limited=True, seed=seed)
     unlimited = replace(pursued, name=REFERENCE, pursues=False, limited=False)
     return (
         pursued,
@@ -73,29 +73,29 @@ class Demonstration:
     Attributes:
         name: As in `goals.json`.
         title: For people.
-        machine: Its file in `models/`, without the ending.
-        angles: Names of the two columns of the pointing error.
+        run: One run, given the strategy, its duration and the hexapod's compensators.
         measure: Name of the secondary measure, with its unit.
-        limit: What the measure must keep clear of.
-        keeps_below: On which side.
-        judged_from_s: The pointing error counts from here on.
+        limit: What the measure must stay below, or above.
+        keeps_below: Which of the two.
         duration_s: Of a run; `quick_duration_s`: with --quick.
         settings: Its chosen constants, units in the names.
-        run: One run, given the way, its duration and the hexapod's compensators.
+        machine: Its file in `models/`, without the ending.
+        angles: Names of the two columns of the pointing error.
+        judged_from_s: The pointing error counts from here on.
     """
 
     name: str
     title: str
-    machine: str
-    angles: tuple[str, str]
+    run: Callable[[Strategy, float, tuple[Loop, Loop]], Outcome]
     measure: str
     limit: float
     keeps_below: bool
-    judged_from_s: float
     duration_s: float
     quick_duration_s: float
     settings: dict[str, Any]
-    run: Callable[[Way, float, tuple[Loop, Loop]], Outcome]
+    machine: str = "fjh"
+    angles: tuple[str, str] = ("alpha", "beta")
+    judged_from_s: float = 0.0
 
     def worst(self, outcome: Outcome) -> float:
         """The secondary measure where it is nearest to its limit, or furthest beyond."""

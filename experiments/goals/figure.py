@@ -1,5 +1,6 @@
 """The picture of the four goals: what each is about, and what it costs the major task."""
 
+from functools import partial
 from itertools import chain
 from typing import Any
 
@@ -9,10 +10,10 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
 
 from experiments.goals.demonstration import REFERENCE, Demonstration, Outcome
-from experiments.goals.study import DEMONSTRATIONS, Outcomes
-from experiments.goals.text import way_label
+from experiments.goals.runs import DEMONSTRATIONS
 from experiments.output.palette import BLACK, BLUE, GREEN, PURPLE, VERMILION
 from experiments.output.plotting import PAGE_IN, new_figure
+from experiments.output.results import Picture
 from sim import Array
 
 MEASURES = {
@@ -22,6 +23,26 @@ MEASURES = {
     "condition_number": "condition number of $J_m$",
 }
 _WINDOW_S = 0.5
+
+Outcomes = dict[str, dict[str, Outcome]]
+
+
+def pictures(outcomes: Outcomes, summary: dict[str, Any]) -> list[Picture]:
+    """The study's figure and its caption."""
+    picture = Picture(
+        "goals",
+        "Four secondary goals pursued through the mapping, not at all, and conventionally.",
+        "Four rows of panels over time: coil temperature, stroke left, clearance and condition "
+        "number keep clear of their limits only when pursued. Beside them the pointing errors, and "
+        "their changes, which stay below those of another seed where the goal is pursued.",
+        partial(figure_goals, outcomes, summary),
+    )
+    return [picture]
+
+
+def strategy_label(run: dict[str, Any]) -> str:
+    """A run in a word; pseudo-inverses by their weight."""
+    return "w = {:g}".format(run["major_weight"]) if run["major_weight"] else run["name"]
 
 
 def figure_goals(outcomes: Outcomes, summary: dict[str, Any]) -> Figure:
@@ -41,7 +62,7 @@ def figure_goals(outcomes: Outcomes, summary: dict[str, Any]) -> Figure:
 
 
 def styles(ours: dict[str, Outcome]) -> dict[str, dict[str, Any]]:
-    """Ways drawn over time, with their lines; of the pseudo-inverses the one of least weight."""
+    """Lines of the strategies drawn over time; of the pseudo-inverses the one of least weight."""
     lightest = next(name for name in ours if name.startswith("pseudo_inverse"))
     return {
         "nothing": {"color": VERMILION, "label": "nothing done"},
@@ -95,7 +116,7 @@ def _changes(axes: Axes, goal: dict[str, Any]) -> None:
     axes.axvspan(0, noise, color=GREEN, alpha=0.2, label="less than another seed does")
     axes.set_xscale("log")
     axes.set_xlim(min(noise, *(change for change in largest if change > 0)) / 3, None)
-    axes.set_yticks(range(len(runs)), [way_label(run) for run in runs])
+    axes.set_yticks(range(len(runs)), [strategy_label(run) for run in runs])
     axes.set(title="change of pointing, RMS", xlabel="µrad", ylim=(-0.6, len(runs)))
 
 

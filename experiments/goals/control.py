@@ -1,0 +1,228 @@
+"""How the hexapod's controller pursues a secondary goal: by the mapping, or by a pseudo-inverse.
+
+The conventional weighted pseudo-inverse is over all rows, no task before another.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import mujoco
+import numpy as np
+from numpy.typing import ArrayLike
+
+from experiments.goals.demonstration import Strategy
+from experiments.goals.secondary_goals import REWEIGH_TICKS, joint_weights
+from experiments.hexapod.choices import JacobianChoice
+from experiments.hexapod.compensator import Loop
+from experiments.hexapod.goal import MAJOR, SECONDARY, Goal
+from experiments.hexapod.mapping import Reconfigured, StrutMapping
+from experiments.hexapod.pilot import PointingState
+from experiments.hexapod.testbed import Bench
+from ftc.controller import Controller, Sensed
+from prioritized import Status, VelocityMapping, velocity_mapping
+from sim import Amplifier, Array, Coils, Hexapod, Pose, hexapod, pointing_angles
+
+
+@dataclass(frozen=True)
+class WeightedPseudoInverse:
+    """Rates that compromise between all tasks; made by :func:`weighted_pseudo_inverse`."""
+
+    equals: VelocityMapping
+    """The mapping with nothing major; its secondary task is [v_s; v_m]."""
+    secondary_count: int
+    """Rows of v_s."""
+
+    @property
+    def major(self) -> Array:
+        """Gain of the major velocity, shape (n, m1)."""
+        return self.equals.secondary[:, self.secondary_count :]
+
+    @property
+    def status(self) -> Status:
+        """Never exact: the major task is one reference among others."""
+        return Status.DAMPED
+
+    def __call__(
+        self,
+        v_major: ArrayLike,
+        joint_velocity: ArrayLike | None = None,
+        secondary_velocity: ArrayLike | None = None,
+    ) -> Array:
+        """Active joint rates, shape (n,); what is None counts as zero."""
+        v_s = np.zeros(self.secondary_count) if secondary_velocity is None else secondary_velocity
+        return self.equals([], joint_velocity, np.concatenate([v_s, v_major]))
+
+
+def weighted_pseudo_inverse(
+    J: Array,
+    major: Sequence[int],
+    secondary: Sequence[int],
+    major_weight: float,
+    joint_weight: ArrayLike | None = None,
+    secondary_weight: ArrayLike | None = None,
+) -> WeightedPseudoInverse:
+    """Minimize |w (v_m - v_md)|^2 + |W1 (rates - rates_d)|^2 + |W2 (v_s - v_sd)|^2, all at once.
+
+    The sum of eq. (24) with the major task as one more term instead of a constraint, eq. (23). It
+    is the library's own mapping with no row declared major: its answer compromises the major
+    task "in accordance with the weight" (section 3).
+
+    Args:
+        J: Task Jacobian, shape (m, n).
+        major: Rows of v_m.
+        secondary: Rows of v_s.
+        major_weight: w.
+        joint_weight: W1, diagonal (n,); None is zero.
+        secondary_weight: W2, diagonal (m2,); None is zero.
+
+    Raises:
+        ValueError: As :func:`prioritized.velocity_mapping`.
+    """
+    m2 = len(secondary)
+    W2 = np.zeros(m2) if secondary_weight is None else np.asarray(secondary_weight)
+    weights = np.concatenate([W2, np.full(len(major), major_weight)])
+    equals = velocity_mapping(J, [], [*secondary, *major], joint_weight, weights)
+    return WeightedPseudoInverse(equals, m2)
+
+
+class PseudoInverseMapping(StrutMapping):
+    """The strut mapping with a weighted pseudo-inverse in the place of eqs. (28) and (30)."""
+
+    def __init__(
+        self, geometry: Hexapod, goal: Goal, jacobian: JacobianChoice, major_weight: float
+    ) -> None:
+        """As the strut mapping; `major_weight` weighs [rad] of pointing."""
+        self.major_weight = major_weight
+        super().__init__(geometry, goal, jacobian)
+
+    def at(self, A: Array) -> Reconfigured:
+        """The mapping where l_dot = A x_dot."""
+        now = super().at(A)
+        W1 = self.goal.joint_weight
+        mapping = weighted_pseudo_inverse(
+            now.J,
+            MAJOR,
+            SECONDARY,
+            self.major_weight,
+            joint_weight=None if W1 is None else now.expand.T @ np.array(W1),
+            secondary_weight=self.goal.secondary_weight,
+        )
+        return replace(now, mapping=mapping)
+
+
+def controllers(
+    model: mujoco.MjModel, bench: Bench, loops: tuple[Loop, Loop], strategy: Strategy
+) -> Callable[[Goal], Controller]:
+    """The controller of this machine for any goal, through the mapping of the strategy.
+
+    The Jacobian is constant: within the stroke that costs pointing less than noise does.
+    """
+    geometry = hexapod(model)
+    amplifier = bench.amplifier(newton_per_m=float(model.actuator_gainprm[0, 0]))
+
+    def controller(goal: Goal) -> Controller:
+        if strategy.major_weight is None:
+            mapping = StrutMapping(geometry, goal, "constant")
+        else:
+            mapping = PseudoInverseMapping(geometry, goal, "constant", strategy.major_weight)
+        return Controller(loops, mapping, amplifier, bench.handover_s)
+
+    return controller
+
+
+def unrolled(sensed: Sensed, pose: Pose) -> Sensed:
+    """What the detector would read if the payload had not rolled.
+
+    The detector turns with the payload: off the axis, a roll about it moves the spot although
+    the pointing stays. What it reads and what is pointed at are compared at the estimated pose.
+    """
+    reading = -pointing_angles(pose.rotation.T)
+    return replace(
+        sensed, pointing_rad=sensed.pointing_rad - reading + pointing_angles(pose.rotation)
+    )
+
+
+StrutRates = Callable[[Array, Pose], Array]
+"""Desired strut rates (6,), theta_ad of eq. (24), [m]/[s], where the struts are commanded to be
+(6,) and the payload is estimated to be."""
+
+
+def no_rates(displacements_m: Array, pose: Pose) -> Array:
+    """No secondary goal."""
+    return np.zeros_like(displacements_m)
+
+
+@dataclass(frozen=True)
+class SeekerState(PointingState):
+    """Beside it, the desired strut rates integrated so far, shape (6,)."""
+
+    secondary_reference_m: Array
+
+
+@dataclass(frozen=True)
+class Seeker:
+    """Points, and follows desired strut rates as far as pointing leaves the struts free."""
+
+    controller: Controller
+    rates: StrutRates
+    period_s: float
+
+    @property
+    def amplifier(self) -> Amplifier:
+        """That of the controller."""
+        return self.controller.amplifier
+
+    def start(self) -> SeekerState:
+        """At rest at the nominal pose."""
+        return SeekerState(self.controller.start(), np.zeros(6))
+
+    def step(self, state: SeekerState, desired_rad: Array, sensed: Sensed) -> SeekerState:
+        """One control tick."""
+        commanded_m = self.amplifier.displacement_m(state.input_percent)
+        moved_m = self.period_s * self.rates(commanded_m, state.pose)
+        reference_m = state.secondary_reference_m + moved_m
+        seen = unrolled(sensed, state.pose)
+        controller = self.controller.step(state.controller, desired_rad, seen, reference_m)
+        return SeekerState(controller, reference_m)
+
+
+@dataclass(frozen=True)
+class ReweighedState(PointingState):
+    """Beside it, coil temperatures by the controller's own model (6,), and the present weights."""
+
+    temperature_c: Array
+    steering: Controller
+    ticks: int
+
+
+@dataclass(frozen=True)
+class Reweighing:
+    """Points, with weights on the struts that follow the coils' temperatures.
+
+    It estimates them from the currents that it sends, with a thermal model of its own.
+    """
+
+    controller_for: Callable[[Goal], Controller]
+    coils: Coils
+    amplifier: Amplifier
+    period_s: float
+
+    def start(self) -> ReweighedState:
+        """At rest at the nominal pose, coils cold."""
+        cold = self.coils.cold()
+        steering = self._weighted(cold)
+        return ReweighedState(steering.start(), cold, steering, ticks=0)
+
+    def step(self, state: ReweighedState, desired_rad: Array, sensed: Sensed) -> ReweighedState:
+        """One control tick."""
+        steering = state.steering
+        current_a = self.amplifier.current_a(state.input_percent)
+        temperature_c = self.coils.step(state.temperature_c, current_a, self.period_s)
+        if state.ticks % REWEIGH_TICKS == 0:
+            steering = self._weighted(temperature_c)
+        seen = unrolled(sensed, state.pose)
+        controller = steering.step(state.controller, desired_rad, seen)
+        return ReweighedState(controller, temperature_c, steering, state.ticks + 1)
+
+    def _weighted(self, temperature_c: Array) -> Controller:
+        return self.controller_for(Goal(joint_weight=tuple(joint_weights(temperature_c))))

@@ -1,0 +1,278 @@
+"""The four goals as numbers, checks, a table and files."""
+
+from dataclasses import asdict, fields
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from experiments.goals import secondary_goals
+from experiments.goals.arm import ARM_MJCF
+from experiments.goals.demonstration import REFERENCE, Demonstration, Outcome, Strategy
+from experiments.goals.figure import MEASURES, pictures, strategy_label
+from experiments.goals.runs import DEMONSTRATIONS, Goals
+from experiments.hexapod.checks import closure_check
+from experiments.hexapod.metrics import rms
+from experiments.hexapod.provenance import plant_constants
+from experiments.hexapod.recording.notes import constants
+from experiments.hexapod.recording.shown import Shown
+from experiments.hexapod.recording.side_by_side import write_side_by_side
+from experiments.hexapod.simulation import Trajectory
+from experiments.hexapod.testbed import Bench
+from experiments.output.provenance import version_properties, versions
+from experiments.output.recording.file import About
+from experiments.output.recording.marks import Mark
+from experiments.output.recording.mechanism import Driven, write_mechanism
+from experiments.output.recording.series import Plot
+from experiments.output.results import Check, Results
+from experiments.output.tables import Column, Table, tabulate
+from sim import Array, load_model, model_sha256
+
+CHANGES = {
+    "rms_change_urad": "change of the RMS of the pointing error",
+    "peak_change_urad": "change of its peak",
+    "difference_rms_urad": "RMS of the change of pointing, tick by tick",
+    "difference_peak_urad": "largest change of pointing at one tick",
+}
+"""What another seed does to the two angles, and what a goal must stay below."""
+
+_STRUTS = [f"strut {k} [um]" for k in range(1, 7)]
+_COILS = [f"coil {k} [C]" for k in range(1, 7)]
+_DETAILS: dict[str, tuple[str, str, list[str], float]] = {
+    "reliability": ("temperature_c", "Coil temperatures [C]", _COILS, 1.0),
+    "stroke": ("strut_displacement_m", "Strut displacements [um]", _STRUTS, 1e6),
+    "obstacle": ("strut_displacement_m", "Strut displacements [um]", _STRUTS, 1e6),
+    "singularity": ("singular_values", "Singular values of J_m [1]", ["largest", "smallest"], 1.0),
+}
+"""What else a recording shows: array, title, names of its columns, factor to their units."""
+
+
+def results(goals: Goals) -> Results:
+    """Everything that `fjh goals` publishes."""
+    summary, outcomes = summarize(goals), goals.outcomes
+    return Results(
+        summary,
+        tables=(table(summary),),
+        checks=checks(summary),
+        pictures=pictures(outcomes, summary),
+        arrays={goal["data"]: _arrays(goal, outcomes[goal["name"]]) for goal in summary["goals"]},
+        records=[
+            partial(_record, goal, outcomes[goal["name"]], summary) for goal in summary["goals"]
+        ],
+    )
+
+
+def summarize(goals: Goals) -> dict[str, Any]:
+    """All numbers of the experiment, ready for JSON; units are in the names."""
+    return {
+        "experiment": "goals",
+        "seed": goals.seed,
+        "versions": versions(),
+        "model_sha256": {"fjh": model_sha256(), "arm": model_sha256(ARM_MJCF)},
+        "jacobian": "constant",
+        "bench": asdict(Bench()) | plant_constants(load_model()),
+        "goals": [_entry(one, goals) for one in DEMONSTRATIONS],
+    }
+
+
+def checks(summary: dict[str, Any]) -> list[Check]:
+    """Each goal is kept when pursued, lost when not, and changes pointing less than noise does."""
+    found = []
+    for goal in summary["goals"]:
+        where, measure = goal["name"], goal["measure"]
+        runs = {run["name"]: run for run in goal["runs"]}
+        found += [
+            closure_check(f"{where}, {name}", run["closure_residual_max_m"])
+            for name, run in runs.items()
+        ]
+        # Positive where the limit is broken, whichever its side.
+        sign = 1 if goal["keeps_below"] else -1
+        beyond = {name: sign * (run[measure] - goal["limit"]) for name, run in runs.items()}
+        found.append(
+            Check(f"{measure} beyond its limit", f"{where}, pursued", beyond["pursued"], 0)
+        )
+        kept = f"distance of {measure} from its limit, which must be broken,"
+        found.append(Check(kept, f"{where}, nothing", -beyond["nothing"], 0))
+        for key, what in CHANGES.items():
+            change = max(map(abs, runs["pursued"][key]))
+            noise = goal["another_seed"][key]
+            found.append(Check(f"{what} [urad]", f"{where}, pursued", change, noise))
+    return found
+
+
+def table(summary: dict[str, Any]) -> Table:
+    """One row for each goal and strategy, and one for what another seed changes."""
+    entries = []
+    for goal in summary["goals"]:
+        entries += [
+            {
+                "label": f"{goal['name']}, {strategy_label(run)}",
+                "worst": round(run[goal["measure"]], 1) + 0.0,
+                "limit": goal["limit"],
+                **run,
+            }
+            for run in goal["runs"]
+            if not run["name"].startswith(f"{REFERENCE}_seed")
+        ]
+        noise = {key: [value] for key, value in goal["another_seed"].items()}
+        nothing = dict.fromkeys(("worst", "limit", "rms_urad", "peak_urad"))
+        entries.append({"label": f"{goal['name']}, other seed", **nothing, **noise})
+    columns = (
+        Column("", "label"),
+        Column("worst", "worst", ".1f"),
+        Column("limit", "limit", "g"),
+        Column("RMS", partial(_larger, "rms_urad")),
+        Column("peak", partial(_larger, "peak_urad")),
+        Column("change", partial(_larger, "rms_change_urad")),
+        Column("by tick", partial(_larger, "difference_rms_urad")),
+    )
+    return tabulate(
+        "Secondary measure at its worst; desired minus true pointing, larger angle, urad",
+        columns,
+        entries,
+        "RMS and peak of the pointing error, the change of that RMS, and the RMS of the change. "
+        "reliability: hottest coil, C; stroke: stroke left, um; obstacle: clearance, um; "
+        "singularity: condition number.",
+    )
+
+
+def _larger(key: str, entry: dict[str, Any]) -> str | None:
+    if entry[key] is None:
+        return None
+    value = max(map(abs, entry[key]))
+    return f"{value:.3f}" if value < 100 else f"{value:.0f}"
+
+
+def _entry(one: Demonstration, goals: Goals) -> dict[str, Any]:
+    outcomes = goals.outcomes[one.name]
+    runs = [_run(one, it, outcomes[it.name], outcomes[REFERENCE]) for it in goals.strategies]
+    return {
+        "name": one.name,
+        "title": one.title,
+        "machine": one.machine,
+        "measure": one.measure,
+        "limit": one.limit,
+        "keeps_below": one.keeps_below,
+        "angles": one.angles,
+        "judged_from_s": one.judged_from_s,
+        "settings": one.settings,
+        "another_seed": _another_seed([run for run in runs if not run["limited"]]),
+        "runs": runs,
+        "recording": f"{one.name}.rrd",
+        "data": f"{one.name}.npz",
+    }
+
+
+def _run(
+    one: Demonstration, strategy: Strategy, outcome: Outcome, reference: Outcome
+) -> dict[str, Any]:
+    worst = one.worst(outcome)
+    judged = outcome.time_s >= one.judged_from_s
+    error_urad, expected_urad = (1e6 * run.error_rad[judged] for run in (outcome, reference))
+    difference_urad = 1e6 * (outcome.error_rad - reference.error_rad)
+    peak, expected_peak = (np.abs(error).max(axis=0) for error in (error_urad, expected_urad))
+    return {
+        **asdict(strategy),
+        one.measure: worst,
+        "kept": one.is_kept(worst),
+        "rms_urad": rms(error_urad).tolist(),
+        "peak_urad": peak.tolist(),
+        "rms_change_urad": (rms(error_urad) - rms(expected_urad)).tolist(),
+        "peak_change_urad": (peak - expected_peak).tolist(),
+        "difference_rms_urad": rms(difference_urad).tolist(),
+        "difference_peak_urad": np.abs(difference_urad).max(axis=0).tolist(),
+        "closure_residual_max_m": outcome.closure_residual_max_m,
+    }
+
+
+def _another_seed(references: list[dict[str, Any]]) -> dict[str, float]:
+    """What the seed alone changes, the most in either angle: between any two, and to the first."""
+
+    def all_of(key: str) -> Array:
+        return np.array([run[key] for run in references])
+
+    return {
+        "rms_change_urad": float(np.ptp(all_of("rms_urad"), axis=0).max()),
+        "peak_change_urad": float(np.ptp(all_of("peak_urad"), axis=0).max()),
+        "difference_rms_urad": float(all_of("difference_rms_urad").max()),
+        "difference_peak_urad": float(all_of("difference_peak_urad").max()),
+    }
+
+
+def _arrays(goal: dict[str, Any], ours: dict[str, Outcome]) -> dict[str, Array]:
+    """Arrays of all strategies, their names in front; of the other seeds the errors alone."""
+    arrays = {"time_s": ours[REFERENCE].time_s}
+    for name, outcome in ours.items():
+        kept = {"error_rad": outcome.error_rad}
+        if not name.startswith(f"{REFERENCE}_seed"):
+            kept |= {goal["measure"]: outcome.measure} | outcome.arrays
+        arrays |= {f"{name}_{key}": value for key, value in kept.items()}
+    return arrays
+
+
+def _record(
+    goal: dict[str, Any], ours: dict[str, Outcome], summary: dict[str, Any], folder: Path
+) -> None:
+    """Write the recording: the goal pursued, and nothing done, side by side."""
+    on_hexapod, name = goal["machine"] == "fjh", goal["name"]
+    properties = {
+        "seed": summary["seed"],
+        "model_sha256": summary["model_sha256"][goal["machine"]],
+        **{f"goal_{name}": value for name, value in goal["settings"].items()},
+        **version_properties(summary),
+        **(summary["bench"] if on_hexapod else {}),
+    }
+    identity = f"goals-{name}-seed{summary['seed']}"
+    about = About(identity, goal["title"], _notes(goal, properties), properties)
+    path, shown = folder / goal["recording"], {key: ours[key] for key in ("pursued", "nothing")}
+    if not on_hexapod:
+        driven = {
+            key: Driven(
+                one.time_s, one.arrays["joint_rad"], [_error(goal, one), *_plots(goal, one)]
+            )
+            for key, one in shown.items()
+        }
+        write_mechanism(path, about, load_model(ARM_MJCF), driven)
+        return
+    model, marks = load_model(), []
+    if name == "obstacle":
+        model = secondary_goals.cluttered()
+        marks = [Mark(secondary_goals.LOCKED_STRUT, 0.0, "strut 1 locked")]
+    names = [field.name for field in fields(Trajectory) if field.name != "time_s"]
+    runs = {
+        key: Trajectory(one.time_s, **{each: one.arrays[each] for each in names})
+        for key, one in shown.items()
+    }
+    views = {key: Shown(runs[key], marks, _plots(goal, one)) for key, one in shown.items()}
+    write_side_by_side(path, about, model, views)
+
+
+def _plots(goal: dict[str, Any], outcome: Outcome) -> list[Plot]:
+    measure = MEASURES[goal["measure"]].replace("$", "")
+    key, title, names, factor = _DETAILS[goal["name"]]
+    return [
+        Plot("measure", measure, [measure], outcome.time_s, outcome.measure[:, None]),
+        Plot("details", title, names, outcome.time_s, factor * outcome.arrays[key]),
+    ]
+
+
+def _error(goal: dict[str, Any], outcome: Outcome) -> Plot:
+    names = [f"{angle} [urad]" for angle in goal["angles"]]
+    title = "Pointing error, desired - true [urad]"
+    return Plot("error", title, names, outcome.time_s, 1e6 * outcome.error_rad)
+
+
+def _notes(goal: dict[str, Any], properties: dict[str, Any]) -> str:
+    """The goal in words and all strategies in a table, shown beside the views."""
+    measure, (first, second) = MEASURES[goal["measure"]].replace("$", ""), goal["angles"]
+    columns = (
+        Column("strategy", lambda run: run["name"].replace("_", " ")),
+        Column(f"{measure}, worst", goal["measure"], ".4g"),
+        Column(f"{first}, urad RMS", lambda run: run["rms_urad"][0], ".3f"),
+        Column(f"{second}, urad RMS", lambda run: run["rms_urad"][1], ".3f"),
+    )
+    side = "below" if goal["keeps_below"] else "above"
+    limit = f"{measure}: must stay {side} {goal['limit']:g}."
+    rows = tabulate("", columns, goal["runs"]).markdown()
+    return "\n".join([f"# {goal['title']}", "", limit, "", rows, "", *constants(properties)])
