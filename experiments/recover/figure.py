@@ -53,13 +53,8 @@ def _delays(axes: Axes, cases: list[dict[str, Any]]) -> None:
         if delays.size:
             share = np.arange(1, len(delays) + 1) / len(delays)
             axes.step(delays, 100 * share, where="post", color=_COLORS[kind], label=kind)
-    axes.set(
-        title="strut named",
-        xlabel="time since the failure, ms",
-        ylabel="of the failures, %",
-        xscale="log",
-        ylim=(0, 102),
-    )
+    axes.set(title="strut named", xlabel="time since the failure, ms", ylabel="of the failures, %")
+    axes.set(xscale="log", ylim=(0, 102))
     axes.xaxis.set_major_formatter("{x:g}")
     axes.xaxis.set_minor_formatter("")
     axes.legend(loc="lower right")
@@ -93,11 +88,8 @@ def _after(axes: Axes, cases: list[dict[str, Any]]) -> None:
     axes.plot(oracle, found, "o", color=BLUE, ms=3, alpha=0.6, label="supervised")
     ends = [0, max(oracle)]
     axes.plot(ends, ends, color=BLACK, lw=0.8, label="informed")
-    axes.set(
-        title="pointing error after recovery, RMS",
-        xlabel="controller informed at once, µrad",
-        ylabel="µrad",
-    )
+    axes.set(title="pointing error after recovery, RMS", xlabel="informed at once, µrad")
+    axes.set(ylabel="µrad")
     axes.legend()
 
 

@@ -94,25 +94,21 @@ def marks(run: Trajectory, found: Identification) -> list[Mark]:
     return marks
 
 
-@dataclass(frozen=True)
-class Size:
-    """How much of everything; the defaults are the whole study."""
-
-    cases: int = 306
-    other_cases: int = 36
-    pairs: int = 36
-    fault_free: int = 24
-    fault_free_s: float = 16.0
-    draws: int = 1000
-    settings: int = 4
-    struts: int = 6
-    informed: int = 3
-    shown: int = 3
-    frequencies: int = 4
-    mismatches: int = 5
-
-
-QUICK = Size(4, 1, 1, 1, 3.0, 20, 2, 1, 1, 1, 1, 0)
+SIZE: dict[str, tuple[Any, Any]] = {
+    "cases": (306, 4),
+    "cases_in_other_settings": (36, 1),
+    "pairs": (36, 1),
+    "fault_free": (24, 1),
+    "fault_free_s": (16.0, 3.0),
+    "draws": (1000, 20),
+    "settings": (4, 2),
+    "struts": (6, 1),
+    "informed": (3, 1),
+    "shown": (3, 1),
+    "frequencies": (4, 1),
+    "gain_errors": (5, 0),
+}
+"""How much of everything in the whole study, and with --quick."""
 
 
 @dataclass(frozen=True)
@@ -156,9 +152,9 @@ def run_recover(
         quick: A small set.
         on_progress: Called with finished and total number of jobs.
     """
-    size, model, bench = QUICK if quick else Size(), load_model(), Bench()
+    model, bench = load_model(), Bench()
     setup = Setup(model, bench, nominal_loops(model, bench))
-    done = _by_name(setup, _jobs(size, seed), on_progress)
+    done = _by_name(setup, _jobs(seed, quick), on_progress)
     simulated, redrawn, model_errors_urad = zip(*done["fault_free"], strict=True)
     return Recover(
         seed=seed,
@@ -184,21 +180,23 @@ Jobs = tuple[Callable[..., Any], list[tuple[Any, ...]]]
 """A function of the setup and further arguments, and these, a tuple for each call."""
 
 
-def _jobs(size: Size, seed: int) -> dict[str, Jobs]:
+def _jobs(seed: int, quick: bool) -> dict[str, Jobs]:
     """Independent jobs, by what they are for."""
-    cases, few, struts = draw(seed, size.cases), draw(seed, size.other_cases), range(size.struts)
-    frequencies_hz, lasting = FREQUENCIES_HZ[-size.frequencies :], size.fault_free_s
-    shown, errors = list(SHOWN.values())[: size.shown], GAIN_ERRORS[: size.mismatches]
-    fault_free, drawn = draw(seed + 1, size.fault_free), pairs(seed, size.pairs)
+    size = {name: both[quick] for name, both in SIZE.items()}
+    cases, few = draw(seed, size["cases"]), draw(seed, size["cases_in_other_settings"])
+    fault_free, drawn = draw(seed + 1, size["fault_free"]), pairs(seed, size["pairs"])
+    shown, errors = list(SHOWN.values())[: size["shown"]], GAIN_ERRORS[: size["gain_errors"]]
+    frequencies_hz, settings = FREQUENCIES_HZ[-size["frequencies"] :], SETTINGS[: size["settings"]]
+    struts, lasting, draws = range(size["struts"]), size["fault_free_s"], size["draws"]
     late = robustness.informed_late_or_wrongly
     return {
         "shown": (succession, [(failures, seed, 0.0) for failures in shown]),
         "beliefs": (predictions.beliefs, [(struts,)]),
         "dither_design": (predictions.dither_design, [(struts[:3], frequencies_hz)]),
         "dither_cost": (robustness.dither_cost, [(cases[0], lasting)]),
-        "lookalikes": (predictions.lookalikes, [(s, struts) for s in SETTINGS[: size.settings]]),
-        "informed": (late, [(case,) for case in INFORMED_LATE[: size.informed]]),
-        "fault_free": (robustness.fault_free, [(c, lasting, size.draws) for c in fault_free]),
+        "lookalikes": (predictions.lookalikes, [(s, struts) for s in settings]),
+        "informed": (late, [(case,) for case in INFORMED_LATE[: size["informed"]]]),
+        "fault_free": (robustness.fault_free, [(c, lasting, draws) for c in fault_free]),
         "recoveries": (recover, [(case,) for case in cases]),
         "predicted": (predictions.from_others_and_kinds, [(case,) for case in cases]),
         "pairs": (succession, [(both, noise) for noise, both in enumerate(drawn, seed)]),
