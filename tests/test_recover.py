@@ -14,10 +14,10 @@ from experiments.hexapod.testbed import Bench
 from experiments.output.results import Results
 from experiments.recover import figure
 from experiments.recover.predictions import beliefs
-from experiments.recover.recovery import Testbed, draw
+from experiments.recover.recovery import Identification, Setup, draw
 from experiments.recover.results import ambiguity, checks, notes, recovery
 from experiments.recover.robustness import FaultFree, together
-from experiments.recover.runs import SHOWN, Succession, pairs
+from experiments.recover.runs import SHOWN, pairs
 from ftc.fdi.diagnosis import Diagnosis
 from ftc.fdi.fault_model import Fault
 from sim import load_model
@@ -62,8 +62,8 @@ def test_no_belief_about_one_strut_destabilizes_the_loop_and_a_bad_one_would_sho
     alpha, beta = (
         replace(loop, C=6 * loop.C, D=6 * loop.D) for loop in nominal_loops(model, bench)
     )
-    found = beliefs(Testbed(model, bench, (alpha, beta)), struts=[])
-    assert any(each.largest_pole > 1 for each in found)
+    found = beliefs(Setup(model, bench, (alpha, beta)), struts=[])
+    assert any(each["largest_pole"] > 1 for each in found)
 
 
 def test_told_late_or_wrongly_the_pointing_stays_bounded(recover):
@@ -137,7 +137,9 @@ def test_in_the_figure_a_failure_that_is_not_found_is_named_by_what_happened(rec
     found = Diagnosis(Fault(0, "locked"), 1.0, 1.0, 0.0, 8250, 8260, 8270, confirmed=True)
     labels = {}
     for diagnoses in ((), (found,)):
-        happened = Succession(SHOWN["locked"], diagnoses, (), False, False, False, 1.0, 1.0, 0.0)
+        happened = Identification(
+            SHOWN["locked"], 8250, diagnoses, (), False, False, False, False, 0.0
+        )
         axes = Figure().add_subplot()
         figure.draw_shown(axes, "locked", run, happened)
         labels[len(diagnoses)] = [text.get_text() for text in axes.texts], len(axes.lines)

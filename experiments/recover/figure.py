@@ -11,8 +11,8 @@ from experiments.hexapod.simulation import Trajectory
 from experiments.output.palette import BLACK, BLUE, GREEN, ORANGE, VERMILION
 from experiments.output.plotting import PAGE_IN, new_figure
 from experiments.output.results import Picture
-from experiments.recover.recovery import pointing_error_urad
-from experiments.recover.runs import Recover, Succession
+from experiments.recover.recovery import Identification, pointing_error_urad
+from experiments.recover.runs import Recover, marks
 from ftc.fdi.fault_model import KINDS
 
 _COLORS = {"locked": BLUE, "free": VERMILION, "weak": GREEN}
@@ -40,8 +40,8 @@ def figure_recover(outcome: Recover, summary: dict[str, Any]) -> Figure:
     _distances(figure.add_subplot(grid[0, 1]), summary["ambiguity"])
     _after(figure.add_subplot(grid[1, 0]), summary["cases"])
     # The last of the runs that are kept: the cascade, unless --quick.
-    name, (run, happened) = list(outcome.shown.items())[-1]
-    draw_shown(figure.add_subplot(grid[1, 1]), name, run, happened)
+    name, (run, found) = list(outcome.shown.items())[-1]
+    draw_shown(figure.add_subplot(grid[1, 1]), name, run, found)
     return figure
 
 
@@ -53,13 +53,8 @@ def _delays(axes: Axes, cases: list[dict[str, Any]]) -> None:
         if delays.size:
             share = np.arange(1, len(delays) + 1) / len(delays)
             axes.step(delays, 100 * share, where="post", color=_COLORS[kind], label=kind)
-    axes.set(
-        title="strut named",
-        xlabel="time since the failure, ms",
-        ylabel="of the failures, %",
-        xscale="log",
-        ylim=(0, 102),
-    )
+    axes.set(title="strut named", xlabel="time since the failure, ms", ylabel="of the failures, %")
+    axes.set(xscale="log", ylim=(0, 102))
     axes.xaxis.set_major_formatter("{x:g}")
     axes.xaxis.set_minor_formatter("")
     axes.legend(loc="lower right")
@@ -93,24 +88,21 @@ def _after(axes: Axes, cases: list[dict[str, Any]]) -> None:
     axes.plot(oracle, found, "o", color=BLUE, ms=3, alpha=0.6, label="supervised")
     ends = [0, max(oracle)]
     axes.plot(ends, ends, color=BLACK, lw=0.8, label="informed")
-    axes.set(
-        title="pointing error after recovery, RMS",
-        xlabel="controller informed at once, µrad",
-        ylabel="µrad",
-    )
+    axes.set(title="pointing error after recovery, RMS", xlabel="informed at once, µrad")
+    axes.set(ylabel="µrad")
     axes.legend()
 
 
-def draw_shown(axes: Axes, name: str, run: Trajectory, happened: Succession) -> None:
+def draw_shown(axes: Axes, name: str, run: Trajectory, found: Identification) -> None:
     """The pointing error of one run; each failure, labelled by what was found or what happened."""
     axes.semilogy(run.time_s, pointing_error_urad(run), color=BLACK, lw=0.6)
-    for mark in happened.marks(run):
+    for mark in marks(run, found):
         axes.axvline(mark.failed_s, color=VERMILION, lw=1)
         label = mark.diagnosis if mark.is_found else mark.failure
         axes.text(mark.failed_s + 0.1, 0.02, label, rotation=90)
         if mark.is_found:
             axes.axvline(mark.diagnosed_s, color=GREEN, lw=1)
-    lost = ": in the end the task is lost" if happened.task_lost else ""
+    lost = ": in the end the task is lost" if found.task_lost else ""
     axes.set(
         title=f"{name}{lost}", xlabel="time, s", ylabel="pointing error, µrad", ylim=(1e-2, 3e2)
     )

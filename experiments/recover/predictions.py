@@ -8,12 +8,12 @@ import control
 import numpy as np
 import scipy.linalg
 
-from experiments.hexapod.diagnosis import fault_entry
+from experiments.hexapod.diagnosis import fault_entry, fault_text
 from experiments.hexapod.dithers import STILL
 from experiments.hexapod.goal import Goal
 from experiments.hexapod.mapping import StrutMapping
 from experiments.hexapod.prediction import linear_loop, peak_of_sensitivity
-from experiments.recover.recovery import AFTER_S, BEFORE_S, DITHER, GOAL, STRUCK, Scenario, Testbed
+from experiments.recover.recovery import AFTER_S, BEFORE_S, DITHER, GOAL, STRUCK, Scenario, Setup
 from ftc.fdi.dither import Dither
 from ftc.fdi.fault_model import KINDS, Fault, FaultKind, NominalModel, fault_model
 from ftc.fdi.hypotheses import HypothesisBank, hypothesis_bank
@@ -58,27 +58,27 @@ SETTINGS = (
 )
 
 
-def from_others_and_kinds(bed: Testbed, scenario: Scenario) -> tuple[float, float]:
+def from_others_and_kinds(setup: Setup, scenario: Scenario) -> tuple[float, float]:
     """Distance from other struts and no failure, and from other kinds of the same strut.
 
     Of the scenario's failure, by the detector and the dither.
     """
-    loop = _loop(bed, scenario.dither(DITHER), scenario.begin_s, BEFORE_S + AFTER_S)
+    loop = _loop(setup, scenario.dither(DITHER), scenario.time_s - BEFORE_S, BEFORE_S + AFTER_S)
     fault = scenario.fault
     distance, from_none = _distances(loop, hypothesis_bank(loop.nominal), fault, STRUCK, EVIDENCE_S)
     from_others = min(float(np.delete(distance, fault.actuator, axis=0).min()), from_none)
     return from_others, float(_other_kinds(distance, fault).min())
 
 
-def lookalikes(bed: Testbed, setting: Setting, struts: Sequence[int]) -> list[dict[str, Any]]:
+def lookalikes(setup: Setup, setting: Setting, struts: Sequence[int]) -> list[dict[str, Any]]:
     """One entry, ready for JSON, for each kind of failure of these struts, centred and off centre.
 
     Each within half a turn of the spiral from 7.5 s on.
     """
-    half_turn_s, period_s = bed.bench.spiral_period_s / 2, bed.bench.control_period_s
+    half_turn_s, period_s = setup.bench.spiral_period_s / 2, setup.bench.control_period_s
     duration_s = _EARLIEST_S + half_turn_s + EVIDENCE_S + period_s
-    loop = _loop(bed, setting.dither, _BEGIN_S, duration_s)
-    bank = hypothesis_bank(bed.nominal(strut_sensors=setting.strut_sensors))
+    loop = _loop(setup, setting.dither, _BEGIN_S, duration_s)
+    bank = hypothesis_bank(setup.nominal(strut_sensors=setting.strut_sensors))
     first, half_turn = round(_EARLIEST_S / period_s), round(half_turn_s / period_s)
     moved_m = (loop.reference @ loop.gain.T)[first : first + half_turn]
     entries = []
@@ -123,20 +123,20 @@ def _other_kinds(distance: Array, fault: Fault) -> Array:
 
 
 def dither_design(
-    bed: Testbed, struts: Sequence[int], frequencies_hz: Sequence[float]
+    setup: Setup, struts: Sequence[int], frequencies_hz: Sequence[float]
 ) -> list[dict[str, Any]]:
     """Least distance of a locked or free strut from the others, an entry for each dither.
 
     Each direction at each frequency; then the amplitudes of the one that is chosen.
     """
-    per_twist = hexapod(bed.model).inverse_jacobian(NOMINAL)
-    onset = round(_EARLIEST_S / bed.bench.control_period_s)
+    per_twist = hexapod(setup.model).inverse_jacobian(NOMINAL)
+    onset = round(_EARLIEST_S / setup.bench.control_period_s)
 
     def entry(name: str, frequency_hz: float, amplitude_m: float) -> dict[str, Any]:
         column = per_twist[:, DIRECTIONS[name]]
         direction = tuple((column / np.abs(column).max()).tolist())
         dither = Dither(amplitude_m, frequency_hz, direction)
-        loop = _loop(bed, dither, _BEGIN_S, _EARLIEST_S + DITHER_EVIDENCE_S)
+        loop = _loop(setup, dither, _BEGIN_S, _EARLIEST_S + DITHER_EVIDENCE_S)
         bank, apart = hypothesis_bank(loop.nominal), []
         for fault in [Fault(strut, kind) for strut in struts for kind in _RIGID]:
             distance, _ = _distances(loop, bank, fault, onset, DITHER_EVIDENCE_S)
@@ -148,9 +148,9 @@ def dither_design(
     return entries + [entry("t_z", DITHER.frequency_hz, size) for size in AMPLITUDES_M]
 
 
-def _loop(bed: Testbed, dither: Dither, begin_s: float, duration_s: float) -> LinearLoop:
+def _loop(setup: Setup, dither: Dither, begin_s: float, duration_s: float) -> LinearLoop:
     span = {"begin_s": begin_s, "duration_s": duration_s}
-    return linear_loop(bed.model, bed.bench, bed.loops, GOAL, dither, **span)
+    return linear_loop(setup.model, setup.bench, setup.loops, GOAL, dither, **span)
 
 
 def _distances(
@@ -161,48 +161,37 @@ def _distances(
     return isolability(bank, fault, onset, states[:until], commanded[:until])
 
 
-@dataclass(frozen=True)
-class Belief:
-    """The loop under one fault when another is believed; None is no fault.
+def beliefs(setup: Setup, struts: Sequence[int]) -> list[dict[str, Any]]:
+    """The loop under each failure of one of these struts or none, under each belief about a strut.
 
-    Attributes:
-        truth: What has failed.
-        believed: What the mapping reckons with.
-        largest_pole: Largest size of a closed-loop pole; below 1 is stable.
-        sensitivity_peak: Of the largest singular value of the sensitivity.
+    Entries of the faults in words, the largest size of a closed-loop pole (below 1 is stable), and
+    the peak of the largest singular value of the sensitivity.
     """
-
-    truth: Fault | None
-    believed: Fault | None
-    largest_pole: float
-    sensitivity_peak: float
-
-
-def beliefs(bed: Testbed, struts: Sequence[int]) -> list[Belief]:
-    """All failures of one of these struts or none, under all beliefs about one strut or none."""
-    nominal = bed.nominal()
-    compensators = control.append(*(loop.discrete for loop in bed.loops))
+    nominal = setup.nominal()
+    compensators = control.append(*(loop.discrete for loop in setup.loops))
     truths = [None, *(Fault(k, kind, HALF) for kind in KINDS for k in struts)]
     possible = [None, *(Fault(k, kind, WEAKEST) for kind in ("locked", "weak") for k in range(6))]
-    gains = [_gain(bed, believed) for believed in possible]
+    gains = [_gain(setup, believed) for believed in possible]
     found = []
     for truth in truths:
         P = _plant(nominal, truth)
         for believed, gain in zip(possible, gains, strict=True):
             L = control.ss(P.A, P.B @ gain, P.C, 0, P.dt) * compensators
             pole = float(np.abs(control.feedback(L, np.eye(2)).poles()).max())
-            found.append(Belief(truth, believed, pole, peak_of_sensitivity(L)))
+            pair = {"truth": fault_text(truth), "believed": fault_text(believed)}
+            peak = peak_of_sensitivity(L)
+            found.append(pair | {"largest_pole": pole, "sensitivity_peak": peak})
     return found
 
 
-def _gain(bed: Testbed, believed: Fault | None) -> Array:
+def _gain(setup: Setup, believed: Fault | None) -> Array:
     """Commanded strut displacements per (alpha, beta), shape (6, 2)."""
     goal, effectiveness = GOAL, np.ones(6)
     if believed is not None and believed.kind == "weak":
         effectiveness[believed.actuator] = believed.effectiveness
     elif believed is not None:
         goal = Goal(GOAL.joint_weight, locked_m={believed.actuator: 0.0})
-    mapping = StrutMapping(hexapod(bed.model), goal, "constant")
+    mapping = StrutMapping(hexapod(setup.model), goal, "constant")
     return mapping.pointing_gain() / effectiveness[:, None]
 
 

@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 
 from experiments.hexapod.compensator import Loop
-from experiments.hexapod.diagnosis import nominal_model
+from experiments.hexapod.diagnosis import fault_of, nominal_model
 from experiments.hexapod.dithers import HEAVE
 from experiments.hexapod.goal import Goal
 from experiments.hexapod.metrics import closure_residual_max_m
@@ -46,7 +46,7 @@ _EACH: list[tuple[FaultKind, int]] = [(kind, strut) for strut in range(6) for ki
 
 
 @dataclass(frozen=True)
-class Testbed:
+class Setup:
     """The machine, the constants around it, and its compensators."""
 
     model: mujoco.MjModel
@@ -87,15 +87,13 @@ class Scenario:
     seed: int
 
     @property
-    def failure(self) -> Failure:
-        """What happens to the plant."""
+    def run(self) -> dict[str, Any]:
+        """Options of a simulated run: what fails, and which part of the spiral it is."""
         fault = self.fault
-        return Failure(fault.actuator, fault.kind, self.time_s, fault.effectiveness)
-
-    @property
-    def begin_s(self) -> float:
-        """Where on the spiral the run begins."""
-        return self.time_s - BEFORE_S
+        failure = Failure(fault.actuator, fault.kind, self.time_s, fault.effectiveness)
+        begin_s, duration_s = self.time_s - BEFORE_S, BEFORE_S + AFTER_S
+        span = {"begin_s": begin_s, "duration_s": duration_s}
+        return {"failures": (failure,), "seed": self.seed} | span
 
     def dither(self, about: Dither) -> Dither:
         """The dither, about where the struts stand."""
@@ -103,12 +101,7 @@ class Scenario:
 
 
 def draw(seed: int, number: int) -> list[Scenario]:
-    """Each strut and kind in turn, at a random time on the spiral and in a random posture.
-
-    Args:
-        seed: Of the draw, and of the sensors' noise.
-        number: Of scenarios; eighteen are one of each.
-    """
+    """Each strut and kind in turn, at random times on the spiral, in random postures."""
     rng = np.random.default_rng([seed, 2])
     drawn = []
     for kind, strut in (_EACH[k % len(_EACH)] for k in range(number)):
@@ -123,105 +116,112 @@ def draw(seed: int, number: int) -> list[Scenario]:
 
 @dataclass(frozen=True)
 class Identification:
-    """What the supervised controller made of one scenario.
+    """What a supervised controller made of a run.
 
     Attributes:
-        scenario: What happened.
-        diagnoses: All of them, in order; ticks count from the start of the run.
+        failures: What happened, in the order of time.
+        struck: Tick of the first failure; ticks count from the start of the run.
+        diagnoses: All of them, in order.
         standing: Those that stand in the end.
-        false_alarm: Whether there was an alarm before the failure.
+        false_alarm: Whether there was an alarm before the first failure.
         unexplained: Whether an alarm was given up.
+        task_lost: Whether the controller declared the task lost.
+        lost_rightly: Whether the failure atlas says so of what did happen.
         closure_residual_max_m: Of the run.
     """
 
-    scenario: Scenario
+    failures: tuple[Failure, ...]
+    struck: int
     diagnoses: tuple[Diagnosis, ...]
     standing: tuple[Diagnosis, ...]
     false_alarm: bool
     unexplained: bool
+    task_lost: bool
+    lost_rightly: bool
     closure_residual_max_m: float
 
     @property
     def first(self) -> Diagnosis | None:
         """The first diagnosis after the failure."""
-        return next((each for each in self.diagnoses if each.tick >= STRUCK), None)
-
-    @property
-    def last(self) -> Diagnosis | None:
-        """The last of those that stand in the end."""
-        return self.standing[-1] if self.standing else None
+        return next((each for each in self.diagnoses if each.tick >= self.struck), None)
 
     @property
     def strut_right(self) -> bool:
         """Whether the strut was right as first named, without a false alarm before."""
-        named = self.first is not None and self.first.fault.actuator == self.scenario.fault.actuator
+        named = self.first is not None and self.first.fault.actuator == self.failures[0].strut
         return named and not self.false_alarm
 
     @property
+    def all_right(self) -> bool:
+        """Whether each failure was found, and no other, and the loss of the task if it is lost."""
+        happened = sorted((failure.strut, failure.kind) for failure in self.failures)
+        found = sorted((each.fault.actuator, each.fault.kind) for each in self.standing)
+        return happened == found and self.task_lost == self.lost_rightly
+
+    @property
     def right(self) -> bool:
-        """Whether strut and kind were right in the end, and nothing else was diagnosed."""
-        held = [(each.fault.actuator, each.fault.kind) for each in self.standing]
-        truth = self.scenario.fault
-        return held == [(truth.actuator, truth.kind)] and not self.false_alarm
+        """The same, without a false alarm before."""
+        return self.all_right and not self.false_alarm
 
 
-def identify(
-    bed: Testbed,
-    scenario: Scenario,
+def diagnose(
+    setup: Setup,
+    run: dict[str, Any],
     dither: Dither = DITHER,
-    strut_sensors: bool = False,
     plant: mujoco.MjModel | None = None,
-    nominal: NominalModel | None = None,
+    **options: Any,
 ) -> tuple[Trajectory, Identification]:
-    """Simulate a scenario with a supervised controller.
+    """Simulate a run, options of `fly`, with a supervised controller.
 
-    `plant` is the machine, if it is not quite the model; `nominal` what the diagnosis takes it for.
+    `plant` is the machine, if it is not quite the model; the rest are options of `supervisor`.
     """
-    options = {"strut_sensors": strut_sensors, "nominal": nominal}
-    pilot = bed.supervised(scenario.dither(dither), **options)
-    run, state = _simulate(bed if plant is None else replace(bed, model=plant), pilot, scenario)
-    return run, Identification(
-        scenario=scenario,
+    pilot = setup.supervised(dither, **options)
+    machine = setup if plant is None else replace(setup, model=plant)
+    trajectory, state = machine.simulate(pilot, **run)
+    failures = run["failures"]
+    struck = round((failures[0].time_s - run["begin_s"]) / setup.bench.control_period_s)
+    return trajectory, Identification(
+        failures=failures,
+        struck=struck,
         diagnoses=state.diagnoses,
         standing=tuple(state.standing),
-        false_alarm=any(tick < STRUCK for tick in state.watch.alarm_ticks),
+        false_alarm=any(tick < struck for tick in state.watch.alarm_ticks),
         unexplained=state.watch.unexplained,
-        closure_residual_max_m=closure_residual_max_m(run),
+        task_lost=state.task_lost,
+        lost_rightly=not pilot.can_point([fault_of(failure) for failure in failures]),
+        closure_residual_max_m=closure_residual_max_m(trajectory),
     )
 
 
-def fault_unaware(bed: Testbed, scenario: Scenario) -> Trajectory:
+def identify(
+    setup: Setup, scenario: Scenario, dither: Dither = DITHER, **options: Any
+) -> tuple[Trajectory, Identification]:
+    """The same for a scenario, with the dither about where its struts stand."""
+    return diagnose(setup, scenario.run, scenario.dither(dither), **options)
+
+
+def fault_unaware(setup: Setup, scenario: Scenario) -> Trajectory:
     """The same run by a controller that goes on as if nothing had happened."""
-    pilot = bed.controller()
+    pilot = setup.controller()
     unaware = Informed(pilot, pilot, NEVER, secondary=scenario.dither(DITHER).at)
-    return _simulate(bed, unaware, scenario)[0]
+    return setup.simulate(unaware, **scenario.run)[0]
 
 
 def informed(
-    bed: Testbed, scenario: Scenario, fault: Fault, displacement_m: float, late_s: float = 0.0
+    setup: Setup, scenario: Scenario, fault: Fault, displacement_m: float, late_s: float = 0.0
 ) -> Trajectory:
     """The same run by a controller that is informed of a fault so long after the failure.
 
     `displacement_m` is where that strut has stuck, which is the same in all runs of a scenario.
     """
-    tick = STRUCK + round(late_s / bed.bench.control_period_s)
+    tick = STRUCK + round(late_s / setup.bench.control_period_s)
     news = Diagnosis(fault, 1.0, 1.0, displacement_m, STRUCK, STRUCK, tick, confirmed=True)
-    after = bed.controller(reconfigured_goal(GOAL, [news]))
+    after = setup.controller(reconfigured_goal(GOAL, [news]))
     falling_m = np.zeros(6)
     if fault.kind != "locked" and late_s == 0:
         falling_m[fault.actuator] = (1 - fault.effectiveness) * displacement_m
-    pilot = Informed(bed.controller(), after, tick, falling_m, scenario.dither(DITHER).at)
-    return _simulate(bed, pilot, scenario)[0]
-
-
-def _simulate(bed: Testbed, pilot: Pilot[State], scenario: Scenario) -> tuple[Trajectory, State]:
-    return bed.simulate(
-        pilot,
-        failures=[scenario.failure],
-        seed=scenario.seed,
-        begin_s=scenario.begin_s,
-        duration_s=BEFORE_S + AFTER_S,
-    )
+    pilot = Informed(setup.controller(), after, tick, falling_m, scenario.dither(DITHER).at)
+    return setup.simulate(pilot, **scenario.run)[0]
 
 
 @dataclass(frozen=True)
@@ -252,16 +252,17 @@ def pointing_error_urad(run: Trajectory) -> Array:
 class Recovery:
     """One scenario: the identification, and the errors of the three controllers."""
 
+    scenario: Scenario
     found: Identification
     supervised: Errors
     informed: Errors
     uncorrected: Errors
 
 
-def recover(bed: Testbed, scenario: Scenario) -> Recovery:
+def recover(setup: Setup, scenario: Scenario) -> Recovery:
     """Simulate a scenario three times."""
-    run, found = identify(bed, scenario)
-    unaware = fault_unaware(bed, scenario)
+    run, found = identify(setup, scenario)
+    unaware = fault_unaware(setup, scenario)
     displacement_m = float(unaware.strut_displacement_m[STRUCK, scenario.fault.actuator])
-    oracle = informed(bed, scenario, scenario.fault, displacement_m)
-    return Recovery(found, errors(run), errors(oracle), errors(unaware))
+    oracle = informed(setup, scenario, scenario.fault, displacement_m)
+    return Recovery(scenario, found, errors(run), errors(oracle), errors(unaware))

@@ -10,19 +10,27 @@ from typing import Any
 import numpy as np
 
 from experiments.hexapod.checks import closure_check
-from experiments.hexapod.diagnosis import fault_entry, fault_text
+from experiments.hexapod.diagnosis import fault_entry
 from experiments.hexapod.provenance import recording_properties
 from experiments.hexapod.recording.keep import record_run
 from experiments.hexapod.recording.shown import Shown
+from experiments.hexapod.simulation import Trajectory
 from experiments.hexapod.testbed import Bench
 from experiments.output.provenance import versions
 from experiments.output.results import Check, Results
 from experiments.output.tables import Column, Table, tabulate
 from experiments.recover.figure import pictures
-from experiments.recover.predictions import ALIKE, EVIDENCE_S, Belief
-from experiments.recover.recovery import DITHER, RECOVERED_S, STRUCK, Identification, Recovery
-from experiments.recover.robustness import rate
-from experiments.recover.runs import MAIN, Recover, Succession
+from experiments.recover.predictions import ALIKE, EVIDENCE_S
+from experiments.recover.recovery import (
+    DITHER,
+    RECOVERED_S,
+    STRUCK,
+    Identification,
+    Recovery,
+    pointing_error_urad,
+)
+from experiments.recover.robustness import rate, rates
+from experiments.recover.runs import MAIN, Recover, marks
 from ftc.fdi.diagnosis import DEFAULT_CONFIG
 from ftc.fdi.fault_model import KINDS
 from sim import load_model, model_sha256
@@ -59,8 +67,9 @@ def summarize(outcome: Recover) -> dict[str, Any]:
     """All numbers, ready for JSON; units are in the names."""
     recoveries, shown = outcome.recoveries, outcome.shown
     config = {_CONFIG_KEYS.get(key, key): value for key, value in asdict(DEFAULT_CONFIG).items()}
+    ambiguity = {"alike_below": ALIKE, "evidence_s": EVIDENCE_S}
     identified = [each.found for each in recoveries]
-    successions = [*outcome.pairs, *(happened for _, happened in shown.values())]
+    successions = [found for _, found in (*outcome.pairs, *shown.values())]
     return {
         "experiment": "recover",
         "seed": outcome.seed,
@@ -78,8 +87,8 @@ def summarize(outcome: Recover) -> dict[str, Any]:
         "recovered_from_s": RECOVERED_S,
         "isolation": _isolation(recoveries, outcome.predicted),
         "settings": [
-            _setting(name, found)
-            for name, found in [(MAIN.name, identified), *outcome.others.items()]
+            {"name": name, "named": sum(each.first is not None for each in found)} | rates(found)
+            for name, found in ({MAIN.name: identified} | outcome.others).items()
         ],
         "delay_ms": {kind: _delays_ms(recoveries, kind) for kind in KINDS},
         "errors_urad": {kind: _errors_urad(recoveries, kind) for kind in KINDS},
@@ -91,24 +100,18 @@ def summarize(outcome: Recover) -> dict[str, Any]:
         },
         "dither_design": outcome.dither_design,
         "dither_cost": outcome.dither_cost,
-        "ambiguity": {
-            "alike_below": ALIKE,
-            "evidence_s": EVIDENCE_S,
-            "failures": outcome.lookalikes,
-        },
+        "ambiguity": ambiguity | {"failures": outcome.lookalikes},
         "beliefs": _beliefs(outcome.beliefs),
         "told": outcome.informed,
         "gave_up": sum(each.unexplained for each in identified),
         "second_failure": {
-            "all_right": rate([each.right for each in outcome.pairs]),
-            "gave_up": sum(each.unexplained for each in outcome.pairs),
-            "flights": [_succession(each) for each in outcome.pairs],
+            "all_right": rate([found.all_right for _, found in outcome.pairs]),
+            "gave_up": sum(found.unexplained for _, found in outcome.pairs),
+            "flights": [_succession(*each) for each in outcome.pairs],
         },
         "mismatch": outcome.mismatches,
-        "shown": {name: _succession(happened) for name, (_, happened) in shown.items()},
-        "closure_residual_max_m": max(
-            each.closure_residual_max_m for each in (*identified, *successions)
-        ),
+        "shown": {name: _succession(*each) for name, each in shown.items()},
+        "closure_residual_max_m": max(e.closure_residual_max_m for e in identified + successions),
         "cases": [_case(*each) for each in zip(recoveries, outcome.predicted, strict=True)],
     }
 
@@ -276,18 +279,9 @@ def _isolation(
     }
 
 
-def _setting(name: str, found: Sequence[Identification]) -> dict[str, Any]:
-    return {
-        "name": name,
-        "named": sum(each.first is not None for each in found),
-        "strut": rate([each.strut_right for each in found]),
-        "strut_and_kind": rate([each.right for each in found]),
-    }
-
-
 def _delays_ms(recoveries: Sequence[Recovery], kind: str) -> dict[str, Any]:
     """From failure to alarm and to the first naming, of cases identified."""
-    found = [each.found.first for each in recoveries if each.found.scenario.fault.kind == kind]
+    found = [each.found.first for each in recoveries if each.scenario.fault.kind == kind]
     first = [each for each in found if each is not None]
     return {
         "alarm": _quantiles_ms([each.alarm_tick - STRUCK for each in first]),
@@ -304,7 +298,7 @@ def _quantiles_ms(ticks: Sequence[int]) -> dict[str, float] | None:
 
 def _errors_urad(recoveries: Sequence[Recovery], kind: str) -> dict[str, Any] | None:
     """Root of the mean square over the cases, and the largest peak: before, during, after."""
-    cases = [each for each in recoveries if each.found.scenario.fault.kind == kind]
+    cases = [each for each in recoveries if each.scenario.fault.kind == kind]
     if not cases:
         return None
     pooled = {}
@@ -328,40 +322,40 @@ def _over_oracle(recoveries: Sequence[Recovery]) -> dict[str, float]:
     }
 
 
-def _beliefs(beliefs: Sequence[Belief]) -> dict[str, Any]:
-    worst = max(beliefs, key=lambda each: each.sensitivity_peak)
+def _beliefs(beliefs: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    worst = max(beliefs, key=lambda each: each["sensitivity_peak"])
     return {
         "pairs_of_truth_and_belief": len(beliefs),
-        "unstable": sum(each.largest_pole >= 1 for each in beliefs),
-        "largest_pole": max(each.largest_pole for each in beliefs),
-        "sensitivity_peak_nothing_failed": beliefs[0].sensitivity_peak,
-        "sensitivity_peak_worst": worst.sensitivity_peak,
-        "worst_truth": fault_text(worst.truth),
-        "worst_belief": fault_text(worst.believed),
+        "unstable": sum(each["largest_pole"] >= 1 for each in beliefs),
+        "largest_pole": max(each["largest_pole"] for each in beliefs),
+        "sensitivity_peak_nothing_failed": beliefs[0]["sensitivity_peak"],
+        "sensitivity_peak_worst": worst["sensitivity_peak"],
+        "worst_truth": worst["truth"],
+        "worst_belief": worst["believed"],
     }
 
 
-def _succession(happened: Succession) -> dict[str, Any]:
+def _succession(run: Trajectory, found: Identification) -> dict[str, Any]:
+    error_urad, last_second = pointing_error_urad(run), round(1 / Bench().control_period_s)
+    happened = [{"strut": e.strut + 1, "kind": e.kind, "time_s": e.time_s} for e in found.failures]
     return {
-        "happened": [
-            {"strut": each.strut + 1, "kind": each.kind, "time_s": each.time_s}
-            for each in happened.failures
-        ],
-        "found": [fault_entry(fault) for fault in happened.found],
-        "right": happened.right,
-        "task_lost": happened.task_lost,
-        "unexplained": happened.unexplained,
-        "rms_in_the_end_urad": happened.rms_urad,
-        "peak_urad": happened.peak_urad,
+        "happened": happened,
+        "found": [fault_entry(each.fault) for each in found.standing],
+        "right": found.all_right,
+        "task_lost": found.task_lost,
+        "unexplained": found.unexplained,
+        "rms_in_the_end_urad": float(np.sqrt((error_urad[-last_second:] ** 2).mean())),
+        "peak_urad": float(error_urad[run.time_s >= found.failures[0].time_s].max()),
     }
 
 
 def _case(recovery: Recovery, far: tuple[float, float]) -> dict[str, Any]:
-    found, first, last = recovery.found, recovery.found.first, recovery.found.last
+    found, scenario, first = recovery.found, recovery.scenario, recovery.found.first
+    last = found.standing[-1] if found.standing else None
     return {
-        "truth": fault_entry(found.scenario.fault),
-        "time_s": found.scenario.time_s,
-        "seed": found.scenario.seed,
+        "truth": fault_entry(scenario.fault),
+        "time_s": scenario.time_s,
+        "seed": scenario.seed,
         "separation_from_others": far[0],
         "separation_from_kinds": far[1],
         "first": first and fault_entry(first.fault),
@@ -378,7 +372,7 @@ def _case(recovery: Recovery, far: tuple[float, float]) -> dict[str, Any]:
 
 
 def _record(outcome: Recover, summary: dict[str, Any], name: str, folder: Path) -> None:
-    run, happened = outcome.shown[name]
+    run, found = outcome.shown[name]
     entry, seed = summary["shown"][name], summary["seed"]
     ends = f"In the last second the pointing error is {entry['rms_in_the_end_urad']:.2f} urad RMS."
     if entry["task_lost"]:
@@ -402,7 +396,7 @@ def _record(outcome: Recover, summary: dict[str, Any], name: str, folder: Path) 
         name,
         f"recover-{name}-seed{seed}",
         load_model(),
-        Shown(run, happened.marks(run)),
+        Shown(run, marks(run, found)),
         said=said,
         beside={},
         properties=recording_properties(summary),

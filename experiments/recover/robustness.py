@@ -16,8 +16,9 @@ from experiments.hexapod.pilot import NEVER, Informed
 from experiments.recover.recovery import (
     DITHER,
     STRUCK,
+    Identification,
     Scenario,
-    Testbed,
+    Setup,
     errors,
     fault_unaware,
     identify,
@@ -43,18 +44,18 @@ GAIN_ERRORS = (1e-4, 3e-4, 1e-3, 3e-3, 1e-2)
 """Of each coil of a plant off the model, relative, standard deviation."""
 
 
-def informed_late_or_wrongly(bed: Testbed, scenario: Scenario) -> list[dict[str, Any]]:
+def informed_late_or_wrongly(setup: Setup, scenario: Scenario) -> list[dict[str, Any]]:
     """One entry for each run: the truth, later and later; then, at once, that another strut locked.
 
     Ready for JSON, units in the names.
     """
-    run, truth = fault_unaware(bed, scenario), scenario.fault
+    run, truth = fault_unaware(setup, scenario), scenario.fault
     news = [(truth, late_s) for late_s in LATE_S]
     news += [(Fault(k, "locked"), 0.0) for k in range(6) if k != truth.actuator]
     entries = []
     for fault, late_s in news:
         stands_m = float(run.strut_displacement_m[STRUCK, fault.actuator])
-        found = errors(informed(bed, scenario, fault, stands_m, late_s))
+        found = errors(informed(setup, scenario, fault, stands_m, late_s))
         entries.append(
             {
                 "truth": "sound" if truth.effectiveness == 1 else fault_text(truth),
@@ -96,25 +97,27 @@ def together(parts: Sequence[FaultFree]) -> FaultFree:
 
 def rate(right: Sequence[bool]) -> dict[str, Any]:
     """With the exact (Clopper and Pearson) 95 % interval; no cases, no rate."""
+    counted = {"cases": len(right), "right": sum(right)}
     if not right:
-        return {"cases": 0, "right": 0, "rate": None, "low": None, "high": None}
+        return counted | {"rate": None, "low": None, "high": None}
     interval = binomtest(sum(right), len(right)).proportion_ci(0.95)
-    return {
-        "cases": len(right),
-        "right": sum(right),
-        "rate": sum(right) / len(right),
-        "low": float(interval.low),
-        "high": float(interval.high),
-    }
+    bounds = {"low": float(interval.low), "high": float(interval.high)}
+    return counted | {"rate": sum(right) / len(right)} | bounds
 
 
-def dither_cost(bed: Testbed, scenario: Scenario, duration_s: float) -> dict[str, Any]:
+def rates(found: Sequence[Identification]) -> dict[str, Any]:
+    """Of the strut as first named, and of strut and kind in the end; ready for JSON."""
+    strut, both = [each.strut_right for each in found], [each.right for each in found]
+    return {"strut": rate(strut), "strut_and_kind": rate(both)}
+
+
+def dither_cost(setup: Setup, scenario: Scenario, duration_s: float) -> dict[str, Any]:
     """RMS of the fault-free (alpha, beta) errors, and its change by the dither and by the seed."""
-    pilot = bed.controller()
+    pilot = setup.controller()
 
     def rms_urad(dither: Dither, seed: int) -> Array:
         never = Informed(pilot, pilot, NEVER, secondary=scenario.dither(dither).at)
-        return pointing_rms_urad(bed.simulate(never, seed=seed, duration_s=duration_s)[0])
+        return pointing_rms_urad(setup.simulate(never, seed=seed, duration_s=duration_s)[0])
 
     still = rms_urad(STILL, scenario.seed)
     swinging, reseeded = rms_urad(DITHER, scenario.seed), rms_urad(STILL, scenario.seed + 1)
@@ -126,7 +129,7 @@ def dither_cost(bed: Testbed, scenario: Scenario, duration_s: float) -> dict[str
 
 
 def fault_free(
-    bed: Testbed, scenario: Scenario, duration_s: float, draws: int
+    setup: Setup, scenario: Scenario, duration_s: float, draws: int
 ) -> tuple[FaultFree, FaultFree, float]:
     """One fault-free run in a scenario's posture, and the same with fresh noise.
 
@@ -135,15 +138,14 @@ def fault_free(
     another run.
 
     Returns:
-        As simulated; with fresh noise, drawn so many times; and the largest residual without noise,
-        [urad].
+        As simulated; with so many draws of noise; and the largest residual without noise, [urad].
     """
-    nominal = bed.nominal()
+    nominal = setup.nominal()
     secondary = scenario.dither(DITHER).at
-    commanded, measured, true = _fault_free(bed, nominal, secondary, scenario.seed, duration_s)
+    commanded, measured, true = _fault_free(setup, nominal, secondary, scenario.seed, duration_s)
     expected = fault_model(nominal).outputs(commanded)
     silent, test = true - expected, _residual_test(nominal)
-    hours = len(silent) * bed.bench.control_period_s / 3600
+    hours = len(silent) * setup.bench.control_period_s / 3600
     rng = np.random.default_rng([scenario.seed, 3])
     alarms = sum(
         bool(test.alarms(silent + rng.standard_normal(silent.shape)).any()) for _ in range(draws)
@@ -161,7 +163,7 @@ def _residual_test(nominal: NominalModel) -> ResidualTest:
 
 
 def _fault_free(
-    bed: Testbed,
+    setup: Setup,
     nominal: NominalModel,
     secondary: Callable[[float], Array],
     seed: int,
@@ -169,39 +171,37 @@ def _fault_free(
     plant: mujoco.MjModel | None = None,
 ) -> tuple[Array, Array, Array]:
     """Commands from each tick on (N, 6); whitened (alpha, beta), measured and true, (N, 2) each."""
-    pilot = bed.controller()
+    pilot = setup.controller()
     never = Informed(pilot, pilot, NEVER, secondary=secondary)
-    machine = bed if plant is None else replace(bed, model=plant)
+    machine = setup if plant is None else replace(setup, model=plant)
     run, _ = machine.simulate(never, seed=seed, duration_s=duration_s)
     commanded_m = pilot.amplifier.displacement_m(run.strut_input_percent)
     return commanded_m, run.measured_rad / nominal.noise, run.true_rad / nominal.noise
 
 
-def mismatched(bed: Testbed, error: float, scenarios: Sequence[Scenario]) -> list[dict[str, Any]]:
+def mismatched(setup: Setup, error: float, scenarios: Sequence[Scenario]) -> list[dict[str, Any]]:
     """Failures of a plant whose coils differ: diagnosed as if they were alike, and once calibrated.
 
     Two entries, ready for JSON; `error` is that of the gains, relative.
     """
-    plant, seed = copy.copy(bed.model), scenarios[0].seed
+    plant, seed = copy.copy(setup.model), scenarios[0].seed
     rng = np.random.default_rng(seed)
     plant.actuator_gainprm[:, 0] *= 1 + error * rng.standard_normal(plant.nu)
-    nominal = bed.nominal()
-    duration_s = bed.bench.duration_s
+    nominal = setup.nominal()
+    duration_s = setup.bench.duration_s
     swinging = scenarios[0].dither(DITHER).at
-    run, measured, _ = _fault_free(bed, nominal, excitation, seed, duration_s, plant)
+    run, measured, _ = _fault_free(setup, nominal, excitation, seed, duration_s, plant)
     corrected = calibrated(nominal, run, measured)
-    commanded, measured, _ = _fault_free(bed, nominal, swinging, seed, duration_s, plant)
+    commanded, measured, _ = _fault_free(setup, nominal, swinging, seed, duration_s, plant)
 
     def entry(known: NominalModel) -> dict[str, Any]:
-        found = [identify(bed, each, plant=plant, nominal=known)[1] for each in scenarios]
+        found = [identify(setup, each, plant=plant, nominal=known)[1] for each in scenarios]
         residuals = measured - fault_model(known).outputs(commanded)
         return {
             "coil_gain_error": error,
             "calibrated": known is corrected,
             "healthy_alarm": bool(_residual_test(known).alarms(residuals).any()),
             "false_alarms": sum(each.false_alarm for each in found),
-            "strut": rate([each.strut_right for each in found]),
-            "strut_and_kind": rate([each.right for each in found]),
-        }
+        } | rates(found)
 
     return [entry(nominal), entry(corrected)]

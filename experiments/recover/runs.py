@@ -8,28 +8,26 @@ from typing import Any
 import numpy as np
 
 from experiments.hexapod.diagnosis import fault_of, fault_text
-from experiments.hexapod.metrics import closure_residual_max_m
 from experiments.hexapod.provenance import plant_constants
 from experiments.hexapod.simulation import Trajectory, nominal_loops
 from experiments.hexapod.testbed import Bench
 from experiments.output.parallel import in_parallel
 from experiments.output.recording.marks import Mark
 from experiments.recover import predictions, robustness
-from experiments.recover.predictions import FREQUENCIES_HZ, SETTINGS, Belief
+from experiments.recover.predictions import FREQUENCIES_HZ, SETTINGS, Setting
 from experiments.recover.recovery import (
     BEFORE_S,
-    DITHER,
     Identification,
     Recovery,
-    Testbed,
+    Scenario,
+    Setup,
+    diagnose,
     draw,
     identify,
-    pointing_error_urad,
     recover,
 )
 from experiments.recover.robustness import GAIN_ERRORS, INFORMED_LATE, FaultFree
-from ftc.fdi.diagnosis import Diagnosis
-from ftc.fdi.fault_model import Fault, FaultKind
+from ftc.fdi.fault_model import FaultKind
 from sim import Failure, load_model
 
 MAIN = SETTINGS[1]
@@ -54,55 +52,6 @@ _MISMATCH_CASES = 6
 _KINDS: tuple[FaultKind, ...] = ("locked", "free")
 
 
-@dataclass(frozen=True)
-class Succession:
-    """Failures one after another, simulated with a supervised controller.
-
-    Attributes:
-        failures: What happened.
-        diagnoses: All that were made, in order; ticks count from the start of the run.
-        found: What stood in the end.
-        task_lost: Whether the controller declared the task lost.
-        lost_rightly: Whether the failure atlas says so of what did happen.
-        unexplained: Whether an alarm was given up.
-        rms_urad: Of the pointing error in the last second.
-        peak_urad: Of it, from the first failure on.
-        closure_residual_max_m: Of the run.
-    """
-
-    failures: tuple[Failure, ...]
-    diagnoses: tuple[Diagnosis, ...]
-    found: tuple[Fault, ...]
-    task_lost: bool
-    lost_rightly: bool
-    unexplained: bool
-    rms_urad: float
-    peak_urad: float
-    closure_residual_max_m: float
-
-    @property
-    def right(self) -> bool:
-        """Whether each failure was found, and no other, and the loss of the task if it is lost."""
-        happened = sorted((failure.strut, failure.kind) for failure in self.failures)
-        found = sorted((fault.actuator, fault.kind) for fault in self.found)
-        return happened == found and self.task_lost == self.lost_rightly
-
-    def marks(self, run: Trajectory) -> list[Mark]:
-        """For a recording: each failure, when its strut was first named, and the last diagnosis."""
-        marks = []
-        for failure in self.failures:
-            own = [
-                each
-                for each in self.diagnoses
-                if each.fault.actuator == failure.strut and run.time_s[each.tick] >= failure.time_s
-            ]
-            found_s = float(run.time_s[own[0].tick]) if own else np.inf
-            words = f"found: {fault_text(own[-1].fault)}" if own else ""
-            happened = fault_text(fault_of(failure))
-            marks.append(Mark(failure.strut, failure.time_s, happened, found_s, words))
-        return marks
-
-
 def pairs(seed: int, number: int) -> list[tuple[Failure, ...]]:
     """Two struts each, locked or free, some time apart, at random times on the spiral."""
     rng = np.random.default_rng([seed, 4])
@@ -118,56 +67,48 @@ def pairs(seed: int, number: int) -> list[tuple[Failure, ...]]:
 
 
 def succession(
-    bed: Testbed, failures: tuple[Failure, ...], seed: int, begin_s: float | None = None
-) -> tuple[Trajectory, Succession]:
+    setup: Setup, failures: tuple[Failure, ...], seed: int, begin_s: float | None = None
+) -> tuple[Trajectory, Identification]:
     """Simulate the failures, and two seconds more.
 
     `begin_s` is where on the spiral; None: shortly before the first failure.
     """
-    first_s, last_s = failures[0].time_s, failures[-1].time_s
-    begin_s = first_s - BEFORE_S if begin_s is None else begin_s
-    pilot = bed.supervised(DITHER)
-    run, state = bed.simulate(
-        pilot,
-        failures=failures,
-        seed=seed,
-        begin_s=begin_s,
-        duration_s=last_s + _LEFT_S - begin_s,
-    )
-    error_urad = pointing_error_urad(run)
-    last_second = round(1 / bed.bench.control_period_s)
-    return run, Succession(
-        failures=failures,
-        diagnoses=state.diagnoses,
-        found=tuple(each.fault for each in state.standing),
-        task_lost=state.task_lost,
-        lost_rightly=not pilot.can_point([fault_of(failure) for failure in failures]),
-        unexplained=state.watch.unexplained,
-        rms_urad=float(np.sqrt((error_urad[-last_second:] ** 2).mean())),
-        peak_urad=float(error_urad[run.time_s >= first_s].max()),
-        closure_residual_max_m=closure_residual_max_m(run),
-    )
+    begin_s = failures[0].time_s - BEFORE_S if begin_s is None else begin_s
+    span = {"begin_s": begin_s, "duration_s": failures[-1].time_s + _LEFT_S - begin_s}
+    return diagnose(setup, {"failures": failures, "seed": seed} | span)
 
 
-@dataclass(frozen=True)
-class Size:
-    """How much of everything; the defaults are the whole study."""
-
-    cases: int = 306
-    other_cases: int = 36
-    pairs: int = 36
-    fault_free: int = 24
-    fault_free_s: float = 16.0
-    draws: int = 1000
-    settings: int = 4
-    struts: int = 6
-    informed: int = 3
-    shown: int = 3
-    frequencies: int = 4
-    mismatches: int = 5
+def marks(run: Trajectory, found: Identification) -> list[Mark]:
+    """For a recording: each failure, when its strut was first named, and the last diagnosis."""
+    marks = []
+    for failure in found.failures:
+        own = [
+            each
+            for each in found.diagnoses
+            if each.fault.actuator == failure.strut and run.time_s[each.tick] >= failure.time_s
+        ]
+        found_s = float(run.time_s[own[0].tick]) if own else np.inf
+        words = f"found: {fault_text(own[-1].fault)}" if own else ""
+        happened = fault_text(fault_of(failure))
+        marks.append(Mark(failure.strut, failure.time_s, happened, found_s, words))
+    return marks
 
 
-QUICK = Size(4, 1, 1, 1, 3.0, 20, 2, 1, 1, 1, 1, 0)
+SIZE: dict[str, tuple[Any, Any]] = {
+    "cases": (306, 4),
+    "cases_in_other_settings": (36, 1),
+    "pairs": (36, 1),
+    "fault_free": (24, 1),
+    "fault_free_s": (16.0, 3.0),
+    "draws": (1000, 20),
+    "settings": (4, 2),
+    "struts": (6, 1),
+    "informed": (3, 1),
+    "shown": (3, 1),
+    "frequencies": (4, 1),
+    "gain_errors": (5, 0),
+}
+"""How much of everything in the whole study, and with --quick."""
 
 
 @dataclass(frozen=True)
@@ -188,16 +129,16 @@ class Recover:
     predicted: list[tuple[float, float]]
     others: dict[str, list[Identification]]
     lookalikes: list[dict[str, Any]]
-    beliefs: list[Belief]
+    beliefs: list[dict[str, Any]]
     informed: list[dict[str, Any]]
-    pairs: list[Succession]
+    pairs: list[tuple[Trajectory, Identification]]
     fault_free: FaultFree
     redrawn: FaultFree
     model_error_urad: float
     dither_design: list[dict[str, Any]]
     dither_cost: dict[str, Any]
     mismatches: list[dict[str, Any]]
-    shown: dict[str, tuple[Trajectory, Succession]]
+    shown: dict[str, tuple[Trajectory, Identification]]
     plant: dict[str, Any]
 
 
@@ -211,19 +152,19 @@ def run_recover(
         quick: A small set.
         on_progress: Called with finished and total number of jobs.
     """
-    size, model, bench = QUICK if quick else Size(), load_model(), Bench()
-    bed = Testbed(model, bench, nominal_loops(model, bench))
-    done = _by_name(bed, _jobs(size, seed), on_progress)
+    model, bench = load_model(), Bench()
+    setup = Setup(model, bench, nominal_loops(model, bench))
+    done = _by_name(setup, _jobs(seed, quick), on_progress)
     simulated, redrawn, model_errors_urad = zip(*done["fault_free"], strict=True)
     return Recover(
         seed=seed,
         recoveries=done["recoveries"],
         predicted=done["predicted"],
-        others={each.name: [found for _, found in done[each.name]] for each in OTHERS},
+        others={each.name: done[each.name] for each in OTHERS},
         lookalikes=list(chain(*done["lookalikes"])),
         beliefs=done["beliefs"][0],
         informed=list(chain(*done["informed"])),
-        pairs=[found for _, found in done["pairs"]],
+        pairs=done["pairs"],
         fault_free=robustness.together(simulated),
         redrawn=robustness.together(redrawn),
         model_error_urad=max(model_errors_urad),
@@ -236,38 +177,44 @@ def run_recover(
 
 
 Jobs = tuple[Callable[..., Any], list[tuple[Any, ...]]]
-"""A function of the testbed and further arguments, and these, a tuple for each call."""
+"""A function of the setup and further arguments, and these, a tuple for each call."""
 
 
-def _jobs(size: Size, seed: int) -> dict[str, Jobs]:
+def _jobs(seed: int, quick: bool) -> dict[str, Jobs]:
     """Independent jobs, by what they are for."""
-    cases, few, struts = draw(seed, size.cases), draw(seed, size.other_cases), range(size.struts)
-    frequencies_hz, lasting = FREQUENCIES_HZ[-size.frequencies :], size.fault_free_s
-    shown, errors = list(SHOWN.values())[: size.shown], GAIN_ERRORS[: size.mismatches]
-    fault_free, drawn = draw(seed + 1, size.fault_free), pairs(seed, size.pairs)
+    size = {name: both[quick] for name, both in SIZE.items()}
+    cases, few = draw(seed, size["cases"]), draw(seed, size["cases_in_other_settings"])
+    fault_free, drawn = draw(seed + 1, size["fault_free"]), pairs(seed, size["pairs"])
+    shown, errors = list(SHOWN.values())[: size["shown"]], GAIN_ERRORS[: size["gain_errors"]]
+    frequencies_hz, settings = FREQUENCIES_HZ[-size["frequencies"] :], SETTINGS[: size["settings"]]
+    struts, lasting, draws = range(size["struts"]), size["fault_free_s"], size["draws"]
     late = robustness.informed_late_or_wrongly
     return {
         "shown": (succession, [(failures, seed, 0.0) for failures in shown]),
         "beliefs": (predictions.beliefs, [(struts,)]),
         "dither_design": (predictions.dither_design, [(struts[:3], frequencies_hz)]),
         "dither_cost": (robustness.dither_cost, [(cases[0], lasting)]),
-        "lookalikes": (predictions.lookalikes, [(s, struts) for s in SETTINGS[: size.settings]]),
-        "informed": (late, [(case,) for case in INFORMED_LATE[: size.informed]]),
-        "fault_free": (robustness.fault_free, [(c, lasting, size.draws) for c in fault_free]),
+        "lookalikes": (predictions.lookalikes, [(s, struts) for s in settings]),
+        "informed": (late, [(case,) for case in INFORMED_LATE[: size["informed"]]]),
+        "fault_free": (robustness.fault_free, [(c, lasting, draws) for c in fault_free]),
         "recoveries": (recover, [(case,) for case in cases]),
         "predicted": (predictions.from_others_and_kinds, [(case,) for case in cases]),
         "pairs": (succession, [(both, noise) for noise, both in enumerate(drawn, seed)]),
         "mismatches": (robustness.mismatched, [(e, cases[::7][:_MISMATCH_CASES]) for e in errors]),
-        **{s.name: (identify, [(c, s.dither, s.strut_sensors) for c in few]) for s in OTHERS},
+        **{s.name: (_identified, [(c, s) for c in few]) for s in OTHERS},
     }
 
 
+def _identified(setup: Setup, scenario: Scenario, setting: Setting) -> Identification:
+    return identify(setup, scenario, setting.dither, strut_sensors=setting.strut_sensors)[1]
+
+
 def _by_name(
-    bed: Testbed, jobs: dict[str, Jobs], on_progress: Callable[[int, int], None]
+    setup: Setup, jobs: dict[str, Jobs], on_progress: Callable[[int, int], None]
 ) -> dict[str, list[Any]]:
     """Results of all calls, in parallel, by the names of the jobs."""
     calls = [
-        {"job": job, "bed": bed, "arguments": arguments}
+        {"job": job, "setup": setup, "arguments": arguments}
         for job, all_arguments in jobs.values()
         for arguments in all_arguments
     ]
@@ -275,5 +222,5 @@ def _by_name(
     return {name: list(islice(results, len(calls))) for name, (_, calls) in jobs.items()}
 
 
-def _run(job: Callable[..., Any], bed: Testbed, arguments: tuple[Any, ...]) -> Any:
-    return job(bed, *arguments)
+def _run(job: Callable[..., Any], setup: Setup, arguments: tuple[Any, ...]) -> Any:
+    return job(setup, *arguments)
