@@ -24,17 +24,32 @@ class Handover:
         pointing_rad: Added for good to what the compensators demand of the major task, shape (m1,).
         rest_m: Secondary displacement in which the old mapping left the actuators, shape (n,).
         age_s: Time since the transfer.
+        internal_m: Displacements that no motion follows, shape (n,); None is none.
     """
 
     pointing_rad: Array
     rest_m: Array
     age_s: float
+    internal_m: Array | None = None
 
-    def faded_m(self, fade_s: float) -> Array:
-        """What is left of the secondary displacement, shape (n,): half a cosine over `fade_s`."""
+    def faded(self, displacements_m: Array, fade_s: float) -> Array:
+        """What is left of displacements (n,): half a cosine over `fade_s`."""
         if self.age_s >= fade_s:
-            return np.zeros(len(self.rest_m))
-        return 0.5 * (1 + np.cos(np.pi * self.age_s / fade_s)) * self.rest_m
+            return np.zeros(len(displacements_m))
+        return 0.5 * (1 + np.cos(np.pi * self.age_s / fade_s)) * displacements_m
+
+    def after(self, earlier: "Handover", fade_s: float) -> "Handover":
+        """The same, with what is left of an earlier one."""
+        internal_m = self.internal_m
+        if earlier.internal_m is not None:
+            left = earlier.faded(earlier.internal_m, fade_s)
+            internal_m = left if internal_m is None else left + internal_m
+        return Handover(
+            earlier.pointing_rad + self.pointing_rad,
+            earlier.faded(earlier.rest_m, fade_s) + self.rest_m,
+            self.age_s,
+            internal_m,
+        )
 
 
 def handover(
@@ -55,7 +70,7 @@ def handover(
             it no longer holds it: the others make up at once for its part in the major task.
     """
     own_m = mapping.displacements(asked.pointing_rad, pose, sent_m, asked, asked.rest_m)
-    pointing_rad, rest_m = mapping.split(sent_m - own_m, pose)
+    pointing_rad, rest_m, internal_m = mapping.split(sent_m - own_m, pose)
     if falling_m is not None:
         pointing_rad = pointing_rad + mapping.pointing(falling_m, pose)
-    return Handover(pointing_rad, rest_m, age_s=0.0)
+    return Handover(pointing_rad, rest_m, 0.0, internal_m)

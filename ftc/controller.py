@@ -166,10 +166,13 @@ class Controller(Generic[Pose]):
         owed = state.handover
         if owed is not None:
             pointing = pointing + owed.pointing_rad
-            faded_m = owed.faded_m(self.handover_s)
+            faded_m = owed.faded(owed.rest_m, self.handover_s)
             rest_m = faded_m if rest_m is None else faded_m + rest_m
-            owed = replace(owed, age_s=owed.age_s + self.period_s)
         wanted_m = self.mapping.displacements(pointing, pose, sent_m, state.asked, rest_m)
+        if owed is not None:
+            if owed.internal_m is not None:
+                wanted_m = wanted_m + owed.faded(owed.internal_m, self.handover_s)
+            owed = replace(owed, age_s=owed.age_s + self.period_s)
         return ControllerState(
             compensator,
             self.amplifier.input_percent(wanted_m / self._strength),
@@ -192,11 +195,7 @@ class Controller(Generic[Pose]):
         pose = self.mapping.estimate(sent_m, state.pose)
         new = handover(self.mapping, state.asked, sent_m, pose, falling_m)
         if owed is not None:
-            new = replace(
-                new,
-                pointing_rad=owed.pointing_rad + new.pointing_rad,
-                rest_m=owed.faded_m(self.handover_s) + new.rest_m,
-            )
+            new = new.after(owed, self.handover_s)
         return replace(state, handover=new)
 
     def _sent_m(self, state: ControllerState[Pose]) -> Array:

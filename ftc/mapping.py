@@ -11,7 +11,7 @@ from typing import Generic, Literal, Protocol, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from argument_checks import Array
+from argument_checks import Array, Indices
 from ftc.goal import Goal
 from prioritized import ConstrainedSystem, Kinematics, Status
 
@@ -136,11 +136,13 @@ class Reconfigured:
         mapping: Rates of the n' surviving actuators, eqs. (28) and (30).
         expand: Puts them on all actuators, shape (n, n').
         J: Task velocity per surviving rate, eq. (14), shape (m, n').
+        constraint: Rows that admissible surviving rates obey, eq. (17), shape (r, n').
     """
 
     mapping: Mapping
     expand: Array
     J: Array
+    constraint: Array
 
 
 class PrioritizedMapping(Generic[Pose]):
@@ -199,6 +201,10 @@ class PrioritizedMapping(Generic[Pose]):
             self._locked_m[actuator] = displacement
         self._is_off_centre = bool(self._locked_m.any())
         self._follow = _free_actuators_follow(released)
+        # Where closed loops tie the actuators together, the others yield to one that is off centre.
+        yielded_m = _yielded(released, self._locked_m, kinematics.actuators)
+        self._yielded_m = self._expand.T @ yielded_m
+        self._standing_m = self._locked_m + yielded_m
 
     @property
     def actuators(self) -> int:
@@ -266,27 +272,35 @@ class PrioritizedMapping(Generic[Pose]):
             )
             return sent_m + now.expand @ change
         # An actuator locked off centre has already moved the task by J[:, k] l_k.
-        offset = self._model.twist(posture, self._follow.dot(self._locked_m))
-        return now.expand.dot(
-            now.mapping(
-                pointing_rad - offset[self._major], joint, secondary - offset[self._secondary]
-            )
+        offset = self._model.twist(posture, self._follow.dot(self._standing_m))
+        change = now.mapping(
+            pointing_rad - offset[self._major],
+            joint - self._yielded_m,
+            secondary - offset[self._secondary],
         )
+        return now.expand.dot(self._yielded_m + change)
 
     def pointing(self, displacements_m: Array, pose: Pose) -> Array:
         """Major task (m1,) of displacements (n,) of all actuators, sound or not, at the pose."""
         return self._model.twist(self._model.posture(pose), displacements_m)[self._major]
 
-    def split(self, displacements_m: Array, pose: Pose) -> tuple[Array, Array]:
-        """Displacements (n,) of the surviving actuators as major task and secondary motion.
+    def split(self, displacements_m: Array, pose: Pose) -> tuple[Array, Array, Array | None]:
+        """Displacements (n,) of the surviving actuators in three parts.
 
-        The first, shape (m1,), is their effect on the major task, which the mapping's own
-        displacements would have too; less these, the second, shape (n,), is secondary motion alone.
+        Returns:
+            Their effect on the major task, shape (m1,), which the mapping's own displacements would
+            have too; less these, what is secondary motion alone, shape (n,); and what no motion
+            follows, because closed loops tie the actuators together, shape (n,): None if nothing
+            does.
         """
         _, now = self._present(pose)
-        surviving = now.expand.T @ displacements_m
+        surviving, internal_m = now.expand.T @ displacements_m, None
+        if len(now.constraint):
+            internal = np.linalg.pinv(now.constraint) @ (now.constraint @ surviving)
+            surviving, internal_m = surviving - internal, now.expand @ internal
         pointing_rad = now.J[self._major] @ surviving
-        return pointing_rad, now.expand @ (surviving - now.mapping(pointing_rad))
+        rest_m = now.expand @ (surviving - now.mapping(pointing_rad))
+        return pointing_rad, rest_m, internal_m
 
     def estimate(self, displacements_m: Array, pose: Pose) -> Pose:
         """The pose to which commanded displacements (n,) lead, from the pose one tick before.
@@ -299,7 +313,9 @@ class PrioritizedMapping(Generic[Pose]):
     def at(self, jacobian: Array, /) -> Reconfigured:
         """The mapping where the Jacobian of the geometry is this."""
         kinematics = self._model.placed(self._failed, jacobian).kinematics()
-        return Reconfigured(self.rates_at(kinematics), self._expand, kinematics.J)
+        return Reconfigured(
+            self.rates_at(kinematics), self._expand, kinematics.J, kinematics.active_constraint
+        )
 
     def rates_at(self, kinematics: Kinematics) -> Mapping:
         """Optimal rates of the surviving actuators; another optimality would override this."""
@@ -331,3 +347,14 @@ def _free_actuators_follow(released: ConstrainedSystem) -> Array:
         if velocity in number:
             follow[number[velocity], kinematics.actuators] = gain
     return follow
+
+
+def _yielded(released: ConstrainedSystem, locked_m: Array, survivors: Indices) -> Array:
+    """Least displacements (n,) of the survivors that the closed loops need around locked ones."""
+    kinematics, yielded_m = released.kinematics(), np.zeros(len(locked_m))
+    C = kinematics.active_constraint
+    if len(C) and locked_m.any():
+        needed = C @ locked_m[kinematics.actuators]
+        of_survivors = C[:, np.isin(kinematics.actuators, survivors)]
+        yielded_m[survivors] = -np.linalg.pinv(of_survivors) @ needed
+    return yielded_m

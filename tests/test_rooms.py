@@ -1,54 +1,67 @@
-"""The rooms and the floor beneath them, one direction: who may import whom."""
+"""The rooms, one direction, and the floors of `experiments`: who may import whom."""
 
 import ast
+import sys
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).parents[1]
-THIRD_PARTY = {
-    "mujoco",
-    "rerun",
-    "control",
-    "matplotlib",
-    "typer",
-    "rich",
-    "scipy",
-    "numpy",
-    "jinja2",
-    "psutil",
-    "daqp",
-    "mink",
-    "placo",
-    "threadpoolctl",
-    "dask",
-    "distributed",
-    "pyarrow",
-}
 ALLOWED = {
     "argument_checks": {"numpy", "scipy"},
     "prioritized": {"numpy", "scipy", "argument_checks"},
     "sim": {"numpy", "scipy", "mujoco", "argument_checks"},
+    "ftc": {"numpy", "scipy", "control", "prioritized", "argument_checks"},
 }
+FLOORS = {"output": 0, "hexapod": 1, "app": 3}
+"""Of `experiments`, from below; whatever else is there is a study, between the last two."""
+STUDY = 2
 
 
-def imported(room: str) -> set[str]:
-    """Top-level names that a room imports, its own left out."""
+def imported(file: Path) -> set[str]:
+    """Modules that a file imports, by their full names."""
     names = set()
-    for file in (ROOT / room).rglob("*.py"):
-        for node in ast.walk(ast.parse(file.read_text())):
-            if isinstance(node, ast.Import):
-                names |= {alias.name.split(".")[0] for alias in node.names}
-            elif isinstance(node, ast.ImportFrom) and node.module:
-                names.add(node.module.split(".")[0])
-    return names - {room}
+    for node in ast.walk(ast.parse(file.read_text())):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            below = {f"{node.module}.{alias.name}" for alias in node.names}
+            names |= below if node.module == "experiments" else {node.module}
+    return names
+
+
+def imported_by(room: str) -> set[str]:
+    """Top-level names that a room imports, the standard library's and its own left out."""
+    files = (ROOT / room).rglob("*.py")
+    names = {name.split(".")[0] for file in files for name in imported(file)}
+    return names - {room} - sys.stdlib_module_names
 
 
 @pytest.mark.parametrize("room", ALLOWED)
 def test_a_room_imports_only_what_it_may(room):
-    rooms = {"argument_checks", "prioritized", "sim", "experiments", "tests"}
-    assert imported(room) & (THIRD_PARTY | rooms) <= ALLOWED[room]
+    assert imported_by(room) <= ALLOWED[room]
+
+
+def floor_of(place: str) -> int:
+    return FLOORS.get(place, STUDY)
+
+
+PLACES = sorted(path.name for path in (ROOT / "experiments").iterdir() if path.is_dir())
+
+
+@pytest.mark.parametrize("place", [name for name in PLACES if not name.startswith("_")])
+def test_no_floor_imports_upward_and_no_study_another(place):
+    wrong = set()
+    for file in sorted((ROOT / "experiments" / place).rglob("*.py")):
+        parts = (name.split(".") for name in imported(file) if name.startswith("experiments."))
+        wrong |= {
+            f"{file.relative_to(ROOT)} imports {other}"
+            for _, other, *_ in parts
+            if other != place and floor_of(other) >= floor_of(place)
+        }
+    assert not wrong, "\n".join(sorted(wrong))
 
 
 def test_the_check_sees_imports():
-    assert {"prioritized", "sim", "rerun"} <= imported("experiments")
+    assert {"prioritized", "sim", "ftc", "rerun"} <= imported_by("experiments")
+    assert "experiments.hexapod.mapping" in imported(ROOT / "tests" / "test_bench.py")
