@@ -22,8 +22,7 @@ from experiments.figures.results import notes, pointing_after_failures
 from experiments.figures.runs import Portrait, portray
 from experiments.hexapod.simulation import Trajectory, nominal_plant
 from experiments.hexapod.testbed import Bench
-from experiments.output.palette import BLACK, BLUE, SKY, YELLOW
-from experiments.output.plotting import COLUMN_IN, new_figure, save_figure
+from experiments.output.plotting import BLACK, BLUE, COLUMN_IN, SKY, YELLOW, new_figure, save_figure
 from experiments.output.results import Results
 from experiments.table1.figure import figure_4, figure_6
 from sim import hexapod, load_model

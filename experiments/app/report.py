@@ -10,14 +10,32 @@ from typing import Any
 
 from experiments.app.chapter import Chapter, Edition, former_entry, run_chapter
 from experiments.app.command import show, with_options
+from experiments.figures import STUDY as FIGURES
+from experiments.force import STUDY as FORCE
+from experiments.goals import STUDY as GOALS
+from experiments.jacobian import STUDY as JACOBIAN
 from experiments.output.files import published, usable_folder, write_index
 from experiments.output.results import Results
 from experiments.output.study import Interrupted, Progress, Unsound
 from experiments.output.tables import Column, tabulate
 from experiments.output.terminal import INTERRUPTION, progress
+from experiments.recover import STUDY as RECOVER
 from experiments.release import STUDY as RELEASE
+from experiments.systems import STUDY as SYSTEMS
+from experiments.table1 import STUDY as TABLE1
+from experiments.uncorrected import STUDY as UNCORRECTED
 
-CHAPTERS = (Chapter(RELEASE),)
+CHAPTERS = (
+    Chapter(TABLE1),
+    Chapter(FIGURES),
+    Chapter(SYSTEMS),
+    Chapter(RELEASE),
+    Chapter(FORCE),
+    Chapter(GOALS),
+    Chapter(JACOBIAN, {"loop": True}),
+    Chapter(UNCORRECTED),
+    Chapter(RECOVER),
+)
 """In reading order; what takes longest comes last."""
 
 INDEX = "report.json"
@@ -25,8 +43,8 @@ INDEX = "report.json"
 HELP = """Run the main studies and write one HTML page on all of them.
 
 For each study the page has tables, figures, whether it is sound, and the command that reproduces
-it; at the end machine, versions and commit. It needs no other file. 45 minutes on two cores;
-release, sweep, atlas and bench are left out.
+it; at the end machine, versions and commit. It needs no other file. 45 minutes on two cores; sweep, atlas
+and bench are left out.
 
 After Ctrl-C the same command goes on where it stopped: a chapter is run again only if its files,
 its options, the code, the versions of its packages or the processor have changed. The page is

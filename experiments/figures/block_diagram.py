@@ -6,8 +6,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
 
 from experiments.figures.runs import OpenLoop, Portrait
-from experiments.output.palette import BLACK, ORANGE, SKY
-from experiments.output.plotting import PAGE_IN, new_figure
+from experiments.output.plotting import BLACK, ORANGE, PAGE_IN, SKY, new_figure
 from sim import Array
 
 _HEIGHT_IN = 3.85

@@ -12,8 +12,7 @@ from experiments.figures.block_diagram import figure_3
 from experiments.figures.geometry import figure_2
 from experiments.figures.runs import OpenLoop, Portrait
 from experiments.hexapod.failure_atlas import Verdict, verdicts
-from experiments.output.palette import BLACK, BLUE, ORANGE, VERMILION
-from experiments.output.plotting import PAGE_IN, new_figure
+from experiments.output.plotting import BLACK, BLUE, ORANGE, PAGE_IN, VERMILION, new_figure
 from experiments.output.results import Picture
 from prioritized import FailureAtlas
 from sim import Array

@@ -10,8 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
 from experiments.figures.outline import FRONT, TOP, Frame, Part, Side, frames, parts
-from experiments.output.palette import BLACK, BLUE, GREEN, PURPLE, VERMILION
-from experiments.output.plotting import PAGE_IN, new_figure
+from experiments.output.plotting import BLACK, BLUE, GREEN, PAGE_IN, PURPLE, VERMILION, new_figure
 from sim import Array, Hexapod, hexapod
 
 NAMED = {"laser": (-52, 14), "telescope": (-62, 42), "detector": (24, 3), "base_plate": (30, -18)}

@@ -10,8 +10,7 @@ from matplotlib.figure import Figure
 from experiments.force.platform import InternalForce
 from experiments.force.runs import Examination, Force
 from experiments.force.tables import LIMIT_PERCENT
-from experiments.output.palette import BLACK, BLUE, GREEN, ORANGE, VERMILION
-from experiments.output.plotting import PAGE_IN, new_figure
+from experiments.output.plotting import BLACK, BLUE, GREEN, ORANGE, PAGE_IN, VERMILION, new_figure
 from experiments.output.results import Picture
 
 

@@ -14,7 +14,7 @@ from experiments.force.runs import Examination, Trial
 from experiments.force.tables import tables
 from experiments.hexapod.recording.hexapod import Picture, log_hexapod
 from experiments.hexapod.recording.notes import constants
-from experiments.output.palette import GREEN, ORANGE
+from experiments.output.plotting import GREEN, ORANGE
 from experiments.output.provenance import version_properties
 from experiments.output.recording.file import About, recording_file, rgb, screen, time_column
 from experiments.output.recording.machine import (

@@ -11,8 +11,7 @@ from matplotlib.ticker import LogLocator
 
 from experiments.goals.demonstration import REFERENCE, Demonstration, Outcome
 from experiments.goals.runs import DEMONSTRATIONS
-from experiments.output.palette import BLACK, BLUE, GREEN, PURPLE, VERMILION
-from experiments.output.plotting import PAGE_IN, new_figure
+from experiments.output.plotting import BLACK, BLUE, GREEN, PAGE_IN, PURPLE, VERMILION, new_figure
 from experiments.output.results import Picture
 from sim import Array
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from experiments.output.palette import BLACK, BLUE, SKY, VERMILION, YELLOW
+from experiments.output.plotting import BLACK, BLUE, SKY, VERMILION, YELLOW
 from prioritized import FailureAtlas
 
 

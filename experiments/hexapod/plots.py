@@ -4,7 +4,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from experiments.hexapod.simulation import Trajectory
-from experiments.output.palette import DESIRED, MEASURED, START
+from experiments.output.plotting import DESIRED, MEASURED, START
 
 
 def spiral(axes: Axes, run: Trajectory, title: str) -> None:

@@ -10,8 +10,16 @@ from matplotlib.patches import Rectangle
 
 from experiments.hexapod import paper
 from experiments.jacobian.variation import NORMS, VERTICES, relative_change
-from experiments.output.palette import BLACK, BLUE, GREEN, ORANGE, PURPLE, VERMILION
-from experiments.output.plotting import PAGE_IN, new_figure
+from experiments.output.plotting import (
+    BLACK,
+    BLUE,
+    GREEN,
+    ORANGE,
+    PAGE_IN,
+    PURPLE,
+    VERMILION,
+    new_figure,
+)
 from experiments.output.results import Picture
 from sim import Hexapod, hexapod, load_model
 

@@ -8,8 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from experiments.hexapod.simulation import Trajectory
-from experiments.output.palette import BLACK, BLUE, GREEN, ORANGE, VERMILION
-from experiments.output.plotting import PAGE_IN, new_figure
+from experiments.output.plotting import BLACK, BLUE, GREEN, ORANGE, PAGE_IN, VERMILION, new_figure
 from experiments.output.results import Picture
 from experiments.recover.recovery import Identification, pointing_error_urad
 from experiments.recover.runs import Recover, marks

@@ -9,8 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from experiments.hexapod.failure_atlas import Verdict, verdicts
-from experiments.output.palette import BLACK, BLUE, VERMILION
-from experiments.output.plotting import PAGE_IN, logarithmic, new_figure
+from experiments.output.plotting import BLACK, BLUE, PAGE_IN, VERMILION, logarithmic, new_figure
 from experiments.output.results import Picture
 from experiments.sweep.dataset import Columns
 from experiments.sweep.row import ANGLES, classified

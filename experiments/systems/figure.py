@@ -6,8 +6,7 @@ from itertools import cycle
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from experiments.output.palette import BLACK, LINES
-from experiments.output.plotting import PAGE_IN, new_figure
+from experiments.output.plotting import BLACK, LINES, PAGE_IN, new_figure
 from experiments.output.results import Picture
 from experiments.systems.runs import Examination, Mechanism, Systems, in_words
 

@@ -7,8 +7,7 @@ from matplotlib.figure import Figure, SubFigure
 
 from experiments.hexapod.plots import spiral
 from experiments.hexapod.simulation import Trajectory
-from experiments.output.palette import DESIRED, MEASURED
-from experiments.output.plotting import COLUMN_IN, PAGE_IN, new_figure
+from experiments.output.plotting import COLUMN_IN, DESIRED, MEASURED, PAGE_IN, new_figure
 from experiments.output.results import Picture
 
 SECONDARY = [("$t_x$, µm", 1), ("$t_y$, µm", 2), ("$t_z$, µm", 3), ("$\\gamma$, µrad", 0)]

@@ -11,8 +11,16 @@ from matplotlib.patches import Patch, Rectangle
 
 from experiments.hexapod.plots import spiral
 from experiments.hexapod.simulation import Trajectory
-from experiments.output.palette import BLACK, BLUE, COLOR_MAP, GREEN, PURPLE, VERMILION
-from experiments.output.plotting import PAGE_IN, new_figure
+from experiments.output.plotting import (
+    BLACK,
+    BLUE,
+    COLOR_MAP,
+    GREEN,
+    PAGE_IN,
+    PURPLE,
+    VERMILION,
+    new_figure,
+)
 from experiments.output.results import Picture
 from experiments.uncorrected.candidates import BENCH, BENCH_DAMPING, CLOCKWISE, COLUMNS, RETUNED
 from experiments.uncorrected.predicted import LOCKS_M
