@@ -1,6 +1,7 @@
 """A short run that no simulation made, and a study of nothing: for tests that are about files."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -55,9 +56,10 @@ class MadeStudy(Study):
 
     make: Callable[..., Results] = Results
 
-    def perform(self, *, on_progress: OnProgress, **options: Any) -> Results:
+    @contextmanager
+    def perform(self, *, on_progress: OnProgress, **options: Any) -> Iterator[Results]:
         """What the function returns."""
-        return self.make(on_progress=on_progress, **options)
+        yield self.make(on_progress=on_progress, **options)
 
 
 def made_study(

@@ -7,11 +7,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from experiments.hexapod import paper
-from experiments.hexapod.goal import MAJOR, SECONDARY, Goal
+from experiments.hexapod.columns import MAJOR, SECONDARY
 from experiments.hexapod.mapping import StrutMapping
 from experiments.hexapod.simulation import nominal_loops, track_spiral
 from experiments.hexapod.testbed import Bench
 from ftc.controller import Controller, Sensed
+from ftc.goal import Goal
 from sim import (
     NOMINAL,
     Amplifier,
@@ -199,7 +200,7 @@ def test_the_constant_jacobian_is_the_analytic_one_at_the_nominal_pose(model):
     moved = NOMINAL.moved(np.array([0.01, 0, 0, 0.001, 0, 0]))
     np.testing.assert_array_equal(constant.displacements(asked, moved), nominal)
     assert np.abs(analytic.displacements(asked, moved) - nominal).max() > 1e-8
-    struts_m = np.arange(6) * 1e-6
+    struts_m = 1e-6 * np.arange(6.0)
     pointing = constant.pointing(struts_m, NOMINAL)
     np.testing.assert_array_equal(constant.pointing(struts_m, moved), pointing)
     assert np.abs(analytic.pointing(struts_m, moved) - pointing).max() > 1e-8

@@ -10,7 +10,6 @@ from scipy.stats import binom
 
 from experiments.hexapod.diagnosis import fault_of, fault_text, nominal_model
 from experiments.hexapod.dithers import HEAVE, STILL, excitation
-from experiments.hexapod.goal import Goal
 from experiments.hexapod.prediction import linear_loop
 from experiments.hexapod.simulation import nominal_loops
 from experiments.hexapod.testbed import Bench
@@ -22,6 +21,7 @@ from ftc.fdi.hypotheses import LOST, hypothesis_bank
 from ftc.fdi.isolability import isolability
 from ftc.fdi.monitor import Monitor, monitor
 from ftc.fdi.residual_test import WINDOWS, residual_test
+from ftc.goal import Goal
 from ftc.linear_loop import LinearLoop, simulate
 from sim import Failure, LinearPlant, Plant, failed_plant, linearize, load_model
 

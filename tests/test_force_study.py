@@ -20,7 +20,7 @@ from experiments.force.results import summarize
 from experiments.force.rig import FIXTURE, Gauges, hold, press, with_fixture
 from experiments.force.runs import examine, payload_stiffness
 from experiments.force.tables import checks, tables
-from experiments.hexapod.goal import MAJOR, SECONDARY
+from experiments.hexapod.columns import MAJOR, SECONDARY
 from experiments.hexapod.springs import strut_and_payload_stiffness
 from prioritized import ConstrainedSystem, force_mapping
 from sim import HEXAPOD_MJCF, NOMINAL, Plant, hexapod, jacobians, load_model

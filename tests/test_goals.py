@@ -37,11 +37,12 @@ from experiments.goals.secondary_goals import (
     retreat,
     stop_potential,
 )
-from experiments.hexapod.goal import MAJOR, SECONDARY, Goal
+from experiments.hexapod.columns import MAJOR, SECONDARY
 from experiments.hexapod.mapping import StrutMapping
 from experiments.hexapod.simulation import controller_for, fly, nominal_loops
 from experiments.hexapod.testbed import Bench
 from ftc.controller import Sensed
+from ftc.goal import Goal
 from prioritized import velocity_mapping
 from sim import (
     COPPER_PER_K,

@@ -5,16 +5,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
+from experiments.hexapod.columns import MAJOR
 from experiments.hexapod.diagnosis import nominal_model
-from experiments.hexapod.goal import MAJOR, Goal
-from experiments.hexapod.mapping import DisplacementForm, StrutMapping
+from experiments.hexapod.mapping import StrutMapping
 from experiments.hexapod.simulation import controller_for, fly, nominal_loops, track_spiral
-from experiments.hexapod.supervisor import falling, reconfigured_goal, supervisor
+from experiments.hexapod.supervisor import supervisor
 from experiments.hexapod.testbed import Bench
 from experiments.recover.recovery import DITHER
 from ftc.controller import Controller, Handover, Sensed
 from ftc.fdi.diagnosis import Diagnosis
 from ftc.fdi.fault_model import Fault
+from ftc.goal import Goal
+from ftc.mapping import DisplacementForm
+from ftc.supervisor import falling, reconfigured_goal
 from sim import NOMINAL, Failure, hexapod, load_model, pointing_angles
 
 MODEL, BENCH = load_model(), Bench()

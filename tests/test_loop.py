@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from experiments.hexapod.columns import COLUMNS
-from experiments.hexapod.goal import SECONDARY, Goal
-from experiments.hexapod.mapping import Asked, StrutMapping
+from experiments.hexapod.columns import COLUMNS, SECONDARY
+from experiments.hexapod.mapping import StrutMapping
 from experiments.hexapod.scaling import GROWTHS, Growth, grown_bench, grown_machine
 from experiments.hexapod.testbed import Bench
 from experiments.jacobian.loop import (
@@ -23,6 +22,8 @@ from experiments.jacobian.loop import (
     optimum,
 )
 from experiments.jacobian.loop_results import loop_checks
+from ftc.goal import Goal
+from ftc.mapping import Asked
 from sim import (
     NOMINAL,
     Plant,

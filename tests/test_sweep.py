@@ -20,7 +20,6 @@ import pyarrow.parquet as pq
 import pytest
 
 from experiments.app.cli import main
-from experiments.hexapod.goal import Goal
 from experiments.hexapod.prediction import predicted_error_rad
 from experiments.hexapod.simulation import nominal_loops, track_spiral
 from experiments.hexapod.testbed import Bench
@@ -34,6 +33,7 @@ from experiments.sweep.results import checks, prediction
 from experiments.sweep.row import SCHEMA, row_of
 from experiments.sweep.runs import UNFINISHED, published_before, run_missing
 from experiments.sweep.sweep_run import BENCH, KINDS, Choice, Range, sweep_run
+from ftc.goal import Goal
 from sim import Failure, SimulationDiverged
 
 SHORT = Choice("settling_s", (0.05,))

@@ -11,7 +11,6 @@ import pytest
 from rerun.chunk import RrdReader
 
 from experiments.app.cli import main
-from experiments.hexapod.goal import Goal
 from experiments.hexapod.mapping import StrutMapping
 from experiments.hexapod.metrics import rms
 from experiments.hexapod.prediction import driven_loop, predicted_error_rad, predicted_rms_rad
@@ -29,6 +28,7 @@ from experiments.uncorrected.vibration import (
     floor_acceleration,
     pointing_mode,
 )
+from ftc.goal import Goal
 from sim import (
     NOMINAL,
     Failure,

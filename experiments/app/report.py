@@ -43,8 +43,8 @@ INDEX = "report.json"
 HELP = """Run the main studies and write one HTML page on all of them.
 
 For each study the page has tables, figures, whether it is sound, and the command that reproduces
-it; at the end machine, versions and commit. It needs no other file. 45 minutes on two cores; sweep, atlas
-and bench are left out.
+it; at the end machine, versions and commit. It needs no other file. 45 minutes on two cores; sweep,
+atlas and bench are left out.
 
 After Ctrl-C the same command goes on where it stopped: a chapter is run again only if its files,
 its options, the code, the versions of its packages or the processor have changed. The page is

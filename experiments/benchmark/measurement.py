@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from experiments.hexapod.goal import MAJOR, SECONDARY
+from experiments.hexapod.columns import MAJOR, SECONDARY
 from experiments.output.study import OnProgress, Unsound
 from sim import Array
 

@@ -15,8 +15,9 @@ import numpy as np
 from scipy.linalg.lapack import dgglse
 
 from experiments.benchmark.measurement import Agreement, Contender, compare
-from experiments.hexapod.goal import MAJOR, SECONDARY, Goal
+from experiments.hexapod.columns import MAJOR, SECONDARY
 from experiments.hexapod.mapping import StrutMapping
+from ftc.goal import Goal
 from prioritized import ConstrainedSystem
 from sim import NOMINAL, Array, Plant, Pose, hexapod, jacobians
 

@@ -7,8 +7,8 @@ import control
 import mujoco
 import numpy as np
 
+from experiments.hexapod.columns import MAJOR
 from experiments.hexapod.compensator import ANGLES, Loop, design, sampled
-from experiments.hexapod.goal import MAJOR
 from experiments.hexapod.simulation import nominal_plant
 from experiments.hexapod.springs import elastic_system
 from experiments.hexapod.testbed import Bench

@@ -8,7 +8,7 @@ import numpy as np
 from experiments.force.cases import LEAST_TORQUE, Aims, Condition, ForceGoal, as_wrench
 from experiments.force.optimum import cost, least_cost, statics
 from experiments.force.rig import press, with_fixture
-from experiments.hexapod.goal import MAJOR, SECONDARY
+from experiments.hexapod.columns import MAJOR, SECONDARY
 from prioritized import ConstrainedSystem, Kinematics, Status
 from sim import HEXAPOD_MJCF, Array, jacobians, load_model
 

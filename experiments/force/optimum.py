@@ -9,7 +9,7 @@ import numpy as np
 import scipy.linalg
 
 from experiments.force.cases import ForceGoal
-from experiments.hexapod.goal import MAJOR, SECONDARY
+from experiments.hexapod.columns import MAJOR, SECONDARY
 from prioritized import ConstrainedSystem
 from sim import Array
 

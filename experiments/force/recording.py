@@ -12,8 +12,8 @@ from experiments.force.cases import PRESCRIBED
 from experiments.force.rig import Readings
 from experiments.force.runs import Examination, Trial
 from experiments.force.tables import tables
-from experiments.hexapod.recording.hexapod import Picture, log_hexapod
-from experiments.hexapod.recording.notes import constants
+from experiments.hexapod.recording.hexapod import Mark, Picture, log_hexapod
+from experiments.hexapod.recording.shown import constants
 from experiments.output.plotting import GREEN, ORANGE
 from experiments.output.provenance import version_properties
 from experiments.output.recording.file import About, recording_file, rgb, screen, time_column
@@ -24,8 +24,7 @@ from experiments.output.recording.machine import (
     sized_entity,
     sizes,
 )
-from experiments.output.recording.marks import Mark
-from experiments.output.recording.series import Plot, log_plots, notes_view, plot_views
+from experiments.output.recording.views import Plot, log_plots, notes_view, plot_views
 from sim import NOMINAL, Array, load_model
 
 _WRENCH = ["m_x [N m]", "m_y [N m]", "m_z [N m]", "f_x [N]", "f_y [N]", "f_z [N]"]

@@ -14,7 +14,7 @@ from experiments.force.recording import write_force
 from experiments.force.rig import Readings
 from experiments.force.runs import Examination, Force, Held, Trial, payload_stiffness
 from experiments.force.tables import checks, tables
-from experiments.hexapod.goal import MAJOR, SECONDARY
+from experiments.hexapod.columns import MAJOR, SECONDARY
 from experiments.hexapod.metrics import percent, rms
 from experiments.hexapod.provenance import plant_constants
 from experiments.output.provenance import versions

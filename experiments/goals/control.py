@@ -13,12 +13,14 @@ from numpy.typing import ArrayLike
 from experiments.goals.demonstration import Strategy
 from experiments.goals.secondary_goals import REWEIGH_TICKS, joint_weights
 from experiments.hexapod.choices import JacobianChoice
+from experiments.hexapod.columns import MAJOR, SECONDARY
 from experiments.hexapod.compensator import Loop
-from experiments.hexapod.goal import MAJOR, SECONDARY, Goal
-from experiments.hexapod.mapping import Reconfigured, StrutMapping
-from experiments.hexapod.pilot import PointingState
+from experiments.hexapod.mapping import StrutMapping
 from experiments.hexapod.testbed import Bench
 from ftc.controller import Controller, Sensed
+from ftc.goal import Goal
+from ftc.mapping import Reconfigured
+from ftc.oracle import PointingState
 from prioritized import Status, VelocityMapping, velocity_mapping
 from sim import Amplifier, Array, Coils, Hexapod, Pose, hexapod, pointing_angles
 

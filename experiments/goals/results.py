@@ -15,16 +15,15 @@ from experiments.goals.runs import DEMONSTRATIONS, Goals
 from experiments.hexapod.checks import closure_check
 from experiments.hexapod.metrics import rms
 from experiments.hexapod.provenance import plant_constants
-from experiments.hexapod.recording.notes import constants
-from experiments.hexapod.recording.shown import Shown
-from experiments.hexapod.recording.side_by_side import write_side_by_side
+from experiments.hexapod.recording.hexapod import Mark
+from experiments.hexapod.recording.screens import write_side_by_side
+from experiments.hexapod.recording.shown import Shown, constants
 from experiments.hexapod.simulation import Trajectory
 from experiments.hexapod.testbed import Bench
 from experiments.output.provenance import version_properties, versions
 from experiments.output.recording.file import About
-from experiments.output.recording.marks import Mark
 from experiments.output.recording.mechanism import Driven, write_mechanism
-from experiments.output.recording.series import Plot
+from experiments.output.recording.views import Plot
 from experiments.output.results import Check, Results
 from experiments.output.tables import Column, Table, tabulate
 from sim import Array, load_model, model_sha256

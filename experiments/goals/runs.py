@@ -21,13 +21,14 @@ from experiments.goals.demonstration import (
     smooth_step,
     strategies,
 )
+from experiments.hexapod.columns import SECONDARY
 from experiments.hexapod.compensator import Loop
-from experiments.hexapod.goal import SECONDARY, Goal
 from experiments.hexapod.metrics import closure_residual_max_m
 from experiments.hexapod.scaling import grown_bench, grown_machine
 from experiments.hexapod.simulation import Trajectory, fly, nominal_loops
 from experiments.hexapod.testbed import Bench
 from experiments.output.parallel import in_parallel
+from ftc.goal import Goal
 from sim import NOMINAL, Array, Failure, Pose, forward_kinematics, hexapod, load_model
 
 SLEW_S = 3.0

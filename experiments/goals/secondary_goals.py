@@ -11,8 +11,8 @@ import mujoco
 import numpy as np
 
 from experiments.goals.demonstration import smooth_step
-from experiments.hexapod.goal import Goal
 from experiments.hexapod.scaling import Growth
+from ftc.goal import Goal
 from sim import HEXAPOD_MJCF, Array, Coils, Pose
 
 HOT_TARGET_URAD = (2771.0, 1600.0)

@@ -1,9 +1,14 @@
-"""The columns of Table I: what is minimized, what fails, and what the mapping knows of it."""
+"""The hexapod's task, and the columns of Table I: what is minimized, what fails, what is known."""
 
 from dataclasses import dataclass
 
-from experiments.hexapod.goal import Goal
+from ftc.goal import Goal
 from sim import Failure, FailureKind
+
+MAJOR = [0, 1]
+"""Rows of the payload's twist that matter: (alpha, beta), the pointing task."""
+SECONDARY = [3, 4, 5, 2]
+"""[t_x, t_y, t_z, gamma], the order of the paper's W_d and W_e."""
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import control
 
-from experiments.hexapod.goal import MAJOR
+from experiments.hexapod.columns import MAJOR
 from experiments.hexapod.testbed import Bench
 from ftc.compensator import (
     Compensator,
@@ -71,14 +71,6 @@ def _designed(plant: LinearPlant, pointing: Array, bench: Bench, row: int) -> Co
         ) from None
     except NoResponse:
         raise ModelError(f"the coils do not move {angle}") from None
-
-
-def compensators(
-    plant: LinearPlant, pointing: Array, bench: Bench
-) -> tuple[control.StateSpace, control.StateSpace]:  # lead: remove
-    """The (alpha, beta) compensators as they run."""
-    alpha, beta = designed(plant, pointing, bench)
-    return alpha.discrete, beta.discrete
 
 
 def sampled(plant: LinearPlant, gain: Array, period_s: float) -> control.StateSpace:

@@ -6,7 +6,7 @@ import control
 import mujoco
 import numpy as np
 
-from experiments.hexapod.goal import MAJOR
+from experiments.hexapod.columns import MAJOR
 from experiments.hexapod.testbed import Bench
 from ftc.fdi.fault_model import KINDS, Fault, NominalModel
 from sim import Failure, Plant, linearize

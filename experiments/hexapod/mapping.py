@@ -3,7 +3,8 @@
 import numpy as np
 
 from experiments.hexapod.choices import JacobianChoice
-from experiments.hexapod.goal import MAJOR, SECONDARY, Goal
+from experiments.hexapod.columns import MAJOR, SECONDARY
+from ftc.goal import Goal
 from ftc.mapping import Asked as Asked  # lead: remove
 from ftc.mapping import DisplacementForm, PrioritizedMapping
 from ftc.mapping import Mapping as Mapping  # lead: remove

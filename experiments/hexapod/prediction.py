@@ -6,14 +6,15 @@ import control
 import mujoco
 import numpy as np
 
+from experiments.hexapod.columns import MAJOR
 from experiments.hexapod.compensator import sampled
 from experiments.hexapod.diagnosis import nominal_model
-from experiments.hexapod.goal import MAJOR, Goal
 from experiments.hexapod.mapping import StrutMapping
 from experiments.hexapod.testbed import Bench
 from ftc.compensator import Compensator
 from ftc.compensator import sensitivity_peak as peak_of_sensitivity
 from ftc.fdi.dither import Dither
+from ftc.goal import Goal
 from ftc.linear_loop import LinearLoop, closed_loop, limited_response
 from sim import NOMINAL, Array, Failure, Plant, failed_plant, hexapod, linearize
 

@@ -10,11 +10,12 @@ import numpy as np
 
 from experiments.hexapod.choices import JacobianChoice
 from experiments.hexapod.compensator import Loop, design
-from experiments.hexapod.goal import Goal
-from experiments.hexapod.mapping import DisplacementForm, StrutMapping
+from experiments.hexapod.mapping import StrutMapping
 from experiments.hexapod.testbed import Bench
 from ftc.compensator import Compensator
 from ftc.controller import Controller, Sensed
+from ftc.goal import Goal
+from ftc.mapping import DisplacementForm
 from ftc.oracle import Informed, Pilot, State
 from sim import (
     Array,

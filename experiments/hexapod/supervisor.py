@@ -5,9 +5,9 @@ from collections.abc import Sequence
 import mujoco
 
 from experiments.hexapod.choices import JacobianChoice
+from experiments.hexapod.columns import MAJOR
 from experiments.hexapod.diagnosis import nominal_model
 from experiments.hexapod.dithers import STILL
-from experiments.hexapod.goal import MAJOR, Goal
 from experiments.hexapod.simulation import controller_for
 from experiments.hexapod.springs import elastic_system
 from experiments.hexapod.testbed import Bench
@@ -17,6 +17,7 @@ from ftc.fdi.diagnosis import DEFAULT_CONFIG, Diagnosis, FdiConfig
 from ftc.fdi.dither import Dither
 from ftc.fdi.fault_model import Fault, NominalModel
 from ftc.fdi.monitor import monitor
+from ftc.goal import Goal
 from ftc.supervisor import Supervisor, reconfigured_goal
 from prioritized import failure_atlas
 from sim import Pose

@@ -11,15 +11,16 @@ import mujoco
 import numpy as np
 
 from experiments.hexapod.choices import JacobianChoice
-from experiments.hexapod.columns import COLUMNS
+from experiments.hexapod.columns import COLUMNS, MAJOR
 from experiments.hexapod.compensator import Loop
-from experiments.hexapod.goal import MAJOR, Goal
-from experiments.hexapod.mapping import NOTHING_YET, Asked, DisplacementForm, StrutMapping
+from experiments.hexapod.mapping import NOTHING_YET, StrutMapping
 from experiments.hexapod.scaling import GROWTHS, Growth, grown_bench, grown_machine
 from experiments.hexapod.simulation import Trajectory, nominal_loops, track_spiral
 from experiments.hexapod.testbed import Bench
 from experiments.jacobian.variation import NORMS, Norm, relative_change
 from experiments.output.parallel import in_parallel
+from ftc.goal import Goal
+from ftc.mapping import Asked, DisplacementForm
 from sim import (
     NOMINAL,
     Array,

@@ -10,6 +10,7 @@ import numpy as np
 
 from experiments.hexapod import paper
 from experiments.hexapod.provenance import plant_constants
+from experiments.hexapod.recording.hexapod import Mark
 from experiments.hexapod.recording.keep import record_run
 from experiments.hexapod.recording.shown import Shown
 from experiments.hexapod.scaling import grown_bench, grown_machine
@@ -20,7 +21,6 @@ from experiments.jacobian.loop_results import loop_checks, loop_table, summarize
 from experiments.jacobian.runs import Constancy
 from experiments.jacobian.variation import NORMS, ByNorm, Norm, Variation, size
 from experiments.output.provenance import version_properties, versions
-from experiments.output.recording.marks import Mark
 from experiments.output.results import Check, Results
 from experiments.output.tables import Column, Table, tabulate
 from sim import load_model, model_sha256

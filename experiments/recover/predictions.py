@@ -10,7 +10,6 @@ import scipy.linalg
 
 from experiments.hexapod.diagnosis import fault_entry, fault_text
 from experiments.hexapod.dithers import STILL
-from experiments.hexapod.goal import Goal
 from experiments.hexapod.mapping import StrutMapping
 from experiments.hexapod.prediction import linear_loop, peak_of_sensitivity
 from experiments.recover.recovery import AFTER_S, BEFORE_S, DITHER, GOAL, STRUCK, Scenario, Setup
@@ -18,6 +17,7 @@ from ftc.fdi.dither import Dither
 from ftc.fdi.fault_model import KINDS, Fault, FaultKind, NominalModel, fault_model
 from ftc.fdi.hypotheses import HypothesisBank, hypothesis_bank
 from ftc.fdi.isolability import isolability
+from ftc.goal import Goal
 from ftc.linear_loop import LinearLoop, simulate
 from ftc.supervisor import WEAKEST
 from sim import NOMINAL, Array, hexapod

@@ -9,16 +9,17 @@ import numpy as np
 from experiments.hexapod.compensator import Loop
 from experiments.hexapod.diagnosis import fault_of, nominal_model
 from experiments.hexapod.dithers import HEAVE
-from experiments.hexapod.goal import Goal
 from experiments.hexapod.metrics import closure_residual_max_m
-from experiments.hexapod.pilot import NEVER, Informed, Pilot, State
 from experiments.hexapod.simulation import Trajectory, controller_for, fly
-from experiments.hexapod.supervisor import Supervisor, reconfigured_goal, supervisor
+from experiments.hexapod.supervisor import Supervisor, supervisor
 from experiments.hexapod.testbed import Bench
 from ftc.controller import Controller
 from ftc.fdi.diagnosis import Diagnosis
 from ftc.fdi.dither import Dither
 from ftc.fdi.fault_model import KINDS, Fault, FaultKind, NominalModel
+from ftc.goal import Goal
+from ftc.oracle import NEVER, Informed, Pilot, State
+from ftc.supervisor import reconfigured_goal
 from sim import Array, Failure
 
 GOAL = Goal(joint_weight=(1.0,) * 6)

@@ -12,7 +12,6 @@ from scipy.stats import binomtest, chi2
 from experiments.hexapod.diagnosis import fault_text
 from experiments.hexapod.dithers import STILL, excitation
 from experiments.hexapod.metrics import pointing_rms_urad
-from experiments.hexapod.pilot import NEVER, Informed
 from experiments.recover.recovery import (
     DITHER,
     STRUCK,
@@ -29,6 +28,7 @@ from ftc.fdi.diagnosis import DEFAULT_CONFIG
 from ftc.fdi.dither import Dither
 from ftc.fdi.fault_model import Fault, NominalModel, fault_model
 from ftc.fdi.residual_test import ResidualTest, residual_test
+from ftc.oracle import NEVER, Informed
 from sim import Array
 
 LATE_S = (0.03, 0.1, 0.3, 1.0)

@@ -9,10 +9,10 @@ import numpy as np
 
 from experiments.hexapod.diagnosis import fault_of, fault_text
 from experiments.hexapod.provenance import plant_constants
+from experiments.hexapod.recording.hexapod import Mark
 from experiments.hexapod.simulation import Trajectory, nominal_loops
 from experiments.hexapod.testbed import Bench
 from experiments.output.parallel import in_parallel
-from experiments.output.recording.marks import Mark
 from experiments.recover import predictions, robustness
 from experiments.recover.predictions import FREQUENCIES_HZ, SETTINGS, Setting
 from experiments.recover.recovery import (

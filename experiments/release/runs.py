@@ -11,13 +11,14 @@ from typing import Any, Literal
 import mujoco
 import numpy as np
 
-from experiments.hexapod.goal import MAJOR, Goal
+from experiments.hexapod.columns import MAJOR
 from experiments.hexapod.prediction import predicted_motion, predicted_rms_rad, sensitivity_peak
 from experiments.hexapod.simulation import Trajectory, nominal_loops, track_spiral
 from experiments.hexapod.springs import elastic_system, strut_and_payload_stiffness
 from experiments.hexapod.testbed import Bench
 from experiments.output.parallel import in_parallel
 from experiments.release.statics import STRUT, fall, released_statics
+from ftc.goal import Goal
 from prioritized import FailureAtlas, failure_atlas
 from sim import Array, Failure, FailureKind, load_model, weightless
 

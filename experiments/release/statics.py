@@ -3,7 +3,7 @@
 import mujoco
 import numpy as np
 
-from experiments.hexapod.goal import MAJOR
+from experiments.hexapod.columns import MAJOR
 from experiments.hexapod.metrics import percent
 from experiments.hexapod.springs import elastic_system, strut_and_payload_stiffness
 from sim import Array, Plant, hexapod, linearize

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
+from experiments.hexapod.columns import MAJOR
 from experiments.hexapod.failure_atlas import verdicts
-from experiments.hexapod.goal import MAJOR
 from experiments.hexapod.mapping import StrutMapping
 from experiments.hexapod.metrics import closure_residual_max_m, pointing_rms_urad, rms
 from experiments.hexapod.prediction import detector_noise_rad, driven_loop

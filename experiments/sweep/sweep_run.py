@@ -6,9 +6,9 @@ from typing import Any, Literal, get_args
 
 from experiments.hexapod.choices import JacobianChoice
 from experiments.hexapod.columns import COLUMNS
-from experiments.hexapod.goal import Goal
 from experiments.hexapod.testbed import LIMITS as BENCH_LIMITS
 from experiments.hexapod.testbed import Bench
+from ftc.goal import Goal
 from sim import Failure
 
 Value = float | int | str | bool

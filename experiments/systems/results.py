@@ -4,11 +4,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from experiments.hexapod.recording.notes import constants
+from experiments.hexapod.recording.shown import constants
 from experiments.output.provenance import version_properties, versions
 from experiments.output.recording.file import About
 from experiments.output.recording.mechanism import Driven, Task, write_mechanism
-from experiments.output.recording.series import Plot
+from experiments.output.recording.views import Plot
 from experiments.output.results import Check, Results
 from experiments.output.tables import Column, Table, tabulate
 from experiments.systems.figure import pictures

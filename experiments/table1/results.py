@@ -14,10 +14,10 @@ from experiments.hexapod.columns import Column as Experiment
 from experiments.hexapod.metrics import closure_residual_max_m as closure_m
 from experiments.hexapod.metrics import loop_measures, pointing_rms_urad, rms
 from experiments.hexapod.provenance import recording_properties
+from experiments.hexapod.recording.hexapod import Mark
 from experiments.hexapod.recording.keep import record_run
 from experiments.hexapod.recording.shown import Shown
 from experiments.output.provenance import versions
-from experiments.output.recording.marks import Mark
 from experiments.output.results import Check, Results, is_cut
 from experiments.output.tables import Column, Table
 from experiments.table1.figure import pictures

@@ -8,10 +8,10 @@ import mujoco
 import numpy as np
 
 from experiments.hexapod.columns import COLUMNS as TABLE_I
-from experiments.hexapod.goal import Goal
 from experiments.hexapod.paper import TABLE_I_URAD
 from experiments.hexapod.testbed import Bench
 from experiments.uncorrected.vibration import damped, floor_acceleration
+from ftc.goal import Goal
 from sim import Array
 
 STRUT = 0

@@ -7,8 +7,8 @@ import control
 import mujoco
 import numpy as np
 
+from experiments.hexapod.columns import MAJOR
 from experiments.hexapod.compensator import Loop, sampled
-from experiments.hexapod.goal import MAJOR
 from experiments.hexapod.mapping import StrutMapping
 from experiments.hexapod.metrics import rms
 from experiments.hexapod.prediction import (

@@ -7,7 +7,7 @@ import control
 import mujoco
 import numpy as np
 
-from experiments.hexapod.compensator import compensators
+from experiments.hexapod.compensator import designed
 from experiments.hexapod.metrics import pointing_rms_urad, rms
 from experiments.hexapod.prediction import detector_noise_rad, driven_loop, predicted_error_rad
 from experiments.hexapod.simulation import Trajectory, nominal_loops
@@ -80,7 +80,7 @@ def map_row(
     for k, alpha_hz in enumerate(alpha_crossover_hz):
         here = at_crossover(bench, alpha_hz, roll_off_hz)
         try:
-            G = compensators(sound, pointing, here)
+            G = [each.discrete for each in designed(sound, pointing, here)]
         except ModelError:
             continue
         loops = {name: driven_loop(plant, gain, G) for name, (gain, plant) in driven.items()}
