@@ -42,3 +42,8 @@ def prediction_checks(run: Mapping[str, Any], tolerance: float) -> list[Check]:
             )
             checks.append(Check(what, run["name"], abs(rms - predicted) / predicted, tolerance))
     return checks
+
+
+def is_cut(summary: Mapping[str, Any]) -> bool:
+    """Whether only a part of the spiral was run, which the paper's numbers do not compare with."""
+    return summary["duration_s"] < summary["bench"]["duration_s"]

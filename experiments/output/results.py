@@ -126,8 +126,3 @@ def publish(folder: Path, name: str, results: Results) -> Results:
             save_figure(picture.draw(), staging, picture.name, picture.formats)
         (staging / f"{name}.md").write_text(results.markdown(), encoding="utf-8")
         return replace(results, summary=write_index(staging / f"{name}.json", results.summary))
-
-
-def is_cut(summary: dict[str, Any]) -> bool:
-    """Whether only a part of the spiral was run, which the paper's numbers do not compare with."""
-    return summary["duration_s"] < summary["bench"]["duration_s"]

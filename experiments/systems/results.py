@@ -7,8 +7,8 @@ from typing import Any
 from experiments.hexapod.recording.shown import constants
 from experiments.output.provenance import version_properties, versions
 from experiments.output.recording.file import About
-from experiments.output.recording.mechanism import Driven, Task, write_mechanism
-from experiments.output.recording.views import Plot
+from experiments.output.recording.mechanism import Driven, write_mechanism
+from experiments.output.recording.views import Plot, Task
 from experiments.output.results import Check, Results
 from experiments.output.tables import Column, Table, tabulate
 from experiments.systems.figure import pictures

@@ -8,7 +8,12 @@ from typing import Any
 import numpy as np
 
 from experiments.hexapod import paper
-from experiments.hexapod.checks import closure_check, prediction_checks, prediction_tolerance
+from experiments.hexapod.checks import (
+    closure_check,
+    is_cut,
+    prediction_checks,
+    prediction_tolerance,
+)
 from experiments.hexapod.columns import COLUMNS
 from experiments.hexapod.columns import Column as Experiment
 from experiments.hexapod.metrics import closure_residual_max_m as closure_m
@@ -18,7 +23,7 @@ from experiments.hexapod.recording.hexapod import Mark
 from experiments.hexapod.recording.keep import record_run
 from experiments.hexapod.recording.shown import Shown
 from experiments.output.provenance import versions
-from experiments.output.results import Check, Results, is_cut
+from experiments.output.results import Check, Results
 from experiments.output.tables import Column, Table
 from experiments.table1.figure import pictures
 from experiments.table1.runs import Table1, other_jacobian

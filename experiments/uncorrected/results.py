@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from experiments.hexapod.checks import closure_check
+from experiments.hexapod.checks import closure_check, is_cut
 from experiments.hexapod.metrics import closure_residual_max_m, finite_or_none, pointing_rms_urad
 from experiments.hexapod.paper import TABLE_I_URAD
 from experiments.hexapod.provenance import plant_constants, recording_properties
@@ -17,7 +17,7 @@ from experiments.hexapod.recording.shown import Shown
 from experiments.hexapod.simulation import Trajectory
 from experiments.hexapod.testbed import Bench
 from experiments.output.provenance import versions
-from experiments.output.results import Check, Results, is_cut
+from experiments.output.results import Check, Results
 from experiments.uncorrected.answer import paragraph, table
 from experiments.uncorrected.candidates import (
     BENCH,

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -80,24 +80,12 @@ def record_run(
         further: Arrays beside the run's own.
     """
     notes = run_notes(name.replace("_", " "), [*said, ""], shown.run, beside, properties)
-    keep_run(folder, name, About(identity, name, notes, properties), model, shown, further)
-
-
-def keep_run(
-    folder: Path,
-    name: str,
-    about: About,
-    model: mujoco.MjModel,
-    shown: Shown,
-    further: dict[str, Array] | None = None,
-) -> None:
-    """Write `name.npz` and `name.rrd`; marks and experiment become properties, for `read_run`."""
     for_reading = {
-        "experiment": about.recording_id.partition("-")[0],
+        "experiment": identity.partition("-")[0],
         "marks": json.dumps([asdict(mark) for mark in shown.marks]),
     }
     write_arrays(folder / f"{name}.npz", asdict(shown.run) | (further or {}))
-    about = replace(about, properties=about.properties | for_reading)
+    about = About(identity, name, notes, properties | for_reading)
     write_run(folder / f"{name}.rrd", about, model, shown)
 
 
