@@ -7,6 +7,8 @@ from pathlib import Path
 import matplotlib
 import numpy as np
 
+from experiments.output import plotting
+
 PAGE_PT, COLUMN_PT = 7.16 * 72, 3.5 * 72
 TEXT_PT = {7.0, 8.0, 0.7 * 7, 0.7 * 8}
 """Text and titles, and their subscripts."""
