@@ -14,6 +14,21 @@ settings.register_profile("repeatable", deadline=None, derandomize=True)
 settings.load_profile("repeatable")
 
 
+AT_LENGTH = {
+    *("table1_folder", "release_folder", "recover_folder", "systems_folder", "jacobian_folder"),
+    *("goals_folder", "force_run", "uncorrected_folder", "bench_folder", "sweep_folder"),
+    *("atlas_folder", "seeds_folder"),
+}
+"""Fixtures that run a study; `figures_folder` takes seconds, and is not among them."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark as long whatever needs the files of a study, however it comes by them."""
+    for item in items:
+        if AT_LENGTH & set(getattr(item, "fixturenames", ())):
+            item.add_marker(pytest.mark.long)
+
+
 @pytest.fixture(scope="session")
 def model() -> mujoco.MjModel:
     """The hexapod; plants copy it, tests that alter it must copy it too."""

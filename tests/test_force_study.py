@@ -29,7 +29,7 @@ from tests.test_force import theorem_7, theorem_8
 
 
 @pytest.fixture(scope="module")
-def done(tmp_path_factory):
+def force_run(tmp_path_factory):
     """The experiment with strut 1 failing, by the command: its folder, and what it computed."""
     folder, computed, run = tmp_path_factory.mktemp("force"), [], runs.run_force
 
@@ -44,13 +44,13 @@ def done(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def force(done):
-    return done[1]
+def force(force_run):
+    return force_run[1]
 
 
 @pytest.fixture(scope="module")
-def summary(done):
-    return json.loads((done[0] / "force.json").read_text())
+def summary(force_run):
+    return json.loads((force_run[0] / "force.json").read_text())
 
 
 @pytest.fixture(scope="module")
@@ -325,8 +325,8 @@ def test_an_unsound_run_ends_with_a_sentence_and_one(monkeypatch, capsys, tmp_pa
     assert (tmp_path / "force.json").is_file()
 
 
-def test_everything_named_is_there(done, summary, force):
-    folder = done[0]
+def test_everything_named_is_there(force_run, summary, force):
+    folder = force_run[0]
     assert {file.name for file in folder.iterdir()} == {
         "force.json",
         "force.md",

@@ -51,7 +51,7 @@ def loops(model):
 
 
 @pytest.fixture(scope="session")
-def folder(tmp_path_factory):
+def uncorrected_folder(tmp_path_factory):
     """The first seconds of three candidates, made by the command."""
     path = tmp_path_factory.mktemp("uncorrected")
     assert main(["uncorrected", "--quick", "--out", str(path)]) == 0
@@ -59,8 +59,8 @@ def folder(tmp_path_factory):
 
 
 @pytest.fixture(scope="session")
-def study(folder):
-    return json.loads((folder / "uncorrected.json").read_text())
+def study(uncorrected_folder):
+    return json.loads((uncorrected_folder / "uncorrected.json").read_text())
 
 
 def test_a_steady_acceleration_of_the_floor_is_a_sag(model):
@@ -290,25 +290,25 @@ def test_each_candidate_differs_from_the_bench_in_what_it_names():
     assert all(candidate.differs() for candidate in CANDIDATES[1:])
 
 
-def test_the_folder_holds_what_the_json_speaks_of(folder, study):
+def test_the_folder_holds_what_the_json_speaks_of(uncorrected_folder, study):
     assert study["experiment"] == "uncorrected"
     assert {"seed", "versions", "model_sha256", "bench"} <= set(study)
     fields = set(Trajectory.__dataclass_fields__)
     for candidate in study["candidates"]:
-        with np.load(folder / candidate["data"]) as data:
+        with np.load(uncorrected_folder / candidate["data"]) as data:
             assert set(data) == fields
             error = 1e6 * rms(data["desired_rad"] - data["true_rad"])
         column = candidate["columns"][COLUMNS.index("W_a_uncorrected")]
         np.testing.assert_allclose(error, column["simulated_urad"])
         assert bool(candidate["recording"]) == (candidate["name"] == "lost_strut")
-    reader = RrdReader(folder / "lost_strut.rrd")
+    reader = RrdReader(uncorrected_folder / "lost_strut.rrd")
     assert reader.recordings()[0].application_id.startswith("fjh-uncorrected-lost_strut-seed0-")
     assert len(reader.blueprints()) == 1
-    with np.load(folder / "map.npz") as data:
+    with np.load(uncorrected_folder / "map.npz") as data:
         shape = (2, len(data["damping_ratio"]), len(data["alpha_crossover_hz"]))
         assert data["rms_urad"].shape == (*shape, 2, 2)
         assert data["largest_pole"].shape == (*shape, 4)
-    with np.load(folder / "limit_map.npz") as data:
+    with np.load(uncorrected_folder / "limit_map.npz") as data:
         axes = ("exponent", "direction", "start_deg", "anti_windup", "limit_over_radius")
         assert data["rms_urad"].shape == (*(len(data[name]) for name in axes), 4, 2)
         miss = largest_miss(data["rms_urad"])
@@ -317,7 +317,7 @@ def test_the_folder_holds_what_the_json_speaks_of(folder, study):
     best = [one["best"]["largest_miss_percent"] for one in study["limit_map"]["spirals"]]
     assert min(best) == pytest.approx(100 * miss.min())
     assert study["beam_walk"]["offsets_met"] == 0
-    assert_printable(folder)
+    assert_printable(uncorrected_folder)
 
 
 def whole(study):
@@ -339,13 +339,18 @@ def test_the_paragraph_says_the_numbers_of_the_run(study):
     np.testing.assert_allclose(settled, column["predicted_urad"], rtol=0.02)
 
 
-def test_a_part_of_the_spiral_is_not_put_beside_the_papers_numbers(folder, study):
+def test_a_part_of_the_spiral_is_not_put_beside_the_papers_numbers(uncorrected_folder, study):
     """Neither on the screen nor in a recording; they are of 16 s."""
     assert study["paragraph"].startswith("Part of the spiral only")
-    assert "4.01" not in (folder / "uncorrected.md").read_text()
+    assert "4.01" not in (uncorrected_folder / "uncorrected.md").read_text()
     assert all(row[0] != "the paper" for row in table(study).rows)
     assert any(row[0] == "the paper" for row in table(whole(study)).rows)
-    notes = RrdReader(folder / "lost_strut.rrd").stream().filter(content="/notes").to_chunks()
+    notes = (
+        RrdReader(uncorrected_folder / "lost_strut.rrd")
+        .stream()
+        .filter(content="/notes")
+        .to_chunks()
+    )
     assert "paper" not in str([chunk.to_record_batch().to_pydict() for chunk in notes])
 
 
