@@ -200,11 +200,7 @@ def test_the_constant_jacobian_is_the_analytic_one_at_the_nominal_pose(model):
     moved = NOMINAL.moved(np.array([0.01, 0, 0, 0.001, 0, 0]))
     np.testing.assert_array_equal(constant.displacements(asked, moved), nominal)
     assert np.abs(analytic.displacements(asked, moved) - nominal).max() > 1e-8
-<<<<<<< HEAD
-    struts_m = 1e-6 * np.arange(6.0)
-=======
     struts_m = np.linspace(0, 5e-6, 6)
->>>>>>> ftc
     pointing = constant.pointing(struts_m, NOMINAL)
     np.testing.assert_array_equal(constant.pointing(struts_m, moved), pointing)
     assert np.abs(analytic.pointing(struts_m, moved) - pointing).max() > 1e-8
