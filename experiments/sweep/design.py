@@ -54,7 +54,7 @@ class Design:
 
 def grid(duration_s: float, factors: Sequence[Factor]) -> Design:
     """Every combination of the factors' values; the last factor changes fastest."""
-    runs = math.prod(len(factor.values) for factor in factors)
+    runs = math.prod(factor.count for factor in factors)
     return Design("grid", runs, duration_s, tuple(factors))
 
 
@@ -76,7 +76,7 @@ class SweepRuns:
     def __getitem__(self, number: int) -> SweepRun:
         factors = self.design.factors
         if self._cube is None:
-            at = np.unravel_index(number, [len(factor.values) for factor in factors])
+            at = np.unravel_index(number, [factor.count for factor in factors])
             varied = {each.name: each.values[k] for each, k in zip(factors, at, strict=True)}
         else:
             row = self._cube[number].tolist()

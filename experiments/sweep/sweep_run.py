@@ -73,7 +73,12 @@ class Choice:
 
     def at(self, u: float) -> Value:
         """The value at u in [0, 1): each has the same share."""
-        return self.values[int(u * len(self.values))]
+        return self.values[int(u * self.count)]
+
+    @property
+    def count(self) -> int:
+        """Number of the values."""
+        return len(self.values)
 
 
 @dataclass(frozen=True)
@@ -102,8 +107,12 @@ class Range:
     @property
     def values(self) -> tuple[Value, ...]:
         """The points of a grid, ends included."""
-        count = self.points or 1
-        return tuple(self.at(k / max(count - 1, 1)) for k in range(count))
+        return tuple(self.at(k / max(self.count - 1, 1)) for k in range(self.count))
+
+    @property
+    def count(self) -> int:
+        """Number of the points of a grid, which may be too many to list."""
+        return self.points or 1
 
 
 Factor = Choice | Range
