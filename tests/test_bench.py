@@ -8,8 +8,8 @@ from scipy.spatial.transform import Rotation
 
 from experiments.hexapod import paper
 from experiments.hexapod.columns import MAJOR, SECONDARY
-from experiments.hexapod.mapping import StrutMapping
-from experiments.hexapod.simulation import nominal_loops, track_spiral
+from experiments.hexapod.controller import StrutMapping, nominal_loops
+from experiments.hexapod.simulation import track_spiral
 from experiments.hexapod.testbed import Bench
 from ftc.controller import Controller, Sensed
 from ftc.goal import Goal
@@ -148,7 +148,7 @@ def test_the_stated_gain_margin_is_where_the_loop_goes_unstable(model):
     """The whole discrete loop is stable just below the margin and unstable just above."""
     import control
 
-    from experiments.hexapod.compensator import sampled
+    from experiments.hexapod.controller import sampled
     from sim import Plant, linearize
 
     bench = Bench()

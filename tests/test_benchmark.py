@@ -19,8 +19,8 @@ from experiments.benchmark.ratios import RATIOS, checks, saved
 from experiments.benchmark.ratios import compare as compare_runs
 from experiments.benchmark.results import notes, results, tables
 from experiments.benchmark.solvers import SOLVERS
-from experiments.hexapod.mapping import StrutMapping
-from experiments.hexapod.simulation import nominal_loops, track_spiral
+from experiments.hexapod.controller import StrutMapping, nominal_loops
+from experiments.hexapod.simulation import track_spiral
 from experiments.hexapod.testbed import Bench
 from experiments.output.results import Results, publish
 from experiments.output.study import Unsound

@@ -6,12 +6,11 @@ import control
 import numpy as np
 import pytest
 
-from experiments.hexapod.compensator import sampled
-from experiments.hexapod.mapping import StrutMapping
+from experiments.hexapod.controller import StrutMapping, controller_for, nominal_loops, sampled
 from experiments.hexapod.metrics import rms
 from experiments.hexapod.paper import TABLE_I_URAD
 from experiments.hexapod.prediction import driven_plant, predicted_error_rad
-from experiments.hexapod.simulation import controller_for, nominal_loops, track_spiral
+from experiments.hexapod.simulation import track_spiral
 from experiments.hexapod.testbed import Bench
 from experiments.table1.runs import CONFIGURATIONS
 from experiments.uncorrected.candidates import BENCH, CLOCKWISE, COLUMNS

@@ -8,10 +8,16 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import binom
 
-from experiments.hexapod.diagnosis import fault_of, fault_text, nominal_model
-from experiments.hexapod.dithers import HEAVE, STILL, excitation
+from experiments.hexapod.controller import nominal_loops
+from experiments.hexapod.fault_tolerance import (
+    HEAVE,
+    STILL,
+    excitation,
+    fault_of,
+    fault_text,
+    nominal_model,
+)
 from experiments.hexapod.prediction import linear_loop
-from experiments.hexapod.simulation import nominal_loops
 from experiments.hexapod.testbed import Bench
 from ftc.fdi.calibration import calibrated
 from ftc.fdi.diagnosis import DEFAULT_CONFIG, MonitorState

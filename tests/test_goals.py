@@ -38,8 +38,8 @@ from experiments.goals.secondary_goals import (
     stop_potential,
 )
 from experiments.hexapod.columns import MAJOR, SECONDARY
-from experiments.hexapod.mapping import StrutMapping
-from experiments.hexapod.simulation import controller_for, fly, nominal_loops
+from experiments.hexapod.controller import StrutMapping, controller_for, nominal_loops
+from experiments.hexapod.simulation import fly
 from experiments.hexapod.testbed import Bench
 from ftc.controller import Sensed
 from ftc.goal import Goal

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from experiments.hexapod.columns import MAJOR
-from experiments.hexapod.diagnosis import nominal_model
-from experiments.hexapod.mapping import StrutMapping
-from experiments.hexapod.simulation import controller_for, fly, nominal_loops, track_spiral
-from experiments.hexapod.supervisor import supervisor
+from experiments.hexapod.controller import StrutMapping, controller_for, nominal_loops
+from experiments.hexapod.fault_tolerance import nominal_model, supervisor
+from experiments.hexapod.simulation import fly, track_spiral
 from experiments.hexapod.testbed import Bench
 from experiments.recover.recovery import DITHER
 from ftc.controller import Controller, Handover, Sensed

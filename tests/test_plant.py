@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 import scipy.linalg
 
-from experiments.hexapod.checks import CLOSURE_LIMIT_M
 from experiments.hexapod.columns import COLUMNS
-from experiments.hexapod.metrics import pointing_rms_urad
-from experiments.hexapod.simulation import nominal_loops, track_spiral
+from experiments.hexapod.controller import nominal_loops
+from experiments.hexapod.metrics import CLOSURE_LIMIT_M, pointing_rms_urad
+from experiments.hexapod.simulation import track_spiral
 from experiments.hexapod.testbed import Bench
 from experiments.output.parallel import in_parallel
 from sim import ModelError, Plant, SimulationDiverged, linearize

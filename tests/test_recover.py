@@ -9,7 +9,8 @@ import pytest
 from matplotlib.figure import Figure
 from rerun.chunk import RrdReader
 
-from experiments.hexapod.simulation import Trajectory, nominal_loops
+from experiments.hexapod.controller import nominal_loops
+from experiments.hexapod.simulation import Trajectory
 from experiments.hexapod.testbed import Bench
 from experiments.output.results import Results
 from experiments.recover import figure

@@ -8,10 +8,10 @@ import pytest
 import scipy.linalg
 
 from experiments.hexapod.columns import MAJOR
-from experiments.hexapod.mapping import StrutMapping
+from experiments.hexapod.controller import StrutMapping, nominal_loops
+from experiments.hexapod.fault_tolerance import elastic_system, strut_and_payload_stiffness
 from experiments.hexapod.prediction import sensitivity_peak
-from experiments.hexapod.simulation import nominal_loops, track_spiral
-from experiments.hexapod.springs import elastic_system, strut_and_payload_stiffness
+from experiments.hexapod.simulation import track_spiral
 from experiments.hexapod.testbed import Bench
 from experiments.release.results import checks
 from experiments.release.statics import released_statics

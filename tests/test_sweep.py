@@ -20,8 +20,9 @@ import pyarrow.parquet as pq
 import pytest
 
 from experiments.app.cli import main
+from experiments.hexapod.controller import nominal_loops
 from experiments.hexapod.prediction import predicted_error_rad
-from experiments.hexapod.simulation import nominal_loops, track_spiral
+from experiments.hexapod.simulation import track_spiral
 from experiments.hexapod.testbed import Bench
 from experiments.output.study import Interrupted, Unsound, WrongInput
 from experiments.sweep import basis, cluster

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from experiments.hexapod import paper
-from experiments.hexapod.checks import CLOSURE_LIMIT_M
 from experiments.hexapod.columns import COLUMNS
-from experiments.hexapod.metrics import rms
+from experiments.hexapod.controller import nominal_loops
+from experiments.hexapod.metrics import CLOSURE_LIMIT_M, rms
 from experiments.hexapod.prediction import predicted_error_rad
-from experiments.hexapod.simulation import nominal_loops, track_spiral
+from experiments.hexapod.simulation import track_spiral
 from experiments.hexapod.testbed import Bench
 from experiments.output.results import Results
 from experiments.table1.figure import pictures

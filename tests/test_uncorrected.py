@@ -11,10 +11,10 @@ import pytest
 from rerun.chunk import RrdReader
 
 from experiments.app.cli import main
-from experiments.hexapod.mapping import StrutMapping
+from experiments.hexapod.controller import StrutMapping, nominal_loops
 from experiments.hexapod.metrics import rms
 from experiments.hexapod.prediction import driven_loop, predicted_error_rad, predicted_rms_rad
-from experiments.hexapod.simulation import Trajectory, nominal_loops, track_spiral
+from experiments.hexapod.simulation import Trajectory, track_spiral
 from experiments.hexapod.testbed import Bench
 from experiments.uncorrected.answer import paragraph, table
 from experiments.uncorrected.candidates import BENCH, CANDIDATES, COLUMNS
