@@ -103,7 +103,7 @@ NOTHING_YET = Asked(np.zeros(2), np.zeros(6), np.zeros(6))
 
 
 class HexapodGeometry:
-    """The closed-form geometry of the sound hexapod, as :class:`ftc.mapping.Geometry`."""
+    """The closed-form geometry of the sound hexapod, as :class:`ftc.geometry.Geometry`."""
 
     def __init__(self, hexapod: Hexapod, *, constant: bool, stiffness: Array | None) -> None:
         """Take the nodes; `constant` evaluates the Jacobian at the nominal pose alone.
