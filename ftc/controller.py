@@ -11,7 +11,8 @@ from scipy.linalg import block_diag
 from argument_checks import Array
 from ftc.bumpless_transfer import Handover, handover
 from ftc.compensator import Channel
-from ftc.mapping import Asked, Pose, PrioritizedMapping
+from ftc.geometry import Pose
+from ftc.mapping import Asked, PrioritizedMapping
 
 
 @dataclass(frozen=True)

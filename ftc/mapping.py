@@ -5,89 +5,21 @@ when J is re-evaluated; docs/jacobian.md compares the forms.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from typing import Generic, Literal, Protocol, TypeVar
+from dataclasses import dataclass
+from typing import Generic, Literal, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from argument_checks import Array, Indices
+from argument_checks import Array
+from ftc.geometry import Geometry, Pose, free_actuators_follow, without_springs, yielded
 from ftc.goal import Goal
-from prioritized import ConstrainedSystem, Kinematics, Status
+from prioritized import Kinematics, Status
 
 DisplacementForm = Literal["absolute", "incremental", "relinearized"]
 """How eq. (41) becomes a displacement: from the nominal pose; from what was commanded a tick
 before; or, from where the actuators are, one Gauss-Newton step towards the optimum of the curved
 problem."""
-
-Pose = TypeVar("Pose")
-
-
-class Geometry(Protocol[Pose]):
-    """What a mapping knows of its mechanism, parallel or serial, all actuators sound.
-
-    A pose is the client's own type; the mapping only hands it back.
-    """
-
-    @property
-    def nominal(self) -> Pose:
-        """The pose that displacements are measured from."""
-        ...
-
-    @property
-    def system(self) -> ConstrainedSystem:
-        """The mechanism at the nominal pose, with springs where there are any."""
-        ...
-
-    def posture(self, pose: Pose) -> Pose:
-        """The pose at which the mapping is evaluated; the nominal one for a constant Jacobian."""
-        ...
-
-    def jacobian(self, posture: Pose) -> Array:
-        """What :meth:`placed` needs of a posture."""
-        ...
-
-    def placed(self, system: ConstrainedSystem, jacobian: Array) -> ConstrainedSystem:
-        """The system, failures and all, where the Jacobian is this."""
-        ...
-
-    def twist(self, posture: Pose, displacements_m: Array) -> Array:
-        """Task displacement (m,) of small displacements (n,) of the sound mechanism."""
-        ...
-
-    def moved(self, pose: Pose, displacements_m: Array) -> Pose:
-        """The pose to which displacements (n,) lead, from the pose one tick before."""
-        ...
-
-
-class LocalGeometry:
-    """Any mechanism about its nominal pose, from its Jacobians alone; poses are twists (m,)."""
-
-    def __init__(self, system: ConstrainedSystem) -> None:
-        """Take the sound mechanism at its nominal pose."""
-        self.system = system
-        self.nominal = np.zeros(len(system.J_T))
-        self._J = system.kinematics().J
-
-    def posture(self, pose: Array) -> Array:
-        """The nominal pose, whatever the present one."""
-        return self.nominal
-
-    def jacobian(self, posture: Array) -> Array:
-        """The task Jacobian, shape (m, N)."""
-        return self.system.J_T
-
-    def placed(self, system: ConstrainedSystem, jacobian: Array) -> ConstrainedSystem:
-        """The system where the task Jacobian is this."""
-        return system.at(J_T=jacobian)
-
-    def twist(self, posture: Array, displacements_m: Array) -> Array:
-        """Task displacement (m,) of displacements (n,)."""
-        return self._J @ displacements_m
-
-    def moved(self, pose: Array, displacements_m: Array) -> Array:
-        """The twist of displacements (n,)."""
-        return self._J @ displacements_m
 
 
 @dataclass(frozen=True)
@@ -186,7 +118,7 @@ class PrioritizedMapping(Generic[Pose]):
         self.goal = goal
         self.form = form
         self._nominal = geometry.nominal
-        released = _without_springs(geometry.system, goal.loose).with_failures(
+        released = without_springs(geometry.system, goal.loose).with_failures(
             free=[*goal.free, *goal.loose]
         )
         self._failed = released.with_failures(locked=list(goal.locked_m))
@@ -200,9 +132,9 @@ class PrioritizedMapping(Generic[Pose]):
         for actuator, displacement in goal.locked_m.items():
             self._locked_m[actuator] = displacement
         self._is_off_centre = bool(self._locked_m.any())
-        self._follow = _free_actuators_follow(released)
+        self._follow = free_actuators_follow(released)
         # Where closed loops tie the actuators together, the others yield to one that is off centre.
-        yielded_m = _yielded(released, self._locked_m, kinematics.actuators)
+        yielded_m = yielded(released, self._locked_m, kinematics.actuators)
         self._yielded_m = self._expand.T @ yielded_m
         self._standing_m = self._locked_m + yielded_m
 
@@ -326,35 +258,3 @@ class PrioritizedMapping(Generic[Pose]):
         if posture is self._nominal:
             return posture, self._at_nominal
         return posture, self.at(self._model.jacobian(posture))
-
-
-def _without_springs(system: ConstrainedSystem, actuators: Sequence[int]) -> ConstrainedSystem:
-    """The mechanism without the springs of these actuators."""
-    if system.stiffness is None or not actuators:
-        return system
-    K, joints = system.stiffness.copy(), system.active[list(actuators)]
-    K[joints, joints] = 0.0
-    return replace(system, stiffness=K)
-
-
-def _free_actuators_follow(released: ConstrainedSystem) -> Array:
-    """Displacements of all actuators per displacement of those that are held, shape (n, n)."""
-    kinematics, n = released.kinematics(), len(released.active)
-    follow = np.zeros((n, n))
-    follow[kinematics.actuators, kinematics.actuators] = 1.0
-    number = {velocity: k for k, velocity in enumerate(released.active.tolist())}
-    for velocity, gain in zip(kinematics.passive.tolist(), kinematics.passive_gain, strict=True):
-        if velocity in number:
-            follow[number[velocity], kinematics.actuators] = gain
-    return follow
-
-
-def _yielded(released: ConstrainedSystem, locked_m: Array, survivors: Indices) -> Array:
-    """Least displacements (n,) of the survivors that the closed loops need around locked ones."""
-    kinematics, yielded_m = released.kinematics(), np.zeros(len(locked_m))
-    C = kinematics.active_constraint
-    if len(C) and locked_m.any():
-        needed = C @ locked_m[kinematics.actuators]
-        of_survivors = C[:, np.isin(kinematics.actuators, survivors)]
-        yielded_m[survivors] = -np.linalg.pinv(of_survivors) @ needed
-    return yielded_m

@@ -7,7 +7,7 @@ from pathlib import Path
 import matplotlib
 import numpy as np
 
-from experiments.output import plotting
+from experiments.output.plotting import COLOR_MAP
 
 PAGE_PT, COLUMN_PT = 7.16 * 72, 3.5 * 72
 TEXT_PT = {7.0, 8.0, 0.7 * 7, 0.7 * 8}
@@ -68,7 +68,7 @@ def faults(path: Path) -> list[str]:
     fonts = pdf.count(b"/Type /FontDescriptor")
     if not fonts or b"/Type3" in pdf or pdf.count(b"/FontFile2 ") != fonts:
         found.append("fonts are not embedded as TrueType")
-    map_colors = matplotlib.colormaps[plotting.COLOR_MAP](np.arange(256))[:, :3]
+    map_colors = matplotlib.colormaps[COLOR_MAP](np.arange(256))[:, :3]
     allowed = np.vstack([np.array(OKABE_ITO) / 255, map_colors])
     for color in colors(pdf):
         if np.abs(allowed - color).max(axis=1).min() > 1e-3:

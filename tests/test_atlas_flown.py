@@ -105,8 +105,8 @@ def test_the_only_disagreement_is_at_a_singularity_that_the_nominal_pose_alone_h
     assert beside["alpha_rms_urad"] > 10 * there["alpha_rms_urad"]
     assert "SFFSLF" in " ".join(notes(flown))
 
-    from experiments.hexapod.mapping import StrutMapping
-    from experiments.hexapod.springs import strut_and_payload_stiffness
+    from experiments.hexapod.controller import StrutMapping
+    from experiments.hexapod.fault_tolerance import strut_and_payload_stiffness
     from ftc.goal import Goal
 
     goal = Goal(joint_weight=(1.0,) * 6, locked_m={4: 0.0}, free=(1, 2, 5))

@@ -8,9 +8,9 @@ from scipy.spatial.transform import Rotation
 
 from experiments.hexapod import paper
 from experiments.hexapod.columns import MAJOR, SECONDARY
-from experiments.hexapod.mapping import StrutMapping
-from experiments.hexapod.simulation import nominal_loops, track_spiral
-from experiments.hexapod.testbed import Bench
+from experiments.hexapod.controller import StrutMapping, nominal_loops
+from experiments.hexapod.simulation import SpiralRun, track_spiral
+from experiments.hexapod.testbed import Bench, Testbed
 from ftc.controller import Controller, Sensed
 from ftc.goal import Goal
 from sim import (
@@ -124,7 +124,8 @@ def test_a_saturated_amplifier_shows_in_the_run(model):
     bench, goal = Bench(), Goal(joint_weight=EQUAL)
     weak = replace(bench, amplifier_limit_a=0.005 * bench.dac_full_input_a)
     loops = nominal_loops(model, bench)
-    full, cut = (track_spiral(model, b, loops, goal, duration_s=4.0) for b in (bench, weak))
+    spiral = SpiralRun(goal, duration_s=4.0)
+    full, cut = (track_spiral(Testbed(model, b, loops), spiral) for b in (bench, weak))
     assert np.abs(full.strut_input_percent).max() > 0.5
     limit_m = 0.005 * 0.000635
     assert np.abs(cut.strut_displacement_m).max() < 1.1 * limit_m
@@ -148,7 +149,7 @@ def test_the_stated_gain_margin_is_where_the_loop_goes_unstable(model):
     """The whole discrete loop is stable just below the margin and unstable just above."""
     import control
 
-    from experiments.hexapod.compensator import sampled
+    from experiments.hexapod.controller import sampled
     from sim import Plant, linearize
 
     bench = Bench()
@@ -229,11 +230,9 @@ def test_a_controller_step_is_a_pure_function(model):
 
 def test_the_same_seed_gives_the_same_run_to_the_bit_and_another_does_not(model):
     bench = Bench()
-    loops = nominal_loops(model, bench)
-    goal = Goal(joint_weight=EQUAL)
-    first, second, other = (
-        track_spiral(model, bench, loops, goal, seed=seed, duration_s=0.2) for seed in (3, 3, 4)
-    )
+    testbed = Testbed(model, bench, nominal_loops(model, bench))
+    spiral = SpiralRun(Goal(joint_weight=EQUAL), duration_s=0.2)
+    first, second, other = (track_spiral(testbed, replace(spiral, seed=seed)) for seed in (3, 3, 4))
     np.testing.assert_array_equal(first.true_rad, second.true_rad)
     np.testing.assert_array_equal(first.measured_rad, second.measured_rad)
     assert np.any(first.measured_rad != other.measured_rad)

@@ -19,9 +19,9 @@ from experiments.benchmark.ratios import RATIOS, checks, saved
 from experiments.benchmark.ratios import compare as compare_runs
 from experiments.benchmark.results import notes, results, tables
 from experiments.benchmark.solvers import SOLVERS
-from experiments.hexapod.mapping import StrutMapping
-from experiments.hexapod.simulation import nominal_loops, track_spiral
-from experiments.hexapod.testbed import Bench
+from experiments.hexapod.controller import StrutMapping, nominal_loops
+from experiments.hexapod.simulation import SpiralRun, track_spiral
+from experiments.hexapod.testbed import Bench, Testbed
 from experiments.output.results import Results, publish
 from experiments.output.study import Unsound
 
@@ -285,9 +285,10 @@ def test_bare_physics_takes_as_many_steps_as_the_closed_loop(model, monkeypatch)
         mj_step(model, data, nstep)
 
     bench = Bench()
-    loop = runs.ClosedLoop(model, bench, nominal_loops(model, bench), seconds=0.05, seed=0)
+    testbed = Testbed(model, bench, nominal_loops(model, bench))
+    loop = runs.ClosedLoop(testbed, seconds=0.05, seed=0)
     monkeypatch.setattr(mujoco, "mj_step", counting)
-    track_spiral(model, bench, loop.loops, runs.GOAL, duration_s=loop.seconds)
+    track_spiral(testbed, SpiralRun(runs.GOAL, duration_s=loop.seconds))
     assert counted == [loop.steps]
     loop.step()
     assert counted == [2 * loop.steps]

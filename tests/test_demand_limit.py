@@ -6,13 +6,12 @@ import control
 import numpy as np
 import pytest
 
-from experiments.hexapod.compensator import sampled
-from experiments.hexapod.mapping import StrutMapping
+from experiments.hexapod.controller import StrutMapping, controller_for, nominal_loops, sampled
 from experiments.hexapod.metrics import rms
 from experiments.hexapod.paper import TABLE_I_URAD
 from experiments.hexapod.prediction import driven_plant, predicted_error_rad
-from experiments.hexapod.simulation import controller_for, nominal_loops, track_spiral
-from experiments.hexapod.testbed import Bench
+from experiments.hexapod.simulation import SpiralRun, track_spiral
+from experiments.hexapod.testbed import Bench, Testbed
 from experiments.table1.runs import CONFIGURATIONS
 from experiments.uncorrected.candidates import BENCH, CLOCKWISE, COLUMNS
 from experiments.uncorrected.limit_map import largest_miss, limit_grid, limit_row
@@ -54,7 +53,7 @@ def test_a_spiral_turns_the_other_way_and_leaves_where_it_is_told():
 
 def demands(model, loops, bench, ticks, error_rad):
     """What the compensators ask, tick by tick, while the sensor reads a constant error."""
-    controller = controller_for(model, bench, loops, W_A)
+    controller = controller_for(Testbed(model, bench, loops), W_A)
     state, asked = controller.start(), []
     for _ in range(ticks):
         state = controller.step(state, np.asarray(error_rad), Sensed(np.zeros(2), np.zeros(6)))
@@ -78,7 +77,7 @@ def test_no_angle_is_demanded_beyond_the_limit_and_each_has_its_own(model, loops
 def test_an_integrator_at_its_limit_winds_up_unless_it_is_held(model, loops, anti_windup):
     """After the error has changed its sign a held one leaves the limit at once, the other late."""
     bench = replace(TIGHT, anti_windup=anti_windup)
-    controller = controller_for(model, bench, loops, W_A)
+    controller = controller_for(Testbed(model, bench, loops), W_A)
     state, _ = demands(model, loops, bench, 1000, [5e-6, 0.0])
     ticks = 0
     while state.asked.pointing_rad[0] >= TIGHT.demand_limit_rad and ticks < 2000:
@@ -93,10 +92,11 @@ def test_mujoco_does_tick_by_tick_what_the_limited_linear_loop_says(
     model, loops, anti_windup, failures
 ):
     bench = replace(TIGHT, anti_windup=anti_windup)
-    shared = {"failures": failures, "seed": 2, "duration_s": 1.5}
-    run = track_spiral(model, bench, loops, W_A, jacobian="constant", **shared)
+    testbed = Testbed(model, bench, loops)
+    spiral = SpiralRun(W_A, failures, jacobian="constant", seed=2, duration_s=1.5)
+    run = track_spiral(testbed, spiral)
     error = run.desired_rad - run.true_rad
-    predicted = predicted_error_rad(model, bench, loops, W_A, **shared)
+    predicted = predicted_error_rad(testbed, spiral)
     assert predicted is not None
     # Quantization leaves 0.02 urad, and what has wound up is at most 0.8 % off.
     np.testing.assert_array_less(rms(error - predicted), 0.03e-6 + 5e-3 * rms(predicted))
@@ -104,22 +104,22 @@ def test_mujoco_does_tick_by_tick_what_the_limited_linear_loop_says(
         replace(bench, demand_limit_urad=None),
         replace(bench, anti_windup=not anti_windup),
     ):
-        wrong = predicted_error_rad(model, other, loops, W_A, **shared)
+        wrong = predicted_error_rad(replace(testbed, bench=other), spiral)
         assert wrong is not None
         assert np.any(rms(error - wrong) > 10 * rms(error - predicted))
 
 
 def test_a_limit_that_is_never_reached_changes_nothing(model, loops):
     """The stepped loop and the linear one of python-control are the same."""
-    shared = {"failures": LOCK_1, "seed": 1, "duration_s": 2.0}
-    wide = replace(Bench(), demand_limit_urad=1e3)
-    stepped = predicted_error_rad(model, wide, loops, W_A, **shared)
-    linear = predicted_error_rad(model, Bench(), loops, W_A, **shared)
+    spiral = SpiralRun(W_A, LOCK_1, seed=1, duration_s=2.0)
+    wide = Testbed(model, replace(Bench(), demand_limit_urad=1e3), loops)
+    usual = Testbed(model, Bench(), loops)
+    stepped, linear = predicted_error_rad(wide, spiral), predicted_error_rad(usual, spiral)
     assert stepped is not None
     assert linear is not None
     np.testing.assert_allclose(stepped, linear, rtol=1e-9, atol=1e-15)
-    few = {"jacobian": "constant", "duration_s": 0.3}
-    runs = [track_spiral(model, bench, loops, W_A, **few) for bench in (wide, Bench())]
+    few = SpiralRun(W_A, jacobian="constant", duration_s=0.3)
+    runs = [track_spiral(testbed, few) for testbed in (wide, usual)]
     np.testing.assert_array_equal(runs[0].strut_input_percent, runs[1].strut_input_percent)
 
 
@@ -175,7 +175,7 @@ def test_beam_walk_reads_translations_as_angles_and_vanishes_at_the_focus(model,
     """At the focus it is the bench; off it, W_e, which hardly translates, hardly errs."""
     at_focus = beam_walk_urad(model, Bench(), loops, 0.0, 0)
     for k, failures in ((0, ()), (3, LOCK_1)):
-        expected = predicted_error_rad(model, Bench(), loops, W_A, failures=failures)
+        expected = predicted_error_rad(Testbed(model, Bench(), loops), SpiralRun(W_A, failures))
         assert expected is not None
         np.testing.assert_allclose(at_focus[k, 0], 1e6 * rms(expected), rtol=1e-6)
     off = beam_walk_urad(model, Bench(), loops, -1.0, 0)
@@ -193,9 +193,8 @@ def test_a_row_of_the_limit_map_is_what_the_prediction_says(model, loops):
     assert row.shape == (2, 2, 4, 2)
     for name, held in (("W_e", False), ("W_a_uncorrected", False), ("W_a_uncorrected", True)):
         run = BENCH.run(name, 0)
-        few = {key: run[key] for key in ("goal", "failures")}
-        here = replace(bench, anti_windup=held)
-        expected = predicted_error_rad(model, here, loops, **few, seed=0)
+        here = Testbed(model, replace(bench, anti_windup=held), loops)
+        expected = predicted_error_rad(here, SpiralRun(run.goal, run.failures, seed=0))
         assert expected is not None
         np.testing.assert_allclose(row[int(held), 0, COLUMNS.index(name)], rms(expected), rtol=1e-9)
     # The configuration of Table I: all twelve entries, and not with a wider limit.

@@ -8,11 +8,17 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import binom
 
-from experiments.hexapod.diagnosis import fault_of, fault_text, nominal_model
-from experiments.hexapod.dithers import HEAVE, STILL, excitation
+from experiments.hexapod.controller import nominal_loops
+from experiments.hexapod.fault_tolerance import (
+    HEAVE,
+    STILL,
+    excitation,
+    fault_of,
+    fault_text,
+    nominal_model,
+)
 from experiments.hexapod.prediction import linear_loop
-from experiments.hexapod.simulation import nominal_loops
-from experiments.hexapod.testbed import Bench
+from experiments.hexapod.testbed import Bench, Testbed
 from ftc.fdi.calibration import calibrated
 from ftc.fdi.diagnosis import DEFAULT_CONFIG, MonitorState
 from ftc.fdi.dither import Dither
@@ -39,7 +45,9 @@ struts = pytest.mark.parametrize("strut", range(6))
 
 
 def loop(dither: Dither = DITHER, begin_s: float = 6.0, duration_s: float = 2.2):
-    return linear_loop(MODEL, BENCH, LOOPS, GOAL, dither, begin_s=begin_s, duration_s=duration_s)
+    return linear_loop(
+        Testbed(MODEL, BENCH, LOOPS), GOAL, dither, begin_s=begin_s, duration_s=duration_s
+    )
 
 
 def stepped(plant: LinearPlant) -> tuple[np.ndarray, np.ndarray]:

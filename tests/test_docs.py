@@ -233,7 +233,7 @@ def test_the_theory_pages_tables_are_those_that_come_out(systems, release):
 
 def test_the_theory_pages_weighted_pseudo_inverse_is_what_it_does(model):
     """The paper's introduction: it compromises the major task in accordance with the weight."""
-    from experiments.hexapod.springs import elastic_system
+    from experiments.hexapod.fault_tolerance import elastic_system
 
     kin = elastic_system(model).with_failures(locked=[0, 1]).kinematics()
     v = np.array([1e-4, 0, 0, 0, 0, 0])
@@ -332,9 +332,8 @@ def test_the_jacobian_pages_values_are_those_that_come_out(jacobian_study):
 
 def test_the_jacobian_pages_costs_are_those_of_the_geometry():
     """The long run is not repeated here; what it shows, the geometry alone must say as well."""
-    from experiments.hexapod.mapping import StrutMapping
-    from experiments.hexapod.scaling import Growth, grown_bench
-    from experiments.hexapod.testbed import Bench
+    from experiments.hexapod.controller import StrutMapping
+    from experiments.hexapod.testbed import Bench, Growth, grown_bench
     from experiments.jacobian.loop import (
         BY_NAME,
         GROWN,

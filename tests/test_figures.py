@@ -20,7 +20,8 @@ from experiments.figures.figure import figure_atlas, figure_bode, pictures
 from experiments.figures.geometry import figure_2
 from experiments.figures.results import notes, pointing_after_failures
 from experiments.figures.runs import Portrait, portray
-from experiments.hexapod.simulation import Trajectory, nominal_plant
+from experiments.hexapod.controller import nominal_plant
+from experiments.hexapod.simulation import Trajectory
 from experiments.hexapod.testbed import Bench
 from experiments.output.plotting import BLACK, BLUE, COLUMN_IN, SKY, YELLOW, new_figure, save_figure
 from experiments.output.results import Results

@@ -21,7 +21,7 @@ from experiments.force.rig import FIXTURE, Gauges, hold, press, with_fixture
 from experiments.force.runs import examine, payload_stiffness
 from experiments.force.tables import checks, tables
 from experiments.hexapod.columns import MAJOR, SECONDARY
-from experiments.hexapod.springs import strut_and_payload_stiffness
+from experiments.hexapod.fault_tolerance import strut_and_payload_stiffness
 from prioritized import ConstrainedSystem, force_mapping
 from sim import HEXAPOD_MJCF, NOMINAL, Plant, hexapod, jacobians, load_model
 from tests.printed import assert_printable

@@ -13,9 +13,10 @@ import pytest
 
 from ftc.compensator import LoopShape, NoResponse, UnstableLoop, compensator, margins
 from ftc.controller import Controller, DirectDrive, Sensed
+from ftc.geometry import LocalGeometry
 from ftc.goal import Goal
 from ftc.linear_loop import Stage, closed_loop, steps
-from ftc.mapping import LocalGeometry, PrioritizedMapping
+from ftc.mapping import PrioritizedMapping
 from ftc.oracle import NEVER, Informed
 from prioritized import ConstrainedSystem
 from sim import HEXAPOD_MJCF, Failure, Plant, jacobians, linearize, load_model

@@ -37,9 +37,9 @@ from experiments.goals.secondary_goals import (
     retreat,
 )
 from experiments.hexapod.columns import MAJOR, SECONDARY
-from experiments.hexapod.mapping import StrutMapping
-from experiments.hexapod.simulation import controller_for, fly, nominal_loops
-from experiments.hexapod.testbed import Bench
+from experiments.hexapod.controller import StrutMapping, controller_for, nominal_loops
+from experiments.hexapod.simulation import fly
+from experiments.hexapod.testbed import Bench, Testbed
 from ftc.controller import Sensed
 from ftc.goal import Goal
 from prioritized import velocity_mapping
@@ -299,11 +299,11 @@ def test_the_path_leads_smoothly_to_the_target_and_searches_around_it():
 
 def test_a_path_has_a_length_of_its_own(model):
     bench = Bench()
-    loops = nominal_loops(model, bench)
-    pilot = controller_for(model, bench, loops, Goal(joint_weight=(1.0,) * 6), jacobian="constant")
+    testbed = Testbed(model, bench, nominal_loops(model, bench))
+    pilot = controller_for(testbed, Goal(joint_weight=(1.0,) * 6), jacobian="constant")
     with pytest.raises(ValueError, match="duration_s must be None with a desired_rad, got 1"):
-        fly(model, bench, pilot, desired_rad=np.zeros((50, 2)), duration_s=1.0)
-    run, _ = fly(model, bench, pilot, desired_rad=np.zeros((50, 2)))
+        fly(testbed, pilot, desired_rad=np.zeros((50, 2)), duration_s=1.0)
+    run, _ = fly(testbed, pilot, desired_rad=np.zeros((50, 2)))
     assert run.time_s.shape == (50,)
     assert not run.desired_rad.any()
 

@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 
 from experiments.hexapod.columns import MAJOR
-from experiments.hexapod.diagnosis import nominal_model
-from experiments.hexapod.mapping import StrutMapping
-from experiments.hexapod.simulation import controller_for, fly, nominal_loops, track_spiral
-from experiments.hexapod.supervisor import supervisor
-from experiments.hexapod.testbed import Bench
+from experiments.hexapod.controller import StrutMapping, controller_for, nominal_loops
+from experiments.hexapod.fault_tolerance import nominal_model, supervisor
+from experiments.hexapod.simulation import SpiralRun, fly, track_spiral
+from experiments.hexapod.testbed import Bench, Testbed
 from experiments.recover.recovery import DITHER
 from ftc.controller import Controller, Handover, Sensed
 from ftc.fdi.diagnosis import Diagnosis
@@ -22,12 +21,13 @@ from sim import NOMINAL, Failure, hexapod, load_model, pointing_angles
 
 MODEL, BENCH = load_model(), Bench()
 LOOPS = nominal_loops(MODEL, BENCH)
+TESTBED = Testbed(MODEL, BENCH, LOOPS)
 EQUAL = Goal(joint_weight=(1.0,) * 6)
 J = np.linalg.inv(hexapod(MODEL).inverse_jacobian(NOMINAL))
 DESIRED = np.array([6e-5, -3e-5])
 LSB_PERCENT = 100 / 2**15
 SOUND = nominal_model(MODEL, BENCH)
-PILOT = supervisor(MODEL, BENCH, LOOPS, EQUAL, nominal=SOUND)
+PILOT = supervisor(TESTBED, EQUAL, nominal=SOUND)
 
 GOALS = {
     "W_b": Goal(joint_weight=(2.0, 1.0, 2.0, 1.0, 2.0, 1.0)),
@@ -38,7 +38,7 @@ GOALS = {
 
 
 def controller(goal: Goal, form: DisplacementForm = "absolute") -> Controller:
-    return controller_for(MODEL, BENCH, LOOPS, goal, jacobian="constant", form=form)
+    return controller_for(TESTBED, goal, jacobian="constant", form=form)
 
 
 def steady(pilot, state, ticks: int, rest_m=None):
@@ -172,21 +172,11 @@ def test_the_controller_reckons_with_what_a_weak_coil_holds_and_not_with_its_com
 def test_in_flight_the_switch_to_the_locked_mapping_is_not_felt():
     """Lock of strut 1 at 3 s, told at once, off centre: nothing but the lock itself."""
     failure = [Failure(0, "locked", 3.0)]
-    deaf = track_spiral(
-        MODEL, BENCH, LOOPS, EQUAL, failures=failure, jacobian="constant", duration_s=3.3
-    )
+    unaware = SpiralRun(EQUAL, failure, jacobian="constant", duration_s=3.3)
+    deaf = track_spiral(TESTBED, unaware)
     stuck_m = float(deaf.strut_displacement_m[3000, 0])
     told = Goal(EQUAL.joint_weight, locked_m={0: stuck_m})
-    run = track_spiral(
-        MODEL,
-        BENCH,
-        LOOPS,
-        EQUAL,
-        failures=failure,
-        reconfigured=told,
-        jacobian="constant",
-        duration_s=3.3,
-    )
+    run = track_spiral(TESTBED, replace(unaware, reconfigured=told))
     error = 1e6 * np.linalg.norm(run.desired_rad - run.true_rad, axis=1)
     assert error[3000:].max() < 1.3 * error[2500:3000].max()
     step = np.abs(np.diff(run.strut_input_percent[2990:3010], axis=0))[:, 1:]
@@ -237,7 +227,7 @@ def test_a_weak_coil_is_commanded_more_with_care():
 
 
 def test_a_supervisor_is_a_pure_function_and_says_when_the_task_is_lost():
-    pilot = supervisor(MODEL, BENCH, LOOPS, EQUAL, dither=DITHER)
+    pilot = supervisor(TESTBED, EQUAL, dither=DITHER)
     state = pilot.start()
     sensed = Sensed(np.zeros(2), np.zeros(6))
     once, again = (pilot.step(state, DESIRED, sensed) for _ in range(2))
@@ -319,7 +309,7 @@ def test_the_others_make_up_at_once_for_what_a_named_strut_is_about_to_lose():
 
 def test_the_supervisor_dithers_by_its_own_clock_with_the_jacobian_it_was_given():
     given = {"jacobian": "analytic", "dither": DITHER, "nominal": SOUND}
-    pilot = supervisor(MODEL, BENCH, LOOPS, EQUAL, **given)
+    pilot = supervisor(TESTBED, EQUAL, **given)
     state = replace(pilot.start(), monitor=Script((None,) * 9))
     for tick in range(9):
         state = pilot.step(state, DESIRED, Sensed(DESIRED, np.zeros(6)))
@@ -346,9 +336,9 @@ def test_when_the_task_is_lost_the_commands_stand_and_no_other_failure_is_looked
 
 def test_a_second_failure_soon_after_the_first_is_found_too():
     """A fifth of a second later: the first diagnosis is not settled yet."""
-    pilot = supervisor(MODEL, BENCH, LOOPS, EQUAL, dither=DITHER)
+    pilot = supervisor(TESTBED, EQUAL, dither=DITHER)
     failures = [Failure(1, "locked", 7.0), Failure(5, "free", 7.2)]
-    run, state = fly(MODEL, BENCH, pilot, failures=failures, begin_s=6.3, duration_s=2.0, seed=3)
+    run, state = fly(TESTBED, pilot, failures=failures, begin_s=6.3, duration_s=2.0, seed=3)
     found = {(each.fault.actuator, each.fault.kind) for each in state.standing}
     assert found == {(1, "locked"), (5, "free")}
     assert not state.task_lost and not state.watch.unexplained

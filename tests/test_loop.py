@@ -7,9 +7,8 @@ import pytest
 from scipy.optimize import minimize
 
 from experiments.hexapod.columns import COLUMNS, SECONDARY
-from experiments.hexapod.mapping import StrutMapping
-from experiments.hexapod.scaling import GROWTHS, Growth, grown_bench, grown_machine
-from experiments.hexapod.testbed import Bench
+from experiments.hexapod.controller import StrutMapping
+from experiments.hexapod.testbed import GROWTHS, Bench, Growth, grown_bench, grown_machine
 from experiments.jacobian.loop import (
     GROWN,
     RECORDED,

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from experiments.hexapod.diagnosis import nominal_model
+from experiments.hexapod.fault_tolerance import nominal_model
 from experiments.hexapod.testbed import Bench
 from ftc.fdi.diagnosis import FdiConfig, MonitorState
 from ftc.fdi.fault_model import Fault, fault_model

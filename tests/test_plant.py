@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 import scipy.linalg
 
-from experiments.hexapod.checks import CLOSURE_LIMIT_M
 from experiments.hexapod.columns import COLUMNS
-from experiments.hexapod.metrics import pointing_rms_urad
-from experiments.hexapod.simulation import nominal_loops, track_spiral
-from experiments.hexapod.testbed import Bench
+from experiments.hexapod.controller import nominal_loops
+from experiments.hexapod.metrics import CLOSURE_LIMIT_M, pointing_rms_urad
+from experiments.hexapod.simulation import SpiralRun, track_spiral
+from experiments.hexapod.testbed import Bench, Testbed
 from experiments.output.parallel import in_parallel
 from sim import ModelError, Plant, SimulationDiverged, linearize
 from sim.model import HEXAPOD_MJCF
@@ -208,9 +208,10 @@ def test_halving_the_time_step_changes_no_rms_error_by_more_than_a_hundredth_of_
     columns = [c for c in COLUMNS if c.name in ("W_a", "W_e", "W_a_uncorrected")]
     half = copy.copy(model)
     half.opt.timestep /= 2
-    shared = {"model": half, "bench": Bench(), "loops": nominal_loops(model, Bench())}
-    shared["jacobian"] = "constant"  # cheaper; moves no RMS by more than 5e-5 urad
-    calls = [shared | {"goal": c.goal, "failures": c.failures} for c in columns]
+    testbed = Testbed(half, Bench(), nominal_loops(model, Bench()))
+    # The constant Jacobian is cheaper, and moves no RMS by more than 5e-5 urad.
+    asked = [SpiralRun(c.goal, c.failures, jacobian="constant") for c in columns]
+    calls = [{"testbed": testbed, "run": run} for run in asked]
     runs = in_parallel(track_spiral, calls, lambda done, total: None)
     for column, run in zip(columns, runs, strict=True):
         assert run.closure_residual_m.max() < CLOSURE_LIMIT_M

@@ -9,12 +9,13 @@ import pytest
 from matplotlib.figure import Figure
 from rerun.chunk import RrdReader
 
-from experiments.hexapod.simulation import Trajectory, nominal_loops
-from experiments.hexapod.testbed import Bench
+from experiments.hexapod.controller import nominal_loops
+from experiments.hexapod.simulation import Trajectory
+from experiments.hexapod.testbed import Bench, Testbed
 from experiments.output.results import Results
 from experiments.recover import figure
 from experiments.recover.predictions import beliefs
-from experiments.recover.recovery import Identification, Setup, draw
+from experiments.recover.recovery import Identification, draw
 from experiments.recover.results import ambiguity, checks, notes, recovery
 from experiments.recover.robustness import FaultFree, together
 from experiments.recover.runs import SHOWN, pairs
@@ -62,7 +63,7 @@ def test_no_belief_about_one_strut_destabilizes_the_loop_and_a_bad_one_would_sho
     alpha, beta = (
         replace(loop, C=6 * loop.C, D=6 * loop.D) for loop in nominal_loops(model, bench)
     )
-    found = beliefs(Setup(model, bench, (alpha, beta)), struts=[])
+    found = beliefs(Testbed(model, bench, (alpha, beta)), struts=[])
     assert any(each["largest_pole"] > 1 for each in found)
 
 

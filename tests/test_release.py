@@ -8,11 +8,11 @@ import pytest
 import scipy.linalg
 
 from experiments.hexapod.columns import MAJOR
-from experiments.hexapod.mapping import StrutMapping
+from experiments.hexapod.controller import StrutMapping, nominal_loops
+from experiments.hexapod.fault_tolerance import elastic_system, strut_and_payload_stiffness
 from experiments.hexapod.prediction import sensitivity_peak
-from experiments.hexapod.simulation import nominal_loops, track_spiral
-from experiments.hexapod.springs import elastic_system, strut_and_payload_stiffness
-from experiments.hexapod.testbed import Bench
+from experiments.hexapod.simulation import SpiralRun, track_spiral
+from experiments.hexapod.testbed import Bench, Testbed
 from experiments.release.results import checks
 from experiments.release.statics import released_statics
 from ftc.goal import Goal
@@ -150,7 +150,7 @@ def test_the_peak_sensitivity_is_what_brings_a_loop_to_its_margin(model):
     """A gain or phase margin below what the peak allows would have been seen as a larger peak."""
     bench = Bench()
     loops = nominal_loops(model, bench)
-    peak = sensitivity_peak(model, bench, loops, Goal(EQUAL))
+    peak = sensitivity_peak(Testbed(model, bench, loops), SpiralRun(Goal(EQUAL)))
     for loop in loops:
         assert 10 ** (-loop.gain_margin_db / 20) <= 1 - 1 / peak
         assert 2 * np.sin(np.deg2rad(loop.phase_margin_deg) / 2) >= 1 / peak
@@ -246,17 +246,15 @@ def test_a_mismatch_would_be_seen(model):
 
 def test_a_failure_strikes_at_its_time_and_the_mapping_changes_with_it(model):
     bench = Bench()
-    run = track_spiral(
-        model,
-        bench,
-        nominal_loops(model, bench),
+    stiffness = strut_and_payload_stiffness(model)
+    spiral = SpiralRun(
         Goal(EQUAL),
         failures=[Failure(0, "free", 0.2)],
         reconfigured=Goal(EQUAL, free=(0,)),
-        stiffness=strut_and_payload_stiffness(model),
         jacobian="constant",
         duration_s=0.4,
     )
+    run = track_spiral(Testbed(model, bench, nominal_loops(model, bench), stiffness), spiral)
     strut_1 = run.strut_input_percent[:, 0]
     assert np.any(strut_1[run.time_s < 0.2])
     assert not np.any(strut_1[run.time_s >= 0.2])

@@ -64,4 +64,4 @@ def test_no_floor_imports_upward_and_no_study_another(place):
 
 def test_the_check_sees_imports():
     assert {"prioritized", "sim", "ftc", "rerun"} <= imported_by("experiments")
-    assert "experiments.hexapod.mapping" in imported(ROOT / "tests" / "test_bench.py")
+    assert "experiments.hexapod.controller" in imported(ROOT / "tests" / "test_bench.py")

@@ -20,9 +20,10 @@ import pyarrow.parquet as pq
 import pytest
 
 from experiments.app.cli import main
+from experiments.hexapod.controller import nominal_loops
 from experiments.hexapod.prediction import predicted_error_rad
-from experiments.hexapod.simulation import nominal_loops, track_spiral
-from experiments.hexapod.testbed import Bench
+from experiments.hexapod.simulation import SpiralRun, track_spiral
+from experiments.hexapod.testbed import Bench, Testbed
 from experiments.output.study import Interrupted, Unsound, WrongInput
 from experiments.sweep import basis, cluster
 from experiments.sweep.basis import basis_in
@@ -183,15 +184,15 @@ def test_a_row_is_what_the_run_and_the_linear_model_say(model):
     row = row_of(sweep_run(3, 0.3, values))
     goal = Goal(secondary_weight=(10, 10, 1, 1), locked_m={2: 0.0})
     lock = (Failure(2, "locked"),)
-    same = {"failures": lock, "seed": 7, "duration_s": 0.3}
-    loops = nominal_loops(model, bench)
-    flown = track_spiral(model, bench, loops, goal, **same)
+    same = SpiralRun(goal, lock, seed=7, duration_s=0.3)
+    testbed = Testbed(model, bench, nominal_loops(model, bench))
+    flown = track_spiral(testbed, same)
     off_urad = 1e6 * (flown.desired_rad - flown.true_rad)
     rms = row["alpha_rms_urad"], row["beta_rms_urad"]
     np.testing.assert_allclose(rms, np.sqrt((off_urad**2).mean(axis=0)), rtol=1e-12)
     assert row["t_x_peak_um"] == 1e6 * abs(flown.secondary[:, 1]).max()
     assert row["strut_input_peak_percent_3"] == 0.0
-    error = predicted_error_rad(model, bench, loops, goal, **same)
+    error = predicted_error_rad(testbed, same)
     assert error is not None
     predicted = row["predicted_alpha_rms_urad"], row["predicted_beta_rms_urad"]
     np.testing.assert_allclose(predicted, 1e6 * np.sqrt((error**2).mean(axis=0)), rtol=1e-9)

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from experiments.hexapod import paper
-from experiments.hexapod.checks import CLOSURE_LIMIT_M
 from experiments.hexapod.columns import COLUMNS
-from experiments.hexapod.metrics import rms
+from experiments.hexapod.controller import nominal_loops
+from experiments.hexapod.metrics import CLOSURE_LIMIT_M, rms
 from experiments.hexapod.prediction import predicted_error_rad
-from experiments.hexapod.simulation import nominal_loops, track_spiral
-from experiments.hexapod.testbed import Bench
+from experiments.hexapod.simulation import SpiralRun, track_spiral
+from experiments.hexapod.testbed import Bench, Testbed
 from experiments.output.results import Results
 from experiments.table1.figure import pictures
 from experiments.table1.results import checks, notes, table
@@ -196,9 +196,8 @@ def test_a_run_alone_gives_the_same_bits_as_beside_others(model, runs):
     bench = Bench()
     column = next(column for column in COLUMNS if column.name == "W_d")
     loops = nominal_loops(model, bench)
-    alone = track_spiral(
-        model, bench, loops, column.goal, failures=column.failures, seed=0, duration_s=2.0
-    )
+    run = SpiralRun(column.goal, column.failures, seed=0, duration_s=2.0)
+    alone = track_spiral(Testbed(model, bench, loops), run)
     ticks = len(alone.time_s)
     np.testing.assert_array_equal(alone.true_rad, runs["W_d"]["true_rad"][:ticks])
     np.testing.assert_array_equal(alone.measured_rad, runs["W_d"]["measured_rad"][:ticks])
@@ -256,7 +255,8 @@ def test_the_second_configuration_is_within_15_percent_of_all_of_table_1(model, 
     bench = CONFIGURATIONS["demand-limit"].bench
     column = next(column for column in COLUMNS if column.name == name)
     loops = nominal_loops(model, bench)
-    error = predicted_error_rad(model, bench, loops, column.goal, failures=column.failures)
+    run = SpiralRun(column.goal, column.failures)
+    error = predicted_error_rad(Testbed(model, bench, loops), run)
     assert error is not None
     place = list(paper.TABLE_I_URAD).index(name)
     printed = {angle: [float(x) for x in cells.split("|")] for angle, cells in DEMAND_LIMITED}

@@ -11,11 +11,11 @@ import pytest
 from rerun.chunk import RrdReader
 
 from experiments.app.cli import main
-from experiments.hexapod.mapping import StrutMapping
+from experiments.hexapod.controller import StrutMapping, nominal_loops
 from experiments.hexapod.metrics import rms
 from experiments.hexapod.prediction import driven_loop, predicted_error_rad, predicted_rms_rad
-from experiments.hexapod.simulation import Trajectory, nominal_loops, track_spiral
-from experiments.hexapod.testbed import Bench
+from experiments.hexapod.simulation import SpiralRun, Trajectory, track_spiral
+from experiments.hexapod.testbed import Bench, Testbed
 from experiments.uncorrected.answer import paragraph, table
 from experiments.uncorrected.candidates import BENCH, CANDIDATES, COLUMNS
 from experiments.uncorrected.limit_map import largest_miss
@@ -100,8 +100,9 @@ def test_a_floor_that_is_no_floor_is_refused(model, bad):
 
 
 def test_a_floor_shorter_than_the_spiral_is_refused(model, loops):
+    run = SpiralRun(W_A, duration_s=0.1, floor_m_per_s2=np.zeros((50, 3)))
     with pytest.raises(ValueError, match="must have 3 columns and at least 100 rows"):
-        track_spiral(model, Bench(), loops, W_A, duration_s=0.1, floor_m_per_s2=np.zeros((50, 3)))
+        track_spiral(Testbed(model, Bench(), loops), run)
 
 
 def test_the_floor_meets_its_criterion_in_every_third_octave_band():
@@ -135,10 +136,7 @@ def test_a_lock_off_centre_holds_where_the_coil_had_put_the_strut(model, loops):
 
 
 def off_centre(model, loops, goal, place_m, lead_in_s) -> Trajectory:
-    return track_spiral(
-        model,
-        Bench(),
-        loops,
+    run = SpiralRun(
         goal,
         failures=LOCK_1,
         start_m=place_m * np.eye(6)[0],
@@ -146,6 +144,7 @@ def off_centre(model, loops, goal, place_m, lead_in_s) -> Trajectory:
         jacobian="constant",
         duration_s=SECONDS,
     )
+    return track_spiral(Testbed(model, Bench(), loops), run)
 
 
 KNOWN = Goal(secondary_weight=(1.0,) * 4, locked_m={0: 80e-6})
@@ -165,36 +164,26 @@ FLOOR = {"floor_m_per_s2": floor_acceleration(Bench(), 200e-6, seed=1)}
     ids=["sound", "floor", "off centre on a floor", "settled first", "known where it is stuck"],
 )
 def test_mujoco_does_tick_by_tick_what_the_linear_model_says(model, loops, goal, conditions):
-    run = track_spiral(
-        model,
-        Bench(),
-        loops,
-        goal,
-        jacobian="constant",
-        seed=2,
-        duration_s=SECONDS,
-        **conditions,
-    )
+    testbed = Testbed(model, Bench(), loops)
+    spiral = SpiralRun(goal, jacobian="constant", seed=2, duration_s=SECONDS, **conditions)
+    run = track_spiral(testbed, spiral)
     error = run.desired_rad - run.true_rad
-    predicted = predicted_error_rad(
-        model, Bench(), loops, goal, seed=2, duration_s=SECONDS, **conditions
-    )
+    predicted = predicted_error_rad(testbed, spiral)
     assert predicted is not None
     # Quantization leaves 0.02 urad; a kick from the lock two parts in a hundred.
     np.testing.assert_array_less(rms(error - predicted), 0.03e-6 + 0.025 * rms(predicted))
     # It can fail: other noise, a floor at rest and a lock at the centre are not what was run.
     failures = conditions.get("failures", ())
-    other = predicted_error_rad(
-        model, Bench(), loops, W_A, failures=failures, seed=3, duration_s=SECONDS
-    )
+    other = predicted_error_rad(testbed, SpiralRun(W_A, failures, seed=3, duration_s=SECONDS))
     assert other is not None
     assert np.all(rms(error - other) > 1.2 * rms(error - predicted))
 
 
 def test_both_predictions_agree_where_both_speak(model, loops):
-    error = predicted_error_rad(model, Bench(), loops, W_A, failures=LOCK_1)
+    testbed, run = Testbed(model, Bench(), loops), SpiralRun(W_A, LOCK_1)
+    error = predicted_error_rad(testbed, run)
     assert error is not None
-    expected = predicted_rms_rad(model, Bench(), loops, W_A, failures=LOCK_1)
+    expected = predicted_rms_rad(testbed, run)
     np.testing.assert_allclose(rms(error), expected, rtol=2e-3)
 
 
@@ -227,9 +216,9 @@ def test_the_page_says_the_linear_models_ratios(model, name):
     printed = [float(number) for number in row.group(1).split("|")[2].split(",")]
     candidate = next(c for c in CANDIDATES if c.name == name)
     machine = candidate.machine(model)
-    loops = nominal_loops(machine, candidate.bench)
+    testbed = Testbed(machine, candidate.bench, nominal_loops(machine, candidate.bench))
     sound, uncorrected = (
-        predicted_error_rad(machine, candidate.bench, loops, **candidate.run(column, 0))
+        predicted_error_rad(testbed, candidate.run(column, 0))
         for column in ("W_a", "W_a_uncorrected")
     )
     assert sound is not None
@@ -260,7 +249,7 @@ def test_a_row_of_the_map_is_what_the_prediction_says(model):
     loops = nominal_loops(quiet, bench)
     errors, poles = map_row(model, Bench(), 0.05, np.array([6.0, 30.0]), 25.0, seed=0)
     for k, failures in enumerate(((), LOCK_1)):
-        expected = predicted_error_rad(quiet, bench, loops, W_A, failures=failures)
+        expected = predicted_error_rad(Testbed(quiet, bench, loops), SpiralRun(W_A, failures))
         assert expected is not None
         np.testing.assert_allclose(errors[0, k], rms(expected), rtol=1e-3)
     # At 30 Hz the sound loop is not to be closed.
@@ -273,10 +262,9 @@ def test_an_unstable_loop_has_no_predicted_error_and_a_run_that_stays_finite(mod
     candidate = next(c for c in CANDIDATES if c.name == "resonance")
     machine = candidate.machine(model)
     loops = nominal_loops(machine, candidate.bench)
-    assert predicted_error_rad(machine, candidate.bench, loops, **candidate.run("W_d", 0)) is None
-    assert (
-        predicted_error_rad(machine, candidate.bench, loops, **candidate.run("W_a", 0)) is not None
-    )
+    testbed = Testbed(machine, candidate.bench, loops)
+    assert predicted_error_rad(testbed, candidate.run("W_d", 0)) is None
+    assert predicted_error_rad(testbed, candidate.run("W_a", 0)) is not None
     gain = np.linalg.pinv(np.linalg.inv(hexapod(model).inverse_jacobian(NOMINAL))[:2])
     T = driven_loop(failed_plant(machine, ()), gain, [loop.discrete for loop in loops])
     assert np.abs(T.poles()).max() < 1

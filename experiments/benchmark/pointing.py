@@ -16,7 +16,7 @@ from scipy.linalg.lapack import dgglse
 
 from experiments.benchmark.measurement import Agreement, Contender, compare
 from experiments.hexapod.columns import MAJOR, SECONDARY
-from experiments.hexapod.mapping import StrutMapping
+from experiments.hexapod.controller import StrutMapping
 from ftc.goal import Goal
 from prioritized import ConstrainedSystem
 from sim import NOMINAL, Array, Plant, Pose, hexapod, jacobians

@@ -17,9 +17,9 @@ from experiments.benchmark.measurement import Agreement, Contender, by_turns, qu
 from experiments.benchmark.ratios import saved
 from experiments.hexapod.choices import JacobianChoice
 from experiments.hexapod.columns import COLUMNS
-from experiments.hexapod.compensator import Loop
-from experiments.hexapod.simulation import controller_for, fly, nominal_loops, track_spiral
-from experiments.hexapod.testbed import Bench
+from experiments.hexapod.controller import controller_for, nominal_loops
+from experiments.hexapod.simulation import SpiralRun, fly, track_spiral
+from experiments.hexapod.testbed import Bench, Testbed
 from experiments.output.files import usable_file
 from experiments.output.study import OnProgress, WrongInput
 from ftc.controller import Sensed
@@ -102,7 +102,8 @@ def run_bench(
         agreed = [*solvers.agreements(asked), pointing.agreement(model, cases)]
         for each in agreed:
             each.check()
-        loop = ClosedLoop(model, bench, nominal_loops(model, bench), effort.seconds, seed)
+        testbed = Testbed(model, bench, nominal_loops(model, bench))
+        loop = ClosedLoop(testbed, effort.seconds, seed)
         contenders = [
             *whole(loop),
             *parts(loop),
@@ -117,37 +118,30 @@ def run_bench(
 class ClosedLoop:
     """The run that is timed: `seconds` of the spiral after settling, noise of this seed."""
 
-    model: mujoco.MjModel
-    bench: Bench
-    loops: tuple[Loop, Loop]
+    testbed: Testbed
     seconds: float
     seed: int
 
     @property
     def ticks(self) -> int:
         """Of control."""
-        return len(self.bench.time_s(self.seconds))
+        return len(self.testbed.bench.time_s(self.seconds))
 
     @property
     def steps(self) -> int:
         """Of physics, those of settling too."""
-        return round((self.bench.settling_s + self.seconds) / self.model.opt.timestep)
+        seconds = self.testbed.bench.settling_s + self.seconds
+        return round(seconds / self.testbed.model.opt.timestep)
 
     def run(self, jacobian: JacobianChoice) -> None:
         """The whole closed loop, its log kept in memory."""
-        track_spiral(
-            self.model,
-            self.bench,
-            self.loops,
-            GOAL,
-            jacobian=jacobian,
-            seed=self.seed,
-            duration_s=self.seconds,
-        )
+        run = SpiralRun(GOAL, jacobian=jacobian, seed=self.seed, duration_s=self.seconds)
+        track_spiral(self.testbed, run)
 
     def step(self) -> None:
         """MuJoCo alone, in one call."""
-        mujoco.mj_step(self.model, mujoco.MjData(self.model), self.steps)
+        model = self.testbed.model
+        mujoco.mj_step(model, mujoco.MjData(model), self.steps)
 
 
 def whole(loop: ClosedLoop) -> list[Contender]:
@@ -161,9 +155,9 @@ def whole(loop: ClosedLoop) -> list[Contender]:
 
 def parts(loop: ClosedLoop) -> list[Contender]:
     """Times of what a control tick is made of, each part alone, 0.2 s after the start of a run."""
-    model, bench = loop.model, loop.bench
-    controller = controller_for(model, bench, loop.loops, GOAL)
-    _, state = fly(model, bench, controller, seed=loop.seed, duration_s=0.2)
+    model, bench = loop.testbed.model, loop.testbed.bench
+    controller = controller_for(loop.testbed, GOAL)
+    _, state = fly(loop.testbed, controller, seed=loop.seed, duration_s=0.2)
     mapping, amplifier = controller.mapping, controller.amplifier
     command_m, asked_rad = amplifier.displacement_m(state.input_percent), state.asked.pointing_rad
     detector, strut_sensors = bench.detector(), bench.strut_sensors()

@@ -11,7 +11,7 @@ from matplotlib.patches import Patch
 from experiments.figures.block_diagram import figure_3
 from experiments.figures.geometry import figure_2
 from experiments.figures.runs import OpenLoop, Portrait
-from experiments.hexapod.failure_atlas import Verdict, verdicts
+from experiments.hexapod.fault_tolerance import Verdict, verdicts
 from experiments.output.plotting import BLACK, BLUE, ORANGE, PAGE_IN, VERMILION, new_figure
 from experiments.output.results import Picture
 from prioritized import FailureAtlas

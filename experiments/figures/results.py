@@ -8,9 +8,8 @@ import numpy as np
 from experiments.figures.figure import pictures
 from experiments.figures.geometry import node_names
 from experiments.figures.runs import Portrait
-from experiments.hexapod.failure_atlas import verdicts
-from experiments.hexapod.metrics import loop_measures
-from experiments.hexapod.provenance import plant_constants
+from experiments.hexapod.fault_tolerance import verdicts
+from experiments.hexapod.metrics import loop_measures, plant_constants
 from experiments.output.provenance import versions
 from experiments.output.results import Results
 from experiments.output.tables import Column, Table, tabulate

@@ -8,9 +8,8 @@ import mujoco
 import numpy as np
 
 from experiments.hexapod.columns import MAJOR
-from experiments.hexapod.compensator import ANGLES, Loop, design, sampled
-from experiments.hexapod.simulation import nominal_plant
-from experiments.hexapod.springs import elastic_system
+from experiments.hexapod.controller import ANGLES, Loop, design, nominal_plant, sampled
+from experiments.hexapod.fault_tolerance import elastic_system
 from experiments.hexapod.testbed import Bench
 from experiments.output.study import OnProgress
 from prioritized import FailureAtlas, failure_atlas

@@ -15,8 +15,7 @@ from experiments.force.rig import Readings
 from experiments.force.runs import Examination, Force, Held, Trial, payload_stiffness
 from experiments.force.tables import checks, tables
 from experiments.hexapod.columns import MAJOR, SECONDARY
-from experiments.hexapod.metrics import percent, rms
-from experiments.hexapod.provenance import plant_constants
+from experiments.hexapod.metrics import percent, plant_constants, rms
 from experiments.output.provenance import versions
 from experiments.output.results import Results
 from prioritized import Status

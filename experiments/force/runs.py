@@ -22,7 +22,7 @@ from experiments.force.cases import (
 from experiments.force.platform import InternalForce, use_internal_force
 from experiments.force.rig import Readings, hold, press, with_fixture
 from experiments.hexapod.columns import MAJOR, SECONDARY
-from experiments.hexapod.springs import elastic_system, strut_and_payload_stiffness
+from experiments.hexapod.fault_tolerance import elastic_system, strut_and_payload_stiffness
 from experiments.output.parallel import in_parallel
 from experiments.output.study import OnProgress
 from prioritized import Failures

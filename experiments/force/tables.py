@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import Any
 
-from experiments.hexapod.checks import closure_check
+from experiments.hexapod.metrics import closure_check
 from experiments.output.results import Check
 from experiments.output.tables import Column, Table, tabulate
 

@@ -62,7 +62,7 @@ class ArmPosture:
 
 
 class ArmGeometry:
-    """The controller's own arm, as :class:`ftc.mapping.Geometry`; its displacements are rates."""
+    """The controller's own arm, as :class:`ftc.geometry.Geometry`; its displacements are rates."""
 
     def __init__(self, model: mujoco.MjModel) -> None:
         """Stand at the nominal pose."""

@@ -6,7 +6,6 @@ The conventional weighted pseudo-inverse is over all rows, no task before anothe
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -14,9 +13,8 @@ from experiments.goals.demonstration import Strategy
 from experiments.goals.secondary_goals import REWEIGH_TICKS, joint_weights
 from experiments.hexapod.choices import JacobianChoice
 from experiments.hexapod.columns import MAJOR, SECONDARY
-from experiments.hexapod.compensator import Loop
-from experiments.hexapod.mapping import StrutMapping
-from experiments.hexapod.testbed import Bench
+from experiments.hexapod.controller import StrutMapping
+from experiments.hexapod.testbed import Testbed
 from ftc.controller import Controller, Sensed
 from ftc.goal import Goal
 from ftc.mapping import Reconfigured
@@ -112,22 +110,19 @@ class PseudoInverseMapping(StrutMapping):
         return replace(now, mapping=mapping)
 
 
-def controllers(
-    model: mujoco.MjModel, bench: Bench, loops: tuple[Loop, Loop], strategy: Strategy
-) -> Callable[[Goal], Controller]:
+def controllers(testbed: Testbed, strategy: Strategy) -> Callable[[Goal], Controller]:
     """The controller of this machine for any goal, through the mapping of the strategy.
 
     The Jacobian is constant: within the stroke that costs pointing less than noise does.
     """
-    geometry = hexapod(model)
-    amplifier = bench.amplifier(newton_per_m=float(model.actuator_gainprm[0, 0]))
+    geometry, amplifier = hexapod(testbed.model), testbed.amplifier()
 
     def controller(goal: Goal) -> Controller:
         if strategy.major_weight is None:
             mapping = StrutMapping(geometry, goal, "constant")
         else:
             mapping = PseudoInverseMapping(geometry, goal, "constant", strategy.major_weight)
-        return Controller(loops, mapping, amplifier, bench.handover_s)
+        return Controller(testbed.loops, mapping, amplifier, testbed.bench.handover_s)
 
     return controller
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from experiments.hexapod.compensator import Loop
+from experiments.hexapod.controller import Loop
 from sim import Array
 
 

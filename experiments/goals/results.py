@@ -12,9 +12,7 @@ from experiments.goals.arm import ARM_MJCF
 from experiments.goals.demonstration import REFERENCE, Demonstration, Outcome, Strategy
 from experiments.goals.figure import MEASURES, pictures, strategy_label
 from experiments.goals.runs import DEMONSTRATIONS, Goals
-from experiments.hexapod.checks import closure_check
-from experiments.hexapod.metrics import rms
-from experiments.hexapod.provenance import plant_constants
+from experiments.hexapod.metrics import closure_check, plant_constants, rms
 from experiments.hexapod.recording.hexapod import Mark
 from experiments.hexapod.recording.screens import write_side_by_side
 from experiments.hexapod.recording.shown import Shown, constants

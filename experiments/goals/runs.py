@@ -17,11 +17,10 @@ from experiments.goals.demonstration import (
     strategies,
 )
 from experiments.hexapod.columns import SECONDARY
-from experiments.hexapod.compensator import Loop
+from experiments.hexapod.controller import Loop, nominal_loops
 from experiments.hexapod.metrics import closure_residual_max_m
-from experiments.hexapod.scaling import grown_bench, grown_machine
-from experiments.hexapod.simulation import Trajectory, fly, nominal_loops
-from experiments.hexapod.testbed import Bench
+from experiments.hexapod.simulation import Trajectory, fly
+from experiments.hexapod.testbed import Bench, Testbed, grown_bench, grown_machine
 from experiments.output.parallel import in_parallel
 from ftc.goal import Goal
 from sim import NOMINAL, Array, Failure, Pose, forward_kinematics, hexapod, load_model
@@ -50,16 +49,17 @@ def off_axis_path(bench: Bench, target_urad: tuple[float, float], duration_s: fl
 
 def run_reliability(strategy: Strategy, duration_s: float, loops: Loops) -> Outcome:
     """One search where two coils become hot."""
-    model, bench = load_model(), Bench()
-    controller_for = controllers(model, bench, loops, strategy)
+    bench = Bench()
+    testbed = Testbed(load_model(), bench, loops)
+    controller_for = controllers(testbed, strategy)
     cold, period_s = controller_for(EQUAL), bench.control_period_s
     path = off_axis_path(bench, goal.HOT_TARGET_URAD, duration_s)
     if strategy.pursues:
         reweighing = Reweighing(controller_for, goal.COILS, cold.amplifier, period_s)
-        run, _ = fly(model, bench, reweighing, desired_rad=path, seed=strategy.seed)
+        run, _ = fly(testbed, reweighing, desired_rad=path, seed=strategy.seed)
     else:
         seeker = Seeker(cold, no_rates, period_s)
-        run, _ = fly(model, bench, seeker, desired_rad=path, seed=strategy.seed)
+        run, _ = fly(testbed, seeker, desired_rad=path, seed=strategy.seed)
     current_a = cold.amplifier.current_a(run.strut_input_percent)
     temperature_c = goal.COILS.temperatures_c(current_a, period_s)
     return _outcome(run, temperature_c.max(axis=1), temperature_c=temperature_c)
@@ -75,10 +75,11 @@ def run_stroke(strategy: Strategy, duration_s: float, loops: Loops) -> Outcome:
     def rates(displacements_m: Array, pose: Pose) -> Array:
         return goal.rates_from_stops(displacements_m, stroke_m)
 
-    controller = controllers(model, bench, loops, strategy)(EQUAL)
+    testbed = Testbed(model, bench, loops)
+    controller = controllers(testbed, strategy)(EQUAL)
     seeker = Seeker(controller, rates if strategy.pursues else no_rates, bench.control_period_s)
     path = off_axis_path(bench, goal.FAR_TARGET_URAD, duration_s)
-    run, _ = fly(model, bench, seeker, desired_rad=path, seed=strategy.seed)
+    run, _ = fly(testbed, seeker, desired_rad=path, seed=strategy.seed)
     margin_m = stroke_m - np.abs(run.strut_displacement_m).max(axis=1)
     return _outcome(run, 1e6 * margin_m)
 
@@ -88,7 +89,8 @@ def run_obstacle(strategy: Strategy, duration_s: float, loops: Loops) -> Outcome
     bench, obstructed = Bench(), goal.cluttered()
     model = obstructed if strategy.limited else load_model()
     geometry, clearance = hexapod(model), goal.Clearance(obstructed)
-    controller = controllers(model, bench, loops, strategy)(goal.OBSTRUCTED)
+    testbed = Testbed(model, bench, loops)
+    controller = controllers(testbed, strategy)(goal.OBSTRUCTED)
     now = controller.mapping.at(geometry.inverse_jacobian(NOMINAL))
     # Strut rates that give the payload v_sd if pointing is left aside: J_s of them is v_sd.
     struts = now.expand @ np.linalg.pinv(now.J[SECONDARY])
@@ -99,7 +101,7 @@ def run_obstacle(strategy: Strategy, duration_s: float, loops: Loops) -> Outcome
     seeker = Seeker(controller, rates if strategy.pursues else no_rates, bench.control_period_s)
     path = off_axis_path(bench, goal.OBSTRUCTED_TARGET_URAD, duration_s)
     failures = [Failure(goal.LOCKED_STRUT, "locked")]
-    run, _ = fly(model, bench, seeker, desired_rad=path, failures=failures, seed=strategy.seed)
+    run, _ = fly(testbed, seeker, desired_rad=path, failures=failures, seed=strategy.seed)
     poses = forward_kinematics(geometry, run.strut_displacement_m[::STRIDE])
     clear_m = [
         clearance(Pose(*pose))[0] for pose in zip(poses.rotation, poses.translation_m, strict=True)

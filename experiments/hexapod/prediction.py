@@ -7,11 +7,10 @@ import mujoco
 import numpy as np
 
 from experiments.hexapod.columns import MAJOR
-from experiments.hexapod.compensator import sampled
-from experiments.hexapod.diagnosis import nominal_model
-from experiments.hexapod.mapping import StrutMapping
-from experiments.hexapod.testbed import Bench
-from ftc.compensator import Compensator
+from experiments.hexapod.controller import StrutMapping, sampled
+from experiments.hexapod.fault_tolerance import nominal_model
+from experiments.hexapod.simulation import SpiralRun
+from experiments.hexapod.testbed import Bench, Testbed
 from ftc.compensator import sensitivity_peak as peak_of_sensitivity
 from ftc.fdi.dither import Dither
 from ftc.goal import Goal
@@ -19,16 +18,7 @@ from ftc.linear_loop import LinearLoop, closed_loop, limited_response
 from sim import NOMINAL, Array, Failure, Plant, failed_plant, hexapod, linearize
 
 
-def predicted_rms_rad(
-    model: mujoco.MjModel,
-    bench: Bench,
-    loops: tuple[Compensator, Compensator],
-    goal: Goal,
-    *,
-    failures: Sequence[Failure] = (),
-    stiffness: Array | None = None,
-    duration_s: float | None = None,
-) -> Array:
+def predicted_rms_rad(testbed: Testbed, run: SpiralRun) -> Array:
     """RMS of desired minus true (alpha, beta) over the spiral, shape (2,), [rad].
 
     The plant, with its failures from the start, is linearized and sampled behind the zero-order
@@ -36,11 +26,11 @@ def predicted_rms_rad(
     through as it is; white detector noise gives the sum of squares of the pulse response. Left out:
     the DAC's quantization, 0.02 urad here.
     """
-    L = _loop_transfer(model, bench, loops, goal, failures, stiffness)
+    bench, L = testbed.bench, _loop_transfer(testbed, run)
     unity = control.ss([], [], [], np.eye(2), bench.control_period_s)
     T = control.feedback(L, unity)
 
-    time_s = bench.time_s(bench.duration_s if duration_s is None else duration_s)
+    time_s = bench.time_s(bench.duration_s if run.duration_s is None else run.duration_s)
     desired_rad = bench.desired_rad(time_s)
     error_rad = desired_rad - _response(T, time_s, desired_rad)
     noise_rad = bench.detector_noise_m / bench.focal_length_m
@@ -50,57 +40,35 @@ def predicted_rms_rad(
     return np.sqrt((error_rad**2).mean(axis=0) + variance)
 
 
-def predicted_error_rad(
-    model: mujoco.MjModel,
-    bench: Bench,
-    loops: tuple[Compensator, Compensator],
-    goal: Goal,
-    *,
-    failures: Sequence[Failure] = (),
-    seed: int = 0,
-    duration_s: float | None = None,
-    start_m: Array | None = None,
-    lead_in_s: float = 0.0,
-    floor_m_per_s2: Array | None = None,
-) -> Array | None:
+def predicted_error_rad(testbed: Testbed, run: SpiralRun) -> Array | None:
     """Desired minus true (alpha, beta), tick by tick, shape (N, 2), [rad]; None: unstable loop.
 
     The linear model of :func:`predicted_rms_rad`, driven by what drives one run: the same detector
     noise, floor, and lock off centre, with the limit on the demanded pointing where the bench has
-    one. Saturation of the amplifiers and quantization are left out.
-
-    Args:
-        model: As in :func:`experiments.hexapod.simulation.track_spiral`, and so are all others.
-        bench: Constants around the plant.
-        loops: Compensators.
-        goal: What the mapping knows.
-        failures: Locks from the start.
-        seed: Of the detector noise.
-        duration_s: Only the first seconds.
-        start_m: Where the struts of `failures` lock; the others return to the centre.
-        lead_in_s: As there.
-        floor_m_per_s2: As there.
+    one. Saturation of the amplifiers and quantization are left out. Failures are locks from the
+    start: at `start_m`, from which the other struts return to the centre.
     """
-    spiral_s = bench.time_s(bench.duration_s if duration_s is None else duration_s)
-    rest = round(lead_in_s / bench.control_period_s)
+    bench, loops = testbed.bench, testbed.loops
+    spiral_s = bench.time_s(bench.duration_s if run.duration_s is None else run.duration_s)
+    rest = round(run.lead_in_s / bench.control_period_s)
     ticks = rest + len(spiral_s)
     desired = np.zeros((ticks, 2))
     desired[rest:] = bench.desired_rad(spiral_s)
-    noise = detector_noise_rad(bench, seed, ticks)
+    noise = detector_noise_rad(bench, run.seed, ticks)
     floor = np.zeros((ticks, 3))
-    if floor_m_per_s2 is not None:
-        floor[rest:] = floor_m_per_s2[: len(spiral_s)]
+    if run.floor_m_per_s2 is not None:
+        floor[rest:] = run.floor_m_per_s2[: len(spiral_s)]
 
-    geometry = hexapod(model)
+    geometry = hexapod(testbed.model)
     stuck_m = np.zeros(6)
-    for failure in failures:
-        stuck_m[failure.strut] = 0.0 if start_m is None else start_m[failure.strut]
+    for failure in run.failures:
+        stuck_m[failure.strut] = 0.0 if run.start_m is None else run.start_m[failure.strut]
     offset = np.linalg.solve(geometry.inverse_jacobian(NOMINAL), stuck_m)[MAJOR]
-    mapping = StrutMapping(geometry, goal, "constant")
+    mapping = StrutMapping(geometry, run.goal, "constant", testbed.stiffness)
     # What the mapping commands at zero pointing, because it knows of a strut off centre.
     standing_m = mapping.displacements(np.zeros(2), NOMINAL)
 
-    plant, gain = failed_plant(model, failures), mapping.pointing_gain()
+    plant, gain = failed_plant(testbed.model, run.failures), mapping.pointing_gain()
     compensators = [loop.discrete for loop in loops]
     T = driven_loop(plant, gain, compensators)
     if np.abs(T.poles()).max() >= 1:
@@ -151,36 +119,22 @@ def driven_plant(plant: Plant, gain: Array, period_s: float) -> control.StateSpa
     )
 
 
-def sensitivity_peak(
-    model: mujoco.MjModel,
-    bench: Bench,
-    loops: tuple[Compensator, Compensator],
-    goal: Goal,
-    *,
-    failures: Sequence[Failure] = (),
-    stiffness: Array | None = None,
-) -> float:
+def sensitivity_peak(testbed: Testbed, run: SpiralRun) -> float:
     """Peak over frequency of the largest singular value of (I + L)^-1 of the two pointing loops.
 
     Its inverse is how near the loops come to instability, both channels and their coupling taken
     together; a well-damped single loop has less than 2.
     """
-    return peak_of_sensitivity(_loop_transfer(model, bench, loops, goal, failures, stiffness))
+    return peak_of_sensitivity(_loop_transfer(testbed, run))
 
 
-def _loop_transfer(
-    model: mujoco.MjModel,
-    bench: Bench,
-    loops: tuple[Compensator, Compensator],
-    goal: Goal,
-    failures: Sequence[Failure],
-    stiffness: Array | None,
-) -> control.StateSpace:
+def _loop_transfer(testbed: Testbed, run: SpiralRun) -> control.StateSpace:
     """Open pointing loops: compensators, mapping at J_0, converters' hold, failed plant."""
-    plant = failed_plant(model, failures)
-    gain = StrutMapping(hexapod(model), goal, "constant", stiffness).pointing_gain()
-    compensators = control.append(*(loop.discrete for loop in loops))
-    P = sampled(linearize(plant.model, plant.data), gain, bench.control_period_s)
+    plant = failed_plant(testbed.model, run.failures)
+    mapping = StrutMapping(hexapod(testbed.model), run.goal, "constant", testbed.stiffness)
+    compensators = control.append(*(loop.discrete for loop in testbed.loops))
+    linear, period_s = linearize(plant.model, plant.data), testbed.bench.control_period_s
+    P = sampled(linear, mapping.pointing_gain(), period_s)
     return P[MAJOR, :] * compensators
 
 
@@ -230,23 +184,17 @@ def _unit_pulses(ticks: int) -> tuple[Array, Array]:
 
 
 def linear_loop(
-    model: mujoco.MjModel,
-    bench: Bench,
-    loops: tuple[Compensator, Compensator],
-    goal: Goal,
-    dither: Dither,
-    *,
-    begin_s: float,
-    duration_s: float,
+    testbed: Testbed, goal: Goal, dither: Dither, *, begin_s: float, duration_s: float
 ) -> LinearLoop:
     """The loop on the spiral, as a run has it, with the mapping of the sound machine at J_0."""
-    mapping = StrutMapping(hexapod(model), goal, "constant")
+    bench = testbed.bench
+    mapping = StrutMapping(hexapod(testbed.model), goal, "constant")
     time_s = bench.time_s(duration_s)
     passed = [mapping.displacements(np.zeros(2), NOMINAL, rest_m=unit) for unit in np.eye(6)]
     return LinearLoop(
-        nominal=nominal_model(model, bench),
+        nominal=nominal_model(testbed.model, bench),
         gain=mapping.pointing_gain(),
         secondary=np.array([dither.at(each) for each in time_s]) @ np.array(passed),
         reference=bench.desired_rad(begin_s + time_s),
-        compensators=loops,
+        compensators=testbed.loops,
     )

@@ -5,26 +5,19 @@ from dataclasses import dataclass
 from math import ceil
 from typing import NamedTuple
 
-import mujoco
 import numpy as np
 
 from experiments.hexapod.choices import JacobianChoice
-from experiments.hexapod.compensator import Loop, design
-from experiments.hexapod.mapping import StrutMapping
-from experiments.hexapod.testbed import Bench
-from ftc.compensator import Compensator
-from ftc.controller import Controller, Sensed
+from experiments.hexapod.controller import controller_for
+from experiments.hexapod.testbed import Bench, Testbed
+from ftc.controller import Sensed
 from ftc.goal import Goal
 from ftc.mapping import DisplacementForm
 from ftc.oracle import Informed, Pilot, State
 from sim import (
     Array,
     Failure,
-    LinearPlant,
     Plant,
-    Pose,
-    hexapod,
-    linearize,
     pointing_angles,
     secondary_motion,
 )
@@ -57,78 +50,15 @@ class Trajectory:
     closure_residual_m: Array
 
 
-def nominal_plant(model: mujoco.MjModel) -> tuple[LinearPlant, Array]:
-    """The sound plant, linear, and W_a's strut displacements per (alpha, beta) at J_0, (6, 2).
+@dataclass(frozen=True)
+class SpiralRun:
+    """One run on the spiral with a given secondary goal.
 
-    Raises:
-        sim.ModelError: The machine is not a hexapod.
-    """
-    equal = StrutMapping(hexapod(model), Goal(joint_weight=(1.0,) * 6), "constant")
-    sound = Plant(model)
-    return linearize(sound.model, sound.data), equal.pointing_gain()
-
-
-def nominal_loops(model: mujoco.MjModel, bench: Bench) -> tuple[Loop, Loop]:
-    """The compensators, designed once on the sound plant with W_a and J_0.
-
-    Raises:
-        sim.ModelError: The machine is not a hexapod, or its pointing loops cannot be closed.
-    """
-    return design(*nominal_plant(model), bench)
-
-
-def controller_for(
-    model: mujoco.MjModel,
-    bench: Bench,
-    loops: tuple[Compensator, Compensator],
-    goal: Goal,
-    *,
-    jacobian: JacobianChoice = "analytic",
-    form: DisplacementForm = "absolute",
-    stiffness: Array | None = None,
-) -> Controller[Pose]:
-    """The controller of this machine for a goal; arguments as in :func:`track_spiral`."""
-    mapping = StrutMapping(hexapod(model), goal, jacobian, stiffness, form)
-    amplifier = bench.amplifier(newton_per_m=float(model.actuator_gainprm[0, 0]))
-    return Controller(
-        loops,
-        mapping,
-        amplifier,
-        bench.handover_s,
-        bench.demand_limit_rad,
-        anti_windup=bench.anti_windup,
-    )
-
-
-def track_spiral(
-    model: mujoco.MjModel,
-    bench: Bench,
-    loops: tuple[Compensator, Compensator],
-    goal: Goal,
-    *,
-    failures: Sequence[Failure] = (),
-    reconfigured: Goal | None = None,
-    stiffness: Array | None = None,
-    jacobian: JacobianChoice = "analytic",
-    form: DisplacementForm = "absolute",
-    seed: int = 0,
-    duration_s: float | None = None,
-    start_m: Array | None = None,
-    lead_in_s: float = 0.0,
-    floor_m_per_s2: Array | None = None,
-) -> Trajectory:
-    """Track the spiral with the given secondary goal.
-
-    Args:
-        model: The machine; plant and controller each make their own of it.
-        bench: Constants around the plant.
-        loops: Compensators from :func:`nominal_loops`.
+    Attributes:
         goal: Weights, and the failures that the controller knows of from the start.
         failures: What happens to the plant, whether the controller knows or not.
         reconfigured: Goal that the controller goes over to at the first failure, as if it knew at
             once; None: it goes on.
-        stiffness: Of the struts and the payload, for a goal with free struts; see
-            :func:`experiments.hexapod.springs.strut_and_payload_stiffness`.
         jacobian: Where the mapping takes its Jacobian from.
         form: How eq. (41) becomes a displacement.
         seed: Of the detector noise.
@@ -139,32 +69,48 @@ def track_spiral(
             time 0 behind it and the floor at rest; it is not kept.
         floor_m_per_s2: Acceleration of the floor in base axes, held for a tick each, at least as
             long as the spiral, shape (N, 3); None is a floor at rest.
+    """
+
+    goal: Goal
+    failures: Sequence[Failure] = ()
+    reconfigured: Goal | None = None
+    jacobian: JacobianChoice = "analytic"
+    form: DisplacementForm = "absolute"
+    seed: int = 0
+    duration_s: float | None = None
+    start_m: Array | None = None
+    lead_in_s: float = 0.0
+    floor_m_per_s2: Array | None = None
+
+
+def track_spiral(testbed: Testbed, run: SpiralRun) -> Trajectory:
+    """What happens on a testbed in a run.
 
     Raises:
         ValueError: The floor's acceleration has not three columns, or ends before the spiral.
         sim.SimulationDiverged: The physics left the finite numbers.
     """
-    choice = {"jacobian": jacobian, "form": form, "stiffness": stiffness}
-    pilot = controller_for(model, bench, loops, goal, **choice)
-    flight = {
-        "failures": failures,
-        "seed": seed,
-        "duration_s": duration_s,
-        "start_m": start_m,
-        "lead_in_s": lead_in_s,
-        "floor_m_per_s2": floor_m_per_s2,
+    choice = {"jacobian": run.jacobian, "form": run.form}
+    pilot = controller_for(testbed, run.goal, **choice)
+    options = {
+        "failures": run.failures,
+        "seed": run.seed,
+        "duration_s": run.duration_s,
+        "start_m": run.start_m,
+        "lead_in_s": run.lead_in_s,
+        "floor_m_per_s2": run.floor_m_per_s2,
     }
-    if reconfigured is None or not failures:
-        return fly(model, bench, pilot, **flight)[0]
-    after = controller_for(model, bench, loops, reconfigured, **choice)
-    first_s = min(failure.time_s for failure in failures)
-    tick = 0 if first_s == 0 else ceil((lead_in_s + first_s) / bench.control_period_s - 1e-6)
-    return fly(model, bench, Informed(pilot, after, tick), **flight)[0]
+    if run.reconfigured is None or not run.failures:
+        return fly(testbed, pilot, **options)[0]
+    after = controller_for(testbed, run.reconfigured, **choice)
+    first_s = min(failure.time_s for failure in run.failures)
+    period_s = testbed.bench.control_period_s
+    tick = 0 if first_s == 0 else ceil((run.lead_in_s + first_s) / period_s - 1e-6)
+    return fly(testbed, Informed(pilot, after, tick), **options)[0]
 
 
 def fly(
-    model: mujoco.MjModel,
-    bench: Bench,
+    testbed: Testbed,
     pilot: Pilot[State],
     *,
     desired_rad: Array | None = None,
@@ -179,14 +125,13 @@ def fly(
     """Track the spiral, or another path, with any pilot; its last state comes back beside the run.
 
     Args:
-        model: The machine; the plant makes its own of it.
-        bench: Constants around the plant.
-        pilot: Flies from the start.
+        testbed: The machine and the constants around it; the pilot has compensators of its own.
+        pilot: Commands the struts from the start.
         desired_rad: (alpha, beta) asked for, tick by tick, shape (N, 2); None is the spiral.
         failures: What happens to the plant.
         seed: Of the noise of all sensors.
         begin_s: Where on the spiral the run begins, at rest at the centre: it has to catch up.
-        duration_s: As in :func:`track_spiral`, and so are all others.
+        duration_s: As in :class:`SpiralRun`, and so are all others.
         start_m: As there.
         lead_in_s: As there.
         floor_m_per_s2: As there.
@@ -196,6 +141,7 @@ def fly(
             duration for a path, which has its own.
         sim.SimulationDiverged: The physics left the finite numbers.
     """
+    bench = testbed.bench
     if desired_rad is None:
         spiral_s = bench.duration_s if duration_s is None else duration_s
         desired_rad = bench.desired_rad(begin_s + bench.time_s(spiral_s))
@@ -208,7 +154,7 @@ def fly(
             f"floor_m_per_s2 must have 3 columns and at least {len(time_s)} rows, "
             f"got the shape {floor.shape}"
         )
-    plant = Plant(model)
+    plant = Plant(testbed.model)
     plant.settle(bench.settling_s, start_m)
     lead_in = round(lead_in_s / bench.control_period_s)
     path = _Path(

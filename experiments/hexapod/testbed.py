@@ -1,10 +1,13 @@
-"""Every constant of the bench that the paper does not give, chosen once, here."""
+"""Every constant of the bench that the paper does not give, and the testbed that they make."""
 
-from dataclasses import dataclass
+import copy
+from dataclasses import dataclass, replace
 from typing import Any
 
+import mujoco
 import numpy as np
 
+from ftc.compensator import Compensator
 from sim import Amplifier, Array, Detector, StrutSensors, spiral
 
 LIMITS: dict[str, tuple[float, float]] = {
@@ -177,3 +180,76 @@ def check_within(name: str, value: Any, low: float, high: float) -> None:
     if not isinstance(value, kinds) or isinstance(value, bool) or not low <= value <= high:
         said = "a whole number" if whole else "a number"
         raise ValueError(f"{name} must be {said} from {low:g} to {high:g}, got {value!r}")
+
+
+@dataclass(frozen=True)
+class Testbed:
+    """A machine with everything around it, the same in many runs.
+
+    Attributes:
+        model: The machine; each plant and controller makes its own of it.
+        bench: Constants around the plant.
+        loops: The (alpha, beta) compensators, see
+            :func:`experiments.hexapod.controller.nominal_loops`.
+        stiffness: Of the struts and the payload, shape (12, 12), for goals with free struts; see
+            :func:`experiments.hexapod.fault_tolerance.strut_and_payload_stiffness`.
+    """
+
+    __test__ = False  # pytest takes a class Test... for one of its own
+
+    model: mujoco.MjModel
+    bench: Bench
+    loops: tuple[Compensator, Compensator]
+    stiffness: Array | None = None
+
+    def amplifier(self) -> Amplifier:
+        """One strut's converter, amplifier and coil, with the gain of the machine's coils."""
+        return self.bench.amplifier(newton_per_m=float(self.model.actuator_gainprm[0, 0]))
+
+
+@dataclass(frozen=True)
+class Growth:
+    """A larger machine task: how many times the stroke, how many times the spiral."""
+
+    stroke: float
+    spiral: float
+
+    def __str__(self) -> str:
+        if self.stroke == self.spiral:
+            return f"x{self.spiral:g}"
+        return f"x{self.spiral:g} on stroke x{self.stroke:g}"
+
+
+GROWTHS = (
+    Growth(1, 1),
+    Growth(3, 3),
+    Growth(10, 10),
+    Growth(30, 30),
+    Growth(100, 100),
+    # A longer stroke would not leave the struts' triangle whole; the spiral has room to grow.
+    Growth(100, 300),
+    Growth(100, 1000),
+)
+
+
+def grown_machine(model: mujoco.MjModel, growth: Growth) -> mujoco.MjModel:
+    """The machine with longer strokes, and coils strong enough for them; all else as it is."""
+    grown = copy.copy(model)
+    grown.jnt_range[grown.actuator_trnid[:, 0]] *= growth.stroke
+    grown.actuator_forcerange[:] *= growth.stroke
+    grown.actuator_ctrlrange[:] *= growth.stroke
+    return grown
+
+
+def grown_bench(bench: Bench, growth: Growth) -> Bench:
+    """A larger spiral, a detector that sees it, and amplifiers that drive the stroke.
+
+    Detector noise and crossovers stay as they are.
+    """
+    return replace(
+        bench,
+        spiral_radius_urad=bench.spiral_radius_urad * growth.spiral,
+        detector_half_width_m=bench.detector_half_width_m * growth.spiral,
+        dac_full_input_a=bench.dac_full_input_a * growth.stroke,
+        amplifier_limit_a=bench.amplifier_limit_a * growth.stroke,
+    )

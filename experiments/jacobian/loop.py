@@ -4,19 +4,16 @@ On the geometry alone there is no inertia and no noise, and every strut goes whe
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
-import mujoco
 import numpy as np
 
 from experiments.hexapod.choices import JacobianChoice
 from experiments.hexapod.columns import COLUMNS, MAJOR
-from experiments.hexapod.compensator import Loop
-from experiments.hexapod.mapping import NOTHING_YET, StrutMapping
-from experiments.hexapod.scaling import GROWTHS, Growth, grown_bench, grown_machine
-from experiments.hexapod.simulation import Trajectory, nominal_loops, track_spiral
-from experiments.hexapod.testbed import Bench
+from experiments.hexapod.controller import NOTHING_YET, StrutMapping, nominal_loops
+from experiments.hexapod.simulation import SpiralRun, Trajectory, track_spiral
+from experiments.hexapod.testbed import GROWTHS, Bench, Growth, Testbed, grown_bench, grown_machine
 from experiments.jacobian.variation import NORMS, Norm, relative_change
 from experiments.output.parallel import in_parallel
 from ftc.goal import Goal
@@ -117,9 +114,7 @@ def run_loop(
     """
     model, bench = load_model(), Bench()
     shared: dict[str, Any] = {
-        "model": model,
-        "bench": bench,
-        "loops": nominal_loops(model, bench),
+        "testbed": Testbed(model, bench, nominal_loops(model, bench)),
         "duration_s": bench.quick_duration_s if quick else bench.duration_s,
     }
     runs = loop_runs(seed, quick)
@@ -127,21 +122,21 @@ def run_loop(
     return dict(zip(runs, tracked, strict=True))
 
 
-def _track(
-    model: mujoco.MjModel, bench: Bench, loops: tuple[Loop, Loop], duration_s: float, run: LoopRun
-) -> Tracked:
+def _track(testbed: Testbed, duration_s: float, run: LoopRun) -> Tracked:
     column, (jacobian, form) = BY_NAME[run.column], VARIANTS[run.variant]
-    trajectory = track_spiral(
-        grown_machine(model, run.growth),
-        grown_bench(bench, run.growth),
-        loops,
+    model, bench = testbed.model, testbed.bench
+    grown = replace(
+        testbed, model=grown_machine(model, run.growth), bench=grown_bench(bench, run.growth)
+    )
+    spiral = SpiralRun(
         column.goal,
-        failures=column.failures,
+        column.failures,
         jacobian=jacobian,
         form=form,
         seed=run.seed,
         duration_s=duration_s,
     )
+    trajectory = track_spiral(grown, spiral)
     geometry, goal = hexapod(model), column.goal
     compared = slice(None, None, round(STRIDE_S / bench.control_period_s))
     passed = slice(None, None, round(_VISITED_STRIDE_S / bench.control_period_s))

@@ -5,10 +5,13 @@ from typing import Any
 import numpy as np
 
 from experiments.hexapod import paper
-from experiments.hexapod.checks import CLOSURE_LIMIT_M
-from experiments.hexapod.metrics import closure_residual_max_m, pointing_rms_urad, rms
-from experiments.hexapod.scaling import GROWTHS, Growth
-from experiments.hexapod.testbed import Bench
+from experiments.hexapod.metrics import (
+    CLOSURE_LIMIT_M,
+    closure_residual_max_m,
+    pointing_rms_urad,
+    rms,
+)
+from experiments.hexapod.testbed import GROWTHS, Bench, Growth
 from experiments.jacobian.loop import AT_NOMINAL, GROWN, VARIANTS, LoopRun, Tracked
 from experiments.jacobian.variation import NORMS, ByNorm, variation
 from experiments.output.results import Check

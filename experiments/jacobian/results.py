@@ -9,12 +9,11 @@ from typing import Any
 import numpy as np
 
 from experiments.hexapod import paper
-from experiments.hexapod.provenance import plant_constants
+from experiments.hexapod.metrics import plant_constants
 from experiments.hexapod.recording.hexapod import Mark
 from experiments.hexapod.recording.keep import record_run
 from experiments.hexapod.recording.shown import Shown
-from experiments.hexapod.scaling import grown_bench, grown_machine
-from experiments.hexapod.testbed import Bench
+from experiments.hexapod.testbed import Bench, grown_bench, grown_machine
 from experiments.jacobian.figure import pictures
 from experiments.jacobian.loop import VARIANTS, LoopRun, Tracked
 from experiments.jacobian.loop_results import loop_checks, loop_table, summarize_loop

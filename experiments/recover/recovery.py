@@ -6,19 +6,21 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from experiments.hexapod.compensator import Loop
-from experiments.hexapod.diagnosis import fault_of, nominal_model
-from experiments.hexapod.dithers import HEAVE
+from experiments.hexapod.controller import controller_for
+from experiments.hexapod.fault_tolerance import (
+    HEAVE,
+    fault_of,
+    supervisor,
+)
 from experiments.hexapod.metrics import closure_residual_max_m
-from experiments.hexapod.simulation import Trajectory, controller_for, fly
-from experiments.hexapod.supervisor import Supervisor, supervisor
-from experiments.hexapod.testbed import Bench
+from experiments.hexapod.simulation import Trajectory, fly
+from experiments.hexapod.testbed import Bench, Testbed
 from ftc.controller import Controller
 from ftc.fdi.diagnosis import Diagnosis
 from ftc.fdi.dither import Dither
-from ftc.fdi.fault_model import KINDS, Fault, FaultKind, NominalModel
+from ftc.fdi.fault_model import KINDS, Fault, FaultKind
 from ftc.goal import Goal
-from ftc.oracle import NEVER, Informed, Pilot, State
+from ftc.oracle import NEVER, Informed
 from ftc.supervisor import reconfigured_goal
 from sim import Array, Failure
 
@@ -46,29 +48,9 @@ _EFFECTIVENESS = 0.2, 0.8
 _EACH: list[tuple[FaultKind, int]] = [(kind, strut) for strut in range(6) for kind in KINDS]
 
 
-@dataclass(frozen=True)
-class Setup:
-    """The machine, the constants around it, and its compensators."""
-
-    model: mujoco.MjModel
-    bench: Bench
-    loops: tuple[Loop, Loop]
-
-    def controller(self, goal: Goal = GOAL) -> Controller:
-        """A controller for a goal, with the constant Jacobian."""
-        return controller_for(self.model, self.bench, self.loops, goal, jacobian="constant")
-
-    def supervised(self, dither: Dither, **options: Any) -> Supervisor:
-        """The controller of GOAL with fault detection and isolation; options of `supervisor`."""
-        return supervisor(self.model, self.bench, self.loops, GOAL, dither=dither, **options)
-
-    def nominal(self, *, strut_sensors: bool = False) -> NominalModel:
-        """The model that the diagnosis has."""
-        return nominal_model(self.model, self.bench, strut_sensors=strut_sensors)
-
-    def simulate(self, pilot: Pilot[State], **options: Any) -> tuple[Trajectory, State]:
-        """A run on the machine, and the pilot's last state; options of `fly`."""
-        return fly(self.model, self.bench, pilot, **options)
+def controller(testbed: Testbed, goal: Goal = GOAL) -> Controller:
+    """A controller for a goal, with the constant Jacobian."""
+    return controller_for(testbed, goal, jacobian="constant")
 
 
 @dataclass(frozen=True)
@@ -166,7 +148,7 @@ class Identification:
 
 
 def diagnose(
-    setup: Setup,
+    testbed: Testbed,
     run: dict[str, Any],
     dither: Dither = DITHER,
     plant: mujoco.MjModel | None = None,
@@ -176,11 +158,11 @@ def diagnose(
 
     `plant` is the machine, if it is not quite the model; the rest are options of `supervisor`.
     """
-    pilot = setup.supervised(dither, **options)
-    machine = setup if plant is None else replace(setup, model=plant)
-    trajectory, state = machine.simulate(pilot, **run)
+    pilot = supervisor(testbed, GOAL, dither=dither, **options)
+    machine = testbed if plant is None else replace(testbed, model=plant)
+    trajectory, state = fly(machine, pilot, **run)
     failures = run["failures"]
-    struck = round((failures[0].time_s - run["begin_s"]) / setup.bench.control_period_s)
+    struck = round((failures[0].time_s - run["begin_s"]) / testbed.bench.control_period_s)
     return trajectory, Identification(
         failures=failures,
         struck=struck,
@@ -195,34 +177,34 @@ def diagnose(
 
 
 def identify(
-    setup: Setup, scenario: Scenario, dither: Dither = DITHER, **options: Any
+    testbed: Testbed, scenario: Scenario, dither: Dither = DITHER, **options: Any
 ) -> tuple[Trajectory, Identification]:
     """The same for a scenario, with the dither about where its struts stand."""
-    return diagnose(setup, scenario.run, scenario.dither(dither), **options)
+    return diagnose(testbed, scenario.run, scenario.dither(dither), **options)
 
 
-def fault_unaware(setup: Setup, scenario: Scenario) -> Trajectory:
+def fault_unaware(testbed: Testbed, scenario: Scenario) -> Trajectory:
     """The same run by a controller that goes on as if nothing had happened."""
-    pilot = setup.controller()
+    pilot = controller(testbed)
     unaware = Informed(pilot, pilot, NEVER, secondary=scenario.dither(DITHER).at)
-    return setup.simulate(unaware, **scenario.run)[0]
+    return fly(testbed, unaware, **scenario.run)[0]
 
 
 def informed(
-    setup: Setup, scenario: Scenario, fault: Fault, displacement_m: float, late_s: float = 0.0
+    testbed: Testbed, scenario: Scenario, fault: Fault, displacement_m: float, late_s: float = 0.0
 ) -> Trajectory:
     """The same run by a controller that is informed of a fault so long after the failure.
 
     `displacement_m` is where that strut has stuck, which is the same in all runs of a scenario.
     """
-    tick = STRUCK + round(late_s / setup.bench.control_period_s)
+    tick = STRUCK + round(late_s / testbed.bench.control_period_s)
     news = Diagnosis(fault, 1.0, 1.0, displacement_m, STRUCK, STRUCK, tick, confirmed=True)
-    after = setup.controller(reconfigured_goal(GOAL, [news]))
+    after = controller(testbed, reconfigured_goal(GOAL, [news]))
     falling_m = np.zeros(6)
     if fault.kind != "locked" and late_s == 0:
         falling_m[fault.actuator] = (1 - fault.effectiveness) * displacement_m
-    pilot = Informed(setup.controller(), after, tick, falling_m, scenario.dither(DITHER).at)
-    return setup.simulate(pilot, **scenario.run)[0]
+    pilot = Informed(controller(testbed), after, tick, falling_m, scenario.dither(DITHER).at)
+    return fly(testbed, pilot, **scenario.run)[0]
 
 
 @dataclass(frozen=True)
@@ -260,10 +242,10 @@ class Recovery:
     uncorrected: Errors
 
 
-def recover(setup: Setup, scenario: Scenario) -> Recovery:
+def recover(testbed: Testbed, scenario: Scenario) -> Recovery:
     """Simulate a scenario three times."""
-    run, found = identify(setup, scenario)
-    unaware = fault_unaware(setup, scenario)
+    run, found = identify(testbed, scenario)
+    unaware = fault_unaware(testbed, scenario)
     displacement_m = float(unaware.strut_displacement_m[STRUCK, scenario.fault.actuator])
-    oracle = informed(setup, scenario, scenario.fault, displacement_m)
+    oracle = informed(testbed, scenario, scenario.fault, displacement_m)
     return Recovery(scenario, found, errors(run), errors(oracle), errors(unaware))

@@ -9,9 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from experiments.hexapod.checks import closure_check
-from experiments.hexapod.diagnosis import fault_entry
-from experiments.hexapod.provenance import recording_properties
+from experiments.hexapod.fault_tolerance import fault_entry
+from experiments.hexapod.metrics import closure_check, recording_properties
 from experiments.hexapod.recording.keep import record_run
 from experiments.hexapod.recording.shown import Shown
 from experiments.hexapod.simulation import Trajectory

@@ -9,15 +9,16 @@ import mujoco
 import numpy as np
 from scipy.stats import binomtest, chi2
 
-from experiments.hexapod.diagnosis import fault_text
-from experiments.hexapod.dithers import STILL, excitation
+from experiments.hexapod.fault_tolerance import STILL, excitation, fault_text, nominal_model
 from experiments.hexapod.metrics import pointing_rms_urad
+from experiments.hexapod.simulation import fly
+from experiments.hexapod.testbed import Testbed
 from experiments.recover.recovery import (
     DITHER,
     STRUCK,
     Identification,
     Scenario,
-    Setup,
+    controller,
     errors,
     fault_unaware,
     identify,
@@ -44,18 +45,18 @@ GAIN_ERRORS = (1e-4, 3e-4, 1e-3, 3e-3, 1e-2)
 """Of each coil of a plant off the model, relative, standard deviation."""
 
 
-def informed_late_or_wrongly(setup: Setup, scenario: Scenario) -> list[dict[str, Any]]:
+def informed_late_or_wrongly(testbed: Testbed, scenario: Scenario) -> list[dict[str, Any]]:
     """One entry for each run: the truth, later and later; then, at once, that another strut locked.
 
     Ready for JSON, units in the names.
     """
-    run, truth = fault_unaware(setup, scenario), scenario.fault
+    run, truth = fault_unaware(testbed, scenario), scenario.fault
     news = [(truth, late_s) for late_s in LATE_S]
     news += [(Fault(k, "locked"), 0.0) for k in range(6) if k != truth.actuator]
     entries = []
     for fault, late_s in news:
         stands_m = float(run.strut_displacement_m[STRUCK, fault.actuator])
-        found = errors(informed(setup, scenario, fault, stands_m, late_s))
+        found = errors(informed(testbed, scenario, fault, stands_m, late_s))
         entries.append(
             {
                 "truth": "sound" if truth.effectiveness == 1 else fault_text(truth),
@@ -111,13 +112,13 @@ def rates(found: Sequence[Identification]) -> dict[str, Any]:
     return {"strut": rate(strut), "strut_and_kind": rate(both)}
 
 
-def dither_cost(setup: Setup, scenario: Scenario, duration_s: float) -> dict[str, Any]:
+def dither_cost(testbed: Testbed, scenario: Scenario, duration_s: float) -> dict[str, Any]:
     """RMS of the fault-free (alpha, beta) errors, and its change by the dither and by the seed."""
-    pilot = setup.controller()
+    pilot = controller(testbed)
 
     def rms_urad(dither: Dither, seed: int) -> Array:
         never = Informed(pilot, pilot, NEVER, secondary=scenario.dither(dither).at)
-        return pointing_rms_urad(setup.simulate(never, seed=seed, duration_s=duration_s)[0])
+        return pointing_rms_urad(fly(testbed, never, seed=seed, duration_s=duration_s)[0])
 
     still = rms_urad(STILL, scenario.seed)
     swinging, reseeded = rms_urad(DITHER, scenario.seed), rms_urad(STILL, scenario.seed + 1)
@@ -129,7 +130,7 @@ def dither_cost(setup: Setup, scenario: Scenario, duration_s: float) -> dict[str
 
 
 def fault_free(
-    setup: Setup, scenario: Scenario, duration_s: float, draws: int
+    testbed: Testbed, scenario: Scenario, duration_s: float, draws: int
 ) -> tuple[FaultFree, FaultFree, float]:
     """One fault-free run in a scenario's posture, and the same with fresh noise.
 
@@ -140,12 +141,12 @@ def fault_free(
     Returns:
         As simulated; with so many draws of noise; and the largest residual without noise, [urad].
     """
-    nominal = setup.nominal()
+    nominal = nominal_model(testbed.model, testbed.bench)
     secondary = scenario.dither(DITHER).at
-    commanded, measured, true = _fault_free(setup, nominal, secondary, scenario.seed, duration_s)
+    commanded, measured, true = _fault_free(testbed, nominal, secondary, scenario.seed, duration_s)
     expected = fault_model(nominal).outputs(commanded)
     silent, test = true - expected, _residual_test(nominal)
-    hours = len(silent) * setup.bench.control_period_s / 3600
+    hours = len(silent) * testbed.bench.control_period_s / 3600
     rng = np.random.default_rng([scenario.seed, 3])
     alarms = sum(
         bool(test.alarms(silent + rng.standard_normal(silent.shape)).any()) for _ in range(draws)
@@ -163,7 +164,7 @@ def _residual_test(nominal: NominalModel) -> ResidualTest:
 
 
 def _fault_free(
-    setup: Setup,
+    testbed: Testbed,
     nominal: NominalModel,
     secondary: Callable[[float], Array],
     seed: int,
@@ -171,31 +172,33 @@ def _fault_free(
     plant: mujoco.MjModel | None = None,
 ) -> tuple[Array, Array, Array]:
     """Commands from each tick on (N, 6); whitened (alpha, beta), measured and true, (N, 2) each."""
-    pilot = setup.controller()
+    pilot = controller(testbed)
     never = Informed(pilot, pilot, NEVER, secondary=secondary)
-    machine = setup if plant is None else replace(setup, model=plant)
-    run, _ = machine.simulate(never, seed=seed, duration_s=duration_s)
+    machine = testbed if plant is None else replace(testbed, model=plant)
+    run, _ = fly(machine, never, seed=seed, duration_s=duration_s)
     commanded_m = pilot.amplifier.displacement_m(run.strut_input_percent)
     return commanded_m, run.measured_rad / nominal.noise, run.true_rad / nominal.noise
 
 
-def mismatched(setup: Setup, error: float, scenarios: Sequence[Scenario]) -> list[dict[str, Any]]:
+def mismatched(
+    testbed: Testbed, error: float, scenarios: Sequence[Scenario]
+) -> list[dict[str, Any]]:
     """Failures of a plant whose coils differ: diagnosed as if they were alike, and once calibrated.
 
     Two entries, ready for JSON; `error` is that of the gains, relative.
     """
-    plant, seed = copy.copy(setup.model), scenarios[0].seed
+    plant, seed = copy.copy(testbed.model), scenarios[0].seed
     rng = np.random.default_rng(seed)
     plant.actuator_gainprm[:, 0] *= 1 + error * rng.standard_normal(plant.nu)
-    nominal = setup.nominal()
-    duration_s = setup.bench.duration_s
+    nominal = nominal_model(testbed.model, testbed.bench)
+    duration_s = testbed.bench.duration_s
     swinging = scenarios[0].dither(DITHER).at
-    run, measured, _ = _fault_free(setup, nominal, excitation, seed, duration_s, plant)
+    run, measured, _ = _fault_free(testbed, nominal, excitation, seed, duration_s, plant)
     corrected = calibrated(nominal, run, measured)
-    commanded, measured, _ = _fault_free(setup, nominal, swinging, seed, duration_s, plant)
+    commanded, measured, _ = _fault_free(testbed, nominal, swinging, seed, duration_s, plant)
 
     def entry(known: NominalModel) -> dict[str, Any]:
-        found = [identify(setup, each, plant=plant, nominal=known)[1] for each in scenarios]
+        found = [identify(testbed, each, plant=plant, nominal=known)[1] for each in scenarios]
         residuals = measured - fault_model(known).outputs(commanded)
         return {
             "coil_gain_error": error,

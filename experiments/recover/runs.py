@@ -7,11 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from experiments.hexapod.diagnosis import fault_of, fault_text
-from experiments.hexapod.provenance import plant_constants
+from experiments.hexapod.controller import nominal_loops
+from experiments.hexapod.fault_tolerance import fault_of, fault_text
+from experiments.hexapod.metrics import plant_constants
 from experiments.hexapod.recording.hexapod import Mark
-from experiments.hexapod.simulation import Trajectory, nominal_loops
-from experiments.hexapod.testbed import Bench
+from experiments.hexapod.simulation import Trajectory
+from experiments.hexapod.testbed import Bench, Testbed
 from experiments.output.parallel import in_parallel
 from experiments.recover import predictions, robustness
 from experiments.recover.predictions import FREQUENCIES_HZ, SETTINGS, Setting
@@ -20,7 +21,6 @@ from experiments.recover.recovery import (
     Identification,
     Recovery,
     Scenario,
-    Setup,
     diagnose,
     draw,
     identify,
@@ -67,7 +67,7 @@ def pairs(seed: int, number: int) -> list[tuple[Failure, ...]]:
 
 
 def succession(
-    setup: Setup, failures: tuple[Failure, ...], seed: int, begin_s: float | None = None
+    testbed: Testbed, failures: tuple[Failure, ...], seed: int, begin_s: float | None = None
 ) -> tuple[Trajectory, Identification]:
     """Simulate the failures, and two seconds more.
 
@@ -75,7 +75,7 @@ def succession(
     """
     begin_s = failures[0].time_s - BEFORE_S if begin_s is None else begin_s
     span = {"begin_s": begin_s, "duration_s": failures[-1].time_s + _LEFT_S - begin_s}
-    return diagnose(setup, {"failures": failures, "seed": seed} | span)
+    return diagnose(testbed, {"failures": failures, "seed": seed} | span)
 
 
 def marks(run: Trajectory, found: Identification) -> list[Mark]:
@@ -153,8 +153,8 @@ def run_recover(
         on_progress: Called with finished and total number of jobs.
     """
     model, bench = load_model(), Bench()
-    setup = Setup(model, bench, nominal_loops(model, bench))
-    done = _by_name(setup, _jobs(seed, quick), on_progress)
+    testbed = Testbed(model, bench, nominal_loops(model, bench))
+    done = _by_name(testbed, _jobs(seed, quick), on_progress)
     simulated, redrawn, model_errors_urad = zip(*done["fault_free"], strict=True)
     return Recover(
         seed=seed,
@@ -177,7 +177,7 @@ def run_recover(
 
 
 Jobs = tuple[Callable[..., Any], list[tuple[Any, ...]]]
-"""A function of the setup and further arguments, and these, a tuple for each call."""
+"""A function of the testbed and further arguments, and these, a tuple for each call."""
 
 
 def _jobs(seed: int, quick: bool) -> dict[str, Jobs]:
@@ -205,16 +205,16 @@ def _jobs(seed: int, quick: bool) -> dict[str, Jobs]:
     }
 
 
-def _identified(setup: Setup, scenario: Scenario, setting: Setting) -> Identification:
-    return identify(setup, scenario, setting.dither, strut_sensors=setting.strut_sensors)[1]
+def _identified(testbed: Testbed, scenario: Scenario, setting: Setting) -> Identification:
+    return identify(testbed, scenario, setting.dither, strut_sensors=setting.strut_sensors)[1]
 
 
 def _by_name(
-    setup: Setup, jobs: dict[str, Jobs], on_progress: Callable[[int, int], None]
+    testbed: Testbed, jobs: dict[str, Jobs], on_progress: Callable[[int, int], None]
 ) -> dict[str, list[Any]]:
     """Results of all calls, in parallel, by the names of the jobs."""
     calls = [
-        {"job": job, "setup": setup, "arguments": arguments}
+        {"job": job, "testbed": testbed, "arguments": arguments}
         for job, all_arguments in jobs.values()
         for arguments in all_arguments
     ]
@@ -222,5 +222,5 @@ def _by_name(
     return {name: list(islice(results, len(calls))) for name, (_, calls) in jobs.items()}
 
 
-def _run(job: Callable[..., Any], setup: Setup, arguments: tuple[Any, ...]) -> Any:
-    return job(setup, *arguments)
+def _run(job: Callable[..., Any], testbed: Testbed, arguments: tuple[Any, ...]) -> Any:
+    return job(testbed, *arguments)

@@ -7,9 +7,15 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from experiments.hexapod.checks import closure_check, prediction_checks, prediction_tolerance
-from experiments.hexapod.metrics import percent, pointing_rms_urad
-from experiments.hexapod.provenance import plant_constants, recording_properties
+from experiments.hexapod.metrics import (
+    closure_check,
+    percent,
+    plant_constants,
+    pointing_rms_urad,
+    prediction_checks,
+    prediction_tolerance,
+    recording_properties,
+)
 from experiments.hexapod.recording.hexapod import Mark
 from experiments.hexapod.recording.keep import record_run
 from experiments.hexapod.recording.shown import Shown

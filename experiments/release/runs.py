@@ -6,16 +6,17 @@ goes where their energy is least.
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Literal
 
 import mujoco
 import numpy as np
 
 from experiments.hexapod.columns import MAJOR
+from experiments.hexapod.controller import nominal_loops
+from experiments.hexapod.fault_tolerance import elastic_system, strut_and_payload_stiffness
 from experiments.hexapod.prediction import predicted_motion, predicted_rms_rad, sensitivity_peak
-from experiments.hexapod.simulation import Trajectory, nominal_loops, track_spiral
-from experiments.hexapod.springs import elastic_system, strut_and_payload_stiffness
-from experiments.hexapod.testbed import Bench
+from experiments.hexapod.simulation import SpiralRun, Trajectory, track_spiral
+from experiments.hexapod.testbed import Bench, Testbed
 from experiments.output.parallel import in_parallel
 from experiments.release.statics import STRUT, fall, released_statics
 from ftc.goal import Goal
@@ -129,30 +130,24 @@ def run_release(
     """
     ground, bench = load_model(), Bench()
     orbit, stiffness = weightless(ground), strut_and_payload_stiffness(ground)
-    loops = nominal_loops(ground, bench)
+    on_ground = Testbed(ground, bench, nominal_loops(ground, bench), stiffness)
+    in_orbit = replace(on_ground, model=orbit)
     duration_s = bench.quick_duration_s if quick else bench.duration_s
     chosen = cases(duration_s / 2)
 
-    def shared(case: Case) -> dict[str, Any]:
-        return {
-            "model": orbit if case.kind == "loose" else ground,
-            "bench": bench,
-            "loops": loops,
-            "failures": case.failures,
-            "stiffness": stiffness,
-        }
-
-    spirals = [
-        shared(case)
-        | {
-            "goal": _EQUAL,
-            "reconfigured": case.reconfigured,
-            "jacobian": "constant",
-            "seed": seed,
-            "duration_s": duration_s,
-        }
+    testbeds = [in_orbit if case.kind == "loose" else on_ground for case in chosen]
+    asked = [
+        SpiralRun(
+            _EQUAL,
+            case.failures,
+            case.reconfigured,
+            jacobian="constant",
+            seed=seed,
+            duration_s=duration_s,
+        )
         for case in chosen
     ]
+    spirals = [{"testbed": t, "run": run} for t, run in zip(testbeds, asked, strict=True)]
     statics = [{"model": orbit, "ratio": ratio} for ratio in RATIOS[:: 3 if quick else 1]]
     total = len(spirals) + len(statics)
     runs = in_parallel(track_spiral, spirals, lambda done, _: on_progress(done, total))
@@ -161,17 +156,15 @@ def run_release(
     )
     trajectories = dict(zip([case.name for case in chosen], runs, strict=True))
     predicted, sensitivity, linear, quasi_static = {}, {}, {}, {}
-    for case in chosen:
+    for case, testbed, spiral in zip(chosen, testbeds, asked, strict=True):
         run = trajectories[case.name]
-        command_m = _commands(ground, bench, run)
-        model = shared(case)["model"]
-        linear[case.name] = predicted_motion(model, case.failures, run.time_s, command_m)
+        command_m = on_ground.amplifier().displacement_m(run.strut_input_percent)
+        linear[case.name] = predicted_motion(testbed.model, case.failures, run.time_s, command_m)
         quasi_static[case.name] = _quasi_static(case, ground, run.time_s, command_m)
-        goal = case.reconfigured or _EQUAL
-        sensitivity[case.name] = sensitivity_peak(**shared(case), goal=goal)
+        after = replace(spiral, goal=case.reconfigured or _EQUAL)
+        sensitivity[case.name] = sensitivity_peak(testbed, after)
         if case.time_s == 0.0:
-            rms_rad = predicted_rms_rad(**shared(case), goal=goal, duration_s=duration_s)
-            predicted[case.name] = rms_rad
+            predicted[case.name] = predicted_rms_rad(testbed, after)
     return Release(
         seed=seed,
         cases=chosen,
@@ -184,11 +177,6 @@ def run_release(
         fall=fall(ground),
         atlas=failure_atlas(elastic_system(ground), MAJOR),
     )
-
-
-def _commands(model: mujoco.MjModel, bench: Bench, run: Trajectory) -> Array:
-    amplifier = bench.amplifier(newton_per_m=float(model.actuator_gainprm[0, 0]))
-    return amplifier.displacement_m(run.strut_input_percent)
 
 
 def _quasi_static(case: Case, model: mujoco.MjModel, time_s: Array, command_m: Array) -> Array:

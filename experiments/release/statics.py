@@ -4,8 +4,8 @@ import mujoco
 import numpy as np
 
 from experiments.hexapod.columns import MAJOR
+from experiments.hexapod.fault_tolerance import elastic_system, strut_and_payload_stiffness
 from experiments.hexapod.metrics import percent
-from experiments.hexapod.springs import elastic_system, strut_and_payload_stiffness
 from sim import Array, Plant, hexapod, linearize
 
 STRUT = 0

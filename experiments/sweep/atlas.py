@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from experiments.hexapod.checks import closure_check
-from experiments.hexapod.failure_atlas import verdicts
+from experiments.hexapod.fault_tolerance import verdicts
+from experiments.hexapod.metrics import closure_check
 from experiments.output.results import Check, Results
 from experiments.output.tables import Column, Table, tabulate
 from experiments.sweep.dataset import Columns

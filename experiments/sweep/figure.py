@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from experiments.hexapod.failure_atlas import Verdict, verdicts
+from experiments.hexapod.fault_tolerance import Verdict, verdicts
 from experiments.output.plotting import BLACK, BLUE, PAGE_IN, VERMILION, logarithmic, new_figure
 from experiments.output.results import Picture
 from experiments.sweep.dataset import Columns

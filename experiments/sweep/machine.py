@@ -4,9 +4,8 @@ from functools import cache, lru_cache
 
 import mujoco
 
-from experiments.hexapod.compensator import designed
-from experiments.hexapod.simulation import nominal_plant
-from experiments.hexapod.springs import strut_and_payload_stiffness
+from experiments.hexapod.controller import designed, nominal_plant
+from experiments.hexapod.fault_tolerance import strut_and_payload_stiffness
 from experiments.hexapod.testbed import Bench
 from ftc.compensator import Compensator
 from sim import Array, LinearPlant, load_model

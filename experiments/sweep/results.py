@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import spearmanr
 
-from experiments.hexapod.checks import closure_check
+from experiments.hexapod.metrics import closure_check
 from experiments.output.provenance import versions
 from experiments.output.results import Check, Results
 from experiments.output.tables import Column, Table, tabulate

@@ -8,12 +8,12 @@ import numpy as np
 import pyarrow as pa
 
 from experiments.hexapod.columns import MAJOR
-from experiments.hexapod.failure_atlas import verdicts
-from experiments.hexapod.mapping import StrutMapping
+from experiments.hexapod.controller import StrutMapping
+from experiments.hexapod.fault_tolerance import elastic_system, verdicts
 from experiments.hexapod.metrics import closure_residual_max_m, pointing_rms_urad, rms
 from experiments.hexapod.prediction import detector_noise_rad, driven_loop
-from experiments.hexapod.simulation import Trajectory, track_spiral
-from experiments.hexapod.springs import elastic_system
+from experiments.hexapod.simulation import SpiralRun, Trajectory, track_spiral
+from experiments.hexapod.testbed import Testbed
 from experiments.sweep.machine import loops, machine, stiffness
 from experiments.sweep.sweep_run import KINDS, SweepRun
 from prioritized import FailureAtlas, failure_atlas
@@ -88,18 +88,16 @@ def row_of(run: SweepRun) -> Row:
 
 def _simulated(run: SweepRun) -> Trajectory:
     from_start = run.failure_time_s == 0
-    return track_spiral(
-        machine(),
-        run.bench,
-        loops(run.bench),
+    testbed = Testbed(machine(), run.bench, loops(run.bench), stiffness())
+    spiral = SpiralRun(
         run.reconfigured if from_start else run.goal,
-        failures=run.failures,
-        reconfigured=run.reconfigured if run.known and not from_start else None,
-        stiffness=stiffness(),
-        jacobian=run.jacobian,
+        run.failures,
+        run.reconfigured if run.known and not from_start else None,
+        run.jacobian,
         seed=run.seed,
         duration_s=run.duration_s,
     )
+    return track_spiral(testbed, spiral)
 
 
 def _predicted(run: SweepRun, mapping: StrutMapping) -> Row:

@@ -8,17 +8,19 @@ from typing import Any
 import numpy as np
 
 from experiments.hexapod import paper
-from experiments.hexapod.checks import (
-    closure_check,
-    is_cut,
-    prediction_checks,
-    prediction_tolerance,
-)
 from experiments.hexapod.columns import COLUMNS
 from experiments.hexapod.columns import Column as Experiment
+from experiments.hexapod.metrics import (
+    closure_check,
+    is_cut,
+    loop_measures,
+    pointing_rms_urad,
+    prediction_checks,
+    prediction_tolerance,
+    recording_properties,
+    rms,
+)
 from experiments.hexapod.metrics import closure_residual_max_m as closure_m
-from experiments.hexapod.metrics import loop_measures, pointing_rms_urad, rms
-from experiments.hexapod.provenance import recording_properties
 from experiments.hexapod.recording.hexapod import Mark
 from experiments.hexapod.recording.keep import record_run
 from experiments.hexapod.recording.shown import Shown

@@ -2,16 +2,14 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from experiments.hexapod.choices import ConfigurationName, JacobianChoice
-from experiments.hexapod.columns import COLUMNS, Column
-from experiments.hexapod.compensator import Loop
-from experiments.hexapod.metrics import rms
+from experiments.hexapod.columns import COLUMNS
+from experiments.hexapod.controller import Loop, nominal_loops
+from experiments.hexapod.metrics import plant_constants, rms
 from experiments.hexapod.prediction import predicted_error_rad, predicted_rms_rad
-from experiments.hexapod.provenance import plant_constants
-from experiments.hexapod.simulation import Trajectory, nominal_loops, track_spiral
-from experiments.hexapod.testbed import Bench
+from experiments.hexapod.simulation import SpiralRun, Trajectory, track_spiral
+from experiments.hexapod.testbed import Bench, Testbed
 from experiments.output.parallel import in_parallel
 from experiments.output.study import OnProgress
 from sim import Array, ModelError, load_model, model_sha256
@@ -119,20 +117,16 @@ def run_table1(
     """
     chosen, machine = CONFIGURATIONS[configuration], load_model(model)
     bench = chosen.bench
-    loops, constants = nominal_loops(machine, bench), plant_constants(machine)
-    shared = {
-        "model": machine,
-        "bench": bench,
-        "loops": loops,
-        "duration_s": bench.quick_duration_s if quick else bench.duration_s,
-    }
+    duration_s = bench.quick_duration_s if quick else bench.duration_s
+    testbed = Testbed(machine, bench, loops := nominal_loops(machine, bench))
     jobs = [(column, jacobian, seed) for column in COLUMNS]
     jobs += [(column, other_jacobian(jacobian), seed) for column in COLUMNS]
     jobs.append((COLUMNS[0], jacobian, seed + 1))
-    calls = [
-        shared | {"goal": c.goal, "failures": c.failures, "jacobian": choice, "seed": noise}
+    asked = [
+        SpiralRun(c.goal, c.failures, jacobian=choice, seed=noise, duration_s=duration_s)
         for c, choice, noise in jobs
     ]
+    calls = [{"testbed": testbed, "run": run} for run in asked]
     runs = in_parallel(track_spiral, calls, on_progress)
     names = [column.name for column in COLUMNS]
     return Table1(
@@ -140,22 +134,24 @@ def run_table1(
         configuration=chosen,
         machine_file=model,
         model_sha256=model_sha256(model),
-        plant_constants=constants,
+        plant_constants=plant_constants(machine),
         loops=loops,
         jacobian=jacobian,
         trajectories=dict(zip(names, runs[: len(names)], strict=True)),
         other=dict(zip(names, runs[len(names) : -1], strict=True)),
         reseeded=runs[-1],
-        predicted_rad={c.name: _predicted_rad(c, seed, shared) for c in COLUMNS},
+        predicted_rad={
+            name: _predicted_rad(name, testbed, run)
+            for name, run in zip(names, asked, strict=False)
+        },
     )
 
 
-def _predicted_rad(column: Column, seed: int, shared: dict[str, Any]) -> Array:
+def _predicted_rad(column: str, testbed: Testbed, run: SpiralRun) -> Array:
     """RMS (2,) by the linear model: over all noise; with a limit, which needs one, this seed's."""
-    run = shared | {"goal": column.goal, "failures": column.failures}
-    if shared["bench"].demand_limit_urad is None:
-        return predicted_rms_rad(**run)
-    error = predicted_error_rad(**run, seed=seed)
+    if testbed.bench.demand_limit_urad is None:
+        return predicted_rms_rad(testbed, run)
+    error = predicted_error_rad(testbed, run)
     if error is None:
-        raise ModelError(f"the loops of {column.name} are unstable on this machine")
+        raise ModelError(f"the loops of {column} are unstable on this machine")
     return rms(error)

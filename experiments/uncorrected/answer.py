@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from experiments.hexapod.checks import is_cut
+from experiments.hexapod.metrics import is_cut
 from experiments.output.tables import Column, Table, tabulate
 
 _SHOWN = ("W_a", "W_d", "W_e")

@@ -9,6 +9,7 @@ import numpy as np
 
 from experiments.hexapod.columns import COLUMNS as TABLE_I
 from experiments.hexapod.paper import TABLE_I_URAD
+from experiments.hexapod.simulation import SpiralRun
 from experiments.hexapod.testbed import Bench
 from experiments.uncorrected.vibration import damped, floor_acceleration
 from ftc.goal import Goal
@@ -85,17 +86,18 @@ class Candidate:
         choices = sum(key in _CHOICES for key in self.differs())
         return len(self.differs()) - choices, choices
 
-    def run(self, column: str, seed: int) -> dict[str, Any]:
-        """Arguments of `track_spiral` and `predicted_error_rad` for one column of Table I."""
+    def run(self, column: str, seed: int) -> SpiralRun:
+        """One column of Table I, by the constant Jacobian."""
         failures = EXPERIMENTS[column].failures
-        return {
-            "goal": self._goal(column),
-            "failures": failures,
-            "start_m": self.lock_m * np.eye(6)[STRUT] if failures else None,
-            "lead_in_s": self.lead_in_s,
-            "floor_m_per_s2": self._floor(seed),
-            "seed": seed,
-        }
+        return SpiralRun(
+            goal=self._goal(column),
+            failures=failures,
+            jacobian="constant",
+            seed=seed,
+            start_m=self.lock_m * np.eye(6)[STRUT] if failures else None,
+            lead_in_s=self.lead_in_s,
+            floor_m_per_s2=self._floor(seed),
+        )
 
     def _goal(self, column: str) -> Goal:
         goal = EXPERIMENTS[column].goal

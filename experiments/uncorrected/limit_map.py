@@ -7,7 +7,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from experiments.hexapod.compensator import Loop
+from experiments.hexapod.controller import Loop
 from experiments.hexapod.metrics import rms
 from experiments.hexapod.paper import TABLE_I_URAD
 from experiments.hexapod.prediction import detector_noise_rad, driven_plant

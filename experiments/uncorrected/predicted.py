@@ -1,6 +1,6 @@
 """What linear theory says of a lost strut, of a candidate, and of a detector off the focus."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import control
@@ -8,16 +8,14 @@ import mujoco
 import numpy as np
 
 from experiments.hexapod.columns import MAJOR
-from experiments.hexapod.compensator import Loop, sampled
-from experiments.hexapod.mapping import StrutMapping
+from experiments.hexapod.controller import Loop, StrutMapping, nominal_loops, sampled
 from experiments.hexapod.metrics import rms
 from experiments.hexapod.prediction import (
     detector_noise_rad,
     predicted_error_rad,
     sensitivity_peak,
 )
-from experiments.hexapod.simulation import nominal_loops
-from experiments.hexapod.testbed import Bench
+from experiments.hexapod.testbed import Bench, Testbed
 from experiments.uncorrected.candidates import (
     COLUMNS,
     EXPERIMENTS,
@@ -93,25 +91,23 @@ class Predicted:
 def predict(candidate: Candidate, seed: int, duration_s: float) -> Predicted:
     """The linear model of a candidate's four columns."""
     machine, bench = candidate.machine(load_model()), candidate.bench
-    loops = nominal_loops(machine, bench)
+    testbed = Testbed(machine, bench, loops := nominal_loops(machine, bench))
 
     def error_rad(column: str, **changed: Any) -> Array | None:
-        run = candidate.run(column, seed) | changed
-        return predicted_error_rad(machine, bench, loops, **run, duration_s=duration_s)
+        run = replace(candidate.run(column, seed), duration_s=duration_s, **changed)
+        return predicted_error_rad(testbed, run)
 
     def rms_urad(error: Array | None) -> Array | None:
         return None if error is None or candidate.saturates else 1e6 * rms(error)
-
-    def sensitivity(column: str) -> float:
-        run = candidate.run(column, seed)
-        return sensitivity_peak(machine, bench, loops, run["goal"], failures=run["failures"])
 
     errors = {column: error_rad(column) for column in COLUMNS}
     return Predicted(
         loops,
         rms_urad={column: rms_urad(error) for column, error in errors.items()},
         sensitivity={
-            column: None if error is None else sensitivity(column)
+            column: None
+            if error is None
+            else sensitivity_peak(testbed, candidate.run(column, seed))
             for column, error in errors.items()
         },
         settled_urad={
@@ -125,11 +121,11 @@ def lock_sweep(candidate: Candidate, loops: tuple[Loop, Loop], seed: int) -> Arr
 
     The error is linear in the place of the lock: two responses give all.
     """
-    machine, bench = candidate.machine(load_model()), candidate.bench
+    testbed = Testbed(candidate.machine(load_model()), candidate.bench, loops)
     run = candidate.run("W_a_uncorrected", seed)
-    sound = predicted_error_rad(machine, bench, loops, **candidate.run("W_a", seed))
+    sound = predicted_error_rad(testbed, candidate.run("W_a", seed))
     at_centre, off = (
-        predicted_error_rad(machine, bench, loops, **run | {"start_m": start_m * np.eye(6)[0]})
+        predicted_error_rad(testbed, replace(run, start_m=start_m * np.eye(6)[0]))
         for start_m in (0.0, 1e-4)
     )
     assert sound is not None and at_centre is not None and off is not None  # by choice of candidate

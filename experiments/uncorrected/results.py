@@ -7,10 +7,16 @@ from typing import Any
 
 import numpy as np
 
-from experiments.hexapod.checks import closure_check, is_cut
-from experiments.hexapod.metrics import closure_residual_max_m, finite_or_none, pointing_rms_urad
+from experiments.hexapod.metrics import (
+    closure_check,
+    closure_residual_max_m,
+    finite_or_none,
+    is_cut,
+    plant_constants,
+    pointing_rms_urad,
+    recording_properties,
+)
 from experiments.hexapod.paper import TABLE_I_URAD
-from experiments.hexapod.provenance import plant_constants, recording_properties
 from experiments.hexapod.recording.hexapod import Mark
 from experiments.hexapod.recording.keep import record_run
 from experiments.hexapod.recording.shown import Shown

@@ -1,12 +1,13 @@
 """Every candidate explanation, simulated and predicted, and the maps."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from experiments.hexapod.simulation import Trajectory, nominal_loops, track_spiral
-from experiments.hexapod.testbed import Bench
+from experiments.hexapod.controller import nominal_loops
+from experiments.hexapod.simulation import SpiralRun, Trajectory, track_spiral
+from experiments.hexapod.testbed import Bench, Testbed
 from experiments.output.parallel import in_parallel
 from experiments.output.study import OnProgress
 from experiments.uncorrected.candidates import BENCH, CANDIDATES, COLUMNS, RETUNED, Candidate
@@ -114,10 +115,10 @@ def run_uncorrected(*, seed: int, quick: bool, on_progress: OnProgress) -> Uncor
     )
 
 
-def simulate(**call: Any) -> Trajectory | float:
+def simulate(testbed: Testbed, run: SpiralRun) -> Trajectory | float:
     """The run, or the time at which the physics left the finite numbers: a result, here."""
     try:
-        return track_spiral(**call)
+        return track_spiral(testbed, run)
     except SimulationDiverged as diverged:
         return diverged.time_s
 
@@ -126,12 +127,10 @@ def _call(
     candidate: Candidate, column: str, predicted: Predicted, seed: int, duration_s: float
 ) -> dict[str, Any]:
     """Arguments of `track_spiral` for one run."""
-    return candidate.run(column, seed) | {
-        "model": candidate.machine(load_model()),
-        "bench": candidate.bench,
-        "loops": predicted.loops,
-        "jacobian": "constant",
-        "duration_s": duration_s,
+    machine = candidate.machine(load_model())
+    return {
+        "testbed": Testbed(machine, candidate.bench, predicted.loops),
+        "run": replace(candidate.run(column, seed), duration_s=duration_s),
     }
 
 

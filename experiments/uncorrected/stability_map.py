@@ -7,11 +7,11 @@ import control
 import mujoco
 import numpy as np
 
-from experiments.hexapod.compensator import designed
+from experiments.hexapod.controller import designed, nominal_loops
 from experiments.hexapod.metrics import pointing_rms_urad, rms
 from experiments.hexapod.prediction import detector_noise_rad, driven_loop, predicted_error_rad
-from experiments.hexapod.simulation import Trajectory, nominal_loops
-from experiments.hexapod.testbed import Bench
+from experiments.hexapod.simulation import Trajectory
+from experiments.hexapod.testbed import Bench, Testbed
 from experiments.uncorrected.candidates import BENCH, COLUMNS, PAPER_RATIOS, RATIO_TOLERANCE
 from experiments.uncorrected.predicted import gain_and_plant
 from experiments.uncorrected.vibration import damped
@@ -147,9 +147,9 @@ def checked_calls(seed: int) -> list[dict[str, Any]]:
     for ratio, alpha_hz, roll_off_hz in CHECKED_POINTS:
         machine = damped(load_model(), ratio)
         bench = at_crossover(Bench(), alpha_hz, roll_off_hz)
-        loops = nominal_loops(machine, bench)
-        shared = {"model": machine, "bench": bench, "loops": loops, "jacobian": "constant"}
-        calls += [shared | BENCH.run(column, seed) for column in ("W_a", "W_a_uncorrected")]
+        testbed = Testbed(machine, bench, nominal_loops(machine, bench))
+        both = (BENCH.run(column, seed) for column in ("W_a", "W_a_uncorrected"))
+        calls += [{"testbed": testbed, "run": run} for run in both]
     return calls
 
 
@@ -160,8 +160,7 @@ def compare_checked(
     compared = []
     for k, (call, run) in enumerate(zip(calls, ended, strict=True)):
         ratio, alpha_hz, roll_off_hz = CHECKED_POINTS[k // 2]
-        prediction = {key: call[key] for key in call if key != "jacobian"}
-        error = predicted_error_rad(**prediction)
+        error = predicted_error_rad(**call)
         simulated = pointing_rms_urad(run).tolist() if isinstance(run, Trajectory) else None
         compared.append(
             {

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from experiments.hexapod.columns import COLUMNS
-from experiments.hexapod.mapping import StrutMapping
+from experiments.hexapod.controller import StrutMapping
 from experiments.hexapod.testbed import Bench
 from sim import Array, Plant, hexapod, linearize
 

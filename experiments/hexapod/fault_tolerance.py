@@ -1,0 +1,223 @@
+"""Fault tolerance of the hexapod: springs, failure atlas, dithers, diagnosis, supervisor."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import control
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from experiments.hexapod.choices import JacobianChoice
+from experiments.hexapod.columns import MAJOR
+from experiments.hexapod.controller import controller_for
+from experiments.hexapod.testbed import Bench, Testbed
+from experiments.output.plotting import BLACK, BLUE, SKY, VERMILION, YELLOW
+from ftc.controller import Controller
+from ftc.fdi.diagnosis import DEFAULT_CONFIG, Diagnosis, FdiConfig
+from ftc.fdi.dither import Dither
+from ftc.fdi.fault_model import KINDS, Fault, NominalModel
+from ftc.fdi.monitor import monitor
+from ftc.goal import Goal
+from ftc.springs import actuator_and_payload_stiffness
+from ftc.supervisor import Supervisor, reconfigured_goal
+from prioritized import ConstrainedSystem, FailureAtlas, failure_atlas
+from sim import Array, Failure, Plant, Pose, element_id, jacobians, joint_stiffness, linearize
+
+
+def strut_and_payload_stiffness(model: mujoco.MjModel) -> Array:
+    """Stiffness over [six strut displacements; payload twist in base axes], shape (12, 12).
+
+    The suspensions resist the struts; the flexures, all other springs, resist the payload.
+    """
+    jac = jacobians(model, mujoco.MjData(model), site="payload", axes="base")
+    free_joint = model.body_dofadr[element_id(model, "body", "payload")] + np.arange(6)
+    return actuator_and_payload_stiffness(
+        jac.J_T, jac.J_C, jac.active, free_joint, joint_stiffness(model)
+    )
+
+
+def elastic_system(
+    model: mujoco.MjModel, suspension: dict[int, float] | None = None
+) -> ConstrainedSystem:
+    """The whole mechanism with its springs, 42 velocities, at the nominal pose.
+
+    Args:
+        model: The hexapod.
+        suspension: Stiffness of some struts' suspensions by strut 0..5, [N]/[m].
+    """
+    jac = jacobians(model, mujoco.MjData(model), site="payload", axes="base")
+    stiffness = joint_stiffness(model)
+    for strut, value in (suspension or {}).items():
+        stiffness[jac.active[strut]] = value
+    return ConstrainedSystem(jac.J_T, jac.J_C, jac.active, stiffness=stiffness)
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What is left of the pointing task in some of the conditions.
+
+    Attributes:
+        name: As in `figures.json`.
+        label: For a reader.
+        color: On the map.
+        holds: In which conditions, shape (C,).
+    """
+
+    name: str
+    label: str
+    color: str
+    holds: NDArray[np.bool_]
+
+
+def verdicts(atlas: FailureAtlas) -> list[Verdict]:
+    """The atlas' flags as five verdicts of which each condition has exactly one.
+
+    Raises:
+        ValueError: The atlas has no elastic verdicts.
+    """
+    elastic = atlas.elastic
+    if elastic is None:
+        raise ValueError("atlas must be of a system with springs, got one without elastic verdicts")
+    lost = ~atlas.possible & ~elastic.possible
+    drifts = lost & elastic.unstable_major
+    held = lost & ~elastic.unstable_major
+    return [
+        Verdict("rigid", "exact, with or without springs", BLUE, atlas.possible),
+        Verdict(
+            "springs",
+            "exact because of the springs",
+            SKY,
+            elastic.possible & ~atlas.possible,
+        ),
+        Verdict("drifts", "payload drifts", VERMILION, drifts),
+        Verdict(
+            "one_direction", "one pointing direction left", YELLOW, held & (elastic.major_rank == 1)
+        ),
+        Verdict("none", "no pointing left", BLACK, held & (elastic.major_rank == 0)),
+    ]
+
+
+HEAVE = (1.0,) * 6
+"""All six struts lengthen and shorten together: the payload heaves along the line of sight.
+
+The columns of J_m of the six struts add up to zero, statically and, by the threefold symmetry of
+the machine, at any frequency. A strut that does not follow leaves its own column uncancelled: six
+directions in the plane of (alpha, beta), 60 degrees apart, and each strut has one to itself.
+"""
+
+STILL = Dither(0.0, 0.0, HEAVE)
+
+EXCITATION = (
+    Dither(10e-6, 3.0, direction=(1.0, 0.0, 0.0, 1.0, 0.0, 0.0)),
+    Dither(10e-6, 5.0, direction=(0.0, 1.0, 0.0, 0.0, 1.0, 0.0)),
+    Dither(10e-6, 7.0, direction=(0.0, 0.0, 1.0, 0.0, 0.0, 1.0)),
+    Dither(10e-6, 11.0, direction=(1.0, -1.0, 1.0, -1.0, 1.0, -1.0)),
+)
+"""Of a commissioning run: every direction in the null space of J_m, each at its frequency.
+Pointing alone shows two combinations of the six gains, and these the other four."""
+
+
+def excitation(time_s: float) -> Array:
+    """Desired strut displacements of a commissioning run, shape (6,)."""
+    return np.sum([dither.at(time_s) for dither in EXCITATION], axis=0)
+
+
+def nominal_model(
+    model: mujoco.MjModel, bench: Bench, *, strut_sensors: bool = False
+) -> NominalModel:
+    """The linear model of the machine without failures.
+
+    Args:
+        model: The machine.
+        bench: Periods and noise.
+        strut_sensors: Whether the outputs are (alpha, beta) and then the six gauges beside the
+            struts, or (alpha, beta) alone.
+    """
+    plant = Plant(model)
+    linear = linearize(plant.model, plant.data)
+    rows = [linear.C_twist[MAJOR]]
+    noise = [np.full(2, bench.detector_noise_m / bench.focal_length_m)]
+    if strut_sensors:
+        rows.append(linear.C_active)
+        noise.append(np.full(len(linear.C_active), bench.strut_sensor_noise_m))
+    return NominalModel(
+        plant=control.ss(linear.A, linear.B, np.vstack(rows), 0),
+        displacement=linear.C_active,
+        noise=np.concatenate(noise),
+        period_s=bench.control_period_s,
+        step_s=float(model.opt.timestep),
+    )
+
+
+def fault_of(failure: Failure) -> Fault:
+    """The fault that a failure leaves behind: what there is to find.
+
+    Raises:
+        ValueError: A strut that breaks loose is not among the kinds that are looked for.
+    """
+    if failure.kind == "loose":
+        raise ValueError(f"kind must be one of {', '.join(KINDS)}, got {failure.kind}")
+    return Fault(failure.strut, failure.kind, failure.strength if failure.kind == "weak" else 0.0)
+
+
+def fault_text(fault: Fault | None) -> str:
+    """A fault in words, its strut 1 to 6; None is no fault."""
+    if fault is None:
+        return "sound"
+    left = f" to {100 * fault.effectiveness:.0f} %" if fault.kind == "weak" else ""
+    return f"strut {fault.actuator + 1} {fault.kind}{left}"
+
+
+def fault_entry(fault: Fault) -> dict[str, Any]:
+    """A fault ready for JSON, its strut 1 to 6."""
+    left = {"strength": fault.effectiveness} if fault.kind == "weak" else {}
+    return {"strut": fault.actuator + 1, "kind": fault.kind} | left
+
+
+def supervisor(
+    testbed: Testbed,
+    goal: Goal,
+    *,
+    jacobian: JacobianChoice = "constant",
+    strut_sensors: bool = False,
+    dither: Dither = STILL,
+    config: FdiConfig = DEFAULT_CONFIG,
+    nominal: NominalModel | None = None,
+) -> Supervisor:
+    """Diagnosis and control for this machine.
+
+    Args:
+        testbed: The machine, sound, the constants around it, compensators; the plant of a run is
+            another.
+        goal: While all struts are sound.
+        jacobian: Of the mapping.
+        strut_sensors: Whether the diagnosis may use them.
+        dither: What finds failures sooner.
+        config: Rates and confidences.
+        nominal: What the diagnosis takes the machine for; None is the model's.
+    """
+    if nominal is None:
+        nominal = nominal_model(testbed.model, testbed.bench, strut_sensors=strut_sensors)
+    atlas = failure_atlas(elastic_system(testbed.model), MAJOR)
+
+    def controller(diagnoses: Sequence[Diagnosis]) -> Controller[Pose]:
+        known = reconfigured_goal(goal, diagnoses)
+        return controller_for(testbed, known, jacobian=jacobian)
+
+    def can_point(faults: Sequence[Fault]) -> bool:
+        assert atlas.elastic is not None  # the hexapod has springs
+        by_kind = {
+            kind: [fault.actuator for fault in faults if fault.kind == kind]
+            for kind in ("locked", "free")
+        }
+        return bool(atlas.elastic.possible[atlas.row(**by_kind)])
+
+    return Supervisor(
+        first=controller([]),
+        monitor=monitor(nominal, config=config),
+        secondary=dither.at,
+        reconfigured=controller,
+        can_point=can_point,
+    )

@@ -1,0 +1,111 @@
+"""What a mapping knows of its mechanism, and how the mechanism follows when actuators fail."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Protocol, TypeVar
+
+import numpy as np
+
+from argument_checks import Array, Indices
+from prioritized import ConstrainedSystem
+
+Pose = TypeVar("Pose")
+
+
+class Geometry(Protocol[Pose]):
+    """What a mapping knows of its mechanism, parallel or serial, all actuators sound.
+
+    A pose is the client's own type; the mapping only hands it back.
+    """
+
+    @property
+    def nominal(self) -> Pose:
+        """The pose that displacements are measured from."""
+        ...
+
+    @property
+    def system(self) -> ConstrainedSystem:
+        """The mechanism at the nominal pose, with springs where there are any."""
+        ...
+
+    def posture(self, pose: Pose) -> Pose:
+        """The pose at which the mapping is evaluated; the nominal one for a constant Jacobian."""
+        ...
+
+    def jacobian(self, posture: Pose) -> Array:
+        """What :meth:`placed` needs of a posture."""
+        ...
+
+    def placed(self, system: ConstrainedSystem, jacobian: Array) -> ConstrainedSystem:
+        """The system, failures and all, where the Jacobian is this."""
+        ...
+
+    def twist(self, posture: Pose, displacements_m: Array) -> Array:
+        """Task displacement (m,) of small displacements (n,) of the sound mechanism."""
+        ...
+
+    def moved(self, pose: Pose, displacements_m: Array) -> Pose:
+        """The pose to which displacements (n,) lead, from the pose one tick before."""
+        ...
+
+
+class LocalGeometry:
+    """Any mechanism about its nominal pose, from its Jacobians alone; poses are twists (m,)."""
+
+    def __init__(self, system: ConstrainedSystem) -> None:
+        """Take the sound mechanism at its nominal pose."""
+        self.system = system
+        self.nominal = np.zeros(len(system.J_T))
+        self._J = system.kinematics().J
+
+    def posture(self, pose: Array) -> Array:
+        """The nominal pose, whatever the present one."""
+        return self.nominal
+
+    def jacobian(self, posture: Array) -> Array:
+        """The task Jacobian, shape (m, N)."""
+        return self.system.J_T
+
+    def placed(self, system: ConstrainedSystem, jacobian: Array) -> ConstrainedSystem:
+        """The system where the task Jacobian is this."""
+        return system.at(J_T=jacobian)
+
+    def twist(self, posture: Array, displacements_m: Array) -> Array:
+        """Task displacement (m,) of displacements (n,)."""
+        return self._J @ displacements_m
+
+    def moved(self, pose: Array, displacements_m: Array) -> Array:
+        """The twist of displacements (n,)."""
+        return self._J @ displacements_m
+
+
+def without_springs(system: ConstrainedSystem, actuators: Sequence[int]) -> ConstrainedSystem:
+    """The mechanism without the springs of these actuators."""
+    if system.stiffness is None or not actuators:
+        return system
+    K, joints = system.stiffness.copy(), system.active[list(actuators)]
+    K[joints, joints] = 0.0
+    return replace(system, stiffness=K)
+
+
+def free_actuators_follow(released: ConstrainedSystem) -> Array:
+    """Displacements of all actuators per displacement of those that are held, shape (n, n)."""
+    kinematics, n = released.kinematics(), len(released.active)
+    follow = np.zeros((n, n))
+    follow[kinematics.actuators, kinematics.actuators] = 1.0
+    number = {velocity: k for k, velocity in enumerate(released.active.tolist())}
+    for velocity, gain in zip(kinematics.passive.tolist(), kinematics.passive_gain, strict=True):
+        if velocity in number:
+            follow[number[velocity], kinematics.actuators] = gain
+    return follow
+
+
+def yielded(released: ConstrainedSystem, locked_m: Array, survivors: Indices) -> Array:
+    """Least displacements (n,) of the survivors that the closed loops need around locked ones."""
+    kinematics, yielded_m = released.kinematics(), np.zeros(len(locked_m))
+    C = kinematics.active_constraint
+    if len(C) and locked_m.any():
+        needed = C @ locked_m[kinematics.actuators]
+        of_survivors = C[:, np.isin(kinematics.actuators, survivors)]
+        yielded_m[survivors] = -np.linalg.pinv(of_survivors) @ needed
+    return yielded_m
