@@ -246,7 +246,7 @@ def test_an_interrupted_run_leaves_no_folder_and_an_old_one_whole(tmp_path, rais
 
 @pytest.mark.parametrize(
     "study",
-    [study for study in STUDIES if study.name not in ("force", "uncorrected", "bench")],
+    [study for study in STUDIES if study.name not in ("figures", "force", "uncorrected", "bench")],
     ids=lambda study: study.name,
 )
 def test_a_study_lists_its_files_and_is_checked_by_its_json(request, study):

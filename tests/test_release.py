@@ -30,11 +30,11 @@ from sim import (
 EQUAL = (1.0,) * 6
 
 
-@pytest.fixture(scope="module")
 def failed(summary) -> list[str]:
     return [str(check) for check in checks(summary) if not check.passed]
 
 
+@pytest.fixture(scope="module")
 def spirals(release):
     return {spiral["name"]: spiral for spiral in release["spirals"]}
 

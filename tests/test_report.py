@@ -358,7 +358,6 @@ def test_the_code_hash_changes_with_a_source_and_not_with_the_report(tmp_path, m
     here = tmp_path / "experiments" / "app"
     here.mkdir(parents=True)
     monkeypatch.setattr(provenance, "ROOT", tmp_path)
-    monkeypatch.setattr(provenance, "APP", here)
     seen = {provenance.code_sha256()}
     rooms = ("argument_checks/a.py", "prioritized/a.py", "experiments/a.py")
     for name in ("sim/a.py", "sim/b/a.py", "models/a.xml", *rooms):

@@ -90,8 +90,7 @@ def track_spiral(testbed: Testbed, run: SpiralRun) -> Trajectory:
         ValueError: The floor's acceleration has not three columns, or ends before the spiral.
         sim.SimulationDiverged: The physics left the finite numbers.
     """
-    choice = {"jacobian": run.jacobian, "form": run.form}
-    pilot = controller_for(testbed, run.goal, **choice)
+    pilot = controller_for(testbed, run.goal, jacobian=run.jacobian, form=run.form)
     options = {
         "failures": run.failures,
         "seed": run.seed,
@@ -102,7 +101,7 @@ def track_spiral(testbed: Testbed, run: SpiralRun) -> Trajectory:
     }
     if run.reconfigured is None or not run.failures:
         return fly(testbed, pilot, **options)[0]
-    after = controller_for(testbed, run.reconfigured, **choice)
+    after = controller_for(testbed, run.reconfigured, jacobian=run.jacobian, form=run.form)
     first_s = min(failure.time_s for failure in run.failures)
     period_s = testbed.bench.control_period_s
     tick = 0 if first_s == 0 else ceil((run.lead_in_s + first_s) / period_s - 1e-6)

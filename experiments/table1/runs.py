@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from experiments.hexapod.choices import ConfigurationName, JacobianChoice
-from experiments.hexapod.columns import COLUMNS
+from experiments.hexapod.columns import COLUMNS, Column
 from experiments.hexapod.controller import Loop, nominal_loops
 from experiments.hexapod.metrics import plant_constants, rms
 from experiments.hexapod.prediction import predicted_error_rad, predicted_rms_rad
@@ -118,8 +118,11 @@ def run_table1(
     chosen, machine = CONFIGURATIONS[configuration], load_model(model)
     bench = chosen.bench
     duration_s = bench.quick_duration_s if quick else bench.duration_s
-    testbed = Testbed(machine, bench, loops := nominal_loops(machine, bench))
-    jobs = [(column, jacobian, seed) for column in COLUMNS]
+    loops = nominal_loops(machine, bench)
+    testbed = Testbed(machine, bench, loops)
+    jobs: list[tuple[Column, JacobianChoice, int]] = [
+        (column, jacobian, seed) for column in COLUMNS
+    ]
     jobs += [(column, other_jacobian(jacobian), seed) for column in COLUMNS]
     jobs.append((COLUMNS[0], jacobian, seed + 1))
     asked = [
