@@ -39,6 +39,7 @@ def portrait() -> Portrait:
 # What every figure keeps.
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "study", ["atlas", "bench", "figures", "goals", "jacobian", "recover", "sweep", "systems"]
 )

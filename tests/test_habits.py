@@ -244,6 +244,7 @@ def test_an_interrupted_run_leaves_no_folder_and_an_old_one_whole(tmp_path, rais
     assert (tmp_path / "old" / "a.npz").read_text() == "x"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "study",
     [study for study in STUDIES if study.name not in ("figures", "force", "uncorrected", "bench")],

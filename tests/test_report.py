@@ -300,6 +300,7 @@ def test_wrong_input_is_refused_before_any_work(report, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
 
 
+@pytest.mark.long
 def test_a_real_study_has_captions_for_its_figures_and_its_tables_as_they_are_printed(report):
     """The study of the other tests, run short."""
     study = next(each for each in STUDIES if each.name == "release")

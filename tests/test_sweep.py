@@ -454,6 +454,7 @@ def left(process: subprocess.Popen) -> list[psutil.Process]:
     return found
 
 
+@pytest.mark.long
 def test_ctrl_c_is_clean_even_while_a_worker_is_starting_again(tmp_path, sweep_design):
     out, scratch = tmp_path / "out", tmp_path / "scratch"
     scratch.mkdir()

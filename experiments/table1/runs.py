@@ -120,9 +120,8 @@ def run_table1(
     duration_s = bench.quick_duration_s if quick else bench.duration_s
     loops = nominal_loops(machine, bench)
     testbed = Testbed(machine, bench, loops)
-    jobs: list[tuple[Column, JacobianChoice, int]] = [
-        (column, jacobian, seed) for column in COLUMNS
-    ]
+    jobs: list[tuple[Column, JacobianChoice, int]]
+    jobs = [(column, jacobian, seed) for column in COLUMNS]
     jobs += [(column, other_jacobian(jacobian), seed) for column in COLUMNS]
     jobs.append((COLUMNS[0], jacobian, seed + 1))
     asked = [
