@@ -8,12 +8,7 @@ import numpy as np
 
 from experiments.goals import secondary_goals as goal
 from experiments.goals.arm import LOOP_GAIN_PER_S, PERIOD_S, TRACKER_NOISE_RAD, sweep
-from experiments.goals.control import (
-    Reweighing,
-    Seeker,
-    controllers,
-    no_rates,
-)
+from experiments.goals.control import Reweighing, Seeker, controllers, no_rates
 from experiments.goals.demonstration import (
     Demonstration,
     Outcome,

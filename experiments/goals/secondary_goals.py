@@ -115,18 +115,13 @@ def joint_weights(temperature_c: Array) -> Array:
     return 1.0 + (HEAVIEST - 1.0) * smooth_step((temperature_c - WARM_C) / (LIMIT_C - WARM_C))
 
 
-def stop_potential(displacements_m: Array, stroke_m: float) -> float:
-    """What the goal would have small, [m^2]/[s]: zero while no strut is near a stop.
-
-    Half the squares of what struts (6,) stand beyond the active part of their stroke, over the
-    time to come back; after Chaumette and Marchand (2000), reference [3] of the paper.
-    """
-    beyond = np.maximum(0.0, np.abs(displacements_m) - ACTIVE * stroke_m)
-    return float(0.5 * np.sum(beyond**2) / RELAX_S)
-
-
 def rates_from_stops(displacements_m: Array, stroke_m: float) -> Array:
-    """Desired strut rates (6,), [m]/[s]: down the gradient of :func:`stop_potential`."""
+    """Desired strut rates (6,), [m]/[s], zero while no strut is near a stop.
+
+    Down the gradient of half the squares of what struts (6,) stand beyond the active part of their
+    stroke, over the time to come back; after Chaumette and Marchand (2000), reference [3] of the
+    paper.
+    """
     beyond = np.maximum(0.0, np.abs(displacements_m) - ACTIVE * stroke_m)
     return -np.sign(displacements_m) * beyond / RELAX_S
 

@@ -153,10 +153,7 @@ def _grown(runs: Loops, growth: Growth, seed: int) -> dict[str, Any]:
     def costs(tracked: Tracked) -> dict[str, float]:
         changes = pointing_rms_urad(tracked.trajectory) / analytic_urad - 1
         largest = float(changes[np.abs(changes).argmax()])
-        return {
-            "extra_percent": tracked.extra_percent,
-            "pointing_cost_percent": 100 * largest,
-        }
+        return {"extra_percent": tracked.extra_percent, "pointing_cost_percent": 100 * largest}
 
     return {
         "name": str(growth),

@@ -54,10 +54,10 @@ class Constancy:
         J_0_mjcf: The same from the MJCF by eq. (14).
         variations: Eq. (40) by reading of (38) and norm.
         certificates: Upper bounds on ||J - J_0||, by norm, for the twist in base axes.
-        tried: e by norm, by the way in which eq. (40) is read: those that might give the paper's.
+        tried: e by norm, for each reading of eq. (40) that might give the paper's numbers.
         newton_error_m: Longest strut error after each Newton step from the nominal pose to the
             strut lengths where the Frobenius norm is largest.
-        loop: The closed-loop runs; empty where none were asked for.
+        loop: The closed-loop runs; empty without --loop.
     """
 
     seed: int
@@ -139,7 +139,7 @@ def _from_mjcf(model: mujoco.MjModel) -> Array:
 def other_readings(
     geometry: Hexapod, stroke_m: float, points: int, local_starts: int, seed: int
 ) -> dict[str, ByNorm]:
-    """What e is, by norm, in the ways that were tried beyond the readings of (38) itself.
+    """Values of e by norm for what was tried beyond the readings of (38) itself.
 
     The supremum of other matrices; e at random points, and local searches from the first of them.
     """

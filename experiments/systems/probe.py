@@ -81,7 +81,7 @@ def coast(rig: Rig) -> Array:
     """
     coasting = []
     for row in rig.task:
-        # A first, tiny push tells how hard to push.
+        # How far a first, tiny push leads decides how hard to push.
         _, peak = _pushed(rig, _TRIAL * np.eye(6)[row])
         moved, peak = _pushed(rig, _TRIAL * STEP / peak * np.eye(6)[row])
         coasting.append(moved / peak)
@@ -191,7 +191,7 @@ def _relative(difference: Array, *wholes: Array) -> float:
 def motion_error(kin: Kinematics, active: Array, moved: Array) -> float:
     """Payload motion against J times the active motion, and that against what the loops allow.
 
-    Relative; each row of the task against its own motion, so that no turn is weighed against a way.
+    Relative, each row of the task against its own motion: rotation and translation do not mix.
     """
     forbidden = kin.active_constraint @ active
     off = np.linalg.norm(moved - kin.J @ active, axis=1)

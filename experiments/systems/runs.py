@@ -11,14 +11,7 @@ from experiments.output.parallel import in_parallel
 from experiments.systems import probe
 from experiments.systems.probe import PERIOD_S, Polygon, Rig
 from prioritized import ConstrainedSystem, Kinematics, Manipulability
-from sim import (
-    HEXAPOD_MJCF,
-    Array,
-    Failure,
-    jacobians,
-    load_model,
-    mass_matrix,
-)
+from sim import HEXAPOD_MJCF, Array, Failure, jacobians, load_model, mass_matrix
 
 _TWIST_ROWS = ("turn x", "turn y", "turn z", "x", "y", "z")
 
