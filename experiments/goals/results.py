@@ -81,18 +81,16 @@ def checks(summary: dict[str, Any]) -> list[Check]:
     for goal in summary["goals"]:
         where, measure = goal["name"], goal["measure"]
         runs = {run["name"]: run for run in goal["runs"]}
-        found += [
-            closure_check(f"{where}, {name}", run["closure_residual_max_m"])
-            for name, run in runs.items()
-        ]
+        for name, run in runs.items():
+            found.append(closure_check(f"{where}, {name}", run["closure_residual_max_m"]))
         # Positive where the limit is broken, whichever its side.
         sign = 1 if goal["keeps_below"] else -1
         beyond = {name: sign * (run[measure] - goal["limit"]) for name, run in runs.items()}
-        found.append(
-            Check(f"{measure} beyond its limit", f"{where}, pursued", beyond["pursued"], 0)
-        )
         kept = f"distance of {measure} from its limit, which must be broken,"
-        found.append(Check(kept, f"{where}, nothing", -beyond["nothing"], 0))
+        found += [
+            Check(f"{measure} beyond its limit", f"{where}, pursued", beyond["pursued"], 0),
+            Check(kept, f"{where}, nothing", -beyond["nothing"], 0),
+        ]
         for key, what in CHANGES.items():
             change = max(map(abs, runs["pursued"][key]))
             noise = goal["another_seed"][key]
@@ -117,14 +115,13 @@ def table(summary: dict[str, Any]) -> Table:
         noise = {key: [value] for key, value in goal["another_seed"].items()}
         nothing = dict.fromkeys(("worst", "limit", "rms_urad", "peak_urad"))
         entries.append({"label": f"{goal['name']}, other seed", **nothing, **noise})
+    angles = {"RMS": "rms_urad", "peak": "peak_urad"}
+    angles |= {"change": "rms_change_urad", "by tick": "difference_rms_urad"}
     columns = (
         Column("", "label"),
         Column("worst", "worst", ".1f"),
         Column("limit", "limit", "g"),
-        Column("RMS", partial(_larger, "rms_urad")),
-        Column("peak", partial(_larger, "peak_urad")),
-        Column("change", partial(_larger, "rms_change_urad")),
-        Column("by tick", partial(_larger, "difference_rms_urad")),
+        *(Column(heading, partial(_larger, key)) for heading, key in angles.items()),
     )
     return tabulate(
         "Secondary measure at its worst; desired minus true pointing, larger angle, urad",
@@ -146,16 +143,12 @@ def _larger(key: str, entry: dict[str, Any]) -> str | None:
 def _entry(one: Demonstration, goals: Goals) -> dict[str, Any]:
     outcomes = goals.outcomes[one.name]
     runs = [_run(one, it, outcomes[it.name], outcomes[REFERENCE]) for it in goals.strategies]
-    return {
-        "name": one.name,
-        "title": one.title,
-        "machine": one.machine,
-        "measure": one.measure,
-        "limit": one.limit,
-        "keeps_below": one.keeps_below,
-        "angles": one.angles,
-        "judged_from_s": one.judged_from_s,
-        "settings": one.settings,
+    kept = {
+        field.name: getattr(one, field.name)
+        for field in fields(one)
+        if field.name not in ("run", "durations_s")
+    }
+    return kept | {
         "another_seed": _another_seed([run for run in runs if not run["limited"]]),
         "runs": runs,
         "recording": f"{one.name}.rrd",
@@ -187,16 +180,13 @@ def _run(
 
 def _another_seed(references: list[dict[str, Any]]) -> dict[str, float]:
     """What the seed alone changes, the most in either angle: between any two, and to the first."""
-
-    def all_of(key: str) -> Array:
-        return np.array([run[key] for run in references])
-
-    return {
-        "rms_change_urad": float(np.ptp(all_of("rms_urad"), axis=0).max()),
-        "peak_change_urad": float(np.ptp(all_of("peak_urad"), axis=0).max()),
-        "difference_rms_urad": float(all_of("difference_rms_urad").max()),
-        "difference_peak_urad": float(all_of("difference_peak_urad").max()),
-    }
+    found = {}
+    for what in ("rms", "peak"):
+        total = np.array([run[f"{what}_urad"] for run in references])
+        found[f"{what}_change_urad"] = float(np.ptp(total, axis=0).max())
+        key = f"difference_{what}_urad"
+        found[key] = max(max(run[key]) for run in references)
+    return found
 
 
 def _arrays(goal: dict[str, Any], ours: dict[str, Outcome]) -> dict[str, Array]:
@@ -226,12 +216,10 @@ def _record(
     about = About(identity, goal["title"], _notes(goal, properties), properties)
     path, shown = folder / goal["recording"], {key: ours[key] for key in ("pursued", "nothing")}
     if not on_hexapod:
-        driven = {
-            key: Driven(
-                one.time_s, one.arrays["joint_rad"], [_error(goal, one), *_plots(goal, one)]
-            )
-            for key, one in shown.items()
-        }
+        driven = {}
+        for key, one in shown.items():
+            plots = [_error(goal, one), *_plots(goal, one)]
+            driven[key] = Driven(one.time_s, one.arrays["joint_rad"], plots)
         write_mechanism(path, about, load_model(ARM_MJCF), driven)
         return
     model, marks = load_model(), []

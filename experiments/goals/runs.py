@@ -53,13 +53,11 @@ def run_reliability(strategy: Strategy, duration_s: float, loops: Loops) -> Outc
     model, bench = load_model(), Bench()
     controller_for = controllers(model, bench, loops, strategy)
     cold, period_s = controller_for(EQUAL), bench.control_period_s
-    path = off_axis_path(bench, goal.HOT_TARGET_URAD, duration_s)
+    pilot = Seeker(cold, no_rates, period_s)
     if strategy.pursues:
-        reweighing = Reweighing(controller_for, goal.COILS, cold.amplifier, period_s)
-        run, _ = fly(model, bench, reweighing, desired_rad=path, seed=strategy.seed)
-    else:
-        seeker = Seeker(cold, no_rates, period_s)
-        run, _ = fly(model, bench, seeker, desired_rad=path, seed=strategy.seed)
+        pilot = Reweighing(controller_for, goal.COILS, cold.amplifier, period_s)
+    path = off_axis_path(bench, goal.HOT_TARGET_URAD, duration_s)
+    run, _ = fly(model, bench, pilot, desired_rad=path, seed=strategy.seed)
     current_a = cold.amplifier.current_a(run.strut_input_percent)
     temperature_c = goal.COILS.temperatures_c(current_a, period_s)
     return _outcome(run, temperature_c.max(axis=1), temperature_c=temperature_c)
@@ -114,14 +112,10 @@ def run_singularity(strategy: Strategy, duration_s: float, loops: Loops) -> Outc
         angle_rad=goal.ANGLE_RAD,
         duration_s=duration_s,
         locked=goal.SHOULDER if strategy.limited else (),
-        rates=goal.rates_from_singularity if strategy.pursues else _no_joint_rates,
+        rates=goal.rates_from_singularity if strategy.pursues else None,
         major_weight=strategy.major_weight,
         seed=strategy.seed,
     )
-
-
-def _no_joint_rates(axes: Array, time_s: float) -> Array:
-    return np.zeros(axes.shape[1])
 
 
 def _outcome(run: Trajectory, measure: Array, **arrays: Array) -> Outcome:
@@ -143,9 +137,8 @@ DEMONSTRATIONS = (
         measure="hottest_coil_c",
         limit=goal.LIMIT_C,
         keeps_below=True,
+        durations_s=(16.0, 8.0),
         judged_from_s=JUDGED_FROM_S,
-        duration_s=16.0,
-        quick_duration_s=8.0,
         settings=goal.SETTINGS["reliability"],
     ),
     Demonstration(
@@ -155,9 +148,8 @@ DEMONSTRATIONS = (
         measure="stroke_margin_um",
         limit=goal.REACHED_UM,
         keeps_below=False,
+        durations_s=(10.0, 5.0),
         judged_from_s=JUDGED_FROM_S,
-        duration_s=10.0,
-        quick_duration_s=5.0,
         settings=goal.SETTINGS["stroke"],
     ),
     Demonstration(
@@ -167,9 +159,8 @@ DEMONSTRATIONS = (
         measure="clearance_um",
         limit=goal.TOUCHED_UM,
         keeps_below=False,
+        durations_s=(10.0, 5.0),
         judged_from_s=JUDGED_FROM_S,
-        duration_s=10.0,
-        quick_duration_s=5.0,
         settings=goal.SETTINGS["obstacle"],
     ),
     Demonstration(
@@ -181,9 +172,7 @@ DEMONSTRATIONS = (
         measure="condition_number",
         limit=goal.CONDITION,
         keeps_below=True,
-        judged_from_s=0.0,
-        duration_s=12.0,
-        quick_duration_s=8.0,
+        durations_s=(12.0, 8.0),
         settings=goal.SETTINGS["singularity"]
         | {
             "period_s": PERIOD_S,
@@ -221,7 +210,7 @@ def run_goals(
         {
             "run": one.run,
             "strategy": strategy,
-            "duration_s": one.quick_duration_s if quick else one.duration_s,
+            "duration_s": one.durations_s[quick],
             "loops": loops,
         }
         for one in DEMONSTRATIONS

@@ -19,15 +19,12 @@ _COLORS = {"locked": BLUE, "free": VERMILION, "weak": GREEN}
 
 def pictures(outcome: Recover, summary: dict[str, Any]) -> list[Picture]:
     """The study's figure and its caption."""
-    picture = Picture(
-        "recover",
-        "Unannounced actuator failures: delays, isolability, recovery, and failures in succession.",
-        "Panels with the delays until the failed strut is named, by kind of failure; how far apart "
-        "the failures look; pointing errors with and without recovery; and a run in which one or "
-        "several struts fail.",
-        partial(figure_recover, outcome, summary),
+    caption = "Unannounced actuator failures: delays, isolability, recovery, and one run."
+    alt = (
+        "Delays until the failed strut is named, by kind of failure; distances of the failures "
+        "from one another; pointing errors with and without recovery; a run with failures."
     )
-    return [picture]
+    return [Picture("recover", caption, alt, partial(figure_recover, outcome, summary))]
 
 
 def figure_recover(outcome: Recover, summary: dict[str, Any]) -> Figure:
@@ -81,10 +78,12 @@ def _distances(axes: Axes, ambiguity: dict[str, Any]) -> None:
 def _after(axes: Axes, cases: list[dict[str, Any]]) -> None:
     """Each case after recovery, against the informed controller's."""
     oracle = [case["rms_after_oracle_urad"] for case in cases]
-    unaware = [case["rms_after_uncorrected_urad"] for case in cases]
-    found = [case["rms_after_urad"] for case in cases]
-    axes.plot(oracle, unaware, "s", color=ORANGE, ms=3, alpha=0.6, label="fault-unaware")
-    axes.plot(oracle, found, "o", color=BLUE, ms=3, alpha=0.6, label="supervised")
+    for key, marker, color, label in (
+        ("rms_after_uncorrected_urad", "s", ORANGE, "fault-unaware"),
+        ("rms_after_urad", "o", BLUE, "supervised"),
+    ):
+        errors = [case[key] for case in cases]
+        axes.plot(oracle, errors, marker, color=color, ms=3, alpha=0.6, label=label)
     ends = [0, max(oracle)]
     axes.plot(ends, ends, color=BLACK, lw=0.8, label="informed")
     axes.set(title="pointing error after recovery, RMS", xlabel="informed at once, µrad")

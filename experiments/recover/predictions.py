@@ -50,11 +50,10 @@ class Setting:
     strut_sensors: bool
 
 
-SETTINGS = (
-    Setting("angles", STILL, strut_sensors=False),
-    Setting("angles, dither", DITHER, strut_sensors=False),
-    Setting("angles and struts", STILL, strut_sensors=True),
-    Setting("angles and struts, dither", DITHER, strut_sensors=True),
+SETTINGS = tuple(
+    Setting(f"{sensors}{words}", dither, strut_sensors=sensors != "angles")
+    for sensors in ("angles", "angles and struts")
+    for words, dither in (("", STILL), (", dither", DITHER))
 )
 
 

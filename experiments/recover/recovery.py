@@ -73,18 +73,11 @@ class Setup:
 
 @dataclass(frozen=True)
 class Scenario:
-    """One failure on the spiral.
-
-    Attributes:
-        fault: What fails.
-        time_s: On the spiral.
-        rest_m: Secondary displacement at which the struts stand, shape (6,).
-        seed: Of the sensors' noise.
-    """
+    """One failure on the spiral."""
 
     fault: Fault
     time_s: float
-    rest_m: tuple[float, ...]
+    rest_m: tuple[float, ...]  # secondary displacement at which the struts stand, (6,)
     seed: int
 
     @property
@@ -117,28 +110,16 @@ def draw(seed: int, number: int) -> list[Scenario]:
 
 @dataclass(frozen=True)
 class Identification:
-    """What a supervised controller made of a run.
-
-    Attributes:
-        failures: What happened, in the order of time.
-        struck: Tick of the first failure; ticks count from the start of the run.
-        diagnoses: All of them, in order.
-        standing: Those that stand in the end.
-        false_alarm: Whether there was an alarm before the first failure.
-        unexplained: Whether an alarm was given up.
-        task_lost: Whether the controller declared the task lost.
-        lost_rightly: Whether the failure atlas says so of what did happen.
-        closure_residual_max_m: Of the run.
-    """
+    """What a supervised controller made of a run; diagnoses and failures in the order of time."""
 
     failures: tuple[Failure, ...]
-    struck: int
+    struck: int  # tick of the first failure, from the start of the run
     diagnoses: tuple[Diagnosis, ...]
-    standing: tuple[Diagnosis, ...]
-    false_alarm: bool
-    unexplained: bool
-    task_lost: bool
-    lost_rightly: bool
+    standing: tuple[Diagnosis, ...]  # in the end
+    false_alarm: bool  # before the first failure
+    unexplained: bool  # whether an alarm was given up
+    task_lost: bool  # as the controller declares
+    lost_rightly: bool  # whether the failure atlas says so of what did happen
     closure_residual_max_m: float
 
     @property

@@ -124,9 +124,8 @@ def checks(summary: dict[str, Any]) -> list[Check]:
         closure_check("all runs", summary["closure_residual_max_m"]),
         Check("number of unstable pairs of fault and belief", worst, beliefs["unstable"], 1),
     ]
-    isolation = {key.replace("_", " "): counted for key, counted in summary["isolation"].items()}
-    for which in ("strut as first named", "strut and kind in the end"):
-        found.append(_isolated(which, isolation[which]["rate"]))
+    for which in ("strut_as_first_named", "strut_and_kind_in_the_end"):
+        found.append(_isolated(which.replace("_", " "), summary["isolation"][which]["rate"]))
     for which, ratio in summary["after_over_oracle"].items():
         what = "RMS after recovery over that of a controller informed at once"
         found.append(Check(what, which.replace("_", " "), ratio, OVER_ORACLE))
@@ -173,9 +172,8 @@ def recovery(summary: dict[str, Any]) -> Table:
         [Column(heading, heading) for heading in ("", *KINDS)],
         rows,
         "The controller's model is the simulated plant itself, which no real one is. Delays after "
-        "the failure; pointing errors before it, until recovery, and after. weak: a coil that has "
-        "lost part of its force. supervised: the failure is diagnosed; informed: the controller is "
-        "given it; fault-unaware: the controller goes on as before.",
+        "the failure; pointing errors before it, until recovery, and after. weak: part of the coil "
+        "force is lost. supervised: the failure is diagnosed; fault-unaware: it is ignored.",
     )
 
 
@@ -213,15 +211,19 @@ def notes(summary: dict[str, Any]) -> list[str]:
     beliefs, second = summary["beliefs"], summary["second_failure"]
     over, cost = summary["after_over_oracle"], summary["dither_cost"]
     change, reseeded = (max(map(abs, cost[f"{key}_urad"])) for key in ("change", "reseeded"))
+    strut, kind = (
+        _rate(isolation[key]) for key in ("strut_as_first_named", "strut_and_kind_in_the_end")
+    )
     lines = [
         f"Of the failures at a distance of {isolation['separation_required']:g} in the linear "
-        f"model, the strut was identified at first in {_rate(isolation['strut_as_first_named'])}, "
-        f"strut and kind in the end in {_rate(isolation['strut_and_kind_in_the_end'])}.",
-        *(
-            f"Diagnosed from {each['name']}: strut identified in {_rate(each['strut'])}, strut and "
-            f"kind in {_rate(each['strut_and_kind'])}."
-            for each in summary["settings"]
-        ),
+        f"model, the strut was identified at first in {strut}, strut and kind in the end in {kind}."
+    ]
+    lines += [
+        f"Diagnosed from {each['name']}: strut identified in {_rate(each['strut'])}, strut and "
+        f"kind in {_rate(each['strut_and_kind'])}."
+        for each in summary["settings"]
+    ]
+    lines += [
         f"After recovery the RMS error is {over['pooled']:.4f} times that of a controller informed "
         f"at once; {over['worst_case']:.4f} times in the worst case.",
         f"False alarms: {_alarms(alarms['flown'])} as simulated, "
@@ -281,8 +283,8 @@ def _isolation(
 
 def _delays_ms(recoveries: Sequence[Recovery], kind: str) -> dict[str, Any]:
     """From failure to alarm and to the first naming, of cases identified."""
-    found = [each.found.first for each in recoveries if each.scenario.fault.kind == kind]
-    first = [each for each in found if each is not None]
+    ours = [each.found for each in recoveries if each.scenario.fault.kind == kind]
+    first = [found.first for found in ours if found.first is not None]
     return {
         "alarm": _quantiles_ms([each.alarm_tick - STRUCK for each in first]),
         "named": _quantiles_ms([each.tick - STRUCK for each in first]),
@@ -376,18 +378,12 @@ def _record(outcome: Recover, summary: dict[str, Any], name: str, folder: Path) 
     entry, seed = summary["shown"][name], summary["seed"]
     ends = f"In the last second the pointing error is {entry['rms_in_the_end_urad']:.2f} urad RMS."
     if entry["task_lost"]:
-        ends = (
-            "The remaining struts cannot point any more: the task is declared lost, and the "
-            "commands stay constant."
-        )
+        ends = "The task is declared lost, and the commands stay constant."
     said = [
         f"Seed {seed}, constant Jacobian, W_a; the failures are unannounced.",
         "",
-        "Failures:",
-        *(f"- strut {e['strut']} {e['kind']} at {e['time_s']:g} s" for e in entry["happened"]),
-        "",
-        "Identified from the pointing angles, the commands and a dither:",
-        *(f"- strut {each['strut']} {each['kind']}" for each in entry["found"]),
+        *(f"- Strut {e['strut']} {e['kind']} at {e['time_s']:g} s" for e in entry["happened"]),
+        *(f"- Identified: strut {each['strut']} {each['kind']}" for each in entry["found"]),
         "",
         ends,
     ]

@@ -52,22 +52,21 @@ def informed_late_or_wrongly(setup: Setup, scenario: Scenario) -> list[dict[str,
     run, truth = fault_unaware(setup, scenario), scenario.fault
     news = [(truth, late_s) for late_s in LATE_S]
     news += [(Fault(k, "locked"), 0.0) for k in range(6) if k != truth.actuator]
-    entries = []
-    for fault, late_s in news:
+
+    def entry(fault: Fault, late_s: float) -> dict[str, Any]:
         stands_m = float(run.strut_displacement_m[STRUCK, fault.actuator])
         found = errors(informed(setup, scenario, fault, stands_m, late_s))
-        entries.append(
-            {
-                "truth": "sound" if truth.effectiveness == 1 else fault_text(truth),
-                "told": fault_text(fault),
-                "late_ms": 1e3 * late_s,
-                "peak_during_urad": found.peak_urad[1],
-                "rms_after_urad": found.rms_urad[2],
-                "rms_after_told_nothing_urad": errors(run).rms_urad[2],
-                "peak_after_urad": found.peak_urad[2],
-            }
-        )
-    return entries
+        return {
+            "truth": "sound" if truth.effectiveness == 1 else fault_text(truth),
+            "told": fault_text(fault),
+            "late_ms": 1e3 * late_s,
+            "peak_during_urad": found.peak_urad[1],
+            "rms_after_urad": found.rms_urad[2],
+            "rms_after_told_nothing_urad": errors(run).rms_urad[2],
+            "peak_after_urad": found.peak_urad[2],
+        }
+
+    return [entry(*each) for each in news]
 
 
 @dataclass(frozen=True)
@@ -121,11 +120,8 @@ def dither_cost(setup: Setup, scenario: Scenario, duration_s: float) -> dict[str
 
     still = rms_urad(STILL, scenario.seed)
     swinging, reseeded = rms_urad(DITHER, scenario.seed), rms_urad(STILL, scenario.seed + 1)
-    return {
-        "rms_urad": still.tolist(),
-        "change_urad": (swinging - still).tolist(),
-        "reseeded_urad": (reseeded - still).tolist(),
-    }
+    found = {"rms": still, "change": swinging - still, "reseeded": reseeded - still}
+    return {f"{name}_urad": angles.tolist() for name, angles in found.items()}
 
 
 def fault_free(

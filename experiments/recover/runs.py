@@ -82,11 +82,8 @@ def marks(run: Trajectory, found: Identification) -> list[Mark]:
     """For a recording: each failure, when its strut was first named, and the last diagnosis."""
     marks = []
     for failure in found.failures:
-        own = [
-            each
-            for each in found.diagnoses
-            if each.fault.actuator == failure.strut and run.time_s[each.tick] >= failure.time_s
-        ]
+        later = [e for e in found.diagnoses if run.time_s[e.tick] >= failure.time_s]
+        own = [each for each in later if each.fault.actuator == failure.strut]
         found_s = float(run.time_s[own[0].tick]) if own else np.inf
         words = f"found: {fault_text(own[-1].fault)}" if own else ""
         happened = fault_text(fault_of(failure))
@@ -113,28 +110,19 @@ SIZE: dict[str, tuple[Any, Any]] = {
 
 @dataclass(frozen=True)
 class Recover:
-    """All of it; what are dictionaries here are entries of the JSON file.
-
-    Attributes:
-        predicted: For each of `recoveries`, the distance from other struts, and from other kinds.
-        others: What was identified in other settings, by their names.
-        redrawn: As `fault_free`, with fresh noise.
-        model_error_urad: Largest fault-free residual without noise.
-        shown: Whole runs, by name.
-        plant: Constants of the plant.
-    """
+    """All of it; what are dictionaries here are entries of the JSON file."""
 
     seed: int
     recoveries: list[Recovery]
-    predicted: list[tuple[float, float]]
-    others: dict[str, list[Identification]]
+    predicted: list[tuple[float, float]]  # distance from other struts, and from other kinds
+    others: dict[str, list[Identification]]  # by setting
     lookalikes: list[dict[str, Any]]
     beliefs: list[dict[str, Any]]
     informed: list[dict[str, Any]]
     pairs: list[tuple[Trajectory, Identification]]
     fault_free: FaultFree
-    redrawn: FaultFree
-    model_error_urad: float
+    redrawn: FaultFree  # the same with fresh noise
+    model_error_urad: float  # largest fault-free residual without noise
     dither_design: list[dict[str, Any]]
     dither_cost: dict[str, Any]
     mismatches: list[dict[str, Any]]
@@ -158,21 +146,15 @@ def run_recover(
     simulated, redrawn, model_errors_urad = zip(*done["fault_free"], strict=True)
     return Recover(
         seed=seed,
-        recoveries=done["recoveries"],
-        predicted=done["predicted"],
         others={each.name: done[each.name] for each in OTHERS},
-        lookalikes=list(chain(*done["lookalikes"])),
-        beliefs=done["beliefs"][0],
-        informed=list(chain(*done["informed"])),
-        pairs=done["pairs"],
         fault_free=robustness.together(simulated),
         redrawn=robustness.together(redrawn),
         model_error_urad=max(model_errors_urad),
-        dither_design=done["dither_design"][0],
-        dither_cost=done["dither_cost"][0],
-        mismatches=list(chain(*done["mismatches"])),
         shown=dict(zip(SHOWN, done["shown"], strict=False)),
         plant=plant_constants(model),
+        **{name: done[name] for name in ("recoveries", "predicted", "pairs")},
+        **{name: done[name][0] for name in ("beliefs", "dither_design", "dither_cost")},
+        **{name: list(chain(*done[name])) for name in ("lookalikes", "informed", "mismatches")},
     )
 
 
