@@ -98,11 +98,6 @@ def run_release(
     A strut that loses its spring loses the preload that carries the weight: those runs, and the
     sweep, are in orbit. On the ground it falls to its stop, and is a locked strut from then on.
 
-    Args:
-        seed: Of the detector noise.
-        quick: Only the first seconds of the spiral, and three points of the sweep.
-        on_progress: Called with finished and total number of runs.
-
     Raises:
         sim.SimulationDiverged: The physics left the finite numbers.
     """

@@ -107,7 +107,7 @@ class Examination:
 
 @dataclass(frozen=True)
 class Systems:
-    """All examinations, by mechanism; `seed` is that of the directions tried."""
+    """All examinations, by mechanism."""
 
     seed: int
     examinations: dict[Mechanism, list[Examination]]
@@ -122,11 +122,7 @@ def run_systems(
 ) -> Systems:
     """Examine every mechanism in every condition, in parallel on the machine's cores.
 
-    Args:
-        seed: Of the directions in which the mechanisms are driven and push.
-        quick: Only the first three conditions of each.
-        on_progress: Called with finished and total number of examinations.
-        mechanisms: To be examined.
+    The seed is of the directions in which they are driven and push.
     """
     calls = [
         {"mechanism": mechanism, "condition": condition, "seed": seed}
