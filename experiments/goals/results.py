@@ -49,16 +49,15 @@ _DETAILS: dict[str, tuple[str, str, list[str], float]] = {
 
 def results(goals: Goals) -> Results:
     """Everything that `fjh goals` publishes."""
-    summary, outcomes = summarize(goals), goals.outcomes
+    summary = summarize(goals)
+    each = [(goal, goals.outcomes[goal["name"]]) for goal in summary["goals"]]
     return Results(
         summary,
         tables=(table(summary),),
         checks=checks(summary),
-        pictures=pictures(outcomes, summary),
-        arrays={goal["data"]: _arrays(goal, outcomes[goal["name"]]) for goal in summary["goals"]},
-        records=[
-            partial(_record, goal, outcomes[goal["name"]], summary) for goal in summary["goals"]
-        ],
+        pictures=pictures(goals.outcomes, summary),
+        arrays={goal["data"]: _arrays(goal, ours) for goal, ours in each},
+        records=[partial(_record, goal, ours, summary) for goal, ours in each],
     )
 
 
@@ -102,16 +101,11 @@ def table(summary: dict[str, Any]) -> Table:
     """One row for each goal and strategy, and one for what another seed changes."""
     entries = []
     for goal in summary["goals"]:
-        entries += [
-            {
-                "label": f"{goal['name']}, {strategy_label(run)}",
-                "worst": round(run[goal["measure"]], 1) + 0.0,
-                "limit": goal["limit"],
-                **run,
-            }
-            for run in goal["runs"]
-            if not run["name"].startswith(f"{REFERENCE}_seed")
-        ]
+        for run in goal["runs"]:
+            if not run["name"].startswith(f"{REFERENCE}_seed"):
+                label = f"{goal['name']}, {strategy_label(run)}"
+                worst = round(run[goal["measure"]], 1) + 0.0
+                entries.append({"label": label, "worst": worst, "limit": goal["limit"]} | run)
         noise = {key: [value] for key, value in goal["another_seed"].items()}
         nothing = dict.fromkeys(("worst", "limit", "rms_urad", "peak_urad"))
         entries.append({"label": f"{goal['name']}, other seed", **nothing, **noise})
@@ -164,16 +158,19 @@ def _run(
     error_urad, expected_urad = (1e6 * run.error_rad[judged] for run in (outcome, reference))
     difference_urad = 1e6 * (outcome.error_rad - reference.error_rad)
     peak, expected_peak = (np.abs(error).max(axis=0) for error in (error_urad, expected_urad))
+    angles = {
+        "rms": rms(error_urad),
+        "peak": peak,
+        "rms_change": rms(error_urad) - rms(expected_urad),
+        "peak_change": peak - expected_peak,
+        "difference_rms": rms(difference_urad),
+        "difference_peak": np.abs(difference_urad).max(axis=0),
+    }
     return {
         **asdict(strategy),
         one.measure: worst,
         "kept": one.is_kept(worst),
-        "rms_urad": rms(error_urad).tolist(),
-        "peak_urad": peak.tolist(),
-        "rms_change_urad": (rms(error_urad) - rms(expected_urad)).tolist(),
-        "peak_change_urad": (peak - expected_peak).tolist(),
-        "difference_rms_urad": rms(difference_urad).tolist(),
-        "difference_peak_urad": np.abs(difference_urad).max(axis=0).tolist(),
+        **{f"{what}_urad": both.tolist() for what, both in angles.items()},
         "closure_residual_max_m": outcome.closure_residual_max_m,
     }
 
@@ -216,10 +213,10 @@ def _record(
     about = About(identity, goal["title"], _notes(goal, properties), properties)
     path, shown = folder / goal["recording"], {key: ours[key] for key in ("pursued", "nothing")}
     if not on_hexapod:
-        driven = {}
-        for key, one in shown.items():
-            plots = [_error(goal, one), *_plots(goal, one)]
-            driven[key] = Driven(one.time_s, one.arrays["joint_rad"], plots)
+        driven = {
+            key: Driven(one.time_s, one.arrays["joint_rad"], _plots(goal, one))
+            for key, one in shown.items()
+        }
         write_mechanism(path, about, load_model(ARM_MJCF), driven)
         return
     model, marks = load_model(), []
@@ -231,28 +228,29 @@ def _record(
         key: Trajectory(one.time_s, **{each: one.arrays[each] for each in names})
         for key, one in shown.items()
     }
-    views = {key: Shown(runs[key], marks, _plots(goal, one)) for key, one in shown.items()}
+    # A run of the hexapod shows its pointing error anyway.
+    views = {key: Shown(runs[key], marks, _plots(goal, one)[1:]) for key, one in shown.items()}
     write_side_by_side(path, about, model, views)
 
 
 def _plots(goal: dict[str, Any], outcome: Outcome) -> list[Plot]:
-    measure = MEASURES[goal["measure"]].replace("$", "")
+    angles = [f"{angle} [urad]" for angle in goal["angles"]]
+    error, measure = "Pointing error, desired - true [urad]", _measure_words(goal)
     key, title, names, factor = _DETAILS[goal["name"]]
     return [
+        Plot("error", error, angles, outcome.time_s, 1e6 * outcome.error_rad),
         Plot("measure", measure, [measure], outcome.time_s, outcome.measure[:, None]),
         Plot("details", title, names, outcome.time_s, factor * outcome.arrays[key]),
     ]
 
 
-def _error(goal: dict[str, Any], outcome: Outcome) -> Plot:
-    names = [f"{angle} [urad]" for angle in goal["angles"]]
-    title = "Pointing error, desired - true [urad]"
-    return Plot("error", title, names, outcome.time_s, 1e6 * outcome.error_rad)
+def _measure_words(goal: dict[str, Any]) -> str:
+    return MEASURES[goal["measure"]].replace("$", "")
 
 
 def _notes(goal: dict[str, Any], properties: dict[str, Any]) -> str:
     """The goal in words and all strategies in a table, shown beside the views."""
-    measure, (first, second) = MEASURES[goal["measure"]].replace("$", ""), goal["angles"]
+    measure, (first, second) = _measure_words(goal), goal["angles"]
     columns = (
         Column("strategy", lambda run: run["name"].replace("_", " ")),
         Column(f"{measure}, worst", goal["measure"], ".4g"),

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -99,9 +98,8 @@ def run_obstacle(strategy: Strategy, duration_s: float, loops: Loops) -> Outcome
     failures = [Failure(goal.LOCKED_STRUT, "locked")]
     run, _ = fly(model, bench, seeker, desired_rad=path, failures=failures, seed=strategy.seed)
     poses = forward_kinematics(geometry, run.strut_displacement_m[::STRIDE])
-    clear_m = [
-        clearance(Pose(*pose))[0] for pose in zip(poses.rotation, poses.translation_m, strict=True)
-    ]
+    each = zip(poses.rotation, poses.translation_m, strict=True)
+    clear_m = [clearance(Pose(*pose))[0] for pose in each]
     return _outcome(run, 1e6 * np.repeat(clear_m, STRIDE)[: len(run.time_s)])
 
 
@@ -197,22 +195,12 @@ def run_goals(
 ) -> Goals:
     """Run every demonstration with every strategy, in parallel on the machine's cores.
 
-    Args:
-        seed: Of the sensor noise.
-        quick: Shorter runs, one weight.
-        on_progress: Called with finished and total number of runs.
-
     Raises:
         sim.SimulationDiverged: The physics left the finite numbers.
     """
     loops, chosen = nominal_loops(load_model(), Bench()), strategies(seed, quick)
     calls = [
-        {
-            "run": one.run,
-            "strategy": strategy,
-            "duration_s": one.durations_s[quick],
-            "loops": loops,
-        }
+        {"one": one, "strategy": strategy, "duration_s": one.durations_s[quick], "loops": loops}
         for one in DEMONSTRATIONS
         for strategy in chosen
     ]
@@ -222,5 +210,5 @@ def run_goals(
     return Goals(seed, chosen, outcomes)
 
 
-def _run(run: Callable[..., Outcome], **arguments: Any) -> Outcome:
-    return run(**arguments)
+def _run(one: Demonstration, strategy: Strategy, duration_s: float, loops: Loops) -> Outcome:
+    return one.run(strategy, duration_s, loops)

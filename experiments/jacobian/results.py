@@ -134,7 +134,8 @@ def _record(run: LoopRun, tracked: Tracked, summary: dict[str, Any], folder: Pat
         machine,
         Shown(tracked.trajectory, [Mark(0, 0.0, "strut 1 locked, known to the mapping")]),
         said=[
-            f"- {run.column}, strut 1 locked; spiral {run.growth}; seed {run.seed}, {duration_s:g} s.",
+            f"- {run.column}, strut 1 locked; seed {run.seed}, {duration_s:g} s.",
+            f"- Spiral {run.growth} as large as the paper's.",
             f"- {jacobian.capitalize()} Jacobian, {form} displacements.",
             f"- Off the optimum of the secondary goal by {tracked.extra_percent:.2f} %.",
             f"- e visited: {tracked.e_visited['frobenius']:.1e} (Frobenius), "

@@ -1,5 +1,6 @@
 """One failure on the spiral: a supervised controller beside an informed and a fault-unaware one."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -57,6 +58,11 @@ class Setup:
     def controller(self, goal: Goal = GOAL) -> Controller:
         """A controller for a goal, with the constant Jacobian."""
         return controller_for(self.model, self.bench, self.loops, goal, jacobian="constant")
+
+    def unaware(self, secondary: Callable[[float], Array]) -> Informed:
+        """The controller of GOAL, which goes on whatever happens, about a secondary reference."""
+        pilot = self.controller()
+        return Informed(pilot, pilot, NEVER, secondary=secondary)
 
     def supervised(self, dither: Dither, **options: Any) -> Supervisor:
         """The controller of GOAL with fault detection and isolation; options of `supervisor`."""
@@ -184,9 +190,7 @@ def identify(
 
 def fault_unaware(setup: Setup, scenario: Scenario) -> Trajectory:
     """The same run by a controller that goes on as if nothing had happened."""
-    pilot = setup.controller()
-    unaware = Informed(pilot, pilot, NEVER, secondary=scenario.dither(DITHER).at)
-    return setup.simulate(unaware, **scenario.run)[0]
+    return setup.simulate(setup.unaware(scenario.dither(DITHER).at), **scenario.run)[0]
 
 
 def informed(

@@ -267,15 +267,15 @@ def _alarms(counted: dict[str, Any]) -> str:
 def _isolation(
     recoveries: Sequence[Recovery], predicted: Sequence[tuple[float, float]]
 ) -> dict[str, Any]:
-    cases = [(each.found, *far) for each, far in zip(recoveries, predicted, strict=True)]
-    struts = [found for found, from_others, _ in cases if from_others >= ISOLABLE]
-    both = [found for found, *far in cases if min(far) >= ISOLABLE]
+    identified = [each.found for each in recoveries]
+    cases = list(zip(identified, predicted, strict=True))
+    struts = [found for found, (from_others, _) in cases if from_others >= ISOLABLE]
+    both = [found for found, far in cases if min(far) >= ISOLABLE]
     return {
         "separation_required": ISOLABLE,
         "strut_as_first_named": rate([each.strut_right for each in struts]),
         "strut_and_kind_in_the_end": rate([each.right for each in both]),
-        "all_cases_strut": rate([each.found.strut_right for each in recoveries]),
-        "all_cases_strut_and_kind": rate([each.found.right for each in recoveries]),
+        **{f"all_cases_{what}": counted for what, counted in rates(identified).items()},
         "smallest_separation_from_others": min(from_others for from_others, _ in predicted),
         "smallest_separation_from_kinds": min(from_kinds for _, from_kinds in predicted),
     }

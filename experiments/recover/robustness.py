@@ -28,7 +28,6 @@ from ftc.fdi.diagnosis import DEFAULT_CONFIG
 from ftc.fdi.dither import Dither
 from ftc.fdi.fault_model import Fault, NominalModel, fault_model
 from ftc.fdi.residual_test import ResidualTest, residual_test
-from ftc.oracle import NEVER, Informed
 from sim import Array
 
 LATE_S = (0.03, 0.1, 0.3, 1.0)
@@ -112,11 +111,10 @@ def rates(found: Sequence[Identification]) -> dict[str, Any]:
 
 def dither_cost(setup: Setup, scenario: Scenario, duration_s: float) -> dict[str, Any]:
     """RMS of the fault-free (alpha, beta) errors, and its change by the dither and by the seed."""
-    pilot = setup.controller()
 
     def rms_urad(dither: Dither, seed: int) -> Array:
-        never = Informed(pilot, pilot, NEVER, secondary=scenario.dither(dither).at)
-        return pointing_rms_urad(setup.simulate(never, seed=seed, duration_s=duration_s)[0])
+        pilot = setup.unaware(scenario.dither(dither).at)
+        return pointing_rms_urad(setup.simulate(pilot, seed=seed, duration_s=duration_s)[0])
 
     still = rms_urad(STILL, scenario.seed)
     swinging, reseeded = rms_urad(DITHER, scenario.seed), rms_urad(STILL, scenario.seed + 1)
@@ -167,10 +165,9 @@ def _fault_free(
     plant: mujoco.MjModel | None = None,
 ) -> tuple[Array, Array, Array]:
     """Commands from each tick on (N, 6); whitened (alpha, beta), measured and true, (N, 2) each."""
-    pilot = setup.controller()
-    never = Informed(pilot, pilot, NEVER, secondary=secondary)
+    pilot = setup.unaware(secondary)
     machine = setup if plant is None else replace(setup, model=plant)
-    run, _ = machine.simulate(never, seed=seed, duration_s=duration_s)
+    run, _ = machine.simulate(pilot, seed=seed, duration_s=duration_s)
     commanded_m = pilot.amplifier.displacement_m(run.strut_input_percent)
     return commanded_m, run.measured_rad / nominal.noise, run.true_rad / nominal.noise
 

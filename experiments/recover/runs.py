@@ -133,13 +133,7 @@ class Recover:
 def run_recover(
     *, seed: int, quick: bool, on_progress: Callable[[int, int], None] = lambda done, total: None
 ) -> Recover:
-    """Everything, independent jobs in parallel on the machine's cores.
-
-    Args:
-        seed: Of the failures drawn, and of all noise.
-        quick: A small set.
-        on_progress: Called with finished and total number of jobs.
-    """
+    """Everything, independent jobs in parallel on the machine's cores."""
     model, bench = load_model(), Bench()
     setup = Setup(model, bench, nominal_loops(model, bench))
     done = _by_name(setup, _jobs(seed, quick), on_progress)
