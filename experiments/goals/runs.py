@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -23,6 +24,7 @@ from experiments.hexapod.simulation import Trajectory, fly, nominal_loops
 from experiments.hexapod.testbed import Bench
 from experiments.output.parallel import in_parallel
 from ftc.goal import Goal
+from ftc.oracle import Pilot
 from sim import NOMINAL, Array, Failure, Pose, forward_kinematics, hexapod, load_model
 
 SLEW_S = 3.0
@@ -52,7 +54,7 @@ def run_reliability(strategy: Strategy, duration_s: float, loops: Loops) -> Outc
     model, bench = load_model(), Bench()
     controller_for = controllers(model, bench, loops, strategy)
     cold, period_s = controller_for(EQUAL), bench.control_period_s
-    pilot = Seeker(cold, no_rates, period_s)
+    pilot: Pilot[Any] = Seeker(cold, no_rates, period_s)
     if strategy.pursues:
         pilot = Reweighing(controller_for, goal.COILS, cold.amplifier, period_s)
     path = off_axis_path(bench, goal.HOT_TARGET_URAD, duration_s)

@@ -81,8 +81,8 @@ def run_jacobian(
     tried: dict[str, ByNorm] = {}
     for done, (name, reading) in enumerate(READINGS.items()):
         on_progress(done, steps)
-        found = {n: variation(geometry, stroke_m, n, reading, seed) for n in NORMS}
-        variations[name], tried[name] = found, {n: found[n].value for n in NORMS}
+        variations[name] = {n: variation(geometry, stroke_m, n, reading, seed) for n in NORMS}
+        tried[name] = {n: variations[name][n].value for n in NORMS}
     on_progress(steps - 2, steps)
     certificates: dict[Norm, Certificate] = {n: certify(geometry, stroke_m, n) for n in NORMS}
     on_progress(steps - 1, steps)

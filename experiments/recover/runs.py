@@ -138,7 +138,11 @@ def run_recover(
     setup = Setup(model, bench, nominal_loops(model, bench))
     done = _by_name(setup, _jobs(seed, quick), on_progress)
     simulated, redrawn, model_errors_urad = zip(*done["fault_free"], strict=True)
+    kept: dict[str, Any] = {name: done[name] for name in ("recoveries", "predicted", "pairs")}
+    kept |= {name: done[name][0] for name in ("beliefs", "dither_design", "dither_cost")}
+    kept |= {name: list(chain(*done[name])) for name in ("lookalikes", "informed", "mismatches")}
     return Recover(
+        **kept,
         seed=seed,
         others={each.name: done[each.name] for each in OTHERS},
         fault_free=robustness.together(simulated),
@@ -146,9 +150,6 @@ def run_recover(
         model_error_urad=max(model_errors_urad),
         shown=dict(zip(SHOWN, done["shown"], strict=False)),
         plant=plant_constants(model),
-        **{name: done[name] for name in ("recoveries", "predicted", "pairs")},
-        **{name: done[name][0] for name in ("beliefs", "dither_design", "dither_cost")},
-        **{name: list(chain(*done[name])) for name in ("lookalikes", "informed", "mismatches")},
     )
 
 
