@@ -35,30 +35,12 @@ JointRates = Callable[[Array, float], Array]
 
 
 @dataclass(frozen=True)
-class Tick:
-    """What is kept of one control period; see :func:`sweep` for the units."""
-
-    error_rad: Array
-    singular_values: Array
-    rates: Array
-    command_rad: Array
-    joint_rad: Array
-    closure_residual_m: float
-
-
-@dataclass(frozen=True)
 class ArmPosture:
-    """The arm as its controller knows it halfway through a control period.
+    """The arm as its controller knows it halfway through a control period."""
 
-    Attributes:
-        command_rad: Joint angles commanded at the start of the period, shape (7,).
-        J_T: Twist of the camera per joint rate in its own axes, shape (6, 7).
-        camera: Its axes in the base's, shape (3, 3).
-    """
-
-    command_rad: Array
-    J_T: Array
-    camera: Array
+    command_rad: Array  # joint angles at the start of the period, (7,)
+    J_T: Array  # twist of the camera per joint rate in its own axes, (6, 7)
+    camera: Array  # its axes in the base's, (3, 3)
 
 
 class ArmGeometry:
@@ -136,7 +118,7 @@ def sweep(
     angle_rad: float,
     duration_s: float,
     locked: Sequence[int],
-    rates: JointRates,
+    rates: JointRates | None,
     major_weight: float | None,
     seed: int,
 ) -> Outcome:
@@ -147,7 +129,7 @@ def sweep(
         angle_rad: How far.
         duration_s: Of the run; it ends with a rest.
         locked: Joints that are stuck from the start, and known to be.
-        rates: The secondary goal, theta_ad of eq. (24); W1 is the identity.
+        rates: The secondary goal, theta_ad of eq. (24), if any; W1 is the identity.
         major_weight: Of pointing in a weighted pseudo-inverse; None: it comes first.
         seed: Of the tracker's noise.
 
@@ -178,7 +160,8 @@ def sweep(
         arm = controller.estimate(state)
         ahead = arm.camera.T @ np.cross(views[k], views[k + 1] - views[k]) / PERIOD_S
         rates_d = np.zeros(model.nu)
-        rates_d[working] = rates(arm.J_T[:3, working], float(now))
+        if rates is not None:
+            rates_d[working] = rates(arm.J_T[:3, working], float(now))
         sensed = Sensed(-tracked, np.zeros(0))  # of the error itself: its reference is zero
         state = controller.step(
             state, np.zeros(2), sensed, rates_d, feedforward=ahead[:2], pose=arm
@@ -186,30 +169,17 @@ def sweep(
         speed = state.input_percent
         command = arm.command_rad + PERIOD_S * speed
         plant.step(command + lead_s * speed, PERIOD_S)
-        ticks.append(
-            Tick(
-                error_rad=np.array([off @ axis, off @ across]),
-                singular_values=np.linalg.svd(arm.J_T[np.ix_(POINTING, working)], compute_uv=False),
-                rates=speed,
-                command_rad=command,
-                joint_rad=plant.strut_displacement_m(),
-                closure_residual_m=plant.closure_residual_m(),
-            )
-        )
-    return _outcome(time_s, ticks)
-
-
-def _outcome(time_s: Array, ticks: Sequence[Tick]) -> Outcome:
-    singular_values = np.array([tick.singular_values for tick in ticks])
-    return Outcome(
-        time_s=time_s,
-        error_rad=np.array([tick.error_rad for tick in ticks]),
-        measure=singular_values[:, 0] / singular_values[:, -1],
-        closure_residual_max_m=max(tick.closure_residual_m for tick in ticks),
-        arrays={
-            "singular_values": singular_values,
-            "joint_rates_rad_per_s": np.array([tick.rates for tick in ticks]),
-            "joint_command_rad": np.array([tick.command_rad for tick in ticks]),
-            "joint_rad": np.array([tick.joint_rad for tick in ticks]),
-        },
-    )
+        J_m = arm.J_T[np.ix_(POINTING, working)]
+        kept = {
+            "error_rad": np.array([off @ axis, off @ across]),
+            "closure_residual_m": plant.closure_residual_m(),
+            "singular_values": np.linalg.svd(J_m, compute_uv=False),
+            "joint_rates_rad_per_s": speed,
+            "joint_command_rad": command,
+            "joint_rad": plant.strut_displacement_m(),
+        }
+        ticks.append(kept)
+    arrays = {name: np.array([tick[name] for tick in ticks]) for name in ticks[0]}
+    error_rad, closure_m = arrays.pop("error_rad"), arrays.pop("closure_residual_m")
+    condition_number = arrays["singular_values"][:, 0] / arrays["singular_values"][:, -1]
+    return Outcome(time_s, error_rad, condition_number, float(closure_m.max()), arrays)

@@ -67,13 +67,8 @@ def weighted_pseudo_inverse(
     is the library's own mapping with no row declared major: its answer compromises the major
     task "in accordance with the weight" (section 3).
 
-    Args:
-        J: Task Jacobian, shape (m, n).
-        major: Rows of v_m.
-        secondary: Rows of v_s.
-        major_weight: w.
-        joint_weight: W1, diagonal (n,); None is zero.
-        secondary_weight: W2, diagonal (m2,); None is zero.
+    `major` and `secondary` are rows of the task Jacobian J (m, n); the weights W1 (n,) and W2 (m2,)
+    are diagonals, None is zero.
 
     Raises:
         ValueError: As :func:`prioritized.velocity_mapping`.
@@ -133,10 +128,8 @@ def unrolled(sensed: Sensed, pose: Pose) -> Sensed:
     The detector turns with the payload: off the axis, a roll about it moves the spot although
     the pointing stays. What it reads and what is pointed at are compared at the estimated pose.
     """
-    reading = -pointing_angles(pose.rotation.T)
-    return replace(
-        sensed, pointing_rad=sensed.pointing_rad - reading + pointing_angles(pose.rotation)
-    )
+    read, pointed = -pointing_angles(pose.rotation.T), pointing_angles(pose.rotation)
+    return replace(sensed, pointing_rad=sensed.pointing_rad - read + pointed)
 
 
 StrutRates = Callable[[Array, Pose], Array]

@@ -12,20 +12,12 @@ from sim import Array
 
 @dataclass(frozen=True)
 class Strategy:
-    """How one run treats the secondary goal.
-
-    Attributes:
-        name: As in `goals.json`.
-        pursues: Whether the goal is pursued at all.
-        major_weight: Of the major rows in a weighted pseudo-inverse; None: they come first.
-        limited: Whether the limit is there: the stop, the obstacle, the broken shoulder.
-        seed: Of the sensor noise.
-    """
+    """How one run treats the secondary goal."""
 
     name: str
     pursues: bool
-    major_weight: float | None
-    limited: bool
+    major_weight: float | None  # in a weighted pseudo-inverse; None: the major rows come first
+    limited: bool  # whether the limit is there: the stop, the obstacle, the broken shoulder
     seed: int
 
 
@@ -49,51 +41,28 @@ def strategies(seed: int, quick: bool) -> tuple[Strategy, ...]:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What one run gave.
-
-    Attributes:
-        time_s: (N,).
-        error_rad: (N, 2), desired minus true pointing.
-        measure: (N,), of the secondary goal.
-        closure_residual_max_m: Largest gap of a closed loop.
-        arrays: Whatever else is kept of the run, time along the first axis.
-    """
+    """What one run gave; time is along the first axis."""
 
     time_s: Array
-    error_rad: Array
-    measure: Array
+    error_rad: Array  # desired minus true pointing, (N, 2)
+    measure: Array  # of the secondary goal, (N,)
     closure_residual_max_m: float
     arrays: dict[str, Array]
 
 
 @dataclass(frozen=True)
 class Demonstration:
-    """One secondary goal, and the run that needs it.
-
-    Attributes:
-        name: As in `goals.json`.
-        title: For people.
-        run: One run, given the strategy, its duration and the hexapod's compensators.
-        measure: Name of the secondary measure, with its unit.
-        limit: What the measure must stay below, or above.
-        keeps_below: Which of the two.
-        duration_s: Of a run; `quick_duration_s`: with --quick.
-        settings: Its chosen constants, units in the names.
-        machine: Its file in `models/`, without the ending.
-        angles: Names of the two columns of the pointing error.
-        judged_from_s: The pointing error counts from here on.
-    """
+    """One secondary goal, and the run that needs it."""
 
     name: str
     title: str
     run: Callable[[Strategy, float, tuple[Loop, Loop]], Outcome]
-    measure: str
-    limit: float
+    measure: str  # with its unit
+    limit: float  # of the measure, which stays below it or above
     keeps_below: bool
-    duration_s: float
-    quick_duration_s: float
+    durations_s: tuple[float, float]  # of the whole study's run, and with --quick
     settings: dict[str, Any]
-    machine: str = "fjh"
+    machine: str = "fjh"  # its file in `models/`
     angles: tuple[str, str] = ("alpha", "beta")
     judged_from_s: float = 0.0
 

@@ -28,15 +28,13 @@ Outcomes = dict[str, dict[str, Outcome]]
 
 def pictures(outcomes: Outcomes, summary: dict[str, Any]) -> list[Picture]:
     """The study's figure and its caption."""
-    picture = Picture(
-        "goals",
-        "Four secondary goals pursued through the mapping, not at all, and conventionally.",
-        "Four rows of panels over time: coil temperature, stroke left, clearance and condition "
-        "number keep clear of their limits only when pursued. Beside them the pointing errors, and "
-        "their changes, which stay below those of another seed where the goal is pursued.",
-        partial(figure_goals, outcomes, summary),
+    caption = "Four secondary goals pursued through the mapping, not at all, and conventionally."
+    alt = (
+        "Four rows of panels: coil temperature, stroke left, clearance and condition number keep "
+        "clear of their limits only when pursued. Beside them the pointing errors, and their "
+        "changes, which stay below those of another seed where the goal is pursued."
     )
-    return [picture]
+    return [Picture("goals", caption, alt, partial(figure_goals, outcomes, summary))]
 
 
 def strategy_label(run: dict[str, Any]) -> str:
@@ -89,11 +87,8 @@ def _error(axes: Axes, one: Demonstration, ours: dict[str, Outcome]) -> None:
     shown = styles(ours) | {REFERENCE: {"color": BLACK, "ls": ":", "label": "nothing to avoid"}}
     for name, style in shown.items():
         axes.semilogy(*_moving_rms(ours[name]), **style)
-    axes.set(
-        title=f"pointing error, RMS of {_WINDOW_S:g} s",
-        xlabel="time, s",
-        ylabel="both angles, µrad",
-    )
+    axes.set(title=f"pointing error, RMS of {_WINDOW_S:g} s", xlabel="time, s")
+    axes.set_ylabel("both angles, µrad")
     axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
     axes.yaxis.set_major_formatter("{x:g}")
     axes.minorticks_off()

@@ -47,16 +47,15 @@ _DETAILS: dict[str, tuple[str, str, list[str], float]] = {
 
 def results(goals: Goals) -> Results:
     """Everything that `fjh goals` publishes."""
-    summary, outcomes = summarize(goals), goals.outcomes
+    summary = summarize(goals)
+    each = [(goal, goals.outcomes[goal["name"]]) for goal in summary["goals"]]
     return Results(
         summary,
         tables=(table(summary),),
         checks=checks(summary),
-        pictures=pictures(outcomes, summary),
-        arrays={goal["data"]: _arrays(goal, outcomes[goal["name"]]) for goal in summary["goals"]},
-        records=[
-            partial(_record, goal, outcomes[goal["name"]], summary) for goal in summary["goals"]
-        ],
+        pictures=pictures(goals.outcomes, summary),
+        arrays={goal["data"]: _arrays(goal, ours) for goal, ours in each},
+        records=[partial(_record, goal, ours, summary) for goal, ours in each],
     )
 
 
@@ -79,18 +78,16 @@ def checks(summary: dict[str, Any]) -> list[Check]:
     for goal in summary["goals"]:
         where, measure = goal["name"], goal["measure"]
         runs = {run["name"]: run for run in goal["runs"]}
-        found += [
-            closure_check(f"{where}, {name}", run["closure_residual_max_m"])
-            for name, run in runs.items()
-        ]
+        for name, run in runs.items():
+            found.append(closure_check(f"{where}, {name}", run["closure_residual_max_m"]))
         # Positive where the limit is broken, whichever its side.
         sign = 1 if goal["keeps_below"] else -1
         beyond = {name: sign * (run[measure] - goal["limit"]) for name, run in runs.items()}
-        found.append(
-            Check(f"{measure} beyond its limit", f"{where}, pursued", beyond["pursued"], 0)
-        )
         kept = f"distance of {measure} from its limit, which must be broken,"
-        found.append(Check(kept, f"{where}, nothing", -beyond["nothing"], 0))
+        found += [
+            Check(f"{measure} beyond its limit", f"{where}, pursued", beyond["pursued"], 0),
+            Check(kept, f"{where}, nothing", -beyond["nothing"], 0),
+        ]
         for key, what in CHANGES.items():
             change = max(map(abs, runs["pursued"][key]))
             noise = goal["another_seed"][key]
@@ -102,27 +99,21 @@ def table(summary: dict[str, Any]) -> Table:
     """One row for each goal and strategy, and one for what another seed changes."""
     entries = []
     for goal in summary["goals"]:
-        entries += [
-            {
-                "label": f"{goal['name']}, {strategy_label(run)}",
-                "worst": round(run[goal["measure"]], 1) + 0.0,
-                "limit": goal["limit"],
-                **run,
-            }
-            for run in goal["runs"]
-            if not run["name"].startswith(f"{REFERENCE}_seed")
-        ]
+        for run in goal["runs"]:
+            if not run["name"].startswith(f"{REFERENCE}_seed"):
+                label = f"{goal['name']}, {strategy_label(run)}"
+                worst = round(run[goal["measure"]], 1) + 0.0
+                entries.append({"label": label, "worst": worst, "limit": goal["limit"]} | run)
         noise = {key: [value] for key, value in goal["another_seed"].items()}
         nothing = dict.fromkeys(("worst", "limit", "rms_urad", "peak_urad"))
         entries.append({"label": f"{goal['name']}, other seed", **nothing, **noise})
+    angles = {"RMS": "rms_urad", "peak": "peak_urad"}
+    angles |= {"change": "rms_change_urad", "by tick": "difference_rms_urad"}
     columns = (
         Column("", "label"),
         Column("worst", "worst", ".1f"),
         Column("limit", "limit", "g"),
-        Column("RMS", partial(_larger, "rms_urad")),
-        Column("peak", partial(_larger, "peak_urad")),
-        Column("change", partial(_larger, "rms_change_urad")),
-        Column("by tick", partial(_larger, "difference_rms_urad")),
+        *(Column(heading, partial(_larger, key)) for heading, key in angles.items()),
     )
     return tabulate(
         "Secondary measure at its worst; desired minus true pointing, larger angle, urad",
@@ -144,16 +135,12 @@ def _larger(key: str, entry: dict[str, Any]) -> str | None:
 def _entry(one: Demonstration, goals: Goals) -> dict[str, Any]:
     outcomes = goals.outcomes[one.name]
     runs = [_run(one, it, outcomes[it.name], outcomes[REFERENCE]) for it in goals.strategies]
-    return {
-        "name": one.name,
-        "title": one.title,
-        "machine": one.machine,
-        "measure": one.measure,
-        "limit": one.limit,
-        "keeps_below": one.keeps_below,
-        "angles": one.angles,
-        "judged_from_s": one.judged_from_s,
-        "settings": one.settings,
+    kept = {
+        field.name: getattr(one, field.name)
+        for field in fields(one)
+        if field.name not in ("run", "durations_s")
+    }
+    return kept | {
         "another_seed": _another_seed([run for run in runs if not run["limited"]]),
         "runs": runs,
         "recording": f"{one.name}.rrd",
@@ -169,32 +156,32 @@ def _run(
     error_urad, expected_urad = (1e6 * run.error_rad[judged] for run in (outcome, reference))
     difference_urad = 1e6 * (outcome.error_rad - reference.error_rad)
     peak, expected_peak = (np.abs(error).max(axis=0) for error in (error_urad, expected_urad))
+    angles = {
+        "rms": rms(error_urad),
+        "peak": peak,
+        "rms_change": rms(error_urad) - rms(expected_urad),
+        "peak_change": peak - expected_peak,
+        "difference_rms": rms(difference_urad),
+        "difference_peak": np.abs(difference_urad).max(axis=0),
+    }
     return {
         **asdict(strategy),
         one.measure: worst,
         "kept": one.is_kept(worst),
-        "rms_urad": rms(error_urad).tolist(),
-        "peak_urad": peak.tolist(),
-        "rms_change_urad": (rms(error_urad) - rms(expected_urad)).tolist(),
-        "peak_change_urad": (peak - expected_peak).tolist(),
-        "difference_rms_urad": rms(difference_urad).tolist(),
-        "difference_peak_urad": np.abs(difference_urad).max(axis=0).tolist(),
+        **{f"{what}_urad": both.tolist() for what, both in angles.items()},
         "closure_residual_max_m": outcome.closure_residual_max_m,
     }
 
 
 def _another_seed(references: list[dict[str, Any]]) -> dict[str, float]:
     """What the seed alone changes, the most in either angle: between any two, and to the first."""
-
-    def all_of(key: str) -> Array:
-        return np.array([run[key] for run in references])
-
-    return {
-        "rms_change_urad": float(np.ptp(all_of("rms_urad"), axis=0).max()),
-        "peak_change_urad": float(np.ptp(all_of("peak_urad"), axis=0).max()),
-        "difference_rms_urad": float(all_of("difference_rms_urad").max()),
-        "difference_peak_urad": float(all_of("difference_peak_urad").max()),
-    }
+    found = {}
+    for what in ("rms", "peak"):
+        total = np.array([run[f"{what}_urad"] for run in references])
+        found[f"{what}_change_urad"] = float(np.ptp(total, axis=0).max())
+        key = f"difference_{what}_urad"
+        found[key] = max(max(run[key]) for run in references)
+    return found
 
 
 def _arrays(goal: dict[str, Any], ours: dict[str, Outcome]) -> dict[str, Array]:
@@ -225,9 +212,7 @@ def _record(
     path, shown = folder / goal["recording"], {key: ours[key] for key in ("pursued", "nothing")}
     if not on_hexapod:
         driven = {
-            key: Driven(
-                one.time_s, one.arrays["joint_rad"], [_error(goal, one), *_plots(goal, one)]
-            )
+            key: Driven(one.time_s, one.arrays["joint_rad"], _plots(goal, one))
             for key, one in shown.items()
         }
         write_mechanism(path, about, load_model(ARM_MJCF), driven)
@@ -241,28 +226,29 @@ def _record(
         key: Trajectory(one.time_s, **{each: one.arrays[each] for each in names})
         for key, one in shown.items()
     }
-    views = {key: Shown(runs[key], marks, _plots(goal, one)) for key, one in shown.items()}
+    # A run of the hexapod shows its pointing error anyway.
+    views = {key: Shown(runs[key], marks, _plots(goal, one)[1:]) for key, one in shown.items()}
     write_side_by_side(path, about, model, views)
 
 
 def _plots(goal: dict[str, Any], outcome: Outcome) -> list[Plot]:
-    measure = MEASURES[goal["measure"]].replace("$", "")
+    angles = [f"{angle} [urad]" for angle in goal["angles"]]
+    error, measure = "Pointing error, desired - true [urad]", _measure_words(goal)
     key, title, names, factor = _DETAILS[goal["name"]]
     return [
+        Plot("error", error, angles, outcome.time_s, 1e6 * outcome.error_rad),
         Plot("measure", measure, [measure], outcome.time_s, outcome.measure[:, None]),
         Plot("details", title, names, outcome.time_s, factor * outcome.arrays[key]),
     ]
 
 
-def _error(goal: dict[str, Any], outcome: Outcome) -> Plot:
-    names = [f"{angle} [urad]" for angle in goal["angles"]]
-    title = "Pointing error, desired - true [urad]"
-    return Plot("error", title, names, outcome.time_s, 1e6 * outcome.error_rad)
+def _measure_words(goal: dict[str, Any]) -> str:
+    return MEASURES[goal["measure"]].replace("$", "")
 
 
 def _notes(goal: dict[str, Any], properties: dict[str, Any]) -> str:
     """The goal in words and all strategies in a table, shown beside the views."""
-    measure, (first, second) = MEASURES[goal["measure"]].replace("$", ""), goal["angles"]
+    measure, (first, second) = _measure_words(goal), goal["angles"]
     columns = (
         Column("strategy", lambda run: run["name"].replace("_", " ")),
         Column(f"{measure}, worst", goal["measure"], ".4g"),

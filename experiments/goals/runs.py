@@ -23,6 +23,7 @@ from experiments.hexapod.simulation import Trajectory, fly
 from experiments.hexapod.testbed import Bench, Testbed, grown_bench, grown_machine
 from experiments.output.parallel import in_parallel
 from ftc.goal import Goal
+from ftc.oracle import Pilot
 from sim import NOMINAL, Array, Failure, Pose, forward_kinematics, hexapod, load_model
 
 SLEW_S = 3.0
@@ -53,13 +54,11 @@ def run_reliability(strategy: Strategy, duration_s: float, loops: Loops) -> Outc
     testbed = Testbed(load_model(), bench, loops)
     controller_for = controllers(testbed, strategy)
     cold, period_s = controller_for(EQUAL), bench.control_period_s
-    path = off_axis_path(bench, goal.HOT_TARGET_URAD, duration_s)
+    pilot: Pilot[Any] = Seeker(cold, no_rates, period_s)
     if strategy.pursues:
-        reweighing = Reweighing(controller_for, goal.COILS, cold.amplifier, period_s)
-        run, _ = fly(testbed, reweighing, desired_rad=path, seed=strategy.seed)
-    else:
-        seeker = Seeker(cold, no_rates, period_s)
-        run, _ = fly(testbed, seeker, desired_rad=path, seed=strategy.seed)
+        pilot = Reweighing(controller_for, goal.COILS, cold.amplifier, period_s)
+    path = off_axis_path(bench, goal.HOT_TARGET_URAD, duration_s)
+    run, _ = fly(testbed, pilot, desired_rad=path, seed=strategy.seed)
     current_a = cold.amplifier.current_a(run.strut_input_percent)
     temperature_c = goal.COILS.temperatures_c(current_a, period_s)
     return _outcome(run, temperature_c.max(axis=1), temperature_c=temperature_c)
@@ -103,9 +102,8 @@ def run_obstacle(strategy: Strategy, duration_s: float, loops: Loops) -> Outcome
     failures = [Failure(goal.LOCKED_STRUT, "locked")]
     run, _ = fly(testbed, seeker, desired_rad=path, failures=failures, seed=strategy.seed)
     poses = forward_kinematics(geometry, run.strut_displacement_m[::STRIDE])
-    clear_m = [
-        clearance(Pose(*pose))[0] for pose in zip(poses.rotation, poses.translation_m, strict=True)
-    ]
+    each = zip(poses.rotation, poses.translation_m, strict=True)
+    clear_m = [clearance(Pose(*pose))[0] for pose in each]
     return _outcome(run, 1e6 * np.repeat(clear_m, STRIDE)[: len(run.time_s)])
 
 
@@ -116,14 +114,10 @@ def run_singularity(strategy: Strategy, duration_s: float, loops: Loops) -> Outc
         angle_rad=goal.ANGLE_RAD,
         duration_s=duration_s,
         locked=goal.SHOULDER if strategy.limited else (),
-        rates=goal.rates_from_singularity if strategy.pursues else _no_joint_rates,
+        rates=goal.rates_from_singularity if strategy.pursues else None,
         major_weight=strategy.major_weight,
         seed=strategy.seed,
     )
-
-
-def _no_joint_rates(axes: Array, time_s: float) -> Array:
-    return np.zeros(axes.shape[1])
 
 
 def _outcome(run: Trajectory, measure: Array, **arrays: Array) -> Outcome:
@@ -145,9 +139,8 @@ DEMONSTRATIONS = (
         measure="hottest_coil_c",
         limit=goal.LIMIT_C,
         keeps_below=True,
+        durations_s=(16.0, 8.0),
         judged_from_s=JUDGED_FROM_S,
-        duration_s=16.0,
-        quick_duration_s=8.0,
         settings=goal.SETTINGS["reliability"],
     ),
     Demonstration(
@@ -157,9 +150,8 @@ DEMONSTRATIONS = (
         measure="stroke_margin_um",
         limit=goal.REACHED_UM,
         keeps_below=False,
+        durations_s=(10.0, 5.0),
         judged_from_s=JUDGED_FROM_S,
-        duration_s=10.0,
-        quick_duration_s=5.0,
         settings=goal.SETTINGS["stroke"],
     ),
     Demonstration(
@@ -169,9 +161,8 @@ DEMONSTRATIONS = (
         measure="clearance_um",
         limit=goal.TOUCHED_UM,
         keeps_below=False,
+        durations_s=(10.0, 5.0),
         judged_from_s=JUDGED_FROM_S,
-        duration_s=10.0,
-        quick_duration_s=5.0,
         settings=goal.SETTINGS["obstacle"],
     ),
     Demonstration(
@@ -183,9 +174,7 @@ DEMONSTRATIONS = (
         measure="condition_number",
         limit=goal.CONDITION,
         keeps_below=True,
-        judged_from_s=0.0,
-        duration_s=12.0,
-        quick_duration_s=8.0,
+        durations_s=(12.0, 8.0),
         settings=goal.SETTINGS["singularity"]
         | {
             "period_s": PERIOD_S,
@@ -210,22 +199,12 @@ def run_goals(
 ) -> Goals:
     """Run every demonstration with every strategy, in parallel on the machine's cores.
 
-    Args:
-        seed: Of the sensor noise.
-        quick: Shorter runs, one weight.
-        on_progress: Called with finished and total number of runs.
-
     Raises:
         sim.SimulationDiverged: The physics left the finite numbers.
     """
     loops, chosen = nominal_loops(load_model(), Bench()), strategies(seed, quick)
     calls = [
-        {
-            "run": one.run,
-            "strategy": strategy,
-            "duration_s": one.quick_duration_s if quick else one.duration_s,
-            "loops": loops,
-        }
+        {"one": one, "strategy": strategy, "duration_s": one.durations_s[quick], "loops": loops}
         for one in DEMONSTRATIONS
         for strategy in chosen
     ]
@@ -235,5 +214,5 @@ def run_goals(
     return Goals(seed, chosen, outcomes)
 
 
-def _run(run: Callable[..., Outcome], **arguments: Any) -> Outcome:
-    return run(**arguments)
+def _run(one: Demonstration, strategy: Strategy, duration_s: float, loops: Loops) -> Outcome:
+    return one.run(strategy, duration_s, loops)

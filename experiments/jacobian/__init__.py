@@ -19,12 +19,5 @@ STUDY = Study(
     results="experiments.jacobian.results:results",
     quick="Few local searches; with --loop three sizes, 4 s each.",
     seed="the searches and the detector noise",
-    options=(
-        Option(
-            "loop",
-            bool,
-            False,
-            "Also track the spiral with each Jacobian at growing sizes: 5 minutes.",
-        ),
-    ),
+    options=(Option("loop", bool, False, "Also track the spiral, at growing sizes: 5 minutes."),),
 )

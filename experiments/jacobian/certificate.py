@@ -22,7 +22,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import product
 from math import factorial, prod
-from typing import NamedTuple
+from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -38,17 +38,20 @@ _VERTICES = np.array([(1.0, *rest) for rest in product((1.0, -1.0), repeat=5)])
 """Half of the box's; the others are their negatives, with the same norms."""
 
 
-class Series(NamedTuple):
-    """Taylor coefficients in t of what moves along a ray, from order 0 on."""
-
-    arm: list[Array]  # p, (..., 6, 3)
-    from_bottom: list[Array]  # x - b, (..., 6, 3)
-    over_length: list[Array]  # 1 / (L + t d), (..., 6, 1)
-    A: list[Array]  # inverse Jacobian, (..., 6, 6)
-    J: list[Array]
+Kind = TypeVar("Kind", Array, float)
 
 
-def jacobian_series(geometry: Hexapod, direction_m: Array, order: int) -> Series:
+class Series(NamedTuple, Generic[Kind]):
+    """Taylor coefficients in t of what moves along a ray, from order 0 on; or their norms."""
+
+    arm: list[Kind]  # p, (..., 6, 3)
+    from_bottom: list[Kind]  # x - b, (..., 6, 3)
+    over_length: list[Kind]  # 1 / (L + t d), (..., 6, 1)
+    A: list[Kind]  # inverse Jacobian, (..., 6, 6)
+    J: list[Kind]
+
+
+def jacobian_series(geometry: Hexapod, direction_m: Array, order: int) -> Series[Array]:
     """Taylor coefficients of J(t d), and of what it is made of, about t = 0, for d (..., 6)."""
     L, J_0 = geometry.nominal_length_m, np.linalg.inv(geometry.inverse_jacobian(NOMINAL))
     over_length = [(-direction_m / L)[..., None] ** k / L[:, None] for k in range(order + 1)]
@@ -172,25 +175,13 @@ def unscaled(length_m: float, norm: Norm) -> float:
     return float(size(np.diag([1 / length_m] * 3 + [1.0] * 3), norm))
 
 
-class Bounds(NamedTuple):
-    """Bounds on the coefficients of a :class:`Series` at any point of any ray in the box.
-
-    Lengths for vectors, 2-norms for matrices: of A / D and of D J.
-    """
-
-    arm: list[float]
-    from_bottom: list[float]
-    over_length: list[float]
-    A: list[float]
-    J: list[float]
-
-
 def coefficient_bounds(
     geometry: Hexapod, stroke_m: float, length_m: float, largest_J: float
-) -> Bounds:
-    """The recursion of :func:`jacobian_series` with norms for vectors.
+) -> Series[float]:
+    """Bounds on the coefficients of :func:`jacobian_series` at any point of any ray in the box.
 
-    Half the side of the box, the stroke, is less than the shortest strut; length_m is c of
+    The same recursion, with lengths for vectors and 2-norms for matrices, of A / D and of D J. The
+    stroke, half the side of the box, is less than the shortest strut; length_m is c of
     D = diag(c, c, c, 1, 1, 1), at which turns are measured; ||D J|| <= largest_J on the rays.
     """
     L, shortest = geometry.nominal_length_m, float(geometry.nominal_length_m.min()) - stroke_m
@@ -210,4 +201,4 @@ def coefficient_bounds(
         arm.append(sum(turning[m] * arm[k - m] for m in range(k + 1)) / (k + 1))
         from_bottom.append(J[k] * displacement / (k + 1))
         strut.append(from_bottom[-1] + arm[-1])
-    return Bounds(arm, from_bottom, over_length, A, J)
+    return Series(arm, from_bottom, over_length, A, J)

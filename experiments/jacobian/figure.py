@@ -26,22 +26,19 @@ from sim import Hexapod, hexapod, load_model
 
 def pictures(summary: dict[str, Any]) -> list[Picture]:
     """The figure of eq. (40), and with the closed-loop runs one of these."""
-    found = [
-        Picture(
-            "jacobian",
-            "How far the Jacobian departs from its nominal value over the stroke.",
-            "Left: the change in both norms at the 64 corners of the box of strut lengths, sorted, "
-            "below the certified bounds and mostly above the paper's values. Right: 2-norm against "
-            "Frobenius norm for every reading of eq. (40) that was tried, and the paper's pair.",
-            partial(figure_variation, hexapod(load_model()), summary),
-        )
-    ]
+    caption = "How far the Jacobian departs from its nominal value over the stroke."
+    alt = (
+        "Left: the change in both norms at the 64 corners of the box of strut lengths, below the "
+        "certified bounds and mostly above the paper's values. Right: 2-norm against Frobenius "
+        "norm for every reading of eq. (40) that was tried, and the paper's pair."
+    )
+    draw = partial(figure_variation, hexapod(load_model()), summary)
+    found = [Picture("jacobian", caption, alt, draw)]
     if loop := summary.get("loop"):
         alt = (
-            "Distance from the optimum of the secondary goal in percent over eq. (40) of the "
-            "lengths visited, and of the box: by geometry a straight line for the constant "
-            "Jacobian; four forms of the mapping as run, of which only the Gauss-Newton step stays "
-            "at the floor; the loop gain."
+            "Distance from the optimum of the secondary goal over eq. (40) of the lengths visited, "
+            "and of the box: a straight line for the constant Jacobian by geometry; of four forms "
+            "of the mapping only the Gauss-Newton step stays at the floor; the loop gain."
         )
         caption = "What a constant Jacobian costs as spiral and stroke grow."
         found.append(Picture("jacobian_loop", caption, alt, partial(figure_loop, loop)))
@@ -87,9 +84,7 @@ def _search(axes: Axes, summary: dict[str, Any]) -> None:
     axes.add_patch(Rectangle((corner[0], corner[1]), 2 * half, 2 * half, color=BLACK, zorder=3))
     axes.plot([], [], "s", color=BLACK, label="paper, with its rounding")
     axes.plot([], [], "o", color=BLUE, mfc="none", label="a reading of (40)")
-    axes.plot(
-        [], [], "o-", color=GREEN, mfc="none", label="fits on a part of the stroke, or on more"
-    )
+    axes.plot([], [], "o-", color=GREEN, mfc="none", label="fits on a part of the stroke or more")
     axes.set(xlabel="e, Frobenius norm, 1e-3", ylabel="e, 2-norm, 1e-3", xlim=(0, 4.2))
     axes.set_ylim(0, 6)
     axes.legend(loc="upper left")

@@ -73,21 +73,13 @@ class LoopRun:
 
 @dataclass(frozen=True)
 class Tracked:
-    """What a run gave.
-
-    Attributes:
-        trajectory: The run itself.
-        extra_percent: Distance from the optimum at the same pointing, of what the optimum costs.
-        static_extra_percent: The same on the geometry alone.
-        e_visited: Eq. (40) over the strut displacements that were visited, by norm.
-        loop_gain_error: Largest ||J_m M_0 - I|| over them, M_0 the constant mapping.
-    """
+    """A run, and what its Jacobian cost."""
 
     trajectory: Trajectory
-    extra_percent: float
-    static_extra_percent: float
-    e_visited: dict[Norm, float]
-    loop_gain_error: float
+    extra_percent: float  # distance from the optimum at the same pointing, of its cost
+    static_extra_percent: float  # the same on the geometry alone
+    e_visited: dict[Norm, float]  # eq. (40) over the strut displacements that were visited
+    loop_gain_error: float  # largest ||J_m M_0 - I|| over them, M_0 the constant mapping
 
 
 def loop_runs(seed: int, quick: bool) -> list[LoopRun]:
@@ -103,11 +95,6 @@ def run_loop(
     *, seed: int, quick: bool, on_progress: Callable[[int, int], None]
 ) -> dict[LoopRun, Tracked]:
     """Track the spiral with each variant, in parallel on the machine's cores.
-
-    Args:
-        seed: Of the detector noise.
-        quick: Only the first seconds of the spiral, one column, and three sizes.
-        on_progress: Called with finished and total number of runs.
 
     Raises:
         sim.SimulationDiverged: The physics left the finite numbers.

@@ -58,15 +58,10 @@ def summarize_loop(runs: Loops, seed: int) -> dict[str, Any]:
 def loop_checks(loop: dict[str, Any]) -> list[Check]:
     """Loops stay closed, and the constant Jacobian costs what geometry and floor together say."""
     # A gap counts against the angles that are tracked: here they grow with the spiral.
-    found = [
-        Check(
-            "closure residual [m]",
-            run["name"],
-            run["closure_residual_max_m"],
-            CLOSURE_LIMIT_M * run["spiral_factor"],
-        )
-        for run in loop["runs"]
-    ]
+    found = []
+    for run in loop["runs"]:
+        gap_m, limit_m = run["closure_residual_max_m"], CLOSURE_LIMIT_M * run["spiral_factor"]
+        found.append(Check("closure residual [m]", run["name"], gap_m, limit_m))
     for one in loop["growth"]:
         extra = {name: variant["extra_percent"] for name, variant in one["variants"].items()}
         expected = np.hypot(one["static_extra_percent"], extra["relinearized"])
@@ -173,25 +168,20 @@ def _grown(runs: Loops, growth: Growth, seed: int) -> dict[str, Any]:
 def _costs(growth: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """Where the constant Jacobian begins to cost 1 % and 10 %, between the sizes that were run."""
     places, found = np.arange(len(growth)), []
-    factor = np.array([one["spiral_factor"] for one in growth])
-    visited = np.array([one["e_visited"]["frobenius"] for one in growth])
+    sizes = {
+        "spiral_factor": [one["spiral_factor"] for one in growth],
+        "e_visited_frobenius": [one["e_visited"]["frobenius"] for one in growth],
+    }
     for what in COSTS:
         cost = np.array([one[what] for one in growth])
         for percent in COSTS_PERCENT:
             if cost[0] <= percent <= cost[-1]:
                 place = np.interp(np.log(percent), np.log(cost), places)
-                factor_there, e_there = (
-                    float(np.exp(np.interp(place, places, np.log(values))))
-                    for values in (factor, visited)
-                )
-                found.append(
-                    {
-                        "cost": what,
-                        "percent": percent,
-                        "spiral_factor": factor_there,
-                        "e_visited_frobenius": e_there,
-                    }
-                )
+                there = {
+                    key: float(np.exp(np.interp(place, places, np.log(values))))
+                    for key, values in sizes.items()
+                }
+                found.append({"cost": what, "percent": percent} | there)
     return found
 
 
@@ -235,18 +225,16 @@ def _paragraph(loop: dict[str, Any]) -> str:
         f"{first['e_box']['frobenius']:.1e} that the stroke allows (Frobenius). Compared with the "
         f"Jacobian of every tick, a constant one changes {more_than_noise('constant')} by more "
         f"than another noise seed does, and increments change {more_than_noise('incremental')} by "
-        f"more. As spiral and stroke grow, geometry alone gives a distance of the secondary goal "
-        f"from its optimum of {per_e('static_extra_percent')} e with a constant Jacobian, and an "
-        f"error of the loop gain of {per_e('loop_gain_error_percent')} e, e being eq. (40) over "
-        f"the lengths visited: {where}. The simulation shows it where it exceeds the "
-        f"{first['variants']['constant']['extra_percent']:.1f} % that converters, detector noise "
-        f"and dynamics cause at nominal size. With a spiral {last['spiral_factor']:g} times as "
-        f"large the distance is {extra['constant']:.0f} % with the constant Jacobian and "
-        f"{extra['analytic']:.0f} % with that of the present pose on absolute displacements, which "
-        f"counts twice the curvature that the other leaves out. It is {extra['incremental']:.0f} % "
-        f"with increments, which drift with the encircled area, and {extra['relinearized']:.1f} % "
-        f"with one Gauss-Newton step a tick from the estimated pose. The pointing RMS, relative to "
-        f"the Jacobian of the present pose on absolute displacements, then changes by "
-        f"{pointing['constant']:+.1f} % (constant), {pointing['incremental']:+.1f} % (increments) "
-        f"and {pointing['relinearized']:+.1f} % (Gauss-Newton)."
+        f"more. As spiral and stroke grow, geometry alone puts the secondary goal off its optimum "
+        f"by {per_e('static_extra_percent')} e with a constant Jacobian, and the loop gain off by "
+        f"{per_e('loop_gain_error_percent')} e: {where}. The simulation shows it above the "
+        f"{first['variants']['constant']['extra_percent']:.1f} % that converters, noise and "
+        f"dynamics cause at nominal size. With a spiral {last['spiral_factor']:g} times as large "
+        f"the goal is off by {extra['constant']:.0f} % with the constant Jacobian, "
+        f"{extra['analytic']:.0f} % with that of the present pose on absolute displacements, "
+        f"{extra['incremental']:.0f} % on increments, and {extra['relinearized']:.1f} % with one "
+        f"Gauss-Newton step a tick. The pointing RMS, relative to the Jacobian of the present pose "
+        f"on absolute displacements, changes by {pointing['constant']:+.1f} % (constant), "
+        f"{pointing['incremental']:+.1f} % (increments) and {pointing['relinearized']:+.1f} % "
+        f"(Gauss-Newton)."
     )

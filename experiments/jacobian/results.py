@@ -34,17 +34,14 @@ def results(constancy: Constancy) -> Results:
     """Everything that `fjh jacobian` publishes."""
     summary = summarize(constancy)
     loop = summary.get("loop")
+    recorded = [each for each in constancy.loop.items() if each[0].is_recorded]
     return Results(
         summary,
         tables=(table(summary), *([loop_table(loop)] if loop else [])),
         notes=(summary["paragraph"], *([loop["paragraph"]] if loop else [])),
         checks=checks(summary),
         pictures=pictures(summary),
-        records=[
-            partial(_record, run, tracked, summary)
-            for run, tracked in constancy.loop.items()
-            if run.is_recorded
-        ],
+        records=[partial(_record, *each, summary) for each in recorded],
     )
 
 
@@ -91,14 +88,11 @@ def checks(summary: dict[str, Any]) -> list[Check]:
 
 def table(summary: dict[str, Any]) -> Table:
     """The certified values, the paper's, and everything that was tried."""
-    variation = summary["variation"]
-    above = {norm: variation[norm]["certified_upper_bound"] or math.nan for norm in NORMS}
-    printed = {norm: variation[norm]["paper"] for norm in NORMS}
-    entries = [
-        {"reading": "certified to be at most", **above},
-        {"reading": "paper", "digits": 4, **printed},
-        *summary["tried"],
-    ]
+    variation = summary["variation"].items()
+    above = {norm: one["certified_upper_bound"] or math.nan for norm, one in variation}
+    printed = {norm: one["paper"] for norm, one in variation}
+    entries = [{"reading": "certified to be at most"} | above]
+    entries += [{"reading": "paper", "digits": 4} | printed, *summary["tried"]]
 
     def value(norm: Norm, entry: dict[str, Any]) -> str:
         return f"{entry[norm]:.{entry.get('digits', 5)}f}"
@@ -109,12 +103,9 @@ def table(summary: dict[str, Any]) -> Table:
         Column("2-norm", partial(value, "two")),
         Column("paper's at", _part_of_stroke),
     )
-    return tabulate(
-        "Eq. (40): largest relative change of J over the stroke",
-        columns,
-        entries,
-        "paper's at: the part of the stroke that would give both printed numbers.",
-    )
+    title = "Eq. (40): largest relative change of J over the stroke"
+    legend = "paper's at: the part of the stroke that would give both printed numbers."
+    return tabulate(title, columns, entries, legend)
 
 
 def _part_of_stroke(entry: dict[str, Any]) -> str:
@@ -142,8 +133,8 @@ def _record(run: LoopRun, tracked: Tracked, summary: dict[str, Any], folder: Pat
         machine,
         Shown(tracked.trajectory, [Mark(0, 0.0, "strut 1 locked, known to the mapping")]),
         said=[
-            f"- {run.column}, strut 1 locked; stroke x{run.growth.stroke:g}, spiral "
-            f"x{run.growth.spiral:g}; seed {run.seed}, {duration_s:g} s.",
+            f"- {run.column}, strut 1 locked; seed {run.seed}, {duration_s:g} s.",
+            f"- Spiral {run.growth} as large as the paper's.",
             f"- {jacobian.capitalize()} Jacobian, {form} displacements.",
             f"- Off the optimum of the secondary goal by {tracked.extra_percent:.2f} %.",
             f"- e visited: {tracked.e_visited['frobenius']:.1e} (Frobenius), "
@@ -156,17 +147,13 @@ def _record(run: LoopRun, tracked: Tracked, summary: dict[str, Any], folder: Pat
 
 def _certified(constancy: Constancy, found: Variation, norm: Norm) -> dict[str, Any]:
     nominal, certificate = float(size(constancy.J_0, norm)), constancy.certificates[norm]
-    linear, quadratic, cubic = (term / nominal for term in certificate.terms)
+    terms = [term / nominal for term in certificate.terms]
     holds = bool(np.isfinite(certificate.upper_bound))
+    remainder = {"remainder": certificate.remainder / nominal if holds else None}
     return _found(found) | {
         "certified_upper_bound": certificate.upper_bound / nominal if holds else None,
         "paper": paper.JACOBIAN_VARIATION[norm],
-        "certificate": {
-            "linear": linear,
-            "quadratic": quadratic,
-            "cubic": cubic,
-            "remainder": certificate.remainder / nominal if holds else None,
-        },
+        "certificate": dict(zip(("linear", "quadratic", "cubic"), terms, strict=True)) | remainder,
     }
 
 
@@ -193,10 +180,9 @@ def _trial(name: str, e: ByNorm) -> dict[str, Any]:
 def _paragraph(summary: dict[str, Any]) -> str:
     """What a reader could cite."""
     frobenius, two = (summary["variation"][norm] for norm in ("frobenius", "two"))
-    ours = [one for one in summary["tried"] if one["is_the_papers"]]
-    names = " and ".join(f'"{one["reading"]}"' for one in ours)
-    which = f"Of {len(summary['tried'])} readings of (40) that were tried, {names} gives both"
-    none = f"None of the {len(summary['tried'])} readings of (40) that were tried gives both"
+    certified = max(one["certified_upper_bound"] for one in (frobenius, two))
+    ours = [f'"{one["reading"]}"' for one in summary["tried"] if one["is_the_papers"]]
+    number, which = len(summary["tried"]), " and ".join(ours) or "none"
     return (
         f"Over the stroke of +-{1e3 * summary['stroke_m']:g} mm (searches with seed "
         f"{summary['seed']}) the Jacobian of the University of Wyoming hexapod departs from its "
@@ -205,8 +191,7 @@ def _paragraph(summary: dict[str, Any]) -> str:
         f"{frobenius['certified_upper_bound']:.5f} and {two['certified_upper_bound']:.5f}. "
         f"Chen, McInroy and Yi print {frobenius['paper']:.4f} and {two['paper']:.4f}, which their "
         f"own geometry exceeds {frobenius['value'] / frobenius['paper']:.1f} and "
-        f"{two['value'] / two['paper']:.1f} times. {which if ours else none}. That J is nearly "
-        f"constant holds: e is at most "
-        f"{100 * max(one['certified_upper_bound'] for one in (frobenius, two)):.2f} % "
-        f"(condition number of J: {summary['condition_number']:.2f})."
+        f"{two['value'] / two['paper']:.1f} times. Of {number} readings of (40) that were tried, "
+        f"{which} gives both. That J is nearly constant holds: e is at most "
+        f"{100 * certified:.2f} % (condition number of J: {summary['condition_number']:.2f})."
     )

@@ -48,26 +48,18 @@ LOCAL_STARTS, QUICK_LOCAL_STARTS = 100, 4
 class Constancy:
     """What is known of J over the box of strut lengths, and in the loop.
 
-    Attributes:
-        seed: Of the searches and the detector noise.
-        J_0: Nominal Jacobian from the closed-form geometry, shape (6, 6).
-        J_0_mjcf: The same from the MJCF by eq. (14).
-        variations: Eq. (40) by reading of (38) and norm.
-        certificates: Upper bounds on ||J - J_0||, by norm, for the twist in base axes.
-        tried: e by norm, for each reading of eq. (40) that might give the paper's numbers.
-        newton_error_m: Longest strut error after each Newton step from the nominal pose to the
-            strut lengths where the Frobenius norm is largest.
-        loop: The closed-loop runs; empty without --loop.
+    `newton_error_m` is the longest strut error after each Newton step from the nominal pose to the
+    strut lengths where the Frobenius norm is largest.
     """
 
     seed: int
-    J_0: Array
-    J_0_mjcf: Array
-    variations: dict[str, dict[Norm, Variation]]
-    certificates: dict[Norm, Certificate]
-    tried: dict[str, ByNorm]
+    J_0: Array  # from the closed-form geometry, (6, 6)
+    J_0_mjcf: Array  # by eq. (14)
+    variations: dict[str, dict[Norm, Variation]]  # by reading of (38)
+    certificates: dict[Norm, Certificate]  # bounds on ||J - J_0||, twist in base axes
+    tried: dict[str, ByNorm]  # e by reading of (40)
     newton_error_m: list[float]
-    loop: dict[LoopRun, Tracked]
+    loop: dict[LoopRun, Tracked]  # empty without --loop
 
 
 def run_jacobian(
@@ -77,13 +69,7 @@ def run_jacobian(
     loop: bool = False,
     on_progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Constancy:
-    """Examine J over the stroke, then in the loop.
-
-    Args:
-        seed: Of the searches and the detector noise.
-        quick: Only a few local searches for the paper's numbers; few and short closed-loop runs.
-        loop: Whether there are closed-loop runs.
-        on_progress: Called with finished and total number of steps, then of closed-loop runs.
+    """Examine J over the stroke, then in the loop; progress is of steps, then of runs.
 
     Raises:
         sim.SimulationDiverged: The physics left the finite numbers.
@@ -92,16 +78,15 @@ def run_jacobian(
     geometry, stroke_m = hexapod(model), paper.STROKE_M
     steps = len(READINGS) + 2
     variations: dict[str, dict[Norm, Variation]] = {}
+    tried: dict[str, ByNorm] = {}
     for done, (name, reading) in enumerate(READINGS.items()):
         on_progress(done, steps)
         variations[name] = {n: variation(geometry, stroke_m, n, reading, seed) for n in NORMS}
+        tried[name] = {n: variations[name][n].value for n in NORMS}
     on_progress(steps - 2, steps)
     certificates: dict[Norm, Certificate] = {n: certify(geometry, stroke_m, n) for n in NORMS}
     on_progress(steps - 1, steps)
     starts = QUICK_LOCAL_STARTS if quick else LOCAL_STARTS
-    tried: dict[str, ByNorm] = {
-        name: {n: one[n].value for n in NORMS} for name, one in variations.items()
-    }
     tried |= other_readings(geometry, stroke_m, RANDOM_POINTS, starts, seed)
     base, *_ = variations.values()
     newton_error_m = _newton_errors_m(geometry, base["frobenius"].at_strut_m)

@@ -14,27 +14,24 @@ from sim import Array
 
 def pictures(release: Release, summary: dict[str, Any]) -> list[Picture]:
     """The study's figure and its caption."""
-    picture = Picture(
-        "release",
-        "Strut 1 without its coil: statics over six decades of stiffness, and two spirals.",
+    caption = "Strut 1 without its coil: statics over six decades of stiffness, and two spirals."
+    alt = (
         "Above: the elastic mapping follows the simulation over all stiffnesses, taking the strut "
-        "as locked fails for soft suspensions. Below: t_x over time when coil, or coil and spring, "
-        "are lost in flight; simulation and linear model lie on top of each other.",
-        partial(figure_release, release, summary),
+        "as locked fails for soft suspensions. Below: t_x when coil, or coil and spring, are lost "
+        "during the spiral; simulation and linear model lie on top of each other."
     )
-    return [picture]
+    return [Picture("release", caption, alt, partial(figure_release, release, summary))]
 
 
 def figure_release(release: Release, summary: dict[str, Any]) -> Figure:
     """The sweep over stiffness, and strut 1 losing coil and spring in flight."""
     figure = new_figure(PAGE_IN, 4.9)
     figure.suptitle("Strut 1 without its coil: the springs decide where the payload goes")
-    (reached, off), flights = figure.subplots(2, 2)
+    (reached, off), (free, loose) = figure.subplots(2, 2)
     _reached(reached, summary["sweep"])
     _off(off, summary["sweep"])
-    names = ("free_in_flight_corrected", "loose_in_flight_corrected")
-    for axes, name in zip(flights, names, strict=True):
-        _flight(axes, release, name)
+    _spiral(free, release, "free_in_flight_corrected")
+    _spiral(loose, release, "loose_in_flight_corrected")
     return figure
 
 
@@ -48,12 +45,8 @@ def _reached(axes: Axes, sweep: list[dict[str, Any]]) -> None:
     )
     for key, label, style in curves:
         axes.semilogx(ratio, [point[key] for point in sweep], label=label, **style)
-    axes.set(
-        title="100 µrad asked for, at rest",
-        xlabel="suspension / own swing stiffness",
-        ylabel="$\\alpha$, µrad",
-        ylim=(0, 110),
-    )
+    axes.set(title="100 µrad asked for, at rest", ylabel="$\\alpha$, µrad", ylim=(0, 110))
+    axes.set_xlabel("suspension / own swing stiffness")
     axes.legend()
 
 
@@ -65,15 +58,12 @@ def _off(axes: Axes, sweep: list[dict[str, Any]]) -> None:
         ("mismatch_linear_model_percent", "linear model, coils as forces", MEASURED),
     ):
         axes.loglog(ratio, [point[key] for point in sweep], "o-", color=color, label=label)
-    axes.set(
-        title="distance from the simulation",
-        xlabel="suspension / own swing stiffness",
-        ylabel="payload motion, %",
-    )
+    axes.set(title="distance from the simulation", ylabel="payload motion, %")
+    axes.set_xlabel("suspension / own swing stiffness")
     axes.legend(loc="center left", bbox_to_anchor=(0, 0.29))
 
 
-def _flight(axes: Axes, release: Release, name: str) -> None:
+def _spiral(axes: Axes, release: Release, name: str) -> None:
     run = release.trajectories[name]
     lines: tuple[tuple[Array, str, dict[str, Any]], ...] = (
         (twist(run), "simulated", {"color": MEASURED, "lw": 2, "alpha": 0.5}),

@@ -2,6 +2,7 @@
 
 from dataclasses import asdict, fields
 from functools import partial
+from itertools import product
 from typing import Any
 
 import mujoco
@@ -117,13 +118,10 @@ def spirals(summary: dict[str, Any]) -> Table:
 
 def sweep(summary: dict[str, Any]) -> Table:
     """One row for each stiffness."""
-    columns = (
-        Column("stiffness", "suspension_over_swing", ".0e"),
-        Column("simulated", "alpha_simulated_urad", ".2f"),
-        Column("elastic", "alpha_elastic_urad", ".2f"),
-        Column("as locked", "alpha_as_if_locked_urad", ".2f"),
-        Column("corrected", "alpha_corrected_urad", ".2f"),
-    )
+    reached = {"simulated": "simulated", "elastic": "elastic"}
+    reached |= {"as locked": "as_if_locked", "corrected": "corrected"}
+    columns = [Column("stiffness", "suspension_over_swing", ".0e")]
+    columns += [Column(what, f"alpha_{key}_urad", ".2f") for what, key in reached.items()]
     return tabulate(
         "At rest, alpha of 100 urad asked for; alpha reached, urad",
         columns,
@@ -134,13 +132,12 @@ def sweep(summary: dict[str, Any]) -> Table:
 
 
 def _spiral(release: Release, case: Case, orbit: dict[str, Any]) -> dict[str, Any]:
-    run = release.trajectories[case.name]
+    run, name = release.trajectories[case.name], case.name
     alpha, beta = pointing_rms_urad(run)
     alpha_peak, beta_peak = 1e6 * np.abs(run.desired_rad - run.true_rad).max(axis=0)
-    predicted = release.predicted_rad.get(case.name)
-    true = twist(run)
+    predicted, true = release.predicted_rad.get(name), twist(run)
     return {
-        "name": case.name,
+        "name": name,
         "kind": case.kind,
         "failure_time_s": case.time_s if case.kind else None,
         "told": case.told,
@@ -151,26 +148,23 @@ def _spiral(release: Release, case: Case, orbit: dict[str, Any]) -> dict[str, An
         "predicted_beta_rms_urad": None if predicted is None else 1e6 * predicted[1],
         "alpha_peak_urad": alpha_peak,
         "beta_peak_urad": beta_peak,
-        "sensitivity_peak": release.sensitivity[case.name],
-        "motion_mismatch_linear_model_percent": percent(true - release.linear[case.name], true),
-        "motion_mismatch_quasi_static_percent": percent(
-            true - release.quasi_static[case.name], true
-        ),
+        "sensitivity_peak": release.sensitivity[name],
+        "motion_mismatch_linear_model_percent": percent(true - release.linear[name], true),
+        "motion_mismatch_quasi_static_percent": percent(true - release.quasi_static[name], true),
         "strut_1_peak_um": 1e6 * float(np.abs(run.strut_displacement_m[:, 0]).max()),
         "closure_residual_max_m": float(run.closure_residual_m.max()),
-        "recording": f"{case.name}.rrd",
-        "data": f"{case.name}.npz",
+        "recording": f"{name}.rrd",
+        "data": f"{name}.npz",
     }
 
 
 def _atlas(atlas: FailureAtlas) -> dict[str, Any]:
     assert atlas.elastic is not None  # the hexapod has springs
     elastic, singles = atlas.elastic, []
-    for strut in range(6):
-        for kind in ("locked", "free"):
-            row = atlas.row(**{kind: [strut]})
-            verdicts = {"rigid": _verdict(atlas, row), "elastic": _verdict(elastic, row)}
-            singles.append({"strut": strut + 1, "kind": kind, **verdicts})
+    for strut, kind in product(range(6), ("locked", "free")):
+        row = atlas.row(**{kind: [strut]})
+        verdicts = {"rigid": _verdict(atlas, row), "elastic": _verdict(elastic, row)}
+        singles.append({"strut": strut + 1, "kind": kind, **verdicts})
     return {
         "conditions": len(atlas.codes),
         "possible_rigid": int(atlas.possible.sum()),
@@ -193,10 +187,9 @@ def _verdict(classes: Classes, row: int) -> dict[str, Any]:
 def _atlas_arrays(atlas: FailureAtlas) -> dict[str, Array]:
     """Rigid and elastic verdicts in one file; rows are conditions."""
     assert atlas.elastic is not None  # the hexapod has springs
-    names = [field.name for field in fields(Classes)]
-    rigid = {f"rigid_{name}": getattr(atlas, name) for name in names}
-    elastic = {f"elastic_{name}": getattr(atlas.elastic, name) for name in names}
-    return {"codes": atlas.codes} | rigid | elastic
+    both = product((("rigid", atlas), ("elastic", atlas.elastic)), fields(Classes))
+    verdicts = {f"{which}_{f.name}": getattr(classes, f.name) for (which, classes), f in both}
+    return {"codes": atlas.codes} | verdicts
 
 
 def _record(release: Release, summary: dict[str, Any], spiral: dict[str, Any], folder: Any) -> None:

@@ -33,14 +33,10 @@ _EQUAL = Goal(joint_weight=(1.0,) * 6)
 
 @dataclass(frozen=True)
 class Case:
-    """One spiral with a failing strut.
+    """One spiral with a strut that fails, or not, at a time; the mapping is told then or never.
 
-    Attributes:
-        name: As in `release.json`.
-        kind: How the strut fails; None: it does not.
-        time_s: When.
-        told: What the mapping is told at that time: nothing; the truth, and the springs say where
-            the strut goes ("corrected"); or that its damper holds it at the centre ("as_locked").
+    It is told the truth, and the springs say where the strut goes ("corrected"); or that the
+    strut's damper holds it at the centre ("as_locked").
     """
 
     name: str
@@ -65,11 +61,7 @@ class Case:
 
 
 def cases(half_s: float) -> tuple[Case, ...]:
-    """All spirals: sound, strut 1 without coil, without coil and spring; from the start and later.
-
-    Args:
-        half_s: The later time.
-    """
+    """All spirals: sound; strut 1 without coil, or coil and spring, from the start or `half_s`."""
     telling: dict[FailureKind, tuple[Told, ...]] = {
         "free": ("uncorrected", "corrected"),
         "loose": ("uncorrected", "corrected", "as_locked"),
@@ -85,31 +77,18 @@ def cases(half_s: float) -> tuple[Case, ...]:
 
 @dataclass(frozen=True)
 class Release:
-    """All runs of the experiment.
-
-    Attributes:
-        seed: Of the detector noise.
-        cases: The spirals.
-        trajectories: By name.
-        predicted_rad: RMS of each that fails from the start (or not), by name, (2,).
-        sensitivity: Peak sensitivity of its loops after the failure, by name.
-        linear: Payload twist (N, 6) by name, from the linear model and the strut inputs.
-        quasi_static: The same from the elastic mapping alone.
-        sweep: Static answers, by suspension over flexure stiffness.
-        fall: What happens on the ground when the spring goes too.
-        atlas: Rigid and elastic verdicts on all 3^6 conditions.
-    """
+    """All spirals, what is expected of them by their names, and statics."""
 
     seed: int
     cases: tuple[Case, ...]
     trajectories: dict[str, Trajectory]
-    predicted_rad: dict[str, Array]
-    sensitivity: dict[str, float]
-    linear: dict[str, Array]
-    quasi_static: dict[str, Array]
-    sweep: list[dict[str, float]]
-    fall: dict[str, float]
-    atlas: FailureAtlas
+    predicted_rad: dict[str, Array]  # RMS (2,); not of those that fail later
+    sensitivity: dict[str, float]  # its peak after the failure
+    linear: dict[str, Array]  # payload twist (N, 6) from the linear model and the strut inputs
+    quasi_static: dict[str, Array]  # the same from the elastic mapping alone
+    sweep: list[dict[str, float]]  # by suspension over flexure stiffness
+    fall: dict[str, float]  # on the ground, without its spring
+    atlas: FailureAtlas  # rigid and elastic, all 3^6 conditions
 
 
 def run_release(
@@ -119,11 +98,6 @@ def run_release(
 
     A strut that loses its spring loses the preload that carries the weight: those runs, and the
     sweep, are in orbit. On the ground it falls to its stop, and is a locked strut from then on.
-
-    Args:
-        seed: Of the detector noise.
-        quick: Only the first seconds of the spiral, and three points of the sweep.
-        on_progress: Called with finished and total number of runs.
 
     Raises:
         sim.SimulationDiverged: The physics left the finite numbers.

@@ -36,6 +36,7 @@ def released_statics(model: mujoco.MjModel, ratio: float) -> dict[str, float]:
     # Here the coils are forces against springs, and the struts that still have one yield a little.
     linear = -at_rest.C_twist @ np.linalg.solve(at_rest.A, at_rest.B @ deaf)
     twist, extension_m = _at_rest(plant, deaf)
+    models = {"elastic": expected, "linear_model": linear, "as_if_locked": locked}
     corrected, _ = _at_rest(_released(model, soft[STRUT]), told)
     passive = list(failed.passive).index(sound.active[STRUT])
     follows = failed.passive_rates(deaf[failed.actuators])[passive]
@@ -45,14 +46,13 @@ def released_statics(model: mujoco.MjModel, ratio: float) -> dict[str, float]:
         "swing_n_per_m": swing_n_per_m,
         "all_flexures_n_per_m": _resistance(model, sound.J[:, STRUT]),
         "alpha_simulated_urad": 1e6 * twist[0],
-        "alpha_elastic_urad": 1e6 * expected[0],
-        "alpha_linear_model_urad": 1e6 * linear[0],
-        "alpha_as_if_locked_urad": 1e6 * locked[0],
+        **{f"alpha_{model}_urad": 1e6 * each[0] for model, each in models.items()},
         "strut_1_simulated_um": 1e6 * extension_m,
         "strut_1_elastic_um": 1e6 * follows,
-        "mismatch_elastic_percent": percent(twist - expected, twist),
-        "mismatch_linear_model_percent": percent(twist - linear, twist),
-        "mismatch_as_if_locked_percent": percent(twist - locked, twist),
+        **{
+            f"mismatch_{model}_percent": percent(twist - each, twist)
+            for model, each in models.items()
+        },
         "alpha_corrected_urad": 1e6 * corrected[0],
         "beta_corrected_urad": 1e6 * corrected[1],
         "worst_gain_rad_per_m": float(failed.manipulability(MAJOR).worst_gain),

@@ -10,29 +10,24 @@ from experiments.output.plotting import BLACK, LINES, PAGE_IN, new_figure
 from experiments.output.results import Picture
 from experiments.systems.runs import Examination, Mechanism, Systems, in_words
 
-_COLUMNS = 2
-_ROW_IN = 2.6
-
 
 def pictures(systems: Systems) -> list[Picture]:
     """The study's figure and its caption."""
-    picture = Picture(
-        "systems",
-        "Each mechanism's major task around an octagon, sound and failed, in simulation.",
+    caption = "Each mechanism's major task around an octagon, sound and failed, in simulation."
+    alt = (
         "A panel for each mechanism: its paths pass through all corners, but for the dashed ones, "
-        "whose task is lost as classified.",
-        partial(figure_systems, systems),
+        "whose task is lost as classified."
     )
-    return [picture]
+    return [Picture("systems", caption, alt, partial(figure_systems, systems))]
 
 
 def figure_systems(systems: Systems) -> Figure:
     """Each mechanism's major task around a polygon, in every condition."""
     examined = systems.examinations
-    rows = -(-len(examined) // _COLUMNS)
-    figure = new_figure(PAGE_IN, _ROW_IN * rows)
+    rows = -(-len(examined) // 2)
+    figure = new_figure(PAGE_IN, 2.6 * rows)
     figure.suptitle("Major task around an octagon, sound and failed, simulated")
-    panels = list(figure.subplots(rows, _COLUMNS, squeeze=False).flat)
+    panels = list(figure.subplots(rows, 2, squeeze=False).flat)
     for axes, (mechanism, ours) in zip(panels, examined.items(), strict=False):
         _polygons(axes, mechanism, ours)
     for axes in panels[len(examined) :]:
@@ -47,7 +42,6 @@ def _polygons(axes: Axes, mechanism: Mechanism, ours: list[Examination]) -> None
         axes.plot(*reached, style, color=color, lw=0.8, label=label)
     axes.plot(*1e6 * ours[0].polygon.desired[:, :2].T, "o", color=BLACK, ms=3, label="commanded")
     first, second = (f"{name}, µ{mechanism.major_unit}" for name in mechanism.major_names[:2])
-    axes.set(
-        title=mechanism.title, xlabel=first, ylabel=second, aspect="equal", adjustable="datalim"
-    )
+    axes.set(title=mechanism.title, xlabel=first, ylabel=second)
+    axes.set_aspect("equal", adjustable="datalim")
     axes.legend(title="failed; dashed:\ntask lost", loc="upper left", bbox_to_anchor=(1.0, 1.0))

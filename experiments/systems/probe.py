@@ -30,10 +30,7 @@ _COASTING_PER_S = 0.01  # slower than any servo; what decays no faster coasts
 
 @dataclass(frozen=True)
 class Rig:
-    """A mechanism, what fails of it, and its task: rows of the twist, and which of them are major.
-
-    Each measurement makes a plant of its own.
-    """
+    """A mechanism and its task, as in `Mechanism`; each measurement makes a plant of its own."""
 
     model: mujoco.MjModel
     failures: tuple[Failure, ...]

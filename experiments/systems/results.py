@@ -97,18 +97,13 @@ def _self_motion_words(one: dict[str, Any]) -> str:
     return f"{one['self_motion']}, {'major' if one['self_motion_major'] else 'aside'}"
 
 
-_FLAGS = (
-    "unmanipulable",
-    "unmanipulable_task",
-    "unstable",
-    "unstable_major",
-    "unstable_secondary",
-    "irresolvable",
-)
+_FLAGS = ("unmanipulable", "unmanipulable_task", "irresolvable")
+_FLAGS += ("unstable", "unstable_major", "unstable_secondary")
 
 
 def _entry(one: Examination) -> dict[str, Any]:
     mechanism, report = one.mechanism, one.report
+    predicted = ("self_motion", "self_motion_major", "constrained_active")
     return {
         "mechanism": mechanism.name,
         "index": mechanism.conditions.index(one.condition),
@@ -117,9 +112,7 @@ def _entry(one: Examination) -> dict[str, Any]:
         "free": failed(one.condition, "F"),
         "major": mechanism.major_names,
         **{flag: getattr(report, flag) for flag in _FLAGS},
-        "self_motion": one.predicted["self_motion"],
-        "self_motion_major": one.predicted["self_motion_major"],
-        "constrained_active": one.predicted["constrained_active"],
+        **{count: one.predicted[count] for count in predicted},
         "internal_forces": len(report.bases["irresolvable"]),
         "lost_task_directions": report.bases["unmanipulable_task"].shape[1],
         f"worst_gain_{mechanism.major_unit}_per_actuator_unit": report.worst_gain,
@@ -136,25 +129,18 @@ def _arrays(ours: list[Examination]) -> dict[str, Array]:
     """Every condition's run around the polygon, its number at the end of the names."""
     arrays = {}
     for k, one in enumerate(ours):
-        unit = one.mechanism.major_unit
-        arrays |= {
-            f"time_s_{k}": one.time_s,
-            f"desired_{unit}_{k}": one.polygon.desired,
-            f"reached_{unit}_{k}": one.polygon.reached,
-            f"qpos_{k}": one.polygon.qpos,
-        }
+        unit, polygon = one.mechanism.major_unit, one.polygon
+        arrays |= {f"time_s_{k}": one.time_s, f"qpos_{k}": polygon.qpos}
+        arrays |= {f"{what}_{unit}_{k}": getattr(polygon, what) for what in ("desired", "reached")}
     return arrays
 
 
 def _record(
     mechanism: Mechanism, ours: list[Examination], summary: dict[str, Any], folder: Path
 ) -> None:
-    properties = {
-        "seed": summary["seed"],
-        "model_sha256": summary["model_sha256"][mechanism.name],
-        "step_m_or_rad": summary["step_m_or_rad"],
-        "period_s": PERIOD_S,
-    } | version_properties(summary)
+    properties = {key: summary[key] for key in ("seed", "step_m_or_rad")}
+    properties |= {"model_sha256": summary["model_sha256"][mechanism.name], "period_s": PERIOD_S}
+    properties |= version_properties(summary)
     notes = [f"# {mechanism.title}", "", "Major task around an octagon, sound and failed.", ""]
     for one in ours:
         sentences = [f"- {sentence}" for sentence in str(one.report).splitlines()]

@@ -18,21 +18,13 @@ _TWIST_ROWS = ("turn x", "turn y", "turn z", "x", "y", "z")
 
 @dataclass(frozen=True)
 class Mechanism:
-    """One MJCF file and its task.
-
-    Attributes:
-        path: Of the file; its name without ending is the mechanism's.
-        title: For people.
-        task: Rows of the payload twist [angular; linear] that the mechanism is about.
-        major: Which of these are the major task.
-        conditions: What is tried: a letter for each actuator, S sound, L locked, F free.
-    """
+    """One MJCF file and its task."""
 
     path: Path
     title: str
-    task: tuple[int, ...]
-    major: tuple[int, ...]
-    conditions: tuple[str, ...]
+    task: tuple[int, ...]  # rows of the payload twist [angular; linear]
+    major: tuple[int, ...]  # rows of the task
+    conditions: tuple[str, ...]  # a letter for each actuator: S sound, L locked, F free
 
     @property
     def name(self) -> str:
@@ -101,31 +93,21 @@ def in_words(condition: str) -> str:
 
 @dataclass(frozen=True)
 class Examination:
-    """One mechanism in one condition, classified and simulated.
-
-    Attributes:
-        mechanism: What was examined.
-        condition: One letter for each actuator.
-        report: The classification.
-        simulated: Numbers of major directions reached, of self-motions, of those that move the
-            major task, and of forbidden combinations of active rates; `predicted` by the report.
-        errors: Of simulated motions, torques and forces against predicted, relative or in steps.
-        time_s: (T,); `polygon`: the major task driven around one.
-    """
+    """One mechanism in one condition, classified and simulated."""
 
     mechanism: Mechanism
     condition: str
     report: Manipulability
-    simulated: dict[str, int]
-    predicted: dict[str, int]
-    errors: dict[str, float]
+    simulated: dict[str, int]  # dimensions of motions and constraints
+    predicted: dict[str, int]  # the same by the report
+    errors: dict[str, float]  # of simulated motions, torques and forces; relative or in steps
     time_s: Array
     polygon: Polygon
 
 
 @dataclass(frozen=True)
 class Systems:
-    """All examinations, by mechanism; `seed` is that of the directions tried."""
+    """All examinations, by mechanism."""
 
     seed: int
     examinations: dict[Mechanism, list[Examination]]
@@ -140,11 +122,7 @@ def run_systems(
 ) -> Systems:
     """Examine every mechanism in every condition, in parallel on the machine's cores.
 
-    Args:
-        seed: Of the directions in which the mechanisms are driven and push.
-        quick: Only the first three conditions of each.
-        on_progress: Called with finished and total number of examinations.
-        mechanisms: To be examined.
+    The seed is of the directions in which they are driven and push.
     """
     calls = [
         {"mechanism": mechanism, "condition": condition, "seed": seed}
@@ -152,9 +130,8 @@ def run_systems(
         for condition in mechanism.conditions[: 3 if quick else None]
     ]
     examined = in_parallel(examine, calls, on_progress)
-    return Systems(
-        seed, {it: [one for one in examined if one.mechanism == it] for it in mechanisms}
-    )
+    ours = {each: [one for one in examined if one.mechanism == each] for each in mechanisms}
+    return Systems(seed, ours)
 
 
 def examine(mechanism: Mechanism, condition: str, seed: int) -> Examination:
@@ -165,6 +142,7 @@ def examine(mechanism: Mechanism, condition: str, seed: int) -> Examination:
     rig = Rig(model, tuple(failures), mechanism.task, mechanism.major)
     system, kin = classified(model, mechanism, condition)
     report, major = kin.manipulability(mechanism.major), list(mechanism.major)
+    bases = report.bases
 
     active, moved = probe.respond(rig, kin.actuators)
     coasting = probe.coast(rig)
@@ -172,7 +150,7 @@ def examine(mechanism: Mechanism, condition: str, seed: int) -> Examination:
     polygon = probe.drive_polygon(rig, kin, rng)
     errors = {
         "motion_error": probe.motion_error(kin, active, moved),
-        "drift_error": probe.largest_angle(coasting, report.bases["unstable"]),
+        "drift_error": probe.largest_angle(coasting, bases["unstable"]),
         "major_error": polygon.error,
         **probe.hold_force(rig, system, kin, rng),
     }
@@ -183,10 +161,10 @@ def examine(mechanism: Mechanism, condition: str, seed: int) -> Examination:
         "constrained_active": len(kin.actuators) - probe.dimension(active),
     }
     predicted = {
-        "major_directions": len(major) - report.bases["unmanipulable"].shape[1],
-        "self_motion": report.bases["unstable"].shape[1],
-        "self_motion_major": report.bases["unstable_major"].shape[1],
-        "constrained_active": len(report.bases["constrained_active"]),
+        "major_directions": len(major) - bases["unmanipulable"].shape[1],
+        "self_motion": bases["unstable"].shape[1],
+        "self_motion_major": bases["unstable_major"].shape[1],
+        "constrained_active": len(bases["constrained_active"]),
     }
     time_s = np.arange(1, len(polygon.desired) + 1) * PERIOD_S
     return Examination(mechanism, condition, report, simulated, predicted, errors, time_s, polygon)
