@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from experiments.force.platform import InternalForce
+from experiments.force.answers import InternalForce
 from experiments.force.runs import Examination, Force
 from experiments.force.tables import LIMIT_PERCENT
 from experiments.output.plotting import BLACK, BLUE, GREEN, ORANGE, PAGE_IN, VERMILION, new_figure
@@ -16,16 +16,16 @@ from experiments.output.results import Picture
 
 def pictures(force: Force, summary: dict[str, Any]) -> list[Picture]:
     """The study's figure and its caption."""
-    picture = Picture(
-        "force",
-        "Theorems 7 to 9 in simulation, sound, locked and free; the platform's internal force.",
+    caption = (
+        "Theorems 7 to 9 in simulation, sound, locked and free; the platform's internal force."
+    )
+    alt = (
         "Six panels: distances from the theorems far below the limit of one percent; torques of "
         "the mapping beside others of the same major force; lock reactions on the line of "
         "prediction; displacement of the payload where predicted; torque of a hot motor reduced; "
-        "leg forces that keep their sign.",
-        partial(figure_force, force, summary),
+        "leg forces that keep their sign."
     )
-    return [picture]
+    return [Picture("force", caption, alt, partial(figure_force, force, summary))]
 
 
 def figure_force(force: Force, summary: dict[str, Any]) -> Figure:
