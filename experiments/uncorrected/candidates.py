@@ -37,26 +37,17 @@ BENCH_DAMPING = 0.106
 class Candidate:
     """One explanation: what differs from the bench.
 
-    Attributes:
-        name: As in `uncorrected.json`.
-        what: In words, for tables.
-        constants: Of the bench, by their names in :class:`Bench`. The spiral's radius is changed
-            where the errors of W_a would no longer be those of Table I.
-        damping_ratio: Of the pointing modes of the sound machine; None is the model file's, 0.106.
-        floor_velocity_m_per_s: One-third-octave RMS velocity; 0 is a floor at rest.
-        lock_m: Where strut 1 is stuck; the corrected mapping knows it.
-        lead_in_s: Time for the loop to settle before the spiral starts.
-        simulated: Columns that are simulated in MuJoCo; the others are the linear model's.
+    The spiral's radius is changed where the errors of W_a would no longer be those of Table I.
     """
 
     name: str
-    what: str
-    constants: dict[str, Any] = field(default_factory=dict)
-    damping_ratio: float | None = None
-    floor_velocity_m_per_s: float = 0.0
-    lock_m: float = 0.0
-    lead_in_s: float = 0.0
-    simulated: tuple[str, ...] = ("W_a", "W_a_uncorrected")
+    what: str  # in words, for tables
+    constants: dict[str, Any] = field(default_factory=dict)  # of the Bench, by their names
+    damping_ratio: float | None = None  # of the sound machine's pointing modes; None: the model's
+    floor_velocity_m_per_s: float = 0.0  # one-third-octave RMS
+    lock_m: float = 0.0  # where strut 1 is stuck; the corrected mapping knows it
+    lead_in_s: float = 0.0  # for the loop to settle before the spiral starts
+    simulated: tuple[str, ...] = ("W_a", "W_a_uncorrected")  # others: by the linear model alone
 
     @property
     def saturates(self) -> bool:
@@ -110,56 +101,45 @@ class Candidate:
 BENCH = Candidate("lost_strut", "the bench of Table I, a strut lost", simulated=COLUMNS)
 
 # Locked mode near crossover: roll-off at the modes, dampers at a seventh.
-_RESONANCE = Candidate(
-    "resonance",
-    "little damping, roll-off above the modes",
-    {"roll_off_hz": 40.0},
-    damping_ratio=0.015,
-    simulated=COLUMNS,
-)
-_EXCITED = replace(_RESONANCE, simulated=("W_a", "W_a_uncorrected"))
+_RESONANCE = {"constants": {"roll_off_hz": 40.0}, "damping_ratio": 0.015}
+_NOISY = {"constants": {"roll_off_hz": 40.0, "detector_noise_m": 1.5e-6}}
 
 # Found by a search in the linear model, then moved by hand to have both ratios and W_a inside
 # their 15 %: docs/uncorrected.md.
+_LOOPS = {"alpha_crossover_hz": 15.5, "beta_crossover_hz": 8.6, "roll_off_hz": 32.2}
 RETUNED = Candidate(
     "retuned",
     "locked off centre, six parameters fitted",
-    {
-        "alpha_crossover_hz": 15.5,
-        "beta_crossover_hz": 8.6,
-        "roll_off_hz": 32.2,
-        "spiral_radius_urad": 141.0,
-    },
+    _LOOPS | {"spiral_radius_urad": 141.0},
     damping_ratio=0.10,
     lock_m=-125e-6,
     simulated=COLUMNS,
 )
 
-CLOCKWISE = Candidate(
-    "limit_clockwise",
-    "limit on the demanded pointing, bench's spiral, clockwise",
-    {"spiral_direction": -1, "demand_limit_urad": 95.0},
-    simulated=COLUMNS,
+
+def _limited(name: str, what: str, limit_urad: float, **constants: Any) -> Candidate:
+    """From the map of :mod:`experiments.uncorrected.limit_map`."""
+    what = f"limit on the demanded pointing, {what}"
+    constants |= {"demand_limit_urad": limit_urad}
+    return Candidate(name, what, constants, simulated=COLUMNS)
+
+
+CLOCKWISE = _limited(
+    "limit_clockwise", "bench's spiral, clockwise", limit_urad=95.0, spiral_direction=-1
 )
 """The configuration `demand-limit` of `fjh table1`."""
 
 # At constant speed the radius that meets W_a is 113 urad.
-_CONSTANT_SPEED = {"spiral_exponent": 0.5, "spiral_radius_urad": 113.0}
+_SPEED = {"spiral_exponent": 0.5, "spiral_radius_urad": 113.0}
 
 CANDIDATES: Sequence[Candidate] = (
     BENCH,
-    _RESONANCE,
-    replace(
-        _EXCITED,
-        name="resonance_noise",
-        what="the same, five times the noise",
-        constants=_EXCITED.constants | {"detector_noise_m": 1.5e-6},
+    Candidate(
+        "resonance", "little damping, roll-off above the modes", **_RESONANCE, simulated=COLUMNS
     ),
-    replace(
-        _EXCITED,
-        name="resonance_floor",
-        what="the same, floor VC-C",
-        floor_velocity_m_per_s=12.5e-6,
+    Candidate("resonance_noise", "the same, five times the noise", **_RESONANCE | _NOISY),
+    Candidate(
+        "resonance_floor", "the same, floor VC-C", **_RESONANCE, floor_velocity_m_per_s=12.5e-6
     ),
     Candidate("floor_office", "floor of an office, ISO 2631-2", floor_velocity_m_per_s=400e-6),
     Candidate("off_centre", "locked off centre, spiral at once", lock_m=-110e-6),
@@ -179,14 +159,8 @@ CANDIDATES: Sequence[Candidate] = (
     Candidate(
         "together",
         "all of them, each in moderation",
-        {
-            "alpha_crossover_hz": 6.45,
-            "beta_crossover_hz": 4.95,
-            "roll_off_hz": 30.0,
-            "spiral_radius_urad": 75.0,
-            "detector_noise_m": 1e-6,
-            "amplifier_limit_a": 0.2,
-        },
+        {"alpha_crossover_hz": 6.45, "beta_crossover_hz": 4.95, "roll_off_hz": 30.0}
+        | {"spiral_radius_urad": 75.0, "detector_noise_m": 1e-6, "amplifier_limit_a": 0.2},
         damping_ratio=0.03,
         floor_velocity_m_per_s=50e-6,
         lock_m=-40e-6,
@@ -194,29 +168,18 @@ CANDIDATES: Sequence[Candidate] = (
     ),
     RETUNED,
     replace(RETUNED, name="retuned_settled", what="the same, loop settled first", lead_in_s=2.0),
-    # From the map of :mod:`experiments.uncorrected.limit_map`.
-    Candidate(
-        "limit",
-        "limit on the demanded pointing, bench's spiral",
-        {"demand_limit_urad": 98.0},
-    ),
+    replace(_limited("limit", "bench's spiral", 98.0), simulated=("W_a", "W_a_uncorrected")),
     CLOCKWISE,
-    Candidate(
-        "limit_speed",
-        "limit on the demanded pointing, constant speed",
-        _CONSTANT_SPEED | {"demand_limit_urad": 117.5},
-        simulated=COLUMNS,
+    _limited("limit_speed", "constant speed", 117.5, **_SPEED),
+    _limited(
+        "limit_speed_90", "constant speed from 90 degrees", 118.1, **_SPEED, spiral_start_deg=90.0
     ),
-    Candidate(
-        "limit_speed_90",
-        "limit on the demanded pointing, constant speed from 90 degrees",
-        _CONSTANT_SPEED | {"spiral_start_deg": 90.0, "demand_limit_urad": 118.1},
-        simulated=COLUMNS,
-    ),
-    Candidate(
+    _limited(
         "limit_anti_windup",
-        "limit on the demanded pointing, constant speed, conditional integration",
-        _CONSTANT_SPEED | {"spiral_direction": -1, "demand_limit_urad": 106.2, "anti_windup": True},
-        simulated=COLUMNS,
+        "constant speed, conditional integration",
+        106.2,
+        **_SPEED,
+        spiral_direction=-1,
+        anti_windup=True,
     ),
 )
