@@ -12,9 +12,8 @@ from experiments.hexapod.metrics import pointing_rms_urad, rms
 from experiments.hexapod.prediction import detector_noise_rad, driven_loop, predicted_error_rad
 from experiments.hexapod.simulation import Trajectory, nominal_loops
 from experiments.hexapod.testbed import Bench
-from experiments.uncorrected.candidates import BENCH, COLUMNS, PAPER_RATIOS, RATIO_TOLERANCE
+from experiments.uncorrected.candidates import BENCH, COLUMNS, PAPER_RATIOS, RATIO_TOLERANCE, damped
 from experiments.uncorrected.predicted import gain_and_plant
-from experiments.uncorrected.vibration import damped
 from sim import Array, ModelError, linearize, load_model
 
 ROLL_OFF_HZ = (25.0, 40.0)
