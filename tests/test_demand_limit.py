@@ -13,10 +13,9 @@ from experiments.hexapod.prediction import driven_plant, predicted_error_rad
 from experiments.hexapod.simulation import SpiralRun, track_spiral
 from experiments.hexapod.testbed import Bench, Testbed
 from experiments.table1.runs import CONFIGURATIONS
-from experiments.uncorrected.candidates import BENCH, CLOCKWISE, COLUMNS
+from experiments.uncorrected.candidates import BENCH, CLOCKWISE, COLUMNS, W_A
 from experiments.uncorrected.limit_map import largest_miss, limit_grid, limit_row
 from experiments.uncorrected.predicted import beam_walk_urad, fast_loop_ratio, remaining_gain
-from experiments.uncorrected.vibration import W_A
 from ftc.controller import Sensed
 from ftc.linear_loop import limited_response
 from sim import Failure, failed_plant, hexapod, linearize, spiral

@@ -13,11 +13,10 @@ import pytest
 from experiments.app.cli import main
 from experiments.force import runs
 from experiments.force import tables as tables_module
-from experiments.force.answers import known_system
-from experiments.force.cases import LEVERED, SPARING, Condition, draw_aims
-from experiments.force.platform import platform
+from experiments.force.answers import known_system, platform
+from experiments.force.optimum import LEVERED, SPARING, draw_aims
 from experiments.force.results import summarize
-from experiments.force.rig import FIXTURE, Gauges, hold, press, with_fixture
+from experiments.force.rig import FIXTURE, Condition, Gauges, hold, press, with_fixture
 from experiments.force.runs import examine, payload_stiffness
 from experiments.force.tables import checks, tables
 from experiments.hexapod.columns import MAJOR, SECONDARY

@@ -17,17 +17,19 @@ from experiments.hexapod.prediction import driven_loop, predicted_error_rad, pre
 from experiments.hexapod.simulation import SpiralRun, Trajectory, track_spiral
 from experiments.hexapod.testbed import Bench, Testbed
 from experiments.uncorrected.answer import paragraph, table
-from experiments.uncorrected.candidates import BENCH, CANDIDATES, COLUMNS
-from experiments.uncorrected.limit_map import largest_miss
-from experiments.uncorrected.results import checks
-from experiments.uncorrected.stability_map import at_crossover, map_row
-from experiments.uncorrected.vibration import (
+from experiments.uncorrected.candidates import (
+    BENCH,
+    CANDIDATES,
+    COLUMNS,
     FLOOR_BAND_HZ,
     W_A,
     damped,
     floor_acceleration,
     pointing_mode,
 )
+from experiments.uncorrected.limit_map import largest_miss
+from experiments.uncorrected.results import checks
+from experiments.uncorrected.stability_map import at_crossover, map_row
 from ftc.goal import Goal
 from sim import (
     NOMINAL,

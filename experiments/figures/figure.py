@@ -15,7 +15,6 @@ from experiments.hexapod.fault_tolerance import Verdict, verdicts
 from experiments.output.plotting import BLACK, BLUE, ORANGE, PAGE_IN, VERMILION, new_figure
 from experiments.output.results import Picture
 from prioritized import FailureAtlas
-from sim import Array
 
 _MARGIN = {"arrowstyle": "<->", "color": VERMILION, "shrinkA": 0, "shrinkB": 0}
 
@@ -48,8 +47,7 @@ def pictures(portrait: Portrait) -> list[Picture]:
         Picture(
             "atlas",
             "Every combination of sound, locked and free struts: can the hexapod still point?",
-            "A map of 27 by 27 conditions, and the share of each verdict over the number of "
-            "failures.",
+            "A map of 27 by 27 conditions, and the share of each verdict over their failures.",
             partial(figure_atlas, portrait.atlas),
         ),
     ]
@@ -71,25 +69,14 @@ def figure_bode(loops: tuple[OpenLoop, OpenLoop]) -> Figure:
     return figure
 
 
-def decibels(response: Array) -> Array:
-    """Magnitude of a complex response."""
-    return 20 * np.log10(abs(response))
-
-
-def phase_deg(response: Array) -> Array:
-    """Phase of a complex response over frequency, without jumps."""
-    return np.rad2deg(np.unwrap(np.angle(response)))
-
-
 def _curves(magnitude: Axes, phase: Axes, one: OpenLoop) -> None:
-    compensator = one.open_loop / one.plant
     for response, style in (
         (one.open_loop, {"color": BLUE, "lw": 1.5, "label": "open loop"}),
-        (compensator, {"color": ORANGE, "ls": "--", "label": "compensator"}),
+        (one.open_loop / one.plant, {"color": ORANGE, "ls": "--", "label": "compensator"}),
         (one.plant, {"color": BLACK, "ls": ":", "label": "plant"}),
     ):
-        magnitude.semilogx(one.frequency_hz, decibels(response), **style)
-        phase.semilogx(one.frequency_hz, phase_deg(response), **style)
+        magnitude.semilogx(one.frequency_hz, 20 * np.log10(abs(response)), **style)
+        phase.semilogx(one.frequency_hz, np.rad2deg(np.unwrap(np.angle(response))), **style)
     magnitude.axhline(0, color=BLACK, lw=0.6)
     phase.axhline(-180, color=BLACK, lw=0.6)
 

@@ -1,6 +1,7 @@
 """Figure 2 of the paper: top view and front view of the hexapod, drawn from its MJCF."""
 
 from collections import defaultdict
+from dataclasses import dataclass
 from typing import Any
 
 import mujoco
@@ -8,10 +9,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
+from scipy.spatial import ConvexHull
 
-from experiments.figures.outline import FRONT, TOP, Frame, Part, Side, frames, parts
 from experiments.output.plotting import BLACK, BLUE, GREEN, PAGE_IN, PURPLE, VERMILION, new_figure
-from sim import Array, Hexapod, hexapod
+from sim import Array, Hexapod, element_id, hexapod
 
 NAMED = {"laser": (-52, 14), "telescope": (-62, 42), "detector": (24, 3), "base_plate": (30, -18)}
 """Parts that are named where a machine has them, and where their names stand, in points."""
@@ -19,6 +20,57 @@ _AXIS_M = 0.1
 _ARROW = {"arrowstyle": "-|>", "lw": 1, "color": BLACK, "shrinkA": 0, "shrinkB": 0}
 _PAPER = {"fc": "white", "alpha": 0.8, "lw": 0, "pad": 0.5}
 _FILL = {"base": "0.95", "payload": "0.88", "strut": "0.75"}
+
+_TURN = np.linspace(0, 2 * np.pi, 48, endpoint=False)
+_RING = np.column_stack([np.cos(_TURN), np.sin(_TURN)])
+_TILTS = np.linspace(-np.pi / 2, np.pi / 2, 25)
+_BALL = np.vstack([np.c_[_RING * np.cos(t), np.full(len(_RING), np.sin(t))] for t in _TILTS])
+_CORNERS = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
+
+
+@dataclass(frozen=True)
+class Side:
+    """A direction of sight; base axis `across`, 0..2, points right, `down` down: not mirrored."""
+
+    name: str
+    across: int
+    down: int
+
+    @property
+    def plane(self) -> list[int]:
+        """Base axes on the paper."""
+        return [self.across, self.down]
+
+    @property
+    def away(self) -> Array:
+        """Unit vector from the reader into the paper, base axes."""
+        return np.cross(np.eye(3)[self.across], np.eye(3)[self.down])
+
+
+TOP, FRONT = Side("top", across=0, down=1), Side("front", across=0, down=2)
+
+
+@dataclass(frozen=True)
+class Part:
+    """One geom, the convex hull of points on its surface, in base axes, from the payload origin."""
+
+    name: str
+    belongs_to: str  # "base", "payload" or "strut"
+    surface_m: Array  # (k, 3)
+
+    def outline_m(self, side: Side) -> Array:
+        """Convex polygon seen from that side, shape (., 2)."""
+        flat = self.surface_m[:, side.plane]
+        return flat[ConvexHull(flat).vertices]
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A coordinate frame of the paper's Fig. 2, in base axes, from the payload origin."""
+
+    subscript: str  # "" for the payload, "_b" for the base
+    origin_m: Array
+    axes: Array  # rows: unit vectors x, y, z
 
 
 def figure_2(model: mujoco.MjModel) -> Figure:
@@ -144,3 +196,64 @@ def _caption(geometry: Hexapod) -> str:
         f"Strut length {low if low == high else f'{low} to {high}'} m; "
         f"struts 1 and 2 stand at {angle:.1f}° to each other."
     )
+
+
+# The model seen from one side: the outlines of its geoms, and its two frames.
+
+
+def frames(model: mujoco.MjModel) -> list[Frame]:
+    """Frames of the payload and the base at the nominal pose."""
+    data, origin, to_base = _nominal(model)
+    found = []
+    for subscript, name in (("", "payload"), ("_b", "base")):
+        site = _site(model, name)
+        axes = (to_base @ data.site_xmat[site].reshape(3, 3)).T
+        found.append(Frame(subscript, to_base @ (data.site_xpos[site] - origin), axes))
+    return found
+
+
+def parts(model: mujoco.MjModel) -> list[Part]:
+    """All geoms with a finite extent, at the nominal pose."""
+    data, origin, to_base = _nominal(model)
+    bodies = {model.site_bodyid[_site(model, name)]: name for name in ("base", "payload")}
+    found = []
+    for geom in range(model.ngeom):
+        surface = _surface(model, geom)
+        if surface is not None:
+            world = surface @ data.geom_xmat[geom].reshape(3, 3).T + data.geom_xpos[geom]
+            belongs_to = bodies.get(model.geom_bodyid[geom], "strut")
+            found.append(Part(model.geom(geom).name, belongs_to, (world - origin) @ to_base.T))
+    return found
+
+
+def _nominal(model: mujoco.MjModel) -> tuple[mujoco.MjData, Array, Array]:
+    """The machine at its nominal pose, its payload origin, and what turns the world to the base."""
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    to_base = data.site_xmat[_site(model, "base")].reshape(3, 3).T
+    return data, data.site_xpos[_site(model, "payload")], to_base
+
+
+def _site(model: mujoco.MjModel, name: str) -> int:
+    return element_id(model, "site", name)
+
+
+def _surface(model: mujoco.MjModel, geom: int) -> Array | None:
+    """Points on a geom in its own axes; None for those without end, planes and height fields."""
+    size, kind = model.geom_size[geom], mujoco.mjtGeom
+    match model.geom_type[geom]:
+        case kind.mjGEOM_SPHERE:
+            return size[0] * _BALL
+        case kind.mjGEOM_ELLIPSOID:
+            return size * _BALL
+        case kind.mjGEOM_BOX:
+            return size * _CORNERS
+        case kind.mjGEOM_CAPSULE:
+            return size[0] * _BALL + np.sign(_BALL[:, 2:]) * [0, 0, size[1]]
+        case kind.mjGEOM_CYLINDER:
+            rim = size[0] * _RING
+            return np.vstack([np.c_[rim, np.full(len(rim), end)] for end in (-size[1], size[1])])
+        case kind.mjGEOM_MESH:
+            mesh = model.geom_dataid[geom]
+            return model.mesh_vert[model.mesh_vertadr[mesh] :][: model.mesh_vertnum[mesh]]
+    return None

@@ -18,40 +18,27 @@ from sim import Array, Hexapod, LinearPlant, hexapod, load_model, model_sha256
 
 @dataclass(frozen=True)
 class OpenLoop:
-    """Frequency response of one pointing loop as it runs: sampled, behind the zero-order hold.
-
-    Attributes:
-        frequency_hz: (F,), from 0.1 Hz to four fifths of the Nyquist frequency.
-        plant: Complex response (F,) of the pointing angle to its commanded value.
-        open_loop: The same behind the compensator.
-    """
+    """Frequency response of one pointing loop as it runs: sampled, behind the zero-order hold."""
 
     angle: str
     loop: Loop
-    frequency_hz: Array
-    plant: Array
-    open_loop: Array
+    frequency_hz: Array  # (F,), from 0.1 Hz to four fifths of the Nyquist frequency
+    plant: Array  # complex response of the pointing angle to its commanded value, (F,)
+    open_loop: Array  # the same behind the compensator
 
 
 @dataclass(frozen=True)
 class Portrait:
-    """One machine on one bench.
-
-    Attributes:
-        model_sha256: Of the machine file.
-        modes_hz: Natural frequencies of the sound plant, ascending.
-        loops: The (alpha, beta) loops.
-        atlas: Rigid and elastic verdicts on all 3^6 conditions, major task (alpha, beta).
-    """
+    """One machine on one bench."""
 
     seed: int
     model: mujoco.MjModel
     model_sha256: str
     geometry: Hexapod
     bench: Bench
-    modes_hz: Array
-    loops: tuple[OpenLoop, OpenLoop]
-    atlas: FailureAtlas
+    modes_hz: Array  # of the sound plant, ascending
+    loops: tuple[OpenLoop, OpenLoop]  # alpha, beta
+    atlas: FailureAtlas  # rigid and elastic, all 3^6 conditions, major task (alpha, beta)
 
 
 def run_figures(

@@ -1,16 +1,39 @@
-"""What the force mapping answers on the hexapod, and other torques to compare it with."""
+"""The force mapping's torques: on the hexapod, beside other torques, and on a platform.
 
+The platform stands on four legs where three are enough, and has an internal force to use.
+"""
+
+from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import mujoco
 import numpy as np
 
-from experiments.force.cases import LEAST_TORQUE, Aims, Condition, ForceGoal, as_wrench
-from experiments.force.optimum import cost, least_cost, statics
-from experiments.force.rig import press, with_fixture
+from experiments.force.optimum import (
+    LEAST_TORQUE,
+    Aims,
+    ForceGoal,
+    as_wrench,
+    cost,
+    least_cost,
+    statics,
+)
+from experiments.force.rig import Condition, Readings, press, with_fixture
 from experiments.hexapod.columns import MAJOR, SECONDARY
-from prioritized import ConstrainedSystem, Kinematics, Status
+from prioritized import ConstrainedSystem, ForceMapping, Kinematics, Status, force_mapping
 from sim import HEXAPOD_MJCF, Array, jacobians, load_model
+
+PLATFORM_MJCF = HEXAPOD_MJCF.with_name("platform.xml")
+PLATFORM_TASK = (2, 3, 4)
+PLATFORM_MAJOR = (0, 1, 2)
+"""All of the task is prescribed: torques that are J^T f, eq. (22), leave nothing to choose."""
+PLATFORM_N_M, PLATFORM_N = 1.0, 15.0
+"""Largest moment and size of the force: up to 9.2 N a leg."""
+HOT = 3.0
+"""Weight of a hot motor's torque, where that of the others is one."""
+SQUEEZE_N = 30.0
+"""Bias of each leg, to keep its play on one side whatever force is exerted."""
 
 OTHERS = 60
 MAJOR_WEIGHTS = (0.3, 1.0, 3.0, 10.0, 30.0, 100.0)
@@ -19,35 +42,33 @@ MAJOR_WEIGHTS = (0.3, 1.0, 3.0, 10.0, 30.0, 100.0)
 
 @dataclass(frozen=True)
 class Answer:
-    """The mapping's answer to some aims, one a row.
-
-    Attributes:
-        asked: The aims, [moment; force], shape (D, 6).
-        torques: Of the coils, shape (D, 6), [N]; zero at failed struts.
-        wrench: What they exert, [moment; force] with the secondary force chosen, shape (D, 6).
-        strut: What the closure of each strut then takes on, eq. (11), shape (D, 6), [N]; of a
-            locked strut, its reaction.
-        seen: Orthogonal projector on the wrenches that the actuators span, shape (6, 6).
-        cost: Of Problem 6, shape (D,); `least_cost`: of all equilibria, found another way.
-    """
+    """The mapping's answer to some aims, one a row; wrenches are [moment; force]."""
 
     goal: ForceGoal
-    asked: Array
+    asked: Array  # the aims, (D, 6)
     status: Status
-    torques: Array
-    wrench: Array
-    strut: Array
-    seen: Array
-    cost: Array
-    least_cost: Array
+    torques: Array  # of the coils, (D, 6), [N]; zero at failed struts
+    wrench: Array  # what they exert, with the secondary force chosen, (D, 6)
+    strut: Array  # what each closure then takes on, eq. (11); a lock's reaction, (D, 6), [N]
+    seen: Array  # orthogonal projector on the wrenches that the actuators span, (6, 6)
+    cost: Array  # of Problem 6, (D,)
+    least_cost: Array  # of all equilibria, found another way, (D,)
 
 
 def known_system(condition: Condition) -> ConstrainedSystem:
     """The failed hexapod as the mapping knows it: from a sound, rigid model without fixture."""
-    model = load_model()
+    return _machine(HEXAPOD_MJCF, range(6)).with_failures(condition.locked, condition.free)
+
+
+def platform() -> ConstrainedSystem:
+    """The platform as the mapping knows it."""
+    return _machine(PLATFORM_MJCF, PLATFORM_TASK)
+
+
+def _machine(path: Path, task: Sequence[int]) -> ConstrainedSystem:
+    model = load_model(path)
     jac = jacobians(model, mujoco.MjData(model), site="payload", axes="base")
-    sound = ConstrainedSystem(jac.J_T, jac.J_C, jac.active)
-    return sound.with_failures(condition.locked, condition.free)
+    return ConstrainedSystem(jac.J_T[list(task)], jac.J_C, jac.active)
 
 
 def answer(system: ConstrainedSystem, goal: ForceGoal, aims: Aims) -> Answer:
@@ -82,33 +103,21 @@ def closure_forces(system: ConstrainedSystem, kin: Kinematics, f: Array, torques
 
 @dataclass(frozen=True)
 class Tried:
-    """Torques that pressed on the fixture.
+    """Torques that pressed on the fixture."""
 
-    Attributes:
-        torques: Shape (P, 6), [N].
-        weighed: |W3 torques|, shape (P,).
-        major_off: Simulated major force against what was asked for, relative, shape (P,).
-    """
-
-    torques: Array
-    weighed: Array
-    major_off: Array
+    torques: Array  # (P, 6), [N]
+    weighed: Array  # |W3 torques|, (P,)
+    major_off: Array  # simulated major force from what was asked for, relative, (P,)
 
 
 @dataclass(frozen=True)
 class Tradeoff:
-    """Torques for one major force on the sound hexapod.
+    """Torques for one major force on the sound hexapod."""
 
-    Attributes:
-        asked: The major force, shape (2,), [N m].
-        others: Other torques of the same major force, at random.
-        pseudo_inverse: Weighted pseudo-inverses, by :data:`MAJOR_WEIGHTS`.
-    """
-
-    asked: Array
+    asked: Array  # the major force, (2,), [N m]
     mapping: Tried
-    others: Tried
-    pseudo_inverse: Tried
+    others: Tried  # of the same major force, at random
+    pseudo_inverse: Tried  # weighted, by MAJOR_WEIGHTS
 
 
 def trade(aims: Aims, rng: np.random.Generator) -> Tradeoff:
@@ -150,3 +159,54 @@ def compromise(J: Array, W3: Array, f_major: Array, weight: float) -> Array:
     A = np.vstack([weight * np.eye(6)[MAJOR], W3[:, None] * J.T])
     target = np.concatenate([weight * f_major, np.zeros(6)])
     return J.T @ np.linalg.lstsq(A, target)[0]
+
+
+@dataclass(frozen=True)
+class Exerted:
+    """One way to press on the fixture, one force a row."""
+
+    torques: Array  # (D, 4), [N]
+    legs: Array  # what the pins of the legs take on, by eq. (11), (D, 4), [N]
+    pressed: Readings
+
+
+@dataclass(frozen=True)
+class InternalForce:
+    """One use of the internal force."""
+
+    name: str
+    motor: int | None  # the hot one, 0..3; None: the legs are squeezed
+    torque_weight: Array  # W3, diagonal, (4,), [1]/[N]
+    desired: Array  # torques that the legs are to stay near, (4,), [N]
+    direction: Array  # unit vector C of the torques that do no work on any motion, (4,)
+    wrench: Array  # exerted, [moment; force], (D, 6)
+    without: Exerted  # with the torques J^T f
+    used: Exerted  # with J^T f + C^T eta
+
+
+def use_internal_force(rng: np.random.Generator, count: int) -> tuple[InternalForce, ...]:
+    """Relieve each motor in turn, then squeeze, pressing on the fixture with so many forces."""
+    model, system = with_fixture(PLATFORM_MJCF), platform()
+    kin = system.kinematics()
+    angle = rng.uniform(0, 2 * np.pi, count)
+    moment = rng.uniform(-PLATFORM_N_M, PLATFORM_N_M, count)
+    f = np.column_stack([moment, PLATFORM_N * np.cos(angle), PLATFORM_N * np.sin(angle)])
+    wrench = np.zeros((count, 6))
+    wrench[:, PLATFORM_TASK] = f
+
+    def exert(mapping: ForceMapping, desired: Array) -> Exerted:
+        torques = mapping(f, torque=desired)
+        legs = closure_forces(system, kin, f, torques)
+        return Exerted(torques, legs, press(model, (), torques, PLATFORM_TASK))
+
+    def use(name: str, motor: int | None, W3: Array, desired: Array) -> InternalForce:
+        # The paper assumes internal force away: its mapping is that of J alone.
+        without = force_mapping(kin.J, PLATFORM_MAJOR, torque_weight=W3)
+        used = kin.force_mapping(PLATFORM_MAJOR, torque_weight=W3)
+        both = exert(without, desired), exert(used, desired)
+        return InternalForce(name, motor, W3, desired, kin.active_constraint[0], wrench, *both)
+
+    weights = np.ones((4, 4)) + (HOT - 1) * np.eye(4)
+    hot = [use(f"motor {k + 1} hot", k, weights[k], np.zeros(4)) for k in range(4)]
+    squeeze = SQUEEZE_N * np.sign(kin.active_constraint[0])
+    return (*hot, use("squeezed", None, np.ones(4), squeeze))

@@ -7,25 +7,28 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from experiments.force.platform import InternalForce
+from experiments.force.answers import InternalForce
 from experiments.force.runs import Examination, Force
 from experiments.force.tables import LIMIT_PERCENT
 from experiments.output.plotting import BLACK, BLUE, GREEN, ORANGE, PAGE_IN, VERMILION, new_figure
 from experiments.output.results import Picture
 
+_SIZES = slice(3, 6), slice(0, 2)
+"""Translation and pointing of a payload displacement."""
+
 
 def pictures(force: Force, summary: dict[str, Any]) -> list[Picture]:
     """The study's figure and its caption."""
-    picture = Picture(
-        "force",
-        "Theorems 7 to 9 in simulation, sound, locked and free; the platform's internal force.",
+    caption = (
+        "Theorems 7 to 9 in simulation, sound, locked and free; the platform's internal force."
+    )
+    alt = (
         "Six panels: distances from the theorems far below the limit of one percent; torques of "
         "the mapping beside others of the same major force; lock reactions on the line of "
         "prediction; displacement of the payload where predicted; torque of a hot motor reduced; "
-        "leg forces that keep their sign.",
-        partial(figure_force, force, summary),
+        "leg forces that keep their sign."
     )
-    return [picture]
+    return [Picture("force", caption, alt, partial(figure_force, force, summary))]
 
 
 def figure_force(force: Force, summary: dict[str, Any]) -> Figure:
@@ -69,74 +72,60 @@ def _tradeoff(axes: Axes, force: Force) -> None:
     ):
         axes.semilogy(tried.weighed / least, 100 * tried.major_off, label=label, **style)
     axes.axhline(LIMIT_PERCENT, color=BLACK, lw=1, ls="--")
-    axes.set(
-        title="One major force on the sound hexapod",
-        xlabel="weighted torque / the mapping's",
-        ylabel="simulated major force off by, %",
-    )
+    axes.set_title("One major force on the sound hexapod")
+    axes.set(xlabel="weighted torque / the mapping's", ylabel="simulated major force off by, %")
     axes.legend()
 
 
 def _reactions(axes: Axes, examinations: list[Examination]) -> None:
-    held, pressed, predicted = [], [], []
-    for one in examinations:
-        if one.condition.kind == "locked":
-            strut = one.condition.strut
-            for trial in one.trials:
-                predicted += list(trial.answer.strut[:, strut])
-                held += list(trial.held.lock_n[:, -1, strut])
-                pressed += list(trial.pressed.lock_n[:, -1, strut])
-    ends = [min(predicted), max(predicted)]
+    locked = [
+        (trial, one.condition.strut)
+        for one in examinations
+        if one.condition.kind == "locked"
+        for trial in one.trials
+    ]
+    predicted = np.concatenate([trial.answer.strut[:, strut] for trial, strut in locked])
+    held = np.concatenate([trial.held.lock_n[:, -1, strut] for trial, strut in locked])
+    pressed = np.concatenate([trial.pressed.lock_n[:, -1, strut] for trial, strut in locked])
+    ends = [predicted.min(), predicted.max()]
     axes.plot(ends, ends, color=BLACK, lw=1, label="as predicted")
     axes.plot(predicted, held, "s", color=VERMILION, ms=3, label="holding")
     axes.plot(predicted, pressed, "o", color=BLUE, ms=3, label="pressing: shared with the fixture")
-    axes.set(
-        title="Locked strut: reaction force of the lock",
-        xlabel="lock force by eq. (11), N",
-        ylabel="simulated, N",
-    )
+    axes.set_title("Locked strut: reaction force of the lock")
+    axes.set(xlabel="lock force by eq. (11), N", ylabel="simulated, N")
     axes.legend()
 
 
 def _prescribed(axes: Axes, examinations: list[Examination]) -> None:
     freed = [one for one in examinations if one.condition.kind == "free"]
-    ways = [held for one in freed for held in one.prescribed]
     for mapping, label, color in (
         ("rigid", "rigid mapping: eq. (9)", BLUE),
         ("elastic", "elastic mapping: spring used", ORANGE),
     ):
+        ways = [held for one in freed for held in one.prescribed if held.mapping == mapping]
         for source, style in (
             ("predicted", {"marker": "o", "mfc": "none", "ms": 8}),
             ("simulated", {"marker": "x", "ms": 5}),
         ):
-            moved = np.vstack([getattr(way, source) for way in ways if way.mapping == mapping])
-            axes.plot(
-                1e6 * np.linalg.norm(moved[:, 3:], axis=1),
-                1e6 * np.linalg.norm(moved[:, :2], axis=1),
-                ls="",
-                color=color,
-                label=f"{label}, {source}",
-                **style,
-            )
-    axes.set(
-        title="Free strut with its spring, prescribed wrench",
-        xlabel="payload translation, µm",
-        ylabel="pointing off by, µrad",
-    )
+            moved = 1e6 * np.vstack([getattr(way, source) for way in ways])
+            translation, tilt = (np.linalg.norm(moved[:, part], axis=1) for part in _SIZES)
+            style |= {"label": f"{label}, {source}", "color": color, "ls": ""}
+            axes.plot(translation, tilt, **style)
+    axes.set_title("Free strut with its spring, prescribed wrench")
+    axes.set(xlabel="payload translation, µm", ylabel="pointing off by, µrad")
     axes.legend()
 
 
 def _hot_motors(axes: Axes, uses: list[dict[str, Any]]) -> None:
     hot = [use for use in uses if use["motor"]]
-    for k, (how, label, color) in enumerate(
-        (("without", "$J^T f$ alone", ORANGE), ("used", "with internal force", BLUE))
-    ):
+    ways = (("without", "$J^T f$ alone", ORANGE), ("used", "with internal force", BLUE))
+    for k, (how, label, color) in enumerate(ways):
         place = np.arange(len(hot)) + 0.4 * k - 0.2
-        axes.bar(
-            place, [use[how]["hot_motor_rms_n"] for use in hot], 0.38, color=color, label=label
+        motor_n, weighed_n = (
+            [use[how][key] for use in hot] for key in ("hot_motor_rms_n", "weighed_rms_n")
         )
-        weighed = [use[how]["weighed_rms_n"] for use in hot]
-        axes.plot(place, weighed, "D", color=BLACK, ms=3.5, label=None if k else "$|W_3 \\tau|$")
+        axes.bar(place, motor_n, 0.38, color=color, label=label)
+        axes.plot(place, weighed_n, "D", color=BLACK, ms=3.5, label=None if k else "$|W_3 \\tau|$")
     axes.set_xticks(range(len(hot)), [use["name"] for use in hot])
     axes.set(title="Platform: less torque of a hot motor, same force", ylabel="RMS, N")
     axes.margins(y=0.35)
@@ -145,9 +134,8 @@ def _hot_motors(axes: Axes, uses: list[dict[str, Any]]) -> None:
 
 
 def _squeeze(axes: Axes, use: InternalForce) -> None:
-    for k, (how, label, color) in enumerate(
-        ((use.without, "$J^T f$ alone", ORANGE), (use.used, "with internal force", BLUE))
-    ):
+    ways = ((use.without, "$J^T f$ alone", ORANGE), (use.used, "with internal force", BLUE))
+    for k, (how, label, color) in enumerate(ways):
         for leg in range(4):
             force = how.pressed.strut_n[:, -1, leg]
             place = np.full(len(force), leg + 1 + 0.2 * k - 0.1)

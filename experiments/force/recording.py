@@ -8,7 +8,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from experiments.force.cases import PRESCRIBED
+from experiments.force.optimum import PRESCRIBED
 from experiments.force.rig import Readings
 from experiments.force.runs import Examination, Trial
 from experiments.force.tables import tables
@@ -34,16 +34,14 @@ _M_PER_N, _M_PER_N_M = 0.01, 0.07
 """Lengths of arrows."""
 _ABOVE_M = 0.17
 """Of the payload's origin: where the arrows begin, in sight."""
-_PARTS = slice(0, 3), slice(3, 6)
 
 
 def write_force(examinations: list[Examination], summary: dict[str, Any], folder: Path) -> None:
     """Write the `.rrd`: prescribed wrenches, one after another, a column for each condition."""
     shown = [one for one in examinations if one.condition.strut == 0]
     held = [_yielding(one) for one in shown]
-    factor = exaggeration(
-        *(float(max(np.abs(one.displacement[..., part]).max() for one in held)) for part in _PARTS)
-    )
+    largest = np.max([np.abs(one.displacement).max(axis=(0, 1)) for one in held], axis=0)
+    factor = exaggeration(float(largest[:3].max()), float(largest[3:].max()))
     full_n = float(np.ceil(max(np.abs(one.strut_n).max() for one in held)))
     model = load_model()
     properties = {"seed": summary["seed"]}
@@ -122,11 +120,10 @@ def _plots(one: Examination) -> list[Plot]:
         plot("struts", "Struts, holding [N]", _STRUTS, held, held.strut_n),
     ]
     if one.condition.kind == "locked":
-        predicted = np.broadcast_to(trial.answer.strut[:, None, :1], held.lock_n[..., :1].shape)
-        lock = np.concatenate([held.lock_n[..., :1], predicted], axis=-1)
-        plots.append(
-            plot("lock", "Reaction of the lock [N]", ["lock [N]", "predicted [N]"], held, lock)
-        )
+        lock_n = held.lock_n[..., 0]
+        predicted_n = np.broadcast_to(trial.answer.strut[:, :1], lock_n.shape)
+        both, names = np.stack([lock_n, predicted_n], axis=-1), ["lock [N]", "predicted [N]"]
+        plots.append(plot("lock", "Reaction of the lock [N]", names, held, both))
     for way in one.prescribed:
         title = f"Payload, {way.mapping} mapping [urad], [um]"
         moved = 1e6 * way.readings.displacement
@@ -136,9 +133,10 @@ def _plots(one: Examination) -> list[Plot]:
 
 def _notes(summary: dict[str, Any], properties: dict[str, Any]) -> str:
     """The tables, shown beside the views."""
-    lines = ["# Static force mappings", "", f"Seed {summary['seed']}. Each load is a step."]
-    lines += ["On the payload: the moment held is green, the force orange."]
-    lines += ["The wrench on the fixture is stretched in time: pressing rests sooner.", ""]
-    for table in tables(summary):
-        lines += [f"## {table.title}", "", table.markdown(), ""]
+    lines = [
+        f"# Static force mappings\n\nSeed {summary['seed']}. Each load is a step.",
+        "On the payload: the moment held is green, the force orange.",
+        "The wrench on the fixture is stretched in time: pressing rests sooner.\n",
+        *(f"## {table.title}\n\n{table.markdown()}\n" for table in tables(summary)),
+    ]
     return "\n".join([*lines, *constants(properties)])

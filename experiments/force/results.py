@@ -5,11 +5,17 @@ from typing import Any
 
 import numpy as np
 
-from experiments.force.answers import MAJOR_WEIGHTS, Answer, Tradeoff, Tried
-from experiments.force.cases import PRESCRIBED
+from experiments.force.answers import (
+    MAJOR_WEIGHTS,
+    PLATFORM_MJCF,
+    Answer,
+    Exerted,
+    InternalForce,
+    Tradeoff,
+    Tried,
+)
 from experiments.force.figure import pictures
-from experiments.force.optimum import weighed
-from experiments.force.platform import PLATFORM_MJCF, Exerted, InternalForce
+from experiments.force.optimum import PRESCRIBED, weighed
 from experiments.force.recording import write_force
 from experiments.force.rig import Readings
 from experiments.force.runs import Examination, Force, Held, Trial, payload_stiffness
@@ -97,19 +103,17 @@ def _cost_excess(answer: Answer) -> float:
 def _reaction(one: Examination) -> dict[str, Any]:
     """What the lock bears of the prescribed wrenches, held and pressing."""
     trial, strut = one.trial(PRESCRIBED), one.condition.strut
-    return {
-        "predicted_n": trial.answer.strut[:, strut].tolist(),
-        "simulated_n": trial.held.lock_n[:, -1, strut].tolist(),
-        "simulated_pressed_n": trial.pressed.lock_n[:, -1, strut].tolist(),
-    }
+    held, pressed = (each.lock_n[:, -1, strut].tolist() for each in (trial.held, trial.pressed))
+    predicted = trial.answer.strut[:, strut].tolist()
+    return {"predicted_n": predicted, "simulated_n": held, "simulated_pressed_n": pressed}
 
 
 def _prescribed(held: Held) -> dict[str, Any]:
     def size(displacement: Array) -> dict[str, list[float]]:
-        pointing, translation = displacement[:, MAJOR], displacement[:, 3:]
+        parts = {"pointing_urad": MAJOR, "translation_um": slice(3, 6)}
         return {
-            "pointing_urad": (1e6 * np.linalg.norm(pointing, axis=1)).tolist(),
-            "translation_um": (1e6 * np.linalg.norm(translation, axis=1)).tolist(),
+            name: (1e6 * np.linalg.norm(displacement[:, part], axis=1)).tolist()
+            for name, part in parts.items()
         }
 
     return {
@@ -123,7 +127,9 @@ def _prescribed(held: Held) -> dict[str, Any]:
 
 
 def _tradeoff(trade: Tradeoff) -> dict[str, Any]:
-    least = trade.mapping.weighed[0]
+    least, others, pseudo = trade.mapping.weighed[0], trade.others, trade.pseudo_inverse
+    columns = (MAJOR_WEIGHTS, pseudo.weighed / least, 100 * pseudo.major_off)
+    keys = ("major_weight_per_n_m", "weighed_over_mapping", "major_off_percent")
     return {
         "asked_n_m": trade.asked.tolist(),
         "mapping": {
@@ -131,23 +137,13 @@ def _tradeoff(trade: Tradeoff) -> dict[str, Any]:
             "major_off_percent": 100 * float(trade.mapping.major_off[0]),
         },
         "others": {
-            "count": len(trade.others.weighed),
-            "cheapest_over_mapping": float(trade.others.weighed.min() / least),
-            "dearest_over_mapping": float(trade.others.weighed.max() / least),
-            "major_off_percent": 100 * float(trade.others.major_off.max()),
+            "count": len(others.weighed),
+            "cheapest_over_mapping": float(others.weighed.min() / least),
+            "dearest_over_mapping": float(others.weighed.max() / least),
+            "major_off_percent": 100 * float(others.major_off.max()),
         },
         "pseudo_inverse": [
-            {
-                "major_weight_per_n_m": weight,
-                "weighed_over_mapping": float(weighed_n / least),
-                "major_off_percent": 100 * float(off),
-            }
-            for weight, weighed_n, off in zip(
-                MAJOR_WEIGHTS,
-                trade.pseudo_inverse.weighed,
-                trade.pseudo_inverse.major_off,
-                strict=True,
-            )
+            dict(zip(keys, map(float, row), strict=True)) for row in zip(*columns, strict=True)
         ],
     }
 
@@ -192,13 +188,10 @@ def _arrays(force: Force) -> dict[str, Array]:
         for trial in one.trials:
             answer = trial.answer
             where = f"{one.condition} {answer.goal}".replace(" ", "_")
-            arrays |= {
-                f"{where}_torques_n": answer.torques,
-                f"{where}_wrench": answer.wrench,
-                f"{where}_strut_n": answer.strut,
-                **_prefixed(f"{where}_pressed", trial.pressed),
-                **_prefixed(f"{where}_held", trial.held),
-            }
+            arrays |= {f"{where}_torques_n": answer.torques, f"{where}_wrench": answer.wrench}
+            arrays |= {f"{where}_strut_n": answer.strut}
+            arrays |= _prefixed(f"{where}_pressed", trial.pressed)
+            arrays |= _prefixed(f"{where}_held", trial.held)
         for held in one.prescribed:
             where = f"{one.condition} prescribed {held.mapping}".replace(" ", "_")
             arrays |= {f"{where}_torques_n": held.torques, f"{where}_predicted": held.predicted}

@@ -1,4 +1,4 @@
-"""A mechanism loaded from outside, and gauges that know nothing of the force mapping.
+"""A failed mechanism loaded from outside, and gauges that know nothing of the force mapping.
 
 The environment is a fixture that clamps the payload to the world: two-sided, so that contact need
 not be kept. Each gauge reads what one closure, lock or fixture does in MuJoCo.
@@ -11,7 +11,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from sim import Array, Failure, Plant, failed_plant, jacobians
+from sim import Array, Failure, FailureKind, Plant, failed_plant, jacobians
 
 HEXAPOD_TASK = range(6)
 SAMPLE_S = 0.01
@@ -19,6 +19,41 @@ PRESS_S, HOLD_S = 0.05, 0.6
 """Clamped, nothing but closures moves; else the softest mode, 31.6 Hz, decays to 3e-5."""
 _TARE_S = 0.05
 FIXTURE = "fixture"
+
+
+@dataclass(frozen=True)
+class Condition:
+    """What is broken: one strut, 0..5, or with kind None nothing."""
+
+    kind: FailureKind | None = None
+    strut: int = 0
+
+    def __str__(self) -> str:
+        return "sound" if self.kind is None else f"strut {self.strut + 1} {self.kind}"
+
+    @property
+    def failures(self) -> tuple[Failure, ...]:
+        """What happens to the plant."""
+        return () if self.kind is None else (Failure(self.strut, self.kind),)
+
+    @property
+    def locked(self) -> tuple[int, ...]:
+        """Position failures, for the theory."""
+        return (self.strut,) if self.kind == "locked" else ()
+
+    @property
+    def free(self) -> tuple[int, ...]:
+        """Torque failures, for the rigid theory: it knows no suspension spring."""
+        return (self.strut,) if self.kind in ("free", "loose") else ()
+
+
+KINDS: tuple[FailureKind, ...] = ("locked", "free", "loose")
+
+
+def conditions(struts: int) -> tuple[Condition, ...]:
+    """Sound, and each of the first struts failed in each way."""
+    failed = [Condition(kind, strut) for kind in KINDS for strut in range(struts)]
+    return (Condition(), *failed)
 
 
 def with_fixture(path: Path) -> mujoco.MjModel:
@@ -45,22 +80,15 @@ def with_fixture(path: Path) -> mujoco.MjModel:
 class Readings:
     """What the gauges read, less what they read before the first load.
 
-    Each of the L loads is a step and stays for S samples; the last of them is at rest.
-
-    Attributes:
-        fixture: Wrench [moment; force] that the mechanism exerts on it, shape (L, S, 6); rows that
-            the mechanism is not about are zero.
-        strut_n: Force along each actuated joint that its closure takes on, shape (L, S, n), [N].
-        lock_n: Force of each lock on its joint, shape (L, S, n), [N].
-        displacement: Of the payload, [rotation; translation], shape (L, S, 6), [rad] and [m].
-        closure_residual_m: Largest gap of a loop or of the fixture, not lessened, shape (L, S).
+    Each of the L loads is a step and stays for S samples; the last of them is at rest. Rows of the
+    fixture's wrench that the mechanism is not about are zero.
     """
 
-    fixture: Array
-    strut_n: Array
-    lock_n: Array
-    displacement: Array
-    closure_residual_m: Array
+    fixture: Array  # wrench [moment; force] exerted on it, (L, S, 6)
+    strut_n: Array  # along each actuated joint, what its closure takes on, (L, S, n)
+    lock_n: Array  # of each lock on its joint, (L, S, n)
+    displacement: Array  # of the payload, [rotation; translation], (L, S, 6), [rad] and [m]
+    closure_residual_m: Array  # largest gap of a loop or of the fixture, in full, (L, S)
 
     @property
     def time_s(self) -> Array:
@@ -77,11 +105,8 @@ def press(
 ) -> Readings:
     """Clamp the payload of a failed mechanism in the fixture and exert torques (L, n), [N].
 
-    Args:
-        model: From :func:`with_fixture`.
-        failures: What is broken from the start.
-        torques: Of all actuators, one load a row.
-        task: Rows of the payload twist that the mechanism is about.
+    The model is one of :func:`with_fixture`; `task` are the rows of the payload twist that the
+    mechanism is about.
 
     Raises:
         sim.SimulationDiverged: The physics left the finite numbers.

@@ -7,20 +7,17 @@ import mujoco
 import numpy as np
 import scipy.linalg
 
-from experiments.force.answers import Answer, Tradeoff, answer, known_system, trade
-from experiments.force.cases import (
-    GOALS,
-    LEVERED,
-    PRESCRIBED,
-    STRUTS,
-    Aims,
-    Condition,
-    ForceGoal,
-    conditions,
-    draw_aims,
+from experiments.force.answers import (
+    Answer,
+    InternalForce,
+    Tradeoff,
+    answer,
+    known_system,
+    trade,
+    use_internal_force,
 )
-from experiments.force.platform import InternalForce, use_internal_force
-from experiments.force.rig import Readings, hold, press, with_fixture
+from experiments.force.optimum import GOALS, LEVERED, PRESCRIBED, Aims, ForceGoal, draw_aims
+from experiments.force.rig import Condition, Readings, conditions, hold, press, with_fixture
 from experiments.hexapod.columns import MAJOR, SECONDARY
 from experiments.hexapod.fault_tolerance import elastic_system, strut_and_payload_stiffness
 from experiments.output.parallel import in_parallel
@@ -35,22 +32,16 @@ DRAWS = 4
 class Held:
     """Prescribed wrenches against one set of torques, one a row.
 
-    Attributes:
-        mapping: Where the torques come from. "rigid" knows no springs, and eq. (9) forbids what a
-            free strut would have to bear; "elastic" leaves that to the strut's spring.
-        torques: Of the coils, shape (D, 6), [N].
-        lacking: What neither they nor a lock exert, [moment; force], shape (D, 6).
-        readings: Of the simulation, a load for each wrench.
-        predicted: Displacement at which all springs together balance what is lacking, shape (D, 6).
-        unheld: Displacement if they had to balance all of it, shape (D, 6).
+    The "rigid" mapping knows no springs, and eq. (9) forbids what a free strut would have to bear;
+    the "elastic" one leaves that to the strut's spring.
     """
 
     mapping: str
-    torques: Array
-    lacking: Array
-    readings: Readings
-    predicted: Array
-    unheld: Array
+    torques: Array  # of the coils, (D, 6), [N]
+    lacking: Array  # what neither they nor a lock exert, [moment; force], (D, 6)
+    readings: Readings  # a load for each wrench
+    predicted: Array  # displacement where all springs together balance what is lacking, (D, 6)
+    unheld: Array  # displacement if they had to balance all of it, (D, 6)
 
     @property
     def simulated(self) -> Array:
@@ -74,9 +65,8 @@ class Trial:
 class Examination:
     """One condition of the hexapod.
 
-    Attributes:
-        prescribed: All that was asked for, held by the rigid mapping's torques, and with a free
-            strut by the elastic one's; not tried on a strut that no spring holds.
+    The prescribed wrenches are held by the rigid mapping's torques, and with a free strut by the
+    elastic one's; none are tried on a strut that no spring holds.
     """
 
     condition: Condition
@@ -100,12 +90,7 @@ class Force:
 
 
 def run_force(*, seed: int, quick: bool, on_progress: OnProgress) -> Force:
-    """Examine every condition, in parallel on the machine's cores.
-
-    Args:
-        seed: Of the directions of all forces.
-        quick: Only strut 1 fails.
-        on_progress: Called with finished and total number of examinations.
+    """Examine every condition, in parallel on the machine's cores; with `quick` of strut 1 only.
 
     Raises:
         sim.SimulationDiverged: The physics left the finite numbers.
@@ -114,9 +99,7 @@ def run_force(*, seed: int, quick: bool, on_progress: OnProgress) -> Force:
     aims = draw_aims(rng, DRAWS)
     tradeoff = trade(aims, rng)
     internal = use_internal_force(rng, DRAWS)
-    calls = [
-        {"condition": condition, "aims": aims} for condition in conditions(1 if quick else STRUTS)
-    ]
+    calls = [{"condition": each, "aims": aims} for each in conditions(1 if quick else 6)]
     return Force(seed, aims, in_parallel(examine, calls, on_progress), tradeoff, internal)
 
 
@@ -159,15 +142,10 @@ def hold_prescribed(
     mapping: str,
     torques: Array,
 ) -> Held:
-    """Push the payload back with all of the aims.
+    """Push the payload back with all of the aims against torques (D, 6), [N], of that mapping.
 
-    Args:
-        model: The plant, from :func:`with_fixture`.
-        failures: What is broken; not a strut's spring.
-        known: What the prediction knows of it.
-        aims: The wrenches.
-        mapping: Where the torques come from, see :class:`Held`.
-        torques: Of the coils, shape (D, 6), [N].
+    No strut of the model, which is one of :func:`with_fixture`, may have lost its spring; `known`
+    is what the prediction knows of the failures.
     """
     sound, locked = load_model(), sorted(known.locked)
     A, K = hexapod(sound).inverse_jacobian(NOMINAL), payload_stiffness(sound)

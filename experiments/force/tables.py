@@ -16,18 +16,16 @@ ROUND_OFF_N = 1e-9
 
 def checks(summary: dict[str, Any]) -> list[Check]:
     """Forces and motions are as predicted; no cheaper torques have the same major force."""
-    found = []
-    for condition in summary["conditions"]:
-        found += _condition_checks(condition)
     trade = summary["tradeoff"]
     advantage = 1 / trade["others"]["cheapest_over_mapping"]
     what = "weighted torque over that of the cheapest other torques"
+    found = [check for one in summary["conditions"] for check in _condition_checks(one)]
     found.append(Check(what, "the mapping", advantage, 1.0))
     for how, where in (("mapping", "the mapping"), ("others", "other torques")):
         found.append(_off("the major force", where, trade[how]["major_off_percent"]))
+    what = "weighted torque with internal force minus that without [N]"
     for use in summary["internal_force"]:
         where = f"platform, {use['name']}"
-        what = "weighted torque with internal force minus that without [N]"
         found.append(Check(what, where, -use["saved_at_least_n"], ROUND_OFF_N))
         for how in ("without", "used"):
             exerted = f"{where}, internal force {how}"
@@ -77,15 +75,15 @@ def _exactness(conditions: list[dict[str, Any]]) -> Table:
     def major(one: dict[str, Any]) -> str:
         return "-" if one["kind"] == "locked" else worst("pressed_major_off_percent")(one)
 
-    def by_theorem(one: dict[str, Any], k: int) -> str:
-        return _percent(one["theorems"][k]["pressed_off_percent"])
+    def pressed(k: int) -> Callable[[dict[str, Any]], str]:
+        return lambda one: _percent(one["theorems"][k]["pressed_off_percent"])
 
     return tabulate(
         "Theorems 7, 8, 9: simulation off by, in percent",
         [
             Column("", "condition"),
             Column("major", major),
-            *(Column(f"thm {7 + k}", lambda one, k=k: by_theorem(one, k)) for k in range(3)),
+            *(Column(f"thm {7 + k}", pressed(k)) for k in range(3)),
             Column("struts", worst("held_off_percent")),
             Column("moves", worst("moved_percent")),
         ],
@@ -126,32 +124,25 @@ def _tradeoff(trade: dict[str, Any]) -> Table:
     others = trade["others"]
     between = f"{others['cheapest_over_mapping']:.3f} to {others['dearest_over_mapping']:.2f}"
     rows = [
-        ("the mapping", "1", _percent(trade["mapping"]["major_off_percent"])),
-        (f"{others['count']} other torques", between, _percent(others["major_off_percent"])),
+        ("the mapping", "1", trade["mapping"]),
+        (f"{others['count']} other torques", between, others),
     ]
-    rows += [
-        (
-            f"pseudo-inverse, w = {one['major_weight_per_n_m']:g}",
-            f"{one['weighed_over_mapping']:.3f}",
-            _percent(one["major_off_percent"]),
-        )
-        for one in trade["pseudo_inverse"]
-    ]
+    for one in trade["pseudo_inverse"]:
+        name = f"pseudo-inverse, w = {one['major_weight_per_n_m']:g}"
+        rows.append((name, f"{one['weighed_over_mapping']:.3f}", one))
     return Table(
         "One major force on the sound hexapod",
         ("", "torque", "major off, %"),
-        rows,
+        [(name, torque, _percent(one["major_off_percent"])) for name, torque, one in rows],
         "Weighted torque over the mapping's; simulated major force off by.",
     )
 
 
 def _internal(uses: list[dict[str, Any]]) -> Table:
     def both(key: str) -> Callable[[dict[str, Any]], str]:
-        def cell(use: dict[str, Any]) -> str:
-            used = use["used"].get(key)
-            return "-" if used is None else f"{use['without'][key]:.1f}, {used:.1f}"
-
-        return cell
+        return lambda use: (
+            f"{use['without'][key]:.1f}, {use['used'][key]:.1f}" if key in use["used"] else "-"
+        )
 
     def internal(use: dict[str, Any]) -> str:
         return _both(use["used"]["internal_simulated_rms_n"], use["used"]["internal_rms_n"])

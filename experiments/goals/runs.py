@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -23,7 +22,6 @@ from experiments.hexapod.simulation import Trajectory, fly
 from experiments.hexapod.testbed import Bench, Testbed, grown_bench, grown_machine
 from experiments.output.parallel import in_parallel
 from ftc.goal import Goal
-from ftc.oracle import Pilot
 from sim import NOMINAL, Array, Failure, Pose, forward_kinematics, hexapod, load_model
 
 SLEW_S = 3.0
@@ -54,11 +52,13 @@ def run_reliability(strategy: Strategy, duration_s: float, loops: Loops) -> Outc
     testbed = Testbed(load_model(), bench, loops)
     controller_for = controllers(testbed, strategy)
     cold, period_s = controller_for(EQUAL), bench.control_period_s
-    pilot: Pilot[Any] = Seeker(cold, no_rates, period_s)
-    if strategy.pursues:
-        pilot = Reweighing(controller_for, goal.COILS, cold.amplifier, period_s)
     path = off_axis_path(bench, goal.HOT_TARGET_URAD, duration_s)
-    run, _ = fly(testbed, pilot, desired_rad=path, seed=strategy.seed)
+    if strategy.pursues:
+        reweighing = Reweighing(controller_for, goal.COILS, cold.amplifier, period_s)
+        run, _ = fly(testbed, reweighing, desired_rad=path, seed=strategy.seed)
+    else:
+        seeker = Seeker(cold, no_rates, period_s)
+        run, _ = fly(testbed, seeker, desired_rad=path, seed=strategy.seed)
     current_a = cold.amplifier.current_a(run.strut_input_percent)
     temperature_c = goal.COILS.temperatures_c(current_a, period_s)
     return _outcome(run, temperature_c.max(axis=1), temperature_c=temperature_c)

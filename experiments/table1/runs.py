@@ -1,10 +1,10 @@
 """The six tracking experiments of section 4.2, in one of two configurations of the bench."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from experiments.hexapod.choices import ConfigurationName, JacobianChoice
-from experiments.hexapod.columns import COLUMNS, Column
+from experiments.hexapod.columns import COLUMNS
 from experiments.hexapod.controller import Loop, nominal_loops
 from experiments.hexapod.metrics import plant_constants, rms
 from experiments.hexapod.prediction import predicted_error_rad, predicted_rms_rad
@@ -120,14 +120,13 @@ def run_table1(
     duration_s = bench.quick_duration_s if quick else bench.duration_s
     loops = nominal_loops(machine, bench)
     testbed = Testbed(machine, bench, loops)
-    jobs: list[tuple[Column, JacobianChoice, int]]
-    jobs = [(column, jacobian, seed) for column in COLUMNS]
-    jobs += [(column, other_jacobian(jacobian), seed) for column in COLUMNS]
-    jobs.append((COLUMNS[0], jacobian, seed + 1))
+    choices: tuple[JacobianChoice, JacobianChoice] = (jacobian, other_jacobian(jacobian))
     asked = [
-        SpiralRun(c.goal, c.failures, jacobian=choice, seed=noise, duration_s=duration_s)
-        for c, choice, noise in jobs
+        SpiralRun(c.goal, c.failures, jacobian=choice, seed=seed, duration_s=duration_s)
+        for choice in choices
+        for c in COLUMNS
     ]
+    asked.append(replace(asked[0], seed=seed + 1))
     calls = [{"testbed": testbed, "run": run} for run in asked]
     runs = in_parallel(track_spiral, calls, on_progress)
     names = [column.name for column in COLUMNS]

@@ -13,14 +13,11 @@ _SHOWN = ("W_a", "W_d", "W_e")
 def table(summary: dict[str, Any]) -> Table:
     """One row for each candidate, and one for the paper where the whole spiral was run."""
     paper = summary["paper"]
-    printed = {
-        "name": "the paper",
-        "ratio": [paper["alpha_ratio"], paper["beta_ratio"]],
-        "columns": [
-            {"name": name, "rms_urad": urad, "simulated_urad": urad}
-            for name, urad in paper["columns_urad"].items()
-        ],
-    }
+    printed = {"name": "the paper", "ratio": [paper["alpha_ratio"], paper["beta_ratio"]]}
+    printed["columns"] = [
+        {"name": name, "rms_urad": urad, "simulated_urad": urad}
+        for name, urad in paper["columns_urad"].items()
+    ]
     columns = [
         Column("", lambda one: one["name"].replace("_", " ")),
         Column("ratios", lambda one: _numbers(one["ratio"], ".2f") if one["ratio"] else "-"),
@@ -80,7 +77,7 @@ def paragraph(summary: dict[str, Any]) -> str:
 def _met(met: list[dict[str, Any]], tolerance: str) -> str:
     if not met:
         return f"none comes within {tolerance} of both ratios"
-    names = "; ".join(map(_words, met))
+    names = "; ".join(f"{_name(one)} ({one['what']})" for one in met)
     return f"{names} {'comes' if len(met) == 1 else 'come'} within {tolerance} of both ratios"
 
 
@@ -120,17 +117,16 @@ def _map_sentence(numbers: dict[str, Any]) -> str:
 
 
 def _limit_sentence(numbers: dict[str, Any], tolerance: str) -> str:
-    ranges = [one["limit_over_radius_met"] for one in numbers["spirals"]]
-    ranges = [one for one in ranges if one]
-    held = sum(one["settings_met"] for one in numbers["spirals"] if one["anti_windup"])
-    if not ranges:
+    spirals = numbers["spirals"]
+    met = [one["limit_over_radius_met"] for one in spirals if one["limit_over_radius_met"]]
+    if not met:
         return "No mapped limit on the demanded pointing meets all twelve entries of Table I."
-    low, high = min(one[0] for one in ranges), max(one[1] for one in ranges)
+    held = sum(one["settings_met"] for one in spirals if one["anti_windup"])
     return (
         f"With a limit on the pointing that the compensators demand, all twelve entries of Table I "
         f"are met within {tolerance} at {numbers['settings_met']} of {numbers['settings']} mapped "
         f"settings of limit, spiral and anti-windup ({held} with anti-windup), for limits of "
-        f"{low:.2f} to {high:.2f} of the spiral's radius."
+        f"{min(met)[0]:.2f} to {max(high for _, high in met):.2f} of the spiral's radius."
     )
 
 
@@ -146,25 +142,22 @@ def _walk_sentence(numbers: dict[str, Any]) -> str:
 
 def _conclusion(summary: dict[str, Any]) -> list[str]:
     explained = [one for one in summary["candidates"] if one["explains"]]
-    spared = [
-        one
-        for one in summary["candidates"]
-        if one["explains_if_corrected_settled"] and not one["explains"]
-    ]
-    said = []
+    spared = [one for one in summary["candidates"] if one["explains_if_corrected_settled"]]
     if explained:
         fewest = min(explained, key=lambda one: (one["numbers_changed"], one["choices_changed"]))
-        names = ", ".join(_name(one) for one in explained)
-        said.append(
-            f"With all columns started alike, {names} leave W_a within 15 % and W_d and W_e within "
-            f"25 % of Table I as well; {_name(fewest)} changes least, {_changed(fewest)}."
-        )
+        said = [
+            f"With all columns started alike, {', '.join(map(_name, explained))} leave W_a within "
+            f"15 % and W_d and W_e within 25 % of Table I as well; {_name(fewest)} changes least, "
+            f"{_changed(fewest)}."
+        ]
     else:
-        said.append(
+        said = [
             "With all columns started alike, none meets both ratios and leaves W_a within 15 % and "
             "W_d and W_e within 25 % of Table I."
-        )
+        ]
     for one in spared:
+        if one["explains"]:
+            continue
         settled = one["settled_corrected_urad"]
         said.append(
             f"If the uncorrected run alone began off centre, and W_d and W_e with the loop "
@@ -189,7 +182,3 @@ def _pair(values: list[float]) -> str:
 
 def _name(candidate: dict[str, Any]) -> str:
     return f'"{candidate["name"].replace("_", " ")}"'
-
-
-def _words(candidate: dict[str, Any]) -> str:
-    return f"{_name(candidate)} ({candidate['what']})"

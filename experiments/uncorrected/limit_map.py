@@ -25,20 +25,12 @@ ANTI_WINDUP = (False, True)
 
 @dataclass(frozen=True)
 class LimitGrid:
-    """Where the map is computed.
+    """Where the map is computed. A start half a turn on would only change the angles' sign."""
 
-    Attributes:
-        exponent: 1 for a constant rate of turn, 1/2 for a constant speed.
-        direction: 1 from alpha towards beta, -1 the other way.
-        start_deg: Direction in which the spiral leaves the centre. Half a turn on, all angles only
-            change their sign.
-        limit_over_radius: Limit on each demanded angle over the spiral's radius.
-    """
-
-    exponent: tuple[float, ...]
-    direction: tuple[int, ...]
-    start_deg: tuple[float, ...]
-    limit_over_radius: Array
+    exponent: tuple[float, ...]  # 1 for a constant rate of turn, 1/2 for a constant speed
+    direction: tuple[int, ...]  # 1 from alpha towards beta, -1 the other way
+    start_deg: tuple[float, ...]  # direction in which the spiral leaves the centre
+    limit_over_radius: Array  # on each demanded angle
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -54,11 +46,9 @@ class LimitGrid:
                 spiral_exponent=exponent,
                 spiral_radius_urad=RADIUS_URAD[exponent],
                 spiral_direction=direction,
-                spiral_start_deg=start_deg,
+                spiral_start_deg=start,
             )
-            for exponent, direction, start_deg in product(
-                self.exponent, self.direction, self.start_deg
-            )
+            for exponent, direction, start in product(self.exponent, self.direction, self.start_deg)
         ]
 
 
@@ -77,17 +67,9 @@ def limit_row(
     limit_over_radius: Array,
     seed: int,
 ) -> Array:
-    """RMS of desired minus true (alpha, beta) for one spiral, [rad].
+    """RMS of desired minus true (alpha, beta) for the bench's spiral, shape (2, L, 4, 2), [rad].
 
-    Args:
-        model: The hexapod.
-        bench: With its spiral; its limit is not used.
-        loops: Compensators.
-        limit_over_radius: Shape (L,).
-        seed: Of the detector noise.
-
-    Returns:
-        Shape (2, L, 4, 2): without and with anti-windup; each of COLUMNS.
+    Without and with anti-windup; over limits (L,), not the bench's own; each of COLUMNS.
     """
     time_s = bench.time_s(bench.duration_s)
     desired = bench.desired_rad(time_s)
@@ -113,8 +95,7 @@ def limit_row(
 def largest_miss(rms_urad: Array) -> Array:
     """Largest relative distance of the twelve entries of Table I from the paper's, shape (...).
 
-    Args:
-        rms_urad: Shape (..., 4, 2), each of COLUMNS; W_b and W_c have W_a's errors.
+    The RMS errors, shape (..., 4, 2), are of COLUMNS; W_b and W_c have W_a's.
     """
     entries = dict(zip(COLUMNS, np.moveaxis(rms_urad, -2, 0), strict=True))
     entries |= {"W_b": entries["W_a"], "W_c": entries["W_a"]}
@@ -123,12 +104,7 @@ def largest_miss(rms_urad: Array) -> Array:
 
 
 def limit_numbers(grid: LimitGrid, limit_rad: Array) -> dict[str, Any]:
-    """The map in a few numbers; its arrays are in `limit_map.npz`.
-
-    Args:
-        grid: Where it was computed.
-        limit_rad: RMS errors of :func:`limit_row`, shape (*grid.shape, 4, 2).
-    """
+    """The map in a few numbers, of the errors of :func:`limit_row`, shape (*grid.shape, 4, 2)."""
     miss = largest_miss(1e6 * limit_rad)
     ratio = limit_rad[..., -1, :] / limit_rad[..., 0, :]
     met = miss < RATIO_TOLERANCE

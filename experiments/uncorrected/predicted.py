@@ -56,9 +56,6 @@ def fast_loop_ratio(gain: Array) -> Array:
     L^-1 G^-1 r, and the sound error L^-1 r: each angle passes the same filter in both, which
     cancels from the ratio. The spiral has as much of alpha as of beta at every frequency, a quarter
     turn apart; so what is left are the norms of the rows of G^-1, whatever the compensators are.
-
-    Args:
-        gain: G, shape (2, 2).
     """
     return np.linalg.norm(np.linalg.inv(gain), axis=1)
 
@@ -72,20 +69,12 @@ def gain_and_plant(model: mujoco.MjModel, column: str) -> tuple[Array, Plant]:
 
 @dataclass(frozen=True)
 class Predicted:
-    """What the linear model says of one candidate.
+    """What the linear model says of one candidate, by column; None: unstable, or saturated."""
 
-    Attributes:
-        loops: The (alpha, beta) compensators.
-        rms_urad: (2,) by column; None: unstable, or saturated.
-        sensitivity: Peak sensitivity of the stable loops, by column.
-        settled_urad: (2,) of W_d and W_e if these, other than the uncorrected run, start after the
-            loop has settled; None as in `rms_urad`.
-    """
-
-    loops: tuple[Loop, Loop]
-    rms_urad: dict[str, Array | None]
-    sensitivity: dict[str, float | None]
-    settled_urad: dict[str, Array | None]
+    loops: tuple[Loop, Loop]  # the (alpha, beta) compensators
+    rms_urad: dict[str, Array | None]  # (2,)
+    sensitivity: dict[str, float | None]  # peak of the stable loops
+    settled_urad: dict[str, Array | None]  # (2,) of W_d and W_e, started with the loop settled
 
 
 def predict(candidate: Candidate, seed: int, duration_s: float) -> Predicted:
@@ -147,15 +136,7 @@ def beam_walk_urad(
     f), d behind its focal plane. The factor f + d of the angle is calibrated away; what is left is
     an angle read for a translation t of the payload, of d t / f^2 but for that factor.
 
-    Args:
-        model: The hexapod.
-        bench: Spiral, noise, focal length.
-        loops: Compensators.
-        offset_m: d.
-        seed: Of the detector noise.
-
-    Returns:
-        Each of COLUMNS; desired minus true and desired minus read; alpha and beta.
+    Axes of the errors: COLUMNS; desired minus true, desired minus read; alpha, beta.
     """
     walk = offset_m / bench.focal_length_m**2
     reading = np.eye(6)[MAJOR]
@@ -180,12 +161,7 @@ def beam_walk_urad(
 
 
 def beam_walk(offset_m: Array, rms_urad: Array) -> dict[str, Any]:
-    """How near a detector off the focus brings the ratios, in numbers.
-
-    Args:
-        offset_m: Shape (K,).
-        rms_urad: Of :func:`beam_walk_urad` at each, shape (K, 4, 2, 2).
-    """
+    """How near offsets (K,) bring the ratios, from :func:`beam_walk_urad` there, (K, 4, 2, 2)."""
     ratio = rms_urad[:, -1] / rms_urad[:, 0]
     met = (np.abs(ratio / PAPER_RATIOS - 1) < RATIO_TOLERANCE).all(axis=-1)
     return {

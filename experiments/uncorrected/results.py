@@ -121,10 +121,8 @@ def checks(summary: dict[str, Any]) -> list[Check]:
     found = []
     for candidate in summary["candidates"]:
         for column in candidate["columns"]:
-            where, gap = (
-                f"{column['name']} of {candidate['name']}",
-                column["closure_residual_max_m"],
-            )
+            where = f"{column['name']} of {candidate['name']}"
+            gap = column["closure_residual_max_m"]
             if column["sensitivity_peak"] is not None and gap is not None:
                 found.append(closure_check(where, gap))
             found += _prediction_check(where, column)
@@ -153,11 +151,11 @@ def _candidate(study: Uncorrected, candidate: Candidate) -> dict[str, Any]:
     rms = {column["name"]: column["rms_urad"] for column in columns}
     ratio, settled = _ratio(rms), predicted.settled_urad
     distance = None if ratio is None else float(np.abs(ratio / PAPER_RATIOS - 1).max())
-    verdict = {
-        "meets_ratios": distance is not None and distance < RATIO_TOLERANCE,
-        "meets_w_a": _near(rms, ["W_a"], RATIO_TOLERANCE),
-        "meets_corrected": _near(rms, ["W_d", "W_e"], CORRECTED_TOLERANCE),
-    }
+    ratios = distance is not None and distance < RATIO_TOLERANCE
+    w_a = _near(rms, ["W_a"], RATIO_TOLERANCE)
+    corrected, if_settled = (
+        _near(each, ["W_d", "W_e"], CORRECTED_TOLERANCE) for each in (rms, settled)
+    )
     recorded = isinstance(runs["W_a_uncorrected"], Trajectory) and candidate.name in RECORDED
     return {
         "name": candidate.name,
@@ -171,12 +169,12 @@ def _candidate(study: Uncorrected, candidate: Candidate) -> dict[str, Any]:
         "ratio": _listed(ratio),
         "predicted_ratio": _listed(_ratio(predicted.rms_urad)),
         "ratio_distance": distance,
-        **verdict,
-        "explains": all(verdict.values()),
+        "meets_ratios": ratios,
+        "meets_w_a": w_a,
+        "meets_corrected": corrected,
+        "explains": ratios and w_a and corrected,
         "settled_corrected_urad": {name: _listed(urad) for name, urad in settled.items()},
-        "explains_if_corrected_settled": verdict["meets_ratios"]
-        and verdict["meets_w_a"]
-        and _near(settled, ["W_d", "W_e"], CORRECTED_TOLERANCE),
+        "explains_if_corrected_settled": ratios and w_a and if_settled,
         "signature": _signature(runs["W_a_uncorrected"]),
         "data": f"{candidate.name}.npz",
         "recording": f"{candidate.name}.rrd" if recorded else None,
@@ -185,26 +183,19 @@ def _candidate(study: Uncorrected, candidate: Candidate) -> dict[str, Any]:
 
 def _column(study: Uncorrected, candidate: Candidate, name: str) -> dict[str, Any]:
     run, of_model = study.runs[candidate.name].get(name), study.predicted[candidate.name]
+    ended = run if isinstance(run, Trajectory) else None
     predicted = _listed(of_model.rms_urad[name])
-    column: dict[str, Any] = {
+    simulated = ended and pointing_rms_urad(ended).tolist()
+    return {
         "name": name,
-        "rms_urad": predicted if run is None else None,
-        "simulated_urad": None,
+        "rms_urad": predicted if run is None else simulated,
+        "simulated_urad": simulated,
         "predicted_urad": predicted,
         "sensitivity_peak": of_model.sensitivity[name],
-        "strut_input_peak_percent": None,
-        "closure_residual_max_m": None,
+        "strut_input_peak_percent": ended and float(np.abs(ended.strut_input_percent).max()),
+        "closure_residual_max_m": ended and closure_residual_max_m(ended),
         "diverged_at_s": run if isinstance(run, float) else None,
     }
-    if isinstance(run, Trajectory):
-        simulated = pointing_rms_urad(run).tolist()
-        column |= {
-            "rms_urad": simulated,
-            "simulated_urad": simulated,
-            "strut_input_peak_percent": float(np.abs(run.strut_input_percent).max()),
-            "closure_residual_max_m": closure_residual_max_m(run),
-        }
-    return column
 
 
 def _signature(run: Trajectory | float) -> dict[str, Any] | None:
@@ -214,15 +205,16 @@ def _signature(run: Trajectory | float) -> dict[str, Any] | None:
     squared = np.square(run.desired_rad - run.true_rad).sum(axis=1)
     outer = run.time_s >= 0.75 * run.time_s[-1]
     reach = np.abs(run.true_rad[outer]).max(axis=0) / np.abs(run.desired_rad[outer]).max(axis=0)
+    first_turn = squared[run.time_s < Bench().spiral_period_s]
     return {
         "outer_reach_percent": (100 * reach).tolist(),
-        "largest_error_first_turn_urad": 1e6
-        * float(np.sqrt(squared[run.time_s < Bench().spiral_period_s].max())),
+        "largest_error_first_turn_urad": 1e6 * float(np.sqrt(first_turn.max())),
         "error_share_last_quarter": float(squared[outer].sum() / squared.sum()),
     }
 
 
 def _near(rms: dict[str, Any], names: list[str], tolerance: float) -> bool:
+    """Whether all of these columns exist and come as near to the paper's."""
     return all(
         rms[name] is not None
         and bool(np.all(np.abs(np.divide(rms[name], TABLE_I_URAD[name]) - 1) < tolerance))

@@ -34,44 +34,30 @@ QUICK_CANDIDATES = ("lost_strut", "floor_office", "off_centre")
 
 @dataclass(frozen=True)
 class Uncorrected:
-    """All of the study.
-
-    Attributes:
-        predicted: By candidate.
-        runs: By candidate and column; a time in seconds where the physics left the finite numbers.
-        map_rad: (roll-offs, dampings, crossovers, 2, 2), see `map_row`.
-        map_poles: (roll-offs, dampings, crossovers, 4).
-        checked: W_a and uncorrected, predicted and simulated RMS at some points of the map.
-        limit_rad: RMS over the limit, shape (*limit_grid.shape, 4, 2), see `limit_row`.
-        offset_m: Of the detector behind the focus.
-        beam_walk_urad: RMS there, shape (offsets, 4, 2, 2).
-        lock_ratio: Predicted ratios over LOCKS_M by candidate, (101, 2); the spiral starts at once.
-        duration_s: Of each simulated run.
-    """
+    """All of the study; a run that left the finite numbers is the time in seconds when it did."""
 
     seed: int
-    duration_s: float
+    duration_s: float  # of each simulated run
     candidates: tuple[Candidate, ...]
-    predicted: dict[str, Predicted]
-    runs: dict[str, dict[str, Trajectory | float]]
+    predicted: dict[str, Predicted]  # by candidate
+    runs: dict[str, dict[str, Trajectory | float]]  # by candidate and column
     grid: Grid
-    map_rad: Array
-    map_poles: Array
-    checked: list[dict[str, Any]]
+    map_rad: Array  # (roll-offs, dampings, crossovers, 2, 2), see map_row
+    map_poles: Array  # (roll-offs, dampings, crossovers, 4)
+    checked: list[dict[str, Any]]  # predicted and simulated RMS at some points of the map
     limit_grid: LimitGrid
-    limit_rad: Array
-    offset_m: Array
-    beam_walk_urad: Array
-    lock_ratio: dict[str, Array]
+    limit_rad: Array  # (*limit_grid.shape, 4, 2), see limit_row
+    offset_m: Array  # of the detector behind the focus
+    beam_walk_urad: Array  # RMS there, (offsets, 4, 2, 2)
+    lock_ratio: dict[
+        str, Array
+    ]  # by candidate, over LOCKS_M, the spiral starting at once, (101, 2)
 
 
 def run_uncorrected(*, seed: int, quick: bool, on_progress: OnProgress) -> Uncorrected:
     """Run all candidates in four columns of Table I, and the maps, on the machine's cores.
 
-    Args:
-        seed: Of the detector noise and of the floor.
-        quick: Only the first seconds of the spiral, three candidates, coarse maps.
-        on_progress: Called with finished and total number of jobs, for one phase after another.
+    With `quick` the first seconds of the spiral, three candidates and coarse maps.
     """
     model, bench = load_model(), Bench()
     duration_s = bench.quick_duration_s if quick else bench.duration_s

@@ -12,16 +12,16 @@ from experiments.hexapod.metrics import pointing_rms_urad, rms
 from experiments.hexapod.prediction import detector_noise_rad, driven_loop, predicted_error_rad
 from experiments.hexapod.simulation import Trajectory
 from experiments.hexapod.testbed import Bench, Testbed
-from experiments.uncorrected.candidates import BENCH, COLUMNS, PAPER_RATIOS, RATIO_TOLERANCE
+from experiments.uncorrected.candidates import BENCH, COLUMNS, PAPER_RATIOS, RATIO_TOLERANCE, damped
 from experiments.uncorrected.predicted import gain_and_plant
-from experiments.uncorrected.vibration import damped
 from sim import Array, ModelError, linearize, load_model
 
 ROLL_OFF_HZ = (25.0, 40.0)
 """The bench's, below the modes; and one at them, behind which a locked mode can close the loop."""
 
 CHECKED_POINTS = ((0.05, 12.0, 25.0), (0.02, 6.0, 40.0), (0.005, 7.3, 40.0))
-"""(damping ratio, alpha crossover, roll-off) of map points that are simulated too, [-, Hz, Hz]."""
+"""Map points that are simulated too."""
+_CHECKED_BY = ("damping_ratio", "alpha_crossover_hz", "roll_off_hz")
 
 
 @dataclass(frozen=True)
@@ -58,18 +58,11 @@ def map_row(
 ) -> tuple[Array, Array]:
     """RMS of desired minus true pointing along the crossovers, and the largest closed-loop poles.
 
-    Args:
-        model: The hexapod.
-        bench: All but its loops.
-        damping_ratio: Of the pointing modes.
-        alpha_crossover_hz: Shape (K,).
-        roll_off_hz: Corner of the low-pass.
-        seed: Of the detector noise.
+    The bench is used but for its loops; the damping ratio is of the pointing modes.
 
     Returns:
         (K, 2, 2): W_a and W_a_uncorrected, alpha and beta, [rad]; infinite where the loop is
-        unstable. (K, 4): largest pole of each of COLUMNS; infinite where the sound loop is not to
-        be closed.
+        unstable. (K, 4): largest pole of each of COLUMNS; infinite where no sound loop exists.
     """
     machine = damped(model, damping_ratio)
     driven = {name: gain_and_plant(machine, name) for name in COLUMNS}
@@ -100,35 +93,28 @@ def _error_rad(T: control.StateSpace, bench: Bench, seed: int) -> Array:
 
 
 def map_numbers(where: Grid, map_rad: Array, map_poles: Array) -> dict[str, Any]:
-    """The map in a few numbers; its arrays are in `map.npz`.
+    """The map in a few numbers, of RMS errors and poles stacked from :func:`map_row`.
 
-    Args:
-        where: The grid.
-        map_rad: RMS errors of :func:`map_row`, shape (roll-offs, dampings, crossovers, 2, 2).
-        map_poles: Its poles, shape (roll-offs, dampings, crossovers, 4).
+    Their leading axes are roll-offs, dampings and crossovers.
     """
     both = np.isfinite(map_rad).all(axis=(-2, -1))
     ratio = map_rad[both][:, 1] / map_rad[both][:, 0]
-    stable = map_poles < 1
-    sound, corrected_d, corrected_e, uncorrected = np.moveaxis(stable, -1, 0)
+    sound, corrected_d, corrected_e, uncorrected = np.moveaxis(map_poles < 1, -1, 0)
+    corrected = corrected_d & corrected_e
+    points = {
+        "points": np.ones(both.shape),
+        "points_stable": both,
+        "points_within_tolerance": (np.abs(ratio / PAPER_RATIOS - 1) < RATIO_TOLERANCE).all(axis=1),
+        "points_uncorrected_alone_unstable": sound & corrected & ~uncorrected,
+        "points_corrected_alone_unstable": sound & uncorrected & ~corrected,
+    }
     return {
         "data": "map.npz",
         "roll_off_hz": list(ROLL_OFF_HZ),
-        "damping_ratio": where.damping_ratio.tolist(),
-        "alpha_crossover_hz": where.alpha_crossover_hz.tolist(),
-        "points": int(stable[..., 0].size),
-        "points_stable": int(both.sum()),
+        **{name: values.tolist() for name, values in vars(where).items()},
         "alpha_ratio_range": [float(ratio[:, 0].min()), float(ratio[:, 0].max())],
         "beta_ratio_range": [float(ratio[:, 1].min()), float(ratio[:, 1].max())],
-        "points_within_tolerance": int(
-            (np.abs(ratio / PAPER_RATIOS - 1) < RATIO_TOLERANCE).all(axis=1).sum()
-        ),
-        "points_uncorrected_alone_unstable": int(
-            (sound & corrected_d & corrected_e & ~uncorrected).sum()
-        ),
-        "points_corrected_alone_unstable": int(
-            (sound & uncorrected & ~(corrected_d & corrected_e)).sum()
-        ),
+        **{name: int(held.sum()) for name, held in points.items()},
     }
 
 
@@ -159,17 +145,10 @@ def compare_checked(
     """Simulated beside predicted RMS at the checked points of the map."""
     compared = []
     for k, (call, run) in enumerate(zip(calls, ended, strict=True)):
-        ratio, alpha_hz, roll_off_hz = CHECKED_POINTS[k // 2]
         error = predicted_error_rad(**call)
         simulated = pointing_rms_urad(run).tolist() if isinstance(run, Trajectory) else None
-        compared.append(
-            {
-                "name": ("W_a", "W_a_uncorrected")[k % 2],
-                "damping_ratio": ratio,
-                "alpha_crossover_hz": alpha_hz,
-                "roll_off_hz": roll_off_hz,
-                "predicted_urad": None if error is None else (1e6 * rms(error)).tolist(),
-                "simulated_urad": simulated,
-            }
-        )
+        where = dict(zip(_CHECKED_BY, CHECKED_POINTS[k // 2], strict=True))
+        predicted = None if error is None else (1e6 * rms(error)).tolist()
+        outcome = {"predicted_urad": predicted, "simulated_urad": simulated}
+        compared.append({"name": ("W_a", "W_a_uncorrected")[k % 2]} | where | outcome)
     return compared
