@@ -9,7 +9,7 @@ import rerun.blueprint as rrb
 from experiments.hexapod.recording.hexapod import log_marks
 from experiments.hexapod.recording.shown import Scales, Shown, log_shown, scales_of
 from experiments.output.recording.file import About, recording_file, round_up, screen
-from experiments.output.recording.machine import machine_tabs
+from experiments.output.recording.mechanism import machine_tabs
 from experiments.output.recording.views import Plot, notes_view, plane_view, plot_views
 
 RATE_HZ = 500

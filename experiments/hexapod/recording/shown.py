@@ -12,7 +12,7 @@ from experiments.hexapod.metrics import closure_residual_max_m, pointing_rms_ura
 from experiments.hexapod.recording.hexapod import Mark, Picture, log_hexapod
 from experiments.hexapod.simulation import Trajectory
 from experiments.output.recording.file import at_most, log_series, time_column
-from experiments.output.recording.machine import exaggeration, sized_entity, sizes, stills
+from experiments.output.recording.mechanism import exaggeration, sized_entity, sizes, stills
 from experiments.output.recording.views import (
     Plot,
     Square,
