@@ -87,11 +87,7 @@ def stills(time_s: Array) -> slice:
 
 
 def log_machine(
-    recording: rr.RecordingStream,
-    entity: str,
-    model: mujoco.MjModel,
-    motion: Motion,
-    time_s: Array,
+    recording: rr.RecordingStream, entity: str, model: mujoco.MjModel, motion: Motion, time_s: Array
 ) -> None:
     """Log the geoms of an MJCF below an entity, and their motion at times (T,)."""
     time = time_column(time_s)
