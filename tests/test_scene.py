@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from experiments.hexapod.recording.hexapod import hexapod_motion, load_colors
 from experiments.output.plotting import YELLOW
 from experiments.output.recording.file import rgb
-from experiments.output.recording.machine import exaggerated, exaggeration, motion_of
+from experiments.output.recording.mechanism import exaggerated, exaggeration, motion_of
 from sim import Plant, Pose, load_model
 from sim.model import HEXAPOD_MJCF
 from tests import rrd

@@ -27,18 +27,8 @@ from experiments.table1 import STUDY as TABLE1
 from experiments.uncorrected import STUDY as UNCORRECTED
 
 STUDIES = (
-    TABLE1,
-    FIGURES,
-    SYSTEMS,
-    RELEASE,
-    RECOVER,
-    FORCE,
-    GOALS,
-    JACOBIAN,
-    UNCORRECTED,
-    SWEEP,
-    ATLAS,
-    BENCH,
+    *(TABLE1, FIGURES, SYSTEMS, RELEASE, RECOVER, FORCE, GOALS, JACOBIAN, UNCORRECTED),
+    *(SWEEP, ATLAS, BENCH),
 )
 
 UNSOUND, WRONG_INPUT = 1, 2
@@ -61,22 +51,19 @@ Exit codes:
 _SIZE = re.compile(r"([1-9]\d{1,3})x([1-9]\d{1,3})")
 
 
+_RUNS = typer.Argument(
+    metavar="RUN", help="Folders of results, and single runs (.npz), of the hexapod."
+)
+_REVIEW = typer.Option(metavar="FILE.rrd", help="The recording to write.")
+_MODEL = typer.Option(
+    metavar="FILE", help="Another machine file, MJCF.  [default: the hexapod, fjh.xml]"
+)
+
+
 def review(
-    runs: Annotated[
-        list[Path],
-        typer.Argument(
-            metavar="RUN", help="Folders of results, and single runs (.npz), of the hexapod."
-        ),
-    ],
-    out: Annotated[Path, typer.Option(metavar="FILE.rrd", help="The recording to write.")] = Path(
-        "review.rrd"
-    ),
-    model: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE", help="Another machine file, MJCF.  [default: the hexapod, fjh.xml]"
-        ),
-    ] = None,
+    runs: Annotated[list[Path], _RUNS],
+    out: Annotated[Path, _REVIEW] = Path("review.rrd"),
+    model: Annotated[Path | None, _MODEL] = None,
 ) -> None:
     """Put runs side by side in one recording.
 
@@ -95,21 +82,19 @@ def review(
             write_review(staging / out.name, runs, model)
 
 
+_FILE = typer.Argument(metavar="FILE.rrd", help="A recording.", exists=True, dir_okay=False)
+_PICTURE = typer.Option(metavar="FILE.png", help="The picture to write.")
+_TIME = typer.Option(
+    metavar="S", help="Simulation time to show, s.  [default: the recording's end]"
+)
+_PIXELS = typer.Option(metavar="WIDTHxHEIGHT", help="Of the picture, pixels.")
+
+
 def render(
-    file: Annotated[
-        Path,
-        typer.Argument(metavar="FILE.rrd", help="A recording.", exists=True, dir_okay=False),
-    ],
-    out: Annotated[Path, typer.Option(metavar="FILE.png", help="The picture to write.")],
-    time: Annotated[
-        float | None,
-        typer.Option(
-            metavar="S", help="Simulation time to show, s.  [default: the recording's end]"
-        ),
-    ] = None,
-    size: Annotated[
-        str, typer.Option(metavar="WIDTHxHEIGHT", help="Of the picture, pixels.")
-    ] = "1600x900",
+    file: Annotated[Path, _FILE],
+    out: Annotated[Path, _PICTURE],
+    time: Annotated[float | None, _TIME] = None,
+    size: Annotated[str, _PIXELS] = "1600x900",
 ) -> None:
     """Make a picture of a recording, as the viewer shows it.
 

@@ -74,13 +74,8 @@ def with_options(
 ) -> Callable[..., None]:
     """The function as Typer takes it, with the options that all studies have, and further ones.
 
-    Args:
-        run: Takes all of them by keyword.
-        name: Of the command, and of its folder.
-        help: Its help text.
-        seed: What the seed is of.
-        quick: What --quick leaves out.
-        further: Options of this command only.
+    It takes all of them by keyword. The name is that of the command and of its folder; `seed` says
+    what the seed is of, `quick` what --quick leaves out.
     """
     options = (
         Option("out", Path, Path("results", name), "Folder for results, made if need be."),

@@ -66,9 +66,9 @@ def _report(*, out: Path, seed: int, quick: bool, quiet: bool, json: bool) -> No
         Column("took", lambda chapter: span(chapter["wall_time_s"])),
     )
     chapters = summary["chapters"]
-    table = tabulate("All studies", columns, chapters)
+    tables = [tabulate("All studies", columns, chapters)]
     notes = [f"Open {out / 'report.html'} in a browser."]
-    show(Results(summary, [table], notes), quiet=quiet, json=json)
+    show(Results(summary, tables, notes), quiet=quiet, json=json)
     failed = [f"{each['name']}: {each['complaint']}" for each in chapters if each["complaint"]]
     if failed:
         raise Unsound(f"the experiment is not sound: {'; '.join(failed)}")
@@ -127,9 +127,7 @@ def _publish(
     quick = ["--quick"] if edition.quick else []
     options = [*quick, "--seed", str(edition.seed), "--out", str(edition.folder)]
     summary = {
-        "experiment": "report",
-        "seed": edition.seed,
-        "quick": edition.quick,
+        **{"experiment": "report", "seed": edition.seed, "quick": edition.quick},
         "command": shlex.join(["fjh", "report", *options]),
         **edition.origin,
         "written": datetime.now(UTC).isoformat(timespec="seconds"),

@@ -28,19 +28,15 @@ def write_review(file: Path, places: Sequence[Path], model: Path | None) -> None
     machine = load_model(model)
     hexapod(machine)  # raises for any other
     kept = find_runs(places, model_sha256(model))
-    write_side_by_side(
-        file, about_runs(kept), machine, {name: one.shown for name, one in kept.items()}
-    )
+    shown = {name: one.shown for name, one in kept.items()}
+    write_side_by_side(file, about_runs(kept), machine, shown)
 
 
 def find_runs(places: Sequence[Path], model_sha256: str) -> dict[str, Kept]:
     """Runs by name: single ones, and those in folders, in the order in which its JSON names them.
 
-    Other files of a folder are ignored. What JSON beside a run states must agree with its data.
-
-    Args:
-        places: Folders and files.
-        model_sha256: Of the machine that is going to be drawn.
+    Other files of a folder are ignored. What JSON beside a run states must agree with its data, and
+    its machine with the one to be drawn.
 
     Raises:
         WrongInput: There is no run of the hexapod in one of the places, one is named twice, is
@@ -86,26 +82,13 @@ def read_summaries(folder: Path) -> dict[str, Any]:
 
 
 def check_stated(data: str, run: Trajectory, stated: dict[str, Any]) -> None:
-    """Raise `WrongInput` where the JSON files beside a data file contradict the run in it.
-
-    Args:
-        data: Name of the data file.
-        run: What it holds.
-        stated: Contents of the JSON files, by their names.
-    """
-    alpha, beta = pointing_rms_urad(run)
-    alpha_measured, beta_measured = 1e6 * rms(run.desired_rad - run.measured_rad)
-    computed = {
-        "alpha_rms_urad": float(alpha),
-        "beta_rms_urad": float(beta),
-        "alpha_measured_rms_urad": float(alpha_measured),
-        "beta_measured_rms_urad": float(beta_measured),
-        "closure_residual_max_m": closure_residual_max_m(run),
-    }
+    """Raise `WrongInput` where the JSON contents beside a data file contradict the run in it."""
+    computed = {"closure_residual_max_m": closure_residual_max_m(run)}
+    measured_urad = 1e6 * rms(run.desired_rad - run.measured_rad)
+    for kind, urad in (("rms", pointing_rms_urad(run)), ("measured_rms", measured_urad)):
+        computed |= {f"alpha_{kind}_urad": float(urad[0]), f"beta_{kind}_urad": float(urad[1])}
     for file, content in stated.items():
-        for entry in _entries(content):
-            if entry.get("data") != data:
-                continue
+        for entry in (each for each in _entries(content) if each.get("data") == data):
             for name in computed.keys() & entry.keys():
                 if not _agree(entry[name], computed[name]):
                     raise WrongInput(
@@ -130,11 +113,7 @@ def _entries(content: Any) -> Iterator[dict[str, Any]]:
 def about_runs(runs: Mapping[str, Kept]) -> About:
     """Notes with a table of the runs' numbers, the paper's beside; properties that all share."""
     first, *others = (one.properties for one in runs.values())
-    common = {
-        name: value
-        for name, value in first.items()
-        if all(name in other and other[name] == value for other in others)
-    }
+    common = dict(item for item in first.items() if all(item in other.items() for other in others))
     table = [
         "| run | alpha, urad RMS | beta | paper, alpha | beta | largest strut input, % "
         "| largest t_x, um | t_y | t_z | gamma, urad | closure, nm |",
@@ -159,9 +138,11 @@ def _row(name: str, one: Kept) -> str:
     is_the_papers = one.experiment == "table1" and is_whole
     paper_rms = paper.TABLE_I_URAD.get(name) if is_the_papers else None
     gamma, *translation = 1e6 * np.abs(run.secondary).max(axis=0)
-    cells = [name, f"{alpha:.4f}", f"{beta:.4f}"]
-    cells += [f"{value:.4f}" for value in paper_rms] if paper_rms else ["", ""]
-    cells += [f"{np.abs(run.strut_input_percent).max():.2f}"]
-    cells += [f"{value:.3f}" for value in (*translation, gamma)]
-    cells += [f"{1e9 * closure_residual_max_m(run):.2f}"]
+    cells = [
+        *(name, f"{alpha:.4f}", f"{beta:.4f}"),
+        *([f"{value:.4f}" for value in paper_rms] if paper_rms else ["", ""]),
+        f"{np.abs(run.strut_input_percent).max():.2f}",
+        *(f"{value:.3f}" for value in (*translation, gamma)),
+        f"{1e9 * closure_residual_max_m(run):.2f}",
+    ]
     return "| " + " | ".join(cells) + " |"

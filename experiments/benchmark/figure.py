@@ -22,9 +22,9 @@ _STYLES: dict[str, dict[str, Any]] = {
 }
 
 
-def pictures(summary: dict[str, Any]) -> list[Picture]:
+def picture(summary: dict[str, Any]) -> Picture:
     """The study's figure and its caption."""
-    picture = Picture(
+    return Picture(
         "bench",
         "How the time of one Problem 1 grows with the number of actuators, and the time of one "
         "mapping with the size of the batch.",
@@ -33,7 +33,6 @@ def pictures(summary: dict[str, Any]) -> list[Picture]:
         "of single solves.",
         partial(figure_growth, summary),
     )
-    return [picture]
 
 
 def figure_growth(summary: dict[str, Any]) -> Figure:

@@ -28,21 +28,17 @@ class Problem:
     joint: Array
     secondary: Array
 
-    def least_squares(self) -> tuple[Array, Array]:
-        """A (n + 4, n) and b of the objective |A rates - b|^2."""
+    def parts(self) -> tuple[Array, Array, Array, Array]:
+        """A (n + 4, n) and b of the objective |A rates - b|^2; J_m (2, n) and v_m."""
         W1, W2 = np.diag(self.joint_weight), self.secondary_weight
         A = np.vstack([W1, W2[:, None] * self.J[SECONDARY]])
-        return A, np.concatenate([self.joint_weight * self.joint, W2 * self.secondary])
-
-    def constraint(self) -> tuple[Array, Array]:
-        """J_m (2, n) and v_m."""
-        return self.J[MAJOR], self.major
+        b = np.concatenate([self.joint_weight * self.joint, W2 * self.secondary])
+        return A, b, self.J[MAJOR], self.major
 
     def one(self, k: int) -> "Problem":
         """The k-th of a batch."""
-        return replace(
-            self, J=self.J[k], major=self.major[k], joint=self.joint[k], secondary=self.secondary[k]
-        )
+        names = ("J", "major", "joint", "secondary")
+        return replace(self, **{name: getattr(self, name)[k] for name in names})
 
     def with_unit_rows(self) -> "Problem":
         """The same with weights that make every row of A a unit vector."""

@@ -51,11 +51,8 @@ class Ratio:
         p5, p95 = np.percentile(by_round, [5, 95])
         return {
             "ratio": value,
-            "p5": float(p5),
-            "p95": float(p95),
-            "means": self.means,
-            "bound": self.bound,
-            "goal": self.goal,
+            **{"p5": float(p5), "p95": float(p95), "means": self.means},
+            **{"bound": self.bound, "goal": self.goal},
             "within_bound": None if self.bound is None else value < self.bound,
             "reaches_goal": None if self.goal is None else value <= self.goal,
             "check_bound": self.check_bound,
@@ -192,21 +189,13 @@ def compare(now: dict[str, Any], before: dict[str, Any]) -> dict[str, Any]:
     """
 
     def changes(kind: str, key: str, unit: str) -> dict[str, dict[str, Any]]:
-        low, high = f"p5{unit}", f"p95{unit}"
-        pairs = {
-            name: (one, before[kind][name])
-            for name, one in now[kind].items()
-            if name in before[kind]
-        }
-        return {
-            name: {
-                "saved": old[key],
-                "now": new[key],
-                "now_over_saved": new[key] / old[key],
-                "changed": new[low] > old[high] or new[high] < old[low],
-            }
-            for name, (new, old) in pairs.items()
-        }
+        low, high, found = f"p5{unit}", f"p95{unit}", {}
+        for name in filter(before[kind].__contains__, now[kind]):
+            old, new = before[kind][name], now[kind][name]
+            ratio, changed = new[key] / old[key], new[low] > old[high] or new[high] < old[low]
+            found[name] = {"saved": old[key], "now": new[key]}
+            found[name] |= {"now_over_saved": ratio, "changed": changed}
+        return found
 
     return {
         "saved_simulated_s": before["simulated_s"],

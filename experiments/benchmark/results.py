@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from experiments.benchmark import ratios
-from experiments.benchmark.figure import pictures
+from experiments.benchmark.figure import picture
 from experiments.benchmark.measurement import power_law, spread
 from experiments.benchmark.runs import PACKAGES, Timed
 from experiments.benchmark.solvers import GROWING, batch_names
@@ -62,7 +62,7 @@ def results(timed: Timed) -> Results:
         tables=tables(shown),
         notes=notes(shown),
         checks=ratios.checks(shown) if timed.check else (),
-        pictures=pictures(shown),
+        pictures=[picture(shown)],
         records=[lambda _, file=file: ratios.save(file, summary) for file in [timed.save] if file],
     )
 
@@ -194,24 +194,20 @@ def _changes(comparison: dict[str, Any]) -> Table:
         Column("now / saved", "now_over_saved", ".2f"),
         Column("", lambda one: "changed" if one["changed"] else ""),
     )
-    entries = [
-        {"name": name} | one
-        for kind in ("ratios", "timings")
-        for name, one in comparison[kind].items()
-    ]
-    legend = (
-        "Ratios, then medians in us; changed: the ranges from 5 to 95 % have nothing in common."
+    both = comparison["ratios"] | comparison["timings"]
+    return tabulate(
+        "Beside the saved run",
+        columns,
+        [{"name": name} | one for name, one in both.items()],
+        "Ratios, then medians in us; changed: the ranges from 5 to 95 % have nothing in common.",
     )
-    return tabulate("Beside the saved run", columns, entries, legend)
 
 
 def notes(summary: dict[str, Any]) -> list[str]:
     """Real-time factor, agreement, machine and versions, and what the saved run had otherwise."""
     now_s, factor = summary["simulated_s"], summary["real_time_factor"]
     furthest = max(
-        distance / one["tolerance"]
-        for one in summary["agreement"]
-        for distance in one["distances"].values()
+        max(one["distances"].values()) / one["tolerance"] for one in summary["agreement"]
     )
     names = ("mujoco", "numpy", "scipy", *PACKAGES)
     installed = ", ".join(f"{name} {summary['versions'][name]}" for name in names)

@@ -77,7 +77,7 @@ def _map(problem: Problem) -> Array:
 
 def _quadratic_program(problem: Problem) -> tuple[Any, ...]:
     """H (n, n) and f of the same objective, rates^T H rates / 2 + f^T rates; the constraint."""
-    (A, b), (J_m, v_m) = problem.least_squares(), problem.constraint()
+    A, b, J_m, v_m = problem.parts()
     return A.T @ A, -b @ A, J_m, v_m, v_m, np.full(len(v_m), _EQUALITY, dtype=c_int)
 
 
@@ -86,7 +86,7 @@ def _build_quadratic_program(problem: Problem) -> Any:
 
 
 def _levels(problem: Problem) -> tuple[Any, ...]:
-    (A, b), (J_m, v_m) = problem.least_squares(), problem.constraint()
+    A, b, J_m, v_m = problem.parts()
     rows, target = np.vstack([J_m, A]), np.concatenate([v_m, b])
     ends = np.array([len(v_m), len(rows)], dtype=c_int)
     return rows, target, np.zeros(len(rows), dtype=c_int), ends
@@ -103,7 +103,7 @@ def _empty_program(problem: Problem) -> tuple[Any, Problem]:
 
 
 def _build(program: Any, problem: Problem) -> None:
-    (A, b), (J_m, v_m) = problem.least_squares(), problem.constraint()
+    A, b, J_m, v_m = problem.parts()
     rates = program.add_variable(len(problem.joint)).expr()
     program.add_constraint(rates.left_multiply(J_m) == v_m).configure("hard", 1.0)
     program.add_constraint(rates.left_multiply(A) == b).configure("soft", 1.0)
@@ -138,7 +138,7 @@ def _formula(problem: Problem) -> Array:
 
 
 def _constrained_least_squares(problem: Problem) -> tuple[Any, ...]:
-    (A, b), (J_m, v_m) = problem.least_squares(), problem.constraint()
+    A, b, J_m, v_m = problem.parts()
     return A, J_m, b, v_m
 
 

@@ -17,7 +17,7 @@ from experiments.hexapod.recording.shown import constants
 from experiments.output.plotting import GREEN, ORANGE
 from experiments.output.provenance import version_properties
 from experiments.output.recording.file import About, recording_file, rgb, screen, time_column
-from experiments.output.recording.machine import (
+from experiments.output.recording.mechanism import (
     body_entity,
     exaggeration,
     machine_tabs,

@@ -47,8 +47,7 @@ def usable_file(path: Path, suffix: str, option: str = "--out") -> Path:
     """The folder of a file of this ending, if it can be written there.
 
     Raises:
-        OutputError: It has another ending, or its folder cannot be used; the message names the
-            option that asked for it.
+        OutputError: It has another ending, or its folder cannot be used.
     """
     if path.suffix != suffix:
         raise OutputError(f"{option} {path} must end in {suffix}")
@@ -142,13 +141,10 @@ def _listed(index: Path) -> set[str]:
     """Files beside an index that it lists; none if it is missing or of another program."""
     try:
         names = json.loads(index.read_bytes())["files"]
-        return {name for name in names if (index.parent / name).is_file() and _is_plain(name)}
+        plain = {name for name in names if Path(name).name == name}
+        return {name for name in plain if (index.parent / name).is_file()}
     except (OSError, ValueError, LookupError, TypeError):
         return set()
-
-
-def _is_plain(name: str) -> bool:
-    return Path(name).name == name
 
 
 @contextmanager

@@ -12,16 +12,8 @@ PAGE_IN = 7.16
 COLUMN_IN = 3.5
 
 # Okabe and Ito's: colour-blind readers can distinguish them, and so can readers of a grey print.
-BLACK, BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY, YELLOW = (
-    "#000000",
-    "#0072B2",
-    "#D55E00",
-    "#009E73",
-    "#CC79A7",
-    "#E69F00",
-    "#56B4E9",
-    "#F0E442",
-)
+BLACK, BLUE, VERMILION, GREEN = "#000000", "#0072B2", "#D55E00", "#009E73"
+PURPLE, ORANGE, SKY, YELLOW = "#CC79A7", "#E69F00", "#56B4E9", "#F0E442"
 LINES = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)
 """For curves of one kind, in the order of their use; yellow is too light for a line."""
 DESIRED, MEASURED, START = BLACK, BLUE, VERMILION
@@ -31,42 +23,25 @@ COLOR_MAP = "cividis"
 TEXT_PT, TITLE_PT = 7, 8
 """The only two sizes of text: 7 pt is the least that journals print."""
 
-_DPI = 220
 _NO_DATE = {"png": {}, "pdf": {"CreationDate": None}, "svg": {"Date": None}}
 
 matplotlib.use("Agg")
-matplotlib.rcParams.update(
-    {
-        "figure.dpi": _DPI,
-        "font.size": TEXT_PT,
-        "axes.titlesize": TITLE_PT,
-        "axes.labelsize": TEXT_PT,
-        "xtick.labelsize": TEXT_PT,
-        "ytick.labelsize": TEXT_PT,
-        "legend.fontsize": TEXT_PT,
-        "figure.titlesize": TITLE_PT,
-        "figure.labelsize": TEXT_PT,
-        "axes.grid": True,
-        "axes.linewidth": 0.6,
-        "grid.alpha": 0.3,
-        "grid.linewidth": 0.5,
-        "lines.linewidth": 1.0,
-        "lines.markersize": 3.5,
-        "hatch.linewidth": 0.4,
-        "legend.borderpad": 0.3,
-        "legend.columnspacing": 1.0,
-        "legend.handlelength": 1.6,
-        "legend.labelspacing": 0.3,
-        "xtick.major.width": 0.6,
-        "ytick.major.width": 0.6,
-        # Text stays text in PDF, as TrueType, which publishers ask for; SVG must look alike
-        # wherever it is opened, so that its letters are outlines.
-        "pdf.fonttype": 42,
-        "svg.fonttype": "path",
-        # The same figure is the same file, to the bit.
-        "svg.hashsalt": "fjh",
-    }
-)
+for _groups, _settings in (
+    ("figure", {"dpi": 220, "titlesize": TITLE_PT, "labelsize": TEXT_PT}),
+    ("font", {"size": TEXT_PT}),
+    ("axes", {"titlesize": TITLE_PT, "labelsize": TEXT_PT, "grid": True, "linewidth": 0.6}),
+    (("xtick", "ytick"), {"labelsize": TEXT_PT, "major.width": 0.6}),
+    ("legend", {"fontsize": TEXT_PT, "borderpad": 0.3, "columnspacing": 1.0}),
+    ("legend", {"handlelength": 1.6, "labelspacing": 0.3}),
+    ("grid", {"alpha": 0.3, "linewidth": 0.5}),
+    ("lines", {"linewidth": 1.0, "markersize": 3.5}),
+    ("hatch", {"linewidth": 0.4}),
+    # Text stays text in PDF, as TrueType, which publishers ask for; SVG must look alike wherever
+    # it is opened, so that its letters are outlines. The same figure is the same file, to the bit.
+    ("pdf", {"fonttype": 42}),
+    ("svg", {"fonttype": "path", "hashsalt": "fjh"}),
+):
+    matplotlib.rc(_groups, **_settings)
 
 
 def new_figure(width_in: float, height_in: float) -> Figure:

@@ -19,17 +19,10 @@ if TYPE_CHECKING:  # the help text need not wait for these imports
 
 @dataclass(frozen=True)
 class Check:
-    """One number that must stay below its limit for the study to be trusted.
+    """One number that must stay below its limit for the study to be trusted; NaN fails."""
 
-    Attributes:
-        what: The number, with its unit.
-        where: In which run or condition.
-        value: As it came out; NaN fails.
-        limit: Not reached.
-    """
-
-    what: str
-    where: str
+    what: str  # with its unit
+    where: str  # in which run or condition
     value: float
     limit: float
 
@@ -44,21 +37,13 @@ class Check:
 
 @dataclass(frozen=True)
 class Picture:
-    """A figure of the study.
+    """A figure of the study."""
 
-    Attributes:
-        name: Of its files, without ending.
-        caption: What it shows.
-        alt: What there is to see, for a reader who cannot.
-        draw: Makes it.
-        formats: Endings of the files; a page shows the first.
-    """
-
-    name: str
+    name: str  # of its files, without ending
     caption: str
-    alt: str
+    alt: str  # what there is to see, for a reader who cannot
     draw: "Callable[[], Figure]"
-    formats: tuple[str, ...] = ("png", "pdf")
+    formats: tuple[str, ...] = ("png", "pdf")  # a page shows the first
 
     @property
     def file(self) -> str:
@@ -68,22 +53,16 @@ class Picture:
 
 @dataclass(frozen=True)
 class Results:
-    """What came out of a study.
+    """What came out of a study; it is sound if all checks passed.
 
-    Attributes:
-        summary: All numbers, as in its JSON file; units in the names.
-        tables: In print's order.
-        notes: Sentences below them.
-        checks: The study is sound if all of them passed.
-        pictures: Its figures.
-        arrays: Contents of `.npz` files, by file name.
-        records: Each writes further files, a run's data and its recording, into a folder.
-        published: Whether a former run has published all of it: nothing is written.
+    `arrays` are the contents of `.npz` files, by file name; each of the `records` writes further
+    files, a run's data and its recording, into a folder. Nothing is written if a former run has
+    `published` all of it.
     """
 
-    summary: dict[str, Any]
+    summary: dict[str, Any]  # all numbers, as in its JSON file; units in the names
     tables: Sequence[Table] = ()
-    notes: Sequence[str] = ()
+    notes: Sequence[str] = ()  # sentences below the tables
     checks: Sequence[Check] = ()
     pictures: Sequence[Picture] = ()
     arrays: "Mapping[str, Mapping[str, NDArray[Any]]]" = field(default_factory=dict)

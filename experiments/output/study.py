@@ -17,21 +17,13 @@ Progress = Callable[[str], AbstractContextManager[OnProgress]]
 
 @dataclass(frozen=True)
 class Option:
-    """One more option of a study's command, passed on to its runs by name.
+    """One more option of a study's command, passed on to its runs by name."""
 
-    Attributes:
-        name: As a Python name; `--its-name` on the command line.
-        kind: Type of its value; a `Literal` is a choice.
-        default: Where it is not given.
-        help: For the help text.
-        metavar: What stands for the value in the help text; None: its type.
-    """
-
-    name: str
-    kind: Any
+    name: str  # as a Python name; `--its-name` on the command line
+    kind: Any  # type of its value; a `Literal` is a choice
     default: Any
     help: str
-    metavar: str | None = None
+    metavar: str | None = None  # stands for the value in the help text; None: its type
 
 
 @dataclass(frozen=True)
@@ -39,27 +31,19 @@ class Study:
     """One experiment.
 
     `runs` and `results` are entry points, "package.module:function", resolved when the study is
-    run: the help text does not wait for the import of MuJoCo.
-
-    Attributes:
-        name: Of its command, its folder and its JSON file.
-        help: For the help text: one line, what it does and how long it takes, what it writes, an
-            example; a paragraph each.
-        runs: `runs(seed=, quick=, on_progress=, **options)` simulates, and returns frozen data.
-        results: `results(outcome)` makes :class:`Results` of them.
-        quick: What --quick leaves out.
-        seed: What the seed is of.
-        options: Further ones.
-        streams: Whether the runs write into the folder while they run. They take it as `folder`,
-            and return a context manager of the data, which is left when all files are published.
+    run: the help text does not wait for the import of MuJoCo. `runs(seed=, quick=, on_progress=,
+    **options)` simulates and returns frozen data, of which `results(outcome)` makes
+    :class:`Results`. Where a study `streams`, the runs write into the folder while they run: they
+    take it as `folder`, and return a context manager of the data, which is left when all files are
+    published.
     """
 
-    name: str
-    help: str
+    name: str  # of its command, its folder and its JSON file
+    help: str  # a paragraph each: one line, what it does and how long it takes, files, an example
     runs: str
     results: str
-    quick: str
-    seed: str = "the detector noise"
+    quick: str  # what --quick leaves out
+    seed: str = "the detector noise"  # what the seed is of
     options: tuple[Option, ...] = ()
     streams: bool = False
 

@@ -1,18 +1,15 @@
 """Tables for people: columns with a key and a format, rows from a study's summary."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 
 @dataclass(frozen=True)
 class Column:
-    """One column of a table.
+    """One column: a key of the entries that rows are made of, or a function of the entry.
 
-    Attributes:
-        heading: For people; a line break is where a narrow page may break it.
-        key: Of the entry that a row is made of, or a function of the entry.
-        format: As of :func:`format`; None in an entry leaves the cell empty.
+    A narrow page may break the heading at its line breaks. None in an entry leaves the cell empty.
     """
 
     heading: str
@@ -27,13 +24,9 @@ class Column:
 
 @dataclass(frozen=True)
 class Table:
-    """Rows of cells; the first of each is its label.
+    """Rows of cells as a reader shall see them; the first of each is its label.
 
-    Attributes:
-        title: For people, on one line.
-        headings: One a column; a line break is where a narrow page may break it.
-        rows: One a line; cells are print, as a reader shall see them.
-        legend: What the columns mean, with their units, where title and headings do not say.
+    The legend says what the columns mean, with units, where title and headings do not.
     """
 
     title: str
@@ -49,12 +42,8 @@ class Table:
 
 
 def tabulate(
-    title: str,
-    columns: Iterable[Column],
-    entries: Iterable[Mapping[str, Any]],
-    legend: str = "",
+    title: str, columns: Sequence[Column], entries: Iterable[Mapping[str, Any]], legend: str = ""
 ) -> Table:
     """One row for each entry."""
-    columns = tuple(columns)
     rows = [tuple(column.cell(entry) for column in columns) for entry in entries]
     return Table(title, tuple(column.heading for column in columns), rows, legend)

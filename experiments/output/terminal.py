@@ -45,23 +45,14 @@ def progress(description: str, *, shown: bool = True) -> Iterator[Callable[[int,
     The work begins here: from here on Ctrl-C is an exception.
     """
     # Late: Ctrl-C must be ready before any package is imported.
+    from rich import progress as rich
     from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
 
     raise_on_interrupt()
-    bar = Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
+    bar = rich.Progress(
+        rich.TextColumn("{task.description}"),
+        *(rich.BarColumn(), rich.MofNCompleteColumn()),
+        *(rich.TimeElapsedColumn(), rich.TimeRemainingColumn()),
         console=Console(stderr=True),
         transient=True,
         disable=not (shown and sys.stderr.isatty()),

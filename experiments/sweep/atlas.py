@@ -12,7 +12,7 @@ from experiments.hexapod.metrics import closure_check
 from experiments.output.results import Check, Results
 from experiments.output.tables import Column, Table, tabulate
 from experiments.sweep.dataset import Columns
-from experiments.sweep.figure import MARKERS, atlas_pictures
+from experiments.sweep.figure import MARKERS, atlas_picture
 from experiments.sweep.results import comparable, off_by, origin, rate
 from experiments.sweep.row import ANGLES, classified, verdict_columns
 from experiments.sweep.runs import Outcome, Sweep
@@ -30,7 +30,7 @@ def results(outcome: Outcome) -> Results:
     summary = summarize(outcome, columns)
     return replace(
         described(summary),
-        pictures=atlas_pictures(columns, summary),
+        pictures=[atlas_picture(columns, summary)],
         records=[lambda folder: outcome.dataset.merge(folder / summary["dataset"], _with_verdicts)],
     )
 
@@ -136,10 +136,11 @@ def table(summary: dict[str, Any]) -> Table:
         Column("", lambda each: each["verdict"].replace("_", " ")),
         Column("Jacobian", "jacobian"),
         Column("runs", "runs"),
-        Column("alpha:\nmodel", "predicted_alpha_median_urad", ".3f"),
-        Column("simulated", "simulated_alpha_median_urad", ".3f"),
-        Column("beta:\nmodel", "predicted_beta_median_urad", ".3f"),
-        Column("simulated", "simulated_beta_median_urad", ".3f"),
+        *(
+            Column(heading.format(angle), f"{source}_{angle}_median_urad", ".3f")
+            for angle in ANGLES
+            for source, heading in (("predicted", "{}:\nmodel"), ("simulated", "simulated"))
+        ),
         Column("off, %", "largest_off_percent", ".3f"),
     )
     labels = {each["verdict"].replace("_", " "): each["label"] for each in summary["verdicts"]}

@@ -4,6 +4,7 @@ import os
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -32,18 +33,14 @@ class Dataset:
     """Rows of the runs 0 .. runs - 1, in a folder that the first of them makes.
 
     Complete parts are files of their own; finished runs of the others are together in one more.
-    Every file is renamed into its place when it is whole, and says which basis it is of. Where the
-    disk or the folder refuses, an OutputError is raised.
-
-    Attributes:
-        broken: What was wrong with files that were there; their runs are missing again.
+    Every file is renamed into its place when it is whole, and says which basis it is of. `broken`
+    is what was wrong with files that were there; their runs are missing again. Where the disk or
+    the folder refuses, an OutputError is raised.
     """
 
     def __init__(self, folder: Path, runs: int, basis: Basis) -> None:
         """Read what is there; the caller knows that it is of this basis."""
-        self.folder = folder
-        self.runs = runs
-        self.basis = basis
+        self.folder, self.runs, self.basis = folder, runs, basis
         self.broken: list[Broken] = []
         self._whole = {part for part in range(self._parts) if self._has(part)}
         self._open: dict[int, dict[int, Row]] = {}
@@ -86,13 +83,8 @@ class Dataset:
     ) -> None:
         """Write all parts into one file, a row group each, of which one at a time is in memory.
 
-        Args:
-            path: To write.
-            extended: Gives a part further columns.
-
-        Raises:
-            Broken: A part is not what was written.
-            OSError: The disk or the folder refuses.
+        A part may be extended by further columns. `Broken` is raised where one is not what was
+        written, `OSError` where the disk or the folder refuses.
         """
         parquet.write(path, (extended(parquet.read(file)) for file in self.files()))
 
@@ -192,15 +184,12 @@ def check_merged(path: Path, runs: int, basis: Basis) -> None:
         raise Broken(path, f"it has {found} runs instead of {runs}")
 
 
+@dataclass(frozen=True)
 class Columns:
     """Columns of Parquet files as arrays, read when they are asked for; a missing number is NaN."""
 
-    def __init__(
-        self, files: Sequence[Path], further: Mapping[str, np.ndarray] | None = None
-    ) -> None:
-        """Take further columns from memory."""
-        self.files = files
-        self.further = further or {}
+    files: Sequence[Path]
+    further: Mapping[str, np.ndarray] = field(default_factory=dict)  # in memory
 
     def __getitem__(self, name: str) -> np.ndarray:
         if name in self.further:

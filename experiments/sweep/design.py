@@ -31,14 +31,10 @@ MOST_RUNS = 10_000_000
 
 @dataclass(frozen=True)
 class Design:
-    """Which runs a sweep consists of.
+    """Which runs a sweep consists of; what is not among the factors is as on the bench.
 
-    Attributes:
-        layout: "latin-hypercube": each range is cut into as many slices as there are runs, with
-            one run in each; "grid": every combination of the factors' values.
-        runs: Their number.
-        duration_s: Simulated part of the spiral, in every run.
-        factors: What is varied; all else is as on the bench.
+    "latin-hypercube": each range is cut into as many slices as there are runs, with one run in
+    each; "grid": every combination of the factors' values.
     """
 
     layout: Literal["latin-hypercube", "grid"]

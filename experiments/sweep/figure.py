@@ -21,11 +21,9 @@ MOST_POINTS = 2000
 """More cannot be told apart, and make the PDF large."""
 
 
-def sweep_pictures(
-    columns: Columns, compared: np.ndarray, summary: dict[str, Any]
-) -> list[Picture]:
+def sweep_picture(columns: Columns, compared: np.ndarray, summary: dict[str, Any]) -> Picture:
     """The figure of a sweep and its caption; `compared` are the runs of the linear model."""
-    picture = Picture(
+    return Picture(
         "sweep",
         "Simulated over predicted RMS error of the runs that the linear model covers, and what the "
         "error depends on.",
@@ -33,12 +31,11 @@ def sweep_pictures(
         "quantity varied, the strongest on top.",
         partial(_sweep, columns, compared, summary["influence"]),
     )
-    return [picture]
 
 
-def atlas_pictures(columns: Columns, summary: dict[str, Any]) -> list[Picture]:
+def atlas_picture(columns: Columns, summary: dict[str, Any]) -> Picture:
     """The figure of the atlas and its caption."""
-    picture = Picture(
+    return Picture(
         "atlas_flown",
         "Every failure condition simulated: simulated against predicted error, and the error over "
         "the number of failed struts.",
@@ -46,7 +43,6 @@ def atlas_pictures(columns: Columns, summary: dict[str, Any]) -> list[Picture]:
         "blue points on one level whatever the number of failures, yellow and black ones above.",
         partial(_atlas, columns, summary),
     )
-    return [picture]
 
 
 def _sweep(

@@ -13,7 +13,7 @@ from experiments.output.provenance import versions
 from experiments.output.results import Check, Results
 from experiments.output.tables import Column, Table, tabulate
 from experiments.sweep.dataset import Columns
-from experiments.sweep.figure import sweep_pictures
+from experiments.sweep.figure import sweep_picture
 from experiments.sweep.row import ANGLES, INPUT_PEAK
 from experiments.sweep.runs import Outcome, Sweep
 from experiments.sweep.sweep_run import Range
@@ -33,7 +33,7 @@ def results(outcome: Outcome) -> Results:
     summary = summarize(outcome, columns)
     return replace(
         described(summary),
-        pictures=sweep_pictures(columns, comparable(columns), summary),
+        pictures=[sweep_picture(columns, comparable(columns), summary)],
         records=[lambda folder: outcome.dataset.merge(folder / summary["dataset"])],
     )
 

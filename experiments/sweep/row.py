@@ -1,23 +1,36 @@
 """A run of a sweep, simulated and predicted: a row of numbers and words, and the table of rows."""
 
 from collections.abc import Sequence
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any
 
+import mujoco
 import numpy as np
 import pyarrow as pa
 
 from experiments.hexapod.columns import MAJOR
-from experiments.hexapod.controller import StrutMapping
-from experiments.hexapod.fault_tolerance import elastic_system, verdicts
+from experiments.hexapod.controller import StrutMapping, designed, nominal_plant
+from experiments.hexapod.fault_tolerance import (
+    elastic_system,
+    strut_and_payload_stiffness,
+    verdicts,
+)
 from experiments.hexapod.metrics import closure_residual_max_m, pointing_rms_urad, rms
 from experiments.hexapod.prediction import detector_noise_rad, driven_loop
 from experiments.hexapod.simulation import SpiralRun, Trajectory, track_spiral
-from experiments.hexapod.testbed import Testbed
-from experiments.sweep.machine import loops, machine, stiffness
+from experiments.hexapod.testbed import Bench, Testbed
 from experiments.sweep.sweep_run import KINDS, SweepRun
+from ftc.compensator import Compensator
 from prioritized import FailureAtlas, failure_atlas
-from sim import NOMINAL, Array, ModelError, SimulationDiverged, failed_plant, hexapod
+from sim import (
+    NOMINAL,
+    Array,
+    ModelError,
+    SimulationDiverged,
+    failed_plant,
+    hexapod,
+    load_model,
+)
 
 Row = dict[str, Any]
 
@@ -35,20 +48,16 @@ MEASURED = (
     *("gamma_peak_urad", "t_x_peak_um", "t_y_peak_um", "t_z_peak_um"),
     "closure_residual_max_m",
 )
+_NUMBERS = ("diverged_at_s", "dac_step_urad", "predicted_pole_radius")
 _TYPES = {"integer": pa.int64(), "switch": pa.bool_(), "real": pa.float64()}
 
 SCHEMA = pa.schema(
     [
-        ("case", pa.int64()),
-        ("seed", pa.int64()),
+        *((name, pa.int64()) for name in ("case", "seed")),
         ("duration_s", pa.float64()),
         *((name, _TYPES.get(kind, pa.string())) for name, kind in KINDS.items() if name != "seed"),
-        ("status", pa.string()),
-        ("message", pa.string()),
-        ("diverged_at_s", pa.float64()),
-        ("dac_step_urad", pa.float64()),
-        ("predicted_pole_radius", pa.float64()),
-        *((name, pa.float64()) for name in PREDICTED + MEASURED),
+        *((name, pa.string()) for name in ("status", "message")),
+        *((name, pa.float64()) for name in (*_NUMBERS, *PREDICTED, *MEASURED)),
     ]
 )
 """Columns of a sweep's dataset."""
@@ -57,6 +66,27 @@ SCHEMA = pa.schema(
 def table_of(rows: Sequence[Row]) -> pa.Table:
     """Rows in the order of their runs; what a row lacks is null."""
     return pa.Table.from_pylist(sorted(rows, key=lambda row: row["case"]), schema=SCHEMA)
+
+
+@cache
+def machine() -> mujoco.MjModel:
+    """The hexapod, once in each process however many runs it does; plants copy it."""
+    return load_model()
+
+
+@cache
+def stiffness() -> Array:
+    """Where free struts go, (12, 12)."""
+    return strut_and_payload_stiffness(machine())
+
+
+_nominal_plant = cache(lambda: nominal_plant(machine()))
+
+
+@lru_cache(maxsize=64)
+def loops(bench: Bench) -> tuple[Compensator, Compensator]:
+    """The (alpha, beta) compensators of a bench; `ModelError` if they cannot be closed."""
+    return designed(*_nominal_plant(), bench)
 
 
 def row_of(run: SweepRun) -> Row:
@@ -141,12 +171,10 @@ def _dac_step_urad(run: SweepRun, mapping: StrutMapping) -> float:
 
 
 def _measured(run: Trajectory) -> Row:
-    error_urad = 1e6 * (run.desired_rad - run.true_rad)
-    measured_urad = 1e6 * (run.desired_rad - run.measured_rad)
     values = (
         pointing_rms_urad(run),
-        np.abs(error_urad).max(0),
-        rms(measured_urad),
+        np.abs(1e6 * (run.desired_rad - run.true_rad)).max(0),
+        rms(1e6 * (run.desired_rad - run.measured_rad)),
         rms(run.strut_input_percent),
         np.abs(run.strut_input_percent).max(0),
         1e6 * np.abs(run.secondary).max(0),
@@ -162,11 +190,7 @@ def classified() -> FailureAtlas:
 
 
 def verdict_columns(struts: Sequence[str]) -> dict[str, np.ndarray]:
-    """The classification of failure conditions, rigid and with the springs: the atlas' own columns.
-
-    Args:
-        struts: Conditions, a letter S, L or F for each strut; so many values has each column.
-    """
+    """The atlas' own columns: the classification of conditions, a letter S, L or F a strut."""
     atlas = classified()
     elastic = atlas.elastic
     assert elastic is not None  # the hexapod has springs

@@ -29,9 +29,8 @@ _TURN, _MIRROR = (2, 3, 4, 5, 0, 1), (1, 0, 5, 4, 3, 2)
 class Sweep:
     """A complete sweep: its rows are on disk.
 
-    Attributes:
-        took: `runs` of this session, and `runs_per_s` from the first of them to finish to the last;
-            None for fewer than two.
+    `took` has the `runs` of this session, and `runs_per_s` from the first of them to finish to the
+    last; None for fewer than two.
     """
 
     runs: SweepRuns
@@ -97,11 +96,8 @@ def complete(
     """The sweep with all its runs done, now or before; to be published within the context.
 
     Within it nobody else can run anything in the folder; after it, unless publishing failed, the
-    dataset of unfinished runs is gone. The options are those of the commands.
-
-    Raises:
-        WrongInput: Another process runs a sweep there; or as `run_missing` and `published_before`.
-        Interrupted, Unsound, OutputError: As `run_missing`.
+    dataset of unfinished runs is gone. Raises as `run_missing` and `published_before`, and
+    `WrongInput` where another process runs a sweep.
     """
     where = Where(scheduler, workers)
     with alone_in(folder / UNFINISHED):
@@ -118,12 +114,13 @@ def run_missing(
 ) -> Sweep:
     """Do the runs that are missing in `folder`/unfinished, a dataset that grows part by part.
 
+    Finished runs are kept, whatever is raised.
+
     Raises:
         WrongInput: There is an unfinished sweep that shall not be resumed, or is another one; or
             there is no scheduler at that address.
-        Interrupted: By Ctrl-C; finished runs are kept.
-        Unsound: A run failed in a way that no row foresees, or the scheduler has gone; finished
-            runs are kept.
+        Interrupted: By Ctrl-C.
+        Unsound: A run failed in a way that no row foresees, or the scheduler has gone.
         OutputError: The disk or the folder refuses.
     """
     basis, unfinished = basis_of(runs), folder / UNFINISHED
@@ -170,11 +167,7 @@ def _fill(
 def published_before(folder: Path, name: str, runs: SweepRuns) -> dict[str, Any] | None:
     """Contents of the JSON file in a folder that holds the rows of these runs, all of them.
 
-    Returns:
-        None if it holds nothing, or nothing whole.
-
-    Raises:
-        WrongInput: It holds others.
+    None if it holds nothing, or nothing whole; a `WrongInput` is raised if it holds others.
     """
     index = folder / f"{name}.json"
     if basis_in(folder / UNFINISHED) is not None or not index.exists():

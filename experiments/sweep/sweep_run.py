@@ -18,13 +18,8 @@ SECONDARY = tuple(f"secondary_weight_{name}" for name in ("t_x", "t_y", "t_z", "
 """Factors on the diagonals of W1 and W2, in the order of the paper's."""
 
 _NOT_SWEPT = (
-    "duration_s",
-    "quick_duration_s",
-    "spiral_exponent",
-    "spiral_start_deg",
-    "spiral_direction",
-    "demand_limit_urad",
-    "anti_windup",
+    *("duration_s", "quick_duration_s", "spiral_exponent", "spiral_start_deg"),
+    *("spiral_direction", "demand_limit_urad", "anti_windup"),
 )
 """How long a run lasts is the design's; `fjh uncorrected` varies the spiral and the limit."""
 
@@ -125,23 +120,16 @@ _COLUMNS = ("seed", "duration_s", "struts", "failure_time_s", "known", "weight")
 class SweepRun:
     """One run of a sweep: so small that it can be sent to any machine.
 
-    Attributes:
-        number: Counted from 0; column `case` of the dataset.
-        seed: Of the detector noise.
-        duration_s: Simulated part of the spiral.
-        struts: A letter of `STRUTS` for each strut: its state from `failure_time_s` on.
-        known: Whether the mapping is reconfigured for the failures when they happen.
-        weight: Name of the weights; `joint_weight` and `secondary_weight` are these times their
-            factors: diagonals of W1 over the struts and of W2 over [t_x, t_y, t_z, gamma]; None is
-            zero.
+    Its weights are those of the name `weight` times their factors: diagonals of W1 over the struts
+    and of W2 over [t_x, t_y, t_z, gamma]; None is zero.
     """
 
-    number: int
-    seed: int
-    duration_s: float
-    struts: str
+    number: int  # from 0 on; column `case` of the dataset
+    seed: int  # of the detector noise
+    duration_s: float  # of the spiral
+    struts: str  # a letter of `STRUTS` for each strut: its state from `failure_time_s` on
     failure_time_s: float
-    known: bool
+    known: bool  # whether the mapping is reconfigured for the failures when they happen
     weight: str
     joint_weight: tuple[float, ...] | None
     secondary_weight: tuple[float, ...] | None

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from experiments.hexapod.simulation import Trajectory
 from experiments.output.plotting import VERMILION, YELLOW
 from experiments.output.recording.file import TIMELINE, rgb, time_column
-from experiments.output.recording.machine import Motion, body_entity, log_body_colors, log_machine
+from experiments.output.recording.mechanism import Motion, body_entity, log_body_colors, log_machine
 from sim import Array, Pose
 
 _WHITE, _GREY, _LABEL, _YELLOW = [255] * 3, [190] * 3, [240] * 3, rgb(YELLOW)

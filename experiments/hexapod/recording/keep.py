@@ -19,15 +19,11 @@ from experiments.output.recording.file import TIMELINE, About, at_most
 from experiments.output.study import WrongInput
 from sim import Array
 
-COLUMNS = {
+COLUMNS: dict[str, tuple[int, ...]] = {
     "time_s": (),
-    "desired_rad": (2,),
-    "true_rad": (2,),
-    "measured_rad": (2,),
-    "strut_input_percent": (6,),
-    "strut_displacement_m": (6,),
-    "secondary": (4,),
-    "secondary_estimated": (4,),
+    **dict.fromkeys(("desired_rad", "true_rad", "measured_rad"), (2,)),
+    **dict.fromkeys(("strut_input_percent", "strut_displacement_m"), (6,)),
+    **dict.fromkeys(("secondary", "secondary_estimated"), (4,)),
     "closure_residual_m": (),
 }
 """Shape of each signal of a run at one control tick."""
@@ -68,16 +64,9 @@ def record_run(
 ) -> None:
     """Write `name.npz`, every control tick, and `name.rrd`, with notes beside the views.
 
-    Args:
-        folder: Where.
-        name: Of both files, without ending, and of the recording.
-        identity: What distinguishes the recording: experiment, run and seed.
-        model: The machine that is drawn.
-        shown: The run.
-        said: What was done, a sentence or a list item each.
-        beside: RMS of (alpha, beta) [urad] to compare with, by where they come from.
-        properties: All parameters.
-        further: Arrays beside the run's own.
+    The identity, experiment, run and seed, distinguishes the recording. Its notes have what was
+    `said` of the run, a sentence or a list item each, the RMS of (alpha, beta) [urad] to compare
+    with, by where they come from, and all parameters. `further` arrays go beside the run's own.
     """
     notes = run_notes(name.replace("_", " "), [*said, ""], shown.run, beside, properties)
     for_reading = {
@@ -172,8 +161,7 @@ def whole_run(name: str, arrays: Mapping[str, Array]) -> Trajectory:
 
     Raises:
         NoRunError: A signal is missing.
-        WrongInput: A signal has another type or shape, or values that no run has; or the times do
-            not increase in even steps.
+        WrongInput: A signal, or the times, are not those of a run.
     """
     if missing := [signal for signal in COLUMNS if signal not in arrays]:
         raise NoRunError(f"{name} is no run of the hexapod: it lacks {missing[0]}")
@@ -181,8 +169,7 @@ def whole_run(name: str, arrays: Mapping[str, Array]) -> Trajectory:
     if ticks < 2:
         raise WrongInput(f"{name} is not a whole run: it has fewer than two ticks")
     for signal, columns in COLUMNS.items():
-        fault = _fault(arrays[signal], (ticks, *columns))
-        if fault:
+        if fault := _fault(arrays[signal], (ticks, *columns)):
             raise WrongInput(f"{name} is not a whole run: {signal} {fault}")
     steps_s = np.diff(arrays["time_s"])
     if not (steps_s.min() > 0 and np.ptp(steps_s) <= _UNEVEN * steps_s.max()):

@@ -9,7 +9,7 @@ import rerun.blueprint as rrb
 from experiments.hexapod.recording.hexapod import log_marks
 from experiments.hexapod.recording.shown import Scales, Shown, log_shown, scales_of
 from experiments.output.recording.file import About, recording_file, round_up, screen
-from experiments.output.recording.machine import machine_tabs
+from experiments.output.recording.mechanism import machine_tabs
 from experiments.output.recording.views import Plot, notes_view, plane_view, plot_views
 
 RATE_HZ = 500
@@ -27,8 +27,8 @@ _TITLES = {
     "secondary/true": "Secondary motion [urad], [um]",
     "closure/residual": "Closure residual [nm]",
 }
-_SHORT = {"pointing/error": ("error", "urad"), "strut/input": ("inputs", "%")}
-_SHORT |= {"secondary/true": ("SDOF", "urad, um")}
+_SHORT = {"pointing/error": "error ±{:.3g} urad", "strut/input": "inputs ±{:.3g} %"}
+_SHORT |= {"secondary/true": "SDOF ±{:.3g} urad, um"}
 
 
 def write_run(path: Path, about: About, model: mujoco.MjModel, shown: Shown) -> None:
@@ -110,11 +110,11 @@ def _small_signals(k: int, scales: Scales) -> list[rrb.View]:
     return [
         rrb.TimeSeriesView(
             origin=f"{_entity(k)}/{entity}",
-            name=f"{words} ±{scales.bounds[entity]:.3g} {unit}",
+            name=title.format(scales.bounds[entity]),
             axis_y=rrb.ScalarAxis(range=(-scales.bounds[entity], scales.bounds[entity])),
             plot_legend=rrb.PlotLegend(visible=k == 0),
         )
-        for entity, (words, unit) in _SHORT.items()
+        for entity, title in _SHORT.items()
     ]
 
 

@@ -11,16 +11,10 @@ import rerun as rr
 from experiments.hexapod.metrics import closure_residual_max_m, pointing_rms_urad
 from experiments.hexapod.recording.hexapod import Mark, Picture, log_hexapod
 from experiments.hexapod.simulation import Trajectory
+from experiments.output.recording import views
 from experiments.output.recording.file import at_most, log_series, time_column
-from experiments.output.recording.machine import exaggeration, sized_entity, sizes, stills
-from experiments.output.recording.views import (
-    Plot,
-    Square,
-    Task,
-    log_plane,
-    log_plots,
-    square_around,
-)
+from experiments.output.recording.mechanism import exaggeration, sized_entity, sizes, stills
+from experiments.output.recording.views import Plot, Square, Task
 from sim import NOMINAL
 
 INPUTS = [f"strut {k} [%]" for k in range(1, 7)]
@@ -38,17 +32,12 @@ class Shown:
 
 @dataclass(frozen=True)
 class Scales:
-    """The scales of one or several runs, the same for all of them.
+    """The scales of one or several runs, the same for all of them."""
 
-    The factor exaggerates the payload's motion; the full input has the deepest colours; the square
-    is the part of the detector that is shown; bounds are the largest absolute value of each plotted
-    signal, by its entity.
-    """
-
-    factor: int
-    full_percent: float
-    square_urad: Square
-    bounds: dict[str, float]
+    factor: int  # exaggerates the payload's motion
+    full_percent: float  # the input with the deepest colours
+    square_urad: Square  # the part of the detector that is shown
+    bounds: dict[str, float]  # largest absolute value of each plotted signal, by its entity
 
     @property
     def loads(self) -> str:
@@ -66,7 +55,7 @@ def scales_of(runs: Sequence[Trajectory]) -> Scales:
         factor=exaggeration(float(max(angles)), float(max(distances))),
         full_percent=float(max(1.0, np.ceil(inputs))),
         # The first half of a spiral lies within the second.
-        square_urad=square_around(*(1e6 * curve[len(curve) // 2 :] for curve in curves)),
+        square_urad=views.square_around(*(1e6 * curve[len(curve) // 2 :] for curve in curves)),
         bounds={
             "pointing/error": max(1e6 * np.abs(r.desired_rad - r.true_rad).max() for r in runs),
             "strut/input": inputs,
@@ -88,11 +77,11 @@ def log_shown(
     run = shown.run
     log_signals(recording, under, run, rate_hz)
     task = Task(("alpha", "beta"), "urad", 1e6 * run.desired_rad, 1e6 * run.measured_rad)
-    log_plane(recording, f"{under}detector", run.time_s, task, scales.square_urad)
+    views.log_plane(recording, f"{under}detector", run.time_s, task, scales.square_urad)
     for size in sizes(scales.factor):
         picture = picture_of(shown, size, scales.full_percent)
         log_hexapod(recording, sized_entity(f"{under}hexapod", size), model, picture)
-    log_plots(recording, shown.extras, under)
+    views.log_plots(recording, shown.extras, under)
 
 
 def log_signals(recording: rr.RecordingStream, under: str, run: Trajectory, rate_hz: float) -> None:

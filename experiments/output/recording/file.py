@@ -25,19 +25,12 @@ _ROUND = (1, 2, 5, 10)
 
 @dataclass(frozen=True)
 class About:
-    """What a recording states about itself.
+    """What a recording states about itself."""
 
-    Attributes:
-        recording_id: Experiment, run and seed; its file adds a hash of notes and properties.
-        name: For people.
-        notes: Markdown shown beside the views: parameters, results, the paper's numbers.
-        properties: Seed, versions, model hash, every constant; units in the names.
-    """
-
-    recording_id: str
-    name: str
-    notes: str
-    properties: dict[str, Any]
+    recording_id: str  # experiment, run and seed
+    name: str  # for people
+    notes: str  # Markdown beside the views: parameters, results, the paper's numbers
+    properties: dict[str, Any]  # seed, versions, model hash, every constant; units in the names
 
     @property
     def identity(self) -> str:
