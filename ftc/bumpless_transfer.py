@@ -11,24 +11,25 @@ from typing import TypeVar
 import numpy as np
 
 from argument_checks import Array
-from ftc.mapping import Asked, PrioritizedMapping
+from ftc.mapping import PreviousCommand, PrioritizedMapping
 
 Pose = TypeVar("Pose")
 
 
 @dataclass(frozen=True)
-class Handover:
+class BumplessTransfer:
     """What one mapping owes to the one before it.
 
     Attributes:
         pointing_rad: Added for good to what the compensators demand of the major task, shape (m1,).
-        rest_m: Secondary displacement in which the old mapping left the actuators, shape (n,).
+        secondary_reference_m: Secondary displacement in which the old mapping left the actuators,
+            shape (n,).
         age_s: Time since the transfer.
         internal_m: Displacements that no motion follows, shape (n,); None is none.
     """
 
     pointing_rad: Array
-    rest_m: Array
+    secondary_reference_m: Array
     age_s: float
     internal_m: Array | None = None
 
@@ -38,39 +39,42 @@ class Handover:
             return np.zeros(len(displacements_m))
         return 0.5 * (1 + np.cos(np.pi * self.age_s / fade_s)) * displacements_m
 
-    def after(self, earlier: "Handover", fade_s: float) -> "Handover":
+    def after(self, earlier: "BumplessTransfer", fade_s: float) -> "BumplessTransfer":
         """The same, with what is left of an earlier one."""
         internal_m = self.internal_m
         if earlier.internal_m is not None:
             left = earlier.faded(earlier.internal_m, fade_s)
             internal_m = left if internal_m is None else left + internal_m
-        return Handover(
+        return BumplessTransfer(
             earlier.pointing_rad + self.pointing_rad,
-            earlier.faded(earlier.rest_m, fade_s) + self.rest_m,
+            earlier.faded(earlier.secondary_reference_m, fade_s) + self.secondary_reference_m,
             self.age_s,
             internal_m,
         )
 
 
-def handover(
+def bumpless_transfer(
     mapping: PrioritizedMapping[Pose],
-    asked: Asked,
-    sent_m: Array,
+    asked: PreviousCommand,
+    commanded_m: Array,
     pose: Pose,
-    falling_m: Array | None = None,
-) -> Handover:
+    lost_displacement_m: Array | None = None,
+) -> BumplessTransfer:
     """What the new mapping owes, so that it goes on from the displacements commanded.
 
     Args:
         mapping: That takes over.
         asked: What was last demanded of the one before.
-        sent_m: Displacements that the actuators hold, shape (n,).
+        commanded_m: Displacements that the actuators hold, shape (n,).
         pose: Estimated by the new mapping.
-        falling_m: What each actuator is about to lose of its displacement, shape (n,), because
-            it no longer holds it: the others make up at once for its part in the major task.
+        lost_displacement_m: What each actuator is about to lose of its displacement, shape (n,),
+            because it no longer holds it: the others make up at once for its part in the major
+            task.
     """
-    own_m = mapping.displacements(asked.pointing_rad, pose, sent_m, asked, asked.rest_m)
-    pointing_rad, rest_m, internal_m = mapping.split(sent_m - own_m, pose)
-    if falling_m is not None:
-        pointing_rad = pointing_rad + mapping.pointing(falling_m, pose)
-    return Handover(pointing_rad, rest_m, 0.0, internal_m)
+    own_m = mapping.displacements(
+        asked.pointing_rad, pose, commanded_m, asked, asked.secondary_reference_m
+    )
+    pointing_rad, secondary_reference_m, internal_m = mapping.split(commanded_m - own_m, pose)
+    if lost_displacement_m is not None:
+        pointing_rad = pointing_rad + mapping.pointing(lost_displacement_m, pose)
+    return BumplessTransfer(pointing_rad, secondary_reference_m, 0.0, internal_m)

@@ -9,14 +9,14 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from argument_checks import Array
-from ftc.bumpless_transfer import Handover, handover
+from ftc.bumpless_transfer import BumplessTransfer, bumpless_transfer
 from ftc.compensator import Channel
 from ftc.geometry import Pose
-from ftc.mapping import Asked, PrioritizedMapping
+from ftc.mapping import PreviousCommand, PrioritizedMapping
 
 
 @dataclass(frozen=True)
-class Sensed:
+class Measurement:
     """What a controller can measure at one tick.
 
     Attributes:
@@ -61,20 +61,20 @@ class ControllerState(Generic[Pose]):
         input_percent: What was last sent to the drives, shape (n,).
         pose: Estimated from it.
         asked: What was last demanded of the mapping, and its answer.
-        handover: From the mapping before; None where there was none.
+        bumpless_transfer: From the mapping before; None where there was none.
     """
 
     compensator: Array
     input_percent: Array
     pose: Pose
-    asked: Asked
-    handover: Handover | None = None
+    asked: PreviousCommand
+    bumpless_transfer: BumplessTransfer | None = None
 
 
 _PARTS = ("A", "B"), ("C", "D")
 
 
-class Controller(Generic[Pose]):
+class PrioritizedController(Generic[Pose]):
     """Measurements in, inputs of the drives out; it never sees the plant.
 
     `step` is a pure function: the state goes in and comes out.
@@ -102,9 +102,9 @@ class Controller(Generic[Pose]):
         self.handover_s = handover_s
         self.demand_limit_rad = demand_limit_rad
         self.anti_windup = anti_windup
-        self._strength = np.ones(mapping.actuators)
-        for actuator, left in mapping.goal.strength.items():
-            self._strength[actuator] = left
+        self._effectiveness = np.ones(mapping.actuators)
+        for actuator, left in mapping.goal.effectiveness.items():
+            self._effectiveness[actuator] = left
         self.period_s = loops[0].dt
         # All loops at once: [next states; demands] = M [states; errors].
         orders = [len(loop.A) for loop in loops]
@@ -126,14 +126,14 @@ class Controller(Generic[Pose]):
 
     def estimate(self, state: ControllerState[Pose]) -> Pose:
         """The pose now, from what was sent a tick before."""
-        return self.mapping.estimate(self._sent_m(state), state.pose)
+        return self.mapping.estimate(self._commanded_m(state), state.pose)
 
     def step(
         self,
         state: ControllerState[Pose],
         desired_rad: Array,
-        sensed: Sensed,
-        rest_m: Array | None = None,
+        measurement: Measurement,
+        secondary_reference_m: Array | None = None,
         *,
         feedforward: Array | None = None,
         pose: Pose | None = None,
@@ -143,17 +143,17 @@ class Controller(Generic[Pose]):
         Args:
             state: From the tick before.
             desired_rad: Reference of the major task, shape (m1,).
-            sensed: This controller uses the measured major task.
-            rest_m: Reference of the secondary goal, displacements of the actuators, shape (n,);
-                None is zero.
+            measurement: This controller uses the measured major task.
+            secondary_reference_m: Reference of the secondary goal, displacements of the actuators,
+                shape (n,); None is zero.
             feedforward: Added to what the compensators demand, shape (m1,); None is zero.
             pose: As :meth:`estimate` gives it, for a caller that has it already.
         """
-        sent_m = self._sent_m(state)
+        commanded_m = self._commanded_m(state)
         if pose is None:
-            pose = self.mapping.estimate(sent_m, state.pose)
+            pose = self.mapping.estimate(commanded_m, state.pose)
 
-        error = desired_rad - sensed.pointing_rad
+        error = desired_rad - measurement.pointing_rad
         after = self._M.dot(np.concatenate([state.compensator, error]))
         compensator, pointing = after[: self._order], after[self._order :]
         if self.demand_limit_rad < inf:
@@ -164,41 +164,50 @@ class Controller(Generic[Pose]):
                 compensator = np.where(held[self._channel], state.compensator, compensator)
         if feedforward is not None:
             pointing = feedforward + pointing
-        owed = state.handover
+        owed = state.bumpless_transfer
         if owed is not None:
             pointing = pointing + owed.pointing_rad
-            faded_m = owed.faded(owed.rest_m, self.handover_s)
-            rest_m = faded_m if rest_m is None else faded_m + rest_m
-        wanted_m = self.mapping.displacements(pointing, pose, sent_m, state.asked, rest_m)
+            faded_m = owed.faded(owed.secondary_reference_m, self.handover_s)
+            secondary_reference_m = (
+                faded_m if secondary_reference_m is None else faded_m + secondary_reference_m
+            )
+        required_m = self.mapping.displacements(
+            pointing, pose, commanded_m, state.asked, secondary_reference_m
+        )
         if owed is not None:
             if owed.internal_m is not None:
-                wanted_m = wanted_m + owed.faded(owed.internal_m, self.handover_s)
+                required_m = required_m + owed.faded(owed.internal_m, self.handover_s)
             owed = replace(owed, age_s=owed.age_s + self.period_s)
         return ControllerState(
             compensator,
-            self.amplifier.input_percent(wanted_m / self._strength),
+            self.amplifier.input_percent(required_m / self._effectiveness),
             pose,
-            Asked(pointing, wanted_m, self._still if rest_m is None else rest_m),
+            PreviousCommand(
+                pointing,
+                required_m,
+                self._still if secondary_reference_m is None else secondary_reference_m,
+            ),
             owed,
         )
 
-    def take_over(
-        self, state: ControllerState[Pose], falling_m: Array | None = None
+    def transfer(
+        self, state: ControllerState[Pose], lost_displacement_m: Array | None = None
     ) -> ControllerState[Pose]:
         """The state of another controller, changed so that this one goes on without a step.
 
         Args:
             state: Of the other controller.
-            falling_m: What each actuator is about to lose of its displacement, shape (n,), because
-                it no longer holds it. The others step, to make up for its part in the major task.
+            lost_displacement_m: What each actuator is about to lose of its displacement, shape
+                (n,), because it no longer holds it. The others step, to make up for its part in the
+                major task.
         """
-        sent_m, owed = self._sent_m(state), state.handover
-        pose = self.mapping.estimate(sent_m, state.pose)
-        new = handover(self.mapping, state.asked, sent_m, pose, falling_m)
+        commanded_m, owed = self._commanded_m(state), state.bumpless_transfer
+        pose = self.mapping.estimate(commanded_m, state.pose)
+        new = bumpless_transfer(self.mapping, state.asked, commanded_m, pose, lost_displacement_m)
         if owed is not None:
             new = new.after(owed, self.handover_s)
-        return replace(state, handover=new)
+        return replace(state, bumpless_transfer=new)
 
-    def _sent_m(self, state: ControllerState[Pose]) -> Array:
+    def _commanded_m(self, state: ControllerState[Pose]) -> Array:
         """Displacements that the actuators hold at the inputs last sent, shape (n,)."""
-        return self._strength * self.amplifier.displacement_m(state.input_percent)
+        return self._effectiveness * self.amplifier.displacement_m(state.input_percent)

@@ -14,13 +14,13 @@ class Goal:
         secondary_weight: W2, diagonal over the secondary rows; None is zero.
         locked_m: Actuators known to be locked, and the displacement at which each stands.
         free: Actuators known to exert no force, their springs intact.
-        loose: Actuators known to have lost force and spring.
-        strength: Actuators known to be weakened, and the part of the force that each has left.
+        spring_lost: Actuators known to have lost force and spring.
+        effectiveness: Actuators known to be weakened, and the part of the force that each has left.
     """
 
     joint_weight: tuple[float, ...] | None = None
     secondary_weight: tuple[float, ...] | None = None
     locked_m: dict[int, float] = field(default_factory=dict)
     free: tuple[int, ...] = ()
-    loose: tuple[int, ...] = ()
-    strength: dict[int, float] = field(default_factory=dict)
+    spring_lost: tuple[int, ...] = ()
+    effectiveness: dict[int, float] = field(default_factory=dict)

@@ -88,7 +88,8 @@ def steps(
         disturbance: Added to the next state, shape (N, s).
         limit: Largest demand of each compensator, a number or shape (S,).
         anti_windup: Whether a compensator at its limit keeps its state while the error would drive
-            it further, as in :class:`ftc.controller.Controller`; a truth value or shape (S,).
+            it further, as in :class:`ftc.controller.PrioritizedController`; a truth value or shape
+            (S,).
     """
     lead, to_come, stage = reference.shape[:-2], list(stages), stages[0]
     most, held = np.asarray(limit)[..., None], np.asarray(anti_windup)[..., None]

@@ -16,25 +16,26 @@ from ftc.geometry import Geometry, Pose, free_actuators_follow, without_springs,
 from ftc.goal import Goal
 from prioritized import Kinematics, Status
 
-DisplacementForm = Literal["absolute", "incremental", "relinearized"]
+DisplacementForm = Literal["absolute", "incremental", "gauss_newton"]
 """How eq. (41) becomes a displacement: from the nominal pose; from what was commanded a tick
 before; or, from where the actuators are, one Gauss-Newton step towards the optimum of the curved
 problem."""
 
 
 @dataclass(frozen=True)
-class Asked:
+class PreviousCommand:
     """What was last demanded of a mapping, and its answer; the incremental form goes on from it.
 
     Attributes:
         pointing_rad: Demanded major task, shape (m1,).
         displacements_m: Displacements of the actuators, before the converters, shape (n,).
-        rest_m: Reference of the secondary goal, displacements of the actuators, shape (n,).
+        secondary_reference_m: Reference of the secondary goal, displacements of the actuators,
+            shape (n,).
     """
 
     pointing_rad: Array
     displacements_m: Array
-    rest_m: Array
+    secondary_reference_m: Array
 
 
 class Mapping(Protocol):
@@ -61,7 +62,7 @@ class Mapping(Protocol):
 
 
 @dataclass(frozen=True)
-class Reconfigured:
+class LocalMapping:
     """The mapping at one pose, section 2.3.
 
     Attributes:
@@ -100,17 +101,17 @@ class PrioritizedMapping(Generic[Pose]):
             major: Task rows of the major task.
             secondary: Task rows of the secondary task, in the order of its weights.
             form: How eq. (41) becomes a displacement.
-            task: Task coordinates (m,) of a pose, for the relinearized form.
+            task: Task coordinates (m,) of a pose, for the Gauss-Newton form.
 
         Raises:
             ValueError: An actuator locked off centre in incremental form: its displacement is in
-                no increment. The relinearized form without task coordinates.
+                no increment. The Gauss-Newton form without task coordinates.
         """
-        if form == "relinearized" and task is None:
-            raise ValueError("task must be given in relinearized form, got None")
+        if form == "gauss_newton" and task is None:
+            raise ValueError("task must be given in gauss_newton form, got None")
         if form == "incremental" and any(goal.locked_m.values()):
             raise ValueError(
-                f'form must be "absolute" or "relinearized" with an actuator locked off centre, '
+                f'form must be "absolute" or "gauss_newton" with an actuator locked off centre, '
                 f"got {form} with locked_m = {goal.locked_m}"
             )
         self._model, self._task = geometry, task
@@ -118,8 +119,8 @@ class PrioritizedMapping(Generic[Pose]):
         self.goal = goal
         self.form = form
         self._nominal = geometry.nominal
-        released = without_springs(geometry.system, goal.loose).with_failures(
-            free=[*goal.free, *goal.loose]
+        released = without_springs(geometry.system, goal.spring_lost).with_failures(
+            free=[*goal.free, *goal.spring_lost]
         )
         self._failed = released.with_failures(locked=list(goal.locked_m))
         kinematics = self._failed.kinematics()
@@ -148,10 +149,10 @@ class PrioritizedMapping(Generic[Pose]):
         """The pose that displacements are measured from."""
         return self._nominal
 
-    def nothing(self) -> Asked:
+    def nothing(self) -> PreviousCommand:
         """Nothing demanded yet."""
         n = self.actuators
-        return Asked(np.zeros(len(self._major)), np.zeros(n), np.zeros(n))
+        return PreviousCommand(np.zeros(len(self._major)), np.zeros(n), np.zeros(n))
 
     def pointing_gain(self) -> Array:
         """Displacements per demanded major task at the nominal pose, shape (n, m1)."""
@@ -161,48 +162,54 @@ class PrioritizedMapping(Generic[Pose]):
         self,
         pointing_rad: Array,
         pose: Pose,
-        sent_m: Array | None = None,
-        last: Asked | None = None,
-        rest_m: Array | None = None,
+        commanded_m: Array | None = None,
+        last: PreviousCommand | None = None,
+        secondary_reference_m: Array | None = None,
     ) -> Array:
         """Displacements (n,) for a demanded major task; zero at actuators known to be locked.
 
         Args:
             pointing_rad: Demanded major task, shape (m1,).
             pose: Where the mechanism is.
-            sent_m: Displacements (n,) that hold it there; the relinearized form goes on from them.
+            commanded_m: Displacements (n,) that hold it there; the Gauss-Newton form goes on from
+                them.
             last: What was demanded before; the incremental form goes on from it.
-            rest_m: Reference of the secondary goal, displacements (n,); it is followed as far as
-                the major task leaves the actuators free. None is the nominal pose.
+            secondary_reference_m: Reference of the secondary goal, displacements (n,); it is
+                followed as far as the major task leaves the actuators free. None is the nominal
+                pose.
 
         Raises:
             ValueError: What the form goes on from is missing.
         """
         posture, now = self._present(pose)
-        if self.form == "absolute" and rest_m is None and not self._is_off_centre:
+        if self.form == "absolute" and secondary_reference_m is None and not self._is_off_centre:
             return now.expand.dot(now.mapping(pointing_rad))
-        joint = np.zeros(now.J.shape[1]) if rest_m is None else now.expand.T.dot(rest_m)
+        joint = (
+            np.zeros(now.J.shape[1])
+            if secondary_reference_m is None
+            else now.expand.T.dot(secondary_reference_m)
+        )
         secondary = now.J[self._secondary].dot(joint)
         if self.form == "incremental":
             if last is None:
                 raise ValueError("last must be given in incremental form, got None")
-            before = now.expand.T @ last.rest_m
+            before = now.expand.T @ last.secondary_reference_m
             change = now.mapping(
                 pointing_rad - last.pointing_rad,
                 joint - before,
                 secondary - now.J[self._secondary] @ before,
             )
             return last.displacements_m + now.expand @ change
-        if self.form == "relinearized":
-            if sent_m is None or self._task is None:
-                raise ValueError("sent_m must be given in relinearized form, got None")
+        if self.form == "gauss_newton":
+            if commanded_m is None or self._task is None:
+                raise ValueError("commanded_m must be given in gauss_newton form, got None")
             task = self._task(pose)
             change = now.mapping(
                 pointing_rad - task[self._major],
-                joint - now.expand.T @ sent_m,
+                joint - now.expand.T @ commanded_m,
                 secondary - task[self._secondary],
             )
-            return sent_m + now.expand @ change
+            return commanded_m + now.expand @ change
         # An actuator locked off centre has already moved the task by J[:, k] l_k.
         offset = self._model.twist(posture, self._follow.dot(self._standing_m))
         change = now.mapping(
@@ -231,8 +238,8 @@ class PrioritizedMapping(Generic[Pose]):
             internal = np.linalg.pinv(now.constraint) @ (now.constraint @ surviving)
             surviving, internal_m = surviving - internal, now.expand @ internal
         pointing_rad = now.J[self._major] @ surviving
-        rest_m = now.expand @ (surviving - now.mapping(pointing_rad))
-        return pointing_rad, rest_m, internal_m
+        secondary_reference_m = now.expand @ (surviving - now.mapping(pointing_rad))
+        return pointing_rad, secondary_reference_m, internal_m
 
     def estimate(self, displacements_m: Array, pose: Pose) -> Pose:
         """The pose to which commanded displacements (n,) lead, from the pose one tick before.
@@ -242,10 +249,10 @@ class PrioritizedMapping(Generic[Pose]):
         """
         return self._model.moved(pose, self._follow.dot(displacements_m + self._locked_m))
 
-    def at(self, jacobian: Array, /) -> Reconfigured:
+    def at(self, jacobian: Array, /) -> LocalMapping:
         """The mapping where the Jacobian of the geometry is this."""
         kinematics = self._model.placed(self._failed, jacobian).kinematics()
-        return Reconfigured(
+        return LocalMapping(
             self.rates_at(kinematics), self._expand, kinematics.J, kinematics.active_constraint
         )
 
@@ -253,7 +260,7 @@ class PrioritizedMapping(Generic[Pose]):
         """Optimal rates of the surviving actuators; another optimality would override this."""
         return self._prepared.at(kinematics)
 
-    def _present(self, pose: Pose) -> tuple[Pose, Reconfigured]:
+    def _present(self, pose: Pose) -> tuple[Pose, LocalMapping]:
         posture = self._model.posture(pose)
         if posture is self._nominal:
             return posture, self._at_nominal

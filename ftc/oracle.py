@@ -7,10 +7,10 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 
 from argument_checks import Array
-from ftc.controller import Controller, ControllerState, Converter, Sensed
+from ftc.controller import ControllerState, Converter, Measurement, PrioritizedController
 
 
-class PilotState(Protocol):
+class ControllerOutput(Protocol):
     """What a run keeps of a controller's state."""
 
     @property
@@ -24,10 +24,10 @@ class PilotState(Protocol):
         ...
 
 
-State = TypeVar("State", bound=PilotState)
+State = TypeVar("State", bound=ControllerOutput)
 
 
-class Pilot(Protocol[State]):
+class Controller(Protocol[State]):
     """Inputs of the drives from what can be measured; `step` is a pure function of the state."""
 
     @property
@@ -39,13 +39,13 @@ class Pilot(Protocol[State]):
         """At rest at the nominal pose."""
         ...
 
-    def step(self, state: State, desired_rad: Array, sensed: Sensed) -> State:
+    def step(self, state: State, desired_rad: Array, measurement: Measurement) -> State:
         """One control tick."""
         ...
 
 
 @dataclass(frozen=True)
-class PointingState:
+class NestedState:
     """State of a controller within another one, which adds what it needs."""
 
     controller: ControllerState[Any]
@@ -62,7 +62,7 @@ class PointingState:
 
 
 @dataclass(frozen=True)
-class InformedState(PointingState):
+class OracleState(NestedState):
     """Beside it, the number of ticks so far."""
 
     ticks: int
@@ -73,22 +73,22 @@ NEVER = -1
 
 
 @dataclass(frozen=True)
-class Informed:
+class OracleController:
     """Goes over from one controller to another at a tick that is known beforehand.
 
     Attributes:
         before: Controls first.
         after: Takes over.
         tick: When, counted from the first.
-        falling_m: What each actuator loses then of its displacement, (n,); None: the displacement
-            commanded of those that the goal of `after` says are free.
+        lost_displacement_m: What each actuator loses then of its displacement, (n,); None: the
+            displacement commanded of those that the goal of `after` says are free.
         secondary: Reference of the secondary goal (n,) at each time of the run; None is zero.
     """
 
-    before: Controller[Any]
-    after: Controller[Any]
+    before: PrioritizedController[Any]
+    after: PrioritizedController[Any]
     tick: int
-    falling_m: Array | None = None
+    lost_displacement_m: Array | None = None
     secondary: Callable[[float], Array] | None = None
 
     @property
@@ -96,27 +96,33 @@ class Informed:
         """The same for both."""
         return self.before.amplifier
 
-    def start(self) -> InformedState:
+    def start(self) -> OracleState:
         """At rest at the nominal pose."""
-        return InformedState(self.before.start(), ticks=0)
+        return OracleState(self.before.start(), ticks=0)
 
-    def step(self, state: InformedState, desired_rad: Array, sensed: Sensed) -> InformedState:
+    def step(self, state: OracleState, desired_rad: Array, measurement: Measurement) -> OracleState:
         """One control tick."""
         last = state.controller
         if state.ticks == self.tick:
-            falling_m = self._falling(last) if self.falling_m is None else self.falling_m
-            last = self.after.take_over(last, falling_m)
+            lost_displacement_m = (
+                self._lost_displacement(last)
+                if self.lost_displacement_m is None
+                else self.lost_displacement_m
+            )
+            last = self.after.transfer(last, lost_displacement_m)
         taken_over = self.tick != NEVER and state.ticks >= self.tick
         acting = self.after if taken_over else self.before
         if self.secondary is None:
-            rest_m = np.zeros(acting.mapping.actuators)
+            secondary_reference_m = np.zeros(acting.mapping.actuators)
         else:
-            rest_m = self.secondary(state.ticks * acting.period_s)
-        return InformedState(acting.step(last, desired_rad, sensed, rest_m), state.ticks + 1)
+            secondary_reference_m = self.secondary(state.ticks * acting.period_s)
+        return OracleState(
+            acting.step(last, desired_rad, measurement, secondary_reference_m), state.ticks + 1
+        )
 
-    def _falling(self, last: ControllerState[Any]) -> Array:
+    def _lost_displacement(self, last: ControllerState[Any]) -> Array:
         # An actuator that keeps its damper falls too slowly to be made up for at once.
         free = list(self.after.mapping.goal.free)
-        falling_m = np.zeros(self.after.mapping.actuators)
-        falling_m[free] = self.amplifier.displacement_m(last.input_percent)[free]
-        return falling_m
+        lost_displacement_m = np.zeros(self.after.mapping.actuators)
+        lost_displacement_m[free] = self.amplifier.displacement_m(last.input_percent)[free]
+        return lost_displacement_m

@@ -7,16 +7,16 @@ from typing import Any
 import numpy as np
 
 from argument_checks import Array
-from ftc.controller import Controller, Converter, Sensed
+from ftc.controller import Converter, Measurement, PrioritizedController
 from ftc.fdi.diagnosis import Diagnosis, MonitorState
 from ftc.fdi.fault_model import Fault
 from ftc.fdi.monitor import Monitor
 from ftc.goal import Goal
-from ftc.oracle import PointingState
+from ftc.oracle import NestedState
 
 
 @dataclass(frozen=True)
-class SupervisorState(PointingState):
+class SupervisorState(NestedState):
     """What the supervisor remembers.
 
     Attributes:
@@ -30,7 +30,7 @@ class SupervisorState(PointingState):
         ticks: So far.
     """
 
-    flies: Controller[Any]
+    flies: PrioritizedController[Any]
     watch: MonitorState
     monitor: Monitor
     confirmed: tuple[Diagnosis, ...] = ()
@@ -59,10 +59,10 @@ class Supervisor:
         can_point: Whether the major task can still be done in spite of them.
     """
 
-    first: Controller[Any]
+    first: PrioritizedController[Any]
     monitor: Monitor
     secondary: Callable[[float], Array]
-    reconfigured: Callable[[Sequence[Diagnosis]], Controller[Any]]
+    reconfigured: Callable[[Sequence[Diagnosis]], PrioritizedController[Any]]
     can_point: Callable[[Sequence[Fault]], bool]
 
     @property
@@ -74,36 +74,40 @@ class Supervisor:
         """At rest at the nominal pose, no failure known."""
         return SupervisorState(self.first.start(), self.first, self.monitor.start(), self.monitor)
 
-    def step(self, state: SupervisorState, desired_rad: Array, sensed: Sensed) -> SupervisorState:
+    def step(
+        self, state: SupervisorState, desired_rad: Array, measurement: Measurement
+    ) -> SupervisorState:
         """One control tick: first the diagnosis, then the control."""
         if state.task_lost and state.watch.diagnosis is None:
             return replace(state, ticks=state.ticks + 1)
-        sent_m = self.amplifier.displacement_m(state.input_percent)
+        commanded_m = self.amplifier.displacement_m(state.input_percent)
         known = state.watch.diagnosis
-        measured = np.concatenate([sensed.pointing_rad, sensed.strut_m])
+        measured = np.concatenate([measurement.pointing_rad, measurement.strut_m])
         outputs = len(state.monitor.nominal.noise)  # without the actuators' sensors unless used
-        watch = state.monitor.step(state.watch, measured[:outputs], sent_m)
+        watch = state.monitor.step(state.watch, measured[:outputs], commanded_m)
         state = replace(state, watch=watch)
         if watch.diagnosis is not known:
-            state = self._reconfigured(state, sent_m)
+            state = self._reconfigured(state, commanded_m)
         if not state.task_lost:
-            rest_m = self.secondary(state.ticks * self.first.period_s)
-            controller = state.flies.step(state.controller, desired_rad, sensed, rest_m)
+            secondary_reference_m = self.secondary(state.ticks * self.first.period_s)
+            controller = state.flies.step(
+                state.controller, desired_rad, measurement, secondary_reference_m
+            )
             state = replace(state, controller=controller)
         return replace(state, ticks=state.ticks + 1)
 
-    def _reconfigured(self, state: SupervisorState, sent_m: Array) -> SupervisorState:
+    def _reconfigured(self, state: SupervisorState, commanded_m: Array) -> SupervisorState:
         """The mapping goes over to the present diagnoses; the compensators stay."""
         found, believed = state.watch.diagnosis, state.standing
-        falling_m = np.zeros(len(sent_m))
+        lost_displacement_m = np.zeros(len(commanded_m))
         if found is not None:
             state = replace(state, diagnoses=(*state.diagnoses, found))
-            falling_m = falling(found, sent_m)
+            lost_displacement_m = lost_displacement(found, commanded_m)
         lost = not self.can_point([each.fault for each in believed])
         state = replace(state, task_lost=lost)
         if not lost:
             flies = self.reconfigured(believed)
-            controller = flies.take_over(state.controller, falling_m)
+            controller = flies.transfer(state.controller, lost_displacement_m)
             state = replace(state, flies=flies, controller=controller)
         if found is None or not found.confirmed:
             return state
@@ -119,23 +123,23 @@ WEAKEST = 0.5
 a wrong diagnosis, a sound strut would make the loop unstable: docs/recover.md."""
 
 
-def reckoned_strength(diagnosis: Diagnosis) -> float:
+def used_effectiveness(diagnosis: Diagnosis) -> float:
     """Part of its force that the mapping takes an actuator to have; 0: it is not used."""
     fault = diagnosis.fault
     return fault.effectiveness if fault.kind == "weak" and fault.effectiveness >= WEAKEST else 0.0
 
 
-def falling(diagnosis: Diagnosis, sent_m: Array) -> Array:
+def lost_displacement(diagnosis: Diagnosis, commanded_m: Array) -> Array:
     """What the diagnosed actuator is about to lose of its displacement, shape (n,).
 
-    `sent_m`, shape (n,), is what the actuators are commanded to. A locked actuator loses nothing,
-    nor does one that was diagnosed before.
+    `commanded_m`, shape (n,), is what the actuators are commanded to. A locked actuator loses
+    nothing, nor does one that was diagnosed before.
     """
-    fault, falling_m = diagnosis.fault, np.zeros(len(sent_m))
+    fault, lost_displacement_m = diagnosis.fault, np.zeros(len(commanded_m))
     if fault.kind != "locked" and not diagnosis.confirmed:
-        held_m = reckoned_strength(diagnosis) * sent_m[fault.actuator]
-        falling_m[fault.actuator] = diagnosis.displacement - held_m
-    return falling_m
+        held_m = used_effectiveness(diagnosis) * commanded_m[fault.actuator]
+        lost_displacement_m[fault.actuator] = diagnosis.displacement - held_m
+    return lost_displacement_m
 
 
 def reconfigured_goal(goal: Goal, diagnoses: Sequence[Diagnosis]) -> Goal:
@@ -146,11 +150,11 @@ def reconfigured_goal(goal: Goal, diagnoses: Sequence[Diagnosis]) -> Goal:
     (docs/theory.md).
     """
     locked_m = dict(goal.locked_m)
-    strength = dict(goal.strength)
+    effectiveness = dict(goal.effectiveness)
     for diagnosis in diagnoses:
-        fault, left = diagnosis.fault, reckoned_strength(diagnosis)
+        fault, left = diagnosis.fault, used_effectiveness(diagnosis)
         if left > 0:
-            strength[fault.actuator] = left
+            effectiveness[fault.actuator] = left
         else:
             locked_m[fault.actuator] = diagnosis.displacement if fault.kind == "locked" else 0.0
-    return replace(goal, locked_m=locked_m, strength=strength)
+    return replace(goal, locked_m=locked_m, effectiveness=effectiveness)

@@ -21,7 +21,7 @@ class Failure:
         strut: 0..nu-1.
         kind: See :data:`FailureKind`.
         time_s: When, not before the start.
-        strength: Part of the coil's force that a weak one has left, in 0..1.
+        effectiveness: Part of the coil's force that a weak one has left, in 0..1.
 
     Raises:
         ValueError: No such kind, a negative strut, a time that is not finite, or no such part.
@@ -30,7 +30,7 @@ class Failure:
     strut: int
     kind: FailureKind
     time_s: float = 0.0
-    strength: float = 0.5
+    effectiveness: float = 0.5
 
     def __post_init__(self) -> None:
         if check.instance("kind", self.kind, str) not in get_args(FailureKind):
@@ -38,7 +38,7 @@ class Failure:
             raise ValueError(f"kind must be one of {known}, got {check.shown(self.kind)}")
         check.index("strut", self.strut)
         check.number("time_s", self.time_s)
-        check.at_most_one("strength", self.strength)
+        check.at_most_one("effectiveness", self.effectiveness)
 
     def strike(self, plant: Plant) -> None:
         """Let it happen now.
@@ -49,7 +49,7 @@ class Failure:
         """
         check.instance("plant", plant, Plant)
         if self.kind == "weak":
-            plant.weaken(self.strut, self.strength)
+            plant.weaken(self.strut, self.effectiveness)
         else:
             events = {"locked": plant.lock, "free": plant.release, "loose": plant.break_loose}
             events[self.kind](self.strut)

@@ -127,14 +127,14 @@ class Plant:
             raise ModelError(f'actuator "{name}" shares group {group} with another')
         self.model.opt.disableactuator |= 1 << group
 
-    def weaken(self, strut: int, strength: float) -> None:
+    def weaken(self, strut: int, effectiveness: float) -> None:
         """The coil of strut 0..nu-1 gives this part, in 0..1, of the force that it gave.
 
         Raises:
             ValueError: No such strut, or no such part.
         """
         strut = check.index("strut", strut, self.model.nu)
-        self.model.actuator_gainprm[strut, 0] *= check.at_most_one("strength", strength)
+        self.model.actuator_gainprm[strut, 0] *= check.at_most_one("effectiveness", effectiveness)
 
     def break_loose(self, strut: int) -> None:
         """Release strut 0..nu-1 and take its suspension spring, and with it its preload, away.

@@ -13,7 +13,7 @@ from experiments.hexapod.recording.hexapod import Mark
 from experiments.hexapod.recording.keep import record_run
 from experiments.hexapod.recording.shown import Shown
 from experiments.hexapod.simulation import Trajectory
-from experiments.hexapod.testbed import Bench
+from experiments.hexapod.testbed import TestbedConfig
 from experiments.output.results import Results
 from experiments.output.study import OnProgress, Option, Study
 
@@ -22,7 +22,7 @@ MARK = Mark(0, 0.0, "strut 1 locked")
 
 def made_run(ticks: int = 400) -> Trajectory:
     """The spiral's beginning, tracked up to noise; nothing else moves."""
-    rng, bench = np.random.default_rng(0), Bench()
+    rng, bench = np.random.default_rng(0), TestbedConfig()
     time_s = bench.time_s(ticks * bench.control_period_s)
     desired_rad = bench.desired_rad(time_s)
 

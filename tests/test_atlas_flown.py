@@ -16,7 +16,7 @@ from tests.conftest import FLOWN
 
 
 @pytest.fixture(scope="module")
-def flown(atlas_folder):
+def simulated(atlas_folder):
     """`atlas.json`."""
     return json.loads((atlas_folder / "atlas.json").read_text())
 
@@ -85,25 +85,25 @@ def test_what_the_library_calls_possible_points_and_nothing_else_does(rows):
 
 def test_without_any_strut_the_error_is_the_whole_spiral(rows):
     row = rows["LLLLLL", "analytic"]
-    from experiments.hexapod.testbed import Bench
+    from experiments.hexapod.testbed import TestbedConfig
 
-    desired_urad = 1e6 * Bench().desired_rad(Bench().time_s(0.5))
+    desired_urad = 1e6 * TestbedConfig().desired_rad(TestbedConfig().time_s(0.5))
     alpha, beta = np.sqrt((desired_urad**2).mean(axis=0))
     assert row["alpha_rms_urad"] == pytest.approx(alpha, rel=1e-3)
     assert row["beta_rms_urad"] == pytest.approx(beta, rel=1e-3)
 
 
 def test_the_only_disagreement_is_at_a_singularity_that_the_nominal_pose_alone_has(
-    model, flown, rows
+    model, simulated, rows
 ):
     """Beside it the lost direction is within reach, at a price: by the machine's own geometry."""
-    assert [each["struts"] for each in flown["explained"]] == ["SFFSLF"]
-    assert {each["jacobian"] for each in flown["explained"]} == {"analytic"}
-    assert flown["contradicted"] == []
+    assert [each["struts"] for each in simulated["explained"]] == ["SFFSLF"]
+    assert {each["jacobian"] for each in simulated["explained"]} == {"analytic"}
+    assert simulated["contradicted"] == []
     there, beside = rows["SFFSLF", "constant"], rows["SFFSLF", "analytic"]
     assert there["alpha_rms_urad"] == pytest.approx(there["predicted_alpha_rms_urad"], rel=0.05)
     assert beside["alpha_rms_urad"] > 10 * there["alpha_rms_urad"]
-    assert "SFFSLF" in " ".join(notes(flown))
+    assert "SFFSLF" in " ".join(notes(simulated))
 
     from experiments.hexapod.controller import StrutMapping
     from experiments.hexapod.fault_tolerance import strut_and_payload_stiffness
@@ -123,13 +123,13 @@ def test_the_only_disagreement_is_at_a_singularity_that_the_nominal_pose_alone_h
     ("struts", "said"),
     [("SSLSSS", "SSLSSS with W_a and the constant Jacobian"), ("SLLSLL", "SLLSLL")],
 )
-def test_a_check_fails_where_physics_contradicts_theory(flown, struts, said):
-    assert all(check.passed for check in checks(flown))
-    spoilt = copy.deepcopy(flown)
+def test_a_check_fails_where_physics_contradicts_theory(simulated, struts, said):
+    assert all(check.passed for check in checks(simulated))
+    spoilt = copy.deepcopy(simulated)
     entry = {"struts": struts, "weight": "W_a", "jacobian": "constant", "off_over_allowed": 3.0}
     spoilt["contradicted"] = [entry]
     assert said in failed(spoilt)
-    opened = flown | {"closure_residual_max_m": 1e-7}
+    opened = simulated | {"closure_residual_max_m": 1e-7}
     assert "closure residual [m] is 1e-07" in failed(opened)
 
 

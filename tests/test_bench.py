@@ -10,8 +10,8 @@ from experiments.hexapod import paper
 from experiments.hexapod.columns import MAJOR, SECONDARY
 from experiments.hexapod.controller import StrutMapping, nominal_loops
 from experiments.hexapod.simulation import SpiralRun, track_spiral
-from experiments.hexapod.testbed import Bench, Testbed
-from ftc.controller import Controller, Sensed
+from experiments.hexapod.testbed import Testbed, TestbedConfig
+from ftc.controller import Measurement, PrioritizedController
 from ftc.goal import Goal
 from sim import (
     NOMINAL,
@@ -113,7 +113,7 @@ def test_the_amplifiers_full_scale_is_the_coils_force_limit(model):
     """100 % input, largest current, largest coil force and full stroke are one point."""
     coil, strut = model.actuator("coil1"), model.joint("strut1")
     assert coil.gainprm[0] == strut.stiffness[0]
-    amplifier = Bench().amplifier(newton_per_m=coil.gainprm[0])
+    amplifier = TestbedConfig().amplifier(newton_per_m=coil.gainprm[0])
     full_force = amplifier.current_a(np.array(100.0)) * amplifier.newton_per_a
     assert full_force == pytest.approx(coil.forcerange[1], rel=1e-9)
     assert amplifier.displacement_m(np.array(100.0)) == pytest.approx(strut.range[1], rel=1e-9)
@@ -121,7 +121,7 @@ def test_the_amplifiers_full_scale_is_the_coils_force_limit(model):
 
 def test_a_saturated_amplifier_shows_in_the_run(model):
     """Half a per cent of the current: the spiral outgrows it."""
-    bench, goal = Bench(), Goal(joint_weight=EQUAL)
+    bench, goal = TestbedConfig(), Goal(joint_weight=EQUAL)
     weak = replace(bench, amplifier_limit_a=0.005 * bench.dac_full_input_a)
     loops = nominal_loops(model, bench)
     spiral = SpiralRun(goal, duration_s=4.0)
@@ -138,7 +138,7 @@ def test_the_spiral_starts_at_the_centre_and_ends_after_eight_turns_at_its_radiu
 
 
 def test_the_loops_have_textbook_margins_at_the_crossovers_asked_for(model):
-    bench = Bench()
+    bench = TestbedConfig()
     for loop, crossover in zip(nominal_loops(model, bench), bench.crossover_hz, strict=True):
         assert loop.crossover_hz == pytest.approx(crossover, rel=1e-3)
         assert loop.gain_margin_db > 6.0
@@ -152,7 +152,7 @@ def test_the_stated_gain_margin_is_where_the_loop_goes_unstable(model):
     from experiments.hexapod.controller import sampled
     from sim import Plant, linearize
 
-    bench = Bench()
+    bench = TestbedConfig()
     loops = nominal_loops(model, bench)
     plant = Plant(model)
     gain = StrutMapping(hexapod(model), Goal(joint_weight=EQUAL), "constant").pointing_gain()
@@ -215,21 +215,23 @@ def test_the_secondary_rows_are_t_x_t_y_t_z_gamma(model):
 
 
 def test_a_controller_step_is_a_pure_function(model):
-    bench = Bench()
+    bench = TestbedConfig()
     mapping = StrutMapping(hexapod(model), Goal(joint_weight=EQUAL), "analytic")
     amplifier = bench.amplifier(newton_per_m=126e3)
-    controller = Controller(nominal_loops(model, bench), mapping, amplifier, bench.handover_s)
+    controller = PrioritizedController(
+        nominal_loops(model, bench), mapping, amplifier, bench.handover_s
+    )
     state = controller.start()
-    sensed = Sensed(np.zeros(2), np.zeros(6))
-    once = controller.step(state, np.array([1e-5, 0]), sensed)
-    again = controller.step(state, np.array([1e-5, 0]), sensed)
+    measurement = Measurement(np.zeros(2), np.zeros(6))
+    once = controller.step(state, np.array([1e-5, 0]), measurement)
+    again = controller.step(state, np.array([1e-5, 0]), measurement)
     np.testing.assert_array_equal(once.input_percent, again.input_percent)
     np.testing.assert_array_equal(state.compensator, 0.0)
     assert np.abs(once.compensator).max() > 0
 
 
 def test_the_same_seed_gives_the_same_run_to_the_bit_and_another_does_not(model):
-    bench = Bench()
+    bench = TestbedConfig()
     testbed = Testbed(model, bench, nominal_loops(model, bench))
     spiral = SpiralRun(Goal(joint_weight=EQUAL), duration_s=0.2)
     first, second, other = (track_spiral(testbed, replace(spiral, seed=seed)) for seed in (3, 3, 4))

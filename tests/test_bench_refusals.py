@@ -42,7 +42,7 @@ GOOD: dict[Any, dict[str, Any]] = {
     | {"thermal_resistance_k_per_w": [1.5, 2.2]},
     Detector: {"focal_length_m": 1.0, "half_width_m": 5e-3, "noise_m": 3e-7},
     StrutSensors: {"noise_m": 1e-9},
-    Failure: {"strut": 0, "kind": "weak", "time_s": 0.0, "strength": 0.5},
+    Failure: {"strut": 0, "kind": "weak", "time_s": 0.0, "effectiveness": 0.5},
     Pose: {"rotation": np.eye(3), "translation_m": np.zeros(3)},
     Hexapod: {"bottom_m": np.ones((6, 3)), "top_m": np.zeros((6, 3))},
     Jacobians: {"J_T": np.ones((6, 2)), "J_C": np.zeros((0, 2)), "active": [1], "gear": [1.0]},
@@ -69,7 +69,7 @@ GOOD: dict[Any, dict[str, Any]] = {
         (Failure, "strut", [-1, 0.5, True, None, "1"]),
         (Failure, "kind", ["broken", None, ["weak"], np.array(["weak", "free"])]),
         (Failure, "time_s", [-1.0, NAN, INF, "soon"]),
-        (Failure, "strength", [-0.1, 1.1, NAN, None]),
+        (Failure, "effectiveness", [-0.1, 1.1, NAN, None]),
         (Pose, "rotation", [np.eye(2), np.full((3, 3), NAN), None]),
         (Pose, "translation_m", [np.zeros(2), np.full(3, INF), 0.0]),
         (Hexapod, "bottom_m", [np.ones((5, 3)), np.full((6, 3), NAN), np.ones((2, 6, 3))]),
@@ -90,12 +90,12 @@ def test_a_part_that_none_has_is_refused_when_it_is_made(what, name, values):
             what(**(GOOD[what] | {name: value}))
 
 
-@pytest.mark.parametrize("strength", [-1.0, 5.0, 1.0001, NAN, INF, None, [0.5]])
-def test_a_coil_is_neither_reversed_nor_made_stronger(model, strength):
+@pytest.mark.parametrize("effectiveness", [-1.0, 5.0, 1.0001, NAN, INF, None, [0.5]])
+def test_a_coil_is_neither_reversed_nor_made_stronger(model, effectiveness):
     """-1 turned its force about, 5 made it five times as strong."""
     plant = Plant(model)
-    with pytest.raises(ValueError, match=r"^strength must"):
-        plant.weaken(1, strength)
+    with pytest.raises(ValueError, match=r"^effectiveness must"):
+        plant.weaken(1, effectiveness)
     np.testing.assert_array_equal(plant.model.actuator_gainprm, model.actuator_gainprm)
 
 

@@ -21,7 +21,7 @@ from experiments.benchmark.results import notes, results, tables
 from experiments.benchmark.solvers import SOLVERS
 from experiments.hexapod.controller import StrutMapping, nominal_loops
 from experiments.hexapod.simulation import SpiralRun, track_spiral
-from experiments.hexapod.testbed import Bench, Testbed
+from experiments.hexapod.testbed import Testbed, TestbedConfig
 from experiments.output.results import Results, publish
 from experiments.output.study import Unsound
 
@@ -284,7 +284,7 @@ def test_bare_physics_takes_as_many_steps_as_the_closed_loop(model, monkeypatch)
         counted[0] += nstep
         mj_step(model, data, nstep)
 
-    bench = Bench()
+    bench = TestbedConfig()
     testbed = Testbed(model, bench, nominal_loops(model, bench))
     loop = runs.ClosedLoop(testbed, seconds=0.05, seed=0)
     monkeypatch.setattr(mujoco, "mj_step", counting)

@@ -11,23 +11,23 @@ from experiments.hexapod.metrics import rms
 from experiments.hexapod.paper import TABLE_I_URAD
 from experiments.hexapod.prediction import driven_plant, predicted_error_rad
 from experiments.hexapod.simulation import SpiralRun, track_spiral
-from experiments.hexapod.testbed import Bench, Testbed
+from experiments.hexapod.testbed import Testbed, TestbedConfig
 from experiments.table1.runs import CONFIGURATIONS
 from experiments.uncorrected.candidates import BENCH, CLOCKWISE, COLUMNS, W_A
 from experiments.uncorrected.limit_map import largest_miss, limit_grid, limit_row
 from experiments.uncorrected.predicted import beam_walk_urad, fast_loop_ratio, remaining_gain
-from ftc.controller import Sensed
+from ftc.controller import Measurement
 from ftc.linear_loop import limited_response
 from sim import Failure, failed_plant, hexapod, linearize, spiral
 
 LOCK_1 = (Failure(0, "locked"),)
-TIGHT = replace(Bench(), spiral_exponent=0.5, demand_limit_urad=20.0)
+TIGHT = replace(TestbedConfig(), spiral_exponent=0.5, demand_limit_urad=20.0)
 """Reached within the first second."""
 
 
 @pytest.fixture(scope="module")
 def loops(model):
-    return nominal_loops(model, Bench())
+    return nominal_loops(model, TestbedConfig())
 
 
 def test_at_constant_speed_all_parts_of_the_spiral_are_passed_equally_fast():
@@ -46,7 +46,7 @@ def test_a_spiral_turns_the_other_way_and_leaves_where_it_is_told():
     np.testing.assert_allclose(other, plain * [1, -1], atol=1e-18)
     turned = spiral(time_s, 1e-4, 8, 16.0, start_rad=np.pi / 2)
     np.testing.assert_allclose(turned, plain[:, ::-1] * [-1, 1], atol=1e-18)
-    bench = replace(Bench(), spiral_direction=-1, spiral_start_deg=90.0)
+    bench = replace(TestbedConfig(), spiral_direction=-1, spiral_start_deg=90.0)
     np.testing.assert_allclose(bench.desired_rad(time_s), 1e6 * 1e-6 * plain[:, ::-1], atol=1e-18)
 
 
@@ -55,7 +55,7 @@ def demands(model, loops, bench, ticks, error_rad):
     controller = controller_for(Testbed(model, bench, loops), W_A)
     state, asked = controller.start(), []
     for _ in range(ticks):
-        state = controller.step(state, np.asarray(error_rad), Sensed(np.zeros(2), np.zeros(6)))
+        state = controller.step(state, np.asarray(error_rad), Measurement(np.zeros(2), np.zeros(6)))
         asked.append(state.asked.pointing_rad)
     return state, np.array(asked)
 
@@ -80,7 +80,9 @@ def test_an_integrator_at_its_limit_winds_up_unless_it_is_held(model, loops, ant
     state, _ = demands(model, loops, bench, 1000, [5e-6, 0.0])
     ticks = 0
     while state.asked.pointing_rad[0] >= TIGHT.demand_limit_rad and ticks < 2000:
-        state = controller.step(state, np.array([-5e-6, 0.0]), Sensed(np.zeros(2), np.zeros(6)))
+        state = controller.step(
+            state, np.array([-5e-6, 0.0]), Measurement(np.zeros(2), np.zeros(6))
+        )
         ticks += 1
     assert ticks < 60 if anti_windup else ticks > 500
 
@@ -111,8 +113,8 @@ def test_mujoco_does_tick_by_tick_what_the_limited_linear_loop_says(
 def test_a_limit_that_is_never_reached_changes_nothing(model, loops):
     """The stepped loop and the linear one of python-control are the same."""
     spiral = SpiralRun(W_A, LOCK_1, seed=1, duration_s=2.0)
-    wide = Testbed(model, replace(Bench(), demand_limit_urad=1e3), loops)
-    usual = Testbed(model, Bench(), loops)
+    wide = Testbed(model, replace(TestbedConfig(), demand_limit_urad=1e3), loops)
+    usual = Testbed(model, TestbedConfig(), loops)
     stepped, linear = predicted_error_rad(wide, spiral), predicted_error_rad(usual, spiral)
     assert stepped is not None
     assert linear is not None
@@ -172,12 +174,14 @@ def test_the_loops_of_the_bench_tend_to_the_bound(model, loops):
 
 def test_beam_walk_reads_translations_as_angles_and_vanishes_at_the_focus(model, loops):
     """At the focus it is the bench; off it, W_e, which hardly translates, hardly errs."""
-    at_focus = beam_walk_urad(model, Bench(), loops, 0.0, 0)
+    at_focus = beam_walk_urad(model, TestbedConfig(), loops, 0.0, 0)
     for k, failures in ((0, ()), (3, LOCK_1)):
-        expected = predicted_error_rad(Testbed(model, Bench(), loops), SpiralRun(W_A, failures))
+        expected = predicted_error_rad(
+            Testbed(model, TestbedConfig(), loops), SpiralRun(W_A, failures)
+        )
         assert expected is not None
         np.testing.assert_allclose(at_focus[k, 0], 1e6 * rms(expected), rtol=1e-6)
-    off = beam_walk_urad(model, Bench(), loops, -1.0, 0)
+    off = beam_walk_urad(model, TestbedConfig(), loops, -1.0, 0)
     W_d, W_e = COLUMNS.index("W_d"), COLUMNS.index("W_e")
     assert np.all(off[W_e, 0] < 1.05 * at_focus[W_e, 0])
     assert np.all(off[W_d, 0] > 1.5 * at_focus[W_d, 0])
@@ -211,7 +215,7 @@ def test_a_miss_is_that_of_the_worst_of_the_twelve_entries():
 
 def test_the_grid_has_a_bench_for_each_spiral():
     grid = limit_grid(quick=False)
-    benches = grid.benches(Bench())
+    benches = grid.benches(TestbedConfig())
     assert len(benches) == np.prod(grid.shape[:3])
     assert {bench.spiral_direction for bench in benches} == {1, -1}
     assert {(b.spiral_exponent, b.spiral_radius_urad) for b in benches} == {(1, 100), (0.5, 113)}
@@ -222,7 +226,7 @@ def test_the_configuration_of_the_table_is_the_candidate_of_the_study():
     """One number and one choice are not the calibrated bench's."""
     assert CLOCKWISE.bench == CONFIGURATIONS["demand-limit"].bench
     assert CLOCKWISE.freedom == (1, 1)
-    assert CONFIGURATIONS["calibrated"].bench == Bench()
+    assert CONFIGURATIONS["calibrated"].bench == TestbedConfig()
 
 
 @pytest.mark.parametrize(
@@ -236,4 +240,4 @@ def test_the_configuration_of_the_table_is_the_candidate_of_the_study():
 )
 def test_a_bench_without_sense_is_refused(constant, words):
     with pytest.raises(ValueError, match=words):
-        replace(Bench(), **constant)
+        replace(TestbedConfig(), **constant)

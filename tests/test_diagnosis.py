@@ -18,7 +18,7 @@ from experiments.hexapod.fault_tolerance import (
     nominal_model,
 )
 from experiments.hexapod.prediction import linear_loop
-from experiments.hexapod.testbed import Bench, Testbed
+from experiments.hexapod.testbed import Testbed, TestbedConfig
 from ftc.fdi.calibration import calibrated
 from ftc.fdi.diagnosis import DEFAULT_CONFIG, MonitorState
 from ftc.fdi.dither import Dither
@@ -31,7 +31,7 @@ from ftc.goal import Goal
 from ftc.linear_loop import LinearLoop, simulate
 from sim import Failure, LinearPlant, Plant, failed_plant, linearize, load_model
 
-MODEL, BENCH = load_model(), Bench()
+MODEL, BENCH = load_model(), TestbedConfig()
 LOOPS = nominal_loops(MODEL, BENCH)
 GOAL = Goal(joint_weight=(1.0,) * 6)
 DITHER = Dither(0.5e-6, 20.0, HEAVE)
@@ -64,7 +64,7 @@ def stepped(plant: LinearPlant) -> tuple[np.ndarray, np.ndarray]:
 @struts
 def test_the_failed_machine_is_that_of_the_failed_simulation(strut, kind):
     """Derived from the sound machine alone, it moves like MuJoCo's with the strut really failed."""
-    plant = failed_plant(MODEL, [Failure(strut, kind, strength=0.4)])
+    plant = failed_plant(MODEL, [Failure(strut, kind, effectiveness=0.4)])
     real = linearize(plant.model, plant.data)
     A, B = stepped(real)
     sound = Plant(MODEL)
@@ -99,7 +99,7 @@ def test_a_strut_that_locks_stops_and_stays(strut):
 
 
 def test_only_what_is_looked_for_can_be_found():
-    assert fault_of(Failure(2, "weak", strength=0.3)) == Fault(2, "weak", 0.3)
+    assert fault_of(Failure(2, "weak", effectiveness=0.3)) == Fault(2, "weak", 0.3)
     assert fault_text(Fault(2, "weak", 0.3)) == "strut 3 weak to 30 %"
     assert fault_text(Fault(0, "locked")) == "strut 1 locked" and fault_text(None) == "sound"
     with pytest.raises(ValueError, match="kind must be one of locked, free, weak, got loose"):

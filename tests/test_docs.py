@@ -333,7 +333,7 @@ def test_the_jacobian_pages_values_are_those_that_come_out(jacobian_study):
 def test_the_jacobian_pages_costs_are_those_of_the_geometry():
     """The long run is not repeated here; what it shows, the geometry alone must say as well."""
     from experiments.hexapod.controller import StrutMapping
-    from experiments.hexapod.testbed import Bench, Growth, grown_bench
+    from experiments.hexapod.testbed import Growth, TestbedConfig, grown_bench
     from experiments.jacobian.loop import (
         BY_NAME,
         GROWN,
@@ -349,7 +349,7 @@ def test_the_jacobian_pages_costs_are_those_of_the_geometry():
     constant = StrutMapping(geometry, goal, "constant")
     time_s = np.arange(0, 16, STRIDE_S)
     for label, growth in {"x1": Growth(1, 1), "x100": Growth(100, 100)}.items():
-        visited = follow(constant, grown_bench(Bench(), growth).desired_rad(time_s))
+        visited = follow(constant, grown_bench(TestbedConfig(), growth).desired_rad(time_s))
         off = extra_percent(geometry, goal, visited)
         e = relative_change(geometry, visited.strut_m, "frobenius").max()
         gain = 100 * loop_gain_error(constant, visited.strut_m)

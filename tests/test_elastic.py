@@ -50,11 +50,11 @@ def test_what_no_spring_resists_stays_self_motion(data, drawn):
     system = data.draw(failures(drawn.system))
     R = data.draw(springs(system.J_T.shape[1], drawn.rng))
     rigid, kin = system.kinematics(), with_stiffness(system, R.T @ R).kinematics()
-    loose = self_motions(system, rigid)
-    loose = loose @ null(R @ loose)
-    moved = system.J_T @ loose
+    spring_lost = self_motions(system, rigid)
+    spring_lost = spring_lost @ null(R @ spring_lost)
+    moved = system.J_T @ spring_lost
     np.testing.assert_allclose(
-        projector(kin.passive_self_motion), projector(loose[kin.passive]), atol=1e-6
+        projector(kin.passive_self_motion), projector(spring_lost[kin.passive]), atol=1e-6
     )
     beyond = projector(null(moved.T))
     np.testing.assert_allclose(projector(kin.self_motion), np.eye(len(moved)) - beyond, atol=1e-6)

@@ -22,7 +22,7 @@ from experiments.figures.results import notes, pointing_after_failures
 from experiments.figures.runs import Portrait, portray
 from experiments.hexapod.controller import nominal_plant
 from experiments.hexapod.simulation import Trajectory
-from experiments.hexapod.testbed import Bench
+from experiments.hexapod.testbed import TestbedConfig
 from experiments.output.plotting import BLACK, BLUE, COLUMN_IN, SKY, YELLOW, new_figure, save_figure
 from experiments.output.results import Results
 from experiments.table1.figure import figure_4, figure_6
@@ -33,7 +33,7 @@ from tests.printed import assert_printable, faults
 
 @pytest.fixture(scope="module")
 def portrait() -> Portrait:
-    return portray(None, Bench(), 0)
+    return portray(None, TestbedConfig(), 0)
 
 
 # What every figure keeps.
@@ -188,9 +188,13 @@ def numbers(polynomial: str) -> np.ndarray:
 @pytest.mark.parametrize(
     "bench",
     [
-        Bench(),
+        TestbedConfig(),
         replace(
-            Bench(), alpha_crossover_hz=5.0, roll_off_hz=30.0, dac_bits=12, detector_noise_m=5e-7
+            TestbedConfig(),
+            alpha_crossover_hz=5.0,
+            roll_off_hz=30.0,
+            dac_bits=12,
+            detector_noise_m=5e-7,
         ),
     ],
     ids=["the bench", "another"],
@@ -226,7 +230,7 @@ def test_the_block_diagram_prints_the_loop_that_runs(model, bench):
 def test_the_margins_lie_on_the_curve_of_the_sampled_loop(model, portrait):
     """L(e^jwT) by matrix exponential and inverses: the curves, and both ends of each arrow."""
     plant, pointing = nominal_plant(model)
-    T, n = Bench().control_period_s, len(plant.A)
+    T, n = TestbedConfig().control_period_s, len(plant.A)
 
     def open_loop(frequency_hz: float, row: int) -> complex:
         both = np.zeros((n + 1, n + 1))

@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 
 from ftc.compensator import LoopShape, NoResponse, UnstableLoop, compensator, margins
-from ftc.controller import Controller, DirectDrive, Sensed
+from ftc.controller import DirectDrive, Measurement, PrioritizedController
 from ftc.geometry import LocalGeometry
 from ftc.goal import Goal
 from ftc.linear_loop import Stage, closed_loop, steps
 from ftc.mapping import PrioritizedMapping
-from ftc.oracle import NEVER, Informed
+from ftc.oracle import NEVER, OracleController
 from prioritized import ConstrainedSystem
 from sim import HEXAPOD_MJCF, Failure, Plant, jacobians, linearize, load_model
 
@@ -52,8 +52,8 @@ def channel(row: int) -> control.StateSpace:
 COMPENSATORS = [compensator(channel(row), SHAPE, PERIOD_S) for row in range(3)]
 
 
-def controller(own: PrioritizedMapping) -> Controller:
-    return Controller(COMPENSATORS, own, DirectDrive(), handover_s=0.3)
+def controller(own: PrioritizedMapping) -> PrioritizedController:
+    return PrioritizedController(COMPENSATORS, own, DirectDrive(), handover_s=0.3)
 
 
 @dataclass(frozen=True)
@@ -69,21 +69,21 @@ class Run:
         return np.sqrt(((REFERENCE - self.position_m)[ticks] ** 2).mean(axis=0))
 
 
-def run(pilot: Informed, ticks: int = TICKS, lock_tick: int = NEVER) -> Run:
+def run(pilot: OracleController, ticks: int = TICKS, lock_tick: int = NEVER) -> Run:
     """The closed loop in physics; the joint locks at a tick."""
     plant, state, kept = Plant(MODEL), pilot.start(), []
     for tick in range(ticks):
         if tick == lock_tick:
             Failure(JOINT, "locked").strike(plant)
         position_m, joints = plant.pose().translation_m, plant.strut_displacement_m()
-        state = pilot.step(state, REFERENCE[tick], Sensed(position_m, joints))
+        state = pilot.step(state, REFERENCE[tick], Measurement(position_m, joints))
         kept.append((position_m, joints, state.input_percent))
         plant.step(state.input_percent, PERIOD_S)
     return Run(*(np.array(column) for column in zip(*kept, strict=True)))
 
 
-def unaware(own: PrioritizedMapping) -> Informed:
-    return Informed(controller(own), controller(own), NEVER)
+def unaware(own: PrioritizedMapping) -> OracleController:
+    return OracleController(controller(own), controller(own), NEVER)
 
 
 def predicted_m() -> np.ndarray:
@@ -107,7 +107,7 @@ def stuck_rad(sound) -> float:
 @pytest.fixture(scope="module")
 def reconfigured(stuck_rad) -> Run:
     known = replace(EQUAL, locked_m={JOINT: stuck_rad})
-    oracle = Informed(controller(mapping()), controller(mapping(known)), LOCK_TICK)
+    oracle = OracleController(controller(mapping()), controller(mapping(known)), LOCK_TICK)
     return run(oracle, lock_tick=LOCK_TICK)
 
 
@@ -153,10 +153,10 @@ def test_the_transfer_to_the_locked_mapping_makes_no_step(sound, reconfigured):
     before, after = controller(mapping()), controller(mapping(Goal((1.0,) * 12, locked_m={1: 0.0})))
     state = replace(before.start(), asked=before.mapping.nothing())
     for tick in range(400):
-        state = before.step(state, REFERENCE[tick], Sensed(np.zeros(3), np.zeros(12)))
+        state = before.step(state, REFERENCE[tick], Measurement(np.zeros(3), np.zeros(12)))
     bare, bumpless = (
-        after.step(each, REFERENCE[400], Sensed(np.zeros(3), np.zeros(12)))
-        for each in (state, after.take_over(state))
+        after.step(each, REFERENCE[400], Measurement(np.zeros(3), np.zeros(12)))
+        for each in (state, after.transfer(state))
     )
     steps_rad = [
         np.abs((each.input_percent - state.input_percent)[survivors]).max()

@@ -11,7 +11,13 @@ import rerun.blueprint as rrb
 from experiments.app.cli import main
 from experiments.output.files import OutputError, published, write_arrays, write_json
 from experiments.output.plotting import new_figure, save_figure
-from experiments.output.recording.file import About, log_series, recording_file, screen, time_column
+from experiments.output.recording.file import (
+    RecordingInfo,
+    log_series,
+    recording_file,
+    screen,
+    time_column,
+)
 from tests.made import keep_made
 
 ROOM = 512
@@ -39,7 +45,9 @@ def kept(model, tmp_path_factory):
 
 def write_recording(path: Path) -> None:
     time_s = np.arange(1000.0)
-    with recording_file(path, About("a", "a", "notes", {}), screen(rrb.Horizontal())) as recording:
+    with recording_file(
+        path, RecordingInfo("a", "a", "notes", {}), screen(rrb.Horizontal())
+    ) as recording:
         log_series(recording, time_column(time_s), "x", ["a [1]"], time_s[:, None])
 
 

@@ -38,9 +38,9 @@ from experiments.goals.secondary_goals import (
 )
 from experiments.hexapod.columns import MAJOR, SECONDARY
 from experiments.hexapod.controller import StrutMapping, controller_for, nominal_loops
-from experiments.hexapod.simulation import fly
-from experiments.hexapod.testbed import Bench, Testbed
-from ftc.controller import Sensed
+from experiments.hexapod.simulation import track_path
+from experiments.hexapod.testbed import Testbed, TestbedConfig
+from ftc.controller import Measurement
 from ftc.goal import Goal
 from prioritized import velocity_mapping
 from sim import (
@@ -193,8 +193,8 @@ def test_a_reading_of_the_rolled_detector_is_turned_back(seed):
     """Off the axis a roll moves the spot; at the estimated pose the correction is exact."""
     rng = np.random.default_rng(seed)
     pose = Pose(Rotation.from_rotvec(4e-3 * rng.uniform(-1, 1, 3)).as_matrix(), np.zeros(3))
-    detector = replace(Bench().detector(), noise_m=0.0)
-    read = Sensed(detector.read(pose.rotation, rng), np.zeros(6))
+    detector = replace(TestbedConfig().detector(), noise_m=0.0)
+    read = Measurement(detector.read(pose.rotation, rng), np.zeros(6))
     pointing = pointing_angles(pose.rotation)
     # Up to the detector's small-angle optics, the cube of 4 mrad.
     np.testing.assert_allclose(unrolled(read, pose).pointing_rad, pointing, atol=5e-8)
@@ -213,7 +213,7 @@ def test_pointing_does_not_notice_any_desired_displacement_but_by_its_curvature(
     pointing, rest = rng.uniform(-1e-3, 1e-3, 2), rng.uniform(-3e-4, 3e-4, 6)
 
     def aside(part: float) -> np.ndarray:
-        answer = mapping.displacements(part * pointing, NOMINAL, rest_m=part * rest)
+        answer = mapping.displacements(part * pointing, NOMINAL, secondary_reference_m=part * rest)
         np.testing.assert_allclose(J[MAJOR] @ answer, part * pointing, atol=1e-15)
         pose = forward_kinematics(geometry, answer)
         return pointing_angles(pose.rotation) - part * pointing
@@ -287,7 +287,7 @@ def test_the_strut_pseudo_inverse_leaves_a_locked_strut_alone_and_loses_loop_gai
 
 
 def test_the_path_leads_smoothly_to_the_target_and_searches_around_it():
-    bench, target = Bench(), (3000.0, -1000.0)
+    bench, target = TestbedConfig(), (3000.0, -1000.0)
     path = 1e6 * off_axis_path(bench, target, 10.0)
     slew = round(SLEW_S / bench.control_period_s)
     assert not path[0].any()
@@ -298,12 +298,12 @@ def test_the_path_leads_smoothly_to_the_target_and_searches_around_it():
 
 
 def test_a_path_has_a_length_of_its_own(model):
-    bench = Bench()
+    bench = TestbedConfig()
     testbed = Testbed(model, bench, nominal_loops(model, bench))
     pilot = controller_for(testbed, Goal(joint_weight=(1.0,) * 6), jacobian="constant")
     with pytest.raises(ValueError, match="duration_s must be None with a desired_rad, got 1"):
-        fly(testbed, pilot, desired_rad=np.zeros((50, 2)), duration_s=1.0)
-    run, _ = fly(testbed, pilot, desired_rad=np.zeros((50, 2)))
+        track_path(testbed, pilot, desired_rad=np.zeros((50, 2)), duration_s=1.0)
+    run, _ = track_path(testbed, pilot, desired_rad=np.zeros((50, 2)))
     assert run.time_s.shape == (50,)
     assert not run.desired_rad.any()
 
@@ -339,9 +339,9 @@ def test_a_detector_that_rolls_with_the_payload_and_is_not_turned_back_would_be_
     monkeypatch, model, goals_folder
 ):
     """The goal rolls the payload by half a milliradian, 4 mrad off the axis: 2 urad."""
-    monkeypatch.setattr(control, "unrolled", lambda sensed, pose: sensed)
+    monkeypatch.setattr(control, "unrolled", lambda measurement, pose: measurement)
     strategy = Strategy("pursued", pursues=True, major_weight=None, limited=True, seed=0)
-    run = run_stroke(strategy, 5.0, nominal_loops(model, Bench()))
+    run = run_stroke(strategy, 5.0, nominal_loops(model, TestbedConfig()))
     with np.load(goals_folder / "stroke.npz") as data:
         off = 1e6 * np.abs(run.error_rad - data["unlimited_error_rad"])[-1000:].mean(axis=0)
         right = 1e6 * np.abs(data["pursued_error_rad"] - data["unlimited_error_rad"])
@@ -379,7 +379,7 @@ def test_the_coils_stay_cool_though_their_heat_path_is_worse_than_the_controller
 ):
     """The controller never measures them: it reckons with a thermal model of its own."""
     with np.load(goals_folder / "reliability.npz") as data:
-        current = Bench().amplifier(126e3).current_a(data["pursued_strut_input_percent"])
+        current = TestbedConfig().amplifier(126e3).current_a(data["pursued_strut_input_percent"])
         believed = data["pursued_temperature_c"]
     np.testing.assert_allclose(COILS.temperatures_c(current, 1e-3), believed, atol=1e-6)
     worse = replace(COILS, thermal_resistance_k_per_w=1.2 * COILS.thermal_resistance_k_per_w)

@@ -103,7 +103,7 @@ JACOBIANS = vars(jacobians(MODEL, DATA, "payload", "base"))
 SITES = {"site": "payload", "axes": "base"}
 MACHINES = {"model": MODEL, "data": DATA}
 TWIST = {"twist": np.full(6, 1e-3)}
-FAILED = {"strut": 0, "kind": "weak", "time_s": 0.0, "strength": 0.5}
+FAILED = {"strut": 0, "kind": "weak", "time_s": 0.0, "effectiveness": 0.5}
 
 TARGETS = {
     "Amplifier": Target(drives, AMPLIFIER),
@@ -179,7 +179,7 @@ TARGETS = {
     "Plant.lock": Target(after("lock"), {"strut": 0}),
     "Plant.release": Target(after("release"), {"strut": 0}),
     "Plant.break_loose": Target(after("break_loose"), {"strut": 0}),
-    "Plant.weaken": Target(after("weaken"), {"strut": 0, "strength": 0.5}),
+    "Plant.weaken": Target(after("weaken"), {"strut": 0, "effectiveness": 0.5}),
     "Plant.push": Target(after("push"), {"wrench": np.full(6, 1e-3)}),
     "Plant.shake": Target(after("shake"), {"acceleration": np.full(3, 1e-3)}),
 }

@@ -8,7 +8,7 @@ from scipy.optimize import minimize
 
 from experiments.hexapod.columns import COLUMNS, SECONDARY
 from experiments.hexapod.controller import StrutMapping
-from experiments.hexapod.testbed import GROWTHS, Bench, Growth, grown_bench, grown_machine
+from experiments.hexapod.testbed import GROWTHS, Growth, TestbedConfig, grown_bench, grown_machine
 from experiments.jacobian.loop import (
     GROWN,
     RECORDED,
@@ -22,7 +22,7 @@ from experiments.jacobian.loop import (
 )
 from experiments.jacobian.loop_results import loop_checks
 from ftc.goal import Goal
-from ftc.mapping import Asked
+from ftc.mapping import PreviousCommand
 from sim import (
     NOMINAL,
     Plant,
@@ -148,14 +148,14 @@ def test_the_forms_are_one_and_the_same_where_the_jacobian_is_constant():
     """Nothing to relinearize: one step is the whole way, but for the square of the tilt."""
     goal, pointing = GOALS["W_e"], np.array([3e-5, -2e-5])
     absolute = StrutMapping(MACHINE, goal, "constant")
-    relinearized = StrutMapping(MACHINE, goal, "constant", form="relinearized")
+    gauss_newton = StrutMapping(MACHINE, goal, "constant", form="gauss_newton")
     incremental = StrutMapping(MACHINE, goal, "constant", form="incremental")
     wanted = absolute.displacements(pointing, NOMINAL)
     before = absolute.displacements(np.array([1e-5, 1e-5]), NOMINAL)
     pose = absolute.estimate(before, NOMINAL)
-    again = relinearized.displacements(pointing, pose, sent_m=before)
+    again = gauss_newton.displacements(pointing, pose, commanded_m=before)
     np.testing.assert_allclose(again, wanted, rtol=1e-5)
-    last = Asked(np.array([1e-5, 1e-5]), before, np.zeros(6))
+    last = PreviousCommand(np.array([1e-5, 1e-5]), before, np.zeros(6))
     np.testing.assert_allclose(
         incremental.displacements(pointing, NOMINAL, last=last), wanted, atol=1e-18
     )
@@ -164,7 +164,7 @@ def test_the_forms_are_one_and_the_same_where_the_jacobian_is_constant():
 def test_relinearized_a_strut_stuck_off_centre_needs_no_term_of_its_own():
     """The pose estimate knows where the stuck strut has put the payload."""
     goal = Goal(secondary_weight=(1.0, 1.0, 1.0, 1.0), locked_m={0: 1e-4})
-    mapping = StrutMapping(MACHINE, goal, "analytic", form="relinearized")
+    mapping = StrutMapping(MACHINE, goal, "analytic", form="gauss_newton")
     pose, strut_m, wanted = NOMINAL, np.zeros(6), np.array([5e-5, 2e-5])
     for _ in range(5):
         pose = mapping.estimate(strut_m, pose)
@@ -176,7 +176,9 @@ def test_relinearized_a_strut_stuck_off_centre_needs_no_term_of_its_own():
     np.testing.assert_allclose(strut_m, absolute, atol=2e-7)
 
 
-@pytest.mark.parametrize(("name", "missing"), [("incremental", "last"), ("relinearized", "sent_m")])
+@pytest.mark.parametrize(
+    ("name", "missing"), [("incremental", "last"), ("gauss_newton", "commanded_m")]
+)
 def test_a_form_that_goes_on_from_somewhere_must_be_told_from_where(name, missing):
     with pytest.raises(ValueError, match=f"{missing} must be given in {name} form, got None"):
         variant(name).displacements(np.zeros(2), NOMINAL)
@@ -184,7 +186,7 @@ def test_a_form_that_goes_on_from_somewhere_must_be_told_from_where(name, missin
 
 def test_increments_know_nothing_of_a_strut_stuck_off_centre_and_say_so():
     goal = Goal(secondary_weight=(1.0, 1.0, 1.0, 1.0), locked_m={2: 1e-4})
-    with pytest.raises(ValueError, match=r'form must be "absolute" or "relinearized".*incremental'):
+    with pytest.raises(ValueError, match=r'form must be "absolute" or "gauss_newton".*incremental'):
         StrutMapping(MACHINE, goal, "analytic", form="incremental")
 
 
@@ -207,13 +209,13 @@ def test_the_loop_gain_error_is_the_slope_of_pointing_by_command():
 
 def test_a_grown_machine_has_longer_strokes_and_stronger_coils_and_is_otherwise_itself(model):
     growth = Growth(100, 300)
-    grown, bench = grown_machine(model, growth), grown_bench(Bench(), growth)
+    grown, bench = grown_machine(model, growth), grown_bench(TestbedConfig(), growth)
     for k in range(6):
         joint = model.actuator_trnid[k, 0]
         np.testing.assert_allclose(grown.jnt_range[joint], 100 * model.jnt_range[joint])
         assert grown.actuator_forcerange[k, 1] == 100 * model.actuator_forcerange[k, 1]
-    assert bench.spiral_radius_urad == 300 * Bench().spiral_radius_urad
-    assert bench.amplifier_limit_a == 100 * Bench().amplifier_limit_a
+    assert bench.spiral_radius_urad == 300 * TestbedConfig().spiral_radius_urad
+    assert bench.amplifier_limit_a == 100 * TestbedConfig().amplifier_limit_a
     np.testing.assert_array_equal(grown.jnt_stiffness, model.jnt_stiffness)
     plant = Plant(grown)
     far = np.zeros(6)
@@ -241,8 +243,8 @@ def test_geometry_alone_says_what_the_simulation_shows_once_it_shows(loop):
         largest["static_extra_percent"], rel=0.1
     )
     assert largest["static_extra_percent"] > 5
-    relinearized = largest["variants"]["relinearized"]["extra_percent"]
-    assert relinearized < 0.2 * largest["variants"]["analytic"]["extra_percent"]
+    gauss_newton = largest["variants"]["relinearized"]["extra_percent"]
+    assert gauss_newton < 0.2 * largest["variants"]["analytic"]["extra_percent"]
     for one in loop["growth"]:
         assert one["e_visited"]["frobenius"] < one["e_box"]["frobenius"]
         assert abs(one["variants"]["constant"]["pointing_cost_percent"]) < 2

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 from experiments.hexapod.fault_tolerance import nominal_model
-from experiments.hexapod.testbed import Bench
+from experiments.hexapod.testbed import TestbedConfig
 from ftc.fdi.diagnosis import FdiConfig, MonitorState
 from ftc.fdi.fault_model import Fault, fault_model
 from ftc.fdi.hypotheses import HypothesisBank, Verdict
 from ftc.fdi.monitor import Monitor, monitor
 from sim import load_model
 
-NOMINAL = nominal_model(load_model(), Bench())
+NOMINAL = nominal_model(load_model(), TestbedConfig())
 CONFIG = FdiConfig(look_back_s=0.03, confirmation_s=0.01)
 USUAL = monitor(NOMINAL, config=CONFIG)
 ALARM = 5

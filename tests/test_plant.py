@@ -11,7 +11,7 @@ from experiments.hexapod.columns import COLUMNS
 from experiments.hexapod.controller import nominal_loops
 from experiments.hexapod.metrics import CLOSURE_LIMIT_M, pointing_rms_urad
 from experiments.hexapod.simulation import SpiralRun, track_spiral
-from experiments.hexapod.testbed import Bench, Testbed
+from experiments.hexapod.testbed import Testbed, TestbedConfig
 from experiments.output.parallel import in_parallel
 from sim import ModelError, Plant, SimulationDiverged, linearize
 from sim.model import HEXAPOD_MJCF
@@ -208,7 +208,7 @@ def test_halving_the_time_step_changes_no_rms_error_by_more_than_a_hundredth_of_
     columns = [c for c in COLUMNS if c.name in ("W_a", "W_e", "W_a_uncorrected")]
     half = copy.copy(model)
     half.opt.timestep /= 2
-    testbed = Testbed(half, Bench(), nominal_loops(model, Bench()))
+    testbed = Testbed(half, TestbedConfig(), nominal_loops(model, TestbedConfig()))
     # The constant Jacobian is cheaper, and moves no RMS by more than 5e-5 urad.
     asked = [SpiralRun(c.goal, c.failures, jacobian="constant") for c in columns]
     calls = [{"testbed": testbed, "run": run} for run in asked]
@@ -253,8 +253,8 @@ def test_a_coil_switched_off_in_flight_carries_no_current(model, strut):
 def test_a_coil_that_weakens_twice_is_left_with_the_product(model):
     """Force per command; the other coils keep theirs."""
     plant, whole = Plant(model), model.actuator_gainprm[:, 0]
-    for strength, left in ((0.5, 0.5), (0.6, 0.3), (0.0, 0.0)):
-        plant.weaken(2, strength)
+    for effectiveness, left in ((0.5, 0.5), (0.6, 0.3), (0.0, 0.0)):
+        plant.weaken(2, effectiveness)
         plant.step(np.full(6, 1e-6), PERIOD_S)
         expected = whole * 1e-6 * np.where(np.arange(6) == 2, left, 1.0)
         np.testing.assert_allclose(plant.coil_force_n(), expected, rtol=1e-12)

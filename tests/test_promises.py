@@ -115,11 +115,11 @@ def test_a_mechanism_keeps_its_failures_at_another_pose():
 @pytest.mark.parametrize("argument", ["active_constraint", "self_motion", "tie_metric", "weight"])
 def test_an_answer_has_every_batch_axis_whatever_it_depends_on(argument):
     J = np.arange(6.0).reshape(2, 3)
-    wish: dict[str, Any] = {
+    reference: dict[str, Any] = {
         argument: np.zeros((5, 2, 1) if argument == "self_motion" else (5, 0, 3))
     }
-    velocity = velocity_mapping(J, [0], **{_joint(name): A for name, A in wish.items()})
-    force = force_mapping(J, [0], **{_torque(name): A for name, A in wish.items()})
+    velocity = velocity_mapping(J, [0], **{_joint(name): A for name, A in reference.items()})
+    force = force_mapping(J, [0], **{_torque(name): A for name, A in reference.items()})
     for answer in (velocity, force):
         assert answer.rank.shape == answer.gap.shape == (5,)
         assert answer.major.shape == (5, 3, 1)

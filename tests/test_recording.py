@@ -17,7 +17,13 @@ from experiments.hexapod import paper
 from experiments.hexapod.metrics import pointing_rms_urad
 from experiments.hexapod.recording.keep import read_run
 from experiments.output.files import published, write_arrays
-from experiments.output.recording.file import About, log_series, recording_file, screen, time_column
+from experiments.output.recording.file import (
+    RecordingInfo,
+    log_series,
+    recording_file,
+    screen,
+    time_column,
+)
 from experiments.output.study import WrongInput
 from tests import rrd
 
@@ -186,7 +192,7 @@ def test_what_is_no_whole_run_is_refused_by_name(tmp_path, runs, how):
 
 def test_recordings_that_differ_are_two_to_the_viewer():
     """It merges those of one identity."""
-    one = About("table1-W_a-seed0", "W_a", "notes", {"seed": 0})
+    one = RecordingInfo("table1-W_a-seed0", "W_a", "notes", {"seed": 0})
     assert one.identity == replace(one).identity
     assert one.identity != replace(one, notes="others").identity
     assert one.identity != replace(one, properties={"seed": 1}).identity
@@ -199,7 +205,7 @@ def _nothing() -> rrb.Blueprint:
 
 def test_what_the_writer_complains_of_is_an_error_and_leaves_nothing(tmp_path):
     """Strict mode: three times and two values would else be a warning, and no data."""
-    about = About("x", "x", "notes", {"seed": 0})
+    about = RecordingInfo("x", "x", "notes", {"seed": 0})
 
     def write() -> None:
         with (

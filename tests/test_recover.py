@@ -11,7 +11,7 @@ from rerun.chunk import RrdReader
 
 from experiments.hexapod.controller import nominal_loops
 from experiments.hexapod.simulation import Trajectory
-from experiments.hexapod.testbed import Bench, Testbed
+from experiments.hexapod.testbed import Testbed, TestbedConfig
 from experiments.output.results import Results
 from experiments.recover import figure
 from experiments.recover.predictions import beliefs
@@ -59,7 +59,7 @@ def test_no_belief_about_one_strut_destabilizes_the_loop_and_a_bad_one_would_sho
     table = recover["beliefs"]
     assert table["unstable"] == 0 and table["largest_pole"] < 1
     assert table["sensitivity_peak_worst"] < 3
-    model, bench = load_model(), Bench()
+    model, bench = load_model(), TestbedConfig()
     alpha, beta = (
         replace(loop, C=6 * loop.C, D=6 * loop.D) for loop in nominal_loops(model, bench)
     )

@@ -12,7 +12,7 @@ from experiments.hexapod.controller import StrutMapping, nominal_loops
 from experiments.hexapod.fault_tolerance import elastic_system, strut_and_payload_stiffness
 from experiments.hexapod.prediction import sensitivity_peak
 from experiments.hexapod.simulation import SpiralRun, track_spiral
-from experiments.hexapod.testbed import Bench, Testbed
+from experiments.hexapod.testbed import Testbed, TestbedConfig
 from experiments.release.results import checks
 from experiments.release.statics import released_statics
 from ftc.goal import Goal
@@ -50,12 +50,12 @@ def test_a_free_strut_with_its_spring_is_nearly_a_strut_locked_at_its_centre(mod
     assert not free.manipulability(MAJOR).unstable
 
 
-@pytest.mark.parametrize("goal", [Goal(EQUAL, free=(0,)), Goal(EQUAL, loose=(4,))])
+@pytest.mark.parametrize("goal", [Goal(EQUAL, free=(0,)), Goal(EQUAL, spring_lost=(4,))])
 def test_the_strut_mappings_springs_are_those_of_the_whole_mechanism(model, goal):
     """42 velocities with all their springs, or six struts and a twist: the same answer."""
     mapping = StrutMapping(hexapod(model), goal, "constant", strut_and_payload_stiffness(model))
-    suspension = dict.fromkeys(goal.loose, 0.0)
-    failed = elastic_system(model, suspension).with_failures(free=[*goal.free, *goal.loose])
+    suspension = dict.fromkeys(goal.spring_lost, 0.0)
+    failed = elastic_system(model, suspension).with_failures(free=[*goal.free, *goal.spring_lost])
     whole = failed.kinematics()
     gain = whole.velocity_mapping(MAJOR, joint_weight=np.ones(6)).major
     np.testing.assert_allclose(mapping.pointing_gain(), whole.expand(gain.T).T, atol=1e-12)
@@ -64,7 +64,7 @@ def test_the_strut_mappings_springs_are_those_of_the_whole_mechanism(model, goal
 def test_a_loose_strut_is_estimated_where_the_springs_let_it_go(model):
     """The pose estimate must not believe that a strut without coil stays at its centre."""
     stiffness = strut_and_payload_stiffness(model)
-    mapping = StrutMapping(hexapod(model), Goal(EQUAL, loose=(0,)), "constant", stiffness)
+    mapping = StrutMapping(hexapod(model), Goal(EQUAL, spring_lost=(0,)), "constant", stiffness)
     command = mapping.displacements(np.array([1e-4, 0.0]), NOMINAL)
     pose = mapping.estimate(command, NOMINAL)
     np.testing.assert_allclose(pose.rotation[[2, 0], [1, 2]], [1e-4, 0.0], atol=1e-8)
@@ -148,7 +148,7 @@ def test_without_its_spring_the_loop_needs_the_mapping_of_its_bandwidth(spirals)
 
 def test_the_peak_sensitivity_is_what_brings_a_loop_to_its_margin(model):
     """A gain or phase margin below what the peak allows would have been seen as a larger peak."""
-    bench = Bench()
+    bench = TestbedConfig()
     loops = nominal_loops(model, bench)
     peak = sensitivity_peak(Testbed(model, bench, loops), SpiralRun(Goal(EQUAL)))
     for loop in loops:
@@ -245,7 +245,7 @@ def test_a_mismatch_would_be_seen(model):
 
 
 def test_a_failure_strikes_at_its_time_and_the_mapping_changes_with_it(model):
-    bench = Bench()
+    bench = TestbedConfig()
     stiffness = strut_and_payload_stiffness(model)
     spiral = SpiralRun(
         Goal(EQUAL),

@@ -21,7 +21,13 @@ from experiments.app.render import (
     show,
     software_driver,
 )
-from experiments.output.recording.file import About, log_series, recording_file, screen, time_column
+from experiments.output.recording.file import (
+    RecordingInfo,
+    log_series,
+    recording_file,
+    screen,
+    time_column,
+)
 from experiments.output.study import WrongInput
 
 # On a person's machine without Mesa's driver there is nothing to look at; in CI that is an error.
@@ -160,7 +166,9 @@ def test_an_empty_view_is_found_out(viewer, tmp_path):
     """The check can fail: a view of what is not there."""
     path, time_s = tmp_path / "empty.rrd", np.arange(10.0)
     empty = screen(rrb.Horizontal(rrb.TimeSeriesView(origin="nothing")))
-    with recording_file(path, About("empty", "empty", "notes", {"seed": 0}), empty) as recording:
+    with recording_file(
+        path, RecordingInfo("empty", "empty", "notes", {"seed": 0}), empty
+    ) as recording:
         log_series(recording, time_column(time_s), "x", ["a [1]"], time_s[:, None])
     with pytest.raises(AssertionError, match="/nothing, a TimeSeries, is empty"):
         assert_useful(viewer, path)
@@ -170,7 +178,7 @@ def test_no_notice_of_the_viewer_lies_over_a_picture(tmp_path):
     """An empty screen is empty, even where the viewer greets with what it listens to."""
     path = tmp_path / "empty.rrd"
     empty = screen(rrb.Horizontal(rrb.TextDocumentView(origin="nothing", name="nothing")))
-    with recording_file(path, About("none", "none", "notes", {}), empty) as recording:
+    with recording_file(path, RecordingInfo("none", "none", "notes", {}), empty) as recording:
         log_series(recording, time_column(np.arange(3.0)), "x", ["a [1]"], np.zeros((3, 1)))
     with headless_viewer((800, 600)) as client:
         show(client, path, None)

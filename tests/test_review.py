@@ -8,7 +8,7 @@ import pytest
 from experiments.app.cli import main
 from experiments.app.review import about_runs
 from experiments.hexapod import paper
-from experiments.hexapod.recording.keep import Kept
+from experiments.hexapod.recording.keep import RecordedRun
 from experiments.hexapod.recording.shown import Shown
 from sim import HEXAPOD_MJCF
 from tests import rrd
@@ -53,7 +53,7 @@ def test_the_papers_numbers_stand_beside_ours(review, table1):
 
 @pytest.mark.parametrize(("ticks", "beside"), [(16000, True), (4000, False)])
 def test_the_papers_numbers_stand_beside_whole_spirals_only(ticks, beside):
-    kept = Kept(Shown(made_run(ticks), []), "table1", {})
+    kept = RecordedRun(Shown(made_run(ticks), []), "table1", {})
     assert (f"{paper.TABLE_I_URAD['W_a'][0]:.4f}" in about_runs({"W_a": kept}).notes) == beside
 
 

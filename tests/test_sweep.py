@@ -23,7 +23,7 @@ from experiments.app.cli import main
 from experiments.hexapod.controller import nominal_loops
 from experiments.hexapod.prediction import predicted_error_rad
 from experiments.hexapod.simulation import SpiralRun, track_spiral
-from experiments.hexapod.testbed import Bench, Testbed
+from experiments.hexapod.testbed import Testbed, TestbedConfig
 from experiments.output.study import Interrupted, Unsound, WrongInput
 from experiments.sweep import basis, cluster
 from experiments.sweep.basis import basis_in
@@ -179,18 +179,18 @@ def test_a_design_that_makes_no_sense_is_one_sentence(tmp_path, text, said):
 
 def test_a_row_is_what_the_run_and_the_linear_model_say(model):
     """With compensators designed anew, and the prediction of another function."""
-    bench = Bench(detector_noise_m=1e-6)
+    bench = TestbedConfig(detector_noise_m=1e-6)
     values = {"seed": 7, "detector_noise_m": 1e-6, "weight": "W_e", "struts": "SSLSSS"}
     row = row_of(sweep_run(3, 0.3, values))
     goal = Goal(secondary_weight=(10, 10, 1, 1), locked_m={2: 0.0})
     lock = (Failure(2, "locked"),)
     same = SpiralRun(goal, lock, seed=7, duration_s=0.3)
     testbed = Testbed(model, bench, nominal_loops(model, bench))
-    flown = track_spiral(testbed, same)
-    off_urad = 1e6 * (flown.desired_rad - flown.true_rad)
+    simulated = track_spiral(testbed, same)
+    off_urad = 1e6 * (simulated.desired_rad - simulated.true_rad)
     rms = row["alpha_rms_urad"], row["beta_rms_urad"]
     np.testing.assert_allclose(rms, np.sqrt((off_urad**2).mean(axis=0)), rtol=1e-12)
-    assert row["t_x_peak_um"] == 1e6 * abs(flown.secondary[:, 1]).max()
+    assert row["t_x_peak_um"] == 1e6 * abs(simulated.secondary[:, 1]).max()
     assert row["strut_input_peak_percent_3"] == 0.0
     error = predicted_error_rad(testbed, same)
     assert error is not None

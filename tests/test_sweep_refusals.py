@@ -15,7 +15,7 @@ from distributed import Client, LocalCluster
 from typer.testing import CliRunner
 
 from experiments.app.cli import app, main
-from experiments.hexapod.testbed import LIMITS, Bench
+from experiments.hexapod.testbed import LIMITS, TestbedConfig
 from experiments.output.study import Unsound, WrongInput
 from experiments.sweep import cluster as clusters
 from experiments.sweep.design import read_design
@@ -193,23 +193,23 @@ def test_a_bench_has_no_constant_beyond_its_limits(name):
     low, high = LIMITS[name]
     for value in (low, high):
         constant: Any = {name: value}
-        assert getattr(Bench(**constant), name) == value
+        assert getattr(TestbedConfig(**constant), name) == value
     beyond = [low - 1, np.nextafter(low, -np.inf), np.nextafter(high, np.inf), 10**400]
     others = [np.nan, np.inf, -np.inf, True, "1", [1.0], 1j]
     if name != "demand_limit_urad":  # where None is no limit
         others.append(None)
     for value in [*beyond, *others]:
         with pytest.raises(ValueError, match=rf"{name} must be a .*number from .* to .*, got"):
-            replace(Bench(), **{name: value})
+            replace(TestbedConfig(), **{name: value})
 
 
 def test_every_constant_has_its_limits_and_converters_have_whole_bits():
     choices = {"spiral_direction", "anti_windup"}
-    assert set(LIMITS) | choices == {field.name for field in fields(Bench)}
+    assert set(LIMITS) | choices == {field.name for field in fields(TestbedConfig)}
     assert set(VARIED) == {name for name in KINDS if KINDS[name] in ("real", "integer")}
     bits: Any = {"dac_bits": 16.5}
     with pytest.raises(ValueError, match="must be a whole number from 2 to 32"):
-        replace(Bench(), **bits)
+        replace(TestbedConfig(), **bits)
 
 
 HUGE = "1" + 400 * "0"

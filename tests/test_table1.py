@@ -14,7 +14,7 @@ from experiments.hexapod.controller import nominal_loops
 from experiments.hexapod.metrics import CLOSURE_LIMIT_M, rms
 from experiments.hexapod.prediction import predicted_error_rad
 from experiments.hexapod.simulation import SpiralRun, track_spiral
-from experiments.hexapod.testbed import Bench, Testbed
+from experiments.hexapod.testbed import Testbed, TestbedConfig
 from experiments.output.results import Results
 from experiments.table1.figure import pictures
 from experiments.table1.results import checks, notes, table
@@ -193,7 +193,7 @@ def test_an_unsound_table_fails_its_checks(table1):
 
 def test_a_run_alone_gives_the_same_bits_as_beside_others(model, runs):
     """Seed 0, same machine: neither worker processes nor their order leave a trace."""
-    bench = Bench()
+    bench = TestbedConfig()
     column = next(column for column in COLUMNS if column.name == "W_d")
     loops = nominal_loops(model, bench)
     run = SpiralRun(column.goal, column.failures, seed=0, duration_s=2.0)

@@ -15,7 +15,7 @@ from experiments.hexapod.controller import StrutMapping, nominal_loops
 from experiments.hexapod.metrics import rms
 from experiments.hexapod.prediction import driven_loop, predicted_error_rad, predicted_rms_rad
 from experiments.hexapod.simulation import SpiralRun, Trajectory, track_spiral
-from experiments.hexapod.testbed import Bench, Testbed
+from experiments.hexapod.testbed import Testbed, TestbedConfig
 from experiments.uncorrected.answer import paragraph, table
 from experiments.uncorrected.candidates import (
     BENCH,
@@ -49,7 +49,7 @@ SECONDS = 1.5
 
 @pytest.fixture(scope="module")
 def loops(model):
-    return nominal_loops(model, Bench())
+    return nominal_loops(model, TestbedConfig())
 
 
 @pytest.fixture(scope="session")
@@ -104,11 +104,11 @@ def test_a_floor_that_is_no_floor_is_refused(model, bad):
 def test_a_floor_shorter_than_the_spiral_is_refused(model, loops):
     run = SpiralRun(W_A, duration_s=0.1, floor_m_per_s2=np.zeros((50, 3)))
     with pytest.raises(ValueError, match="must have 3 columns and at least 100 rows"):
-        track_spiral(Testbed(model, Bench(), loops), run)
+        track_spiral(Testbed(model, TestbedConfig(), loops), run)
 
 
 def test_the_floor_meets_its_criterion_in_every_third_octave_band():
-    bench, criterion = Bench(), 50e-6
+    bench, criterion = TestbedConfig(), 50e-6
     acceleration = floor_acceleration(bench, criterion, seed=3)
     assert acceleration.shape == (16000, 3)
     frequency = np.fft.rfftfreq(len(acceleration), bench.control_period_s)
@@ -146,12 +146,12 @@ def off_centre(model, loops, goal, place_m, lead_in_s) -> Trajectory:
         jacobian="constant",
         duration_s=SECONDS,
     )
-    return track_spiral(Testbed(model, Bench(), loops), run)
+    return track_spiral(Testbed(model, TestbedConfig(), loops), run)
 
 
 KNOWN = Goal(secondary_weight=(1.0,) * 4, locked_m={0: 80e-6})
 OFF = {"failures": LOCK_1, "start_m": 80e-6 * np.eye(6)[0]}
-FLOOR = {"floor_m_per_s2": floor_acceleration(Bench(), 200e-6, seed=1)}
+FLOOR = {"floor_m_per_s2": floor_acceleration(TestbedConfig(), 200e-6, seed=1)}
 
 
 @pytest.mark.parametrize(
@@ -166,7 +166,7 @@ FLOOR = {"floor_m_per_s2": floor_acceleration(Bench(), 200e-6, seed=1)}
     ids=["sound", "floor", "off centre on a floor", "settled first", "known where it is stuck"],
 )
 def test_mujoco_does_tick_by_tick_what_the_linear_model_says(model, loops, goal, conditions):
-    testbed = Testbed(model, Bench(), loops)
+    testbed = Testbed(model, TestbedConfig(), loops)
     spiral = SpiralRun(goal, jacobian="constant", seed=2, duration_s=SECONDS, **conditions)
     run = track_spiral(testbed, spiral)
     error = run.desired_rad - run.true_rad
@@ -182,7 +182,7 @@ def test_mujoco_does_tick_by_tick_what_the_linear_model_says(model, loops, goal,
 
 
 def test_both_predictions_agree_where_both_speak(model, loops):
-    testbed, run = Testbed(model, Bench(), loops), SpiralRun(W_A, LOCK_1)
+    testbed, run = Testbed(model, TestbedConfig(), loops), SpiralRun(W_A, LOCK_1)
     error = predicted_error_rad(testbed, run)
     assert error is not None
     expected = predicted_rms_rad(testbed, run)
@@ -246,10 +246,10 @@ def test_the_corrected_columns_need_more_stroke_than_the_uncorrected_one(model):
 
 
 def test_a_row_of_the_map_is_what_the_prediction_says(model):
-    bench = at_crossover(Bench(), 6.0, 25.0)
+    bench = at_crossover(TestbedConfig(), 6.0, 25.0)
     quiet = damped(model, 0.05)
     loops = nominal_loops(quiet, bench)
-    errors, poles = map_row(model, Bench(), 0.05, np.array([6.0, 30.0]), 25.0, seed=0)
+    errors, poles = map_row(model, TestbedConfig(), 0.05, np.array([6.0, 30.0]), 25.0, seed=0)
     for k, failures in enumerate(((), LOCK_1)):
         expected = predicted_error_rad(Testbed(quiet, bench, loops), SpiralRun(W_A, failures))
         assert expected is not None
@@ -274,7 +274,7 @@ def test_an_unstable_loop_has_no_predicted_error_and_a_run_that_stays_finite(mod
 
 def test_each_candidate_differs_from_the_bench_in_what_it_names():
     assert BENCH.differs() == {}
-    assert BENCH.bench == Bench()
+    assert BENCH.bench == TestbedConfig()
     names = [candidate.name for candidate in CANDIDATES]
     assert len(set(names)) == len(names)
     assert all(candidate.differs() for candidate in CANDIDATES[1:])

@@ -10,12 +10,12 @@ import numpy as np
 
 from experiments.hexapod import paper
 from experiments.hexapod.metrics import closure_residual_max_m, pointing_rms_urad, rms
-from experiments.hexapod.recording.keep import Kept, NoRunError, read_run
+from experiments.hexapod.recording.keep import NoRunError, RecordedRun, read_run
 from experiments.hexapod.recording.screens import write_side_by_side
 from experiments.hexapod.recording.shown import constants
 from experiments.hexapod.simulation import Trajectory
-from experiments.hexapod.testbed import Bench
-from experiments.output.recording.file import About
+from experiments.hexapod.testbed import TestbedConfig
+from experiments.output.recording.file import RecordingInfo
 from experiments.output.study import WrongInput
 from sim import hexapod, load_model, model_sha256
 
@@ -32,7 +32,7 @@ def write_review(file: Path, places: Sequence[Path], model: Path | None) -> None
     write_side_by_side(file, about_runs(kept), machine, shown)
 
 
-def find_runs(places: Sequence[Path], model_sha256: str) -> dict[str, Kept]:
+def find_runs(places: Sequence[Path], model_sha256: str) -> dict[str, RecordedRun]:
     """Runs by name: single ones, and those in folders, in the order in which its JSON names them.
 
     Other files of a folder are ignored. What JSON beside a run states must agree with its data, and
@@ -42,7 +42,7 @@ def find_runs(places: Sequence[Path], model_sha256: str) -> dict[str, Kept]:
         WrongInput: There is no run of the hexapod in one of the places, one is named twice, is
             not whole, is of another machine, or is not what the JSON beside it states.
     """
-    found: dict[Path, Kept] = {}
+    found: dict[Path, RecordedRun] = {}
     for place in places:
         stated = read_summaries(place if place.is_dir() else place.parent)
         runs = _runs_in(place, stated) if place.is_dir() else {place: read_run(place)}
@@ -62,7 +62,7 @@ def find_runs(places: Sequence[Path], model_sha256: str) -> dict[str, Kept]:
     }
 
 
-def _runs_in(folder: Path, stated: dict[str, Any]) -> dict[Path, Kept]:
+def _runs_in(folder: Path, stated: dict[str, Any]) -> dict[Path, RecordedRun]:
     words, found = json.dumps(stated), {}
     for file in sorted(folder.glob("*.npz"), key=lambda file: words.find(json.dumps(file.stem))):
         with suppress(NoRunError):
@@ -110,7 +110,7 @@ def _entries(content: Any) -> Iterator[dict[str, Any]]:
             yield from _entries(part)
 
 
-def about_runs(runs: Mapping[str, Kept]) -> About:
+def about_runs(runs: Mapping[str, RecordedRun]) -> RecordingInfo:
     """Notes with a table of the runs' numbers, the paper's beside; properties that all share."""
     first, *others = (one.properties for one in runs.values())
     common = dict(item for item in first.items() if all(item in other.items() for other in others))
@@ -127,14 +127,14 @@ def about_runs(runs: Mapping[str, Kept]) -> About:
     )
     shared = ["What all runs have in common:", "", *constants(common)]
     notes = ["# Side by side", "", *table, "", colors, "", *shared]
-    return About("review", "review", "\n".join(notes), common)
+    return RecordingInfo("review", "review", "\n".join(notes), common)
 
 
-def _row(name: str, one: Kept) -> str:
+def _row(name: str, one: RecordedRun) -> str:
     run = one.shown.run
     alpha, beta = pointing_rms_urad(run)
     # The paper's numbers are of the whole spiral.
-    is_whole = len(run.time_s) == len(Bench().time_s(Bench().duration_s))
+    is_whole = len(run.time_s) == len(TestbedConfig().time_s(TestbedConfig().duration_s))
     is_the_papers = one.experiment == "table1" and is_whole
     paper_rms = paper.TABLE_I_URAD.get(name) if is_the_papers else None
     gamma, *translation = 1e6 * np.abs(run.secondary).max(axis=0)

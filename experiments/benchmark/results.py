@@ -12,7 +12,7 @@ from experiments.benchmark.figure import picture
 from experiments.benchmark.measurement import power_law, spread
 from experiments.benchmark.runs import PACKAGES, Timed
 from experiments.benchmark.solvers import GROWING, batch_names
-from experiments.hexapod.testbed import Bench
+from experiments.hexapod.testbed import TestbedConfig
 from experiments.output.provenance import machine, versions
 from experiments.output.results import Results
 from experiments.output.tables import Column, Table, tabulate
@@ -86,7 +86,7 @@ def summarize(timed: Timed) -> dict[str, Any]:
         "rounds": effort.rounds,
         "agreement": [asdict(each) for each in timed.agreements],
         **{name: each["ratio"] for name, each in found.items()},
-        "real_time_factor": 1e6 * Bench().control_period_s / us["closed_loop"],
+        "real_time_factor": 1e6 * TestbedConfig().control_period_s / us["closed_loop"],
         "ratios": found,
         "timings": {name: spread(each) for name, each in samples_us.items()},
         "tick_parts_us": _parts(us),
@@ -119,7 +119,7 @@ def _parts(us: Mapping[str, float]) -> dict[str, float]:
 def tables(summary: dict[str, Any]) -> list[Table]:
     """Ratios first, then what they are made of."""
     seconds, timings = summary["simulated_s"], summary["timings"]
-    part = f", {seconds:g} s of the spiral only" if seconds < Bench().duration_s else ""
+    part = f", {seconds:g} s of the spiral only" if seconds < TestbedConfig().duration_s else ""
     found = [
         ratios.table(summary["ratios"], f"Ratios of medians{part}"),
         _times("One control tick, us", TICK, timings),

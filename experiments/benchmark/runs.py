@@ -18,11 +18,11 @@ from experiments.benchmark.ratios import saved
 from experiments.hexapod.choices import JacobianChoice
 from experiments.hexapod.columns import COLUMNS
 from experiments.hexapod.controller import controller_for, nominal_loops
-from experiments.hexapod.simulation import SpiralRun, fly, track_spiral
-from experiments.hexapod.testbed import Bench, Testbed
+from experiments.hexapod.simulation import SpiralRun, track_path, track_spiral
+from experiments.hexapod.testbed import Testbed, TestbedConfig
 from experiments.output.files import usable_file
 from experiments.output.study import OnProgress, WrongInput
-from ftc.controller import Sensed
+from ftc.controller import Measurement
 from sim import Array, Plant, Pose, hexapod, load_model
 
 PACKAGES = ("mink", "placo", "daqp", "qpsolvers", "threadpoolctl")
@@ -44,7 +44,7 @@ class Effort:
     actuators: tuple[int, ...] = (6, 10, 20, 50, 100, 200)
 
 
-FULL = Effort(Bench().duration_s, rounds=7, batches=(1, 10, 100, 1_000, 10_000, 100_000))
+FULL = Effort(TestbedConfig().duration_s, rounds=7, batches=(1, 10, 100, 1_000, 10_000, 100_000))
 QUICK = Effort(2.0, rounds=5, batches=FULL.batches[:-1])
 
 
@@ -96,7 +96,7 @@ def run_bench(
     effort, rng = QUICK if quick else FULL, np.random.default_rng(seed)
     # Set at run time, since NumPy may long have been imported: OpenBLAS keeps to one thread.
     with threadpool_limits(1):
-        model, bench = load_model(), Bench()
+        model, bench = load_model(), TestbedConfig()
         asked = questions(effort.actuators, effort.batches, rng)
         cases = pointing.random_cases(model, 8, rng)
         agreed = [*solvers.agreements(asked), pointing.agreement(model, cases)]
@@ -157,7 +157,7 @@ def parts(loop: ClosedLoop) -> list[Contender]:
     """Times of what a control tick is made of, each part alone, 0.2 s after the start of a run."""
     model, bench = loop.testbed.model, loop.testbed.bench
     controller = controller_for(loop.testbed, GOAL)
-    _, state = fly(loop.testbed, controller, seed=loop.seed, duration_s=0.2)
+    _, state = track_path(loop.testbed, controller, seed=loop.seed, duration_s=0.2)
     mapping, amplifier = controller.mapping, controller.amplifier
     command_m, asked_rad = amplifier.displacement_m(state.input_percent), state.asked.pointing_rad
     detector, strut_sensors = bench.detector(), bench.strut_sensors()
@@ -166,9 +166,9 @@ def parts(loop: ClosedLoop) -> list[Contender]:
     # Without what the estimate has already computed from this pose.
     bare_pose = Pose(state.pose.rotation, state.pose.translation_m)
 
-    def sense() -> Sensed:
+    def sense() -> Measurement:
         plant.closure_residual_m()
-        return Sensed(
+        return Measurement(
             pointing_rad=detector.read(plant.pose().rotation, rng),
             strut_m=strut_sensors.read(plant.strut_displacement_m(), rng),
         )

@@ -10,7 +10,7 @@ import numpy as np
 from experiments.hexapod.columns import MAJOR
 from experiments.hexapod.controller import ANGLES, Loop, design, nominal_plant, sampled
 from experiments.hexapod.fault_tolerance import elastic_system
-from experiments.hexapod.testbed import Bench
+from experiments.hexapod.testbed import TestbedConfig
 from experiments.output.study import OnProgress
 from prioritized import FailureAtlas, failure_atlas
 from sim import Array, Hexapod, LinearPlant, hexapod, load_model, model_sha256
@@ -35,7 +35,7 @@ class Portrait:
     model: mujoco.MjModel
     model_sha256: str
     geometry: Hexapod
-    bench: Bench
+    bench: TestbedConfig
     modes_hz: Array  # of the sound plant, ascending
     loops: tuple[OpenLoop, OpenLoop]  # alpha, beta
     atlas: FailureAtlas  # rigid and elastic, all 3^6 conditions, major task (alpha, beta)
@@ -49,10 +49,10 @@ def run_figures(
     Raises:
         sim.ModelError: A missing, broken or incomplete machine file, or one that cannot point.
     """
-    return portray(model, Bench(), seed)
+    return portray(model, TestbedConfig(), seed)
 
 
-def portray(machine_file: Path | None, bench: Bench, seed: int) -> Portrait:
+def portray(machine_file: Path | None, bench: TestbedConfig, seed: int) -> Portrait:
     """Design the loops and classify every failure condition; the seed is only noted.
 
     Raises:

@@ -16,7 +16,13 @@ from experiments.hexapod.recording.hexapod import Mark, Picture, log_hexapod
 from experiments.hexapod.recording.shown import constants
 from experiments.output.plotting import GREEN, ORANGE
 from experiments.output.provenance import version_properties
-from experiments.output.recording.file import About, recording_file, rgb, screen, time_column
+from experiments.output.recording.file import (
+    RecordingInfo,
+    recording_file,
+    rgb,
+    screen,
+    time_column,
+)
 from experiments.output.recording.mechanism import (
     body_entity,
     exaggeration,
@@ -48,7 +54,7 @@ def write_force(examinations: list[Examination], summary: dict[str, Any], folder
     properties |= {f"model_sha256_{name}": sha for name, sha in summary["model_sha256"].items()}
     properties |= version_properties(summary) | summary["bench"]
     notes = _notes(summary, properties)
-    about = About(f"force-seed{summary['seed']}", "force mapping", notes, properties)
+    about = RecordingInfo(f"force-seed{summary['seed']}", "force mapping", notes, properties)
     path = folder / summary["recording"]
     with recording_file(path, about, _screen(model, shown, factor, full_n)) as recording:
         for k, one in enumerate(shown):

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from experiments.goals.control import weighted_pseudo_inverse
 from experiments.goals.demonstration import Outcome, smooth_step
-from ftc.controller import Controller, DirectDrive, Sensed
+from ftc.controller import DirectDrive, Measurement, PrioritizedController
 from ftc.goal import Goal
 from ftc.mapping import Mapping, PrioritizedMapping
 from prioritized import ConstrainedSystem, Kinematics
@@ -100,7 +100,7 @@ class PseudoInverseArm(PrioritizedMapping[ArmPosture]):
 
 def arm_controller(
     model: mujoco.MjModel, locked: Sequence[int], major_weight: float | None
-) -> Controller[ArmPosture]:
+) -> PrioritizedController[ArmPosture]:
     """The controller of the arm: the tracker's error to joint rates; arguments as :func:`sweep`."""
     geometry = ArmGeometry(model)
     goal = Goal(joint_weight=(1.0,) * model.nu, locked_m=dict.fromkeys(locked, 0.0))
@@ -109,7 +109,9 @@ def arm_controller(
     else:
         mapping = PseudoInverseArm(geometry, goal, major_weight)
     proportional = control.ss([], [], [], LOOP_GAIN_PER_S, PERIOD_S)
-    return Controller([proportional] * len(POINTING), mapping, DirectDrive(), handover_s=0.0)
+    return PrioritizedController(
+        [proportional] * len(POINTING), mapping, DirectDrive(), handover_s=0.0
+    )
 
 
 def sweep(
@@ -162,9 +164,11 @@ def sweep(
         rates_d = np.zeros(model.nu)
         if rates is not None:
             rates_d[working] = rates(arm.J_T[:3, working], float(now))
-        sensed = Sensed(-tracked, np.zeros(0))  # of the error itself: its reference is zero
+        measurement = Measurement(
+            -tracked, np.zeros(0)
+        )  # of the error itself: its reference is zero
         state = controller.step(
-            state, np.zeros(2), sensed, rates_d, feedforward=ahead[:2], pose=arm
+            state, np.zeros(2), measurement, rates_d, feedforward=ahead[:2], pose=arm
         )
         speed = state.input_percent
         command = arm.command_rad + PERIOD_S * speed

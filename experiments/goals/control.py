@@ -15,10 +15,10 @@ from experiments.hexapod.choices import JacobianChoice
 from experiments.hexapod.columns import MAJOR, SECONDARY
 from experiments.hexapod.controller import StrutMapping
 from experiments.hexapod.testbed import Testbed
-from ftc.controller import Controller, Sensed
+from ftc.controller import Measurement, PrioritizedController
 from ftc.goal import Goal
-from ftc.mapping import Reconfigured
-from ftc.oracle import PointingState
+from ftc.mapping import LocalMapping
+from ftc.oracle import NestedState
 from prioritized import Status, VelocityMapping, velocity_mapping
 from sim import Amplifier, Array, Coils, Hexapod, Pose, hexapod, pointing_angles
 
@@ -90,7 +90,7 @@ class PseudoInverseMapping(StrutMapping):
         self.major_weight = major_weight
         super().__init__(geometry, goal, jacobian)
 
-    def at(self, A: Array) -> Reconfigured:
+    def at(self, A: Array) -> LocalMapping:
         """The mapping where l_dot = A x_dot."""
         now = super().at(A)
         W1 = self.goal.joint_weight
@@ -105,31 +105,31 @@ class PseudoInverseMapping(StrutMapping):
         return replace(now, mapping=mapping)
 
 
-def controllers(testbed: Testbed, strategy: Strategy) -> Callable[[Goal], Controller]:
+def controllers(testbed: Testbed, strategy: Strategy) -> Callable[[Goal], PrioritizedController]:
     """The controller of this machine for any goal, through the mapping of the strategy.
 
     The Jacobian is constant: within the stroke that costs pointing less than noise does.
     """
     geometry, amplifier = hexapod(testbed.model), testbed.amplifier()
 
-    def controller(goal: Goal) -> Controller:
+    def controller(goal: Goal) -> PrioritizedController:
         if strategy.major_weight is None:
             mapping = StrutMapping(geometry, goal, "constant")
         else:
             mapping = PseudoInverseMapping(geometry, goal, "constant", strategy.major_weight)
-        return Controller(testbed.loops, mapping, amplifier, testbed.bench.handover_s)
+        return PrioritizedController(testbed.loops, mapping, amplifier, testbed.bench.handover_s)
 
     return controller
 
 
-def unrolled(sensed: Sensed, pose: Pose) -> Sensed:
+def unrolled(measurement: Measurement, pose: Pose) -> Measurement:
     """What the detector would read if the payload had not rolled.
 
     The detector turns with the payload: off the axis, a roll about it moves the spot although
     the pointing stays. What it reads and what is pointed at are compared at the estimated pose.
     """
     read, pointed = -pointing_angles(pose.rotation.T), pointing_angles(pose.rotation)
-    return replace(sensed, pointing_rad=sensed.pointing_rad - read + pointed)
+    return replace(measurement, pointing_rad=measurement.pointing_rad - read + pointed)
 
 
 StrutRates = Callable[[Array, Pose], Array]
@@ -143,7 +143,7 @@ def no_rates(displacements_m: Array, pose: Pose) -> Array:
 
 
 @dataclass(frozen=True)
-class SeekerState(PointingState):
+class SeekerState(NestedState):
     """Beside it, the desired strut rates integrated so far, shape (6,)."""
 
     secondary_reference_m: Array
@@ -153,7 +153,7 @@ class SeekerState(PointingState):
 class Seeker:
     """Points, and follows desired strut rates as far as pointing leaves the struts free."""
 
-    controller: Controller
+    controller: PrioritizedController
     rates: StrutRates
     period_s: float
 
@@ -166,22 +166,22 @@ class Seeker:
         """At rest at the nominal pose."""
         return SeekerState(self.controller.start(), np.zeros(6))
 
-    def step(self, state: SeekerState, desired_rad: Array, sensed: Sensed) -> SeekerState:
+    def step(self, state: SeekerState, desired_rad: Array, measurement: Measurement) -> SeekerState:
         """One control tick."""
         commanded_m = self.amplifier.displacement_m(state.input_percent)
         moved_m = self.period_s * self.rates(commanded_m, state.pose)
         reference_m = state.secondary_reference_m + moved_m
-        seen = unrolled(sensed, state.pose)
+        seen = unrolled(measurement, state.pose)
         controller = self.controller.step(state.controller, desired_rad, seen, reference_m)
         return SeekerState(controller, reference_m)
 
 
 @dataclass(frozen=True)
-class ReweighedState(PointingState):
+class ReweighedState(NestedState):
     """Beside it, coil temperatures by the controller's own model (6,), and the present weights."""
 
     temperature_c: Array
-    steering: Controller
+    steering: PrioritizedController
     ticks: int
 
 
@@ -192,7 +192,7 @@ class Reweighing:
     It estimates them from the currents that it sends, with a thermal model of its own.
     """
 
-    controller_for: Callable[[Goal], Controller]
+    controller_for: Callable[[Goal], PrioritizedController]
     coils: Coils
     amplifier: Amplifier
     period_s: float
@@ -203,16 +203,18 @@ class Reweighing:
         steering = self._weighted(cold)
         return ReweighedState(steering.start(), cold, steering, ticks=0)
 
-    def step(self, state: ReweighedState, desired_rad: Array, sensed: Sensed) -> ReweighedState:
+    def step(
+        self, state: ReweighedState, desired_rad: Array, measurement: Measurement
+    ) -> ReweighedState:
         """One control tick."""
         steering = state.steering
         current_a = self.amplifier.current_a(state.input_percent)
         temperature_c = self.coils.step(state.temperature_c, current_a, self.period_s)
         if state.ticks % REWEIGH_TICKS == 0:
             steering = self._weighted(temperature_c)
-        seen = unrolled(sensed, state.pose)
+        seen = unrolled(measurement, state.pose)
         controller = steering.step(state.controller, desired_rad, seen)
         return ReweighedState(controller, temperature_c, steering, state.ticks + 1)
 
-    def _weighted(self, temperature_c: Array) -> Controller:
+    def _weighted(self, temperature_c: Array) -> PrioritizedController:
         return self.controller_for(Goal(joint_weight=tuple(joint_weights(temperature_c))))

@@ -17,9 +17,9 @@ from experiments.hexapod.recording.hexapod import Mark
 from experiments.hexapod.recording.screens import write_side_by_side
 from experiments.hexapod.recording.shown import Shown, constants
 from experiments.hexapod.simulation import Trajectory
-from experiments.hexapod.testbed import Bench
+from experiments.hexapod.testbed import TestbedConfig
 from experiments.output.provenance import version_properties, versions
-from experiments.output.recording.file import About
+from experiments.output.recording.file import RecordingInfo
 from experiments.output.recording.mechanism import Driven, write_mechanism
 from experiments.output.recording.views import Plot
 from experiments.output.results import Check, Results
@@ -67,7 +67,7 @@ def summarize(goals: Goals) -> dict[str, Any]:
         "versions": versions(),
         "model_sha256": {"fjh": model_sha256(), "arm": model_sha256(ARM_MJCF)},
         "jacobian": "constant",
-        "bench": asdict(Bench()) | plant_constants(load_model()),
+        "bench": asdict(TestbedConfig()) | plant_constants(load_model()),
         "goals": [_entry(one, goals) for one in DEMONSTRATIONS],
     }
 
@@ -208,7 +208,7 @@ def _record(
         **(summary["bench"] if on_hexapod else {}),
     }
     identity = f"goals-{name}-seed{summary['seed']}"
-    about = About(identity, goal["title"], _notes(goal, properties), properties)
+    about = RecordingInfo(identity, goal["title"], _notes(goal, properties), properties)
     path, shown = folder / goal["recording"], {key: ours[key] for key in ("pursued", "nothing")}
     if not on_hexapod:
         driven = {

@@ -18,8 +18,8 @@ from experiments.goals.demonstration import (
 from experiments.hexapod.columns import SECONDARY
 from experiments.hexapod.controller import Loop, nominal_loops
 from experiments.hexapod.metrics import closure_residual_max_m
-from experiments.hexapod.simulation import Trajectory, fly
-from experiments.hexapod.testbed import Bench, Testbed, grown_bench, grown_machine
+from experiments.hexapod.simulation import Trajectory, track_path
+from experiments.hexapod.testbed import Testbed, TestbedConfig, grown_bench, grown_machine
 from experiments.output.parallel import in_parallel
 from ftc.goal import Goal
 from sim import NOMINAL, Array, Failure, Pose, forward_kinematics, hexapod, load_model
@@ -36,7 +36,9 @@ EQUAL = Goal(joint_weight=(1.0,) * 6)
 Loops = tuple[Loop, Loop]
 
 
-def off_axis_path(bench: Bench, target_urad: tuple[float, float], duration_s: float) -> Array:
+def off_axis_path(
+    bench: TestbedConfig, target_urad: tuple[float, float], duration_s: float
+) -> Array:
     """A slew to the best known position of the target, then the bench's spiral there, (N, 2)."""
     time_s = bench.time_s(duration_s)
     path = smooth_step(time_s / SLEW_S)[:, None] * 1e-6 * np.array(target_urad)
@@ -48,17 +50,17 @@ def off_axis_path(bench: Bench, target_urad: tuple[float, float], duration_s: fl
 
 def run_reliability(strategy: Strategy, duration_s: float, loops: Loops) -> Outcome:
     """One search where two coils become hot."""
-    bench = Bench()
+    bench = TestbedConfig()
     testbed = Testbed(load_model(), bench, loops)
     controller_for = controllers(testbed, strategy)
     cold, period_s = controller_for(EQUAL), bench.control_period_s
     path = off_axis_path(bench, goal.HOT_TARGET_URAD, duration_s)
     if strategy.pursues:
         reweighing = Reweighing(controller_for, goal.COILS, cold.amplifier, period_s)
-        run, _ = fly(testbed, reweighing, desired_rad=path, seed=strategy.seed)
+        run, _ = track_path(testbed, reweighing, desired_rad=path, seed=strategy.seed)
     else:
         seeker = Seeker(cold, no_rates, period_s)
-        run, _ = fly(testbed, seeker, desired_rad=path, seed=strategy.seed)
+        run, _ = track_path(testbed, seeker, desired_rad=path, seed=strategy.seed)
     current_a = cold.amplifier.current_a(run.strut_input_percent)
     temperature_c = goal.COILS.temperatures_c(current_a, period_s)
     return _outcome(run, temperature_c.max(axis=1), temperature_c=temperature_c)
@@ -66,7 +68,7 @@ def run_reliability(strategy: Strategy, duration_s: float, loops: Loops) -> Outc
 
 def run_stroke(strategy: Strategy, duration_s: float, loops: Loops) -> Outcome:
     """One search where two struts come to their stops."""
-    model, bench = load_model(), Bench()
+    model, bench = load_model(), TestbedConfig()
     stroke_m = float(model.jnt_range[model.actuator_trnid[0, 0], 1])
     if not strategy.limited:
         model, bench = grown_machine(model, goal.LONGER), grown_bench(bench, goal.LONGER)
@@ -78,14 +80,14 @@ def run_stroke(strategy: Strategy, duration_s: float, loops: Loops) -> Outcome:
     controller = controllers(testbed, strategy)(EQUAL)
     seeker = Seeker(controller, rates if strategy.pursues else no_rates, bench.control_period_s)
     path = off_axis_path(bench, goal.FAR_TARGET_URAD, duration_s)
-    run, _ = fly(testbed, seeker, desired_rad=path, seed=strategy.seed)
+    run, _ = track_path(testbed, seeker, desired_rad=path, seed=strategy.seed)
     margin_m = stroke_m - np.abs(run.strut_displacement_m).max(axis=1)
     return _outcome(run, 1e6 * margin_m)
 
 
 def run_obstacle(strategy: Strategy, duration_s: float, loops: Loops) -> Outcome:
     """One search beside an obstacle."""
-    bench, obstructed = Bench(), goal.cluttered()
+    bench, obstructed = TestbedConfig(), goal.cluttered()
     model = obstructed if strategy.limited else load_model()
     geometry, clearance = hexapod(model), goal.Clearance(obstructed)
     testbed = Testbed(model, bench, loops)
@@ -100,7 +102,7 @@ def run_obstacle(strategy: Strategy, duration_s: float, loops: Loops) -> Outcome
     seeker = Seeker(controller, rates if strategy.pursues else no_rates, bench.control_period_s)
     path = off_axis_path(bench, goal.OBSTRUCTED_TARGET_URAD, duration_s)
     failures = [Failure(goal.LOCKED_STRUT, "locked")]
-    run, _ = fly(testbed, seeker, desired_rad=path, failures=failures, seed=strategy.seed)
+    run, _ = track_path(testbed, seeker, desired_rad=path, failures=failures, seed=strategy.seed)
     poses = forward_kinematics(geometry, run.strut_displacement_m[::STRIDE])
     each = zip(poses.rotation, poses.translation_m, strict=True)
     clear_m = [clearance(Pose(*pose))[0] for pose in each]
@@ -202,7 +204,7 @@ def run_goals(
     Raises:
         sim.SimulationDiverged: The physics left the finite numbers.
     """
-    loops, chosen = nominal_loops(load_model(), Bench()), strategies(seed, quick)
+    loops, chosen = nominal_loops(load_model(), TestbedConfig()), strategies(seed, quick)
     calls = [
         {"one": one, "strategy": strategy, "duration_s": one.durations_s[quick], "loops": loops}
         for one in DEMONSTRATIONS

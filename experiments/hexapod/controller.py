@@ -8,7 +8,7 @@ import numpy as np
 
 from experiments.hexapod.choices import JacobianChoice
 from experiments.hexapod.columns import MAJOR, SECONDARY
-from experiments.hexapod.testbed import Bench, Testbed
+from experiments.hexapod.testbed import Testbed, TestbedConfig
 from ftc.compensator import (
     Compensator,
     LoopShape,
@@ -18,9 +18,9 @@ from ftc.compensator import (
     compensator,
     margins,
 )
-from ftc.controller import Controller
+from ftc.controller import PrioritizedController
 from ftc.goal import Goal
-from ftc.mapping import Asked, DisplacementForm, PrioritizedMapping
+from ftc.mapping import DisplacementForm, PreviousCommand, PrioritizedMapping
 from prioritized import ConstrainedSystem
 from sim import (
     NOMINAL,
@@ -45,7 +45,7 @@ class Loop(Compensator, Margins):
     """A compensator, and the margins of its loop on the sound plant."""
 
 
-def design(plant: LinearPlant, pointing: Array, bench: Bench) -> tuple[Loop, Loop]:
+def design(plant: LinearPlant, pointing: Array, bench: TestbedConfig) -> tuple[Loop, Loop]:
     """The alpha and beta loops on the sound plant, their margins measured.
 
     Args:
@@ -69,7 +69,9 @@ def design(plant: LinearPlant, pointing: Array, bench: Bench) -> tuple[Loop, Loo
     return alpha, beta
 
 
-def designed(plant: LinearPlant, pointing: Array, bench: Bench) -> tuple[Compensator, Compensator]:
+def designed(
+    plant: LinearPlant, pointing: Array, bench: TestbedConfig
+) -> tuple[Compensator, Compensator]:
     """The (alpha, beta) compensators of :func:`design`, without margins, which take a second.
 
     Raises:
@@ -78,7 +80,7 @@ def designed(plant: LinearPlant, pointing: Array, bench: Bench) -> tuple[Compens
     return _designed(plant, pointing, bench, 0), _designed(plant, pointing, bench, 1)
 
 
-def _designed(plant: LinearPlant, pointing: Array, bench: Bench, row: int) -> Compensator:
+def _designed(plant: LinearPlant, pointing: Array, bench: TestbedConfig, row: int) -> Compensator:
     hz, angle = bench.crossover_hz[row], ANGLES[row]
     channel = control.ss(plant.A, plant.B @ pointing[:, [row]], plant.C_twist[[MAJOR[row]]], 0)
     shape = LoopShape(hz, bench.roll_off_hz, bench.roll_off_damping)
@@ -99,7 +101,7 @@ def sampled(plant: LinearPlant, gain: Array, period_s: float) -> control.StateSp
     return control.c2d(continuous, period_s, method="zoh")
 
 
-NOTHING_YET = Asked(np.zeros(2), np.zeros(6), np.zeros(6))
+NO_COMMAND = PreviousCommand(np.zeros(2), np.zeros(6), np.zeros(6))
 
 
 class HexapodGeometry:
@@ -179,7 +181,7 @@ class StrutMapping(PrioritizedMapping[Pose]):
         """
         self.geometry = geometry
         self.jacobian = jacobian
-        if stiffness is None and (goal.free or goal.loose):
+        if stiffness is None and (goal.free or goal.spring_lost):
             raise ValueError(
                 "stiffness must be given for a goal with free or loose struts, got None"
             )
@@ -198,7 +200,7 @@ def nominal_plant(model: mujoco.MjModel) -> tuple[LinearPlant, Array]:
     return linearize(sound.model, sound.data), equal.pointing_gain()
 
 
-def nominal_loops(model: mujoco.MjModel, bench: Bench) -> tuple[Loop, Loop]:
+def nominal_loops(model: mujoco.MjModel, bench: TestbedConfig) -> tuple[Loop, Loop]:
     """The compensators, designed once on the sound plant with W_a and J_0.
 
     Raises:
@@ -213,7 +215,7 @@ def controller_for(
     *,
     jacobian: JacobianChoice = "analytic",
     form: DisplacementForm = "absolute",
-) -> Controller[Pose]:
+) -> PrioritizedController[Pose]:
     """The controller of this machine for a goal.
 
     Args:
@@ -223,7 +225,7 @@ def controller_for(
         form: How eq. (41) becomes a displacement.
     """
     bench = testbed.bench
-    return Controller(
+    return PrioritizedController(
         testbed.loops,
         StrutMapping(hexapod(testbed.model), goal, jacobian, testbed.stiffness, form),
         testbed.amplifier(),

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from experiments.hexapod.choices import JacobianChoice
 from experiments.hexapod.columns import MAJOR
 from experiments.hexapod.controller import controller_for
-from experiments.hexapod.testbed import Bench, Testbed
+from experiments.hexapod.testbed import Testbed, TestbedConfig
 from experiments.output.plotting import BLACK, BLUE, SKY, VERMILION, YELLOW
-from ftc.controller import Controller
+from ftc.controller import PrioritizedController
 from ftc.fdi.diagnosis import DEFAULT_CONFIG, Diagnosis, FdiConfig
 from ftc.fdi.dither import Dither
 from ftc.fdi.fault_model import KINDS, Fault, NominalModel
@@ -125,7 +125,7 @@ def excitation(time_s: float) -> Array:
 
 
 def nominal_model(
-    model: mujoco.MjModel, bench: Bench, *, strut_sensors: bool = False
+    model: mujoco.MjModel, bench: TestbedConfig, *, strut_sensors: bool = False
 ) -> NominalModel:
     """The linear model of the machine without failures.
 
@@ -159,7 +159,9 @@ def fault_of(failure: Failure) -> Fault:
     """
     if failure.kind == "loose":
         raise ValueError(f"kind must be one of {', '.join(KINDS)}, got {failure.kind}")
-    return Fault(failure.strut, failure.kind, failure.strength if failure.kind == "weak" else 0.0)
+    return Fault(
+        failure.strut, failure.kind, failure.effectiveness if failure.kind == "weak" else 0.0
+    )
 
 
 def fault_text(fault: Fault | None) -> str:
@@ -202,7 +204,7 @@ def supervisor(
         nominal = nominal_model(testbed.model, testbed.bench, strut_sensors=strut_sensors)
     atlas = failure_atlas(elastic_system(testbed.model), MAJOR)
 
-    def controller(diagnoses: Sequence[Diagnosis]) -> Controller[Pose]:
+    def controller(diagnoses: Sequence[Diagnosis]) -> PrioritizedController[Pose]:
         known = reconfigured_goal(goal, diagnoses)
         return controller_for(testbed, known, jacobian=jacobian)
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from experiments.hexapod.controller import Loop
 from experiments.hexapod.simulation import Trajectory
-from experiments.hexapod.testbed import Bench
+from experiments.hexapod.testbed import TestbedConfig
 from experiments.output.provenance import version_properties
 from experiments.output.results import Check
 from sim import Array, element_id
@@ -73,7 +73,7 @@ def prediction_tolerance(duration_s: float) -> float:
     The noise of the detector scatters the RMS. Over a shorter part the error is smaller, as the
     spiral is, and the noise is averaged less: 1.13 % at the most over 4 s.
     """
-    return PREDICTION_TOLERANCE * (Bench().duration_s / duration_s) ** 1.5
+    return PREDICTION_TOLERANCE * (TestbedConfig().duration_s / duration_s) ** 1.5
 
 
 def closure_check(where: str, closure_residual_m: float) -> Check:

@@ -10,7 +10,7 @@ from experiments.hexapod.columns import MAJOR
 from experiments.hexapod.controller import StrutMapping, sampled
 from experiments.hexapod.fault_tolerance import nominal_model
 from experiments.hexapod.simulation import SpiralRun
-from experiments.hexapod.testbed import Bench, Testbed
+from experiments.hexapod.testbed import Testbed, TestbedConfig
 from ftc.compensator import sensitivity_peak as peak_of_sensitivity
 from ftc.fdi.dither import Dither
 from ftc.goal import Goal
@@ -91,7 +91,7 @@ def predicted_error_rad(testbed: Testbed, run: SpiralRun) -> Array | None:
     return (desired - (offset + moved))[rest:]
 
 
-def detector_noise_rad(bench: Bench, seed: int, ticks: int) -> Array:
+def detector_noise_rad(bench: TestbedConfig, seed: int, ticks: int) -> Array:
     """What the detector of a run adds to (alpha, beta), tick by tick, shape (N, 2)."""
     spot_m = bench.detector_noise_m * np.random.default_rng(seed).standard_normal((ticks, 2))
     return spot_m[:, ::-1] * np.array([1, -1]) / bench.focal_length_m
@@ -190,7 +190,10 @@ def linear_loop(
     bench = testbed.bench
     mapping = StrutMapping(hexapod(testbed.model), goal, "constant")
     time_s = bench.time_s(duration_s)
-    passed = [mapping.displacements(np.zeros(2), NOMINAL, rest_m=unit) for unit in np.eye(6)]
+    passed = [
+        mapping.displacements(np.zeros(2), NOMINAL, secondary_reference_m=unit)
+        for unit in np.eye(6)
+    ]
     return LinearLoop(
         nominal=nominal_model(testbed.model, bench),
         gain=mapping.pointing_gain(),

@@ -9,11 +9,11 @@ import numpy as np
 
 from experiments.hexapod.choices import JacobianChoice
 from experiments.hexapod.controller import controller_for
-from experiments.hexapod.testbed import Bench, Testbed
-from ftc.controller import Sensed
+from experiments.hexapod.testbed import Testbed, TestbedConfig
+from ftc.controller import Measurement
 from ftc.goal import Goal
 from ftc.mapping import DisplacementForm
-from ftc.oracle import Informed, Pilot, State
+from ftc.oracle import Controller, OracleController, State
 from sim import (
     Array,
     Failure,
@@ -100,17 +100,17 @@ def track_spiral(testbed: Testbed, run: SpiralRun) -> Trajectory:
         "floor_m_per_s2": run.floor_m_per_s2,
     }
     if run.reconfigured is None or not run.failures:
-        return fly(testbed, pilot, **options)[0]
+        return track_path(testbed, pilot, **options)[0]
     after = controller_for(testbed, run.reconfigured, jacobian=run.jacobian, form=run.form)
     first_s = min(failure.time_s for failure in run.failures)
     period_s = testbed.bench.control_period_s
     tick = 0 if first_s == 0 else ceil((run.lead_in_s + first_s) / period_s - 1e-6)
-    return fly(testbed, Informed(pilot, after, tick), **options)[0]
+    return track_path(testbed, OracleController(pilot, after, tick), **options)[0]
 
 
-def fly(
+def track_path(
     testbed: Testbed,
-    pilot: Pilot[State],
+    pilot: Controller[State],
     *,
     desired_rad: Array | None = None,
     failures: Sequence[Failure] = (),
@@ -198,10 +198,10 @@ class _Tick(NamedTuple):
 
 def _ticks(
     plant: Plant,
-    pilot: Pilot[State],
+    pilot: Controller[State],
     state: State,
     failures: Sequence[Failure],
-    bench: Bench,
+    bench: TestbedConfig,
     path: _Path,
     seed: int,
 ) -> Iterator[tuple[_Tick, State]]:
@@ -216,17 +216,17 @@ def _ticks(
         if path.floor_m_per_s2 is not None:
             plant.shake(path.floor_m_per_s2[tick])
         pose, struts_m = plant.pose(), plant.strut_displacement_m()
-        sensed = Sensed(
+        measurement = Measurement(
             pointing_rad=detector.read(pose.rotation, detector_rng),
             strut_m=strut_sensors.read(struts_m, strut_rng),
         )
-        state = pilot.step(state, desired, sensed)
+        state = pilot.step(state, desired, measurement)
         kept = _Tick(
             rotation=pose.rotation,
             translation_m=pose.translation_m,
             rotation_estimated=state.pose.rotation,
             translation_estimated_m=state.pose.translation_m,
-            measured_rad=sensed.pointing_rad,
+            measured_rad=measurement.pointing_rad,
             strut_input_percent=state.input_percent,
             strut_displacement_m=struts_m,
             closure_residual_m=np.asarray(plant.closure_residual_m()),

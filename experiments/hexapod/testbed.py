@@ -38,7 +38,7 @@ LIMITS: dict[str, tuple[float, float]] = {
 
 
 @dataclass(frozen=True)
-class Bench:
+class TestbedConfig:
     """Constants around the plant; those marked *calibrated* were set to meet Table I's W_a..W_e.
 
     Attributes:
@@ -198,7 +198,7 @@ class Testbed:
     __test__ = False  # pytest takes a class Test... for one of its own
 
     model: mujoco.MjModel
-    bench: Bench
+    bench: TestbedConfig
     loops: tuple[Compensator, Compensator]
     stiffness: Array | None = None
 
@@ -241,7 +241,7 @@ def grown_machine(model: mujoco.MjModel, growth: Growth) -> mujoco.MjModel:
     return grown
 
 
-def grown_bench(bench: Bench, growth: Growth) -> Bench:
+def grown_bench(bench: TestbedConfig, growth: Growth) -> TestbedConfig:
     """A larger spiral, a detector that sees it, and amplifiers that drive the stroke.
 
     Detector noise and crossovers stay as they are.

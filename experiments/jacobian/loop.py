@@ -11,13 +11,20 @@ import numpy as np
 
 from experiments.hexapod.choices import JacobianChoice
 from experiments.hexapod.columns import COLUMNS, MAJOR
-from experiments.hexapod.controller import NOTHING_YET, StrutMapping, nominal_loops
+from experiments.hexapod.controller import NO_COMMAND, StrutMapping, nominal_loops
 from experiments.hexapod.simulation import SpiralRun, Trajectory, track_spiral
-from experiments.hexapod.testbed import GROWTHS, Bench, Growth, Testbed, grown_bench, grown_machine
+from experiments.hexapod.testbed import (
+    GROWTHS,
+    Growth,
+    Testbed,
+    TestbedConfig,
+    grown_bench,
+    grown_machine,
+)
 from experiments.jacobian.variation import NORMS, Norm, relative_change
 from experiments.output.parallel import in_parallel
 from ftc.goal import Goal
-from ftc.mapping import Asked, DisplacementForm
+from ftc.mapping import DisplacementForm, PreviousCommand
 from sim import (
     NOMINAL,
     Array,
@@ -33,7 +40,7 @@ VARIANTS: dict[str, tuple[JacobianChoice, DisplacementForm]] = {
     "constant": ("constant", "absolute"),
     "analytic": ("analytic", "absolute"),
     "incremental": ("analytic", "incremental"),
-    "relinearized": ("analytic", "relinearized"),
+    "relinearized": ("analytic", "gauss_newton"),
 }
 """The constant Jacobian, and three ways to use the one at the present pose."""
 
@@ -99,7 +106,7 @@ def run_loop(
     Raises:
         sim.SimulationDiverged: The physics left the finite numbers.
     """
-    model, bench = load_model(), Bench()
+    model, bench = load_model(), TestbedConfig()
     shared: dict[str, Any] = {
         "testbed": Testbed(model, bench, nominal_loops(model, bench)),
         "duration_s": bench.quick_duration_s if quick else bench.duration_s,
@@ -158,13 +165,13 @@ def visit(geometry: Hexapod, strut_m: Array) -> Visited:
 
 def follow(mapping: StrutMapping, desired_rad: Array) -> Visited:
     """The path of a pointing loop that settles at every desired (alpha, beta), (T, 2)."""
-    pose, pointing, last = NOMINAL, np.zeros(2), NOTHING_YET
+    pose, pointing, last = NOMINAL, np.zeros(2), NO_COMMAND
     visited_m = []
     for desired in desired_rad:
         for _ in range(_TICKS_A_POINT):
             pointing = pointing + desired - pointing_angles(pose.rotation)
             commanded_m = mapping.displacements(pointing, pose, last.displacements_m, last)
-            last = Asked(pointing, commanded_m, last.rest_m)
+            last = PreviousCommand(pointing, commanded_m, last.secondary_reference_m)
             pose = forward_kinematics(mapping.geometry, commanded_m, start=pose)
         visited_m.append(last.displacements_m)
     return visit(mapping.geometry, np.array(visited_m))
@@ -179,7 +186,7 @@ def optimum(geometry: Hexapod, goal: Goal, pointing_rad: Array) -> Visited:
     Raises:
         RuntimeError: It does not converge.
     """
-    mapping = StrutMapping(geometry, goal, "analytic", form="relinearized")
+    mapping = StrutMapping(geometry, goal, "analytic", form="gauss_newton")
     strut_m, pose, best_m = np.zeros(6), NOMINAL, []
     for pointing in pointing_rad:
         for _ in range(_MOST_STEPS):

@@ -11,7 +11,7 @@ from experiments.hexapod.metrics import (
     pointing_rms_urad,
     rms,
 )
-from experiments.hexapod.testbed import GROWTHS, Bench, Growth
+from experiments.hexapod.testbed import GROWTHS, Growth, TestbedConfig
 from experiments.jacobian.loop import AT_NOMINAL, GROWN, VARIANTS, LoopRun, Tracked
 from experiments.jacobian.variation import NORMS, ByNorm, variation
 from experiments.output.results import Check
@@ -40,8 +40,8 @@ def summarize_loop(runs: Loops, seed: int) -> dict[str, Any]:
     growth = [_grown(runs, one, seed) | {"e_box": in_the_box(one.stroke)} for one in done]
     loop: dict[str, Any] = {
         "seed": seed,
-        "duration_s": len(trajectory.time_s) * Bench().control_period_s,
-        "spiral_duration_s": Bench().duration_s,
+        "duration_s": len(trajectory.time_s) * TestbedConfig().control_period_s,
+        "spiral_duration_s": TestbedConfig().duration_s,
         "runs": [_run(run, tracked) for run, tracked in runs.items()],
         "nominal": [_compared(runs, column, seed) for column in columns],
         "growth": growth,
@@ -145,7 +145,9 @@ def _grown(runs: Loops, growth: Growth, seed: int) -> dict[str, Any]:
     ours = {variant: runs[LoopRun(GROWN, growth, variant, seed)] for variant in VARIANTS}
     motion = {variant: tracked.trajectory.secondary for variant, tracked in ours.items()}
     drift = (motion["incremental"] - motion["relinearized"])[:, 0]
-    last_turn = slice(-round(Bench().spiral_period_s / Bench().control_period_s), None)
+    last_turn = slice(
+        -round(TestbedConfig().spiral_period_s / TestbedConfig().control_period_s), None
+    )
     analytic_urad = pointing_rms_urad(ours["analytic"].trajectory)
 
     def costs(tracked: Tracked) -> dict[str, float]:
@@ -232,9 +234,9 @@ def _paragraph(loop: dict[str, Any]) -> str:
         f"dynamics cause at nominal size. With a spiral {last['spiral_factor']:g} times as large "
         f"the goal is off by {extra['constant']:.0f} % with the constant Jacobian, "
         f"{extra['analytic']:.0f} % with that of the present pose on absolute displacements, "
-        f"{extra['incremental']:.0f} % on increments, and {extra['relinearized']:.1f} % with one "
+        f"{extra['incremental']:.0f} % on increments, and {extra['gauss_newton']:.1f} % with one "
         f"Gauss-Newton step a tick. The pointing RMS, relative to the Jacobian of the present pose "
         f"on absolute displacements, changes by {pointing['constant']:+.1f} % (constant), "
-        f"{pointing['incremental']:+.1f} % (increments) and {pointing['relinearized']:+.1f} % "
+        f"{pointing['incremental']:+.1f} % (increments) and {pointing['gauss_newton']:+.1f} % "
         f"(Gauss-Newton)."
     )

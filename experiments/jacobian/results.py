@@ -13,7 +13,7 @@ from experiments.hexapod.metrics import plant_constants
 from experiments.hexapod.recording.hexapod import Mark
 from experiments.hexapod.recording.keep import record_run
 from experiments.hexapod.recording.shown import Shown
-from experiments.hexapod.testbed import Bench, grown_bench, grown_machine
+from experiments.hexapod.testbed import TestbedConfig, grown_bench, grown_machine
 from experiments.jacobian.figure import pictures
 from experiments.jacobian.loop import VARIANTS, LoopRun, Tracked
 from experiments.jacobian.loop_results import loop_checks, loop_table, summarize_loop
@@ -53,7 +53,7 @@ def summarize(constancy: Constancy) -> dict[str, Any]:
         "seed": constancy.seed,
         "versions": versions(),
         "model_sha256": model_sha256(),
-        "bench": asdict(Bench()) | plant_constants(load_model()),
+        "bench": asdict(TestbedConfig()) | plant_constants(load_model()),
         "stroke_m": paper.STROKE_M,
         "J0": constancy.J_0.tolist(),
         "J0_from_mjcf_largest_difference": float(np.abs(constancy.J_0_mjcf - constancy.J_0).max()),
@@ -124,8 +124,8 @@ def _record(run: LoopRun, tracked: Tracked, summary: dict[str, Any], folder: Pat
     machine, (jacobian, form) = grown_machine(load_model(), run.growth), VARIANTS[run.variant]
     plain = {"seed": run.seed, "model_sha256": summary["model_sha256"], "variant": run.variant}
     growth = {"stroke_factor": run.growth.stroke, "spiral_factor": run.growth.spiral}
-    around = asdict(grown_bench(Bench(), run.growth)) | plant_constants(machine)
-    duration_s = len(tracked.trajectory.time_s) * Bench().control_period_s
+    around = asdict(grown_bench(TestbedConfig(), run.growth)) | plant_constants(machine)
+    duration_s = len(tracked.trajectory.time_s) * TestbedConfig().control_period_s
     record_run(
         folder,
         run.name,

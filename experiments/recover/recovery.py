@@ -13,14 +13,14 @@ from experiments.hexapod.fault_tolerance import (
     supervisor,
 )
 from experiments.hexapod.metrics import closure_residual_max_m
-from experiments.hexapod.simulation import Trajectory, fly
-from experiments.hexapod.testbed import Bench, Testbed
-from ftc.controller import Controller
+from experiments.hexapod.simulation import Trajectory, track_path
+from experiments.hexapod.testbed import Testbed, TestbedConfig
+from ftc.controller import PrioritizedController
 from ftc.fdi.diagnosis import Diagnosis
 from ftc.fdi.dither import Dither
 from ftc.fdi.fault_model import KINDS, Fault, FaultKind
 from ftc.goal import Goal
-from ftc.oracle import NEVER, Informed
+from ftc.oracle import NEVER, OracleController
 from ftc.supervisor import reconfigured_goal
 from sim import Array, Failure
 
@@ -38,7 +38,7 @@ BEFORE_S, AFTER_S = 1.2, 2.5
 RECOVERED_S = 0.5
 """After the failure: what counts as recovery begins here."""
 
-STRUCK = round(BEFORE_S / Bench().control_period_s)
+STRUCK = round(BEFORE_S / TestbedConfig().control_period_s)
 """Tick of the failure in each run."""
 
 _TRANSIENT_S = 0.5
@@ -48,7 +48,7 @@ _EFFECTIVENESS = 0.2, 0.8
 _EACH: list[tuple[FaultKind, int]] = [(kind, strut) for strut in range(6) for kind in KINDS]
 
 
-def controller(testbed: Testbed, goal: Goal = GOAL) -> Controller:
+def controller(testbed: Testbed, goal: Goal = GOAL) -> PrioritizedController:
     """A controller for a goal, with the constant Jacobian."""
     return controller_for(testbed, goal, jacobian="constant")
 
@@ -60,13 +60,13 @@ class Scenario:
     Attributes:
         fault: What fails.
         time_s: On the spiral.
-        rest_m: Secondary displacement at which the struts stand, shape (6,).
+        secondary_reference_m: Secondary displacement at which the struts stand, shape (6,).
         seed: Of the sensors' noise.
     """
 
     fault: Fault
     time_s: float
-    rest_m: tuple[float, ...]
+    secondary_reference_m: tuple[float, ...]
     seed: int
 
     @property
@@ -80,7 +80,7 @@ class Scenario:
 
     def dither(self, about: Dither) -> Dither:
         """The dither, about where the struts stand."""
-        return replace(about, offset=self.rest_m)
+        return replace(about, offset=self.secondary_reference_m)
 
 
 def draw(seed: int, number: int) -> list[Scenario]:
@@ -90,10 +90,10 @@ def draw(seed: int, number: int) -> list[Scenario]:
     for kind, strut in (_EACH[k % len(_EACH)] for k in range(number)):
         # Whole control periods, so that all runs of a scenario are sampled alike.
         time_s = round(float(rng.uniform(_EARLIEST_S, _LATEST_S)), 3)
-        rest_m = tuple(rng.normal(scale=_STANDING_M, size=6).tolist())
+        secondary_reference_m = tuple(rng.normal(scale=_STANDING_M, size=6).tolist())
         noise = int(rng.integers(2**32))
         left = float(rng.uniform(*_EFFECTIVENESS)) if kind == "weak" else 0.0
-        drawn.append(Scenario(Fault(strut, kind, left), time_s, rest_m, noise))
+        drawn.append(Scenario(Fault(strut, kind, left), time_s, secondary_reference_m, noise))
     return drawn
 
 
@@ -154,13 +154,13 @@ def diagnose(
     plant: mujoco.MjModel | None = None,
     **options: Any,
 ) -> tuple[Trajectory, Identification]:
-    """Simulate a run, options of `fly`, with a supervised controller.
+    """Simulate a run, options of `track_path`, with a supervised controller.
 
     `plant` is the machine, if it is not quite the model; the rest are options of `supervisor`.
     """
     pilot = supervisor(testbed, GOAL, dither=dither, **options)
     machine = testbed if plant is None else replace(testbed, model=plant)
-    trajectory, state = fly(machine, pilot, **run)
+    trajectory, state = track_path(machine, pilot, **run)
     failures = run["failures"]
     struck = round((failures[0].time_s - run["begin_s"]) / testbed.bench.control_period_s)
     return trajectory, Identification(
@@ -186,8 +186,8 @@ def identify(
 def fault_unaware(testbed: Testbed, scenario: Scenario) -> Trajectory:
     """The same run by a controller that goes on as if nothing had happened."""
     pilot = controller(testbed)
-    unaware = Informed(pilot, pilot, NEVER, secondary=scenario.dither(DITHER).at)
-    return fly(testbed, unaware, **scenario.run)[0]
+    unaware = OracleController(pilot, pilot, NEVER, secondary=scenario.dither(DITHER).at)
+    return track_path(testbed, unaware, **scenario.run)[0]
 
 
 def informed(
@@ -200,11 +200,13 @@ def informed(
     tick = STRUCK + round(late_s / testbed.bench.control_period_s)
     news = Diagnosis(fault, 1.0, 1.0, displacement_m, STRUCK, STRUCK, tick, confirmed=True)
     after = controller(testbed, reconfigured_goal(GOAL, [news]))
-    falling_m = np.zeros(6)
+    lost_displacement_m = np.zeros(6)
     if fault.kind != "locked" and late_s == 0:
-        falling_m[fault.actuator] = (1 - fault.effectiveness) * displacement_m
-    pilot = Informed(controller(testbed), after, tick, falling_m, scenario.dither(DITHER).at)
-    return fly(testbed, pilot, **scenario.run)[0]
+        lost_displacement_m[fault.actuator] = (1 - fault.effectiveness) * displacement_m
+    pilot = OracleController(
+        controller(testbed), after, tick, lost_displacement_m, scenario.dither(DITHER).at
+    )
+    return track_path(testbed, pilot, **scenario.run)[0]
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from experiments.hexapod.metrics import closure_check, recording_properties
 from experiments.hexapod.recording.keep import record_run
 from experiments.hexapod.recording.shown import Shown
 from experiments.hexapod.simulation import Trajectory
-from experiments.hexapod.testbed import Bench
+from experiments.hexapod.testbed import TestbedConfig
 from experiments.output.provenance import versions
 from experiments.output.results import Check, Results
 from experiments.output.tables import Column, Table, tabulate
@@ -75,13 +75,13 @@ def summarize(outcome: Recover) -> dict[str, Any]:
         "versions": versions(),
         "model_sha256": model_sha256(),
         "jacobian": "constant",
-        "bench": asdict(Bench()) | outcome.plant,
+        "bench": asdict(TestbedConfig()) | outcome.plant,
         "rules": config,
         "dither": {
             "amplitude_m": DITHER.amplitude,
             "frequency_hz": DITHER.frequency_hz,
             "direction": list(DITHER.direction),
-            "rest_m": np.broadcast_to(DITHER.offset, 6).tolist(),
+            "secondary_reference_m": np.broadcast_to(DITHER.offset, 6).tolist(),
         },
         "recovered_from_s": RECOVERED_S,
         "isolation": _isolation(recoveries, outcome.predicted),
@@ -223,7 +223,7 @@ def notes(summary: dict[str, Any]) -> list[str]:
         ),
         f"After recovery the RMS error is {over['pooled']:.4f} times that of a controller informed "
         f"at once; {over['worst_case']:.4f} times in the worst case.",
-        f"False alarms: {_alarms(alarms['flown'])} as simulated, "
+        f"False alarms: {_alarms(alarms['simulated'])} as simulated, "
         f"{_alarms(alarms['with_fresh_noise'])} in the same runs with fresh noise.",
         f"The dither changes the RMS error without failures by {change:.1e} urad, another seed by "
         f"{reseeded:.1e} urad.",
@@ -291,7 +291,7 @@ def _delays_ms(recoveries: Sequence[Recovery], kind: str) -> dict[str, Any]:
 def _quantiles_ms(ticks: Sequence[int]) -> dict[str, float] | None:
     if not ticks:
         return None
-    levels = 1e3 * Bench().control_period_s * np.quantile(ticks, (0.5, 0.95, 1.0))
+    levels = 1e3 * TestbedConfig().control_period_s * np.quantile(ticks, (0.5, 0.95, 1.0))
     return dict(zip(("median", "percentile_95", "largest"), levels.tolist(), strict=True))
 
 
@@ -335,7 +335,7 @@ def _beliefs(beliefs: Sequence[dict[str, Any]]) -> dict[str, Any]:
 
 
 def _succession(run: Trajectory, found: Identification) -> dict[str, Any]:
-    error_urad, last_second = pointing_error_urad(run), round(1 / Bench().control_period_s)
+    error_urad, last_second = pointing_error_urad(run), round(1 / TestbedConfig().control_period_s)
     happened = [{"strut": e.strut + 1, "kind": e.kind, "time_s": e.time_s} for e in found.failures]
     return {
         "happened": happened,

@@ -11,7 +11,7 @@ from scipy.stats import binomtest, chi2
 
 from experiments.hexapod.fault_tolerance import STILL, excitation, fault_text, nominal_model
 from experiments.hexapod.metrics import pointing_rms_urad
-from experiments.hexapod.simulation import fly
+from experiments.hexapod.simulation import track_path
 from experiments.hexapod.testbed import Testbed
 from experiments.recover.recovery import (
     DITHER,
@@ -29,7 +29,7 @@ from ftc.fdi.diagnosis import DEFAULT_CONFIG
 from ftc.fdi.dither import Dither
 from ftc.fdi.fault_model import Fault, NominalModel, fault_model
 from ftc.fdi.residual_test import ResidualTest, residual_test
-from ftc.oracle import NEVER, Informed
+from ftc.oracle import NEVER, OracleController
 from sim import Array
 
 LATE_S = (0.03, 0.1, 0.3, 1.0)
@@ -117,8 +117,8 @@ def dither_cost(testbed: Testbed, scenario: Scenario, duration_s: float) -> dict
     pilot = controller(testbed)
 
     def rms_urad(dither: Dither, seed: int) -> Array:
-        never = Informed(pilot, pilot, NEVER, secondary=scenario.dither(dither).at)
-        return pointing_rms_urad(fly(testbed, never, seed=seed, duration_s=duration_s)[0])
+        never = OracleController(pilot, pilot, NEVER, secondary=scenario.dither(dither).at)
+        return pointing_rms_urad(track_path(testbed, never, seed=seed, duration_s=duration_s)[0])
 
     still = rms_urad(STILL, scenario.seed)
     swinging, reseeded = rms_urad(DITHER, scenario.seed), rms_urad(STILL, scenario.seed + 1)
@@ -173,9 +173,9 @@ def _fault_free(
 ) -> tuple[Array, Array, Array]:
     """Commands from each tick on (N, 6); whitened (alpha, beta), measured and true, (N, 2) each."""
     pilot = controller(testbed)
-    never = Informed(pilot, pilot, NEVER, secondary=secondary)
+    never = OracleController(pilot, pilot, NEVER, secondary=secondary)
     machine = testbed if plant is None else replace(testbed, model=plant)
-    run, _ = fly(machine, never, seed=seed, duration_s=duration_s)
+    run, _ = track_path(machine, never, seed=seed, duration_s=duration_s)
     commanded_m = pilot.amplifier.displacement_m(run.strut_input_percent)
     return commanded_m, run.measured_rad / nominal.noise, run.true_rad / nominal.noise
 

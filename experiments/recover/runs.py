@@ -12,7 +12,7 @@ from experiments.hexapod.fault_tolerance import fault_of, fault_text
 from experiments.hexapod.metrics import plant_constants
 from experiments.hexapod.recording.hexapod import Mark
 from experiments.hexapod.simulation import Trajectory
-from experiments.hexapod.testbed import Bench, Testbed
+from experiments.hexapod.testbed import Testbed, TestbedConfig
 from experiments.output.parallel import in_parallel
 from experiments.recover import predictions, robustness
 from experiments.recover.predictions import FREQUENCIES_HZ, SETTINGS, Setting
@@ -152,7 +152,7 @@ def run_recover(
         quick: A small set.
         on_progress: Called with finished and total number of jobs.
     """
-    model, bench = load_model(), Bench()
+    model, bench = load_model(), TestbedConfig()
     testbed = Testbed(model, bench, nominal_loops(model, bench))
     done = _by_name(testbed, _jobs(seed, quick), on_progress)
     simulated, redrawn, model_errors_urad = zip(*done["fault_free"], strict=True)

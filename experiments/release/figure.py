@@ -27,11 +27,11 @@ def figure_release(release: Release, summary: dict[str, Any]) -> Figure:
     """The sweep over stiffness, and strut 1 losing coil and spring in flight."""
     figure = new_figure(PAGE_IN, 4.9)
     figure.suptitle("Strut 1 without its coil: the springs decide where the payload goes")
-    (reached, off), (free, loose) = figure.subplots(2, 2)
+    (reached, off), (free, spring_lost) = figure.subplots(2, 2)
     _reached(reached, summary["sweep"])
     _off(off, summary["sweep"])
     _spiral(free, release, "free_in_flight_corrected")
-    _spiral(loose, release, "loose_in_flight_corrected")
+    _spiral(spring_lost, release, "loose_in_flight_corrected")
     return figure
 
 

@@ -20,7 +20,7 @@ from experiments.hexapod.metrics import (
 from experiments.hexapod.recording.hexapod import Mark
 from experiments.hexapod.recording.keep import record_run
 from experiments.hexapod.recording.shown import Shown
-from experiments.hexapod.testbed import Bench
+from experiments.hexapod.testbed import TestbedConfig
 from experiments.output.provenance import versions
 from experiments.output.results import Check, Results
 from experiments.output.tables import Column, Table, tabulate
@@ -63,8 +63,8 @@ def summarize(release: Release) -> dict[str, Any]:
         "versions": versions(),
         "model_sha256": model_sha256(),
         "jacobian": "constant",
-        "duration_s": len(run.time_s) * Bench().control_period_s,
-        "bench": asdict(Bench()) | plant_constants(model),
+        "duration_s": len(run.time_s) * TestbedConfig().control_period_s,
+        "bench": asdict(TestbedConfig()) | plant_constants(model),
         "spirals": [_spiral(release, case, orbit) for case in release.cases],
         "sweep": release.sweep,
         "on_the_ground_without_spring": release.fall,

@@ -16,7 +16,7 @@ from experiments.hexapod.controller import nominal_loops
 from experiments.hexapod.fault_tolerance import elastic_system, strut_and_payload_stiffness
 from experiments.hexapod.prediction import predicted_motion, predicted_rms_rad, sensitivity_peak
 from experiments.hexapod.simulation import SpiralRun, Trajectory, track_spiral
-from experiments.hexapod.testbed import Bench, Testbed
+from experiments.hexapod.testbed import Testbed, TestbedConfig
 from experiments.output.parallel import in_parallel
 from experiments.release.statics import STRUT, fall, released_statics
 from ftc.goal import Goal
@@ -57,7 +57,11 @@ class Case:
         if self.told == "as_locked":
             return replace(_EQUAL, locked_m={STRUT: 0.0})
         known = (STRUT,)
-        return replace(_EQUAL, free=known) if self.kind == "free" else replace(_EQUAL, loose=known)
+        return (
+            replace(_EQUAL, free=known)
+            if self.kind == "free"
+            else replace(_EQUAL, spring_lost=known)
+        )
 
 
 def cases(half_s: float) -> tuple[Case, ...]:
@@ -102,7 +106,7 @@ def run_release(
     Raises:
         sim.SimulationDiverged: The physics left the finite numbers.
     """
-    ground, bench = load_model(), Bench()
+    ground, bench = load_model(), TestbedConfig()
     orbit, stiffness = weightless(ground), strut_and_payload_stiffness(ground)
     on_ground = Testbed(ground, bench, nominal_loops(ground, bench), stiffness)
     in_orbit = replace(on_ground, model=orbit)

@@ -26,20 +26,20 @@ def released_statics(model: mujoco.MjModel, ratio: float) -> dict[str, float]:
     soft = {STRUT: ratio * swing_n_per_m}
     failed = elastic_system(model, soft).with_failures(free=[STRUT]).kinematics()
     sound = elastic_system(model).kinematics()
-    deaf = sound.velocity_mapping(MAJOR, joint_weight=np.ones(6))(_ASKED_RAD)
+    fault_unaware = sound.velocity_mapping(MAJOR, joint_weight=np.ones(6))(_ASKED_RAD)
     told = failed.expand(failed.velocity_mapping(MAJOR, joint_weight=np.ones(6))(_ASKED_RAD))
-    expected = failed.J @ deaf[failed.actuators]
-    locked = np.delete(sound.J, STRUT, axis=1) @ deaf[failed.actuators]
+    expected = failed.J @ fault_unaware[failed.actuators]
+    locked = np.delete(sound.J, STRUT, axis=1) @ fault_unaware[failed.actuators]
 
     plant = _released(model, soft[STRUT])
     at_rest = linearize(plant.model, plant.data)
     # Here the coils are forces against springs, and the struts that still have one yield a little.
-    linear = -at_rest.C_twist @ np.linalg.solve(at_rest.A, at_rest.B @ deaf)
-    twist, extension_m = _at_rest(plant, deaf)
+    linear = -at_rest.C_twist @ np.linalg.solve(at_rest.A, at_rest.B @ fault_unaware)
+    twist, extension_m = _at_rest(plant, fault_unaware)
     models = {"elastic": expected, "linear_model": linear, "as_if_locked": locked}
     corrected, _ = _at_rest(_released(model, soft[STRUT]), told)
     passive = list(failed.passive).index(sound.active[STRUT])
-    follows = failed.passive_rates(deaf[failed.actuators])[passive]
+    follows = failed.passive_rates(fault_unaware[failed.actuators])[passive]
     return {
         "suspension_over_swing": ratio,
         "suspension_n_per_m": soft[STRUT],

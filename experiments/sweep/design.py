@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 from scipy.stats import qmc
 
-from experiments.hexapod.testbed import Bench, check_within
+from experiments.hexapod.testbed import TestbedConfig, check_within
 from experiments.output.study import WrongInput
 from experiments.sweep.sweep_run import (
     KINDS,
@@ -103,13 +103,13 @@ def read_design(path: Path | None) -> Design:
 def _design(content: dict[str, Any]) -> Design:
     _only(content, {"layout", "runs", "duration_s", "vary"}, "")
     layout, runs, vary = (content.get(name) for name in ("layout", "runs", "vary"))
-    duration_s = content.get("duration_s", Bench().quick_duration_s)
+    duration_s = content.get("duration_s", TestbedConfig().quick_duration_s)
     if layout not in ("latin-hypercube", "grid"):
         raise WrongInput(f'layout must be "latin-hypercube" or "grid", got {layout!r}')
     if not isinstance(vary, dict) or not vary:
         raise WrongInput(f"[vary] must name something to vary, got {vary!r}")
     factors = [_factor(name, value, layout) for name, value in vary.items()]
-    check_within("duration_s", duration_s, _longest_period_s(factors), Bench().duration_s)
+    check_within("duration_s", duration_s, _longest_period_s(factors), TestbedConfig().duration_s)
     if layout == "grid":
         if runs is not None:
             raise WrongInput(f"runs must be left out of a grid, which counts its own, got {runs!r}")
@@ -175,7 +175,7 @@ def _longest_period_s(factors: Sequence[Factor]) -> float:
     for each in factors:
         if each.name == "control_period_s":
             return each.high if isinstance(each, Range) else max(map(float, each.values))
-    return Bench().control_period_s
+    return TestbedConfig().control_period_s
 
 
 def _only(table: dict[str, Any], known: set[str], where: str) -> None:

@@ -18,7 +18,7 @@ from experiments.hexapod.fault_tolerance import (
 from experiments.hexapod.metrics import closure_residual_max_m, pointing_rms_urad, rms
 from experiments.hexapod.prediction import detector_noise_rad, driven_loop
 from experiments.hexapod.simulation import SpiralRun, Trajectory, track_spiral
-from experiments.hexapod.testbed import Bench, Testbed
+from experiments.hexapod.testbed import Testbed, TestbedConfig
 from experiments.sweep.sweep_run import KINDS, SweepRun
 from ftc.compensator import Compensator
 from prioritized import FailureAtlas, failure_atlas
@@ -84,7 +84,7 @@ _nominal_plant = cache(lambda: nominal_plant(machine()))
 
 
 @lru_cache(maxsize=64)
-def loops(bench: Bench) -> tuple[Compensator, Compensator]:
+def loops(bench: TestbedConfig) -> tuple[Compensator, Compensator]:
     """The (alpha, beta) compensators of a bench; `ModelError` if they cannot be closed."""
     return designed(*_nominal_plant(), bench)
 

@@ -7,7 +7,7 @@ from typing import Any, Literal, get_args
 from experiments.hexapod.choices import JacobianChoice
 from experiments.hexapod.columns import COLUMNS
 from experiments.hexapod.testbed import LIMITS as BENCH_LIMITS
-from experiments.hexapod.testbed import Bench
+from experiments.hexapod.testbed import TestbedConfig
 from ftc.goal import Goal
 from sim import Failure
 
@@ -23,7 +23,7 @@ _NOT_SWEPT = (
 )
 """How long a run lasts is the design's; `fjh uncorrected` varies the spiral and the limit."""
 
-BENCH = tuple(field.name for field in fields(Bench) if field.name not in _NOT_SWEPT)
+BENCH = tuple(field.name for field in fields(TestbedConfig) if field.name not in _NOT_SWEPT)
 """Constants of the bench that a design can vary."""
 
 _ONES = (1.0,) * 6
@@ -134,7 +134,7 @@ class SweepRun:
     joint_weight: tuple[float, ...] | None
     secondary_weight: tuple[float, ...] | None
     jacobian: JacobianChoice
-    bench: Bench
+    bench: TestbedConfig
 
     @property
     def failures(self) -> tuple[Failure, ...]:
@@ -154,11 +154,13 @@ class SweepRun:
         """Goal after them; locked struts are taken to be at the centre."""
         if not self.known:
             return self.goal
-        locked, free, loose = (
+        locked, free, spring_lost = (
             tuple(failure.strut for failure in self.failures if failure.kind == kind)
             for kind in ("locked", "free", "loose")
         )
-        return replace(self.goal, locked_m=dict.fromkeys(locked, 0.0), free=free, loose=loose)
+        return replace(
+            self.goal, locked_m=dict.fromkeys(locked, 0.0), free=free, spring_lost=spring_lost
+        )
 
     def parameters(self) -> dict[str, Any]:
         """The columns in which runs of a sweep differ before they are simulated."""
@@ -189,7 +191,7 @@ def sweep_run(number: int, duration_s: float, varied: Mapping[str, Value]) -> Sw
         joint_weight=joint and _times(joint, ACTIVE, varied),
         secondary_weight=secondary and _times(secondary, SECONDARY, varied),
         jacobian="constant" if varied.get("jacobian") == "constant" else "analytic",
-        bench=replace(Bench(), **bench),
+        bench=replace(TestbedConfig(), **bench),
     )
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 from experiments.hexapod.recording.shown import constants
 from experiments.output.provenance import version_properties, versions
-from experiments.output.recording.file import About
+from experiments.output.recording.file import RecordingInfo
 from experiments.output.recording.mechanism import Driven, write_mechanism
 from experiments.output.recording.views import Plot, Task
 from experiments.output.results import Check, Results
@@ -147,7 +147,7 @@ def _record(
         notes += [f"## {in_words(one.condition)}", "", *sentences, ""]
     identity = f"systems-{mechanism.name}-seed{summary['seed']}"
     text = "\n".join([*notes, *constants(properties)])
-    about = About(identity, mechanism.title, text, properties)
+    about = RecordingInfo(identity, mechanism.title, text, properties)
     driven = {in_words(one.condition): _driven(one) for one in ours}
     write_mechanism(folder / f"{mechanism.name}.rrd", about, load_model(mechanism.path), driven)
 

@@ -9,7 +9,7 @@ from experiments.hexapod.controller import Loop, nominal_loops
 from experiments.hexapod.metrics import plant_constants, rms
 from experiments.hexapod.prediction import predicted_error_rad, predicted_rms_rad
 from experiments.hexapod.simulation import SpiralRun, Trajectory, track_spiral
-from experiments.hexapod.testbed import Bench, Testbed
+from experiments.hexapod.testbed import Testbed, TestbedConfig
 from experiments.output.parallel import in_parallel
 from experiments.output.study import OnProgress
 from sim import Array, ModelError, load_model, model_sha256
@@ -25,7 +25,7 @@ class Configuration:
     """
 
     name: ConfigurationName
-    bench: Bench
+    bench: TestbedConfig
     last_column: str
     fit: str
 
@@ -46,14 +46,14 @@ _LEVELS = (
 CONFIGURATIONS: dict[ConfigurationName, Configuration] = {
     "calibrated": Configuration(
         "calibrated",
-        Bench(),
+        TestbedConfig(),
         "predicted",
         f"{_LEVELS}; nothing was fitted to the two entries of the last column.",
     ),
     # Of the settings that docs/uncorrected.md maps, the one that fits the fewest numbers.
     "demand-limit": Configuration(
         "demand-limit",
-        Bench(spiral_direction=-1, demand_limit_urad=95.0),
+        TestbedConfig(spiral_direction=-1, demand_limit_urad=95.0),
         "fitted",
         f"{_LEVELS}. Fitted to the two entries of the last column: the demand limit, one number, "
         "and the direction of the spiral, one of two.",

@@ -15,7 +15,7 @@ from experiments.hexapod.columns import COLUMNS as TABLE_I
 from experiments.hexapod.controller import StrutMapping
 from experiments.hexapod.paper import TABLE_I_URAD
 from experiments.hexapod.simulation import SpiralRun
-from experiments.hexapod.testbed import Bench
+from experiments.hexapod.testbed import TestbedConfig
 from ftc.goal import Goal
 from sim import Array, Plant, hexapod, linearize
 
@@ -35,7 +35,7 @@ CORRECTED_TOLERANCE = 0.25
 """How near W_d and W_e must stay to the paper's."""
 
 _CHOICES = ("anti_windup", "spiral_exponent", "spiral_direction")
-_BENCH = Bench()
+_BENCH = TestbedConfig()
 BENCH_DAMPING = 0.106
 """Of the pointing modes in `models/fjh.xml`; `pointing_mode` says so."""
 
@@ -74,7 +74,7 @@ def pointing_mode(model: mujoco.MjModel) -> tuple[float, float]:
     return float(abs(pole) / (2 * np.pi)), float(-pole.real / abs(pole))
 
 
-def floor_acceleration(bench: Bench, velocity_m_per_s: float, seed: int) -> Array:
+def floor_acceleration(bench: TestbedConfig, velocity_m_per_s: float, seed: int) -> Array:
     """Acceleration of a floor that meets a vibration criterion exactly, shape (N, 3), [m]/[s^2].
 
     The RMS velocity in every one-third-octave band from 8 to 80 Hz is the criterion's, in each of
@@ -118,7 +118,7 @@ class Candidate:
         return self.bench.amplifier_limit_a < _BENCH.amplifier_limit_a
 
     @property
-    def bench(self) -> Bench:
+    def bench(self) -> TestbedConfig:
         """Around the plant. Less damping needs more rest before the run."""
         ratio = self.damping_ratio or BENCH_DAMPING
         rest_s = _BENCH.settling_s * max(1.0, BENCH_DAMPING / ratio)

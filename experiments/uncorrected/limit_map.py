@@ -11,7 +11,7 @@ from experiments.hexapod.controller import Loop
 from experiments.hexapod.metrics import rms
 from experiments.hexapod.paper import TABLE_I_URAD
 from experiments.hexapod.prediction import detector_noise_rad, driven_plant
-from experiments.hexapod.testbed import Bench
+from experiments.hexapod.testbed import TestbedConfig
 from experiments.uncorrected.candidates import COLUMNS, RATIO_TOLERANCE
 from experiments.uncorrected.predicted import gain_and_plant
 from ftc.linear_loop import limited_response
@@ -38,7 +38,7 @@ class LimitGrid:
         spirals = (len(self.exponent), len(self.direction), len(self.start_deg))
         return (*spirals, len(ANTI_WINDUP), len(self.limit_over_radius))
 
-    def benches(self, bench: Bench) -> list[Bench]:
+    def benches(self, bench: TestbedConfig) -> list[TestbedConfig]:
         """One for each spiral, in the order of the map."""
         return [
             replace(
@@ -62,7 +62,7 @@ def limit_grid(*, quick: bool) -> LimitGrid:
 
 def limit_row(
     model: mujoco.MjModel,
-    bench: Bench,
+    bench: TestbedConfig,
     loops: tuple[Loop, Loop],
     limit_over_radius: Array,
     seed: int,

@@ -15,7 +15,7 @@ from experiments.hexapod.prediction import (
     predicted_error_rad,
     sensitivity_peak,
 )
-from experiments.hexapod.testbed import Bench, Testbed
+from experiments.hexapod.testbed import Testbed, TestbedConfig
 from experiments.uncorrected.candidates import (
     COLUMNS,
     EXPERIMENTS,
@@ -128,7 +128,11 @@ def offsets_m(*, quick: bool) -> Array:
 
 
 def beam_walk_urad(
-    model: mujoco.MjModel, bench: Bench, loops: tuple[Loop, Loop], offset_m: float, seed: int
+    model: mujoco.MjModel,
+    bench: TestbedConfig,
+    loops: tuple[Loop, Loop],
+    offset_m: float,
+    seed: int,
 ) -> Array:
     """RMS errors of the linear loops, shape (4, 2, 2), [urad]; infinite where a loop is unstable.
 

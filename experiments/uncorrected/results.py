@@ -21,7 +21,7 @@ from experiments.hexapod.recording.hexapod import Mark
 from experiments.hexapod.recording.keep import record_run
 from experiments.hexapod.recording.shown import Shown
 from experiments.hexapod.simulation import Trajectory
-from experiments.hexapod.testbed import Bench
+from experiments.hexapod.testbed import TestbedConfig
 from experiments.output.provenance import versions
 from experiments.output.results import Check, Results
 from experiments.uncorrected.answer import paragraph, table
@@ -94,7 +94,7 @@ def summarize(study: Uncorrected) -> dict[str, Any]:
         "model_sha256": model_sha256(),
         "jacobian": "constant",
         "duration_s": study.duration_s,
-        "bench": asdict(Bench()) | plant_constants(model),
+        "bench": asdict(TestbedConfig()) | plant_constants(model),
         "paper": {
             "alpha_ratio": PAPER_RATIOS[0],
             "beta_ratio": PAPER_RATIOS[1],
@@ -205,7 +205,7 @@ def _signature(run: Trajectory | float) -> dict[str, Any] | None:
     squared = np.square(run.desired_rad - run.true_rad).sum(axis=1)
     outer = run.time_s >= 0.75 * run.time_s[-1]
     reach = np.abs(run.true_rad[outer]).max(axis=0) / np.abs(run.desired_rad[outer]).max(axis=0)
-    first_turn = squared[run.time_s < Bench().spiral_period_s]
+    first_turn = squared[run.time_s < TestbedConfig().spiral_period_s]
     return {
         "outer_reach_percent": (100 * reach).tolist(),
         "largest_error_first_turn_urad": 1e6 * float(np.sqrt(first_turn.max())),

@@ -7,7 +7,7 @@ import numpy as np
 
 from experiments.hexapod.controller import nominal_loops
 from experiments.hexapod.simulation import SpiralRun, Trajectory, track_spiral
-from experiments.hexapod.testbed import Bench, Testbed
+from experiments.hexapod.testbed import Testbed, TestbedConfig
 from experiments.output.parallel import in_parallel
 from experiments.output.study import OnProgress
 from experiments.uncorrected.candidates import BENCH, CANDIDATES, COLUMNS, RETUNED, Candidate
@@ -59,7 +59,7 @@ def run_uncorrected(*, seed: int, quick: bool, on_progress: OnProgress) -> Uncor
 
     With `quick` the first seconds of the spiral, three candidates and coarse maps.
     """
-    model, bench = load_model(), Bench()
+    model, bench = load_model(), TestbedConfig()
     duration_s = bench.quick_duration_s if quick else bench.duration_s
     chosen = tuple(c for c in CANDIDATES if not quick or c.name in QUICK_CANDIDATES)
     calls = [{"candidate": c, "seed": seed, "duration_s": duration_s} for c in chosen]
@@ -125,7 +125,7 @@ def _map(where: Grid, seed: int, on_progress: OnProgress) -> tuple[Array, Array]
     calls = [
         {
             "model": load_model(),
-            "bench": Bench(),
+            "bench": TestbedConfig(),
             "damping_ratio": ratio,
             "alpha_crossover_hz": where.alpha_crossover_hz,
             "roll_off_hz": roll_off_hz,

@@ -11,7 +11,7 @@ from experiments.hexapod.controller import designed, nominal_loops
 from experiments.hexapod.metrics import pointing_rms_urad, rms
 from experiments.hexapod.prediction import detector_noise_rad, driven_loop, predicted_error_rad
 from experiments.hexapod.simulation import Trajectory
-from experiments.hexapod.testbed import Bench, Testbed
+from experiments.hexapod.testbed import Testbed, TestbedConfig
 from experiments.uncorrected.candidates import BENCH, COLUMNS, PAPER_RATIOS, RATIO_TOLERANCE, damped
 from experiments.uncorrected.predicted import gain_and_plant
 from sim import Array, ModelError, linearize, load_model
@@ -40,7 +40,7 @@ def grid(*, quick: bool) -> Grid:
     )
 
 
-def at_crossover(bench: Bench, alpha_hz: float, roll_off_hz: float) -> Bench:
+def at_crossover(bench: TestbedConfig, alpha_hz: float, roll_off_hz: float) -> TestbedConfig:
     """The bench with other loops."""
     beta_hz = alpha_hz * bench.beta_crossover_hz / bench.alpha_crossover_hz
     return replace(
@@ -50,7 +50,7 @@ def at_crossover(bench: Bench, alpha_hz: float, roll_off_hz: float) -> Bench:
 
 def map_row(
     model: mujoco.MjModel,
-    bench: Bench,
+    bench: TestbedConfig,
     damping_ratio: float,
     alpha_crossover_hz: Array,
     roll_off_hz: float,
@@ -84,7 +84,7 @@ def map_row(
     return errors, poles
 
 
-def _error_rad(T: control.StateSpace, bench: Bench, seed: int) -> Array:
+def _error_rad(T: control.StateSpace, bench: TestbedConfig, seed: int) -> Array:
     time_s = bench.time_s(bench.duration_s)
     desired = bench.desired_rad(time_s)
     driven = np.zeros((len(time_s), T.ninputs))
@@ -132,7 +132,7 @@ def checked_calls(seed: int) -> list[dict[str, Any]]:
     calls = []
     for ratio, alpha_hz, roll_off_hz in CHECKED_POINTS:
         machine = damped(load_model(), ratio)
-        bench = at_crossover(Bench(), alpha_hz, roll_off_hz)
+        bench = at_crossover(TestbedConfig(), alpha_hz, roll_off_hz)
         testbed = Testbed(machine, bench, nominal_loops(machine, bench))
         both = (BENCH.run(column, seed) for column in ("W_a", "W_a_uncorrected"))
         calls += [{"testbed": testbed, "run": run} for run in both]

@@ -15,7 +15,7 @@ from experiments.hexapod.recording.screens import RATE_HZ, write_run
 from experiments.hexapod.recording.shown import Shown, run_notes
 from experiments.hexapod.simulation import Trajectory
 from experiments.output.files import write_arrays
-from experiments.output.recording.file import TIMELINE, About, at_most
+from experiments.output.recording.file import TIMELINE, RecordingInfo, at_most
 from experiments.output.study import WrongInput
 from sim import Array
 
@@ -39,7 +39,7 @@ class NoRunError(WrongInput):
 
 
 @dataclass(frozen=True)
-class Kept:
+class RecordedRun:
     """A run read back, with its marks; the experiment and its parameters are in the recording.
 
     Where there is no recording beside the data, they are empty.
@@ -74,11 +74,11 @@ def record_run(
         "marks": json.dumps([asdict(mark) for mark in shown.marks]),
     }
     write_arrays(folder / f"{name}.npz", asdict(shown.run) | (further or {}))
-    about = About(identity, name, notes, properties | for_reading)
+    about = RecordingInfo(identity, name, notes, properties | for_reading)
     write_run(folder / f"{name}.rrd", about, model, shown)
 
 
-def read_run(path: Path) -> Kept:
+def read_run(path: Path) -> RecordedRun:
     """A run, with what :func:`record_run` wrote beside it.
 
     Raises:
@@ -92,7 +92,7 @@ def read_run(path: Path) -> Kept:
         raise WrongInput(f"{path} is not a readable .npz file") from None
     run, recording = whole_run(str(path), arrays), path.with_suffix(".rrd")
     if not recording.is_file():
-        return Kept(Shown(run), "", {})
+        return RecordedRun(Shown(run), "", {})
     try:
         properties, true_urad = _read_recording(recording)
     except Exception as error:  # the reader's own errors have no common class
@@ -104,7 +104,7 @@ def read_run(path: Path) -> Kept:
         marks = marks_from(properties.pop("marks", "[]"), end_s=float(run.time_s[-1]))
     except ValueError as error:
         raise WrongInput(f"{recording} has invalid marks: {error}") from None
-    return Kept(Shown(run, marks), str(properties.pop("experiment", "")), properties)
+    return RecordedRun(Shown(run, marks), str(properties.pop("experiment", "")), properties)
 
 
 def _read_recording(path: Path) -> tuple[dict[str, Any], Array]:

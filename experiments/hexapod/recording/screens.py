@@ -8,7 +8,7 @@ import rerun.blueprint as rrb
 
 from experiments.hexapod.recording.hexapod import log_marks
 from experiments.hexapod.recording.shown import Scales, Shown, log_shown, scales_of
-from experiments.output.recording.file import About, recording_file, round_up, screen
+from experiments.output.recording.file import RecordingInfo, recording_file, round_up, screen
 from experiments.output.recording.mechanism import machine_tabs
 from experiments.output.recording.views import Plot, notes_view, plane_view, plot_views
 
@@ -31,7 +31,7 @@ _SHORT = {"pointing/error": "error ±{:.3g} urad", "strut/input": "inputs ±{:.3
 _SHORT |= {"secondary/true": "SDOF ±{:.3g} urad, um"}
 
 
-def write_run(path: Path, about: About, model: mujoco.MjModel, shown: Shown) -> None:
+def write_run(path: Path, about: RecordingInfo, model: mujoco.MjModel, shown: Shown) -> None:
     """Write one run as an `.rrd` file, drawn as the hexapod of this MJCF."""
     scales = scales_of([shown.run])
     with recording_file(path, about, _single(model, shown, scales)) as recording:
@@ -41,7 +41,7 @@ def write_run(path: Path, about: About, model: mujoco.MjModel, shown: Shown) -> 
 
 
 def write_side_by_side(
-    path: Path, about: About, model: mujoco.MjModel, shown: Mapping[str, Shown]
+    path: Path, about: RecordingInfo, model: mujoco.MjModel, shown: Mapping[str, Shown]
 ) -> None:
     """Write runs of the same machine, by their names, as one `.rrd` file: a column each."""
     scales = scales_of([one.run for one in shown.values()])

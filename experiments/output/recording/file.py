@@ -24,7 +24,7 @@ _ROUND = (1, 2, 5, 10)
 
 
 @dataclass(frozen=True)
-class About:
+class RecordingInfo:
     """What a recording states about itself."""
 
     recording_id: str  # experiment, run and seed
@@ -42,7 +42,7 @@ class About:
 
 @contextmanager
 def recording_file(
-    path: Path, about: About, blueprint: rrb.Blueprint
+    path: Path, about: RecordingInfo, blueprint: rrb.Blueprint
 ) -> Iterator[rr.RecordingStream]:
     """A recording to log into: with its views, properties and notes it is written on leaving.
 

@@ -15,7 +15,7 @@ from experiments.output.recording import Array
 from experiments.output.recording import views as beside
 from experiments.output.recording.file import (
     TIMELINE,
-    About,
+    RecordingInfo,
     at_most,
     recording_file,
     round_down,
@@ -171,7 +171,7 @@ class Driven:
 
 
 def write_mechanism(
-    path: Path, about: About, model: mujoco.MjModel, conditions: Mapping[str, Driven]
+    path: Path, about: RecordingInfo, model: mujoco.MjModel, conditions: Mapping[str, Driven]
 ) -> None:
     """Write one mechanism in several conditions as an `.rrd` file.
 
