@@ -178,12 +178,10 @@ def _dimension(axes: Axes, side: Side, geometry: Hexapod) -> None:
     """How far the nodes reach: across in the top view, from plane to plane in the front view."""
     nodes = np.vstack([geometry.bottom_m, geometry.top_m])[:, side.plane]
     (left, low), (_, high) = nodes.min(axis=0), nodes.max(axis=0)
-    x = left - 0.075
-    style = _ARROW | {"arrowstyle": "<|-|>", "lw": 0.6}
-    axes.annotate("", (x, low), (x, high), arrowprops=style)
-    size = f"{high - low:.4f} m"
-    middle = (x, (low + high) / 2)
-    _label(axes, size, middle, (-2, 0), rotation="vertical", ha="right", va="center")
+    x, middle = left - 0.075, (low + high) / 2
+    axes.annotate("", (x, low), (x, high), arrowprops=_ARROW | {"arrowstyle": "<|-|>", "lw": 0.6})
+    style = {"rotation": "vertical", "ha": "right", "va": "center"}
+    _label(axes, f"{high - low:.4f} m", (x, middle), (-2, 0), **style)
 
 
 def _caption(geometry: Hexapod) -> str:

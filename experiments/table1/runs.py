@@ -89,7 +89,7 @@ def run_table1(
     configuration: ConfigurationName = "calibrated",
     model: Path | None = None,
 ) -> Table1:
-    """Run the six experiments, each with both Jacobians, in parallel.
+    """Run the six experiments, each with both Jacobians, in parallel; `jacobian` makes the table.
 
     Raises:
         sim.ModelError: A missing, broken or incomplete machine file.
