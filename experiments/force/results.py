@@ -157,11 +157,12 @@ def _internal(use: InternalForce) -> dict[str, Any]:
 
     def exerted(how: Exerted) -> dict[str, Any]:
         legs, fixture = how.pressed.strut_n[:, -1], how.pressed.fixture[:, -1]
-        special = {"least_squeeze_n": float((legs * np.sign(use.desired)).min())}
-        if use.motor is not None:
-            special = {"hot_motor_rms_n": float(rms(how.torques[:, use.motor]))}
-        return special | {
-            "weighed_rms_n": float(rms(weighed_n(how))),
+        of_motors = {"weighed_rms_n": float(rms(weighed_n(how)))}
+        if use.motor is None:
+            of_motors["least_squeeze_n"] = float((legs * np.sign(use.desired)).min())
+        else:
+            of_motors["hot_motor_rms_n"] = float(rms(how.torques[:, use.motor]))
+        return of_motors | {
             "internal_rms_n": float(rms(how.legs @ use.direction)),
             "internal_simulated_rms_n": float(rms(legs @ use.direction)),
             "wrench_off_percent": percent(fixture - use.wrench, use.wrench),
