@@ -1,6 +1,7 @@
 """The study's figures; the Bode plot and the map of failure conditions are drawn here."""
 
 from functools import partial
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -99,7 +100,7 @@ def _margin(
         panel.axvline(hz, color=VERMILION, lw=0.6, ls=ls)
     arrow = {"arrowstyle": "<->", "color": VERMILION, "shrinkA": 0, "shrinkB": 0}
     axes.annotate("", (hz, span[0]), (hz, span[1]), arrowprops=arrow)
-    place = {"textcoords": "offset points", "ha": "right", "va": "top"}
+    place: dict[str, Any] = {"textcoords": "offset points", "ha": "right", "va": "top"}
     paper = {"fc": "white", "lw": 0, "pad": 1}
     axes.annotate(said, (hz, span[0]), (-4, -6), **place, bbox=paper)
 

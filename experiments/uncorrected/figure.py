@@ -106,9 +106,11 @@ def _map(axes: Axes, study: Uncorrected, roll_off: int, angle: int) -> None:
 
 
 def _hatch(axes: Axes, x: Array, y: Array, where: Array, hatch: str) -> None:
-    for row, column in np.argwhere(where).tolist():
-        corner, size = (x[column], y[row]), (x[column + 1] - x[column], y[row + 1] - y[row])
-        axes.add_patch(Rectangle(corner, *size, fill=False, lw=0, hatch=hatch))
+    for row, column in np.argwhere(where):
+        left, right = map(float, x[column : column + 2])
+        low, high = map(float, y[row : row + 2])
+        cell = Rectangle((left, low), right - left, high - low, fill=False, lw=0, hatch=hatch)
+        axes.add_patch(cell)
 
 
 def _edges(centres: Array) -> Array:

@@ -61,9 +61,11 @@ def results(study: Uncorrected) -> Results:
     records = []
     for candidate in summary["candidates"]:
         run = study.runs[candidate["name"]]["W_a_uncorrected"]
+        if not isinstance(run, Trajectory):
+            continue
         if candidate["recording"]:
             records.append(partial(_record, summary, candidate, run))
-        elif isinstance(run, Trajectory):
+        else:
             arrays[candidate["data"]] = asdict(run)
     return Results(
         summary,
