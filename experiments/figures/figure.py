@@ -1,6 +1,7 @@
 """The study's figures; the Bode plot and the map of failure conditions are drawn here."""
 
 from functools import partial
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -15,8 +16,6 @@ from experiments.hexapod.fault_tolerance import Verdict, verdicts
 from experiments.output.plotting import BLACK, BLUE, ORANGE, PAGE_IN, VERMILION, new_figure
 from experiments.output.results import Picture
 from prioritized import FailureAtlas
-
-_MARGIN = {"arrowstyle": "<->", "color": VERMILION, "shrinkA": 0, "shrinkB": 0}
 
 
 def pictures(portrait: Portrait) -> list[Picture]:
@@ -47,7 +46,7 @@ def pictures(portrait: Portrait) -> list[Picture]:
         Picture(
             "atlas",
             "Every combination of sound, locked and free struts: can the hexapod still point?",
-            "A map of 27 by 27 conditions, and the share of each verdict over their failures.",
+            "A map of 27 by 27 conditions; shares of the verdicts over the number of failures.",
             partial(figure_atlas, portrait.atlas),
         ),
     ]
@@ -84,34 +83,26 @@ def _curves(magnitude: Axes, phase: Axes, one: OpenLoop) -> None:
 def _margins(magnitude: Axes, phase: Axes, one: OpenLoop) -> None:
     """Arrows from the critical point to the curve, as long as the margins."""
     loop = one.loop
-    for axes in (magnitude, phase):
-        axes.axvline(loop.crossover_hz, color=VERMILION, lw=0.6, ls="--")
-    _arrow(phase, loop.crossover_hz, -180, -180 + loop.phase_margin_deg)
-    phase.annotate(
-        f"phase margin {loop.phase_margin_deg:.1f}°\nat {loop.crossover_hz:.2f} Hz",
-        (loop.crossover_hz, -180),
-        (-4, -4),
-        textcoords="offset points",
-        ha="right",
-        va="top",
-    )
-    if np.isfinite(loop.gain_margin_db):  # else the phase never passes -180 degrees
-        for axes in (magnitude, phase):
-            axes.axvline(loop.phase_crossover_hz, color=VERMILION, lw=0.6, ls=":")
-        _arrow(magnitude, loop.phase_crossover_hz, -loop.gain_margin_db, 0)
-        magnitude.annotate(
-            f"gain margin {loop.gain_margin_db:.1f} dB\nat {loop.phase_crossover_hz:.1f} Hz",
-            (loop.phase_crossover_hz, -loop.gain_margin_db),
-            (-4, -6),
-            textcoords="offset points",
-            ha="right",
-            va="top",
-            bbox={"fc": "white", "lw": 0, "pad": 1},
-        )
+    hz, deg, db = loop.crossover_hz, loop.phase_margin_deg, loop.gain_margin_db
+    said = f"phase margin {deg:.1f}°\nat {hz:.2f} Hz"
+    _margin(phase, magnitude, hz, (-180, -180 + deg), said, ls="--")
+    if np.isfinite(db):  # else the phase never passes -180 degrees
+        hz = loop.phase_crossover_hz
+        said = f"gain margin {db:.1f} dB\nat {hz:.1f} Hz"
+        _margin(magnitude, phase, hz, (-db, 0), said, ls=":")
 
 
-def _arrow(axes: Axes, frequency_hz: float, low: float, high: float) -> None:
-    axes.annotate("", (frequency_hz, low), (frequency_hz, high), arrowprops=_MARGIN)
+def _margin(
+    axes: Axes, beside: Axes, hz: float, span: tuple[float, float], said: str, *, ls: str
+) -> None:
+    """An arrow over the span, named at its first end; a line in both panels."""
+    for panel in (axes, beside):
+        panel.axvline(hz, color=VERMILION, lw=0.6, ls=ls)
+    arrow = {"arrowstyle": "<->", "color": VERMILION, "shrinkA": 0, "shrinkB": 0}
+    axes.annotate("", (hz, span[0]), (hz, span[1]), arrowprops=arrow)
+    place: dict[str, Any] = {"textcoords": "offset points", "ha": "right", "va": "top"}
+    paper = {"fc": "white", "lw": 0, "pad": 1}
+    axes.annotate(said, (hz, span[0]), (-4, -6), **place, bbox=paper)
 
 
 def figure_atlas(atlas: FailureAtlas) -> Figure:

@@ -178,12 +178,10 @@ def _dimension(axes: Axes, side: Side, geometry: Hexapod) -> None:
     """How far the nodes reach: across in the top view, from plane to plane in the front view."""
     nodes = np.vstack([geometry.bottom_m, geometry.top_m])[:, side.plane]
     (left, low), (_, high) = nodes.min(axis=0), nodes.max(axis=0)
-    x = left - 0.075
-    style = _ARROW | {"arrowstyle": "<|-|>", "lw": 0.6}
-    axes.annotate("", (x, low), (x, high), arrowprops=style)
-    size = f"{high - low:.4f} m"
-    middle = (x, (low + high) / 2)
-    _label(axes, size, middle, (-2, 0), rotation="vertical", ha="right", va="center")
+    x, middle = left - 0.075, (low + high) / 2
+    axes.annotate("", (x, low), (x, high), arrowprops=_ARROW | {"arrowstyle": "<|-|>", "lw": 0.6})
+    style = {"rotation": "vertical", "ha": "right", "va": "center"}
+    _label(axes, f"{high - low:.4f} m", (x, middle), (-2, 0), **style)
 
 
 def _caption(geometry: Hexapod) -> str:
@@ -206,7 +204,7 @@ def frames(model: mujoco.MjModel) -> list[Frame]:
     data, origin, to_base = _nominal(model)
     found = []
     for subscript, name in (("", "payload"), ("_b", "base")):
-        site = _site(model, name)
+        site = element_id(model, "site", name)
         axes = (to_base @ data.site_xmat[site].reshape(3, 3)).T
         found.append(Frame(subscript, to_base @ (data.site_xpos[site] - origin), axes))
     return found
@@ -215,7 +213,8 @@ def frames(model: mujoco.MjModel) -> list[Frame]:
 def parts(model: mujoco.MjModel) -> list[Part]:
     """All geoms with a finite extent, at the nominal pose."""
     data, origin, to_base = _nominal(model)
-    bodies = {model.site_bodyid[_site(model, name)]: name for name in ("base", "payload")}
+    sites = {name: element_id(model, "site", name) for name in ("base", "payload")}
+    bodies = {model.site_bodyid[site]: name for name, site in sites.items()}
     found = []
     for geom in range(model.ngeom):
         surface = _surface(model, geom)
@@ -230,12 +229,8 @@ def _nominal(model: mujoco.MjModel) -> tuple[mujoco.MjData, Array, Array]:
     """The machine at its nominal pose, its payload origin, and what turns the world to the base."""
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
-    to_base = data.site_xmat[_site(model, "base")].reshape(3, 3).T
-    return data, data.site_xpos[_site(model, "payload")], to_base
-
-
-def _site(model: mujoco.MjModel, name: str) -> int:
-    return element_id(model, "site", name)
+    base, payload = (element_id(model, "site", name) for name in ("base", "payload"))
+    return data, data.site_xpos[payload], data.site_xmat[base].reshape(3, 3).T
 
 
 def _surface(model: mujoco.MjModel, geom: int) -> Array | None:

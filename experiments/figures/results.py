@@ -14,6 +14,7 @@ from experiments.output.provenance import versions
 from experiments.output.results import Results
 from experiments.output.tables import Column, Table, tabulate
 from prioritized import FailureAtlas
+from sim import Array
 
 
 def results(portrait: Portrait) -> Results:
@@ -46,8 +47,11 @@ def summarize(portrait: Portrait) -> dict[str, Any]:
 
 def _atlas(atlas: FailureAtlas) -> dict[str, Any]:
     assert atlas.elastic is not None  # the hexapod has springs
-    failures = (atlas.codes != 0).sum(axis=1)
-    struts = atlas.codes.shape[1]
+    failures, most = (atlas.codes != 0).sum(axis=1), atlas.codes.shape[1]
+
+    def by_failures(holds: Array) -> list[int]:
+        return np.bincount(failures[holds], minlength=most + 1).tolist()
+
     return {
         "conditions": len(atlas.codes),
         "possible_rigid": int(atlas.possible.sum()),
@@ -56,9 +60,7 @@ def _atlas(atlas: FailureAtlas) -> dict[str, Any]:
             verdict.name: {
                 "label": verdict.label,
                 "conditions": int(verdict.holds.sum()),
-                "by_number_of_failures": np.bincount(
-                    failures[verdict.holds], minlength=struts + 1
-                ).tolist(),
+                "by_number_of_failures": by_failures(verdict.holds),
             }
             for verdict in verdicts(atlas)
         },

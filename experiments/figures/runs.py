@@ -44,11 +44,7 @@ class Portrait:
 def run_figures(
     *, seed: int, quick: bool, on_progress: OnProgress, model: Path | None = None
 ) -> Portrait:
-    """Everything that is drawn of a machine file; None is `models/fjh.xml`.
-
-    Raises:
-        sim.ModelError: A missing, broken or incomplete machine file, or one that cannot point.
-    """
+    """Everything that is drawn of a machine file; None is `models/fjh.xml`."""
     return portray(model, TestbedConfig(), seed)
 
 
@@ -56,7 +52,7 @@ def portray(machine_file: Path | None, bench: TestbedConfig, seed: int) -> Portr
     """Design the loops and classify every failure condition; the seed is only noted.
 
     Raises:
-        sim.ModelError: As above.
+        sim.ModelError: A missing, broken or incomplete machine file, or one that cannot point.
     """
     model = load_model(machine_file)
     plant, pointing = nominal_plant(model)
@@ -81,6 +77,5 @@ def _opened(plant: LinearPlant, pointing: Array, loop: Loop, row: int) -> OpenLo
     def response(system: control.StateSpace) -> Array:
         return control.frequency_response(system, 2 * np.pi * frequency_hz).complex
 
-    return OpenLoop(
-        ANGLES[row], loop, frequency_hz, response(P), response(P) * response(loop.discrete)
-    )
+    behind = response(P) * response(loop.discrete)
+    return OpenLoop(ANGLES[row], loop, frequency_hz, response(P), behind)

@@ -52,10 +52,8 @@ def _agreement(axes: Axes, summary: dict[str, Any]) -> None:
         ("held_off_percent", "holding: strut forces", VERMILION, "s"),
         ("moved_percent", "holding: payload displacement", GREEN, "^"),
     ):
-        for k in range(3):
-            off = [one["theorems"][k][key] for one in conditions]
-            named = label if k == 0 else None
-            axes.semilogy(range(len(off)), off, marker, color=color, ms=3, alpha=0.7, label=named)
+        off = [(at, trial[key]) for at, one in enumerate(conditions) for trial in one["theorems"]]
+        axes.semilogy(*zip(*off, strict=True), marker, color=color, ms=3, alpha=0.7, label=label)
     axes.axhline(LIMIT_PERCENT, color=BLACK, lw=1, ls="--", label="limit")
     axes.set_xticks(range(len(conditions)), [one["condition"] for one in conditions], rotation=90)
     axes.set(title="Theorems 7, 8, 9: simulation off by", ylabel="%")

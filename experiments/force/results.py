@@ -65,7 +65,7 @@ def summarize(force: Force) -> dict[str, Any]:
 
 def _condition(one: Examination, K: Array) -> dict[str, Any]:
     condition = one.condition
-    gaps = [part.closure_residual_m for trial in one.trials for part in (trial.pressed, trial.held)]
+    readings = [read for trial in one.trials for read in (trial.pressed, trial.held)]
     return {
         "condition": str(condition),
         "kind": condition.kind,
@@ -73,7 +73,7 @@ def _condition(one: Examination, K: Array) -> dict[str, Any]:
         "theorems": [_theorem(trial, K) for trial in one.trials],
         "reaction": _reaction(one) if condition.kind == "locked" else None,
         "prescribed": [_prescribed(held) for held in one.prescribed],
-        "closure_residual_max_m": float(max(gap.max() for gap in gaps)),
+        "closure_residual_max_m": float(max(r.closure_residual_m.max() for r in readings)),
     }
 
 
@@ -156,12 +156,12 @@ def _internal(use: InternalForce) -> dict[str, Any]:
 
     def exerted(how: Exerted) -> dict[str, Any]:
         legs, fixture = how.pressed.strut_n[:, -1], how.pressed.fixture[:, -1]
+        of_motors = {"weighed_rms_n": float(rms(weighed_n(how)))}
         if use.motor is None:
-            of_motors = {"least_squeeze_n": float((legs * np.sign(use.desired)).min())}
+            of_motors["least_squeeze_n"] = float((legs * np.sign(use.desired)).min())
         else:
-            of_motors = {"hot_motor_rms_n": float(rms(how.torques[:, use.motor]))}
+            of_motors["hot_motor_rms_n"] = float(rms(how.torques[:, use.motor]))
         return of_motors | {
-            "weighed_rms_n": float(rms(weighed_n(how))),
             "internal_rms_n": float(rms(how.legs @ use.direction)),
             "internal_simulated_rms_n": float(rms(legs @ use.direction)),
             "wrench_off_percent": percent(fixture - use.wrench, use.wrench),

@@ -115,11 +115,9 @@ def examine(condition: Condition, aims: Aims) -> Examination:
 
     def trial(goal: ForceGoal) -> Trial:
         found = answer(system, goal, aims)
-        return Trial(
-            found,
-            press(model, condition.failures, found.torques),
-            hold(model, condition.failures, found.torques, found.wrench),
-        )
+        pressed = press(model, condition.failures, found.torques)
+        held = hold(model, condition.failures, found.torques, found.wrench)
+        return Trial(found, pressed, held)
 
     examined = Examination(condition, tuple(trial(goal) for goal in GOALS), prescribed=())
     if condition.kind == "loose":
@@ -127,11 +125,9 @@ def examine(condition: Condition, aims: Aims) -> Examination:
     torques = {"rigid": examined.trial(PRESCRIBED).answer.torques}
     if system.failures.free:
         torques["elastic"] = elastic_torques(system.failures, aims)
-    held = [
-        hold_prescribed(model, condition.failures, system.failures, aims, *way)
-        for way in torques.items()
-    ]
-    return replace(examined, prescribed=tuple(held))
+    given = (model, condition.failures, system.failures, aims)
+    held = tuple(hold_prescribed(*given, *way) for way in torques.items())
+    return replace(examined, prescribed=held)
 
 
 def hold_prescribed(

@@ -19,18 +19,15 @@ def pictures(runs: dict[str, Trajectory]) -> list[Picture]:
     return [
         Picture(
             "figure4",
-            "The paper's Fig. 4: spirals and strut inputs with weighted strut displacements "
-            "minimized.",
+            "The paper's Fig. 4: spirals and strut inputs, weighted strut displacements minimized.",
             "Three rows, W_a, W_b and W_c: on the left the same spiral each time, on the right six "
-            "strut inputs; under W_b those of struts 1, 3 and 5 are small, under W_c those of 2, "
-            "4, 6.",
+            "strut inputs; small are under W_b those of struts 1, 3, 5, under W_c of 2, 4, 6.",
             partial(figure_4, runs),
         ),
         Picture(
             "figure5",
             "The paper's Fig. 5: strut 1 locked, mapping not reconfigured.",
-            "A spiral of the detector reading beside the desired one, distorted by the locked "
-            "strut.",
+            "A spiral of the detector reading, distorted by the locked strut, beside the desired.",
             partial(figure_5, runs),
         ),
         Picture(

@@ -109,14 +109,11 @@ def table(summary: dict[str, Any]) -> Table:
     if is_cut(summary):
         title += f", first {summary['duration_s']:g} s of the spiral only"
     headings = [column["name"].replace("_uncorrected", "\nuncorr.") for column in columns]
-    rows = [
-        (row.heading, *(row.cell(column) for column in columns))
-        for row in _rows(with_paper=not is_cut(summary))
-    ]
+    rows = _rows(with_paper=not is_cut(summary))
     return Table(
         title,
         ("", *headings),
-        rows,
+        [(row.heading, *map(row.cell, columns)) for row in rows],
         "Strut 1 is locked in the last three columns. Origin: constants of the bench were fitted "
         "to the column; its errors are those of W_a by construction, since J_m M = I; or they are "
         "predicted. Detector: of its reading, as in the paper. Peaks are of the secondary motion; "
@@ -213,22 +210,22 @@ def _record(outcome: Table1, summary: dict[str, Any], column: dict[str, Any], fo
     minimized = f"secondary motion, weights on t_x, t_y, t_z, gamma {secondary}"
     if joints:
         minimized = f"strut displacements, weights {joints}"
-    # The paper's numbers are of the whole spiral.
-    sources = {"linear model": "predicted"} | ({} if is_cut(summary) else {"paper": "paper"})
+    sources = {"linear model": "predicted"}
+    if not is_cut(summary):  # the paper's numbers are of the whole spiral
+        sources["paper"] = "paper"
     # The viewer lays out all recordings of one identity alike.
     words = ["table1", *([] if chosen == "calibrated" else [chosen]), name]
+    said = (
+        f"Column {name} of Table I: seed {summary['seed']}, {summary['duration_s']:g} s, "
+        f"{summary['jacobian']} Jacobian; {locked}. Minimized: {minimized}."
+    )
     record_run(
         folder,
         name,
         "-".join([*words, f"seed{outcome.seed}"]),
         load_model(outcome.machine_file),
         Shown(outcome.trajectories[name], marks),
-        said=[
-            f"Column {name} of Table I: seed {summary['seed']}, {summary['duration_s']:g} s, "
-            f"{summary['jacobian']} Jacobian; {locked}. Minimized: {minimized}.",
-            "",
-            *_loop_sentences(summary),
-        ],
+        said=[said, "", *_loop_sentences(summary)],
         beside={
             source: (column[f"{key}_alpha_rms_urad"], column[f"{key}_beta_rms_urad"])
             for source, key in sources.items()

@@ -17,17 +17,12 @@ from sim import Array, ModelError, load_model, model_sha256
 
 @dataclass(frozen=True)
 class Configuration:
-    """Constants around the plant, and how much of Table I they were fitted to.
-
-    Attributes:
-        last_column: Where the errors of W_a_uncorrected come from.
-        fit: What was fitted to how many cells, in one sentence.
-    """
+    """Constants around the plant, and how much of Table I they were fitted to."""
 
     name: ConfigurationName
     bench: TestbedConfig
-    last_column: str
-    fit: str
+    last_column: str  # where the errors of W_a_uncorrected come from
+    fit: str  # what was fitted to how many cells, in one sentence
 
     def origin(self, column: str) -> str:
         """Where the errors of a column come from.
@@ -63,28 +58,19 @@ CONFIGURATIONS: dict[ConfigurationName, Configuration] = {
 
 @dataclass(frozen=True)
 class Table1:
-    """All runs of the table, by column name where they are many.
-
-    Attributes:
-        machine_file: None is `models/fjh.xml`.
-        plant_constants: By name, units in the names.
-        loops: The (alpha, beta) compensators.
-        jacobian: Of the runs in `trajectories`; `other` holds those with the other choice.
-        reseeded: W_a once more with the next seed: how much the noise alone changes an RMS.
-        predicted_rad: RMS by the linear model, (2,) each.
-    """
+    """All runs of the table, by column name where they are many."""
 
     seed: int
     configuration: Configuration
-    machine_file: Path | None
+    machine_file: Path | None  # None is models/fjh.xml
     model_sha256: str
     plant_constants: dict[str, float | list[float]]
-    loops: tuple[Loop, Loop]
+    loops: tuple[Loop, Loop]  # alpha, beta
     jacobian: JacobianChoice
-    trajectories: dict[str, Trajectory]
-    other: dict[str, Trajectory]
-    reseeded: Trajectory
-    predicted_rad: dict[str, Array]
+    trajectories: dict[str, Trajectory]  # with that Jacobian
+    other: dict[str, Trajectory]  # with the other
+    reseeded: Trajectory  # W_a with the next seed: how much the noise alone changes an RMS
+    predicted_rad: dict[str, Array]  # RMS by the linear model, (2,)
 
 
 def other_jacobian(jacobian: JacobianChoice) -> JacobianChoice:
@@ -101,15 +87,7 @@ def run_table1(
     configuration: ConfigurationName = "calibrated",
     model: Path | None = None,
 ) -> Table1:
-    """Run the six experiments, each with both Jacobians, in parallel.
-
-    Args:
-        seed: Of the detector noise; the same seed gives the same numbers to the bit.
-        quick: Only the first seconds of the spiral.
-        on_progress: Called with finished and total number of runs.
-        jacobian: Which runs are the table's, and which are compared with them.
-        configuration: Which constants of the bench.
-        model: Another machine file; None is `models/fjh.xml`.
+    """Run the six experiments, each with both Jacobians, in parallel; `jacobian` makes the table.
 
     Raises:
         sim.ModelError: A missing, broken or incomplete machine file.

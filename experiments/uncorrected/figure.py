@@ -1,6 +1,7 @@
 """The study's figures: maps, lock sweep, candidates and spirals; and the demand limit."""
 
 from functools import partial
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -77,10 +78,8 @@ def figure_uncorrected(study: Uncorrected, summary: dict[str, Any]) -> Figure:
     _lock(figure.add_subplot(grid[2, 0:2]), study, summary)
     _candidates(figure.add_subplot(grid[2, 2:4]), summary)
     for column, name in ((slice(0, 2), BENCH.name), (slice(2, 4), summary["best"])):
-        run = study.runs[name]["W_a_uncorrected"]
-        if isinstance(run, Trajectory):
-            axes = figure.add_subplot(grid[3, column])
-            spiral(axes, run, f"{name.replace('_', ' ')}, $W_a$ uncorrected")
+        title = f"{name.replace('_', ' ')}, $W_a$ uncorrected"
+        _spiral(figure.add_subplot(grid[3, column]), study, name, title)
     return figure
 
 
@@ -89,8 +88,7 @@ def _map(axes: Axes, study: Uncorrected, roll_off: int, angle: int) -> None:
     x, y = _edges(study.grid.alpha_crossover_hz), _edges(study.grid.damping_ratio)
     sound, uncorrected = (study.map_rad[roll_off, :, :, k, angle] for k in (0, 1))
     both = np.isfinite(sound) & np.isfinite(uncorrected)
-    ratio = np.full(sound.shape, np.nan)
-    ratio[both] = uncorrected[both] / sound[both]
+    ratio = np.divide(uncorrected, sound, out=np.full(sound.shape, np.nan), where=both)
     mesh = axes.pcolormesh(x, y, np.ma.masked_invalid(ratio), cmap=COLOR_MAP, vmin=1.1, vmax=1.4)
     assert axes.figure is not None
     axes.figure.colorbar(mesh, ax=axes, label="uncorrected / sound")
@@ -132,13 +130,11 @@ def _map_legend() -> list[Any]:
 def _lock(axes: Axes, study: Uncorrected, summary: dict[str, Any]) -> None:
     """Ratios over where strut 1 is stuck, the spiral starting at once."""
     _bands(axes, summary, horizontal=True)
-    for name, style in ((BENCH.name, "-"), (RETUNED.name, "--")):
-        if name not in study.lock_ratio:
-            continue
+    loops = {BENCH.name: ("-", "loops of the bench"), RETUNED.name: ("--", "loops retuned")}
+    for name, ratio in study.lock_ratio.items():
+        style, label = loops[name]
         for k, (_, symbol, color) in enumerate(ANGLES):
-            ratio = study.lock_ratio[name][:, k]
-            label = f"{symbol}, {'loops of the bench' if style == '-' else 'loops retuned'}"
-            axes.plot(1e6 * LOCKS_M, ratio, style, color=color, label=label)
+            axes.plot(1e6 * LOCKS_M, ratio[:, k], style, color=color, label=f"{symbol}, {label}")
     axes.set(xlabel="strut 1 locked at, µm", ylabel="uncorrected / sound", ylim=(0.8, 6))
     axes.set_title("Locked off centre, spiral at once")
     axes.legend(loc="upper center")
@@ -186,29 +182,28 @@ def figure_demand_limit(study: Uncorrected, summary: dict[str, Any]) -> Figure:
         axes.set(title=f"{symbol}: RMS error over that of the sound machine")
     shown = {CLOCKWISE.name: "demand limit of 95 µrad", RETUNED.name: "locked 125 µm off centre"}
     for axes, (name, title) in zip(grid[1], shown.items(), strict=True):
-        run = study.runs.get(name, {}).get("W_a_uncorrected")
-        if isinstance(run, Trajectory):
-            spiral(axes, run, title)
-        else:
-            axes.set_axis_off()
+        _spiral(axes, study, name, title)
     return figure
+
+
+def _spiral(axes: Axes, study: Uncorrected, name: str, title: str) -> None:
+    """The uncorrected run of a candidate, if there is one."""
+    run = study.runs.get(name, {}).get("W_a_uncorrected")
+    if isinstance(run, Trajectory):
+        spiral(axes, run, title)
+    else:
+        axes.set_axis_off()
 
 
 def _over_limit(axes: Axes, study: Uncorrected, angle: int) -> None:
     """One line a spiral that starts along alpha; dashed with anti-windup."""
     grid = study.limit_grid
     ratio = study.limit_rad[..., -1, angle] / study.limit_rad[..., 0, angle]
-    for i, exponent in enumerate(grid.exponent):
-        for j, direction in enumerate(grid.direction):
-            color, label = SPIRALS[exponent, direction]
-            for held, style in enumerate(("-", "--")):
-                axes.plot(
-                    grid.limit_over_radius,
-                    ratio[i, j, 0, held],
-                    style,
-                    color=color,
-                    label=label if style == "-" else None,
-                )
+    spirals = product(grid.exponent, grid.direction)
+    for lines, spiral_of in zip(ratio[:, :, 0].reshape(-1, *ratio.shape[3:]), spirals, strict=True):
+        color, label = SPIRALS[spiral_of]
+        axes.plot(grid.limit_over_radius, lines[0], "-", color=color, label=label)
+        axes.plot(grid.limit_over_radius, lines[1], "--", color=color)
     axes.set(xlabel="limit over radius of the spiral")
     if angle == 0:
         axes.plot([], [], "--", color=BLACK, label="with anti-windup")

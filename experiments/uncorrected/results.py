@@ -134,13 +134,12 @@ def checks(summary: dict[str, Any]) -> list[Check]:
 
 def _prediction_check(where: str, run: dict[str, Any]) -> list[Check]:
     """Of a run that the linear model calls stable; none where it has no say."""
-    if run["predicted_urad"] is None:
-        return []
-    if run.get("diverged_at_s") is not None:
+    simulated, predicted = run["simulated_urad"], run["predicted_urad"]
+    if predicted is not None and run.get("diverged_at_s") is not None:
         return [Check("divergence of a run that the linear model calls stable", where, 1, 0.5)]
-    if run["simulated_urad"] is None:
+    if predicted is None or simulated is None:
         return []
-    off = float(np.abs(np.divide(run["simulated_urad"], run["predicted_urad"]) - 1).max())
+    off = float(np.abs(np.divide(simulated, predicted) - 1).max())
     what = "relative distance of the RMS errors from the linear model's"
     return [Check(what, where, off, PREDICTION_TOLERANCE)]
 
@@ -237,12 +236,10 @@ def _record(
 ) -> None:
     """Write the data and the recording of a candidate's uncorrected column."""
     name, ratio, seed = candidate["name"], candidate["ratio"], summary["seed"]
-    said = [
-        f"Strut 1 locked, W_a uncorrected: {candidate['what']}.",
-        "",
-        f"Seed {seed}, {summary['duration_s']:g} s, constant Jacobian.",
-        *([f"RMS over W_a's: alpha {ratio[0]:.3f}, beta {ratio[1]:.3f}."] if ratio else []),
-    ]
+    said = [f"Strut 1 locked, W_a uncorrected: {candidate['what']}.", ""]
+    said.append(f"Seed {seed}, {summary['duration_s']:g} s, constant Jacobian.")
+    if ratio:
+        said.append(f"RMS over W_a's: alpha {ratio[0]:.3f}, beta {ratio[1]:.3f}.")
     beside = {}
     if not is_cut(summary):
         said.append(f"The paper's: {', '.join(f'{each:.2f}' for each in PAPER_RATIOS)}.")

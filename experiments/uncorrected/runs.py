@@ -1,6 +1,7 @@
 """Every candidate explanation, simulated and predicted, and the maps."""
 
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -122,19 +123,13 @@ def _call(
 
 def _map(where: Grid, seed: int, on_progress: OnProgress) -> tuple[Array, Array]:
     """RMS errors and largest poles over damping and crossover, as in :class:`Uncorrected`."""
+    linear = {"model": load_model(), "bench": TestbedConfig(), "seed": seed}
+    over = {"alpha_crossover_hz": where.alpha_crossover_hz}
     calls = [
-        {
-            "model": load_model(),
-            "bench": TestbedConfig(),
-            "damping_ratio": ratio,
-            "alpha_crossover_hz": where.alpha_crossover_hz,
-            "roll_off_hz": roll_off_hz,
-            "seed": seed,
-        }
-        for roll_off_hz in ROLL_OFF_HZ
-        for ratio in where.damping_ratio
+        linear | over | {"damping_ratio": ratio, "roll_off_hz": roll_off_hz}
+        for roll_off_hz, ratio in product(ROLL_OFF_HZ, where.damping_ratio)
     ]
     rows = in_parallel(map_row, calls, on_progress)
     shape = (len(ROLL_OFF_HZ), len(where.damping_ratio), len(where.alpha_crossover_hz))
-    errors, poles = ([row[k] for row in rows] for k in (0, 1))
+    errors, poles = zip(*rows, strict=True)
     return np.reshape(errors, (*shape, 2, 2)), np.reshape(poles, (*shape, len(COLUMNS)))
