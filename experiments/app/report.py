@@ -127,7 +127,9 @@ def _publish(
     quick = ["--quick"] if edition.quick else []
     options = [*quick, "--seed", str(edition.seed), "--out", str(edition.folder)]
     summary = {
-        **{"experiment": "report", "seed": edition.seed, "quick": edition.quick},
+        "experiment": "report",
+        "seed": edition.seed,
+        "quick": edition.quick,
         "command": shlex.join(["fjh", "report", *options]),
         **edition.origin,
         "written": datetime.now(UTC).isoformat(timespec="seconds"),

@@ -96,11 +96,7 @@ class Agreement:
     distances: dict[str, float]
 
     def check(self) -> None:
-        """Refuse to time contenders that do not solve the same problem.
-
-        Raises:
-            Unsound: A distance is beyond the tolerance; the message names the contender.
-        """
+        """Raise an `Unsound` that names the contenders which do not solve the same problem."""
         # NaN is no agreement either.
         apart = {name: d for name, d in self.distances.items() if not d <= self.tolerance}
         if apart:

@@ -51,8 +51,11 @@ class Ratio:
         p5, p95 = np.percentile(by_round, [5, 95])
         return {
             "ratio": value,
-            **{"p5": float(p5), "p95": float(p95), "means": self.means},
-            **{"bound": self.bound, "goal": self.goal},
+            "p5": float(p5),
+            "p95": float(p95),
+            "means": self.means,
+            "bound": self.bound,
+            "goal": self.goal,
             "within_bound": None if self.bound is None else value < self.bound,
             "reaches_goal": None if self.goal is None else value <= self.goal,
             "check_bound": self.check_bound,

@@ -69,9 +69,9 @@ def run_bench(
     *,
     seed: int,
     quick: bool,
-    save: Path | None = None,
-    compare: Path | None = None,
-    check: bool = False,
+    save: Path | None,
+    compare: Path | None,
+    check: bool,
     on_progress: OnProgress,
 ) -> Timed:
     """Compare all answers, then time the contenders who gave them.
@@ -104,12 +104,8 @@ def run_bench(
             each.check()
         testbed = Testbed(model, bench, nominal_loops(model, bench))
         loop = ClosedLoop(testbed, effort.seconds, seed)
-        contenders = [
-            *whole(loop),
-            *parts(loop),
-            *pointing.contenders(model, cases),
-            *solvers.contenders(asked),
-        ]
+        contenders = whole(loop) + parts(loop)
+        contenders += pointing.contenders(model, cases) + solvers.contenders(asked)
         samples_us = by_turns(contenders, effort.rounds, on_progress)
     return Timed(seed, effort, agreed, samples_us, save, before, check)
 

@@ -56,11 +56,7 @@ def usable_file(path: Path, suffix: str, option: str = "--out") -> Path:
 
 @contextmanager
 def made(folder: Path) -> Iterator[None]:
-    """Make the folder and those above it; on leaving, those of them that are empty are removed.
-
-    Raises:
-        OSError: It cannot be made.
-    """
+    """Make the folder and those above it; on leaving, those of them that are empty are removed."""
     missing = [place for place in (folder, *folder.parents) if not place.exists()]
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -75,13 +71,10 @@ def made(folder: Path) -> Iterator[None]:
 def published(folder: Path, index: str) -> Iterator[Path]:
     """A temporary folder to write into; at the end of the block its files move to `folder`.
 
-    After an error they are deleted.
-
-    Args:
-        folder: Made if need be; files of the same names are replaced, and files that the former
-            index lists as `files` and the new set has not are removed. No other file is touched.
-        index: The file that names the others. It is removed first and moved last: where it is,
-            all files that it lists are.
+    After an error they are deleted. The folder is made if need be; files of the same names are
+    replaced, and files that the former index lists as `files` and the new set has not are removed.
+    No other file is touched. The index, which names the others, is removed first and moved last:
+    where it is, all files that it lists are.
 
     Raises:
         OutputError: The disk or the folder refuses; what was there before is still whole.
@@ -101,11 +94,7 @@ def write_json(path: Path, content: dict[str, Any]) -> None:
 
 
 def json_text(content: dict[str, Any]) -> str:
-    """Content as indented JSON.
-
-    Raises:
-        ValueError: A number is NaN or infinite, which JSON does not have.
-    """
+    """Content as indented JSON; `ValueError` for NaN and infinity, which JSON does not have."""
     return json.dumps(content, indent=2, allow_nan=False) + "\n"
 
 
@@ -153,9 +142,6 @@ def staging_folder(folder: Path) -> Iterator[Path]:
 
     Its process keeps it locked (`flock`). The system releases the lock when the process ends,
     however it ends, so a staging folder that can be locked has no owner any more.
-
-    Raises:
-        OSError: The disk or the folder refuses.
     """
     _remove_abandoned(folder)
     while True:

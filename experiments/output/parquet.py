@@ -29,8 +29,7 @@ class Broken(OutputError):
 def write(path: Path, tables: Iterable[pa.Table]) -> None:
     """Write at least one table, all of the same schema, each a row group: one at a time is in use.
 
-    Raises:
-        OSError: The disk or the folder refuses.
+    An `OSError` is raised where the disk or the folder refuses.
     """
     waiting = iter(tables)
     first = next(waiting)

@@ -26,22 +26,22 @@ TEXT_PT, TITLE_PT = 7, 8
 _NO_DATE = {"png": {}, "pdf": {"CreationDate": None}, "svg": {"Date": None}}
 
 matplotlib.use("Agg")
-for _groups, _settings in (
-    ("figure", {"dpi": 220, "titlesize": TITLE_PT, "labelsize": TEXT_PT}),
-    ("font", {"size": TEXT_PT}),
-    ("axes", {"titlesize": TITLE_PT, "labelsize": TEXT_PT, "grid": True, "linewidth": 0.6}),
-    (("xtick", "ytick"), {"labelsize": TEXT_PT, "major.width": 0.6}),
-    ("legend", {"fontsize": TEXT_PT, "borderpad": 0.3, "columnspacing": 1.0}),
-    ("legend", {"handlelength": 1.6, "labelspacing": 0.3}),
-    ("grid", {"alpha": 0.3, "linewidth": 0.5}),
-    ("lines", {"linewidth": 1.0, "markersize": 3.5}),
-    ("hatch", {"linewidth": 0.4}),
-    # Text stays text in PDF, as TrueType, which publishers ask for; SVG must look alike wherever
-    # it is opened, so that its letters are outlines. The same figure is the same file, to the bit.
-    ("pdf", {"fonttype": 42}),
-    ("svg", {"fonttype": "path", "hashsalt": "fjh"}),
-):
-    matplotlib.rc(_groups, **_settings)
+matplotlib.rc("figure", dpi=220, titlesize=TITLE_PT, labelsize=TEXT_PT)
+matplotlib.rc("font", size=TEXT_PT)
+matplotlib.rc("axes", titlesize=TITLE_PT, labelsize=TEXT_PT, grid=True, linewidth=0.6)
+matplotlib.rc("xtick", labelsize=TEXT_PT)
+matplotlib.rc("ytick", labelsize=TEXT_PT)
+matplotlib.rc("xtick.major", width=0.6)
+matplotlib.rc("ytick.major", width=0.6)
+matplotlib.rc("legend", fontsize=TEXT_PT, borderpad=0.3, columnspacing=1.0)
+matplotlib.rc("legend", handlelength=1.6, labelspacing=0.3)
+matplotlib.rc("grid", alpha=0.3, linewidth=0.5)
+matplotlib.rc("lines", linewidth=1.0, markersize=3.5)
+matplotlib.rc("hatch", linewidth=0.4)
+# Text stays text in PDF, as TrueType, which publishers ask for; SVG must look alike wherever it is
+# opened, so that its letters are outlines. The same figure is the same file, to the bit.
+matplotlib.rc("pdf", fonttype=42)
+matplotlib.rc("svg", fonttype="path", hashsalt="fjh")
 
 
 def new_figure(width_in: float, height_in: float) -> Figure:

@@ -95,11 +95,7 @@ def basis_in(folder: Path) -> Basis | None:
 
 
 def check_same(former: Basis, basis: Basis, folder: Path) -> None:
-    """Check that a sweep would continue as it began.
-
-    Raises:
-        WrongInput: It would not; the message names what has changed.
-    """
+    """Raise a `WrongInput` that names what has changed, if a sweep would not go on as it began."""
     changed = [name for name in basis if former.get(name) != basis[name]]
     if changed:
         raise WrongInput(
@@ -108,11 +104,7 @@ def check_same(former: Basis, basis: Basis, folder: Path) -> None:
 
 
 def check_workers(answers: Mapping[str, dict[str, str] | Exception]) -> None:
-    """Check that workers, by their addresses, have the identity of this process.
-
-    Raises:
-        WrongInput: One of them has other code or packages, or none at all.
-    """
+    """Raise a `WrongInput` if a worker, by its address, has not the identity of this process."""
     for worker, theirs in answers.items():
         if isinstance(theirs, Exception):
             raise WrongInput(f"worker {worker} cannot run this package: {theirs}")
@@ -124,15 +116,11 @@ def check_workers(answers: Mapping[str, dict[str, str] | Exception]) -> None:
 
 
 class ForeignWorker(RuntimeError):
-    """A worker that would run other code."""
+    """A worker that would run other code: it joined the sweep later."""
 
 
 def simulate(run: SweepRun, code: str) -> Row:
-    """The row of a run, on a worker, for a sweep whose identity has this digest.
-
-    Raises:
-        ForeignWorker: This process has another; it joined the sweep later.
-    """
+    """The row of a run, on a worker; `ForeignWorker` if its identity has not this digest."""
     if code != digest(identity()):
         host = platform.node()
         raise ForeignWorker(f"{host} has another version of this package, or of what it needs")

@@ -44,8 +44,7 @@ _SILENT = logging.CRITICAL + 1
 class Where:
     """A Dask scheduler; if there is no address, workers of this machine, by default one a core.
 
-    Raises:
-        WrongInput: Both are given, the address is none, or there are no workers.
+    A `WrongInput` is raised if both are given, the address is none, or there are no workers.
     """
 
     scheduler: str | None = None
@@ -66,32 +65,29 @@ class Where:
 def cluster(where: Where, most: int) -> Iterator[Client]:
     """A client of somebody's scheduler, or of a local cluster that ends with the context.
 
-    A local cluster has `most` workers at most.
-
     Raises:
         WrongInput: No scheduler answers there; or it has no workers, and gets none; or they have
             another version of this package.
     """
-    workers = min(where.workers or CPU_COUNT, most)
+    workers = min(where.workers or CPU_COUNT, most)  # of a local cluster
     with (
-        _silenced("distributed", "distributed.client"),
+        _silenced("distributed"),
+        _silenced("distributed.client"),
         _remote(where.scheduler) if where.scheduler else _local(workers) as client,
     ):
         yield client
 
 
 @contextmanager
-def _silenced(*names: str) -> Iterator[None]:
+def _silenced(name: str) -> Iterator[None]:
     """No log: the sweep itself reports in one sentence what goes wrong."""
-    loggers = [logging.getLogger(name) for name in names]
-    levels = [logger.level for logger in loggers]
-    for logger in loggers:
-        logger.setLevel(_SILENT)
+    logger = logging.getLogger(name)
+    level = logger.level
+    logger.setLevel(_SILENT)
     try:
         yield
     finally:
-        for logger, level in zip(loggers, levels, strict=True):
-            logger.setLevel(level)
+        logger.setLevel(level)
 
 
 @contextmanager
@@ -151,11 +147,9 @@ async def _check_scheduler(address: str) -> None:
 
 
 def wait_for_worker(client: Client) -> None:
-    """Return as soon as the scheduler has a worker.
+    """Return when the scheduler has a worker.
 
-    Raises:
-        WrongInput: It has had none for `PATIENCE_S`.
-        Unsound: It has gone.
+    A `WrongInput` is raised if it has none for `PATIENCE_S`, an `Unsound` if it has gone.
     """
     try:
         if client.scheduler_info(n_workers=0)["n_workers"]:

@@ -168,11 +168,7 @@ def _replace(path: Path, write: Callable[[Path], None]) -> None:
 
 
 def check_merged(path: Path, runs: int, basis: Basis) -> None:
-    """Check that a file holds the rows of so many runs of the basis, all of them.
-
-    Raises:
-        Broken: It does not, or is not what was written.
-    """
+    """Raise `Broken` unless a file holds the rows of so many runs of the basis, all of them."""
     found = 0
     for table in parquet.row_groups(path):
         if table.schema.names[: len(SCHEMA)] != SCHEMA.names or not _is_of(table, basis):

@@ -12,17 +12,8 @@ from scipy.stats import qmc
 
 from experiments.hexapod.testbed import TestbedConfig, check_within
 from experiments.output.study import WrongInput
-from experiments.sweep.sweep_run import (
-    KINDS,
-    LIMITS,
-    NAMES,
-    STRUTS,
-    Choice,
-    Factor,
-    Range,
-    SweepRun,
-    sweep_run,
-)
+from experiments.sweep import sweep_run as runs_of
+from experiments.sweep.sweep_run import KINDS, Choice, Factor, Range, SweepRun
 from sim import Array
 
 DEFAULT = Path(__file__).with_name("default.toml")
@@ -78,7 +69,7 @@ class SweepRuns:
             row = self._cube[number].tolist()
             varied = {each.name: each.at(u) for each, u in zip(factors, row, strict=True)}
         noise = np.random.SeedSequence(self.seed, spawn_key=(number,)).generate_state(1)
-        return sweep_run(number, self.design.duration_s, {"seed": int(noise[0])} | varied)
+        return runs_of.sweep_run(number, self.design.duration_s, {"seed": int(noise[0])} | varied)
 
 
 def read_design(path: Path | None) -> Design:
@@ -153,10 +144,10 @@ def _range(name: str, table: dict[str, Any], layout: str) -> Range:
 
 def _checked(name: str, value: Any) -> Any:
     """The value, of the kind that the name asks for, and within its limits."""
-    if name in LIMITS:
-        check_within(name, value, *LIMITS[name])
+    if name in runs_of.LIMITS:
+        check_within(name, value, *runs_of.LIMITS[name])
         return float(value) if KINDS[name] == "real" else value
-    known, letters = NAMES.get(name, ()), "".join(STRUTS)
+    known, letters = runs_of.NAMES.get(name, ()), "".join(runs_of.STRUTS)
     valid, expected = {
         "switch": (type(value) is bool, "true or false"),
         "name": (value in known, f"one of {', '.join(known)}"),

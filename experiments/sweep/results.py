@@ -93,8 +93,7 @@ def comparable(columns: Columns) -> np.ndarray:
 def off_by(columns: Columns) -> tuple[Array, Array]:
     """Largest distance of each run from the linear model, over both angles, shape (runs,).
 
-    Returns:
-        In parts of the predicted RMS; and over what is allowed, one and more being too much.
+    First in parts of the predicted RMS; then over what is allowed, one and more being too much.
     """
     relative, allowed = [], []
     for angle in ANGLES:
@@ -154,13 +153,12 @@ def _influence(columns: Columns, varied: list[str]) -> dict[str, dict[str, float
     ended = np.isfinite(rms["alpha"])
     if np.count_nonzero(ended) < 3:
         return {}
-    found = {}
-    for name in varied:
-        values = columns[name][ended]
-        if np.ptp(values) > 0:
-            found[name] = {
-                angle: float(spearmanr(values, rms[angle][ended]).statistic) for angle in ANGLES
-            }
+    values = {name: columns[name][ended] for name in varied}
+    found = {
+        name: {angle: float(spearmanr(each, rms[angle][ended]).statistic) for angle in ANGLES}
+        for name, each in values.items()
+        if np.ptp(each) > 0
+    }
     return dict(sorted(found.items(), key=lambda item: -max(map(abs, item[1].values()))))
 
 
@@ -170,10 +168,11 @@ def groups(summary: dict[str, Any]) -> Table:
     columns = (
         Column("struts that fail", lambda group: known[group["told"]].format(group["failures"])),
         Column("runs", "runs"),
-        Column("alpha", "alpha_median_urad", ".3f"),
-        Column("95 %", "alpha_percentile_95_urad", ".3f"),
-        Column("beta", "beta_median_urad", ".3f"),
-        Column("95 %", "beta_percentile_95_urad", ".3f"),
+        *(
+            Column(heading.format(angle), f"{angle}_{what}_urad", ".3f")
+            for angle in ANGLES
+            for heading, what in (("{}", "median"), ("95 %", "percentile_95"))
+        ),
     )
     return tabulate(
         "RMS of desired minus true angle, urad",

@@ -8,13 +8,10 @@ import mujoco
 import numpy as np
 import pyarrow as pa
 
+import sim
+from experiments.hexapod import fault_tolerance
 from experiments.hexapod.columns import MAJOR
 from experiments.hexapod.controller import StrutMapping, designed, nominal_plant
-from experiments.hexapod.fault_tolerance import (
-    elastic_system,
-    strut_and_payload_stiffness,
-    verdicts,
-)
 from experiments.hexapod.metrics import closure_residual_max_m, pointing_rms_urad, rms
 from experiments.hexapod.prediction import detector_noise_rad, driven_loop
 from experiments.hexapod.simulation import SpiralRun, Trajectory, track_spiral
@@ -22,15 +19,7 @@ from experiments.hexapod.testbed import Testbed, TestbedConfig
 from experiments.sweep.sweep_run import KINDS, SweepRun
 from ftc.compensator import Compensator
 from prioritized import FailureAtlas, failure_atlas
-from sim import (
-    NOMINAL,
-    Array,
-    ModelError,
-    SimulationDiverged,
-    failed_plant,
-    hexapod,
-    load_model,
-)
+from sim import NOMINAL, Array
 
 Row = dict[str, Any]
 
@@ -71,13 +60,13 @@ def table_of(rows: Sequence[Row]) -> pa.Table:
 @cache
 def machine() -> mujoco.MjModel:
     """The hexapod, once in each process however many runs it does; plants copy it."""
-    return load_model()
+    return sim.load_model()
 
 
 @cache
 def stiffness() -> Array:
     """Where free struts go, (12, 12)."""
-    return strut_and_payload_stiffness(machine())
+    return fault_tolerance.strut_and_payload_stiffness(machine())
 
 
 _nominal_plant = cache(lambda: nominal_plant(machine()))
@@ -101,7 +90,7 @@ def row_of(run: SweepRun) -> Row:
     row = run.parameters()
     try:
         # As it is after the failures, at J_0.
-        mapping = StrutMapping(hexapod(machine()), run.reconfigured, "constant", stiffness())
+        mapping = StrutMapping(sim.hexapod(machine()), run.reconfigured, "constant", stiffness())
         predicted = _predicted(run, mapping)
         status = mapping.at(mapping.geometry.inverse_jacobian(NOMINAL)).mapping.status
         row |= predicted | {"status": status.name.lower()}
@@ -109,10 +98,10 @@ def row_of(run: SweepRun) -> Row:
         if predicted and PREDICTED[0] not in predicted:
             row["status"] = "unstable"
         return row | _measured(_simulated(run))
-    except SimulationDiverged as diverged:
+    except sim.SimulationDiverged as diverged:
         found = {"status": "diverged", "message": str(diverged), "diverged_at_s": diverged.time_s}
         return row | found
-    except ModelError as refused:
+    except sim.ModelError as refused:
         return row | {"status": "refused", "message": str(refused)}
 
 
@@ -139,7 +128,7 @@ def _predicted(run: SweepRun, mapping: StrutMapping) -> Row:
     failures, bench = run.failures, run.bench
     if any(failure.time_s > 0 or failure.kind == "loose" for failure in failures):
         return {}
-    plant = failed_plant(machine(), failures)
+    plant = sim.failed_plant(machine(), failures)
     compensators = [loop.discrete for loop in loops(bench)]
     T = driven_loop(plant, mapping.pointing_gain(), compensators)
     row: Row = {"predicted_pole_radius": float(np.abs(T.poles()).max())}
@@ -186,7 +175,7 @@ def _measured(run: Trajectory) -> Row:
 @cache
 def classified() -> FailureAtlas:
     """All failure conditions of the hexapod, (alpha, beta) being the major task."""
-    return failure_atlas(elastic_system(machine()), MAJOR)
+    return failure_atlas(fault_tolerance.elastic_system(machine()), MAJOR)
 
 
 def verdict_columns(struts: Sequence[str]) -> dict[str, np.ndarray]:
@@ -195,7 +184,7 @@ def verdict_columns(struts: Sequence[str]) -> dict[str, np.ndarray]:
     elastic = atlas.elastic
     assert elastic is not None  # the hexapod has springs
     name = np.empty(len(atlas.codes), dtype=object)
-    for verdict in verdicts(atlas):
+    for verdict in fault_tolerance.verdicts(atlas):
         name[verdict.holds] = verdict.name
     columns = {
         "verdict": name,
