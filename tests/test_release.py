@@ -214,7 +214,7 @@ def test_rigid_and_elastic_verdicts_stand_side_by_side(release, release_folder):
 
 def test_everything_named_is_there(release, release_folder):
     named = {spiral[kind] for spiral in release["spirals"] for kind in ("recording", "data")}
-    named |= {"release.json", "release.png", "release.pdf", "atlas.npz"}
+    named |= {"release.json", "release.md", "release.png", "release.pdf", "atlas.npz"}
     assert {file.name for file in release_folder.iterdir()} == named
 
 

@@ -68,7 +68,7 @@ def record_run(
     `said` of the run, a sentence or a list item each, the RMS of (alpha, beta) [urad] to compare
     with, by where they come from, and all parameters. `further` arrays go beside the run's own.
     """
-    notes = run_notes(name.replace("_", " "), [*said, ""], shown.run, beside, properties)
+    notes = run_notes(name, [*said, ""], shown.run, beside, properties)
     for_reading = {
         "experiment": identity.partition("-")[0],
         "marks": json.dumps([asdict(mark) for mark in shown.marks]),
