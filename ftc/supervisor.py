@@ -20,7 +20,7 @@ class SupervisorState(NestedState):
     """What the supervisor remembers.
 
     Attributes:
-        flies: The controller in use; `controller` is its state.
+        current: The controller in use; `controller` is its state.
         watch: State of the monitor.
         monitor: That monitor.
         confirmed: The confirmed diagnoses.
@@ -30,7 +30,7 @@ class SupervisorState(NestedState):
         ticks: So far.
     """
 
-    flies: PrioritizedController[Any]
+    current: PrioritizedController[Any]
     watch: MonitorState
     monitor: Monitor
     confirmed: tuple[Diagnosis, ...] = ()
@@ -90,7 +90,7 @@ class Supervisor:
             state = self._reconfigured(state, commanded_m)
         if not state.task_lost:
             secondary_reference_m = self.secondary(state.ticks * self.first.period_s)
-            controller = state.flies.step(
+            controller = state.current.step(
                 state.controller, desired_rad, measurement, secondary_reference_m
             )
             state = replace(state, controller=controller)
@@ -106,9 +106,9 @@ class Supervisor:
         lost = not self.can_point([each.fault for each in believed])
         state = replace(state, task_lost=lost)
         if not lost:
-            flies = self.reconfigured(believed)
-            controller = flies.transfer(state.controller, lost_displacement_m)
-            state = replace(state, flies=flies, controller=controller)
+            current = self.reconfigured(believed)
+            controller = current.transfer(state.controller, lost_displacement_m)
+            state = replace(state, current=current, controller=controller)
         if found is None or not found.confirmed:
             return state
         state = replace(state, confirmed=(*state.confirmed, found))

@@ -269,7 +269,7 @@ class Script:
 def supervised(*says: Diagnosis | None):
     """The supervisor's states, tick by tick, under a monitor that says this."""
     pilot, begun = PILOT, PILOT.start()
-    states = [replace(begun, controller=pulled(begun.flies), monitor=Script(says))]
+    states = [replace(begun, controller=pulled(begun.current), monitor=Script(says))]
     for _ in says:
         states.append(pilot.step(states[-1], DESIRED, Measurement(DESIRED, np.zeros(6))))
     return states[1:]
@@ -285,16 +285,16 @@ def test_what_is_named_is_flown_around_and_what_is_settled_is_known_for_good():
     named = diagnosis(Fault(1, "locked"), 3e-6)
     settled, other = replace(named, confirmed=True), diagnosis(Fault(4, "free"), 1e-6)
     sound, first, known, both = supervised(None, named, settled, other)
-    assert sound.flies is PILOT.first and sound.diagnoses == ()
-    assert first.flies.mapping.goal.locked_m == {1: 3e-6}
+    assert sound.current is PILOT.first and sound.diagnoses == ()
+    assert first.current.mapping.goal.locked_m == {1: 3e-6}
     assert (first.confirmed, first.diagnoses, failures_before(first)) == ((), (named,), 0)
-    assert known.flies.mapping.goal.locked_m == {1: 3e-6}
+    assert known.current.mapping.goal.locked_m == {1: 3e-6}
     assert (known.confirmed, known.diagnoses, failures_before(known)) == (
         (settled,),
         (named, settled),
         1,
     )
-    assert both.flies.mapping.goal.locked_m == {1: 3e-6, 4: 0.0}
+    assert both.current.mapping.goal.locked_m == {1: 3e-6, 4: 0.0}
     assert (both.confirmed, both.standing) == ((settled,), [settled, other])
     assert [state.ticks for state in (sound, first, known, both)] == [1, 2, 3, 4]
 
@@ -302,8 +302,8 @@ def test_what_is_named_is_flown_around_and_what_is_settled_is_known_for_good():
 def test_a_diagnosis_that_is_withdrawn_is_flown_around_no_longer():
     named = diagnosis(Fault(1, "locked"), 3e-6)
     first, withdrawn = supervised(named, None)
-    assert first.flies.mapping.goal.locked_m == {1: 3e-6}
-    assert withdrawn.flies.mapping.goal == PILOT.first.mapping.goal
+    assert first.current.mapping.goal.locked_m == {1: 3e-6}
+    assert withdrawn.current.mapping.goal == PILOT.first.mapping.goal
     assert (withdrawn.diagnoses, withdrawn.confirmed) == ((named,), ())
     assert failures_before(withdrawn) == 0
 
@@ -326,8 +326,8 @@ def test_the_supervisor_dithers_by_its_own_clock_with_the_jacobian_it_was_given(
             state.controller.asked.secondary_reference_m, DITHER.at(tick * 1e-3)
         )
     for each, choice in ((pilot, "analytic"), (PILOT, "constant")):  # which is the default
-        for flies in (each.first, each.reconfigured([diagnosis(Fault(1, "locked"))])):
-            assert isinstance(flies.mapping, StrutMapping) and flies.mapping.jacobian == choice
+        for current in (each.first, each.reconfigured([diagnosis(Fault(1, "locked"))])):
+            assert isinstance(current.mapping, StrutMapping) and current.mapping.jacobian == choice
 
 
 def test_when_the_task_is_lost_the_commands_stand_and_no_other_failure_is_looked_for():
@@ -338,7 +338,7 @@ def test_when_the_task_is_lost_the_commands_stand_and_no_other_failure_is_looked
     assert [state.task_lost for state in states] == [False] * 3 + [True] * 4
     for state in states[3:]:
         np.testing.assert_array_equal(state.input_percent, states[2].input_percent)
-        assert state.flies is states[2].flies
+        assert state.current is states[2].current
     assert states[4].confirmed[-1].fault == last.fault and states[4].watch.diagnosis is None
     assert failures_before(states[4]) == failures_before(states[6]) == 3
     assert len(states[6].watch.history) == len(states[4].watch.history)
