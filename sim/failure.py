@@ -15,19 +15,19 @@ FailureKind = Literal["locked", "free", "loose", "weak"]
 
 @dataclass(frozen=True)
 class Failure:
-    """One strut fails at one time.
+    """One actuator fails at one time.
 
     Attributes:
-        strut: 0..nu-1.
+        actuator: 0..nu-1, a strut of the hexapod.
         kind: See :data:`FailureKind`.
         time_s: When, not before the start.
         effectiveness: Part of the coil's force that a weak one has left, in 0..1.
 
     Raises:
-        ValueError: No such kind, a negative strut, a time that is not finite, or no such part.
+        ValueError: No such kind, a negative actuator, a time that is not finite, or no such part.
     """
 
-    strut: int
+    actuator: int
     kind: FailureKind
     time_s: float = 0.0
     effectiveness: float = 0.5
@@ -36,7 +36,7 @@ class Failure:
         if check.instance("kind", self.kind, str) not in get_args(FailureKind):
             known = ", ".join(get_args(FailureKind))
             raise ValueError(f"kind must be one of {known}, got {check.shown(self.kind)}")
-        check.index("strut", self.strut)
+        check.index("actuator", self.actuator)
         check.number("time_s", self.time_s)
         check.at_most_one("effectiveness", self.effectiveness)
 
@@ -44,15 +44,15 @@ class Failure:
         """Let it happen now.
 
         Raises:
-            ValueError: No such strut.
+            ValueError: No such actuator.
             TypeError: `plant` is of another type.
         """
         check.instance("plant", plant, Plant)
         if self.kind == "weak":
-            plant.weaken(self.strut, self.effectiveness)
+            plant.weaken(self.actuator, self.effectiveness)
         else:
             events = {"locked": plant.lock, "free": plant.release, "loose": plant.break_loose}
-            events[self.kind](self.strut)
+            events[self.kind](self.actuator)
 
 
 def failed_plant(model: mujoco.MjModel, failures: Iterable[Failure]) -> Plant:

@@ -103,7 +103,7 @@ JACOBIANS = vars(jacobians(MODEL, DATA, "payload", "base"))
 SITES = {"site": "payload", "axes": "base"}
 MACHINES = {"model": MODEL, "data": DATA}
 TWIST = {"twist": np.full(6, 1e-3)}
-FAILED = {"strut": 0, "kind": "weak", "time_s": 0.0, "effectiveness": 0.5}
+FAILED = {"actuator": 0, "kind": "weak", "time_s": 0.0, "effectiveness": 0.5}
 
 TARGETS = {
     "Amplifier": Target(drives, AMPLIFIER),

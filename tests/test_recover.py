@@ -92,7 +92,7 @@ def test_draws_repeat_with_their_seed_and_cover_every_failure():
     assert cases == draw(7, 18) and cases != draw(8, 18)
     assert len({(case.fault.actuator, case.fault.kind) for case in cases}) == 18
     for first, second in pairs(7, 20):
-        assert first.strut != second.strut and 0.1 <= second.time_s - first.time_s <= 2.0
+        assert first.actuator != second.actuator and 0.1 <= second.time_s - first.time_s <= 2.0
 
 
 @pytest.mark.parametrize(

@@ -264,7 +264,7 @@ def test_a_failure_strikes_at_its_time_and_the_mapping_changes_with_it(model):
     ("arguments", "message"),
     [
         ((0, "broken"), "kind must be one of .*weak, got 'broken'"),
-        ((-1, "free"), "strut must not be negative, got -1"),
+        ((-1, "free"), "actuator must not be negative, got -1"),
         ((0, "free", np.nan), "time_s must be finite, got NaN"),
         ((0, "free", -1.0), "time_s must not be negative, got -1.0"),
     ],

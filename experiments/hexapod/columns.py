@@ -27,12 +27,12 @@ class Column:
 
     def struts(self, kind: FailureKind) -> list[int]:
         """Struts 0..5 that fail this way."""
-        return [failure.strut for failure in self.failures if failure.kind == kind]
+        return [failure.actuator for failure in self.failures if failure.kind == kind]
 
 
 _EQUAL = (1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
 _STRUT_1 = {0: 0.0}
-_LOCK_1 = (Failure(strut=0, kind="locked"),)
+_LOCK_1 = (Failure(actuator=0, kind="locked"),)
 
 COLUMNS = (
     Column("W_a", Goal(joint_weight=_EQUAL)),

@@ -160,7 +160,7 @@ def fault_of(failure: Failure) -> Fault:
     if failure.kind == "loose":
         raise ValueError(f"kind must be one of {', '.join(KINDS)}, got {failure.kind}")
     return Fault(
-        failure.strut, failure.kind, failure.effectiveness if failure.kind == "weak" else 0.0
+        failure.actuator, failure.kind, failure.effectiveness if failure.kind == "weak" else 0.0
     )
 
 

@@ -131,13 +131,13 @@ class Identification:
     @property
     def strut_right(self) -> bool:
         """Whether the strut was right as first named, without a false alarm before."""
-        named = self.first is not None and self.first.fault.actuator == self.failures[0].strut
+        named = self.first is not None and self.first.fault.actuator == self.failures[0].actuator
         return named and not self.false_alarm
 
     @property
     def all_right(self) -> bool:
         """Whether each failure was found, and no other, and the loss of the task if it is lost."""
-        happened = sorted((failure.strut, failure.kind) for failure in self.failures)
+        happened = sorted((failure.actuator, failure.kind) for failure in self.failures)
         found = sorted((each.fault.actuator, each.fault.kind) for each in self.standing)
         return happened == found and self.task_lost == self.lost_rightly
 

@@ -336,7 +336,10 @@ def _beliefs(beliefs: Sequence[dict[str, Any]]) -> dict[str, Any]:
 
 def _succession(run: Trajectory, found: Identification) -> dict[str, Any]:
     error_urad, last_second = pointing_error_urad(run), round(1 / TestbedConfig().control_period_s)
-    happened = [{"strut": e.strut + 1, "kind": e.kind, "time_s": e.time_s} for e in found.failures]
+    happened = [
+        {"strut": each.actuator + 1, "kind": each.kind, "time_s": each.time_s}
+        for each in found.failures
+    ]
     return {
         "happened": happened,
         "found": [fault_entry(each.fault) for each in found.standing],

@@ -85,12 +85,12 @@ def marks(run: Trajectory, found: Identification) -> list[Mark]:
         own = [
             each
             for each in found.diagnoses
-            if each.fault.actuator == failure.strut and run.time_s[each.tick] >= failure.time_s
+            if each.fault.actuator == failure.actuator and run.time_s[each.tick] >= failure.time_s
         ]
         found_s = float(run.time_s[own[0].tick]) if own else np.inf
         words = f"found: {fault_text(own[-1].fault)}" if own else ""
         happened = fault_text(fault_of(failure))
-        marks.append(Mark(failure.strut, failure.time_s, happened, found_s, words))
+        marks.append(Mark(failure.actuator, failure.time_s, happened, found_s, words))
     return marks
 
 

@@ -155,7 +155,7 @@ class SweepRun:
         if not self.known:
             return self.goal
         locked, free, spring_lost = (
-            tuple(failure.strut for failure in self.failures if failure.kind == kind)
+            tuple(failure.actuator for failure in self.failures if failure.kind == kind)
             for kind in ("locked", "free", "loose")
         )
         return replace(
