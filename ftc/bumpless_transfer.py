@@ -21,14 +21,14 @@ class BumplessTransfer:
     """What one mapping owes to the one before it.
 
     Attributes:
-        pointing_rad: Added for good to what the compensators demand of the major task, shape (m1,).
+        demand: Added for good to what the compensators demand of the major task, shape (m1,).
         secondary_reference_m: Secondary displacement in which the old mapping left the actuators,
             shape (n,).
         age_s: Time since the transfer.
         internal_m: Displacements that no motion follows, shape (n,); None is none.
     """
 
-    pointing_rad: Array
+    demand: Array
     secondary_reference_m: Array
     age_s: float
     internal_m: Array | None = None
@@ -46,7 +46,7 @@ class BumplessTransfer:
             left = earlier.faded(earlier.internal_m, fade_s)
             internal_m = left if internal_m is None else left + internal_m
         return BumplessTransfer(
-            earlier.pointing_rad + self.pointing_rad,
+            earlier.demand + self.demand,
             earlier.faded(earlier.secondary_reference_m, fade_s) + self.secondary_reference_m,
             self.age_s,
             internal_m,
@@ -72,9 +72,9 @@ def bumpless_transfer(
             task.
     """
     own_m = mapping.displacements(
-        asked.pointing_rad, pose, commanded_m, asked, asked.secondary_reference_m
+        asked.demand, pose, commanded_m, asked, asked.secondary_reference_m
     )
-    pointing_rad, secondary_reference_m, internal_m = mapping.split(commanded_m - own_m, pose)
+    demand, secondary_reference_m, internal_m = mapping.split(commanded_m - own_m, pose)
     if lost_displacement_m is not None:
-        pointing_rad = pointing_rad + mapping.pointing(lost_displacement_m, pose)
-    return BumplessTransfer(pointing_rad, secondary_reference_m, 0.0, internal_m)
+        demand = demand + mapping.pointing(lost_displacement_m, pose)
+    return BumplessTransfer(demand, secondary_reference_m, 0.0, internal_m)

@@ -20,12 +20,12 @@ class Measurement:
     """What a controller can measure at one tick.
 
     Attributes:
-        pointing_rad: The major task, shape (m1,).
-        strut_m: Displacements of the actuators, shape (n,), where they have sensors.
+        output: The major task, shape (m1,).
+        displacement: Displacements of the actuators, shape (n,), where they have sensors.
     """
 
-    pointing_rad: Array
-    strut_m: Array
+    output: Array
+    displacement: Array
 
 
 class Converter(Protocol):
@@ -131,7 +131,7 @@ class PrioritizedController(Generic[Pose]):
     def step(
         self,
         state: ControllerState[Pose],
-        desired_rad: Array,
+        reference: Array,
         measurement: Measurement,
         secondary_reference_m: Array | None = None,
         *,
@@ -142,7 +142,7 @@ class PrioritizedController(Generic[Pose]):
 
         Args:
             state: From the tick before.
-            desired_rad: Reference of the major task, shape (m1,).
+            reference: Reference of the major task, shape (m1,).
             measurement: This controller uses the measured major task.
             secondary_reference_m: Reference of the secondary goal, displacements of the actuators,
                 shape (n,); None is zero.
@@ -153,7 +153,7 @@ class PrioritizedController(Generic[Pose]):
         if pose is None:
             pose = self.mapping.estimate(commanded_m, state.pose)
 
-        error = desired_rad - measurement.pointing_rad
+        error = reference - measurement.output
         after = self._M.dot(np.concatenate([state.compensator, error]))
         compensator, pointing = after[: self._order], after[self._order :]
         if self.demand_limit_rad < inf:
@@ -166,7 +166,7 @@ class PrioritizedController(Generic[Pose]):
             pointing = feedforward + pointing
         owed = state.bumpless_transfer
         if owed is not None:
-            pointing = pointing + owed.pointing_rad
+            pointing = pointing + owed.demand
             faded_m = owed.faded(owed.secondary_reference_m, self.handover_s)
             secondary_reference_m = (
                 faded_m if secondary_reference_m is None else faded_m + secondary_reference_m

@@ -27,13 +27,13 @@ class PreviousCommand:
     """What was last demanded of a mapping, and its answer; the incremental form goes on from it.
 
     Attributes:
-        pointing_rad: Demanded major task, shape (m1,).
+        demand: Demanded major task, shape (m1,).
         displacements_m: Displacements of the actuators, before the converters, shape (n,).
         secondary_reference_m: Reference of the secondary goal, displacements of the actuators,
             shape (n,).
     """
 
-    pointing_rad: Array
+    demand: Array
     displacements_m: Array
     secondary_reference_m: Array
 
@@ -160,7 +160,7 @@ class PrioritizedMapping(Generic[Pose]):
 
     def displacements(
         self,
-        pointing_rad: Array,
+        demand: Array,
         pose: Pose,
         commanded_m: Array | None = None,
         last: PreviousCommand | None = None,
@@ -169,7 +169,7 @@ class PrioritizedMapping(Generic[Pose]):
         """Displacements (n,) for a demanded major task; zero at actuators known to be locked.
 
         Args:
-            pointing_rad: Demanded major task, shape (m1,).
+            demand: Demanded major task, shape (m1,).
             pose: Where the mechanism is.
             commanded_m: Displacements (n,) that hold it there; the Gauss-Newton form goes on from
                 them.
@@ -183,7 +183,7 @@ class PrioritizedMapping(Generic[Pose]):
         """
         posture, now = self._present(pose)
         if self.form == "absolute" and secondary_reference_m is None and not self._is_off_centre:
-            return now.expand.dot(now.mapping(pointing_rad))
+            return now.expand.dot(now.mapping(demand))
         joint = (
             np.zeros(now.J.shape[1])
             if secondary_reference_m is None
@@ -195,7 +195,7 @@ class PrioritizedMapping(Generic[Pose]):
                 raise ValueError("last must be given in incremental form, got None")
             before = now.expand.T @ last.secondary_reference_m
             change = now.mapping(
-                pointing_rad - last.pointing_rad,
+                demand - last.demand,
                 joint - before,
                 secondary - now.J[self._secondary] @ before,
             )
@@ -205,7 +205,7 @@ class PrioritizedMapping(Generic[Pose]):
                 raise ValueError("commanded_m must be given in gauss_newton form, got None")
             task = self._task(pose)
             change = now.mapping(
-                pointing_rad - task[self._major],
+                demand - task[self._major],
                 joint - now.expand.T @ commanded_m,
                 secondary - task[self._secondary],
             )
@@ -213,7 +213,7 @@ class PrioritizedMapping(Generic[Pose]):
         # An actuator locked off centre has already moved the task by J[:, k] l_k.
         offset = self._model.twist(posture, self._follow.dot(self._standing_m))
         change = now.mapping(
-            pointing_rad - offset[self._major],
+            demand - offset[self._major],
             joint - self._yielded_m,
             secondary - offset[self._secondary],
         )
@@ -237,9 +237,9 @@ class PrioritizedMapping(Generic[Pose]):
         if len(now.constraint):
             internal = np.linalg.pinv(now.constraint) @ (now.constraint @ surviving)
             surviving, internal_m = surviving - internal, now.expand @ internal
-        pointing_rad = now.J[self._major] @ surviving
-        secondary_reference_m = now.expand @ (surviving - now.mapping(pointing_rad))
-        return pointing_rad, secondary_reference_m, internal_m
+        demand = now.J[self._major] @ surviving
+        secondary_reference_m = now.expand @ (surviving - now.mapping(demand))
+        return demand, secondary_reference_m, internal_m
 
     def estimate(self, displacements_m: Array, pose: Pose) -> Pose:
         """The pose to which commanded displacements (n,) lead, from the pose one tick before.

@@ -39,7 +39,7 @@ class Controller(Protocol[State]):
         """At rest at the nominal pose."""
         ...
 
-    def step(self, state: State, desired_rad: Array, measurement: Measurement) -> State:
+    def step(self, state: State, reference: Array, measurement: Measurement) -> State:
         """One control tick."""
         ...
 
@@ -100,7 +100,7 @@ class OracleController:
         """At rest at the nominal pose."""
         return OracleState(self.before.start(), ticks=0)
 
-    def step(self, state: OracleState, desired_rad: Array, measurement: Measurement) -> OracleState:
+    def step(self, state: OracleState, reference: Array, measurement: Measurement) -> OracleState:
         """One control tick."""
         last = state.controller
         if state.ticks == self.tick:
@@ -117,7 +117,7 @@ class OracleController:
         else:
             secondary_reference_m = self.secondary(state.ticks * acting.period_s)
         return OracleState(
-            acting.step(last, desired_rad, measurement, secondary_reference_m), state.ticks + 1
+            acting.step(last, reference, measurement, secondary_reference_m), state.ticks + 1
         )
 
     def _lost_displacement(self, last: ControllerState[Any]) -> Array:

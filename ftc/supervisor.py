@@ -56,14 +56,14 @@ class Supervisor:
         monitor: Of the sound machine.
         secondary: Reference of the secondary goal (n,) at each time of the run.
         reconfigured: Controller that knows of these failures.
-        can_point: Whether the major task can still be done in spite of them.
+        is_possible: Whether the major task can still be done in spite of them.
     """
 
     first: PrioritizedController[Any]
     monitor: Monitor
     secondary: Callable[[float], Array]
     reconfigured: Callable[[Sequence[Diagnosis]], PrioritizedController[Any]]
-    can_point: Callable[[Sequence[Fault]], bool]
+    is_possible: Callable[[Sequence[Fault]], bool]
 
     @property
     def amplifier(self) -> Converter:
@@ -75,14 +75,14 @@ class Supervisor:
         return SupervisorState(self.first.start(), self.first, self.monitor.start(), self.monitor)
 
     def step(
-        self, state: SupervisorState, desired_rad: Array, measurement: Measurement
+        self, state: SupervisorState, reference: Array, measurement: Measurement
     ) -> SupervisorState:
         """One control tick: first the diagnosis, then the control."""
         if state.task_lost and state.watch.diagnosis is None:
             return replace(state, ticks=state.ticks + 1)
         commanded_m = self.amplifier.displacement_m(state.input_percent)
         known = state.watch.diagnosis
-        measured = np.concatenate([measurement.pointing_rad, measurement.strut_m])
+        measured = np.concatenate([measurement.output, measurement.displacement])
         outputs = len(state.monitor.nominal.noise)  # without the actuators' sensors unless used
         watch = state.monitor.step(state.watch, measured[:outputs], commanded_m)
         state = replace(state, watch=watch)
@@ -91,7 +91,7 @@ class Supervisor:
         if not state.task_lost:
             secondary_reference_m = self.secondary(state.ticks * self.first.period_s)
             controller = state.current.step(
-                state.controller, desired_rad, measurement, secondary_reference_m
+                state.controller, reference, measurement, secondary_reference_m
             )
             state = replace(state, controller=controller)
         return replace(state, ticks=state.ticks + 1)
@@ -103,7 +103,7 @@ class Supervisor:
         if found is not None:
             state = replace(state, diagnoses=(*state.diagnoses, found))
             lost_displacement_m = lost_displacement(found, commanded_m)
-        lost = not self.can_point([each.fault for each in believed])
+        lost = not self.is_possible([each.fault for each in believed])
         state = replace(state, task_lost=lost)
         if not lost:
             current = self.reconfigured(believed)

@@ -56,7 +56,7 @@ def demands(model, loops, bench, ticks, error_rad):
     state, asked = controller.start(), []
     for _ in range(ticks):
         state = controller.step(state, np.asarray(error_rad), Measurement(np.zeros(2), np.zeros(6)))
-        asked.append(state.asked.pointing_rad)
+        asked.append(state.asked.demand)
     return state, np.array(asked)
 
 
@@ -79,7 +79,7 @@ def test_an_integrator_at_its_limit_winds_up_unless_it_is_held(model, loops, ant
     controller = controller_for(Testbed(model, bench, loops), W_A)
     state, _ = demands(model, loops, bench, 1000, [5e-6, 0.0])
     ticks = 0
-    while state.asked.pointing_rad[0] >= TIGHT.demand_limit_rad and ticks < 2000:
+    while state.asked.demand[0] >= TIGHT.demand_limit_rad and ticks < 2000:
         state = controller.step(
             state, np.array([-5e-6, 0.0]), Measurement(np.zeros(2), np.zeros(6))
         )

@@ -13,8 +13,8 @@ import pytest
 from experiments.app.cli import main
 from experiments.force import runs
 from experiments.force import tables as tables_module
+from experiments.force.aims import LEVERED, SPARING, draw_aims
 from experiments.force.answers import known_system, platform
-from experiments.force.optimum import LEVERED, SPARING, draw_aims
 from experiments.force.results import summarize
 from experiments.force.rig import FIXTURE, Condition, Gauges, hold, press, with_fixture
 from experiments.force.runs import examine, payload_stiffness

@@ -91,7 +91,7 @@ def test_what_is_left_of_the_former_mapping_fades_without_moving_the_pointing(na
         # Six struts' last bits, 10 nm each at most, through J_m.
         np.testing.assert_allclose(now, pointing, atol=6e-8)
     for later in (state, steady(after, state, round(BENCH.handover_s / BENCH.control_period_s))):
-        own = after.mapping.displacements(later.asked.pointing_rad, later.pose)[survivors]
+        own = after.mapping.displacements(later.asked.demand, later.pose)[survivors]
         np.testing.assert_allclose(surviving_m(later), own, atol=1.1e-8)
     if name != "locked off centre":  # the least of all struts is the least of those left, too
         assert np.abs(surviving_m(first) - own).max() > 1e-7
@@ -172,7 +172,7 @@ def test_the_controller_reckons_with_what_a_weak_coil_holds_and_not_with_its_com
     assert np.abs(state.input_percent[4] - expected.input_percent[4]) > 20 * LSB_PERCENT
     owed = aware.transfer(state).bumpless_transfer
     assert owed is not None
-    np.testing.assert_allclose(owed.pointing_rad, 0, atol=2e-7)
+    np.testing.assert_allclose(owed.demand, 0, atol=2e-7)
     np.testing.assert_allclose(owed.secondary_reference_m, 0, atol=4e-8)
 
 
@@ -243,9 +243,9 @@ def test_a_supervisor_is_a_pure_function_and_says_when_the_task_is_lost():
     np.testing.assert_array_equal(once.input_percent, again.input_percent)
     assert state.ticks == 0 and len(state.watch.history) == 1
     locked = [Fault(k, "locked") for k in (0, 3, 1)]
-    assert pilot.can_point(locked)
-    assert not pilot.can_point([*locked, Fault(4, "locked")])  # struts 3 and 6 pull alike
-    assert pilot.can_point([Fault(k, "weak", 0.5) for k in range(6)])
+    assert pilot.is_possible(locked)
+    assert not pilot.is_possible([*locked, Fault(4, "locked")])  # struts 3 and 6 pull alike
+    assert pilot.is_possible([Fault(k, "weak", 0.5) for k in range(6)])
 
 
 @dataclass(frozen=True)

@@ -155,7 +155,7 @@ def parts(loop: ClosedLoop) -> list[Contender]:
     controller = controller_for(loop.testbed, GOAL)
     _, state = track_path(loop.testbed, controller, seed=loop.seed, duration_s=0.2)
     mapping, amplifier = controller.mapping, controller.amplifier
-    command_m, asked_rad = amplifier.displacement_m(state.input_percent), state.asked.pointing_rad
+    command_m, asked_rad = amplifier.displacement_m(state.input_percent), state.asked.demand
     detector, strut_sensors = bench.detector(), bench.strut_sensors()
     rng, plant, bare = np.random.default_rng(loop.seed), Plant(model), mujoco.MjData(model)
     period_s = bench.control_period_s
@@ -165,8 +165,8 @@ def parts(loop: ClosedLoop) -> list[Contender]:
     def sense() -> Measurement:
         plant.closure_residual_m()
         return Measurement(
-            pointing_rad=detector.read(plant.pose().rotation, rng),
-            strut_m=strut_sensors.read(plant.strut_displacement_m(), rng),
+            output=detector.read(plant.pose().rotation, rng),
+            displacement=strut_sensors.read(plant.strut_displacement_m(), rng),
         )
 
     timed: dict[str, tuple[Callable[..., Any], *tuple[Any, ...]]] = {

@@ -10,15 +10,8 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from experiments.force.optimum import (
-    LEAST_TORQUE,
-    Aims,
-    ForceGoal,
-    as_wrench,
-    cost,
-    least_cost,
-    statics,
-)
+from experiments.force.aims import LEAST_TORQUE, Aims, ForceGoal, as_wrench
+from experiments.force.optimum import cost, least_cost, statics
 from experiments.force.rig import Condition, Readings, press, with_fixture
 from experiments.hexapod.columns import MAJOR, SECONDARY
 from prioritized import ConstrainedSystem, ForceMapping, Kinematics, Status, force_mapping

@@ -8,7 +8,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from experiments.force.optimum import PRESCRIBED
+from experiments.force.aims import PRESCRIBED
 from experiments.force.rig import Readings
 from experiments.force.runs import Examination, Trial
 from experiments.force.tables import tables

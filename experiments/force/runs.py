@@ -7,6 +7,7 @@ import mujoco
 import numpy as np
 import scipy.linalg
 
+from experiments.force.aims import GOALS, LEVERED, PRESCRIBED, Aims, ForceGoal, draw_aims
 from experiments.force.answers import (
     Answer,
     InternalForce,
@@ -16,7 +17,6 @@ from experiments.force.answers import (
     trade,
     use_internal_force,
 )
-from experiments.force.optimum import GOALS, LEVERED, PRESCRIBED, Aims, ForceGoal, draw_aims
 from experiments.force.rig import Condition, Readings, conditions, hold, press, with_fixture
 from experiments.hexapod.columns import MAJOR, SECONDARY
 from experiments.hexapod.fault_tolerance import elastic_system, strut_and_payload_stiffness

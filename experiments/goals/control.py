@@ -129,7 +129,7 @@ def unrolled(measurement: Measurement, pose: Pose) -> Measurement:
     the pointing stays. What it reads and what is pointed at are compared at the estimated pose.
     """
     read, pointed = -pointing_angles(pose.rotation.T), pointing_angles(pose.rotation)
-    return replace(measurement, pointing_rad=measurement.pointing_rad - read + pointed)
+    return replace(measurement, output=measurement.output - read + pointed)
 
 
 StrutRates = Callable[[Array, Pose], Array]
@@ -166,13 +166,13 @@ class Seeker:
         """At rest at the nominal pose."""
         return SeekerState(self.controller.start(), np.zeros(6))
 
-    def step(self, state: SeekerState, desired_rad: Array, measurement: Measurement) -> SeekerState:
+    def step(self, state: SeekerState, reference: Array, measurement: Measurement) -> SeekerState:
         """One control tick."""
         commanded_m = self.amplifier.displacement_m(state.input_percent)
         moved_m = self.period_s * self.rates(commanded_m, state.pose)
         reference_m = state.secondary_reference_m + moved_m
         seen = unrolled(measurement, state.pose)
-        controller = self.controller.step(state.controller, desired_rad, seen, reference_m)
+        controller = self.controller.step(state.controller, reference, seen, reference_m)
         return SeekerState(controller, reference_m)
 
 
@@ -204,7 +204,7 @@ class Reweighing:
         return ReweighedState(steering.start(), cold, steering, ticks=0)
 
     def step(
-        self, state: ReweighedState, desired_rad: Array, measurement: Measurement
+        self, state: ReweighedState, reference: Array, measurement: Measurement
     ) -> ReweighedState:
         """One control tick."""
         steering = state.steering
@@ -213,7 +213,7 @@ class Reweighing:
         if state.ticks % REWEIGH_TICKS == 0:
             steering = self._weighted(temperature_c)
         seen = unrolled(measurement, state.pose)
-        controller = steering.step(state.controller, desired_rad, seen)
+        controller = steering.step(state.controller, reference, seen)
         return ReweighedState(controller, temperature_c, steering, state.ticks + 1)
 
     def _weighted(self, temperature_c: Array) -> PrioritizedController:

@@ -208,7 +208,7 @@ def supervisor(
         known = reconfigured_goal(goal, diagnoses)
         return controller_for(testbed, known, jacobian=jacobian)
 
-    def can_point(faults: Sequence[Fault]) -> bool:
+    def is_possible(faults: Sequence[Fault]) -> bool:
         assert atlas.elastic is not None  # the hexapod has springs
         by_kind = {
             kind: [fault.actuator for fault in faults if fault.kind == kind]
@@ -221,5 +221,5 @@ def supervisor(
         monitor=monitor(nominal, config=config),
         secondary=dither.at,
         reconfigured=controller,
-        can_point=can_point,
+        is_possible=is_possible,
     )

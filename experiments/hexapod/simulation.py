@@ -217,8 +217,8 @@ def _ticks(
             plant.shake(path.floor_m_per_s2[tick])
         pose, struts_m = plant.pose(), plant.strut_displacement_m()
         measurement = Measurement(
-            pointing_rad=detector.read(pose.rotation, detector_rng),
-            strut_m=strut_sensors.read(struts_m, strut_rng),
+            output=detector.read(pose.rotation, detector_rng),
+            displacement=strut_sensors.read(struts_m, strut_rng),
         )
         state = pilot.step(state, desired, measurement)
         kept = _Tick(
@@ -226,7 +226,7 @@ def _ticks(
             translation_m=pose.translation_m,
             rotation_estimated=state.pose.rotation,
             translation_estimated_m=state.pose.translation_m,
-            measured_rad=measurement.pointing_rad,
+            measured_rad=measurement.output,
             strut_input_percent=state.input_percent,
             strut_displacement_m=struts_m,
             closure_residual_m=np.asarray(plant.closure_residual_m()),

@@ -171,7 +171,7 @@ def diagnose(
         false_alarm=any(tick < struck for tick in state.watch.alarm_ticks),
         unexplained=state.watch.unexplained,
         task_lost=state.task_lost,
-        lost_rightly=not pilot.can_point([fault_of(failure) for failure in failures]),
+        lost_rightly=not pilot.is_possible([fault_of(failure) for failure in failures]),
         closure_residual_max_m=closure_residual_max_m(trajectory),
     )
 
