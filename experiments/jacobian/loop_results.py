@@ -234,9 +234,9 @@ def _paragraph(loop: dict[str, Any]) -> str:
         f"dynamics cause at nominal size. With a spiral {last['spiral_factor']:g} times as large "
         f"the goal is off by {extra['constant']:.0f} % with the constant Jacobian, "
         f"{extra['analytic']:.0f} % with that of the present pose on absolute displacements, "
-        f"{extra['incremental']:.0f} % on increments, and {extra['gauss_newton']:.1f} % with one "
+        f"{extra['incremental']:.0f} % on increments, and {extra['relinearized']:.1f} % with one "
         f"Gauss-Newton step a tick. The pointing RMS, relative to the Jacobian of the present pose "
         f"on absolute displacements, changes by {pointing['constant']:+.1f} % (constant), "
-        f"{pointing['incremental']:+.1f} % (increments) and {pointing['gauss_newton']:+.1f} % "
+        f"{pointing['incremental']:+.1f} % (increments) and {pointing['relinearized']:+.1f} % "
         f"(Gauss-Newton)."
     )

@@ -223,7 +223,7 @@ def notes(summary: dict[str, Any]) -> list[str]:
         ),
         f"After recovery the RMS error is {over['pooled']:.4f} times that of a controller informed "
         f"at once; {over['worst_case']:.4f} times in the worst case.",
-        f"False alarms: {_alarms(alarms['simulated'])} as simulated, "
+        f"False alarms: {_alarms(alarms['flown'])} as simulated, "
         f"{_alarms(alarms['with_fresh_noise'])} in the same runs with fresh noise.",
         f"The dither changes the RMS error without failures by {change:.1e} urad, another seed by "
         f"{reseeded:.1e} urad.",
