@@ -102,48 +102,50 @@ class Plant:
         self.step(np.zeros(self.model.nu) if command_m is None else command_m, seconds)
         self.data.time = 0.0
 
-    def lock(self, strut: int) -> None:
-        """Position failure: strut 0..nu-1 stays where it is, from now on.
+    def lock(self, actuator: int) -> None:
+        """Position failure: actuator 0..nu-1 stays where it is, from now on.
 
         Raises:
-            ValueError: No such strut.
+            ValueError: No such actuator.
         """
-        strut = check.index("strut", strut, self.model.nu)
-        lock, qpos = self._locks[strut], self._strut_qpos[strut]
-        self.model.eq_data[lock, 0] = self.data.qpos[qpos] - self._strut_qpos0[strut]
+        actuator = check.index("actuator", actuator, self.model.nu)
+        lock, qpos = self._locks[actuator], self._strut_qpos[actuator]
+        self.model.eq_data[lock, 0] = self.data.qpos[qpos] - self._strut_qpos0[actuator]
         self.data.eq_active[lock] = True
 
-    def release(self, strut: int) -> None:
-        """Torque failure: the coil of strut 0..nu-1 is switched off, from now on.
+    def release(self, actuator: int) -> None:
+        """Torque failure: the coil of actuator 0..nu-1 is switched off, from now on.
 
         Raises:
-            ValueError: No such strut.
+            ValueError: No such actuator.
             ModelError: Its actuator shares a group with another.
         """
-        strut = check.index("strut", strut, self.model.nu)
-        group = int(self.model.actuator_group[strut])
+        actuator = check.index("actuator", actuator, self.model.nu)
+        group = int(self.model.actuator_group[actuator])
         if np.count_nonzero(self.model.actuator_group == group) > 1:
-            name = self.model.actuator(strut).name
+            name = self.model.actuator(actuator).name
             raise ModelError(f'actuator "{name}" shares group {group} with another')
         self.model.opt.disableactuator |= 1 << group
 
-    def weaken(self, strut: int, effectiveness: float) -> None:
-        """The coil of strut 0..nu-1 gives this part, in 0..1, of the force that it gave.
+    def weaken(self, actuator: int, effectiveness: float) -> None:
+        """The coil of actuator 0..nu-1 gives this part, in 0..1, of the force that it gave.
 
         Raises:
-            ValueError: No such strut, or no such part.
+            ValueError: No such actuator, or no such part.
         """
-        strut = check.index("strut", strut, self.model.nu)
-        self.model.actuator_gainprm[strut, 0] *= check.at_most_one("effectiveness", effectiveness)
+        actuator = check.index("actuator", actuator, self.model.nu)
+        self.model.actuator_gainprm[actuator, 0] *= check.at_most_one(
+            "effectiveness", effectiveness
+        )
 
-    def break_loose(self, strut: int) -> None:
-        """Release strut 0..nu-1 and take its suspension spring, and with it its preload, away.
+    def break_loose(self, actuator: int) -> None:
+        """Release actuator 0..nu-1 and take its suspension spring, and with it its preload, away.
 
         Raises:
             ValueError, ModelError: As :meth:`release`.
         """
-        self.release(strut)
-        self.model.jnt_stiffness[self.model.actuator_trnid[strut, 0]] = 0.0
+        self.release(actuator)
+        self.model.jnt_stiffness[self.model.actuator_trnid[actuator, 0]] = 0.0
 
     def push(self, wrench: Array) -> None:
         """Push the payload, from now on, with [moment; force] at its site in base axes.

@@ -103,7 +103,7 @@ def test_a_coil_is_neither_reversed_nor_made_stronger(model, effectiveness):
 def test_a_strut_is_one_of_the_six_by_its_number(model, strut):
     plant = Plant(model)
     for fail in (plant.lock, plant.release, plant.break_loose, lambda k: plant.weaken(k, 0.5)):
-        with pytest.raises(ValueError, match=r"^strut must"):
+        with pytest.raises(ValueError, match=r"^actuator must"):
             fail(strut)
 
 

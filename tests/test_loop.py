@@ -177,10 +177,11 @@ def test_relinearized_a_strut_stuck_off_centre_needs_no_term_of_its_own():
 
 
 @pytest.mark.parametrize(
-    ("name", "missing"), [("incremental", "last"), ("gauss_newton", "commanded_m")]
+    ("name", "form", "missing"),
+    [("incremental", "incremental", "last"), ("relinearized", "gauss_newton", "commanded_m")],
 )
-def test_a_form_that_goes_on_from_somewhere_must_be_told_from_where(name, missing):
-    with pytest.raises(ValueError, match=f"{missing} must be given in {name} form, got None"):
+def test_a_form_that_goes_on_from_somewhere_must_be_told_from_where(name, form, missing):
+    with pytest.raises(ValueError, match=f"{missing} must be given in {form} form, got None"):
         variant(name).displacements(np.zeros(2), NOMINAL)
 
 

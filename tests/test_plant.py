@@ -338,7 +338,7 @@ def test_what_a_plant_cannot_do_is_refused_by_name(model):
         plant.step(np.zeros(5), PERIOD_S)
     for strut in (-1, 6):
         for fail in (plant.lock, plant.release):
-            with pytest.raises(ValueError, match=r"strut must lie in 0\.\.5"):
+            with pytest.raises(ValueError, match=r"actuator must lie in 0\.\.5"):
                 fail(strut)
     crossed = edited(('<joint name="lock1" joint1="strut1"', '<joint name="lock1" joint1="strut2"'))
     with pytest.raises(ModelError, match='"lock1" must lock the joint "strut1" alone'):

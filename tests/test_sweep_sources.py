@@ -72,7 +72,7 @@ def test_an_edited_caption_or_help_text_changes_nothing_for_a_sweep(project, pat
         "experiments/output/parquet.py",
         *(
             f"experiments/sweep/{name}.py"
-            for name in ("basis", "dataset", "design", "machine", "row", "sweep_run")
+            for name in ("basis", "dataset", "design", "row", "sweep_run")
         ),
     ],
 )

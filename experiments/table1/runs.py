@@ -96,7 +96,7 @@ def run_table1(
     chosen, machine = CONFIGURATIONS[configuration], load_model(model)
     bench = chosen.bench
     duration_s = bench.quick_duration_s if quick else bench.duration_s
-    loops = nominal_loops(machine, bench)
+    loops, constants = nominal_loops(machine, bench), plant_constants(machine)
     testbed = Testbed(machine, bench, loops)
     choices: tuple[JacobianChoice, JacobianChoice] = (jacobian, other_jacobian(jacobian))
     asked = [
@@ -113,7 +113,7 @@ def run_table1(
         configuration=chosen,
         machine_file=model,
         model_sha256=model_sha256(model),
-        plant_constants=plant_constants(machine),
+        plant_constants=constants,
         loops=loops,
         jacobian=jacobian,
         trajectories=dict(zip(names, runs[: len(names)], strict=True)),
