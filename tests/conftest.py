@@ -17,9 +17,9 @@ settings.load_profile("repeatable")
 AT_LENGTH = {
     *("table1_folder", "release_folder", "recover_folder", "systems_folder", "jacobian_folder"),
     *("goals_folder", "force_run", "uncorrected_folder", "bench_folder", "sweep_folder"),
-    *("atlas_folder", "seeds_folder"),
+    *("atlas_folder", "seeds_folder", "crew"),
 }
-"""Fixtures that run a study; `figures_folder` takes seconds, and is not among them."""
+"""Fixtures that run a study or a cluster; `figures_folder` takes seconds, and is not among them."""
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -31,10 +31,13 @@ from experiments.output.recording.file import (
 from experiments.output.study import WrongInput
 
 # On a person's machine without Mesa's driver there is nothing to look at; in CI that is an error.
-pytestmark = pytest.mark.skipif(
-    software_driver() is None and "CI" not in os.environ,
-    reason="Mesa's Vulkan driver is not installed",
-)
+pytestmark = [
+    pytest.mark.long,
+    pytest.mark.skipif(
+        software_driver() is None and "CI" not in os.environ,
+        reason="Mesa's Vulkan driver is not installed",
+    ),
+]
 
 
 def pixels(png: bytes) -> np.ndarray:
