@@ -81,7 +81,7 @@ def summarize(outcome: Recover) -> dict[str, Any]:
             "amplitude_m": DITHER.amplitude,
             "frequency_hz": DITHER.frequency_hz,
             "direction": list(DITHER.direction),
-            "secondary_reference_m": np.broadcast_to(DITHER.offset, 6).tolist(),
+            "rest_m": np.broadcast_to(DITHER.offset, 6).tolist(),
         },
         "recovered_from_s": RECOVERED_S,
         "isolation": _isolation(recoveries, outcome.predicted),
