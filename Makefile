@@ -16,7 +16,7 @@ $(STAMP): pyproject.toml constraints.txt
 table1: venv
 	$(BIN)/fjh table1
 
-# Every law, the physics, the command line, Table I --quick: two and a half minutes on two cores.
+# Every law, the physics, the command line, Table I --quick: four minutes on two cores.
 test: venv
 	$(BIN)/python -m pytest -m "not long"
 
