@@ -4,30 +4,38 @@ BIN := .venv/bin
 STAMP := .venv/installed
 RUNS := results/report
 
-.PHONY: venv table1 test test-all check bench bench-quick pictures clean
+.PHONY: venv table1 test test-all wheel-test check docs bench bench-quick pictures clean
 
 venv: $(STAMP)
 
 $(STAMP): pyproject.toml constraints.txt
 	$(PYTHON) -m venv .venv
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable ".[test,check,bench]"
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable ".[bench,test,check,docs]"
 	touch $(STAMP)
 
 table1: venv
 	$(BIN)/fjh table1
 
-# Every law, the physics, the command line, Table I --quick: four minutes on two cores.
+# Every law, the physics, the command line, Table I --quick; on all cores.
 test: venv
-	$(BIN)/python -m pytest -m "not long"
+	$(BIN)/python -m pytest -m "not long" --numprocesses auto --dist loadfile
 
-# The same and every study at length: what CI runs.
-test-all: venv
-	$(BIN)/python -m pytest
+# The same, and every study at length: what CI runs. Tests of one study share its files, hence one process.
+test-all: test
+	$(BIN)/python -m pytest -m long
+
+# The wheel in an empty environment: base, sim and testbed, the README's examples, types.
+wheel-test:
+	$(PYTHON) tests/wheel.py
 
 check: venv
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/pyright
+
+# The site, in build/site; a broken link or reference is an error. Needs no network.
+docs: venv
+	$(BIN)/python -m sphinx -W --keep-going --quiet -d build/doctrees docs build/site
 
 bench: venv
 	$(BIN)/fjh bench
@@ -41,13 +49,13 @@ bench-quick: venv
 pictures: venv
 	$(BIN)/fjh report --out $(RUNS)
 	$(BIN)/fjh atlas --resume --out $(RUNS)/flown
-	$(BIN)/fjh bench --out $(RUNS)/bench
 	cp $(RUNS)/*/*.png docs/pictures/
 	cp $(RUNS)/figures/figure2.svg docs/pictures/
 	$(BIN)/fjh review $(RUNS)/table1 --out $(RUNS)/review.rrd
 	$(BIN)/fjh render $(RUNS)/table1/W_e.rrd --time 14 --out docs/pictures/run.png
-	$(BIN)/fjh render $(RUNS)/review.rrd --out docs/pictures/review.png
+	$(BIN)/fjh render $(RUNS)/review.rrd --size 1600x1200 --out docs/pictures/review.png
 	$(BIN)/fjh render $(RUNS)/recover/locked.rrd --time 9.3 --out docs/pictures/failure.png
+	$(BIN)/fjh animate $(RUNS)/recover/locked.npz --out docs/pictures/animation.gif
 
 clean:
 	rm -rf .venv results build *.egg-info

@@ -1,16 +1,29 @@
 """`python -m experiments` is `fjh`."""
 
 import sys
+from importlib.util import find_spec
 
-from experiments.output.terminal import exit_on_interrupt
+from experiments.output.terminal import exit_on_interrupt, notice
 
-exit_on_interrupt()
+PACKAGES = (
+    *("distributed", "jinja2", "matplotlib", "mujoco", "psutil", "pyarrow", "rerun"),
+    *("rerun_loader_mjcf", "rich", "typer"),
+)
+"""What the extra `testbed` installs, as it is imported."""
 
-from experiments.app.cli import main  # noqa: E402  (the imports take a second: Ctrl-C must be ready)
+exit_on_interrupt()  # the imports take a second: Ctrl-C must be ready before
 
 
 def run() -> None:
-    """Entry point of the console script."""
+    """Entry point of the command; a package that is not installed is one sentence, exit code 2."""
+    if absent := [name for name in PACKAGES if find_spec(name) is None]:
+        notice(
+            f"fjh needs packages that are not installed, {', '.join(absent)}: "
+            'pip install "fault-tolerant-hexapod[testbed]"'
+        )
+        sys.exit(2)
+    from experiments.app.cli import main
+
     sys.exit(main())
 
 

@@ -1,4 +1,4 @@
-"""Bumpless transfer: one mapping takes over from another without a step in the commands.
+"""Bumpless transfer: a change of the mapping without a step in the commands.
 
 The compensators are left alone. What the surviving actuators stand off from the new mapping's own
 answer is split: the part that moves the major task becomes a constant, which relieves the
@@ -18,7 +18,7 @@ Pose = TypeVar("Pose")
 
 @dataclass(frozen=True)
 class BumplessTransfer:
-    """What one mapping owes to the one before it.
+    """Offsets that remain after a change of the mapping.
 
     Attributes:
         demand: Added for good to what the compensators demand of the major task, shape (m1,).
@@ -34,13 +34,13 @@ class BumplessTransfer:
     internal_m: Array | None = None
 
     def faded(self, displacements_m: Array, fade_s: float) -> Array:
-        """What is left of displacements (n,): half a cosine over `fade_s`."""
+        """Displacements (n,) still to be faded out: half a cosine over `fade_s`."""
         if self.age_s >= fade_s:
             return np.zeros(len(displacements_m))
         return 0.5 * (1 + np.cos(np.pi * self.age_s / fade_s)) * displacements_m
 
     def after(self, earlier: "BumplessTransfer", fade_s: float) -> "BumplessTransfer":
-        """The same, with what is left of an earlier one."""
+        """The transfer combined with the rest of an earlier one."""
         internal_m = self.internal_m
         if earlier.internal_m is not None:
             left = earlier.faded(earlier.internal_m, fade_s)
@@ -60,7 +60,7 @@ def bumpless_transfer(
     pose: Pose,
     lost_displacement_m: Array | None = None,
 ) -> BumplessTransfer:
-    """What the new mapping owes, so that it goes on from the displacements commanded.
+    """The offsets with which the new mapping continues from the displacements commanded.
 
     Args:
         mapping: That takes over.

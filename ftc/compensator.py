@@ -25,7 +25,7 @@ class NoResponse(ValueError):
 
 @dataclass(frozen=True)
 class LoopShape:
-    """What one channel's loop should be like.
+    """Specification of one channel's loop.
 
     Attributes:
         crossover_hz: Gain crossover.
@@ -40,7 +40,7 @@ class LoopShape:
 
 @dataclass(frozen=True)
 class Compensator:
-    """One channel's compensator, in plain arrays: python-control's systems cannot be pickled.
+    """One channel's compensator as plain arrays: python-control's systems cannot be pickled.
 
     Attributes:
         numerator: Of G(s), highest power first; `denominator` alike.
@@ -63,7 +63,7 @@ class Compensator:
 
     @property
     def discrete(self) -> control.StateSpace:
-        """The compensator as it runs."""
+        """The sampled compensator."""
         return control.ss(self.A, self.B, self.C, self.D, self.period_s)
 
 

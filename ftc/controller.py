@@ -17,7 +17,7 @@ from ftc.mapping import PreviousCommand, PrioritizedMapping
 
 @dataclass(frozen=True)
 class Measurement:
-    """What a controller can measure at one tick.
+    """Measurements of a controller at one tick.
 
     Attributes:
         output: The major task, shape (m1,).
@@ -29,10 +29,10 @@ class Measurement:
 
 
 class Converter(Protocol):
-    """From displacements of the actuators to what is sent to their drives, and back."""
+    """Conversion between actuator displacements and inputs of the drives."""
 
     def input_percent(self, displacement_m: Array) -> Array:
-        """What to send, shape (n,)."""
+        """Inputs of the drives, shape (n,)."""
         ...
 
     def displacement_m(self, input_percent: Array) -> Array:
@@ -54,7 +54,7 @@ class DirectDrive:
 
 @dataclass(frozen=True)
 class ControllerState(Generic[Pose]):
-    """What the controller remembers from tick to tick.
+    """State of the controller between ticks.
 
     Attributes:
         compensator: States of all compensators, one after the other.
@@ -75,7 +75,7 @@ _PARTS = ("A", "B"), ("C", "D")
 
 
 class PrioritizedController(Generic[Pose]):
-    """Measurements in, inputs of the drives out; it never sees the plant.
+    """Controller from measurements to inputs of the drives, without access to the plant.
 
     `step` is a pure function: the state goes in and comes out.
     """
@@ -119,13 +119,13 @@ class PrioritizedController(Generic[Pose]):
         self._still = np.zeros(mapping.actuators)
 
     def start(self) -> ControllerState[Pose]:
-        """At rest at the nominal pose."""
+        """State at rest at the nominal pose."""
         mapping = self.mapping
         still = np.zeros(self._order), np.zeros(mapping.actuators)
         return ControllerState(*still, mapping.nominal, mapping.nothing())
 
     def estimate(self, state: ControllerState[Pose]) -> Pose:
-        """The pose now, from what was sent a tick before."""
+        """The present pose, estimated from the inputs sent one tick before."""
         return self.mapping.estimate(self._commanded_m(state), state.pose)
 
     def step(
@@ -193,7 +193,7 @@ class PrioritizedController(Generic[Pose]):
     def transfer(
         self, state: ControllerState[Pose], lost_displacement_m: Array | None = None
     ) -> ControllerState[Pose]:
-        """The state of another controller, changed so that this one goes on without a step.
+        """The state of another controller, changed so that this one continues without a step.
 
         Args:
             state: Of the other controller.

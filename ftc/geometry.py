@@ -1,4 +1,4 @@
-"""What a mapping knows of its mechanism, and how the mechanism follows when actuators fail."""
+"""Models of a mechanism for the mapping, and its motion when actuators fail."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -13,7 +13,7 @@ Pose = TypeVar("Pose")
 
 
 class Geometry(Protocol[Pose]):
-    """What a mapping knows of its mechanism, parallel or serial, all actuators sound.
+    """Model of a mechanism without failures, parallel or serial, as the mapping needs it.
 
     A pose is the client's own type; the mapping only hands it back.
     """
@@ -33,15 +33,15 @@ class Geometry(Protocol[Pose]):
         ...
 
     def jacobian(self, posture: Pose) -> Array:
-        """What :meth:`placed` needs of a posture."""
+        """The Jacobian at a posture, for :meth:`placed`."""
         ...
 
     def placed(self, system: ConstrainedSystem, jacobian: Array) -> ConstrainedSystem:
-        """The system, failures and all, where the Jacobian is this."""
+        """The system with its failures, for this Jacobian."""
         ...
 
     def twist(self, posture: Pose, displacements_m: Array) -> Array:
-        """Task displacement (m,) of small displacements (n,) of the sound mechanism."""
+        """Task displacement (m,) of small displacements (n,) of the mechanism without failures."""
         ...
 
     def moved(self, pose: Pose, displacements_m: Array) -> Pose:
@@ -53,13 +53,13 @@ class LocalGeometry:
     """Any mechanism about its nominal pose, from its Jacobians alone; poses are twists (m,)."""
 
     def __init__(self, system: ConstrainedSystem) -> None:
-        """Take the sound mechanism at its nominal pose."""
+        """Make the geometry from the mechanism without failures at its nominal pose."""
         self.system = system
         self.nominal = np.zeros(len(system.J_T))
         self._J = system.kinematics().J
 
     def posture(self, pose: Array) -> Array:
-        """The nominal pose, whatever the present one."""
+        """The nominal pose, for every present pose."""
         return self.nominal
 
     def jacobian(self, posture: Array) -> Array:
@@ -67,7 +67,7 @@ class LocalGeometry:
         return self.system.J_T
 
     def placed(self, system: ConstrainedSystem, jacobian: Array) -> ConstrainedSystem:
-        """The system where the task Jacobian is this."""
+        """The system for this task Jacobian."""
         return system.at(J_T=jacobian)
 
     def twist(self, posture: Array, displacements_m: Array) -> Array:

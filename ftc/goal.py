@@ -1,4 +1,4 @@
-"""The goal of a controller: what the secondary freedom is spent on, and what is known to fail."""
+"""The goal of a controller: secondary weights and known failures."""
 
 from dataclasses import dataclass, field
 

@@ -24,7 +24,7 @@ problem."""
 
 @dataclass(frozen=True)
 class PreviousCommand:
-    """What was last demanded of a mapping, and its answer; the incremental form goes on from it.
+    """Last demand and displacements of a mapping, from which the incremental form continues.
 
     Attributes:
         demand: Demanded major task, shape (m1,).
@@ -39,7 +39,7 @@ class PreviousCommand:
 
 
 class Mapping(Protocol):
-    """What makes rates of a major velocity; see :class:`prioritized.VelocityMapping`."""
+    """Protocol of a velocity mapping; see :class:`prioritized.VelocityMapping`."""
 
     @property
     def major(self) -> Array:
@@ -48,7 +48,7 @@ class Mapping(Protocol):
 
     @property
     def status(self) -> Status:
-        """What it can promise about the major task."""
+        """Status: whether the major task is met exactly."""
         ...
 
     def __call__(
@@ -57,7 +57,7 @@ class Mapping(Protocol):
         joint_velocity: ArrayLike | None = None,
         secondary_velocity: ArrayLike | None = None,
     ) -> Array:
-        """Optimal rates; what is None counts as zero."""
+        """Optimal rates; arguments that are None count as zero."""
         ...
 
 
@@ -150,7 +150,7 @@ class PrioritizedMapping(Generic[Pose]):
         return self._nominal
 
     def nothing(self) -> PreviousCommand:
-        """Nothing demanded yet."""
+        """State before the first demand."""
         n = self.actuators
         return PreviousCommand(np.zeros(len(self._major)), np.zeros(n), np.zeros(n))
 
@@ -220,7 +220,7 @@ class PrioritizedMapping(Generic[Pose]):
         return now.expand.dot(self._yielded_m + change)
 
     def pointing(self, displacements_m: Array, pose: Pose) -> Array:
-        """Major task (m1,) of displacements (n,) of all actuators, sound or not, at the pose."""
+        """Major task (m1,) of displacements (n,) of all actuators, failed ones too, at the pose."""
         return self._model.twist(self._model.posture(pose), displacements_m)[self._major]
 
     def split(self, displacements_m: Array, pose: Pose) -> tuple[Array, Array, Array | None]:
@@ -250,7 +250,7 @@ class PrioritizedMapping(Generic[Pose]):
         return self._model.moved(pose, self._follow.dot(displacements_m + self._locked_m))
 
     def at(self, jacobian: Array, /) -> LocalMapping:
-        """The mapping where the Jacobian of the geometry is this."""
+        """The mapping for this Jacobian of the geometry."""
         kinematics = self._model.placed(self._failed, jacobian).kinematics()
         return LocalMapping(
             self.rates_at(kinematics), self._expand, kinematics.J, kinematics.active_constraint

@@ -1,4 +1,4 @@
-"""Any controller as a run sees it, and one that is told of a failure beforehand: an oracle."""
+"""Protocol of a controller, and a controller to which the failure is known beforehand."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from ftc.controller import ControllerState, Converter, Measurement, PrioritizedC
 
 
 class ControllerOutput(Protocol):
-    """What a run keeps of a controller's state."""
+    """The part of a controller's state that a run needs."""
 
     @property
     def input_percent(self) -> Array:
@@ -28,7 +28,7 @@ State = TypeVar("State", bound=ControllerOutput)
 
 
 class Controller(Protocol[State]):
-    """Inputs of the drives from what can be measured; `step` is a pure function of the state."""
+    """Controller from measurements to inputs of the drives; `step` is a pure function."""
 
     @property
     def amplifier(self) -> Converter:
@@ -46,7 +46,7 @@ class Controller(Protocol[State]):
 
 @dataclass(frozen=True)
 class NestedState:
-    """State of a controller within another one, which adds what it needs."""
+    """State of a controller inside another controller's state."""
 
     controller: ControllerState[Any]
 
@@ -63,18 +63,18 @@ class NestedState:
 
 @dataclass(frozen=True)
 class OracleState(NestedState):
-    """Beside it, the number of ticks so far."""
+    """The inner state, and the number of ticks so far."""
 
     ticks: int
 
 
 NEVER = -1
-"""A tick that does not come."""
+"""A tick that is never reached."""
 
 
 @dataclass(frozen=True)
 class OracleController:
-    """Goes over from one controller to another at a tick that is known beforehand.
+    """Controller that switches from one controller to another at a given tick.
 
     Attributes:
         before: Controls first.

@@ -1,4 +1,4 @@
-"""Springs of a mechanism as a mapping sees them: on its actuators, and on its payload."""
+"""Springs of a mechanism for the mapping: on its actuators, and on its payload."""
 
 import numpy as np
 import scipy.linalg

@@ -1,4 +1,4 @@
-"""Diagnosis beside control: a controller that isolates failed actuators and reconfigures itself."""
+"""Supervised control: a controller that isolates failed actuators and is reconfigured."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -17,7 +17,7 @@ from ftc.oracle import NestedState
 
 @dataclass(frozen=True)
 class SupervisorState(NestedState):
-    """What the supervisor remembers.
+    """State of the supervisor.
 
     Attributes:
         current: The controller in use; `controller` is its state.
@@ -49,7 +49,7 @@ class SupervisorState(NestedState):
 
 @dataclass(frozen=True)
 class Supervisor:
-    """Diagnosis beside control.
+    """Controller with diagnosis of actuator failures.
 
     Attributes:
         first: Controller of the sound machine.
@@ -71,7 +71,7 @@ class Supervisor:
         return self.first.amplifier
 
     def start(self) -> SupervisorState:
-        """At rest at the nominal pose, no failure known."""
+        """State at rest at the nominal pose, without known failures."""
         return SupervisorState(self.first.start(), self.first, self.monitor.start(), self.monitor)
 
     def step(
@@ -97,7 +97,7 @@ class Supervisor:
         return replace(state, ticks=state.ticks + 1)
 
     def _reconfigured(self, state: SupervisorState, commanded_m: Array) -> SupervisorState:
-        """The mapping goes over to the present diagnoses; the compensators stay."""
+        """State after a change of the mapping to the present diagnoses; compensators unchanged."""
         found, believed = state.watch.diagnosis, state.standing
         lost_displacement_m = np.zeros(len(commanded_m))
         if found is not None:
@@ -124,13 +124,13 @@ a wrong diagnosis, a sound strut would make the loop unstable: docs/recover.md."
 
 
 def used_effectiveness(diagnosis: Diagnosis) -> float:
-    """Part of its force that the mapping takes an actuator to have; 0: it is not used."""
+    """Part of its force that the mapping assumes for an actuator; 0: it is not used."""
     fault = diagnosis.fault
     return fault.effectiveness if fault.kind == "weak" and fault.effectiveness >= WEAKEST else 0.0
 
 
 def lost_displacement(diagnosis: Diagnosis, commanded_m: Array) -> Array:
-    """What the diagnosed actuator is about to lose of its displacement, shape (n,).
+    """Displacement that the diagnosed actuator is about to lose, shape (n,).
 
     `commanded_m`, shape (n,), is what the actuators are commanded to. A locked actuator loses
     nothing, nor does one that was diagnosed before.
@@ -143,7 +143,7 @@ def lost_displacement(diagnosis: Diagnosis, commanded_m: Array) -> Array:
 
 
 def reconfigured_goal(goal: Goal, diagnoses: Sequence[Diagnosis]) -> Goal:
-    """The goal with what is known of the actuators.
+    """The goal with the known failures of the actuators.
 
     An actuator without force counts as locked at its centre, where its spring holds it: on the
     hexapod to 6e-4, and in a loop of 8 Hz that is the better model even without the spring

@@ -1,7 +1,7 @@
 """Prioritized manipulation of any constrained multibody system, sound or failed.
 
 Chen, McInroy, Yi, "Optimal, Fault-Tolerant Mappings to Achieve Secondary Goals without
-Compromising Primary Performance" (2003).
+Compromising Primary Performance" (2003)::
 
     paper                code                            shape
     J_T, J_C             J_T, J_C                        (m, N), (c, N)
@@ -16,6 +16,7 @@ Compromising Primary Performance" (2003).
 Spatial vectors are [angular; linear].
 """
 
+from argument_checks import __version__ as __version__
 from prioritized._atlas import Classes as Classes
 from prioritized._atlas import FailureAtlas as FailureAtlas
 from prioritized._atlas import failure_atlas as failure_atlas

@@ -1,4 +1,14 @@
-"""The bench: MuJoCo model, plant, sensors, actuators, failures and trajectories."""
+"""Simulation in MuJoCo: models, plants, sensors, actuators, failures; Jacobians of any MJCF."""
+
+from importlib.util import find_spec as _find_spec
+
+from argument_checks import __version__ as __version__
+
+if _find_spec("mujoco") is None:
+    raise ModuleNotFoundError(
+        'sim needs mujoco, which is not installed: pip install "fault-tolerant-hexapod[sim]"',
+        name="mujoco",
+    )
 
 from sim.amplifier import Amplifier as Amplifier
 from sim.array import Array as Array

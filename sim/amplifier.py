@@ -30,7 +30,7 @@ class Amplifier:
     newton_per_m: float
 
     def __post_init__(self) -> None:
-        """Refuse what no drive chain is."""
+        """Check the arguments."""
         if not 2 <= check.index("bits", self.bits) <= 53:
             raise ValueError(f"bits must lie in 2..53, got {check.shown(self.bits)}")
         for name in ("full_input_a", "limit_a", "newton_per_a", "newton_per_m"):

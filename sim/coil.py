@@ -37,7 +37,7 @@ class Coils:
     ambient_c: float
 
     def __post_init__(self) -> None:
-        """Refuse what no winding is."""
+        """Check the arguments."""
         check.positive("resistance_ohm", self.resistance_ohm)
         check.positive("heat_capacity_j_per_k", self.heat_capacity_j_per_k)
         check.signed("ambient_c", self.ambient_c)

@@ -24,7 +24,7 @@ def pointing_angles(rotation: Array) -> Array:
 
 
 def secondary_motion(rotation: Array, translation_m: Array) -> Array:
-    """What the detector does not see: [gamma, t_x, t_y, t_z], shape (..., 4), [rad] and [m].
+    """Motion not measured by the detector: [gamma, t_x, t_y, t_z], shape (..., 4), [rad] and [m].
 
     Args:
         rotation: Payload axes in base axes, shape (..., 3, 3).
@@ -65,13 +65,13 @@ class Detector:
     noise_m: float
 
     def __post_init__(self) -> None:
-        """Refuse what no detector is."""
+        """Check the arguments."""
         check.positive("focal_length_m", self.focal_length_m)
         check.positive("half_width_m", self.half_width_m)
         check.number("noise_m", self.noise_m)
 
     def read(self, rotation: Array, rng: np.random.Generator) -> Array:
-        """Measured (alpha, beta), shape (2,), [rad]; small-angle optics, as on the bench.
+        """Measured (alpha, beta), shape (2,), [rad]; small-angle optics, as on the testbed.
 
         Args:
             rotation: Payload axes in base axes, shape (3, 3).

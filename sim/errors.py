@@ -1,15 +1,15 @@
-"""What the bench refuses, and how a run can end badly."""
+"""Errors of the simulation: unusable models and diverged runs."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 
 class ModelError(ValueError):
-    """An MJCF file or model that the bench cannot use; the message names the thing."""
+    """An MJCF file or model that cannot be used; the message names the thing."""
 
 
 class SimulationDiverged(RuntimeError):
-    """The physics left the finite numbers.
+    """The simulation produced non-finite numbers.
 
     Attributes:
         time_s: Simulation time at which it was noticed.

@@ -1,4 +1,4 @@
-"""What can happen to a strut in flight."""
+"""Failures of a strut during a run."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -41,7 +41,7 @@ class Failure:
         check.at_most_one("effectiveness", self.effectiveness)
 
     def strike(self, plant: Plant) -> None:
-        """Let it happen now.
+        """Apply the failure now.
 
         Raises:
             ValueError: No such actuator.
@@ -56,7 +56,7 @@ class Failure:
 
 
 def failed_plant(model: mujoco.MjModel, failures: Iterable[Failure]) -> Plant:
-    """A plant at rest at the nominal pose, with failures that have struck already.
+    """A plant at rest at the nominal pose, with failures already applied.
 
     Raises:
         ModelError: As :class:`Plant`.

@@ -24,7 +24,7 @@ class UnreachableLengths(ValueError):
     """
 
     def __init__(self, reached: Array, residual_m: Array, asked_m: Array) -> None:
-        """Speak of the worst of the batch (...), asked for displacements (..., 6)."""
+        """Make the message for the worst of the batch (...) of displacements (..., 6)."""
         self.reached, self.residual_m = reached, residual_m
         count = f"{np.sum(~reached)} of {reached.size} sets of " if reached.size > 1 else ""
         worst = np.where(reached, -1.0, residual_m).argmax()
@@ -106,7 +106,7 @@ def _spread_m(geometry: Hexapod) -> float:
 
 
 def _newton_step(geometry: Hexapod, pose: Pose, missing_m: Array) -> Array:
-    """Twist (..., 6) that the linearized struts ask for, no longer than one can trust it."""
+    """Newton step as a twist (..., 6), limited to where the linearization holds."""
     # A strut of no length has no direction: its pose stays where it is, and is refused.
     with np.errstate(invalid="ignore"):
         _, A = geometry.lengths_and_jacobian(pose, singular=True)

@@ -42,7 +42,7 @@ class Jacobians:
     gear: Array
 
     def __post_init__(self) -> None:
-        """Refuse what no model has."""
+        """Check the arguments."""
         nv = check.batch("J_T", self.J_T).shape[-1]
         check.batch("J_C", self.J_C, columns=nv)
         active = check.indices("active", self.active, nv)
@@ -104,7 +104,7 @@ def constraint_jacobian(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
         ModelError: A part of the mechanism sleeps; MuJoCo leaves its rows out.
     """
     if data.ntree_awake < model.ntree:
-        raise ModelError("a part of the mechanism sleeps, its closures with it: switch sleep off")
+        raise ModelError("a part of the mechanism is asleep, with its closures: switch sleep off")
     if mujoco.mj_isSparse(model):
         rows = np.zeros((data.nefc, model.nv))
         mujoco.mju_sparse2dense(

@@ -34,7 +34,7 @@ def load_model(path: str | Path | None = None) -> mujoco.MjModel:
 
 
 def weightless(model: mujoco.MjModel) -> mujoco.MjModel:
-    """The machine in orbit: no gravity, and springs without the preload that carried the weight.
+    """The machine without gravity, and without the preload that carried the weight.
 
     Raises:
         TypeError: `model` is of another type.
@@ -47,7 +47,7 @@ def weightless(model: mujoco.MjModel) -> mujoco.MjModel:
 
 
 def model_sha256(path: str | Path | None = None) -> str:
-    """SHA-256 of the MJCF file, so that a result names the machine it came from.
+    """SHA-256 of the MJCF file, which identifies the machine of a result.
 
     Raises:
         ModelError: The file is missing.

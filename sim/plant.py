@@ -1,4 +1,4 @@
-"""The machine: MuJoCo physics, struts that can lock or go limp, and the truth about the payload."""
+"""The plant: MuJoCo physics, struts that can lock or lose force, and the true payload motion."""
 
 import copy
 from math import isfinite
@@ -30,13 +30,13 @@ _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 
 
 class Plant:
-    """A machine of its own: it keeps private copies of model and data, failures included.
+    """Simulated plant with private copies of model and data, failures included.
 
     Actuator k of the model drives strut k + 1; equality `lock{k + 1}` locks it.
     """
 
     def __init__(self, model: mujoco.MjModel) -> None:
-        """Stand at the nominal pose, sound, coils without current.
+        """Start at the nominal pose, without failures and without coil current.
 
         Raises:
             ModelError: The model lacks the site `base` or `payload`, or a lock of its own for
@@ -199,7 +199,7 @@ class Plant:
         return self.data.qpos.take(self._strut_qpos) - self._strut_qpos0
 
     def constraint_force(self) -> Array:
-        """What closures, locks and stops do to each velocity, shape (nv,), [N] and [N m]."""
+        """Forces of closures, locks and stops on each velocity, shape (nv,), [N] and [N m]."""
         return self.data.qfrc_constraint.copy()
 
     def coil_force_n(self) -> Array:
@@ -207,13 +207,13 @@ class Plant:
         return self.data.actuator_force.copy()
 
     def closure_residual_m(self) -> float:
-        """Largest gap of a closed loop at the last physics step; a weld's angles count as m/rad."""
+        """Largest closure residual at the last physics step; a weld's angles count as m/rad."""
         rows = self.data.ne  # equalities come first
         gaps = self.data.efc_pos[:rows] * self._is_loop.take(self.data.efc_id[:rows])
         return abs(float(gaps[idamax(gaps)])) if rows else 0.0
 
     def integration_state(self) -> Array:
-        """All that MuJoCo needs to go on from here (mjSTATE_INTEGRATION)."""
+        """The complete state of the integration (mjSTATE_INTEGRATION)."""
         state = np.empty(mujoco.mj_stateSize(self.model, _STATE))
         mujoco.mj_getState(self.model, self.data, state, _STATE)
         return state

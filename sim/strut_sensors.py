@@ -22,7 +22,7 @@ class StrutSensors:
     noise_m: float
 
     def __post_init__(self) -> None:
-        """Refuse what no noise is."""
+        """Check the arguments."""
         check.number("noise_m", self.noise_m)
 
     def read(self, displacement_m: Array, rng: np.random.Generator) -> Array:

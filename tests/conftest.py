@@ -1,13 +1,17 @@
 import json
+from pathlib import Path
 
 import mujoco
 import numpy as np
 import pytest
 from hypothesis import settings
+from matplotlib.figure import Figure
 
 from experiments.app.cli import main
+from experiments.output.plotting import save_figure
 from experiments.sweep.cluster import Where, cluster
 from sim import load_model
+from tests.figure_checks import faults
 
 # Timings are noise on a busy machine, and a run of the suite must be one that can be repeated.
 settings.register_profile("repeatable", deadline=None, derandomize=True)
@@ -33,6 +37,20 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 def model() -> mujoco.MjModel:
     """The hexapod; plants copy it, tests that alter it must copy it too."""
     return load_model()
+
+
+@pytest.fixture(scope="session", autouse=True)
+def faults_of_figures():
+    """What is wrong with each figure that the commands save, by its name, as it was saved last."""
+    found: dict[str, list[str]] = {}
+
+    def save(figure: Figure, folder: Path, name: str, *formats: tuple[str, ...]) -> None:
+        save_figure(figure, folder, name, *formats)
+        found[name] = faults(figure)  # after it, since drawing moves what is not yet laid out
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("experiments.output.plotting.save_figure", save)
+        yield found
 
 
 @pytest.fixture(scope="session")

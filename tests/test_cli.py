@@ -169,6 +169,7 @@ def test_quick_writes_everything_at_full_rate_and_prints_one_table(capsys, tmp_p
     assert summary["columns"][-1]["origin"] == "fitted"
     names = {f"{c['name']}.{kind}" for c in summary["columns"] for kind in ("npz", "rrd")}
     figures = {f"figure{k}.{kind}" for k in (4, 5, 6) for kind in ("png", "pdf")}
+    figures |= {"result.png", "result.pdf"}
     expected = names | figures | {"table1.json", "table1.md"}
     assert {file.name for file in tmp_path.iterdir()} == expected
     for column in summary["columns"]:
@@ -236,6 +237,7 @@ class Slow(types.ModuleType):
         time.sleep(30)
 sys.modules["experiments.app.cli"] = Slow("experiments.app.cli")
 import experiments.__main__
+experiments.__main__.run()
 """
     process = started(["-c", imports])
     assert process.stdout

@@ -361,16 +361,17 @@ def test_a_part_of_the_stroke_that_would_do_does(jacobian_study):
         ),
         (
             lambda s: s["variation"]["two"].update(value=0.004),
-            "eq. (40), two norm: value found over its certified bound is 1.13, expected below 1",
+            "eq. (40), two norm: value found divided by its certified bound is 1.13, "
+            "expected below 1",
         ),
         (
             lambda s: s["variation"]["frobenius"].update(certified_upper_bound=0.0032),
-            "eq. (40), frobenius norm: certified bound over the value found is 1.05, "
+            "eq. (40), frobenius norm: certified bound divided by the value found is 1.05, "
             "expected below 1.02",
         ),
         (
             lambda s: s["variation"]["frobenius"].update(certified_upper_bound=None),
-            "eq. (40), frobenius norm: value found over its certified bound is nan, "
+            "eq. (40), frobenius norm: value found divided by its certified bound is nan, "
             "expected below 1",
         ),
     ],

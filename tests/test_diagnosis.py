@@ -272,7 +272,7 @@ def test_without_evidence_failure_is_as_likely_as_none_and_all_are_alike():
 
 
 def test_where_no_strut_is_left_there_is_nothing_to_look_for():
-    with pytest.raises(ValueError, match="must leave an actuator"):
+    with pytest.raises(ValueError, match="must leave a working actuator"):
         hypothesis_bank(ANGLES, [Fault(k, "locked") for k in range(6)])
 
 

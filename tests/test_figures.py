@@ -25,7 +25,7 @@ from experiments.hexapod.simulation import Trajectory
 from experiments.hexapod.testbed import TestbedConfig
 from experiments.output.plotting import BLACK, BLUE, COLUMN_IN, SKY, YELLOW, new_figure, save_figure
 from experiments.output.results import Results
-from experiments.table1.figure import figure_4, figure_6
+from experiments.table1.figure import figure_4, figure_5, figure_6, figure_result
 from sim import hexapod, load_model
 from sim.model import HEXAPOD_MJCF
 from tests.printed import assert_printable, faults
@@ -80,7 +80,7 @@ def test_a_figure_is_the_same_file_every_time(figures_folder, portrait, tmp_path
 def test_the_command_leaves_figures_and_their_numbers(figures_folder, portrait):
     names = {
         f"{name}.{kind}"
-        for name in ("figure2", "figure3", "bode", "atlas")
+        for name in ("machine", "figure2", "figure3", "bode", "atlas")
         for kind in ("png", "pdf")
     }
     assert {file.name for file in figures_folder.iterdir()} == names | {
@@ -345,7 +345,9 @@ def test_the_spirals_stand_as_in_the_paper(runs):
     trajectories = {name: Trajectory(**arrays) for name, arrays in runs.items()}
     axes = figure_4(trajectories).axes
     for row, name in enumerate(("W_a", "W_b", "W_c")):
-        spiral, *inputs = axes[7 * row : 7 * row + 7]
+        spiral, *both = axes[9 * row : 9 * row + 3]
+        inputs = axes[9 * row + 3 : 9 * row + 9]
+        assert_errors(both, runs[name])
         assert spiral.get_title() == f"$W_{name[-1]}$"
         assert (spiral.get_xlabel(), spiral.get_ylabel()) == ("$\\alpha$, µrad", "$\\beta$, µrad")
         np.testing.assert_array_equal(
@@ -358,10 +360,50 @@ def test_the_spirals_stand_as_in_the_paper(runs):
                 panel.lines[0].get_ydata(), runs[name]["strut_input_percent"][:, k]
             )
     axes = figure_6(trajectories).axes
-    assert [panel.get_title() for panel in axes[:2]] == ["$W_d$", "$W_e$"]
-    for k, panel in enumerate(axes[2:]):
+    titles = ["$W_d$, strut 1 locked", "$W_e$, strut 1 locked"]
+    assert [panel.get_title() for panel in axes[:2]] == titles
+    assert_errors(axes[2:6:2], runs["W_d"])
+    assert_errors(axes[3:6:2], runs["W_e"])
+    labels = ("$t_x$, µm", "$t_y$, µm", "$t_z$, µm", "$\\gamma$, µrad")
+    for k, panel in enumerate(axes[6:]):
         motion = 1e6 * runs["W_d" if k % 2 == 0 else "W_e"]["secondary"][:, [1, 2, 3, 0][k // 2]]
-        assert (
-            panel.get_ylabel() == ("$t_x$, µm", "$t_y$, µm", "$t_z$, µm", "$\\gamma$, µrad")[k // 2]
-        )
+        assert panel.get_ylabel() == ("" if k % 2 else labels[k // 2])
         np.testing.assert_array_equal(panel.lines[0].get_ydata(), motion)
+    sound, locked = (runs[name] for name in ("W_a", "W_a_uncorrected"))
+    axes = figure_5(trajectories).axes
+    assert_errors(axes[1:], locked)
+    assert_errors(axes[1:], sound, line=1)
+    for figure in (figure_4, figure_5, figure_6):
+        drawn = figure(trajectories)
+        assert not any(panel.get_legend() for panel in drawn.axes)
+        (legend,) = drawn.legends
+        labels = [text.get_text() for text in legend.get_texts()]
+        assert len(labels) == len(set(labels))
+        assert {"desired", "detector", "start", "error: desired minus true"} <= set(labels)
+
+
+def assert_errors(panels: list[Axes], run: dict[str, np.ndarray], line: int = 0) -> None:
+    """Alpha and beta, desired minus true."""
+    errors_urad = 1e6 * (run["desired_rad"] - run["true_rad"])
+    for panel, angle, error in zip(panels, ("alpha", "beta"), errors_urad.T, strict=True):
+        np.testing.assert_array_equal(panel.lines[line].get_ydata(), error)
+        if panel.get_ylabel():
+            assert angle in panel.get_ylabel()
+        if line == 0:
+            rms = np.sqrt((error**2).mean())
+            assert panel.get_title(loc="left") == f"RMS {rms:.2f} µrad"
+
+
+def test_the_result_shows_what_its_legends_say(runs):
+    """Sizes and peaks by other words of numpy's."""
+    trajectories = {name: Trajectory(**arrays) for name, arrays in runs.items()}
+    left, right = figure_result(trajectories).axes
+    for line, name in zip(left.lines, ("W_a_uncorrected", "W_a", "W_e"), strict=True):
+        run = runs[name]
+        size = 1e6 * np.hypot(*(run["desired_rad"] - run["true_rad"]).T)
+        np.testing.assert_allclose(np.asarray(line.get_ydata()), size, rtol=1e-12)
+        assert str(line.get_label()).endswith(f"RMS {np.sqrt((size**2).mean()):.1f} µrad")
+    for line, name in zip(right.lines, ("W_d", "W_e"), strict=True):
+        t_x = 1e6 * runs[name]["secondary"][:, 1]
+        np.testing.assert_array_equal(line.get_ydata(), t_x)
+        assert str(line.get_label()).endswith(f"peak {abs(t_x).max():.3g} µm")

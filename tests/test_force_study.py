@@ -318,10 +318,14 @@ def test_an_unsound_run_ends_with_a_sentence_and_one(monkeypatch, capsys, tmp_pa
     assert main(["force", "--quick", "--out", str(tmp_path)]) == 1
     error = capsys.readouterr().err.strip()
     assert error.startswith(
-        "fjh: the experiment is not sound: sound, theorem 7: distance of the wrench on the fixture"
+        "fjh: a check failed: sound, theorem 7: difference between the wrench on the fixture"
     )
     assert "\n" not in error
     assert (tmp_path / "force.json").is_file()
+
+
+def test_a_referee_finds_no_fault_with_the_figure(force_run, faults_of_figures):
+    assert faults_of_figures["force"] == []
 
 
 def test_everything_named_is_there(force_run, summary, force):
@@ -403,7 +407,7 @@ def test_the_pages_other_tables_are_those_that_come_out(summary):
 def test_the_pages_sentences_are_true(summary, by_kind, lines):
     K = payload_stiffness(load_model())
     np.testing.assert_allclose(K, np.diag(np.diag(K)), atol=1e-9 * K.max())
-    assert "K = 252 kN/m in translation" in PAGE.replace("\n", " ")
+    assert "$K$ = 252 kN/m in translation" in PAGE.replace("\n", " ")
     np.testing.assert_allclose(np.diag(K)[[0, 1, 3, 4, 5]] / 1e3, [10.4] * 2 + [252] * 3, rtol=4e-3)
     elastic = by_kind["free"].prescribed[1]
     assert np.linalg.norm(elastic.lacking[0, MAJOR]) == pytest.approx(1.9, abs=0.05)
@@ -413,7 +417,7 @@ def test_the_pages_sentences_are_true(summary, by_kind, lines):
     flexures = strut_and_payload_stiffness(load_model())[6:, 6:]
     column = np.linalg.inv(lines)[:, 0]
     stop_n = column @ flexures @ column * 0.635e-3
-    assert f"gives way to its stop at {stop_n:.2f} N" in PAGE
+    assert f"gives way to its stop at {stop_n:.2f} N" in PAGE.replace("\n", " ")
     (mapping,) = (row for row in tables(summary)[2].rows if row[0] == "the mapping")
     assert float(mapping[2]) == pytest.approx(0.0008, rel=0.1)
     for path in re.findall(r"`(experiments/[\w/]+\.py)`", PAGE):

@@ -24,7 +24,7 @@ from tests.made import made_study
 
 ROOT = Path(__file__).parents[1]
 GROUP = typer.main.get_group(app)
-NAMES = [name for name in GROUP.commands if name not in ("review", "render")]
+NAMES = [name for name in GROUP.commands if name not in ("review", "render", "animate")]
 SOUND = Results(
     {"seed": 3},
     [Table("Heights", ("", "m"), [("hill", "7.25")], "Above the sea.")],
@@ -97,7 +97,7 @@ def test_a_terminal_shows_progress_unless_it_is_to_be_quiet(monkeypatch, capsys,
 @pytest.mark.parametrize("arguments", [[], ["--quiet"], ["--json"]])
 def test_a_failed_check_is_raised_in_every_mode_after_the_output(capsys, arguments):
     unsound = replace(SOUND, checks=[Check("height [m]", "hill", float("nan"), 8.0)])
-    with pytest.raises(Unsound, match=r"not sound: hill: height .m. is nan, expected below 8"):
+    with pytest.raises(Unsound, match=r"a check failed: hill: height .m. is nan, expected below 8"):
         run(unsound, *arguments)
     out = capsys.readouterr().out
     assert (out == "") == (arguments == ["--quiet"])

@@ -67,21 +67,21 @@ RUN = made_run()
         ("desired_rad", RUN.desired_rad.astype(np.float32), "must be float64, got float32"),
         ("desired_rad", RUN.desired_rad.astype(complex), "must be float64, got complex128"),
         ("closure_residual_m", np.full(400, np.inf), "not finite"),
-        ("time_s", RUN.time_s[::-1].copy(), "time_s does not run forward"),
-        ("time_s", np.zeros(400), "time_s does not run forward"),
-        ("time_s", RUN.time_s**2, "time_s does not run forward in even steps"),
+        ("time_s", RUN.time_s[::-1].copy(), "time_s does not increase"),
+        ("time_s", np.zeros(400), "time_s does not increase"),
+        ("time_s", RUN.time_s**2, "time_s does not increase in equal steps"),
         ("time_s", np.array(0.0), "fewer than two ticks"),
     ],
 )
 def test_arrays_that_are_no_run_are_refused(signal, values, said):
     with pytest.raises(WrongInput, match=re.escape(said)) as refused:
         whole_run("run.npz", asdict(RUN) | {signal: values})
-    assert str(refused.value).startswith("run.npz is not a whole run: ")
+    assert str(refused.value).startswith("run.npz is not a complete run: ")
 
 
 def test_review_refuses_arrays_that_are_no_run(capfd, folder):
     spoil(folder, strut_input_percent=RUN.strut_input_percent[:, :4])
-    assert f"{folder / 'made.npz'} is not a whole run: strut_input" in refused(capfd, folder)
+    assert f"{folder / 'made.npz'} is not a complete run: strut_input" in refused(capfd, folder)
 
 
 def test_a_broken_run_of_a_folder_is_not_passed_over(capfd, folder):

@@ -269,7 +269,7 @@ def test_what_the_constant_jacobian_costs_is_found_between_the_sizes_that_were_r
         ),
         (
             lambda loop: loop["growth"][-1].update(static_extra_percent=1.0),
-            "off the optimum from the 1.4 % of geometry and floor is 0.87, expected below 0.15",
+            "and the 1.4 % of geometry and floor is 0.87, expected below 0.15",
         ),
     ],
 )
@@ -279,6 +279,12 @@ def test_an_unsound_loop_fails_a_check(loop, change, word):
     change(spoilt)
     (sentence,) = [str(check) for check in loop_checks(spoilt) if not check.passed]
     assert word in sentence
+
+
+def test_a_referee_finds_no_fault_with_the_figures(jacobian_folder, faults_of_figures):
+    assert (jacobian_folder / "jacobian.json").is_file()
+    assert faults_of_figures["jacobian"] == []
+    assert faults_of_figures["jacobian_loop"] == []
 
 
 def test_the_command_leaves_figures_data_and_recordings(jacobian_folder, loop):

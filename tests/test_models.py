@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from experiments.systems import runs as systems
 from sim import Jacobians, Plant, jacobians, joint_stiffness, load_model, mass_matrix
-from tests.test_docs import readme_cells, unmarked
+from tests.test_docs import THEORY, markdown_row, unmarked
 
 PERIOD_S = 1e-3
 STROKE = 1e-3
@@ -70,10 +70,10 @@ def test_the_nominal_pose_is_closed_and_the_posture_is_baked_in(models, name):
 
 
 @EACH
-def test_the_mechanism_has_the_freedoms_that_the_readme_says(models, name):
+def test_the_mechanism_has_the_freedoms_that_the_theory_page_says(models, name):
     """Freedoms are velocities less the rank of the closures; the motors rule them all."""
     model, task = models[name], MECHANISMS[name].task
-    velocities, actuators, freedoms = map(int, readme_cells(f"`{name}.xml`")[1].split(","))
+    velocities, actuators, freedoms = map(int, markdown_row(THEORY, f"`{name}.xml`")[1].split(","))
     jac, motions = nominal(model)
     assert (model.nv, len(jac.active)) == (velocities, actuators)
     assert {len(condition) for condition in MECHANISMS[name].conditions} == {actuators}

@@ -319,12 +319,13 @@ def test_a_plant_that_turns_non_finite_stops_with_its_time_and_state(flag):
     # Dampers that an explicit step of a millisecond cannot follow.
     too_fast = (('timestep="1.25e-4"', 'timestep="1e-3"'), ('damping="110"', 'damping="2000"'))
     plant = Plant(edited(('autoreset="disable"', flag), *too_fast))
+    former = mujoco.get_mju_user_warning()
     mujoco.set_mju_user_warning(lambda message: None)
     try:
         with pytest.raises(SimulationDiverged) as caught:
             swing(plant, 1.0)
     finally:
-        mujoco.set_mju_user_warning(None)
+        mujoco.set_mju_user_warning(former)
     assert 0.001 < caught.value.time_s < 1.0
     assert caught.value.state[0] == pytest.approx(caught.value.time_s - PERIOD_S, abs=1e-9)
     assert np.isfinite(caught.value.state).all()

@@ -106,7 +106,7 @@ def test_draws_repeat_with_their_seed_and_cover_every_failure():
         (lambda s: s["after_over_oracle"].update(pooled=1.2), "pooled: RMS after recovery"),
         (lambda s: s["after_over_oracle"].update(worst_case=1.2), "worst case: RMS after"),
         (lambda s: s["second_failure"]["all_right"].update(rate=0.9), "two failures"),
-        (lambda s: s["shown"]["locked"].update(right=False), "run locked: a wrong"),
+        (lambda s: s["shown"]["locked"].update(right=False), "run locked: wrong diagnosis"),
         (lambda s: s["false_alarms"]["flown"].update(low_per_hour_95=0.2), "false alarms"),
         (
             lambda s: s["false_alarms"]["with_fresh_noise"].update(hours=99, high_per_hour_95=0.11),
@@ -142,9 +142,27 @@ def test_in_the_figure_a_failure_that_is_not_found_is_named_by_what_happened(rec
             SHOWN["locked"], 8250, diagnoses, (), False, False, False, False, 0.0
         )
         axes = Figure().add_subplot()
-        figure.draw_shown(axes, "locked", run, happened)
+        figure.draw_shown(axes, run, happened)
         labels[len(diagnoses)] = [text.get_text() for text in axes.texts], len(axes.lines)
-    assert labels == {0: (["strut 1 locked"], 2), 1: (["found: strut 1 locked"], 3)}
+    assert labels == {0: (["not found: strut 1 locked"], 2), 1: (["found: strut 1 locked"], 3)}
+
+
+def test_in_the_figure_failures_that_are_not_named_stand_out():
+    """One of four has no diagnosis, one is taken for another strut's: half are not named."""
+    truth = {"truth": {"strut": 1, "kind": "free"}, "rms_after_oracle_urad": 1.0}
+    truth |= {"rms_after_urad": 1.0, "rms_after_uncorrected_urad": 2.0}
+    named, other = {"strut": 1, "kind": "free"}, {"strut": 4, "kind": "free"}
+    found = [(named, 3), (named, 9), (other, 5), (None, None)]
+    cases = [truth | {"first": first, "named_ms": ms} for first, ms in found]
+    delays, after = Figure().subplots(1, 2)
+    figure.draw_delays(delays, cases)
+    curve, cross = delays.lines
+    assert curve.get_xydata().tolist() == [[3, 0], [3, 25], [9, 50], [9, 50]]
+    assert cross.get_ydata().tolist() == [50]
+    assert delays.get_xticklabels()[-1].get_text() == "not named"
+    figure.draw_after(after, cases)
+    points = {line.get_label(): len(line.get_xdata()) for line in after.lines}
+    assert points["supervised"] == points["supervised, strut not named"] == 2
 
 
 def test_the_recording_marks_the_strut_when_it_fails_and_when_it_is_found(recover_folder, recover):

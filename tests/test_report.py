@@ -19,9 +19,9 @@ from experiments.app.cli import STUDIES, main
 from experiments.output import provenance
 from experiments.output.plotting import new_figure
 from experiments.output.results import Check, Picture, Results
-from experiments.output.study import OnProgress, Unsound
+from experiments.output.study import Interrupted, NotInstalled, OnProgress, Option, Unsound
 from experiments.output.tables import Table
-from tests.made import made_study
+from tests.made import MadeStudy, made_study
 
 VOID = {"meta", "img", "br", "link", "input", "hr"}
 
@@ -151,7 +151,7 @@ def check(html: str, told: dict) -> Page:
     for chapter in told["chapters"]:
         for words in (chapter["command"], *chapter["question"], *chapter["notes"]):
             assert words in page.text
-        assert (chapter["complaint"] or "sound") in page.text
+        assert (chapter["complaint"] or "checks passed") in page.text
     for fact in (told["command"], told["commit"], told["code_sha256"], told["model_sha256"]):
         assert fact in page.text
     for name, version in told["versions"].items():
@@ -236,10 +236,10 @@ def test_ctrl_c_keeps_finished_chapters_and_says_how_to_go_on(report):
     code, told, error = report(first, stub("two", ran, raised=KeyboardInterrupt()), last)
     assert code == 130
     assert error.startswith("fjh: interrupted: no file was left half-written; ")
-    assert error.endswith("the same command goes on with two, chapter 2 of 3\n")
+    assert error.endswith("the same command continues with two, chapter 2 of 3\n")
     assert error.count("\n") == 1
     assert told["missing"] == ["two", "three"]
-    assert "still to come are two, three" in report.html()
+    assert "</strong> two, three; the same command" in report.html()
     assert {path.name for path in report.out.iterdir()} == {"one", "report.json", "report.html"}
     code, told, _ = report(first, stub("two", ran), last)
     assert (code, ran, told["missing"]) == (0, ["one", "two", "two", "three"], [])
@@ -253,6 +253,41 @@ def test_an_interrupted_report_of_another_kind_costs_only_the_chapters_that_it_r
     assert report(first, interrupted, options=("--quick",))[0] == 130
     assert report(first, last)[0] == 0
     assert ran == ["one", "two", "one", "two", "one"]
+
+
+def test_a_chapter_whose_packages_are_absent_is_left_out_and_the_page_says_why(report):
+    ran: list[str] = []
+    absent = NotInstalled("fjh two needs what is not installed, mink: pip install it")
+    code, told, error = report(stub("one", ran), stub("two", ran, raised=absent))
+    assert (code, error) == (0, "")
+    assert told["missing"] == []
+    assert told["left_out"] == {"two": str(absent)}
+    assert [chapter["name"] for chapter in told["chapters"]] == ["one"]
+    assert f"Left out: two, since {absent}." in Page(report.html()).text
+    assert not (report.out / "two").exists()
+    code, told, _ = report(stub("one", ran), stub("two", ran))  # they have been installed
+    assert (code, ran, told["left_out"]) == (0, ["one", "two", "two"], {})
+
+
+def test_an_interrupted_study_that_keeps_its_runs_goes_on_with_them(report):
+    """As a sweep does, which has its own sentence about Ctrl-C."""
+    ran: list[str] = []
+    code, told, error = report(stub("one", ran, raised=Interrupted("--resume goes on")))
+    assert (code, told) == (130, {})
+    assert error.endswith("the same command continues with one, chapter 1 of 1\n")
+    given: list[dict] = []
+
+    def make(**options: object) -> Results:
+        given.append(options)
+        return Results({})
+
+    words = ("sweep", "Run many.\n\nAnd compare.", "", "", "Less.", "the noise")
+    further = (Option("workers", int, 3, "Processes."), Option("resume", bool, False, "Go on."))
+    assert report(Chapter(MadeStudy(*words, further, streams=True, make=make)))[0] == 0
+    (options,) = given
+    assert options["resume"] is None
+    assert options["workers"] == 3
+    assert options["folder"] == report.out / "sweep"
 
 
 def test_ctrl_c_in_the_first_chapter_leaves_no_folder(report):
@@ -269,14 +304,14 @@ def test_an_unsound_chapter_is_told_and_the_others_still_run(report):
     )
     assert code == 1
     assert error == (
-        "fjh: the experiment is not sound: one: at 3 s: error & <more> is 2, expected below 1; "
+        "fjh: a study failed: one: at 3 s: error & <more> is 2, expected below 1; "
         "two: it diverged at 4 s\n"
     )
     assert ran == ["one", "two", "three"]
     assert [chapter["complaint"] is None for chapter in told["chapters"]] == [False, False, True]
     html = report.html()
-    assert html.count("&#x2717; unsound") == 4  # in the contents and in the chapter
-    assert html.count("&#x2713; sound") == 2
+    assert html.count("&#x2717; a check failed") == 4  # in the contents and in the chapter
+    assert html.count("&#x2713; checks passed") == 2
 
 
 def test_what_diverged_is_tried_again_and_never_told_with_older_numbers(report):

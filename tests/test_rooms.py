@@ -42,6 +42,12 @@ def test_a_room_imports_only_what_it_may(room):
     assert imported_by(room) <= ALLOWED[room]
 
 
+def test_the_launcher_needs_nothing_installed():
+    """It is to say in a sentence what is missing."""
+    outside = {name.split(".")[0] for name in imported(ROOT / "fjh_launcher.py")}
+    assert outside - sys.stdlib_module_names == {"experiments"}
+
+
 def floor_of(place: str) -> int:
     return FLOORS.get(place, STUDY)
 

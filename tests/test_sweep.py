@@ -146,7 +146,7 @@ def test_the_default_design_varies_weights_failures_times_and_bench():
         ("layout = 'random'", "'random'"),
         ("layout = 'grid'\nrun = 3", "no 'run'"),
         ("layout = 'grid'", r"\[vary\]"),
-        ("layout = 'grid'\nruns = 3\nvary.seed = [1]", "runs must be left out"),
+        ("layout = 'grid'\nruns = 3\nvary.seed = [1]", "runs must not be given for a grid"),
         ("layout = 'latin-hypercube'\nvary.seed = [1]", "runs must be a whole number"),
         ("layout = 'grid'\nduration_s = 99\nvary.seed = [1]", "duration_s .* 99"),
         ("layout = 'grid'\nvary.colour = ['red']", "no 'colour'"),
@@ -156,7 +156,7 @@ def test_the_default_design_varies_weights_failures_times_and_bench():
         ("layout = 'grid'\nvary.seed = [-1]", "seed .* -1"),
         ("layout = 'grid'\nvary.roll_off_hz = 0", "roll_off_hz .* from 0.01 to 10000, got 0"),
         ("layout = 'grid'\nvary.roll_off_hz = []", "at least one"),
-        ("layout = 'grid'\nvary.roll_off_hz = {from = 1, to = 2}", "how many points"),
+        ("layout = 'grid'\nvary.roll_off_hz = {from = 1, to = 2}", "number of grid points"),
         ("layout = 'grid'\nvary.roll_off_hz = {from = 2, to = 1, points = 2}", "2.0 to 1.0"),
         ("layout = 'grid'\nvary.roll_off_hz = {from = 1, too = 2}", "no 'too'"),
         ("layout = 'grid'\nvary.struts = {from = 1, to = 2, points = 2}", "a list"),
@@ -264,7 +264,7 @@ def test_neither_order_nor_interruption_changes_a_byte(scheduler, undisturbed, t
     runs = SweepRuns(FEW, 0)
     with pytest.raises(Interrupted, match="9 of 24 runs are kept"):
         run_into(tmp_path, runs, scheduler, on_progress=interrupt)
-    with pytest.raises(WrongInput, match="--resume goes on"):
+    with pytest.raises(WrongInput, match="--resume continues"):
         run_into(tmp_path, runs, scheduler)
     with pytest.raises(WrongInput, match="another seed"):
         run_into(tmp_path, SweepRuns(FEW, 1), scheduler, resume=True)
@@ -423,7 +423,8 @@ def test_a_finished_sweep_is_found_again_and_another_refused(sweep_folder, sweep
     [
         (
             {"largest_over_allowed": 1.25, "worst_case": 7},
-            "run 7: distance of the RMS error from the linear model's, .* is 1.25, expected below",
+            "run 7: difference between the RMS error and the linear model's, .* is 1.25, "
+            "expected below",
         ),
         ({"closure_residual_max_m": 1e-7}, r"all runs: closure residual \[m\] is 1e-07"),
     ],
@@ -483,7 +484,9 @@ def test_ctrl_c_is_clean_even_while_a_worker_is_starting_again(tmp_path, sweep_d
     os.killpg(process.pid, signal.SIGINT)
     printed, error = process.communicate(timeout=30)
     assert process.returncode == 130
-    kept = re.fullmatch(r"fjh: interrupted: (\d+) of 300 runs are kept; --resume goes on\n", error)
+    kept = re.fullmatch(
+        r"fjh: interrupted: (\d+) of 300 runs are kept; --resume continues\n", error
+    )
     assert kept
     assert printed == ""
     assert not psutil.pid_exists(reborn.pid)

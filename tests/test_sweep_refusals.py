@@ -122,7 +122,7 @@ def test_a_scheduler_without_workers_is_said_at_once_and_given_up(
 def test_the_help_says_how_long_a_scheduler_may_be_without_workers():
     for command in ("sweep", "atlas"):
         text = " ".join(CliRunner().invoke(app, [command, "--help"]).output.split())
-        assert f"given up after {clusters.PATIENCE_S:g} s without a worker" in text
+        assert f"fails after {clusters.PATIENCE_S:g} s without a worker" in text
 
 
 def test_a_worker_that_comes_while_we_wait_is_taken(idle, monkeypatch):
@@ -173,7 +173,7 @@ def test_when_all_workers_leave_a_running_sweep_it_is_said_and_given_up(
         while client.scheduler_info(n_workers=0)["n_workers"]:
             time.sleep(0.02)
         LEFT.set()
-        with pytest.raises(WrongInput, match="finished runs are kept, and --resume goes on"):
+        with pytest.raises(WrongInput, match="finished runs are kept, and --resume continues"):
             list(rows)
     assert "waiting up to 0.3 s" in capsys.readouterr().err
 
@@ -181,7 +181,7 @@ def test_when_all_workers_leave_a_running_sweep_it_is_said_and_given_up(
 def test_a_scheduler_that_goes_while_we_wait_is_one_sentence(monkeypatch):
     with without_workers() as cluster, Client(cluster.scheduler_address, timeout=0.3) as client:
         monkeypatch.setattr(clusters, "notice", lambda sentence: cluster.close())
-        with pytest.raises(Unsound, match="the scheduler has gone"):
+        with pytest.raises(Unsound, match="the connection to the scheduler is lost"):
             clusters.wait_for_worker(client)
 
 

@@ -4,6 +4,7 @@ import json
 import resource
 import shutil
 from contextlib import contextmanager, nullcontext
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,7 @@ from experiments.sweep.basis import basis_of
 from experiments.sweep.cluster import Where
 from experiments.sweep.dataset import REST, Dataset
 from experiments.sweep.design import Design, SweepRuns
-from experiments.sweep.runs import UNFINISHED, published_before, run_missing
+from experiments.sweep.runs import UNFINISHED, Sweep, complete, published_before, run_missing
 from experiments.sweep.sweep_run import Range
 
 TEN = SweepRuns(
@@ -100,7 +101,7 @@ def test_runs_that_nothing_says_what_they_are_of_are_left_alone(tmp_path, capsys
         assert main([command, "--quick", *words, "--out", str(tmp_path)]) == 2
         said = capsys.readouterr().err
         assert said.startswith(f"fjh: {unfinished / '_basis.json'} ")
-        assert f"to begin anew, remove {unfinished}\n" in said
+        assert f"to start again, remove {unfinished}\n" in said
         assert said.count("\n") == 1
     assert contents(unfinished) == before
 
@@ -329,3 +330,37 @@ def test_a_finished_sweep_beside_runs_of_unknown_origin_is_not_taken_for_them(fi
     (seven_of_ten(finished) / "_basis.json").unlink()
     with pytest.raises(WrongInput, match="is missing"):
         published_before(finished, "sweep", TEN)
+
+
+# As a chapter of the report: it goes on if it can, and begins anew if not.
+
+
+def as_a_chapter(folder: Path, runs: SweepRuns = TEN) -> dict:
+    """What a sweep did that was neither told to resume nor to begin anew."""
+    quiet = {"scheduler": None, "workers": None, "on_progress": lambda done, total: None}
+    with complete("sweep", runs, folder=folder, resume=None, **quiet) as sweep:
+        assert isinstance(sweep, Sweep)
+        assert (folder / UNFINISHED / "_lock").exists()
+        assert [path.exists() for path in sweep.dataset.files()] == [True] * 3
+        assert sweep.dataset.basis == basis_of(runs)
+        return sweep.took
+
+
+def test_a_chapter_goes_on_with_its_own_runs(tmp_path):
+    seven_of_ten(tmp_path)
+    assert as_a_chapter(tmp_path)["runs"] == 3
+    assert not (tmp_path / UNFINISHED).exists()
+
+
+@pytest.mark.parametrize(
+    "spoil", [lambda path: None, Path.unlink, rewrite("[]"), rewrite('{"seed": 5}')]
+)
+def test_a_chapter_begins_anew_where_the_runs_are_others(tmp_path, spoil):
+    others = SweepRuns(replace(TEN.design, duration_s=0.06), 0)
+    spoil(seven_of_ten(tmp_path, others) / "_basis.json")
+    assert as_a_chapter(tmp_path)["runs"] == 10
+
+
+def test_a_chapter_does_again_what_is_published(finished):
+    """Its figures and captions may have changed, and only a sweep with its rows draws them."""
+    assert as_a_chapter(finished)["runs"] == 10

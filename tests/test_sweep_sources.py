@@ -38,14 +38,14 @@ def edit(project: Path, pattern: str) -> None:
 
 WORDS_AND_DRAWINGS = (
     "experiments/app/cli.py",
-    "experiments/hexapod/plots.py",
+    *(f"experiments/hexapod/{name}.py" for name in ("animation", "drawing", "plots", "solids")),
     "experiments/hexapod/recording/*.py",
     "experiments/output/plotting.py",
     "experiments/output/results.py",
     "experiments/release/*.py",
     *(
         f"experiments/sweep/{name}.py"
-        for name in ("__init__", "atlas", "cluster", "figure", "results", "runs")
+        for name in ("__init__", "atlas", "cluster", "figure", "results", "runs", "words")
     ),
 )
 

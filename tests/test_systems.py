@@ -125,11 +125,9 @@ def test_a_wrong_classification_fails_a_check(monkeypatch, name, happens, known)
     assert failed_checks(summarize(Systems(0, {mechanism: [one]})))
 
 
-@pytest.mark.parametrize("count", [1, 4, 5])
-def test_the_figure_has_a_panel_for_each_mechanism_and_a_line_for_each_condition(count):
-    """The page on mechanisms adds a fifth, whoever goes on a seventh condition."""
-    path = np.zeros((8, 2))
-    examined = {
+def made_examinations(count: int, path: np.ndarray) -> dict[Mechanism, list[SimpleNamespace]]:
+    """Seven conditions each of some mechanisms, all of them on the same path."""
+    return {
         replace(MECHANISMS[0], title=f"arm {k}"): [
             SimpleNamespace(
                 condition="S" * k + "L",
@@ -140,14 +138,34 @@ def test_the_figure_has_a_panel_for_each_mechanism_and_a_line_for_each_condition
         ]
         for k in range(count)
     }
+
+
+@pytest.mark.parametrize("count", [1, 4, 5])
+def test_the_figure_has_a_panel_for_each_mechanism_and_a_line_for_each_condition(count):
+    """The page on mechanisms adds a fifth, whoever goes on a seventh condition."""
+    examined = made_examinations(count, np.zeros((8, 2)))
     figure = figure_systems(cast("Systems", SimpleNamespace(examinations=examined)))
     assert [axes.get_title() for axes in figure.axes] == [one.title for one in examined]
     for axes in figure.axes:
-        assert {line.get_label() for line in axes.lines} == {
-            *(f"locked {k + 1}" for k in range(7)),
-            "commanded",
+        shown = {str(line.get_label()) for line in axes.lines}
+        assert {label for label in shown if not label.startswith("_")} == {
+            f"locked {k + 1}" for k in range(7)
         }
     figure.draw_without_rendering()
+
+
+def test_the_octagon_is_closed_and_leaves_out_the_corners_aside():
+    """A run of three samples a corner: eight corners, then up and down a third direction."""
+    corners = np.vstack([[[k, k**2, 0] for k in range(8)], [[0, 0, 1], [0, 0, -1]]])
+    examined = made_examinations(1, 1e-6 * np.repeat(corners, 3, axis=0))
+    figure = figure_systems(cast("Systems", SimpleNamespace(examinations=examined)))
+    at_rest, on_the_way, *_, commanded = [
+        np.array(line.get_xydata()) for line in figure.axes[0].lines
+    ]
+    closed = np.vstack([corners[:8, :2], corners[:1, :2]])
+    np.testing.assert_allclose(at_rest, closed)
+    np.testing.assert_allclose(commanded, closed)
+    assert len(on_the_way) == 7 * 3 + 1
 
 
 def test_everything_named_is_there(systems, systems_folder):

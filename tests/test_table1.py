@@ -91,7 +91,7 @@ def test_translation_across_the_line_of_sight_falls_by_more_than_twenty(table1, 
 @pytest.mark.parametrize("angle", ANGLES)
 @pytest.mark.parametrize("column", COLUMNS, ids=lambda column: column.name)
 def test_the_linear_model_predicts_every_column(table1, column, angle):
-    """Within the 0.2 % that docs/bench.md states; 0.13 % at the most, over eight seeds."""
+    """Within the 0.2 % that docs/testbed.md states; 0.13 % at the most, over eight seeds."""
     result = table1["by_name"][column.name]
     predicted = result[f"predicted_{angle}_rms_urad"]
     assert result[f"{angle}_rms_urad"] == pytest.approx(predicted, rel=0.002)
@@ -185,7 +185,7 @@ def test_an_unsound_table_fails_its_checks(table1):
     off = deepcopy(table1)
     off["columns"][1]["beta_rms_urad"] *= 1.005
     (sentence,) = failed(off)
-    assert sentence.startswith("W_b: relative distance of the RMS error of beta")
+    assert sentence.startswith("W_b: relative difference between the RMS error of beta")
     assert not failed(off | {"duration_s": 4.0})  # the noise alone may do that
     off["columns"][1]["beta_rms_urad"] *= 1.03
     assert len(failed(off | {"duration_s": 4.0})) == 1
@@ -228,8 +228,8 @@ def test_each_column_says_where_its_errors_come_from(table1):
     assert shown.rows[0] == ("origin", *origins)
     assert any(row[0].strip() == "paper" for row in shown.rows)
     said = " ".join(notes(table1))
-    assert "five numbers act as two" in said
-    assert "a constant at the paper's mean is within 13.9 %" in said
+    assert "act on these entries as two numbers" in said
+    assert "a constant at the paper's mean differs by at most 13.9 %" in said
 
 
 def test_the_page_is_made_of_the_json_alone_and_every_file_is_listed(table1_folder):

@@ -56,6 +56,13 @@ class Chapter:
         out = str(edition.folder / self.name)
         return shlex.join([*words, "--seed", str(edition.seed), "--out", out])
 
+    def arguments(self, edition: Edition) -> dict[str, Any]:
+        """All options of the study's runs; unfinished runs in the chapter's folder are used."""
+        given = {option.name: option.default for option in self.study.options} | self.options
+        if self.study.streams:
+            given["resume"] = None
+        return {"seed": edition.seed, "quick": edition.quick, **given}
+
     def basis(self, edition: Edition) -> dict[str, Any]:
         """All that the numbers depend on; unchanged by writing it as JSON and reading it."""
         return {
@@ -73,9 +80,8 @@ def run_chapter(chapter: Chapter, edition: Edition, progress: Progress) -> dict[
         Its entry in `report.json`; kept in the folder, too, unless the study diverged.
     """
     out, start = edition.folder / chapter.name, time.perf_counter()
-    shared = {"seed": edition.seed, "quick": edition.quick}
     try:
-        results = conduct(chapter.study, out, progress, **shared, **chapter.options)
+        results = conduct(chapter.study, out, progress, **chapter.arguments(edition))
         complaint = results.failed_check
     except Unsound as unsound:  # it diverged: there are no results
         results, complaint = Results({}), str(unsound)

@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from experiments.app.animate import animate
 from experiments.app.command import command, machine_refused
 from experiments.app.report import report
 from experiments.benchmark import STUDY as BENCH
@@ -33,17 +34,18 @@ STUDIES = (
 
 UNSOUND, WRONG_INPUT = 1, 2
 
-HELP = """Experiments on the fault-tolerant hexapod and the other mechanisms of its paper.
+HELP = """Simulate the fault-tolerant hexapod of Chen, McInroy and Yi (2003) and other mechanisms.
 
-Each study runs one experiment in MuJoCo and prints its tables; `fjh report` runs most of them. A
-study writes into results/COMMAND/, or the folder given by --out: all numbers (.json, units in their
-names), the tables (.md), data (.npz), figures and recordings (.rrd; `rerun FILE.rrd` opens one).
-Begin with `fjh table1`: a minute on two cores. `fjh review` and `fjh render` show recordings.
+Each study simulates one experiment in MuJoCo and prints its tables; `fjh report` runs most studies.
+A study writes into results/COMMAND/, or the folder given by --out: all numbers (.json, with units
+in the names), tables (.md), data (.npz), figures and recordings (.rrd; `rerun FILE.rrd` opens one).
+Start with `fjh table1`: a minute on two cores. `fjh review`, `fjh render` and `fjh animate` show
+runs.
 """
 EXIT_CODES = """\b
 Exit codes:
-  0    sound
-  1    unsound: a simulation diverged, a check of the results failed, or no picture was drawn
+  0    all checks of the results passed
+  1    a check failed, a simulation diverged, or no picture could be drawn
   2    wrong input
   130  interrupted; no file is left half-written
 """
@@ -52,9 +54,9 @@ _SIZE = re.compile(r"([1-9]\d{1,3})x([1-9]\d{1,3})")
 
 
 _RUNS = typer.Argument(
-    metavar="RUN", help="Folders of results, and single runs (.npz), of the hexapod."
+    metavar="RUN", help="Folders with results of the hexapod, or single runs (.npz)."
 )
-_REVIEW = typer.Option(metavar="FILE.rrd", help="The recording to write.")
+_REVIEW = typer.Option(metavar="FILE.rrd", help="Recording to write.")
 _MODEL = typer.Option(
     metavar="FILE", help="Another machine file, MJCF.  [default: the hexapod, fjh.xml]"
 )
@@ -65,11 +67,11 @@ def review(
     out: Annotated[Path, _REVIEW] = Path("review.rrd"),
     model: Annotated[Path | None, _MODEL] = None,
 ) -> None:
-    """Put runs side by side in one recording.
+    """Show several runs side by side in one recording.
 
-    All columns of Table I, or any set of runs: a column each with spiral, errors, inputs and
-    secondary motion, the same scales in all; a page with the hexapods in 3D, and one with the
-    numbers, the paper's beside them. Takes seconds.
+    The recording has one column for each run with spiral, errors, strut inputs and secondary
+    motion, on the same scales; a page with the hexapods in 3D; and a page with the numbers and
+    those of the paper. Takes seconds.
 
     Example: fjh review results/table1 --out /tmp/table1.rrd
     """
@@ -83,11 +85,11 @@ def review(
 
 
 _FILE = typer.Argument(metavar="FILE.rrd", help="A recording.", exists=True, dir_okay=False)
-_PICTURE = typer.Option(metavar="FILE.png", help="The picture to write.")
+_PICTURE = typer.Option(metavar="FILE.png", help="Picture to write.")
 _TIME = typer.Option(
-    metavar="S", help="Simulation time to show, s.  [default: the recording's end]"
+    metavar="S", help="Simulation time to show [s].  [default: the recording's end]"
 )
-_PIXELS = typer.Option(metavar="WIDTHxHEIGHT", help="Of the picture, pixels.")
+_PIXELS = typer.Option(metavar="WIDTHxHEIGHT", help="Size of the picture in pixels.")
 
 
 def render(
@@ -96,10 +98,11 @@ def render(
     time: Annotated[float | None, _TIME] = None,
     size: Annotated[str, _PIXELS] = "1600x900",
 ) -> None:
-    """Make a picture of a recording, as the viewer shows it.
+    """Make a picture of a recording: the viewer's views, on white.
 
-    Rerun's viewer draws without a window: no display is needed, but a graphics card or Mesa's
-    Vulkan driver (mesa-vulkan-drivers). A warning of the viewer's is an error. Takes 5 s.
+    Needs no display, but a graphics card or Mesa's Vulkan driver (mesa-vulkan-drivers). Without a
+    display the viewer has only a dark theme: dark and light greys are exchanged. A warning of the
+    viewer counts as an error. Takes 5 s.
 
     Example: fjh render results/table1/W_e.rrd --time 6 --out picture.png
     """
@@ -115,8 +118,26 @@ def render(
         (staging / out.name).write_bytes(picture)
 
 
-app = typer.Typer(name="fjh", help=HELP, epilog=EXIT_CODES, rich_markup_mode=None)
-for each in (*map(command, STUDIES), report, review, render):
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        from argument_checks import __version__  # late: completion does not wait for numpy
+
+        print(f"fjh {__version__}")
+        raise typer.Exit
+
+
+_VERSION = typer.Option(
+    "--version", callback=_print_version, is_eager=True, help="Print the version and exit."
+)
+
+
+def _options(version: Annotated[bool, _VERSION] = False) -> None: ...
+
+
+app = typer.Typer(
+    name="fjh", help=HELP, epilog=EXIT_CODES, rich_markup_mode=None, callback=_options
+)
+for each in (*map(command, STUDIES), report, review, render, animate):
     # The first line whole: Typer itself would cut it at any full stop.
     app.command(short_help=(each.__doc__ or "").partition("\n")[0])(each)
 

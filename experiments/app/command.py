@@ -14,11 +14,8 @@ from experiments.output.results import Results, publish
 from experiments.output.study import Option, Progress, Study, Unsound, WrongInput
 from experiments.output.terminal import print_notes, print_table, progress
 
-_QUIET = "No tables and no progress: files and exit code only."
-_JSON = (
-    "The contents of the JSON file on standard output instead of tables; --quiet then leaves out "
-    "the progress only."
-)
+_QUIET = "Print no tables and no progress; only write the files."
+_JSON = "Print the contents of the JSON file instead of tables; with --quiet, print no progress."
 
 
 def command(study: Study) -> Callable[..., None]:
@@ -29,7 +26,7 @@ def command(study: Study) -> Callable[..., None]:
             results = conduct(study, out, partial(progress, shown=not quiet), **options)
         show(results, quiet=quiet, json=json)
         if failed := results.failed_check:
-            raise Unsound(f"the experiment is not sound: {failed}")
+            raise Unsound(f"a check failed: {failed}")
 
     shared = {"seed": study.seed, "quick": study.quick}
     return with_options(run, study.name, study.help, **shared, further=study.options)
@@ -78,7 +75,7 @@ def with_options(
     what the seed is of, `quick` what --quick leaves out.
     """
     options = (
-        Option("out", Path, Path("results", name), "Folder for results, made if need be."),
+        Option("out", Path, Path("results", name), "Folder for results; created if missing."),
         Option("seed", int, 0, f"Seed of {seed}.", metavar="N"),
         Option("quick", bool, False, quick),
         *further,

@@ -16,6 +16,7 @@ from pathlib import Path
 import rerun_cli
 from rerun.experimental import ViewerClient, ViewerState
 
+from experiments.app.light import on_white
 from experiments.output.recording.file import TIMELINE
 from experiments.output.study import Unsound, WrongInput
 
@@ -25,6 +26,8 @@ _SHOTS = 40
 _GREETING_S = 3.0
 """How long the viewer's notices stay, while it paints."""
 _TICK_S = 0.05
+_WINDOW_BAR = 36
+"""Rows [px] at the top that the viewer keeps empty for the buttons of a window."""
 _SET_PARENT_DEATH_SIGNAL = 1  # of prctl, Linux
 
 
@@ -33,7 +36,7 @@ class ViewerError(Unsound):
 
 
 def picture_of(recording: Path, time_s: float | None, size: tuple[int, int]) -> bytes:
-    """A PNG of a recording at a time [s], None its end, of so many pixels.
+    """A PNG of a recording at a time [s], None its end, of so many pixels: views on white.
 
     Raises:
         ViewerError: The viewer does not start, gives no answer, or warns.
@@ -41,12 +44,13 @@ def picture_of(recording: Path, time_s: float | None, size: tuple[int, int]) -> 
     """
     with headless_viewer(size) as viewer:
         show(viewer, recording, time_s)
-        return photograph(viewer)
+        _hide_time_panel(viewer)
+        return on_white(photograph(viewer), _WINDOW_BAR)
 
 
 @contextmanager
 def headless_viewer(size: tuple[int, int] = SIZE) -> Iterator[ViewerClient]:
-    """A viewer of so many pixels for this process alone, which ends with the block.
+    """A viewer for this process alone, which ends with the block; its views have so many pixels.
 
     It draws with Mesa's software renderer where that is installed, so that pictures are the same on
     every machine; else with the graphics card. A `ViewerError` is raised, wherever in the block,
@@ -70,7 +74,7 @@ def _running(size: tuple[int, int], home: str, log: Path) -> Iterator[ViewerClie
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
     options = ["--headless", "--hide-welcome-screen", "--bind", "127.0.0.1", "--port", str(port)]
-    options += ["--window-size", f"{size[0]}x{size[1]}"]
+    options += ["--window-size", f"{size[0]}x{size[1] + _WINDOW_BAR}"]
     program = Path(str(rerun_cli.__file__)).with_name("rerun")
     with log.open("w") as output:
         viewer = subprocess.Popen(
@@ -113,6 +117,13 @@ def show(viewer: ViewerClient, recording: Path, time_s: float | None) -> None:
     viewer.set_time(TIMELINE, duration=wanted_s, play_state="paused")
 
 
+def _hide_time_panel(viewer: ViewerClient) -> None:
+    """Leave the views alone on the screen; the recording's own layout is not changed."""
+    layout = viewer.get_blueprint().blueprint
+    layout["/time_panel"]["TimePanelBlueprint"]["state"] = "Hidden"
+    viewer.set_blueprint(layout, of="recording")
+
+
 def photograph(viewer: ViewerClient) -> bytes:
     """A PNG of the whole screen at rest; `ViewerError` where it keeps changing, or warns."""
     last = b""
@@ -122,9 +133,9 @@ def photograph(viewer: ViewerClient) -> bytes:
             break
         last = picture
     else:
-        raise ViewerError("the viewer's screen does not come to rest")
+        raise ViewerError("the viewer's picture does not stop changing")
     if said := complaints(viewer):
-        raise ViewerError(f"the viewer complains: {' '.join(said[0].split())}")
+        raise ViewerError(f"the viewer reports: {' '.join(said[0].split())}")
     return last
 
 

@@ -10,17 +10,19 @@ from typing import Any
 
 from experiments.app.chapter import Chapter, Edition, former_entry, run_chapter
 from experiments.app.command import show, with_options
+from experiments.benchmark import STUDY as BENCH
 from experiments.figures import STUDY as FIGURES
 from experiments.force import STUDY as FORCE
 from experiments.goals import STUDY as GOALS
 from experiments.jacobian import STUDY as JACOBIAN
 from experiments.output.files import published, usable_folder, write_index
 from experiments.output.results import Results
-from experiments.output.study import Interrupted, Progress, Unsound
+from experiments.output.study import Interrupted, NotInstalled, Progress, Unsound
 from experiments.output.tables import Column, tabulate
 from experiments.output.terminal import INTERRUPTION, progress
 from experiments.recover import STUDY as RECOVER
 from experiments.release import STUDY as RELEASE
+from experiments.sweep import STUDY as SWEEP
 from experiments.systems import STUDY as SYSTEMS
 from experiments.table1 import STUDY as TABLE1
 from experiments.uncorrected import STUDY as UNCORRECTED
@@ -35,23 +37,27 @@ CHAPTERS = (
     Chapter(JACOBIAN, {"loop": True}),
     Chapter(UNCORRECTED),
     Chapter(RECOVER),
+    Chapter(SWEEP),
+    Chapter(BENCH),
 )
-"""In reading order; what takes longest comes last."""
+"""In reading order. What takes long comes late; the timings come last, when nothing else runs."""
 
 INDEX = "report.json"
 
 HELP = """Run the main studies and write one HTML page on all of them.
 
-For each study the page has tables, figures, whether it is sound, and the command that reproduces
-it; at the end machine, versions and commit. It needs no other file. 45 minutes on two cores; sweep,
-atlas and bench are left out.
+For each study the page has tables, figures, the result of its checks, and the command that
+reproduces it; at the end computer, versions and commit. It needs no other file. 60 minutes on two
+cores; atlas is left out. The last chapter, bench, measures times: do nothing else on the computer
+meanwhile. Where its packages are not installed it is left out, and the page says so.
 
-After Ctrl-C the same command goes on where it stopped: a chapter is run again only if its files,
-its options, the code, the versions of its packages or the processor have changed. The page is
-written anew after every chapter. Where a chapter is not sound, the others are run nevertheless.
+After Ctrl-C the same command continues, within a sweep with the missing runs. A chapter is run
+again only if its files, its options, the code, the package versions or the processor have changed.
+The page is rewritten after every chapter. If a check of a chapter fails, the other chapters are run
+nevertheless.
 
-Writes report.json, report.html, and in a folder for each chapter what its own command writes, with
-chapter.json, by which a later report recognizes the chapter.
+Writes report.json, report.html, and a folder for each chapter with the files of its own command and
+chapter.json, from which a later report recognizes the chapter.
 
 Example: fjh report --quick --out /tmp/report
 """
@@ -62,16 +68,17 @@ def _report(*, out: Path, seed: int, quick: bool, quiet: bool, json: bool) -> No
     summary = run_report(CHAPTERS, edition, partial(progress, shown=not quiet))
     columns = (
         Column("", "name"),
-        Column("verdict", lambda chapter: "unsound" if chapter["complaint"] else "sound"),
-        Column("took", lambda chapter: span(chapter["wall_time_s"])),
+        Column("checks", lambda chapter: "failed" if chapter["complaint"] else "passed"),
+        Column("time", lambda chapter: span(chapter["wall_time_s"])),
     )
     chapters = summary["chapters"]
     tables = [tabulate("All studies", columns, chapters)]
-    notes = [f"Open {out / 'report.html'} in a browser."]
+    left_out = [f"{name} is left out, since {why}." for name, why in summary["left_out"].items()]
+    notes = [*left_out, f"Open {out / 'report.html'} in a browser."]
     show(Results(summary, tables, notes), quiet=quiet, json=json)
     failed = [f"{each['name']}: {each['complaint']}" for each in chapters if each["complaint"]]
     if failed:
-        raise Unsound(f"the experiment is not sound: {'; '.join(failed)}")
+        raise Unsound(f"a study failed: {'; '.join(failed)}")
 
 
 QUICK = "Every study with its own --quick: 5 minutes."
@@ -80,6 +87,8 @@ report = with_options(_report, "report", HELP, seed="every study", quick=QUICK)
 
 def run_report(chapters: Sequence[Chapter], edition: Edition, progress: Progress) -> dict[str, Any]:
     """Run every chapter that is not complete in its folder; `report.html` grows with each.
+
+    A chapter whose study needs a package that is not installed is left out.
 
     Returns:
         The contents of `report.json`.
@@ -90,6 +99,7 @@ def run_report(chapters: Sequence[Chapter], edition: Edition, progress: Progress
     """
     former = {chapter.name: former_entry(chapter, edition) for chapter in chapters}
     entries = {name: entry for name, entry in former.items() if entry}
+    left_out: dict[str, str] = {}
     summary: dict[str, Any] = {}
     for k, chapter in enumerate(chapters, 1):
         if chapter.name not in entries:
@@ -97,12 +107,14 @@ def run_report(chapters: Sequence[Chapter], edition: Edition, progress: Progress
                 entries[chapter.name] = run_chapter(
                     chapter, edition, lambda work, k=k: progress(f"{k}/{len(chapters)} {work}")
                 )
-            except KeyboardInterrupt:
+            except NotInstalled as absent:
+                left_out[chapter.name] = str(absent)
+            except (KeyboardInterrupt, Interrupted):
                 raise Interrupted(
-                    f"{INTERRUPTION}; finished chapters stay, and the same command goes on with "
+                    f"{INTERRUPTION}; finished chapters stay, and the same command continues with "
                     f"{chapter.name}, chapter {k} of {len(chapters)}"
                 ) from None
-        summary = _publish(chapters, entries, edition)
+        summary = _publish(chapters, entries, left_out, edition)
     return summary
 
 
@@ -121,7 +133,10 @@ def _origin() -> dict[str, Any]:
 
 
 def _publish(
-    chapters: Sequence[Chapter], entries: dict[str, dict[str, Any]], edition: Edition
+    chapters: Sequence[Chapter],
+    entries: dict[str, dict[str, Any]],
+    left_out: dict[str, str],
+    edition: Edition,
 ) -> dict[str, Any]:
     """Write page and index of the chapters that are finished; returns the index."""
     quick = ["--quick"] if edition.quick else []
@@ -133,7 +148,8 @@ def _publish(
         "command": shlex.join(["fjh", "report", *options]),
         **edition.origin,
         "written": datetime.now(UTC).isoformat(timespec="seconds"),
-        "missing": [chapter.name for chapter in chapters if chapter.name not in entries],
+        "missing": [each.name for each in chapters if each.name not in entries | left_out],
+        "left_out": left_out,
         "chapters": [entries[chapter.name] for chapter in chapters if chapter.name in entries],
     }
     with published(edition.folder, index=INDEX) as staging:

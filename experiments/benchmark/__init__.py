@@ -1,4 +1,4 @@
-"""How fast: the closed loop beside bare physics, the mapping beside other libraries."""
+"""The benchmark: times of the closed loop and the mapping, compared with other libraries."""
 
 from pathlib import Path
 
@@ -8,10 +8,10 @@ STUDY = Study(
     name="bench",
     help="""Time the control loop and the mapping against physics and other libraries.
 
-    The closed loop is compared with MuJoCo's bare steps, one tick with mink, and one Problem 1 with
-    daqp, PlaCo, LAPACK and the printed formula, also over the number of actuators and the size of a
-    batch. All answers are compared first. The contenders are timed by turns in one process: 2
-    minutes, 20 s with --quick. No other work should run meanwhile.
+    The benchmark compares the closed loop with the physics alone, one control tick with mink, and
+    one Problem 1 with daqp, PlaCo, LAPACK and the paper's formula, for several numbers of actuators
+    and batch sizes. All results are compared before the timing; the calls take turns in one
+    process. 2 minutes, 20 s with --quick; do not run other work meanwhile.
 
     Writes bench.json (times in us, medians and their ranges), the tables as bench.md, and a figure.
 
@@ -22,19 +22,25 @@ STUDY = Study(
     quick="2 s of the spiral, fewer rounds, batches up to 10,000.",
     seed="the detector noise and the random problems",
     options=(
-        Option("save", Path | None, None, "Keep the numbers here too, for --compare.", "FILE.json"),
+        Option(
+            "save",
+            Path | None,
+            None,
+            "Also save the numbers in this file, for --compare.",
+            "FILE.json",
+        ),
         Option(
             "compare",
             Path | None,
             None,
-            "Print what changed, by more than noise, since these were saved.",
+            "Print which times changed by more than noise since this file was saved.",
             "FILE.json",
         ),
         Option(
             "check",
             bool,
             False,
-            "Fail, exit code 1, when a stable ratio is beyond twice its bound.",
+            "Exit with 1 if a stable ratio exceeds twice its bound.",
         ),
     ),
 )

@@ -1,4 +1,4 @@
-"""The ratios that count: what they compare, how large they may be, and those of a saved run."""
+"""The published ratios: what they compare, their limits, and those of a saved run."""
 
 import json
 from collections.abc import Callable, Mapping
@@ -15,7 +15,7 @@ from experiments.output.tables import Column, Table, tabulate
 from sim import Array
 
 CHECK_MARGIN = 2.0
-"""A stable ratio fails beyond this multiple of its bound: well beyond the scatter that was seen."""
+"""A stable ratio fails beyond this multiple of its bound, well above the measured scatter."""
 _FORMERLY = {"tick_over_mink": "hexapod_tick_over_mink", "tick": "hexapod_tick"}
 """Before the general path was timed, these names stood for the closed form."""
 
@@ -66,15 +66,15 @@ RATIOS = (
     Ratio(
         "closed_loop_over_mj_step",
         lambda us: us["closed_loop"] / us["mj_step"],
-        "the whole closed loop over MuJoCo's own steps",
+        "the whole closed loop over the physics steps alone",
         bound=1.5,
         goal=1.15,
     ),
     Ratio(
         "loop_overhead_over_mink",
         lambda us: (us["closed_loop"] - us["mj_step"]) / us["mink"],
-        "what a control tick costs besides physics, its mapping in the hexapod's closed form, over "
-        "one mink.solve_ik",
+        "a control tick without physics, mapping in the hexapod's closed form; over one "
+        "mink.solve_ik",
         bound=0.6,
         goal=0.2,
         stable=True,
@@ -99,7 +99,7 @@ RATIOS = (
     Ratio(
         "solve_over_daqp",
         lambda us: us["prioritized"] / us["daqp"],
-        "one Problem 1 from J and weights over daqp, its H given",
+        "one Problem 1 from J and weights; over daqp with H given",
         bound=4.0,
         goal=1.0,
         stable=True,
@@ -107,12 +107,12 @@ RATIOS = (
     Ratio(
         "solve_over_placo",
         lambda us: us["prioritized"] / us["placo"],
-        "the same over PlaCo's solver, its problem given",
+        "the same; over PlaCo's solver with its problem given",
     ),
     Ratio(
         "batched_over_daqp",
         lambda us: us["batched"] / us["daqp"],
-        "one mapping of a large batch over daqp's one",
+        "one mapping of a large batch; over one by daqp with H given",
         bound=0.5,
         goal=0.1,
         stable=True,

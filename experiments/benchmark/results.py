@@ -31,7 +31,7 @@ PARTS = {
     "sensors": "sensors",
     "estimate": "pose estimate",
     "mapping": "mapping",
-    "jacobian": "  one Jacobian, in these two",
+    "jacobian": "  one Jacobian, included in both",
     "converter": "converter",
     "compensators": "compensators, by difference",
     "plant": "plant beyond mj_step, by difference",
@@ -49,6 +49,9 @@ SOLVE = {
     "pinv_formula": "eq. (25) with numpy's pinv",
     "dgglse": "LAPACK dgglse, A given",
 }
+
+LARGE = 3
+"""So many of the largest sizes are fitted on their own: below, a fixed cost hides the power."""
 
 
 def results(timed: Timed) -> Results:
@@ -99,11 +102,13 @@ def summarize(timed: Timed) -> dict[str, Any]:
 
 def _series(solver: str, sizes: Sequence[int], us: Mapping[str, float]) -> dict[str, Any]:
     medians = [us[f"{solver}_n{n}"] for n in sizes]
-    return {"size": list(sizes), "median_us": medians} | power_law(sizes, medians)
+    large = sizes[-LARGE:]
+    fit = {"from": large[0], "to": large[-1]} | power_law(large, medians[-LARGE:])
+    return {"size": list(sizes), "median_us": medians, "large": fit} | power_law(sizes, medians)
 
 
 def _parts(us: Mapping[str, float]) -> dict[str, float]:
-    """Where a tick's time goes; what no public call does alone comes by difference."""
+    """Times of the parts of a control tick; parts without a public call are differences."""
     overhead = us["closed_loop"] - us["mj_step"]
     plant = us["part_plant_step"] - us["part_mj_step"]
     alone = us["part_estimate"] + us["part_mapping"] + us["part_converter"]
@@ -117,7 +122,7 @@ def _parts(us: Mapping[str, float]) -> dict[str, float]:
 
 
 def tables(summary: dict[str, Any]) -> list[Table]:
-    """Ratios first, then what they are made of."""
+    """Tables of the ratios and of the times they are made of."""
     seconds, timings = summary["simulated_s"], summary["timings"]
     part = f", {seconds:g} s of the spiral only" if seconds < TestbedConfig().duration_s else ""
     found = [
@@ -128,20 +133,20 @@ def tables(summary: dict[str, Any]) -> list[Table]:
         _growth(
             "One Problem 1 by number of actuators, us",
             summary["growth"]["actuators"],
-            "Power: slope of the straight line that fits best in the logarithms; slopes: of the "
-            "flattest and the steepest piece between neighbouring sizes.",
+            "power: slope of the best-fitting line in the logarithms. slopes: smallest and largest "
+            "slope between neighbouring sizes.",
         ),
         _growth(
             "One mapping by size of the batch, us",
             {"batched": summary["growth"]["batch"]},
-            "The power is that of the whole call.",
+            "power: of the time of the whole call.",
         ),
     ]
     return [*found, _changes(summary["comparison"])] if "comparison" in summary else found
 
 
 def _us(value: float) -> str:
-    """Three digits: a time deserves no more."""
+    """The time with three digits."""
     return f"{value:.0f}" if value >= 100 else f"{value:.3g}"
 
 
@@ -162,11 +167,11 @@ def _tick_parts(parts_us: dict[str, float]) -> Table:
         Column("%", lambda one: 100 * one["us"] / parts_us["all"], ".0f"),
     )
     return tabulate(
-        "What a control tick costs beside physics",
+        "Time of a control tick without physics",
         columns,
         [{"label": PARTS[name], "us": us} for name, us in parts_us.items()],
-        "Medians, each part timed alone and so with warm caches; what no public call does alone "
-        "comes by difference. W_a, analytic Jacobian.",
+        "Medians, each part timed separately, with warm caches; parts without a public call of "
+        "their own are differences. W_a, analytic Jacobian.",
     )
 
 
@@ -196,10 +201,10 @@ def _changes(comparison: dict[str, Any]) -> Table:
     )
     both = comparison["ratios"] | comparison["timings"]
     return tabulate(
-        "Beside the saved run",
+        "Comparison with the saved run",
         columns,
         [{"name": name} | one for name, one in both.items()],
-        "Ratios, then medians in us; changed: the ranges from 5 to 95 % have nothing in common.",
+        "Ratios, then medians in us. changed: the ranges from 5 to 95 % do not overlap.",
     )
 
 
@@ -213,9 +218,9 @@ def notes(summary: dict[str, Any]) -> list[str]:
     installed = ", ".join(f"{name} {summary['versions'][name]}" for name in names)
     found = [
         f"A {now_s:g} s run takes {now_s / factor:.2g} s (real-time factor {factor:.1f}).",
-        f"All answers agreed before they were timed, on {len(summary['agreement'])} sets of "
-        f"questions; the largest distance was {100 * furthest:.2g} % of its tolerance.",
-        f"One process, one thread, {summary['rounds']} rounds by turns, on "
+        f"Before the timing, all results agreed on {len(summary['agreement'])} sets of problems; "
+        f"the largest difference was {100 * furthest:.2g} % of its tolerance.",
+        f"One process, one thread, {summary['rounds']} rounds in turn, on "
         f"{summary['machine']['processor']}; {installed}.",
     ]
     if "comparison" not in summary:
@@ -224,7 +229,7 @@ def notes(summary: dict[str, Any]) -> list[str]:
     if saved_s != now_s:
         found.append(
             f"The saved run simulated {saved_s:g} s of the spiral, this one {now_s:g} s: with "
-            "--quick the loop settles for a larger part of its time, and batches are smaller."
+            "--quick settling is a larger part of the time, and batches are smaller."
         )
     return found + [
         f"The saved run's {before} was measured with the closed form; it is compared with {now}."

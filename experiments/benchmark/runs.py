@@ -21,7 +21,7 @@ from experiments.hexapod.controller import controller_for, nominal_loops
 from experiments.hexapod.simulation import SpiralRun, track_path, track_spiral
 from experiments.hexapod.testbed import Testbed, TestbedConfig
 from experiments.output.files import usable_file
-from experiments.output.study import OnProgress, WrongInput
+from experiments.output.study import NotInstalled, OnProgress
 from ftc.controller import Measurement
 from sim import Array, Plant, Pose, hexapod, load_model
 
@@ -77,14 +77,15 @@ def run_bench(
     """Compare all answers, then time the contenders who gave them.
 
     Raises:
-        WrongInput: A package is missing, or `compare` is no saved file.
+        NotInstalled: A package is missing.
+        WrongInput: `compare` is no saved file.
         OutputError: `save` cannot be written.
         Unsound: Two answers to the same question differ; nothing is timed.
     """
     if absent := [name for name in PACKAGES if find_spec(name) is None]:
-        raise WrongInput(
+        raise NotInstalled(
             f"fjh bench compares with packages that are not installed, {', '.join(absent)}: "
-            'pip install ".[bench]" in a checkout, or make venv'
+            'pip install "fault-tolerant-hexapod[bench]", on Python 3.11 to 3.13'
         )
     from threadpoolctl import threadpool_limits
 

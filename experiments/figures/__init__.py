@@ -7,17 +7,18 @@ STUDY = Study(
     name="figures",
     help="""Draw the machine, its control loops and its failure conditions.
 
-    The geometry as in Fig. 2, the loop as in Fig. 3 with its transfer functions and margins, a
-    Bode plot, and which of the 3^6 failure conditions leave the pointing task possible: 10 s.
+    Draws the geometry as in Fig. 2 of the paper, the loop as in Fig. 3 with its transfer functions
+    and margins, a Bode plot, and a map of the 3^6 failure conditions that shows in which of them
+    the pointing task is possible. 10 s.
 
-    Writes figures.json, the tables as figures.md, and figure2, figure3, bode and atlas, each as
-    .png and .pdf; figure2 also as .svg.
+    Writes figures.json, the tables as figures.md, and machine, figure2, figure3, bode and atlas,
+    each as .png and .pdf; figure2 also as .svg.
 
     Example: fjh figures --model mine.xml --out /tmp/mine
     """,
     runs="experiments.figures.runs:run_figures",
     results="experiments.figures.results:results",
-    quick="As without: it takes seconds anyway.",
-    seed="nothing: none of this is random",
+    quick="No effect: the full study takes seconds.",
+    seed="nothing: this study has no random numbers",
     options=(MACHINE_FILE,),
 )

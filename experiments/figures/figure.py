@@ -11,6 +11,7 @@ from matplotlib.patches import Patch
 
 from experiments.figures.block_diagram import figure_3
 from experiments.figures.geometry import figure_2
+from experiments.figures.machine import figure_machine
 from experiments.figures.runs import OpenLoop, Portrait
 from experiments.hexapod.fault_tolerance import Verdict, verdicts
 from experiments.output.plotting import BLACK, BLUE, ORANGE, PAGE_IN, VERMILION, new_figure
@@ -19,11 +20,19 @@ from prioritized import FailureAtlas
 
 
 def pictures(portrait: Portrait) -> list[Picture]:
-    """All four figures and their captions."""
+    """All five figures and their captions."""
     return [
         Picture(
+            "machine",
+            "The machine, drawn from its file: its axes, the major motions and the secondary ones.",
+            "A payload with telescope and detector on six numbered struts above a round base. "
+            "Rotations alpha and beta about x_b and y_b are major; gamma about z_b and the "
+            "translations t_x, t_y, t_z are secondary.",
+            partial(figure_machine, portrait.model),
+        ),
+        Picture(
             "figure2",
-            "The paper's Fig. 2, drawn from the machine file: top view and front view.",
+            "The paper's Fig. 2, drawn from the machine file: in 3D, top view and front view.",
             "Six struts, numbered, zigzag between three nodes on the base and three on the "
             "payload; both coordinate frames, laser, telescope and detector.",
             partial(figure_2, portrait.model),
@@ -55,12 +64,12 @@ def pictures(portrait: Portrait) -> list[Picture]:
 def figure_bode(loops: tuple[OpenLoop, OpenLoop]) -> Figure:
     """Magnitude above phase, alpha beside beta: open loop, plant, compensator."""
     figure = new_figure(PAGE_IN, 4.4)
-    figure.suptitle("Open pointing loops as they run: sampled, plant behind the zero-order hold")
+    figure.suptitle("Open pointing loops in discrete time, the plant with its zero-order hold")
     grid = figure.subplots(2, 2, sharex=True, sharey="row", height_ratios=[1.2, 1])
     for (magnitude, phase), one in zip(grid.T, loops, strict=True):
         _curves(magnitude, phase, one)
         _margins(magnitude, phase, one)
-        magnitude.set_title(f"$\\{one.angle}$ loop, {1e3 * one.loop.period_s:g} ms")
+        magnitude.set_title(f"$\\{one.angle}$ loop, sampled every {1e3 * one.loop.period_s:g} ms")
         phase.set(xlabel="frequency, Hz", xlim=one.frequency_hz[[0, -1]])
     grid[0, 0].set(ylabel="magnitude, dB", ylim=(-85, 55))
     grid[1, 0].set(ylabel="phase, deg", ylim=(-560, 20), yticks=range(-540, 1, 90))
@@ -137,7 +146,7 @@ def _map(axes: Axes, found: list[Verdict]) -> None:
         linewidth=0.4,
     )
     axes.set(aspect="equal", xlim=(-3.2, 27), ylim=(27, -3.2))
-    axes.set_title("S sound, L locked, F free")
+    axes.set_title("Each condition: S sound, L locked, F free")
     axes.axis("off")
     for place in (9, 18):
         axes.plot([place, place], [-3.2, 27], color=BLACK, lw=1)
@@ -170,7 +179,7 @@ def _by_failures(axes: Axes, atlas: FailureAtlas, found: list[Verdict]) -> None:
     axes.set(
         ylim=(struts + 0.6, -0.6),
         xlim=(0, 100),
-        xlabel="of the conditions with so many failures, %",
-        ylabel="struts failed, locked or free",
+        xlabel="share of the conditions with that many failures, %",
+        ylabel="number of failed struts, locked or free",
     )
     axes.grid(False)

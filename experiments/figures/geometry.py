@@ -1,4 +1,4 @@
-"""Figure 2 of the paper: top view and front view of the hexapod, drawn from its MJCF."""
+"""Figure 2 of the paper: the hexapod in 3D, from the top and the front, drawn from its MJCF."""
 
 from collections import defaultdict
 from dataclasses import dataclass
@@ -11,21 +11,32 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 from scipy.spatial import ConvexHull
 
+from experiments.hexapod.drawing import View, draw_at_rest
+from experiments.hexapod.solids import solid_of
 from experiments.output.plotting import BLACK, BLUE, GREEN, PAGE_IN, PURPLE, VERMILION, new_figure
 from sim import Array, Hexapod, element_id, hexapod
 
-NAMED = {"laser": (-52, 14), "telescope": (-62, 42), "detector": (24, 3), "base_plate": (30, -18)}
-"""Parts that are named where a machine has them, and where their names stand, in points."""
-_AXIS_M = 0.1
-_ARROW = {"arrowstyle": "-|>", "lw": 1, "color": BLACK, "shrinkA": 0, "shrinkB": 0}
-_PAPER = {"fc": "white", "alpha": 0.8, "lw": 0, "pad": 0.5}
+_NAMED = {
+    "detector": ("detector", (-62, 24)),
+    "mirror_cell": ("telescope", (52, -22)),
+    "laser": ("laser", (62, -22)),
+    "base_plate": ("base plate", (-62, -18)),
+}
+"""Parts that are named where a machine has them, and where their names stand in 3D, in points."""
+_TIP_M = np.array([0.47, 0.47, 0.37])
+"""Coordinates of the axes' tips: beyond the machine."""
+_ARROW = {"arrowstyle": "-|>", "lw": 0.8, "color": BLACK, "shrinkA": 0, "shrinkB": 0}
+_LINE = {"arrowstyle": "-", "lw": 0.4, "color": BLACK, "shrinkA": 0, "shrinkB": 2}
 _FILL = {"base": "0.95", "payload": "0.88", "strut": "0.75"}
-
-_TURN = np.linspace(0, 2 * np.pi, 48, endpoint=False)
-_RING = np.column_stack([np.cos(_TURN), np.sin(_TURN)])
-_TILTS = np.linspace(-np.pi / 2, np.pi / 2, 25)
-_BALL = np.vstack([np.c_[_RING * np.cos(t), np.full(len(_RING), np.sin(t))] for t in _TILTS])
-_CORNERS = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
+_NODE = {"p": GREEN, "q": PURPLE}
+_NODES_3D = {
+    **{"p1": (13, 3), "p2": (-13, 3), "p3": (-12, -34)},
+    **{"q1": (9, 19), "q2": (-20, -3), "q3": (20, -3)},
+}
+"""Where their names stand, in points; farther away ones have a line."""
+_FAR_PT = 20.5
+_DOT_NAMED = {"top": ((0, 20), (0, 20)), "front": ((6, 8), (14, 8))}
+"""Beside the dot of an axis, in points, of the payload's frame and the base's."""
 
 
 @dataclass(frozen=True)
@@ -82,8 +93,11 @@ def figure_2(model: mujoco.MjModel) -> Figure:
         sim.ModelError: The machine is not a hexapod.
     """
     geometry, seen = hexapod(model), parts(model)
-    figure = new_figure(PAGE_IN, 3.9)
-    for axes, side in zip(figure.subplots(1, 2, sharex=True), (TOP, FRONT), strict=True):
+    figure = new_figure(PAGE_IN, 6.6)
+    grid = figure.add_gridspec(2, 2, height_ratios=[1, 1.05])
+    _in_3d(figure.add_subplot(grid[0, :]), model, geometry)
+    top = figure.add_subplot(grid[1, 0])
+    for axes, side in ((top, TOP), (figure.add_subplot(grid[1, 1], sharex=top), FRONT)):
         _outlines(axes, side, seen)
         _struts(axes, side, geometry)
         _nodes(axes, side, geometry)
@@ -94,6 +108,26 @@ def figure_2(model: mujoco.MjModel) -> Figure:
         axes.invert_yaxis()
     figure.supxlabel(f"{_caption(geometry)} Along the base's axes, from the payload's origin.")
     return figure
+
+
+def _in_3d(axes: Axes, model: mujoco.MjModel, geometry: Hexapod) -> None:
+    """The machine at rest, its nodes and parts named beside it."""
+    view, data = View(), mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    origin, to_world = data.site("payload").xpos, data.site("base").xmat.reshape(3, 3)
+    draw_at_rest(axes, model, view)
+    for name, node in node_names(geometry).items():
+        x, y = view.on_paper(origin + to_world @ node)
+        axes.plot(x, y, "o", color=_NODE[name[0]], mec=BLACK, mew=0.5, ms=4)
+        away = _NODES_3D.get(name, (10, 10))
+        line = {"arrowprops": _LINE} if np.hypot(*away) > _FAR_PT else {}
+        _label(axes, f"${name[0]}_{name[1]}$", (x, y), away, **line)
+    for geom in range(model.ngeom):
+        if named := _NAMED.get(model.geom(geom).name):
+            x, y = view.on_paper(data.geom_xpos[geom])
+            _label(axes, named[0], (x, y), named[1], arrowprops=_LINE)
+    axes.set(aspect="equal")
+    axes.axis("off")
 
 
 def node_names(geometry: Hexapod) -> dict[str, Array]:
@@ -112,15 +146,6 @@ def _outlines(axes: Axes, side: Side, seen: list[Part]) -> None:
     for part in sorted(seen, key=lambda part: -(part.surface_m @ side.away).mean()):
         edge = VERMILION if part.name == "beam" else "0.5"
         axes.add_patch(Polygon(part.outline_m(side), fc=_FILL[part.belongs_to], ec=edge, lw=0.4))
-        if side is FRONT and part.name in NAMED:
-            axes.annotate(
-                part.name.replace("_", " "),
-                part.surface_m[:, side.plane].mean(axis=0),
-                NAMED[part.name],
-                textcoords="offset points",
-                arrowprops={"arrowstyle": "-", "lw": 0.4},
-                zorder=4,
-            )
 
 
 def _struts(axes: Axes, side: Side, geometry: Hexapod) -> None:
@@ -138,50 +163,57 @@ def _nodes(axes: Axes, side: Side, geometry: Hexapod) -> None:
     names: dict[tuple[float, ...], list[str]] = defaultdict(list)
     for name, node in node_names(geometry).items():
         x, y = node[side.plane]
-        color = GREEN if name[0] == "p" else PURPLE
-        axes.plot(x, y, "o", color=color, mec=BLACK, mew=0.5, ms=5, gid=f"{side.name}-{name}")
+        style = {"color": _NODE[name[0]], "mec": BLACK, "mew": 0.5, "ms": 5}
+        axes.plot(x, y, "o", gid=f"{side.name}-{name}", **style)
         names[tuple(np.round([x, y], 4))].append(f"${name[0]}_{name[1]}$")
     for (x, y), alike in names.items():
-        out = 12 * (-1 if x < -1e-6 else 1), 7 * (-1 if y > 0 else 1)
-        _label(axes, ", ".join(alike), (x, y), out, ha="center", va="center")
+        is_middle = side is FRONT and abs(x) < 1e-3  # others are drawn there: farther away
+        right = 34 if is_middle else -12 if x < -1e-6 else 12
+        up = (14 if is_middle else 7) * (-1 if y > 0 else 1)
+        line = {"arrowprops": _LINE} if is_middle else {}
+        _label(axes, ", ".join(alike), (x, y), (right, up), **line)
 
 
 def _frames(axes: Axes, side: Side, shown: list[Frame]) -> None:
     """Axes of both frames; those that point at the reader are a dot, away from him a cross."""
     labels: dict[tuple[float, ...], list[str]] = defaultdict(list)
     for frame in shown:
-        for letter, axis in zip("xyz", frame.axes, strict=True):
-            drawn = [*frame.origin_m[side.plane], *axis[side.plane], axis @ side.away]
-            labels[tuple(np.round(drawn, 6) + 0.0)].append(f"${letter}{frame.subscript}$")
-    for (x, y, right, down, away), alike in labels.items():
-        label = ", ".join(alike)
-        if abs(away) > 0.99:
-            mark, size = ("x", 5) if away > 0 else (".", 3)
-            axes.plot(x, y, "o", ms=7, mfc="white", mec=BLACK, mew=0.8)
-            axes.plot(x, y, mark, ms=size, color=BLACK, mew=0.8)
-            _label(axes, label, (x, y), (-7, 6), ha="right")
-        else:
-            tip = x + _AXIS_M * right, y + _AXIS_M * down
-            axes.annotate("", tip, (x, y), arrowprops=_ARROW)
-            axes.update_datalim([tip])
-            _label(axes, label, tip, (4, 3))
+        for letter, axis, tip_m in zip("xyz", frame.axes, _TIP_M, strict=True):
+            (x, y), away = frame.origin_m[side.plane], axis @ side.away
+            name = f"${letter}{frame.subscript}$"
+            if abs(away) > 0.99:
+                mark, size = ("x", 5) if away > 0 else (".", 3)
+                axes.plot(x, y, "o", ms=7, mfc="white", mec=BLACK, mew=0.8)
+                axes.plot(x, y, mark, ms=size, color=BLACK, mew=0.8)
+                beside = _DOT_NAMED[side.name][bool(frame.subscript)]
+                labels[(*np.round([x, y], 6), *beside)].append(name)
+            else:
+                reach_m = tip_m - axis @ frame.origin_m
+                tip = np.array([x, y]) + reach_m * axis[side.plane]
+                axes.annotate("", tip, (x, y), arrowprops=_ARROW)
+                right, down = 9 * axis[side.plane]
+                axes.update_datalim([tip + 0.05 * axis[side.plane]])
+                labels[(*np.round(tip, 6), *np.round([right, -down], 1))].append(name)
+    for (x, y, right, up), alike in labels.items():
+        _label(axes, ", ".join(alike), (x, y), (right, up))
 
 
 def _label(
     axes: Axes, text: str, place: tuple[float, float], offset: tuple[float, float], **style: Any
 ) -> None:
-    """A name beside what it names, offset in points, on paper that keeps lines out of it."""
-    axes.annotate(text, place, offset, textcoords="offset points", bbox=_PAPER, **style)
+    """A name beside what it names, its middle offset in points."""
+    style = {"ha": "center", "va": "center", "textcoords": "offset points"} | style
+    axes.annotate(text, place, offset, **style)
 
 
 def _dimension(axes: Axes, side: Side, geometry: Hexapod) -> None:
     """How far the nodes reach: across in the top view, from plane to plane in the front view."""
     nodes = np.vstack([geometry.bottom_m, geometry.top_m])[:, side.plane]
     (left, low), (_, high) = nodes.min(axis=0), nodes.max(axis=0)
-    x, middle = left - 0.075, (low + high) / 2
+    x, middle = left - 0.17, (low + high) / 2
     axes.annotate("", (x, low), (x, high), arrowprops=_ARROW | {"arrowstyle": "<|-|>", "lw": 0.6})
-    style = {"rotation": "vertical", "ha": "right", "va": "center"}
-    _label(axes, f"{high - low:.4f} m", (x, middle), (-2, 0), **style)
+    axes.update_datalim([(x - 0.06, low), (x, high)])
+    _label(axes, f"{high - low:.4f} m", (x, middle), (-6, 0), rotation="vertical")
 
 
 def _caption(geometry: Hexapod) -> str:
@@ -217,10 +249,10 @@ def parts(model: mujoco.MjModel) -> list[Part]:
     bodies = {model.site_bodyid[site]: name for name, site in sites.items()}
     found = []
     for geom in range(model.ngeom):
-        surface = _surface(model, geom)
-        if surface is not None:
-            world = surface @ data.geom_xmat[geom].reshape(3, 3).T + data.geom_xpos[geom]
-            belongs_to = bodies.get(model.geom_bodyid[geom], "strut")
+        solid, body = solid_of(model, geom), model.geom_bodyid[geom]
+        if solid is not None:
+            world = solid.points_m @ data.xmat[body].reshape(3, 3).T + data.xpos[body]
+            belongs_to = bodies.get(body, "strut")
             found.append(Part(model.geom(geom).name, belongs_to, (world - origin) @ to_base.T))
     return found
 
@@ -231,24 +263,3 @@ def _nominal(model: mujoco.MjModel) -> tuple[mujoco.MjData, Array, Array]:
     mujoco.mj_kinematics(model, data)
     base, payload = (element_id(model, "site", name) for name in ("base", "payload"))
     return data, data.site_xpos[payload], data.site_xmat[base].reshape(3, 3).T
-
-
-def _surface(model: mujoco.MjModel, geom: int) -> Array | None:
-    """Points on a geom in its own axes; None for those without end, planes and height fields."""
-    size, kind = model.geom_size[geom], mujoco.mjtGeom
-    match model.geom_type[geom]:
-        case kind.mjGEOM_SPHERE:
-            return size[0] * _BALL
-        case kind.mjGEOM_ELLIPSOID:
-            return size * _BALL
-        case kind.mjGEOM_BOX:
-            return size * _CORNERS
-        case kind.mjGEOM_CAPSULE:
-            return size[0] * _BALL + np.sign(_BALL[:, 2:]) * [0, 0, size[1]]
-        case kind.mjGEOM_CYLINDER:
-            rim = size[0] * _RING
-            return np.vstack([np.c_[rim, np.full(len(rim), end)] for end in (-size[1], size[1])])
-        case kind.mjGEOM_MESH:
-            mesh = model.geom_dataid[geom]
-            return model.mesh_vert[model.mesh_vertadr[mesh] :][: model.mesh_vertnum[mesh]]
-    return None

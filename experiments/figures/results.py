@@ -79,8 +79,8 @@ def pointing_after_failures(summary: dict[str, Any]) -> Table:
         Column(str(k), lambda verdict, k=k: verdict["by_number_of_failures"][k]) for k in range(7)
     ]
     return tabulate(
-        "Pointing after failures",
-        [Column("struts failed", "label"), *counts, Column("in all", "conditions")],
+        "Pointing by number of failed struts",
+        [Column("pointing", "label"), *counts, Column("all", "conditions")],
         atlas["verdicts"].values(),
-        f"Numbers of the {atlas['conditions']} conditions; a failed strut is locked or free.",
+        f"Numbers of conditions, {atlas['conditions']} in all; a failed strut is locked or free.",
     )

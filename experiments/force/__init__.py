@@ -1,16 +1,16 @@
-"""Section 3: force mappings of the hexapod and of an over-actuated platform, in simulation."""
+"""Force mappings of section 3, simulated: the hexapod and an over-actuated platform."""
 
 from experiments.output.study import Study
 
 STUDY = Study(
     name="force",
-    help="""Simulate static forces that the force mapping prescribes.
+    help="""Simulate static forces commanded by the force mapping.
 
-    Theorems 7, 8 and 9 on the hexapod, sound, with a locked and with a free strut: pressing against
-    a fixed environment, and holding a prescribed wrench. A platform on four legs with its internal
-    force. 35 s on two cores, 12 s with --quick.
+    Tests Theorems 7, 8 and 9 on the hexapod without failure, with a locked and with a free strut:
+    it presses against a fixed environment, or holds a prescribed wrench. A platform on four legs
+    tests the internal force. 35 s on two cores, 12 s with --quick.
 
-    Writes force.json, the tables as force.md, a figure, all forces that were commanded and measured
+    Writes force.json, the tables as force.md, a figure, all commanded and measured forces
     (.npz) and a recording (.rrd).
 
     Example: fjh force --quick --json --quiet

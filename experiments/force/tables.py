@@ -8,17 +8,17 @@ from experiments.output.results import Check
 from experiments.output.tables import Column, Table, tabulate
 
 LIMIT_PERCENT = 1.0
-"""Largest distance of a simulated force, or of a motion, from its prediction."""
+"""Largest difference between a simulated force or motion and its prediction."""
 COST_LIMIT = 1e-9
-"""Largest excess over the least cost, relative: two ways to one least-squares problem."""
+"""Largest relative excess over the minimum cost, which an independent solver computes."""
 ROUND_OFF_N = 1e-9
 
 
 def checks(summary: dict[str, Any]) -> list[Check]:
-    """Forces and motions are as predicted; no cheaper torques have the same major force."""
+    """Checks: forces and motions against the prediction, and the cost against other torques."""
     trade = summary["tradeoff"]
     advantage = 1 / trade["others"]["cheapest_over_mapping"]
-    what = "weighted torque over that of the cheapest other torques"
+    what = "weighted torque divided by the least of other torques with this major force"
     found = [check for one in summary["conditions"] for check in _condition_checks(one)]
     found.append(Check(what, "the mapping", advantage, 1.0))
     for how, where in (("mapping", "the mapping"), ("others", "other torques")):
@@ -40,7 +40,7 @@ def _condition_checks(one: dict[str, Any]) -> list[Check]:
         where = f"{one['condition']}, theorem {trial['theorem']}"
         found += [
             Check("status other than exact", where, float(not trial["exact"]), 0.5),
-            Check("relative excess over the least cost", where, trial["cost_excess"], COST_LIMIT),
+            Check("relative excess over the minimum cost", where, trial["cost_excess"], COST_LIMIT),
             _off("the wrench on the fixture", where, trial["pressed_off_percent"]),
             _off("the strut forces", where, trial["held_off_percent"]),
             _off("the payload's position", where, trial["moved_percent"]),
@@ -55,11 +55,11 @@ def _condition_checks(one: dict[str, Any]) -> list[Check]:
 
 
 def _off(what: str, where: str, percent: float) -> Check:
-    return Check(f"distance of {what} from the prediction [%]", where, percent, LIMIT_PERCENT)
+    return Check(f"difference between {what} and the prediction [%]", where, percent, LIMIT_PERCENT)
 
 
 def tables(summary: dict[str, Any]) -> list[Table]:
-    """All of them, in print's order."""
+    """All tables, in the order in which they are printed."""
     return [
         _exactness(summary["conditions"]),
         _prescribed(summary["conditions"]),
@@ -79,7 +79,7 @@ def _exactness(conditions: list[dict[str, Any]]) -> Table:
         return lambda one: _percent(one["theorems"][k]["pressed_off_percent"])
 
     return tabulate(
-        "Theorems 7, 8, 9: simulation off by, in percent",
+        "Theorems 7, 8, 9: error of the simulation, %",
         [
             Column("", "condition"),
             Column("major", major),
@@ -88,8 +88,8 @@ def _exactness(conditions: list[dict[str, Any]]) -> Table:
             Column("moves", worst("moved_percent")),
         ],
         conditions,
-        "Pressing on a fixture: major force, and whole wrench by theorem. Holding: strut forces, "
-        "and the motion of the payload.",
+        "major: major force on a fixture. thm 7 to 9: whole wrench on a fixture, by theorem. "
+        "struts, moves: strut forces and payload displacement when holding a wrench.",
     )
 
 
@@ -107,7 +107,7 @@ def _prescribed(conditions: list[dict[str, Any]]) -> Table:
         return lambda held: _both(held["simulated"][key][0], held["predicted"][key][0])
 
     return tabulate(
-        "The first prescribed wrench, strut 1 failing; simulated/predicted",
+        "First prescribed wrench, strut 1 failed; simulated/predicted",
         [
             Column("", label),
             Column("lacking, N", lambda held: held["lacking_force_n"][0], ".2f"),
@@ -116,7 +116,8 @@ def _prescribed(conditions: list[dict[str, Any]]) -> Table:
             Column("tilts, urad", first("pointing_urad")),
         ],
         [one | held for one in shown for held in one["prescribed"]],
-        "Force not exerted, the lock's reaction, and how far the payload moves and tilts.",
+        "lacking: prescribed force that is not exerted. lock: reaction of the lock. moves, tilts: "
+        "displacement of the payload.",
     )
 
 
@@ -131,10 +132,10 @@ def _tradeoff(trade: dict[str, Any]) -> Table:
         name = f"pseudo-inverse, w = {one['major_weight_per_n_m']:g}"
         rows.append((name, f"{one['weighed_over_mapping']:.3f}", one))
     return Table(
-        "One major force on the sound hexapod",
-        ("", "torque", "major off, %"),
+        "One major force, hexapod without failure",
+        ("", "torque", "major error, %"),
         [(name, torque, _percent(one["major_off_percent"])) for name, torque, one in rows],
-        "Weighted torque over the mapping's; simulated major force off by.",
+        "torque: weighted norm relative to the mapping's. major error: of the simulated force.",
     )
 
 
@@ -152,18 +153,19 @@ def _internal(uses: list[dict[str, Any]]) -> Table:
         return _percent(max(use[how][key] for how in ("without", "used") for key in keys))
 
     return tabulate(
-        "Over-actuated platform, without and with its internal force; RMS, N",
+        "Over-actuated platform, without and with internal force; RMS, N",
         [
             Column("", "name"),
             Column("torque", both("weighed_rms_n")),
             Column("hot", both("hot_motor_rms_n")),
             Column("squeeze", both("least_squeeze_n")),
             Column("internal", internal),
-            Column("off, %", off),
+            Column("error, %", off),
         ],
         uses,
-        "Weighted torque; the hot motor; the least squeeze; internal force simulated/predicted; "
-        "simulation off by.",
+        "torque: weighted norm. hot: force of the motor with three times the weight. squeeze: "
+        "least compression of a leg. internal: internal force, simulated/predicted. error: of the "
+        "simulation.",
     )
 
 

@@ -73,7 +73,7 @@ def summarize(goals: Goals) -> dict[str, Any]:
 
 
 def checks(summary: dict[str, Any]) -> list[Check]:
-    """Each goal is kept when pursued, lost when not, and changes pointing less than noise does."""
+    """Checks: limits kept with the goal and violated without; pointing changes below the noise."""
     found = []
     for goal in summary["goals"]:
         where, measure = goal["name"], goal["measure"]
@@ -83,7 +83,7 @@ def checks(summary: dict[str, Any]) -> list[Check]:
         # Positive where the limit is broken, whichever its side.
         sign = 1 if goal["keeps_below"] else -1
         beyond = {name: sign * (run[measure] - goal["limit"]) for name, run in runs.items()}
-        kept = f"distance of {measure} from its limit, which must be broken,"
+        kept = f"distance of {measure} from its limit, which must be violated,"
         found += [
             Check(f"{measure} beyond its limit", f"{where}, pursued", beyond["pursued"], 0),
             Check(kept, f"{where}, nothing", -beyond["nothing"], 0),
@@ -116,12 +116,12 @@ def table(summary: dict[str, Any]) -> Table:
         *(Column(heading, partial(_larger, key)) for heading, key in angles.items()),
     )
     return tabulate(
-        "Secondary measure at its worst; desired minus true pointing, larger angle, urad",
+        "Extreme of the secondary measure; desired minus true pointing, larger angle, urad",
         columns,
         entries,
-        "RMS and peak of the pointing error, the change of that RMS, and the RMS of the change. "
-        "reliability: hottest coil, C; stroke: stroke left, um; obstacle: clearance, um; "
-        "singularity: condition number.",
+        "worst: hottest coil, C (reliability); least stroke left, um (stroke); clearance, um "
+        "(obstacle); condition number (singularity). RMS, peak: of the pointing error. change: of "
+        "that RMS, relative to unlimited. by tick: RMS of the change at each tick.",
     )
 
 
@@ -174,7 +174,7 @@ def _run(
 
 
 def _another_seed(references: list[dict[str, Any]]) -> dict[str, float]:
-    """What the seed alone changes, the most in either angle: between any two, and to the first."""
+    """Largest changes between noise seeds: between any two, and relative to the first."""
     found = {}
     for what in ("rms", "peak"):
         total = np.array([run[f"{what}_urad"] for run in references])
@@ -247,7 +247,7 @@ def _measure_words(goal: dict[str, Any]) -> str:
 
 
 def _notes(goal: dict[str, Any], properties: dict[str, Any]) -> str:
-    """The goal in words and all strategies in a table, shown beside the views."""
+    """Notes of the recording: the goal, and a table of all strategies."""
     measure, (first, second) = _measure_words(goal), goal["angles"]
     columns = (
         Column("strategy", lambda run: run["name"].replace("_", " ")),

@@ -39,7 +39,7 @@ Loops = tuple[Loop, Loop]
 def off_axis_path(
     bench: TestbedConfig, target_urad: tuple[float, float], duration_s: float
 ) -> Array:
-    """A slew to the best known position of the target, then the bench's spiral there, (N, 2)."""
+    """A slew to the best known position of the target, then the testbed's spiral there, (N, 2)."""
     time_s = bench.time_s(duration_s)
     path = smooth_step(time_s / SLEW_S)[:, None] * 1e-6 * np.array(target_urad)
     searching = time_s >= SLEW_S

@@ -59,7 +59,8 @@ def design(plant: LinearPlant, pointing: Array, bench: TestbedConfig) -> tuple[L
     """
     if plant.A.shape != (12, 12):
         raise ModelError(
-            f"the sound machine must have six degrees of freedom, it has {len(plant.A) // 2}"
+            "without failures the machine must have six degrees of freedom, "
+            f"it has {len(plant.A) // 2}"
         )
     P = sampled(plant, pointing, bench.control_period_s)
     alpha, beta = (

@@ -87,7 +87,7 @@ def verdicts(atlas: FailureAtlas) -> list[Verdict]:
         Verdict("rigid", "exact, with or without springs", BLUE, atlas.possible),
         Verdict(
             "springs",
-            "exact because of the springs",
+            "exact with the springs only",
             SKY,
             elastic.possible & ~atlas.possible,
         ),
@@ -95,7 +95,7 @@ def verdicts(atlas: FailureAtlas) -> list[Verdict]:
         Verdict(
             "one_direction", "one pointing direction left", YELLOW, held & (elastic.major_rank == 1)
         ),
-        Verdict("none", "no pointing left", BLACK, held & (elastic.major_rank == 0)),
+        Verdict("none", "no pointing direction left", BLACK, held & (elastic.major_rank == 0)),
     ]
 
 

@@ -1,4 +1,4 @@
-"""What is read off a run: errors, inputs, margins; the checks of them; the plant's constants."""
+"""Measures of a run (errors, inputs, margins), their checks, and the plant's constants."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -25,7 +25,7 @@ def pointing_rms_urad(run: Trajectory) -> Array:
 
 
 def finite_or_none(value: float) -> float | None:
-    """JSON has no infinity: a phase that never crosses has no gain margin."""
+    """The value, or None if it is infinite, which JSON cannot hold."""
     return value if np.isfinite(value) else None
 
 
@@ -43,7 +43,7 @@ def loop_measures(loop: Loop) -> dict[str, Any]:
 
 
 def closure_residual_max_m(run: Trajectory) -> float:
-    """Largest gap of a closed loop in the whole run."""
+    """Largest residual of the loop closures in the whole run."""
     return float(run.closure_residual_m.max())
 
 
@@ -58,7 +58,7 @@ def percent(difference: Array, whole: Array) -> float:
 
 
 CLOSURE_LIMIT_M = 1e-8
-"""A closed loop that opens further spoils the angles: 10 nm is about 0.03 urad."""
+"""A larger closure residual affects the angles: 10 nm is about 0.03 urad."""
 
 PREDICTION_TOLERANCE = 0.004
 """Largest relative distance of a whole run's RMS from the linear model's, which is an expectation.
@@ -77,19 +77,19 @@ def prediction_tolerance(duration_s: float) -> float:
 
 
 def closure_check(where: str, closure_residual_m: float) -> Check:
-    """No loop of the mechanism opened."""
+    """Check of the closure residual."""
     return Check("closure residual [m]", where, closure_residual_m, CLOSURE_LIMIT_M)
 
 
 def prediction_checks(run: Mapping[str, Any], tolerance: float) -> list[Check]:
-    """The RMS errors of a run of a summary are the linear model's; none where none is predicted."""
+    """Checks of the RMS errors of a run against the linear model, if it predicts them."""
     checks = []
     for angle in ("alpha", "beta"):
         rms, predicted = run[f"{angle}_rms_urad"], run[f"predicted_{angle}_rms_urad"]
         if predicted is not None:
             what = (
-                f"relative distance of the RMS error of {angle}, {rms:.3f} urad, from the linear "
-                f"model's, {predicted:.3f} urad,"
+                f"relative difference between the RMS error of {angle}, {rms:.3f} urad, and the "
+                f"linear model's, {predicted:.3f} urad,"
             )
             checks.append(Check(what, run["name"], abs(rms - predicted) / predicted, tolerance))
     return checks
@@ -101,7 +101,7 @@ def is_cut(summary: Mapping[str, Any]) -> bool:
 
 
 def plant_constants(model: mujoco.MjModel) -> dict[str, float | list[float]]:
-    """The plant's constants, read from the compiled model; struts are alike, the first speaks.
+    """The plant's constants, read from the compiled model; all struts are equal, the first is read.
 
     Raises:
         sim.ModelError: The model lacks one of the named parts.
@@ -141,7 +141,7 @@ def plant_constants(model: mujoco.MjModel) -> dict[str, float | list[float]]:
 
 
 def recording_properties(summary: dict[str, Any]) -> dict[str, Any]:
-    """What makes a recording self-describing, flat as Rerun's properties are."""
+    """The constants and versions of a recording, as flat properties for Rerun."""
     plain = {key: summary[key] for key in ("seed", "model_sha256", "jacobian")}
     # What is None is absent: Rerun knows one type for each name in a process.
     bench = {name: value for name, value in summary["bench"].items() if value is not None}

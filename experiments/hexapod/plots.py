@@ -7,10 +7,11 @@ from experiments.hexapod.simulation import Trajectory
 from experiments.output.plotting import DESIRED, MEASURED, START
 
 
-def spiral(axes: Axes, run: Trajectory, title: str) -> None:
+def spiral(axes: Axes, run: Trajectory, title: str, *, legend: bool = True) -> None:
     """Detector reading over desired pointing, beta against alpha."""
     desired, measured = 1e6 * run.desired_rad, 1e6 * run.measured_rad
-    limit_urad = 5 * np.ceil(0.24 * abs(np.stack([desired, measured])).max())
+    room = 1.2 if legend else 1.05
+    limit_urad = 5 * np.ceil(room / 5 * abs(np.stack([desired, measured])).max())
     axes.plot(*measured.T, color=MEASURED, lw=0.6, label="detector")
     axes.plot(*desired.T, color=DESIRED, lw=0.6, ls="--", label="desired")
     axes.plot(*desired[0], "o", color=START, ms=4, label="start")
@@ -22,4 +23,5 @@ def spiral(axes: Axes, run: Trajectory, title: str) -> None:
         ylim=(-limit_urad, limit_urad),
         aspect="equal",
     )
-    axes.legend(loc="upper center", ncols=3, handlelength=1.2, columnspacing=0.8)
+    if legend:
+        axes.legend(loc="upper center", ncols=3, handlelength=1.2, columnspacing=0.8)

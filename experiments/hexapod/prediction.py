@@ -1,4 +1,4 @@
-"""What the linear model of this bench says a run should give."""
+"""Predictions of runs by the linear model of the testbed."""
 
 from collections.abc import Sequence
 
@@ -44,7 +44,7 @@ def predicted_error_rad(testbed: Testbed, run: SpiralRun) -> Array | None:
     """Desired minus true (alpha, beta), tick by tick, shape (N, 2), [rad]; None: unstable loop.
 
     The linear model of :func:`predicted_rms_rad`, driven by what drives one run: the same detector
-    noise, floor, and lock off centre, with the limit on the demanded pointing where the bench has
+    noise, floor, and lock off centre, with the limit on the demanded pointing where the testbed has
     one. Saturation of the amplifiers and quantization are left out. Failures are locks from the
     start: at `start_m`, from which the other struts return to the centre.
     """

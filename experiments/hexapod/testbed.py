@@ -1,4 +1,4 @@
-"""Every constant of the bench that the paper does not give, and the testbed that they make."""
+"""Every constant of the testbed that the paper does not give, and the testbed itself."""
 
 import copy
 from dataclasses import dataclass, replace
@@ -34,7 +34,7 @@ LIMITS: dict[str, tuple[float, float]] = {
     "strut_sensor_noise_m": (0.0, 0.1),
     "handover_s": (0.0, 3600.0),
 }
-"""Least and largest value of each constant: what lies beyond is a slip, not a bench."""
+"""Smallest and largest accepted value of each constant."""
 
 
 @dataclass(frozen=True)

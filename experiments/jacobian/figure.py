@@ -47,7 +47,7 @@ def pictures(summary: dict[str, Any]) -> list[Picture]:
 
 def figure_variation(geometry: Hexapod, summary: dict[str, Any]) -> Figure:
     """E at the corners of the box, its certificate, and the search for the paper's numbers."""
-    figure = new_figure(PAGE_IN, 3.3)
+    figure = new_figure(PAGE_IN, 3.8)
     figure.suptitle("Eq. (40): how far the Jacobian departs from the nominal one")
     left, right = figure.subplots(1, 2)
     _corners(left, geometry, summary)
@@ -65,47 +65,76 @@ def _corners(axes: Axes, geometry: Hexapod, summary: dict[str, Any]) -> None:
         bound = 1e3 * one["certified_upper_bound"]
         axes.axhline(bound, color=color, lw=1, label=f"{label}, certified bound")
         axes.axhline(1e3 * one["paper"], color=color, lw=1, ls=":", label=f"{label}, paper")
-    axes.set(xlabel="64 corners of the box of strut lengths, sorted", ylabel="e, 1e-3")
-    axes.set_ylim(0, 4.6)
+    axes.set(xlabel="64 corners of the box of strut lengths, sorted", ylabel="$e$, $10^{-3}$")
+    axes.set(ylim=(0, 4.7), title="change of the Jacobian at the corners")
     axes.legend(ncols=2, loc="upper left")
 
 
 def _search(axes: Axes, summary: dict[str, Any]) -> None:
-    for one in summary["tried"]:
+    """All readings in one plane, and the surroundings of the paper's values enlarged."""
+    enlarged = axes.inset_axes((0.56, 0.07, 0.41, 0.27), xlim=(0.95, 1.5), ylim=(1.4, 2.15))
+    half = 1e3 * paper.JACOBIAN_VARIATION_TOLERANCE
+    printed = [1e3 * paper.JACOBIAN_VARIATION[norm] for norm in NORMS]
+    corner = printed[0] - half, printed[1] - half
+    square = {"fc": "white", "ec": BLACK, "lw": 1.2, "zorder": 2.5}
+    for each in (axes, enlarged):
+        _readings(each, summary["tried"])
+        each.add_patch(Rectangle(corner, 2 * half, 2 * half, **square))
+    axes.plot(
+        [],
+        [],
+        "s",
+        ms=5,
+        mfc="white",
+        color=BLACK,
+        mew=1.2,
+        label="the paper's, with their rounding",
+    )
+    enlarged.set_xticks([1.0, 1.2, 1.4])
+    enlarged.set_yticks([1.4, 1.6, 1.8, 2.0])
+    axes.indicate_inset_zoom(enlarged, edgecolor=BLACK, lw=0.6)
+    axes.plot([], [], "o", color=BLUE, mfc="white", label="another reading")
+    axes.plot([], [], "o-", color=GREEN, lw=0.6, mfc="white", label="would fit with another stroke")
+    axes.set(xlabel="$e$, Frobenius norm, $10^{-3}$", ylabel="$e$, 2-norm, $10^{-3}$")
+    axes.set(xlim=(0, 4.2), ylim=(0, 7.5), title="readings of eq. (40)")
+    axes.legend(loc="upper left")
+
+
+def _readings(axes: Axes, tried: list[dict[str, Any]]) -> None:
+    """Each reading; with a line where a part of the stroke would give the paper's two numbers."""
+    for one in tried:
         fits = one["stroke_fraction"] is not None
         e = [1e3 * one[norm] for norm in NORMS]
-        axes.plot(*e, "o", ms=3.5, color=GREEN if fits else BLUE, mfc="none")
         if fits:
-            axes.plot([0, e[0]], [0, e[1]], color=GREEN, lw=0.6)
+            ray = [0, e[0]], [0, e[1]]
+            axes.plot(*ray, "o-", color=GREEN, lw=0.6, mfc="white", markevery=[1])
+        else:
+            axes.plot(*e, "o", color=BLUE, mfc="white")
         if one["is_the_papers"]:
-            axes.plot(*e, "*", ms=8, color=VERMILION, mec="white", zorder=4, label=one["reading"])
-    half = 1e3 * paper.JACOBIAN_VARIATION_TOLERANCE
-    corner = [1e3 * paper.JACOBIAN_VARIATION[norm] - half for norm in NORMS]
-    axes.add_patch(Rectangle((corner[0], corner[1]), 2 * half, 2 * half, color=BLACK, zorder=3))
-    axes.plot([], [], "s", color=BLACK, label="paper, with its rounding")
-    axes.plot([], [], "o", color=BLUE, mfc="none", label="a reading of (40)")
-    axes.plot([], [], "o-", color=GREEN, mfc="none", label="fits on a part of the stroke or more")
-    axes.set(xlabel="e, Frobenius norm, 1e-3", ylabel="e, 2-norm, 1e-3", xlim=(0, 4.2))
-    axes.set_ylim(0, 6)
-    axes.legend(loc="upper left")
+            axes.plot(*e, "*", ms=7, color=VERMILION, mew=0, zorder=4, label=one["reading"])
 
 
 def figure_loop(loop: dict[str, Any]) -> Figure:
     """What a constant Jacobian costs, against e of the visited set and e of the box."""
-    figure = new_figure(PAGE_IN, 3.9)
-    figure.suptitle("When eq. (40) may be trusted: strut 1 locked, $W_e$, spiral and stroke grown")
+    figure = new_figure(PAGE_IN, 4.0)
+    figure.suptitle(
+        "Cost of a constant Jacobian: strut 1 locked, $W_e$, spiral and stroke enlarged"
+    )
     left, right = figure.subplots(1, 2, sharey=True)
     together = [one for one in loop["growth"] if one["stroke_factor"] == one["spiral_factor"]]
     for axes, growth, key in ((left, loop["growth"], "e_visited"), (right, together, "e_box")):
-        _costs(axes, growth, [one[key]["frobenius"] for one in growth])
+        e = [one[key]["frobenius"] for one in growth]
+        _costs(axes, growth, e)
+        axes.set_xlim(e[0] / 2, 4 * e[-1])  # room for what the marks say
     for cost in loop["costs"]:
         _mark(left, cost, cost["e_visited_frobenius"])
-        if cost["e_box"] is not None:
+        if cost["e_box"] and cost["e_box"]["frobenius"] <= together[-1]["e_box"]["frobenius"]:
             _mark(right, cost, cost["e_box"]["frobenius"])
-    left.set(xlabel="e of the visited set, Frobenius norm", ylabel="off by, %", ylim=(1e-3, 1e3))
-    left.set_title("stroke and spiral alike, then the spiral alone")
-    right.set(xlabel="e of the box, Frobenius norm", title="stroke and spiral alike")
-    figure.legend(*left.get_legend_handles_labels(), loc="outside lower center", ncols=4)
+    left.plot([], [], "D", color=BLACK, mfc="none", ms=4.5, label="1 and 10 %, size of the spiral")
+    left.set(xlabel="$e$ of the lengths visited, Frobenius norm", ylabel="cost, %")
+    left.set(title="both enlarged alike, then the spiral alone", ylim=(1e-3, 1e3))
+    right.set(xlabel="$e$ of the stroke, Frobenius norm", title="both enlarged alike")
+    figure.legend(*left.get_legend_handles_labels(), loc="outside lower center", ncols=3)
     return figure
 
 
@@ -118,9 +147,9 @@ def _mark(axes: Axes, cost: dict[str, Any], e: float) -> None:
     axes.plot(e, cost["percent"], "D", color=color, ms=4.5, zorder=4)
     goal = cost["cost"] == "static_extra_percent"
     axes.annotate(
-        f"spiral x{cost['spiral_factor']:.0f}",
+        f"$\\times${cost['spiral_factor']:.0f}",
         (e, cost["percent"]),
-        (-6, 8) if goal else (6, -14),
+        (4, 13) if goal else (5, -9),
         textcoords="offset points",
         ha="right" if goal else "left",
         color=color,
@@ -129,18 +158,18 @@ def _mark(axes: Axes, cost: dict[str, Any], e: float) -> None:
 
 def _costs(axes: Axes, growth: list[dict[str, Any]], e: list[float]) -> None:
     styles = {
-        "constant": (BLUE, "o"),
-        "analytic": (VERMILION, "x"),
-        "incremental": (ORANGE, "^"),
-        "relinearized": (GREEN, "s-"),
+        "constant": (BLUE, "o", "constant J"),
+        "analytic": (VERMILION, "x", "J of each tick"),
+        "incremental": (ORANGE, "^", "increments"),
+        "relinearized": (GREEN, "s-", "Gauss-Newton step: the floor"),
     }
     static = [one["static_extra_percent"] for one in growth]
-    axes.loglog(e, static, color=BLUE, lw=1, label="goal, constant J, geometry alone")
-    for variant, (color, marker) in styles.items():
+    axes.loglog(e, static, color=BLUE, lw=1, label="secondary goal: constant J, by geometry alone")
+    for variant, (color, marker, name) in styles.items():
         extra = [one["variants"][variant]["extra_percent"] for one in growth]
-        label = f"goal, {variant}" + (": the floor" if variant == "relinearized" else "")
+        label = f"secondary goal: {name}"
         axes.loglog(e, extra, marker, color=color, mfc="none", lw=0.6, label=label)
     gain = [one["loop_gain_error_percent"] for one in growth]
-    axes.loglog(e, gain, color=PURPLE, ls="--", label="loop gain, constant J")
+    axes.loglog(e, gain, color=PURPLE, ls="--", label="loop gain: constant J")
     pointing = [abs(one["variants"]["constant"]["pointing_cost_percent"]) for one in growth]
-    axes.loglog(e, pointing, ".", color=BLACK, label="pointing RMS, constant J")
+    axes.loglog(e, pointing, ".", color=BLACK, label="pointing RMS: constant J, magnitude")

@@ -1,4 +1,4 @@
-"""The constant Jacobian in closed loop: the `loop` of `jacobian.json`, its checks and its print."""
+"""The constant Jacobian in closed loop: the `loop` of `jacobian.json`, its checks and tables."""
 
 from typing import Any
 
@@ -21,9 +21,9 @@ from sim import hexapod, load_model
 GEOMETRY_TOLERANCE = 0.15
 """How near the constant Jacobian must come to what geometry and floor together say."""
 COSTS = {"static_extra_percent": "goal", "loop_gain_error_percent": "loop gain"}
-"""What a constant Jacobian costs, and in words."""
+"""Errors caused by a constant Jacobian, and their names."""
 COSTS_PERCENT = (1.0, 10.0)
-"""From which size on does it cost this much?"""
+"""Errors whose size of spiral is interpolated, in percent."""
 
 Loops = dict[LoopRun, Tracked]
 
@@ -56,7 +56,7 @@ def summarize_loop(runs: Loops, seed: int) -> dict[str, Any]:
 
 
 def loop_checks(loop: dict[str, Any]) -> list[Check]:
-    """Loops stay closed, and the constant Jacobian costs what geometry and floor together say."""
+    """Checks: closure residuals, and the constant Jacobian's error against geometry and floor."""
     # A gap counts against the angles that are tracked: here they grow with the spiral.
     found = []
     for run in loop["runs"]:
@@ -66,8 +66,8 @@ def loop_checks(loop: dict[str, Any]) -> list[Check]:
         extra = {name: variant["extra_percent"] for name, variant in one["variants"].items()}
         expected = np.hypot(one["static_extra_percent"], extra["relinearized"])
         what = (
-            f"relative distance of the constant Jacobian's {extra['constant']:.2g} % off the "
-            f"optimum from the {expected:.2g} % of geometry and floor"
+            f"relative difference between the constant Jacobian's simulated deviation from the "
+            f"optimum, {extra['constant']:.2g} %, and the {expected:.2g} % of geometry and floor"
         )
         off = float(abs(expected - extra["constant"]) / extra["constant"])
         found.append(Check(what, one["name"], off, GEOMETRY_TOLERANCE))
@@ -88,12 +88,13 @@ def loop_table(loop: dict[str, Any]) -> Table:
         Column("loop gain", "loop_gain_error_percent", ".2f"),
     )
     return tabulate(
-        "In the loop, strut 1 locked: distance of the secondary goal from its optimum, error of "
-        "the loop gain, %",
+        "Closed loop, strut 1 locked: deviation of the secondary goal from its optimum, and error "
+        "of the loop gain, %",
         columns,
         loop["growth"],
-        "Spiral over the paper's; eq. (40) over the lengths visited; expected from geometry for a "
-        "constant Jacobian, and simulated with each form of the mapping.",
+        "First column: size of the spiral over the paper's. e: eq. (40) over the lengths visited. "
+        "geometry: expected for a constant Jacobian without dynamics. const. to relin.: simulated "
+        "with each form of the mapping.",
     )
 
 
@@ -196,7 +197,7 @@ _QUANTITIES = {
 
 
 def _paragraph(loop: dict[str, Any]) -> str:
-    """What a reader could cite."""
+    """The answer in one paragraph, to be cited."""
     growth = loop["growth"]
     first, last = growth[0], growth[-1]
     extra = {name: one["extra_percent"] for name, one in last["variants"].items()}
@@ -223,20 +224,21 @@ def _paragraph(loop: dict[str, Any]) -> str:
     part = "Part of the spiral only, not to be compared with the whole. "
     return (part if loop["duration_s"] < loop["spiral_duration_s"] else "") + (
         f"Tracking {loop['duration_s']:g} s of the spiral with strut 1 locked ({GROWN}, seed "
-        f"{loop['seed']}) visits e = {first['e_visited']['frobenius']:.1e} of the "
-        f"{first['e_box']['frobenius']:.1e} that the stroke allows (Frobenius). Compared with the "
-        f"Jacobian of every tick, a constant one changes {more_than_noise('constant')} by more "
-        f"than another noise seed does, and increments change {more_than_noise('incremental')} by "
-        f"more. As spiral and stroke grow, geometry alone puts the secondary goal off its optimum "
-        f"by {per_e('static_extra_percent')} e with a constant Jacobian, and the loop gain off by "
-        f"{per_e('loop_gain_error_percent')} e: {where}. The simulation shows it above the "
-        f"{first['variants']['constant']['extra_percent']:.1f} % that converters, noise and "
-        f"dynamics cause at nominal size. With a spiral {last['spiral_factor']:g} times as large "
-        f"the goal is off by {extra['constant']:.0f} % with the constant Jacobian, "
-        f"{extra['analytic']:.0f} % with that of the present pose on absolute displacements, "
+        f"{loop['seed']}) visits strut lengths up to e = {first['e_visited']['frobenius']:.1e}; "
+        f"over the whole stroke e is {first['e_box']['frobenius']:.1e} (Frobenius). Compared with "
+        f"a Jacobian re-evaluated at every tick, a constant one changes "
+        f"{more_than_noise('constant')} by more than another noise seed does, and increments "
+        f"change {more_than_noise('incremental')} by more. With a larger spiral and stroke, "
+        f"geometry alone gives a deviation of the secondary goal from its optimum of "
+        f"{per_e('static_extra_percent')} e with a constant Jacobian, and an error of the loop "
+        f"gain of {per_e('loop_gain_error_percent')} e: {where}. The simulation resolves this "
+        f"above the {first['variants']['constant']['extra_percent']:.1f} % that converters, noise "
+        f"and dynamics cause at nominal size. With a spiral {last['spiral_factor']:g} times as "
+        f"large the deviation is {extra['constant']:.0f} % with the constant Jacobian, "
+        f"{extra['analytic']:.0f} % with the re-evaluated Jacobian on absolute displacements, "
         f"{extra['incremental']:.0f} % on increments, and {extra['relinearized']:.1f} % with one "
-        f"Gauss-Newton step a tick. The pointing RMS, relative to the Jacobian of the present pose "
-        f"on absolute displacements, changes by {pointing['constant']:+.1f} % (constant), "
+        f"Gauss-Newton step per tick. The pointing RMS, relative to the re-evaluated Jacobian on "
+        f"absolute displacements, changes by {pointing['constant']:+.1f} % (constant), "
         f"{pointing['incremental']:+.1f} % (increments) and {pointing['relinearized']:+.1f} % "
         f"(Gauss-Newton)."
     )

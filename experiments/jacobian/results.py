@@ -75,14 +75,16 @@ def summarize(constancy: Constancy) -> dict[str, Any]:
 
 
 def checks(summary: dict[str, Any]) -> list[Check]:
-    """The value found is proven to within 2 %, and the runs in the loop are as geometry says."""
+    """Checks: certified bound within 2 % of the value found; closed-loop runs against geometry."""
     off = summary["J0_from_mjcf_largest_difference"]
     found = [Check("largest difference of geometry and MJCF", "eq. (39)", off, SAME_JACOBIAN)]
     for norm, one in summary["variation"].items():
         where, bound = f"eq. (40), {norm} norm", one["certified_upper_bound"] or math.nan
         below, near = one["value"] / bound, bound / one["value"]
-        found.append(Check("value found over its certified bound", where, below, 1.0))
-        found.append(Check("certified bound over the value found", where, near, CERTIFICATE_LIMIT))
+        found.append(Check("value found divided by its certified bound", where, below, 1.0))
+        found.append(
+            Check("certified bound divided by the value found", where, near, CERTIFICATE_LIMIT)
+        )
     return found + (loop_checks(summary["loop"]) if "loop" in summary else [])
 
 
@@ -104,7 +106,7 @@ def table(summary: dict[str, Any]) -> Table:
         Column("paper's at", _part_of_stroke),
     )
     title = "Eq. (40): largest relative change of J over the stroke"
-    legend = "paper's at: the part of the stroke that would give both printed numbers."
+    legend = "paper's at: the part of the stroke on which a reading gives both printed numbers."
     return tabulate(title, columns, entries, legend)
 
 
@@ -136,7 +138,7 @@ def _record(run: LoopRun, tracked: Tracked, summary: dict[str, Any], folder: Pat
             f"- {run.column}, strut 1 locked; seed {run.seed}, {duration_s:g} s.",
             f"- Spiral {run.growth} as large as the paper's.",
             f"- {jacobian.capitalize()} Jacobian, {form} displacements.",
-            f"- Off the optimum of the secondary goal by {tracked.extra_percent:.2f} %.",
+            f"- Deviation of the secondary goal from its optimum: {tracked.extra_percent:.2f} %.",
             f"- e visited: {tracked.e_visited['frobenius']:.1e} (Frobenius), "
             f"{tracked.e_visited['two']:.1e} (2-norm).",
         ],
@@ -178,20 +180,20 @@ def _trial(name: str, e: ByNorm) -> dict[str, Any]:
 
 
 def _paragraph(summary: dict[str, Any]) -> str:
-    """What a reader could cite."""
+    """The answer in one paragraph, to be cited."""
     frobenius, two = (summary["variation"][norm] for norm in ("frobenius", "two"))
     certified = max(one["certified_upper_bound"] for one in (frobenius, two))
     ours = [f'"{one["reading"]}"' for one in summary["tried"] if one["is_the_papers"]]
     number, which = len(summary["tried"]), " and ".join(ours) or "none"
     return (
         f"Over the stroke of +-{1e3 * summary['stroke_m']:g} mm (searches with seed "
-        f"{summary['seed']}) the Jacobian of the University of Wyoming hexapod departs from its "
+        f"{summary['seed']}) the Jacobian of the University of Wyoming hexapod differs from its "
         f"nominal value by e = {frobenius['value']:.5f} in the Frobenius norm and "
         f"{two['value']:.5f} in the 2-norm (eq. 40), and provably by no more than "
         f"{frobenius['certified_upper_bound']:.5f} and {two['certified_upper_bound']:.5f}. "
-        f"Chen, McInroy and Yi print {frobenius['paper']:.4f} and {two['paper']:.4f}, which their "
-        f"own geometry exceeds {frobenius['value'] / frobenius['paper']:.1f} and "
-        f"{two['value'] / two['paper']:.1f} times. Of {number} readings of (40) that were tried, "
+        f"Chen, McInroy and Yi print {frobenius['paper']:.4f} and {two['paper']:.4f}; for their "
+        f"own geometry e is larger by factors of {frobenius['value'] / frobenius['paper']:.1f} and "
+        f"{two['value'] / two['paper']:.1f}. Of {number} readings of (40) that were tried, "
         f"{which} gives both. That J is nearly constant holds: e is at most "
         f"{100 * certified:.2f} % (condition number of J: {summary['condition_number']:.2f})."
     )

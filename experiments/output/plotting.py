@@ -1,5 +1,6 @@
 """Figures for print: widths, colours, style, and how they are saved. No display is needed."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import matplotlib
@@ -57,6 +58,15 @@ def logarithmic(axes: Axes, names: str) -> None:
         axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
         axis.set_major_formatter("{x:g}")
         axis.set_minor_locator(NullLocator())
+
+
+def name_rows(axes: Axes, names: Sequence[str], *, right: bool = False) -> None:
+    """Write the names of the rows 0, 1, ... beside the axes, where the layout keeps no room."""
+    place = {"xycoords": axes.get_yaxis_transform(), "textcoords": "offset points"}
+    style = {"va": "center", "ha": "left" if right else "right", "annotation_clip": False}
+    for row, name in enumerate(names):
+        text = axes.annotate(name, (float(right), row), (6 if right else -6, 0), **place, **style)
+        text.set_in_layout(False)
 
 
 def save_figure(

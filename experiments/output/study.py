@@ -35,7 +35,8 @@ class Study:
     **options)` simulates and returns frozen data, of which `results(outcome)` makes
     :class:`Results`. Where a study `streams`, the runs write into the folder while they run: they
     take it as `folder`, and return a context manager of the data, which is left when all files are
-    published.
+    published. It has an option `resume`: True continues what an interrupted run left there, False
+    refuses it, and None continues it if it is of the same runs, and begins anew if not.
     """
 
     name: str  # of its command, its folder and its JSON file
@@ -60,6 +61,10 @@ class Study:
 
 class WrongInput(Exception):
     """The command cannot do what it is asked to; the message says why."""
+
+
+class NotInstalled(WrongInput):
+    """A package that the study needs is not installed; the message says how to install it."""
 
 
 class Interrupted(Exception):

@@ -8,7 +8,15 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from experiments.hexapod.simulation import Trajectory
-from experiments.output.plotting import BLACK, BLUE, GREEN, ORANGE, PAGE_IN, VERMILION, new_figure
+from experiments.output.plotting import (
+    BLACK,
+    BLUE,
+    GREEN,
+    ORANGE,
+    PAGE_IN,
+    VERMILION,
+    new_figure,
+)
 from experiments.output.results import Picture
 from experiments.recover.recovery import Identification, pointing_error_urad
 from experiments.recover.runs import Recover, marks
@@ -21,8 +29,11 @@ def pictures(outcome: Recover, summary: dict[str, Any]) -> list[Picture]:
     """The study's figure and its caption."""
     picture = Picture(
         "recover",
-        "Unannounced actuator failures: delays, isolability, recovery, and failures in succession.",
-        "Panels with the delays until the failed strut is named, by kind of failure; how far apart "
+        "Unannounced actuator failures: time until the first diagnosis names the failed strut (not "
+        "named: there is none, or it names another); distance of each failure from those it could "
+        "be taken for, by what the diagnosis measures; pointing error after recovery, a point for "
+        "each failure; and a run in which one or several struts fail.",
+        "Panels with the time until the failed strut is named, by kind of failure; how far apart "
         "the failures look; pointing errors with and without recovery; and a run in which one or "
         "several struts fail.",
         partial(figure_recover, outcome, summary),
@@ -32,76 +43,101 @@ def pictures(outcome: Recover, summary: dict[str, Any]) -> list[Picture]:
 
 def figure_recover(outcome: Recover, summary: dict[str, Any]) -> Figure:
     """How fast, what looks alike, what recovery is worth, and failure after failure."""
-    figure = new_figure(PAGE_IN, 5.4)
+    figure = new_figure(PAGE_IN, 6.4)
     figure.suptitle("Unannounced failures, diagnosed from pointing angles, commands and a dither")
-    grid = figure.add_gridspec(2, 2)
-    _delays(figure.add_subplot(grid[0, 0]), summary["cases"])
-    _distances(figure.add_subplot(grid[0, 1]), summary["ambiguity"])
-    _after(figure.add_subplot(grid[1, 0]), summary["cases"])
+    (delays, distances), (after, shown) = figure.subplots(2, 2)
+    draw_delays(delays, summary["cases"])
+    _distances(distances, summary["ambiguity"])
+    draw_after(after, summary["cases"])
     # The last of the runs that are kept: the cascade, unless --quick.
-    name, (run, found) = list(outcome.shown.items())[-1]
-    draw_shown(figure.add_subplot(grid[1, 1]), name, run, found)
+    draw_shown(shown, *list(outcome.shown.values())[-1])
     return figure
 
 
-def _delays(axes: Axes, cases: list[dict[str, Any]]) -> None:
-    """Share of failures named, over the time since they happened."""
-    for kind in KINDS:
-        named = [c["named_ms"] for c in cases if c["truth"]["kind"] == kind]
-        delays = np.sort([np.inf if delay is None else delay for delay in named])
-        if delays.size:
-            share = np.arange(1, len(delays) + 1) / len(delays)
-            axes.step(delays, 100 * share, where="post", color=_COLORS[kind], label=kind)
-    axes.set(title="strut named", xlabel="time since the failure, ms", ylabel="of the failures, %")
-    axes.set(xscale="log", ylim=(0, 102))
-    axes.xaxis.set_major_formatter("{x:g}")
-    axes.xaxis.set_minor_formatter("")
-    axes.legend(loc="lower right")
+def draw_delays(axes: Axes, cases: list[dict[str, Any]]) -> None:
+    """Share of failures whose strut is named, over the time since then; beside it the others'."""
+    latest_ms = max([case["named_ms"] for case in cases if _is_named(case)], default=10)
+    unnamed_at = 3.0 * latest_ms  # on the axis
+    for kind, beside in zip(KINDS, (0.85, 1.0, 1.18), strict=True):
+        ours = [case for case in cases if case["truth"]["kind"] == kind]
+        if not ours:
+            continue
+        delays_ms = sorted(case["named_ms"] for case in ours if _is_named(case))
+        times_ms = [*(delays_ms or [latest_ms])[:1], *delays_ms, latest_ms]
+        shares, color = 100 * np.arange(len(delays_ms) + 1) / len(ours), _COLORS[kind]
+        label = f"{kind}: {len(delays_ms)} of {len(ours)}"
+        axes.step(times_ms, [*shares, shares[-1]], where="post", color=color, label=label)
+        missed = f"{kind}: {len(ours) - len(delays_ms)} not named"
+        axes.plot(beside * unnamed_at, 100 - shares[-1], "X", color=color, ms=5, label=missed)
+    ticks_ms = np.outer(10.0 ** np.arange(5), (1, 2, 5)).ravel()
+    ticks_ms = [tick for tick in ticks_ms if tick <= latest_ms]
+    axes.set(xscale="log", xlim=(1, 1.6 * unnamed_at), ylim=(-4, 104))
+    axes.set_xticks([*ticks_ms, unnamed_at], [*(f"{tick:g}" for tick in ticks_ms), "not named"])
+    axes.minorticks_off()
+    axes.set(title="Failures whose strut is named", ylabel="share of its kind, %")
+    axes.set_xlabel("time since the failure, ms")
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.24), ncols=2)
+
+
+def _is_named(case: dict[str, Any]) -> bool:
+    """Whether the first diagnosis is of the strut that has failed."""
+    return case["first"] is not None and case["first"]["strut"] == case["truth"]["strut"]
 
 
 def _distances(axes: Axes, ambiguity: dict[str, Any]) -> None:
     """From the nearest other strut, and from the nearest other kind, setting by setting."""
     settings = list(dict.fromkeys(each["setting"] for each in ambiguity["failures"]))
-    for column, setting in enumerate(settings):
-        seen = [each for each in ambiguity["failures"] if each["setting"] == setting]
-        for key, shift, color, label in (
-            ("from_other_struts", -0.12, BLUE, "nearest other strut"),
-            ("from_other_kinds", 0.12, ORANGE, "nearest other kind"),
-        ):
-            values = [each[key] for each in seen]
-            x = np.full(len(values), column + shift)
-            axes.semilogy(x, values, "o", color=color, ms=3, alpha=0.6, label=label)
-    axes.axhline(ambiguity["alike_below"], color=BLACK, lw=0.8, ls=":")
-    axes.set_xticks(range(len(settings)), [name.replace(", ", ",\n") for name in settings])
-    axes.set(title="isolability: below the dotted line, alike", ylabel="distance $d$")
-    handles, labels = axes.get_legend_handles_labels()
-    axes.legend(handles[:2], labels[:2])
+    for key, shift, color, label in (
+        ("from_other_struts", -0.12, BLUE, "from the nearest other strut"),
+        ("from_other_kinds", 0.12, ORANGE, "from the nearest other kind"),
+    ):
+        failures = ambiguity["failures"]
+        columns = [settings.index(each["setting"]) + shift for each in failures]
+        distances = [each[key] for each in failures]
+        axes.semilogy(columns, distances, "o", color=color, ms=3, alpha=0.6, label=label)
+    alike = "alike below: 1 of 1000 mistaken"
+    axes.axhline(ambiguity["alike_below"], color=BLACK, lw=0.8, ls=":", label=alike)
+    words = [name.replace(", ", ",\n").replace(" and ", "\nand ") for name in settings]
+    axes.set_xticks(range(len(settings)), words)
+    axes.set(title="Isolability: how different failures look", ylabel="distance $d$")
+    axes.set_xlabel("measured by the diagnosis; with a dither or not")
+    axes.set(xlim=(-0.5, len(settings) - 0.5), ylim=(None, 10 * axes.get_ylim()[1]))
+    axes.legend(loc="upper left")
 
 
-def _after(axes: Axes, cases: list[dict[str, Any]]) -> None:
-    """Each case after recovery, against the informed controller's."""
-    oracle = [case["rms_after_oracle_urad"] for case in cases]
-    unaware = [case["rms_after_uncorrected_urad"] for case in cases]
-    found = [case["rms_after_urad"] for case in cases]
-    axes.plot(oracle, unaware, "s", color=ORANGE, ms=3, alpha=0.6, label="fault-unaware")
-    axes.plot(oracle, found, "o", color=BLUE, ms=3, alpha=0.6, label="supervised")
-    ends = [0, max(oracle)]
-    axes.plot(ends, ends, color=BLACK, lw=0.8, label="informed")
-    axes.set(title="pointing error after recovery, RMS", xlabel="informed at once, µrad")
-    axes.set(ylabel="µrad")
-    axes.legend()
+def draw_after(axes: Axes, cases: list[dict[str, Any]]) -> None:
+    """Each case after recovery, against the informed controller's; those not named stand out."""
+    named = [case for case in cases if _is_named(case)]
+    unnamed = [case for case in cases if not _is_named(case)]
+    for those, key, marker, color, label in (
+        (cases, "rms_after_uncorrected_urad", "s", ORANGE, "fault-unaware"),
+        (named, "rms_after_urad", "o", BLUE, "supervised"),
+        (unnamed, "rms_after_urad", "X", BLACK, "supervised, strut not named"),
+    ):
+        if those:
+            oracle = [case["rms_after_oracle_urad"] for case in those]
+            axes.plot(oracle, [case[key] for case in those], marker, color=color, label=label)
+    ends = [0, max(case["rms_after_oracle_urad"] for case in cases)]
+    axes.plot(ends, ends, color=BLACK, lw=0.8, label="equal to the informed")
+    axes.set(title="Pointing error after recovery", xlabel="informed at once, RMS, µrad")
+    axes.set(ylabel="RMS, µrad", ylim=(0, 1.4 * axes.get_ylim()[1]))
+    axes.legend(loc="upper left")
 
 
-def draw_shown(axes: Axes, name: str, run: Trajectory, found: Identification) -> None:
+def draw_shown(axes: Axes, run: Trajectory, found: Identification) -> None:
     """The pointing error of one run; each failure, labelled by what was found or what happened."""
-    axes.semilogy(run.time_s, pointing_error_urad(run), color=BLACK, lw=0.6)
+    axes.semilogy(run.time_s, pointing_error_urad(run), color=BLACK, lw=0.6, label="error")
     for mark in marks(run, found):
-        axes.axvline(mark.failed_s, color=VERMILION, lw=1)
-        label = mark.diagnosis if mark.is_found else mark.failure
-        axes.text(mark.failed_s + 0.1, 0.02, label, rotation=90)
+        axes.axvline(mark.failed_s, color=VERMILION, lw=1.5, label="failure")
+        label = mark.diagnosis if mark.is_found else f"not found: {mark.failure}"
+        color = BLACK if mark.is_found else VERMILION
+        axes.text(mark.failed_s + 0.15, 2e-3, label, rotation=90, color=color)
         if mark.is_found:
-            axes.axvline(mark.diagnosed_s, color=GREEN, lw=1)
-    lost = ": in the end the task is lost" if found.task_lost else ""
-    axes.set(
-        title=f"{name}{lost}", xlabel="time, s", ylabel="pointing error, µrad", ylim=(1e-2, 3e2)
-    )
+            axes.axvline(mark.diagnosed_s, color=GREEN, ls="--", label="found")
+    count = len(found.failures)
+    title = "A failure on the spiral" if count == 1 else f"{count} failures in succession"
+    lost = "; in the end the task is lost" if found.task_lost else ""
+    axes.set(title=title + lost, xlabel="time, s", ylabel="pointing error, µrad", ylim=(1e-3, 1e3))
+    handles, labels = axes.get_legend_handles_labels()
+    once = dict(zip(labels, handles, strict=True))
+    axes.legend(once.values(), once, loc="upper left")

@@ -116,22 +116,24 @@ def summarize(outcome: Recover) -> dict[str, Any]:
 
 
 def checks(summary: dict[str, Any]) -> list[Check]:
-    """Closed and stable loops, failures identified and recovered from, few false alarms."""
+    """Checks: closure residuals, stability, identification, recovery, false alarms."""
     beliefs, alarms = summary["beliefs"], summary["false_alarms"]
-    worst = f"{beliefs['worst_truth']}, {beliefs['worst_belief']} believed"
+    worst = f"{beliefs['worst_truth']}, {beliefs['worst_belief']} diagnosed"
     found = [
         closure_check("all runs", summary["closure_residual_max_m"]),
-        Check("number of unstable pairs of fault and belief", worst, beliefs["unstable"], 1),
+        Check(
+            "number of unstable pairs of true and diagnosed fault", worst, beliefs["unstable"], 1
+        ),
     ]
     isolation = {key.replace("_", " "): counted for key, counted in summary["isolation"].items()}
     for which in ("strut as first named", "strut and kind in the end"):
         found.append(_isolated(which, isolation[which]["rate"]))
     for which, ratio in summary["after_over_oracle"].items():
-        what = "RMS after recovery over that of a controller informed at once"
+        what = "RMS after recovery divided by that of a controller informed at once"
         found.append(Check(what, which.replace("_", " "), ratio, OVER_ORACLE))
     found.append(_isolated("two failures in a run", summary["second_failure"]["all_right"]["rate"]))
     for name, happened in summary["shown"].items():
-        what = "a wrong diagnosis, or a wrong verdict on the task (0 no, 1 yes),"
+        what = "wrong diagnosis of the failures or of the task (0 no, 1 yes),"
         found.append(Check(what, f"run {name}", float(not happened["right"]), 0.5))
     for which in ("flown", "with_fresh_noise"):
         bound = "high_per_hour_95" if alarms[which]["hours"] >= ENOUGH_H else "low_per_hour_95"
@@ -161,7 +163,7 @@ def recovery(summary: dict[str, Any]) -> Table:
     controllers |= {"informed": "informed at once", "uncorrected": "fault-unaware"}
     cells = {
         "alarm, ms: median/95 %/largest": partial(delay, "alarm"),
-        "named, ms: median/95 %/largest": partial(delay, "named"),
+        "identified, ms: median/95 %/largest": partial(delay, "named"),
         "before, urad: RMS/peak": partial(error, "supervised", "before"),
     }
     for when in ("during", "after"):
@@ -171,15 +173,15 @@ def recovery(summary: dict[str, Any]) -> Table:
         "Unannounced actuator failures: detection, isolation and recovery",
         [Column(heading, heading) for heading in ("", *KINDS)],
         rows,
-        "The controller's model is the simulated plant itself, which no real one is. Delays after "
-        "the failure; pointing errors before it, until recovery, and after. weak: a coil that has "
-        "lost part of its force. supervised: the failure is diagnosed; informed: the controller is "
-        "given it; fault-unaware: the controller goes on as before.",
+        "The controller has an exact model of the simulated plant. Delays are from the failure on; "
+        "pointing errors are before the failure, from it until recovery (during), and after. weak: "
+        "the coil has lost part of its force. supervised: the controller diagnoses the failure. "
+        "informed: it is given the failure at once. fault-unaware: it does not change.",
     )
 
 
 def ambiguity(summary: dict[str, Any]) -> Table:
-    """Of the struts compared the least distance, and all that is alike."""
+    """Smallest distances between failures over the struts, and the pairs that look alike."""
     groups: dict[tuple[str, str, str], list[dict[str, Any]]] = {}
     for seen in summary["ambiguity"]["failures"]:
         key = (seen["failure"]["kind"], seen["where"], seen["setting"])
@@ -198,24 +200,26 @@ def ambiguity(summary: dict[str, Any]) -> Table:
         entries.append(dict(zip(headings, cells, strict=True)))
     below, evidence = summary["ambiguity"]["alike_below"], summary["ambiguity"]["evidence_s"]
     return tabulate(
-        "Isolability: which failures look alike",
+        "Isolability: distances between failures",
         [Column(heading, heading) for heading in headings],
         entries,
-        f"Distance of {evidence:g} s of outputs from the nearest other strut and other kind of "
-        f"failure, the least of six struts; alike: pairs below {below:g}, ?: of another kind.",
+        f"Distance between the outputs of a failure over {evidence:g} s and those of the most "
+        f"similar failure of another strut or kind, in standard deviations; minimum over the six "
+        f"struts. alike: pairs of struts with a distance below {below:g}; ?: of another kind.",
     )
 
 
 def notes(summary: dict[str, Any]) -> list[str]:
-    """What was asked, and what came out, a sentence each."""
+    """The results, one sentence each."""
     isolation, alarms = summary["isolation"], summary["false_alarms"]
     beliefs, second = summary["beliefs"], summary["second_failure"]
     over, cost = summary["after_over_oracle"], summary["dither_cost"]
     change, reseeded = (max(map(abs, cost[f"{key}_urad"])) for key in ("change", "reseeded"))
     lines = [
-        f"Of the failures at a distance of {isolation['separation_required']:g} in the linear "
-        f"model, the strut was identified at first in {_rate(isolation['strut_as_first_named'])}, "
-        f"strut and kind in the end in {_rate(isolation['strut_and_kind_in_the_end'])}.",
+        f"Of the failures with a distance of at least {isolation['separation_required']:g} in the "
+        f"linear model, the first diagnosis had the right strut in "
+        f"{_rate(isolation['strut_as_first_named'])}, the last one the right strut and kind in "
+        f"{_rate(isolation['strut_and_kind_in_the_end'])}.",
         *(
             f"Diagnosed from {each['name']}: strut identified in {_rate(each['strut'])}, strut and "
             f"kind in {_rate(each['strut_and_kind'])}."
@@ -223,25 +227,27 @@ def notes(summary: dict[str, Any]) -> list[str]:
         ),
         f"After recovery the RMS error is {over['pooled']:.4f} times that of a controller informed "
         f"at once; {over['worst_case']:.4f} times in the worst case.",
-        f"False alarms: {_alarms(alarms['flown'])} as simulated, "
-        f"{_alarms(alarms['with_fresh_noise'])} in the same runs with fresh noise.",
+        f"False alarms: {_alarms(alarms['flown'])} in simulation, "
+        f"{_alarms(alarms['with_fresh_noise'])} in the same runs with new samples of the noise.",
         f"The dither changes the RMS error without failures by {change:.1e} urad, another seed by "
         f"{reseeded:.1e} urad.",
-        f"Of {beliefs['pairs_of_truth_and_belief']} pairs of true and believed fault, "
-        f"{beliefs['unstable']} give an unstable loop; the sensitivity peak is "
-        f"{beliefs['sensitivity_peak_worst']:.2f} at worst, "
+        f"Of {beliefs['pairs_of_truth_and_belief']} pairs of true and diagnosed fault, "
+        f"{beliefs['unstable']} give an unstable loop; the peak sensitivity is "
+        f"{beliefs['sensitivity_peak_worst']:.2f} at most, "
         f"{beliefs['sensitivity_peak_nothing_failed']:.2f} without failures.",
-        f"Both failures were identified in {_rate(second['all_right'])} runs with two.",
+        f"Both failures were identified in {_rate(second['all_right'])} runs with two failures.",
     ]
     if cascade := summary["shown"].get("cascade"):
-        ends = "is declared lost" if cascade["task_lost"] else "is not declared lost"
-        lines.append(f"After {len(cascade['happened'])} failures the task {ends}.")
+        ends = "is impossible" if cascade["task_lost"] else "is still possible"
+        lines.append(
+            f"After {len(cascade['happened'])} failures the pointing task {ends}, as diagnosed."
+        )
     for each in summary["mismatch"]:
         how = "calibrated in a commissioning run" if each["calibrated"] else "uncalibrated"
-        alarm = "an alarm" if each["healthy_alarm"] else "no alarm"
+        alarm = "false alarm" if each["healthy_alarm"] else "no alarm"
         right = each["strut_and_kind"]
         lines.append(
-            f"Coil gains off by {100 * each['coil_gain_error']:g} %, {how}: {alarm} without "
+            f"Coil gains wrong by {100 * each['coil_gain_error']:g} %, {how}: {alarm} without "
             f"failures, {right['right']} of {right['cases']} failures identified."
         )
     return lines
@@ -249,7 +255,7 @@ def notes(summary: dict[str, Any]) -> list[str]:
 
 def _rate(rate: dict[str, Any]) -> str:
     if rate["rate"] is None:
-        return "none tried"
+        return "no case"
     low, high = 100 * rate["low"], 100 * rate["high"]
     return f"{rate['right']} of {rate['cases']} ({low:.1f} to {high:.1f} %)"
 
@@ -379,7 +385,7 @@ def _record(outcome: Recover, summary: dict[str, Any], name: str, folder: Path) 
     ends = f"In the last second the pointing error is {entry['rms_in_the_end_urad']:.2f} urad RMS."
     if entry["task_lost"]:
         ends = (
-            "The remaining struts cannot point any more: the task is declared lost, and the "
+            "The remaining struts cannot point: the task is diagnosed as impossible, and the "
             "commands stay constant."
         )
     said = [

@@ -30,12 +30,12 @@ from prioritized import Classes, FailureAtlas
 from sim import Array, load_model, model_sha256, weightless
 
 MISMATCH_LIMIT_PERCENT = 1.0
-"""Largest distance of simulated from predicted motion."""
+"""Largest difference between simulated and predicted motion."""
 
 KNOWN = {
-    "uncorrected": "the mapping is not told",
-    "corrected": "the mapping is told, and reckons with the springs",
-    "as_locked": "the mapping is told that it is locked",
+    "uncorrected": "failure unknown to the mapping",
+    "corrected": "failure known, mapped by the springs' statics",
+    "as_locked": "failure known, mapped as a locked strut",
 }
 
 
@@ -73,20 +73,20 @@ def summarize(release: Release) -> dict[str, Any]:
 
 
 def checks(summary: dict[str, Any]) -> list[Check]:
-    """Loops stay closed, motions are the linear model's, and the mapping points where it should."""
+    """Checks: closure residuals, and motion, rest position and errors against the predictions."""
     tolerance, off = prediction_tolerance(summary["duration_s"]), MISMATCH_LIMIT_PERCENT
     found = []
     for spiral in summary["spirals"]:
         found.append(closure_check(spiral["name"], spiral["closure_residual_max_m"]))
         if spiral["kind"]:
             mismatch = spiral["motion_mismatch_linear_model_percent"]
-            what = "distance of the motion from the linear model's [%]"
+            what = "difference between the simulated motion and the linear model [%]"
             found.append(Check(what, spiral["name"], mismatch, off))
         found += prediction_checks(spiral, tolerance)
     for point in summary["sweep"]:
         where = f"stiffness ratio {point['suspension_over_swing']:g}"
         for model in ("elastic", "linear_model"):
-            what = f"distance of the {model.replace('_', ' ')} from the simulation [%]"
+            what = f"difference between the {model.replace('_', ' ')} and the simulation [%]"
             found.append(Check(what, where, point[f"mismatch_{model}_percent"], off))
         error = abs(point["alpha_corrected_urad"] - 100)
         found.append(Check("pointing error of the corrected mapping [%]", where, error, off))
@@ -108,11 +108,11 @@ def spirals(summary: dict[str, Any]) -> Table:
         Column("Ms", "sensitivity_peak", ".2f"),
     )
     return tabulate(
-        "Strut 1 released: RMS of desired minus true angle, urad",
+        "Strut 1 without coil force: RMS of desired minus true angle, urad",
         columns,
         summary["spirals"],
-        "free: without coil; loose: without coil and spring, in orbit. model: the linear model's. "
-        "peak: of the alpha error, urad. Ms: peak of the loops' sensitivity.",
+        "free: without coil force; loose: without coil force and spring, no gravity. model: RMS of "
+        "the linear model. peak: of the alpha error, urad. Ms: peak sensitivity of the loops.",
     )
 
 
@@ -123,11 +123,12 @@ def sweep(summary: dict[str, Any]) -> Table:
     columns = [Column("stiffness", "suspension_over_swing", ".0e")]
     columns += [Column(what, f"alpha_{key}_urad", ".2f") for what, key in reached.items()]
     return tabulate(
-        "At rest, alpha of 100 urad asked for; alpha reached, urad",
+        "Alpha reached at rest for a command of 100 urad, urad",
         columns,
         summary["sweep"],
-        "stiffness: suspension over the strut's own swing. Not told to the mapping: simulated, by "
-        "the elastic mapping, and taking the strut as locked at its centre. corrected: told.",
+        "stiffness: of the suspension, relative to that against the strut's swing. Failure unknown "
+        "to the mapping: simulated, predicted by the elastic mapping (elastic), and predicted for "
+        "a strut locked at its centre (as locked). corrected: simulated, failure known.",
     )
 
 
@@ -194,13 +195,13 @@ def _atlas_arrays(atlas: FailureAtlas) -> dict[str, Array]:
 
 def _record(release: Release, summary: dict[str, Any], spiral: dict[str, Any], folder: Any) -> None:
     name, kind, known = spiral["name"], spiral["kind"], spiral["told"]
-    marks, what = [], "all struts sound"
+    marks, what = [], "no failure"
     if kind is not None:
         when = spiral["failure_time_s"]
         marks = [Mark(0, when, f"strut 1 {kind}, {known.replace('_', ' ')}")]
         lost = "coil" if kind == "free" else "coil and suspension spring"
         what = f"strut 1 loses its {lost}; {KNOWN[known]} (at {when:g} s)"
-    orbit = " In orbit: no weight, no preload." if kind == "loose" else ""
+    orbit = " No gravity, no preload." if kind == "loose" else ""
     seed, duration_s = summary["seed"], summary["duration_s"]
     predicted = spiral["predicted_alpha_rms_urad"], spiral["predicted_beta_rms_urad"]
     record_run(

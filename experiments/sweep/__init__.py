@@ -1,4 +1,4 @@
-"""Thousands of runs on as many machines as there are: `fjh sweep`, and `fjh atlas` of failures."""
+"""Many closed loops on one computer or a cluster: `fjh sweep`, and `fjh atlas` of failures."""
 
 from pathlib import Path
 
@@ -12,24 +12,36 @@ _WHERE = (
         "scheduler",
         str | None,
         None,
-        f"A Dask scheduler, as tcp://host:8786; given up after {PATIENCE_S:g} s without a worker.  "
-        "[default: a cluster on this machine]",
+        f"A Dask scheduler, e.g. tcp://host:8786; fails after {PATIENCE_S:g} s without a worker.  "
+        "[default: a cluster on this computer]",
         "ADDRESS",
     ),
-    Option("workers", int | None, None, "Processes here.  [default: one for each core]", "N"),
-    Option("resume", bool, False, "Continue the runs in the folder; refused if they are others."),
+    Option(
+        "workers",
+        int | None,
+        None,
+        "Processes on this computer.  [default: one for each core]",
+        "N",
+    ),
+    Option(
+        "resume",
+        bool,
+        False,
+        "Continue the unfinished runs in the folder; refused if their options or code differ.",
+    ),
 )
 
 STUDY = Study(
     name="sweep",
-    help="""Run thousands of closed loops over weights, failures and bench.
+    help="""Simulate many closed loops with varied weights, failures and constants.
 
-    A Latin hypercube or a grid over any of the weights, failures, failure times and bench
-    constants; each run is compared with the linear model. The default has 1000 runs of 4 s: about
+    The design is a Latin hypercube or a grid over weights, failures, failure times and constants of
+    the testbed; each run is compared with the linear model. The default has 1000 runs of 4 s: about
     ten minutes on two cores, 20 s with --quick.
 
     Rows are written to a Parquet dataset, OUT/unfinished, as they finish; Ctrl-C keeps them, and
-    --resume continues. The bytes are the same whatever the number of workers and interruptions.
+    --resume continues. The result is identical to the bit for any number of workers and
+    interruptions.
 
     Writes sweep.json, the rows as sweep.parquet (docs/sweep.md has its columns), tables as
     sweep.md, and a figure.
@@ -38,14 +50,14 @@ STUDY = Study(
     """,
     runs="experiments.sweep.runs:run_sweep",
     results="experiments.sweep.results:results",
-    quick="40 runs of 0.5 s, whatever the design says.",
-    seed="layout and detector noise",
+    quick="40 runs of 0.5 s, for any design.",
+    seed="the layout and the detector noise",
     options=(
         Option(
             "design",
             Path | None,
             None,
-            "What is varied, and how: a TOML file.  [default: experiments/sweep/default.toml]",
+            "TOML file that says what is varied.  [default: experiments/sweep/default.toml]",
             "FILE",
         ),
         *_WHERE,
@@ -55,12 +67,13 @@ STUDY = Study(
 
 ATLAS = Study(
     name="atlas",
-    help="""Simulate all 729 failure conditions, and compare them with theory.
+    help="""Simulate all 729 failure conditions and compare them with theory.
 
-    Each strut is sound, locked or free, with the weights W_a to W_e, with the Jacobian of the
-    nominal and of the estimated pose, and the mapping knows of the failures. Each run is compared
-    with the classification and the linear model, over 2 s of the spiral. 40 minutes on two cores,
-    one with --quick. Clusters, interruption and --resume are as in fjh sweep.
+    In a failure condition each strut works, is locked, or is free (without force); the mapping
+    knows the condition. Each is simulated for 2 s of the spiral with the weights W_a to W_e of
+    Table I and with the Jacobian of the nominal and of the estimated pose, and compared with its
+    classification and the linear model. 40 minutes on two cores, 2 with --quick. Clusters,
+    interruption and --resume are as in fjh sweep.
 
     Writes atlas.json, the rows as atlas.parquet (docs/sweep.md has its columns), the table as
     atlas.md, and a figure.
@@ -69,7 +82,7 @@ ATLAS = Study(
     """,
     runs="experiments.sweep.runs:run_atlas",
     results="experiments.sweep.atlas:results",
-    quick="The 138 conditions that turning and mirroring leave, W_a, 0.5 s.",
+    quick="The 138 conditions that differ by rotation and mirror symmetry, W_a, 0.5 s.",
     options=_WHERE,
     streams=True,
 )

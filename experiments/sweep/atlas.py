@@ -60,12 +60,12 @@ def summarize(sweep: Sweep, columns: Columns) -> dict[str, Any]:
 
 
 def checks(summary: dict[str, Any]) -> list[Check]:
-    """The simulation nowhere contradicts the theory, and all loops stay closed."""
+    """Checks: number of runs that contradict the classification, and closure residuals."""
     where, contradicted = "all conditions", summary["contradicted"]
     if contradicted:
         worst = contradicted[0]
         where = f"{worst['struts']} with {worst['weight']} and the {worst['jacobian']} Jacobian"
-    number = Check("number of runs that contradict the theory", where, len(contradicted), 1)
+    number = Check("number of runs that contradict the classification", where, len(contradicted), 1)
     return [number, closure_check("all runs", summary["closure_residual_max_m"])]
 
 
@@ -150,21 +150,21 @@ def table(summary: dict[str, Any]) -> Table:
         f"{summary['duration_s']:g} s: RMS error, urad",
         columns,
         summary["verdicts"],
-        f"{meaning}. Medians; model: the linear model; off: largest distance from it of a run "
-        "whose amplifiers do not saturate, a step of the converters included.",
+        f"{meaning}. Medians; model: the linear model; off: largest difference from it, over "
+        "the runs without saturation of an amplifier, converter steps included.",
     )
 
 
 def notes(summary: dict[str, Any]) -> list[str]:
-    """What disagrees, and the time that it took."""
+    """Runs that differ from the linear model, and the rate."""
     off = summary["explained"]
     if not off:
         return rate(summary)
     conditions = sorted({each["struts"] for each in off})
     named = ", ".join(conditions[:6]) + (", ..." if len(conditions) > 6 else "")
     sentence = (
-        f"{len(off)} runs in {len(conditions)} conditions without pointing leave the linear "
-        f"model, with the analytic Jacobian only ({named}): beside the nominal pose, where "
-        "they are singular, the mapping reaches the lost direction with a gain of 1e5."
+        f"{len(off)} runs in {len(conditions)} conditions without pointing differ from the linear "
+        f"model, with the analytic Jacobian only ({named}): these conditions are singular at the "
+        "nominal pose, and beside it the mapping reaches the lost direction with a gain of 1e5."
     )
     return [sentence, *rate(summary)]

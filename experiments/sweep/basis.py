@@ -31,11 +31,11 @@ ROWS_FROM = (
 """Sources that rows, or the bytes in which they are stored, depend on."""
 
 NOT_FROM = (
-    "experiments/hexapod/plots.py",
+    *(f"experiments/hexapod/{name}.py" for name in ("animation", "drawing", "plots", "solids")),
     "experiments/hexapod/recording/*.py",
     *(
         f"experiments/sweep/{name}.py"
-        for name in ("__init__", "atlas", "cluster", "figure", "results", "runs")
+        for name in ("__init__", "atlas", "cluster", "figure", "results", "runs", "words")
     ),
 )
 """And those among them that only distribute the runs, or describe and draw their rows."""
@@ -89,8 +89,8 @@ def basis_in(folder: Path) -> Basis | None:
     except (ValueError, RecursionError):
         why = "is broken: it is not JSON"
     raise WrongInput(
-        f"{path} {why}, and nothing else says which sweep the runs beside it are of; to begin "
-        f"anew, remove {folder}"
+        f"{path} {why}, so it is unknown to which sweep the runs in the folder belong; to "
+        f"start again, remove {folder}"
     )
 
 
@@ -99,7 +99,7 @@ def check_same(former: Basis, basis: Basis, folder: Path) -> None:
     changed = [name for name in basis if former.get(name) != basis[name]]
     if changed:
         raise WrongInput(
-            f"--resume cannot go on with the sweep in {folder}: it has another {', '.join(changed)}"
+            f"--resume cannot continue the sweep in {folder}: it has another {', '.join(changed)}"
         )
 
 

@@ -36,7 +36,7 @@ megabytes. Those of a worker that is lost go to another."""
 POLL_S, LOOK_EVERY_S = 0.02, 5.0
 """Period of looking for results; and, while there are none, for workers."""
 
-_KEPT = "finished runs are kept, and --resume goes on"
+_KEPT = "finished runs are kept, and --resume continues"
 _SILENT = logging.CRITICAL + 1
 
 
@@ -58,7 +58,7 @@ class Where:
         if self.workers is not None and self.workers < 1:
             raise WrongInput(f"--workers must be a number from 1 on, got {self.workers}")
         if self.scheduler and self.workers:
-            raise WrongInput("--workers are of this machine, leave them out with --scheduler")
+            raise WrongInput("--workers are processes on this computer: omit it with --scheduler")
 
 
 @contextmanager
@@ -160,7 +160,7 @@ def wait_for_worker(client: Client) -> None:
         why = f"the scheduler has had no workers for {PATIENCE_S:g} s: start some with dask worker"
         raise WrongInput(f"{why}; {_KEPT}") from None
     except (OSError, KeyError):
-        raise Unsound(f"the scheduler has gone; {_KEPT}") from None
+        raise Unsound(f"the connection to the scheduler is lost; {_KEPT}") from None
 
 
 def finished_rows(client: Client, runs: Iterable[SweepRun]) -> Iterator[Row]:
@@ -185,7 +185,7 @@ def finished_rows(client: Client, runs: Iterable[SweepRun]) -> Iterator[Row]:
         if future.status == "error":
             raise Unsound(_failure(str(future.key), *result[1:]))
         if future.status != "finished":
-            raise Unsound(f"the scheduler has gone; {_KEPT}")
+            raise Unsound(f"the connection to the scheduler is lost; {_KEPT}")
         submit(1)
         yield result
 

@@ -98,12 +98,12 @@ def _design(content: dict[str, Any]) -> Design:
     if layout not in ("latin-hypercube", "grid"):
         raise WrongInput(f'layout must be "latin-hypercube" or "grid", got {layout!r}')
     if not isinstance(vary, dict) or not vary:
-        raise WrongInput(f"[vary] must name something to vary, got {vary!r}")
+        raise WrongInput(f"[vary] must name at least one quantity, got {vary!r}")
     factors = [_factor(name, value, layout) for name, value in vary.items()]
     check_within("duration_s", duration_s, _longest_period_s(factors), TestbedConfig().duration_s)
     if layout == "grid":
         if runs is not None:
-            raise WrongInput(f"runs must be left out of a grid, which counts its own, got {runs!r}")
+            raise WrongInput(f"runs must not be given for a grid, got {runs!r}")
         design = grid(float(duration_s), factors)
     else:
         if type(runs) is not int or runs < 1:
@@ -132,11 +132,11 @@ def _range(name: str, table: dict[str, Any], layout: str) -> Range:
     low, high = (_checked(name, table.get(end)) for end in ("from", "to"))
     log, points = table.get("log", False), table.get("points")
     if not low < high:
-        raise WrongInput(f"{name} must go from less to more, got {low} to {high}")
+        raise WrongInput(f"{name} must have from below to, got {low} to {high}")
     if type(log) is not bool or (log and (low <= 0 or KINDS[name] == "integer")):
-        raise WrongInput(f"{name} can be log = true where it is real and positive, got {table}")
+        raise WrongInput(f"{name} can have log = true only if it is real and positive, got {table}")
     if layout == "grid" and (type(points) is not int or points < 2):
-        raise WrongInput(f"{name} must say in how many points a grid takes it, got {points!r}")
+        raise WrongInput(f"{name} must have points, the number of grid points, got {points!r}")
     if layout != "grid" and points is not None:
         raise WrongInput(f"{name} must not have points outside a grid, got {points!r}")
     return Range(name, low, high, log, points)

@@ -72,20 +72,20 @@ def summarize(sweep: Sweep, columns: Columns) -> dict[str, Any]:
 
 
 def checks(summary: dict[str, Any]) -> list[Check]:
-    """Runs that the linear model covers are as it predicts, and their loops stay closed."""
+    """Checks: RMS errors against the linear model, and closure residuals."""
     found = summary["prediction"]
     if not found["compared"]:
         return []
     what = (
-        "distance of the RMS error from the linear model's, divided by "
-        f"{100 * PREDICTION_TOLERANCE:g} % and one step of the converters,"
+        "difference between the RMS error and the linear model's, divided by "
+        f"{100 * PREDICTION_TOLERANCE:g} % plus one converter step,"
     )
     worst = Check(what, f"run {found['worst_case']}", found["largest_over_allowed"], 1.0)
     return [worst, closure_check("all runs", found["closure_residual_max_m"])]
 
 
 def comparable(columns: Columns) -> np.ndarray:
-    """Runs that the linear model covers: predicted, ended, amplifiers not saturated."""
+    """Which runs can be compared with the linear model: predicted, completed, not saturated."""
     peaks = np.max([columns[name] for name in INPUT_PEAK], axis=0)
     return np.isfinite(columns["predicted_alpha_rms_urad"]) & (peaks < 99.9)
 
@@ -166,7 +166,7 @@ def groups(summary: dict[str, Any]) -> Table:
     """One row for each number of failing struts, known and not known to the mapping."""
     known = {None: "none", True: "{}, known", False: "{}, not known"}
     columns = (
-        Column("struts that fail", lambda group: known[group["told"]].format(group["failures"])),
+        Column("failed struts", lambda group: known[group["told"]].format(group["failures"])),
         Column("runs", "runs"),
         *(
             Column(heading.format(angle), f"{angle}_{what}_urad", ".3f")
@@ -178,39 +178,39 @@ def groups(summary: dict[str, Any]) -> Table:
         "RMS of desired minus true angle, urad",
         columns,
         summary["groups"],
-        "Median, and what 95 % of the runs stay below.",
+        "Median and 95th percentile over the runs.",
     )
 
 
 def influence(summary: dict[str, Any]) -> Table:
     """One row for each range."""
     return tabulate(
-        "What the errors depend on",
+        "Dependence of the errors on the varied quantities",
         (Column("", "name"), Column("alpha", "alpha", "+.2f"), Column("beta", "beta", "+.2f")),
         [{"name": name, **found} for name, found in summary["influence"].items()],
-        "Spearman's rank correlation with the RMS error over all runs that came to their end.",
+        "Spearman's rank correlation with the RMS error, over all completed runs.",
     )
 
 
 def notes(summary: dict[str, Any]) -> list[str]:
-    """How runs ended, how they compare with the linear model, and the time that they took."""
+    """Numbers of runs by status, comparison with the linear model, and the rate."""
     ended = ", ".join(f"{count} {status}" for status, count in summary["status"].items())
     found = summary["prediction"]
     sentences = [f"{summary['runs']} runs of {summary['duration_s']:g} s: {ended}."]
     if found["compared"]:
         sentences.append(
-            f"The linear model covers {found['compared']} runs. Its RMS error differs by "
-            f"{found['median_percent']:.2g} % (median); the largest difference is "
-            f"{found['largest_over_allowed']:.2g} of what is allowed, "
-            f"{100 * PREDICTION_TOLERANCE:g} % and one step of the converters, which the model "
-            "leaves out."
+            f"{found['compared']} runs can be compared with the linear model. Its RMS error "
+            f"differs by {found['median_percent']:.2g} % (median); the largest difference is "
+            f"{found['largest_over_allowed']:.2g} of the allowed difference, "
+            f"{100 * PREDICTION_TOLERANCE:g} % plus one converter step, which the model does not "
+            "include."
         )
     return sentences + rate(summary)
 
 
 def rate(summary: dict[str, Any]) -> list[str]:
-    """How many runs this session did, and how fast, if there were two."""
+    """Number and rate of the runs of this session, if there were at least two."""
     took = summary["took"]
     if took["runs_per_s"] is None:
         return []
-    return [f"{took['runs']} runs in this session, {took['runs_per_s']:.2f} a second."]
+    return [f"{took['runs']} runs in this session, {took['runs_per_s']:.2f} per second."]

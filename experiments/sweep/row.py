@@ -74,7 +74,7 @@ _nominal_plant = cache(lambda: nominal_plant(machine()))
 
 @lru_cache(maxsize=64)
 def loops(bench: TestbedConfig) -> tuple[Compensator, Compensator]:
-    """The (alpha, beta) compensators of a bench; `ModelError` if they cannot be closed."""
+    """The (alpha, beta) compensators for a testbed; `ModelError` if a loop cannot be closed."""
     return designed(*_nominal_plant(), bench)
 
 

@@ -9,10 +9,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from experiments.output.lock import alone_in
+from experiments.output.lock import LOCK, alone_in
 from experiments.output.study import Interrupted, OnProgress, WrongInput
 from experiments.output.terminal import notice
-from experiments.sweep.basis import basis_in, basis_of, check_same
+from experiments.sweep.basis import BASIS, basis_in, basis_of, check_same
 from experiments.sweep.cluster import Where, cluster, finished_rows
 from experiments.sweep.dataset import Broken, Dataset, check_merged
 from experiments.sweep.design import SweepRuns, grid, read_design
@@ -90,21 +90,25 @@ def complete(
     folder: Path,
     scheduler: str | None,
     workers: int | None,
-    resume: bool,
+    resume: bool | None,
     on_progress: OnProgress,
 ) -> Iterator[Outcome]:
     """The sweep with all its runs done, now or before; to be published within the context.
 
     Within it nobody else can run anything in the folder; after it, unless publishing failed, the
-    dataset of unfinished runs is gone. Raises as `run_missing` and `published_before`, and
-    `WrongInput` where another process runs a sweep.
+    dataset of unfinished runs is gone. Where `resume` is None, unfinished runs are continued if
+    they are of this sweep and removed if not, and a published sweep is done again. Raises as
+    `run_missing` and `published_before`, and `WrongInput` where another process runs a sweep.
     """
     where = Where(scheduler, workers)
     with alone_in(folder / UNFINISHED):
         if resume and (summary := published_before(folder, name, runs)):
             yield summary
         else:
-            sweep = run_missing(folder, runs, where=where, resume=resume, on_progress=on_progress)
+            if resume is None:
+                remove_other_rows(folder, runs)
+            kept = resume is not False
+            sweep = run_missing(folder, runs, where=where, resume=kept, on_progress=on_progress)
             yield sweep
             sweep.dataset.remove()
 
@@ -127,8 +131,8 @@ def run_missing(
     if (former := basis_in(unfinished)) is not None:
         if not resume:
             raise WrongInput(
-                f"--out {folder} holds an unfinished sweep: --resume goes on with it; to begin "
-                f"anew, remove {unfinished}"
+                f"--out {folder} holds an unfinished sweep: --resume continues it; to start "
+                f"again, remove {unfinished}"
             )
         check_same(former, basis, folder)
     dataset = Dataset(unfinished, len(runs), basis)
@@ -156,12 +160,25 @@ def _fill(
                     on_progress(done, len(runs))
             except KeyboardInterrupt:
                 raise Interrupted(
-                    f"interrupted: {done} of {len(runs)} runs are kept; --resume goes on"
+                    f"interrupted: {done} of {len(runs)} runs are kept; --resume continues"
                 ) from None
             finally:
                 dataset.keep()
     rate = (len(missing) - 1) / (times_s[1] - times_s[0]) if len(times_s) == 2 else None
     return {"runs": len(missing), "runs_per_s": rate}
+
+
+def remove_other_rows(folder: Path, runs: SweepRuns) -> None:
+    """Remove the rows in `folder`/unfinished, which this process has locked, if of other runs."""
+    unfinished = folder / UNFINISHED
+    try:
+        if (former := basis_in(unfinished)) is not None:
+            check_same(former, basis_of(runs), folder)
+    except WrongInput:
+        # What says whose the rows are goes last.
+        for path in sorted(unfinished.iterdir(), key=lambda path: path.name == BASIS):
+            if path.name != LOCK:
+                path.unlink()
 
 
 def published_before(folder: Path, name: str, runs: SweepRuns) -> dict[str, Any] | None:

@@ -24,7 +24,7 @@ _NOT_SWEPT = (
 """How long a run lasts is the design's; `fjh uncorrected` varies the spiral and the limit."""
 
 BENCH = tuple(field.name for field in fields(TestbedConfig) if field.name not in _NOT_SWEPT)
-"""Constants of the bench that a design can vary."""
+"""Constants of the testbed that a design can vary."""
 
 _ONES = (1.0,) * 6
 WEIGHTS = {
@@ -176,7 +176,7 @@ class SweepRun:
 
 
 def sweep_run(number: int, duration_s: float, varied: Mapping[str, Value]) -> SweepRun:
-    """The run with these values; what is not among them is the bench's, all struts sound, W_a."""
+    """The run with these values; all others as on the testbed, without failures, W_a."""
     weight = str(varied.get("weight", "W_a"))
     joint, secondary = WEIGHTS[weight]
     bench = {name: varied[name] for name in BENCH if name in varied}

@@ -6,9 +6,9 @@ STUDY = Study(
     name="systems",
     help="""Compare the classification of four other mechanisms with their simulation.
 
-    An arm, a hand, two cooperating arms and a platform, sound and failed: every actuator is
-    stepped, the payload is pushed, the major task is driven around an octagon, and a force is
-    exerted. 12 s on two cores, 8 s with --quick.
+    An arm, a hand, two cooperating arms and a platform are simulated without and with failures:
+    every actuator makes a step, the payload is pushed, the payload follows an octagon in its
+    major task, and a force is exerted. 12 s on two cores, 8 s with --quick.
 
     Writes systems.json, the table as systems.md, a figure, and for each mechanism its data (.npz)
     and its recording (.rrd).
@@ -17,6 +17,6 @@ STUDY = Study(
     """,
     runs="experiments.systems.runs:run_systems",
     results="experiments.systems.results:results",
-    quick="Only the first three conditions of each.",
-    seed="the directions that are tried",
+    quick="Only the first three conditions of each mechanism.",
+    seed="the random directions",
 )

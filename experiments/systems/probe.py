@@ -21,7 +21,7 @@ VISIBLE = 1e-3
 and closures hold stands still to 1e-5, and the smallest motion there is comes to 0.015 (a rotor's
 radian moves a hand's object that many metres)."""
 
-_CORNERS = 8
+CORNERS = 8
 _PUSH_S = 0.05
 _TRIAL = 1e-6
 _AT_REST = 1e-6
@@ -115,7 +115,7 @@ class Polygon:
 def drive_polygon(rig: Rig, kin: Kinematics, rng: np.random.Generator) -> Polygon:
     """Drive the major task around an octagon of radius STEP, then both ways along the others."""
     m1 = len(rig.major)
-    angle = 2 * np.pi * (np.arange(_CORNERS) / _CORNERS + rng.random())
+    angle = 2 * np.pi * (np.arange(CORNERS) / CORNERS + rng.random())
     octagon = np.stack([np.cos(angle), np.sin(angle)], axis=1) @ np.eye(2, m1)
     corners = STEP * np.vstack([octagon, np.eye(m1)[2:], -np.eye(m1)[2:]])
     mapping = kin.velocity_mapping(rig.major, joint_weight=np.ones(len(kin.actuators)))

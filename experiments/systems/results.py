@@ -48,18 +48,18 @@ def summarize(systems: Systems) -> dict[str, Any]:
 
 
 def checks(summary: dict[str, Any]) -> list[Check]:
-    """The simulation moves where the classification says, and as far as predicted."""
+    """Checks: directions and sizes of the simulated motion against classification and mapping."""
     found = []
     for one in summary["systems"]:
         where = f"{one['mechanism']}, {one['condition']}"
-        what = "disagreement of simulation and classification on the directions of motion (0 or 1)"
+        what = "difference between simulation and classification in directions of motion (0 or 1)"
         found.append(Check(what, where, float(not one["agrees"]), 0.5))
         found += [Check(name, where, one[name], LIMIT) for name in checked_errors(one)]
     return found
 
 
 def checked_errors(one: dict[str, Any]) -> list[str]:
-    """Which errors of an entry must be small."""
+    """Names of the errors of an entry that are checked."""
     always = ["motion_error", "drift_error", "torque_error", "closure_error", "yielded_steps"]
     # No actuator holds self-motion of the major task: each corner passes its motion on to the next.
     return always if one["unstable_major"] else [*always, "major_error"]
@@ -76,25 +76,26 @@ def table(summary: dict[str, Any]) -> Table:
         Column("error", lambda one: max(one[name] for name in checked_errors(one)), ".0e"),
     )
     return tabulate(
-        "Classification, and the largest error of the simulation",
+        "Classification of each condition, and the largest error of its prediction",
         columns,
         summary["systems"],
-        "self-motion: number of motions that no actuator holds, and whether they move the major "
-        "task. constraints: number of combinations of actuator rates that the loops forbid. error: "
-        "of simulated motions, torques and forces, relative to the predicted.",
+        "major task: exact, moved by self-motion (not held), or not reachable. self-motion: number "
+        "of motions with all actuators at rest, and whether they move the major task. constraints: "
+        "number of combinations of actuator rates that the loops forbid. error: largest relative "
+        "difference between simulated and predicted motions, torques and forces.",
     )
 
 
 def _task_words(one: dict[str, Any]) -> str:
     if one["unmanipulable"]:
-        return "unreached"
+        return "not reachable"
     return "not held" if one["unstable_major"] else "exact"
 
 
 def _self_motion_words(one: dict[str, Any]) -> str:
     if not one["self_motion"]:
         return "-"
-    return f"{one['self_motion']}, {'major' if one['self_motion_major'] else 'aside'}"
+    return f"{one['self_motion']}, {'major' if one['self_motion_major'] else 'not major'}"
 
 
 _FLAGS = ("unmanipulable", "unmanipulable_task", "irresolvable")
@@ -141,7 +142,12 @@ def _record(
     properties = {key: summary[key] for key in ("seed", "step_m_or_rad")}
     properties |= {"model_sha256": summary["model_sha256"][mechanism.name], "period_s": PERIOD_S}
     properties |= version_properties(summary)
-    notes = [f"# {mechanism.title}", "", "Major task around an octagon, sound and failed.", ""]
+    notes = [
+        f"# {mechanism.title}",
+        "",
+        "The payload follows an octagon in its major task, without and with failures.",
+        "",
+    ]
     for one in ours:
         sentences = [f"- {sentence}" for sentence in str(one.report).splitlines()]
         notes += [f"## {in_words(one.condition)}", "", *sentences, ""]

@@ -1,14 +1,15 @@
-"""Table I and Figures 4 to 6: six tracking experiments of section 4.2."""
+"""Table I and Figures 4 to 6: the six tracking experiments of section 4.2."""
 
 from experiments.hexapod.choices import MACHINE_FILE, ConfigurationName, JacobianChoice
 from experiments.output.study import Option, Study
 
 STUDY = Study(
     name="table1",
-    help="""Reproduce Table I and Figures 4 to 6.
+    help="""Reproduce Table I and Figures 4 to 6 of the paper.
 
-    Simulates six spirals of 16 s, with all struts sound and with strut 1 locked, and compares them
-    with the linear model of the bench and with the paper. A minute on two cores, 20 s with --quick.
+    The hexapod tracks a spiral for 16 s in six cases (columns W_a to W_e and W_a uncorrected),
+    without failure and with strut 1 locked. The pointing errors are compared with the linear model
+    of the testbed and with the paper. A minute on two cores, 40 s with --quick.
 
     Writes table1.json, the table as table1.md, Figures 4 to 6, and for each column of the table
     its data (.npz, 1 kHz) and its recording (.rrd, 500 Hz).
@@ -23,15 +24,16 @@ STUDY = Study(
             "jacobian",
             JacobianChoice,
             "analytic",
-            "Jacobian in the mapping: analytic, at the estimated pose every control tick, or "
-            "constant, at the nominal pose as eq. (39). Both are run; this one makes the table.",
+            "Jacobian of the mapping: analytic, at the estimated pose in every control tick, or "
+            "constant, at the nominal pose as in eq. (39). Both are simulated; the table shows "
+            "this one.",
         ),
         Option(
             "configuration",
             ConfigurationName,
             "calibrated",
-            "Constants of the bench: calibrated to columns W_a to W_e, or, fitted to the last "
-            "column as well, with a spiral that turns the other way and a limit of 95 urad on the "
+            "Constants of the testbed: calibrated, fitted to columns W_a to W_e; demand-limit, "
+            "fitted to the last column as well by a clockwise spiral and a limit of 95 urad on the "
             "pointing that the compensators may demand (docs/uncorrected.md).",
         ),
         MACHINE_FILE,

@@ -70,7 +70,7 @@ def summarize(outcome: Table1) -> dict[str, Any]:
 
 
 def compare_jacobians(outcome: Table1) -> dict[str, Any]:
-    """How far the other Jacobian changes the RMS errors, beside what another seed changes."""
+    """Changes of the RMS errors with the other Jacobian, and with another seed."""
     table = {name: pointing_rms_urad(run) for name, run in outcome.trajectories.items()}
     differences = [pointing_rms_urad(run) - table[name] for name, run in outcome.other.items()]
     by_jacobian = float(np.abs(differences).max())
@@ -90,7 +90,7 @@ def compare_jacobians(outcome: Table1) -> dict[str, Any]:
 
 
 def checks(summary: dict[str, Any]) -> list[Check]:
-    """Loops of the mechanism stay closed, and every RMS error is the linear model's."""
+    """Checks: closure residuals, and every RMS error against the linear model."""
     tolerance = prediction_tolerance(summary["duration_s"])
     reseeded = summary["jacobian_comparison"]["next_seed_closure_residual_max_m"]
     found = [closure_check("W_a, next seed", reseeded)]
@@ -105,7 +105,7 @@ def checks(summary: dict[str, Any]) -> list[Check]:
 def table(summary: dict[str, Any]) -> Table:
     """The paper's arrangement: one column for each experiment."""
     columns = summary["columns"]
-    title = f"Table I, bench {summary['configuration']}: RMS of desired minus true angle"
+    title = f"Table I, configuration {summary['configuration']}: RMS of desired minus true angle"
     if is_cut(summary):
         title += f", first {summary['duration_s']:g} s of the spiral only"
     headings = [column["name"].replace("_uncorrected", "\nuncorr.") for column in columns]
@@ -114,10 +114,11 @@ def table(summary: dict[str, Any]) -> Table:
         title,
         ("", *headings),
         [(row.heading, *map(row.cell, columns)) for row in rows],
-        "Strut 1 is locked in the last three columns. Origin: constants of the bench were fitted "
-        "to the column; its errors are those of W_a by construction, since J_m M = I; or they are "
-        "predicted. Detector: of its reading, as in the paper. Peaks are of the secondary motion; "
-        "closure is the largest opening of a loop of the mechanism.",
+        "Strut 1 is locked in the last three columns. origin: constants of the testbed were fitted "
+        "to the column (fitted); its errors equal those of W_a by construction, since J_m M = I "
+        "(= W_a); nothing was fitted to it (predicted). detector: desired minus measured angle, as "
+        "in the paper. peak: of the secondary motion. closure: largest residual of the loop "
+        "closures.",
     )
 
 
@@ -149,7 +150,7 @@ def _loop_sentences(summary: dict[str, Any]) -> list[str]:
 
 
 def _distance_sentence(columns: list[dict[str, Any]]) -> str:
-    """How far the table is from the paper's, beside what a constant would be."""
+    """Largest differences from the paper's table, of this table and of a constant."""
 
     def entries(key: str) -> Array:
         return np.array([[column[key.format(angle)] for angle in ANGLES] for column in columns])
@@ -158,9 +159,9 @@ def _distance_sentence(columns: list[dict[str, Any]]) -> str:
     off = 100 * np.abs(entries("{}_measured_rms_urad") / printed - 1)
     constant = 100 * np.abs(printed[:-1].mean(axis=0) / printed[:-1] - 1)
     return (
-        f"Detector errors are within {off[:-1].max():.1f} % of the paper's in W_a to W_e, where a "
-        f"constant at the paper's mean is within {constant.max():.1f} %, and within "
-        f"{off[-1].max():.1f} % in the last column."
+        f"Detector errors differ from the paper's by at most {off[:-1].max():.1f} % in W_a to W_e, "
+        f"where a constant at the paper's mean differs by at most {constant.max():.1f} %, and by "
+        f"at most {off[-1].max():.1f} % in the last column."
     )
 
 
@@ -205,7 +206,7 @@ def _record(outcome: Table1, summary: dict[str, Any], column: dict[str, Any], fo
     name, chosen = column["name"], summary["configuration"]
     known = "uncorrected" if "uncorrected" in name else "corrected"
     marks = [Mark(k, 0.0, f"strut {k + 1} locked, {known}") for k in column["locked"]]
-    locked = ", ".join(mark.failure for mark in marks) or "all struts sound"
+    locked = ", ".join(mark.failure for mark in marks) or "no failure"
     joints, secondary = column["joint_weight"], column["secondary_weight_t_x_t_y_t_z_gamma"]
     minimized = f"secondary motion, weights on t_x, t_y, t_z, gamma {secondary}"
     if joints:

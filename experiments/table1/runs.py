@@ -35,7 +35,7 @@ class Configuration:
 
 _LEVELS = (
     "Fitted to the ten entries of W_a to W_e: spiral radius and period, two crossovers, detector "
-    "noise. The five numbers act as two, the levels of alpha and beta"
+    "noise. They act on these entries as two numbers, the levels of alpha and beta"
 )
 
 CONFIGURATIONS: dict[ConfigurationName, Configuration] = {
@@ -50,8 +50,8 @@ CONFIGURATIONS: dict[ConfigurationName, Configuration] = {
         "demand-limit",
         TestbedConfig(spiral_direction=-1, demand_limit_urad=95.0),
         "fitted",
-        f"{_LEVELS}. Fitted to the two entries of the last column: the demand limit, one number, "
-        "and the direction of the spiral, one of two.",
+        f"{_LEVELS}. Fitted to the two entries of the last column: the demand limit (a number) "
+        "and the direction of the spiral (a binary choice).",
     ),
 }
 

@@ -1,4 +1,4 @@
-"""The last column of Table I: which changes of the bench reproduce its errors."""
+"""The last column of Table I: changes of the testbed that reproduce its errors."""
 
 from experiments.output.study import Study
 
@@ -7,9 +7,9 @@ STUDY = Study(
     help="""Test explanations for the large error in the last column of Table I.
 
     Strut 1 is locked and the mapping is not reconfigured. Candidate explanations, one at a time and
-    combined, are simulated and compared with the linear model; maps cover damping and crossover,
-    and a limit on the demanded pointing with its spiral and anti-windup; a detector off the focus
-    is tried too. 4 minutes on two cores, 25 s with --quick.
+    combined, are simulated and compared with the linear model. Maps from the linear model cover
+    damping and crossover, a limit on the demanded pointing with several spirals and anti-windup,
+    and a detector off the focus. 4 minutes on two cores, 25 s with --quick.
 
     Writes uncorrected.json, the table as uncorrected.md, two figures, the maps (map.npz,
     limit_map.npz), the data of each candidate (.npz) and some recordings (.rrd).
@@ -19,5 +19,5 @@ STUDY = Study(
     runs="experiments.uncorrected.runs:run_uncorrected",
     results="experiments.uncorrected.results:results",
     quick="Spirals of 4 s, three candidates, coarse maps.",
-    seed="the detector noise and the floor",
+    seed="the detector noise and the floor vibration",
 )

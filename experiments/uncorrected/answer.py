@@ -24,10 +24,10 @@ def table(summary: dict[str, Any]) -> Table:
         *(Column(name, lambda one, name=name: _rms(one["columns"], name)) for name in _SHOWN),
     ]
     return tabulate(
-        "Strut 1 locked, uncorrected: RMS of alpha, beta over those of W_a",
+        "Strut 1 locked, uncorrected: RMS errors of alpha, beta divided by those of W_a",
         columns,
         [*summary["candidates"], *([] if is_cut(summary) else [printed])],
-        "W_a, W_d, W_e: RMS of alpha, beta, urad; *: by the linear model, not simulated.",
+        "W_a, W_d, W_e: RMS errors of alpha, beta [urad]; *: from the linear model, not simulated.",
     )
 
 
@@ -44,14 +44,14 @@ def _numbers(values: list[float], digits: str) -> str:
 
 
 def paragraph(summary: dict[str, Any]) -> str:
-    """What a reader could cite; `summary` is all but the paragraph itself."""
+    """The answer in one paragraph, to be cited; `summary` is everything but this paragraph."""
     paper, by_name = summary["paper"], {one["name"]: one for one in summary["candidates"]}
     lost, best = by_name["lost_strut"], by_name[summary["best"]]
     cost = (
-        f"a lost strut alone gives {_pair(lost['ratio'])} on this bench, "
+        f"a lost strut alone gives {_pair(lost['ratio'])} in this simulation, "
         f"{_pair(lost['predicted_ratio'])} in its linear model ({summary['duration_s']:g} s of "
         f"spiral, seed {summary['seed']}), and {_pair(paper['fast_loop_ratio'])} in any linear "
-        "loop that is fast beside the spiral, whatever its compensators."
+        "loop much faster than the spiral, whatever its compensators."
     )
     if is_cut(summary):
         return f"Part of the spiral only, not to be compared with Table I: {cost}"
@@ -66,8 +66,9 @@ def paragraph(summary: dict[str, Any]) -> str:
             _nearest(best, paper),
             _limit_sentence(summary["limit_map"], tolerance),
             _walk_sentence(summary["beam_walk"]),
-            f"The paper's excess over a lost strut points {_excess(summary):.1f} : 1 along "
-            f"alpha : beta, strut 1 itself {paper['strut_1_alpha_over_beta']:.1f} : 1.",
+            f"The paper's error in excess of a lost strut's has alpha : beta = "
+            f"{_excess(summary):.1f} : 1; strut 1 moves them "
+            f"{paper['strut_1_alpha_over_beta']:.1f} : 1.",
             _map_sentence(summary["map"]),
             *_conclusion(summary),
         ]
@@ -76,13 +77,16 @@ def paragraph(summary: dict[str, Any]) -> str:
 
 def _met(met: list[dict[str, Any]], tolerance: str) -> str:
     if not met:
-        return f"none comes within {tolerance} of both ratios"
+        return f"none is within {tolerance} of both ratios"
     names = "; ".join(f"{_name(one)} ({one['what']})" for one in met)
-    return f"{names} {'comes' if len(met) == 1 else 'come'} within {tolerance} of both ratios"
+    return f"{names} {'is' if len(met) == 1 else 'are'} within {tolerance} of both ratios"
 
 
 def _nearest(best: dict[str, Any], paper: dict[str, Any]) -> str:
-    what = ", ".join(f"{key} = {value:g}" for key, value in best["differs"].items()) or "as it is"
+    what = (
+        ", ".join(f"{key} = {value:g}" for key, value in best["differs"].items())
+        or "nothing changed"
+    )
     columns = {column["name"]: column["rms_urad"] for column in best["columns"]}
     others = ", ".join(
         f"{name} {_pair(columns[name])} (paper {_pair(paper['columns_urad'][name])})"
@@ -90,13 +94,13 @@ def _nearest(best: dict[str, Any], paper: dict[str, Any]) -> str:
         if columns[name] is not None
     )
     return (
-        f"Nearest is {_name(best)} with {_pair(best['ratio'])} ({what}); the other columns then "
-        f"are, in urad, {others}."
+        f"The nearest is {_name(best)} with {_pair(best['ratio'])} ({what}); its other columns, "
+        f"in urad, are {others}."
     )
 
 
 def _excess(summary: dict[str, Any]) -> float:
-    """Direction alpha : beta of what the paper's last column has beyond a lost strut's cost."""
+    """Ratio alpha : beta of the paper's last column in excess of the error of a lost strut."""
     paper = summary["paper"]["columns_urad"]
     lost = next(one for one in summary["candidates"] if one["name"] == "lost_strut")
     expected = np.array(lost["ratio"]) * paper["W_a"]
@@ -107,8 +111,9 @@ def _excess(summary: dict[str, Any]) -> float:
 def _map_sentence(numbers: dict[str, Any]) -> str:
     alpha, beta = numbers["alpha_ratio_range"], numbers["beta_ratio_range"]
     return (
-        f"Over damping and crossover the ratios stay within {alpha[0]:.2f} to {alpha[1]:.2f} and "
-        f"{beta[0]:.2f} to {beta[1]:.2f} wherever W_a's and the uncorrected loop are stable "
+        f"Over damping and crossover the ratios are {alpha[0]:.2f} to {alpha[1]:.2f} and "
+        f"{beta[0]:.2f} to {beta[1]:.2f} where the loops of W_a and of the uncorrected column are "
+        f"stable "
         f"({numbers['points_stable']} of {numbers['points']} points, "
         f"{numbers['points_within_tolerance']} within tolerance); the uncorrected loop alone "
         f"is unstable at {numbers['points_uncorrected_alone_unstable']} points, a corrected loop "
@@ -133,10 +138,10 @@ def _limit_sentence(numbers: dict[str, Any], tolerance: str) -> str:
 def _walk_sentence(numbers: dict[str, Any]) -> str:
     low, high = numbers["offset_m"]
     return (
-        f"A detector {low:g} to {high:g} m off the focus meets both ratios at "
+        f"With a detector {low:g} to {high:g} m off the focus both ratios are met at "
         f"{numbers['offsets_met']} of {numbers['offsets']} offsets (at most "
-        f"{_pair(numbers['largest_ratio_true'])} of the true angles, "
-        f"{_pair(numbers['largest_ratio_detector'])} of the detector's)."
+        f"{_pair(numbers['largest_ratio_true'])} for the true angles, "
+        f"{_pair(numbers['largest_ratio_detector'])} for the detector's)."
     )
 
 
@@ -146,13 +151,13 @@ def _conclusion(summary: dict[str, Any]) -> list[str]:
     if explained:
         fewest = min(explained, key=lambda one: (one["numbers_changed"], one["choices_changed"]))
         said = [
-            f"With all columns started alike, {', '.join(map(_name, explained))} leave W_a within "
-            f"15 % and W_d and W_e within 25 % of Table I as well; {_name(fewest)} changes least, "
+            f"With all runs started alike, {', '.join(map(_name, explained))} also leave W_a "
+            f"within 15 % and W_d and W_e within 25 % of Table I; {_name(fewest)} changes least, "
             f"{_changed(fewest)}."
         ]
     else:
         said = [
-            "With all columns started alike, none meets both ratios and leaves W_a within 15 % and "
+            "With all runs started alike, none meets both ratios and leaves W_a within 15 % and "
             "W_d and W_e within 25 % of Table I."
         ]
     for one in spared:
@@ -160,9 +165,9 @@ def _conclusion(summary: dict[str, Any]) -> list[str]:
             continue
         settled = one["settled_corrected_urad"]
         said.append(
-            f"If the uncorrected run alone began off centre, and W_d and W_e with the loop "
-            f"settled, these would be {_pair(settled['W_d'])}, and {_pair(settled['W_e'])} in the "
-            f"linear model: then {_name(one)} ({_changed(one)}) meets the whole table as well, at "
+            f"If the uncorrected run alone started off centre, and W_d and W_e with settled loops, "
+            f"W_d and W_e would be {_pair(settled['W_d'])}, and {_pair(settled['W_e'])} in the "
+            f"linear model; {_name(one)} ({_changed(one)}) then also meets the whole table, with "
             f"a gain margin of {min(filter(None, one['gain_margin_db'])):.1f} dB."
         )
     return said
@@ -172,7 +177,7 @@ def _changed(candidate: dict[str, Any]) -> str:
     numbers, choices = candidate["numbers_changed"], candidate["choices_changed"]
     words = [f"{numbers} number{'s' * (numbers != 1)}"]
     if choices:
-        words.append(f"{choices} choice{'s' * (choices != 1)} between two")
+        words.append(f"{choices} binary choice{'s' * (choices != 1)}")
     return " and ".join(words)
 
 

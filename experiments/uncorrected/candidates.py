@@ -26,13 +26,13 @@ COLUMNS = ("W_a", "W_d", "W_e", "W_a_uncorrected")
 """Columns of Table I that a candidate must reproduce."""
 EXPERIMENTS = {column.name: column for column in TABLE_I if column.name in COLUMNS}
 W_A = EXPERIMENTS["W_a"].goal
-"""All struts sound and weighted alike."""
+"""The goal of W_a: no failure, equal weights."""
 
 PAPER_RATIOS = np.divide(TABLE_I_URAD["W_a_uncorrected"], TABLE_I_URAD["W_a"])
 RATIO_TOLERANCE = 0.15
-"""How near both ratios, W_a itself, and in the map of the limit each entry of Table I must come."""
+"""Accepted relative deviation of both ratios, of W_a, and in the limit map of every entry."""
 CORRECTED_TOLERANCE = 0.25
-"""How near W_d and W_e must stay to the paper's."""
+"""Accepted relative deviation of W_d and W_e from the paper's."""
 
 _CHOICES = ("anti_windup", "spiral_exponent", "spiral_direction")
 _BENCH = TestbedConfig()
@@ -129,13 +129,13 @@ class Candidate:
         return model if self.damping_ratio is None else damped(model, self.damping_ratio)
 
     def differs(self) -> dict[str, Any]:
-        """Parameters that are not the bench's."""
+        """Parameters that differ from the testbed's."""
         own = ("damping_ratio", "floor_velocity_m_per_s", "lock_m", "lead_in_s")
         return {key: getattr(self, key) for key in own if getattr(self, key)} | self.constants
 
     @property
     def freedom(self) -> tuple[int, int]:
-        """How many numbers, and how many choices between two, are not the bench's."""
+        """Numbers of parameters and of binary choices that differ from the testbed's."""
         choices = sum(key in _CHOICES for key in self.differs())
         return len(self.differs()) - choices, choices
 
@@ -162,7 +162,7 @@ class Candidate:
         return floor_acceleration(self.bench, self.floor_velocity_m_per_s, seed)
 
 
-BENCH = Candidate("lost_strut", "the bench of Table I, a strut lost", simulated=COLUMNS)
+BENCH = Candidate("lost_strut", "the testbed of Table I, a strut lost", simulated=COLUMNS)
 
 # Locked mode near crossover: roll-off at the modes, dampers at a seventh.
 _RESONANCE = Candidate(
@@ -195,7 +195,7 @@ def _limited(name: str, what: str, limit_urad: float, **constants: Any) -> Candi
 
 
 CLOCKWISE = _limited(
-    "limit_clockwise", "bench's spiral, clockwise", limit_urad=95.0, spiral_direction=-1
+    "limit_clockwise", "testbed's spiral, clockwise", limit_urad=95.0, spiral_direction=-1
 )
 """The configuration `demand-limit` of `fjh table1`."""
 
@@ -214,16 +214,18 @@ CANDIDATES: Sequence[Candidate] = (
     replace(
         _EXCITED,
         name="resonance_floor",
-        what="the same, floor VC-C",
+        what="the same, floor vibration VC-C",
         floor_velocity_m_per_s=12.5e-6,
     ),
-    Candidate("floor_office", "floor of an office, ISO 2631-2", floor_velocity_m_per_s=400e-6),
+    Candidate(
+        "floor_office", "floor vibration of an office, ISO 2631-2", floor_velocity_m_per_s=400e-6
+    ),
     Candidate("off_centre", "locked off centre, spiral at once", lock_m=-110e-6),
     Candidate("off_centre_settled", "the same, loop settled first", lock_m=-110e-6, lead_in_s=2.0),
     # W_a needs 16.6 um of every strut, 0.105 A; the uncorrected spiral 24.9 um of strut 4.
     Candidate(
         "saturation",
-        "amplifiers at what W_a needs",
+        "amplifiers limited to the peak current of W_a",
         {"amplifier_limit_a": 0.105},
         simulated=COLUMNS,
     ),
@@ -234,7 +236,7 @@ CANDIDATES: Sequence[Candidate] = (
     ),
     Candidate(
         "together",
-        "all of them, each in moderation",
+        "smaller changes of all of them together",
         {"alpha_crossover_hz": 6.45, "beta_crossover_hz": 4.95, "roll_off_hz": 30.0}
         | {"spiral_radius_urad": 75.0, "detector_noise_m": 1e-6, "amplifier_limit_a": 0.2},
         damping_ratio=0.03,
@@ -244,7 +246,7 @@ CANDIDATES: Sequence[Candidate] = (
     ),
     RETUNED,
     replace(RETUNED, name="retuned_settled", what="the same, loop settled first", lead_in_s=2.0),
-    replace(_limited("limit", "bench's spiral", 98.0), simulated=("W_a", "W_a_uncorrected")),
+    replace(_limited("limit", "testbed's spiral", 98.0), simulated=("W_a", "W_a_uncorrected")),
     CLOCKWISE,
     _limited("limit_speed", "constant speed", 117.5, **_SPEED),
     _limited(

@@ -8,31 +8,35 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patches import Patch, Rectangle
+from matplotlib.patches import Patch
 
 from experiments.hexapod.plots import spiral
 from experiments.hexapod.simulation import Trajectory
 from experiments.output.plotting import (
     BLACK,
     BLUE,
-    COLOR_MAP,
     GREEN,
     PAGE_IN,
     PURPLE,
     VERMILION,
+    name_rows,
     new_figure,
 )
 from experiments.output.results import Picture
-from experiments.uncorrected.candidates import BENCH, BENCH_DAMPING, CLOCKWISE, COLUMNS, RETUNED
+from experiments.uncorrected.candidates import BENCH, CLOCKWISE, RETUNED
 from experiments.uncorrected.predicted import LOCKS_M
 from experiments.uncorrected.runs import Uncorrected
 from experiments.uncorrected.stability_map import ROLL_OFF_HZ
-from sim import Array
 
 ANGLES = (("alpha", "$\\alpha$", BLUE), ("beta", "$\\beta$", VERMILION))
 
+MARKERS = {"alpha": "o", "beta": "s"}
+BAND = 0.15
+"""Opacity of what lies within the tolerance."""
+RATIO = "uncorrected / all struts sound"
+
 SPIRALS = {
-    (1.0, 1): (BLUE, "the bench's"),
+    (1.0, 1): (BLUE, "the testbed's spiral"),
     (1.0, -1): (VERMILION, "clockwise"),
     (0.5, 1): (GREEN, "constant speed"),
     (0.5, -1): (PURPLE, "constant speed, clockwise"),
@@ -45,15 +49,19 @@ def pictures(study: Uncorrected, summary: dict[str, Any]) -> list[Picture]:
     return [
         Picture(
             "uncorrected",
-            "Candidate explanations of Table I's last column, beside the paper's ratios.",
-            "Maps of both ratios over damping and crossover, hatched where a loop is unstable; "
-            "ratios over the place at which strut 1 is locked; candidates beside bands of the "
-            "paper's ratios; two uncorrected spirals.",
+            "Candidate explanations of Table I's last column, beside the paper's ratios. Damping "
+            "and crossover do not change the ratios; where strut 1 is locked does.",
+            "Above, both ratios of each candidate beside bands of the paper's ratios: only limits "
+            "on the demand, and one lock off centre, lie in both bands. Below, the ratios at every "
+            "stable point of the maps, on two levels far below the band of alpha; and the ratios "
+            "over the place at which strut 1 is locked, two bowls that rise into the bands.",
             partial(figure_uncorrected, study, summary),
         ),
         Picture(
             "demand_limit",
-            "A limit on the pointing that the compensators demand explains the last column.",
+            "A limit on the pointing that the compensators demand explains the last column. Above, "
+            "RMS errors with strut 1 locked, not known to the mapping, over those with all struts "
+            "sound; below, what Fig. 5 would show of such a limit, and of a lock off centre.",
             "Ratio of alpha and of beta over the limit, a line for each spiral, beside a band of "
             "the paper's. Two uncorrected spirals: the limited one is cut off along alpha in its "
             "outer turns, the one locked off centre begins with a tail.",
@@ -63,81 +71,29 @@ def pictures(study: Uncorrected, summary: dict[str, Any]) -> list[Picture]:
 
 
 def figure_uncorrected(study: Uncorrected, summary: dict[str, Any]) -> Figure:
-    """Map of both ratios, ratios over the place of the lock, candidates, two spirals."""
-    figure = new_figure(PAGE_IN, 9.6)
-    figure.suptitle(
-        "Strut 1 locked, mapping not reconfigured: RMS error over that with all struts sound.\n"
-        "Shaded: within 15 % of the paper's 4.01 ($\\alpha$) and 1.55 ($\\beta$)"
-    )
-    grid = figure.add_gridspec(4, 4, height_ratios=[1, 1, 1.45, 1.45])
-    for k, roll_off_hz in enumerate(ROLL_OFF_HZ):
-        for j, (_, symbol, _) in enumerate(ANGLES):
-            axes = figure.add_subplot(grid[k, 2 * j : 2 * j + 2])
-            _map(axes, study, k, j)
-            axes.set_title(f"{symbol} ratio, roll-off at {roll_off_hz:g} Hz")
-    _lock(figure.add_subplot(grid[2, 0:2]), study, summary)
-    _candidates(figure.add_subplot(grid[2, 2:4]), summary)
-    for column, name in ((slice(0, 2), BENCH.name), (slice(2, 4), summary["best"])):
-        title = f"{name.replace('_', ' ')}, $W_a$ uncorrected"
-        _spiral(figure.add_subplot(grid[3, column]), study, name, title)
+    """Candidates, and below them both ratios over the loops and over the place of the lock."""
+    figure = new_figure(PAGE_IN, 7.0)
+    figure.suptitle("Strut 1 locked, mapping not reconfigured: RMS error over that of $W_a$")
+    names, candidates, loops, lock = figure.subplots(2, 2, height_ratios=[1.9, 1]).flat
+    names.set_axis_off()  # the room for those of the candidates
+    _candidates(candidates, summary)
+    _loops(loops, study)
+    _lock(lock, study)
+    for axes in (loops, lock):
+        _bands(axes, summary, horizontal=True)
+        axes.set(ylim=(0.8, 7.4), ylabel=RATIO)
+    figure.legend(handles=_legend(summary), loc="outside lower center", ncols=4)
     return figure
 
 
-def _map(axes: Axes, study: Uncorrected, roll_off: int, angle: int) -> None:
-    """Ratio in colour; hatched where a loop is unstable."""
-    x, y = _edges(study.grid.alpha_crossover_hz), _edges(study.grid.damping_ratio)
-    sound, uncorrected = (study.map_rad[roll_off, :, :, k, angle] for k in (0, 1))
-    both = np.isfinite(sound) & np.isfinite(uncorrected)
-    ratio = np.divide(uncorrected, sound, out=np.full(sound.shape, np.nan), where=both)
-    mesh = axes.pcolormesh(x, y, np.ma.masked_invalid(ratio), cmap=COLOR_MAP, vmin=1.1, vmax=1.4)
-    assert axes.figure is not None
-    axes.figure.colorbar(mesh, ax=axes, label="uncorrected / sound")
-    stable = study.map_poles[roll_off] < 1
-    _hatch(axes, x, y, ~stable[..., COLUMNS.index("W_a")], "xxx")
-    corrected = stable[..., COLUMNS.index("W_d")] & stable[..., COLUMNS.index("W_e")]
-    _hatch(axes, x, y, ~corrected, "...")
-    axes.set(xscale="log", yscale="log", xlabel="alpha crossover, Hz", ylabel="damping ratio")
-    axes.grid(False)
-    axes.set_xticks([3, 5, 10, 20], ["3", "5", "10", "20"])
-    axes.minorticks_off()
-    axes.plot(BENCH.bench.alpha_crossover_hz, BENCH_DAMPING, "*", ms=8, mfc="white", mec=BLACK)
-    if roll_off == 0 and angle == 0:
-        axes.legend(handles=_map_legend(), loc="lower left", framealpha=1)
-
-
-def _hatch(axes: Axes, x: Array, y: Array, where: Array, hatch: str) -> None:
-    for row, column in np.argwhere(where):
-        left, right = map(float, x[column : column + 2])
-        low, high = map(float, y[row : row + 2])
-        cell = Rectangle((left, low), right - left, high - low, fill=False, lw=0, hatch=hatch)
-        axes.add_patch(cell)
-
-
-def _edges(centres: Array) -> Array:
-    """Borders of cells around evenly spaced logarithms, one more than centres."""
-    step = np.sqrt(centres[1] / centres[0])
-    return np.append(centres / step, centres[-1] * step)
-
-
-def _map_legend() -> list[Any]:
-    hatched = [("xxx", "sound loop unstable"), ("...", "$W_d$ or $W_e$ unstable")]
-    patches = [Patch(fc="white", ec=BLACK, hatch=hatch, label=text) for hatch, text in hatched]
-    star = Line2D([], [], marker="*", ls="", ms=7, mfc="white", mec=BLACK, label="the bench")
-    blank = Patch(fc="white", ec=BLACK, label="white: uncorrected loop unstable")
-    return [star, *patches, blank]
-
-
-def _lock(axes: Axes, study: Uncorrected, summary: dict[str, Any]) -> None:
-    """Ratios over where strut 1 is stuck, the spiral starting at once."""
-    _bands(axes, summary, horizontal=True)
-    loops = {BENCH.name: ("-", "loops of the bench"), RETUNED.name: ("--", "loops retuned")}
-    for name, ratio in study.lock_ratio.items():
-        style, label = loops[name]
-        for k, (_, symbol, color) in enumerate(ANGLES):
-            axes.plot(1e6 * LOCKS_M, ratio[:, k], style, color=color, label=f"{symbol}, {label}")
-    axes.set(xlabel="strut 1 locked at, µm", ylabel="uncorrected / sound", ylim=(0.8, 6))
-    axes.set_title("Locked off centre, spiral at once")
-    axes.legend(loc="upper center")
+def _legend(summary: dict[str, Any]) -> list[Line2D | Patch]:
+    tolerance = f"within {100 * summary['paper']['ratio_tolerance']:.0f} % of the paper's"
+    points, bands = [], []
+    for name, symbol, color in ANGLES:
+        printed = f"{tolerance} {summary['paper'][f'{name}_ratio']:.2f}"
+        points.append(Line2D([], [], ls="", marker=MARKERS[name], color=color, label=symbol))
+        bands.append(Patch(color=color, alpha=BAND, lw=0, label=f"{symbol}: {printed}"))
+    return [*points, *bands]
 
 
 def _candidates(axes: Axes, summary: dict[str, Any]) -> None:
@@ -145,17 +101,47 @@ def _candidates(axes: Axes, summary: dict[str, Any]) -> None:
     shown = [one for one in summary["candidates"] if one["ratio"]]
     _bands(axes, summary, horizontal=False)
     for row, one in enumerate(shown):
-        for k, (_, _, color) in enumerate(ANGLES):
+        for (name, _, color), ratio in zip(ANGLES, one["ratio"], strict=True):
             face = color if one["meets_w_a"] and one["meets_corrected"] else "white"
-            axes.plot(one["ratio"][k], row, "os"[k], color=color, mfc=face, ms=4)
-    axes.set_yticks(range(len(shown)), [one["name"].replace("_", " ") for one in shown])
-    axes.set(xscale="log", xlabel="uncorrected / sound", ylim=(len(shown) - 0.5, -0.5))
+            axes.plot(ratio, row, MARKERS[name], color=color, mfc=face, ms=4.5)
+    mark = {True: "  ✓", False: ""}
+    words = [one["what"].replace("W_a", "$W_a$") + mark[one["explains"]] for one in shown]
+    name_rows(axes, words)
+    axes.set_yticks(range(len(shown)), [""] * len(shown))
+    axes.set(xscale="log", xlabel=RATIO, ylim=(len(shown) - 0.5, -0.5), xlim=(1, 6))
     axes.set_xticks([1, 1.5, 2, 3, 4, 6], ["1", "1.5", "2", "3", "4", "6"])
     axes.minorticks_off()
-    axes.set_title("Candidates; hollow: misses $W_a$, $W_d$ or $W_e$")
-    for k, (_, symbol, color) in enumerate(ANGLES):
-        axes.plot([], [], "os"[k], color=color, label=symbol)
-    axes.legend()
+    axes.set_title("✓ meets all of Table I\nhollow: $W_a$, $W_d$ or $W_e$ is off")
+
+
+def _loops(axes: Axes, study: Uncorrected) -> None:
+    """Ratios at the stable points of the map over damping, crossover and roll-off."""
+    sound, uncorrected = study.map_rad[..., 0, :], study.map_rad[..., 1, :]
+    stable = np.isfinite(sound) & np.isfinite(uncorrected)
+    ratio = np.divide(uncorrected, sound, out=np.full(sound.shape, np.nan), where=stable)
+    crossover_hz = np.broadcast_to(study.grid.alpha_crossover_hz, ratio.shape[:-1])
+    for k, (name, _, color) in enumerate(ANGLES):
+        axes.plot(crossover_hz.ravel(), ratio[..., k].ravel(), MARKERS[name], color=color, ms=2.5)
+    low, high = study.grid.damping_ratio[[0, -1]]
+    axes.set(xscale="log", xlabel="crossover of the $\\alpha$ loop, Hz")
+    axes.set_xticks([3, 5, 10, 20], ["3", "5", "10", "20"])
+    axes.minorticks_off()
+    axes.set_title(
+        f"Stable loops, damping ratio {low:g} to {high:g},\nroll-off "
+        f"{' or '.join(f'{hz:g}' for hz in ROLL_OFF_HZ)} Hz"
+    )
+
+
+def _lock(axes: Axes, study: Uncorrected) -> None:
+    """Ratios over where strut 1 is stuck, the spiral starting at once."""
+    styles = {BENCH.name: ("-", "loops of the testbed"), RETUNED.name: ("--", "loops retuned")}
+    for name, ratio in study.lock_ratio.items():
+        style, label = styles[name]
+        for k, (_, symbol, color) in enumerate(ANGLES):
+            axes.plot(1e6 * LOCKS_M, ratio[:, k], style, color=color, label=f"{symbol}, {label}")
+    axes.set(xlabel="displacement at which strut 1 is locked, µm")
+    axes.set_title("Locked off centre, spiral at once")
+    axes.legend(loc="upper center")
 
 
 def _bands(axes: Axes, summary: dict[str, Any], *, horizontal: bool) -> None:
@@ -163,23 +149,23 @@ def _bands(axes: Axes, summary: dict[str, Any], *, horizontal: bool) -> None:
     for name, _, color in ANGLES:
         middle = summary["paper"][f"{name}_ratio"]
         span = axes.axhspan if horizontal else axes.axvspan
-        span(middle * (1 - tolerance), middle * (1 + tolerance), color=color, alpha=0.15, lw=0)
+        span(middle * (1 - tolerance), middle * (1 + tolerance), color=color, alpha=BAND, lw=0)
 
 
 def figure_demand_limit(study: Uncorrected, summary: dict[str, Any]) -> Figure:
     """Both ratios over the limit, and what Fig. 5 would show of it and of a lock off centre."""
     figure = new_figure(PAGE_IN, 6.8)
-    figure.suptitle(
-        "Strut 1 locked, not known to the mapping, and a limit on the pointing that the "
-        "compensators demand.\nShaded: within 15 % of the paper's 4.01 ($\\alpha$) and 1.55 "
-        "($\\beta$)"
-    )
     grid = figure.subplots(2, 2, height_ratios=[1, 1.3])
+    tolerance = summary["paper"]["ratio_tolerance"]
     for k, (name, symbol, _) in enumerate(ANGLES):
         axes, printed = grid[0, k], summary["paper"][f"{name}_ratio"]
         _over_limit(axes, study, k)
-        axes.axhspan(0.85 * printed, 1.15 * printed, color=BLACK, alpha=0.1, lw=0)
-        axes.set(title=f"{symbol}: RMS error over that of the sound machine")
+        band = printed * (1 - tolerance), printed * (1 + tolerance)
+        label = f"within {100 * tolerance:.0f} % of the paper's"
+        axes.axhspan(*band, color=BLACK, alpha=0.1, lw=0, label=label)
+        axes.set(title=f"RMS error of {symbol}, strut 1 locked", ylabel=RATIO)
+    handles, labels = grid[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=5)
     shown = {CLOCKWISE.name: "demand limit of 95 µrad", RETUNED.name: "locked 125 µm off centre"}
     for axes, (name, title) in zip(grid[1], shown.items(), strict=True):
         _spiral(axes, study, name, title)
@@ -203,8 +189,5 @@ def _over_limit(axes: Axes, study: Uncorrected, angle: int) -> None:
     for lines, spiral_of in zip(ratio[:, :, 0].reshape(-1, *ratio.shape[3:]), spirals, strict=True):
         color, label = SPIRALS[spiral_of]
         axes.plot(grid.limit_over_radius, lines[0], "-", color=color, label=label)
-        axes.plot(grid.limit_over_radius, lines[1], "--", color=color)
-    axes.set(xlabel="limit over radius of the spiral")
-    if angle == 0:
-        axes.plot([], [], "--", color=BLACK, label="with anti-windup")
-        axes.legend()
+        axes.plot(grid.limit_over_radius, lines[1], "--", color=color, label="with anti-windup")
+    axes.set(xlabel="limit on the demand / radius of the spiral")

@@ -67,9 +67,9 @@ def limit_row(
     limit_over_radius: Array,
     seed: int,
 ) -> Array:
-    """RMS of desired minus true (alpha, beta) for the bench's spiral, shape (2, L, 4, 2), [rad].
+    """RMS of desired minus true (alpha, beta) for the testbed's spiral, shape (2, L, 4, 2), [rad].
 
-    Without and with anti-windup; over limits (L,), not the bench's own; each of COLUMNS.
+    Without and with anti-windup; over limits (L,) instead of the testbed's own; each of COLUMNS.
     """
     time_s = bench.time_s(bench.duration_s)
     desired = bench.desired_rad(time_s)

@@ -117,7 +117,7 @@ def summarize(study: Uncorrected) -> dict[str, Any]:
 
 
 def checks(summary: dict[str, Any]) -> list[Check]:
-    """Loops of the mechanism stay closed where stable, and RMS errors are the linear model's."""
+    """Checks: closure residuals of stable loops, and RMS errors against the linear model."""
     found = []
     for candidate in summary["candidates"]:
         for column in candidate["columns"]:
@@ -133,14 +133,14 @@ def checks(summary: dict[str, Any]) -> list[Check]:
 
 
 def _prediction_check(where: str, run: dict[str, Any]) -> list[Check]:
-    """Of a run that the linear model calls stable; none where it has no say."""
+    """Check of a run that is stable in the linear model; empty for others."""
     simulated, predicted = run["simulated_urad"], run["predicted_urad"]
     if predicted is not None and run.get("diverged_at_s") is not None:
-        return [Check("divergence of a run that the linear model calls stable", where, 1, 0.5)]
+        return [Check("divergence of a run that is stable in the linear model", where, 1, 0.5)]
     if predicted is None or simulated is None:
         return []
     off = float(np.abs(np.divide(simulated, predicted) - 1).max())
-    what = "relative distance of the RMS errors from the linear model's"
+    what = "relative difference between the RMS errors and the linear model's"
     return [Check(what, where, off, PREDICTION_TOLERANCE)]
 
 
@@ -213,7 +213,7 @@ def _signature(run: Trajectory | float) -> dict[str, Any] | None:
 
 
 def _near(rms: dict[str, Any], names: list[str], tolerance: float) -> bool:
-    """Whether all of these columns exist and come as near to the paper's."""
+    """Whether all of these columns exist and are within the tolerance of the paper's."""
     return all(
         rms[name] is not None
         and bool(np.all(np.abs(np.divide(rms[name], TABLE_I_URAD[name]) - 1) < tolerance))

@@ -17,7 +17,7 @@ from experiments.uncorrected.predicted import gain_and_plant
 from sim import Array, ModelError, linearize, load_model
 
 ROLL_OFF_HZ = (25.0, 40.0)
-"""The bench's, below the modes; and one at them, behind which a locked mode can close the loop."""
+"""The testbed's, below the modes; and one at the modes, where a locked mode can be unstable."""
 
 CHECKED_POINTS = ((0.05, 12.0, 25.0), (0.02, 6.0, 40.0), (0.005, 7.3, 40.0))
 """Map points that are simulated too."""
@@ -26,14 +26,14 @@ _CHECKED_BY = ("damping_ratio", "alpha_crossover_hz", "roll_off_hz")
 
 @dataclass(frozen=True)
 class Grid:
-    """Where the map is computed; beta's crossover keeps the bench's distance from alpha's."""
+    """Where the map is computed; beta's crossover has the testbed's ratio to alpha's."""
 
     damping_ratio: Array
     alpha_crossover_hz: Array
 
 
 def grid(*, quick: bool) -> Grid:
-    """From a twentieth of the bench's damping to twice it, from a third of its crossover on."""
+    """From a twentieth of the testbed's damping to twice it, from a third of its crossover on."""
     return Grid(
         damping_ratio=np.geomspace(0.005, 0.2, 3 if quick else 9),
         alpha_crossover_hz=np.geomspace(3.0, 24.0, 3 if quick else 10),
@@ -41,7 +41,7 @@ def grid(*, quick: bool) -> Grid:
 
 
 def at_crossover(bench: TestbedConfig, alpha_hz: float, roll_off_hz: float) -> TestbedConfig:
-    """The bench with other loops."""
+    """The testbed with other loops."""
     beta_hz = alpha_hz * bench.beta_crossover_hz / bench.alpha_crossover_hz
     return replace(
         bench, alpha_crossover_hz=alpha_hz, beta_crossover_hz=beta_hz, roll_off_hz=roll_off_hz
@@ -58,7 +58,7 @@ def map_row(
 ) -> tuple[Array, Array]:
     """RMS of desired minus true pointing along the crossovers, and the largest closed-loop poles.
 
-    The bench is used but for its loops; the damping ratio is of the pointing modes.
+    The testbed is used with other loops; the damping ratio is of the pointing modes.
 
     Returns:
         (K, 2, 2): W_a and W_a_uncorrected, alpha and beta, [rad]; infinite where the loop is

@@ -1,4 +1,4 @@
-"""Actuator gains from a commissioning run: a model near enough to diagnose with."""
+"""Actuator gains from a commissioning run, so that the model is exact enough for diagnosis."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ from ftc.fdi.fault_model import NominalModel, fault_model
 
 
 def calibrated(nominal: NominalModel, commanded: Array, outputs: Array) -> NominalModel:
-    """The model with each actuator's gain as the outputs have it: linear least squares.
+    """The model with each actuator's gain fitted to the outputs by linear least squares.
 
     Args:
         nominal: Before the calibration.

@@ -1,4 +1,4 @@
-"""What a monitor goes by, what it remembers, and what it says."""
+"""Settings, state and diagnoses of a monitor."""
 
 from dataclasses import dataclass
 
@@ -9,7 +9,7 @@ from ftc.fdi.hypotheses import Evidence, Verdict
 
 @dataclass(frozen=True)
 class FdiConfig:
-    """What is stated beforehand; all thresholds follow from it.
+    """Settings of the diagnosis, from which all thresholds follow.
 
     Attributes:
         false_alarms_per_hour: Of the residual test, at most.
@@ -79,7 +79,7 @@ class Moment:
 
 @dataclass(frozen=True)
 class MonitorState:
-    """What a monitor remembers.
+    """State of a monitor.
 
     Attributes:
         history: The latest moments, the newest last.

@@ -1,4 +1,4 @@
-"""A small motion in the null space of the task, which tells alike failures apart.
+"""A small motion in the null space of the task, which distinguishes similar failures.
 
 While all actuators work, the task does not see it. An actuator that does not follow leaves its own
 column of the task Jacobian uncancelled.

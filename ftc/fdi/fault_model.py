@@ -20,7 +20,7 @@ KINDS: tuple[FaultKind, ...] = get_args(FaultKind)
 
 @dataclass(frozen=True)
 class Fault:
-    """What is wrong with one actuator.
+    """Fault of one actuator.
 
     Attributes:
         actuator: 0..n-1.
@@ -45,7 +45,7 @@ class Fault:
 
 @dataclass(frozen=True)
 class NominalModel:
-    """What is known of the plant while no actuator is faulty.
+    """Model of the plant without faults.
 
     Attributes:
         plant: Continuous, from the n commanded displacements to the p measured outputs, without

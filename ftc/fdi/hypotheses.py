@@ -67,7 +67,7 @@ class Evidence:
 
 @dataclass(frozen=True)
 class Verdict:
-    """What the evidence says.
+    """Probabilities of the hypotheses.
 
     Attributes:
         fault: The most likely one.
@@ -148,7 +148,7 @@ class HypothesisBank:
         )
 
     def verdict(self, state: Evidence, tick: int, x: Array) -> Verdict:
-        """Weigh the hypotheses; beforehand, failure is as likely as none, and all are alike.
+        """Probabilities of the hypotheses; a priori, failure and no failure are equally likely.
 
         Args:
             state: The evidence.
@@ -190,7 +190,7 @@ def hypothesis_bank(nominal: NominalModel, faults: Sequence[Fault] = ()) -> Hypo
     dead = {fault.actuator for fault in faults if fault.kind != "weak"}
     actuators = np.array([k for k in range(nominal.actuators) if k not in dead], dtype=int)
     if not actuators.size:
-        raise ValueError("faults must leave an actuator that could fail, got all of them dead")
+        raise ValueError("faults must leave a working actuator, got failures of all of them")
     weak = {fault.actuator: fault.effectiveness for fault in faults if fault.kind == "weak"}
     models = [fault_model(nominal, [*faults, Fault(int(k), "locked")]) for k in actuators]
     return HypothesisBank(

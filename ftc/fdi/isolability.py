@@ -1,4 +1,4 @@
-"""Which failures look alike, before any noise is drawn.
+"""Distances between failures in the linear model, without simulated noise.
 
 The distance d of a failure from another explanation is that of their outputs in standard deviations
 of the noise, at the other's best time of onset and loss of force: d^2 / 2 is the Kullback-Leibler

@@ -20,7 +20,7 @@ from ftc.fdi.residual_test import ResidualTest, residual_test
 
 @dataclass(frozen=True)
 class Monitor:
-    """Monitors a plant that is believed to have these faults and no others."""
+    """Monitor of a plant with exactly these known faults."""
 
     nominal: NominalModel
     faults: tuple[Fault, ...]
@@ -29,7 +29,7 @@ class Monitor:
     test: ResidualTest
 
     def start(self) -> MonitorState:
-        """At rest at the equilibrium."""
+        """State at rest at the equilibrium."""
         p, s = self.bank.believed.C.shape
         nothing = Moment(-1, np.zeros(s), np.zeros(self.nominal.actuators), np.zeros(p))
         return MonitorState((nothing,), self.test.start())
@@ -58,7 +58,7 @@ class Monitor:
         return state
 
     def believing(self, state: MonitorState) -> tuple["Monitor", MonitorState]:
-        """The monitor that goes on from a confirmed diagnosis, its history recomputed.
+        """The monitor that continues from a confirmed diagnosis, with recomputed history.
 
         Raises:
             ValueError: The diagnosis of `state` is not confirmed.
@@ -138,7 +138,7 @@ class Monitor:
         )
 
     def _contradicted(self, state: MonitorState, until: int) -> MonitorState:
-        """Something else has happened: confirm this failure by what came before, or give it up."""
+        """Confirm this failure by the data before a contradiction, or discard it."""
         assert state.evidence is not None and state.diagnosis is not None  # a diagnosis stands
         until = max(until, state.named_tick)
         before = [moment for moment in state.history if moment.tick <= until]

@@ -1,4 +1,4 @@
-"""When to suspect a failure at all: a test of the residuals, its threshold from false alarms.
+"""Detection: a test of the residuals with a threshold from the rate of false alarms.
 
 While the plant is as the model has it, the residuals are the sensors' white noise; a failure adds a
 mean. The mean over the last M samples is tested for several M at once: finite moving averages,

@@ -99,7 +99,7 @@ def read_run(path: Path) -> RecordedRun:
         reason = " ".join(str(error).split())
         raise WrongInput(f"{recording} is not a readable recording: {reason}") from None
     if not np.array_equal(true_urad, 1e6 * run.true_rad[at_most(RATE_HZ, run.time_s)]):
-        raise WrongInput(f"{recording} is not the recording of {path.name}: they hold other angles")
+        raise WrongInput(f"{recording} is not the recording of {path.name}: their angles differ")
     try:
         marks = marks_from(properties.pop("marks", "[]"), end_s=float(run.time_s[-1]))
     except ValueError as error:
@@ -164,16 +164,16 @@ def whole_run(name: str, arrays: Mapping[str, Array]) -> Trajectory:
         WrongInput: A signal, or the times, are not those of a run.
     """
     if missing := [signal for signal in COLUMNS if signal not in arrays]:
-        raise NoRunError(f"{name} is no run of the hexapod: it lacks {missing[0]}")
+        raise NoRunError(f"{name} is not a run of the hexapod: {missing[0]} is missing")
     ticks = arrays["time_s"].size
     if ticks < 2:
-        raise WrongInput(f"{name} is not a whole run: it has fewer than two ticks")
+        raise WrongInput(f"{name} is not a complete run: it has fewer than two ticks")
     for signal, columns in COLUMNS.items():
         if fault := _fault(arrays[signal], (ticks, *columns)):
-            raise WrongInput(f"{name} is not a whole run: {signal} {fault}")
+            raise WrongInput(f"{name} is not a complete run: {signal} {fault}")
     steps_s = np.diff(arrays["time_s"])
     if not (steps_s.min() > 0 and np.ptp(steps_s) <= _UNEVEN * steps_s.max()):
-        raise WrongInput(f"{name} is not a whole run: time_s does not run forward in even steps")
+        raise WrongInput(f"{name} is not a complete run: time_s does not increase in equal steps")
     return Trajectory(**{signal: arrays[signal] for signal in COLUMNS})
 
 

@@ -7,10 +7,12 @@ import mujoco
 import rerun.blueprint as rrb
 
 from experiments.hexapod.recording.hexapod import log_marks
-from experiments.hexapod.recording.shown import Scales, Shown, log_shown, scales_of
+from experiments.hexapod.recording.shown import Scales, Shown, log_shown, scales_of, signals_of
+from experiments.hexapod.simulation import Trajectory
+from experiments.output.recording import Array
 from experiments.output.recording.file import RecordingInfo, recording_file, round_up, screen
 from experiments.output.recording.mechanism import machine_tabs
-from experiments.output.recording.views import Plot, notes_view, plane_view, plot_views
+from experiments.output.recording.views import Plot, legend_off, notes_view, plane_view, plot_views
 
 RATE_HZ = 500
 """Of the signals of a single run."""
@@ -29,6 +31,8 @@ _TITLES = {
 }
 _SHORT = {"pointing/error": "error ±{:.3g} urad", "strut/input": "inputs ±{:.3g} %"}
 _SHORT |= {"secondary/true": "SDOF ±{:.3g} urad, um"}
+_SHORT_SHARES = (4, 3, 5, 4)
+"""Heights of the detector and of these: six names need room."""
 
 
 def write_run(path: Path, about: RecordingInfo, model: mujoco.MjModel, shown: Shown) -> None:
@@ -52,26 +56,36 @@ def write_side_by_side(
 
 def _single(model: mujoco.MjModel, shown: Shown, scales: Scales) -> rrb.Blueprint:
     machine = machine_tabs("hexapod", f"motion; {scales.loads}", model, scales.factor)
-    error, *signals = (_signal(entity, scales.bounds[entity]) for entity in _TITLES)
+    values = signals_of(shown.run)
+    error, *signals = (
+        _signal(entity, values[entity][1], scales.bounds[entity]) for entity in _TITLES
+    )
+    extras = plot_views(shown.extras)
     below: list[rrb.View] = [notes_view()]
     pointing: list[rrb.View] = [plane_view("detector", _DETECTOR, scales.square_urad), error]
     # What was there from the start is no event.
     if any(mark.failed_s > shown.run.time_s[0] for mark in shown.marks):
-        below.append(rrb.TextLogView(origin="events", name="What happens"))
+        below.append(rrb.TextLogView(origin="events", name="Events"))
         pointing.append(rrb.StateTimelineView(origin="state", name="Struts"))
     return screen(
         rrb.Horizontal(
             rrb.Vertical(machine, *below, row_shares=[5, 4, 2][: 1 + len(below)]),
             rrb.Vertical(*pointing, row_shares=[10, 6, 1 + len(shown.marks)][: len(pointing)]),
-            rrb.Vertical(*signals, *plot_views(shown.extras)),
+            # Six names and the marks need room above the lines.
+            rrb.Vertical(*signals, *extras, row_shares=[11, 6, 4] + [4] * len(extras)),
         )
     )
 
 
-def _signal(entity: str, bound: float) -> rrb.TimeSeriesView:
+def _signal(entity: str, values: Array, bound: float) -> rrb.TimeSeriesView:
     high = round_up(bound)
-    axis = rrb.ScalarAxis(range=(0.0 if entity == "closure/residual" else -high, high))
-    return rrb.TimeSeriesView(origin=entity, name=_TITLES[entity], axis_y=axis)
+    low = 0.0 if entity == "closure/residual" else -high
+    return rrb.TimeSeriesView(
+        origin=entity,
+        name=_TITLES[entity],
+        axis_y=rrb.ScalarAxis(range=(low, high)),
+        plot_legend=legend_off(values, low, high),
+    )
 
 
 def _entity(k: int) -> str:
@@ -79,8 +93,9 @@ def _entity(k: int) -> str:
 
 
 def _columns(model: mujoco.MjModel, shown: Mapping[str, Shown], scales: Scales) -> rrb.Blueprint:
-    extras = zip(*(one.extras for one in shown.values()), strict=True)
-    ranges = [_range_of(plots) for plots in extras]
+    ranges = [
+        _range_of(plots) for plots in zip(*(one.extras for one in shown.values()), strict=True)
+    ]
 
     def machine(k: int, name: str) -> rrb.Tabs:
         title = f"{name}; {scales.loads}"
@@ -88,9 +103,13 @@ def _columns(model: mujoco.MjModel, shown: Mapping[str, Shown], scales: Scales) 
 
     def column(k: int, name: str, one: Shown) -> rrb.Container:
         detector = plane_view(f"{_entity(k)}/detector", f"{name} [urad]", scales.square_urad)
-        plots = [*_small_signals(k, scales), *plot_views(one.extras, f"{_entity(k)}/", ranges)]
+        plots = [
+            *_small_signals(k, one.run, scales),
+            *plot_views(one.extras, f"{_entity(k)}/", ranges),
+        ]
         if len(shown) > FEW:
-            return rrb.Vertical(detector, *plots)
+            shares = [*_SHORT_SHARES, *[3] * len(one.extras)]
+            return rrb.Vertical(detector, *plots, row_shares=shares)
         return rrb.Horizontal(rrb.Vertical(machine(k, name), detector), rrb.Vertical(*plots))
 
     columns = [column(k, name, one) for k, (name, one) in enumerate(shown.items())]
@@ -105,17 +124,21 @@ def _columns(model: mujoco.MjModel, shown: Mapping[str, Shown], scales: Scales) 
     return screen(rrb.Tabs(*pages, hexapods, notes_view(), active_tab=0))
 
 
-def _small_signals(k: int, scales: Scales) -> list[rrb.View]:
-    """The signals of run k: no room for a scale, which the title states, nor for many legends."""
-    return [
-        rrb.TimeSeriesView(
+def _small_signals(k: int, run: Trajectory, scales: Scales) -> list[rrb.View]:
+    """The signals of run k: no room for a scale, which the title states; one legend a row."""
+    values = signals_of(run)
+
+    def view(entity: str, title: str) -> rrb.TimeSeriesView:
+        bound = scales.bounds[entity]
+        legend = legend_off(values[entity][1], -bound, bound)
+        return rrb.TimeSeriesView(
             origin=f"{_entity(k)}/{entity}",
-            name=title.format(scales.bounds[entity]),
-            axis_y=rrb.ScalarAxis(range=(-scales.bounds[entity], scales.bounds[entity])),
-            plot_legend=rrb.PlotLegend(visible=k == 0),
+            name=title.format(bound),
+            axis_y=rrb.ScalarAxis(range=(-bound, bound)),
+            plot_legend=legend if k == 0 else rrb.PlotLegend(visible=False),
         )
-        for entity, title in _SHORT.items()
-    ]
+
+    return [view(entity, title) for entity, title in _SHORT.items()]
 
 
 def _range_of(plots: Sequence[Plot]) -> tuple[float, float]:

@@ -11,11 +11,11 @@ import rerun as rr
 from experiments.hexapod.metrics import closure_residual_max_m, pointing_rms_urad
 from experiments.hexapod.recording.hexapod import Mark, Picture, log_hexapod
 from experiments.hexapod.simulation import Trajectory
-from experiments.output.recording import views
+from experiments.output.recording import Array, views
 from experiments.output.recording.file import at_most, log_series, time_column
 from experiments.output.recording.mechanism import exaggeration, sized_entity, sizes, stills
 from experiments.output.recording.views import Plot, Square, Task
-from sim import NOMINAL
+from sim import NOMINAL, Pose
 
 INPUTS = [f"strut {k} [%]" for k in range(1, 7)]
 SECONDARY = ["gamma [urad]", "t_x [um]", "t_y [um]", "t_z [um]"]
@@ -49,19 +49,18 @@ def scales_of(runs: Sequence[Trajectory]) -> Scales:
     """Scales on which all of the runs can be seen."""
     angles = [max(np.abs(r.true_rad).max(), np.abs(r.secondary[:, 0]).max()) for r in runs]
     distances = [np.abs(run.secondary[:, 1:]).max() for run in runs]
-    inputs = max(np.abs(run.strut_input_percent).max() for run in runs)
+    signals = [signals_of(run) for run in runs]
+    bounds = {
+        entity: max(np.abs(one[entity][1]).max() for one in signals)
+        for entity in ("pointing/error", "strut/input", "secondary/true", "closure/residual")
+    }
     curves = [curve for run in runs for curve in (run.desired_rad, run.measured_rad)]
     return Scales(
         factor=exaggeration(float(max(angles)), float(max(distances))),
-        full_percent=float(max(1.0, np.ceil(inputs))),
+        full_percent=float(max(1.0, np.ceil(bounds["strut/input"]))),
         # The first half of a spiral lies within the second.
         square_urad=views.square_around(*(1e6 * curve[len(curve) // 2 :] for curve in curves)),
-        bounds={
-            "pointing/error": max(1e6 * np.abs(r.desired_rad - r.true_rad).max() for r in runs),
-            "strut/input": inputs,
-            "secondary/true": max(1e6 * np.abs(run.secondary).max() for run in runs),
-            "closure/residual": max(1e9 * run.closure_residual_m.max() for run in runs),
-        },
+        bounds=bounds,
     )
 
 
@@ -84,37 +83,44 @@ def log_shown(
     views.log_plots(recording, shown.extras, under)
 
 
+def signals_of(run: Trajectory) -> dict[str, tuple[Sequence[str], Array]]:
+    """Names with units, and values (N, k), of every signal, by its entity."""
+    angles, struts = ["alpha [urad]", "beta [urad]"], [f"strut {k} [um]" for k in range(1, 7)]
+    return {
+        "pointing/desired": (angles, 1e6 * run.desired_rad),
+        "pointing/true": (angles, 1e6 * run.true_rad),
+        "pointing/measured": (angles, 1e6 * run.measured_rad),
+        "pointing/error": (angles, 1e6 * (run.desired_rad - run.true_rad)),
+        "strut/input": (INPUTS, run.strut_input_percent),
+        "strut/displacement": (struts, 1e6 * run.strut_displacement_m),
+        "secondary/true": (SECONDARY, 1e6 * run.secondary),
+        "secondary/estimated": (SECONDARY, 1e6 * run.secondary_estimated),
+        "closure/residual": (["closure [nm]"], 1e9 * run.closure_residual_m[:, None]),
+    }
+
+
 def log_signals(recording: rr.RecordingStream, under: str, run: Trajectory, rate_hz: float) -> None:
     """Log every signal as float64, below an entity; at most so many values a second."""
     every = at_most(rate_hz, run.time_s)
     time = time_column(run.time_s[every])
-    angles, struts = ["alpha [urad]", "beta [urad]"], [f"strut {k} [um]" for k in range(1, 7)]
-    for entity, names, values in (
-        ("pointing/desired", angles, 1e6 * run.desired_rad),
-        ("pointing/true", angles, 1e6 * run.true_rad),
-        ("pointing/measured", angles, 1e6 * run.measured_rad),
-        ("pointing/error", angles, 1e6 * (run.desired_rad - run.true_rad)),
-        ("strut/input", INPUTS, run.strut_input_percent),
-        ("strut/displacement", struts, 1e6 * run.strut_displacement_m),
-        ("secondary/true", SECONDARY, 1e6 * run.secondary),
-        ("secondary/estimated", SECONDARY, 1e6 * run.secondary_estimated),
-        ("closure/residual", ["closure [nm]"], 1e9 * run.closure_residual_m[:, None]),
-    ):
+    for entity, (names, values) in signals_of(run).items():
         log_series(recording, time, f"{under}{entity}", names, values[every])
 
 
 def picture_of(shown: Shown, factor: int, full_percent: float) -> Picture:
-    """A run as the hexapod is drawn, the payload's motion multiplied by a factor.
+    """A run as the hexapod is drawn, the payload's motion multiplied by a factor."""
+    run = shown.run
+    every = stills(run.time_s)
+    pose, load = magnified(run, every, factor), run.strut_input_percent[every]
+    return Picture(run.time_s[every], pose, load, full_percent, shown.marks)
+
+
+def magnified(run: Trajectory, ticks: slice | Sequence[int], factor: float) -> Pose:
+    """Poses of the payload at some ticks of a run, its motion multiplied by a factor.
 
     Takes alpha, beta, gamma as a rotation vector: correct to the second order of the angles.
     """
-    run = shown.run
-    every = stills(run.time_s)
-    twist = np.concatenate([run.true_rad[every], run.secondary[every]], axis=1)
-    load = run.strut_input_percent[every]
-    return Picture(
-        run.time_s[every], NOMINAL.moved(factor * twist), load, full_percent, shown.marks
-    )
+    return NOMINAL.moved(factor * np.concatenate([run.true_rad, run.secondary], axis=1)[ticks])
 
 
 def run_notes(

@@ -22,6 +22,10 @@ RATE_HZ = 100
 """Of the curves in a plane."""
 _UP = np.array([1, -1])
 """Image axes run down: the second axis is drawn upwards."""
+_MARGIN = 1.3
+"""Side of the square over the extent of the curves: its label stands beyond them."""
+_LABEL, _ARM = 0.93, 1.1
+"""Where the label stands, in halves of the square; and these over the longest arm of the cross."""
 _WHITE, _GREY = [240, 240, 240], [120, 120, 120]
 
 
@@ -53,9 +57,26 @@ def plot_views(
             origin=f"{under}{plot.entity}",
             name=f"{plot.title}, {low:.3g} to {high:.3g}",
             axis_y=rrb.ScalarAxis(range=(low, high)) if high > low else None,
+            plot_legend=legend_off(plot.values, low, high),
         )
         for plot, (low, high) in zip(plots, spans, strict=True)
     ]
+
+
+def legend_off(values: Array, low: float, high: float) -> rrb.PlotLegend:
+    """A legend in the corner where it hides least of k lines (T, k), in a plot from low to high.
+
+    It is taken to be as wide as a quarter of the plot, and a fourteenth as high for each.
+    """
+    quarter = max(1, len(values) // 4)
+    depth = values.shape[1] / 14 * (high - low)
+    parts = {"Left": values[:quarter], "Right": values[-quarter:]}
+    hidden = {
+        f"{side}{edge}": np.count_nonzero(beyond)
+        for side, part in parts.items()
+        for edge, beyond in (("Top", part > high - depth), ("Bottom", part < low + depth))
+    }
+    return rrb.PlotLegend(rrb.Corner2D[min(hidden, key=hidden.__getitem__)])
 
 
 def notes_view() -> rrb.TextDocumentView:
@@ -90,7 +111,7 @@ def square_around(*curves: Array) -> Square:
     """The square that holds curves (N, 2)."""
     points = np.concatenate(curves)
     low, high = points.min(axis=0), points.max(axis=0)
-    half, center = 0.575 * float((high - low).max()), (low + high) / 2
+    half, center = _MARGIN * float((high - low).max()) / 2, (low + high) / 2
     # A spiral is nearly centred, and is shown as if it were.
     return Square(np.where(np.abs(center) < 0.1 * half, 0.0, center), half)
 
@@ -115,15 +136,23 @@ def log_plane(
 
 
 def _log_scale(recording: rr.RecordingStream, entity: str, square: Square, task: Task) -> None:
-    """Log a cross with a round number on its arms: the view itself has no scale."""
-    arm = round_down(square.half)
-    ends = np.array([[arm, 0], [-arm, 0], [0, arm], [0, -arm]]) + square.center * _UP
-    cross = rr.LineStrips2D(ends.reshape(2, 2, 2), colors=[_GREY], radii=[square.half / 800])
+    """Log a cross with arms of a round length, which a label states: the view has no scale."""
+    arm = round_down(square.half / _ARM)
+    middle = square.center * _UP
+    ends = middle + arm * np.array([[1, 0], [-1, 0], [0, 1], [0, -1]])
+    cross = rr.LineStrips2D(
+        ends.reshape(2, 2, 2).astype(np.float32), colors=[_GREY], radii=[square.half / 800]
+    )
     recording.log(f"{entity}/axes", cross, static=True)
-    where = " from {:.0f}, {:.0f}".format(*square.center) if square.center.any() else ""
-    labels = [task.names[0], f"{task.names[1]} {arm:g} {task.unit}{where}"]
+    right, up = task.names
+    where = " about {:.0f}, {:.0f}".format(*square.center) if square.center.any() else ""
+    label = f"{up} over {right}; cross ±{arm:g} {task.unit}{where}"
     scale = rr.Points2D(
-        ends[[0, 3]], colors=[_GREY], radii=[square.half / 150], labels=labels, show_labels=True
+        [middle - [0, _LABEL * square.half]],
+        colors=[_GREY],
+        radii=[0.0],
+        labels=[label],
+        show_labels=True,
     )
     recording.log(f"{entity}/scale", scale, static=True)
 

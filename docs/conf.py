@@ -1,0 +1,56 @@
+"""Configuration of the documentation site; `make docs` builds it."""
+
+import sys
+from importlib.metadata import version as version_of
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent / "_extensions"))
+
+project = "Fault-tolerant hexapod testbed"
+release = version = version_of("fault-tolerant-hexapod")
+
+extensions = [
+    "myst_parser",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.autosectionlabel",
+    "sphinx.ext.mathjax",
+    "sphinx.ext.napoleon",
+    "sphinx-mathjax-offline",  # equations are typeset without network, too
+    "docstrings",
+    "theory_links",
+]
+exclude_patterns = ["_extensions"]
+
+# A broken reference is an error. What numpy, mujoco and the like document is not looked up:
+# the build needs no network.
+nitpicky = True
+nitpick_ignore_regex = [
+    ("py:.*", r"(?!argument_checks|prioritized|ftc|sim)\w+(\..*)?"),
+    ("py:.*", r"prioritized\._.*"),
+    ("py:class", r"ftc\.\w+\.(Pose|State)"),  # type variables
+]
+
+# The pages are read on GitHub, too: what is enabled here, GitHub reads alike.
+myst_enable_extensions = ["dollarmath"]
+myst_fence_as_directive = ["math"]
+myst_heading_anchors = 3
+
+autosectionlabel_prefix_document = True
+autosectionlabel_maxdepth = 2
+
+default_role = "code"  # docstrings put names in single backticks
+napoleon_numpy_docstring = False
+napoleon_attr_annotations = False  # shapes and units stand in the text
+autoclass_content = "both"
+autodoc_member_order = "bysource"
+autodoc_typehints_format = "short"
+toc_object_entries_show_parents = "hide"
+python_maximum_signature_line_length = 80
+
+html_theme = "furo"
+html_title = project
+html_static_path = ["_static"]
+html_css_files = ["site.css"]
+html_show_copyright = False
+html_show_sphinx = False
+html_copy_source = False

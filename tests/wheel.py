@@ -1,0 +1,133 @@
+"""`make wheel-test`: build the wheel, install it step by step in an empty environment, use it.
+
+Every command runs in a folder outside the checkout. The README's Python blocks run in order, in one
+process; `yours.xml` is the serial arm. Needs a package index: pytest leaves this file out.
+"""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+ROOT = Path(__file__).resolve().parents[1]
+NOT_SOURCES = (".git", ".venv", "build", "results", "*.egg-info", "__pycache__")
+
+BASE = """
+import pkgutil, importlib
+from importlib.util import find_spec
+import ftc, prioritized
+assert not any(map(find_spec, ("mujoco", "rerun", "typer")))
+for package in (ftc, prioritized):
+    for module in pkgutil.walk_packages(package.__path__, f"{package.__name__}."):
+        importlib.import_module(module.name)
+system = prioritized.ConstrainedSystem([[1.0, 1.0, 0.5], [0.0, 1.0, 1.0]], None, [0, 1, 2])
+failed = system.with_failures(locked=[0]).kinematics()
+mapping = failed.velocity_mapping(major=[0])
+rates = failed.expand(mapping([0.1]))
+assert rates[0] == 0 and abs(rates[1] + 0.5 * rates[2] - 0.1) < 1e-15
+print(mapping.status.value)
+"""
+"""What a user without a simulator does, and every module that is then to be had."""
+
+TYPED = """
+from ftc.goal import Goal
+from prioritized import ConstrainedSystem
+from sim import Failure
+from experiments.output.study import Study
+import argument_checks
+
+a: int = ConstrainedSystem([[1.0]], None, [0])
+b: int = Goal.__doc__
+c: int = Failure.__name__
+d: int = argument_checks.__version__
+e: int = Study.__name__
+"""
+"""A user's file whose last five lines a type checker refuses, if it sees the types."""
+
+
+class Environment:
+    """A virtual environment, and a folder from which its commands run."""
+
+    def __init__(self, place: Path) -> None:
+        self.bin, self.folder = place / "venv" / "bin", place / "user"
+        self.folder.mkdir()
+        run(sys.executable, "-m", "venv", str(place / "venv"), cwd=place)
+
+    def __call__(self, command: str, *words: str, code: int = 0) -> str:
+        """Output of a command, which must end with this exit code."""
+        return run(str(self.bin / command), *words, cwd=self.folder, code=code)
+
+    def install(self, *requirements: str) -> None:
+        """Install from the index, the versions that CI uses."""
+        options = ("--quiet", "--no-compile", "--constraint", str(ROOT / "constraints.txt"))
+        self("python", "-m", "pip", "install", *options, *requirements)
+
+    def build(self, place: Path) -> Path:
+        """The wheel of a copy of the checkout: leftovers of former builds would go into it."""
+        copy = shutil.copytree(ROOT, place / "copy", ignore=shutil.ignore_patterns(*NOT_SOURCES))
+        options = ("--quiet", "--no-deps", "--wheel-dir", str(place))
+        self("python", "-m", "pip", "wheel", *options, str(copy))
+        (wheel,) = place.glob("*.whl")
+        return wheel
+
+
+def run(*words: str, cwd: Path, code: int = 0) -> str:
+    """What a command prints, both streams; another exit code than this ends the test."""
+    print(
+        "+", Path(words[0]).name, *(word.replace("\n", "; ")[:60] for word in words[1:]), flush=True
+    )
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    done = subprocess.run(
+        words, cwd=cwd, env=environment, text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT
+    )
+    if done.returncode != code:
+        sys.exit(f"exit code {done.returncode}, expected {code}:\n{done.stdout}")
+    return done.stdout
+
+
+def extra_of(sentence: str) -> str:
+    """The requirement that a one-line refusal names."""
+    lines = [line for line in sentence.splitlines() if not line.startswith(("  ", "Traceback"))]
+    assert len(lines) == 1, sentence
+    return re.findall(r'pip install "(.*?)"', lines[0])[0]
+
+
+def readme(folder: Path) -> str:
+    """All Python of README.md; files of the reader's own that it loads are put into the folder."""
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    code = "\n".join(re.findall(r"^```python\n(.*?)^```$", text, re.DOTALL | re.MULTILINE))
+    for name in re.findall(r'"([\w-]+\.xml)"', code):
+        shutil.copy(ROOT / "models" / "arm.xml", folder / name)
+    return code
+
+
+def main() -> None:
+    """Raise or exit with a message where the wheel does not do what the README says."""
+    with TemporaryDirectory() as folder:
+        user = Environment(Path(folder))
+        wheel = user.build(Path(folder))
+        version = wheel.name.split("-")[1]
+
+        user.install(str(wheel))
+        assert user("python", "-c", BASE) == "the major task is met exactly\n"
+        user.install(extra_of(user("python", "-c", "import sim", code=1)))
+        assert user("python", "-c", "import sim; print(sim.load_model().nu)") == "6\n"
+        user.install(extra_of(user("fjh", "table1", code=2)), "mypy")
+
+        assert user("fjh", "--version") == f"fjh {version}\n"
+        user("fjh", "table1", "--quick", "--quiet", "--out", "table1")
+        assert (user.folder / "table1" / "table1.json").is_file()
+        assert extra_of(user("fjh", "bench", "--quick", code=2)).endswith("[bench]")
+        print(user("python", "-c", readme(user.folder)), end="")
+        (user.folder / "typed.py").write_text(TYPED)
+        complaints = user("python", "-m", "mypy", "typed.py", code=1)
+        found = re.findall(r"^typed\.py:(\d+): error: .*\[(.*)\]$", complaints, re.MULTILINE)
+        assert found == [(str(line), "assignment") for line in range(8, 13)], complaints
+    print(f"{wheel.name} installs and runs on Python {sys.version.split()[0]}")
+
+
+if __name__ == "__main__":
+    main()
