@@ -40,7 +40,7 @@ STUDY = Study(
             "check",
             bool,
             False,
-            "Exit with 1 if a stable ratio exceeds twice its bound.",
+            "Exit with 1 if a stable ratio exceeds three times its bound.",
         ),
     ),
 )

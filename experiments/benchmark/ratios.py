@@ -14,8 +14,9 @@ from experiments.output.study import WrongInput
 from experiments.output.tables import Column, Table, tabulate
 from sim import Array
 
-CHECK_MARGIN = 2.0
-"""A stable ratio fails beyond this multiple of its bound, well above the measured scatter."""
+CHECK_MARGIN = 3.0
+"""A stable ratio fails beyond this multiple of its bound: between processors alone, the same code
+scattered up to 2.3 times it."""
 _FORMERLY = {"tick_over_mink": "hexapod_tick_over_mink", "tick": "hexapod_tick"}
 """Before the general path was timed, these names stood for the closed form."""
 
