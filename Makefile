@@ -16,13 +16,18 @@ $(STAMP): pyproject.toml constraints.txt
 table1: venv
 	$(BIN)/fjh table1
 
-# Every law, the physics, the command line, Table I --quick; on all cores.
-test: venv
-	$(BIN)/python -m pytest -m "not long" --numprocesses auto --dist loadfile
+# On all cores, a file of tests in one process. Two processes whose BLAS has two threads each take
+# half as long again.
+PYTEST := $(BIN)/python -m pytest --numprocesses auto --dist loadfile
+test test-all: export OPENBLAS_NUM_THREADS = 1
 
-# The same, and every study at length: what CI runs. Tests of one study share its files, hence one process.
-test-all: test
-	$(BIN)/python -m pytest -m long
+# Every law, the physics, the command line, Table I --quick.
+test: venv
+	$(PYTEST) -m "not long"
+
+# The same, what takes long, and every study: what CI runs.
+test-all: venv
+	$(PYTEST)
 
 # The wheel in an empty environment: base, sim and testbed, the README's examples, types.
 wheel-test:

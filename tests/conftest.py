@@ -1,9 +1,12 @@
 import json
+import os
+from collections.abc import Callable
 from pathlib import Path
 
 import mujoco
 import numpy as np
 import pytest
+from filelock import FileLock
 from hypothesis import settings
 from matplotlib.figure import Figure
 
@@ -19,11 +22,18 @@ settings.load_profile("repeatable")
 
 
 AT_LENGTH = {
-    *("table1_folder", "release_folder", "recover_folder", "systems_folder", "jacobian_folder"),
+    *(
+        "table1_folder",
+        "figures_folder",
+        "release_folder",
+        "recover_folder",
+        "systems_folder",
+        "jacobian_folder",
+    ),
     *("goals_folder", "force_run", "uncorrected_folder", "bench_folder", "sweep_folder"),
     *("atlas_folder", "seeds_folder", "crew"),
 }
-"""Fixtures that run a study or a cluster; `figures_folder` takes seconds, and is not among them."""
+"""Fixtures that run a study or a cluster."""
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -39,42 +49,69 @@ def model() -> mujoco.MjModel:
     return load_model()
 
 
+@pytest.fixture(scope="session")
+def shared(tmp_path_factory) -> Path:
+    """A folder that all processes of this run of pytest have in common."""
+    own = tmp_path_factory.getbasetemp()
+    return own.parent if "PYTEST_XDIST_WORKER" in os.environ else own
+
+
+Make = Callable[[str, Callable[[Path], int]], Path]
+
+
+@pytest.fixture(scope="session")
+def made_once(shared) -> Make:
+    """Makes a folder in the process that needs it first; the others wait and take it over."""
+
+    def made(name: str, make: Callable[[Path], int]) -> Path:
+        folder, complete = shared / name, shared / f"{name}.complete"
+        with FileLock(shared / f"{name}.lock"):
+            if not complete.exists():
+                assert make(folder) == 0
+                complete.touch()
+        return folder
+
+    return made
+
+
+def fjh(*words: str) -> Callable[[Path], int]:
+    """The command with these words, its folder left open."""
+    return lambda folder: main([*words, "--out", str(folder)])
+
+
 @pytest.fixture(scope="session", autouse=True)
-def faults_of_figures():
-    """What is wrong with each figure that the commands save, by its name, as it was saved last."""
-    found: dict[str, list[str]] = {}
+def faults_of_figures(shared) -> Callable[[str], list[str]]:
+    """What is wrong with the figure of a name that a command saved, in whichever process."""
+
+    def file(name: str) -> Path:
+        return shared / f"{name}.faults.json"
 
     def save(figure: Figure, folder: Path, name: str, *formats: tuple[str, ...]) -> None:
         save_figure(figure, folder, name, *formats)
-        found[name] = faults(figure)  # after it, since drawing moves what is not yet laid out
+        # After it, since drawing moves what is not yet laid out.
+        file(name).write_text(json.dumps(faults(figure)))
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("experiments.output.plotting.save_figure", save)
-        yield found
+        yield lambda name: json.loads(file(name).read_text())
 
 
 @pytest.fixture(scope="session")
-def table1_folder(tmp_path_factory):
+def table1_folder(made_once):
     """All of Table I at full length, made by the command."""
-    folder = tmp_path_factory.mktemp("table1")
-    assert main(["table1", "--out", str(folder)]) == 0
-    return folder
+    return made_once("table1", fjh("table1"))
 
 
 @pytest.fixture(scope="session")
-def figures_folder(tmp_path_factory):
+def figures_folder(made_once):
     """Machine, loops and failures drawn, made by the command."""
-    folder = tmp_path_factory.mktemp("figures")
-    assert main(["figures", "--out", str(folder)]) == 0
-    return folder
+    return made_once("figures", fjh("figures"))
 
 
 @pytest.fixture(scope="session")
-def release_folder(tmp_path_factory):
+def release_folder(made_once):
     """The released strut at full length, made by the command."""
-    folder = tmp_path_factory.mktemp("release")
-    assert main(["release", "--out", str(folder)]) == 0
-    return folder
+    return made_once("release", fjh("release"))
 
 
 @pytest.fixture(scope="session")
@@ -84,11 +121,9 @@ def release(release_folder):
 
 
 @pytest.fixture(scope="session")
-def recover_folder(tmp_path_factory):
+def recover_folder(made_once):
     """Failures in flight, a few: made by the command."""
-    folder = tmp_path_factory.mktemp("recover")
-    assert main(["recover", "--quick", "--out", str(folder)]) == 0
-    return folder
+    return made_once("recover", fjh("recover", "--quick"))
 
 
 @pytest.fixture(scope="session")
@@ -98,11 +133,9 @@ def recover(recover_folder):
 
 
 @pytest.fixture(scope="session")
-def systems_folder(tmp_path_factory):
+def systems_folder(made_once):
     """Every mechanism in every condition, made by the command."""
-    folder = tmp_path_factory.mktemp("systems")
-    assert main(["systems", "--out", str(folder)]) == 0
-    return folder
+    return made_once("systems", fjh("systems"))
 
 
 @pytest.fixture(scope="session")
@@ -112,11 +145,9 @@ def systems(systems_folder):
 
 
 @pytest.fixture(scope="session")
-def jacobian_folder(tmp_path_factory):
+def jacobian_folder(made_once):
     """The study of the Jacobian, in the loop too, short: made by the command."""
-    folder = tmp_path_factory.mktemp("jacobian")
-    assert main(["jacobian", "--loop", "--quick", "--out", str(folder)]) == 0
-    return folder
+    return made_once("jacobian", fjh("jacobian", "--loop", "--quick"))
 
 
 @pytest.fixture(scope="session")
@@ -126,11 +157,9 @@ def jacobian_study(jacobian_folder):
 
 
 @pytest.fixture(scope="session")
-def goals_folder(tmp_path_factory):
+def goals_folder(made_once):
     """The four secondary goals, short: made by the command."""
-    folder = tmp_path_factory.mktemp("goals")
-    assert main(["goals", "--quick", "--out", str(folder)]) == 0
-    return folder
+    return made_once("goals", fjh("goals", "--quick"))
 
 
 @pytest.fixture(scope="session")
@@ -173,9 +202,9 @@ def scheduler(crew):
 
 
 @pytest.fixture(scope="session")
-def sweep_design(tmp_path_factory):
+def sweep_design(shared):
     """A design file: a few short runs, some of which fail in flight, told and not told."""
-    path = tmp_path_factory.mktemp("design") / "short.toml"
+    path = shared / "short.toml"
     path.write_text("""
 layout = "latin-hypercube"
 runs = 30
@@ -191,12 +220,14 @@ roll_off_hz = { from = 20, to = 30 }
 
 
 @pytest.fixture(scope="session")
-def sweep_folder(sweep_design, scheduler, tmp_path_factory):
+def sweep_folder(sweep_design, made_once, request):
     """That sweep, made by the command."""
-    folder = tmp_path_factory.mktemp("sweep")
-    words = ["sweep", "--design", str(sweep_design), "--scheduler", scheduler]
-    assert main([*words, "--out", str(folder)]) == 0
-    return folder
+
+    def make(folder: Path) -> int:
+        scheduler = request.getfixturevalue("scheduler")
+        return fjh("sweep", "--design", str(sweep_design), "--scheduler", scheduler)(folder)
+
+    return made_once("sweep", make)
 
 
 FLOWN = ("SSSSSS", "FSSSSS", "SSLSSS", "SLLSLL", "SFFSLF", "LLLLLL")
@@ -204,14 +235,16 @@ FLOWN = ("SSSSSS", "FSSSSS", "SSLSSS", "SLLSLL", "SFFSLF", "LLLLLL")
 
 
 @pytest.fixture(scope="session")
-def atlas_folder(scheduler, tmp_path_factory):
+def atlas_folder(made_once, request):
     """A few failure conditions simulated, made by the command."""
-    folder = tmp_path_factory.mktemp("atlas")
-    with pytest.MonkeyPatch.context() as few:
-        few.setattr("experiments.sweep.runs.representatives", lambda: FLOWN)
-        words = ["atlas", "--quick", "--scheduler", scheduler, "--out", str(folder)]
-        assert main(words) == 0
-    return folder
+
+    def make(folder: Path) -> int:
+        scheduler = request.getfixturevalue("scheduler")
+        with pytest.MonkeyPatch.context() as few:
+            few.setattr("experiments.sweep.runs.representatives", lambda: FLOWN)
+            return fjh("atlas", "--quick", "--scheduler", scheduler)(folder)
+
+    return made_once("atlas", make)
 
 
 @pytest.fixture(scope="session")

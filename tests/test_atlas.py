@@ -53,6 +53,7 @@ def assert_says(classes, row: int, system: ConstrainedSystem, major, secondary) 
     assert classes.gap[row] >= 1.0
 
 
+@pytest.mark.long
 @given(st.data(), systems(), st.booleans())
 def test_each_condition_gets_the_verdict_it_gets_alone(data, drawn, elastic):
     """Redundant rows, self-motion, springs, failures already there: row by row the same."""

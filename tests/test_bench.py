@@ -119,6 +119,7 @@ def test_the_amplifiers_full_scale_is_the_coils_force_limit(model):
     assert amplifier.displacement_m(np.array(100.0)) == pytest.approx(strut.range[1], rel=1e-9)
 
 
+@pytest.mark.long
 def test_a_saturated_amplifier_shows_in_the_run(model):
     """Half a per cent of the current: the spiral outgrows it."""
     bench, goal = TestbedConfig(), Goal(joint_weight=EQUAL)

@@ -239,7 +239,7 @@ def test_the_figure_says_of_each_ratio_whether_bound_and_goal_are_met(within, re
 
 def test_a_referee_finds_no_fault_with_the_figure(bench_folder, faults_of_figures):
     assert (bench_folder / "bench.png").is_file()
-    assert faults_of_figures["bench"] == []
+    assert faults_of_figures("bench") == []
 
 
 def test_growth_is_made_of_the_same_medians(bench):
@@ -292,6 +292,7 @@ def test_times_are_checked_only_where_that_is_asked(timed, check):
         assert str(found.failed_check).startswith("solve_over_daqp: ratio of medians is 1e+06")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("place", ["elsewhere/saved.json", "out/saved.json"])
 def test_the_saved_file_is_written_wherever_it_lies_and_is_none_of_the_study(
     timed, tmp_path, place

@@ -133,6 +133,7 @@ def test_a_machine_that_will_not_do_is_refused(capsys, tmp_path, mjcf, old, new,
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.long
 def test_a_diverging_machine_stops_with_its_time_and_state(capsys, tmp_path, mjcf):
     out = tmp_path / "out"
     path = mjcf(('timestep="1.25e-4"', 'timestep="1e-3"'), ('damping="110"', 'damping="2000"'))
@@ -213,6 +214,7 @@ def started(command: list[str]) -> subprocess.Popen:
     )
 
 
+@pytest.mark.long
 def test_ctrl_c_ends_the_run_with_a_word_and_leaves_nothing(tmp_path):
     out = tmp_path / "out"
     process = started(["-m", "experiments", "table1", "--out", str(out)])

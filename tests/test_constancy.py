@@ -190,6 +190,7 @@ def test_a_stroke_that_is_none_is_refused(bad):
         certify(MACHINE, bad, "two")
 
 
+@pytest.mark.long
 @settings(max_examples=5)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_nothing_in_the_box_exceeds_its_certificate(seed):
@@ -230,6 +231,7 @@ def test_a_box_too_large_for_the_argument_gets_no_certificate():
         assert certify(MACHINE, stroke_m, "frobenius").upper_bound == np.inf
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("norm", NORMS)
 def test_the_supremum_is_attained_where_it_is_said_to_be_and_another_search_finds_no_more(norm):
     """DIRECT (Jones et al. 1993) divides the box and starts from no corner."""

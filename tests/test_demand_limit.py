@@ -189,6 +189,7 @@ def test_beam_walk_reads_translations_as_angles_and_vanishes_at_the_focus(model,
     assert np.all(off[W_d, 1] < 1.1 * at_focus[W_d, 1])
 
 
+@pytest.mark.long
 def test_a_row_of_the_limit_map_is_what_the_prediction_says(model, loops):
     bench = CONFIGURATIONS["demand-limit"].bench
     over = bench.demand_limit_rad * 1e6 / bench.spiral_radius_urad

@@ -222,6 +222,7 @@ def test_each_failure_is_found_in_the_linear_model(strut, kind):
     np.testing.assert_allclose(verdict.x @ C_ANGLES.T, states[-1] @ C_ANGLES.T, atol=0.3)
 
 
+@pytest.mark.long
 def test_confidence_is_what_it_says():
     """With little evidence, as many verdicts are right as they claim: any strut, kind, or none."""
     rng, noisy = np.random.default_rng(5), replace(ANGLES, noise=10 * ANGLES.noise)
@@ -284,6 +285,7 @@ def distances(way: LinearLoop, hypotheses, fault: Fault, until: int):
     return isolability(hypotheses, fault, ONSET, states[:until], commanded[:until])
 
 
+@pytest.mark.long
 def test_without_dither_antipodal_struts_look_alike_and_with_it_they_do_not():
     """J_m has opposite columns there, and W_a drives both alike; a heave drives them against it."""
     hypotheses = hypothesis_bank(ANGLES)
@@ -359,6 +361,7 @@ def test_a_failure_is_named_in_time_and_its_strut_located(seen, kind):
     assert found.actuator_confidence >= DEFAULT_CONFIG.confidence
 
 
+@pytest.mark.long
 def test_after_its_confirmation_the_failed_machine_is_the_believed_one():
     """Its residuals are noise again: no further alarm, and no strut is suspected twice."""
     fault = Fault(3, "locked")
@@ -369,6 +372,7 @@ def test_after_its_confirmation_the_failed_machine_is_the_believed_one():
     assert state.evidence is None and not state.unexplained
 
 
+@pytest.mark.long
 def test_a_shock_that_is_no_struts_is_named_by_nobody_and_the_watch_goes_on():
     """The pointing jumps by itself for a tenth of a second; a strut that locks later is found."""
     states, sent = simulate(loop(duration_s=5.2), [Fault(4, "locked")], ONSET + 3000)
@@ -383,6 +387,7 @@ def test_a_shock_that_is_no_struts_is_named_by_nobody_and_the_watch_goes_on():
     assert state.diagnosis is not None and state.diagnosis.fault == Fault(4, "locked")
 
 
+@pytest.mark.long
 def test_what_goes_on_unexplained_is_given_up_and_said():
     """A sway of the line of sight at 3 Hz is no strut's failure."""
     sent, y = history(None, ANGLES)

@@ -119,6 +119,7 @@ def test_what_is_behind_is_hidden(model):
     assert shares[0] > 1.2 * shares[1] > 0
 
 
+@pytest.mark.long
 def test_the_picture_of_the_machine_names_what_it_draws_once(model, tmp_path):
     figure = figure_machine(model)
     words = Counter(text.get_text() for text in figure.axes[0].texts)
@@ -212,6 +213,7 @@ def test_the_line_of_sight_is_drawn_at_its_true_pose_times_the_factor(animated, 
         ]
 
 
+@pytest.mark.long
 def test_an_animation_is_small_repeats_and_is_the_same_file_every_time(
     animated, tmp_path, monkeypatch
 ):

@@ -325,7 +325,7 @@ def test_an_unsound_run_ends_with_a_sentence_and_one(monkeypatch, capsys, tmp_pa
 
 
 def test_a_referee_finds_no_fault_with_the_figure(force_run, faults_of_figures):
-    assert faults_of_figures["force"] == []
+    assert faults_of_figures("force") == []
 
 
 def test_everything_named_is_there(force_run, summary, force):

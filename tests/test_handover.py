@@ -176,6 +176,7 @@ def test_the_controller_reckons_with_what_a_weak_coil_holds_and_not_with_its_com
     np.testing.assert_allclose(owed.secondary_reference_m, 0, atol=4e-8)
 
 
+@pytest.mark.long
 def test_in_flight_the_switch_to_the_locked_mapping_is_not_felt():
     """Lock of strut 1 at 3 s, told at once, off centre: nothing but the lock itself."""
     failure = [Failure(0, "locked", 3.0)]
@@ -345,6 +346,7 @@ def test_when_the_task_is_lost_the_commands_stand_and_no_other_failure_is_looked
     assert [state.ticks for state in states] == list(range(1, 8))
 
 
+@pytest.mark.long
 def test_a_second_failure_soon_after_the_first_is_found_too():
     """A fifth of a second later: the first diagnosis is not settled yet."""
     pilot = supervisor(TESTBED, EQUAL, dither=DITHER)

@@ -237,6 +237,7 @@ def test_an_unsound_experiment_is_called_so(release):
     assert failed(risen)
 
 
+@pytest.mark.long
 def test_a_mismatch_would_be_seen(model):
     """The elastic prediction at the wrong stiffness is far off the simulation's rest."""
     point = released_statics(weightless(model), 1.0)

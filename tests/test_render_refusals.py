@@ -87,6 +87,7 @@ with render.headless_viewer():
 """
 
 
+@pytest.mark.long
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems have no such signal")
 def test_a_killed_command_leaves_no_viewer(tmp_path):
     program = tmp_path / "rerun"

@@ -55,5 +55,5 @@ def test_points_off_the_line_are_hollow_and_the_legend_says_why():
 def test_a_referee_finds_no_fault_with_the_figures(sweep_folder, atlas_folder, faults_of_figures):
     assert (sweep_folder / "sweep.png").is_file()
     assert (atlas_folder / "atlas_flown.png").is_file()
-    assert faults_of_figures["sweep"] == []
-    assert faults_of_figures["atlas_flown"] == []
+    assert faults_of_figures("sweep") == []
+    assert faults_of_figures("atlas_flown") == []

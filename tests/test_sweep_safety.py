@@ -20,6 +20,7 @@ from experiments.sweep.dataset import Columns, check_merged
 from experiments.sweep.runs import UNFINISHED
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("study", ["sweep", "atlas"])
 def test_the_finished_files_have_checksums_and_their_readers_compare_them(request, tmp_path, study):
     folder = request.getfixturevalue(f"{study}_folder")

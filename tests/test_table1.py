@@ -249,6 +249,7 @@ DEMAND_LIMITED = re.findall(
 )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["W_a", "W_e", "W_a_uncorrected"])
 def test_the_second_configuration_is_within_15_percent_of_all_of_table_1(model, name):
     """The printed numbers are MuJoCo's; the stepped linear loop gives them to 0.2 %."""

@@ -67,8 +67,8 @@ def study(uncorrected_folder):
 
 def test_a_referee_finds_no_fault_with_the_figures(uncorrected_folder, faults_of_figures):
     assert (uncorrected_folder / "uncorrected.png").is_file()
-    assert faults_of_figures["uncorrected"] == []
-    assert faults_of_figures["demand_limit"] == []
+    assert faults_of_figures("uncorrected") == []
+    assert faults_of_figures("demand_limit") == []
 
 
 def test_a_steady_acceleration_of_the_floor_is_a_sag(model):
@@ -215,6 +215,7 @@ def test_damping_is_that_asked_for_and_the_integrator_adds_none(model):
 DOCS = (Path(__file__).parents[1] / "docs" / "uncorrected.md").read_text()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "name", ["lost_strut", "off_centre", "retuned", "limit", "limit_speed", "limit_anti_windup"]
 )
@@ -251,6 +252,7 @@ def test_the_corrected_columns_need_more_stroke_than_the_uncorrected_one(model):
     assert np.linalg.eigvalsh(lost) == pytest.approx([2 / 3, 1], abs=1e-3)
 
 
+@pytest.mark.long
 def test_a_row_of_the_map_is_what_the_prediction_says(model):
     bench = at_crossover(TestbedConfig(), 6.0, 25.0)
     quiet = damped(model, 0.05)

@@ -200,4 +200,4 @@ def _span_s(state: ViewerState) -> tuple[float, float]:
     for line in (line for one in shown for line in one.timelines):
         if line.name == TIMELINE and line.start is not None and line.end is not None:
             return 1e-9 * line.start, 1e-9 * line.end
-    raise WrongInput(f"the recording has no timeline {TIMELINE}")
+    raise WrongInput(f"this is no recording of fjh: it has no timeline {TIMELINE}")
