@@ -92,12 +92,14 @@ def test_the_optimum_is_what_a_general_optimizer_finds(name):
     np.testing.assert_array_equal(best.strut_m[0, list(goal.locked_m)], 0.0)
 
 
+@pytest.mark.long
 def test_what_a_constant_jacobian_leaves_out_grows_with_the_square_of_the_motion():
     """Curvature: ten times the spiral is a hundred times the error, ten times relative to it."""
     small, large = (off("constant", circle(radius)) for radius in (1e-4, 1e-3))
     assert large / small == pytest.approx(10, rel=0.05)
 
 
+@pytest.mark.long
 def test_the_present_jacobian_on_absolute_displacements_errs_as_much_the_other_way():
     """L = A_0 x + x'Hx/2 + ...: A_0 leaves the half out, A(x) x counts it twice."""
     path = circle(1e-3)

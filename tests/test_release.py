@@ -245,6 +245,7 @@ def test_a_mismatch_would_be_seen(model):
     assert off > 0.2
 
 
+@pytest.mark.long
 def test_a_failure_strikes_at_its_time_and_the_mapping_changes_with_it(model):
     bench = TestbedConfig()
     stiffness = strut_and_payload_stiffness(model)

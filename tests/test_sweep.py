@@ -177,6 +177,7 @@ def test_a_design_that_makes_no_sense_is_one_sentence(tmp_path, text, said):
 # A row.
 
 
+@pytest.mark.long
 def test_a_row_is_what_the_run_and_the_linear_model_say(model):
     """With compensators designed anew, and the prediction of another function."""
     bench = TestbedConfig(detector_noise_m=1e-6)

@@ -127,6 +127,7 @@ def places_of(path: Path) -> list[int]:
     return [*ends, *range(4, path.stat().st_size - 1, 1000)]
 
 
+@pytest.mark.long
 def test_no_two_bytes_flipped_on_disk_change_a_row(tmp_path, whole):
     """They are noticed, and the runs of that file done again; or they held no number."""
     unfinished = seven_of_ten(tmp_path)

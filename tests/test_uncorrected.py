@@ -129,6 +129,7 @@ def test_the_floor_meets_its_criterion_in_every_third_octave_band():
     assert not np.array_equal(acceleration, floor_acceleration(bench, criterion, seed=4))
 
 
+@pytest.mark.long
 def test_a_lock_off_centre_holds_where_the_coil_had_put_the_strut(model, loops):
     """Pointing starts at J[:, 0] l, and the other struts at their centre."""
     place_m = 80e-6
@@ -268,6 +269,7 @@ def test_a_row_of_the_map_is_what_the_prediction_says(model):
     assert np.all(poles[0] < 1)
 
 
+@pytest.mark.long
 def test_an_unstable_loop_has_no_predicted_error_and_a_run_that_stays_finite(model):
     candidate = next(c for c in CANDIDATES if c.name == "resonance")
     machine = candidate.machine(model)
