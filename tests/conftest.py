@@ -1,6 +1,6 @@
 import json
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import mujoco
@@ -80,7 +80,7 @@ def fjh(*words: str) -> Callable[[Path], int]:
 
 
 @pytest.fixture(scope="session", autouse=True)
-def faults_of_figures(shared) -> Callable[[str], list[str]]:
+def faults_of_figures(shared) -> Iterator[Callable[[str], list[str]]]:
     """What is wrong with the figure of a name that a command saved, in whichever process."""
 
     def file(name: str) -> Path:

@@ -9,7 +9,7 @@ STUDY = Study(
     Struts lock, or lose their coil force or a part of it, at random times and in random postures.
     The diagnosis uses the commands, the measured angles and an exact model of the plant. Each run
     is compared with a controller that is informed of the failure at once, and with one that
-    continues without noticing it. 20 minutes on two cores, 2 with --quick.
+    continues without noticing it. 20 to 40 minutes on two cores, 2 with --quick.
 
     Writes recover.json, the tables as recover.md, a figure, and for some runs their data (.npz)
     and their recordings (.rrd).
