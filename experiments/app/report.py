@@ -47,7 +47,7 @@ INDEX = "report.json"
 HELP = """Run the main studies and write one HTML page on all of them.
 
 For each study the page has tables, figures, the result of its checks, and the command that
-reproduces it; at the end computer, versions and commit. It needs no other file. 60 minutes on two
+reproduces it; at the end computer, versions and commit. It needs no other file. 90 minutes on two
 cores; atlas is left out. The last chapter, bench, measures times: do nothing else on the computer
 meanwhile. Where its packages are not installed it is left out, and the page says so.
 

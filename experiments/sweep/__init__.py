@@ -36,8 +36,8 @@ STUDY = Study(
     help="""Simulate many closed loops with varied weights, failures and constants.
 
     The design is a Latin hypercube or a grid over weights, failures, failure times and constants of
-    the testbed; each run is compared with the linear model. The default has 1000 runs of 4 s: about
-    ten minutes on two cores, 20 s with --quick.
+    the testbed; each run is compared with the linear model. The default has 1000 runs of 4 s:
+    10 to 30 minutes on two cores, 20 s with --quick.
 
     Rows are written to a Parquet dataset, OUT/unfinished, as they finish; Ctrl-C keeps them, and
     --resume continues. The result is identical to the bit for any number of workers and
@@ -72,8 +72,8 @@ ATLAS = Study(
     In a failure condition each strut works, is locked, or is free (without force); the mapping
     knows the condition. Each is simulated for 2 s of the spiral with the weights W_a to W_e of
     Table I and with the Jacobian of the nominal and of the estimated pose, and compared with its
-    classification and the linear model. 40 minutes on two cores, 2 with --quick. Clusters,
-    interruption and --resume are as in fjh sweep.
+    classification and the linear model. Two hours on two cores, two minutes with --quick.
+    Clusters, interruption and --resume are as in fjh sweep.
 
     Writes atlas.json, the rows as atlas.parquet (docs/sweep.md has its columns), the table as
     atlas.md, and a figure.
