@@ -72,7 +72,7 @@ ATLAS = Study(
     In a failure condition each strut works, is locked, or is free (without force); the mapping
     knows the condition. Each is simulated for 2 s of the spiral with the weights W_a to W_e of
     Table I and with the Jacobian of the nominal and of the estimated pose, and compared with its
-    classification and the linear model. Two hours on two cores, two minutes with --quick.
+    classification and the linear model. Three hours on two cores, two minutes with --quick.
     Clusters, interruption and --resume are as in fjh sweep.
 
     Writes atlas.json, the rows as atlas.parquet (docs/sweep.md has its columns), the table as
