@@ -22,16 +22,9 @@ settings.load_profile("repeatable")
 
 
 AT_LENGTH = {
-    *(
-        "table1_folder",
-        "figures_folder",
-        "release_folder",
-        "recover_folder",
-        "systems_folder",
-        "jacobian_folder",
-    ),
-    *("goals_folder", "force_run", "uncorrected_folder", "bench_folder", "sweep_folder"),
-    *("atlas_folder", "seeds_folder", "crew"),
+    *("table1_folder", "figures_folder", "release_folder", "recover_folder", "systems_folder"),
+    *("jacobian_folder", "goals_folder", "force_run", "uncorrected_folder", "bench_folder"),
+    *("sweep_folder", "atlas_folder", "seeds_folder", "crew"),
 }
 """Fixtures that run a study or a cluster."""
 
@@ -88,8 +81,10 @@ def faults_of_figures(shared) -> Iterator[Callable[[str], list[str]]]:
 
     def save(figure: Figure, folder: Path, name: str, *formats: tuple[str, ...]) -> None:
         save_figure(figure, folder, name, *formats)
+        own = file(f"{name}.{os.getpid()}")
         # After it, since drawing moves what is not yet laid out.
-        file(name).write_text(json.dumps(faults(figure)))
+        own.write_text(json.dumps(faults(figure)))
+        own.replace(file(name))  # at once: another process may be reading
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("experiments.output.plotting.save_figure", save)
@@ -201,11 +196,7 @@ def scheduler(crew):
     return crew.scheduler_info()["address"]
 
 
-@pytest.fixture(scope="session")
-def sweep_design(shared):
-    """A design file: a few short runs, some of which fail in flight, told and not told."""
-    path = shared / "short.toml"
-    path.write_text("""
+DESIGN = """
 layout = "latin-hypercube"
 runs = 30
 duration_s = 0.2
@@ -215,8 +206,19 @@ struts = ["SSSSSS", "SLSSSS"]
 failure_time_s = [0.0, 0.1]
 known = [true, false]
 roll_off_hz = { from = 20, to = 30 }
-""")
-    return path
+"""
+"""A few short runs, some of which fail in flight, told and not told."""
+
+
+@pytest.fixture(scope="session")
+def sweep_design(made_once):
+    """A design file."""
+
+    def make(folder: Path) -> int:
+        folder.mkdir()
+        return (folder / "short.toml").write_text(DESIGN) != len(DESIGN)
+
+    return made_once("design", make) / "short.toml"
 
 
 @pytest.fixture(scope="session")
