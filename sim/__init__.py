@@ -12,6 +12,8 @@ if _find_spec("mujoco") is None:
 
 from sim.amplifier import Amplifier as Amplifier
 from sim.array import Array as Array
+from sim.assembly import advance as advance
+from sim.assembly import assemble as assemble
 from sim.coil import COPPER_PER_K as COPPER_PER_K
 from sim.coil import Coils as Coils
 from sim.detector import Detector as Detector
@@ -19,6 +21,7 @@ from sim.detector import pointing_angles as pointing_angles
 from sim.detector import secondary_motion as secondary_motion
 from sim.dynamics import joint_stiffness as joint_stiffness
 from sim.dynamics import mass_matrix as mass_matrix
+from sim.errors import ClosureError as ClosureError
 from sim.errors import ModelError as ModelError
 from sim.errors import SimulationDiverged as SimulationDiverged
 from sim.failure import Failure as Failure
@@ -26,13 +29,20 @@ from sim.failure import FailureKind as FailureKind
 from sim.failure import failed_plant as failed_plant
 from sim.forward import UnreachableLengths as UnreachableLengths
 from sim.forward import forward_kinematics as forward_kinematics
+from sim.frame import Body as Body
 from sim.hexapod import Hexapod as Hexapod
 from sim.hexapod import Posture as Posture
 from sim.hexapod import hexapod as hexapod
+from sim.hold import Pin as Pin
+from sim.jacobian import CLOSURE_TOLERANCE as CLOSURE_TOLERANCE
 from sim.jacobian import Jacobians as Jacobians
 from sim.jacobian import jacobians as jacobians
+from sim.limits import Ranges as Ranges
+from sim.limits import ranges as ranges
 from sim.linear import LinearPlant as LinearPlant
 from sim.linear import linearize as linearize
+from sim.machine import Machine as Machine
+from sim.machine import Names as Names
 from sim.model import HEXAPOD_MJCF as HEXAPOD_MJCF
 from sim.model import element_id as element_id
 from sim.model import load_model as load_model
@@ -42,7 +52,12 @@ from sim.plant import Plant as Plant
 from sim.pose import NOMINAL as NOMINAL
 from sim.pose import Pose as Pose
 from sim.strut_sensors import StrutSensors as StrutSensors
+from sim.task import CenterOfMass as CenterOfMass
+from sim.task import Relative as Relative
+from sim.task import pose_error as pose_error
+from sim.task import pose_of as pose_of
 from sim.trajectory import spiral as spiral
+from sim.transmission import Drive as Drive
 from sim.warning import log_warnings
 
 log_warnings()  # in every process that uses MuJoCo through us, workers too

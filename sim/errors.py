@@ -8,6 +8,23 @@ class ModelError(ValueError):
     """An MJCF file or model that cannot be used; the message names the thing."""
 
 
+class ClosureError(ModelError):
+    """An equality is open farther than it may be, or no pose nearby closes it.
+
+    Attributes:
+        equality: Which one, in words; or what is held or pinned.
+        gap: How far it is open, [m] or [rad].
+    """
+
+    def __init__(self, equality: str, gap: float, advice: str) -> None:
+        """Say what is open, by how much, and what to try."""
+        super().__init__(equality, gap, advice)  # so that it survives pickling
+        self.equality, self.gap, self.advice = equality, gap, advice
+
+    def __str__(self) -> str:
+        return f"{self.equality} is open by {self.gap:.3g} (m or rad): {self.advice}"
+
+
 class SimulationDiverged(RuntimeError):
     """The simulation produced non-finite numbers.
 

@@ -1,6 +1,8 @@
 """Task and constraint Jacobians of any MJCF model."""
 
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
 
 import mujoco
 import numpy as np
@@ -8,29 +10,36 @@ from numpy.typing import NDArray
 
 import argument_checks as check
 from sim.array import Array
-from sim.errors import ModelError
+from sim.closure import check_closures, closure_rows, equality_name, largest_gap
+from sim.errors import ClosureError, ModelError
+from sim.frame import Body
+from sim.hold import Pin, pin_rows, pins_of
+from sim.limits import at_limits, touching
+from sim.machine import Machine, Names
 from sim.model import check_state, element_id
+from sim.task import Task, task_jacobian, task_list, to_axes_of
+from sim.transmission import drive_row, drives, extra_drives, simple_velocities
 
-_WITHOUT_CLOSURES = int(mujoco.mjtDisableBit.mjDSBL_EQUALITY) | int(
-    mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
-)
-_CLOSURES = [
-    int(getattr(mujoco.mjtEq, f"mjEQ_{kind}")) for kind in ("CONNECT", "WELD", "JOINT", "TENDON")
-]
-_ONE_AXIS = (int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE))
-# "In parent" matters to ball and free joints only, which are refused anyway.
-_ON_JOINT = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
+CLOSURE_TOLERANCE = 1e-3
+"""Largest gap of a closure, [m] or [rad], at which Jacobians are taken."""
 
 
 @dataclass(frozen=True)
 class Jacobians:
-    """Velocities of a MuJoCo model as v = J_T qvel, 0 = J_C qvel.
+    """Velocities of a MuJoCo model as v = J_T u, 0 = J_C u, with u = [qvel; other actuators'].
+
+    N velocities: the nv of MuJoCo, then one of each transmission that is no slide or hinge joint.
 
     Attributes:
-        J_T: Twist [angular; linear] of the site, shape (6, nv), [rad]/[s] and [m]/[s].
-        J_C: Active equality constraints, shape (c, nv); redundant rows are normal.
-        active: Velocity index of each actuator, in actuator order, shape (n,).
-        gear: Gear ratio of each actuator, never zero, shape (n,).
+        J_T: Velocities of the tasks, shape (m, N): a frame has the twist [angular; linear] of its
+            origin, [rad]/[s] and [m]/[s].
+        J_C: Rows of the active equality constraints, shape (c, N), then of the transmissions, pins
+            and limits; redundant rows are normal.
+        active: Velocity index of each active velocity, in actuator order, shape (n,).
+        gear: Gear ratio of its first actuator, never zero, shape (n,).
+        rows: Which rows of J_T belong to which task.
+        closure_residual: Largest gap of the closures, [m] or [rad].
+        machine: The model behind it, from which names, limits and springs are read when asked for.
 
     Raises:
         ValueError: Shapes that do not fit, an index out of range, or numbers that are not finite.
@@ -40,6 +49,9 @@ class Jacobians:
     J_C: Array
     active: NDArray[np.intp]
     gear: Array
+    rows: Mapping[Task, slice] = field(default_factory=dict)
+    closure_residual: float = 0.0
+    machine: Machine | None = None
 
     def __post_init__(self) -> None:
         """Check the arguments."""
@@ -49,100 +61,152 @@ class Jacobians:
         if not check.exactly("gear", self.gear, len(active)).all():
             raise ValueError(f"gear must not be zero, got {check.shown(self.gear)}")
 
+    @property
+    def names(self) -> Names | None:
+        """Names of the velocities and of the actuators of each active one."""
+        return self.machine and self.machine.names
+
+    @property
+    def stiffness(self) -> Array | None:
+        """K of the springs of joints and tendons, (N, N); None where one is not linear."""
+        return self.machine and self.machine.stiffness
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What the model has besides, and the Jacobians leave out; a sentence each."""
+        return self.machine.warnings if self.machine else ()
+
+    @cached_property
+    def geometry_accuracy(self) -> float:
+        """Accuracy of the geometry, in rad or relative length, as the model shows it.
+
+        The rounding of its numbers, or what the gaps of the closures amount to in J_C; for
+        `ConstrainedSystem(geometry_accuracy=...)`.
+        """
+        size = float(np.linalg.norm(self.J_C))
+        of_gaps = self.closure_residual / size if size else 0.0
+        return max(of_gaps, self.machine.written_accuracy if self.machine else 0.0)
+
 
 def jacobians(
     model: mujoco.MjModel,
     data: mujoco.MjData,
-    site: str,
+    site: Task | Sequence[Task],
     axes: str | None = None,
+    *,
+    pinned: Iterable[str | Body | Pin] = (),
+    stuck_at_limits: bool = False,
+    closure_tolerance: float = CLOSURE_TOLERANCE,
 ) -> Jacobians:
     """Jacobians at the present `data.qpos`; derived quantities in `data` are brought up to date.
 
-    Slide, hinge, ball and free joints; connect, weld, joint and tendon equalities. Contacts, limits
-    and dry friction are left out: they are not equalities. The rows are derivatives of the closures
-    where these are closed; that is for the caller to see to.
+    Joints, equalities and transmissions of every kind that has velocities: connect, weld, joint and
+    tendon equalities; actuators on joints, tendons, sites and slider-cranks. Dry friction is left
+    out; contacts and limits too, unless `pinned` or `stuck_at_limits` says otherwise.
 
     Args:
-        model: Any model whose actuators each drive a slide or hinge joint of their own.
-        data: Its state; `eq_active` decides which equalities count.
-        site: The task point.
-        axes: Site whose axes the twist is expressed in; None is the world.
+        model: Any model.
+        data: Its state; `eq_active` decides which equalities count. See :func:`assemble`.
+        site: The task: name of a site, :class:`Body`, :class:`CenterOfMass` or :class:`Relative`;
+            or several, whose rows are stacked.
+        axes: Site whose axes velocities are expressed in; None is the world.
+        pinned: Frames that stay where they are, as feet that stand: names of sites,
+            :class:`Body`, or :class:`Pin`.
+        stuck_at_limits: Whether joints and tendons that rest on their limits count as stuck.
+        closure_tolerance: Largest gap of a closure, [m] or [rad]. Up to 1 mm a gap changes the
+            Jacobians by no more than its own size; infinity takes any.
 
     Raises:
-        ModelError: A missing site; an actuator or an active equality that the theory has no word
-            for; closures that the model's flags switch off, or that sleep.
+        ClosureError: A closure is open farther than the tolerance.
+        ModelError: A name that does not exist; a model without enabled actuators; a task that no
+            actuator moves; an actuator or an active equality that is no velocity; closures that
+            the model's flags switch off, or that sleep.
         ValueError: `data.qpos` is not finite, or `data` of another model.
         TypeError: An argument is of another kind.
     """
     check_state(model, data)
-    task = element_id(model, "site", check.instance("site", site, str))
-    frame = None
+    tasks, pins = task_list(model, site), pins_of(model, pinned)
     if axes is not None:
-        frame = element_id(model, "site", check.instance("axes", axes, str))
-    active = actuated_velocities(model)
-    _check_closures(model, data)
+        element_id(model, "site", check.instance("axes", axes, str))
+    check_closures(model, data)
     mujoco.mj_fwdPosition(model, data)
+    residual, worst = largest_gap(model, data)
+    if not residual <= closure_tolerance:
+        raise ClosureError(equality_name(model, worst), residual, "call sim.assemble(model, data)")
 
-    linear, angular = np.zeros((3, model.nv)), np.zeros((3, model.nv))
-    mujoco.mj_jacSite(model, data, linear, angular, task)
-    to_axes = np.eye(3) if frame is None else data.site_xmat[frame].reshape(3, 3).T
-    J_C = constraint_jacobian(model, data)
+    forbidden = [closure_rows(model, data), pin_rows(model, data, pins)]
+    if stuck_at_limits:
+        forbidden.append(np.array([row for _, row in at_limits(model, data)]))
+    active, gear, extra = _driven(model, data)
+    J_T, rows = _task_rows(model, data, tasks, axes, len(extra))
+    J_C = _with_transmissions(forbidden, extra, model.nv)
     if not np.isfinite(J_C).all():
         raise ModelError("an equality of the model is not finite")
-    return Jacobians(
-        J_T=np.vstack([to_axes @ angular, to_axes @ linear]),
-        J_C=J_C,
-        active=active,
-        gear=model.actuator_gear[:, 0].copy(),
-    )
+    for task in tasks:
+        if not _moves(J_T[rows[task]], J_C, active):
+            raise ModelError(f"no actuator moves {check.shown(task)}")
+    machine = Machine(model, data.qpos.copy(), touching(model, data), pins, stuck_at_limits)
+    return Jacobians(J_T, J_C, active, gear, rows, residual, machine)
 
 
-def constraint_jacobian(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
-    """Rows of the active equality constraints, shape (c, nv), as MuJoCo last computed them.
-
-    Raises:
-        ModelError: A part of the mechanism sleeps; MuJoCo leaves its rows out.
-    """
-    if data.ntree_awake < model.ntree:
-        raise ModelError("a part of the mechanism is asleep, with its closures: switch sleep off")
-    if mujoco.mj_isSparse(model):
-        rows = np.zeros((data.nefc, model.nv))
-        mujoco.mju_sparse2dense(
-            rows, data.efc_J, data.efc_J_rownnz, data.efc_J_rowadr, data.efc_J_colind
-        )
-    else:
-        rows = data.efc_J.reshape(-1, model.nv)
-    return rows[data.efc_type == int(mujoco.mjtConstraint.mjCNSTR_EQUALITY)].copy()
-
-
-def actuated_velocities(model: mujoco.MjModel) -> NDArray[np.intp]:
-    """Velocity index of each actuator.
-
-    Raises:
-        ModelError: An actuator not on a slide or hinge joint, one of gear 0, or two on one joint.
-    """
-    owner: dict[int, str] = {}
-    for k in range(model.nactuator):
-        name = model.actuator(k).name or f"number {k}"
-        joint = int(model.actuator_trnid[k, 0])
-        on_joint = int(model.actuator_trntype[k]) in _ON_JOINT
-        if not on_joint or int(model.jnt_type[joint]) not in _ONE_AXIS:
-            raise ModelError(f'actuator "{name}" does not drive a slide or hinge joint')
-        if model.actuator_gear[model.actuator_outadr[k], 0] == 0.0:
-            raise ModelError(f'actuator "{name}" has gear 0 and moves nothing')
-        if joint in owner:
-            raise ModelError(
-                f'actuators "{owner[joint]}" and "{name}" drive the same joint '
-                f'"{model.joint(joint).name}"'
-            )
-        owner[joint] = name
-    return model.jnt_dofadr[list(owner)].astype(np.intp)
+def _driven(
+    model: mujoco.MjModel, data: mujoco.MjData
+) -> tuple[NDArray[np.intp], Array, list[Array]]:
+    """Active velocities, their gears, and the rows (nv,) of those that are no joint."""
+    active = simple_velocities(model)
+    if active is not None and len(active):
+        return active, model.actuator_gear[:, 0].copy(), []
+    of_model = drives(model)
+    if not of_model:
+        raise ModelError("the model has no enabled actuator, so nothing can be commanded: add one")
+    extra = extra_drives(of_model)
+    after = {drive.output: model.nv + i for i, drive in enumerate(extra)}
+    indices = [
+        after[drive.output] if drive.joint is None else int(model.jnt_dofadr[drive.joint])
+        for drive in of_model
+    ]
+    rows = [drive_row(model, data, drive) for drive in extra]
+    return np.array(indices, dtype=np.intp), np.array([d.gear[0] for d in of_model]), rows
 
 
-def _check_closures(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    if data.eq_active.any() and model.opt.disableflags & _WITHOUT_CLOSURES:
-        raise ModelError("equalities are active, and the model's flags disable them")
-    strange = data.eq_active.astype(bool) & ~np.isin(model.eq_type, _CLOSURES)
-    for k in np.flatnonzero(strange):
-        name = model.equality(k).name or f"number {k}"
-        raise ModelError(f'equality "{name}" holds a flex: only connect, weld, joint and tendon do')
+def _task_rows(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    tasks: list[Task],
+    axes: str | None,
+    extra: int,
+) -> tuple[Array, dict[Task, slice]]:
+    to_axes, parts, rows, start = to_axes_of(model, data, axes), [], {}, 0
+    for task in tasks:
+        velocity = task_jacobian(model, data, task)
+        parts += [to_axes @ velocity[i : i + 3] for i in range(0, len(velocity), 3)]
+        rows[task] = slice(start, start + len(velocity))
+        start += len(velocity)
+    J_T = np.vstack(parts)
+    return (np.hstack([J_T, np.zeros((len(J_T), extra))]) if extra else J_T), rows
+
+
+def _with_transmissions(forbidden: list[Array], extra: list[Array], nv: int) -> Array:
+    """All rows; each transmission has one: row qvel less its own velocity is zero."""
+    closures, *others = [np.reshape(rows, (-1, nv)) for rows in forbidden]
+    if not extra and not any(map(len, others)):
+        return closures
+    E = len(extra)
+    blocks = [
+        np.hstack([closures, np.zeros((len(closures), E))]),
+        np.hstack([np.reshape(extra, (-1, nv)), -np.eye(E)]),
+    ]
+    return np.vstack(blocks + [np.hstack([rows, np.zeros((len(rows), E))]) for rows in others])
+
+
+def _moves(J_T: Array, J_C: Array, active: NDArray[np.intp]) -> bool:
+    """Whether any active velocity has to do with these rows, through whatever closures."""
+    reached = np.asarray(J_T.any(axis=0))
+    links = None
+    while not reached[active].any():
+        links = J_C != 0.0 if links is None else links
+        linked = np.asarray(reached | ((links @ reached) @ links))
+        if (linked == reached).all():
+            return False
+        reached = linked
+    return True

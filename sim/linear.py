@@ -8,9 +8,11 @@ import numpy as np
 import scipy.linalg
 
 from sim.array import Array
+from sim.closure import check_closures, closure_rows
 from sim.errors import ModelError
-from sim.jacobian import constraint_jacobian, jacobians
-from sim.model import check_state, element_id
+from sim.model import check_state
+from sim.task import task_jacobian, task_list, to_axes_of
+from sim.transmission import actuated_velocities
 
 _POSITION_STEP = 1e-6
 _VELOCITY_STEP = 1e-4
@@ -62,12 +64,12 @@ def linearize(
     check_state(model, data)
     if model.na:
         raise ModelError("an actuator has a state of its own: only those without one are linear")
-    jac = jacobians(model, data, site, axes)
-    Z = _allowed(jac.J_C)
+    (task,), active = task_list(model, [site]), actuated_velocities(model)
+    check_closures(model, data)
+    mujoco.mj_fwdPosition(model, data)
+    Z = _allowed(closure_rows(model, data))
     k = Z.shape[1]
-    to_world = np.eye(3)
-    if axes is not None:
-        to_world = data.site_xmat[element_id(model, "site", axes)].reshape(3, 3).copy()
+    to_axes = to_axes_of(model, data, axes)
     gravity, model = model.opt.gravity.copy(), copy.copy(model)
     probe = mujoco.MjData(model)
     probe.eq_active[:] = data.eq_active
@@ -75,13 +77,13 @@ def linearize(
 
     def acceleration(y: Array, y_dot: Array, u: Array, floor: Array) -> Array:
         # Seen from a floor that accelerates, every mass weighs by so much less.
-        model.opt.gravity[:] = gravity - to_world @ floor
+        model.opt.gravity[:] = gravity - to_axes.T @ floor
         probe.qpos[:] = data.qpos
         mujoco.mj_integratePos(model, probe.qpos, Z @ y, 1.0)
         probe.qvel[:] = Z @ y_dot
         probe.ctrl[:] = u
         mujoco.mj_forward(model, probe)
-        allowed, mass = _allowed(constraint_jacobian(model, probe)), np.zeros((model.nv, model.nv))
+        allowed, mass = _allowed(closure_rows(model, probe)), np.zeros((model.nv, model.nv))
         mujoco.mj_fullM(model, probe, mass)
         force = allowed.T @ (mass @ probe.qacc_smooth)
         return Z.T @ allowed @ np.linalg.solve(allowed.T @ mass @ allowed, force)
@@ -105,8 +107,10 @@ def linearize(
         A=np.block([[zero, np.eye(k)], [stiffness, damping]]),
         B=np.vstack([np.zeros((k, model.nu)), drive]),
         B_floor=np.vstack([np.zeros((k, 3)), floor]),
-        C_twist=np.hstack([jac.J_T @ Z, np.zeros((6, k))]),
-        C_active=np.hstack([Z[jac.active], np.zeros((model.nu, k))]),
+        C_twist=np.hstack(
+            [np.kron(np.eye(2), to_axes) @ task_jacobian(model, data, task) @ Z, np.zeros((6, k))]
+        ),
+        C_active=np.hstack([Z[active], np.zeros((model.nu, k))]),
     )
 
 

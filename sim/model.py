@@ -4,6 +4,7 @@ import copy
 import hashlib
 import math
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -75,6 +76,11 @@ def element_id(model: mujoco.MjModel, kind: str, name: str) -> int:
         names = [getattr(model, kind)(k).name for k in range(getattr(model, counts[kind]))]
         present = ", ".join(filter(None, names)) or "none"
         raise ModelError(f'the model has no {kind} named "{name}"; it has: {present}') from None
+
+
+def name_of(element: Any) -> str:
+    """Name of an element as `model.joint(k)` gives it, or its number where it has none."""
+    return element.name or f"number {element.id}"
 
 
 def check_state(model: mujoco.MjModel, data: mujoco.MjData) -> None:

@@ -11,9 +11,9 @@ from scipy.spatial.transform import Rotation
 import argument_checks as check
 from sim.array import Array
 from sim.errors import ModelError, SimulationDiverged
-from sim.jacobian import actuated_velocities
 from sim.model import element_id
 from sim.pose import Pose, computed
+from sim.transmission import actuated_velocities
 
 _LOOPS = (int(mujoco.mjtEq.mjEQ_CONNECT), int(mujoco.mjtEq.mjEQ_WELD))
 

@@ -1,0 +1,140 @@
+"""Rows of the active equalities, taken where the loops are closed, and how far they are open."""
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.array import Array
+from sim.errors import ModelError
+from sim.model import name_of
+
+_EQ = mujoco.mjtEq
+_CONNECT, _WELD, _JOINT, _TENDON = (
+    int(kind) for kind in (_EQ.mjEQ_CONNECT, _EQ.mjEQ_WELD, _EQ.mjEQ_JOINT, _EQ.mjEQ_TENDON)
+)
+_KINDS = {_CONNECT: "connect", _WELD: "weld", _JOINT: "joint", _TENDON: "tendon"}
+_TORQUE_SCALE = 10
+"""Where `eq_data` of a weld has its torquescale."""
+_WITHOUT_CLOSURES = int(mujoco.mjtDisableBit.mjDSBL_EQUALITY) | int(
+    mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
+)
+
+
+def check_closures(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    """Refuse active equalities that are not closures, or that the model's flags switch off.
+
+    Raises:
+        ModelError: As described.
+    """
+    if data.eq_active.any() and model.opt.disableflags & _WITHOUT_CLOSURES:
+        raise ModelError(
+            "equalities are active, and the model's flags disable them: clear these flags, or "
+            "data.eq_active"
+        )
+    strange = [
+        k
+        for k, kind in enumerate(model.eq_type.tolist())
+        if kind not in _KINDS and data.eq_active[k]
+    ]
+    if strange:
+        raise ModelError(
+            f"{equality_name(model, strange[0])} holds a flex, and only connect, weld, joint and "
+            "tendon are closures: set its data.eq_active to 0"
+        )
+
+
+def closure_rows(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
+    """Rows of the active equality constraints, shape (c, nv), from what MuJoCo last computed.
+
+    MuJoCo takes the rows of a connect or weld with each body's own anchor. While these are D apart,
+    a joint that carries both bodies moves them apart by omega x D, although it opens nothing, and
+    redundant rows become constraints. Here both bodies move as at the anchors' midpoint.
+
+    Raises:
+        ModelError: A part of the mechanism sleeps; MuJoCo leaves its rows out.
+    """
+    if data.ntree_awake < model.ntree:
+        raise ModelError("a part of the mechanism is asleep, with its closures: switch sleep off")
+    rows = _equality_rows(model, data)
+    gap, owner = data.efc_pos[: data.ne], data.efc_id[: data.ne]
+    for k in set(owner[gap != 0.0].tolist()):
+        if model.eq_type[k] in (_CONNECT, _WELD):
+            start = int(np.flatnonzero(owner == k)[0])
+            both = sum(_angular(model, data, body) for body in _bodies(model, k))
+            rows[start : start + 3] += _cross(gap[start : start + 3] / 2) @ both
+    return rows
+
+
+def closure_gaps(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[Array, NDArray[np.intp]]:
+    """How far each row of the closures is open, and the equality it belongs to, (c,) each.
+
+    [m] or [rad], from what MuJoCo last computed; of a weld's turn the rotation vector.
+    """
+    gaps, owner = data.efc_pos[: data.ne].copy(), data.efc_id[: data.ne].astype(np.intp)
+    of_welds = (model.eq_type[owner] == _WELD).nonzero()[0].reshape(-1, 6)
+    if of_welds.size:  # six rows each, the last three the sines of half the angles, scaled
+        scale = model.eq_data[owner[of_welds[:, :1]], _TORQUE_SCALE]
+        gaps[of_welds[:, 3:]] *= 2.0 / np.where(scale, scale, np.inf)
+    return gaps, owner
+
+
+def largest_gap(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[float, int]:
+    """The largest gap of all closures, [m] or [rad], and its equality; 0 and -1 without any."""
+    gaps, owner = closure_gaps(model, data)
+    if not gaps.size:
+        return 0.0, -1
+    worst = np.abs(gaps).argmax()
+    return abs(float(gaps[worst])), int(owner[worst])
+
+
+def equality_name(model: mujoco.MjModel, equality: int) -> str:
+    """What a reader calls an equality: by its name, or by the bodies or joints it ties."""
+    if name := model.equality(equality).name:
+        return f'equality "{name}"'
+    kind = _KINDS.get(int(model.eq_type[equality]), "flex")
+    ends = {
+        _CONNECT: lambda k: name_of(model.body(_bodies(model, equality)[k])),
+        _WELD: lambda k: name_of(model.body(_bodies(model, equality)[k])),
+        _JOINT: lambda k: name_of(model.joint(_ends(model, equality)[k])),
+        _TENDON: lambda k: name_of(model.tendon(_ends(model, equality)[k])),
+    }
+    find = ends.get(int(model.eq_type[equality]))
+    if find is None:
+        return f"equality {equality} ({kind})"
+    tied = [find(k) for k, end in enumerate(_ends(model, equality)) if end >= 0]
+    return f"equality {equality} ({kind} of " + " and ".join(f'"{end}"' for end in tied) + ")"
+
+
+def _equality_rows(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
+    """MuJoCo's own; equalities come first among its constraints."""
+    if not mujoco.mj_isSparse(model):
+        return data.efc_J.reshape(-1, model.nv)[: data.ne].copy()
+    rows = np.zeros((data.nefc, model.nv))
+    mujoco.mju_sparse2dense(
+        rows, data.efc_J, data.efc_J_rownnz, data.efc_J_rowadr, data.efc_J_colind
+    )
+    return rows[: data.ne]
+
+
+def _bodies(model: mujoco.MjModel, equality: int) -> list[int]:
+    """The two bodies of a connect or weld, which may be given by sites."""
+    ends = _ends(model, equality)
+    if model.eq_objtype[equality] == int(mujoco.mjtObj.mjOBJ_SITE):
+        return model.site_bodyid[ends].tolist()
+    return ends
+
+
+def _ends(model: mujoco.MjModel, equality: int) -> list[int]:
+    return [int(model.eq_obj1id[equality]), int(model.eq_obj2id[equality])]
+
+
+def _angular(model: mujoco.MjModel, data: mujoco.MjData, body: int) -> Array:
+    rows = np.zeros((3, model.nv))
+    mujoco.mj_jacBody(model, data, None, rows, body)
+    return rows
+
+
+def _cross(v: Array) -> Array:
+    """Matrix of the cross product v x."""
+    x, y, z = v
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])

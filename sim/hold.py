@@ -1,0 +1,150 @@
+"""What stays where it is while loops are closed: held joints and transmissions, pinned frames."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from difflib import get_close_matches
+
+import mujoco
+import numpy as np
+
+import argument_checks as check
+from sim.array import Array
+from sim.errors import ModelError
+from sim.frame import Body, check_frame, frame_jacobian, frame_pose, rotation_vector
+from sim.transmission import Drive, drive_row, drives, extra_drives
+
+
+@dataclass(frozen=True)
+class Pin:
+    """A frame that stays where it is, as a foot that stands: a contact taken as an equality.
+
+    Attributes:
+        frame: Name of a site, or a :class:`Body`.
+        weld: Whether it does not turn either; otherwise only its origin stays.
+    """
+
+    frame: str | Body
+    weld: bool = False
+
+    @property
+    def rows(self) -> slice:
+        """Which rows of the frame's twist are zero."""
+        return slice(0, 6) if self.weld else slice(3, 6)
+
+
+def pins_of(model: mujoco.MjModel, pinned: Iterable[str | Body | Pin]) -> tuple[Pin, ...]:
+    """The pins; a frame alone is one that may turn.
+
+    Raises:
+        ModelError: A frame that does not exist.
+        TypeError: Something of another kind.
+    """
+    if isinstance(pinned, str) or not isinstance(pinned, Iterable):
+        raise TypeError(f"pinned must be a list of frames or pins, got {check.shown(pinned)}")
+    pins = tuple(pin if isinstance(pin, Pin) else Pin(pin) for pin in pinned)
+    for pin in pins:
+        check_frame(model, "pinned", pin.frame)
+    return pins
+
+
+def pin_rows(model: mujoco.MjModel, data: mujoco.MjData, pins: tuple[Pin, ...]) -> Array:
+    """Velocities that pins forbid, shape (p, nv)."""
+    rows = [frame_jacobian(model, data, pin.frame)[pin.rows] for pin in pins]
+    return np.vstack([np.zeros((0, model.nv)), *rows])
+
+
+@dataclass(frozen=True)
+class Hold:
+    """What stays as it was in one state.
+
+    Attributes:
+        free: Velocities that may move, shape (nv,).
+        drives: Transmissions whose length stays.
+        lengths: These lengths, as `data.actuator_length`.
+        pins: Frames that stay.
+        poses: Where these were.
+    """
+
+    free: Array
+    drives: tuple[Drive, ...]
+    lengths: Array
+    pins: tuple[Pin, ...]
+    poses: tuple[tuple[Array, Array], ...]
+
+    def rows_and_gaps(self, model: mujoco.MjModel, data: mujoco.MjData) -> tuple[Array, Array]:
+        """Slopes (p, nv) of how far these have moved, and how far, (p,), [m] or [rad]."""
+        rows = [np.zeros((0, model.nv)), *(drive_row(model, data, drive) for drive in self.drives)]
+        now = data.actuator_length[[drive.output for drive in self.drives]]
+        gaps = [(now - self.lengths) / [drive.gear[0] for drive in self.drives]]
+        for pin, (rotation, position) in zip(self.pins, self.poses, strict=True):
+            turned, shifted = frame_pose(data, pin.frame)
+            change = np.concatenate([rotation_vector(turned @ rotation.T), shifted - position])
+            gaps.append(change[pin.rows])
+        return np.vstack([*rows, pin_rows(model, data, self.pins)]), np.concatenate(gaps)
+
+    def names(self) -> list[str]:
+        """What each row holds, in words."""
+        names = [f'held "{drive.name}"' for drive in self.drives]
+        for pin in self.pins:
+            name = pin.frame if isinstance(pin.frame, str) else pin.frame.name
+            names += [f'pinned "{name}"'] * (pin.rows.stop - pin.rows.start)
+        return names
+
+
+def hold(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    held: Iterable[str | int],
+    pinned: Iterable[str | Body | Pin],
+) -> Hold:
+    """Hold joints, transmissions and frames as they are in a state, which is up to date.
+
+    Args:
+        model: The model.
+        data: The state.
+        held: Names of joints, tendons or actuators; or velocity indices, those beyond nv counting
+            the transmissions that are no joint.
+        pinned: See :func:`pins_of`.
+
+    Raises:
+        ModelError: Something that does not exist, with the nearest that does.
+        TypeError: An argument is of another kind.
+    """
+    if isinstance(held, str) or not isinstance(held, Iterable):
+        raise TypeError(f"held must be a list of names or indices, got {check.shown(held)}")
+    free, of_drives = np.ones(model.nv, dtype=bool), []
+    extra = extra_drives(drives(model)) if model.nactuator else ()
+    for item in held:
+        velocity = item if isinstance(item, str) else check.index("held", item)
+        kept = _held(model, extra, velocity)
+        if isinstance(kept, Drive):
+            of_drives.append(kept)
+        else:
+            free[kept] = False
+    pins = pins_of(model, pinned)
+    return Hold(
+        free=free,
+        drives=tuple(of_drives),
+        lengths=data.actuator_length[[drive.output for drive in of_drives]].copy(),
+        pins=pins,
+        poses=tuple(frame_pose(data, pin.frame) for pin in pins),
+    )
+
+
+def _held(model: mujoco.MjModel, extra: tuple[Drive, ...], item: str | int) -> slice | Drive:
+    """The velocities of a joint, or a transmission that is no joint."""
+    if isinstance(item, int):
+        if item >= model.nv + len(extra):
+            raise ModelError(f"held must lie in 0..{model.nv + len(extra) - 1}, got {item}")
+        return slice(item, item + 1) if item < model.nv else extra[item - model.nv]
+    joints = {model.joint(k).name: k for k in range(model.njnt)}
+    if item in joints:
+        start = int(model.jnt_dofadr[joints[item]])
+        return slice(start, start + len(model.joint(item).dofadr))
+    for drive in extra:
+        if item in (drive.name, *drive.actuators):
+            return drive
+    names = [*filter(None, joints), *(drive.name for drive in extra)]
+    near = get_close_matches(item, names, 1)
+    hint = f'; did you mean "{near[0]}"?' if near else f"; it has: {', '.join(names) or 'none'}"
+    raise ModelError(f'held: the model has no joint "{item}"{hint}')

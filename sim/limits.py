@@ -1,0 +1,104 @@
+"""What limits motion besides loops: ranges as arrays, joints at their limits, and contacts."""
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+import argument_checks as check
+from sim.array import Array
+from sim.model import name_of
+
+_ONE_AXIS = (int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE))
+_BALL = int(mujoco.mjtJoint.mjJNT_BALL)
+_AT = 1e-6
+"""A joint nearer to its limit than this fraction of its range rests on it."""
+
+
+@dataclass(frozen=True)
+class Ranges:
+    """Lower and upper limits of a model, infinite where there is none; (., 2) each.
+
+    Attributes:
+        joint: Position of the slide or hinge of each velocity, (nv, 2), [m] or [rad].
+        tendon: Length of each tendon, (ntendon, 2).
+        control: Of each control, (nu, 2).
+        force: Of each actuator's output, (nout, 2).
+    """
+
+    joint: Array
+    tendon: Array
+    control: Array
+    force: Array
+
+
+def ranges(model: mujoco.MjModel) -> Ranges:
+    """The ranges of joints, tendons and actuators that a model states.
+
+    Raises:
+        TypeError: `model` is of another type.
+    """
+    check.instance("model", model, mujoco.MjModel)
+    return Ranges(
+        joint=_where(model.jnt_limited & _one_axis(model), model.jnt_range)[model.dof_jntid],
+        tendon=_where(model.tendon_limited, model.tendon_range),
+        control=_where(model.actuator_ctrllimited, model.actuator_ctrlrange),
+        force=_where(model.actuator_forcelimited, model.actuator_forcerange),
+    )
+
+
+def joint_positions(model: mujoco.MjModel, qpos: Array) -> Array:
+    """Position of the slide or hinge of each velocity, shape (nv,); zero for other joints."""
+    positions = np.where(_one_axis(model), qpos[model.jnt_qposadr], 0.0)
+    return positions[model.dof_jntid]
+
+
+def at_limits(model: mujoco.MjModel, data: mujoco.MjData) -> list[tuple[str, Array]]:
+    """Joints and tendons that rest on a limit or beyond: name, and the velocity's row (nv,)."""
+    limited = model.jnt_limited.astype(bool)
+    q, (low, high) = data.qpos[model.jnt_qposadr], model.jnt_range.T
+    slack = _AT * (high - low)
+    resting = limited & _one_axis(model) & ((q <= low + slack) | (q >= high - slack))
+    found = [
+        (f'joint "{name_of(model.joint(k))}"', np.eye(model.nv)[model.jnt_dofadr[k]])
+        for k in np.flatnonzero(resting)
+    ]
+    for k in np.flatnonzero(limited & (model.jnt_type == _BALL)):
+        vector, start = np.empty(3), model.jnt_qposadr[k]
+        mujoco.mju_quat2Vel(vector, data.qpos[start : start + 4], 1.0)
+        angle = float(np.linalg.norm(vector))
+        if angle >= high[k] * (1.0 - _AT) and angle:
+            row = np.zeros(model.nv)
+            row[model.jnt_dofadr[k] : model.jnt_dofadr[k] + 3] = vector / angle
+            found.append((f'joint "{name_of(model.joint(k))}"', row))
+    low, high = model.tendon_range.T
+    slack, length = _AT * (high - low), data.ten_length
+    resting = (length <= low + slack) | (length >= high - slack)
+    for k in np.flatnonzero(model.tendon_limited.astype(bool) & resting):
+        found.append((f'tendon "{name_of(model.tendon(k))}"', tendon_row(model, data, int(k))))
+    return found
+
+
+def tendon_row(model: mujoco.MjModel, data: mujoco.MjData, tendon: int) -> Array:
+    """Slope (nv,) of the length of a tendon."""
+    row, start = np.zeros(model.nv), model.ten_J_rowadr[tendon]
+    entries = slice(start, start + model.ten_J_rownnz[tendon])
+    row[model.ten_J_colind[entries]] = data.ten_J[entries]
+    return row
+
+
+def touching(model: mujoco.MjModel, data: mujoco.MjData) -> frozenset[tuple[int, int]]:
+    """Pairs of bodies in contact; only one of them may belong to the world."""
+    if not data.ncon:
+        return frozenset()
+    contacts = data.contact
+    pairs = model.geom_bodyid[contacts.geom[contacts.dist <= 0.0]]
+    return frozenset((int(a), int(b)) for a, b in np.sort(pairs, axis=1) if a >= 0)
+
+
+def _one_axis(model: mujoco.MjModel) -> Array:
+    return np.isin(model.jnt_type, _ONE_AXIS)
+
+
+def _where(limited: Array, bounds: Array) -> Array:
+    return np.where(limited.astype(bool)[:, None], bounds, [-np.inf, np.inf])

@@ -1,0 +1,157 @@
+"""What a model says besides its Jacobians: names, springs, limits, warnings."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+
+from sim.accuracy import written_accuracy
+from sim.array import Array
+from sim.dynamics import joint_stiffness
+from sim.errors import ModelError
+from sim.frame import Body
+from sim.hold import Pin
+from sim.limits import at_limits, joint_positions, ranges, tendon_row
+from sim.model import name_of
+from sim.transmission import Drive, drives, extra_drives, is_disabled
+
+
+class Names(NamedTuple):
+    """Names of a mechanism.
+
+    Attributes:
+        velocities: The joint, tendon or actuator of each of the N velocities; those of a ball or
+            free joint share one, and a joint without a name has "".
+        actuators: Those that drive each active velocity.
+    """
+
+    velocities: tuple[str, ...]
+    actuators: tuple[tuple[str, ...], ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Machine:
+    """A model in one pose; everything is read from it when first asked for.
+
+    Attributes:
+        model: The model.
+        qpos: The pose.
+        touching: Pairs of bodies in contact.
+        pinned: Frames that stay.
+        stuck_at_limits: Whether joints at their limits count as stuck.
+    """
+
+    model: mujoco.MjModel
+    qpos: Array
+    touching: frozenset[tuple[int, int]]
+    pinned: tuple[Pin, ...]
+    stuck_at_limits: bool
+
+    @cached_property
+    def drives(self) -> tuple[Drive, ...]:
+        """What each active velocity is and what drives it, in actuator order."""
+        return drives(self.model)
+
+    @cached_property
+    def names(self) -> Names:
+        """Names of the velocities and of the actuators."""
+        joints = [self.model.joint(k).name for k in self.model.dof_jntid]
+        return Names(
+            velocities=(*joints, *(drive.name for drive in extra_drives(self.drives))),
+            actuators=tuple(drive.actuators for drive in self.drives),
+        )
+
+    @cached_property
+    def written_accuracy(self) -> float:
+        """Rounding of the model's numbers, in rad or relative length."""
+        return written_accuracy(self.model)
+
+    @cached_property
+    def stiffness(self) -> Array | None:
+        """K of the springs, shape (N, N); None where one is not linear."""
+        model, extra = self.model, len(extra_drives(self.drives))
+        if model.tendon_stiffnesspoly.any():
+            return None
+        try:
+            K = np.diag(np.append(joint_stiffness(model), np.zeros(extra)))
+        except ModelError:
+            return None
+        for k in np.flatnonzero(model.tendon_stiffness):
+            low, high = model.tendon_lengthspring[k]
+            if not low < self._data.ten_length[k] < high:  # slack in between
+                row = tendon_row(model, self._data, int(k))
+                K[: model.nv, : model.nv] += model.tendon_stiffness[k] * np.outer(row, row)
+        return K
+
+    @cached_property
+    def room(self) -> Array:
+        """How far each velocity's joint or tendon may still move down and up, shape (N, 2).
+
+        [m] or [rad], the first not above zero within the range; infinite without a limit. Divided
+        by a time step, limits of the rates.
+        """
+        limits, at = ranges(self.model), joint_positions(self.model, self.qpos)
+        extra = np.tile([-np.inf, np.inf], (len(extra_drives(self.drives)), 1))
+        for row, drive in zip(extra, extra_drives(self.drives), strict=True):
+            if drive.tendon is not None:
+                row[:] = limits.tendon[drive.tendon] - self._data.ten_length[drive.tendon]
+        return np.vstack([limits.joint - at[:, None], extra])
+
+    @cached_property
+    def force_range(self) -> Array:
+        """Least and most force along each active velocity, shape (n, 2), [N] or [N m]."""
+        return np.array([drive.force_range for drive in self.drives]).reshape(-1, 2)
+
+    @cached_property
+    def one_sided(self) -> Array:
+        """Of each active velocity 1 or -1 if it is only pushed so, 0 if both ways, shape (n,)."""
+        return np.array([drive.one_sided for drive in self.drives], dtype=int)
+
+    @cached_property
+    def warnings(self) -> tuple[str, ...]:
+        """What the Jacobians leave out, a sentence each."""
+        return (*self._limit_warnings(), *self._contact_warnings(), *self._drive_warnings())
+
+    @cached_property
+    def _data(self) -> mujoco.MjData:
+        data = mujoco.MjData(self.model)
+        data.qpos[:] = self.qpos
+        mujoco.mj_fwdPosition(self.model, data)
+        return data
+
+    def _limit_warnings(self) -> list[str]:
+        if self.stuck_at_limits:
+            return []
+        return [
+            f"{name} rests on its limit and is taken to move freely: "
+            "stuck_at_limits=True takes it as stuck"
+            for name, _ in at_limits(self.model, self._data)
+        ]
+
+    def _contact_warnings(self) -> list[str]:
+        frames = [pin.frame for pin in self.pinned]
+        held = {
+            self.model.body(f.name).id if isinstance(f, Body) else self.model.site(f).bodyid[0]
+            for f in frames
+        }
+        return [
+            f'"{name_of(self.model.body(b))}" touches "{name_of(self.model.body(a))}" and is taken '
+            "to move freely: pinned= takes it to stand"
+            for a, b in sorted(self.touching)
+            if not {a, b} & held
+        ]
+
+    def _drive_warnings(self) -> list[str]:
+        disabled = [
+            name_of(self.model.actuator(k))
+            for k in range(self.model.nactuator)
+            if is_disabled(self.model, k)
+        ]
+        one_sided = [drive.name for drive in self.drives if drive.one_sided]
+        sentences = {
+            "opt.disableactuator switches off, so not active: ": disabled,
+            "actuated in one direction only, which the mappings do not know: ": one_sided,
+        }
+        return [words + ", ".join(names) for words, names in sentences.items() if names]
