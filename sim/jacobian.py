@@ -80,11 +80,11 @@ class Jacobians:
     def geometry_accuracy(self) -> float:
         """Accuracy of the geometry, in rad or relative length, as the model shows it.
 
-        The rounding of its numbers, or what the gaps of the closures amount to in J_C; for
-        `ConstrainedSystem(geometry_accuracy=...)`.
+        The rounding of its numbers; or a tenth of what the gaps of the closures amount to in J_C,
+        where `ConstrainedSystem(geometry_accuracy=...)` takes ten times the accuracy for zero.
         """
         size = float(np.linalg.norm(self.J_C))
-        of_gaps = self.closure_residual / size if size else 0.0
+        of_gaps = 0.1 * self.closure_residual / size if size else 0.0
         return max(of_gaps, self.machine.written_accuracy if self.machine else 0.0)
 
 
