@@ -37,7 +37,6 @@ def with_locks(file: Path, model: mujoco.MjModel) -> mujoco.MjModel:
     spec = mujoco.MjSpec.from_file(str(file))
     for actuator, joint in missing.items():
         lock = spec.add_equality(name=lock_name(actuator), type=mujoco.mjtEq.mjEQ_JOINT)
-        lock.objtype = mujoco.mjtObj.mjOBJ_JOINT
         lock.name1 = model.joint(joint).name
         lock.active = False
         lock.solref = [_STEPS * model.opt.timestep, 1.0]
