@@ -145,9 +145,10 @@ class Plant:
             ValueError: No such actuator, or no such part.
         """
         actuator = check.index("actuator", actuator, self.model.nu)
-        self.model.actuator_gainprm[actuator, 0] *= check.at_most_one(
-            "effectiveness", effectiveness
-        )
+        part = check.at_most_one("effectiveness", effectiveness)
+        # A position servo takes the force of its error from both.
+        self.model.actuator_gainprm[actuator, :3] *= part
+        self.model.actuator_biasprm[actuator, :3] *= part
 
     def break_loose(self, actuator: int) -> None:
         """Release actuator 0..nu-1 and take its suspension spring, and with it its preload, away.
