@@ -14,7 +14,7 @@ from sim.closure import check_closures, closure_rows, equality_name, largest_gap
 from sim.errors import ClosureError, ModelError
 from sim.frame import Body
 from sim.hold import Pin, pin_rows, pins_of
-from sim.limits import at_limits, touching
+from sim.limits import stuck_rows, touching
 from sim.machine import Machine, Names
 from sim.model import check_state, element_id
 from sim.task import Task, task_jacobian, task_list, to_axes_of
@@ -95,7 +95,7 @@ def jacobians(
     axes: str | None = None,
     *,
     pinned: Iterable[str | Body | Pin] = (),
-    stuck_at_limits: bool = False,
+    stuck_at_limits: bool | Iterable[str] = False,
     closure_tolerance: float = CLOSURE_TOLERANCE,
 ) -> Jacobians:
     """Jacobians at the present `data.qpos`; derived quantities in `data` are brought up to date.
@@ -112,7 +112,8 @@ def jacobians(
         axes: Site whose axes velocities are expressed in; None is the world.
         pinned: Frames that stay where they are, as feet that stand: names of sites,
             :class:`Body`, or :class:`Pin`.
-        stuck_at_limits: Whether joints and tendons that rest on their limits count as stuck.
+        stuck_at_limits: Which of the joints and tendons that rest on their limits count as stuck,
+            in both directions: none, all (True), or those of these names.
         closure_tolerance: Largest gap of a closure, [m] or [rad]. Up to 1 mm a gap changes the
             Jacobians by no more than its own size; infinity takes any.
 
@@ -135,15 +136,16 @@ def jacobians(
         raise ClosureError(equality_name(model, worst), residual, "call sim.assemble(model, data)")
 
     forbidden = [closure_rows(model, data), pin_rows(model, data, pins)]
-    if stuck_at_limits:
-        forbidden.append(np.array([row for _, row in at_limits(model, data)]))
+    stuck = tuple(stuck_at_limits) if isinstance(stuck_at_limits, Iterable) else stuck_at_limits
+    if stuck:
+        forbidden.append(stuck_rows(model, data, stuck))
     active, gear, extra = _driven(model, data)
     J_T, rows = _task_rows(model, data, tasks, axes, len(extra))
     J_C = _with_transmissions(forbidden, extra, model.nv)
     for task in tasks:
         if not _moves(J_T[rows[task]], J_C, active):
             raise ModelError(f"no actuator moves {check.shown(task)}")
-    machine = Machine(model, data.qpos.copy(), touching(model, data), pins, stuck_at_limits)
+    machine = Machine(model, data.qpos.copy(), touching(model, data), pins, stuck)
     return Jacobians(J_T, J_C, active, gear, rows, residual, machine)
 
 

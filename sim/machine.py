@@ -40,14 +40,14 @@ class Machine:
         qpos: The pose.
         touching: Pairs of bodies in contact.
         pinned: Frames that stay.
-        stuck_at_limits: Whether joints at their limits count as stuck.
+        stuck: Which joints on their limits count as stuck: none, all, or those of these names.
     """
 
     model: mujoco.MjModel
     qpos: Array
     touching: frozenset[tuple[int, int]]
     pinned: tuple[Pin, ...]
-    stuck_at_limits: bool
+    stuck: bool | tuple[str, ...]
 
     @cached_property
     def drives(self) -> tuple[Drive, ...]:
@@ -122,12 +122,13 @@ class Machine:
         return data
 
     def _limit_warnings(self) -> list[str]:
-        if self.stuck_at_limits:
+        if self.stuck is True:
             return []
         return [
-            f"{name} rests on its limit and is taken to move freely: "
-            "stuck_at_limits=True takes it as stuck"
-            for name, _ in at_limits(self.model, self._data)
+            f'{limit.kind} "{limit.name}" rests on its limit and is taken to move freely: '
+            f'stuck_at_limits=["{limit.name}"] takes it as stuck'
+            for limit in at_limits(self.model, self._data)
+            if not self.stuck or limit.name not in self.stuck
         ]
 
     def _contact_warnings(self) -> list[str]:
