@@ -11,7 +11,7 @@ import argument_checks as check
 from argument_checks import Array, Mask
 from prioritized._arrays import ReadOnly
 from prioritized._motions import Motions, motions_under, with_stiffness
-from prioritized._rank import frobenius, ranked_svd
+from prioritized._rank import frobenius, largest, ranked_svd
 from prioritized._system import ConstrainedSystem, failed_actuators
 from prioritized._task import task_selection
 
@@ -148,9 +148,7 @@ def _classes(system: ConstrainedSystem, motions: Motions, S_m: Array, S_s: Array
     reach = ranked_svd(S_m @ J, frobenius(S_m) * scale, tolerance)
     reach_task = ranked_svd(J, scale, tolerance)
     moved = ranked_svd(task @ motions.self_motion, task_scale, tolerance)
-    moved_major = ranked_svd(
-        S_m @ task @ motions.self_motion, frobenius(S_m) * task_scale, tolerance
-    )
+    moved_major = ranked_svd(S_m @ task @ motions.self_motion, largest(S_m) * task_scale, tolerance)
     secondary = ranked_svd(
         S_s @ J @ reach.null_projector(), frobenius(S_s) * scale, tolerance, full=True
     )

@@ -58,8 +58,7 @@ class Kinematics:
     @cached_property
     def self_motion(self) -> Array:
         """Orthonormal basis of the task motion with every active joint locked, shape (m, k)."""
-        svd = ranked_svd(self.relative_self_motion, 1.0, self.system.rank_tolerance)
-        return read_only(svd.U[:, : int(svd.rank)])
+        return read_only(self._moved.U[:, : int(self._moved.rank)])
 
     @cached_property
     def internal_force(self) -> Array:
@@ -123,6 +122,11 @@ class Kinematics:
     def _constraint(self) -> RankedSvd:
         left = self._motion.loops.left_null @ self.system.J_C[:, self.active]
         return ranked_svd(left, norm(self.system.J_C), self.system.rank_tolerance)
+
+    @cached_property
+    def _moved(self) -> RankedSvd:
+        """What the task sees of the passive motion with every active joint locked."""
+        return ranked_svd(self.relative_self_motion, 1.0, self.system.rank_tolerance)
 
     @cached_property
     def _internal_rows(self) -> Array:
@@ -243,13 +247,14 @@ class Kinematics:
             self._of_survivors("torque_weight", torque_weight),
             secondary_weight,
             self.active_constraint,
-            self.relative_self_motion,
+            self.self_motion,  # decided: a second decision could contradict it at the threshold
             major_metric=major_metric,
             tie_metric=self._of_survivors("tie_metric", tie_metric),
             scale=self.scale,
             rank_tolerance=self.system.rank_tolerance,
         )
-        return dataclasses.replace(mapping, gap=np.minimum(mapping.gap, self.gap))
+        gap = min(self.gap, float(self._moved.gap))
+        return dataclasses.replace(mapping, gap=np.minimum(mapping.gap, gap))
 
     def _of_survivors(self, name: str, weight: ArrayLike | None) -> Array | None:
         """A weight on all actuators cut to the survivors; others unchanged."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from argument_checks import Array
 from prioritized._arrays import ReadOnly
-from prioritized._rank import RankedSvd, frobenius, ranked_svd
+from prioritized._rank import RankedSvd, frobenius, largest, ranked_svd
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,7 +135,8 @@ def classify(
     reach = ranked_svd(S_m @ J @ Z, size * scale, tolerance, full=True)
     reach_task = ranked_svd(J @ Z, scale, tolerance, full=True)
     moved = ranked_svd(relative_self_motion, 1.0, tolerance, full=True)
-    moved_major = ranked_svd(S_m @ relative_self_motion, size, tolerance, full=True)
+    # Against the 2-norm, so that with every row major it is the decision on the whole task.
+    moved_major = ranked_svd(S_m @ relative_self_motion, largest(S_m), tolerance, full=True)
     # The self-motion that does not move the major task may move the rest.
     aside = ranked_svd(relative_self_motion @ _null(moved_major), 1.0, tolerance, full=True)
     # The gap of a verdict is the smallest of all decisions behind it: self-motion is what neither

@@ -81,6 +81,13 @@ def frobenius(A: Array) -> Array:
     return np.sqrt(np.einsum("...ij,...ij->...", A, A))
 
 
+def largest(A: Array) -> Array:
+    """Largest singular value of each matrix, shape (...): the 2-norm; zero without elements."""
+    if not A.size:
+        return np.zeros(A.shape[:-2])
+    return np.asarray(np.linalg.svd(A, compute_uv=False)[..., 0], dtype=float)
+
+
 def basis_scale(basis: Array) -> Array:
     """Scale of products with a basis, whose columns have unit size: at least one, even if empty."""
     return np.maximum(1.0, frobenius(basis))

@@ -13,7 +13,7 @@ from argument_checks import Array, Indices
 from prioritized._arrays import apply, on_axes, respond
 from prioritized._levels import smallest_gap
 from prioritized._problem import Problem, checked
-from prioritized._rank import RANK_TOLERANCE, RankedSvd, basis_scale, frobenius, ranked_svd
+from prioritized._rank import RANK_TOLERANCE, RankedSvd, basis_scale, largest, ranked_svd
 from prioritized._solving import batched_rates, optimal_rates, velocity_gains
 from prioritized._task import Status
 
@@ -137,7 +137,7 @@ class VelocityMapping:
     def status(self) -> Status:
         """What holds for every problem of the batch."""
         S_m, Q, tolerance = self.problem.S_m, self.problem.self_motion, self.problem.tolerance
-        self_motion = ranked_svd(S_m @ Q, frobenius(S_m) * basis_scale(Q), tolerance)
+        self_motion = ranked_svd(S_m @ Q, largest(S_m) * basis_scale(Q), tolerance)
         if np.any(self_motion.rank > 0):
             return Status.SELF_MOTION
         if not np.all(self.rank == len(S_m)):
