@@ -14,6 +14,7 @@ from prioritized._arrays import none, read_only
 from prioritized._elimination import Partition, PassiveMotion, passive_motion
 from prioritized._force import ForceMapping, force_mapping
 from prioritized._manipulability import Gaps, Manipulability, classify
+from prioritized._names import Known, Names, known_velocities
 from prioritized._rank import RankedSvd, norm, ranked_svd
 from prioritized._statics import constraint_gain, internal_rows, torque_gain
 from prioritized._task import task_selection
@@ -26,9 +27,14 @@ class Kinematics:
 
     Made by :meth:`prioritized.ConstrainedSystem.kinematics`. Arrays are read-only and computed when
     first used. Of N velocities n have actuators, q of which failed; s joints are stuck.
+
+    Attributes:
+        system: The mechanism, its joints sorted by what drives them.
+        names: Of joints and actuators, or None.
     """
 
     system: Partition
+    names: Names | None = None
 
     @property
     def actuators(self) -> Indices:
@@ -102,13 +108,26 @@ class Kinematics:
     @cached_property
     def gaps(self) -> Gaps:
         """Gaps of the rank decisions that J and its constraints rest on."""
-        loops, springs = self._motion.loops.gap(), self._motion.spring_gap
+        loops, springs = float(self._closure.gap), self._motion.spring_gap
         return Gaps(loops, springs, float(self._constraint.gap))
 
     @property
     def gap(self) -> float:
         """The smallest of them."""
         return min(self.gaps)
+
+    @property
+    def closure_condition(self) -> float:
+        """Condition number of the closure J_Cp on its rank, 1 without loops.
+
+        Errors of the geometry are multiplied by up to as much in the passive rates. It depends on
+        the units of J_C.
+        """
+        return float(self._closure.condition)
+
+    @cached_property
+    def _closure(self) -> RankedSvd:
+        return self._motion.loops.decided()
 
     @cached_property
     def _motion(self) -> PassiveMotion:
@@ -156,6 +175,21 @@ class Kinematics:
         """
         return check.vector("rates", rates, len(self.active)) @ self.passive_gain.T
 
+    def velocities(self, rates: ArrayLike) -> Array:
+        """All velocities in the order of J_T's columns, shape (..., N).
+
+        Passive ones as :meth:`passive_rates`; those of stuck joints are zero.
+
+        Args:
+            rates: Of the survivors, shape (..., n - q). The loops stay closed for admissible ones,
+                see :attr:`active_constraint`.
+        """
+        passive = self.passive_rates(rates)
+        velocities = np.empty((*passive.shape[:-1], self.system.task.J_T.shape[1]))
+        velocities[..., self.active] = rates
+        velocities[..., self.passive] = passive
+        return velocities
+
     def constraint_force(self, f: ArrayLike, torques: ArrayLike | None = None) -> Array:
         """Constraint forces f_C under the task force f, eq. (11), shape (..., c + s).
 
@@ -189,8 +223,15 @@ class Kinematics:
             (self.self_motion, self.relative_self_motion, self.passive_self_motion),
             (self.internal_force, self.active_constraint),
             self.gaps,
+            self.closure_condition,
+            (self._known(self.passive), self._known(self.active)),
             self.system.rank_tolerance,
         )
+
+    def _known(self, velocities: Indices) -> Known:
+        """The joints of these velocities by name."""
+        known = known_velocities(self.names, self.system.task.J_T.shape[1])
+        return tuple(known[i] for i in velocities)
 
     def velocity_mapping(
         self,
@@ -254,7 +295,11 @@ class Kinematics:
             rank_tolerance=self.system.rank_tolerance,
         )
         gap = min(self.gap, float(self._moved.gap))
-        return dataclasses.replace(mapping, gap=np.minimum(mapping.gap, gap))
+        return dataclasses.replace(
+            mapping,
+            gap=np.minimum(mapping.gap, gap),
+            closure_condition=self.closure_condition,
+        )
 
     def _of_survivors(self, name: str, weight: ArrayLike | None) -> Array | None:
         """A weight on all actuators cut to the survivors; others unchanged."""
