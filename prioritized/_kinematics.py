@@ -10,12 +10,13 @@ from numpy.typing import ArrayLike
 
 import argument_checks as check
 from argument_checks import Array, Indices
+from prioritized._active_constraint import ActiveConstraint, active_constraint
 from prioritized._arrays import none, read_only
 from prioritized._elimination import Partition, PassiveMotion, passive_motion
 from prioritized._force import ForceMapping, force_mapping
 from prioritized._manipulability import Gaps, Manipulability, classify
 from prioritized._names import Known, Names, known_velocities
-from prioritized._rank import RankedSvd, norm, ranked_svd
+from prioritized._rank import RankedSvd, ranked_svd
 from prioritized._statics import constraint_gain, internal_rows, torque_gain
 from prioritized._task import task_selection
 from prioritized._velocity import VelocityMapping, velocity_mapping
@@ -78,9 +79,7 @@ class Kinematics:
     @property
     def active_constraint(self) -> Array:
         """Orthonormal rows; admissible active rates are their null space, eq. (17), (r', n - q)."""
-        if not len(self._motion.loops.left_null):
-            return none((0, len(self.active)))
-        return read_only(self._constraint.Vt[: int(self._constraint.rank)])
+        return read_only(self._constraint.rows)
 
     @cached_property
     def passive_gain(self) -> Array:
@@ -109,7 +108,7 @@ class Kinematics:
     def gaps(self) -> Gaps:
         """Gaps of the rank decisions that J and its constraints rest on."""
         loops, springs = float(self._closure.gap), self._motion.spring_gap
-        return Gaps(loops, springs, float(self._constraint.gap))
+        return Gaps(loops, springs, self._constraint.gap)
 
     @property
     def gap(self) -> float:
@@ -138,9 +137,8 @@ class Kinematics:
         return self.system.task.reduced(self._motion.gain)
 
     @cached_property
-    def _constraint(self) -> RankedSvd:
-        left = self._motion.loops.left_null @ self.system.J_C[:, self.active]
-        return ranked_svd(left, norm(self.system.J_C), self.system.rank_tolerance)
+    def _constraint(self) -> ActiveConstraint:
+        return active_constraint(self._motion.loops, self.system.J_C, self.active)
 
     @cached_property
     def _moved(self) -> RankedSvd:
@@ -158,8 +156,7 @@ class Kinematics:
     @cached_property
     def _internal_gain(self) -> Array:
         """Internal force eta per torque that is out of equilibrium without it, (r, n - q)."""
-        back = self._constraint.pseudo_inverse().T
-        return self.internal_force @ self._internal_rows.T @ back
+        return self.internal_force @ self._internal_rows.T @ self._constraint.inverse.T
 
     def expand(self, rates: ArrayLike) -> Array:
         """Rates or torques of the survivors (..., n - q) for all actuators (..., n), else zero."""
