@@ -13,7 +13,8 @@ import argument_checks as check
 from sim.actuators import actuated_joints, locks_of, reserve_off_group, switch_off
 from sim.array import Array
 from sim.errors import ModelError, SimulationDiverged
-from sim.payload import Payload, site_id
+from sim.frame import Body, located
+from sim.payload import Payload
 from sim.pose import Pose
 
 _LOOPS = (int(mujoco.mjtEq.mjEQ_CONNECT), int(mujoco.mjtEq.mjEQ_WELD))
@@ -41,8 +42,8 @@ class Plant:
         self,
         model: mujoco.MjModel,
         *,
-        base: str | None = "base",
-        payload: str = "payload",
+        base: str | Body | None = "base",
+        payload: str | Body = "payload",
         locks: Sequence[str] | None = None,
     ) -> None:
         """Start at the nominal pose, without failures and without coil current.
@@ -50,13 +51,14 @@ class Plant:
         Args:
             model: A model whose actuators are position servos of gear 1, each on a slide or hinge
                 joint of its own.
-            base: Site whose axes express twists and displacements; None is the world.
-            payload: Site that is the task point, in any orientation.
+            base: Site, or :class:`Body`, whose axes express twists and displacements; None is the
+                world.
+            payload: Site, or :class:`Body`, that is the task frame, in any orientation.
             locks: Equality that locks the joint of each actuator, in actuator order; None is
                 `lock1`, `lock2`, ..., which :func:`load_model` adds on request.
 
         Raises:
-            ModelError: There is no site or equality of these names, or one does not lock its joint
+            ModelError: There is no frame or equality of these names, or one does not lock its joint
                 alone; there is no actuator; or an actuator has a gear or no joint of its own.
             ValueError: `locks` has another number of names than the model of actuators.
             TypeError: An argument is of another type.
@@ -72,13 +74,13 @@ class Plant:
         self._strut_qpos = self.model.jnt_qposadr[self._joints]
         self._strut_qpos0 = self.model.qpos0[self._strut_qpos]
         self._locks = locks_of(self.model, self._joints, locks)
-        axes = None if base is None else site_id(self.model, "base", base)
-        site = site_id(self.model, "payload", payload)
+        axes = None if base is None else located(self.model, "base", base)
+        frame = located(self.model, "payload", payload)
         self._is_loop = np.isin(self.model.eq_type, _LOOPS).astype(float)
         self._warnings = [self.data.warning[kind] for kind in _NOT_FINITE]
         self._last = self.integration_state()
         mujoco.mj_forward(self.model, self.data)
-        self._payload = Payload.at_rest(self.model, self.data, site, axes)
+        self._payload = Payload.at_rest(self.data, frame, axes)
         self._gravity = self.model.opt.gravity.copy()
 
     def step(self, command_m: Array, period_s: float) -> None:
@@ -173,7 +175,7 @@ class Plant:
         wrench = check.exactly("wrench", wrench, 6)
         self.data.xfrc_applied[:] = 0.0
         applied = self._payload.force_at_centre_of_mass(self.data, wrench)
-        self.data.xfrc_applied[self._payload.body] = applied
+        self.data.xfrc_applied[self._payload.frame.body] = applied
 
     def shake(self, acceleration: Array) -> None:
         """Accelerate the floor, from now on, without turning it.
