@@ -21,7 +21,7 @@ LINKAGE = """
     <site name="deck" pos="0.6 0 -0.2"/>
     <body name="crank">
       <joint name="crank" axis="0 1 0"/><geom size="0.05"/>
-      <geom name="roll" pos="0 0 0.1" size="0.04"/><site name="side" pos="0 0.1 0.1"/>
+      <geom name="roll" pos="0.3 0 0.1" size="0.06"/><site name="side" pos="0.4 0 0.12"/>
       <body name="coupler" pos="0 0 0.3">
         <joint name="knee" axis="0 1 0"/><geom size="0.05"/>
         <site name="end" pos="0.3 0 0.1"/><site name="up" pos="0.1 0 0.1"/>
