@@ -19,7 +19,7 @@ GANTRY = """
   <worldbody>
     <site name="anchor" pos="-0.3 0.05 0.3"/>
     <body name="rail">
-      <joint name="rail" type="slide" axis="1 0 0"/><geom size="0.02"/>
+      <joint name="rail" type="slide" axis="0.6 0 0.8"/><geom size="0.02"/>
       <body name="left">
         <joint name="left" axis="0 1 0"/><geom size="0.02"/><site name="knee" pos="-0.05 0 0.2"/>
         <body name="arm" pos="-0.05 0 0.2">
