@@ -12,7 +12,7 @@ import argument_checks as check
 from sim.array import Array
 from sim.errors import ModelError
 from sim.frame import Body, check_frame, frame_jacobian, frame_pose, rotation_vector
-from sim.transmission import Drive, drive_row, drives, extra_drives
+from sim.transmission import Drive, drive_rows, drives, extra_drives
 
 
 @dataclass(frozen=True)
@@ -74,14 +74,14 @@ class Hold:
 
     def rows_and_gaps(self, model: mujoco.MjModel, data: mujoco.MjData) -> tuple[Array, Array]:
         """Slopes (p, nv) of how far these have moved, and how far, (p,), [m] or [rad]."""
-        rows = [np.zeros((0, model.nv)), *(drive_row(model, data, drive) for drive in self.drives)]
-        now = data.actuator_length[[drive.output for drive in self.drives]]
+        now = data.actuator_length[[drive.outputs[0] for drive in self.drives]]
         gaps = [(now - self.lengths) / [drive.gear[0] for drive in self.drives]]
         for pin, (rotation, position) in zip(self.pins, self.poses, strict=True):
             turned, shifted = frame_pose(data, pin.frame)
             change = np.concatenate([rotation_vector(turned @ rotation.T), shifted - position])
             gaps.append(change[pin.rows])
-        return np.vstack([*rows, pin_rows(model, data, self.pins)]), np.concatenate(gaps)
+        rows = [drive_rows(model, data, self.drives), pin_rows(model, data, self.pins)]
+        return np.vstack(rows), np.concatenate(gaps)
 
     def names(self) -> list[str]:
         """What each row holds, in words."""
@@ -124,7 +124,7 @@ def hold(
     return Hold(
         free=free,
         drives=tuple(of_drives),
-        lengths=data.actuator_length[[drive.output for drive in of_drives]].copy(),
+        lengths=data.actuator_length[[drive.outputs[0] for drive in of_drives]].copy(),
         pins=pins,
         poses=tuple(frame_pose(data, pin.frame) for pin in pins),
     )

@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import count
 
 import mujoco
 import numpy as np
@@ -18,7 +19,7 @@ from sim.limits import stuck_rows, touching
 from sim.machine import Machine, Names
 from sim.model import check_state, element_id
 from sim.task import Task, task_jacobian, task_list, to_axes_of
-from sim.transmission import drive_row, drives, extra_drives, simple_velocities
+from sim.transmission import drive_rows, drives, extra_drives, simple_velocities
 
 CLOSURE_TOLERANCE = 1e-3
 """Largest gap of a closure, [m] or [rad], at which Jacobians are taken."""
@@ -149,24 +150,19 @@ def jacobians(
     return Jacobians(J_T, J_C, active, gear, rows, residual, machine)
 
 
-def _driven(
-    model: mujoco.MjModel, data: mujoco.MjData
-) -> tuple[NDArray[np.intp], Array, list[Array]]:
-    """Active velocities, their gears, and the rows (nv,) of those that are no joint."""
+def _driven(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[NDArray[np.intp], Array, Array]:
+    """Active velocities, their gears, and the rows (E, nv) of those that are no joint."""
     active = simple_velocities(model)
     if active is not None and len(active):
-        return active, model.actuator_gear[:, 0].copy(), []
+        return active, model.actuator_gear[:, 0].copy(), np.zeros((0, model.nv))
     of_model = drives(model)
     if not of_model:
         raise ModelError("the model has no enabled actuator, so nothing can be commanded: add one")
     extra = extra_drives(of_model)
-    after = {drive.output: model.nv + i for i, drive in enumerate(extra)}
-    indices = [
-        after[drive.output] if drive.joint is None else int(model.jnt_dofadr[drive.joint])
-        for drive in of_model
-    ]
-    rows = [drive_row(model, data, drive) for drive in extra]
-    return np.array(indices, dtype=np.intp), np.array([d.gear[0] for d in of_model]), rows
+    after, first = count(model.nv), model.jnt_dofadr
+    active = [next(after) if d.joint is None else int(first[d.joint]) for d in of_model]
+    gear = np.array([drive.gear[0] for drive in of_model])
+    return np.array(active, dtype=np.intp), gear, drive_rows(model, data, extra)
 
 
 def _task_rows(
@@ -186,15 +182,15 @@ def _task_rows(
     return (np.hstack([J_T, np.zeros((len(J_T), extra))]) if extra else J_T), rows
 
 
-def _with_transmissions(forbidden: list[Array], extra: list[Array], nv: int) -> Array:
+def _with_transmissions(forbidden: list[Array], extra: Array, nv: int) -> Array:
     """All rows; each transmission has one: row qvel less its own velocity is zero."""
     closures, *others = [np.reshape(rows, (-1, nv)) for rows in forbidden]
-    if not extra and not any(map(len, others)):
-        return closures
     E = len(extra)
+    if not E and not any(map(len, others)):
+        return closures
     blocks = [
         np.hstack([closures, np.zeros((len(closures), E))]),
-        np.hstack([np.reshape(extra, (-1, nv)), -np.eye(E)]),
+        np.hstack([extra, -np.eye(E)]),
     ]
     return np.vstack(blocks + [np.hstack([rows, np.zeros((len(rows), E))]) for rows in others])
 

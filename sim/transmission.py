@@ -1,6 +1,9 @@
 """What the actuators of a model move: one active velocity each, or one for several."""
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import mujoco
@@ -12,38 +15,73 @@ from sim.errors import ModelError
 from sim.model import name_of
 
 _TRN = mujoco.mjtTrn
+_JOINT, _IN_PARENT, _CRANK, _TENDON, _BODY, _TURN = (  # as integers, which compare 10 times faster
+    int(kind)
+    for kind in (
+        *(_TRN.mjTRN_JOINT, _TRN.mjTRN_JOINTINPARENT, _TRN.mjTRN_SLIDERCRANK),
+        *(_TRN.mjTRN_TENDON, _TRN.mjTRN_BODY, _TRN.mjTRN_SO3),
+    )
+)
+_ON_JOINT = frozenset({_JOINT, _IN_PARENT})
 _ONE_AXIS = frozenset({int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE)})
-_ON_JOINT = frozenset({int(_TRN.mjTRN_JOINT), int(_TRN.mjTRN_JOINTINPARENT)})
 _MUSCLE = int(mujoco.mjtGain.mjGAIN_MUSCLE)
 _FIXED, _NO_BIAS = int(mujoco.mjtGain.mjGAIN_FIXED), int(mujoco.mjtBias.mjBIAS_NONE)
 _GROUPS = 31
 """Groups of actuators that `opt.disableactuator` can switch off."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Drive:
     """One active velocity, and the actuators that move it.
 
     Attributes:
-        name: Of the joint or tendon; for other transmissions of the first actuator.
-        actuators: Their names, "number k" where they have none.
-        ids: Their numbers in the model.
+        model: The model, of which names and forces are read when asked for.
+        ids: Numbers of the actuators.
         gear: Of each: its length grows by gear times the velocity, its force acts gear times.
+        outputs: Of each, in `data.actuator_force`. The row of the first in `data.actuator_moment`,
+            divided by its gear, gives the velocity from the joints'.
         joint: The slide or hinge joint driven; None for any other transmission.
         tendon: The tendon driven, or None.
-        output: First output of the first actuator, whose row of `data.actuator_moment`, divided by
-            its gear, gives the velocity from the joints'.
-        force_range: Of all together along the velocity, [N] or [N m]; infinite where unlimited.
     """
 
-    name: str
-    actuators: tuple[str, ...]
+    model: mujoco.MjModel
     ids: tuple[int, ...]
     gear: tuple[float, ...]
+    outputs: tuple[int, ...]
     joint: int | None
     tendon: int | None
-    output: int
-    force_range: tuple[float, float]
+
+    @cached_property
+    def actuators(self) -> tuple[str, ...]:
+        """Names of the actuators, "number k" where they have none."""
+        return tuple(name_of(self.model.actuator(k)) for k in self.ids)
+
+    @cached_property
+    def name(self) -> str:
+        """Of the joint or tendon; for other transmissions of the first actuator."""
+        name = ""
+        if self.joint is not None:
+            name = self.model.joint(self.joint).name
+        elif self.tendon is not None:
+            name = self.model.tendon(self.tendon).name
+        return name or self.actuators[0]
+
+    @cached_property
+    def force_range(self) -> tuple[float, float]:
+        """Of all together along the velocity, [N] or [N m]; infinite where unlimited.
+
+        The limit of a joint's or tendon's total counts; of a tendon's only if all its actuators
+        have one gear, since MuJoCo limits their sum before the gears.
+        """
+        model, joint, tendon = self.model, self.joint, self.tendon
+        each = zip(self.ids, self.outputs, self.gear, strict=True)
+        span = np.sum([np.sort(g * _force_range(model, k, out)) for k, out, g in each], axis=0)
+        if joint is not None and model.jnt_actfrclimited[joint]:
+            span = np.clip(span, *model.jnt_actfrcrange[joint])
+        if tendon is not None and model.tendon_actfrclimited[tendon] and len(set(self.gear)) == 1:
+            span = np.clip(span, *np.sort(self.gear[0] * model.tendon_actfrcrange[tendon]))
+        least, most = span.tolist()
+        return least, most
 
     @property
     def one_sided(self) -> int:
@@ -52,10 +90,19 @@ class Drive:
         return int(least >= 0.0) - int(most <= 0.0)
 
 
-class _Output(NamedTuple):
-    """One output of an enabled actuator: what tells its velocity from others, and its gear."""
+class _Moved(NamedTuple):
+    """What an actuator moves: equal for all that share a velocity."""
 
-    moved: tuple[object, ...]
+    kind: int
+    end: int
+    other_end: int
+    direction: tuple[float, ...]
+
+
+class _Output(NamedTuple):
+    """One output of an actuator, and its gear."""
+
+    moved: _Moved
     gear: float
     actuator: int
     output: int
@@ -74,7 +121,7 @@ def drives(model: mujoco.MjModel, *, disabled: bool = False) -> tuple[Drive, ...
     Raises:
         ModelError: An actuator that adheres to contacts, or one of gear 0.
     """
-    shared: dict[tuple[object, ...], list[_Output]] = {}
+    shared: dict[_Moved, list[_Output]] = {}
     for k in range(model.nactuator):
         if disabled or not is_disabled(model, k):
             for output in _outputs(model, k):
@@ -124,99 +171,71 @@ def actuated_velocities(model: mujoco.MjModel) -> NDArray[np.intp]:
     return model.jnt_dofadr[[drive.joint for drive in of_model]].astype(np.intp)
 
 
-def drive_row(model: mujoco.MjModel, data: mujoco.MjData, drive: Drive) -> Array:
-    """Row (nv,) whose product with qvel is the velocity of the drive, at the present transmission.
+def drive_rows(model: mujoco.MjModel, data: mujoco.MjData, some: Sequence[Drive]) -> Array:
+    """Rows (len(some), nv) whose products with qvel are the velocities of some drives.
 
     `data` has been through `mj_transmission`.
     """
-    row = np.zeros(model.nv)
-    start = data.moment_rowadr[drive.output]
-    entries = slice(start, start + data.moment_rownnz[drive.output])
-    row[data.moment_colind[entries]] = data.actuator_moment[entries]
-    return row / drive.gear[0]
+    if not some:
+        return np.zeros((0, model.nv))
+    moments = np.zeros((model.nout, model.nv))
+    mujoco.mju_sparse2dense(
+        moments, data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind
+    )
+    return moments[[d.outputs[0] for d in some]] / np.array([[d.gear[0]] for d in some])
 
 
 def _outputs(model: mujoco.MjModel, k: int) -> list[_Output]:
     """The outputs of an actuator; only an orientation servo has more than one."""
     kind, first = int(model.actuator_trntype[k]), int(model.actuator_outadr[k])
-    ends = tuple(model.actuator_trnid[k].tolist())
-    if kind == _TRN.mjTRN_BODY:
+    end, other_end = model.actuator_trnid[k].tolist()
+    if kind == _BODY:
         raise ModelError(
             f"{_called(model, k)} adheres to whatever touches it, which is no velocity: take it "
             "out of the model, or disable its group and pin what it holds"
         )
-    if kind == _TRN.mjTRN_SO3:
-        return [_Output((kind, ends, i), 1.0, k, first + i) for i in range(3)]
-    gear = model.actuator_gear[first]
-    moved, size = _moved(model, k, kind, ends, gear)
-    if size == 0.0:
+    if kind == _TURN:
+        axes = (_Moved(kind, end, other_end, (i,)) for i in range(3))
+        return [_Output(axis, 1.0, k, first + i) for i, axis in enumerate(axes)]
+    gears = model.actuator_gear[first].tolist()
+    gear, direction = gears[0], ()
+    if kind in _ON_JOINT and int(model.jnt_type[end]) in _ONE_AXIS:
+        kind = _JOINT
+    elif kind == _CRANK:
+        direction = (float(model.actuator_cranklength[k]),)
+    elif kind != _TENDON:
+        # A ball or free joint, or a site: the velocity along a direction of three or six numbers,
+        # the same for opposite ones.
+        gear = math.copysign(math.hypot(*gears), next(filter(None, gears), 0.0))
+        direction = tuple(round(g / gear, 12) for g in gears) if gear else ()
+    if not gear:
         raise ModelError(f"{_called(model, k)} has gear 0 and moves nothing: take it out")
-    return [_Output(moved, size, k, first)]
-
-
-def _moved(
-    model: mujoco.MjModel, k: int, kind: int, ends: tuple[int, ...], gear: Array
-) -> tuple[tuple[object, ...], float]:
-    """What an actuator moves, the same for all that share its velocity, and its gear along it."""
-    if kind in _ON_JOINT and int(model.jnt_type[ends[0]]) in _ONE_AXIS:
-        return ("joint", ends[0]), float(gear[0])
-    if kind == _TRN.mjTRN_TENDON:
-        return ("tendon", ends[0]), float(gear[0])
-    if kind == _TRN.mjTRN_SLIDERCRANK:
-        return (kind, ends, float(model.actuator_cranklength[k])), float(gear[0])
-    # A ball or free joint, or a site: the velocity along a direction of three or six numbers, the
-    # same for opposite ones.
-    size = float(np.linalg.norm(gear))
-    if not size:
-        return (), 0.0
-    size = float(np.copysign(size, gear[np.flatnonzero(gear)[0]]))
-    return (kind, ends, tuple(np.round(gear / size, 12).tolist())), size
+    return [_Output(_Moved(kind, end, other_end, direction), gear, k, first)]
 
 
 def _drive(model: mujoco.MjModel, outputs: list[_Output]) -> Drive:
-    first = outputs[0]
-    names = tuple(name_of(model.actuator(o.actuator)) for o in outputs)
-    least, most = np.sum([_force_range(model, o) for o in outputs], axis=0).tolist()
-    joint, tendon, name = None, None, ""
-    if first.moved[0] == "joint":
-        joint = int(model.actuator_trnid[first.actuator, 0])
-        name = model.joint(joint).name
-        if model.jnt_actfrclimited[joint]:
-            least, most = np.clip((least, most), *model.jnt_actfrcrange[joint]).tolist()
-    elif first.moved[0] == "tendon":
-        tendon = int(model.actuator_trnid[first.actuator, 0])
-        name = model.tendon(tendon).name
-        if model.tendon_actfrclimited[tendon]:
-            least, most = np.clip((least, most), *model.tendon_actfrcrange[tendon]).tolist()
-    return Drive(
-        name=name or names[0],
-        actuators=names,
-        ids=tuple(o.actuator for o in outputs),
-        gear=tuple(o.gear for o in outputs),
-        joint=joint,
-        tendon=tendon,
-        output=first.output,
-        force_range=(least, most),
-    )
+    moved, gear, ids, numbers = zip(*outputs, strict=True)
+    kind, end, _, direction = moved[0]
+    joint = end if kind == _JOINT and not direction else None
+    return Drive(model, ids, gear, numbers, joint, end if kind == _TENDON else None)
 
 
-def _force_range(model: mujoco.MjModel, output: _Output) -> tuple[float, float]:
-    """Least and most of the force that one output exerts along its velocity."""
-    k, least, most = output.actuator, -np.inf, np.inf
-    if model.actuator_forcelimited[output.output]:
-        least, most = model.actuator_forcerange[output.output]
-    control = int(model.actuator_ctrladr[k])
-    if model.actuator_gaintype[k] == _MUSCLE:
+def _force_range(model: mujoco.MjModel, actuator: int, output: int) -> Array:
+    """Least and most of the force that one output exerts, (2,)."""
+    least, most = -np.inf, np.inf
+    if model.actuator_forcelimited[output]:
+        least, most = model.actuator_forcerange[output]
+    control = int(model.actuator_ctrladr[actuator])
+    if model.actuator_gaintype[actuator] == _MUSCLE:
         most = min(most, 0.0)  # it pulls
     elif (
-        model.actuator_gaintype[k] == _FIXED
-        and model.actuator_biastype[k] == _NO_BIAS
+        model.actuator_gaintype[actuator] == _FIXED
+        and model.actuator_biastype[actuator] == _NO_BIAS
         and model.actuator_ctrllimited[control]
     ):
-        ends = sorted(model.actuator_gainprm[k, 0] * model.actuator_ctrlrange[control])
+        ends = np.sort(model.actuator_gainprm[actuator, 0] * model.actuator_ctrlrange[control])
         least, most = max(least, ends[0]), min(most, ends[1])
-    least, most = sorted((output.gear * least, output.gear * most))
-    return float(least), float(most)
+    return np.array([least, most])
 
 
 def _called(model: mujoco.MjModel, actuator: int) -> str:

@@ -7,7 +7,18 @@ import scipy.linalg
 from scipy.spatial.transform import Rotation
 
 from prioritized import ConstrainedSystem
-from sim import ModelError, Pose, hexapod, jacobians, joint_stiffness, mass_matrix
+from sim import (
+    Body,
+    ModelError,
+    Plant,
+    Pose,
+    assemble,
+    hexapod,
+    jacobians,
+    joint_stiffness,
+    linearize,
+    mass_matrix,
+)
 
 # A planar four-bar closed by a connect: three closure rows of rank two.
 FOUR_BAR = """
@@ -124,11 +135,8 @@ def move(model: mujoco.MjModel, data: mujoco.MjData, step: np.ndarray) -> None:
 
 
 def close(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    """Newton on the closures, by the least steps."""
-    for _ in range(12):
-        opening = gaps(model, data)
-        move(model, data, -np.linalg.pinv(jacobians(model, data, "tool").J_C) @ opening)
-    assert np.abs(gaps(model, data)).max() < 1e-13
+    data.qpos[:] = assemble(model, data).qpos
+    assert np.abs(gaps(model, data)).max() < 1e-10
 
 
 def random_closed_pose(model: mujoco.MjModel, data: mujoco.MjData, seed: int) -> None:
@@ -218,15 +226,18 @@ def test_contacts_limits_and_dry_friction_hold_nothing_in_the_theory(storage):
 
 def test_an_equality_counts_while_it_is_active():
     model, data = everything()
-    closed = jacobians(model, data, "tool").J_C
+    rod = Body("rod1")  # which moves whatever is open
+    closed = jacobians(model, data, rod).J_C
     data.eq_active[model.equality("brake").id] = True
-    braked = jacobians(model, data, "tool").J_C
+    braked = jacobians(model, data, rod).J_C
     np.testing.assert_array_equal(braked[:ROWS], closed)
     np.testing.assert_array_equal(np.flatnonzero(braked[ROWS]), model.joint("drum").dofadr)
     data.eq_active[model.equality("grip").id] = False
-    assert len(jacobians(model, data, "tool").J_C) == ROWS + 1 - 6
+    assert len(jacobians(model, data, rod).J_C) == ROWS + 1 - 6
+    with pytest.raises(ModelError, match="no actuator moves 'tool'"):  # it has been let go
+        jacobians(model, data, "tool")
     data.eq_active[:] = False
-    assert jacobians(model, data, "tool").J_C.shape == (0, model.nv)
+    assert jacobians(model, data, rod).J_C.shape == (0, model.nv)
 
 
 def test_actuators_are_known_by_their_velocity_and_gear():
@@ -250,15 +261,11 @@ def test_a_loop_with_redundant_rows_moves_as_finite_differences_on_the_manifold(
     np.testing.assert_array_equal(jac.gear, [50.0])
 
     def tool(h: float) -> np.ndarray:
-        """Where the tool is after the crank has turned by h with the loop closed (Newton)."""
+        """Where the tool is after the crank has turned by h with the loop closed."""
         data.qpos[:] = [h, 0, 0]
-        for _ in range(20):
-            mujoco.mj_fwdPosition(model, data)
-            J_C = jacobians(model, data, "tool").J_C
-            step = np.linalg.lstsq(J_C[:, 1:], -data.efc_pos[:3], rcond=1e-9)[0]
-            data.qpos[1:] += step
-        mujoco.mj_fwdPosition(model, data)
-        return data.site("ground").xmat.reshape(3, 3).T @ data.site("tool").xpos
+        turned = assemble(model, data, held=["crank"])
+        assert turned.qpos[0] == h
+        return turned.site("ground").xmat.reshape(3, 3).T @ turned.site("tool").xpos
 
     errors = []
     for h in (1e-2, 5e-3):
@@ -289,7 +296,7 @@ def test_the_models_jacobian_agrees_with_the_closed_form_away_from_the_nominal_p
     lengths = machine.displacements(target)
     for _ in range(8):
         mujoco.mj_fwdPosition(model, data)
-        jac = jacobians(model, data, "payload", "base")
+        jac = jacobians(model, data, "payload", "base", closure_tolerance=np.inf)
         rows = np.zeros((6, model.nv))
         rows[range(6), [joint.dofadr[0] for joint in struts]] = 1.0
         gap = np.concatenate(
@@ -315,11 +322,14 @@ def test_only_active_equalities_count(model):
 DRIVES = """
 <mujoco>
   <worldbody>
+    <site name="post" pos="0 2 0"/><site name="base"/>
     <body name="arm">
-      <joint name="a"/><geom size="0.1"/><site name="tool"/><site name="crank" pos="0 0 0.1"/>
-      <body pos="1 0 0"><joint name="ball" type="ball"/><geom size="0.1"/></body>
+      <joint name="a"/><geom size="0.1"/><site name="tool"/><site name="crank" pos="0.3 0 0"/>
+      <body pos="1 0 0">
+        <joint name="ball" type="ball"/><geom size="0.1"/><site name="payload"/>
+      </body>
     </body>
-    <body pos="4 0 0"><joint name="float" type="free"/><geom size="0.1"/></body>
+    <body pos="4 0 0"><joint name="float" type="free"/><geom size="0.1"/><site name="buoy"/></body>
   </worldbody>
   <tendon><fixed name="cable"><joint joint="a" coef="1"/></fixed></tendon>
   <actuator><{drive}/></actuator>
@@ -328,27 +338,54 @@ DRIVES = """
 
 
 @pytest.mark.parametrize(
-    "drive",
+    ("drive", "task"),
     [
-        'motor name="m" tendon="cable"',
-        'motor name="m" site="tool"',
-        'motor name="m" site="tool" refsite="crank"',
-        'adhesion name="m" body="arm" gain="1" ctrlrange="0 1"',
-        'motor name="m" joint="ball"',
-        'motor name="m" jointinparent="float"',
-        'motor name="m" cranksite="crank" slidersite="tool" cranklength="0.2"',
+        ('motor name="m" tendon="cable"', "payload"),
+        ('motor name="m" site="payload" gear="0 1 0 0 0 0"', "payload"),
+        ('motor name="m" site="payload" refsite="post" gear="0 1 0 0 0 0"', "payload"),
+        ('motor name="m" joint="ball"', "payload"),
+        ('motor name="m" jointinparent="float"', "buoy"),
+        ('motor name="m" cranksite="crank" slidersite="post" cranklength="3"', "payload"),
     ],
 )
-def test_an_actuator_that_is_not_one_velocity_is_refused(drive):
+def test_an_actuator_on_no_joint_has_a_velocity_of_its_own_which_plants_refuse(drive, task):
+    """Linear models and plants speak of one position and one force for each actuated joint."""
     model = mujoco.MjModel.from_xml_string(DRIVES.format(drive=drive))
-    with pytest.raises(ModelError, match='actuator "m" does not drive a slide or hinge joint'):
-        jacobians(model, mujoco.MjData(model), "tool")
+    jac = jacobians(model, mujoco.MjData(model), task)
+    assert jac.active.tolist() == [model.nv] and jac.J_C.shape == (1, model.nv + 1)
+    words = 'actuator "m" does not drive a slide or hinge joint'
+    with pytest.raises(ModelError, match=words):
+        linearize(model, mujoco.MjData(model), task, "base")
+    with pytest.raises(ModelError, match=words):
+        Plant(model)
+
+
+def test_adhesion_is_refused_by_name_whoever_asks():
+    pad = 'adhesion name="m" body="arm" gain="1" ctrlrange="0 1"'
+    model = mujoco.MjModel.from_xml_string(DRIVES.format(drive=pad))
+    for refuses in (
+        lambda: jacobians(model, mujoco.MjData(model), "tool"),
+        lambda: linearize(model, mujoco.MjData(model), "tool", "base"),
+        lambda: Plant(model),
+    ):
+        with pytest.raises(ModelError, match='actuator "m" adheres'):
+            refuses()
+
+
+def test_two_actuators_on_a_joint_share_its_velocity_and_plants_refuse_them():
+    model = mujoco.MjModel.from_xml_string(SERIAL.format(kind="hinge", second="a"))
+    jac = jacobians(model, mujoco.MjData(model), "tool")
+    assert jac.names is not None and jac.names.actuators == (("m1", "m2"),)
+    assert jac.active.tolist() == [0] and jac.gear.tolist() == [1.0]
+    for refuses in (
+        lambda: linearize(model, mujoco.MjData(model), "tool", None),
+        lambda: Plant(model),
+    ):
+        with pytest.raises(ModelError, match='actuators "m1" and "m2" drive the same joint "a"'):
+            refuses()
 
 
 def test_what_the_theory_has_no_word_for_is_refused_by_name():
-    model = mujoco.MjModel.from_xml_string(SERIAL.format(kind="hinge", second="a"))
-    with pytest.raises(ModelError, match='actuators "m1" and "m2" drive the same joint "a"'):
-        jacobians(model, mujoco.MjData(model), "tool")
     model = mujoco.MjModel.from_xml_string(SERIAL.format(kind="hinge", second="b"))
     with pytest.raises(ModelError, match='no site named "nose"; it has: tool'):
         jacobians(model, mujoco.MjData(model), "nose")
@@ -391,10 +428,11 @@ SLEEPER = """
 <mujoco>
   <option gravity="0 0 0"><flag sleep="enable"/></option>
   <worldbody>
-    <body><joint name="a"/><geom size="0.1"/></body>
-    <body pos="3 0 0"><joint name="b"/><geom size="0.1"/><site name="tool"/></body>
+    <body sleep="allowed"><joint name="a"/><geom size="0.1"/></body>
+    <body sleep="allowed" pos="3 0 0"><joint name="b"/><geom size="0.1"/><site name="tool"/></body>
   </worldbody>
   <equality><joint joint1="a" joint2="b"/></equality>
+  <actuator><motor joint="a"/></actuator>
 </mujoco>
 """
 
