@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 import argument_checks as check
 from sim.array import Array
+from sim.drive import Drive
 from sim.errors import ModelError
 from sim.frame import Body, check_frame, frame_jacobian, frame_pose, rotation_vector
-from sim.transmission import Drive, drive_rows, drives, extra_drives
+from sim.transmission import drive_rows, drives, extra_drives
 
 
 @dataclass(frozen=True)

@@ -9,13 +9,14 @@ import numpy as np
 
 from sim.accuracy import written_accuracy
 from sim.array import Array
+from sim.drive import Drive
 from sim.dynamics import joint_stiffness
 from sim.errors import ModelError
 from sim.frame import Body
 from sim.hold import Pin
 from sim.limits import at_limits, joint_positions, ranges, tendon_row
 from sim.model import name_of
-from sim.transmission import Drive, drives, extra_drives, is_disabled
+from sim.transmission import drives, extra_drives, is_disabled
 
 
 class Names(NamedTuple):

@@ -1,4 +1,4 @@
-"""Closure: assembled from afar, verdicts that a small gap leaves alone, motion that stays closed."""
+"""Closure: assembled from afar, verdicts that no small gap changes, motion that stays closed."""
 
 import mujoco
 import numpy as np
@@ -221,7 +221,7 @@ def test_ten_lines_follow_a_circle_of_20_mm_through_a_lock_within_a_micrometre()
     data = assemble(model)
     start = pose_of(model, data, "tool").translation_m
     system = ConstrainedSystem.of(jacobians(model, data, "tool"))
-    errors = []
+    errors, wrist = [], 0.0
     for k, turn in enumerate(np.linspace(0, 2 * np.pi, 721)[1:]):
         if k == 360:
             system = system.with_failures(locked=["wrist"])
