@@ -115,8 +115,8 @@ def chosen(
 def _found(argument: str, name: str, known: Known, *, several: bool) -> list[int]:
     """The numbers that go by this name."""
     found = [k for k, names in enumerate(known) if name in names]
-    if found and (several or len(found) == 1):
-        return found
+    if found and (several or len({known[k] for k in found}) == 1):
+        return found  # one actuator may have several velocities, all of its names
     if found:
         raise ValueError(
             f"{argument} must name one actuator, got {name!r}, which means {spoken(known, found)}"

@@ -15,7 +15,7 @@ from sim.closure import check_closures, closure_rows, equality_name, largest_gap
 from sim.errors import ClosureError, ModelError
 from sim.frame import Body
 from sim.hold import Pin, pin_rows, pins_of
-from sim.limits import stuck_rows, touching
+from sim.limits import stuck_names, stuck_rows, touching
 from sim.machine import Machine, Names
 from sim.model import check_state, element_id
 from sim.task import Task, task_jacobian, task_list, to_axes_of
@@ -130,6 +130,9 @@ def jacobians(
     tasks, pins = task_list(model, site), pins_of(model, pinned)
     if axes is not None:
         element_id(model, "site", check.instance("axes", axes, str))
+    stuck = stuck_names(stuck_at_limits)
+    if closure_tolerance != np.inf:
+        check.number("closure_tolerance", closure_tolerance)
     check_closures(model, data)
     mujoco.mj_fwdPosition(model, data)
     residual, worst = largest_gap(model, data)
@@ -137,7 +140,6 @@ def jacobians(
         raise ClosureError(equality_name(model, worst), residual, "call sim.assemble(model, data)")
 
     forbidden = [closure_rows(model, data), pin_rows(model, data, pins)]
-    stuck = tuple(stuck_at_limits) if isinstance(stuck_at_limits, Iterable) else stuck_at_limits
     if stuck:
         forbidden.append(stuck_rows(model, data, stuck))
     active, gear, extra = _driven(model, data)

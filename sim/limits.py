@@ -1,5 +1,6 @@
 """What limits motion besides loops: ranges as arrays, joints at their limits, and contacts."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -90,6 +91,20 @@ def at_limits(model: mujoco.MjModel, data: mujoco.MjData) -> list[Resting]:
     return found
 
 
+def stuck_names(stuck_at_limits: bool | Iterable[str]) -> bool | tuple[str, ...]:
+    """All, none, or the names of some.
+
+    Raises:
+        TypeError: Something of another kind.
+    """
+    if isinstance(stuck_at_limits, bool):
+        return stuck_at_limits
+    if isinstance(stuck_at_limits, str) or not isinstance(stuck_at_limits, Iterable):
+        got = check.shown(stuck_at_limits)
+        raise TypeError(f"stuck_at_limits must be True, False or a list of names, got {got}")
+    return tuple(check.instance("stuck_at_limits", name, str) for name in stuck_at_limits)
+
+
 def stuck_rows(model: mujoco.MjModel, data: mujoco.MjData, stuck: bool | tuple[str, ...]) -> Array:
     """Velocities (p, nv) forbidden by the limits on which joints and tendons rest.
 
@@ -105,7 +120,7 @@ def stuck_rows(model: mujoco.MjModel, data: mujoco.MjData, stuck: bool | tuple[s
     if not isinstance(stuck, bool):
         names = [limit.name for limit in resting]
         for name in stuck:
-            if check.instance("stuck_at_limits", name, str) not in names:
+            if name not in names:
                 there = ", ".join(names) or "none"
                 raise ModelError(f'"{name}" rests on no limit; those that do: {there}')
         resting = [limit for limit in resting if limit.name in stuck]
