@@ -44,6 +44,14 @@ class Problem(NamedTuple):
         return product(self.S_m, self.J)
 
     @property
+    def admissible_jacobian(self) -> Array:
+        """J on the admissible rates, zero on those that the constraint forbids, (..., m, n)."""
+        C = self.active_constraint
+        if not C.size:
+            return self.J
+        return self.J @ ranked_svd(C, frobenius(C), self.tolerance).null_projector()
+
+    @property
     def task_weight(self) -> Array:
         """Secondary weight on the task, shape (..., k, m)."""
         return product(self.secondary_weight, self.S_s)
