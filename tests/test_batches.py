@@ -57,3 +57,20 @@ def test_any_arguments_may_be_batches_with_or_without_secondary_rows(made, data,
         np.testing.assert_allclose(
             np.broadcast_to(rest, (*lead, m1))[at], alone.residual(part(inputs[0], 1)), atol=1e-7
         )
+
+
+@pytest.mark.parametrize("of_J", [(), LEAD])
+@pytest.mark.parametrize("of_W1", [(), (3,), LEAD])
+@pytest.mark.parametrize("of_v", [(), (3,), LEAD])
+@pytest.mark.parametrize("m2", [0, 2])
+def test_the_fast_way_of_batches_agrees_with_the_gains(of_J, of_W1, of_v, m2):
+    """Full weights and no constraint: rates without gains, secondary rows or not."""
+    rng = np.random.default_rng(0)
+    J, W1 = rng.normal(size=(*of_J, 1 + m2, 4)), rng.normal(size=(*of_W1, 4, 4))
+    v, rates_d, v_sd = (rng.normal(size=(*of_v, size)) for size in (1, 4, m2))
+    mapping = velocity_mapping(J, [0], joint_weight=W1, secondary_weight=np.ones(m2))
+    gains = mapping.major, mapping.joint, mapping.secondary
+    expected = sum(
+        (gain @ x[..., None])[..., 0] for gain, x in zip(gains, (v, rates_d, v_sd), strict=True)
+    )
+    np.testing.assert_allclose(mapping(v, rates_d, v_sd), expected, atol=1e-9)
