@@ -79,6 +79,8 @@ class Kinematics:
     @property
     def active_constraint(self) -> Array:
         """Orthonormal rows; admissible active rates are their null space, eq. (17), (r', n - q)."""
+        if not len(self._motion.loops.left_null):  # the common case, at every tick
+            return none((0, len(self.active)))
         return read_only(self._constraint.rows)
 
     @cached_property
