@@ -79,6 +79,8 @@ class Kinematics:
     @property
     def active_constraint(self) -> Array:
         """Orthonormal rows; admissible active rates are their null space, eq. (17), (r', n - q)."""
+        if not len(self._motion.loops.left_null):  # the common case, at every tick
+            return none((0, len(self.active)))
         return read_only(self._constraint.rows)
 
     @cached_property
@@ -143,7 +145,7 @@ class Kinematics:
     @cached_property
     def _moved(self) -> RankedSvd:
         """What the task sees of the passive motion with every active joint locked."""
-        return ranked_svd(self.relative_self_motion, 1.0, self.system.rank_tolerance)
+        return ranked_svd(self.relative_self_motion, 1.0, self.system.rank_tolerance, full=True)
 
     @cached_property
     def _internal_rows(self) -> Array:
@@ -217,7 +219,7 @@ class Kinematics:
         return classify(
             S_m,
             (self.J, self.scale),
-            (self.self_motion, self.relative_self_motion, self.passive_self_motion),
+            (self._moved, self.relative_self_motion, self.passive_self_motion),
             (self.internal_force, self.active_constraint),
             self.gaps,
             self.closure_condition,

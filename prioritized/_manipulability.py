@@ -106,7 +106,7 @@ class Gaps(NamedTuple):
 def classify(
     S_m: Array,
     jacobian: tuple[Array, float],
-    self_motions: tuple[Array, Array, Array],
+    self_motions: tuple[RankedSvd, Array, Array],
     constraints: tuple[Array, Array],
     gaps: Gaps,
     closure_condition: float,
@@ -118,7 +118,8 @@ def classify(
     Args:
         S_m: Shape (m1, m).
         jacobian: J and its scale.
-        self_motions: Basis of the task's, relative task motion, and basis of the passive joints'.
+        self_motions: The decision on the relative task motion, that motion, and the basis of the
+            passive joints'.
         constraints: Rows of internal_force and of active_constraint.
         gaps: Those behind these arrays.
         closure_condition: Of J_Cp.
@@ -126,12 +127,11 @@ def classify(
         tolerance: Of the rank decisions.
     """
     (J, scale), (internal_force, active_constraint) = jacobian, constraints
-    self_motion, relative_self_motion, passive_self_motion = self_motions
+    moved, relative_self_motion, passive_self_motion = self_motions
     m1, size = len(S_m), float(frobenius(S_m))
     Z = _null(ranked_svd(active_constraint, 1.0, tolerance, full=True))
     reach = ranked_svd(S_m @ J @ Z, size * scale, tolerance, full=True)
     reach_task = ranked_svd(J @ Z, scale, tolerance, full=True)
-    moved = ranked_svd(relative_self_motion, 1.0, tolerance, full=True)
     # Against the 2-norm, so that with every row major it is the decision on the whole task.
     moved_major = ranked_svd(S_m @ relative_self_motion, largest(S_m), tolerance, full=True)
     # The self-motion that does not move the major task may move the rest.
@@ -142,7 +142,7 @@ def classify(
     columns = {
         "unmanipulable": (_left_null(reach), min(reach.gap, gap)),
         "unmanipulable_task": (_left_null(reach_task), min(reach_task.gap, gap)),
-        "unstable": (self_motion, min(moved.gap, free_gap)),
+        "unstable": (_range(moved), min(moved.gap, free_gap)),
         "unstable_major": (_range(moved_major), min(moved_major.gap, free_gap)),
         "unstable_secondary": (_range(aside), min(aside.gap, moved_major.gap, free_gap)),
         "idle": (passive_self_motion @ _null(moved), min(moved.gap, free_gap)),

@@ -97,7 +97,7 @@ class ConstrainedSystem:
             "active": check.frozen(check.indices("active", active, N)),
             "stiffness": _metric("stiffness", stiffness, N),
             "rank_tolerance": tolerance_of(rank_tolerance, geometry_accuracy),
-            "geometry_accuracy": geometry_accuracy,
+            "geometry_accuracy": None if geometry_accuracy is None else float(geometry_accuracy),
         }
         n = len(fields["active"])
         fields["names"] = None if names is None else checked_names(names, N, n)

@@ -231,8 +231,9 @@ def velocity_mapping(
             that task inexact. Secondary goals are not damped: use joint_weight.
         scale: Size of J that ranks are decided against, shape (...); None is the norm of J. For a
             J that is a difference of large terms give the size of these.
-        rank_tolerance: Singular values below this fraction of the scale count as zero. Among the
-            stacked weights, too: at 1e-10, no goal can be weighted 1e10 times another.
+        rank_tolerance: Singular values below this fraction of the scale count as zero. Those of
+            W1 and T, which are exact however inaccurate J, do so below 1e-10 at most: no joint can
+            be weighted 1e10 times another.
 
     Raises:
         ValueError: An argument has a wrong shape or index or is not finite; it is named.

@@ -5,7 +5,13 @@ import dataclasses
 import numpy as np
 import pytest
 
-from prioritized import RANK_TOLERANCE, ConstrainedSystem, Manipulability, failure_atlas
+from prioritized import (
+    RANK_TOLERANCE,
+    ConstrainedSystem,
+    Manipulability,
+    failure_atlas,
+    velocity_mapping,
+)
 
 ANCHOR_AXES = [0, 3, 6]
 IN_PLANE = [2, 3, 4]
@@ -88,3 +94,19 @@ def test_it_sets_the_tolerance_and_stays_visible():
 def test_an_accuracy_that_is_none_is_refused(arguments, message):
     with pytest.raises(ValueError, match=message):
         ConstrainedSystem(np.eye(2), None, [0, 1], **arguments)
+
+
+@pytest.mark.parametrize("batched", [False, True])
+@pytest.mark.parametrize("seed", range(5))
+def test_joint_weights_are_exact_whatever_the_geometry(seed, batched):
+    """A hot actuator spared 1e5 times as much as another, on a robot known to 1e-4."""
+    rng = np.random.default_rng(seed)
+    J, target = rng.normal(size=(2, 5)), rng.normal(size=2)
+    J = np.stack([J, J]) if batched else J
+    weight = np.array([1.0, 2.0, 3.0, 1e5, 0.5])
+    rates = {
+        tolerance: velocity_mapping(J, [0, 1], joint_weight=weight, rank_tolerance=tolerance)
+        for tolerance in (1e-10, 1e-3)
+    }
+    np.testing.assert_allclose(rates[1e-3].major, rates[1e-10].major, rtol=1e-9)
+    np.testing.assert_allclose(rates[1e-3](target), rates[1e-10](target), rtol=1e-9)

@@ -202,3 +202,12 @@ def test_all_velocities_come_in_the_order_of_the_columns(data, drawn, seed):
     np.testing.assert_allclose(kin.velocities(rates[0, 0]), velocities[0, 0], atol=1e-12)
     with pytest.raises(ValueError, match=r"^rates must have shape"):
         kin.velocities(np.ones(len(kin.active) + 1))
+
+
+def test_an_actuator_with_several_velocities_fails_in_all_of_them():
+    """An orientation servo moves a ball joint about three axes, which lock together."""
+    J = np.eye(3, 4)
+    names = Names(("x", "servo", "servo", "servo"), (("m",), *[("servo",)] * 3))
+    system = ConstrainedSystem(J, None, [0, 1, 2, 3], names=names)
+    assert system.with_failures(locked=["servo"]).failures.locked == {1, 2, 3}
+    assert str(system.with_failures(locked=["servo"])).endswith("servo locked.")
