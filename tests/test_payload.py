@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from sim import HEXAPOD_MJCF, Plant, jacobians, load_model
+from sim import HEXAPOD_MJCF, Body, Plant, jacobians, load_model
 
 PERIOD_S = 1e-3
 COMMAND = np.array([0.3, -0.4, 0.5])
@@ -164,3 +164,13 @@ def _turned(quat_wxyz: np.ndarray) -> np.ndarray:
     turn, result = np.array([np.cos(np.pi / 18), 0.0, np.sin(np.pi / 18), 0.0]), np.empty(4)
     mujoco.mju_mulQuat(result, quat_wxyz, turn)
     return result
+
+
+def test_a_body_is_a_payload_as_a_site_at_its_origin_is(model):
+    """The hexapod's payload site lies at its body's origin, turned by half a turn."""
+    plants = Plant(model, payload=Body("payload")), Plant(model)
+    for plant in plants:
+        plant.step(np.array([1e-5, 0, -1e-5, 0, 2e-5, 0]), 0.05)
+    moved, expected = (plant.displacement() for plant in plants)
+    assert np.abs(expected).min() > 1e-9
+    np.testing.assert_allclose(moved, expected, atol=1e-15)
