@@ -145,7 +145,10 @@ def jacobians(
         raise ModelError("an equality of the model is not finite")
     for task in tasks:
         if not _moves(J_T[rows[task]], J_C, active):
-            raise ModelError(f"no actuator moves {check.shown(task)}")
+            raise ModelError(
+                f"no actuator moves {check.shown(task)}: name another task, or what its mechanism "
+                "stands on in pinned="
+            )
     machine = Machine(model, data.qpos.copy(), touching(model, data), pins, stuck_at_limits)
     return Jacobians(J_T, J_C, active, gear, rows, residual, machine)
 

@@ -11,6 +11,9 @@ from sim.model import name_of
 
 _ONE_AXIS = (int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE))
 _BALL = int(mujoco.mjtJoint.mjJNT_BALL)
+_WITHOUT_LIMITS = int(mujoco.mjtDisableBit.mjDSBL_LIMIT) | int(
+    mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
+)
 _AT = 1e-6
 """A joint nearer to its limit than this fraction of its range rests on it."""
 
@@ -54,7 +57,12 @@ def joint_positions(model: mujoco.MjModel, qpos: Array) -> Array:
 
 
 def at_limits(model: mujoco.MjModel, data: mujoco.MjData) -> list[tuple[str, Array]]:
-    """Joints and tendons that rest on a limit or beyond: name, and the velocity's row (nv,)."""
+    """Joints and tendons that rest on a limit or beyond: name, and the velocity's row (nv,).
+
+    None where the model's flags switch limits off.
+    """
+    if model.opt.disableflags & _WITHOUT_LIMITS:
+        return []
     limited = model.jnt_limited.astype(bool)
     q, (low, high) = data.qpos[model.jnt_qposadr], model.jnt_range.T
     slack = _AT * (high - low)
@@ -88,12 +96,13 @@ def tendon_row(model: mujoco.MjModel, data: mujoco.MjData, tendon: int) -> Array
 
 
 def touching(model: mujoco.MjModel, data: mujoco.MjData) -> frozenset[tuple[int, int]]:
-    """Pairs of bodies in contact; only one of them may belong to the world."""
+    """Pairs of bodies in contact; what touches a flex, which is no body, is left out."""
     if not data.ncon:
         return frozenset()
     contacts = data.contact
-    pairs = model.geom_bodyid[contacts.geom[contacts.dist <= 0.0]]
-    return frozenset((int(a), int(b)) for a, b in np.sort(pairs, axis=1) if a >= 0)
+    geoms = contacts.geom[(contacts.dist <= 0.0) & (contacts.geom >= 0).all(axis=1)]
+    pairs = np.sort(model.geom_bodyid[geoms], axis=1)
+    return frozenset((int(a), int(b)) for a, b in pairs)
 
 
 def _one_axis(model: mujoco.MjModel) -> Array:

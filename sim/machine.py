@@ -131,16 +131,17 @@ class Machine:
         ]
 
     def _contact_warnings(self) -> list[str]:
-        frames = [pin.frame for pin in self.pinned]
-        held = {
+        rigid = self.model.body_weldid  # bodies without a joint between them are one
+        bodies = (
             self.model.body(f.name).id if isinstance(f, Body) else self.model.site(f).bodyid[0]
-            for f in frames
-        }
+            for f in (pin.frame for pin in self.pinned)
+        )
+        held = {rigid[body] for body in bodies}
         return [
             f'"{name_of(self.model.body(b))}" touches "{name_of(self.model.body(a))}" and is taken '
             "to move freely: pinned= takes it to stand"
             for a, b in sorted(self.touching)
-            if not {a, b} & held
+            if not {rigid[a], rigid[b]} & held
         ]
 
     def _drive_warnings(self) -> list[str]:
