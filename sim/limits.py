@@ -59,13 +59,13 @@ def joint_positions(model: mujoco.MjModel, qpos: Array) -> Array:
 def at_limits(model: mujoco.MjModel, data: mujoco.MjData) -> list[tuple[str, Array]]:
     """Joints and tendons that rest on a limit or beyond: name, and the velocity's row (nv,).
 
-    None where the model's flags switch limits off.
+    They rest where MuJoCo pushes back, at the limit's margin. None where flags switch limits off.
     """
     if model.opt.disableflags & _WITHOUT_LIMITS:
         return []
     limited = model.jnt_limited.astype(bool)
     q, (low, high) = data.qpos[model.jnt_qposadr], model.jnt_range.T
-    slack = _AT * (high - low)
+    slack = model.jnt_margin + _AT * (high - low)
     resting = limited & _one_axis(model) & ((q <= low + slack) | (q >= high - slack))
     found = [
         (f'joint "{name_of(model.joint(k))}"', np.eye(model.nv)[model.jnt_dofadr[k]])
@@ -75,12 +75,12 @@ def at_limits(model: mujoco.MjModel, data: mujoco.MjData) -> list[tuple[str, Arr
         vector, start = np.empty(3), model.jnt_qposadr[k]
         mujoco.mju_quat2Vel(vector, data.qpos[start : start + 4], 1.0)
         angle = float(np.linalg.norm(vector))
-        if angle >= high[k] * (1.0 - _AT) and angle:
+        if angle >= high[k] - slack[k] and angle:
             row = np.zeros(model.nv)
             row[model.jnt_dofadr[k] : model.jnt_dofadr[k] + 3] = vector / angle
             found.append((f'joint "{name_of(model.joint(k))}"', row))
     low, high = model.tendon_range.T
-    slack, length = _AT * (high - low), data.ten_length
+    slack, length = model.tendon_margin + _AT * (high - low), data.ten_length
     resting = (length <= low + slack) | (length >= high - slack)
     for k in np.flatnonzero(model.tendon_limited.astype(bool) & resting):
         found.append((f'tendon "{name_of(model.tendon(k))}"', tendon_row(model, data, int(k))))
@@ -96,11 +96,11 @@ def tendon_row(model: mujoco.MjModel, data: mujoco.MjData, tendon: int) -> Array
 
 
 def touching(model: mujoco.MjModel, data: mujoco.MjData) -> frozenset[tuple[int, int]]:
-    """Pairs of bodies in contact; what touches a flex, which is no body, is left out."""
+    """Pairs of bodies that push each other; what touches a flex, which is no body, is left out."""
     if not data.ncon:
         return frozenset()
     contacts = data.contact
-    geoms = contacts.geom[(contacts.dist <= 0.0) & (contacts.geom >= 0).all(axis=1)]
+    geoms = contacts.geom[(contacts.exclude == 0) & (contacts.geom >= 0).all(axis=1)]
     pairs = np.sort(model.geom_bodyid[geoms], axis=1)
     return frozenset((int(a), int(b)) for a, b in pairs)
 

@@ -149,10 +149,12 @@ GRIPPER = """
 """
 
 
+@pytest.mark.parametrize("margin", [0.0, 0.05])
 @pytest.mark.parametrize("turn_rad", [1e-3, -1e-3])
-def test_a_simulated_finger_moves_as_predicted_once_its_coupler_counts_as_stuck(turn_rad):
+def test_a_simulated_finger_moves_as_predicted_once_its_coupler_counts_as_stuck(turn_rad, margin):
     """Predicted without, the follower turns as if the coupler were free, which it is not."""
     model = mujoco.MjModel.from_xml_string(GRIPPER)
+    model.jnt_margin[model.joint("coupler").id] = margin  # where the limit begins to push back
     data = assemble(model)
     mujoco.mj_step(model, data, 4000)  # onto the limit, which gives a little
     start = pose_of(model, data, "tip").translation_m

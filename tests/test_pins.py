@@ -40,8 +40,14 @@ def leg(height: float = 0.0) -> mujoco.MjData:
 
 def test_contacts_are_warned_about_by_the_names_of_the_bodies():
     words = '"foot" touches "world" and is taken to move freely: pinned= takes it to stand'
-    for height, warnings in ((0.0, (words,)), (1e-3, ())):
+    for height, margin, gap, warnings in (
+        (0.0, 0.0, 0.0, (words,)),
+        (1e-3, 0.0, 0.0, ()),
+        (1e-3, 2e-3, 0.0, (words,)),  # the floor pushes within the margin,
+        (1e-3, 0.0, 2e-3, ()),  # and is only noticed within the gap
+    ):
         data = leg(height)
+        data.model.geom_margin[-1], data.model.geom_gap[-1] = margin, gap
         assert jacobians(data.model, data, "sole").warnings == warnings
     with pytest.raises(ModelError, match=r"no actuator moves 'trunk'.* stands on in pinned="):
         jacobians(data.model, data, "trunk")  # a leg in the air
