@@ -65,7 +65,7 @@ AT_A_LIMIT = [
     ('joint "hinge"', {"hinge": np.deg2rad(-40.0), "slide": -0.05}),
     ('joint "hinge"', {"hinge": np.deg2rad(60.0) + 1e-3, "slide": 0.19}),  # and beyond
     ('joint "slide"', {"slide": 0.2}),
-    ('joint "slide"', {"slide": -0.1}),
+    ('joint "slide"', {"slide": -0.1 + 1e-8}),  # or as near
     ('joint "ball"', {"ball": np.deg2rad(50.0)}),
     ('joint "ball"', {"ball": np.deg2rad(50.0) + 1e-3}),
     ('tendon "cable"', {"hinge": 0.6, "slide": -0.07}),
