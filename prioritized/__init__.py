@@ -20,13 +20,14 @@ from argument_checks import __version__ as __version__
 from prioritized._atlas import Classes as Classes
 from prioritized._atlas import FailureAtlas as FailureAtlas
 from prioritized._atlas import failure_atlas as failure_atlas
+from prioritized._failures import Failures as Failures
 from prioritized._force import ForceMapping as ForceMapping
 from prioritized._force import force_mapping as force_mapping
 from prioritized._kinematics import Kinematics as Kinematics
 from prioritized._manipulability import Manipulability as Manipulability
+from prioritized._names import Names as Names
 from prioritized._rank import RANK_TOLERANCE as RANK_TOLERANCE
 from prioritized._system import ConstrainedSystem as ConstrainedSystem
-from prioritized._system import Failures as Failures
 from prioritized._task import Status as Status
 from prioritized._velocity import VelocityMapping as VelocityMapping
 from prioritized._velocity import velocity_mapping as velocity_mapping

@@ -10,9 +10,11 @@ from numpy.typing import ArrayLike, NDArray
 import argument_checks as check
 from argument_checks import Array, Mask
 from prioritized._arrays import ReadOnly
+from prioritized._failures import Failures, failed_actuators
 from prioritized._motions import Motions, motions_under, with_stiffness
-from prioritized._rank import frobenius, ranked_svd
-from prioritized._system import ConstrainedSystem, failed_actuators
+from prioritized._names import Known, known_actuators
+from prioritized._rank import frobenius, largest, ranked_svd
+from prioritized._system import ConstrainedSystem
 from prioritized._task import task_selection
 
 SOUND, LOCKED, FREE = 0, 1, 2
@@ -63,20 +65,30 @@ class FailureAtlas(Classes):
     Attributes:
         codes: Condition of each actuator, 0 sound, 1 locked, 2 free, shape (C, n).
         elastic: Verdicts with the springs of the system; None when it has none.
+        known_actuators: The names that each actuator is known by, as in its system.
     """
 
     codes: NDArray[np.int8]
     elastic: Classes | None
+    known_actuators: Known
 
-    def row(self, locked: Iterable[int] = (), free: Iterable[int] = ()) -> int:
-        """Row of the condition with exactly these failures.
+    def describe(self, row: int) -> str:
+        """The condition of a row in words, such as "knee locked, hip free", or "sound".
+
+        Failures that the system already had are not in it.
+        """
+        condition = self.codes[check.index("row", row, len(self.codes))]
+        locked, free = (frozenset(np.flatnonzero(condition == code)) for code in (LOCKED, FREE))
+        return Failures(locked, free).in_words(self.known_actuators, ())
+
+    def row(self, locked: Iterable[int | str] = (), free: Iterable[int | str] = ()) -> int:
+        """Row of the condition with exactly these failures, actuators by number or name.
 
         Raises:
             ValueError: The atlas does not hold it, or one actuator both locked and free.
         """
-        n = self.codes.shape[1]
-        condition = np.zeros(n, dtype=np.int8)
-        lock, release = failed_actuators(locked, free, n)
+        condition = np.zeros(self.codes.shape[1], dtype=np.int8)
+        lock, release = failed_actuators(locked, free, self.known_actuators)
         condition[sorted(lock)] = LOCKED
         condition[sorted(release)] = FREE
         found = np.flatnonzero((self.codes == condition).all(axis=1))
@@ -124,7 +136,12 @@ def failure_atlas(
     if system.stiffness is not None:
         settled = with_stiffness(motions, system.stiffness, system.rank_tolerance)
         elastic = _classes(system, settled, S_m, S_s)
-    return FailureAtlas(**vars(rigid), codes=conditions, elastic=elastic)
+    return FailureAtlas(
+        **vars(rigid),
+        codes=conditions,
+        elastic=elastic,
+        known_actuators=known_actuators(system.names, system.active),
+    )
 
 
 def _conditions(codes: ArrayLike | None, n: int) -> NDArray[np.int8]:
@@ -148,9 +165,7 @@ def _classes(system: ConstrainedSystem, motions: Motions, S_m: Array, S_s: Array
     reach = ranked_svd(S_m @ J, frobenius(S_m) * scale, tolerance)
     reach_task = ranked_svd(J, scale, tolerance)
     moved = ranked_svd(task @ motions.self_motion, task_scale, tolerance)
-    moved_major = ranked_svd(
-        S_m @ task @ motions.self_motion, frobenius(S_m) * task_scale, tolerance
-    )
+    moved_major = ranked_svd(S_m @ task @ motions.self_motion, largest(S_m) * task_scale, tolerance)
     secondary = ranked_svd(
         S_s @ J @ reach.null_projector(), frobenius(S_s) * scale, tolerance, full=True
     )

@@ -116,10 +116,9 @@ class Loops(NamedTuple):
     scale: float
     rank_tolerance: float
 
-    def gap(self) -> float:
-        """Gap of the rank of J_Cp."""
-        decision = self.decision or ranked_svd(self.J_Cp, self.scale, self.rank_tolerance)
-        return float(decision.gap)
+    def decided(self) -> RankedSvd:
+        """The decision on J_Cp, made now where it was not needed before."""
+        return self.decision or ranked_svd(self.J_Cp, self.scale, self.rank_tolerance)
 
 
 def close_loops(J_C: Array, moving: Indices, rank_tolerance: float) -> Loops:

@@ -2,16 +2,26 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 import argument_checks as check
 from argument_checks import Array, Indices, Mask
-from prioritized._arrays import ReadOnly, apply, on_axes, respond, stack, transposed
+from prioritized._amplification import as_sentence, closure_sentences
+from prioritized._arrays import (
+    ReadOnly,
+    apply,
+    on_axes,
+    read_only,
+    respond,
+    stack,
+    transposed,
+)
 from prioritized._levels import Forces, force_levels, forces_of, lexicographic, smallest_gap
 from prioritized._problem import Problem, checked
-from prioritized._rank import RANK_TOLERANCE, basis_scale, frobenius, ranked_svd
+from prioritized._rank import RANK_TOLERANCE, basis_scale, frobenius, largest, ranked_svd
 from prioritized._task import Status
 
 Gains = tuple[Array, ...]
@@ -36,6 +46,7 @@ class ForceMapping(ReadOnly):
         rank: Dimension of the major forces that equilibrium admits, shape (...).
         gap: Factor by which the rank threshold could change before any rank would, shape (...).
         status: What holds for every problem of the batch.
+        closure_condition: As in :class:`Manipulability`; 1 for a J given as a matrix.
     """
 
     torque_gains: Gains
@@ -46,6 +57,16 @@ class ForceMapping(ReadOnly):
     rank: Indices
     gap: Array
     status: Status
+    closure_condition: float = 1.0
+
+    def __str__(self) -> str:
+        sentences = as_sentence(self.status.value), *closure_sentences(self.closure_condition)
+        return " ".join(sentences)
+
+    @cached_property
+    def largest_gain(self) -> Array:
+        """Largest norm of the torques per unit norm of the major force alone, shape (...)."""
+        return read_only(largest(self.major))
 
     @property
     def major(self) -> Array:
@@ -192,14 +213,9 @@ def _refuse_overlap(S_m: Array, S_s: Array, tolerance: float) -> None:
 
 def _reaction(problem: Problem, forces: Forces, gain: Array) -> tuple[Array, Indices]:
     """Projector on the task forces that do no work, and the rank of the work of x = gain @ f_m."""
-    J, C, Q, tolerance = (
-        problem.J,
-        problem.active_constraint,
-        problem.self_motion,
-        problem.tolerance,
-    )
-    driven = J @ ranked_svd(C, frobenius(C), tolerance).null_projector()
-    motion = stack(transposed(driven), transposed(Q) * problem.scale[..., None, None])
+    Q, tolerance = problem.self_motion, problem.tolerance
+    driven = transposed(problem.admissible_jacobian)
+    motion = stack(driven, transposed(Q) * problem.scale[..., None, None])
     scale = problem.scale * basis_scale(Q)
     work = ranked_svd(motion @ forces.task @ gain, forces.task_scale * scale, tolerance)
     return ranked_svd(motion, scale, tolerance).null_projector(), work.rank

@@ -10,11 +10,13 @@ from numpy.typing import ArrayLike
 
 import argument_checks as check
 from argument_checks import Array, Indices
+from prioritized._active_constraint import ActiveConstraint, active_constraint
 from prioritized._arrays import none, read_only
 from prioritized._elimination import Partition, PassiveMotion, passive_motion
 from prioritized._force import ForceMapping, force_mapping
 from prioritized._manipulability import Gaps, Manipulability, classify
-from prioritized._rank import RankedSvd, norm, ranked_svd
+from prioritized._names import Known, Names, known_velocities
+from prioritized._rank import RankedSvd, ranked_svd
 from prioritized._statics import constraint_gain, internal_rows, torque_gain
 from prioritized._task import task_selection
 from prioritized._velocity import VelocityMapping, velocity_mapping
@@ -26,9 +28,14 @@ class Kinematics:
 
     Made by :meth:`prioritized.ConstrainedSystem.kinematics`. Arrays are read-only and computed when
     first used. Of N velocities n have actuators, q of which failed; s joints are stuck.
+
+    Attributes:
+        system: The mechanism, its joints sorted by what drives them.
+        names: Of joints and actuators, or None.
     """
 
     system: Partition
+    names: Names | None = None
 
     @property
     def actuators(self) -> Indices:
@@ -58,8 +65,7 @@ class Kinematics:
     @cached_property
     def self_motion(self) -> Array:
         """Orthonormal basis of the task motion with every active joint locked, shape (m, k)."""
-        svd = ranked_svd(self.relative_self_motion, 1.0, self.system.rank_tolerance)
-        return read_only(svd.U[:, : int(svd.rank)])
+        return read_only(self._moved.U[:, : int(self._moved.rank)])
 
     @cached_property
     def internal_force(self) -> Array:
@@ -73,9 +79,9 @@ class Kinematics:
     @property
     def active_constraint(self) -> Array:
         """Orthonormal rows; admissible active rates are their null space, eq. (17), (r', n - q)."""
-        if not len(self._motion.loops.left_null):
+        if not len(self._motion.loops.left_null):  # the common case, at every tick
             return none((0, len(self.active)))
-        return read_only(self._constraint.Vt[: int(self._constraint.rank)])
+        return read_only(self._constraint.rows)
 
     @cached_property
     def passive_gain(self) -> Array:
@@ -103,13 +109,26 @@ class Kinematics:
     @cached_property
     def gaps(self) -> Gaps:
         """Gaps of the rank decisions that J and its constraints rest on."""
-        loops, springs = self._motion.loops.gap(), self._motion.spring_gap
-        return Gaps(loops, springs, float(self._constraint.gap))
+        loops, springs = float(self._closure.gap), self._motion.spring_gap
+        return Gaps(loops, springs, self._constraint.gap)
 
     @property
     def gap(self) -> float:
         """The smallest of them."""
         return min(self.gaps)
+
+    @property
+    def closure_condition(self) -> float:
+        """Condition number of the closure J_Cp on its rank, 1 without loops.
+
+        Errors of the geometry are multiplied by up to as much in the passive rates. It depends on
+        the units of J_C.
+        """
+        return float(self._closure.condition)
+
+    @cached_property
+    def _closure(self) -> RankedSvd:
+        return self._motion.loops.decided()
 
     @cached_property
     def _motion(self) -> PassiveMotion:
@@ -120,9 +139,13 @@ class Kinematics:
         return self.system.task.reduced(self._motion.gain)
 
     @cached_property
-    def _constraint(self) -> RankedSvd:
-        left = self._motion.loops.left_null @ self.system.J_C[:, self.active]
-        return ranked_svd(left, norm(self.system.J_C), self.system.rank_tolerance)
+    def _constraint(self) -> ActiveConstraint:
+        return active_constraint(self._motion.loops, self.system.J_C, self.active)
+
+    @cached_property
+    def _moved(self) -> RankedSvd:
+        """What the task sees of the passive motion with every active joint locked."""
+        return ranked_svd(self.relative_self_motion, 1.0, self.system.rank_tolerance, full=True)
 
     @cached_property
     def _internal_rows(self) -> Array:
@@ -135,8 +158,7 @@ class Kinematics:
     @cached_property
     def _internal_gain(self) -> Array:
         """Internal force eta per torque that is out of equilibrium without it, (r, n - q)."""
-        back = self._constraint.pseudo_inverse().T
-        return self.internal_force @ self._internal_rows.T @ back
+        return self.internal_force @ self._internal_rows.T @ self._constraint.inverse.T
 
     def expand(self, rates: ArrayLike) -> Array:
         """Rates or torques of the survivors (..., n - q) for all actuators (..., n), else zero."""
@@ -151,6 +173,21 @@ class Kinematics:
         Under self-motion those of least norm in the passive metric.
         """
         return check.vector("rates", rates, len(self.active)) @ self.passive_gain.T
+
+    def velocities(self, rates: ArrayLike) -> Array:
+        """All velocities in the order of J_T's columns, shape (..., N).
+
+        Passive ones as :meth:`passive_rates`; those of stuck joints are zero.
+
+        Args:
+            rates: Of the survivors, shape (..., n - q). The loops stay closed for admissible ones,
+                see :attr:`active_constraint`.
+        """
+        passive = self.passive_rates(rates)
+        velocities = np.empty((*passive.shape[:-1], self.system.task.J_T.shape[1]))
+        velocities[..., self.active] = rates
+        velocities[..., self.passive] = passive
+        return velocities
 
     def constraint_force(self, f: ArrayLike, torques: ArrayLike | None = None) -> Array:
         """Constraint forces f_C under the task force f, eq. (11), shape (..., c + s).
@@ -182,11 +219,18 @@ class Kinematics:
         return classify(
             S_m,
             (self.J, self.scale),
-            (self.self_motion, self.relative_self_motion, self.passive_self_motion),
+            (self._moved, self.relative_self_motion, self.passive_self_motion),
             (self.internal_force, self.active_constraint),
             self.gaps,
+            self.closure_condition,
+            (self._known(self.passive), self._known(self.active)),
             self.system.rank_tolerance,
         )
+
+    def _known(self, velocities: Indices) -> Known:
+        """The joints of these velocities by name."""
+        known = known_velocities(self.names, self.system.task.J_T.shape[1])
+        return tuple(known[i] for i in velocities)
 
     def velocity_mapping(
         self,
@@ -243,13 +287,18 @@ class Kinematics:
             self._of_survivors("torque_weight", torque_weight),
             secondary_weight,
             self.active_constraint,
-            self.relative_self_motion,
+            self.self_motion,  # decided: a second decision could contradict it at the threshold
             major_metric=major_metric,
             tie_metric=self._of_survivors("tie_metric", tie_metric),
             scale=self.scale,
             rank_tolerance=self.system.rank_tolerance,
         )
-        return dataclasses.replace(mapping, gap=np.minimum(mapping.gap, self.gap))
+        gap = min(self.gap, float(self._moved.gap))
+        return dataclasses.replace(
+            mapping,
+            gap=np.minimum(mapping.gap, gap),
+            closure_condition=self.closure_condition,
+        )
 
     def _of_survivors(self, name: str, weight: ArrayLike | None) -> Array | None:
         """A weight on all actuators cut to the survivors; others unchanged."""

@@ -76,9 +76,9 @@ def velocity_levels(problem: Problem, damping: float) -> list[Level]:
         Level(
             stack(W1, W2_S @ J),
             stack(W1 @ I_joint, W2 @ I_s),
-            np.hypot(frobenius(W1), frobenius(W2_S) * problem.scale),
+            np.hypot(frobenius(W1) * problem.exact, frobenius(W2_S) * problem.scale),
         ),
-        Level(T, zero, frobenius(T)),
+        Level(T, zero, frobenius(T) * problem.exact),
     ]
 
 

@@ -7,25 +7,10 @@ from typing import NamedTuple
 import numpy as np
 
 from argument_checks import Array
-from prioritized._arrays import ReadOnly
-from prioritized._rank import RankedSvd, frobenius, ranked_svd
-
-
-@dataclass(frozen=True, eq=False)
-class Finding(ReadOnly):
-    """Whether a condition holds, and in which directions.
-
-    Attributes:
-        holds: The verdict.
-        basis: Orthonormal basis of the directions concerned, empty when it does not hold.
-        gap: Factor by which the rank threshold could change before the verdict might.
-        sentence: The verdict in words.
-    """
-
-    holds: bool
-    basis: Array
-    gap: float
-    sentence: str
+from prioritized._amplification import closure_sentences, gain_sentences
+from prioritized._findings import Finding, found
+from prioritized._names import Known, involved
+from prioritized._rank import RankedSvd, frobenius, largest, ranked_svd
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,10 +22,16 @@ class Manipulability:
             `unstable_secondary`, `idle`, `irresolvable`, `constrained_active`.
         worst_gain: Smallest singular value of J_m on the admissible active rates: the least major
             speed per unit norm of these rates. Zero when unmanipulable, infinite without rows.
+        largest_gain: Its largest singular value, the greatest major speed per unit norm; zero
+            without rows.
+        closure_condition: Condition number of the closure J_Cp on its rank, 1 without loops: errors
+            of the geometry are multiplied by up to as much. It depends on the units of J_C.
     """
 
     findings: Mapping[str, Finding]
     worst_gain: float
+    largest_gain: float
+    closure_condition: float
 
     @property
     def unmanipulable(self) -> bool:
@@ -93,7 +84,9 @@ class Manipulability:
         return {name: finding.gap for name, finding in self.findings.items()}
 
     def __str__(self) -> str:
-        return "\n".join(finding.sentence for finding in self.findings.values())
+        sentences = [finding.sentence for finding in self.findings.values()]
+        sentences += gain_sentences(self.largest_gain, self.worst_gain)
+        return "\n".join(sentences + closure_sentences(self.closure_condition))
 
 
 class Gaps(NamedTuple):
@@ -113,9 +106,11 @@ class Gaps(NamedTuple):
 def classify(
     S_m: Array,
     jacobian: tuple[Array, float],
-    self_motions: tuple[Array, Array, Array],
+    self_motions: tuple[RankedSvd, Array, Array],
     constraints: tuple[Array, Array],
     gaps: Gaps,
+    closure_condition: float,
+    known: tuple[Known, Known],
     tolerance: float,
 ) -> Manipulability:
     """The conditions for the major task S_m v, from arrays of :class:`prioritized.Kinematics`.
@@ -123,19 +118,22 @@ def classify(
     Args:
         S_m: Shape (m1, m).
         jacobian: J and its scale.
-        self_motions: Basis of the task's, relative task motion, and basis of the passive joints'.
+        self_motions: The decision on the relative task motion, that motion, and the basis of the
+            passive joints'.
         constraints: Rows of internal_force and of active_constraint.
         gaps: Those behind these arrays.
+        closure_condition: Of J_Cp.
+        known: Names of the passive and of the active joints.
         tolerance: Of the rank decisions.
     """
     (J, scale), (internal_force, active_constraint) = jacobian, constraints
-    self_motion, relative_self_motion, passive_self_motion = self_motions
+    moved, relative_self_motion, passive_self_motion = self_motions
     m1, size = len(S_m), float(frobenius(S_m))
     Z = _null(ranked_svd(active_constraint, 1.0, tolerance, full=True))
     reach = ranked_svd(S_m @ J @ Z, size * scale, tolerance, full=True)
     reach_task = ranked_svd(J @ Z, scale, tolerance, full=True)
-    moved = ranked_svd(relative_self_motion, 1.0, tolerance, full=True)
-    moved_major = ranked_svd(S_m @ relative_self_motion, size, tolerance, full=True)
+    # Against the 2-norm, so that with every row major it is the decision on the whole task.
+    moved_major = ranked_svd(S_m @ relative_self_motion, largest(S_m), tolerance, full=True)
     # The self-motion that does not move the major task may move the rest.
     aside = ranked_svd(relative_self_motion @ _null(moved_major), 1.0, tolerance, full=True)
     # The gap of a verdict is the smallest of all decisions behind it: self-motion is what neither
@@ -144,7 +142,7 @@ def classify(
     columns = {
         "unmanipulable": (_left_null(reach), min(reach.gap, gap)),
         "unmanipulable_task": (_left_null(reach_task), min(reach_task.gap, gap)),
-        "unstable": (self_motion, min(moved.gap, free_gap)),
+        "unstable": (_range(moved), min(moved.gap, free_gap)),
         "unstable_major": (_range(moved_major), min(moved_major.gap, free_gap)),
         "unstable_secondary": (_range(aside), min(aside.gap, moved_major.gap, free_gap)),
         "idle": (passive_self_motion @ _null(moved), min(moved.gap, free_gap)),
@@ -153,53 +151,21 @@ def classify(
         "irresolvable": (internal_force, gaps.loops),
         "constrained_active": (active_constraint, min(gaps.constraint, gaps.loops)),
     }
-    findings = {name: _finding(name, A, A.shape[1], least) for name, (A, least) in columns.items()}
-    findings |= {name: _finding(name, A, A.shape[0], least) for name, (A, least) in rows.items()}
+    idle, _ = columns["idle"]
+    joints = {
+        "idle": involved(idle, known[0]),
+        "constrained_active": involved(active_constraint.T, known[1]),
+    }
+    findings = {
+        name: found(name, A, count, least, joints.get(name, ""))
+        for name, A, count, least in [
+            *((name, A, A.shape[1], least) for name, (A, least) in columns.items()),
+            *((name, A, A.shape[0], least) for name, (A, least) in rows.items()),
+        ]
+    }
     worst = reach.sigma[:m1].min(initial=np.inf) if reach.rank == m1 else 0.0
-    return Manipulability(findings, float(worst))
-
-
-_SENTENCES = {
-    "unmanipulable": (
-        "The actuators cannot move the major task in {}.",
-        "The actuators reach every major velocity.",
-    ),
-    "unmanipulable_task": (
-        "The actuators cannot move the whole task in {}.",
-        "The actuators reach every velocity of the whole task.",
-    ),
-    "unstable": (
-        "With every actuator locked the task can still move in {}: self-motion.",
-        "With every actuator locked the task cannot move.",
-    ),
-    "unstable_major": (
-        "Self-motion moves the major task in {}: no mapping can prevent it.",
-        "No self-motion moves the major task.",
-    ),
-    "unstable_secondary": (
-        "Self-motion moves the secondary task alone in {}.",
-        "No self-motion moves the secondary task alone.",
-    ),
-    "idle": (
-        "Passive joints can move in {} without moving the task.",
-        "No passive joint can move without an active joint or the task.",
-    ),
-    "irresolvable": (
-        "Rigid statics does not determine the internal force in {}.",
-        "Rigid statics determines every constraint force.",
-    ),
-    "constrained_active": (
-        "The loops forbid active rates in {}; torques there cause internal force only.",
-        "The loops do not constrain the active rates.",
-    ),
-}
-"""The sentence when a condition holds, with the number of directions, and when it does not."""
-
-
-def _finding(name: str, basis: Array, count: int, gap: Array | float) -> Finding:
-    holds, fails = _SENTENCES[name]
-    number = "one direction" if count == 1 else f"{count} directions"
-    return Finding(count > 0, basis, float(gap), holds.format(number) if count else fails)
+    largest_gain = reach.sigma.max(initial=0.0)
+    return Manipulability(findings, float(worst), float(largest_gain), closure_condition)
 
 
 def _left_null(A: RankedSvd) -> Array:

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 import argument_checks as check
 from argument_checks import Array, Mask
 from prioritized._arrays import none, product
-from prioritized._rank import frobenius, norm, ranked_svd
+from prioritized._rank import RANK_TOLERANCE, frobenius, norm, ranked_svd
 from prioritized._task import task_selection
 
 _LEAST, _MOST = 1e-50, 1e50
@@ -44,9 +44,25 @@ class Problem(NamedTuple):
         return product(self.S_m, self.J)
 
     @property
+    def admissible_jacobian(self) -> Array:
+        """J on the admissible rates, zero on those that the constraint forbids, (..., m, n)."""
+        C = self.active_constraint
+        if not C.size:
+            return self.J
+        return self.J @ ranked_svd(C, frobenius(C), self.tolerance).null_projector()
+
+    @property
     def task_weight(self) -> Array:
         """Secondary weight on the task, shape (..., k, m)."""
         return product(self.secondary_weight, self.S_s)
+
+    @property
+    def exact(self) -> float:
+        """Part of `tolerance` at which ranks of numbers are decided that do not depend on J.
+
+        However inaccurate the geometry, weights are what they are but for round-off.
+        """
+        return min(1.0, RANK_TOLERANCE / self.tolerance) if self.tolerance else 1.0
 
     def flat(self) -> "Problem":
         """The same problems with one batch axis, on those arrays that have any."""

@@ -50,6 +50,13 @@ class RankedSvd:
             ratio = np.where(self.kept, ratio, 1.0 / ratio)
         return np.min(np.where(np.isnan(ratio), np.inf, ratio), axis=-1, initial=np.inf)
 
+    @property
+    def condition(self) -> Array:
+        """Largest singular value over the smallest that counts, shape (...); 1 without any."""
+        least = np.min(self.sigma, axis=-1, initial=np.inf, where=self.kept)
+        most = np.max(self.sigma, axis=-1, initial=0.0, where=self.kept)
+        return np.where(self.rank > 0, most / least, 1.0)
+
     def pseudo_inverse(self, damping: float = 0.0) -> Array:
         """Moore-Penrose inverse on the decided rank, shape (..., n, m); needs the thin SVD.
 
@@ -79,6 +86,13 @@ def frobenius(A: Array) -> Array:
     if A.ndim == 2:
         return np.asarray(norm(A))
     return np.sqrt(np.einsum("...ij,...ij->...", A, A))
+
+
+def largest(A: Array) -> Array:
+    """Largest singular value of each matrix, shape (...): the 2-norm; zero without elements."""
+    if not A.size:
+        return np.zeros(A.shape[:-2])
+    return np.asarray(np.linalg.svd(A, compute_uv=False)[..., 0], dtype=float)
 
 
 def basis_scale(basis: Array) -> Array:

@@ -59,7 +59,7 @@ def optimal_rates(
     if v is None:
         return None
     least, scale = well_conditioned_above(problem.tolerance), float(problem.scale)
-    soft, soft_scale = np.empty((len(target), J.shape[1]), order="F"), norm(W1)
+    soft, soft_scale = np.empty((len(target), J.shape[1]), order="F"), norm(W1) * problem.exact
     soft[: len(W1)] = W1
     if len(W2):
         W2_S = problem.task_weight
@@ -136,7 +136,7 @@ def _block_rates(problem: Problem, v: Array, rates_d: Array, v_sd: Array) -> tup
     soft[W1.shape[-2] :] = _times(W2_S, J)
     target = np.concatenate([_times(W1, rates_d.T), _times(W2, v_sd.T)])
     least = well_conditioned_above(problem.tolerance)
-    scale_soft = np.hypot(frobenius(W1), frobenius(W2_S) * problem.scale)
+    scale_soft = np.hypot(frobenius(W1) * problem.exact, frobenius(W2_S) * problem.scale)
     rates, well_conditioned = equality_constrained_batch(
         _times(problem.S_m, J),
         v.T.copy(),

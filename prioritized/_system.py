@@ -12,33 +12,17 @@ import argument_checks as check
 from argument_checks import Array, Indices
 from prioritized._arrays import read_only
 from prioritized._elimination import Joints, Partition, Task, sort_joints, sort_task
+from prioritized._failures import Failures, failed_actuators, stuck_passive
 from prioritized._kinematics import Kinematics
-from prioritized._rank import RANK_TOLERANCE
-
-
-@dataclass(frozen=True)
-class Failures:
-    """What has failed.
-
-    Attributes:
-        locked: Actuators with a position failure, 0..n-1.
-        free: Actuators with a torque failure, 0..n-1.
-        locked_passive: Velocity indices of passive joints that are stuck.
-    """
-
-    locked: frozenset[int] = frozenset()
-    free: frozenset[int] = frozenset()
-    locked_passive: frozenset[int] = frozenset()
-
-
-def failed_actuators(
-    locked: Iterable[int], free: Iterable[int], n: int
-) -> tuple[frozenset[int], frozenset[int]]:
-    """Locked and free actuators of range(n), checked; none may be in both sets."""
-    lock, release = check.index_set("locked", locked, n), check.index_set("free", free, n)
-    if both := sorted(lock & release):
-        raise ValueError(f"an actuator is either locked or free, got both for {both}")
-    return lock, release
+from prioritized._mechanism import Mechanism, arguments_of, tolerance_of
+from prioritized._names import (
+    HasNames,
+    Known,
+    Names,
+    checked_names,
+    known_actuators,
+    known_velocities,
+)
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -54,6 +38,8 @@ class ConstrainedSystem:
         rank_tolerance: Singular values below this fraction of the scale of J_T and J_C are zero.
         stiffness: K of the joint springs, shape (N, N), or None for a rigid mechanism.
         failures: See :meth:`with_failures`.
+        names: Of joints and actuators, or None.
+        geometry_accuracy: What J_T and J_C are accurate to [rad, or relative length], or None.
     """
 
     J_T: Array
@@ -62,15 +48,20 @@ class ConstrainedSystem:
     rank_tolerance: float
     stiffness: Array | None
     failures: Failures
+    names: Names | None
+    geometry_accuracy: float | None
 
     def __init__(
         self,
         J_T: ArrayLike,
         J_C: ArrayLike | None,
         active: Sequence[int] | ArrayLike,
-        rank_tolerance: float = RANK_TOLERANCE,
+        rank_tolerance: float | None = None,
         stiffness: ArrayLike | None = None,
         failures: Failures | None = None,
+        *,
+        names: HasNames | None = None,
+        geometry_accuracy: float | None = None,
     ) -> None:
         """Take the Jacobians as read-only copies.
 
@@ -82,13 +73,20 @@ class ConstrainedSystem:
             J_T: Task Jacobian, shape (m, N).
             J_C: Constraint Jacobian, shape (c, N); None is none.
             active: Velocity index of each of the n actuators.
-            rank_tolerance: Fraction of the inputs' scale below which singular values are zero.
+            rank_tolerance: Fraction of the inputs' scale below which singular values are zero;
+                None is :data:`RANK_TOLERANCE`, which allows for round-off alone.
             stiffness: K, diagonal (N,) or symmetric positive semidefinite (N, N); None is rigid.
             failures: Failures from the start; None is none. They are kept by
                 `dataclasses.replace(system, J_T=..., J_C=...)`, the same mechanism at another pose.
+            names: `names.velocities` are N strings, `names.actuators` n tuples of strings, as in
+                :class:`prioritized.Names`; None is a mechanism without names.
+            geometry_accuracy: Largest error of a joint axis [rad] or of a length, relative. Given
+                instead of `rank_tolerance`, it sets that to ten times itself.
 
         Raises:
-            ValueError: An argument has a wrong shape or index or is not finite; it is named.
+            TypeError: `names` or `failures` is of another type.
+            ValueError: An argument has a wrong shape or index or is not finite; it is named. Or
+                both accuracy and tolerance are given.
         """
         task = check.matrix("J_T", J_T)
         N = task.shape[1]
@@ -97,9 +95,12 @@ class ConstrainedSystem:
             "J_T": check.frozen(task),
             "J_C": check.frozen(check.matrix("J_C", constraint, columns=N)),
             "active": check.frozen(check.indices("active", active, N)),
-            "rank_tolerance": check.fraction("rank_tolerance", rank_tolerance),
             "stiffness": _metric("stiffness", stiffness, N),
+            "rank_tolerance": tolerance_of(rank_tolerance, geometry_accuracy),
+            "geometry_accuracy": None if geometry_accuracy is None else float(geometry_accuracy),
         }
+        n = len(fields["active"])
+        fields["names"] = None if names is None else checked_names(names, N, n)
         for name, value in (fields | {"failures": Failures()}).items():
             object.__setattr__(self, name, value)
         if failures is not None:
@@ -107,11 +108,29 @@ class ConstrainedSystem:
             failed = self.with_failures(failures.locked, failures.free, failures.locked_passive)
             object.__setattr__(self, "failures", failed.failures)
 
+    @classmethod
+    def of(
+        cls, mechanism: Mechanism, springs: bool = False, *, geometry_accuracy: float | None = None
+    ) -> "ConstrainedSystem":
+        """The system of a mechanism that was read from a model, such as `sim.jacobians(...)`.
+
+        Args:
+            mechanism: Has J_T, J_C and active, and optionally names, stiffness and
+                geometry_accuracy, each as in the constructor.
+            springs: Whether the joint springs of the mechanism hold what the loops leave free.
+            geometry_accuracy: As in the constructor; None is that of the mechanism, if it has one.
+
+        Raises:
+            TypeError: The mechanism has no J_T, J_C or active.
+            ValueError: `springs` of a mechanism that has no stiffness, or a wrong array.
+        """
+        return cls(**arguments_of(mechanism, springs, geometry_accuracy))
+
     def with_failures(
         self,
-        locked: Iterable[int] = (),
-        free: Iterable[int] = (),
-        locked_passive: Iterable[int] = (),
+        locked: Iterable[int | str] = (),
+        free: Iterable[int | str] = (),
+        locked_passive: Iterable[int | str] = (),
     ) -> "ConstrainedSystem":
         """The same mechanism after (further) failures, section 2.3.
 
@@ -119,28 +138,20 @@ class ConstrainedSystem:
         jam. A linear actuator that locks when it loses torque (the paper's footnote 1) is locked.
 
         Args:
-            locked: Actuators whose position is stuck (position failure).
-            free: Actuators that exert no torque (torque failure, free-swinging).
-            locked_passive: Velocity indices of passive joints that are stuck.
+            locked: Actuators whose position is stuck (position failure): numbers, or names of
+                actuators or of the joints that they drive.
+            free: Actuators that exert no torque (torque failure, free-swinging), likewise. Where
+                several drive one joint, all of them fail.
+            locked_passive: Passive joints that are stuck: velocity indices, or names of joints,
+                which mean all their velocities.
 
         Raises:
-            ValueError: An index out of range, or one actuator both locked and free in one call.
+            ValueError: An index out of range, a name that is unknown or means several actuators,
+                or one actuator both locked and free in one call.
         """
-        n, N = len(self.active), self.J_T.shape[1]
-        lock, release = failed_actuators(locked, free, n)
-        stuck = check.index_set("locked_passive", locked_passive, N)
-        if actuated := stuck & set(self.active.tolist()):
-            raise ValueError(
-                "locked_passive must name passive velocities, got the actuated "
-                f"{sorted(actuated)}: put their actuators in locked"
-            )
-        now_locked = self.failures.locked | lock
-        failures = Failures(
-            locked=now_locked,
-            free=(self.failures.free | release) - now_locked,
-            locked_passive=self.failures.locked_passive | stuck,
-        )
-        return self._changed(failures=failures)
+        lock, release = failed_actuators(locked, free, self._known_actuators)
+        stuck = stuck_passive(locked_passive, self._known_velocities, self.active)
+        return self._changed(failures=self.failures.and_also(lock, release, stuck))
 
     def at(self, J_T: ArrayLike | None = None, J_C: ArrayLike | None = None) -> "ConstrainedSystem":
         """The same mechanism with the same failures at another pose.
@@ -190,7 +201,22 @@ class ConstrainedSystem:
         """
         metric = _metric("passive_metric", passive_metric, self.J_T.shape[1])
         matrices = self._task, self.J_C, self._joints, self.stiffness, metric
-        return Kinematics(Partition(*matrices, self.rank_tolerance))
+        return Kinematics(Partition(*matrices, self.rank_tolerance), self.names)
+
+    def __str__(self) -> str:
+        failures = self.failures.in_words(self._known_actuators, self._known_velocities)
+        return (
+            f"{self.J_T.shape[1]} velocities, {len(self.J_C)} constraints, "
+            f"{len(self.active)} actuators: {failures}."
+        )
+
+    @property
+    def _known_actuators(self) -> Known:
+        return known_actuators(self.names, self.active)
+
+    @property
+    def _known_velocities(self) -> Known:
+        return known_velocities(self.names, self.J_T.shape[1])
 
     @cached_property
     def _joints(self) -> Joints:

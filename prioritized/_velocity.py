@@ -10,10 +10,11 @@ from numpy.typing import ArrayLike
 
 import argument_checks as check
 from argument_checks import Array, Indices
-from prioritized._arrays import apply, on_axes, respond
+from prioritized._amplification import as_sentence, closure_sentences, servo_sentences
+from prioritized._arrays import apply, on_axes, read_only, respond
 from prioritized._levels import smallest_gap
 from prioritized._problem import Problem, checked
-from prioritized._rank import RANK_TOLERANCE, RankedSvd, basis_scale, frobenius, ranked_svd
+from prioritized._rank import RANK_TOLERANCE, RankedSvd, basis_scale, largest, ranked_svd
 from prioritized._solving import batched_rates, optimal_rates, velocity_gains
 from prioritized._task import Status
 
@@ -31,6 +32,8 @@ class Mechanism(Protocol):
     def relative_self_motion(self) -> Array: ...
     @property
     def gap(self) -> float: ...
+    @property
+    def closure_condition(self) -> float: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,6 +98,14 @@ class VelocityMapping:
         )
         return VelocityMapping(there, self.damping, kinematics)
 
+    def __str__(self) -> str:
+        sentences = (
+            as_sentence(self.status.value),
+            *servo_sentences(self.amplification),
+            *closure_sentences(self.closure_condition),
+        )
+        return " ".join(sentences)
+
     def residual(self, v_major: ArrayLike) -> Array:
         """Part of the major velocity that the optimal rates do not reach, shape (..., m1)."""
         v_m = check.vector("v_major", v_major, self.achieved.shape[-1])
@@ -120,6 +131,27 @@ class VelocityMapping:
         """Major velocity reached per major velocity commanded, shape (..., m1, m1)."""
         return check.frozen(on_axes(self.problem.major_jacobian @ self.major, self.problem.lead))
 
+    @cached_property
+    def largest_gain(self) -> Array:
+        """Largest norm of the rates per unit norm of the major velocity alone, shape (...)."""
+        return read_only(largest(self.major))
+
+    @cached_property
+    def amplification(self) -> Array:
+        """Factor by which a relative error of the rates may become one of the major task, (...).
+
+        It is the largest gain times the 2-norm of S_m J on the admissible rates, and at least 1
+        where the major task is met. A servo that errs by 1 % of the rates moves the major task by
+        up to this many percent of the motion commanded.
+        """
+        gain = largest(self.problem.S_m @ self.problem.admissible_jacobian)
+        return read_only(np.asarray(gain * self.largest_gain))
+
+    @property
+    def closure_condition(self) -> float:
+        """As in :class:`Manipulability`; 1 for a J given as a matrix."""
+        return 1.0 if self.kinematics is None else self.kinematics.closure_condition
+
     @property
     def rank(self) -> Indices:
         """Rank of the major task on the admissible rates, shape (...)."""
@@ -137,7 +169,7 @@ class VelocityMapping:
     def status(self) -> Status:
         """What holds for every problem of the batch."""
         S_m, Q, tolerance = self.problem.S_m, self.problem.self_motion, self.problem.tolerance
-        self_motion = ranked_svd(S_m @ Q, frobenius(S_m) * basis_scale(Q), tolerance)
+        self_motion = ranked_svd(S_m @ Q, largest(S_m) * basis_scale(Q), tolerance)
         if np.any(self_motion.rank > 0):
             return Status.SELF_MOTION
         if not np.all(self.rank == len(S_m)):
@@ -199,8 +231,9 @@ def velocity_mapping(
             that task inexact. Secondary goals are not damped: use joint_weight.
         scale: Size of J that ranks are decided against, shape (...); None is the norm of J. For a
             J that is a difference of large terms give the size of these.
-        rank_tolerance: Singular values below this fraction of the scale count as zero. Among the
-            stacked weights, too: at 1e-10, no goal can be weighted 1e10 times another.
+        rank_tolerance: Singular values below this fraction of the scale count as zero. Those of
+            W1 and T, which are exact however inaccurate J, do so below 1e-10 at most: no joint can
+            be weighted 1e10 times another.
 
     Raises:
         ValueError: An argument has a wrong shape or index or is not finite; it is named.

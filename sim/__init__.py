@@ -19,6 +19,7 @@ from sim.coil import Coils as Coils
 from sim.detector import Detector as Detector
 from sim.detector import pointing_angles as pointing_angles
 from sim.detector import secondary_motion as secondary_motion
+from sim.drive import Drive as Drive
 from sim.dynamics import joint_stiffness as joint_stiffness
 from sim.dynamics import mass_matrix as mass_matrix
 from sim.errors import ClosureError as ClosureError
@@ -57,7 +58,6 @@ from sim.task import Relative as Relative
 from sim.task import pose_error as pose_error
 from sim.task import pose_of as pose_of
 from sim.trajectory import spiral as spiral
-from sim.transmission import Drive as Drive
 from sim.warning import log_warnings
 
 log_warnings()  # in every process that uses MuJoCo through us, workers too

@@ -13,6 +13,7 @@ _CONNECT, _WELD, _JOINT, _TENDON = (
     int(kind) for kind in (_EQ.mjEQ_CONNECT, _EQ.mjEQ_WELD, _EQ.mjEQ_JOINT, _EQ.mjEQ_TENDON)
 )
 _KINDS = {_CONNECT: "connect", _WELD: "weld", _JOINT: "joint", _TENDON: "tendon"}
+_ROUND_OFF_M = 1e-14
 _TORQUE_SCALE = 10
 """Where `eq_data` of a weld has its torquescale."""
 _WITHOUT_CLOSURES = int(mujoco.mjtDisableBit.mjDSBL_EQUALITY) | int(
@@ -57,7 +58,7 @@ def closure_rows(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
         raise ModelError("a part of the mechanism is asleep, with its closures: switch sleep off")
     rows = _equality_rows(model, data)
     gap, owner = data.efc_pos[: data.ne], data.efc_id[: data.ne]
-    for k in set(owner[gap != 0.0].tolist()):
+    for k in set(owner[np.abs(gap) > _ROUND_OFF_M].tolist()):
         if model.eq_type[k] in (_CONNECT, _WELD):
             start = int(np.flatnonzero(owner == k)[0])
             both = sum(_angular(model, data, body) for body in _bodies(model, k))
@@ -79,10 +80,16 @@ def closure_gaps(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[Array, NDA
 
 
 def largest_gap(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[float, int]:
-    """The largest gap of all closures, [m] or [rad], and its equality; 0 and -1 without any."""
+    """The largest gap of all closures, [m] or [rad], and its equality; 0 and -1 without any.
+
+    Raises:
+        ModelError: An equality is not finite.
+    """
     gaps, owner = closure_gaps(model, data)
     if not gaps.size:
         return 0.0, -1
+    if not np.isfinite(gaps).all():
+        raise ModelError("an equality of the model is not finite")
     worst = np.abs(gaps).argmax()
     return abs(float(gaps[worst])), int(owner[worst])
 

@@ -1,4 +1,4 @@
-"""Failures of a strut during a run."""
+"""Failures of an actuator during a run."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ class Failure:
     """One actuator fails at one time.
 
     Attributes:
-        actuator: 0..nu-1, a strut of the hexapod.
+        actuator: 0..nu-1, in the order of the model.
         kind: See :data:`FailureKind`.
         time_s: When, not before the start.
         effectiveness: Part of the coil's force that a weak one has left, in 0..1.
@@ -58,9 +58,12 @@ class Failure:
 def failed_plant(model: mujoco.MjModel, failures: Iterable[Failure]) -> Plant:
     """A plant at rest at the nominal pose, with failures already applied.
 
+    For sites and locks of other names than :class:`Plant` expects, make it with these names and
+    apply each failure with :meth:`Failure.strike`.
+
     Raises:
         ModelError: As :class:`Plant`.
-        ValueError: A failure of a strut that the model lacks.
+        ValueError: A failure of an actuator that the model lacks.
         TypeError: Something in `failures` is of another type.
     """
     plant = Plant(model)

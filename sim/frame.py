@@ -1,6 +1,7 @@
 """Frames of a model: sites and bodies, their motion and their pose."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -21,12 +22,45 @@ class Body:
     name: str
 
 
+class Located(NamedTuple):
+    """A frame by its number.
+
+    Attributes:
+        id: Of the site or body.
+        body: The body that it belongs to.
+        is_site: Which of the two it is.
+    """
+
+    id: int
+    body: int
+    is_site: bool
+
+    def rotation(self, data: mujoco.MjData) -> Array:
+        """Its axes in the world as columns, (3, 3): a view."""
+        return (data.site_xmat if self.is_site else data.xmat)[self.id].reshape(3, 3)
+
+    def position_m(self, data: mujoco.MjData) -> Array:
+        """Its origin in the world, (3,): a view."""
+        return (data.site_xpos if self.is_site else data.xpos)[self.id]
+
+
+def located(model: mujoco.MjModel, argument: str, frame: str | Body) -> Located:
+    """The frame that an argument names.
+
+    Raises:
+        ModelError: There is no such site or body.
+        TypeError: The argument is no name.
+    """
+    if isinstance(frame, Body):
+        body = element_id(model, "body", check.instance(argument, frame.name, str))
+        return Located(body, body, is_site=False)
+    site = element_id(model, "site", check.instance(argument, frame, str))
+    return Located(site, int(model.site_bodyid[site]), is_site=True)
+
+
 def check_frame(model: mujoco.MjModel, argument: str, frame: str | Body) -> None:
     """Refuse what is no frame of the model; `argument` is where it was given."""
-    if isinstance(frame, Body):
-        element_id(model, "body", check.instance(argument, frame.name, str))
-    else:
-        element_id(model, "site", check.instance(argument, frame, str))
+    located(model, argument, frame)
 
 
 def frame_jacobian(model: mujoco.MjModel, data: mujoco.MjData, frame: str | Body) -> Array:

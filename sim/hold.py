@@ -6,12 +6,14 @@ from difflib import get_close_matches
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 import argument_checks as check
 from sim.array import Array
+from sim.drive import Drive
 from sim.errors import ModelError
 from sim.frame import Body, check_frame, frame_jacobian, frame_pose, rotation_vector
-from sim.transmission import Drive, drive_rows, drives, extra_drives
+from sim.transmission import drive_rows, drives, extra_drives
 
 
 @dataclass(frozen=True)
@@ -113,10 +115,8 @@ def hold(
     if isinstance(held, str) or not isinstance(held, Iterable):
         raise TypeError(f"held must be a list of names or indices, got {check.shown(held)}")
     free, of_drives = np.ones(model.nv, dtype=bool), []
-    extra = extra_drives(drives(model)) if model.nactuator else ()
     for item in held:
-        velocity = item if isinstance(item, str) else check.index("held", item)
-        kept = _held(model, extra, velocity)
+        kept = _held(model, item if isinstance(item, str) else check.index("held", item))
         if isinstance(kept, Drive):
             of_drives.append(kept)
         else:
@@ -131,16 +131,18 @@ def hold(
     )
 
 
-def _held(model: mujoco.MjModel, extra: tuple[Drive, ...], item: str | int) -> slice | Drive:
+def _held(model: mujoco.MjModel, item: str | int) -> NDArray[np.intp] | Drive:
     """The velocities of a joint, or a transmission that is no joint."""
+    if isinstance(item, int) and item < model.nv:
+        return np.array([item])
+    joints = {model.joint(k).name: k for k in range(model.njnt)}
+    if item in joints:
+        return np.flatnonzero(model.dof_jntid == joints[item])
+    extra = extra_drives(drives(model))
     if isinstance(item, int):
         if item >= model.nv + len(extra):
             raise ModelError(f"held must lie in 0..{model.nv + len(extra) - 1}, got {item}")
-        return slice(item, item + 1) if item < model.nv else extra[item - model.nv]
-    joints = {model.joint(k).name: k for k in range(model.njnt)}
-    if item in joints:
-        start = int(model.jnt_dofadr[joints[item]])
-        return slice(start, start + len(model.joint(item).dofadr))
+        return extra[item - model.nv]
     for drive in extra:
         if item in (drive.name, *drive.actuators):
             return drive

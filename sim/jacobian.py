@@ -15,7 +15,7 @@ from sim.closure import check_closures, closure_rows, equality_name, largest_gap
 from sim.errors import ClosureError, ModelError
 from sim.frame import Body
 from sim.hold import Pin, pin_rows, pins_of
-from sim.limits import at_limits, touching
+from sim.limits import stuck_names, stuck_rows, touching
 from sim.machine import Machine, Names
 from sim.model import check_state, element_id
 from sim.task import Task, task_jacobian, task_list, to_axes_of
@@ -81,11 +81,11 @@ class Jacobians:
     def geometry_accuracy(self) -> float:
         """Accuracy of the geometry, in rad or relative length, as the model shows it.
 
-        The rounding of its numbers, or what the gaps of the closures amount to in J_C; for
-        `ConstrainedSystem(geometry_accuracy=...)`.
+        The rounding of its numbers; or a tenth of what the gaps of the closures amount to in J_C,
+        where `ConstrainedSystem(geometry_accuracy=...)` takes ten times the accuracy for zero.
         """
         size = float(np.linalg.norm(self.J_C))
-        of_gaps = self.closure_residual / size if size else 0.0
+        of_gaps = 0.1 * self.closure_residual / size if size else 0.0
         return max(of_gaps, self.machine.written_accuracy if self.machine else 0.0)
 
 
@@ -96,7 +96,7 @@ def jacobians(
     axes: str | None = None,
     *,
     pinned: Iterable[str | Body | Pin] = (),
-    stuck_at_limits: bool = False,
+    stuck_at_limits: bool | Iterable[str] = False,
     closure_tolerance: float = CLOSURE_TOLERANCE,
 ) -> Jacobians:
     """Jacobians at the present `data.qpos`; derived quantities in `data` are brought up to date.
@@ -113,7 +113,8 @@ def jacobians(
         axes: Site whose axes velocities are expressed in; None is the world.
         pinned: Frames that stay where they are, as feet that stand: names of sites,
             :class:`Body`, or :class:`Pin`.
-        stuck_at_limits: Whether joints and tendons that rest on their limits count as stuck.
+        stuck_at_limits: Which of the joints and tendons that rest on their limits count as stuck,
+            in both directions: none, all (True), or those of these names.
         closure_tolerance: Largest gap of a closure, [m] or [rad]. Up to 1 mm a gap changes the
             Jacobians by no more than its own size; infinity takes any.
 
@@ -129,27 +130,29 @@ def jacobians(
     tasks, pins = task_list(model, site), pins_of(model, pinned)
     if axes is not None:
         element_id(model, "site", check.instance("axes", axes, str))
+    stuck = stuck_names(stuck_at_limits)
+    if closure_tolerance != np.inf:
+        check.number("closure_tolerance", closure_tolerance)
     check_closures(model, data)
     mujoco.mj_fwdPosition(model, data)
     residual, worst = largest_gap(model, data)
-    if not residual <= closure_tolerance:
+    if residual > closure_tolerance:
         raise ClosureError(equality_name(model, worst), residual, "call sim.assemble(model, data)")
 
     forbidden = [closure_rows(model, data), pin_rows(model, data, pins)]
-    if stuck_at_limits:
-        forbidden.append(np.array([row for _, row in at_limits(model, data)]))
+    if stuck:
+        forbidden.append(stuck_rows(model, data, stuck))
     active, gear, extra = _driven(model, data)
     J_T, rows = _task_rows(model, data, tasks, axes, len(extra))
     J_C = _with_transmissions(forbidden, extra, model.nv)
-    if not np.isfinite(J_C).all():
-        raise ModelError("an equality of the model is not finite")
     for task in tasks:
         if not _moves(J_T[rows[task]], J_C, active):
             raise ModelError(
                 f"no actuator moves {check.shown(task)}: name another task, or what its mechanism "
                 "stands on in pinned="
             )
-    machine = Machine(model, data.qpos.copy(), touching(model, data), pins, stuck_at_limits)
+    mocap = data.mocap_pos.copy(), data.mocap_quat.copy()
+    machine = Machine(model, data.qpos.copy(), mocap, touching(model, data), pins, stuck)
     return Jacobians(J_T, J_C, active, gear, rows, residual, machine)
 
 

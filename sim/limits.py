@@ -1,12 +1,15 @@
 """What limits motion besides loops: ranges as arrays, joints at their limits, and contacts."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
 
 import argument_checks as check
 from sim.array import Array
+from sim.errors import ModelError
 from sim.model import name_of
 
 _ONE_AXIS = (int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE))
@@ -56,10 +59,18 @@ def joint_positions(model: mujoco.MjModel, qpos: Array) -> Array:
     return positions[model.dof_jntid]
 
 
-def at_limits(model: mujoco.MjModel, data: mujoco.MjData) -> list[tuple[str, Array]]:
-    """Joints and tendons that rest on a limit or beyond: name, and the velocity's row (nv,).
+class Resting(NamedTuple):
+    """A joint or tendon that rests on a limit, and the row (nv,) of its velocity."""
 
-    They rest where MuJoCo pushes back, at the limit's margin. None where flags switch limits off.
+    kind: str
+    name: str
+    row: Array
+
+
+def at_limits(model: mujoco.MjModel, data: mujoco.MjData) -> list[Resting]:
+    """Joints and tendons that rest on a limit, or are beyond it; none where flags switch it off.
+
+    They rest where MuJoCo begins to push back, at the limit's margin.
     """
     if model.opt.disableflags & _WITHOUT_LIMITS:
         return []
@@ -68,7 +79,7 @@ def at_limits(model: mujoco.MjModel, data: mujoco.MjData) -> list[tuple[str, Arr
     slack = model.jnt_margin + _AT * (high - low)
     resting = limited & _one_axis(model) & ((q <= low + slack) | (q >= high - slack))
     found = [
-        (f'joint "{name_of(model.joint(k))}"', np.eye(model.nv)[model.jnt_dofadr[k]])
+        Resting("joint", name_of(model.joint(k)), np.eye(model.nv)[model.jnt_dofadr[k]])
         for k in np.flatnonzero(resting)
     ]
     for k in np.flatnonzero(limited & (model.jnt_type == _BALL)):
@@ -78,13 +89,50 @@ def at_limits(model: mujoco.MjModel, data: mujoco.MjData) -> list[tuple[str, Arr
         if angle >= high[k] - slack[k] and angle:
             row = np.zeros(model.nv)
             row[model.jnt_dofadr[k] : model.jnt_dofadr[k] + 3] = vector / angle
-            found.append((f'joint "{name_of(model.joint(k))}"', row))
+            found.append(Resting("joint", name_of(model.joint(k)), row))
     low, high = model.tendon_range.T
     slack, length = model.tendon_margin + _AT * (high - low), data.ten_length
     resting = (length <= low + slack) | (length >= high - slack)
     for k in np.flatnonzero(model.tendon_limited.astype(bool) & resting):
-        found.append((f'tendon "{name_of(model.tendon(k))}"', tendon_row(model, data, int(k))))
+        row = tendon_row(model, data, int(k))
+        found.append(Resting("tendon", name_of(model.tendon(k)), row))
     return found
+
+
+def stuck_names(stuck_at_limits: bool | Iterable[str]) -> bool | tuple[str, ...]:
+    """All, none, or the names of some.
+
+    Raises:
+        TypeError: Something of another kind.
+    """
+    if isinstance(stuck_at_limits, bool):
+        return stuck_at_limits
+    if isinstance(stuck_at_limits, str) or not isinstance(stuck_at_limits, Iterable):
+        got = check.shown(stuck_at_limits)
+        raise TypeError(f"stuck_at_limits must be True, False or a list of names, got {got}")
+    return tuple(check.instance("stuck_at_limits", name, str) for name in stuck_at_limits)
+
+
+def stuck_rows(model: mujoco.MjModel, data: mujoco.MjData, stuck: bool | tuple[str, ...]) -> Array:
+    """Velocities (p, nv) forbidden by the limits on which joints and tendons rest.
+
+    Args:
+        model: The model.
+        data: Its state, up to date.
+        stuck: True for all that rest on one, or the names of some.
+
+    Raises:
+        ModelError: One of these names rests on no limit.
+    """
+    resting = at_limits(model, data)
+    if not isinstance(stuck, bool):
+        names = [limit.name for limit in resting]
+        for name in stuck:
+            if name not in names:
+                there = ", ".join(names) or "none"
+                raise ModelError(f'"{name}" rests on no limit; those that do: {there}')
+        resting = [limit for limit in resting if limit.name in stuck]
+    return np.array([limit.row for limit in resting]).reshape(-1, model.nv)
 
 
 def tendon_row(model: mujoco.MjModel, data: mujoco.MjData, tendon: int) -> Array:

@@ -9,13 +9,14 @@ import numpy as np
 
 from sim.accuracy import written_accuracy
 from sim.array import Array
+from sim.drive import Drive
 from sim.dynamics import joint_stiffness
 from sim.errors import ModelError
 from sim.frame import Body
 from sim.hold import Pin
 from sim.limits import at_limits, joint_positions, ranges, tendon_row
 from sim.model import name_of
-from sim.transmission import Drive, drives, extra_drives, is_disabled
+from sim.transmission import drives, extra_drives, is_disabled
 
 
 class Names(NamedTuple):
@@ -38,16 +39,18 @@ class Machine:
     Attributes:
         model: The model.
         qpos: The pose.
+        mocap: Positions and quaternions of bodies that are moved from outside.
         touching: Pairs of bodies in contact.
         pinned: Frames that stay.
-        stuck_at_limits: Whether joints at their limits count as stuck.
+        stuck: Which joints on their limits count as stuck: none, all, or those of these names.
     """
 
     model: mujoco.MjModel
     qpos: Array
+    mocap: tuple[Array, Array]
     touching: frozenset[tuple[int, int]]
     pinned: tuple[Pin, ...]
-    stuck_at_limits: bool
+    stuck: bool | tuple[str, ...]
 
     @cached_property
     def drives(self) -> tuple[Drive, ...]:
@@ -117,17 +120,18 @@ class Machine:
     @cached_property
     def _data(self) -> mujoco.MjData:
         data = mujoco.MjData(self.model)
-        data.qpos[:] = self.qpos
+        data.qpos[:], (data.mocap_pos[:], data.mocap_quat[:]) = self.qpos, self.mocap
         mujoco.mj_fwdPosition(self.model, data)
         return data
 
     def _limit_warnings(self) -> list[str]:
-        if self.stuck_at_limits:
+        if self.stuck is True:
             return []
         return [
-            f"{name} rests on its limit and is taken to move freely: "
-            "stuck_at_limits=True takes it as stuck"
-            for name, _ in at_limits(self.model, self._data)
+            f'{limit.kind} "{limit.name}" rests on its limit and is taken to move freely: '
+            f'stuck_at_limits=["{limit.name}"] takes it as stuck'
+            for limit in at_limits(self.model, self._data)
+            if not self.stuck or limit.name not in self.stuck
         ]
 
     def _contact_warnings(self) -> list[str]:

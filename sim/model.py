@@ -3,6 +3,7 @@
 import copy
 import hashlib
 import math
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -11,19 +12,27 @@ import numpy as np
 
 import argument_checks as check
 from sim.errors import ModelError
+from sim.locks import with_locks
 
 # The rooms are neighbours in a checkout and in site-packages alike.
 HEXAPOD_MJCF = Path(__file__).parents[1] / "models" / "fjh.xml"
 
 
-def load_model(path: str | Path | None = None) -> mujoco.MjModel:
+def load_model(path: str | Path | None = None, *, add_locks: bool = False) -> mujoco.MjModel:
     """Compile an MJCF file; without a path, the hexapod `models/fjh.xml`.
 
+    A published file has no locks, which :class:`Plant` needs for position failures. `add_locks`
+    gives each slide or hinge joint with an actuator an inactive joint equality that holds it alone,
+    as stiff as the time step allows, unless it has one. It is named `lock{k + 1}` after the first
+    actuator k of the joint. The file is not changed.
+
     Raises:
-        ModelError: The file is missing or not valid MJCF, or its time step is not positive.
-        TypeError: `path` is of another type.
+        ModelError: The file is missing or not valid MJCF, or its time step is not positive; or the
+            name of a lock to be added is that of another equality.
+        TypeError: An argument is of another type.
     """
     file = _file(path)
+    check.instance("add_locks", add_locks, bool)
     try:
         model = mujoco.MjModel.from_xml_path(str(file))
     except ValueError as error:
@@ -31,7 +40,7 @@ def load_model(path: str | Path | None = None) -> mujoco.MjModel:
         raise ModelError(f"{file} is not a valid MJCF model: {reason}") from None
     if not 0 < model.opt.timestep < math.inf:  # MuJoCo takes any
         raise ModelError(f"{file}: timestep must be positive and finite, got {model.opt.timestep}")
-    return model
+    return with_locks(file, model) if add_locks else model
 
 
 def weightless(model: mujoco.MjModel) -> mujoco.MjModel:
@@ -61,21 +70,25 @@ def element_id(model: mujoco.MjModel, kind: str, name: str) -> int:
     """Id of a named element; `kind` as in MJCF: "site", "joint", "body", "equality", "actuator".
 
     Raises:
-        ModelError: There is none of that name; the message lists those there are.
+        ModelError: There is none of that name; the message lists those there are, and repeats the
+            most similar one.
         ValueError: No such kind.
         TypeError: `model` or a name is of another type.
     """
     check.instance("model", model, mujoco.MjModel)
     counts = {"site": "nsite", "joint": "njnt", "body": "nbody", "equality": "neq"}
-    counts |= {"actuator": "nu"}
+    counts |= {"actuator": "nactuator"}  # an orientation servo has three controls
     if check.instance("kind", kind, str) not in counts:
         raise ValueError(f"kind must be one of {', '.join(counts)}, got {check.shown(kind)}")
     try:
         return getattr(model, kind)(check.instance("name", name, str)).id
     except KeyError:
-        names = [getattr(model, kind)(k).name for k in range(getattr(model, counts[kind]))]
-        present = ", ".join(filter(None, names)) or "none"
-        raise ModelError(f'the model has no {kind} named "{name}"; it has: {present}') from None
+        every = (getattr(model, kind)(k).name for k in range(getattr(model, counts[kind])))
+        names = [each for each in every if each]
+        near = "".join(f'; did you mean "{each}"?' for each in get_close_matches(name, names, n=1))
+        raise ModelError(
+            f'the model has no {kind} named "{name}"; it has: {", ".join(names) or "none"}{near}'
+        ) from None
 
 
 def name_of(element: Any) -> str:

@@ -1,6 +1,7 @@
 """The plant: MuJoCo physics, struts that can lock or lose force, and the true payload motion."""
 
 import copy
+from collections.abc import Sequence
 from math import isfinite
 
 import mujoco
@@ -9,11 +10,12 @@ from scipy.linalg.blas import dnrm2, idamax
 from scipy.spatial.transform import Rotation
 
 import argument_checks as check
+from sim.actuators import actuated_joints, locks_of, reserve_off_group, switch_off
 from sim.array import Array
 from sim.errors import ModelError, SimulationDiverged
-from sim.model import element_id
-from sim.pose import Pose, computed
-from sim.transmission import actuated_velocities
+from sim.frame import Body, located
+from sim.payload import Payload
+from sim.pose import Pose
 
 _LOOPS = (int(mujoco.mjtEq.mjEQ_CONNECT), int(mujoco.mjtEq.mjEQ_WELD))
 
@@ -32,36 +34,53 @@ _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 class Plant:
     """Simulated plant with private copies of model and data, failures included.
 
-    Actuator k of the model drives strut k + 1; equality `lock{k + 1}` locks it.
+    The nominal pose is `qpos0` of the model. Twists, wrenches and displacements of the payload are
+    expressed in the present axes of the base.
     """
 
-    def __init__(self, model: mujoco.MjModel) -> None:
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        *,
+        base: str | Body | None = "base",
+        payload: str | Body = "payload",
+        locks: Sequence[str] | None = None,
+    ) -> None:
         """Start at the nominal pose, without failures and without coil current.
 
+        Args:
+            model: A model whose actuators are position servos of gear 1, each on a slide or hinge
+                joint of its own.
+            base: Site, or :class:`Body`, whose axes express twists and displacements; None is the
+                world.
+            payload: Site, or :class:`Body`, that is the task frame, in any orientation.
+            locks: Equality that locks the joint of each actuator, in actuator order; None is
+                `lock1`, `lock2`, ..., which :func:`load_model` adds on request.
+
         Raises:
-            ModelError: The model lacks the site `base` or `payload`, or a lock of its own for
-                every actuated joint; or an actuator has a gear, so that its control is no
-                displacement of its joint.
-            TypeError: `model` is of another type.
+            ModelError: There is no frame or equality of these names, or one does not lock its joint
+                alone; there is no actuator; or an actuator has a gear or no joint of its own.
+            ValueError: `locks` has another number of names than the model of actuators.
+            TypeError: An argument is of another type.
         """
         check.instance("model", model, mujoco.MjModel)
         # Locks and switched-off coils live in the model, so a shared one would share its failures.
         self.model = copy.copy(model)
         # A diverging run must keep its state to be looked at, whatever the file says.
         self.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
+        reserve_off_group(self.model)
         self.data = mujoco.MjData(self.model)
-        actuated_velocities(self.model)  # refuses what is not one actuator on one joint
-        _refuse_gears(self.model)
-        self._strut_qpos = self.model.jnt_qposadr[self.model.actuator_trnid[:, 0]]
+        self._joints = actuated_joints(self.model)
+        self._strut_qpos = self.model.jnt_qposadr[self._joints]
         self._strut_qpos0 = self.model.qpos0[self._strut_qpos]
-        self._locks = [_lock_of(self.model, k) for k in range(model.nu)]
-        self._base = element_id(self.model, "site", "base")
-        self._payload = element_id(self.model, "site", "payload")
+        self._locks = locks_of(self.model, self._joints, locks)
+        axes = None if base is None else located(self.model, "base", base)
+        frame = located(self.model, "payload", payload)
         self._is_loop = np.isin(self.model.eq_type, _LOOPS).astype(float)
         self._warnings = [self.data.warning[kind] for kind in _NOT_FINITE]
         self._last = self.integration_state()
         mujoco.mj_forward(self.model, self.data)
-        self._origin = self.data.site_xpos[self._payload].copy()
+        self._payload = Payload.at_rest(self.data, frame, axes)
         self._gravity = self.model.opt.gravity.copy()
 
     def step(self, command_m: Array, period_s: float) -> None:
@@ -118,14 +137,8 @@ class Plant:
 
         Raises:
             ValueError: No such actuator.
-            ModelError: Its actuator shares a group with another.
         """
-        actuator = check.index("actuator", actuator, self.model.nu)
-        group = int(self.model.actuator_group[actuator])
-        if np.count_nonzero(self.model.actuator_group == group) > 1:
-            name = self.model.actuator(actuator).name
-            raise ModelError(f'actuator "{name}" shares group {group} with another')
-        self.model.opt.disableactuator |= 1 << group
+        switch_off(self.model, check.index("actuator", actuator, self.model.nu))
 
     def weaken(self, actuator: int, effectiveness: float) -> None:
         """The coil of actuator 0..nu-1 gives this part, in 0..1, of the force that it gave.
@@ -134,18 +147,19 @@ class Plant:
             ValueError: No such actuator, or no such part.
         """
         actuator = check.index("actuator", actuator, self.model.nu)
-        self.model.actuator_gainprm[actuator, 0] *= check.at_most_one(
-            "effectiveness", effectiveness
-        )
+        part = check.at_most_one("effectiveness", effectiveness)
+        # A position servo takes the force of its error from both.
+        self.model.actuator_gainprm[actuator, :3] *= part
+        self.model.actuator_biasprm[actuator, :3] *= part
 
     def break_loose(self, actuator: int) -> None:
         """Release actuator 0..nu-1 and take its suspension spring, and with it its preload, away.
 
         Raises:
-            ValueError, ModelError: As :meth:`release`.
+            ValueError: No such actuator.
         """
         self.release(actuator)
-        self.model.jnt_stiffness[self.model.actuator_trnid[actuator, 0]] = 0.0
+        self.model.jnt_stiffness[self._joints[actuator]] = 0.0
 
     def push(self, wrench: Array) -> None:
         """Push the payload, from now on, with [moment; force] at its site in base axes.
@@ -160,12 +174,8 @@ class Plant:
         """
         wrench = check.exactly("wrench", wrench, 6)
         self.data.xfrc_applied[:] = 0.0
-        body = self.model.site_bodyid[self._payload]
-        to_world = self.data.site_xmat[self._base].reshape(3, 3)
-        moment, force = to_world @ wrench[:3], to_world @ wrench[3:]
-        # MuJoCo takes the wrench at the centre of mass, force first.
-        arm = self.data.site_xpos[self._payload] - self.data.xipos[body]
-        self.data.xfrc_applied[body] = [*force, *(moment + np.cross(arm, force))]
+        applied = self._payload.force_at_centre_of_mass(self.data, wrench)
+        self.data.xfrc_applied[self._payload.frame.body] = applied
 
     def shake(self, acceleration: Array) -> None:
         """Accelerate the floor, from now on, without turning it.
@@ -179,20 +189,19 @@ class Plant:
             ValueError: It has another shape or is not finite.
         """
         acceleration = check.exactly("acceleration", acceleration, 3)
-        to_world = self.data.site_xmat[self._base].reshape(3, 3)
-        self.model.opt.gravity[:] = self._gravity - to_world @ acceleration
+        self.model.opt.gravity[:] = self._gravity - self._payload.axes(self.data) @ acceleration
 
     def displacement(self) -> Array:
-        """Payload displacement [rotation vector; translation] in base axes, shape (6,)."""
+        """Payload displacement [rotation vector; translation] in base axes, shape (6,).
+
+        From the nominal pose, [rad] and [m]; zero there, however base and payload are turned.
+        """
         pose = self.pose()
         return np.concatenate([Rotation.from_matrix(pose.rotation).as_rotvec(), pose.translation_m])
 
     def pose(self) -> Pose:
-        """Payload in base axes, relative to the nominal pose."""
-        to_base = self.data.site_xmat[self._base].reshape(3, 3).T
-        rotation = to_base.dot(self.data.site_xmat[self._payload].reshape(3, 3))
-        shift = self.data.site_xpos[self._payload] - self._origin
-        return computed(Pose, rotation=rotation, translation_m=to_base.dot(shift))
+        """Payload relative to its nominal pose, in base axes: rotation R_now R_nominal^T."""
+        return self._payload.pose(self.data)
 
     def strut_displacement_m(self) -> Array:
         """Extension of each strut from its nominal length, shape (nu,)."""
@@ -221,24 +230,3 @@ class Plant:
     def _is_finite(self) -> bool:
         a, b, c = self._warnings
         return not (a.number or b.number or c.number) and isfinite(dnrm2(self.data.qpos))
-
-
-def _refuse_gears(model: mujoco.MjModel) -> None:
-    """Its spring turns a coil's force into the displacement commanded; a gear would scale it."""
-    for k in np.flatnonzero(model.actuator_gear[:, 0] != 1.0):
-        name, gear = model.actuator(k).name, model.actuator_gear[k, 0]
-        raise ModelError(
-            f'actuator "{name}" must have gear 1, its control being a displacement; got {gear:g}'
-        )
-
-
-def _lock_of(model: mujoco.MjModel, actuator: int) -> int:
-    """Equality `lock{k + 1}`, which must hold the joint of actuator k and no other."""
-    lock = element_id(model, "equality", f"lock{actuator + 1}")
-    joint = int(model.actuator_trnid[actuator, 0])
-    holds = (int(model.eq_type[lock]), int(model.eq_obj1id[lock]), int(model.eq_obj2id[lock]))
-    if holds != (int(mujoco.mjtEq.mjEQ_JOINT), joint, -1):
-        raise ModelError(
-            f'equality "lock{actuator + 1}" must lock the joint "{model.joint(joint).name}" alone'
-        )
-    return lock

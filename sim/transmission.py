@@ -2,8 +2,6 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cached_property
 from typing import NamedTuple
 
 import mujoco
@@ -11,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.array import Array
+from sim.drive import Drive
 from sim.errors import ModelError
 from sim.model import name_of
 
@@ -24,70 +23,8 @@ _JOINT, _IN_PARENT, _CRANK, _TENDON, _BODY, _TURN = (  # as integers, which comp
 )
 _ON_JOINT = frozenset({_JOINT, _IN_PARENT})
 _ONE_AXIS = frozenset({int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE)})
-_MUSCLE = int(mujoco.mjtGain.mjGAIN_MUSCLE)
-_FIXED, _NO_BIAS = int(mujoco.mjtGain.mjGAIN_FIXED), int(mujoco.mjtBias.mjBIAS_NONE)
 _GROUPS = 31
 """Groups of actuators that `opt.disableactuator` can switch off."""
-
-
-@dataclass(frozen=True, eq=False)
-class Drive:
-    """One active velocity, and the actuators that move it.
-
-    Attributes:
-        model: The model, of which names and forces are read when asked for.
-        ids: Numbers of the actuators.
-        gear: Of each: its length grows by gear times the velocity, its force acts gear times.
-        outputs: Of each, in `data.actuator_force`. The row of the first in `data.actuator_moment`,
-            divided by its gear, gives the velocity from the joints'.
-        joint: The slide or hinge joint driven; None for any other transmission.
-        tendon: The tendon driven, or None.
-    """
-
-    model: mujoco.MjModel
-    ids: tuple[int, ...]
-    gear: tuple[float, ...]
-    outputs: tuple[int, ...]
-    joint: int | None
-    tendon: int | None
-
-    @cached_property
-    def actuators(self) -> tuple[str, ...]:
-        """Names of the actuators, "number k" where they have none."""
-        return tuple(name_of(self.model.actuator(k)) for k in self.ids)
-
-    @cached_property
-    def name(self) -> str:
-        """Of the joint or tendon; for other transmissions of the first actuator."""
-        name = ""
-        if self.joint is not None:
-            name = self.model.joint(self.joint).name
-        elif self.tendon is not None:
-            name = self.model.tendon(self.tendon).name
-        return name or self.actuators[0]
-
-    @cached_property
-    def force_range(self) -> tuple[float, float]:
-        """Of all together along the velocity, [N] or [N m]; infinite where unlimited.
-
-        The limit of a joint's or tendon's total counts; of a tendon's only if all its actuators
-        have one gear, since MuJoCo limits their sum before the gears.
-        """
-        model, joint, tendon = self.model, self.joint, self.tendon
-        each = zip(self.ids, self.outputs, self.gear, strict=True)
-        span = np.sum([np.sort(g * _force_range(model, k, out)) for k, out, g in each], axis=0)
-        if joint is not None and model.jnt_actfrclimited[joint]:
-            span = np.clip(span, *model.jnt_actfrcrange[joint])
-        if tendon is not None and model.tendon_actfrclimited[tendon] and len(set(self.gear)) == 1:
-            span = np.clip(span, *np.sort(self.gear[0] * model.tendon_actfrcrange[tendon]))
-        least, most = span.tolist()
-        return least, most
-
-    @property
-    def one_sided(self) -> int:
-        """1 or -1 where the actuators push in this direction of the velocity only; 0 is both."""
-        least, most = self.force_range
-        return int(least >= 0.0) - int(most <= 0.0)
 
 
 class _Moved(NamedTuple):
@@ -218,24 +155,6 @@ def _drive(model: mujoco.MjModel, outputs: list[_Output]) -> Drive:
     kind, end, _, direction = moved[0]
     joint = end if kind == _JOINT and not direction else None
     return Drive(model, ids, gear, numbers, joint, end if kind == _TENDON else None)
-
-
-def _force_range(model: mujoco.MjModel, actuator: int, output: int) -> Array:
-    """Least and most of the force that one output exerts, (2,)."""
-    least, most = -np.inf, np.inf
-    if model.actuator_forcelimited[output]:
-        least, most = model.actuator_forcerange[output]
-    control = int(model.actuator_ctrladr[actuator])
-    if model.actuator_gaintype[actuator] == _MUSCLE:
-        most = min(most, 0.0)  # it pulls
-    elif (
-        model.actuator_gaintype[actuator] == _FIXED
-        and model.actuator_biastype[actuator] == _NO_BIAS
-        and model.actuator_ctrllimited[control]
-    ):
-        ends = np.sort(model.actuator_gainprm[actuator, 0] * model.actuator_ctrlrange[control])
-        least, most = max(least, ends[0]), min(most, ends[1])
-    return np.array([least, most])
 
 
 def _called(model: mujoco.MjModel, actuator: int) -> str:

@@ -75,9 +75,13 @@ def taken(model: mujoco.MjModel) -> Jacobians:
     return jacobians(model, mujoco.MjData(model), "tool")
 
 
-def verdict(jac: Jacobians, tolerance: float = 1e-10) -> tuple[int, int, int]:
-    """Numbers of self-motions and of constraints on the actuators, and the rank of J."""
-    kin = ConstrainedSystem(jac.J_T, jac.J_C, jac.active, rank_tolerance=tolerance).kinematics()
+def verdict(jac: Jacobians, accuracy: float | None = None) -> tuple[int, int, int]:
+    """Numbers of self-motions and of constraints on the actuators, and the rank of J.
+
+    With the tolerance 1e-10, unless the accuracy of the geometry is stated.
+    """
+    system = ConstrainedSystem(jac.J_T, jac.J_C, jac.active, geometry_accuracy=accuracy)
+    kin = system.kinematics()
     rank = np.linalg.matrix_rank(kin.J, tol=1e-5 * float(np.linalg.norm(jac.J_T)))
     return kin.self_motion.shape[1], len(kin.active_constraint), int(rank)
 
@@ -117,8 +121,9 @@ def test_a_gap_shows_by_the_size_of_the_constraints(gap):
     model.eq_data[0, 2] += gap
     jac = taken(model)
     assert jac.closure_residual == pytest.approx(gap, rel=1e-6)
-    shown = jac.geometry_accuracy * np.linalg.norm(jac.J_C)
-    assert shown == pytest.approx(gap, rel=1e-6)
+    shown = jac.geometry_accuracy * float(np.linalg.norm(jac.J_C))
+    assert shown == pytest.approx(0.1 * gap, rel=1e-6)  # ten times this counts as zero
+    assert ConstrainedSystem.of(jac).rank_tolerance == max(1e-10, 10.0 * jac.geometry_accuracy)
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -126,7 +131,7 @@ def test_with_the_accuracy_that_the_model_shows_skew_axes_change_no_verdict(seed
     """Off by 1e-8, without it, the loops seem to hold the machine."""
     jac = taken(three_rrr(axes=skewed(1e-8, seed)))
     assert jac.geometry_accuracy > 1e-9
-    assert verdict(jac, tolerance=10.0 * jac.geometry_accuracy) == EXACT
+    assert verdict(jac, jac.geometry_accuracy) == EXACT
     assert verdict(jac)[1] > 0
 
 
@@ -136,7 +141,7 @@ def test_rounding_that_a_rotation_hides_must_be_stated_by_hand():
     jac = taken(three_rrr(axes=skewed(1e-8, seed=0), turn=turn))
     assert jac.geometry_accuracy < 1e-15
     assert verdict(jac)[1] > 0
-    assert verdict(jac, tolerance=10.0 * 1e-8) == EXACT
+    assert verdict(jac, 1e-8) == EXACT
     assert verdict(taken(three_rrr(turn=turn))) == EXACT
 
 

@@ -165,7 +165,7 @@ TARGETS = {
     "Jacobians": Target(linear_with, JACOBIANS),
     "linearize": Target(linearize, MACHINES | SITES),
     "element_id": Target(element_id, {"model": MODEL, "kind": "site", "name": "base"}),
-    "load_model": Target(load_model, {"path": HEXAPOD_MJCF}),
+    "load_model": Target(load_model, {"path": HEXAPOD_MJCF, "add_locks": False}),
     "model_sha256": Target(model_sha256, {"path": HEXAPOD_MJCF}),
     "weightless": Target(weightless, {"model": MODEL}),
     "Failure": Target(struck, FAILED),
@@ -173,7 +173,11 @@ TARGETS = {
     "failed_plant": Target(
         lambda **a: state(failed_plant(**a)), {"model": MODEL, "failures": [Failure(0, "locked")]}
     ),
-    "Plant": Target(lambda **a: state(Plant(**a)), {"model": MODEL}),
+    "Plant": Target(
+        lambda **a: state(Plant(**a)),
+        {"model": MODEL, "base": "base", "payload": "payload"}
+        | {"locks": [f"lock{k}" for k in range(1, 7)]},
+    ),
     "Plant.step": Target(after("step"), {"command_m": np.full(6, 1e-5), "period_s": 2e-3}),
     "Plant.settle": Target(after("settle"), {"seconds": 2e-3, "command_m": np.full(6, 1e-5)}),
     "Plant.lock": Target(after("lock"), {"actuator": 0}),

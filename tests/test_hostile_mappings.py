@@ -10,6 +10,7 @@ from prioritized import (
     Failures,
     ForceMapping,
     Kinematics,
+    Names,
     Status,
     VelocityMapping,
     failure_atlas,
@@ -119,6 +120,14 @@ TARGETS = {
         {"J_T": J_T, "J_C": J_C, "active": [0, 1, 2], "rank_tolerance": 1e-10}
         | {"stiffness": np.ones(5), "failures": Failures()},
     ),
+    "ConstrainedSystem of a model": Target(
+        lambda **a: mechanism(ConstrainedSystem(J_T, J_C, [0, 1, 2], **a).kinematics()),
+        {"geometry_accuracy": 1e-9, "names": Names(("a", "b", "c", "d", "e"), (("m",),) * 3)},
+    ),
+    "ConstrainedSystem.of": Target(
+        lambda **a: mechanism(ConstrainedSystem.of(**a).kinematics()),
+        {"mechanism": SYSTEM, "geometry_accuracy": 1e-9},
+    ),
     "ConstrainedSystem.with_failures": Target(
         lambda **a: mechanism(SPRUNG.with_failures(**a).kinematics()),
         {"locked": [0], "free": [1], "locked_passive": [4]},
@@ -132,6 +141,7 @@ TARGETS = {
     ),
     "Kinematics.expand": Target(KIN.expand, {"rates": np.ones(3)}),
     "Kinematics.passive_rates": Target(LOOSE.passive_rates, {"rates": np.ones(2)}),
+    "Kinematics.velocities": Target(LOOSE.velocities, {"rates": np.ones(2)}),
     "Kinematics.constraint_force": Target(
         LOOSE.constraint_force, {"f": np.ones(3), "torques": np.ones(2)}
     ),

@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from sim import assemble, jacobians, pose_of, ranges
+from sim import ModelError, assemble, jacobians, pose_of, ranges
 from tests.motions import kinematics, motions
 
 # An arm of a hinge, a slide and a ball, with limits all; a tendon over two of them.
@@ -76,12 +76,15 @@ AT_A_LIMIT = [
 @pytest.mark.parametrize(("name", "pose"), AT_A_LIMIT)
 def test_what_rests_on_a_limit_is_warned_about_or_taken_as_stuck(name, pose):
     data = limited(**pose)
-    free, held = (
-        jacobians(data.model, data, "tool", stuck_at_limits=choice) for choice in (False, True)
+    joint = name.split('"')[1]
+    free, held, named = (
+        jacobians(data.model, data, "tool", stuck_at_limits=choice)
+        for choice in (False, True, [joint])
     )
-    words = f"{name} rests on its limit and is taken to move freely: stuck_at_limits=True"
+    words = f'{name} rests on its limit and is taken to move freely: stuck_at_limits=["{joint}"]'
     assert len(free.warnings) == 1 and free.warnings[0].startswith(words)
-    assert held.warnings == ()
+    assert held.warnings == named.warnings == ()
+    np.testing.assert_array_equal(named.J_C, held.J_C)
     assert len(held.J_C) == len(free.J_C) + 1
 
     here, allowed = data.qpos.copy(), motions(kinematics(held))
@@ -108,6 +111,20 @@ def test_away_from_limits_nothing_is_warned_about_or_stuck():
         )
         assert free.warnings == held.warnings == ()
         np.testing.assert_array_equal(held.J_C, free.J_C)
+
+
+def test_of_several_at_their_limits_only_those_named_are_stuck_and_the_others_warned_about():
+    data = limited(hinge=np.deg2rad(60.0), slide=0.2)
+    both = jacobians(data.model, data, "tool", stuck_at_limits=True)
+    hinge, slide = (
+        jacobians(data.model, data, "tool", stuck_at_limits=[name]) for name in ("hinge", "slide")
+    )
+    np.testing.assert_array_equal(np.vstack([hinge.J_C, slide.J_C[-1:]]), both.J_C)
+    assert hinge.J_C[-1].tolist() == [1, 0, 0, 0, 0, 0, 0]
+    assert len(hinge.warnings) == 1 and 'joint "slide"' in hinge.warnings[0]
+    assert len(slide.warnings) == 1 and 'joint "hinge"' in slide.warnings[0]
+    with pytest.raises(ModelError, match='"ball" rests on no limit; those that do: hinge, slide'):
+        jacobians(data.model, data, "tool", stuck_at_limits=["ball"])
 
 
 @pytest.mark.parametrize("flag", ["mjDSBL_LIMIT", "mjDSBL_CONSTRAINT"])
@@ -194,5 +211,37 @@ def test_the_room_of_each_velocity_leads_onto_its_limits():
     expected[1] = np.array([-0.1, 0.2]) - now['joint "slide"']
     expected[5] = np.array([-0.4, 0.5]) - now['tendon "cable"']
     np.testing.assert_allclose(machine.room, expected)
+    assert (machine.room[:, 0] < 0).all() and (machine.room[:, 1] > 0).all()
     forces = [[-3, 4], [-inf, inf], [-12, 10], [-inf, inf]]
     np.testing.assert_array_equal(machine.force_range, forces)
+
+
+CRANE = """
+<mujoco>
+  <worldbody>
+    <body name="hook" mocap="true" pos="0 0 1"><site name="hook"/></body>
+    <body>
+      <joint axis="0 1 0"/><geom size="0.1"/><site name="tool" pos="0.3 0 0.2"/>
+    </body>
+  </worldbody>
+  <tendon>
+    <spatial name="rope" limited="true" range="0 2"><site site="hook"/><site site="tool"/></spatial>
+  </tendon>
+  <actuator><motor tendon="rope"/></actuator>
+</mujoco>
+"""
+
+
+def test_the_room_of_a_tendon_is_that_of_the_state_with_bodies_moved_from_outside():
+    model = mujoco.MjModel.from_xml_string(CRANE)
+    data = mujoco.MjData(model)
+    data.mocap_pos[0] = 1.0, 0.0, 1.0
+    machine = jacobians(model, data, "tool").machine
+    assert machine is not None
+    length = float(np.hypot(0.7, 0.8))
+    np.testing.assert_allclose(machine.room[1], [-length, 2.0 - length], rtol=1e-12)
+    data.mocap_pos[0] = 0.3, 0.0, 2.2
+    assert jacobians(model, data, "tool").warnings == (
+        'tendon "rope" rests on its limit and is taken to move freely: stuck_at_limits=["rope"] '
+        "takes it as stuck",
+    )

@@ -76,6 +76,7 @@ def test_an_actuator_with_a_state_of_its_own_is_refused():
 def test_closures_that_a_flag_switches_off_are_refused(flag):
     """A closed mechanism must not pass for an open one."""
     text = PENDULUM.replace('contact="disable"', f'contact="disable" {flag}="disable"')
+    text = text.replace("</mujoco>", '<actuator><motor joint="x"/></actuator></mujoco>')
     model = mujoco.MjModel.from_xml_string(text)
     with pytest.raises(ModelError, match="equalities are active, and the model's flags disable"):
         jacobians(model, mujoco.MjData(model), "payload")

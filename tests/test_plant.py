@@ -13,7 +13,7 @@ from experiments.hexapod.metrics import CLOSURE_LIMIT_M, pointing_rms_urad
 from experiments.hexapod.simulation import SpiralRun, track_spiral
 from experiments.hexapod.testbed import Testbed, TestbedConfig
 from experiments.output.parallel import in_parallel
-from sim import ModelError, Plant, SimulationDiverged, linearize
+from sim import ModelError, Plant, SimulationDiverged, linearize, load_model
 from sim.model import HEXAPOD_MJCF
 from tests.closed_form import closed_form, modes_of
 
@@ -258,6 +258,22 @@ def test_a_coil_that_weakens_twice_is_left_with_the_product(model):
         plant.step(np.full(6, 1e-6), PERIOD_S)
         expected = whole * 1e-6 * np.where(np.arange(6) == 2, left, 1.0)
         np.testing.assert_allclose(plant.coil_force_n(), expected, rtol=1e-12)
+
+
+def test_a_position_servo_that_weakens_loses_force_and_not_its_target():
+    """At any state; with its gain alone reduced it would pull to half the angle commanded."""
+    arm = load_model(HEXAPOD_MJCF.with_name("arm.xml"))
+    rng, forces = np.random.default_rng(0), []
+    state = rng.normal(size=(3, arm.nu))
+    for weak in (False, True):
+        plant = Plant(arm)
+        if weak:
+            plant.weaken(3, 0.5)
+        plant.data.qpos[:], plant.data.qvel[:], plant.data.ctrl[:] = 1e-3 * state
+        mujoco.mj_forward(plant.model, plant.data)
+        forces.append(plant.coil_force_n())
+    expected = forces[0] * np.where(np.arange(arm.nu) == 3, 0.5, 1.0)
+    np.testing.assert_allclose(forces[1], expected, rtol=1e-12)
 
 
 def test_a_strut_that_breaks_loose_loses_its_own_coil_and_spring_and_no_other(model):

@@ -60,7 +60,7 @@ def general_tick(model: mujoco.MjModel) -> Callable[[Array, Array], Array]:
     """
     data = mujoco.MjData(model)
     jac = jacobians(model, data, site="payload", axes="base")
-    system = ConstrainedSystem(jac.J_T, jac.J_C, jac.active).with_failures(locked=[STUCK])
+    system = ConstrainedSystem.of(jac).with_failures(locked=[STUCK])
     mapping = system.kinematics().velocity_mapping(
         MAJOR, SECONDARY, GOAL.joint_weight, GOAL.secondary_weight
     )

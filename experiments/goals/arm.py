@@ -52,7 +52,7 @@ class ArmGeometry:
         still = np.zeros(model.nu)
         self.nominal = self._posture(still, still)
         jac = jacobians(model, self._data, site="payload", axes="payload")
-        self.system = ConstrainedSystem(jac.J_T, jac.J_C, jac.active)
+        self.system = ConstrainedSystem.of(jac)
 
     def posture(self, pose: ArmPosture) -> ArmPosture:
         """The pose itself."""

@@ -1,0 +1,41 @@
+"""How much a mapping or a closure multiplies errors, in words where that is much."""
+
+from argument_checks import Array
+
+LARGE_AMPLIFICATION = 100.0
+"""Above it, an error of 1 % may become an error as large as the quantity itself."""
+
+
+def gain_sentences(largest: float, worst: float) -> list[str]:
+    """On the ratio of the largest to the smallest gain of the major task, where it is large."""
+    if not 0.0 < worst * LARGE_AMPLIFICATION < largest:
+        return []
+    return [
+        "For the same norm of the active rates, the major task moves up to "
+        f"{largest / worst:.3g} times as fast in one direction as in another."
+    ]
+
+
+def servo_sentences(amplification: Array) -> list[str]:
+    """On the factor from servo errors to errors of the major task, where it is large."""
+    if (most := amplification.max(initial=0.0)) <= LARGE_AMPLIFICATION:
+        return []
+    return [
+        "A relative error of the active rates may become a relative error of the major task "
+        f"{most:.3g} times as large."
+    ]
+
+
+def closure_sentences(condition: float) -> list[str]:
+    """On the condition number of the closure, where it is large."""
+    if condition <= LARGE_AMPLIFICATION:
+        return []
+    return [
+        "A relative error of the loops' geometry may become a relative error of the passive rates "
+        f"{condition:.3g} times as large."
+    ]
+
+
+def as_sentence(clause: str) -> str:
+    """A clause with a capital and a full stop."""
+    return f"{clause[0].upper()}{clause[1:]}."

@@ -1,0 +1,168 @@
+"""Names of joints and actuators: read from a model, resolved in arguments, spoken in sentences."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
+from typing import Any, Protocol
+
+import numpy as np
+
+import argument_checks as check
+from argument_checks import Array, Indices
+
+MOST_NAMED = 5
+"""A sentence names no more joints than this."""
+
+NOTICEABLE = 0.1
+"""Share of a joint in directions, as a fraction of the largest share, below which it is unnamed."""
+
+
+class HasNames(Protocol):
+    """What names are taken from; empty where there is none."""
+
+    @property
+    def velocities(self) -> Sequence[str]: ...
+    @property
+    def actuators(self) -> Sequence[Sequence[str]]: ...
+
+
+@dataclass(frozen=True)
+class Names:
+    """Names in a mechanism of N velocities, n of them active; an empty string is no name.
+
+    Attributes:
+        velocities: The joint (or tendon) of each velocity, N strings; the velocities of a ball or
+            free joint all have the joint's name.
+        actuators: Those that drive each active velocity, n tuples of strings, mostly of one.
+    """
+
+    velocities: tuple[str, ...]
+    actuators: tuple[tuple[str, ...], ...]
+
+
+Known = tuple[tuple[str, ...], ...]
+"""For each number the names that it is known by, the one for sentences first."""
+
+
+def checked_names(names: HasNames, N: int, n: int) -> Names:
+    """The names as immutable tuples.
+
+    Raises:
+        TypeError: `names` has no `velocities` or no `actuators`.
+        ValueError: They are not N strings and n tuples of strings.
+    """
+    try:
+        velocities, actuators = tuple(names.velocities), tuple(map(tuple, names.actuators))
+    except (AttributeError, TypeError):
+        got = check.shown(names)
+        raise TypeError(f"names must have lists velocities and actuators, got {got}") from None
+    if (len(velocities), len(actuators)) != (N, n):
+        raise ValueError(
+            f"names must have {N} velocities and {n} actuators, "
+            f"got {len(velocities)} and {len(actuators)}"
+        )
+    lists = not any(isinstance(driving, str) for driving in names.actuators)
+    if not lists or not all(isinstance(x, str) for some in (velocities, *actuators) for x in some):
+        raise ValueError("names must be strings, and for each active velocity a tuple of strings")
+    return Names(velocities, actuators)
+
+
+def known_velocities(names: Names | None, N: int) -> Known:
+    """Each velocity by its joint."""
+    return (
+        ((),) * N if names is None else tuple((name,) if name else () for name in names.velocities)
+    )
+
+
+def known_actuators(names: Names | None, active: Indices) -> Known:
+    """Each active velocity by its joint and its actuators; by these first if its joint has more."""
+    if names is None:
+        return ((),) * len(active)
+    joints = [names.velocities[i] for i in active]
+    known = []
+    for joint, actuators in zip(joints, names.actuators, strict=True):
+        both = (joint, *actuators) if joints.count(joint) == 1 else (*actuators, joint)
+        known.append(tuple(name for name in both if name))
+    return tuple(known)
+
+
+def chosen(
+    argument: str, value: Iterable[int | str], known: Known, *, several: bool
+) -> frozenset[int]:
+    """The numbers that an argument lists by number or by name.
+
+    Args:
+        argument: Its name, for errors.
+        value: Numbers of range(len(known)), and names.
+        known: The names that each number goes by.
+        several: Whether a name may stand for several numbers.
+
+    Raises:
+        ValueError: A number out of range, or a name that is unknown or ambiguous.
+    """
+    if isinstance(value, str):
+        raise ValueError(f"{argument} must be a list, got {value!r}: write [{value!r}]")
+    named = isinstance(value, np.ndarray) and value.dtype.kind == "U" and value.ndim == 1
+    if not isinstance(value, Iterable) or (isinstance(value, np.ndarray) and not named):
+        return check.index_set(argument, value, len(known))
+    members: list[Any] = list(value)
+    numbers = [member for member in members if not isinstance(member, str)]
+    names = [member for member in members if isinstance(member, str)]
+    found = (_found(argument, name, known, several=several) for name in names)
+    return check.index_set(argument, numbers, len(known)).union(*found)
+
+
+def _found(argument: str, name: str, known: Known, *, several: bool) -> list[int]:
+    """The numbers that go by this name."""
+    found = [k for k, names in enumerate(known) if name in names]
+    if found and (several or len({known[k] for k in found}) == 1):
+        return found  # one actuator may have several velocities, all of its names
+    if found:
+        raise ValueError(
+            f"{argument} must name one actuator, got {name!r}, which means {spoken(known, found)}"
+        )
+    kind = "joints" if several else "actuators or the joints that they drive"
+    everything = list(dict.fromkeys(name for names in known for name in names))
+    if not everything:
+        raise ValueError(
+            f"{argument} must be numbers in a mechanism without names, got {name!r}: "
+            "give ConstrainedSystem names, or make it with ConstrainedSystem.of"
+        )
+    near = get_close_matches(name, everything, n=1)
+    there = f"the nearest is {near[0]!r}" if near else f"there are {', '.join(everything)}"
+    raise ValueError(f"{argument} must name {kind}, got {name!r}: {there}")
+
+
+def spoken(known: Known, numbers: Iterable[int]) -> str:
+    """These by name, by number where they have none: "knee, 3", or "[2, 3]" without any name."""
+    listed = list(numbers)
+    if not any(known[k] for k in listed):
+        return str(listed)
+    return ", ".join(known[k][0] if known[k] else str(k) for k in listed)
+
+
+def involved(basis: Array, known: Known) -> str:
+    """The joints with a noticeable share of an orthonormal basis, the largest share first.
+
+    Args:
+        basis: Columns over the joints, shape (len(known), .).
+        known: Names of the joints; one name on several rows is one joint.
+
+    Returns:
+        A list in words such as "hip, knee and 2 more"; empty where no joint has a name.
+    """
+    shares: dict[str, float] = {}
+    for names, row in zip(known, basis, strict=True):
+        name = names[0] if names else ""
+        shares[name] = float(np.hypot(shares.get(name, 0.0), np.linalg.norm(row)))
+    least = NOTICEABLE * max(shares.values(), default=0.0)
+    concerned = [name for name in sorted(shares, key=lambda name: -shares[name]) if name]
+    concerned = [name for name in concerned if shares[name] > least]
+    more = len(concerned) - MOST_NAMED
+    return ", ".join(concerned[:MOST_NAMED]) + (f" and {more} more" if more > 0 else "")
+
+
+def described(kind: str, known: Known, numbers: Iterable[int], failure: str) -> list[str]:
+    """Each with its failure: "knee locked", or "actuator 3 locked" without a name."""
+    words = (known[k][0] if known[k] else f"{kind} {k}" for k in sorted(numbers))
+    return list(dict.fromkeys(f"{word} {failure}" for word in words))

@@ -1,0 +1,116 @@
+"""How much a mapping multiplies errors: gains, condition numbers, and when the text says so."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from prioritized import ConstrainedSystem, force_mapping, velocity_mapping
+from tests.random_systems import SEEDS, failures, null, of_rank, rows_of, systems
+
+
+def units(rng: np.random.Generator, size: int, count: int = 200) -> np.ndarray:
+    """Random directions, shape (count, size)."""
+    drawn = rng.normal(size=(count, size))
+    return drawn / np.linalg.norm(drawn, axis=1, keepdims=True)
+
+
+@given(st.data(), systems())
+def test_no_admissible_rates_of_unit_norm_move_the_major_task_faster_than_the_largest_gain(
+    data, drawn
+):
+    kin = data.draw(failures(drawn.system)).kinematics()
+    major = rows_of(data, len(kin.J))
+    report, Z = kin.manipulability(major), null(kin.active_constraint)
+    speeds = np.linalg.norm(units(drawn.rng, Z.shape[1]) @ (kin.J[major] @ Z).T, axis=1)
+    assert np.all(speeds <= report.largest_gain * (1 + 1e-9) + 1e-9)
+    gains = np.linalg.svd(kin.J[major] @ Z, compute_uv=False)
+    assert report.largest_gain == pytest.approx(gains.max(initial=0.0), abs=1e-9)
+    assert report.worst_gain <= report.largest_gain or not Z.size
+
+
+@given(st.data(), systems(self_motion=False))
+def test_a_servo_error_grows_by_no_more_than_the_amplification_and_by_that_at_worst(data, drawn):
+    """Rates off by 1 % of their norm, in any admissible direction, for any major velocity."""
+    kin, rng = drawn.system.kinematics(), drawn.rng
+    major, n = rows_of(data, len(kin.J)), len(kin.active)
+    mapping = kin.velocity_mapping(major, joint_weight=rng.uniform(0.5, 2, n))
+    Z, v = null(kin.active_constraint), units(rng, len(major))
+    rates = mapping(v)
+    assert np.all(np.linalg.norm(rates, axis=1) <= mapping.largest_gain * (1 + 1e-9))
+    if not Z.size or not mapping.largest_gain:
+        return
+    J_m = kin.J[major] @ Z
+    errors = 0.01 * np.linalg.norm(rates, axis=1)[:, None] * units(rng, Z.shape[1])
+    moved = np.linalg.norm(errors @ J_m.T, axis=1)
+    assert np.all(moved <= 0.01 * mapping.amplification * (1 + 1e-9))
+    slowest, fastest = np.linalg.svd(mapping.major)[2][0], np.linalg.svd(J_m)[2][0]
+    worst = J_m @ fastest * 0.01 * np.linalg.norm(mapping(slowest))
+    assert np.linalg.norm(worst) == pytest.approx(0.01 * mapping.amplification, rel=1e-6)
+
+
+@given(st.data(), systems())
+def test_the_closure_condition_is_that_of_the_passive_columns(data, drawn):
+    system = data.draw(failures(drawn.system))
+    kin = system.kinematics()
+    moving = sorted(set(range(system.J_T.shape[1])) - {*kin.active, *system.stuck})
+    sigma = np.linalg.svd(system.J_C[:, moving], compute_uv=False)
+    sigma = sigma[sigma > 1e-8]
+    expected = sigma[0] / sigma[-1] if sigma.size else 1.0
+    assert kin.closure_condition == pytest.approx(expected, rel=1e-6)
+    answers = kin.manipulability([0]), kin.velocity_mapping([0]), kin.force_mapping([0])
+    assert {answer.closure_condition for answer in answers} == {kin.closure_condition}
+
+
+@given(SEEDS)
+def test_batches_have_one_gain_each(seed):
+    rng = np.random.default_rng(seed)
+    J, W = rng.normal(size=(2, 1, 3, 4)), rng.uniform(0.5, 2, size=(5, 1, 4)) * np.eye(4)
+    velocity = velocity_mapping(J, [0, 1], joint_weight=W)
+    force = force_mapping(J, [0, 1], torque_weight=W)
+    shapes = {A.shape for A in (velocity.largest_gain, velocity.amplification, force.largest_gain)}
+    assert shapes == {(2, 5)}
+    one = velocity_mapping(J[1, 0], [0, 1], joint_weight=W[3])
+    assert velocity.amplification[1, 3] == pytest.approx(float(one.amplification))
+    assert velocity.largest_gain[1, 3] == pytest.approx(np.linalg.norm(one.major, 2))
+    torques = force_mapping(J[1, 0], [0, 1], torque_weight=W[3]).major
+    assert force.largest_gain[1, 3] == pytest.approx(np.linalg.norm(torques, 2))
+    assert velocity.closure_condition == force.closure_condition == 1.0
+
+
+@pytest.mark.parametrize("gain", [99.0, 101.0])
+def test_texts_say_what_is_large_and_only_that(gain):
+    """An actuator too slow by `gain`, and a loop whose second equation is weak by `gain`."""
+    large = gain > 100
+    slow = ConstrainedSystem(np.diag([1.0, 1.0 / gain]), None, [0, 1]).kinematics()
+    mapping, report = slow.velocity_mapping([0, 1]), slow.manipulability([0, 1])
+    assert mapping.amplification == pytest.approx(gain)
+    assert (f"relative error of the major task {gain:.3g} times as large" in str(mapping)) == large
+    assert (f"up to {gain:.3g} times as fast in one direction" in str(report)) == large
+    assert str(mapping).startswith("The major task is met exactly.")
+
+    J_C = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0 / gain]])
+    weak = ConstrainedSystem([[1.0, 1.0, 1.0]], J_C, [0]).kinematics()
+    answers = weak.manipulability([0]), weak.velocity_mapping([0]), weak.force_mapping([0])
+    for answer in answers:
+        assert (f"of the passive rates {gain:.3g} times as large." in str(answer)) == large
+
+
+def test_a_task_without_rows_or_rates_has_no_gain():
+    kin = ConstrainedSystem(np.eye(2), None, [0, 1]).kinematics()
+    for mapping in (kin.velocity_mapping([]), kin.force_mapping([])):
+        assert mapping.largest_gain == 0.0
+        assert str(mapping) == "The major task is met exactly."
+    assert kin.manipulability([]).largest_gain == 0.0
+    jammed = ConstrainedSystem(np.eye(2), None, [0, 1]).with_failures(locked=[0, 1]).kinematics()
+    assert jammed.velocity_mapping([0]).amplification == jammed.force_mapping([0]).largest_gain == 0
+    assert jammed.manipulability([0]).largest_gain == 0.0
+
+
+def test_gains_are_computed_when_first_used():
+    """A tick builds, moves and applies a mapping; none of the three needs them."""
+    kin = ConstrainedSystem(of_rank(np.random.default_rng(0), 3, 4, 3), None, range(4)).kinematics()
+    mapping = kin.velocity_mapping([0], joint_weight=np.ones(4)).at(kin)
+    mapping([1.0])
+    assert not {"largest_gain", "amplification"} & vars(mapping).keys()
+    assert "_closure" not in vars(kin)
