@@ -147,8 +147,12 @@ def jacobians(
     J_C = _with_transmissions(forbidden, extra, model.nv)
     for task in tasks:
         if not _moves(J_T[rows[task]], J_C, active):
-            raise ModelError(f"no actuator moves {check.shown(task)}")
-    machine = Machine(model, data.qpos.copy(), touching(model, data), pins, stuck)
+            raise ModelError(
+                f"no actuator moves {check.shown(task)}: name another task, or what its mechanism "
+                "stands on in pinned="
+            )
+    mocap = data.mocap_pos.copy(), data.mocap_quat.copy()
+    machine = Machine(model, data.qpos.copy(), mocap, touching(model, data), pins, stuck)
     return Jacobians(J_T, J_C, active, gear, rows, residual, machine)
 
 

@@ -14,6 +14,9 @@ from sim.model import name_of
 
 _ONE_AXIS = (int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE))
 _BALL = int(mujoco.mjtJoint.mjJNT_BALL)
+_WITHOUT_LIMITS = int(mujoco.mjtDisableBit.mjDSBL_LIMIT) | int(
+    mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
+)
 _AT = 1e-6
 """A joint nearer to its limit than this fraction of its range rests on it."""
 
@@ -65,10 +68,15 @@ class Resting(NamedTuple):
 
 
 def at_limits(model: mujoco.MjModel, data: mujoco.MjData) -> list[Resting]:
-    """Joints and tendons that rest on a limit, or are beyond it."""
+    """Joints and tendons that rest on a limit, or are beyond it; none where flags switch it off.
+
+    They rest where MuJoCo begins to push back, at the limit's margin.
+    """
+    if model.opt.disableflags & _WITHOUT_LIMITS:
+        return []
     limited = model.jnt_limited.astype(bool)
     q, (low, high) = data.qpos[model.jnt_qposadr], model.jnt_range.T
-    slack = _AT * (high - low)
+    slack = model.jnt_margin + _AT * (high - low)
     resting = limited & _one_axis(model) & ((q <= low + slack) | (q >= high - slack))
     found = [
         Resting("joint", name_of(model.joint(k)), np.eye(model.nv)[model.jnt_dofadr[k]])
@@ -78,12 +86,12 @@ def at_limits(model: mujoco.MjModel, data: mujoco.MjData) -> list[Resting]:
         vector, start = np.empty(3), model.jnt_qposadr[k]
         mujoco.mju_quat2Vel(vector, data.qpos[start : start + 4], 1.0)
         angle = float(np.linalg.norm(vector))
-        if angle >= high[k] * (1.0 - _AT) and angle:
+        if angle >= high[k] - slack[k] and angle:
             row = np.zeros(model.nv)
             row[model.jnt_dofadr[k] : model.jnt_dofadr[k] + 3] = vector / angle
             found.append(Resting("joint", name_of(model.joint(k)), row))
     low, high = model.tendon_range.T
-    slack, length = _AT * (high - low), data.ten_length
+    slack, length = model.tendon_margin + _AT * (high - low), data.ten_length
     resting = (length <= low + slack) | (length >= high - slack)
     for k in np.flatnonzero(model.tendon_limited.astype(bool) & resting):
         row = tendon_row(model, data, int(k))
@@ -136,12 +144,13 @@ def tendon_row(model: mujoco.MjModel, data: mujoco.MjData, tendon: int) -> Array
 
 
 def touching(model: mujoco.MjModel, data: mujoco.MjData) -> frozenset[tuple[int, int]]:
-    """Pairs of bodies in contact; only one of them may belong to the world."""
+    """Pairs of bodies that push each other; what touches a flex, which is no body, is left out."""
     if not data.ncon:
         return frozenset()
     contacts = data.contact
-    pairs = model.geom_bodyid[contacts.geom[contacts.dist <= 0.0]]
-    return frozenset((int(a), int(b)) for a, b in np.sort(pairs, axis=1) if a >= 0)
+    geoms = contacts.geom[(contacts.exclude == 0) & (contacts.geom >= 0).all(axis=1)]
+    pairs = np.sort(model.geom_bodyid[geoms], axis=1)
+    return frozenset((int(a), int(b)) for a, b in pairs)
 
 
 def _one_axis(model: mujoco.MjModel) -> Array:

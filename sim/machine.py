@@ -39,6 +39,7 @@ class Machine:
     Attributes:
         model: The model.
         qpos: The pose.
+        mocap: Positions and quaternions of bodies that are moved from outside.
         touching: Pairs of bodies in contact.
         pinned: Frames that stay.
         stuck: Which joints on their limits count as stuck: none, all, or those of these names.
@@ -46,6 +47,7 @@ class Machine:
 
     model: mujoco.MjModel
     qpos: Array
+    mocap: tuple[Array, Array]
     touching: frozenset[tuple[int, int]]
     pinned: tuple[Pin, ...]
     stuck: bool | tuple[str, ...]
@@ -118,7 +120,7 @@ class Machine:
     @cached_property
     def _data(self) -> mujoco.MjData:
         data = mujoco.MjData(self.model)
-        data.qpos[:] = self.qpos
+        data.qpos[:], (data.mocap_pos[:], data.mocap_quat[:]) = self.qpos, self.mocap
         mujoco.mj_fwdPosition(self.model, data)
         return data
 
@@ -133,16 +135,17 @@ class Machine:
         ]
 
     def _contact_warnings(self) -> list[str]:
-        frames = [pin.frame for pin in self.pinned]
-        held = {
+        rigid = self.model.body_weldid  # bodies without a joint between them are one
+        bodies = (
             self.model.body(f.name).id if isinstance(f, Body) else self.model.site(f).bodyid[0]
-            for f in frames
-        }
+            for f in (pin.frame for pin in self.pinned)
+        )
+        held = {rigid[body] for body in bodies}
         return [
             f'"{name_of(self.model.body(b))}" touches "{name_of(self.model.body(a))}" and is taken '
             "to move freely: pinned= takes it to stand"
             for a, b in sorted(self.touching)
-            if not {a, b} & held
+            if not {rigid[a], rigid[b]} & held
         ]
 
     def _drive_warnings(self) -> list[str]:

@@ -7,7 +7,17 @@ import numpy as np
 import pytest
 
 from prioritized import ConstrainedSystem
-from sim import Drive, Jacobians, Machine, ModelError, assemble, jacobians, pose_error, pose_of
+from sim import (
+    Drive,
+    Jacobians,
+    Machine,
+    ModelError,
+    assemble,
+    element_id,
+    jacobians,
+    pose_error,
+    pose_of,
+)
 
 # A planar five-bar on a rail, closed by a connect: three freedoms, driven by a servo on a cable
 # over two joints, one on a rope between two points, and one on the rail.
@@ -236,3 +246,14 @@ def test_an_actuator_that_is_refused_may_be_switched_off():
     """The remedy that the message names."""
     pad = '<adhesion name="pad" body="lower" gain="1" ctrlrange="0 1" group="3"/>'
     assert arm(PAIR + pad, disabled=1 << 3).active.tolist() == [0, 3]
+
+
+def test_an_unknown_actuator_is_refused_with_those_there_are_however_many_controls_they_have():
+    """An orientation servo is one actuator with three controls."""
+    servo = '<orientation name="wrist" joint="ball"/><motor name="m1" joint="a"/>'
+    xml = ARM.format(actuators=servo, joint="", tendon="")
+    ball = '<body><joint name="ball" type="ball"/><geom size="0.1"/></body><body name="'
+    model = mujoco.MjModel.from_xml_string(xml.replace('<body name="', ball, 1))
+    assert element_id(model, "actuator", "m1") == 1
+    with pytest.raises(ModelError, match='no actuator named "hand"; it has: wrist, m1'):
+        element_id(model, "actuator", "hand")

@@ -8,8 +8,8 @@ import pytest
 import scipy.linalg
 
 from prioritized import ConstrainedSystem
-from prioritized._kinematics import Kinematics
 from sim import Jacobians, assemble, jacobians
+from tests.motions import motions
 
 # A planar four-bar closed by a connect; on its coupler a tool on a ball joint, a free body pinned
 # to it by another connect, and a spool geared to the knee. Seven freedoms.
@@ -227,37 +227,23 @@ def test_the_drives_do_the_power_of_the_actuators(kind):
         assert power == pytest.approx(data.qfrc_actuator @ qvel, rel=1e-9)
 
 
-def motions(kin: Kinematics, N: int) -> np.ndarray:
-    """Basis (N, .) of everything that a mechanism can do, its surviving actuators driven or not."""
-    active = (
-        scipy.linalg.null_space(kin.active_constraint)
-        if kin.active_constraint.size
-        else np.eye(len(kin.active))
-    )
-    rates, free = kin.passive_gain @ active, kin.passive_self_motion
-    basis = np.zeros((N, active.shape[1] + free.shape[1]))
-    basis[kin.active, : active.shape[1]] = active
-    basis[kin.passive] = np.hstack([rates, free])
-    return basis
-
-
 @pytest.mark.parametrize("tendon", ["cable", "hoist", "wrap"])
 def test_a_locked_tendon_keeps_its_length_and_a_free_one_constrains_nothing(tendon):
     """Locked takes one freedom, free takes none, along every motion that the mappings know."""
     model, data = mechanism(f'<motor joint="crank"/><motor tendon="{tendon}" gear="2"/>')
     jac = jacobians(model, data, "tool")
     system = ConstrainedSystem(jac.J_T, jac.J_C, jac.active)
-    N, length = jac.J_T.shape[1], model.tendon(tendon).id
+    length = model.tendon(tendon).id
 
     def slope(velocity: np.ndarray, h: float) -> float:
         there, back = (along(model, data, velocity, s) for s in (h, -h))
         return (there.ten_length[length] - back.ten_length[length]) / (2 * h)
 
-    locked = motions(system.with_failures(locked=[1]).kinematics(), N)
+    locked = motions(system.with_failures(locked=[1]).kinematics())
     assert locked.shape[1] == FREEDOMS - 1
     for velocity in locked.T / np.linalg.norm(locked, axis=0)[:, None]:
         coarse, fine = slope(velocity, 1e-2), slope(velocity, 5e-3)
         assert abs(fine) < 2e-4 and abs(fine) < 0.3 * abs(coarse) + 1e-7
-    free = motions(system.with_failures(free=[1]).kinematics(), N)
+    free = motions(system.with_failures(free=[1]).kinematics())
     assert free.shape[1] == FREEDOMS
     assert np.linalg.norm(free[jac.active[1]]) > 0.1
