@@ -97,7 +97,7 @@ def advance(
     motion = v[: model.nv] * check.positive("duration_s", duration_s)
     held, pinned = list(held), list(pinned)
     moved = assemble(model, data, held, pinned)
-    fixed = hold(model, moved, held, pinned)
+    fixed = hold(model, moved, held, pinned).moved(model, moved, motion)
     mujoco.mj_integratePos(model, moved.qpos, motion, 1.0)
     mujoco.mj_fwdPosition(model, moved)
     before = moved.qpos.copy()

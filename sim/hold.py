@@ -1,7 +1,7 @@
 """What stays where it is while loops are closed: held joints and transmissions, pinned frames."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from difflib import get_close_matches
 
 import mujoco
@@ -83,6 +83,12 @@ class Hold:
             gaps.append(change[pin.rows])
         rows = [drive_rows(model, data, self.drives), pin_rows(model, data, self.pins)]
         return np.vstack(rows), np.concatenate(gaps)
+
+    def moved(self, model: mujoco.MjModel, data: mujoco.MjData, motion: Array) -> "Hold":
+        """The same after a motion (nv,) from the state: transmissions grow as it says."""
+        growth = drive_rows(model, data, self.drives) @ motion
+        gear = np.array([drive.gear[0] for drive in self.drives])
+        return replace(self, lengths=self.lengths + gear * growth)
 
     def names(self) -> list[str]:
         """What each row holds, in words."""

@@ -266,6 +266,23 @@ def test_the_error_of_an_advance_falls_with_the_square_of_the_step():
     assert 3.0 < errors[0] / errors[1] < 5.0
 
 
+def test_a_held_tendon_grows_as_commanded_and_not_at_all_when_stuck():
+    """A cable over both elbows of the five-bar, whose length is no joint's position."""
+    cable = """<tendon><fixed name="cable"><joint joint="left_elbow" coef="0.03"/>
+      <joint joint="right_elbow" coef="-0.02"/></fixed></tendon>"""
+    xml = FIVE_BAR.replace("<actuator>", cable + "<actuator>")
+    xml = xml.replace('<motor name="m2" joint="right"/>', '<motor name="m2" tendon="cable"/>')
+    model = model_of(xml)
+    data = assemble(model)
+    kin = ConstrainedSystem.of(jacobians(model, data, "tool")).kinematics()
+    velocity = kin.velocities([0.05, 1e-3, 0.0])
+    there = advance(model, data, velocity, held=["cable", "left", "wrist"])
+    assert there.ten_length[0] - data.ten_length[0] == pytest.approx(1e-3, abs=1e-12)
+    stuck = kin.velocities([0.05, 0.0, 0.0])
+    there = advance(model, data, stuck, held=["cable"])
+    assert there.ten_length[0] == pytest.approx(data.ten_length[0], abs=1e-10)
+
+
 STANDING = """
 <mujoco>
   <option gravity="0 0 0"><flag contact="disable"/></option>
