@@ -34,7 +34,6 @@ from sim.frame import Body as Body
 from sim.hexapod import Hexapod as Hexapod
 from sim.hexapod import Posture as Posture
 from sim.hexapod import hexapod as hexapod
-from sim.hold import Pin as Pin
 from sim.jacobian import CLOSURE_TOLERANCE as CLOSURE_TOLERANCE
 from sim.jacobian import Jacobians as Jacobians
 from sim.jacobian import jacobians as jacobians
@@ -49,6 +48,7 @@ from sim.model import element_id as element_id
 from sim.model import load_model as load_model
 from sim.model import model_sha256 as model_sha256
 from sim.model import weightless as weightless
+from sim.pin import Pin as Pin
 from sim.plant import Plant as Plant
 from sim.pose import NOMINAL as NOMINAL
 from sim.pose import Pose as Pose

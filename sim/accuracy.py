@@ -6,7 +6,14 @@ import numpy as np
 from sim.array import Array
 
 _FEWEST_DIGITS, _MOST_DIGITS = 5, 11
-"""Fewer are taken for a design value that is meant exactly, more for a number that is exact."""
+"""Of a length: fewer are taken for a design value that is exact, more for a number in full."""
+_DECIMALS = np.arange(1, 9)
+"""Of axes and quaternions as they were written; up to three are taken for a design value."""
+_FEWEST_DECIMALS = 4
+COARSEST = 0.5e-4
+"""What these digits and decimals amount to at most."""
+_NEARBY = np.arange(-2, 3)
+_INTEGER = 1e-6
 _SMALLEST_ANGLE_RAD = 1e-5
 """Smaller ones are nobody's design: the component should be zero and was rounded."""
 
@@ -14,18 +21,36 @@ _SMALLEST_ANGLE_RAD = 1e-5
 def written_accuracy(model: mujoco.MjModel) -> float:
     """Rounding of the numbers in a model, in rad or relative length; 0 where it shows none.
 
-    A length of five to eleven significant digits was rounded in its last one; a component of an
-    axis or quaternion that is not zero and below 1e-5 should have been zero.
+    A length of five to eleven significant digits, and an axis or quaternion of four to eight
+    decimals, was rounded in its last one; a component of an axis or quaternion that is not zero and
+    below 1e-5 should have been zero.
     """
-    anchors = model.eq_data[:, :6]
-    lengths = [model.body_pos, model.jnt_pos, model.site_pos, anchors]
+    points = np.isin(model.eq_type, (mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD))
+    lengths = [model.body_pos, model.jnt_pos, model.site_pos, model.eq_data[points, :3]]
     of_lengths = np.abs(np.concatenate([A.ravel() for A in lengths]))
-    directions = [model.jnt_axis, model.body_quat, model.site_quat]
-    components = np.abs(np.concatenate([A.ravel() for A in directions]))
-    components = components[(components > 1e-15) & (components < _SMALLEST_ANGLE_RAD)]
     largest = of_lengths.max(initial=0.0)
-    rounding = _largest_rounding(of_lengths[of_lengths > 0.0]) / largest if largest else 0.0
-    return max(float(components.max(initial=0.0)), rounding)
+    of_points = _largest_rounding(of_lengths[of_lengths > 0.0]) / largest if largest else 0.0
+    directions = model.jnt_axis, model.body_quat, model.site_quat
+    return max(of_points, *(_rounding_of_units(np.abs(A)) for A in directions))
+
+
+def _rounding_of_units(unit: Array) -> float:
+    """The largest rounding of unit vectors (n, k) without signs, whose norms the file had not.
+
+    The ratios of their components are those of the written ones, which are whole numbers of the
+    last decimal: few enough are tried for the largest component.
+    """
+    tiny = unit[(unit > 1e-15) & (unit < _SMALLEST_ANGLE_RAD)].max(initial=0.0)
+    if not len(unit):
+        return 0.0
+    largest = unit.max(axis=1)
+    ratio = unit / largest[:, None]
+    candidates = np.round(largest * 10.0 ** _DECIMALS[:, None])[..., None] + _NEARBY
+    written = candidates[..., None] * ratio[:, None, :]  # (decimals, n, nearby, k)
+    whole = (np.abs(written - np.round(written)) < _INTEGER).all(axis=-1).any(axis=-1)
+    decimals = _DECIMALS[whole.argmax(axis=0)][whole.any(axis=0)]
+    rounded = decimals[decimals >= _FEWEST_DECIMALS]
+    return max(float(tiny), 0.5 * 10.0 ** -float(rounded.min()) if rounded.size else 0.0)
 
 
 def _largest_rounding(x: Array) -> float:

@@ -115,7 +115,7 @@ def equality_name(model: mujoco.MjModel, equality: int) -> str:
 def _equality_rows(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
     """MuJoCo's own; equalities come first among its constraints."""
     if not mujoco.mj_isSparse(model):
-        return data.efc_J.reshape(-1, model.nv)[: data.ne].copy()
+        return data.efc_J.reshape(data.nefc, model.nv)[: data.ne].copy()
     rows = np.zeros((data.nefc, model.nv))
     mujoco.mju_sparse2dense(
         rows, data.efc_J, data.efc_J_rownnz, data.efc_J_rowadr, data.efc_J_colind

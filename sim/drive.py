@@ -25,6 +25,8 @@ class Drive:
             divided by its gear, gives the velocity from the joints'.
         joint: The slide or hinge joint driven; None for any other transmission.
         tendon: The tendon driven, or None.
+        has_length: Whether `data.actuator_length` is a length whose slope is the velocity's row:
+            of joints, tendons and slider-cranks. Of others it is zero, or another quantity.
     """
 
     model: mujoco.MjModel
@@ -33,6 +35,7 @@ class Drive:
     outputs: tuple[int, ...]
     joint: int | None
     tendon: int | None
+    has_length: bool
 
     @cached_property
     def actuators(self) -> tuple[str, ...]:

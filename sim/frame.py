@@ -8,6 +8,7 @@ import numpy as np
 
 import argument_checks as check
 from sim.array import Array
+from sim.errors import ModelError
 from sim.model import element_id
 
 
@@ -54,7 +55,12 @@ def located(model: mujoco.MjModel, argument: str, frame: str | Body) -> Located:
     if isinstance(frame, Body):
         body = element_id(model, "body", check.instance(argument, frame.name, str))
         return Located(body, body, is_site=False)
-    site = element_id(model, "site", check.instance(argument, frame, str))
+    try:
+        site = element_id(model, "site", check.instance(argument, frame, str))
+    except ModelError as error:
+        if any(model.body(k).name == frame for k in range(model.nbody)):
+            raise ModelError(f'{error}; it is a body: Body("{frame}")') from None
+        raise
     return Located(site, int(model.site_bodyid[site]), is_site=True)
 
 

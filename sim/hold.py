@@ -12,47 +12,10 @@ import argument_checks as check
 from sim.array import Array
 from sim.drive import Drive
 from sim.errors import ModelError
-from sim.frame import Body, check_frame, frame_jacobian, frame_pose, rotation_vector
+from sim.frame import Body, frame_pose, rotation_vector
+from sim.model import listed
+from sim.pin import Pin, pin_rows, pins_of
 from sim.transmission import drive_rows, drives, extra_drives
-
-
-@dataclass(frozen=True)
-class Pin:
-    """A frame that stays where it is, as a foot that stands: a contact taken as an equality.
-
-    Attributes:
-        frame: Name of a site, or a :class:`Body`.
-        weld: Whether it does not turn either; otherwise only its origin stays.
-    """
-
-    frame: str | Body
-    weld: bool = False
-
-    @property
-    def rows(self) -> slice:
-        """Which rows of the frame's twist are zero."""
-        return slice(0, 6) if self.weld else slice(3, 6)
-
-
-def pins_of(model: mujoco.MjModel, pinned: Iterable[str | Body | Pin]) -> tuple[Pin, ...]:
-    """The pins; a frame alone is one that may turn.
-
-    Raises:
-        ModelError: A frame that does not exist.
-        TypeError: Something of another kind.
-    """
-    if isinstance(pinned, str) or not isinstance(pinned, Iterable):
-        raise TypeError(f"pinned must be a list of frames or pins, got {check.shown(pinned)}")
-    pins = tuple(pin if isinstance(pin, Pin) else Pin(pin) for pin in pinned)
-    for pin in pins:
-        check_frame(model, "pinned", pin.frame)
-    return pins
-
-
-def pin_rows(model: mujoco.MjModel, data: mujoco.MjData, pins: tuple[Pin, ...]) -> Array:
-    """Velocities that pins forbid, shape (p, nv)."""
-    rows = [frame_jacobian(model, data, pin.frame)[pin.rows] for pin in pins]
-    return np.vstack([np.zeros((0, model.nv)), *rows])
 
 
 @dataclass(frozen=True)
@@ -77,6 +40,7 @@ class Hold:
         """Slopes (p, nv) of how far these have moved, and how far, (p,), [m] or [rad]."""
         now = data.actuator_length[[drive.outputs[0] for drive in self.drives]]
         gaps = [(now - self.lengths) / [drive.gear[0] for drive in self.drives]]
+        gaps[0][[not drive.has_length for drive in self.drives]] = 0.0  # held by their rows alone
         for pin, (rotation, position) in zip(self.pins, self.poses, strict=True):
             turned, shifted = frame_pose(data, pin.frame)
             change = np.concatenate([rotation_vector(turned @ rotation.T), shifted - position])
@@ -139,20 +103,32 @@ def hold(
 
 def _held(model: mujoco.MjModel, item: str | int) -> NDArray[np.intp] | Drive:
     """The velocities of a joint, or a transmission that is no joint."""
-    if isinstance(item, int) and item < model.nv:
-        return np.array([item])
-    joints = {model.joint(k).name: k for k in range(model.njnt)}
-    if item in joints:
-        return np.flatnonzero(model.dof_jntid == joints[item])
-    extra = extra_drives(drives(model))
     if isinstance(item, int):
-        if item >= model.nv + len(extra):
-            raise ModelError(f"held must lie in 0..{model.nv + len(extra) - 1}, got {item}")
-        return extra[item - model.nv]
-    for drive in extra:
-        if item in (drive.name, *drive.actuators):
-            return drive
-    names = [*filter(None, joints), *(drive.name for drive in extra)]
-    near = get_close_matches(item, names, 1)
-    hint = f'; did you mean "{near[0]}"?' if near else f"; it has: {', '.join(names) or 'none'}"
+        return _numbered(model, item)
+    of_model = drives(model)
+    names = {model.joint(k).name for k in range(model.njnt)}
+    names |= {name for drive in of_model for name in (drive.name, *drive.actuators)}
+    found = [np.flatnonzero(model.dof_jntid == k) for k in _joints(model, of_model, item)]
+    found += [drive for drive in extra_drives(of_model) if item in (drive.name, *drive.actuators)]
+    if len(found) == 1 and item:
+        return found[0]
+    if found and item:
+        raise ModelError(f'held: "{item}" means both a joint and a tendon or actuator')
+    near = get_close_matches(item, filter(None, names), 1)
+    hint = f'; did you mean "{near[0]}"?' if near else f"; it has: {listed(sorted(names))}"
     raise ModelError(f'held: the model has no joint "{item}"{hint}')
+
+
+def _joints(model: mujoco.MjModel, of_model: tuple[Drive, ...], name: str) -> set[int]:
+    """Joints of this name, or driven by an actuator of this name."""
+    named = {k for k in range(model.njnt) if model.joint(k).name == name}
+    return named | {d.joint for d in of_model if d.joint is not None and name in d.actuators}
+
+
+def _numbered(model: mujoco.MjModel, velocity: int) -> NDArray[np.intp] | Drive:
+    if velocity < model.nv:
+        return np.array([velocity])
+    extra = extra_drives(drives(model))
+    if velocity < model.nv + len(extra):
+        return extra[velocity - model.nv]
+    raise ModelError(f"held must lie in 0..{model.nv + len(extra) - 1}, got {velocity}")

@@ -14,10 +14,10 @@ from sim.array import Array
 from sim.closure import check_closures, closure_rows, equality_name, largest_gap
 from sim.errors import ClosureError, ModelError
 from sim.frame import Body
-from sim.hold import Pin, pin_rows, pins_of
 from sim.limits import stuck_names, stuck_rows, touching
 from sim.machine import Machine, Names
 from sim.model import check_state, element_id
+from sim.pin import Pin, pin_rows, pins_of
 from sim.task import Task, task_jacobian, task_list, to_axes_of
 from sim.transmission import drive_rows, drives, extra_drives, simple_velocities
 
@@ -25,7 +25,7 @@ CLOSURE_TOLERANCE = 1e-3
 """Largest gap of a closure, [m] or [rad], at which Jacobians are taken."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Jacobians:
     """Velocities of a MuJoCo model as v = J_T u, 0 = J_C u, with u = [qvel; other actuators'].
 
@@ -144,7 +144,7 @@ def jacobians(
         forbidden.append(stuck_rows(model, data, stuck))
     active, gear, extra = _driven(model, data)
     J_T, rows = _task_rows(model, data, tasks, axes, len(extra))
-    J_C = _with_transmissions(forbidden, extra, model.nv)
+    J_C = _with_transmissions(forbidden, extra)
     for task in tasks:
         if not _moves(J_T[rows[task]], J_C, active):
             raise ModelError(
@@ -188,9 +188,9 @@ def _task_rows(
     return (np.hstack([J_T, np.zeros((len(J_T), extra))]) if extra else J_T), rows
 
 
-def _with_transmissions(forbidden: list[Array], extra: Array, nv: int) -> Array:
+def _with_transmissions(forbidden: list[Array], extra: Array) -> Array:
     """All rows; each transmission has one: row qvel less its own velocity is zero."""
-    closures, *others = [np.reshape(rows, (-1, nv)) for rows in forbidden]
+    closures, *others = forbidden
     E = len(extra)
     if not E and not any(map(len, others)):
         return closures

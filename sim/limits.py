@@ -13,6 +13,8 @@ from sim.errors import ModelError
 from sim.model import name_of
 
 _ONE_AXIS = (int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE))
+_FREE = int(mujoco.mjtJoint.mjJNT_FREE)
+_HINGE = int(mujoco.mjtJoint.mjJNT_HINGE)
 _BALL = int(mujoco.mjtJoint.mjJNT_BALL)
 _WITHOUT_LIMITS = int(mujoco.mjtDisableBit.mjDSBL_LIMIT) | int(
     mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
@@ -65,6 +67,13 @@ class Resting(NamedTuple):
     kind: str
     name: str
     row: Array
+
+
+def turning(model: mujoco.MjModel) -> Array:
+    """Which velocities are angular, shape (nv,)."""
+    kind, first = model.jnt_type[model.dof_jntid], model.jnt_dofadr[model.dof_jntid]
+    of_free = (kind == _FREE) & (np.arange(model.nv) - first >= 3)
+    return of_free | (kind == _BALL) | (kind == _HINGE)
 
 
 def at_limits(model: mujoco.MjModel, data: mujoco.MjData) -> list[Resting]:
@@ -132,7 +141,7 @@ def stuck_rows(model: mujoco.MjModel, data: mujoco.MjData, stuck: bool | tuple[s
                 there = ", ".join(names) or "none"
                 raise ModelError(f'"{name}" rests on no limit; those that do: {there}')
         resting = [limit for limit in resting if limit.name in stuck]
-    return np.array([limit.row for limit in resting]).reshape(-1, model.nv)
+    return np.vstack([np.zeros((0, model.nv)), *(limit.row for limit in resting)])
 
 
 def tendon_row(model: mujoco.MjModel, data: mujoco.MjData, tendon: int) -> Array:

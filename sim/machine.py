@@ -13,10 +13,13 @@ from sim.drive import Drive
 from sim.dynamics import joint_stiffness
 from sim.errors import ModelError
 from sim.frame import Body
-from sim.hold import Pin
 from sim.limits import at_limits, joint_positions, ranges, tendon_row
 from sim.model import name_of
+from sim.pin import Pin
 from sim.transmission import drives, extra_drives, is_disabled
+
+_OF_JOINT = int(mujoco.mjtWrap.mjWRAP_JOINT)
+_UNLOADED_M = 1e-9
 
 
 class Names(NamedTuple):
@@ -73,7 +76,10 @@ class Machine:
 
     @cached_property
     def stiffness(self) -> Array | None:
-        """K of the springs, shape (N, N); None where one is not linear."""
+        """K of the springs, shape (N, N); None where one is not linear in the joints' motion.
+
+        That is so for a spatial tendon under load, too: its force turns with it.
+        """
         model, extra = self.model, len(extra_drives(self.drives))
         if model.tendon_stiffnesspoly.any():
             return None
@@ -82,8 +88,11 @@ class Machine:
         except ModelError:
             return None
         for k in np.flatnonzero(model.tendon_stiffness):
-            low, high = model.tendon_lengthspring[k]
-            if not low < self._data.ten_length[k] < high:  # slack in between
+            length, (low, high) = self._data.ten_length[k], model.tendon_lengthspring[k]
+            if not low < length < high:  # slack in between
+                stretch = length - np.clip(length, low, high)
+                if model.wrap_type[model.tendon_adr[k]] != _OF_JOINT and abs(stretch) > _UNLOADED_M:
+                    return None
                 row = tendon_row(model, self._data, int(k))
                 K[: model.nv, : model.nv] += model.tendon_stiffness[k] * np.outer(row, row)
         return K

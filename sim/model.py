@@ -3,6 +3,7 @@
 import copy
 import hashlib
 import math
+from collections.abc import Sequence
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,8 @@ import numpy as np
 import argument_checks as check
 from sim.errors import ModelError
 from sim.locks import with_locks
+
+_MOST_LISTED = 12
 
 # The rooms are neighbours in a checkout and in site-packages alike.
 HEXAPOD_MJCF = Path(__file__).parents[1] / "models" / "fjh.xml"
@@ -87,8 +90,15 @@ def element_id(model: mujoco.MjModel, kind: str, name: str) -> int:
         names = [each for each in every if each]
         near = "".join(f'; did you mean "{each}"?' for each in get_close_matches(name, names, n=1))
         raise ModelError(
-            f'the model has no {kind} named "{name}"; it has: {", ".join(names) or "none"}{near}'
+            f'the model has no {kind} named "{name}"; it has: {listed(names)}{near}'
         ) from None
+
+
+def listed(names: Sequence[str]) -> str:
+    """Names for a sentence: a dozen, and how many more there are."""
+    named = [name for name in names if name]
+    more = f" and {len(named) - _MOST_LISTED} more" if len(named) > _MOST_LISTED else ""
+    return (", ".join(named[:_MOST_LISTED]) or "none") + more
 
 
 def name_of(element: Any) -> str:

@@ -39,6 +39,8 @@ class Relative:
     root: str | Body
 
 
+_ROTATION_ERROR = 1e-6
+
 Task: TypeAlias = str | Body | CenterOfMass | Relative
 """A site by name, the frame of a body, a centre of mass, or one frame relative to another."""
 
@@ -139,14 +141,13 @@ def pose_error(
         ModelError, TypeError: As :func:`jacobians`.
     """
     tasks = task_list(model, site)
-    targets: list[Any] = list(target) if isinstance(site, list | tuple) else [target]  # type: ignore[arg-type]
-    if len(targets) != len(tasks):
-        raise ValueError(f"target must hold {len(tasks)} targets, got {len(targets)}")
+    targets: Any = target if isinstance(site, list | tuple) else [target]
+    if not isinstance(targets, list | tuple | np.ndarray) or len(targets) != len(tasks):
+        raise ValueError(f"target must be a list of {len(tasks)}, got {check.shown(target)}")
     errors = []
-    for task, there in zip(tasks, targets, strict=True):
+    for task, goal in zip(tasks, targets, strict=True):
         here = pose_of(model, data, task, axes)
-        if not isinstance(there, Pose):
-            there = Pose(here.rotation, check.exactly("target", there, 3))
+        there = _target(goal, here)
         turn = rotation_vector(there.rotation @ here.rotation.T)
         shift = there.translation_m - here.translation_m
         if isinstance(task, Relative):
@@ -154,6 +155,19 @@ def pose_error(
             turn, shift = to_axes @ turn, to_axes @ shift
         errors.append(shift if isinstance(task, CenterOfMass) else np.concatenate([turn, shift]))
     return np.concatenate(errors)
+
+
+def _target(target: Pose | ArrayLike, here: Pose) -> Pose:
+    """A pose; that of a position has the rotation that is there."""
+    if not isinstance(target, Pose):
+        return Pose(here.rotation, check.exactly("target", target, 3))
+    R = check.exactly("target.rotation", target.rotation, 3, 3)
+    check.exactly("target.translation_m", target.translation_m, 3)
+    if np.abs(R @ R.T - np.eye(3)).max() > _ROTATION_ERROR or np.linalg.det(R) < 0.0:
+        raise ValueError(
+            f"target.rotation must be a rotation matrix, got {check.shown(R.tolist())}"
+        )
+    return target
 
 
 def to_axes_of(model: mujoco.MjModel, data: mujoco.MjData, axes: str | None) -> Array:

@@ -23,6 +23,7 @@ _JOINT, _IN_PARENT, _CRANK, _TENDON, _BODY, _TURN = (  # as integers, which comp
 )
 _ON_JOINT = frozenset({_JOINT, _IN_PARENT})
 _ONE_AXIS = frozenset({int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE)})
+_BALL = int(mujoco.mjtJoint.mjJNT_BALL)
 _GROUPS = 31
 """Groups of actuators that `opt.disableactuator` can switch off."""
 
@@ -143,8 +144,9 @@ def _outputs(model: mujoco.MjModel, k: int) -> list[_Output]:
     elif kind != _TENDON:
         # A ball or free joint, or a site: the velocity along a direction of three or six numbers,
         # the same for opposite ones.
-        gear = math.copysign(math.hypot(*gears), next(filter(None, gears), 0.0))
-        direction = tuple(round(g / gear, 12) for g in gears) if gear else ()
+        used = gears[: 3 if kind in _ON_JOINT and int(model.jnt_type[end]) == _BALL else 6]
+        gear = math.copysign(math.hypot(*used), next(filter(None, used), 0.0))
+        direction = tuple(round(g / gear, 12) for g in used) if gear else ()
     if not gear:
         raise ModelError(f"{_called(model, k)} has gear 0 and moves nothing: take it out")
     return [_Output(_Moved(kind, end, other_end, direction), gear, k, first)]
@@ -154,7 +156,9 @@ def _drive(model: mujoco.MjModel, outputs: list[_Output]) -> Drive:
     moved, gear, ids, numbers = zip(*outputs, strict=True)
     kind, end, _, direction = moved[0]
     joint = end if kind == _JOINT and not direction else None
-    return Drive(model, ids, gear, numbers, joint, end if kind == _TENDON else None)
+    tendon = end if kind == _TENDON else None
+    has_length = joint is not None or kind in (_TENDON, _CRANK)
+    return Drive(model, ids, gear, numbers, joint, tendon, has_length)
 
 
 def _called(model: mujoco.MjModel, actuator: int) -> str:

@@ -249,6 +249,8 @@ def test_a_step_that_is_too_long_is_refused():
         moved(model, data.qpos, short.qpos), 1e-3 * velocity, atol=2e-6 * np.abs(velocity).max()
     )
     with pytest.raises(ValueError, match=r"must be a shorter step: closing .* changes \d+%"):
+        advance(model, data, velocity, 0.49)
+    with pytest.raises(ValueError, match=r'joint "right_elbow" turns by 1\.\d+ rad, more than 1'):
         advance(model, data, velocity, 0.8)
 
 
@@ -281,6 +283,78 @@ def test_a_held_tendon_grows_as_commanded_and_not_at_all_when_stuck():
     stuck = kin.velocities([0.05, 0.0, 0.0])
     there = advance(model, data, stuck, held=["cable"])
     assert there.ten_length[0] == pytest.approx(data.ten_length[0], abs=1e-10)
+
+
+def planar_linkage(accuracy: float) -> str:
+    """The five-bar with axes and anchors off by random angles and lengths of this size."""
+    rng = np.random.default_rng(3)
+    xml = FIVE_BAR.replace(' axis="0 0 1"', "")
+    for name in ("left", "left_elbow", "right", "right_elbow"):
+        axis = " ".join(map(str, [*rng.normal(size=2) * accuracy, 1.0]))
+        xml = xml.replace(f'<joint name="{name}"', f'<joint axis="{axis}" name="{name}"')
+    place = " ".join(map(str, np.array([0.2, 0.2, 0.0]) + accuracy * rng.normal(size=3)))
+    return xml.replace('anchor="0.2 0.2 0"', f'anchor="{place}"')
+
+
+@pytest.mark.parametrize("accuracy", [1e-12, 1e-9, 1e-8, 1e-7, 1e-6, 5e-6])
+def test_a_planar_mechanism_goes_its_way_although_its_axes_are_not_quite_parallel(accuracy):
+    """Gaps that no motion closes stay, of the size of the inaccuracy; the path is followed."""
+    model = model_of(planar_linkage(accuracy))
+    known = {"geometry_accuracy": 3 * accuracy}
+    data = assemble(model, **known)
+    start = pose_of(model, data, "tool").translation_m
+    system = ConstrainedSystem.of(jacobians(model, data, "tool"), **known)
+    for turn in np.linspace(0, 2 * np.pi, 181)[1:]:
+        jac = jacobians(model, data, "tool")
+        assert jac.closure_residual < max(1e-10, 10 * accuracy)
+        kin = system.at(jac.J_T, jac.J_C).kinematics()
+        step = pose_error(model, data, "tool", start + circle(turn))[[3, 4]]
+        rates = kin.velocity_mapping(major=[3, 4], joint_weight=np.ones(3))(step)
+        data = advance(model, data, kin.velocities(rates), **known)
+    there = pose_of(model, data, "tool").translation_m
+    assert np.linalg.norm((there - start)[:2]) < 1e-5 + 20 * accuracy
+
+
+def test_what_the_numbers_of_a_model_show_needs_no_statement():
+    """Components of 1e-7 in its axes: the mechanism assembles and moves by itself."""
+    text = planar_linkage(0.0).replace(
+        'axis="0.0 0.0 1.0" name="left"', 'axis="1e-7 0 1" name="left"'
+    )
+    text = text.replace(
+        'axis="0.0 0.0 1.0" name="right_elbow"', 'axis="0 2e-7 1" name="right_elbow"'
+    )
+    model = model_of(text)
+    data = opened(model, 0.02)
+    data = assemble(model, data)
+    kin = ConstrainedSystem.of(jacobians(model, data, "tool")).kinematics()
+    assert kin.active_constraint.shape == (0, 3)
+    before = data.qpos.copy()
+    data = advance(model, data, kin.velocities([0.01, 0.0, 0.0]), held=["left"])
+    assert moved(model, before, data.qpos)[0] == pytest.approx(0.01)
+    assert 1e-12 < jacobians(model, data, "tool").closure_residual < 1e-6
+
+
+def test_a_ball_joint_stuck_about_one_axis_keeps_its_rate_there():
+    """Far from its nominal turn, where the length of its actuator is no coordinate of that rate."""
+    xml = FIVE_BAR.replace(
+        '<joint name="wrist"/><geom fromto="0 0 0 0 0.1 0"/>',
+        '<joint name="wrist" type="ball"/><geom fromto="0 0 0 0 0.1 0.02"/>',
+    ).replace(
+        '<motor name="m3" joint="wrist"/>',
+        '<motor name="mx" joint="wrist" gear="1 0 0"/><motor name="my" joint="wrist" gear="0 1 0"/>'
+        '<motor name="mz" joint="wrist" gear="0 0 1"/>',
+    )
+    model = model_of(xml)
+    data = mujoco.MjData(model)
+    data.joint("wrist").qpos = Rotation.from_rotvec([1.0, -0.8, 1.2]).as_quat(scalar_first=True)
+    data = assemble(model, data)
+    system = ConstrainedSystem.of(jacobians(model, data, "tool")).with_failures(locked=["mz"])
+    kin = system.kinematics()
+    rates = kin.velocity_mapping(major=[3, 4, 5], joint_weight=np.ones(4))([1e-3, 5e-4, -5e-4])
+    velocity = kin.velocities(rates)
+    there = advance(model, data, velocity, held=system.stuck)
+    change = moved(model, data.qpos, there.qpos)
+    assert np.abs(change - velocity[: model.nv]).max() < 1e-2 * np.abs(velocity).max()
 
 
 STANDING = """

@@ -177,7 +177,26 @@ def test_a_task_that_does_not_exist_is_refused_by_name(model):
         jacobians(model, data, ["left", "left"])
     with pytest.raises(TypeError, match="site must be a str"):
         jacobians(model, data, 3)  # type: ignore[arg-type]
-    with pytest.raises(ValueError, match="target must hold 2 targets, got 1"):
+    with pytest.raises(ValueError, match="target must be a list of 2, got"):
         pose_error(model, data, ["left", "right"], [np.zeros(3)])
     with pytest.raises(ValueError, match="target must be 3 finite numbers"):
         pose_error(model, data, "left", np.zeros(4))
+    with pytest.raises(ValueError, match="target must be a list of 1"):
+        pose_error(model, data, ["left"], Pose(np.eye(3), np.zeros(3)))
+    with pytest.raises(ValueError, match=r"target\.rotation must be a rotation matrix"):
+        pose_error(model, data, "left", Pose(2 * np.eye(3), np.zeros(3)))
+    with pytest.raises(ValueError, match=r"target\.rotation must be 9 finite numbers"):
+        pose_error(model, data, "left", Pose(np.stack([np.eye(3)] * 2), np.zeros((2, 3))))
+
+
+def test_a_body_where_a_site_is_meant_is_pointed_out(model):
+    with pytest.raises(ModelError, match=r'no site named "fore1".*; it is a body: Body\("fore1"\)'):
+        jacobians(model, mujoco.MjData(model), "fore1")
+
+
+def test_a_model_without_joints_has_nothing_to_move():
+    still = mujoco.MjModel.from_xml_string(
+        '<mujoco><worldbody><geom size="1"/><site name="s"/></worldbody></mujoco>'
+    )
+    with pytest.raises(ModelError, match="the model has no enabled actuator"):
+        jacobians(still, mujoco.MjData(still), "s")
