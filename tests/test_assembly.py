@@ -106,7 +106,7 @@ def test_a_weld_is_closed_in_radians_whatever_its_torquescale():
     """At a torquescale of 1e-3 MuJoCo's own residual is a two-thousandth of the angle."""
     xml = """<mujoco><worldbody>
       <body name="a"><joint name="a" axis="0 0 1"/><geom size="0.1"/><site name="tool"/>
-        <body name="b" pos="1 0 0"><joint name="b" axis="0 0 1"/><geom size="0.1"/></body></body>
+        <body name="b" pos="0 0 1"><joint name="b" axis="0 0 1"/><geom size="0.1"/></body></body>
       </worldbody>
       <equality><weld name="grip" body1="b" torquescale="1e-3"/></equality>
       <actuator><motor joint="a"/></actuator></mujoco>"""
