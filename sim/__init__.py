@@ -37,8 +37,6 @@ from sim.hexapod import hexapod as hexapod
 from sim.jacobian import CLOSURE_TOLERANCE as CLOSURE_TOLERANCE
 from sim.jacobian import Jacobians as Jacobians
 from sim.jacobian import jacobians as jacobians
-from sim.limits import Ranges as Ranges
-from sim.limits import ranges as ranges
 from sim.linear import LinearPlant as LinearPlant
 from sim.linear import linearize as linearize
 from sim.machine import Machine as Machine
@@ -52,6 +50,8 @@ from sim.pin import Pin as Pin
 from sim.plant import Plant as Plant
 from sim.pose import NOMINAL as NOMINAL
 from sim.pose import Pose as Pose
+from sim.ranges import Ranges as Ranges
+from sim.ranges import ranges as ranges
 from sim.strut_sensors import StrutSensors as StrutSensors
 from sim.task import CenterOfMass as CenterOfMass
 from sim.task import Relative as Relative

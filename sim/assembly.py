@@ -12,9 +12,9 @@ from sim.closing import CLOSED, close, mass_of
 from sim.closure import check_closures
 from sim.frame import Body
 from sim.hold import hold
-from sim.limits import turning
 from sim.model import check_state, name_of
 from sim.pin import Pin
+from sim.ranges import turning
 
 _LONGEST_CORRECTION = 0.05
 _LONGEST_TURN_RAD = 1.0

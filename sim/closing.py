@@ -6,7 +6,7 @@ import scipy.linalg
 
 from sim.accuracy import COARSEST, written_accuracy
 from sim.array import Array
-from sim.closure import closure_rows, equality_name, largest_gap
+from sim.closure import closure_gaps, closure_rows, equality_name, largest_gap, units_of_gaps
 from sim.errors import ClosureError
 from sim.hold import Hold
 
@@ -74,12 +74,10 @@ def _largest_gap(model: mujoco.MjModel, data: mujoco.MjData, fixed: Hold) -> tup
 
 
 def _linearized(model: mujoco.MjModel, data: mujoco.MjData, fixed: Hold) -> tuple[Array, Array]:
-    """Rows of everything that must be closed, and their gaps in the units of the rows."""
+    """Rows of everything that must be closed, and their gaps, [m] or [rad]."""
     rows, gaps = fixed.rows_and_gaps(model, data)
-    return (
-        np.vstack([closure_rows(model, data), rows]),
-        np.concatenate([data.efc_pos[: data.ne], gaps]),
-    )
+    of_closures = units_of_gaps(model, data)[:, None] * closure_rows(model, data)
+    return np.vstack([of_closures, rows]), np.concatenate([closure_gaps(model, data), gaps])
 
 
 def _least_change(mass: Array, rows: Array, change: Array, free: Array) -> Array:

@@ -2,7 +2,6 @@
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from sim.array import Array
 from sim.errors import ModelError
@@ -66,17 +65,22 @@ def closure_rows(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
     return rows
 
 
-def closure_gaps(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[Array, NDArray[np.intp]]:
-    """How far each row of the closures is open, and the equality it belongs to, (c,) each.
+def closure_gaps(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
+    """How far each row of the closures is open, (c,), from what MuJoCo last computed.
 
-    [m] or [rad], from what MuJoCo last computed; of a weld's turn the rotation vector.
+    [m] or [rad]; of a weld's turn the rotation vector.
     """
-    gaps, owner = data.efc_pos[: data.ne].copy(), data.efc_id[: data.ne].astype(np.intp)
+    return data.efc_pos[: data.ne] * units_of_gaps(model, data)
+
+
+def units_of_gaps(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
+    """What makes of MuJoCo's residuals meters and radians, shape (c,)."""
+    units, owner = np.ones(data.ne), data.efc_id[: data.ne]
     of_welds = (model.eq_type[owner] == _WELD).nonzero()[0].reshape(-1, 6)
     if of_welds.size:  # six rows each, the last three the sines of half the angles, scaled
         scale = model.eq_data[owner[of_welds[:, :1]], _TORQUE_SCALE]
-        gaps[of_welds[:, 3:]] *= 2.0 / np.where(scale, scale, np.inf)
-    return gaps, owner
+        units[of_welds[:, 3:]] = 2.0 / np.where(scale, scale, np.inf)
+    return units
 
 
 def largest_gap(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[float, int]:
@@ -85,13 +89,13 @@ def largest_gap(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[float, int]
     Raises:
         ModelError: An equality is not finite.
     """
-    gaps, owner = closure_gaps(model, data)
+    gaps = closure_gaps(model, data)
     if not gaps.size:
         return 0.0, -1
     if not np.isfinite(gaps).all():
         raise ModelError("an equality of the model is not finite")
     worst = np.abs(gaps).argmax()
-    return abs(float(gaps[worst])), int(owner[worst])
+    return abs(float(gaps[worst])), int(data.efc_id[worst])
 
 
 def equality_name(model: mujoco.MjModel, equality: int) -> str:

@@ -1,7 +1,6 @@
-"""What limits motion besides loops: ranges as arrays, joints at their limits, and contacts."""
+"""What limits motion besides loops: joints and tendons at their limits, and contacts."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import mujoco
@@ -11,10 +10,8 @@ import argument_checks as check
 from sim.array import Array
 from sim.errors import ModelError
 from sim.model import name_of
+from sim.ranges import one_axis
 
-_ONE_AXIS = (int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE))
-_FREE = int(mujoco.mjtJoint.mjJNT_FREE)
-_HINGE = int(mujoco.mjtJoint.mjJNT_HINGE)
 _BALL = int(mujoco.mjtJoint.mjJNT_BALL)
 _WITHOUT_LIMITS = int(mujoco.mjtDisableBit.mjDSBL_LIMIT) | int(
     mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
@@ -23,57 +20,12 @@ _AT = 1e-6
 """A joint nearer to its limit than this fraction of its range rests on it."""
 
 
-@dataclass(frozen=True)
-class Ranges:
-    """Lower and upper limits of a model, infinite where there is none; (., 2) each.
-
-    Attributes:
-        joint: Position of the slide or hinge of each velocity, (nv, 2), [m] or [rad].
-        tendon: Length of each tendon, (ntendon, 2).
-        control: Of each control, (nu, 2).
-        force: Of each actuator's output, (nout, 2).
-    """
-
-    joint: Array
-    tendon: Array
-    control: Array
-    force: Array
-
-
-def ranges(model: mujoco.MjModel) -> Ranges:
-    """The ranges of joints, tendons and actuators that a model states.
-
-    Raises:
-        TypeError: `model` is of another type.
-    """
-    check.instance("model", model, mujoco.MjModel)
-    return Ranges(
-        joint=_where(model.jnt_limited & _one_axis(model), model.jnt_range)[model.dof_jntid],
-        tendon=_where(model.tendon_limited, model.tendon_range),
-        control=_where(model.actuator_ctrllimited, model.actuator_ctrlrange),
-        force=_where(model.actuator_forcelimited, model.actuator_forcerange),
-    )
-
-
-def joint_positions(model: mujoco.MjModel, qpos: Array) -> Array:
-    """Position of the slide or hinge of each velocity, shape (nv,); zero for other joints."""
-    positions = np.where(_one_axis(model), qpos[model.jnt_qposadr], 0.0)
-    return positions[model.dof_jntid]
-
-
 class Resting(NamedTuple):
     """A joint or tendon that rests on a limit, and the row (nv,) of its velocity."""
 
     kind: str
     name: str
     row: Array
-
-
-def turning(model: mujoco.MjModel) -> Array:
-    """Which velocities are angular, shape (nv,)."""
-    kind, first = model.jnt_type[model.dof_jntid], model.jnt_dofadr[model.dof_jntid]
-    of_free = (kind == _FREE) & (np.arange(model.nv) - first >= 3)
-    return of_free | (kind == _BALL) | (kind == _HINGE)
 
 
 def at_limits(model: mujoco.MjModel, data: mujoco.MjData) -> list[Resting]:
@@ -86,7 +38,7 @@ def at_limits(model: mujoco.MjModel, data: mujoco.MjData) -> list[Resting]:
     limited = model.jnt_limited.astype(bool)
     q, (low, high) = data.qpos[model.jnt_qposadr], model.jnt_range.T
     slack = model.jnt_margin + _AT * (high - low)
-    resting = limited & _one_axis(model) & ((q <= low + slack) | (q >= high - slack))
+    resting = limited & one_axis(model) & ((q <= low + slack) | (q >= high - slack))
     found = [
         Resting("joint", name_of(model.joint(k)), np.eye(model.nv)[model.jnt_dofadr[k]])
         for k in np.flatnonzero(resting)
@@ -160,11 +112,3 @@ def touching(model: mujoco.MjModel, data: mujoco.MjData) -> frozenset[tuple[int,
     geoms = contacts.geom[(contacts.exclude == 0) & (contacts.geom >= 0).all(axis=1)]
     pairs = np.sort(model.geom_bodyid[geoms], axis=1)
     return frozenset((int(a), int(b)) for a, b in pairs)
-
-
-def _one_axis(model: mujoco.MjModel) -> Array:
-    return np.isin(model.jnt_type, _ONE_AXIS)
-
-
-def _where(limited: Array, bounds: Array) -> Array:
-    return np.where(limited.astype(bool)[:, None], bounds, [-np.inf, np.inf])

@@ -13,9 +13,10 @@ from sim.drive import Drive
 from sim.dynamics import joint_stiffness
 from sim.errors import ModelError
 from sim.frame import Body
-from sim.limits import at_limits, joint_positions, ranges, tendon_row
+from sim.limits import at_limits, tendon_row
 from sim.model import name_of
 from sim.pin import Pin
+from sim.ranges import joint_positions, ranges
 from sim.transmission import drives, extra_drives, is_disabled
 
 _OF_JOINT = int(mujoco.mjtWrap.mjWRAP_JOINT)
