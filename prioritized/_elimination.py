@@ -8,7 +8,7 @@ import numpy as np
 from argument_checks import Array, Indices
 from prioritized._arrays import none, read_only
 from prioritized._equality import well_conditioned_above, well_conditioned_inverse
-from prioritized._rank import RankedSvd, frobenius, norm, ranked_svd
+from prioritized._rank import RankedSvd, norm, ranked_svd
 
 
 class Joints(NamedTuple):
@@ -24,7 +24,7 @@ class Joints(NamedTuple):
         stuck: Joints whose rate is zero, actuated or not, shape (s,).
         moving: All others, shape (p,).
         passive: All that are not active, shape (N - n + q,).
-        actuator_count: Nominal number n of actuators.
+        actuated: Velocities of all nominal actuators, failed ones too, shape (n,).
     """
 
     actuators: Indices
@@ -32,7 +32,7 @@ class Joints(NamedTuple):
     stuck: Indices
     moving: Indices
     passive: Indices
-    actuator_count: int
+    actuated: Indices
 
     def among_passive(self, rows: Array) -> Array:
         """Rows of the moving joints (p, .) placed among the passive ones, zero elsewhere."""
@@ -41,10 +41,11 @@ class Joints(NamedTuple):
         return passive
 
 
-def sort_joints(actuators: Indices, active: Indices, stuck: Indices, n: int, N: int) -> Joints:
-    """The N velocities by role, given the surviving actuators among n, and the stuck joints."""
+def sort_joints(actuated: Indices, actuators: Indices, stuck: Indices, N: int) -> Joints:
+    """The N velocities by role, given which actuators survive and which joints are stuck."""
+    active = actuated[actuators]
     moving = _others(np.concatenate([active, stuck]), N)
-    return Joints(actuators, active, stuck, moving, _others(active, N), n)
+    return Joints(actuators, active, stuck, moving, _others(active, N), actuated)
 
 
 def _others(known: Indices, count: int) -> Indices:
@@ -171,21 +172,24 @@ def passive_motion(system: Partition) -> PassiveMotion:
     if not free.shape[1]:
         return PassiveMotion(gain, closing, free, compliance, spring_gap, loops)
     if stiffness is not None:
-        K_pp = stiffness[np.ix_(moving, moving)]
-        compliance, unresisted, spring_gap = _compliance(free, K_pp, rank_tolerance)
+        compliance, unresisted, spring_gap = _compliance(free, stiffness, moving, rank_tolerance)
         gain, closing = _least_energy(gain, closing, compliance, stiffness, moving, active)
         free = unresisted
     if passive_metric is not None:
-        M_pp = passive_metric[np.ix_(moving, moving)]
-        inverse, _, metric_gap = _compliance(free, M_pp, rank_tolerance)
+        inverse, _, metric_gap = _compliance(free, passive_metric, moving, rank_tolerance)
         gain, closing = _least_energy(gain, closing, inverse, passive_metric, moving, active)
         spring_gap = min(spring_gap, metric_gap)
     return PassiveMotion(gain, closing, free, compliance, spring_gap, loops)
 
 
-def _compliance(free: Array, K_pp: Array, rank_tolerance: float) -> tuple[Array, Array, float]:
+def _compliance(
+    free: Array, K: Array, moving: Indices, rank_tolerance: float
+) -> tuple[Array, Array, float]:
     """Inverse of K on the free motion (p, p), a basis of what K does not resist, and the gap."""
-    resisted = ranked_svd(free.T @ K_pp @ free, frobenius(K_pp), rank_tolerance, full=True)
+    # Against all forces on the moving joints: beside a coupling K_pa, round-off in K_pp is no
+    # spring.
+    K_p = K.take(moving, 0)
+    resisted = ranked_svd(free.T @ K_p.take(moving, 1) @ free, norm(K_p), rank_tolerance, full=True)
     h = int(resisted.rank)
     directions = free @ resisted.Vt[:h].T
     compliance = (directions / resisted.sigma[:h]) @ directions.T

@@ -1,6 +1,6 @@
 """What has failed in a mechanism: section 2.3."""
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 
 from argument_checks import Indices
@@ -41,11 +41,14 @@ class Failures:
 
 
 def failed_actuators(
-    locked: Iterable[int | str], free: Iterable[int | str], known: Known
+    locked: Iterable[int | str],
+    free: Iterable[int | str],
+    known: Known,
+    passive: Collection[str] = (),
 ) -> tuple[frozenset[int], frozenset[int]]:
     """Locked and free actuators by number, checked; none may be in both sets."""
-    lock = chosen("locked", locked, known, several=False)
-    release = chosen("free", free, known, several=False)
+    lock = chosen("locked", locked, known, several=False, passive=passive)
+    release = chosen("free", free, known, several=False, passive=passive)
     if both := sorted(lock & release):
         raise ValueError(
             f"an actuator is either locked or free, got both for {spoken(known, both)}"

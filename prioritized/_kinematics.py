@@ -15,7 +15,7 @@ from prioritized._arrays import none, read_only
 from prioritized._elimination import Partition, PassiveMotion, passive_motion
 from prioritized._force import ForceMapping, force_mapping
 from prioritized._manipulability import Gaps, Manipulability, classify
-from prioritized._names import Known, Names, known_velocities
+from prioritized._names import Known, Names, known_actuators, known_velocities
 from prioritized._rank import RankedSvd, ranked_svd
 from prioritized._statics import constraint_gain, internal_rows, torque_gain
 from prioritized._task import task_selection
@@ -163,7 +163,7 @@ class Kinematics:
     def expand(self, rates: ArrayLike) -> Array:
         """Rates or torques of the survivors (..., n - q) for all actuators (..., n), else zero."""
         survivors = check.vector("rates", rates, len(self.actuators))
-        expanded = np.zeros((*survivors.shape[:-1], self.system.joints.actuator_count))
+        expanded = np.zeros((*survivors.shape[:-1], len(self.system.joints.actuated)))
         expanded[..., self.actuators] = survivors
         return expanded
 
@@ -228,8 +228,11 @@ class Kinematics:
         )
 
     def _known(self, velocities: Indices) -> Known:
-        """The joints of these velocities by name."""
-        known = known_velocities(self.names, self.system.task.J_T.shape[1])
+        """These velocities by name, in the words of the system."""
+        known = list(known_velocities(self.names, self.system.task.J_T.shape[1]))
+        actuated = self.system.joints.actuated
+        for i, names in zip(actuated, known_actuators(self.names, actuated), strict=True):
+            known[i] = names
         return tuple(known[i] for i in velocities)
 
     def velocity_mapping(
@@ -305,6 +308,6 @@ class Kinematics:
         if weight is None:
             return None
         W = weight if check.is_plain(weight) else check.real(name, weight)
-        if W.ndim and W.shape[-1] == self.system.joints.actuator_count > len(self.actuators):
+        if W.ndim and W.shape[-1] == len(self.system.joints.actuated) > len(self.actuators):
             return W[..., self.actuators]
         return W

@@ -33,6 +33,7 @@ def arguments_of(
     except AttributeError:
         got = check.shown(mechanism)
         raise TypeError(f"mechanism must have J_T, J_C and active, got {got}") from None
+    check.instance("springs", springs, bool)
     stiffness = getattr(mechanism, "stiffness", None) if springs else None
     if springs and stiffness is None:
         raise ValueError(

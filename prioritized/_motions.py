@@ -72,7 +72,8 @@ def motions_under(system: ConstrainedSystem, locked: Mask, active: Mask) -> Moti
 def with_stiffness(motions: Motions, stiffness: Array, tolerance: float) -> Motions:
     """The motions once self-motion minimizes theta^T K theta."""
     F, B_m = motions.self_motion, motions.moving[..., None] * motions.B
-    scale = np.sqrt(np.einsum("ci,ij,cj->c", motions.moving, stiffness**2, motions.moving))
+    # As in _elimination: against all forces on the moving joints.
+    scale = np.sqrt(motions.moving @ (stiffness**2).sum(axis=1))
     # B_m and not B: springs of locked joints must not count, not even by the round-off of F.
     K_m = transposed(B_m) @ stiffness
     held = ranked_svd(F @ K_m @ B_m @ F, scale, tolerance)

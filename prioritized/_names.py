@@ -1,6 +1,7 @@
 """Names of joints and actuators: read from a model, resolved in arguments, spoken in sentences."""
 
-from collections.abc import Iterable, Sequence
+from collections import Counter
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 from typing import Any, Protocol
@@ -58,8 +59,8 @@ def checked_names(names: HasNames, N: int, n: int) -> Names:
         raise TypeError(f"names must have lists velocities and actuators, got {got}") from None
     if (len(velocities), len(actuators)) != (N, n):
         raise ValueError(
-            f"names must have {N} velocities and {n} actuators, "
-            f"got {len(velocities)} and {len(actuators)}"
+            f"names must have {counted(N, 'velocity', 'velocities')} and "
+            f"{counted(n, 'actuator', 'actuators')}, got {len(velocities)} and {len(actuators)}"
         )
     lists = not any(isinstance(driving, str) for driving in names.actuators)
     if not lists or not all(isinstance(x, str) for some in (velocities, *actuators) for x in some):
@@ -75,19 +76,53 @@ def known_velocities(names: Names | None, N: int) -> Known:
 
 
 def known_actuators(names: Names | None, active: Indices) -> Known:
-    """Each active velocity by its joint and its actuators; by these first if its joint has more."""
+    """Each active velocity by its joint and its actuators, first a word that no other has.
+
+    Velocities of one joint and the same actuators belong to one actuator, an orientation servo, and
+    are known alike.
+    """
     if names is None:
         return ((),) * len(active)
-    joints = [names.velocities[i] for i in active]
-    known = []
-    for joint, actuators in zip(joints, names.actuators, strict=True):
-        both = (joint, *actuators) if joints.count(joint) == 1 else (*actuators, joint)
-        known.append(tuple(name for name in both if name))
-    return tuple(known)
+    own = [
+        tuple(filter(None, (names.velocities[i], *driving)))
+        for i, driving in zip(active, names.actuators, strict=True)
+    ]
+    # Without the name of an actuator nothing says that it is one.
+    servos = [both if any(names.actuators[k]) else k for k, both in enumerate(own)]
+    first = [servos.index(servo) for servo in servos]
+    users = Counter(name for k in set(first) for name in set(own[k]))
+    return tuple(
+        tuple(dict.fromkeys((_word(both, k, users), *both))) if both else ()
+        for both, k in zip(own, first, strict=True)
+    )
+
+
+def _word(own: tuple[str, ...], number: int, users: Counter[str]) -> str:
+    """The first of its own names that has no other user, else the first with the number."""
+    for name in own:
+        if users[name] == 1:
+            return name
+    word = f"{own[0]} ({number})"
+    while word in users:
+        word += f" ({number})"
+    return word
+
+
+def passive_joints(names: Names | None, active: Indices) -> frozenset[str]:
+    """Names of the joints of all velocities that are not active."""
+    if names is None:
+        return frozenset()
+    driven = set(active.tolist())
+    return frozenset(name for i, name in enumerate(names.velocities) if name and i not in driven)
 
 
 def chosen(
-    argument: str, value: Iterable[int | str], known: Known, *, several: bool
+    argument: str,
+    value: Iterable[int | str],
+    known: Known,
+    *,
+    several: bool,
+    passive: Collection[str] = (),
 ) -> frozenset[int]:
     """The numbers that an argument lists by number or by name.
 
@@ -96,9 +131,11 @@ def chosen(
         value: Numbers of range(len(known)), and names.
         known: The names that each number goes by.
         several: Whether a name may stand for several numbers.
+        passive: Names of passive joints, where the argument is of actuators.
 
     Raises:
-        ValueError: A number out of range, or a name that is unknown or ambiguous.
+        ValueError: A number out of range, or a name that is unknown, ambiguous or of a passive
+            joint.
     """
     if isinstance(value, str):
         raise ValueError(f"{argument} must be a list, got {value!r}: write [{value!r}]")
@@ -108,20 +145,27 @@ def chosen(
     members: list[Any] = list(value)
     numbers = [member for member in members if not isinstance(member, str)]
     names = [member for member in members if isinstance(member, str)]
-    found = (_found(argument, name, known, several=several) for name in names)
+    found = (_found(argument, name, known, passive, several=several) for name in names)
     return check.index_set(argument, numbers, len(known)).union(*found)
 
 
-def _found(argument: str, name: str, known: Known, *, several: bool) -> list[int]:
+def _found(
+    argument: str, name: str, known: Known, passive: Collection[str], *, several: bool
+) -> list[int]:
     """The numbers that go by this name."""
     found = [k for k, names in enumerate(known) if name in names]
     if found and (several or len({known[k] for k in found}) == 1):
-        return found  # one actuator may have several velocities, all of its names
+        return found  # one actuator may have several velocities, which are known alike
     if found:
         raise ValueError(
             f"{argument} must name one actuator, got {name!r}, which means {spoken(known, found)}"
         )
     kind = "joints" if several else "actuators or the joints that they drive"
+    if name in passive:
+        raise ValueError(
+            f"{argument} must name {kind}, got the passive joint {name!r}: "
+            "if it is stuck, put it in locked_passive"
+        )
     everything = list(dict.fromkeys(name for names in known for name in names))
     if not everything:
         raise ValueError(
@@ -134,11 +178,14 @@ def _found(argument: str, name: str, known: Known, *, several: bool) -> list[int
 
 
 def spoken(known: Known, numbers: Iterable[int]) -> str:
-    """These by name, by number where they have none: "knee, 3", or "[2, 3]" without any name."""
+    """These by name, by number where they have none: "knee, 3", or "[2, 3]" without any name.
+
+    Those that are known alike are named once.
+    """
     listed = list(numbers)
     if not any(known[k] for k in listed):
         return str(listed)
-    return ", ".join(known[k][0] if known[k] else str(k) for k in listed)
+    return ", ".join(dict.fromkeys(known[k][0] if known[k] else str(k) for k in listed))
 
 
 def involved(basis: Array, known: Known) -> str:
@@ -163,6 +210,14 @@ def involved(basis: Array, known: Known) -> str:
 
 
 def described(kind: str, known: Known, numbers: Iterable[int], failure: str) -> list[str]:
-    """Each with its failure: "knee locked", or "actuator 3 locked" without a name."""
+    """Each with its failure: "knee locked", or "actuator 3 locked" without a name.
+
+    The velocities of one passive joint, or of one actuator, have one word and are described once.
+    """
     words = (known[k][0] if known[k] else f"{kind} {k}" for k in sorted(numbers))
     return list(dict.fromkeys(f"{word} {failure}" for word in words))
+
+
+def counted(number: int, one: str, several: str) -> str:
+    """A number of things: "1 actuator", "2 actuators"."""
+    return f"{number} {one if number == 1 else several}"

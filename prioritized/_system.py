@@ -20,8 +20,10 @@ from prioritized._names import (
     Known,
     Names,
     checked_names,
+    counted,
     known_actuators,
     known_velocities,
+    passive_joints,
 )
 
 
@@ -121,7 +123,7 @@ class ConstrainedSystem:
             geometry_accuracy: As in the constructor; None is that of the mechanism, if it has one.
 
         Raises:
-            TypeError: The mechanism has no J_T, J_C or active.
+            TypeError: The mechanism has no J_T, J_C or active, or `springs` is no bool.
             ValueError: `springs` of a mechanism that has no stiffness, or a wrong array.
         """
         return cls(**arguments_of(mechanism, springs, geometry_accuracy))
@@ -138,8 +140,8 @@ class ConstrainedSystem:
         jam. A linear actuator that locks when it loses torque (the paper's footnote 1) is locked.
 
         Args:
-            locked: Actuators whose position is stuck (position failure): numbers, or names of
-                actuators or of the joints that they drive.
+            locked: Actuators whose position is stuck (position failure): numbers, names of
+                actuators or of the joints that they drive, or the words of `str(system)`.
             free: Actuators that exert no torque (torque failure, free-swinging), likewise. Where
                 several drive one joint, all of them fail.
             locked_passive: Passive joints that are stuck: velocity indices, or names of joints,
@@ -149,12 +151,18 @@ class ConstrainedSystem:
             ValueError: An index out of range, a name that is unknown or means several actuators,
                 or one actuator both locked and free in one call.
         """
-        lock, release = failed_actuators(locked, free, self._known_actuators)
+        lock, release = failed_actuators(
+            locked, free, self._known_actuators, passive_joints(self.names, self.active)
+        )
         stuck = stuck_passive(locked_passive, self._known_velocities, self.active)
         return self._changed(failures=self.failures.and_also(lock, release, stuck))
 
     def at(self, J_T: ArrayLike | None = None, J_C: ArrayLike | None = None) -> "ConstrainedSystem":
         """The same mechanism with the same failures at another pose.
+
+        Both Jacobians must be of closed loops, as after `sim.assemble`. The rank tolerance stays
+        that of the first pose: where loops are open by 1e-6 m or rad, redundant rows of J_C differ
+        by as much, and the difference can count as one more constraint.
 
         Args:
             J_T: Task Jacobian at that pose, of the same shape as before; None is unchanged.
@@ -205,12 +213,12 @@ class ConstrainedSystem:
 
     def __str__(self) -> str:
         failures = self.failures.in_words(self._known_actuators, self._known_velocities)
-        return (
-            f"{self.J_T.shape[1]} velocities, {len(self.J_C)} constraints, "
-            f"{len(self.active)} actuators: {failures}."
-        )
+        velocities = counted(self.J_T.shape[1], "velocity", "velocities")
+        constraints = counted(len(self.J_C), "constraint", "constraints")
+        actuators = counted(len(self.active), "actuator", "actuators")
+        return f"{velocities}, {constraints}, {actuators}: {failures}."
 
-    @property
+    @cached_property
     def _known_actuators(self) -> Known:
         return known_actuators(self.names, self.active)
 
@@ -222,7 +230,7 @@ class ConstrainedSystem:
     def _joints(self) -> Joints:
         n, failed = len(self.active), self.failures.locked | self.failures.free
         actuators = np.array([k for k in range(n) if k not in failed], dtype=np.intp)
-        return sort_joints(actuators, self.active[actuators], self.stuck, n, self.J_T.shape[1])
+        return sort_joints(self.active, actuators, self.stuck, self.J_T.shape[1])
 
     @cached_property
     def _task(self) -> Task:

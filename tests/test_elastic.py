@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from prioritized import RANK_TOLERANCE, ConstrainedSystem
+from prioritized import RANK_TOLERANCE, ConstrainedSystem, failure_atlas
 from tests.random_systems import (
     SEEDS,
     closure,
@@ -202,3 +202,30 @@ def test_a_stuck_joint_stores_nothing():
     stuck = system.with_failures(locked_passive=[1])
     assert stuck_joints(stuck) == [1]
     np.testing.assert_allclose(stuck.kinematics().passive_rates([1.0]), [0.0, 1.0], atol=1e-12)
+
+
+@given(st.floats(3, 100), st.floats(-6, 6))
+def test_round_off_beside_a_coupling_to_an_active_joint_is_no_spring(exponent, unit):
+    """K of one spring row (1, weak): the passive rate per active rate would be -1 / weak."""
+    weak = 10.0**-exponent
+    K = 10.0**unit * np.outer([1.0, weak], [1.0, weak])
+    free = ConstrainedSystem([[1.0, 1.0]], None, [0])
+    settled = with_stiffness(free, K)
+    resisted = weak / np.hypot(1.0, weak) > RANK_TOLERANCE
+    if abs(np.log10(weak / RANK_TOLERANCE)) < 0.05:
+        return
+    for kin in (settled.kinematics(), free.kinematics(passive_metric=K)):
+        expected = 1.0 - 1.0 / weak if resisted else 1.0
+        np.testing.assert_allclose(kin.J, [[expected]], rtol=1e-9)
+        assert kin.gap == pytest.approx(max(weak / RANK_TOLERANCE, RANK_TOLERANCE / weak), rel=1e-3)
+    assert settled.kinematics().self_motion.shape == (1, not resisted)
+    # The atlas decides the same, also with the joint's motor locked or released.
+    elastic = failure_atlas(settled, [0]).elastic
+    assert elastic is not None
+    for row, failed in enumerate(({}, {"locked": [0]}, {"free": [0]})):
+        kin = settled.with_failures(**failed).kinematics()
+        report = kin.manipulability([0])
+        assert elastic.unstable[row] == report.unstable
+        gaps = elastic.gap[row], min(report.gaps.values())
+        np.testing.assert_allclose(*np.minimum(gaps, 1e6), rtol=1e-3)
+        np.testing.assert_allclose(elastic.worst_gain[row], report.worst_gain, rtol=1e-9)

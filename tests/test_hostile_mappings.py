@@ -126,7 +126,7 @@ TARGETS = {
     ),
     "ConstrainedSystem.of": Target(
         lambda **a: mechanism(ConstrainedSystem.of(**a).kinematics()),
-        {"mechanism": SYSTEM, "geometry_accuracy": 1e-9},
+        {"mechanism": SPRUNG, "springs": True, "geometry_accuracy": 1e-9},
     ),
     "ConstrainedSystem.with_failures": Target(
         lambda **a: mechanism(SPRUNG.with_failures(**a).kinematics()),

@@ -63,7 +63,12 @@ def test_a_name_means_the_number_it_stands_for(named, numbered):
             {"locked": ["wrist"]},
             "locked must name one actuator, got 'wrist', which means roll, pit",
         ),
-        ({"locked": ["coupler"]}, "locked must name actuators or the joints that they drive, got"),
+        (
+            {"locked": ["coupler"]},
+            "^locked must name actuators or the joints that they drive, got the passive joint "
+            "'coupler': if it is stuck, put it in locked_passive$",
+        ),
+        ({"free": ["hip", "ball"]}, "^free must name .*, got the passive joint 'ball': if it is"),
         ({"locked": [""]}, "locked must name actuators or the joints that they drive, got ''"),
         ({"locked": "knee"}, r"locked must be a list, got 'knee': write \['knee'\]"),
         ({"locked": ["knee"], "free": ["pull"]}, "either locked or free, got both for knee$"),
@@ -121,6 +126,8 @@ def test_a_system_says_what_it_is():
     )
     unnamed = UNNAMED.with_failures(locked=[1], locked_passive=[5, 6])
     assert str(unnamed).endswith(": actuator 1 locked, velocity 5 stuck, velocity 6 stuck.")
+    slide = ConstrainedSystem([[1.0]], [[0.0]], [0])
+    assert str(slide) == "1 velocity, 1 constraint, 1 actuator: sound."
 
 
 def test_the_atlas_speaks_and_understands_names():
@@ -170,6 +177,8 @@ def test_a_mechanism_from_a_model_brings_its_springs_on_request():
     np.testing.assert_array_equal(ConstrainedSystem.of(soft, springs=True).stiffness, np.eye(8))
     with pytest.raises(ValueError, match=r"^springs must be False for a mechanism without stiff"):
         ConstrainedSystem.of(Linearization(), springs=True)
+    with pytest.raises(TypeError, match=r"^springs must be a bool, got 'x'$"):
+        ConstrainedSystem.of(soft, springs="x")  # type: ignore
     with pytest.raises(TypeError, match=r"^mechanism must have J_T, J_C and active, got 3$"):
         ConstrainedSystem.of(3)  # type: ignore
     made = ConstrainedSystem.of(Linearization(geometry_accuracy=1e-7))
@@ -211,3 +220,69 @@ def test_an_actuator_with_several_velocities_fails_in_all_of_them():
     system = ConstrainedSystem(J, None, [0, 1, 2, 3], names=names)
     assert system.with_failures(locked=["servo"]).failures.locked == {1, 2, 3}
     assert str(system.with_failures(locked=["servo"])).endswith("servo locked.")
+
+
+CROSSED = Names(("knee", "hip", "hip", ""), (("hip",), ("knee",), ("m1",), ()))
+"""The motors of knee and hip have each other's name; a tendon is called "hip" like the joint."""
+
+
+def test_no_two_actuators_are_described_by_the_same_word():
+    system = ConstrainedSystem(np.eye(4), None, range(4), names=CROSSED)
+    failed = system.with_failures(locked=[0, 1, 2, 3])
+    words = "knee (0) locked, hip (1) locked, m1 locked, actuator 3 locked"
+    assert str(failed) == f"4 velocities, 0 constraints, 4 actuators: {words}."
+    with pytest.raises(ValueError, match=r"got 'knee', which means knee \(0\), hip \(1\)$"):
+        system.with_failures(locked=["knee"])
+    assert system.with_failures(locked=["hip (1)", "m1"]).failures.locked == {1, 2}
+    atlas = failure_atlas(system, [0], codes=[[2, 1, 0, 0]])
+    assert atlas.describe(0) == "hip (1) locked, knee (0) free"
+
+
+def test_findings_use_the_words_of_the_system():
+    """A cable called "hip" like the joint is its motor m1, also after a failure of the joint."""
+    names = Names(("hip", "hip", "rod"), (("m0",), ("m1",)))
+    geared = ConstrainedSystem(np.eye(1, 3), [[2.0, -1.0, 0.0]], [0, 1], names=names)
+    findings = geared.kinematics().manipulability([0]).findings
+    assert "(of m0, m1); torques" in findings["constrained_active"].sentence
+    meshed = ConstrainedSystem(np.eye(1, 3), [[0.0, 1.0, -2.0]], [0, 1], names=names)
+    released = meshed.with_failures(locked=["m0"], free=["m1"])
+    idle = released.kinematics().manipulability([0]).findings["idle"]
+    assert "(of m1, rod) without" in idle.sentence
+
+
+@given(st.data())
+def test_each_actuator_has_a_word_of_its_own_that_means_it_alone(data):
+    """Whatever joints and actuators are called, even like the words made for others."""
+    name = st.sampled_from(["", "a", "b", "c", "a (0)", "b (1)", "a (0) (0)"])
+    driving = st.lists(name, max_size=2).map(tuple)
+    n = data.draw(st.integers(1, 5))
+    joints = data.draw(st.lists(name, min_size=n, max_size=n))
+    motors = data.draw(st.lists(driving, min_size=n, max_size=n))
+    system = ConstrainedSystem(np.eye(n), None, range(n), names=Names(tuple(joints), tuple(motors)))
+    atlas = failure_atlas(system, [0], codes=np.eye(n))
+    meant: dict[str, frozenset[int]] = {}
+    for k in range(n):
+        word = atlas.describe(k).removesuffix(" locked")
+        if word == f"actuator {k}":
+            assert not joints[k] and not any(motors[k])
+            continue
+        alike = [(joint, tuple(filter(None, m))) for joint, m in zip(joints, motors, strict=True)]
+        servo = {i for i in range(n) if alike[i] == alike[k]} if alike[k][1] else {k}
+        assert meant.setdefault(word, frozenset(servo)) == servo
+        assert system.with_failures(locked=[word]).failures.locked == servo
+
+
+def test_a_servo_that_shares_a_name_with_a_joint_is_described_once():
+    names = Names(("hip", "hip", "hip", "hip"), (("m",), *[("hip",)] * 3))
+    system = ConstrainedSystem(np.eye(4), None, range(4), names=names)
+    assert str(system.with_failures(locked=range(4))).endswith(": m locked, hip (1) locked.")
+    assert system.with_failures(locked=["hip (1)"]).failures.locked == {1, 2, 3}
+    with pytest.raises(ValueError, match=r"got 'hip', which means m, hip \(1\)$"):
+        system.with_failures(locked=["hip"])
+
+
+def test_motors_without_names_on_one_ball_joint_are_not_one_servo():
+    system = ConstrainedSystem(np.eye(2), None, range(2), names=Names(("ball",) * 2, ((), ())))
+    assert str(system.with_failures(locked=[1])).endswith("ball (1) locked.")
+    with pytest.raises(ValueError, match=r"which means ball \(0\), ball \(1\)$"):
+        system.with_failures(locked=["ball"])
