@@ -44,6 +44,7 @@ class Jacobians:
 
     Raises:
         ValueError: Shapes that do not fit, an index out of range, or numbers that are not finite.
+        TypeError: An argument is of another kind.
     """
 
     J_T: Array
@@ -61,6 +62,10 @@ class Jacobians:
         active = check.indices("active", self.active, nv)
         if not check.exactly("gear", self.gear, len(active)).all():
             raise ValueError(f"gear must not be zero, got {check.shown(self.gear)}")
+        check.instance("rows", self.rows, Mapping)
+        check.number("closure_residual", self.closure_residual)
+        if self.machine is not None:
+            check.instance("machine", self.machine, Machine)
 
     @property
     def names(self) -> Names | None:
