@@ -12,7 +12,14 @@ _CONNECT, _WELD, _JOINT, _TENDON = (
     int(kind) for kind in (_EQ.mjEQ_CONNECT, _EQ.mjEQ_WELD, _EQ.mjEQ_JOINT, _EQ.mjEQ_TENDON)
 )
 _KINDS = {_CONNECT: "connect", _WELD: "weld", _JOINT: "joint", _TENDON: "tendon"}
+_SITE = int(mujoco.mjtObj.mjOBJ_SITE)
 _ROUND_OFF_M = 1e-14
+_ROWS = {_CONNECT: 3, _WELD: 6}
+"""Rows of an equality; others have one."""
+_CROSS = np.array(
+    [[0, 0, 0, 0, 0, -1, 0, 1, 0], [0, 0, 1, 0, 0, 0, -1, 0, 0], [0, -1, 0, 1, 0, 0, 0, 0, 0.0]]
+)
+"""v @ _CROSS is the matrix of the cross product v x, row by row."""
 _TORQUE_SCALE = 10
 """Where `eq_data` of a weld has its torquescale."""
 _WITHOUT_CLOSURES = int(mujoco.mjtDisableBit.mjDSBL_EQUALITY) | int(
@@ -56,12 +63,14 @@ def closure_rows(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
     if data.ntree_awake < model.ntree:
         raise ModelError("a part of the mechanism is asleep, with its closures: switch sleep off")
     rows = _equality_rows(model, data)
-    gap, owner = data.efc_pos[: data.ne], data.efc_id[: data.ne]
-    for k in set(owner[np.abs(gap) > _ROUND_OFF_M].tolist()):
-        if model.eq_type[k] in (_CONNECT, _WELD):
-            start = int(np.flatnonzero(owner == k)[0])
-            both = sum(_angular(model, data, body) for body in _bodies(model, k))
-            rows[start : start + 3] += _cross(gap[start : start + 3] / 2) @ both
+    points = [(k, start) for k, kind, start in _blocks(model, data) if kind in (_CONNECT, _WELD)]
+    residual = data.efc_pos
+    D = np.array([residual[start : start + 3] for _, start in points]).reshape(-1, 3)
+    if (np.abs(D) > _ROUND_OFF_M).any():
+        carried = _angular(model, data, [k for k, _ in points])
+        opened = (D / 2).dot(_CROSS).reshape(-1, 3, 3) @ carried
+        for (_, start), change in zip(points, opened, strict=True):
+            rows[start : start + 3] += change
     return rows
 
 
@@ -75,11 +84,11 @@ def closure_gaps(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
 
 def units_of_gaps(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
     """What makes of MuJoCo's residuals meters and radians, shape (c,)."""
-    units, owner = np.ones(data.ne), data.efc_id[: data.ne]
-    of_welds = (model.eq_type[owner] == _WELD).nonzero()[0].reshape(-1, 6)
-    if of_welds.size:  # six rows each, the last three the sines of half the angles, scaled
-        scale = model.eq_data[owner[of_welds[:, :1]], _TORQUE_SCALE]
-        units[of_welds[:, 3:]] = 2.0 / np.where(scale, scale, np.inf)
+    units = np.ones(data.ne)
+    for k, kind, start in _blocks(model, data):
+        if kind == _WELD:  # the last three rows are sines of half the angles, scaled
+            scale = model.eq_data[k, _TORQUE_SCALE]
+            units[start + 3 : start + 6] = 2.0 / scale if scale else 0.0
     return units
 
 
@@ -130,22 +139,26 @@ def _equality_rows(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
 def _bodies(model: mujoco.MjModel, equality: int) -> list[int]:
     """The two bodies of a connect or weld, which may be given by sites."""
     ends = _ends(model, equality)
-    if model.eq_objtype[equality] == int(mujoco.mjtObj.mjOBJ_SITE):
-        return model.site_bodyid[ends].tolist()
-    return ends
+    return model.site_bodyid[ends].tolist() if model.eq_objtype[equality] == _SITE else ends
 
 
 def _ends(model: mujoco.MjModel, equality: int) -> list[int]:
     return [int(model.eq_obj1id[equality]), int(model.eq_obj2id[equality])]
 
 
-def _angular(model: mujoco.MjModel, data: mujoco.MjData, body: int) -> Array:
-    rows = np.zeros((3, model.nv))
-    mujoco.mj_jacBody(model, data, None, rows, body)
-    return rows
+def _blocks(model: mujoco.MjModel, data: mujoco.MjData) -> list[tuple[int, int, int]]:
+    """Each active equality, its kind and its first row."""
+    kinds, blocks, start = model.eq_type.tolist(), [], 0
+    for k in dict.fromkeys(data.efc_id[: data.ne].tolist()):
+        blocks.append((k, kinds[k], start))
+        start += _ROWS.get(kinds[k], 1)
+    return blocks
 
 
-def _cross(v: Array) -> Array:
-    """Matrix of the cross product v x."""
-    x, y, z = v
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+def _angular(model: mujoco.MjModel, data: mujoco.MjData, equalities: list[int]) -> Array:
+    """Angular velocities of both bodies of connects and welds, summed, per qvel, (k, 3, nv)."""
+    rows = np.empty((len(equalities), 2, 3, model.nv))
+    for equality, of_bodies in zip(equalities, rows, strict=True):
+        for body, of_body in zip(_bodies(model, equality), of_bodies, strict=True):
+            mujoco.mj_jacBody(model, data, None, of_body, body)
+    return rows[:, 0] + rows[:, 1]

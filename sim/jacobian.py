@@ -16,8 +16,9 @@ from sim.errors import ClosureError, ModelError
 from sim.frame import Body
 from sim.limits import stuck_names, stuck_rows, touching
 from sim.machine import Machine, Names
-from sim.model import check_state, element_id
+from sim.model import check_state
 from sim.pin import Pin, pin_rows, pins_of
+from sim.pose import computed
 from sim.task import Task, task_jacobian, task_list, to_axes_of
 from sim.transmission import drive_rows, drives, extra_drives, simple_velocities
 
@@ -133,8 +134,6 @@ def jacobians(
     """
     check_state(model, data)
     tasks, pins = task_list(model, site), pins_of(model, pinned)
-    if axes is not None:
-        element_id(model, "site", check.instance("axes", axes, str))
     stuck = stuck_names(stuck_at_limits)
     if closure_tolerance != np.inf:
         check.number("closure_tolerance", closure_tolerance)
@@ -144,12 +143,16 @@ def jacobians(
     if residual > closure_tolerance:
         raise ClosureError(equality_name(model, worst), residual, "call sim.assemble(model, data)")
 
-    forbidden = [closure_rows(model, data), pin_rows(model, data, pins)]
+    forbidden = [closure_rows(model, data)]
+    if pins:
+        forbidden.append(pin_rows(model, data, pins))
     if stuck:
         forbidden.append(stuck_rows(model, data, stuck))
     active, gear, extra = _driven(model, data)
     J_T, rows = _task_rows(model, data, tasks, axes, len(extra))
     J_C = _with_transmissions(forbidden, extra)
+    if not check.is_moderate(J_C):
+        raise ModelError("an equality or a transmission of the model is not finite")
     for task in tasks:
         if not _moves(J_T[rows[task]], J_C, active):
             raise ModelError(
@@ -158,7 +161,8 @@ def jacobians(
             )
     mocap = data.mocap_pos.copy(), data.mocap_quat.copy()
     machine = Machine(model, data.qpos.copy(), mocap, touching(model, data), pins, stuck)
-    return Jacobians(J_T, J_C, active, gear, rows, residual, machine)
+    matrices = {"J_T": J_T, "J_C": J_C, "active": active, "gear": gear, "rows": rows}
+    return computed(Jacobians, **matrices, closure_residual=residual, machine=machine)
 
 
 def _driven(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[NDArray[np.intp], Array, Array]:
@@ -186,19 +190,20 @@ def _task_rows(
     to_axes, parts, rows, start = to_axes_of(model, data, axes), [], {}, 0
     for task in tasks:
         velocity = task_jacobian(model, data, task)
-        parts += [to_axes @ velocity[i : i + 3] for i in range(0, len(velocity), 3)]
+        parts.append((to_axes @ velocity.reshape(-1, 3, model.nv)).reshape(velocity.shape))
         rows[task] = slice(start, start + len(velocity))
         start += len(velocity)
-    J_T = np.vstack(parts)
-    return (np.hstack([J_T, np.zeros((len(J_T), extra))]) if extra else J_T), rows
+    if extra:
+        parts = [np.hstack([part, np.zeros((len(part), extra))]) for part in parts]
+    return parts[0] if len(parts) == 1 else np.vstack(parts), rows
 
 
 def _with_transmissions(forbidden: list[Array], extra: Array) -> Array:
     """All rows; each transmission has one: row qvel less its own velocity is zero."""
     closures, *others = forbidden
-    E = len(extra)
-    if not E and not any(map(len, others)):
+    if not len(extra) and not others:
         return closures
+    E = len(extra)
     blocks = [
         np.hstack([closures, np.zeros((len(closures), E))]),
         np.hstack([extra, -np.eye(E)]),

@@ -1,7 +1,7 @@
 """Poses of the payload."""
 
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import mujoco
 import numpy as np
@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 import argument_checks as check
 from sim.array import Array
 
-_SomePose = TypeVar("_SomePose", bound="Pose")
+_Kind = TypeVar("_Kind")
 
 
 @dataclass(frozen=True)
@@ -60,11 +60,11 @@ def _turn(rotation_vector: Array) -> Array:
     return matrix.reshape(3, 3)
 
 
-def computed(kind: type[_SomePose], **arrays: Array) -> _SomePose:
-    """A pose of arrays that come from checked ones, several a tick: not checked again."""
-    pose = object.__new__(kind)
-    pose.__dict__.update(arrays)
-    return pose
+def computed(kind: type[_Kind], **fields: Any) -> _Kind:
+    """A frozen record of arrays that come from checked ones, at every tick: not checked again."""
+    record = object.__new__(kind)
+    record.__dict__.update(fields)
+    return record
 
 
 def keep(frozen: object, name: str, *shape: int) -> None:

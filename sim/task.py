@@ -10,7 +10,15 @@ from numpy.typing import ArrayLike
 
 import argument_checks as check
 from sim.array import Array
-from sim.frame import Body, check_frame, frame_jacobian, frame_pose, rotation_vector
+from sim.frame import (
+    Body,
+    Located,
+    check_frame,
+    frame_jacobian,
+    frame_pose,
+    located,
+    rotation_vector,
+)
 from sim.model import check_state, element_id
 from sim.pose import Pose
 
@@ -111,7 +119,8 @@ def pose_of(
     if isinstance(task, Relative):
         turned, origin = frame_pose(data, task.root)
     elif axes is not None:
-        turned, origin = frame_pose(data, _axes(model, axes))
+        frame = _axes(model, axes)
+        turned, origin = frame.rotation(data), frame.position_m(data)
     if not isinstance(task, CenterOfMass):
         rotation = turned.T @ rotation
     return Pose(rotation, turned.T @ (position - origin))
@@ -172,12 +181,11 @@ def _target(target: Pose | ArrayLike, here: Pose) -> Pose:
 
 def to_axes_of(model: mujoco.MjModel, data: mujoco.MjData, axes: str | None) -> Array:
     """Rotation (3, 3) from world axes to those of a site; None is the world."""
-    return np.eye(3) if axes is None else frame_pose(data, _axes(model, axes))[0].T
+    return np.eye(3) if axes is None else _axes(model, axes).rotation(data).T
 
 
-def _axes(model: mujoco.MjModel, axes: str) -> str:
-    element_id(model, "site", check.instance("axes", axes, str))
-    return axes
+def _axes(model: mujoco.MjModel, axes: str) -> Located:
+    return located(model, "axes", check.instance("axes", axes, str))
 
 
 def _com_body(model: mujoco.MjModel, task: CenterOfMass) -> int:
