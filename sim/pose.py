@@ -1,4 +1,4 @@
-"""Poses of the payload."""
+"""Poses of frames."""
 
 from dataclasses import dataclass
 from typing import Any, TypeVar
@@ -15,7 +15,9 @@ _Kind = TypeVar("_Kind")
 
 @dataclass(frozen=True)
 class Pose:
-    """Payload frame in base axes, relative to the nominal pose; or a batch of them.
+    """A rotation and a translation, or a batch of them.
+
+    Of a plant's payload from its nominal pose, in base axes; of :func:`pose_of` in the axes given.
 
     Attributes:
         rotation: Shape (..., 3, 3).
