@@ -4,6 +4,7 @@ The environment is a fixture that clamps the payload to the world: two-sided, so
 not be kept. Each gauge reads what one closure, lock or fixture does in MuJoCo.
 """
 
+import copy
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -154,7 +155,9 @@ class Gauges:
 
     def __init__(self, plant: Plant, task: Sequence[int] = HEXAPOD_TASK) -> None:
         """Read the wrench on the fixture in these rows of the payload twist."""
-        sound = jacobians(plant.model, mujoco.MjData(plant.model), site="payload", axes="base")
+        model = copy.copy(plant.model)
+        model.opt.disableactuator = 0  # a strut has its gauge, with a coil or without
+        sound = jacobians(model, mujoco.MjData(model), site="payload", axes="base")
         self._plant, self._task = plant, list(task)
         self._J_T, self._active = sound.J_T[self._task], sound.active
 
