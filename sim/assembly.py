@@ -8,8 +8,9 @@ import numpy as np
 
 import argument_checks as check
 from sim.array import Array
-from sim.closing import CLOSED, close, mass_of
+from sim.closing import CLOSED, close
 from sim.closure import check_closures
+from sim.dynamics import mass_of
 from sim.frame import Body
 from sim.hold import hold
 from sim.model import check_state, name_of

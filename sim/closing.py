@@ -7,6 +7,7 @@ import scipy.linalg
 from sim.accuracy import COARSEST, written_accuracy
 from sim.array import Array
 from sim.closure import closure_gaps, closure_rows, equality_name, largest_gap, units_of_gaps
+from sim.dynamics import mass_of
 from sim.errors import ClosureError
 from sim.hold import Hold
 
@@ -111,10 +112,3 @@ def _come_nearer(
     data.qpos[:] = here
     mujoco.mj_fwdPosition(model, data)
     return False
-
-
-def mass_of(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
-    """Mass matrix (nv, nv) of a state that is up to date."""
-    mass = np.zeros((model.nv, model.nv))
-    mujoco.mj_fullM(model, data, mass)
-    return mass

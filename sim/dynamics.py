@@ -20,6 +20,11 @@ def mass_matrix(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
     """
     check_state(model, data)
     mujoco.mj_fwdPosition(model, data)
+    return mass_of(model, data)
+
+
+def mass_of(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
+    """The same of a state that is up to date."""
     mass = np.zeros((model.nv, model.nv))
     mujoco.mj_fullM(model, data, mass)
     return mass

@@ -64,11 +64,6 @@ def located(model: mujoco.MjModel, argument: str, frame: str | Body) -> Located:
     return Located(site, int(model.site_bodyid[site]), is_site=True)
 
 
-def check_frame(model: mujoco.MjModel, argument: str, frame: str | Body) -> None:
-    """Refuse what is no frame of the model; `argument` is where it was given."""
-    located(model, argument, frame)
-
-
 def frame_jacobian(model: mujoco.MjModel, data: mujoco.MjData, frame: str | Body) -> Array:
     """Twist [angular; linear] of a frame's origin in world axes per qvel, shape (6, nv)."""
     rows = np.zeros((6, model.nv))

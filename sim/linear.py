@@ -9,6 +9,7 @@ import scipy.linalg
 
 from sim.array import Array
 from sim.closure import check_closures, closure_rows
+from sim.dynamics import mass_of
 from sim.errors import ModelError
 from sim.model import check_state
 from sim.task import task_jacobian, task_list, to_axes_of
@@ -83,8 +84,7 @@ def linearize(
         probe.qvel[:] = Z @ y_dot
         probe.ctrl[:] = u
         mujoco.mj_forward(model, probe)
-        allowed, mass = _allowed(closure_rows(model, probe)), np.zeros((model.nv, model.nv))
-        mujoco.mj_fullM(model, probe, mass)
+        allowed, mass = _allowed(closure_rows(model, probe)), mass_of(model, probe)
         force = allowed.T @ (mass @ probe.qacc_smooth)
         return Z.T @ allowed @ np.linalg.solve(allowed.T @ mass @ allowed, force)
 

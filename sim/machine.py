@@ -12,7 +12,7 @@ from sim.array import Array
 from sim.drive import Drive
 from sim.dynamics import joint_stiffness
 from sim.errors import ModelError
-from sim.frame import Body
+from sim.frame import located
 from sim.limits import at_limits, tendon_row
 from sim.model import name_of
 from sim.pin import Pin
@@ -146,11 +146,7 @@ class Machine:
 
     def _contact_warnings(self) -> list[str]:
         rigid = self.model.body_weldid  # bodies without a joint between them are one
-        bodies = (
-            self.model.body(f.name).id if isinstance(f, Body) else self.model.site(f).bodyid[0]
-            for f in (pin.frame for pin in self.pinned)
-        )
-        held = {rigid[body] for body in bodies}
+        held = {rigid[located(self.model, "pinned", pin.frame).body] for pin in self.pinned}
         return [
             f'"{name_of(self.model.body(b))}" touches "{name_of(self.model.body(a))}" and is taken '
             "to move freely: pinned= takes it to stand"

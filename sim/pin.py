@@ -8,7 +8,7 @@ import numpy as np
 
 import argument_checks as check
 from sim.array import Array
-from sim.frame import Body, check_frame, frame_jacobian
+from sim.frame import Body, frame_jacobian, located
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ def pins_of(model: mujoco.MjModel, pinned: Iterable[str | Body | Pin]) -> tuple[
         raise TypeError(f"pinned must be a list of frames or pins, got {check.shown(pinned)}")
     pins = tuple(pin if isinstance(pin, Pin) else Pin(pin) for pin in pinned)
     for pin in pins:
-        check_frame(model, "pinned", pin.frame)
+        located(model, "pinned", pin.frame)
     return pins
 
 

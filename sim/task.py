@@ -13,7 +13,6 @@ from sim.array import Array
 from sim.frame import (
     Body,
     Located,
-    check_frame,
     frame_jacobian,
     frame_pose,
     located,
@@ -68,10 +67,10 @@ def task_list(model: mujoco.MjModel, site: Task | Sequence[Task]) -> list[Task]:
         if isinstance(task, CenterOfMass):
             _com_body(model, task)
         elif isinstance(task, Relative):
-            check_frame(model, "site", task.frame)
-            check_frame(model, "site", task.root)
+            located(model, "site", task.frame)
+            located(model, "site", task.root)
         else:
-            check_frame(model, "site", task)
+            located(model, "site", task)
     if len(set(tasks)) < len(tasks):
         raise ValueError(f"site must not repeat a task, got {check.shown(tasks)}")
     return tasks
