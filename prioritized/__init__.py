@@ -24,6 +24,8 @@ from prioritized._failures import Failures as Failures
 from prioritized._force import ForceMapping as ForceMapping
 from prioritized._force import force_mapping as force_mapping
 from prioritized._kinematics import Kinematics as Kinematics
+from prioritized._lexicographic import Solution as Solution
+from prioritized._lexicographic import lexicographic_least_squares as lexicographic_least_squares
 from prioritized._manipulability import Manipulability as Manipulability
 from prioritized._names import Names as Names
 from prioritized._rank import RANK_TOLERANCE as RANK_TOLERANCE

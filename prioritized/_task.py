@@ -30,6 +30,23 @@ class Status(Enum):
         "the structure bears part of the major force, which no torque can command: see reaction, "
         "drop major rows, or move away from the singularity"
     )
+    LIMITED = (
+        "limits hold the major task back, which is met in the least-squares sense of the "
+        "major_metric: see residual and active_limits, ask for less, or widen these limits"
+    )
+    SCALED = (
+        "limits hold the major task back, whose direction is kept: see scale and active_limits, "
+        "ask for less, or widen these limits"
+    )
+    OPTIMAL = "every level has its least residual"
+    INFEASIBLE = (
+        "limits and constraints contradict each other: the limits hold, and the constraints are "
+        "violated least; widen the limits, or drop constraints"
+    )
+    UNFINISHED = (
+        "the solver reached its bound on steps: the limits hold, but levels may not have their "
+        "least residual; start from this solution, or allow more steps"
+    )
 
 
 def task_selection(

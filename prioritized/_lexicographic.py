@@ -1,0 +1,187 @@
+"""Lexicographic least squares under bounds and inequality rows."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+import argument_checks as check
+from argument_checks import Array
+from prioritized._limits import limits, ordered
+from prioritized._packed import Packed, Point, Rows, solve, with_slack
+from prioritized._rank import RANK_TOLERANCE, norm
+from prioritized._task import Status
+
+Level = tuple[ArrayLike, ArrayLike] | tuple[ArrayLike, ArrayLike, ArrayLike]
+"""(A, b), or (A, lower, upper) for an A x that is to lie between two vectors."""
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """What :func:`lexicographic_least_squares` found.
+
+    Attributes:
+        packed: The problem as it was solved: unknowns are x, then one for each inequality row.
+        point: Its solution, from which another call can start.
+        n: Number of unknowns x.
+        hard_rows: Number of inequality rows that hold first.
+        levels: Number of levels.
+    """
+
+    packed: Packed
+    point: Point
+    n: int
+    hard_rows: int
+    levels: int
+
+    @property
+    def x(self) -> Array:
+        """The solution, shape (n,); within the bounds exactly, whatever the status."""
+        return self.point.x[0, : self.n]
+
+    @property
+    def active(self) -> NDArray[np.int8]:
+        """Which bounds x is held at: -1 the lower, 1 the upper, 0 none, (n,); equal ones are -1."""
+        return self.point.active[0, : self.n]
+
+    @property
+    def active_rows(self) -> NDArray[np.int8]:
+        """The same for the inequality rows, shape (r,)."""
+        return self.point.active[0, self.n : self.n + self.hard_rows]
+
+    @property
+    def gap(self) -> float:
+        """Factor by which the rank threshold could change before any rank would."""
+        return float(self.point.gap[0])
+
+    @property
+    def steps(self) -> int:
+        """Steps of the active set that were taken."""
+        return int(self.point.steps[0])
+
+    @property
+    def residuals(self) -> tuple[Array, ...]:
+        """b_k - A_k x of each level; for an interval, what A_k x lacks to lie in it."""
+        first = 1 if self.hard_rows else 0
+        return self._rests[first : first + self.levels]
+
+    @cached_property
+    def certificate(self) -> Array | None:
+        """y (r,) which proves that the inequality rows G are infeasible; None if they are not.
+
+        y . (G x - s) > 0 for all x within the bounds and all s within the limits of the rows.
+        """
+        if not self.hard_rows:
+            return None
+        y, A = -self._rests[0], self.packed.A[0, : self.hard_rows]
+        terms = np.abs(A) @ np.abs(self.point.x[0])
+        return y if norm(y) > self.packed.tolerance * norm(terms) else None
+
+    @property
+    def status(self) -> Status:
+        """OPTIMAL, INFEASIBLE or UNFINISHED; the value says what it means."""
+        if not self.point.ended[0]:
+            return Status.UNFINISHED
+        return Status.OPTIMAL if self.certificate is None else Status.INFEASIBLE
+
+    @cached_property
+    def _rests(self) -> tuple[Array, ...]:
+        return tuple(np.split(self.packed.rest(self.point.x)[0], self.packed.ends[:-1]))
+
+
+def lexicographic_least_squares(
+    levels: Sequence[Level],
+    lower: ArrayLike | None = None,
+    upper: ArrayLike | None = None,
+    *,
+    rows: ArrayLike | None = None,
+    rows_lower: ArrayLike | None = None,
+    rows_upper: ArrayLike | None = None,
+    tie_metric: ArrayLike | None = None,
+    start: Solution | None = None,
+    most_steps: int | None = None,
+    rank_tolerance: float = RANK_TOLERANCE,
+) -> Solution:
+    """The x within its bounds that makes |A_k x - b_k| least, level by level.
+
+    Each level is solved without changing what bounds, rows and the levels before it leave:
+
+    1. lower <= x <= upper, always and exactly
+    2. rows_lower <= rows x <= rows_upper, or the least violation where that is infeasible
+    3. |A_1 x - b_1|, then |A_2 x - b_2|, ...   smallest
+    4. |T x|, then |x|                         smallest (ties)
+
+    A primal active-set method with one orthogonal decomposition of each level on the unknowns that
+    are free (Escande, Mansard, Wieber, IJRR 33(7), 2014, with bounds alone: an inequality row is an
+    equation with one more bounded unknown). Levels never see the data of those after them, except
+    for the start. Cycling is excluded by Bland's rule and a bound on the number of steps.
+
+    Args:
+        levels: (A_k, b_k), shapes (m_k, n) and (m_k,); or (A_k, lower, upper), whose distance to
+            the interval is made least.
+        lower: Shape (n,) or one number; may be infinite; None is no bound.
+        upper: Likewise; equal to `lower` it fixes an unknown.
+        rows: Inequality rows, shape (r, n).
+        rows_lower: Shape (r,) or one number, as above.
+        rows_upper: Likewise.
+        tie_metric: T, diagonal (n,) or matrix (k, n); None is zero.
+        start: Solution of a similar problem of the same shape, from which to start.
+        most_steps: Of the active set in all; None is 20 (n + 1) for each level.
+        rank_tolerance: Rows smaller than this fraction of their level are dependent on others.
+
+    Returns:
+        A solution that obeys the bounds, finite, whatever its status.
+
+    Raises:
+        ValueError: No level, or an argument of the wrong shape, with NaN, or a lower bound above
+            the upper one; it is named.
+    """
+    tolerance = check.fraction("rank_tolerance", rank_tolerance)
+    if not len(levels):
+        raise ValueError("levels must have at least one (A, b), got none")
+    n = check.matrix("levels[0][0]", _parts(0, levels[0])[0]).shape[1]
+    blocks = [_block(k, level, n) for k, level in enumerate(levels)]
+    box = ordered("lower", lower, "upper", upper, n)
+    hard_rows = 0
+    if rows is not None:
+        G = check.matrix("rows", rows, columns=n)
+        hard_rows = len(G)
+        between = ordered("rows_lower", rows_lower, "rows_upper", rows_upper, hard_rows)
+        if hard_rows:
+            blocks.insert(0, Rows(G, between))
+    elif rows_lower is not None or rows_upper is not None:
+        raise ValueError("rows must be given with rows_lower and rows_upper, got None")
+    if tie_metric is not None:
+        T = check.weight("tie_metric", tie_metric, n)
+        blocks.append((T, np.zeros(len(T))))
+    blocks.append((np.eye(n), np.zeros(n)))
+    if any(isinstance(each, Rows) for each in blocks):
+        blocks, box = with_slack(blocks, box)
+    packed = Packed(
+        np.concatenate([A for A, _ in blocks])[None],
+        np.concatenate([b for _, b in blocks])[None],
+        np.cumsum([len(b) for _, b in blocks]),
+        np.array([[norm(A) for A, _ in blocks]]),
+        tolerance,
+        *box,
+    )
+    if most_steps is not None:
+        most_steps = check.index("most_steps", most_steps, 10**9)
+    begun = None if start is None else check.instance("start", start, Solution).point
+    return Solution(packed, solve(packed, None, begun, most_steps), n, hard_rows, len(levels))
+
+
+def _parts(k: int, level: Level) -> Level:
+    if not isinstance(level, tuple | list) or len(level) not in (2, 3):
+        raise ValueError(f"levels[{k}] must be (A, b) or (A, lower, upper), got {check.shown(level)}")
+    return level
+
+
+def _block(k: int, level: Level, n: int) -> tuple[Array, Array] | Rows:
+    A, *target = _parts(k, level)
+    A = check.matrix(f"levels[{k}][0]", A, columns=n)
+    if len(target) == 2:
+        return Rows(A, limits(f"levels[{k}][1:]", tuple(target), len(A)))
+    return A, check.exactly(f"levels[{k}][1]", target[0], len(A))
