@@ -70,7 +70,7 @@ def limited_mapping(kin, major, secondary, W1, W2, *, rate_limits, when_limited=
     J = kin.J
     cut = None if W1 is None else np.asarray(W1)[keep] if len(W1) != len(keep) else np.asarray(W1)
     W1m = np.zeros((0, len(keep))) if W1 is None else np.diag(cut)
-    W2m = np.zeros((0, len(secondary))) if W2 is None else np.diag(W2)
+    W2m = np.zeros((len(secondary), len(secondary))) if W2 is None else np.diag(W2)
     free = kin.velocity_mapping(major, secondary, joint_weight=W1, secondary_weight=W2)
     return Standin(
         free,
