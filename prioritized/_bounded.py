@@ -350,12 +350,15 @@ def solve(A, b, ends, scales, tolerance, lower, upper, x, state, start, most):  
 
 
 @_compiled
-def solve_each(A, b, ends, scales, tolerance, lower, upper, x, state, start, most, steps, ended, gap):  # noqa: ANN001, ANN201
+def solve_each(
+    A, b, ends, scales, tolerance, lower, upper, x, state, start, most, steps, ended, gap
+):  # noqa: ANN001, ANN201
     """Solve a batch of problems of one shape, the batch axis first; the same as one after another.
 
     Steps, whether it came to an end, and the gap of each problem are written to the last three.
     """
     for k in range(len(x)):
         steps[k], ended[k], gap[k] = solve(
-            A[k], b[k], ends, scales[k], tolerance, lower, upper, x[k], state[k], start, most
-        )
+            A[k], b[k], ends, scales[k], tolerance, lower[k % len(lower)], upper[k % len(upper)],
+            x[k], state[k], start, most,
+        )  # fmt: skip

@@ -14,6 +14,7 @@ from prioritized._active_constraint import ActiveConstraint, active_constraint
 from prioritized._arrays import none, read_only
 from prioritized._elimination import Partition, PassiveMotion, passive_motion
 from prioritized._force import ForceMapping, force_mapping
+from prioritized._limited import WhenLimited
 from prioritized._manipulability import Gaps, Manipulability, classify
 from prioritized._names import Known, Names, known_actuators, known_velocities
 from prioritized._rank import RankedSvd, ranked_svd
@@ -245,11 +246,15 @@ class Kinematics:
         major_metric: ArrayLike | None = None,
         tie_metric: ArrayLike | None = None,
         damping: float = 0.0,
+        rate_limits: tuple[ArrayLike, ArrayLike] | None = None,
+        rate_rows: tuple[ArrayLike, ArrayLike, ArrayLike] | None = None,
+        when_limited: WhenLimited = "least_squares",
     ) -> VelocityMapping:
         """:func:`prioritized.velocity_mapping` with J and every constraint of this mechanism.
 
-        A `joint_weight` or `tie_metric` for all n actuators is cut to the survivors; rates, desired
-        ones too, are the survivors' alone: `desired[..., kin.actuators]`.
+        A `joint_weight`, `tie_metric`, `rate_limits` or `rate_rows` for all n actuators is cut to
+        the survivors; rates, desired ones too, are the survivors' alone:
+        `desired[..., kin.actuators]`.
         """
         C, Q = self.active_constraint, self.relative_self_motion  # None spares the checks
         mapping = velocity_mapping(
@@ -265,8 +270,11 @@ class Kinematics:
             damping=damping,
             scale=self.scale,
             rank_tolerance=self.system.rank_tolerance,
+            rate_limits=self._pair_of_survivors("rate_limits", rate_limits),
+            rate_rows=self._rows_of_survivors("rate_rows", rate_rows),
+            when_limited=when_limited,
         )
-        return VelocityMapping(mapping.problem, mapping.damping, self)
+        return dataclasses.replace(mapping, kinematics=self)
 
     def force_mapping(
         self,
@@ -302,6 +310,26 @@ class Kinematics:
             gap=np.minimum(mapping.gap, gap),
             closure_condition=self.closure_condition,
         )
+
+    def _pair_of_survivors(
+        self, name: str, pair: tuple[ArrayLike, ArrayLike] | None
+    ) -> tuple[ArrayLike, ArrayLike] | None:
+        """Limits of all actuators cut to the survivors; others unchanged."""
+        if pair is None or len(self.actuators) == len(self.system.joints.actuated):
+            return pair
+        n = len(self.system.joints.actuated)
+        return tuple(
+            np.asarray(side)[self.actuators] if np.shape(side) == (n,) else side for side in pair
+        )
+
+    def _rows_of_survivors(
+        self, name: str, rows: tuple[ArrayLike, ArrayLike, ArrayLike] | None
+    ) -> tuple[ArrayLike, ArrayLike, ArrayLike] | None:
+        """Inequality rows on all actuators cut to the survivors; others unchanged."""
+        if rows is None or not isinstance(rows, tuple | list) or len(rows) != 3:
+            return rows
+        R, lower, upper = rows
+        return self._of_survivors(name, R), lower, upper
 
     def _of_survivors(self, name: str, weight: ArrayLike | None) -> Array | None:
         """A weight on all actuators cut to the survivors; others unchanged."""

@@ -82,6 +82,15 @@ def velocity_levels(problem: Problem, damping: float) -> list[Level]:
     ]
 
 
+def damped(major: Level, constraint: Level, tolerance: float) -> Level:
+    """A damped level without damping: with rows that weigh the unknowns which it determines."""
+    admissible = ranked_svd(constraint.A, constraint.scale, tolerance).null_projector()
+    decided = ranked_svd(major.A @ admissible, major.scale, tolerance)
+    P = np.eye(major.A.shape[-1]) - decided.null_projector()
+    nothing = np.zeros((P.shape[-1], major.target.shape[-1]))
+    return Level(stack(major.A, major.damping * P), stack(major.target, nothing), major.scale)
+
+
 class Forces(NamedTuple):
     """Task force (m, .) and torques (..., n, .) per unknown [f_m; f_s; eta], and their scales."""
 

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 import argument_checks as check
 from argument_checks import Array
 from prioritized._limits import limits, ordered
-from prioritized._packed import Packed, Point, Rows, solve, with_slack
+from prioritized._packed import Equations, Packed, Point, Rows, Unknowns, pack, solve
 from prioritized._rank import RANK_TOLERANCE, norm
 from prioritized._task import Status
 
@@ -155,18 +155,9 @@ def lexicographic_least_squares(
         raise ValueError("rows must be given with rows_lower and rows_upper, got None")
     if tie_metric is not None:
         T = check.weight("tie_metric", tie_metric, n)
-        blocks.append((T, np.zeros(len(T))))
-    blocks.append((np.eye(n), np.zeros(n)))
-    if any(isinstance(each, Rows) for each in blocks):
-        blocks, box = with_slack(blocks, box)
-    packed = Packed(
-        np.concatenate([A for A, _ in blocks])[None],
-        np.concatenate([b for _, b in blocks])[None],
-        np.cumsum([len(b) for _, b in blocks]),
-        np.array([[norm(A) for A, _ in blocks]]),
-        tolerance,
-        *box,
-    )
+        blocks.append(_equations(T, np.zeros(len(T))))
+    blocks.append(_equations(np.eye(n), np.zeros(n)))
+    packed, _ = pack(blocks, Unknowns(box), tolerance)
     if most_steps is not None:
         most_steps = check.index("most_steps", most_steps, 10**9)
     begun = None if start is None else check.instance("start", start, Solution).point
@@ -175,13 +166,19 @@ def lexicographic_least_squares(
 
 def _parts(k: int, level: Level) -> Level:
     if not isinstance(level, tuple | list) or len(level) not in (2, 3):
-        raise ValueError(f"levels[{k}] must be (A, b) or (A, lower, upper), got {check.shown(level)}")
+        raise ValueError(
+            f"levels[{k}] must be (A, b) or (A, lower, upper), got {check.shown(level)}"
+        )
     return level
 
 
-def _block(k: int, level: Level, n: int) -> tuple[Array, Array] | Rows:
+def _block(k: int, level: Level, n: int) -> Equations | Rows:
     A, *target = _parts(k, level)
     A = check.matrix(f"levels[{k}][0]", A, columns=n)
     if len(target) == 2:
         return Rows(A, limits(f"levels[{k}][1:]", tuple(target), len(A)))
-    return A, check.exactly(f"levels[{k}][1]", target[0], len(A))
+    return _equations(A, check.exactly(f"levels[{k}][1]", target[0], len(A)))
+
+
+def _equations(A: Array, b: Array) -> Equations:
+    return Equations(A, b, np.asarray(norm(A)))

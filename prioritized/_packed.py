@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from argument_checks import Array
 from prioritized._limits import Limits
+from prioritized._rank import frobenius
 
 
 class Packed(NamedTuple):
@@ -20,8 +21,8 @@ class Packed(NamedTuple):
         ends: Where each level ends in A.
         scales: Size of the matrices that each level's rows were made from, (B, levels).
         tolerance: Fraction of the scale below which a row depends on others.
-        lower: Shape (n,).
-        upper: Shape (n,).
+        lower: Shape (1, n) or (B, n).
+        upper: Likewise.
     """
 
     A: Array
@@ -97,26 +98,78 @@ class Rows(NamedTuple):
     limits: Limits
 
 
-def with_slack(blocks: Sequence[tuple[Array, Array] | Rows], box: Limits) -> tuple[list[tuple[Array, Array]], Limits]:
-    """Levels of equations in [x; s] for levels of equations (A, b) or inequality rows.
+class Equations(NamedTuple):
+    """A level: |A x - b| is to be least, A (..., k, n), b (..., k).
 
-    A row g of inequalities becomes the equation g x = |g| s with s between its limits over |g|: its
-    residual is then what g x lacks to lie between them.
+    `scale` is the size of the matrices that A was made from.
     """
-    count = sum(each.G.shape[-2] for each in blocks if isinstance(each, Rows))
-    levels, bounds, at = [], [box], 0
-    for each in blocks:
-        A = each.G if isinstance(each, Rows) else each[0]
-        wide = np.concatenate([A, np.zeros((*A.shape[:-1], count))], axis=-1)
+
+    A: Array
+    b: Array
+    scale: Array
+
+
+class Unknowns(NamedTuple):
+    """Bounds of the unknowns, and where known the solution without bounds, (..., n)."""
+
+    box: Limits
+    optimum: Array | None = None
+
+    def and_also(self, lower: Array, upper: Array, optimum: Array | None) -> "Unknowns":
+        """These and further ones."""
+        low, high = self.box
+        box = beside(low, lower), beside(high, upper)
+        if self.optimum is None or optimum is None:
+            return Unknowns(box)
+        return Unknowns(box, beside(self.optimum, optimum))
+
+
+def beside(x: Array, y: Array) -> Array:
+    """Vectors (..., i) and (..., j) as (..., i + j), leading axes broadcast."""
+    lead = np.broadcast_shapes(x.shape[:-1], y.shape[:-1])
+    wide = [np.broadcast_to(each, (*lead, each.shape[-1])) for each in (x, y)]
+    return np.concatenate(wide, axis=-1)
+
+
+def pack(
+    levels: Sequence[Equations | Rows], unknowns: Unknowns, tolerance: float
+) -> tuple[Packed, Array | None]:
+    """The levels as the solver takes them, and the optimum without bounds, if known.
+
+    An inequality row g becomes the equation g x = |g| s, with one more unknown s between the limits
+    over |g|: its residual is what g x lacks to lie between them.
+    """
+    n, blocks, slacks = unknowns.box[0].shape[-1], [], 0
+    for each in levels:
         if isinstance(each, Rows):
-            r, n = A.shape[-2:]
-            size = np.sqrt((A.reshape(-1, r, n) ** 2).sum(axis=-1).max(axis=0))
+            size = np.sqrt((each.G**2).sum(axis=-1).reshape(-1, each.G.shape[-2]).max(axis=0))
             size[size == 0.0] = 1.0
-            wide[..., range(r), range(n + at, n + at + r)] = -size
-            bounds.append((each.limits[0] / size, each.limits[1] / size))
-            at += r
-            levels.append((wide, np.zeros(A.shape[:-1])))
+            lower, upper = each.limits
+            x = unknowns.optimum
+            values = None if x is None else (each.G @ x[..., :n, None])[..., 0] / size
+            unknowns = unknowns.and_also(lower / size, upper / size, values)
+            blocks.append((each.G, np.zeros(each.G.shape[:-1]), frobenius(each.G), slacks, size))
+            slacks += len(size)
         else:
-            levels.append((wide, each[1]))
-    lower, upper = (np.concatenate(side) for side in zip(*bounds, strict=True))
-    return levels, (lower, upper)
+            blocks.append((*each, 0, ()))
+    known = [unknowns.optimum] if unknowns.optimum is not None else []
+    vectors = [*known, *unknowns.box, *(b for _, b, *_ in blocks)]
+    matrices = (A.shape[:-2] for A, *_ in blocks)
+    lead = np.broadcast_shapes(*matrices, *(each.shape[:-1] for each in vectors))
+    ends = np.cumsum([A.shape[-2] for A, *_ in blocks])
+    A, b = np.zeros((*lead, ends[-1], n + slacks)), np.zeros((*lead, ends[-1]))
+    scales = np.zeros((*lead, len(blocks)))
+    for k, (rows, target, scale, slack, size) in enumerate(blocks):
+        first = ends[k] - rows.shape[-2]
+        A[..., first : ends[k], :n], b[..., first : ends[k]], scales[..., k] = rows, target, scale
+        for i, one in enumerate(size):
+            A[..., first + i, n + slack + i] = -one
+    low, high = (np.array(side).reshape(-1, n + slacks) for side in unknowns.box)
+    packed = Packed(
+        A.reshape(-1, *A.shape[-2:]), b.reshape(-1, b.shape[-1]), ends,
+        scales.reshape(-1, len(blocks)), tolerance, low, high,
+    )  # fmt: skip
+    x = unknowns.optimum
+    return packed, None if x is None else np.broadcast_to(x, (*lead, n + slacks)).reshape(
+        -1, n + slacks
+    )

@@ -12,9 +12,12 @@ import argument_checks as check
 from argument_checks import Array, Indices
 from prioritized._amplification import as_sentence, closure_sentences, servo_sentences
 from prioritized._arrays import apply, on_axes, read_only, respond
-from prioritized._levels import smallest_gap
+from prioritized._levels import Level, damped, smallest_gap, velocity_levels
+from prioritized._limited import Limiting, WhenLimited, limiting, optimum
+from prioritized._packed import Rows
 from prioritized._problem import Problem, checked
 from prioritized._rank import RANK_TOLERANCE, RankedSvd, basis_scale, largest, ranked_svd
+from prioritized._solution import VelocitySolution, is_held_back
 from prioritized._solving import batched_rates, optimal_rates, velocity_gains
 from prioritized._task import Status
 
@@ -49,11 +52,13 @@ class VelocityMapping:
         problem: The checked arguments.
         damping: Of the major task.
         kinematics: The mechanism that J belongs to; None for a J given as a matrix.
+        limiting: The limits of the rates; None is none.
     """
 
     problem: Problem
     damping: float
     kinematics: Mechanism | None = None
+    limiting: Limiting | None = None
 
     def __call__(
         self,
@@ -62,6 +67,17 @@ class VelocityMapping:
         secondary_velocity: ArrayLike | None = None,
     ) -> Array:
         """Optimal active joint rates, shape (..., n); what is None counts as zero."""
+        if self.limiting is None:
+            return self._unlimited(v_major, joint_velocity, secondary_velocity)
+        return self.solve(v_major, joint_velocity, secondary_velocity).rates
+
+    def _unlimited(
+        self,
+        v_major: ArrayLike,
+        joint_velocity: ArrayLike | None,
+        secondary_velocity: ArrayLike | None,
+    ) -> Array:
+        """Optimal rates without limits."""
         if not self.damping and self.problem.is_unconstrained:
             solve = batched_rates if self.problem.lead else optimal_rates
             rates = solve(self.problem, v_major, joint_velocity, secondary_velocity)
@@ -74,6 +90,81 @@ class VelocityMapping:
             joint_velocity=joint_velocity,
             secondary_velocity=secondary_velocity,
         )
+
+    def solve(
+        self,
+        v_major: ArrayLike,
+        joint_velocity: ArrayLike | None = None,
+        secondary_velocity: ArrayLike | None = None,
+        *,
+        start: VelocitySolution | None = None,
+    ) -> VelocitySolution:
+        """The optimal rates within the limits, what they cost, and which of them are active.
+
+        Limits and constraints hold first, then the major task is met as far as they let it, then
+        the weighted sum of :func:`velocity_mapping` is least.
+
+        Args:
+            v_major: Major velocity, shape (..., m1).
+            joint_velocity: Desired rates, shape (..., n); None is zero.
+            secondary_velocity: Desired secondary velocity, shape (..., m2); None is zero.
+            start: Solution of a similar problem, such as that of the tick before.
+
+        Raises:
+            ValueError: A velocity of the wrong shape or not finite, by its name.
+        """
+        problem = self.problem
+        given = self._given(v_major, joint_velocity, secondary_velocity)
+        unlimited = self._unlimited(*given)
+        lead = unlimited.shape[:-1]
+        p = np.concatenate([np.broadcast_to(v, (*lead, v.shape[-1])) for v in given], axis=-1)
+        v_m = p[..., : len(problem.S_m)]
+        begun = None if start is None else check.instance("start", start, VelocitySolution).point
+        best = optimum(self.levels, p, unlimited, self.limiting, problem.tolerance, begun)
+        round_off = 1e-12 * problem.scale * np.linalg.norm(unlimited, axis=-1)
+        return VelocitySolution(
+            mapping=self,
+            residual=v_m - self._major(best.x),
+            limited=is_held_back(self._major(best.x - unlimited), v_m, round_off),
+            optimum=best,
+        )
+
+    def _given(self, *velocities: ArrayLike | None) -> list[Array]:
+        """The checked velocities; what is None counts as zero, the major one must be given."""
+        problem = self.problem
+        sizes = len(problem.S_m), problem.J.shape[-1], len(problem.S_s)
+        names = ("v_major", "joint_velocity", "secondary_velocity")
+        given = [
+            np.zeros(size)
+            if value is None and name != "v_major"
+            else check.vector(name, value, size)
+            for name, value, size in zip(names, velocities, sizes, strict=True)
+        ]
+        axes = {name: v.shape[:-1] for name, v in zip(names, given, strict=True)}
+        check.common_axes({"the mapping": problem.lead, **axes})
+        return given
+
+    def _major(self, rates: Array) -> Array:
+        """Major velocity of these rates, shape (..., m1)."""
+        return (self.problem.major_jacobian @ rates[..., None])[..., 0]
+
+    @property
+    def rows(self) -> tuple[Rows, ...]:
+        """Inequality rows of the rates."""
+        return () if self.limiting is None else self.limiting.rows
+
+    @property
+    def tolerance(self) -> float:
+        """Fraction of the scale below which a singular value is zero."""
+        return self.problem.tolerance
+
+    @cached_property
+    def levels(self) -> list[Level]:
+        """Problem 1 as levels of least squares."""
+        constraint, major, *rest = velocity_levels(self.problem, self.damping)
+        if self.damping:
+            major = damped(major, constraint, self.problem.tolerance)
+        return [constraint, major, *rest]
 
     def at(self, kinematics: Mechanism) -> "VelocityMapping":
         """The same task, weights and metrics at another pose; these are not checked again.
@@ -96,7 +187,7 @@ class VelocityMapping:
             active_constraint=kinematics.active_constraint,
             self_motion=Q,
         )
-        return VelocityMapping(there, self.damping, kinematics)
+        return VelocityMapping(there, self.damping, kinematics, self.limiting)
 
     def __str__(self) -> str:
         sentences = (
@@ -198,6 +289,9 @@ def velocity_mapping(
     damping: float = 0.0,
     scale: ArrayLike | None = None,
     rank_tolerance: float = RANK_TOLERANCE,
+    rate_limits: tuple[ArrayLike, ArrayLike] | None = None,
+    rate_rows: tuple[ArrayLike, ArrayLike, ArrayLike] | None = None,
+    when_limited: WhenLimited = "least_squares",
 ) -> VelocityMapping:
     """The mapping from a major velocity to the optimal active joint rates.
 
@@ -234,6 +328,12 @@ def velocity_mapping(
         rank_tolerance: Singular values below this fraction of the scale count as zero. Those of
             W1 and T, which are exact however inaccurate J, do so below 1e-10 at most: no joint can
             be weighted 1e10 times another.
+        rate_limits: Lower and upper limits of the rates, each (n,) or one number, also infinite;
+            they hold before everything else, exactly. None is none.
+        rate_rows: (R, lower, upper) with R (r, n): lower <= R rates <= upper holds next; sides as
+            in `rate_limits`.
+        when_limited: What becomes of a major task that limits hold back: "least_squares", the least
+            error |M (J_m rates - v_m)|, or "scaled": its direction is kept, as fast as possible.
 
     Raises:
         ValueError: An argument has a wrong shape or index or is not finite; it is named.
@@ -252,4 +352,6 @@ def velocity_mapping(
         scale=scale,
         rank_tolerance=rank_tolerance,
     )
-    return VelocityMapping(args, check.number("damping", damping))
+    n = args.J.shape[-1]
+    limited = limiting(n, "rate_limits", rate_limits, {"rate_rows": rate_rows}, when_limited)
+    return VelocityMapping(args, check.number("damping", damping), None, limited)

@@ -1,0 +1,121 @@
+"""What the mappings answer under limits."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from argument_checks import Array, Mask
+from prioritized._arrays import ReadOnly, read_only
+from prioritized._levels import Level, lexicographic
+from prioritized._limited import Optimum
+from prioritized._packed import Point, Rows
+from prioritized._rank import frobenius
+from prioritized._task import Status
+
+_HELD_BACK = 1e-9
+"""Part of the major task below which what it lacks is round-off."""
+
+
+class Mapping(Protocol):
+    """What a solution reads from the mapping that made it."""
+
+    @property
+    def status(self) -> Status: ...
+
+    @property
+    def levels(self) -> list[Level]: ...
+
+    @property
+    def rows(self) -> tuple[Rows, ...]: ...
+
+    @property
+    def tolerance(self) -> float: ...
+
+
+@dataclass(frozen=True, eq=False)
+class Limited(ReadOnly):
+    """An optimum under limits.
+
+    Attributes:
+        mapping: That gave it.
+        residual: Part of the major task that is not reached, shape (..., m1).
+        limited: Whether limits hold the major task back, (...).
+        optimum: The solver's answer.
+    """
+
+    mapping: Mapping
+    residual: Array
+    limited: Mask
+    optimum: Optimum
+
+    @property
+    def scale(self) -> Array:
+        """Part of the achievable major task that was asked for in the end, (...).
+
+        Below 1 where limits hold it back and `when_limited` is "scaled".
+        """
+        return self.optimum.scale
+
+    @property
+    def point(self) -> Point:
+        """Where the solver ended, from which it can start again."""
+        return self.optimum.point
+
+    @property
+    def status(self) -> Status:
+        """What holds for every problem of the batch; the value says what to do."""
+        if self.optimum.infeasible.any():
+            return Status.INFEASIBLE
+        if not self.optimum.ended.all():
+            return Status.UNFINISHED
+        of_mapping = self.mapping.status
+        if of_mapping is Status.SELF_MOTION or not self.limited.any():
+            return of_mapping
+        return Status.SCALED if np.any(self.scale < 1.0) else Status.LIMITED
+
+
+def is_held_back(lost: Array, asked: Array, round_off: Array) -> Mask:
+    """Whether limits take something from a major task, given its change and what was asked."""
+    size = _HELD_BACK * np.linalg.norm(asked, axis=-1) + round_off
+    return np.asarray(np.linalg.norm(lost, axis=-1) > size)
+
+
+@dataclass(frozen=True, eq=False)
+class VelocitySolution(Limited):
+    """The optimal rates under limits; made by :meth:`VelocityMapping.solve`."""
+
+    @property
+    def rates(self) -> Array:
+        """Of the surviving actuators, within the limits exactly, shape (..., n)."""
+        return self.optimum.x
+
+    @property
+    def active_limits(self) -> NDArray[np.int8]:
+        """Limits that the rates are at: -1 the lower, 1 the upper, 0 none, shape (..., n)."""
+        return self.optimum.active[..., : self.rates.shape[-1]]
+
+    @property
+    def active_rows(self) -> NDArray[np.int8]:
+        """The same for the inequality rows, (..., r)."""
+        return self.optimum.active[..., self.rates.shape[-1] :]
+
+    @cached_property
+    def gains(self) -> Array:
+        """Change of the rates per change of [v_m; rates_d; v_sd] while these limits are active.
+
+        Shape (..., n, m1 + n + m2); rows of actuators at their limits are zero. With
+        `when_limited` "scaled", v_m is the one that is left of it.
+        """
+        free = self.active_limits[..., None, :] == 0
+        levels = [each._replace(A=each.A * free) for each in self.mapping.levels]
+        nothing = np.zeros((1, levels[0].target.shape[-1]))
+        first = 0
+        for each in reversed(self.mapping.rows):
+            held = self.active_rows[..., first : first + len(each.G), None] != 0
+            first += len(each.G)
+            levels.insert(0, Level(each.G * held * free, nothing, frobenius(each.G)))
+        X, _ = lexicographic(levels, self.mapping.tolerance)
+        return read_only(X)
