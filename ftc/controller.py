@@ -120,8 +120,9 @@ class PrioritizedController(Generic[Pose]):
                 for row in _PARTS
             ]
         )
-        # Changes of the states per major task that the limits of the mapping hold back.
-        self._tracking = block_diag(*(tracking_gain(loop)[:, None] for loop in loops))
+        self._tracking = None
+        if anti_windup and mapping.limits_m is not None:
+            self._tracking = block_diag(*(tracking_gain(loop)[:, None] for loop in loops))
         self._still = np.zeros(mapping.actuators)
 
     def start(self) -> ControllerState[Pose]:
@@ -184,7 +185,7 @@ class PrioritizedController(Generic[Pose]):
         else:
             limited = self.mapping.within_limits(pointing, pose, secondary_reference_m)
             required_m = limited.displacements_m
-            if self.anti_windup:
+            if self._tracking is not None:
                 compensator = compensator - self._tracking.dot(limited.residual)
         if owed is not None:
             if owed.internal_m is not None:

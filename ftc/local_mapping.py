@@ -49,7 +49,7 @@ class Mapping(Protocol):
 
 
 WhenLimited = Literal["least_squares", "scaled"]
-"""What becomes of a major task beyond the limits: met with least error, or shortened."""
+"""What becomes of a major task beyond the limits: least error, or its direction kept."""
 
 
 class LimitedRates(Protocol):

@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike
 
 import argument_checks as check
 from argument_checks import Array
-from ftc._standin import limited_mapping
 from ftc.geometry import Geometry, Pose, free_actuators_follow, without_springs, yielded
 from ftc.goal import Goal
 from ftc.local_mapping import (
@@ -99,18 +98,16 @@ class PrioritizedMapping(Generic[Pose]):
         yielded_m = yielded(released, self._locked_m, kinematics.actuators)
         self._yielded_m = self._expand.T @ yielded_m
         self._standing_m = self._locked_m + yielded_m
-        self.limits_m, self._limited = None, None
-        if limits_m is not None:
-            n = self.actuators
-            lower, upper = (check.frozen(check.shaped("limits_m", each, n)) for each in limits_m)
-            self.limits_m = lower, upper
-            self._limited = limited_mapping(
-                kinematics,
+        self.limits_m = None if limits_m is None else _limits(limits_m, self.actuators)
+        self._limited = None
+        if self.limits_m is not None:
+            lower, upper = (each - yielded_m for each in self.limits_m)
+            self._limited = kinematics.velocity_mapping(
                 self._major,
                 self._secondary,
                 goal.joint_weight,
                 goal.secondary_weight,
-                rate_limits=(lower - yielded_m, upper - yielded_m),
+                rate_limits=(lower, upper),
                 when_limited=when_limited,
             )
         self._at_nominal = self.at(geometry.jacobian(self._nominal))
@@ -277,3 +274,18 @@ class PrioritizedMapping(Generic[Pose]):
         if posture is self._nominal:
             return posture, self._at_nominal
         return posture, self.at(self._model.jacobian(posture))
+
+
+def _limits(limits_m: tuple[ArrayLike, ArrayLike], n: int) -> tuple[Array, Array]:
+    """Lower and upper limits, read-only, infinite where there is none."""
+    try:
+        lower, upper = (check.frozen(np.asarray(each, dtype=float)) for each in limits_m)
+    except (TypeError, ValueError):
+        raise ValueError(
+            f"limits_m must be a pair of {n} numbers, got {check.shown(limits_m)}"
+        ) from None
+    if lower.shape != (n,) or upper.shape != (n,) or not (lower <= upper).all():
+        raise ValueError(
+            f"limits_m must be lower and upper limits of {n} actuators, got {lower} and {upper}"
+        )
+    return lower, upper

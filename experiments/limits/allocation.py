@@ -7,7 +7,6 @@ from numpy.typing import ArrayLike
 
 from experiments.hexapod.columns import MAJOR, SECONDARY
 from experiments.hexapod.controller import StrutMapping
-from ftc._standin import limited_mapping
 from ftc.goal import Goal
 from ftc.local_mapping import LimitedMapping, Mapping
 from prioritized import Kinematics
@@ -57,7 +56,9 @@ class Compromise:
         secondary_velocity: ArrayLike | None = None,
     ) -> Allocated:
         """The optimum of the weighted sum."""
-        v_s = np.concatenate([v_major, np.zeros(4) if secondary_velocity is None else secondary_velocity])
+        v_s = np.concatenate(
+            [v_major, np.zeros(4) if secondary_velocity is None else secondary_velocity]
+        )
         rates = self.equals.solve([], joint_velocity, v_s).rates
         return Allocated(rates, v_major - self.J_m @ rates)
 
@@ -79,8 +80,7 @@ class CompromiseMapping(StrutMapping):
         """One problem."""
         goal = self.goal
         W2 = np.zeros(4) if goal.secondary_weight is None else np.array(goal.secondary_weight)
-        equals = limited_mapping(
-            kinematics,
+        equals = kinematics.velocity_mapping(
             [],
             [*MAJOR, *SECONDARY],
             goal.joint_weight,
