@@ -1,4 +1,4 @@
-"""Four ways to keep displacements within their limits: what the mappings of the study do."""
+"""Displacements within limits without strict priority: cut off, or one problem with weights."""
 
 from dataclasses import dataclass
 
@@ -7,10 +7,13 @@ from numpy.typing import ArrayLike
 
 from experiments.hexapod.columns import MAJOR, SECONDARY
 from experiments.hexapod.controller import StrutMapping
+from experiments.limits.strategies import Strategy
 from ftc.goal import Goal
 from ftc.local_mapping import LimitedMapping, Mapping
 from prioritized import Kinematics
 from sim import Array, Hexapod
+
+Limits = tuple[Array, Array]
 
 
 @dataclass(frozen=True)
@@ -23,12 +26,17 @@ class Allocated:
 
 @dataclass(frozen=True)
 class Clipped:
-    """The mapping without limits, each of its rates then cut off at its own limits."""
+    """The mapping without limits; each rate is cut off at its own limit, whatever it is for.
+
+    Attributes:
+        mapping: Without limits.
+        J_m: Major rows of the Jacobian, shape (m1, n').
+        limits: Of the rates, shape (n',) each.
+    """
 
     mapping: Mapping
     J_m: Array
-    lower: Array
-    upper: Array
+    limits: Limits
 
     def solve(
         self,
@@ -36,18 +44,24 @@ class Clipped:
         joint_velocity: ArrayLike | None = None,
         secondary_velocity: ArrayLike | None = None,
     ) -> Allocated:
-        """Cut off, and what that costs."""
-        rates = self.mapping(v_major, joint_velocity, secondary_velocity)
-        rates = rates.clip(self.lower, self.upper)
-        return Allocated(rates, v_major - self.J_m @ rates)
+        """As :meth:`ftc.local_mapping.LimitedMapping.solve`."""
+        rates = self.mapping(v_major, joint_velocity, secondary_velocity).clip(*self.limits)
+        return Allocated(rates, np.asarray(v_major) - self.J_m @ rates)
 
 
 @dataclass(frozen=True)
 class Compromise:
-    """One bounded least-squares problem of all tasks; its first secondary rows are the major."""
+    """One bounded least-squares problem: no task comes before another.
+
+    Attributes:
+        equals: The mapping with nothing major; its secondary task is [v_m; v_s].
+        J_m: As of :class:`Clipped`.
+        secondary_count: Rows of v_s.
+    """
 
     equals: LimitedMapping
     J_m: Array
+    secondary_count: int
 
     def solve(
         self,
@@ -55,36 +69,48 @@ class Compromise:
         joint_velocity: ArrayLike | None = None,
         secondary_velocity: ArrayLike | None = None,
     ) -> Allocated:
-        """The optimum of the weighted sum."""
-        v_s = np.concatenate(
-            [v_major, np.zeros(4) if secondary_velocity is None else secondary_velocity]
+        """As :meth:`ftc.local_mapping.LimitedMapping.solve`."""
+        v_s = np.zeros(self.secondary_count) if secondary_velocity is None else secondary_velocity
+        rates = self.equals.solve([], joint_velocity, np.concatenate([v_major, v_s])).rates
+        return Allocated(rates, np.asarray(v_major) - self.J_m @ rates)
+
+
+def allocated(
+    kinematics: Kinematics,
+    strategy: Strategy,
+    limits: Limits,
+    major: list[int],
+    secondary: list[int],
+) -> LimitedMapping:
+    """Least rates for the major task within limits of all n actuators, by a strategy."""
+    survivors, W1 = kinematics.actuators, np.ones(len(kinematics.actuators))
+    J_m = kinematics.J[major]
+    if strategy.allocation == "weighted":
+        assert strategy.major_weight is not None
+        weights = np.repeat([strategy.major_weight, 0.0], [len(major), len(secondary)])
+        equals = kinematics.velocity_mapping(
+            [], [*major, *secondary], W1, weights, rate_limits=limits
         )
-        rates = self.equals.solve([], joint_velocity, v_s).rates
-        return Allocated(rates, v_major - self.J_m @ rates)
+        return Compromise(equals, J_m, len(secondary))
+    if strategy.allocation == "clipping":
+        own = limits[0][survivors], limits[1][survivors]
+        return Clipped(kinematics.velocity_mapping(major, secondary, W1), J_m, own)
+    when = "scaled" if strategy.allocation == "scaled" else "least_squares"
+    return kinematics.velocity_mapping(major, secondary, W1, rate_limits=limits, when_limited=when)
 
 
-class ClippedMapping(StrutMapping):
-    def limited_at(self, kinematics: Kinematics) -> LimitedMapping:
-        """Clip."""
-        survivors = kinematics.actuators
-        lower, upper = (each[survivors] for each in self.limits_m)
-        return Clipped(self.rates_at(kinematics), kinematics.J[MAJOR], lower, upper)
+class AllocatedMapping(StrutMapping):
+    """The strut mapping with equal weights; a strategy finds displacements within the limits."""
 
-
-class CompromiseMapping(StrutMapping):
-    def __init__(self, geometry: Hexapod, goal: Goal, major_weight: float, limits_m) -> None:
-        self._weight = major_weight
+    def __init__(
+        self, geometry: Hexapod, locked_m: dict[int, float], limits_m: Limits, strategy: Strategy
+    ) -> None:
+        """The Jacobian is constant; `locked_m` as in :class:`ftc.goal.Goal`."""
+        self._strategy = strategy
+        goal = Goal(joint_weight=(1.0,) * 6, locked_m=locked_m)
         super().__init__(geometry, goal, "constant", limits_m=limits_m)
 
     def limited_at(self, kinematics: Kinematics) -> LimitedMapping:
-        """One problem."""
-        goal = self.goal
-        W2 = np.zeros(4) if goal.secondary_weight is None else np.array(goal.secondary_weight)
-        equals = kinematics.velocity_mapping(
-            [],
-            [*MAJOR, *SECONDARY],
-            goal.joint_weight,
-            np.concatenate([np.full(2, self._weight), W2]),
-            rate_limits=self.limits_m,
-        )
-        return Compromise(equals, kinematics.J[MAJOR])
+        """By the strategy."""
+        assert self.limits_m is not None
+        return allocated(kinematics, self._strategy, self.limits_m, MAJOR, SECONDARY)
