@@ -1,15 +1,15 @@
-"""Anti-windup from the achieved major task, and the stability of a loop whose demand is limited.
+"""Anti-windup from the achieved major task, and the stability of a loop under limits.
 
-Where limits hold the major task back, u_a = P(u) is achieved of the demand u. The compensators then
-observe what is achieved: x' = A x + B e + L (u_a - u), the back-calculation of Astrom and Hagglund
-(Advanced PID Control, 2006, section 3.5) in its observer form.
+Where limits hold the demand u back, u_a is achieved. The compensators observe what is achieved:
 
-L is the gain of the stationary Kalman filter of x with u_a as its measurement, the error and the
-measurement equally uncertain: A - L C is stable for every compensator that has a state-space
-realization, integrators lose their excess in about the time of the crossover, and nothing is left
-to tune. With an exact measurement it would be Hanus' conditioning, whose poles A - B D^-1 C are the
-zeros of the compensator; a roll-off sampled by Tustin's rule has its zeros at -1, so that the states
-would ring for ever.
+    x' = A x + B e + L (u_a - u)
+
+This is back-calculation (Astrom and Hagglund, Advanced PID Control, 2006, section 3.5) in its
+observer form. L is the gain of the stationary Kalman filter of x that measures u_a, error and
+measurement being equally uncertain. A - L C is then stable for every compensator, an integrator
+loses its excess in about the inverse of its own gain, and nothing is left to tune. If u_a were
+taken as exact, this would be Hanus' conditioning, whose poles are the zeros of the compensator. A
+roll-off that is sampled by Tustin's rule has its zeros at -1: its states would oscillate undamped.
 """
 
 from collections.abc import Sequence
@@ -35,39 +35,43 @@ def tracking_gain(channel: Channel) -> Array:
 def circle_margin(
     plant: control.StateSpace, compensators: Sequence[Channel], *, anti_windup: bool
 ) -> float:
-    """Margin of the circle criterion for limits on the demand; the loop is stable if positive.
+    """Margin of the circle criterion for limits of the demand; a positive one proves stability.
 
-    Limits that are met with least squares project the demand on the convex set of what is
-    attainable; scaling shortens it. Both satisfy u_a . (u - u_a) >= 0, if the set contains zero.
-    With u = -H u_a around the loop, I + H strictly positive real is sufficient for a stable loop
-    whatever the limits are (Khalil, Nonlinear Systems, 2002, section 7.1).
+    Limits that are met with least error project the demand on a convex set. For any two demands,
+    (u - w) . (u_a - w_a) >= |u_a - w_a|^2. With u = -H u_a around the loop it is therefore
+    sufficient that I + H is strictly positive real: whatever the limits are, all responses to one
+    reference then converge to each other (Khalil, Nonlinear Systems, 2002, section 7.1, for the
+    difference of two responses). If the direction is kept instead ("scaled"), the inequality holds
+    for w = 0 alone, and with it stability about the point from which demands are scaled.
 
     Args:
-        plant: Sampled, from the major task achieved to the one measured, (m1, m1). What limits
-            change in the displacements beside the major task must not be measurable.
+        plant: Sampled and stable, from the major task achieved to the one measured, (m1, m1). It is
+            assumed that displacements that leave the major task alone are not measured.
         compensators: One for each output.
-        anti_windup: Whether the compensators observe what is achieved.
+        anti_windup: Whether the compensators observe what is achieved. Without, H has the poles of
+            the integrators: responses stay bounded, but need not converge.
 
     Returns:
-        Smallest eigenvalue of the Hermitian part of I + H over frequency; 1 without a loop.
+        Smallest eigenvalue of the Hermitian part of I + H over frequency.
     """
-    zero = control.ss([], [], [], [[0.0]], plant.dt)
-    back = control.append(*(_back(each) if anti_windup else zero for each in compensators))
-    loop = plant
     frequency_rad_s = 2 * np.pi * np.geomspace(1e-2, 0.499 / plant.dt, 4000)
-    forward = control.append(*(control.ss(c.A, c.B, c.C, c.D, plant.dt) for c in compensators))
-    G, K, M = (
-        np.moveaxis(control.frequency_response(each, frequency_rad_s).frdata, -1, 0)
-        for each in (loop, forward, back)
+    back = [_correction(each) if anti_windup else _still(each) for each in compensators]
+    forward = [control.ss(each.A, each.B, each.C, each.D, each.dt) for each in compensators]
+    P, K, M = (
+        np.moveaxis(control.frequency_response(system, frequency_rad_s).frdata, -1, 0)
+        for system in (plant, control.append(*forward), control.append(*back))
     )
     one = np.eye(plant.noutputs)
-    H = np.linalg.solve(one + M, one + K @ G)
-    return float(np.linalg.eigvalsh((H + H.conj().swapaxes(1, 2)) / 2).min())
+    around = np.linalg.solve(one + M, one + K @ P)
+    hermitian = (around + around.conj().swapaxes(1, 2)) / 2
+    return float(np.linalg.eigvalsh(hermitian).min())
 
 
-def _back(channel: Channel) -> control.StateSpace:
-    """From u - u_a, through the tracking gain, to what it takes off the demand."""
-    if not len(channel.A):
-        return control.ss([], [], [], [[0.0]], channel.dt)
+def _correction(channel: Channel) -> control.StateSpace:
+    """From u - u_a to what L takes off the demand."""
     L = tracking_gain(channel)[:, None]
-    return control.ss(channel.A, L, channel.C, 0, channel.dt)
+    return control.ss(channel.A, L, channel.C, 0, channel.dt) if len(L) else _still(channel)
+
+
+def _still(channel: Channel) -> control.StateSpace:
+    return control.ss([], [], [], [[0.0]], channel.dt)

@@ -6,10 +6,10 @@ STUDY = Study(
     name="limits",
     help="""Compare four ways to keep actuators within their limits, in the loop.
 
-    The hexapod follows a spiral beyond what stroke and coil current allow, sound and with strut 1
-    stuck off centre; an arm with limited joints follows a long path, and a joint locks halfway. Strict
-    priority is compared with scaling, clipping and one weighted problem, and with and without
-    anti-windup. 4 min on two cores, 20 s with --quick.
+    The hexapod follows a spiral beyond what stroke and coil current allow, without failure and with
+    strut 1 stuck off centre. An arm with limited joints follows a long path, and a joint locks
+    halfway. Strict priority is compared with scaling, clipping and one weighted problem, with and
+    without anti-windup. 4 min on two cores, 20 s with --quick.
 
     Writes limits.json, the tables as limits.md, a figure, and the data of all runs (spirals.npz,
     arm.npz).

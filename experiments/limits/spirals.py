@@ -17,7 +17,7 @@ from sim import NOMINAL, Amplifier, Array, Failure, Pose, displacement_limits, h
 
 BENCH = replace(TestbedConfig(), detector_half_width_m=10e-3)
 """The spiral is 40 times larger than that of Table I; the detector must see it."""
-RADIUS_RAD = 4.5e-3
+RADIUS_RAD = 4e-3
 TURN_S = 4.0
 REST_S = 1.0
 """At the end of a run, at the centre."""

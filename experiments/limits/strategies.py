@@ -29,7 +29,7 @@ class Strategy:
         return f"{self.allocation}{weight}{'' if self.anti_windup else '_winding_up'}"
 
 
-UNLIMITED = Strategy("unlimited", anti_windup=False)
+UNLIMITED = Strategy("unlimited")
 """Of a machine with longer strokes and cooler coils: what the loop errs without limits."""
 
 
