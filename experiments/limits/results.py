@@ -88,9 +88,13 @@ def checks(summary: dict[str, Any]) -> list[Check]:
     found, ran = [], {spiral["name"]: spiral for spiral in summary["spirals"]}
     for condition in summary["conditions"]:
         where = condition["name"]
-        strict, clipping = ran[f"{where}_strict"], ran[f"{where}_clipping"]
-        winding_up = ran[f"{where}_strict_winding_up"]
-        ratio = strict["rms_urad"] / clipping["rms_urad"]
+        strict, winding_up = ran[f"{where}_strict"], ran[f"{where}_strict_winding_up"]
+        clipping = min(
+            run["rms_urad"]
+            for name, run in ran.items()
+            if name in (f"{where}_clipping", f"{where}_clipping_winding_up")
+        )
+        ratio = strict["rms_urad"] / clipping
         found.append(Check("RMS error of strict priority over that of clipping", where, ratio, 1.0))
         ratio = strict["rms_urad"] / winding_up["rms_urad"]
         found.append(Check("RMS error with anti-windup over that without", where, ratio, 1.0))
@@ -104,7 +108,7 @@ def checks(summary: dict[str, Any]) -> list[Check]:
             continue
         beyond = spiral["beyond_limit_um"]
         found.append(Check("command beyond its limit [um]", name, beyond, CONVERTER_STEP_UM))
-        if spiral["anti_windup"]:
+        if spiral["strategy"] in ("strict", "scaled", "clipping"):
             rest = spiral["rest_peak_urad"]
             found.append(
                 Check("pointing error at rest afterwards [urad]", name, rest, REST_LIMIT_URAD)
