@@ -14,7 +14,8 @@ from prioritized._active_constraint import ActiveConstraint, active_constraint
 from prioritized._arrays import none, read_only
 from prioritized._elimination import Partition, PassiveMotion, passive_motion
 from prioritized._force import ForceMapping, force_mapping
-from prioritized._limited import WhenLimited
+from prioritized._hierarchy import Hierarchy, Task, hierarchy
+from prioritized._limited import WhenLimited, limiting
 from prioritized._manipulability import Gaps, Manipulability, classify
 from prioritized._names import Known, Names, known_actuators, known_velocities
 from prioritized._rank import RankedSvd, ranked_svd
@@ -276,6 +277,48 @@ class Kinematics:
         )
         return dataclasses.replace(mapping, kinematics=self)
 
+    def hierarchy(
+        self,
+        levels: Sequence[Task | Sequence[Task]],
+        *,
+        rate_limits: tuple[ArrayLike, ArrayLike] | None = None,
+        rate_rows: tuple[ArrayLike, ArrayLike, ArrayLike] | None = None,
+        tie_metric: ArrayLike | None = None,
+    ) -> Hierarchy:
+        """Tasks in levels: each is met as far as limits, constraints and levels before it let.
+
+        1. rate_limits hold, always and exactly
+        2. rate_rows and the constraints of the mechanism, eq. (17), hold
+        3. |W (S J rates - target)| of each level smallest, a sum of squares over its tasks
+        4. |T rates|, then |rates| smallest   (ties)
+
+        Args:
+            levels: A :class:`Task`, or a list of them, for each level.
+            rate_limits: As for :func:`prioritized.velocity_mapping`, and so are the next two; cut
+                to the survivors, as are weights of rates.
+            rate_rows: Inequality rows of the rates.
+            tie_metric: T; None is zero.
+
+        Raises:
+            ValueError: No level, or an argument of the wrong shape; it is named.
+        """
+        n = len(self.active)
+        T = none((0, n))
+        if tie_metric is not None:
+            T = check.weight("tie_metric", self._of_survivors("tie_metric", tie_metric), n)
+        box = self._pair_of_survivors("rate_limits", rate_limits)
+        rows = {"rate_rows": self._rows_of_survivors("rate_rows", rate_rows)}
+        return hierarchy(
+            self.J,
+            self.scale,
+            self._tasks_of_survivors(levels),
+            self.active_constraint,
+            self.relative_self_motion,
+            limiting(n, "rate_limits", (-np.inf, np.inf) if box is None else box, rows),
+            T,
+            self.system.rank_tolerance,
+        )
+
     def force_mapping(
         self,
         major: Sequence[int] | ArrayLike,
@@ -310,6 +353,20 @@ class Kinematics:
             gap=np.minimum(mapping.gap, gap),
             closure_condition=self.closure_condition,
         )
+
+    def _tasks_of_survivors(
+        self, levels: Sequence[Task | Sequence[Task]]
+    ) -> Sequence[Task | Sequence[Task]]:
+        """Tasks of all rates weighted for the survivors; others unchanged."""
+
+        def cut(level: Task | Sequence[Task]) -> Task | Sequence[Task]:
+            if isinstance(level, list | tuple):
+                return [cut(each) for each in level]
+            if not isinstance(level, Task) or level.rows is not None:
+                return level
+            return dataclasses.replace(level, weight=self._of_survivors("weight", level.weight))
+
+        return [cut(each) for each in levels] if isinstance(levels, list | tuple) else levels
 
     def _pair_of_survivors(
         self, name: str, pair: tuple[ArrayLike, ArrayLike] | None

@@ -75,9 +75,8 @@ class Solution:
         """
         if not self.hard_rows:
             return None
-        y, A = -self._rests[0], self.packed.A[0, : self.hard_rows]
-        terms = np.abs(A) @ np.abs(self.point.x[0])
-        return y if norm(y) > self.packed.tolerance * norm(terms) else None
+        infeasible = self.packed.unmet(slice(0, 1), self.point.x)[0]
+        return -self._rests[0] if infeasible else None
 
     @property
     def status(self) -> Status:

@@ -35,7 +35,7 @@ def limiting(
     name: str,
     box: tuple[ArrayLike, ArrayLike] | None,
     rows: dict[str, tuple[ArrayLike, ArrayLike, ArrayLike] | None],
-    when_limited: str,
+    when_limited: str = "least_squares",
 ) -> Limiting | None:
     """Checked limits of n unknowns and rows of them, under their names; None is no limit."""
     if when_limited not in get_args(WhenLimited):
@@ -111,10 +111,6 @@ def optimum(
     hard = len(rows) + 1
     packed, without = pack([*rows, *equations], unknowns, tolerance)
     point = solve(packed, without, start)
-    first = packed.ends[hard - 1]
-    rest, terms = packed.rest(point.x), np.abs(packed.A) @ np.abs(point.x)[..., None]
-    lacking = np.linalg.norm(rest[:, :first], axis=-1)
-    size = np.linalg.norm(terms[:, :first, 0], axis=-1)
     part = np.ones(len(point.x))
     if scaled:
         most = np.broadcast_to(packed.upper[:, n], part.shape)
@@ -124,7 +120,7 @@ def optimum(
         x=point.x[:, :n].reshape(*lead, n),
         active=point.active[:, kept].reshape(*lead, len(kept)),
         scale=part.reshape(lead),
-        infeasible=(lacking > tolerance * size).reshape(lead),
+        infeasible=packed.unmet(slice(0, hard), point.x).reshape(lead),
         ended=point.ended.reshape(lead),
         point=point,
     )

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from argument_checks import Array
+from argument_checks import Array, Mask
 from prioritized._limits import Limits
 from prioritized._rank import frobenius
 
@@ -34,8 +34,22 @@ class Packed(NamedTuple):
     upper: Array
 
     def rest(self, x: Array) -> Array:
-        """b - A x of every row, shape (B, k)."""
+        """What each row lacks, b - A x, shape (B, k)."""
         return self.b - (self.A @ x[..., None])[..., 0]
+
+    def level(self, k: int, x: Array) -> Array:
+        """The same of one level, (B, .)."""
+        first = self.ends[k - 1] if k else 0
+        return self.rest(x)[:, first : self.ends[k]]
+
+    def unmet(self, levels: slice, x: Array) -> Mask:
+        """Whether these levels lack more than round-off, (B,)."""
+        first = 0 if not levels.start else self.ends[levels.start - 1]
+        rows = slice(first, self.ends[levels.stop - 1])
+        rest = self.rest(x)[:, rows]
+        terms = np.abs(self.A[:, rows]) @ np.abs(x)[..., None]
+        size = np.linalg.norm(terms[..., 0] + np.abs(self.b[:, rows]), axis=-1)
+        return np.linalg.norm(rest, axis=-1) > self.tolerance * size
 
 
 class Point(NamedTuple):
