@@ -32,6 +32,7 @@ from prioritized._lexicographic import lexicographic_least_squares as lexicograp
 from prioritized._manipulability import Manipulability as Manipulability
 from prioritized._names import Names as Names
 from prioritized._rank import RANK_TOLERANCE as RANK_TOLERANCE
+from prioritized._solution import ForceSolution as ForceSolution
 from prioritized._solution import VelocitySolution as VelocitySolution
 from prioritized._system import ConstrainedSystem as ConstrainedSystem
 from prioritized._task import Status as Status

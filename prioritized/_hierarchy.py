@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 
 import argument_checks as check
 from argument_checks import Array
-from prioritized._arrays import ReadOnly
-from prioritized._limited import Limiting
+from prioritized._arrays import ReadOnly, none
+from prioritized._limited import Limiting, checked_rows
 from prioritized._limits import limits
 from prioritized._packed import Equations, Packed, Point, Rows, Unknowns, pack, solve
 from prioritized._rank import RANK_TOLERANCE, basis_scale, norm, ranked_svd
@@ -163,7 +163,9 @@ class HierarchySolution:
         """
         rates = self.rates
         return tuple(
-            np.concatenate([_lacking(part, target, rates) for part, target in zip(*each, strict=True)])
+            np.concatenate(
+                [_lacking(part, target, rates) for part, target in zip(*each, strict=True)]
+            )
             for each in zip(self.hierarchy.levels, self.targets, strict=True)
         )
 
@@ -198,8 +200,9 @@ def hierarchy(
     levels: Sequence[Task | Sequence[Task]],
     constraint: Array,
     self_motion: Array,
-    limiting: Limiting,
-    tie_metric: Array,
+    rate_limits: tuple[ArrayLike, ArrayLike] | None,
+    rate_rows: tuple[ArrayLike, ArrayLike, ArrayLike] | None,
+    tie_metric: ArrayLike | None,
     tolerance: float,
 ) -> Hierarchy:
     """The hierarchy of a mechanism with this J; see :meth:`Kinematics.hierarchy`."""
@@ -209,11 +212,15 @@ def hierarchy(
     for k, level in enumerate(levels):
         tasks = [level] if isinstance(level, Task) else level
         if not isinstance(tasks, Sequence) or not tasks:
-            raise ValueError(f"levels[{k}] must be a Task or a list of tasks, got {check.shown(level)}")
+            raise ValueError(
+                f"levels[{k}] must be a Task or a list of tasks, got {check.shown(level)}"
+            )
         for task in tasks:
             check.instance(f"levels[{k}]", task, Task)
         if len(tasks) > 1 and any(task.interval for task in tasks):
-            raise ValueError(f"levels[{k}] must have an interval as its only task, got {len(tasks)}")
+            raise ValueError(
+                f"levels[{k}] must have an interval as its only task, got {len(tasks)}"
+            )
         selected = [_selected(f"levels[{k}]", task, len(J)) for task in tasks]
         made.append(
             tuple(
@@ -225,7 +232,11 @@ def hierarchy(
             if S is not None:
                 moved = ranked_svd(S @ self_motion, norm(S) * basis_scale(self_motion), tolerance)
                 is_held = is_held and not np.any(moved.rank > 0)
-    return Hierarchy(tuple(made), constraint, limiting, tie_metric, tolerance, is_held)
+    n = J.shape[1]
+    rows = () if rate_rows is None else (checked_rows("rate_rows", rate_rows, n),)
+    limiting = Limiting(limits("rate_limits", rate_limits, n), rows)
+    T = none((0, n)) if tie_metric is None else check.weight("tie_metric", tie_metric, n)
+    return Hierarchy(tuple(made), constraint, limiting, T, tolerance, is_held)
 
 
 def _selected(name: str, task: Task, m: int) -> Array | None:
@@ -247,7 +258,11 @@ def _part(
         A, size = np.eye(n), min(1.0, RANK_TOLERANCE / tolerance) if tolerance else 1.0
     else:
         A, size = S @ J, norm(S) * scale
-    W = np.eye(len(A)) if task.weight is None else check.weight(f"weight of {name}", task.weight, len(A))
+    W = (
+        np.eye(len(A))
+        if task.weight is None
+        else check.weight(f"weight of {name}", task.weight, len(A))
+    )
     return _Part(A, W, size, task.interval)
 
 
@@ -257,7 +272,9 @@ def _level_targets(name: str, parts: tuple[_Part, ...], target: Any) -> tuple[Ar
         target = [None] * len(parts) if len(parts) > 1 else None
     each = [target] if len(parts) == 1 else target
     if not isinstance(each, Sequence) or len(each) != len(parts):
-        raise ValueError(f"{name} must be {len(parts)} targets, one a task, got {check.shown(target)}")
+        raise ValueError(
+            f"{name} must be {len(parts)} targets, one a task, got {check.shown(target)}"
+        )
     return tuple(_target(name, part, one) for part, one in zip(parts, each, strict=True))
 
 

@@ -34,7 +34,7 @@ class ConstrainedSystem:
     Any mechanism: J_C is None for a serial arm, and its rows may be redundant.
 
     Attributes:
-        J_T: TaskJacobian Jacobian of all generalized velocities, shape (m, N).
+        J_T: Task Jacobian of all generalized velocities, shape (m, N).
         J_C: Constraint Jacobian, shape (c, N).
         active: Velocity indices of the n actuated joints, in actuator order.
         rank_tolerance: Singular values below this fraction of the scale of J_T and J_C are zero.
@@ -72,7 +72,7 @@ class ConstrainedSystem:
         only after a torque failure.
 
         Args:
-            J_T: TaskJacobian Jacobian, shape (m, N).
+            J_T: Task Jacobian, shape (m, N).
             J_C: Constraint Jacobian, shape (c, N); None is none.
             active: Velocity index of each of the n actuators.
             rank_tolerance: Fraction of the inputs' scale below which singular values are zero;
@@ -165,7 +165,7 @@ class ConstrainedSystem:
         by as much, and the difference can count as one more constraint.
 
         Args:
-            J_T: TaskJacobian Jacobian at that pose, of the same shape as before; None is unchanged.
+            J_T: Task Jacobian at that pose, of the same shape as before; None is unchanged.
             J_C: Constraint Jacobian at that pose, with any number of rows; None is unchanged.
 
         Raises:
