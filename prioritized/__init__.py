@@ -23,12 +23,17 @@ from prioritized._atlas import failure_atlas as failure_atlas
 from prioritized._failures import Failures as Failures
 from prioritized._force import ForceMapping as ForceMapping
 from prioritized._force import force_mapping as force_mapping
+from prioritized._hierarchy import Hierarchy as Hierarchy
+from prioritized._hierarchy import HierarchySolution as HierarchySolution
+from prioritized._hierarchy import Task as Task
 from prioritized._kinematics import Kinematics as Kinematics
 from prioritized._lexicographic import Solution as Solution
 from prioritized._lexicographic import lexicographic_least_squares as lexicographic_least_squares
 from prioritized._manipulability import Manipulability as Manipulability
 from prioritized._names import Names as Names
 from prioritized._rank import RANK_TOLERANCE as RANK_TOLERANCE
+from prioritized._solution import ForceSolution as ForceSolution
+from prioritized._solution import VelocitySolution as VelocitySolution
 from prioritized._system import ConstrainedSystem as ConstrainedSystem
 from prioritized._task import Status as Status
 from prioritized._velocity import VelocityMapping as VelocityMapping

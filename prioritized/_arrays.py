@@ -52,6 +52,34 @@ def apply(gain: Array, name: str, value: ArrayLike | None) -> Array:
     return np.einsum("...ij,...j->...i", gain, v)
 
 
+def times(A: Array, x: Array) -> Array:
+    """A (..., i, j) times x (..., j), leading axes broadcast."""
+    return (A @ x[..., None])[..., 0]
+
+
+def beside(*vectors: Array) -> Array:
+    """Vectors (..., i), (..., j) as one (..., i + j), leading axes broadcast."""
+    lead = np.broadcast_shapes(*(each.shape[:-1] for each in vectors))
+    wide = [np.broadcast_to(each, (*lead, each.shape[-1])) for each in vectors]
+    return np.concatenate(wide, axis=-1)
+
+
+def joined(lead: tuple[int, ...], required: str, **inputs: tuple[ArrayLike | None, int]) -> Array:
+    """Checked inputs (..., size), each with its size, as one vector; what is None counts as zero.
+
+    Raises:
+        ValueError: An input has a wrong shape or is not finite, or the required one is None.
+    """
+    given = {
+        name: np.zeros(size)
+        if value is None and name != required
+        else check.vector(name, value, size)
+        for name, (value, size) in inputs.items()
+    }
+    check.common_axes({"the mapping": lead, **{name: v.shape[:-1] for name, v in given.items()}})
+    return beside(np.zeros((*lead, 0)), *given.values())
+
+
 def on_axes(A: Array, lead: tuple[int, ...]) -> Array:
     """The matrices A broadcast to all batch axes."""
     return A if A.shape[:-2] == lead else np.broadcast_to(A, (*lead, *A.shape[-2:]))

@@ -7,8 +7,6 @@ change of that file alone.
 import numpy as np
 from numba import njit
 
-from argument_checks import Array
-
 AT_LOWER, FREE, AT_UPPER = -1, 0, 1
 COLD, FROM_OPTIMUM, WARM = 0, 1, 2
 """What the solver starts from: nothing, the optimum without bounds, an earlier solution."""
@@ -24,7 +22,7 @@ _compiled = njit(cache=True, error_model="numpy")
 
 
 @_compiled
-def _reduce_rows(B, first, last, column, beta, V, order, threshold, gap):  # noqa: ANN001, ANN202
+def _reduce_rows(B, first, last, column, beta, V, order, threshold, gap):
     """Reduce rows first..last of B to lower triangles by reflections from the right.
 
     The row with the largest remainder is next. Rows after `last` are reflected too. Returns the
@@ -70,7 +68,7 @@ def _reduce_rows(B, first, last, column, beta, V, order, threshold, gap):  # noq
 
 
 @_compiled
-def _reflect(x, beta, V, rank, column, backwards):  # noqa: ANN001, ANN202
+def _reflect(x, beta, V, rank, column, backwards):
     """Apply reflections to a vector, in the order in which they were made or backwards."""
     for k in range(rank):
         t = rank - 1 - k if backwards else k
@@ -83,7 +81,7 @@ def _reflect(x, beta, V, rank, column, backwards):  # noqa: ANN001, ANN202
 
 
 @_compiled
-def _least_squares(L, r):  # noqa: ANN001, ANN202
+def _least_squares(L, r):
     """Minimize |L w - r| in place, L (k, q) of full column rank; w is r[:q]."""
     k, q = L.shape
     for c in range(q):
@@ -113,7 +111,7 @@ def _least_squares(L, r):  # noqa: ANN001, ANN202
 
 
 @_compiled
-def _remove(q, row):  # noqa: ANN001, ANN202
+def _remove(q, row):
     """Take the part along the unit row q from a row."""
     dot = 0.0
     for j in range(len(row)):
@@ -123,7 +121,7 @@ def _remove(q, row):  # noqa: ANN001, ANN202
 
 
 @_compiled
-def _orthonormal(Q, kept, A, held, threshold):  # noqa: ANN001, ANN202
+def _orthonormal(Q, kept, A, held, threshold):
     """Orthonormal rows that span those of Q and A on what is not held; their number."""
     n = Q.shape[1]
     rest = np.empty((kept + len(A), n))
@@ -163,7 +161,7 @@ def _orthonormal(Q, kept, A, held, threshold):  # noqa: ANN001, ANN202
 
 
 @_compiled
-def _gradient(A, b, x, g):  # noqa: ANN001, ANN202
+def _gradient(A, b, x, g):
     """Gradient A^T (A x - b), and the norm of the residual beside what it is computed from."""
     k, n = A.shape
     square, size = 0.0, 0.0
@@ -182,7 +180,7 @@ def _gradient(A, b, x, g):  # noqa: ANN001, ANN202
 
 
 @_compiled
-def _solve_level(A, b, scale, tolerance, Q, kept, lower, upper, x, state, held, most, bounded):  # noqa: ANN001, ANN202
+def _solve_level(A, b, scale, tolerance, Q, kept, lower, upper, x, state, held, most, bounded):
     """Minimize |A x - b| with Q x as it is and x within its bounds, from an x that is.
 
     Bounds that clearly hold this level back are `held` from then on. Returns the steps taken,
@@ -271,7 +269,7 @@ def _solve_level(A, b, scale, tolerance, Q, kept, lower, upper, x, state, held, 
 
 
 @_compiled
-def _solve_levels(A, b, ends, scales, tolerance, lower, upper, x, state, most, bounded):  # noqa: ANN001, ANN202
+def _solve_levels(A, b, ends, scales, tolerance, lower, upper, x, state, most, bounded):
     """Every level in turn; the steps taken, whether all came to an end, and the smallest gap."""
     n = len(x)
     Q, held, kept, first, steps = np.empty((n, n)), np.empty(n, np.bool_), 0, 0, 0
@@ -301,7 +299,7 @@ def _solve_levels(A, b, ends, scales, tolerance, lower, upper, x, state, most, b
 
 
 @_compiled
-def solve(A, b, ends, scales, tolerance, lower, upper, x, state, start, most):  # noqa: ANN001, ANN201
+def solve(A, b, ends, scales, tolerance, lower, upper, x, state, start, most):
     """Solve |A_k x - b_k| least, level by level, within lower <= x <= upper.
 
     Args:
@@ -352,7 +350,7 @@ def solve(A, b, ends, scales, tolerance, lower, upper, x, state, start, most):  
 @_compiled
 def solve_each(
     A, b, ends, scales, tolerance, lower, upper, x, state, start, most, steps, ended, gap
-):  # noqa: ANN001, ANN201
+):
     """Solve a batch of problems of one shape, the batch axis first; the same as one after another.
 
     Steps, whether it came to an end, and the gap of each problem are written to the last three.

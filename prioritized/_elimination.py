@@ -55,7 +55,7 @@ def _others(known: Indices, count: int) -> Indices:
     return np.flatnonzero(rest)
 
 
-class Task(NamedTuple):
+class TaskJacobian(NamedTuple):
     """The task Jacobian by joints.
 
     Attributes:
@@ -79,17 +79,17 @@ class Task(NamedTuple):
         return read_only(self.active + self.moving.dot(gain)), self.size + sqrt(through)
 
 
-def sort_task(J_T: Array, joints: Joints) -> Task:
+def sort_task(J_T: Array, joints: Joints) -> TaskJacobian:
     """The task Jacobian by joints."""
     moving = J_T[:, joints.moving]
     squared = (moving * moving).sum(axis=0)
-    return Task(J_T, J_T[:, joints.active], moving, norm(J_T), squared)
+    return TaskJacobian(J_T, J_T[:, joints.active], moving, norm(J_T), squared)
 
 
 class Partition(NamedTuple):
     """A constrained system by joints, eqs. (6) to (9)."""
 
-    task: Task
+    task: TaskJacobian
     J_C: Array  # (c, N)
     joints: Joints
     stiffness: Array | None  # K of the joint springs, (N, N); None is a rigid mechanism

@@ -13,15 +13,29 @@ from prioritized._amplification import as_sentence, closure_sentences
 from prioritized._arrays import (
     ReadOnly,
     apply,
+    beside,
+    joined,
     on_axes,
     read_only,
     respond,
     stack,
+    times,
     transposed,
 )
-from prioritized._levels import Forces, force_levels, forces_of, lexicographic, smallest_gap
+from prioritized._levels import (
+    Forces,
+    Level,
+    force_levels,
+    forces_of,
+    lexicographic,
+    smallest_gap,
+)
+from prioritized._limited import Limiting, WhenLimited, limiting, optimum
+from prioritized._limits import limits
+from prioritized._packed import Rows
 from prioritized._problem import Problem, checked
 from prioritized._rank import RANK_TOLERANCE, basis_scale, frobenius, largest, ranked_svd
+from prioritized._solution import ForceSolution, is_held_back
 from prioritized._task import Status
 
 Gains = tuple[Array, ...]
@@ -46,6 +60,9 @@ class ForceMapping(ReadOnly):
         rank: Dimension of the major forces that equilibrium admits, shape (...).
         gap: Factor by which the rank threshold could change before any rank would, shape (...).
         status: What holds for every problem of the batch.
+        problem: The checked arguments.
+        limiting: Limits of the unknowns [f_m; f_s; eta]; those of the torques are its first rows.
+            None is none.
         closure_condition: As in :class:`Manipulability`; 1 for a J given as a matrix.
     """
 
@@ -57,6 +74,8 @@ class ForceMapping(ReadOnly):
     rank: Indices
     gap: Array
     status: Status
+    problem: Problem
+    limiting: Limiting | None = None
     closure_condition: float = 1.0
 
     def __str__(self) -> str:
@@ -90,7 +109,77 @@ class ForceMapping(ReadOnly):
         secondary_force: ArrayLike | None = None,
     ) -> Array:
         """Optimal active joint torques, shape (..., n); what is None counts as zero."""
+        if self.limiting is not None:
+            return self.solve(f_major, torque, secondary_force).torques
         return _respond(self.torque_gains, f_major, torque, secondary_force)
+
+    def solve(
+        self,
+        f_major: ArrayLike,
+        torque: ArrayLike | None = None,
+        secondary_force: ArrayLike | None = None,
+        *,
+        start: ForceSolution | None = None,
+    ) -> ForceSolution:
+        """The optimal torques within the limits, what they cost, and which of them are active.
+
+        Limits and equilibrium hold first, then the major force is met as far as they let it, then
+        the weighted sum of :func:`force_mapping` is least. Gains, :meth:`secondary_force` and
+        :meth:`internal_force` of the mapping itself know no limits: the solution has its own.
+
+        Args:
+            f_major: Major force, shape (..., m1).
+            torque: Desired torques, shape (..., n); None is zero.
+            secondary_force: Desired secondary force, shape (..., m2); None is zero.
+            start: Solution of a similar problem, such as that of the tick before.
+
+        Raises:
+            ValueError: A force or torque of the wrong shape or not finite, by its name.
+        """
+        problem = self.problem
+        m1, n = len(problem.S_m), problem.J.shape[-1]
+        p = joined(
+            problem.lead,
+            "f_major",
+            f_major=(f_major, m1),
+            torque=(torque, n),
+            secondary_force=(secondary_force, len(problem.S_s)),
+        )
+        f_m = p[..., :m1]
+        reached = times(self.achieved, f_m)
+        others = (
+            np.concatenate(gains, axis=-1) for gains in (self.secondary_gains, self.internal_gains)
+        )
+        unlimited = beside(reached, *(times(gain, p) for gain in others))
+        begun = None if start is None else check.instance("start", start, ForceSolution).point
+        best = optimum(self.levels, p, unlimited, self.limiting, problem.tolerance, begun)
+        achieved = best.x[..., :m1]
+        return ForceSolution(
+            mapping=self,
+            residual=f_m - achieved,
+            limited=is_held_back(achieved - reached, f_m, 1e-12 * np.linalg.norm(reached, axis=-1)),
+            optimum=best,
+        )
+
+    @property
+    def forces(self) -> Forces:
+        """Task force and torques per unknown."""
+        return forces_of(self.problem)
+
+    @property
+    def levels(self) -> list[Level]:
+        """Problem 6 as levels of least squares."""
+        return force_levels(self.problem, self.forces)
+
+    @property
+    def rows(self) -> tuple[Rows, ...]:
+        """Inequality rows of the unknowns."""
+        return () if self.limiting is None else self.limiting.rows
+
+    @property
+    def tolerance(self) -> float:
+        """Fraction of the scale below which a singular value is zero."""
+        return self.problem.tolerance
 
     def secondary_force(
         self,
@@ -129,6 +218,10 @@ def force_mapping(
     tie_metric: ArrayLike | None = None,
     scale: ArrayLike | None = None,
     rank_tolerance: float = RANK_TOLERANCE,
+    torque_limits: tuple[ArrayLike, ArrayLike] | None = None,
+    torque_rows: tuple[ArrayLike, ArrayLike, ArrayLike] | None = None,
+    force_rows: tuple[ArrayLike, ArrayLike, ArrayLike] | None = None,
+    when_limited: WhenLimited = "least_squares",
 ) -> ForceMapping:
     """The mapping from a major force to the optimal active joint torques.
 
@@ -163,6 +256,12 @@ def force_mapping(
         scale: Size of J that ranks are decided against, shape (...); None is the norm of J.
         rank_tolerance: Singular values below this fraction of the scale count as zero. Among the
             stacked weights, too: at 1e-10, no goal can be weighted 1e10 times another.
+        torque_limits: Lower and upper limits of the torques, each (n,) or one number, also infinite
+            ((0, inf) is an actuator that only pushes); they hold before everything else.
+        torque_rows: (R, lower, upper) with R (r, n): lower <= R torques <= upper, likewise.
+        force_rows: The same for the task force f, R (r, m), such as the sides of a friction cone.
+        when_limited: What becomes of a major force that limits hold back: "least_squares", the
+            least error |M (f_m - f_md)|, or "scaled": its direction is kept, as large as possible.
 
     Raises:
         ValueError: An argument has a wrong shape or index or is not finite; it is named.
@@ -190,6 +289,7 @@ def force_mapping(
     to_f_m, to_f_s, to_eta = np.split(X, [m1, m1 + m2], axis=-2)
     # A major force, with no more secondary force than self-motion makes necessary.
     alone, _ = lexicographic([*levels[:2], levels[-1]], problem.tolerance)
+    limited = _limiting(problem, forces, torque_limits, torque_rows, force_rows, when_limited)
     reaction, work_rank = _reaction(problem, forces, alone[..., :m1])
     return ForceMapping(
         torque_gains=tuple(np.split(forces.torques @ X, [m1, m1 + n], axis=-1)),
@@ -200,7 +300,34 @@ def force_mapping(
         rank=np.broadcast_to(major_rank, problem.lead),
         gap=np.broadcast_to(smallest_gap(decisions), problem.lead),
         status=_status(in_equilibrium=major_rank == m1, determined=work_rank == m1),
+        problem=problem,
+        limiting=limited,
     )
+
+
+def _limiting(
+    problem: Problem,
+    forces: Forces,
+    torque_limits: tuple[ArrayLike, ArrayLike] | None,
+    torque_rows: tuple[ArrayLike, ArrayLike, ArrayLike] | None,
+    force_rows: tuple[ArrayLike, ArrayLike, ArrayLike] | None,
+    when_limited: WhenLimited,
+) -> Limiting | None:
+    """Limits of torques and forces as those of the unknowns [f_m; f_s; eta]."""
+    m, n = problem.J.shape[-2:]
+    on_torques = limiting(
+        n, "torque_limits", torque_limits, {"torque_rows": torque_rows}, when_limited
+    )
+    on_forces = limiting(m, "", None, {"force_rows": force_rows}, when_limited)
+    if on_torques is None and on_forces is None:
+        return None
+    box = limits("torque_limits", None, n) if on_torques is None else on_torques.box
+    rows = [Rows(forces.torques, box)]
+    for one, of_unknowns in ((on_torques, forces.torques), (on_forces, forces.task)):
+        if one is not None:
+            rows += [Rows(each.G @ of_unknowns, each.limits) for each in one.rows]
+    unknowns = forces.torques.shape[-1]
+    return Limiting(limits("", None, unknowns), tuple(rows), when_limited)
 
 
 def _refuse_overlap(S_m: Array, S_s: Array, tolerance: float) -> None:

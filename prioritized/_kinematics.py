@@ -14,11 +14,13 @@ from prioritized._active_constraint import ActiveConstraint, active_constraint
 from prioritized._arrays import none, read_only
 from prioritized._elimination import Partition, PassiveMotion, passive_motion
 from prioritized._force import ForceMapping, force_mapping
+from prioritized._hierarchy import Hierarchy, Task, hierarchy
 from prioritized._limited import WhenLimited
 from prioritized._manipulability import Gaps, Manipulability, classify
 from prioritized._names import Known, Names, known_actuators, known_velocities
 from prioritized._rank import RankedSvd, ranked_svd
 from prioritized._statics import constraint_gain, internal_rows, torque_gain
+from prioritized._survivors import Survivors
 from prioritized._task import task_selection
 from prioritized._velocity import VelocityMapping, velocity_mapping
 
@@ -261,20 +263,58 @@ class Kinematics:
             self.J,
             major,
             secondary,
-            self._of_survivors("joint_weight", joint_weight),
+            self._survivors.matrix("joint_weight", joint_weight),
             secondary_weight,
             C if C.size else None,
             Q if Q.size else None,
             major_metric=major_metric,
-            tie_metric=self._of_survivors("tie_metric", tie_metric),
+            tie_metric=self._survivors.matrix("tie_metric", tie_metric),
             damping=damping,
             scale=self.scale,
             rank_tolerance=self.system.rank_tolerance,
-            rate_limits=self._pair_of_survivors("rate_limits", rate_limits),
-            rate_rows=self._rows_of_survivors("rate_rows", rate_rows),
+            rate_limits=self._survivors.pair(rate_limits),
+            rate_rows=self._survivors.rows("rate_rows", rate_rows),
             when_limited=when_limited,
         )
         return dataclasses.replace(mapping, kinematics=self)
+
+    def hierarchy(
+        self,
+        levels: Sequence[Task | Sequence[Task]],
+        *,
+        rate_limits: tuple[ArrayLike, ArrayLike] | None = None,
+        rate_rows: tuple[ArrayLike, ArrayLike, ArrayLike] | None = None,
+        tie_metric: ArrayLike | None = None,
+    ) -> Hierarchy:
+        """Tasks in levels: each is met as far as limits, constraints and levels before it let.
+
+        1. rate_limits hold, always and exactly
+        2. rate_rows and the constraints of the mechanism, eq. (17), hold
+        3. |W (S J rates - target)| of each level smallest, a sum of squares over its tasks
+        4. |T rates|, then |rates| smallest   (ties)
+
+        Args:
+            levels: A :class:`Task`, or a list of them, for each level.
+            rate_limits: As for :func:`prioritized.velocity_mapping`, and so are the next two; cut
+                to the survivors, as are weights of rates.
+            rate_rows: Inequality rows of the rates.
+            tie_metric: T; None is zero.
+
+        Raises:
+            ValueError: No level, or an argument of the wrong shape; it is named.
+        """
+        survivors = self._survivors
+        return hierarchy(
+            self.J,
+            self.scale,
+            survivors.tasks(levels),
+            self.active_constraint,
+            self.relative_self_motion,
+            survivors.pair(rate_limits),
+            survivors.rows("rate_rows", rate_rows),
+            survivors.matrix("tie_metric", tie_metric),
+            self.system.rank_tolerance,
+        )
 
     def force_mapping(
         self,
@@ -285,24 +325,32 @@ class Kinematics:
         *,
         major_metric: ArrayLike | None = None,
         tie_metric: ArrayLike | None = None,
+        torque_limits: tuple[ArrayLike, ArrayLike] | None = None,
+        torque_rows: tuple[ArrayLike, ArrayLike, ArrayLike] | None = None,
+        force_rows: tuple[ArrayLike, ArrayLike, ArrayLike] | None = None,
+        when_limited: WhenLimited = "least_squares",
     ) -> ForceMapping:
         """:func:`prioritized.force_mapping` with J and every condition of this mechanism.
 
-        A `torque_weight` or `tie_metric` for all n actuators is cut to the survivors; torques,
-        desired ones too, are the survivors' alone.
+        A `torque_weight`, `tie_metric`, `torque_limits` or `torque_rows` for all n actuators is cut
+        to the survivors; torques, desired ones too, are the survivors' alone.
         """
         mapping = force_mapping(
             self.J,
             major,
             secondary,
-            self._of_survivors("torque_weight", torque_weight),
+            self._survivors.matrix("torque_weight", torque_weight),
             secondary_weight,
             self.active_constraint,
             self.self_motion,  # decided: a second decision could contradict it at the threshold
             major_metric=major_metric,
-            tie_metric=self._of_survivors("tie_metric", tie_metric),
+            tie_metric=self._survivors.matrix("tie_metric", tie_metric),
             scale=self.scale,
             rank_tolerance=self.system.rank_tolerance,
+            torque_limits=self._survivors.pair(torque_limits),
+            torque_rows=self._survivors.rows("torque_rows", torque_rows),
+            force_rows=force_rows,
+            when_limited=when_limited,
         )
         gap = min(self.gap, float(self._moved.gap))
         return dataclasses.replace(
@@ -311,31 +359,6 @@ class Kinematics:
             closure_condition=self.closure_condition,
         )
 
-    def _pair_of_survivors(
-        self, name: str, pair: tuple[ArrayLike, ArrayLike] | None
-    ) -> tuple[ArrayLike, ArrayLike] | None:
-        """Limits of all actuators cut to the survivors; others unchanged."""
-        if pair is None or len(self.actuators) == len(self.system.joints.actuated):
-            return pair
-        n = len(self.system.joints.actuated)
-        return tuple(
-            np.asarray(side)[self.actuators] if np.shape(side) == (n,) else side for side in pair
-        )
-
-    def _rows_of_survivors(
-        self, name: str, rows: tuple[ArrayLike, ArrayLike, ArrayLike] | None
-    ) -> tuple[ArrayLike, ArrayLike, ArrayLike] | None:
-        """Inequality rows on all actuators cut to the survivors; others unchanged."""
-        if rows is None or not isinstance(rows, tuple | list) or len(rows) != 3:
-            return rows
-        R, lower, upper = rows
-        return self._of_survivors(name, R), lower, upper
-
-    def _of_survivors(self, name: str, weight: ArrayLike | None) -> Array | None:
-        """A weight on all actuators cut to the survivors; others unchanged."""
-        if weight is None:
-            return None
-        W = weight if check.is_plain(weight) else check.real(name, weight)
-        if W.ndim and W.shape[-1] == len(self.system.joints.actuated) > len(self.actuators):
-            return W[..., self.actuators]
-        return W
+    @property
+    def _survivors(self) -> Survivors:
+        return Survivors(self.actuators, len(self.system.joints.actuated))

@@ -69,15 +69,14 @@ class Solution:
 
     @cached_property
     def certificate(self) -> Array | None:
-        """y (r,) which proves that the inequality rows G are infeasible; None if they are not.
+        """Y (r,) which proves that the inequality rows G are infeasible; None if they are not.
 
         y . (G x - s) > 0 for all x within the bounds and all s within the limits of the rows.
         """
         if not self.hard_rows:
             return None
-        y, A = -self._rests[0], self.packed.A[0, : self.hard_rows]
-        terms = np.abs(A) @ np.abs(self.point.x[0])
-        return y if norm(y) > self.packed.tolerance * norm(terms) else None
+        infeasible = self.packed.unmet(slice(0, 1), self.point.x)[0]
+        return -self._rests[0] if infeasible else None
 
     @property
     def status(self) -> Status:
@@ -176,7 +175,7 @@ def _block(k: int, level: Level, n: int) -> Equations | Rows:
     A, *target = _parts(k, level)
     A = check.matrix(f"levels[{k}][0]", A, columns=n)
     if len(target) == 2:
-        return Rows(A, limits(f"levels[{k}][1:]", tuple(target), len(A)))
+        return Rows(A, limits(f"levels[{k}][1:]", (target[0], target[1]), len(A)))
     return _equations(A, check.exactly(f"levels[{k}][1]", target[0], len(A)))
 
 

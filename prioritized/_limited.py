@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 import argument_checks as check
 from argument_checks import Array, Mask
+from prioritized._arrays import times
 from prioritized._levels import Level
 from prioritized._limits import Limits, limits
 from prioritized._packed import Equations, Point, Rows, Unknowns, pack, solve
@@ -35,7 +36,7 @@ def limiting(
     name: str,
     box: tuple[ArrayLike, ArrayLike] | None,
     rows: dict[str, tuple[ArrayLike, ArrayLike, ArrayLike] | None],
-    when_limited: str,
+    when_limited: WhenLimited = "least_squares",
 ) -> Limiting | None:
     """Checked limits of n unknowns and rows of them, under their names; None is no limit."""
     if when_limited not in get_args(WhenLimited):
@@ -102,19 +103,15 @@ def optimum(
     lead, n = p.shape[:-1], unlimited.shape[-1]
     if limiting is None:
         limiting = Limiting(limits("", None, n))
-    equations = [Equations(one.A, _times(one.target, p), np.asarray(one.scale)) for one in levels]
+    equations = [Equations(one.A, times(one.target, p), np.asarray(one.scale)) for one in levels]
     equations.append(Equations(np.eye(n), np.zeros(n), np.asarray(1.0)))
     unknowns, rows = Unknowns(limiting.box, unlimited), limiting.rows
     scaled = limiting.when == "scaled"
     if scaled:
-        equations, rows, unknowns = _keeping_direction(equations, rows, unknowns)
+        equations, rows, unknowns = _keeping_direction(equations, rows, unknowns, unlimited)
     hard = len(rows) + 1
     packed, without = pack([*rows, *equations], unknowns, tolerance)
     point = solve(packed, without, start)
-    first = packed.ends[hard - 1]
-    rest, terms = packed.rest(point.x), np.abs(packed.A) @ np.abs(point.x)[..., None]
-    lacking = np.linalg.norm(rest[:, :first], axis=-1)
-    size = np.linalg.norm(terms[:, :first, 0], axis=-1)
     part = np.ones(len(point.x))
     if scaled:
         most = np.broadcast_to(packed.upper[:, n], part.shape)
@@ -124,18 +121,18 @@ def optimum(
         x=point.x[:, :n].reshape(*lead, n),
         active=point.active[:, kept].reshape(*lead, len(kept)),
         scale=part.reshape(lead),
-        infeasible=(lacking > tolerance * size).reshape(lead),
+        infeasible=packed.unmet(slice(0, hard), point.x).reshape(lead),
         ended=point.ended.reshape(lead),
         point=point,
     )
 
 
 def _keeping_direction(
-    equations: Sequence[Equations], rows: Sequence[Rows], unknowns: Unknowns
+    equations: Sequence[Equations], rows: Sequence[Rows], unknowns: Unknowns, unlimited: Array
 ) -> tuple[list[Equations], list[Rows], Unknowns]:
     """One more unknown: how much of what is achieved without limits; as much as possible."""
     constraint, major, *rest = (each._replace(A=_with_column(each.A, 0.0)) for each in equations)
-    achieved = _times(equations[1].A, unknowns.optimum)
+    achieved = times(equations[1].A, unlimited)
     size = np.linalg.norm(achieved, axis=-1, keepdims=True)
     unit = achieved / np.where(size > 0.0, size, 1.0)
     # Of the size of the major rows, so that no rank depends on how fast the motion is.
@@ -154,8 +151,3 @@ def _with_column(A: Array, column: Array | float) -> Array:
     lead = np.broadcast_shapes(A.shape[:-1], np.shape(column))
     last = np.broadcast_to(column, lead)[..., None]
     return np.concatenate([np.broadcast_to(A, (*lead, A.shape[-1])), last], axis=-1)
-
-
-def _times(A: Array, x: Array) -> Array:
-    """A (..., i, j) times x (..., j), leading axes broadcast."""
-    return (A @ x[..., None])[..., 0]

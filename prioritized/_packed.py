@@ -7,7 +7,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from argument_checks import Array
+from argument_checks import Array, Mask
+from prioritized._arrays import beside, times
 from prioritized._limits import Limits
 from prioritized._rank import frobenius
 
@@ -34,8 +35,22 @@ class Packed(NamedTuple):
     upper: Array
 
     def rest(self, x: Array) -> Array:
-        """b - A x of every row, shape (B, k)."""
-        return self.b - (self.A @ x[..., None])[..., 0]
+        """What each row lacks, b - A x, shape (B, k)."""
+        return self.b - times(self.A, x)
+
+    def level(self, k: int, x: Array) -> Array:
+        """The same of one level, (B, .)."""
+        first = self.ends[k - 1] if k else 0
+        return self.rest(x)[:, first : self.ends[k]]
+
+    def unmet(self, levels: slice, x: Array) -> Mask:
+        """Whether these levels lack more than round-off, (B,)."""
+        first = 0 if not levels.start else self.ends[levels.start - 1]
+        rows = slice(first, self.ends[levels.stop - 1])
+        rest = self.rest(x)[:, rows]
+        terms = times(np.abs(self.A[:, rows]), np.abs(x))
+        size = np.linalg.norm(terms + np.abs(self.b[:, rows]), axis=-1)
+        return np.linalg.norm(rest, axis=-1) > self.tolerance * size
 
 
 class Point(NamedTuple):
@@ -124,13 +139,6 @@ class Unknowns(NamedTuple):
         return Unknowns(box, beside(self.optimum, optimum))
 
 
-def beside(x: Array, y: Array) -> Array:
-    """Vectors (..., i) and (..., j) as (..., i + j), leading axes broadcast."""
-    lead = np.broadcast_shapes(x.shape[:-1], y.shape[:-1])
-    wide = [np.broadcast_to(each, (*lead, each.shape[-1])) for each in (x, y)]
-    return np.concatenate(wide, axis=-1)
-
-
 def pack(
     levels: Sequence[Equations | Rows], unknowns: Unknowns, tolerance: float
 ) -> tuple[Packed, Array | None]:
@@ -146,7 +154,7 @@ def pack(
             size[size == 0.0] = 1.0
             lower, upper = each.limits
             x = unknowns.optimum
-            values = None if x is None else (each.G @ x[..., :n, None])[..., 0] / size
+            values = None if x is None else times(each.G, x[..., :n]) / size
             unknowns = unknowns.and_also(lower / size, upper / size, values)
             blocks.append((each.G, np.zeros(each.G.shape[:-1]), frobenius(each.G), slacks, size))
             slacks += len(size)

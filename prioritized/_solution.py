@@ -1,5 +1,6 @@
 """What the mappings answer under limits."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol
@@ -8,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from argument_checks import Array, Mask
-from prioritized._arrays import ReadOnly, read_only
+from prioritized._arrays import ReadOnly, read_only, times
 from prioritized._levels import Level, lexicographic
 from prioritized._limited import Optimum
 from prioritized._packed import Point, Rows
+from prioritized._problem import Problem
 from prioritized._rank import frobenius
 from prioritized._task import Status
 
@@ -26,13 +28,16 @@ class Mapping(Protocol):
     def status(self) -> Status: ...
 
     @property
-    def levels(self) -> list[Level]: ...
+    def levels(self) -> Sequence[Level]: ...
 
     @property
     def rows(self) -> tuple[Rows, ...]: ...
 
     @property
     def tolerance(self) -> float: ...
+
+    @property
+    def problem(self) -> Problem: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,3 +124,44 @@ class VelocitySolution(Limited):
             levels.insert(0, Level(each.G * held * free, nothing, frobenius(each.G)))
         X, _ = lexicographic(levels, self.mapping.tolerance)
         return read_only(X)
+
+
+@dataclass(frozen=True, eq=False)
+class ForceSolution(Limited):
+    """The optimal torques under limits; made by :meth:`ForceMapping.solve`."""
+
+    @property
+    def torques(self) -> Array:
+        """Of the surviving actuators, within the limits exactly, shape (..., n)."""
+        limit = self.mapping.rows[0]
+        return times(limit.G, self.optimum.x).clip(*limit.limits)
+
+    @property
+    def active_limits(self) -> NDArray[np.int8]:
+        """Limits that the torques are at: -1 the lower, 1 the upper, 0 none, shape (..., n)."""
+        return self._active_rows[..., : len(self.mapping.rows[0].limits[0])]
+
+    @property
+    def active_rows(self) -> NDArray[np.int8]:
+        """The same for `torque_rows`, then `force_rows`, (..., r)."""
+        return self._active_rows[..., len(self.mapping.rows[0].limits[0]) :]
+
+    @property
+    def secondary_force(self) -> Array:
+        """The secondary force f_s that goes with the torques, shape (..., m2)."""
+        return self._parts[1]
+
+    @property
+    def internal_force(self) -> Array:
+        """The internal force eta that goes with them, shape (..., r): one per row of C."""
+        return self._parts[2]
+
+    @property
+    def _parts(self) -> list[Array]:
+        problem = self.mapping.problem
+        m1, m2 = len(problem.S_m), len(problem.S_s)
+        return np.split(self.optimum.x, [m1, m1 + m2], axis=-1)
+
+    @property
+    def _active_rows(self) -> NDArray[np.int8]:
+        return self.optimum.active[..., self.optimum.x.shape[-1] :]

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 import argument_checks as check
 from argument_checks import Array, Indices
 from prioritized._arrays import read_only
-from prioritized._elimination import Joints, Partition, Task, sort_joints, sort_task
+from prioritized._elimination import Joints, Partition, TaskJacobian, sort_joints, sort_task
 from prioritized._failures import Failures, failed_actuators, stuck_passive
 from prioritized._kinematics import Kinematics
 from prioritized._mechanism import Mechanism, arguments_of, tolerance_of
@@ -233,7 +233,7 @@ class ConstrainedSystem:
         return sort_joints(self.active, actuators, self.stuck, self.J_T.shape[1])
 
     @cached_property
-    def _task(self) -> Task:
+    def _task(self) -> TaskJacobian:
         return sort_task(self.J_T, self._joints)
 
 

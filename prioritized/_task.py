@@ -61,9 +61,9 @@ def task_selection(
     """
     if _are_rows(major) and (secondary is None or _are_rows(secondary)):
         return _of_rows(tuple(major), None if secondary is None else tuple(secondary), m)
-    S_m = _selection("major", major, m)
+    S_m = rows_of("major", major, m)
     if secondary is not None:
-        return S_m, _selection("secondary", secondary, m)
+        return S_m, rows_of("secondary", secondary, m)
     if np.ndim(major) == 2:
         full = ranked_svd(S_m, frobenius(S_m), tolerance, full=True)
         return S_m, full.Vt[int(full.rank) :]
@@ -79,8 +79,8 @@ def _are_rows(value: Sequence[int] | ArrayLike) -> TypeGuard[Sequence[int]]:
 def _of_rows(
     major: tuple[int, ...], secondary: tuple[int, ...] | None, m: int
 ) -> tuple[Array, Array]:
-    S_m = _selection("major", major, m)
-    S_s = _rest(S_m) if secondary is None else _selection("secondary", secondary, m)
+    S_m = rows_of("major", major, m)
+    S_s = _rest(S_m) if secondary is None else rows_of("secondary", secondary, m)
     return check.frozen(S_m), check.frozen(S_s)
 
 
@@ -88,7 +88,8 @@ def _rest(S_m: Array) -> Array:
     return np.eye(S_m.shape[1])[S_m.sum(axis=0) == 0]
 
 
-def _selection(name: str, rows: Sequence[int] | ArrayLike, m: int) -> Array:
+def rows_of(name: str, rows: Sequence[int] | ArrayLike, m: int) -> Array:
+    """Row numbers or directions as a selection matrix (k, m)."""
     try:
         directions = not check.is_masked(rows) and np.ndim(rows) == 2
     except ValueError:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 import argument_checks as check
 from argument_checks import Array, Indices
 from prioritized._amplification import as_sentence, closure_sentences, servo_sentences
-from prioritized._arrays import apply, on_axes, read_only, respond
+from prioritized._arrays import apply, joined, on_axes, read_only, respond, times
 from prioritized._levels import Level, damped, smallest_gap, velocity_levels
 from prioritized._limited import Limiting, WhenLimited, limiting, optimum
 from prioritized._packed import Rows
@@ -114,11 +114,16 @@ class VelocityMapping:
             ValueError: A velocity of the wrong shape or not finite, by its name.
         """
         problem = self.problem
-        given = self._given(v_major, joint_velocity, secondary_velocity)
-        unlimited = self._unlimited(*given)
-        lead = unlimited.shape[:-1]
-        p = np.concatenate([np.broadcast_to(v, (*lead, v.shape[-1])) for v in given], axis=-1)
-        v_m = p[..., : len(problem.S_m)]
+        m1, n = len(problem.S_m), problem.J.shape[-1]
+        p = joined(
+            problem.lead,
+            "v_major",
+            v_major=(v_major, m1),
+            joint_velocity=(joint_velocity, n),
+            secondary_velocity=(secondary_velocity, len(problem.S_s)),
+        )
+        unlimited = self._unlimited(*np.split(p, [m1, m1 + n], axis=-1))
+        v_m = p[..., :m1]
         begun = None if start is None else check.instance("start", start, VelocitySolution).point
         best = optimum(self.levels, p, unlimited, self.limiting, problem.tolerance, begun)
         round_off = 1e-12 * problem.scale * np.linalg.norm(unlimited, axis=-1)
@@ -129,24 +134,9 @@ class VelocityMapping:
             optimum=best,
         )
 
-    def _given(self, *velocities: ArrayLike | None) -> list[Array]:
-        """The checked velocities; what is None counts as zero, the major one must be given."""
-        problem = self.problem
-        sizes = len(problem.S_m), problem.J.shape[-1], len(problem.S_s)
-        names = ("v_major", "joint_velocity", "secondary_velocity")
-        given = [
-            np.zeros(size)
-            if value is None and name != "v_major"
-            else check.vector(name, value, size)
-            for name, value, size in zip(names, velocities, sizes, strict=True)
-        ]
-        axes = {name: v.shape[:-1] for name, v in zip(names, given, strict=True)}
-        check.common_axes({"the mapping": problem.lead, **axes})
-        return given
-
     def _major(self, rates: Array) -> Array:
         """Major velocity of these rates, shape (..., m1)."""
-        return (self.problem.major_jacobian @ rates[..., None])[..., 0]
+        return times(self.problem.major_jacobian, rates)
 
     @property
     def rows(self) -> tuple[Rows, ...]:
@@ -158,7 +148,7 @@ class VelocityMapping:
         """Fraction of the scale below which a singular value is zero."""
         return self.problem.tolerance
 
-    @cached_property
+    @property
     def levels(self) -> list[Level]:
         """Problem 1 as levels of least squares."""
         constraint, major, *rest = velocity_levels(self.problem, self.damping)

@@ -1,0 +1,308 @@
+"""Tasks of any number of levels, under limits."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+import argument_checks as check
+from argument_checks import Array
+from prioritized._arrays import ReadOnly, none
+from prioritized._limited import Limiting, checked_rows
+from prioritized._limits import limits
+from prioritized._packed import Equations, Packed, Point, Rows, Unknowns, pack, solve
+from prioritized._rank import RANK_TOLERANCE, basis_scale, norm, ranked_svd
+from prioritized._task import Status, rows_of
+
+
+@dataclass(frozen=True, eq=False)
+class Task(ReadOnly):
+    """What one level of a hierarchy asks for, |W (S J rates - target)|.
+
+    Attributes:
+        rows: Task rows S: numbers, a slice such as `jac.rows["tool"]`, or directions (k, m); None
+            are the rates themselves.
+        weight: W, diagonal (k,) or matrix (., k); None is the identity.
+        interval: Whether the target is a pair (lower, upper) for S J rates to lie between.
+
+    Raises:
+        ValueError: A weight for an interval.
+    """
+
+    rows: Sequence[int] | slice | ArrayLike | None
+    weight: ArrayLike | None = None
+    interval: bool = False
+
+    def __post_init__(self) -> None:
+        """Refuse what has no meaning; keep copies of arrays."""
+        if not isinstance(self.interval, bool):
+            raise ValueError(f"interval must be True or False, got {check.shown(self.interval)}")
+        if self.interval and self.weight is not None:
+            raise ValueError("weight must be None for an interval, whose rows count alike")
+        for name in ("rows", "weight"):
+            if isinstance(value := getattr(self, name), np.ndarray):
+                object.__setattr__(self, name, check.frozen(value))
+
+    @classmethod
+    def joints(cls, weight: ArrayLike | None = None) -> "Task":
+        """The rates of all actuators, |W (rates - target)|: W of the survivors, or of all n."""
+        return cls(None, weight)
+
+
+class _Part(NamedTuple):
+    """A task of a mechanism: rows S J, (k, n), W (., k), and the size of what S J is made from."""
+
+    A: Array
+    W: Array
+    scale: float
+    interval: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Hierarchy:
+    """Levels of tasks of one mechanism at one pose; made by :meth:`Kinematics.hierarchy`.
+
+    Attributes:
+        levels: The tasks of each level.
+        constraint: C, orthonormal rows, shape (r, n).
+        limiting: Limits of the rates.
+        tie_metric: T, (k, n).
+        tolerance: Of the rank decisions.
+        is_held: Whether the first level's tasks stand still with every actuator locked.
+    """
+
+    levels: tuple[tuple[_Part, ...], ...]
+    constraint: Array
+    limiting: Limiting
+    tie_metric: Array
+    tolerance: float
+    is_held: bool
+
+    def __call__(self, targets: Sequence[ArrayLike | Sequence[ArrayLike] | None]) -> Array:
+        """Optimal rates, shape (n,)."""
+        return self.solve(targets).rates
+
+    def solve(
+        self,
+        targets: Sequence[ArrayLike | Sequence[ArrayLike] | None],
+        *,
+        start: "HierarchySolution | None" = None,
+    ) -> "HierarchySolution":
+        """The rates that meet each level as well as limits, constraints and levels before it let.
+
+        Args:
+            targets: Of each level, in the order of the levels: shape (k,), a pair for an interval,
+                or a list with one for each task where a level has several. None is zero.
+            start: Solution of a similar problem, such as that of the tick before.
+
+        Raises:
+            ValueError: Another number of targets, or one of the wrong shape or not finite.
+        """
+        if len(targets) != len(self.levels):
+            raise ValueError(f"targets must be {len(self.levels)}, one a level, got {len(targets)}")
+        asked = [
+            _level_targets(f"targets[{k}]", parts, target)
+            for k, (parts, target) in enumerate(zip(self.levels, targets, strict=True))
+        ]
+        blocks = [_block(parts, each) for parts, each in zip(self.levels, asked, strict=True)]
+        n = self.constraint.shape[1]
+        hard = [*self.limiting.rows, _equations(self.constraint)]
+        ties = [_equations(self.tie_metric), _equations(np.eye(n))]
+        packed, _ = pack([*hard, *blocks, *ties], Unknowns(self.limiting.box), self.tolerance)
+        begun = None
+        if start is not None:
+            begun = check.instance("start", start, HierarchySolution).point
+        return HierarchySolution(self, tuple(asked), packed, solve(packed, None, begun))
+
+
+@dataclass(frozen=True, eq=False)
+class HierarchySolution:
+    """The optimal rates of a hierarchy.
+
+    Attributes:
+        hierarchy: That gave it.
+        targets: Of each task of each level.
+        packed: The problem as it was solved.
+        point: Where the solver ended, from which it can start again.
+    """
+
+    hierarchy: Hierarchy
+    targets: tuple[tuple[Array, ...], ...]
+    packed: Packed
+    point: Point
+
+    @property
+    def rates(self) -> Array:
+        """Of the surviving actuators, within the limits exactly, shape (n,)."""
+        return self.point.x[0, : self._n]
+
+    @property
+    def active_limits(self) -> NDArray[np.int8]:
+        """Limits that the rates are at: -1 the lower, 1 the upper, 0 none, shape (n,)."""
+        return self.point.active[0, : self._n]
+
+    @property
+    def active_rows(self) -> NDArray[np.int8]:
+        """The same for the inequality rows, (r,)."""
+        count = sum(len(each.G) for each in self.hierarchy.limiting.rows)
+        return self.point.active[0, self._n : self._n + count]
+
+    @property
+    def gap(self) -> float:
+        """Factor by which the rank threshold could change before any rank would."""
+        return float(self.point.gap[0])
+
+    @cached_property
+    def residuals(self) -> tuple[Array, ...]:
+        """Target less what is achieved, of each level; its tasks one after the other.
+
+        For an interval, what is lacking to lie in it.
+        """
+        rates = self.rates
+        return tuple(
+            np.concatenate(
+                [_lacking(part, target, rates) for part, target in zip(*each, strict=True)]
+            )
+            for each in zip(self.hierarchy.levels, self.targets, strict=True)
+        )
+
+    @cached_property
+    def status(self) -> Status:
+        """How the first level is met, and whether limits and constraints are."""
+        hard = len(self.hierarchy.limiting.rows) + 1
+        if self.packed.unmet(slice(0, hard), self.point.x)[0]:
+            return Status.INFEASIBLE
+        if not self.point.ended[0]:
+            return Status.UNFINISHED
+        if not self.hierarchy.is_held:
+            return Status.SELF_MOTION
+        if not self.packed.unmet(slice(hard, hard + 1), self.point.x)[0]:
+            return Status.EXACT
+        lower, upper = self.packed.lower.copy(), self.packed.upper.copy()
+        count = self._n + len(self.active_rows)
+        lower[:, :count], upper[:, :count] = -np.inf, np.inf
+        unlimited = self.packed._replace(lower=lower, upper=upper)
+        x = solve(unlimited).x
+        now, before = (norm(self.packed.level(hard, each)) for each in (self.point.x, x))
+        return Status.LIMITED if now > (1 + 1e-9) * before else Status.LEAST_SQUARES
+
+    @property
+    def _n(self) -> int:
+        return self.hierarchy.constraint.shape[1]
+
+
+def hierarchy(
+    J: Array,
+    scale: float,
+    levels: Sequence[Task | Sequence[Task]],
+    constraint: Array,
+    self_motion: Array,
+    rate_limits: tuple[ArrayLike, ArrayLike] | None,
+    rate_rows: tuple[ArrayLike, ArrayLike, ArrayLike] | None,
+    tie_metric: ArrayLike | None,
+    tolerance: float,
+) -> Hierarchy:
+    """The hierarchy of a mechanism with this J; see :meth:`Kinematics.hierarchy`."""
+    if not isinstance(levels, Sequence) or not len(levels):
+        raise ValueError(f"levels must be a list of tasks, got {check.shown(levels)}")
+    made, is_held = [], True
+    for k, level in enumerate(levels):
+        tasks = [level] if isinstance(level, Task) else level
+        if not isinstance(tasks, Sequence) or not tasks:
+            raise ValueError(
+                f"levels[{k}] must be a Task or a list of tasks, got {check.shown(level)}"
+            )
+        for task in tasks:
+            check.instance(f"levels[{k}]", task, Task)
+        if len(tasks) > 1 and any(task.interval for task in tasks):
+            raise ValueError(
+                f"levels[{k}] must have an interval as its only task, got {len(tasks)}"
+            )
+        selected = [_selected(f"levels[{k}]", task, len(J)) for task in tasks]
+        made.append(
+            tuple(
+                _part(f"levels[{k}]", task, S, J, scale, tolerance)
+                for task, S in zip(tasks, selected, strict=True)
+            )
+        )
+        for S in selected if k == 0 else ():
+            if S is not None:
+                moved = ranked_svd(S @ self_motion, norm(S) * basis_scale(self_motion), tolerance)
+                is_held = is_held and not np.any(moved.rank > 0)
+    n = J.shape[1]
+    rows = () if rate_rows is None else (checked_rows("rate_rows", rate_rows, n),)
+    limiting = Limiting(limits("rate_limits", rate_limits, n), rows)
+    T = none((0, n)) if tie_metric is None else check.weight("tie_metric", tie_metric, n)
+    return Hierarchy(tuple(made), constraint, limiting, T, tolerance, is_held)
+
+
+def _selected(name: str, task: Task, m: int) -> Array | None:
+    """Rows S of the task, (k, m); None for rates."""
+    rows = task.rows
+    if rows is None:
+        return None
+    if isinstance(rows, slice):
+        rows = list(range(m))[rows]
+    return rows_of(f"rows of {name}", rows, m)
+
+
+def _part(
+    name: str, task: Task, S: Array | None, J: Array, scale: float, tolerance: float
+) -> _Part:
+    n = J.shape[1]
+    if S is None:
+        # As for weights on rates: these are what they are, however inaccurate the geometry.
+        A, size = np.eye(n), min(1.0, RANK_TOLERANCE / tolerance) if tolerance else 1.0
+    else:
+        A, size = S @ J, norm(S) * scale
+    W = (
+        np.eye(len(A))
+        if task.weight is None
+        else check.weight(f"weight of {name}", task.weight, len(A))
+    )
+    return _Part(A, W, size, task.interval)
+
+
+def _level_targets(name: str, parts: tuple[_Part, ...], target: Any) -> tuple[Array, ...]:
+    """Target of each task: (k,), or (2, k) for an interval."""
+    if target is None:
+        target = [None] * len(parts) if len(parts) > 1 else None
+    each = [target] if len(parts) == 1 else target
+    if not isinstance(each, Sequence) or len(each) != len(parts):
+        raise ValueError(
+            f"{name} must be {len(parts)} targets, one a task, got {check.shown(target)}"
+        )
+    return tuple(_target(name, part, one) for part, one in zip(parts, each, strict=True))
+
+
+def _target(name: str, part: _Part, target: Any) -> Array:
+    if target is None:
+        return np.zeros((2, len(part.A)) if part.interval else len(part.A))
+    if part.interval:
+        return np.array(limits(name, target, len(part.A)))
+    return check.exactly(name, target, len(part.A)).copy()
+
+
+def _block(parts: tuple[_Part, ...], targets: tuple[Array, ...]) -> Equations | Rows:
+    if parts[0].interval:
+        lower, upper = targets[0]
+        return Rows(parts[0].A, (lower, upper))
+    rows = [part.W @ part.A for part in parts]
+    target = [part.W @ one for part, one in zip(parts, targets, strict=True)]
+    size = np.sqrt(sum((norm(part.W) * part.scale) ** 2 for part in parts))
+    return Equations(np.concatenate(rows), np.concatenate(target), np.asarray(size))
+
+
+def _equations(A: Array) -> Equations:
+    """A x = 0."""
+    return Equations(A, np.zeros(len(A)), np.asarray(norm(A)))
+
+
+def _lacking(part: _Part, target: Array, rates: Array) -> Array:
+    achieved = part.A @ rates
+    if part.interval:
+        return achieved.clip(*target) - achieved
+    return target - achieved
