@@ -9,7 +9,7 @@ STUDY = Study(
     The hexapod follows a spiral beyond what stroke and coil current allow, without failure and with
     strut 1 stuck off centre. An arm with limited joints follows a long path, and a joint locks
     halfway. Strict priority is compared with scaling, clipping and one weighted problem, with and
-    without anti-windup. 4 min on two cores, 20 s with --quick.
+    without anti-windup. 5 min on two cores, 20 s with --quick.
 
     Writes limits.json, the tables as limits.md, a figure, and the data of all runs (spirals.npz,
     arm.npz).
@@ -18,5 +18,5 @@ STUDY = Study(
     """,
     runs="experiments.limits.runs:run_limits",
     results="experiments.limits.results:results",
-    quick="One secondary goal, fewer strategies, faster spirals, half of the arm's path.",
+    quick="One secondary goal, fewer strategies, faster spirals, a shorter path of the arm.",
 )

@@ -52,14 +52,22 @@ def line_of_sight(time_s: Array, duration_s: float) -> Array:
     return np.stack([across * np.cos(turned), across * np.sin(turned), np.cos(tilt)], axis=1)
 
 
-def move(strategy: Strategy, duration_s: float) -> ArmRun:
+@dataclass(frozen=True)
+class Motion:
+    """One motion of the arm."""
+
+    strategy: Strategy
+    duration_s: float
+
+
+def move(motion: Motion) -> ArmRun:
     """Resolved rates with feedback, kinematically; the joint locks halfway, known at once."""
-    model = load_model(ARM_MJCF)
+    model, strategy = load_model(ARM_MJCF), motion.strategy
     data = mujoco.MjData(model)
     jac = jacobians(model, data, site="payload", axes="payload")
     system = ConstrainedSystem.of(jac)
-    time_s = np.arange(round(duration_s / PERIOD_S) + 1) * PERIOD_S
-    views = line_of_sight(time_s, duration_s)
+    time_s = np.arange(round(motion.duration_s / PERIOD_S) + 1) * PERIOD_S
+    views = line_of_sight(time_s, motion.duration_s)
     kept = []
     for k, now in enumerate(time_s[:-1]):
         if k == len(time_s) // 2:

@@ -103,3 +103,4 @@ def _arm(axes: Axes, ran: LimitsRuns) -> None:
         axes.semilogy(run.time_s, 1e3 * run.error_rad.clip(1e-6), **_LOOKS[strategy])
     axes.axvline(ran.arm[_STRICT].time_s.mean(), color=BLACK, lw=0.8, ls=":", label="joint 4 locks")
     axes.set(title="Arm: error of the line of sight", xlabel="time, s", ylabel="angle, mrad")
+    axes.set_ylim(bottom=1e-2)

@@ -23,7 +23,7 @@ REST_LIMIT_URAD = 5.0
 def results(ran: LimitsRuns) -> Results:
     """Everything that `fjh limits` publishes."""
     summary = summarize(ran)
-    kept = ("true_rad", "strut_input_percent", "strut_displacement_m")
+    kept = ("true_rad", "strut_input_percent")
     first = next(iter(ran.spirals.values()))
     spiral_arrays = {"time_s": first.time_s, "desired_rad": first.desired_rad} | {
         f"{case.name}_{key}": getattr(run, key) for case, run in ran.spirals.items() for key in kept
@@ -35,7 +35,10 @@ def results(ran: LimitsRuns) -> Results:
     }
     return Results(
         summary,
-        tables=(spiral_table(summary), arm_table(summary)),
+        tables=(
+            *(spiral_table(summary, each) for each in summary["conditions"]),
+            arm_table(summary),
+        ),
         checks=checks(summary),
         pictures=pictures(ran, summary),
         arrays={"spirals.npz": spiral_arrays, "arm.npz": arm_arrays},
@@ -125,32 +128,29 @@ def checks(summary: dict[str, Any]) -> list[Check]:
     return found
 
 
-def spiral_table(summary: dict[str, Any]) -> Table:
-    """One row for each spiral."""
+def spiral_table(summary: dict[str, Any], condition: dict[str, Any]) -> Table:
+    """One row for each spiral of a condition."""
     columns = (
-        Column("", lambda run: label(run["condition"])),
         Column("strategy", lambda run: label(run["strategy"])),
         Column("RMS", "rms_urad", ".0f"),
         Column("peak", "peak_urad", ".0f"),
         Column("attainable", "attainable_rms_urad", ".0f"),
         Column("at limit", "at_limit_s", ".2f"),
         Column("recovery", "recovery_s", ".2f"),
-        Column("secondary", "secondary_rms_um", ".0f"),
+        Column("struts", "secondary_rms_um", ".0f"),
     )
-    least = "; ".join(
-        f"{label(each['name'])} {each['least_rms_urad']:.0f} urad, {each['not_attainable_s']:.2f} s"
-        for each in summary["conditions"]
-    )
+    failure = "strut 1 stuck" if condition["stuck"] else "no failure"
+    raised = "payload to be raised" if condition["heave"] else "no secondary reference"
     return tabulate(
-        "Hexapod: pointing error, urad; times, s; distance from the secondary goal, um",
+        f"Hexapod, {failure}, {raised}: error, urad; times, s; struts, um",
         columns,
-        summary["spirals"],
+        [run for run in summary["spirals"] if run["condition"] == condition["name"]],
         "RMS, peak: of the distance between desired and true pointing. attainable: RMS while the "
-        "target is attainable. at limit: time for which some strut is at its limit. recovery: "
-        "longest time for which an attainable target is missed by "
-        f"{1e6 * RECOVERED_RAD:.0f} urad more than without limits. "
-        "secondary: RMS distance of the struts from the secondary goal. "
-        f"Least possible RMS, and time for which the target is not attainable: {least}.",
+        f"target is attainable; for {condition['not_attainable_s']:.2f} s it is not, which costs "
+        f"an RMS of {condition['least_rms_urad']:.0f} urad at least. at limit: time for which some "
+        "strut is at its limit. recovery: longest time for which an attainable target is missed by "
+        f"{1e6 * RECOVERED_RAD:.0f} urad more than without limits. struts: RMS distance of the "
+        "struts from the secondary goal.",
     )
 
 

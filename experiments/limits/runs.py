@@ -7,7 +7,7 @@ from itertools import product
 from experiments.hexapod.controller import nominal_loops
 from experiments.hexapod.simulation import Trajectory
 from experiments.hexapod.testbed import Testbed
-from experiments.limits.arm import ArmRun, move
+from experiments.limits.arm import ArmRun, Motion, move
 from experiments.limits.spirals import BENCH, TURN_S, Case, track
 from experiments.limits.strategies import Strategy, arm_strategies, loop_strategies
 from experiments.output.parallel import in_parallel
@@ -33,7 +33,7 @@ class LimitsRuns:
 
 def cases(seed: int, *, quick: bool) -> list[Case]:
     """The spirals."""
-    duration_s, turn_s = (3.5, TURN_S / 2) if quick else (9.0, TURN_S)
+    duration_s, turn_s = (3.0, TURN_S / 2) if quick else (9.0, TURN_S)
     conditions = product((False, True), (True,) if quick else (False, True))
     return [
         Case(stuck, heave, strategy, seed, duration_s, turn_s)
@@ -52,15 +52,14 @@ def run_limits(
     """
     model = load_model()
     testbed = Testbed(model, BENCH, nominal_loops(model, BENCH))
-    spirals, strategies = cases(seed, quick=quick), arm_strategies(quick)
-    calls = [{"testbed": testbed, "case": case} for case in spirals]
-    motions = [{"strategy": each, "duration_s": 20.0 if quick else 40.0} for each in strategies]
-    total = len(calls) + len(motions)
-    ran = in_parallel(track, calls, lambda done, _: on_progress(done, total))
-    moved = in_parallel(move, motions, lambda done, _: on_progress(len(calls) + done, total))
-    return LimitsRuns(
-        seed,
-        testbed,
-        dict(zip(spirals, ran, strict=True)),
-        dict(zip(strategies, moved, strict=True)),
-    )
+    spirals = cases(seed, quick=quick)
+    motions = [Motion(each, 16.0 if quick else 40.0) for each in arm_strategies(quick)]
+    calls = [{"testbed": testbed, "one": one} for one in (*motions, *spirals)]
+    ran = in_parallel(simulate, calls, on_progress)
+    moved = dict(zip([motion.strategy for motion in motions], ran, strict=False))
+    return LimitsRuns(seed, testbed, dict(zip(spirals, ran[len(motions) :], strict=True)), moved)
+
+
+def simulate(testbed: Testbed, one: Case | Motion) -> Trajectory | ArmRun:
+    """One run of the hexapod or the arm."""
+    return track(testbed, one) if isinstance(one, Case) else move(one)

@@ -21,7 +21,7 @@ RADIUS_RAD = 4e-3
 TURN_S = 4.0
 REST_S = 1.0
 """At the end of a run, at the centre."""
-LEAD_IN_S = 1.0
+LEAD_IN_S = 0.5
 """Until the other struts have made up for the one that is stuck, before the run."""
 CURRENT_LIMIT_A = np.array([4.0005, 2.0, 4.0005, 4.0005, 2.0, 4.0005])
 """Coils 2 and 5 are hot; of the others the stroke is the limit."""

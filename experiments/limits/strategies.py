@@ -37,15 +37,8 @@ def loop_strategies(quick: bool) -> tuple[Strategy, ...]:
     """In the loop of the hexapod."""
     strict, clipping = Strategy("strict"), Strategy("clipping")
     if quick:
-        strict_off = Strategy("strict", anti_windup=False)
-        return (
-            strict,
-            strict_off,
-            Strategy("scaled"),
-            clipping,
-            Strategy("weighted", 10.0),
-            UNLIMITED,
-        )
+        winding_up = Strategy("strict", anti_windup=False)
+        return strict, winding_up, clipping, UNLIMITED
     both = (
         Strategy(how, anti_windup=held)
         for how in ("strict", "scaled", "clipping")
@@ -56,8 +49,10 @@ def loop_strategies(quick: bool) -> tuple[Strategy, ...]:
 
 def arm_strategies(quick: bool) -> tuple[Strategy, ...]:
     """On the arm, whose controller has no integrator."""
-    heavy = (Strategy("weighted", 10.0),) if quick else weighted()
-    return Strategy("strict"), Strategy("scaled"), Strategy("clipping"), *heavy, UNLIMITED
+    strict, clipping = Strategy("strict"), Strategy("clipping")
+    if quick:
+        return strict, clipping, UNLIMITED
+    return strict, Strategy("scaled"), clipping, *weighted(), UNLIMITED
 
 
 def weighted() -> tuple[Strategy, ...]:
