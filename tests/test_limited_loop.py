@@ -166,6 +166,17 @@ def test_the_circle_margin_of_a_gain_behind_a_tick_is_one_minus_the_gain():
         assert margin == pytest.approx(1 - gain, abs=1e-4)
 
 
+@pytest.mark.parametrize("anti_windup", [True, False])
+def test_the_circle_margin_of_an_integrator_behind_a_tick_is_the_one_on_paper(anti_windup):
+    """I + H = (z - 1 + b c / z) / (z - 1 + c L), with L = 0 for an integrator that winds up."""
+    delay = control.ss([[0.0]], [[1.0]], [[1.0]], [[0.0]], PERIOD_S)
+    b_c, c_L = 5.0 * PERIOD_S, 5.0 * tracking_gain(INTEGRATOR)[0] * anti_windup
+    z = np.exp(1j * np.pi * np.geomspace(2e-4, 0.998, 100000))
+    least = ((z - 1 + b_c / z) / (z - 1 + c_L)).real.min()
+    found = circle_margin(delay, [INTEGRATOR], anti_windup=anti_windup)
+    assert found == pytest.approx(least, abs=1e-3)
+
+
 @settings(max_examples=2)
 @given(SEEDS)
 def test_with_a_positive_circle_margin_two_responses_converge_through_the_limits(seed):
