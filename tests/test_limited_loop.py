@@ -119,15 +119,15 @@ def test_an_integrator_does_not_run_away_from_what_is_achieved(anti_windup):
 def test_without_limits_anti_windup_changes_no_bit():
     own = geometry(4)
     free = PrioritizedMapping(own, Goal(joint_weight=(1.0,) * 5), MAJOR, SECONDARY)
-    runs = [
+    plain, held = (
         driven(
             PrioritizedController([INTEGRATOR] * 2, free, DirectDrive(), 0.0, anti_windup=held),
             0.3,
             50,
         )[0]
         for held in (False, True)
-    ]
-    np.testing.assert_array_equal(*runs)
+    )
+    np.testing.assert_array_equal(plain, held)
 
 
 def test_the_observer_of_an_integrator_is_the_scalar_kalman_filter():

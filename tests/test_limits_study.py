@@ -8,7 +8,10 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-from experiments.hexapod.testbed import Testbed
+from experiments.hexapod.controller import StrutMapping, nominal_loops
+from experiments.hexapod.fault_tolerance import strut_and_payload_stiffness
+from experiments.hexapod.simulation import track_path
+from experiments.hexapod.testbed import Testbed, TestbedConfig
 from experiments.limits.allocation import allocated
 from experiments.limits.arm import RANGE_RAD, Motion, line_of_sight, move
 from experiments.limits.attainable import outline, room
@@ -16,7 +19,10 @@ from experiments.limits.measures import longest
 from experiments.limits.results import checks
 from experiments.limits.spirals import BENCH, HEAVE_M, Case, limits_of
 from experiments.limits.strategies import Strategy, arm_strategies, loop_strategies
+from ftc.controller import PrioritizedController
+from ftc.goal import Goal
 from prioritized import ConstrainedSystem
+from sim import Failure, displacement_limits, hexapod
 from tests.printed import assert_printable
 
 ROOT = Path(__file__).parents[1]
@@ -90,6 +96,30 @@ def test_the_arms_joints_stay_within_their_range_and_the_elbow_where_it_locks():
     assert np.abs(run.joint_rad).max() <= RANGE_RAD + 1e-12
     locked = run.joint_rad[len(run.time_s) // 2 + 1 :, 3]
     assert np.ptp(locked) == 0.0
+
+
+@pytest.mark.long
+def test_near_a_singularity_the_demand_stays_bounded_but_the_amplifiers_saturate(model):
+    """One pointing direction is lost at the nominal pose, and back with a gain of 1e-5 beside it.
+
+    An exact mapping spends all that limits allow on it: they do not replace damping.
+    """
+    stiffness = strut_and_payload_stiffness(model)
+    testbed = Testbed(model, TestbedConfig(), nominal_loops(model, TestbedConfig()), stiffness)
+    goal = Goal(joint_weight=(1.0,) * 6, locked_m={2: 0.0, 5: 0.0}, free=(0, 3))
+    strike = [Failure(2, "locked"), Failure(5, "locked"), Failure(0, "free"), Failure(3, "free")]
+    box = displacement_limits(model, testbed.amplifier())
+    demand_rad, saturated = {}, {}
+    for name, limits_m in (("without", None), ("within", box)):
+        mapping = StrutMapping(hexapod(model), goal, "analytic", stiffness, limits_m=limits_m)
+        controller = PrioritizedController(
+            testbed.loops, mapping, testbed.amplifier(), 0.0, anti_windup=True
+        )
+        run, last = track_path(testbed, controller, failures=strike, duration_s=2.0)
+        demand_rad[name] = np.abs(last.asked.demand).max()
+        saturated[name] = (np.abs(run.strut_input_percent) > 99.9).any(axis=1).mean()
+    assert demand_rad["within"] < 0.3 * demand_rad["without"]
+    assert min(saturated.values()) > 0.5
 
 
 def failed(summary) -> list[str]:
