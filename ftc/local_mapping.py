@@ -1,11 +1,12 @@
-"""What a mapping in the loop consists of: its answer at one pose, with and without limits."""
+"""What a mapping in the loop consists of: its answer at one pose, and its last command."""
 
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Protocol
 
 from numpy.typing import ArrayLike
 
 from argument_checks import Array
+from ftc.limits import LimitedMapping
 from prioritized import Status
 
 
@@ -48,37 +49,6 @@ class Mapping(Protocol):
         ...
 
 
-WhenLimited = Literal["least_squares", "scaled"]
-"""What becomes of a major task beyond the limits: least error, or its direction kept."""
-
-
-class LimitedRates(Protocol):
-    """What a mapping with limits gives; see :meth:`prioritized.VelocityMapping.solve`."""
-
-    @property
-    def rates(self) -> Array:
-        """Optimal rates within the limits, shape (n',)."""
-        ...
-
-    @property
-    def residual(self) -> Array:
-        """Major velocity asked for less the one achieved, shape (m1,)."""
-        ...
-
-
-class LimitedMapping(Protocol):
-    """Protocol of a velocity mapping with limits."""
-
-    def solve(
-        self,
-        v_major: ArrayLike,
-        joint_velocity: ArrayLike | None = None,
-        secondary_velocity: ArrayLike | None = None,
-    ) -> LimitedRates:
-        """Optimal rates within the limits; arguments that are None count as zero."""
-        ...
-
-
 @dataclass(frozen=True)
 class LocalMapping:
     """The mapping at one pose, section 2.3.
@@ -96,17 +66,3 @@ class LocalMapping:
     J: Array
     constraint: Array
     limited: LimitedMapping | None = None
-
-
-@dataclass(frozen=True)
-class LimitedDisplacements:
-    """Displacements within their limits, and what they cost the major task.
-
-    Attributes:
-        displacements_m: Displacements of the actuators, shape (n,).
-        residual: Demanded less achieved major task, shape (m1,); zero where the limits allow the
-            demand.
-    """
-
-    displacements_m: Array
-    residual: Array

@@ -10,18 +10,11 @@ from typing import Generic, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-import argument_checks as check
 from argument_checks import Array
 from ftc.geometry import Geometry, Pose, free_actuators_follow, without_springs, yielded
 from ftc.goal import Goal
-from ftc.local_mapping import (
-    LimitedDisplacements,
-    LimitedMapping,
-    LocalMapping,
-    Mapping,
-    PreviousCommand,
-    WhenLimited,
-)
+from ftc.limits import LimitedDisplacements, LimitedMapping, WhenLimited, limits_of_actuators
+from ftc.local_mapping import LocalMapping, Mapping, PreviousCommand
 from prioritized import Kinematics
 
 DisplacementForm = Literal["absolute", "incremental", "gauss_newton"]
@@ -98,7 +91,7 @@ class PrioritizedMapping(Generic[Pose]):
         yielded_m = yielded(released, self._locked_m, kinematics.actuators)
         self._yielded_m = self._expand.T @ yielded_m
         self._standing_m = self._locked_m + yielded_m
-        self.limits_m = None if limits_m is None else _limits(limits_m, self.actuators)
+        self.limits_m = None if limits_m is None else limits_of_actuators(limits_m, self.actuators)
         self._limited = None
         if self.limits_m is not None:
             lower, upper = (each - yielded_m for each in self.limits_m)
@@ -184,7 +177,7 @@ class PrioritizedMapping(Generic[Pose]):
     def within_limits(
         self, demand: Array, pose: Pose, secondary_reference_m: Array | None = None
     ) -> LimitedDisplacements:
-        """Displacements within `limits_m`, and how far the major task falls short of its demand.
+        """Displacements within `limits_m`, the major task they achieve, and what is lacking.
 
         Limits come first, then the major task, then the secondary goals with what is left; the
         arguments are those of :meth:`displacements`.
@@ -197,7 +190,9 @@ class PrioritizedMapping(Generic[Pose]):
             raise ValueError("limits_m must be given for displacements within limits, got None")
         references = self._references(now, secondary_reference_m)
         solved = now.limited.solve(*self._remaining(posture, demand, *references))
-        return LimitedDisplacements(now.expand.dot(self._yielded_m + solved.rates), solved.residual)
+        displacements_m = now.expand.dot(self._yielded_m + solved.rates)
+        residual = solved.residual
+        return LimitedDisplacements(displacements_m, demand - residual, residual, solved)
 
     def _references(
         self, now: LocalMapping, secondary_reference_m: Array | None
@@ -274,18 +269,3 @@ class PrioritizedMapping(Generic[Pose]):
         if posture is self._nominal:
             return posture, self._at_nominal
         return posture, self.at(self._model.jacobian(posture))
-
-
-def _limits(limits_m: tuple[ArrayLike, ArrayLike], n: int) -> tuple[Array, Array]:
-    """Lower and upper limits, read-only, infinite where there is none."""
-    try:
-        lower, upper = (check.frozen(np.asarray(each, dtype=float)) for each in limits_m)
-    except (TypeError, ValueError):
-        raise ValueError(
-            f"limits_m must be a pair of {n} numbers, got {check.shown(limits_m)}"
-        ) from None
-    if lower.shape != (n,) or upper.shape != (n,) or not (lower <= upper).all():
-        raise ValueError(
-            f"limits_m must be lower and upper limits of {n} actuators, got {lower} and {upper}"
-        )
-    return lower, upper

@@ -48,7 +48,8 @@ def test_what_is_achieved_is_as_near_to_the_demand_as_the_limits_allow(seed, loc
     for actuator, stands_m in locked_m.items():
         standing_m[actuator] = stands_m
     achieved = mapping.pointing(standing_m, own.nominal)
-    np.testing.assert_allclose(achieved, demand - found.residual, atol=1e-9)
+    np.testing.assert_allclose(found.achieved, achieved, atol=1e-9)
+    np.testing.assert_allclose(found.residual, demand - achieved, atol=1e-9)
     offset = own.system.J_T[MAJOR][:, list(locked_m)] @ list(locked_m.values())
     J_m = np.delete(own.system.J_T[MAJOR], list(locked_m), axis=1)
     best = lsq_linear(J_m, demand - offset, (-0.5, 0.5), method="bvls", tol=1e-14)
@@ -81,7 +82,7 @@ def test_a_secondary_goal_beyond_the_limits_costs_the_major_task_nothing(seed):
 def test_scaled_demands_keep_their_direction(seed):
     own, demand = geometry(seed), 5 * np.random.default_rng(seed + 1).normal(size=2)
     found = limited(own, when_limited="scaled").within_limits(demand, own.nominal)
-    achieved = demand - found.residual
+    achieved = found.achieved
     assert abs(np.linalg.det([achieved, demand])) < 1e-8
     assert 0 <= achieved @ demand <= demand @ demand + 1e-9
 

@@ -20,7 +20,8 @@ from ftc.compensator import (
 )
 from ftc.controller import PrioritizedController
 from ftc.goal import Goal
-from ftc.local_mapping import PreviousCommand, WhenLimited
+from ftc.limits import WhenLimited
+from ftc.local_mapping import PreviousCommand
 from ftc.mapping import DisplacementForm, PrioritizedMapping
 from prioritized import ConstrainedSystem
 from sim import (

@@ -9,7 +9,8 @@ from experiments.hexapod.columns import MAJOR, SECONDARY
 from experiments.hexapod.controller import StrutMapping
 from experiments.limits.strategies import Strategy
 from ftc.goal import Goal
-from ftc.local_mapping import LimitedMapping, Mapping
+from ftc.limits import LimitedMapping
+from ftc.local_mapping import Mapping
 from prioritized import Kinematics
 from sim import Array, Hexapod
 
@@ -44,7 +45,7 @@ class Clipped:
         joint_velocity: ArrayLike | None = None,
         secondary_velocity: ArrayLike | None = None,
     ) -> Allocated:
-        """As :meth:`ftc.local_mapping.LimitedMapping.solve`."""
+        """As :meth:`ftc.limits.LimitedMapping.solve`."""
         rates = self.mapping(v_major, joint_velocity, secondary_velocity).clip(*self.limits)
         return Allocated(rates, np.asarray(v_major) - self.J_m @ rates)
 
@@ -69,7 +70,7 @@ class Compromise:
         joint_velocity: ArrayLike | None = None,
         secondary_velocity: ArrayLike | None = None,
     ) -> Allocated:
-        """As :meth:`ftc.local_mapping.LimitedMapping.solve`."""
+        """As :meth:`ftc.limits.LimitedMapping.solve`."""
         v_s = np.zeros(self.secondary_count) if secondary_velocity is None else secondary_velocity
         rates = self.equals.solve([], joint_velocity, np.concatenate([v_major, v_s])).rates
         return Allocated(rates, np.asarray(v_major) - self.J_m @ rates)
