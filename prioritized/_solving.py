@@ -4,13 +4,16 @@ from functools import cache, lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 import argument_checks as check
 from argument_checks import Array
-from prioritized._arrays import none, on_axes
+from prioritized._arrays import none, on_axes, read_only
 from prioritized._conditioning import well_conditioned_above
 from prioritized._levels import lexicographic, velocity_levels
+from prioritized._limited import Optimum
+from prioritized._limits import Limits
+from prioritized._packed import Packed, Point, solve
 from prioritized._problem import Problem, exact_part
 from prioritized._rank import RankedSvd, norm
 
@@ -122,6 +125,34 @@ def rates_by(
         return None
     solver.apply(*factors, *given, rates)
     return rates
+
+
+def rates_within(
+    factors: Factors, rates: Array, box: Limits, tolerance: float, start: Point | None
+) -> Optimum:
+    """The optimum within limits for the target of the last :func:`rates_by`, which gave `rates`."""
+    _, p, _, n, k1, k2, _ = factors
+    rows, lower, upper = p + k1 + k2 + n, box[0][None], box[1][None]
+    A, b, scales = np.empty((1, rows, n)), np.empty((1, rows)), np.empty((1, 3))
+    exact = thresholds(tolerance)[1]
+    beyond = _solver().levels(*factors, exact, lower, upper, rates, A, b, scales)
+    packed = Packed(A, b, _ends(p, k1 + k2, n), scales, tolerance, lower, upper)
+    if beyond:
+        return Optimum(packed, solve(packed, rates, start), n, 0, False, ())
+    point = Point(rates[None], (lower == upper) * np.int8(-1), *_NO_STEPS)
+    return Optimum(packed, point, n, 0, False, ())
+
+
+@lru_cache
+def _ends(*rows: int) -> NDArray[np.int64]:
+    return read_only(np.cumsum(rows))
+
+
+_NO_STEPS = (
+    read_only(np.zeros(1, np.int64)),
+    read_only(np.ones(1, bool)),
+    read_only(np.full(1, np.inf)),
+)
 
 
 def batched_rates(

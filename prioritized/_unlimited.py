@@ -22,7 +22,7 @@ _SPREAD = 1e4
 """Ratio of joint weights up to which rates are scaled by them without loss of digits."""
 
 _any = {k: types.Array(types.float64, k, "A", readonly=True) for k in (1, 2, 3)}
-_new = {k: types.Array(types.float64, k, "C") for k in (1, 2)}
+_new = {k: types.Array(types.float64, k, "C") for k in (1, 2, 3)}
 _int, _float = types.int64, types.float64
 _inlined = njit(error_model="numpy")
 at = np.uint64
@@ -463,6 +463,67 @@ def solve_each(J, S_m, S_s, W1, W2, scale, clear, exact, v, rates_d, v_sd, F, x,
             for j in range(z.n):
                 x[k, j] = F[at(a.x + j)]
     return CLEAR
+
+
+@_compiled(_new[1], *[_int] * 6, _float, _any[2], _any[2], _any[1], _new[3], _new[2], _new[2])
+def levels(F, p, m, n, k1, k2, m2, exact, lower, upper, x, A, b, scales):
+    """Write Problem 1 as levels for the last target, unless the rates x are within their limits.
+
+    The rows are those of J_m, of [W1; W2 J_s], and of the identity, whose target is zero. Arrays
+    but x have one more axis in front, of one.
+
+    Returns:
+        Whether x is beyond a limit.
+    """
+    inside = True
+    for j in range(n):
+        inside = inside and lower[0, j] <= x[j] <= upper[0, j]
+    if inside:
+        return 0
+    z = Sizes(p, m, n, k1, k2, m2)
+    a = _parts(z)
+    A[:] = 0.0
+    b[:] = 0.0
+    for i in range(p + k2):
+        row = i if i < p else k1 + i
+        for t in range(m):
+            s = F[at(a.S + i * m + t)]  # then G, which comes next
+            for j in range(n if s != 0.0 else 0):
+                A[0, row, j] += s * F[at(a.J + t * n + j)]
+    for i in range(p):
+        b[0, i] = F[at(a.v + i)]
+    for i in range(k1):
+        for j in range(n):
+            w = F[at(a.W1 + i * n + j)]
+            A[0, p + i, j] = w
+            b[0, p + i] += w * F[at(a.rates_d + j)]
+    for i in range(k2):
+        for t in range(m2):
+            b[0, p + k1 + i] += F[at(a.W2 + i * m2 + t)] * F[at(a.v_sd + t)]
+    for j in range(n):
+        A[0, p + k1 + k2 + j, j] = 1.0
+    scale = np.sqrt(_square(F, a.J, m * n))
+    scales[0, 0] = np.sqrt(_square(F, a.S, p * m)) * scale
+    square = _square(F, a.G, k2 * m) * scale * scale
+    scales[0, 1] = np.sqrt(_square(F, a.W1, k1 * n) * exact * exact + square)
+    scales[0, 2] = 1.0
+    return 1
+
+
+@_compiled(_any[1], _any[1], _float, _new[2])
+def copy_limits(lower, upper, largest, limits):
+    """Copy limits to the two rows of `limits`; whether each lower is at most its upper one."""
+    if len(lower) != limits.shape[1] or len(upper) != limits.shape[1]:
+        return 0
+    for i in range(len(lower)):
+        low, high = lower[i], upper[i]
+        # NaN is in no order.
+        if not low <= high or low == np.inf or high == -np.inf:
+            return 0
+        if (abs(low) >= largest and low != -np.inf) or (abs(high) >= largest and high != np.inf):
+            return 0
+        limits[0, i], limits[1, i] = low, high
+    return 1
 
 
 def room(sizes: Sizes) -> int:

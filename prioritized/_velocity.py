@@ -11,13 +11,13 @@ from numpy.typing import ArrayLike
 import argument_checks as check
 from argument_checks import Array, Indices
 from prioritized._amplification import as_sentence, closure_sentences, servo_sentences
-from prioritized._arrays import apply, joined, none, on_axes, read_only, respond, times
+from prioritized._arrays import apply, joined, none, on_axes, read_only, respond
 from prioritized._levels import Level, damped, smallest_gap, velocity_levels
 from prioritized._limited import Limiting, WhenLimited, limiting, optimum
 from prioritized._packed import Rows
 from prioritized._problem import Problem, checked
 from prioritized._rank import RANK_TOLERANCE, RankedSvd, basis_scale, largest, ranked_svd
-from prioritized._solution import VelocitySolution, is_held_back
+from prioritized._solution import VelocitySolution
 from prioritized._solving import (
     Factors,
     Selected,
@@ -26,6 +26,7 @@ from prioritized._solving import (
     factors_of_diagonals,
     problem_of,
     rates_by,
+    rates_within,
     room,
     thresholds,
     velocity_gains,
@@ -154,6 +155,13 @@ class VelocityMapping:
         Raises:
             ValueError: A velocity of the wrong shape or not finite, by its name.
         """
+        begun = None if start is None else check.instance("start", start, VelocitySolution).point
+        factors, limiting = self._factors, self.limiting
+        if factors is not None and limiting is not None and limiting.is_box:
+            rates = rates_by(factors, v_major, joint_velocity, secondary_velocity)
+            if rates is not None:
+                best = rates_within(factors, rates, limiting.box, self.tolerance, begun)
+                return VelocitySolution(self, np.array(v_major, dtype=float), rates, best)
         problem = self.problem
         m1, n = len(problem.S_m), problem.J.shape[-1]
         p = joined(
@@ -164,20 +172,8 @@ class VelocityMapping:
             secondary_velocity=(secondary_velocity, len(problem.S_s)),
         )
         unlimited = self._unlimited(*np.split(p, [m1, m1 + n], axis=-1))
-        v_m = p[..., :m1]
-        begun = None if start is None else check.instance("start", start, VelocitySolution).point
-        best = optimum(self.levels, p, unlimited, self.limiting, problem.tolerance, begun)
-        round_off = 1e-12 * problem.scale * np.linalg.norm(unlimited, axis=-1)
-        return VelocitySolution(
-            mapping=self,
-            residual=v_m - self._major(best.x),
-            limited=is_held_back(self._major(best.x - unlimited), v_m, round_off),
-            optimum=best,
-        )
-
-    def _major(self, rates: Array) -> Array:
-        """Major velocity of these rates, shape (..., m1)."""
-        return times(self.problem.major_jacobian, rates)
+        best = optimum(self.levels, p, unlimited, limiting, problem.tolerance, begun)
+        return VelocitySolution(self, p[..., :m1], unlimited, best)
 
     @property
     def rows(self) -> tuple[Rows, ...]:
@@ -187,7 +183,7 @@ class VelocityMapping:
     @property
     def tolerance(self) -> float:
         """Fraction of the scale below which a singular value is zero."""
-        return self.problem.tolerance
+        return self._rest[2] if "_rest" in vars(self) else self.problem.tolerance
 
     @property
     def levels(self) -> list[Level]:
@@ -376,15 +372,17 @@ def velocity_mapping(
         ValueError: An argument has a wrong shape or index or is not finite; it is named.
     """
     if (
-        active_constraint is self_motion is major_metric is tie_metric is rate_limits is None
+        active_constraint is self_motion is major_metric is tie_metric is None
         and rate_rows is None
         and not damping
-        and when_limited == "least_squares"
     ):
         quick = _of_plain_arrays(
             J, major, secondary, joint_weight, secondary_weight, scale, rank_tolerance
         )
         if quick is not None:
+            if rate_limits is not None or when_limited != "least_squares":
+                limited = limiting(J.shape[1], "rate_limits", rate_limits, {}, when_limited)
+                vars(quick)["limiting"] = limited
             return quick
     args = checked(
         J,
