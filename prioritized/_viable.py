@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import reduce
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -85,10 +86,9 @@ def viable_rates(
     slowest, fastest = v + T * a_min, v + T * a_max
     least, most = -_stoppable(x - x_min, a_max, T), _stoppable(x_max - x, -a_min, T)
     size = np.maximum(abs(x), np.maximum(_finite(abs(x_min)), _finite(abs(x_max))))
-    gap = np.maximum(np.maximum(slowest, v_min), least) - np.minimum(
-        np.minimum(fastest, v_max), most
-    )
-    viable = gap <= _ROUND_OFF * (size / T + abs(v))
+    lower = reduce(np.maximum, (slowest, v_min, least))
+    upper = reduce(np.minimum, (fastest, v_max, most))
+    viable = lower - upper <= _ROUND_OFF * (size / T + abs(v))
     # Beyond a limit, the return must not be so fast that the other one cannot be kept.
     most = np.where(x > x_max, np.maximum(most, least), most)
     least = np.where(x < x_min, np.minimum(least, most), least)
