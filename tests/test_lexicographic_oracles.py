@@ -101,6 +101,19 @@ def test_a_lower_level_may_not_pay_with_a_higher_one():
         assert certificate(levels, *bounds, wrong).stationarity[0] > 1e-2
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_a_level_that_repeats_an_earlier_one_changes_nothing(seed):
+    """What is left of it is round-off, whose directions mean nothing."""
+    rng = np.random.default_rng(seed)
+    A, B = rng.normal(size=(2, 4)), rng.normal(size=(1, 4))
+    first, last = (A, rng.normal(size=2)), (B, np.ones(1))
+    again = (rng.normal(size=(1, 2)) @ A, np.array([7.0]))
+    free = np.full(4, -INF), np.full(4, INF)
+    for oracle in (by_active_sets, by_interior_point):
+        x = oracle([first, last], *free)
+        np.testing.assert_allclose(oracle([first, again, last], *free), x, atol=1e-9)
+
+
 def test_rows_that_contradict_the_bounds_are_refused():
     rows = np.ones((1, 2)), np.array([5.0]), np.array([6.0])
     levels, bounds = [(np.eye(2), np.zeros(2))], (np.zeros(2), np.ones(2))
