@@ -19,6 +19,7 @@ from sim.coil import Coils as Coils
 from sim.detector import Detector as Detector
 from sim.detector import pointing_angles as pointing_angles
 from sim.detector import secondary_motion as secondary_motion
+from sim.displacement_limits import displacement_limits as displacement_limits
 from sim.drive import Drive as Drive
 from sim.dynamics import joint_stiffness as joint_stiffness
 from sim.dynamics import mass_matrix as mass_matrix

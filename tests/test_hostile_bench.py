@@ -19,6 +19,7 @@ from sim import (
     Pose,
     Posture,
     StrutSensors,
+    displacement_limits,
     element_id,
     failed_plant,
     forward_kinematics,
@@ -113,6 +114,10 @@ TARGETS = {
     "Amplifier.current_a": Target(Amplifier(**AMPLIFIER).current_a, {"input_percent": np.ones(6)}),
     "Amplifier.displacement_m": Target(
         Amplifier(**AMPLIFIER).displacement_m, {"input_percent": np.ones(6)}
+    ),
+    "displacement_limits": Target(
+        displacement_limits,
+        {"model": MODEL, "amplifier": Amplifier(**AMPLIFIER), "current_limit_a": np.ones(6)},
     ),
     "Coils": Target(warmed, COILS),
     "Coils.net_power_w": Target(Coils(**COILS).net_power_w, WARM),
