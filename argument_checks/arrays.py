@@ -25,6 +25,16 @@ def real(name: str, value: ArrayLike | None) -> Array:
     """A copy of finite real numbers of any shape as float64."""
     if is_plain(value) and is_moderate(value):
         return value.copy()  # the common case
+    A = as_float64(name, value)
+    if not np.isfinite(A).all():
+        raise ValueError(f"{name} must be finite, got NaN or infinity")
+    if (largest := np.abs(A).max(initial=0.0)) >= LARGEST:
+        raise ValueError(f"{name} must be smaller than {LARGEST:g}, got {largest:.3g}")
+    return A
+
+
+def as_float64(name: str, value: ArrayLike | None) -> Array:
+    """A copy of real numbers, infinite or not."""
     if is_masked(value):
         raise ValueError(f"{name} must have all its numbers, got a masked array: fill it first")
     try:
@@ -35,12 +45,7 @@ def real(name: str, value: ArrayLike | None) -> Array:
         got = raw.dtype if value is not None else None
         raise ValueError(f"{name} must hold real numbers, got {got}")
     with np.errstate(over="ignore"):  # long doubles
-        A = raw.astype(float)
-    if not np.isfinite(A).all():
-        raise ValueError(f"{name} must be finite, got NaN or infinity")
-    if (largest := np.abs(A).max(initial=0.0)) >= LARGEST:
-        raise ValueError(f"{name} must be smaller than {LARGEST:g}, got {largest:.3g}")
-    return A
+        return raw.astype(float)
 
 
 def finite(name: str, value: ArrayLike) -> Array:

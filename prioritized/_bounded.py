@@ -4,8 +4,13 @@ All compiled code of one entry point stands in one file, because the compiler's 
 change of that file alone.
 """
 
+from typing import NamedTuple
+
 import numpy as np
-from numba import njit
+from numba import njit, types
+from numpy.typing import NDArray
+
+from argument_checks import Array
 
 AT_LOWER, FREE, AT_UPPER = -1, 0, 1
 COLD, FROM_OPTIMUM, WARM = 0, 1, 2
@@ -15,31 +20,62 @@ _ROUND_OFF = 1e-13
 """Multipliers below this fraction of the terms they are computed from may be round-off."""
 _CLEAR = 1e-9
 """Multipliers above this fraction show that a bound holds a level back."""
+_DEPENDENT = 1e-10
+"""Orthonormal rows in the free unknowns that are shorter than this depend on the others."""
 _DEGENERATE = 3
 """After as many steps of zero length the first candidate is taken, not the best: no cycling."""
 
-_compiled = njit(cache=True, error_model="numpy")
+_compiled = njit(error_model="numpy")
+at = np.uint64
+"""An index that cannot be negative: the compiler then leaves out Python's counting from the end."""
+
+
+class _Work(NamedTuple):
+    """Arrays that every step overwrites; R is the number of rows of the largest level and n."""
+
+    B: Array  # the rows in the free unknowns, (R, n)
+    V_Q: Array  # reflections of Q's rows, (n, n)
+    V: Array  # and of the level's
+    beta_Q: Array  # (n,)
+    beta: Array
+    order: NDArray[np.int64]  # of B's rows, (R,)
+    free: NDArray[np.int64]  # unknowns, (n,)
+    step: Array  # (n,)
+    r: Array  # (R,)
+    g: Array  # (n,)
 
 
 @_compiled
-def _reduce_rows(B, first, last, column, beta, V, order, threshold, gap):
+def _square(M, i, first, last):
+    """Sum of the squares of a part of a row."""
+    square = 0.0
+    for j in range(first, last):
+        square += M[at(i), at(j)] * M[at(i), at(j)]
+    return square
+
+
+@_compiled
+def _largest(M, first, last, start, columns):
+    """The row with the largest norm from column `start` on, and that norm."""
+    best, most = first, -1.0
+    for i in range(first, last):
+        square = _square(M, i, start, columns)
+        if square > most:
+            best, most = i, square
+    return best, np.sqrt(most)
+
+
+@_compiled
+def _reduce_rows(B, first, last, rows, column, columns, beta, V, order, threshold, gap):
     """Reduce rows first..last of B to lower triangles by reflections from the right.
 
-    The row with the largest remainder is next. Rows after `last` are reflected too. Returns the
+    The row with the largest remainder is next. Those up to `rows` are reflected too. Returns the
     rank, and the smallest gap of its decisions.
     """
-    rows, columns = B.shape
     rank = 0
     while first + rank < last and column + rank < columns:
         t, c = first + rank, column + rank
-        best, most = t, -1.0
-        for i in range(t, last):
-            square = 0.0
-            for j in range(c, columns):
-                square += B[i, j] * B[i, j]
-            if square > most:
-                best, most = i, square
-        norm = np.sqrt(most)
+        best, norm = _largest(B, t, last, c, columns)
         if not norm > threshold:
             if norm > 0.0:
                 gap = min(gap, threshold / norm)
@@ -47,254 +83,271 @@ def _reduce_rows(B, first, last, column, beta, V, order, threshold, gap):
         gap = min(gap, norm / threshold)
         if best != t:
             for j in range(columns):
-                B[t, j], B[best, j] = B[best, j], B[t, j]
-            order[t], order[best] = order[best], order[t]
-        diagonal = -norm if B[t, c] >= 0.0 else norm
+                B[at(t), at(j)], B[at(best), at(j)] = B[at(best), at(j)], B[at(t), at(j)]
+            order[at(t)], order[at(best)] = order[at(best)], order[at(t)]
+        diagonal = -norm if B[at(t), at(c)] >= 0.0 else norm
         for j in range(c, columns):
-            V[rank, j] = B[t, j]
-            B[t, j] = 0.0
-        V[rank, c] -= diagonal
-        B[t, c] = diagonal
-        beta[rank] = 1.0 / (norm * abs(V[rank, c]))
+            V[at(rank), at(j)] = B[at(t), at(j)]
+            B[at(t), at(j)] = 0.0
+        V[at(rank), at(c)] -= diagonal
+        B[at(t), at(c)] = diagonal
+        beta[at(rank)] = 1.0 / (norm * abs(V[at(rank), at(c)]))
         for i in range(t + 1, rows):
             dot = 0.0
             for j in range(c, columns):
-                dot += V[rank, j] * B[i, j]
-            dot *= beta[rank]
+                dot += V[at(rank), at(j)] * B[at(i), at(j)]
+            dot *= beta[at(rank)]
             for j in range(c, columns):
-                B[i, j] -= dot * V[rank, j]
+                B[at(i), at(j)] -= dot * V[at(rank), at(j)]
         rank += 1
     return rank, gap
 
 
 @_compiled
-def _reflect(x, beta, V, rank, column, backwards):
+def _reflect(x, columns, beta, V, rank, column, backwards):
     """Apply reflections to a vector, in the order in which they were made or backwards."""
     for k in range(rank):
         t = rank - 1 - k if backwards else k
         dot = 0.0
-        for j in range(column + t, len(x)):
-            dot += V[t, j] * x[j]
-        dot *= beta[t]
-        for j in range(column + t, len(x)):
-            x[j] -= dot * V[t, j]
+        for j in range(column + t, columns):
+            dot += V[at(t), at(j)] * x[at(j)]
+        dot *= beta[at(t)]
+        for j in range(column + t, columns):
+            x[at(j)] -= dot * V[at(t), at(j)]
 
 
 @_compiled
-def _least_squares(L, r):
-    """Minimize |L w - r| in place, L (k, q) of full column rank; w is r[:q]."""
-    k, q = L.shape
-    for c in range(q):
+def _least_squares(B, first, rows, column, q, r):
+    """Minimize |L w - r| in place, L the part of B from a row and a column on, of rank q.
+
+    L is lower trapezoidal; w is r[:q].
+    """
+    k = rows - first
+    for c in range(q if k > q else 0):
         square = 0.0
         for i in range(c, k):
-            square += L[i, c] * L[i, c]
+            square += B[at(first + i), at(column + c)] * B[at(first + i), at(column + c)]
         norm = np.sqrt(square)
-        diagonal = -norm if L[c, c] >= 0.0 else norm
-        L[c, c] -= diagonal
-        scale = 1.0 / (norm * abs(L[c, c]))
+        on = B[at(first + c), at(column + c)]
+        diagonal = -norm if on >= 0.0 else norm
+        B[at(first + c), at(column + c)] = on - diagonal
+        scale = 1.0 / (norm * abs(on - diagonal))
         for j in range(c + 1, q):
             dot = 0.0
             for i in range(c, k):
-                dot += L[i, c] * L[i, j]
+                dot += B[at(first + i), at(column + c)] * B[at(first + i), at(column + j)]
+            dot *= scale
             for i in range(c, k):
-                L[i, j] -= scale * dot * L[i, c]
+                B[at(first + i), at(column + j)] -= dot * B[at(first + i), at(column + c)]
         dot = 0.0
         for i in range(c, k):
-            dot += L[i, c] * r[i]
+            dot += B[at(first + i), at(column + c)] * r[at(i)]
+        dot *= scale
         for i in range(c, k):
-            r[i] -= scale * dot * L[i, c]
-        L[c, c] = diagonal
-    for c in range(q - 1, -1, -1):
-        for j in range(c + 1, q):
-            r[c] -= L[c, j] * r[j]
-        r[c] /= L[c, c]
+            r[at(i)] -= dot * B[at(first + i), at(column + c)]
+        B[at(first + c), at(column + c)] = diagonal
+    for t in range(q):
+        # Upper triangle from the last row, or lower from the first.
+        c = q - 1 - t if k > q else t
+        s = r[at(c)]
+        for j in range(c + 1 if k > q else 0, q if k > q else c):
+            s -= B[at(first + c), at(column + j)] * r[at(j)]
+        r[at(c)] = s / B[at(first + c), at(column + c)]
 
 
 @_compiled
-def _remove(q, row):
-    """Take the part along the unit row q from a row."""
+def _remove(Q, t, M, i, n):
+    """Take the part along the unit row t of Q from row i of M."""
     dot = 0.0
-    for j in range(len(row)):
-        dot += q[j] * row[j]
-    for j in range(len(row)):
-        row[j] -= dot * q[j]
+    for j in range(n):
+        dot += Q[at(t), at(j)] * M[at(i), at(j)]
+    for j in range(n):
+        M[at(i), at(j)] -= dot * Q[at(t), at(j)]
 
 
 @_compiled
-def _orthonormal(Q, kept, A, held, threshold):
-    """Orthonormal rows that span those of Q and A on what is not held; their number."""
-    n = Q.shape[1]
-    rest = np.empty((kept + len(A), n))
-    for i in range(kept + len(A)):
+def _orthonormal(Q, kept, A, first, last, held, threshold, M):
+    """Orthonormal rows that span those of Q and a level's on what is not held; their number."""
+    n, rows = Q.shape[1], kept + last - first
+    for i in range(rows):
         for j in range(n):
-            rest[i, j] = 0.0 if held[j] else (Q[i, j] if i < kept else A[i - kept, j])
-    rank, first = 0, 0
-    for last, least in ((kept, 1e-10), (kept + len(A), threshold)):
+            value = Q[at(i), at(j)] if i < kept else A[at(first + i - kept), at(j)]
+            M[at(i), at(j)] = 0.0 if held[at(j)] else value
+    rank, start = 0, 0
+    for end, least in ((kept, _DEPENDENT), (rows, threshold)):
         # Rows of Q before those of A, which are then free of them.
-        while first < last and rank < n:
-            best, most = first, -1.0
-            for i in range(first, last):
-                square = 0.0
-                for j in range(n):
-                    square += rest[i, j] * rest[i, j]
-                if square > most:
-                    best, most = i, square
-            if not np.sqrt(most) > least:
+        while start < end and rank < n:
+            best, norm = _largest(M, start, end, 0, n)
+            if not norm > least:
                 break
             for j in range(n):
-                rest[first, j], rest[best, j] = rest[best, j], rest[first, j]
+                M[at(start), at(j)], M[at(best), at(j)] = M[at(best), at(j)], M[at(start), at(j)]
             for t in range(rank):  # once more, against cancellation
-                _remove(Q[t], rest[first])
-            square = 0.0
-            for j in range(n):
-                square += rest[first, j] * rest[first, j]
-            norm = np.sqrt(square)
+                _remove(Q, t, M, start, n)
+            norm = np.sqrt(_square(M, start, 0, n))
             if norm > least:
                 for j in range(n):
-                    Q[rank, j] = rest[first, j] / norm
-                for i in range(first + 1, len(rest)):
-                    _remove(Q[rank], rest[i])
+                    Q[at(rank), at(j)] = M[at(start), at(j)] / norm
+                for i in range(start + 1, rows):
+                    _remove(Q, rank, M, i, n)
                 rank += 1
-            first += 1
-        first = last
+            start += 1
+        start = end
     return rank
 
 
 @_compiled
-def _gradient(A, b, x, g):
+def _gradient(A, b, first, last, x, g):
     """Gradient A^T (A x - b), and the norm of the residual beside what it is computed from."""
-    k, n = A.shape
+    n = len(x)
     square, size = 0.0, 0.0
     for j in range(n):
-        g[j] = 0.0
-    for i in range(k):
-        r, terms = -b[i], abs(b[i])
+        g[at(j)] = 0.0
+    for i in range(first, last):
+        r, terms = -b[at(i)], abs(b[at(i)])
         for j in range(n):
-            r += A[i, j] * x[j]
-            terms += abs(A[i, j] * x[j])
+            part = A[at(i), at(j)] * x[at(j)]
+            r += part
+            terms += abs(part)
         for j in range(n):
-            g[j] += r * A[i, j]
+            g[at(j)] += r * A[at(i), at(j)]
         square += r * r
         size += terms * terms
     return np.sqrt(square), np.sqrt(size)
 
 
 @_compiled
-def _solve_level(A, b, scale, tolerance, Q, kept, lower, upper, x, state, held, most, bounded):
+def _solve_level(
+    A, b, first, last, scale, tolerance, Q, kept, lower, upper, x, state, held, work, most, bounded
+):
     """Minimize |A x - b| with Q x as it is and x within its bounds, from an x that is.
 
     Bounds that clearly hold this level back are `held` from then on. Returns the steps taken,
-    whether the least residual was reached, and the gap of the rank decisions.
+    whether the least residual was reached, how many dimensions it leaves to what is free, and the
+    gap of the rank decisions.
     """
-    k, n = A.shape
-    free, g = np.empty(n, np.int64), np.empty(n)
-    beta_Q, beta, order = np.empty(n), np.empty(n), np.empty(kept + k, np.int64)
-    idle, gap = 0, np.inf
+    B, V_Q, V, beta_Q, beta, order, free, step, r, g = work
+    k, n, idle, gap, left = last - first, len(x), 0, np.inf, 0
+    rows = kept + k
     for taken in range(1, most + 1):
         f = 0
         for j in range(n):
-            if state[j] == FREE and not held[j]:
-                free[f] = j
+            if state[at(j)] == FREE and not held[at(j)]:
+                free[at(f)] = j
                 f += 1
-        B = np.empty((kept + k, f))
-        for i in range(kept + k):
-            order[i] = i
+        for i in range(rows):
+            order[at(i)] = i
             for t in range(f):
-                B[i, t] = Q[i, free[t]] if i < kept else A[i - kept, free[t]]
-        V_Q, V = np.empty((min(kept, f), f)), np.empty((min(k, f), f))
-        r_Q, gap = _reduce_rows(B, 0, kept, 0, beta_Q, V_Q, order, 1e-10, np.inf)
-        q, gap = _reduce_rows(B, kept, kept + k, r_Q, beta, V, order, tolerance * scale, gap)
+                j = free[at(t)]
+                B[at(i), at(t)] = Q[at(i), at(j)] if i < kept else A[at(first + i - kept), at(j)]
+        r_Q, gap = _reduce_rows(B, 0, kept, rows, 0, f, beta_Q, V_Q, order, _DEPENDENT, np.inf)
+        q, gap = _reduce_rows(B, kept, rows, rows, r_Q, f, beta, V, order, tolerance * scale, gap)
 
-        step, r = np.zeros(f), np.empty(k)
+        left = f - r_Q - q
+        for t in range(f):
+            step[at(t)] = 0.0
         for i in range(k if q > 0 else 0):
-            row = order[kept + i] - kept
-            r[i] = b[row]
+            row = order[at(kept + i)] - kept + first
+            s = b[at(row)]
             for j in range(n):
-                r[i] -= A[row, j] * x[j]
-        _least_squares(B[kept:, r_Q : r_Q + q], r)
+                s -= A[at(row), at(j)] * x[at(j)]
+            r[at(i)] = s
+        _least_squares(B, kept, rows, r_Q, q, r)
         for t in range(q):
-            step[r_Q + t] = r[t]
-        _reflect(step, beta, V, q, r_Q, True)
-        _reflect(step, beta_Q, V_Q, r_Q, 0, True)
+            step[at(r_Q + t)] = r[at(t)]
+        _reflect(step, f, beta, V, q, r_Q, True)
+        _reflect(step, f, beta_Q, V_Q, r_Q, 0, True)
 
         length, blocked, moved = 1.0, -1, False
         for t in range(f if bounded else 0):
-            j, room = free[t], np.inf
-            if step[t] > 0.0:
-                room = (upper[j] - x[j]) / step[t]
-            elif step[t] < 0.0:
-                room = (lower[j] - x[j]) / step[t]
+            j, room = free[at(t)], np.inf
+            if step[at(t)] > 0.0:
+                room = (upper[at(j)] - x[at(j)]) / step[at(t)]
+            elif step[at(t)] < 0.0:
+                room = (lower[at(j)] - x[at(j)]) / step[at(t)]
             if room < length:
                 length, blocked = room, t
         for t in range(f):
-            j = free[t]
-            before = x[j]
-            x[j] += length * step[t]
+            j = free[at(t)]
+            before = x[at(j)]
+            x[at(j)] += length * step[at(t)]
             if bounded:
-                x[j] = min(max(x[j], lower[j]), upper[j])
-            moved = moved or x[j] != before
+                x[at(j)] = min(max(x[at(j)], lower[at(j)]), upper[at(j)])
+            moved = moved or x[at(j)] != before
         idle = 0 if moved else idle + 1
         if blocked >= 0:
-            j = free[blocked]
-            state[j] = AT_UPPER if step[blocked] > 0.0 else AT_LOWER
-            x[j] = upper[j] if state[j] == AT_UPPER else lower[j]
+            j = free[at(blocked)]
+            state[at(j)] = AT_UPPER if step[at(blocked)] > 0.0 else AT_LOWER
+            x[at(j)] = upper[at(j)] if state[at(j)] == AT_UPPER else lower[at(j)]
             continue
-        residual, terms = _gradient(A, b, x, g)
-        if not bounded or not residual > _ROUND_OFF * terms:
-            return taken, True, gap
+        if not bounded:
+            return taken, True, left, gap
+        residual, terms = _gradient(A, b, first, last, x, g)
+        if not residual > _ROUND_OFF * terms:
+            return taken, True, left, gap
 
         # The optimum among the free. Multipliers of the bounds: the gradient less that of Q x.
         for t in range(f):
-            step[t] = g[free[t]]
-        _reflect(step, beta_Q, V_Q, r_Q, 0, False)
+            step[at(t)] = g[at(free[at(t)])]
+        _reflect(step, f, beta_Q, V_Q, r_Q, 0, False)
         for t in range(r_Q - 1, -1, -1):
             for s in range(t + 1, r_Q):
-                step[t] -= B[s, t] * step[s]
-            step[t] /= B[t, t]
+                step[at(t)] -= B[at(s), at(t)] * step[at(s)]
+            step[at(t)] /= B[at(t), at(t)]
             for j in range(n):
-                g[j] -= step[t] * Q[order[t], j]
+                g[at(j)] -= step[at(t)] * Q[at(order[at(t)]), at(j)]
         round_off, worst, chosen = _ROUND_OFF * scale * terms, 0.0, -1
         for j in range(n):
-            if not held[j] and state[j] * g[j] > max(round_off, worst):
-                chosen, worst = j, state[j] * g[j]
+            if not held[at(j)] and state[at(j)] * g[at(j)] > max(round_off, worst):
+                chosen, worst = j, state[at(j)] * g[at(j)]
                 if idle > _DEGENERATE:
                     break
         if chosen < 0:
             clear = max(round_off, _CLEAR * scale * residual)
             for j in range(n):
-                held[j] = held[j] or (state[j] != FREE and abs(g[j]) > clear)
-            return taken, True, gap
-        state[chosen] = FREE
-    return most, False, gap
+                held[at(j)] = held[at(j)] or (state[at(j)] != FREE and abs(g[at(j)]) > clear)
+            return taken, True, left, gap
+        state[at(chosen)] = FREE
+    return most, False, left, gap
 
 
 @_compiled
 def _solve_levels(A, b, ends, scales, tolerance, lower, upper, x, state, most, bounded):
     """Every level in turn; the steps taken, whether all came to an end, and the smallest gap."""
-    n = len(x)
+    n, most_rows, first = len(x), 0, 0
+    for k in range(len(ends)):
+        most_rows = max(most_rows, ends[k] - first)
+        first = ends[k]
+    R = most_rows + n
+    work = _Work(
+        np.empty((R, n)), np.empty((n, n)), np.empty((n, n)), np.empty(n), np.empty(n),
+        np.empty(R, np.int64), np.empty(n, np.int64), np.empty(n), np.empty(R), np.empty(n),
+    )  # fmt: skip
     Q, held, kept, first, steps = np.empty((n, n)), np.empty(n, np.bool_), 0, 0, 0
-    free, gap = 0, np.inf
+    gap = np.inf
     for j in range(n):
         held[j] = lower[j] == upper[j]
     for k in range(len(ends)):
-        rows, target = A[first : ends[k]], b[first : ends[k]]
-        first = ends[k]
-        if len(rows) == 0:
+        if ends[k] == first:
             continue
-        taken, ended, decided = _solve_level(
-            rows, target, scales[k], tolerance, Q, kept, lower, upper, x, state, held,
-            most - steps, bounded,
+        taken, ended, left, decided = _solve_level(
+            A, b, first, ends[k], scales[k], tolerance, Q, kept, lower, upper, x, state, held,
+            work, most - steps, bounded,
         )  # fmt: skip
         steps, gap = steps + taken, min(gap, decided)
         if not ended:
             return steps, False, gap
-        if k + 1 < len(ends):
-            kept = _orthonormal(Q, kept, rows, held, tolerance * scales[k])
-            free = 0
-            for j in range(n):
-                free += not held[j]
-            if kept >= free:
-                break
+        for j in range(n):
+            left += state[j] != FREE and not held[j]
+        if left == 0 or k + 1 == len(ends):
+            break
+        kept = _orthonormal(Q, kept, A, first, ends[k], held, tolerance * scales[k], work.B)
+        free = 0
+        for j in range(n):
+            free += not held[j]
+        if kept >= free:
+            break
+        first = ends[k]
     return steps, True, gap
 
 
@@ -347,7 +400,21 @@ def solve(A, b, ends, scales, tolerance, lower, upper, x, state, start, most):
     return _solve_levels(A, b, ends, scales, tolerance, lower, upper, x, state, most, True)
 
 
-@_compiled
+def _array(dtype, k, readonly=False):
+    return types.Array(dtype, k, "C", readonly=readonly)
+
+
+@njit(
+    types.void(
+        _array(types.float64, 3, True), _array(types.float64, 2, True),
+        _array(types.int64, 1, True), _array(types.float64, 2, True), types.float64,
+        _array(types.float64, 2, True), _array(types.float64, 2, True),
+        _array(types.float64, 2), _array(types.int8, 2), types.int64, types.int64,
+        _array(types.int64, 1), _array(types.boolean, 1), _array(types.float64, 1),
+    ),
+    cache=True,
+    error_model="numpy",
+)  # fmt: skip
 def solve_each(
     A, b, ends, scales, tolerance, lower, upper, x, state, start, most, steps, ended, gap
 ):

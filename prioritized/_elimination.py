@@ -7,7 +7,7 @@ import numpy as np
 
 from argument_checks import Array, Indices
 from prioritized._arrays import none, read_only
-from prioritized._equality import well_conditioned_above, well_conditioned_inverse
+from prioritized._conditioning import well_conditioned_above, well_conditioned_inverse
 from prioritized._rank import RankedSvd, norm, ranked_svd
 
 

@@ -35,7 +35,7 @@ from prioritized._limits import limits
 from prioritized._packed import Rows
 from prioritized._problem import Problem, checked
 from prioritized._rank import RANK_TOLERANCE, basis_scale, frobenius, largest, ranked_svd
-from prioritized._solution import ForceSolution, is_held_back
+from prioritized._solution import ForceSolution
 from prioritized._task import Status
 
 Gains = tuple[Array, ...]
@@ -153,13 +153,7 @@ class ForceMapping(ReadOnly):
         unlimited = beside(reached, *(times(gain, p) for gain in others))
         begun = None if start is None else check.instance("start", start, ForceSolution).point
         best = optimum(self.levels, p, unlimited, self.limiting, problem.tolerance, begun)
-        achieved = best.x[..., :m1]
-        return ForceSolution(
-            mapping=self,
-            residual=f_m - achieved,
-            limited=is_held_back(achieved - reached, f_m, 1e-12 * np.linalg.norm(reached, axis=-1)),
-            optimum=best,
-        )
+        return ForceSolution(self, f_m, unlimited, best)
 
     @property
     def forces(self) -> Forces:

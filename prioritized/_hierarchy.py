@@ -14,7 +14,8 @@ from prioritized._arrays import ReadOnly, none
 from prioritized._limited import Limiting, checked_rows
 from prioritized._limits import limits
 from prioritized._packed import Equations, Packed, Point, Rows, Unknowns, pack, solve
-from prioritized._rank import RANK_TOLERANCE, basis_scale, norm, ranked_svd
+from prioritized._problem import exact_part
+from prioritized._rank import basis_scale, norm, ranked_svd
 from prioritized._task import Status, rows_of
 
 
@@ -255,7 +256,7 @@ def _part(
     n = J.shape[1]
     if S is None:
         # As for weights on rates: these are what they are, however inaccurate the geometry.
-        A, size = np.eye(n), min(1.0, RANK_TOLERANCE / tolerance) if tolerance else 1.0
+        A, size = np.eye(n), exact_part(tolerance)
     else:
         A, size = S @ J, norm(S) * scale
     W = (

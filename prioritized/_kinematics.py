@@ -276,7 +276,7 @@ class Kinematics:
             rate_rows=self._survivors.rows("rate_rows", rate_rows),
             when_limited=when_limited,
         )
-        return dataclasses.replace(mapping, kinematics=self)
+        return mapping.belonging_to(self)
 
     def hierarchy(
         self,

@@ -7,11 +7,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 import argument_checks as check
-from argument_checks import Array, Mask
+from argument_checks import Array
 from prioritized._arrays import times
 from prioritized._levels import Level
 from prioritized._limits import Limits, limits
-from prioritized._packed import Equations, Point, Rows, Unknowns, pack, solve
+from prioritized._packed import Equations, Packed, Point, Rows, Unknowns, pack, solve
 
 WhenLimited = Literal["least_squares", "scaled"]
 """What becomes of a major task that limits hold back: least error, or its direction kept."""
@@ -29,6 +29,11 @@ class Limiting(NamedTuple):
     box: Limits
     rows: tuple[Rows, ...] = ()
     when: WhenLimited = "least_squares"
+
+    @property
+    def is_box(self) -> bool:
+        """Whether there is no more than bounds of the unknowns."""
+        return not self.rows and self.when == "least_squares"
 
 
 def limiting(
@@ -66,20 +71,51 @@ class Optimum(NamedTuple):
     """The optimum of each problem of a batch, whose axes lead.
 
     Attributes:
-        x: Shape (..., n).
-        active: Which limits hold x and the rows: -1 a lower, 1 an upper, 0 none, (..., n + r).
-        scale: Part of the major task that is asked for in the end, (...).
-        infeasible: Whether limits and constraints contradict each other, (...).
-        ended: Whether the solver came to an end, (...).
-        point: From which a similar problem can start.
+        packed: The problems as they were solved: unknowns are x, then where `scaled` the part of
+            the major task, then one for each inequality row.
+        point: Their solution, from which a similar problem can start.
+        n: Number of unknowns x.
+        hard: Number of levels that must hold: inequality rows and constraints.
+        scaled: Whether the direction of the major task was kept.
+        lead: Batch axes.
     """
 
-    x: Array
-    active: NDArray[np.int8]
-    scale: Array
-    infeasible: Mask
-    ended: Mask
+    packed: Packed
     point: Point
+    n: int
+    hard: int
+    scaled: bool
+    lead: tuple[int, ...]
+
+    @property
+    def x(self) -> Array:
+        """Shape (..., n)."""
+        return self.point.x[:, : self.n].reshape(*self.lead, self.n)
+
+    @property
+    def active(self) -> NDArray[np.int8]:
+        """Which limits hold x: -1 a lower, 1 an upper, 0 none, shape (..., n)."""
+        return self.point.active[:, : self.n].reshape(*self.lead, self.n)
+
+    @property
+    def active_rows(self) -> NDArray[np.int8]:
+        """The same for the inequality rows, shape (..., r)."""
+        active = self.point.active[:, self.n + self.scaled :]
+        return active.reshape(*self.lead, active.shape[1])
+
+    @property
+    def scale(self) -> Array:
+        """Part of the major task that was asked for in the end, (...)."""
+        part = np.ones(len(self.point.x))
+        if self.scaled:
+            most = np.broadcast_to(self.packed.upper[:, self.n], part.shape)
+            np.divide(self.point.x[:, self.n], most, out=part, where=most > 0.0)
+        return part.reshape(self.lead)
+
+    @property
+    def infeasible(self) -> bool:
+        """Whether limits and constraints contradict each other in any problem."""
+        return self.hard > 0 and bool(self.packed.unmet(slice(0, self.hard), self.point.x).any())
 
 
 def optimum(
@@ -111,20 +147,7 @@ def optimum(
         equations, rows, unknowns = _keeping_direction(equations, rows, unknowns, unlimited)
     hard = len(rows) + 1
     packed, without = pack([*rows, *equations], unknowns, tolerance)
-    point = solve(packed, without, start)
-    part = np.ones(len(point.x))
-    if scaled:
-        most = np.broadcast_to(packed.upper[:, n], part.shape)
-        np.divide(point.x[:, n], most, out=part, where=most > 0.0)
-    kept = np.r_[:n, n + scaled : point.x.shape[1]]
-    return Optimum(
-        x=point.x[:, :n].reshape(*lead, n),
-        active=point.active[:, kept].reshape(*lead, len(kept)),
-        scale=part.reshape(lead),
-        infeasible=packed.unmet(slice(0, hard), point.x).reshape(lead),
-        ended=point.ended.reshape(lead),
-        point=point,
-    )
+    return Optimum(packed, solve(packed, without, start), n, hard, scaled, lead)
 
 
 def _keeping_direction(

@@ -1,5 +1,8 @@
 """Limits of rates, torques, or any unknowns: a lower and an upper one for each."""
 
+from functools import cache
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -27,7 +30,19 @@ def limits(name: str, value: tuple[ArrayLike, ArrayLike] | None, n: int) -> Limi
         raise ValueError(
             f"{name} must be a pair (lower, upper), got {check.shown(value)}"
         ) from None
+    if check.is_plain(lower) and check.is_plain(upper) and lower.ndim == upper.ndim == 1:
+        both = np.empty((2, n))
+        if _solver().copy_limits(lower, upper, check.LARGEST, both):  # the common case
+            both.setflags(write=False)
+            return both[0], both[1]
     return ordered(name, lower, name, upper, n)
+
+
+@cache
+def _solver() -> Any:
+    from prioritized import _unlimited
+
+    return _unlimited
 
 
 def ordered(

@@ -94,14 +94,15 @@ def solve(
         most_steps: Of the active set, for each problem; None is 20 (n + 1) for each level.
     """
     count, _, n = packed.A.shape
-    solver, how = _solver(), 0
-    x, active = np.zeros((count, n)), np.zeros((count, n), np.int8)
-    if start is not None and start.x.shape == x.shape:
-        how, x[:], active[:] = solver.WARM, start.x, start.active
+    solver, shape, active = _solver(), (count, n), np.zeros((count, n), np.int8)
+    if start is not None and start.x.shape == shape:
+        how, x, active = solver.WARM, start.x.copy(), start.active.copy()
     elif optimum is not None:
-        how, x[:] = solver.FROM_OPTIMUM, optimum
+        how, x = solver.FROM_OPTIMUM, optimum.reshape(shape).copy()
+    else:
+        how, x = solver.COLD, np.zeros(shape)
     most = 20 * (n + 1) * len(packed.ends) if most_steps is None else most_steps
-    steps, ended, gap = np.zeros(count, np.int64), np.zeros(count, np.bool_), np.zeros(count)
+    steps, ended, gap = np.empty(count, np.int64), np.empty(count, np.bool_), np.empty(count)
     solver.solve_each(*packed, x, active, how, most, steps, ended, gap)
     return Point(x, active, steps, ended, gap)
 

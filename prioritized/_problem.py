@@ -62,7 +62,7 @@ class Problem(NamedTuple):
 
         However inaccurate the geometry, weights are what they are but for round-off.
         """
-        return min(1.0, RANK_TOLERANCE / self.tolerance) if self.tolerance else 1.0
+        return exact_part(self.tolerance)
 
     def flat(self) -> "Problem":
         """The same problems with one batch axis, on those arrays that have any."""
@@ -96,6 +96,11 @@ class Problem(NamedTuple):
             scale=change(np.asarray(self.scale), 0),
             lead=lead,
         )
+
+
+def exact_part(tolerance: float) -> float:
+    """Part of a rank tolerance that round-off alone would need."""
+    return min(1.0, RANK_TOLERANCE / tolerance) if tolerance else 1.0
 
 
 def checked(

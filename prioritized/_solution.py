@@ -9,16 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from argument_checks import Array, Mask
-from prioritized._arrays import ReadOnly, read_only, times
+from prioritized._arrays import read_only, times
 from prioritized._levels import Level, lexicographic
 from prioritized._limited import Optimum
-from prioritized._packed import Point, Rows
+from prioritized._packed import Rows
 from prioritized._problem import Problem
 from prioritized._rank import frobenius
 from prioritized._task import Status
 
-_HELD_BACK = 1e-9
-"""Part of the major task below which what it lacks is round-off."""
+_HELD_BACK, _ROUND_OFF = 1e-9, 1e-12
+"""Parts of the major task, and of its terms, below which what it lacks is round-off."""
 
 
 class Mapping(Protocol):
@@ -41,20 +41,25 @@ class Mapping(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Limited(ReadOnly):
+class Limited:
     """An optimum under limits.
 
     Attributes:
         mapping: That gave it.
-        residual: Part of the major task that is not reached, shape (..., m1).
-        limited: Whether limits hold the major task back, (...).
+        asked: The major task, shape (..., m1).
+        unlimited: The unknowns without limits, (..., n).
         optimum: The solver's answer.
     """
 
     mapping: Mapping
-    residual: Array
-    limited: Mask
+    asked: Array
+    unlimited: Array
     optimum: Optimum
+
+    @cached_property
+    def residual(self) -> Array:
+        """Part of the major task that is not reached, shape (..., m1)."""
+        return self.asked - self._major(self.optimum.x)
 
     @property
     def scale(self) -> Array:
@@ -64,28 +69,29 @@ class Limited(ReadOnly):
         """
         return self.optimum.scale
 
-    @property
-    def point(self) -> Point:
-        """Where the solver ended, from which it can start again."""
-        return self.optimum.point
+    @cached_property
+    def limited(self) -> Mask:
+        """Whether limits hold the major task back, (...)."""
+        lost = np.linalg.norm(self._major(self.optimum.x - self.unlimited), axis=-1)
+        terms = np.abs(self.mapping.levels[1].A).sum(axis=(-2, -1))
+        round_off = _ROUND_OFF * terms * np.linalg.norm(self.unlimited, axis=-1)
+        return np.asarray(lost > _HELD_BACK * np.linalg.norm(self.asked, axis=-1) + round_off)
 
     @property
     def status(self) -> Status:
         """What holds for every problem of the batch; the value says what to do."""
-        if self.optimum.infeasible.any():
+        if self.optimum.infeasible:
             return Status.INFEASIBLE
-        if not self.optimum.ended.all():
+        if not self.optimum.point.ended.all():
             return Status.UNFINISHED
         of_mapping = self.mapping.status
         if of_mapping is Status.SELF_MOTION or not self.limited.any():
             return of_mapping
         return Status.SCALED if np.any(self.scale < 1.0) else Status.LIMITED
 
-
-def is_held_back(lost: Array, asked: Array, round_off: Array) -> Mask:
-    """Whether limits take something from a major task, given its change and what was asked."""
-    size = _HELD_BACK * np.linalg.norm(asked, axis=-1) + round_off
-    return np.asarray(np.linalg.norm(lost, axis=-1) > size)
+    def _major(self, x: Array) -> Array:
+        """The major task of the unknowns."""
+        raise NotImplementedError
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,12 +106,15 @@ class VelocitySolution(Limited):
     @property
     def active_limits(self) -> NDArray[np.int8]:
         """Limits that the rates are at: -1 the lower, 1 the upper, 0 none, shape (..., n)."""
-        return self.optimum.active[..., : self.rates.shape[-1]]
+        return self.optimum.active
 
     @property
     def active_rows(self) -> NDArray[np.int8]:
         """The same for the inequality rows, (..., r)."""
-        return self.optimum.active[..., self.rates.shape[-1] :]
+        return self.optimum.active_rows
+
+    def _major(self, x: Array) -> Array:
+        return times(self.mapping.problem.major_jacobian, x)
 
     @cached_property
     def gains(self) -> Array:
@@ -139,12 +148,12 @@ class ForceSolution(Limited):
     @property
     def active_limits(self) -> NDArray[np.int8]:
         """Limits that the torques are at: -1 the lower, 1 the upper, 0 none, shape (..., n)."""
-        return self._active_rows[..., : len(self.mapping.rows[0].limits[0])]
+        return self.optimum.active_rows[..., : len(self.mapping.rows[0].limits[0])]
 
     @property
     def active_rows(self) -> NDArray[np.int8]:
         """The same for `torque_rows`, then `force_rows`, (..., r)."""
-        return self._active_rows[..., len(self.mapping.rows[0].limits[0]) :]
+        return self.optimum.active_rows[..., len(self.mapping.rows[0].limits[0]) :]
 
     @property
     def secondary_force(self) -> Array:
@@ -162,6 +171,5 @@ class ForceSolution(Limited):
         m1, m2 = len(problem.S_m), len(problem.S_s)
         return np.split(self.optimum.x, [m1, m1 + m2], axis=-1)
 
-    @property
-    def _active_rows(self) -> NDArray[np.int8]:
-        return self.optimum.active[..., self.optimum.x.shape[-1] :]
+    def _major(self, x: Array) -> Array:
+        return x[..., : len(self.mapping.problem.S_m)]

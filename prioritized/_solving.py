@@ -1,25 +1,47 @@
 """Solutions of Problem 1: gains by the SVD; rates alone without it where ranks are clearly full."""
 
-from math import hypot, prod
+from functools import cache, lru_cache
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 import argument_checks as check
-from argument_checks import Array, Mask
-from prioritized._arrays import on_axes
-from prioritized._equality import (
-    equality_constrained,
-    equality_constrained_batch,
-    is_determined,
-    well_conditioned_above,
-)
+from argument_checks import Array
+from prioritized._arrays import none, on_axes, read_only
+from prioritized._conditioning import well_conditioned_above
 from prioritized._levels import lexicographic, velocity_levels
-from prioritized._problem import Problem
-from prioritized._rank import RankedSvd, frobenius, norm
+from prioritized._limited import Optimum
+from prioritized._limits import Limits
+from prioritized._packed import Packed, Point, solve
+from prioritized._problem import Problem, exact_part
+from prioritized._rank import RankedSvd, norm
 
-BLOCK = 2048
-"""Problems solved at once: enough to amortize numpy's overhead, few enough for the cache."""
+Factors = tuple[Array, int, int, int, int, int, int]
+"""What the compiled solver made of J and its weights, and their sizes: p, m, n, k1, k2, m2."""
+
+
+@cache
+def _solver() -> Any:
+    """The compiled solver; loading the compiler takes some 0.3 s."""
+    from prioritized import _unlimited
+
+    return _unlimited
+
+
+@lru_cache
+def room(*sizes: int) -> int:
+    """How many numbers the factors of a problem of these sizes take."""
+    return _solver().room(_solver().Sizes(*sizes))
+
+
+@lru_cache
+def thresholds(tolerance: float) -> tuple[float, float]:
+    """Part of the scale above which singular values are clearly not zero, and of that for weights.
+
+    The second is :attr:`Problem.exact`.
+    """
+    return well_conditioned_above(tolerance), exact_part(tolerance)
 
 
 def velocity_gains(problem: Problem, damping: float = 0.0) -> tuple[Array, list[RankedSvd]]:
@@ -28,55 +50,109 @@ def velocity_gains(problem: Problem, damping: float = 0.0) -> tuple[Array, list[
     return on_axes(X, problem.lead), decisions
 
 
-def optimal_rates(
-    problem: Problem,
+def factors_of(problem: Problem) -> Factors | None:
+    """Factors of one problem without constraints, with which :func:`rates_by` solves it.
+
+    Returns:
+        None where the gains must decide: the major Jacobian or the weights on its null space are
+        not clearly of full rank.
+    """
+    J, S_m, S_s, W1, W2 = problem[:5]
+    sizes = len(S_m), *J.shape, len(W1), len(W2), len(S_s)
+    F, solver, fractions = np.empty(room(*sizes)), _solver(), thresholds(problem.tolerance)
+    state = solver.factor(J, S_m, S_s, W1, W2, float(problem.scale), *fractions, F)
+    return (F, *sizes) if state == solver.CLEAR else None
+
+
+class Selected(NamedTuple):
+    """What :func:`factors_of_diagonals` needs of the sizes of a problem, and of its tasks."""
+
+    S_m: Array
+    S_s: Array
+    sizes: tuple[int, int, int, int, int, int]
+    room: int
+    clear: float
+    exact: float
+
+
+def factors_of_diagonals(
+    J: Array, w1: Array, w2: Array, scale: float, selected: Selected
+) -> Factors | None:
+    """The same for weights given by their diagonals, (0,) for none, without a Problem.
+
+    A negative `scale` is the norm of J. None is also for what the checks must complain about.
+    """
+    S_m, S_s, sizes, numbers, clear, exact = selected
+    F, solver = np.empty(numbers), _solver()
+    state = solver.factor_diagonals(J, S_m, S_s, w1, w2, scale, clear, exact, F)
+    return (F, *sizes) if state == solver.CLEAR else None
+
+
+def problem_of(factors: Factors, S_m: Array, S_s: Array, scale: float, tolerance: float) -> Problem:
+    """The Problem 1 that was made of factors."""
+    J, W1, W2 = _solver().arguments(*factors)
+    m, n = J.shape
+    size = norm(J) if scale < 0.0 else scale
+    rest = none((0, n)), none((m, 0)), None, none((0, n)), np.asarray(size), tolerance, ()
+    return Problem(J, S_m, S_s, W1, W2, *rest)
+
+
+def rates_by(
+    factors: Factors,
     v_major: ArrayLike,
     joint_velocity: ArrayLike | None,
     secondary_velocity: ArrayLike | None,
 ) -> Array | None:
-    """Optimal rates (n,) of one unconstrained problem for one target, without the gains.
-
-    Returns:
-        None where the gains must decide: the arguments are batches, or the major Jacobian or the
-        weights on its null space are not clearly of full rank.
+    """Optimal rates (n,) for one target; None where that is a batch.
 
     Raises:
         ValueError: A velocity of the wrong shape or not finite, by its name.
     """
-    J, W1, W2 = problem.J, problem.weight, problem.secondary_weight
-    v = _one("v_major", v_major, len(problem.S_m))
-    target = np.zeros(len(W1) + len(W2))
-    if joint_velocity is not None:
-        rates_d = _one("joint_velocity", joint_velocity, J.shape[1])
-        if rates_d is None:
-            return None
-        target[: len(W1)] = W1.dot(rates_d)
-    if secondary_velocity is not None:
-        v_sd = _one("secondary_velocity", secondary_velocity, len(problem.S_s))
-        if v_sd is None:
-            return None
-        target[len(W1) :] = W2.dot(v_sd)
-    if v is None:
+    _, p, _, n, _, _, m2 = factors
+    rates, solver = np.empty(n), _solver()
+    joint = none((n,)) if joint_velocity is None else joint_velocity
+    secondary = none((m2,)) if secondary_velocity is None else secondary_velocity
+    # Calls of the argument checks would take as long as the arithmetic.
+    if type(v_major) is type(joint) is type(secondary) is np.ndarray:
+        try:
+            if solver.apply(*factors, v_major, joint, secondary, rates) == solver.CLEAR:
+                return rates
+        except TypeError:  # no vectors, or not of floats
+            pass
+    names, sizes = ("v_major", "joint_velocity", "secondary_velocity"), (p, n, m2)
+    given = list(map(check.vector, names, (v_major, joint, secondary), sizes))
+    if any(v.ndim > 1 for v in given):
         return None
-    least, scale = well_conditioned_above(problem.tolerance), float(problem.scale)
-    soft, soft_scale = np.empty((len(target), J.shape[1]), order="F"), norm(W1) * problem.exact
-    soft[: len(W1)] = W1
-    if len(W2):
-        W2_S = problem.task_weight
-        soft[len(W1) :] = W2_S.dot(J)
-        soft_scale = hypot(soft_scale, norm(W2_S) * scale)
-    hard_scale = norm(problem.S_m) * scale
-    return equality_constrained(
-        problem.major_jacobian, v, soft, target, least * hard_scale, least * soft_scale
-    )
+    solver.apply(*factors, *given, rates)
+    return rates
 
 
-def _one(name: str, value: ArrayLike | None, size: int) -> Array | None:
-    """One checked vector, or None for a batch of them."""
-    if check.is_plain(value) and value.shape == (size,) and check.is_moderate(value):
-        return value
-    vector = check.vector(name, value, size)
-    return vector if vector.ndim == 1 else None
+def rates_within(
+    factors: Factors, rates: Array, box: Limits, tolerance: float, start: Point | None
+) -> Optimum:
+    """The optimum within limits for the target of the last :func:`rates_by`, which gave `rates`."""
+    _, p, _, n, k1, k2, _ = factors
+    rows, lower, upper = p + k1 + k2 + n, box[0][None], box[1][None]
+    A, b, scales = np.empty((1, rows, n)), np.empty((1, rows)), np.empty((1, 3))
+    exact = thresholds(tolerance)[1]
+    beyond = _solver().levels(*factors, exact, lower, upper, rates, A, b, scales)
+    packed = Packed(A, b, _ends(p, k1 + k2, n), scales, tolerance, lower, upper)
+    if beyond:
+        return Optimum(packed, solve(packed, rates, start), n, 0, False, ())
+    point = Point(rates[None], (lower == upper) * np.int8(-1), *_NO_STEPS)
+    return Optimum(packed, point, n, 0, False, ())
+
+
+@lru_cache
+def _ends(*rows: int) -> NDArray[np.int64]:
+    return read_only(np.cumsum(rows))
+
+
+_NO_STEPS = (
+    read_only(np.zeros(1, np.int64)),
+    read_only(np.ones(1, bool)),
+    read_only(np.full(1, np.inf)),
+)
 
 
 def batched_rates(
@@ -88,16 +164,12 @@ def batched_rates(
     """Optimal rates (..., n) of a batch of unconstrained problems; gains only where ranks need it.
 
     Returns:
-        None where the gains must decide for all: too few rows of weights, or velocities with more
-        batch axes than the problems.
+        None where velocities have more batch axes than the problems.
 
     Raises:
         ValueError: A velocity of the wrong shape or not finite, by its name.
     """
-    p, n, m2 = len(problem.S_m), problem.J.shape[-1], len(problem.S_s)
-    k = problem.weight.shape[-2] + problem.secondary_weight.shape[-2]
-    if not is_determined(p, n, k):
-        return None
+    p, m, n, m2 = len(problem.S_m), *problem.J.shape[-2:], len(problem.S_s)
     given = {
         "v_major": check.vector("v_major", v_major, p),
         "joint_velocity": _or_zero("joint_velocity", joint_velocity, n),
@@ -107,54 +179,25 @@ def batched_rates(
     if check.common_axes({"the mapping": problem.lead, **axes}) != problem.lead:
         return None
     flat = problem.flat()
+    count = flat.lead[0]
     targets = [
-        np.broadcast_to(velocity, (*problem.lead, size)).reshape(*flat.lead, size)
+        np.broadcast_to(velocity, (*problem.lead, size)).reshape(count, size)
         for velocity, size in zip(given.values(), (p, n, m2), strict=True)
     ]
-    rates, well_conditioned = np.empty((flat.lead[0], n)), np.empty(flat.lead, dtype=bool)
-    for start in range(0, len(rates), BLOCK):
-        now = slice(start, start + BLOCK)
-        block = (target[now] for target in targets)
-        rates[now], well_conditioned[now] = _block_rates(flat.part(now), *block)
-    if not well_conditioned.all():
-        X, _ = velocity_gains(flat.part(~well_conditioned))
-        rates[~well_conditioned] = np.einsum("bij,bj->bi", X, np.hstack(targets)[~well_conditioned])
+    J, W1, W2 = (
+        A[None] if A.ndim == 2 else A for A in (flat.J, flat.weight, flat.secondary_weight)
+    )
+    F = np.empty(room(p, m, n, W1.shape[1], W2.shape[1], m2))
+    rates, clear = np.empty((count, n)), np.empty(count, dtype=bool)
+    fractions = thresholds(problem.tolerance)
+    _solver().solve_each(
+        J, flat.S_m, flat.S_s, W1, W2, np.ravel(flat.scale), *fractions, *targets, F, rates, clear
+    )
+    if not clear.all():
+        X, _ = velocity_gains(flat.part(~clear))
+        rates[~clear] = np.einsum("bij,bj->bi", X, np.hstack(targets)[~clear])
     return rates.reshape(*problem.lead, n)
 
 
 def _or_zero(name: str, value: ArrayLike | None, size: int) -> Array:
     return np.zeros(size) if value is None else check.vector(name, value, size)
-
-
-def _block_rates(problem: Problem, v: Array, rates_d: Array, v_sd: Array) -> tuple[Array, Mask]:
-    """Rates (B, n) and which problems are well conditioned; inside, the batch axis is the last."""
-    W1, W2, W2_S = problem.weight, problem.secondary_weight, problem.task_weight
-    # Where only the weights are a batch, J is repeated for each of them.
-    J = np.ascontiguousarray(np.broadcast_to(_last(problem.J), (*problem.J.shape[-2:], len(v))))
-    soft = np.empty((W1.shape[-2] + W2.shape[-2], *J.shape[1:]))
-    soft[: W1.shape[-2]] = _last(W1)
-    soft[W1.shape[-2] :] = _times(W2_S, J)
-    target = np.concatenate([_times(W1, rates_d.T), _times(W2, v_sd.T)])
-    least = well_conditioned_above(problem.tolerance)
-    scale_soft = np.hypot(frobenius(W1) * problem.exact, frobenius(W2_S) * problem.scale)
-    rates, well_conditioned = equality_constrained_batch(
-        _times(problem.S_m, J),
-        v.T.copy(),
-        soft,
-        target,
-        least * problem.scale * frobenius(problem.S_m),
-        least * scale_soft,
-    )
-    return rates.T, well_conditioned
-
-
-def _last(A: Array) -> Array:
-    """One matrix, or a batch of them, with the batch axis last."""
-    return A[..., None] if A.ndim == 2 else A.transpose(1, 2, 0)
-
-
-def _times(A: Array, B: Array) -> Array:
-    """A (i, j) or (B, i, j) times columns (j, ..., B)."""
-    if A.ndim == 2:
-        return A.dot(B.reshape(len(B), prod(B.shape[1:]))).reshape(len(A), *B.shape[1:])
-    return np.einsum("bij,j...b->i...b", A, B)

@@ -59,7 +59,7 @@ def task_selection(
 
     By the balance of power, f = S_m^T f_m + S_s^T f_s.
     """
-    if _are_rows(major) and (secondary is None or _are_rows(secondary)):
+    if are_rows(major) and (secondary is None or are_rows(secondary)):
         return _of_rows(tuple(major), None if secondary is None else tuple(secondary), m)
     S_m = rows_of("major", major, m)
     if secondary is not None:
@@ -70,9 +70,12 @@ def task_selection(
     return S_m, _rest(S_m)
 
 
-def _are_rows(value: Sequence[int] | ArrayLike) -> TypeGuard[Sequence[int]]:
+def are_rows(value: Sequence[int] | ArrayLike) -> TypeGuard[Sequence[int]]:
     """Whether these are plain row numbers in a list, the common case, whose matrices are cached."""
-    return isinstance(value, list | tuple) and {int}.issuperset(map(type, value))
+    return (type(value) is list or type(value) is tuple) and _INT.issuperset(map(type, value))
+
+
+_INT = frozenset({int})
 
 
 @lru_cache

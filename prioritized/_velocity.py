@@ -1,8 +1,8 @@
 """Velocity mapping: Problem 1 of the paper for all weights."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import FrozenInstanceError
+from functools import cached_property, lru_cache
 from typing import Protocol
 
 import numpy as np
@@ -11,15 +11,27 @@ from numpy.typing import ArrayLike
 import argument_checks as check
 from argument_checks import Array, Indices
 from prioritized._amplification import as_sentence, closure_sentences, servo_sentences
-from prioritized._arrays import apply, joined, on_axes, read_only, respond, times
+from prioritized._arrays import apply, joined, none, on_axes, read_only, respond
 from prioritized._levels import Level, damped, smallest_gap, velocity_levels
 from prioritized._limited import Limiting, WhenLimited, limiting, optimum
 from prioritized._packed import Rows
 from prioritized._problem import Problem, checked
 from prioritized._rank import RANK_TOLERANCE, RankedSvd, basis_scale, largest, ranked_svd
-from prioritized._solution import VelocitySolution, is_held_back
-from prioritized._solving import batched_rates, optimal_rates, velocity_gains
-from prioritized._task import Status
+from prioritized._solution import VelocitySolution
+from prioritized._solving import (
+    Factors,
+    Selected,
+    batched_rates,
+    factors_of,
+    factors_of_diagonals,
+    problem_of,
+    rates_by,
+    rates_within,
+    room,
+    thresholds,
+    velocity_gains,
+)
+from prioritized._task import Status, are_rows, task_selection
 
 
 class Mechanism(Protocol):
@@ -39,7 +51,6 @@ class Mechanism(Protocol):
     def closure_condition(self) -> float: ...
 
 
-@dataclass(frozen=True, eq=False)
 class VelocityMapping:
     """The optimal active joint rates; made by :func:`velocity_mapping`.
 
@@ -55,10 +66,25 @@ class VelocityMapping:
         limiting: The limits of the rates; None is none.
     """
 
-    problem: Problem
     damping: float
-    kinematics: Mechanism | None = None
-    limiting: Limiting | None = None
+    kinematics: Mechanism | None
+    limiting: Limiting | None
+    _rest: tuple[Selected, float, float]
+
+    def __init__(
+        self,
+        problem: Problem,
+        damping: float = 0.0,
+        kinematics: Mechanism | None = None,
+        limiting: Limiting | None = None,
+    ) -> None:
+        """Take checked arguments; :func:`velocity_mapping` checks them."""
+        vars(self).update(
+            problem=problem, damping=damping, kinematics=kinematics, limiting=limiting
+        )
+
+    def __setattr__(self, name: str, value: object) -> None:
+        raise FrozenInstanceError(f"cannot assign to field {name!r}")
 
     def __call__(
         self,
@@ -67,9 +93,9 @@ class VelocityMapping:
         secondary_velocity: ArrayLike | None = None,
     ) -> Array:
         """Optimal active joint rates, shape (..., n); what is None counts as zero."""
-        if self.limiting is None:
-            return self._unlimited(v_major, joint_velocity, secondary_velocity)
-        return self.solve(v_major, joint_velocity, secondary_velocity).rates
+        if self.limiting is not None:
+            return self.solve(v_major, joint_velocity, secondary_velocity).rates
+        return self._unlimited(v_major, joint_velocity, secondary_velocity)
 
     def _unlimited(
         self,
@@ -78,11 +104,13 @@ class VelocityMapping:
         secondary_velocity: ArrayLike | None,
     ) -> Array:
         """Optimal rates without limits."""
-        if not self.damping and self.problem.is_unconstrained:
-            solve = batched_rates if self.problem.lead else optimal_rates
-            rates = solve(self.problem, v_major, joint_velocity, secondary_velocity)
-            if rates is not None:
-                return rates
+        factors, rates = self._factors, None
+        if factors is not None:
+            rates = rates_by(factors, v_major, joint_velocity, secondary_velocity)
+        elif self.problem.lead and not self.damping and self.problem.is_unconstrained:
+            rates = batched_rates(self.problem, v_major, joint_velocity, secondary_velocity)
+        if rates is not None:
+            return rates
         return respond(
             (self.major, self.joint, self.secondary),
             "v_major",
@@ -90,6 +118,20 @@ class VelocityMapping:
             joint_velocity=joint_velocity,
             secondary_velocity=secondary_velocity,
         )
+
+    @cached_property
+    def _factors(self) -> Factors | None:
+        """Of one problem without constraints and damping whose ranks are clearly full."""
+        problem = self.problem
+        if self.damping or problem.lead or not problem.is_unconstrained:
+            return None
+        return factors_of(problem)
+
+    @cached_property
+    def problem(self) -> Problem:
+        """The checked arguments."""
+        selected, size, tolerance = self._rest
+        return problem_of(self._factors, selected.S_m, selected.S_s, size, tolerance)
 
     def solve(
         self,
@@ -113,6 +155,13 @@ class VelocityMapping:
         Raises:
             ValueError: A velocity of the wrong shape or not finite, by its name.
         """
+        begun = None if start is None else check.instance("start", start, VelocitySolution).point
+        factors, limiting = self._factors, self.limiting
+        if factors is not None and limiting is not None and limiting.is_box:
+            rates = rates_by(factors, v_major, joint_velocity, secondary_velocity)
+            if rates is not None:
+                best = rates_within(factors, rates, limiting.box, self.tolerance, begun)
+                return VelocitySolution(self, np.array(v_major, dtype=float), rates, best)
         problem = self.problem
         m1, n = len(problem.S_m), problem.J.shape[-1]
         p = joined(
@@ -123,20 +172,8 @@ class VelocityMapping:
             secondary_velocity=(secondary_velocity, len(problem.S_s)),
         )
         unlimited = self._unlimited(*np.split(p, [m1, m1 + n], axis=-1))
-        v_m = p[..., :m1]
-        begun = None if start is None else check.instance("start", start, VelocitySolution).point
-        best = optimum(self.levels, p, unlimited, self.limiting, problem.tolerance, begun)
-        round_off = 1e-12 * problem.scale * np.linalg.norm(unlimited, axis=-1)
-        return VelocitySolution(
-            mapping=self,
-            residual=v_m - self._major(best.x),
-            limited=is_held_back(self._major(best.x - unlimited), v_m, round_off),
-            optimum=best,
-        )
-
-    def _major(self, rates: Array) -> Array:
-        """Major velocity of these rates, shape (..., m1)."""
-        return times(self.problem.major_jacobian, rates)
+        best = optimum(self.levels, p, unlimited, limiting, problem.tolerance, begun)
+        return VelocitySolution(self, p[..., :m1], unlimited, best)
 
     @property
     def rows(self) -> tuple[Rows, ...]:
@@ -146,7 +183,7 @@ class VelocityMapping:
     @property
     def tolerance(self) -> float:
         """Fraction of the scale below which a singular value is zero."""
-        return self.problem.tolerance
+        return self._rest[2] if "_rest" in vars(self) else self.problem.tolerance
 
     @property
     def levels(self) -> list[Level]:
@@ -178,6 +215,12 @@ class VelocityMapping:
             self_motion=Q,
         )
         return VelocityMapping(there, self.damping, kinematics, self.limiting)
+
+    def belonging_to(self, kinematics: Mechanism) -> "VelocityMapping":
+        """The same mapping, of this mechanism."""
+        mapping = object.__new__(VelocityMapping)
+        vars(mapping).update(vars(self), kinematics=kinematics)
+        return mapping
 
     def __str__(self) -> str:
         sentences = (
@@ -328,6 +371,19 @@ def velocity_mapping(
     Raises:
         ValueError: An argument has a wrong shape or index or is not finite; it is named.
     """
+    if (
+        active_constraint is self_motion is major_metric is tie_metric is None
+        and rate_rows is None
+        and not damping
+    ):
+        quick = _of_plain_arrays(
+            J, major, secondary, joint_weight, secondary_weight, scale, rank_tolerance
+        )
+        if quick is not None:
+            if rate_limits is not None or when_limited != "least_squares":
+                limited = limiting(J.shape[1], "rate_limits", rate_limits, {}, when_limited)
+                vars(quick)["limiting"] = limited
+            return quick
     args = checked(
         J,
         major,
@@ -345,3 +401,63 @@ def velocity_mapping(
     n = args.J.shape[-1]
     limited = limiting(n, "rate_limits", rate_limits, {"rate_rows": rate_rows}, when_limited)
     return VelocityMapping(args, check.number("damping", damping), None, limited)
+
+
+def _of_plain_arrays(
+    J: ArrayLike,
+    major: Sequence[int] | ArrayLike,
+    secondary: Sequence[int] | ArrayLike | None,
+    joint_weight: ArrayLike | None,
+    secondary_weight: ArrayLike | None,
+    scale: ArrayLike | None,
+    rank_tolerance: float,
+) -> VelocityMapping | None:
+    """The mapping of one J, its weights diagonal, where all arguments are as they should be.
+
+    None elsewhere: the checks then say what is wrong, or take what is right in another form.
+    """
+    w1 = _NOTHING if joint_weight is None else joint_weight
+    w2 = _NOTHING if secondary_weight is None else secondary_weight
+    size = -1.0 if scale is None else scale
+    # Calls of the argument checks would take as long as the arithmetic.
+    if not (
+        type(J) is type(w1) is type(w2) is np.ndarray
+        and J.dtype is w1.dtype is w2.dtype is _FLOAT64
+        and len(J.shape) == 2
+        and len(w1.shape) == len(w2.shape) == 1
+        and type(size) is type(rank_tolerance) is float
+        and 0.0 < rank_tolerance < 1.0
+        and are_rows(major)
+        and (secondary is None or are_rows(secondary))
+    ):
+        return None
+    rest = None if secondary is None else tuple(secondary)
+    sizes = *J.shape, len(w1), len(w2)
+    selected = _selected(tuple(major), rest, *sizes, rank_tolerance)
+    factors = factors_of_diagonals(J, w1, w2, size, selected)
+    if factors is None:
+        return None
+    mapping = object.__new__(VelocityMapping)
+    parts = {"damping": 0.0, "kinematics": None, "limiting": None, "_factors": factors}
+    object.__setattr__(mapping, "__dict__", parts | {"_rest": (selected, size, rank_tolerance)})
+    return mapping
+
+
+@lru_cache(maxsize=1024)
+def _selected(
+    major: tuple[int, ...],
+    secondary: tuple[int, ...] | None,
+    m: int,
+    n: int,
+    k1: int,
+    k2: int,
+    tolerance: float,
+) -> Selected:
+    """Tasks and sizes, looked up once: they are the same at every tick."""
+    S_m, S_s = task_selection(major, secondary, m, tolerance)
+    sizes = len(S_m), m, n, k1, k2, len(S_s)
+    return Selected(S_m, S_s, sizes, room(*sizes), *thresholds(tolerance))
+
+
+_FLOAT64 = np.dtype(np.float64)
+_NOTHING = none((0,))

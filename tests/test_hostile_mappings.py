@@ -16,6 +16,7 @@ from prioritized import (
     failure_atlas,
     force_mapping,
     velocity_mapping,
+    viable_rates,
 )
 from tests.hostile import Target, complaints
 
@@ -158,6 +159,22 @@ TARGETS = {
     ),
     "failure_atlas": Target(failure_atlas, CODES),
     "failure_atlas of springs": Target(failure_atlas, CODES | {"system": SPRUNG}, ("codes",)),
+    "viable_rates": Target(
+        viable_rates,
+        {"position": np.zeros(3), "rate": np.ones(3), "position_limits": (-np.ones(3), 1.0)}
+        | {"rate_limits": (-2.0, 2 * np.ones(3)), "acceleration_limits": (-3.0, 4.0)}
+        | {"period_s": 0.1},
+    ),
+    "viable_rates of arrays of limits": Target(
+        viable_rates,
+        {
+            "position": np.zeros(3),
+            "rate": np.ones(3),
+            "position_limits": RNG.random((2, 3)) - [[1], [0]],
+        }
+        | {"rate_limits": RNG.random((2, 3)) - [[1], [0]], "period_s": 0.1}
+        | {"acceleration_limits": RNG.random((2, 3)) - [[1], [0]]},
+    ),
     "FailureAtlas.row": Target(failure_atlas(SYSTEM, [0]).row, {"locked": [0], "free": [1]}),
 }
 

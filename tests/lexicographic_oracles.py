@@ -1,0 +1,295 @@
+"""Oracles of bounded lexicographic least squares: plain, slow, and without the library.
+
+Given levels (A_1, b_1), (A_2, b_2), ..., bounds lower <= x <= upper, and perhaps rows G with
+lo <= G x <= hi: among the x that keep bounds and rows, minimize |A_1 x - b_1|; among the
+minimizers, |A_2 x - b_2|; and so on; last of all |x|. Bounds may be infinite or equal. All that is
+unique is the answer x, and A_k x of each level.
+
+Ranks are decided at `RANK` relative to each level's own A. What is nearly singular must stay well
+above, and what is singular is at round-off. Bounds, and what x comes out, should be of size one:
+tolerances are relative to 1 + |x|.
+"""
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import nnls
+
+Levels = Sequence[tuple[np.ndarray, np.ndarray]]
+Rows = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""G (r, n), lo (r,), hi (r,)."""
+
+RANK = 1e-11
+FEASIBLE = 1e-11
+"""Of 1 + |x|: by so much a candidate may miss a limit or an equation."""
+
+
+# One level on one active set.
+
+
+def _norm(A: np.ndarray) -> float:
+    return float(np.linalg.norm(A))
+
+
+def _svd(A: np.ndarray, scale: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """U, sigma, V of the singular values above RANK times the scale, and a basis of the rest."""
+    U, sigma, Vt = np.linalg.svd(A)
+    rank = np.count_nonzero(sigma > RANK * scale)
+    return U[:, :rank], sigma[:rank], Vt[:rank].T, Vt[rank:].T
+
+
+def _solution(A: np.ndarray, b: np.ndarray, scale: float) -> tuple[np.ndarray, np.ndarray]:
+    """Least-squares solution of A x = b with the least norm, and a basis of the null space of A."""
+    U, sigma, V, Z = _svd(A, scale)
+    return V @ ((U.T @ b) / sigma), Z
+
+
+def _minimizer(E: np.ndarray, e: np.ndarray, A: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Among all x with E x = e that minimize |A x - b|, the one with the least norm."""
+    x, Z = _solution(E, e, scale=1.0)
+    # Relative to A: where A Z is round-off, E decides A x already.
+    y, _ = _solution(A @ Z, b - A @ x, _norm(A))
+    return x + Z @ y
+
+
+class _Former:
+    """Earlier levels as equations E x = e; each A is scaled to norm one."""
+
+    def __init__(self, n: int) -> None:
+        self.E, self.e = np.zeros((0, n)), np.zeros(0)
+
+    def add(self, A: np.ndarray, x: np.ndarray) -> None:
+        """A x stays what it is from now on."""
+        if size := _norm(A):
+            self.E = np.vstack([self.E, A / size])
+            self.e = np.append(self.e, A @ x / size)
+
+
+def _with_least_norm(levels: Levels, n: int) -> list[tuple[np.ndarray, np.ndarray]]:
+    return [*levels, (np.eye(n), np.zeros(n))]
+
+
+def _constraints(lower: np.ndarray, upper: np.ndarray, rows: Rows | None) -> Rows:
+    """Bounds and rows as one: G x between lo and hi, each row of norm one; zero rows left out."""
+    G, lo, hi = np.eye(len(lower)), np.asarray(lower, float), np.asarray(upper, float)
+    if rows is not None:
+        size = np.linalg.norm(rows[0], axis=1)
+        kept = size > 0
+        G = np.vstack([G, rows[0][kept] / size[kept, None]])
+        lo = np.append(lo, rows[1][kept] / size[kept])
+        hi = np.append(hi, rows[2][kept] / size[kept])
+    return G, lo, hi
+
+
+def _sides(G: np.ndarray, lo: np.ndarray, hi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """All finite limits as G x <= top."""
+    G, top = np.vstack([G, -G]), np.append(hi, -lo)
+    return G[np.isfinite(top)], top[np.isfinite(top)]
+
+
+# The oracles.
+
+
+def by_active_sets(
+    levels: Levels, lower: np.ndarray, upper: np.ndarray, rows: Rows | None = None
+) -> np.ndarray:
+    """The answer x (n,) by trying every active set, for n plus the number of rows up to 6.
+
+    Each of the n bounds and r rows is free, at its lower or at its upper limit: at most 3^(n + r)
+    cases. In each, a level is a least-squares problem with equations. Of the solutions that keep
+    the limits, the best is the level's optimum: the optimum is among them, since the least-norm
+    optimum solves the case of its own active set. A x of the levels done are equations of the next;
+    the last level is |x|. Exact to `FEASIBLE`; seconds for n = 6.
+
+    Raises:
+        ValueError: No x keeps bounds and rows.
+    """
+    n = len(lower)
+    G, lo, hi = _constraints(lower, upper, rows)
+    cases = [_cases(*limits) for limits in zip(lo, hi, strict=True)]
+    former, x = _Former(n), np.zeros(n)
+    for A, b in _with_least_norm(levels, n):
+        best = np.inf
+        for case in itertools.product(*cases):
+            on = [k for k, limit in enumerate(case) if limit is not None]
+            E = np.vstack([former.E, G[on]])
+            e = np.append(former.e, [limit for limit in case if limit is not None])
+            candidate = _minimizer(E, e, A, b)
+            slack = FEASIBLE * (1 + _norm(candidate))
+            kept = np.maximum(lo - G @ candidate, G @ candidate - hi).max(initial=0) <= slack
+            equal = np.abs(E @ candidate - e).max(initial=0) <= slack
+            if kept and equal and (value := _norm(A @ candidate - b)) < best:
+                best, x = value, candidate
+        if best == np.inf:
+            raise ValueError("bounds and rows must be feasible, got none that is")
+        former.add(A, x)
+    return x
+
+
+def _cases(low: float, high: float) -> list[float | None]:
+    """Limits at which a constraint may be, None for neither."""
+    if low == high:
+        return [low]
+    return [None, *(limit for limit in (low, high) if np.isfinite(limit))]
+
+
+def by_interior_point(
+    levels: Levels, lower: np.ndarray, upper: np.ndarray, rows: Rows | None = None
+) -> np.ndarray:
+    """The answer x (n,) by one quadratic program a level, for any n: Clarabel, at 1e-12.
+
+    The solver's point only is near an optimum, and says in which order limits are likely to bind:
+    by the ratio of slack and multiplier. With the first 0, 1, 2, ... of them as equations a level
+    is a least-squares problem; of its solutions nearest to that point, the one is taken that best
+    meets the conditions of an optimum (:func:`_kkt`). A limit with a multiplier holds in every
+    optimum: it becomes an equation of the later levels, so that their programs keep an interior.
+
+    Raises:
+        RuntimeError: Clarabel ends without a solution: bounds and rows may be infeasible.
+    """
+    G, top = _sides(*_constraints(lower, upper, rows))
+    former, x = _Former(len(lower)), np.zeros(len(lower))
+    for A, b in _with_least_norm(levels, len(lower)):
+        if not A.any():
+            continue  # every x is as good
+        near, order = _program(A, b, former, G, top)
+        trials = []
+        for k in range(len(order) + 1):
+            E = np.vstack([former.E, G[order[:k]]])
+            e = np.append(former.e, top[order[:k]])
+            trials.append(near + _minimizer(E, e - E @ near, A, b - A @ near))
+        x = min(trials, key=lambda x: _kkt(A, b, former, G, top, x).worst)
+        binds = _kkt(A, b, former, G, top, x).multipliers > 1e-9
+        former.E = np.vstack([former.E, G[binds]])
+        former.e = np.append(former.e, top[binds])
+        former.add(A, x)
+    return x
+
+
+def _program(
+    A: np.ndarray, b: np.ndarray, former: _Former, G: np.ndarray, top: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Minimize |A x - b| over E x = e and G x <= top: x, and limits by slack / multiplier."""
+    import clarabel
+    from scipy.sparse import csc_array
+
+    x, Z = _solution(former.E, former.e, scale=1.0)
+    if not Z.shape[1]:
+        return x, np.zeros(0, dtype=int)
+    U, sigma, V, V0 = _svd(A @ Z, _norm(A))
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-12
+    settings.tol_infeas_abs = settings.tol_infeas_rel = 1e-14  # 1e4 times the bounds is no proof
+    # Over t in x + Z (V diag(1 / s) t_1 + V_0 t_2), A Z = U diag(sigma) V^T. With s = sigma the
+    # objective is as well conditioned as can be, with s = 1 the limits are.
+    for s in (sigma, np.ones(len(sigma))):
+        to_y, slope = np.hstack([V / s, V0]), np.append(sigma / s, np.zeros(V0.shape[1]))
+        q = -slope * np.append(U.T @ (b - A @ x), np.zeros(V0.shape[1]))
+        solver = clarabel.DefaultSolver(
+            csc_array(np.diag(slope**2)),
+            q,
+            csc_array(G @ Z @ to_y),
+            top - G @ x,
+            [clarabel.NonnegativeConeT(len(top))],
+            settings,
+        )
+        found = solver.solve()
+        if str(found.status) in {"Solved", "AlmostSolved"}:
+            ratio = np.array(found.s) / np.maximum(np.array(found.z), 1e-300)
+            return x + Z @ to_y @ np.array(found.x), np.argsort(ratio)
+    raise RuntimeError(f"Clarabel ended with {found.status}")
+
+
+# The conditions of an optimum.
+
+
+@dataclass(frozen=True)
+class _Kkt:
+    """Relative residuals of one level, and the multiplier of each limit."""
+
+    feasibility: float
+    stationarity: float
+    complementarity: float
+    multipliers: np.ndarray
+
+    @property
+    def worst(self) -> float:
+        return max(self.feasibility, self.stationarity, self.complementarity)
+
+
+def _kkt(
+    A: np.ndarray,
+    b: np.ndarray,
+    former: _Former,
+    G: np.ndarray,
+    top: np.ndarray,
+    x: np.ndarray,
+    near: float = 1e-8,
+) -> _Kkt:
+    """How far x is from minimizing |A x - b| over E x = e and G x <= top."""
+    unit, norm = 1 + _norm(x), _norm(A)
+    size = norm * (norm * _norm(x) + _norm(b)) or 1.0
+    room = top - G @ x
+    reached = room <= near * unit
+    _, Z = _solution(former.E, former.e, scale=1.0)
+    descent = -Z.T @ (A.T @ (A @ x - b)) / size
+    multipliers, rest = np.zeros(len(top)), float(_norm(descent))
+    if reached.any() and len(descent):
+        multipliers[reached], rest = nnls(Z.T @ G[reached].T, descent)
+    off = max(-room.min(initial=0.0), np.abs(former.E @ x - former.e).max(initial=0.0))
+    balance = np.abs(multipliers * room).max(initial=0.0)
+    return _Kkt(off / unit, float(rest), balance / unit, multipliers)
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """How far x is from the conditions of an optimum, relative; see :func:`certificate`.
+
+    Attributes:
+        feasibility: The most by which x misses a bound or row, of 1 + |x|.
+        stationarity: Of each level, the last being |x|: part of the gradient that no multiplier
+            balances, of the terms the gradient is computed from.
+        complementarity: Of each level: the largest multiplier times its distance from the limit, in
+            the same units, of 1 + |x|.
+    """
+
+    feasibility: float
+    stationarity: tuple[float, ...]
+    complementarity: tuple[float, ...]
+
+    @property
+    def worst(self) -> float:
+        """The largest of all these."""
+        return max(self.feasibility, *self.stationarity, *self.complementarity)
+
+
+def certificate(
+    levels: Levels,
+    lower: np.ndarray,
+    upper: np.ndarray,
+    x: np.ndarray,
+    rows: Rows | None = None,
+    near: float = 1e-8,
+) -> Certificate:
+    """Residuals of the Karush-Kuhn-Tucker conditions of x (n,) at every level, |x| as the last.
+
+    Level k is a convex problem with the earlier levels' A_j x as equations, so that these
+    conditions prove its optimum: its gradient A^T (A x - b) is a combination of the rows A_j and,
+    with multipliers of one sign each, of the limits that x reaches to within `near` of 1 + |x|.
+    Rows A_j are projected out; nonnegative least squares finds the other multipliers. An x that
+    errs by d along a singular value s of A shows as s^2 d only: small residuals prove the levels'
+    values, not the digits of x.
+    """
+    G, top = _sides(*_constraints(lower, upper, rows))
+    former, found = _Former(len(x)), []
+    for A, b in _with_least_norm(levels, len(x)):
+        found.append(_kkt(A, b, former, G, top, x, near))
+        former.add(A, x)
+    return Certificate(
+        max(level.feasibility for level in found),
+        tuple(level.stationarity for level in found),
+        tuple(level.complementarity for level in found),
+    )

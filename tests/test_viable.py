@@ -1,0 +1,366 @@
+"""The box of rates: what is in it can be kept up for ever, and what is not cannot."""
+
+from fractions import Fraction
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.optimize import linprog
+
+from prioritized import RateBox, viable_rates
+
+EPS = np.finfo(float).eps
+
+
+class Joints(NamedTuple):
+    """Limits of joints, arrays of one shape or numbers, and a period."""
+
+    x_min: np.ndarray | float
+    x_max: np.ndarray | float
+    v_min: np.ndarray | float
+    v_max: np.ndarray | float
+    a_min: np.ndarray | float
+    a_max: np.ndarray | float
+    T: float
+
+    def box(self, x, v) -> RateBox:
+        """The box of joints at x with rates v."""
+        return viable_rates(
+            x,
+            v,
+            position_limits=(self.x_min, self.x_max),
+            rate_limits=(self.v_min, self.v_max),
+            acceleration_limits=(self.a_min, self.a_max),
+            period_s=self.T,
+        )
+
+    @property
+    def size(self):
+        """The largest position that the limits allow."""
+        return np.maximum(np.abs(self.x_min), np.abs(self.x_max))
+
+
+def any_joints(rng, n, T=None) -> Joints:
+    """Limits over many decades; braking takes from one tick to thousands."""
+
+    def size(low, high):
+        return 10.0 ** rng.uniform(low, high, n)
+
+    x_min = -size(-6, 3)
+    limits = (x_min, x_min + size(-6, 3), -size(-4, 3), size(-4, 3), -size(-3, 4), size(-3, 4))
+    return Joints(*limits, T=10.0 ** rng.uniform(-4, 0) if T is None else T)
+
+
+# An oracle without any formula: the viability kernel on a lattice of positions and rates.
+
+
+def kernel(last, slow, fast, down, up):
+    """States (i, j) on a lattice, 0 <= i <= last, slow <= j <= fast, that can be kept for ever.
+
+    The next state is (i + k, k) with j - down <= k <= j + up. What has no successor is removed
+    until nothing changes.
+    """
+    rates = np.arange(slow, fast + 1)
+    kept = np.ones((last + 1, len(rates)), dtype=bool)
+    while True:
+        # next_in[i, k]: whether rate k leads from position i to a state that is still kept
+        next_in = np.zeros_like(kept)
+        for column, k in enumerate(rates):
+            i = np.arange(max(0, -k), min(last, last - k) + 1)
+            next_in[i, column] = kept[i + k, column]
+        near = (rates >= rates[:, None] - down) & (rates <= rates[:, None] + up)
+        still = kept & (next_in @ near.T)
+        if (still == kept).all():
+            return kept
+        kept = still
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_the_box_is_the_largest_by_dynamic_programming(seed):
+    """All rates that the box allows, and no others, lead to states that can be kept for ever.
+
+    Braking to rest takes rates of the lattice only, so that on it nothing is lost.
+    """
+    rng = np.random.default_rng(seed)
+    last, slow, fast = int(rng.integers(0, 60)), -int(rng.integers(0, 12)), int(rng.integers(0, 12))
+    down, up = int(rng.integers(1, 5)), int(rng.integers(1, 5))
+    h, T, origin = rng.uniform(0.1, 3.0), rng.uniform(1e-3, 2.0), rng.normal()
+    kept = kernel(last, slow, fast, down, up)
+    i, j = np.mgrid[-8 : last + 9, slow - 9 : fast + 10]
+    joints = Joints(
+        *(origin, origin + last * h * T, slow * h, fast * h, -down * h / T, up * h / T), T=T
+    )
+    box = joints.box(origin + i * h * T, j * h)
+    some = np.zeros(i.shape, dtype=bool)
+    for k in range(slow, fast + 1):
+        inside = (i + k >= 0) & (i + k <= last) & (k >= j - down) & (k <= j + up)
+        allowed = inside & kept[np.where(inside, i + k, 0), k - slow]
+        some |= allowed
+        in_box = box.viable & (box.lower <= (k + 1e-9) * h) & (box.upper >= (k - 1e-9) * h)
+        assert np.array_equal(in_box, allowed)
+    on_lattice = (i >= 0) & (i <= last) & (j >= slow) & (j <= fast)
+    assert np.array_equal(some[on_lattice], kept.ravel())
+    assert np.array_equal(box.viable, some)
+
+
+# A second one, off the lattice: the extreme next rate over all futures, by linear programming.
+
+
+def extreme_rate(joints: Joints, x: float, v: float, sign: int, ticks: int) -> float | None:
+    """Largest (sign 1) or smallest next rate of a future in which all limits hold, if any."""
+    total = joints.T * np.tri(ticks)
+    step = (np.eye(ticks) - np.eye(ticks, k=-1)) / joints.T
+    before = np.append(v / joints.T, np.zeros(ticks - 1))
+    rows = np.vstack([total, -total, step, -step])
+    room = np.concatenate(
+        [
+            np.full(ticks, joints.x_max - x),
+            np.full(ticks, x - joints.x_min),
+            joints.a_max + before,
+            -joints.a_min - before,
+        ]
+    )
+    cost = -sign * np.eye(ticks)[0]
+    found = linprog(cost, rows, room, bounds=(joints.v_min, joints.v_max), method="highs")
+    return None if found.status == 2 else float(found.x[0])
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_the_ends_of_the_box_are_the_extreme_rates_of_any_future(seed):
+    """Where a linear program over 40 ticks finds no future, the box says so too."""
+    rng = np.random.default_rng(seed)
+    for _ in range(12):
+        joints = Joints(
+            *(-rng.uniform(0, 2), rng.uniform(0, 2), -rng.uniform(0, 1), rng.uniform(0, 1)),
+            *(-rng.uniform(0.05, 1), rng.uniform(0.05, 1)),
+            T=1.0,
+        )
+        x, v = rng.uniform(-2.1, 2.1), rng.uniform(-1.2, 1.2)
+        box = joints.box([x], [v])
+        least, most = (extreme_rate(joints, x, v, sign, ticks=40) for sign in (-1, 1))
+        assert (most is not None) == box.viable[0]
+        if most is not None:
+            assert (box.lower[0], box.upper[0]) == pytest.approx((least, most), abs=1e-6)
+
+
+SIZES = st.floats(1e-9, 1e9)
+
+
+@given(
+    steps=st.fractions(0, 300),
+    braking=SIZES,
+    period=st.floats(1e-9, 1e3),
+    sign=st.sampled_from([-1, 1]),
+)
+def test_the_fastest_rate_stops_exactly_at_the_limit_in_any_units(steps, braking, period, sign):
+    """Braking from w, (w - a T), (w - 2 a T), ... to rest covers the distance, summed exactly."""
+    a, T = Fraction(braking), Fraction(period)
+    w, distance = steps * a * T, Fraction(0)
+    for k in range(int(steps) + 1):
+        distance += T * max(w - k * a * T, Fraction(0))
+    inf = np.inf
+    limits = sorted([sign * float(distance), -sign * inf])
+    joints = Joints(limits[0], limits[1], -inf, inf, -braking, braking, period)
+    box = joints.box([0.0], [sign * float(w)])
+    assert box.viable[0]
+    end = box.upper[0] if sign > 0 else -box.lower[0]
+    assert end == pytest.approx(float(w), rel=1e-13, abs=0)
+
+
+# For ever.
+
+
+def walk(joints: Joints, x, v, ticks, rng):
+    """Positions, rates and boxes of joints that hold one end of the box or another for a while."""
+    held = rng.random(np.shape(x))
+    for _ in range(ticks):
+        box = joints.box(x, v)
+        held = np.where(rng.random(np.shape(x)) < 0.02, rng.random(np.shape(x)), held)
+        part = np.where(held < 0.4, 0.0, np.where(held < 0.8, 1.0, rng.random(np.shape(x))))
+        w = np.clip(box.lower + part * (box.upper - box.lower), box.lower, box.upper)
+        x, v, before = x + joints.T * w, w, v
+        yield x, v, before, box
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_no_limit_is_ever_violated_whatever_rates_of_the_box_are_taken(seed):
+    """1000 joints, 2000 ticks: positions to round-off, rates exactly, no box empty."""
+    rng = np.random.default_rng(seed)
+    joints = any_joints(rng, 1000)
+    start = rng.uniform(joints.x_min, joints.x_max)
+    for x, v, before, box in walk(joints, start, np.zeros(1000), 2000, rng):
+        assert box.viable.all()
+        assert (box.lower <= box.upper).all()
+        beyond = np.maximum(joints.x_min - x, x - joints.x_max)
+        assert (beyond <= 1e-12 * joints.size).all()
+        assert ((v >= joints.v_min) & (v <= joints.v_max)).all()
+        room = 4 * EPS * np.maximum(abs(v), abs(before))
+        assert (v <= before + joints.T * joints.a_max + room).all()
+        assert (v >= before + joints.T * joints.a_min - room).all()
+
+
+def test_round_off_does_not_add_up_from_one_braking_to_the_next():
+    """Braking of at most 15 ticks, some 400 times over: at most 16 roundings beyond a limit."""
+    rng = np.random.default_rng(0)
+    ends = -rng.uniform(0.1, 1, 200), rng.uniform(0.1, 1, 200)
+    joints = Joints(*ends, -3.0, 3.0, -20.0, 20.0, T=1e-2)
+    worst = np.zeros(200)
+    for x, *_ in walk(joints, np.zeros(200), np.zeros(200), 4000, rng):
+        worst = np.maximum(worst, np.maximum(joints.x_min - x, x - joints.x_max) / joints.size)
+    assert worst.max() <= 16 * EPS
+
+
+# Outside.
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_from_any_state_the_limits_are_soon_kept_again_within_the_accelerations(seed):
+    """A disturbance put position and rate anywhere; no acceleration yields, and no box is empty."""
+    rng = np.random.default_rng(seed)
+    joints = Joints(
+        *(-rng.uniform(0, 1, 300), rng.uniform(0, 1, 300)),
+        *(-rng.uniform(0.2, 1, 300), rng.uniform(0.2, 1, 300)),
+        *(-rng.uniform(0.2, 1, 300), rng.uniform(0.2, 1, 300)),
+        T=0.25,
+    )
+    x, v = rng.uniform(-5, 5, 300), rng.uniform(-5, 5, 300)
+    viable = np.zeros(300, dtype=bool)
+    for _, w, before, box in walk(joints, x, v, 1500, rng):
+        assert (box.viable | ~viable).all()  # once saved, for ever
+        viable = box.viable
+        assert (box.lower <= box.upper).all()
+        assert (box.viable | (box.lower == box.upper)).all()
+        assert (w <= before + 0.25 * joints.a_max + 1e-14).all()
+        assert (w >= before + 0.25 * joints.a_min - 1e-14).all()
+    assert viable.all()
+
+
+def test_a_joint_too_fast_to_stop_brakes_as_hard_as_it_may_and_overshoots_least():
+    """From v = 5 at 1 m with 10 m/s^2 and 0.1 s: 0.1 (4 + 3 + 2 + 1) = 1 m more, not 2."""
+    joints = Joints(-2.0, 1.5, -9.0, 9.0, -10.0, 10.0, 0.1)
+    x, v, path = np.array([1.0]), np.array([5.0]), []
+    while v[0] > 0:
+        box = joints.box(x, v)
+        assert not box.viable[0]
+        assert box.lower[0] == box.upper[0] == pytest.approx(v[0] - 1)
+        x, v = x + 0.1 * box.lower, box.lower
+        path.append(x[0])
+    assert max(path) == pytest.approx(2.0)
+    assert len(path) == 5
+
+
+def test_far_outside_the_return_is_as_fast_as_the_other_limit_allows():
+    """Limits moved away: from 3 back to 0 .. 0.1 at 1 m/s^2, and 0 is not overshot.
+
+    Full acceleration to the middle and full braking to rest take 2 sqrt(3) s, 35 ticks.
+    """
+    joints = Joints(0.0, 0.1, -9.0, 9.0, -1.0, 1.0, 0.1)
+    x, v, path = np.array([3.0]), np.array([0.0]), []
+    for _ in range(40):
+        v = joints.box(x, v).lower
+        x = x + 0.1 * v
+        path.append(x[0])
+    assert path[27] > 0.1
+    assert max(path[34:]) <= 0.1
+    assert min(path) >= -1e-15
+
+
+def test_a_rate_beyond_its_limit_comes_back_before_the_position_does():
+    """Rates outrank positions: at 3 times the rate limit, below the lower position limit."""
+    box = Joints(0.0, 1.0, -1.0, 1.0, -5.0, 5.0, 0.1).box([-0.5], [3.0])
+    assert not box.viable[0]
+    assert box.lower[0] == box.upper[0] == 2.5
+
+
+def test_a_position_beyond_its_limit_that_can_be_back_at_the_next_tick_is_viable():
+    """Limits count from the next tick on: what is past is past."""
+    box = Joints(0.0, 1.0, -9.0, 9.0, -5.0, 5.0, 0.1).box([1.01], [0.0])
+    assert box.viable[0]
+    assert box.upper[0] == pytest.approx(-0.1)
+
+
+@pytest.mark.parametrize(("beyond", "viable"), [(1e-14, True), (1e-9, False)])
+def test_round_off_is_no_loss_of_viability_and_what_is_more_is_one(beyond, viable):
+    """Four ticks of full braking end at 1 m, less a part of it."""
+    joints = Joints(-1.0, 1.0, -9.0, 9.0, -10.0, 10.0, 0.1)
+    assert joints.box([0.4 + beyond], [4.0]).viable[0] == viable
+
+
+# Extremes.
+
+
+def test_without_limits_of_one_kind_the_others_are_the_box():
+    inf = np.inf
+    free = Joints(-inf, inf, -inf, inf, -inf, inf, 0.1).box([3.0], [4.0])
+    assert (free.lower[0], free.upper[0], free.viable[0]) == (-inf, inf, True)
+    positions = Joints(0.0, 1.0, -inf, inf, -inf, inf, 0.1).box([0.25], [4.0])
+    assert (positions.lower[0], positions.upper[0]) == pytest.approx((-2.5, 7.5))
+    rates = Joints(-inf, inf, -1.0, 2.0, -inf, inf, 0.1).box([3.0], [-70.0])
+    assert (rates.lower[0], rates.upper[0]) == (-1.0, 2.0)
+    steps = Joints(-inf, inf, -inf, inf, -5.0, 3.0, 0.1).box([3.0], [4.0])
+    assert (steps.lower[0], steps.upper[0]) == pytest.approx((3.5, 4.3))
+
+
+NUMBERS = st.floats(-1e119, 1e119)
+LARGE = st.one_of(st.just(0.0), st.floats(1e-119, 1e119), st.just(np.inf))
+POSITIVE = st.one_of(st.floats(1e-119, 1e119), st.just(np.inf))
+
+
+@given(
+    state=st.tuples(NUMBERS, NUMBERS),
+    x_min=NUMBERS,
+    sizes=st.tuples(LARGE, LARGE, LARGE, POSITIVE, POSITIVE),
+    T=st.floats(1e-119, 1e119),
+)
+def test_no_ratio_of_limits_empties_a_box_or_ends_in_nan(state, x_min, sizes, T):
+    """At rest within the limits, resting is always allowed."""
+    (x, v), (range_, slow, fast, down, up) = state, sizes
+    joints = Joints(x_min, x_min + range_, -slow, fast, -down, up, T)
+    box = joints.box([x], [v])
+    assert box.lower[0] <= box.upper[0]
+    still = joints.box([np.clip(x, joints.x_min, joints.x_max)], [0.0])
+    assert still.viable[0]
+    assert still.lower[0] <= 0.0 <= still.upper[0]
+
+
+def test_a_batch_is_its_joints_one_by_one():
+    rng = np.random.default_rng(3)
+    joints = any_joints(rng, 5, T=0.1)
+    x, v = rng.normal(size=(4, 3, 5)), rng.normal(size=(3, 5))
+    box = joints.box(x, v)
+    for at in np.ndindex(4, 3, 5):
+        one = Joints(*(np.asarray(A)[at[-1]] for A in joints[:-1]), T=0.1).box([x[at]], [v[at[1:]]])
+        assert (box.lower[at], box.upper[at]) == (one.lower[0], one.upper[0])
+        assert box.viable[at] == one.viable[0]
+
+
+# Beside what is done without it.
+
+
+def test_limits_of_the_next_tick_alone_contradict_each_other():
+    """The usual box, (limit - x) / T with rates and accelerations, is empty within a stroke."""
+    x, v = 0.0, 0.0
+    for _ in range(30):
+        upper = min(v + 0.1, 2.0, (1.0 - x) / 0.1)
+        if upper < v - 0.1:
+            break
+        x, v = x + 0.1 * upper, upper
+    else:
+        pytest.fail("never empty")
+    assert v - 0.1 > 10 * (1.0 - x)
+    joints = Joints(-1.0, 1.0, -2.0, 2.0, -1.0, 1.0, 0.1)
+    assert not joints.box([x], [v]).viable[0]
+
+
+def test_the_condition_of_continuous_braking_gives_away_up_to_half_an_acceleration_step():
+    """w^2 <= 2 a (x_max - x - T w) is safe, but 27 % below the largest rate at d = a T^2."""
+    a, T, inf = 3.0, 0.1, np.inf
+    steps = np.linspace(1e-3, 200, 4001)  # d / (a T^2)
+    joints = Joints(-inf, a * T**2 * steps, -inf, inf, -a, inf, T)
+    largest = joints.box(np.zeros(4001), np.zeros(4001)).upper
+    continuous = a * T * (np.sqrt(1 + 2 * steps) - 1)
+    assert (continuous <= largest).all()
+    assert (1 - continuous / largest).max() == pytest.approx(2 - np.sqrt(3), abs=1e-3)
+    assert 0.45 < (largest - continuous).max() / (a * T) <= 0.5
