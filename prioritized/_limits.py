@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 import argument_checks as check
-from argument_checks import Array
+from argument_checks import Array, Indices
 
 
 def limits(name: str, value: tuple[ArrayLike, ArrayLike] | None, n: int) -> tuple[Array, Array]:
@@ -41,3 +41,18 @@ def _side(name: str, value: ArrayLike, n: int) -> Array:
     if x.shape not in ((), (n,)):
         raise ValueError(f"{name} must be two numbers or two rows of {n}, got shape {x.shape}")
     return np.broadcast_to(np.where(infinite, value, x) if infinite.any() else x, (n,))
+
+
+def limits_of_survivors(
+    name: str, value: tuple[ArrayLike, ArrayLike] | None, n: int, survivors: Indices
+) -> tuple[Array, Array]:
+    """The same of the survivors among n actuators; limits of all n are cut to them."""
+    sides = () if value is None else value
+    try:
+        of_all = any(np.shape(side) == (n,) for side in sides)
+    except (TypeError, ValueError):  # no pair of numbers: the check says so
+        of_all = False
+    if not of_all:
+        return limits(name, value, len(survivors))
+    lower, upper = limits(name, value, n)
+    return check.frozen(lower[survivors]), check.frozen(upper[survivors])
