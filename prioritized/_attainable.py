@@ -22,6 +22,7 @@ from prioritized._polytope import (
     polytope,
     refuse_too_many,
 )
+from prioritized._rank import RANK_TOLERANCE
 
 BLOCK = 2**20
 """Numbers at once in the support of many directions: few enough for the cache."""
@@ -131,7 +132,7 @@ class Attainable(ReadOnly):
             return read_only(np.zeros((0, len(self.gain))))
         half_spaces = facets(P, k, self._constraints)
         z = corners(half_spaces.normal, half_spaces.distance)
-        return read_only(P.offset + (z * P.reach.sigma[:k]) @ P.reach.U[:, :k].T)
+        return read_only(P.offset + (z * P.sigma[:k]) @ P.U[:, :k].T)
 
     def __str__(self) -> str:
         sentence = as_sentence(self.status.value)
@@ -144,11 +145,11 @@ class Attainable(ReadOnly):
 
     @property
     def _rank(self) -> int:
-        return int(self._polytope.reach.rank)
+        return int(self._polytope.rank)
 
     @property
     def _constraints(self) -> int:
-        return int(self._polytope.closure.rank)
+        return int(self._polytope.constraints)
 
     @cached_property
     def _empty(self) -> bool:
@@ -158,7 +159,7 @@ class Attainable(ReadOnly):
         if (P.lower <= 0.0).all() and (P.upper >= 0.0).all():  # x = 0 will do
             return False
         bounds = facets(P, 0, self._constraints)
-        return bool((bounds.distance < -P.tolerance * bounds.size).any())
+        return bool((bounds.distance < -RANK_TOLERANCE * bounds.size).any())
 
     @cached_property
     def _dual(self) -> Array:

@@ -15,19 +15,26 @@ from numpy.typing import NDArray
 
 from argument_checks import Array, Indices, Mask
 from prioritized._arrays import transposed
-from prioritized._rank import RankedSvd, ranked_svd
+from prioritized._rank import RANK_TOLERANCE, ranked_svd
 
 MOST_CHOICES = 100_000
 """Of columns that a facet may be orthogonal to; with more, facets take too long to list."""
 
 
 class Polytope(NamedTuple):
-    """{offset + G x : C x = 0, lower <= x <= upper}, where only x of unequal limits has columns.
+    """{offset + U sigma V^T x : rows x = 0, lower <= x <= upper}.
+
+    The matrices have their decided ranks k = `rank` and r = `constraints`; rows and columns beyond
+    these are not to be used. Coordinates of equal limits have zero columns.
 
     Attributes:
-        offset: What the coordinates of equal limits, and those that follow them, give, (..., m1).
-        reach: Decision on G over the x that C admits, shape (..., m1, n).
-        closure: Decision on C, shape (..., r, n).
+        offset: What these coordinates, and those that must follow them, give, shape (..., m1).
+        U: Orthonormal columns, shape (..., m1, .).
+        sigma: Shape (..., .).
+        Vt: Orthonormal rows, orthogonal to `rows`, shape (..., ., n).
+        rows: Orthonormal rows, shape (..., ., n).
+        rank: Shape (...).
+        constraints: Shape (...).
         lower: Shape (..., n); zero, as is `upper`, where limits are equal.
         upper: Shape (..., n).
         consistent: Whether coordinates of equal limits can obey C at all, shape (...).
@@ -35,8 +42,12 @@ class Polytope(NamedTuple):
     """
 
     offset: Array
-    reach: RankedSvd
-    closure: RankedSvd
+    U: Array
+    sigma: Array
+    Vt: Array
+    rows: Array
+    rank: Indices
+    constraints: Indices
     lower: Array
     upper: Array
     consistent: Mask
@@ -44,14 +55,7 @@ class Polytope(NamedTuple):
 
     def part(self, which: Indices) -> "Polytope":
         """Some of a batch with one axis."""
-        reach, closure = (
-            RankedSvd(D.U[which], D.sigma[which], D.Vt[which], D.threshold[which], D.kept[which])
-            for D in (self.reach, self.closure)
-        )
-        lower, upper, consistent = self.lower[which], self.upper[which], self.consistent[which]
-        return Polytope(
-            self.offset[which], reach, closure, lower, upper, consistent, self.tolerance
-        )
+        return Polytope(*(A[which] for A in self[:-1]), self.tolerance)
 
 
 def refuse_too_many(P: Polytope) -> None:
@@ -61,7 +65,7 @@ def refuse_too_many(P: Polytope) -> None:
         ValueError: More than :data:`MOST_CHOICES` sets of columns.
     """
     m1, n = P.offset.shape[-1], P.lower.shape[-1]
-    for r in np.unique(P.closure.rank).tolist():
+    for r in np.unique(P.constraints).tolist():
         for k in (m1 + r - 1, r):
             if k > 0 and comb(n, k) > MOST_CHOICES:
                 raise ValueError(
@@ -95,8 +99,12 @@ def polytope(
     reach = ranked_svd(G * moving @ closure.null_projector(), scale, tolerance)
     return Polytope(
         offset=(G @ x[..., None])[..., 0],
-        reach=reach,
-        closure=closure,
+        U=reach.U,
+        sigma=reach.sigma,
+        Vt=reach.Vt,
+        rows=closure.Vt,
+        rank=reach.rank,
+        constraints=closure.rank,
         lower=np.where(fixed, 0.0, lower - x),
         upper=np.where(fixed, 0.0, upper - x),
         consistent=consistent,
@@ -123,7 +131,7 @@ def facets(P: Polytope, k: int, r: int) -> Facets:
 
     With k = 0 only whether the limits allow C x = 0: no distance must then be negative.
     """
-    E = np.concatenate([P.reach.Vt[..., :k, :], P.closure.Vt[..., :r, :]], axis=-2)
+    E = np.concatenate([P.Vt[..., :k, :], P.rows[..., :r, :]], axis=-2)
     rank, n = E.shape[-2:]
     if not rank:
         none = np.zeros((*E.shape[:-2], 0))
@@ -147,11 +155,11 @@ def ball(P: Polytope, r: int) -> Array:
     """Radius of the largest ball about v = 0 in polytopes of full rank m1, C of rank r, (...)."""
     m1 = P.offset.shape[-1]
     normal, distance, size = facets(P, m1, r)
-    d = (normal / P.reach.sigma[..., None, :m1]) @ transposed(P.reach.U)
+    d = (normal / P.sigma[..., None, :m1]) @ transposed(P.U)
     shift = (d @ P.offset[..., None])[..., 0]
     room, length = distance + shift, np.linalg.norm(d, axis=-1)
     # Round-off is no room, and no lack of it where d = 0.
-    room = np.where(np.abs(room) <= P.tolerance * (size + np.abs(shift)), 0.0, room)
+    room = np.where(np.abs(room) <= RANK_TOLERANCE * (size + np.abs(shift)), 0.0, room)
     radius = np.divide(room, length, out=np.where(room < 0.0, 0.0, np.inf), where=length > 0.0)
     return np.maximum(radius.min(axis=-1, initial=np.inf), 0.0)
 
@@ -162,8 +170,8 @@ def dual_vertices(P: Polytope, k: int, r: int) -> Array:
     h(d) = min over these of sum_i max(lower_i c_i, upper_i c_i), c = d @ (G - Y C): the least value
     of a convex, piecewise linear function of y is at one of its vertices.
     """
-    C = P.closure.Vt[:r]
-    G = (P.reach.U[:, :k] * P.reach.sigma[:k]) @ P.reach.Vt[:k]
+    C = P.rows[:r]
+    G = (P.U[:, :k] * P.sigma[:k]) @ P.Vt[:k]
     chosen = _choices(C.shape[1], r)
     decided = ranked_svd(np.moveaxis(C[:, chosen], 1, 0), 1.0, P.tolerance)
     proper = decided.rank == r
