@@ -199,7 +199,6 @@ def _classes(
     admissible = within.active[..., None] * motions.B[system.active] @ motions.driven
     constraint = np.eye(admissible.shape[-1]) - admissible
     problem = unweighted(J, S_m, constraint, self_motion, scale, tolerance)
-    speed = within.speed(problem)
     lost = np.arange(m2) >= secondary.rank[:, None]
     least = reach.sigma[:, :m1].min(axis=1, initial=np.inf)
     return Classes(
@@ -218,6 +217,6 @@ def _classes(
         gap=np.minimum.reduce(
             [motions.gap, *(d.gap for d in (reach, reach_task, moved, moved_major, secondary))]
         ),
-        worst_speed=None if speed is None else np.where(possible, speed, 0.0),
+        worst_speed=within.speed(problem, possible),
         worst_force=within.force(problem),
     )

@@ -12,16 +12,9 @@ from argument_checks import Array
 from prioritized._amplification import as_sentence
 from prioritized._arrays import ReadOnly, read_only
 from prioritized._corners import corners
+from prioritized._facets import ball, dual_vertices, facets, farthest, refuse_too_many
 from prioritized._major_maps import MajorMap, with_free
-from prioritized._polytope import (
-    Polytope,
-    ball,
-    dual_vertices,
-    facets,
-    farthest,
-    polytope,
-    refuse_too_many,
-)
+from prioritized._polytope import Polytope, polytope
 from prioritized._rank import RANK_TOLERANCE
 
 BLOCK = 2**20
@@ -31,7 +24,7 @@ BLOCK = 2**20
 class AttainableStatus(Enum):
     """What the radius of an attainable set means; the value is a sentence."""
 
-    INTERIOR = "every major direction can be commanded, up to the radius at least"
+    INTERIOR = "every major direction is possible within the limits, up to the radius at least"
     OUT_OF_REACH = (
         "the actuators that the limits let move do not reach every major direction: drop major "
         "rows, or restore an actuator"

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from argument_checks import Array
+from argument_checks import Array, Indices
 from prioritized._arrays import transposed
 from prioritized._levels import forces_of
 from prioritized._problem import Problem, checked
@@ -30,7 +30,7 @@ class MajorMap(NamedTuple):
     gain: Array
     constraint: Array
     free: Array
-    dimension: Array
+    dimension: Indices
     scale: Array
 
 

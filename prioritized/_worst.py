@@ -6,8 +6,9 @@ from typing import NamedTuple
 import numpy as np
 
 from argument_checks import Array, Mask
+from prioritized._facets import ball, refuse_too_many
 from prioritized._major_maps import MajorMap, of_rates, of_torques, with_free
-from prioritized._polytope import Polytope, ball, polytope, refuse_too_many
+from prioritized._polytope import Polytope, polytope
 from prioritized._problem import Problem
 
 BLOCK = 2**18
@@ -27,21 +28,17 @@ class Within(NamedTuple):
     rates: tuple[Array, Array] | None
     torques: tuple[Array, Array] | None
 
-    def speed(self, problem: Problem) -> Array | None:
-        """Radius of the attainable velocities under each condition, shape (C,)."""
-        return (
-            None
-            if self.rates is None
-            else self._radii(of_rates(problem), self.rates, problem.tolerance)
-        )
+    def speed(self, problem: Problem, possible: Mask) -> Array | None:
+        """Radius of the attainable velocities, zero where the task is not possible, shape (C,)."""
+        if self.rates is None:
+            return None
+        return np.where(possible, self._radii(of_rates(problem), self.rates, problem.tolerance), 0)
 
     def force(self, problem: Problem) -> Array | None:
-        """Radius of the attainable forces under each condition, shape (C,)."""
-        return (
-            None
-            if self.torques is None
-            else self._radii(of_torques(problem), self.torques, problem.tolerance)
-        )
+        """Radius of the attainable forces, shape (C,)."""
+        if self.torques is None:
+            return None
+        return self._radii(of_torques(problem), self.torques, problem.tolerance)
 
     def _radii(self, maps: MajorMap, limits: tuple[Array, Array], tolerance: float) -> Array:
         lower, upper = (np.where(self.active, limit, 0.0) for limit in limits)
@@ -65,7 +62,7 @@ def radii(maps: MajorMap, lower: Array, upper: Array, tolerance: float) -> Array
     radius = np.zeros(len(maps.gain))
     for free in np.unique(maps.dimension).tolist():
         rows = np.flatnonzero(maps.dimension == free)
-        some = MajorMap(*(A[rows] for A in maps))
+        some = MajorMap._make(A[rows] for A in maps)
         sets = polytope(*with_free(some, lower[rows], upper[rows], free), some.scale, tolerance)
         full = sets.consistent & (sets.rank == maps.gain.shape[-2])
         for r in np.unique(sets.constraints[full]).tolist():
