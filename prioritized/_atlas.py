@@ -196,9 +196,7 @@ def _classes(
 
     possible = (reach.rank == m1) & (moved_major.rank == 0)
     self_motion = moved.U * moved.kept[:, None, :]
-    admissible = within.active[..., None] * motions.B[system.active] @ motions.driven
-    constraint = np.eye(admissible.shape[-1]) - admissible
-    problem = unweighted(J, S_m, constraint, self_motion, scale, tolerance)
+    problem = unweighted(J, S_m, motions.forbidden, self_motion, scale, tolerance)
     lost = np.arange(m2) >= secondary.rank[:, None]
     least = reach.sigma[:, :m1].min(axis=1, initial=np.inf)
     return Classes(

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from prioritized import AttainableStatus, ConstrainedSystem, failure_atlas
 from sim import jacobians
-from tests.random_systems import failures, rows_of, springs, systems, with_stiffness
+from tests.random_systems import SEEDS, failures, null, rows_of, springs, systems, with_stiffness
 from tests.test_attainable import pairs
 
 ARM = ConstrainedSystem(np.eye(2), None, [0, 1])
@@ -60,6 +60,20 @@ def test_the_speed_of_an_arm_falls_to_zero_as_it_stretches_out(exponent):
     assert len(a.vertices) == 4 or bend < 1e-8
     straight = ConstrainedSystem([[0, 0], [2, 1]], None, [0, 1]).kinematics()
     assert straight.attainable([0, 1], (-1, 1)).status is AttainableStatus.OUT_OF_REACH
+
+
+@given(st.floats(-8.5, -1.0))
+def test_rates_without_limits_do_not_hide_the_limit_of_a_slow_one(exponent):
+    """A limited motor turns two others, which have no limits, 1/ratio times as fast as itself.
+
+    Their columns of the constraint are then nearly parallel.
+    """
+    ratio = 10.0**exponent
+    drive = ConstrainedSystem([[ratio, 0, 0]], [[1, 1, 1], [0, ratio, 1]], [0, 1, 2])
+    a = drive.kinematics().attainable([0], ([-np.inf, -np.inf, -1], [np.inf, np.inf, 2]))
+    assert a.status is AttainableStatus.INTERIOR
+    expected = (1 - ratio) * np.array([1, 2, 1])
+    np.testing.assert_allclose([a.radius, *a.support([[1], [-1]])], expected, rtol=1e-6)
 
 
 def test_geared_motors_are_as_fast_as_the_slower_and_as_strong_as_both():
@@ -166,6 +180,21 @@ def test_each_condition_has_the_worst_speed_and_force_that_it_has_alone(data, dr
         if atlas.elastic is not None:
             condition = system.with_failures(*failed)
             assert_alone(atlas.elastic, row, condition, major, rates, torques)
+
+
+@given(SEEDS)
+def test_one_motor_moves_the_task_at_its_gain_however_soft_the_springs(seed):
+    """Soft springs let passive joints move fast; that round-off is no constraint on the motor."""
+    rng = np.random.default_rng(seed)
+    J_T, J_C = rng.normal(size=(1, 6)), rng.normal(size=(3, 6))
+    free = null(np.vstack([J_C, np.eye(6)[5]])).T
+    beside = null(free) @ rng.normal(size=4)
+    R = np.vstack([rng.normal(size=6), 1.5e-3 * free[1] + beside])
+    system = ConstrainedSystem(J_T, J_C, [5], stiffness=R.T @ R)
+    classes = failure_atlas(system, [0], codes=[[0]], rate_limits=(-1, 1)).elastic
+    assert classes is not None and classes.worst_speed is not None
+    if classes.possible[0]:
+        np.testing.assert_allclose(classes.worst_speed, classes.worst_gain, rtol=1e-9)
 
 
 @pytest.fixture(scope="module")
