@@ -98,6 +98,10 @@ def test_the_status_says_why_the_radius_is_zero():
     # Both may only push, against each other: nothing moves, though each limit alone leaves room.
     assert_set(geared.attainable([0], (0, 1)), status.NOT_INTERIOR, 0.0, 0.0)
     assert len(geared.attainable([0], (1, 2)).vertices) == 0
+    with_a_third = ConstrainedSystem([[1, 0, 0], [0, 0, 1]], [[1, 1, 0]], [0, 1, 2]).kinematics()
+    flat = with_a_third.attainable([0, 1], (0, 1))
+    assert_set(flat, status.NOT_INTERIOR, 0.0, 1.0, [7, 1])
+    assert len(flat.vertices) == 0
     loose = ConstrainedSystem([[1.0, 1.0]], None, [0])
     assert_set(loose.kinematics().attainable([0], (-1, 1)), status.SELF_MOTION, 0.0, 1.0)
     assert_set(loose.kinematics().attainable_force([0], (-1, 1)), status.OUT_OF_REACH, 0.0, 0.0)
@@ -180,6 +184,17 @@ def test_each_condition_has_the_worst_speed_and_force_that_it_has_alone(data, dr
         if atlas.elastic is not None:
             condition = system.with_failures(*failed)
             assert_alone(atlas.elastic, row, condition, major, rates, torques)
+
+
+def test_the_limits_of_failed_actuators_do_not_matter():
+    """A failed joint does not move and exerts nothing, even if its limits demand that it does."""
+    limits = ([0.25, -1], [1, 1])
+    atlas = failure_atlas(
+        ARM, [1], codes=[[0, 0], [1, 0]], rate_limits=limits, torque_limits=limits
+    )
+    assert atlas.worst_speed is not None and atlas.worst_force is not None
+    np.testing.assert_allclose([atlas.worst_speed, atlas.worst_force], 1.0)
+    assert ARM.with_failures(locked=[0]).kinematics().attainable([1], limits).radius == 1.0
 
 
 @given(SEEDS)
