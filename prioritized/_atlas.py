@@ -44,11 +44,11 @@ class Classes(ReadOnly):
         self_motion: Orthonormal basis of the task self-motion, columns padded with zeros,
             shape (C, m, .).
         gap: Smallest gap of the rank decisions behind the verdicts.
-        worst_speed: Major speed left in the worst direction within the `rate_limits`, zero where
-            the major task is not possible: the radius of :meth:`Kinematics.attainable`. None
+        worst_speed: Major speed left in the worst direction within the `rate_limits`: the radius of
+            :meth:`prioritized.Kinematics.attainable`, zero where the task is not possible. None
             without limits.
         worst_force: Major force likewise, within the `torque_limits`: the radius of
-            :meth:`Kinematics.attainable_force`. Infinite where the structure bears all.
+            :meth:`prioritized.Kinematics.attainable_force`, infinite where the structure bears all.
     """
 
     possible: Mask
