@@ -3,10 +3,8 @@
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
-import numpy as np
 from numpy.typing import ArrayLike
 
-import argument_checks as check
 from argument_checks import Array
 
 WhenLimited = Literal["least_squares", "scaled"]
@@ -19,11 +17,6 @@ class LimitedRates(Protocol):
     @property
     def rates(self) -> Array:
         """Optimal rates within the limits, shape (n',)."""
-        ...
-
-    @property
-    def residual(self) -> Array:
-        """Major velocity asked for less the one achieved, shape (m1,)."""
         ...
 
 
@@ -56,22 +49,3 @@ class LimitedDisplacements:
     achieved: Array
     residual: Array
     solution: LimitedRates
-
-
-def limits_of_actuators(limits_m: tuple[ArrayLike, ArrayLike], n: int) -> tuple[Array, Array]:
-    """Lower and upper limits of n displacements, read-only, infinite where there is none.
-
-    Raises:
-        ValueError: No pair, another number, NaN, or a lower limit above the upper one.
-    """
-    try:
-        lower, upper = (check.frozen(np.asarray(each, dtype=float)) for each in limits_m)
-    except (TypeError, ValueError):
-        raise ValueError(
-            f"limits_m must be a pair of {n} numbers, got {check.shown(limits_m)}"
-        ) from None
-    if lower.shape != (n,) or upper.shape != (n,) or not (lower <= upper).all():
-        raise ValueError(
-            f"limits_m must be lower and upper limits of {n} actuators, got {lower} and {upper}"
-        )
-    return lower, upper

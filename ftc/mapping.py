@@ -10,10 +10,11 @@ from typing import Generic, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+import argument_checks as check
 from argument_checks import Array
 from ftc.geometry import Geometry, Pose, free_actuators_follow, without_springs, yielded
 from ftc.goal import Goal
-from ftc.limits import LimitedDisplacements, LimitedMapping, WhenLimited, limits_of_actuators
+from ftc.limits import LimitedDisplacements, LimitedMapping, WhenLimited
 from ftc.local_mapping import LocalMapping, Mapping, PreviousCommand
 from prioritized import Kinematics
 
@@ -51,7 +52,8 @@ class PrioritizedMapping(Generic[Pose]):
             form: How eq. (41) becomes a displacement.
             task: Task coordinates (m,) of a pose, for the Gauss-Newton form.
             limits_m: Lower and upper displacements of the actuators from the nominal pose, shape
-                (n,) each, for :meth:`within_limits`; those of failed actuators do not count.
+                (n,) or one number each, for :meth:`within_limits`; those of failed actuators do not
+                count. A weakened actuator needs limits that it can hold with the force left.
             when_limited: What becomes of a major task beyond them.
 
         Raises:
@@ -91,16 +93,15 @@ class PrioritizedMapping(Generic[Pose]):
         yielded_m = yielded(released, self._locked_m, kinematics.actuators)
         self._yielded_m = self._expand.T @ yielded_m
         self._standing_m = self._locked_m + yielded_m
-        self.limits_m = None if limits_m is None else limits_of_actuators(limits_m, self.actuators)
-        self._limited = None
-        if self.limits_m is not None:
-            lower, upper = (each - yielded_m for each in self.limits_m)
+        self.limits_m, self._limited = None, None
+        if limits_m is not None:
+            self.limits_m = lower, upper = _of_actuators(limits_m, self.actuators)
             self._limited = kinematics.velocity_mapping(
                 self._major,
                 self._secondary,
                 goal.joint_weight,
                 goal.secondary_weight,
-                rate_limits=(lower, upper),
+                rate_limits=(lower - yielded_m, upper - yielded_m),
                 when_limited=when_limited,
             )
         self._at_nominal = self.at(geometry.jacobian(self._nominal))
@@ -189,9 +190,10 @@ class PrioritizedMapping(Generic[Pose]):
         if now.limited is None:
             raise ValueError("limits_m must be given for displacements within limits, got None")
         references = self._references(now, secondary_reference_m)
-        solved = now.limited.solve(*self._remaining(posture, demand, *references))
+        major, joint, secondary = self._remaining(posture, demand, *references)
+        solved = now.limited.solve(major, joint, secondary)
         displacements_m = now.expand.dot(self._yielded_m + solved.rates)
-        residual = solved.residual
+        residual = major - now.J[self._major].dot(solved.rates)
         return LimitedDisplacements(displacements_m, demand - residual, residual, solved)
 
     def _references(
@@ -269,3 +271,11 @@ class PrioritizedMapping(Generic[Pose]):
         if posture is self._nominal:
             return posture, self._at_nominal
         return posture, self.at(self._model.jacobian(posture))
+
+
+def _of_actuators(limits_m: tuple[ArrayLike, ArrayLike], n: int) -> tuple[Array, Array]:
+    """Limits of n actuators, read-only, shape (n,) each."""
+    lower, upper = check.limits("limits_m", limits_m, n)
+    if lower.ndim > 1:
+        raise ValueError(f"limits_m must be two numbers or of shape ({n},), got {lower.shape}")
+    return check.frozen(np.broadcast_to(lower, n)), check.frozen(np.broadcast_to(upper, n))

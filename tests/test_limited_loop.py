@@ -207,11 +207,15 @@ def test_a_mapping_with_limits_takes_over_without_a_step(seed):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"limits_m": (np.zeros(4), np.ones(4))}, "limits_m must be lower and upper limits of 5"),
-        ({"limits_m": (np.ones(5), np.zeros(5))}, "limits_m must be lower and upper limits of 5"),
-        ({"limits_m": np.full(5, np.nan)}, "limits_m must be a pair of 5 numbers"),
-        ({"limits_m": (np.full(5, np.nan),) * 2}, "limits_m must be lower and upper"),
-        ({"limits_m": (0.0, "x")}, "limits_m must be a pair"),
+        (
+            {"limits_m": (np.zeros(4), np.ones(4))},
+            "limits_m must be a pair of numbers or of shapes",
+        ),
+        ({"limits_m": (np.zeros((2, 5)), np.ones(5))}, "limits_m must be two numbers or of shape"),
+        ({"limits_m": (np.ones(5), np.zeros(5))}, "limits_m must be a lower and an upper limit"),
+        ({"limits_m": np.ones(5)}, "limits_m must be a pair"),
+        ({"limits_m": (np.full(5, np.nan),) * 2}, "limits_m must hold numbers or infinity"),
+        ({"limits_m": (0.0, "x")}, "limits_m must hold real numbers"),
         (
             {"limits_m": (np.zeros(5), np.ones(5)), "form": "incremental"},
             'form must be "absolute" with limits_m, got incremental',

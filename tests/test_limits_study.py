@@ -58,7 +58,6 @@ def test_every_strategy_is_the_mapping_where_nothing_is_at_a_limit(name):
         limits = np.full(6, -half), np.full(6, half)
         found = allocated(kinematics, strategy, limits, [0, 1], [2, 3]).solve(v)
         assert np.abs(found.rates).max() <= half
-        np.testing.assert_allclose(kinematics.J[:2] @ found.rates, v - found.residual, atol=1e-9)
         if half == 10.0:
             expected = kinematics.velocity_mapping([0, 1], joint_weight=np.ones(5))(v)
             np.testing.assert_allclose(found.rates, expected, atol=1e-6)
@@ -174,7 +173,7 @@ def test_each_check_of_the_hexapod_fails_on_spoilt_numbers(limits, place, key, v
     ("strategy", "key", "value", "said"),
     [
         ("strict", "rms_mrad", 1e4, "RMS error of strict priority over that of clipping"),
-        ("strict", "rms_mrad", 5.0, "RMS error of strict priority over that without limits"),
+        ("strict", "peak_mrad", 11.0, "peak error of strict priority [mrad]"),
         ("clipping", "beyond_limit_rad", 1e-6, "joint beyond its limit [rad]"),
     ],
 )

@@ -19,10 +19,9 @@ Limits = tuple[Array, Array]
 
 @dataclass(frozen=True)
 class Allocated:
-    """Rates within the limits (n',), and the major velocity that they do not reach (m1,)."""
+    """Rates within the limits, shape (n',)."""
 
     rates: Array
-    residual: Array
 
 
 @dataclass(frozen=True)
@@ -31,12 +30,10 @@ class Clipped:
 
     Attributes:
         mapping: Without limits.
-        J_m: Major rows of the Jacobian, shape (m1, n').
         limits: Of the rates, shape (n',) each.
     """
 
     mapping: Mapping
-    J_m: Array
     limits: Limits
 
     def solve(
@@ -46,8 +43,8 @@ class Clipped:
         secondary_velocity: ArrayLike | None = None,
     ) -> Allocated:
         """As :meth:`ftc.limits.LimitedMapping.solve`."""
-        rates = self.mapping(v_major, joint_velocity, secondary_velocity).clip(*self.limits)
-        return Allocated(rates, np.asarray(v_major) - self.J_m @ rates)
+        rates = self.mapping(v_major, joint_velocity, secondary_velocity)
+        return Allocated(rates.clip(*self.limits))
 
 
 @dataclass(frozen=True)
@@ -56,12 +53,10 @@ class Compromise:
 
     Attributes:
         equals: The mapping with nothing major; its secondary task is [v_m; v_s].
-        J_m: As of :class:`Clipped`.
         secondary_count: Rows of v_s.
     """
 
     equals: LimitedMapping
-    J_m: Array
     secondary_count: int
 
     def solve(
@@ -72,8 +67,8 @@ class Compromise:
     ) -> Allocated:
         """As :meth:`ftc.limits.LimitedMapping.solve`."""
         v_s = np.zeros(self.secondary_count) if secondary_velocity is None else secondary_velocity
-        rates = self.equals.solve([], joint_velocity, np.concatenate([v_major, v_s])).rates
-        return Allocated(rates, np.asarray(v_major) - self.J_m @ rates)
+        solved = self.equals.solve([], joint_velocity, np.concatenate([v_major, v_s]))
+        return Allocated(solved.rates)
 
 
 def allocated(
@@ -85,17 +80,16 @@ def allocated(
 ) -> LimitedMapping:
     """Least rates for the major task within limits of all n actuators, by a strategy."""
     survivors, W1 = kinematics.actuators, np.ones(len(kinematics.actuators))
-    J_m = kinematics.J[major]
     if strategy.allocation == "weighted":
         assert strategy.major_weight is not None
         weights = np.repeat([strategy.major_weight, 0.0], [len(major), len(secondary)])
         equals = kinematics.velocity_mapping(
             [], [*major, *secondary], W1, weights, rate_limits=limits
         )
-        return Compromise(equals, J_m, len(secondary))
+        return Compromise(equals, len(secondary))
     if strategy.allocation == "clipping":
         own = limits[0][survivors], limits[1][survivors]
-        return Clipped(kinematics.velocity_mapping(major, secondary, W1), J_m, own)
+        return Clipped(kinematics.velocity_mapping(major, secondary, W1), own)
     when = "scaled" if strategy.allocation == "scaled" else "least_squares"
     return kinematics.velocity_mapping(major, secondary, W1, rate_limits=limits, when_limited=when)
 

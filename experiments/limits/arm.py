@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from experiments.limits.allocation import Limits, allocated
+from experiments.limits.allocation import allocated
 from experiments.limits.strategies import Strategy
-from prioritized import ConstrainedSystem
+from prioritized import ConstrainedSystem, viable_rates
 from sim import HEXAPOD_MJCF, Array, advance, jacobians, load_model
 
 ARM_MJCF = HEXAPOD_MJCF.with_name("arm.xml")
@@ -19,7 +19,8 @@ GAIN_PER_S = 2.0
 RANGE_RAD = 0.8
 """Each joint may turn as far from the nominal posture, either way [chosen]."""
 RATE_RAD_PER_S = 0.6
-"""And as fast [chosen]."""
+ACCELERATION_RAD_PER_S2 = 5.0
+"""And as fast, and change its rate so quickly [chosen]."""
 TILT_RAD = 0.9
 """Of the line of sight, which circles about its first direction."""
 TURN_S = 10.0
@@ -68,7 +69,8 @@ def move(motion: Motion) -> ArmRun:
     system = ConstrainedSystem.of(jac)
     time_s = np.arange(round(motion.duration_s / PERIOD_S) + 1) * PERIOD_S
     views = line_of_sight(time_s, motion.duration_s)
-    kept = []
+    reach = np.inf if strategy.allocation == "unlimited" else RANGE_RAD
+    rates, kept = np.zeros(model.nv), []
     for k, now in enumerate(time_s[:-1]):
         if k == len(time_s) // 2:
             system = system.with_failures(locked=[LOCKED])
@@ -79,19 +81,19 @@ def move(motion: Motion) -> ArmRun:
         off = _turn(camera[:, 2], views[k])
         ahead = np.cross(views[k], views[k + 1] - views[k]) / PERIOD_S
         pointing = (camera.T @ (GAIN_PER_S * off + ahead))[POINTING]
-        limits = (
-            _limits(data.qpos) if strategy.allocation != "unlimited" else _limits(0 * data.qpos)
+        box = viable_rates(
+            data.qpos,
+            rates,
+            position_limits=(-reach, reach),
+            rate_limits=(-RATE_RAD_PER_S, RATE_RAD_PER_S),
+            acceleration_limits=(-ACCELERATION_RAD_PER_S2, ACCELERATION_RAD_PER_S2),
+            period_s=PERIOD_S,
         )
-        rates = allocated(kinematics, strategy, limits, POINTING, SECONDARY).solve(pointing).rates
+        mapping = allocated(kinematics, strategy, (box.lower, box.upper), POINTING, SECONDARY)
+        rates = kinematics.expand(mapping.solve(pointing).rates)
         kept.append((now, np.linalg.norm(off), data.qpos.copy()))
-        data = advance(model, data, kinematics.velocities(rates), PERIOD_S)
+        data = advance(model, data, rates, PERIOD_S)
     return ArmRun(*map(np.array, zip(*kept, strict=True)))
-
-
-def _limits(joint_rad: Array) -> Limits:
-    """Rates that stay within the range for the next period, and are not too fast."""
-    lower, upper = (-RANGE_RAD - joint_rad) / PERIOD_S, (RANGE_RAD - joint_rad) / PERIOD_S
-    return lower.clip(-RATE_RAD_PER_S, 0), upper.clip(0, RATE_RAD_PER_S)
 
 
 def _turn(now: Array, desired: Array) -> Array:
