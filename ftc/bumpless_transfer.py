@@ -11,7 +11,8 @@ from typing import TypeVar
 import numpy as np
 
 from argument_checks import Array
-from ftc.mapping import PreviousCommand, PrioritizedMapping
+from ftc.local_mapping import PreviousCommand
+from ftc.mapping import PrioritizedMapping
 
 Pose = TypeVar("Pose")
 

@@ -9,10 +9,12 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from argument_checks import Array
+from ftc.anti_windup import tracking_gain
 from ftc.bumpless_transfer import BumplessTransfer, bumpless_transfer
 from ftc.compensator import Channel
 from ftc.geometry import Pose
-from ftc.mapping import PreviousCommand, PrioritizedMapping
+from ftc.local_mapping import PreviousCommand
+from ftc.mapping import PrioritizedMapping
 
 
 @dataclass(frozen=True)
@@ -95,7 +97,9 @@ class PrioritizedController(Generic[Pose]):
         `handover_s` is the time in which the secondary motion of a former mapping fades out;
         `demand_limit_rad` bounds the output of each compensator, and `anti_windup` keeps the
         state of a compensator that is there while its error would drive it further (conditional
-        integration: Astrom and Hagglund, Advanced PID Control, 2006, section 3.5).
+        integration: Astrom and Hagglund, Advanced PID Control, 2006, section 3.5). Where the
+        mapping has limits, it also makes the compensators observe the major task that is achieved;
+        see :mod:`ftc.anti_windup`.
         """
         self.mapping = mapping
         self.amplifier: Any = amplifier  # clients know their own drives
@@ -116,6 +120,9 @@ class PrioritizedController(Generic[Pose]):
                 for row in _PARTS
             ]
         )
+        self._tracking = None
+        if anti_windup and mapping.limits_m is not None:
+            self._tracking = block_diag(*(tracking_gain(loop)[:, None] for loop in loops))
         self._still = np.zeros(mapping.actuators)
 
     def start(self) -> ControllerState[Pose]:
@@ -171,9 +178,15 @@ class PrioritizedController(Generic[Pose]):
             secondary_reference_m = (
                 faded_m if secondary_reference_m is None else faded_m + secondary_reference_m
             )
-        required_m = self.mapping.displacements(
-            pointing, pose, commanded_m, state.asked, secondary_reference_m
-        )
+        if self.mapping.limits_m is None:
+            required_m = self.mapping.displacements(
+                pointing, pose, commanded_m, state.asked, secondary_reference_m
+            )
+        else:
+            limited = self.mapping.within_limits(pointing, pose, secondary_reference_m)
+            required_m = limited.displacements_m
+            if self._tracking is not None:
+                compensator = compensator - self._tracking.dot(limited.residual)
         if owed is not None:
             if owed.internal_m is not None:
                 required_m = required_m + owed.faded(owed.internal_m, self.handover_s)

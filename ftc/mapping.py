@@ -5,77 +5,23 @@ when J is re-evaluated; docs/jacobian.md compares the forms.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Generic, Literal, Protocol
+from typing import Generic, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+import argument_checks as check
 from argument_checks import Array
 from ftc.geometry import Geometry, Pose, free_actuators_follow, without_springs, yielded
 from ftc.goal import Goal
-from prioritized import Kinematics, Status
+from ftc.limits import LimitedDisplacements, LimitedMapping, WhenLimited
+from ftc.local_mapping import LocalMapping, Mapping, PreviousCommand
+from prioritized import Kinematics
 
 DisplacementForm = Literal["absolute", "incremental", "gauss_newton"]
 """How eq. (41) becomes a displacement: from the nominal pose; from what was commanded a tick
 before; or, from where the actuators are, one Gauss-Newton step towards the optimum of the curved
 problem."""
-
-
-@dataclass(frozen=True)
-class PreviousCommand:
-    """Last demand and displacements of a mapping, from which the incremental form continues.
-
-    Attributes:
-        demand: Demanded major task, shape (m1,).
-        displacements_m: Displacements of the actuators, before the converters, shape (n,).
-        secondary_reference_m: Reference of the secondary goal, displacements of the actuators,
-            shape (n,).
-    """
-
-    demand: Array
-    displacements_m: Array
-    secondary_reference_m: Array
-
-
-class Mapping(Protocol):
-    """Protocol of a velocity mapping; see :class:`prioritized.VelocityMapping`."""
-
-    @property
-    def major(self) -> Array:
-        """Gain of the major velocity."""
-        ...
-
-    @property
-    def status(self) -> Status:
-        """Status: whether the major task is met exactly."""
-        ...
-
-    def __call__(
-        self,
-        v_major: ArrayLike,
-        joint_velocity: ArrayLike | None = None,
-        secondary_velocity: ArrayLike | None = None,
-    ) -> Array:
-        """Optimal rates; arguments that are None count as zero."""
-        ...
-
-
-@dataclass(frozen=True)
-class LocalMapping:
-    """The mapping at one pose, section 2.3.
-
-    Attributes:
-        mapping: Rates of the n' surviving actuators, eqs. (28) and (30).
-        expand: Puts them on all actuators, shape (n, n').
-        J: Task velocity per surviving rate, eq. (14), shape (m, n').
-        constraint: Rows that admissible surviving rates obey, eq. (17), shape (r, n').
-    """
-
-    mapping: Mapping
-    expand: Array
-    J: Array
-    constraint: Array
 
 
 class PrioritizedMapping(Generic[Pose]):
@@ -92,6 +38,9 @@ class PrioritizedMapping(Generic[Pose]):
         secondary: Sequence[int],
         form: DisplacementForm = "absolute",
         task: Callable[[Pose], Array] | None = None,
+        *,
+        limits_m: tuple[ArrayLike, ArrayLike] | None = None,
+        when_limited: WhenLimited = "least_squares",
     ) -> None:
         """Prepare the mapping at the nominal pose.
 
@@ -102,10 +51,15 @@ class PrioritizedMapping(Generic[Pose]):
             secondary: Task rows of the secondary task, in the order of its weights.
             form: How eq. (41) becomes a displacement.
             task: Task coordinates (m,) of a pose, for the Gauss-Newton form.
+            limits_m: Lower and upper displacements of the actuators from the nominal pose, shape
+                (n,) or one number each, for :meth:`within_limits`; those of failed actuators do not
+                count. A weakened actuator needs limits that it can hold with the force left.
+            when_limited: What becomes of a major task beyond them.
 
         Raises:
             ValueError: An actuator locked off centre in incremental form: its displacement is in
-                no increment. The Gauss-Newton form without task coordinates.
+                no increment. The Gauss-Newton form without task coordinates. Limits of another
+                number, or in another than the absolute form.
         """
         if form == "gauss_newton" and task is None:
             raise ValueError("task must be given in gauss_newton form, got None")
@@ -114,6 +68,8 @@ class PrioritizedMapping(Generic[Pose]):
                 f'form must be "absolute" or "gauss_newton" with an actuator locked off centre, '
                 f"got {form} with locked_m = {goal.locked_m}"
             )
+        if limits_m is not None and form != "absolute":
+            raise ValueError(f'form must be "absolute" with limits_m, got {form}')
         self._model, self._task = geometry, task
         self._major, self._secondary = list(major), list(secondary)
         self.goal = goal
@@ -128,7 +84,6 @@ class PrioritizedMapping(Generic[Pose]):
         self._prepared = kinematics.velocity_mapping(
             self._major, self._secondary, goal.joint_weight, goal.secondary_weight
         )
-        self._at_nominal = self.at(geometry.jacobian(self._nominal))
         self._locked_m = np.zeros(self.actuators)
         for actuator, displacement in goal.locked_m.items():
             self._locked_m[actuator] = displacement
@@ -138,6 +93,18 @@ class PrioritizedMapping(Generic[Pose]):
         yielded_m = yielded(released, self._locked_m, kinematics.actuators)
         self._yielded_m = self._expand.T @ yielded_m
         self._standing_m = self._locked_m + yielded_m
+        self.limits_m, self._limited = None, None
+        if limits_m is not None:
+            self.limits_m = lower, upper = _of_actuators(limits_m, self.actuators)
+            self._limited = kinematics.velocity_mapping(
+                self._major,
+                self._secondary,
+                goal.joint_weight,
+                goal.secondary_weight,
+                rate_limits=(lower - yielded_m, upper - yielded_m),
+                when_limited=when_limited,
+            )
+        self._at_nominal = self.at(geometry.jacobian(self._nominal))
 
     @property
     def actuators(self) -> int:
@@ -184,12 +151,7 @@ class PrioritizedMapping(Generic[Pose]):
         posture, now = self._present(pose)
         if self.form == "absolute" and secondary_reference_m is None and not self._is_off_centre:
             return now.expand.dot(now.mapping(demand))
-        joint = (
-            np.zeros(now.J.shape[1])
-            if secondary_reference_m is None
-            else now.expand.T.dot(secondary_reference_m)
-        )
-        secondary = now.J[self._secondary].dot(joint)
+        joint, secondary = self._references(now, secondary_reference_m)
         if self.form == "incremental":
             if last is None:
                 raise ValueError("last must be given in incremental form, got None")
@@ -210,14 +172,50 @@ class PrioritizedMapping(Generic[Pose]):
                 secondary - task[self._secondary],
             )
             return commanded_m + now.expand @ change
+        change = now.mapping(*self._remaining(posture, demand, joint, secondary))
+        return now.expand.dot(self._yielded_m + change)
+
+    def within_limits(
+        self, demand: Array, pose: Pose, secondary_reference_m: Array | None = None
+    ) -> LimitedDisplacements:
+        """Displacements within `limits_m`, the major task they achieve, and what is lacking.
+
+        Limits come first, then the major task, then the secondary goals with what is left; the
+        arguments are those of :meth:`displacements`.
+
+        Raises:
+            ValueError: The mapping has no limits.
+        """
+        posture, now = self._present(pose)
+        if now.limited is None:
+            raise ValueError("limits_m must be given for displacements within limits, got None")
+        references = self._references(now, secondary_reference_m)
+        major, joint, secondary = self._remaining(posture, demand, *references)
+        solved = now.limited.solve(major, joint, secondary)
+        displacements_m = now.expand.dot(self._yielded_m + solved.rates)
+        residual = major - now.J[self._major].dot(solved.rates)
+        return LimitedDisplacements(displacements_m, demand - residual, residual, solved)
+
+    def _references(
+        self, now: LocalMapping, secondary_reference_m: Array | None
+    ) -> tuple[Array, Array]:
+        """References of the survivors (n',) and of the secondary task (m2,)."""
+        joint = np.zeros(now.J.shape[1])
+        if secondary_reference_m is not None:
+            joint = now.expand.T.dot(secondary_reference_m)
+        return joint, now.J[self._secondary].dot(joint)
+
+    def _remaining(
+        self, posture: Pose, demand: Array, joint: Array, secondary: Array
+    ) -> tuple[Array, Array, Array]:
+        """What remains of absolute demands for the survivors: some displacements stand already."""
         # An actuator locked off centre has already moved the task by J[:, k] l_k.
         offset = self._model.twist(posture, self._follow.dot(self._standing_m))
-        change = now.mapping(
+        return (
             demand - offset[self._major],
             joint - self._yielded_m,
             secondary - offset[self._secondary],
         )
-        return now.expand.dot(self._yielded_m + change)
 
     def pointing(self, displacements_m: Array, pose: Pose) -> Array:
         """Major task (m1,) of displacements (n,) of all actuators, failed ones too, at the pose."""
@@ -253,15 +251,31 @@ class PrioritizedMapping(Generic[Pose]):
         """The mapping for this Jacobian of the geometry."""
         kinematics = self._model.placed(self._failed, jacobian).kinematics()
         return LocalMapping(
-            self.rates_at(kinematics), self._expand, kinematics.J, kinematics.active_constraint
+            self.rates_at(kinematics),
+            self._expand,
+            kinematics.J,
+            kinematics.active_constraint,
+            self.limited_at(kinematics),
         )
 
     def rates_at(self, kinematics: Kinematics) -> Mapping:
         """Optimal rates of the surviving actuators; another optimality would override this."""
         return self._prepared.at(kinematics)
 
+    def limited_at(self, kinematics: Kinematics) -> LimitedMapping | None:
+        """The same within the limits, if there are any; another allocation would override this."""
+        return None if self._limited is None else self._limited.at(kinematics)
+
     def _present(self, pose: Pose) -> tuple[Pose, LocalMapping]:
         posture = self._model.posture(pose)
         if posture is self._nominal:
             return posture, self._at_nominal
         return posture, self.at(self._model.jacobian(posture))
+
+
+def _of_actuators(limits_m: tuple[ArrayLike, ArrayLike], n: int) -> tuple[Array, Array]:
+    """Limits of n actuators, read-only, shape (n,) each."""
+    lower, upper = check.limits("limits_m", limits_m, n)
+    if lower.ndim > 1:
+        raise ValueError(f"limits_m must be two numbers or of shape ({n},), got {lower.shape}")
+    return check.frozen(np.broadcast_to(lower, n)), check.frozen(np.broadcast_to(upper, n))

@@ -20,6 +20,8 @@ from argument_checks import __version__ as __version__
 from prioritized._atlas import Classes as Classes
 from prioritized._atlas import FailureAtlas as FailureAtlas
 from prioritized._atlas import failure_atlas as failure_atlas
+from prioritized._attainable import Attainable as Attainable
+from prioritized._attainable import AttainableStatus as AttainableStatus
 from prioritized._failures import Failures as Failures
 from prioritized._force import ForceMapping as ForceMapping
 from prioritized._force import force_mapping as force_mapping

@@ -11,11 +11,14 @@ import argument_checks as check
 from argument_checks import Array, Mask
 from prioritized._arrays import ReadOnly
 from prioritized._failures import Failures, failed_actuators
+from prioritized._limits import limits
+from prioritized._major_maps import unweighted
 from prioritized._motions import Motions, motions_under, with_stiffness
 from prioritized._names import Known, known_actuators
 from prioritized._rank import frobenius, largest, ranked_svd
 from prioritized._system import ConstrainedSystem
 from prioritized._task import task_selection
+from prioritized._worst import Within
 
 SOUND, LOCKED, FREE = 0, 1, 2
 
@@ -41,6 +44,11 @@ class Classes(ReadOnly):
         self_motion: Orthonormal basis of the task self-motion, columns padded with zeros,
             shape (C, m, .).
         gap: Smallest gap of the rank decisions behind the verdicts.
+        worst_speed: Major speed left in the worst direction within the `rate_limits`: the radius of
+            :meth:`prioritized.Kinematics.attainable`, zero where the task is not possible. None
+            without limits.
+        worst_force: Major force likewise, within the `torque_limits`: the radius of
+            :meth:`prioritized.Kinematics.attainable_force`, infinite where the structure bears all.
     """
 
     possible: Mask
@@ -56,6 +64,8 @@ class Classes(ReadOnly):
     lost_secondary: Array
     self_motion: Array
     gap: Array
+    worst_speed: Array | None
+    worst_force: Array | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,6 +112,9 @@ def failure_atlas(
     major: Sequence[int] | ArrayLike,
     secondary: Sequence[int] | ArrayLike | None = None,
     codes: ArrayLike | None = None,
+    *,
+    rate_limits: tuple[ArrayLike, ArrayLike] | None = None,
+    torque_limits: tuple[ArrayLike, ArrayLike] | None = None,
 ) -> FailureAtlas:
     """Verdicts on every combination of sound, locked and free actuators, in one vectorized call.
 
@@ -117,10 +130,13 @@ def failure_atlas(
         secondary: As for :func:`prioritized.velocity_mapping`.
         codes: Conditions to classify, 0 sound, 1 locked, 2 free, shape (C, n); None is all 3^n,
             the last actuator's code changing fastest.
+        rate_limits: Lower and upper limits of the rates, numbers or (n,) each, for `worst_speed`;
+            None is not to compute it.
+        torque_limits: Of the torques, likewise for `worst_force`.
 
     Raises:
         TypeError: `system` is of another type.
-        ValueError: Wrong rows or codes, or more than ten actuators and no codes.
+        ValueError: Wrong rows, codes or limits, or more than ten actuators and no codes.
     """
     n = len(check.instance("system", system, ConstrainedSystem).active)
     m = system.J_T.shape[0]
@@ -130,12 +146,18 @@ def failure_atlas(
     locked, free = conditions == LOCKED, conditions == FREE
     locked[:, sorted(known.locked)] = True
     free[:, sorted(known.free)] = True
-    motions = motions_under(system, locked, active=~locked & ~free)
-    rigid = _classes(system, motions, S_m, S_s)
+    active = ~locked & ~free
+    within = Within(
+        active,
+        None if rate_limits is None else limits("rate_limits", rate_limits, n),
+        None if torque_limits is None else limits("torque_limits", torque_limits, n),
+    )
+    motions = motions_under(system, locked, active)
+    rigid = _classes(system, motions, S_m, S_s, within)
     elastic = None
     if system.stiffness is not None:
         settled = with_stiffness(motions, system.stiffness, system.rank_tolerance)
-        elastic = _classes(system, settled, S_m, S_s)
+        elastic = _classes(system, settled, S_m, S_s, within)
     return FailureAtlas(
         **vars(rigid),
         codes=conditions,
@@ -155,7 +177,9 @@ def _conditions(codes: ArrayLike | None, n: int) -> NDArray[np.int8]:
     return listed.astype(np.int8)
 
 
-def _classes(system: ConstrainedSystem, motions: Motions, S_m: Array, S_s: Array) -> Classes:
+def _classes(
+    system: ConstrainedSystem, motions: Motions, S_m: Array, S_s: Array, within: Within
+) -> Classes:
     tolerance, task_scale = system.rank_tolerance, frobenius(system.J_T)
     m1, m2 = len(S_m), len(S_s)
     task = system.J_T @ motions.B
@@ -170,23 +194,27 @@ def _classes(system: ConstrainedSystem, motions: Motions, S_m: Array, S_s: Array
         S_s @ J @ reach.null_projector(), frobenius(S_s) * scale, tolerance, full=True
     )
 
-    reached = reach.rank == m1
+    possible = (reach.rank == m1) & (moved_major.rank == 0)
+    self_motion = moved.U * moved.kept[:, None, :]
+    problem = unweighted(J, S_m, motions.forbidden, self_motion, scale, tolerance)
     lost = np.arange(m2) >= secondary.rank[:, None]
     least = reach.sigma[:, :m1].min(axis=1, initial=np.inf)
     return Classes(
-        possible=reached & (moved_major.rank == 0),
-        unmanipulable=~reached,
+        possible=possible,
+        unmanipulable=reach.rank < m1,
         unmanipulable_task=reach_task.rank < len(system.J_T),
         unstable=moved.rank > 0,
         unstable_major=moved_major.rank > 0,
         irresolvable=motions.internal > 0,
         constrained_active=motions.constraints > 0,
-        worst_gain=np.where(reached, least, 0.0),
+        worst_gain=np.where(reach.rank == m1, least, 0.0),
         major_rank=reach.rank,
         secondary_rank=secondary.rank,
         lost_secondary=secondary.U * lost[:, None, :],
-        self_motion=moved.U * moved.kept[:, None, :],
+        self_motion=self_motion,
         gap=np.minimum.reduce(
             [motions.gap, *(d.gap for d in (reach, reach_task, moved, moved_major, secondary))]
         ),
+        worst_speed=within.speed(problem, possible),
+        worst_force=within.force(problem),
     )

@@ -20,6 +20,8 @@ _ROUND_OFF = 1e-13
 """Multipliers below this fraction of the terms they are computed from may be round-off."""
 _CLEAR = 1e-9
 """Multipliers above this fraction show that a bound holds a level back."""
+_STILL = 1e-14
+"""Parts of the unknowns by which a step that is zero moves them."""
 _DEPENDENT = 1e-10
 """Orthonormal rows in the free unknowns that are shorter than this depend on the others."""
 _DEGENERATE = 3
@@ -258,12 +260,15 @@ def _solve_level(
         _reflect(step, f, beta, V, q, r_Q, True)
         _reflect(step, f, beta_Q, V_Q, r_Q, 0, True)
 
-        length, blocked, moved = 1.0, -1, False
+        size, length, blocked, moved = 0.0, 1.0, -1, False
+        for t in range(f):
+            size = max(size, abs(step[at(t)]), abs(x[at(free[at(t)])]))
         for t in range(f if bounded else 0):
             j, room = free[at(t)], np.inf
-            if step[at(t)] > 0.0:
+            # Round-off against a bound would make active what was just released: it is cut off.
+            if step[at(t)] > _STILL * size:
                 room = (upper[at(j)] - x[at(j)]) / step[at(t)]
-            elif step[at(t)] < 0.0:
+            elif step[at(t)] < -_STILL * size:
                 room = (lower[at(j)] - x[at(j)]) / step[at(t)]
             if room < length:
                 length, blocked = room, t
@@ -273,7 +278,7 @@ def _solve_level(
             x[at(j)] += length * step[at(t)]
             if bounded:
                 x[at(j)] = min(max(x[at(j)], lower[at(j)]), upper[at(j)])
-            moved = moved or x[at(j)] != before
+            moved = moved or abs(x[at(j)] - before) > _STILL * size
         idle = 0 if moved else idle + 1
         if blocked >= 0:
             j = free[at(blocked)]

@@ -12,13 +12,17 @@ import argument_checks as check
 from argument_checks import Array, Indices
 from prioritized._active_constraint import ActiveConstraint, active_constraint
 from prioritized._arrays import none, read_only
+from prioritized._attainable import Attainable, attainable
 from prioritized._elimination import Partition, PassiveMotion, passive_motion
 from prioritized._force import ForceMapping, force_mapping
 from prioritized._hierarchy import Hierarchy, Task, hierarchy
 from prioritized._limited import WhenLimited
+from prioritized._limits import Limits, limits
+from prioritized._major_maps import of_rates, of_torques, unweighted
 from prioritized._manipulability import Gaps, Manipulability, classify
 from prioritized._names import Known, Names, known_actuators, known_velocities
-from prioritized._rank import RankedSvd, ranked_svd
+from prioritized._problem import Problem
+from prioritized._rank import RankedSvd, largest, ranked_svd
 from prioritized._statics import constraint_gain, internal_rows, torque_gain
 from prioritized._survivors import Survivors
 from prioritized._task import task_selection
@@ -362,3 +366,55 @@ class Kinematics:
     @property
     def _survivors(self) -> Survivors:
         return Survivors(self.actuators, len(self.system.joints.actuated))
+
+    def attainable(
+        self,
+        major: Sequence[int] | ArrayLike,
+        rate_limits: tuple[ArrayLike, ArrayLike] | None = None,
+    ) -> Attainable:
+        """The major velocities {J_m rates : C rates = 0, lower <= rates <= upper}.
+
+        C is :attr:`active_constraint`. The radius is the major speed left in the worst direction.
+
+        Args:
+            major: Task rows of the major task, or a matrix of directions (m1, m).
+            rate_limits: Lower and upper limits of the rates: numbers, or one for each actuator (n,)
+                or survivor (n - q,). They may be infinite, or equal; None is no limits.
+
+        Raises:
+            ValueError: Wrong rows or limits, or too many facets to be listed.
+        """
+        within = self._limits("rate_limits", rate_limits)
+        problem = self._task(major)
+        S_m, tolerance = problem.S_m, self.system.rank_tolerance
+        moved = ranked_svd(S_m @ self.relative_self_motion, largest(S_m), tolerance)
+        return attainable(of_rates(problem), within, tolerance, self_motion=bool(moved.rank > 0))
+
+    def attainable_force(
+        self,
+        major: Sequence[int] | ArrayLike,
+        torque_limits: tuple[ArrayLike, ArrayLike] | None = None,
+    ) -> Attainable:
+        """The major forces that torques within limits hold in equilibrium, with any secondary ones.
+
+        These are {f_m : torques = J^T f + C^T eta within the limits, Q^T f = 0} for some f_s and
+        eta, with f as in :func:`prioritized.force_mapping` and Q = :attr:`self_motion`. What the
+        structure bears without torque, as with a locked strut, makes the set unbounded.
+
+        Args:
+            major: Task rows of the major task, or a matrix of directions (m1, m).
+            torque_limits: As `rate_limits` of :meth:`attainable`, of the torques.
+
+        Raises:
+            ValueError: Wrong rows or limits, or too many facets to be listed.
+        """
+        within = self._limits("torque_limits", torque_limits)
+        return attainable(of_torques(self._task(major)), within, self.system.rank_tolerance)
+
+    def _task(self, major: Sequence[int] | ArrayLike) -> Problem:
+        """The problem of a major task, without weights."""
+        C, Q, tolerance = self.active_constraint, self.self_motion, self.system.rank_tolerance
+        return unweighted(self.J, major, C, Q, self.scale, tolerance)
+
+    def _limits(self, name: str, value: tuple[ArrayLike, ArrayLike] | None) -> Limits:
+        return limits(name, self._survivors.pair(value), len(self.actuators))

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 import argument_checks as check
 from argument_checks import Array
-from prioritized._limits import limits, ordered
+from prioritized._limits import Limits, limits
 from prioritized._packed import Equations, Packed, Point, Rows, Unknowns, pack, solve
 from prioritized._rank import RANK_TOLERANCE, norm
 from prioritized._task import Status
@@ -142,12 +142,12 @@ def lexicographic_least_squares(
         raise ValueError("levels must have at least one (A, b), got none")
     n = check.matrix("levels[0][0]", _parts(0, levels[0])[0]).shape[1]
     blocks = [_block(k, level, n) for k, level in enumerate(levels)]
-    box = ordered("lower", lower, "upper", upper, n)
+    box = _between("lower and upper", lower, upper, n)
     hard_rows = 0
     if rows is not None:
         G = check.matrix("rows", rows, columns=n)
         hard_rows = len(G)
-        between = ordered("rows_lower", rows_lower, "rows_upper", rows_upper, hard_rows)
+        between = _between("rows_lower and rows_upper", rows_lower, rows_upper, hard_rows)
         if hard_rows:
             blocks.insert(0, Rows(G, between))
     elif rows_lower is not None or rows_upper is not None:
@@ -161,6 +161,13 @@ def lexicographic_least_squares(
         most_steps = check.index("most_steps", most_steps, 10**9)
     begun = None if start is None else check.instance("start", start, Solution).point
     return Solution(packed, solve(packed, None, begun, most_steps), n, hard_rows, len(levels))
+
+
+def _between(names: str, lower: ArrayLike | None, upper: ArrayLike | None, n: int) -> Limits:
+    """Limits that are two arguments; None is infinite."""
+    return limits(
+        names, (-np.inf if lower is None else lower, np.inf if upper is None else upper), n
+    )
 
 
 def _parts(k: int, level: Level) -> Level:

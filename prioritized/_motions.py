@@ -20,6 +20,8 @@ class Motions:
         B: Orthonormal basis, shape (N, d).
         driven: Motion x per active rate, shape (C, d, n); failed actuators have zero columns.
         self_motion: Orthogonal projector on the x with every active joint locked, (C, d, d).
+        forbidden: Orthogonal projector on the rates that the loops do not admit, eq. (17); failed
+            actuators have none at all. Shape (C, n, n).
         moving: Passive and free joints that are not stuck, shape (C, N).
         constraints: Number of constraints on the active rates, eq. (17), shape (C,).
         internal: Dimension of the internal force, shape (C,).
@@ -29,6 +31,7 @@ class Motions:
     B: Array
     driven: Array
     self_motion: Array
+    forbidden: Array
     moving: Mask
     constraints: NDArray[np.intp]
     internal: NDArray[np.intp]
@@ -56,11 +59,13 @@ def motions_under(system: ConstrainedSystem, locked: Mask, active: Mask) -> Moti
     moving = np.ones((conditions, len(B)), dtype=bool)
     moving[:, sorted(system.failures.locked_passive)] = False
     moving[:, system.active] = ~locked & ~active
+    admissible = rates.U * rates.kept[:, None, :]
     dimension = B.shape[1] - held.rank - rates.rank
     return Motions(
         B=B,
         driven=possible @ rates.pseudo_inverse(),
         self_motion=possible @ rates.null_projector(),
+        forbidden=np.eye(active.shape[1]) - admissible @ transposed(admissible),
         moving=moving,
         constraints=active.sum(axis=1) - rates.rank,
         # Rows of J_C less the rank of its columns of moving joints.

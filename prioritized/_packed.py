@@ -48,9 +48,15 @@ class Packed(NamedTuple):
         first = 0 if not levels.start else self.ends[levels.start - 1]
         rows = slice(first, self.ends[levels.stop - 1])
         rest = self.rest(x)[:, rows]
-        terms = times(np.abs(self.A[:, rows]), np.abs(x))
-        size = np.linalg.norm(terms + np.abs(self.b[:, rows]), axis=-1)
-        return np.linalg.norm(rest, axis=-1) > self.tolerance * size
+        terms = times(np.abs(self.A[:, rows]), np.abs(x)) + np.abs(self.b[:, rows])
+        # Of the size of what any level asks for, x has round-off even where it is zero.
+        parts = np.split(self.b, self.ends[:-1], axis=1)
+        asked = np.stack([np.linalg.norm(part, axis=1) for part in parts], axis=1)
+        size = np.divide(asked, self.scales, out=np.zeros_like(asked), where=self.scales > 0.0)
+        round_off = size.max(axis=1) * self.scales[:, levels].max(axis=1)
+        return np.linalg.norm(rest, axis=-1) > self.tolerance * (
+            np.linalg.norm(terms, axis=-1) + round_off
+        )
 
 
 class Point(NamedTuple):

@@ -32,9 +32,11 @@ class Survivors(NamedTuple):
         if value is None or len(self.actuators) == self.n or not _is_of(value, 2):
             return value
         return tuple(
-            np.asarray(side)[self.actuators] if np.shape(side) == (self.n,) else side
-            for side in value
+            np.asarray(side)[self.actuators] if self._is_wide(side) else side for side in value
         )
+
+    def _is_wide(self, side: Any) -> bool:
+        return not check.is_masked(side) and np.shape(side) == (self.n,)
 
     def rows(self, name: str, value: Any) -> Any:
         """Inequality rows (R, lower, upper)."""

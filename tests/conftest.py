@@ -24,6 +24,7 @@ settings.load_profile("repeatable")
 AT_LENGTH = {
     *("table1_folder", "figures_folder", "release_folder", "recover_folder", "systems_folder"),
     *("jacobian_folder", "goals_folder", "force_run", "uncorrected_folder", "bench_folder"),
+    "limits_folder",
     *("sweep_folder", "atlas_folder", "seeds_folder", "crew"),
 }
 """Fixtures that run a study or a cluster."""
@@ -149,6 +150,18 @@ def jacobian_folder(made_once):
 def jacobian_study(jacobian_folder):
     """`jacobian.json`."""
     return json.loads((jacobian_folder / "jacobian.json").read_text())
+
+
+@pytest.fixture(scope="session")
+def limits_folder(made_once):
+    """Limits in the loop, short: made by the command."""
+    return made_once("limits", fjh("limits", "--quick"))
+
+
+@pytest.fixture(scope="session")
+def limits(limits_folder):
+    """`limits.json`."""
+    return json.loads((limits_folder / "limits.json").read_text())
 
 
 @pytest.fixture(scope="session")

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from prioritized import (
+    Attainable,
     ConstrainedSystem,
+    FailureAtlas,
     Failures,
     ForceMapping,
     Kinematics,
@@ -60,6 +62,17 @@ def mechanism(kin: Kinematics) -> dict[str, Any]:
     return arrays | {"findings": report.findings, "worst_gain": report.worst_gain}
 
 
+def reach(a: Attainable) -> dict[str, Any]:
+    """All numbers of an attainable set; infinite where a limit is, or none."""
+    unlimited = {"radius_gap": a.radius, "support_gap": a.support(np.eye(len(a.gain)))}
+    return unlimited | {"gain": a.gain, "vertices": a.vertices, "sentence": str(a)}
+
+
+def worst(atlas: FailureAtlas) -> dict[str, Any]:
+    """The numbers of an atlas that limits change; infinite where a limit is, or none."""
+    return {"speed_gap": atlas.worst_speed, "force_gap": atlas.worst_force, "gap": atlas.gap}
+
+
 PROBLEM = {"J": J, "major": [0, 1], "secondary": [2], "secondary_weight": np.ones(1)}
 FULL = {
     "active_constraint": RNG.normal(size=(1, 4)),
@@ -74,6 +87,7 @@ FORCES = {"f_major": np.ones(2), "torque": np.ones(4), "secondary_force": np.one
 ONE = velocity_mapping(J, [0, 1], joint_weight=np.ones(4), secondary_weight=[1.0])
 MANY = velocity_mapping(BATCH, [0, 1], joint_weight=np.ones(4), secondary_weight=[1.0])
 FORCE = force_mapping(J, [0, 1], torque_weight=np.ones(4), secondary_weight=[1.0])
+LIMITS = np.array([[-1.0, -2.0, -1.0], [1.0, 1.0, 3.0]])
 CODES = {"codes": np.zeros((2, 3)), "system": SYSTEM, "major": [0], "secondary": [1, 2]}
 
 TARGETS = {
@@ -157,7 +171,25 @@ TARGETS = {
         {"major": [0], "secondary": [1, 2], "torque_weight": np.ones(3)}
         | {"secondary_weight": np.ones(2), "major_metric": np.ones(1), "tie_metric": np.ones(3)},
     ),
+    "Kinematics.attainable": Target(
+        lambda **a: reach(LOOSE.attainable(**a)),
+        {"major": [0], "rate_limits": LIMITS},
+    ),
+    "Kinematics.attainable of directions": Target(
+        lambda **a: reach(KIN.attainable(**a)), {"major": J[:2, :3], "rate_limits": (-1.0, 2.0)}
+    ),
+    "Kinematics.attainable_force": Target(
+        lambda **a: reach(LOOSE.attainable_force(**a)),
+        {"major": [0], "torque_limits": LIMITS},
+    ),
+    "Attainable.support": Target(
+        KIN.attainable([0, 1], (-1.0, 1.0)).support, {"direction": np.ones(2)}
+    ),
     "failure_atlas": Target(failure_atlas, CODES),
+    "failure_atlas with limits": Target(
+        lambda **a: worst(failure_atlas(SPRUNG, [0], codes=CODES["codes"], **a)),
+        {"rate_limits": LIMITS, "torque_limits": LIMITS},
+    ),
     "failure_atlas of springs": Target(failure_atlas, CODES | {"system": SPRUNG}, ("codes",)),
     "viable_rates": Target(
         viable_rates,

@@ -106,6 +106,12 @@ def test_what_the_page_says_of_the_machine_is_there(followed):
     assert "split" in machine.names.velocities and kin.actuators.tolist() == [0, 1, 2, 4, 5, 6, 7]
 
 
+def test_the_reference_says_how_far_the_hexapod_points_with_a_strut_locked():
+    left = run((DOCS / "api" / "prioritized.md").read_text())["left"]
+    sound = left.radius / 0.75
+    assert round(1e3 * sound, 2) == 4.42
+
+
 # Free joints and forces; mechanism files.
 
 FREE = (DOCS / "free-joints-and-forces.md").read_text()

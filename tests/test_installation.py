@@ -119,7 +119,7 @@ def names(requirements: list[str]) -> set[str]:
 
 def test_the_packages_that_the_sentences_speak_of_are_those_of_the_extras():
     extras = PROJECT["optional-dependencies"]
-    assert names(PROJECT["dependencies"]) == {"control", "numpy", "scipy"}
+    assert names(PROJECT["dependencies"]) == {"control", "numba", "numpy", "scipy"}
     assert names(extras["sim"]) == {"mujoco"}
     distributions = {name.replace("_", "-") for name in PACKAGES} - {"mujoco", "rerun"}
     assert names(extras["testbed"]) == distributions | {"fault-tolerant-hexapod[sim]", "rerun-sdk"}

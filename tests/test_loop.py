@@ -22,7 +22,7 @@ from experiments.jacobian.loop import (
 )
 from experiments.jacobian.loop_results import loop_checks
 from ftc.goal import Goal
-from ftc.mapping import PreviousCommand
+from ftc.local_mapping import PreviousCommand
 from sim import (
     NOMINAL,
     Plant,

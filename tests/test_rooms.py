@@ -9,7 +9,7 @@ import pytest
 ROOT = Path(__file__).parents[1]
 ALLOWED = {
     "argument_checks": {"numpy", "scipy"},
-    "prioritized": {"numpy", "scipy", "argument_checks"},
+    "prioritized": {"numpy", "scipy", "numba", "argument_checks"},
     "sim": {"numpy", "scipy", "mujoco", "argument_checks"},
     "ftc": {"numpy", "scipy", "control", "prioritized", "argument_checks"},
 }

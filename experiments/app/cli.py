@@ -16,6 +16,7 @@ from experiments.figures import STUDY as FIGURES
 from experiments.force import STUDY as FORCE
 from experiments.goals import STUDY as GOALS
 from experiments.jacobian import STUDY as JACOBIAN
+from experiments.limits import STUDY as LIMITS
 from experiments.output.files import OutputError, published, usable_file
 from experiments.output.study import Interrupted, Unsound, WrongInput
 from experiments.output.terminal import INTERRUPTED, INTERRUPTION, notice, raise_on_interrupt
@@ -28,7 +29,7 @@ from experiments.table1 import STUDY as TABLE1
 from experiments.uncorrected import STUDY as UNCORRECTED
 
 STUDIES = (
-    *(TABLE1, FIGURES, SYSTEMS, RELEASE, RECOVER, FORCE, GOALS, JACOBIAN, UNCORRECTED),
+    *(TABLE1, FIGURES, SYSTEMS, RELEASE, RECOVER, FORCE, GOALS, LIMITS, JACOBIAN, UNCORRECTED),
     *(SWEEP, ATLAS, BENCH),
 )
 

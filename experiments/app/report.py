@@ -15,6 +15,7 @@ from experiments.figures import STUDY as FIGURES
 from experiments.force import STUDY as FORCE
 from experiments.goals import STUDY as GOALS
 from experiments.jacobian import STUDY as JACOBIAN
+from experiments.limits import STUDY as LIMITS
 from experiments.output.files import published, usable_folder, write_index
 from experiments.output.results import Results
 from experiments.output.study import Interrupted, NotInstalled, Progress, Unsound
@@ -34,6 +35,7 @@ CHAPTERS = (
     Chapter(RELEASE),
     Chapter(FORCE),
     Chapter(GOALS),
+    Chapter(LIMITS),
     Chapter(JACOBIAN, {"loop": True}),
     Chapter(UNCORRECTED),
     Chapter(RECOVER),

@@ -12,7 +12,8 @@ from experiments.goals.control import weighted_pseudo_inverse
 from experiments.goals.demonstration import Outcome, smooth_step
 from ftc.controller import DirectDrive, Measurement, PrioritizedController
 from ftc.goal import Goal
-from ftc.mapping import Mapping, PrioritizedMapping
+from ftc.local_mapping import Mapping
+from ftc.mapping import PrioritizedMapping
 from prioritized import ConstrainedSystem, Kinematics
 from sim import HEXAPOD_MJCF, Array, Failure, failed_plant, jacobians, load_model
 

@@ -17,7 +17,7 @@ from experiments.hexapod.controller import StrutMapping
 from experiments.hexapod.testbed import Testbed
 from ftc.controller import Measurement, PrioritizedController
 from ftc.goal import Goal
-from ftc.mapping import LocalMapping
+from ftc.local_mapping import LocalMapping
 from ftc.oracle import NestedState
 from prioritized import Status, VelocityMapping, velocity_mapping
 from sim import Amplifier, Array, Coils, Hexapod, Pose, hexapod, pointing_angles

@@ -20,7 +20,9 @@ from ftc.compensator import (
 )
 from ftc.controller import PrioritizedController
 from ftc.goal import Goal
-from ftc.mapping import DisplacementForm, PreviousCommand, PrioritizedMapping
+from ftc.limits import WhenLimited
+from ftc.local_mapping import PreviousCommand
+from ftc.mapping import DisplacementForm, PrioritizedMapping
 from prioritized import ConstrainedSystem
 from sim import (
     NOMINAL,
@@ -171,10 +173,13 @@ class StrutMapping(PrioritizedMapping[Pose]):
         jacobian: JacobianChoice,
         stiffness: Array | None = None,
         form: DisplacementForm = "absolute",
+        limits_m: tuple[Array, Array] | None = None,
+        when_limited: WhenLimited = "least_squares",
     ) -> None:
         """Prepare the mapping at the nominal pose; "analytic" re-evaluates it at every call.
 
-        `stiffness`, over [struts; payload twist], determines where a free strut goes.
+        `stiffness`, over [struts; payload twist], determines where a free strut goes; `limits_m`,
+        lower and upper, are of the strut displacements, shape (6,) each.
 
         Raises:
             ValueError: Free or loose struts without stiffness: an unstable singularity. A strut
@@ -187,7 +192,8 @@ class StrutMapping(PrioritizedMapping[Pose]):
                 "stiffness must be given for a goal with free or loose struts, got None"
             )
         own = HexapodGeometry(geometry, constant=jacobian == "constant", stiffness=stiffness)
-        super().__init__(own, goal, MAJOR, SECONDARY, form, task_coordinates)
+        limits = {"limits_m": limits_m, "when_limited": when_limited}
+        super().__init__(own, goal, MAJOR, SECONDARY, form, task_coordinates, **limits)
 
 
 def nominal_plant(model: mujoco.MjModel) -> tuple[LinearPlant, Array]:

@@ -24,7 +24,8 @@ from experiments.hexapod.testbed import (
 from experiments.jacobian.variation import NORMS, Norm, relative_change
 from experiments.output.parallel import in_parallel
 from ftc.goal import Goal
-from ftc.mapping import DisplacementForm, PreviousCommand
+from ftc.local_mapping import PreviousCommand
+from ftc.mapping import DisplacementForm
 from sim import (
     NOMINAL,
     Array,

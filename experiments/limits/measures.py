@@ -1,0 +1,99 @@
+"""Numbers of single runs: error, saturation, recovery; and of the loops: the circle criterion."""
+
+from typing import Any
+
+import numpy as np
+
+from experiments.hexapod.columns import MAJOR
+from experiments.hexapod.controller import StrutMapping, sampled
+from experiments.hexapod.metrics import closure_residual_max_m, rms
+from experiments.hexapod.simulation import Trajectory
+from experiments.hexapod.testbed import Testbed
+from experiments.limits.arm import PERIOD_S, RANGE_RAD, ArmRun
+from experiments.limits.attainable import room
+from experiments.limits.spirals import HEAVE_M, REST_S, Case, attainable, limits_of
+from ftc.anti_windup import circle_margin
+from ftc.goal import Goal
+from sim import Array, Failure, failed_plant, hexapod, linearize
+
+RECOVERED_RAD = 25e-6
+"""A run has recovered where its pointing is as near to that of the machine without limits."""
+AT_LIMIT_M = 0.1e-6
+AT_LIMIT_RAD = 1e-6
+
+
+def spiral_entry(
+    testbed: Testbed, case: Case, run: Trajectory, unlimited: Trajectory
+) -> dict[str, Any]:
+    """One spiral, ready for JSON."""
+    period_s, limits_m = testbed.bench.control_period_s, limits_of(testbed)
+    error = np.linalg.norm(run.desired_rad - run.true_rad, axis=1)
+    off = np.linalg.norm(run.true_rad - unlimited.true_rad, axis=1)
+    inside = room(attainable(testbed, case), run.desired_rad) > 0
+    working = np.delete(np.arange(6), list(case.locked_m))
+    wide = testbed if case.strategy.allocation != "unlimited" else None
+    entry: dict[str, Any] = {
+        "name": case.name,
+        "condition": case.condition,
+        "strategy": case.strategy.name,
+        "anti_windup": case.strategy.anti_windup,
+        "rms_urad": 1e6 * rms(error),
+        "peak_urad": 1e6 * error.max(),
+        "attainable_rms_urad": 1e6 * rms(error[inside]),
+        "recovery_s": longest((off > RECOVERED_RAD) & inside) * period_s,
+        "rest_peak_urad": 1e6 * error[-round(0.5 * REST_S / period_s) :].max(),
+        "closure_residual_max_m": closure_residual_max_m(run),
+    }
+    moved_m = run.strut_displacement_m[:, working]
+    reference_m = HEAVE_M if case.heave else 0.0
+    entry["secondary_rms_um"] = 1e6 * float(np.sqrt(((moved_m - reference_m) ** 2).mean()))
+    if wide is None:
+        return entry | {"at_limit_s": None, "beyond_limit_um": None}
+    command_m = testbed.amplifier().displacement_m(run.strut_input_percent)[:, working]
+    least = np.minimum(limits_m[1][working] - command_m, command_m - limits_m[0][working])
+    entry["at_limit_s"] = float((least < AT_LIMIT_M).any(axis=1).sum() * period_s)
+    return entry | {"beyond_limit_um": 1e6 * float((-least).max())}
+
+
+def condition_entry(testbed: Testbed, case: Case, run: Trajectory) -> dict[str, Any]:
+    """What all strategies have in common: what can be attained, and the loops' stability."""
+    lacking = -np.minimum(room(attainable(testbed, case), run.desired_rad), 0.0)
+    return {
+        "name": case.condition,
+        "stuck": case.stuck,
+        "heave": case.heave,
+        "least_rms_urad": 1e6 * rms(lacking),
+        "not_attainable_s": float((lacking > 0).sum() * testbed.bench.control_period_s),
+        "circle_margin": loop_margin(testbed, case, anti_windup=True),
+        "circle_margin_winding_up": loop_margin(testbed, case, anti_windup=False),
+    }
+
+
+def loop_margin(testbed: Testbed, case: Case, *, anti_windup: bool) -> float:
+    """:func:`ftc.anti_windup.circle_margin` of both loops on the linear model of the plant."""
+    plant = failed_plant(testbed.model, [Failure(strut, "locked") for strut in case.locked_m])
+    locked_m = dict.fromkeys(case.locked_m, 0.0)
+    goal = Goal(joint_weight=(1.0,) * 6, locked_m=locked_m)
+    gain = StrutMapping(hexapod(testbed.model), goal, "constant").pointing_gain()
+    linear = linearize(plant.model, plant.data)
+    period_s = testbed.bench.control_period_s
+    pointing = sampled(linear, gain, period_s)[MAJOR, :]
+    return circle_margin(pointing, testbed.loops, anti_windup=anti_windup)
+
+
+def arm_entry(name: str, run: ArmRun) -> dict[str, Any]:
+    """One motion of the arm, ready for JSON."""
+    reached = np.abs(run.joint_rad).max(axis=1)
+    return {
+        "strategy": name,
+        "rms_mrad": 1e3 * float(rms(run.error_rad)),
+        "peak_mrad": 1e3 * float(run.error_rad.max()),
+        "at_limit_s": float((reached > RANGE_RAD - AT_LIMIT_RAD).sum() * PERIOD_S),
+        "beyond_limit_rad": float(reached.max() - RANGE_RAD),
+    }
+
+
+def longest(holds: Array) -> int:
+    """Number of samples in the longest run of truth."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], holds.astype(int), [0]])))
+    return int((edges[1::2] - edges[::2]).max(initial=0))

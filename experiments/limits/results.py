@@ -1,0 +1,179 @@
+"""Limits in the loop as numbers, checks, tables and files."""
+
+from dataclasses import asdict
+from typing import Any
+
+from experiments.hexapod.metrics import closure_check, plant_constants
+from experiments.limits import arm, spirals
+from experiments.limits.figure import pictures
+from experiments.limits.measures import RECOVERED_RAD, arm_entry, condition_entry, spiral_entry
+from experiments.limits.runs import LimitsRuns
+from experiments.limits.spirals import Case
+from experiments.limits.strategies import UNLIMITED
+from experiments.output.provenance import versions
+from experiments.output.results import Check, Results
+from experiments.output.tables import Column, Table, tabulate
+from sim import load_model, model_sha256
+
+CONVERTER_STEP_UM = 0.02
+RECOVERY_LIMIT_S = 0.5
+REST_LIMIT_URAD = 5.0
+ARM_LIMIT_MRAD = 10.0
+"""While joints brake at their limits the line of sight lags behind."""
+
+
+def results(ran: LimitsRuns) -> Results:
+    """Everything that `fjh limits` publishes."""
+    summary = summarize(ran)
+    kept = ("true_rad", "strut_input_percent")
+    first = next(iter(ran.spirals.values()))
+    spiral_arrays = {"time_s": first.time_s, "desired_rad": first.desired_rad} | {
+        f"{case.name}_{key}": getattr(run, key) for case, run in ran.spirals.items() for key in kept
+    }
+    arm_arrays = {
+        f"{strategy.name}_{key}": value
+        for strategy, run in ran.arm.items()
+        for key, value in asdict(run).items()
+    }
+    return Results(
+        summary,
+        tables=(
+            *(spiral_table(summary, each) for each in summary["conditions"]),
+            arm_table(summary),
+        ),
+        checks=checks(summary),
+        pictures=pictures(ran, summary),
+        arrays={"spirals.npz": spiral_arrays, "arm.npz": arm_arrays},
+    )
+
+
+def summarize(ran: LimitsRuns) -> dict[str, Any]:
+    """All numbers of the study, ready for JSON; units are in the names."""
+    testbed, model = ran.testbed, load_model()
+    of_condition: dict[str, Case] = {}
+    for case in ran.spirals:
+        if case.strategy == UNLIMITED:
+            of_condition[case.condition] = case
+    return {
+        "experiment": "limits",
+        "seed": ran.seed,
+        "versions": versions(),
+        "model_sha256": {"fjh": model_sha256(), "arm": model_sha256(arm.ARM_MJCF)},
+        "bench": asdict(testbed.bench) | plant_constants(model),
+        "spiral": {
+            "duration_s": next(iter(ran.spirals)).duration_s,
+            "turn_s": next(iter(ran.spirals)).turn_s,
+            "radius_urad": 1e6 * spirals.RADIUS_RAD,
+            "current_limit_a": spirals.CURRENT_LIMIT_A.tolist(),
+            "limits_um": [(1e6 * each).tolist() for each in spirals.limits_of(testbed)],
+            "stuck_strut": 1,
+            "stuck_um": 1e6 * spirals.STUCK_M,
+            "heave_um": 1e6 * spirals.HEAVE_M,
+        },
+        "conditions": [
+            condition_entry(testbed, case, ran.spirals[case]) for case in of_condition.values()
+        ],
+        "spirals": [
+            spiral_entry(testbed, case, run, ran.spirals[of_condition[case.condition]])
+            for case, run in ran.spirals.items()
+        ],
+        "arm": {
+            "range_rad": arm.RANGE_RAD,
+            "rate_rad_per_s": arm.RATE_RAD_PER_S,
+            "acceleration_rad_per_s2": arm.ACCELERATION_RAD_PER_S2,
+            "locked_joint": arm.LOCKED + 1,
+            "duration_s": len(next(iter(ran.arm.values())).time_s) * arm.PERIOD_S,
+            "runs": [arm_entry(strategy.name, run) for strategy, run in ran.arm.items()],
+        },
+        "data": ["spirals.npz", "arm.npz"],
+    }
+
+
+def checks(summary: dict[str, Any]) -> list[Check]:
+    """Checks: limits, priority, recovery, stability, closure."""
+    found, ran = [], {spiral["name"]: spiral for spiral in summary["spirals"]}
+    for condition in summary["conditions"]:
+        where = condition["name"]
+        strict, winding_up = ran[f"{where}_strict"], ran[f"{where}_strict_winding_up"]
+        clipping = min(
+            run["rms_urad"]
+            for name, run in ran.items()
+            if name in (f"{where}_clipping", f"{where}_clipping_winding_up")
+        )
+        ratio = strict["rms_urad"] / clipping
+        found.append(Check("RMS error of strict priority over that of clipping", where, ratio, 1.0))
+        ratio = strict["rms_urad"] / winding_up["rms_urad"]
+        found.append(Check("RMS error with anti-windup over that without", where, ratio, 1.0))
+        what = "time from an attainable target to recovered pointing, strict priority [s]"
+        found.append(Check(what, where, strict["recovery_s"], RECOVERY_LIMIT_S))
+        what = "margin of the circle criterion below zero"
+        found.append(Check(what, where, -condition["circle_margin"], 0.0))
+    for name, spiral in ran.items():
+        found.append(closure_check(name, spiral["closure_residual_max_m"]))
+        if spiral["strategy"] == UNLIMITED.name:
+            continue
+        beyond = spiral["beyond_limit_um"]
+        found.append(Check("command beyond its limit [um]", name, beyond, CONVERTER_STEP_UM))
+        if spiral["strategy"] in ("strict", "scaled", "clipping"):
+            rest = spiral["rest_peak_urad"]
+            found.append(
+                Check("pointing error at rest afterwards [urad]", name, rest, REST_LIMIT_URAD)
+            )
+    moved = {run["strategy"]: run for run in summary["arm"]["runs"]}
+    ratio = moved["strict"]["rms_mrad"] / moved["clipping"]["rms_mrad"]
+    found.append(Check("RMS error of strict priority over that of clipping", "arm", ratio, 1.0))
+    peak = moved["strict"]["peak_mrad"]
+    found.append(Check("peak error of strict priority [mrad]", "arm", peak, ARM_LIMIT_MRAD))
+    for name, run in moved.items():
+        if name != UNLIMITED.name:
+            what = "joint beyond its limit [rad]"
+            found.append(Check(what, f"arm, {name}", run["beyond_limit_rad"], 1e-9))
+    return found
+
+
+def spiral_table(summary: dict[str, Any], condition: dict[str, Any]) -> Table:
+    """One row for each spiral of a condition."""
+    columns = (
+        Column("strategy", lambda run: label(run["strategy"])),
+        Column("RMS", "rms_urad", ".0f"),
+        Column("peak", "peak_urad", ".0f"),
+        Column("attainable", "attainable_rms_urad", ".0f"),
+        Column("at limit", "at_limit_s", ".2f"),
+        Column("recovery", "recovery_s", ".2f"),
+        Column("struts", "secondary_rms_um", ".0f"),
+    )
+    failure = "strut 1 stuck" if condition["stuck"] else "no failure"
+    raised = "payload to be raised" if condition["heave"] else "no secondary reference"
+    return tabulate(
+        f"Hexapod, {failure}, {raised}: error, urad; times, s; struts, um",
+        columns,
+        [run for run in summary["spirals"] if run["condition"] == condition["name"]],
+        "RMS, peak: of the distance between desired and true pointing. attainable: RMS while the "
+        f"target is attainable; for {condition['not_attainable_s']:.2f} s it is not, which costs "
+        f"an RMS of {condition['least_rms_urad']:.0f} urad at least. at limit: time for which some "
+        "strut is at its limit. recovery: longest time for which an attainable target is missed by "
+        f"{1e6 * RECOVERED_RAD:.0f} urad more than without limits. struts: RMS distance of the "
+        "struts from the secondary goal.",
+    )
+
+
+def arm_table(summary: dict[str, Any]) -> Table:
+    """One row for each motion of the arm."""
+    columns = (
+        Column("strategy", lambda run: label(run["strategy"])),
+        Column("RMS", "rms_mrad", ".2f"),
+        Column("peak", "peak_mrad", ".2f"),
+        Column("at limit", "at_limit_s", ".1f"),
+    )
+    return tabulate(
+        "Arm: angle between desired and true line of sight, mrad; time at a joint limit, s",
+        columns,
+        summary["arm"]["runs"],
+        f"Joints within {summary['arm']['range_rad']:g} rad; "
+        f"joint {summary['arm']['locked_joint']} locks halfway.",
+    )
+
+
+def label(name: str) -> str:
+    """A name of the JSON for a reader."""
+    return name.replace("unlimited", "without limits").replace("_", " ")

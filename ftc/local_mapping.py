@@ -1,0 +1,68 @@
+"""What a mapping in the loop consists of: its answer at one pose, and its last command."""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+from numpy.typing import ArrayLike
+
+from argument_checks import Array
+from ftc.limits import LimitedMapping
+from prioritized import Status
+
+
+@dataclass(frozen=True)
+class PreviousCommand:
+    """Last demand and displacements of a mapping, from which the incremental form continues.
+
+    Attributes:
+        demand: Demanded major task, shape (m1,).
+        displacements_m: Displacements of the actuators, before the converters, shape (n,).
+        secondary_reference_m: Reference of the secondary goal, displacements of the actuators,
+            shape (n,).
+    """
+
+    demand: Array
+    displacements_m: Array
+    secondary_reference_m: Array
+
+
+class Mapping(Protocol):
+    """Protocol of a velocity mapping; see :class:`prioritized.VelocityMapping`."""
+
+    @property
+    def major(self) -> Array:
+        """Gain of the major velocity."""
+        ...
+
+    @property
+    def status(self) -> Status:
+        """Status: whether the major task is met exactly."""
+        ...
+
+    def __call__(
+        self,
+        v_major: ArrayLike,
+        joint_velocity: ArrayLike | None = None,
+        secondary_velocity: ArrayLike | None = None,
+    ) -> Array:
+        """Optimal rates; arguments that are None count as zero."""
+        ...
+
+
+@dataclass(frozen=True)
+class LocalMapping:
+    """The mapping at one pose, section 2.3.
+
+    Attributes:
+        mapping: Rates of the n' surviving actuators, eqs. (28) and (30).
+        expand: Puts them on all actuators, shape (n, n').
+        J: Task velocity per surviving rate, eq. (14), shape (m, n').
+        constraint: Rows that admissible surviving rates obey, eq. (17), shape (r, n').
+        limited: The mapping with limits; None without.
+    """
+
+    mapping: Mapping
+    expand: Array
+    J: Array
+    constraint: Array
+    limited: LimitedMapping | None = None

@@ -1,0 +1,234 @@
+"""Laws of displacement limits in the loop: what is achieved, anti-windup from it, stability."""
+
+import control
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import lsq_linear
+
+from ftc.anti_windup import circle_margin, tracking_gain
+from ftc.bumpless_transfer import bumpless_transfer
+from ftc.controller import DirectDrive, Measurement, PrioritizedController
+from ftc.geometry import LocalGeometry
+from ftc.goal import Goal
+from ftc.mapping import PrioritizedMapping
+from prioritized import ConstrainedSystem
+
+SEEDS = st.integers(0, 2**32 - 1)
+MAJOR, SECONDARY = [0, 1], [2, 3]
+PERIOD_S = 0.01
+INTEGRATOR = control.ss([[1.0]], [[PERIOD_S]], [[5.0]], [[0.0]], PERIOD_S)
+"""5 / s, by Euler's rule."""
+
+
+def geometry(seed: int, n: int = 5) -> LocalGeometry:
+    """A serial mechanism of n joints and four task rows."""
+    J = np.random.default_rng(seed).normal(size=(4, n))
+    return LocalGeometry(ConstrainedSystem(J, None, np.arange(n)))
+
+
+def limited(own: LocalGeometry, half: float = 0.5, **options) -> PrioritizedMapping:
+    n = len(own.system.active)
+    goal = options.pop("goal", Goal(joint_weight=(1.0,) * n))
+    box = (np.full(n, -half), np.full(n, half))
+    return PrioritizedMapping(own, goal, MAJOR, SECONDARY, limits_m=box, **options)
+
+
+@settings(max_examples=40)
+@given(SEEDS, st.sampled_from([{}, {1: 0.2}, {0: -0.3, 3: 0.1}]))
+def test_what_is_achieved_is_as_near_to_the_demand_as_the_limits_allow(seed, locked_m):
+    """An independent bounded solver finds the same error, stuck actuators included."""
+    own, demand = geometry(seed), np.random.default_rng(seed + 1).normal(size=2)
+    mapping = limited(own, goal=Goal(joint_weight=(1.0,) * 5, locked_m=locked_m))
+    found = mapping.within_limits(demand, own.nominal)
+    assert np.abs(found.displacements_m).max() <= 0.5
+    assert not found.displacements_m[list(locked_m)].any()
+    standing_m = found.displacements_m.copy()
+    for actuator, stands_m in locked_m.items():
+        standing_m[actuator] = stands_m
+    achieved = mapping.pointing(standing_m, own.nominal)
+    np.testing.assert_allclose(found.achieved, achieved, atol=1e-9)
+    np.testing.assert_allclose(found.residual, demand - achieved, atol=1e-9)
+    offset = own.system.J_T[MAJOR][:, list(locked_m)] @ list(locked_m.values())
+    J_m = np.delete(own.system.J_T[MAJOR], list(locked_m), axis=1)
+    best = lsq_linear(J_m, demand - offset, (-0.5, 0.5), method="bvls", tol=1e-14)
+    assert np.linalg.norm(found.residual) == pytest.approx(np.sqrt(2 * best.cost), abs=1e-7)
+
+
+@given(SEEDS)
+def test_limits_that_are_not_reached_change_nothing(seed):
+    own = geometry(seed)
+    rng = np.random.default_rng(seed + 1)
+    demand, reference_m = 0.1 * rng.normal(size=2), 0.1 * rng.normal(size=5)
+    free = limited(own).displacements(demand, own.nominal, secondary_reference_m=reference_m)
+    wide = limited(own, half=2 * np.abs(free).max())
+    found = wide.within_limits(demand, own.nominal, reference_m)
+    np.testing.assert_allclose(found.displacements_m, free, atol=1e-10)
+    np.testing.assert_allclose(found.residual, 0, atol=1e-10)
+
+
+@given(SEEDS)
+def test_a_secondary_goal_beyond_the_limits_costs_the_major_task_nothing(seed):
+    own = geometry(seed)
+    rng = np.random.default_rng(seed + 1)
+    mapping, demand = limited(own), rng.normal(size=2)
+    alone = mapping.within_limits(demand, own.nominal)
+    beside = mapping.within_limits(demand, own.nominal, 10 * rng.normal(size=5))
+    np.testing.assert_allclose(beside.residual, alone.residual, atol=1e-8)
+
+
+@given(SEEDS)
+def test_scaled_demands_keep_their_direction(seed):
+    own, demand = geometry(seed), 5 * np.random.default_rng(seed + 1).normal(size=2)
+    found = limited(own, when_limited="scaled").within_limits(demand, own.nominal)
+    achieved = found.achieved
+    assert abs(np.linalg.det([achieved, demand])) < 1e-8
+    assert 0 <= achieved @ demand <= demand @ demand + 1e-9
+
+
+def driven(controller: PrioritizedController, reference: float, ticks: int, state=None):
+    """The loop around a plant that does at once what it is commanded; major task, (ticks, 2)."""
+    mapping, kept = controller.mapping, []
+    state = controller.start() if state is None else state
+    for _ in range(ticks):
+        output = mapping.pointing(state.input_percent, mapping.nominal)
+        kept.append(output)
+        still = Measurement(output, np.zeros(0))
+        state = controller.step(state, np.array([reference, 0.0]), still)
+    return np.array(kept), state
+
+
+@pytest.mark.parametrize("anti_windup", [True, False])
+def test_an_integrator_does_not_run_away_from_what_is_achieved(anti_windup):
+    """The demand is ahead by the error at most: K e dt = L (u - u_a), and L is about K dt.
+
+    Four time constants 1 / K after the target has become attainable, the pointing is there.
+    """
+    mapping = limited(geometry(3))
+    options = {"handover_s": 0.0, "anti_windup": anti_windup}
+    controller = PrioritizedController([INTEGRATOR] * 2, mapping, DirectDrive(), **options)
+    reached, state = driven(controller, 10.0, 500)
+    error = np.linalg.norm([10.0 - reached[-1, 0], reached[-1, 1]])
+    ahead = np.linalg.norm(state.asked.demand - reached[-1])
+    returned, _ = driven(controller, 0.0, 80, state)
+    left = np.linalg.norm(returned[-1]) / np.linalg.norm(returned[0])
+    assert (ahead < 1.05 * error) == anti_windup
+    assert left < 0.1 if anti_windup else left > 0.9
+
+
+def test_without_limits_anti_windup_changes_no_bit():
+    own = geometry(4)
+    free = PrioritizedMapping(own, Goal(joint_weight=(1.0,) * 5), MAJOR, SECONDARY)
+    plain, held = (
+        driven(
+            PrioritizedController([INTEGRATOR] * 2, free, DirectDrive(), 0.0, anti_windup=held),
+            0.3,
+            50,
+        )[0]
+        for held in (False, True)
+    )
+    np.testing.assert_array_equal(plain, held)
+
+
+def test_the_observer_of_an_integrator_is_the_scalar_kalman_filter():
+    """The Riccati equation is c^2 P^2 = b^2 (c^2 P + 1), and L = c P / (c^2 P + 1)."""
+    b, c = PERIOD_S, 5.0
+    P = (b**2 * c**2 + np.sqrt((b * c) ** 4 + 4 * (b * c) ** 2)) / (2 * c**2)
+    assert tracking_gain(INTEGRATOR)[0] == pytest.approx(c * P / (c**2 * P + 1))
+    proportional = control.ss([], [], [], [[3.0]], PERIOD_S)
+    assert tracking_gain(proportional).shape == (0,)
+
+
+@given(SEEDS, st.integers(0, 2), st.integers(0, 3))
+def test_compensators_that_observe_what_is_achieved_are_stable(seed, integrators, others):
+    """Double integrators and unstable compensators too: all poles of A - L C within the circle."""
+    rng = np.random.default_rng(seed)
+    order = integrators + others
+    A = np.diag(np.concatenate([np.ones(integrators), rng.uniform(-1.1, 0.9, others)]))
+    A[:integrators, :integrators] += np.diag(np.ones(max(integrators - 1, 0)), 1)[
+        :integrators, :integrators
+    ]
+    if order:
+        channel = control.ss(
+            A, rng.uniform(0.5, 1, (order, 1)), rng.uniform(0.5, 1, (1, order)), 0.3, 0.1
+        )
+        L = tracking_gain(channel)[:, None]
+        assert np.abs(np.linalg.eigvals(channel.A - L @ channel.C)).max() < 1
+
+
+def test_the_circle_margin_of_a_gain_behind_a_tick_is_one_minus_the_gain():
+    """H = k / z: its real part is at least -k."""
+    delay = control.ss([[0.0]], [[1.0]], [[1.0]], [[0.0]], PERIOD_S)
+    for gain in (0.2, 0.9, 1.5):
+        margin = circle_margin(
+            delay, [control.ss([], [], [], [[gain]], PERIOD_S)], anti_windup=True
+        )
+        assert margin == pytest.approx(1 - gain, abs=1e-4)
+
+
+@pytest.mark.parametrize("anti_windup", [True, False])
+def test_the_circle_margin_of_an_integrator_behind_a_tick_is_the_one_on_paper(anti_windup):
+    """I + H = (z - 1 + b c / z) / (z - 1 + c L), with L = 0 for an integrator that winds up."""
+    delay = control.ss([[0.0]], [[1.0]], [[1.0]], [[0.0]], PERIOD_S)
+    b_c, c_L = 5.0 * PERIOD_S, 5.0 * tracking_gain(INTEGRATOR)[0] * anti_windup
+    z = np.exp(1j * np.pi * np.geomspace(2e-4, 0.998, 100000))
+    least = ((z - 1 + b_c / z) / (z - 1 + c_L)).real.min()
+    found = circle_margin(delay, [INTEGRATOR], anti_windup=anti_windup)
+    assert found == pytest.approx(least, abs=1e-3)
+
+
+@settings(max_examples=2)
+@given(SEEDS)
+def test_with_a_positive_circle_margin_two_responses_converge_through_the_limits(seed):
+    delay = control.ss(np.zeros((2, 2)), np.eye(2), np.eye(2), np.zeros((2, 2)), PERIOD_S)
+    loops = [INTEGRATOR] * 2
+    assert circle_margin(delay, loops, anti_windup=True) > 0
+    controller = PrioritizedController(
+        loops, limited(geometry(seed)), DirectDrive(), 0.0, anti_windup=True
+    )
+    _, far = driven(controller, 30.0, 30)
+    one, _ = driven(controller, 1.0, 200)
+    other, _ = driven(controller, 1.0, 200, far)
+    np.testing.assert_allclose(one[-1], other[-1], atol=1e-3 * (1 + np.abs(other[0]).max()))
+
+
+@given(SEEDS)
+def test_a_mapping_with_limits_takes_over_without_a_step(seed):
+    """Commands within the limits are those of the new mapping, whatever it would do itself."""
+    own, rng = geometry(seed), np.random.default_rng(seed)
+    mapping, commanded_m = limited(own), 0.4 * rng.uniform(-1, 1, 5)
+    last = mapping.nothing()
+    new = bumpless_transfer(mapping, last, commanded_m, own.nominal)
+    found = mapping.within_limits(last.demand + new.demand, own.nominal, new.secondary_reference_m)
+    np.testing.assert_allclose(found.displacements_m, commanded_m, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (
+            {"limits_m": (np.zeros(4), np.ones(4))},
+            "limits_m must be a pair of numbers or of shapes",
+        ),
+        ({"limits_m": (np.zeros((2, 5)), np.ones(5))}, "limits_m must be two numbers or of shape"),
+        ({"limits_m": (np.ones(5), np.zeros(5))}, "limits_m must be a lower and an upper limit"),
+        ({"limits_m": np.ones(5)}, "limits_m must be a pair"),
+        ({"limits_m": (np.full(5, np.nan),) * 2}, "limits_m must hold numbers or infinity"),
+        ({"limits_m": (0.0, "x")}, "limits_m must hold real numbers"),
+        (
+            {"limits_m": (np.zeros(5), np.ones(5)), "form": "incremental"},
+            'form must be "absolute" with limits_m, got incremental',
+        ),
+    ],
+)
+def test_limits_without_sense_are_refused(options, words):
+    with pytest.raises(ValueError, match=words):
+        PrioritizedMapping(geometry(0), Goal(), MAJOR, SECONDARY, **options)
+
+
+def test_displacements_within_limits_need_limits():
+    own = geometry(0)
+    mapping = PrioritizedMapping(own, Goal(), MAJOR, SECONDARY)
+    with pytest.raises(ValueError, match="limits_m must be given for displacements within limits"):
+        mapping.within_limits(np.zeros(2), own.nominal)
