@@ -2,18 +2,29 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 import argument_checks as check
 from argument_checks import Array
+from prioritized._arrays import none, read_only
 from prioritized._limits import Limits, limits
-from prioritized._packed import Equations, Packed, Point, Rows, Unknowns, pack, solve
+from prioritized._packed import (
+    Equations,
+    Packed,
+    Point,
+    Rows,
+    Unknowns,
+    are_moderate,
+    pack,
+    solve,
+)
 from prioritized._rank import RANK_TOLERANCE, norm
 from prioritized._task import Status
 
+_FLOAT64 = np.dtype(np.float64)
 Level = tuple[ArrayLike, ArrayLike] | tuple[ArrayLike, ArrayLike, ArrayLike]
 """(A, b), or (A, lower, upper) for an A x that is to lie between two vectors."""
 
@@ -140,27 +151,85 @@ def lexicographic_least_squares(
     tolerance = check.fraction("rank_tolerance", rank_tolerance)
     if not len(levels):
         raise ValueError("levels must have at least one (A, b), got none")
-    n = check.matrix("levels[0][0]", _parts(0, levels[0])[0]).shape[1]
-    blocks = [_block(k, level, n) for k, level in enumerate(levels)]
-    box = _between("lower and upper", lower, upper, n)
-    hard_rows = 0
-    if rows is not None:
-        G = check.matrix("rows", rows, columns=n)
-        hard_rows = len(G)
-        between = _between("rows_lower and rows_upper", rows_lower, rows_upper, hard_rows)
-        if hard_rows:
-            blocks.insert(0, Rows(G, between))
-    elif rows_lower is not None or rows_upper is not None:
-        raise ValueError("rows must be given with rows_lower and rows_upper, got None")
-    if tie_metric is not None:
-        T = check.weight("tie_metric", tie_metric, n)
-        blocks.append(_equations(T, np.zeros(len(T))))
-    blocks.append(_equations(np.eye(n), np.zeros(n)))
-    packed, _ = pack(blocks, Unknowns(box), tolerance)
+    packed, hard_rows = None, 0
+    if rows is rows_lower is rows_upper is tie_metric is None:
+        packed = _of_plain_arrays(levels, lower, upper, tolerance)
+    if packed is None:
+        n = check.matrix("levels[0][0]", _parts(0, levels[0])[0]).shape[1]
+        blocks = [_block(k, level, n) for k, level in enumerate(levels)]
+        box = _between("lower and upper", lower, upper, n)
+        hard = _hard_rows(rows, rows_lower, rows_upper, n)
+        ties = [] if tie_metric is None else [check.weight("tie_metric", tie_metric, n)]
+        last = [_equations(T, np.zeros(len(T))) for T in (*ties, np.eye(n))]
+        packed, _ = pack([*hard, *blocks, *last], Unknowns(box), tolerance)
+        hard_rows = sum(len(each.G) for each in hard)
+    else:
+        n = packed.A.shape[2]
     if most_steps is not None:
         most_steps = check.index("most_steps", most_steps, 10**9)
     begun = None if start is None else check.instance("start", start, Solution).point
     return Solution(packed, solve(packed, None, begun, most_steps), n, hard_rows, len(levels))
+
+
+def _of_plain_arrays(
+    levels: Sequence[Level], lower: ArrayLike | None, upper: ArrayLike | None, tolerance: float
+) -> Packed | None:
+    """Levels and bounds as they are packed, where all levels are (A, b) as they should be.
+
+    None elsewhere: the checks then say what is wrong, or take what is right in another form.
+    """
+    matrices, targets, ends, end = [], [], [], 0
+    # Calls of the argument checks would take as long as the arithmetic.
+    for level in levels:
+        if type(level) is not tuple or len(level) != 2:
+            return None
+        A, b = level
+        if not (
+            type(A) is type(b) is np.ndarray
+            and A.dtype is b.dtype is _FLOAT64
+            and len(A.shape) == 2
+            and A.shape[:1] == b.shape
+        ):
+            return None
+        end += len(b)
+        matrices.append(A)
+        targets.append(b)
+        ends.append(end)
+    n = matrices[0].shape[1]
+    A, b = np.empty((1, end + n, n)), np.empty((1, end + n))
+    try:
+        np.concatenate([*matrices, _identity(n)], out=A[0])
+    except ValueError:  # of different widths
+        return None
+    np.concatenate([*targets, none((n,))], out=b[0])
+    rows, scales = _ends(*ends, end + n), np.empty((1, len(ends) + 1))
+    if not are_moderate(A, b, rows, scales):
+        return None
+    low, high = _between("lower and upper", lower, upper, n)
+    return Packed(A, b, rows, scales, tolerance, low[None], high[None])
+
+
+@lru_cache
+def _identity(n: int) -> Array:
+    return read_only(np.eye(n))
+
+
+@lru_cache
+def _ends(*ends: int) -> NDArray[np.int64]:
+    return read_only(np.array(ends))
+
+
+def _hard_rows(
+    rows: ArrayLike | None, lower: ArrayLike | None, upper: ArrayLike | None, n: int
+) -> list[Rows]:
+    """The inequality rows, if there are any."""
+    if rows is None:
+        if lower is not None or upper is not None:
+            raise ValueError("rows must be given with rows_lower and rows_upper, got None")
+        return []
+    G = check.matrix("rows", rows, columns=n)
+    between = _between("rows_lower and rows_upper", lower, upper, len(G))
+    return [Rows(G, between)] if len(G) else []
 
 
 def _between(names: str, lower: ArrayLike | None, upper: ArrayLike | None, n: int) -> Limits:

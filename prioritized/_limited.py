@@ -15,6 +15,7 @@ from prioritized._packed import Equations, Packed, Point, Rows, Unknowns, pack, 
 
 WhenLimited = Literal["least_squares", "scaled"]
 """What becomes of a major task that limits hold back: least error, or its direction kept."""
+_CHOICES = get_args(WhenLimited)
 
 
 class Limiting(NamedTuple):
@@ -44,8 +45,8 @@ def limiting(
     when_limited: WhenLimited = "least_squares",
 ) -> Limiting | None:
     """Checked limits of n unknowns and rows of them, under their names; None is no limit."""
-    if when_limited not in get_args(WhenLimited):
-        choices = " or ".join(map(repr, get_args(WhenLimited)))
+    if when_limited not in _CHOICES:
+        choices = " or ".join(map(repr, _CHOICES))
         raise ValueError(f"when_limited must be {choices}, got {check.shown(when_limited)}")
     given = [checked_rows(label, value, n) for label, value in rows.items() if value is not None]
     if box is None and not given:

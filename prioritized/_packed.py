@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+import argument_checks as check
 from argument_checks import Array, Mask
 from prioritized._arrays import beside, times
 from prioritized._limits import Limits
@@ -111,6 +112,14 @@ def solve(
     steps, ended, gap = np.empty(count, np.int64), np.empty(count, np.bool_), np.empty(count)
     solver.solve_each(*packed, x, active, how, most, steps, ended, gap)
     return Point(x, active, steps, ended, gap)
+
+
+def are_moderate(A: Array, b: Array, ends: NDArray[np.int64], scales: Array) -> bool:
+    """Whether the argument checks let these levels (1, k, n) and targets (1, k) pass.
+
+    Writes the norm of each level to `scales` (1, levels).
+    """
+    return bool(_solver().measure(A, b, ends, check.SMALLEST, check.LARGEST, scales))
 
 
 class Rows(NamedTuple):

@@ -84,7 +84,10 @@ def factors_of_diagonals(
     """
     S_m, S_s, sizes, numbers, clear, exact = selected
     F, solver = np.empty(numbers), _solver()
-    state = solver.factor_diagonals(J, S_m, S_s, w1, w2, scale, clear, exact, F)
+    try:
+        state = solver.factor_diagonals(J, S_m, S_s, w1, w2, scale, clear, exact, F)
+    except TypeError:  # no vectors, or not of floats
+        return None
     return (F, *sizes) if state == solver.CLEAR else None
 
 

@@ -13,8 +13,8 @@ from argument_checks import Array, Indices
 from prioritized._amplification import as_sentence, closure_sentences, servo_sentences
 from prioritized._arrays import apply, joined, none, on_axes, read_only, respond
 from prioritized._levels import Level, damped, smallest_gap, velocity_levels
-from prioritized._limited import Limiting, WhenLimited, limiting, optimum
-from prioritized._packed import Rows
+from prioritized._limited import Limiting, Optimum, WhenLimited, limiting, optimum
+from prioritized._packed import Point, Rows
 from prioritized._problem import Problem, checked
 from prioritized._rank import RANK_TOLERANCE, RankedSvd, basis_scale, largest, ranked_svd
 from prioritized._solution import VelocitySolution
@@ -94,6 +94,9 @@ class VelocityMapping:
     ) -> Array:
         """Optimal active joint rates, shape (..., n); what is None counts as zero."""
         if self.limiting is not None:
+            _, quick = self._within_box(v_major, joint_velocity, secondary_velocity, None)
+            if quick is not None:
+                return quick.point.x[0]
             return self.solve(v_major, joint_velocity, secondary_velocity).rates
         return self._unlimited(v_major, joint_velocity, secondary_velocity)
 
@@ -156,13 +159,10 @@ class VelocityMapping:
             ValueError: A velocity of the wrong shape or not finite, by its name.
         """
         begun = None if start is None else check.instance("start", start, VelocitySolution).point
-        factors, limiting = self._factors, self.limiting
-        if factors is not None and limiting is not None and limiting.is_box:
-            rates = rates_by(factors, v_major, joint_velocity, secondary_velocity)
-            if rates is not None:
-                best = rates_within(factors, rates, limiting.box, self.tolerance, begun)
-                return VelocitySolution(self, np.array(v_major, dtype=float), rates, best)
-        problem = self.problem
+        rates, quick = self._within_box(v_major, joint_velocity, secondary_velocity, begun)
+        if rates is not None and quick is not None:
+            return VelocitySolution(self, np.array(v_major, dtype=float), rates, quick)
+        problem, limiting = self.problem, self.limiting
         m1, n = len(problem.S_m), problem.J.shape[-1]
         p = joined(
             problem.lead,
@@ -174,6 +174,25 @@ class VelocityMapping:
         unlimited = self._unlimited(*np.split(p, [m1, m1 + n], axis=-1))
         best = optimum(self.levels, p, unlimited, limiting, problem.tolerance, begun)
         return VelocitySolution(self, p[..., :m1], unlimited, best)
+
+    def _within_box(
+        self,
+        v_major: ArrayLike,
+        joint_velocity: ArrayLike | None,
+        secondary_velocity: ArrayLike | None,
+        start: Point | None,
+    ) -> tuple[Array | None, Optimum | None]:
+        """Rates without limits and the optimum, for one target whose ranks are clearly full.
+
+        None where that is not so, or more than bounds of the rates limits them.
+        """
+        factors, limiting = self._factors, self.limiting
+        if factors is None or limiting is None or not limiting.is_box:
+            return None, None
+        rates = rates_by(factors, v_major, joint_velocity, secondary_velocity)
+        if rates is None:
+            return None, None
+        return rates, rates_within(factors, rates, limiting.box, self.tolerance, start)
 
     @property
     def rows(self) -> tuple[Rows, ...]:
@@ -422,9 +441,7 @@ def _of_plain_arrays(
     # Calls of the argument checks would take as long as the arithmetic.
     if not (
         type(J) is type(w1) is type(w2) is np.ndarray
-        and J.dtype is w1.dtype is w2.dtype is _FLOAT64
-        and len(J.shape) == 2
-        and len(w1.shape) == len(w2.shape) == 1
+        and J.ndim == 2
         and type(size) is type(rank_tolerance) is float
         and 0.0 < rank_tolerance < 1.0
         and are_rows(major)
@@ -432,14 +449,14 @@ def _of_plain_arrays(
     ):
         return None
     rest = None if secondary is None else tuple(secondary)
-    sizes = *J.shape, len(w1), len(w2)
-    selected = _selected(tuple(major), rest, *sizes, rank_tolerance)
+    selected = _selected(tuple(major), rest, J.shape, w1.size, w2.size, rank_tolerance)
     factors = factors_of_diagonals(J, w1, w2, size, selected)
     if factors is None:
         return None
     mapping = object.__new__(VelocityMapping)
-    parts = {"damping": 0.0, "kinematics": None, "limiting": None, "_factors": factors}
-    object.__setattr__(mapping, "__dict__", parts | {"_rest": (selected, size, rank_tolerance)})
+    parts = vars(mapping)
+    parts["damping"], parts["kinematics"], parts["limiting"] = 0.0, None, None
+    parts["_factors"], parts["_rest"] = factors, (selected, size, rank_tolerance)
     return mapping
 
 
@@ -447,17 +464,16 @@ def _of_plain_arrays(
 def _selected(
     major: tuple[int, ...],
     secondary: tuple[int, ...] | None,
-    m: int,
-    n: int,
+    shape: tuple[int, int],
     k1: int,
     k2: int,
     tolerance: float,
 ) -> Selected:
     """Tasks and sizes, looked up once: they are the same at every tick."""
+    m, n = shape
     S_m, S_s = task_selection(major, secondary, m, tolerance)
     sizes = len(S_m), m, n, k1, k2, len(S_s)
     return Selected(S_m, S_s, sizes, room(*sizes), *thresholds(tolerance))
 
 
-_FLOAT64 = np.dtype(np.float64)
 _NOTHING = none((0,))

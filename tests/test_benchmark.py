@@ -17,14 +17,15 @@ if sys.version_info >= (3, 14):
 from threadpoolctl import threadpool_limits
 
 from experiments.app.cli import main
-from experiments.benchmark import measurement, pointing, runs, solvers
+from experiments.benchmark import limited, measurement, out_of_reach, pointing, runs, solvers
 from experiments.benchmark.figure import RATIOS as IN_WORDS
 from experiments.benchmark.figure import verdict
 from experiments.benchmark.measurement import Contender, by_turns, compare, power_law
 from experiments.benchmark.ratios import RATIOS, checks, saved
 from experiments.benchmark.ratios import compare as compare_runs
-from experiments.benchmark.results import notes, results, tables
+from experiments.benchmark.results import results
 from experiments.benchmark.solvers import SOLVERS
+from experiments.benchmark.tables import notes, tables
 from experiments.hexapod.controller import StrutMapping, nominal_loops
 from experiments.hexapod.simulation import SpiralRun, track_spiral
 from experiments.hexapod.testbed import Testbed, TestbedConfig
@@ -37,9 +38,13 @@ ASKED = {
     "loop_overhead_over_mink": (0.6, 0.2),
     "tick_over_mink": (1.2, None),
     "hexapod_tick_over_mink": (0.3, 0.1),
-    "solve_over_daqp": (4.0, 1.0),
+    "solve_over_daqp": (1.5, 0.8),
     "solve_over_placo": (None, None),
-    "batched_over_daqp": (0.5, 0.1),
+    "solve_over_placo_built": (0.4, 0.2),
+    "limited_over_daqp": (1.0, 0.4),
+    "hierarchy3_over_daqp": (2.5, 1.0),
+    "batched_over_daqp": (0.12, 0.08),
+    "growth_over_daqp": (1.2, 0.8),
 }
 
 
@@ -99,7 +104,14 @@ def test_ratios_are_those_of_medians_with_the_spread_over_rounds():
         prioritized=6,
         daqp=3,
         placo=2,
+        placo_with_build=12,
         batched=1.5,
+        limited=10,
+        daqp_limited_with_build=20,
+        hierarchy3=16,
+        daqp_hierarchy3=8,
+        prioritized_n200=30,
+        daqp_n200=1200,
     )
     us["hexapod_tick"][2] *= 2  # a whole round disturbed
     found = {ratio.name: ratio.measured(us) for ratio in RATIOS}
@@ -111,7 +123,11 @@ def test_ratios_are_those_of_medians_with_the_spread_over_rounds():
             "hexapod_tick_over_mink": 0.25,
             "solve_over_daqp": 2.0,
             "solve_over_placo": 3.0,
+            "solve_over_placo_built": 0.5,
+            "limited_over_daqp": 0.5,  # daqp's program is built within the time
+            "hierarchy3_over_daqp": 2.0,  # and here before
             "batched_over_daqp": 0.5,
+            "growth_over_daqp": 0.025,
         }
     )
     assert found["solve_over_daqp"]["p5"] == found["solve_over_daqp"]["p95"] == 2.0
@@ -307,7 +323,7 @@ def test_the_saved_file_is_written_wherever_it_lies_and_is_none_of_the_study(
 
 # The same steps, the same task.
 
-LEAST = replace(runs.QUICK, batches=(1, 100), actuators=(6, 30))
+LEAST = replace(runs.QUICK, batches=(1, 100), actuators=(6, 200))
 
 
 def test_bare_physics_takes_as_many_steps_as_the_closed_loop(model, monkeypatch):
@@ -350,11 +366,13 @@ def timed(asked) -> runs.Timed:
     """Made-up samples of all that is timed."""
     names = ["mj_step", "closed_loop", "closed_loop_constant", "tick", "hexapod_tick", "mink"]
     names += ["mink_update", *(each.name for each in solvers.contenders(asked))]
+    names += [each.name for solvers in limited.QUESTIONS.values() for each in solvers]
     names += ["part_" + part for part in ("mj_step", "plant_step", "sensors", "controller")]
     names += ["part_" + part for part in ("estimate", "mapping", "jacobian", "converter")]
     agreed = [measurement.Agreement("question", 1e-9, {"daqp": 1e-12})]
     samples_us = {name: np.ones((5, 3)) for name in names} | {"closed_loop": np.full((5, 1), 2.0)}
-    return runs.Timed(0, LEAST, agreed, samples_us)
+    active, weights = {"question": [1, 2, 3]}, out_of_reach.compared(seed=0)
+    return runs.Timed(0, LEAST, agreed, samples_us, active, weights)
 
 
 def test_the_random_problems_are_those_of_the_seed(asked):
@@ -408,6 +426,43 @@ def test_the_solvers_are_given_different_problems(asked):
         if not solver.unit_rows:
             apart = np.abs(solver.answers([problem]) - solver.answers([other])).max()
             assert apart > 1e-3, solver.name
+
+
+@pytest.fixture(scope="module")
+def limits() -> list[limited.LimitedProblem]:
+    rng = np.random.default_rng(3)
+    return [limited.random_limited(6, rng) for _ in range(64)]
+
+
+def test_limits_bind_and_all_agree_on_them(limits):
+    """Within reach of the limits a flat program and levels have the same optimum."""
+    for each in limited.agreements(limits):
+        each.check()
+    for question, counts in limited.active_limits(limits).items():
+        assert sum(counts) == len(limits)
+        assert sum(counts[1:]) > len(limits) / 3, question
+    for problem in limits:
+        rates = limited.solve_limited(problem)
+        assert np.all((problem.lower <= rates) & (rates <= problem.upper))
+        np.testing.assert_allclose(problem.J[:2] @ rates, problem.major, atol=1e-12)
+
+
+@pytest.mark.parametrize("question", limited.QUESTIONS)
+def test_one_who_answers_otherwise_under_limits_is_named(limits, question):
+    answers = {each.name: each.answers(limits) for each in limited.QUESTIONS[question]}
+    for name in answers:
+        wrong = {one: given + (one == name) * 1e-6 for one, given in answers.items()}
+        with pytest.raises(Unsound, match=rf"question: {name} by [^,]+ of the answer, more than"):
+            compare("question", wrong, limited.TOLERANCE).check()
+
+
+def test_weights_do_not_move_a_major_task_that_limits_hold_back(timed):
+    """The major residual is the least that the limits leave; daqp's levels trade it for H."""
+    found = timed.out_of_reach
+    ours, daqp = (found["solvers"][name] for name in ("prioritized", "daqp_hierarchy"))
+    assert max(ours["change"]["largest"], ours["excess"]["largest"]) < 1e-9
+    assert min(daqp["change"]["largest"], daqp["excess"]["largest"]) > 0.01
+    assert found["flat_infeasible"] == found["flat"] == 2 * found["problems"]
 
 
 def test_a_batch_is_its_problems_one_by_one():

@@ -37,7 +37,11 @@ RATIOS = {
     "hexapod_tick_over_mink": "tick, hexapod's closed form / mink",
     "solve_over_daqp": "one Problem 1 / daqp",
     "solve_over_placo": "one Problem 1 / PlaCo",
+    "solve_over_placo_built": "one Problem 1 / PlaCo, built",
+    "limited_over_daqp": "Problem 1 with limits / daqp, built",
+    "hierarchy3_over_daqp": "three levels with limits / daqp",
     "batched_over_daqp": "one mapping of a batch / daqp",
+    "growth_over_daqp": "one Problem 1, 200 actuators / daqp",
 }
 """The ratios in words."""
 
@@ -59,7 +63,7 @@ def picture(summary: dict[str, Any]) -> Picture:
 
 def figure_growth(summary: dict[str, Any]) -> Figure:
     """Time over the number of actuators and over the size of the batch; ratios and goals."""
-    figure = new_figure(PAGE_IN, 5.2)
+    figure = new_figure(PAGE_IN, 6.0)
     # Twelfths of the width; what the ratios are, and what became of them, stands beside them.
     panels = figure.subplot_mosaic("nnnnnnbbbbbb;....rrrrr...")
     _actuators(panels["n"], summary["growth"]["actuators"])

@@ -101,8 +101,8 @@ RATIOS = (
         "solve_over_daqp",
         lambda us: us["prioritized"] / us["daqp"],
         "one Problem 1 from J and weights; over daqp with H given",
-        bound=4.0,
-        goal=1.0,
+        bound=1.5,
+        goal=0.8,
         stable=True,
     ),
     Ratio(
@@ -111,11 +111,45 @@ RATIOS = (
         "the same; over PlaCo's solver with its problem given",
     ),
     Ratio(
+        "solve_over_placo_built",
+        lambda us: us["prioritized"] / us["placo_with_build"],
+        "the same; over PlaCo with its problem built",
+        bound=0.4,
+        goal=0.2,
+        stable=True,
+    ),
+    Ratio(
+        "limited_over_daqp",
+        lambda us: us["limited"] / us["daqp_limited_with_build"],
+        "one Problem 1 with limits from J and weights; over daqp's flat program with the same "
+        "limits, H built; the major task is within reach, else daqp calls it infeasible",
+        bound=1.0,
+        goal=0.4,
+        stable=True,
+    ),
+    Ratio(
+        "hierarchy3_over_daqp",
+        lambda us: us["hierarchy3"] / us["daqp_hierarchy3"],
+        "limits and three levels from A and b; over daqp with break_points, the last level given "
+        "as H; the first two levels are within reach, else daqp solves another problem",
+        bound=2.5,
+        goal=1.0,
+        stable=True,
+    ),
+    Ratio(
         "batched_over_daqp",
         lambda us: us["batched"] / us["daqp"],
         "one mapping of a large batch; over one by daqp with H given",
-        bound=0.5,
-        goal=0.1,
+        bound=0.12,
+        goal=0.08,
+        stable=True,
+    ),
+    Ratio(
+        "growth_over_daqp",
+        lambda us: us["prioritized_n200"] / us["daqp_n200"],
+        "one Problem 1 of 200 actuators, joint weights diagonal; over daqp with H given",
+        bound=1.2,
+        goal=0.8,
         stable=True,
     ),
 )

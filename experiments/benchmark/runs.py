@@ -52,6 +52,9 @@ QUICK = Effort(2.0, rounds=5, batches=FULL.batches[:-1])
 class Timed:
     """What was measured: `samples_us` by name, shape (rounds, samples), after the `agreements`.
 
+    `active_limits`: for each question with limits, how many problems have 0, 1, ... rates at one.
+    `out_of_reach`: whether weights change a major task that limits hold back.
+
     The numbers are also written to `save`, compared with those of the saved file `before`, and
     unsound beyond their bounds if `check`.
     """
@@ -60,6 +63,8 @@ class Timed:
     effort: Effort
     agreements: list[Agreement]
     samples_us: dict[str, Array]
+    active_limits: dict[str, list[int]]
+    out_of_reach: dict[str, Any]
     save: Path | None = None
     before: dict[str, Any] | None = None
     check: bool = False
@@ -89,7 +94,7 @@ def run_bench(
         )
     from threadpoolctl import threadpool_limits
 
-    from experiments.benchmark import pointing, solvers
+    from experiments.benchmark import limited, out_of_reach, pointing, solvers
 
     if save is not None:
         usable_file(save, ".json", option="--save")
@@ -100,15 +105,19 @@ def run_bench(
         model, bench = load_model(), TestbedConfig()
         asked = questions(effort.actuators, effort.batches, rng)
         cases = pointing.random_cases(model, 8, rng)
-        agreed = [*solvers.agreements(asked), pointing.agreement(model, cases)]
+        limits = [limited.random_limited(6, rng) for _ in range(64)]
+        agreed = [*solvers.agreements(asked), *limited.agreements(limits)]
+        agreed.append(pointing.agreement(model, cases))
         for each in agreed:
             each.check()
         testbed = Testbed(model, bench, nominal_loops(model, bench))
         loop = ClosedLoop(testbed, effort.seconds, seed)
         contenders = whole(loop) + parts(loop)
         contenders += pointing.contenders(model, cases) + solvers.contenders(asked)
+        contenders += limited.contenders(limits)
         samples_us = by_turns(contenders, effort.rounds, on_progress)
-    return Timed(seed, effort, agreed, samples_us, save, before, check)
+        active, weights = limited.active_limits(limits), out_of_reach.compared(seed)
+    return Timed(seed, effort, agreed, samples_us, active, weights, save, before, check)
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,7 @@ TOLERANCE = 1e-9
 """Of the answers, as a fraction of the rates."""
 BATCHED = "batched"
 """Name of the largest batch."""
-_EQUALITY = 5
+EQUALITY = 5
 """daqp's mark of a constraint that holds with equality."""
 _STRICT = {"primal_tol": 1e-12, "rho_soft": 1e-8}
 """With daqp's defaults its hierarchy is exact to 1e-6 only; these cost no time."""
@@ -78,7 +78,7 @@ def _map(problem: Problem) -> Array:
 def _quadratic_program(problem: Problem) -> tuple[Any, ...]:
     """H (n, n) and f of the same objective, rates^T H rates / 2 + f^T rates; the constraint."""
     A, b, J_m, v_m = problem.parts()
-    return A.T @ A, -b @ A, J_m, v_m, v_m, np.full(len(v_m), _EQUALITY, dtype=c_int)
+    return A.T @ A, -b @ A, J_m, v_m, v_m, np.full(len(v_m), EQUALITY, dtype=c_int)
 
 
 def _build_quadratic_program(problem: Problem) -> Any:

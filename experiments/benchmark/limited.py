@@ -1,0 +1,155 @@
+"""Problems with limits through the library and daqp: Problem 1, and a hierarchy of three levels."""
+
+from ctypes import c_int
+from dataclasses import dataclass
+from operator import attrgetter, itemgetter
+from typing import Any
+
+import daqp
+import numpy as np
+
+from experiments.benchmark.measurement import Agreement, Contender, Problem, compare, random_problem
+from experiments.benchmark.solvers import EQUALITY, TOLERANCE, Solver
+from experiments.hexapod.columns import MAJOR, SECONDARY
+from prioritized import lexicographic_least_squares, velocity_mapping
+from sim import Array
+
+STRICT = {"primal_tol": 1e-12, "rho_soft": 1e-14}
+"""With daqp's defaults its levels are met to 6e-3 of these rates only; these cost no time."""
+_SECOND = SECONDARY[:2]
+"""Task rows of the second level of the hierarchy."""
+
+
+@dataclass(frozen=True)
+class LimitedProblem(Problem):
+    """Problem 1 with lower <= rates <= upper, (n,) each."""
+
+    lower: Array
+    upper: Array
+
+    def levels(self) -> list[tuple[Array, Array]]:
+        """As a hierarchy: the major rows, two secondary rows, then the rest of the objective."""
+        A, b, J_m, v_m = self.parts()
+        n, count = self.J.shape[1], len(_SECOND)
+        second = np.arange(n, n + count)
+        return [
+            (J_m, v_m),
+            (self.J[_SECOND], self.secondary[:count]),
+            (np.delete(A, second, axis=0), np.delete(b, second)),
+        ]
+
+
+def random_limited(n: int, rng: np.random.Generator) -> LimitedProblem:
+    """Limits of -1 and 1; the task is that of rates within 0.7 of them, so it is within reach.
+
+    Desired rates are beyond the limits in 6 of 10 cases. Were the task out of reach, daqp would
+    call the flat program infeasible, and its hierarchy would solve another problem.
+    """
+    one, inside = random_problem(n, rng), rng.uniform(-0.7, 0.7, size=n)
+    secondary = one.secondary.copy()
+    secondary[: len(_SECOND)] = one.J[_SECOND] @ inside
+    joint, limit = 2.0 * one.joint, np.ones(n)
+    return LimitedProblem(
+        one.J, one.joint_weight, one.secondary_weight, one.J[MAJOR] @ inside, joint, secondary,
+        -limit, limit,
+    )  # fmt: skip
+
+
+def solve_limited(problem: LimitedProblem) -> Array:
+    """Optimal rates by the library, from the Jacobian, weights and limits."""
+    mapping = velocity_mapping(
+        problem.J,
+        major=MAJOR,
+        secondary=SECONDARY,
+        joint_weight=problem.joint_weight,
+        secondary_weight=problem.secondary_weight,
+        rate_limits=(problem.lower, problem.upper),
+    )
+    return mapping(problem.major, problem.joint, problem.secondary)
+
+
+def flat_program(problem: LimitedProblem) -> tuple[Any, ...]:
+    """H, f, and limits beside the major task as equations."""
+    A, b, J_m, v_m = problem.parts()
+    sense = np.zeros(len(problem.lower) + len(v_m), dtype=c_int)
+    sense[len(problem.lower) :] = EQUALITY
+    upper, lower = np.concatenate([problem.upper, v_m]), np.concatenate([problem.lower, v_m])
+    return A.T @ A, -b @ A, J_m, upper, lower, sense
+
+
+def soft_program(problem: LimitedProblem) -> tuple[Any, ...]:
+    """H and f; limits and the major task as levels of a hierarchy."""
+    A, b, J_m, v_m = problem.parts()
+    return _with_levels(problem, [(J_m, v_m)], A, b)
+
+
+def _hierarchy(problem: LimitedProblem) -> tuple[Any, ...]:
+    *first, (A, b) = problem.levels()
+    return _with_levels(problem, first, A, b)
+
+
+def _with_levels(
+    problem: LimitedProblem, levels: list[tuple[Array, Array]], A: Array, b: Array
+) -> tuple[Any, ...]:
+    rows, targets = zip(*levels, strict=True)
+    upper, lower = (np.concatenate([side, *targets]) for side in (problem.upper, problem.lower))
+    ends = np.cumsum([len(problem.lower), *map(len, targets)], dtype=c_int)
+    sense = np.zeros(len(upper), dtype=c_int)
+    return A.T @ A, -b @ A, np.concatenate(rows), upper, lower, sense, ends
+
+
+def solve_hierarchy(*program: Any) -> Any:
+    """A hierarchy by daqp, with what it returns."""
+    return daqp.solve(*program, **STRICT)
+
+
+def _levels(problem: LimitedProblem) -> tuple[Any, ...]:
+    return problem.levels(), problem.lower, problem.upper
+
+
+LIMITED = (
+    Solver("limited", solve_limited),
+    Solver("daqp_limited", daqp.solve, flat_program, itemgetter(0)),
+    Solver(
+        "daqp_limited_with_build", lambda one: daqp.solve(*flat_program(one)), rates=itemgetter(0)
+    ),
+)
+"""Those that solve Problem 1 with limits."""
+HIERARCHY = (
+    Solver("hierarchy3", lexicographic_least_squares, _levels, attrgetter("x")),
+    Solver("daqp_hierarchy3", solve_hierarchy, _hierarchy, itemgetter(0)),
+    Solver(
+        "daqp_hierarchy3_with_build",
+        lambda one: solve_hierarchy(*_hierarchy(one)),
+        rates=itemgetter(0),
+    ),
+)
+"""Those that solve the hierarchy."""
+QUESTIONS = {"Problem 1 with limits": LIMITED, "three levels with limits": HIERARCHY}
+
+
+def agreements(problems: list[LimitedProblem]) -> list[Agreement]:
+    """How far apart all answers to each question are."""
+    return [
+        compare(question, {each.name: each.answers(problems) for each in solvers}, TOLERANCE)
+        for question, solvers in QUESTIONS.items()
+    ]
+
+
+def contenders(problems: list[LimitedProblem]) -> list[Contender]:
+    """Every solver of both questions."""
+    return [
+        each.contender(problems, each.name, samples=20)
+        for solvers in QUESTIONS.values()
+        for each in solvers
+    ]
+
+
+def active_limits(problems: list[LimitedProblem]) -> dict[str, list[int]]:
+    """For each question, how many problems have 0, 1, ... n rates at a limit."""
+    found = {}
+    for question, (ours, *_) in QUESTIONS.items():
+        at_limit = np.abs(ours.answers(problems)) == 1.0
+        counts = np.bincount(at_limit.sum(axis=1), minlength=at_limit.shape[1] + 1)
+        found[question] = counts.tolist()
+    return found
