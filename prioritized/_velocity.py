@@ -60,7 +60,6 @@ class VelocityMapping:
     clearly full. Gains, ranks and gaps are computed when first used.
 
     Attributes:
-        problem: The checked arguments.
         damping: Of the major task.
         kinematics: The mechanism that J belongs to; None for a J given as a matrix.
         limiting: The limits of the rates; None is none.
