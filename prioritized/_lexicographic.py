@@ -17,8 +17,8 @@ from prioritized._packed import (
     Point,
     Rows,
     Unknowns,
-    are_moderate,
     pack,
+    packed_if_moderate,
     solve,
 )
 from prioritized._rank import RANK_TOLERANCE, norm
@@ -187,7 +187,7 @@ def _of_plain_arrays(
         if not (
             type(A) is type(b) is np.ndarray
             and A.dtype is b.dtype is _FLOAT64
-            and len(A.shape) == 2
+            and A.ndim == 2
             and A.shape[:1] == b.shape
         ):
             return None
@@ -196,17 +196,17 @@ def _of_plain_arrays(
         targets.append(b)
         ends.append(end)
     n = matrices[0].shape[1]
+    low = none((n,)) - np.inf if lower is None else lower
+    high = none((n,)) + np.inf if upper is None else upper
+    if not (type(low) is type(high) is np.ndarray and low.ndim == high.ndim == 1):
+        return None
     A, b = np.empty((1, end + n, n)), np.empty((1, end + n))
     try:
         np.concatenate([*matrices, _identity(n)], out=A[0])
     except ValueError:  # of different widths
         return None
     np.concatenate([*targets, none((n,))], out=b[0])
-    rows, scales = _ends(*ends, end + n), np.empty((1, len(ends) + 1))
-    if not are_moderate(A, b, rows, scales):
-        return None
-    low, high = _between("lower and upper", lower, upper, n)
-    return Packed(A, b, rows, scales, tolerance, low[None], high[None])
+    return packed_if_moderate(A, b, _ends(*ends, end + n), tolerance, low, high)
 
 
 @lru_cache

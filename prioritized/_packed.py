@@ -14,6 +14,10 @@ from prioritized._limits import Limits
 from prioritized._rank import frobenius
 
 
+_INT8, _INT64, _BOOL = np.dtype(np.int8), np.dtype(np.int64), np.dtype(np.bool_)
+"""As they are looked up faster."""
+
+
 class Packed(NamedTuple):
     """Minimize |A_k x - b_k| level by level, lower <= x <= upper; B problems of one shape.
 
@@ -101,7 +105,7 @@ def solve(
         most_steps: Of the active set, for each problem; None is 20 (n + 1) for each level.
     """
     count, _, n = packed.A.shape
-    solver, shape, active = _solver(), (count, n), np.zeros((count, n), np.int8)
+    solver, shape, active = _solver(), (count, n), np.zeros((count, n), _INT8)
     if start is not None and start.x.shape == shape:
         how, x, active = solver.WARM, start.x.copy(), start.active.copy()
     elif optimum is not None:
@@ -109,17 +113,23 @@ def solve(
     else:
         how, x = solver.COLD, np.zeros(shape)
     most = 20 * (n + 1) * len(packed.ends) if most_steps is None else most_steps
-    steps, ended, gap = np.empty(count, np.int64), np.empty(count, np.bool_), np.empty(count)
+    steps, ended, gap = np.empty(count, _INT64), np.empty(count, _BOOL), np.empty(count)
     solver.solve_each(*packed, x, active, how, most, steps, ended, gap)
     return Point(x, active, steps, ended, gap)
 
 
-def are_moderate(A: Array, b: Array, ends: NDArray[np.int64], scales: Array) -> bool:
-    """Whether the argument checks let these levels (1, k, n) and targets (1, k) pass.
-
-    Writes the norm of each level to `scales` (1, levels).
-    """
-    return bool(_solver().measure(A, b, ends, check.SMALLEST, check.LARGEST, scales))
+def packed_if_moderate(
+    A: Array, b: Array, ends: NDArray[np.int64], tolerance: float, lower: Array, upper: Array
+) -> Packed | None:
+    """One problem with limits (n,), if the argument checks would let all its numbers pass."""
+    scales, limits = np.empty((1, len(ends))), np.empty((2, A.shape[2]))
+    sizes = check.SMALLEST, check.LARGEST
+    try:
+        if not _solver().measure(A, b, ends, lower, upper, *sizes, scales, limits):
+            return None
+    except TypeError:  # limits that are not of floats
+        return None
+    return Packed(A, b, ends, scales, tolerance, limits[:1], limits[1:])
 
 
 class Rows(NamedTuple):

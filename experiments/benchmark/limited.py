@@ -70,11 +70,12 @@ def solve_limited(problem: LimitedProblem) -> Array:
 
 def flat_program(problem: LimitedProblem) -> tuple[Any, ...]:
     """H, f, and limits beside the major task as equations."""
-    A, b, J_m, v_m = problem.parts()
-    sense = np.zeros(len(problem.lower) + len(v_m), dtype=c_int)
+    sense = np.zeros(len(problem.lower) + len(problem.major), dtype=c_int)
     sense[len(problem.lower) :] = EQUALITY
-    upper, lower = np.concatenate([problem.upper, v_m]), np.concatenate([problem.lower, v_m])
-    return A.T @ A, -b @ A, J_m, upper, lower, sense
+    upper, lower = (
+        np.concatenate([side, problem.major]) for side in (problem.upper, problem.lower)
+    )
+    return *problem.objective(), problem.J[MAJOR], upper, lower, sense
 
 
 def soft_program(problem: LimitedProblem) -> tuple[Any, ...]:

@@ -76,9 +76,15 @@ def _map(problem: Problem) -> Array:
 
 
 def _quadratic_program(problem: Problem) -> tuple[Any, ...]:
-    """H (n, n) and f of the same objective, rates^T H rates / 2 + f^T rates; the constraint."""
-    A, b, J_m, v_m = problem.parts()
-    return A.T @ A, -b @ A, J_m, v_m, v_m, np.full(len(v_m), EQUALITY, dtype=c_int)
+    """H, f and the constraint."""
+    v_m = problem.major
+    return (
+        *problem.objective(),
+        problem.J[MAJOR],
+        v_m,
+        v_m,
+        np.full(len(v_m), EQUALITY, dtype=c_int),
+    )
 
 
 def _build_quadratic_program(problem: Problem) -> Any:
