@@ -18,10 +18,14 @@ COLD, FROM_OPTIMUM, WARM = 0, 1, 2
 
 _ROUND_OFF = 1e-13
 """Multipliers below this fraction of the terms they are computed from may be round-off."""
+_NEGLIGIBLE = 1e-14
+"""Steps, and parts of them, below this fraction of what they are computed from are round-off."""
 _CLEAR = 1e-9
 """Multipliers above this fraction show that a bound holds a level back."""
 _DEPENDENT = 1e-10
 """Orthonormal rows in the free unknowns that are shorter than this depend on the others."""
+_CANCELLED = 1e-3
+"""Where a step leaves less than this fraction of an unknown, its round-off asks for another."""
 _DEGENERATE = 3
 """After as many steps of zero length the first candidate is taken, not the best: no cycling."""
 
@@ -41,6 +45,7 @@ class _Work(NamedTuple):
     order: NDArray[np.int64]  # of B's rows, (R,)
     free: NDArray[np.int64]  # unknowns, (n,)
     step: Array  # (n,)
+    size: Array  # of the unknowns before and after the last step, (n,)
     r: Array  # (R,)
     g: Array  # (n,)
 
@@ -197,23 +202,50 @@ def _orthonormal(Q, kept, A, first, last, held, threshold, M):
 
 
 @_compiled
-def _gradient(A, b, first, last, x, g):
+def _lacking(A, b, first, order, x, r):
+    """Write b - A x to r, in this order of the rows; the norm of what it is computed from."""
+    size = 0.0
+    for i in range(len(order)):
+        row = order[at(i)] + first
+        rest, terms = b[at(row)], abs(b[at(row)])
+        for j in range(len(x)):
+            part = A[at(row), at(j)] * x[at(j)]
+            rest -= part
+            terms += abs(part)
+        r[at(i)] = rest
+        size += terms * terms
+    return np.sqrt(size)
+
+
+@_compiled
+def _moved(A, first, last, free, f, step):
+    """The norm of A times a step of the free unknowns."""
+    square = 0.0
+    for i in range(first, last):
+        change = 0.0
+        for t in range(f):
+            change += A[at(i), at(free[at(t)])] * step[at(t)]
+        square += change * change
+    return np.sqrt(square)
+
+
+@_compiled
+def _gradient(A, b, first, last, x, size, g):
     """Gradient A^T (A x - b), and the norm of the residual beside what it is computed from."""
     n = len(x)
-    square, size = 0.0, 0.0
+    square, total = 0.0, 0.0
     for j in range(n):
         g[at(j)] = 0.0
     for i in range(first, last):
         r, terms = -b[at(i)], abs(b[at(i)])
         for j in range(n):
-            part = A[at(i), at(j)] * x[at(j)]
-            r += part
-            terms += abs(part)
+            r += A[at(i), at(j)] * x[at(j)]
+            terms += abs(A[at(i), at(j)]) * size[at(j)]
         for j in range(n):
             g[at(j)] += r * A[at(i), at(j)]
         square += r * r
-        size += terms * terms
-    return np.sqrt(square), np.sqrt(size)
+        total += terms * terms
+    return np.sqrt(square), np.sqrt(total)
 
 
 @_compiled
@@ -226,8 +258,8 @@ def _solve_level(
     whether the least residual was reached, how many dimensions it leaves to what is free, and the
     gap of the rank decisions.
     """
-    B, V_Q, V, beta_Q, beta, order, free, step, r, g = work
-    k, n, idle, gap, left = last - first, len(x), 0, np.inf, 0
+    B, V_Q, V, beta_Q, beta, order, free, step, size, r, g = work
+    k, n, idle, gap, left, again = last - first, len(x), 0, np.inf, 0, False
     rows = kept + k
     for taken in range(1, most + 1):
         f = 0
@@ -246,35 +278,40 @@ def _solve_level(
         left = f - r_Q - q
         for t in range(f):
             step[at(t)] = 0.0
-        for i in range(k if q > 0 else 0):
-            row = order[at(kept + i)] - kept + first
-            s = b[at(row)]
-            for j in range(n):
-                s -= A[at(row), at(j)] * x[at(j)]
-            r[at(i)] = s
+        terms = 0.0
+        if q > 0:
+            for i in range(kept, rows):
+                order[at(i)] -= kept
+            terms = _lacking(A, b, first, order[kept:rows], x, r)
         _least_squares(B, kept, rows, r_Q, q, r)
         for t in range(q):
             step[at(r_Q + t)] = r[at(t)]
         _reflect(step, f, beta, V, q, r_Q, True)
         _reflect(step, f, beta_Q, V_Q, r_Q, 0, True)
 
-        length, blocked, moved = 1.0, -1, False
-        for t in range(f if bounded else 0):
+        length, blocked, cancelled, most_step = 1.0, -1, False, 0.0
+        if bounded and not _moved(A, first, last, free, f, step) > _NEGLIGIBLE * terms:
+            length = 0.0  # it would be blocked in directions that mean nothing
+        for t in range(f):
+            most_step = max(most_step, abs(step[at(t)]))
+        for t in range(f if bounded and length > 0.0 else 0):
             j, room = free[at(t)], np.inf
-            if step[at(t)] > 0.0:
+            if step[at(t)] > _NEGLIGIBLE * most_step:
                 room = (upper[at(j)] - x[at(j)]) / step[at(t)]
-            elif step[at(t)] < 0.0:
+            elif step[at(t)] < -_NEGLIGIBLE * most_step:
                 room = (lower[at(j)] - x[at(j)]) / step[at(t)]
             if room < length:
                 length, blocked = room, t
-        for t in range(f):
+        for j in range(n):
+            size[at(j)] = abs(x[at(j)])
+        for t in range(f if length > 0.0 else 0):
             j = free[at(t)]
-            before = x[at(j)]
             x[at(j)] += length * step[at(t)]
             if bounded:
                 x[at(j)] = min(max(x[at(j)], lower[at(j)]), upper[at(j)])
-            moved = moved or x[at(j)] != before
-        idle = 0 if moved else idle + 1
+            cancelled = cancelled or abs(x[at(j)]) < _CANCELLED * size[at(j)]
+            size[at(j)] = max(size[at(j)], abs(x[at(j)]))
+        idle = 0 if length > _NEGLIGIBLE else idle + 1
         if blocked >= 0:
             j = free[at(blocked)]
             state[at(j)] = AT_UPPER if step[at(blocked)] > 0.0 else AT_LOWER
@@ -282,7 +319,10 @@ def _solve_level(
             continue
         if not bounded:
             return taken, True, left, gap
-        residual, terms = _gradient(A, b, first, last, x, g)
+        again = cancelled and not again
+        if again:
+            continue
+        residual, terms = _gradient(A, b, first, last, x, size, g)
         if not residual > _ROUND_OFF * terms:
             return taken, True, left, gap
 
@@ -305,7 +345,7 @@ def _solve_level(
         if chosen < 0:
             clear = max(round_off, _CLEAR * scale * residual)
             for j in range(n):
-                held[at(j)] = held[at(j)] or (state[at(j)] != FREE and abs(g[at(j)]) > clear)
+                held[at(j)] = held[at(j)] or state[at(j)] * g[at(j)] < -clear
             return taken, True, left, gap
         state[at(chosen)] = FREE
     return most, False, left, gap
@@ -321,7 +361,8 @@ def _solve_levels(A, b, ends, scales, tolerance, lower, upper, x, state, most, b
     R = most_rows + n
     work = _Work(
         np.empty((R, n)), np.empty((n, n)), np.empty((n, n)), np.empty(n), np.empty(n),
-        np.empty(R, np.int64), np.empty(n, np.int64), np.empty(n), np.empty(R), np.empty(n),
+        np.empty(R, np.int64), np.empty(n, np.int64), np.empty(n), np.empty(n), np.empty(R),
+        np.empty(n),
     )  # fmt: skip
     Q, held, kept, first, steps = np.empty((n, n)), np.empty(n, np.bool_), 0, 0, 0
     gap = np.inf
