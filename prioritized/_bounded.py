@@ -16,10 +16,8 @@ AT_LOWER, FREE, AT_UPPER = -1, 0, 1
 COLD, FROM_OPTIMUM, WARM = 0, 1, 2
 """What the solver starts from: nothing, the optimum without bounds, an earlier solution."""
 
-_ROUND_OFF = 1e-13
-"""Multipliers below this fraction of the terms they are computed from may be round-off."""
-_NEGLIGIBLE = 1e-14
-"""Steps, and parts of them, below this fraction of what they are computed from are round-off."""
+_ROUND_OFF = 1e-14
+"""Steps and multipliers below this fraction of what they are computed from may be round-off."""
 _CLEAR = 1e-9
 """Multipliers above this fraction show that a bound holds a level back."""
 _DEPENDENT = 1e-10
@@ -290,15 +288,15 @@ def _solve_level(
         _reflect(step, f, beta_Q, V_Q, r_Q, 0, True)
 
         length, blocked, cancelled, most_step = 1.0, -1, False, 0.0
-        if bounded and not _moved(A, first, last, free, f, step) > _NEGLIGIBLE * terms:
+        if bounded and not _moved(A, first, last, free, f, step) > _ROUND_OFF * terms:
             length = 0.0  # it would be blocked in directions that mean nothing
         for t in range(f):
             most_step = max(most_step, abs(step[at(t)]))
         for t in range(f if bounded and length > 0.0 else 0):
             j, room = free[at(t)], np.inf
-            if step[at(t)] > _NEGLIGIBLE * most_step:
+            if step[at(t)] > _ROUND_OFF * most_step:
                 room = (upper[at(j)] - x[at(j)]) / step[at(t)]
-            elif step[at(t)] < -_NEGLIGIBLE * most_step:
+            elif step[at(t)] < -_ROUND_OFF * most_step:
                 room = (lower[at(j)] - x[at(j)]) / step[at(t)]
             if room < length:
                 length, blocked = room, t
@@ -311,7 +309,7 @@ def _solve_level(
                 x[at(j)] = min(max(x[at(j)], lower[at(j)]), upper[at(j)])
             cancelled = cancelled or abs(x[at(j)]) < _CANCELLED * size[at(j)]
             size[at(j)] = max(size[at(j)], abs(x[at(j)]))
-        idle = 0 if length > _NEGLIGIBLE else idle + 1
+        idle = 0 if length > _ROUND_OFF else idle + 1
         if blocked >= 0:
             j = free[at(blocked)]
             state[at(j)] = AT_UPPER if step[at(blocked)] > 0.0 else AT_LOWER
@@ -427,15 +425,16 @@ def solve(A, b, ends, scales, tolerance, lower, upper, x, state, start, most):
         )
     inside = True
     for j in range(n):
-        if x[j] < lower[j] or (x[j] == lower[j] and lower[j] == upper[j]):
+        if lower[j] == upper[j] or x[j] < lower[j]:
+            inside = inside and x[j] == lower[j]
             x[j], state[j] = lower[j], AT_LOWER
         elif x[j] > upper[j]:
+            inside = False
             x[j], state[j] = upper[j], AT_UPPER
         elif state[j] == AT_LOWER:
             x[j] = lower[j]
         elif state[j] == AT_UPPER:
             x[j] = upper[j]
-        inside = inside and (state[j] == FREE or lower[j] == upper[j])
     if inside and start != WARM:
         return 0, True, gap
     return _solve_levels(A, b, ends, scales, tolerance, lower, upper, x, state, most, True)
