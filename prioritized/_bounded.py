@@ -23,7 +23,10 @@ _CLEAR = 1e-9
 _DEPENDENT = 1e-10
 """Orthonormal rows in the free unknowns that are shorter than this depend on the others."""
 _CANCELLED = 1e-3
-"""Where a step leaves less than this fraction of an unknown, its round-off asks for another."""
+"""Where this fraction of an unknown is left, round-off of what it was asks for another pass."""
+_PASSES = 3
+_NOTHING = 1e-15
+"""What is left below this fraction is round-off alone, and zero."""
 _DEGENERATE = 3
 """After as many steps of zero length the first candidate is taken, not the best: no cycling."""
 
@@ -257,7 +260,7 @@ def _solve_level(
     gap of the rank decisions.
     """
     B, V_Q, V, beta_Q, beta, order, free, step, size, r, g = work
-    k, n, idle, gap, left, again = last - first, len(x), 0, np.inf, 0, False
+    k, n, idle, gap, left = last - first, len(x), 0, np.inf, 0
     rows = kept + k
     for taken in range(1, most + 1):
         f = 0
@@ -287,7 +290,7 @@ def _solve_level(
         _reflect(step, f, beta, V, q, r_Q, True)
         _reflect(step, f, beta_Q, V_Q, r_Q, 0, True)
 
-        length, blocked, cancelled, most_step = 1.0, -1, False, 0.0
+        length, blocked, most_step = 1.0, -1, 0.0
         if bounded and not _moved(A, first, last, free, f, step) > _ROUND_OFF * terms:
             length = 0.0  # it would be blocked in directions that mean nothing
         for t in range(f):
@@ -305,9 +308,10 @@ def _solve_level(
         for t in range(f if length > 0.0 else 0):
             j = free[at(t)]
             x[at(j)] += length * step[at(t)]
+            if abs(x[at(j)]) < _NOTHING * size[at(j)]:
+                x[at(j)] = 0.0
             if bounded:
                 x[at(j)] = min(max(x[at(j)], lower[at(j)]), upper[at(j)])
-            cancelled = cancelled or abs(x[at(j)]) < _CANCELLED * size[at(j)]
             size[at(j)] = max(size[at(j)], abs(x[at(j)]))
         idle = 0 if length > _ROUND_OFF else idle + 1
         if blocked >= 0:
@@ -317,9 +321,6 @@ def _solve_level(
             continue
         if not bounded:
             return taken, True, left, gap
-        again = cancelled and not again
-        if again:
-            continue
         residual, terms = _gradient(A, b, first, last, x, size, g)
         if not residual > _ROUND_OFF * terms:
             return taken, True, left, gap
@@ -437,7 +438,20 @@ def solve(A, b, ends, scales, tolerance, lower, upper, x, state, start, most):
             x[j] = upper[j]
     if inside and start != WARM:
         return 0, True, gap
-    return _solve_levels(A, b, ends, scales, tolerance, lower, upper, x, state, most, True)
+    steps, ended, size = 0, False, np.empty(n)
+    for _ in range(_PASSES):
+        for j in range(n):
+            size[j] = abs(x[j])
+        taken, ended, gap = _solve_levels(
+            A, b, ends, scales, tolerance, lower, upper, x, state, most - steps, True
+        )
+        steps += taken
+        cancelled = False
+        for j in range(n):
+            cancelled = cancelled or (state[j] == FREE and abs(x[j]) < _CANCELLED * size[j])
+        if not (ended and cancelled):
+            break
+    return steps, ended, gap
 
 
 def _array(dtype, k, readonly=False):
