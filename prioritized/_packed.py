@@ -13,6 +13,10 @@ from prioritized._limits import Limits
 from prioritized._rank import frobenius
 
 
+_OF_LIMITS = 1e-14
+"""Part of the limits that is round-off."""
+
+
 class Packed(NamedTuple):
     """Minimize |A_k x - b_k| level by level, lower <= x <= upper; B problems of one shape.
 
@@ -48,9 +52,12 @@ class Packed(NamedTuple):
         first = 0 if not levels.start else self.ends[levels.start - 1]
         rows = slice(first, self.ends[levels.stop - 1])
         rest = self.rest(x)[:, rows]
-        terms = times(np.abs(self.A[:, rows]), np.abs(x))
-        size = np.linalg.norm(terms + np.abs(self.b[:, rows]), axis=-1)
-        return np.linalg.norm(rest, axis=-1) > self.tolerance * size
+        A, reach = np.abs(self.A[:, rows]), np.maximum(np.abs(self.lower), np.abs(self.upper))
+        terms = times(A, np.abs(x)) + np.abs(self.b[:, rows])
+        # Where only zero is feasible, x is what the limits leave of round-off.
+        left = _OF_LIMITS * times(A, np.where(np.isfinite(reach), reach, 0.0))
+        size = self.tolerance * np.linalg.norm(terms, axis=-1) + np.linalg.norm(left, axis=-1)
+        return np.linalg.norm(rest, axis=-1) > size
 
 
 class Point(NamedTuple):
