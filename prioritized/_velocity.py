@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import FrozenInstanceError
 from functools import cached_property, lru_cache
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -78,9 +78,8 @@ class VelocityMapping:
         limiting: Limiting | None = None,
     ) -> None:
         """Take checked arguments; :func:`velocity_mapping` checks them."""
-        vars(self).update(
-            problem=problem, damping=damping, kinematics=kinematics, limiting=limiting
-        )
+        parts = {"damping": damping, "kinematics": kinematics, "limiting": limiting}
+        vars(self).update(parts, _problem=problem)
 
     def __setattr__(self, name: str, value: object) -> None:
         raise FrozenInstanceError(f"cannot assign to field {name!r}")
@@ -129,9 +128,15 @@ class VelocityMapping:
             return None
         return factors_of(problem)
 
-    @cached_property
+    @property
     def problem(self) -> Problem:
         """The checked arguments."""
+        return self._problem
+
+    @cached_property
+    def _problem(self) -> Problem:
+        """Made when it is needed, where the mapping was made of factors."""
+        assert self._factors is not None
         selected, size, tolerance = self._rest
         return problem_of(self._factors, selected.S_m, selected.S_s, size, tolerance)
 
@@ -399,7 +404,7 @@ def velocity_mapping(
         )
         if quick is not None:
             if rate_limits is not None or when_limited != "least_squares":
-                limited = limiting(J.shape[1], "rate_limits", rate_limits, {}, when_limited)
+                limited = limiting(np.shape(J)[1], "rate_limits", rate_limits, {}, when_limited)
                 vars(quick)["limiting"] = limited
             return quick
     args = checked(
@@ -422,12 +427,12 @@ def velocity_mapping(
 
 
 def _of_plain_arrays(
-    J: ArrayLike,
-    major: Sequence[int] | ArrayLike,
-    secondary: Sequence[int] | ArrayLike | None,
-    joint_weight: ArrayLike | None,
-    secondary_weight: ArrayLike | None,
-    scale: ArrayLike | None,
+    J: Any,
+    major: Any,
+    secondary: Any,
+    joint_weight: Any,
+    secondary_weight: Any,
+    scale: Any,
     rank_tolerance: float,
 ) -> VelocityMapping | None:
     """The mapping of one J, its weights diagonal, where all arguments are as they should be.
