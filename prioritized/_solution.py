@@ -132,7 +132,7 @@ class VelocitySolution(Limited):
             first += len(each.G)
             levels.insert(0, Level(each.G * held * free, nothing, frobenius(each.G)))
         X, _ = lexicographic(levels, self.mapping.tolerance)
-        return read_only(X)
+        return read_only(X * np.swapaxes(free, -1, -2))
 
 
 @dataclass(frozen=True, eq=False)

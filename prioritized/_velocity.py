@@ -155,7 +155,11 @@ class VelocityMapping:
         Raises:
             ValueError: A velocity of the wrong shape or not finite, by its name.
         """
-        begun = None if start is None else check.instance("start", start, VelocitySolution).point
+        begun = (
+            None
+            if start is None
+            else check.instance("start", start, VelocitySolution).optimum.point
+        )
         factors, limiting = self._factors, self.limiting
         if factors is not None and limiting is not None and limiting.is_box:
             rates = rates_by(factors, v_major, joint_velocity, secondary_velocity)
