@@ -102,8 +102,9 @@ class Hierarchy:
         Raises:
             ValueError: Another number of targets, or one of the wrong shape or not finite.
         """
-        if len(targets) != len(self.levels):
-            raise ValueError(f"targets must be {len(self.levels)}, one a level, got {len(targets)}")
+        count = len(self.levels)
+        if not isinstance(targets, Sequence | np.ndarray) or len(targets) != count:
+            raise ValueError(f"targets must be {count}, one a level, got {check.shown(targets)}")
         asked = [
             _level_targets(f"targets[{k}]", parts, target)
             for k, (parts, target) in enumerate(zip(self.levels, targets, strict=True))
