@@ -27,6 +27,8 @@ _CANCELLED = 1e-3
 _PASSES = 3
 _NOTHING = 1e-15
 """What is left below this fraction is round-off alone, and zero."""
+_TINY = 1e-150
+"""Rows shorter than this depend on others at any scale: their squares underflow."""
 _DEGENERATE = 3
 """After as many steps of zero length the first candidate is taken, not the best: no cycling."""
 
@@ -251,7 +253,7 @@ def _gradient(A, b, first, last, x, size, g):
 
 @_compiled
 def _solve_level(
-    A, b, first, last, scale, tolerance, Q, kept, lower, upper, x, state, held, work, most, bounded
+    A, b, first, last, scale, threshold, Q, kept, lower, upper, x, state, held, work, most, bounded
 ):
     """Minimize |A x - b| with Q x as it is and x within its bounds, from an x that is.
 
@@ -274,7 +276,7 @@ def _solve_level(
                 j = free[at(t)]
                 B[at(i), at(t)] = Q[at(i), at(j)] if i < kept else A[at(first + i - kept), at(j)]
         r_Q, gap = _reduce_rows(B, 0, kept, rows, 0, f, beta_Q, V_Q, order, _DEPENDENT, np.inf)
-        q, gap = _reduce_rows(B, kept, rows, rows, r_Q, f, beta, V, order, tolerance * scale, gap)
+        q, gap = _reduce_rows(B, kept, rows, rows, r_Q, f, beta, V, order, threshold, gap)
 
         left = f - r_Q - q
         for t in range(f):
@@ -370,8 +372,9 @@ def _solve_levels(A, b, ends, scales, tolerance, lower, upper, x, state, most, b
     for k in range(len(ends)):
         if ends[k] == first:
             continue
+        threshold = max(tolerance * scales[k], _TINY)
         taken, ended, left, decided = _solve_level(
-            A, b, first, ends[k], scales[k], tolerance, Q, kept, lower, upper, x, state, held,
+            A, b, first, ends[k], scales[k], threshold, Q, kept, lower, upper, x, state, held,
             work, most - steps, bounded,
         )  # fmt: skip
         steps, gap = steps + taken, min(gap, decided)
@@ -381,7 +384,7 @@ def _solve_levels(A, b, ends, scales, tolerance, lower, upper, x, state, most, b
             left += state[j] != FREE and not held[j]
         if left == 0 or k + 1 == len(ends):
             break
-        kept = _orthonormal(Q, kept, A, first, ends[k], held, tolerance * scales[k], work.B)
+        kept = _orthonormal(Q, kept, A, first, ends[k], held, threshold, work.B)
         free = 0
         for j in range(n):
             free += not held[j]

@@ -138,8 +138,8 @@ def lexicographic_least_squares(
             the upper one; it is named.
     """
     tolerance = check.fraction("rank_tolerance", rank_tolerance)
-    if not len(levels):
-        raise ValueError("levels must have at least one (A, b), got none")
+    if not isinstance(levels, Sequence) or not len(levels):
+        raise ValueError(f"levels must be a list of (A, b), got {check.shown(levels)}")
     n = check.matrix("levels[0][0]", _parts(0, levels[0])[0]).shape[1]
     blocks = [_block(k, level, n) for k, level in enumerate(levels)]
     box = ordered("lower", lower, "upper", upper, n)
@@ -153,7 +153,7 @@ def lexicographic_least_squares(
     elif rows_lower is not None or rows_upper is not None:
         raise ValueError("rows must be given with rows_lower and rows_upper, got None")
     if tie_metric is not None:
-        T = check.weight("tie_metric", tie_metric, n)
+        T = check.sized("tie_metric", check.weight("tie_metric", tie_metric, n))
         blocks.append(_equations(T, np.zeros(len(T))))
     blocks.append(_equations(np.eye(n), np.zeros(n)))
     packed, _ = pack(blocks, Unknowns(box), tolerance)

@@ -158,7 +158,9 @@ def pack(
     n, blocks, slacks = unknowns.box[0].shape[-1], [], 0
     for each in levels:
         if isinstance(each, Rows):
-            size = np.sqrt((each.G**2).sum(axis=-1).reshape(-1, each.G.shape[-2]).max(axis=0))
+            size = np.sqrt(
+                (each.G**2).sum(axis=-1).reshape(-1, each.G.shape[-2]).max(axis=0, initial=0.0)
+            )
             size[size == 0.0] = 1.0
             lower, upper = each.limits
             x = unknowns.optimum
