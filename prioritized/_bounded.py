@@ -17,7 +17,7 @@ COLD, FROM_OPTIMUM, WARM = 0, 1, 2
 """What the solver starts from: nothing, the optimum without bounds, an earlier solution."""
 
 _ROUND_OFF = 1e-14
-"""Steps and multipliers below this fraction of what they are computed from may be round-off."""
+"""Steps and residuals below this fraction of what they are computed from may be round-off."""
 _CLEAR = 1e-9
 """Multipliers above this fraction show that a bound holds a level back."""
 _DEPENDENT = 1e-10
@@ -26,7 +26,7 @@ _CANCELLED = 1e-3
 """Where this fraction of an unknown is left, round-off of what it was asks for another pass."""
 _PASSES = 3
 _NOTHING = 1e-15
-"""What is left below this fraction is round-off alone, and zero."""
+"""What is left below this fraction, of unknowns and of multipliers, is round-off alone."""
 _TINY = 1e-150
 """Rows shorter than this depend on others at any scale: their squares underflow."""
 _DEGENERATE = 3
@@ -337,14 +337,14 @@ def _solve_level(
             step[at(t)] /= B[at(t), at(t)]
             for j in range(n):
                 g[at(j)] -= step[at(t)] * Q[at(order[at(t)]), at(j)]
-        round_off, worst, chosen = _ROUND_OFF * scale * terms, 0.0, -1
+        round_off, worst, chosen = _NOTHING * scale * terms, 0.0, -1
         for j in range(n):
             if not held[at(j)] and state[at(j)] * g[at(j)] > max(round_off, worst):
                 chosen, worst = j, state[at(j)] * g[at(j)]
                 if idle > _DEGENERATE:
                     break
         if chosen < 0:
-            clear = max(round_off, _CLEAR * scale * residual)
+            clear = scale * max(_ROUND_OFF * terms, _CLEAR * residual)
             for j in range(n):
                 held[at(j)] = held[at(j)] or state[at(j)] * g[at(j)] < -clear
             return taken, True, left, gap
