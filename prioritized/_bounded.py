@@ -17,7 +17,7 @@ COLD, FROM_OPTIMUM, WARM = 0, 1, 2
 """What the solver starts from: nothing, the optimum without bounds, an earlier solution."""
 
 _ROUND_OFF = 1e-14
-"""Steps and multipliers below this fraction of what they are computed from may be round-off."""
+"""Steps and residuals below this fraction of what they are computed from may be round-off."""
 _CLEAR = 1e-9
 """Multipliers above this fraction show that a bound holds a level back."""
 _DEPENDENT = 1e-10
@@ -26,7 +26,9 @@ _CANCELLED = 1e-3
 """Where this fraction of an unknown is left, round-off of what it was asks for another pass."""
 _PASSES = 3
 _NOTHING = 1e-15
-"""What is left below this fraction is round-off alone, and zero."""
+"""What is left below this fraction, of unknowns and of multipliers, is round-off alone."""
+_TINY = 1e-150
+"""Rows shorter than this depend on others at any scale: their squares underflow."""
 _DEGENERATE = 3
 """After as many steps of zero length the first candidate is taken, not the best: no cycling."""
 
@@ -251,7 +253,7 @@ def _gradient(A, b, first, last, x, size, g):
 
 @_compiled
 def _solve_level(
-    A, b, first, last, scale, tolerance, Q, kept, lower, upper, x, state, held, work, most, bounded
+    A, b, first, last, scale, threshold, Q, kept, lower, upper, x, state, held, work, most, bounded
 ):
     """Minimize |A x - b| with Q x as it is and x within its bounds, from an x that is.
 
@@ -274,7 +276,7 @@ def _solve_level(
                 j = free[at(t)]
                 B[at(i), at(t)] = Q[at(i), at(j)] if i < kept else A[at(first + i - kept), at(j)]
         r_Q, gap = _reduce_rows(B, 0, kept, rows, 0, f, beta_Q, V_Q, order, _DEPENDENT, np.inf)
-        q, gap = _reduce_rows(B, kept, rows, rows, r_Q, f, beta, V, order, tolerance * scale, gap)
+        q, gap = _reduce_rows(B, kept, rows, rows, r_Q, f, beta, V, order, threshold, gap)
 
         left = f - r_Q - q
         for t in range(f):
@@ -335,14 +337,14 @@ def _solve_level(
             step[at(t)] /= B[at(t), at(t)]
             for j in range(n):
                 g[at(j)] -= step[at(t)] * Q[at(order[at(t)]), at(j)]
-        round_off, worst, chosen = _ROUND_OFF * scale * terms, 0.0, -1
+        round_off, worst, chosen = _NOTHING * scale * terms, 0.0, -1
         for j in range(n):
             if not held[at(j)] and state[at(j)] * g[at(j)] > max(round_off, worst):
                 chosen, worst = j, state[at(j)] * g[at(j)]
                 if idle > _DEGENERATE:
                     break
         if chosen < 0:
-            clear = max(round_off, _CLEAR * scale * residual)
+            clear = scale * max(_ROUND_OFF * terms, _CLEAR * residual)
             for j in range(n):
                 held[at(j)] = held[at(j)] or state[at(j)] * g[at(j)] < -clear
             return taken, True, left, gap
@@ -370,8 +372,9 @@ def _solve_levels(A, b, ends, scales, tolerance, lower, upper, x, state, most, b
     for k in range(len(ends)):
         if ends[k] == first:
             continue
+        threshold = max(tolerance * scales[k], _TINY)
         taken, ended, left, decided = _solve_level(
-            A, b, first, ends[k], scales[k], tolerance, Q, kept, lower, upper, x, state, held,
+            A, b, first, ends[k], scales[k], threshold, Q, kept, lower, upper, x, state, held,
             work, most - steps, bounded,
         )  # fmt: skip
         steps, gap = steps + taken, min(gap, decided)
@@ -381,7 +384,7 @@ def _solve_levels(A, b, ends, scales, tolerance, lower, upper, x, state, most, b
             left += state[j] != FREE and not held[j]
         if left == 0 or k + 1 == len(ends):
             break
-        kept = _orthonormal(Q, kept, A, first, ends[k], held, tolerance * scales[k], work.B)
+        kept = _orthonormal(Q, kept, A, first, ends[k], held, threshold, work.B)
         free = 0
         for j in range(n):
             free += not held[j]
@@ -481,3 +484,40 @@ def solve_each(
             A[k], b[k], ends, scales[k], tolerance, lower[k % len(lower)], upper[k % len(upper)],
             x[k], state[k], start, most,
         )  # fmt: skip
+
+
+@njit(
+    types.int64(
+        _array(types.float64, 3), _array(types.float64, 2), _array(types.int64, 1, True),
+        types.Array(types.float64, 1, "A", readonly=True),
+        types.Array(types.float64, 1, "A", readonly=True),
+        types.float64, types.float64, _array(types.float64, 2), _array(types.float64, 2),
+    ),
+    cache=True,
+    error_model="numpy",
+)  # fmt: skip
+def measure(A, b, ends, lower, upper, smallest, largest, scales, limits):
+    """Write the norms of the levels of one problem, and its limits as two rows.
+
+    Returns whether the numbers are of moderate size and the limits in order.
+    """
+    n, first, targets = A.shape[2], 0, 0.0
+    for k in range(len(ends)):
+        square = 0.0
+        for i in range(first, ends[k]):
+            square += _square(A[0], i, 0, n)
+            targets += b[0, at(i)] * b[0, at(i)]
+        scales[0, k] = np.sqrt(square)
+        if not smallest < scales[0, k] < largest:  # nor is NaN
+            return 0
+        first = ends[k]
+    if len(lower) != n or len(upper) != n or not targets < largest * largest:
+        return 0
+    for j in range(n):
+        low, high = lower[j], upper[j]
+        if not low <= high or low == np.inf or high == -np.inf:
+            return 0
+        if (abs(low) >= largest and low != -np.inf) or (abs(high) >= largest and high != np.inf):
+            return 0
+        limits[0, j], limits[1, j] = low, high
+    return 1

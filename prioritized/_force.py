@@ -151,7 +151,9 @@ class ForceMapping(ReadOnly):
             np.concatenate(gains, axis=-1) for gains in (self.secondary_gains, self.internal_gains)
         )
         unlimited = beside(reached, *(times(gain, p) for gain in others))
-        begun = None if start is None else check.instance("start", start, ForceSolution).point
+        begun = (
+            None if start is None else check.instance("start", start, ForceSolution).optimum.point
+        )
         best = optimum(self.levels, p, unlimited, self.limiting, problem.tolerance, begun)
         return ForceSolution(self, f_m, unlimited, best)
 

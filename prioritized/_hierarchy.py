@@ -44,7 +44,8 @@ class Task(ReadOnly):
         if self.interval and self.weight is not None:
             raise ValueError("weight must be None for an interval, whose rows count alike")
         for name in ("rows", "weight"):
-            if isinstance(value := getattr(self, name), np.ndarray):
+            value = getattr(self, name)
+            if isinstance(value, np.ndarray) and not check.is_masked(value):
                 object.__setattr__(self, name, check.frozen(value))
 
     @classmethod
@@ -102,8 +103,9 @@ class Hierarchy:
         Raises:
             ValueError: Another number of targets, or one of the wrong shape or not finite.
         """
-        if len(targets) != len(self.levels):
-            raise ValueError(f"targets must be {len(self.levels)}, one a level, got {len(targets)}")
+        count = len(self.levels)
+        if not isinstance(targets, Sequence | np.ndarray) or len(targets) != count:
+            raise ValueError(f"targets must be {count}, one a level, got {check.shown(targets)}")
         asked = [
             _level_targets(f"targets[{k}]", parts, target)
             for k, (parts, target) in enumerate(zip(self.levels, targets, strict=True))
@@ -236,7 +238,9 @@ def hierarchy(
     n = J.shape[1]
     rows = () if rate_rows is None else (checked_rows("rate_rows", rate_rows, n),)
     limiting = Limiting(limits("rate_limits", rate_limits, n), rows)
-    T = none((0, n)) if tie_metric is None else check.weight("tie_metric", tie_metric, n)
+    T = none((0, n))
+    if tie_metric is not None:
+        T = check.sized("tie_metric", check.weight("tie_metric", tie_metric, n))
     return Hierarchy(tuple(made), constraint, limiting, T, tolerance, is_held)
 
 
@@ -253,7 +257,7 @@ def _selected(name: str, task: Task, m: int) -> Array | None:
 def _part(
     name: str, task: Task, S: Array | None, J: Array, scale: float, tolerance: float
 ) -> _Part:
-    n = J.shape[1]
+    n, label = J.shape[1], f"weight of {name}"
     if S is None:
         # As for weights on rates: these are what they are, however inaccurate the geometry.
         A, size = np.eye(n), exact_part(tolerance)
@@ -262,7 +266,7 @@ def _part(
     W = (
         np.eye(len(A))
         if task.weight is None
-        else check.weight(f"weight of {name}", task.weight, len(A))
+        else check.sized(label, check.weight(label, task.weight, len(A)))
     )
     return _Part(A, W, size, task.interval)
 

@@ -150,8 +150,8 @@ def lexicographic_least_squares(
             the upper one; it is named.
     """
     tolerance = check.fraction("rank_tolerance", rank_tolerance)
-    if not len(levels):
-        raise ValueError("levels must have at least one (A, b), got none")
+    if not isinstance(levels, Sequence) or not len(levels):
+        raise ValueError(f"levels must be a list of (A, b), got {check.shown(levels)}")
     packed, hard_rows = None, 0
     if rows is rows_lower is rows_upper is tie_metric is None:
         packed = _of_plain_arrays(levels, lower, upper, tolerance)
@@ -160,7 +160,11 @@ def lexicographic_least_squares(
         blocks = [_block(k, level, n) for k, level in enumerate(levels)]
         box = _between("lower and upper", lower, upper, n)
         hard = _hard_rows(rows, rows_lower, rows_upper, n)
-        ties = [] if tie_metric is None else [check.weight("tie_metric", tie_metric, n)]
+        ties = (
+            []
+            if tie_metric is None
+            else [check.sized("tie_metric", check.weight("tie_metric", tie_metric, n))]
+        )
         last = [_equations(T, np.zeros(len(T))) for T in (*ties, np.eye(n))]
         packed, _ = pack([*hard, *blocks, *last], Unknowns(box), tolerance)
         hard_rows = sum(len(each.G) for each in hard)
@@ -172,9 +176,7 @@ def lexicographic_least_squares(
     return Solution(packed, solve(packed, None, begun, most_steps), n, hard_rows, len(levels))
 
 
-def _of_plain_arrays(
-    levels: Any, lower: Any, upper: Any, tolerance: float
-) -> Packed | None:
+def _of_plain_arrays(levels: Any, lower: Any, upper: Any, tolerance: float) -> Packed | None:
     """Levels and bounds as they are packed, where all levels are (A, b) as they should be.
 
     None elsewhere: the checks then say what is wrong, or take what is right in another form.

@@ -45,7 +45,7 @@ def limiting(
     when_limited: WhenLimited = "least_squares",
 ) -> Limiting | None:
     """Checked limits of n unknowns and rows of them, under their names; None is no limit."""
-    if when_limited not in _CHOICES:
+    if not isinstance(when_limited, str) or when_limited not in _CHOICES:
         choices = " or ".join(map(repr, _CHOICES))
         raise ValueError(f"when_limited must be {choices}, got {check.shown(when_limited)}")
     given = [checked_rows(label, value, n) for label, value in rows.items() if value is not None]

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from functools import cache
+from math import prod
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -179,7 +180,9 @@ def pack(
     n, blocks, slacks = unknowns.box[0].shape[-1], [], 0
     for each in levels:
         if isinstance(each, Rows):
-            size = np.sqrt((each.G**2).sum(axis=-1).reshape(-1, each.G.shape[-2]).max(axis=0))
+            size = np.sqrt(
+                (each.G**2).sum(axis=-1).reshape(-1, each.G.shape[-2]).max(axis=0, initial=0.0)
+            )
             size[size == 0.0] = 1.0
             lower, upper = each.limits
             x = unknowns.optimum
@@ -201,12 +204,13 @@ def pack(
         A[..., first : ends[k], :n], b[..., first : ends[k]], scales[..., k] = rows, target, scale
         for i, one in enumerate(size):
             A[..., first + i, n + slack + i] = -one
-    low, high = (np.array(side).reshape(-1, n + slacks) for side in unknowns.box)
-    packed = Packed(
-        A.reshape(-1, *A.shape[-2:]), b.reshape(-1, b.shape[-1]), ends,
-        scales.reshape(-1, len(blocks)), tolerance, low, high,
-    )  # fmt: skip
+    low, high = (_flat(side, side.shape[:-1]) for side in unknowns.box)
+    A, b, scales = (each.reshape(prod(lead), *each.shape[len(lead) :]) for each in (A, b, scales))
+    packed = Packed(A, b, ends, scales, tolerance, low, high)
     x = unknowns.optimum
-    return packed, None if x is None else np.broadcast_to(x, (*lead, n + slacks)).reshape(
-        -1, n + slacks
-    )
+    return packed, None if x is None else _flat(np.broadcast_to(x, (*lead, n + slacks)), lead)
+
+
+def _flat(A: Array, lead: tuple[int, ...]) -> Array:
+    """A copy with one batch axis in place of the leading ones, laid out for the solver."""
+    return np.array(A, order="C").reshape(prod(lead), *A.shape[len(lead) :])

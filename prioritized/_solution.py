@@ -137,7 +137,7 @@ class VelocitySolution(Limited):
             first += len(each.G)
             rows.append(Level(each.G * held * free, nothing, frobenius(each.G)))
         X, _ = lexicographic([*rows, *levels], self.mapping.tolerance)
-        return read_only(X)
+        return read_only(X * np.swapaxes(free, -1, -2))
 
 
 @dataclass(frozen=True, eq=False)

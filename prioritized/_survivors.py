@@ -29,7 +29,8 @@ class Survivors(NamedTuple):
 
     def pair(self, value: Any) -> Any:
         """Limits (lower, upper)."""
-        if value is None or len(self.actuators) == self.n or not _is_of(value, 2):
+        whole = len(self.actuators) == self.n
+        if value is None or whole or not _is_of(value, 2) or check.is_masked(value):
             return value
         return tuple(
             np.asarray(side)[self.actuators] if self._is_wide(side) else side for side in value

@@ -97,7 +97,7 @@ def test_a_level_never_sees_the_levels_after_it(seed, n):
 
 
 def test_ties_are_broken_by_the_least_norm_or_by_the_metric():
-    """By hand: of x + y = 2 (1, 1) is nearest to zero; with weights 1 and 2 (1.6, 0.4)."""
+    """By hand: of x + y = 2 the nearest to zero is (1, 1), with weights 1 and 2 (1.6, 0.4)."""
     level = [(np.ones((1, 2)), np.array([2.0]))]
     np.testing.assert_allclose(lexicographic_least_squares(level).x, [1, 1], atol=1e-15)
     of_metric = lexicographic_least_squares(level, tie_metric=[1.0, 2.0])

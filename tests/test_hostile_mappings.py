@@ -14,9 +14,11 @@ from prioritized import (
     Kinematics,
     Names,
     Status,
+    Task,
     VelocityMapping,
     failure_atlas,
     force_mapping,
+    lexicographic_least_squares,
     velocity_mapping,
     viable_rates,
 )
@@ -73,6 +75,19 @@ def worst(atlas: FailureAtlas) -> dict[str, Any]:
     return {"speed_gap": atlas.worst_speed, "force_gap": atlas.worst_force, "gap": atlas.gap}
 
 
+def limited(mapping: VelocityMapping | ForceMapping, wanted: str) -> dict[str, Any]:
+    """All numbers of a solution under limits that hold the task back."""
+    found = mapping.solve(9 * np.ones(len(mapping.problem.S_m)))
+    return {"x": getattr(found, wanted), "active": found.active_limits} | answer(found)
+
+
+def answer(found: Any) -> dict[str, Any]:
+    """All public numbers of a solution, and its status."""
+    names = "x rates torques residual residuals scale gains active gap steps certificate status"
+    names += " secondary_force internal_force active_rows"
+    return {name: getattr(found, name) for name in names.split() if hasattr(found, name)}
+
+
 PROBLEM = {"J": J, "major": [0, 1], "secondary": [2], "secondary_weight": np.ones(1)}
 FULL = {
     "active_constraint": RNG.normal(size=(1, 4)),
@@ -88,6 +103,9 @@ ONE = velocity_mapping(J, [0, 1], joint_weight=np.ones(4), secondary_weight=[1.0
 MANY = velocity_mapping(BATCH, [0, 1], joint_weight=np.ones(4), secondary_weight=[1.0])
 FORCE = force_mapping(J, [0, 1], torque_weight=np.ones(4), secondary_weight=[1.0])
 LIMITS = np.array([[-1.0, -2.0, -1.0], [1.0, 1.0, 3.0]])
+WITHIN = velocity_mapping(J, [0, 1], rate_limits=(-np.ones(4), 0.2))
+HELD = force_mapping(J, [0, 1], torque_limits=(-np.ones(4), 0.2))
+LEVELS = KIN.hierarchy([Task([0]), Task([1, 2], interval=True)], rate_limits=(-1.0, 1.0))
 CODES = {"codes": np.zeros((2, 3)), "system": SYSTEM, "major": [0], "secondary": [1, 2]}
 
 TARGETS = {
@@ -206,6 +224,57 @@ TARGETS = {
         }
         | {"rate_limits": RNG.random((2, 3)) - [[1], [0]], "period_s": 0.1}
         | {"acceleration_limits": RNG.random((2, 3)) - [[1], [0]]},
+    ),
+    "lexicographic_least_squares": Target(
+        lambda **a: answer(lexicographic_least_squares(**a)),
+        {"levels": [(J, np.ones(3))], "lower": -np.ones(4), "upper": np.ones(4)}
+        | {"rows": RNG.normal(size=(2, 4)), "rows_lower": -np.ones(2), "rows_upper": np.ones(2)}
+        | {"tie_metric": np.ones(4), "start": None, "most_steps": 100, "rank_tolerance": 1e-10},
+    ),
+    "lexicographic_least_squares of any level": Target(
+        lambda levels, lower: answer(
+            lexicographic_least_squares([(levels, lower), (J, -1.0, 1.0)], -1.0, 1.0)
+        ),
+        {"levels": J, "lower": np.ones(3)},
+    ),
+    "velocity_mapping within limits": Target(
+        lambda **a: limited(velocity_mapping(**a), "rates"),
+        PROBLEM
+        | {"joint_weight": np.ones(4), "rate_limits": RNG.random((2, 4)) - [[1], [0]]}
+        | {"rate_rows": (J[:1], -1.0, 1.0), "when_limited": "scaled"},
+    ),
+    "velocity_mapping within a box": Target(
+        lambda **a: limited(velocity_mapping(**a), "rates"),
+        PROBLEM | {"rate_limits": (-0.1 * np.ones(4), 0.1 * np.ones(4))},
+    ),
+    "force_mapping within limits": Target(
+        lambda **a: limited(force_mapping(**a), "torques"),
+        PROBLEM
+        | {"torque_weight": np.ones(4), "torque_limits": RNG.random((2, 4)) - [[1], [0]]}
+        | {"torque_rows": (J[:1], -1.0, 1.0), "force_rows": (J[:1, :3], -1.0, 1.0)}
+        | {"when_limited": "scaled"},
+    ),
+    "VelocityMapping.solve": Target(
+        lambda **a: answer(WITHIN.solve(**a)), RATES | {"start": WITHIN.solve(np.ones(2))}
+    ),
+    "ForceMapping.solve": Target(
+        lambda **a: answer(HELD.solve(**a)), FORCES | {"start": HELD.solve(np.ones(2))}
+    ),
+    "Task": Target(
+        lambda **a: answer(KIN.hierarchy([Task(**a)]).solve([None])),
+        {"rows": J[:2, :3], "weight": np.ones(2), "interval": False},
+    ),
+    "Kinematics.hierarchy": Target(
+        lambda **a: answer(LOOSE.hierarchy(**a).solve([np.ones(1)])),
+        {"levels": [Task([0])], "rate_limits": RNG.random((2, 3)) - [[1], [0]]}
+        | {"rate_rows": (np.ones((1, 3)), -1.0, 1.0), "tie_metric": np.ones(3)},
+    ),
+    "Hierarchy.solve": Target(
+        lambda **a: answer(LEVELS.solve(**a)),
+        {"targets": [np.ones(1), np.ones((2, 2))], "start": None},
+    ),
+    "Hierarchy.solve of any target": Target(
+        lambda targets: answer(LEVELS.solve([targets, None])), {"targets": np.ones(1)}
     ),
     "FailureAtlas.row": Target(failure_atlas(SYSTEM, [0]).row, {"locked": [0], "free": [1]}),
 }
