@@ -13,7 +13,6 @@ from prioritized._arrays import beside, times
 from prioritized._limits import Limits
 from prioritized._rank import frobenius
 
-
 _INT8, _INT64, _BOOL = np.dtype(np.int8), np.dtype(np.int64), np.dtype(np.bool_)
 """As they are looked up faster."""
 
