@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -172,7 +173,7 @@ def lexicographic_least_squares(
 
 
 def _of_plain_arrays(
-    levels: Sequence[Level], lower: ArrayLike | None, upper: ArrayLike | None, tolerance: float
+    levels: Sequence[Any], lower: Any, upper: Any, tolerance: float
 ) -> Packed | None:
     """Levels and bounds as they are packed, where all levels are (A, b) as they should be.
 

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import FrozenInstanceError
 from functools import cached_property, lru_cache
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -423,12 +423,12 @@ def velocity_mapping(
 
 
 def _of_plain_arrays(
-    J: ArrayLike,
+    J: Any,
     major: Sequence[int] | ArrayLike,
     secondary: Sequence[int] | ArrayLike | None,
-    joint_weight: ArrayLike | None,
-    secondary_weight: ArrayLike | None,
-    scale: ArrayLike | None,
+    joint_weight: Any,
+    secondary_weight: Any,
+    scale: Any,
     rank_tolerance: float,
 ) -> VelocityMapping | None:
     """The mapping of one J, its weights diagonal, where all arguments are as they should be.

@@ -26,7 +26,8 @@ def random_levels(rng: np.random.Generator) -> tuple[list[tuple[Any, Any]], Any,
 
 def checked(levels: Any, lower: Any = None, upper: Any = None) -> Solution:
     """Every level in a list, which takes the way through all checks."""
-    return lexicographic_least_squares([list(level) for level in levels], lower, upper)
+    lists: list[Any] = [list(level) for level in levels]
+    return lexicographic_least_squares(lists, lower, upper)
 
 
 @pytest.mark.parametrize("seed", RNG_SEEDS)
