@@ -1,0 +1,132 @@
+"""Arguments that are plain arrays skip most checks: neither results nor refusals change."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from prioritized import Solution, lexicographic_least_squares, velocity_mapping
+
+RNG_SEEDS = range(40)
+
+
+def random_levels(rng: np.random.Generator) -> tuple[list[tuple[Any, Any]], Any, Any]:
+    """One to four levels of any rank, in any order of memory, and bounds, some infinite."""
+    n = int(rng.integers(1, 8))
+    levels = []
+    for rows in rng.integers(1, 6, size=rng.integers(1, 5)):
+        rank = int(rng.integers(1, min(rows, n) + 1))
+        A = rng.normal(size=(rows, rank)) @ rng.normal(size=(rank, n))
+        levels.append((np.asfortranarray(A) if rng.random() < 0.5 else A, rng.normal(size=rows)))
+    lower, upper = -rng.uniform(0.0, 1.0, size=n), rng.uniform(0.0, 1.0, size=n)
+    lower[rng.random(n) < 0.3] = -np.inf
+    upper[rng.random(n) < 0.3] = np.inf
+    return levels, lower, upper
+
+
+def checked(levels: Any, lower: Any = None, upper: Any = None) -> Solution:
+    """Every level in a list, which takes the way through all checks."""
+    lists: list[Any] = [list(level) for level in levels]
+    return lexicographic_least_squares(lists, lower, upper)
+
+
+@pytest.mark.parametrize("seed", RNG_SEEDS)
+def test_levels_have_the_same_solution_however_they_are_given(seed):
+    levels, lower, upper = random_levels(np.random.default_rng(seed))
+    for bounds in ((lower, upper), (None, upper), (lower, None), (None, None)):
+        plain, other = lexicographic_least_squares(levels, *bounds), checked(levels, *bounds)
+        np.testing.assert_allclose(plain.x, other.x, rtol=0, atol=1e-12)
+        np.testing.assert_array_equal(plain.active, other.active)
+        assert plain.status is other.status
+        assert plain.levels == len(plain.residuals) == len(levels)
+
+
+def test_levels_are_copied():
+    """What changes afterwards does not change the residuals of a solution."""
+    A, b = np.eye(2), np.ones(2)
+    found = lexicographic_least_squares([(A, b)], np.zeros(2), np.full(2, 0.5))
+    A[:], b[:] = 7.0, 7.0
+    np.testing.assert_allclose(found.residuals[0], [0.5, 0.5])
+
+
+A, B = np.ones((2, 3)), np.ones(2)
+HOSTILE = {
+    "NaN in A": [(A * np.nan, B)],
+    "infinite b": [(A, B * np.inf)],
+    "large A": [(A * 1e130, B)],
+    "small A": [(A * 1e-130, B)],
+    "smaller than any square": [(A * 1e-200, B)],
+    "large b": [(A, B * 1e130)],
+    "b too long": [(A, np.ones(3))],
+    "b of two axes": [(A, np.ones((2, 1)))],
+    "another width": [(A, B), (np.ones((2, 4)), B)],
+    "a vector": [(A, B), (np.ones(3), np.ones(3))],
+    "numbers": [(np.array(1.0), np.array(1.0))],
+    "booleans": [(A > 0, B)],
+    "complex": [(A + 0j, B)],
+    "masked": [(np.ma.masked_greater(A, 0), B)],
+    "three axes": [(np.ones((2, 3, 3)), B)],
+}
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_levels_are_refused_with_the_same_sentence(name):
+    levels = HOSTILE[name]
+    with pytest.raises(ValueError, match="levels") as expected:
+        checked(levels)
+    with pytest.raises(ValueError, match="levels") as raised:
+        lexicographic_least_squares(levels)
+    assert str(raised.value) == str(expected.value)
+
+
+@pytest.mark.parametrize(
+    ("lower", "upper"),
+    [
+        (np.ones(3), np.zeros(3)),
+        (np.full(3, np.nan), np.ones(3)),
+        (np.full(3, np.inf), np.full(3, np.inf)),
+        (np.zeros(2), np.ones(2)),
+        (np.zeros(3), np.full(3, 1e130)),
+        (np.zeros(3, dtype=bool), np.ones(3)),
+        (np.zeros((1, 3)), np.ones((1, 3))),
+    ],
+)
+def test_bounds_are_refused_with_the_same_sentence(lower, upper):
+    with pytest.raises(ValueError, match="lower and upper") as expected:
+        checked([(A, B)], lower, upper)
+    with pytest.raises(ValueError, match="lower and upper") as raised:
+        lexicographic_least_squares([(A, B)], lower, upper)
+    assert str(raised.value) == str(expected.value)
+
+
+@pytest.mark.parametrize("other", [(A.astype(int), B), (A.astype("f4"), B), (A.astype(">f8"), B)])
+def test_other_numbers_are_taken_as_they_are(other):
+    np.testing.assert_array_equal(
+        lexicographic_least_squares([other]).x, lexicographic_least_squares([(A, B)]).x
+    )
+
+
+@pytest.mark.parametrize("kind", ["i8", "f4", ">f8"])
+def test_a_mapping_takes_other_numbers_than_float64(kind):
+    """Integers and other floats go through the checks, and give the same rates."""
+    J, w, v = np.array([[1, 2, 0], [0, 1, 3]]), np.array([1, 2, 3]), np.ones(1)
+    expected = velocity_mapping(J.astype(float), [0], joint_weight=w.astype(float))(v)
+    found = velocity_mapping(J.astype(kind), [0], joint_weight=w.astype(kind))(v)
+    np.testing.assert_allclose(found, expected, atol=1e-15)
+    np.testing.assert_allclose(
+        velocity_mapping(J.astype(float), [0], joint_weight=np.diag(w.astype(float)))(v),
+        expected, atol=1e-15,
+    )  # fmt: skip
+
+
+def test_rates_within_limits_are_those_of_the_solution():
+    """A call gives the rates of `solve`, with limits that bind or do not."""
+    rng = np.random.default_rng(0)
+    for _ in range(50):
+        J, weight, limit = rng.normal(size=(4, 5)), rng.uniform(0.5, 2.0, 5), rng.uniform(0.1, 3.0)
+        limits = (np.full(5, -limit), np.full(5, limit))
+        mapping = velocity_mapping(J, [0, 1], joint_weight=weight, rate_limits=limits)
+        v, joint = rng.normal(size=2), rng.normal(size=5)
+        solution = mapping.solve(v, joint)
+        np.testing.assert_array_equal(mapping(v, joint), solution.rates)
+        assert np.all(np.abs(solution.rates) <= limit)
