@@ -365,7 +365,7 @@ def factor(J, S_m, S_s, W1, W2, scale, clear, exact, F):
         exact: Part of `clear` for joint weights.
         F: Of `room` numbers; overwritten.
     """
-    z = Sizes(S_m.shape[0], *J.shape, W1.shape[0], W2.shape[0], S_s.shape[0])
+    z = Sizes(S_m.shape[0], J.shape[0], J.shape[1], W1.shape[0], W2.shape[0], S_s.shape[0])
     a = _parts(z)
     for i in range(z.m):
         for j in range(z.n):
