@@ -50,7 +50,7 @@ def test_every_active_set_tried_finds_no_better_answer(problem):
     assert found.status is Status.OPTIMAL
     np.testing.assert_allclose(found.x, x, rtol=0, atol=1e-7 * (1 + abs(x).max()))
     for (A, b), residual in zip(problem.levels, found.residuals, strict=True):
-        size = np.linalg.norm(A) * (1 + np.linalg.norm(x)) + np.linalg.norm(b)
+        size = float(np.linalg.norm(A) * (1 + np.linalg.norm(x)) + np.linalg.norm(b))
         np.testing.assert_allclose(residual, b - A @ x, rtol=0, atol=1e-9 * (size + 1))
 
 
