@@ -37,8 +37,9 @@ def worst(problem: Problem, x: np.ndarray) -> float:
 def drawn(seed: int, n: int, reach: float = 3.0) -> Problem:
     """Any kinds of levels, bounds and rows."""
     rng = np.random.default_rng(seed)
-    kinds = rng.choice(KINDS, rng.integers(1, 4)).tolist()
-    return random_problem(rng, n, kinds, rng.choice(["finite", "mixed"]), reach, seed % 3)
+    kinds = [KINDS[k] for k in rng.integers(0, len(KINDS), rng.integers(1, 4))]
+    bounds = ("finite", "mixed")[rng.integers(2)]
+    return random_problem(rng, n, kinds, bounds, reach, seed % 3)
 
 
 @settings(max_examples=60)
@@ -49,7 +50,7 @@ def test_every_active_set_tried_finds_no_better_answer(problem):
     assert found.status is Status.OPTIMAL
     np.testing.assert_allclose(found.x, x, rtol=0, atol=1e-7 * (1 + abs(x).max()))
     for (A, b), residual in zip(problem.levels, found.residuals, strict=True):
-        size = np.linalg.norm(A) * (1 + np.linalg.norm(x)) + np.linalg.norm(b)
+        size = float(np.linalg.norm(A) * (1 + np.linalg.norm(x)) + np.linalg.norm(b))
         np.testing.assert_allclose(residual, b - A @ x, rtol=0, atol=1e-9 * (size + 1))
 
 
@@ -322,7 +323,7 @@ def test_wrong_input_is_named_in_one_sentence(named, arguments):
     assert "\n" not in str(error.value)
 
 
-def test_of_rank_and_bounds_equal_everywhere_is_the_bounds():
+def test_bounds_that_are_equal_everywhere_are_the_answer():
     """Nothing is free: the answer is the bounds, whatever the levels."""
     rng = np.random.default_rng(0)
     for n in (1, 3, 6):

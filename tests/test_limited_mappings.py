@@ -70,7 +70,8 @@ def weights_move_the_major_residual_by(seed: int) -> tuple[float, bool]:
         residuals.append(found.residual)
         limited = limited or bool(found.limited)
     size = np.linalg.norm(v) + np.linalg.norm(J)
-    return max(np.linalg.norm(rest - residuals[0]) for rest in residuals) / size, limited
+    moved = max(float(np.linalg.norm(rest - residuals[0])) for rest in residuals)
+    return moved / float(size), limited
 
 
 def test_weights_never_move_the_major_task_when_limits_bind():
@@ -348,7 +349,8 @@ def test_mappings_and_solutions_keep_copies():
     J, low, up, v = np.eye(2), -np.ones(2), np.ones(2), np.array([2.0, 0.5])
     for made, limits in ((velocity_mapping, "rate_limits"), (force_mapping, "torque_limits")):
         J[:], low[:], up[:], v[:] = np.eye(2), -1.0, 1.0, [2.0, 0.5]
-        mapping = made(J, [0, 1], **{limits: (low, up)})
+        given_limits: dict[str, Any] = {limits: (low, up)}
+        mapping = made(J, [0, 1], **given_limits)
         found = mapping.solve(v)
         J[:], low[:], up[:], v[:] = 9.0, -9.0, 9.0, 9.0
         np.testing.assert_allclose(mapping([2.0, 0.5]), [1.0, 0.5], atol=1e-15)
@@ -385,9 +387,10 @@ def test_wrong_limits_are_named_in_one_sentence(made, named, arguments):
 def test_the_solution_of_the_tick_before_is_a_start(made):
     """The same answer from it as from nothing, in fewer steps."""
     rng, steps = np.random.default_rng(0), np.zeros(2)
-    limits = "rate_limits" if made is velocity_mapping else "torque_limits"
+    name = "rate_limits" if made is velocity_mapping else "torque_limits"
+    limits: dict[str, Any] = {name: (-0.3, 0.3)}
     for _ in range(20):
-        mapping = made(rng.normal(size=(4, 6)), [0, 1], **{limits: (-0.3, 0.3)})
+        mapping = made(rng.normal(size=(4, 6)), [0, 1], **limits)
         v = rng.normal(size=2)
         begun = mapping.solve(v)
         cold = mapping.solve(1.01 * v)
