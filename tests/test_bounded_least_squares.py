@@ -305,7 +305,7 @@ def test_results_do_not_share_memory_with_arguments():
         ("levels[1][0]", {"levels": [(np.eye(2), [1, 1]), (np.eye(3), [1, 1, 1])]}),
         ("lower and upper", {"lower": 1.0, "upper": 0.0}),
         ("lower", {"lower": [np.nan, 0.0]}),
-        ("upper", {"upper": [1.0, 1.0, 1.0]}),
+        ("lower and upper", {"upper": [1.0, 1.0, 1.0]}),
         ("rows_lower and rows_upper", {"rows": np.eye(2), "rows_lower": 1, "rows_upper": 0}),
         ("rows", {"rows_lower": 0.0}),
         ("rows", {"rows": np.eye(3)}),
