@@ -1,14 +1,11 @@
 """Limits of displacements in the loop: what a mapping with limits takes and gives."""
 
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Protocol
 
 from numpy.typing import ArrayLike
 
 from argument_checks import Array
-
-WhenLimited = Literal["least_squares", "scaled"]
-"""What becomes of a major task beyond the limits: least error, or its direction kept."""
 
 
 class LimitedRates(Protocol):

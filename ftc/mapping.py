@@ -14,9 +14,9 @@ import argument_checks as check
 from argument_checks import Array
 from ftc.geometry import Geometry, Pose, free_actuators_follow, without_springs, yielded
 from ftc.goal import Goal
-from ftc.limits import LimitedDisplacements, LimitedMapping, WhenLimited
+from ftc.limits import LimitedDisplacements, LimitedMapping
 from ftc.local_mapping import LocalMapping, Mapping, PreviousCommand
-from prioritized import Kinematics
+from prioritized import Kinematics, WhenLimited
 
 DisplacementForm = Literal["absolute", "incremental", "gauss_newton"]
 """How eq. (41) becomes a displacement: from the nominal pose; from what was commanded a tick

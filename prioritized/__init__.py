@@ -31,6 +31,7 @@ from prioritized._hierarchy import Task as Task
 from prioritized._kinematics import Kinematics as Kinematics
 from prioritized._lexicographic import Solution as Solution
 from prioritized._lexicographic import lexicographic_least_squares as lexicographic_least_squares
+from prioritized._limited import WhenLimited as WhenLimited
 from prioritized._manipulability import Manipulability as Manipulability
 from prioritized._names import Names as Names
 from prioritized._rank import RANK_TOLERANCE as RANK_TOLERANCE

@@ -2,12 +2,15 @@
 
 from collections.abc import Sequence
 from functools import lru_cache
+from typing import TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 import argument_checks as check
 from argument_checks import Array
+
+_T = TypeVar("_T", bound=np.generic)
 
 
 def stack(top: Array, bottom: Array) -> Array:
@@ -85,7 +88,7 @@ def on_axes(A: Array, lead: tuple[int, ...]) -> Array:
     return A if A.shape[:-2] == lead else np.broadcast_to(A, (*lead, *A.shape[-2:]))
 
 
-def read_only(A: Array) -> Array:
+def read_only(A: NDArray[_T]) -> NDArray[_T]:
     """The array itself, made read-only."""
     A.setflags(write=False)
     return A

@@ -125,7 +125,10 @@ class Attainable(ReadOnly):
             return read_only(np.zeros((0, len(self.gain))))
         half_spaces = facets(P, k, self._constraints)
         z = corners(half_spaces.normal, half_spaces.distance)
-        return read_only(P.offset + (z * P.sigma[:k]) @ P.U[:, :k].T)
+        vertices = P.offset + (z * P.sigma[:k]) @ P.U[:, :k].T
+        if k == len(P.U) == 2 and np.linalg.det(P.U) < 0.0:  # U mirrors the plane
+            vertices = vertices[::-1]
+        return read_only(vertices)
 
     def __str__(self) -> str:
         sentence = as_sentence(self.status.value)

@@ -16,14 +16,17 @@ AT_LOWER, FREE, AT_UPPER = -1, 0, 1
 COLD, FROM_OPTIMUM, WARM = 0, 1, 2
 """What the solver starts from: nothing, the optimum without bounds, an earlier solution."""
 
-_ROUND_OFF = 1e-13
-"""Multipliers below this fraction of the terms they are computed from may be round-off."""
+_ROUND_OFF = 1e-14
+"""Steps and multipliers below this fraction of what they are computed from may be round-off."""
 _CLEAR = 1e-9
 """Multipliers above this fraction show that a bound holds a level back."""
-_STILL = 1e-14
-"""Parts of the unknowns by which a step that is zero moves them."""
 _DEPENDENT = 1e-10
 """Orthonormal rows in the free unknowns that are shorter than this depend on the others."""
+_CANCELLED = 1e-3
+"""Where this fraction of an unknown is left, round-off of what it was asks for another pass."""
+_PASSES = 3
+_NOTHING = 1e-15
+"""What is left below this fraction is round-off alone, and zero."""
 _DEGENERATE = 3
 """After as many steps of zero length the first candidate is taken, not the best: no cycling."""
 
@@ -43,6 +46,7 @@ class _Work(NamedTuple):
     order: NDArray[np.int64]  # of B's rows, (R,)
     free: NDArray[np.int64]  # unknowns, (n,)
     step: Array  # (n,)
+    size: Array  # of the unknowns before and after the last step, (n,)
     r: Array  # (R,)
     g: Array  # (n,)
 
@@ -199,23 +203,50 @@ def _orthonormal(Q, kept, A, first, last, held, threshold, M):
 
 
 @_compiled
-def _gradient(A, b, first, last, x, g):
+def _lacking(A, b, first, order, x, r):
+    """Write b - A x to r, in this order of the rows; the norm of what it is computed from."""
+    size = 0.0
+    for i in range(len(order)):
+        row = order[at(i)] + first
+        rest, terms = b[at(row)], abs(b[at(row)])
+        for j in range(len(x)):
+            part = A[at(row), at(j)] * x[at(j)]
+            rest -= part
+            terms += abs(part)
+        r[at(i)] = rest
+        size += terms * terms
+    return np.sqrt(size)
+
+
+@_compiled
+def _moved(A, first, last, free, f, step):
+    """The norm of A times a step of the free unknowns."""
+    square = 0.0
+    for i in range(first, last):
+        change = 0.0
+        for t in range(f):
+            change += A[at(i), at(free[at(t)])] * step[at(t)]
+        square += change * change
+    return np.sqrt(square)
+
+
+@_compiled
+def _gradient(A, b, first, last, x, size, g):
     """Gradient A^T (A x - b), and the norm of the residual beside what it is computed from."""
     n = len(x)
-    square, size = 0.0, 0.0
+    square, total = 0.0, 0.0
     for j in range(n):
         g[at(j)] = 0.0
     for i in range(first, last):
         r, terms = -b[at(i)], abs(b[at(i)])
         for j in range(n):
-            part = A[at(i), at(j)] * x[at(j)]
-            r += part
-            terms += abs(part)
+            r += A[at(i), at(j)] * x[at(j)]
+            terms += abs(A[at(i), at(j)]) * size[at(j)]
         for j in range(n):
             g[at(j)] += r * A[at(i), at(j)]
         square += r * r
-        size += terms * terms
-    return np.sqrt(square), np.sqrt(size)
+        total += terms * terms
+    return np.sqrt(square), np.sqrt(total)
 
 
 @_compiled
@@ -228,7 +259,7 @@ def _solve_level(
     whether the least residual was reached, how many dimensions it leaves to what is free, and the
     gap of the rank decisions.
     """
-    B, V_Q, V, beta_Q, beta, order, free, step, r, g = work
+    B, V_Q, V, beta_Q, beta, order, free, step, size, r, g = work
     k, n, idle, gap, left = last - first, len(x), 0, np.inf, 0
     rows = kept + k
     for taken in range(1, most + 1):
@@ -248,38 +279,41 @@ def _solve_level(
         left = f - r_Q - q
         for t in range(f):
             step[at(t)] = 0.0
-        for i in range(k if q > 0 else 0):
-            row = order[at(kept + i)] - kept + first
-            s = b[at(row)]
-            for j in range(n):
-                s -= A[at(row), at(j)] * x[at(j)]
-            r[at(i)] = s
+        terms = 0.0
+        if q > 0:
+            for i in range(kept, rows):
+                order[at(i)] -= kept
+            terms = _lacking(A, b, first, order[kept:rows], x, r)
         _least_squares(B, kept, rows, r_Q, q, r)
         for t in range(q):
             step[at(r_Q + t)] = r[at(t)]
         _reflect(step, f, beta, V, q, r_Q, True)
         _reflect(step, f, beta_Q, V_Q, r_Q, 0, True)
 
-        size, length, blocked, moved = 0.0, 1.0, -1, False
+        length, blocked, most_step = 1.0, -1, 0.0
+        if bounded and not _moved(A, first, last, free, f, step) > _ROUND_OFF * terms:
+            length = 0.0  # it would be blocked in directions that mean nothing
         for t in range(f):
-            size = max(size, abs(step[at(t)]), abs(x[at(free[at(t)])]))
-        for t in range(f if bounded else 0):
+            most_step = max(most_step, abs(step[at(t)]))
+        for t in range(f if bounded and length > 0.0 else 0):
             j, room = free[at(t)], np.inf
-            # Round-off against a bound would make active what was just released: it is cut off.
-            if step[at(t)] > _STILL * size:
+            if step[at(t)] > _ROUND_OFF * most_step:
                 room = (upper[at(j)] - x[at(j)]) / step[at(t)]
-            elif step[at(t)] < -_STILL * size:
+            elif step[at(t)] < -_ROUND_OFF * most_step:
                 room = (lower[at(j)] - x[at(j)]) / step[at(t)]
             if room < length:
                 length, blocked = room, t
-        for t in range(f):
+        for j in range(n):
+            size[at(j)] = abs(x[at(j)])
+        for t in range(f if length > 0.0 else 0):
             j = free[at(t)]
-            before = x[at(j)]
             x[at(j)] += length * step[at(t)]
+            if abs(x[at(j)]) < _NOTHING * size[at(j)]:
+                x[at(j)] = 0.0
             if bounded:
                 x[at(j)] = min(max(x[at(j)], lower[at(j)]), upper[at(j)])
-            moved = moved or abs(x[at(j)] - before) > _STILL * size
-        idle = 0 if moved else idle + 1
+            size[at(j)] = max(size[at(j)], abs(x[at(j)]))
+        idle = 0 if length > _ROUND_OFF else idle + 1
         if blocked >= 0:
             j = free[at(blocked)]
             state[at(j)] = AT_UPPER if step[at(blocked)] > 0.0 else AT_LOWER
@@ -287,7 +321,7 @@ def _solve_level(
             continue
         if not bounded:
             return taken, True, left, gap
-        residual, terms = _gradient(A, b, first, last, x, g)
+        residual, terms = _gradient(A, b, first, last, x, size, g)
         if not residual > _ROUND_OFF * terms:
             return taken, True, left, gap
 
@@ -310,7 +344,7 @@ def _solve_level(
         if chosen < 0:
             clear = max(round_off, _CLEAR * scale * residual)
             for j in range(n):
-                held[at(j)] = held[at(j)] or (state[at(j)] != FREE and abs(g[at(j)]) > clear)
+                held[at(j)] = held[at(j)] or state[at(j)] * g[at(j)] < -clear
             return taken, True, left, gap
         state[at(chosen)] = FREE
     return most, False, left, gap
@@ -326,7 +360,8 @@ def _solve_levels(A, b, ends, scales, tolerance, lower, upper, x, state, most, b
     R = most_rows + n
     work = _Work(
         np.empty((R, n)), np.empty((n, n)), np.empty((n, n)), np.empty(n), np.empty(n),
-        np.empty(R, np.int64), np.empty(n, np.int64), np.empty(n), np.empty(R), np.empty(n),
+        np.empty(R, np.int64), np.empty(n, np.int64), np.empty(n), np.empty(n), np.empty(R),
+        np.empty(n),
     )  # fmt: skip
     Q, held, kept, first, steps = np.empty((n, n)), np.empty(n, np.bool_), 0, 0, 0
     gap = np.inf
@@ -391,18 +426,32 @@ def solve(A, b, ends, scales, tolerance, lower, upper, x, state, start, most):
         )
     inside = True
     for j in range(n):
-        if x[j] < lower[j] or (x[j] == lower[j] and lower[j] == upper[j]):
+        if lower[j] == upper[j] or x[j] < lower[j]:
+            inside = inside and x[j] == lower[j]
             x[j], state[j] = lower[j], AT_LOWER
         elif x[j] > upper[j]:
+            inside = False
             x[j], state[j] = upper[j], AT_UPPER
         elif state[j] == AT_LOWER:
             x[j] = lower[j]
         elif state[j] == AT_UPPER:
             x[j] = upper[j]
-        inside = inside and (state[j] == FREE or lower[j] == upper[j])
     if inside and start != WARM:
         return 0, True, gap
-    return _solve_levels(A, b, ends, scales, tolerance, lower, upper, x, state, most, True)
+    steps, ended, size = 0, False, np.empty(n)
+    for _ in range(_PASSES):
+        for j in range(n):
+            size[j] = abs(x[j])
+        taken, ended, gap = _solve_levels(
+            A, b, ends, scales, tolerance, lower, upper, x, state, most - steps, True
+        )
+        steps += taken
+        cancelled = False
+        for j in range(n):
+            cancelled = cancelled or (state[j] == FREE and abs(x[j]) < _CANCELLED * size[j])
+        if not (ended and cancelled):
+            break
+    return steps, ended, gap
 
 
 def _array(dtype, k, readonly=False):
@@ -432,40 +481,3 @@ def solve_each(
             A[k], b[k], ends, scales[k], tolerance, lower[k % len(lower)], upper[k % len(upper)],
             x[k], state[k], start, most,
         )  # fmt: skip
-
-
-@njit(
-    types.int64(
-        _array(types.float64, 3), _array(types.float64, 2), _array(types.int64, 1, True),
-        types.Array(types.float64, 1, "A", readonly=True),
-        types.Array(types.float64, 1, "A", readonly=True),
-        types.float64, types.float64, _array(types.float64, 2), _array(types.float64, 2),
-    ),
-    cache=True,
-    error_model="numpy",
-)  # fmt: skip
-def measure(A, b, ends, lower, upper, smallest, largest, scales, limits):
-    """Write the norms of the levels of one problem, and its limits as two rows.
-
-    Returns whether the numbers are of moderate size and the limits in order.
-    """
-    n, first, targets = A.shape[2], 0, 0.0
-    for k in range(len(ends)):
-        square = 0.0
-        for i in range(first, ends[k]):
-            square += _square(A[0], i, 0, n)
-            targets += b[0, at(i)] * b[0, at(i)]
-        scales[0, k] = np.sqrt(square)
-        if not smallest < scales[0, k] < largest:  # nor is NaN
-            return 0
-        first = ends[k]
-    if len(lower) != n or len(upper) != n or not targets < largest * largest:
-        return 0
-    for j in range(n):
-        low, high = lower[j], upper[j]
-        if not low <= high or low == np.inf or high == -np.inf:
-            return 0
-        if (abs(low) >= largest and low != -np.inf) or (abs(high) >= largest and high != np.inf):
-            return 0
-        limits[0, j], limits[1, j] = low, high
-    return 1

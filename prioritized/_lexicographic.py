@@ -172,9 +172,7 @@ def lexicographic_least_squares(
     return Solution(packed, solve(packed, None, begun, most_steps), n, hard_rows, len(levels))
 
 
-def _of_plain_arrays(
-    levels: Sequence[Any], lower: Any, upper: Any, tolerance: float
-) -> Packed | None:
+def _of_plain_arrays(levels: Any, lower: Any, upper: Any, tolerance: float) -> Packed | None:
     """Levels and bounds as they are packed, where all levels are (A, b) as they should be.
 
     None elsewhere: the checks then say what is wrong, or take what is right in another form.

@@ -15,6 +15,8 @@ from prioritized._rank import frobenius
 
 _INT8, _INT64, _BOOL = np.dtype(np.int8), np.dtype(np.int64), np.dtype(np.bool_)
 """As they are looked up faster."""
+_OF_LIMITS = 1e-14
+"""Part of the limits that is round-off."""
 
 
 class Packed(NamedTuple):
@@ -52,15 +54,17 @@ class Packed(NamedTuple):
         first = 0 if not levels.start else self.ends[levels.start - 1]
         rows = slice(first, self.ends[levels.stop - 1])
         rest = self.rest(x)[:, rows]
-        terms = times(np.abs(self.A[:, rows]), np.abs(x)) + np.abs(self.b[:, rows])
+        A, reach = np.abs(self.A[:, rows]), np.maximum(np.abs(self.lower), np.abs(self.upper))
+        terms = times(A, np.abs(x)) + np.abs(self.b[:, rows])
+        # Where only zero is feasible, x is what the limits leave of round-off.
+        left = _OF_LIMITS * times(A, np.where(np.isfinite(reach), reach, 0.0))
         # Of the size of what any level asks for, x has round-off even where it is zero.
         parts = np.split(self.b, self.ends[:-1], axis=1)
         asked = np.stack([np.linalg.norm(part, axis=1) for part in parts], axis=1)
         size = np.divide(asked, self.scales, out=np.zeros_like(asked), where=self.scales > 0.0)
         round_off = size.max(axis=1) * self.scales[:, levels].max(axis=1)
-        return np.linalg.norm(rest, axis=-1) > self.tolerance * (
-            np.linalg.norm(terms, axis=-1) + round_off
-        )
+        allowed = self.tolerance * (np.linalg.norm(terms, axis=-1) + round_off)
+        return np.linalg.norm(rest, axis=-1) > allowed + np.linalg.norm(left, axis=-1)
 
 
 class Point(NamedTuple):

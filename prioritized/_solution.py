@@ -12,7 +12,7 @@ from argument_checks import Array, Mask
 from prioritized._arrays import read_only, times
 from prioritized._levels import Level, lexicographic
 from prioritized._limited import Optimum
-from prioritized._packed import Rows
+from prioritized._packed import Point, Rows
 from prioritized._problem import Problem
 from prioritized._rank import frobenius
 from prioritized._task import Status
@@ -68,6 +68,11 @@ class Limited:
         Below 1 where limits hold it back and `when_limited` is "scaled".
         """
         return self.optimum.scale
+
+    @property
+    def point(self) -> Point:
+        """Where the solver ended, from which it can start again."""
+        return self.optimum.point
 
     @cached_property
     def limited(self) -> Mask:
@@ -126,12 +131,12 @@ class VelocitySolution(Limited):
         free = self.active_limits[..., None, :] == 0
         levels = [each._replace(A=each.A * free) for each in self.mapping.levels]
         nothing = np.zeros((1, levels[0].target.shape[-1]))
-        first = 0
-        for each in reversed(self.mapping.rows):
+        rows, first = [], 0
+        for each in self.mapping.rows:
             held = self.active_rows[..., first : first + len(each.G), None] != 0
             first += len(each.G)
-            levels.insert(0, Level(each.G * held * free, nothing, frobenius(each.G)))
-        X, _ = lexicographic(levels, self.mapping.tolerance)
+            rows.append(Level(each.G * held * free, nothing, frobenius(each.G)))
+        X, _ = lexicographic([*rows, *levels], self.mapping.tolerance)
         return read_only(X)
 
 

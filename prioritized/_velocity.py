@@ -60,7 +60,6 @@ class VelocityMapping:
     clearly full. Gains, ranks and gaps are computed when first used.
 
     Attributes:
-        problem: The checked arguments.
         damping: Of the major task.
         kinematics: The mechanism that J belongs to; None for a J given as a matrix.
         limiting: The limits of the rates; None is none.
@@ -79,9 +78,8 @@ class VelocityMapping:
         limiting: Limiting | None = None,
     ) -> None:
         """Take checked arguments; :func:`velocity_mapping` checks them."""
-        vars(self).update(
-            problem=problem, damping=damping, kinematics=kinematics, limiting=limiting
-        )
+        parts = {"damping": damping, "kinematics": kinematics, "limiting": limiting}
+        vars(self).update(parts, _problem=problem)
 
     def __setattr__(self, name: str, value: object) -> None:
         raise FrozenInstanceError(f"cannot assign to field {name!r}")
@@ -130,9 +128,15 @@ class VelocityMapping:
             return None
         return factors_of(problem)
 
-    @cached_property
+    @property
     def problem(self) -> Problem:
         """The checked arguments."""
+        return self._problem
+
+    @cached_property
+    def _problem(self) -> Problem:
+        """Made when it is needed, where the mapping was made of factors."""
+        assert self._factors is not None
         selected, size, tolerance = self._rest
         return problem_of(self._factors, selected.S_m, selected.S_s, size, tolerance)
 
@@ -400,7 +404,7 @@ def velocity_mapping(
         )
         if quick is not None:
             if rate_limits is not None or when_limited != "least_squares":
-                limited = limiting(J.shape[1], "rate_limits", rate_limits, {}, when_limited)
+                limited = limiting(np.shape(J)[1], "rate_limits", rate_limits, {}, when_limited)
                 vars(quick)["limiting"] = limited
             return quick
     args = checked(
@@ -424,8 +428,8 @@ def velocity_mapping(
 
 def _of_plain_arrays(
     J: Any,
-    major: Sequence[int] | ArrayLike,
-    secondary: Sequence[int] | ArrayLike | None,
+    major: Any,
+    secondary: Any,
     joint_weight: Any,
     secondary_weight: Any,
     scale: Any,

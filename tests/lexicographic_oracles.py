@@ -231,7 +231,7 @@ def _kkt(
 ) -> _Kkt:
     """How far x is from minimizing |A x - b| over E x = e and G x <= top."""
     unit, norm = 1 + _norm(x), _norm(A)
-    size = norm * (norm * _norm(x) + _norm(b)) or 1.0
+    size = norm * (norm * unit + _norm(b)) or 1.0
     room = top - G @ x
     reached = room <= near * unit
     _, Z = _solution(former.E, former.e, scale=1.0)

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from scipy.optimize import linprog
 from scipy.spatial import ConvexHull
 
-from prioritized import Attainable, AttainableStatus
+from prioritized import Attainable, AttainableStatus, ConstrainedSystem
 from tests.random_systems import SEEDS, failures, rows_of, stuck_joints, systems
 
 
@@ -187,3 +187,14 @@ def test_twice_the_limits_are_twice_the_speed_and_force(data, drawn, factor):
         np.testing.assert_allclose(
             once.support(D[None, :, None])[0, :, 0], once.support(D), rtol=1e-12
         )
+
+
+def test_corners_in_the_plane_are_in_counter_clockwise_order():
+    rng = np.random.default_rng(5)
+    for _ in range(40):
+        J, upper = rng.normal(size=(2, 5)), rng.uniform(0.1, 1.0, 5)
+        system = ConstrainedSystem(J, None, range(5))
+        x, y = system.kinematics().attainable([0, 1], (-upper, 2 * upper)).vertices.T
+        turns = (np.roll(x, -1) - x) * (np.roll(y, -2) - np.roll(y, -1))
+        turns -= (np.roll(y, -1) - y) * (np.roll(x, -2) - np.roll(x, -1))
+        assert (turns > 0.0).all()

@@ -14,7 +14,7 @@ from experiments.hexapod.simulation import track_path
 from experiments.hexapod.testbed import Testbed, TestbedConfig
 from experiments.limits.allocation import allocated
 from experiments.limits.arm import RANGE_RAD, Motion, line_of_sight, move
-from experiments.limits.attainable import outline, room
+from experiments.limits.attainable import room
 from experiments.limits.measures import longest
 from experiments.limits.results import checks
 from experiments.limits.spirals import BENCH, HEAVE_M, Case, limits_of
@@ -32,7 +32,8 @@ def test_the_outline_is_what_bounded_least_squares_can_reach():
     """Inside, some displacements have the pointing; outside, the distance is the least error."""
     rng = np.random.default_rng(0)
     J_m, lower, upper = rng.normal(size=(2, 5)), -rng.uniform(0.1, 1, 5), rng.uniform(0.1, 1, 5)
-    corners = outline(J_m, lower, upper)
+    kinematics = ConstrainedSystem(J_m, None, range(5)).kinematics()
+    corners = kinematics.attainable([0, 1], (lower, upper)).vertices
     points = 3 * rng.normal(size=(60, 2))
     least = [
         np.sqrt(2 * lsq_linear(J_m, point, (lower, upper), method="bvls").cost) for point in points

@@ -49,7 +49,7 @@ class Solver:
     unit_rows: bool = False
 
     def contender(
-        self, problems: Sequence[Problem], name: str, size: int = 1, samples: int = 3
+        self, problems: list[Any], name: str, size: int = 1, samples: int = 3
     ) -> Contender:
         """To be timed on problems of `size` mappings each, in new arrays for each sample."""
         given = [each.with_unit_rows() for each in problems] if self.unit_rows else problems
@@ -59,7 +59,7 @@ class Solver:
 
         return Contender(name, self.solve, arguments, size * len(given), samples)
 
-    def answers(self, problems: Sequence[Problem]) -> Array:
+    def answers(self, problems: list[Any]) -> Array:
         """Rates of each problem as it is, shape (N, n)."""
         return np.array([self.rates(self.solve(*self.prepare(each))) for each in problems])
 

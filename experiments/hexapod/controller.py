@@ -20,10 +20,9 @@ from ftc.compensator import (
 )
 from ftc.controller import PrioritizedController
 from ftc.goal import Goal
-from ftc.limits import WhenLimited
 from ftc.local_mapping import PreviousCommand
 from ftc.mapping import DisplacementForm, PrioritizedMapping
-from prioritized import ConstrainedSystem
+from prioritized import ConstrainedSystem, WhenLimited
 from sim import (
     NOMINAL,
     Array,

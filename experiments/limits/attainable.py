@@ -1,17 +1,8 @@
-"""Pointing that a box of displacements allows: an oracle by enumeration, without an optimizer."""
-
-from itertools import product
+"""Room in what the limits allow of the pointing."""
 
 import numpy as np
-from scipy.spatial import ConvexHull
 
 from sim import Array
-
-
-def outline(J_m: Array, lower: Array, upper: Array) -> Array:
-    """Corners of the convex set {J_m l : lower <= l <= upper}, counter-clockwise, shape (k, 2)."""
-    corners = np.array(list(product(*zip(lower, upper, strict=True)))) @ J_m.T
-    return corners[ConvexHull(corners).vertices]
 
 
 def room(corners: Array, points: Array) -> Array:

@@ -169,7 +169,8 @@ def arm_table(summary: dict[str, Any]) -> Table:
         "Arm: angle between desired and true line of sight, mrad; time at a joint limit, s",
         columns,
         summary["arm"]["runs"],
-        f"Joints within {summary['arm']['range_rad']:g} rad; "
+        f"Joints within {summary['arm']['range_rad']:g} rad, at most "
+        f"{summary['arm']['acceleration_rad_per_s2']:g} rad/s^2; "
         f"joint {summary['arm']['locked_joint']} locks halfway.",
     )
 

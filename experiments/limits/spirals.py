@@ -9,10 +9,10 @@ from experiments.hexapod.controller import StrutMapping
 from experiments.hexapod.simulation import Trajectory, track_path
 from experiments.hexapod.testbed import Growth, Testbed, TestbedConfig, grown_bench, grown_machine
 from experiments.limits.allocation import AllocatedMapping, Limits
-from experiments.limits.attainable import outline
 from experiments.limits.strategies import Strategy
 from ftc.controller import ControllerState, Measurement, PrioritizedController
 from ftc.goal import Goal
+from prioritized import ConstrainedSystem
 from sim import NOMINAL, Amplifier, Array, Failure, Pose, displacement_limits, hexapod
 
 BENCH = replace(TestbedConfig(), detector_half_width_m=10e-3)
@@ -102,7 +102,8 @@ def attainable(testbed: Testbed, case: Case) -> Array:
     for strut, stands_m in case.locked_m.items():
         lower[strut] = upper[strut] = stands_m
     J = np.linalg.inv(hexapod(testbed.model).inverse_jacobian(NOMINAL))
-    return outline(J[MAJOR], lower, upper)
+    kinematics = ConstrainedSystem(J, None, range(len(lower))).kinematics()
+    return kinematics.attainable(MAJOR, (lower, upper)).vertices
 
 
 def track(testbed: Testbed, case: Case) -> Trajectory:
