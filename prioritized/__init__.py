@@ -40,6 +40,6 @@ from prioritized._solution import VelocitySolution as VelocitySolution
 from prioritized._system import ConstrainedSystem as ConstrainedSystem
 from prioritized._task import Status as Status
 from prioritized._velocity import VelocityMapping as VelocityMapping
-from prioritized._velocity import velocity_mapping as velocity_mapping
+from prioritized._velocity_mapping import velocity_mapping as velocity_mapping
 from prioritized._viable import RateBox as RateBox
 from prioritized._viable import viable_rates as viable_rates

@@ -26,7 +26,8 @@ from prioritized._rank import RankedSvd, largest, ranked_svd
 from prioritized._statics import constraint_gain, internal_rows, torque_gain
 from prioritized._survivors import Survivors
 from prioritized._task import task_selection
-from prioritized._velocity import VelocityMapping, velocity_mapping
+from prioritized._velocity import VelocityMapping
+from prioritized._velocity_mapping import velocity_mapping
 
 
 @dataclass(frozen=True, eq=False)
