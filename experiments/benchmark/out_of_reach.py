@@ -53,7 +53,7 @@ def compared(seed: int) -> dict[str, Any]:
         }
     return {
         "problems": COUNT,
-        "weight_factors": FACTORS,
+        "weight_factors": list(FACTORS),
         "flat_infeasible": flags.count(_INFEASIBLE),
         "flat": len(flags),
         "solvers": found,

@@ -190,7 +190,8 @@ def _atlas_arrays(atlas: FailureAtlas) -> dict[str, Array]:
     assert atlas.elastic is not None  # the hexapod has springs
     both = product((("rigid", atlas), ("elastic", atlas.elastic)), fields(Classes))
     verdicts = {f"{which}_{f.name}": getattr(classes, f.name) for (which, classes), f in both}
-    return {"codes": atlas.codes} | verdicts
+    # Without limits nothing is said of what they cost.
+    return {"codes": atlas.codes} | {name: A for name, A in verdicts.items() if A is not None}
 
 
 def _record(release: Release, summary: dict[str, Any], spiral: dict[str, Any], folder: Any) -> None:
