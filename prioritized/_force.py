@@ -31,7 +31,7 @@ from prioritized._levels import (
     smallest_gap,
 )
 from prioritized._limited import Limiting, WhenLimited, limiting, optimum
-from prioritized._limits import limits
+from prioritized._limits import Limits, limits
 from prioritized._packed import Rows
 from prioritized._problem import Problem, checked
 from prioritized._rank import RANK_TOLERANCE, basis_scale, frobenius, largest, ranked_svd
@@ -151,10 +151,8 @@ class ForceMapping(ReadOnly):
             np.concatenate(gains, axis=-1) for gains in (self.secondary_gains, self.internal_gains)
         )
         unlimited = beside(reached, *(times(gain, p) for gain in others))
-        begun = (
-            None if start is None else check.instance("start", start, ForceSolution).optimum.point
-        )
-        best = optimum(self.levels, p, unlimited, self.limiting, problem.tolerance, begun)
+        begun = None if start is None else check.instance("start", start, ForceSolution).point
+        best = optimum(self.levels, p, unlimited, self._within, problem.tolerance, begun)
         return ForceSolution(self, f_m, unlimited, best)
 
     @property
@@ -169,8 +167,15 @@ class ForceMapping(ReadOnly):
 
     @property
     def rows(self) -> tuple[Rows, ...]:
-        """Inequality rows of the unknowns."""
-        return () if self.limiting is None else self.limiting.rows
+        """Inequality rows of the unknowns; the first are the torques, if without limits."""
+        return self._within.rows
+
+    @property
+    def _within(self) -> Limiting:
+        if self.limiting is not None:
+            return self.limiting
+        n = self.problem.J.shape[-1]
+        return _of_torques(self.forces, limits("torque_limits", None, n))
 
     @property
     def tolerance(self) -> float:
@@ -318,12 +323,22 @@ def _limiting(
     if on_torques is None and on_forces is None:
         return None
     box = limits("torque_limits", None, n) if on_torques is None else on_torques.box
-    rows = [Rows(forces.torques, box)]
+    rows: list[Rows] = []
     for one, of_unknowns in ((on_torques, forces.torques), (on_forces, forces.task)):
         if one is not None:
             rows += [Rows(each.G @ of_unknowns, each.limits) for each in one.rows]
-    unknowns = forces.torques.shape[-1]
-    return Limiting(limits("", None, unknowns), tuple(rows), when_limited)
+    return _of_torques(forces, box, rows, when_limited)
+
+
+def _of_torques(
+    forces: Forces,
+    box: Limits,
+    rows: Sequence[Rows] = (),
+    when_limited: WhenLimited = "least_squares",
+) -> Limiting:
+    """Limits whose first rows are the torques, of unknowns that are not limited themselves."""
+    unknowns = limits("", None, forces.torques.shape[-1])
+    return Limiting(unknowns, (Rows(forces.torques, box), *rows), when_limited)
 
 
 def _refuse_overlap(S_m: Array, S_s: Array, tolerance: float) -> None:

@@ -345,6 +345,16 @@ def test_scaled_forces_keep_their_direction():
 # Copies, and wrong input.
 
 
+@pytest.mark.parametrize("made", [velocity_mapping, force_mapping])
+def test_without_limits_a_solution_is_the_answer_of_the_mapping(made):
+    mapping = made(np.array([[1.0, 0.5, 0.2], [0.3, 1.0, 0.1]]), [0])
+    found = mapping.solve([2.0])
+    answer = found.rates if made is velocity_mapping else found.torques
+    np.testing.assert_allclose(answer, mapping([2.0]), atol=1e-14)
+    np.testing.assert_array_equal(found.active_limits, [0, 0, 0])
+    assert found.status is Status.EXACT and found.active_rows.size == 0
+
+
 def test_mappings_and_solutions_keep_copies():
     J, low, up, v = np.eye(2), -np.ones(2), np.ones(2), np.array([2.0, 0.5])
     for made, limits in ((velocity_mapping, "rate_limits"), (force_mapping, "torque_limits")):
