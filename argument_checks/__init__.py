@@ -20,6 +20,7 @@ from argument_checks.arrays import not_negative as not_negative
 from argument_checks.arrays import real as real
 from argument_checks.arrays import shaped as shaped
 from argument_checks.arrays import vector as vector
+from argument_checks.intervals import limit_vectors as limit_vectors
 from argument_checks.intervals import limits as limits
 from argument_checks.matrices import batch as batch
 from argument_checks.matrices import matrix as matrix

@@ -5,7 +5,15 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from argument_checks.arrays import LARGEST, Array, as_float64, common_axes, is_moderate, is_plain
+from argument_checks.arrays import (
+    LARGEST,
+    Array,
+    as_float64,
+    common_axes,
+    frozen,
+    is_moderate,
+    is_plain,
+)
 from argument_checks.shown import shown
 
 
@@ -25,6 +33,14 @@ def limits(name: str, value: Sequence[ArrayLike] | Array, size: int) -> tuple[Ar
     if (lower > upper).any() or (lower == np.inf).any() or (upper == -np.inf).any():
         raise ValueError(f"{name} must be a lower and an upper limit, got {shown(value)}")
     return lower, upper
+
+
+def limit_vectors(name: str, value: Sequence[ArrayLike] | Array, size: int) -> tuple[Array, Array]:
+    """The same as read-only copies of shape (size,) each; batches are refused."""
+    lower, upper = limits(name, value, size)
+    if lower.ndim > 1:
+        raise ValueError(f"{name} must be two numbers or of shape ({size},), got {lower.shape}")
+    return frozen(np.broadcast_to(lower, size)), frozen(np.broadcast_to(upper, size))
 
 
 def _side(name: str, value: ArrayLike, size: int) -> Array:

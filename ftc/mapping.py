@@ -95,7 +95,8 @@ class PrioritizedMapping(Generic[Pose]):
         self._standing_m = self._locked_m + yielded_m
         self.limits_m, self._limited = None, None
         if limits_m is not None:
-            self.limits_m = lower, upper = _of_actuators(limits_m, self.actuators)
+            within = check.limit_vectors("limits_m", limits_m, self.actuators)
+            self.limits_m = lower, upper = within
             self._limited = kinematics.velocity_mapping(
                 self._major,
                 self._secondary,
@@ -271,11 +272,3 @@ class PrioritizedMapping(Generic[Pose]):
         if posture is self._nominal:
             return posture, self._at_nominal
         return posture, self.at(self._model.jacobian(posture))
-
-
-def _of_actuators(limits_m: tuple[ArrayLike, ArrayLike], n: int) -> tuple[Array, Array]:
-    """Limits of n actuators, read-only, shape (n,) each."""
-    lower, upper = check.limits("limits_m", limits_m, n)
-    if lower.ndim > 1:
-        raise ValueError(f"limits_m must be two numbers or of shape ({n},), got {lower.shape}")
-    return check.frozen(np.broadcast_to(lower, n)), check.frozen(np.broadcast_to(upper, n))

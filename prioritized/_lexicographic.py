@@ -18,6 +18,7 @@ from prioritized._packed import (
     Point,
     Rows,
     Unknowns,
+    ends_of,
     pack,
     packed_if_moderate,
     solve,
@@ -81,7 +82,7 @@ class Solution:
 
     @cached_property
     def certificate(self) -> Array | None:
-        """Y (r,) which proves that the inequality rows G are infeasible; None if they are not.
+        """The y (r,) that proves that the inequality rows G are infeasible; None if they are not.
 
         y . (G x - s) > 0 for all x within the bounds and all s within the limits of the rows.
         """
@@ -183,7 +184,7 @@ def _of_plain_arrays(
 
     None elsewhere: the checks then say what is wrong, or take what is right in another form.
     """
-    matrices, targets, ends, end = [], [], [], 0
+    matrices, targets, counts = [], [], []
     # Calls of the argument checks would take as long as the arithmetic.
     for level in levels:
         if type(level) is not tuple or len(level) != 2:
@@ -196,32 +197,25 @@ def _of_plain_arrays(
             and A.shape[:1] == b.shape
         ):
             return None
-        end += len(b)
         matrices.append(A)
         targets.append(b)
-        ends.append(end)
+        counts.append(len(b))
     n = matrices[0].shape[1]
     low = none((n,)) - np.inf if lower is None else lower
     high = none((n,)) + np.inf if upper is None else upper
-    if not (type(low) is type(high) is np.ndarray and low.ndim == high.ndim == 1):
-        return None
-    A, b = np.empty((1, end + n, n)), np.empty((1, end + n))
+    ends = ends_of(*counts, n)
+    A, b = np.empty((1, ends[-1], n)), np.empty((1, ends[-1]))
     try:
         np.concatenate([*matrices, _identity(n)], out=A[0])
     except ValueError:  # of different widths
         return None
     np.concatenate([*targets, none((n,))], out=b[0])
-    return packed_if_moderate(A, b, _ends(*ends, end + n), tolerance, low, high)
+    return packed_if_moderate(A, b, ends, tolerance, low, high)
 
 
 @lru_cache
 def _identity(n: int) -> Array:
     return read_only(np.eye(n))
-
-
-@lru_cache
-def _ends(*ends: int) -> NDArray[np.int64]:
-    return read_only(np.array(ends))
 
 
 def _hard_rows(

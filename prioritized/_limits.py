@@ -1,6 +1,5 @@
 """Limits of rates, torques, or any unknowns: a lower and an upper one for each."""
 
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -9,6 +8,7 @@ from numpy.typing import ArrayLike
 import argument_checks as check
 from argument_checks import Array
 from prioritized._arrays import read_only
+from prioritized._compiled import unlimited
 
 Limits = tuple[Array, Array]
 """Lower and upper limits, (n,) each, infinite where there is none."""
@@ -24,20 +24,21 @@ def limits(name: str, value: tuple[ArrayLike, ArrayLike] | None, n: int) -> Limi
     """
     if value is None:
         value = (-np.inf, np.inf)
-    lower, upper = value if isinstance(value, tuple) and len(value) == 2 else (None, None)
-    if check.is_plain(lower) and check.is_plain(upper) and lower.ndim == upper.ndim == 1:
-        both = np.empty((2, n))
-        if _solver().copy_limits(lower, upper, check.LARGEST, both):  # the common case
-            both.setflags(write=False)
+    if isinstance(value, tuple) and len(value) == 2:
+        both = plain_limits(*value, n)  # the common case
+        if both is not None:
             return both[0], both[1]
-    low, high = check.limits(name, value, n)
-    if max(low.ndim, high.ndim) > 1:
-        raise ValueError(f"{name} must be a pair of numbers or of {n} numbers, got {low.shape}")
-    return read_only(np.full(n, low)), read_only(np.full(n, high))
+    return check.limit_vectors(name, value, n)
 
 
-@cache
-def _solver() -> Any:
-    from prioritized import _unlimited
-
-    return _unlimited
+def plain_limits(lower: Any, upper: Any, n: int) -> Array | None:
+    """A read-only copy (2, n) of limits that are vectors of floats in order; None of others."""
+    both = np.empty((2, n))
+    if not (type(lower) is type(upper) is np.ndarray and lower.ndim == upper.ndim == 1):
+        return None
+    try:
+        if not unlimited().copy_limits(lower, upper, check.LARGEST, both):
+            return None
+    except TypeError:  # not of floats
+        return None
+    return read_only(both)

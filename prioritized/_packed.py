@@ -1,7 +1,7 @@
 """Levels of least squares in the form that the compiled solver takes."""
 
 from collections.abc import Sequence
-from functools import cache
+from functools import lru_cache
 from math import prod
 from typing import Any, NamedTuple
 
@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 import argument_checks as check
 from argument_checks import Array, Mask
-from prioritized._arrays import beside, times
-from prioritized._limits import Limits
+from prioritized._arrays import beside, read_only, times
+from prioritized._compiled import bounded
+from prioritized._limits import Limits, plain_limits
 from prioritized._rank import frobenius
 
 _INT8, _INT64, _BOOL = np.dtype(np.int8), np.dtype(np.int64), np.dtype(np.bool_)
@@ -86,12 +87,10 @@ class Point(NamedTuple):
     gap: Array
 
 
-@cache
-def _solver() -> Any:
-    """The compiled solver; loading the compiler takes some 0.3 s."""
-    from prioritized import _bounded
-
-    return _bounded
+@lru_cache
+def ends_of(*rows: int) -> NDArray[np.int64]:
+    """Where levels of so many rows each end; looked up, since it is the same at every tick."""
+    return read_only(np.cumsum(rows))
 
 
 def solve(
@@ -109,7 +108,7 @@ def solve(
         most_steps: Of the active set, for each problem; None is 20 (n + 1) for each level.
     """
     count, _, n = packed.A.shape
-    solver, shape, active = _solver(), (count, n), np.zeros((count, n), _INT8)
+    solver, shape, active = bounded(), (count, n), np.zeros((count, n), _INT8)
     if start is not None and start.x.shape == shape:
         how, x, active = solver.WARM, start.x.copy(), start.active.copy()
     elif optimum is not None:
@@ -123,15 +122,13 @@ def solve(
 
 
 def packed_if_moderate(
-    A: Array, b: Array, ends: NDArray[np.int64], tolerance: float, lower: Array, upper: Array
+    A: Array, b: Array, ends: NDArray[np.int64], tolerance: float, lower: Any, upper: Any
 ) -> Packed | None:
     """One problem with limits (n,), if the argument checks would let all its numbers pass."""
-    scales, limits = np.empty((1, len(ends))), np.empty((2, A.shape[2]))
-    sizes = check.SMALLEST, check.LARGEST
-    try:
-        if not _solver().measure(A, b, ends, lower, upper, *sizes, scales, limits):
-            return None
-    except TypeError:  # limits that are not of floats
+    scales, limits = np.empty((1, len(ends))), plain_limits(lower, upper, A.shape[2])
+    if limits is None:
+        return None
+    if not bounded().measure(A, b, ends, check.SMALLEST, check.LARGEST, scales):
         return None
     return Packed(A, b, ends, scales, tolerance, limits[:1], limits[1:])
 

@@ -1,19 +1,20 @@
 """Solutions of Problem 1: gains by the SVD; rates alone without it where ranks are clearly full."""
 
-from functools import cache, lru_cache
-from typing import Any, NamedTuple
+from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 import argument_checks as check
 from argument_checks import Array
 from prioritized._arrays import none, on_axes, read_only
+from prioritized._compiled import unlimited
 from prioritized._conditioning import well_conditioned_above
 from prioritized._levels import lexicographic, velocity_levels
 from prioritized._limited import Optimum
 from prioritized._limits import Limits
-from prioritized._packed import Packed, Point, solve
+from prioritized._packed import Packed, Point, ends_of, solve
 from prioritized._problem import Problem, exact_part
 from prioritized._rank import RankedSvd, norm
 
@@ -21,18 +22,10 @@ Factors = tuple[Array, int, int, int, int, int, int]
 """What the compiled solver made of J and its weights, and their sizes: p, m, n, k1, k2, m2."""
 
 
-@cache
-def _solver() -> Any:
-    """The compiled solver; loading the compiler takes some 0.3 s."""
-    from prioritized import _unlimited
-
-    return _unlimited
-
-
 @lru_cache
 def room(*sizes: int) -> int:
     """How many numbers the factors of a problem of these sizes take."""
-    return _solver().room(_solver().Sizes(*sizes))
+    return unlimited().room(unlimited().Sizes(*sizes))
 
 
 @lru_cache
@@ -59,7 +52,7 @@ def factors_of(problem: Problem) -> Factors | None:
     """
     J, S_m, S_s, W1, W2 = problem[:5]
     sizes = len(S_m), *J.shape, len(W1), len(W2), len(S_s)
-    F, solver, fractions = np.empty(room(*sizes)), _solver(), thresholds(problem.tolerance)
+    F, solver, fractions = np.empty(room(*sizes)), unlimited(), thresholds(problem.tolerance)
     state = solver.factor(J, S_m, S_s, W1, W2, float(problem.scale), *fractions, F)
     return (F, *sizes) if state == solver.CLEAR else None
 
@@ -83,7 +76,7 @@ def factors_of_diagonals(
     A negative `scale` is the norm of J. None is also for what the checks must complain about.
     """
     S_m, S_s, sizes, numbers, clear, exact = selected
-    F, solver = np.empty(numbers), _solver()
+    F, solver = np.empty(numbers), unlimited()
     try:
         state = solver.factor_diagonals(J, S_m, S_s, w1, w2, scale, clear, exact, F)
     except TypeError:  # no vectors, or not of floats
@@ -93,7 +86,7 @@ def factors_of_diagonals(
 
 def problem_of(factors: Factors, S_m: Array, S_s: Array, scale: float, tolerance: float) -> Problem:
     """The Problem 1 that was made of factors."""
-    J, W1, W2 = _solver().arguments(*factors)
+    J, W1, W2 = unlimited().arguments(*factors)
     m, n = J.shape
     size = norm(J) if scale < 0.0 else scale
     rest = none((0, n)), none((m, 0)), None, none((0, n)), np.asarray(size), tolerance, ()
@@ -112,7 +105,7 @@ def rates_by(
         ValueError: A velocity of the wrong shape or not finite, by its name.
     """
     _, p, _, n, _, _, m2 = factors
-    rates, solver = np.empty(n), _solver()
+    rates, solver = np.empty(n), unlimited()
     joint = none((n,)) if joint_velocity is None else joint_velocity
     secondary = none((m2,)) if secondary_velocity is None else secondary_velocity
     # Calls of the argument checks would take as long as the arithmetic.
@@ -138,17 +131,12 @@ def rates_within(
     rows, lower, upper = p + k1 + k2 + n, box[0][None], box[1][None]
     A, b, scales = np.empty((1, rows, n)), np.empty((1, rows)), np.empty((1, 3))
     exact = thresholds(tolerance)[1]
-    beyond = _solver().levels(*factors, exact, lower, upper, rates, A, b, scales)
-    packed = Packed(A, b, _ends(p, k1 + k2, n), scales, tolerance, lower, upper)
+    beyond = unlimited().levels(*factors, exact, lower, upper, rates, A, b, scales)
+    packed = Packed(A, b, ends_of(p, k1 + k2, n), scales, tolerance, lower, upper)
     if beyond:
         return Optimum(packed, solve(packed, rates, start), n, 0, False, ())
     point = Point(rates[None], (lower == upper) * np.int8(-1), *_NO_STEPS)
     return Optimum(packed, point, n, 0, False, ())
-
-
-@lru_cache
-def _ends(*rows: int) -> NDArray[np.int64]:
-    return read_only(np.cumsum(rows))
 
 
 _NO_STEPS = (
@@ -193,7 +181,7 @@ def batched_rates(
     F = np.empty(room(p, m, n, W1.shape[1], W2.shape[1], m2))
     rates, clear = np.empty((count, n)), np.empty(count, dtype=bool)
     fractions = thresholds(problem.tolerance)
-    _solver().solve_each(
+    unlimited().solve_each(
         J, flat.S_m, flat.S_s, W1, W2, np.ravel(flat.scale), *fractions, *targets, F, rates, clear
     )
     if not clear.all():

@@ -104,6 +104,17 @@ def _square(F, first, count):
 
 
 @_inlined
+def _reflect_one(F, own, beta, x, first, n):
+    """Apply the reflection that begins at `own`, from column `first` on, to n numbers at x."""
+    dot = 0.0
+    for j in range(first, n):
+        dot += F[at(own + j)] * F[at(x + j)]
+    dot *= F[at(beta)]
+    for j in range(first, n):
+        F[at(x + j)] -= dot * F[at(own + j)]
+
+
+@_inlined
 def _reduce_rows(F, W, rows, n, count, diagonal, beta):
     """Reduce the first rows of W to a lower triangle by reflections from the right.
 
@@ -117,12 +128,7 @@ def _reduce_rows(F, W, rows, n, count, diagonal, beta):
         F[at(diagonal + i)] = -first
         F[at(beta + i)] = 1.0 / (norm * abs(F[at(own + i)])) if norm > 0.0 else 0.0
         for r in range(i + 1, rows):
-            row, dot = W + r * n, 0.0
-            for j in range(i, n):
-                dot += F[at(own + j)] * F[at(row + j)]
-            dot *= F[at(beta + i)]
-            for j in range(i, n):
-                F[at(row + j)] -= dot * F[at(own + j)]
+            _reflect_one(F, own, beta + i, W + r * n, i, n)
 
 
 @_inlined
@@ -130,12 +136,7 @@ def _reflect(F, W, n, count, beta, x, backwards):
     """Apply these reflections to a vector."""
     for k in range(count):
         i = count - 1 - k if backwards else k
-        own, dot = W + i * n, 0.0
-        for j in range(i, n):
-            dot += F[at(own + j)] * F[at(x + j)]
-        dot *= F[at(beta + i)]
-        for j in range(i, n):
-            F[at(x + j)] -= dot * F[at(own + j)]
+        _reflect_one(F, W + i * n, beta + i, x, i, n)
 
 
 @_inlined
