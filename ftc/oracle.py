@@ -1,47 +1,13 @@
-"""Protocol of a controller, and a controller to which the failure is known beforehand."""
+"""A controller to which the failure is known beforehand."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol, TypeVar
+from typing import Any
 
 import numpy as np
 
 from argument_checks import Array
-from ftc.controller import ControllerState, Converter, Measurement, PrioritizedController
-
-
-class ControllerOutput(Protocol):
-    """The part of a controller's state that a run needs."""
-
-    @property
-    def input_percent(self) -> Array:
-        """Inputs to send to the drives, shape (n,)."""
-        ...
-
-    @property
-    def pose(self) -> Any:
-        """Estimated pose."""
-        ...
-
-
-State = TypeVar("State", bound=ControllerOutput)
-
-
-class Controller(Protocol[State]):
-    """Controller from measurements to inputs of the drives; `step` is a pure function."""
-
-    @property
-    def amplifier(self) -> Converter:
-        """The drives."""
-        ...
-
-    def start(self) -> State:
-        """At rest at the nominal pose."""
-        ...
-
-    def step(self, state: State, reference: Array, measurement: Measurement) -> State:
-        """One control tick."""
-        ...
+from ftc.controller import ControllerState, Measurement, PrioritizedController
 
 
 @dataclass(frozen=True)
@@ -91,11 +57,6 @@ class OracleController:
     lost_displacement_m: Array | None = None
     secondary: Callable[[float], Array] | None = None
 
-    @property
-    def amplifier(self) -> Converter:
-        """The same for both."""
-        return self.before.amplifier
-
     def start(self) -> OracleState:
         """At rest at the nominal pose."""
         return OracleState(self.before.start(), ticks=0)
@@ -124,5 +85,5 @@ class OracleController:
         # An actuator that keeps its damper falls too slowly to be made up for at once.
         free = list(self.after.mapping.goal.free)
         lost_displacement_m = np.zeros(self.after.mapping.actuators)
-        lost_displacement_m[free] = self.amplifier.displacement_m(last.input_percent)[free]
+        lost_displacement_m[free] = self.before.amplifier.displacement_m(last.input_percent)[free]
         return lost_displacement_m

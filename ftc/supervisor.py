@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from argument_checks import Array
-from ftc.controller import Converter, Measurement, PrioritizedController
+from ftc.controller import Measurement, PrioritizedController
 from ftc.fdi.diagnosis import Diagnosis, MonitorState
 from ftc.fdi.fault_model import Fault
 from ftc.fdi.monitor import Monitor
@@ -65,11 +65,6 @@ class Supervisor:
     reconfigured: Callable[[Sequence[Diagnosis]], PrioritizedController[Any]]
     is_possible: Callable[[Sequence[Fault]], bool]
 
-    @property
-    def amplifier(self) -> Converter:
-        """The same for all controllers."""
-        return self.first.amplifier
-
     def start(self) -> SupervisorState:
         """State at rest at the nominal pose, without known failures."""
         return SupervisorState(self.first.start(), self.first, self.monitor.start(), self.monitor)
@@ -80,7 +75,7 @@ class Supervisor:
         """One control tick: first the diagnosis, then the control."""
         if state.task_lost and state.watch.diagnosis is None:
             return replace(state, ticks=state.ticks + 1)
-        commanded_m = self.amplifier.displacement_m(state.input_percent)
+        commanded_m = self.first.amplifier.displacement_m(state.input_percent)
         known = state.watch.diagnosis
         measured = np.concatenate([measurement.output, measurement.displacement])
         outputs = len(state.monitor.nominal.noise)  # without the actuators' sensors unless used

@@ -157,18 +157,13 @@ class Seeker:
     rates: StrutRates
     period_s: float
 
-    @property
-    def amplifier(self) -> Amplifier:
-        """That of the controller."""
-        return self.controller.amplifier
-
     def start(self) -> SeekerState:
         """At rest at the nominal pose."""
         return SeekerState(self.controller.start(), np.zeros(6))
 
     def step(self, state: SeekerState, reference: Array, measurement: Measurement) -> SeekerState:
         """One control tick."""
-        commanded_m = self.amplifier.displacement_m(state.input_percent)
+        commanded_m = self.controller.amplifier.displacement_m(state.input_percent)
         moved_m = self.period_s * self.rates(commanded_m, state.pose)
         reference_m = state.secondary_reference_m + moved_m
         seen = unrolled(measurement, state.pose)

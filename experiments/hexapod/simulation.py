@@ -1,23 +1,24 @@
 """One closed-loop run: plant, sensors, controller; arrays come back, files are made elsewhere."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import ceil
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 
 from experiments.hexapod.choices import JacobianChoice
 from experiments.hexapod.controller import controller_for
-from experiments.hexapod.testbed import Testbed, TestbedConfig
+from experiments.hexapod.testbed import Testbed
 from ftc.controller import Measurement
 from ftc.goal import Goal
+from ftc.loop import Controller, LoopRun, State, run_loop
 from ftc.mapping import DisplacementForm
-from ftc.oracle import Controller, OracleController, State
+from ftc.oracle import OracleController
 from sim import (
+    NOMINAL,
     Array,
     Failure,
-    Plant,
     pointing_angles,
     secondary_motion,
 )
@@ -153,102 +154,94 @@ def track_path(
             f"floor_m_per_s2 must have 3 columns and at least {len(time_s)} rows, "
             f"got the shape {floor.shape}"
         )
-    plant = Plant(testbed.model)
-    plant.settle(bench.settling_s, start_m)
     lead_in = round(lead_in_s / bench.control_period_s)
-    path = _Path(
+    machine = _Bench(
+        testbed,
+        failures,
         time_s=_after_rest(lead_in, time_s),
-        desired_rad=_after_rest(lead_in, desired_rad),
         floor_m_per_s2=None if floor is None else _after_rest(lead_in, floor),
+        seed=seed,
+        start_m=start_m,
     )
-    ticks, state = [], pilot.start()
-    for tick, after in _ticks(plant, pilot, state, failures, bench, path, seed):
-        ticks.append(tick)
-        state = after  # the last is kept: a supervisor's are large
-    return _trajectory(time_s, desired_rad, ticks[lead_in:]), state
-
-
-class _Path(NamedTuple):
-    """What drives a run, tick by tick; time stands still while the loop points at zero.
-
-    A floor at rest is None.
-    """
-
-    time_s: Array
-    desired_rad: Array
-    floor_m_per_s2: Array | None
+    run = run_loop(machine, pilot, _after_rest(lead_in, desired_rad))
+    return _trajectory(time_s, desired_rad, machine, run, lead_in), run.state
 
 
 def _after_rest(ticks: int, signal: Array) -> Array:
+    """A signal that is zero for some ticks before it begins; time stands still meanwhile."""
     return np.concatenate([np.zeros((ticks, *signal.shape[1:])), signal])
 
 
-class _Tick(NamedTuple):
-    """What is kept of one control tick; angles are worked out afterwards, all at once."""
+class _Bench:
+    """The simulated machine with its sensors and amplifiers, what happens to it, and a log of it.
 
-    rotation: Array
-    translation_m: Array
-    rotation_estimated: Array
-    translation_estimated_m: Array
-    measured_rad: Array
-    strut_input_percent: Array
-    strut_displacement_m: Array
-    closure_residual_m: Array
+    The log is for each tick: rotation, translation and struts of the plant, and its largest gap.
+    """
 
+    def __init__(
+        self,
+        testbed: Testbed,
+        failures: Sequence[Failure],
+        *,
+        time_s: Array,
+        floor_m_per_s2: Array | None,
+        seed: int,
+        start_m: Array | None,
+    ) -> None:
+        """Settle; a floor at rest is None."""
+        bench, ticks = testbed.bench, len(time_s)
+        self._plant, self._amplifier = testbed.plant(), testbed.amplifier()
+        self._period_s, self._time_s, self._floor = bench.control_period_s, time_s, floor_m_per_s2
+        self._detector, self._strut_sensors = bench.detector(), bench.strut_sensors()
+        # Sources of their own: whether strut sensors are read changes nothing of the detector's.
+        self._detector_rng = np.random.default_rng(seed)
+        self._strut_rng = np.random.default_rng([seed, 1])
+        self._to_come = sorted(failures, key=lambda failure: failure.time_s)
+        self._tick = 0
+        self.rotation = np.empty((ticks, 3, 3))
+        self.translation_m = np.empty((ticks, 3))
+        self.strut_displacement_m = np.empty((ticks, testbed.model.nu))
+        self.closure_residual_m = np.empty(ticks)
+        self._plant.settle(bench.settling_s, start_m)
 
-def _ticks(
-    plant: Plant,
-    pilot: Controller[State],
-    state: State,
-    failures: Sequence[Failure],
-    bench: TestbedConfig,
-    path: _Path,
-    seed: int,
-) -> Iterator[tuple[_Tick, State]]:
-    detector, strut_sensors = bench.detector(), bench.strut_sensors()
-    # Sources of their own: whether strut sensors are read changes nothing of the detector's noise.
-    detector_rng, strut_rng = np.random.default_rng(seed), np.random.default_rng([seed, 1])
-    to_come = sorted(failures, key=lambda failure: failure.time_s)
-    ticks = zip(path.time_s, path.desired_rad, strict=True)
-    for tick, (now, desired) in enumerate(ticks):
-        while to_come and to_come[0].time_s <= now:
-            to_come.pop(0).strike(plant)
-        if path.floor_m_per_s2 is not None:
-            plant.shake(path.floor_m_per_s2[tick])
+    def measure(self) -> Measurement:
+        """What the detector and the gauges beside the struts read, after what happens now."""
+        plant, tick = self._plant, self._tick
+        while self._to_come and self._to_come[0].time_s <= self._time_s[tick]:
+            self._to_come.pop(0).strike(plant)
+        if self._floor is not None:
+            plant.shake(self._floor[tick])
         pose, struts_m = plant.pose(), plant.strut_displacement_m()
-        measurement = Measurement(
-            output=detector.read(pose.rotation, detector_rng),
-            displacement=strut_sensors.read(struts_m, strut_rng),
+        self.rotation[tick], self.translation_m[tick] = pose.rotation, pose.translation_m
+        self.strut_displacement_m[tick] = struts_m
+        self.closure_residual_m[tick] = plant.closure_residual_m()
+        return Measurement(
+            output=self._detector.read(pose.rotation, self._detector_rng),
+            displacement=self._strut_sensors.read(struts_m, self._strut_rng),
         )
-        state = pilot.step(state, desired, measurement)
-        kept = _Tick(
-            rotation=pose.rotation,
-            translation_m=pose.translation_m,
-            rotation_estimated=state.pose.rotation,
-            translation_estimated_m=state.pose.translation_m,
-            measured_rad=measurement.output,
-            strut_input_percent=state.input_percent,
-            strut_displacement_m=struts_m,
-            closure_residual_m=np.asarray(plant.closure_residual_m()),
-        )
-        yield kept, state
-        command_m = pilot.amplifier.displacement_m(state.input_percent)
-        plant.step(command_m, bench.control_period_s)
+
+    def apply(self, input_percent: Array) -> None:
+        """Drive the coils for a period."""
+        self._plant.step(self._amplifier.displacement_m(input_percent), self._period_s)
+        self._tick += 1
 
 
-def _trajectory(time_s: Array, desired_rad: Array, ticks: Sequence[_Tick]) -> Trajectory:
-    kept = _Tick(*map(np.array, zip(*ticks, strict=True)))
-    settled = kept.rotation[0].T
+def _trajectory(
+    time_s: Array, desired_rad: Array, bench: _Bench, run: LoopRun[Any], lead_in: int
+) -> Trajectory:
+    rotation, translation_m = bench.rotation[lead_in:], bench.translation_m[lead_in:]
+    poses = [NOMINAL if pose is None else pose for pose in run.poses[lead_in:]]
     return Trajectory(
         time_s=time_s,
         desired_rad=desired_rad,
-        true_rad=pointing_angles(kept.rotation),
-        measured_rad=kept.measured_rad,
-        strut_input_percent=kept.strut_input_percent,
-        strut_displacement_m=kept.strut_displacement_m,
-        secondary=secondary_motion(
-            kept.rotation @ settled, kept.translation_m - kept.translation_m[0]
+        true_rad=pointing_angles(rotation),
+        measured_rad=run.measured[lead_in:],
+        strut_input_percent=run.input_percent[lead_in:],
+        strut_displacement_m=bench.strut_displacement_m[lead_in:],
+        secondary=secondary_motion(rotation @ rotation[0].T, translation_m - translation_m[0]),
+        secondary_estimated=secondary_motion(
+            np.array([pose.rotation for pose in poses]),
+            np.array([pose.translation_m for pose in poses]),
         ),
-        secondary_estimated=secondary_motion(kept.rotation_estimated, kept.translation_estimated_m),
-        closure_residual_m=kept.closure_residual_m,
+        closure_residual_m=bench.closure_residual_m[lead_in:],
     )

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from ftc.compensator import Compensator
-from sim import Amplifier, Array, Detector, StrutSensors, spiral
+from sim import Amplifier, Array, Detector, Plant, StrutSensors, spiral
 
 LIMITS: dict[str, tuple[float, float]] = {
     "duration_s": (1e-3, 3600.0),
@@ -187,12 +187,13 @@ class Testbed:
     """A machine with everything around it, the same in many runs.
 
     Attributes:
-        model: The machine; each plant and controller makes its own of it.
+        model: The machine as its controllers know it; each of them makes its own of it.
         bench: Constants around the plant.
         loops: The (alpha, beta) compensators, see
             :func:`experiments.hexapod.controller.nominal_loops`.
         stiffness: Of the struts and the payload, shape (12, 12), for goals with free struts; see
             :func:`experiments.hexapod.fault_tolerance.strut_and_payload_stiffness`.
+        inexact: The machine itself, where it is not quite the model.
     """
 
     __test__ = False  # pytest takes a class Test... for one of its own
@@ -201,9 +202,14 @@ class Testbed:
     bench: TestbedConfig
     loops: tuple[Compensator, Compensator]
     stiffness: Array | None = None
+    inexact: mujoco.MjModel | None = None
+
+    def plant(self) -> Plant:
+        """The machine itself, at rest at its nominal pose."""
+        return Plant(self.model if self.inexact is None else self.inexact)
 
     def amplifier(self) -> Amplifier:
-        """One strut's converter, amplifier and coil, with the gain of the machine's coils."""
+        """One strut's converter, amplifier and coil, with the gain of the model's coils."""
         return self.bench.amplifier(newton_per_m=float(self.model.actuator_gainprm[0, 0]))
 
 

@@ -13,7 +13,7 @@ from experiments.limits.strategies import Strategy
 from ftc.controller import ControllerState, Measurement, PrioritizedController
 from ftc.goal import Goal
 from prioritized import ConstrainedSystem
-from sim import NOMINAL, Amplifier, Array, Failure, Pose, displacement_limits, hexapod
+from sim import NOMINAL, Array, Failure, Pose, displacement_limits, hexapod
 
 BENCH = replace(TestbedConfig(), detector_half_width_m=10e-3)
 """The spiral is 40 times larger than that of Table I; the detector must see it."""
@@ -66,11 +66,6 @@ class Raising:
 
     controller: PrioritizedController[Pose]
     reference_m: Array
-
-    @property
-    def amplifier(self) -> Amplifier:
-        """The controller's."""
-        return self.controller.amplifier
 
     def start(self) -> ControllerState[Pose]:
         """At rest at the nominal pose."""

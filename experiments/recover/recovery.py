@@ -159,7 +159,7 @@ def diagnose(
     `plant` is the machine, if it is not quite the model; the rest are options of `supervisor`.
     """
     pilot = supervisor(testbed, GOAL, dither=dither, **options)
-    machine = testbed if plant is None else replace(testbed, model=plant)
+    machine = replace(testbed, inexact=plant)
     trajectory, state = track_path(machine, pilot, **run)
     failures = run["failures"]
     struck = round((failures[0].time_s - run["begin_s"]) / testbed.bench.control_period_s)

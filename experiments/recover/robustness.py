@@ -174,7 +174,7 @@ def _fault_free(
     """Commands from each tick on (N, 6); whitened (alpha, beta), measured and true, (N, 2) each."""
     pilot = controller(testbed)
     never = OracleController(pilot, pilot, NEVER, secondary=secondary)
-    machine = testbed if plant is None else replace(testbed, model=plant)
+    machine = replace(testbed, inexact=plant)
     run, _ = track_path(machine, never, seed=seed, duration_s=duration_s)
     commanded_m = pilot.amplifier.displacement_m(run.strut_input_percent)
     return commanded_m, run.measured_rad / nominal.noise, run.true_rad / nominal.noise

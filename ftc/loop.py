@@ -1,0 +1,96 @@
+"""The loop: a controller and a machine, tick by tick."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Generic, Protocol, TypeVar
+
+import numpy as np
+
+import argument_checks as check
+from argument_checks import Array
+from ftc.controller import Measurement
+
+
+class Machine(Protocol):
+    """A machine as its controller meets it, once in a control period: simulated or real."""
+
+    def measure(self) -> Measurement:
+        """What the sensors read now."""
+        ...
+
+    def apply(self, input_percent: Array) -> None:
+        """Send inputs (n,) to the drives and hold them for a period."""
+        ...
+
+
+class ControllerOutput(Protocol):
+    """The part of a controller's state that a loop needs."""
+
+    @property
+    def input_percent(self) -> Array:
+        """Inputs to send to the drives, shape (n,)."""
+        ...
+
+
+State = TypeVar("State", bound=ControllerOutput)
+
+
+class Controller(Protocol[State]):
+    """Controller from measurements to inputs of the drives; `step` is a pure function."""
+
+    def start(self) -> State:
+        """At rest at the nominal pose."""
+        ...
+
+    def step(self, state: State, reference: Array, measurement: Measurement) -> State:
+        """One control tick."""
+        ...
+
+
+@dataclass(frozen=True)
+class LoopRun(Generic[State]):
+    """What passed between a controller and a machine.
+
+    Attributes:
+        measured: Of the major task, shape (N, m1).
+        input_percent: Inputs of the drives, shape (N, n).
+        poses: What the controller estimates as pose at each tick; None where it estimates none.
+        state: Of the controller after the last tick.
+    """
+
+    measured: Array
+    input_percent: Array
+    poses: Sequence[Any]
+    state: State
+
+
+def run_loop(machine: Machine, controller: Controller[State], reference: Array) -> LoopRun[State]:
+    """Close the loop for as many ticks as there are references.
+
+    At each tick: measure, one step of the controller, send its inputs. The machine decides what
+    else happens, failures above all, and keeps what only it knows.
+
+    Args:
+        machine: The machine.
+        controller: The controller.
+        reference: Of the major task, tick by tick, shape (N, m1).
+
+    Raises:
+        ValueError: The reference is no matrix, or not finite.
+    """
+    reference = check.finite("reference", reference)
+    if reference.ndim != 2:
+        raise ValueError(f"reference must have shape (N, m1), got {reference.shape}")
+    state = controller.start()
+    ticks = len(reference)
+    measured = np.empty(reference.shape)
+    inputs = np.empty((ticks, len(state.input_percent)))
+    poses: list[Any] = []
+    for tick, desired in enumerate(reference):
+        measurement = machine.measure()
+        state = controller.step(state, desired, measurement)
+        measured[tick] = measurement.output
+        inputs[tick] = state.input_percent
+        poses.append(getattr(state, "pose", None))
+        machine.apply(state.input_percent)
+    return LoopRun(measured, inputs, poses, state)
