@@ -183,7 +183,9 @@ class PrioritizedController(Generic[Pose]):
                 pointing, pose, commanded_m, state.asked, secondary_reference_m
             )
         else:
-            limited = self.mapping.within_limits(pointing, pose, secondary_reference_m)
+            limited = self.mapping.within_limits(
+                pointing, pose, secondary_reference_m, commanded_m=commanded_m
+            )
             required_m = limited.displacements_m
             if self._tracking is not None:
                 compensator = compensator - self._tracking.dot(limited.residual)

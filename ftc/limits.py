@@ -29,6 +29,10 @@ class LimitedMapping(Protocol):
         """Optimal rates within the limits; arguments that are None count as zero."""
         ...
 
+    def within(self, rate_limits: tuple[ArrayLike, ArrayLike]) -> "LimitedMapping":
+        """The same mapping with other limits of the rates."""
+        ...
+
 
 @dataclass(frozen=True)
 class LimitedDisplacements:

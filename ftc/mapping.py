@@ -59,7 +59,7 @@ class PrioritizedMapping(Generic[Pose]):
         Raises:
             ValueError: An actuator locked off centre in incremental form: its displacement is in
                 no increment. The Gauss-Newton form without task coordinates. Limits of another
-                number, or in another than the absolute form.
+                number, or in incremental form.
         """
         if form == "gauss_newton" and task is None:
             raise ValueError("task must be given in gauss_newton form, got None")
@@ -68,8 +68,8 @@ class PrioritizedMapping(Generic[Pose]):
                 f'form must be "absolute" or "gauss_newton" with an actuator locked off centre, '
                 f"got {form} with locked_m = {goal.locked_m}"
             )
-        if limits_m is not None and form != "absolute":
-            raise ValueError(f'form must be "absolute" with limits_m, got {form}')
+        if limits_m is not None and form == "incremental":
+            raise ValueError('form must be "absolute" or "gauss_newton" with limits_m, got incremental')
         self._model, self._task = geometry, task
         self._major, self._secondary = list(major), list(secondary)
         self.goal = goal
@@ -164,20 +164,18 @@ class PrioritizedMapping(Generic[Pose]):
             )
             return last.displacements_m + now.expand @ change
         if self.form == "gauss_newton":
-            if commanded_m is None or self._task is None:
-                raise ValueError("commanded_m must be given in gauss_newton form, got None")
-            task = self._task(pose)
-            change = now.mapping(
-                demand - task[self._major],
-                joint - now.expand.T @ commanded_m,
-                secondary - task[self._secondary],
-            )
-            return commanded_m + now.expand @ change
+            here, remaining = self._step(now, demand, pose, commanded_m, joint, secondary)
+            return now.expand.dot(here + now.mapping(*remaining))
         change = now.mapping(*self._remaining(posture, demand, joint, secondary))
         return now.expand.dot(self._yielded_m + change)
 
     def within_limits(
-        self, demand: Array, pose: Pose, secondary_reference_m: Array | None = None
+        self,
+        demand: Array,
+        pose: Pose,
+        secondary_reference_m: Array | None = None,
+        *,
+        commanded_m: Array | None = None,
     ) -> LimitedDisplacements:
         """Displacements within `limits_m`, the major task they achieve, and what is lacking.
 
@@ -185,17 +183,43 @@ class PrioritizedMapping(Generic[Pose]):
         arguments are those of :meth:`displacements`.
 
         Raises:
-            ValueError: The mapping has no limits.
+            ValueError: The mapping has no limits; or the Gauss-Newton form nothing to go on from.
         """
         posture, now = self._present(pose)
-        if now.limited is None:
+        limited = now.limited
+        if limited is None or self.limits_m is None:
             raise ValueError("limits_m must be given for displacements within limits, got None")
-        references = self._references(now, secondary_reference_m)
-        major, joint, secondary = self._remaining(posture, demand, *references)
-        solved = now.limited.solve(major, joint, secondary)
-        displacements_m = now.expand.dot(self._yielded_m + solved.rates)
-        residual = major - now.J[self._major].dot(solved.rates)
+        joint, secondary = self._references(now, secondary_reference_m)
+        if self.form == "gauss_newton":
+            here, remaining = self._step(now, demand, pose, commanded_m, joint, secondary)
+            lower, upper = (now.expand.T.dot(limit) - here for limit in self.limits_m)
+            limited = limited.within((lower, upper))
+        else:
+            here, remaining = self._yielded_m, self._remaining(posture, demand, joint, secondary)
+        solved = limited.solve(*remaining)
+        displacements_m = now.expand.dot(here + solved.rates)
+        residual = remaining[0] - now.J[self._major].dot(solved.rates)
         return LimitedDisplacements(displacements_m, demand - residual, residual, solved)
+
+    def _step(
+        self,
+        now: LocalMapping,
+        demand: Array,
+        pose: Pose,
+        commanded_m: Array | None,
+        joint: Array,
+        secondary: Array,
+    ) -> tuple[Array, tuple[Array, Array, Array]]:
+        """Displacements of the survivors (n',), and what a Gauss-Newton step from there is to do.
+
+        Raises:
+            ValueError: `commanded_m` is missing.
+        """
+        if commanded_m is None or self._task is None:
+            raise ValueError("commanded_m must be given in gauss_newton form, got None")
+        task, here = self._task(pose), now.expand.T.dot(commanded_m)
+        remaining = demand - task[self._major], joint - here, secondary - task[self._secondary]
+        return here, remaining
 
     def _references(
         self, now: LocalMapping, secondary_reference_m: Array | None

@@ -13,6 +13,7 @@ from prioritized._amplification import as_sentence, closure_sentences, servo_sen
 from prioritized._arrays import apply, joined, on_axes, read_only, respond
 from prioritized._levels import Level, damped, smallest_gap, velocity_levels
 from prioritized._limited import Limiting, Optimum, optimum
+from prioritized._limits import limits
 from prioritized._packed import Point, Rows
 from prioritized._problem import Problem
 from prioritized._rank import RankedSvd, basis_scale, largest, ranked_svd
@@ -234,6 +235,21 @@ class VelocityMapping:
             self_motion=Q,
         )
         return VelocityMapping(there, self.damping, kinematics, self.limiting)
+
+    def within(self, rate_limits: tuple[ArrayLike, ArrayLike]) -> "VelocityMapping":
+        """The same mapping with other limits of the n rates, as for :func:`velocity_mapping`.
+
+        Limits of displacements are such limits: what is left of them changes from tick to tick.
+
+        Raises:
+            ValueError: As :func:`velocity_mapping`.
+        """
+        # Neither factors nor gains depend on limits.
+        box = limits("rate_limits", rate_limits, self.problem.J.shape[-1])
+        known = Limiting(box) if self.limiting is None else self.limiting._replace(box=box)
+        mapping = object.__new__(VelocityMapping)
+        vars(mapping).update(vars(self), limiting=known)
+        return mapping
 
     def belonging_to(self, kinematics: Mechanism) -> "VelocityMapping":
         """The same mapping, of this mechanism."""

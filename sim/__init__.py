@@ -42,6 +42,8 @@ from sim.linear import LinearPlant as LinearPlant
 from sim.linear import linearize as linearize
 from sim.machine import Machine as Machine
 from sim.machine import Names as Names
+from sim.mechanism import JointPosture as JointPosture
+from sim.mechanism import Mechanism as Mechanism
 from sim.model import HEXAPOD_MJCF as HEXAPOD_MJCF
 from sim.model import element_id as element_id
 from sim.model import load_model as load_model
