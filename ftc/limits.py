@@ -29,7 +29,11 @@ class LimitedMapping(Protocol):
         """Optimal rates within the limits; arguments that are None count as zero."""
         ...
 
-    def within(self, rate_limits: tuple[ArrayLike, ArrayLike]) -> "LimitedMapping":
+
+class MovableLimits(LimitedMapping, Protocol):
+    """One whose limits can be moved, which the Gauss-Newton form does at every tick."""
+
+    def within(self, rate_limits: tuple[ArrayLike, ArrayLike]) -> LimitedMapping:
         """The same mapping with other limits of the rates."""
         ...
 

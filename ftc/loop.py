@@ -14,8 +14,8 @@ from ftc.controller import Measurement
 class Machine(Protocol):
     """A machine as its controller meets it, once in a control period: simulated or real."""
 
-    def measure(self) -> Measurement:
-        """What the sensors read now."""
+    def measure(self) -> Any:
+        """What the sensors read now, with the attributes of a :class:`Measurement`."""
         ...
 
     def apply(self, input_percent: Array) -> None:

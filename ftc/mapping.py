@@ -5,7 +5,7 @@ when J is re-evaluated; docs/jacobian.md compares the forms.
 """
 
 from collections.abc import Callable, Sequence
-from typing import Generic, Literal
+from typing import Generic, Literal, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,7 +14,7 @@ import argument_checks as check
 from argument_checks import Array
 from ftc.geometry import Geometry, Pose, free_actuators_follow, without_springs, yielded
 from ftc.goal import Goal
-from ftc.limits import LimitedDisplacements, LimitedMapping
+from ftc.limits import LimitedDisplacements, LimitedMapping, MovableLimits
 from ftc.local_mapping import LocalMapping, Mapping, PreviousCommand
 from prioritized import Kinematics, WhenLimited
 
@@ -69,7 +69,9 @@ class PrioritizedMapping(Generic[Pose]):
                 f"got {form} with locked_m = {goal.locked_m}"
             )
         if limits_m is not None and form == "incremental":
-            raise ValueError('form must be "absolute" or "gauss_newton" with limits_m, got incremental')
+            raise ValueError(
+                'form must be "absolute" or "gauss_newton" with limits_m, got incremental'
+            )
         self._model, self._task = geometry, task
         self._major, self._secondary = list(major), list(secondary)
         self.goal = goal
@@ -193,7 +195,7 @@ class PrioritizedMapping(Generic[Pose]):
         if self.form == "gauss_newton":
             here, remaining = self._step(now, demand, pose, commanded_m, joint, secondary)
             lower, upper = (now.expand.T.dot(limit) - here for limit in self.limits_m)
-            limited = limited.within((lower, upper))
+            limited = cast(MovableLimits, limited).within((lower, upper))
         else:
             here, remaining = self._yielded_m, self._remaining(posture, demand, joint, secondary)
         solved = limited.solve(*remaining)

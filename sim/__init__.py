@@ -14,6 +14,11 @@ from sim.amplifier import Amplifier as Amplifier
 from sim.array import Array as Array
 from sim.assembly import advance as advance
 from sim.assembly import assemble as assemble
+from sim.bench import Bench as Bench
+from sim.bench import JointSensors as JointSensors
+from sim.bench import Reading as Reading
+from sim.bench import Sensors as Sensors
+from sim.bench import TaskSensor as TaskSensor
 from sim.coil import COPPER_PER_K as COPPER_PER_K
 from sim.coil import Coils as Coils
 from sim.detector import Detector as Detector

@@ -9,8 +9,7 @@ import numpy as np
 
 from experiments.hexapod.choices import JacobianChoice
 from experiments.hexapod.controller import controller_for
-from experiments.hexapod.testbed import Testbed
-from ftc.controller import Measurement
+from experiments.hexapod.testbed import Testbed, TestbedConfig
 from ftc.goal import Goal
 from ftc.loop import Controller, LoopRun, State, run_loop
 from ftc.mapping import DisplacementForm
@@ -18,7 +17,10 @@ from ftc.oracle import OracleController
 from sim import (
     NOMINAL,
     Array,
+    Bench,
     Failure,
+    Pose,
+    Reading,
     pointing_angles,
     secondary_motion,
 )
@@ -155,13 +157,16 @@ def track_path(
             f"got the shape {floor.shape}"
         )
     lead_in = round(lead_in_s / bench.control_period_s)
-    machine = _Bench(
-        testbed,
-        failures,
+    plant = testbed.plant()
+    plant.settle(bench.settling_s, start_m)
+    machine = Bench(
+        plant,
+        _Sensors(bench, seed),
         time_s=_after_rest(lead_in, time_s),
+        period_s=bench.control_period_s,
+        failures=failures,
+        drives=testbed.amplifier().displacement_m,
         floor_m_per_s2=None if floor is None else _after_rest(lead_in, floor),
-        seed=seed,
-        start_m=start_m,
     )
     run = run_loop(machine, pilot, _after_rest(lead_in, desired_rad))
     return _trajectory(time_s, desired_rad, machine, run, lead_in), run.state
@@ -172,62 +177,24 @@ def _after_rest(ticks: int, signal: Array) -> Array:
     return np.concatenate([np.zeros((ticks, *signal.shape[1:])), signal])
 
 
-class _Bench:
-    """The simulated machine with its sensors and amplifiers, what happens to it, and a log of it.
+class _Sensors:
+    """The detector behind the telescope, and the gauges beside the struts."""
 
-    The log is for each tick: rotation, translation and struts of the plant, and its largest gap.
-    """
-
-    def __init__(
-        self,
-        testbed: Testbed,
-        failures: Sequence[Failure],
-        *,
-        time_s: Array,
-        floor_m_per_s2: Array | None,
-        seed: int,
-        start_m: Array | None,
-    ) -> None:
-        """Settle; a floor at rest is None."""
-        bench, ticks = testbed.bench, len(time_s)
-        self._plant, self._amplifier = testbed.plant(), testbed.amplifier()
-        self._period_s, self._time_s, self._floor = bench.control_period_s, time_s, floor_m_per_s2
-        self._detector, self._strut_sensors = bench.detector(), bench.strut_sensors()
-        # Sources of their own: whether strut sensors are read changes nothing of the detector's.
+    def __init__(self, bench: TestbedConfig, seed: int) -> None:
+        self._detector, self._gauges = bench.detector(), bench.strut_sensors()
+        # Sources of their own: whether gauges are read changes nothing of the detector's noise.
         self._detector_rng = np.random.default_rng(seed)
-        self._strut_rng = np.random.default_rng([seed, 1])
-        self._to_come = sorted(failures, key=lambda failure: failure.time_s)
-        self._tick = 0
-        self.rotation = np.empty((ticks, 3, 3))
-        self.translation_m = np.empty((ticks, 3))
-        self.strut_displacement_m = np.empty((ticks, testbed.model.nu))
-        self.closure_residual_m = np.empty(ticks)
-        self._plant.settle(bench.settling_s, start_m)
+        self._gauge_rng = np.random.default_rng([seed, 1])
 
-    def measure(self) -> Measurement:
-        """What the detector and the gauges beside the struts read, after what happens now."""
-        plant, tick = self._plant, self._tick
-        while self._to_come and self._to_come[0].time_s <= self._time_s[tick]:
-            self._to_come.pop(0).strike(plant)
-        if self._floor is not None:
-            plant.shake(self._floor[tick])
-        pose, struts_m = plant.pose(), plant.strut_displacement_m()
-        self.rotation[tick], self.translation_m[tick] = pose.rotation, pose.translation_m
-        self.strut_displacement_m[tick] = struts_m
-        self.closure_residual_m[tick] = plant.closure_residual_m()
-        return Measurement(
+    def read(self, pose: Pose, displacements: Array) -> Reading:
+        return Reading(
             output=self._detector.read(pose.rotation, self._detector_rng),
-            displacement=self._strut_sensors.read(struts_m, self._strut_rng),
+            displacement=self._gauges.read(displacements, self._gauge_rng),
         )
-
-    def apply(self, input_percent: Array) -> None:
-        """Drive the coils for a period."""
-        self._plant.step(self._amplifier.displacement_m(input_percent), self._period_s)
-        self._tick += 1
 
 
 def _trajectory(
-    time_s: Array, desired_rad: Array, bench: _Bench, run: LoopRun[Any], lead_in: int
+    time_s: Array, desired_rad: Array, bench: Bench, run: LoopRun[Any], lead_in: int
 ) -> Trajectory:
     rotation, translation_m = bench.rotation[lead_in:], bench.translation_m[lead_in:]
     poses = [NOMINAL if pose is None else pose for pose in run.poses[lead_in:]]
@@ -237,7 +204,7 @@ def _trajectory(
         true_rad=pointing_angles(rotation),
         measured_rad=run.measured[lead_in:],
         strut_input_percent=run.input_percent[lead_in:],
-        strut_displacement_m=bench.strut_displacement_m[lead_in:],
+        strut_displacement_m=bench.displacement[lead_in:],
         secondary=secondary_motion(rotation @ rotation[0].T, translation_m - translation_m[0]),
         secondary_estimated=secondary_motion(
             np.array([pose.rotation for pose in poses]),
