@@ -215,7 +215,7 @@ def _ticks(
             to_come.pop(0).strike(plant)
         if path.floor_m_per_s2 is not None:
             plant.shake(path.floor_m_per_s2[tick])
-        pose, struts_m = plant.pose(), plant.strut_displacement_m()
+        pose, struts_m = plant.pose(), plant.displacements()
         measurement = Measurement(
             output=detector.read(pose.rotation, detector_rng),
             displacement=strut_sensors.read(struts_m, strut_rng),
