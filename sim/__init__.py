@@ -60,6 +60,7 @@ from sim.pose import NOMINAL as NOMINAL
 from sim.pose import Pose as Pose
 from sim.ranges import Ranges as Ranges
 from sim.ranges import ranges as ranges
+from sim.servo import servoed as servoed
 from sim.strut_sensors import StrutSensors as StrutSensors
 from sim.task import CenterOfMass as CenterOfMass
 from sim.task import Relative as Relative

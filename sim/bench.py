@@ -127,7 +127,7 @@ class Bench:
         self._tick, ticks = 0, len(time_s)
         self.rotation = np.empty((ticks, 3, 3))
         self.translation_m = np.empty((ticks, 3))
-        self.displacement = np.empty((ticks, len(plant.strut_displacement_m())))
+        self.displacement = np.empty((ticks, len(plant.drives)))
         self.closure_residual_m = np.empty(ticks)
         self.qpos = np.empty((ticks, plant.model.nq)) if keep_qpos else None
 
@@ -138,7 +138,7 @@ class Bench:
             self._to_come.pop(0).strike(plant)
         if self._floor is not None:
             plant.shake(self._floor[tick])
-        pose, displacement = plant.pose(), plant.strut_displacement_m()
+        pose, displacement = plant.pose(), plant.displacements()
         self.rotation[tick], self.translation_m[tick] = pose.rotation, pose.translation_m
         self.displacement[tick] = displacement
         self.closure_residual_m[tick] = plant.closure_residual_m()

@@ -41,8 +41,12 @@ def joint_stiffness(model: mujoco.MjModel) -> Array:
         TypeError: `model` is of another type.
     """
     check.instance("model", model, mujoco.MjModel)
-    linear = ~model.jnt_stiffnesspoly.any(axis=1) & (model.jnt_plasticadr < 0)
-    for k in np.flatnonzero(~linear):
+    for k in np.flatnonzero(~has_linear_spring(model)):
         name = model.joint(k).name or f"number {k}"
         raise ModelError(f'the spring of joint "{name}" is not linear')
     return model.jnt_stiffness[model.dof_jntid]
+
+
+def has_linear_spring(model: mujoco.MjModel) -> Array:
+    """Which joints have springs that are linear, if of stiffness zero, shape (njnt,)."""
+    return ~model.jnt_stiffnesspoly.any(axis=1) & (model.jnt_plasticadr < 0)

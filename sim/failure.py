@@ -10,7 +10,7 @@ import argument_checks as check
 from sim.plant import Plant
 
 FailureKind = Literal["locked", "free", "loose", "weak"]
-"""Stuck where it is; without coil; without coil and suspension spring; with a part of its coil."""
+"""Stuck where it is; without force; without force and spring; with a part of its force."""
 
 
 @dataclass(frozen=True)
@@ -18,10 +18,10 @@ class Failure:
     """One actuator fails at one time.
 
     Attributes:
-        actuator: 0..nu-1, in the order of the model.
+        actuator: 0..n-1, in the order of `plant.drives`, which is that of :func:`jacobians`.
         kind: See :data:`FailureKind`.
         time_s: When, not before the start.
-        effectiveness: Part of the coil's force that a weak one has left, in 0..1.
+        effectiveness: Part of the force that a weak one has left, in 0..1.
 
     Raises:
         ValueError: No such kind, a negative actuator, a time that is not finite, or no such part.
@@ -45,6 +45,7 @@ class Failure:
 
         Raises:
             ValueError: No such actuator.
+            ModelError: It is to lock and has no lock.
             TypeError: `plant` is of another type.
         """
         check.instance("plant", plant, Plant)

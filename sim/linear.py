@@ -9,30 +9,34 @@ import scipy.linalg
 
 from sim.array import Array
 from sim.closure import check_closures, closure_rows
+from sim.drive import Drive
 from sim.dynamics import mass_of
 from sim.errors import ModelError
-from sim.model import check_state
-from sim.task import task_jacobian, task_list, to_axes_of
-from sim.transmission import actuated_velocities
+from sim.model import check_state, name_of
+from sim.task import Task, task_jacobian, task_list, to_axes_of
+from sim.transmission import drive_rows, drives
 
 _POSITION_STEP = 1e-6
 _VELOCITY_STEP = 1e-4
 _FLOOR_STEP = 1e-2
+_NO_CLAMP = int(mujoco.mjtDisableBit.mjDSBL_CLAMPCTRL)
+_ANY = (-np.inf, np.inf)
 
 
 @dataclass(frozen=True)
 class LinearPlant:
     """x_dot = A x + B u + B_floor a; twist = C_twist x, displacement of actuators = C_active x.
 
-    x = [y; y_dot] with y the k free coordinates on the closed loops; u as `data.ctrl`; a the
-    acceleration of the floor, which all of x is measured from.
+    x = [y; y_dot] with y the k free coordinates on the closed loops; u as `data.ctrl`, or, of a
+    :meth:`Plant.linear`, its commands; a the acceleration of the floor, which all of x is measured
+    from.
 
     Attributes:
         A: Shape (2k, 2k).
-        B: Shape (2k, nu).
+        B: Shape (2k, nu), or (2k, n) for commands.
         B_floor: Shape (2k, 3), for a in the axes of the twist.
         C_twist: Displacement [rotation; translation] of the site, shape (6, 2k).
-        C_active: Displacement of each actuated joint, shape (nu, 2k).
+        C_active: Displacement of each drive, shape (n, 2k).
     """
 
     A: Array
@@ -45,12 +49,13 @@ class LinearPlant:
 def linearize(
     model: mujoco.MjModel,
     data: mujoco.MjData,
-    site: str = "payload",
+    site: Task = "payload",
     axes: str | None = "base",
 ) -> LinearPlant:
     """Linearize at `data`, which must be at rest; locks, switched-off coils and pushes count.
 
-    Equalities are all that constrains: contacts and limits, a strut on its stop, are left out.
+    Equalities are all that constrains: contacts and limits, a strut on its stop, and dry friction
+    are left out; so are ranges of controls.
 
     The velocities are reduced to a null-space basis of the active equalities, and MuJoCo's own
     unconstrained accelerations, projected on what the loops allow, differentiated along it. (Its
@@ -58,22 +63,42 @@ def linearize(
     the flexures of a strut without its spring.) Central differences: stepping off a curved
     constraint by h leaves a gap of order h^2, which is the same on both sides and cancels.
 
+    Args:
+        model: Any model; the drives of C_active include those that are switched off.
+        data: Its state, closed; derived quantities are brought up to date.
+        site: A task of six rows, as for :func:`jacobians`.
+        axes: Site whose axes express twists; None is the world.
+
     Raises:
-        ModelError: As :func:`jacobians`; or an actuator with a state of its own.
+        ModelError: As :func:`jacobians`; or an actuator with a state of its own, or a delay.
         ValueError, TypeError: As :func:`jacobians`.
     """
     check_state(model, data)
-    if model.na:
-        raise ModelError("an actuator has a state of its own: only those without one are linear")
-    (task,), active = task_list(model, [site]), actuated_velocities(model)
+    (task,) = task_list(model, [site])
+    of_model = drives(model, disabled=True)
+    return linear_plant(model, data, task, to_axes_of(model, data, axes), of_model)
+
+
+def linear_plant(
+    model: mujoco.MjModel, data: mujoco.MjData, task: Task, to_axes: Array, some: tuple[Drive, ...]
+) -> LinearPlant:
+    """The same of drives that are known, for a rotation (3, 3) from world axes to others."""
+    for k in np.flatnonzero(model.actuator_actnum):
+        called = name_of(model.actuator(k))
+        raise ModelError(
+            f'an actuator has a state of its own, "{called}": only those without one are linear'
+        )
+    for k in np.flatnonzero(model.actuator_delay):
+        raise ModelError(f"actuator number {k} delays its control, which a linear model does not")
     check_closures(model, data)
     mujoco.mj_fwdPosition(model, data)
-    Z = _allowed(closure_rows(model, data))
+    Z = allowed(closure_rows(model, data))
     k = Z.shape[1]
-    to_axes = to_axes_of(model, data, axes)
     gravity, model = model.opt.gravity.copy(), copy.copy(model)
+    control = _clamped(model, data)
     probe = mujoco.MjData(model)
     probe.eq_active[:] = data.eq_active
+    probe.mocap_pos[:], probe.mocap_quat[:] = data.mocap_pos, data.mocap_quat
     probe.xfrc_applied[:], probe.qfrc_applied[:] = data.xfrc_applied, data.qfrc_applied
 
     def acceleration(y: Array, y_dot: Array, u: Array, floor: Array) -> Array:
@@ -84,14 +109,14 @@ def linearize(
         probe.qvel[:] = Z @ y_dot
         probe.ctrl[:] = u
         mujoco.mj_forward(model, probe)
-        allowed, mass = _allowed(closure_rows(model, probe)), mass_of(model, probe)
-        force = allowed.T @ (mass @ probe.qacc_smooth)
-        return Z.T @ allowed @ np.linalg.solve(allowed.T @ mass @ allowed, force)
+        ways, mass = allowed(closure_rows(model, probe)), mass_of(model, probe)
+        force = ways.T @ (mass @ probe.qacc_smooth)
+        return Z.T @ ways @ np.linalg.solve(ways.T @ mass @ ways, force)
 
     def gradient(argument: int, size: int, step: float) -> Array:
         columns = []
         for e in np.eye(size) * step:
-            ahead = [np.zeros(k), np.zeros(k), data.ctrl.copy(), np.zeros(3)]
+            ahead = [np.zeros(k), np.zeros(k), control.copy(), np.zeros(3)]
             behind = [part.copy() for part in ahead]
             ahead[argument] += e
             behind[argument] -= e
@@ -110,10 +135,22 @@ def linearize(
         C_twist=np.hstack(
             [np.kron(np.eye(2), to_axes) @ task_jacobian(model, data, task) @ Z, np.zeros((6, k))]
         ),
-        C_active=np.hstack([Z[active], np.zeros((model.nu, k))]),
+        C_active=np.hstack([drive_rows(model, data, some) @ Z, np.zeros((len(some), k))]),
     )
 
 
-def _allowed(J_C: Array) -> Array:
+def _clamped(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
+    """The controls (nu,) within their ranges, which the model, a copy, then no longer has.
+
+    At the end of a range a central difference would take half of the slope.
+    """
+    low, high = np.where(model.actuator_ctrllimited[:, None], model.actuator_ctrlrange, _ANY).T
+    if model.opt.disableflags & _NO_CLAMP:
+        return data.ctrl.copy()
+    model.opt.disableflags |= _NO_CLAMP
+    return data.ctrl.clip(low, high)
+
+
+def allowed(J_C: Array) -> Array:
     """Orthonormal basis of the velocities that the constraints allow."""
     return scipy.linalg.null_space(J_C) if len(J_C) else np.eye(J_C.shape[1])

@@ -1,6 +1,7 @@
-"""Locks: joint equalities that hold one joint alone, inactive until it fails."""
+"""Locks: equalities that hold one joint or tendon alone, inactive until it fails."""
 
 from pathlib import Path
+from typing import NamedTuple
 
 import mujoco
 
@@ -8,6 +9,7 @@ from sim.errors import ModelError
 
 _ON_JOINT = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
 _ONE_AXIS = (int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE))
+_TENDON = int(mujoco.mjtTrn.mjTRN_TENDON)
 _STEPS = 2
 """Time constant of a lock, in physics steps: the stiffest that MuJoCo integrates."""
 _IMPEDANCE = [0.9999, 0.9999, 0.001, 0.5, 2]
@@ -18,15 +20,36 @@ def lock_name(actuator: int) -> str:
     return f"lock{actuator + 1}"
 
 
-def joint_locked_by(model: mujoco.MjModel, equality: int) -> int:
-    """Id of the joint that the equality holds alone; -1 if it does anything else."""
-    is_joint = int(model.eq_type[equality]) == int(mujoco.mjtEq.mjEQ_JOINT)
-    alone = int(model.eq_obj2id[equality]) == -1
-    return int(model.eq_obj1id[equality]) if is_joint and alone else -1
+class Lockable(NamedTuple):
+    """A joint or tendon, by its number, and what the model calls it."""
+
+    kind: str
+    id: int
+    name: str
+
+
+def locked_by(model: mujoco.MjModel, equality: int) -> Lockable | None:
+    """The joint or tendon that the equality holds alone; None if it does anything else."""
+    end, kind = int(model.eq_obj1id[equality]), int(model.eq_type[equality])
+    if int(model.eq_obj2id[equality]) != -1:
+        return None
+    if kind == int(mujoco.mjtEq.mjEQ_JOINT):
+        return Lockable("joint", end, model.joint(end).name)
+    if kind == int(mujoco.mjtEq.mjEQ_TENDON):
+        return Lockable("tendon", end, model.tendon(end).name)
+    return None
+
+
+def lockable_by(model: mujoco.MjModel, actuator: int) -> Lockable | None:
+    """The slide, hinge or tendon that an actuator moves; None for any other transmission."""
+    end, kind = int(model.actuator_trnid[actuator, 0]), int(model.actuator_trntype[actuator])
+    if kind in _ON_JOINT and int(model.jnt_type[end]) in _ONE_AXIS:
+        return Lockable("joint", end, model.joint(end).name)
+    return Lockable("tendon", end, model.tendon(end).name) if kind == _TENDON else None
 
 
 def with_locks(file: Path, model: mujoco.MjModel) -> mujoco.MjModel:
-    """The model of this file with an inactive lock for each actuated joint that has none.
+    """The model of this file with an inactive lock for each actuated joint or tendon without one.
 
     Raises:
         ModelError: The name of a lock to be added is that of another equality.
@@ -35,30 +58,30 @@ def with_locks(file: Path, model: mujoco.MjModel) -> mujoco.MjModel:
     if not missing:
         return model
     spec = mujoco.MjSpec.from_file(str(file))
-    for actuator, joint in missing.items():
-        lock = spec.add_equality(name=lock_name(actuator), type=mujoco.mjtEq.mjEQ_JOINT)
-        lock.name1 = model.joint(joint).name
+    for actuator, part in missing.items():
+        kind = mujoco.mjtEq.mjEQ_JOINT if part.kind == "joint" else mujoco.mjtEq.mjEQ_TENDON
+        lock = spec.add_equality(name=lock_name(actuator), type=kind)
+        lock.name1 = part.name
         lock.active = False
         lock.solref = [_STEPS * model.opt.timestep, 1.0]
         lock.solimp = _IMPEDANCE
     return spec.compile()
 
 
-def _missing(model: mujoco.MjModel) -> dict[int, int]:
-    """Joint without a lock of each actuator on a slide or hinge joint, the first on that joint."""
+def _missing(model: mujoco.MjModel) -> dict[int, Lockable]:
+    """Joint or tendon without a lock of each actuator on one, the first there."""
     taken = {model.equality(k).name for k in range(model.neq)}
-    locked = {joint_locked_by(model, k) for k in range(model.neq)}
-    missing: dict[int, int] = {}
+    locked = {locked_by(model, k) for k in range(model.neq)}
+    missing: dict[int, Lockable] = {}
     for k in range(model.nactuator):
-        joint = int(model.actuator_trnid[k, 0])
-        on_joint = int(model.actuator_trntype[k]) in _ON_JOINT
-        if not on_joint or int(model.jnt_type[joint]) not in _ONE_AXIS or joint in locked:
+        part = lockable_by(model, k)
+        if part is None or part in locked:
             continue
         if lock_name(k) in taken:
             raise ModelError(
-                f'the lock of joint "{model.joint(joint).name}" cannot be added: '
+                f'the lock of {part.kind} "{part.name}" cannot be added: '
                 f'another equality is named "{lock_name(k)}"'
             )
-        missing[k] = joint
-        locked.add(joint)
+        missing[k] = part
+        locked.add(part)
     return missing

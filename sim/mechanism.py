@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 import argument_checks as check
 from sim.array import Array
+from sim.displacements import Displacements
 from sim.frame import Body, located
 from sim.jacobian import Jacobians, jacobians
 from sim.model import check_state
@@ -91,8 +92,8 @@ class Mechanism:
         base = None if axes is None else located(model, "axes", axes)
         mujoco.mj_fwdPosition(self._model, self._data)
         self._payload = Payload.at_rest(self._data, frame, base)
-        self._drives = drives(self._model)
-        self._zero = self._positions()
+        gauged = drives(self._model)
+        self._gauges = Displacements.from_here(self._model, self._data, gauged)
         self.nominal = self._posture(self._data.qpos.copy())
 
     def jacobians(self, posture: JointPosture) -> Jacobians:
@@ -137,8 +138,8 @@ class Mechanism:
         data = self._data
         data.qpos[:] = qpos
         jac = self._jacobians()
-        gaps, positions = data.efc_pos[: data.ne].copy(), self._positions() - self._zero
-        return JointPosture(qpos, self._payload.pose(data), jac, gaps, positions)
+        gaps = data.efc_pos[: data.ne].copy()
+        return JointPosture(qpos, self._payload.pose(data), jac, gaps, self._gauges.read(data))
 
     def _jacobians(self) -> Jacobians:
         return jacobians(
@@ -148,19 +149,6 @@ class Mechanism:
             self._axes,
             pinned=self._pinned,
             closure_tolerance=np.inf,
-        )
-
-    def _positions(self) -> Array:
-        """Of the active velocities, shape (n,): joint positions, or lengths over gears."""
-        qpos, length = self._data.qpos, self._data.actuator_length
-        first = self._model.jnt_qposadr
-        return np.array(
-            [
-                length[drive.outputs[0]] / drive.gear[0]
-                if drive.joint is None
-                else qpos[first[drive.joint]]
-                for drive in self._drives
-            ]
         )
 
 

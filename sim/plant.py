@@ -1,7 +1,8 @@
-"""The plant: MuJoCo physics, struts that can lock or lose force, and the true payload motion."""
+"""The plant: MuJoCo physics, actuators that can lock or lose force, and the true payload motion."""
 
 import copy
 from collections.abc import Sequence
+from dataclasses import replace
 from math import isfinite
 
 import mujoco
@@ -10,10 +11,25 @@ from scipy.linalg.blas import dnrm2, idamax
 from scipy.spatial.transform import Rotation
 
 import argument_checks as check
-from sim.actuators import actuated_joints, locks_of, reserve_off_group, switch_off
+from sim.actuators import (
+    activate_lock,
+    locks_of,
+    plant_drives,
+    reserve_off_group,
+    switch_off,
+    take_spring,
+)
 from sim.array import Array
-from sim.errors import ModelError, SimulationDiverged
+from sim.closure import check_closures, equality_name, largest_gap
+from sim.commands import commands_of
+from sim.displacement_limits import rest_limits
+from sim.displacements import Displacements
+from sim.errors import ClosureError, ModelError, SimulationDiverged
 from sim.frame import Body, located
+from sim.holding import holding_forces, refuse_beyond_ranges
+from sim.jacobian import CLOSURE_TOLERANCE
+from sim.linear import LinearPlant, linear_plant
+from sim.model import check_state
 from sim.payload import Payload
 from sim.pose import Pose
 
@@ -34,8 +50,13 @@ _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 class Plant:
     """Simulated plant with private copies of model and data, failures included.
 
-    The nominal pose is `qpos0` of the model. Twists, wrenches and displacements of the payload are
-    expressed in the present axes of the base.
+    Its n actuators are the active velocities of :func:`jacobians`, in that order. Twists, wrenches
+    and displacements of the payload are expressed in the present axes of the base.
+
+    Attributes:
+        drives: What each actuator 0..n-1 moves, and its actuators in the model.
+        model: Its own copy.
+        data: Its state.
     """
 
     def __init__(
@@ -45,22 +66,30 @@ class Plant:
         base: str | Body | None = "base",
         payload: str | Body = "payload",
         locks: Sequence[str] | None = None,
+        start: mujoco.MjData | None = None,
     ) -> None:
-        """Start at the nominal pose, without failures and without coil current.
+        """Start at rest in the nominal pose, without failures.
 
         Args:
-            model: A model whose actuators are position servos of gear 1, each on a slide or hinge
-                joint of its own.
+            model: A model in which each drive has a position feedback or a spring: position servos
+                of any gear, or motors with a suspension; see :func:`servoed` for others.
             base: Site, or :class:`Body`, whose axes express twists and displacements; None is the
                 world.
             payload: Site, or :class:`Body`, that is the task frame, in any orientation.
-            locks: Equality that locks the joint of each actuator, in actuator order; None is
+            locks: Equality that locks each actuator's joint or tendon, in actuator order; None is
                 `lock1`, `lock2`, ..., which :func:`load_model` adds on request.
+            start: A state, such as of :func:`assemble`, whose `qpos` is the nominal pose, with the
+                equalities that are active and the mocap bodies. Controls then hold the machine
+                still against gravity and springs, with actuator forces of least norm; contacts and
+                limits do not count. None is `qpos0`, with controls of zero.
 
         Raises:
             ModelError: There is no frame or equality of these names, or one does not lock its joint
-                alone; there is no actuator; or an actuator has a gear or no joint of its own.
-            ValueError: `locks` has another number of names than the model of actuators.
+                alone; there is no actuator, or one that no displacement follows from; or nothing
+                holds the machine still at `start`, which the message names.
+            ClosureError: `start` is not closed.
+            ValueError: `locks` has another number of names than there are actuators; or `start` is
+                of another model.
             TypeError: An argument is of another type.
         """
         check.instance("model", model, mujoco.MjModel)
@@ -70,21 +99,33 @@ class Plant:
         self.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
         reserve_off_group(self.model)
         self.data = mujoco.MjData(self.model)
-        self._joints = actuated_joints(self.model)
-        self._strut_qpos = self.model.jnt_qposadr[self._joints]
-        self._strut_qpos0 = self.model.qpos0[self._strut_qpos]
-        self._locks = locks_of(self.model, self._joints, locks)
+        self.drives = plant_drives(self.model)
+        self._locks = locks_of(self.model, self.drives, locks)
         axes = None if base is None else located(self.model, "base", base)
         frame = located(self.model, "payload", payload)
+        self._payload_frame = payload
         self._is_loop = np.isin(self.model.eq_type, _LOOPS).astype(float)
         self._warnings = [self.data.warning[kind] for kind in _NOT_FINITE]
+        if start is not None:
+            _place(self.model, self.data, start)
         self._last = self.integration_state()
         mujoco.mj_forward(self.model, self.data)
+        held = None if start is None else holding_forces(self.model, self.data, self.drives)
+        self._commands = commands_of(self.model, self.data, self.drives, held)
+        if start is not None:
+            refuse_beyond_ranges(self.model, self.drives, self._commands)
+            self.data.ctrl[:] = self._commands.at_rest
+            mujoco.mj_forward(self.model, self.data)
+        self._gauges = Displacements.from_here(self.model, self.data, self.drives)
+        self._limits = rest_limits(self.model, self.data, self.drives, self._commands)
         self._payload = Payload.at_rest(self.data, frame, axes)
         self._gravity = self.model.opt.gravity.copy()
 
     def step(self, command_m: Array, period_s: float) -> None:
-        """Hold the commanded strut displacements (nu,) for one period of physics steps.
+        """Hold the commanded displacements (n,), [m] or [rad], for one period of physics steps.
+
+        Each control is that of the nominal pose plus what would hold the drive alone at its
+        displacement, against its servo's feedback and the spring of its joint or tendon.
 
         Raises:
             ValueError: The command has a wrong shape or is not finite; or the period is not
@@ -101,65 +142,65 @@ class Plant:
                 f"the model's physics step of {timestep_s} s does not divide "
                 f"the period of {period_s} s"
             )
-        command_m = check.exactly("command_m", command_m, *self._strut_qpos0.shape)
+        command_m = check.exactly("command_m", command_m, len(self.drives))
         mujoco.mj_getState(self.model, self.data, self._last, _STATE)
-        self.data.ctrl[:] = command_m
+        self.data.ctrl[:] = self._commands.controls(command_m)
         mujoco.mj_step(self.model, self.data, steps)
         if not self._is_finite():
             raise SimulationDiverged(self.data.time, self._last.copy())
         mujoco.mj_kinematics(self.model, self.data)
+        self._gauges.refresh(self.model, self.data)
 
     def settle(self, seconds: float, command_m: Array | None = None) -> None:
-        """Let the machine come to rest at strut displacements (nu,); time starts again at zero.
+        """Let the machine come to rest at displacements (n,); time starts again at zero.
 
-        None is without current.
+        None is the nominal pose, of the hexapod without current.
 
         Raises:
             ValueError, ModelError, SimulationDiverged: As :meth:`step`.
         """
         check.positive("seconds", seconds)
-        self.step(np.zeros(self.model.nu) if command_m is None else command_m, seconds)
+        self.step(np.zeros(len(self.drives)) if command_m is None else command_m, seconds)
         self.data.time = 0.0
 
     def lock(self, actuator: int) -> None:
-        """Position failure: actuator 0..nu-1 stays where it is, from now on.
+        """Position failure: actuator 0..n-1 stays where it is, from now on.
 
         Raises:
             ValueError: No such actuator.
+            ModelError: It has no lock.
         """
-        actuator = check.index("actuator", actuator, self.model.nu)
-        lock, qpos = self._locks[actuator], self._strut_qpos[actuator]
-        self.model.eq_data[lock, 0] = self.data.qpos[qpos] - self._strut_qpos0[actuator]
-        self.data.eq_active[lock] = True
+        k = self._index(actuator)
+        activate_lock(self.model, self.data, self.drives[k], self._locks[k])
 
     def release(self, actuator: int) -> None:
-        """Torque failure: the coil of actuator 0..nu-1 is switched off, from now on.
+        """Torque failure: actuator 0..n-1 is switched off, from now on.
 
         Raises:
             ValueError: No such actuator.
         """
-        switch_off(self.model, check.index("actuator", actuator, self.model.nu))
+        switch_off(self.model, self.drives[self._index(actuator)])
 
     def weaken(self, actuator: int, effectiveness: float) -> None:
-        """The coil of actuator 0..nu-1 gives this part, in 0..1, of the force that it gave.
+        """Actuator 0..n-1 gives this part, in 0..1, of the force that it gave.
 
         Raises:
             ValueError: No such actuator, or no such part.
         """
-        actuator = check.index("actuator", actuator, self.model.nu)
+        ids = list(self.drives[self._index(actuator)].ids)
         part = check.at_most_one("effectiveness", effectiveness)
         # A position servo takes the force of its error from both.
-        self.model.actuator_gainprm[actuator, :3] *= part
-        self.model.actuator_biasprm[actuator, :3] *= part
+        self.model.actuator_gainprm[ids, :3] *= part
+        self.model.actuator_biasprm[ids, :3] *= part
 
     def break_loose(self, actuator: int) -> None:
-        """Release actuator 0..nu-1 and take its suspension spring, and with it its preload, away.
+        """Release actuator 0..n-1 and take its suspension spring, and with it its preload, away.
 
         Raises:
             ValueError: No such actuator.
         """
         self.release(actuator)
-        self.model.jnt_stiffness[self._joints[actuator]] = 0.0
+        take_spring(self.model, self.drives[self._index(actuator)])
 
     def push(self, wrench: Array) -> None:
         """Push the payload, from now on, with [moment; force] at its site in base axes.
@@ -203,17 +244,38 @@ class Plant:
         """Payload relative to its nominal pose, in base axes: rotation R_now R_nominal^T."""
         return self._payload.pose(self.data)
 
-    def strut_displacement_m(self) -> Array:
-        """Extension of each strut from its nominal length, shape (nu,)."""
-        return self.data.qpos.take(self._strut_qpos) - self._strut_qpos0
+    def displacements(self) -> Array:
+        """Displacement of each actuator from the nominal pose, shape (n,), [m] or [rad].
+
+        Of a joint, of the length of a tendon or slider-crank, or of what a servo at a site feels.
+        """
+        return self._gauges.read(self.data)
+
+    def limits(self) -> tuple[Array, Array]:
+        """Lower and upper displacements (n,) each at which actuators can rest; see
+        :func:`displacement_limits`, of which these know no amplifier."""
+        lower, upper = self._limits
+        return lower.copy(), upper.copy()
+
+    def linear(self) -> LinearPlant:
+        """About the present pose, taken as a rest, with the commands of :meth:`step` as inputs.
+
+        Raises:
+            ModelError: As :func:`linearize`.
+        """
+        data = copy.copy(self.data)
+        to_axes = self._payload.axes(data).T
+        linear = linear_plant(self.model, data, self._payload_frame, to_axes, self.drives)
+        return replace(linear, B=linear.B @ self._commands.per_displacement)
 
     def constraint_force(self) -> Array:
         """Forces of closures, locks and stops on each velocity, shape (nv,), [N] and [N m]."""
         return self.data.qfrc_constraint.copy()
 
     def coil_force_n(self) -> Array:
-        """Force of each coil, shape (nu,); proportional to its current."""
-        return self.data.actuator_force.copy()
+        """Force of each actuator along its velocity, shape (n,), [N] or [N m]."""
+        force = self.data.actuator_force
+        return np.array([force.take(d.outputs).dot(d.gear) for d in self.drives])
 
     def closure_residual_m(self) -> float:
         """Largest closure residual at the last physics step; a weld's angles count as m/rad."""
@@ -227,6 +289,21 @@ class Plant:
         mujoco.mj_getState(self.model, self.data, state, _STATE)
         return state
 
+    def _index(self, actuator: int) -> int:
+        return check.index("actuator", actuator, len(self.drives))
+
     def _is_finite(self) -> bool:
         a, b, c = self._warnings
         return not (a.number or b.number or c.number) and isfinite(dnrm2(self.data.qpos))
+
+
+def _place(model: mujoco.MjModel, data: mujoco.MjData, start: mujoco.MjData) -> None:
+    """Put a new state into the pose of another one, which must be closed."""
+    check_state(model, check.instance("start", start, mujoco.MjData))
+    data.qpos[:], data.eq_active[:] = start.qpos, start.eq_active
+    data.mocap_pos[:], data.mocap_quat[:] = start.mocap_pos, start.mocap_quat
+    check_closures(model, data)
+    mujoco.mj_fwdPosition(model, data)
+    gap, worst = largest_gap(model, data)
+    if gap > CLOSURE_TOLERANCE:
+        raise ClosureError(equality_name(model, worst), gap, "call sim.assemble(model, data)")

@@ -54,14 +54,16 @@ def drives(model: mujoco.MjModel, *, disabled: bool = False) -> tuple[Drive, ...
 
     Args:
         model: The model.
-        disabled: Whether actuators that are switched off count all the same.
+        disabled: Whether actuators that are switched off count all the same, if they move
+            anything.
 
     Raises:
         ModelError: An actuator that adheres to contacts, or one of gear 0.
     """
     shared: dict[_Moved, list[_Output]] = {}
     for k in range(model.nactuator):
-        if disabled or not is_disabled(model, k):
+        off = is_disabled(model, k)
+        if not off or (disabled and int(model.actuator_trntype[k]) != _BODY):
             for output in _outputs(model, k):
                 shared.setdefault(output.moved, []).append(output)
     return tuple(_drive(model, outputs) for outputs in shared.values())
@@ -90,23 +92,6 @@ def simple_velocities(model: mujoco.MjModel) -> NDArray[np.intp] | None:
     ):
         return model.jnt_dofadr[joint].astype(np.intp)
     return None
-
-
-def actuated_velocities(model: mujoco.MjModel) -> NDArray[np.intp]:
-    """Velocity index of each actuator, disabled ones too, of a machine with one on each joint.
-
-    Raises:
-        ModelError: An actuator not on a slide or hinge joint, one of gear 0, or two on one joint.
-    """
-    for drive in (of_model := drives(model, disabled=True)):
-        if drive.joint is None:
-            raise ModelError(
-                f'actuator "{drive.actuators[0]}" does not drive a slide or hinge joint'
-            )
-        if len(drive.actuators) > 1:
-            both = " and ".join(f'"{name}"' for name in drive.actuators)
-            raise ModelError(f'actuators {both} drive the same joint "{drive.name}"')
-    return model.jnt_dofadr[[drive.joint for drive in of_model]].astype(np.intp)
 
 
 def drive_rows(model: mujoco.MjModel, data: mujoco.MjData, some: Sequence[Drive]) -> Array:

@@ -33,7 +33,7 @@ def test_a_strut_commanded_to_its_limit_rests_there_with_the_stated_current(
     plant = at_rest(model, amplifier, limit_m * np.eye(6)[strut])
     current_a = plant.coil_force_n()[strut] / amplifier.newton_per_a
     stated_a = (2 * side - 1) * min(CURRENTS_A[strut], amplifier.limit_a)
-    assert plant.strut_displacement_m()[strut] == pytest.approx(limit_m, rel=2e-3)
+    assert plant.displacements()[strut] == pytest.approx(limit_m, rel=2e-3)
     # Half a step of the converter; a whole one at the upper end of its codes.
     step_a = amplifier.full_input_a / 2 ** (amplifier.bits - 1)
     assert current_a == pytest.approx(stated_a, abs=1.01 * step_a)
@@ -49,7 +49,7 @@ def test_a_shorter_stroke_is_the_limit_and_the_strut_rests_on_it(model, amplifie
     assert np.delete(upper, 1) == pytest.approx(635e-6, rel=1e-4)
     for limit_m in (lower[1], upper[1]):
         plant = at_rest(short, amplifier, 2 * limit_m * np.eye(6)[1])
-        assert plant.strut_displacement_m()[1] == pytest.approx(limit_m, rel=1e-2)
+        assert plant.displacements()[1] == pytest.approx(limit_m, rel=1e-2)
 
 
 def test_a_locked_strut_rests_away_from_its_centre_without_current(model, amplifier):
@@ -58,7 +58,7 @@ def test_a_locked_strut_rests_away_from_its_centre_without_current(model, amplif
     plant = at_rest(model, amplifier, upper * np.eye(6)[2])
     plant.lock(2)
     plant.settle(0.5)
-    assert plant.strut_displacement_m()[2] == pytest.approx(upper[2], rel=2e-3)
+    assert plant.displacements()[2] == pytest.approx(upper[2], rel=2e-3)
     assert np.abs(plant.coil_force_n()).max() == 0.0
 
 

@@ -106,7 +106,7 @@ def test_the_pose_is_where_the_physics_takes_the_payload(model):
     """MuJoCo closes the loops by its own constraints; its payload is where the lengths say."""
     plant = Plant(model)
     plant.step(np.array([2e-4, -1e-4, 3e-4, 0.0, -2e-4, 1e-4]), 1.0)
-    pose, truth = forward_kinematics(MACHINE, plant.strut_displacement_m()), plant.pose()
+    pose, truth = forward_kinematics(MACHINE, plant.displacements()), plant.pose()
     np.testing.assert_allclose(pose.translation_m, truth.translation_m, atol=1e-8)
     np.testing.assert_allclose(pose.rotation, truth.rotation, atol=3e-8)
     assert np.abs(truth.translation_m).max() > 1e-5

@@ -75,7 +75,7 @@ def run(pilot: OracleController, ticks: int = TICKS, lock_tick: int = NEVER) -> 
     for tick in range(ticks):
         if tick == lock_tick:
             Failure(JOINT, "locked").strike(plant)
-        position_m, joints = plant.pose().translation_m, plant.strut_displacement_m()
+        position_m, joints = plant.pose().translation_m, plant.displacements()
         state = pilot.step(state, REFERENCE[tick], Measurement(position_m, joints))
         kept.append((position_m, joints, state.input_percent))
         plant.step(state.input_percent, PERIOD_S)

@@ -73,7 +73,7 @@ def struts(geometry: Hexapod, pose: Pose = NOMINAL) -> Any:
 def state(plant: Plant) -> Any:
     """All that a plant tells of itself."""
     loads = (plant.constraint_force(), plant.coil_force_n(), plant.closure_residual_m())
-    return plant.pose(), plant.displacement(), plant.strut_displacement_m(), loads
+    return plant.pose(), plant.displacement(), plant.displacements(), loads
 
 
 def after(method: str) -> Any:

@@ -126,7 +126,7 @@ def test_the_servos_reach_an_admissible_displacement_with_the_loops_closed(model
     for _ in range(300):
         plant.step(command, PERIOD_S)
         assert plant.closure_residual_m() < CLOSURE_LIMIT_M
-    assert np.abs(plant.strut_displacement_m() - command).max() < 0.01 * STROKE
+    assert np.abs(plant.displacements() - command).max() < 0.01 * STROKE
 
 
 @EACH
@@ -151,10 +151,10 @@ def test_a_joint_locked_in_flight_stays_where_it_is(models, name, k):
     plant, command = Plant(models[name]), admissible(models[name], seed=4)
     swing(plant, command, 0.06)
     plant.lock(k)
-    where = plant.strut_displacement_m()[k]
+    where = plant.displacements()[k]
     for _ in range(100):
         assert swing(plant, command, PERIOD_S) < CLOSURE_LIMIT_M
-        assert abs(plant.strut_displacement_m()[k] - where) < 1e-6
+        assert abs(plant.displacements()[k] - where) < 1e-6
 
 
 @EACH_ACTUATOR
@@ -181,4 +181,4 @@ def test_a_released_joint_of_the_arm_coasts(models, k):
     plant.data.qvel[k] = 1.0
     plant.step(np.zeros(7), 0.2)
     assert plant.data.qvel[k] == pytest.approx(1.0, abs=1e-5)
-    assert plant.strut_displacement_m()[k] == pytest.approx(0.2, abs=1e-5)
+    assert plant.displacements()[k] == pytest.approx(0.2, abs=1e-5)

@@ -118,7 +118,7 @@ def test_a_small_displacement_is_the_jacobian_times_the_joints(base):
     plant = Plant(model, base=base)
     found = moved(plant, 1e-5 * COMMAND)
     jac = jacobians(model, mujoco.MjData(model), "payload", axes=base)
-    expected = jac.J_T[:, jac.active] @ plant.strut_displacement_m()
+    expected = jac.J_T[:, jac.active] @ plant.displacements()
     np.testing.assert_allclose(found, expected, atol=1e-3 * np.abs(expected).max())
 
 

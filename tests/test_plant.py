@@ -44,7 +44,7 @@ def test_preload_holds_the_payload_at_the_nominal_pose_against_gravity(model):
     plant = Plant(model)
     plant.settle(2.0)
     assert np.abs(plant.pose().translation_m).max() < 1e-7
-    assert np.abs(plant.strut_displacement_m()).max() < 1e-7
+    assert np.abs(plant.displacements()).max() < 1e-7
     # It can fail: without preload the payload hangs low.
     limp = Plant(edited(('springref="1.4939740e-4"', 'springref="0"')))
     limp.settle(2.0)
@@ -233,11 +233,11 @@ def test_a_strut_locked_in_flight_stays_where_it_is_and_the_loops_stay_closed(mo
     plant = Plant(model)
     residuals = swing(plant, 0.8)
     plant.lock(strut)
-    where = plant.strut_displacement_m()[strut]
+    where = plant.displacements()[strut]
     assert abs(where) > 1e-6, "the lock must be off centre to be a test"
     for _ in range(700):
         residuals += swing(plant, PERIOD_S)
-        assert abs(plant.strut_displacement_m()[strut] - where) < 1e-7
+        assert abs(plant.displacements()[strut] - where) < 1e-7
     assert max(residuals) < CLOSURE_LIMIT_M
 
 
@@ -252,7 +252,7 @@ def test_a_coil_switched_off_in_flight_carries_no_current(model, strut):
     others = np.delete(plant.coil_force_n(), strut)
     assert np.all(np.abs(others) > 1e-3)
     # Its suspension holds it near the centre; the flexures let the others pull it a little.
-    assert abs(plant.strut_displacement_m()[strut]) < 1e-6
+    assert abs(plant.displacements()[strut]) < 1e-6
     assert max(residuals) < CLOSURE_LIMIT_M
 
 
@@ -307,7 +307,7 @@ def test_stops_hold_the_struts_within_their_stroke(model):
     payload = model.body("payload").id
     plant.data.xfrc_applied[payload, 2] = -600.0
     plant.settle(1.0)
-    assert np.abs(plant.strut_displacement_m()).max() == pytest.approx(0.000635, rel=3e-5)
+    assert np.abs(plant.displacements()).max() == pytest.approx(0.000635, rel=3e-5)
     assert plant.closure_residual_m() < CLOSURE_LIMIT_M
 
 
@@ -323,7 +323,7 @@ def test_failures_of_one_plant_leave_another_of_the_same_model_sound(model):
     swing(failed, 0.1)
     swing(sound, 0.1)
     assert np.all(np.abs(sound.coil_force_n()) > 0)
-    assert abs(sound.strut_displacement_m()[0]) > 1e-6
+    assert abs(sound.displacements()[0]) > 1e-6
 
 
 def test_each_of_mujocos_warnings_of_a_non_finite_state_ends_the_run(model):

@@ -176,7 +176,7 @@ def parts(loop: ClosedLoop) -> list[Contender]:
         plant.closure_residual_m()
         return Measurement(
             output=detector.read(plant.pose().rotation, rng),
-            displacement=strut_sensors.read(plant.strut_displacement_m(), rng),
+            displacement=strut_sensors.read(plant.displacements(), rng),
         )
 
     timed: dict[str, tuple[Callable[..., Any], *tuple[Any, ...]]] = {

@@ -181,7 +181,7 @@ def sweep(
             "singular_values": np.linalg.svd(J_m, compute_uv=False),
             "joint_rates_rad_per_s": speed,
             "joint_command_rad": command,
-            "joint_rad": plant.strut_displacement_m(),
+            "joint_rad": plant.displacements(),
         }
         ticks.append(kept)
     arrays = {name: np.array([tick[name] for tick in ticks]) for name in ticks[0]}

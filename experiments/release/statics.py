@@ -83,7 +83,7 @@ def _released(model: mujoco.MjModel, suspension: float) -> Plant:
 def _at_rest(plant: Plant, command_m: Array) -> tuple[Array, float]:
     """Payload twist and extension of the released strut once everything has come to rest."""
     plant.step(command_m, _AT_REST_S)
-    return plant.displacement(), float(plant.strut_displacement_m()[STRUT])
+    return plant.displacement(), float(plant.displacements()[STRUT])
 
 
 def _swing_stiffness(model: mujoco.MjModel) -> float:

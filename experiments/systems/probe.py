@@ -65,7 +65,7 @@ def respond(rig: Rig, survivors: Array) -> tuple[Array, Array]:
     for k in survivors:
         plant = rig.plant()
         plant.step(STEP * np.eye(rig.model.nu)[k], rig.settling_s)
-        active.append(plant.strut_displacement_m()[survivors] / STEP)
+        active.append(plant.displacements()[survivors] / STEP)
         twist.append(plant.displacement() / STEP)
     return np.array(active).T, np.array(twist).T[list(rig.task)]
 
