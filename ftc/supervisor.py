@@ -57,6 +57,8 @@ class Supervisor:
         secondary: Reference of the secondary goal (n,) at each time of the run.
         reconfigured: Controller that knows of these failures.
         is_possible: Whether the major task can still be done in spite of them.
+        watched: What the diagnosis looks at; None: the major task, then the displacements, as many
+            as the monitor's model has outputs.
     """
 
     first: PrioritizedController[Any]
@@ -64,6 +66,7 @@ class Supervisor:
     secondary: Callable[[float], Array]
     reconfigured: Callable[[Sequence[Diagnosis]], PrioritizedController[Any]]
     is_possible: Callable[[Sequence[Fault]], bool]
+    watched: Callable[[Measurement], Array] | None = None
 
     def start(self) -> SupervisorState:
         """State at rest at the nominal pose, without known failures."""
@@ -77,9 +80,12 @@ class Supervisor:
             return replace(state, ticks=state.ticks + 1)
         commanded_m = self.first.amplifier.displacement_m(state.input_percent)
         known = state.watch.diagnosis
-        measured = np.concatenate([measurement.output, measurement.displacement])
-        outputs = len(state.monitor.nominal.noise)  # without the actuators' sensors unless used
-        watch = state.monitor.step(state.watch, measured[:outputs], commanded_m)
+        if self.watched is None:
+            measured = np.concatenate([measurement.output, measurement.displacement])
+            measured = measured[: len(state.monitor.nominal.noise)]
+        else:
+            measured = self.watched(measurement)
+        watch = state.monitor.step(state.watch, measured, commanded_m)
         state = replace(state, watch=watch)
         if watch.diagnosis is not known:
             state = self._reconfigured(state, commanded_m)

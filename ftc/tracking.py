@@ -1,0 +1,280 @@
+"""Tracking of a major task by any mechanism: loops from its linear model, controllers for any goal.
+
+One compensator for each major row, as in Fig. 3 of the paper, and the mapping with the Jacobian of
+the estimated posture at every tick. Unless it is given, the gain crossover of all rows is the
+highest at which the sensitivity peak of the sound loops, coupling included, is at most 1.7 (a gain
+margin of at least 7.7 dB and a phase margin of at least 34 degrees in each row), and at most a
+fiftieth of the sampling frequency. The roll-off is at three times the crossover, as on the hexapod.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Literal, Protocol
+
+import control
+import numpy as np
+from numpy.typing import ArrayLike
+
+import argument_checks as check
+from argument_checks import Array
+from ftc.compensator import (
+    Compensator,
+    LoopShape,
+    Margins,
+    UnstableLoop,
+    compensator,
+    margins,
+    sensitivity_peak,
+)
+from ftc.controller import DirectDrive, Measurement, PrioritizedController
+from ftc.fdi.diagnosis import DEFAULT_CONFIG, Diagnosis, FdiConfig
+from ftc.fdi.fault_model import Fault, NominalModel
+from ftc.fdi.monitor import monitor
+from ftc.goal import Goal
+from ftc.mapping import PrioritizedMapping
+from ftc.mechanism import MechanismGeometry, MechanismModel
+from ftc.supervisor import Supervisor, used_effectiveness
+from prioritized import ConstrainedSystem, Manipulability, WhenLimited
+
+LARGEST_PEAK = 1.7
+ROLL_OFF, ROLL_OFF_DAMPING = 3.0, 0.7
+_FASTEST, _SLOWEST = 1 / 50, 1e-5
+"""Crossovers that are tried, times the control period."""
+_HALVINGS = 12
+
+Sense = Literal["task", "joints"]
+"""What the diagnosis looks at: a sensor of the major task, or encoders of the actuators."""
+
+
+class LinearModel(Protocol):
+    """Linear model of a sound plant about its nominal pose; `sim.LinearPlant` is one."""
+
+    A: Array
+    B: Array
+    C_twist: Array
+    C_active: Array
+
+
+class TaskLost(ValueError):
+    """The mechanism cannot do the major task, or its loops cannot be closed; says why."""
+
+
+@dataclass(frozen=True)
+class Tracking:
+    """How a mechanism tracks its major task.
+
+    Attributes:
+        model: The controller's own model of the mechanism.
+        nominal: Linear model of the plant to what the diagnosis looks at.
+        major: Rows of the task.
+        loops: One compensator for each.
+        margins: Of each loop, the others open.
+        peak: Of the sensitivity of all loops together.
+        limits: Lower and upper displacements of the actuators, (n,) each; None is none.
+        when_limited: What becomes of a major task beyond them.
+        springs: Whether springs hold what the loops of the mechanism leave free.
+        sense: What the diagnosis looks at.
+        handover_s: In which the secondary motion of a former mapping fades.
+    """
+
+    model: MechanismModel[Any]
+    nominal: NominalModel
+    major: tuple[int, ...]
+    loops: tuple[Compensator, ...]
+    margins: tuple[Margins, ...]
+    peak: float
+    limits: tuple[Array, Array] | None = None
+    when_limited: WhenLimited = "least_squares"
+    springs: bool = False
+    sense: Sense = "task"
+    handover_s: float = 0.5
+
+    def mapping(self, goal: Goal) -> PrioritizedMapping[Any]:
+        """The mapping for a goal, failures that it knows included."""
+        return mapping_for(
+            self.model, goal, self.major, self.limits, self.when_limited, springs=self.springs
+        )
+
+    def controller(self, goal: Goal) -> PrioritizedController[Any]:
+        """The controller for a goal, failures that it knows included."""
+        return PrioritizedController(
+            self.loops,
+            self.mapping(goal),
+            DirectDrive(),
+            self.handover_s,
+            anti_windup=self.limits is not None,
+        )
+
+    def supervisor(self, goal: Goal, config: FdiConfig = DEFAULT_CONFIG) -> Supervisor:
+        """A controller that diagnoses failures and reconfigures itself.
+
+        Args:
+            goal: While all actuators work.
+            config: Rates and confidences of the diagnosis.
+        """
+        n = self.nominal.actuators
+        watched: Callable[[Measurement], Array] | None = None
+        if self.sense == "joints":
+            watched = _encoders
+        return Supervisor(
+            first=self.controller(goal),
+            monitor=monitor(self.nominal, config=config),
+            secondary=lambda _: np.zeros(n),
+            reconfigured=lambda found: self.controller(goal_after(goal, found)),
+            is_possible=lambda faults: is_possible(self.classified(faults)),
+            watched=watched,
+        )
+
+    def classified(self, faults: Sequence[Fault] = ()) -> Manipulability:
+        """What the actuators that are left can do in the nominal posture, section 2.2."""
+        system = ConstrainedSystem.of(self.model.jacobians(self.model.nominal), self.springs)
+        locked = [fault.actuator for fault in faults if fault.kind == "locked"]
+        free = [fault.actuator for fault in faults if fault.kind == "free"]
+        return system.with_failures(locked, free).kinematics().manipulability(list(self.major))
+
+
+def tracking(
+    model: MechanismModel[Any],
+    linear: LinearModel,
+    major: Sequence[int],
+    *,
+    noise: ArrayLike,
+    period_s: float,
+    step_s: float,
+    goal: Goal,
+    crossover_hz: float | None = None,
+    sense: Sense = "task",
+    **options: Any,
+) -> Tracking:
+    """Close the loops of a mechanism on its major task.
+
+    Args:
+        model: The controller's own model, such as `sim.Mechanism`.
+        linear: The plant about the same pose, such as `sim.Plant.linear()`.
+        major: Rows of the twist that are major.
+        noise: Standard deviation of one sample of each major row, or with `sense="joints"` of each
+            actuator's displacement: a number, or one each.
+        period_s: Between control ticks.
+        step_s: Integration step of the plant; the control period of a real one.
+        goal: For which the loops are designed, all actuators sound.
+        crossover_hz: Gain crossover of all rows; None is the rule of this module.
+        sense: What the diagnosis looks at.
+        options: `limits`, `when_limited`, `springs`, `handover_s` of :class:`Tracking`, and
+            `implicit_damping` of :class:`ftc.fdi.fault_model.NominalModel`.
+
+    Raises:
+        TaskLost: The actuators cannot do the major task, something drifts that they do not hold, or
+            no crossover leaves the loops stable.
+        ValueError: An argument of the wrong shape or size.
+    """
+    rows = tuple(int(row) for row in check.indices("major", major, len(linear.C_twist)))
+    springs = bool(options.get("springs", False))
+    system = ConstrainedSystem.of(model.jacobians(model.nominal), springs)
+    report = system.kinematics().manipulability(list(rows))
+    if not is_possible(report):
+        raise TaskLost(f"the actuators cannot do the major task: {str(report).splitlines()[0]}")
+    gain = mapping_for(model, goal, rows, springs=springs).pointing_gain()
+    C_major = linear.C_twist[list(rows)]
+    plant = control.ss(linear.A, linear.B @ gain, C_major, 0)
+    loops, peak = _loops(plant, check.positive("period_s", period_s), crossover_hz)
+    C = C_major if sense == "task" else linear.C_active
+    nominal = NominalModel(
+        plant=control.ss(linear.A, linear.B, C, 0),
+        displacement=linear.C_active,
+        noise=np.broadcast_to(np.asarray(noise, dtype=float), (len(C),)).copy(),
+        period_s=period_s,
+        step_s=step_s,
+    )
+    sampled = control.c2d(plant, period_s, method="zoh")
+    each = tuple(margins(sampled[k, k] * loop.discrete) for k, loop in enumerate(loops))
+    return Tracking(model, nominal, rows, loops, each, peak, sense=sense, **options)
+
+
+def mapping_for(
+    model: MechanismModel[Any],
+    goal: Goal,
+    major: Sequence[int],
+    limits: tuple[Array, Array] | None = None,
+    when_limited: WhenLimited = "least_squares",
+    *,
+    springs: bool = False,
+) -> PrioritizedMapping[Any]:
+    """The mapping of a mechanism with the Jacobian of its present posture; other rows secondary."""
+    free = (*goal.free, *goal.spring_lost)
+    geometry = MechanismGeometry(model, free, springs=springs)
+    secondary = [row for row in range(len(geometry.system.J_T)) if row not in major]
+    limited = {"limits_m": limits, "when_limited": when_limited}
+    return PrioritizedMapping(
+        geometry, goal, major, secondary, "gauss_newton", model.task, **limited
+    )
+
+
+def goal_after(goal: Goal, diagnoses: Sequence[Diagnosis]) -> Goal:
+    """The goal with failures that were found; an actuator too weak to be used counts as free."""
+    locked_m, effectiveness, free = dict(goal.locked_m), dict(goal.effectiveness), set(goal.free)
+    for found in diagnoses:
+        actuator = found.fault.actuator
+        if found.fault.kind == "locked":
+            locked_m[actuator] = found.displacement
+        elif (left := used_effectiveness(found)) > 0:
+            effectiveness[actuator] = left
+        else:
+            free.add(actuator)
+    return replace(
+        goal, locked_m=locked_m, effectiveness=effectiveness, free=tuple(sorted(free - {*locked_m}))
+    )
+
+
+def is_possible(report: Manipulability) -> bool:
+    """Whether the major task is fully reachable, and no self-motion disturbs it."""
+    return not report.unmanipulable and not report.unstable_major
+
+
+def _loops(
+    plant: control.StateSpace, period_s: float, crossover_hz: float | None
+) -> tuple[tuple[Compensator, ...], float]:
+    """Compensators of all channels at one crossover, and the sensitivity peak that they leave."""
+    if crossover_hz is not None:
+        try:
+            return _at(plant, period_s, check.positive("crossover_hz", crossover_hz))
+        except UnstableLoop as error:
+            raise TaskLost(f"the loops would be unstable: {error}") from None
+    low, high = _SLOWEST / period_s, _FASTEST / period_s
+    found = None
+    for trial_hz in (high, *(None,) * _HALVINGS):
+        hz = np.sqrt(low * high) if trial_hz is None else trial_hz
+        try:
+            tried = _at(plant, period_s, hz)
+            good = tried[1] <= LARGEST_PEAK
+        except UnstableLoop:
+            tried, good = None, False
+        if good:
+            found, low = tried, hz
+            if trial_hz is not None:
+                break
+        else:
+            high = hz
+    if found is None:
+        raise TaskLost(
+            f"no crossover from {low:.2g} Hz on leaves the loops stable with a sensitivity peak of "
+            f"at most {LARGEST_PEAK:g}: something drifts that the major task does not hold, or the "
+            "actuators are hardly damped"
+        )
+    return found
+
+
+def _at(
+    plant: control.StateSpace, period_s: float, hz: float
+) -> tuple[tuple[Compensator, ...], float]:
+    shape = LoopShape(hz, ROLL_OFF * hz, ROLL_OFF_DAMPING)
+    loops = tuple(compensator(plant[k, k], shape, period_s) for k in range(plant.noutputs))
+    sampled = control.c2d(plant, period_s, method="zoh")
+    L = sampled * control.append(*(loop.discrete for loop in loops))
+    unity = control.ss([], [], [], np.eye(plant.noutputs), period_s)
+    if np.abs(control.feedback(L, unity).poles()).max() >= 1:
+        raise UnstableLoop(f"shape must leave the loops stable together, got {hz:.3g} Hz")
+    return loops, sensitivity_peak(L)
+
+
+def _encoders(measurement: Measurement) -> Array:
+    return measurement.displacement
