@@ -151,9 +151,7 @@ class HexapodGeometry:
         """
         if self.constant:
             return NOMINAL.moved(self.nominal.twist(displacements_m))
-        posture = self.hexapod.posture(pose)
-        moved = pose.moved(posture.twist(displacements_m - posture.displacement_m))
-        return self.hexapod.posture(moved)
+        return self.hexapod.moved(pose, displacements_m)
 
 
 def task_coordinates(pose: Pose) -> Array:

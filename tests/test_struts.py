@@ -1,0 +1,106 @@
+"""The compiled struts of a hexapod, against numpy and scipy over random machines and poses."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from sim import Hexapod, Pose, _struts
+
+SEEDS = range(8)
+
+
+def machine(rng: np.random.Generator, struts: int = 6) -> tuple[np.ndarray, np.ndarray]:
+    """Bottom and top nodes of struts that are long enough to have a direction."""
+    bottom, top = rng.normal(size=(2, struts, 3))
+    return bottom - [0, 0, 5], top
+
+
+def pose(rng: np.random.Generator, *batch: int) -> Pose:
+    turns = Rotation.random(int(np.prod(batch)), rng=rng).as_matrix()
+    return Pose(turns.reshape(*batch, 3, 3), rng.normal(size=(*batch, 3)))
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("struts", [1, 3, 6, 11])
+def test_a_strut_has_the_length_between_its_nodes_and_stretches_as_they_part(seed, struts):
+    rng = np.random.default_rng(seed)
+    (bottom, top), at = machine(rng, struts), pose(rng, 4)
+    length, A = np.empty((4, struts)), np.empty((4, struts, 6))
+    assert _struts.lengths(bottom, top, at.rotation, at.translation_m, length, A) == _struts.FOUND
+    arms = np.einsum("bij,kj->bki", at.rotation, top)
+    struts_m = arms + at.translation_m[:, None] - bottom
+    by_hand = np.linalg.norm(struts_m, axis=-1)
+    u = struts_m / by_hand[..., None]
+    np.testing.assert_allclose(length, by_hand, rtol=1e-14)
+    rows = np.concatenate([np.cross(arms, u), u], axis=-1)
+    np.testing.assert_allclose(A, rows, atol=1e-14)
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-200, 1e-12, 1e-5, 0.3, 3.0, np.pi, 40.0])
+def test_a_pose_turns_about_its_rotation_vector_and_then_shifts(angle):
+    rng = np.random.default_rng(1)
+    at, axis = pose(rng, 5), rng.normal(size=(5, 3))
+    turn = angle * axis / np.linalg.norm(axis, axis=1, keepdims=True)
+    moved = at.moved(np.concatenate([turn, axis], axis=1))
+    expected = Rotation.from_rotvec(turn).as_matrix() @ at.rotation
+    np.testing.assert_allclose(moved.rotation, expected, atol=2e-14)
+    np.testing.assert_array_equal(moved.translation_m, at.translation_m + axis)
+
+
+def test_a_pose_stays_a_rotation_over_a_thousand_ticks():
+    """Round-off grows at most in proportion: a run of hours stays far from 1e-6, which is refused."""
+    R, t, twist = np.eye(3)[None], np.zeros((1, 3)), np.array([[3e-5, -2e-5, 1e-5, 0.0, 0.0, 0.0]])
+    for _ in range(1_000):
+        _struts.move(R, t, twist, R, t)
+    assert np.abs(R[0] @ R[0].T - np.eye(3)).max() < 1e-13
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_step_ends_where_the_twist_of_the_missing_lengths_leads(seed):
+    rng = np.random.default_rng(seed)
+    geometry, at = Hexapod(*machine(rng)), pose(rng)
+    here = geometry.posture(at)
+    asked = here.displacement_m + 1e-6 * rng.normal(size=6)
+    twist = np.linalg.solve(here.inverse_jacobian, asked - here.displacement_m)
+    there = geometry.moved(at, asked)
+    expected = geometry.posture(at.moved(twist))
+    size = np.linalg.cond(here.inverse_jacobian)
+    for name in ("rotation", "translation_m", "displacement_m", "inverse_jacobian"):
+        close = {"atol": 1e-15 * size, "rtol": 1e-13}
+        np.testing.assert_allclose(getattr(there, name), getattr(expected, name), **close)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_the_struts_follow_to_second_order_of_the_step(seed):
+    rng = np.random.default_rng(seed)
+    geometry, at = Hexapod(*machine(rng)), pose(rng)
+    here = geometry.posture(at)
+    twist = rng.normal(size=6)
+    missed = []
+    for step in (1e-3, 1e-4):
+        asked = here.displacement_m + here.inverse_jacobian @ (step * twist)
+        missed.append(np.abs(geometry.moved(at, asked).displacement_m - asked).max())
+    assert missed[0] / missed[1] == pytest.approx(100, rel=0.2)
+
+
+@pytest.mark.parametrize("size", [1, 2, 6, 9])
+def test_the_solution_is_that_of_linear_algebra(size):
+    rng = np.random.default_rng(size)
+    for _ in range(20):
+        A, b = rng.normal(size=(size, size)), rng.normal(size=size)
+        before, x = A.copy(), b.copy()
+        assert _struts.solve(A, x) == _struts.FOUND
+        np.testing.assert_allclose(x, np.linalg.solve(A, b), rtol=1e-11, atol=1e-13)
+        np.testing.assert_array_equal(A, before)
+
+
+def test_struts_without_length_or_direction_are_refused():
+    bottom, top = machine(np.random.default_rng(0))
+    parallel = Hexapod(top - [0, 0, 1], top)  # nothing holds a horizontal shift
+    with pytest.raises(ValueError, match="must not be singular"):
+        parallel.moved(Pose(np.eye(3), np.zeros(3)), np.full(6, 1e-3))
+    top[2] = bottom[2]
+    with pytest.raises(ValueError, match="one whose nodes coincide"):
+        Hexapod(bottom, top).posture(Pose(np.eye(3), np.zeros(3)))
+    with pytest.raises(ValueError, match="displacement_m must be 6 finite numbers"):
+        parallel.moved(Pose(np.eye(3), np.zeros(3)), np.zeros(5))
