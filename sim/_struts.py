@@ -35,10 +35,10 @@ def _move(R, t, twist, R_new, t_new):
     for j in range(3):
         a, b, d = R[0, j], R[1, j], R[2, j]
         along = c * (x * a + y * b + z * d)
-        rest = 1.0 - c * square
-        R_new[0, j] = rest * a + along * x + s * (y * d - z * b)
-        R_new[1, j] = rest * b + along * y + s * (z * a - x * d)
-        R_new[2, j] = rest * d + along * z + s * (x * b - y * a)
+        # As increments: a factor of nearly 1 would round the same way at every tick.
+        R_new[0, j] = a + (s * (y * d - z * b) + (along * x - c * square * a))
+        R_new[1, j] = b + (s * (z * a - x * d) + (along * y - c * square * b))
+        R_new[2, j] = d + (s * (x * b - y * a) + (along * z - c * square * d))
     for i in range(3):
         t_new[i] = t[i] + twist[3 + i]
 

@@ -48,11 +48,11 @@ def test_a_pose_turns_about_its_rotation_vector_and_then_shifts(angle):
 
 
 def test_a_pose_stays_a_rotation_over_a_thousand_ticks():
-    """Round-off grows at most in proportion: a run of hours stays far from 1e-6, which is refused."""
+    """Round-off of a steady turn does not add up; `secondary_motion` refuses 1e-6."""
     R, t, twist = np.eye(3)[None], np.zeros((1, 3)), np.array([[3e-5, -2e-5, 1e-5, 0.0, 0.0, 0.0]])
     for _ in range(1_000):
         _struts.move(R, t, twist, R, t)
-    assert np.abs(R[0] @ R[0].T - np.eye(3)).max() < 1e-13
+    assert np.abs(R[0] @ R[0].T - np.eye(3)).max() < 2e-14
 
 
 @pytest.mark.parametrize("seed", SEEDS)
