@@ -64,9 +64,9 @@ def _lengths(bottom, top, R, t, length, A):
 
 
 @_inlined
-def _solve(A, x):
-    """Overwrite x by the solution of A x = x, and A by its factors: Gauss, partial pivoting."""
-    n = len(A)
+def _solve(A, X):
+    """Overwrite X by the solution of A X = X, and A by its factors: Gauss, partial pivoting."""
+    n, columns = X.shape
     for i in range(n):
         pivot = i
         for r in range(i + 1, n):
@@ -75,21 +75,31 @@ def _solve(A, x):
         if not abs(A[pivot, i]) > 0.0:
             return SINGULAR
         if pivot != i:
-            x[i], x[pivot] = x[pivot], x[i]
             for j in range(i, n):
                 A[i, j], A[pivot, j] = A[pivot, j], A[i, j]
+            for j in range(columns):
+                X[i, j], X[pivot, j] = X[pivot, j], X[i, j]
         for r in range(i + 1, n):
             factor = A[r, i] / A[i, i]
-            x[r] -= factor * x[i]
             for j in range(i + 1, n):
                 A[r, j] -= factor * A[i, j]
-    square = 0.0
+            for j in range(columns):
+                X[r, j] -= factor * X[i, j]
     for i in range(n - 1, -1, -1):
-        for j in range(i + 1, n):
-            x[i] -= A[i, j] * x[j]
-        x[i] /= A[i, i]
-        square += x[i] * x[i]
-    return FOUND if square < _MOST else SINGULAR  # NaN is neither
+        for j in range(columns):
+            for k in range(i + 1, n):
+                X[i, j] -= A[i, k] * X[k, j]
+            X[i, j] /= A[i, i]
+    return FOUND if _square(X) < _MOST else SINGULAR  # NaN is neither
+
+
+@_inlined
+def _square(A):
+    total = 0.0
+    for row in A:
+        for x in row:
+            total += x * x
+    return total
 
 
 @_compiled(_any[3], _any[2], _any[2], _new[3], _new[2])
@@ -109,10 +119,24 @@ def lengths(bottom, top, R, t, length, A):
     return found
 
 
-@_compiled(_any[2], _new[1])
-def solve(A, x):
-    """Overwrite x (n,) by the solution of A x = x, A being (n, n); or SINGULAR."""
-    return _solve(A.copy(), x)
+@_compiled(_any[2], _new[2])
+def solve(A, X):
+    """Overwrite X (n, k) by the solution of A X = X, A being (n, n); or SINGULAR."""
+    return _solve(A.copy(), X)
+
+
+@_compiled(_any[2], _new[2], types.float64)
+def invert(A, inverse, most):
+    """Write the inverse of A (n, n); SINGULAR unless |A| |inverse| is below `most`.
+
+    These are Frobenius norms, so that their product is no less than the condition number.
+    """
+    inverse[:] = 0.0
+    for i in range(len(A)):
+        inverse[i, i] = 1.0
+    if _solve(A.copy(), inverse) != FOUND:
+        return SINGULAR
+    return FOUND if _square(A) * _square(inverse) < most * most else SINGULAR
 
 
 @_compiled(*[_any[2]] * 2, _any[1], *[_any[2], _any[1]] * 2, _any[1], *[_new[2], _new[1]] * 2)
@@ -121,11 +145,11 @@ def follow(bottom, top, nominal, R, t, A, moved, asked, R_new, t_new, A_new, mov
 
     Displacements are lengths less the nominal ones; the last four arguments are overwritten.
     """
-    step = asked - moved
+    step = (asked - moved).reshape(-1, 1)
     found = _solve(A.copy(), step)
     if found != FOUND:
         return found
-    _move(R, t, step, R_new, t_new)
+    _move(R, t, step[:, 0], R_new, t_new)
     found = _lengths(bottom, top, R_new, t_new, moved_new, A_new)
     for k in range(len(moved_new)):
         moved_new[k] -= nominal[k]

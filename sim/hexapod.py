@@ -45,7 +45,7 @@ class Posture(Pose):
         if self.inverse_jacobian.ndim != 2:
             raise ValueError("inverse_jacobian must be that of one pose, got a batch")
         twist, code = displacement_m.copy(), compiled()
-        if code.solve(self.inverse_jacobian, twist) != code.FOUND:
+        if code.solve(self.inverse_jacobian, twist[:, None]) != code.FOUND:
             raise ValueError(_SINGULAR)
         return twist
 
@@ -163,6 +163,19 @@ class Hexapod:
             raise ValueError(_SINGULAR if found == code.SINGULAR else _NO_LENGTH)
         there = {"rotation": R, "translation_m": t, "displacement_m": moved_m}
         return computed(Posture, **there, inverse_jacobian=A)
+
+
+_REGULAR = 1e6
+
+
+def regular_jacobian(inverse_jacobian: Array) -> Array | None:
+    """J in [omega; v] = J l_dot, shape (6, 6), from A in l_dot = A [omega; v], for every tick.
+
+    None unless |A| |J|, which is no less than the condition number, is below 1e6: rank decisions
+    must then be made.
+    """
+    J, code = np.empty((6, 6)), compiled()
+    return J if code.invert(inverse_jacobian, J, _REGULAR) == code.FOUND else None
 
 
 def hexapod(model: mujoco.MjModel) -> Hexapod:

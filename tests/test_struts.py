@@ -4,6 +4,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from experiments.hexapod.closed_form import StrutKinematics
+from experiments.hexapod.columns import MAJOR
+from experiments.hexapod.controller import StrutMapping
+from ftc.goal import Goal
+from prioritized import Kinematics
 from sim import Hexapod, Pose, _struts
 
 SEEDS = range(8)
@@ -87,7 +92,7 @@ def test_the_struts_follow_to_second_order_of_the_step(seed):
 def test_the_solution_is_that_of_linear_algebra(size):
     rng = np.random.default_rng(size)
     for _ in range(20):
-        A, b = rng.normal(size=(size, size)), rng.normal(size=size)
+        A, b = rng.normal(size=(size, size)), rng.normal(size=(size, 3))
         before, x = A.copy(), b.copy()
         assert _struts.solve(A, x) == _struts.FOUND
         np.testing.assert_allclose(x, np.linalg.solve(A, b), rtol=1e-11, atol=1e-13)
@@ -104,3 +109,32 @@ def test_struts_without_length_or_direction_are_refused():
         Hexapod(bottom, top).posture(Pose(np.eye(3), np.zeros(3)))
     with pytest.raises(ValueError, match="displacement_m must be 6 finite numbers"):
         parallel.moved(Pose(np.eye(3), np.zeros(3)), np.zeros(5))
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("locked", [[], [0], [1, 4]])
+def test_the_closed_form_is_what_the_elimination_gives(seed, locked):
+    rng = np.random.default_rng(seed)
+    geometry = Hexapod(*machine(rng))
+    goal = Goal(joint_weight=tuple(rng.uniform(0.5, 2, 6)), locked_m=dict.fromkeys(locked, 0.0))
+    A = geometry.inverse_jacobian(pose(rng))
+    closed = StrutMapping(geometry, goal, "analytic").kinematics_at(A)
+    general = StrutMapping(geometry, goal, "constant").kinematics_at(A)
+    assert type(closed) is StrutKinematics is not type(general)
+    near = {"rtol": 1e-15 * np.linalg.cond(A) ** 2, "atol": 1e-15 * np.linalg.cond(A)}
+    np.testing.assert_allclose(closed.J, general.J, **near)
+    assert closed.scale == pytest.approx(general.scale, rel=1e-10)
+    assert closed.active_constraint.shape == general.active_constraint.shape
+    assert closed.relative_self_motion.shape == general.relative_self_motion.shape
+    assert (closed.gap, closed.closure_condition) == (general.gap, general.closure_condition)
+    assert str(closed.manipulability(MAJOR)) == str(general.manipulability(MAJOR))
+
+
+def test_next_to_a_singularity_the_elimination_decides():
+    bottom, top = machine(np.random.default_rng(0))
+    parallel = Hexapod(top - [0, 0, 1], top)
+    mapping = StrutMapping(Hexapod(bottom, top), Goal(joint_weight=(1.0,) * 6), "analytic")
+    A = parallel.inverse_jacobian(Pose(np.eye(3), np.zeros(3)))
+    kinematics = mapping.kinematics_at(A)
+    assert type(kinematics) is Kinematics
+    assert kinematics.manipulability(MAJOR).unstable
