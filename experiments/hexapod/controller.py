@@ -191,7 +191,7 @@ class StrutMapping(PrioritizedMapping[Pose]):
             raise ValueError(
                 "stiffness must be given for a goal with free or loose struts, got None"
             )
-        self._is_closed_form = not (goal.free or goal.spring_lost) and jacobian == "analytic"
+        self._is_closed_form = not (goal.free or goal.spring_lost)
         own = HexapodGeometry(geometry, constant=jacobian == "constant", stiffness=stiffness)
         limits = {"limits_m": limits_m, "when_limited": when_limited}
         super().__init__(own, goal, MAJOR, SECONDARY, form, task_coordinates, **limits)
