@@ -65,9 +65,9 @@ class Pose:
 @cache
 def compiled() -> Any:
     """The compiled code, loaded when first needed: the compiler takes some 0.3 s."""
-    from sim import _struts
+    from sim import _tick
 
-    return _struts
+    return _tick
 
 
 def flat(A: Array, own: int, lead: tuple[int, ...]) -> Array:

@@ -1,4 +1,4 @@
-"""The compiled struts of a hexapod, against numpy and scipy over random machines and poses."""
+"""The compiled parts of a simulated tick, against numpy and scipy over random poses."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from experiments.hexapod.controller import StrutMapping
 from ftc.goal import Goal
 from ftc.mapping import PrioritizedMapping
 from prioritized import Kinematics
-from sim import Hexapod, Pose, _struts
+from sim import Hexapod, Pose, _tick
 
 SEEDS = range(8)
 
@@ -32,7 +32,7 @@ def test_a_strut_has_the_length_between_its_nodes_and_stretches_as_they_part(see
     rng = np.random.default_rng(seed)
     (bottom, top), at = machine(rng, struts), pose(rng, 4)
     length, A = np.empty((4, struts)), np.empty((4, struts, 6))
-    assert _struts.lengths(bottom, top, at.rotation, at.translation_m, length, A) == _struts.FOUND
+    assert _tick.lengths(bottom, top, at.rotation, at.translation_m, length, A) == _tick.FOUND
     arms = np.einsum("bij,kj->bki", at.rotation, top)
     struts_m = arms + at.translation_m[:, None] - bottom
     by_hand = np.linalg.norm(struts_m, axis=-1)
@@ -57,7 +57,7 @@ def test_a_pose_stays_a_rotation_over_a_thousand_ticks():
     """Round-off of a steady turn does not add up; `secondary_motion` refuses 1e-6."""
     R, t, twist = np.eye(3)[None], np.zeros((1, 3)), np.array([[3e-5, -2e-5, 1e-5, 0.0, 0.0, 0.0]])
     for _ in range(1_000):
-        _struts.move(R, t, twist, R, t)
+        _tick.move(R, t, twist, R, t)
     assert np.abs(R[0] @ R[0].T - np.eye(3)).max() < 2e-14
 
 
@@ -95,7 +95,7 @@ def test_the_solution_is_that_of_linear_algebra(size):
     for _ in range(20):
         A, b = rng.normal(size=(size, size)), rng.normal(size=(size, 3))
         before, x = A.copy(), b.copy()
-        assert _struts.solve(A, x) == _struts.FOUND
+        assert _tick.solve(A, x) == _tick.FOUND
         np.testing.assert_allclose(x, np.linalg.solve(A, b), rtol=1e-11, atol=1e-13)
         np.testing.assert_array_equal(A, before)
 
@@ -110,6 +110,27 @@ def test_struts_without_length_or_direction_are_refused():
         Hexapod(bottom, top).posture(Pose(np.eye(3), np.zeros(3)))
     with pytest.raises(ValueError, match="displacement_m must be 6 finite numbers"):
         parallel.moved(Pose(np.eye(3), np.zeros(3)), np.zeros(5))
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_the_base_sees_how_a_frame_has_moved_since_its_nominal_pose(seed):
+    rng = np.random.default_rng(seed)
+    frames, (base,), (nominal,) = pose(rng, 4), pose(rng, 1).rotation, pose(rng, 1).rotation
+    R, t, p_0 = np.empty((3, 3)), np.empty(3), rng.normal(size=3)
+    xmat = frames.rotation.reshape(4, 9)
+    _tick.seen_from(xmat, frames.translation_m, 2, base.reshape(1, 9), 0, nominal.T, p_0, R, t)
+    in_world = frames.rotation[2] @ nominal.T
+    np.testing.assert_allclose(R, base.T @ in_world @ base, atol=1e-14)
+    np.testing.assert_allclose(t, base.T @ (frames.translation_m[2] - p_0), atol=1e-14)
+
+
+def test_a_converter_scales_rounds_and_clips():
+    x, y = np.random.default_rng(0).normal(size=200), np.empty(200)
+    for whole in (False, True):
+        _tick.convert(x, 3.0, -2.0, 1.5, 10.0, whole, y)
+        scaled = np.rint(3.0 * x) if whole else 3.0 * x
+        np.testing.assert_array_equal(y, 10.0 * np.clip(scaled, -2.0, 1.5))
+    assert {-20.0, 15.0} < set(y)
 
 
 @pytest.mark.parametrize("seed", SEEDS)

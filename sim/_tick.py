@@ -1,6 +1,6 @@
-"""Poses of a hexapod and its struts there, compiled: a controller needs them at every tick.
+"""What a simulated control tick computes, compiled: poses, a hexapod's struts, clipping.
 
-A batch is one pose after another. All compiled code stands in one file, because the compiler's
+A batch is one after another. All compiled code stands in one file, because the compiler's
 cache notices a change of that file alone.
 """
 
@@ -154,3 +154,48 @@ def follow(bottom, top, nominal, R, t, A, moved, asked, R_new, t_new, A_new, mov
     for k in range(len(moved_new)):
         moved_new[k] -= nominal[k]
     return found
+
+
+@_compiled(*[_any[2]] * 2, types.int64, _any[2], types.int64, _any[2], _any[1], _new[2], _new[1])
+def seen_from(xmat, xpos, frame, base_xmat, base, R_0, p_0, R, t):
+    """Write the motion (3, 3), (3,) of a frame since its nominal pose, in present base axes.
+
+    Args:
+        xmat: Rotations in the world, as MuJoCo keeps them, (K, 9).
+        xpos: Positions, (K, 3).
+        frame: Which of them.
+        base_xmat: Likewise, of the base.
+        base: Which of them.
+        R_0: From world axes to those of the frame, nominally, (3, 3).
+        p_0: Nominal position, (3,).
+        R: R_now R_nominal^T.
+        t: Translation.
+    """
+    for i in range(3):
+        t[i] = 0.0
+        for k in range(3):
+            t[i] += base_xmat[base, 3 * k + i] * (xpos[frame, k] - p_0[k])
+    for i in range(3):
+        for j in range(3):
+            R[i, j] = 0.0
+            for k in range(3):
+                turned, back = 0.0, 0.0
+                for u in range(3):
+                    turned += base_xmat[base, 3 * u + i] * xmat[frame, 3 * u + k]
+                    back += R_0[k, u] * base_xmat[base, 3 * u + j]
+                R[i, j] += turned * back
+    return FOUND
+
+
+@_compiled(_any[1], *[types.float64] * 4, types.boolean, _new[1])
+def convert(x, factor, lower, upper, gain, whole, y):
+    """Write x times a factor, rounded to a whole number if so asked, within limits; times a gain.
+
+    NaN stays NaN.
+    """
+    for i in range(len(x)):
+        value = x[i] * factor
+        if whole:
+            value = np.rint(value)
+        y[i] = gain * (lower if value < lower else upper if value > upper else value)
+    return FOUND
