@@ -276,7 +276,7 @@ class PrioritizedMapping(Generic[Pose]):
 
     def at(self, jacobian: Array, /) -> LocalMapping:
         """The mapping for this Jacobian of the geometry."""
-        kinematics = self._model.placed(self._failed, jacobian).kinematics()
+        kinematics = self.kinematics_at(jacobian)
         return LocalMapping(
             self.rates_at(kinematics),
             self._expand,
@@ -284,6 +284,10 @@ class PrioritizedMapping(Generic[Pose]):
             kinematics.active_constraint,
             self.limited_at(kinematics),
         )
+
+    def kinematics_at(self, jacobian: Array) -> Kinematics:
+        """Of the surviving actuators; a mechanism with a closed form would override this."""
+        return self._model.placed(self._failed, jacobian).kinematics()
 
     def rates_at(self, kinematics: Kinematics) -> Mapping:
         """Optimal rates of the surviving actuators; another optimality would override this."""

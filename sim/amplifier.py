@@ -6,6 +6,7 @@ import numpy as np
 
 import argument_checks as check
 from sim.array import Array
+from sim.pose import compiled
 
 
 @dataclass(frozen=True)
@@ -38,17 +39,29 @@ class Amplifier:
 
     def input_percent(self, displacement_m: Array) -> Array:
         """Normalized input 100 * DAC input / largest DAC input; quantized, clipped at +-100 %."""
-        half = 2 ** (self.bits - 1)
-        full_input_m = self.full_input_a * self.newton_per_a / self.newton_per_m
+        half = 2.0 ** (self.bits - 1)
+        per_m = half / (self.full_input_a * self.newton_per_a / self.newton_per_m)
         displacement_m = check.finite("displacement_m", displacement_m)
-        code = np.rint(displacement_m * (half / full_input_m))
-        return code.clip(-half, half - 1) * (100.0 / half)
+        return _converted(displacement_m, per_m, -half, half - 1.0, 100.0 / half, whole=True)
 
     def current_a(self, input_percent: Array) -> Array:
         """Coil current; the amplifier saturates."""
-        asked_a = check.finite("input_percent", input_percent) * (self.full_input_a / 100.0)
-        return asked_a.clip(-self.limit_a, self.limit_a)
+        return self._asked(input_percent, 1.0)
 
     def displacement_m(self, input_percent: Array) -> Array:
         """Strut displacement at which the suspension balances the coil."""
-        return self.current_a(input_percent) * (self.newton_per_a / self.newton_per_m)
+        return self._asked(input_percent, self.newton_per_a / self.newton_per_m)
+
+    def _asked(self, input_percent: Array, per_a: float) -> Array:
+        input_percent = check.finite("input_percent", input_percent)
+        a_per_percent, limit_a = self.full_input_a / 100.0, self.limit_a
+        return _converted(input_percent, a_per_percent, -limit_a, limit_a, per_a, whole=False)
+
+
+def _converted(
+    x: Array, factor: float, lower: float, upper: float, gain: float, *, whole: bool
+) -> Array:
+    """Numbers times a factor, rounded if `whole`, within limits; times a gain."""
+    y = np.empty(x.shape)
+    compiled().convert(x.reshape(-1), factor, lower, upper, gain, whole, y.reshape(-1))
+    return y

@@ -5,13 +5,12 @@ from functools import cached_property
 
 import mujoco
 import numpy as np
-from scipy.linalg.lapack import dgesv
 
 import argument_checks as check
 from sim.array import Array
 from sim.errors import ModelError
 from sim.model import element_id
-from sim.pose import Pose, computed, keep
+from sim.pose import Pose, compiled, computed, flat, keep
 
 
 @dataclass(frozen=True)
@@ -45,12 +44,14 @@ class Posture(Pose):
         displacement_m = check.exactly("displacement_m", displacement_m, 6)
         if self.inverse_jacobian.ndim != 2:
             raise ValueError("inverse_jacobian must be that of one pose, got a batch")
-        *_, twist, singular = dgesv(self.inverse_jacobian, displacement_m)
-        if singular or not check.is_moderate(twist):
-            raise ValueError(
-                "inverse_jacobian must not be singular: held struts let the payload move"
-            )
+        twist, code = displacement_m.copy(), compiled()
+        if code.solve(self.inverse_jacobian, twist[:, None]) != code.FOUND:
+            raise ValueError(_SINGULAR)
         return twist
+
+
+_SINGULAR = "inverse_jacobian must not be singular: held struts let the payload move"
+_NO_LENGTH = "pose must leave every strut a length, got one whose nodes coincide"
 
 
 @dataclass(frozen=True)
@@ -79,7 +80,7 @@ class Hexapod:
     @cached_property
     def nominal_length_m(self) -> Array:
         """Strut lengths at the nominal pose, shape (6,)."""
-        return _length(self.top_m - self.bottom_m)
+        return np.linalg.norm(self.top_m - self.bottom_m, axis=1)
 
     def displacements(self, pose: Pose) -> Array:
         """Strut lengths less their nominal ones at a pose, shape (..., 6), [m].
@@ -89,8 +90,7 @@ class Hexapod:
         """
         if isinstance(pose, Posture):
             return pose.displacement_m
-        _, struts = self._arms_and_struts(pose)
-        return _length(struts) - self.nominal_length_m
+        return self.lengths_and_jacobian(pose, singular=True)[0] - self.nominal_length_m
 
     def inverse_jacobian(self, pose: Pose) -> Array:
         """A in l_dot = A [omega; v] at a pose, shape (..., 6, 6): rows [(R a) x u, u]."""
@@ -121,35 +121,61 @@ class Hexapod:
             pose: One, or a batch.
             singular: Whether the rows of a strut without length may come back as NaN.
         """
-        arms, struts = self._arms_and_struts(pose)
-        length_m = _length(struts)
-        if not singular and np.count_nonzero(length_m) < length_m.size:
-            raise ValueError("pose must leave every strut a length, got one whose nodes coincide")
-        A = np.empty((*length_m.shape, 6))
-        u = np.divide(struts, length_m[..., None], out=A[..., 3:])
-        A[..., :3] = _cross(arms, u)
+        check.instance("pose", pose, Pose)
+        lead, code = pose.lead, compiled()
+        length_m, A = np.empty((*lead, 6)), np.empty((*lead, 6, 6))
+        found = code.lengths(
+            self.bottom_m,
+            self.top_m,
+            flat(pose.rotation, 2, lead),
+            flat(pose.translation_m, 1, lead),
+            length_m.reshape(-1, 6),
+            A.reshape(-1, 6, 6),
+        )
+        if found == code.NO_LENGTH and not singular:
+            raise ValueError(_NO_LENGTH)
         return length_m, A
 
-    def _arms_and_struts(self, pose: Pose) -> tuple[Array, Array]:
-        """From the payload origin to the top nodes, and from bottom to top; (..., 6, 3) each."""
-        check.instance("pose", pose, Pose)
-        # dot has half the overhead of @, and serves one pose alone.
-        turned = self.top_m.dot if pose.rotation.ndim == 2 else self.top_m.__matmul__
-        arms = turned(pose.rotation.swapaxes(-1, -2))
-        return arms, arms + (pose.translation_m[..., None, :] - self.bottom_m)
+    def moved(self, pose: Pose, displacement_m: Array) -> Posture:
+        """The posture to which strut displacements (6,) lead, one Newton step from a pose near by.
+
+        Raises:
+            ValueError: Another shape, or numbers that are not finite; the pose is singular; or some
+                strut has no length there.
+            TypeError: `pose` is of another type.
+        """
+        here, asked = self.posture(pose), check.exactly("displacement_m", displacement_m, 6)
+        fields = np.empty((3, 3)), np.empty(3), np.empty((6, 6)), np.empty(6)
+        R, t, A, moved_m = fields
+        code = compiled()
+        found = code.follow(
+            self.bottom_m,
+            self.top_m,
+            self.nominal_length_m,
+            here.rotation,
+            here.translation_m,
+            here.inverse_jacobian,
+            here.displacement_m,
+            asked,
+            *fields,
+        )
+        if found != code.FOUND:
+            raise ValueError(_SINGULAR if found == code.SINGULAR else _NO_LENGTH)
+        there = {"rotation": R, "translation_m": t, "displacement_m": moved_m}
+        return computed(Posture, **there, inverse_jacobian=A)
 
 
-def _length(vectors: Array) -> Array:
-    return np.sqrt((vectors * vectors).dot(_ONES))
+_REGULAR = 1e6
 
 
-_ONES = np.ones(3)
-_NEXT, _AFTER = np.array([1, 2, 0]), np.array([2, 0, 1])
+def regular_jacobian(inverse_jacobian: Array) -> Array | None:
+    """J in [omega; v] = J l_dot, shape (6, 6), from A in l_dot = A [omega; v], for every tick.
 
-
-def _cross(a: Array, b: Array) -> Array:
-    """Cross products of vectors (..., 3), at a tenth of the overhead of numpy's."""
-    return a.take(_NEXT, -1) * b.take(_AFTER, -1) - a.take(_AFTER, -1) * b.take(_NEXT, -1)
+    None unless |A| |J|, which is no less than the condition number, is below 1e6: rank decisions
+    must then be made.
+    """
+    J, code = np.empty((6, 6)), compiled()
+    return J if code.invert(inverse_jacobian, J, _REGULAR) == code.FOUND else None
 
 
 def hexapod(model: mujoco.MjModel) -> Hexapod:

@@ -8,9 +8,10 @@ import numpy as np
 import argument_checks as check
 from sim.array import Array
 from sim.frame import Located
-from sim.pose import Pose, computed
+from sim.pose import Pose, compiled, computed
 
 _WORLD = check.frozen(np.eye(3))
+_WORLD_9 = _WORLD.reshape(1, 9)
 
 
 @dataclass(frozen=True)
@@ -40,12 +41,22 @@ class Payload:
 
     def pose(self, data: mujoco.MjData) -> Pose:
         """Motion from the nominal pose, in base axes: rotation R_now R_nominal^T."""
-        axes = self.axes(data)
-        to_base = axes.T
-        turned = to_base.dot(self.frame.rotation(data))
-        rotation = turned.dot(self.world_to_frame.dot(axes))
-        shift = self.frame.position_m(data) - self.origin_m
-        return computed(Pose, rotation=rotation, translation_m=to_base.dot(shift))
+        frame, base = self.frame, self.base
+        xmat, xpos = _arrays(frame, data)
+        base_xmat, number = (_WORLD_9, 0) if base is None else (_arrays(base, data)[0], base.id)
+        rotation, translation_m = np.empty((3, 3)), np.empty(3)
+        compiled().seen_from(
+            xmat,
+            xpos,
+            frame.id,
+            base_xmat,
+            number,
+            self.world_to_frame,
+            self.origin_m,
+            rotation,
+            translation_m,
+        )
+        return computed(Pose, rotation=rotation, translation_m=translation_m)
 
     def force_at_centre_of_mass(self, data: mujoco.MjData, wrench: Array) -> Array:
         """[force; moment] in world axes, as `xfrc_applied`, of [moment; force] (6,) at it."""
@@ -53,3 +64,8 @@ class Payload:
         moment, force = axes @ wrench[:3], axes @ wrench[3:]
         arm = self.frame.position_m(data) - data.xipos[self.frame.body]
         return np.array([*force, *(moment + np.cross(arm, force))])
+
+
+def _arrays(frame: Located, data: mujoco.MjData) -> tuple[Array, Array]:
+    """Rotations (K, 9) and positions (K, 3) in the world of all frames of this kind."""
+    return (data.site_xmat, data.site_xpos) if frame.is_site else (data.xmat, data.xpos)

@@ -1,11 +1,10 @@
 """Poses of frames."""
 
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, TypeVar
 
-import mujoco
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 import argument_checks as check
 from sim.array import Array
@@ -34,9 +33,7 @@ class Pose:
         """Take what numbers can be had as arrays."""
         keep(self, "rotation", 3, 3)
         keep(self, "translation_m", 3)
-        axes, others = self.rotation.shape[:-2], self.translation_m.shape[:-1]
-        if axes != others:
-            check.common_axes({"rotation": axes, "translation_m": others})
+        _ = self.lead  # raises where there is none
 
     def moved(self, twist: Array) -> "Pose":
         """The pose after a displacement [rotation vector; translation] (..., 6), base axes.
@@ -45,21 +42,40 @@ class Pose:
             ValueError: Another shape, or numbers that are not finite.
         """
         twist = check.shaped("twist", twist, 6)
-        if twist.ndim == 1 and self.rotation.ndim == 2:
-            turned = _turn(twist[:3]).dot(self.rotation)
-            return computed(Pose, rotation=turned, translation_m=self.translation_m + twist[3:])
-        check.common_axes({"the pose": self.rotation.shape[:-2], "twist": twist.shape[:-1]})
-        turn = Rotation.from_rotvec(twist[..., :3].reshape(-1, 3)).as_matrix()
-        turn = turn.reshape(*twist.shape[:-1], 3, 3)
-        return Pose(turn @ self.rotation, self.translation_m + twist[..., 3:])
+        lead = check.common_axes({"the pose": self.lead, "twist": twist.shape[:-1]})
+        rotation, translation_m = np.empty((*lead, 3, 3)), np.empty((*lead, 3))
+        compiled().move(
+            flat(self.rotation, 2, lead),
+            flat(self.translation_m, 1, lead),
+            flat(twist, 1, lead),
+            rotation.reshape(-1, 3, 3),
+            translation_m.reshape(-1, 3),
+        )
+        return computed(Pose, rotation=rotation, translation_m=translation_m)
+
+    @property
+    def lead(self) -> tuple[int, ...]:
+        """Batch axes of rotation and translation together."""
+        axes, others = self.rotation.shape[:-2], self.translation_m.shape[:-1]
+        if axes == others:
+            return axes
+        return check.common_axes({"rotation": axes, "translation_m": others})
 
 
-def _turn(rotation_vector: Array) -> Array:
-    """Matrix of one rotation: MuJoCo takes a tenth of scipy's time, which is made for batches."""
-    quat_wxyz, matrix = np.array([1.0, 0.0, 0.0, 0.0]), np.empty(9)
-    mujoco.mju_quatIntegrate(quat_wxyz, rotation_vector, 1.0)
-    mujoco.mju_quat2Mat(matrix, quat_wxyz)
-    return matrix.reshape(3, 3)
+@cache
+def compiled() -> Any:
+    """The compiled code, loaded when first needed: the compiler takes some 0.3 s."""
+    from sim import _tick
+
+    return _tick
+
+
+def flat(A: Array, own: int, lead: tuple[int, ...]) -> Array:
+    """Arrays of so many axes of their own, broadcast to batch axes and then as one batch."""
+    if not lead:
+        return A[None]
+    shape = A.shape[A.ndim - own :]
+    return np.broadcast_to(A, (*lead, *shape)).reshape(-1, *shape)
 
 
 def computed(kind: type[_Kind], **fields: Any) -> _Kind:

@@ -10,7 +10,7 @@ ROOT = Path(__file__).parents[1]
 ALLOWED = {
     "argument_checks": {"numpy", "scipy"},
     "prioritized": {"numpy", "scipy", "numba", "argument_checks"},
-    "sim": {"numpy", "scipy", "mujoco", "argument_checks"},
+    "sim": {"numpy", "scipy", "numba", "mujoco", "argument_checks"},
     "ftc": {"numpy", "scipy", "control", "prioritized", "argument_checks"},
 }
 FLOORS = {"output": 0, "hexapod": 1, "app": 3}

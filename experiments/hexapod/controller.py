@@ -1,12 +1,14 @@
 """The hexapod's controller: the compensators of Fig. 3, the mapping to strut displacements."""
 
 from dataclasses import dataclass
+from functools import partial
 
 import control
 import mujoco
 import numpy as np
 
 from experiments.hexapod.choices import JacobianChoice
+from experiments.hexapod.closed_form import StrutKinematics
 from experiments.hexapod.columns import MAJOR, SECONDARY
 from experiments.hexapod.testbed import Testbed, TestbedConfig
 from ftc.compensator import (
@@ -22,7 +24,7 @@ from ftc.controller import PrioritizedController
 from ftc.goal import Goal
 from ftc.local_mapping import PreviousCommand
 from ftc.mapping import DisplacementForm, PrioritizedMapping
-from prioritized import ConstrainedSystem, WhenLimited
+from prioritized import ConstrainedSystem, Kinematics, WhenLimited
 from sim import (
     NOMINAL,
     Array,
@@ -35,6 +37,7 @@ from sim import (
     hexapod,
     linearize,
     pointing_angles,
+    regular_jacobian,
     secondary_motion,
 )
 
@@ -151,9 +154,7 @@ class HexapodGeometry:
         """
         if self.constant:
             return NOMINAL.moved(self.nominal.twist(displacements_m))
-        posture = self.hexapod.posture(pose)
-        moved = pose.moved(posture.twist(displacements_m - posture.displacement_m))
-        return self.hexapod.posture(moved)
+        return self.hexapod.moved(pose, displacements_m)
 
 
 def task_coordinates(pose: Pose) -> Array:
@@ -190,9 +191,16 @@ class StrutMapping(PrioritizedMapping[Pose]):
             raise ValueError(
                 "stiffness must be given for a goal with free or loose struts, got None"
             )
+        self._is_closed_form = not (goal.free or goal.spring_lost)
         own = HexapodGeometry(geometry, constant=jacobian == "constant", stiffness=stiffness)
         limits = {"limits_m": limits_m, "when_limited": when_limited}
         super().__init__(own, goal, MAJOR, SECONDARY, form, task_coordinates, **limits)
+
+    def kinematics_at(self, jacobian: Array) -> Kinematics:
+        """Of the surviving struts where l_dot = A x_dot; eliminated only where it is needed."""
+        general = partial(super().kinematics_at, jacobian)
+        J = regular_jacobian(jacobian) if self._is_closed_form else None
+        return general() if J is None else StrutKinematics(J.dot(self._expand), general)
 
 
 def nominal_plant(model: mujoco.MjModel) -> tuple[LinearPlant, Array]:

@@ -1,0 +1,56 @@
+"""The kinematics of a hexapod whose struts are sound or locked, in closed form."""
+
+from collections.abc import Callable
+from functools import cached_property
+from math import sqrt
+from typing import Any
+
+import numpy as np
+from scipy.linalg.blas import dnrm2
+
+from prioritized import Kinematics
+from sim import Array
+
+
+class StrutKinematics(Kinematics):
+    """J of the survivors, columns of A^-1 where l_dot = A x_dot, without a rank decision.
+
+    No motion is left free, and no strut is tied to another. All that a mapping does not need at
+    every tick comes from the general elimination, whose result this J is but for round-off.
+    """
+
+    _J: Array
+    _general: Callable[[], Kinematics]
+
+    def __init__(self, J: Array, general: Callable[[], Kinematics]) -> None:
+        """Take J, shape (6, n - q), and what makes the kinematics by elimination."""
+        vars(self).update(_J=J, _general=general)
+
+    @cached_property
+    def system(self) -> Any:
+        """The mechanism by joints."""
+        return self._general().system
+
+    @property
+    def J(self) -> Array:
+        """Twist of the payload per rate of the surviving struts."""
+        return self._J
+
+    @property
+    def scale(self) -> float:
+        """Sizes of J_T = [0, 1] and of what is taken from A^-1, as in the elimination."""
+        return _SIZE_OF_J_T + float(dnrm2(self._J.ravel()))
+
+    @property
+    def active_constraint(self) -> Array:
+        """None: shape (0, n - q)."""
+        return _NO_ROWS[:, : self._J.shape[1]]
+
+    @property
+    def relative_self_motion(self) -> Array:
+        """None: shape (6, 0)."""
+        return _NO_COLUMNS
+
+
+_SIZE_OF_J_T = sqrt(6.0)
+_NO_ROWS, _NO_COLUMNS = np.zeros((0, 6)), np.zeros((6, 0))

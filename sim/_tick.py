@@ -1,0 +1,201 @@
+"""What a simulated control tick computes, compiled: poses, a hexapod's struts, clipping.
+
+A batch is one after another. All compiled code stands in one file, because the compiler's
+cache notices a change of that file alone.
+"""
+
+import numpy as np
+from numba import njit, types
+
+FOUND, SINGULAR, NO_LENGTH = 0, 1, 2
+"""All is well; the struts do not determine the twist, or one too large; a strut has no length."""
+
+_MOST = 1e240
+"""Square of the largest number that the argument checks let pass."""
+
+_any = {k: types.Array(types.float64, k, "A", readonly=True) for k in (1, 2, 3)}
+_new = {k: types.Array(types.float64, k, "C") for k in (1, 2, 3)}
+_inlined = njit(error_model="numpy")
+
+
+def _compiled(*arguments):
+    """Compiled when this module is first imported, then read from the cache."""
+    return njit(types.int64(*arguments), cache=True, error_model="numpy")
+
+
+@_inlined
+def _move(R, t, twist, R_new, t_new):
+    """Turn about the rotation vector by Rodrigues' formula, then shift."""
+    x, y, z = twist[0], twist[1], twist[2]
+    square = x * x + y * y + z * z
+    half = 0.5 * np.sqrt(square)
+    # sin(angle) / angle and (1 - cos(angle)) / angle^2, without cancellation.
+    sinc = np.sin(half) / half if half > 0.0 else 1.0
+    s, c = sinc * np.cos(half), 0.5 * sinc * sinc
+    for j in range(3):
+        a, b, d = R[0, j], R[1, j], R[2, j]
+        along = c * (x * a + y * b + z * d)
+        # As increments: a factor of nearly 1 would round the same way at every tick.
+        R_new[0, j] = a + (s * (y * d - z * b) + (along * x - c * square * a))
+        R_new[1, j] = b + (s * (z * a - x * d) + (along * y - c * square * b))
+        R_new[2, j] = d + (s * (x * b - y * a) + (along * z - c * square * d))
+    for i in range(3):
+        t_new[i] = t[i] + twist[3 + i]
+
+
+@_inlined
+def _lengths(bottom, top, R, t, length, A):
+    """Lengths of the struts and rows [(R a) x u, u]; of one without length NaN."""
+    found = FOUND
+    for k in range(len(top)):
+        a0 = R[0, 0] * top[k, 0] + R[0, 1] * top[k, 1] + R[0, 2] * top[k, 2]
+        a1 = R[1, 0] * top[k, 0] + R[1, 1] * top[k, 1] + R[1, 2] * top[k, 2]
+        a2 = R[2, 0] * top[k, 0] + R[2, 1] * top[k, 1] + R[2, 2] * top[k, 2]
+        u0 = a0 + (t[0] - bottom[k, 0])
+        u1 = a1 + (t[1] - bottom[k, 1])
+        u2 = a2 + (t[2] - bottom[k, 2])
+        length[k] = np.sqrt(u0 * u0 + u1 * u1 + u2 * u2)
+        if length[k] == 0.0:
+            found = NO_LENGTH
+        u0, u1, u2 = u0 / length[k], u1 / length[k], u2 / length[k]
+        A[k, 0], A[k, 1], A[k, 2] = a1 * u2 - a2 * u1, a2 * u0 - a0 * u2, a0 * u1 - a1 * u0
+        A[k, 3], A[k, 4], A[k, 5] = u0, u1, u2
+    return found
+
+
+@_inlined
+def _solve(A, X):
+    """Overwrite X by the solution of A X = X, and A by its factors: Gauss, partial pivoting."""
+    n, columns = X.shape
+    for i in range(n):
+        pivot = i
+        for r in range(i + 1, n):
+            if abs(A[r, i]) > abs(A[pivot, i]):
+                pivot = r
+        if not abs(A[pivot, i]) > 0.0:
+            return SINGULAR
+        if pivot != i:
+            for j in range(i, n):
+                A[i, j], A[pivot, j] = A[pivot, j], A[i, j]
+            for j in range(columns):
+                X[i, j], X[pivot, j] = X[pivot, j], X[i, j]
+        for r in range(i + 1, n):
+            factor = A[r, i] / A[i, i]
+            for j in range(i + 1, n):
+                A[r, j] -= factor * A[i, j]
+            for j in range(columns):
+                X[r, j] -= factor * X[i, j]
+    for i in range(n - 1, -1, -1):
+        for j in range(columns):
+            for k in range(i + 1, n):
+                X[i, j] -= A[i, k] * X[k, j]
+            X[i, j] /= A[i, i]
+    return FOUND if _square(X) < _MOST else SINGULAR  # NaN is neither
+
+
+@_inlined
+def _square(A):
+    total = 0.0
+    for row in A:
+        for x in row:
+            total += x * x
+    return total
+
+
+@_compiled(_any[3], _any[2], _any[2], _new[3], _new[2])
+def move(R, t, twist, R_new, t_new):
+    """Poses (B, 3, 3), (B, 3) after displacements (B, 6), written to the last two."""
+    for k in range(len(t)):
+        _move(R[k], t[k], twist[k], R_new[k], t_new[k])
+    return FOUND
+
+
+@_compiled(_any[2], _any[2], _any[3], _any[2], _new[2], _new[3])
+def lengths(bottom, top, R, t, length, A):
+    """Strut lengths (B, n) and A (B, n, 6) at poses, written to the last two; or NO_LENGTH."""
+    found = FOUND
+    for k in range(len(t)):
+        found = max(found, _lengths(bottom, top, R[k], t[k], length[k], A[k]))
+    return found
+
+
+@_compiled(_any[2], _new[2])
+def solve(A, X):
+    """Overwrite X (n, k) by the solution of A X = X, A being (n, n); or SINGULAR."""
+    return _solve(A.copy(), X)
+
+
+@_compiled(_any[2], _new[2], types.float64)
+def invert(A, inverse, most):
+    """Write the inverse of A (n, n); SINGULAR unless |A| |inverse| is below `most`.
+
+    These are Frobenius norms, so that their product is no less than the condition number.
+    """
+    inverse[:] = 0.0
+    for i in range(len(A)):
+        inverse[i, i] = 1.0
+    if _solve(A.copy(), inverse) != FOUND:
+        return SINGULAR
+    return FOUND if _square(A) * _square(inverse) < most * most else SINGULAR
+
+
+@_compiled(*[_any[2]] * 2, _any[1], *[_any[2], _any[1]] * 2, _any[1], *[_new[2], _new[1]] * 2)
+def follow(bottom, top, nominal, R, t, A, moved, asked, R_new, t_new, A_new, moved_new):
+    """One Newton step on the strut lengths, from displacements `moved` to those asked.
+
+    Displacements are lengths less the nominal ones; the last four arguments are overwritten.
+    """
+    step = (asked - moved).reshape(-1, 1)
+    found = _solve(A.copy(), step)
+    if found != FOUND:
+        return found
+    _move(R, t, step[:, 0], R_new, t_new)
+    found = _lengths(bottom, top, R_new, t_new, moved_new, A_new)
+    for k in range(len(moved_new)):
+        moved_new[k] -= nominal[k]
+    return found
+
+
+@_compiled(*[_any[2]] * 2, types.int64, _any[2], types.int64, _any[2], _any[1], _new[2], _new[1])
+def seen_from(xmat, xpos, frame, base_xmat, base, R_0, p_0, R, t):
+    """Write the motion (3, 3), (3,) of a frame since its nominal pose, in present base axes.
+
+    Args:
+        xmat: Rotations in the world, as MuJoCo keeps them, (K, 9).
+        xpos: Positions, (K, 3).
+        frame: Which of them.
+        base_xmat: Likewise, of the base.
+        base: Which of them.
+        R_0: From world axes to those of the frame, nominally, (3, 3).
+        p_0: Nominal position, (3,).
+        R: R_now R_nominal^T.
+        t: Translation.
+    """
+    for i in range(3):
+        t[i] = 0.0
+        for k in range(3):
+            t[i] += base_xmat[base, 3 * k + i] * (xpos[frame, k] - p_0[k])
+    for i in range(3):
+        for j in range(3):
+            R[i, j] = 0.0
+            for k in range(3):
+                turned, back = 0.0, 0.0
+                for u in range(3):
+                    turned += base_xmat[base, 3 * u + i] * xmat[frame, 3 * u + k]
+                    back += R_0[k, u] * base_xmat[base, 3 * u + j]
+                R[i, j] += turned * back
+    return FOUND
+
+
+@_compiled(_any[1], *[types.float64] * 4, types.boolean, _new[1])
+def convert(x, factor, lower, upper, gain, whole, y):
+    """Write x times a factor, rounded to a whole number if so asked, within limits; times a gain.
+
+    NaN stays NaN.
+    """
+    for i in range(len(x)):
+        value = x[i] * factor
+        if whole:
+            value = np.rint(value)
+        y[i] = gain * (lower if value < lower else upper if value > upper else value)
+    return FOUND
