@@ -35,9 +35,7 @@ from sim.frame import Body as Body
 from sim.hexapod import Hexapod as Hexapod
 from sim.hexapod import Posture as Posture
 from sim.hexapod import hexapod as hexapod
-from sim.jacobian import CLOSURE_TOLERANCE as CLOSURE_TOLERANCE
 from sim.jacobian import Jacobians as Jacobians
-from sim.jacobian import jacobians as jacobians
 from sim.linear import LinearPlant as LinearPlant
 from sim.linear import linearize as linearize
 from sim.machine import Machine as Machine
@@ -53,6 +51,9 @@ from sim.pose import NOMINAL as NOMINAL
 from sim.pose import Pose as Pose
 from sim.ranges import Ranges as Ranges
 from sim.ranges import ranges as ranges
+from sim.reader import CLOSURE_TOLERANCE as CLOSURE_TOLERANCE
+from sim.reader import JacobianReader as JacobianReader
+from sim.reader import jacobians as jacobians
 from sim.strut_sensors import StrutSensors as StrutSensors
 from sim.task import CenterOfMass as CenterOfMass
 from sim.task import Relative as Relative
