@@ -43,7 +43,6 @@ from sim.hexapod import hexapod as hexapod
 from sim.hexapod import regular_jacobian as regular_jacobian
 from sim.jacobian import CLOSURE_TOLERANCE as CLOSURE_TOLERANCE
 from sim.jacobian import Jacobians as Jacobians
-from sim.jacobian import jacobians as jacobians
 from sim.linear import LinearPlant as LinearPlant
 from sim.linear import linearize as linearize
 from sim.machine import Machine as Machine
@@ -61,6 +60,9 @@ from sim.pose import NOMINAL as NOMINAL
 from sim.pose import Pose as Pose
 from sim.ranges import Ranges as Ranges
 from sim.ranges import ranges as ranges
+from sim.reader import CLOSURE_TOLERANCE as CLOSURE_TOLERANCE
+from sim.reader import JacobianReader as JacobianReader
+from sim.reader import jacobians as jacobians
 from sim.servo import servoed as servoed
 from sim.strut_sensors import StrutSensors as StrutSensors
 from sim.task import CenterOfMass as CenterOfMass

@@ -6,7 +6,7 @@ import scipy.linalg
 
 from sim.accuracy import COARSEST, written_accuracy
 from sim.array import Array
-from sim.closure import closure_gaps, closure_rows, equality_name, largest_gap, units_of_gaps
+from sim.closure import active_closures, equality_name
 from sim.dynamics import mass_of
 from sim.errors import ClosureError
 from sim.hold import Hold
@@ -67,7 +67,7 @@ def _closing(model: mujoco.MjModel, rows: Array, accuracy: float | None) -> Arra
 
 def _largest_gap(model: mujoco.MjModel, data: mujoco.MjData, fixed: Hold) -> tuple[float, str]:
     """Of closures and of what is held: how large, and whose, in words."""
-    of_closures, equality = largest_gap(model, data)
+    of_closures, equality = active_closures(model, data).largest_gap(data)
     of_held = np.abs(fixed.rows_and_gaps(model, data)[1])
     if of_held.max(initial=0.0) > of_closures:
         return float(of_held.max()), fixed.names()[int(of_held.argmax())]
@@ -77,8 +77,9 @@ def _largest_gap(model: mujoco.MjModel, data: mujoco.MjData, fixed: Hold) -> tup
 def _linearized(model: mujoco.MjModel, data: mujoco.MjData, fixed: Hold) -> tuple[Array, Array]:
     """Rows of everything that must be closed, and their gaps, [m] or [rad]."""
     rows, gaps = fixed.rows_and_gaps(model, data)
-    of_closures = units_of_gaps(model, data)[:, None] * closure_rows(model, data)
-    return np.vstack([of_closures, rows]), np.concatenate([closure_gaps(model, data), gaps])
+    closures = active_closures(model, data)
+    of_closures = closures.units[:, None] * closures.rows(model, data)
+    return np.vstack([of_closures, rows]), np.concatenate([closures.gaps(data), gaps])
 
 
 def _least_change(mass: Array, rows: Array, change: Array, free: Array) -> Array:

@@ -1,7 +1,11 @@
 """Rows of the active equalities, taken where the loops are closed, and how far they are open."""
 
+from math import isfinite
+from typing import NamedTuple
+
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from sim.array import Array
 from sim.errors import ModelError
@@ -50,61 +54,92 @@ def check_closures(model: mujoco.MjModel, data: mujoco.MjData) -> None:
         )
 
 
-def closure_rows(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
-    """Rows of the active equality constraints, shape (c, nv), from what MuJoCo last computed.
+class Closures(NamedTuple):
+    """The active equality constraints: what of their rows no pose changes.
 
-    MuJoCo takes the rows of a connect or weld with each body's own anchor. While these are D apart,
-    a joint that carries both bodies moves them apart by omega x D, although it opens nothing, and
-    redundant rows become constraints. Here both bodies move as at the anchors' midpoint.
+    Attributes:
+        equality: To which equality each row belongs, shape (c,).
+        units: What makes of MuJoCo's residuals meters and radians, shape (c,).
+        points: Which rows keep two points together: three of each connect and weld, shape (3k,).
+        carried: How many of the two bodies each velocity carries, in each of these, (3k, nv).
+    """
+
+    equality: NDArray[np.intp]
+    units: Array
+    points: NDArray[np.intp]
+    carried: Array
+
+    def rows(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
+        """Rows of the closures, shape (c, nv), from what MuJoCo last computed.
+
+        MuJoCo takes the rows of a connect or weld with each body's own anchor. While these are D
+        apart, a joint that carries both bodies moves them apart by omega x D, although it opens
+        nothing, and redundant rows become constraints. Here both bodies move as at the anchors'
+        midpoint.
+
+        Raises:
+            ModelError: A part of the mechanism sleeps; MuJoCo leaves its rows out.
+        """
+        if data.ntree_awake < model.ntree:
+            raise ModelError(
+                "a part of the mechanism is asleep, with its closures: switch sleep off"
+            )
+        rows = _equality_rows(model, data)
+        if self.points.size:
+            D = data.efc_pos[self.points]
+            if np.abs(D).max() > _ROUND_OFF_M:
+                across = (D.reshape(-1, 3) / 2).dot(_CROSS).reshape(-1, 3)
+                # The first three columns of cdof are a joint's axis, if it turns its body.
+                rows[self.points] += across.dot(data.cdof[:, :3].T) * self.carried
+        return rows
+
+    def gaps(self, data: mujoco.MjData) -> Array:
+        """How far each row is open, shape (c,), from what MuJoCo last computed.
+
+        [m] or [rad]; of a weld's turn the rotation vector.
+        """
+        return data.efc_pos[: len(self.units)] * self.units
+
+    def largest_gap(self, data: mujoco.MjData) -> tuple[float, int]:
+        """The largest gap, [m] or [rad], and its equality; 0 and -1 without closures.
+
+        Raises:
+            ModelError: An equality is not finite.
+        """
+        if not self.units.size:
+            return 0.0, -1
+        sizes = np.abs(self.gaps(data))
+        worst = sizes.argmax()  # NaN, if there is one
+        largest = float(sizes[worst])
+        if not isfinite(largest):
+            raise ModelError("an equality of the model is not finite")
+        return largest, int(self.equality[worst])
+
+
+def active_closures(model: mujoco.MjModel, data: mujoco.MjData) -> Closures:
+    """The active equality constraints, from what MuJoCo last computed.
 
     Raises:
-        ModelError: A part of the mechanism sleeps; MuJoCo leaves its rows out.
+        ModelError: As :func:`check_closures`.
     """
-    if data.ntree_awake < model.ntree:
-        raise ModelError("a part of the mechanism is asleep, with its closures: switch sleep off")
-    rows = _equality_rows(model, data)
-    points = [(k, start) for k, kind, start in _blocks(model, data) if kind in (_CONNECT, _WELD)]
-    residual = data.efc_pos
-    D = np.array([residual[start : start + 3] for _, start in points]).reshape(-1, 3)
-    if (np.abs(D) > _ROUND_OFF_M).any():
-        carried = _angular(model, data, [k for k, _ in points])
-        opened = (D / 2).dot(_CROSS).reshape(-1, 3, 3) @ carried
-        for (_, start), change in zip(points, opened, strict=True):
-            rows[start : start + 3] += change
-    return rows
-
-
-def closure_gaps(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
-    """How far each row of the closures is open, (c,), from what MuJoCo last computed.
-
-    [m] or [rad]; of a weld's turn the rotation vector.
-    """
-    return data.efc_pos[: data.ne] * units_of_gaps(model, data)
-
-
-def units_of_gaps(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
-    """What makes of MuJoCo's residuals meters and radians, shape (c,)."""
-    units = np.ones(data.ne)
-    for k, kind, start in _blocks(model, data):
+    check_closures(model, data)
+    equality = data.efc_id[: data.ne].astype(np.intp)
+    units, points, carried, start = np.ones(data.ne), [], [np.zeros((0, model.nv))], 0
+    for k in dict.fromkeys(equality.tolist()):
+        kind = int(model.eq_type[k])
         if kind == _WELD:  # the last three rows are sines of half the angles, scaled
             scale = model.eq_data[k, _TORQUE_SCALE]
             units[start + 3 : start + 6] = 2.0 / scale if scale else 0.0
-    return units
+        if kind in (_CONNECT, _WELD):
+            points += range(start, start + 3)
+            carried += [sum(_carries(model, body) for body in _bodies(model, k))] * 3
+        start += _ROWS.get(kind, 1)
+    return Closures(equality, units, np.array(points, dtype=np.intp), np.vstack(carried))
 
 
-def largest_gap(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[float, int]:
-    """The largest gap of all closures, [m] or [rad], and its equality; 0 and -1 without any.
-
-    Raises:
-        ModelError: An equality is not finite.
-    """
-    gaps = closure_gaps(model, data)
-    if not gaps.size:
-        return 0.0, -1
-    if not np.isfinite(gaps).all():
-        raise ModelError("an equality of the model is not finite")
-    worst = np.abs(gaps).argmax()
-    return abs(float(gaps[worst])), int(data.efc_id[worst])
+def closure_rows(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
+    """:meth:`Closures.rows` of the active equality constraints, shape (c, nv)."""
+    return active_closures(model, data).rows(model, data)
 
 
 def equality_name(model: mujoco.MjModel, equality: int) -> str:
@@ -146,19 +181,13 @@ def _ends(model: mujoco.MjModel, equality: int) -> list[int]:
     return [int(model.eq_obj1id[equality]), int(model.eq_obj2id[equality])]
 
 
-def _blocks(model: mujoco.MjModel, data: mujoco.MjData) -> list[tuple[int, int, int]]:
-    """Each active equality, its kind and its first row."""
-    kinds, blocks, start = model.eq_type.tolist(), [], 0
-    for k in dict.fromkeys(data.efc_id[: data.ne].tolist()):
-        blocks.append((k, kinds[k], start))
-        start += _ROWS.get(kinds[k], 1)
-    return blocks
-
-
-def _angular(model: mujoco.MjModel, data: mujoco.MjData, equalities: list[int]) -> Array:
-    """Angular velocities of both bodies of connects and welds, summed, per qvel, (k, 3, nv)."""
-    rows = np.empty((len(equalities), 2, 3, model.nv))
-    for equality, of_bodies in zip(equalities, rows, strict=True):
-        for body, of_body in zip(_bodies(model, equality), of_bodies, strict=True):
-            mujoco.mj_jacBody(model, data, None, of_body, body)
-    return rows[:, 0] + rows[:, 1]
+def _carries(model: mujoco.MjModel, body: int) -> Array:
+    """Which velocities carry a body, one for those and zero for others, shape (nv,)."""
+    chain, parents, above = np.zeros(model.nv), model.dof_parentid.tolist(), model.body_parentid
+    while body and not model.body_dofnum[body]:
+        body = int(above[body])
+    dof = int(model.body_dofadr[body] + model.body_dofnum[body]) - 1 if body else -1
+    while dof >= 0:
+        chain[dof] = 1.0
+        dof = parents[dof]
+    return chain

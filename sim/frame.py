@@ -44,6 +44,13 @@ class Located(NamedTuple):
         """Its origin in the world, (3,): a view."""
         return (data.site_xpos if self.is_site else data.xpos)[self.id]
 
+    def jacobian(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
+        """Twist [angular; linear] of its origin in world axes per qvel, shape (6, nv)."""
+        rows = np.zeros((6, model.nv))
+        of_frame = mujoco.mj_jacSite if self.is_site else mujoco.mj_jacBody
+        of_frame(model, data, rows[3:], rows[:3], self.id)
+        return rows
+
 
 def located(model: mujoco.MjModel, argument: str, frame: str | Body) -> Located:
     """The frame that an argument names.
@@ -65,13 +72,8 @@ def located(model: mujoco.MjModel, argument: str, frame: str | Body) -> Located:
 
 
 def frame_jacobian(model: mujoco.MjModel, data: mujoco.MjData, frame: str | Body) -> Array:
-    """Twist [angular; linear] of a frame's origin in world axes per qvel, shape (6, nv)."""
-    rows = np.zeros((6, model.nv))
-    if isinstance(frame, Body):
-        mujoco.mj_jacBody(model, data, rows[3:], rows[:3], model.body(frame.name).id)
-    else:
-        mujoco.mj_jacSite(model, data, rows[3:], rows[:3], model.site(frame).id)
-    return rows
+    """:meth:`Located.jacobian` of a frame by name."""
+    return located(model, "frame", frame).jacobian(model, data)
 
 
 def frame_pose(data: mujoco.MjData, frame: str | Body) -> tuple[Array, Array]:

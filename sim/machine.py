@@ -13,7 +13,7 @@ from sim.drive import Drive
 from sim.dynamics import joint_stiffness
 from sim.errors import ModelError
 from sim.frame import located
-from sim.limits import at_limits, tendon_row
+from sim.limits import at_limits, tendon_row, touching
 from sim.model import name_of
 from sim.pin import Pin
 from sim.ranges import joint_positions, ranges
@@ -44,7 +44,6 @@ class Machine:
         model: The model.
         qpos: The pose.
         mocap: Positions and quaternions of bodies that are moved from outside.
-        touching: Pairs of bodies in contact.
         pinned: Frames that stay.
         stuck: Which joints on their limits count as stuck: none, all, or those of these names.
     """
@@ -52,7 +51,6 @@ class Machine:
     model: mujoco.MjModel
     qpos: Array
     mocap: tuple[Array, Array]
-    touching: frozenset[tuple[int, int]]
     pinned: tuple[Pin, ...]
     stuck: bool | tuple[str, ...]
 
@@ -150,7 +148,7 @@ class Machine:
         return [
             f'"{name_of(self.model.body(b))}" touches "{name_of(self.model.body(a))}" and is taken '
             "to move freely: pinned= takes it to stand"
-            for a, b in sorted(self.touching)
+            for a, b in sorted(touching(self.model, self._data))
             if not {rigid[a], rigid[b]} & held
         ]
 

@@ -253,7 +253,8 @@ class Plant:
 
     def limits(self) -> tuple[Array, Array]:
         """Lower and upper displacements (n,) each at which actuators can rest; see
-        :func:`displacement_limits`, of which these know no amplifier."""
+        :func:`displacement_limits`, of which these know no amplifier.
+        """
         lower, upper = self._limits
         return lower.copy(), upper.copy()
 

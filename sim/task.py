@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import mujoco
 import numpy as np
@@ -10,14 +10,7 @@ from numpy.typing import ArrayLike
 
 import argument_checks as check
 from sim.array import Array
-from sim.frame import (
-    Body,
-    Located,
-    frame_jacobian,
-    frame_pose,
-    located,
-    rotation_vector,
-)
+from sim.frame import Body, Located, frame_pose, located, rotation_vector
 from sim.model import check_state, element_id
 from sim.pose import Pose
 
@@ -64,32 +57,57 @@ def task_list(model: mujoco.MjModel, site: Task | Sequence[Task]) -> list[Task]:
     if not tasks:
         raise ValueError("site must name a task at least, got none")
     for task in tasks:
-        if isinstance(task, CenterOfMass):
-            _com_body(model, task)
-        elif isinstance(task, Relative):
-            located(model, "site", task.frame)
-            located(model, "site", task.root)
-        else:
-            located(model, "site", task)
+        located_task(model, task)
     if len(set(tasks)) < len(tasks):
         raise ValueError(f"site must not repeat a task, got {check.shown(tasks)}")
     return tasks
 
 
-def task_jacobian(model: mujoco.MjModel, data: mujoco.MjData, task: Task) -> Array:
-    """Velocity of a task in world axes per qvel, shape (6, nv) or (3, nv)."""
-    if isinstance(task, CenterOfMass):
-        rows = np.zeros((3, model.nv))
-        mujoco.mj_jacSubtreeCom(model, data, rows, _com_body(model, task))
+class LocatedTask(NamedTuple):
+    """A task by its numbers.
+
+    Attributes:
+        frame: The frame that moves; None of a centre of mass.
+        root: The frame that it is seen from; None is the world.
+        body: The body whose centre of mass it is, if it is one.
+    """
+
+    frame: Located | None
+    root: Located | None = None
+    body: int = 0
+
+    def jacobian(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
+        """Its velocity in world axes per qvel, shape (6, nv) or (3, nv)."""
+        if self.frame is None:
+            rows = np.zeros((3, model.nv))
+            mujoco.mj_jacSubtreeCom(model, data, rows, self.body)
+            return rows
+        rows = self.frame.jacobian(model, data)
+        if self.root is not None:
+            root = self.root.jacobian(model, data)
+            arm = self.frame.position_m(data) - self.root.position_m(data)
+            rows -= root
+            rows[3:] -= np.cross(root[:3], arm, axisa=0, axisc=0)
         return rows
-    if not isinstance(task, Relative):
-        return frame_jacobian(model, data, task)
-    rows = frame_jacobian(model, data, task.frame)
-    root = frame_jacobian(model, data, task.root)
-    arm = frame_pose(data, task.frame)[1] - frame_pose(data, task.root)[1]
-    rows -= root
-    rows[3:] -= np.cross(root[:3], arm, axisa=0, axisc=0)
-    return rows
+
+
+def located_task(model: mujoco.MjModel, task: Task) -> LocatedTask:
+    """The task, looked up by its names.
+
+    Raises:
+        ModelError: A frame or body that does not exist.
+        TypeError: A name that is none.
+    """
+    if isinstance(task, CenterOfMass):
+        return LocatedTask(None, body=_com_body(model, task))
+    if isinstance(task, Relative):
+        return LocatedTask(located(model, "site", task.frame), located(model, "site", task.root))
+    return LocatedTask(located(model, "site", task))
+
+
+def task_jacobian(model: mujoco.MjModel, data: mujoco.MjData, task: Task) -> Array:
+    """:meth:`LocatedTask.jacobian` of a task by name."""
+    return located_task(model, task).jacobian(model, data)
 
 
 def pose_of(
@@ -118,7 +136,7 @@ def pose_of(
     if isinstance(task, Relative):
         turned, origin = frame_pose(data, task.root)
     elif axes is not None:
-        frame = _axes(model, axes)
+        frame = located_axes(model, axes)
         turned, origin = frame.rotation(data), frame.position_m(data)
     if not isinstance(task, CenterOfMass):
         rotation = turned.T @ rotation
@@ -180,10 +198,11 @@ def _target(target: Pose | ArrayLike, here: Pose) -> Pose:
 
 def to_axes_of(model: mujoco.MjModel, data: mujoco.MjData, axes: str | None) -> Array:
     """Rotation (3, 3) from world axes to those of a site; None is the world."""
-    return np.eye(3) if axes is None else _axes(model, axes).rotation(data).T
+    return np.eye(3) if axes is None else located_axes(model, axes).rotation(data).T
 
 
-def _axes(model: mujoco.MjModel, axes: str) -> Located:
+def located_axes(model: mujoco.MjModel, axes: str) -> Located:
+    """The site that gives the axes, looked up by its name."""
     return located(model, "axes", check.instance("axes", axes, str))
 
 

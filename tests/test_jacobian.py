@@ -213,6 +213,7 @@ def test_the_rows_are_the_same_stored_dense_or_sparse():
 def test_contacts_limits_and_dry_friction_hold_nothing_in_the_theory(storage):
     """They are at work in the physics, and no row of J_C is theirs."""
     model, data = everything(storage)
+    mujoco.mj_fwdPosition(model, data)  # finds the contacts
     full = jacobians(model, data, "tool").J_C
     at_work = {mujoco.mjtConstraint(kind).name for kind in data.efc_type}
     assert {"mjCNSTR_FRICTION_DOF", "mjCNSTR_LIMIT_JOINT", "mjCNSTR_CONTACT_PYRAMIDAL"} < at_work

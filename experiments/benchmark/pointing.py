@@ -19,7 +19,7 @@ from experiments.hexapod.columns import MAJOR, SECONDARY
 from experiments.hexapod.controller import StrutMapping
 from ftc.goal import Goal
 from prioritized import ConstrainedSystem
-from sim import NOMINAL, Array, Plant, Pose, hexapod, jacobians
+from sim import NOMINAL, Array, JacobianReader, Plant, Pose, hexapod, jacobians
 
 TOLERANCE = 1e-5
 """mink also closes the 0.7 nm by which the loops sag: that is 1e-6 of the answer."""
@@ -58,16 +58,15 @@ def general_tick(model: mujoco.MjModel) -> Callable[[Array, Array], Array]:
     Returns:
         From desired (alpha, beta) and joint positions (nq,) to actuator displacements (n,).
     """
-    data = mujoco.MjData(model)
-    jac = jacobians(model, data, site="payload", axes="base")
-    system = ConstrainedSystem.of(jac).with_failures(locked=[STUCK])
+    data, reader = mujoco.MjData(model), JacobianReader(model, site="payload", axes="base")
+    system = ConstrainedSystem.of(reader.at(data)).with_failures(locked=[STUCK])
     mapping = system.kinematics().velocity_mapping(
         MAJOR, SECONDARY, GOAL.joint_weight, GOAL.secondary_weight
     )
 
     def displacements(pointing_rad: Array, qpos: Array) -> Array:
         data.qpos[:] = qpos
-        jac = jacobians(model, data, site="payload", axes="base")
+        jac = reader.at(data)
         kinematics = system.at(J_T=jac.J_T, J_C=jac.J_C).kinematics()
         return kinematics.expand(mapping.at(kinematics)(pointing_rad))
 

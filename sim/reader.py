@@ -1,0 +1,199 @@
+"""Reading the Jacobians of any MJCF model, once or at every tick."""
+
+from collections.abc import Iterable, Sequence
+
+import mujoco
+import numpy as np
+
+import argument_checks as check
+from sim.array import Array
+from sim.closure import active_closures, equality_name
+from sim.errors import ClosureError, ModelError
+from sim.frame import Body
+from sim.jacobian import Jacobians
+from sim.limits import stuck_names, stuck_rows
+from sim.machine import Machine
+from sim.model import check_state
+from sim.pin import Pin, pin_rows, pins_of
+from sim.pose import computed
+from sim.structure import Structure, bring_up_to_date, structure, unmoved
+from sim.task import Task, located_axes, located_task, task_list
+from sim.transmission import drive_rows
+
+CLOSURE_TOLERANCE = 1e-3
+"""Largest gap of a closure, [m] or [rad], at which Jacobians are taken."""
+
+
+def jacobians(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    site: Task | Sequence[Task],
+    axes: str | None = None,
+    *,
+    pinned: Iterable[str | Body | Pin] = (),
+    stuck_at_limits: bool | Iterable[str] = False,
+    closure_tolerance: float = CLOSURE_TOLERANCE,
+) -> Jacobians:
+    """Jacobians at the present `data.qpos`; for one pose after another: :class:`JacobianReader`.
+
+    Joints, equalities and transmissions of every kind that has velocities: connect, weld, joint and
+    tendon equalities; actuators on joints, tendons, sites and slider-cranks. Dry friction is left
+    out; contacts and limits too, unless `pinned` or `stuck_at_limits` says otherwise.
+
+    Args:
+        model: Any model.
+        data: Its state; `eq_active` decides which equalities count. See :func:`assemble`. Frames,
+            tendons and constraint rows in it are brought up to date; contacts and the mass matrix
+            stay as they were.
+        site: The task: name of a site, :class:`Body`, :class:`CenterOfMass` or :class:`Relative`;
+            or several, whose rows are stacked.
+        axes: Site whose axes velocities are expressed in; None is the world.
+        pinned: Frames that stay where they are, as feet that stand: names of sites,
+            :class:`Body`, or :class:`Pin`.
+        stuck_at_limits: Which of the joints and tendons that rest on their limits count as stuck,
+            in both directions: none, all (True), or those of these names.
+        closure_tolerance: Largest gap of a closure, [m] or [rad]. Up to 1 mm a gap changes the
+            Jacobians by no more than its own size; infinity takes any.
+
+    Raises:
+        ClosureError: A closure is open farther than the tolerance.
+        ModelError: A name that does not exist; a model without enabled actuators; a task that no
+            actuator moves; an actuator or an active equality that is no velocity; closures that
+            the model's flags switch off, or that sleep.
+        ValueError: `data.qpos` is not finite, or `data` of another model.
+        TypeError: An argument is of another kind.
+    """
+    check_state(model, data)
+    return JacobianReader(
+        model,
+        site,
+        axes,
+        pinned=pinned,
+        stuck_at_limits=stuck_at_limits,
+        closure_tolerance=closure_tolerance,
+    ).at(data)
+
+
+class JacobianReader:
+    """The Jacobians of one model at one pose after another, as a control loop needs them.
+
+    Names are looked up when it is made, so that a tick is mostly MuJoCo's own kinematics. Which
+    equalities and actuators count is read anew whenever `data.eq_active`, `opt.disableactuator` or
+    `opt.disableflags` change, and only then whether some actuator moves each task. After any other
+    change of the model, make another reader.
+    """
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        site: Task | Sequence[Task],
+        axes: str | None = None,
+        *,
+        pinned: Iterable[str | Body | Pin] = (),
+        stuck_at_limits: bool | Iterable[str] = False,
+        closure_tolerance: float = CLOSURE_TOLERANCE,
+    ) -> None:
+        """Look up the names; arguments and errors are those of :func:`jacobians`."""
+        self._model = check.instance("model", model, mujoco.MjModel)
+        tasks = task_list(model, site)
+        self._tasks = [(task, located_task(model, task)) for task in tasks]
+        self._pins = pins_of(model, pinned)
+        self._stuck = stuck_names(stuck_at_limits)
+        if closure_tolerance != np.inf:
+            check.number("closure_tolerance", closure_tolerance)
+        self._tolerance = closure_tolerance
+        self._axes = None if axes is None else located_axes(model, axes)
+        self._structures: dict[tuple[object, ...], Structure] = {}
+
+    def at(self, data: mujoco.MjData) -> Jacobians:
+        """The Jacobians at the present `data.qpos`, as :func:`jacobians` returns them.
+
+        Args:
+            data: A state of the model; what :func:`jacobians` does to it is done.
+
+        Raises:
+            ClosureError, ModelError, ValueError, TypeError: As :func:`jacobians`.
+        """
+        model = self._model
+        check_state(model, data)
+        bring_up_to_date(model, data)
+        opt, equalities = model.opt, data.efc_id[: data.ne].tobytes()
+        key = data.eq_active.tobytes(), equalities, opt.disableactuator, opt.disableflags
+        known = self._structures.get(key)
+        closed = active_closures(model, data) if known is None else known.closures
+        residual, worst = closed.largest_gap(data)
+        if residual > self._tolerance:
+            name = equality_name(model, worst)
+            raise ClosureError(name, residual, "call sim.assemble(model, data)")
+        now = structure(model, closed) if known is None else known
+        J_T, rows = self._task_rows(data, len(now.extra))
+        J_C = self._forbidden(data, now)
+        if not check.is_moderate(J_C):
+            raise ModelError("an equality or a transmission of the model is not finite")
+        if known is None:
+            if resting := [t for t, own in rows.items() if unmoved(J_T[own], J_C, now.active)]:
+                raise ModelError(
+                    f"no actuator moves {check.shown(resting[0])}: name another task, or what its "
+                    "mechanism stands on in pinned="
+                )
+            self._structures[key] = now
+        return computed(
+            Jacobians,
+            J_T=J_T,
+            J_C=J_C,
+            active=now.active,
+            gear=now.gear,
+            rows=rows,
+            closure_residual=residual,
+            machine=self._machine(data),
+        )
+
+    def _task_rows(self, data: mujoco.MjData, extra: int) -> tuple[Array, dict[Task, slice]]:
+        parts, rows, start = [], {}, 0
+        for task, located in self._tasks:
+            velocity = located.jacobian(self._model, data)
+            if self._axes is not None:
+                blocks = velocity.reshape(-1, 3, velocity.shape[1])
+                velocity = (self._axes.rotation(data).T @ blocks).reshape(velocity.shape)
+            parts.append(velocity)
+            rows[task] = slice(start, start + len(velocity))
+            start += len(velocity)
+        J_T = parts[0] if len(parts) == 1 else np.vstack(parts)
+        return np.hstack([J_T, np.zeros((start, extra))]) if extra else J_T, rows
+
+    def _forbidden(self, data: mujoco.MjData, now: Structure) -> Array:
+        """Rows of closures, transmissions, pins and limits.
+
+        Each transmission has one: row qvel less its own velocity is zero.
+        """
+        model, E = self._model, len(now.extra)
+        closed = now.closures.rows(model, data)
+        if not E and not self._pins and not self._stuck:
+            return closed
+        blocks = [closed]
+        if self._pins:
+            blocks.append(pin_rows(model, data, self._pins))
+        if self._stuck:
+            blocks.append(stuck_rows(model, data, self._stuck))
+        if not E:
+            return np.vstack(blocks)
+        mujoco.mj_transmission(model, data)
+        wide = [np.hstack([rows, np.zeros((len(rows), E))]) for rows in blocks]
+        driven = np.hstack([drive_rows(model, data, now.extra), -np.eye(E)])
+        return np.vstack([wide[0], driven, *wide[1:]])
+
+    def _machine(self, data: mujoco.MjData) -> Machine:
+        model, mocap = self._model, _NO_MOCAP
+        if model.nmocap:
+            mocap = data.mocap_pos.copy(), data.mocap_quat.copy()
+        return computed(
+            Machine,
+            model=model,
+            qpos=data.qpos.copy(),
+            mocap=mocap,
+            pinned=self._pins,
+            stuck=self._stuck,
+        )
+
+
+_NO_MOCAP = np.zeros((0, 3)), np.zeros((0, 4))
