@@ -37,24 +37,29 @@ def holding_forces(model: mujoco.MjModel, data: mujoco.MjData, drives: tuple[Dri
     used = [out for drive in drives for out in drive.outputs]
     Z = allowed(closure_rows(model, data))
     springs = data.qfrc_passive + data.qfrc_gravcomp * model.jnt_actgravcomp[model.dof_jntid]
-    load = data.qfrc_bias - springs
+    loads = np.stack([-data.qfrc_bias, springs], axis=1)  # apart, to name the one that moves
     arms = Z.T @ moments[used].T
+    each = np.linalg.lstsq(arms, -Z.T @ loads, rcond=None)[0]
+    unbalanced = Z @ (Z.T @ loads + arms @ each)
+    if np.linalg.norm(unbalanced.sum(axis=1)) > _BALANCED * np.linalg.norm(loads):
+        raise ModelError(_what_moves(model, Z, mass_of(model, data), unbalanced))
     forces = np.zeros(model.nout)
-    forces[used] = np.linalg.lstsq(arms, Z.T @ load, rcond=None)[0]
-    unbalanced = Z @ (arms @ forces[used] - Z.T @ load)
-    size = np.linalg.norm(data.qfrc_bias) + np.linalg.norm(springs)
-    if np.linalg.norm(unbalanced) > _BALANCED * size:
-        mass = Z.T @ mass_of(model, data) @ Z
-        falls = Z @ np.linalg.solve(mass, Z.T @ unbalanced)
-        # Force times acceleration has one unit for joints that turn and that slide.
-        power = np.bincount(model.dof_jntid, unbalanced * falls)
-        joint = int(power.argmax())
-        cause = "gravity" if -falls @ data.qfrc_bias > falls @ springs else "a spring"
-        kind = _KIND.get(int(model.jnt_type[joint]), "joint")
-        raise ModelError(
-            f'{cause} moves the {kind} "{name_of(model.joint(joint))}": no actuator holds it'
-        )
+    forces[used] = each.sum(axis=1)
     return forces
+
+
+def _what_moves(model: mujoco.MjModel, Z: Array, mass: Array, unbalanced: Array) -> str:
+    """The joint that takes most of the power, and whether from gravity or springs, (nv, 2)."""
+    falls = Z @ np.linalg.solve(Z.T @ mass @ Z, Z.T @ unbalanced.sum(axis=1))
+    # Force times acceleration has one unit for joints that turn and that slide.
+    power = unbalanced * falls[:, None]
+    joint = int(np.bincount(model.dof_jntid, power.sum(axis=1)).argmax())
+    of_gravity, of_springs = power[model.dof_jntid == joint].sum(axis=0)
+    cause = "gravity" if of_gravity > of_springs else "a spring"
+    kind = _KIND.get(int(model.jnt_type[joint]), "joint")
+    name = model.joint(joint).name
+    called = f'"{name}"' if name else f'of body "{model.body(model.jnt_bodyid[joint]).name}"'
+    return f"{cause} moves the {kind} {called}: no actuator holds it"
 
 
 def refuse_beyond_ranges(
