@@ -41,7 +41,6 @@ from sim.hexapod import Hexapod as Hexapod
 from sim.hexapod import Posture as Posture
 from sim.hexapod import hexapod as hexapod
 from sim.hexapod import regular_jacobian as regular_jacobian
-from sim.jacobian import CLOSURE_TOLERANCE as CLOSURE_TOLERANCE
 from sim.jacobian import Jacobians as Jacobians
 from sim.linear import LinearPlant as LinearPlant
 from sim.linear import linearize as linearize

@@ -14,11 +14,12 @@ import argument_checks as check
 from sim.array import Array
 from sim.displacements import Displacements
 from sim.frame import Body, located
-from sim.jacobian import Jacobians, jacobians
+from sim.jacobian import Jacobians
 from sim.model import check_state
 from sim.payload import Payload
 from sim.pin import Pin
 from sim.pose import Pose
+from sim.reader import JacobianReader
 from sim.transmission import drives
 
 _LOOPS_FIRST = 1e4
@@ -87,7 +88,9 @@ class Mechanism:
         self._model = copy.copy(model)
         self._data = mujoco.MjData(model) if data is None else copy.copy(data)
         check_state(self._model, self._data)
-        self._site, self._axes, self._pinned = site, axes, tuple(pinned)
+        self._reader = JacobianReader(
+            self._model, site, axes, pinned=tuple(pinned), closure_tolerance=np.inf
+        )
         frame = located(model, "site", site)
         base = None if axes is None else located(model, "axes", axes)
         mujoco.mj_fwdPosition(self._model, self._data)
@@ -137,19 +140,9 @@ class Mechanism:
         """Everything at these joint positions."""
         data = self._data
         data.qpos[:] = qpos
-        jac = self._jacobians()
+        jac = self._reader.at(data)
         gaps = data.efc_pos[: data.ne].copy()
         return JointPosture(qpos, self._payload.pose(data), jac, gaps, self._gauges.read(data))
-
-    def _jacobians(self) -> Jacobians:
-        return jacobians(
-            self._model,
-            self._data,
-            self._site,
-            self._axes,
-            pinned=self._pinned,
-            closure_tolerance=np.inf,
-        )
 
 
 def displacement_of(pose: Pose) -> Array:

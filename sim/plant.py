@@ -27,11 +27,11 @@ from sim.displacements import Displacements
 from sim.errors import ClosureError, ModelError, SimulationDiverged
 from sim.frame import Body, located
 from sim.holding import holding_forces, refuse_beyond_ranges
-from sim.jacobian import CLOSURE_TOLERANCE
 from sim.linear import LinearPlant, linear_plant
 from sim.model import check_state
 from sim.payload import Payload
 from sim.pose import Pose
+from sim.reader import CLOSURE_TOLERANCE
 
 _LOOPS = (int(mujoco.mjtEq.mjEQ_CONNECT), int(mujoco.mjtEq.mjEQ_WELD))
 
@@ -252,8 +252,9 @@ class Plant:
         return self._gauges.read(self.data)
 
     def limits(self) -> tuple[Array, Array]:
-        """Lower and upper displacements (n,) each at which actuators can rest; see
-        :func:`displacement_limits`, of which these know no amplifier.
+        """Lower and upper displacements (n,) each at which actuators can rest.
+
+        As :func:`displacement_limits`, but these know no amplifier.
         """
         lower, upper = self._limits
         return lower.copy(), upper.copy()

@@ -182,7 +182,7 @@ def bench_folder(tmp_path_factory):
     from experiments.benchmark import runs
 
     folder = tmp_path_factory.mktemp("bench")
-    least = runs.Effort(seconds=0.05, rounds=2, batches=(1, 10, 100), actuators=(6, 10, 200))
+    least = runs.Effort(0.05, rounds=2, ticks=100, batches=(1, 10, 100), actuators=(6, 10, 200))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(runs, "QUICK", least)
         saved = str(folder / "saved.json")

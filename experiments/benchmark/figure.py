@@ -34,7 +34,10 @@ RATIOS = {
     "closed_loop_over_mj_step": "closed loop / physics alone",
     "loop_overhead_over_mink": "control tick without physics / mink",
     "tick_over_mink": "tick, general path / mink",
+    "arm_tick_over_mink": "tick with limits, arm / mink",
+    "humanoid_tick_over_mink": "tick with limits, humanoid / mink",
     "hexapod_tick_over_mink": "tick, hexapod's closed form / mink",
+    "diagnosis_over_mj_step": "diagnosis / physics alone",
     "solve_over_daqp": "one Problem 1 / daqp",
     "solve_over_placo": "one Problem 1 / PlaCo",
     "solve_over_placo_built": "one Problem 1 / PlaCo, built",
@@ -63,7 +66,7 @@ def picture(summary: dict[str, Any]) -> Picture:
 
 def figure_growth(summary: dict[str, Any]) -> Figure:
     """Time over the number of actuators and over the size of the batch; ratios and goals."""
-    figure = new_figure(PAGE_IN, 6.0)
+    figure = new_figure(PAGE_IN, 6.6)
     # Twelfths of the width; what the ratios are, and what became of them, stands beside them.
     panels = figure.subplot_mosaic("nnnnnnbbbbbb;....rrrrr...")
     _actuators(panels["n"], summary["growth"]["actuators"])

@@ -18,8 +18,8 @@ from experiments.benchmark.measurement import Agreement, Contender, compare
 from experiments.hexapod.columns import MAJOR, SECONDARY
 from experiments.hexapod.controller import StrutMapping
 from ftc.goal import Goal
-from prioritized import ConstrainedSystem
-from sim import NOMINAL, Array, JacobianReader, Plant, Pose, hexapod, jacobians
+from prioritized import ConstrainedSystem, Kinematics, VelocityMapping
+from sim import NOMINAL, Array, JacobianReader, Jacobians, Plant, Pose, hexapod, jacobians
 
 TOLERANCE = 1e-5
 """mink also closes the 0.7 nm by which the loops sag: that is 1e-6 of the answer."""
@@ -52,25 +52,43 @@ def strut_mapping(model: mujoco.MjModel) -> StrutMapping:
     return StrutMapping(hexapod(model), GOAL, "analytic")
 
 
-def general_tick(model: mujoco.MjModel) -> Callable[[Array, Array], Array]:
-    """The library as a client with a robot of its own calls it, for any MJCF; strut 1 locked.
+def general_tick(
+    model: mujoco.MjModel,
+    read: Callable[[mujoco.MjData], Jacobians],
+    mapped: Callable[[Kinematics], VelocityMapping],
+    locked: Sequence[int] = (),
+) -> Callable[..., Array]:
+    """The library as a client with a robot of its own calls it, for any MJCF.
+
+    `read` takes the Jacobians of the task at a state, and `mapped` prepares the mapping.
 
     Returns:
-        From desired (alpha, beta) and joint positions (nq,) to actuator displacements (n,).
+        From desired major velocities, joint positions (nq,) and desired rates, if any, to rates of
+        all actuators (n,).
     """
-    data, reader = mujoco.MjData(model), JacobianReader(model, site="payload", axes="base")
-    system = ConstrainedSystem.of(reader.at(data)).with_failures(locked=[STUCK])
-    mapping = system.kinematics().velocity_mapping(
-        MAJOR, SECONDARY, GOAL.joint_weight, GOAL.secondary_weight
-    )
+    data = mujoco.MjData(model)
+    system = ConstrainedSystem.of(read(data)).with_failures(locked=locked)
+    mapping = mapped(system.kinematics())
 
-    def displacements(pointing_rad: Array, qpos: Array) -> Array:
+    def tick(major: Array, qpos: Array, *desired: Array) -> Array:
         data.qpos[:] = qpos
-        jac = reader.at(data)
+        jac = read(data)
         kinematics = system.at(J_T=jac.J_T, J_C=jac.J_C).kinematics()
-        return kinematics.expand(mapping.at(kinematics)(pointing_rad))
+        return kinematics.expand(mapping.at(kinematics)(major, *desired))
 
-    return displacements
+    return tick
+
+
+def pointing_tick(model: mujoco.MjModel) -> Callable[..., Array]:
+    """From desired (alpha, beta) and joint positions (nq,) to strut displacements (6,)."""
+    return general_tick(
+        model,
+        JacobianReader(model, site="payload", axes="base").at,
+        lambda kinematics: kinematics.velocity_mapping(
+            MAJOR, SECONDARY, GOAL.joint_weight, GOAL.secondary_weight
+        ),
+        locked=[STUCK],
+    )
 
 
 class Rows(mink.Task):
@@ -127,14 +145,19 @@ def mink_arguments(model: mujoco.MjModel, cases: Sequence[Case]) -> list[tuple[A
     ]
 
 
-def solve_ik(configuration: mink.Configuration, tasks: list[Any], constraints: list[Any]) -> Array:
+def solve_ik(
+    configuration: mink.Configuration,
+    tasks: list[Any],
+    constraints: list[Any],
+    limits: Sequence[mink.Limit] = (),
+) -> Array:
     """A displacement of all joints (nv,), as a user of mink gets it fastest.
 
-    Pointing, loops and lock are equalities: a strict priority, as here. Limits are off. Without
-    `eq_reduction` daqp's tolerance is 1e-4 of so small a motion; it costs no time.
+    Tasks that are constraints are equalities: a strict priority, as here. Without `eq_reduction`
+    daqp's tolerance is 1e-4 of so small a motion; it costs no time.
     """
     return mink.solve_ik(
-        configuration, tasks, 1.0, "daqp", limits=[], constraints=constraints, eq_reduction=1
+        configuration, tasks, 1.0, "daqp", limits=limits, constraints=constraints, eq_reduction=1
     )
 
 
@@ -165,7 +188,7 @@ def contenders(model: mujoco.MjModel, cases: Sequence[Case]) -> list[Contender]:
         return [(case.pointing_rad, deepcopy(case.pose)) for case in cases]
 
     timed = {
-        "tick": (general_tick(model), lambda: at_joints),
+        "tick": (pointing_tick(model), lambda: at_joints),
         "hexapod_tick": (strut_mapping(model).displacements, at_poses),
         "mink": (solve_ik, lambda: theirs),
         "mink_update": (mink.Configuration.update, lambda: updates),

@@ -63,38 +63,58 @@ class Ratio:
         }
 
 
+def _robot_tick(robot: str, what: str) -> Ratio:
+    return Ratio(
+        f"{robot}_tick_over_mink",
+        lambda us: us[f"{robot}_tick"] / (us[f"{robot}_mink"] + us[f"{robot}_mink_update"]),
+        f"the general path with velocity limits: {robot}, {what}; over mink's "
+        "Configuration.update and solve_ik with the same limits",
+        bound=0.5,
+        goal=0.2,
+    )
+
+
 RATIOS = (
     Ratio(
         "closed_loop_over_mj_step",
         lambda us: us["closed_loop"] / us["mj_step"],
         "the whole closed loop over the physics steps alone",
-        bound=1.5,
-        goal=1.15,
+        bound=1.25,
+        goal=1.12,
     ),
     Ratio(
         "loop_overhead_over_mink",
         lambda us: (us["closed_loop"] - us["mj_step"]) / us["mink"],
         "a control tick without physics, mapping in the hexapod's closed form; over one "
         "mink.solve_ik",
-        bound=0.6,
-        goal=0.2,
-        stable=True,
+        bound=0.25,
+        goal=0.15,
     ),
     Ratio(
         "tick_over_mink",
         lambda us: us["tick"] / (us["mink"] + us["mink_update"]),
         "a tick by the general path, for any MJCF: kinematics, jacobians, reconfiguration, mapping "
         "and apply; over mink's Configuration.update and solve_ik",
-        bound=1.2,
-        stable=True,
+        bound=0.4,
+        goal=0.2,
     ),
+    _robot_tick("arm", "models/arm.xml, camera in six directions"),
+    _robot_tick("humanoid", "29 joints, on both feet, palm in six directions and centre of mass"),
     Ratio(
         "hexapod_tick_over_mink",
         lambda us: us["hexapod_tick"] / us["mink"],
         "a tick in the hexapod's closed form: Jacobian, reconfiguration, mapping and apply; over "
         "one mink.solve_ik, a solver for any MJCF",
-        bound=0.3,
-        goal=0.1,
+        bound=0.08,
+        goal=0.04,
+    ),
+    Ratio(
+        "diagnosis_over_mj_step",
+        lambda us: us["diagnosis"] / us["part_mj_step"],
+        "one tick of the diagnosis while nothing has failed, after 2 s; over the eight physics "
+        "steps of a control tick",
+        bound=0.15,
+        goal=0.05,
         stable=True,
     ),
     Ratio(

@@ -7,14 +7,17 @@ installed.
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.util import find_spec
+from itertools import cycle
 from pathlib import Path
 from typing import Any
 
 import mujoco
 import numpy as np
 
+from experiments.benchmark.latency import latencies
 from experiments.benchmark.measurement import Agreement, Contender, by_turns, questions
 from experiments.benchmark.ratios import saved
+from experiments.benchmark.replay import recorded
 from experiments.hexapod.choices import JacobianChoice
 from experiments.hexapod.columns import COLUMNS
 from experiments.hexapod.controller import controller_for, nominal_loops
@@ -35,17 +38,20 @@ GOAL = COLUMNS[0].goal
 class Effort:
     """How much is timed: `seconds` of the spiral, and sizes of problems, ascending.
 
-    Every contender has its turn in each of the `rounds`; one more goes before, to warm up.
+    Every contender has its turn in each of the `rounds`; one more goes before, to warm up. Of each
+    tick whose latency is measured so many `ticks`.
     """
 
     seconds: float
     rounds: int
+    ticks: int
     batches: tuple[int, ...]
     actuators: tuple[int, ...] = (6, 10, 20, 50, 100, 200)
 
 
-FULL = Effort(TestbedConfig().duration_s, rounds=7, batches=(1, 10, 100, 1_000, 10_000, 100_000))
-QUICK = Effort(2.0, rounds=5, batches=FULL.batches[:-1])
+_BATCHES = (1, 10, 100, 1_000, 10_000, 100_000)
+FULL = Effort(TestbedConfig().duration_s, rounds=7, ticks=100_000, batches=_BATCHES)
+QUICK = Effort(2.0, rounds=5, ticks=2_000, batches=_BATCHES[:-1])
 
 
 @dataclass(frozen=True)
@@ -53,7 +59,8 @@ class Timed:
     """What was measured: `samples_us` by name, shape (rounds, samples), after the `agreements`.
 
     `active_limits`: for each question with limits, how many problems have 0, 1, ... rates at one.
-    `out_of_reach`: whether weights change a major task that limits hold back.
+    `out_of_reach`: whether weights change a major task that limits hold back. `latency`: of single
+    ticks, by name and setting of the garbage collector.
 
     The numbers are also written to `save`, compared with those of the saved file `before`, and
     unsound beyond their bounds if `check`.
@@ -65,6 +72,7 @@ class Timed:
     samples_us: dict[str, Array]
     active_limits: dict[str, list[int]]
     out_of_reach: dict[str, Any]
+    latency: dict[str, Any]
     save: Path | None = None
     before: dict[str, Any] | None = None
     check: bool = False
@@ -94,7 +102,7 @@ def run_bench(
         )
     from threadpoolctl import threadpool_limits
 
-    from experiments.benchmark import limited, out_of_reach, pointing, solvers
+    from experiments.benchmark import limited, out_of_reach, pointing, robots, solvers
 
     if save is not None:
         usable_file(save, ".json", option="--save")
@@ -106,8 +114,10 @@ def run_bench(
         asked = questions(effort.actuators, effort.batches, rng)
         cases = pointing.random_cases(model, 8, rng)
         limits = [limited.random_limited(6, rng) for _ in range(64)]
+        others = {robot: robots.random_cases(robot, 8, rng) for robot in robots.robots()}
         agreed = [*solvers.agreements(asked), *limited.agreements(limits)]
         agreed.append(pointing.agreement(model, cases))
+        agreed += [robots.agreement(robot, cases) for robot, cases in others.items()]
         for each in agreed:
             each.check()
         testbed = Testbed(model, bench, nominal_loops(model, bench))
@@ -115,9 +125,20 @@ def run_bench(
         contenders = whole(loop) + parts(loop)
         contenders += pointing.contenders(model, cases) + solvers.contenders(asked)
         contenders += limited.contenders(limits)
+        for robot, cases_there in others.items():
+            contenders += robots.contenders(robot, cases_there)
+        run = recorded(testbed, GOAL, seed)
+        contenders.append(run.diagnosis())
         samples_us = by_turns(contenders, effort.rounds, on_progress)
+        general = cycle((case.pointing_rad, case.qpos) for case in cases)
+        tick = pointing.pointing_tick(model)
+        ticks = {"controller": run.controlling(), "tick": lambda: tick(*next(general))}
+        latency = latencies(ticks, effort.ticks, on_progress)
         active, weights = limited.active_limits(limits), out_of_reach.compared(seed)
-    return Timed(seed, effort, agreed, samples_us, active, weights, save, before, check)
+        active |= {
+            robots.question(each): robots.active_limits(each, others[each]) for each in others
+        }
+    return Timed(seed, effort, agreed, samples_us, active, weights, latency, save, before, check)
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,24 @@ TICK = {
     "hexapod_tick": "hexapod's closed form: Jacobian to apply",
     "mink": "mink: solve_ik",
     "mink_update": "mink: Configuration.update",
+    "diagnosis": "diagnosis: Monitor.step",
+}
+ROBOTS = {
+    "arm_tick": "arm: general path",
+    "arm_mink": "  mink: solve_ik, arm",
+    "arm_mink_update": "  mink: Configuration.update, arm",
+    "humanoid_tick": "humanoid: general path",
+    "humanoid_mink": "  mink: solve_ik, humanoid",
+    "humanoid_mink_update": "  mink: Configuration.update, humanoid",
+}
+LATENCY = {
+    "controller": "hexapod's controller",
+    "tick": "general path",
+}
+COLLECTOR = {
+    "on": "collector on",
+    "frozen": "gc.freeze()",
+    "off": "gc.freeze() and gc.disable()",
 }
 PARTS = {
     "sensors": "sensors",
@@ -51,13 +69,28 @@ LIMITED = {
 def tables(summary: dict[str, Any]) -> list[Table]:
     """Tables of the ratios and of the times they are made of."""
     seconds, timings = summary["simulated_s"], summary["timings"]
+    at_limits = {name: _at_limit(name, one) for name, one in summary["active_limits"].items()}
+    with_limits = " ".join(at_limits.pop(name) for name in list(at_limits) if "tick" in name)
     part = f", {seconds:g} s of the spiral only" if seconds < TestbedConfig().duration_s else ""
     found = [
         ratios.table(summary["ratios"], f"Ratios of medians{part}"),
         _times("One control tick, us", TICK, timings),
         _tick_parts(summary["tick_parts_us"]),
+        _times(
+            "One control tick with velocity limits, us",
+            ROBOTS,
+            timings,
+            f"{with_limits} Limits of -1 and 1 rad/s; all results agree to 1e-6.",
+        ),
+        _latency(summary["latency"]),
         _times("One Problem 1, hexapod's size, us", SOLVE, timings),
-        _times("Problems with limits, us", LIMITED, timings, _at_limits(summary["active_limits"])),
+        _times(
+            "Problems with limits, us",
+            LIMITED,
+            timings,
+            f"{' '.join(at_limits.values())} Six rates; limits of -1 and 1; all results agree to "
+            "1e-9.",
+        ),
         _out_of_reach(summary["out_of_reach"]),
         _growth(
             "One Problem 1 by number of actuators, us",
@@ -89,14 +122,35 @@ def _times(title: str, labels: dict[str, str], timings: dict[str, Any], legend: 
     return tabulate(title, columns, entries, legend)
 
 
-def _at_limits(active: dict[str, list[int]]) -> str:
-    """How many limits bind."""
-    found = [
+def _at_limit(question: str, counts: list[int]) -> str:
+    """How many limits bind; `counts` are the problems with 0, 1, ... rates at a limit."""
+    return (
         f"{question}: {sum(counts[1:])} of {sum(counts)} problems have rates at a limit, "
         f"{sum(k * count for k, count in enumerate(counts))} rates in all."
-        for question, counts in active.items()
+    )
+
+
+def _latency(latency: dict[str, Any]) -> Table:
+    columns = (
+        Column("", "label"),
+        Column("median", lambda one: _us(one["median_us"])),
+        Column("99.9 %", lambda one: _us(one["p999_us"])),
+        Column("worst", lambda one: _us(one["worst_us"])),
+        Column("worst, processor", lambda one: _us(one["worst_processor_us"])),
+    )
+    entries = [
+        {"label": f"{LATENCY[name]}, {COLLECTOR[setting]}"} | one
+        for name, settings in latency["of"].items()
+        for setting, one in settings.items()
     ]
-    return " ".join([*found, "Six rates; limits of -1 and 1; all results agree to 1e-9."])
+    return tabulate(
+        "Latency of single ticks in wall time, us",
+        columns,
+        entries,
+        f"{latency['ticks']:,} ticks each, one after another. worst, processor: without the time "
+        "in which other processes had the processor. Hexapod's controller: "
+        "PrioritizedController.step with recorded measurements. General path: as above.",
+    )
 
 
 def _out_of_reach(found: dict[str, Any]) -> Table:
