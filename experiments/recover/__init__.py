@@ -1,5 +1,6 @@
 """Unannounced actuator failures: detection, isolation and recovery."""
 
+from experiments.output.controllers import CONTROLLER
 from experiments.output.study import Study
 
 STUDY = Study(
@@ -12,7 +13,8 @@ STUDY = Study(
     continues without noticing it. 20 to 40 minutes on two cores, 2 with --quick.
 
     Writes recover.json, the tables as recover.md, a figure, and for some runs their data (.npz)
-    and their recordings (.rrd).
+    and their recordings (.rrd). With --controller that controller runs in the same scenarios; it is
+    told of no failure.
 
     Example: fjh recover --quick --seed 3
     """,
@@ -20,4 +22,5 @@ STUDY = Study(
     results="experiments.recover.results:results",
     quick="Four failures instead of several hundred.",
     seed="the random failures and the detector noise",
+    options=(CONTROLLER,),
 )

@@ -14,6 +14,7 @@ from experiments.output.plotting import (
     GREEN,
     ORANGE,
     PAGE_IN,
+    PURPLE,
     VERMILION,
     new_figure,
 )
@@ -109,7 +110,9 @@ def draw_after(axes: Axes, cases: list[dict[str, Any]]) -> None:
     """Each case after recovery, against the informed controller's; those not named stand out."""
     named = [case for case in cases if _is_named(case)]
     unnamed = [case for case in cases if not _is_named(case)]
+    compared = [case for case in cases if "rms_after_other_urad" in case]
     for those, key, marker, color, label in (
+        (compared, "rms_after_other_urad", "^", PURPLE, "the other controller"),
         (cases, "rms_after_uncorrected_urad", "s", ORANGE, "fault-unaware"),
         (named, "rms_after_urad", "o", BLUE, "supervised"),
         (unnamed, "rms_after_urad", "X", BLACK, "supervised, strut not named"),

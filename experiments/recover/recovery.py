@@ -13,6 +13,7 @@ from experiments.hexapod.fault_tolerance import (
     supervisor,
 )
 from experiments.hexapod.metrics import closure_residual_max_m
+from experiments.hexapod.other_controller import track_with
 from experiments.hexapod.simulation import Trajectory, track_path
 from experiments.hexapod.testbed import Testbed, TestbedConfig
 from ftc.controller import PrioritizedController
@@ -235,19 +236,29 @@ def pointing_error_urad(run: Trajectory) -> Array:
 
 @dataclass(frozen=True)
 class Recovery:
-    """One scenario: the identification, and the errors of the three controllers."""
+    """One scenario: the identification, and the errors of the three controllers.
+
+    Where another controller is compared, its errors are `other`, and `failure` a sentence if it
+    failed.
+    """
 
     scenario: Scenario
     found: Identification
     supervised: Errors
     informed: Errors
     uncorrected: Errors
+    other: Errors | None = None
+    failure: str | None = None
 
 
-def recover(testbed: Testbed, scenario: Scenario) -> Recovery:
-    """Simulate a scenario three times."""
+def recover(testbed: Testbed, scenario: Scenario, controller_name: str | None = None) -> Recovery:
+    """Simulate a scenario three times, and once more with another controller."""
     run, found = identify(testbed, scenario)
     unaware = fault_unaware(testbed, scenario)
     displacement_m = float(unaware.strut_displacement_m[STRUCK, scenario.fault.actuator])
     oracle = informed(testbed, scenario, scenario.fault, displacement_m)
-    return Recovery(scenario, found, errors(run), errors(oracle), errors(unaware))
+    ours = errors(run), errors(oracle), errors(unaware)
+    if controller_name is None:
+        return Recovery(scenario, found, *ours)
+    theirs, failure = track_with(testbed, controller_name, GOAL, **scenario.run)
+    return Recovery(scenario, found, *ours, errors(theirs), failure)

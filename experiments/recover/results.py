@@ -18,6 +18,13 @@ from experiments.hexapod.testbed import TestbedConfig
 from experiments.output.provenance import versions
 from experiments.output.results import Check, Results
 from experiments.output.tables import Column, Table, tabulate
+from experiments.recover.comparison import (
+    controller_case,
+    controller_checks,
+    controller_notes,
+    controller_summary,
+    record_compared,
+)
 from experiments.recover.figure import pictures
 from experiments.recover.predictions import ALIKE, EVIDENCE_S
 from experiments.recover.recovery import (
@@ -58,7 +65,10 @@ def results(outcome: Recover) -> Results:
         notes=notes(summary),
         checks=checks(summary),
         pictures=pictures(outcome, summary),
-        records=[partial(_record, outcome, summary, name) for name in outcome.shown],
+        records=[
+            *(partial(_record, outcome, summary, name) for name in outcome.shown),
+            *(partial(record_compared, outcome, summary, name) for name in outcome.compared),
+        ],
     )
 
 
@@ -112,7 +122,7 @@ def summarize(outcome: Recover) -> dict[str, Any]:
         "shown": {name: _succession(*each) for name, each in shown.items()},
         "closure_residual_max_m": max(e.closure_residual_max_m for e in identified + successions),
         "cases": [_case(*each) for each in zip(recoveries, outcome.predicted, strict=True)],
-    }
+    } | controller_summary(outcome)
 
 
 def checks(summary: dict[str, Any]) -> list[Check]:
@@ -140,7 +150,7 @@ def checks(summary: dict[str, Any]) -> list[Check]:
         what = "95 % bound of the false alarms per hour"
         where = which.replace("_", " ").replace("flown", "as simulated")
         found.append(Check(what, where, alarms[which][bound], FALSE_ALARMS_PER_HOUR))
-    return found
+    return found + controller_checks(summary)
 
 
 def _isolated(where: str, right: float | None) -> Check:
@@ -161,6 +171,8 @@ def recovery(summary: dict[str, Any]) -> Table:
 
     controllers = {"supervised": "supervised"}
     controllers |= {"informed": "informed at once", "uncorrected": "fault-unaware"}
+    if "controller" in summary:
+        controllers["other"] = summary["controller"]["name"]
     cells = {
         "alarm, ms: median/95 %/largest": partial(delay, "alarm"),
         "identified, ms: median/95 %/largest": partial(delay, "named"),
@@ -250,7 +262,7 @@ def notes(summary: dict[str, Any]) -> list[str]:
             f"Coil gains wrong by {100 * each['coil_gain_error']:g} %, {how}: {alarm} without "
             f"failures, {right['right']} of {right['cases']} failures identified."
         )
-    return lines
+    return lines + controller_notes(summary)
 
 
 def _rate(rate: dict[str, Any]) -> str:
@@ -307,7 +319,10 @@ def _errors_urad(recoveries: Sequence[Recovery], kind: str) -> dict[str, Any] | 
     if not cases:
         return None
     pooled = {}
-    for controller in ("supervised", "informed", "uncorrected"):
+    controllers = ["supervised", "informed", "uncorrected"]
+    if cases[0].other is not None:
+        controllers.append("other")
+    for controller in controllers:
         errors = [getattr(each, controller) for each in cases]
         rms = np.sqrt(np.mean([np.square(each.rms_urad) for each in errors], axis=0))
         peak = np.max([each.peak_urad for each in errors], axis=0)
@@ -376,7 +391,7 @@ def _case(recovery: Recovery, far: tuple[float, float]) -> dict[str, Any]:
         "rms_after_urad": recovery.supervised.rms_urad[2],
         "rms_after_oracle_urad": recovery.informed.rms_urad[2],
         "rms_after_uncorrected_urad": recovery.uncorrected.rms_urad[2],
-    }
+    } | controller_case(recovery)
 
 
 def _record(outcome: Recover, summary: dict[str, Any], name: str, folder: Path) -> None:

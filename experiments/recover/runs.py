@@ -1,7 +1,7 @@
 """The study: single failures, failures in succession, and all that is computed beside them."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import chain, islice
 from typing import Any
 
@@ -10,14 +10,17 @@ import numpy as np
 from experiments.hexapod.controller import nominal_loops
 from experiments.hexapod.fault_tolerance import fault_of, fault_text
 from experiments.hexapod.metrics import plant_constants
+from experiments.hexapod.other_controller import track_with
 from experiments.hexapod.recording.hexapod import Mark
 from experiments.hexapod.simulation import Trajectory
 from experiments.hexapod.testbed import Testbed, TestbedConfig
+from experiments.output.controllers import controller_factory
 from experiments.output.parallel import in_parallel
 from experiments.recover import predictions, robustness
 from experiments.recover.predictions import FREQUENCIES_HZ, SETTINGS, Setting
 from experiments.recover.recovery import (
     BEFORE_S,
+    GOAL,
     Identification,
     Recovery,
     Scenario,
@@ -74,8 +77,19 @@ def succession(
     `begin_s` is where on the spiral; None: shortly before the first failure.
     """
     begin_s = failures[0].time_s - BEFORE_S if begin_s is None else begin_s
-    span = {"begin_s": begin_s, "duration_s": failures[-1].time_s + _LEFT_S - begin_s}
-    return diagnose(testbed, {"failures": failures, "seed": seed} | span)
+    return diagnose(testbed, _span(failures, seed, begin_s))
+
+
+def compared(
+    testbed: Testbed, failures: tuple[Failure, ...], seed: int, controller: str
+) -> tuple[Trajectory, str | None]:
+    """The same from the start of the spiral with another controller, and the failure of that."""
+    return track_with(testbed, controller, GOAL, **_span(failures, seed, 0.0))
+
+
+def _span(failures: tuple[Failure, ...], seed: int, begin_s: float) -> dict[str, Any]:
+    duration_s = failures[-1].time_s + _LEFT_S - begin_s
+    return {"failures": failures, "seed": seed, "begin_s": begin_s, "duration_s": duration_s}
 
 
 def marks(run: Trajectory, found: Identification) -> list[Mark]:
@@ -122,6 +136,8 @@ class Recover:
         model_error_urad: Largest fault-free residual without noise.
         shown: Whole runs, by name.
         plant: Constants of the plant.
+        controller: Another one, package.module:factory.
+        compared: Whole runs with it, by name, each with a sentence if it failed.
     """
 
     seed: int
@@ -140,10 +156,16 @@ class Recover:
     mismatches: list[dict[str, Any]]
     shown: dict[str, tuple[Trajectory, Identification]]
     plant: dict[str, Any]
+    controller: str | None = None
+    compared: dict[str, tuple[Trajectory, str | None]] = field(default_factory=dict)
 
 
 def run_recover(
-    *, seed: int, quick: bool, on_progress: Callable[[int, int], None] = lambda done, total: None
+    *,
+    seed: int,
+    quick: bool,
+    on_progress: Callable[[int, int], None] = lambda done, total: None,
+    controller: str | None = None,
 ) -> Recover:
     """Everything, independent jobs in parallel on the machine's cores.
 
@@ -151,10 +173,16 @@ def run_recover(
         seed: Of the failures drawn, and of all noise.
         quick: A small set.
         on_progress: Called with finished and total number of jobs.
+        controller: Another one, to be compared in the same scenarios.
+
+    Raises:
+        WrongInput: There is no such controller.
     """
+    if controller is not None:
+        controller_factory(controller)  # a wrong name is refused before anything runs
     model, bench = load_model(), TestbedConfig()
     testbed = Testbed(model, bench, nominal_loops(model, bench))
-    done = _by_name(testbed, _jobs(seed, quick), on_progress)
+    done = _by_name(testbed, _jobs(seed, quick, controller), on_progress)
     simulated, redrawn, model_errors_urad = zip(*done["fault_free"], strict=True)
     return Recover(
         seed=seed,
@@ -173,6 +201,8 @@ def run_recover(
         mismatches=list(chain(*done["mismatches"])),
         shown=dict(zip(SHOWN, done["shown"], strict=False)),
         plant=plant_constants(model),
+        controller=controller,
+        compared=dict(zip(SHOWN, done["compared"], strict=False)),
     )
 
 
@@ -180,11 +210,12 @@ Jobs = tuple[Callable[..., Any], list[tuple[Any, ...]]]
 """A function of the testbed and further arguments, and these, a tuple for each call."""
 
 
-def _jobs(seed: int, quick: bool) -> dict[str, Jobs]:
+def _jobs(seed: int, quick: bool, controller: str | None) -> dict[str, Jobs]:
     """Independent jobs, by what they are for."""
     size = {name: both[quick] for name, both in SIZE.items()}
     cases, few = draw(seed, size["cases"]), draw(seed, size["cases_in_other_settings"])
     fault_free, drawn = draw(seed + 1, size["fault_free"]), pairs(seed, size["pairs"])
+    compare = [] if controller is None else [controller]
     shown, errors = list(SHOWN.values())[: size["shown"]], GAIN_ERRORS[: size["gain_errors"]]
     frequencies_hz, settings = FREQUENCIES_HZ[-size["frequencies"] :], SETTINGS[: size["settings"]]
     struts, lasting, draws = range(size["struts"]), size["fault_free_s"], size["draws"]
@@ -197,10 +228,11 @@ def _jobs(seed: int, quick: bool) -> dict[str, Jobs]:
         "lookalikes": (predictions.lookalikes, [(s, struts) for s in settings]),
         "informed": (late, [(case,) for case in INFORMED_LATE[: size["informed"]]]),
         "fault_free": (robustness.fault_free, [(c, lasting, draws) for c in fault_free]),
-        "recoveries": (recover, [(case,) for case in cases]),
+        "recoveries": (recover, [(case, *compare) for case in cases]),
         "predicted": (predictions.from_others_and_kinds, [(case,) for case in cases]),
         "pairs": (succession, [(both, noise) for noise, both in enumerate(drawn, seed)]),
         "mismatches": (robustness.mismatched, [(e, cases[::7][:_MISMATCH_CASES]) for e in errors]),
+        "compared": (compared, [(failures, seed, name) for name in compare for failures in shown]),
         **{s.name: (_identified, [(c, s) for c in few]) for s in OTHERS},
     }
 

@@ -2,7 +2,6 @@
 
 from dataclasses import asdict
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,22 +16,27 @@ from experiments.hexapod.metrics import (
     pointing_rms_urad,
     prediction_checks,
     prediction_tolerance,
-    recording_properties,
     rms,
 )
 from experiments.hexapod.metrics import closure_residual_max_m as closure_m
-from experiments.hexapod.recording.hexapod import Mark
-from experiments.hexapod.recording.keep import record_run
-from experiments.hexapod.recording.shown import Shown
+from experiments.hexapod.simulation import Trajectory
 from experiments.output.provenance import versions
 from experiments.output.results import Check, Results
 from experiments.output.tables import Column, Table
+from experiments.table1.comparison import (
+    MOTION_ROWS,
+    controller_check,
+    controller_notes,
+    controller_pictures,
+    controller_tables,
+    is_ours,
+)
 from experiments.table1.figure import pictures
-from experiments.table1.runs import Table1, other_jacobian
-from sim import Array, load_model
+from experiments.table1.recording import loop_sentences, record_column
+from experiments.table1.runs import Compared, Table1, other_jacobian
+from sim import Array
 
 ANGLES = ("alpha", "beta")
-_CHOICES = ("locked", "free", "joint_weight", "secondary_weight_t_x_t_y_t_z_gamma")
 
 
 def results(outcome: Table1) -> Results:
@@ -40,11 +44,11 @@ def results(outcome: Table1) -> Results:
     summary = summarize(outcome)
     return Results(
         summary,
-        tables=(table(summary),),
+        tables=(table(summary), *controller_tables(summary)),
         notes=notes(summary),
         checks=checks(summary),
-        pictures=pictures(outcome.trajectories),
-        records=[partial(_record, outcome, summary, column) for column in summary["columns"]],
+        pictures=[*pictures(outcome.trajectories), *controller_pictures(outcome)],
+        records=[partial(record_column, outcome, summary, column) for column in summary["columns"]],
     )
 
 
@@ -65,7 +69,10 @@ def summarize(outcome: Table1) -> dict[str, Any]:
         "bench": asdict(bench) | outcome.plant_constants,
         "loops": {angle: loop_measures(loop) for angle, loop in loops},
         "jacobian_comparison": compare_jacobians(outcome),
-        "columns": [_column(outcome, experiment) for experiment in COLUMNS],
+        "columns": [
+            *(_column(outcome, experiment) for experiment in COLUMNS),
+            *(_compared_column(outcome, each) for each in outcome.compared),
+        ],
     }
 
 
@@ -97,14 +104,17 @@ def checks(summary: dict[str, Any]) -> list[Check]:
     for column in summary["columns"]:
         name, other = column["name"], column["other_jacobian_closure_residual_max_m"]
         found.append(closure_check(name, column["closure_residual_max_m"]))
-        found.append(closure_check(f"{name}, other Jacobian", other))
+        if is_ours(column):
+            found.append(closure_check(f"{name}, other Jacobian", other))
+        else:
+            found.append(controller_check(column))
         found += prediction_checks(column, tolerance)
     return found
 
 
 def table(summary: dict[str, Any]) -> Table:
     """The paper's arrangement: one column for each experiment."""
-    columns = summary["columns"]
+    columns = [column for column in summary["columns"] if is_ours(column)]
     title = f"Table I, configuration {summary['configuration']}: RMS of desired minus true angle"
     if is_cut(summary):
         title += f", first {summary['duration_s']:g} s of the spiral only"
@@ -133,20 +143,15 @@ def _rows(*, with_paper: bool) -> list[Column]:
         ]
         if with_paper:
             rows.append(Column("  paper", f"paper_{angle}_rms_urad", ".4f"))
-    for motion in ("t_x_um", "t_y_um", "t_z_um", "gamma_urad"):
-        label = "peak " + ", ".join(motion.rsplit("_", 1))
-        rows.append(Column(label, lambda column, key=motion: column["secondary_peak"][key], ".3f"))
-    return [*rows, Column("closure, m", "closure_residual_max_m", ".1e")]
+    return [*rows, *MOTION_ROWS]
 
 
 def notes(summary: dict[str, Any]) -> list[str]:
     """What was fitted, the loops, and what the Jacobian changes."""
-    fit = [] if is_cut(summary) else [summary["fit"], _distance_sentence(summary["columns"])]
-    return [*fit, *_loop_sentences(summary), summary["jacobian_comparison"]["sentence"]]
-
-
-def _loop_sentences(summary: dict[str, Any]) -> list[str]:
-    return [f"Loop {name}: {loop['sentence']}." for name, loop in summary["loops"].items()]
+    ours = [column for column in summary["columns"] if is_ours(column)]
+    fit = [] if is_cut(summary) else [summary["fit"], _distance_sentence(ours)]
+    sentences = [*fit, *loop_sentences(summary), summary["jacobian_comparison"]["sentence"]]
+    return [*sentences, *controller_notes(summary)]
 
 
 def _distance_sentence(columns: list[dict[str, Any]]) -> str:
@@ -166,22 +171,47 @@ def _distance_sentence(columns: list[dict[str, Any]]) -> str:
 
 
 def _column(outcome: Table1, experiment: Experiment) -> dict[str, Any]:
-    name = experiment.name
-    run, other = outcome.trajectories[name], outcome.other[name]
+    name, other = experiment.name, outcome.other[experiment.name]
+    run, origin = outcome.trajectories[name], outcome.configuration.origin(name)
+    beside = {
+        "paper": paper.TABLE_I_URAD[name],
+        "predicted": 1e6 * outcome.predicted_rad[name],
+        "other_jacobian": pointing_rms_urad(other),
+    }
+    entry = _entry(name, experiment, run, origin, beside)
+    return entry | {"other_jacobian_closure_residual_max_m": closure_m(other)} | _files(name)
+
+
+def _compared_column(outcome: Table1, compared: Compared) -> dict[str, Any]:
+    """A column of another controller; what it estimates is not known."""
+    name, unknown = compared.name, (None, None)
+    beside = dict.fromkeys(("paper", "predicted", "other_jacobian"), unknown)
+    entry = _entry(name, compared.column, compared.trajectory, "other", beside)
+    return (
+        entry
+        | {"secondary_peak_estimated": None, "other_jacobian_closure_residual_max_m": None}
+        | _files(name)
+        | {"controller": outcome.controller, "compared_with": compared.column.name}
+        | {"failure": compared.failure}
+    )
+
+
+def _entry(
+    name: str, experiment: Experiment, run: Trajectory, origin: str, beside: dict[str, Any]
+) -> dict[str, Any]:
+    """Numbers of one run; `beside` are pairs (alpha, beta) to compare its RMS errors with, urad."""
     column: dict[str, Any] = {
         "name": name,
         "locked": experiment.struts("locked"),
         "free": experiment.struts("free"),
         "joint_weight": experiment.goal.joint_weight,
         "secondary_weight_t_x_t_y_t_z_gamma": experiment.goal.secondary_weight,
-        "origin": outcome.configuration.origin(name),
+        "origin": origin,
     }
     for key, pair in (
         ("{}_rms_urad", pointing_rms_urad(run)),
         ("{}_measured_rms_urad", 1e6 * rms(run.desired_rad - run.measured_rad)),
-        ("paper_{}_rms_urad", paper.TABLE_I_URAD[name]),
-        ("predicted_{}_rms_urad", 1e6 * outcome.predicted_rad[name]),
-        ("other_jacobian_{}_rms_urad", pointing_rms_urad(other)),
+        *((f"{source}_{{}}_rms_urad", pair) for source, pair in beside.items()),
     ):
         column |= {key.format(angle): value for angle, value in zip(ANGLES, pair, strict=True)}
     return column | {
@@ -190,47 +220,13 @@ def _column(outcome: Table1, experiment: Experiment) -> dict[str, Any]:
         "secondary_peak": _peaks(run.secondary),
         "secondary_peak_estimated": _peaks(run.secondary_estimated),
         "closure_residual_max_m": closure_m(run),
-        "other_jacobian_closure_residual_max_m": closure_m(other),
-        "recording": f"{name}.rrd",
-        "data": f"{name}.npz",
     }
+
+
+def _files(name: str) -> dict[str, str]:
+    return {"recording": f"{name}.rrd", "data": f"{name}.npz"}
 
 
 def _peaks(secondary: Array) -> dict[str, float]:
     names = ("gamma_urad", "t_x_um", "t_y_um", "t_z_um")
     return dict(zip(names, (1e6 * np.abs(secondary).max(0)).tolist(), strict=True))
-
-
-def _record(outcome: Table1, summary: dict[str, Any], column: dict[str, Any], folder: Path) -> None:
-    """Write the data and the recording of one column."""
-    name, chosen = column["name"], summary["configuration"]
-    known = "uncorrected" if "uncorrected" in name else "corrected"
-    marks = [Mark(k, 0.0, f"strut {k + 1} locked, {known}") for k in column["locked"]]
-    locked = ", ".join(mark.failure for mark in marks) or "no failure"
-    joints, secondary = column["joint_weight"], column["secondary_weight_t_x_t_y_t_z_gamma"]
-    minimized = f"secondary motion, weights on t_x, t_y, t_z, gamma {secondary}"
-    if joints:
-        minimized = f"strut displacements, weights {joints}"
-    sources = {"linear model": "predicted"}
-    if not is_cut(summary):  # the paper's numbers are of the whole spiral
-        sources["paper"] = "paper"
-    # The viewer lays out all recordings of one identity alike.
-    words = ["table1", *([] if chosen == "calibrated" else [chosen]), name]
-    said = (
-        f"Column {name} of Table I: seed {summary['seed']}, {summary['duration_s']:g} s, "
-        f"{summary['jacobian']} Jacobian; {locked}. Minimized: {minimized}."
-    )
-    record_run(
-        folder,
-        name,
-        "-".join([*words, f"seed{outcome.seed}"]),
-        load_model(outcome.machine_file),
-        Shown(outcome.trajectories[name], marks),
-        said=[said, "", *_loop_sentences(summary)],
-        beside={
-            source: (column[f"{key}_alpha_rms_urad"], column[f"{key}_beta_rms_urad"])
-            for source, key in sources.items()
-        },
-        properties=recording_properties(summary)
-        | {key: column[key] for key in _CHOICES if column[key]},
-    )

@@ -4,12 +4,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from experiments.hexapod.choices import ConfigurationName, JacobianChoice
-from experiments.hexapod.columns import COLUMNS
+from experiments.hexapod.columns import COLUMNS, Column
 from experiments.hexapod.controller import Loop, nominal_loops
 from experiments.hexapod.metrics import plant_constants, rms
+from experiments.hexapod.other_controller import track_with
 from experiments.hexapod.prediction import predicted_error_rad, predicted_rms_rad
 from experiments.hexapod.simulation import SpiralRun, Trajectory, track_spiral
 from experiments.hexapod.testbed import Testbed, TestbedConfig
+from experiments.output.controllers import controller_factory, controller_label
 from experiments.output.parallel import in_parallel
 from experiments.output.study import OnProgress
 from sim import Array, ModelError, load_model, model_sha256
@@ -56,6 +58,21 @@ CONFIGURATIONS: dict[ConfigurationName, Configuration] = {
 }
 
 
+COMPARED = ("W_a", "W_d", "W_a_uncorrected")
+"""Columns that another controller is compared with. It is told what is known in them; the weights
+of the others differ for the prioritized mapping alone."""
+
+
+@dataclass(frozen=True)
+class Compared:
+    """A run with another controller."""
+
+    name: str  # of its column
+    column: Column  # of this project's controller
+    trajectory: Trajectory
+    failure: str | None  # of the controller, a sentence
+
+
 @dataclass(frozen=True)
 class Table1:
     """All runs of the table, by column name where they are many."""
@@ -71,6 +88,8 @@ class Table1:
     other: dict[str, Trajectory]  # with the other
     reseeded: Trajectory  # W_a with the next seed: how much the noise alone changes an RMS
     predicted_rad: dict[str, Array]  # RMS by the linear model, (2,)
+    controller: str | None = None  # another one, package.module:factory
+    compared: tuple[Compared, ...] = ()  # its runs
 
 
 def other_jacobian(jacobian: JacobianChoice) -> JacobianChoice:
@@ -86,13 +105,21 @@ def run_table1(
     jacobian: JacobianChoice = "analytic",
     configuration: ConfigurationName = "calibrated",
     model: Path | None = None,
+    controller: str | None = None,
 ) -> Table1:
     """Run the six experiments, each with both Jacobians, in parallel; `jacobian` makes the table.
 
+    Another `controller` runs three of them, too.
+
     Raises:
+        WrongInput: There is no such controller.
         sim.ModelError: A missing, broken or incomplete machine file.
         sim.SimulationDiverged: The physics left the finite numbers.
     """
+    compared = []
+    if controller is not None:
+        controller_factory(controller)  # a wrong name is refused before anything runs
+        compared = [column for column in COLUMNS if column.name in COMPARED]
     chosen, machine = CONFIGURATIONS[configuration], load_model(model)
     bench = chosen.bench
     duration_s = bench.quick_duration_s if quick else bench.duration_s
@@ -105,8 +132,14 @@ def run_table1(
         for c in COLUMNS
     ]
     asked.append(replace(asked[0], seed=seed + 1))
-    calls = [{"testbed": testbed, "run": run} for run in asked]
-    runs = in_parallel(track_spiral, calls, on_progress)
+    calls = [{"testbed": testbed, "run": run, "controller": None} for run in asked]
+    calls += [
+        {"testbed": testbed, "run": run, "controller": controller}
+        for column, run in zip(COLUMNS, asked, strict=False)
+        if column in compared
+    ]
+    done = in_parallel(_track, calls, on_progress)
+    runs, others = [run for run, _ in done[: len(asked)]], done[len(asked) :]
     names = [column.name for column in COLUMNS]
     return Table1(
         seed=seed,
@@ -123,7 +156,22 @@ def run_table1(
             name: _predicted_rad(name, testbed, run)
             for name, run in zip(names, asked, strict=False)
         },
+        controller=controller,
+        compared=tuple(
+            Compared(f"{controller_label(controller or '')}_{column.name}", column, *other)
+            for column, other in zip(compared, others, strict=True)
+        ),
     )
+
+
+def _track(
+    testbed: Testbed, run: SpiralRun, controller: str | None
+) -> tuple[Trajectory, str | None]:
+    """A run, and the failure of its controller if it is another one."""
+    if controller is None:
+        return track_spiral(testbed, run), None
+    span = {"seed": run.seed, "duration_s": run.duration_s}
+    return track_with(testbed, controller, run.goal, failures=run.failures, **span)
 
 
 def _predicted_rad(column: str, testbed: Testbed, run: SpiralRun) -> Array:

@@ -1,0 +1,113 @@
+"""Another controller in the scenarios of `fjh recover`."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from experiments.hexapod.fault_tolerance import fault_of, fault_text
+from experiments.hexapod.metrics import closure_check, closure_residual_max_m, recording_properties
+from experiments.hexapod.recording.hexapod import Mark
+from experiments.hexapod.recording.keep import record_run
+from experiments.hexapod.recording.shown import Shown
+from experiments.output.controllers import controller_label
+from experiments.output.results import Check
+from experiments.recover.recovery import Recovery, pointing_error_urad
+from experiments.recover.runs import SHOWN, Recover
+from sim import load_model
+
+
+def controller_case(recovery: Recovery) -> dict[str, Any]:
+    """What is added to the entry of a case; nothing without another controller."""
+    if recovery.other is None:
+        return {}
+    return {
+        "rms_after_other_urad": recovery.other.rms_urad[2],
+        "controller_failure": recovery.failure,
+    }
+
+
+def controller_summary(outcome: Recover) -> dict[str, Any]:
+    """What is added to the summary; nothing without another controller."""
+    if outcome.controller is None:
+        return {}
+    others = [(each.other, each.informed) for each in outcome.recoveries if each.other is not None]
+    after = np.array([[error.rms_urad[2] for error in pair] for pair in others])
+    ratio = np.divide(*np.sqrt((after**2).mean(axis=0)))
+    cases = [each.failure for each in outcome.recoveries]
+    failures = [*cases, *(failure for _, failure in outcome.compared.values())]
+    entry = {
+        "name": outcome.controller,
+        "after_over_oracle": float(ratio),
+        "runs": len(failures),
+        "failures": [sentence for sentence in failures if sentence is not None],
+        "shown": {
+            name: {
+                "failure": failure,
+                "peak_urad": float(pointing_error_urad(run).max()),
+                "closure_residual_max_m": closure_residual_max_m(run),
+            }
+            for name, (run, failure) in outcome.compared.items()
+        },
+    }
+    return {"controller": entry}
+
+
+def controller_checks(summary: dict[str, Any]) -> list[Check]:
+    """Checks that the controller did not fail and that its shown runs kept the loops closed."""
+    if "controller" not in summary:
+        return []
+    entry = summary["controller"]
+    said = (entry["failures"] or ["none"])[0]
+    what = f"number of runs in which it failed ({said})"
+    return [
+        Check(what, f"controller {entry['name']}", len(entry["failures"]), 0.5),
+        *(
+            closure_check(f"{entry['name']}, run {name}", shown["closure_residual_max_m"])
+            for name, shown in entry["shown"].items()
+        ),
+    ]
+
+
+def controller_notes(summary: dict[str, Any]) -> list[str]:
+    """Its error in one sentence, its failures in another."""
+    if "controller" not in summary:
+        return []
+    entry = summary["controller"]
+    failures = entry["failures"]
+    notes = [
+        f"With {entry['name']} the RMS error after recovery is {entry['after_over_oracle']:.4g} "
+        "times that of the controller informed at once; it is told of no failure."
+    ]
+    if failures:
+        notes.append(
+            f"It failed in {len(failures)} of {entry['runs']} runs, which went on with its last "
+            f"inputs held. The first: {failures[0]}."
+        )
+    return notes
+
+
+def record_compared(outcome: Recover, summary: dict[str, Any], name: str, folder: Path) -> None:
+    """Write data and recording of a whole run with the other controller."""
+    run, failure = outcome.compared[name]
+    controller, seed = str(outcome.controller), summary["seed"]
+    file = f"{controller_label(controller)}_{name}"
+    said = [
+        f"Controller {controller}, seed {seed}; the failures are unannounced.",
+        "",
+        "Failures:",
+        *(f"- {fault_text(fault_of(each))} at {each.time_s:g} s" for each in SHOWN[name]),
+    ]
+    if failure is not None:
+        said += ["", f"{failure}; its last inputs were held."]
+    marks = [Mark(e.actuator, e.time_s, fault_text(fault_of(e))) for e in SHOWN[name]]
+    record_run(
+        folder,
+        file,
+        f"recover-{file}-seed{seed}",
+        load_model(),
+        Shown(run, marks),
+        said=said,
+        beside={},
+        properties=recording_properties(summary) | {"controller": controller},
+    )

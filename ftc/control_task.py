@@ -1,0 +1,59 @@
+"""What a controller is told of its machine and its task, as numbers."""
+
+from dataclasses import dataclass
+
+import argument_checks as check
+from argument_checks import Array
+from ftc.controller import Converter
+from ftc.fdi.fault_model import NominalModel
+from ftc.goal import Goal
+
+
+@dataclass(frozen=True)
+class ControlTask:
+    """A machine and a task as a controller meets them; failures are in it where they are known.
+
+    Attributes:
+        nominal: The machine without failures: from the n commanded displacements to the m1 major
+            coordinates, the noise of their sensors, the control period.
+        J: Task velocity per actuator rate at the nominal pose, shape (m, n).
+        major: Rows of the major task, m1 of the m; the others are secondary.
+        goal: Secondary weights, and the failures that are known from the start.
+        drives: From displacements of the actuators to the inputs that are sent, and back.
+        limits_m: Lower and upper displacements that the drives can hold, shape (n,) each; infinite
+            where there is no limit.
+        reference_limit: Largest reference of each major coordinate, either way, shape (m1,).
+
+    Raises:
+        ValueError, TypeError: Of another shape or kind than that.
+    """
+
+    nominal: NominalModel
+    J: Array
+    major: tuple[int, ...]
+    goal: Goal
+    drives: Converter
+    limits_m: tuple[Array, Array]
+    reference_limit: Array
+
+    def __post_init__(self) -> None:
+        nominal = check.instance("nominal", self.nominal, NominalModel)
+        J = check.matrix("J", self.J, columns=nominal.actuators)
+        major = check.indices("major", self.major, len(J))
+        if len(major) != nominal.plant.noutputs:
+            raise ValueError(
+                f"major must have a row for each of the {nominal.plant.noutputs} outputs of "
+                f"nominal, got {len(major)}"
+            )
+        check.limit_vectors("limits_m", self.limits_m, nominal.actuators)
+        check.exactly("reference_limit", self.reference_limit, len(major))
+
+    @property
+    def major_jacobian(self) -> Array:
+        """Rows of the major task, shape (m1, n)."""
+        return self.J[list(self.major)]
+
+    @property
+    def period_s(self) -> float:
+        """Between control ticks."""
+        return self.nominal.period_s

@@ -1,0 +1,186 @@
+"""Somebody else's controller in the loop: each way to fail ends in a sentence, none in a hang."""
+
+import contextlib
+import re
+import time
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import control
+import numpy as np
+import pytest
+
+from ftc.control_task import ControlTask
+from ftc.controller import DirectDrive, Measurement
+from ftc.fdi.fault_model import NominalModel
+from ftc.goal import Goal
+from ftc.guarded_controller import GuardedController
+from ftc.loop import LoopRun, run_loop
+
+PERIOD_S, TICKS, BAD = 1e-3, 20, 7
+J = np.array([[1.0, 0.0, 1.0], [0.0, 1.0, 1.0]])
+_I, _O = np.eye(3), np.zeros((3, 3))
+PLANT = control.ss(
+    np.block([[_O, _I], [-100 * _I, -20 * _I]]), np.vstack([_O, 100 * _I]), np.hstack([J, 0 * J]), 0
+)
+NOMINAL = NominalModel(PLANT, np.eye(3, 6), np.full(2, 1e-3), PERIOD_S, PERIOD_S)
+TASK = ControlTask(
+    NOMINAL, J, (0, 1), Goal(), DirectDrive(), (np.full(3, -1.0), np.full(3, 1.0)), np.ones(2)
+)
+REFERENCE = np.random.default_rng(0).normal(size=(TICKS, 2))
+
+
+class State(NamedTuple):
+    """Time, and what is sent."""
+
+    tick: int
+    input_percent: Any
+
+
+class Proportional:
+    """What goes out is a function of what comes in; at one tick it does something else."""
+
+    def __init__(self, task: ControlTask) -> None:
+        self.gain = np.linalg.pinv(task.major_jacobian)
+
+    def start(self) -> State:
+        """At rest."""
+        return State(0, np.zeros(3))
+
+    def step(self, state: State, reference: np.ndarray, measurement: Measurement) -> Any:
+        """As the error is."""
+        inputs = self.gain @ (reference - measurement.output)
+        return self.bad(inputs) if state.tick == BAD else State(state.tick + 1, inputs)
+
+    def bad(self, inputs: np.ndarray) -> Any:
+        """Of the tick BAD."""
+        return State(BAD + 1, inputs)
+
+
+class Still:
+    """A machine that does not move."""
+
+    def measure(self) -> Measurement:
+        """Zeros."""
+        return Measurement(np.zeros(2), np.zeros(3))
+
+    def apply(self, input_percent: np.ndarray) -> None:
+        """Nothing."""
+
+
+def failing(bad: Any) -> type[Proportional]:
+    return type("Failing", (Proportional,), {"bad": bad})
+
+
+def run(factory: Any, limit_s: float = 1.0) -> LoopRun:
+    return run_loop(Still(), GuardedController("my:own", factory, TASK, limit_s), REFERENCE)
+
+
+def hang(self: Any, inputs: Any) -> Any:
+    while True:
+        pass
+
+
+def hang_and_catch(self: Any, inputs: Any) -> Any:
+    while True:
+        with contextlib.suppress(Exception):
+            time.sleep(10)
+
+
+def divide(self: Any, inputs: Any) -> Any:
+    return 1 // 0
+
+
+def leave(self: Any, inputs: Any) -> Any:
+    raise SystemExit(3)
+
+
+def singular(self: Any, inputs: Any) -> Any:
+    return np.linalg.inv(np.zeros((2, 2)))
+
+
+HERE = "test_guarded_controller.py, line "
+
+
+@pytest.mark.parametrize(
+    ("bad", "sentence"),
+    [
+        (divide, rf"raised ZeroDivisionError: .* \({HERE}\d+\)"),
+        (singular, rf"raised LinAlgError: Singular matrix \({HERE}\d+\)"),
+        (leave, rf"raised SystemExit: 3 \({HERE}\d+\)"),
+        (lambda self, u: State(8, np.array([0.0, 1.0, np.nan])), "returned nan for drive 3"),
+        (lambda self, u: State(8, [0.0, -np.inf, 1.0]), "returned -inf for drive 2"),
+        (lambda self, u: State(8, u[:2]), r"returned shape \(2,\), expected \(3,\)"),
+        (lambda self, u: State(8, 1.0), r"returned shape \(\), expected \(3,\)"),
+        (lambda self, u: State(8, None), "returned None, expected 3 numbers"),
+        (lambda self, u: State(8, u * 1j), "returned array.*, expected 3 numbers"),
+        (lambda self, u: u, "raised AttributeError: .*input_percent.*"),
+        (hang, r"took longer than 0\.05 s"),
+        (hang_and_catch, r"took longer than 0\.05 s"),
+    ],
+)
+def test_after_a_failure_the_last_inputs_are_held_and_a_sentence_says_why(bad, sentence):
+    """Before it the run is bit for bit that of a controller that does not fail."""
+    sound, failed = run(Proportional), run(failing(bad), limit_s=0.05)
+    assert sound.state.failure is None
+    assert np.array_equal(failed.input_percent[:BAD], sound.input_percent[:BAD])
+    assert (failed.input_percent[BAD:] == sound.input_percent[BAD - 1]).all()
+    assert len(failed.measured) == TICKS
+    assert failed.state.failure is not None
+    assert re.fullmatch(rf"my:own {sentence}, at 0\.007 s", failed.state.failure)
+
+
+def no_start(task: ControlTask) -> Any:
+    return object()
+
+
+@pytest.mark.parametrize(
+    ("factory", "sentence"),
+    [
+        (lambda task: task.unknown, "raised AttributeError: .*'unknown'.*, at its start"),
+        (no_start, "raised AttributeError: 'object' .*'start'.*, at its start"),
+    ],
+)
+def test_a_controller_that_cannot_be_started_leaves_the_drives_at_zero(factory, sentence):
+    done = run(factory)
+    assert not done.input_percent.any()
+    assert re.fullmatch(f"my:own {sentence}", done.state.failure or "")
+
+
+def test_a_controller_alters_neither_the_record_nor_what_it_was_sent():
+    """It gets copies, and copies are taken of what it returns."""
+
+    class Overwriting(Proportional):
+        sent = np.zeros(3)
+
+        def step(self, state, reference, measurement):
+            self.sent[:] = self.gain @ (reference - measurement.output)
+            reference[:] = measurement.output[:] = measurement.displacement[:] = 99.0
+            return State(0, self.sent)
+
+    kept, done = REFERENCE.copy(), run(Overwriting)
+    assert not done.measured.any()
+    assert np.array_equal(kept, REFERENCE)
+    assert np.array_equal(done.input_percent, run(Proportional).input_percent)
+
+
+def test_the_clock_is_stopped_between_steps():
+    """However long a run takes: only single steps are limited."""
+    slow = failing(lambda self, u: time.sleep(0.03) or State(BAD, u))  # at all ticks from BAD on
+    assert run(slow, limit_s=0.1).state.failure is None
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"J": J[:, :2]}, "J must have 3 columns"),
+        ({"major": (0, 2)}, r"major must lie in 0\.\.1"),
+        ({"major": (0,)}, "major must have a row for each of the 2 outputs of nominal, got 1"),
+        ({"limits_m": (np.ones(3), np.zeros(3))}, "limits_m must be a lower and an upper limit"),
+        ({"reference_limit": np.ones(3)}, "reference_limit must be 2 finite numbers"),
+        ({"nominal": PLANT}, "nominal must be a NominalModel"),
+    ],
+)
+def test_a_task_that_does_not_fit_together_is_refused(change, said):
+    with pytest.raises((ValueError, TypeError), match=said):
+        replace(TASK, **change)
