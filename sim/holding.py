@@ -75,9 +75,9 @@ def refuse_beyond_ranges(
             control = model.actuator_ctrladr[k]
             force, value = commands.force_at_rest[out], commands.at_rest[control]
             if model.actuator_forcelimited[out]:
-                _within("a force", force, model.actuator_forcerange[out], model, k)
+                _within("a force", float(force), model.actuator_forcerange[out], model, k)
             if model.actuator_ctrllimited[control]:
-                _within("a control", value, model.actuator_ctrlrange[control], model, k)
+                _within("a control", float(value), model.actuator_ctrlrange[control], model, k)
 
 
 def _within(what: str, value: float, span: Array, model: mujoco.MjModel, actuator: int) -> None:

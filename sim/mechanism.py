@@ -141,6 +141,7 @@ class Mechanism:
         data = self._data
         data.qpos[:] = qpos
         jac = self._reader.at(data)
+        self._gauges.refresh(self._model, data)
         gaps = data.efc_pos[: data.ne].copy()
         return JointPosture(qpos, self._payload.pose(data), jac, gaps, self._gauges.read(data))
 

@@ -20,7 +20,7 @@ from sim.actuators import (
     take_spring,
 )
 from sim.array import Array
-from sim.closure import check_closures, equality_name, largest_gap
+from sim.closure import active_closures, check_closures, equality_name
 from sim.commands import commands_of
 from sim.displacement_limits import rest_limits
 from sim.displacements import Displacements
@@ -306,6 +306,6 @@ def _place(model: mujoco.MjModel, data: mujoco.MjData, start: mujoco.MjData) -> 
     data.mocap_pos[:], data.mocap_quat[:] = start.mocap_pos, start.mocap_quat
     check_closures(model, data)
     mujoco.mj_fwdPosition(model, data)
-    gap, worst = largest_gap(model, data)
+    gap, worst = active_closures(model, data).largest_gap(data)
     if gap > CLOSURE_TOLERANCE:
         raise ClosureError(equality_name(model, worst), gap, "call sim.assemble(model, data)")
