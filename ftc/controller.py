@@ -91,6 +91,7 @@ class PrioritizedController(Generic[Pose]):
         demand_limit_rad: float = inf,
         *,
         anti_windup: bool = False,
+        reference_feedforward: bool = False,
     ) -> None:
         """Take the compensators, one for each major row, the mapping, and the drives.
 
@@ -99,13 +100,15 @@ class PrioritizedController(Generic[Pose]):
         state of a compensator that is there while its error would drive it further (conditional
         integration: Astrom and Hagglund, Advanced PID Control, 2006, section 3.5). Where the
         mapping has limits, it also makes the compensators observe the major task that is achieved;
-        see :mod:`ftc.anti_windup`.
+        see :mod:`ftc.anti_windup`. With `reference_feedforward` the reference itself is demanded,
+        and the compensators add what is missing.
         """
         self.mapping = mapping
         self.amplifier: Any = amplifier  # clients know their own drives
         self.handover_s = handover_s
         self.demand_limit_rad = demand_limit_rad
         self.anti_windup = anti_windup
+        self.reference_feedforward = reference_feedforward
         self._effectiveness = np.ones(mapping.actuators)
         for actuator, left in mapping.goal.effectiveness.items():
             self._effectiveness[actuator] = left
@@ -169,6 +172,8 @@ class PrioritizedController(Generic[Pose]):
             if self.anti_windup:
                 held = (pointing != demanded) & (error * demanded > 0)
                 compensator = np.where(held[self._channel], state.compensator, compensator)
+        if self.reference_feedforward:
+            pointing = reference + pointing
         if feedforward is not None:
             pointing = feedforward + pointing
         owed = state.bumpless_transfer

@@ -26,6 +26,10 @@ class MechanismModel(Protocol[Posture]):
         """An object with J_T (m, N), J_C (c, N) and active (n,); see :class:`sim.Jacobians`."""
         ...
 
+    def displacements(self, posture: Posture) -> Array:
+        """Displacements of the actuators from the nominal posture, shape (n,)."""
+        ...
+
     def task(self, posture: Posture) -> Array:
         """Task coordinates (m,), whose rates are J_T's near the nominal posture."""
         ...

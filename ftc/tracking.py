@@ -1,7 +1,8 @@
 """Tracking of a major task by any mechanism: loops from its linear model, controllers for any goal.
 
 One compensator for each major row, as in Fig. 3 of the paper, and the mapping with the Jacobian of
-the estimated posture at every tick. Unless it is given, the gain crossover of all rows is the
+the estimated posture at every tick. The reference is demanded as it is, and the compensators add
+what is missing. Unless it is given, the gain crossover of all rows is the
 highest at which the sensitivity peak of the sound loops, coupling included, is at most 1.7 (a gain
 margin of at least 7.7 dB and a phase margin of at least 34 degrees in each row), and at most a
 fiftieth of the sampling frequency. The roll-off is at three times the crossover, as on the hexapod.
@@ -103,6 +104,7 @@ class Tracking:
             DirectDrive(),
             self.handover_s,
             anti_windup=self.limits is not None,
+            reference_feedforward=True,
         )
 
     def supervisor(self, goal: Goal, config: FdiConfig = DEFAULT_CONFIG) -> Supervisor:
@@ -113,17 +115,31 @@ class Tracking:
             config: Rates and confidences of the diagnosis.
         """
         n = self.nominal.actuators
-        watched: Callable[[Measurement], Array] | None = None
-        if self.sense == "joints":
-            watched = _encoders
         return Supervisor(
             first=self.controller(goal),
             monitor=monitor(self.nominal, config=config),
             secondary=lambda _: np.zeros(n),
             reconfigured=lambda found: self.controller(goal_after(goal, found)),
             is_possible=lambda faults: is_possible(self.classified(faults)),
-            watched=watched,
+            watched=self._watched(),
         )
+
+    def _watched(self) -> Callable[[Measurement, Any], Array]:
+        """What the linear model predicts: encoders; or the major task, as if it were linear.
+
+        A task is curved in the displacements. What the curvature adds at the estimated posture is
+        taken off, so that larger motions are not mistaken for failures.
+        """
+        if self.sense == "joints":
+            return lambda measurement, _: measurement.displacement
+        model, rows = self.model, list(self.major)
+        J_m = ConstrainedSystem.of(model.jacobians(model.nominal)).kinematics().J[rows]
+
+        def straightened(measurement: Measurement, posture: Any) -> Array:
+            linear = J_m @ model.displacements(posture)
+            return measurement.output - (model.task(posture)[rows] - linear)
+
+        return straightened
 
     def classified(self, faults: Sequence[Fault] = ()) -> Manipulability:
         """What the actuators that are left can do in the nominal posture, section 2.2."""
@@ -274,7 +290,3 @@ def _at(
     if np.abs(control.feedback(L, unity).poles()).max() >= 1:
         raise UnstableLoop(f"shape must leave the loops stable together, got {hz:.3g} Hz")
     return loops, sensitivity_peak(L)
-
-
-def _encoders(measurement: Measurement) -> Array:
-    return measurement.displacement

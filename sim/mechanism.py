@@ -103,6 +103,10 @@ class Mechanism:
         """The Jacobians in a posture."""
         return posture.jacobians
 
+    def displacements(self, posture: JointPosture) -> Array:
+        """Displacements of the active velocities from the nominal posture, shape (n,)."""
+        return posture.displacements
+
     def task(self, posture: JointPosture) -> Array:
         """Displacement [rotation vector; translation] of the task frame from nominal, (6,)."""
         return displacement_of(posture.pose)
