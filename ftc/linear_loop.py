@@ -47,12 +47,14 @@ class Stage:
         B: Shape (s, n).
         tick: The first.
         onset: The state just after the change per state just before, shape (s, s); None: the same.
+        gain: Commands per demand from then on, shape (n, m); None: as before.
     """
 
     A: Array
     B: Array
     tick: int = 0
     onset: Array | None = None
+    gain: Array | None = None
 
 
 class Step(NamedTuple):
@@ -74,6 +76,7 @@ def steps(
     disturbance: Array | None = None,
     limit: Array | float = np.inf,
     anti_windup: Array | bool = False,
+    feedforward: bool = False,
 ) -> Iterator[Step]:
     """The loop from rest, tick by tick, for one setting or for S settings at once.
 
@@ -83,13 +86,15 @@ def steps(
         compensators: One for each output.
         reference: For the outputs, shape (N, m) or (S, N, m); what a sensor adds to them is to be
             taken off it.
-        gain: Commands per demand, shape (n, m); None: the demands are the commands.
+        gain: Commands per demand, shape (n, m), until a stage has another; None: the demands are
+            the commands.
         secondary: Added to the commands, shape (N, n).
         disturbance: Added to the next state, shape (N, s).
         limit: Largest demand of each compensator, a number or shape (S,).
         anti_windup: Whether a compensator at its limit keeps its state while the error would drive
             it further, as in :class:`ftc.controller.PrioritizedController`; a truth value or shape
             (S,).
+        feedforward: Whether the reference itself is demanded, and the compensators add to it.
     """
     lead, to_come, stage = reference.shape[:-2], list(stages), stages[0]
     most, held = np.asarray(limit)[..., None], np.asarray(anti_windup)[..., None]
@@ -99,6 +104,7 @@ def steps(
         if to_come and to_come[0].tick == tick:
             stage = to_come.pop(0)
             x = x if stage.onset is None else x @ stage.onset.T
+            gain = gain if stage.gain is None else stage.gain
         output = x @ C.T
         error = reference[..., tick, :] - output
         ticked = [
@@ -112,6 +118,8 @@ def steps(
             np.where(kept[..., k, None], z, moved)
             for k, (z, (_, moved)) in enumerate(zip(states, ticked, strict=True))
         ]
+        if feedforward:
+            demanded = reference[..., tick, :] + demanded
         commanded = demanded if gain is None else demanded @ gain.T
         if secondary is not None:
             commanded = commanded + secondary[tick]

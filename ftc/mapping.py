@@ -248,6 +248,16 @@ class PrioritizedMapping(Generic[Pose]):
         """Major task (m1,) of displacements (n,) of all actuators, failed ones too, at the pose."""
         return self._model.twist(self._model.posture(pose), displacements_m)[self._major]
 
+    def reached(self, pose: Pose) -> Array:
+        """Major task (m1,) at a pose, by the task coordinates.
+
+        Raises:
+            ValueError: The mapping was made without task coordinates.
+        """
+        if self._task is None:
+            raise ValueError("task must be given for the task at a pose, got None")
+        return self._task(pose)[self._major]
+
     def split(self, displacements_m: Array, pose: Pose) -> tuple[Array, Array, Array | None]:
         """Displacements (n,) of the surviving actuators in three parts.
 

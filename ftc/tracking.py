@@ -35,7 +35,7 @@ from ftc.goal import Goal
 from ftc.mapping import PrioritizedMapping
 from ftc.mechanism import MechanismGeometry, MechanismModel
 from ftc.supervisor import Supervisor, used_effectiveness
-from prioritized import ConstrainedSystem, Manipulability, WhenLimited
+from prioritized import ConstrainedSystem, Kinematics, Manipulability, WhenLimited
 
 LARGEST_PEAK = 1.7
 ROLL_OFF, ROLL_OFF_DAMPING = 3.0, 0.7
@@ -66,7 +66,7 @@ class Tracking:
 
     Attributes:
         model: The controller's own model of the mechanism.
-        nominal: Linear model of the plant to what the diagnosis looks at.
+        nominal: Linear model of the plant to the major rows, with the noise of their measurement.
         major: Rows of the task.
         loops: One compensator for each.
         margins: Of each loop, the others open.
@@ -74,7 +74,8 @@ class Tracking:
         limits: Lower and upper displacements of the actuators, (n,) each; None is none.
         when_limited: What becomes of a major task beyond them.
         springs: Whether springs hold what the loops of the mechanism leave free.
-        sense: What the diagnosis looks at.
+        encoder_noise: Standard deviations (n,) of one sample of each actuator's displacement, where
+            the diagnosis looks at these; None: it looks at the major task.
         handover_s: In which the secondary motion of a former mapping fades.
     """
 
@@ -87,8 +88,17 @@ class Tracking:
     limits: tuple[Array, Array] | None = None
     when_limited: WhenLimited = "least_squares"
     springs: bool = False
-    sense: Sense = "task"
+    encoder_noise: Array | None = None
     handover_s: float = 0.5
+
+    @property
+    def watched(self) -> NominalModel:
+        """Linear model of the plant to what the diagnosis looks at."""
+        if self.encoder_noise is None:
+            return self.nominal
+        plant, C = self.nominal.plant, self.nominal.displacement
+        to_encoders = control.ss(plant.A, plant.B, C, 0)
+        return replace(self.nominal, plant=to_encoders, noise=self.encoder_noise)
 
     def mapping(self, goal: Goal) -> PrioritizedMapping[Any]:
         """The mapping for a goal, failures that it knows included."""
@@ -117,20 +127,20 @@ class Tracking:
         n = self.nominal.actuators
         return Supervisor(
             first=self.controller(goal),
-            monitor=monitor(self.nominal, config=config),
+            monitor=monitor(self.watched, config=config),
             secondary=lambda _: np.zeros(n),
             reconfigured=lambda found: self.controller(goal_after(goal, found)),
             is_possible=lambda faults: is_possible(self.classified(faults)),
-            watched=self._watched(),
+            watched=self._seen(),
         )
 
-    def _watched(self) -> Callable[[Measurement, Any], Array]:
+    def _seen(self) -> Callable[[Measurement, Any], Array]:
         """What the linear model predicts: encoders; or the major task, as if it were linear.
 
         A task is curved in the displacements. What the curvature adds at the estimated posture is
         taken off, so that larger motions are not mistaken for failures.
         """
-        if self.sense == "joints":
+        if self.encoder_noise is not None:
             return lambda measurement, _: measurement.displacement
         model, rows = self.model, list(self.major)
         J_m = ConstrainedSystem.of(model.jacobians(model.nominal)).kinematics().J[rows]
@@ -185,25 +195,39 @@ def tracking(
     """
     rows = tuple(int(row) for row in check.indices("major", major, len(linear.C_twist)))
     springs = bool(options.get("springs", False))
-    system = ConstrainedSystem.of(model.jacobians(model.nominal), springs)
-    report = system.kinematics().manipulability(list(rows))
+    jac = model.jacobians(model.nominal)
+    kinematics = ConstrainedSystem.of(jac, springs).kinematics()
+    report = kinematics.manipulability(list(rows))
     if not is_possible(report):
         raise TaskLost(f"the actuators cannot do the major task: {str(report).splitlines()[0]}")
+    n, C = len(linear.C_active), linear.C_twist[list(rows)]
+    sigma = np.broadcast_to(np.asarray(noise, dtype=float), (len(rows) if sense == "task" else n,))
+    encoder_noise = None
+    if sense == "joints":
+        encoder_noise, sigma = sigma.copy(), _by_encoders(kinematics, rows, sigma)
     gain = mapping_for(model, goal, rows, springs=springs).pointing_gain()
-    C_major = linear.C_twist[list(rows)]
-    plant = control.ss(linear.A, linear.B @ gain, C_major, 0)
+    plant = control.ss(linear.A, linear.B @ gain, C, 0)
     loops, peak = _loops(plant, check.positive("period_s", period_s), crossover_hz)
-    C = C_major if sense == "task" else linear.C_active
     nominal = NominalModel(
         plant=control.ss(linear.A, linear.B, C, 0),
         displacement=linear.C_active,
-        noise=np.broadcast_to(np.asarray(noise, dtype=float), (len(C),)).copy(),
+        noise=sigma.copy(),
         period_s=period_s,
         step_s=step_s,
     )
     sampled = control.c2d(plant, period_s, method="zoh")
     each = tuple(margins(sampled[k, k] * loop.discrete) for k, loop in enumerate(loops))
-    return Tracking(model, nominal, rows, loops, each, peak, sense=sense, **options)
+    return Tracking(model, nominal, rows, loops, each, peak, encoder_noise=encoder_noise, **options)
+
+
+def _by_encoders(kinematics: Kinematics, rows: tuple[int, ...], noise: Array) -> Array:
+    """Standard deviation of the major rows (m1,) as forward kinematics has them from encoders.
+
+    Displacements that the closed loops do not allow are averaged out.
+    """
+    C = kinematics.active_constraint
+    J_m = kinematics.J[list(rows)]
+    return np.linalg.norm((J_m - J_m @ np.linalg.pinv(C) @ C) * noise, axis=1)
 
 
 def mapping_for(
@@ -223,6 +247,12 @@ def mapping_for(
     return PrioritizedMapping(
         geometry, goal, major, secondary, "gauss_newton", model.task, **limited
     )
+
+
+def goal_told(goal: Goal, fault: Fault, displacement: float = 0.0) -> Goal:
+    """The goal with one more failure; a locked actuator stands at this displacement."""
+    certain = Diagnosis(fault, 1.0, 1.0, displacement, 0, 0, 0, confirmed=True)
+    return goal_after(goal, [certain])
 
 
 def goal_after(goal: Goal, diagnoses: Sequence[Diagnosis]) -> Goal:

@@ -93,7 +93,9 @@ def _parameter(option: Option) -> inspect.Parameter:
     bounds: dict[str, Any] = {"min": 0, "max": 2**32 - 1} if option.name == "seed" else {}
     metavar = "FOLDER" if option.name == "out" else option.metavar
     names = () if option.kind is not bool else (f"--{option.name.replace('_', '-')}",)
-    info = typer.Option(*names, help=option.help, metavar=metavar, **bounds)
+    info: Any = typer.Option(*names, help=option.help, metavar=metavar, **bounds)
+    if option.positional:
+        info = typer.Argument(help=option.help, metavar=metavar)
     return inspect.Parameter(
         option.name,
         inspect.Parameter.KEYWORD_ONLY,

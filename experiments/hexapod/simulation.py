@@ -157,19 +157,51 @@ def track_path(
             f"got the shape {floor.shape}"
         )
     lead_in = round(lead_in_s / bench.control_period_s)
-    plant = testbed.plant()
-    plant.settle(bench.settling_s, start_m)
-    machine = Bench(
-        plant,
-        _Sensors(bench, seed),
-        time_s=_after_rest(lead_in, time_s),
-        period_s=bench.control_period_s,
-        failures=failures,
-        drives=testbed.amplifier().displacement_m,
+    machine = simulated(
+        testbed,
+        _after_rest(lead_in, time_s),
+        failures,
+        seed,
+        start_m=start_m,
         floor_m_per_s2=None if floor is None else _after_rest(lead_in, floor),
     )
     run = run_loop(machine, pilot, _after_rest(lead_in, desired_rad))
     return _trajectory(time_s, desired_rad, machine, run, lead_in), run.state
+
+
+def simulated(
+    testbed: Testbed,
+    time_s: Array,
+    failures: Sequence[Failure],
+    seed: int,
+    *,
+    start_m: Array | None = None,
+    floor_m_per_s2: Array | None = None,
+    keep_qpos: bool = False,
+) -> Bench:
+    """The machine in the loop, settled: detector, gauges, amplifiers, and what happens to it.
+
+    Args:
+        testbed: The machine and the constants around it.
+        time_s: Of each control tick, shape (N,): failures strike at their times.
+        failures: What happens.
+        seed: Of the noise of all sensors.
+        start_m: As in :class:`SpiralRun`.
+        floor_m_per_s2: Acceleration of the floor at each tick, shape (N, 3); None is at rest.
+        keep_qpos: Whether the log has the positions of all joints.
+    """
+    plant = testbed.plant()
+    plant.settle(testbed.bench.settling_s, start_m)
+    return Bench(
+        plant,
+        _Sensors(testbed.bench, seed),
+        time_s=time_s,
+        period_s=testbed.bench.control_period_s,
+        failures=failures,
+        drives=testbed.amplifier().displacement_m,
+        floor_m_per_s2=floor_m_per_s2,
+        keep_qpos=keep_qpos,
+    )
 
 
 def _after_rest(ticks: int, signal: Array) -> Array:

@@ -24,6 +24,7 @@ class Option:
     default: Any
     help: str
     metavar: str | None = None  # stands for the value in the help text; None: its type
+    positional: bool = False  # an argument without a name
 
 
 @dataclass(frozen=True)

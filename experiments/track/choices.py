@@ -1,0 +1,12 @@
+"""Choices that the command line offers; apart, so that its help need not wait for other imports."""
+
+from typing import Literal
+
+Sensing = Literal["task", "joints"]
+"""A sensor of the task frame, or encoders of the actuators and forward kinematics."""
+
+Limited = Literal["stated", "none"]
+"""Limits of the displacements: those that the file states, or none."""
+
+Diagnosing = Literal["on", "off"]
+"""Whether failures are looked for."""

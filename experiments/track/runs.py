@@ -1,0 +1,249 @@
+"""A run of a robot on its path, what the controller made of it, and what was predicted."""
+
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, get_args
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from experiments.output.study import OnProgress, WrongInput
+from experiments.track.choices import Diagnosing, Limited, Sensing
+from experiments.track.paths import path_of
+from experiments.track.prediction import Known, predicted_rms
+from experiments.track.reach import check_reach
+from experiments.track.rig import Rig, hexapod_rig, robot_rig
+from ftc.fdi.diagnosis import Diagnosis
+from ftc.fdi.fault_model import Fault
+from ftc.loop import run_loop
+from ftc.supervisor import SupervisorState
+from ftc.tracking import is_possible
+from sim import Array, Bench, Failure, FailureKind, model_sha256
+
+_ROWS = 6
+_FAILURE = re.compile(
+    rf"(?P<name>.+):(?P<kind>{'|'.join(get_args(FailureKind))})@(?P<time>\d*\.?\d+)"
+)
+_SHOWN_EVERY = 100
+
+
+@dataclass(frozen=True)
+class Run:
+    """What happened, at every control tick.
+
+    Attributes:
+        time_s: (N,).
+        desired: (N, m1) major displacements, [rad] or [m].
+        true: (N, m1).
+        measured: (N, m1).
+        task: (N, 6) true displacement [rotation vector; translation] of the task frame.
+        inputs: (N, n) sent to the drives: displacements, or percent of the hexapod's inputs.
+        displacement: (N, n) of the actuators.
+        qpos: (N, nq) joint positions.
+        closure_residual_m: (N,).
+    """
+
+    time_s: Array
+    desired: Array
+    true: Array
+    measured: Array
+    task: Array
+    inputs: Array
+    displacement: Array
+    qpos: Array
+    closure_residual_m: Array
+
+
+@dataclass(frozen=True)
+class Tracked:
+    """Everything that `fjh track` publishes.
+
+    Attributes:
+        seed: Of the noise.
+        model_sha256: Of the file.
+        rig: The robot.
+        failures: What happened, in the order of time.
+        run: See there.
+        diagnoses: That the controller made.
+        task_lost: Whether the controller gave the major task up.
+        predicted: RMS errors before and after the first failure by the linear model, (m1,) each.
+        verdicts: For each number of failures so far, in words, what the classification says.
+        possible: Likewise, whether the major task can still be done.
+    """
+
+    seed: int
+    model_sha256: str
+    rig: Rig
+    failures: tuple[Failure, ...]
+    run: Run
+    diagnoses: tuple[Diagnosis, ...]
+    task_lost: bool
+    predicted: tuple[Array, Array]
+    verdicts: tuple[str, ...]
+    possible: tuple[bool, ...]
+
+
+def run_track(
+    *,
+    seed: int,
+    quick: bool,
+    on_progress: OnProgress,
+    model: Path | None,
+    site: str,
+    axes: str | None,
+    major: str,
+    fail: Sequence[str],
+    path: str,
+    size: float | None,
+    duration: float,
+    turn: float,
+    sense: Sensing,
+    noise: float | None,
+    crossover: float | None,
+    period: float,
+    joint_weight: str | None,
+    secondary_weight: str | None,
+    limits: Limited,
+    diagnosis: Diagnosing,
+    keyframe: str | None,
+    servo: float | None,
+) -> Tracked:
+    """Track a path, and predict what the failures cost.
+
+    Raises:
+        WrongInput: Something that the robot does not have or cannot do.
+        sim.ModelError: The file, or what it says.
+        sim.SimulationDiverged: The physics left the finite numbers.
+    """
+    for name, value in {"duration": duration, "turn": turn, "period": period}.items():
+        _positive(name, value)
+    for name, value in {
+        "size": size,
+        "noise": noise,
+        "crossover": crossover,
+        "servo": servo,
+    }.items():
+        if value is not None:
+            _positive(name, value)
+    if model is None:
+        rig = hexapod_rig(size)
+    else:
+        rig = robot_rig(
+            model,
+            site=site,
+            axes=axes,
+            major=_rows(major),
+            size=size,
+            sense=sense,
+            noise=noise,
+            crossover_hz=crossover,
+            period_s=period,
+            joint_weight=joint_weight,
+            secondary_weight=secondary_weight,
+            limited=limits == "stated",
+            keyframe=keyframe,
+            servo_hz=servo,
+        )
+    shorter = 0.5 if quick else 1.0
+    time_s = np.arange(max(2, round(shorter * duration / rig.period_s))) * rig.period_s
+    failures = tuple(sorted(_failures(rig, fail, shorter, time_s), key=lambda one: one.time_s))
+    desired = path_of(path, len(rig.major), rig.size, time_s, turn, rig.period_s)
+    check_reach(rig, desired)
+    supervisor = rig.supervisor()
+    pilot: Any = supervisor if diagnosis == "on" else supervisor.first
+    bench = rig.bench(time_s, failures, seed)
+    looped = run_loop(_Counted(bench, len(time_s), on_progress), pilot, desired)
+    turned = Rotation.from_matrix(bench.rotation).as_rotvec()
+    task = np.hstack([turned, bench.translation_m])
+    state = looped.state
+    supervised = isinstance(state, SupervisorState)
+    faults = [_fault(failure) for failure in failures]
+    reports = [rig.classified(faults[:count]) for count in range(len(faults) + 1)]
+    assert bench.qpos is not None
+    return Tracked(
+        seed=seed,
+        model_sha256=model_sha256(model),
+        rig=rig,
+        failures=failures,
+        run=Run(
+            time_s,
+            desired,
+            task[:, list(rig.major)],
+            looped.measured,
+            task,
+            looped.input_percent,
+            bench.displacement,
+            bench.qpos,
+            bench.closure_residual_m,
+        ),
+        diagnoses=state.diagnoses if supervised else (),
+        task_lost=supervised and state.task_lost,
+        predicted=predicted_rms(rig, desired, _known(rig, failures, told=diagnosis == "on")),
+        verdicts=tuple(str(report) for report in reports),
+        possible=tuple(is_possible(report) for report in reports),
+    )
+
+
+class _Counted:
+    """A machine in the loop that shows how far the run has come."""
+
+    def __init__(self, bench: Bench, ticks: int, on_progress: OnProgress) -> None:
+        self.measure, self._apply = bench.measure, bench.apply
+        self._done, self._ticks, self._on_progress = 0, ticks, on_progress
+
+    def apply(self, input_percent: Array) -> None:
+        self._apply(input_percent)
+        self._done += 1
+        if self._done % _SHOWN_EVERY == 0 or self._done == self._ticks:
+            self._on_progress(self._done, self._ticks)
+
+
+def _positive(name: str, value: float) -> None:
+    if not 0 < value < math.inf:
+        raise WrongInput(f"--{name} must be positive and finite, got {value:g}")
+
+
+def _rows(text: str) -> tuple[int, ...]:
+    """Rows of the twist, as the command takes them."""
+    parts = text.split(",")
+    rows = [int(part) for part in parts if part.strip().isdecimal()]
+    if len(rows) < len(parts) or len(set(rows)) < len(rows) or max(rows) >= _ROWS:
+        raise WrongInput(f"--major must be different rows from 0 to 5 as 0,1, got {text}")
+    return tuple(rows)
+
+
+def _failures(rig: Rig, asked: Sequence[str], shorter: float, time_s: Array) -> list[Failure]:
+    """Failures as NAME:KIND@S, within the run; each actuator fails once."""
+    found = []
+    for text in asked:
+        match = _FAILURE.fullmatch(text)
+        if match is None:
+            kinds = ", ".join(get_args(FailureKind))
+            raise WrongInput(f"--fail must be NAME:KIND@SECONDS with KIND of {kinds}, got {text}")
+        when_s = shorter * float(match["time"])
+        if not when_s < time_s[-1]:
+            raise WrongInput(f"--fail {text}: the run ends at {time_s[-1] / shorter:g} s")
+        found.append(Failure(rig.actuator(match["name"]), match["kind"], when_s))  # type: ignore[arg-type]
+    if len({failure.actuator for failure in found}) < len(found):
+        raise WrongInput("--fail must name each actuator once")
+    return found
+
+
+def _fault(failure: Failure) -> Fault:
+    """What a failure leaves behind, as the theory and the diagnosis have it."""
+    if failure.kind == "weak":
+        return Fault(failure.actuator, "weak", failure.effectiveness)
+    return Fault(failure.actuator, "locked" if failure.kind == "locked" else "free")
+
+
+def _known(rig: Rig, failures: Sequence[Failure], *, told: bool) -> list[Known]:
+    """The faults, and from when on a mapping knows of them that is told at once, or never."""
+    known, goal = [], rig.goal
+    for failure in failures:
+        fault = _fault(failure)
+        goal = rig.told(goal, fault) if told else goal
+        known.append(Known(fault, math.ceil(failure.time_s / rig.period_s - 1e-6), goal))
+    return known
