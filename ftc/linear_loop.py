@@ -40,7 +40,7 @@ def closed_loop(
 
 @dataclass(frozen=True)
 class Stage:
-    """The plant from one tick on: x' = A x + B u, u the displacements commanded.
+    """The plant from one tick on: x' = A x + B u + drift, u the displacements commanded.
 
     Attributes:
         A: Shape (s, s).
@@ -48,6 +48,7 @@ class Stage:
         tick: The first.
         onset: The state just after the change per state just before, shape (s, s); None: the same.
         gain: Commands per demand from then on, shape (n, m); None: as before.
+        drift: Shape (s,), as of :class:`ftc.fdi.fault_model.FaultModel`; None is none.
     """
 
     A: Array
@@ -55,6 +56,7 @@ class Stage:
     tick: int = 0
     onset: Array | None = None
     gain: Array | None = None
+    drift: Array | None = None
 
 
 class Step(NamedTuple):
@@ -125,6 +127,8 @@ def steps(
             commanded = commanded + secondary[tick]
         yield Step(x, output, commanded)
         x = x @ stage.A.T + commanded @ stage.B.T
+        if stage.drift is not None:
+            x = x + stage.drift
         if disturbance is not None:
             x = x + disturbance[tick]
 
@@ -193,7 +197,7 @@ def simulate(loop: LinearLoop, faults: Sequence[Fault], onset: int) -> tuple[Arr
         onset: At which tick.
     """
     sound, failed = fault_model(loop.nominal), fault_model(loop.nominal, faults)
-    stages = [Stage(sound.A, sound.B), Stage(failed.A, failed.B, onset, failed.onset)]
+    stages = [Stage(sound.A, sound.B), Stage(failed.A, failed.B, onset, failed.onset, failed.drift)]
     ticks = list(
         steps(
             stages,

@@ -214,6 +214,9 @@ def tracking(
         noise=sigma.copy(),
         period_s=period_s,
         step_s=step_s,
+        feedback=getattr(linear, "feedback", None),
+        holding=getattr(linear, "holding", None),
+        implicit_damping=options.pop("implicit_damping", False),
     )
     sampled = control.c2d(plant, period_s, method="zoh")
     each = tuple(margins(sampled[k, k] * loop.discrete) for k, loop in enumerate(loops))

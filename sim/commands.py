@@ -26,12 +26,17 @@ class Commands:
         per_displacement: Slope of the controls, shape (nu, n).
         force_at_rest: Of each output at x = 0, shape (nout,).
         force_per_displacement: Its slope, shape (nout, n): what springs take.
+        stiffness: Force of each drive per displacement commanded while it is held, shape (n,).
+        feedback: What that force falls by per displacement and per speed, as parts of `stiffness`,
+            shape (n, 2): [1, kv/kp] of a servo alone, zeros of a motor against a spring.
     """
 
     at_rest: Array
     per_displacement: Array
     force_at_rest: Array
     force_per_displacement: Array
+    stiffness: Array
+    feedback: Array
 
     def controls(self, displacements: Array) -> Array:
         """Controls (nu,) for displacements (n,)."""
@@ -60,6 +65,7 @@ def commands_of(
     """
     at_rest, gains = np.zeros(model.nu), np.zeros((model.nu, len(drives)))
     force, slope = np.zeros(model.nout), np.zeros((model.nout, len(drives)))
+    stiffness, feedback = np.zeros(len(drives)), np.zeros((len(drives), 2))
     for n, drive in enumerate(drives):
         laws = [law_of(model, k) for k in drive.ids]
         spring = _spring(model, data, drive)
@@ -67,6 +73,9 @@ def commands_of(
         if not drive.has_length:
             _refuse_other_length(model, data, drive)
         squares = sum(gear * gear for gear in drive.gear)
+        for gear, law in zip(drive.gear, laws, strict=True):
+            feedback[n] -= gear * gear * np.array([law.per_length, law.per_speed])
+        stiffness[n] = spring + feedback[n, 0]
         for k, out, gear, law in zip(drive.ids, drive.outputs, drive.gear, laws, strict=True):
             control, share = model.actuator_ctrladr[k], gear * spring / squares
             passive = law.constant + law.per_length * data.actuator_length[out]
@@ -74,7 +83,8 @@ def commands_of(
             slope[out, n] = share
             force[out] = passive if forces is None else forces[out]
             at_rest[control] = (force[out] - passive) / law.gain
-    return Commands(at_rest, gains, force, slope)
+    feedback /= stiffness[:, None]
+    return Commands(at_rest, gains, force, slope, stiffness, feedback)
 
 
 def _spring(model: mujoco.MjModel, data: mujoco.MjData, drive: Drive) -> float:

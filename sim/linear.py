@@ -37,6 +37,12 @@ class LinearPlant:
         B_floor: Shape (2k, 3), for a in the axes of the twist.
         C_twist: Displacement [rotation; translation] of the site, shape (6, 2k).
         C_active: Displacement of each drive, shape (n, 2k).
+        feedback: Of a :meth:`Plant.linear`, what the force of each drive feeds back, shape (n, 2k),
+            in units of its commands: the force is proportional to u + holding - feedback x. Zero of
+            a motor against a spring. Without drive k, A + B[:, k] feedback[k] takes the place of A.
+        holding: Of the same, the force of each drive at x = 0 and u = 0, shape (n,). Without drive
+            k, the machine accelerates by -B[:, k] holding[k] besides. How the direction of that
+            force turns with the pose is left out: of the order of this acceleration per radian.
     """
 
     A: Array
@@ -44,6 +50,8 @@ class LinearPlant:
     B_floor: Array
     C_twist: Array
     C_active: Array
+    feedback: Array | None = None
+    holding: Array | None = None
 
 
 def linearize(

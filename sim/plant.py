@@ -268,7 +268,27 @@ class Plant:
         data = copy.copy(self.data)
         to_axes = self._payload.axes(data).T
         linear = linear_plant(self.model, data, self._payload_frame, to_axes, self.drives)
-        return replace(linear, B=linear.B @ self._commands.per_displacement)
+        commands, k = self._commands, len(linear.A) // 2
+        return replace(
+            linear,
+            B=linear.B @ commands.per_displacement,
+            feedback=np.hstack(
+                [part[:, None] * linear.C_active[:, :k] for part in commands.feedback.T]
+            ),
+            holding=self.coil_force_n() / commands.stiffness,
+        )
+
+    @property
+    def implicit_damping(self) -> bool:
+        """Whether the integrator takes the forces of dampers with the speeds at a step's end.
+
+        Euler's method does so with the damping of joints alone, and counts where no drive has a
+        damping of its own.
+        """
+        if self.model.opt.integrator == mujoco.mjtIntegrator.mjINT_EULER:
+            damped = not self.model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_EULERDAMP
+            return bool(damped and not self._commands.feedback[:, 1].any())
+        return self.model.opt.integrator != mujoco.mjtIntegrator.mjINT_RK4
 
     def constraint_force(self) -> Array:
         """Forces of closures, locks and stops on each velocity, shape (nv,), [N] and [N m]."""

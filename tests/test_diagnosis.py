@@ -198,7 +198,7 @@ def test_a_weak_coil_is_weighed_over_every_loss_it_may_have():
     evidence = hypothesis_bank(ANGLES).start(np.arange(4))
     slope = np.array([[0.0, 3.0, -40.0, 60.0]] * 6)
     curvature = np.array([[0.0, 5.0, 20.0, 50.0]] * 6)
-    evidence = replace(evidence, lost_slope=slope, lost_curvature=curvature)
+    evidence = replace(evidence, lost_slope=slope[:, None], lost_curvature=curvature[:, None])
     for j in range(4):
         n, d = slope[0, j], curvature[0, j]
         mean = quad(lambda p, n=n, d=d: np.exp(p * n - p**2 * d / 2), *LOST)[0] / np.diff(LOST)[0]

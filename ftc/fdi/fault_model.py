@@ -56,6 +56,13 @@ class NominalModel:
         step_s: Of the semi-implicit Euler integration, velocities before positions. The positions
             of a simulated plant run half a step ahead of the exact motion, which may be several
             times a sensor's noise when an actuator jumps: the model is stepped in the same way.
+        feedback: What each actuator's force feeds back, in units of its command, shape (n, s): the
+            force is proportional to u + holding - feedback x, and the plant's A includes it. None
+            is zero: forces that depend on the command alone, as of coils and motors.
+        holding: The part of each force that holds the plant still at x = 0, in units of its
+            command, shape (n,); None is zero.
+        implicit_damping: Whether a step of the integration takes the forces of dampers with the
+            velocities at its end, as MuJoCo's `implicitfast` does; else with those at its start.
 
     Raises:
         ValueError, TypeError: Of another shape or kind than that.
@@ -66,6 +73,9 @@ class NominalModel:
     noise: Array
     period_s: float
     step_s: float
+    feedback: Array | None = None
+    holding: Array | None = None
+    implicit_damping: bool = False
 
     def __post_init__(self) -> None:
         plant = check.instance("plant", self.plant, control.StateSpace)
@@ -77,6 +87,10 @@ class NominalModel:
                 f"{check.shown(plant)}"
             )
         check.exactly("displacement", self.displacement, plant.ninputs, plant.nstates)
+        if self.feedback is not None:
+            check.exactly("feedback", self.feedback, plant.ninputs, plant.nstates)
+        if self.holding is not None:
+            check.exactly("holding", self.holding, plant.ninputs)
         for sigma in check.exactly("noise", self.noise, plant.noutputs):
             check.positive("noise", sigma)
         check.positive("step_s", self.step_s)
@@ -89,15 +103,28 @@ class NominalModel:
         return self.plant.ninputs
 
     def with_gains(self, gains: ArrayLike) -> "NominalModel":
-        """The model with the gain of each actuator multiplied, `gains` of shape (n,)."""
-        plant = self.plant
-        B = plant.B * np.asarray(gains)
-        return replace(self, plant=control.ss(plant.A, B, plant.C, plant.D))
+        """The model with what each command does multiplied, `gains` of shape (n,).
+
+        What a servo feeds back stays: in units of its command that is so much less.
+        """
+        plant, gains = self.plant, np.asarray(gains)
+        B = plant.B * gains
+        return replace(
+            self,
+            plant=control.ss(plant.A, B, plant.C, plant.D),
+            feedback=None if self.feedback is None else self.feedback / gains[:, None],
+            holding=None if self.holding is None else self.holding / gains,
+        )
+
+    @property
+    def loses_only_commands(self) -> bool:
+        """Whether a released actuator leaves the rest of the plant as it is: no servo, no load."""
+        return all(part is None or not part.any() for part in (self.feedback, self.holding))
 
 
 @dataclass(frozen=True)
 class FaultModel:
-    """x' = A x + B u from tick to tick, u the commanded displacements; outputs y = C x.
+    """x' = A x + B u + drift from tick to tick, u the commanded displacements; outputs y = C x.
 
     Attributes:
         A: Shape (s, s).
@@ -105,16 +132,19 @@ class FaultModel:
         C: Outputs in units of their noise ("whitened"), shape (p, s).
         onset: The state just after the onset of the faults, per state just before, shape (s, s):
             an actuator that locks stops, and the impact goes through the whole mechanism.
+        drift: What loads do in a tick that an actuator no longer holds, shape (s,).
     """
 
     A: Array
     B: Array
     C: Array
     onset: Array
+    drift: Array
 
     def step(self, x: Array, commanded: Array) -> Array:
         """The state one tick later, with displacements (n,) commanded meanwhile."""
-        return self.A @ x + self.B @ commanded
+        moved = self.A @ x + self.B @ commanded
+        return (moved.T + self.drift).T  # of several sequences at once, too
 
     def states(self, commanded: Array, start: Array | None = None) -> Array:
         """The states before, between and after N commands, shape (N + 1, s).
@@ -142,29 +172,42 @@ class FaultModel:
 def fault_model(nominal: NominalModel, faults: Sequence[Fault] = ()) -> FaultModel:
     """The plant with these faults from tick to tick, in the coordinates of the fault-free one.
 
-    An actuator without force drives nothing. A locked one is a constraint c q_dot = 0, c its row
-    of `displacement`: the constraint force acts along M^-1 c^T, as the actuator's own does, so the
-    accelerations are projected by P = I - b (c b)^-1 c. The frozen displacement stays in the state.
+    An actuator without force neither drives nor feeds back nor holds anything; a weak one has a
+    part of all three left. A locked one is a constraint c q_dot = 0, c its row of `displacement`:
+    the constraint force acts along M^-1 c^T, as the actuator's own does, so the accelerations are
+    projected by P = I - b (c b)^-1 c. The frozen displacement stays in the state.
     """
     plant = nominal.plant
     k = plant.nstates // 2
-    drive = plant.B[k:].copy()
     locked = [fault.actuator for fault in faults if fault.kind == "locked"]
     b, c = plant.B[k:, locked], nominal.displacement[locked, :k]
     P = np.eye(k) - b @ np.linalg.solve(c @ b, c)
+    left = np.ones(nominal.actuators)
     for fault in faults:
         if fault.kind != "locked":
-            drive[:, fault.actuator] *= fault.effectiveness if fault.kind == "weak" else 0.0
+            left[fault.actuator] *= fault.effectiveness if fault.kind == "weak" else 0.0
+    drive, lower, push = plant.B[k:] * left, plant.A[k:], np.zeros(k)
+    if nominal.feedback is not None:
+        lower = lower + (plant.B[k:] * (1 - left)) @ nominal.feedback
+    if nominal.holding is not None:
+        push = plant.B[k:] @ ((left - 1) * nominal.holding)
     # One step of the integration: velocities first, then positions with the new ones.
     h, eye = nominal.step_s, np.eye(k)
-    stiffness, damping, drive = (h * P @ part for part in (plant.A[k:, :k], plant.A[k:, k:], drive))
-    A = np.block([[eye + h * stiffness, h * (eye + damping)], [stiffness, eye + damping]])
+    stiffness, damping, drive, push = (
+        h * P @ part for part in (lower[:, :k], lower[:, k:], drive, push)
+    )
+    kept = eye + damping
+    if nominal.implicit_damping:
+        kept = np.linalg.inv(eye - damping)
+        stiffness, drive, push = kept @ stiffness, kept @ drive, kept @ push
+    A = np.block([[eye + h * stiffness, h * kept], [stiffness, kept]])
     B = np.vstack([h * drive, drive])
     steps = round(nominal.period_s / h)
-    held = sum(np.linalg.matrix_power(A, step) for step in range(steps)) @ B
+    total = sum(np.linalg.matrix_power(A, step) for step in range(steps))
     return FaultModel(
         A=np.linalg.matrix_power(A, steps),
-        B=held,
+        B=total @ B,
         C=plant.C / nominal.noise[:, None],
         onset=scipy.linalg.block_diag(eye, P),
+        drift=total @ np.concatenate([h * push, push]),
     )

@@ -20,6 +20,11 @@ from ftc.fdi.fault_model import KINDS, Fault, FaultModel, NominalModel, fault_mo
 LOST = (0.01, 0.95)
 """A weak actuator has lost between these parts of the force that it had, all equally likely."""
 
+SERVO_PARTS = (0.25, 0.5, 0.7, 0.8, 0.9, 0.95, 1.0)
+"""Parts lost of a servo's force for which there is a model each: what a loss does is not in
+proportion to the part lost, since the force depends on the motion. In between, the states are
+interpolated. Where forces depend on commands alone, all is linear in the part, and 1 suffices."""
+
 _NO_EVIDENCE = 1e-12  # curvature of a flat likelihood, whose ratios are 1
 
 
@@ -29,40 +34,66 @@ class Evidence:
 
     Attributes:
         onsets: Ticks, ascending, shape (J,).
-        locked: State of the model with the actuator locked, shape (S, J, s).
-        lost: What the state has lost where the actuator is free; where it is weak, a part of this.
+        parts: Parts of its force that an actuator has lost, ascending to 1, shape (M,).
+        failed: State of the model with the actuator locked, and with each of these parts lost,
+            shape (S, 1 + M, J, s).
         energy: Sum of squares of the believed model's residuals from each onset on, shape (J,).
-        locked_gain: Log likelihood ratio of the lock against the believed model, shape (S, J).
-        lost_slope: That of an actuator that has lost a part p of its force is p slope - p^2
-            curvature / 2; shape (S, J).
+        gain: Log likelihood ratio of each of those models against the believed one, shape
+            (S, 1 + M, J).
+        lost_slope: An actuator that has lost d more than the part before one of `parts`, or than
+            nothing, gains d slope - d^2 curvature / 2 on that; shape (S, M, J).
         lost_curvature: See there.
     """
 
     onsets: Indices
-    locked: Array
-    lost: Array
+    parts: Array
+    failed: Array
     energy: Array
-    locked_gain: Array
+    gain: Array
     lost_slope: Array
     lost_curvature: Array
 
     def log_likelihood_ratios(self) -> Array:
         """Of each hypothesis against the believed model, shape (S, 3, J) as :data:`KINDS`."""
-        weak = _log_mean_over_parts(self.lost_slope, self.lost_curvature)
-        return np.stack([self.locked_gain, self._with_lost(1.0), weak], axis=1)
+        before, low, high = self._intervals()
+        m = len(low)
+        area = _log_integral(self.lost_slope[:, :m], self.lost_curvature[:, :m], low, high)
+        weak = logsumexp(before + area, axis=1) - np.log(LOST[1] - LOST[0])
+        return np.stack([self.gain[:, 0], self.gain[:, -1], weak], axis=1)
 
     def best_log_likelihood_ratios(self) -> Array:
         """The same, of a weak actuator at its most likely loss."""
-        weak = self._with_lost(self.likely_parts())
-        return np.stack([self.locked_gain, self._with_lost(1.0), weak], axis=1)
+        _, weak = self._most_likely()
+        return np.stack([self.gain[:, 0], self.gain[:, -1], weak.max(axis=1)], axis=1)
 
     def likely_parts(self) -> Array:
-        """Most likely part of its force that each actuator has lost, shape (S, J)."""
-        curvature = np.maximum(self.lost_curvature, _NO_EVIDENCE)
-        return np.clip(self.lost_slope / curvature, *LOST)
+        """Most likely part of its force that each weak actuator has lost, shape (S, J)."""
+        further, weak = self._most_likely()
+        parts = further + _before(self.parts)[: further.shape[1], None]
+        return np.take_along_axis(parts, weak.argmax(axis=1, keepdims=True), axis=1)[:, 0]
 
-    def _with_lost(self, part: Array | float) -> Array:
-        return part * self.lost_slope - part**2 * self.lost_curvature / 2
+    def weak_state(self, s: int, j: int, x: Array) -> Array:
+        """State (s,) with actuator s weak since onset j, if the believed model's is x."""
+        part = self.likely_parts()[s, j]
+        states = np.vstack([x, self.failed[s, 1:, j]])
+        m = int(np.searchsorted(self.parts, part))
+        low, high = np.concatenate([[0.0], self.parts])[m : m + 2]
+        return states[m] + (part - low) / (high - low) * (states[m + 1] - states[m])
+
+    def _most_likely(self) -> tuple[Array, Array]:
+        """By interval: the loss beyond its lower end, and its log likelihood ratio, (S, m, J)."""
+        before, low, high = self._intervals()
+        slope, curvature = self.lost_slope[:, : len(low)], self.lost_curvature[:, : len(low)]
+        d = np.clip(slope / np.maximum(curvature, _NO_EVIDENCE), low, high)
+        return d, before + d * slope - d**2 * curvature / 2
+
+    def _intervals(self) -> tuple[Array, Array, Array]:
+        """Of those within :data:`LOST`: ratios (S, m, J) at their lower ends, and limits (m, 1)."""
+        ends = _before(self.parts)
+        m = int((ends < LOST[1]).sum())
+        before = np.concatenate([np.zeros_like(self.gain[:, :1]), self.gain[:, 1:m]], axis=1)
+        low, high = np.maximum(ends, LOST[0]) - ends, np.minimum(self.parts, LOST[1]) - ends
+        return before, low[:m, None], high[:m, None]
 
 
 @dataclass(frozen=True)
@@ -97,23 +128,30 @@ class HypothesisBank:
         actuators: Which, 0..n-1, shape (S,).
         effectiveness: Parts of their force that they are believed to have, shape (S,).
         believed: The plant with the known faults.
-        A: With each of them locked besides, shape (S, s, s).
-        B: As A, shape (S, s, n).
-        onset: As A, shape (S, s, s).
+        parts: As of :class:`Evidence`.
+        A: Of each with the actuator locked besides, and with these parts lost, shape
+            (S, 1 + M, s, s).
+        B: As A, shape (S, 1 + M, s, n).
+        onset: As A, shape (S, 1 + M, s, s).
+        drift: As A, shape (S, 1 + M, s).
     """
 
     actuators: Indices
     effectiveness: Array
     believed: FaultModel
+    parts: Array
     A: Array
     B: Array
     onset: Array
+    drift: Array
 
     def start(self, onsets: Indices) -> Evidence:
         """No evidence yet; `onsets` are ticks, ascending, shape (J,)."""
-        S, J, s = len(self.actuators), len(onsets), len(self.believed.A)
-        still, nothing = np.zeros((S, J, s)), np.zeros((S, J))
-        return Evidence(onsets, still, still, np.zeros(J), nothing, nothing, nothing)
+        S, models, s = self.drift.shape
+        J = len(onsets)
+        none = np.zeros((S, models - 1, J))
+        states, gain = np.zeros((S, models, J, s)), np.zeros((S, models, J))
+        return Evidence(onsets, self.parts, states, np.zeros(J), gain, none, none)
 
     def step(self, state: Evidence, tick: int, x: Array, commanded: Array, y: Array) -> Evidence:
         """One tick of evidence.
@@ -126,25 +164,25 @@ class HypothesisBank:
             y: Whitened outputs measured now, shape (p,).
         """
         C = self.believed.C
-        locked = state.locked @ self.A.swapaxes(1, 2) + (self.B @ commanded)[:, None]
-        missing = self.believed.B[:, self.actuators] * commanded[self.actuators]
-        lost = state.lost @ self.believed.A.T - missing.T[:, None]
-        locked[:, state.onsets == tick] = (self.onset @ x)[:, None]
-        lost[:, state.onsets >= tick] = 0.0
+        failed = state.failed @ self.A.swapaxes(-1, -2)
+        failed += (self.B @ commanded + self.drift)[:, :, None]
+        failed[:, :, state.onsets == tick] = (self.onset @ x)[:, :, None]
 
+        begun = state.onsets <= tick
         residual = y - C @ x
-        error = y - locked @ C.T
-        energy = (residual**2).sum()
-        gain = (energy - (error**2).sum(axis=-1)) / 2
-        signature = lost @ C.T
+        signature = np.where(begun[:, None], (failed - x) @ C.T, 0.0)
+        gain = signature @ residual - (signature**2).sum(axis=-1) / 2
+        width = np.diff(self.parts, prepend=0.0)[:, None, None]
+        before = np.concatenate([np.zeros_like(signature[:, :1]), signature[:, 1:-1]], axis=1)
+        more = (signature[:, 1:] - before) / width
         return Evidence(
             state.onsets,
-            locked,
-            lost,
-            state.energy + np.where(state.onsets <= tick, energy, 0.0),
-            state.locked_gain + np.where(state.onsets <= tick, gain, 0.0),
-            state.lost_slope + signature @ residual,
-            state.lost_curvature + (signature**2).sum(axis=-1),
+            state.parts,
+            failed,
+            state.energy + np.where(begun, (residual**2).sum(), 0.0),
+            state.gain + gain,
+            state.lost_slope + (more * (residual - before)).sum(axis=-1),
+            state.lost_curvature + (more**2).sum(axis=-1),
         )
 
     def verdict(self, state: Evidence, tick: int, x: Array) -> Verdict:
@@ -164,8 +202,12 @@ class HypothesisBank:
         j, kind = int(ratios[s, column].argmax()), KINDS[column]
         left = state.energy[j] - 2 * state.best_log_likelihood_ratios()[s, column, j]
         samples = (tick - state.onsets[j] + 1) * len(self.believed.C)
-        part = 1.0 if kind == "free" else float(state.likely_parts()[s, j])
-        effectiveness = float(self.effectiveness[s] * (1 - part)) if kind == "weak" else 0.0
+        effectiveness = 0.0
+        if kind == "weak":
+            effectiveness = float(self.effectiveness[s] * (1 - state.likely_parts()[s, j]))
+            now = state.weak_state(s, j, x)
+        else:
+            now = state.failed[s, 0 if kind == "locked" else -1, j]
         return Verdict(
             fault=Fault(int(self.actuators[s]), kind, effectiveness),
             actuator_confidence=float(np.exp(by_actuator[s] - total)),
@@ -173,7 +215,7 @@ class HypothesisBank:
             fault_free_confidence=float(np.exp(np.log(ratios.size) - total)),
             p_value=float(chi2.sf(left, samples)),
             onset=int(state.onsets[j]),
-            x=state.locked[s, j] if kind == "locked" else x + part * state.lost[s, j],
+            x=now,
         )
 
 
@@ -192,23 +234,36 @@ def hypothesis_bank(nominal: NominalModel, faults: Sequence[Fault] = ()) -> Hypo
     if not actuators.size:
         raise ValueError("faults must leave a working actuator, got failures of all of them")
     weak = {fault.actuator: fault.effectiveness for fault in faults if fault.kind == "weak"}
-    models = [fault_model(nominal, [*faults, Fault(int(k), "locked")]) for k in actuators]
+    parts = np.array([1.0] if nominal.loses_only_commands else SERVO_PARTS)
+    models = [
+        [
+            fault_model(nominal, [*faults, Fault(int(k), "locked")]),
+            *(fault_model(nominal, [*faults, Fault(int(k), "weak", 1 - part)]) for part in parts),
+        ]
+        for k in actuators
+    ]
     return HypothesisBank(
         actuators,
         np.array([weak.get(int(k), 1.0) for k in actuators]),
         fault_model(nominal, faults),
-        np.stack([model.A for model in models]),
-        np.stack([model.B for model in models]),
-        np.stack([model.onset for model in models]),
+        parts,
+        np.array([[model.A for model in each] for each in models]),
+        np.array([[model.B for model in each] for each in models]),
+        np.array([[model.onset for model in each] for each in models]),
+        np.array([[model.drift for model in each] for each in models]),
     )
 
 
-def _log_mean_over_parts(slope: Array, curvature: Array) -> Array:
-    """Log of the mean of exp(p slope - p^2 curvature / 2) over p, uniform in :data:`LOST`."""
-    low, high = LOST
+def _before(parts: Array) -> Array:
+    """The part before each, the first after none."""
+    return np.concatenate([[0.0], parts[:-1]])
+
+
+def _log_integral(slope: Array, curvature: Array, low: Array, high: Array) -> Array:
+    """Log of the integral of exp(d slope - d^2 curvature / 2) over d, from low to high."""
     d = np.maximum(curvature, _NO_EVIDENCE)
     mean, root = slope / d, np.sqrt(d)
     a, b = (low - mean) * root, (high - mean) * root
     a, b = np.where(a > 0, -b, a), np.where(a > 0, -a, b)  # the tail in which digits survive
     log_area = log_ndtr(b) + np.log1p(-np.exp(np.minimum(log_ndtr(a) - log_ndtr(b), -1e-15)))
-    return slope * mean / 2 + 0.5 * np.log(2 * np.pi / d) + log_area - np.log(high - low)
+    return slope * mean / 2 + 0.5 * np.log(2 * np.pi / d) + log_area
