@@ -106,7 +106,7 @@ class Kinematics:
         """Task motion of that basis, J_Tp J~_Cp, divided by the size of J_T, shape (m, d)."""
         task, free = self.system.task, self._motion.free
         if not free.shape[1]:
-            return none((len(task.J_T), 0))
+            return none((len(task.J_T), 0))  # the common case, at every tick
         return read_only(task.moving.dot(free) / (task.size or 1.0))
 
     @cached_property
