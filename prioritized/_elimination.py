@@ -1,6 +1,5 @@
 """Elimination of the passive joints, eqs. (6) to (10); springs decide what loops leave free."""
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -56,8 +55,7 @@ def _others(known: Indices, count: int) -> Indices:
     return np.flatnonzero(rest)
 
 
-@dataclass(frozen=True, eq=False)
-class TaskJacobian:
+class TaskJacobian(NamedTuple):
     """The task Jacobian by joints.
 
     Attributes:
@@ -140,14 +138,14 @@ def close_loops(J_C: Array, joints: Joints, rank_tolerance: float) -> Loops:
     """The moving joints eliminated from J_C theta_dot = 0, eqs. (6) to (8)."""
     _, active, _, moving, *_ = joints
     c, p, rest = len(J_C), len(moving), (J_C, moving, rank_tolerance)
+    if not c:  # no loops
+        gain = none((p, len(active)))
+        return Loops(gain, none((p, 0)), identity(p), none((0, 0)), None, *rest)
     if c == p:
         closing, gain = np.empty((p, p)), np.empty((p, len(active)))
         clear = well_conditioned_above(rank_tolerance)
         if elimination().close(J_C, active, moving, clear, closing, gain):
             return Loops(gain, closing, none((p, 0)), none((0, c)), None, *rest)
-    elif not c:
-        gain = none((p, len(active)))
-        return Loops(gain, none((p, 0)), identity(p), none((0, 0)), None, *rest)
     svd = ranked_svd(J_C.take(moving, 1), norm(J_C), rank_tolerance, full=True)
     r = int(svd.rank)
     closing = (svd.Vt[:r].T / svd.sigma[:r]) @ svd.U[:, :r].T

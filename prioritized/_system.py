@@ -235,13 +235,14 @@ class ConstrainedSystem:
 
 def _copy(name: str, value: ArrayLike, columns: int, rows: int | None = None) -> Array:
     """A read-only copy of one finite matrix, row after row."""
-    if (
+    if (  # the common case, at every tick
         check.is_plain(value)
         and value.ndim == 2
         and value.shape == (len(value) if rows is None else rows, columns)
-        and check.SMALLEST <= norm(value) < check.LARGEST
     ):
-        return read_only(value.copy())  # the common case, at every tick
+        size = norm(value)
+        if check.SMALLEST <= size < check.LARGEST or size == 0.0:
+            return read_only(value.copy())
     return read_only(check.matrix(name, value, columns, rows).copy())
 
 
