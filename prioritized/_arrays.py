@@ -100,6 +100,12 @@ def none(shape: tuple[int, ...]) -> Array:
     return read_only(np.zeros(shape))
 
 
+@lru_cache
+def identity(size: int) -> Array:
+    """A shared read-only identity matrix."""
+    return read_only(np.eye(size))
+
+
 class ReadOnly:
     """A frozen dataclass whose arrays cannot be written to either, in tuples too."""
 

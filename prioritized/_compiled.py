@@ -13,6 +13,14 @@ def unlimited() -> Any:
 
 
 @cache
+def elimination() -> Any:
+    """Passive velocities from regular loops."""
+    from prioritized import _closing
+
+    return _closing
+
+
+@cache
 def bounded() -> Any:
     """Lexicographic least squares under bounds."""
     from prioritized import _bounded

@@ -1,13 +1,13 @@
 """Elimination of the passive joints, eqs. (6) to (10); springs decide what loops leave free."""
 
-from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
 
 from argument_checks import Array, Indices
-from prioritized._arrays import none, read_only
-from prioritized._conditioning import well_conditioned_above, well_conditioned_inverse
+from prioritized._arrays import identity, none, read_only
+from prioritized._compiled import elimination
+from prioritized._conditioning import well_conditioned_above
 from prioritized._rank import RankedSvd, norm, ranked_svd
 
 
@@ -60,30 +60,33 @@ class TaskJacobian(NamedTuple):
 
     Attributes:
         J_T: Shape (m, N).
-        active: Its columns of active joints, shape (m, n - q).
-        moving: Those of moving joints, shape (m, p).
-        size: Norm of J_T.
-        moving_squared: Squared norm of each column of `moving`, shape (p,).
+        joints: By role.
     """
 
     J_T: Array
-    active: Array
-    moving: Array
-    size: float
-    moving_squared: Array
+    joints: Joints
+
+    @property
+    def active(self) -> Array:
+        """Columns of active joints, shape (m, n - q)."""
+        return self.J_T.take(self.joints.active, 1)
+
+    @property
+    def moving(self) -> Array:
+        """Columns of moving joints, shape (m, p)."""
+        return self.J_T.take(self.joints.moving, 1)
+
+    @property
+    def size(self) -> float:
+        """Norm of J_T."""
+        return norm(self.J_T)
 
     def reduced(self, gain: Array) -> tuple[Array, float]:
         """J = J_Ta + J_Tp gain, eq. (14), shape (m, n - q), and the size of the two terms."""
-        # A fast passive joint adds to the size only if it moves the task.
-        through = self.moving_squared.dot(np.add.reduce(gain * gain, 1))
-        return read_only(self.active + self.moving.dot(gain)), self.size + sqrt(through)
-
-
-def sort_task(J_T: Array, joints: Joints) -> TaskJacobian:
-    """The task Jacobian by joints."""
-    moving = J_T[:, joints.moving]
-    squared = (moving * moving).sum(axis=0)
-    return TaskJacobian(J_T, J_T[:, joints.active], moving, norm(J_T), squared)
+        _, active, _, moving, *_ = self.joints
+        J = np.empty((len(self.J_T), len(active)))
+        scale = elimination().reduce(self.J_T, active, moving, gain, J)
+        return read_only(J), scale
 
 
 class Partition(NamedTuple):
@@ -101,40 +104,53 @@ class Loops(NamedTuple):
     """What the loops determine of the moving joints.
 
     Attributes:
+        gain: Their rates per active rate, -J_Cp^+ J_Ca, shape (p, n - q).
         closing: J_Cp^+ in the plain norm, shape (p, c).
         free: Orthonormal basis of the motion that the loops leave free, shape (p, d).
         left_null: Orthonormal rows that span the left null space of J_Cp, shape (r, c).
         decision: Rank decision on J_Cp; None where it is clearly of full rank.
-        J_Cp: Shape (c, p).
-        scale: Size that its rank is decided against, with `rank_tolerance`.
+        J_C: Shape (c, N).
+        moving: Velocity indices of J_Cp, shape (p,).
     """
 
+    gain: Array
     closing: Array
     free: Array
     left_null: Array
     decision: RankedSvd | None
-    J_Cp: Array
-    scale: float
+    J_C: Array
+    moving: Indices
     rank_tolerance: float
+
+    @property
+    def scale(self) -> float:
+        """Size that ranks are decided against, with `rank_tolerance`."""
+        return norm(self.J_C)
 
     def decided(self) -> RankedSvd:
         """The decision on J_Cp, made now where it was not needed before."""
-        return self.decision or ranked_svd(self.J_Cp, self.scale, self.rank_tolerance)
+        if self.decision is not None:
+            return self.decision
+        return ranked_svd(self.J_C.take(self.moving, 1), self.scale, self.rank_tolerance)
 
 
-def close_loops(J_C: Array, moving: Indices, rank_tolerance: float) -> Loops:
+def close_loops(J_C: Array, joints: Joints, rank_tolerance: float) -> Loops:
     """The moving joints eliminated from J_C theta_dot = 0, eqs. (6) to (8)."""
-    J_Cp, scale = J_C.take(moving, 1), norm(J_C)
-    c, p = J_Cp.shape
+    _, active, _, moving, *_ = joints
+    c, p, rest = len(J_C), len(moving), (J_C, moving, rank_tolerance)
+    if not c:  # no loops
+        gain = none((p, len(active)))
+        return Loops(gain, none((p, 0)), identity(p), none((0, 0)), None, *rest)
     if c == p:
-        least = well_conditioned_above(rank_tolerance) * scale
-        inverse = well_conditioned_inverse(J_Cp, least)
-        if inverse is not None:
-            return Loops(inverse, none((p, 0)), none((0, c)), None, J_Cp, scale, rank_tolerance)
-    svd = ranked_svd(J_Cp, scale, rank_tolerance, full=True)
+        closing, gain = np.empty((p, p)), np.empty((p, len(active)))
+        clear = well_conditioned_above(rank_tolerance)
+        if elimination().close(J_C, active, moving, clear, closing, gain):
+            return Loops(gain, closing, none((p, 0)), none((0, c)), None, *rest)
+    svd = ranked_svd(J_C.take(moving, 1), norm(J_C), rank_tolerance, full=True)
     r = int(svd.rank)
     closing = (svd.Vt[:r].T / svd.sigma[:r]) @ svd.U[:, :r].T
-    return Loops(closing, svd.Vt[r:].T, svd.U[:, r:].T, svd, J_Cp, scale, rank_tolerance)
+    gain = -closing.dot(J_C.take(active, 1))
+    return Loops(gain, closing, svd.Vt[r:].T, svd.U[:, r:].T, svd, *rest)
 
 
 class PassiveMotion(NamedTuple):
@@ -165,9 +181,8 @@ def passive_motion(system: Partition) -> PassiveMotion:
     """
     _, J_C, joints, stiffness, passive_metric, rank_tolerance = system
     moving, active = joints.moving, joints.active
-    loops = close_loops(J_C, moving, rank_tolerance)
-    closing, free = loops.closing, loops.free
-    gain = -closing.dot(J_C.take(active, 1))
+    loops = close_loops(J_C, joints, rank_tolerance)
+    gain, closing, free, *_ = loops
     compliance, spring_gap = none((len(moving), len(moving))), np.inf
     if not free.shape[1]:
         return PassiveMotion(gain, closing, free, compliance, spring_gap, loops)

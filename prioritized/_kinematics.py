@@ -106,7 +106,7 @@ class Kinematics:
         """Task motion of that basis, J_Tp J~_Cp, divided by the size of J_T, shape (m, d)."""
         task, free = self.system.task, self._motion.free
         if not free.shape[1]:
-            return none((len(task.J_T), 0))
+            return none((len(task.J_T), 0))  # the common case, at every tick
         return read_only(task.moving.dot(free) / (task.size or 1.0))
 
     @cached_property
@@ -170,7 +170,7 @@ class Kinematics:
 
     def expand(self, rates: ArrayLike) -> Array:
         """Rates or torques of the survivors (..., n - q) for all actuators (..., n), else zero."""
-        survivors = check.vector("rates", rates, len(self.actuators))
+        survivors = check.shaped("rates", rates, len(self.actuators))
         expanded = np.zeros((*survivors.shape[:-1], len(self.system.joints.actuated)))
         expanded[..., self.actuators] = survivors
         return expanded
@@ -268,17 +268,17 @@ class Kinematics:
             self.J,
             major,
             secondary,
-            self._survivors.matrix("joint_weight", joint_weight),
+            self.survivors.matrix("joint_weight", joint_weight),
             secondary_weight,
             C if C.size else None,
             Q if Q.size else None,
             major_metric=major_metric,
-            tie_metric=self._survivors.matrix("tie_metric", tie_metric),
+            tie_metric=self.survivors.matrix("tie_metric", tie_metric),
             damping=damping,
             scale=self.scale,
             rank_tolerance=self.system.rank_tolerance,
-            rate_limits=self._survivors.pair(rate_limits),
-            rate_rows=self._survivors.rows("rate_rows", rate_rows),
+            rate_limits=self.survivors.pair(rate_limits),
+            rate_rows=self.survivors.rows("rate_rows", rate_rows),
             when_limited=when_limited,
         )
         return mapping.belonging_to(self)
@@ -308,7 +308,7 @@ class Kinematics:
         Raises:
             ValueError: No level, or an argument of the wrong shape; it is named.
         """
-        survivors = self._survivors
+        survivors = self.survivors
         return hierarchy(
             self.J,
             self.scale,
@@ -344,16 +344,16 @@ class Kinematics:
             self.J,
             major,
             secondary,
-            self._survivors.matrix("torque_weight", torque_weight),
+            self.survivors.matrix("torque_weight", torque_weight),
             secondary_weight,
             self.active_constraint,
             self.self_motion,  # decided: a second decision could contradict it at the threshold
             major_metric=major_metric,
-            tie_metric=self._survivors.matrix("tie_metric", tie_metric),
+            tie_metric=self.survivors.matrix("tie_metric", tie_metric),
             scale=self.scale,
             rank_tolerance=self.system.rank_tolerance,
-            torque_limits=self._survivors.pair(torque_limits),
-            torque_rows=self._survivors.rows("torque_rows", torque_rows),
+            torque_limits=self.survivors.pair(torque_limits),
+            torque_rows=self.survivors.rows("torque_rows", torque_rows),
             force_rows=force_rows,
             when_limited=when_limited,
         )
@@ -365,7 +365,8 @@ class Kinematics:
         )
 
     @property
-    def _survivors(self) -> Survivors:
+    def survivors(self) -> Survivors:
+        """What cuts arguments that are given for all n actuators to those that survive."""
         return Survivors(self.actuators, len(self.system.joints.actuated))
 
     def attainable(
@@ -418,4 +419,4 @@ class Kinematics:
         return unweighted(self.J, major, C, Q, self.scale, tolerance)
 
     def _limits(self, name: str, value: tuple[ArrayLike, ArrayLike] | None) -> Limits:
-        return limits(name, self._survivors.pair(value), len(self.actuators))
+        return limits(name, self.survivors.pair(value), len(self.actuators))

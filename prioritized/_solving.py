@@ -68,6 +68,29 @@ class Selected(NamedTuple):
     exact: float
 
 
+class Simple(NamedTuple):
+    """Tasks of a problem, and its weights by their diagonals, (0,) for none."""
+
+    selected: Selected
+    weights: tuple[Array, Array]
+
+
+def simple(problem: Problem) -> Simple | None:
+    """One problem with diagonal weights and nothing else but J; None for any other."""
+    J, S_m, S_s, *weights = problem[:5]
+    alone = problem.major_metric is None and not problem.tie_metric.size and not problem.lead
+    if not alone or any(len(W) and not _is_diagonal(W) for W in weights):
+        return None
+    w1, w2 = (read_only(W.diagonal().copy() if len(W) else np.zeros(0)) for W in weights)
+    sizes = len(S_m), *J.shape, len(w1), len(w2), len(S_s)
+    selected = Selected(S_m, S_s, sizes, room(*sizes), *thresholds(problem.tolerance))
+    return Simple(selected, (w1, w2))
+
+
+def _is_diagonal(W: Array) -> bool:
+    return W.shape[0] == W.shape[1] and not (W - np.diag(W.diagonal())).any()
+
+
 def factors_of_diagonals(
     J: Array, w1: Array, w2: Array, scale: float, selected: Selected
 ) -> Factors | None:
@@ -123,6 +146,11 @@ def rates_by(
     return rates
 
 
+def is_within(box: Limits, rates: Array) -> bool:
+    """Whether none of the rates (n,) is beyond a limit."""
+    return unlimited().is_within(*box, rates)
+
+
 def rates_within(
     factors: Factors, rates: Array, box: Limits, tolerance: float, start: Point | None
 ) -> Optimum:
@@ -131,9 +159,9 @@ def rates_within(
     rows, lower, upper = p + k1 + k2 + n, box[0][None], box[1][None]
     A, b, scales = np.empty((1, rows, n)), np.empty((1, rows)), np.empty((1, 3))
     exact = thresholds(tolerance)[1]
-    beyond = unlimited().levels(*factors, exact, lower, upper, rates, A, b, scales)
+    unlimited().levels(*factors, exact, A, b, scales)
     packed = Packed(A, b, ends_of(p, k1 + k2, n), scales, tolerance, lower, upper)
-    if beyond:
+    if not is_within(box, rates):
         return Optimum(packed, solve(packed, rates, start), n, 0, False, ())
     point = Point(rates[None], (lower == upper) * np.int8(-1), *_NO_STEPS)
     return Optimum(packed, point, n, 0, False, ())

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 import argument_checks as check
 from argument_checks import Array, Indices
 from prioritized._arrays import read_only
-from prioritized._elimination import Joints, Partition, TaskJacobian, sort_joints, sort_task
+from prioritized._elimination import Joints, Partition, TaskJacobian, sort_joints
 from prioritized._failures import Failures, failed_actuators, stuck_passive
 from prioritized._kinematics import Kinematics
 from prioritized._mechanism import Mechanism, arguments_of, tolerance_of
@@ -25,6 +25,7 @@ from prioritized._names import (
     known_velocities,
     passive_joints,
 )
+from prioritized._rank import norm
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -94,8 +95,8 @@ class ConstrainedSystem:
         N = task.shape[1]
         constraint = np.zeros((0, N)) if J_C is None else J_C
         fields = {
-            "J_T": check.frozen(task),
-            "J_C": check.frozen(check.matrix("J_C", constraint, columns=N)),
+            "J_T": _copy("J_T", task, N),
+            "J_C": _copy("J_C", constraint, N),
             "active": check.frozen(check.indices("active", active, N)),
             "stiffness": _metric("stiffness", stiffness, N),
             "rank_tolerance": tolerance_of(rank_tolerance, geometry_accuracy),
@@ -173,9 +174,9 @@ class ConstrainedSystem:
         """
         (m, N), poses = self.J_T.shape, {}
         if J_T is not None:
-            poses["J_T"] = read_only(check.matrix("J_T", J_T, columns=N, rows=m))
+            poses["J_T"] = _copy("J_T", J_T, N, m)
         if J_C is not None:
-            poses["J_C"] = read_only(check.matrix("J_C", J_C, columns=N))
+            poses["J_C"] = _copy("J_C", J_C, N)
         return self._changed(**poses)
 
     def _changed(self, **changes: Any) -> "ConstrainedSystem":
@@ -183,8 +184,6 @@ class ConstrainedSystem:
         other.__dict__.update(self.__dict__)
         if "failures" in changes:
             other.__dict__.pop("_joints", None)
-        if changes.keys() != {"J_C"}:
-            other.__dict__.pop("_task", None)
         other.__dict__.update(changes)
         return other
 
@@ -208,8 +207,9 @@ class ConstrainedSystem:
             ValueError: A metric of the wrong shape, not finite, or with a negative eigenvalue.
         """
         metric = _metric("passive_metric", passive_metric, self.J_T.shape[1])
-        matrices = self._task, self.J_C, self._joints, self.stiffness, metric
-        return Kinematics(Partition(*matrices, self.rank_tolerance), self.names)
+        task, joints = TaskJacobian(self.J_T, self._joints), self._joints
+        parts = task, self.J_C, joints, self.stiffness, metric, self.rank_tolerance
+        return Kinematics(Partition(*parts), self.names)
 
     def __str__(self) -> str:
         failures = self.failures.in_words(self._known_actuators, self._known_velocities)
@@ -232,9 +232,18 @@ class ConstrainedSystem:
         actuators = np.array([k for k in range(n) if k not in failed], dtype=np.intp)
         return sort_joints(self.active, actuators, self.stuck, self.J_T.shape[1])
 
-    @cached_property
-    def _task(self) -> TaskJacobian:
-        return sort_task(self.J_T, self._joints)
+
+def _copy(name: str, value: ArrayLike, columns: int, rows: int | None = None) -> Array:
+    """A read-only copy of one finite matrix, row after row."""
+    if (  # the common case, at every tick
+        check.is_plain(value)
+        and value.ndim == 2
+        and value.shape == (len(value) if rows is None else rows, columns)
+    ):
+        size = norm(value)
+        if check.SMALLEST <= size < check.LARGEST or size == 0.0:
+            return read_only(value.copy())
+    return read_only(check.matrix(name, value, columns, rows).copy())
 
 
 def _metric(name: str, value: ArrayLike | None, size: int) -> Array | None:

@@ -466,21 +466,22 @@ def solve_each(J, S_m, S_s, W1, W2, scale, clear, exact, v, rates_d, v_sd, F, x,
     return CLEAR
 
 
-@_compiled(_new[1], *[_int] * 6, _float, _any[2], _any[2], _any[1], _new[3], _new[2], _new[2])
-def levels(F, p, m, n, k1, k2, m2, exact, lower, upper, x, A, b, scales):
-    """Write Problem 1 as levels for the last target, unless the rates x are within their limits.
+@_compiled(_any[1], _any[1], _any[1])
+def is_within(lower, upper, x):
+    """Whether each number of x is between its limits."""
+    for j in range(len(x)):
+        if not lower[j] <= x[j] <= upper[j]:
+            return 0
+    return 1
+
+
+@_compiled(_new[1], *[_int] * 6, _float, _new[3], _new[2], _new[2])
+def levels(F, p, m, n, k1, k2, m2, exact, A, b, scales):
+    """Write Problem 1 as levels for the last target.
 
     The rows are those of J_m, of [W1; W2 J_s], and of the identity, whose target is zero. Arrays
-    but x have one more axis in front, of one.
-
-    Returns:
-        Whether x is beyond a limit.
+    have one more axis in front, of one.
     """
-    inside = True
-    for j in range(n):
-        inside = inside and lower[0, j] <= x[j] <= upper[0, j]
-    if inside:
-        return 0
     z = Sizes(p, m, n, k1, k2, m2)
     a = _parts(z)
     A[:] = 0.0

@@ -21,13 +21,18 @@ from prioritized._solution import VelocitySolution
 from prioritized._solving import (
     Factors,
     Selected,
+    Simple,
     batched_rates,
     factors_of,
+    factors_of_diagonals,
+    is_within,
     problem_of,
     rates_by,
     rates_within,
+    simple,
     velocity_gains,
 )
+from prioritized._survivors import Survivors
 from prioritized._task import Status
 
 
@@ -46,6 +51,8 @@ class Mechanism(Protocol):
     def gap(self) -> float: ...
     @property
     def closure_condition(self) -> float: ...
+    @property
+    def survivors(self) -> Survivors: ...
 
 
 class VelocityMapping:
@@ -78,6 +85,27 @@ class VelocityMapping:
         parts = {"damping": damping, "kinematics": kinematics, "limiting": limiting}
         vars(self).update(parts, _problem=problem)
 
+    @staticmethod
+    def of_factors(
+        factors: Factors,
+        rest: tuple[Selected, float, float],
+        kinematics: Mechanism | None,
+        limiting: Limiting | None,
+    ) -> "VelocityMapping":
+        """The mapping of one J with diagonal weights, all ranks clearly full.
+
+        Args:
+            factors: Of the problem.
+            rest: Its tasks, the size of J (negative: its norm), and the rank tolerance.
+            kinematics: The mechanism that J belongs to, or None.
+            limiting: The limits of the rates, or None.
+        """
+        mapping = object.__new__(VelocityMapping)
+        parts = vars(mapping)
+        parts["damping"], parts["kinematics"], parts["limiting"] = 0.0, kinematics, limiting
+        parts["_factors"], parts["_rest"] = factors, rest
+        return mapping
+
     def __setattr__(self, name: str, value: object) -> None:
         raise FrozenInstanceError(f"cannot assign to field {name!r}")
 
@@ -88,12 +116,12 @@ class VelocityMapping:
         secondary_velocity: ArrayLike | None = None,
     ) -> Array:
         """Optimal active joint rates, shape (..., n); what is None counts as zero."""
-        if self.limiting is not None:
-            _, quick = self._within_box(v_major, joint_velocity, secondary_velocity, None)
-            if quick is not None:
-                return quick.point.x[0]
+        if self.limiting is None:
+            return self._unlimited(v_major, joint_velocity, secondary_velocity)
+        rates = self._regardless_of_box(v_major, joint_velocity, secondary_velocity)
+        if rates is None:
             return self.solve(v_major, joint_velocity, secondary_velocity).rates
-        return self._unlimited(v_major, joint_velocity, secondary_velocity)
+        return rates if is_within(self.limiting.box, rates) else self._within_box(rates, None).x
 
     def _unlimited(
         self,
@@ -160,9 +188,10 @@ class VelocityMapping:
             ValueError: A velocity of the wrong shape or not finite, by its name.
         """
         begun = None if start is None else check.instance("start", start, VelocitySolution).point
-        rates, quick = self._within_box(v_major, joint_velocity, secondary_velocity, begun)
-        if rates is not None and quick is not None:
-            return VelocitySolution(self, np.array(v_major, dtype=float), rates, quick)
+        rates = self._regardless_of_box(v_major, joint_velocity, secondary_velocity)
+        if rates is not None:
+            best = self._within_box(rates, begun)
+            return VelocitySolution(self, np.array(v_major, dtype=float), rates, best)
         problem, limiting = self.problem, self.limiting
         m1, n = len(problem.S_m), problem.J.shape[-1]
         p = joined(
@@ -176,24 +205,26 @@ class VelocityMapping:
         best = optimum(self.levels, p, unlimited, limiting, problem.tolerance, begun)
         return VelocitySolution(self, p[..., :m1], unlimited, best)
 
-    def _within_box(
+    def _regardless_of_box(
         self,
         v_major: ArrayLike,
         joint_velocity: ArrayLike | None,
         secondary_velocity: ArrayLike | None,
-        start: Point | None,
-    ) -> tuple[Array | None, Optimum | None]:
-        """Rates without limits and the optimum, for one target whose ranks are clearly full.
+    ) -> Array | None:
+        """Rates without limits for one target whose ranks are clearly full.
 
-        None where that is not so, or more than bounds of the rates limits them.
+        None where that is not so, or where anything but bounds of the rates limits them.
         """
         factors, limiting = self._factors, self.limiting
         if factors is None or limiting is None or not limiting.is_box:
-            return None, None
-        rates = rates_by(factors, v_major, joint_velocity, secondary_velocity)
-        if rates is None:
-            return None, None
-        return rates, rates_within(factors, rates, limiting.box, self.tolerance, start)
+            return None
+        return rates_by(factors, v_major, joint_velocity, secondary_velocity)
+
+    def _within_box(self, rates: Array, start: Point | None) -> Optimum:
+        """The optimum within bounds for the target of these rates, the last one."""
+        factors, limiting = self._factors, self.limiting
+        assert factors is not None and limiting is not None
+        return rates_within(factors, rates, limiting.box, self.tolerance, start)
 
     @property
     def rows(self) -> tuple[Rows, ...]:
@@ -213,28 +244,47 @@ class VelocityMapping:
             major = damped(major, constraint, self.problem.tolerance)
         return [constraint, major, *rest]
 
-    def at(self, kinematics: Mechanism) -> "VelocityMapping":
+    def at(
+        self, kinematics: Mechanism, *, rate_limits: tuple[ArrayLike, ArrayLike] | None = None
+    ) -> "VelocityMapping":
         """The same task, weights and metrics at another pose; these are not checked again.
+
+        Args:
+            kinematics: The mechanism at that pose.
+            rate_limits: Lower and upper limits there, as for
+                :meth:`prioritized.Kinematics.velocity_mapping`; None is those of this mapping.
 
         Raises:
             TypeError: `kinematics` is not a :class:`prioritized.Kinematics`.
-            ValueError: It has another number of task rows or surviving actuators.
+            ValueError: It has another number of task rows or surviving actuators; or limits of a
+                wrong length, or not in order.
         """
         Q = getattr(kinematics, "relative_self_motion", None)
         if Q is None:
             raise TypeError(f"kinematics must be a Kinematics, got {check.shown(kinematics)}")
-        problem = self.problem
-        if kinematics.J.shape != problem.J.shape:
-            raise ValueError(
-                f"kinematics must have a J of shape {problem.J.shape}, got {kinematics.J.shape}"
-            )
-        there = problem._replace(
-            J=kinematics.J,
-            scale=np.asarray(kinematics.scale),
-            active_constraint=kinematics.active_constraint,
-            self_motion=Q,
-        )
-        return VelocityMapping(there, self.damping, kinematics, self.limiting)
+        J, C, shape = kinematics.J, kinematics.active_constraint, self.problem.J.shape
+        if J.shape != shape:
+            raise ValueError(f"kinematics must have a J of shape {shape}, got {J.shape}")
+        limiting = self.limiting
+        if rate_limits is not None:
+            box = limits("rate_limits", kinematics.survivors.pair(rate_limits), J.shape[1])
+            limiting = Limiting(box) if limiting is None else limiting._replace(box=box)
+        simple = self._simple
+        if simple is not None and not C.size and not Q.size:
+            factors = factors_of_diagonals(J, *simple.weights, kinematics.scale, simple.selected)
+            if factors is not None:
+                rest = simple.selected, kinematics.scale, self.tolerance
+                mapping = VelocityMapping.of_factors(factors, rest, kinematics, limiting)
+                vars(mapping)["_simple"] = simple
+                return mapping
+        scale = np.asarray(kinematics.scale)
+        there = self.problem._replace(J=J, scale=scale, active_constraint=C, self_motion=Q)
+        return VelocityMapping(there, self.damping, kinematics, limiting)
+
+    @cached_property
+    def _simple(self) -> Simple | None:
+        """Tasks and weights, if there is nothing else and the weights are diagonal."""
+        return None if self.damping else simple(self.problem)
 
     def within(self, rate_limits: tuple[ArrayLike, ArrayLike]) -> "VelocityMapping":
         """The same mapping with other limits of the n rates, as for :func:`velocity_mapping`.

@@ -143,11 +143,7 @@ def _of_plain_arrays(
     factors = factors_of_diagonals(J, w1, w2, size, selected)
     if factors is None:
         return None
-    mapping = object.__new__(VelocityMapping)
-    parts = vars(mapping)
-    parts["damping"], parts["kinematics"], parts["limiting"] = 0.0, None, None
-    parts["_factors"], parts["_rest"] = factors, (selected, size, rank_tolerance)
-    return mapping
+    return VelocityMapping.of_factors(factors, (selected, size, rank_tolerance), None, None)
 
 
 @lru_cache(maxsize=1024)

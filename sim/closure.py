@@ -84,6 +84,8 @@ class Closures(NamedTuple):
             raise ModelError(
                 "a part of the mechanism is asleep, with its closures: switch sleep off"
             )
+        if not self.units.size:
+            return np.zeros((0, model.nv))
         rows = _equality_rows(model, data)
         if self.points.size:
             D = data.efc_pos[self.points]

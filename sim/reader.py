@@ -43,8 +43,8 @@ def jacobians(
     Args:
         model: Any model.
         data: Its state; `eq_active` decides which equalities count. See :func:`assemble`. Frames,
-            tendons and constraint rows in it are brought up to date; contacts and the mass matrix
-            stay as they were.
+            tendons and rows of equalities in it are brought up to date; contacts and the mass
+            matrix stay as they were.
         site: The task: name of a site, :class:`Body`, :class:`CenterOfMass` or :class:`Relative`;
             or several, whose rows are stacked.
         axes: Site whose axes velocities are expressed in; None is the world.
@@ -117,7 +117,7 @@ class JacobianReader:
         model = self._model
         check_state(model, data)
         bring_up_to_date(model, data)
-        opt, equalities = model.opt, data.efc_id[: data.ne].tobytes()
+        opt, equalities = model.opt, data.efc_id[: data.ne].tobytes() if model.neq else b""
         key = data.eq_active.tobytes(), equalities, opt.disableactuator, opt.disableflags
         known = self._structures.get(key)
         closed = active_closures(model, data) if known is None else known.closures

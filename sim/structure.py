@@ -38,7 +38,8 @@ def bring_up_to_date(model: mujoco.MjModel, data: mujoco.MjData) -> None:
         mujoco.mj_flex(model, data)
     if model.ntendon:
         mujoco.mj_tendon(model, data)
-    mujoco.mj_makeConstraint(model, data)
+    if model.neq:
+        mujoco.mj_makeConstraint(model, data)
 
 
 def structure(model: mujoco.MjModel, closed: Closures) -> Structure:

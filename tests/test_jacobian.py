@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from prioritized import ConstrainedSystem
 from sim import (
     Body,
+    JacobianReader,
     ModelError,
     Plant,
     Pose,
@@ -239,6 +240,29 @@ def test_an_equality_counts_while_it_is_active():
         jacobians(model, data, "tool")
     data.eq_active[:] = False
     assert jacobians(model, data, rod).J_C.shape == (0, model.nv)
+
+
+@pytest.mark.parametrize("storage", ["dense", "sparse"])
+def test_a_reader_finds_at_every_pose_what_a_new_one_finds(storage):
+    """Whatever has moved, locked or lost its torque since, and nothing it gave changes later."""
+    model, data = everything(storage)
+    tasks = [Body("rod1"), "tool"]
+    reader = JacobianReader(model, tasks, "ground", closure_tolerance=np.inf)
+    brake, loose = model.equality("brake").id, model.equality("reel").id
+    given = []
+    for seed, (braked, reeled, group) in enumerate([(0, 1, 0), (1, 1, 0), (0, 1, 2), (0, 0, 0)]):
+        random_closed_pose(model, data, seed)
+        data.eq_active[[brake, loose]] = braked, reeled
+        model.actuator_group[1], model.opt.disableactuator = 1, group
+        new = jacobians(model, data, tasks, "ground", closure_tolerance=np.inf)
+        given.append((reader.at(data), new))
+    for ours, theirs in given:
+        for name in ("J_T", "J_C", "active", "gear", "closure_residual"):
+            np.testing.assert_array_equal(getattr(ours, name), getattr(theirs, name))
+        assert ours.rows == theirs.rows
+        assert ours.warnings == theirs.warnings
+    assert len({jac.J_C.shape for jac, _ in given}) == 3
+    assert len(given[2][0].active) == 1
 
 
 def test_actuators_are_known_by_their_velocity_and_gear():

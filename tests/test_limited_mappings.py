@@ -149,6 +149,26 @@ def test_a_mapping_at_another_pose_keeps_its_limits(drawn, seed):
     assert within(moved(v), limits)
 
 
+@given(systems(tasks=(2, 4)), SEEDS, st.booleans())
+@settings(max_examples=30)
+def test_a_mapping_at_another_pose_takes_the_limits_given_there(drawn, seed, diagonal):
+    """As if it were made there, for all actuators or the survivors of a lock."""
+    rng, n = np.random.default_rng(seed), len(drawn.system.active)
+    failed = drawn.system.with_failures(locked=[0])
+    limits, other, v = box(rng, n), box(rng, n), rng.normal(size=1)
+    W = rng.uniform(0.5, 2.0, size=n) if diagonal else rng.normal(size=(n, n))
+    mapping = failed.kinematics().velocity_mapping([0], joint_weight=W, rate_limits=limits)
+    J_T = failed.J_T + 0.1 * rng.normal(size=failed.J_T.shape)
+    there = failed.at(J_T).kinematics()
+    moved = mapping.at(there, rate_limits=other)
+    made = there.velocity_mapping([0], joint_weight=W, rate_limits=other)
+    np.testing.assert_allclose(moved(v), made(v), rtol=0, atol=1e-9)
+    np.testing.assert_allclose(moved.solve(v).rates, moved(v), rtol=0, atol=1e-9)
+    assert moved.status is made.status
+    assert within(moved(v), [side[1:] for side in other])
+    assert within(mapping.at(there)(v), [side[1:] for side in limits])
+
+
 @given(SEEDS, st.integers(2, 6), st.floats(0.01, 1))
 def test_damping_weighs_the_error_against_the_rates_within_the_limits(seed, n, damping):
     """Another solver of |J x - v|^2 + damping^2 |x|^2 finds no less, J of full column rank."""

@@ -1,4 +1,4 @@
-"""Rates without gains, inverses without an SVD: the short way is taken only where it is safe."""
+"""Rates without gains, loops without an SVD: the short way is taken only where it is safe."""
 
 from typing import Any
 
@@ -8,11 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from prioritized import RANK_TOLERANCE, ConstrainedSystem, Status, velocity_mapping
-from prioritized._conditioning import well_conditioned_inverse
 from tests.random_systems import (
     SEEDS,
+    failures,
     of_rank,
     orthogonal,
+    projector,
     rows_of,
     systems,
     weights,
@@ -97,17 +98,75 @@ def test_near_a_singularity_the_short_way_never_claims_more_than_the_threshold(
     np.testing.assert_allclose(pair[0], mapping(v_m), atol=close * scale + 1e-12)
 
 
-@given(SEEDS, st.floats(0, 18))
-def test_an_inverse_is_returned_only_if_no_singular_value_is_below(seed, nearness):
+def eliminates_without_svd(kin):
+    """Whether the loops are found regular without a singular value decomposition."""
+    return kin._motion.loops.decision is None
+
+
+def with_a_row_of_zeros(system):
+    """The same mechanism, whose loops the SVD decides: J_Cp is not square any more."""
+    J_C = np.vstack([system.J_C, np.zeros((1, system.J_C.shape[1]))])
+    return system.at(J_C=J_C)
+
+
+@given(st.data(), systems())
+def test_a_row_of_zeros_changes_no_motion_and_no_verdict(data, drawn):
+    """Elimination where the loops are regular, an SVD elsewhere: one mechanism."""
+    system = data.draw(failures(drawn.system))
+    kin, more = system.kinematics(), with_a_row_of_zeros(system).kinematics()
+    p = len(system.J_T.T) - len(kin.active) - len(system.stuck)
+    assert not eliminates_without_svd(more) or not p
+    np.testing.assert_allclose(kin.J, more.J, atol=1e-9)
+    np.testing.assert_allclose(kin.scale, more.scale, rtol=1e-9)
+    np.testing.assert_allclose(kin.passive_gain, more.passive_gain, atol=1e-9)
+    np.testing.assert_allclose(projector(kin.self_motion), projector(more.self_motion), atol=1e-9)
+    forbidden = kin.active_constraint, more.active_constraint
+    np.testing.assert_allclose(*(rows.T @ rows for rows in forbidden), atol=1e-9)
+    f = drawn.rng.normal(size=len(kin.J))
+    c, forces = len(system.J_C), (kin.constraint_force(f), more.constraint_force(f))
+    np.testing.assert_allclose(forces[0], np.delete(forces[1], c), atol=1e-9)
+    major = rows_of(data, len(kin.J))
+    one, other = kin.manipulability(major), more.manipulability(major)
+    for name in {*one.bases} - {"irresolvable"}:  # nothing balances the reaction of such a row
+        assert one.bases[name].shape == other.bases[name].shape, name
+    statuses = {each.velocity_mapping(major).status for each in (kin, more)}
+    assert len(statuses) == 1
+
+
+@given(SEEDS, st.floats(0, 18), st.integers(1, 12), st.integers(1, 3), st.floats(-6, 6))
+def test_loops_are_eliminated_without_svd_only_if_it_would_find_them_regular(
+    seed, nearness, p, n, unit
+):
+    """The loops lose a direction bit by bit, in any units; verdict and motion stay the SVD's."""
     rng = np.random.default_rng(seed)
-    sigma = np.array([1.0, 0.7, 10.0**-nearness])
-    A = orthogonal(rng, 3) * sigma @ orthogonal(rng, 3)
-    inverse = well_conditioned_inverse(A, 1e-8)
-    if inverse is not None:
-        assert sigma.min() > 0.99e-8
-        np.testing.assert_allclose(inverse @ A, np.eye(3), atol=1e-6)
+    sigma = np.append(rng.uniform(0.5, 2.0, size=p - 1), 10.0**-nearness)
+    J_C = rng.normal(size=(p, n + p))
+    J_C[:, n:] = orthogonal(rng, p) * sigma @ orthogonal(rng, p)
+    system = ConstrainedSystem(rng.normal(size=(2, n + p)), 10.0**unit * J_C, range(n))
+    kin, more = system.kinematics(), with_a_row_of_zeros(system).kinematics()
+    relative = sigma.min() / np.linalg.norm(J_C)
+    assert len(kin.active_constraint) == len(more.active_constraint)
+    if relative > 1e-12:  # below it is round-off
+        np.testing.assert_allclose(kin.gap, more.gap, rtol=1e-3)
+    if eliminates_without_svd(kin):
+        assert relative > 1.999 * RANK_TOLERANCE
+        np.testing.assert_allclose(kin.J, more.J, atol=1e-13 / relative**2 * kin.scale)
     else:
-        assert sigma.min() < 3e-8  # at worst sqrt(3) is lost between the norms
+        assert relative < 2.001 * np.sqrt(p) * RANK_TOLERANCE
+
+
+@given(SEEDS, st.integers(1, 20), st.integers(1, 4), st.floats(0.05, 0.9))
+def test_loops_that_share_few_joints_move_as_dense_ones_do(seed, p, n, share):
+    """Passive rates by LAPACK, whichever joints each loop has."""
+    rng = np.random.default_rng(seed)
+    J_C = rng.normal(size=(p, n + p)) * (rng.random((p, n + p)) < share)
+    J_C[np.arange(p), n + rng.permutation(p)] += 4.0
+    system = ConstrainedSystem(rng.normal(size=(2, n + p)), J_C, range(n))
+    kin, error = system.kinematics(), 1e-13 * np.linalg.cond(J_C[:, n:]) ** 2
+    expected = -np.linalg.solve(J_C[:, n:], J_C[:, :n])
+    np.testing.assert_allclose(kin.passive_gain, expected, atol=error)
+    force = np.linalg.solve(J_C[:, n:].T, -system.J_T[:, n:].T)
+    np.testing.assert_allclose(kin.constraint_gain, force, atol=error)
 
 
 @given(SEEDS, st.integers(1, 4), st.integers(0, 4), st.integers(0, 3), st.booleans())
