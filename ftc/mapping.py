@@ -15,7 +15,7 @@ from argument_checks import Array
 from ftc.geometry import Geometry, Pose, free_actuators_follow, without_springs, yielded
 from ftc.goal import Goal
 from ftc.limits import LimitedDisplacements, LimitedMapping
-from ftc.local_mapping import LocalMapping, Mapping, PreviousCommand
+from ftc.local_mapping import LocalMapping, Mapping, MappingThere, PreviousCommand
 from prioritized import Kinematics, WhenLimited
 
 DisplacementForm = Literal["absolute", "incremental", "gauss_newton"]
@@ -265,7 +265,7 @@ class PrioritizedMapping(Generic[Pose]):
 
     def rates_at(self, kinematics: Kinematics) -> Mapping:
         """Optimal rates of the surviving actuators; another optimality would override this."""
-        return self._prepared.at(kinematics)
+        return MappingThere(self._prepared, kinematics)
 
     def limited_at(self, kinematics: Kinematics) -> LimitedMapping | None:
         """The same within the limits, if there are any; another allocation would override this."""

@@ -10,7 +10,8 @@ from numpy.typing import ArrayLike
 import argument_checks as check
 from argument_checks import Array, Indices
 from prioritized._amplification import as_sentence, closure_sentences, servo_sentences
-from prioritized._arrays import apply, joined, on_axes, read_only, respond
+from prioritized._arrays import apply, joined, none, on_axes, read_only, respond
+from prioritized._compiled import unlimited
 from prioritized._levels import Level, damped, smallest_gap, velocity_levels
 from prioritized._limited import Limiting, Optimum, optimum
 from prioritized._packed import Point, Rows
@@ -25,6 +26,8 @@ from prioritized._solving import (
     problem_of,
     rates_by,
     rates_within,
+    room,
+    thresholds,
     velocity_gains,
 )
 from prioritized._task import Status
@@ -325,3 +328,40 @@ class VelocityMapping:
         X, decisions = velocity_gains(self.problem, self.damping)
         X, m1, n = check.frozen(X), len(self.problem.S_m), X.shape[-2]
         return (X[..., :m1], X[..., m1 : m1 + n], X[..., m1 + n :]), decisions
+
+    def rates_at(
+        self,
+        kinematics: Mechanism,
+        v_major: ArrayLike,
+        joint_velocity: ArrayLike | None = None,
+        secondary_velocity: ArrayLike | None = None,
+    ) -> Array:
+        """Optimal rates (n,) at another pose: `at(kinematics)(v_major, ...)` without that mapping.
+
+        For a control loop, which asks once at each pose. Where nothing but the task restricts the
+        rates and all ranks are clearly full, it is one compiled call.
+
+        Raises:
+            TypeError, ValueError: As :meth:`at`, and as a call of what that returns.
+        """
+        problem, solver = self.problem, unlimited()
+        J, S_m, S_s, W1, W2 = problem[:5]
+        joint = none(J.shape[1:]) if joint_velocity is None else joint_velocity
+        secondary = none((len(S_s),)) if secondary_velocity is None else secondary_velocity
+        if (
+            type(v_major) is type(joint) is type(secondary) is np.ndarray
+            and problem.is_unconstrained
+            and not (problem.lead or self.damping or self.limiting)
+            and not kinematics.active_constraint.size
+            and kinematics.J.shape == J.shape
+        ):
+            F = np.empty(room(len(S_m), *J.shape, len(W1), len(W2), len(S_s)))
+            size, rates = float(kinematics.scale), np.empty(J.shape[1])
+            given = kinematics.J, S_m, S_s, W1, W2, size, *thresholds(problem.tolerance)
+            try:
+                found = solver.solve(*given, v_major, joint, secondary, F, rates)
+            except TypeError:  # no vectors, or not of floats
+                found = solver.REFUSED
+            if found == solver.CLEAR:
+                return rates
+        return self.at(kinematics)(v_major, joint_velocity, secondary_velocity)
