@@ -89,6 +89,8 @@ class PrioritizedMapping(Generic[Pose]):
             self._locked_m[actuator] = displacement
         self._is_off_centre = bool(self._locked_m.any())
         self._follow = free_actuators_follow(released)
+        is_identity = np.array_equal(self._follow, np.eye(self.actuators))
+        self._are_all_held = is_identity and not self._is_off_centre
         # Where closed loops tie the actuators together, the others yield to one that is off centre.
         yielded_m = yielded(released, self._locked_m, kinematics.actuators)
         self._yielded_m = self._expand.T @ yielded_m
@@ -149,9 +151,9 @@ class PrioritizedMapping(Generic[Pose]):
         Raises:
             ValueError: What the form goes on from is missing.
         """
-        posture, now = self._present(pose)
         if self.form == "absolute" and secondary_reference_m is None and not self._is_off_centre:
-            return now.expand.dot(now.mapping(demand))
+            return self._expand.dot(self._rates(pose)(demand))
+        posture, now = self._present(pose)
         joint, secondary = self._references(now, secondary_reference_m)
         if self.form == "incremental":
             if last is None:
@@ -246,6 +248,8 @@ class PrioritizedMapping(Generic[Pose]):
         There is no sensor for the secondary task; the major task comes from the same commands, so
         that the estimate carries no sensor noise.
         """
+        if self._are_all_held:
+            return self._model.moved(pose, displacements_m)
         return self._model.moved(pose, self._follow.dot(displacements_m + self._locked_m))
 
     def at(self, jacobian: Array, /) -> LocalMapping:
@@ -270,6 +274,13 @@ class PrioritizedMapping(Generic[Pose]):
     def limited_at(self, kinematics: Kinematics) -> LimitedMapping | None:
         """The same within the limits, if there are any; another allocation would override this."""
         return None if self._limited is None else self._limited.at(kinematics)
+
+    def _rates(self, pose: Pose) -> Mapping:
+        """Of :meth:`_present` the rates alone, for every tick."""
+        posture = self._model.posture(pose)
+        if posture is self._nominal:
+            return self._at_nominal.mapping
+        return self.rates_at(self.kinematics_at(self._model.jacobian(posture)))
 
     def _present(self, pose: Pose) -> tuple[Pose, LocalMapping]:
         posture = self._model.posture(pose)

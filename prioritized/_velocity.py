@@ -1,8 +1,9 @@
 """Velocity mapping: Problem 1 of the paper for all weights."""
 
+from collections.abc import Callable
 from dataclasses import FrozenInstanceError
 from functools import cached_property
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -344,24 +345,65 @@ class VelocityMapping:
         Raises:
             TypeError, ValueError: As :meth:`at`, and as a call of what that returns.
         """
-        problem, solver = self.problem, unlimited()
-        J, S_m, S_s, W1, W2 = problem[:5]
-        joint = none(J.shape[1:]) if joint_velocity is None else joint_velocity
-        secondary = none((len(S_s),)) if secondary_velocity is None else secondary_velocity
+        ready, J = self._ready, getattr(kinematics, "J", None)
         if (
-            type(v_major) is type(joint) is type(secondary) is np.ndarray
-            and problem.is_unconstrained
-            and not (problem.lead or self.damping or self.limiting)
+            ready is not None
+            and J is not None
+            and J.shape == ready.shape
+            and self.limiting is None
             and not kinematics.active_constraint.size
-            and kinematics.J.shape == J.shape
         ):
-            F = np.empty(room(len(S_m), *J.shape, len(W1), len(W2), len(S_s)))
-            size, rates = float(kinematics.scale), np.empty(J.shape[1])
-            given = kinematics.J, S_m, S_s, W1, W2, size, *thresholds(problem.tolerance)
+            joint = ready.joint if joint_velocity is None else joint_velocity
+            secondary = ready.secondary if secondary_velocity is None else secondary_velocity
+            F, rates, scale = np.empty(ready.room), np.empty(J.shape[1]), kinematics.scale
             try:
-                found = solver.solve(*given, v_major, joint, secondary, F, rates)
+                code = ready.solve(
+                    J, *ready.weighed, scale, *ready.fractions, v_major, joint, secondary, F, rates
+                )
             except TypeError:  # no vectors, or not of floats
-                found = solver.REFUSED
-            if found == solver.CLEAR:
+                code = None
+            if code == ready.clear:
                 return rates
         return self.at(kinematics)(v_major, joint_velocity, secondary_velocity)
+
+    @cached_property
+    def _ready(self) -> "_Ready | None":
+        """What :meth:`rates_at` needs, looked up once; None where it takes the long way."""
+        problem = self.problem
+        if self.damping or problem.lead or not problem.is_unconstrained:
+            return None
+        J, S_m, S_s, W1, W2 = problem[:5]
+        return _Ready(
+            unlimited().solve,
+            unlimited().CLEAR,
+            J.shape,
+            (S_m, S_s, W1, W2),
+            room(len(S_m), *J.shape, len(W1), len(W2), len(S_s)),
+            thresholds(problem.tolerance),
+            none(J.shape[1:]),
+            none((len(S_s),)),
+        )
+
+
+class _Ready(NamedTuple):
+    """What one compiled call takes beside J, its scale, and the target.
+
+    Attributes:
+        solve: The call.
+        clear: What it returns where it has solved the problem.
+        shape: Of J.
+        weighed: Directions and weights.
+        room: How many numbers it works on.
+        fractions: Thresholds of the rank decisions.
+        joint: No desired rates.
+        secondary: No desired secondary velocity.
+    """
+
+    solve: Callable[..., int]
+    clear: int
+    shape: tuple[int, ...]
+    weighed: tuple[Array, Array, Array, Array]
+    room: int
+    fractions: tuple[float, float]
+    joint: Array
+    secondary: Array
