@@ -1,13 +1,13 @@
 """What a mapping in the loop consists of: its answer at one pose, and its last command."""
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 from numpy.typing import ArrayLike
 
 from argument_checks import Array
 from ftc.limits import LimitedMapping
-from prioritized import Status
+from prioritized import Kinematics, Status, VelocityMapping
 
 
 @dataclass(frozen=True)
@@ -47,6 +47,37 @@ class Mapping(Protocol):
     ) -> Array:
         """Optimal rates; arguments that are None count as zero."""
         ...
+
+
+class MappingThere(NamedTuple):
+    """A prepared mapping at another pose, made only where more than its rates is asked for.
+
+    Attributes:
+        prepared: At the nominal pose.
+        kinematics: Of the surviving actuators at the other one.
+    """
+
+    prepared: VelocityMapping
+    kinematics: Kinematics
+
+    @property
+    def major(self) -> Array:
+        """Gain of the major velocity."""
+        return self.prepared.at(self.kinematics).major
+
+    @property
+    def status(self) -> Status:
+        """Status: whether the major task is met exactly."""
+        return self.prepared.at(self.kinematics).status
+
+    def __call__(
+        self,
+        v_major: ArrayLike,
+        joint_velocity: ArrayLike | None = None,
+        secondary_velocity: ArrayLike | None = None,
+    ) -> Array:
+        """Optimal rates; arguments that are None count as zero."""
+        return self.prepared.rates_at(self.kinematics, v_major, joint_velocity, secondary_velocity)
 
 
 @dataclass(frozen=True)

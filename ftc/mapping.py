@@ -15,7 +15,7 @@ from argument_checks import Array
 from ftc.geometry import Geometry, Pose, free_actuators_follow, without_springs, yielded
 from ftc.goal import Goal
 from ftc.limits import LimitedDisplacements, LimitedMapping, MovableLimits
-from ftc.local_mapping import LocalMapping, Mapping, PreviousCommand
+from ftc.local_mapping import LocalMapping, Mapping, MappingThere, PreviousCommand
 from prioritized import Kinematics, WhenLimited
 
 DisplacementForm = Literal["absolute", "incremental", "gauss_newton"]
@@ -91,6 +91,8 @@ class PrioritizedMapping(Generic[Pose]):
             self._locked_m[actuator] = displacement
         self._is_off_centre = bool(self._locked_m.any())
         self._follow = free_actuators_follow(released)
+        is_identity = np.array_equal(self._follow, np.eye(self.actuators))
+        self._are_all_held = is_identity and not self._is_off_centre
         # Where closed loops tie the actuators together, the others yield to one that is off centre.
         yielded_m = yielded(released, self._locked_m, kinematics.actuators)
         self._yielded_m = self._expand.T @ yielded_m
@@ -151,9 +153,9 @@ class PrioritizedMapping(Generic[Pose]):
         Raises:
             ValueError: What the form goes on from is missing.
         """
-        posture, now = self._present(pose)
         if self.form == "absolute" and secondary_reference_m is None and not self._is_off_centre:
-            return now.expand.dot(now.mapping(demand))
+            return self._expand.dot(self._rates(pose)(demand))
+        posture, now = self._present(pose)
         joint, secondary = self._references(now, secondary_reference_m)
         if self.form == "incremental":
             if last is None:
@@ -282,6 +284,8 @@ class PrioritizedMapping(Generic[Pose]):
         There is no sensor for the secondary task; the major task comes from the same commands, so
         that the estimate carries no sensor noise.
         """
+        if self._are_all_held:
+            return self._model.moved(pose, displacements_m)
         return self._model.moved(pose, self._follow.dot(displacements_m + self._locked_m))
 
     def at(self, jacobian: Array, /) -> LocalMapping:
@@ -301,11 +305,18 @@ class PrioritizedMapping(Generic[Pose]):
 
     def rates_at(self, kinematics: Kinematics) -> Mapping:
         """Optimal rates of the surviving actuators; another optimality would override this."""
-        return self._prepared.at(kinematics)
+        return MappingThere(self._prepared, kinematics)
 
     def limited_at(self, kinematics: Kinematics) -> LimitedMapping | None:
         """The same within the limits, if there are any; another allocation would override this."""
         return None if self._limited is None else self._limited.at(kinematics)
+
+    def _rates(self, pose: Pose) -> Mapping:
+        """Of :meth:`_present` the rates alone, for every tick."""
+        posture = self._model.posture(pose)
+        if posture is self._nominal:
+            return self._at_nominal.mapping
+        return self.rates_at(self.kinematics_at(self._model.jacobian(posture)))
 
     def _present(self, pose: Pose) -> tuple[Pose, LocalMapping]:
         posture = self._model.posture(pose)

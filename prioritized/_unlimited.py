@@ -528,6 +528,28 @@ def copy_limits(lower, upper, largest, limits):
     return 1
 
 
+@_compiled(
+    _any[2], *_DIRECTIONS, _any[2], _any[2], _float, _float, _float, *[_any[1]] * 3, *[_new[1]] * 2
+)  # fmt: skip
+def solve(J, S_m, S_s, W1, W2, scale, clear, exact, v, rates_d, v_sd, F, x):
+    """`factor` and, where it finds ranks CLEAR, `apply` in one call; their arguments, and codes."""
+    z = Sizes(S_m.shape[0], J.shape[0], J.shape[1], W1.shape[0], W2.shape[0], S_s.shape[0])
+    a = _parts(z)
+    taken = _copy(F, a.v, v, z.p) and _copy(F, a.rates_d, rates_d, z.n)
+    if not (taken and _copy(F, a.v_sd, v_sd, z.m2)):
+        return REFUSED
+    for i in range(z.m):
+        for j in range(z.n):
+            F[at(a.J + i * z.n + j)] = J[i, j]
+    is_diagonal, size_1, size_2 = _weigh(F, z, S_m, S_s, W1, W2)
+    found = _factor(F, z, is_diagonal, size_1, size_2, scale, clear, exact)
+    if found == CLEAR:
+        _apply(F, z)
+        for j in range(z.n):
+            x[j] = F[at(a.x + j)]
+    return found
+
+
 def room(sizes: Sizes) -> int:
     """How many numbers F takes."""
     return _parts.py_func(sizes).end

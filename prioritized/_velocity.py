@@ -1,8 +1,9 @@
 """Velocity mapping: Problem 1 of the paper for all weights."""
 
+from collections.abc import Callable
 from dataclasses import FrozenInstanceError
 from functools import cached_property
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -10,10 +11,11 @@ from numpy.typing import ArrayLike
 import argument_checks as check
 from argument_checks import Array, Indices
 from prioritized._amplification import as_sentence, closure_sentences, servo_sentences
-from prioritized._arrays import apply, joined, on_axes, read_only, respond
+from prioritized._arrays import apply, joined, none, on_axes, read_only, respond
+from prioritized._compiled import unlimited
 from prioritized._levels import Level, damped, smallest_gap, velocity_levels
 from prioritized._limited import Limiting, Optimum, optimum
-from prioritized._limits import limits
+from prioritized._limits import Limits, limits
 from prioritized._packed import Point, Rows
 from prioritized._problem import Problem
 from prioritized._rank import RankedSvd, basis_scale, largest, ranked_svd
@@ -29,7 +31,9 @@ from prioritized._solving import (
     problem_of,
     rates_by,
     rates_within,
+    room,
     simple,
+    thresholds,
     velocity_gains,
 )
 from prioritized._survivors import Survivors
@@ -268,7 +272,7 @@ class VelocityMapping:
         limiting = self.limiting
         if rate_limits is not None:
             box = limits("rate_limits", kinematics.survivors.pair(rate_limits), J.shape[1])
-            limiting = Limiting(box) if limiting is None else limiting._replace(box=box)
+            limiting = _bounded_by(box, limiting)
         simple = self._simple
         if simple is not None and not C.size and not Q.size:
             factors = factors_of_diagonals(J, *simple.weights, kinematics.scale, simple.selected)
@@ -296,9 +300,8 @@ class VelocityMapping:
         """
         # Neither factors nor gains depend on limits.
         box = limits("rate_limits", rate_limits, self.problem.J.shape[-1])
-        known = Limiting(box) if self.limiting is None else self.limiting._replace(box=box)
         mapping = object.__new__(VelocityMapping)
-        vars(mapping).update(vars(self), limiting=known)
+        vars(mapping).update(vars(self), limiting=_bounded_by(box, self.limiting))
         return mapping
 
     def belonging_to(self, kinematics: Mechanism) -> "VelocityMapping":
@@ -391,3 +394,86 @@ class VelocityMapping:
         X, decisions = velocity_gains(self.problem, self.damping)
         X, m1, n = check.frozen(X), len(self.problem.S_m), X.shape[-2]
         return (X[..., :m1], X[..., m1 : m1 + n], X[..., m1 + n :]), decisions
+
+    def rates_at(
+        self,
+        kinematics: Mechanism,
+        v_major: ArrayLike,
+        joint_velocity: ArrayLike | None = None,
+        secondary_velocity: ArrayLike | None = None,
+    ) -> Array:
+        """Optimal rates (n,) at another pose: `at(kinematics)(v_major, ...)` without that mapping.
+
+        For a control loop, which asks once at each pose. Where nothing but the task restricts the
+        rates and all ranks are clearly full, it is one compiled call.
+
+        Raises:
+            TypeError, ValueError: As :meth:`at`, and as a call of what that returns.
+        """
+        ready, J = self._ready, getattr(kinematics, "J", None)
+        if (
+            ready is not None
+            and J is not None
+            and J.shape == ready.shape
+            and self.limiting is None
+            and not kinematics.active_constraint.size
+        ):
+            joint = ready.joint if joint_velocity is None else joint_velocity
+            secondary = ready.secondary if secondary_velocity is None else secondary_velocity
+            F, rates, scale = np.empty(ready.room), np.empty(J.shape[1]), kinematics.scale
+            try:
+                code = ready.solve(
+                    J, *ready.weighed, scale, *ready.fractions, v_major, joint, secondary, F, rates
+                )
+            except TypeError:  # no vectors, or not of floats
+                code = None
+            if code == ready.clear:
+                return rates
+        return self.at(kinematics)(v_major, joint_velocity, secondary_velocity)
+
+    @cached_property
+    def _ready(self) -> "_Ready | None":
+        """What :meth:`rates_at` needs, looked up once; None where it takes the long way."""
+        problem = self.problem
+        if self.damping or problem.lead or not problem.is_unconstrained:
+            return None
+        J, S_m, S_s, W1, W2 = problem[:5]
+        return _Ready(
+            unlimited().solve,
+            unlimited().CLEAR,
+            J.shape,
+            (S_m, S_s, W1, W2),
+            room(len(S_m), *J.shape, len(W1), len(W2), len(S_s)),
+            thresholds(problem.tolerance),
+            none(J.shape[1:]),
+            none((len(S_s),)),
+        )
+
+
+class _Ready(NamedTuple):
+    """What one compiled call takes beside J, its scale, and the target.
+
+    Attributes:
+        solve: The call.
+        clear: What it returns where it has solved the problem.
+        shape: Of J.
+        weighed: Directions and weights.
+        room: How many numbers it works on.
+        fractions: Thresholds of the rank decisions.
+        joint: No desired rates.
+        secondary: No desired secondary velocity.
+    """
+
+    solve: Callable[..., int]
+    clear: int
+    shape: tuple[int, ...]
+    weighed: tuple[Array, Array, Array, Array]
+    room: int
+    fractions: tuple[float, float]
+    joint: Array
+    secondary: Array
+
+
+def _bounded_by(box: Limits, limiting: Limiting | None) -> Limiting:
+    """The same limits with another box of the rates."""
+    return Limiting(box) if limiting is None else limiting._replace(box=box)

@@ -94,7 +94,8 @@ class Hexapod:
 
     def inverse_jacobian(self, pose: Pose) -> Array:
         """A in l_dot = A [omega; v] at a pose, shape (..., 6, 6): rows [(R a) x u, u]."""
-        return self.posture(pose).inverse_jacobian
+        known = pose if isinstance(pose, Posture) else self.posture(pose)
+        return known.inverse_jacobian
 
     def posture(self, pose: Pose) -> Posture:
         """The pose with its struts; one that has them already is returned as it is.
@@ -144,7 +145,8 @@ class Hexapod:
                 strut has no length there.
             TypeError: `pose` is of another type.
         """
-        here, asked = self.posture(pose), check.exactly("displacement_m", displacement_m, 6)
+        here = pose if isinstance(pose, Posture) else self.posture(pose)
+        asked = check.exactly("displacement_m", displacement_m, 6)
         fields = np.empty((3, 3)), np.empty(3), np.empty((6, 6)), np.empty(6)
         R, t, A, moved_m = fields
         code = compiled()
@@ -161,8 +163,9 @@ class Hexapod:
         )
         if found != code.FOUND:
             raise ValueError(_SINGULAR if found == code.SINGULAR else _NO_LENGTH)
-        there = {"rotation": R, "translation_m": t, "displacement_m": moved_m}
-        return computed(Posture, **there, inverse_jacobian=A)
+        return computed(
+            Posture, rotation=R, translation_m=t, displacement_m=moved_m, inverse_jacobian=A
+        )
 
 
 _REGULAR = 1e6

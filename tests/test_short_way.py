@@ -249,3 +249,43 @@ def test_what_is_well_conditioned_agrees_with_the_status():
     twice = velocity_mapping(np.vstack([J[:1], J[:1]]), [0, 1], joint_weight=np.ones(5))
     assert not has_clear_ranks(twice)
     assert twice.status is Status.LEAST_SQUARES
+
+
+@given(st.data(), systems())
+def test_rates_at_another_pose_are_what_the_gains_there_say(data, drawn):
+    """One compiled call where ranks are clearly full, elsewhere the mapping there: one result."""
+    kin, rng = drawn.system.kinematics(), drawn.rng
+    m, n = kin.J.shape
+    major = rows_of(data, m)
+    m1, m2 = len(major), m - len(major)
+    W1, W2 = data.draw(weights(n, rng)), data.draw(weights(m2, rng))
+    mapping = kin.velocity_mapping(major, None, W1, W2)
+    there = drawn.system.at(J_T=orthogonal(rng, m) @ drawn.system.J_T).kinematics()
+    aims = rng.normal(size=m1), rng.normal(size=n), rng.normal(size=m2)
+    expected = by_gains(mapping.at(there), *aims)
+    np.testing.assert_allclose(mapping.rates_at(there, *aims), expected, atol=1e-7)
+    zeros = aims[0], np.zeros(n), np.zeros(m2)
+    expected = by_gains(mapping.at(there), *zeros)
+    np.testing.assert_allclose(mapping.rates_at(there, aims[0]), expected, atol=1e-7)
+    np.testing.assert_allclose(mapping.rates_at(there, aims[0].tolist()), expected, atol=1e-7)
+
+
+def test_rates_at_another_pose_obey_limits_and_refuse_what_a_call_refuses():
+    rng = np.random.default_rng(0)
+    J, limit = rng.normal(size=(3, 5)), 0.1
+    system = ConstrainedSystem(J, None, range(5))
+    kin, there = system.kinematics(), system.at(J_T=2 * J).kinematics()
+    free = kin.velocity_mapping([0, 1], joint_weight=np.ones(5))
+    limited = kin.velocity_mapping([0, 1], joint_weight=np.ones(5), rate_limits=(-limit, limit))
+    assert np.abs(free.rates_at(there, np.ones(2))).max() > limit
+    assert np.abs(limited.rates_at(there, np.ones(2))).max() <= limit
+    many = free.rates_at(there, np.ones((4, 2)))
+    np.testing.assert_allclose(many, np.tile(free.rates_at(there, np.ones(2)), (4, 1)), rtol=1e-12)
+    for wrong in (np.ones(3), np.array([np.nan, 0.0]), "fast"):
+        with pytest.raises(ValueError, match="v_major must"):
+            free.rates_at(there, wrong)
+    other = ConstrainedSystem(J[:, :4], None, range(4)).kinematics()
+    with pytest.raises(ValueError, match="kinematics must have a J of shape"):
+        free.rates_at(other, np.ones(2))
+    with pytest.raises(TypeError, match="kinematics must be a Kinematics"):
+        free.rates_at(J, np.ones(2))

@@ -17,9 +17,8 @@ from experiments.hexapod.controller import StrutMapping
 from experiments.hexapod.testbed import Testbed
 from ftc.controller import Measurement, PrioritizedController
 from ftc.goal import Goal
-from ftc.local_mapping import LocalMapping
 from ftc.oracle import NestedState
-from prioritized import Status, VelocityMapping, velocity_mapping
+from prioritized import Kinematics, Status, VelocityMapping, velocity_mapping
 from sim import Amplifier, Array, Coils, Hexapod, Pose, hexapod, pointing_angles
 
 
@@ -90,19 +89,17 @@ class PseudoInverseMapping(StrutMapping):
         self.major_weight = major_weight
         super().__init__(geometry, goal, jacobian)
 
-    def at(self, A: Array) -> LocalMapping:
-        """The mapping where l_dot = A x_dot."""
-        now = super().at(A)
+    def rates_at(self, kinematics: Kinematics) -> WeightedPseudoInverse:
+        """Of the surviving struts, by the pseudo-inverse."""
         W1 = self.goal.joint_weight
-        mapping = weighted_pseudo_inverse(
-            now.J,
+        return weighted_pseudo_inverse(
+            kinematics.J,
             MAJOR,
             SECONDARY,
             self.major_weight,
-            joint_weight=None if W1 is None else now.expand.T @ np.array(W1),
+            joint_weight=None if W1 is None else np.array(W1)[kinematics.actuators],
             secondary_weight=self.goal.secondary_weight,
         )
-        return replace(now, mapping=mapping)
 
 
 def controllers(testbed: Testbed, strategy: Strategy) -> Callable[[Goal], PrioritizedController]:

@@ -26,8 +26,9 @@ class StrutKinematics(Kinematics):
         """Take J, shape (6, n - q), and what makes the kinematics by elimination."""
         vars(self).update(_J=J, _general=general)
 
+    # A field there, computed when asked for here.
     @cached_property
-    def system(self) -> Any:
+    def system(self) -> Any:  # pyright: ignore[reportIncompatibleVariableOverride]
         """The mechanism by joints."""
         return self._general().system
 

@@ -129,7 +129,9 @@ class HexapodGeometry:
 
     def posture(self, pose: Pose) -> Posture:
         """The pose with its struts, or the nominal one."""
-        return self.nominal if self.constant else self.hexapod.posture(pose)
+        if self.constant:
+            return self.nominal
+        return pose if isinstance(pose, Posture) else self.hexapod.posture(pose)
 
     def jacobian(self, posture: Pose) -> Array:
         """A in l_dot = A x_dot, shape (6, 6)."""
