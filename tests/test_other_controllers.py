@@ -161,9 +161,9 @@ def test_another_controller_meets_the_same_noise(testbed):
     ours = track_spiral(testbed, SpiralRun(column.goal, **span))
     theirs, failure = track_with(testbed, "page_examples:PseudoInverse", column.goal, **span)
     assert failure is None
-    noise = [run.measured_rad - run.true_rad for run in (ours, theirs)]
-    assert noise[0].std() > 2e-7
-    np.testing.assert_allclose(*noise, atol=1e-12)
+    own, other = (run.measured_rad - run.true_rad for run in (ours, theirs))
+    assert own.std() > 2e-7
+    np.testing.assert_allclose(other, own, atol=1e-12)
 
 
 # Table I.
