@@ -196,7 +196,7 @@ def test_its_columns_stand_beside_ours_in_every_file(compared):
     assert {path.name for path in out.iterdir()} == set(compared["files"])
     assert {"controller.png", "controller.pdf"} <= set(compared["files"])
     page = (out / "table1.md").read_text()
-    assert "| W_a | Broken W_a | W_d | Broken W_d |" in page
+    assert "| W_a | other W_a | W_d | other W_d |" in page
     for column in columns[-3:]:
         with np.load(out / column["data"]) as data:
             off_urad = 1e6 * (data["desired_rad"] - data["true_rad"])
