@@ -18,7 +18,7 @@ class Machine(Protocol):
         """What the sensors read now, with the attributes of a :class:`Measurement`."""
         ...
 
-    def apply(self, input_percent: Array) -> None:
+    def apply(self, input_percent: Array, /) -> None:
         """Send inputs (n,) to the drives and hold them for a period."""
         ...
 

@@ -25,7 +25,7 @@ AT_LENGTH = {
     *("table1_folder", "figures_folder", "release_folder", "recover_folder", "systems_folder"),
     *("jacobian_folder", "goals_folder", "force_run", "uncorrected_folder", "bench_folder"),
     "limits_folder",
-    *("sweep_folder", "atlas_folder", "seeds_folder", "crew"),
+    *("sweep_folder", "atlas_folder", "seeds_folder", "crew", "compared"),
 }
 """Fixtures that run a study or a cluster."""
 

@@ -2,6 +2,7 @@
 
 import contextlib
 import re
+import signal
 import time
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -87,6 +88,12 @@ def hang_and_catch(self: Any, inputs: Any) -> Any:
             time.sleep(10)
 
 
+def hang_twice(self: Any, inputs: Any) -> Any:
+    with contextlib.suppress(BaseException):
+        time.sleep(10)
+    time.sleep(10)
+
+
 def divide(self: Any, inputs: Any) -> Any:
     return 1 // 0
 
@@ -117,6 +124,7 @@ HERE = "test_guarded_controller.py, line "
         (lambda self, u: u, "raised AttributeError: .*input_percent.*"),
         (hang, r"took longer than 0\.05 s"),
         (hang_and_catch, r"took longer than 0\.05 s"),
+        (hang_twice, r"took longer than 0\.05 s"),
     ],
 )
 def test_after_a_failure_the_last_inputs_are_held_and_a_sentence_says_why(bad, sentence):
@@ -163,11 +171,25 @@ def test_a_controller_alters_neither_the_record_nor_what_it_was_sent():
     assert np.array_equal(kept, REFERENCE)
     assert np.array_equal(done.input_percent, run(Proportional).input_percent)
 
+    class Fails(Overwriting):
+        calls = 0
+
+        def step(self, state, reference, measurement):
+            state = super().step(state, reference, measurement)
+            self.calls += 1
+            return state if self.calls <= BAD else self.sent.fill(99.0)
+
+    held = run(Fails).input_percent
+    assert (held[BAD:] == done.input_percent[BAD - 1]).all()
+
 
 def test_the_clock_is_stopped_between_steps():
     """However long a run takes: only single steps are limited."""
     slow = failing(lambda self, u: time.sleep(0.03) or State(BAD, u))  # at all ticks from BAD on
+    before = signal.getsignal(signal.SIGALRM)
     assert run(slow, limit_s=0.1).state.failure is None
+    assert signal.getitimer(signal.ITIMER_REAL) == (0.0, 0.0)
+    assert signal.getsignal(signal.SIGALRM) is before
 
 
 @pytest.mark.parametrize(

@@ -77,7 +77,8 @@ def controller_notes(summary: dict[str, Any]) -> list[str]:
     failures = entry["failures"]
     notes = [
         f"With {entry['name']} the RMS error after recovery is {entry['after_over_oracle']:.4g} "
-        "times that of the controller informed at once; it is told of no failure."
+        "times that of the controller informed at once. It is told of no failure, and does not "
+        "take the postures and the dither that the others have."
     ]
     if failures:
         notes.append(

@@ -75,8 +75,7 @@ def controller_tables(summary: dict[str, Any]) -> list[Table]:
 
 def _heading(column: dict[str, Any]) -> str:
     ours = column.get("compared_with", column["name"])
-    label = column["name"].removesuffix(ours).rstrip("_")
-    return "\n".join(filter(None, (label, ours.replace("_uncorrected", "\nuncorr."))))
+    return ("" if is_ours(column) else "other\n") + ours.replace("_uncorrected", "\nuncorr.")
 
 
 def controller_notes(summary: dict[str, Any]) -> list[str]:

@@ -184,8 +184,9 @@ def _column(outcome: Table1, experiment: Experiment) -> dict[str, Any]:
 
 def _compared_column(outcome: Table1, compared: Compared) -> dict[str, Any]:
     """A column of another controller; what it estimates is not known."""
-    name, unknown = compared.name, (None, None)
-    beside = dict.fromkeys(("paper", "predicted", "other_jacobian"), unknown)
+    name = compared.name
+    sources = ["paper", "predicted", "other_jacobian"]
+    beside: dict[str, Any] = dict.fromkeys(sources, (None, None))
     entry = _entry(name, compared.column, compared.trajectory, "other", beside)
     return (
         entry
