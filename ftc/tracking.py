@@ -50,10 +50,14 @@ Sense = Literal["task", "joints"]
 class LinearModel(Protocol):
     """Linear model of a sound plant about its nominal pose; `sim.LinearPlant` is one."""
 
-    A: Array
-    B: Array
-    C_twist: Array
-    C_active: Array
+    @property
+    def A(self) -> Array: ...
+    @property
+    def B(self) -> Array: ...
+    @property
+    def C_twist(self) -> Array: ...
+    @property
+    def C_active(self) -> Array: ...
 
 
 class TaskLost(ValueError):

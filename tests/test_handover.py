@@ -312,7 +312,7 @@ def test_a_diagnosis_that_is_withdrawn_is_flown_around_no_longer():
 def test_the_others_make_up_at_once_for_what_a_named_strut_is_about_to_lose():
     commanded_m = PILOT.first.amplifier.displacement_m(supervised(None)[0].input_percent)
     (first,) = supervised(diagnosis(Fault(2, "free"), float(commanded_m[2])))
-    now_m = PILOT.amplifier.displacement_m(first.input_percent)
+    now_m = PILOT.first.amplifier.displacement_m(first.input_percent)
     assert now_m[2] == 0.0 and abs(commanded_m[2]) > 1e-6
     np.testing.assert_allclose(J[MAJOR] @ now_m, J[MAJOR] @ commanded_m, atol=6e-8)
 

@@ -179,6 +179,20 @@ def test_the_ring_down_check_sees_the_damping_that_a_discrete_integrator_adds():
     assert -pole.real / abs(pole) > 1.1 * damping[3]
 
 
+def test_all_velocities_are_one_island_so_that_looking_for_islands_changes_no_bit(model):
+    """With a strut locked and another without force as well; the file switches the search off."""
+    sought = edited((' island="disable"', ""))
+    ends = []
+    for each in (model, sought):
+        plant = Plant(each)
+        plant.step(np.linspace(-1e-4, 1e-4, 6), 0.01)
+        plant.lock(0)
+        plant.release(3)
+        plant.step(np.linspace(2e-4, -1e-4, 6), 0.05)
+        ends.append(plant.integration_state())
+    np.testing.assert_array_equal(*ends)
+
+
 @pytest.mark.parametrize("mode", range(6))
 def test_with_damping_off_energy_is_kept_at_every_step(model, mode):
     """Two seconds of each mode, within one per cent of the energy put in."""

@@ -73,7 +73,8 @@ def save_figure(
     figure: Figure, folder: Path, name: str, formats: tuple[str, ...] = ("png", "pdf")
 ) -> None:
     """Write `name.png` and `name.pdf`, or the formats asked for; the same bytes every time."""
-    figure.draw_without_rendering()
-    figure.set_layout_engine("none")  # laid out once: all formats are alike
+    if layout := figure.get_layout_engine():
+        layout.execute(figure)
+        figure.set_layout_engine("none")  # laid out once: all formats are alike
     for suffix in formats:
         figure.savefig(folder / f"{name}.{suffix}", metadata=_NO_DATE[suffix])

@@ -38,15 +38,14 @@ def predicted_rms(rig: Rig, path: Array, known: Sequence[Known]) -> tuple[Array,
     is held by its bumpless transfer, and so left out. Noise is white and of the whole loop.
     """
     model, gain = fault_model(rig.nominal), rig.mapping(rig.goal).pointing_gain()
-    stages, faults = [Stage(model.A, model.B, gain=gain)], []
+    stages, faults = [Stage(model.A, model.B, gain=gain, drift=model.drift)], []
     for each in known:
         faults.append(each.fault)
         after = fault_model(rig.nominal, faults)
         gain = rig.mapping(each.goal).pointing_gain()
-        stages.append(Stage(after.A, after.B, each.tick, after.onset, gain))
+        stages.append(Stage(after.A, after.B, each.tick, after.onset, gain, after.drift))
     C = rig.nominal.plant.C
-    options = {"feedforward": rig.feedforward}
-    ticks = list(steps(stages, C, rig.loops, path, **options))
+    ticks = list(steps(stages, C, rig.loops, path, feedforward=rig.feedforward))
     error = path - np.array([tick.output for tick in ticks])
     cut = known[0].tick if known else len(path)
     variances = [_noise_variance(rig, stage) for stage in (stages[0], stages[-1])]
