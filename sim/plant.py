@@ -252,8 +252,12 @@ class Plant:
         return self._gauges.read(self.data)
 
     def limits(self) -> tuple[Array, Array]:
-        """Lower and upper displacements (n,) each at which actuators can rest; see
-        :func:`displacement_limits`, of which these know no amplifier."""
+        """Lower and upper displacements (n,) each, [m] or [rad], at which sound actuators can rest.
+
+        From the nominal pose, within the ranges of joint or tendon, control, and the force that
+        the spring takes; infinite where there are none. The change of the weight's pull is
+        neglected.
+        """
         lower, upper = self._limits
         return lower.copy(), upper.copy()
 
