@@ -10,7 +10,6 @@ import scipy.linalg
 from prioritized import ConstrainedSystem
 from sim import (
     HEXAPOD_MJCF,
-    Body,
     ClosureError,
     Failure,
     ModelError,
@@ -111,9 +110,9 @@ def posed(text: str, tmp_path: Path, **pose: float) -> tuple[mujoco.MjModel, muj
     return model, assemble(model, data)
 
 
-def started(text: str, tmp_path: Path, site: str | Body = "tool", **pose: float) -> Plant:
+def started(text: str, tmp_path: Path, **pose: float) -> Plant:
     model, start = posed(text, tmp_path, **pose)
-    return Plant(model, base=None, payload=site, start=start)
+    return Plant(model, base=None, payload="tool", start=start)
 
 
 POSES = {
