@@ -270,6 +270,33 @@ def test_the_linear_plant_answers_a_step_as_the_physics_does(robot):
         assert error.max() < 0.01 * np.abs(seen).max()
 
 
+@pytest.mark.parametrize(("rest", "drawn"), [("0.0", True), ("-1 1", False)])
+def test_a_motor_on_a_sprung_tendon_draws_it_unless_it_is_slack(rest, drawn):
+    """The spring takes what the control gives; between its two rest lengths there is none."""
+    text = PENDULUM.format(g=0.0, joint='damping="9"', actuator='<motor tendon="c" gear="4"/>')
+    cable = f"""<tendon><fixed name="c" stiffness="100" springlength="{rest}">
+      <joint joint="a" coef="0.5"/></fixed></tendon><actuator>"""
+    model = mujoco.MjModel.from_xml_string(text.replace("<actuator>", cable))
+    if not drawn:
+        with pytest.raises(ModelError, match="is a torque motor"):
+            Plant(model, **WORLD)
+        return
+    plant = Plant(model, **WORLD)
+    plant.step(np.array([0.01]), 8.0)
+    assert plant.displacements()[0] == pytest.approx(0.01, rel=1e-6)
+    assert plant.data.qpos[0] == pytest.approx(0.02, rel=1e-6)
+
+
+def test_displacements_are_those_of_the_present_pose_in_motion(tmp_path):
+    """A tendon's is 0.05 times that of its joint, at every tick."""
+    plant = started(SERIAL, tmp_path, **POSES["serial"][1])
+    elbow = plant.model.joint("elbow").qposadr[0]
+    plant.step(0.01 * np.eye(len(plant.drives))[1], PERIOD_S)
+    assert plant.data.qvel.any()
+    turned = plant.data.qpos[elbow] - 0.5
+    assert plant.displacements()[1] == pytest.approx(0.05 * turned, rel=1e-9)
+
+
 @pytest.mark.parametrize("name", ["fjh", "arm", "arms", "hand", "platform"])
 def test_commands_of_the_machines_of_this_repository_are_their_controls_to_the_bit(name):
     model = load_model(HEXAPOD_MJCF.with_name(f"{name}.xml"))
