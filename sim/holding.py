@@ -73,7 +73,8 @@ def refuse_beyond_ranges(
     for drive in drives:
         for k, out in zip(drive.ids, drive.outputs, strict=True):
             control = model.actuator_ctrladr[k]
-            force, value = commands.force_at_rest[out], commands.at_rest[control]
+            force = float(commands.force_at_rest[out])
+            value = float(commands.at_rest[control])
             if model.actuator_forcelimited[out]:
                 _within("a force", float(force), model.actuator_forcerange[out], model, k)
             if model.actuator_ctrllimited[control]:

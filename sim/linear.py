@@ -103,6 +103,7 @@ def linear_plant(
     Z = allowed(closure_rows(model, data))
     k = Z.shape[1]
     gravity, model = model.opt.gravity.copy(), copy.copy(model)
+    model.opt.integrator = mujoco.mjtIntegrator.mjINT_EULER  # "discrete" adds to the mass matrix
     control = _clamped(model, data)
     probe = mujoco.MjData(model)
     probe.eq_active[:] = data.eq_active

@@ -252,9 +252,11 @@ class Plant:
         return self._gauges.read(self.data)
 
     def limits(self) -> tuple[Array, Array]:
-        """Lower and upper displacements (n,) each at which actuators can rest.
+        """Lower and upper displacements (n,) each, [m] or [rad], at which sound actuators can rest.
 
-        As :func:`displacement_limits`, but these know no amplifier.
+        From the nominal pose, within the ranges of joint or tendon, control, and the force that
+        the spring takes; infinite where there are none. The change of the weight's pull is
+        neglected.
         """
         lower, upper = self._limits
         return lower.copy(), upper.copy()

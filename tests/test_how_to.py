@@ -175,8 +175,13 @@ def test_the_mechanism_of_the_page_passes_the_study(walked, monkeypatch):
 
 MOTOR = '<position name="motor2" joint="left"'
 REFUSED = {
-    "does not drive": {MOTOR: '<position name="motor2" site="base"'},
-    "drive the same": {MOTOR: '<position name="motor2" joint="rail"'},
+    "torque motor": {MOTOR + ' kp="80" kv="1.2"': '<motor name="motor2" joint="left"'},
+    "velocity servo": {MOTOR + ' kp="80"': '<velocity name="motor2" joint="left"'},
+    "muscle": {MOTOR + ' kp="80" kv="1.2"': '<muscle name="motor2" joint="left" lengthrange="0 1"'},
+    "state of its own": {
+        MOTOR + ' kp="80" kv="1.2"': '<intvelocity name="motor2" joint="left" actrange="-1 1"'
+    },
+    "feels a length": {MOTOR: '<position name="motor2" site="payload"'},
     "adheres": {
         MOTOR + ' kp="80" kv="1.2"': '<adhesion name="motor2" body="left_rod" ctrlrange="0 1"'
     },
@@ -187,7 +192,6 @@ REFUSED = {
         '<site name="base"/>': '<site name="base"/><site name="payload"/>',
     },
     "is open by": {'joint1="rail" active="false"': 'joint1="rail" polycoef="0.02 0 0 0 0"'},
-    "must have gear 1": {MOTOR: MOTOR + ' gear="2"'},
     "flags disable": {'contact="disable"': 'contact="disable" equality="disable"'},
     "no site": {'name="payload"': 'name="tool"'},
     "no equality": {'<joint name="lock3" joint1="right" active="false"/>': ""},

@@ -373,15 +373,14 @@ DRIVES = """
         ('motor name="m" cranksite="crank" slidersite="post" cranklength="3"', "payload"),
     ],
 )
-def test_an_actuator_on_no_joint_has_a_velocity_of_its_own_which_plants_refuse(drive, task):
-    """Linear models and plants speak of one position and one force for each actuated joint."""
+def test_an_actuator_on_no_joint_has_a_velocity_of_its_own_which_a_linear_model_reads(drive, task):
+    """As J_C ties it to the joints; a plant refuses a motor, which has no displacement."""
     model = mujoco.MjModel.from_xml_string(DRIVES.format(drive=drive))
     jac = jacobians(model, mujoco.MjData(model), task)
     assert jac.active.tolist() == [model.nv] and jac.J_C.shape == (1, model.nv + 1)
-    words = 'actuator "m" does not drive a slide or hinge joint'
-    with pytest.raises(ModelError, match=words):
-        linearize(model, mujoco.MjData(model), task, "base")
-    with pytest.raises(ModelError, match=words):
+    linear = linearize(model, mujoco.MjData(model), task, "base")
+    np.testing.assert_allclose(linear.C_active[:, : model.nv], jac.J_C[:, : model.nv], atol=1e-12)
+    with pytest.raises(ModelError, match='actuator "m" is a torque motor'):
         Plant(model)
 
 
@@ -397,17 +396,14 @@ def test_adhesion_is_refused_by_name_whoever_asks():
             refuses()
 
 
-def test_two_actuators_on_a_joint_share_its_velocity_and_plants_refuse_them():
+def test_two_actuators_on_a_joint_share_its_velocity():
     model = mujoco.MjModel.from_xml_string(SERIAL.format(kind="hinge", second="a"))
     jac = jacobians(model, mujoco.MjData(model), "tool")
     assert jac.names is not None and jac.names.actuators == (("m1", "m2"),)
     assert jac.active.tolist() == [0] and jac.gear.tolist() == [1.0]
-    for refuses in (
-        lambda: linearize(model, mujoco.MjData(model), "tool", None),
-        lambda: Plant(model),
-    ):
-        with pytest.raises(ModelError, match='actuators "m1" and "m2" drive the same joint "a"'):
-            refuses()
+    linear = linearize(model, mujoco.MjData(model), "tool", None)
+    assert linear.B.shape[1] == 2
+    np.testing.assert_array_equal(linear.C_active, [[1.0] + [0.0] * (2 * model.nv - 1)])
 
 
 def test_what_the_theory_has_no_word_for_is_refused_by_name():

@@ -166,12 +166,16 @@ MANY_DRIVES = """
 
 
 @pytest.mark.parametrize("braked", ["false", "true"])
-def test_each_slide_or_hinge_joint_with_an_actuator_gets_one_lock(tmp_path, braked):
+def test_each_slide_or_hinge_joint_and_tendon_with_an_actuator_gets_one_lock(tmp_path, braked):
     """Named after its first actuator; a joint that has one, of whatever name, keeps it."""
     model = load_model(saved(tmp_path, MANY_DRIVES.format(braked=braked)), add_locks=True)
-    held = {model.equality(k).name: model.joint(model.eq_obj1id[k]).name for k in range(model.neq)}
-    assert held == {"brake": "b", "lock4": "a", "lock7": "c"}
-    np.testing.assert_array_equal(model.eq_active0, [braked == "true", False, False])
+    held = {}
+    for k in range(model.neq):
+        on_tendon = model.eq_type[k] == mujoco.mjtEq.mjEQ_TENDON
+        part = (model.tendon if on_tendon else model.joint)(model.eq_obj1id[k])
+        held[model.equality(k).name] = part.name
+    assert held == {"brake": "b", "lock1": "cable", "lock4": "a", "lock7": "c"}
+    np.testing.assert_array_equal(model.eq_active0, [braked == "true", False, False, False])
 
 
 @pytest.mark.parametrize(
@@ -288,10 +292,10 @@ def test_a_model_without_actuators_makes_no_plant():
 
 
 def released(plant: Plant, actuator: int) -> np.ndarray:
-    """Which actuators give no force once this one is released."""
+    """Which actuators of the model give no force once this one of the plant is released."""
     plant.release(actuator)
-    plant.step(np.full(plant.model.nu, 0.1), plant.model.opt.timestep)
-    return np.flatnonzero(plant.coil_force_n() == 0.0)
+    plant.step(np.full(len(plant.drives), 0.1), plant.model.opt.timestep)
+    return np.flatnonzero(plant.data.actuator_force == 0.0)
 
 
 @pytest.mark.parametrize("groups", [(0, 0, 0), (30, 30, 30), (30, 31, 5), (-1, 40, 30)])
@@ -309,8 +313,9 @@ def test_what_the_model_has_switched_off_stays_off_and_nothing_else(robot, off):
     model = load_model(robot, add_locks=True)
     model.actuator_group[:] = [off, 30 if off != 30 else 3, 3]
     model.opt.disableactuator = 1 << off
-    assert released(Plant(model, **NAMES), 0).tolist() == [0]
-    assert released(Plant(model, **NAMES), 2).tolist() == [0, 2]
+    plant = Plant(model, **NAMES)
+    assert [drive.actuators for drive in plant.drives] == [("knee_servo",), ("ankle_servo",)]
+    assert released(plant, 1).tolist() == [0, 2]
 
 
 def test_any_of_forty_actuators_is_released(tmp_path):
