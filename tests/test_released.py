@@ -12,7 +12,7 @@ MECHANISMS = ["arm", "platform", "hand", "arms"]
 # A double pendulum that servos hold against gravity: one at a joint, one that pulls on a cable.
 LIFTED = """
 <mujoco>
-  <option timestep="1e-3" integrator="{integrator}">
+  <option timestep="{timestep}" integrator="{integrator}">
     <flag contact="disable" eulerdamp="{eulerdamp}"/></option>
   <worldbody>
     <site name="anchor" pos="-0.3 0 0.5"/>
@@ -42,8 +42,12 @@ def servos(name: str) -> Plant:
     return Plant(model, start=assemble(model))
 
 
-def lifted(integrator: str = "Euler", eulerdamp: str = "disable", damping=0.2, kv=1.0) -> Plant:
-    text = LIFTED.format(integrator=integrator, eulerdamp=eulerdamp, damping=damping, kv=kv)
+def lifted(
+    integrator: str = "Euler", eulerdamp: str = "disable", damping=0.2, kv=1.0, timestep=1e-4
+) -> Plant:
+    text = LIFTED.format(
+        integrator=integrator, eulerdamp=eulerdamp, damping=damping, kv=kv, timestep=timestep
+    )
     model = mujoco.MjModel.from_xml_string(text)
     return Plant(model, base=None, start=assemble(model))
 

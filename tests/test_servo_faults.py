@@ -10,7 +10,8 @@ from ftc.fdi.diagnosis import FdiConfig
 from ftc.fdi.fault_model import KINDS, Fault, NominalModel, fault_model
 from ftc.fdi.hypotheses import hypothesis_bank
 from ftc.fdi.monitor import monitor
-from tests.test_released import lifted
+from sim import Failure
+from tests.test_released import lifted, servos
 
 failures = pytest.mark.parametrize("kind", KINDS)
 PERIOD_S, STEP_S = 2e-3, 1e-3
@@ -97,12 +98,15 @@ def test_the_model_of_a_failed_servo_moves_as_newton_has_it(n, kind):
     np.testing.assert_allclose(states[:, :n], carts.run(fault, 100, sent), atol=1e-12)
 
 
-def test_free_and_locked_servos_are_weighed_as_newton_has_them_and_weak_ones_nearly():
-    """Log likelihood ratios against those of direct simulations with the failure."""
-    n, onset = 3, 100
+def test_failures_of_servos_are_weighed_as_newton_has_them():
+    """Log likelihood ratios against direct simulations: locked and free to rounding, weak nearly.
+
+    A servo with 0.45 of its force left is in the middle between two models of the bank.
+    """
+    n, onset, truth = 3, 100, 0.45
     carts, rng = Carts.random(n, 1), np.random.default_rng(0)
     nominal, sent = carts.nominal(), commands(n, 300, rng)
-    y = carts.run(Fault(2, "free"), onset, sent) / 2e-5 + rng.standard_normal((300, n))
+    y = carts.run(Fault(2, "weak", truth), onset, sent) / 2e-5 + rng.standard_normal((300, n))
     bank = hypothesis_bank(nominal)
     evidence, x = bank.start(np.array([onset])), np.zeros(2 * n)
     for tick in range(300):
@@ -119,9 +123,10 @@ def test_free_and_locked_servos_are_weighed_as_newton_has_them_and_weak_ones_nea
     for k in range(n):
         assert found[k, 0] == pytest.approx(ratio(Fault(k, "locked")), rel=1e-6)
         assert found[k, 1] == pytest.approx(ratio(Fault(k, "free")), rel=1e-6)
-        part = evidence.likely_parts()[k, 0]  # in between the parts that have models
-        print(k, part, found[k], ratio(Fault(k, "weak", 1 - part)))
-        assert found[k, 2] == pytest.approx(ratio(Fault(k, "weak", 1 - part)), rel=0.03)
+    assert evidence.likely_parts()[2, 0] == pytest.approx(1 - truth, abs=0.01)
+    assert found[2, 2] == pytest.approx(ratio(Fault(2, "weak", truth)), rel=0.01)
+    verdict = bank.verdict(evidence, 299, x)
+    assert (verdict.fault.actuator, verdict.fault.kind) == (2, "weak")
 
 
 @failures
@@ -146,7 +151,6 @@ def test_failed_servos_are_named(kind):
             if state.diagnosis is not None and state.diagnosis.confirmed:
                 watch, state = watch.believing(state)
         found = watch.faults
-        print(seed, fault, found, state.alarm_ticks, state.unexplained)
         right += (
             [(each.actuator, each.kind) for each in found] == [(fault.actuator, kind)]
             and abs(found[0].effectiveness - effectiveness) < 0.05
@@ -160,7 +164,6 @@ def test_failed_servos_are_named(kind):
     ("integrator", "eulerdamp", "damping", "kv", "implicit"),
     [
         ("Euler", "disable", 0.2, 1.0, False),
-        ("Euler", "enable", 0.2, 1.0, False),
         ("Euler", "enable", 4.0, 0.0, True),
         ("implicitfast", "disable", 0.2, 1.0, True),
     ],
@@ -169,7 +172,7 @@ def test_dampers_are_stepped_as_the_integrator_steps_them(
     integrator, eulerdamp, damping, kv, implicit
 ):
     """A commanded jump of a sound plant, then of one without its servo, to 1 % of the motion."""
-    plant = lifted(integrator, eulerdamp, damping, kv)
+    plant = lifted(integrator, eulerdamp, damping, kv, timestep=1e-3)
     assert plant.implicit_damping == implicit
     linear, period_s = plant.linear(), 2e-3
     nominal = NominalModel(
@@ -188,6 +191,35 @@ def test_dampers_are_stepped_as_the_integrator_steps_them(
             plant.step(command, period_s)
             x = model.step(x, command)
             moved = plant.displacements()
-            print(moved, linear.C_active @ x)
             np.testing.assert_allclose(linear.C_active @ x, moved, atol=0.01 * np.abs(moved).max())
         plant.release(0)
+
+
+@pytest.mark.parametrize("kind", ["locked", "free"])
+@pytest.mark.parametrize("actuator", [0, 3, 6])
+def test_a_failed_servo_of_a_simulated_arm_is_named(actuator, kind):
+    """From encoders of 10 urad while each joint wanders by some 0.1 mrad, within 60 ms."""
+    plant, period_s, noise = servos("arm"), 1e-3, 1e-5
+    linear, rng, onset = plant.linear(), np.random.default_rng(actuator), 100
+    nominal = NominalModel(
+        control.ss(linear.A, linear.B, linear.C_active, 0),
+        linear.C_active,
+        np.full(7, noise),
+        period_s,
+        float(plant.model.opt.timestep),
+        linear.feedback,
+        linear.holding,
+        plant.implicit_damping,
+    )
+    watch = monitor(nominal)
+    state, before = watch.start(), np.zeros(7)
+    for tick in range(onset + 60):
+        if tick == onset:
+            Failure(actuator, kind).strike(plant)
+        y = plant.displacements() + noise * rng.standard_normal(7)
+        state = watch.step(state, y, before)
+        before = before + 2e-5 * rng.standard_normal(7)
+        plant.step(before, period_s)
+    assert state.alarm_ticks and state.alarm_ticks[0] > onset
+    assert state.diagnosis is not None and not state.unexplained
+    assert (state.diagnosis.fault.actuator, state.diagnosis.fault.kind) == (actuator, kind)
