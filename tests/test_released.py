@@ -55,6 +55,7 @@ def lifted(
 def without(plant: Plant, k: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """A, B and the constant acceleration (2k,) that the sound model foretells without drive k."""
     linear = plant.linear()
+    assert linear.feedback is not None and linear.holding is not None
     B, column = linear.B.copy(), linear.B[:, k]
     B[:, k] = 0.0
     return linear.A + np.outer(column, linear.feedback[k]), B, -column * linear.holding[k]
@@ -77,7 +78,8 @@ def test_a_released_servo_leaves_the_linear_model_without_its_feedback(name):
 
 def test_a_coil_against_a_spring_feeds_nothing_back_and_holds_nothing():
     linear = Plant(load_model()).linear()
-    assert not linear.feedback.any() and not linear.holding.any()
+    assert linear.feedback is not None and not linear.feedback.any()
+    assert linear.holding is not None and not linear.holding.any()
 
 
 @pytest.mark.parametrize("k", [0, 1])
