@@ -20,7 +20,7 @@ from ftc.fdi.fault_model import KINDS, Fault, FaultModel, NominalModel, fault_mo
 LOST = (0.01, 0.95)
 """A weak actuator has lost between these parts of the force that it had, all equally likely."""
 
-SERVO_PARTS = (0.25, 0.5, 0.7, 0.8, 0.9, 0.95, 1.0)
+SERVO_PARTS = (0.2, 0.35, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 1.0)
 """Parts lost of a servo's force for which there is a model each: what a loss does is not in
 proportion to the part lost, since the force depends on the motion. In between, the states are
 interpolated. Where forces depend on commands alone, all is linear in the part, and 1 suffices."""
