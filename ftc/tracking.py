@@ -10,7 +10,7 @@ fiftieth of the sampling frequency. The roll-off is at three times the crossover
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal, Protocol
+from typing import Any, Literal
 
 import control
 import numpy as np
@@ -45,19 +45,6 @@ _HALVINGS = 12
 
 Sense = Literal["task", "joints"]
 """What the diagnosis looks at: a sensor of the major task, or encoders of the actuators."""
-
-
-class LinearModel(Protocol):
-    """Linear model of a sound plant about its nominal pose; `sim.LinearPlant` is one."""
-
-    @property
-    def A(self) -> Array: ...
-    @property
-    def B(self) -> Array: ...
-    @property
-    def C_twist(self) -> Array: ...
-    @property
-    def C_active(self) -> Array: ...
 
 
 class TaskLost(ValueError):
@@ -165,7 +152,7 @@ class Tracking:
 
 def tracking(
     model: MechanismModel[Any],
-    linear: LinearModel,
+    linear: Any,
     major: Sequence[int],
     *,
     noise: ArrayLike,
@@ -180,7 +167,8 @@ def tracking(
 
     Args:
         model: The controller's own model, such as `sim.Mechanism`.
-        linear: The plant about the same pose, such as `sim.Plant.linear()`.
+        linear: The sound plant about the same pose, with A, B, C_twist and C_active, such as
+            `sim.Plant.linear()`.
         major: Rows of the twist that are major.
         noise: Standard deviation of one sample of each major row, or with `sense="joints"` of each
             actuator's displacement: a number, or one each.

@@ -288,4 +288,4 @@ def test_rates_at_another_pose_obey_limits_and_refuse_what_a_call_refuses():
     with pytest.raises(ValueError, match="kinematics must have a J of shape"):
         free.rates_at(other, np.ones(2))
     with pytest.raises(TypeError, match="kinematics must be a Kinematics"):
-        free.rates_at(J, np.ones(2))
+        free.rates_at(J, np.ones(2))  # type: ignore[arg-type]
