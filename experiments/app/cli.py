@@ -26,10 +26,23 @@ from experiments.sweep import ATLAS
 from experiments.sweep import STUDY as SWEEP
 from experiments.systems import STUDY as SYSTEMS
 from experiments.table1 import STUDY as TABLE1
+from experiments.track import STUDY as TRACK
 from experiments.uncorrected import STUDY as UNCORRECTED
 
 STUDIES = (
-    *(TABLE1, FIGURES, SYSTEMS, RELEASE, RECOVER, FORCE, GOALS, LIMITS, JACOBIAN, UNCORRECTED),
+    *(
+        TABLE1,
+        TRACK,
+        FIGURES,
+        SYSTEMS,
+        RELEASE,
+        RECOVER,
+        FORCE,
+        GOALS,
+        LIMITS,
+        JACOBIAN,
+        UNCORRECTED,
+    ),
     *(SWEEP, ATLAS, BENCH),
 )
 

@@ -15,6 +15,7 @@ from experiments.hexapod.controller import StrutMapping, nominal_loops
 from experiments.hexapod.fault_tolerance import elastic_system, nominal_model, supervisor
 from experiments.hexapod.simulation import simulated
 from experiments.hexapod.testbed import Testbed, TestbedConfig
+from experiments.output.recording.mechanism import body_name
 from experiments.output.study import WrongInput
 from ftc.compensator import Channel, Margins
 from ftc.fdi.diagnosis import Diagnosis
@@ -55,6 +56,7 @@ class Rig:
         title: For people.
         model: As its plant and its controller have it.
         actuators: Their names, as failures are given.
+        bodies: The body that each moves, for the eye; None of what is no joint.
         major: Rows of the twist.
         goal: While all actuators work.
         nominal: Linear model from displacements to the major rows.
@@ -74,6 +76,7 @@ class Rig:
     title: str
     model: mujoco.MjModel
     actuators: tuple[str, ...]
+    bodies: tuple[str | None, ...]
     major: tuple[int, ...]
     goal: Goal
     nominal: NominalModel
@@ -128,6 +131,7 @@ def hexapod_rig(size: float | None) -> Rig:
         title="University of Wyoming hexapod",
         model=model,
         actuators=tuple(f"strut{k}" for k in range(1, 7)),
+        bodies=tuple(f"stem{k}" for k in range(1, 7)),
         major=tuple(MAJOR),
         goal=goal,
         nominal=nominal_model(model, bench),
@@ -228,6 +232,10 @@ def robot_rig(
         title=file.stem,
         model=model,
         actuators=tuple(drive.name for drive in plant.drives),
+        bodies=tuple(
+            None if drive.joint is None else body_name(model, int(model.jnt_bodyid[drive.joint]))
+            for drive in plant.drives
+        ),
         major=major,
         goal=goal,
         nominal=track.nominal,

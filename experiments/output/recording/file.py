@@ -124,7 +124,8 @@ def log_series(
     values: Array,
 ) -> None:
     """Log one line for each column of `values`, as float64; names carry the units."""
-    style = rr.SeriesLines(names=names, colors=[rgb(color) for color in LINES[: len(names)]])
+    colors = [rgb(LINES[k % len(LINES)]) for k in range(len(names))]
+    style = rr.SeriesLines(names=names, colors=colors)
     recording.log(entity, style, static=True)
     columns = rr.Scalars.columns(scalars=values)
     recording.send_columns(entity, indexes=[time], columns=columns)

@@ -11,6 +11,7 @@ import rerun.blueprint as rrb
 from rerun_loader_mjcf import MJCFLogger, MJCFLogPaths
 from scipy.spatial.transform import Rotation
 
+from experiments.output.plotting import YELLOW
 from experiments.output.recording import Array
 from experiments.output.recording import views as beside
 from experiments.output.recording.file import (
@@ -18,12 +19,15 @@ from experiments.output.recording.file import (
     RecordingInfo,
     at_most,
     recording_file,
+    rgb,
     round_down,
     screen,
     time_column,
 )
 
 _COLUMNS = 3
+_MARK = 0.03
+"""Radius of the mark at a failing joint, in extents of the machine."""
 _PICTURES_HZ = 25
 _DISTANCE = 1.6
 """Of the eye, in extents of the machine: all of it is seen."""
@@ -38,10 +42,15 @@ class Motion:
     position_m: Array
 
 
+def body_name(model: mujoco.MjModel, body: int) -> str:
+    """Of a body in a recording, also of one that has none."""
+    return model.body(body).name or f"body_{body}"
+
+
 def motion_of(model: mujoco.MjModel, qpos: Array) -> Motion:
     """All bodies at positions (T, nq)."""
     data = mujoco.MjData(model)
-    names = tuple(model.body(k).name or f"body_{k}" for k in range(model.nbody))
+    names = tuple(body_name(model, k) for k in range(model.nbody))
     rotation = np.empty((len(qpos), model.nbody, 3, 3))
     position_m = np.empty((len(qpos), model.nbody, 3))
     for k, data.qpos[:] in enumerate(qpos):
@@ -158,16 +167,27 @@ def machine_tabs(entity: str, name: str, model: mujoco.MjModel, factor: int) -> 
 
 
 @dataclass(frozen=True)
+class Mark:
+    """A joint that fails: the body it moves, and what is known of it from which time on [s]."""
+
+    body: str
+    known: tuple[tuple[float, str], ...]
+
+
+@dataclass(frozen=True)
 class Driven:
     """A mechanism in one condition, at evenly spaced times (N,).
 
     `qpos` are the positions of all its joints, (N, nq); the task, if any, is drawn in a plane.
+    `nominal` is the pose (nq,) that motion is exaggerated about; None is `qpos0`.
     """
 
     time_s: Array
     qpos: Array
     plots: Sequence[beside.Plot]
     task: beside.Task | None = None
+    nominal: Array | None = None
+    marks: Sequence[Mark] = ()
 
 
 def write_mechanism(
@@ -177,11 +197,14 @@ def write_mechanism(
 
     Motions too small to be seen are exaggerated, by a factor that the title of the view states.
     """
-    nominal = motion_of(model, model.qpos0[None])
+    nominal = {
+        name: motion_of(model, (model.qpos0 if one.nominal is None else one.nominal)[None])
+        for name, one in conditions.items()
+    }
     motions = {
         name: motion_of(model, one.qpos[stills(one.time_s)]) for name, one in conditions.items()
     }
-    factors = {name: exaggeration_of(motion, nominal) for name, motion in motions.items()}
+    factors = {name: exaggeration_of(motion, nominal[name]) for name, motion in motions.items()}
     each = list(enumerate(conditions.items()))
     cells = [_cell(k, name, model, one, factors[name]) for k, (name, one) in each]
     grid = rrb.Grid(*cells, grid_columns=min(_COLUMNS, len(cells)))
@@ -190,12 +213,28 @@ def write_mechanism(
         for k, (name, one) in each:
             for size in sizes(factors[name]):
                 entity = sized_entity(f"{_entity(k)}/machine", size)
-                larger = exaggerated(motions[name], nominal, size)
+                larger = exaggerated(motions[name], nominal[name], size)
                 log_machine(recording, entity, model, larger, one.time_s[stills(one.time_s)])
+                for mark in one.marks:
+                    _log_mark(recording, entity, model, mark)
             beside.log_plots(recording, one.plots, f"{_entity(k)}/")
             if one.task:
                 entity = f"{_entity(k)}/task"
                 beside.log_plane(recording, entity, one.time_s, one.task, one.task.square)
+
+
+def _log_mark(
+    recording: rr.RecordingStream, entity: str, model: mujoco.MjModel, mark: Mark
+) -> None:
+    """Log a yellow ball at a joint from its failure on, labelled with what is known of it."""
+    path = f"{body_entity(entity, mark.body)}/failed"
+    times, labels = zip(*mark.known, strict=True)
+    radius = _MARK * float(model.stat.extent)
+    recording.set_time(TIMELINE, duration=times[0])
+    recording.log(path, rr.Points3D([[0.0, 0.0, 0.0]], radii=[radius], colors=[rgb(YELLOW)]))
+    recording.reset_time()
+    columns = rr.Points3D.columns(labels=labels, show_labels=[True] * len(labels))
+    recording.send_columns(path, [time_column(np.array(times))], columns)
 
 
 def _entity(k: int) -> str:

@@ -1,0 +1,100 @@
+"""The recording of `fjh track`: the mechanism in 3D, its path, actuators, limits, closures."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from experiments.output.provenance import version_properties
+from experiments.output.recording.file import RecordingInfo, at_most
+from experiments.output.recording.mechanism import Driven, Mark, write_mechanism
+from experiments.output.recording.views import Plot, Task
+from experiments.track.runs import Tracked
+from experiments.track.words import ROWS
+
+_SIGNALS_HZ = 200
+
+
+def record(tracked: Tracked, summary: dict[str, Any], folder: Path) -> None:
+    """Write `track.rrd`."""
+    rig, run = tracked.rig, tracked.run
+    properties = {key: summary[key] for key in ("seed", "model_sha256", "control_period_s")}
+    properties |= {"path_size": rig.size, "sensor_noise": rig.noise} | version_properties(summary)
+    said = [summary["verdict"], *(f"Loop: {margin}." for margin in rig.margins)]
+    text = "\n".join([f"# {rig.title}", "", *(f"- {sentence}" for sentence in said)])
+    identity = f"track-{rig.title}-seed{tracked.seed}"
+    about = RecordingInfo(identity, rig.title, text, properties)
+    every = at_most(_SIGNALS_HZ, run.time_s)
+    kept_s, error = run.time_s[every], 1e6 * (run.desired - run.true)[every]
+    names = [
+        f"{ROWS[row]} off [u{unit}]" for row, unit in zip(rig.major, summary["units"], strict=True)
+    ]
+    plots = [
+        Plot("error", "Desired - true", names, kept_s, error),
+        Plot(
+            "actuators",
+            "Actuators from the start [rad], [m]",
+            list(rig.actuators),
+            kept_s,
+            run.displacement[every],
+        ),
+        *_limits(tracked, every),
+        Plot(
+            "closure",
+            "Closure residual [um]",
+            ["largest gap [um]"],
+            kept_s,
+            1e6 * run.closure_residual_m[every, None],
+        ),
+    ]
+    driven = Driven(
+        run.time_s,
+        run.qpos,
+        plots,
+        _task(tracked, summary),
+        nominal=run.qpos[0],
+        marks=_marks(tracked, summary),
+    )
+    write_mechanism(folder / "track.rrd", about, rig.model, {rig.title: driven})
+
+
+def _limits(tracked: Tracked, every: slice) -> list[Plot]:
+    """Each limited actuator as a part of the way from the start to the limit ahead of it."""
+    if tracked.rig.limits is None:
+        return []
+    lower, upper = tracked.rig.limits
+    limited = np.flatnonzero(np.isfinite(lower) | np.isfinite(upper))
+    moved = tracked.run.displacement[every][:, limited]
+    room = np.where(moved < 0, -lower[limited], upper[limited])
+    part = 100 * np.abs(moved) / np.maximum(room, 1e-12)
+    names = [f"{tracked.rig.actuators[k]} [%]" for k in limited]
+    title = "Part of the way to the limit [%]"
+    return [Plot("limits", title, names, tracked.run.time_s[every], part)]
+
+
+def _task(tracked: Tracked, summary: dict[str, Any]) -> Task | None:
+    """Desired and reached path in the plane of the first two rows; None of a single row."""
+    major, run = tracked.rig.major, tracked.run
+    if len(major) < 2:
+        return None
+    names = ROWS[major[0]], ROWS[major[1]]
+    unit = f"u{summary['units'][0]}"
+    return Task(names, unit, 1e6 * run.desired[:, :2], 1e6 * run.true[:, :2])
+
+
+def _marks(tracked: Tracked, summary: dict[str, Any]) -> tuple[Mark, ...]:
+    """Where actuators fail, and what was made of it."""
+    marks = []
+    for failure, entry in zip(tracked.failures, summary["failures"], strict=True):
+        body = tracked.rig.bodies[failure.actuator]
+        if body is None:
+            continue
+        label = f"{entry['actuator']} {entry['kind']}"
+        found = next(
+            (one for one in summary["diagnoses"] if one["actuator"] == entry["actuator"]), None
+        )
+        known = [(failure.time_s, label)]
+        if found is not None and found["delay_s"] is not None:
+            known.append((found["time_s"], f"{label}, named {found['kind']}"))
+        marks.append(Mark(body, tuple(known)))
+    return tuple(marks)

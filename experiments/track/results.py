@@ -1,0 +1,239 @@
+"""A tracked run as numbers, a verdict in words, tables and files."""
+
+from collections.abc import Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from experiments.output.provenance import versions
+from experiments.output.results import Check, Results
+from experiments.output.tables import Column, Table, tabulate
+from experiments.track.figure import pictures
+from experiments.track.recording import record
+from experiments.track.runs import Tracked
+from experiments.track.words import ROWS
+from sim import CLOSURE_TOLERANCE, Array
+
+
+def results(tracked: Tracked) -> Results:
+    """Everything that `fjh track` publishes."""
+    summary = summarize(tracked)
+    run = tracked.run
+    return Results(
+        summary,
+        tables=tables(tracked, summary),
+        notes=notes(tracked, summary),
+        checks=[
+            Check(
+                "closure residual [m]",
+                tracked.rig.title,
+                summary["closure_residual_max_m"],
+                CLOSURE_TOLERANCE,
+            )
+        ],
+        pictures=pictures(tracked, summary),
+        arrays={"track.npz": vars(run)},
+        records=[partial(record, tracked, summary)],
+    )
+
+
+def units(tracked: Tracked) -> list[str]:
+    """Of each major row."""
+    return ["rad" if row < 3 else "m" for row in tracked.rig.major]
+
+
+def summarize(tracked: Tracked) -> dict[str, Any]:
+    """All numbers, ready for JSON."""
+    rig, run, failures = tracked.rig, tracked.run, tracked.failures
+    error = run.desired - run.true
+    cut = first_tick(tracked)
+    before, after = tracked.predicted
+    summary: dict[str, Any] = {
+        "experiment": "track",
+        "seed": tracked.seed,
+        "versions": versions(),
+        "model_sha256": tracked.model_sha256,
+        "robot": rig.title,
+        "actuators": list(rig.actuators),
+        "major": list(rig.major),
+        "units": units(tracked),
+        "duration_s": float(run.time_s[-1] + rig.period_s),
+        "control_period_s": rig.period_s,
+        "path_size": rig.size,
+        "sensor_noise": rig.noise,
+        "loops": [
+            {
+                "row": row,
+                "crossover_hz": each.crossover_hz,
+                "gain_margin_db": each.gain_margin_db if np.isfinite(each.gain_margin_db) else None,
+                "phase_margin_deg": each.phase_margin_deg,
+            }
+            for row, each in zip(rig.major, rig.margins, strict=True)
+        ],
+        "failures": [
+            {
+                "actuator": rig.actuators[each.actuator],
+                "kind": each.kind,
+                "time_s": each.time_s,
+            }
+            for each in failures
+        ],
+        "rms_before": _rms(error[:cut]),
+        "rms_after": _rms(error[cut:]),
+        "predicted_rms_before": _listed(before),
+        "predicted_rms_after": _listed(after) if failures else None,
+        "possible_after": list(tracked.possible[1:]),
+        "diagnoses": diagnoses(tracked),
+        "task_lost": tracked.task_lost,
+        "closure_residual_max_m": float(run.closure_residual_m.max()),
+    }
+    return summary | {"verdict": verdict(tracked, summary)}
+
+
+def first_tick(tracked: Tracked) -> int:
+    """Tick of the first failure; of the end where there is none."""
+    if not tracked.failures:
+        return len(tracked.run.time_s)
+    return int(np.searchsorted(tracked.run.time_s, tracked.failures[0].time_s - 1e-9))
+
+
+def _rms(error: Array) -> list[float] | None:
+    """RMS of each row; None of no ticks."""
+    return _listed(np.sqrt((error**2).mean(axis=0))) if len(error) else None
+
+
+def _listed(values: Array) -> list[float] | None:
+    return values.tolist() if np.isfinite(values).all() else None
+
+
+def diagnoses(tracked: Tracked) -> list[dict[str, Any]]:
+    """Each actuator and kind as it was first named; of a false alarm the delay is None."""
+    rig, named = tracked.rig, {}
+    for found in tracked.diagnoses:
+        named.setdefault((found.fault.actuator, found.fault.kind), found)
+    struck = {failure.actuator: failure.time_s for failure in tracked.failures}
+    entries = []
+    for (actuator, kind), found in named.items():
+        time_s = float(tracked.run.time_s[found.tick])
+        delay_s = time_s - struck[actuator] if actuator in struck else None
+        if delay_s is not None and delay_s < 0:
+            delay_s = None
+        entry = {"actuator": rig.actuators[actuator], "kind": kind, "delay_s": delay_s}
+        entries.append(entry | {"time_s": time_s})
+    return entries
+
+
+def verdict(tracked: Tracked, summary: dict[str, Any]) -> str:
+    """What the failures cost, beside what was predicted, in one sentence."""
+    before = _with_units(summary["rms_before"], summary["units"])
+    if not tracked.failures:
+        predicted = _with_units(summary["predicted_rms_before"], summary["units"])
+        return (
+            f"Without a failure the RMS error of row{_plural(tracked.rig.major)} "
+            f"{_rows(tracked.rig.major)} is {before}, and {predicted} by the linear model."
+        )
+    happened = ", ".join(
+        f"{each['actuator']} {each['kind']} at {each['time_s']:g} s" for each in summary["failures"]
+    )
+    after = _with_units(summary["rms_after"], summary["units"])
+    predicted = _with_units(summary["predicted_rms_after"], summary["units"])
+    can = "can" if tracked.possible[-1] else "cannot"
+    return (
+        f"After {happened} the RMS error of row{_plural(tracked.rig.major)} "
+        f"{_rows(tracked.rig.major)} is {after} ({before} before it); the linear model with a "
+        f"controller informed at once predicts {predicted}, and the classification says that the "
+        f"remaining actuators {can} do the major task; {_found(tracked, summary)}."
+    )
+
+
+def _found(tracked: Tracked, summary: dict[str, Any]) -> str:
+    right = {(each["actuator"], each["kind"]) for each in summary["failures"]}
+    named = summary["diagnoses"]
+    parts = [
+        f"{each['actuator']} was named {each['kind']} after {1e3 * each['delay_s']:.0f} ms"
+        for each in named
+        if (each["actuator"], each["kind"]) in right and each["delay_s"] is not None
+    ]
+    missed = [
+        each["actuator"]
+        for each in summary["failures"]
+        if not any(one["actuator"] == each["actuator"] for one in named)
+    ]
+    if missed:
+        parts.append(f"{', '.join(missed)} was never named")
+    wrong = sum((each["actuator"], each["kind"]) not in right for each in named)
+    if wrong:
+        parts.append(f"{wrong} wrong diagnos{'is' if wrong == 1 else 'es'} came besides")
+    if tracked.task_lost:
+        parts.append("the controller gave the task up")
+    return "; ".join(parts) or "nothing was diagnosed"
+
+
+def _with_units(values: Sequence[float] | None, unit: Sequence[str]) -> str:
+    if values is None:
+        return "unknown"
+    return ", ".join(f"{value:.3g} {each}" for value, each in zip(values, unit, strict=True))
+
+
+def _rows(major: Sequence[int]) -> str:
+    return ", ".join(ROWS[row] for row in major)
+
+
+def _plural(major: Sequence[int]) -> str:
+    return "s" if len(major) > 1 else ""
+
+
+def tables(tracked: Tracked, summary: dict[str, Any]) -> list[Table]:
+    """Errors by major row, and what was diagnosed."""
+    columns = (
+        Column("row", "row"),
+        Column("before", "before", ".3g"),
+        Column("pred.", "predicted_before", ".3g"),
+        Column("after", "after", ".3g"),
+        Column("pred.", "predicted_after", ".3g"),
+    )
+    entries = []
+    for k, row in enumerate(tracked.rig.major):
+        entry: dict[str, Any] = {"row": f"{ROWS[row]} [{summary['units'][k]}]"}
+        for label, key in (("before", "rms_before"), ("after", "rms_after")):
+            entry[label] = _one(summary[key], k)
+            entry[f"predicted_{label}"] = _one(summary[f"predicted_{key}"], k)
+        entries.append(entry)
+    title = f"{tracked.rig.title}: RMS of desired minus true"
+    legend = (
+        "Before and after the first failure. pred.: by the linear model, after the failure with a "
+        "controller that is informed at once."
+    )
+    found = (
+        Column("actuator", "actuator"),
+        Column("named", "kind"),
+        Column("at, s", "time_s", ".3f"),
+        Column("after, s", "delay_s", ".3f"),
+    )
+    return [
+        tabulate(title, columns, entries, legend),
+        tabulate("Diagnoses", found, summary["diagnoses"], "Without a delay: a false alarm."),
+    ]
+
+
+def _one(values: Sequence[float] | None, k: int) -> float | None:
+    return None if values is None else values[k]
+
+
+def notes(tracked: Tracked, summary: dict[str, Any]) -> list[str]:
+    """The verdict first, then what is assumed."""
+    rig = tracked.rig
+    said = [summary["verdict"]]
+    said += [
+        f"Loop of {ROWS[row]}: {margin}."
+        for row, margin in zip(rig.major, rig.margins, strict=True)
+    ]
+    said.append(
+        f"Path of {rig.size:.3g}, sensors with noise of {rig.noise:.3g} (standard deviation of a "
+        "sample); diagnosis and controller have the exact model of the robot."
+    )
+    for failure, text in zip(tracked.failures, tracked.verdicts[1:], strict=True):
+        first = text.splitlines()[0]
+        said.append(f"After {rig.actuators[failure.actuator]} {failure.kind}: {first}")
+    return said
