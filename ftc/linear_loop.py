@@ -48,6 +48,8 @@ class Stage:
         tick: The first.
         onset: The state just after the change per state just before, shape (s, s); None: the same.
         gain: Commands per demand from then on, shape (n, m); None: as before.
+        carried: Which actuators go on from what was commanded, 0 or 1 each, shape (n,), as after a
+            bumpless transfer; None: the new gain's commands come at once.
         drift: Shape (s,), as of :class:`ftc.fdi.fault_model.FaultModel`; None is none.
     """
 
@@ -56,6 +58,7 @@ class Stage:
     tick: int = 0
     onset: Array | None = None
     gain: Array | None = None
+    carried: Array | None = None
     drift: Array | None = None
 
 
@@ -102,11 +105,15 @@ def steps(
     most, held = np.asarray(limit)[..., None], np.asarray(anti_windup)[..., None]
     x = np.zeros((*lead, len(stage.A)))
     states = [np.zeros((*lead, len(each.A))) for each in compensators]
+    demanded = np.zeros((*lead, len(compensators)))
+    commanded, standing = demanded, np.zeros(1)
     for tick in range(reference.shape[-2]):
         if to_come and to_come[0].tick == tick:
             stage = to_come.pop(0)
             x = x if stage.onset is None else x @ stage.onset.T
             gain = gain if stage.gain is None else stage.gain
+            if stage.carried is not None and gain is not None:
+                standing = stage.carried * (commanded - demanded @ gain.T)
         output = x @ C.T
         error = reference[..., tick, :] - output
         ticked = [
@@ -122,7 +129,7 @@ def steps(
         ]
         if feedforward:
             demanded = reference[..., tick, :] + demanded
-        commanded = demanded if gain is None else demanded @ gain.T
+        commanded = demanded if gain is None else demanded @ gain.T + standing
         if secondary is not None:
             commanded = commanded + secondary[tick]
         yield Step(x, output, commanded)

@@ -89,6 +89,9 @@ class PrioritizedMapping(Generic[Pose]):
         self._locked_m = np.zeros(self.actuators)
         for actuator, displacement in goal.locked_m.items():
             self._locked_m[actuator] = displacement
+        self._locked = None
+        if goal.locked_m:
+            self._locked = np.isin(np.arange(self.actuators), list(goal.locked_m))
         self._is_off_centre = bool(self._locked_m.any())
         self._follow = free_actuators_follow(released)
         is_identity = np.array_equal(self._follow, np.eye(self.actuators))
@@ -284,9 +287,11 @@ class PrioritizedMapping(Generic[Pose]):
         There is no sensor for the secondary task; the major task comes from the same commands, so
         that the estimate carries no sensor noise.
         """
+        if self._locked is not None:  # a former mapping may still have commanded it
+            displacements_m = np.where(self._locked, self._locked_m, displacements_m)
         if self._are_all_held:
             return self._model.moved(pose, displacements_m)
-        return self._model.moved(pose, self._follow.dot(displacements_m + self._locked_m))
+        return self._model.moved(pose, self._follow.dot(displacements_m))
 
     def at(self, jacobian: Array, /) -> LocalMapping:
         """The mapping for this Jacobian of the geometry."""

@@ -34,16 +34,17 @@ def predicted_rms(rig: Rig, path: Array, known: Sequence[Known]) -> tuple[Array,
     """RMS of desired minus true before the first failure and from it on, (m1,) each.
 
     The plant is linear about its start and changes with each fault; the mapping is that of the
-    start, and reconfigured at the same tick. What the actuators then stand off from the new mapping
-    is held by its bumpless transfer, and so left out. Noise is white and of the whole loop.
+    start, and reconfigured at the same tick; the actuators go on from where they stand, and their
+    secondary motion does not fade. Noise is white.
     """
     model, gain = fault_model(rig.nominal), rig.mapping(rig.goal).pointing_gain()
     stages, faults = [Stage(model.A, model.B, gain=gain, drift=model.drift)], []
     for each in known:
         faults.append(each.fault)
         after = fault_model(rig.nominal, faults)
-        gain = rig.mapping(each.goal).pointing_gain()
-        stages.append(Stage(after.A, after.B, each.tick, after.onset, gain, after.drift))
+        gain, goes_on = rig.mapping(each.goal).pointing_gain(), np.ones(rig.nominal.actuators)
+        goes_on[[*each.goal.locked_m, *each.goal.free]] = 0.0
+        stages.append(Stage(after.A, after.B, each.tick, after.onset, gain, goes_on, after.drift))
     C = rig.nominal.plant.C
     ticks = list(steps(stages, C, rig.loops, path, feedforward=rig.feedforward))
     error = path - np.array([tick.output for tick in ticks])
