@@ -214,6 +214,7 @@ def robot_rig(
             crossover_hz=crossover_hz,
             sense="joints" if sense == "joints" else "task",
             limits=limits,
+            implicit_damping=plant.implicit_damping,
         )
     except TaskLost as error:
         raise WrongInput(f"{file}: {error}") from None
