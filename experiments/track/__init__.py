@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from experiments.output.controllers import CONTROLLER
 from experiments.output.study import Option, Study
 from experiments.track.choices import Diagnosing, Limited, Sensing
 
@@ -123,5 +124,6 @@ STUDY = Study(
             "Natural frequency of the position servos that torque motors get.",
             "HZ",
         ),
+        CONTROLLER,
     ),
 )

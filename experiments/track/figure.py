@@ -7,11 +7,13 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from experiments.output.controllers import controller_label
 from experiments.output.plotting import (
     BLACK,
     BLUE,
     LINES,
     PAGE_IN,
+    PURPLE,
     VERMILION,
     new_figure,
 )
@@ -64,6 +66,9 @@ def _path(axes: Axes, tracked: Tracked, summary: dict[str, Any]) -> None:
     for signal, color, style in ((run.desired, BLACK, "--"), (run.true, BLUE, "-")):
         x, y = _plane(run.time_s, factor * signal)
         axes.plot(x, y, color=color, ls=style, lw=0.8)
+    if tracked.other is not None:
+        x, y = _plane(run.time_s, factor * tracked.other.run.true)
+        axes.plot(x, y, color=PURPLE, lw=0.6)
     x, y = _plane(run.time_s, factor * run.true)
     axes.plot(x[struck], y[struck], color=VERMILION, lw=0.8)
     if run.desired.shape[1] == 1:
@@ -86,6 +91,10 @@ def _errors(axes: Axes, tracked: Tracked, summary: dict[str, Any]) -> None:
     for k, name in enumerate(_names(tracked)):
         label = f"{name}, {prefix}{summary['units'][k]}"
         axes.plot(run.time_s, factor * error[:, k], color=LINES[k % len(LINES)], label=label)
+    if tracked.other is not None:
+        theirs = np.linalg.norm(tracked.other.run.desired - tracked.other.run.true, axis=1)
+        label = f"{controller_label(tracked.other.name)}, norm"
+        axes.plot(run.time_s, factor * theirs, color=PURPLE, lw=0.6, label=label)
     axes.set(title="Desired minus true", ylabel="error")
     axes.tick_params(labelbottom=False)
 

@@ -5,11 +5,12 @@ from typing import Any
 
 import numpy as np
 
+from experiments.output.controllers import controller_label
 from experiments.output.provenance import version_properties
 from experiments.output.recording.file import RecordingInfo, at_most
 from experiments.output.recording.mechanism import Driven, Mark, write_mechanism
 from experiments.output.recording.views import Plot, Task
-from experiments.track.runs import Tracked
+from experiments.track.runs import Run, Tracked
 from experiments.track.words import ROWS
 
 _SIGNALS_HZ = 200
@@ -55,7 +56,19 @@ def record(tracked: Tracked, summary: dict[str, Any], folder: Path) -> None:
         nominal=run.qpos[0],
         marks=_marks(tracked, summary),
     )
-    write_mechanism(folder / "track.rrd", about, rig.model, {rig.title: driven})
+    conditions = {rig.title: driven}
+    if tracked.other is not None:
+        conditions[controller_label(tracked.other.name)] = _other(tracked, tracked.other.run)
+    write_mechanism(folder / "track.rrd", about, rig.model, conditions)
+
+
+def _other(tracked: Tracked, run: Run) -> Driven:
+    """The run with another controller, beside."""
+    every = at_most(_SIGNALS_HZ, run.time_s)
+    error = 1e6 * (run.desired - run.true)[every]
+    names = [f"{ROWS[row]} off" for row in tracked.rig.major]
+    plots = [Plot("error", "Desired - true [urad], [um]", names, run.time_s[every], error)]
+    return Driven(run.time_s, run.qpos, plots, nominal=run.qpos[0])
 
 
 def _limits(tracked: Tracked, every: slice) -> list[Plot]:

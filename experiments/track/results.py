@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from experiments.output.controllers import controller_label
 from experiments.output.provenance import versions
 from experiments.output.results import Check, Results
 from experiments.output.tables import Column, Table, tabulate
@@ -19,23 +20,27 @@ from sim import CLOSURE_TOLERANCE, Array
 def results(tracked: Tracked) -> Results:
     """Everything that `fjh track` publishes."""
     summary = summarize(tracked)
-    run = tracked.run
+    arrays = dict(vars(tracked.run))
+    if tracked.other is not None:
+        arrays |= {f"other_{key}": value for key, value in vars(tracked.other.run).items()}
     return Results(
         summary,
         tables=tables(tracked, summary),
         notes=notes(tracked, summary),
-        checks=[
-            Check(
-                "closure residual [m]",
-                tracked.rig.title,
-                summary["closure_residual_max_m"],
-                CLOSURE_TOLERANCE,
-            )
-        ],
+        checks=checks(tracked, summary),
         pictures=pictures(tracked, summary),
-        arrays={"track.npz": vars(run)},
+        arrays={"track.npz": arrays},
         records=[partial(record, tracked, summary)],
     )
+
+
+def checks(tracked: Tracked, summary: dict[str, Any]) -> list[Check]:
+    """Loops stay closed, and another controller does nothing wrong."""
+    gap_m, title = summary["closure_residual_max_m"], tracked.rig.title
+    found = [Check("closure residual [m]", title, gap_m, CLOSURE_TOLERANCE)]
+    if (other := tracked.other) is not None and other.failure is not None:
+        found.append(Check(f"a failure, {other.failure},", other.name, 1.0, 1.0))
+    return found
 
 
 def units(tracked: Tracked) -> list[str]:
@@ -88,6 +93,16 @@ def summarize(tracked: Tracked) -> dict[str, Any]:
         "task_lost": tracked.task_lost,
         "closure_residual_max_m": float(run.closure_residual_m.max()),
     }
+    if (other := tracked.other) is not None:
+        theirs = other.run.desired - other.run.true
+        summary["controllers"] = [
+            {
+                "name": other.name,
+                "rms_before": _rms(theirs[:cut]),
+                "rms_after": _rms(theirs[cut:]),
+                "failure": other.failure,
+            }
+        ]
     return summary | {"verdict": verdict(tracked, summary)}
 
 
@@ -186,7 +201,7 @@ def _plural(major: Sequence[int]) -> str:
 
 def tables(tracked: Tracked, summary: dict[str, Any]) -> list[Table]:
     """Errors by major row, and what was diagnosed."""
-    columns = (
+    columns: tuple[Column, ...] = (
         Column("row", "row"),
         Column("before", "before", ".3g"),
         Column("pred.", "predicted_before", ".3g"),
@@ -195,11 +210,19 @@ def tables(tracked: Tracked, summary: dict[str, Any]) -> list[Table]:
     )
     entries = []
     for k, row in enumerate(tracked.rig.major):
-        entry: dict[str, Any] = {"row": f"{ROWS[row]} [{summary['units'][k]}]"}
+        entry: dict[str, Any] = {"row": f"{ROWS[row]} [u{summary['units'][k]}]"}
         for label, key in (("before", "rms_before"), ("after", "rms_after")):
             entry[label] = _one(summary[key], k)
             entry[f"predicted_{label}"] = _one(summary[f"predicted_{key}"], k)
+        for one in summary.get("controllers", ()):
+            entry |= {f"{key}_other": _one(one[f"rms_{key}"], k) for key in ("before", "after")}
         entries.append(entry)
+    if (other := tracked.other) is not None:
+        label = controller_label(other.name)
+        columns += (
+            Column(f"{label},\nbefore", "before_other", ".3g"),
+            Column(f"{label},\nafter", "after_other", ".3g"),
+        )
     title = f"{tracked.rig.title}: RMS of desired minus true"
     legend = (
         "Before and after the first failure. pred.: by the linear model, after the failure with a "
@@ -218,13 +241,15 @@ def tables(tracked: Tracked, summary: dict[str, Any]) -> list[Table]:
 
 
 def _one(values: Sequence[float] | None, k: int) -> float | None:
-    return None if values is None else values[k]
+    return None if values is None else 1e6 * values[k]
 
 
 def notes(tracked: Tracked, summary: dict[str, Any]) -> list[str]:
     """The verdict first, then what is assumed."""
     rig = tracked.rig
     said = [summary["verdict"]]
+    if tracked.other is not None and tracked.other.failure is not None:
+        said.append(f"{tracked.other.failure}; its last inputs were held from then on.")
     said += [
         f"Loop of {ROWS[row]}: {margin}."
         for row, margin in zip(rig.major, rig.margins, strict=True)

@@ -13,18 +13,21 @@ import numpy as np
 from experiments.hexapod.columns import COLUMNS, MAJOR
 from experiments.hexapod.controller import StrutMapping, nominal_loops
 from experiments.hexapod.fault_tolerance import elastic_system, nominal_model, supervisor
+from experiments.hexapod.other_controller import control_task
 from experiments.hexapod.simulation import simulated
 from experiments.hexapod.testbed import Testbed, TestbedConfig
 from experiments.output.recording.mechanism import body_name
 from experiments.output.study import WrongInput
 from ftc.compensator import Channel, Margins
+from ftc.control_task import ControlTask
+from ftc.controller import DirectDrive
 from ftc.fdi.diagnosis import Diagnosis
 from ftc.fdi.fault_model import Fault, NominalModel
 from ftc.goal import Goal
 from ftc.mapping import PrioritizedMapping
 from ftc.supervisor import Supervisor, reconfigured_goal
 from ftc.tracking import TaskLost, goal_told, tracking
-from prioritized import Manipulability
+from prioritized import ConstrainedSystem, Manipulability
 from sim import (
     Array,
     Bench,
@@ -71,6 +74,7 @@ class Rig:
         bench: The simulated machine for times (N,), failures and a seed.
         classified: What is left with these faults.
         told: The goal with one more failure.
+        task: What somebody else's controller is told.
     """
 
     title: str
@@ -91,6 +95,7 @@ class Rig:
     bench: Callable[[Array, Sequence[Failure], int], Bench]
     classified: Callable[[Sequence[Fault]], Manipulability]
     told: Callable[[Goal, Fault], Goal]
+    task: ControlTask
 
     @property
     def period_s(self) -> float:
@@ -148,6 +153,7 @@ def hexapod_rig(size: float | None) -> Rig:
         ),
         classified=classified,
         told=_told_hexapod,
+        task=control_task(testbed, goal),
     )
 
 
@@ -195,6 +201,7 @@ def robot_rig(
     steps = max(1, math.ceil(period_s / model.opt.timestep - 1e-9))
     period_s = steps * model.opt.timestep
     mechanism = Mechanism(model, start, frame, axes)
+    system = ConstrainedSystem.of(mechanism.jacobians(mechanism.nominal))
     goal = _goal(len(plant.drives), 6 - len(major), joint_weight, secondary_weight)
     turns = all(row < 3 for row in major)
     size = (_SIZE if turns else _SIZE * float(model.stat.extent)) if size is None else size
@@ -251,6 +258,15 @@ def robot_rig(
         supervisor=lambda: track.supervisor(goal),
         bench=bench,
         classified=track.classified,
+        task=ControlTask(
+            nominal=track.nominal,
+            J=system.kinematics().J,
+            major=major,
+            goal=goal,
+            drives=DirectDrive(),
+            limits_m=plant.limits(),
+            reference_limit=np.full(len(major), size),
+        ),
     )
 
 

@@ -10,6 +10,7 @@ from typing import Any, get_args
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from experiments.output.controllers import controller_factory
 from experiments.output.study import OnProgress, WrongInput
 from experiments.track.choices import Diagnosing, Limited, Sensing
 from experiments.track.paths import path_of
@@ -18,7 +19,8 @@ from experiments.track.reach import check_reach
 from experiments.track.rig import Rig, hexapod_rig, robot_rig
 from ftc.fdi.diagnosis import Diagnosis
 from ftc.fdi.fault_model import Fault
-from ftc.loop import run_loop
+from ftc.guarded_controller import GuardedController
+from ftc.loop import LoopRun, run_loop
 from ftc.supervisor import SupervisorState
 from ftc.tracking import is_possible
 from sim import Array, Bench, Failure, FailureKind, model_sha256
@@ -58,6 +60,21 @@ class Run:
 
 
 @dataclass(frozen=True)
+class Other:
+    """The same run with somebody else's controller.
+
+    Attributes:
+        name: As given to the command.
+        run: What happened.
+        failure: What it did wrong, in a sentence; None is nothing.
+    """
+
+    name: str
+    run: Run
+    failure: str | None
+
+
+@dataclass(frozen=True)
 class Tracked:
     """Everything that `fjh track` publishes.
 
@@ -72,6 +89,7 @@ class Tracked:
         predicted: RMS errors before and after the first failure by the linear model, (m1,) each.
         verdicts: For each number of failures so far, in words, what the classification says.
         possible: Likewise, whether the major task can still be done.
+        other: With another controller; None where none was given.
     """
 
     seed: int
@@ -84,6 +102,7 @@ class Tracked:
     predicted: tuple[Array, Array]
     verdicts: tuple[str, ...]
     possible: tuple[bool, ...]
+    other: Other | None = None
 
 
 def run_track(
@@ -110,6 +129,7 @@ def run_track(
     diagnosis: Diagnosing,
     keyframe: str | None,
     servo: float | None,
+    controller: str | None,
 ) -> Tracked:
     """Track a path, and predict what the failures cost.
 
@@ -152,53 +172,70 @@ def run_track(
     failures = tuple(sorted(_failures(rig, fail, shorter, time_s), key=lambda one: one.time_s))
     desired = path_of(path, len(rig.major), rig.size, time_s, turn, rig.period_s)
     check_reach(rig, desired)
+    factory = None if controller is None else controller_factory(controller)
     supervisor = rig.supervisor()
     pilot: Any = supervisor if diagnosis == "on" else supervisor.first
-    bench = rig.bench(time_s, failures, seed)
-    looped = run_loop(_Counted(bench, len(time_s), on_progress), pilot, desired)
-    turned = Rotation.from_matrix(bench.rotation).as_rotvec()
-    task = np.hstack([turned, bench.translation_m])
-    state = looped.state
+    runs = 1 if factory is None else 2
+
+    def simulated(steers: Any, before: int) -> tuple[Run, Any]:
+        done = before * len(time_s)
+        shown = _Shown(rig.bench(time_s, failures, seed), done, runs * len(time_s), on_progress)
+        looped = run_loop(shown, steers, desired)
+        return _run(rig, time_s, desired, shown.bench, looped), looped.state
+
+    run, state = simulated(pilot, 0)
+    other = None
+    if factory is not None and controller is not None:
+        guarded = GuardedController(controller, factory, rig.task)
+        theirs, their_state = simulated(guarded, 1)
+        other = Other(controller, theirs, their_state.failure)
     supervised = isinstance(state, SupervisorState)
     faults = [_fault(failure) for failure in failures]
     reports = [rig.classified(faults[:count]) for count in range(len(faults) + 1)]
-    assert bench.qpos is not None
     return Tracked(
         seed=seed,
         model_sha256=model_sha256(model),
         rig=rig,
         failures=failures,
-        run=Run(
-            time_s,
-            desired,
-            task[:, list(rig.major)],
-            looped.measured,
-            task,
-            looped.input_percent,
-            bench.displacement,
-            bench.qpos,
-            bench.closure_residual_m,
-        ),
+        run=run,
         diagnoses=state.diagnoses if supervised else (),
         task_lost=supervised and state.task_lost,
         predicted=predicted_rms(rig, desired, _known(rig, failures, told=diagnosis == "on")),
         verdicts=tuple(str(report) for report in reports),
         possible=tuple(is_possible(report) for report in reports),
+        other=other,
     )
 
 
-class _Counted:
+def _run(rig: Rig, time_s: Array, desired: Array, bench: Bench, looped: LoopRun[Any]) -> Run:
+    turned = Rotation.from_matrix(bench.rotation).as_rotvec()
+    task = np.hstack([turned, bench.translation_m])
+    assert bench.qpos is not None  # rigs keep it
+    return Run(
+        time_s=time_s,
+        desired=desired,
+        true=task[:, list(rig.major)],
+        measured=looped.measured,
+        task=task,
+        inputs=looped.input_percent,
+        displacement=bench.displacement,
+        qpos=bench.qpos,
+        closure_residual_m=bench.closure_residual_m,
+    )
+
+
+class _Shown:
     """A machine in the loop that shows how far the run has come."""
 
-    def __init__(self, bench: Bench, ticks: int, on_progress: OnProgress) -> None:
-        self.measure, self._apply = bench.measure, bench.apply
-        self._done, self._ticks, self._on_progress = 0, ticks, on_progress
+    def __init__(self, bench: Bench, done: int, total: int, on_progress: OnProgress) -> None:
+        self.bench, self.measure = bench, bench.measure
+        self._done, self._total, self._on_progress = done, total, on_progress
 
     def apply(self, input_percent: Array) -> None:
-        self._apply(input_percent)
+        self.bench.apply(input_percent)
         self._done += 1
-        if self._done % _SHOWN_EVERY == 0 or self._done == self._ticks:
-            self._on_progress(self._done, self._ticks)
+        if self._done % _SHOWN_EVERY == 0 or self._done == self._total:
+            self._on_progress(self._done, self._total)
 
 
 def _positive(name: str, value: float) -> None:
