@@ -18,6 +18,10 @@ from ftc.guarded_controller import GuardedController as GuardedController
 from ftc.loop import LoopRun as LoopRun
 from ftc.loop import run_loop as run_loop
 from ftc.mapping import PrioritizedMapping as PrioritizedMapping
+from ftc.mechanism import MechanismGeometry as MechanismGeometry
 from ftc.oracle import OracleController as OracleController
 from ftc.supervisor import Supervisor as Supervisor
 from ftc.supervisor import reconfigured_goal as reconfigured_goal
+from ftc.tracking import TaskLost as TaskLost
+from ftc.tracking import Tracking as Tracking
+from ftc.tracking import tracking as tracking

@@ -62,6 +62,7 @@ class Tracking:
         loops: One compensator for each.
         margins: Of each loop, the others open.
         peak: Of the sensitivity of all loops together.
+        goal: While all actuators work.
         limits: Lower and upper displacements of the actuators, (n,) each; None is none.
         when_limited: What becomes of a major task beyond them.
         springs: Whether springs hold what the loops of the mechanism leave free.
@@ -76,6 +77,7 @@ class Tracking:
     loops: tuple[Compensator, ...]
     margins: tuple[Margins, ...]
     peak: float
+    goal: Goal
     limits: tuple[Array, Array] | None = None
     when_limited: WhenLimited = "least_squares"
     springs: bool = False
@@ -108,14 +110,13 @@ class Tracking:
             reference_feedforward=True,
         )
 
-    def supervisor(self, goal: Goal, config: FdiConfig = DEFAULT_CONFIG) -> Supervisor:
+    def supervisor(self, config: FdiConfig = DEFAULT_CONFIG) -> Supervisor:
         """A controller that diagnoses failures and reconfigures itself.
 
         Args:
-            goal: While all actuators work.
             config: Rates and confidences of the diagnosis.
         """
-        n = self.nominal.actuators
+        goal, n = self.goal, self.nominal.actuators
         return Supervisor(
             first=self.controller(goal),
             monitor=monitor(self.watched, config=config),

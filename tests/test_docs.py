@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 
 from experiments.app.cli import STUDIES
+from ftc import Fault
 from sim import load_model
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text()
 
-ON_THE_HEXAPOD, OWN = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
+ON_THE_HEXAPOD, OWN, IN_A_LOOP = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
 (PRINTED,) = re.findall(r"```text\n(.*?)```", README, re.DOTALL)
 
 
@@ -52,6 +53,18 @@ def test_the_readmes_lines_fail_an_actuator_of_any_mjcf(machine, tmp_path, monke
         turn = turned @ data.site("payload").xmat.reshape(3, 3).T
         vector = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0]]) / 2e-6
         np.testing.assert_allclose(vector, [0.1, 0.0], atol=1e-6)
+
+
+def test_the_readmes_loop_finds_the_lock_of_a_robot_and_goes_on(tmp_path, monkeypatch, capsys):
+    """After it the path is followed as well as the sensor's noise lets one see, 4 sigma."""
+    monkeypatch.chdir(tmp_path)
+    shutil.copy(ROOT / "models" / "arm.xml", "yours.xml")
+    names: dict = {}
+    for block in (ON_THE_HEXAPOD, OWN, IN_A_LOOP):
+        exec(block, names)
+    assert names["run"].state.diagnoses[-1].fault == Fault(1, "locked")
+    assert not names["run"].state.task_lost
+    assert float(capsys.readouterr().out.split()[-1]) < 6e-5
 
 
 def test_the_readme_fits_on_150_lines():

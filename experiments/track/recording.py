@@ -40,13 +40,7 @@ def record(tracked: Tracked, summary: dict[str, Any], folder: Path) -> None:
             run.displacement[every],
         ),
         *_limits(tracked, every),
-        Plot(
-            "closure",
-            "Closure residual [um]",
-            ["largest gap [um]"],
-            kept_s,
-            1e6 * run.closure_residual_m[every, None],
-        ),
+        *_closure(tracked, every),
     ]
     driven = Driven(
         run.time_s,
@@ -72,17 +66,26 @@ def _other(tracked: Tracked, run: Run) -> Driven:
 
 
 def _limits(tracked: Tracked, every: slice) -> list[Plot]:
-    """Each limited actuator as a part of the way from the start to the limit ahead of it."""
+    """Where each actuator that is limited on both sides is in its range."""
     if tracked.rig.limits is None:
         return []
     lower, upper = tracked.rig.limits
-    limited = np.flatnonzero(np.isfinite(lower) | np.isfinite(upper))
-    moved = tracked.run.displacement[every][:, limited]
-    room = np.where(moved < 0, -lower[limited], upper[limited])
-    part = 100 * np.abs(moved) / np.maximum(room, 1e-12)
+    limited = np.flatnonzero(np.isfinite(upper - lower) & (upper > lower))
+    if not limited.size:
+        return []
+    span = (upper - lower)[limited]
+    part = 100 * (tracked.run.displacement[every][:, limited] - lower[limited]) / span
     names = [f"{tracked.rig.actuators[k]} [%]" for k in limited]
-    title = "Part of the way to the limit [%]"
-    return [Plot("limits", title, names, tracked.run.time_s[every], part)]
+    return [Plot("limits", "Position in its range [%]", names, tracked.run.time_s[every], part)]
+
+
+def _closure(tracked: Tracked, every: slice) -> list[Plot]:
+    """The largest gap of a closed loop; nothing where there are none."""
+    gap_um = 1e6 * tracked.run.closure_residual_m[every, None]
+    if not gap_um.any():
+        return []
+    names = ["largest gap [um]"]
+    return [Plot("closure", "Closure residual [um]", names, tracked.run.time_s[every], gap_um)]
 
 
 def _task(tracked: Tracked, summary: dict[str, Any]) -> Task | None:

@@ -255,7 +255,7 @@ def robot_rig(
         size=size,
         noise=noise,
         mapping=track.mapping,
-        supervisor=lambda: track.supervisor(goal),
+        supervisor=track.supervisor,
         bench=bench,
         classified=track.classified,
         task=ControlTask(
