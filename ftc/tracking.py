@@ -213,7 +213,8 @@ def tracking(
     )
     sampled = control.c2d(plant, period_s, method="zoh")
     each = tuple(margins(sampled[k, k] * loop.discrete) for k, loop in enumerate(loops))
-    return Tracking(model, nominal, rows, loops, each, peak, encoder_noise=encoder_noise, **options)
+    known = {"goal": goal, "encoder_noise": encoder_noise} | options
+    return Tracking(model, nominal, rows, loops, each, peak, **known)
 
 
 def _by_encoders(kinematics: Kinematics, rows: tuple[int, ...], noise: Array) -> Array:
