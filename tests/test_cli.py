@@ -111,7 +111,7 @@ def test_a_broken_machine_file_is_refused(capsys, tmp_path, mjcf):
         ('"stem1"', '"rod1"', 'body named "stem1"'),
         # Nothing is missing, but it cannot point.
         ("<weld ", "<weld active='false' ", "six degrees of freedom"),
-        ('gainprm="126000"', 'gainprm="0"', "do not move alpha"),
+        ('gainprm="126000"', 'gainprm="0"', "has gain 0"),
         ('damping="110"', 'damping="-4000"', "alpha loop is unstable"),
         (
             "</actuator>",
