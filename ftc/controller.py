@@ -112,6 +112,7 @@ class PrioritizedController(Generic[Pose]):
         self._effectiveness = np.ones(mapping.actuators)
         for actuator, left in mapping.goal.effectiveness.items():
             self._effectiveness[actuator] = left
+        self._is_weakened = bool((self._effectiveness != 1.0).any())
         self.period_s = loops[0].dt
         # All loops at once: [next states; demands] = M [states; errors].
         orders = [len(loop.A) for loop in loops]
@@ -164,7 +165,7 @@ class PrioritizedController(Generic[Pose]):
             pose = self.mapping.estimate(commanded_m, state.pose)
 
         error = reference - measurement.output
-        after = self._M.dot(np.concatenate([state.compensator, error]))
+        after = self._M.dot(np.concatenate((state.compensator, error)))
         compensator, pointing = after[: self._order], after[self._order :]
         if self.demand_limit_rad < inf:
             demanded = pointing
@@ -198,9 +199,10 @@ class PrioritizedController(Generic[Pose]):
             if owed.internal_m is not None:
                 required_m = required_m + owed.faded(owed.internal_m, self.handover_s)
             owed = replace(owed, age_s=owed.age_s + self.period_s)
+        exerted_m = required_m / self._effectiveness if self._is_weakened else required_m
         return ControllerState(
             compensator,
-            self.amplifier.input_percent(required_m / self._effectiveness),
+            self.amplifier.input_percent(exerted_m),
             pose,
             PreviousCommand(
                 pointing,
@@ -230,4 +232,5 @@ class PrioritizedController(Generic[Pose]):
 
     def _commanded_m(self, state: ControllerState[Pose]) -> Array:
         """Displacements that the actuators hold at the inputs last sent, shape (n,)."""
-        return self._effectiveness * self.amplifier.displacement_m(state.input_percent)
+        exerted_m = self.amplifier.displacement_m(state.input_percent)
+        return self._effectiveness * exerted_m if self._is_weakened else exerted_m

@@ -10,8 +10,7 @@ from ftc.limits import LimitedMapping
 from prioritized import Kinematics, Status, VelocityMapping
 
 
-@dataclass(frozen=True)
-class PreviousCommand:
+class PreviousCommand(NamedTuple):
     """Last demand and displacements of a mapping, from which the incremental form continues.
 
     Attributes:

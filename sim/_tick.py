@@ -187,6 +187,32 @@ def seen_from(xmat, xpos, frame, base_xmat, base, R_0, p_0, R, t):
     return FOUND
 
 
+@njit(
+    types.float64(_any[1], types.Array(types.int32, 1, "A"), _any[1], types.int64),
+    cache=True,
+    error_model="numpy",
+)
+def largest_gap(gaps, owners, counts, rows):
+    """Largest of the first rows' gaps, each times the number that its owner counts."""
+    largest = 0.0
+    for i in range(rows):
+        largest = max(largest, abs(gaps[i] * counts[owners[i]]))
+    return largest
+
+
+@_compiled(_any[2], *[types.float64] * 3, _any[1], _new[1])
+def spot(R, focal, half_width, deviation, noise, seen):
+    """Write the angles (2,) at which a detector sees a beam along z, from a payload turned by R.
+
+    The spot has `noise` times `deviation` added, and stays on the detector.
+    """
+    for i in range(2):
+        at = focal * R[2, i] / R[2, 2] + deviation * noise[i]
+        at = min(max(at, -half_width), half_width) / focal
+        seen[1 - i] = -at if i == 0 else at
+    return FOUND
+
+
 @_compiled(_any[1], *[types.float64] * 4, types.boolean, _new[1])
 def convert(x, factor, lower, upper, gain, whole, y):
     """Write x times a factor, rounded to a whole number if so asked, within limits; times a gain.

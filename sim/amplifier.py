@@ -1,6 +1,8 @@
 """Digital-to-analog converter, current amplifier and voice coil: from command to displacement."""
 
 from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -39,29 +41,43 @@ class Amplifier:
 
     def input_percent(self, displacement_m: Array) -> Array:
         """Normalized input 100 * DAC input / largest DAC input; quantized, clipped at +-100 %."""
-        half = 2.0 ** (self.bits - 1)
-        per_m = half / (self.full_input_a * self.newton_per_a / self.newton_per_m)
-        displacement_m = check.finite("displacement_m", displacement_m)
-        return _converted(displacement_m, per_m, -half, half - 1.0, 100.0 / half, whole=True)
+        return _converted("displacement_m", displacement_m, self._to_input)
 
     def current_a(self, input_percent: Array) -> Array:
         """Coil current; the amplifier saturates."""
-        return self._asked(input_percent, 1.0)
+        return _converted("input_percent", input_percent, self._current(1.0))
 
     def displacement_m(self, input_percent: Array) -> Array:
         """Strut displacement at which the suspension balances the coil."""
-        return self._asked(input_percent, self.newton_per_a / self.newton_per_m)
+        return _converted("input_percent", input_percent, self._to_displacement)
 
-    def _asked(self, input_percent: Array, per_a: float) -> Array:
-        input_percent = check.finite("input_percent", input_percent)
-        a_per_percent, limit_a = self.full_input_a / 100.0, self.limit_a
-        return _converted(input_percent, a_per_percent, -limit_a, limit_a, per_a, whole=False)
+    @cached_property
+    def _to_input(self) -> "_Conversion":
+        half = 2.0 ** (self.bits - 1)
+        per_m = half / (self.full_input_a * self.newton_per_a / self.newton_per_m)
+        return _Conversion(per_m, -half, half - 1.0, 100.0 / half, whole=True)
+
+    @cached_property
+    def _to_displacement(self) -> "_Conversion":
+        return self._current(self.newton_per_a / self.newton_per_m)
+
+    def _current(self, per_a: float) -> "_Conversion":
+        limit_a = self.limit_a
+        return _Conversion(self.full_input_a / 100.0, -limit_a, limit_a, per_a, whole=False)
 
 
-def _converted(
-    x: Array, factor: float, lower: float, upper: float, gain: float, *, whole: bool
-) -> Array:
+class _Conversion(NamedTuple):
     """Numbers times a factor, rounded if `whole`, within limits; times a gain."""
-    y = np.empty(x.shape)
-    compiled().convert(x.reshape(-1), factor, lower, upper, gain, whole, y.reshape(-1))
-    return y
+
+    factor: float
+    lower: float
+    upper: float
+    gain: float
+    whole: bool
+
+
+def _converted(name: str, value: Array, conversion: _Conversion) -> Array:
+    x = check.finite(name, value)
+    y = np.empty(x.size)
+    compiled().convert(x.reshape(-1), *conversion, y)
+    return y.reshape(x.shape)

@@ -10,7 +10,7 @@ from sim.array import Array
 from sim.failure import Failure
 from sim.mechanism import JointPosture, Mechanism, displacement_of
 from sim.plant import Plant
-from sim.pose import Pose
+from sim.pose import Pose, computed
 
 
 class Reading(NamedTuple):
@@ -138,12 +138,13 @@ class Bench:
             self._to_come.pop(0).strike(plant)
         if self._floor is not None:
             plant.shake(self._floor[tick])
-        pose, displacement = plant.pose(), plant.displacements()
-        self.rotation[tick], self.translation_m[tick] = pose.rotation, pose.translation_m
-        self.displacement[tick] = displacement
+        rotation, translation_m = self.rotation[tick], self.translation_m[tick]
+        displacement = self.displacement[tick]
+        plant.observe(rotation, translation_m, displacement)
         self.closure_residual_m[tick] = plant.closure_residual_m()
         if self.qpos is not None:
             self.qpos[tick] = plant.data.qpos
+        pose = computed(Pose, rotation=rotation, translation_m=translation_m)
         return self._sensors.read(pose, displacement)
 
     def apply(self, input_percent: Array) -> None:

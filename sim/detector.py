@@ -7,6 +7,7 @@ from scipy.spatial.transform import Rotation
 
 import argument_checks as check
 from sim.array import Array
+from sim.pose import compiled
 
 
 def pointing_angles(rotation: Array) -> Array:
@@ -84,13 +85,8 @@ class Detector:
         rotation = check.exactly("rotation", rotation, 3, 3)
         check.instance("rng", rng, np.random.Generator)
         # The beam, along z_b, in payload axes is the third row.
-        x, y, z = rotation[2].tolist()
-        if z == 0.0:
+        if rotation.item(8) == 0.0:
             raise ValueError("rotation must not put the payload at right angles to the beam")
-        x_noise, y_noise = rng.standard_normal(2).tolist()
-        x_spot = self._seen(self.focal_length_m * x / z + self.noise_m * x_noise)
-        y_spot = self._seen(self.focal_length_m * y / z + self.noise_m * y_noise)
-        return np.array([y_spot / self.focal_length_m, -x_spot / self.focal_length_m])
-
-    def _seen(self, spot_m: float) -> float:
-        return min(max(spot_m, -self.half_width_m), self.half_width_m)
+        optics, angles = (self.focal_length_m, self.half_width_m, self.noise_m), np.empty(2)
+        compiled().spot(rotation, *optics, rng.standard_normal(2), angles)
+        return angles

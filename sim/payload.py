@@ -41,10 +41,15 @@ class Payload:
 
     def pose(self, data: mujoco.MjData) -> Pose:
         """Motion from the nominal pose, in base axes: rotation R_now R_nominal^T."""
+        rotation, translation_m = np.empty((3, 3)), np.empty(3)
+        self.write_pose(data, rotation, translation_m)
+        return computed(Pose, rotation=rotation, translation_m=translation_m)
+
+    def write_pose(self, data: mujoco.MjData, rotation: Array, translation_m: Array) -> None:
+        """Overwrite (3, 3) and (3,) with this motion, for a log of many ticks."""
         frame, base = self.frame, self.base
         xmat, xpos = _arrays(frame, data)
         base_xmat, number = (_WORLD_9, 0) if base is None else (_arrays(base, data)[0], base.id)
-        rotation, translation_m = np.empty((3, 3)), np.empty(3)
         compiled().seen_from(
             xmat,
             xpos,
@@ -56,7 +61,6 @@ class Payload:
             rotation,
             translation_m,
         )
-        return computed(Pose, rotation=rotation, translation_m=translation_m)
 
     def force_at_centre_of_mass(self, data: mujoco.MjData, wrench: Array) -> Array:
         """[force; moment] in world axes, as `xfrc_applied`, of [moment; force] (6,) at it."""

@@ -3,11 +3,12 @@
 import copy
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import lru_cache
 from math import isfinite
 
 import mujoco
 import numpy as np
-from scipy.linalg.blas import dnrm2, idamax
+from scipy.linalg.blas import dnrm2
 from scipy.spatial.transform import Rotation
 
 import argument_checks as check
@@ -30,7 +31,7 @@ from sim.holding import holding_forces, refuse_beyond_ranges
 from sim.linear import LinearPlant, linear_plant
 from sim.model import check_state
 from sim.payload import Payload
-from sim.pose import Pose
+from sim.pose import Pose, compiled
 from sim.reader import CLOSURE_TOLERANCE
 
 _LOOPS = (int(mujoco.mjtEq.mjEQ_CONNECT), int(mujoco.mjtEq.mjEQ_WELD))
@@ -44,7 +45,7 @@ _NOT_FINITE = (
 _MOST_STEPS = 2**31 - 1
 """MuJoCo counts physics steps in 32 bits."""
 
-_STATE = mujoco.mjtState.mjSTATE_INTEGRATION
+_STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 
 
 class Plant:
@@ -103,7 +104,7 @@ class Plant:
         self._locks = locks_of(self.model, self.drives, locks)
         axes = None if base is None else located(self.model, "base", base)
         frame = located(self.model, "payload", payload)
-        self._payload_frame = payload
+        self._opt, self._payload_frame = self.model.opt, payload
         self._is_loop = np.isin(self.model.eq_type, _LOOPS).astype(float)
         self._warnings = [self.data.warning[kind] for kind in _NOT_FINITE]
         if start is not None:
@@ -133,23 +134,16 @@ class Plant:
             ModelError: The period is not a whole number of physics steps.
             SimulationDiverged: The state is no longer finite.
         """
-        timestep_s = self.model.opt.timestep
-        steps = round(check.positive("period_s", period_s) / timestep_s)
-        if steps > _MOST_STEPS:
-            raise ValueError(f"period_s must be at most {_MOST_STEPS} steps, got {period_s:g} s")
-        if steps < 1 or abs(steps * timestep_s - period_s) > 1e-12:
-            raise ModelError(
-                f"the model's physics step of {timestep_s} s does not divide "
-                f"the period of {period_s} s"
-            )
+        model, data = self.model, self.data
+        steps = _steps(check.positive("period_s", period_s), self._opt.timestep)
         command_m = check.exactly("command_m", command_m, len(self.drives))
-        mujoco.mj_getState(self.model, self.data, self._last, _STATE)
-        self.data.ctrl[:] = self._commands.controls(command_m)
-        mujoco.mj_step(self.model, self.data, steps)
+        mujoco.mj_getState(model, data, self._last, _STATE)
+        data.ctrl[:] = self._commands.controls(command_m)
+        mujoco.mj_step(model, data, steps)
         if not self._is_finite():
-            raise SimulationDiverged(self.data.time, self._last.copy())
-        mujoco.mj_kinematics(self.model, self.data)
-        self._gauges.refresh(self.model, self.data)
+            raise SimulationDiverged(data.time, self._last.copy())
+        mujoco.mj_kinematics(model, data)
+        self._gauges.refresh(model, data)
 
     def settle(self, seconds: float, command_m: Array | None = None) -> None:
         """Let the machine come to rest at displacements (n,); time starts again at zero.
@@ -304,8 +298,12 @@ class Plant:
     def closure_residual_m(self) -> float:
         """Largest closure residual at the last physics step; a weld's angles count as m/rad."""
         rows = self.data.ne  # equalities come first
-        gaps = self.data.efc_pos[:rows] * self._is_loop.take(self.data.efc_id[:rows])
-        return abs(float(gaps[idamax(gaps)])) if rows else 0.0
+        return compiled().largest_gap(self.data.efc_pos, self.data.efc_id, self._is_loop, rows)
+
+    def observe(self, rotation: Array, translation_m: Array, displacement: Array) -> None:
+        """Overwrite (3, 3), (3,) and (n,) by :meth:`pose` and :meth:`displacements`, in a log."""
+        self._payload.write_pose(self.data, rotation, translation_m)
+        self._gauges.read(self.data, displacement)
 
     def integration_state(self) -> Array:
         """The complete state of the integration (mjSTATE_INTEGRATION)."""
@@ -319,6 +317,19 @@ class Plant:
     def _is_finite(self) -> bool:
         a, b, c = self._warnings
         return not (a.number or b.number or c.number) and isfinite(dnrm2(self.data.qpos))
+
+
+@lru_cache(maxsize=8)
+def _steps(period_s: float, timestep_s: float) -> int:
+    """Physics steps in a period."""
+    steps = round(period_s / timestep_s)
+    if steps > _MOST_STEPS:
+        raise ValueError(f"period_s must be at most {_MOST_STEPS} steps, got {period_s:g} s")
+    if steps < 1 or abs(steps * timestep_s - period_s) > 1e-12:
+        raise ModelError(
+            f"the model's physics step of {timestep_s} s does not divide the period of {period_s} s"
+        )
+    return steps
 
 
 def _place(model: mujoco.MjModel, data: mujoco.MjData, start: mujoco.MjData) -> None:

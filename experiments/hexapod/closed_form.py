@@ -24,7 +24,8 @@ class StrutKinematics(Kinematics):
 
     def __init__(self, J: Array, general: Callable[[], Kinematics]) -> None:
         """Take J, shape (6, n - q), and what makes the kinematics by elimination."""
-        vars(self).update(_J=J, _general=general)
+        own = self.__dict__
+        own["_J"], own["_general"] = J, general
 
     # A field there, computed when asked for here.
     @cached_property

@@ -200,7 +200,7 @@ class StrutMapping(PrioritizedMapping[Pose]):
 
     def kinematics_at(self, jacobian: Array) -> Kinematics:
         """Of the surviving struts where l_dot = A x_dot; eliminated only where it is needed."""
-        general = partial(super().kinematics_at, jacobian)
+        general = partial(PrioritizedMapping.kinematics_at, self, jacobian)
         J = regular_jacobian(jacobian) if self._is_closed_form else None
         return general() if J is None else StrutKinematics(J.dot(self._expand), general)
 
