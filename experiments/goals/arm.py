@@ -13,9 +13,21 @@ from experiments.goals.demonstration import Outcome, smooth_step
 from ftc.controller import DirectDrive, Measurement, PrioritizedController
 from ftc.goal import Goal
 from ftc.local_mapping import Mapping
+from ftc.loop import run_loop
 from ftc.mapping import PrioritizedMapping
+from ftc.oracle import NestedState
 from prioritized import ConstrainedSystem, Kinematics
-from sim import HEXAPOD_MJCF, Array, Failure, failed_plant, jacobians, load_model
+from sim import (
+    HEXAPOD_MJCF,
+    Array,
+    Bench,
+    Failure,
+    JacobianReader,
+    Plant,
+    Pose,
+    Reading,
+    load_model,
+)
 
 ARM_MJCF = HEXAPOD_MJCF.with_name("arm.xml")
 POINTING = [0, 1]
@@ -49,11 +61,11 @@ class ArmGeometry:
 
     def __init__(self, model: mujoco.MjModel) -> None:
         """Stand at the nominal pose."""
-        self._model, self._data = model, mujoco.MjData(model)
+        self._data = mujoco.MjData(model)
+        self._reader = JacobianReader(model, site="payload", axes="payload")
+        self.system = ConstrainedSystem.of(self._reader.at(self._data))
         still = np.zeros(model.nu)
         self.nominal = self._posture(still, still)
-        jac = jacobians(model, self._data, site="payload", axes="payload")
-        self.system = ConstrainedSystem.of(jac)
 
     def posture(self, pose: ArmPosture) -> ArmPosture:
         """The pose itself."""
@@ -78,9 +90,9 @@ class ArmGeometry:
     def _posture(self, command_rad: Array, rates: Array) -> ArmPosture:
         # Halfway through the period: rates held from its start would drift off the curved path.
         self._data.qpos[:] = command_rad + 0.5 * PERIOD_S * rates
-        jac = jacobians(self._model, self._data, site="payload", axes="payload")
+        J_T = self._reader.at(self._data).J_T
         base, payload = (self._data.site(name).xmat.reshape(3, 3) for name in ("base", "payload"))
-        return ArmPosture(command_rad, jac.J_T, base.T @ payload)
+        return ArmPosture(command_rad, J_T, base.T @ payload)
 
 
 class PseudoInverseArm(PrioritizedMapping[ArmPosture]):
@@ -115,6 +127,74 @@ def arm_controller(
     )
 
 
+@dataclass(frozen=True)
+class FollowerState(NestedState):
+    """Beside it, the number of ticks so far."""
+
+    ticks: int
+
+
+@dataclass(frozen=True)
+class Follower:
+    """Follows a target whose path is known, and desired joint rates as far as that leaves free."""
+
+    controller: PrioritizedController[ArmPosture]
+    turns_rad: Array  # of the line of sight to the target in each period, base axes, (N, 3)
+    rates: JointRates | None
+    working: Sequence[int]
+
+    def start(self) -> FollowerState:
+        """At rest at the nominal pose."""
+        return FollowerState(self.controller.start(), ticks=0)
+
+    def step(
+        self, state: FollowerState, reference: Array, measurement: Measurement
+    ) -> FollowerState:
+        """One control tick."""
+        arm, tick = self.controller.estimate(state.controller), state.ticks
+        rates_d = np.zeros(self.controller.mapping.actuators)
+        if self.rates is not None:
+            rates_d[self.working] = self.rates(arm.J_T[:3, self.working], tick * PERIOD_S)
+        ahead = arm.camera.T @ self.turns_rad[tick] / PERIOD_S
+        controller = self.controller.step(
+            state.controller, reference, measurement, rates_d, feedforward=ahead[:2], pose=arm
+        )
+        return FollowerState(controller, tick + 1)
+
+
+class Tracker:
+    """The tracker in the camera, as :class:`sim.bench.Sensors`; it sees the target once a tick."""
+
+    def __init__(self, views: Array, axis: Array, seed: int) -> None:
+        """See the target along unit vectors (N, 3), which turn about an axis (3,); base axes."""
+        self._views, self._axis = iter(views), axis
+        self._rng = np.random.default_rng(seed)
+
+    def read(self, pose: Pose, displacements: Array) -> Reading:
+        """How far the line of sight is turned from the target, (2,) in camera axes, with noise."""
+        view = next(self._views)
+        off, across = np.cross(pose.rotation[:, 2], view), np.cross(self._axis, view)
+        # Drawn in the axes of the sweep: the same noise, however the camera is rolled.
+        noise = np.stack([self._axis, across], axis=1) @ self._rng.standard_normal(2)
+        to_target = pose.rotation.T @ (off + TRACKER_NOISE_RAD * noise)
+        return Reading(-to_target[:2], displacements)
+
+
+class Servos:
+    """From joint rates (7,) to the commands of the position servos, once a period."""
+
+    def __init__(self, model: mujoco.MjModel) -> None:
+        """Stand at the nominal pose."""
+        # Servos lag behind by their damping over their stiffness: they are sent ahead by as much.
+        self._lead_s = -model.actuator_biasprm[:, 2] / model.actuator_gainprm[:, 0]
+        self._command_rad = np.zeros(model.nu)
+
+    def __call__(self, rates: Array) -> Array:
+        """The joint angles at the end of the period, and further by the lag of the servos."""
+        self._command_rad = self._command_rad + PERIOD_S * rates
+        return self._command_rad + self._lead_s * rates
+
+
 def sweep(
     *,
     axis_rad: float,
@@ -144,47 +224,39 @@ def sweep(
         sim.SimulationDiverged: The physics left the finite numbers.
     """
     model = load_model(ARM_MJCF)
-    plant = failed_plant(model, [Failure(joint, "locked") for joint in locked])
-    controller, rng = arm_controller(model, locked, major_weight), np.random.default_rng(seed)
     working = [joint for joint in range(model.nu) if joint not in locked]
-    # Servos lag behind by their damping over their stiffness: they are sent ahead by as much.
-    lead_s = -model.actuator_biasprm[:, 2] / model.actuator_gainprm[:, 0]
     time_s = np.arange(round(duration_s / PERIOD_S)) * PERIOD_S
     axis = np.array([np.cos(axis_rad), np.sin(axis_rad), 0.0])
     turned = angle_rad * smooth_step(np.append(time_s, duration_s) / (duration_s - REST_S))
     views = Rotation.from_rotvec(turned[:, None] * axis).apply(Z)
-    state, ticks = controller.start(), []
-    for k, now in enumerate(time_s):
-        pose = plant.pose().rotation
-        off, across = np.cross(pose[:, 2], views[k]), np.cross(axis, views[k])
-        # Drawn in the axes of the sweep: the same noise, however the camera is rolled.
-        noise = np.stack([axis, across], axis=1) @ rng.standard_normal(2)
-        tracked = (pose.T @ (off + TRACKER_NOISE_RAD * noise))[:2]
-        arm = controller.estimate(state)
-        ahead = arm.camera.T @ np.cross(views[k], views[k + 1] - views[k]) / PERIOD_S
-        rates_d = np.zeros(model.nu)
-        if rates is not None:
-            rates_d[working] = rates(arm.J_T[:3, working], float(now))
-        measurement = Measurement(
-            -tracked, np.zeros(0)
-        )  # of the error itself: its reference is zero
-        state = controller.step(
-            state, np.zeros(2), measurement, rates_d, feedforward=ahead[:2], pose=arm
-        )
-        speed = state.input_percent
-        command = arm.command_rad + PERIOD_S * speed
-        plant.step(command + lead_s * speed, PERIOD_S)
-        J_m = arm.J_T[np.ix_(POINTING, working)]
-        kept = {
-            "error_rad": np.array([off @ axis, off @ across]),
-            "closure_residual_m": plant.closure_residual_m(),
-            "singular_values": np.linalg.svd(J_m, compute_uv=False),
-            "joint_rates_rad_per_s": speed,
-            "joint_command_rad": command,
-            "joint_rad": plant.displacements(),
-        }
-        ticks.append(kept)
-    arrays = {name: np.array([tick[name] for tick in ticks]) for name in ticks[0]}
-    error_rad, closure_m = arrays.pop("error_rad"), arrays.pop("closure_residual_m")
-    condition_number = arrays["singular_values"][:, 0] / arrays["singular_values"][:, -1]
-    return Outcome(time_s, error_rad, condition_number, float(closure_m.max()), arrays)
+    now, then = views[:-1], views[1:]
+    plant = Plant(model)
+    bench = Bench(
+        plant,
+        Tracker(now, axis, seed),
+        time_s=time_s,
+        period_s=PERIOD_S,
+        failures=[Failure(joint, "locked") for joint in locked],
+        drives=Servos(model),
+    )
+    pilot = arm_controller(model, locked, major_weight)
+    follower = Follower(pilot, np.cross(now, then - now), rates, working)
+    # The tracker measures the error itself: its reference is zero.
+    run = run_loop(bench, follower, np.zeros((len(time_s), len(POINTING))))
+    off = np.cross(bench.rotation[:, :, 2], now)
+    J_m = np.array([arm.J_T for arm in run.poses])[:, POINTING][:, :, working]
+    singular_values = np.linalg.svd(J_m, compute_uv=False)
+    started_rad = np.array([arm.command_rad for arm in run.poses])
+    return Outcome(
+        time_s=time_s,
+        error_rad=np.stack([np.vecdot(off, axis), np.vecdot(off, np.cross(axis, now))], axis=1),
+        measure=singular_values[:, 0] / singular_values[:, -1],
+        closure_residual_max_m=max(bench.closure_residual_m.max(), plant.closure_residual_m()),
+        arrays={
+            "singular_values": singular_values,
+            "joint_rates_rad_per_s": run.input_percent,
+            "joint_command_rad": started_rad + PERIOD_S * run.input_percent,
+            # At the end of each period, as the commands.
+            "joint_rad": np.vstack([bench.displacement[1:], plant.displacements()]),
+        },
+    )
