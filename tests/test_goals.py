@@ -14,8 +14,8 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from experiments.app.cli import main
-from experiments.goals import control, runs
-from experiments.goals.arm import ARM_MJCF
+from experiments.goals import arm, control, runs
+from experiments.goals.arm import ARM_MJCF, PERIOD_S, Servos, Tracker
 from experiments.goals.control import PseudoInverseMapping, unrolled, weighted_pseudo_inverse
 from experiments.goals.demonstration import Outcome, Strategy, smooth_step, strategies
 from experiments.goals.results import CHANGES, checks, table
@@ -47,6 +47,7 @@ from sim import (
     COPPER_PER_K,
     NOMINAL,
     Coils,
+    Plant,
     Pose,
     forward_kinematics,
     hexapod,
@@ -281,6 +282,37 @@ def test_the_strut_pseudo_inverse_leaves_a_locked_strut_alone_and_loses_loop_gai
     np.testing.assert_allclose(J[MAJOR] @ exact, np.eye(2), atol=1e-14)
     assert np.all(np.linalg.svd(J[MAJOR] @ light, compute_uv=False) < 0.9)
     np.testing.assert_allclose(heavy, exact, atol=1e-7)
+
+
+# The arm: what its loop is closed over.
+
+
+@given(seeds)
+def test_the_tracker_reads_how_far_the_camera_is_turned_in_the_cameras_own_axes(seed):
+    """Turned by a rotation vector w across its line of sight it reads -sin|w| w/|w|."""
+    rng = np.random.default_rng(seed)
+    to_target, camera = np.append(rng.uniform(-0.5, 0.5, 2), 0.0), Rotation.random(rng=rng)
+    view = (camera * Rotation.from_rotvec(to_target)).apply([0.0, 0.0, 1.0])
+    pose = Pose(camera.as_matrix(), rng.normal(size=3))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(arm, "TRACKER_NOISE_RAD", 0.0)
+        read = Tracker(view[None], np.array([1.0, 0.0, 0.0]), seed).read(pose, np.zeros(7))
+    np.testing.assert_allclose(
+        read.output, -np.sinc(np.linalg.norm(to_target) / np.pi) * to_target[:2], atol=1e-14
+    )
+
+
+def test_servos_sent_ahead_by_their_lag_turn_at_constant_rates_as_if_they_had_none():
+    """Without a lag joints follow the mean of the held commands: half a period, half a step ahead.
+
+    Once their start has died away; the lag, damping over stiffness, is seven times as long.
+    """
+    model, rates = load_model(ARM_MJCF), 1e-3 * np.array([1, -2, 3, -1, 2, -3, 1])
+    plant, servos, periods = Plant(model), Servos(model), 600
+    for _ in range(periods):
+        plant.step(servos(rates), PERIOD_S)
+    ahead_s = plant.displacements() / rates - periods * PERIOD_S
+    np.testing.assert_allclose(ahead_s, 0.5 * (PERIOD_S + model.opt.timestep), rtol=0.01)
 
 
 # The runs.

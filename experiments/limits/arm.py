@@ -8,7 +8,7 @@ import numpy as np
 from experiments.limits.allocation import allocated
 from experiments.limits.strategies import Strategy
 from prioritized import ConstrainedSystem, viable_rates
-from sim import HEXAPOD_MJCF, Array, advance, jacobians, load_model
+from sim import HEXAPOD_MJCF, Array, JacobianReader, advance, load_model
 
 ARM_MJCF = HEXAPOD_MJCF.with_name("arm.xml")
 POINTING, SECONDARY = [0, 1], [2, 3, 4, 5]
@@ -65,8 +65,8 @@ def move(motion: Motion) -> ArmRun:
     """Resolved rates with feedback, kinematically; the joint locks halfway, known at once."""
     model, strategy = load_model(ARM_MJCF), motion.strategy
     data = mujoco.MjData(model)
-    jac = jacobians(model, data, site="payload", axes="payload")
-    system = ConstrainedSystem.of(jac)
+    reader = JacobianReader(model, site="payload", axes="payload")
+    system = ConstrainedSystem.of(reader.at(data))
     time_s = np.arange(round(motion.duration_s / PERIOD_S) + 1) * PERIOD_S
     views = line_of_sight(time_s, motion.duration_s)
     reach = np.inf if strategy.allocation == "unlimited" else RANGE_RAD
@@ -74,8 +74,7 @@ def move(motion: Motion) -> ArmRun:
     for k, now in enumerate(time_s[:-1]):
         if k == len(time_s) // 2:
             system = system.with_failures(locked=[LOCKED])
-        jac = jacobians(model, data, site="payload", axes="payload")
-        kinematics = system.at(J_T=jac.J_T).kinematics()
+        kinematics = system.at(J_T=reader.at(data).J_T).kinematics()
         base, payload = (data.site(name).xmat.reshape(3, 3) for name in ("base", "payload"))
         camera = base.T @ payload
         off = _turn(camera[:, 2], views[k])
