@@ -4,7 +4,7 @@ The conventional weighted pseudo-inverse is over all rows, no task before anothe
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -126,7 +126,7 @@ def unrolled(measurement: Measurement, pose: Pose) -> Measurement:
     the pointing stays. What it reads and what is pointed at are compared at the estimated pose.
     """
     read, pointed = -pointing_angles(pose.rotation.T), pointing_angles(pose.rotation)
-    return replace(measurement, output=measurement.output - read + pointed)
+    return Measurement(measurement.output - read + pointed, measurement.displacement)
 
 
 StrutRates = Callable[[Array, Pose], Array]
