@@ -51,7 +51,7 @@ def test_margins_and_peak_are_those_of_python_control_on_a_fine_grid():
     assert found.phase_crossover_hz == pytest.approx(at_phase / (2 * np.pi), rel=1e-6)
     assert found.crossover_hz == pytest.approx(at_gain / (2 * np.pi), rel=1e-6)
     nearest = np.abs(1 + control.frequency_response(L, fine).complex).min()
-    assert sensitivity_peak(L) == pytest.approx(1 / nearest, rel=1e-4)
+    assert sensitivity_peak(L) == pytest.approx(1 / nearest, rel=1e-3)  # between two frequencies
 
 
 def test_a_loop_whose_gain_stays_below_one_has_infinite_margins():
