@@ -13,13 +13,14 @@ roll-off that is sampled by Tustin's rule has its zeros at -1: its states would 
 """
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
-import control
 import numpy as np
 import scipy.linalg
 
 from argument_checks import Array
 from ftc.compensator import Channel
+from ftc.frequency_response import SampledSystem, frequency_response
 
 
 def tracking_gain(channel: Channel) -> Array:
@@ -33,7 +34,7 @@ def tracking_gain(channel: Channel) -> Array:
 
 
 def circle_margin(
-    plant: control.StateSpace, compensators: Sequence[Channel], *, anti_windup: bool
+    plant: SampledSystem, compensators: Sequence[Channel], *, anti_windup: bool
 ) -> float:
     """Margin of the circle criterion for limits of the demand; a positive one proves stability.
 
@@ -54,24 +55,32 @@ def circle_margin(
     Returns:
         Smallest eigenvalue of the Hermitian part of I + H over frequency.
     """
-    frequency_rad_s = 2 * np.pi * np.geomspace(1e-2, 0.499 / plant.dt, 4000)
-    back = [_correction(each) if anti_windup else _still(each) for each in compensators]
-    forward = [control.ss(each.A, each.B, each.C, each.D, each.dt) for each in compensators]
-    P, K, M = (
-        np.moveaxis(control.frequency_response(system, frequency_rad_s).frdata, -1, 0)
-        for system in (plant, control.append(*forward), control.append(*back))
-    )
-    one = np.eye(plant.noutputs)
+    w = 2 * np.pi * np.geomspace(1e-2, 0.499 / plant.dt, 4000)
+    P, K = frequency_response(plant, w), _diagonal([frequency_response(k, w) for k in compensators])
+    M = np.zeros_like(K)
+    if anti_windup:
+        M = _diagonal([frequency_response(_correction(each), w) for each in compensators])
+    one = np.eye(len(compensators))
     around = np.linalg.solve(one + M, one + K @ P)
     hermitian = (around + around.conj().swapaxes(1, 2)) / 2
     return float(np.linalg.eigvalsh(hermitian).min())
 
 
-def _correction(channel: Channel) -> control.StateSpace:
-    """From u - u_a to what L takes off the demand."""
+class _Correction(NamedTuple):
+    """From u - u_a to what L takes off the demand of one compensator."""
+
+    A: Array
+    B: Array
+    C: Array
+    D: Array
+    dt: float
+
+
+def _correction(channel: Channel) -> _Correction:
     L = tracking_gain(channel)[:, None]
-    return control.ss(channel.A, L, channel.C, 0, channel.dt) if len(L) else _still(channel)
+    return _Correction(channel.A, L, channel.C, np.zeros((1, 1)), channel.dt)
 
 
-def _still(channel: Channel) -> control.StateSpace:
-    return control.ss([], [], [], [[0.0]], channel.dt)
+def _diagonal(responses: Sequence[Array]) -> Array:
+    """Response (F, m, m) of m channels beside each other, from that of each, (F, 1, 1)."""
+    return np.concatenate(responses, axis=1) * np.eye(len(responses))

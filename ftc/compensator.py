@@ -5,12 +5,17 @@ frequency, and a roll-off, so that the plant's modes above the crossover do not 
 puts |G P| = 1 at the chosen crossover.
 """
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
-import control
 import numpy as np
 
 from argument_checks import Array
+from ftc.frequency_response import SampledSystem, frequency_response
+
+if TYPE_CHECKING:  # imported by what needs it: it takes a second, and controllers need no design
+    import control
 
 _FREQUENCIES_RAD_S = 2 * np.pi * np.geomspace(0.1, 400.0, 8000)
 
@@ -62,12 +67,14 @@ class Compensator:
         return self.period_s
 
     @property
-    def discrete(self) -> control.StateSpace:
+    def discrete(self) -> "control.StateSpace":
         """The sampled compensator."""
+        import control  # late, as above
+
         return control.ss(self.A, self.B, self.C, self.D, self.period_s)
 
 
-Channel = Compensator | control.StateSpace
+Channel = SampledSystem
 """A sampled compensator with one input and one output, `dt` its period."""
 
 
@@ -95,7 +102,7 @@ class Margins:
         )
 
 
-def compensator(plant: control.StateSpace, shape: LoopShape, period_s: float) -> Compensator:
+def compensator(plant: "control.StateSpace", shape: LoopShape, period_s: float) -> Compensator:
     """The compensator that gives one channel the chosen loop.
 
     Args:
@@ -107,6 +114,8 @@ def compensator(plant: control.StateSpace, shape: LoopShape, period_s: float) ->
         UnstableLoop: The sampled loop would be unstable.
         NoResponse: The plant's gain at the crossover is zero or not finite.
     """
+    import control  # late, as above
+
     w, zeta = 2 * np.pi * shape.roll_off_hz, shape.roll_off_damping
     crossover = 2 * np.pi * shape.crossover_hz
     unscaled = control.tf([w**2], [1, 2 * zeta * w, w**2, 0])
@@ -123,25 +132,43 @@ def compensator(plant: control.StateSpace, shape: LoopShape, period_s: float) ->
     return Compensator(G.num[0][0], G.den[0][0], G_d.A, G_d.B, G_d.C, G_d.D, period_s)
 
 
-def margins(L: control.StateSpace) -> Margins:
-    """The margins of a sampled open loop with one input and one output."""
+def margins(L: SampledSystem) -> Margins:
+    """The margins of a sampled open loop with one input and one output.
+
+    Of several crossovers below 400 Hz and half the sampling frequency, those with the smallest
+    margins; where there is none, the margin is infinite and the crossover NaN.
+    """
+    from scipy.optimize import brentq  # late: only the design needs it
+
     # On the frequency response: the polynomial method loses its digits on a dozen plant states.
-    curve = control.frequency_response(L, _FREQUENCIES_RAD_S)
-    gain_margin, phase_margin, _, at_phase, at_gain, _ = control.stability_margins(curve)
+    frequencies = _FREQUENCIES_RAD_S[: _FREQUENCIES_RAD_S.searchsorted(np.pi / L.dt)]
+    curve = frequency_response(L, frequencies)[:, 0, 0]
+
+    def at(frequency_rad_s: float) -> complex:
+        return complex(frequency_response(L, np.array([frequency_rad_s]))[0, 0, 0])
+
+    def crossings(of: Callable[[Any], Any]) -> Iterator[float]:
+        for k in np.flatnonzero(np.diff(np.sign(of(curve)))):
+            yield brentq(lambda w: of(at(w)), *frequencies[k : k + 2])
+
+    gains = [(1 / abs(at(w)), w) for w in crossings(np.imag) if at(w).real < 0]
+    phases = [(np.angle(at(w), deg=True) % 360 - 180, w) for w in crossings(lambda z: abs(z) - 1)]
+    gain, at_phase = min(gains, key=lambda each: abs(np.log(each[0])), default=(np.inf, np.nan))
+    phase, at_gain = min(phases, key=lambda each: abs(each[0]), default=(np.inf, np.nan))
     return Margins(
         crossover_hz=at_gain / (2 * np.pi),
-        gain_margin_db=20 * np.log10(gain_margin),
-        phase_margin_deg=phase_margin,
+        gain_margin_db=20 * np.log10(gain),
+        phase_margin_deg=phase,
         phase_crossover_hz=at_phase / (2 * np.pi),
     )
 
 
-def sensitivity_peak(L: control.StateSpace) -> float:
+def sensitivity_peak(L: SampledSystem) -> float:
     """Peak over frequency of the largest singular value of (I + L)^-1, L a sampled open loop.
 
     Its inverse is the distance of the loops from instability, all channels and their coupling
     taken together; a well-damped single loop has less than 2.
     """
     frequency_rad_s = 2 * np.pi * np.geomspace(0.1, 0.45 / L.dt, 3000)
-    response = np.moveaxis(control.frequency_response(L, frequency_rad_s).frdata, -1, 0)
-    return float(1 / np.linalg.svd(np.eye(L.noutputs) + response, compute_uv=False).min())
+    response = frequency_response(L, frequency_rad_s)
+    return float(1 / np.linalg.svd(np.eye(len(response[0])) + response, compute_uv=False).min())

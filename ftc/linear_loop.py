@@ -6,25 +6,29 @@ saturates, or whose plant changes in the run, is stepped: :func:`steps`.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
-import control
 import numpy as np
 
 from argument_checks import Array
 from ftc.compensator import Channel
 from ftc.fdi.fault_model import Fault, NominalModel, fault_model
 
+if TYPE_CHECKING:
+    import control
+
 
 def closed_loop(
-    plant: control.StateSpace, compensators: Sequence[control.StateSpace]
-) -> control.StateSpace:
+    plant: "control.StateSpace", compensators: "Sequence[control.StateSpace]"
+) -> "control.StateSpace":
     """Closed loop from [references; disturbances] to the plant's outputs.
 
     Args:
         plant: Sampled, strictly proper; inputs [disturbances; demands].
         compensators: One for each output, of the plant's sampling period.
     """
+    import control  # late, as in ftc.compensator
+
     n, m = plant.nstates, plant.noutputs
     free = plant.ninputs - m
     # Last inputs and outputs close the loop: demand from error.
@@ -150,7 +154,7 @@ def _tick(channel: Channel, z: Array, error: Array) -> tuple[Array, Array]:
 
 
 def limited_response(
-    plant: control.StateSpace,
+    plant: "control.StateSpace",
     compensators: Sequence[Channel],
     reference: Array,
     disturbance: Array,

@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 from functools import partial
+from typing import TYPE_CHECKING
 
-import control
 import mujoco
 import numpy as np
 
@@ -41,6 +41,9 @@ from sim import (
     secondary_motion,
 )
 
+if TYPE_CHECKING:
+    import control
+
 ANGLES = ("alpha", "beta")
 
 
@@ -77,7 +80,7 @@ def design(plant: LinearPlant, pointing: Array, bench: TestbedConfig) -> tuple[L
 def designed(
     plant: LinearPlant, pointing: Array, bench: TestbedConfig
 ) -> tuple[Compensator, Compensator]:
-    """The (alpha, beta) compensators of :func:`design`, without margins, which take a second.
+    """The (alpha, beta) compensators of :func:`design`, without margins.
 
     Raises:
         sim.ModelError: A coil moves nothing, or a loop comes out unstable.
@@ -86,6 +89,8 @@ def designed(
 
 
 def _designed(plant: LinearPlant, pointing: Array, bench: TestbedConfig, row: int) -> Compensator:
+    import control  # late, as in ftc.compensator
+
     hz, angle = bench.crossover_hz[row], ANGLES[row]
     channel = control.ss(plant.A, plant.B @ pointing[:, [row]], plant.C_twist[[MAJOR[row]]], 0)
     shape = LoopShape(hz, bench.roll_off_hz, bench.roll_off_damping)
@@ -100,8 +105,10 @@ def _designed(plant: LinearPlant, pointing: Array, bench: TestbedConfig, row: in
         raise ModelError(f"the coils do not move {angle}") from None
 
 
-def sampled(plant: LinearPlant, gain: Array, period_s: float) -> control.StateSpace:
+def sampled(plant: LinearPlant, gain: Array, period_s: float) -> "control.StateSpace":
     """The plant behind a zero-order hold, from `gain`'s inputs to the twist."""
+    import control  # late, as above
+
     continuous = control.ss(plant.A, plant.B @ gain, plant.C_twist, 0)
     return control.c2d(continuous, period_s, method="zoh")
 

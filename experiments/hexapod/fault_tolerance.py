@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import control
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +12,7 @@ from experiments.hexapod.choices import JacobianChoice
 from experiments.hexapod.columns import MAJOR
 from experiments.hexapod.controller import controller_for
 from experiments.hexapod.testbed import Testbed, TestbedConfig
-from experiments.output.plotting import BLACK, BLUE, SKY, VERMILION, YELLOW
+from experiments.output.palette import BLACK, BLUE, SKY, VERMILION, YELLOW
 from ftc.controller import PrioritizedController
 from ftc.fdi.diagnosis import DEFAULT_CONFIG, Diagnosis, FdiConfig
 from ftc.fdi.dither import Dither
@@ -135,6 +134,8 @@ def nominal_model(
         strut_sensors: Whether the outputs are (alpha, beta) and then the six gauges beside the
             struts, or (alpha, beta) alone.
     """
+    import control  # late, as in ftc.compensator
+
     plant = Plant(model)
     linear = linearize(plant.model, plant.data)
     rows = [linear.C_twist[MAJOR]]

@@ -8,13 +8,19 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullLocator
 
+from experiments.output.palette import BLACK as BLACK
+from experiments.output.palette import BLUE as BLUE
+from experiments.output.palette import GREEN as GREEN
+from experiments.output.palette import ORANGE as ORANGE
+from experiments.output.palette import PURPLE as PURPLE
+from experiments.output.palette import SKY as SKY
+from experiments.output.palette import VERMILION as VERMILION
+from experiments.output.palette import YELLOW as YELLOW
+
 PAGE_IN = 7.16
 """Width of a figure across both columns of a page; `COLUMN_IN`: of one column."""
 COLUMN_IN = 3.5
 
-# Okabe and Ito's: colour-blind readers can distinguish them, and so can readers of a grey print.
-BLACK, BLUE, VERMILION, GREEN = "#000000", "#0072B2", "#D55E00", "#009E73"
-PURPLE, ORANGE, SKY, YELLOW = "#CC79A7", "#E69F00", "#56B4E9", "#F0E442"
 LINES = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)
 """For curves of one kind, in the order of their use; yellow is too light for a line."""
 DESIRED, MEASURED, START = BLACK, BLUE, VERMILION

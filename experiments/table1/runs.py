@@ -8,7 +8,6 @@ from experiments.hexapod.columns import COLUMNS, Column
 from experiments.hexapod.controller import Loop, nominal_loops
 from experiments.hexapod.metrics import plant_constants, rms
 from experiments.hexapod.other_controller import track_with
-from experiments.hexapod.prediction import predicted_error_rad, predicted_rms_rad
 from experiments.hexapod.simulation import SpiralRun, Trajectory, track_spiral
 from experiments.hexapod.testbed import Testbed, TestbedConfig
 from experiments.output.controllers import controller_factory, controller_label
@@ -176,6 +175,9 @@ def _track(
 
 def _predicted_rad(column: str, testbed: Testbed, run: SpiralRun) -> Array:
     """RMS (2,) by the linear model: over all noise; with a limit, which needs one, this seed's."""
+    # Late: workers import this module, and only simulate.
+    from experiments.hexapod.prediction import predicted_error_rad, predicted_rms_rad
+
     if testbed.bench.demand_limit_urad is None:
         return predicted_rms_rad(testbed, run)
     error = predicted_error_rad(testbed, run)

@@ -2,15 +2,17 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, get_args
+from typing import TYPE_CHECKING, Literal, get_args
 
-import control
 import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike
 
 import argument_checks as check
 from argument_checks import Array
+
+if TYPE_CHECKING:
+    import control
 
 FaultKind = Literal["locked", "free", "weak"]
 """Stuck where it is; without force; with a part of its force."""
@@ -68,7 +70,7 @@ class NominalModel:
         ValueError, TypeError: Of another shape or kind than that.
     """
 
-    plant: control.StateSpace
+    plant: "control.StateSpace"
     displacement: Array
     noise: Array
     period_s: float
@@ -78,6 +80,8 @@ class NominalModel:
     implicit_damping: bool = False
 
     def __post_init__(self) -> None:
+        import control  # late, as in ftc.compensator
+
         plant = check.instance("plant", self.plant, control.StateSpace)
         k = plant.nstates // 2
         mechanical = np.array_equal(plant.A[:k], np.eye(k, 2 * k, k)) and not plant.B[:k].any()
@@ -107,6 +111,8 @@ class NominalModel:
 
         What a servo feeds back stays: in units of its command that is so much less.
         """
+        import control  # late, as above
+
         plant, gains = self.plant, np.asarray(gains)
         B = plant.B * gains
         return replace(

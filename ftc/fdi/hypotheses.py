@@ -11,8 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import log_ndtr, logsumexp
-from scipy.stats import chi2
+from scipy.special import chdtrc, log_ndtr, logsumexp
 
 from argument_checks import Array, Indices
 from ftc.fdi.fault_model import KINDS, Fault, FaultModel, NominalModel, fault_model
@@ -213,7 +212,7 @@ class HypothesisBank:
             actuator_confidence=float(np.exp(by_actuator[s] - total)),
             kind_confidence=float(np.exp(by_kind[s, column] - by_actuator[s])),
             fault_free_confidence=float(np.exp(np.log(ratios.size) - total)),
-            p_value=float(chi2.sf(left, samples)),
+            p_value=float(chdtrc(samples, left)),
             onset=int(state.onsets[j]),
             x=now,
         )

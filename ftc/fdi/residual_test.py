@@ -8,7 +8,7 @@ Basseville and Nikiforov, Detection of Abrupt Changes (1993), section 2.1.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from argument_checks import Array
 
@@ -62,4 +62,4 @@ def residual_test(outputs: int, false_alarms_per_hour: float, period_s: float) -
     Union bound: the rate is at most that of all windows together, each exact for Gaussian noise.
     """
     tests_per_hour = len(WINDOWS) * 3600 / period_s
-    return ResidualTest(outputs, float(chi2.isf(false_alarms_per_hour / tests_per_hour, outputs)))
+    return ResidualTest(outputs, float(chdtri(outputs, false_alarms_per_hour / tests_per_hour)))

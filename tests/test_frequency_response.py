@@ -1,0 +1,59 @@
+"""Frequency responses, and what is read off them."""
+
+import control
+import numpy as np
+import pytest
+
+from ftc.compensator import margins, sensitivity_peak
+from ftc.frequency_response import frequency_response
+
+PERIOD_S = 1e-3
+FREQUENCY_RAD_S = np.geomspace(0.5, 3000.0, 200)
+
+
+def masses(seed: int, k: int = 5, m: int = 2) -> control.StateSpace:
+    """Coupled masses behind a hold, one of which no spring holds: a double pole at z = 1."""
+    rng = np.random.default_rng(seed)
+    shapes = np.linalg.qr(rng.normal(size=(k, k)))[0]
+    stiffness = shapes @ np.diag([0.0, *rng.uniform(1e2, 1e5, k - 1)]) @ shapes.T
+    A = np.block([[np.zeros((k, k)), np.eye(k)], [-stiffness, -1e-4 * stiffness]])
+    B = np.vstack([np.zeros((k, m)), rng.normal(size=(k, m))])
+    C = np.hstack([rng.normal(size=(m, k)), np.zeros((m, k))])
+    return control.c2d(control.ss(A, B, C, 0), PERIOD_S, "zoh")
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_response_is_the_solution_of_its_linear_system_at_each_frequency(seed):
+    """Double poles included, and behind a compensator whose states are a million times larger."""
+    channel = control.ss([[1.0, 1e6], [0.0, 0.9]], [[0.0], [1e-3]], [[1e-6, 0.0]], 1.0, PERIOD_S)
+    L = masses(seed) * control.append(channel, channel)
+    z = np.exp(1j * FREQUENCY_RAD_S * PERIOD_S)
+    solved = np.array(
+        [L.C @ np.linalg.solve(each * np.eye(L.nstates) - L.A, L.B) + L.D for each in z]
+    )
+    found = frequency_response(L, FREQUENCY_RAD_S)
+    size = np.linalg.norm(solved, axis=(1, 2))
+    assert (np.linalg.norm(found - solved, axis=(1, 2)) < 1e-7 * size).all()
+
+
+def test_margins_and_peak_are_those_of_python_control_on_a_fine_grid():
+    plant = control.ss(control.tf([400.0], [1, 8.0, 400.0]))
+    L = control.c2d(plant, PERIOD_S, "zoh") * control.c2d(
+        control.ss(control.tf([6.0], [1, 0])), PERIOD_S, "tustin"
+    )
+    fine = 2 * np.pi * np.geomspace(0.1, 400.0, 4000)
+    gain, phase, _, at_phase, at_gain, _ = control.stability_margins(
+        control.frequency_response(L, fine)
+    )
+    found = margins(L)
+    assert found.gain_margin_db == pytest.approx(20 * np.log10(gain), rel=1e-6)
+    assert found.phase_margin_deg == pytest.approx(phase, rel=1e-6)
+    assert found.phase_crossover_hz == pytest.approx(at_phase / (2 * np.pi), rel=1e-6)
+    assert found.crossover_hz == pytest.approx(at_gain / (2 * np.pi), rel=1e-6)
+    nearest = np.abs(1 + control.frequency_response(L, fine).complex).min()
+    assert sensitivity_peak(L) == pytest.approx(1 / nearest, rel=1e-3)  # between two frequencies
+
+
+def test_a_loop_whose_gain_stays_below_one_has_infinite_margins():
+    found = margins(control.ss([[0.9]], [[0.01]], [[1.0]], 0, PERIOD_S))
+    assert np.isinf(found.phase_margin_deg) and np.isnan(found.crossover_hz)
