@@ -289,3 +289,15 @@ def test_rates_at_another_pose_obey_limits_and_refuse_what_a_call_refuses():
         free.rates_at(other, np.ones(2))
     with pytest.raises(TypeError, match="kinematics must be a Kinematics"):
         free.rates_at(J, np.ones(2))  # type: ignore[arg-type]
+
+
+def test_rates_at_a_pose_where_the_loop_ties_the_actuators_obey_it():
+    """A loop whose passive joint cannot move any more, though it could where the mapping began."""
+    J_T, loop = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]), np.array([[1.0, -1.0, 1.0]])
+    system = ConstrainedSystem(J_T, loop, [0, 1])
+    mapping = system.kinematics().velocity_mapping([0], joint_weight=np.ones(2))
+    np.testing.assert_allclose(
+        mapping.rates_at(system.kinematics(), np.ones(1)), [1, 0], atol=1e-14
+    )
+    tied = system.at(J_C=loop * [1.0, 1.0, 0.0]).kinematics()
+    np.testing.assert_allclose(mapping.rates_at(tied, np.ones(1)), [1, 1], atol=1e-14)

@@ -10,7 +10,7 @@ from experiments.hexapod.controller import StrutMapping
 from ftc.goal import Goal
 from ftc.mapping import PrioritizedMapping
 from prioritized import Kinematics
-from sim import Hexapod, Pose, _tick
+from sim import Hexapod, Plant, Pose, _tick, load_model
 
 SEEDS = range(8)
 
@@ -100,6 +100,29 @@ def test_the_solution_is_that_of_linear_algebra(size):
         np.testing.assert_array_equal(A, before)
 
 
+@pytest.mark.parametrize("size", [2, 6])
+def test_small_numbers_on_the_diagonal_cost_no_digits(size):
+    """A well-conditioned matrix in any order of its rows."""
+    A = np.roll(np.eye(size), 1, axis=0) + 1e-14 * np.arange(1.0, size**2 + 1).reshape(size, size)
+    x, expected = np.arange(1.0, size + 1)[:, None], np.linalg.solve(A, np.arange(1.0, size + 1))
+    assert _tick.solve(A, x) == _tick.FOUND
+    np.testing.assert_allclose(x[:, 0], expected, rtol=1e-13)
+
+
+@pytest.mark.parametrize("most", [10.0, 1e6])
+@pytest.mark.parametrize("beyond", [0.99, 1.01])
+def test_an_inverse_is_given_up_to_a_product_of_the_norms(most, beyond):
+    """|A| |A^-1| of diag(1, s) is s + 1/s, whatever the rotations on both sides and the unit."""
+    asked = beyond * most
+    s = (asked + np.sqrt(asked**2 - 4.0)) / 2.0
+    left, right = (np.array([[np.cos(a), -np.sin(a)], [np.sin(a), np.cos(a)]]) for a in (0.4, 1.1))
+    A, inverse = 1e-3 * left @ np.diag([1.0, s]) @ right, np.empty((2, 2))
+    found = _tick.invert(A, inverse, most)
+    assert found == (_tick.FOUND if beyond < 1.0 else _tick.SINGULAR)
+    if found == _tick.FOUND:
+        np.testing.assert_allclose(inverse @ A, np.eye(2), atol=1e-15 * most)
+
+
 def test_struts_without_length_or_direction_are_refused():
     bottom, top = machine(np.random.default_rng(0))
     parallel = Hexapod(top - [0, 0, 1], top)  # nothing holds a horizontal shift
@@ -122,6 +145,37 @@ def test_the_base_sees_how_a_frame_has_moved_since_its_nominal_pose(seed):
     in_world = frames.rotation[2] @ nominal.T
     np.testing.assert_allclose(R, base.T @ in_world @ base, atol=1e-14)
     np.testing.assert_allclose(t, base.T @ (frames.translation_m[2] - p_0), atol=1e-14)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_the_spot_is_where_the_beam_crosses_the_focal_plane_within_the_detector(seed):
+    rng = np.random.default_rng(seed)
+    R, noise, seen = pose(rng).rotation, rng.normal(size=2), np.empty(2)
+    focal, half_width, deviation = 2.0, 1.5, 0.1
+    _tick.spot(R, focal, half_width, deviation, noise, seen)
+    beam = np.linalg.solve(R, [0.0, 0.0, 1.0])
+    spot = np.clip(focal * beam[:2] / beam[2] + deviation * noise, -half_width, half_width)
+    np.testing.assert_allclose(seen, np.array([spot[1], -spot[0]]) / focal, rtol=1e-12)
+
+
+def test_the_largest_gap_is_that_of_the_rows_that_count():
+    rng = np.random.default_rng(0)
+    gaps, counts = rng.normal(size=20), np.array([1.0, 0.0, 1.0])
+    owners = rng.integers(3, size=20).astype(np.int32)
+    for rows in range(21):
+        own = [abs(gap) for gap, owner in zip(gaps[:rows], owners, strict=False) if owner != 1]
+        assert _tick.largest_gap(gaps, owners, counts, rows) == max(own, default=0.0)
+
+
+def test_a_log_has_the_pose_and_the_displacements_of_the_plant():
+    plant = Plant(load_model())
+    plant.step(1e-5 * np.arange(6), 0.02)
+    R, t, moved = np.empty((3, 3)), np.empty(3), np.empty(6)
+    plant.observe(R, t, moved)
+    np.testing.assert_array_equal(R, plant.pose().rotation)
+    np.testing.assert_array_equal(t, plant.pose().translation_m)
+    np.testing.assert_array_equal(moved, plant.displacements())
+    assert np.abs(moved).max() > 1e-8
 
 
 def test_a_converter_scales_rounds_and_clips():
