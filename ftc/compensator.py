@@ -152,7 +152,9 @@ def margins(L: SampledSystem) -> Margins:
             yield brentq(lambda w: of(at(w)), *frequencies[k : k + 2])
 
     gains = [(1 / abs(at(w)), w) for w in crossings(np.imag) if at(w).real < 0]
-    phases = [(np.angle(at(w), deg=True) % 360 - 180, w) for w in crossings(lambda z: abs(z) - 1)]
+    phases = [
+        (float(np.angle(at(w), deg=True)) % 360 - 180, w) for w in crossings(lambda z: abs(z) - 1)
+    ]
     gain, at_phase = min(gains, key=lambda each: abs(np.log(each[0])), default=(np.inf, np.nan))
     phase, at_gain = min(phases, key=lambda each: abs(each[0]), default=(np.inf, np.nan))
     return Margins(

@@ -2,8 +2,8 @@
 
 The state matrix is brought to triangular form once; a frequency then costs a back-substitution, as
 in Laub, IEEE Trans. Automatic Control 26 (1981), with the Schur form in place of the Hessenberg
-form. A solution of its own for each frequency takes fifty times as long; eigenvectors would not do,
-since masses that no spring holds have double poles.
+form. A solution of its own for each frequency takes twenty times as long. Eigenvectors would not
+do, since masses that no spring holds have double poles.
 """
 
 from typing import Any, Protocol
