@@ -160,7 +160,7 @@ def margins(L: SampledSystem) -> Margins:
     return Margins(
         crossover_hz=at_gain / (2 * np.pi),
         gain_margin_db=20 * np.log10(gain),
-        phase_margin_deg=phase,
+        phase_margin_deg=float(phase),
         phase_crossover_hz=at_phase / (2 * np.pi),
     )
 

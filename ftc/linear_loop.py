@@ -208,7 +208,10 @@ def simulate(loop: LinearLoop, faults: Sequence[Fault], onset: int) -> tuple[Arr
         onset: At which tick.
     """
     sound, failed = fault_model(loop.nominal), fault_model(loop.nominal, faults)
-    stages = [Stage(sound.A, sound.B), Stage(failed.A, failed.B, onset, failed.onset, failed.drift)]
+    stages = [
+        Stage(sound.A, sound.B),
+        Stage(failed.A, failed.B, onset, failed.onset, drift=failed.drift),
+    ]
     ticks = list(
         steps(
             stages,

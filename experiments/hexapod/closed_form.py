@@ -41,7 +41,7 @@ class StrutKinematics(Kinematics):
     @property
     def scale(self) -> float:
         """Sizes of J_T = [0, 1] and of what is taken from A^-1, as in the elimination."""
-        return _SIZE_OF_J_T + float(dnrm2(self._J.ravel()))
+        return _SIZE_OF_J_T + (float(dnrm2(self._J.ravel())) if self._J.size else 0.0)
 
     @property
     def active_constraint(self) -> Array:

@@ -79,7 +79,7 @@ def save_figure(
     figure: Figure, folder: Path, name: str, formats: tuple[str, ...] = ("png", "pdf")
 ) -> None:
     """Write `name.png` and `name.pdf`, or the formats asked for; the same bytes every time."""
-    if layout := figure.get_layout_engine():
+    if figure.axes and (layout := figure.get_layout_engine()):
         layout.execute(figure)
         figure.set_layout_engine("none")  # laid out once: all formats are alike
     for suffix in formats:
