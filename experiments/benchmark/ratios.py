@@ -97,6 +97,7 @@ RATIOS = (
         "and apply; over mink's Configuration.update and solve_ik",
         bound=0.4,
         goal=0.2,
+        stable=True,
     ),
     _robot_tick("arm", "models/arm.xml, camera in six directions"),
     _robot_tick("humanoid", "29 joints, on both feet, palm in six directions and centre of mass"),
@@ -107,6 +108,7 @@ RATIOS = (
         "one mink.solve_ik, a solver for any MJCF",
         bound=0.08,
         goal=0.04,
+        stable=True,
     ),
     Ratio(
         "diagnosis_over_mj_step",

@@ -7,7 +7,7 @@ faster than its limit, and the rates are as close to desired ones as that leaves
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 import mink
@@ -19,7 +19,7 @@ from scipy.optimize import LinearConstraint, minimize
 from experiments.benchmark.humanoid import humanoid
 from experiments.benchmark.measurement import Agreement, Contender, compare
 from experiments.benchmark.pointing import Rows, general_tick, solve_ik
-from sim import HEXAPOD_MJCF, Array, CenterOfMass, Jacobians, Pin, jacobians, load_model
+from sim import HEXAPOD_MJCF, Array, CenterOfMass, JacobianReader, Jacobians, Pin, load_model
 
 LIMIT = 1.0
 """Of each actuated joint, [rad]/[s]."""
@@ -45,10 +45,11 @@ class Robot:
     spread: float
     feet: tuple[str, ...] = ()
 
-    def read(self, data: mujoco.MjData) -> Jacobians:
+    @cached_property
+    def read(self) -> Callable[[mujoco.MjData], Jacobians]:
         """Rows 0 to 5 of J_T are the site's, 6 to 8 the centre of mass's."""
         pins = [Pin(foot, weld=True) for foot in self.feet]
-        return jacobians(self.model, data, site=[self.site, CenterOfMass()], pinned=pins)
+        return JacobianReader(self.model, [self.site, CenterOfMass()], pinned=pins).at
 
     @property
     def joints(self) -> Array:
