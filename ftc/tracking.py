@@ -14,6 +14,7 @@ from typing import Any, Literal
 
 import control
 import numpy as np
+import scipy.linalg
 from numpy.typing import ArrayLike
 
 import argument_checks as check
@@ -126,21 +127,40 @@ class Tracking:
         )
 
     def _seen(self) -> Callable[[Measurement, Any], Array]:
-        """What the linear model predicts: encoders; or the major task, as if it were linear.
+        """What the linear model predicts: the major task, or encoders, as if they were linear.
 
-        A task is curved in the displacements. What the curvature adds at the estimated posture is
-        taken off, so that larger motions are not mistaken for failures.
+        A task is curved in the displacements, and so are closed loops. What the curvature adds
+        where the encoders say that the actuators are is taken off, so that larger motions are not
+        mistaken for failures; the commanded posture is ahead of the one that servos have reached.
         """
-        if self.encoder_noise is not None:
-            return lambda measurement, _: measurement.displacement
         model, rows = self.model, list(self.major)
-        J_m = ConstrainedSystem.of(model.jacobians(model.nominal)).kinematics().J[rows]
+        kinematics = ConstrainedSystem.of(model.jacobians(model.nominal), self.springs).kinematics()
+        if self.encoder_noise is not None and not len(kinematics.active_constraint):
+            return lambda measurement, _: measurement.displacement
+        J_m, allowed = kinematics.J[rows], self._allowed(kinematics.active_constraint)
+        every = np.arange(self.nominal.actuators)
 
-        def straightened(measurement: Measurement, posture: Any) -> Array:
-            linear = J_m @ model.displacements(posture)
-            return measurement.output - (model.task(posture)[rows] - linear)
+        def straightened(measurement: Measurement, commanded: Any) -> Array:
+            posture = model.moved(commanded, measurement.displacement, every)
+            curved = model.displacements(posture)
+            linear = allowed @ curved
+            if self.encoder_noise is not None:
+                return measurement.displacement - (curved - linear)
+            return measurement.output - (model.task(posture)[rows] - J_m @ linear)
 
         return straightened
+
+    def _allowed(self, constraint: Array) -> Array:
+        """Projector (n, n) onto displacements that the closed loops allow, as the plant has it.
+
+        Commands beyond these strain the loops, and the stiffness of the servos shares them out.
+        """
+        if not len(constraint):
+            return np.eye(self.nominal.actuators)
+        plant, N = self.nominal.plant, scipy.linalg.null_space(constraint)
+        slow = _SLOWEST / self.nominal.period_s * np.eye(len(plant.A))  # at rest A may be singular
+        static = self.nominal.displacement @ np.linalg.solve(slow - plant.A, plant.B)
+        return N @ np.linalg.lstsq(N.T @ static @ N, N.T @ static, rcond=None)[0]
 
     def classified(self, faults: Sequence[Fault] = ()) -> Manipulability:
         """What the actuators that are left can do in the nominal posture, section 2.2."""
