@@ -126,7 +126,8 @@ def compensator(plant: control.StateSpace, shape: LoopShape, period_s: float) ->
 def margins(L: control.StateSpace) -> Margins:
     """The margins of a sampled open loop with one input and one output."""
     # On the frequency response: the polynomial method loses its digits on a dozen plant states.
-    curve = control.frequency_response(L, _FREQUENCIES_RAD_S)
+    below_nyquist = _FREQUENCIES_RAD_S[np.pi / L.dt > _FREQUENCIES_RAD_S]
+    curve = control.frequency_response(L, below_nyquist)
     gain_margin, phase_margin, _, at_phase, at_gain, _ = control.stability_margins(curve)
     return Margins(
         crossover_hz=at_gain / (2 * np.pi),

@@ -3,6 +3,7 @@
 Paths here are a thousandth of the mechanism, so that the linear model holds.
 """
 
+import io
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -49,19 +50,21 @@ def ratios(summary: dict, part: str) -> np.ndarray:
 
 
 MECHANISMS = [
-    pytest.param(ARM, 2e-5, id="arm"),
-    pytest.param(PLATFORM, 2e-5, id="platform"),
-    pytest.param(HAND, 2e-6, id="hand"),
-    pytest.param(ARMS, 2e-5, id="arms", marks=pytest.mark.long),
+    pytest.param(ARM, 2e-6, id="arm"),
+    pytest.param(PLATFORM, 2e-6, id="platform"),
+    pytest.param(HAND, 5e-7, id="hand"),
+    pytest.param(ARMS, 2e-6, id="arms", marks=pytest.mark.long),
     pytest.param(None, None, id="hexapod", marks=pytest.mark.long),
 ]
 
 
 @pytest.mark.parametrize(("model", "noise"), MECHANISMS)
 def test_without_a_failure_the_error_is_that_of_the_linear_model(model, noise):
-    """Error of a known path through a linear loop; sensor noise adds its own, averaged."""
-    quiet = {} if noise is None else {"noise": 0.01 * noise}
-    one = tracked(model, turn=1.0, **quiet)
+    """Error of a known path through a linear loop; noise is small, as one second averages little.
+
+    Measured at most 1 %.
+    """
+    one = tracked(model, turn=1.0, noise=noise)
     summary = summarize(one)
     np.testing.assert_allclose(ratios(summary, "before"), 1.0, rtol=0.05)
     assert summary["rms_after"] is None
@@ -160,9 +163,7 @@ def test_the_command_writes_what_the_interface_says(made_once):
     assert summary["closure_residual_max_m"] == 0.0
     assert isinstance(summary["verdict"], str)
     assert "\n" not in summary["verdict"]
-    assert sorted(path.name for path in folder.iterdir()) == sorted(
-        ["track.json", *(file for file in summary["files"])]
-    )
+    assert {path.name for path in folder.iterdir()} == {"track.json", *summary["files"]}
     assert {"track.npz", "track.rrd", "track.png"} <= set(summary["files"])
     with np.load(folder / "track.npz") as arrays:
         error = (arrays["desired"] - arrays["true"])[arrays["time_s"] < 0.3 - 1e-9]
@@ -202,7 +203,8 @@ FLOATING = """
 <mujoco><option gravity="0 0 -9.81"/><worldbody><body name="trunk" pos="0 0 1"><freejoint/>
   <geom type="box" size=".2 .1 .1" mass="5"/>
   <body name="leg" pos="0 0 -.1"><joint name="knee" axis="0 1 0"/>
-    <geom type="capsule" fromto="0 0 0 0 0 -.3" size=".03" mass="1"/><site name="payload" pos="0 0 -.3"/>
+    <geom type="capsule" fromto="0 0 0 0 0 -.3" size=".03" mass="1"/>
+    <site name="payload" pos="0 0 -.3"/>
   </body></body></worldbody>
   <actuator><position name="knee" joint="knee" kp="200" kv="10"/></actuator></mujoco>
 """
@@ -222,7 +224,7 @@ ASKED: dict[str, Refusal] = {
     ),
     "rows beyond the twist": (["--major", "0,6"], "--major must be different rows from 0 to 5"),
     "the same row twice": (["--major", "1,1"], "--major must be different rows"),
-    "no row": (["--major", ""], "--major must be different rows"),
+    "no row": (["--major", ""], "--major is empty"),
     "rows that are no numbers": (["--major", "x"], "--major must be different rows"),
     "weights of another number": (["--joint-weight", "1,2"], "one number or 7, got 2"),
     "a weight that is no number": (["--joint-weight", "heavy"], "numbers with commas"),
@@ -266,16 +268,34 @@ def test_a_floating_base_that_falls_is_refused(capfd, tmp_path):
     file = tmp_path / "floating.xml"
     file.write_text(FLOATING)
     said = refused(capfd, tmp_path / "out", str(file), "--major", "3")
-    assert "major task" in said or "drift" in said
+    assert 'gravity moves the free joint of body "trunk"' in said
 
 
 def test_a_path_beyond_the_stated_ranges_names_the_actuators_at_their_limits(
     capfd, tmp_path, panda
 ):
-    words = ("--site", "hand", "--major", "3,4,5", "--crossover", "0.5", "--size", "0.8")
+    words = (
+        "--site",
+        "hand",
+        "--major",
+        "3,4,5",
+        "--crossover",
+        "0.5",
+        "--size",
+        "0.8",
+        "--turn",
+        "8",
+    )
     said = refused(capfd, tmp_path / "out", str(panda), *words)
     assert "the path is out of reach at" in said
     assert "at a limit" in said
+
+
+def one_array() -> bytes:
+    """A file of NumPy's that is no archive."""
+    buffer = io.BytesIO()
+    np.save(buffer, np.zeros(3))
+    return buffer.getvalue()
 
 
 BROKEN: dict[str, Callable[[Path], object]] = {
@@ -286,7 +306,7 @@ BROKEN: dict[str, Callable[[Path], object]] = {
     "descending": lambda file: np.savez(file, time_s=-np.arange(3.0), desired=np.zeros((3, 2))),
     "not finite": lambda file: np.savez(file, time_s=np.arange(3.0), desired=np.full((3, 2), 1j)),
     "empty": lambda file: np.savez(file, time_s=np.zeros(0), desired=np.zeros((0, 2))),
-    "one array": lambda file: np.save(file.open("wb"), np.zeros(3)),
+    "one array": lambda file: file.write_bytes(one_array()),
     "pickled": lambda file: np.savez(file, time_s=np.array([{}]), desired=np.zeros((1, 2))),
     "nothing at all": lambda file: file.write_bytes(b""),
     "cut off": lambda file: file.write_bytes(b"PK\x03\x04 and no more"),
@@ -299,7 +319,7 @@ def test_a_file_that_holds_no_path_is_refused(name, tmp_path):
 
     file = tmp_path / "path.npz"
     BROKEN[name](file)
-    with pytest.raises(WrongInput, match="path.npz") as said:
+    with pytest.raises(WrongInput, match=r"path\.npz") as said:
         path_of(str(file), 2, 1.0, np.arange(5) * 0.1, 1.0, 0.1)
     assert "\n" not in str(said.value)
 
