@@ -57,8 +57,9 @@ class Supervisor:
         secondary: Reference of the secondary goal (n,) at each time of the run.
         reconfigured: Controller that knows of these failures.
         is_possible: Whether the major task can still be done in spite of them.
-        watched: What the diagnosis looks at, where the controller estimates the pose; None: the
-            major task, then the displacements, as many as the monitor's model has outputs.
+        watched: What the diagnosis looks at, where the controller estimates the pose and has found
+            these faults; None: the major task, then the displacements, as many as the monitor's
+            model has outputs.
     """
 
     first: PrioritizedController[Any]
@@ -66,7 +67,7 @@ class Supervisor:
     secondary: Callable[[float], Array]
     reconfigured: Callable[[Sequence[Diagnosis]], PrioritizedController[Any]]
     is_possible: Callable[[Sequence[Fault]], bool]
-    watched: Callable[[Measurement, Any], Array] | None = None
+    watched: Callable[[Measurement, Any, tuple[Fault, ...]], Array] | None = None
 
     def start(self) -> SupervisorState:
         """State at rest at the nominal pose, without known failures."""
@@ -84,7 +85,8 @@ class Supervisor:
             measured = np.concatenate([measurement.output, measurement.displacement])
             measured = measured[: len(state.monitor.nominal.noise)]
         else:
-            measured = self.watched(measurement, state.pose)
+            faults = tuple(each.fault for each in state.standing)
+            measured = self.watched(measurement, state.pose, faults)
         watch = state.monitor.step(state.watch, measured, commanded_m)
         state = replace(state, watch=watch)
         if watch.diagnosis is not known:

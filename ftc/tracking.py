@@ -10,10 +10,12 @@ fiftieth of the sampling frequency. The roll-off is at three times the crossover
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cache, partial
 from typing import Any, Literal
 
 import control
 import numpy as np
+import scipy.linalg
 from numpy.typing import ArrayLike
 
 import argument_checks as check
@@ -29,7 +31,7 @@ from ftc.compensator import (
 )
 from ftc.controller import DirectDrive, Measurement, PrioritizedController
 from ftc.fdi.diagnosis import DEFAULT_CONFIG, Diagnosis, FdiConfig
-from ftc.fdi.fault_model import Fault, NominalModel
+from ftc.fdi.fault_model import Fault, NominalModel, fault_model
 from ftc.fdi.monitor import monitor
 from ftc.goal import Goal
 from ftc.mapping import PrioritizedMapping
@@ -126,22 +128,53 @@ class Tracking:
             watched=self._seen(),
         )
 
-    def _seen(self) -> Callable[[Measurement, Any], Array]:
-        """What the linear model predicts: encoders; or the major task, as if it were linear.
+    def _seen(self) -> Callable[[Measurement, Any, tuple[Fault, ...]], Array]:
+        """What the linear model predicts: the major task, or encoders, as if they were linear.
 
-        A task is curved in the displacements. What the curvature adds at the estimated posture is
-        taken off, so that larger motions are not mistaken for failures.
+        A task is curved in the displacements, and so are closed loops. What the curvature adds
+        where the encoders say that the actuators are is taken off, so that larger motions are not
+        mistaken for failures; the commanded posture is ahead of the one that servos have reached.
         """
-        if self.encoder_noise is not None:
-            return lambda measurement, _: measurement.displacement
         model, rows = self.model, list(self.major)
-        J_m = ConstrainedSystem.of(model.jacobians(model.nominal)).kinematics().J[rows]
+        kinematics = ConstrainedSystem.of(model.jacobians(model.nominal), self.springs).kinematics()
+        if self.encoder_noise is not None and not len(kinematics.active_constraint):
+            return lambda measurement, *_: measurement.displacement
+        J_m = kinematics.J[rows]
+        # Faults change a few times in a run, and the function is called at every tick.
+        allowed = cache(partial(self._allowed, kinematics.active_constraint))
+        every = np.arange(self.nominal.actuators)
 
-        def straightened(measurement: Measurement, posture: Any) -> Array:
-            linear = J_m @ model.displacements(posture)
-            return measurement.output - (model.task(posture)[rows] - linear)
+        def straightened(
+            measurement: Measurement, commanded: Any, faults: tuple[Fault, ...]
+        ) -> Array:
+            posture = model.moved(commanded, measurement.displacement, every)
+            curved = model.displacements(posture)
+            linear = allowed(faults) @ curved
+            if self.encoder_noise is not None:
+                return measurement.displacement - (curved - linear)
+            return measurement.output - (model.task(posture)[rows] - J_m @ linear)
 
         return straightened
+
+    def _allowed(self, constraint: Array, faults: tuple[Fault, ...]) -> Array:
+        """Projector (n, n) onto displacements that the closed loops allow, as the plant has it.
+
+        Commands beyond these strain the loops, and the stiffness of the servos shares them out;
+        locked actuators stand where they are.
+        """
+        n = self.nominal.actuators
+        if not len(constraint):
+            return np.eye(n)
+        plant, locked = fault_model(self.nominal, faults), np.zeros((n, n))
+        stuck = [fault.actuator for fault in faults if fault.kind == "locked"]
+        locked[stuck, stuck] = 1.0
+        N = scipy.linalg.null_space(constraint)
+        standing = N @ np.linalg.pinv(locked @ N) @ locked
+        moving = scipy.linalg.null_space(np.vstack([constraint, locked]))
+        almost_static = np.exp(_SLOWEST) * np.eye(len(plant.A))  # at rest itself may be a pole
+        gain = self.nominal.displacement @ np.linalg.solve(almost_static - plant.A, plant.B)
+        shared = np.linalg.lstsq(moving.T @ gain @ moving, moving.T @ gain, rcond=None)[0]
+        return standing + moving @ shared @ (np.eye(n) - standing)
 
     def classified(self, faults: Sequence[Fault] = ()) -> Manipulability:
         """What the actuators that are left can do in the nominal posture, section 2.2."""
@@ -187,6 +220,8 @@ def tracking(
         ValueError: An argument of the wrong shape or size.
     """
     rows = tuple(int(row) for row in check.indices("major", major, len(linear.C_twist)))
+    if not rows:
+        raise ValueError("major must name at least one row, got none")
     springs = bool(options.get("springs", False))
     jac = model.jacobians(model.nominal)
     kinematics = ConstrainedSystem.of(jac, springs).kinematics()
@@ -194,17 +229,17 @@ def tracking(
     if not is_possible(report):
         raise TaskLost(f"the actuators cannot do the major task: {str(report).splitlines()[0]}")
     n, C = len(linear.C_active), linear.C_twist[list(rows)]
-    sigma = np.broadcast_to(np.asarray(noise, dtype=float), (len(rows) if sense == "task" else n,))
+    sigma = _deviations(noise, len(rows) if sense == "task" else n)
     encoder_noise = None
     if sense == "joints":
-        encoder_noise, sigma = sigma.copy(), _by_encoders(kinematics, rows, sigma)
+        encoder_noise, sigma = sigma, _by_encoders(kinematics, rows, sigma)
     gain = mapping_for(model, goal, rows, springs=springs).pointing_gain()
     plant = control.ss(linear.A, linear.B @ gain, C, 0)
     loops, peak = _loops(plant, check.positive("period_s", period_s), crossover_hz)
     nominal = NominalModel(
         plant=control.ss(linear.A, linear.B, C, 0),
         displacement=linear.C_active,
-        noise=sigma.copy(),
+        noise=sigma,
         period_s=period_s,
         step_s=step_s,
         feedback=getattr(linear, "feedback", None),
@@ -215,6 +250,14 @@ def tracking(
     each = tuple(margins(sampled[k, k] * loop.discrete) for k, loop in enumerate(loops))
     known = {"goal": goal, "encoder_noise": encoder_noise} | options
     return Tracking(model, nominal, rows, loops, each, peak, **known)
+
+
+def _deviations(noise: ArrayLike, sensors: int) -> Array:
+    """Standard deviations (sensors,) from one number or one each."""
+    given = check.finite("noise", noise)
+    if given.shape not in ((), (sensors,)) or (given <= 0).any():
+        raise ValueError(f"noise must be one positive number or {sensors}, got {noise}")
+    return np.full(sensors, given)
 
 
 def _by_encoders(kinematics: Kinematics, rows: tuple[int, ...], noise: Array) -> Array:

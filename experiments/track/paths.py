@@ -1,5 +1,6 @@
 """Paths of the major task: displacements from the start, row by row."""
 
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -49,14 +50,19 @@ def _from_file(file: Path, rows: int, time_s: Array) -> Array:
     if file.suffix != ".npz":
         raise WrongInput(f"--path must be {', '.join(NAMES)} or FILE.npz, got {file}")
     try:
-        with np.load(file) as arrays:
+        with file.open("rb") as opened, np.load(opened) as arrays:
             times = check.finite("time_s", arrays["time_s"])
             desired = check.finite("desired", arrays["desired"])
     except OSError as error:
         raise WrongInput(f"--path {file} cannot be read: {error.strerror or error}") from None
-    except (KeyError, ValueError) as error:
+    except (KeyError, ValueError, TypeError, EOFError, zipfile.BadZipFile) as error:
         raise WrongInput(f"--path {file} holds no path: {error}") from None
-    if times.ndim != 1 or desired.shape != (len(times), rows) or (np.diff(times) <= 0).any():
+    if (
+        times.ndim != 1
+        or not len(times)
+        or desired.shape != (len(times), rows)
+        or (np.diff(times) <= 0).any()
+    ):
         raise WrongInput(
             f"--path {file} must have ascending time_s (N,) and desired (N, {rows}), got shapes "
             f"{times.shape} and {desired.shape}"
