@@ -253,7 +253,7 @@ def test_the_posture_is_that_of_the_simulated_machine():
 
 def straightened(track: Tracking, posture, faults: tuple[Fault, ...] = ()) -> np.ndarray:
     """What the diagnosis sees at a posture."""
-    watched = track.supervisor(Goal((1.0,) * track.nominal.actuators)).watched
+    watched = track.supervisor().watched
     assert watched is not None
     task = track.model.task(posture)[list(track.major)]
     measurement = Measurement(task, track.model.displacements(posture))
