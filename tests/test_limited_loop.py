@@ -218,7 +218,7 @@ def test_a_mapping_with_limits_takes_over_without_a_step(seed):
         ({"limits_m": (0.0, "x")}, "limits_m must hold real numbers"),
         (
             {"limits_m": (np.zeros(5), np.ones(5)), "form": "incremental"},
-            'form must be "absolute" with limits_m, got incremental',
+            'form must be "absolute" or "gauss_newton" with limits_m, got incremental',
         ),
     ],
 )
