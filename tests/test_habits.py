@@ -121,7 +121,7 @@ def test_help_says_what_how_long_which_files_units_and_an_example(capsys, nowher
     assert f"[default: results/{name}]" in text
     assert re.search(r"\d s|minute", text)
     assert f"Writes {name}.json" in text
-    example = re.search(rf"Example: (fjh {name}.*?) Options:", text)
+    example = re.search(rf"Example: (fjh {name}.*?) (?:Arguments|Options):", text)
     assert example
     words = shlex.split(example.group(1))[2:]
     GROUP.commands[name].make_context(name, words)  # raises what the command would complain of

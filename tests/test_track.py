@@ -7,6 +7,7 @@ import io
 import json
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -34,9 +35,9 @@ KEYS = {
 }
 
 
-def tracked(model: Path | None, seed: int = 0, **options: object) -> Tracked:
+def tracked(model: Path | None, seed: int = 0, **options: Any) -> Tracked:
     """A run as the command makes it, without its files."""
-    usual = {option.name: option.default for option in STUDY.options}
+    usual: dict[str, Any] = {option.name: option.default for option in STUDY.options}
     # A given crossover spares the search, and little noise leaves what the path itself costs.
     usual |= {"model": model, "major": MAJOR.get(model, "0,1"), "crossover": 0.7, "turn": 2.0}
     usual |= {"duration": 1.0} | options
@@ -192,7 +193,7 @@ TO_THE_HAND = {"site": "hand", "major": "3,4,5", "crossover": 0.5, "duration": 0
 @pytest.mark.long
 def test_no_command_leaves_a_limit_that_binds_and_six_other_joints_do_the_task(panda, tight):
     """As well as without it; commands beyond the range, which the servo clips, do worse."""
-    quiet = TO_THE_HAND | {"size": 2e-3, "turn": 1.0, "noise": 1e-6}
+    quiet: dict[str, Any] = TO_THE_HAND | {"size": 2e-3, "turn": 1.0, "noise": 1e-6}
     free, held = tracked(panda, **quiet), tracked(tight, **quiet)
     clipped = tracked(tight, **quiet, limits="none", diagnosis="off")
     assert free.run.inputs[:, 1].max() > 3e-4

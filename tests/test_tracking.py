@@ -1,5 +1,7 @@
 """Laws of `ftc.tracking` and of `sim.Mechanism`: loops, handover, limits, postures."""
 
+from typing import Any
+
 import control
 import mujoco
 import numpy as np
@@ -29,10 +31,15 @@ MAJOR = (3, 4, 5)
 PERIOD_S = 1e-3
 
 
-def closed(model: mujoco.MjModel, major: tuple[int, ...], **options: object) -> Tracking:
+def closed(model: mujoco.MjModel, major: tuple[int, ...], **options: Any) -> Tracking:
     plant, mechanism = Plant(model, base=None), Mechanism(model)
     goal = Goal(joint_weight=(1.0,) * len(plant.drives))
-    usual = {"noise": 1e-5, "period_s": PERIOD_S, "step_s": model.opt.timestep, "goal": goal}
+    usual: dict[str, Any] = {
+        "noise": 1e-5,
+        "period_s": PERIOD_S,
+        "step_s": model.opt.timestep,
+        "goal": goal,
+    }
     return tracking(mechanism, plant.linear(), major, **(usual | options))
 
 
@@ -57,7 +64,7 @@ def peak(track: Tracking) -> float:
         P = C @ np.linalg.solve(z * np.eye(len(A)) - A, B)
         K = np.diag([complex(np.squeeze(loop.discrete(z))) for loop in track.loops])
         S = np.linalg.inv(np.eye(len(P)) + P @ K)
-        largest = max(largest, np.linalg.norm(S, 2))
+        largest = max(largest, float(np.linalg.norm(S, 2)))
     return largest
 
 
