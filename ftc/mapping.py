@@ -82,7 +82,8 @@ class PrioritizedMapping(Generic[Pose]):
         )
         self._failed = released.with_failures(locked=list(goal.locked_m))
         kinematics = self._failed.kinematics()
-        self._expand = np.eye(len(self._failed.active))[:, kinematics.actuators]
+        self._surviving = kinematics.actuators
+        self._expand = np.eye(len(self._failed.active))[:, self._surviving]
         self._prepared = kinematics.velocity_mapping(
             self._major, self._secondary, goal.joint_weight, goal.secondary_weight
         )
@@ -199,7 +200,8 @@ class PrioritizedMapping(Generic[Pose]):
         joint, secondary = self._references(now, secondary_reference_m)
         if self.form == "gauss_newton":
             here, remaining = self._step(now, demand, pose, commanded_m, joint, secondary)
-            lower, upper = (now.expand.T.dot(limit) - here for limit in self.limits_m)
+            # Picked, not multiplied: a limit may be infinite.
+            lower, upper = (limit[self._surviving] - here for limit in self.limits_m)
             limited = cast(MovableLimits, limited).within((lower, upper))
         else:
             here, remaining = self._yielded_m, self._remaining(posture, demand, joint, secondary)

@@ -120,7 +120,18 @@ class Bench:
             drives: From the inputs of the drives to displacements (n,); None: they are the same.
             floor_m_per_s2: Acceleration of the floor at each tick, shape (N, 3); None is at rest.
             keep_qpos: Whether the log has the joint positions.
+
+        Raises:
+            ValueError: Times that are no vector, a period that is not positive, another number of
+                accelerations, or a failure of an actuator that the plant does not have.
         """
+        time_s = check.finite("time_s", time_s)
+        if time_s.ndim != 1:
+            raise ValueError(f"time_s must have shape (N,), got {time_s.shape}")
+        check.positive("period_s", period_s)
+        if floor_m_per_s2 is not None:
+            check.exactly("floor_m_per_s2", floor_m_per_s2, len(time_s), 3)
+        check.indices("failures", [each.actuator for each in failures], len(plant.drives))
         self._plant, self._sensors, self._drives = plant, sensors, drives
         self._time_s, self._period_s, self._floor = time_s, period_s, floor_m_per_s2
         self._to_come = sorted(failures, key=lambda failure: failure.time_s)

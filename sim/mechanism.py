@@ -119,9 +119,13 @@ class Mechanism:
         One Newton step on the joint positions, closures first: a control tick moves so little that
         it lands within round-off. Displacements that contradict the closures are met with least
         error. What nothing determines stays where it is.
+
+        Raises:
+            ValueError: `displacements` of another number, or not finite.
         """
         jac = posture.jacobians
         J_C = jac.J_C
+        displacements = check.exactly("displacements", displacements, len(posture.displacements))
         missing = (displacements - posture.displacements)[held]
         if not posture.gaps.any() and np.abs(missing).max(initial=0.0) == 0.0:
             return posture

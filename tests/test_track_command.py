@@ -7,6 +7,7 @@ import io
 import json
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -34,9 +35,9 @@ KEYS = {
 }
 
 
-def tracked(model: Path | None, seed: int = 0, **options: object) -> Tracked:
+def tracked(model: Path | None, seed: int = 0, **options: Any) -> Tracked:
     """A run as the command makes it, without its files."""
-    usual = {option.name: option.default for option in STUDY.options}
+    usual: dict[str, Any] = {option.name: option.default for option in STUDY.options}
     # A given crossover spares the search, and little noise leaves what the path itself costs.
     usual |= {"model": model, "major": MAJOR.get(model, "0,1"), "crossover": 0.7, "turn": 2.0}
     usual |= {"duration": 1.0} | options
@@ -82,13 +83,13 @@ FAILING = [
 
 @pytest.mark.parametrize("model", FAILING)
 def test_a_lock_is_named_and_the_error_stays_near_that_of_a_controller_told_at_once(model):
-    """The delay costs what the lock does meanwhile."""
+    """The delay costs what the lock does meanwhile; of the hexapod's, which moves little, less."""
     strut = LOCKED[model]
     one = tracked(model, duration=2.0, fail=[f"{strut}:locked@0.8"])
     summary = summarize(one)
     named = [(each["actuator"], each["kind"]) for each in summary["diagnoses"]]
     assert named == [(strut, "locked")]
-    assert 0 <= summary["diagnoses"][0]["delay_s"] < 0.2
+    assert 0 <= summary["diagnoses"][0]["delay_s"] < (1.0 if model is None else 0.2)
     assert summary["possible_after"] == [True]
     assert not summary["task_lost"]
     np.testing.assert_allclose(ratios(summary, "after"), 1.0, rtol=0.3)
@@ -190,13 +191,18 @@ TO_THE_HAND = {"site": "hand", "major": "3,4,5", "crossover": 0.5, "duration": 0
 
 
 @pytest.mark.long
-def test_no_command_leaves_a_limit_that_binds_and_six_other_joints_do_the_task(tight):
-    one = tracked(tight, **TO_THE_HAND, limits="stated", size=2e-3, turn=1.0, noise=1e-7)
-    free = tracked(tight, **TO_THE_HAND, limits="none", size=2e-3, turn=1.0, noise=1e-7)
+def test_no_command_leaves_a_limit_that_binds_and_six_other_joints_do_the_task(panda, tight):
+    """As well as without it; commands beyond the range, which the servo clips, do worse."""
+    quiet: dict[str, Any] = TO_THE_HAND | {"size": 2e-3, "turn": 1.0, "noise": 1e-6}
+    free, held = tracked(panda, **quiet), tracked(tight, **quiet)
+    clipped = tracked(tight, **quiet, limits="none", diagnosis="off")
     assert free.run.inputs[:, 1].max() > 3e-4
-    assert one.run.inputs[:, 1].max() == pytest.approx(2e-4, abs=1e-9)
-    error = [np.sqrt(((each.run.desired - each.run.true) ** 2).mean()) for each in (one, free)]
-    assert error[0] == pytest.approx(error[1], rel=0.05)
+    assert held.run.inputs[:, 1].max() == pytest.approx(2e-4, abs=1e-9)
+    error = [
+        np.sqrt(((each.run.desired - each.run.true) ** 2).mean()) for each in (free, held, clipped)
+    ]
+    assert error[1] == pytest.approx(error[0], rel=0.05)
+    assert error[2] > 1.5 * error[0]
 
 
 FLOATING = """

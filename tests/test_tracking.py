@@ -1,5 +1,7 @@
 """Laws of `ftc.tracking` and of `sim.Mechanism`: loops, handover, limits, postures."""
 
+from typing import Any
+
 import control
 import mujoco
 import numpy as np
@@ -19,7 +21,7 @@ from ftc.tracking import (
     tracking,
 )
 from prioritized import ConstrainedSystem
-from sim import HEXAPOD_MJCF, Mechanism, Plant, load_model
+from sim import HEXAPOD_MJCF, Bench, Failure, Mechanism, Plant, TaskSensor, load_model
 
 ARM, HAND, ARMS = (
     load_model(HEXAPOD_MJCF.with_name(f"{name}.xml"), add_locks=True)
@@ -29,10 +31,15 @@ MAJOR = (3, 4, 5)
 PERIOD_S = 1e-3
 
 
-def closed(model: mujoco.MjModel, major: tuple[int, ...], **options: object) -> Tracking:
+def closed(model: mujoco.MjModel, major: tuple[int, ...], **options: Any) -> Tracking:
     plant, mechanism = Plant(model, base=None), Mechanism(model)
     goal = Goal(joint_weight=(1.0,) * len(plant.drives))
-    usual = {"noise": 1e-5, "period_s": PERIOD_S, "step_s": model.opt.timestep, "goal": goal}
+    usual: dict[str, Any] = {
+        "noise": 1e-5,
+        "period_s": PERIOD_S,
+        "step_s": model.opt.timestep,
+        "goal": goal,
+    }
     return tracking(mechanism, plant.linear(), major, **(usual | options))
 
 
@@ -57,7 +64,7 @@ def peak(track: Tracking) -> float:
         P = C @ np.linalg.solve(z * np.eye(len(A)) - A, B)
         K = np.diag([complex(np.squeeze(loop.discrete(z))) for loop in track.loops])
         S = np.linalg.inv(np.eye(len(P)) + P @ K)
-        largest = max(largest, np.linalg.norm(S, 2))
+        largest = max(largest, float(np.linalg.norm(S, 2)))
     return largest
 
 
@@ -194,6 +201,16 @@ def test_limits_that_do_not_bind_change_nothing():
         commanded, pose = free, mapping.estimate(free, pose)
 
 
+def test_an_actuator_without_a_limit_beside_one_that_has_one_goes_on_as_before():
+    """An infinite limit is none: many arms have joints that turn without end."""
+    goal, demand = Goal((1.0,) * 7), np.array([1e-3, -2e-3, 1e-3])
+    wide = np.array([np.inf, 1.0, np.inf, 1.0, np.inf, 1.0, np.inf])
+    mapping = mapping_for(Mechanism(ARM), goal, MAJOR, (-wide, wide))
+    found = mapping.within_limits(demand, mapping.nominal, commanded_m=np.zeros(7))
+    free = mapping.displacements(demand, mapping.nominal, np.zeros(7))
+    np.testing.assert_allclose(found.displacements_m, free, atol=1e-12)
+
+
 def test_within_limits_the_steps_end_at_the_optimum_of_the_curved_problem():
     """Least norm of the joints that reach the position within their limits, by SLSQP."""
     mechanism, every = Mechanism(ARM), np.arange(7)
@@ -282,3 +299,27 @@ def test_the_diagnosis_sees_closed_loops_as_if_they_were_linear(sense, lock):
     assert np.abs(q - linear).max() > 1e-4  # the curvature is not small
     expected = linear if sense == "joints" else kinematics.J[list(track.major)] @ linear
     np.testing.assert_allclose(straightened(track, posture, faults), expected, rtol=1e-5, atol=1e-8)
+
+
+@pytest.mark.parametrize("wrong", [np.full(7, np.nan), np.zeros(3), np.zeros(0)])
+def test_displacements_that_are_none_are_named(wrong):
+    mechanism = Mechanism(ARM)
+    with pytest.raises(ValueError, match="displacements"):
+        mechanism.moved(mechanism.nominal, wrong, np.arange(7))
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({"time_s": np.array([np.nan])}, "time_s"),
+        ({"time_s": np.zeros((2, 2))}, "time_s"),
+        ({"period_s": 0.0}, "period_s"),
+        ({"period_s": np.nan}, "period_s"),
+        ({"failures": [Failure(99, "locked", 0.0)]}, "failures"),
+        ({"floor_m_per_s2": np.zeros((5, 3))}, "floor_m_per_s2"),
+    ],
+)
+def test_a_bench_that_cannot_run_is_refused_when_it_is_made(changed, said):
+    usual = {"time_s": np.zeros(2), "period_s": PERIOD_S}
+    with pytest.raises(ValueError, match=said):
+        Bench(Plant(ARM), TaskSensor([0], 0.0, 0.0, 0), **(usual | changed))
