@@ -131,7 +131,8 @@ class Bench:
         check.positive("period_s", period_s)
         if floor_m_per_s2 is not None:
             check.exactly("floor_m_per_s2", floor_m_per_s2, len(time_s), 3)
-        check.indices("failures", [each.actuator for each in failures], len(plant.drives))
+        for failure in failures:  # an actuator may fail twice
+            check.index("failures", failure.actuator, len(plant.drives))
         self._plant, self._sensors, self._drives = plant, sensors, drives
         self._time_s, self._period_s, self._floor = time_s, period_s, floor_m_per_s2
         self._to_come = sorted(failures, key=lambda failure: failure.time_s)
