@@ -24,7 +24,7 @@ settings.load_profile("repeatable")
 AT_LENGTH = {
     *("table1_folder", "figures_folder", "release_folder", "recover_folder", "systems_folder"),
     *("jacobian_folder", "goals_folder", "force_run", "uncorrected_folder", "bench_folder"),
-    "limits_folder",
+    *("limits_folder", "track_folder"),
     *("sweep_folder", "atlas_folder", "seeds_folder", "crew", "compared"),
 }
 """Fixtures that run a study or a cluster."""
@@ -96,6 +96,13 @@ def faults_of_figures(shared) -> Iterator[Callable[[str], list[str]]]:
 def table1_folder(made_once):
     """All of Table I at full length, made by the command."""
     return made_once("table1", fjh("table1"))
+
+
+@pytest.fixture(scope="session")
+def track_folder(made_once):
+    """The hexapod on two seconds of its spiral, a strut stuck halfway: made by the command."""
+    words = ("--path", "spiral", "--duration", "4", "--fail", "strut1:locked@2")
+    return made_once("track", fjh("track", "--quick", *words))
 
 
 @pytest.fixture(scope="session")
