@@ -27,19 +27,20 @@ def results(tracked: Tracked) -> Results:
         summary,
         tables=tables(tracked, summary),
         notes=notes(tracked, summary),
-        checks=checks(tracked, summary),
+        checks=checks(summary),
         pictures=pictures(tracked, summary),
         arrays={"track.npz": arrays},
         records=[partial(record, tracked, summary)],
     )
 
 
-def checks(tracked: Tracked, summary: dict[str, Any]) -> list[Check]:
+def checks(summary: dict[str, Any]) -> list[Check]:
     """Loops stay closed, and another controller does nothing wrong."""
-    gap_m, title = summary["closure_residual_max_m"], tracked.rig.title
-    found = [Check("closure residual [m]", title, gap_m, CLOSURE_TOLERANCE)]
-    if (other := tracked.other) is not None and other.failure is not None:
-        found.append(Check(f"a failure, {other.failure},", other.name, 1.0, 1.0))
+    gap_m = summary["closure_residual_max_m"]
+    found = [Check("closure residual [m]", summary["robot"], gap_m, CLOSURE_TOLERANCE)]
+    for one in summary.get("controllers", ()):
+        if one["failure"] is not None:
+            found.append(Check(f"a failure, {one['failure']},", one["name"], 1.0, 1.0))
     return found
 
 
