@@ -13,11 +13,8 @@ from prioritized import Kinematics, Status, VelocityMapping
 class PreviousCommand(NamedTuple):
     """Last demand and displacements of a mapping, from which the incremental form continues.
 
-    Attributes:
-        demand: Demanded major task, shape (m1,).
-        displacements_m: Displacements of the actuators, before the converters, shape (n,).
-        secondary_reference_m: Reference of the secondary goal, displacements of the actuators,
-            shape (n,).
+    `demand` (m1,) is the demanded major task; `displacements_m` (n,) those of the actuators, before
+    the converters; `secondary_reference_m` (n,) the reference of the secondary goal.
     """
 
     demand: Array
@@ -51,9 +48,7 @@ class Mapping(Protocol):
 class MappingThere(NamedTuple):
     """A prepared mapping at another pose, made only where more than its rates is asked for.
 
-    Attributes:
-        prepared: At the nominal pose.
-        kinematics: Of the surviving actuators at the other one.
+    `prepared` is at the nominal pose, `kinematics` of the surviving actuators at the other one.
     """
 
     prepared: VelocityMapping
