@@ -2,10 +2,10 @@
 
 One compensator for each major row, as in Fig. 3 of the paper, and the mapping with the Jacobian of
 the estimated posture at every tick. The reference is demanded as it is, and the compensators add
-what is missing. Unless it is given, the gain crossover of all rows is the
-highest at which the sensitivity peak of the sound loops, coupling included, is at most 1.7 (a gain
-margin of at least 7.7 dB and a phase margin of at least 34 degrees in each row), and at most a
-fiftieth of the sampling frequency. The roll-off is at three times the crossover, as on the hexapod.
+what is missing. Unless it is given, the gain crossover of all rows is the highest at which the
+sensitivity peak of the sound loops, coupling included, is at most 1.7 (a gain margin of at least
+7.7 dB and a phase margin of at least 34 degrees in each row), and at most a fiftieth of the
+sampling frequency. The roll-off is at three times the crossover, as on the hexapod.
 """
 
 from collections.abc import Callable, Sequence
@@ -31,7 +31,7 @@ from ftc.compensator import (
 )
 from ftc.controller import DirectDrive, Measurement, PrioritizedController
 from ftc.fdi.diagnosis import DEFAULT_CONFIG, Diagnosis, FdiConfig
-from ftc.fdi.fault_model import Fault, NominalModel, fault_model
+from ftc.fdi.fault_model import Fault, NominalModel, by_kind, fault_model
 from ftc.fdi.monitor import monitor
 from ftc.goal import Goal
 from ftc.mapping import PrioritizedMapping
@@ -179,9 +179,7 @@ class Tracking:
     def classified(self, faults: Sequence[Fault] = ()) -> Manipulability:
         """What the actuators that are left can do in the nominal posture, section 2.2."""
         system = ConstrainedSystem.of(self.model.jacobians(self.model.nominal), self.springs)
-        locked = [fault.actuator for fault in faults if fault.kind == "locked"]
-        free = [fault.actuator for fault in faults if fault.kind == "free"]
-        return system.with_failures(locked, free).kinematics().manipulability(list(self.major))
+        return system.with_failures(**by_kind(faults)).kinematics().manipulability(list(self.major))
 
 
 def tracking(
@@ -291,8 +289,7 @@ def mapping_for(
 
 def goal_told(goal: Goal, fault: Fault, displacement: float = 0.0) -> Goal:
     """The goal with one more failure; a locked actuator stands at this displacement."""
-    certain = Diagnosis(fault, 1.0, 1.0, displacement, 0, 0, 0, confirmed=True)
-    return goal_after(goal, [certain])
+    return goal_after(goal, [Diagnosis.told(fault, displacement)])
 
 
 def goal_after(goal: Goal, diagnoses: Sequence[Diagnosis]) -> Goal:
@@ -326,20 +323,15 @@ def _loops(
         except UnstableLoop as error:
             raise TaskLost(f"the loops would be unstable: {error}") from None
     low, high = _SLOWEST / period_s, _FASTEST / period_s
+    if fastest := _within_peak(plant, period_s, high):
+        return fastest
     found = None
-    for trial_hz in (high, *(None,) * _HALVINGS):
-        hz = np.sqrt(low * high) if trial_hz is None else trial_hz
-        try:
-            tried = _at(plant, period_s, hz)
-            good = tried[1] <= LARGEST_PEAK
-        except UnstableLoop:
-            tried, good = None, False
-        if good:
-            found, low = tried, hz
-            if trial_hz is not None:
-                break
+    for _ in range(_HALVINGS):
+        middle = np.sqrt(low * high)
+        if tried := _within_peak(plant, period_s, middle):
+            found, low = tried, middle
         else:
-            high = hz
+            high = middle
     if found is None:
         raise TaskLost(
             f"no crossover from {low:.2g} Hz on leaves the loops stable with a sensitivity peak of "
@@ -347,6 +339,17 @@ def _loops(
             "actuators are hardly damped"
         )
     return found
+
+
+def _within_peak(
+    plant: control.StateSpace, period_s: float, hz: float
+) -> tuple[tuple[Compensator, ...], float] | None:
+    """The same at this crossover; None where the peak is larger than allowed."""
+    try:
+        loops, peak = _at(plant, period_s, hz)
+    except UnstableLoop:
+        return None
+    return (loops, peak) if peak <= LARGEST_PEAK else None
 
 
 def _at(

@@ -8,7 +8,7 @@ import numpy as np
 import argument_checks as check
 from sim.array import Array
 from sim.failure import Failure
-from sim.mechanism import JointPosture, Mechanism, displacement_of
+from sim.mechanism import JointPosture, Mechanism
 from sim.plant import Plant
 from sim.pose import Pose, computed
 
@@ -58,7 +58,7 @@ class TaskSensor:
     def read(self, pose: Pose, displacements: Array) -> Reading:
         """The rows and the displacements, with noise."""
         draw = self._rng.standard_normal
-        output = displacement_of(pose)[self._rows] + self._noise * draw(len(self._rows))
+        output = pose.displacement()[self._rows] + self._noise * draw(len(self._rows))
         return Reading(output, displacements + self._encoder_noise * draw(len(displacements)))
 
 

@@ -8,7 +8,6 @@ import mujoco
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 import argument_checks as check
 from sim.array import Array
@@ -109,7 +108,7 @@ class Mechanism:
 
     def task(self, posture: JointPosture) -> Array:
         """Displacement [rotation vector; translation] of the task frame from nominal, (6,)."""
-        return displacement_of(posture.pose)
+        return posture.pose.displacement()
 
     def moved(
         self, posture: JointPosture, displacements: Array, held: NDArray[np.intp]
@@ -152,8 +151,3 @@ class Mechanism:
         self._gauges.refresh(self._model, data)
         gaps = data.efc_pos[: data.ne].copy()
         return JointPosture(qpos, self._payload.pose(data), jac, gaps, self._gauges.read(data))
-
-
-def displacement_of(pose: Pose) -> Array:
-    """[rotation vector; translation] of a pose, shape (6,)."""
-    return np.concatenate([Rotation.from_matrix(pose.rotation).as_rotvec(), pose.translation_m])

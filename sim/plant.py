@@ -9,7 +9,6 @@ from math import isfinite
 import mujoco
 import numpy as np
 from scipy.linalg.blas import dnrm2
-from scipy.spatial.transform import Rotation
 
 import argument_checks as check
 from sim.actuators import (
@@ -231,8 +230,7 @@ class Plant:
 
         From the nominal pose, [rad] and [m]; zero there, however base and payload are turned.
         """
-        pose = self.pose()
-        return np.concatenate([Rotation.from_matrix(pose.rotation).as_rotvec(), pose.translation_m])
+        return self.pose().displacement()
 
     def pose(self) -> Pose:
         """Payload relative to its nominal pose, in base axes: rotation R_now R_nominal^T."""

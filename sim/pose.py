@@ -5,6 +5,7 @@ from functools import cache
 from typing import Any, TypeVar
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 import argument_checks as check
 from sim.array import Array
@@ -52,6 +53,12 @@ class Pose:
             translation_m.reshape(-1, 3),
         )
         return computed(Pose, rotation=rotation, translation_m=translation_m)
+
+    def displacement(self) -> Array:
+        """[rotation vector; translation], shape (..., 6)."""
+        turn = Rotation.from_matrix(self.rotation.reshape(-1, 3, 3)).as_rotvec()
+        turn = turn.reshape(*self.rotation.shape[:-2], 3)
+        return np.concatenate([turn, self.translation_m], axis=-1)
 
     @property
     def lead(self) -> tuple[int, ...]:

@@ -61,10 +61,7 @@ MECHANISMS = [
 
 @pytest.mark.parametrize(("model", "noise"), MECHANISMS)
 def test_without_a_failure_the_error_is_that_of_the_linear_model(model, noise):
-    """Error of a known path through a linear loop; noise is small, as one second averages little.
-
-    Measured at most 1 %.
-    """
+    """A known path through a linear loop; noise is small, as one second averages little."""
     one = tracked(model, turn=1.0, noise=noise)
     summary = summarize(one)
     np.testing.assert_allclose(ratios(summary, "before"), 1.0, rtol=0.05)
@@ -72,6 +69,11 @@ def test_without_a_failure_the_error_is_that_of_the_linear_model(model, noise):
     assert summary["predicted_rms_after"] is None
     assert summary["failures"] == summary["possible_after"] == []
     assert one.run.closure_residual_m.max() < 1e-9
+
+
+def test_a_failure_is_given_by_the_name_of_the_joint_or_of_its_actuator(sound):
+    names = ("joint4", "motor4")
+    assert [sound.rig.actuator(name) for name in names] == [3, 3]
 
 
 FAILING = [

@@ -16,7 +16,7 @@ from experiments.output.palette import BLACK, BLUE, SKY, VERMILION, YELLOW
 from ftc.controller import PrioritizedController
 from ftc.fdi.diagnosis import DEFAULT_CONFIG, Diagnosis, FdiConfig
 from ftc.fdi.dither import Dither
-from ftc.fdi.fault_model import KINDS, Fault, NominalModel
+from ftc.fdi.fault_model import KINDS, Fault, NominalModel, by_kind
 from ftc.fdi.monitor import monitor
 from ftc.goal import Goal
 from ftc.springs import actuator_and_payload_stiffness
@@ -211,11 +211,7 @@ def supervisor(
 
     def is_possible(faults: Sequence[Fault]) -> bool:
         assert atlas.elastic is not None  # the hexapod has springs
-        by_kind = {
-            kind: [fault.actuator for fault in faults if fault.kind == kind]
-            for kind in ("locked", "free")
-        }
-        return bool(atlas.elastic.possible[atlas.row(**by_kind)])
+        return bool(atlas.elastic.possible[atlas.row(**by_kind(faults))])
 
     return Supervisor(
         first=controller([]),

@@ -199,7 +199,7 @@ def informed(
     `displacement_m` is where that strut has stuck, which is the same in all runs of a scenario.
     """
     tick = STRUCK + round(late_s / testbed.bench.control_period_s)
-    news = Diagnosis(fault, 1.0, 1.0, displacement_m, STRUCK, STRUCK, tick, confirmed=True)
+    news = Diagnosis.told(fault, displacement_m)
     after = controller(testbed, reconfigured_goal(GOAL, [news]))
     lost_displacement_m = np.zeros(6)
     if fault.kind != "locked" and late_s == 0:

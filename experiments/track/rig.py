@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,7 @@ from ftc.compensator import Channel, Margins
 from ftc.control_task import ControlTask
 from ftc.controller import DirectDrive
 from ftc.fdi.diagnosis import Diagnosis
-from ftc.fdi.fault_model import Fault, NominalModel
+from ftc.fdi.fault_model import Fault, NominalModel, by_kind
 from ftc.goal import Goal
 from ftc.mapping import PrioritizedMapping
 from ftc.supervisor import Supervisor, reconfigured_goal
@@ -58,7 +59,8 @@ class Rig:
     Attributes:
         title: For people.
         model: As its plant and its controller have it.
-        actuators: Their names, as failures are given.
+        actuators: Their names: of the joints or tendons that they drive.
+        aliases: Of each, the names of the actuators in the model.
         bodies: The body that each moves, for the eye; None of what is no joint.
         major: Rows of the twist.
         goal: While all actuators work.
@@ -80,6 +82,7 @@ class Rig:
     title: str
     model: mujoco.MjModel
     actuators: tuple[str, ...]
+    aliases: tuple[tuple[str, ...], ...]
     bodies: tuple[str | None, ...]
     major: tuple[int, ...]
     goal: Goal
@@ -103,14 +106,17 @@ class Rig:
         return self.nominal.period_s
 
     def actuator(self, name: str) -> int:
-        """The number of an actuator by its name, or by that of its joint.
+        """The number of an actuator by its own name, or by that of its joint.
 
         Raises:
             WrongInput: There is none; the nearest is named.
         """
         if name in self.actuators:
             return self.actuators.index(name)
-        near = get_close_matches(name, self.actuators, 1)
+        for number, own in enumerate(self.aliases):
+            if name in own:
+                return number
+        near = get_close_matches(name, [*self.actuators, *chain(*self.aliases)], 1)
         hint = f'did you mean "{near[0]}"?' if near else f"it has {', '.join(self.actuators)}"
         raise WrongInput(f'--fail {name}: the robot has no actuator or joint "{name}"; {hint}')
 
@@ -126,16 +132,13 @@ def hexapod_rig(size: float | None) -> Rig:
     geometry, elastic = hexapod(model), elastic_system(model)
 
     def classified(faults: Sequence[Fault]) -> Manipulability:
-        locked, free = (
-            [fault.actuator for fault in faults if fault.kind == kind]
-            for kind in ("locked", "free")
-        )
-        return elastic.with_failures(locked, free).kinematics().manipulability(MAJOR)
+        return elastic.with_failures(**by_kind(faults)).kinematics().manipulability(MAJOR)
 
     return Rig(
         title="University of Wyoming hexapod",
         model=model,
         actuators=tuple(f"strut{k}" for k in range(1, 7)),
+        aliases=tuple((f"coil{k}",) for k in range(1, 7)),
         bodies=tuple(f"stem{k}" for k in range(1, 7)),
         major=tuple(MAJOR),
         goal=goal,
@@ -158,8 +161,7 @@ def hexapod_rig(size: float | None) -> Rig:
 
 
 def _told_hexapod(goal: Goal, fault: Fault) -> Goal:
-    certain = Diagnosis(fault, 1.0, 1.0, 0.0, 0, 0, 0, confirmed=True)
-    return reconfigured_goal(goal, [certain])
+    return reconfigured_goal(goal, [Diagnosis.told(fault)])
 
 
 def robot_rig(
@@ -240,6 +242,7 @@ def robot_rig(
         title=file.stem,
         model=model,
         actuators=tuple(drive.name for drive in plant.drives),
+        aliases=tuple(drive.actuators for drive in plant.drives),
         bodies=tuple(
             None if drive.joint is None else body_name(model, int(model.jnt_bodyid[drive.joint]))
             for drive in plant.drives

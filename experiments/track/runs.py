@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from experiments.output.controllers import controller_factory
 from experiments.output.study import OnProgress, WrongInput
@@ -23,7 +22,7 @@ from ftc.guarded_controller import GuardedController
 from ftc.loop import LoopRun, run_loop
 from ftc.supervisor import SupervisorState
 from ftc.tracking import is_possible
-from sim import Array, Bench, Failure, FailureKind, model_sha256
+from sim import Array, Bench, Failure, FailureKind, Pose, model_sha256
 
 _ROWS = 6
 _FAILURE = re.compile(
@@ -208,8 +207,7 @@ def run_track(
 
 
 def _run(rig: Rig, time_s: Array, desired: Array, bench: Bench, looped: LoopRun[Any]) -> Run:
-    turned = Rotation.from_matrix(bench.rotation).as_rotvec()
-    task = np.hstack([turned, bench.translation_m])
+    task = Pose(bench.rotation, bench.translation_m).displacement()
     assert bench.qpos is not None  # rigs keep it
     return Run(
         time_s=time_s,

@@ -59,6 +59,11 @@ class Diagnosis:
     tick: int
     confirmed: bool
 
+    @classmethod
+    def told(cls, fault: Fault, displacement: float = 0.0) -> "Diagnosis":
+        """A failure that is known for certain, from elsewhere and from the start."""
+        return cls(fault, 1.0, 1.0, displacement, 0, 0, 0, confirmed=True)
+
 
 @dataclass(frozen=True)
 class Moment:

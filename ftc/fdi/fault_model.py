@@ -45,6 +45,12 @@ class Fault:
         check.at_most_one("effectiveness", self.effectiveness)
 
 
+def by_kind(faults: Sequence[Fault]) -> dict[str, list[int]]:
+    """Actuators that are locked and free, as `ConstrainedSystem.with_failures` takes them."""
+    kinds = ("locked", "free")
+    return {kind: [each.actuator for each in faults if each.kind == kind] for kind in kinds}
+
+
 @dataclass(frozen=True)
 class NominalModel:
     """Model of the plant without faults.
