@@ -189,7 +189,7 @@ def _found(tracked: Tracked, summary: dict[str, Any]) -> str:
 def _with_units(values: Sequence[float] | None, unit: Sequence[str]) -> str:
     if values is None:
         return "unknown"
-    return ", ".join(f"{value:.3g} {each}" for value, each in zip(values, unit, strict=True))
+    return ", ".join(f"{1e6 * value:.3g} u{each}" for value, each in zip(values, unit, strict=True))
 
 
 def _rows(major: Sequence[int]) -> str:
