@@ -55,7 +55,10 @@ Make = Callable[[str, Callable[[Path], int]], Path]
 
 @pytest.fixture(scope="session")
 def made_once(shared) -> Make:
-    """Makes a folder in the process that needs it first; the others wait and take it over."""
+    """Makes a folder in the process that needs it first; the others wait and take it over.
+
+    One name is one folder: another command needs another name.
+    """
 
     def made(name: str, make: Callable[[Path], int]) -> Path:
         folder, complete = shared / name, shared / f"{name}.complete"

@@ -215,6 +215,7 @@ def circle(turn: float, radius_m: float = 0.02) -> np.ndarray:
     return radius_m * np.array([np.cos(turn) - 1.0, np.sin(turn), 0.0])
 
 
+@pytest.mark.long
 def test_ten_lines_follow_a_circle_of_20_mm_through_a_lock_within_a_micrometre():
     """The place of the tool is major; the motor of its wrist locks halfway round."""
     model = model_of(FIVE_BAR)

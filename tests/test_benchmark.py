@@ -98,6 +98,7 @@ def test_garbage_is_collected_while_the_clock_runs():
     assert gc.isenabled()
 
 
+@pytest.mark.long
 def test_latency_is_of_single_ticks_in_wall_time_with_each_setting_of_the_collector():
     """Of 100 ticks of 10 us one takes 1 ms, of which 0.7 ms belong to another process."""
     wall_ns, other_ns, called, enabled = [0], [0], [0], set()

@@ -129,6 +129,7 @@ def test_failures_of_servos_are_weighed_as_newton_has_them():
     assert (verdict.fault.actuator, verdict.fault.kind) == (2, "weak")
 
 
+@pytest.mark.long
 @failures
 def test_failed_servos_are_named(kind):
     """Actuator and kind in at least 7 of 8 random machines of two to five loaded servos.

@@ -87,6 +87,7 @@ def test_a_short_run_of_the_hexapod_is_the_testbeds_own(tmp_path):
         assert np.array_equal(run["measured"], ours.measured_rad)
 
 
+@pytest.mark.long
 def test_a_published_robot_moves_by_encoders_alone(tmp_path):
     """Held against gravity; forward kinematics through the gear of its fingers."""
     file = tmp_path / "panda.xml"

@@ -52,8 +52,8 @@ def ratios(summary: dict, part: str) -> np.ndarray:
 
 MECHANISMS = [
     pytest.param(ARM, 2e-6, id="arm"),
-    pytest.param(PLATFORM, 2e-6, id="platform"),
-    pytest.param(HAND, 5e-7, id="hand"),
+    pytest.param(PLATFORM, 2e-6, id="platform", marks=pytest.mark.long),
+    pytest.param(HAND, 5e-7, id="hand", marks=pytest.mark.long),
     pytest.param(ARMS, 2e-6, id="arms", marks=pytest.mark.long),
     pytest.param(None, None, id="hexapod", marks=pytest.mark.long),
 ]
@@ -151,7 +151,7 @@ def test_a_spiral_grows_to_its_size_at_the_end(sound):
 
 def test_the_command_writes_what_the_interface_says(made_once):
     words = ("--major", "0,1", "--crossover", "0.7", "--duration", "0.4", "--turn", "1")
-    folder = made_once("track", fjh("track", str(ARM), *words, "--fail", "joint2:locked@0.3"))
+    folder = made_once("track_of_the_arm", fjh("track", str(ARM), *words, "--fail", "joint2:locked@0.3"))
     summary = json.loads((folder / "track.json").read_text())
     assert summary["experiment"] == "track"
     assert set(summary) == KEYS

@@ -68,6 +68,7 @@ def peak(track: Tracking) -> float:
     return largest
 
 
+@pytest.mark.long
 def test_the_crossover_is_the_highest_with_a_sensitivity_peak_of_1_7(arm):
     """Below it all loops are further from instability, above it nearer than allowed."""
     found = arm.margins[0].crossover_hz
@@ -240,6 +241,7 @@ def test_within_limits_the_steps_end_at_the_optimum_of_the_curved_problem():
     np.testing.assert_allclose(commanded, best.x, atol=1e-3 * bound)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("model", [HAND, ARMS], ids=["hand", "arms"])
 def test_small_steps_leave_the_loops_closed(model):
     """A Newton step squares the gap: after many it is no larger than one step's remainder."""
