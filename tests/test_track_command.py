@@ -151,7 +151,9 @@ def test_a_spiral_grows_to_its_size_at_the_end(sound):
 
 def test_the_command_writes_what_the_interface_says(made_once):
     words = ("--major", "0,1", "--crossover", "0.7", "--duration", "0.4", "--turn", "1")
-    folder = made_once("track_of_the_arm", fjh("track", str(ARM), *words, "--fail", "joint2:locked@0.3"))
+    folder = made_once(
+        "track_of_the_arm", fjh("track", str(ARM), *words, "--fail", "joint2:locked@0.3")
+    )
     summary = json.loads((folder / "track.json").read_text())
     assert summary["experiment"] == "track"
     assert set(summary) == KEYS
