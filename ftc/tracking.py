@@ -87,6 +87,11 @@ class Tracking:
     handover_s: float = 0.5
 
     @property
+    def system(self) -> ConstrainedSystem:
+        """The mechanism in the nominal posture, without failures."""
+        return MechanismGeometry(self.model, springs=self.springs).system
+
+    @property
     def watched(self) -> NominalModel:
         """Linear model of the plant to what the diagnosis looks at."""
         if self.encoder_noise is None:
@@ -136,7 +141,7 @@ class Tracking:
         mistaken for failures; the commanded posture is ahead of the one that servos have reached.
         """
         model, rows = self.model, list(self.major)
-        kinematics = ConstrainedSystem.of(model.jacobians(model.nominal), self.springs).kinematics()
+        kinematics = self.system.kinematics()
         if self.encoder_noise is not None and not len(kinematics.active_constraint):
             return lambda measurement, *_: measurement.displacement
         J_m = kinematics.J[rows]
@@ -178,8 +183,11 @@ class Tracking:
 
     def classified(self, faults: Sequence[Fault] = ()) -> Manipulability:
         """What the actuators that are left can do in the nominal posture, section 2.2."""
-        system = ConstrainedSystem.of(self.model.jacobians(self.model.nominal), self.springs)
-        return system.with_failures(**by_kind(faults)).kinematics().manipulability(list(self.major))
+        return (
+            self.system.with_failures(**by_kind(faults))
+            .kinematics()
+            .manipulability(list(self.major))
+        )
 
 
 def tracking(
@@ -221,8 +229,7 @@ def tracking(
     if not rows:
         raise ValueError("major must name at least one row, got none")
     springs = bool(options.get("springs", False))
-    jac = model.jacobians(model.nominal)
-    kinematics = ConstrainedSystem.of(jac, springs).kinematics()
+    kinematics = MechanismGeometry(model, springs=springs).system.kinematics()
     report = kinematics.manipulability(list(rows))
     if not is_possible(report):
         raise TaskLost(f"the actuators cannot do the major task: {str(report).splitlines()[0]}")

@@ -20,6 +20,7 @@ from experiments.output.files import OutputError, json_text, published, write_in
 from experiments.output.results import Check, Results
 from experiments.output.study import OnProgress, Option, Unsound
 from experiments.output.tables import Table
+from experiments.output.terminal import print_table
 from tests.made import made_study
 
 ROOT = Path(__file__).parents[1]
@@ -39,6 +40,12 @@ WRITTEN = {"seed": 3, "files": ["measure.json", "measure.md"]}
 def elsewhere(tmp_path, monkeypatch):
     """An empty working directory."""
     monkeypatch.chdir(tmp_path)
+
+
+def test_units_in_brackets_are_printed_wherever_they_stand(capsys):
+    print_table(Table("Heights [m]", ("of [m]", "above [urad]"), [("hill [km]", "7")]))
+    printed = capsys.readouterr().out
+    assert all(unit in printed for unit in ("Heights [m]", "of [m]", "above [urad]", "hill [km]"))
 
 
 def run(results: Results, *arguments: str) -> None:

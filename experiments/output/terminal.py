@@ -73,7 +73,8 @@ def print_table(table: Table) -> None:
         drawn.add_column(heading, justify="right" if k else "left", no_wrap=True)
     for row in table.rows:
         drawn.add_row(*row)
-    Console().print(drawn)
+    # Units stand in brackets, where markup would.
+    Console(markup=False).print(drawn)
     if table.legend:
         Console().print(f"{table.legend}\n", highlight=False, markup=False)
 

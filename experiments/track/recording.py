@@ -26,17 +26,13 @@ def record(tracked: Tracked, summary: dict[str, Any], folder: Path) -> None:
     identity = f"track-{rig.title}-seed{tracked.seed}"
     about = RecordingInfo(identity, rig.title, text, properties)
     every = at_most(_SIGNALS_HZ, run.time_s)
-    kept_s, error = run.time_s[every], 1e6 * (run.desired - run.true)[every]
-    names = [
-        f"{ROWS[row]} off [u{unit}]" for row, unit in zip(rig.major, summary["units"], strict=True)
-    ]
     plots = [
-        Plot("error", "Desired - true", names, kept_s, error),
+        _error(tracked, summary, run),
         Plot(
             "actuators",
             "Actuators from the start [rad], [m]",
             list(rig.actuators),
-            kept_s,
+            run.time_s[every],
             run.displacement[every],
         ),
         *_limits(tracked, every),
@@ -51,18 +47,26 @@ def record(tracked: Tracked, summary: dict[str, Any], folder: Path) -> None:
         marks=_marks(tracked, summary),
     )
     conditions = {rig.title: driven}
-    if tracked.other is not None:
-        conditions[controller_label(tracked.other.name)] = _other(tracked, tracked.other.run)
+    if (other := tracked.other) is not None:
+        theirs = other.run
+        conditions[controller_label(other.name)] = Driven(
+            theirs.time_s,
+            theirs.qpos,
+            [_error(tracked, summary, theirs)],
+            nominal=theirs.qpos[0],
+        )
     write_mechanism(folder / "track.rrd", about, rig.model, conditions)
 
 
-def _other(tracked: Tracked, run: Run) -> Driven:
-    """The run with another controller, beside."""
+def _error(tracked: Tracked, summary: dict[str, Any], run: Run) -> Plot:
+    """Of each major row."""
     every = at_most(_SIGNALS_HZ, run.time_s)
+    names = [
+        f"{ROWS[row]} off [u{unit}]"
+        for row, unit in zip(tracked.rig.major, summary["units"], strict=True)
+    ]
     error = 1e6 * (run.desired - run.true)[every]
-    names = [f"{ROWS[row]} off" for row in tracked.rig.major]
-    plots = [Plot("error", "Desired - true [urad], [um]", names, run.time_s[every], error)]
-    return Driven(run.time_s, run.qpos, plots, nominal=run.qpos[0])
+    return Plot("error", "Desired - true", names, run.time_s[every], error)
 
 
 def _limits(tracked: Tracked, every: slice) -> list[Plot]:

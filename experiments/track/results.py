@@ -257,7 +257,8 @@ def notes(tracked: Tracked, summary: dict[str, Any]) -> list[str]:
     ]
     said.append(
         f"Path of {rig.size:.3g}, sensors with noise of {rig.noise:.3g} (standard deviation of a "
-        "sample); diagnosis and controller have the exact model of the robot."
+        "sample), in rad or m as the rows; diagnosis and controller have the exact model of the "
+        "robot."
     )
     for failure, text in zip(tracked.failures, tracked.verdicts[1:], strict=True):
         first = text.splitlines()[0]

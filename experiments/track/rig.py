@@ -28,7 +28,7 @@ from ftc.goal import Goal
 from ftc.mapping import PrioritizedMapping
 from ftc.supervisor import Supervisor, reconfigured_goal
 from ftc.tracking import TaskLost, goal_told, tracking
-from prioritized import ConstrainedSystem, Manipulability
+from prioritized import Manipulability
 from sim import (
     Array,
     Bench,
@@ -203,7 +203,6 @@ def robot_rig(
     steps = max(1, math.ceil(period_s / model.opt.timestep - 1e-9))
     period_s = steps * model.opt.timestep
     mechanism = Mechanism(model, start, frame, axes)
-    system = ConstrainedSystem.of(mechanism.jacobians(mechanism.nominal))
     goal = _goal(len(plant.drives), 6 - len(major), joint_weight, secondary_weight)
     turns = all(row < 3 for row in major)
     size = (_SIZE if turns else _SIZE * float(model.stat.extent)) if size is None else size
@@ -263,7 +262,7 @@ def robot_rig(
         classified=track.classified,
         task=ControlTask(
             nominal=track.nominal,
-            J=system.kinematics().J,
+            J=track.system.kinematics().J,
             major=major,
             goal=goal,
             drives=DirectDrive(),
