@@ -134,6 +134,16 @@ class PrioritizedMapping(Generic[Pose]):
         """Displacements per demanded major task at the nominal pose, shape (n, m1)."""
         return self._at_nominal.expand @ self._at_nominal.mapping.major
 
+    def secondary_gain(self) -> Array:
+        """Displacements per secondary reference, at the nominal pose, shape (n, n).
+
+        Its columns span the motions that a reference can ask for without a part in the major task.
+        """
+        now = self._at_nominal
+        still, secondary = np.zeros(len(self._major)), now.J[self._secondary]
+        rates = [now.mapping(still, unit, secondary @ unit) for unit in now.expand]
+        return now.expand @ np.array(rates).T
+
     def displacements(
         self,
         demand: Array,

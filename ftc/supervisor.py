@@ -8,9 +8,9 @@ import numpy as np
 
 from argument_checks import Array
 from ftc.controller import Measurement, PrioritizedController
-from ftc.fdi.diagnosis import Diagnosis, MonitorState
+from ftc.fdi.diagnosis import Diagnosis
 from ftc.fdi.fault_model import Fault
-from ftc.fdi.monitor import Monitor
+from ftc.fdi.monitor import Monitor, MonitorState
 from ftc.goal import Goal
 from ftc.oracle import NestedState
 

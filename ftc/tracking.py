@@ -11,7 +11,7 @@ sampling frequency. The roll-off is at three times the crossover, as on the hexa
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import control
 import numpy as np
@@ -31,6 +31,7 @@ from ftc.compensator import (
 )
 from ftc.controller import DirectDrive, Measurement, PrioritizedController
 from ftc.fdi.diagnosis import DEFAULT_CONFIG, Diagnosis, FdiConfig
+from ftc.fdi.dither import Dither
 from ftc.fdi.fault_model import Fault, NominalModel, by_kind, fault_model
 from ftc.fdi.monitor import monitor
 from ftc.goal import Goal
@@ -45,8 +46,9 @@ _FASTEST, _SLOWEST = 1 / 50, 1e-5
 """Crossovers that are tried, times the control period."""
 _HALVINGS = 12
 
-Sense = Literal["task", "joints"]
-"""What the diagnosis looks at: a sensor of the major task, or encoders of the actuators."""
+Sense = Literal["task", "joints", "both"]
+"""What the diagnosis looks at: a sensor of the major task, encoders of the actuators, or both. The
+major task is measured, or with encoders alone computed from them."""
 
 
 class TaskLost(ValueError):
@@ -68,8 +70,9 @@ class Tracking:
         limits: Lower and upper displacements of the actuators, (n,) each; None is none.
         when_limited: What becomes of a major task beyond them.
         springs: Whether springs hold what the loops of the mechanism leave free.
+        sense: What the diagnosis looks at.
         encoder_noise: Standard deviations (n,) of one sample of each actuator's displacement, where
-            the diagnosis looks at these; None: it looks at the major task.
+            the diagnosis looks at these; else None.
         handover_s: In which the secondary motion of a former mapping fades.
     """
 
@@ -83,6 +86,7 @@ class Tracking:
     limits: tuple[Array, Array] | None = None
     when_limited: WhenLimited = "least_squares"
     springs: bool = False
+    sense: Sense = "task"
     encoder_noise: Array | None = None
     handover_s: float = 0.5
 
@@ -93,12 +97,14 @@ class Tracking:
 
     @property
     def watched(self) -> NominalModel:
-        """Linear model of the plant to what the diagnosis looks at."""
+        """Linear model of the plant to what the diagnosis looks at: task rows, then encoders."""
         if self.encoder_noise is None:
             return self.nominal
-        plant, C = self.nominal.plant, self.nominal.displacement
-        to_encoders = control.ss(plant.A, plant.B, C, 0)
-        return replace(self.nominal, plant=to_encoders, noise=self.encoder_noise)
+        plant, C, noise = self.nominal.plant, self.nominal.displacement, self.encoder_noise
+        if self.sense == "both":
+            C = np.vstack([plant.C, C])
+            noise = np.concatenate([self.nominal.noise, noise])
+        return replace(self.nominal, plant=control.ss(plant.A, plant.B, C, 0), noise=noise)
 
     def mapping(self, goal: Goal) -> PrioritizedMapping[Any]:
         """The mapping for a goal, failures that it knows included."""
@@ -117,24 +123,29 @@ class Tracking:
             reference_feedforward=True,
         )
 
-    def supervisor(self, config: FdiConfig = DEFAULT_CONFIG) -> Supervisor:
+    def supervisor(
+        self, config: FdiConfig = DEFAULT_CONFIG, dither: Dither | None = None
+    ) -> Supervisor:
         """A controller that diagnoses failures and reconfigures itself.
 
         Args:
             config: Rates and confidences of the diagnosis.
+            dither: Secondary motion by which failures are told apart; None is none.
         """
-        goal, n = self.goal, self.nominal.actuators
+        goal, still = self.goal, np.zeros(self.nominal.actuators)
+        if dither is not None:
+            config = replace(config, dither_hz=dither.frequency_hz)
         return Supervisor(
             first=self.controller(goal),
             monitor=monitor(self.watched, config=config),
-            secondary=lambda _: np.zeros(n),
+            secondary=(lambda _: still) if dither is None else dither.at,
             reconfigured=lambda found: self.controller(goal_after(goal, found)),
             is_possible=lambda faults: is_possible(self.classified(faults)),
             watched=self._seen(),
         )
 
     def _seen(self) -> Callable[[Measurement, Any, tuple[Fault, ...]], Array]:
-        """What the linear model predicts: the major task, or encoders, as if they were linear.
+        """What the linear model predicts of the sensors: their readings as if they were linear.
 
         A task is curved in the displacements, and so are closed loops. What the curvature adds
         where the encoders say that the actuators are is taken off, so that larger motions are not
@@ -142,7 +153,7 @@ class Tracking:
         """
         model, rows = self.model, list(self.major)
         kinematics = self.system.kinematics()
-        if self.encoder_noise is not None and not len(kinematics.active_constraint):
+        if self.sense == "joints" and not len(kinematics.active_constraint):
             return lambda measurement, *_: measurement.displacement
         J_m = kinematics.J[rows]
         # Faults change a few times in a run, and the function is called at every tick.
@@ -154,10 +165,12 @@ class Tracking:
         ) -> Array:
             posture = model.moved(commanded, measurement.displacement, every)
             curved = model.displacements(posture)
-            linear = allowed(faults) @ curved
-            if self.encoder_noise is not None:
-                return measurement.displacement - (curved - linear)
-            return measurement.output - (model.task(posture)[rows] - J_m @ linear)
+            linear, seen = allowed(faults) @ curved, []
+            if self.sense != "joints":
+                seen.append(measurement.output - (model.task(posture)[rows] - J_m @ linear))
+            if self.sense != "task":
+                seen.append(measurement.displacement - (curved - linear))
+            return np.concatenate(seen)
 
         return straightened
 
@@ -211,7 +224,8 @@ def tracking(
             `sim.Plant.linear()`.
         major: Rows of the twist that are major.
         noise: Standard deviation of one sample of each major row, or with `sense="joints"` of each
-            actuator's displacement: a number, or one each.
+            actuator's displacement, or with "both" of these one after the other: a number, or one
+            each.
         period_s: Between control ticks.
         step_s: Integration step of the plant; the control period of a real one.
         goal: For which the loops are designed, all actuators sound.
@@ -233,11 +247,10 @@ def tracking(
     report = kinematics.manipulability(list(rows))
     if not is_possible(report):
         raise TaskLost(f"the actuators cannot do the major task: {str(report).splitlines()[0]}")
-    n, C = len(linear.C_active), linear.C_twist[list(rows)]
-    sigma = _deviations(noise, len(rows) if sense == "task" else n)
-    encoder_noise = None
+    C = linear.C_twist[list(rows)]
+    sigma, encoders = _deviations(noise, sense, len(rows), len(linear.C_active))
     if sense == "joints":
-        encoder_noise, sigma = sigma, _by_encoders(kinematics, rows, sigma)
+        sigma = _by_encoders(kinematics, rows, encoders)
     gain = mapping_for(model, goal, rows, springs=springs).pointing_gain()
     plant = control.ss(linear.A, linear.B @ gain, C, 0)
     loops, peak = _loops(plant, check.positive("period_s", period_s), crossover_hz)
@@ -253,16 +266,21 @@ def tracking(
     )
     sampled = control.c2d(plant, period_s, method="zoh")
     each = tuple(margins(sampled[k, k] * loop.discrete) for k, loop in enumerate(loops))
-    known = {"goal": goal, "encoder_noise": encoder_noise} | options
-    return Tracking(model, nominal, rows, loops, each, peak, **known)
+    known = {"goal": goal, "sense": sense, "encoder_noise": None if sense == "task" else encoders}
+    return Tracking(model, nominal, rows, loops, each, peak, **(known | options))
 
 
-def _deviations(noise: ArrayLike, sensors: int) -> Array:
-    """Standard deviations (sensors,) from one number or one each."""
-    given = check.finite("noise", noise)
+def _deviations(noise: ArrayLike, sense: Sense, rows: int, actuators: int) -> tuple[Array, Array]:
+    """Standard deviations of what is measured of the major rows, and of the actuators."""
+    if sense not in get_args(Sense):
+        known = ", ".join(get_args(Sense))
+        raise ValueError(f"sense must be one of {known}, got {check.shown(sense)}")
+    of_task, of_encoders = rows * (sense != "joints"), actuators * (sense != "task")
+    sensors, given = of_task + of_encoders, check.finite("noise", noise)
     if given.shape not in ((), (sensors,)) or (given <= 0).any():
         raise ValueError(f"noise must be one positive number or {sensors}, got {noise}")
-    return np.full(sensors, given)
+    sigma = np.full(sensors, given)
+    return sigma[:of_task], sigma[of_task:]
 
 
 def _by_encoders(kinematics: Kinematics, rows: tuple[int, ...], noise: Array) -> Array:

@@ -63,6 +63,7 @@ from sim.reader import CLOSURE_TOLERANCE as CLOSURE_TOLERANCE
 from sim.reader import JacobianReader as JacobianReader
 from sim.reader import jacobians as jacobians
 from sim.servo import servoed as servoed
+from sim.slip import MaxwellSlip as MaxwellSlip
 from sim.strut_sensors import StrutSensors as StrutSensors
 from sim.task import CenterOfMass as CenterOfMass
 from sim.task import Relative as Relative

@@ -1,5 +1,6 @@
 """A simulated machine in a loop: plant, sensors, drives, failures at their times, and a log."""
 
+from collections import deque
 from collections.abc import Callable, Sequence
 from typing import NamedTuple, Protocol
 
@@ -11,6 +12,7 @@ from sim.failure import Failure
 from sim.mechanism import JointPosture, Mechanism
 from sim.plant import Plant
 from sim.pose import Pose, computed
+from sim.slip import MaxwellSlip
 
 
 class Reading(NamedTuple):
@@ -107,6 +109,8 @@ class Bench:
         failures: Sequence[Failure] = (),
         drives: Callable[[Array], Array] | None = None,
         floor_m_per_s2: Array | None = None,
+        delay_ticks: int = 0,
+        hysteresis: MaxwellSlip | None = None,
         keep_qpos: bool = False,
     ) -> None:
         """Take a plant at rest.
@@ -119,11 +123,17 @@ class Bench:
             failures: What happens to the plant.
             drives: From the inputs of the drives to displacements (n,); None: they are the same.
             floor_m_per_s2: Acceleration of the floor at each tick, shape (N, 3); None is at rest.
+            delay_ticks: Ticks by which commands reach the plant late; it holds its last one until
+                the first comes.
+            hysteresis: Of a spring along each actuator, beside the plant's own; none of it is
+                stretched at the first tick. Its forces are updated once a tick and held.
             keep_qpos: Whether the log has the joint positions.
 
         Raises:
             ValueError: Times that are no vector, a period that is not positive, another number of
-                accelerations, or a failure of an actuator that the plant does not have.
+                accelerations, a failure of an actuator that the plant does not have, a delay that
+                is no whole number, or hysteresis of another number of springs.
+            TypeError: The hysteresis is of another type.
         """
         time_s = check.finite("time_s", time_s)
         if time_s.ndim != 1:
@@ -133,7 +143,17 @@ class Bench:
             check.exactly("floor_m_per_s2", floor_m_per_s2, len(time_s), 3)
         for failure in failures:  # an actuator may fail twice
             check.index("failures", failure.actuator, len(plant.drives))
+        if hysteresis is not None:
+            check.instance("hysteresis", hysteresis, MaxwellSlip)
+            if len(hysteresis.slip) != len(plant.drives):
+                raise ValueError(
+                    f"hysteresis must have one row for each of {len(plant.drives)} actuators, "
+                    f"got shape {hysteresis.slip.shape}"
+                )
         self._plant, self._sensors, self._drives = plant, sensors, drives
+        self._under_way = deque([plant.command] * check.index("delay_ticks", delay_ticks))
+        self._hysteresis = hysteresis
+        self._stretch = np.zeros((1, 1) if hysteresis is None else hysteresis.slip.shape)
         self._time_s, self._period_s, self._floor = time_s, period_s, floor_m_per_s2
         self._to_come = sorted(failures, key=lambda failure: failure.time_s)
         self._tick, ticks = 0, len(time_s)
@@ -162,5 +182,16 @@ class Bench:
     def apply(self, input_percent: Array) -> None:
         """Drive the actuators for a period."""
         command = input_percent if self._drives is None else self._drives(input_percent)
+        if self._under_way:
+            self._under_way.append(np.array(command))
+            command = self._under_way.popleft()
+        if self._hysteresis is not None:
+            self._slip(self._hysteresis)
         self._plant.step(command, self._period_s)
         self._tick += 1
+
+    def _slip(self, hysteresis: MaxwellSlip) -> None:
+        """Load the plant with the forces of hysteresis at the displacements measured."""
+        here, before = self.displacement[self._tick], self.displacement[max(self._tick - 1, 0)]
+        self._stretch = hysteresis.moved(self._stretch, here - before)
+        self._plant.load(hysteresis.force(self._stretch))

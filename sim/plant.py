@@ -8,6 +8,7 @@ from math import isfinite
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg.blas import dnrm2
 
 import argument_checks as check
@@ -24,6 +25,7 @@ from sim.closure import active_closures, check_closures, equality_name
 from sim.commands import commands_of
 from sim.displacement_limits import rest_limits
 from sim.displacements import Displacements
+from sim.drive import Drive
 from sim.errors import ClosureError, ModelError, SimulationDiverged
 from sim.frame import Body, located
 from sim.holding import holding_forces, refuse_beyond_ranges
@@ -32,6 +34,7 @@ from sim.model import check_state
 from sim.payload import Payload
 from sim.pose import Pose, compiled
 from sim.reader import CLOSURE_TOLERANCE
+from sim.transmission import drive_rows
 
 _LOOPS = (int(mujoco.mjtEq.mjEQ_CONNECT), int(mujoco.mjtEq.mjEQ_WELD))
 
@@ -100,6 +103,7 @@ class Plant:
         reserve_off_group(self.model)
         self.data = mujoco.MjData(self.model)
         self.drives = plant_drives(self.model)
+        self._joints = _joint_velocities(self.model, self.drives)
         self._locks = locks_of(self.model, self.drives, locks)
         axes = None if base is None else located(self.model, "base", base)
         frame = located(self.model, "payload", payload)
@@ -109,6 +113,7 @@ class Plant:
         if start is not None:
             _place(self.model, self.data, start)
         self._last = self.integration_state()
+        self._command = np.zeros(len(self.drives))
         mujoco.mj_forward(self.model, self.data)
         held = None if start is None else holding_forces(self.model, self.data, self.drives)
         self._commands = commands_of(self.model, self.data, self.drives, held)
@@ -138,6 +143,7 @@ class Plant:
         command_m = check.exactly("command_m", command_m, len(self.drives))
         mujoco.mj_getState(model, data, self._last, _STATE)
         data.ctrl[:] = self._commands.controls(command_m)
+        self._command[:] = command_m
         mujoco.mj_step(model, data, steps)
         if not self._is_finite():
             raise SimulationDiverged(data.time, self._last.copy())
@@ -211,6 +217,21 @@ class Plant:
         applied = self._payload.force_at_centre_of_mass(self.data, wrench)
         self.data.xfrc_applied[self._payload.frame.body] = applied
 
+    def load(self, force: Array) -> None:
+        """Push along the velocity of each actuator, from now on, beside what it exerts itself.
+
+        Args:
+            force: Shape (n,), [N] or [N m], such as of friction.
+
+        Raises:
+            ValueError: It has another shape or is not finite.
+        """
+        force = check.exactly("force", force, len(self.drives))
+        if self._joints is not None:
+            self.data.qfrc_applied[self._joints] = force
+        else:
+            self.data.qfrc_applied[:] = drive_rows(self.model, self.data, self.drives).T.dot(force)
+
     def shake(self, acceleration: Array) -> None:
         """Accelerate the floor, from now on, without turning it.
 
@@ -252,6 +273,16 @@ class Plant:
         """
         lower, upper = self._limits
         return lower.copy(), upper.copy()
+
+    @property
+    def stiffness(self) -> Array:
+        """Force of each actuator per displacement commanded while it is held, shape (n,)."""
+        return self._commands.stiffness.copy()
+
+    @property
+    def command(self) -> Array:
+        """Displacements (n,) last commanded by :meth:`step`; zero before the first."""
+        return self._command.copy()
 
     def linear(self) -> LinearPlant:
         """About the present pose, taken as a rest, with the commands of :meth:`step` as inputs.
@@ -315,6 +346,12 @@ class Plant:
     def _is_finite(self) -> bool:
         a, b, c = self._warnings
         return not (a.number or b.number or c.number) and isfinite(dnrm2(self.data.qpos))
+
+
+def _joint_velocities(model: mujoco.MjModel, drives: Sequence[Drive]) -> NDArray[np.intp] | None:
+    """Velocity index of each drive, shape (n,); None where one is no slide or hinge joint."""
+    joints = [drive.joint for drive in drives if drive.joint is not None]
+    return model.jnt_dofadr[joints].astype(np.intp) if len(joints) == len(drives) else None
 
 
 @lru_cache(maxsize=8)

@@ -11,8 +11,9 @@ from hypothesis import settings
 from matplotlib.figure import Figure
 
 from experiments.app.cli import main
+from experiments.output.cluster import Where, cluster
 from experiments.output.plotting import save_figure
-from experiments.sweep.cluster import Where, cluster
+from experiments.sweep.campaign import SOURCES
 from sim import load_model
 from tests.figure_checks import faults
 
@@ -209,7 +210,7 @@ def bench(bench_folder):
 @pytest.fixture(scope="session")
 def crew():
     """A client of a Dask cluster of two workers."""
-    with cluster(Where(workers=2), most=2) as client:
+    with cluster(Where(workers=2), 2, SOURCES) as client:
         yield client
 
 

@@ -15,6 +15,7 @@ from sim import (
     Failure,
     Hexapod,
     Jacobians,
+    MaxwellSlip,
     Plant,
     Pose,
     Posture,
@@ -54,6 +55,11 @@ ROTATIONS = np.stack([np.eye(3)] * 2)
 def drives(**given: Any) -> Any:
     amplifier = Amplifier(**given)
     return amplifier.displacement_m(amplifier.input_percent(np.array([1e-4, -1.0])))
+
+
+def slipped(**given: Any) -> Any:
+    slip = MaxwellSlip(**given)
+    return slip.force(slip.moved(np.zeros(slip.slip.shape), np.full(len(slip.slip), 1e-5)))
 
 
 def warmed(**given: Any) -> Any:
@@ -129,6 +135,10 @@ TARGETS = {
     "Detector.read": Target(
         lambda **a: Detector(**DETECTOR).read(**a), {"rotation": np.eye(3), "rng": rng()}
     ),
+    "MaxwellSlip": Target(
+        slipped, {"stiffness": np.full((2, 3), 1e3), "slip": np.full((2, 3), 1e-6)}
+    ),
+    "Plant.load": Target(lambda force: Plant(MODEL).load(force), {"force": np.full(6, 1e-3)}),
     "StrutSensors": Target(
         lambda **a: StrutSensors(**a).read(np.zeros(6), rng()), {"noise_m": 1e-9}
     ),

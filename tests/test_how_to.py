@@ -58,7 +58,9 @@ def test_a_page_that_prints_something_else_is_seen():
         run(page.format(2))
 
 
-@pytest.mark.parametrize("page", ["add-a-mechanism.md", "add-an-experiment.md"])
+@pytest.mark.parametrize(
+    "page", ["add-a-mechanism.md", "add-an-experiment.md", "diagnosis-design.md"]
+)
 def test_a_how_to_page_has_100_lines_at_most(page):
     assert len((DOCS / page).read_text().splitlines()) <= 100
 
@@ -110,6 +112,13 @@ def test_the_reference_says_how_far_the_hexapod_points_with_a_strut_locked():
     left = run((DOCS / "api" / "prioritized.md").read_text())["left"]
     sound = left.radius / 0.75
     assert round(1e3 * sound, 2) == 4.42
+
+
+def test_the_design_of_a_diagnosis_prints_what_the_page_says():
+    """The legs of the platform move alike, which turns it and leaves x and y alone."""
+    names = run((DOCS / "diagnosis-design.md").read_text())
+    np.testing.assert_allclose(names["design"].dither.direction, np.ones(4), atol=1e-6)
+    assert names["design"].task_motion.max() < 1e-10
 
 
 # Free joints and forces; mechanism files.

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import control
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 
 from experiments.app.cli import main
@@ -24,15 +25,21 @@ from experiments.hexapod.testbed import Testbed, TestbedConfig
 from experiments.output.controllers import controller_factory, controller_label
 from experiments.output.results import Results
 from experiments.output.study import WrongInput
-from experiments.recover import recovery
-from experiments.recover import results as recover_results
 from experiments.recover import runs as recover_runs
+from experiments.recover.campaign import flights_of
+from experiments.recover.checks import checks
+from experiments.recover.comparison import controller_checks
+from experiments.recover.plan import Counts, FlightPlan
+from experiments.recover.row import other_columns, row_of
 from experiments.table1 import results as table1_results
 from experiments.table1.runs import CONFIGURATIONS
 from ftc.controller import Measurement
 from ftc.goal import Goal
 from ftc.loop import run_loop
 from tests.rrd import scalars
+
+LEAST = Counts(exact=1, all=1, alone=0, mismatches=(), size=0, sound=1, sound_s=0.1, pairs=1)
+"""Of the flights of `fjh recover`."""
 
 PAGE = (Path(__file__).parents[1] / "docs" / "other-controllers.md").read_text()
 (EXAMPLES,) = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
@@ -241,23 +248,20 @@ def test_our_columns_are_those_without_another_controller(compared, testbed):
 
 
 @pytest.mark.long
-def test_another_controller_recovers_or_not_in_the_same_scenario(testbed):
+def test_another_controller_recovers_or_not_in_the_same_flight():
     """Told of no failure, the integrator of the page is about a fault-unaware one."""
-    (scenario,) = recovery.draw(0, 1)
-    both = recovery.recover(testbed, scenario, "page_examples:PseudoInverse")
-    assert both.failure is None and both.other is not None
-    ratio = np.divide(both.other.rms_urad, both.uncorrected.rms_urad)
-    assert (ratio > 0.3).all() and (ratio < 3).all()
-    case = recover_results._case(both, (1.0, 1.0))
-    assert case["rms_after_other_urad"] == both.other.rms_urad[2]
+    [flight] = FlightPlan(LEAST, 0).compared()
+    row = row_of(flight) | other_columns(flight, "page_examples:PseudoInverse")
+    assert row["status"] == "flown" and row["controller_failure"] is None
+    for when in ("before", "during", "after"):
+        ratio = row[f"rms_other_{when}_urad"] / row[f"rms_unaware_{when}_urad"]
+        assert 0.3 < ratio < 3
 
 
 @pytest.mark.long
 def test_recover_shows_it_beside_ours(folder, tmp_path, monkeypatch):
     """With the least of everything: table, notes, JSON, figure and recording."""
-    least = {name: (None, int(both[1] > 0)) for name, both in recover_runs.SIZE.items()}
-    least |= {"cases": (None, 3), "draws": (None, 2), "frequencies": (None, 1)}
-    monkeypatch.setattr(recover_runs, "SIZE", least)
+    monkeypatch.setattr(recover_runs, "QUICK", LEAST)
     words = ["--quick", "--quiet", "--out", str(tmp_path)]
     main(["recover", *words, "--controller", "page_examples:LQG"])
     summary = json.loads((tmp_path / "recover.json").read_text())
@@ -266,14 +270,26 @@ def test_recover_shows_it_beside_ours(folder, tmp_path, monkeypatch):
     assert {"LQG_locked.npz", "LQG_locked.rrd"} <= set(summary["files"])
     page = (tmp_path / "recover.md").read_text()
     assert "| after: page_examples:LQG |" in page
-    squares = [each["rms_after_other_urad"] ** 2 for each in summary["cases"]]
-    oracle = [each["rms_after_oracle_urad"] ** 2 for each in summary["cases"]]
-    ratio = np.sqrt(np.mean(squares) / np.mean(oracle))
+    rows = pq.read_table(tmp_path / "recover.parquet").to_pylist()
+    [row] = [row for row in rows if (row["sort"], row["mismatch"]) == ("failure", "all")]
+    other = summary["errors_urad"]["locked"]["other"]["after"]["rms"]
+    ratio = other / row["rms_informed_after_urad"]
     assert entry["after_over_oracle"] == pytest.approx(ratio, rel=1e-9)
-    sound = Results(summary, checks=recover_results.controller_checks(summary))
+    sound = Results(summary, checks=controller_checks(summary))
     assert sound.failed_check is None
     spoilt = copy.deepcopy(summary)
     spoilt["controller"]["failures"] = ["it raised"]
-    assert "it raised" in str(
-        Results(spoilt, checks=recover_results.checks(spoilt)[-2:]).failed_check
-    )
+    assert "it raised" in str(Results(spoilt, checks=checks(spoilt)[-2:]).failed_check)
+
+
+def test_a_controller_whose_module_has_changed_is_another(folder):
+    """Flights of both must not be mixed by --resume."""
+    plan = FlightPlan(LEAST, 0, "page_examples:LQG")
+    before = flights_of(plan).basis
+    page = folder / "page_examples.py"
+    text = page.read_text()
+    page.write_text(text + "\n# edited\n")
+    after = flights_of(plan).basis
+    page.write_text(text)
+    assert [name for name in after if after[name] != before[name]] == ["controller_sha256"]
+    assert flights_of(plan).basis == before

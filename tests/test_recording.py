@@ -146,7 +146,7 @@ def test_a_run_comes_back_from_its_data_with_marks_and_parameters(
     assert kept.properties["detector_noise_m"] == table1["bench"]["detector_noise_m"]
     assert read_run(table1_folder / "W_a.npz").shown.marks == []
     found = read_run(recover_folder / "locked.npz").shown.marks[0]
-    assert found.failed_s < found.diagnosed_s < found.failed_s + 0.1
+    assert found.failed_s < found.diagnosed_s < found.failed_s + 0.3
     assert found.diagnosis == "found: strut 1 locked"
     rms_urad = pointing_rms_urad(kept.shown.run)
     assert f"| here | {rms_urad[0]:.4f}" in rrd.notes(table1_folder / "W_e.rrd")

@@ -5,6 +5,7 @@ from copy import deepcopy
 from dataclasses import fields, replace
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 from matplotlib.figure import Figure
 from rerun.chunk import RrdReader
@@ -14,11 +15,14 @@ from experiments.hexapod.simulation import Trajectory
 from experiments.hexapod.testbed import Testbed, TestbedConfig
 from experiments.output.results import Results
 from experiments.recover import figure
-from experiments.recover.predictions import beliefs
-from experiments.recover.recovery import Identification, draw
-from experiments.recover.results import ambiguity, checks, notes, recovery
-from experiments.recover.robustness import FaultFree, together
-from experiments.recover.runs import SHOWN, pairs
+from experiments.recover.checks import checks
+from experiments.recover.exact_flights import INFORMED_LATE, informed_late_or_wrongly
+from experiments.recover.flight import testbed as exact_testbed
+from experiments.recover.predictions import SETTINGS, beliefs, lookalikes
+from experiments.recover.recovery import Identification
+from experiments.recover.results import described
+from experiments.recover.row import SCHEMA
+from experiments.recover.runs import SHOWN
 from ftc.fdi.diagnosis import Diagnosis
 from ftc.fdi.fault_model import Fault
 from sim import load_model
@@ -26,33 +30,49 @@ from tests.rrd import scalars
 
 
 def test_the_failures_are_found_named_and_flown_around(recover):
-    isolation = recover["isolation"]
-    assert isolation["all_cases_strut"] == isolation["strut_as_first_named"]
-    assert isolation["all_cases_strut"]["rate"] == 1.0
-    assert isolation["strut_and_kind_in_the_end"]["rate"] == 1.0
-    assert recover["after_over_oracle"]["worst_case"] < 1.1
-    assert recover["second_failure"]["all_right"]["rate"] == 1.0
-    for case in recover["cases"]:
-        assert 0 < case["alarm_ms"] <= case["named_ms"] < 60
-        assert case["rms_after_urad"] < 0.95 * case["rms_after_uncorrected_urad"]
-        assert case["first_strut_confidence"] >= recover["rules"]["confidence"]
+    """With an exact plant and with all mismatches alike."""
+    assert {entry["mismatch"] for entry in recover["failures"]} == {"exact", "all"}
+    for entry in recover["failures"]:
+        assert entry["strut"]["rate"] == entry["detected"]["rate"] == 1.0
+        assert entry["alarm_before"]["right"] == entry["sound_named"]["right"] == 0
+        assert entry["named_ms"]["median"] < 300
+        assert 0.9 < entry["after_over_oracle"]["pooled"] < 1.1
+    assert recover["second_failure"]["handled_or_declared"]["rate"] == 1.0
+
+
+def test_the_rows_are_those_that_the_summary_counts(recover, recover_folder):
+    table = pq.read_table(recover_folder / recover["dataset"])
+    assert table.schema.names == SCHEMA.names
+    rows = table.to_pylist()
+    assert [row["case"] for row in rows] == list(range(recover["runs"]))
+    assert sum(recover["flights"].values()) == len(rows)
+    mixed = [row for row in rows if (row["sort"], row["mismatch"]) == ("failure", "all")]
+    [entry] = [entry for entry in recover["failures"] if entry["mismatch"] == "all"]
+    assert entry["strut"]["right"] == sum(row["strut_right"] for row in mixed)
+    for row in mixed:
+        assert row["rms_supervised_after_urad"] < 0.95 * row["rms_unaware_after_urad"]
+        assert row["first_confidence"] >= recover["rules"]["confidence"]
+        assert 0 < row["alarm_ms"] <= row["named_ms"]
+    lasting = [row["duration_s"] for row in rows if row["sort"] == "sound"]
+    assert recover["sound"]["hours"] == pytest.approx(sum(lasting) / 3600)
+
+
+def test_the_curves_begin_at_the_exact_plant(recover):
+    """Size zero is no mismatch, whichever it is."""
+    [exact] = [entry for entry in recover["failures"] if entry["mismatch"] == "exact"]
+    own = [entry for entry in recover["sizes"] if entry["mismatch"] == "all"]
+    assert [entry["factor"] for entry in own] == [0.0, 0.3, 1.0, 3.0]
+    assert own[0]["strut"] == exact["strut"] and own[0]["named_ms"] == exact["named_ms"]
 
 
 def test_the_dither_costs_less_than_another_seed(recover):
     cost = recover["dither_cost"]
-    assert np.abs(cost["change_urad"]).max() < 0.1 * np.abs(cost["reseeded_urad"]).max()
+    assert np.abs(cost["change_urad"]).max() < 0.5 * np.abs(cost["reseeded_urad"]).max()
 
 
-def test_a_healthy_flight_raises_no_alarm_and_the_model_is_near(recover):
-    alarms = recover["false_alarms"]
-    assert alarms["flown"]["alarms"] == alarms["with_fresh_noise"]["alarms"] == 0
-    assert alarms["model_error_max_urad"] < 0.03  # a tenth of the detector's noise
-
-
-def test_the_interval_of_a_rate_is_that_of_a_poisson_process():
-    """Nothing in T hours: below 3 / T at 95 %, the rule of three."""
-    assert FaultFree(10.0, 0).upper_per_hour == pytest.approx(0.2996, abs=1e-3)
-    assert together([FaultFree(4.0, 1), FaultFree(6.0, 0)]) == FaultFree(10.0, 1)
+def test_without_a_failure_there_is_no_alarm_and_no_command_changes(recover):
+    sound = recover["sound"]
+    assert sound["alarms"] == sound["sound_named"] == sound["commands_changed"] == 0
 
 
 def test_no_belief_about_one_strut_destabilizes_the_loop_and_a_bad_one_would_show(recover):
@@ -67,32 +87,27 @@ def test_no_belief_about_one_strut_destabilizes_the_loop_and_a_bad_one_would_sho
     assert any(each["largest_pole"] > 1 for each in found)
 
 
-def test_told_late_or_wrongly_the_pointing_stays_bounded(recover):
+@pytest.mark.long
+def test_told_late_or_wrongly_the_pointing_stays_bounded():
     """At worst the kick of a sound strut that is let go, and then the errors of a failed one."""
-    for flight in recover["told"]:
+    told = informed_late_or_wrongly(exact_testbed(), INFORMED_LATE[0])
+    for flight in told:
         assert flight["peak_during_urad"] < 80
         assert flight["peak_after_urad"] < 15
-    late = [each for each in recover["told"] if each["late_ms"] > 0]
+    late = [each for each in told if each["late_ms"] > 0]
     assert len(late) == 4
     for flight in late[:3]:  # told within half a second
         assert flight["rms_after_urad"] < 0.95 * flight["rms_after_told_nothing_urad"]
 
 
-def test_the_ambiguity_is_that_of_antipodal_struts_and_the_dither_lifts_it(recover):
-    for seen in recover["ambiguity"]["failures"]:
-        opposite = (seen["failure"]["strut"] - 1 + 3) % 6 + 1
-        if seen["setting"] == "angles" and seen["failure"]["kind"] == "locked":
-            assert {"strut": opposite, "kind": "locked"}.items() <= seen["alike"][0].items()
-        if seen["setting"] == "angles, dither":
+@pytest.mark.long
+@pytest.mark.parametrize("setting", SETTINGS[:2])
+def test_the_ambiguity_is_that_of_antipodal_struts_and_the_dither_lifts_it(setting):
+    for seen in lookalikes(exact_testbed(), setting, [0]):
+        if setting.name == "angles" and seen["failure"]["kind"] == "locked":
+            assert {"strut": 4, "kind": "locked"}.items() <= seen["alike"][0].items()
+        if setting.name == "angles, dither":
             assert seen["alike"] == []
-
-
-def test_draws_repeat_with_their_seed_and_cover_every_failure():
-    cases = draw(7, 18)
-    assert cases == draw(7, 18) and cases != draw(8, 18)
-    assert len({(case.fault.actuator, case.fault.kind) for case in cases}) == 18
-    for first, second in pairs(7, 20):
-        assert first.actuator != second.actuator and 0.1 <= second.time_s - first.time_s <= 2.0
 
 
 @pytest.mark.parametrize(
@@ -100,17 +115,27 @@ def test_draws_repeat_with_their_seed_and_cover_every_failure():
     [
         (lambda s: s.update(closure_residual_max_m=2e-8), "all runs: closure residual"),
         (lambda s: s["beliefs"].update(unstable=1), "unstable"),
-        (lambda s: s["isolation"]["strut_as_first_named"].update(rate=0.98), "as first named"),
-        (lambda s: s["isolation"]["strut_and_kind_in_the_end"].update(rate=0.9), "in the end"),
-        (lambda s: s["isolation"]["strut_as_first_named"].update(rate=None), "is nan"),
-        (lambda s: s["after_over_oracle"].update(pooled=1.2), "pooled: RMS after recovery"),
-        (lambda s: s["after_over_oracle"].update(worst_case=1.2), "worst case: RMS after"),
-        (lambda s: s["second_failure"]["all_right"].update(rate=0.9), "two failures"),
-        (lambda s: s["shown"]["locked"].update(right=False), "run locked: wrong diagnosis"),
-        (lambda s: s["false_alarms"]["flown"].update(low_per_hour_95=0.2), "false alarms"),
+        (lambda s: s.update(diverged=1), "diverged"),
         (
-            lambda s: s["false_alarms"]["with_fresh_noise"].update(hours=99, high_per_hour_95=0.11),
-            "with fresh noise: 95 % bound of the false alarms",
+            lambda s: s["isolation"]["all"]["strut_as_first_named"].update(rate=0.98),
+            "all mismatches, strut as first named",
+        ),
+        (
+            lambda s: s["isolation"]["exact"]["strut_and_kind_in_the_end"].update(rate=0.9),
+            "exact plant, strut and kind in the end",
+        ),
+        (lambda s: s["isolation"]["all"]["strut_as_first_named"].update(rate=None), "is nan"),
+        (lambda s: s["after_over_oracle"]["all"].update(pooled=1.2), "mismatches: RMS after"),
+        (lambda s: s["failures"][-1]["named_ms"].update(median=301.0), "until the failed strut"),
+        (lambda s: s["failures"][0]["sound_named"].update(right=1), "a sound strut was named"),
+        (lambda s: s["sound"].update(sound_named=1), "without failures: .* sound strut"),
+        (lambda s: s["sound"].update(commands_changed=1), "whose commands an alarm changed"),
+        (lambda s: s["second_failure"]["handled_or_declared"].update(rate=0.9), "two failures"),
+        (lambda s: s["shown"]["locked"].update(right=False), "run locked: wrong diagnosis"),
+        (lambda s: s["sound"].update(low_per_hour_95=0.2), "false alarms"),
+        (
+            lambda s: s["sound"].update(hours=99, high_per_hour_95=0.11),
+            "without failures: 95 % bound of the false alarms",
         ),
     ],
 )
@@ -124,7 +149,7 @@ def test_whatever_is_not_as_it_should_be_fails_its_check(recover, spoil, words):
 def test_tables_and_notes_are_those_of_the_json_file_and_all_files_are_listed(
     recover, recover_folder
 ):
-    told = Results(recover, (recovery(recover), ambiguity(recover)), notes(recover))
+    told = described(recover)
     assert (recover_folder / "recover.md").read_text() == told.markdown()
     assert set(recover["files"]) == {path.name for path in recover_folder.iterdir()}
     for table in told.tables:
@@ -135,11 +160,11 @@ def test_in_the_figure_a_failure_that_is_not_found_is_named_by_what_happened(rec
     """And one that is, by what was found, with a line where that was."""
     with np.load(recover_folder / "locked.npz") as data:
         run = Trajectory(**{each.name: data[each.name] for each in fields(Trajectory)})
-    found = Diagnosis(Fault(0, "locked"), 1.0, 1.0, 0.0, 8250, 8260, 8270, confirmed=True)
+    found = replace(Diagnosis.told(Fault(0, "locked")), tick=len(run.time_s) - 1)
     labels = {}
     for diagnoses in ((), (found,)):
         happened = Identification(
-            SHOWN["locked"], 8250, diagnoses, (), False, False, False, False, 0.0
+            SHOWN["locked"], (8250,), (), diagnoses, (), False, False, False, 0.0
         )
         axes = Figure().add_subplot()
         figure.draw_shown(axes, run, happened)
@@ -149,11 +174,10 @@ def test_in_the_figure_a_failure_that_is_not_found_is_named_by_what_happened(rec
 
 def test_in_the_figure_failures_that_are_not_named_stand_out():
     """One of four has no diagnosis, one is taken for another strut's: half are not named."""
-    truth = {"truth": {"strut": 1, "kind": "free"}, "rms_after_oracle_urad": 1.0}
-    truth |= {"rms_after_urad": 1.0, "rms_after_uncorrected_urad": 2.0}
-    named, other = {"strut": 1, "kind": "free"}, {"strut": 4, "kind": "free"}
-    found = [(named, 3), (named, 9), (other, 5), (None, None)]
-    cases = [truth | {"first": first, "named_ms": ms} for first, ms in found]
+    truth = {"kind": "free", "rms_informed_after_urad": 1.0}
+    truth |= {"rms_supervised_after_urad": 1.0, "rms_unaware_after_urad": 2.0}
+    found = [(True, 3), (True, 9), (False, 5), (False, None)]
+    cases = [truth | {"strut_right": right, "named_ms": ms} for right, ms in found]
     delays, after = Figure().subplots(1, 2)
     figure.draw_delays(delays, cases)
     curve, cross = delays.lines
@@ -172,12 +196,12 @@ def test_the_recording_marks_the_strut_when_it_fails_and_when_it_is_found(recove
     times, failed = scalars(path, "/strut/input/strut_1_failed")
     assert times[0] == round(failed_s * 1e9)
     found, after = scalars(path, "/strut/input/strut_1_diagnosed")
-    assert times[-1] == found[0] and 0 < (found[0] - times[0]) / 1e9 < 0.1
-    tick = round(failed_s / 1e-3)
+    assert times[-1] == found[0] and 0 < (found[0] - times[0]) / 1e9 < 0.3
+    tick = int(np.searchsorted(data["time_s"], failed_s - 1e-9))
     np.testing.assert_array_equal(
         failed[:, 0], data["strut_input_percent"][tick : tick + len(failed), 0]
     )
-    assert len(after) == len(data["time_s"]) - round(found[0] / 1e6)
+    assert len(after) == np.sum(data["time_s"] > found[0] / 1e9 - 1e-6)
     states = RrdReader(path).stream().filter(content="/state/strut_1", is_static=False)
     rows = [
         row

@@ -11,11 +11,11 @@ ALLOWED = {
     "argument_checks": {"numpy", "scipy"},
     "prioritized": {"numpy", "scipy", "numba", "argument_checks"},
     "sim": {"numpy", "scipy", "numba", "mujoco", "argument_checks"},
-    "ftc": {"numpy", "scipy", "control", "prioritized", "argument_checks"},
+    "ftc": {"numpy", "scipy", "numba", "control", "prioritized", "argument_checks"},
 }
-FLOORS = {"output": 0, "hexapod": 1, "app": 3}
+FLOORS = {"output": 0, "hexapod": 1, "robot": 2, "app": 4}
 """Of `experiments`, from below; whatever else is there is a study, between the last two."""
-STUDY = 2
+STUDY = 3
 
 
 def imported(file: Path) -> set[str]:

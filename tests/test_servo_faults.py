@@ -1,15 +1,16 @@
 """Faults of position servos: their models, and their diagnosis, against direct simulations."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import control
 import numpy as np
 import pytest
 
-from ftc.fdi.diagnosis import FdiConfig
 from ftc.fdi.fault_model import KINDS, Fault, NominalModel, fault_model
 from ftc.fdi.hypotheses import hypothesis_bank
 from ftc.fdi.monitor import monitor
+from ftc.fdi.parameter_filter import Parameters
+from ftc.fdi.uncertainty import CERTAIN
 from sim import Failure
 from tests.test_released import lifted, servos
 
@@ -99,66 +100,65 @@ def test_the_model_of_a_failed_servo_moves_as_newton_has_it(n, kind):
 
 
 def test_failures_of_servos_are_weighed_as_newton_has_them():
-    """Log likelihood ratios against direct simulations: locked and free to rounding, weak nearly.
-
-    A servo with 0.45 of its force left is in the middle between two models of the bank.
-    """
-    n, onset, truth = 3, 100, 0.45
+    """Sums of squares of residuals against direct simulations, loads and onsets included."""
+    n, onset = 3, 100
     carts, rng = Carts.random(n, 1), np.random.default_rng(0)
     nominal, sent = carts.nominal(), commands(n, 300, rng)
-    y = carts.run(Fault(2, "weak", truth), onset, sent) / 2e-5 + rng.standard_normal((300, n))
-    bank = hypothesis_bank(nominal)
-    evidence, x = bank.start(np.array([onset])), np.zeros(2 * n)
-    for tick in range(300):
-        u = sent[tick - 1] if tick else np.zeros(n)
-        x = bank.believed.step(x, u)
-        evidence = bank.step(evidence, tick, x, u, y[tick])
-    sound = carts.run(Fault(0, "weak", 1.0), onset, sent)
-
-    def ratio(fault: Fault) -> float:
-        failed = carts.run(fault, onset, sent)
-        return float((((y - sound / 2e-5) ** 2) - ((y - failed / 2e-5) ** 2)).sum() / 2)
-
-    found = evidence.best_log_likelihood_ratios()[:, :, 0]
-    for k in range(n):
-        assert found[k, 0] == pytest.approx(ratio(Fault(k, "locked")), rel=1e-6)
-        assert found[k, 1] == pytest.approx(ratio(Fault(k, "free")), rel=1e-6)
-    assert evidence.likely_parts()[2, 0] == pytest.approx(1 - truth, abs=0.01)
-    assert found[2, 2] == pytest.approx(ratio(Fault(2, "weak", truth)), rel=0.01)
-    verdict = bank.verdict(evidence, 299, x)
+    y = carts.run(Fault(2, "weak", 0.45), onset, sent) / 2e-5 + rng.standard_normal((300, n))
+    bank, prior = hypothesis_bank(nominal), Parameters.prior(0, n, CERTAIN)
+    evidence = bank.start(np.array([onset]), prior, np.zeros((1, 2 * n)), np.zeros((1, 1, n)))
+    before = np.zeros(n)
+    for tick, u in enumerate(sent):
+        v = np.concatenate([u, before, [1.0]])
+        evidence = bank.step(evidence, tick, v, y[tick], np.ones((1, n)), shaken=1.0)
+        before = u
+    for h, fault in enumerate(bank.faults, 1):
+        left = y - carts.run(fault, onset, sent) / 2e-5
+        assert evidence.energy[h, 0] == pytest.approx((left**2).sum(), rel=1e-6)
+    verdict = bank.verdict(evidence, 299)
     assert (verdict.fault.actuator, verdict.fault.kind) == (2, "weak")
+    assert verdict.fault.effectiveness == pytest.approx(0.45, abs=0.02)
 
 
-@pytest.mark.long
+def watched(nominal, sent, y):
+    """All diagnoses, and the last state, of a monitor that goes on after each."""
+    watch, named = monitor(nominal), []
+    state = watch.start()
+    for measured, u in zip(y, np.vstack([0 * sent[:1], sent[:-1]]), strict=True):
+        state = watch.step(state, measured, u)
+        if state.diagnosis is not None and (not named or named[-1] is not state.diagnosis):
+            named.append(state.diagnosis)
+        if state.diagnosis is not None and state.diagnosis.confirmed:
+            watch, state = watch.believing(state)
+    return named, state
+
+
+SEEDS = [0, *(pytest.param(seed, marks=pytest.mark.long) for seed in range(1, 8))]
+
+
 @failures
-def test_failed_servos_are_named(kind):
-    """Actuator and kind in at least 7 of 8 random machines of two to five loaded servos.
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_failed_servo_is_named_in_a_machine_that_is_not_the_model(seed, kind):
+    """Masses, springs and servos wrong by some percent, two to five of them loaded.
 
-    And the part that a weak one has left, to 5 %: the state between two models is interpolated,
-    which may leave residuals for a further alarm that corrects it.
+    Up to the confirmation: in one of these 24 machines, a sound servo is named after it, because
+    the springs on which a free cart is left are known as little.
     """
-    config, right = FdiConfig(look_back_s=0.3, confirmation_s=0.2), 0
-    for seed in range(8):
-        n = 2 + seed % 4
-        carts, rng = Carts.random(n, seed), np.random.default_rng(seed)
-        effectiveness = rng.uniform(0.2, 0.7) * (kind == "weak")
-        fault = Fault(int(rng.integers(n)), kind, effectiveness)
-        sent = commands(n, 400, rng)
-        y = carts.run(fault, 150, sent) + 2e-5 * rng.standard_normal((400, n))
-        watch = monitor(carts.nominal(), config=config)
-        state = watch.start()
-        for measured, u in zip(y, np.vstack([np.zeros(n), sent[:-1]]), strict=True):
-            state = watch.step(state, measured, u)
-            if state.diagnosis is not None and state.diagnosis.confirmed:
-                watch, state = watch.believing(state)
-        found = watch.faults
-        right += (
-            [(each.actuator, each.kind) for each in found] == [(fault.actuator, kind)]
-            and abs(found[0].effectiveness - effectiveness) < 0.05
-            and not state.unexplained
-            and (kind == "weak" or len(state.alarm_ticks) == 1)
-        )
-    assert right >= 7
+    n = 2 + seed % 4
+    carts, rng = Carts.random(n, seed), np.random.default_rng(seed)
+    wrong = {
+        name: getattr(carts, name) * (1 + 0.02 * rng.standard_normal(n))
+        for name in ("mass", "kp", "kv")
+    }
+    plant = replace(carts, springs=carts.springs * (1 + 0.02 * rng.standard_normal()), **wrong)
+    fault = Fault(int(rng.integers(n)), kind, rng.uniform(0.2, 0.7) * (kind == "weak"))
+    sent = commands(n, 900, rng)
+    y = plant.run(fault, 600, sent) + 2e-5 * rng.standard_normal((900, n))
+    named, state = watched(carts.nominal(), sent, y)
+    assert named and not state.unexplained
+    first = named[: 1 + next((k for k, each in enumerate(named) if each.confirmed), len(named))]
+    assert {each.fault.actuator for each in first} == {fault.actuator}
+    assert kind in first[-1].kinds
 
 
 @pytest.mark.parametrize(
@@ -196,12 +196,13 @@ def test_dampers_are_stepped_as_the_integrator_steps_them(
         plant.release(0)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["locked", "free"])
 @pytest.mark.parametrize("actuator", [0, 3, 6])
 def test_a_failed_servo_of_a_simulated_arm_is_named(actuator, kind):
-    """From encoders of 10 urad while each joint wanders by some 0.1 mrad, within 60 ms."""
+    """From encoders of 10 urad while each joint wanders by some 0.1 mrad, within 0.1 s."""
     plant, period_s, noise = servos("arm"), 1e-3, 1e-5
-    linear, rng, onset = plant.linear(), np.random.default_rng(actuator), 100
+    linear, rng, onset = plant.linear(), np.random.default_rng(actuator), 900
     nominal = NominalModel(
         control.ss(linear.A, linear.B, linear.C_active, 0),
         linear.C_active,
@@ -212,15 +213,14 @@ def test_a_failed_servo_of_a_simulated_arm_is_named(actuator, kind):
         linear.holding,
         plant.implicit_damping,
     )
-    watch = monitor(nominal)
-    state, before = watch.start(), np.zeros(7)
-    for tick in range(onset + 60):
+    sent = np.cumsum(2e-5 * rng.standard_normal((onset + 100, 7)), axis=0)
+    y = []
+    for tick, command in enumerate(sent):
         if tick == onset:
             Failure(actuator, kind).strike(plant)
-        y = plant.displacements() + noise * rng.standard_normal(7)
-        state = watch.step(state, y, before)
-        before = before + 2e-5 * rng.standard_normal(7)
-        plant.step(before, period_s)
+        y.append(plant.displacements() + noise * rng.standard_normal(7))
+        plant.step(command, period_s)
+    named, state = watched(nominal, sent, y)
     assert state.alarm_ticks and state.alarm_ticks[0] > onset
-    assert state.diagnosis is not None and not state.unexplained
-    assert (state.diagnosis.fault.actuator, state.diagnosis.fault.kind) == (actuator, kind)
+    assert {each.fault.actuator for each in named} == {actuator}
+    assert kind in named[-1].kinds

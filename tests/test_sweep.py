@@ -24,15 +24,16 @@ from experiments.hexapod.controller import nominal_loops
 from experiments.hexapod.prediction import predicted_error_rad
 from experiments.hexapod.simulation import SpiralRun, track_spiral
 from experiments.hexapod.testbed import Testbed, TestbedConfig
+from experiments.output import basis, cluster
+from experiments.output.basis import basis_in
+from experiments.output.cluster import Where
+from experiments.output.dataset import Columns, Dataset
+from experiments.output.resumable import UNFINISHED, published_before, run_missing
 from experiments.output.study import Interrupted, Unsound, WrongInput
-from experiments.sweep import basis, cluster
-from experiments.sweep.basis import basis_in
-from experiments.sweep.cluster import Where
-from experiments.sweep.dataset import Columns, Dataset
+from experiments.sweep.campaign import SOURCES, sweep_of
 from experiments.sweep.design import Design, SweepRuns, grid, read_design
 from experiments.sweep.results import checks, prediction
 from experiments.sweep.row import SCHEMA, row_of
-from experiments.sweep.runs import UNFINISHED, published_before, run_missing
 from experiments.sweep.sweep_run import BENCH, KINDS, Choice, Range, sweep_run
 from ftc.goal import Goal
 from sim import Failure, SimulationDiverged
@@ -53,7 +54,7 @@ FEW = Design(
 def run_into(folder: Path, runs, scheduler: str, *, resume: bool = False, on_progress=None):
     return run_missing(
         folder,
-        runs,
+        sweep_of(runs),
         where=Where(scheduler),
         resume=resume,
         on_progress=on_progress or (lambda done, total: None),
@@ -278,21 +279,22 @@ def test_neither_order_nor_interruption_changes_a_byte(scheduler, undisturbed, t
 
 def test_one_worker_writes_the_bytes_of_two(undisturbed, tmp_path):
     runs, alone = SweepRuns(FEW, 0), Where(workers=1)
-    run_missing(tmp_path, runs, where=alone, resume=False, on_progress=lambda done, total: None)
+    quiet = {"on_progress": lambda done, total: None}
+    run_missing(tmp_path, sweep_of(runs), where=alone, resume=False, **quiet)
     assert bytes_of(tmp_path) == undisturbed
 
 
 def test_parts_are_written_when_they_are_whole_whatever_comes_first(tmp_path, monkeypatch):
-    monkeypatch.setattr("experiments.sweep.dataset.PART", 4)
+    monkeypatch.setattr("experiments.output.dataset.PART", 4)
     rows = [sweep_run(k, 0.1, {"seed": k}).parameters() | {"status": "exact"} for k in range(10)]
     datasets = {}
     for name, order in (("forth", range(10)), ("back", range(9, -1, -1))):
-        dataset = Dataset(tmp_path / name, 10, {})
+        dataset = Dataset(tmp_path / name, 10, {}, SCHEMA)
         for k in order:
             assert k in dataset.missing()
             dataset.add(rows[k])
             dataset.keep()
-            dataset = Dataset(tmp_path / name, 10, {})  # all that is known is on disk
+            dataset = Dataset(tmp_path / name, 10, {}, SCHEMA)  # all that is known is on disk
             assert k not in dataset.missing()
         datasets[name] = [path.read_bytes() for path in dataset.files()]
     assert datasets["forth"] == datasets["back"]
@@ -317,14 +319,14 @@ def test_a_killed_worker_loses_nothing_that_was_received(
     plain = cluster.finished_rows
     log.clear()
 
-    def kill_in_the_middle(client, runs):
-        for finished in plain(client, runs):
+    def kill_in_the_middle(client, campaign, numbers):
+        for finished in plain(client, campaign, numbers):
             received.append(finished["case"])
             if len(received) == 6:
                 os.kill(next(iter(client.run(os.getpid).values())), signal.SIGKILL)
             yield finished
 
-    monkeypatch.setattr("experiments.sweep.runs.finished_rows", kill_in_the_middle)
+    monkeypatch.setattr("experiments.output.resumable.finished_rows", kill_in_the_middle)
     run_into(tmp_path, SweepRuns(FEW, 0), scheduler)
     assert bytes_of(tmp_path) == undisturbed
     assert sorted(received) == list(range(24))
@@ -356,15 +358,15 @@ def test_a_worker_of_other_code_is_refused(scheduler, tmp_path, monkeypatch):
     monkeypatch.setattr(cluster, "digest", lambda identity: "other")
     with pytest.raises(Unsound, match="ForeignWorker"):
         run_into(tmp_path / "later", SweepRuns(FEW, 0), scheduler)
-    ours, worker = basis.identity(), "tcp://there:1"
-    basis.check_workers({worker: dict(ours)})
+    ours, worker = basis.identity(SOURCES), "tcp://there:1"
+    basis.check_workers(ours, {worker: dict(ours)})
     for said, why in (
         (ours | {"version of mujoco": "3.0"}, "another version of mujoco"),
         (ours | {"code_sha256": "0"}, "another code_sha256"),
         (ModuleNotFoundError("No module named 'experiments'"), "cannot run this package"),
     ):
         with pytest.raises(WrongInput, match=f"{worker} (has|cannot).*") as wrong:
-            basis.check_workers({worker: said})
+            basis.check_workers(ours, {worker: said})
         assert why in str(wrong.value)
 
 
@@ -416,7 +418,7 @@ def test_a_finished_sweep_is_found_again_and_another_refused(sweep_folder, sweep
     assert main([*words, "--seed", "5"]) == 2
     assert "another seed" in capsys.readouterr().err
     assert {path: path.stat().st_mtime_ns for path in sweep_folder.iterdir()} == stamps
-    assert published_before(sweep_folder / "none", "sweep", SweepRuns(FEW, 0)) is None
+    assert published_before(sweep_folder / "none", "sweep", sweep_of(SweepRuns(FEW, 0))) is None
 
 
 @pytest.mark.parametrize(
@@ -495,7 +497,10 @@ def test_ctrl_c_is_clean_even_while_a_worker_is_starting_again(tmp_path, sweep_d
     done = int(kept.group(1))
     of = basis_in(out / UNFINISHED)
     assert (of is None) == (done == 0)  # as on a machine that is too busy to finish one
-    assert of is None or len(list(Dataset(out / UNFINISHED, 300, of).missing())) == 300 - done > 0
+    assert (
+        of is None
+        or len(list(Dataset(out / UNFINISHED, 300, of, SCHEMA).missing())) == 300 - done > 0
+    )
 
 
 # The page.

@@ -16,10 +16,13 @@ from typer.testing import CliRunner
 
 from experiments.app.cli import app, main
 from experiments.hexapod.testbed import LIMITS, TestbedConfig
+from experiments.output import cluster as clusters
+from experiments.output.campaign import Campaign
 from experiments.output.study import Unsound, WrongInput
-from experiments.sweep import cluster as clusters
+from experiments.sweep.campaign import SOURCES
 from experiments.sweep.design import read_design
-from experiments.sweep.sweep_run import KINDS, sweep_run
+from experiments.sweep.row import SCHEMA
+from experiments.sweep.sweep_run import KINDS
 from experiments.sweep.sweep_run import LIMITS as VARIED
 
 # Schedulers.
@@ -120,7 +123,7 @@ def test_a_scheduler_without_workers_is_said_at_once_and_given_up(
 
 
 def test_the_help_says_how_long_a_scheduler_may_be_without_workers():
-    for command in ("sweep", "atlas"):
+    for command in ("sweep", "atlas", "recover"):
         text = " ".join(CliRunner().invoke(app, [command, "--help"]).output.split())
         assert f"fails after {clusters.PATIENCE_S:g} s without a worker" in text
 
@@ -154,21 +157,20 @@ def test_a_worker_is_no_scheduler(idle, capsys, tmp_path):
 LEFT = threading.Event()
 
 
-def simulate_the_first(run, code):
-    """Its number; the others are not done before all workers have left."""
-    return run.number if run.number == 0 else LEFT.wait(20)
+def only_the_first(number):
+    """Its row; the others are not done before all workers have left."""
+    return {"case": number, "left": number > 0 and LEFT.wait(20)}
 
 
-def test_when_all_workers_leave_a_running_sweep_it_is_said_and_given_up(
-    idle, impatient, monkeypatch, capsys
-):
+def test_when_all_workers_leave_a_running_sweep_it_is_said_and_given_up(idle, impatient, capsys):
     """What has come by then is kept by whoever takes the rows."""
-    monkeypatch.setattr(clusters, "simulate", simulate_the_first)
+    numbers = range(4)
+    campaign = Campaign(numbers, only_the_first, SCHEMA, SOURCES, {})
     idle.scale(1)
     with Client(idle.scheduler_address) as client:
         client.wait_for_workers(1)
-        rows = clusters.finished_rows(client, [sweep_run(k, 0.1, {"seed": 1}) for k in range(4)])
-        assert next(rows) == 0
+        rows = clusters.finished_rows(client, campaign, numbers)
+        assert next(rows)["case"] == 0
         idle.scale(0)
         while client.scheduler_info(n_workers=0)["n_workers"]:
             time.sleep(0.02)

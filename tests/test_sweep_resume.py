@@ -13,20 +13,27 @@ import pyarrow.parquet as pq
 import pytest
 
 from experiments.app.cli import main
+from experiments.output.cluster import Where
+from experiments.output.dataset import REST, Dataset
 from experiments.output.files import OutputError
+from experiments.output.resumable import (
+    UNFINISHED,
+    Complete,
+    complete,
+    published_before,
+    run_missing,
+)
 from experiments.output.study import WrongInput
-from experiments.sweep.basis import basis_of
-from experiments.sweep.cluster import Where
-from experiments.sweep.dataset import REST, Dataset
+from experiments.sweep.campaign import sweep_of
 from experiments.sweep.design import Design, SweepRuns
-from experiments.sweep.runs import UNFINISHED, Sweep, complete, published_before, run_missing
+from experiments.sweep.row import SCHEMA
 from experiments.sweep.sweep_run import Range
 
 TEN = SweepRuns(
     Design("latin-hypercube", 10, 0.05, (Range("roll_off_hz", 20.0, 30.0, False, None),)), 0
 )
 """In three parts, of four, four and two."""
-BASIS = basis_of(TEN)
+BASIS = sweep_of(TEN).basis
 FIRST = "part-000000.parquet"
 
 
@@ -35,21 +42,25 @@ def row(run):
     return run.parameters() | {"status": "exact", "alpha_rms_urad": np.sin(run.number)}
 
 
+def rows(_client, campaign, numbers):
+    return (row(campaign.runs[number]) for number in numbers)
+
+
 @pytest.fixture(autouse=True)
 def _no_cluster(monkeypatch):
-    monkeypatch.setattr("experiments.sweep.dataset.PART", 4)
-    monkeypatch.setattr("experiments.sweep.runs.cluster", lambda where, most: nullcontext())
-    monkeypatch.setattr("experiments.sweep.runs.finished_rows", lambda _, runs: map(row, runs))
+    monkeypatch.setattr("experiments.output.dataset.PART", 4)
+    monkeypatch.setattr("experiments.output.resumable.cluster", lambda *_: nullcontext())
+    monkeypatch.setattr("experiments.output.resumable.finished_rows", rows)
 
 
 def run_into(folder: Path, runs: SweepRuns = TEN, *, resume: bool = True):
     quiet = {"where": Where(), "on_progress": lambda done, total: None}
-    return run_missing(folder, runs, resume=resume, **quiet)
+    return run_missing(folder, sweep_of(runs), resume=resume, **quiet)
 
 
 def seven_of_ten(folder: Path, runs: SweepRuns = TEN) -> Path:
     """An unfinished dataset: a part, and three runs of the next."""
-    dataset = Dataset(folder / UNFINISHED, len(runs), basis_of(runs))
+    dataset = Dataset(folder / UNFINISHED, len(runs), sweep_of(runs).basis, SCHEMA)
     for k in range(7):
         dataset.add(row(runs[k]))
     dataset.keep()
@@ -64,8 +75,8 @@ def contents(folder: Path) -> dict[str, bytes]:
 def whole(tmp_path_factory) -> list[bytes]:
     """The three parts, undisturbed."""
     with pytest.MonkeyPatch.context() as four:
-        four.setattr("experiments.sweep.dataset.PART", 4)
-        dataset = Dataset(tmp_path_factory.mktemp("whole") / UNFINISHED, 10, BASIS)
+        four.setattr("experiments.output.dataset.PART", 4)
+        dataset = Dataset(tmp_path_factory.mktemp("whole") / UNFINISHED, 10, BASIS, SCHEMA)
         for k in range(10):
             dataset.add(row(TEN[k]))
         return [path.read_bytes() for path in dataset.files()]
@@ -138,7 +149,7 @@ def test_no_two_bytes_flipped_on_disk_change_a_row(tmp_path, whole):
             for each, content in kept.items():
                 (unfinished / each).write_bytes(content)
             flip(unfinished / name, at)
-            dataset = Dataset(unfinished, 10, BASIS)
+            dataset = Dataset(unfinished, 10, BASIS, SCHEMA)
             missing = list(dataset.missing())
             noticed += len(missing) > 3
             for k in missing:
@@ -166,7 +177,7 @@ def empty(path: Path) -> None:
 
 
 def rows_of_another_sweep(path: Path) -> None:
-    other = Dataset(path.parent / "other", 10, BASIS | {"seed": 5})
+    other = Dataset(path.parent / "other", 10, BASIS | {"seed": 5}, SCHEMA)
     for k in range(4):
         other.add(row(TEN[k]))
     (path.parent / "other" / FIRST).replace(path)
@@ -256,7 +267,7 @@ def test_a_full_disk_is_one_sentence_and_leaves_what_was_there(tmp_path):
     unfinished = seven_of_ten(tmp_path)
     before = contents(unfinished)
     with full_disk():
-        dataset = Dataset(unfinished, 10, BASIS)
+        dataset = Dataset(unfinished, 10, BASIS, SCHEMA)
         for write in (lambda: dataset.add(row(TEN[7])), dataset.keep):
             with pytest.raises(OutputError, match=r"could not be written: .*File too large"):
                 write()
@@ -265,19 +276,19 @@ def test_a_full_disk_is_one_sentence_and_leaves_what_was_there(tmp_path):
 
 def test_a_part_whose_last_run_came_when_it_could_not_be_written_is_written_later(tmp_path, whole):
     """On a full disk, or by Ctrl-C in the middle: its runs are all with the rest."""
-    dataset = Dataset(seven_of_ten(tmp_path), 10, BASIS)
+    dataset = Dataset(seven_of_ten(tmp_path), 10, BASIS, SCHEMA)
     with full_disk(), pytest.raises(OutputError):
         dataset.add(row(TEN[7]))
     dataset.keep()
     assert not list(dataset.files())[1].exists()
-    assert list(Dataset(dataset.folder, 10, BASIS).missing()) == [8, 9]
+    assert list(Dataset(dataset.folder, 10, BASIS, SCHEMA).missing()) == [8, 9]
     ran = run_into(tmp_path)
     assert [path.read_bytes() for path in ran.dataset.files()] == whole
 
 
 def test_a_published_sweep_is_taken_away_all_at_once(tmp_path, monkeypatch):
     """Ended in the middle, it would else leave runs that nothing says what they are of."""
-    dataset = Dataset(seven_of_ten(tmp_path), 10, BASIS)
+    dataset = Dataset(seven_of_ten(tmp_path), 10, BASIS, SCHEMA)
 
     def end_in_the_middle(folder, *_arguments, **_options):
         next(Path(folder).rglob("_basis.json")).unlink()
@@ -300,7 +311,7 @@ def finished(tmp_path) -> Path:
     dataset.remove()
     index = {"basis": BASIS, "dataset": "sweep.parquet"}
     (tmp_path / "sweep.json").write_text(json.dumps(index))
-    assert published_before(tmp_path, "sweep", TEN) == index
+    assert published_before(tmp_path, "sweep", sweep_of(TEN)) == index
     return tmp_path
 
 
@@ -320,7 +331,7 @@ def test_a_finished_sweep_that_is_not_whole_is_one_sentence_and_done_again(
     finished, capsys, name, spoil
 ):
     spoil(finished / name)
-    assert published_before(finished, "sweep", TEN) is None
+    assert published_before(finished, "sweep", sweep_of(TEN)) is None
     said = capsys.readouterr().err
     assert said.startswith(f"fjh: {finished / name} is broken")
     assert said.endswith("; all runs are done again\n")
@@ -330,7 +341,7 @@ def test_a_finished_sweep_that_is_not_whole_is_one_sentence_and_done_again(
 def test_a_finished_sweep_beside_runs_of_unknown_origin_is_not_taken_for_them(finished):
     (seven_of_ten(finished) / "_basis.json").unlink()
     with pytest.raises(WrongInput, match="is missing"):
-        published_before(finished, "sweep", TEN)
+        published_before(finished, "sweep", sweep_of(TEN))
 
 
 # As a chapter of the report: it goes on if it can, and begins anew if not.
@@ -339,11 +350,11 @@ def test_a_finished_sweep_beside_runs_of_unknown_origin_is_not_taken_for_them(fi
 def as_a_chapter(folder: Path, runs: SweepRuns = TEN) -> dict:
     """What a sweep did that was neither told to resume nor to begin anew."""
     quiet = {"scheduler": None, "workers": None, "on_progress": lambda done, total: None}
-    with complete("sweep", runs, folder=folder, resume=None, **quiet) as sweep:
-        assert isinstance(sweep, Sweep)
+    with complete("sweep", sweep_of(runs), folder=folder, resume=None, **quiet) as sweep:
+        assert isinstance(sweep, Complete)
         assert (folder / UNFINISHED / "_lock").exists()
         assert [path.exists() for path in sweep.dataset.files()] == [True] * 3
-        assert sweep.dataset.basis == basis_of(runs)
+        assert sweep.dataset.basis == sweep_of(runs).basis
         return sweep.took
 
 

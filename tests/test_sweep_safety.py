@@ -13,11 +13,12 @@ import pyarrow.parquet as pq
 import pytest
 
 from experiments.app.cli import main
+from experiments.output.dataset import Columns, check_merged
 from experiments.output.lock import LOCK, alone_in
 from experiments.output.parquet import Broken
+from experiments.output.resumable import UNFINISHED
 from experiments.output.study import WrongInput
-from experiments.sweep.dataset import Columns, check_merged
-from experiments.sweep.runs import UNFINISHED
+from experiments.sweep.row import SCHEMA
 
 
 @pytest.mark.long
@@ -26,7 +27,7 @@ def test_the_finished_files_have_checksums_and_their_readers_compare_them(reques
     folder = request.getfixturevalue(f"{study}_folder")
     summary = json.loads((folder / f"{study}.json").read_text())
     path = folder / f"{study}.parquet"
-    check_merged(path, summary["runs"], summary["basis"])
+    check_merged(path, summary["runs"], summary["basis"], SCHEMA)
     copy = Path(shutil.copy(path, tmp_path))
     chunks = pq.ParquetFile(path).metadata.row_group(0)
     columns = [chunks.column(k) for k in range(chunks.num_columns)]
@@ -35,7 +36,7 @@ def test_the_finished_files_have_checksums_and_their_readers_compare_them(reques
     spoilt[chunk.data_page_offset + chunk.total_compressed_size - 1] ^= 0xFF
     copy.write_bytes(spoilt)
     with pytest.raises(Broken, match="CRC"):
-        check_merged(copy, summary["runs"], summary["basis"])
+        check_merged(copy, summary["runs"], summary["basis"], SCHEMA)
     with pytest.raises(Broken, match="CRC"):
         Columns([copy])["alpha_rms_urad"]
     assert len(Columns([copy])["beta_rms_urad"]) == summary["runs"]
@@ -46,6 +47,7 @@ def test_the_finished_files_have_checksums_and_their_readers_compare_them(reques
 HOLD = """
 import sys
 from pathlib import Path
+from experiments.output.dataset import Columns, check_merged
 from experiments.output.lock import alone_in
 with alone_in(Path(sys.argv[1])):
     print(flush=True)

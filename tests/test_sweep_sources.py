@@ -6,10 +6,12 @@ from pathlib import Path
 
 import pytest
 
+from experiments.output import basis as bases
 from experiments.output import provenance
+from experiments.output.basis import check_same
 from experiments.output.study import WrongInput
-from experiments.sweep import basis as bases
-from experiments.sweep.basis import NOT_FROM, ROWS_FROM, basis_of, check_same
+from experiments.recover.campaign import SOURCES as FLIGHTS
+from experiments.sweep.campaign import SOURCES, sweep_of
 from experiments.sweep.design import Design, SweepRuns
 from experiments.sweep.sweep_run import Choice
 
@@ -40,21 +42,23 @@ WORDS_AND_DRAWINGS = (
     "experiments/app/cli.py",
     *(f"experiments/hexapod/{name}.py" for name in ("animation", "drawing", "plots", "solids")),
     "experiments/hexapod/recording/*.py",
+    "experiments/output/cluster.py",
     "experiments/output/plotting.py",
+    "experiments/output/resumable.py",
     "experiments/output/results.py",
     "experiments/release/*.py",
     *(
         f"experiments/sweep/{name}.py"
-        for name in ("__init__", "atlas", "cluster", "figure", "results", "runs", "words")
+        for name in ("__init__", "atlas", "campaign", "figure", "results", "runs", "words")
     ),
 )
 
 
 @pytest.mark.parametrize("pattern", WORDS_AND_DRAWINGS)
 def test_an_edited_caption_or_help_text_changes_nothing_for_a_sweep(project, pattern):
-    before, shown = basis_of(RUNS), provenance.code_sha256()
+    before, shown = sweep_of(RUNS).basis, provenance.code_sha256()
     edit(project, pattern)
-    check_same(before, basis_of(RUNS), project)
+    check_same(before, sweep_of(RUNS).basis, project)
     # A page shows captions, too; only its own code does not count.
     assert (provenance.code_sha256() == shown) == ("experiments/app/" in pattern)
 
@@ -69,25 +73,23 @@ def test_an_edited_caption_or_help_text_changes_nothing_for_a_sweep(project, pat
         "prioritized/*.py",
         "sim/*.py",
         "experiments/hexapod/simulation.py",
-        "experiments/output/parquet.py",
-        *(
-            f"experiments/sweep/{name}.py"
-            for name in ("basis", "dataset", "design", "row", "sweep_run")
-        ),
+        *(f"experiments/output/{name}.py" for name in ("basis", "campaign", "dataset", "parquet")),
+        *(f"experiments/sweep/{name}.py" for name in ("design", "row", "sweep_run")),
     ],
 )
 def test_an_edit_of_what_makes_rows_makes_another_sweep(project, pattern):
-    before = basis_of(RUNS)
+    before = sweep_of(RUNS).basis
     edit(project, pattern)
     with pytest.raises(WrongInput, match=r"it has another code_sha256$"):
-        check_same(before, basis_of(RUNS), project)
+        check_same(before, sweep_of(RUNS).basis, project)
 
 
-def test_all_that_a_row_is_made_with_counts():
+@pytest.mark.parametrize(("study", "sources"), [("sweep", SOURCES), ("recover", FLIGHTS)])
+def test_all_that_a_row_is_made_with_counts(study, sources):
     """Every module that the worker's function imports, and those that they import."""
-    counted = {path for pattern in ROWS_FROM for path in ROOT.glob(pattern)}
-    counted -= {path for pattern in NOT_FROM for path in ROOT.glob(pattern)}
-    reached, waiting = set(), [ROOT / "experiments" / "sweep" / "row.py"]
+    counted = {path for pattern in sources.files for path in ROOT.glob(pattern)}
+    counted -= {path for pattern in sources.without for path in ROOT.glob(pattern)}
+    reached, waiting = set(), [ROOT / "experiments" / study / "row.py"]
     while waiting:
         path = waiting.pop()
         if path not in reached:

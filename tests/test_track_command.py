@@ -16,7 +16,7 @@ import pytest
 from experiments.app.cli import main
 from experiments.output.study import WrongInput
 from experiments.track import STUDY
-from experiments.track.results import summarize
+from experiments.track.results import notes, summarize
 from experiments.track.runs import Tracked, run_track
 from sim import HEXAPOD_MJCF
 from tests.conftest import fjh
@@ -29,9 +29,17 @@ MAJOR = {ARM: "0,1", PLATFORM: "3,4", HAND: "3,4", ARMS: "3,4,5", None: "0,1"}
 LOCKED = {ARM: "joint2", ARMS: "joint2", None: "strut1"}
 KEYS = {
     *("experiment", "seed", "versions", "model_sha256", "robot", "actuators", "major", "units"),
-    *("duration_s", "control_period_s", "path_size", "sensor_noise", "loops", "failures"),
+    *(
+        "duration_s",
+        "control_period_s",
+        "path_size",
+        "sensor_noise",
+        "encoder_noise",
+        "loops",
+        "failures",
+    ),
     *("rms_before", "rms_after", "predicted_rms_before", "predicted_rms_after", "possible_after"),
-    *("diagnoses", "task_lost", "closure_residual_max_m", "verdict", "files"),
+    *("diagnoses", "dither", "task_lost", "closure_residual_max_m", "verdict", "files"),
 }
 
 
@@ -85,7 +93,10 @@ FAILING = [
 
 @pytest.mark.parametrize("model", FAILING)
 def test_a_lock_is_named_and_the_error_stays_near_that_of_a_controller_told_at_once(model):
-    """The delay costs what the lock does meanwhile; of the hexapod's, which moves little, less."""
+    """The delay costs what the lock does meanwhile: at most a third of the error.
+
+    It is within 80 ms on the arms, and a second on the hexapod, whose path moves the strut little.
+    """
     strut = LOCKED[model]
     one = tracked(model, duration=2.0, fail=[f"{strut}:locked@0.8"])
     summary = summarize(one)
@@ -94,10 +105,44 @@ def test_a_lock_is_named_and_the_error_stays_near_that_of_a_controller_told_at_o
     assert 0 <= summary["diagnoses"][0]["delay_s"] < (1.0 if model is None else 0.2)
     assert summary["possible_after"] == [True]
     assert not summary["task_lost"]
-    np.testing.assert_allclose(ratios(summary, "after"), 1.0, rtol=0.3)
+    np.testing.assert_allclose(ratios(summary, "after"), 1.0, rtol=0.4)
     broken = one.rig.actuators.index(strut)
     after = one.run.displacement[one.run.time_s >= 0.802, broken]
     assert np.ptp(after) < 1e-3 * one.rig.size
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("model", "sense"), [(PLATFORM, "task"), (PLATFORM, "both"), (None, "task")]
+)
+def test_with_a_designed_dither_a_lock_is_named_at_once(model, sense):
+    """Without one the platform's was never named, and the hexapod's after 0.9 s."""
+    actuator = "joint1" if model else "strut1"
+    how = {"dither": "designed", "sense": sense, "duration": 2.0, "crossover": None}
+    summary = summarize(tracked(model, fail=[f"{actuator}:locked@1"], **how))
+    named = [(each["actuator"], each["kind"]) for each in summary["diagnoses"]]
+    assert named == [(actuator, "locked")]
+    assert 0 <= summary["diagnoses"][0]["delay_s"] < 0.15
+    assert len(summary["dither"]["isolable"]) >= 2 * len(summary["actuators"])
+
+
+def test_a_dither_for_which_the_task_leaves_no_motion_is_refused():
+    with pytest.raises(WrongInput, match="the major task leaves no motion for a dither"):
+        tracked(PLATFORM, major="2,3,4", dither="designed")
+
+
+def test_both_sensors_and_a_dither_are_published_with_what_they_cost():
+    """The error before is that of the linear model and of the dither, which nothing else moves."""
+    one = tracked(ARM, sense="both", dither="10", noise=2e-6, turn=1e9, path="steps", duration=0.6)
+    summary = summarize(one)
+    dither = summary["dither"]
+    assert dither["frequency_hz"] == 10.0
+    assert one.rig.watched.noise.shape == (9,)
+    cost = np.array(dither["task_motion"]) / np.sqrt(2)
+    expected = np.hypot(cost, summary["predicted_rms_before"])
+    np.testing.assert_allclose(summary["rms_before"], expected, rtol=0.15)
+    assert (cost > 2 * np.array(summary["predicted_rms_before"])).all()
+    assert "Dither of 10 Hz" in " ".join(notes(one, summary))
 
 
 @pytest.fixture(scope="module")
@@ -247,6 +292,9 @@ ASKED: dict[str, Refusal] = {
     "a size that is not finite": (["--size", "inf"], "--size must be positive and finite"),
     "a period that is none": (["--period", "nan"], "--period must be positive and finite"),
     "a site there is not": (["--site", "tip"], "tip"),
+    "a dither that is none": (["--dither", "often"], "--dither must be none, designed, or a freq"),
+    "a dither too slow": (["--dither", "0.1"], "a frequency from 2 to 62.5 Hz, got 0.1"),
+    "a dither without a diagnosis": (["--dither", "10", "--diagnosis", "off"], "which is off"),
     "a path far out of reach": (["--size", "9"], "the path is out of reach"),
 }
 
@@ -325,7 +373,7 @@ BROKEN: dict[str, Callable[[Path], object]] = {
 
 @pytest.mark.parametrize("name", BROKEN)
 def test_a_file_that_holds_no_path_is_refused(name, tmp_path):
-    from experiments.track.paths import path_of
+    from experiments.robot.paths import path_of
 
     file = tmp_path / "path.npz"
     BROKEN[name](file)

@@ -280,7 +280,7 @@ def straightened(track: Tracking, posture, faults: tuple[Fault, ...] = ()) -> np
 
 
 @pytest.mark.parametrize("lock", [None, 0], ids=["sound", "locked"])
-@pytest.mark.parametrize("sense", ["task", "joints"])
+@pytest.mark.parametrize("sense", ["task", "joints", "both"])
 def test_the_diagnosis_sees_closed_loops_as_if_they_were_linear(sense, lock):
     """Commands on curved loops strain linear ones, whose servos share that by their stiffness.
 
@@ -299,8 +299,46 @@ def test_the_diagnosis_sees_closed_loops_as_if_they_were_linear(sense, lock):
     strained = loops.T / stiffness[:, None]
     linear = q - strained @ np.linalg.solve(loops @ strained, loops @ q)
     assert np.abs(q - linear).max() > 1e-4  # the curvature is not small
-    expected = linear if sense == "joints" else kinematics.J[list(track.major)] @ linear
+    of_task = kinematics.J[list(track.major)] @ linear
+    expected = {"task": of_task, "joints": linear, "both": np.append(of_task, linear)}[sense]
     np.testing.assert_allclose(straightened(track, posture, faults), expected, rtol=1e-5, atol=1e-8)
+
+
+def test_both_sensors_together_are_those_of_each_alone():
+    """The task is measured, not computed from the encoders, and each keeps its own noise."""
+    noise = np.arange(1.0, 7.0) * 1e-6
+    options: dict[str, Any] = {"crossover_hz": 0.7}
+    task, joints, both = (
+        closed(HAND, (3, 4), sense=sense, noise=part, **options)
+        for sense, part in (("task", noise[:2]), ("joints", noise[2:]), ("both", noise))
+    )
+    np.testing.assert_array_equal(both.watched.noise, noise)
+    np.testing.assert_array_equal(both.nominal.noise, task.nominal.noise)
+    rows = [task.watched.plant.C, joints.watched.plant.C]
+    np.testing.assert_array_equal(both.watched.plant.C, np.vstack(rows))
+    assert (joints.nominal.noise != noise[:2]).all()
+    with pytest.raises(ValueError, match=r"noise must be one positive number or 6"):
+        closed(HAND, (3, 4), sense="both", noise=noise[:4])
+    with pytest.raises(ValueError, match="sense must be one of task, joints, both, got 'smell'"):
+        closed(HAND, (3, 4), sense="smell")
+
+
+@pytest.mark.parametrize("weights", [{"joint": 1.0}, {"secondary": 1.0}, {"joint": 1.0, "off": 2}])
+def test_the_secondary_gain_is_what_a_reference_moves_without_the_major_task(weights):
+    """A small reference at the nominal pose moves the commands by the gain, the task not at all."""
+    goal = Goal(
+        joint_weight=(weights["joint"],) * 7 if "joint" in weights else None,
+        secondary_weight=(1.0,) * 4 if "secondary" in weights else None,
+        locked_m={weights["off"]: 0.0} if "off" in weights else {},
+    )
+    mapping = mapping_for(Mechanism(ARM), goal, (0, 1))
+    gain, still = mapping.secondary_gain(), np.zeros(2)
+    J_m = ConstrainedSystem.of(Mechanism(ARM).jacobians(mapping.nominal)).kinematics().J[[0, 1]]
+    assert np.linalg.matrix_rank(gain, 1e-9) == 5 - ("off" in weights) - ("secondary" in weights)
+    np.testing.assert_allclose(J_m @ gain, 0.0, atol=1e-12)
+    for wish in 1e-3 * np.eye(7):
+        moved = mapping.displacements(still, mapping.nominal, np.zeros(7), None, wish)
+        np.testing.assert_allclose(moved, gain @ wish, atol=1e-12)
 
 
 @pytest.mark.parametrize("wrong", [np.full(7, np.nan), np.zeros(3), np.zeros(0)])

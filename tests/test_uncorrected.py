@@ -12,6 +12,7 @@ from rerun.chunk import RrdReader
 
 from experiments.app.cli import main
 from experiments.hexapod.controller import StrutMapping, nominal_loops
+from experiments.hexapod.floor import FLOOR_BAND_HZ, floor_acceleration
 from experiments.hexapod.metrics import rms
 from experiments.hexapod.prediction import driven_loop, predicted_error_rad, predicted_rms_rad
 from experiments.hexapod.simulation import SpiralRun, Trajectory, track_spiral
@@ -21,10 +22,8 @@ from experiments.uncorrected.candidates import (
     BENCH,
     CANDIDATES,
     COLUMNS,
-    FLOOR_BAND_HZ,
     W_A,
     damped,
-    floor_acceleration,
     pointing_mode,
 )
 from experiments.uncorrected.limit_map import largest_miss
@@ -114,10 +113,10 @@ def test_a_floor_shorter_than_the_spiral_is_refused(model, loops):
 
 
 def test_the_floor_meets_its_criterion_in_every_third_octave_band():
-    bench, criterion = TestbedConfig(), 50e-6
-    acceleration = floor_acceleration(bench, criterion, seed=3)
+    criterion = 50e-6
+    acceleration = floor_acceleration(16000, 1e-3, criterion, [3])
     assert acceleration.shape == (16000, 3)
-    frequency = np.fft.rfftfreq(len(acceleration), bench.control_period_s)
+    frequency = np.fft.rfftfreq(len(acceleration), 1e-3)
     spectrum = np.fft.rfft(acceleration, axis=0)[1:] / (2 * np.pi * frequency[1:, None])
     power = 2 * np.abs(spectrum / len(acceleration)) ** 2
     for centre in FLOOR_BAND_HZ[0] * 2 ** (np.arange(10) / 3):
@@ -126,7 +125,7 @@ def test_the_floor_meets_its_criterion_in_every_third_octave_band():
         np.testing.assert_allclose(np.sqrt(power[band].sum(axis=0)), criterion, rtol=0.02)
     outside = (frequency < 7) | (frequency > 90)
     assert np.abs(spectrum[outside[1:]]).max() < 1e-12
-    assert not np.array_equal(acceleration, floor_acceleration(bench, criterion, seed=4))
+    assert not np.array_equal(acceleration, floor_acceleration(16000, 1e-3, criterion, [4]))
 
 
 @pytest.mark.long
@@ -158,7 +157,7 @@ def off_centre(model, loops, goal, place_m, lead_in_s) -> Trajectory:
 
 KNOWN = Goal(secondary_weight=(1.0,) * 4, locked_m={0: 80e-6})
 OFF = {"failures": LOCK_1, "start_m": 80e-6 * np.eye(6)[0]}
-FLOOR = {"floor_m_per_s2": floor_acceleration(TestbedConfig(), 200e-6, seed=1)}
+FLOOR = {"floor_m_per_s2": floor_acceleration(16000, 1e-3, 200e-6, [1, 1])}
 
 
 @pytest.mark.parametrize(

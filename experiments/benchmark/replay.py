@@ -11,8 +11,8 @@ from experiments.hexapod.fault_tolerance import nominal_model
 from experiments.hexapod.simulation import Trajectory, track_path
 from experiments.hexapod.testbed import Testbed
 from ftc.controller import Measurement, PrioritizedController
-from ftc.fdi.diagnosis import DEFAULT_CONFIG, MonitorState
-from ftc.fdi.monitor import Monitor, monitor
+from ftc.fdi.diagnosis import DEFAULT_CONFIG
+from ftc.fdi.monitor import Monitor, MonitorState, monitor
 from ftc.goal import Goal
 from sim import Array, Pose
 
@@ -72,6 +72,6 @@ class Recorded:
 def recorded(testbed: Testbed, goal: Goal, seed: int) -> Recorded:
     """A run as long as the diagnosis looks back, so that its history is full, and a little more."""
     controller = controller_for(testbed, goal)
-    seconds = DEFAULT_CONFIG.look_back_s + _SAMPLED * testbed.bench.control_period_s
+    seconds = DEFAULT_CONFIG.look_back_s + 2 * _SAMPLED * testbed.bench.control_period_s
     run, _ = track_path(testbed, controller, seed=seed, duration_s=seconds)
     return Recorded(testbed, controller, run)

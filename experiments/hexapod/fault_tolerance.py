@@ -1,7 +1,7 @@
 """Fault tolerance of the hexapod: springs, failure atlas, dithers, diagnosis, supervisor."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import mujoco
@@ -215,7 +215,7 @@ def supervisor(
 
     return Supervisor(
         first=controller([]),
-        monitor=monitor(nominal, config=config),
+        monitor=monitor(nominal, config=replace(config, dither_hz=dither.frequency_hz or None)),
         secondary=dither.at,
         reconfigured=controller,
         is_possible=is_possible,

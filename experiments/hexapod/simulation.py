@@ -19,6 +19,7 @@ from sim import (
     Array,
     Bench,
     Failure,
+    Plant,
     Pose,
     Reading,
     pointing_angles,
@@ -190,16 +191,21 @@ def simulated(
         floor_m_per_s2: Acceleration of the floor at each tick, shape (N, 3); None is at rest.
         keep_qpos: Whether the log has the positions of all joints.
     """
-    plant = testbed.plant()
-    plant.settle(testbed.bench.settling_s, start_m)
+    bench, ticks = testbed.bench, len(time_s)
+    period_s, machine = bench.control_period_s, testbed.machine
+    plant = Plant(machine.model)
+    plant.settle(bench.settling_s, start_m)
+    floors = [f for f in (floor_m_per_s2, machine.floor(ticks, period_s)) if f is not None]
     return Bench(
         plant,
-        _Sensors(testbed.bench, seed),
+        _Sensors(bench, seed, machine.zero_rad(ticks, period_s)),
         time_s=time_s,
-        period_s=testbed.bench.control_period_s,
+        period_s=period_s,
         failures=failures,
-        drives=testbed.amplifier().displacement_m,
-        floor_m_per_s2=floor_m_per_s2,
+        drives=machine.drives(testbed.model, testbed.amplifier().displacement_m, period_s),
+        floor_m_per_s2=np.sum(floors, axis=0) if floors else None,
+        delay_ticks=machine.delay_ticks,
+        hysteresis=machine.hysteresis,
         keep_qpos=keep_qpos,
     )
 
@@ -210,17 +216,18 @@ def _after_rest(ticks: int, signal: Array) -> Array:
 
 
 class _Sensors:
-    """The detector behind the telescope, and the gauges beside the struts."""
+    """The detector behind the telescope, its zero (N, 2) adrift, and the gauges."""
 
-    def __init__(self, bench: TestbedConfig, seed: int) -> None:
+    def __init__(self, bench: TestbedConfig, seed: int, zero_rad: Array) -> None:
         self._detector, self._gauges = bench.detector(), bench.strut_sensors()
         # Sources of their own: whether gauges are read changes nothing of the detector's noise.
         self._detector_rng = np.random.default_rng(seed)
         self._gauge_rng = np.random.default_rng([seed, 1])
+        self._zeros_rad = iter(zero_rad)
 
     def read(self, pose: Pose, displacements: Array) -> Reading:
         return Reading(
-            output=self._detector.read(pose.rotation, self._detector_rng),
+            output=self._detector.read(pose.rotation, self._detector_rng) + next(self._zeros_rad),
             displacement=self._gauges.read(displacements, self._gauge_rng),
         )
 

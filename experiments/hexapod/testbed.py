@@ -7,8 +7,9 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from experiments.hexapod.inexact import InexactPlant
 from ftc.compensator import Compensator
-from sim import Amplifier, Array, Detector, Plant, StrutSensors, spiral
+from sim import Amplifier, Array, Detector, StrutSensors, spiral
 
 LIMITS: dict[str, tuple[float, float]] = {
     "duration_s": (1e-3, 3600.0),
@@ -193,7 +194,8 @@ class Testbed:
             :func:`experiments.hexapod.controller.nominal_loops`.
         stiffness: Of the struts and the payload, shape (12, 12), for goals with free struts; see
             :func:`experiments.hexapod.fault_tolerance.strut_and_payload_stiffness`.
-        inexact: The machine itself, where it is not quite the model.
+        inexact: The machine itself, where it is not quite the model; see
+            :func:`experiments.hexapod.mismatch.mismatched`.
     """
 
     __test__ = False  # pytest takes a class Test... for one of its own
@@ -202,11 +204,12 @@ class Testbed:
     bench: TestbedConfig
     loops: tuple[Compensator, Compensator]
     stiffness: Array | None = None
-    inexact: mujoco.MjModel | None = None
+    inexact: InexactPlant | None = None
 
-    def plant(self) -> Plant:
-        """The machine itself, at rest at its nominal pose."""
-        return Plant(self.model if self.inexact is None else self.inexact)
+    @property
+    def machine(self) -> InexactPlant:
+        """The machine itself, exact or not."""
+        return InexactPlant(self.model) if self.inexact is None else self.inexact
 
     def amplifier(self) -> Amplifier:
         """One strut's converter, amplifier and coil, with the gain of the model's coils."""

@@ -1,5 +1,6 @@
 """Controllers that a user brings along: named on the command line, found where Python looks."""
 
+import hashlib
 import importlib
 import re
 import sys
@@ -49,3 +50,9 @@ def controller_factory(name: str) -> Callable[..., Any]:
         place = getattr(module, "__file__", None) or module_name
         raise WrongInput(f"--controller {name}: {place} has no function or class {path}")
     return found
+
+
+def controller_sha256(name: str) -> str | None:
+    """SHA-256 of the module of a controller that can be imported; None if it has no file."""
+    file = importlib.import_module(name.partition(":")[0]).__file__
+    return None if file is None else hashlib.sha256(Path(file).read_bytes()).hexdigest()

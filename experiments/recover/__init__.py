@@ -1,26 +1,53 @@
 """Unannounced actuator failures: detection, isolation and recovery."""
 
+from dataclasses import replace
+from pathlib import Path
+
 from experiments.output.controllers import CONTROLLER
-from experiments.output.study import Study
+from experiments.output.study import Option, Study
+from experiments.output.where import WHERE
+from experiments.robot.options import DITHER, LOOPS, PATH, TASK
+
+MODEL = Option(
+    "model",
+    Path | None,
+    None,
+    "Another robot: an MJCF file whose actuators move single joints; the options of fjh track.",
+    "MODEL.xml",
+)
+HOURS = Option("hours", float, 10.0, "Flown without failures, unless --quick.", "H")
+HEXAPOD_ALONE = (HOURS, CONTROLLER, *WHERE)
+OTHERS_ALONE = (*TASK, *PATH, *LOOPS, replace(DITHER, default="designed"))
 
 STUDY = Study(
     name="recover",
     help="""Simulate unannounced actuator failures; measure detection, isolation and recovery.
 
-    Struts lock, or lose their coil force or a part of it, at random times and in random postures.
-    The diagnosis uses the commands, the measured angles and an exact model of the plant. Each run
-    is compared with a controller that is informed of the failure at once, and with one that
-    continues without noticing it. 20 to 40 minutes on two cores, 2 with --quick.
+    Struts lock, or lose their coil force or a part of it, at random times and in random postures,
+    on plants that differ from the controller's model: gains, stiffness, damping, inertia, delay,
+    floor vibration, drift, hysteresis and integrator step, each by itself, all together, and in
+    several sizes. Each flight is compared with a controller that is informed of the failure at
+    once, and with one that continues without noticing it. On two cores an hour, and 20 minutes for
+    each of the --hours without failures; half a minute with --quick.
 
-    Writes recover.json, the tables as recover.md, a figure, and for some runs their data (.npz)
-    and their recordings (.rrd). With --controller that controller runs in the same scenarios; it is
-    told of no failure.
+    Flights are written to a Parquet dataset, OUT/unfinished, as they finish; Ctrl-C keeps them, and
+    --resume continues. The flights are identical to the bit for any number of workers and
+    interruptions.
+
+    Writes recover.json, the flights as recover.parquet, the tables as recover.md, a figure, and for
+    some runs their data (.npz) and their recordings (.rrd). With --controller that controller runs
+    in the same flights; it is told of no failure.
+
+    With --model, every actuator of another robot locks, goes limp and weakens on a circle, on
+    plants that differ from the model, seen by a sensor of the task, by encoders, and by both: ten
+    minutes or more on two cores, and Ctrl-C keeps nothing. Writes recover.json and recover.md.
 
     Example: fjh recover --quick --seed 3
     """,
-    runs="experiments.recover.runs:run_recover",
-    results="experiments.recover.results:results",
-    quick="Four failures instead of several hundred.",
-    seed="the random failures and the detector noise",
-    options=(CONTROLLER,),
+    runs="experiments.recover.command:run",
+    results="experiments.recover.command:results",
+    quick="A few flights of each sort.",
+    seed="the random failures and plants, and the detector noise",
+    options=(MODEL, *HEXAPOD_ALONE, *OTHERS_ALONE),
+    streams=True,
 )

@@ -1,5 +1,6 @@
 """Another controller in the scenarios of `fjh recover`."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,32 +11,24 @@ from experiments.hexapod.metrics import closure_check, closure_residual_max_m, r
 from experiments.hexapod.recording.hexapod import Mark
 from experiments.hexapod.recording.keep import record_run
 from experiments.hexapod.recording.shown import Shown
+from experiments.output.campaign import Row
 from experiments.output.controllers import controller_label
 from experiments.output.results import Check
-from experiments.recover.recovery import Recovery, pointing_error_urad
+from experiments.recover.recovery import pointing_error_urad
 from experiments.recover.runs import SHOWN, Recover
 from sim import load_model
 
 
-def controller_case(recovery: Recovery) -> dict[str, Any]:
-    """What is added to the entry of a case; nothing without another controller."""
-    if recovery.other is None:
-        return {}
-    return {
-        "rms_after_other_urad": recovery.other.rms_urad[2],
-        "controller_failure": recovery.failure,
-    }
-
-
-def controller_summary(outcome: Recover) -> dict[str, Any]:
-    """What is added to the summary; nothing without another controller."""
+def controller_summary(outcome: Recover, rows: Sequence[Row]) -> dict[str, Any]:
+    """What is added to the summary, of flights with all mismatches; nothing without another one."""
     if outcome.controller is None:
         return {}
-    others = [(each.other, each.informed) for each in outcome.recoveries if each.other is not None]
-    after = np.array([[error.rms_urad[2] for error in pair] for pair in others])
-    ratio = np.divide(*np.sqrt((after**2).mean(axis=0)))
-    cases = [each.failure for each in outcome.recoveries]
-    failures = [*cases, *(failure for _, failure in outcome.compared.values())]
+    after = [[row[f"rms_{name}_after_urad"] for name in ("other", "informed")] for row in rows]
+    ratio = np.divide(*np.sqrt(np.square(after).mean(axis=0)))
+    failures = [
+        *(row["controller_failure"] for row in rows),
+        *(why for _, why in outcome.compared.values()),
+    ]
     entry = {
         "name": outcome.controller,
         "after_over_oracle": float(ratio),

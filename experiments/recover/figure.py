@@ -1,5 +1,6 @@
 """The figure of `fjh recover`."""
 
+from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
@@ -8,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from experiments.hexapod.simulation import Trajectory
+from experiments.output.campaign import Row
 from experiments.output.plotting import (
     BLACK,
     BLUE,
@@ -19,48 +21,83 @@ from experiments.output.plotting import (
     new_figure,
 )
 from experiments.output.results import Picture
+from experiments.recover.recordings import marks
 from experiments.recover.recovery import Identification, pointing_error_urad
-from experiments.recover.runs import Recover, marks
+from experiments.recover.runs import Recover
+from experiments.recover.tables import WORDS
 from ftc.fdi.fault_model import KINDS
 
+_LINES = (BLACK, BLUE, VERMILION, GREEN, ORANGE, PURPLE)
+_STYLES = ("-", "--")
 _COLORS = {"locked": BLUE, "free": VERMILION, "weak": GREEN}
 
 
-def pictures(outcome: Recover, summary: dict[str, Any]) -> list[Picture]:
+def pictures(outcome: Recover, summary: dict[str, Any], rows: Sequence[Row]) -> list[Picture]:
     """The study's figure and its caption."""
     picture = Picture(
         "recover",
-        "Unannounced actuator failures: time until the first diagnosis names the failed strut (not "
-        "named: there is none, or it names another); distance of each failure from those it could "
-        "be taken for, by what the diagnosis measures; pointing error after recovery, a point for "
-        "each failure; and a run in which one or several struts fail.",
-        "Panels with the time until the failed strut is named, by kind of failure; how far apart "
-        "the failures look; pointing errors with and without recovery; and a run in which one or "
-        "several struts fail.",
-        partial(figure_recover, outcome, summary),
+        "Unannounced actuator failures. Above and left: failures whose strut was rightly named, "
+        "false alarms before the failure, and median time until the strut is named, against the "
+        "size of each mismatch of plant and model, 1 being that of the other panels. Then, with "
+        "all mismatches: time until the first diagnosis names the failed strut (not named: there "
+        "is none, or it names another); pointing error after recovery, a point for each failure; "
+        "and a run in which one or several struts fail.",
+        "Panels with the share of struts rightly named, false alarms and delays against the size "
+        "of each mismatch; the time until the failed strut is named, by kind of failure; pointing "
+        "errors with and without recovery; and a run in which one or several struts fail.",
+        partial(figure_recover, outcome, summary, rows),
     )
     return [picture]
 
 
-def figure_recover(outcome: Recover, summary: dict[str, Any]) -> Figure:
-    """How fast, what looks alike, what recovery is worth, and failure after failure."""
-    figure = new_figure(PAGE_IN, 6.4)
+def figure_recover(outcome: Recover, summary: dict[str, Any], rows: Sequence[Row]) -> Figure:
+    """What a wrong model costs, how fast, what recovery is worth, and failure after failure."""
+    cases = [r for r in rows if (r["sort"], r["mismatch"]) == ("failure", "all")]
+    cases = [row for row in cases if row["status"] == "flown"]
+    figure = new_figure(PAGE_IN, 9.6)
     figure.suptitle("Unannounced failures, diagnosed from pointing angles, commands and a dither")
-    (delays, distances), (after, shown) = figure.subplots(2, 2)
-    draw_delays(delays, summary["cases"])
-    _distances(distances, summary["ambiguity"])
-    draw_after(after, summary["cases"])
+    (right, alarms), (named, delays), (after, shown) = figure.subplots(3, 2)
+    draw_curves((right, alarms, named), summary["sizes"])
+    draw_delays(delays, cases)
+    draw_after(after, cases)
     # The last of the runs that are kept: the cascade, unless --quick.
     draw_shown(shown, *list(outcome.shown.values())[-1])
     return figure
 
 
-def draw_delays(axes: Axes, cases: list[dict[str, Any]]) -> None:
+def draw_curves(panels: tuple[Axes, Axes, Axes], sizes: Sequence[dict[str, Any]]) -> None:
+    """Isolation, false alarms and delay of each mismatch, over the factors of its size."""
+    right, alarms, named = panels
+    factors = sorted({entry["factor"] for entry in sizes})
+    names = list(dict.fromkeys(entry["mismatch"] for entry in sizes))
+    for k, name in enumerate(names):
+        own = [entry for entry in sizes if entry["mismatch"] == name]
+        at = [factors.index(entry["factor"]) for entry in own]
+        style: dict[str, Any] = {
+            "ls": _STYLES[k // len(_LINES)],
+            "color": _LINES[k % len(_LINES)],
+            "marker": ".",
+        }
+        style |= {"label": WORDS[name], "lw": 2.0 if name == "all" else 1.0}
+        right.plot(at, [100 * entry["strut"]["rate"] for entry in own], **style)
+        alarms.plot(at, [100 * entry["alarm_before"]["rate"] for entry in own], **style)
+        medians = [np.nan if e["named_ms"] is None else e["named_ms"]["median"] for e in own]
+        named.plot(at, medians, **style)
+    for axes in panels:
+        axes.set_xticks(range(len(factors)), [f"{factor:g}" for factor in factors])
+        axes.set(xlabel="size of the mismatch", xlim=(-0.3, len(factors) - 0.7))
+    right.set(title="Failures whose strut is rightly named", ylabel="share, %", ylim=(-4, 104))
+    alarms.set(title="False alarms before the failure", ylabel="share, %", ylim=(-4, 104))
+    named.set(title="Time until the strut is named", ylabel="median, ms", yscale="log")
+    right.legend(loc="upper center", bbox_to_anchor=(0.5, -0.24), ncols=2)
+
+
+def draw_delays(axes: Axes, cases: Sequence[Row]) -> None:
     """Share of failures whose strut is named, over the time since then; beside it the others'."""
     latest_ms = max([case["named_ms"] for case in cases if _is_named(case)], default=10)
     unnamed_at = 3.0 * latest_ms  # on the axis
     for kind, beside in zip(KINDS, (0.85, 1.0, 1.18), strict=True):
-        ours = [case for case in cases if case["truth"]["kind"] == kind]
+        ours = [case for case in cases if case["kind"] == kind]
         if not ours:
             continue
         delays_ms = sorted(case["named_ms"] for case in ours if _is_named(case))
@@ -80,47 +117,26 @@ def draw_delays(axes: Axes, cases: list[dict[str, Any]]) -> None:
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.24), ncols=2)
 
 
-def _is_named(case: dict[str, Any]) -> bool:
+def _is_named(case: Row) -> bool:
     """Whether the first diagnosis is of the strut that has failed."""
-    return case["first"] is not None and case["first"]["strut"] == case["truth"]["strut"]
+    return case["strut_right"]
 
 
-def _distances(axes: Axes, ambiguity: dict[str, Any]) -> None:
-    """From the nearest other strut, and from the nearest other kind, setting by setting."""
-    settings = list(dict.fromkeys(each["setting"] for each in ambiguity["failures"]))
-    for key, shift, color, label in (
-        ("from_other_struts", -0.12, BLUE, "from the nearest other strut"),
-        ("from_other_kinds", 0.12, ORANGE, "from the nearest other kind"),
-    ):
-        failures = ambiguity["failures"]
-        columns = [settings.index(each["setting"]) + shift for each in failures]
-        distances = [each[key] for each in failures]
-        axes.semilogy(columns, distances, "o", color=color, ms=3, alpha=0.6, label=label)
-    alike = "alike below: 1 of 1000 mistaken"
-    axes.axhline(ambiguity["alike_below"], color=BLACK, lw=0.8, ls=":", label=alike)
-    words = [name.replace(", ", ",\n").replace(" and ", "\nand ") for name in settings]
-    axes.set_xticks(range(len(settings)), words)
-    axes.set(title="Isolability: how different failures look", ylabel="distance $d$")
-    axes.set_xlabel("measured by the diagnosis; with a dither or not")
-    axes.set(xlim=(-0.5, len(settings) - 0.5), ylim=(None, 10 * axes.get_ylim()[1]))
-    axes.legend(loc="upper left")
-
-
-def draw_after(axes: Axes, cases: list[dict[str, Any]]) -> None:
+def draw_after(axes: Axes, cases: Sequence[Row]) -> None:
     """Each case after recovery, against the informed controller's; those not named stand out."""
     named = [case for case in cases if _is_named(case)]
     unnamed = [case for case in cases if not _is_named(case)]
-    compared = [case for case in cases if "rms_after_other_urad" in case]
+    compared = [case for case in cases if "rms_other_after_urad" in case]
     for those, key, marker, color, label in (
-        (compared, "rms_after_other_urad", "^", PURPLE, "the other controller"),
-        (cases, "rms_after_uncorrected_urad", "s", ORANGE, "fault-unaware"),
-        (named, "rms_after_urad", "o", BLUE, "supervised"),
-        (unnamed, "rms_after_urad", "X", BLACK, "supervised, strut not named"),
+        (compared, "rms_other_after_urad", "^", PURPLE, "the other controller"),
+        (cases, "rms_unaware_after_urad", "s", ORANGE, "fault-unaware"),
+        (named, "rms_supervised_after_urad", "o", BLUE, "supervised"),
+        (unnamed, "rms_supervised_after_urad", "X", BLACK, "supervised, strut not named"),
     ):
         if those:
-            oracle = [case["rms_after_oracle_urad"] for case in those]
+            oracle = [case["rms_informed_after_urad"] for case in those]
             axes.plot(oracle, [case[key] for case in those], marker, color=color, label=label)
-    ends = [0, max(case["rms_after_oracle_urad"] for case in cases)]
+    ends = [0, max(case["rms_informed_after_urad"] for case in cases)]
     axes.plot(ends, ends, color=BLACK, lw=0.8, label="equal to the informed")
     axes.set(title="Pointing error after recovery", xlabel="informed at once, RMS, µrad")
     axes.set(ylabel="RMS, µrad", ylim=(0, 1.4 * axes.get_ylim()[1]))

@@ -12,10 +12,10 @@ from experiments.hexapod.controller import StrutMapping
 from experiments.hexapod.fault_tolerance import STILL, fault_entry, fault_text, nominal_model
 from experiments.hexapod.prediction import linear_loop, peak_of_sensitivity
 from experiments.hexapod.testbed import Testbed
-from experiments.recover.recovery import AFTER_S, BEFORE_S, DITHER, GOAL, STRUCK, Scenario
+from experiments.recover.flight import DITHER, STRUCK, Flight
+from experiments.recover.recovery import GOAL
 from ftc.fdi.dither import Dither
 from ftc.fdi.fault_model import KINDS, Fault, FaultKind, NominalModel, fault_model
-from ftc.fdi.hypotheses import HypothesisBank, hypothesis_bank
 from ftc.fdi.isolability import isolability
 from ftc.goal import Goal
 from ftc.linear_loop import LinearLoop, simulate
@@ -58,14 +58,14 @@ SETTINGS = (
 )
 
 
-def from_others_and_kinds(testbed: Testbed, scenario: Scenario) -> tuple[float, float]:
+def from_others_and_kinds(testbed: Testbed, flight: Flight) -> tuple[float, float]:
     """Distance from other struts and no failure, and from other kinds of the same strut.
 
-    Of the scenario's failure, by the detector and the dither.
+    Of the flight's failure, by the detector and the dither.
     """
-    loop = _loop(testbed, scenario.dither(DITHER), scenario.time_s - BEFORE_S, BEFORE_S + AFTER_S)
-    fault = scenario.fault
-    distance, from_none = _distances(loop, hypothesis_bank(loop.nominal), fault, STRUCK, EVIDENCE_S)
+    loop = _loop(testbed, flight.dither(), flight.begin_s, flight.duration_s)
+    fault = flight.fault
+    distance, from_none = _distances(loop, loop.nominal, fault, STRUCK, EVIDENCE_S)
     from_others = min(float(np.delete(distance, fault.actuator, axis=0).min()), from_none)
     return from_others, float(_other_kinds(distance, fault).min())
 
@@ -78,16 +78,14 @@ def lookalikes(testbed: Testbed, setting: Setting, struts: Sequence[int]) -> lis
     half_turn_s, period_s = testbed.bench.spiral_period_s / 2, testbed.bench.control_period_s
     duration_s = _EARLIEST_S + half_turn_s + EVIDENCE_S + period_s
     loop = _loop(testbed, setting.dither, _BEGIN_S, duration_s)
-    bank = hypothesis_bank(
-        nominal_model(testbed.model, testbed.bench, strut_sensors=setting.strut_sensors)
-    )
+    watched = nominal_model(testbed.model, testbed.bench, strut_sensors=setting.strut_sensors)
     first, half_turn = round(_EARLIEST_S / period_s), round(half_turn_s / period_s)
     moved_m = (loop.reference @ loop.gain.T)[first : first + half_turn]
     entries = []
     for fault in [Fault(k, kind, HALF * (kind == "weak")) for k in struts for kind in KINDS]:
         for where, choose in _PLACES.items():
             onset = first + choose(moved_m[:, fault.actuator])
-            distance, from_none = _distances(loop, bank, fault, onset, EVIDENCE_S)
+            distance, from_none = _distances(loop, watched, fault, onset, EVIDENCE_S)
             seen = {"setting": setting.name, "failure": fault_entry(fault), "where": where}
             seen["from_soundness"] = from_none
             entries.append(seen | _nearest(distance, fault))
@@ -139,9 +137,9 @@ def dither_design(
         direction = tuple((column / np.abs(column).max()).tolist())
         dither = Dither(amplitude_m, frequency_hz, direction)
         loop = _loop(testbed, dither, _BEGIN_S, _EARLIEST_S + DITHER_EVIDENCE_S)
-        bank, apart = hypothesis_bank(loop.nominal), []
+        apart: list[float] = []
         for fault in [Fault(strut, kind) for strut in struts for kind in _RIGID]:
-            distance, _ = _distances(loop, bank, fault, onset, DITHER_EVIDENCE_S)
+            distance, _ = _distances(loop, loop.nominal, fault, onset, DITHER_EVIDENCE_S)
             apart.append(np.delete(distance, fault.actuator, axis=0).min())
         named = {"direction": name, "frequency_hz": frequency_hz, "amplitude_m": amplitude_m}
         return named | {"separation": float(min(apart))}
@@ -156,11 +154,11 @@ def _loop(testbed: Testbed, dither: Dither, begin_s: float, duration_s: float) -
 
 
 def _distances(
-    loop: LinearLoop, bank: HypothesisBank, fault: Fault, onset: int, evidence_s: float
+    loop: LinearLoop, watched: NominalModel, fault: Fault, onset: int, evidence_s: float
 ) -> tuple[Array, float]:
     states, commanded = simulate(loop, [fault], onset)
     until = onset + round(evidence_s / loop.nominal.period_s)
-    return isolability(bank, fault, onset, states[:until], commanded[:until])
+    return isolability(watched, fault, onset, states[:until], commanded[:until])
 
 
 def beliefs(testbed: Testbed, struts: Sequence[int]) -> list[dict[str, Any]]:

@@ -1,41 +1,28 @@
-"""The study: single failures, failures in succession, and all that is computed beside them."""
+"""The study: flights as rows, and what is computed beside them with the exact model."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from itertools import chain, islice
 from typing import Any
 
-import numpy as np
-
-from experiments.hexapod.controller import nominal_loops
-from experiments.hexapod.fault_tolerance import fault_of, fault_text
 from experiments.hexapod.metrics import plant_constants
 from experiments.hexapod.other_controller import track_with
-from experiments.hexapod.recording.hexapod import Mark
 from experiments.hexapod.simulation import Trajectory
-from experiments.hexapod.testbed import Testbed, TestbedConfig
+from experiments.output.campaign import Row
 from experiments.output.controllers import controller_factory
 from experiments.output.parallel import in_parallel
-from experiments.recover import predictions, robustness
-from experiments.recover.predictions import FREQUENCIES_HZ, SETTINGS, Setting
-from experiments.recover.recovery import (
-    BEFORE_S,
-    GOAL,
-    Identification,
-    Recovery,
-    Scenario,
-    diagnose,
-    draw,
-    identify,
-    recover,
-)
-from experiments.recover.robustness import GAIN_ERRORS, INFORMED_LATE, FaultFree
-from ftc.fdi.fault_model import FaultKind
+from experiments.output.resumable import Complete, complete
+from experiments.output.study import Interrupted, OnProgress
+from experiments.recover import exact_flights, predictions
+from experiments.recover.campaign import flights_of
+from experiments.recover.exact_flights import INFORMED_LATE
+from experiments.recover.flight import BEFORE_S, Flight, testbed
+from experiments.recover.plan import QUICK, FlightPlan, for_hours
+from experiments.recover.predictions import FREQUENCIES_HZ, SETTINGS
+from experiments.recover.recovery import GOAL, Identification, supervised
+from experiments.recover.row import other_columns
 from sim import Failure, load_model
-
-MAIN = SETTINGS[1]
-"""The detector alone, and the dither: what the large set is simulated with."""
-OTHERS = [setting for setting in SETTINGS if setting is not MAIN]
 
 SHOWN = {
     "locked": (Failure(0, "locked", 8.25),),
@@ -50,79 +37,17 @@ SHOWN = {
 """Failures of the runs that are kept whole, by name. The cascade leaves struts 3 and 6 in the end,
 which pull in one direction of the (alpha, beta) plane."""
 
-_FIRST_S, _GAP_S, _LEFT_S = (1.5, 9.0), (0.1, 2.0), 2.0
-_MISMATCH_CASES = 6
-_KINDS: tuple[FaultKind, ...] = ("locked", "free")
-
-
-def pairs(seed: int, number: int) -> list[tuple[Failure, ...]]:
-    """Two struts each, locked or free, some time apart, at random times on the spiral."""
-    rng = np.random.default_rng([seed, 4])
-    drawn = []
-    for _ in range(number):
-        struts = rng.permutation(6)[:2]
-        first_s = round(float(rng.uniform(*_FIRST_S)), 3)
-        times_s = first_s, first_s + round(float(rng.uniform(*_GAP_S)), 3)
-        kinds = [_KINDS[k] for k in rng.integers(len(_KINDS), size=2)]
-        each = zip(struts, kinds, times_s, strict=True)
-        drawn.append(tuple(Failure(int(strut), kind, time_s) for strut, kind, time_s in each))
-    return drawn
-
-
-def succession(
-    testbed: Testbed, failures: tuple[Failure, ...], seed: int, begin_s: float | None = None
-) -> tuple[Trajectory, Identification]:
-    """Simulate the failures, and two seconds more.
-
-    `begin_s` is where on the spiral; None: shortly before the first failure.
-    """
-    begin_s = failures[0].time_s - BEFORE_S if begin_s is None else begin_s
-    return diagnose(testbed, _span(failures, seed, begin_s))
-
-
-def compared(
-    testbed: Testbed, failures: tuple[Failure, ...], seed: int, controller: str
-) -> tuple[Trajectory, str | None]:
-    """The same from the start of the spiral with another controller, and the failure of that."""
-    return track_with(testbed, controller, GOAL, **_span(failures, seed, 0.0))
-
-
-def _span(failures: tuple[Failure, ...], seed: int, begin_s: float) -> dict[str, Any]:
-    duration_s = failures[-1].time_s + _LEFT_S - begin_s
-    return {"failures": failures, "seed": seed, "begin_s": begin_s, "duration_s": duration_s}
-
-
-def marks(run: Trajectory, found: Identification) -> list[Mark]:
-    """For a recording: each failure, when its strut was first named, and the last diagnosis."""
-    marks = []
-    for failure in found.failures:
-        own = [
-            each
-            for each in found.diagnoses
-            if each.fault.actuator == failure.actuator and run.time_s[each.tick] >= failure.time_s
-        ]
-        found_s = float(run.time_s[own[0].tick]) if own else np.inf
-        words = f"found: {fault_text(own[-1].fault)}" if own else ""
-        happened = fault_text(fault_of(failure))
-        marks.append(Mark(failure.actuator, failure.time_s, happened, found_s, words))
-    return marks
-
+_LEFT_S = 2.0
 
 SIZE: dict[str, tuple[Any, Any]] = {
-    "cases": (306, 4),
-    "cases_in_other_settings": (36, 1),
-    "pairs": (36, 1),
-    "fault_free": (24, 1),
-    "fault_free_s": (16.0, 3.0),
-    "draws": (1000, 20),
-    "settings": (4, 2),
+    "fault_free_s": (16.0, 1.0),
+    "settings": (4, 1),
     "struts": (6, 1),
-    "informed": (3, 1),
+    "informed": (3, 0),
     "shown": (3, 1),
-    "frequencies": (4, 1),
-    "gain_errors": (5, 0),
+    "dither_designs": (1, 0),
 }
-"""How much of everything in the whole study, and with --quick."""
+"""How much of what is beside the flights in the whole study, and with --quick."""
 
 
 @dataclass(frozen=True)
@@ -130,123 +55,152 @@ class Recover:
     """All of it; what are dictionaries here are entries of the JSON file.
 
     Attributes:
-        predicted: For each of `recoveries`, the distance from other struts, and from other kinds.
-        others: What was identified in other settings, by their names.
-        redrawn: As `fault_free`, with fresh noise.
-        model_error_urad: Largest fault-free residual without noise.
+        done: The flights; their rows are on disk.
+        lookalikes: Distances between failures in the linear model.
+        beliefs: Of pairs of true and diagnosed fault.
+        informed: Flights of controllers that are informed late or wrongly.
+        dither_design: Distances by direction, frequency and amplitude of the dither.
+        dither_cost: What the dither costs without failures.
         shown: Whole runs, by name.
         plant: Constants of the plant.
         controller: Another one, package.module:factory.
+        others: Its columns of the flights that it is compared in.
         compared: Whole runs with it, by name, each with a sentence if it failed.
     """
 
-    seed: int
-    recoveries: list[Recovery]
-    predicted: list[tuple[float, float]]
-    others: dict[str, list[Identification]]
+    done: Complete[FlightPlan]
     lookalikes: list[dict[str, Any]]
     beliefs: list[dict[str, Any]]
     informed: list[dict[str, Any]]
-    pairs: list[tuple[Trajectory, Identification]]
-    fault_free: FaultFree
-    redrawn: FaultFree
-    model_error_urad: float
     dither_design: list[dict[str, Any]]
     dither_cost: dict[str, Any]
-    mismatches: list[dict[str, Any]]
     shown: dict[str, tuple[Trajectory, Identification]]
     plant: dict[str, Any]
     controller: str | None = None
+    others: list[Row] = field(default_factory=list)
     compared: dict[str, tuple[Trajectory, str | None]] = field(default_factory=dict)
 
 
+@contextmanager
 def run_recover(
     *,
     seed: int,
     quick: bool,
-    on_progress: Callable[[int, int], None] = lambda done, total: None,
-    controller: str | None = None,
-) -> Recover:
-    """Everything, independent jobs in parallel on the machine's cores.
+    hours: float,
+    controller: str | None,
+    on_progress: OnProgress,
+    **options: Any,
+) -> Iterator[Recover | dict[str, Any]]:
+    """Everything, on the workers there are; further options as of :func:`complete`.
+
+    Flights are kept as they finish. What is beside them takes minutes, and is done again by a
+    command that goes on.
 
     Args:
-        seed: Of the failures drawn, and of all noise.
+        seed: Of all that is drawn, and of all noise.
         quick: A small set.
-        on_progress: Called with finished and total number of jobs.
-        controller: Another one, to be compared in the same scenarios.
+        hours: Flown without failures, unless `quick`.
+        controller: Another one, to be compared in the same flights.
+        on_progress: Called with finished and total number of flights and other jobs.
+        options: As of :func:`complete`.
 
     Raises:
-        WrongInput: There is no such controller.
+        WrongInput: There is no such controller; or as :func:`complete`.
     """
     if controller is not None:
         controller_factory(controller)  # a wrong name is refused before anything runs
-    model, bench = load_model(), TestbedConfig()
-    testbed = Testbed(model, bench, nominal_loops(model, bench))
-    done = _by_name(testbed, _jobs(seed, quick, controller), on_progress)
-    simulated, redrawn, model_errors_urad = zip(*done["fault_free"], strict=True)
-    return Recover(
+    plan = FlightPlan(QUICK if quick else for_hours(hours), seed, controller)
+    jobs = _jobs(plan, quick)
+    flights, total = len(plan), len(plan) + sum(len(calls) for _, calls in jobs.values())
+
+    def progress(done: int, _total: int) -> None:
+        on_progress(done, total)
+
+    with complete("recover", flights_of(plan), on_progress=progress, **options) as done:
+        if not isinstance(done, Complete):
+            yield done
+            return
+        try:
+            beside = _by_name(jobs, lambda k, _: on_progress(flights + k, total))
+        except KeyboardInterrupt:
+            raise Interrupted(
+                f"interrupted: all {flights} runs are kept; --resume continues"
+            ) from None
+        yield Recover(
+            done=done,
+            lookalikes=list(chain(*beside["lookalikes"])),
+            beliefs=beside["beliefs"][0],
+            informed=list(chain(*beside["informed"])),
+            dither_design=list(chain(*beside["dither_design"])),
+            dither_cost=beside["dither_cost"][0],
+            shown=dict(zip(SHOWN, beside["shown"], strict=False)),
+            plant=plant_constants(load_model()),
+            controller=controller,
+            others=beside["others"],
+            compared=dict(zip(SHOWN, beside["compared"], strict=False)),
+        )
+
+
+def shown_flight(failures: tuple[Failure, ...], begin_s: float, seed: int) -> Flight:
+    """From a time on the spiral to two seconds after the last failure, with all mismatches."""
+    return Flight(
+        number=0,
+        sort="pair",
+        draw=0,
+        mismatch="all",
+        factor=1.0,
+        plant_seed=seed,
+        failures=failures,
+        begin_s=begin_s,
+        duration_s=failures[-1].time_s + _LEFT_S - begin_s,
+        posture_m=(0.0,) * 6,
         seed=seed,
-        recoveries=done["recoveries"],
-        predicted=done["predicted"],
-        others={each.name: done[each.name] for each in OTHERS},
-        lookalikes=list(chain(*done["lookalikes"])),
-        beliefs=done["beliefs"][0],
-        informed=list(chain(*done["informed"])),
-        pairs=done["pairs"],
-        fault_free=robustness.together(simulated),
-        redrawn=robustness.together(redrawn),
-        model_error_urad=max(model_errors_urad),
-        dither_design=done["dither_design"][0],
-        dither_cost=done["dither_cost"][0],
-        mismatches=list(chain(*done["mismatches"])),
-        shown=dict(zip(SHOWN, done["shown"], strict=False)),
-        plant=plant_constants(model),
-        controller=controller,
-        compared=dict(zip(SHOWN, done["compared"], strict=False)),
     )
 
 
+def _shown(flight: Flight) -> tuple[Trajectory, Identification]:
+    return supervised(flight.testbed(), flight)
+
+
+def _compared(flight: Flight, controller: str) -> tuple[Trajectory, str | None]:
+    return track_with(flight.testbed(), controller, GOAL, **flight.run)
+
+
+def _exactly(job: Callable[..., Any], *arguments: Any) -> Any:
+    """A function of the exact testbed, which every process makes once."""
+    return job(testbed(), *arguments)
+
+
 Jobs = tuple[Callable[..., Any], list[tuple[Any, ...]]]
-"""A function of the testbed and further arguments, and these, a tuple for each call."""
+"""A function, and its arguments, a tuple for each call."""
 
 
-def _jobs(seed: int, quick: bool, controller: str | None) -> dict[str, Jobs]:
+def _jobs(plan: FlightPlan, quick: bool) -> dict[str, Jobs]:
     """Independent jobs, by what they are for."""
     size = {name: both[quick] for name, both in SIZE.items()}
-    cases, few = draw(seed, size["cases"]), draw(seed, size["cases_in_other_settings"])
-    fault_free, drawn = draw(seed + 1, size["fault_free"]), pairs(seed, size["pairs"])
-    compare = [] if controller is None else [controller]
-    shown, errors = list(SHOWN.values())[: size["shown"]], GAIN_ERRORS[: size["gain_errors"]]
-    frequencies_hz, settings = FREQUENCIES_HZ[-size["frequencies"] :], SETTINGS[: size["settings"]]
-    struts, lasting, draws = range(size["struts"]), size["fault_free_s"], size["draws"]
-    late = robustness.informed_late_or_wrongly
+    failing = list(SHOWN.values())[: size["shown"]]
+    begin_s = [each[0].time_s - BEFORE_S if quick else 0.0 for each in failing]
+    shown = [shown_flight(*each, plan.seed) for each in zip(failing, begin_s, strict=True)]
+    struts, settings = range(size["struts"]), SETTINGS[: size["settings"]]
+    names = [] if plan.controller is None else [plan.controller]
+    late, cost = exact_flights.informed_late_or_wrongly, exact_flights.dither_cost
+    design = predictions.dither_design, struts[:3], FREQUENCIES_HZ
     return {
-        "shown": (succession, [(failures, seed, 0.0) for failures in shown]),
-        "beliefs": (predictions.beliefs, [(struts,)]),
-        "dither_design": (predictions.dither_design, [(struts[:3], frequencies_hz)]),
-        "dither_cost": (robustness.dither_cost, [(cases[0], lasting)]),
-        "lookalikes": (predictions.lookalikes, [(s, struts) for s in settings]),
-        "informed": (late, [(case,) for case in INFORMED_LATE[: size["informed"]]]),
-        "fault_free": (robustness.fault_free, [(c, lasting, draws) for c in fault_free]),
-        "recoveries": (recover, [(case, *compare) for case in cases]),
-        "predicted": (predictions.from_others_and_kinds, [(case,) for case in cases]),
-        "pairs": (succession, [(both, noise) for noise, both in enumerate(drawn, seed)]),
-        "mismatches": (robustness.mismatched, [(e, cases[::7][:_MISMATCH_CASES]) for e in errors]),
-        "compared": (compared, [(failures, seed, name) for name in compare for failures in shown]),
-        **{s.name: (_identified, [(c, s) for c in few]) for s in OTHERS},
+        "shown": (_shown, [(flight,) for flight in shown]),
+        "compared": (_compared, [(flight, name) for name in names for flight in shown]),
+        "others": (other_columns, [(each, name) for name in names for each in plan.compared()]),
+        "dither_design": (_exactly, [design] * size["dither_designs"]),
+        "lookalikes": (_exactly, [(predictions.lookalikes, each, struts) for each in settings]),
+        "informed": (_exactly, [(late, each) for each in INFORMED_LATE[: size["informed"]]]),
+        "dither_cost": (_exactly, [(cost, plan[0], size["fault_free_s"])]),
+        "beliefs": (_exactly, [(predictions.beliefs, struts)]),
     }
 
 
-def _identified(testbed: Testbed, scenario: Scenario, setting: Setting) -> Identification:
-    return identify(testbed, scenario, setting.dither, strut_sensors=setting.strut_sensors)[1]
-
-
-def _by_name(
-    testbed: Testbed, jobs: dict[str, Jobs], on_progress: Callable[[int, int], None]
-) -> dict[str, list[Any]]:
+def _by_name(jobs: dict[str, Jobs], on_progress: OnProgress) -> dict[str, list[Any]]:
     """Results of all calls, in parallel, by the names of the jobs."""
     calls = [
-        {"job": job, "testbed": testbed, "arguments": arguments}
+        {"job": job, "arguments": arguments}
         for job, all_arguments in jobs.values()
         for arguments in all_arguments
     ]
@@ -254,5 +208,5 @@ def _by_name(
     return {name: list(islice(results, len(calls))) for name, (_, calls) in jobs.items()}
 
 
-def _run(job: Callable[..., Any], testbed: Testbed, arguments: tuple[Any, ...]) -> Any:
-    return job(testbed, *arguments)
+def _run(job: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
+    return job(*arguments)

@@ -3,33 +3,7 @@
 from pathlib import Path
 
 from experiments.output.study import Option, Study
-
-PATIENCE_S = 300.0
-"""How long a scheduler may be without workers; here, as the help text states it."""
-
-_WHERE = (
-    Option(
-        "scheduler",
-        str | None,
-        None,
-        f"A Dask scheduler, e.g. tcp://host:8786; fails after {PATIENCE_S:g} s without a worker.  "
-        "[default: a cluster on this computer]",
-        "ADDRESS",
-    ),
-    Option(
-        "workers",
-        int | None,
-        None,
-        "Processes on this computer.  [default: one for each core]",
-        "N",
-    ),
-    Option(
-        "resume",
-        bool,
-        False,
-        "Continue the unfinished runs in the folder; refused if their options or code differ.",
-    ),
-)
+from experiments.output.where import WHERE
 
 STUDY = Study(
     name="sweep",
@@ -60,7 +34,7 @@ STUDY = Study(
             "TOML file that says what is varied.  [default: experiments/sweep/default.toml]",
             "FILE",
         ),
-        *_WHERE,
+        *WHERE,
     ),
     streams=True,
 )
@@ -83,6 +57,6 @@ ATLAS = Study(
     runs="experiments.sweep.runs:run_atlas",
     results="experiments.sweep.atlas:results",
     quick="The 138 conditions that differ by rotation and mirror symmetry, W_a, 0.5 s.",
-    options=_WHERE,
+    options=WHERE,
     streams=True,
 )

@@ -9,21 +9,22 @@ import pyarrow as pa
 
 from experiments.hexapod.fault_tolerance import verdicts
 from experiments.hexapod.metrics import closure_check
+from experiments.output.dataset import Columns
 from experiments.output.results import Check, Results
+from experiments.output.resumable import Complete, Outcome, origin, rate
 from experiments.output.tables import Column, Table, tabulate
-from experiments.sweep.dataset import Columns
+from experiments.sweep.design import SweepRuns
 from experiments.sweep.figure import MARKERS, atlas_picture
-from experiments.sweep.results import comparable, off_by, origin, rate
+from experiments.sweep.results import comparable, off_by
 from experiments.sweep.row import ANGLES, classified, verdict_columns
-from experiments.sweep.runs import Outcome, Sweep
 
 LOST = ("drifts", "one_direction", "none")
 """Verdicts without pointing."""
 
 
-def results(outcome: Outcome) -> Results:
+def results(outcome: Outcome[SweepRuns]) -> Results:
     """Everything that `fjh atlas` publishes."""
-    if not isinstance(outcome, Sweep):
+    if not isinstance(outcome, Complete):
         return replace(described(outcome), published=True)
     files = outcome.dataset.files()
     columns = Columns(files, verdict_columns(Columns(files)["struts"].tolist()))
@@ -46,11 +47,12 @@ def _with_verdicts(part: pa.Table) -> pa.Table:
     return part
 
 
-def summarize(sweep: Sweep, columns: Columns) -> dict[str, Any]:
+def summarize(sweep: Complete[SweepRuns], columns: Columns) -> dict[str, Any]:
     """All numbers of the atlas, ready for JSON; the columns have the verdicts among them."""
-    values = {factor.name: list(factor.values) for factor in sweep.runs.design.factors}
+    values = {factor.name: list(factor.values) for factor in sweep.campaign.runs.design.factors}
     compared = comparable(columns)
     return origin("atlas", sweep) | {
+        "duration_s": sweep.campaign.runs.design.duration_s,
         "conditions": len(values["struts"]),
         "weights": values["weight"],
         "verdicts": _verdicts(columns, compared),

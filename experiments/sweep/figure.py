@@ -10,6 +10,7 @@ from matplotlib.legend_handler import HandlerTuple
 from matplotlib.lines import Line2D
 
 from experiments.hexapod.fault_tolerance import Verdict, verdicts
+from experiments.output.dataset import Columns
 from experiments.output.plotting import (
     BLACK,
     BLUE,
@@ -21,7 +22,6 @@ from experiments.output.plotting import (
     new_figure,
 )
 from experiments.output.results import Picture
-from experiments.sweep.dataset import Columns
 from experiments.sweep.row import ANGLES, classified
 from experiments.sweep.words import WORDS
 

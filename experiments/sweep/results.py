@@ -9,15 +9,15 @@ import numpy as np
 from scipy.stats import spearmanr
 
 from experiments.hexapod.metrics import closure_check
-from experiments.output.provenance import versions
+from experiments.output.dataset import Columns
 from experiments.output.results import Check, Results
+from experiments.output.resumable import Complete, Outcome, origin, rate
 from experiments.output.tables import Column, Table, tabulate
-from experiments.sweep.dataset import Columns
+from experiments.sweep.design import SweepRuns
 from experiments.sweep.figure import sweep_picture
 from experiments.sweep.row import ANGLES, INPUT_PEAK
-from experiments.sweep.runs import Outcome, Sweep
 from experiments.sweep.sweep_run import Range
-from sim import Array, model_sha256
+from sim import Array
 
 PREDICTION_TOLERANCE = 0.01
 """Largest relative distance of an RMS from the linear model's under the same noise, beside one step
@@ -25,9 +25,9 @@ of the converters. Of 40 runs of varied weights, failures, loops, noise and conv
 used 44 % of both."""
 
 
-def results(outcome: Outcome) -> Results:
+def results(outcome: Outcome[SweepRuns]) -> Results:
     """Everything that `fjh sweep` publishes."""
-    if not isinstance(outcome, Sweep):
+    if not isinstance(outcome, Complete):
         return replace(described(outcome), published=True)
     columns = Columns(outcome.dataset.files())
     summary = summarize(outcome, columns)
@@ -44,26 +44,12 @@ def described(summary: dict[str, Any]) -> Results:
     return Results(summary, tables, notes(summary), checks(summary))
 
 
-def origin(experiment: str, sweep: Sweep) -> dict[str, Any]:
-    """The first part of a summary: where its numbers are from."""
-    return {
-        "experiment": experiment,
-        "seed": sweep.runs.seed,
-        "versions": versions(),
-        "model_sha256": model_sha256(),
-        "basis": sweep.dataset.basis,
-        "dataset": f"{experiment}.parquet",
-        "runs": sweep.runs.design.runs,
-        "duration_s": sweep.runs.design.duration_s,
-        "took": sweep.took,
-    }
-
-
-def summarize(sweep: Sweep, columns: Columns) -> dict[str, Any]:
+def summarize(sweep: Complete[SweepRuns], columns: Columns) -> dict[str, Any]:
     """All numbers of a sweep, ready for JSON; units are in the names."""
-    design = sweep.runs.design
+    design = sweep.campaign.runs.design
     varied = [each.name for each in design.factors if isinstance(each, Range)]
     return origin("sweep", sweep) | {
+        "duration_s": design.duration_s,
         "status": dict(sorted(Counter(columns["status"].tolist()).items())),
         "groups": _groups(columns, design.duration_s),
         "prediction": prediction(columns),
@@ -206,11 +192,3 @@ def notes(summary: dict[str, Any]) -> list[str]:
             "include."
         )
     return sentences + rate(summary)
-
-
-def rate(summary: dict[str, Any]) -> list[str]:
-    """Number and rate of the runs of this session, if there were at least two."""
-    took = summary["took"]
-    if took["runs_per_s"] is None:
-        return []
-    return [f"{took['runs']} runs in this session, {took['runs_per_s']:.2f} per second."]

@@ -1,8 +1,7 @@
-"""A run of a sweep, simulated and predicted: a row of numbers and words, and the table of rows."""
+"""A run of a sweep, simulated and predicted: a row of numbers and words."""
 
 from collections.abc import Sequence
 from functools import cache, lru_cache
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -16,12 +15,11 @@ from experiments.hexapod.metrics import closure_residual_max_m, pointing_rms_ura
 from experiments.hexapod.prediction import detector_noise_rad, driven_loop
 from experiments.hexapod.simulation import SpiralRun, Trajectory, track_spiral
 from experiments.hexapod.testbed import Testbed, TestbedConfig
+from experiments.output.campaign import Row
 from experiments.sweep.sweep_run import KINDS, SweepRun
 from ftc.compensator import Compensator
 from prioritized import FailureAtlas, failure_atlas
 from sim import NOMINAL, Array
-
-Row = dict[str, Any]
 
 MARGINAL = 1 + 1e-9
 """A largest pole up to here is an integrator that the mapping lets move nothing."""
@@ -50,11 +48,6 @@ SCHEMA = pa.schema(
     ]
 )
 """Columns of a sweep's dataset."""
-
-
-def table_of(rows: Sequence[Row]) -> pa.Table:
-    """Rows in the order of their runs; what a row lacks is null."""
-    return pa.Table.from_pylist(sorted(rows, key=lambda row: row["case"]), schema=SCHEMA)
 
 
 @cache

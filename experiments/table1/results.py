@@ -33,6 +33,7 @@ from experiments.table1.comparison import (
 )
 from experiments.table1.figure import pictures
 from experiments.table1.recording import loop_sentences, record_column
+from experiments.table1.robustness import entries, robustness, robustness_checks
 from experiments.table1.runs import Compared, Table1, other_jacobian
 from sim import Array
 
@@ -69,6 +70,7 @@ def summarize(outcome: Table1) -> dict[str, Any]:
         "bench": asdict(bench) | outcome.plant_constants,
         "loops": {angle: loop_measures(loop) for angle, loop in loops},
         "jacobian_comparison": compare_jacobians(outcome),
+        "mismatch": robustness(outcome.mismatched),
         "columns": [
             *(_column(outcome, experiment) for experiment in COLUMNS),
             *(_compared_column(outcome, each) for each in outcome.compared),
@@ -97,7 +99,7 @@ def compare_jacobians(outcome: Table1) -> dict[str, Any]:
 
 
 def checks(summary: dict[str, Any]) -> list[Check]:
-    """Checks: closure residuals, and every RMS error against the linear model."""
+    """Checks: closure residuals, RMS errors against the linear model, with mismatch too."""
     tolerance = prediction_tolerance(summary["duration_s"])
     reseeded = summary["jacobian_comparison"]["next_seed_closure_residual_max_m"]
     found = [closure_check("W_a, next seed", reseeded)]
@@ -109,7 +111,7 @@ def checks(summary: dict[str, Any]) -> list[Check]:
         else:
             found.append(controller_check(column))
         found += prediction_checks(column, tolerance)
-    return found
+    return found + robustness_checks(summary)
 
 
 def table(summary: dict[str, Any]) -> Table:
@@ -127,8 +129,10 @@ def table(summary: dict[str, Any]) -> Table:
         "Strut 1 is locked in the last three columns. origin: constants of the testbed were fitted "
         "to the column (fitted); its errors equal those of W_a by construction, since J_m M = I "
         "(= W_a); nothing was fitted to it (predicted). detector: desired minus measured angle, as "
-        "in the paper. peak: of the secondary motion. closure: largest residual of the loop "
-        "closures.",
+        "in the paper. mismatched: on a plant with wrong gains, springs, dampers and masses, "
+        "a delay, drifts, hysteresis and a vibrating floor. predicted: by the linear model of the "
+        "nominal plant on the same floor. peak: of the secondary motion. closure: largest residual "
+        "of the loop closures.",
     )
 
 
@@ -143,6 +147,10 @@ def _rows(*, with_paper: bool) -> list[Column]:
         ]
         if with_paper:
             rows.append(Column("  paper", f"paper_{angle}_rms_urad", ".4f"))
+        rows += [
+            Column("  mismatched", f"mismatched_{angle}_rms_urad", ".4f"),
+            Column("    predicted", f"mismatched_predicted_{angle}_rms_urad", ".4f"),
+        ]
     return [*rows, *MOTION_ROWS]
 
 
@@ -151,6 +159,8 @@ def notes(summary: dict[str, Any]) -> list[str]:
     ours = [column for column in summary["columns"] if is_ours(column)]
     fit = [] if is_cut(summary) else [summary["fit"], _distance_sentence(ours)]
     sentences = [*fit, *loop_sentences(summary), summary["jacobian_comparison"]["sentence"]]
+    if summary["mismatch"] is not None:
+        sentences.append(summary["mismatch"]["sentence"])
     return [*sentences, *controller_notes(summary)]
 
 
@@ -177,6 +187,7 @@ def _column(outcome: Table1, experiment: Experiment) -> dict[str, Any]:
         "paper": paper.TABLE_I_URAD[name],
         "predicted": 1e6 * outcome.predicted_rad[name],
         "other_jacobian": pointing_rms_urad(other),
+        **entries(outcome.mismatched.get(name)),
     }
     entry = _entry(name, experiment, run, origin, beside)
     return entry | {"other_jacobian_closure_residual_max_m": closure_m(other)} | _files(name)
@@ -186,7 +197,7 @@ def _compared_column(outcome: Table1, compared: Compared) -> dict[str, Any]:
     """A column of another controller; what it estimates is not known."""
     name = compared.name
     sources = ["paper", "predicted", "other_jacobian"]
-    beside: dict[str, Any] = dict.fromkeys(sources, (None, None))
+    beside = dict.fromkeys(sources, (None, None)) | entries(None)
     entry = _entry(name, compared.column, compared.trajectory, "other", beside)
     return (
         entry

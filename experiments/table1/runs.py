@@ -13,6 +13,7 @@ from experiments.hexapod.testbed import Testbed, TestbedConfig
 from experiments.output.controllers import controller_factory, controller_label
 from experiments.output.parallel import in_parallel
 from experiments.output.study import OnProgress
+from experiments.table1.robustness import MismatchedRun, measured, mismatched_flights
 from sim import Array, ModelError, load_model, model_sha256
 
 
@@ -87,6 +88,7 @@ class Table1:
     other: dict[str, Trajectory]  # with the other
     reseeded: Trajectory  # W_a with the next seed: how much the noise alone changes an RMS
     predicted_rad: dict[str, Array]  # RMS by the linear model, (2,)
+    mismatched: dict[str, MismatchedRun]  # on plants that are not the model
     controller: str | None = None  # another one, package.module:factory
     compared: tuple[Compared, ...] = ()  # its runs
 
@@ -108,7 +110,8 @@ def run_table1(
 ) -> Table1:
     """Run the six experiments, each with both Jacobians, in parallel; `jacobian` makes the table.
 
-    Another `controller` runs three of them, too.
+    Some are flown once more on plants that are not the controller's model. Another `controller`
+    runs three of them, too.
 
     Raises:
         WrongInput: There is no such controller.
@@ -137,9 +140,13 @@ def run_table1(
         for column, run in zip(COLUMNS, asked, strict=False)
         if column in compared
     ]
+    names = [column.name for column in COLUMNS]
+    by_name = dict(zip(names, asked, strict=False))
+    flights = mismatched_flights(testbed, by_name, quick=quick)
+    calls += [{"testbed": t, "run": run, "controller": None} for t, run in flights.values()]
     done = in_parallel(_track, calls, on_progress)
     runs, others = [run for run, _ in done[: len(asked)]], done[len(asked) :]
-    names = [column.name for column in COLUMNS]
+    flown = [run for run, _ in others[len(compared) :]]
     return Table1(
         seed=seed,
         configuration=chosen,
@@ -151,14 +158,15 @@ def run_table1(
         trajectories=dict(zip(names, runs[: len(names)], strict=True)),
         other=dict(zip(names, runs[len(names) : -1], strict=True)),
         reseeded=runs[-1],
-        predicted_rad={
-            name: _predicted_rad(name, testbed, run)
-            for name, run in zip(names, asked, strict=False)
+        predicted_rad={name: _predicted_rad(name, testbed, run) for name, run in by_name.items()},
+        mismatched={
+            name: measured(name, *flights[name], run)
+            for name, run in zip(flights, flown, strict=True)
         },
         controller=controller,
         compared=tuple(
             Compared(f"{controller_label(controller or '')}_{column.name}", column, *other)
-            for column, other in zip(compared, others, strict=True)
+            for column, other in zip(compared, others, strict=False)
         ),
     )
 

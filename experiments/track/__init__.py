@@ -4,7 +4,8 @@ from pathlib import Path
 
 from experiments.output.controllers import CONTROLLER
 from experiments.output.study import Option, Study
-from experiments.track.choices import Diagnosing, Limited, Sensing
+from experiments.robot.choices import Diagnosing
+from experiments.robot.options import DITHER, LOOPS, PATH, SENSE, TASK
 
 STUDY = Study(
     name="track",
@@ -33,15 +34,7 @@ STUDY = Study(
             "MODEL.xml",
             True,
         ),
-        Option("site", str, "payload", "Task frame: a site, or a body.", "NAME"),
-        Option("axes", str | None, None, "Site that gives the axes.  [default: world]", "NAME"),
-        Option(
-            "major",
-            str,
-            "0,1",
-            "Major rows of the twist [turn x, y, z; x, y, z], 0 to 5: controlled exactly.",
-            "ROWS",
-        ),
+        *TASK,
         Option(
             "fail",
             list[str],
@@ -58,72 +51,17 @@ STUDY = Study(
             "displacements from the start, [rad] or [m]. The hexapod's is its spiral.",
             "PATH",
         ),
-        Option(
-            "size",
-            float | None,
-            None,
-            "Radius of the path, [rad] or [m].  [default: 1 mrad, or a thousandth of the model's "
-            "extent]",
-            "R",
-        ),
+        *PATH,
         Option("duration", float, 8.0, "Of the run, in seconds.", "S"),
-        Option("turn", float, 4.0, "Time of one turn of a circle or spiral, in seconds.", "S"),
-        Option(
-            "sense",
-            Sensing,
-            "task",
-            "task: a sensor of the major rows; joints: encoders, and forward kinematics.",
-        ),
-        Option(
-            "noise",
-            float | None,
-            None,
-            "Standard deviation of one sample of each sensor, [rad] or [m].  [default: a hundredth "
-            "of the path's size]",
-            "SIGMA",
-        ),
-        Option(
-            "crossover",
-            float | None,
-            None,
-            "Gain crossover of the loops.  [default: the highest with a sensitivity peak of 1.7]",
-            "HZ",
-        ),
-        Option("period", float, 1e-3, "Control period, in whole physics steps.", "S"),
-        Option(
-            "joint_weight",
-            str | None,
-            None,
-            "W1, one number or one an actuator.  [default: 1, unless there is a secondary weight]",
-            "W,...",
-        ),
-        Option("secondary_weight", str | None, None, "W2, one number a secondary row.", "W,..."),
-        Option(
-            "limits",
-            Limited,
-            "stated",
-            "Displacements of the actuators: within the ranges that the file states, or unlimited.",
-        ),
+        SENSE,
+        *LOOPS,
         Option(
             "diagnosis",
             Diagnosing,
             "on",
             "on: failures are diagnosed, and the mapping is reconfigured; off: it goes on.",
         ),
-        Option(
-            "keyframe",
-            str | None,
-            None,
-            "Where the robot starts: name or number.  [default: the first, or qpos0]",
-            "KEY",
-        ),
-        Option(
-            "servo",
-            float | None,
-            None,
-            "Natural frequency of the position servos that torque motors get.",
-            "HZ",
-        ),
+        DITHER,
         CONTROLLER,
     ),
 )

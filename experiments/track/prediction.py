@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from experiments.track.rig import Rig
+from experiments.robot.rig import Rig
 from ftc.fdi.fault_model import Fault, fault_model
 from ftc.goal import Goal
 from ftc.linear_loop import Stage, steps

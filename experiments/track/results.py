@@ -10,10 +10,12 @@ from experiments.output.controllers import controller_label
 from experiments.output.provenance import versions
 from experiments.output.results import Check, Results
 from experiments.output.tables import Column, Table, tabulate
+from experiments.robot.dither import dither_entry
 from experiments.track.figure import pictures
 from experiments.track.recording import record
 from experiments.track.runs import Tracked
 from experiments.track.words import ROWS
+from ftc.fdi.dither_design import DitherDesign
 from sim import CLOSURE_TOLERANCE, Array
 
 
@@ -68,6 +70,7 @@ def summarize(tracked: Tracked) -> dict[str, Any]:
         "control_period_s": rig.period_s,
         "path_size": rig.size,
         "sensor_noise": rig.noise,
+        "encoder_noise": rig.encoder_noise,
         "loops": [
             {
                 "row": row,
@@ -90,6 +93,7 @@ def summarize(tracked: Tracked) -> dict[str, Any]:
         "predicted_rms_before": _listed(before),
         "predicted_rms_after": _listed(after) if failures else None,
         "possible_after": list(tracked.possible[1:]),
+        "dither": dither_entry(tracked.dither, rig),
         "diagnoses": diagnoses(tracked),
         "task_lost": tracked.task_lost,
         "closure_residual_max_m": float(run.closure_residual_m.max()),
@@ -251,16 +255,31 @@ def notes(tracked: Tracked, summary: dict[str, Any]) -> list[str]:
     said = [summary["verdict"]]
     if tracked.other is not None and tracked.other.failure is not None:
         said.append(f"{tracked.other.failure}; its last inputs were held from then on.")
+    if tracked.dither is not None:
+        said.append(_dither_said(tracked.dither, summary))
     said += [
         f"Loop of {ROWS[row]}: {margin}."
         for row, margin in zip(rig.major, rig.margins, strict=True)
     ]
     said.append(
-        f"Path of {rig.size:.3g}, sensors with noise of {rig.noise:.3g} (standard deviation of a "
-        "sample), in rad or m as the rows; diagnosis and controller have the exact model of the "
-        "robot."
+        f"Path of {rig.size:.3g}, sensors with noise of {rig.noise:.3g}, encoders of "
+        f"{rig.encoder_noise:.3g} (standard deviation of a sample), in rad or m; diagnosis and "
+        "controller have the exact model of the robot."
     )
     for failure, text in zip(tracked.failures, tracked.verdicts[1:], strict=True):
         first = text.splitlines()[0]
         said.append(f"After {rig.actuators[failure.actuator]} {failure.kind}: {first}")
     return said
+
+
+def _dither_said(design: DitherDesign, summary: dict[str, Any]) -> str:
+    """What it is for, and what it costs."""
+    entry = summary["dither"]
+    cost = _with_units(entry["task_motion"], summary["units"])
+    return (
+        f"Dither of {entry['frequency_hz']:g} Hz, no actuator further than "
+        f"{max(entry['displacement']):.3g} rad or m: by the linear model {len(entry['isolable'])} "
+        f"of {len(design.separations.faults)} failures can be told from those of other actuators "
+        f"in half a second; it moves the major rows with amplitudes of {cost} while nothing has "
+        "failed, which the predicted errors leave out."
+    )

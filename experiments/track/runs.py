@@ -11,12 +11,17 @@ import numpy as np
 
 from experiments.output.controllers import controller_factory
 from experiments.output.study import OnProgress, WrongInput
-from experiments.track.choices import Diagnosing, Limited, Sensing
-from experiments.track.paths import path_of
+from experiments.robot.choices import Diagnosing
+from experiments.robot.dither import rig_dither
+from experiments.robot.hexapod import hexapod_rig
+from experiments.robot.mjcf import robot_rig
+from experiments.robot.options import RobotOptions, check_positive
+from experiments.robot.paths import path_of
+from experiments.robot.reach import check_reach
+from experiments.robot.rig import Rig
 from experiments.track.prediction import Known, predicted_rms
-from experiments.track.reach import check_reach
-from experiments.track.rig import Rig, hexapod_rig, robot_rig
 from ftc.fdi.diagnosis import Diagnosis
+from ftc.fdi.dither_design import DitherDesign
 from ftc.fdi.fault_model import Fault
 from ftc.guarded_controller import GuardedController
 from ftc.loop import LoopRun, run_loop
@@ -24,7 +29,6 @@ from ftc.supervisor import SupervisorState
 from ftc.tracking import is_possible
 from sim import Array, Bench, Failure, FailureKind, Pose, model_sha256
 
-_ROWS = 6
 _FAILURE = re.compile(
     rf"(?P<name>.+):(?P<kind>{'|'.join(get_args(FailureKind))})@(?P<time>\d*\.?\d+)"
 )
@@ -88,6 +92,7 @@ class Tracked:
         predicted: RMS errors before and after the first failure by the linear model, (m1,) each.
         verdicts: For each number of failures so far, in words, what the classification says.
         possible: Likewise, whether the major task can still be done.
+        dither: For the diagnosis; None is none.
         other: With another controller; None where none was given.
     """
 
@@ -101,6 +106,7 @@ class Tracked:
     predicted: tuple[Array, Array]
     verdicts: tuple[str, ...]
     possible: tuple[bool, ...]
+    dither: DitherDesign | None = None
     other: Other | None = None
 
 
@@ -110,69 +116,38 @@ def run_track(
     quick: bool,
     on_progress: OnProgress,
     model: Path | None,
-    site: str,
-    axes: str | None,
-    major: str,
     fail: Sequence[str],
     path: str,
-    size: float | None,
     duration: float,
     turn: float,
-    sense: Sensing,
-    noise: float | None,
-    crossover: float | None,
-    period: float,
-    joint_weight: str | None,
-    secondary_weight: str | None,
-    limits: Limited,
     diagnosis: Diagnosing,
-    keyframe: str | None,
-    servo: float | None,
+    dither: str,
     controller: str | None,
+    **robot: Any,
 ) -> Tracked:
-    """Track a path, and predict what the failures cost.
+    """Track a path, and predict what the failures cost; `robot` is of :class:`RobotOptions`.
 
     Raises:
         WrongInput: Something that the robot does not have or cannot do.
         sim.ModelError: The file, or what it says.
         sim.SimulationDiverged: The physics left the finite numbers.
     """
-    for name, value in {"duration": duration, "turn": turn, "period": period}.items():
-        _positive(name, value)
-    for name, value in {
-        "size": size,
-        "noise": noise,
-        "crossover": crossover,
-        "servo": servo,
-    }.items():
-        if value is not None:
-            _positive(name, value)
-    if model is None:
-        rig = hexapod_rig(size)
-    else:
-        rig = robot_rig(
-            model,
-            site=site,
-            axes=axes,
-            major=_rows(major),
-            size=size,
-            sense=sense,
-            noise=noise,
-            crossover_hz=crossover,
-            period_s=period,
-            joint_weight=joint_weight,
-            secondary_weight=secondary_weight,
-            limited=limits == "stated",
-            keyframe=keyframe,
-            servo_hz=servo,
-        )
+    check_positive("duration", duration)
+    check_positive("turn", turn)
+    if dither != "none" and diagnosis == "off":
+        raise WrongInput(f"--dither {dither} is for the diagnosis, which is off")
+    options = RobotOptions(**robot)
+    rig = hexapod_rig(options.size) if model is None else robot_rig(model, options)
     shorter = 0.5 if quick else 1.0
     time_s = np.arange(max(2, round(shorter * duration / rig.period_s))) * rig.period_s
     failures = tuple(sorted(_failures(rig, fail, shorter, time_s), key=lambda one: one.time_s))
     desired = path_of(path, len(rig.major), rig.size, time_s, turn, rig.period_s)
     check_reach(rig, desired)
     factory = None if controller is None else controller_factory(controller)
-    supervisor = rig.supervisor()
+    design = rig_dither(rig, dither)
+    if design is None and dither != "none":
+        raise WrongInput(f"--dither {dither}: the major task leaves no motion for a dither")
+    supervisor = rig.supervisor(None if design is None else design.dither)
     pilot: Any = supervisor if diagnosis == "on" else supervisor.first
     runs = 1 if factory is None else 2
 
@@ -202,6 +177,7 @@ def run_track(
         predicted=predicted_rms(rig, desired, _known(rig, failures, told=diagnosis == "on")),
         verdicts=tuple(str(report) for report in reports),
         possible=tuple(is_possible(report) for report in reports),
+        dither=design,
         other=other,
     )
 
@@ -236,20 +212,6 @@ class _Shown:
             self._on_progress(self._done, self._total)
 
 
-def _positive(name: str, value: float) -> None:
-    if not 0 < value < math.inf:
-        raise WrongInput(f"--{name} must be positive and finite, got {value:g}")
-
-
-def _rows(text: str) -> tuple[int, ...]:
-    """Rows of the twist, as the command takes them."""
-    parts = text.split(",")
-    rows = [int(part) for part in parts if part.strip().isdecimal()]
-    if len(rows) < len(parts) or len(set(rows)) < len(rows) or max(rows) >= _ROWS:
-        raise WrongInput(f"--major must be different rows from 0 to 5 as 0,1, got {text}")
-    return tuple(rows)
-
-
 def _failures(rig: Rig, asked: Sequence[str], shorter: float, time_s: Array) -> list[Failure]:
     """Failures as NAME:KIND@S, within the run; each actuator fails once."""
     found = []
@@ -279,6 +241,6 @@ def _known(rig: Rig, failures: Sequence[Failure], *, told: bool) -> list[Known]:
     known, goal = [], rig.goal
     for failure in failures:
         fault = _fault(failure)
-        goal = rig.told(goal, fault) if told else goal
+        goal = rig.told(goal, fault, 0.0) if told else goal
         known.append(Known(fault, math.ceil(failure.time_s / rig.period_s - 1e-6), goal))
     return known

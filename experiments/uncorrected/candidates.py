@@ -13,6 +13,7 @@ import numpy as np
 
 from experiments.hexapod.columns import COLUMNS as TABLE_I
 from experiments.hexapod.controller import StrutMapping
+from experiments.hexapod.floor import floor_acceleration
 from experiments.hexapod.paper import TABLE_I_URAD
 from experiments.hexapod.simulation import SpiralRun
 from experiments.hexapod.testbed import TestbedConfig
@@ -38,12 +39,6 @@ _CHOICES = ("anti_windup", "spiral_exponent", "spiral_direction")
 _BENCH = TestbedConfig()
 BENCH_DAMPING = 0.106
 """Of the pointing modes in `models/fjh.xml`; `pointing_mode` says so."""
-
-THIRD_OCTAVE = 2 ** (1 / 6) - 2 ** (-1 / 6)
-"""Width of a one-third-octave band over its centre frequency."""
-
-FLOOR_BAND_HZ = (8.0, 80.0)
-"""Where the generic vibration criteria are constant in velocity."""
 
 
 def damped(model: mujoco.MjModel, ratio: float) -> mujoco.MjModel:
@@ -72,28 +67,6 @@ def pointing_mode(model: mujoco.MjModel) -> tuple[float, float]:
     residues = (linear.C_twist[0] @ shapes) * np.linalg.solve(shapes, drive.astype(complex))
     pole = poles[np.argmax(np.abs(residues))]
     return float(abs(pole) / (2 * np.pi)), float(-pole.real / abs(pole))
-
-
-def floor_acceleration(bench: TestbedConfig, velocity_m_per_s: float, seed: int) -> Array:
-    """Acceleration of a floor that meets a vibration criterion exactly, shape (N, 3), [m]/[s^2].
-
-    The RMS velocity in every one-third-octave band from 8 to 80 Hz is the criterion's, in each of
-    the three axes, independently: S_v(f) = v^2 / (0.2316 f). Criteria: ISO 2631-2 (workshop 800,
-    office 400, residence 200 um/s) and VC-A 50 to VC-E 3 um/s (Amick, Gertsenfeld, Gendreau and
-    Gordon, Proc. SPIE 5933, 2005). The seed is of the phases; the detector's noise has another
-    stream.
-    """
-    time_s = bench.time_s(bench.duration_s)
-    frequency = np.fft.rfftfreq(len(time_s), bench.control_period_s)
-    low, high = FLOOR_BAND_HZ[0] * 2 ** (-1 / 6), FLOOR_BAND_HZ[1] * 2 ** (1 / 6)
-    inside = (frequency >= low) & (frequency <= high)
-    density = np.zeros(len(frequency))
-    density[inside] = velocity_m_per_s**2 / (THIRD_OCTAVE * frequency[inside])
-    density *= (2 * np.pi * frequency) ** 2
-    phases = np.random.default_rng([seed, 1]).uniform(0, 2 * np.pi, (3, len(frequency)))
-    # A line of variance S df has the amplitude sqrt(2 S df); irfft halves and divides by N.
-    line = np.sqrt(2 * density * frequency[1]) * len(time_s) / 2
-    return np.fft.irfft(line * np.exp(1j * phases), len(time_s)).T
 
 
 @dataclass(frozen=True)
@@ -159,7 +132,10 @@ class Candidate:
     def _floor(self, seed: int) -> Array | None:
         if not self.floor_velocity_m_per_s:
             return None
-        return floor_acceleration(self.bench, self.floor_velocity_m_per_s, seed)
+        bench, velocity = self.bench, self.floor_velocity_m_per_s
+        # The detector's noise has another stream.
+        ticks = len(bench.time_s(bench.duration_s))
+        return floor_acceleration(ticks, bench.control_period_s, velocity, [seed, 1])
 
 
 BENCH = Candidate("lost_strut", "the testbed of Table I, a strut lost", simulated=COLUMNS)

@@ -1,10 +1,9 @@
-"""Settings, state and diagnoses of a monitor."""
+"""Settings and results of a diagnosis."""
 
 from dataclasses import dataclass
 
-from argument_checks import Array
-from ftc.fdi.fault_model import Fault
-from ftc.fdi.hypotheses import Evidence, Verdict
+from ftc.fdi.fault_model import Fault, FaultKind
+from ftc.fdi.uncertainty import TYPICAL, Uncertainty
 
 
 @dataclass(frozen=True)
@@ -12,24 +11,38 @@ class FdiConfig:
     """Settings of the diagnosis, from which all thresholds follow.
 
     Attributes:
-        false_alarms_per_hour: Of the residual test, at most.
+        uncertainty: Of the model of the sound plant.
+        dither_hz: Frequency of the dither, if there is one.
+        false_alarms_per_hour: Of the residual test, at most; an alarm names no actuator yet.
         confidence: An actuator is named when it is this likely; an alarm dismissed when it is this
             likely that nothing has failed.
-        look_back_s: How far onsets are looked for.
+        largest_unexplained: An actuator is named only if its failure leaves at most this part of
+            the energy that the residuals have without it, above noise: the square of the relative
+            error of a model that is expected.
+        sample_s: Commands and outputs are averaged over so long.
+        learning_s: So long after the start the plant is taken for sound, and its spectrum measured.
+        memory_s: Of the spectrum afterwards.
+        order: Of the autoregressive model of the spectrum.
+        look_back_s: How far onsets are looked for, and how long an alarm may stay unexplained.
         onset_growth: The onsets looked for are so much further back from one to the next, or a
-            tick: what fails slowly enough to be found late need not be dated sharply.
+            sample: what fails slowly enough to be found late need not be dated sharply.
         confirmation_s: How long a diagnosis may be revised.
         effectiveness_step: A diagnosed effectiveness is revised when it has changed by this much.
-        least_p_value: No actuator is named whose residuals have a smaller p-value.
     """
 
+    uncertainty: Uncertainty = TYPICAL
+    dither_hz: float | None = None
     false_alarms_per_hour: float = 0.01
     confidence: float = 0.999
-    look_back_s: float = 2.0
-    onset_growth: float = 1.03
+    largest_unexplained: float = 0.3
+    sample_s: float = 4e-3
+    learning_s: float = 0.8
+    memory_s: float = 5.0
+    order: int = 10
+    look_back_s: float = 1.0
+    onset_growth: float = 1.25
     confirmation_s: float = 1.0
-    effectiveness_step: float = 0.05
-    least_p_value: float = 1e-6
+    effectiveness_step: float = 0.1
 
 
 DEFAULT_CONFIG = FdiConfig()
@@ -41,6 +54,7 @@ class Diagnosis:
 
     Attributes:
         fault: Actuator and kind.
+        kinds: Those that cannot be told apart yet, the most likely first.
         actuator_confidence: Probability of the actuator.
         kind_confidence: Probability of the kind, given the actuator.
         displacement: Of the actuator by this diagnosis.
@@ -51,6 +65,7 @@ class Diagnosis:
     """
 
     fault: Fault
+    kinds: tuple[FaultKind, ...]
     actuator_confidence: float
     kind_confidence: float
     displacement: float
@@ -62,48 +77,4 @@ class Diagnosis:
     @classmethod
     def told(cls, fault: Fault, displacement: float = 0.0) -> "Diagnosis":
         """A failure that is known for certain, from elsewhere and from the start."""
-        return cls(fault, 1.0, 1.0, displacement, 0, 0, 0, confirmed=True)
-
-
-@dataclass(frozen=True)
-class Moment:
-    """One tick of history.
-
-    Attributes:
-        tick: Counted from the first.
-        x: State of the believed model, shape (s,).
-        commanded: Displacements since the tick before, shape (n,).
-        y: Whitened outputs, shape (p,).
-    """
-
-    tick: int
-    x: Array
-    commanded: Array
-    y: Array
-
-
-@dataclass(frozen=True)
-class MonitorState:
-    """State of a monitor.
-
-    Attributes:
-        history: The latest moments, the newest last.
-        recent: Latest residuals, for their test: of the believed model, and once an actuator is
-            named of that diagnosis.
-        evidence: Of the hypotheses, from an alarm on.
-        alarm_ticks: Of all alarms so far, the last of them the one that is looked into.
-        verdict: What the evidence says now.
-        named_tick: When an actuator was first named.
-        diagnosis: Of the present failure, from then on.
-        unexplained: Whether an alarm was given up once: no single failure after another explained
-            the outputs. The monitor goes on with what was confirmed before.
-    """
-
-    history: tuple[Moment, ...]
-    recent: Array
-    evidence: Evidence | None = None
-    alarm_ticks: tuple[int, ...] = ()
-    verdict: Verdict | None = None
-    named_tick: int = 0
-    diagnosis: Diagnosis | None = None
-    unexplained: bool = False
+        return cls(fault, (fault.kind,), 1.0, 1.0, displacement, 0, 0, 0, confirmed=True)

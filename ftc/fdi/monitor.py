@@ -1,8 +1,9 @@
-"""Detection, isolation, confirmation: the diagnosis of one failure after another.
+"""Watch, decide, refine: the diagnosis of one failure after another.
 
-The believed model runs beside the plant, and its residuals are tested. On an alarm a bank of
-hypotheses looks back over the history, and goes on until one actuator is certain, or until it is
-certain that nothing has failed. A diagnosis may be revised for a while, before its model becomes
+The believed model runs beside the plant; its errors and the spectrum of its residuals are tracked,
+and the residuals tested. On an alarm a bank of hypotheses looks back over the history, and goes on
+until one actuator is certain, or until it is certain that nothing has failed. Until then nothing
+that the controller sees changes. A diagnosis may be revised for a while, before its model becomes
 the believed one.
 """
 
@@ -10,12 +11,58 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import chdtri
 
 from argument_checks import Array
-from ftc.fdi.diagnosis import DEFAULT_CONFIG, Diagnosis, FdiConfig, Moment, MonitorState
-from ftc.fdi.fault_model import Fault, NominalModel
+from ftc.fdi.diagnosis import DEFAULT_CONFIG, Diagnosis, FdiConfig
+from ftc.fdi.fault_model import KINDS, Fault, NominalModel
 from ftc.fdi.hypotheses import Evidence, HypothesisBank, Verdict, hypothesis_bank
 from ftc.fdi.residual_test import ResidualTest, residual_test
+from ftc.fdi.watch import Moment, Watch, WatchState
+from ftc.fdi.whitening import Spectrum
+
+_JUDGED_EVERY, _REVISED_EVERY, _SPECTRUM_EVERY = 4, 12, 50
+"""In samples: how often hypotheses are judged, once one is named, and how often the filter of the
+spectrum is made anew."""
+
+_NEGLIGIBLE = 12.0
+"""Onsets whose likelihood is e^12 times smaller than the best one's are dropped at a diagnosis."""
+
+
+@dataclass(frozen=True)
+class MonitorState:
+    """State of a monitor.
+
+    Attributes:
+        ticks: So far.
+        commanded: Displacements of the ticks of the sample that is not complete, (n,) each.
+        outputs: Likewise, in units of their noise, (p,) each.
+        last_commanded: Mean of the sample before, shape (n,).
+        watch: State of the believed model.
+        history: The latest samples, the newest last.
+        recent: Latest residuals, for their test.
+        evidence: Of the hypotheses, from an alarm on.
+        alarm_ticks: Of all alarms so far, the last of them the one that is looked into.
+        verdict: What the evidence says now.
+        named_tick: When an actuator was first named.
+        diagnosis: Of the present failure, from then on.
+        unexplained: Whether an alarm was given up once: no single failure after another explained
+            the outputs. The monitor goes on with what was confirmed before.
+    """
+
+    ticks: int
+    commanded: tuple[Array, ...]
+    outputs: tuple[Array, ...]
+    last_commanded: Array
+    watch: WatchState
+    history: tuple[Moment, ...]
+    recent: Array
+    evidence: Evidence | None = None
+    alarm_ticks: tuple[int, ...] = ()
+    verdict: Verdict | None = None
+    named_tick: int = 0
+    diagnosis: Diagnosis | None = None
+    unexplained: bool = False
 
 
 @dataclass(frozen=True)
@@ -25,14 +72,15 @@ class Monitor:
     nominal: NominalModel
     faults: tuple[Fault, ...]
     config: FdiConfig
+    ticks: int
     bank: HypothesisBank
+    watch: Watch
     test: ResidualTest
 
     def start(self) -> MonitorState:
         """State at rest at the equilibrium."""
-        p, s = self.bank.believed.C.shape
-        nothing = Moment(-1, np.zeros(s), np.zeros(self.nominal.actuators), np.zeros(p))
-        return MonitorState((nothing,), self.test.start())
+        none = np.zeros(self.nominal.actuators)
+        return MonitorState(0, (), (), none, self.watch.start(), (), self.test.start())
 
     def step(self, state: MonitorState, measured: Array, commanded: Array) -> MonitorState:
         """One tick.
@@ -42,19 +90,43 @@ class Monitor:
             measured: Outputs now, in the units of the model's, shape (p,).
             commanded: Displacements since the tick before, shape (n,).
         """
-        last = state.history[-1]
-        x = self.bank.believed.step(last.x, commanded)
-        now = Moment(last.tick + 1, x, commanded, measured / self.nominal.noise)
-        kept = self._ticks(self.config.look_back_s)
+        state = replace(state, ticks=state.ticks + 1)
+        y = measured / self.nominal.noise
+        if not state.outputs:  # the first tick: what was commanded before it does not count
+            return replace(state, outputs=(y,))
+        every = (*state.commanded, commanded)
+        if len(every) < self.ticks:
+            return replace(state, commanded=every, outputs=(*state.outputs, y))
+        mean_u, mean_y = np.mean(every, axis=0), np.mean(state.outputs, axis=0)
+        v = np.concatenate([mean_u, state.last_commanded, [1.0]])
+        state = replace(state, commanded=(), outputs=(y,), last_commanded=mean_u)
+        return self._sample(state, v, mean_y)
+
+    def _sample(self, state: MonitorState, v: Array, y: Array) -> MonitorState:
+        """One sample: inputs v and mean outputs y (p,) of as many ticks."""
+        suspected = state.evidence is not None
+        watch, moment = self.watch.step(state.watch, v, y, learns=not suspected)
+        learning = self._samples(self.config.learning_s)
+        kept = max(self._samples(self.config.look_back_s), learning)
         if state.evidence is not None:  # back to the oldest onset that is looked for
-            kept = last.tick - int(state.evidence.onsets[0]) + 1
-        state = replace(state, history=(*state.history[-kept:], now))
+            kept = max(kept, moment.sample - int(state.evidence.onsets[0]))
+        history = (*state.history[-kept:], moment)
+        state = replace(state, watch=watch, history=history)
         if state.evidence is not None:
-            return self._evaluate(state, self._update(state.evidence, (now,)))
-        state = self._with_residual(state, now.y, x)
+            evidence = self._weighed(state.evidence, moment, watch)
+            state = replace(state, evidence=evidence)
+            every = _JUDGED_EVERY if state.diagnosis is None else _REVISED_EVERY
+            return self._judged(state) if evidence.samples % every == 0 else state
+        if watch.spectrum.samples == learning:
+            return replace(state, watch=self._learned(history, watch))
+        if watch.spectrum.samples < learning:
+            return state
+        if watch.sample % _SPECTRUM_EVERY == 0:
+            state = replace(state, watch=self.watch.with_spectrum(watch))
+        state = replace(state, recent=self.test.push(state.recent, watch.residual))
         if self.test.alarm(state.recent):
-            state = replace(state, alarm_ticks=(*state.alarm_ticks, now.tick))
-            return self._evaluate(state, self._look_back(state.history))
+            state = replace(state, alarm_ticks=(*state.alarm_ticks, state.ticks - 1))
+            return self._judged(replace(state, evidence=self._look_back(history, watch)))
         return state
 
     def believing(self, state: MonitorState) -> tuple["Monitor", MonitorState]:
@@ -68,89 +140,138 @@ class Monitor:
             raise ValueError(f"state must hold a confirmed diagnosis, got {found}")
         others = (known for known in self.faults if known.actuator != found.fault.actuator)
         after = monitor(self.nominal, (*others, found.fault), self.config)
-        model = after.bank.believed
-        past = [moment for moment in state.history if moment.tick >= found.onset_tick]
-        commanded = np.array([moment.commanded for moment in past])[1:]
-        states = model.states(commanded, start=model.onset @ past[0].x)
-        begun = self._reset(state)
-        for moment, x in zip(past, states, strict=True):
-            if moment.tick > state.named_tick:
-                begun = after._with_residual(begun, moment.y, x)
-        history = (replace(moment, x=x) for moment, x in zip(past, states, strict=True))
-        return after, replace(begun, history=tuple(history))
+        past = [each for each in state.history if each.sample * self.ticks >= found.onset_tick]
+        first = past[0] if past else state.history[-1]
+        begun = replace(
+            state.watch,
+            sample=first.sample,
+            X=first.X @ after.bank.believed.onset.T,
+            memory=first.memory,
+            parameters=first.parameters,
+        )
+        begun, history, residuals = after._replayed(_quieter(begun, state.verdict), past)
+        recent = self.test.start()
+        for moment, residual in zip(history, residuals, strict=True):
+            if moment.sample * self.ticks > state.named_tick:
+                recent = self.test.push(recent, residual)
+        state = replace(self._reset(state), watch=begun, history=tuple(history), recent=recent)
+        return after, state
 
-    def _with_residual(self, state: MonitorState, y: Array, x: Array) -> MonitorState:
-        """With the residual that outputs y leave if the plant's state is x."""
-        residual = y - self.bank.believed.C @ x
-        return replace(state, recent=self.test.push(state.recent, residual))
+    def _replayed(
+        self, watch: WatchState, past: Sequence[Moment]
+    ) -> tuple[WatchState, list[Moment], list[Array]]:
+        """The watch after past samples, these as it sees them, and its residuals."""
+        history, residuals = [], []
+        for each in past:
+            watch, moment = self.watch.step(watch, each.v, each.y)
+            history.append(moment)
+            residuals.append(watch.residual)
+        return watch, history, residuals
 
-    def _look_back(self, history: tuple[Moment, ...]) -> Evidence:
-        """The evidence in the history, for onsets at growing distances before the last moment."""
-        now = history[-1].tick
-        reach = min(now - history[0].tick, self._ticks(self.config.look_back_s))
+    def _learned(self, history: Sequence[Moment], watch: WatchState) -> WatchState:
+        """The state with the spectrum measured so far, as if it had been known from the start."""
+        whitening = self.watch.with_spectrum(watch).whitening
+        first = history[0]
+        start = replace(
+            self.watch.start(),
+            sample=first.sample,
+            X=first.X,
+            memory=first.memory,
+            whitening=whitening,
+        )
+        return self.watch.with_spectrum(self._replayed(start, history)[0])
+
+    def _look_back(self, history: tuple[Moment, ...], watch: WatchState) -> Evidence:
+        """The evidence in the history, for onsets at growing distances before the last sample."""
+        now = history[-1].sample
+        reach = min(now - history[0].sample, self._samples(self.config.look_back_s))
         distances, distance = [0], 1
         while distance <= reach:
             distances.append(distance)
             distance = max(distance + 1, round(distance * self.config.onset_growth))
-        return self._update(self.bank.start(now - np.array(distances[::-1])), history)
-
-    def _update(self, evidence: Evidence, moments: Sequence[Moment]) -> Evidence:
-        for now in moments:
-            if now.tick >= evidence.onsets[0]:
-                evidence = self.bank.step(evidence, now.tick, now.x, now.commanded, now.y)
+        onsets = now - np.array(distances[::-1])
+        past = [each for each in history if each.sample >= onsets[0]]
+        first, p = past[0], len(past[0].y)
+        prior = first.parameters.drifted(self.config.look_back_s, p, self.config.uncertainty)
+        memory = first.memory.copy()
+        memory[:, 0] -= np.einsum("j,qjp->qp", prior.mean[:-p], memory[:, 1:]) + prior.mean[-p:]
+        evidence = self.bank.start(onsets, prior, first.X, memory)
+        for each in past:
+            evidence = self._weighed(evidence, each, watch)
         return evidence
 
-    def _evaluate(self, state: MonitorState, evidence: Evidence) -> MonitorState:
+    def _weighed(self, evidence: Evidence, moment: Moment, watch: WatchState) -> Evidence:
+        return self.bank.step(
+            evidence, moment.sample, moment.v, moment.y, watch.whitening, watch.shaken
+        )
+
+    def _judged(self, state: MonitorState) -> MonitorState:
         """Name an actuator, revise that, confirm it, or dismiss the alarm."""
-        now, found, config = state.history[-1], state.diagnosis, self.config
-        verdict = self.bank.verdict(evidence, now.tick, now.x)
-        state = replace(state, evidence=evidence, verdict=verdict)
-        certain = self._is_certain(verdict)
+        assert state.evidence is not None
+        found, config, sample = state.diagnosis, self.config, state.history[-1].sample
+        before, verdict = state.verdict, self.bank.verdict(state.evidence, sample)
+        state = replace(state, verdict=verdict)
+        certain = verdict.actuator_confidence >= config.confidence
         since = state.alarm_ticks[-1] if found is None else state.named_tick
-        waited_s = (now.tick - since) * self.nominal.period_s
+        waited_s = (state.ticks - since) * self.nominal.period_s
         if verdict.fault_free_confidence >= config.confidence:
             return self._reset(state)
-        if verdict.p_value < config.least_p_value and waited_s >= config.look_back_s:
-            return replace(self._reset(state), unexplained=True)
         if found is None:
-            return self._named(state, verdict) if certain else state
-        state = self._with_residual(state, now.y, verdict.x)
-        if window := self.test.alarm(state.recent):
-            return self._contradicted(state, now.tick - window)
+            if certain and verdict.unexplained <= config.largest_unexplained:
+                return self._named(state, verdict)
+            return self._given_up(state) if waited_s >= config.look_back_s else state
+        if before is not None and self._contradicts(before, verdict):
+            kept = replace(found, confirmed=True, tick=state.ticks - 1)
+            return replace(state, diagnosis=kept)
         if certain and waited_s >= config.confirmation_s:
             return replace(state, diagnosis=self._diagnosis(state, verdict, confirmed=True))
         if certain and self._revises(found.fault, verdict):
             return self._named(state, verdict)
+        if not certain and waited_s >= 2 * config.confirmation_s:
+            return self._given_up(state)
         return state
 
+    def _contradicts(self, before: Verdict, verdict: Verdict) -> bool:
+        """Whether the latest samples do not go on as those before: something else has happened."""
+        if verdict.energy <= before.energy:
+            return False
+        freedom = _REVISED_EVERY * len(self.nominal.noise)
+        limit = float(chdtri(freedom, self._improbable)) * before.inflation
+        return verdict.energy - before.energy > limit
+
+    @property
+    def _improbable(self) -> float:
+        return self.config.false_alarms_per_hour * self.watch.period_s * _REVISED_EVERY / 3600
+
     def _named(self, state: MonitorState, verdict: Verdict) -> MonitorState:
+        """With this diagnosis, and without onsets that hardly matter any more."""
+        assert state.evidence is not None
+        likely = verdict.best >= verdict.best.max() - _NEGLIGIBLE
         diagnosis = self._diagnosis(state, verdict, confirmed=False)
-        now = state.history[-1].tick
-        return replace(state, named_tick=now, recent=self.test.start(), diagnosis=diagnosis)
+        named = state.ticks - 1 if state.diagnosis is None else state.named_tick
+        return replace(
+            state, evidence=state.evidence.only(likely), named_tick=named, diagnosis=diagnosis
+        )
 
     def _reset(self, state: MonitorState) -> MonitorState:
         """Nothing is suspected any more; the history and the record of alarms stay."""
-        return MonitorState(
-            state.history,
-            self.test.start(),
-            alarm_ticks=state.alarm_ticks,
-            unexplained=state.unexplained,
+        return replace(
+            state,
+            recent=self.test.start(),
+            evidence=None,
+            verdict=None,
+            named_tick=0,
+            diagnosis=None,
         )
 
-    def _contradicted(self, state: MonitorState, until: int) -> MonitorState:
-        """Confirm this failure by the data before a contradiction, or discard it."""
-        assert state.evidence is not None and state.diagnosis is not None  # a diagnosis stands
-        until = max(until, state.named_tick)
-        before = [moment for moment in state.history if moment.tick <= until]
-        evidence = self._update(self.bank.start(state.evidence.onsets), before)
-        verdict = self.bank.verdict(evidence, until, before[-1].x)
-        if not self._is_certain(verdict):
-            return replace(self._reset(state), unexplained=True)
-        return replace(state, diagnosis=self._diagnosis(state, verdict, confirmed=True))
+    def _given_up(self, state: MonitorState) -> MonitorState:
+        """Nothing explains the residuals: what they are like from now on is learned anew.
 
-    def _is_certain(self, verdict: Verdict) -> bool:
-        sure = verdict.actuator_confidence >= self.config.confidence
-        return sure and verdict.p_value >= self.config.least_p_value
+        Else a failure long past would be looked for among later onsets.
+        """
+        state = replace(self._reset(state), unexplained=True, history=())
+        order, p = self.config.order, len(self.nominal.noise)
+        return replace(state, watch=replace(state.watch, spectrum=Spectrum.start(order, p)))
 
     def _revises(self, before: Fault, verdict: Verdict) -> bool:
         """Whether another actuator or kind is certain by now, or another effectiveness."""
@@ -159,33 +280,47 @@ class Monitor:
             return True
         if now.kind == before.kind:
             return abs(now.effectiveness - before.effectiveness) > config.effectiveness_step
-        return verdict.kind_confidence >= config.confidence
+        return max(verdict.kind_confidences) >= config.confidence
 
     def _diagnosis(self, state: MonitorState, verdict: Verdict, confirmed: bool) -> Diagnosis:
         row = self.nominal.displacement[verdict.fault.actuator]
+        by_likelihood = sorted(zip(verdict.kind_confidences, KINDS, strict=True), reverse=True)
+        alike = 1 - self.config.confidence
         return Diagnosis(
             fault=verdict.fault,
+            kinds=tuple(kind for likely, kind in by_likelihood if likely > alike),
             actuator_confidence=verdict.actuator_confidence,
-            kind_confidence=verdict.kind_confidence,
+            kind_confidence=verdict.kind_confidences[KINDS.index(verdict.fault.kind)],
             displacement=float(row @ verdict.x),
-            onset_tick=verdict.onset,
+            onset_tick=verdict.onset * self.ticks,
             alarm_tick=state.alarm_ticks[-1],
-            tick=state.history[-1].tick,
+            tick=state.ticks - 1,
             confirmed=confirmed,
         )
 
-    def _ticks(self, time_s: float) -> int:
-        return round(time_s / self.nominal.period_s)
+    def _samples(self, time_s: float) -> int:
+        return round(time_s / self.watch.period_s)
+
+
+def _quieter(watch: WatchState, verdict: Verdict | None) -> WatchState:
+    """With a spectrum as much larger as the residuals of a failed plant were.
+
+    What shakes the plant goes another way through it after a failure.
+    """
+    inflation = 1.0 if verdict is None else verdict.inflation
+    spectrum = replace(watch.spectrum, covariance=inflation * watch.spectrum.covariance)
+    return replace(watch, spectrum=spectrum, whitening=watch.whitening / np.sqrt(inflation))
 
 
 def monitor(
     nominal: NominalModel, faults: Sequence[Fault] = (), config: FdiConfig = DEFAULT_CONFIG
 ) -> Monitor:
     """A monitor for a plant with these known faults."""
-    return Monitor(
-        nominal,
-        tuple(faults),
-        config,
-        hypothesis_bank(nominal, faults),
-        residual_test(len(nominal.noise), config.false_alarms_per_hour, nominal.period_s),
+    ticks = max(1, round(config.sample_s / nominal.period_s))
+    period_s = ticks * nominal.period_s
+    bank = hypothesis_bank(nominal, faults, config.uncertainty, ticks)
+    test = residual_test(
+        len(nominal.noise), config.false_alarms_per_hour, period_s, config.dither_hz
     )
+    watch = Watch(bank.believed, config, period_s, test.threshold)
+    return Monitor(nominal, tuple(faults), config, ticks, bank, watch, test)

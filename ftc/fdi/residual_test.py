@@ -1,8 +1,9 @@
-"""Detection: a test of the residuals with a threshold from the rate of false alarms.
+"""Detection: tests of the residuals with a threshold from the rate of false alarms.
 
-While the plant is as the model has it, the residuals are the sensors' white noise; a failure adds a
-mean. The mean over the last M samples is tested for several M at once: finite moving averages,
-Basseville and Nikiforov, Detection of Abrupt Changes (1993), section 2.1.
+While the plant is as the model has it, the whitened residuals are white noise of unit variance; a
+failure adds a mean, and under a dither a sinusoid of its frequency. Their means over the last M
+samples are tested for several M at once, as they are and demodulated by the dither (lock-in):
+finite moving averages, Basseville and Nikiforov, Detection of Abrupt Changes (1993), section 2.1.
 """
 
 from dataclasses import dataclass
@@ -12,21 +13,29 @@ from scipy.special import chdtri
 
 from argument_checks import Array
 
-WINDOWS = tuple(2**k for k in range(10))
-"""Numbers of samples averaged: from one, for a jump, to 512, for a creeping change."""
+WINDOWS = tuple(2**k for k in range(8))
+"""Numbers of samples averaged: from one, for a jump, to 128, for a creeping change."""
+
+_DEMODULATED = WINDOWS[3:]
+"""A shorter mean of a demodulated residual tells nothing of its frequency."""
 
 
 @dataclass(frozen=True)
 class ResidualTest:
-    """Alarm when M |mean of the last M whitened residuals|^2 exceeds a threshold for any M.
+    """Alarm when a mean of the latest residuals exceeds a threshold.
 
     Attributes:
-        outputs: Number of residuals per sample, p: chi-square has as many degrees of freedom.
-        threshold: Of the chi-square variables.
+        outputs: Number of residuals per sample, p.
+        swing: The dither at each of the latest samples, cosine and sine, shape (max M, 2); its
+            phase does not matter. None without a dither.
+        threshold: Of chi-square variables with p degrees of freedom.
+        demodulated_threshold: The same with 2 p.
     """
 
     outputs: int
+    swing: Array | None
     threshold: float
+    demodulated_threshold: float
 
     def start(self) -> Array:
         """No residuals yet, shape (max M, p)."""
@@ -41,25 +50,38 @@ class ResidualTest:
 
         The newest residual is the last.
         """
-        sums = recent[::-1].cumsum(axis=0)[np.array(WINDOWS) - 1]
-        too_large = (sums**2).sum(axis=-1) > self.threshold * np.array(WINDOWS)
-        return WINDOWS[too_large.argmax()] if too_large.any() else 0
-
-    def alarms(self, residuals: Array) -> Array:
-        """The same for whole records (..., N, p), tick by tick; bool, shape (..., N)."""
-        total = np.cumsum(residuals, axis=-2)
-        alarm = np.zeros(residuals.shape[:-1], dtype=bool)
-        for M in WINDOWS:
-            sums = total.copy()
-            sums[..., M:, :] -= total[..., :-M, :]
-            alarm |= (sums**2).sum(axis=-1) > self.threshold * M
-        return alarm
+        newest_first = recent[::-1]
+        found = _exceeding(newest_first, WINDOWS, self.threshold)
+        if self.swing is None:
+            return found
+        turned = (newest_first[:, :, None] * self.swing[:, None]).reshape(len(recent), -1)
+        # The mean square of a sinusoid is one half.
+        swinging = _exceeding(np.sqrt(2) * turned, _DEMODULATED, self.demodulated_threshold)
+        return min(filter(None, (found, swinging)), default=0)
 
 
-def residual_test(outputs: int, false_alarms_per_hour: float, period_s: float) -> ResidualTest:
+def _exceeding(newest_first: Array, windows: tuple[int, ...], threshold: float) -> int:
+    sums = newest_first.cumsum(axis=0)[np.array(windows) - 1]
+    too_large = (sums**2).sum(axis=-1) > threshold * np.array(windows)
+    return windows[too_large.argmax()] if too_large.any() else 0
+
+
+def residual_test(
+    outputs: int, false_alarms_per_hour: float, period_s: float, dither_hz: float | None = None
+) -> ResidualTest:
     """A test that raises no more false alarms than that, on average.
 
     Union bound: the rate is at most that of all windows together, each exact for Gaussian noise.
     """
-    tests_per_hour = len(WINDOWS) * 3600 / period_s
-    return ResidualTest(outputs, float(chdtri(outputs, false_alarms_per_hour / tests_per_hour)))
+    tests = len(WINDOWS) + (0 if dither_hz is None else len(_DEMODULATED))
+    probability = false_alarms_per_hour / (tests * 3600 / period_s)
+    swing = None
+    if dither_hz is not None:
+        angle = 2 * np.pi * dither_hz * period_s * np.arange(WINDOWS[-1])
+        swing = np.column_stack([np.cos(angle), np.sin(angle)])
+    return ResidualTest(
+        outputs,
+        swing,
+        float(chdtri(outputs, probability)),
+        float(chdtri(2 * outputs, probability)),
+    )

@@ -2,8 +2,8 @@
 
 from typing import Literal
 
-Sensing = Literal["task", "joints"]
-"""A sensor of the task frame, or encoders of the actuators and forward kinematics."""
+Sensing = Literal["task", "joints", "both"]
+"""A sensor of the task frame; encoders of the actuators and forward kinematics; or both sensors."""
 
 Limited = Literal["stated", "none"]
 """Limits of the displacements: those that the file states, or none."""

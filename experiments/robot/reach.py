@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from experiments.output.study import WrongInput
-from experiments.track.rig import Rig
+from experiments.robot.rig import Rig
 from sim import Array
 
 _POINTS = 100

@@ -1,4 +1,4 @@
-"""Where a sweep runs: workers of this machine, or of a scheduler that somebody else started."""
+"""Where runs are done: workers of this machine, or of a scheduler that somebody else started."""
 
 import asyncio
 import logging
@@ -19,12 +19,11 @@ from dask import config
 from dask.system import CPU_COUNT
 from distributed import Client, Future, LocalCluster, as_completed, rpc
 
+from experiments.output.basis import Sources, check_workers, digest, identity
+from experiments.output.campaign import Campaign, Row, simulate
 from experiments.output.study import Unsound, WrongInput
 from experiments.output.terminal import notice
-from experiments.sweep import PATIENCE_S
-from experiments.sweep.basis import check_workers, digest, identity, simulate
-from experiments.sweep.row import Row
-from experiments.sweep.sweep_run import SweepRun
+from experiments.output.where import PATIENCE_S
 
 ANSWERS_IN_S = 5.0
 """How long a scheduler may take to answer."""
@@ -62,7 +61,7 @@ class Where:
 
 
 @contextmanager
-def cluster(where: Where, most: int) -> Iterator[Client]:
+def cluster(where: Where, most: int, sources: Sources) -> Iterator[Client]:
     """A client of somebody's scheduler, or of a local cluster that ends with the context.
 
     Raises:
@@ -73,14 +72,14 @@ def cluster(where: Where, most: int) -> Iterator[Client]:
     with (
         _silenced("distributed"),
         _silenced("distributed.client"),
-        _remote(where.scheduler) if where.scheduler else _local(workers) as client,
+        _remote(where.scheduler, sources) if where.scheduler else _local(workers) as client,
     ):
         yield client
 
 
 @contextmanager
 def _silenced(name: str) -> Iterator[None]:
-    """No log: the sweep itself reports in one sentence what goes wrong."""
+    """No log: the study itself reports in one sentence what goes wrong."""
     logger = logging.getLogger(name)
     level = logger.level
     logger.setLevel(_SILENT)
@@ -124,7 +123,7 @@ def _ignoring_ctrl_c() -> Iterator[None]:
 
 
 @contextmanager
-def _remote(scheduler: str) -> Iterator[Client]:
+def _remote(scheduler: str, sources: Sources) -> Iterator[Client]:
     try:
         asyncio.run(_check_scheduler(scheduler))
         client = Client(scheduler, timeout=ANSWERS_IN_S)
@@ -133,8 +132,8 @@ def _remote(scheduler: str) -> Iterator[Client]:
         raise WrongInput(f"--scheduler {scheduler} does not answer: {why}") from None
     with client:
         wait_for_worker(client)
-        answers: Any = client.run(identity, on_error="return")
-        check_workers(answers)
+        answers: Any = client.run(identity, sources, on_error="return")
+        check_workers(identity(sources), answers)
         yield client
 
 
@@ -163,22 +162,23 @@ def wait_for_worker(client: Client) -> None:
         raise Unsound(f"the connection to the scheduler is lost; {_KEPT}") from None
 
 
-def finished_rows(client: Client, runs: Iterable[SweepRun]) -> Iterator[Row]:
-    """The rows of runs, in the order in which they finish.
+def finished_rows(client: Client, campaign: Campaign[Any], numbers: Iterable[int]) -> Iterator[Row]:
+    """The rows of the runs of these numbers, in the order in which they finish.
 
     Raises:
         Unsound: A run failed in a way that no row foresees, or ended several workers; or the
             scheduler has gone.
         WrongInput: Somebody's scheduler has lost all its workers, and got no other.
     """
-    waiting, code = iter(runs), digest(identity())
+    waiting, code = iter(numbers), digest(identity(campaign.sources))
     finished = as_completed(with_results=True, raise_errors=False, loop=client.loop)
 
     def submit(count: int) -> None:
-        for run in islice(waiting, count):
+        for number in islice(waiting, count):
             # A name of its own for every client: a scheduler may have several.
-            key = f"{client.id}-{run.number}"
-            finished.add(client.submit(simulate, run, code, key=key))
+            key, run = f"{client.id}-{number}", campaign.runs[number]
+            work = campaign.row_of, run, campaign.sources, code
+            finished.add(client.submit(simulate, *work, key=key))
 
     submit(IN_FLIGHT)
     for future, result in _arriving(finished, client):

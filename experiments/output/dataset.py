@@ -11,10 +11,10 @@ import numpy as np
 import pyarrow as pa
 
 from experiments.output import parquet
+from experiments.output.basis import BASIS, Basis, digest
+from experiments.output.campaign import Row, table_of
 from experiments.output.files import OutputError, write_json
 from experiments.output.parquet import Broken
-from experiments.sweep.basis import BASIS, Basis, digest
-from experiments.sweep.row import SCHEMA, Row, table_of
 
 PART = 256
 """Rows of a part, consecutive runs; and of a row group in the finished file."""
@@ -38,9 +38,9 @@ class Dataset:
     the folder refuses, an OutputError is raised.
     """
 
-    def __init__(self, folder: Path, runs: int, basis: Basis) -> None:
+    def __init__(self, folder: Path, runs: int, basis: Basis, schema: pa.Schema) -> None:
         """Read what is there; the caller knows that it is of this basis."""
-        self.folder, self.runs, self.basis = folder, runs, basis
+        self.folder, self.runs, self.basis, self.schema = folder, runs, basis, schema
         self.broken: list[Broken] = []
         self._whole = {part for part in range(self._parts) if self._has(part)}
         self._open: dict[int, dict[int, Row]] = {}
@@ -120,8 +120,8 @@ class Dataset:
             return None
         try:
             table = parquet.read(path)
-            if not (table.schema.equals(SCHEMA) and _is_of(table, self.basis)):
-                raise Broken(path, "it is of another sweep")
+            if not (table.schema.equals(self.schema) and _is_of(table, self.basis)):
+                raise Broken(path, "it is of another study")
             if not are_ours(table["case"].to_numpy()):
                 raise Broken(path, "it has other cases")
         except Broken as broken:
@@ -130,7 +130,9 @@ class Dataset:
         return table
 
     def _write(self, path: Path, rows: list[Row]) -> None:
-        table = table_of(rows).replace_schema_metadata({_BASIS_SHA256: digest(self.basis)})
+        table = table_of(rows, self.schema).replace_schema_metadata(
+            {_BASIS_SHA256: digest(self.basis)}
+        )
         try:
             if not (self.folder / BASIS).exists():
                 self.folder.mkdir(parents=True, exist_ok=True)
@@ -167,12 +169,12 @@ def _replace(path: Path, write: Callable[[Path], None]) -> None:
         staged.unlink(missing_ok=True)
 
 
-def check_merged(path: Path, runs: int, basis: Basis) -> None:
+def check_merged(path: Path, runs: int, basis: Basis, schema: pa.Schema) -> None:
     """Raise `Broken` unless a file holds the rows of so many runs of the basis, all of them."""
     found = 0
     for table in parquet.row_groups(path):
-        if table.schema.names[: len(SCHEMA)] != SCHEMA.names or not _is_of(table, basis):
-            raise Broken(path, "it is of another sweep")
+        if table.schema.names[: len(schema)] != schema.names or not _is_of(table, basis):
+            raise Broken(path, "it is of another study")
         if not np.array_equal(table["case"].to_numpy(), np.arange(found, found + len(table))):
             raise Broken(path, "it has other cases")
         found += len(table)

@@ -1,0 +1,199 @@
+"""Plants that differ from their controller's model, by sizes written down beforehand."""
+
+import copy
+from dataclasses import dataclass, fields, replace
+
+import mujoco
+import numpy as np
+
+from experiments.hexapod.inexact import InexactPlant
+from experiments.hexapod.testbed import Testbed, check_within
+from experiments.output.draw import Draw
+from sim import Array, MaxwellSlip, ModelError, Plant
+
+LIMITS: dict[str, tuple[float, float]] = {
+    "gain": (0.0, 0.9),
+    "stiffness": (0.0, 0.9),
+    "damping": (0.0, 0.99),
+    "inertia": (0.0, 0.9),
+    "delay_ticks": (0, 1000),
+    "floor_um_per_s": (0.0, 1e6),
+    "drift_urad_per_s": (0.0, 1e6),
+    "gain_drift_per_s": (0.0, 1e-2),
+    "hysteresis": (0.0, 0.9),
+}
+"""Smallest and largest accepted size."""
+
+
+@dataclass(frozen=True)
+class Mismatch:
+    """Sizes of all differences between plant and model; zero is none.
+
+    Relative ones are half widths of uniform distributions, drawn anew for each flight.
+
+    Attributes:
+        gain: Of each coil.
+        stiffness: Of each suspension spring and each flexure spring.
+        damping: Of each suspension damper.
+        inertia: Of the mass, and apart from it of the inertia, of each body.
+        delay_ticks: Control ticks by which each command comes late; not drawn.
+        floor_um_per_s: RMS velocity of the floor in each third octave from 8 to 80 Hz; not drawn.
+        drift_urad_per_s: Half width of the rate at which the detector's zero moves in (alpha,
+            beta), in a direction that is drawn.
+        gain_drift_per_s: Half width of the relative rate at which each coil's gain changes.
+        hysteresis: Part of the suspensions' stiffness that slips, as a Maxwell-slip chain
+            (:class:`sim.MaxwellSlip`); not drawn, but for where its elements slip, `SLIP_M`.
+        timestep_s: Of the physics; None is the model's.
+
+    Raises:
+        ValueError: A size is no number or outside its `LIMITS`, or no such physics step.
+    """
+
+    gain: float = 0.0
+    stiffness: float = 0.0
+    damping: float = 0.0
+    inertia: float = 0.0
+    delay_ticks: int = 0
+    floor_um_per_s: float = 0.0
+    drift_urad_per_s: float = 0.0
+    gain_drift_per_s: float = 0.0
+    hysteresis: float = 0.0
+    timestep_s: float | None = None
+
+    def __post_init__(self) -> None:
+        for name, (low, high) in LIMITS.items():
+            check_within(name, getattr(self, name), low, high)
+        if self.timestep_s is not None:
+            check_within("timestep_s", self.timestep_s, 1e-6, 1e-2)
+
+    def scaled(self, factor: float) -> "Mismatch":
+        """All sizes times a factor, the delay rounded.
+
+        A physics step has no size: it stays, but for a factor of zero, which is :data:`EXACT`.
+
+        Raises:
+            ValueError: The factor is negative, or takes a size beyond its `LIMITS`.
+        """
+        check_within("factor", factor, 0.0, 1e6)
+        sizes = {name: factor * getattr(self, name) for name in LIMITS}
+        sizes["delay_ticks"] = round(sizes["delay_ticks"])
+        return replace(self, **sizes, timestep_s=self.timestep_s if factor else None)
+
+
+EXACT = Mismatch()
+"""The plant is the model."""
+
+ALL = Mismatch(
+    gain=0.03,
+    stiffness=0.03,
+    damping=0.2,
+    inertia=0.02,
+    delay_ticks=1,
+    floor_um_per_s=12.5,
+    drift_urad_per_s=0.01,
+    gain_drift_per_s=1e-4,
+    hysteresis=0.01,
+    timestep_s=2.5e-4,
+)
+"""Everything at once, the floor at VC-C.
+
+With 1 % of the stiffness slipping, the loss factor of a suspension is at most 0.01 / pi = 0.3 %,
+where all elements are stretched to twice their slip. That is in the range of metal springs in
+clamps; the flexures of `fjh.xml` have 1 %. The physics step is twice the model's: MuJoCo's error of
+frequency and damping doubles, and a flight costs half.
+"""
+
+ALONE: dict[str, Mismatch] = {
+    each.name: Mismatch(**{each.name: getattr(ALL, each.name)}) for each in fields(Mismatch)
+}
+"""Each size of :data:`ALL` by itself."""
+
+
+SLIP_M = (0.3e-6, 30e-6)
+"""Range of the stretch at which an element of the hysteresis slips, drawn with a uniform logarithm:
+from less than the dither of a diagnosis, 0.5 um, to more than the struts move on the spiral."""
+
+ELEMENTS = 4
+"""Of the hysteresis of each suspension, equally stiff."""
+
+
+def mismatched(testbed: Testbed, mismatch: Mismatch, seed: int) -> Testbed:
+    """The testbed with a plant so drawn; its controllers keep the nominal model.
+
+    The same seed gives the same plant and drift, whoever controls it and for how long, and the same
+    floor in runs of one length. Each difference has a stream of its own: a plant drawn with one
+    size alone has the values that it has with all others beside it. The suspensions are preloaded
+    anew, as at commissioning: the payload rests at the nominal pose, whatever springs and weights.
+
+    Raises:
+        sim.ModelError: A machine whose struts are not driven by coils against springs.
+    """
+    if not has_suspensions(testbed.model):
+        raise ModelError("a mismatch needs struts with suspension springs, got one without")
+    draw = Draw(seed)
+    model = copy.copy(testbed.model)
+    hysteresis = _set_springs(model, mismatch, draw)
+    model.actuator_gainprm[:, 0] *= draw.factors("gain", model.nu, mismatch.gain)
+    model.dof_damping[model.jnt_dofadr[_suspensions(model)]] *= draw.factors(
+        "damping", model.nu, mismatch.damping
+    )
+    if mismatch.inertia:
+        _set_inertia(model, mismatch.inertia, draw)
+    if mismatch.timestep_s is not None:
+        model.opt.timestep = mismatch.timestep_s
+    if mismatch.stiffness or mismatch.inertia or mismatch.hysteresis:
+        _preload(model)
+    direction, rate = draw.uniform("drift", 2)
+    speed = 1e-6 * mismatch.drift_urad_per_s * rate
+    drift = speed * np.cos(np.pi * direction), speed * np.sin(np.pi * direction)
+    gain_drift = mismatch.gain_drift_per_s * draw.uniform("gain_drift", model.nu)
+    return replace(
+        testbed,
+        inexact=InexactPlant(
+            model,
+            hysteresis=hysteresis,
+            gain_drift_per_s=tuple(gain_drift.tolist()),
+            delay_ticks=mismatch.delay_ticks,
+            floor_m_per_s=1e-6 * mismatch.floor_um_per_s,
+            floor_seed=draw.seed("floor"),
+            drift_rad_per_s=tuple(map(float, drift)),
+        ),
+    )
+
+
+def has_suspensions(model: mujoco.MjModel) -> bool:
+    """Whether a spring stands against each coil, as a mismatch needs it."""
+    return bool(model.jnt_stiffness[_suspensions(model)].all())
+
+
+def _suspensions(model: mujoco.MjModel) -> Array:
+    """Joints of the coils, shape (6,)."""
+    return model.actuator_trnid[:, 0]
+
+
+def _set_springs(model: mujoco.MjModel, mismatch: Mismatch, draw: Draw) -> MaxwellSlip | None:
+    """Draw all springs; of the suspensions', a part becomes elements that slip."""
+    model.jnt_stiffness[:] *= draw.factors("stiffness", model.njnt, mismatch.stiffness)
+    if not mismatch.hysteresis:
+        return None
+    joints, shape = _suspensions(model), (model.nu, ELEMENTS)
+    stiffness = model.jnt_stiffness[joints]
+    low, high = np.log(SLIP_M)
+    at = 0.5 + 0.5 * draw.uniform("hysteresis", model.nu * ELEMENTS).reshape(shape)
+    model.jnt_stiffness[joints] -= mismatch.hysteresis * stiffness
+    each = np.outer(mismatch.hysteresis * stiffness, np.full(ELEMENTS, 1 / ELEMENTS))
+    return MaxwellSlip(stiffness=each, slip=np.exp(low + at * (high - low)))
+
+
+def _set_inertia(model: mujoco.MjModel, half_width: float, draw: Draw) -> None:
+    """Draw the mass of each body, and apart from it the size of its inertia."""
+    model.body_mass[:] *= draw.factors("mass", model.nbody, half_width)
+    model.body_inertia[:] *= draw.factors("inertia", model.nbody, half_width)[:, None]
+    mujoco.mj_setConst(model, mujoco.MjData(model))  # what follows from them
+
+
+def _preload(model: mujoco.MjModel) -> None:
+    """Preload the suspensions so that the machine rests at its nominal pose without current."""
+    missing = Plant(model, start=mujoco.MjData(model)).coil_force_n()
+    joints = _suspensions(model)
+    model.qpos_spring[model.jnt_qposadr[joints]] += missing / model.jnt_stiffness[joints]

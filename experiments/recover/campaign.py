@@ -1,0 +1,38 @@
+"""The campaign of the study: its flights as rows."""
+
+from typing import Any
+
+from experiments.output.basis import sources_of
+from experiments.output.campaign import Campaign
+from experiments.output.controllers import controller_sha256
+from experiments.recover.plan import FlightPlan
+from experiments.recover.row import SCHEMA, row_of
+
+SOURCES = sources_of(
+    "recover",
+    without=(
+        *(
+            "__init__",
+            "campaign",
+            "checks",
+            "command",
+            "comparison",
+            "curves",
+            "exact_flights",
+            "figure",
+        ),
+        *("mechanism_flight", "mechanism_results", "mechanism_tables", "mechanisms", "notes"),
+        *("rates", "recordings", "results", "runs", "summary", "tables"),
+    ),
+)
+
+
+def flights_of(plan: FlightPlan) -> Campaign[FlightPlan]:
+    """The flights of a plan.
+
+    Another controller changes no row, but what is published: its name and module count as well.
+    """
+    drawn_from: dict[str, Any] = {"flights": plan.as_json(), "seed": plan.seed}
+    if plan.controller is not None:
+        drawn_from["controller_sha256"] = controller_sha256(plan.controller)
+    return Campaign(plan, row_of, SCHEMA, SOURCES, drawn_from)

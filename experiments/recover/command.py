@@ -1,0 +1,43 @@
+"""Which of the two studies the options of `fjh recover` ask for: the hexapod's, or any robot's."""
+
+from contextlib import AbstractContextManager, nullcontext
+from typing import Any
+
+from experiments.output.results import Results
+from experiments.output.study import OnProgress, WrongInput
+from experiments.recover import HEXAPOD_ALONE, OTHERS_ALONE, mechanism_results
+from experiments.recover import results as hexapod_results
+from experiments.recover.mechanisms import Mechanisms, run_mechanisms
+from experiments.recover.runs import Recover, run_recover
+
+Outcome = Recover | Mechanisms | dict[str, Any]
+
+
+def run(
+    *, seed: int, quick: bool, on_progress: OnProgress, **options: Any
+) -> AbstractContextManager[Outcome]:
+    """The hexapod on its spiral; or the robot of the option `model`, if there is one.
+
+    Raises:
+        WrongInput: An option is given that is for the other one; or as
+            :func:`experiments.recover.runs.run_recover` and
+            :func:`experiments.recover.mechanisms.run_mechanisms`.
+    """
+    hexapod = options["model"] is None
+    for option in OTHERS_ALONE if hexapod else HEXAPOD_ALONE:
+        if options.pop(option.name) not in (option.default, None):
+            for_whom = "needs" if hexapod else "does not go with"
+            raise WrongInput(f"--{option.name.replace('_', '-')} {for_whom} --model")
+    common: dict[str, Any] = {"seed": seed, "quick": quick, "on_progress": on_progress}
+    if hexapod:
+        del options["model"]
+        return run_recover(**common, **options)
+    del options["folder"]  # its flights take minutes: none is kept before all are done
+    return nullcontext(run_mechanisms(**common, **options))
+
+
+def results(outcome: Outcome) -> Results:
+    """Everything that `fjh recover` publishes."""
+    if isinstance(outcome, Mechanisms):
+        return mechanism_results.results(outcome)
+    return hexapod_results.results(outcome)

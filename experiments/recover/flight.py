@@ -1,0 +1,108 @@
+"""One flight on the spiral, as numbers and words alone: its plant, its failures, its posture."""
+
+from dataclasses import asdict, dataclass, replace
+from functools import cache
+from typing import Any, Literal
+
+from experiments.hexapod.controller import nominal_loops
+from experiments.hexapod.fault_tolerance import HEAVE, fault_of
+from experiments.hexapod.mismatch import ALL, ALONE, EXACT, Mismatch, mismatched
+from experiments.hexapod.testbed import Testbed, TestbedConfig
+from ftc.fdi.dither import Dither
+from ftc.fdi.fault_model import Fault
+from sim import Failure, load_model
+
+DITHER = Dither(0.5e-6, 20.0, HEAVE)
+"""A strut that fails is then seen at 1.2 urad, four times the detector's noise. Its frequency is
+above the loops' crossovers, so that they do not suppress it; below the modes from 32 Hz on, where
+the linear model would have to be more exact; and high enough for inertia to move a free strut."""
+
+BEFORE_S, AFTER_S = 1.2, 2.5
+"""Of each flight, before and after its failure."""
+
+STRUCK = round(BEFORE_S / TestbedConfig().control_period_s)
+"""Tick of the failure in each of these flights."""
+
+Sort = Literal["failure", "size", "sound", "pair"]
+"""What a flight is for: three controllers at one failure; the supervised one alone against the size
+of a mismatch; a long flight without failures; two failures."""
+
+MISMATCHES: dict[str, Mismatch] = {"exact": EXACT, **ALONE, "all": ALL}
+"""Rows of the study's table."""
+
+
+@dataclass(frozen=True)
+class Flight:
+    """One flight on the spiral; so small that it can be sent to any machine.
+
+    Attributes:
+        number: In the study; column `case` of the dataset.
+        sort: What it is for.
+        draw: Flights of one draw have the same failure, posture, noise and directions of mismatch.
+        mismatch: Of plant and model, a name in `MISMATCHES`.
+        factor: By which its sizes are multiplied.
+        plant_seed: Of the plant.
+        failures: What happens, in the order of time.
+        begin_s: Where on the spiral it begins.
+        duration_s: How long it lasts.
+        posture_m: Secondary displacement at which the struts stand, shape (6,).
+        seed: Of the sensors' noise.
+    """
+
+    number: int
+    sort: Sort
+    draw: int
+    mismatch: str
+    factor: float
+    plant_seed: int
+    failures: tuple[Failure, ...]
+    begin_s: float
+    duration_s: float
+    posture_m: tuple[float, ...]
+    seed: int
+
+    @property
+    def fault(self) -> Fault:
+        """The first fault that is there to be found."""
+        return fault_of(self.failures[0])
+
+    @property
+    def run(self) -> dict[str, Any]:
+        """Options of a simulated run: what fails, the noise, and which part of the spiral it is."""
+        names = ("failures", "seed", "begin_s", "duration_s")
+        return {name: getattr(self, name) for name in names}
+
+    @property
+    def struck(self) -> tuple[int, ...]:
+        """Tick of each failure; ticks count from the start of the flight."""
+        period_s = TestbedConfig().control_period_s
+        return tuple(round((each.time_s - self.begin_s) / period_s) for each in self.failures)
+
+    def dither(self, about: Dither = DITHER) -> Dither:
+        """The dither, about where the struts stand."""
+        return replace(about, offset=self.posture_m)
+
+    def testbed(self) -> Testbed:
+        """The testbed with the plant of this flight."""
+        size = MISMATCHES[self.mismatch].scaled(self.factor)
+        return mismatched(testbed(), size, self.plant_seed)
+
+    def parameters(self) -> dict[str, Any]:
+        """The columns in which flights differ before they are simulated."""
+        own = {name: value for name, value in asdict(self).items() if name in _OWN}
+        row = {"case": self.number, **own}
+        for place, failure in zip(("", "second_"), self.failures, strict=False):
+            fault = fault_of(failure)
+            row |= {f"{place}strut": fault.actuator + 1, f"{place}kind": fault.kind}
+            row |= {f"{place}effectiveness": fault.effectiveness, f"{place}time_s": failure.time_s}
+        return row
+
+
+_OWN = ("sort", "draw", "mismatch", "factor", "plant_seed", "begin_s", "duration_s", "seed")
+
+
+@cache
+def testbed() -> Testbed:
+    """The exact testbed, once in each process however many flights it does."""
+    model, bench = load_model(), TestbedConfig()
+    return Testbed(model, bench, nominal_loops(model, bench))

@@ -1,0 +1,174 @@
+"""One flight of any robot whose actuator fails, as numbers and words; and what became of it."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from experiments.recover.recovery import RECOVERED_S, Identification
+from experiments.robot.choices import Sensing
+from experiments.robot.mismatch import ALL
+from experiments.robot.mjcf import robot_rig
+from experiments.robot.options import RobotOptions
+from experiments.robot.paths import path_of
+from experiments.robot.rig import Rig
+from ftc.fdi.dither import Dither
+from ftc.fdi.fault_model import Fault
+from ftc.loop import run_loop
+from ftc.oracle import OracleController
+from ftc.supervisor import WEAKEST
+from ftc.tracking import is_possible
+from sim import Array, Bench, Failure, Pose
+
+TRANSIENT_S, LEFT_S = 0.8, 1.0
+"""What is not counted at the start, while the diagnosis learns; how long a flight goes on once it
+has recovered."""
+
+
+def recovered_s(rig: Rig) -> float:
+    """After a failure, one period of the slowest loop's crossover: errors until then have decayed.
+
+    Not less than on the hexapod, whose loops are faster.
+    """
+    return max(RECOVERED_S, 1 / min(each.crossover_hz for each in rig.margins))
+
+
+@dataclass(frozen=True)
+class MechanismFlight:
+    """A flight of a robot around a circle, in a direction of its own.
+
+    Attributes:
+        model: MJCF file.
+        options: Of the robot.
+        dither: In which the diagnosis looks for failures; None is none.
+        failure: What happens; None is nothing.
+        turn_s: Time of one turn.
+        duration_s: How long it lasts.
+        seed: Of plant, noise, drift and direction.
+    """
+
+    model: Path
+    options: RobotOptions
+    dither: Dither | None
+    failure: Failure | None
+    turn_s: float
+    duration_s: float
+    seed: int
+
+    @property
+    def sense(self) -> Sensing:
+        """What the diagnosis looks at."""
+        return self.options.sense
+
+    @property
+    def fault(self) -> Fault | None:
+        """What there is to find."""
+        if self.failure is None:
+            return None
+        kind, left = self.failure.kind, self.failure.effectiveness
+        return Fault(self.failure.actuator, kind, left if kind == "weak" else 0.0)  # type: ignore[arg-type]
+
+    def rig(self) -> Rig:
+        """The robot, its plants drawn with all mismatches."""
+        return _rig(self.model, self.options)
+
+    def time_s(self, rig: Rig) -> Array:
+        """Of each tick, shape (N,)."""
+        return np.arange(round(self.duration_s / rig.period_s)) * rig.period_s
+
+    def path(self, rig: Rig) -> Array:
+        """Desired displacements of the major rows, shape (N, m1), a circle in any plane of them."""
+        rows, time_s = len(rig.major), self.time_s(rig)
+        circle = path_of("circle", rows, rig.size, time_s, self.turn_s, rig.period_s)
+        normal = np.random.default_rng([self.seed, 1]).normal(size=(rows, rows))
+        return circle @ np.linalg.qr(normal)[0]
+
+    def struck(self, rig: Rig) -> int:
+        """Tick of the failure; of the end without one."""
+        if self.failure is None:
+            return len(self.time_s(rig))
+        return int(np.searchsorted(self.time_s(rig), self.failure.time_s - 1e-9))
+
+
+@lru_cache(maxsize=3)
+def _rig(model: Path, options: RobotOptions) -> Rig:
+    """Once in each process, however many flights it does."""
+    return robot_rig(model, options, ALL)
+
+
+@dataclass(frozen=True)
+class MechanismFlown:
+    """What became of a flight.
+
+    Attributes:
+        flight: The flight.
+        found: What the diagnosis made of it.
+        rms: Error of all major rows together, before the failure and after recovery, in sizes of
+            the path; the second is None without a failure.
+        rms_informed: After recovery, by a controller informed of the failure at once; None where
+            nothing fails, or the actuators that are left cannot do the task.
+    """
+
+    flight: MechanismFlight
+    found: Identification
+    rms: tuple[float, float | None]
+    rms_informed: float | None
+
+
+def fly(flight: MechanismFlight) -> MechanismFlown:
+    """The flight with a supervised controller, then with an informed one."""
+    rig = flight.rig()
+    pilot, fault, struck = rig.supervisor(flight.dither), flight.fault, flight.struck(rig)
+    bench, state = _flown(rig, flight, pilot)
+    lost = fault is not None and not is_possible(rig.classified([fault]))
+    found = Identification(
+        failures=() if flight.failure is None else (flight.failure,),
+        struck=() if flight.failure is None else (struck,),
+        alarm_ticks=tuple(state.watch.alarm_ticks),
+        diagnoses=state.diagnoses,
+        standing=tuple(state.standing),
+        unexplained=state.watch.unexplained,
+        task_lost=state.task_lost,
+        lost_rightly=lost,
+        closure_residual_max_m=float(bench.closure_residual_m.max()),
+    )
+    informed = None
+    if fault is not None and not lost:
+        informed = _informed(rig, flight, fault, float(bench.displacement[struck, fault.actuator]))
+    return MechanismFlown(flight, found, _rms(rig, flight, bench), informed)
+
+
+def _informed(rig: Rig, flight: MechanismFlight, fault: Fault, displacement: float) -> float | None:
+    """RMS after recovery with a controller informed at once; there the actuator stood."""
+    lost = np.zeros(len(rig.actuators))
+    if fault.kind != "locked":
+        used = fault.effectiveness if fault.effectiveness >= WEAKEST else 0.0
+        lost[fault.actuator] = (1 - used) * displacement
+    pilot = OracleController(
+        rig.controller(rig.goal),
+        rig.controller(rig.told(rig.goal, fault, displacement)),
+        flight.struck(rig),
+        lost,
+        None if flight.dither is None else flight.dither.at,
+    )
+    return _rms(rig, flight, _flown(rig, flight, pilot)[0])[1]
+
+
+def _flown(rig: Rig, flight: MechanismFlight, pilot: Any) -> tuple[Bench, Any]:
+    """The machine after the flight, and the state of its controller."""
+    failures = [] if flight.failure is None else [flight.failure]
+    bench = rig.bench(flight.time_s(rig), failures, flight.seed)
+    return bench, run_loop(bench, pilot, flight.path(rig)).state
+
+
+def _rms(rig: Rig, flight: MechanismFlight, bench: Bench) -> tuple[float, float | None]:
+    """Before the failure and after recovery, as in :class:`MechanismFlown`."""
+    pose = Pose(bench.rotation, bench.translation_m)
+    error = (flight.path(rig) - pose.displacement()[:, list(rig.major)]) / rig.size
+    begin, recovered = (round(s / rig.period_s) for s in (TRANSIENT_S, recovered_s(rig)))
+    struck = flight.struck(rig)
+    before, after = error[begin:struck], error[struck + recovered :]
+    rms = [float(np.sqrt((part**2).sum(axis=1).mean())) for part in (before, after) if len(part)]
+    return rms[0], rms[1] if len(rms) > 1 else None

@@ -1,0 +1,172 @@
+"""A flight as a row: what was drawn, what the diagnosis made of it, and the pointing errors."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pyarrow as pa
+
+from experiments.hexapod.other_controller import track_with
+from experiments.hexapod.simulation import Trajectory
+from experiments.output.campaign import Row
+from experiments.recover import predictions
+from experiments.recover.flight import STRUCK, Flight, Sort, testbed
+from experiments.recover.recovery import (
+    GOAL,
+    Identification,
+    errors,
+    fault_unaware,
+    informed,
+    supervised,
+)
+from ftc.fdi.diagnosis import Diagnosis
+from sim import SimulationDiverged
+
+CONTROLLERS = ("supervised", "informed", "unaware")
+WHEN = ("before", "during", "after")
+
+_INTEGERS = ("strut", "second_strut", "first_strut", "last_strut", "alarms")
+_WORDS = ("kind", "second_kind", "first_kind", "last_kind", "last_kinds", "message")
+_SWITCHES = (
+    *("alarm_before", "sound_named", "strut_right", "kind_right", "all_right", "commands_changed"),
+    *("unexplained", "task_lost", "lost_rightly"),
+)
+_NUMBERS = (
+    *("time_s", "effectiveness", "second_time_s", "second_effectiveness"),
+    *("separation_from_others", "separation_from_kinds"),
+    *("alarm_ms", "named_ms", "first_effectiveness", "first_confidence"),
+    *("last_effectiveness", "kind_confidence", "closure_residual_max_m"),
+    *(f"{what}_{c}_{w}_urad" for c in CONTROLLERS for w in WHEN for what in ("rms", "peak")),
+)
+
+SCHEMA = pa.schema(
+    [
+        ("case", pa.int64()),
+        ("sort", pa.string()),
+        ("draw", pa.int64()),
+        ("mismatch", pa.string()),
+        ("factor", pa.float64()),
+        *((name, pa.int64()) for name in ("plant_seed", "seed")),
+        *((name, pa.float64()) for name in ("begin_s", "duration_s")),
+        ("status", pa.string()),
+        *((name, pa.int64()) for name in _INTEGERS),
+        *((name, pa.string()) for name in _WORDS),
+        *((name, pa.bool_()) for name in _SWITCHES),
+        *((name, pa.float64()) for name in _NUMBERS),
+    ]
+)
+"""Columns of the study's dataset; struts count from 1, ticks from the flight's first failure."""
+
+
+def row_of(flight: Flight) -> Row:
+    """The row of a flight, which is simulated here; its status is "flown" or "diverged"."""
+    try:
+        return flight.parameters() | {"status": "flown"} | _FLY[flight.sort](flight)
+    except SimulationDiverged as diverged:
+        return flight.parameters() | {"status": "diverged", "message": str(diverged)}
+
+
+def _failure(flight: Flight) -> Row:
+    """Three controllers."""
+    machine, fault = flight.testbed(), flight.fault
+    run, found = supervised(machine, flight)
+    unaware = fault_unaware(machine, flight)
+    stuck_m = float(unaware.strut_displacement_m[STRUCK, fault.actuator])
+    row = _identified(flight, found) | _errors("supervised", run) | _errors("unaware", unaware)
+    row |= _errors("informed", informed(machine, flight, fault, stuck_m))
+    if flight.mismatch in ("exact", "all"):  # the rows for which the isolation rate is given
+        others, kinds = predictions.from_others_and_kinds(testbed(), flight)
+        row |= {"separation_from_others": others, "separation_from_kinds": kinds}
+    return row
+
+
+def other_columns(flight: Flight, controller: str) -> Row:
+    """The same errors of another controller, and a sentence if it failed; beside the dataset.
+
+    Only in the main thread of a process, where a controller that takes too long can be stopped.
+    """
+    run, failed = track_with(flight.testbed(), controller, GOAL, **flight.run)
+    return _errors("other", run) | {"case": flight.number, "controller_failure": failed}
+
+
+def _size(flight: Flight) -> Row:
+    run, found = supervised(flight.testbed(), flight)
+    return _identified(flight, found) | _errors("supervised", run)
+
+
+def _sound(flight: Flight) -> Row:
+    """Whether alarms changed a command is found by flying again without a diagnosis."""
+    machine = flight.testbed()
+    run, found = supervised(machine, flight)
+    changed = False
+    if found.alarm_ticks:
+        unaware = fault_unaware(machine, flight)
+        changed = not np.array_equal(run.strut_input_percent, unaware.strut_input_percent)
+    return _watched(found) | {"commands_changed": changed}
+
+
+def _pair(flight: Flight) -> Row:
+    return _identified(flight, supervised(flight.testbed(), flight)[1])
+
+
+_FLY: dict[Sort, Callable[[Flight], Row]] = {
+    "failure": _failure,
+    "size": _size,
+    "sound": _sound,
+    "pair": _pair,
+}
+
+
+def _watched(found: Identification) -> Row:
+    return {
+        "alarms": len(found.alarm_ticks),
+        **{name: getattr(found, name) for name in ("alarm_before", "sound_named", "unexplained")},
+        "task_lost": found.task_lost,
+        "lost_rightly": found.lost_rightly,
+        "closure_residual_max_m": found.closure_residual_max_m,
+    }
+
+
+def _identified(flight: Flight, found: Identification) -> Row:
+    first = found.first
+    own = [each for each in found.standing if each.fault.actuator == flight.fault.actuator]
+    last = own[-1] if own else None
+    return {
+        **_watched(found),
+        "strut_right": found.strut_right,
+        "kind_right": last is not None and flight.fault.kind in last.kinds,
+        "all_right": found.all_right,
+        "alarm_ms": _after_ms(flight, found.detected),
+        "named_ms": _after_ms(flight, first and first.tick),
+        "first_strut": first and first.fault.actuator + 1,
+        "first_kind": first and first.fault.kind,
+        "first_effectiveness": first and first.fault.effectiveness,
+        "first_confidence": first and first.actuator_confidence,
+        **_last(last),
+    }
+
+
+def _last(last: Diagnosis | None) -> Row:
+    """The last diagnosis of the strut that failed first."""
+    if last is None:
+        return {}
+    return {
+        "last_strut": last.fault.actuator + 1,
+        "last_kind": last.fault.kind,
+        "last_kinds": " ".join(last.kinds),
+        "last_effectiveness": last.fault.effectiveness,
+        "kind_confidence": last.kind_confidence,
+    }
+
+
+def _after_ms(flight: Flight, tick: int | None) -> float | None:
+    period_s = testbed().bench.control_period_s
+    return None if tick is None else 1e3 * period_s * (tick - flight.struck[0])
+
+
+def _errors(controller: str, run: Trajectory) -> Row:
+    found = errors(run)
+    return {
+        f"{what}_{controller}_{when}_urad": getattr(found, f"{what}_urad")[k]
+        for k, when in enumerate(WHEN)
+        for what in ("rms", "peak")
+    }

@@ -1,0 +1,1 @@
+"""A robot with its loops, ready to fly: the hexapod of the testbed, or any MJCF file."""

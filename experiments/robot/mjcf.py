@@ -1,0 +1,264 @@
+"""The rig of any robot from its MJCF file."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from experiments.output.draw import Draw
+from experiments.output.recording.mechanism import body_name
+from experiments.output.study import WrongInput
+from experiments.robot.mismatch import (
+    EXACT,
+    DriftingSensors,
+    Mismatch,
+    displaced,
+    mismatched_model,
+)
+from experiments.robot.options import RobotOptions
+from experiments.robot.rig import Rig
+from ftc.control_task import ControlTask
+from ftc.controller import DirectDrive
+from ftc.goal import Goal
+from ftc.tracking import TaskLost, Tracking, goal_told, mapping_for, tracking
+from sim import (
+    Array,
+    Bench,
+    Body,
+    ClosureError,
+    Failure,
+    JointSensors,
+    Mechanism,
+    ModelError,
+    Plant,
+    Sensors,
+    TaskSensor,
+    assemble,
+    load_model,
+    servoed,
+)
+
+_SIZE = 1e-3
+"""Of a path, in radians or extents of the model: so small that the linear model holds."""
+_NOISE = 1e-2
+"""Of a sensor, in what the path moves it: a row by its size, an actuator as far as it moves any."""
+
+
+def robot_rig(file: Path, options: RobotOptions, mismatch: Mismatch = EXACT) -> Rig:
+    """Any robot from its MJCF file, its plants drawn with a mismatch.
+
+    Raises:
+        WrongInput: A weight or keyframe that the robot does not have; or it cannot do the task.
+        sim.ModelError: The file, or what it says.
+    """
+    robot, rows = _robot(file, options), options.rows
+    plant = robot.plant(robot.model)
+    limits = plant.limits()
+    limited = options.limits == "stated" and any(np.isfinite(limit).any() for limit in limits)
+    track = _tracking(robot, plant, limits if limited else None, file)
+    return Rig(
+        title=file.stem,
+        model=robot.model,
+        actuators=tuple(drive.name for drive in plant.drives),
+        aliases=tuple(drive.actuators for drive in plant.drives),
+        bodies=tuple(_body(robot.model, drive.joint) for drive in plant.drives),
+        major=rows,
+        goal=robot.goal,
+        nominal=track.nominal,
+        watched=track.watched,
+        loops=track.loops,
+        margins=track.margins,
+        limits=track.limits,
+        feedforward=True,
+        size=robot.size,
+        noise=robot.noise,
+        encoder_noise=robot.encoder_noise,
+        mapping=track.mapping,
+        controller=track.controller,
+        supervisor=lambda dither: track.supervisor(dither=dither),
+        bench=lambda time_s, failures, seed: robot.bench(mismatch, time_s, failures, seed),
+        classified=track.classified,
+        told=goal_told,
+        task=ControlTask(
+            nominal=track.nominal,
+            J=track.system.kinematics().J,
+            major=rows,
+            goal=robot.goal,
+            drives=DirectDrive(),
+            limits_m=limits,
+            reference_limit=np.full(len(rows), robot.size),
+        ),
+    )
+
+
+@dataclass(frozen=True)
+class _Robot:
+    """A robot at its start; the frame of its task, its control period, goal, path and sensors."""
+
+    model: mujoco.MjModel
+    start: mujoco.MjData
+    options: RobotOptions
+    frame: str | Body
+    period_s: float
+    goal: Goal
+    size: float
+
+    @property
+    def noise(self) -> float:
+        """Of a sample of each major row."""
+        return _NOISE * self.size if self.options.noise is None else self.options.noise
+
+    @cached_property
+    def encoder_noise(self) -> float:
+        """Of a sample of each actuator."""
+        if self.options.noise is not None:
+            return self.options.noise
+        gain = mapping_for(self.mechanism, self.goal, self.options.rows).pointing_gain()
+        return self.noise * float(np.abs(gain).max())
+
+    @property
+    def deviations(self) -> Array:
+        """Of what the diagnosis looks at: major rows, then actuators."""
+        of_task = [self.noise] * len(self.options.rows) * (self.options.sense != "joints")
+        actuators = len(self.mechanism.nominal.displacements)
+        of_encoders = [self.encoder_noise] * actuators * (self.options.sense != "task")
+        return np.array(of_task + of_encoders)
+
+    def plant(self, model: mujoco.MjModel) -> Plant:
+        """With this model."""
+        return Plant(model, base=self.options.axes, payload=self.frame, start=self.start)
+
+    @property
+    def mechanism(self) -> Mechanism:
+        """The controller's own model."""
+        return Mechanism(self.model, self.start, self.frame, self.options.axes)
+
+    def bench(
+        self, mismatch: Mismatch, time_s: Array, failures: Sequence[Failure], seed: int
+    ) -> Bench:
+        """A machine with plant, drift and noise of this seed."""
+        known = self.plant(self.model)
+        model, gains = mismatched_model(self.model, known, mismatch, seed)
+        plant = self.plant(model)
+        per_command = displaced(known, plant, gains)
+        return Bench(
+            plant,
+            self._sensors(mismatch.drift_per_s * self.period_s, len(gains), seed),
+            time_s=time_s,
+            period_s=self.period_s,
+            failures=failures,
+            drives=lambda command: per_command * command,
+            delay_ticks=mismatch.delay_ticks,
+            keep_qpos=True,
+        )
+
+    def _sensors(self, drift_per_tick: float, actuators: int, seed: int) -> Sensors:
+        """Of the task, or encoders alone; zeros drift up to so many standard deviations."""
+        rows, draw = self.options.rows, Draw(seed)
+        noise, encoder_noise = self.noise, self.encoder_noise
+        of_task = drift_per_tick * noise * draw.uniform("task drift", len(rows))
+        of_encoders = drift_per_tick * encoder_noise * draw.uniform("drift", actuators)
+        sensors: Sensors = TaskSensor(rows, noise, encoder_noise, seed)
+        if self.options.sense == "joints":
+            # The task is computed from the encoders, and drifts with them.
+            sensors, of_task = JointSensors(self.mechanism, rows, encoder_noise, seed), 0 * of_task
+        return DriftingSensors(sensors, of_task, of_encoders)
+
+
+def _robot(file: Path, options: RobotOptions) -> _Robot:
+    model = load_model(file, add_locks=True)
+    start = _start(model, options.keyframe)
+    if options.servo is not None:
+        model = servoed(model, natural_frequency_hz=options.servo, data=start)
+        start = _start(model, options.keyframe)
+    try:
+        start = assemble(model, start)
+    except ClosureError as error:
+        raise ModelError(f"{file}: {error}") from None
+    frame: str | Body = options.site
+    if all(model.site(k).name != options.site for k in range(model.nsite)):
+        frame = Body(options.site)
+    steps = max(1, math.ceil(options.period / model.opt.timestep - 1e-9))
+    size = options.size
+    if size is None:
+        turns = all(row < 3 for row in options.rows)
+        size = _SIZE if turns else _SIZE * float(model.stat.extent)
+    actuators = len(Mechanism(model, start, frame, options.axes).nominal.displacements)
+    goal = _goal(actuators, options)
+    return _Robot(model, start, options, frame, steps * model.opt.timestep, goal, size)
+
+
+def _tracking(
+    robot: _Robot, plant: Plant, limits: tuple[Array, Array] | None, file: Path
+) -> Tracking:
+    """The loops of a plant at its start."""
+    options = robot.options
+    try:
+        return tracking(
+            robot.mechanism,
+            plant.linear(),
+            options.rows,
+            noise=robot.deviations,
+            period_s=robot.period_s,
+            step_s=float(robot.model.opt.timestep),
+            goal=robot.goal,
+            crossover_hz=options.crossover,
+            sense=options.sense,
+            limits=limits,
+            implicit_damping=plant.implicit_damping,
+        )
+    except TaskLost as error:
+        raise WrongInput(f"{file}: {error}") from None
+
+
+def _body(model: mujoco.MjModel, joint: int | None) -> str | None:
+    return None if joint is None else body_name(model, int(model.jnt_bodyid[joint]))
+
+
+def _start(model: mujoco.MjModel, keyframe: str | None) -> mujoco.MjData:
+    """The state of a keyframe by name or number; None is the first, or qpos0."""
+    data = mujoco.MjData(model)
+    if keyframe is None:
+        if model.nkey:
+            mujoco.mj_resetDataKeyframe(model, data, 0)
+        return data
+    names = [model.key(k).name for k in range(model.nkey)]
+    if keyframe in names:
+        number = names.index(keyframe)
+    elif keyframe.isdecimal() and int(keyframe) < model.nkey:
+        number = int(keyframe)
+    else:
+        known = ", ".join(name or str(k) for k, name in enumerate(names)) or "none"
+        raise WrongInput(f"--keyframe {keyframe}: the model has {known}")
+    mujoco.mj_resetDataKeyframe(model, data, number)
+    return data
+
+
+def _goal(actuators: int, options: RobotOptions) -> Goal:
+    """W1 and W2; with neither of them all joints weigh alike."""
+    joint, others = options.joint_weight, options.secondary_weight
+    if joint is None and others is None:
+        joint = "1"
+    secondary = 6 - len(options.rows)
+    return Goal(
+        joint_weight=None if joint is None else _weights("--joint-weight", joint, actuators),
+        secondary_weight=None
+        if others is None
+        else _weights("--secondary-weight", others, secondary),
+    )
+
+
+def _weights(option: str, text: str, count: int) -> tuple[float, ...]:
+    try:
+        values = [float(part) for part in text.split(",")]
+    except ValueError:
+        raise WrongInput(f"{option} must be numbers with commas between, got {text}") from None
+    if not all(0 <= value < math.inf for value in values):
+        raise WrongInput(f"{option} must not be negative or infinite, got {text}")
+    if len(values) not in (1, count):
+        raise WrongInput(f"{option} must be one number or {count}, got {len(values)}")
+    return tuple(values * count if len(values) == 1 else values)

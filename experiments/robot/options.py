@@ -1,0 +1,156 @@
+"""What a command says of its robot: the options that several studies have."""
+
+import math
+from dataclasses import dataclass
+
+from experiments.output.study import Option, WrongInput
+from experiments.robot.choices import Limited, Sensing
+
+_TWIST = 6
+
+DITHER_SIZE = 0.1
+"""Of a dither: no actuator moves further than this part of what the path moves one, nor a major row
+than this part of the path's size. A failed actuator leaves its part of the dither uncancelled."""
+
+
+@dataclass(frozen=True)
+class RobotOptions:
+    """How a robot is controlled, in the words of the command; its options are below.
+
+    Raises:
+        WrongInput: A number that is not positive, or no rows of a twist.
+    """
+
+    site: str = "payload"
+    axes: str | None = None
+    major: str = "0,1"
+    size: float | None = None
+    noise: float | None = None
+    crossover: float | None = None
+    period: float = 1e-3
+    joint_weight: str | None = None
+    secondary_weight: str | None = None
+    limits: Limited = "stated"
+    keyframe: str | None = None
+    servo: float | None = None
+    sense: Sensing = "task"
+
+    def __post_init__(self) -> None:
+        for name in ("size", "noise", "crossover", "period", "servo"):
+            if (value := getattr(self, name)) is not None:
+                check_positive(name, value)
+        _ = self.rows
+
+    @property
+    def rows(self) -> tuple[int, ...]:
+        """The major ones, of the twist."""
+        parts = self.major.split(",")
+        rows = [int(part) for part in parts if part.strip().isdecimal()]
+        if len(rows) < len(parts) or len(set(rows)) < len(rows) or max(rows) >= _TWIST:
+            raise WrongInput(f"--major must be different rows from 0 to 5 as 0,1, got {self.major}")
+        return tuple(rows)
+
+
+def check_positive(name: str, value: float) -> None:
+    """Refuse a number of the command that is not positive and finite.
+
+    Raises:
+        WrongInput: It is not.
+    """
+    if not 0 < value < math.inf:
+        raise WrongInput(f"--{name} must be positive and finite, got {value:g}")
+
+
+_USUAL = RobotOptions
+
+TASK = (
+    Option("site", str, _USUAL.site, "Task frame: a site, or a body.", "NAME"),
+    Option("axes", str | None, _USUAL.axes, "Site that gives the axes.  [default: world]", "NAME"),
+    Option(
+        "major",
+        str,
+        _USUAL.major,
+        "Major rows of the twist [turn x, y, z; x, y, z], 0 to 5: controlled exactly.",
+        "ROWS",
+    ),
+)
+PATH = (
+    Option(
+        "size",
+        float | None,
+        _USUAL.size,
+        "Radius of the path, [rad] or [m].  [default: 1 mrad, or a thousandth of the model's "
+        "extent]",
+        "R",
+    ),
+    Option("turn", float, 4.0, "Time of one turn of a circle or spiral, in seconds.", "S"),
+)
+SENSE = Option(
+    "sense",
+    Sensing,
+    _USUAL.sense,
+    "task: a sensor of the major rows; joints: encoders, and forward kinematics; both: the "
+    "diagnosis looks at both.",
+)
+LOOPS = (
+    Option(
+        "noise",
+        float | None,
+        _USUAL.noise,
+        "Standard deviation of one sample of each sensor, [rad] or [m].  [default: a hundredth "
+        "of what the path moves it]",
+        "SIGMA",
+    ),
+    Option(
+        "crossover",
+        float | None,
+        _USUAL.crossover,
+        "Gain crossover of the loops.  [default: the highest with a sensitivity peak of 1.7]",
+        "HZ",
+    ),
+    Option("period", float, _USUAL.period, "Control period, in whole physics steps.", "S"),
+    Option(
+        "joint_weight",
+        str | None,
+        _USUAL.joint_weight,
+        "W1, one number or one an actuator.  [default: 1, unless there is a secondary weight]",
+        "W,...",
+    ),
+    Option(
+        "secondary_weight",
+        str | None,
+        _USUAL.secondary_weight,
+        "W2, one number a secondary row.",
+        "W,...",
+    ),
+    Option(
+        "limits",
+        Limited,
+        _USUAL.limits,
+        "Displacements of the actuators: within the ranges that the file states, or unlimited.",
+    ),
+    Option(
+        "keyframe",
+        str | None,
+        _USUAL.keyframe,
+        "Where the robot starts: name or number.  [default: the first, or qpos0]",
+        "KEY",
+    ),
+    Option(
+        "servo",
+        float | None,
+        _USUAL.servo,
+        "Natural frequency of the position servos that torque motors get.",
+        "HZ",
+    ),
+)
+DITHER = Option(
+    "dither",
+    str,
+    "none",
+    "A small motion in the null space of the major rows, for the diagnosis: none, designed (the "
+    "direction and frequency that separate failures best, at 2, 5, 10 or 20 Hz), or a frequency in "
+    f"Hz. No actuator moves further than {DITHER_SIZE:g} of what the path moves one, and by "
+    f"dynamics no major row further than {DITHER_SIZE:g} of the path's size.",
+    "HZ",
+)

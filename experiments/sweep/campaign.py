@@ -1,0 +1,17 @@
+"""The campaign of a sweep: its runs as rows."""
+
+from experiments.output.basis import sources_of
+from experiments.output.campaign import Campaign
+from experiments.sweep.design import SweepRuns
+from experiments.sweep.row import SCHEMA, row_of
+
+SOURCES = sources_of(
+    "sweep",
+    without=("__init__", "atlas", "campaign", "figure", "results", "runs", "words"),
+)
+
+
+def sweep_of(runs: SweepRuns) -> Campaign[SweepRuns]:
+    """The runs of a design with this seed."""
+    drawn_from = {"design": runs.design.as_json(), "seed": runs.seed}
+    return Campaign(runs, row_of, SCHEMA, SOURCES, drawn_from)

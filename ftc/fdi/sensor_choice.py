@@ -1,0 +1,81 @@
+"""Which further sensor separates the failures that a dither leaves alike."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+import argument_checks as check
+from ftc.fdi.dither import Dither
+from ftc.fdi.fault_model import NominalModel
+from ftc.fdi.separation import ALIKE, Conditions, Separations, separations
+
+
+@dataclass(frozen=True)
+class AddedSensor:
+    """What is separated with one more sensor.
+
+    Attributes:
+        name: Of the sensor.
+        separations: With it.
+        alike: Number of pairs of actuators that stay alike, and of actuators with a failure that
+            stays undetected, below :data:`ftc.fdi.separation.ALIKE`.
+    """
+
+    name: str
+    separations: Separations
+    alike: int
+
+
+def ranked_sensors(
+    nominal: NominalModel,
+    candidates: Mapping[str, tuple[ArrayLike, float]],
+    dither: Dither,
+    conditions: Conditions,
+) -> tuple[AddedSensor, ...]:
+    """The candidates by what each leaves alike, then by the least separation; the best first.
+
+    Args:
+        nominal: The plant without failures, and what is measured of it already.
+        candidates: By name: what a sensor measures, a row per state (s,), and the standard
+            deviation of one sample. A disturbance in `conditions` does not reach it.
+        dither: As of :func:`ftc.fdi.separation.separations`.
+        conditions: As there.
+
+    Raises:
+        ValueError, TypeError: An argument of the wrong shape or size.
+    """
+    check.instance("nominal", nominal, NominalModel)
+    check.instance("candidates", candidates, Mapping)
+    check.instance("conditions", conditions, Conditions)
+    found = []
+    for name, candidate in candidates.items():
+        more = _with_sensor(nominal, candidate)
+        apart = separations(more, dither, _undisturbed_besides(conditions))
+        between = apart.between_actuators
+        found.append(AddedSensor(name, apart, int(np.triu(between < ALIKE).sum())))
+    return tuple(sorted(found, key=lambda each: (each.alike, -each.separations.least)))
+
+
+def _with_sensor(nominal: NominalModel, candidate: tuple[ArrayLike, float]) -> NominalModel:
+    import control  # late, as in ftc.compensator
+
+    try:
+        row, noise = candidate
+    except (TypeError, ValueError):
+        raise ValueError(
+            "candidates must be pairs of a row and its noise, got " + check.shown(candidate)
+        ) from None
+    plant = nominal.plant
+    C = np.vstack([plant.C, check.exactly("candidates", row, plant.nstates)])
+    sigma = np.append(nominal.noise, check.positive("candidates", noise))
+    return replace(nominal, plant=control.ss(plant.A, plant.B, C, 0), noise=sigma)
+
+
+def _undisturbed_besides(conditions: Conditions) -> Conditions:
+    """With one output more, which the disturbance does not reach."""
+    if conditions.disturbance is None:
+        return conditions
+    lead = [(0, 0)] * (conditions.disturbance.ndim - 2)
+    return replace(conditions, disturbance=np.pad(conditions.disturbance, [*lead, (0, 1), (0, 1)]))

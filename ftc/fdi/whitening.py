@@ -1,0 +1,63 @@
+"""Noise and disturbance as they are: an autoregressive model estimated from residuals.
+
+Each output has its own. The filter is the prediction error of the autoregression (Yule and Walker;
+Kay, Modern Spectral Estimation, 1988, chapter 7): white of unit variance while nothing has failed.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+
+from argument_checks import Array
+
+_RIDGE = 1e-4
+
+
+@dataclass(frozen=True)
+class Spectrum:
+    """Autocovariances of residuals, with forgetting.
+
+    Attributes:
+        recent: Latest residuals, the newest last, shape (q + 1, p).
+        covariance: Their mean products with the newest, by lag, shape (q + 1, p).
+        samples: So far.
+    """
+
+    recent: Array
+    covariance: Array
+    samples: int
+
+    @classmethod
+    def start(cls, order: int, outputs: int) -> "Spectrum":
+        """Nothing measured yet."""
+        return cls(np.zeros((order + 1, outputs)), np.zeros((order + 1, outputs)), 0)
+
+    def with_residual(self, residual: Array, memory: float) -> "Spectrum":
+        """With one more (p,), all weighted alike up to so many, and forgotten after them."""
+        recent = np.concatenate([self.recent[1:], residual[None]])
+        rate = 1 / min(self.samples + 1, memory)
+        products = recent[::-1] * residual
+        covariance = self.covariance + rate * (products - self.covariance)
+        return Spectrum(recent, covariance, self.samples + 1)
+
+    def filter(self, fitted: float = 0.0, memory: float = np.inf) -> Array:
+        """Weights (q + 1, p) of the newest to the oldest residual, whose sum is white.
+
+        Args:
+            fitted: Parameters for each output that were fitted to the same residuals, beside the q
+                of the autoregression. Both make them look smaller than new ones will be, by the
+                final prediction error (Akaike, Annals Inst. Statistical Mathematics 21, 1969).
+            memory: Samples after which residuals are forgotten.
+        """
+        samples = min(self.samples, memory)
+        freedom = min(len(self.covariance) - 1 + fitted, samples / 2)
+        error = (samples + freedom) / max(samples - freedom, 1.0)
+        weights = np.empty_like(self.covariance)
+        for k, c in enumerate(self.covariance.T):
+            ridged = c.copy()
+            ridged[0] *= 1 + _RIDGE
+            a = scipy.linalg.solve_toeplitz(ridged[:-1], ridged[1:])
+            variance = max(ridged[0] - a @ ridged[1:], _RIDGE * ridged[0])
+            weights[:, k] = np.concatenate([[1.0], -a]) / np.sqrt(error * variance)
+        return weights

@@ -1,0 +1,90 @@
+"""A monitor whose verdicts are given, in flights of noise with a shock."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ftc.fdi.diagnosis import FdiConfig
+from ftc.fdi.fault_model import Fault
+from ftc.fdi.hypotheses import HypothesisBank, Verdict
+from ftc.fdi.monitor import MonitorState, monitor
+from ftc.fdi.uncertainty import CERTAIN
+from tests.cart_runs import carts
+
+NOMINAL = carts(0, n=3)  # 5 ms a tick
+CONFIG = FdiConfig(
+    uncertainty=replace(CERTAIN, offset=3.0, offset_rate=1.0),
+    sample_s=10e-3,
+    learning_s=1.0,
+    look_back_s=0.6,
+    confirmation_s=0.5,
+)
+USUAL = monitor(NOMINAL, config=CONFIG)
+TICKS = 2  # of a sample
+SHOCK = 140  # sample
+STATE = np.linspace(1, 2, 6) * 1e-3
+
+
+@dataclass(frozen=True)
+class Script(HypothesisBank):
+    """A bank whose verdict on each sample is given."""
+
+    says: Callable[[int], Verdict]
+
+    def start(self, onsets, prior, X, memory):
+        """The bank's; residuals before the first onset are noise, without the known offset."""
+        assert np.abs(memory[:, 0]).max() < 6
+        return super().start(onsets, prior, X, memory)
+
+    def verdict(self, state, sample):
+        """What is given, with as many likelihoods as there are onsets."""
+        said = self.says(sample)
+        return replace(said, best=np.resize(said.best, len(state.onsets)))
+
+
+def verdict(fault: Fault, actuator=1.0, kind=1.0, **others) -> Verdict:
+    kinds = {"locked": (kind, 1 - kind, 0.0), "free": (1 - kind, kind, 0.0)}
+    return Verdict(
+        **{
+            "fault": fault,
+            "actuator_confidence": actuator,
+            "kind_confidences": kinds.get(fault.kind, (0.0, 1 - kind, kind)),
+            "fault_free_confidence": 0.0,
+            "inflation": 1.0,
+            "unexplained": 0.0,
+            "energy": 0.0,
+            "onset": SHOCK - 1,
+            "x": STATE,
+            "best": np.zeros(1),
+        }
+        | others
+    )
+
+
+LOCKED, WEAK = verdict(Fault(2, "locked")), verdict(Fault(2, "weak", 0.5))
+UNSURE = replace(LOCKED, actuator_confidence=0.9)
+
+
+def flown(
+    says: Callable[[int], Verdict], samples: int = 300, shock: int = SHOCK, offset: float = 0.0
+) -> dict[int, MonitorState]:
+    """States of the monitor after each sample, of noise with a shock, to the confirmation."""
+    watch = replace(USUAL, bank=Script(**vars(USUAL.bank), says=says))
+    rng, state, states = np.random.default_rng(0), watch.start(), {}
+    for tick in range(TICKS * samples + 1):
+        y = rng.standard_normal(3) + 50.0 * (tick // TICKS == shock) + offset
+        state = watch.step(state, NOMINAL.noise * y, np.zeros(3))
+        if tick and tick % TICKS == 0:
+            states[tick // TICKS - 1] = state
+            if state.diagnosis is not None and state.diagnosis.confirmed:
+                break
+    return states
+
+
+def named(states: dict[int, MonitorState]) -> dict[int, Fault]:
+    return {
+        sample: state.diagnosis.fault
+        for sample, state in states.items()
+        if state.diagnosis is not None
+    }

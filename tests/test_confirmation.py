@@ -1,0 +1,122 @@
+"""How a named failure is revised, confirmed, contradicted and believed, under given verdicts."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ftc.fdi.fault_model import Fault, fault_model
+from tests.scripted_monitor import (
+    LOCKED,
+    NOMINAL,
+    SHOCK,
+    TICKS,
+    UNSURE,
+    USUAL,
+    WEAK,
+    flown,
+    named,
+    verdict,
+)
+
+
+def test_what_is_named_is_confirmed_after_the_time_of_confirmation():
+    states = flown(lambda sample: LOCKED)
+    assert min(named(states)) == SHOCK
+    last = max(states)
+    assert SHOCK + 50 <= last < SHOCK + 62  # judged every twelfth sample by now
+    found = states[last].diagnosis
+    assert found is not None and found.confirmed
+
+
+def test_the_time_of_confirmation_begins_when_an_actuator_is_named_not_at_the_alarm():
+    states = flown(lambda sample: UNSURE if sample < SHOCK + 40 else LOCKED)
+    assert max(states) >= min(named(states)) + 50 > SHOCK + 90
+
+
+def test_onsets_that_hardly_matter_are_dropped_when_an_actuator_is_named():
+    """Those whose likelihood is more than e^12 times smaller than the best one's."""
+    steep = replace(LOCKED, best=np.array([0.0, -11.9, -12.1]))
+    states = flown(lambda sample: UNSURE if sample < SHOCK + 4 else steep, SHOCK + 8)
+    before, after = states[SHOCK].evidence, states[min(named(states))].evidence
+    assert before is not None and after is not None
+    kept = np.arange(len(before.onsets)) % 3 < 2
+    np.testing.assert_array_equal(after.onsets, before.onsets[kept])
+
+
+REVISIONS = {
+    "actuator": (LOCKED, verdict(Fault(1, "locked"), kind=0.5), True),
+    "kind unsure": (LOCKED, verdict(Fault(2, "free"), kind=0.9), False),
+    "kind": (LOCKED, verdict(Fault(2, "free"), kind=0.9991), True),
+    "actuator unsure": (LOCKED, verdict(Fault(1, "locked"), actuator=0.9), False),
+    "little": (WEAK, verdict(Fault(2, "weak", 0.58)), False),
+    "weaker": (WEAK, verdict(Fault(2, "weak", 0.38)), True),
+    "stronger": (WEAK, verdict(Fault(2, "weak", 0.62)), True),
+}
+
+
+@pytest.mark.parametrize("name", REVISIONS)
+def test_a_diagnosis_is_revised_when_another_is_certain(name):
+    before, now, revised = REVISIONS[name]
+    states = flown(lambda sample: before if sample < SHOCK + 10 else now, SHOCK + 30)
+    assert states[SHOCK].diagnosis is not None
+    found = states[SHOCK + 29].diagnosis
+    assert found is not None and not found.confirmed
+    assert found.fault == (now.fault if revised else before.fault)
+
+
+def test_kinds_that_cannot_be_told_apart_are_said():
+    """Those likelier than one in a thousand, the likeliest first, which need not be named."""
+    alike = replace(LOCKED, kind_confidences=(0.3, 0.6995, 0.0005))
+    found = flown(lambda sample: alike, SHOCK + 1)[SHOCK].diagnosis
+    assert found is not None and found.kinds == ("free", "locked")
+    assert found.kind_confidence == 0.3
+
+
+@pytest.mark.parametrize(
+    ("jump", "inflation", "contradicts"), [(80.0, 1.0, False), (120.0, 1.0, True), (120.0, 2.0, 0)]
+)
+def test_what_contradicts_a_named_failure_confirms_it(jump, inflation, contradicts):
+    """Its energy grows at once by more than twelve samples of three outputs ever make by chance.
+
+    Chance is as much larger as the residuals were before.
+    """
+    said = replace(LOCKED, inflation=inflation)
+    states = flown(
+        lambda sample: replace(said, energy=0.0 if sample < SHOCK + 24 else jump), SHOCK + 40
+    )
+    found = states[max(states)].diagnosis
+    assert found is not None and found.fault == LOCKED.fault
+    assert found.confirmed == contradicts
+
+
+def test_a_named_failure_that_is_never_certain_again_is_given_up():
+    """After twice the time of confirmation."""
+    states = flown(lambda sample: LOCKED if sample < SHOCK + 10 else UNSURE)
+    last = max(named(states))
+    assert SHOCK + 100 <= last + 1 < SHOCK + 112
+    assert states[last + 1].unexplained and states[last + 1].diagnosis is None
+
+
+def test_a_confirmed_failure_is_believed_from_its_onset_on():
+    """The watch goes on as if its model had been known: its states by that model, tick by tick."""
+    states = flown(lambda sample: replace(LOCKED, inflation=4.0))
+    last = states[max(states)]
+    after, state = USUAL.believing(last)
+    # What shook the failed plant with four times the variance shakes the one that is believed.
+    np.testing.assert_allclose(2 * state.watch.whitening, last.watch.whitening)
+    assert after.faults == (LOCKED.fault,)
+    assert {fault.actuator for fault in after.bank.faults} == {0, 1}
+    assert (state.diagnosis, state.evidence, state.alarm_ticks) == (None, None, (282,))
+    assert state.history[0].sample == SHOCK - 1 and state.history[-1] is not last.history[-1]
+    since = (TICKS * state.history[-1].sample - last.named_tick + 1) // TICKS
+    assert (np.abs(state.recent).max(axis=1) > 0).sum() == min(since, len(state.recent))
+    model = fault_model(NOMINAL, [LOCKED.fault])
+    begun = next(each for each in last.history if each.sample == SHOCK - 1)
+    x = model.onset @ begun.X[0]
+    for moment in state.history:
+        np.testing.assert_allclose(moment.X[0], x, atol=1e-15)
+        for _ in range(TICKS):
+            x = model.A @ x + model.B @ moment.v[:3]
+    with pytest.raises(ValueError, match="must hold a confirmed diagnosis"):
+        after.believing(state)

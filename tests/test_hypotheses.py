@@ -1,0 +1,142 @@
+"""What the bank says of each hypothesis, against Gaussians written out in full."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scipy.linalg
+import scipy.optimize
+
+from ftc.fdi.fault_model import Fault
+from ftc.fdi.hypotheses import hypothesis_bank
+from ftc.fdi.parameter_filter import Parameters
+from ftc.fdi.uncertainty import CERTAIN, Uncertainty, perturbed
+from tests.cart_runs import ONSETS, SAMPLES, Record, carts, gathered, outputs
+
+SPREAD = 1 / np.sqrt(12)  # of a uniform variable over a cell of width one
+WRONG = Uncertainty(0.1, 0.1, 0.2, 0.05, delay_s=2e-3)
+
+
+def filtered(whitening: np.ndarray, signal: np.ndarray) -> np.ndarray:
+    """Each output of (N, p) by its own weights, newest first; nothing was before."""
+    return np.column_stack(
+        [np.convolve(r, w)[: len(r)] for r, w in zip(signal.T, whitening.T, strict=True)]
+    )
+
+
+def parts_about(fault: Fault) -> tuple[Fault, ...]:
+    """The hypothesis with a quarter more and a quarter less of its force lost."""
+    lost = 1 - fault.effectiveness
+    less = [replace(fault, kind="weak", effectiveness=min(1 - lost + 0.25, 1.0))]
+    more = [replace(fault, effectiveness=fault.effectiveness - 0.25)] if lost < 1 else []
+    return (*less, *more)
+
+
+def sensitivities(record: Record, fault: Fault | None, onset: int, uncertainty) -> np.ndarray:
+    """What each parameter but the offsets changes of the outputs, by simulation, (R - p, N, p)."""
+    nominal, ticks, u = record.nominal, record.ticks, record.u
+    plain = outputs(nominal, ticks, u, fault, onset)
+    tiny = 1e-4
+    small = replace(uncertainty, **{k: tiny * v for k, v in vars(uncertainty).items()})
+    step = 1e-3 * tiny  # perturbed() goes a thousandth of a deviation
+    found = [
+        (outputs(each, ticks, u, fault, onset) - plain) / step for each in perturbed(nominal, small)
+    ]
+    if uncertainty.delay_s:
+        late = uncertainty.delay_s / nominal.period_s / ticks
+        found.append(outputs(nominal, ticks, u, fault, onset, late=late) - plain)
+    if fault is None:
+        return np.array([*found, *np.zeros((3, *plain.shape))])
+    later = outputs(nominal, ticks, u, fault, onset + 1) - plain
+    later[onset] = 0.0  # within its sample it is not dated
+    push = nominal.plant.B[:, fault.actuator]
+    way = np.roll(push, -len(push) // 2)
+    way = way / np.linalg.norm(nominal.plant.C @ way / nominal.noise)
+    further, lost = np.zeros_like(plain), np.zeros_like(plain)
+    if fault.kind == "locked":
+        further = outputs(nominal, ticks, u, fault, onset, nudged=1.5 * way) - plain
+    else:
+        less, *more = (outputs(nominal, ticks, u, each, onset) for each in parts_about(fault))
+        lost = (more[0] - less) / 2 if more else plain - less
+    return np.array([*found, SPREAD * later, further, SPREAD * lost])
+
+
+def drawn_prior(errors: int, outputs: int, seed: int) -> Parameters:
+    rng = np.random.default_rng(seed)
+    half = rng.normal(size=(errors + outputs,) * 2)
+    covariance = 0.2 * half @ half.T / len(half) + 0.1 * np.eye(len(half))
+    return Parameters(0.5 * rng.standard_normal(len(half)), covariance)
+
+
+def drawn_whitening(p: int, seed: int) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    return np.vstack([rng.uniform(0.5, 1.5, (1, p)), 0.3 * rng.normal(size=(2, p))])
+
+
+def written_out(record: Record, fault: Fault | None, onset: int, prior, whitening):
+    """Energy, log of the root of the determinant, and parameters, of one hypothesis, in full.
+
+    Of residuals e = H theta + noise with theta of the prior, all samples at once. Where the best
+    onset or part lost is not in its cell, energy and parameters are the best within.
+    """
+    seen = outputs(record.nominal, record.ticks, record.u, fault, onset)
+    changes = sensitivities(record, fault, onset, WRONG)
+    rows = [filtered(whitening, each).ravel() for each in changes]
+    always = [np.tile(each * whitening.sum(axis=0), (SAMPLES, 1)).ravel() for each in np.eye(2)]
+    H = np.array([*rows[:-3], *always, *rows[-3:]]).T
+    P = scipy.linalg.block_diag(prior.covariance, np.eye(3))
+    e = filtered(whitening, record.y - seen).ravel() - H[:, :-3] @ prior.mean
+    S = np.eye(len(e)) + H @ P @ H.T
+    low, high = np.full(len(P), -np.inf), np.full(len(P), np.inf)
+    low[[-3, -1]], high[[-3, -1]] = -np.sqrt(3), np.sqrt(3)
+    if fault is not None and fault.kind == "free":
+        high[-1] = 0.0
+    if fault is not None and fault.effectiveness == 0.75:
+        low[-1] = -0.23 / (0.25 * SPREAD)
+    best = P @ H.T @ np.linalg.solve(S, e)
+    energy = e @ np.linalg.solve(S, e)
+    beyond = int(((best < low) | (best > high)).sum())
+    if beyond:
+        stacked = np.vstack([H, np.linalg.inv(np.linalg.cholesky(P))])
+        aim = np.append(e, np.zeros(len(P)))
+        within = scipy.optimize.lsq_linear(stacked, aim, (low, high), tol=1e-12)
+        energy, best = 2 * within.cost, within.x
+    return energy, np.linalg.slogdet(S)[1] / 2, best, beyond
+
+
+@pytest.mark.parametrize("ticks", [1, 3])
+@pytest.mark.parametrize("seed", range(4))
+def test_a_hypothesis_is_weighed_by_its_gaussian_with_all_unknowns_integrated_out(seed, ticks):
+    """Against simulations of each hypothesis and of each of its errors, written out in full."""
+    nominal = carts(seed)
+    record = Record.of(nominal, ticks, seed, Fault(1, "weak", 0.4))
+    bank = hypothesis_bank(nominal, (), WRONG, ticks)
+    prior = drawn_prior(len(bank.believed.M) - 1, 2, seed)
+    whitening = drawn_whitening(2, seed)
+    energy, log_det, parameters = gathered(bank, record, prior, whitening).marginal()
+    counted = np.zeros(3, dtype=int)
+    for h, fault in enumerate([None, *bank.faults]):
+        for k, onset in enumerate(ONSETS[: 1 if fault is None else None]):
+            left, root, best, beyond = written_out(record, fault, onset, prior, whitening)
+            counted[beyond] += 1
+            assert log_det[h, k] == pytest.approx(root, rel=1e-3, abs=1e-4)
+            assert energy[h, k] == pytest.approx(left, rel=1e-3)
+            np.testing.assert_allclose(parameters[h, k], best, atol=5e-3 * np.abs(best).max())
+    assert counted[0] > 3 and counted[1] > 0
+
+
+def test_with_a_certain_model_and_white_noise_the_ratio_of_likelihoods_is_the_plain_one():
+    """Half the difference of sums of squares, whatever has happened since whenever."""
+    nominal = carts(5, n=3)
+    record = Record.of(nominal, 2, 5, Fault(2, "locked"))
+    bank = hypothesis_bank(nominal, (), CERTAIN, 2)
+    prior = Parameters.prior(0, 3, CERTAIN)
+    evidence = gathered(bank, record, prior, np.ones((1, 3)))
+    for h, fault in enumerate(bank.faults, 1):
+        for k, onset in enumerate(ONSETS):
+            left = record.y - outputs(nominal, 2, record.u, fault, onset)
+            assert evidence.energy[h, k] == pytest.approx((left**2).sum(), rel=1e-9)
+    sound = record.y - outputs(nominal, 2, record.u)
+    assert evidence.marginal()[0][0, 0] == pytest.approx((sound**2).sum(), rel=1e-6)
+    right = 1 + bank.faults.index(Fault(2, "locked"))
+    assert np.unravel_index(evidence.energy[1:].argmin(), (15, 3)) == (right - 1, 1)

@@ -1,0 +1,185 @@
+"""Every mechanism loses an actuator in flight and goes on, on a plant that is not the model."""
+
+import json
+from dataclasses import replace
+from functools import cache
+from typing import Any, get_args
+
+import numpy as np
+import pytest
+
+from experiments.output.files import json_text
+from experiments.output.study import WrongInput
+from experiments.recover.mechanism_flight import MechanismFlight, MechanismFlown, fly
+from experiments.recover.mechanism_results import results
+from experiments.recover.mechanisms import Mechanisms, Sensed, run_mechanisms
+from experiments.robot.choices import Sensing
+from experiments.robot.dither import rig_dither
+from experiments.robot.mismatch import ALL
+from experiments.robot.mjcf import robot_rig
+from experiments.robot.options import DITHER_SIZE, RobotOptions
+from experiments.robot.rig import Rig
+from ftc.fdi.dither_design import DitherDesign
+from sim import HEXAPOD_MJCF, Failure, FailureKind, Pose
+
+MAJOR = {"arm": "0,1", "hand": "3,4", "platform": "3,4", "arms": "3,4,5"}
+STRUCK_S = 1.2
+
+
+def file(name: str):
+    return HEXAPOD_MJCF.with_name(f"{name}.xml")
+
+
+def options(name: str, sense: Sensing) -> RobotOptions:
+    return RobotOptions(major=MAJOR[name], sense=sense, crossover=0.7)
+
+
+@cache
+def designed(name: str, sense: Sensing) -> tuple[Rig, DitherDesign]:
+    rig = robot_rig(file(name), options(name, sense), ALL)
+    design = rig_dither(rig, "designed")
+    assert design is not None
+    return rig, design
+
+
+@cache
+def flown(
+    name: str, sense: Sensing, actuator: int, kind: FailureKind | None, left_s: float = 2.4
+) -> MechanismFlown:
+    failure = None if kind is None else Failure(actuator, kind, STRUCK_S)
+    dither = designed(name, sense)[1].dither
+    how = options(name, sense)
+    return fly(MechanismFlight(file(name), how, dither, failure, 4.0, STRUCK_S + left_s, seed=5))
+
+
+def check_goes_on(one: MechanismFlown) -> None:
+    """The first actuator named is the one that failed, and what follows is as an informed one."""
+    found = one.found
+    assert found.strut_right, [each.fault for each in found.diagnoses]
+    assert not found.alarm_before
+    assert not found.sound_named
+    assert found.task_lost == found.lost_rightly
+    after = one.rms[1]
+    if one.rms_informed is not None:
+        assert after is not None
+        assert after < 1.5 * one.rms_informed
+
+
+@pytest.mark.parametrize(
+    ("name", "sense", "actuator"), [("arm", "task", 3), ("platform", "both", 0)]
+)
+def test_a_lock_in_flight_is_named_and_the_flight_goes_on(name, sense, actuator):
+    check_goes_on(flown(name, sense, actuator, "locked", left_s=0.7))
+
+
+FOUND: dict[str, dict[str, Any]] = {
+    "arm": {"actuator": 1, "kind": "free"},
+    "hand": {"actuator": 1, "kind": "locked"},
+    "platform": {"actuator": 2, "kind": "free"},
+    "arms": {"actuator": 1, "kind": "locked"},
+}
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("sense", get_args(Sensing))
+@pytest.mark.parametrize("name", MAJOR)
+def test_every_mechanism_goes_on_whatever_the_diagnosis_sees(name, sense):
+    check_goes_on(flown(name, sense, **FOUND[name]))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", MAJOR)
+def test_no_sound_actuator_is_named_while_nothing_fails(name):
+    one = flown(name, "both", 0, None)
+    assert not one.found.diagnoses
+    assert one.rms[1] is None and one.rms_informed is None
+
+
+@pytest.mark.parametrize(("name", "sense"), [("arm", "task"), ("hand", "joints")])
+def test_a_dither_keeps_to_its_size_and_moves_the_task_as_designed(name, sense):
+    """The actuators follow it, in MuJoCo, no further than it says; the task by dynamics alone."""
+    rig, design = designed(name, sense)
+    exact = robot_rig(file(name), options(name, sense))
+    time_s = np.arange(1500) * rig.period_s
+    bench = exact.bench(time_s, [], 0)
+    for now_s in time_s:
+        bench.measure()
+        bench.apply(design.dither.at(now_s))
+    steady = time_s >= 1.0
+    moved = np.abs(bench.displacement[steady]).max(axis=0)
+    np.testing.assert_allclose(moved, design.displacement, rtol=0.05, atol=1e-3 * moved.max())
+    furthest = DITHER_SIZE * rig.size * np.abs(rig.mapping(rig.goal).pointing_gain()).max()
+    assert moved.max() < 1.05 * furthest
+    task = Pose(bench.rotation, bench.translation_m).displacement()[:, list(rig.major)]
+    amplitude = np.abs(task[steady]).max(axis=0)
+    np.testing.assert_allclose(amplitude, design.task_motion, rtol=0.1, atol=1e-3 * rig.size)
+    assert design.task_motion.max() <= DITHER_SIZE * rig.size * (1 + 1e-9)
+
+
+def test_encoders_resolve_the_path_as_well_as_the_task_sensor_whatever_the_units():
+    """Metres of the hand's path are no radians of its joints; a noise that is given is both."""
+    rig, _ = designed("hand", "joints")
+    gain = rig.mapping(rig.goal).pointing_gain()
+    assert rig.encoder_noise == pytest.approx(rig.noise * np.abs(gain).max())
+    np.testing.assert_array_equal(rig.watched.noise, np.full(4, rig.encoder_noise))
+    given = robot_rig(file("hand"), replace(options("hand", "both"), noise=3e-6))
+    np.testing.assert_array_equal(given.watched.noise, np.full(6, 3e-6))
+
+
+@pytest.mark.parametrize("words", ["0.5", "1000", "nan", "often", ""])
+def test_a_dither_that_is_none_is_refused_in_a_sentence(words):
+    with pytest.raises(WrongInput, match="--dither must be none, designed, or a frequency from 2"):
+        rig_dither(designed("platform", "both")[0], words)
+
+
+def test_a_dither_has_the_frequency_asked_for_and_a_task_without_freedom_none():
+    design = rig_dither(designed("platform", "both")[0], "7")
+    assert design is not None and design.dither.frequency_hz == 7.0
+    whole = robot_rig(file("platform"), RobotOptions(major="2,3,4", crossover=0.7))
+    assert rig_dither(whole, "designed") is None
+    assert rig_dither(whole, "none") is None
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"turn": 0.0}, "--turn must be positive and finite, got 0"),
+        ({"major": "0,9"}, "--major must be different rows from 0 to 5"),
+        ({"noise": -1.0}, "--noise must be positive and finite, got -1"),
+        ({"dither": "often"}, "--dither must be none, designed, or a frequency"),
+        ({"joint_weight": "1,2"}, "--joint-weight must be one number or 7, got 2"),
+    ],
+)
+def test_wrong_input_of_the_study_is_a_sentence(wrong, said):
+    words: dict[str, Any] = {"turn": 4.0, "dither": "designed", "crossover": 0.7} | wrong
+    with pytest.raises(WrongInput, match=said) as refused:
+        run_mechanisms(seed=0, quick=True, on_progress=lambda *_: None, model=file("arm"), **words)
+    assert "\n" not in str(refused.value)
+
+
+def test_the_tables_count_what_the_flights_say():
+    """A flight that was found, one taken for another and one without failure, each in its row."""
+    right = flown("platform", "both", 0, "locked", left_s=0.7)
+    rig, design = designed("platform", "both")
+    other = replace(right.found.diagnoses[0].fault, actuator=1)
+    mistaken = replace(right.found.diagnoses[0], fault=other)
+    wrong = replace(right, found=replace(right.found, diagnoses=(mistaken,), standing=(mistaken,)))
+    none = replace(
+        right,
+        flight=replace(right.flight, failure=None),
+        found=replace(right.found, failures=(), struck=(), diagnoses=(), standing=()),
+        rms=(0.02, None),
+        rms_informed=None,
+    )
+    outcome = Mechanisms(0, "sha", {"both": Sensed(rig, design, (right, wrong, none))})
+    found = results(outcome)
+    rows = {each["kind"]: each for each in found.summary["sensed"]}
+    locked = rows["locked"]
+    assert (locked["flights"], locked["right"], locked["sound_named"]) == (2, 1, 1)
+    assert (locked["isolable"], locked["isolable_right"], locked["named"]) == (2, 1, 2)
+    assert rows["none"]["flights"] == 1 and rows["free"]["flights"] == 0
+    assert locked["rms_over_informed"]["flights"] == 2
+    assert any("was taken for joint2" in note for note in found.notes)
+    assert json.loads(json_text(found.summary))["robot"] == "platform"
+    assert found.failed_check is None
+    assert "task sensor" not in found.markdown()

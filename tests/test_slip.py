@@ -1,0 +1,217 @@
+"""Hysteresis of springs, late commands and forces of friction: of any plant."""
+
+import mujoco
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sim import Bench, Body, Failure, MaxwellSlip, Plant, Reading, linearize
+
+PERIOD_S, SETTLING_S = 1e-3, 0.3
+
+
+def chain(seed: int, n: int = 3, m: int = 5) -> MaxwellSlip:
+    rng = np.random.default_rng(seed)
+    return MaxwellSlip(rng.uniform(0.1, 10, (n, m)), rng.uniform(0.01, 3, (n, m)))
+
+
+def driven(slip: MaxwellSlip, path: np.ndarray) -> np.ndarray:
+    """Forces (N, n) along displacements (N, n) from zero."""
+    stretch, forces = np.zeros(slip.slip.shape), []
+    for by in np.diff(path, axis=0, prepend=0.0):
+        stretch = slip.moved(stretch, by)
+        forces.append(slip.force(stretch))
+    return np.array(forces)
+
+
+def cycle(amplitude: float, steps: int, n: int) -> np.ndarray:
+    """To the amplitude, then once to the other side and back."""
+    ends = np.array([0.0, amplitude, -amplitude, amplitude])
+    return np.tile(np.interp(np.arange(3 * steps + 1) / steps, range(4), ends)[:, None], n)
+
+
+@given(st.integers(0, 10**6), st.floats(0.01, 10.0), st.integers(1, 60))
+def test_a_closed_cycle_dissipates_what_its_friction_does(seed, amplitude, steps):
+    """Work lost in a cycle is friction times slip; steps in one direction may have any length."""
+    slip = chain(seed)
+    path = cycle(amplitude, steps, 3)
+    closed = slice(steps, None)
+    force, x = driven(slip, path)[closed], path[closed]
+    # Between two steps the force is that of elements that stretch, then slip: not a trapezoid.
+    k, s = slip.stiffness, slip.slip
+    friction = (4 * k * s * np.maximum(amplitude - s, 0)).sum(axis=1)
+    if steps >= 50:
+        work = -(0.5 * (force[1:] + force[:-1]) * np.diff(x, axis=0)).sum(axis=0)
+        scale = (k * s).sum(axis=1) * amplitude / steps
+        assert (np.abs(work - friction) < 4 * scale).all()
+    np.testing.assert_allclose(force[0], force[-1], rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(
+        force[0], -(k * np.minimum(s, amplitude)).sum(axis=1), rtol=1e-9, atol=1e-12
+    )
+
+
+@given(st.integers(0, 10**6))
+def test_motion_smaller_than_all_slip_is_that_of_a_spring(seed):
+    slip = chain(seed)
+    path = np.random.default_rng(seed).uniform(-1, 1, (50, 3)) * slip.slip.min()
+    np.testing.assert_allclose(driven(slip, path), -path * slip.stiffness.sum(axis=1), atol=1e-9)
+
+
+@given(st.integers(0, 10**6))
+def test_after_a_turn_the_loop_is_the_first_curve_twice_as_large(seed):
+    """Masing's rule (1926), which holds for elements in parallel."""
+    slip, rise = chain(seed, n=1), np.linspace(0, 4, 41)[:, None]
+    first = driven(slip, rise)
+    path = np.vstack([rise, rise[-1] - 2 * rise[1:]])
+    back = driven(slip, path)[40:] - first[-1]
+    # It holds where all that slipped before has turned round: at once, as none was left behind.
+    np.testing.assert_allclose(back, -2 * first, atol=1e-9)
+
+
+def test_hysteresis_refuses_what_is_none():
+    good = {"stiffness": np.ones((2, 3)), "slip": np.ones((2, 3))}
+    for name, bad in (
+        ("stiffness", -good["slip"]),
+        ("slip", np.ones(3)),
+        ("slip", np.ones((3, 2))),
+    ):
+        with pytest.raises(ValueError, match=name):
+            MaxwellSlip(**good | {name: bad})
+    with pytest.raises(ValueError, match="read-only"):
+        MaxwellSlip(**good).slip[0, 0] = 0.0
+
+
+class Blind:
+    """Sensors that see no task."""
+
+    def read(self, pose, displacements):
+        """What gauges without noise read."""
+        return Reading(np.zeros(2), displacements.copy())
+
+
+def flown(model, commands: np.ndarray, **options) -> np.ndarray:
+    """Displacements (N, 6) under commands (N, 6)."""
+    plant = Plant(model)
+    plant.settle(SETTLING_S)
+    ticks = np.arange(len(commands)) * PERIOD_S
+    bench = Bench(plant, Blind(), time_s=ticks, period_s=PERIOD_S, **options)
+    for command in commands:
+        bench.measure()
+        bench.apply(command)
+    return bench.displacement
+
+
+@pytest.mark.parametrize("late", [1, 3])
+def test_a_delay_shifts_the_response_by_as_many_ticks(model, late):
+    commands = 1e-5 * np.random.default_rng(late).normal(size=(40, 6))
+    at_once = flown(model, commands)
+    delayed = flown(model, commands, delay_ticks=late)
+    still = flown(model, np.zeros((late + 1, 6)))
+    # While nothing has come the plant rests, but for the last picometres of settling.
+    np.testing.assert_array_equal(delayed[: late + 1], still)
+    np.testing.assert_allclose(delayed[late:], at_once[:-late], atol=1e-11)
+    assert np.abs(delayed[1:] - at_once[1:]).max() > 1e-6
+
+
+def test_what_waits_does_not_change_with_the_buffer_it_came_in(model):
+    plant, buffer = Plant(model), np.full(6, 1e-5)
+    bench = Bench(plant, Blind(), time_s=np.zeros(2), period_s=PERIOD_S, delay_ticks=1)
+    bench.measure()
+    bench.apply(buffer)
+    buffer[:] = 0.0
+    bench.measure()
+    bench.apply(buffer)
+    np.testing.assert_array_equal(plant.command, np.full(6, 1e-5))
+
+
+def test_until_the_first_command_comes_the_plant_holds_its_last_one(model):
+    plant, held = Plant(model), np.full(6, 2e-5)
+    plant.settle(SETTLING_S, held)
+    bench = Bench(plant, Blind(), time_s=np.zeros(1), period_s=PERIOD_S, delay_ticks=1)
+    bench.measure()
+    bench.apply(np.zeros(6))
+    np.testing.assert_array_equal(plant.command, held)
+    np.testing.assert_allclose(plant.displacements(), held, rtol=1e-2)
+
+
+def test_a_load_along_an_actuator_moves_what_its_own_force_moves(model):
+    """Force over stiffness is displacement, whoever exerts it."""
+    loaded, commanded, command = Plant(model), Plant(model), 1e-5 * np.arange(6.0)
+    loaded.load(126000 * command)
+    loaded.settle(0.05)
+    commanded.settle(0.05, command)
+    np.testing.assert_allclose(loaded.displacements(), commanded.displacements(), atol=1e-13)
+    with pytest.raises(ValueError, match="force must be 6 finite numbers"):
+        loaded.load(np.zeros(5))
+
+
+def test_a_load_along_a_tendon_pulls_all_its_joints():
+    """Virtual work: the joints feel gear times force, as from the actuator itself."""
+    model = mujoco.MjModel.from_xml_string(PULLEY)
+    plant, loaded = (
+        Plant(model, base=None, payload=Body("end")),
+        Plant(model, base=None, payload=Body("end")),
+    )
+    plant.settle(2.0, np.array([0.02]))
+    stiffness = float(-model.actuator_biasprm[0, 1])
+    loaded.load(np.array([stiffness * 0.02]))
+    loaded.settle(2.0)
+    assert np.abs(plant.data.qpos).min() > 1e-3
+    np.testing.assert_allclose(loaded.data.qpos, plant.data.qpos, rtol=1e-6)
+
+
+PULLEY = """<mujoco><option gravity="0 0 0" timestep="0.001"/>
+<worldbody><body><joint name="a" stiffness="5" damping="1"/><geom size=".1" mass="1"/>
+<body name="end" pos=".5 0 0"><joint name="b" stiffness="3" damping="1"/><geom size=".1" mass="1"/>
+</body></body></worldbody>
+<tendon><fixed name="t"><joint joint="a" coef="1"/><joint joint="b" coef="-0.5"/></fixed></tendon>
+<actuator><position name="pull" tendon="t" kp="50"/></actuator></mujoco>"""
+
+
+def test_before_it_slips_hysteresis_is_a_stiffer_suspension(model):
+    """Elements that do not slip add their stiffness, so that the static gain falls by as much."""
+    part = 0.1
+    stuck = MaxwellSlip(np.full((6, 1), part * 126000), np.full((6, 1), 1.0))
+    commands = np.tile(1e-5 * np.arange(1.0, 7.0), (600, 1))
+    rest = flown(model, commands, hysteresis=stuck)[-1]
+    stiffer = Plant(model)
+    joints = stiffer.model.actuator_trnid[:, 0]
+    stiffer.model.jnt_stiffness[joints] *= 1 + part
+    stiffer.model.qpos_spring[stiffer.model.jnt_qposadr[joints]] /= 1 + part
+    linear = linearize(stiffer.model, stiffer.data)
+    expected = -linear.C_active @ np.linalg.solve(linear.A, linear.B @ commands[0])
+    np.testing.assert_allclose(rest, expected, rtol=2e-3)
+
+
+def test_forces_held_for_a_tick_are_those_of_every_physics_step(model):
+    """At 4 Hz on 1 % of the stiffness: they differ by 3 % of what hysteresis changes."""
+    time_s = np.arange(250) * PERIOD_S
+    commands = 2e-5 * np.sin(2 * np.pi * 4 * time_s)[:, None] * np.ones(6)
+    slip = MaxwellSlip(np.full((6, 4), 315.0), np.tile([0.3e-6, 1e-6, 5e-6, 2e-5], (6, 1)))
+    by_tick = flown(model, commands, hysteresis=slip)
+    plant = Plant(model)
+    plant.settle(SETTLING_S)
+    step_s, stretch, fine = model.opt.timestep, np.zeros((6, 4)), []
+    before = plant.displacements()
+    for command in commands:
+        fine.append(plant.displacements())
+        for _ in range(round(PERIOD_S / step_s)):
+            here = plant.displacements()
+            stretch, before = slip.moved(stretch, here - before), here
+            plant.load(slip.force(stretch))
+            plant.step(command, step_s)
+    free = flown(model, commands)
+    effect, error = np.abs(by_tick - free).max(), np.abs(by_tick - fine).max()
+    assert effect > 5e-8
+    assert error < 0.05 * effect
+
+
+def test_a_bench_refuses_delays_and_hysteresis_that_are_none(model):
+    args = {"time_s": np.zeros(1), "period_s": PERIOD_S, "failures": (Failure(0, "free"),)}
+    with pytest.raises(ValueError, match="delay_ticks must not be negative"):
+        Bench(Plant(model), Blind(), delay_ticks=-1, **args)
+    with pytest.raises(ValueError, match="hysteresis must have one row for each of 6"):
+        Bench(Plant(model), Blind(), hysteresis=chain(0), **args)
+    with pytest.raises(TypeError, match="hysteresis must be a MaxwellSlip"):
+        Bench(Plant(model), Blind(), hysteresis=0.01, **args)  # type: ignore

@@ -1,0 +1,185 @@
+"""What each error of a model does to its outputs, against plants that really have that error."""
+
+from dataclasses import dataclass, replace
+
+import control
+import numpy as np
+import pytest
+
+from ftc.fdi.fault_model import KINDS, Fault, NominalModel, fault_model
+from ftc.fdi.uncertainty import CERTAIN, Uncertainty, perturbed, uncertain_model
+
+SMALL = 1e-5
+FAULTS = [[], [Fault(1, "locked")], [Fault(1, "free")], [Fault(1, "weak", 0.4)]]
+failures = pytest.mark.parametrize("faults", FAULTS, ids=["sound", *KINDS])
+machines = pytest.mark.parametrize(("seed", "servo"), [(0, False), (1, True), (2, True)])
+
+
+@dataclass(frozen=True)
+class Struts:
+    """A body on n struts, each with a spring, a damper, and a coil or a servo that holds a load.
+
+    The force of strut k is gain (held u - kp d - kv d') - spring d - damper d', d its displacement;
+    a coil has no kp and kv. All are (n,) but for the mass and what the struts see of it, (n, n).
+    """
+
+    mass: np.ndarray
+    along: np.ndarray
+    held: np.ndarray
+    gain: np.ndarray
+    kp: np.ndarray
+    kv: np.ndarray
+    spring: np.ndarray
+    damper: np.ndarray
+    load: np.ndarray
+
+    @classmethod
+    def random(cls, seed: int, servo: bool, n: int = 3) -> "Struts":
+        """Struts of a few hertz, a servo's stiffer than its structure."""
+        rng = np.random.default_rng(seed)
+        half, held = rng.normal(size=(n, n)), rng.uniform(200, 1000, n)
+        kp = held * servo
+        return cls(
+            mass=np.eye(n) + 0.2 * half @ half.T,
+            along=np.eye(n) + 0.3 * rng.normal(size=(n, n)),
+            held=held,
+            gain=np.ones(n),
+            kp=kp,
+            kv=0.02 * kp,
+            spring=0.3 * held if servo else held,
+            damper=0.03 * held,
+            load=rng.uniform(0.5, 2, n) * servo,
+        )
+
+    def nominal(self) -> NominalModel:
+        """Its linear model; the last sensor sees a mixture."""
+        n, c = len(self.mass), self.along
+        push = np.linalg.solve(self.mass, c.T)
+        K, D = self.spring + self.gain * self.kp, self.damper + self.gain * self.kv
+        A = np.block([[np.eye(n, 2 * n, n)], [-push * K @ c, -push * D @ c]])
+        C = np.eye(n, 2 * n)
+        C[-1, :n] = 1.0
+        servo = self.kp.any()
+        fed_back = np.hstack(
+            [(self.kp / self.held)[:, None] * c, (self.kv / self.held)[:, None] * c]
+        )
+        return NominalModel(
+            control.ss(A, np.vstack([np.zeros((n, n)), push * self.gain * self.held]), C, 0),
+            np.hstack([c, np.zeros((n, n))]),
+            np.full(n, 1e-3),
+            period_s=2e-3,
+            step_s=1e-3,
+            feedback=fed_back if servo else None,
+            holding=self.load / (self.gain * self.held) if servo else None,
+        )
+
+    def with_error(self, error: str, size: float, actuator: int) -> "Struts":
+        """The machine with that error."""
+        more = 1 + size * (np.arange(len(self.mass)) == actuator)
+        if error == "gain":
+            return replace(self, gain=self.gain * more)
+        if error == "damping":
+            return replace(self, damper=self.damper * more, kv=self.kv * more)
+        if error == "inertia":
+            return replace(self, mass=self.mass * (1 + size))
+        if self.kp.any():
+            return replace(self, kp=self.kp * more)
+        return replace(self, spring=self.spring * more)
+
+
+def commands(n: int, ticks: int, of: int) -> np.ndarray:
+    """A random walk, constant during samples of so many ticks."""
+    walk = np.cumsum(0.1 * np.random.default_rng(7).standard_normal((ticks // of, n)), axis=0)
+    return np.repeat(walk, of, axis=0)
+
+
+def outputs(nominal: NominalModel, faults, sent: np.ndarray) -> np.ndarray:
+    """Of a plant from rest, tick by tick."""
+    model, x, seen = fault_model(nominal, faults), np.zeros(2 * nominal.actuators), []
+    for u in sent:
+        seen.append(model.C @ x)
+        x = model.A @ x + model.B @ u + model.drift
+    return np.array(seen)
+
+
+def predicted(nominal: NominalModel, uncertainty, faults, sent, of: int) -> np.ndarray:
+    """Outputs (N, 1 + J, p) of the samples, by the model and for each of its errors."""
+    model = uncertain_model(
+        lambda faults: fault_model(nominal, faults),
+        faults,
+        others=[
+            lambda faults, each=each: fault_model(each, faults)
+            for each in perturbed(nominal, uncertainty)
+        ],
+        delay_ticks=uncertainty.delay_s / nominal.period_s,
+        ticks=of,
+    )
+    X, before, found = np.zeros((len(model.M), len(model.A))), np.zeros(sent.shape[1]), []
+    for u in sent[::of]:
+        Y, X = model.step(X, np.concatenate([u, before, [1.0]]))
+        found.append(Y)
+        before = u
+    return np.array(found)
+
+
+def means(y: np.ndarray, of: int) -> np.ndarray:
+    return y.reshape(-1, of, y.shape[1]).mean(axis=1)
+
+
+@machines
+@failures
+@pytest.mark.parametrize("of", [1, 4])
+def test_a_sample_is_the_mean_of_its_ticks(seed, servo, faults, of):
+    machine = Struts.random(seed, servo)
+    sent = commands(3, 80, of)
+    expected = means(outputs(machine.nominal(), faults, sent), of)
+    found = predicted(machine.nominal(), CERTAIN, faults, sent, of)
+    assert found.shape[1] == 1
+    np.testing.assert_allclose(found[:, 0], expected, atol=1e-9 * np.abs(expected).max())
+
+
+@machines
+@failures
+@pytest.mark.parametrize("error", ["gain", "stiffness", "damping", "inertia"])
+def test_what_an_error_adds_is_the_difference_of_a_plant_that_has_it(seed, servo, faults, error):
+    """Another mass, spring, damper or force in Newton's equations, sound and failed alike.
+
+    A servo's own stiffness and damping are lost with it, the structure's stay; loads are given.
+    """
+    body, sent = Struts.random(seed, servo), commands(3, 120, 4)
+    found = predicted(body.nominal(), replace(CERTAIN, **{error: 0.01}), faults, sent, 4)
+    others = [body.with_error(error, SMALL, k) for k in range(1 if error == "inertia" else 3)]
+    assert found.shape[1] == 1 + len(others)
+    for j, other in enumerate(others, 1):
+        expected = means(outputs(other.nominal(), faults, sent), 4) - found[:, 0]
+        expected *= 0.01 / SMALL
+        close = 1e-3 * np.abs(found[:, j]).max() + 1e-8 * np.abs(found[:, 0]).max()
+        np.testing.assert_allclose(found[:, j], expected, atol=close)
+
+
+@machines
+@failures
+def test_a_delay_is_felt_as_commands_that_come_a_tick_later(seed, servo, faults):
+    """Where a sample is a tick."""
+    nominal, sent = Struts.random(seed, servo).nominal(), commands(3, 100, 1)
+    late = np.vstack([np.zeros(3), sent[:-1]])
+    found = predicted(nominal, replace(CERTAIN, delay_s=2e-3), faults, sent, 1)
+    expected = outputs(nominal, faults, late) - outputs(nominal, faults, sent)
+    np.testing.assert_allclose(found[:, 1], expected, atol=1e-9 * np.abs(expected).max())
+
+
+@machines
+def test_in_samples_of_four_ticks_a_delay_of_one_is_nearly_so(seed, servo):
+    """The command before holds for a quarter of the sample; which quarter hardly matters."""
+    nominal, sent = Struts.random(seed, servo).nominal(), commands(3, 400, 4)
+    late = np.vstack([np.zeros(3), sent[:-1]])
+    found = predicted(nominal, replace(CERTAIN, delay_s=2e-3), [], sent, 4)[:, 1]
+    expected = means(outputs(nominal, [], late) - outputs(nominal, [], sent), 4)
+    assert np.abs(found - expected).max() < 0.1 * np.abs(expected).max()
+
+
+@pytest.mark.parametrize("name", list(vars(CERTAIN)))
+@pytest.mark.parametrize("value", [-0.1, np.nan, np.inf])
+def test_an_error_of_no_size_is_refused(name, value):
+    with pytest.raises(ValueError, match=rf"^{name} must"):
+        Uncertainty(**{name: value})

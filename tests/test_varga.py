@@ -1,0 +1,403 @@
+"""An outside benchmark: Varga's nine loss-of-effectiveness models, and the distances themselves."""
+
+from functools import cache, partial
+
+import control
+import numpy as np
+import pytest
+from scipy.linalg import solve_continuous_lyapunov
+
+from ftc.fdi.diagnosis import DEFAULT_CONFIG
+from ftc.fdi.fault_model import Fault, FaultModel
+from ftc.fdi.hypotheses import HypothesisBank, Verdict, bank_of
+from ftc.fdi.input_faults import input_fault_bank, input_fault_model
+from ftc.fdi.isolability import distances
+from ftc.fdi.model_distance import nu_gap, output_distance
+from ftc.fdi.parameter_filter import Parameters
+from ftc.fdi.residual_test import residual_test
+from ftc.fdi.uncertainty import CERTAIN
+from ftc.fdi.whitening import Spectrum
+from tests.aircraft import (
+    DEGREES,
+    GRID,
+    LEFT,
+    MATCHES,
+    NORMS,
+    OUTPUT_NOISE,
+    PERIOD_S,
+    READING,
+    A,
+    B,
+    commands,
+    kalman_decisions,
+    measured,
+    model,
+    sampled,
+)
+
+SIGMA = np.full(2, OUTPUT_NOISE / np.sqrt(12))  # of uniform noise of this width
+PLANT = sampled()[:, :2]
+FREQUENCIES = np.concatenate([np.geomspace(1e-3, 1e2, 90), np.linspace(3.9, 4.3, 60)])
+ALONE, TOGETHER = [1, 2, 3, 6], [4, 5, 7, 8]  # models with one actuator weak, with both
+seeds = pytest.mark.parametrize("seed", range(8))
+
+
+def ss(*parts: float) -> control.StateSpace:
+    return control.ss(*(np.atleast_2d(part) for part in parts))
+
+
+def random_model(rng: np.random.Generator, m: int, p: int, stable: bool) -> control.StateSpace:
+    """Of random order."""
+    n = int(rng.integers(1, 5))
+    a = rng.normal(size=(n, n))
+    if stable:
+        a -= (np.linalg.eigvals(a).real.max() + 0.3) * np.eye(n)
+    parts = [rng.normal(size=shape) for shape in ((n, m), (p, n), (p, m))]
+    return control.ss(a, parts[0], parts[1], parts[2] * rng.integers(0, 2))
+
+
+def grams(w: np.ndarray) -> np.ndarray:
+    """G* G of the sound aircraft at frequencies (W,), shape (W, 2, 2)."""
+    jw = 1j * w[:, None, None] * np.eye(4)
+    G = np.linalg.solve(jw - A, np.broadcast_to(B, (len(w), 4, 2)))
+    return G.conj().swapaxes(-1, -2) @ G
+
+
+def sine_of_graphs(K: np.ndarray, one: np.ndarray, two: np.ndarray) -> np.ndarray:
+    """Of the widest angle between the graphs of G diag(one) and G diag(two), if G* G = K (2 x 2).
+
+    The chordal distance by another way than factors of a state space.
+    """
+    eye = np.eye(2)
+    own, other, both = (
+        eye + a[..., :, None] * K * b[..., None, :] for a, b in ((one, one), (two, two), (two, one))
+    )
+    first, second = both @ np.linalg.inv(own), np.linalg.inv(other) @ both
+    half = (first.conj() * second).sum(axis=(-2, -1)).real / 2  # of the sum of squared cosines
+    sizes = np.linalg.det(own) * np.linalg.det(other)
+    product = np.abs(both[..., 0, 0] * both[..., 1, 1] - both[..., 0, 1] * both[..., 1, 0]) ** 2
+    root = np.sqrt(np.maximum(half**2 - product / sizes.real, 0))
+    return np.sqrt(np.maximum(1 - half + root, 0))
+
+
+def chordal(G1: np.ndarray, G2: np.ndarray) -> np.ndarray:
+    """Chordal distances from frequency responses alone, by the angles between their graphs."""
+    eye = np.broadcast_to(np.eye(G1.shape[-1]), (len(G1), G1.shape[-1], G1.shape[-1]))
+    Q1, Q2 = (np.linalg.qr(np.concatenate([G, eye], axis=-2))[0] for G in (G1, G2))
+    cosines = np.linalg.svd(Q1.conj().swapaxes(-1, -2) @ Q2, compute_uv=False)
+    return np.sqrt(np.clip(1 - cosines[:, -1] ** 2, 0, None))
+
+
+def agree(d: np.ndarray, published: list[int], tie: float) -> int:
+    """Number of rows of d (441, 9) that are tied; the others must give the published counts."""
+    nearest = d <= d.min(axis=1, keepdims=True) + tie
+    tied = nearest.sum(axis=1) > 1
+    assert (nearest[~tied].sum(axis=0) <= published).all()
+    assert (nearest.sum(axis=0) >= published).all()
+    return int(tied.sum())
+
+
+def test_the_published_distances_are_ours_at_unit_noise():
+    """Figure 6's norms are d per unit input energy if each output has white noise of density 1."""
+    ours = [[output_distance(model(a), model(b), np.ones(4)) for b in LEFT] for a in LEFT]
+    assert np.abs(np.array(ours) - NORMS).max() < READING
+
+
+def test_the_published_441_decisions_by_nu_gap_are_met():
+    """The nearest of nine, by frequency responses alone, as exact as their grid is."""
+    gaps = np.array([sine_of_graphs(K, GRID[:, None], LEFT) for K in grams(FREQUENCIES)]).max(
+        axis=0
+    )
+    assert agree(gaps, MATCHES["nu-gap"], tie=1e-4) < 10
+    for k in (44, 260, 391):
+        ours = [nu_gap(model(GRID[k]), model(left)) for left in LEFT]
+        assert ours == pytest.approx(gaps[k], abs=2e-3)
+
+
+@pytest.mark.long
+def test_nu_gap_itself_makes_the_published_441_decisions():
+    gaps = [[nu_gap(model(parts), model(left)) for left in LEFT] for parts in GRID]
+    assert np.bincount(np.argmin(gaps, axis=1), minlength=9).tolist() == MATCHES["nu-gap"]
+
+
+def test_the_other_published_decisions_are_met_but_for_exact_ties():
+    """Of the 441, 80 lie midway between models; there round-off decided in Varga's figure."""
+    lost = GRID[:, None] - LEFT
+    Q = solve_continuous_lyapunov(A.T, -np.eye(4))
+    K = grams(FREQUENCIES)[:, None, None] * lost[..., :, None] * lost[..., None, :]
+    distances = {
+        "parameters": np.linalg.norm(lost, axis=-1),
+        "H2": np.sqrt((lost**2) @ np.diag(B.T @ Q @ B)),
+        "H-infinity": np.sqrt(np.linalg.eigvalsh(K)[..., -1].max(axis=0)),
+    }
+    for name, d in distances.items():
+        assert agree(d, MATCHES[name], tie=1e-9) == 80
+
+
+@pytest.mark.parametrize("b", [-3.0, -0.5, 0.2, 4.0])
+@pytest.mark.parametrize("a", [-2.0, -0.1, 0.3, 5.0])
+def test_the_nu_gap_of_first_order_models_has_a_closed_form(a, b):
+    """1 / (s - a) and 1 / (s - b): poles one loop can stabilize alike are near, whatever sign.
+
+    |a - b| / (root(w^2 + 1 + a^2) root(w^2 + 1 + b^2)) is largest at w = 0; the loop of one and the
+    other's adjoint has s^2 - (a - b) s - a b + 1: stable and unstable poles are one each if ab < 1,
+    or else both lie on one side, and the gap is 1.
+    """
+    expected = abs(a - b) / np.sqrt((1 + a * a) * (1 + b * b)) if 1 + a * b > 0 else 1.0
+    assert nu_gap(ss(a, 1, 1, 0), ss(b, 1, 1, 0)) == pytest.approx(expected, rel=1e-8)
+
+
+def test_integrators_of_two_gains():
+    """Of k / s and l / s: the gap is |k - l| / (k + l), at the frequency root(k l)."""
+    for k, el in ((1, 2), (0.1, 30), (5, 5.001)):
+        gap = nu_gap(ss(0, k, 1, 0), ss(0, el, 1, 0))
+        assert gap == pytest.approx(abs(k - el) / (k + el), rel=1e-7)
+
+
+@pytest.mark.parametrize("pole", [-1.0, 1.0])
+def test_a_fast_mode_more_is_a_small_gap_whichever_model_has_it(pole):
+    """A lag of 1 ms beyond every loop's bandwidth: near, although the orders differ."""
+    slow, lag = ss(pole, 1, 1, 0), ss(-1000, 1000, 1, 0)
+    assert 0 < nu_gap(slow, lag * slow) < 0.01
+    assert 0 < nu_gap(lag * slow, slow) < 0.01
+
+
+@seeds
+def test_the_nu_gap_is_a_metric(seed):
+    """0 for the same model in other coordinates, symmetric, with the triangle inequality."""
+    rng = np.random.default_rng(seed)
+    m, p = (int(k) for k in rng.integers(1, 4, 2))
+    one, two, three = (random_model(rng, m, p, bool(rng.integers(0, 2))) for _ in range(3))
+    far, near, on = nu_gap(one, three), nu_gap(one, two), nu_gap(two, three)
+    assert 0 <= far <= near + on + 1e-7
+    assert far <= 1
+    assert nu_gap(three, one) == pytest.approx(far, abs=1e-6)
+    T = rng.normal(size=(one.nstates, one.nstates)) + 3 * np.eye(one.nstates)
+    turned = control.ss(np.linalg.solve(T, one.A @ T), np.linalg.solve(T, one.B), one.C @ T, one.D)
+    assert nu_gap(one, turned) < 1e-5
+
+
+@seeds
+def test_the_nu_gap_is_the_widest_angle_between_the_graphs(seed):
+    """Of stable models near each other, whose winding number fits, at the worst frequency."""
+    rng = np.random.default_rng(seed)
+    one = random_model(rng, 2, 3, True)
+    two = control.ss(one.A, one.B * rng.uniform(0.5, 1, 2), one.C, one.D)
+    w = np.concatenate([[0.0], np.geomspace(1e-2, 1e3, 1500)])
+    G1, G2 = (np.moveaxis(each(1j * w, squeeze=False), -1, 0) for each in (one, two))
+    assert nu_gap(one, two) == pytest.approx(chordal(G1, G2).max(), rel=1e-4)
+
+
+@seeds
+def test_no_input_separates_outputs_by_more_than_the_distance(seed):
+    """A random input does not, and the distance is that at the worst frequency."""
+    rng = np.random.default_rng(seed)
+    one, two = (random_model(rng, 2, 3, True) for _ in range(2))
+    two = control.ss(two.A, two.B, two.C, one.D)
+    noise, dt = rng.uniform(0.1, 2, 3), 0.01
+    d = output_distance(one, two, noise)
+    w = np.concatenate([[0.0], np.geomspace(1e-2, 1e3, 1500)])
+    G1, G2 = (np.moveaxis(each(1j * w, squeeze=False), -1, 0) for each in (one, two))
+    assert d == pytest.approx(np.linalg.norm((G1 - G2) / noise[:, None], 2, (1, 2)).max(), rel=1e-4)
+    u = rng.normal(size=(2, 20)).repeat(50, axis=1)
+    y1, y2 = (control.forced_response(control.c2d(g, dt), inputs=u).outputs for g in (one, two))
+    apart = np.linalg.norm((y1 - y2) / noise[:, None])
+    assert 0 < apart <= 1.02 * d * np.linalg.norm(u)
+
+
+def test_the_distance_bounds_the_isolability_of_a_flight():
+    """The d of example 6.2's commands is below root(energy) times the distance per input energy."""
+    bank = input_fault_bank(PLANT, SIGMA)
+    u = commands()[:600]
+    half = input_fault_model(PLANT, SIGMA, [Fault(0, "weak", 0.5)])
+    by_kind, d = distances(bank, Fault(0, "weak", 0.5), 0, half.outputs(u), u)
+    averaging = bank_of(partial(input_fault_model, PLANT, SIGMA), 2, ticks=4)
+    _, less = distances(averaging, Fault(0, "weak", 0.5), 0, half.outputs(u), u, ticks=4)
+    assert 0.99 * d < less < d  # means of four ticks tell a little less
+    per_energy = output_distance(
+        model(LEFT[0], 2, DEGREES), model(LEFT[3], 2, DEGREES), SIGMA * np.sqrt(PERIOD_S)
+    )
+    bound = per_energy * np.sqrt((u[:, 0] ** 2).sum() * PERIOD_S)
+    assert 0.02 * bound < d < bound
+    assert by_kind[0, 2] == 0 < by_kind[1].min() <= d
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("gusts", [False, True])
+def test_nine_kalman_filters_choose_the_right_model_as_published(gusts):
+    """Figure 9's pattern, zeros on the diagonal: right from 0.2 s on, for each aircraft."""
+    for k, left in enumerate(LEFT):
+        y = measured(left, np.random.default_rng(k), gusts)
+        assert (kalman_decisions(y)[20:] == k).all()
+
+
+WHITE = np.ones((1, 2))  # without process noise nothing needs a filter
+TICKS = [20, 100, 300]
+
+
+@cache
+def whitening(gusts: bool) -> np.ndarray:
+    """From the residuals of one sound flight of 10 s, seed 1000."""
+    if not gusts:
+        return WHITE
+    spectrum = Spectrum.start(DEFAULT_CONFIG.order, 2)
+    for residual in sound_residuals(1000, gusts):
+        spectrum = spectrum.with_residual(residual, memory=np.inf)
+    return spectrum.filter()
+
+
+def sound_residuals(seed: int, gusts: bool) -> np.ndarray:
+    y = measured(LEFT[0], np.random.default_rng(seed), gusts)
+    return y / SIGMA - input_fault_model(PLANT, SIGMA).outputs(commands())
+
+
+def judged(bank: HypothesisBank, y: np.ndarray, tick: int, filtered: np.ndarray = WHITE) -> Verdict:
+    """At this tick, with onsets at growing distances back to the start of the record."""
+    back, u = {0, *np.geomspace(1, tick, 10).round().astype(int).tolist()}, commands()
+    before = np.vstack([np.zeros(2), u[:-1]])
+    evidence = bank.start(
+        tick - np.array(sorted(back, reverse=True)),
+        Parameters.prior(0, 2, CERTAIN),
+        np.zeros((1, 6)),
+        np.zeros((len(filtered), 1, 2)),
+    )
+    for k in range(tick + 1):
+        v = np.concatenate([u[k], before[k], [1.0]])
+        evidence = bank.step(evidence, k, v, y[k] / SIGMA, filtered, shaken=1.0)
+    return bank.verdict(evidence, tick)
+
+
+def names(verdict: Verdict) -> bool:
+    """Whether an actuator would be named, by the settings of a monitor."""
+    sure = verdict.actuator_confidence >= DEFAULT_CONFIG.confidence
+    return sure and verdict.unexplained <= DEFAULT_CONFIG.largest_unexplained
+
+
+@pytest.mark.parametrize("gusts, errors", [(False, (0.08, 1e-3)), (True, (0.08, 0.015))])
+@pytest.mark.parametrize("k", ALONE)
+def test_the_bank_names_one_weak_actuator_and_how_weak_it_is(k, gusts, errors):
+    """0.2 and 3 s after onset, and what is left is noise, with process noise or without."""
+    y = measured(LEFT[k], np.random.default_rng(k), gusts)
+    for tick, error in zip((20, 300), errors, strict=True):
+        verdict = judged(input_fault_bank(PLANT, SIGMA), y, tick, whitening(gusts))
+        assert names(verdict)
+        assert verdict.inflation < 1.5
+        assert verdict.fault.actuator == int(LEFT[k, 0] == 1)
+        assert verdict.fault.effectiveness == pytest.approx(LEFT[k].min(), abs=error)
+
+
+def test_the_bank_measures_a_weakness_that_is_none_of_the_nine():
+    """0.7 of the aileron, no rudder lost: the nine filters' choice wanders, to rudders, too."""
+    y = measured((0.7, 1.0), np.random.default_rng(0), gusts=False)
+    late = judged(input_fault_bank(PLANT, SIGMA), y, 300)
+    assert names(late)
+    assert late.fault.actuator == 0
+    assert late.fault.effectiveness == pytest.approx(0.7, abs=1e-3)
+    assert len(set(kalman_decisions(y)[100:])) > 2
+
+
+@pytest.mark.parametrize("k", TOGETHER)
+def test_two_actuators_weakened_together_leave_what_is_no_noise(k):
+    """The bank has no such hypothesis; its best one may still be named.
+
+    The limit of the unexplained part is relative: the outputs move so far that a hundred times the
+    noise is little of it.
+    """
+    y = measured(LEFT[k], np.random.default_rng(k), gusts=False)
+    early, *later = (judged(input_fault_bank(PLANT, SIGMA), y, tick) for tick in TICKS)
+    assert early.inflation > 2
+    assert all(verdict.inflation > 100 for verdict in later)
+
+
+@pytest.mark.parametrize("k", TOGETHER)
+def test_with_the_loss_of_one_known_that_of_the_other_is_found(k):
+    """Of the rudder beside the aileron."""
+    y = measured(LEFT[k], np.random.default_rng(k), gusts=False)
+    bank = input_fault_bank(PLANT, SIGMA, [Fault(0, "weak", float(LEFT[k, 0]))])
+    late = judged(bank, y, 300)
+    assert names(late)
+    assert late.inflation < 1.5
+    assert late.fault.actuator == 1
+    assert late.fault.effectiveness == pytest.approx(LEFT[k, 1], abs=1e-3)
+
+
+def alarms(seed: int, gusts: bool, filtered: np.ndarray) -> bool:
+    """Whether the residual test raises one in a sound flight of 10 s."""
+    test = residual_test(2, DEFAULT_CONFIG.false_alarms_per_hour, PERIOD_S)
+    recent, left = test.start(), sound_residuals(seed, gusts)
+    white = sum(
+        weights * np.vstack([np.zeros((lag, 2)), left[: len(left) - lag]])
+        for lag, weights in enumerate(filtered)
+    )
+    for residual in np.asarray(white):
+        recent = test.push(recent, residual)
+        if test.alarm(recent):
+            return True
+    return False
+
+
+def test_a_sound_aircraft_in_process_noise_raises_an_alarm_only_if_that_is_taken_for_white():
+    """Its residuals drift; whitened by the spectrum of another flight they are noise."""
+    y, bank = measured(LEFT[0], np.random.default_rng(0), True), input_fault_bank(PLANT, SIGMA)
+    assert not names(judged(bank, y, 100, whitening(True)))
+    assert alarms(0, True, WHITE)
+    assert not alarms(0, True, whitening(True))
+    assert not alarms(0, False, WHITE)
+
+
+def test_a_stuck_surface_stays_where_the_last_command_put_it():
+    """Locked at tick 5, it acts as if its command had been held from then on."""
+    sound = input_fault_model(PLANT, SIGMA)
+    stuck = input_fault_model(PLANT, SIGMA, [Fault(0, "locked")])
+    u = commands()[300:340]
+    x = sound.states(u[:5])[-1]
+    held = u[5:].copy()
+    held[:, 0] = u[4, 0]
+    assert outputs(stuck, u[5:], x) == pytest.approx(outputs(sound, held, x), rel=1e-12)
+
+
+def outputs(plant: FaultModel, u: np.ndarray, start: np.ndarray) -> np.ndarray:
+    return plant.states(u, start) @ plant.C.T
+
+
+def test_a_free_surface_does_nothing_and_hypotheses_add_to_what_is_known():
+    """The commands of a free actuator do not matter; a known loss is part of each hypothesis."""
+    free = input_fault_model(PLANT, SIGMA, [Fault(1, "free")])
+    other = commands() * [1, -3]
+    assert np.array_equal(free.outputs(commands()), free.outputs(other))
+    known = Fault(0, "weak", 0.5)
+    bank = input_fault_bank(PLANT, SIGMA, [known])
+    left = [each.effectiveness for each in bank.faults if each.kind == "weak"]
+    assert left == [0.375, 0.25, 0.125, 0.75, 0.5, 0.25]
+    for h, fault in enumerate(bank.faults, 1):  # a weak actuator may get weaker
+        also = [fault] if fault.actuator == 0 else [known, fault]
+        expected = input_fault_model(PLANT, SIGMA, also)
+        assert np.array_equal(bank.A[h], expected.A)
+        assert np.array_equal(bank.M[h, 0, :, 6:8], expected.B)
+
+
+STABLE = ss(-1, 1, 1, 0)
+
+
+@pytest.mark.parametrize(
+    "call, words",
+    [
+        (lambda: nu_gap(1, STABLE), "first must be"),
+        (lambda: nu_gap(STABLE, control.ss(-0.5, 1, 1, 0, 0.1)), "second must be continuous"),
+        (lambda: nu_gap(STABLE, model(LEFT[0])), "second must have as many"),
+        (lambda: nu_gap(ss(1, 0, 1, 0), STABLE), "first must be reached"),
+        (lambda: nu_gap(STABLE, ss(1, 1, 0, 0)), "second must be reached"),
+        (lambda: output_distance(STABLE, ss(1, 1, 1, 0), [1.0]), "second must be stable"),
+        (lambda: output_distance(STABLE, STABLE, [0.0]), "noise must be positive"),
+        (lambda: output_distance(STABLE, STABLE, [1.0, 1.0]), "noise must"),
+        (lambda: input_fault_bank(STABLE, [1.0]), "plant must be sampled"),
+        (lambda: input_fault_model(PLANT, SIGMA, [Fault(2, "free")]), "faults must"),
+        (
+            lambda: input_fault_bank(PLANT, SIGMA, [Fault(0, "free"), Fault(1, "locked")]),
+            "faults must leave",
+        ),
+    ],
+)
+def test_wrong_arguments_are_named(call, words):
+    with pytest.raises((ValueError, TypeError), match=words):
+        call()

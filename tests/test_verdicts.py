@@ -1,0 +1,168 @@
+"""What the bank concludes from its evidence: probabilities, parts lost, states."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import binom
+
+from ftc.fdi.fault_model import Fault, fault_model
+from ftc.fdi.hypotheses import LOST, hypothesis_bank
+from ftc.fdi.parameter_filter import Parameters
+from ftc.fdi.uncertainty import CERTAIN, Uncertainty
+from tests.cart_runs import ONSETS, SAMPLES, Record, carts, gathered, outputs
+
+WRONG = Uncertainty(0.1, 0.1, 0.2, 0.05, delay_s=2e-3)
+
+
+def drawn(rng: np.random.Generator, n: int) -> Fault:
+    """A failure by the bank's prior."""
+    actuator, way = int(rng.integers(n)), int(rng.integers(1 + len(LOST)))
+    if way == 0:
+        return Fault(actuator, "locked")
+    if way == len(LOST):
+        return Fault(actuator, "free")
+    lost = LOST[way - 1] + rng.uniform(-0.125, 0.125)
+    return Fault(actuator, "weak", min(1 - lost, 1.0))
+
+
+@pytest.mark.parametrize("noise", [2e-3, 6e-3])
+def test_confidence_is_what_it_says(noise):
+    """As many verdicts are right as they claim: any actuator, kind, or no failure.
+
+    Failures and soundness are drawn as the prior has them; what is named is the likelier.
+    """
+    rng, nominal, ticks = np.random.default_rng(5), carts(1, n=3, noise=noise), 2
+    bank = hypothesis_bank(nominal, (), CERTAIN, ticks)
+    prior, claimed, right = Parameters.prior(0, 3, CERTAIN), [], []
+    for seed in range(250):
+        fault = drawn(rng, 3) if rng.random() < 0.5 else None
+        onset = int(rng.choice(ONSETS))
+        record = Record.of(nominal, ticks, [seed, 1], fault, onset)
+        evidence = gathered(bank, record, prior, np.ones((1, 3)))
+        verdict = bank.verdict(evidence, SAMPLES - 1)
+        sound = verdict.fault_free_confidence > verdict.actuator_confidence
+        claimed.append(max(verdict.fault_free_confidence, verdict.actuator_confidence))
+        named = None if sound else verdict.fault.actuator
+        right.append(named == (None if fault is None else fault.actuator))
+    assert 0.5 < np.mean(claimed) < 0.95  # it is not a foregone conclusion
+    low, high = binom.interval(0.998, len(claimed), np.mean(claimed))
+    assert low <= np.sum(right) <= high
+
+
+def test_without_evidence_failure_is_as_likely_as_none_and_all_are_alike():
+    nominal = carts(1, n=4)
+    bank = hypothesis_bank(nominal, (), WRONG, 2)
+    prior = Parameters.prior(len(bank.believed.M) - 1, 4, WRONG)
+    silent = Record(nominal, 2, np.zeros((0, 4)), np.zeros((0, 4)))
+    verdict = bank.verdict(gathered(bank, silent, prior, np.ones((1, 4))), 0)
+    assert verdict.fault_free_confidence == pytest.approx(1 / 2)
+    assert verdict.actuator_confidence == pytest.approx(1 / 2 / 4)
+    # Locked, free, and three models of weak: each is as likely as the other.
+    assert verdict.kind_confidences == pytest.approx((1 / 5, 1 / 5, 3 / 5))
+
+
+@pytest.mark.parametrize("lost", [0.05, 0.3, 0.45, 0.8, 0.86])
+def test_a_loss_between_the_models_is_found_and_the_state_that_it_leaves(lost):
+    nominal, ticks, samples = carts(2, n=3), 2, 60
+    fault = Fault(1, "weak", 1 - lost)
+    record = Record.of(nominal, ticks, 3, fault, onset=20, samples=samples, size=5e-2)
+    bank = hypothesis_bank(nominal, (), CERTAIN, ticks)
+    prior = Parameters.prior(0, 3, CERTAIN)
+    evidence = gathered(bank, record, prior, np.ones((1, 3)), np.arange(18, 23))
+    verdict = bank.verdict(evidence, samples - 1)
+    assert (verdict.fault.actuator, verdict.fault.kind) == (1, "weak")
+    assert verdict.fault.effectiveness == pytest.approx(1 - lost, abs=0.03)
+    assert verdict.unexplained < 0.1
+
+
+@pytest.mark.parametrize("kind", ["locked", "free"])
+def test_the_state_of_a_verdict_is_that_of_the_failed_plant(kind):
+    nominal, ticks, samples = carts(4, n=2), 2, 40
+    record = Record.of(nominal, ticks, 4, Fault(0, kind), onset=20, samples=samples, size=5e-2)
+    bank = hypothesis_bank(nominal, (), CERTAIN, ticks)
+    prior = Parameters.prior(0, 2, CERTAIN)
+    evidence = gathered(bank, record, prior, np.ones((1, 2)), np.arange(19, 22))
+    verdict = bank.verdict(evidence, samples - 1)
+    assert (verdict.fault, verdict.onset) == (Fault(0, kind), 20)
+    sent, cut = np.repeat(record.u, ticks, axis=0), 20 * ticks
+    before, after = fault_model(nominal), fault_model(nominal, [Fault(0, kind)])
+    struck = after.onset @ before.states(sent[:cut])[-1]
+    expected = after.states(sent[cut:], struck)[-1]
+    np.testing.assert_allclose(after.C @ verdict.x, after.C @ expected, atol=0.5)
+    np.testing.assert_allclose(verdict.x, expected, atol=0.02 * np.abs(expected).max())
+
+
+def concluded(y_more: np.ndarray, seed: int = 0):
+    """The verdict on a lock at the 20th of 60 samples, with something added to the outputs."""
+    nominal, samples = carts(3, n=2), 60
+    record = Record.of(nominal, 2, seed, Fault(0, "locked"), 20, samples, size=5e-2)
+    record = replace(record, y=record.y + y_more)
+    bank = hypothesis_bank(nominal, (), CERTAIN, 2)
+    prior = Parameters.prior(0, 2, CERTAIN)
+    evidence = gathered(bank, record, prior, np.ones((1, 2)), np.arange(18, 23))
+    return evidence, bank.verdict(evidence, samples - 1)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_what_a_failure_explains_up_to_noise_is_explained(seed):
+    _, verdict = concluded(np.zeros((60, 2)), seed)
+    assert verdict.unexplained == 0.0
+    assert verdict.inflation == pytest.approx(1.0, abs=0.3)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_what_is_left_divides_the_log_likelihoods(seed):
+    """Nine times the noise's variance more after the onset: the residuals are ten times it."""
+    rng = np.random.default_rng([seed, 2])
+    more = 3 * rng.standard_normal((60, 2)) * (np.arange(60) >= 20)[:, None]
+    evidence, verdict = concluded(more, seed)
+    assert verdict.inflation == pytest.approx(10.0, rel=0.5)
+    energy, log_det, _ = evidence.marginal()
+    plain = (-energy / 2 - log_det)[1:].max(axis=0) + energy[0, 0] / 2 + log_det[0, 0]
+    np.testing.assert_allclose(verdict.best, plain / verdict.inflation)
+
+
+def test_what_is_unexplained_is_the_part_of_the_energy_that_a_failure_leaves():
+    """Half of what is seen without it, where a square wave adds as much as the lock does."""
+    evidence, _ = concluded(np.zeros((60, 2)))
+    energy = evidence.marginal()[0]
+    gained = energy[0, 0] - energy[1:].min()
+    wave = np.where(np.arange(60) % 2, 1.0, -1.0) * (np.arange(60) >= 20)
+    _, verdict = concluded(np.column_stack([wave, -wave]) * np.sqrt(gained / 80))
+    assert verdict.fault.actuator == 0
+    assert verdict.unexplained == pytest.approx(0.5, abs=0.12)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_lock_that_is_off_its_place_is_found_where_it_is(seed):
+    """As an output sees it by three deviations of its noise: friction let the plant go there."""
+    nominal, samples, onset = carts(4, n=2), 60, 20
+    fault = Fault(0, "locked")
+    record = Record.of(nominal, 2, seed, fault, onset, samples)
+    way = nominal.plant.B[2:, 0] / np.linalg.norm(nominal.plant.C[:, :2] @ nominal.plant.B[2:, 0])
+    nudge = 3e-3 * np.concatenate([way, [0.0, 0.0]])
+    moved = outputs(nominal, 2, record.u, fault, onset, nudged=nudge)
+    record = replace(record, y=record.y + moved - outputs(nominal, 2, record.u, fault, onset))
+    bank = hypothesis_bank(nominal, (), CERTAIN, 2)
+    prior = Parameters.prior(0, 2, CERTAIN)
+    verdict = bank.verdict(gathered(bank, record, prior, np.ones((1, 2)), np.arange(19, 22)), 59)
+    sent, cut = np.repeat(record.u, 2, axis=0), onset * 2
+    before, after = fault_model(nominal), fault_model(nominal, [fault])
+    struck = after.onset @ before.states(sent[:cut])[-1]
+    stands = nominal.displacement[0] @ (struck + nudge)
+    assert verdict.fault == fault
+    found = nominal.displacement[0] @ verdict.x
+    assert abs(found - stands) < 0.3 * abs(nominal.displacement[0] @ nudge)
+
+
+def test_where_no_actuator_is_left_there_is_nothing_to_look_for():
+    with pytest.raises(ValueError, match="faults must leave a working actuator"):
+        hypothesis_bank(carts(0), [Fault(k, "locked") for k in range(2)])
+
+
+def test_what_is_already_weak_loses_a_part_of_what_it_has_left():
+    bank = hypothesis_bank(carts(0), [Fault(0, "weak", 0.5), Fault(1, "free")])
+    left = [fault.effectiveness for fault in bank.faults if fault.kind == "weak"]
+    assert {fault.actuator for fault in bank.faults} == {0}
+    np.testing.assert_allclose(left, [0.375, 0.25, 0.125])

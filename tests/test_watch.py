@@ -1,0 +1,67 @@
+"""The believed model beside the plant: what it learns, how fast it forgets."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ftc.fdi.diagnosis import FdiConfig
+from ftc.fdi.hypotheses import hypothesis_bank
+from ftc.fdi.uncertainty import CERTAIN, Uncertainty
+from ftc.fdi.watch import Watch, WatchState
+from tests.cart_runs import Record, carts
+
+NOMINAL, PERIOD_S = carts(1), 10e-3
+
+
+def watched(uncertainty: Uncertainty, y: np.ndarray, u: np.ndarray, memory_s=5.0) -> WatchState:
+    """After N samples of outputs (N, p) under commands (N, n), white noise from the start."""
+    bank = hypothesis_bank(NOMINAL, (), uncertainty, 2)
+    config = FdiConfig(uncertainty=uncertainty, memory_s=memory_s, order=3)
+    watch = Watch(bank.believed, config, PERIOD_S)
+    state, before = watch.start(), np.zeros(2)
+    for measured, command in zip(y, u, strict=True):
+        state, _ = watch.step(state, np.concatenate([command, before, [1.0]]), measured)
+        before = command
+    return state
+
+
+def test_what_drifts_stays_uncertain_as_by_the_riccati_equation():
+    """A random walk of variance q a sample in unit noise: P = (q + sqrt(q^2 + 4 q)) / 2."""
+    drifting = replace(CERTAIN, offset=3.0, offset_rate=0.8)
+    q = 0.8**2 * PERIOD_S
+    state = watched(drifting, np.zeros((600, 2)), np.zeros((600, 2)))
+    expected = (q + np.sqrt(q**2 + 4 * q)) / 2
+    np.testing.assert_allclose(state.parameters.covariance, expected * np.eye(2), rtol=1e-6)
+
+
+def test_the_spectrum_is_remembered_for_the_time_stated():
+    """Of what was before a silence, e^-1 is left after so long."""
+    y = np.vstack([np.random.default_rng(0).standard_normal((100, 2)), np.zeros((100, 2))])
+    u = np.zeros((200, 2))
+    loud, quiet = (watched(CERTAIN, y[:n], u[:n], memory_s=1.0) for n in (100, 200))
+    left = quiet.spectrum.covariance[0] / loud.spectrum.covariance[0]
+    np.testing.assert_allclose(left, 0.99**100, rtol=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_what_the_motion_shows_is_learned_and_said_to_be(seed):
+    """A gain of 5 % more, by commands that move both carts, within what is left uncertain."""
+    gains = replace(CERTAIN, gain=0.05)
+    plant = NOMINAL.with_gains([1.05, 1.0])
+    record = Record.of(plant, 2, seed, samples=300, size=5e-2)
+    state = watched(gains, record.y, record.u)
+    mean, covariance = state.parameters.mean[:2], state.parameters.covariance[:2, :2]
+    assert np.diag(covariance).max() < 0.01
+    off = mean - [1.0, 0.0]
+    assert off @ np.linalg.solve(covariance, off) < 20
+    bank = hypothesis_bank(NOMINAL, (), gains, 2)
+    shown = Watch(bank.believed, FdiConfig(uncertainty=gains), PERIOD_S).observed(state)
+    np.testing.assert_allclose(shown[:2], 1 - np.diag(covariance))
+
+
+def test_at_rest_no_gain_is_learned():
+    gains = replace(CERTAIN, gain=0.05)
+    state = watched(gains, np.ones((100, 2)), np.zeros((100, 2)))
+    np.testing.assert_allclose(state.parameters.covariance[:2, :2], np.eye(2))
+    np.testing.assert_array_equal(state.parameters.mean[:2], 0.0)
