@@ -3,7 +3,7 @@
 from contextlib import AbstractContextManager, nullcontext
 from typing import Any
 
-from experiments.output.results import Results
+from experiments.output.results import Check, Results
 from experiments.output.study import OnProgress, WrongInput
 from experiments.recover import HEXAPOD_ALONE, OTHERS_ALONE, mechanism_results
 from experiments.recover import results as hexapod_results
@@ -41,3 +41,10 @@ def results(outcome: Outcome) -> Results:
     if isinstance(outcome, Mechanisms):
         return mechanism_results.results(outcome)
     return hexapod_results.results(outcome)
+
+
+def checks(summary: dict[str, Any]) -> list[Check]:
+    """The checks of either study, from its `recover.json` alone."""
+    if "robot" in summary:
+        return mechanism_results.checks(summary)
+    return hexapod_results.checks(summary)

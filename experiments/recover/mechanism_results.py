@@ -15,9 +15,13 @@ from sim import CLOSURE_TOLERANCE
 def results(outcome: Mechanisms) -> Results:
     """Everything that `fjh recover --model` publishes."""
     summary = summarize(outcome)
+    return Results(summary, tables(summary), notes(summary), checks(summary))
+
+
+def checks(summary: dict[str, Any]) -> list[Check]:
+    """Whether the robot's loops stayed closed."""
     gap_m = summary["closure_residual_max_m"]
-    closed = Check("closure residual [m]", summary["robot"], gap_m, CLOSURE_TOLERANCE)
-    return Results(summary, tables(summary), notes(summary), [closed])
+    return [Check("closure residual [m]", summary["robot"], gap_m, CLOSURE_TOLERANCE)]
 
 
 def summarize(outcome: Mechanisms) -> dict[str, Any]:

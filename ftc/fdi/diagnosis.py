@@ -16,6 +16,9 @@ class FdiConfig:
         false_alarms_per_hour: Of the residual test, at most; an alarm names no actuator yet.
         confidence: An actuator is named when it is this likely; an alarm dismissed when it is this
             likely that nothing has failed.
+        evidence_s: No actuator is named before so much time has passed since the alarm. A period of
+            the dither, or more: in less of it a strut that locks can look like another one that
+            weakens, on a plant whose errors the believed model does not have.
         largest_unexplained: An actuator is named only if its failure leaves at most this part of
             the energy that the residuals have without it, above noise: the square of the relative
             error of a model that is expected.
@@ -34,6 +37,7 @@ class FdiConfig:
     dither_hz: float | None = None
     false_alarms_per_hour: float = 0.01
     confidence: float = 0.999
+    evidence_s: float = 0.05
     largest_unexplained: float = 0.3
     sample_s: float = 4e-3
     learning_s: float = 0.8

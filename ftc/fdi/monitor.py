@@ -217,7 +217,8 @@ class Monitor:
         if verdict.fault_free_confidence >= config.confidence:
             return self._reset(state)
         if found is None:
-            if certain and verdict.unexplained <= config.largest_unexplained:
+            explained = verdict.unexplained <= config.largest_unexplained
+            if certain and explained and waited_s >= config.evidence_s:
                 return self._named(state, verdict)
             return self._given_up(state) if waited_s >= config.look_back_s else state
         if before is not None and self._contradicts(before, verdict):
