@@ -77,8 +77,9 @@ class Supervisor:
         self, state: SupervisorState, reference: Array, measurement: Measurement
     ) -> SupervisorState:
         """One control tick: first the diagnosis, then the control."""
+        ticks = state.ticks + 1
         if state.task_lost and state.watch.diagnosis is None:
-            return replace(state, ticks=state.ticks + 1)
+            return replace(state, ticks=ticks)
         commanded_m = self.first.amplifier.displacement_m(state.input_percent)
         known = state.watch.diagnosis
         if self.watched is None:
@@ -88,16 +89,16 @@ class Supervisor:
             faults = tuple(each.fault for each in state.standing)
             measured = self.watched(measurement, state.pose, faults)
         watch = state.monitor.step(state.watch, measured, commanded_m)
-        state = replace(state, watch=watch)
         if watch.diagnosis is not known:
-            state = self._reconfigured(state, commanded_m)
-        if not state.task_lost:
-            secondary_reference_m = self.secondary(state.ticks * self.first.period_s)
-            controller = state.current.step(
-                state.controller, reference, measurement, secondary_reference_m
-            )
-            state = replace(state, controller=controller)
-        return replace(state, ticks=state.ticks + 1)
+            state = self._reconfigured(replace(state, watch=watch), commanded_m)
+            watch = state.watch
+        if state.task_lost:
+            return replace(state, watch=watch, ticks=ticks)
+        secondary_reference_m = self.secondary(state.ticks * self.first.period_s)
+        controller = state.current.step(
+            state.controller, reference, measurement, secondary_reference_m
+        )
+        return replace(state, watch=watch, controller=controller, ticks=ticks)
 
     def _reconfigured(self, state: SupervisorState, commanded_m: Array) -> SupervisorState:
         """State after a change of the mapping to the present diagnoses; compensators unchanged."""

@@ -15,6 +15,7 @@ from tests.cart_runs import carts
 NOMINAL = carts(0, n=3)  # 5 ms a tick
 CONFIG = FdiConfig(
     uncertainty=replace(CERTAIN, offset=3.0, offset_rate=1.0),
+    evidence_s=0.0,
     sample_s=10e-3,
     learning_s=1.0,
     look_back_s=0.6,
@@ -67,10 +68,15 @@ UNSURE = replace(LOCKED, actuator_confidence=0.9)
 
 
 def flown(
-    says: Callable[[int], Verdict], samples: int = 300, shock: int = SHOCK, offset: float = 0.0
+    says: Callable[[int], Verdict],
+    samples: int = 300,
+    shock: int = SHOCK,
+    offset: float = 0.0,
+    evidence_s: float = 0.0,
 ) -> dict[int, MonitorState]:
     """States of the monitor after each sample, of noise with a shock, to the confirmation."""
-    watch = replace(USUAL, bank=Script(**vars(USUAL.bank), says=says))
+    config = replace(CONFIG, evidence_s=evidence_s)
+    watch = replace(USUAL, config=config, bank=Script(**vars(USUAL.bank), says=says))
     rng, state, states = np.random.default_rng(0), watch.start(), {}
     for tick in range(TICKS * samples + 1):
         y = rng.standard_normal(3) + 50.0 * (tick // TICKS == shock) + offset

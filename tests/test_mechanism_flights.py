@@ -159,7 +159,7 @@ def test_wrong_input_of_the_study_is_a_sentence(wrong, said):
 
 def test_the_tables_count_what_the_flights_say():
     """A flight that was found, one taken for another and one without failure, each in its row."""
-    right = flown("platform", "both", 0, "locked", left_s=0.7)
+    right = flown("platform", "both", 0, "locked", left_s=1.6)  # 1.4 s are recovery
     rig, design = designed("platform", "both")
     other = replace(right.found.diagnoses[0].fault, actuator=1)
     mistaken = replace(right.found.diagnoses[0], fault=other)

@@ -290,7 +290,7 @@ class HypothesisBank:
         if fault.kind == "weak":
             part = 1 - fault.effectiveness / self.effectiveness[fault.actuator]
             part = float(np.clip(part + _PART_SPREAD * found[-1], _LEAST, 1 - _LEAST))
-            left = self.effectiveness[fault.actuator] * (1 - part)
+            left = float(self.effectiveness[fault.actuator]) * (1 - part)
             fault = replace(fault, effectiveness=left)
         gained = float(energy[0, 0] - energy[h, k])
         noise = 4 * np.sqrt(2 * state.samples * p)

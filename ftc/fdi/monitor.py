@@ -90,16 +90,15 @@ class Monitor:
             measured: Outputs now, in the units of the model's, shape (p,).
             commanded: Displacements since the tick before, shape (n,).
         """
-        state = replace(state, ticks=state.ticks + 1)
-        y = measured / self.nominal.noise
+        ticks, y = state.ticks + 1, measured / self.nominal.noise
         if not state.outputs:  # the first tick: what was commanded before it does not count
-            return replace(state, outputs=(y,))
+            return replace(state, ticks=ticks, outputs=(y,))
         every = (*state.commanded, commanded)
         if len(every) < self.ticks:
-            return replace(state, commanded=every, outputs=(*state.outputs, y))
+            return replace(state, ticks=ticks, commanded=every, outputs=(*state.outputs, y))
         mean_u, mean_y = np.mean(every, axis=0), np.mean(state.outputs, axis=0)
         v = np.concatenate([mean_u, state.last_commanded, [1.0]])
-        state = replace(state, commanded=(), outputs=(y,), last_commanded=mean_u)
+        state = replace(state, ticks=ticks, commanded=(), outputs=(y,), last_commanded=mean_u)
         return self._sample(state, v, mean_y)
 
     def _sample(self, state: MonitorState, v: Array, y: Array) -> MonitorState:
