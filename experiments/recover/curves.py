@@ -28,7 +28,7 @@ def identified(rows: Sequence[Row]) -> dict[str, Any]:
 
 
 def groups(failures: Sequence[Row]) -> list[dict[str, Any]]:
-    """One entry for each mismatch, of the flights of three controllers."""
+    """One entry for each mismatch, of the flights with a controller that is informed beside."""
     entries = []
     for name in MISMATCHES:
         if rows := [row for row in failures if row["mismatch"] == name]:

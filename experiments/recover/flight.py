@@ -24,8 +24,8 @@ STRUCK = round(BEFORE_S / TestbedConfig().control_period_s)
 """Tick of the failure in each of these flights."""
 
 Sort = Literal["failure", "size", "sound", "pair"]
-"""What a flight is for: three controllers at one failure; the supervised one alone against the size
-of a mismatch; a long flight without failures; two failures."""
+"""What a flight is for: one failure, with a controller that is informed beside; the supervised one
+alone against the size of a mismatch; a long flight without failures; two failures."""
 
 MISMATCHES: dict[str, Mismatch] = {"exact": EXACT, **ALONE, "all": ALL}
 """Rows of the study's table."""
