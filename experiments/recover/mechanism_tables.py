@@ -46,31 +46,43 @@ def counted(sense: str, kind: str, flights: Sequence[dict[str, Any]]) -> dict[st
 
 
 def tables(summary: dict[str, Any]) -> list[Table]:
-    """One row for each sensing and kind of failure; then one for each flight not as it should."""
-    columns = (
-        Column("diagnosis sees", lambda entry: SENSED[entry["sense"]]),
+    """What was found, then what became of the flight: a row for each sensing and failure."""
+    each = (
+        Column("sees", lambda entry: SENSED[entry["sense"]]),
         Column("failure", "kind"),
+    )
+    found = (
         Column("flights", "flights"),
         Column("alarm", "alarms"),
         Column("named", partial(_given, "named")),
         Column("right", partial(_given, "right")),
-        Column("of isolable", lambda entry: _of(entry, "isolable_right", "isolable")),
+        Column("isolable", lambda entry: _of(entry, "isolable_right", "isolable")),
         Column("kind", partial(_given, "kind_right")),
-        Column("sound named", "sound_named"),
+        Column("sound", "sound_named"),
+        Column("ms", lambda entry: _ms(entry.get("named_delay_s")), ".0f"),
+    )
+    after = (
+        Column("RMS: median", lambda entry: _ratio(entry, "median"), ".2f"),
+        Column("largest", lambda entry: _ratio(entry, "largest"), ".2f"),
         Column("task lost", lambda entry: _of(entry, "lost_and_said", "lost")),
         Column("wrongly", partial(_given, "lost_wrongly")),
-        Column("after, ms", lambda entry: _ms(entry.get("named_delay_s")), ".0f"),
-        Column("RMS", lambda entry: _ratio(entry, "median"), ".2f"),
-        Column("largest", lambda entry: _ratio(entry, "largest"), ".2f"),
     )
     legend = (
-        "right: the first actuator named is the one that failed. of isolable: of those that the "
-        "dither separates in half a second, by the uncertain linear model. kind: it is among those "
-        "not told apart. task lost: given up, of those where the remaining actuators cannot do the "
-        "task; wrongly: where they can. after: median delay until named. RMS: median and largest, "
-        "after recovery, divided by that of a controller informed at once."
+        "sees: what the diagnosis looks at. right: the first actuator named is the one that "
+        "failed; isolable: of those that the dither separates in half a second, by the uncertain "
+        "linear model. kind: it is among those not told apart. sound: flights in which a sound "
+        "actuator was named, at any time. ms: median delay until named."
     )
-    return [tabulate(f"{summary['robot']}: recovery", columns, summary["sensed"], legend)]
+    rest = (
+        "RMS: after recovery, divided by that of a controller informed at once. task lost: given "
+        "up, of those where the remaining actuators cannot do the task; wrongly: where they can."
+    )
+    entries = summary["sensed"]
+    failing = [entry for entry in entries if entry["kind"] != "none"]
+    return [
+        tabulate(f"{summary['robot']}: failures found", (*each, *found), entries, legend),
+        tabulate(f"{summary['robot']}: recovery", (*each, *after), failing, rest),
+    ]
 
 
 def notes(summary: dict[str, Any]) -> list[str]:
