@@ -15,7 +15,6 @@ from tests.cart_runs import carts
 NOMINAL = carts(0, n=3)  # 5 ms a tick
 CONFIG = FdiConfig(
     uncertainty=replace(CERTAIN, offset=3.0, offset_rate=1.0),
-    evidence_s=0.0,
     sample_s=10e-3,
     learning_s=1.0,
     look_back_s=0.6,
@@ -72,10 +71,10 @@ def flown(
     samples: int = 300,
     shock: int = SHOCK,
     offset: float = 0.0,
-    evidence_s: float = 0.0,
+    dither_hz: float | None = None,
 ) -> dict[int, MonitorState]:
     """States of the monitor after each sample, of noise with a shock, to the confirmation."""
-    config = replace(CONFIG, evidence_s=evidence_s)
+    config = replace(CONFIG, dither_hz=dither_hz)
     watch = replace(USUAL, config=config, bank=Script(**vars(USUAL.bank), says=says))
     rng, state, states = np.random.default_rng(0), watch.start(), {}
     for tick in range(TICKS * samples + 1):

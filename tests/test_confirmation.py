@@ -20,11 +20,11 @@ from tests.scripted_monitor import (
 )
 
 
-def test_none_is_named_before_there_is_enough_evidence_however_certain_it_seems():
+def test_none_is_named_before_a_period_of_the_dither_however_certain_it_seems():
     """At the alarm another actuator seems certain; 0.2 s later, after 20 samples, it does not."""
     other = verdict(Fault(1, "weak", 0.5))
     states = flown(
-        lambda sample: other if sample < SHOCK + 19 else LOCKED, SHOCK + 40, evidence_s=0.2
+        lambda sample: other if sample < SHOCK + 19 else LOCKED, SHOCK + 40, dither_hz=5.0
     )
     assert set(named(states).values()) == {LOCKED.fault}
     assert SHOCK + 20 <= min(named(states)) < SHOCK + 24  # judged every fourth sample

@@ -200,7 +200,7 @@ def test_dampers_are_stepped_as_the_integrator_steps_them(
 @pytest.mark.parametrize("kind", ["locked", "free"])
 @pytest.mark.parametrize("actuator", [0, 3, 6])
 def test_a_failed_servo_of_a_simulated_arm_is_named(actuator, kind):
-    """From encoders of 10 urad while each joint wanders by some 0.1 mrad, within 0.15 s."""
+    """From encoders of 10 urad while each joint wanders by some 0.1 mrad, within 0.1 s."""
     plant, period_s, noise = servos("arm"), 1e-3, 1e-5
     linear, rng, onset = plant.linear(), np.random.default_rng(actuator), 900
     nominal = NominalModel(
@@ -213,7 +213,7 @@ def test_a_failed_servo_of_a_simulated_arm_is_named(actuator, kind):
         linear.holding,
         plant.implicit_damping,
     )
-    sent = np.cumsum(2e-5 * rng.standard_normal((onset + 150, 7)), axis=0)
+    sent = np.cumsum(2e-5 * rng.standard_normal((onset + 100, 7)), axis=0)
     y = []
     for tick, command in enumerate(sent):
         if tick == onset:

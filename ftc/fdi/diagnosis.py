@@ -12,13 +12,11 @@ class FdiConfig:
 
     Attributes:
         uncertainty: Of the model of the sound plant.
-        dither_hz: Frequency of the dither, if there is one.
+        dither_hz: Frequency of the dither, if there is one; no actuator is named before a period of
+            it has passed since the alarm.
         false_alarms_per_hour: Of the residual test, at most; an alarm names no actuator yet.
         confidence: An actuator is named when it is this likely; an alarm dismissed when it is this
             likely that nothing has failed.
-        evidence_s: No actuator is named before so much time has passed since the alarm. A period of
-            the dither, or more: in less of it a strut that locks can look like another one that
-            weakens, on a plant whose errors the believed model does not have.
         largest_unexplained: An actuator is named only if its failure leaves at most this part of
             the energy that the residuals have without it, above noise: the square of the relative
             error of a model that is expected.
@@ -37,7 +35,6 @@ class FdiConfig:
     dither_hz: float | None = None
     false_alarms_per_hour: float = 0.01
     confidence: float = 0.999
-    evidence_s: float = 0.05
     largest_unexplained: float = 0.3
     sample_s: float = 4e-3
     learning_s: float = 0.8
@@ -47,6 +44,15 @@ class FdiConfig:
     onset_growth: float = 1.25
     confirmation_s: float = 1.0
     effectiveness_step: float = 0.1
+
+    @property
+    def evidence_s(self) -> float:
+        """Time from an alarm to a name, at least: a period of the dither, if there is one.
+
+        In less of it an actuator that locks can look like another one that weakens, on a plant
+        whose errors the believed model does not have.
+        """
+        return 0.0 if self.dither_hz is None else 1 / self.dither_hz
 
 
 DEFAULT_CONFIG = FdiConfig()
