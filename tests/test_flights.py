@@ -160,6 +160,16 @@ def test_a_flight_that_diverges_is_a_row(monkeypatch):
     assert row["status"] == "diverged" and "non-finite" in row["message"]
 
 
+@pytest.mark.long
+@pytest.mark.parametrize("draw", [3, 288])
+def test_a_lock_is_not_taken_for_the_opposite_strut_in_half_a_period_of_the_dither(draw):
+    """On plants of the study whose hysteresis and dampers make them alike at first."""
+    plan = FlightPlan(replace(SHORT, all=draw + 1, sound=0), 0)
+    flight = plan[draw]
+    found = supervised(flight.testbed(), flight)[1]
+    assert {each.fault.actuator for each in found.diagnoses} == {flight.fault.actuator}
+
+
 def test_without_an_alarm_the_supervised_controller_sends_the_commands_of_the_unaware_one():
     flight = FlightPlan(SHORT, 0)[0]
     run, found = supervised(flights.testbed(), flight)
