@@ -40,7 +40,8 @@ STUDY = Study(
 
     With --model, every actuator of another robot locks, goes limp and weakens on a circle, on
     plants that differ from the model, seen by a sensor of the task, by encoders, and by both: five
-    minutes on two cores with four actuators, and Ctrl-C keeps nothing. Writes recover.json and recover.md.
+    minutes on two cores with four actuators, and Ctrl-C keeps nothing. Writes recover.json and
+    recover.md.
 
     Example: fjh recover --quick --seed 3
     """,
