@@ -108,20 +108,6 @@ directions in the plane of (alpha, beta), 60 degrees apart, and each strut has o
 
 STILL = Dither(0.0, 0.0, HEAVE)
 
-EXCITATION = (
-    Dither(10e-6, 3.0, direction=(1.0, 0.0, 0.0, 1.0, 0.0, 0.0)),
-    Dither(10e-6, 5.0, direction=(0.0, 1.0, 0.0, 0.0, 1.0, 0.0)),
-    Dither(10e-6, 7.0, direction=(0.0, 0.0, 1.0, 0.0, 0.0, 1.0)),
-    Dither(10e-6, 11.0, direction=(1.0, -1.0, 1.0, -1.0, 1.0, -1.0)),
-)
-"""Of a commissioning run: every direction in the null space of J_m, each at its frequency.
-Pointing alone shows two combinations of the six gains, and these the other four."""
-
-
-def excitation(time_s: float) -> Array:
-    """Desired strut displacements of a commissioning run, shape (6,)."""
-    return np.sum([dither.at(time_s) for dither in EXCITATION], axis=0)
-
 
 def nominal_model(
     model: mujoco.MjModel, bench: TestbedConfig, *, strut_sensors: bool = False
