@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import control
 import numpy as np
 import pytest
 
@@ -48,7 +49,9 @@ def test_the_spectrum_is_remembered_for_the_time_stated():
 def test_what_the_motion_shows_is_learned_and_said_to_be(seed):
     """A gain of 5 % more, by commands that move both carts, within what is left uncertain."""
     gains = replace(CERTAIN, gain=0.05)
-    plant = NOMINAL.with_gains([1.05, 1.0])
+    sound = NOMINAL.plant
+    stronger = control.ss(sound.A, sound.B * [1.05, 1.0], sound.C, sound.D)
+    plant = replace(NOMINAL, plant=stronger)
     record = Record.of(plant, 2, seed, samples=300, size=5e-2)
     state = watched(gains, record.y, record.u)
     mean, covariance = state.parameters.mean[:2], state.parameters.covariance[:2, :2]

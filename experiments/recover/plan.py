@@ -14,11 +14,15 @@ from experiments.recover.flight import AFTER_S, BEFORE_S, Flight, Sort
 from ftc.fdi.fault_model import KINDS, FaultKind
 from sim import Failure
 
-FACTORS = (0.3, 3.0, 10.0)
+FACTORS = (0.3, 3.0, 10.0, 30.0, 100.0)
 """Sizes of a mismatch beside zero and one, which the failures have."""
 
-LARGEST = {"damping": 3.0, "all": 3.0, "timestep_s": 0.0}
-"""Where not all factors make sense: a damper has no negative constant, a physics step no size."""
+LARGEST = {"drift_urad_per_s": 100.0, "gain_drift_per_s": 100.0}
+LARGEST |= {"damping": 3.0, "all": 3.0, "timestep_s": 0.0}
+"""Others end at `_BREAKS`. A damper has no negative constant, a physics step no size."""
+
+_BREAKS = 30.0
+"""There gains and springs are within 90 %, and a delay makes the loop itself unstable."""
 
 _EARLIEST_S, _LATEST_S = 1.5, 13.4
 _FIRST_S, _GAP_S, _LEFT_S = (1.5, 9.0), (0.1, 2.0), 2.0
@@ -74,7 +78,7 @@ class Counts:
                 Block("size", name, factor, self.size)
                 for name in ("all", *self.mismatches)
                 for factor in FACTORS
-                if factor <= LARGEST.get(name, np.inf)
+                if factor <= LARGEST.get(name, _BREAKS)
             ),
             Block("pair", "all", 1.0, self.pairs),
             Block("sound", "all", 1.0, self.sound),  # last: their number may change

@@ -1,6 +1,7 @@
 """Flights with a supervised controller, with an informed and with a fault-unaware one."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -10,13 +11,14 @@ from experiments.hexapod.fault_tolerance import fault_of, supervisor
 from experiments.hexapod.metrics import closure_residual_max_m
 from experiments.hexapod.simulation import Trajectory, track_path
 from experiments.hexapod.testbed import Testbed
-from experiments.recover.flight import BEFORE_S, STRUCK, Flight
+from experiments.recover import flight as flights
+from experiments.recover.flight import BEFORE_S, DITHER, STRUCK, Flight
 from ftc.controller import PrioritizedController
 from ftc.fdi.diagnosis import Diagnosis
 from ftc.fdi.fault_model import Fault
 from ftc.goal import Goal
 from ftc.oracle import NEVER, OracleController
-from ftc.supervisor import reconfigured_goal
+from ftc.supervisor import Supervisor, reconfigured_goal
 from sim import Array, Failure
 
 GOAL = Goal(joint_weight=(1.0,) * 6)
@@ -112,7 +114,7 @@ class Identification:
 
 def supervised(testbed: Testbed, flight: Flight) -> tuple[Trajectory, Identification]:
     """Simulate a flight on a testbed with a supervised controller."""
-    pilot = supervisor(testbed, GOAL, dither=flight.dither())
+    pilot = replace(_supervisor(), secondary=flight.dither().at)
     run, state = track_path(testbed, pilot, **flight.run)
     return run, Identification(
         failures=flight.failures,
@@ -125,6 +127,12 @@ def supervised(testbed: Testbed, flight: Flight) -> tuple[Trajectory, Identifica
         lost_rightly=not pilot.is_possible([fault_of(failure) for failure in flight.failures]),
         closure_residual_max_m=closure_residual_max_m(run),
     )
+
+
+@cache
+def _supervisor() -> Supervisor:
+    """By the nominal model, which all flights share: made once in each process."""
+    return supervisor(flights.testbed(), GOAL, dither=DITHER)
 
 
 def fault_unaware(testbed: Testbed, flight: Flight) -> Trajectory:

@@ -1,12 +1,11 @@
 """The linear plant with faulty actuators, derived from the fault-free one that is known."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import ArrayLike
 
 import argument_checks as check
 from argument_checks import Array
@@ -111,22 +110,6 @@ class NominalModel:
     def actuators(self) -> int:
         """Number of them, n."""
         return self.plant.ninputs
-
-    def with_gains(self, gains: ArrayLike) -> "NominalModel":
-        """The model with what each command does multiplied, `gains` of shape (n,).
-
-        What a servo feeds back stays: in units of its command that is so much less.
-        """
-        import control  # late, as above
-
-        plant, gains = self.plant, np.asarray(gains)
-        B = plant.B * gains
-        return replace(
-            self,
-            plant=control.ss(plant.A, B, plant.C, plant.D),
-            feedback=None if self.feedback is None else self.feedback / gains[:, None],
-            holding=None if self.holding is None else self.holding / gains,
-        )
 
     @property
     def loses_only_commands(self) -> bool:
