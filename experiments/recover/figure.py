@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, ScalarFormatter
 
 from experiments.hexapod.simulation import Trajectory
 from experiments.output.campaign import Row
@@ -89,6 +90,9 @@ def draw_curves(panels: tuple[Axes, Axes, Axes], sizes: Sequence[dict[str, Any]]
     right.set(title="Failures whose strut is rightly named", ylabel="share, %", ylim=(-4, 104))
     alarms.set(title="False alarms before the failure", ylabel="share, %", ylim=(-4, 104))
     named.set(title="Time until the strut is named", ylabel="median, ms", yscale="log")
+    named.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    named.yaxis.set_major_formatter(ScalarFormatter())
+    named.minorticks_off()
     right.legend(loc="upper center", bbox_to_anchor=(0.5, -0.24), ncols=2)
 
 

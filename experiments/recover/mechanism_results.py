@@ -7,9 +7,9 @@ from experiments.output.results import Check, Results
 from experiments.recover.mechanism_flight import MechanismFlown
 from experiments.recover.mechanism_tables import counted, notes, tables
 from experiments.recover.mechanisms import Mechanisms, Sensed
+from experiments.robot.checks import closure_check
 from experiments.robot.dither import dither_entry
 from ftc.fdi.fault_model import KINDS
-from sim import CLOSURE_TOLERANCE
 
 
 def results(outcome: Mechanisms) -> Results:
@@ -20,8 +20,7 @@ def results(outcome: Mechanisms) -> Results:
 
 def checks(summary: dict[str, Any]) -> list[Check]:
     """Whether the robot's loops stayed closed."""
-    gap_m = summary["closure_residual_max_m"]
-    return [Check("closure residual [m]", summary["robot"], gap_m, CLOSURE_TOLERANCE)]
+    return [closure_check(summary)]
 
 
 def summarize(outcome: Mechanisms) -> dict[str, Any]:

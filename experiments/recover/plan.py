@@ -88,9 +88,9 @@ class Counts:
 FULL = Counts(
     exact=306,
     all=306,
-    alone=54,
+    alone=306,
     mismatches=tuple(ALONE),
-    size=6,
+    size=18,  # every strut and kind
     sound=0,
     sound_s=TestbedConfig().duration_s,
     pairs=24,

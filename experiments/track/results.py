@@ -10,13 +10,14 @@ from experiments.output.controllers import controller_label
 from experiments.output.provenance import versions
 from experiments.output.results import Check, Results
 from experiments.output.tables import Column, Table, tabulate
+from experiments.robot.checks import closure_check
 from experiments.robot.dither import dither_entry
 from experiments.track.figure import pictures
 from experiments.track.recording import record
 from experiments.track.runs import Tracked
 from experiments.track.words import ROWS
 from ftc.fdi.dither_design import DitherDesign
-from sim import CLOSURE_TOLERANCE, Array
+from sim import Array
 
 
 def results(tracked: Tracked) -> Results:
@@ -38,8 +39,7 @@ def results(tracked: Tracked) -> Results:
 
 def checks(summary: dict[str, Any]) -> list[Check]:
     """Loops stay closed, and another controller does nothing wrong."""
-    gap_m = summary["closure_residual_max_m"]
-    found = [Check("closure residual [m]", summary["robot"], gap_m, CLOSURE_TOLERANCE)]
+    found = [closure_check(summary)]
     for one in summary.get("controllers", ()):
         if one["failure"] is not None:
             found.append(Check(f"a failure, {one['failure']},", one["name"], 1.0, 1.0))
