@@ -9,13 +9,14 @@ from scipy.linalg import solve_continuous_lyapunov
 
 from ftc.fdi.diagnosis import DEFAULT_CONFIG
 from ftc.fdi.fault_model import Fault, FaultModel
-from ftc.fdi.hypotheses import HypothesisBank, Verdict, bank_of
+from ftc.fdi.hypotheses import HypothesisBank, bank_of
 from ftc.fdi.input_faults import input_fault_bank, input_fault_model
 from ftc.fdi.isolability import distances
 from ftc.fdi.model_distance import nu_gap, output_distance
 from ftc.fdi.parameter_filter import Parameters
 from ftc.fdi.residual_test import residual_test
 from ftc.fdi.uncertainty import CERTAIN
+from ftc.fdi.verdict import Verdict
 from ftc.fdi.whitening import Spectrum
 from tests.aircraft import (
     DEGREES,

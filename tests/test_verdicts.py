@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
+from ftc.fdi.evidence import LOST
 from ftc.fdi.fault_model import Fault, fault_model
-from ftc.fdi.hypotheses import LOST, hypothesis_bank
+from ftc.fdi.hypotheses import hypothesis_bank
 from ftc.fdi.parameter_filter import Parameters
 from ftc.fdi.uncertainty import CERTAIN, Uncertainty
 from tests.cart_runs import ONSETS, SAMPLES, Record, carts, gathered, outputs

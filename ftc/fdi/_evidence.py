@@ -1,7 +1,7 @@
 """One sample of evidence for all hypotheses, compiled.
 
 All compiled code of an entry point stands in one file, because the compiler's cache notices a
-change of the file only. Arguments are those of :class:`ftc.fdi.hypotheses.Evidence` and its bank,
+change of the file only. Arguments are those of :class:`ftc.fdi.evidence.Evidence` and its bank,
 and arrays of the evidence are overwritten where `steps` (H, K).
 """
 

@@ -9,8 +9,9 @@ with probability Phi(-d / 2) (Basseville and Nikiforov, Detection of Abrupt Chan
 import numpy as np
 
 from argument_checks import Array
+from ftc.fdi.evidence import values_by_kind
 from ftc.fdi.fault_model import KINDS, Fault, NominalModel, fault_model
-from ftc.fdi.hypotheses import LOST, HypothesisBank, hypothesis_bank
+from ftc.fdi.hypotheses import HypothesisBank, hypothesis_bank
 from ftc.fdi.parameter_filter import Parameters
 from ftc.fdi.uncertainty import CERTAIN, Uncertainty
 
@@ -88,7 +89,6 @@ def distances(
         white = np.full((1, p), np.sqrt(ticks))
         evidence = bank.step(evidence, sample, v, y[sample], white, shaken=0.0)
     energy = evidence.marginal()[0]
-    by_kind = energy[1:].min(axis=1).reshape(-1, 1 + len(LOST))
-    by_kind = np.column_stack([by_kind[:, 0], by_kind[:, -1], by_kind[:, 1:-1].min(axis=1)])
-    own = by_kind[fault.actuator, KINDS.index(fault.kind)]
-    return np.sqrt(np.maximum(by_kind - own, 0)), float(np.sqrt(max(energy[0, 0] - own, 0)))
+    others = values_by_kind(energy[1:].min(axis=1), np.min)
+    own = others[fault.actuator, KINDS.index(fault.kind)]
+    return np.sqrt(np.maximum(others - own, 0)), float(np.sqrt(max(energy[0, 0] - own, 0)))

@@ -15,9 +15,11 @@ from scipy.special import chdtri
 
 from argument_checks import Array
 from ftc.fdi.diagnosis import DEFAULT_CONFIG, Diagnosis, FdiConfig
+from ftc.fdi.evidence import Evidence
 from ftc.fdi.fault_model import KINDS, Fault, NominalModel
-from ftc.fdi.hypotheses import Evidence, HypothesisBank, Verdict, hypothesis_bank
+from ftc.fdi.hypotheses import HypothesisBank, hypothesis_bank
 from ftc.fdi.residual_test import ResidualTest, residual_test
+from ftc.fdi.verdict import Verdict
 from ftc.fdi.watch import Moment, Watch, WatchState
 from ftc.fdi.whitening import Spectrum
 
