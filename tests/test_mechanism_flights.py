@@ -1,18 +1,23 @@
 """Every mechanism loses an actuator in flight and goes on, on a plant that is not the model."""
 
 import json
+from contextlib import nullcontext
 from dataclasses import replace
 from functools import cache
-from typing import Any, get_args
+from pathlib import Path
+from typing import Any, cast, get_args
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 
+from experiments.output.campaign import Row, table_of
 from experiments.output.files import json_text
-from experiments.output.study import WrongInput
+from experiments.output.study import Interrupted, WrongInput
 from experiments.recover.mechanism_flight import MechanismFlight, MechanismFlown, fly
-from experiments.recover.mechanism_results import results
-from experiments.recover.mechanisms import Mechanisms, Sensed, run_mechanisms
+from experiments.recover.mechanism_results import described, summarize
+from experiments.recover.mechanism_row import SCHEMA, flown_row
+from experiments.recover.mechanisms import Mechanisms, run_mechanisms
 from experiments.robot.choices import Sensing
 from experiments.robot.dither import rig_dither
 from experiments.robot.mismatch import ALL
@@ -49,7 +54,8 @@ def flown(
     failure = None if kind is None else Failure(actuator, kind, STRUCK_S)
     dither = designed(name, sense)[1].dither
     how = options(name, sense)
-    return fly(MechanismFlight(file(name), how, dither, failure, 4.0, STRUCK_S + left_s, seed=5))
+    seen = how, dither, failure, kind is not None, 4.0, STRUCK_S + left_s
+    return fly(MechanismFlight(0, file(name), *seen, seed=5))
 
 
 def check_goes_on(one: MechanismFlown) -> None:
@@ -140,6 +146,24 @@ def test_a_dither_has_the_frequency_asked_for_and_a_task_without_freedom_none():
     assert rig_dither(whole, "none") is None
 
 
+def study(folder: Path, stop_at: int = 99, **words: Any) -> list[Row]:
+    """Rows of the study of a robot; `words` are those of its options that are not the usual."""
+
+    def interrupt(done: int, _total: int) -> None:
+        if done == stop_at:
+            raise KeyboardInterrupt
+
+    usual = {"seed": 0, "quick": True, "turn": 4.0, "dither": "designed", "crossover": 0.7}
+    usual |= {"folder": folder, "workers": None, "resume": False, "on_progress": interrupt}
+    with run_mechanisms(**usual | words) as outcome:
+        assert isinstance(outcome, Mechanisms)
+        return [row for part in outcome.done.dataset.files() for row in rows_of(part)]
+
+
+def rows_of(part: Path) -> list[Row]:
+    return pq.read_table(part).to_pylist()
+
+
 @pytest.mark.parametrize(
     ("wrong", "said"),
     [
@@ -150,11 +174,12 @@ def test_a_dither_has_the_frequency_asked_for_and_a_task_without_freedom_none():
         ({"joint_weight": "1,2"}, "--joint-weight must be one number or 7, got 2"),
     ],
 )
-def test_wrong_input_of_the_study_is_a_sentence(wrong, said):
+def test_wrong_input_of_the_study_is_a_sentence(wrong, said, tmp_path):
     words: dict[str, Any] = {"turn": 4.0, "dither": "designed", "crossover": 0.7} | wrong
     with pytest.raises(WrongInput, match=said) as refused:
-        run_mechanisms(seed=0, quick=True, on_progress=lambda *_: None, model=file("arm"), **words)
+        study(tmp_path, model=file("arm"), **words)
     assert "\n" not in str(refused.value)
+    assert not (tmp_path / "recover.json").exists()
 
 
 def test_the_tables_count_what_the_flights_say():
@@ -171,8 +196,10 @@ def test_the_tables_count_what_the_flights_say():
         rms=(0.02, None),
         rms_informed=None,
     )
-    outcome = Mechanisms(0, "sha", {"both": Sensed(rig, design, (right, wrong, none))})
-    found = results(outcome)
+    outcome = Mechanisms(cast(Any, None), "sha", {"both": rig}, {"both": design})
+    counted = [flown_row(each) for each in (right, wrong, none)]
+    lost = counted[0] | {"status": "diverged"}
+    found = described(summarize(outcome, read_back(counted)))
     rows = {each["kind"]: each for each in found.summary["sensed"]}
     locked = rows["locked"]
     assert (locked["flights"], locked["right"], locked["sound_named"]) == (2, 1, 1)
@@ -183,3 +210,43 @@ def test_the_tables_count_what_the_flights_say():
     assert json.loads(json_text(found.summary))["robot"] == "platform"
     assert found.failed_check is None
     assert "task sensor" not in found.markdown()
+    more = described(summarize(outcome, read_back([*counted, lost])))
+    assert more.summary["sensed"] == found.summary["sensed"]
+    assert more.failed_check == "platform: number of flights that diverged is 1, expected below 1"
+
+
+def read_back(rows: list[Row]) -> list[Row]:
+    """As from the dataset: what a row lacks is null."""
+    return table_of(rows, SCHEMA).to_pylist()
+
+
+def test_a_robot_s_study_goes_on_where_it_was_interrupted(tmp_path, monkeypatch):
+    """The rows are those of an uninterrupted one; those of another robot are refused."""
+    done: list[int] = []
+
+    def finished(_client, campaign, numbers):
+        for number in numbers:
+            done.append(number)
+            flight = campaign.runs[number]
+            yield {"case": number, "seed": flight.seed, "isolable": flight.isolable}
+
+    monkeypatch.setattr("experiments.output.resumable.cluster", lambda *_: nullcontext())
+    monkeypatch.setattr("experiments.recover.mechanisms.SENSINGS", ("task", "both"))
+    monkeypatch.setattr("experiments.recover.mechanisms.check_reach", lambda *_: None)
+    monkeypatch.setattr("experiments.output.resumable.finished_rows", finished)
+    platform: dict[str, Any] = {"model": file("platform"), "major": "3,4"}
+    [locked] = study(tmp_path / "quick", **platform)
+    assert locked["isolable"]
+    platform |= {"quick": False, "dither": "none"}
+    whole = study(tmp_path / "whole", **platform)
+    assert len(whole) == 2 * (4 * 3 + 3)
+    assert len({row["seed"] for row in whole}) == 15  # those of every sensing are the same
+    assert not any(row["isolable"] for row in whole)
+    folder = tmp_path / "resumed"
+    with pytest.raises(Interrupted, match="7 of 30 runs are kept; --resume continues"):
+        study(folder, stop_at=7, **platform)
+    with pytest.raises(WrongInput, match=r"another robot, robot_sha256$"):
+        study(folder, resume=True, **platform | {"model": file("hand"), "size": 1e-3})
+    done.clear()
+    assert study(folder, resume=True, **platform) == whole
+    assert done == list(range(7, 30))

@@ -11,6 +11,7 @@ from experiments.output import provenance
 from experiments.output.basis import check_same
 from experiments.output.study import WrongInput
 from experiments.recover.campaign import SOURCES as FLIGHTS
+from experiments.recover.mechanisms import SOURCES as ROBOTS
 from experiments.sweep.campaign import SOURCES, sweep_of
 from experiments.sweep.design import Design, SweepRuns
 from experiments.sweep.sweep_run import Choice
@@ -84,19 +85,26 @@ def test_an_edit_of_what_makes_rows_makes_another_sweep(project, pattern):
         check_same(before, sweep_of(RUNS).basis, project)
 
 
-@pytest.mark.parametrize(("study", "sources"), [("sweep", SOURCES), ("recover", FLIGHTS)])
-def test_all_that_a_row_is_made_with_counts(study, sources):
+@pytest.mark.parametrize(
+    ("row", "sources"),
+    [
+        ("sweep/row.py", SOURCES),
+        ("recover/row.py", FLIGHTS),
+        ("recover/mechanism_row.py", ROBOTS),
+    ],
+)
+def test_all_that_a_row_is_made_with_counts(row, sources):
     """Every module that the worker's function imports, and those that they import."""
     counted = {path for pattern in sources.files for path in ROOT.glob(pattern)}
     counted -= {path for pattern in sources.without for path in ROOT.glob(pattern)}
-    own = ROOT / "experiments" / study
-    reached, waiting = set(), [own / "row.py"]
+    start = ROOT / "experiments" / row
+    reached, waiting = set(), [start]
     while waiting:
         path = waiting.pop()
         if path not in reached:
             reached.add(path)
             # The study's help text is made of others' options, which make no numbers.
-            waiting += [] if path == own / "__init__.py" else imported(path)
+            waiting += [] if path == start.with_name("__init__.py") else imported(path)
     assert ROOT / "sim" / "plant.py" in reached
     left = {str(path.relative_to(ROOT)) for path in reached - counted}
     # What has no robot in it makes no numbers; packages' own files hold their help texts.

@@ -5,15 +5,16 @@ from experiments.output.study import Option
 PATIENCE_S = 300.0
 """How long a scheduler may be without workers; here, as the help text states it."""
 
+SCHEDULER = Option(
+    "scheduler",
+    str | None,
+    None,
+    f"A Dask scheduler, e.g. tcp://host:8786; fails after {PATIENCE_S:g} s without a worker.  "
+    "[default: a cluster on this computer]",
+    "ADDRESS",
+)
 WHERE = (
-    Option(
-        "scheduler",
-        str | None,
-        None,
-        f"A Dask scheduler, e.g. tcp://host:8786; fails after {PATIENCE_S:g} s without a worker.  "
-        "[default: a cluster on this computer]",
-        "ADDRESS",
-    ),
+    SCHEDULER,
     Option(
         "workers",
         int | None,

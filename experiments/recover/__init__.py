@@ -5,7 +5,7 @@ from pathlib import Path
 
 from experiments.output.controllers import CONTROLLER
 from experiments.output.study import Option, Study
-from experiments.output.where import WHERE
+from experiments.output.where import SCHEDULER, WHERE
 from experiments.robot.options import DITHER, LOOPS, PATH, TASK
 
 MODEL = Option(
@@ -16,7 +16,7 @@ MODEL = Option(
     "MODEL.xml",
 )
 HOURS = Option("hours", float, 10.0, "Flown without failures, unless --quick.", "H")
-HEXAPOD_ALONE = (HOURS, CONTROLLER, *WHERE)
+HEXAPOD_ALONE = (HOURS, CONTROLLER, SCHEDULER)
 OTHERS_ALONE = (*TASK, *PATH, *LOOPS, replace(DITHER, default="designed"))
 
 STUDY = Study(
@@ -40,8 +40,7 @@ STUDY = Study(
 
     With --model, every actuator of another robot locks, goes limp and weakens on a circle, on
     plants that differ from the model, seen by a sensor of the task, by encoders, and by both: five
-    minutes on two cores with four actuators, and Ctrl-C keeps nothing. Writes recover.json and
-    recover.md.
+    minutes on two cores with four actuators. Writes recover.json, recover.parquet and recover.md.
 
     Example: fjh recover --quick --seed 3
     """,
@@ -49,6 +48,6 @@ STUDY = Study(
     results="experiments.recover.command:results",
     quick="A few flights of each sort.",
     seed="the random failures and plants, and the detector noise",
-    options=(MODEL, *HEXAPOD_ALONE, *OTHERS_ALONE),
+    options=(MODEL, HOURS, CONTROLLER, *WHERE, *OTHERS_ALONE),
     streams=True,
 )

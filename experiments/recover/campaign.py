@@ -21,8 +21,8 @@ SOURCES = sources_of(
             "exact_flights",
             "figure",
         ),
-        *("mechanism_flight", "mechanism_results", "mechanism_tables", "mechanisms", "notes"),
-        *("rates", "recordings", "results", "runs", "summary", "tables"),
+        *("mechanism_flight", "mechanism_results", "mechanism_row", "mechanism_tables"),
+        *("mechanisms", "notes", "rates", "recordings", "results", "runs", "summary", "tables"),
     ),
 )
 

@@ -1,6 +1,8 @@
 """Which of the two studies the options of `fjh recover` ask for: the hexapod's, or any robot's."""
 
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager
+from dataclasses import replace
+from types import ModuleType
 from typing import Any
 
 from experiments.output.results import Check, Results
@@ -32,19 +34,23 @@ def run(
     if hexapod:
         del options["model"]
         return run_recover(**common, **options)
-    del options["folder"]  # its flights take minutes: none is kept before all are done
-    return nullcontext(run_mechanisms(**common, **options))
+    return run_mechanisms(**common, **options)
 
 
 def results(outcome: Outcome) -> Results:
     """Everything that `fjh recover` publishes."""
     if isinstance(outcome, Mechanisms):
         return mechanism_results.results(outcome)
-    return hexapod_results.results(outcome)
+    if isinstance(outcome, Recover):
+        return hexapod_results.results(outcome)
+    return replace(_study(outcome).described(outcome), published=True)
 
 
 def checks(summary: dict[str, Any]) -> list[Check]:
     """The checks of either study, from its `recover.json` alone."""
-    if "robot" in summary:
-        return mechanism_results.checks(summary)
-    return hexapod_results.checks(summary)
+    return _study(summary).checks(summary)
+
+
+def _study(summary: dict[str, Any]) -> ModuleType:
+    """Whose summary it is."""
+    return mechanism_results if "robot" in summary else hexapod_results

@@ -40,19 +40,23 @@ class MechanismFlight:
     """A flight of a robot around a circle, in a direction of its own.
 
     Attributes:
+        number: In the study; column `case` of the dataset.
         model: MJCF file.
         options: Of the robot.
         dither: In which the diagnosis looks for failures; None is none.
         failure: What happens; None is nothing.
+        isolable: Whether the dither separates it in half a second, by the uncertain linear model.
         turn_s: Time of one turn.
         duration_s: How long it lasts.
         seed: Of plant, noise, drift and direction.
     """
 
+    number: int
     model: Path
     options: RobotOptions
     dither: Dither | None
     failure: Failure | None
+    isolable: bool
     turn_s: float
     duration_s: float
     seed: int

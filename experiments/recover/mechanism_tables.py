@@ -11,6 +11,9 @@ from experiments.output.tables import Column, Table, tabulate
 SENSED = {"task": "task sensor", "joints": "encoders", "both": "both"}
 """What the diagnosis looks at, by the words of the command."""
 
+MISSED = ("sense", "actuator", "kind", "isolable", "named", "alarms")
+"""What is said of a failure that was not found."""
+
 
 def counted(sense: str, kind: str, flights: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """Counts of the flights of one sensing and kind of failure; `none` are those without."""
@@ -104,7 +107,7 @@ def notes(summary: dict[str, Any]) -> list[str]:
                 f"amplitudes of up to {max(dither['task_motion']) / summary['path_size']:.2g} of "
                 "the path's size."
             )
-    return said + [_missed(each) for each in summary["flights"] if each.get("right") is False]
+    return said + [_missed(each) for each in summary["missed"]]
 
 
 def _missed(entry: dict[str, Any]) -> str:

@@ -1,20 +1,19 @@
 """Flights of any robot: each actuator fails in each way, seen by each of three sensings."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
 
-from experiments.output.parallel import in_parallel
+from experiments.output.basis import SHARED, Sources
+from experiments.output.campaign import Campaign
+from experiments.output.resumable import Complete, complete
 from experiments.output.study import OnProgress
-from experiments.recover.mechanism_flight import (
-    LEFT_S,
-    MechanismFlight,
-    MechanismFlown,
-    fly,
-    recovered_s,
-)
+from experiments.recover.mechanism_flight import LEFT_S, MechanismFlight, recovered_s
+from experiments.recover.mechanism_row import SCHEMA, row_of
 from experiments.robot.choices import Sensing
 from experiments.robot.dither import rig_dither
 from experiments.robot.mjcf import robot_rig
@@ -27,6 +26,18 @@ from sim import Failure, model_sha256
 
 SENSINGS: tuple[Sensing, ...] = get_args(Sensing)
 
+SOURCES = Sources(
+    (
+        *SHARED.files,
+        "experiments/robot/*.py",
+        *(
+            f"experiments/recover/{name}.py"
+            for name in ("flight", "mechanism_flight", "mechanism_row", "mechanisms", "recovery")
+        ),
+    ),
+    SHARED.without,
+)
+
 _EARLIEST_S, _LATEST_S = 1.5, 3.5
 _EFFECTIVENESS = 0.2, 0.8
 _SOUND_S, _SOUND = 6.0, 3
@@ -34,81 +45,100 @@ _SOUND_S, _SOUND = 6.0, 3
 
 
 @dataclass(frozen=True)
-class Sensed:
-    """A robot as one of the sensings has it.
-
-    Attributes:
-        rig: With the exact model as its plant.
-        dither: In which failures are looked for; None is none.
-        flown: What became of its flights.
-    """
-
-    rig: Rig
-    dither: DitherDesign | None
-    flown: tuple[MechanismFlown, ...]
-
-
-@dataclass(frozen=True)
 class Mechanisms:
     """Everything that `fjh recover --model` publishes.
 
     Attributes:
-        seed: Of all that is drawn.
+        done: The flights; their rows are on disk.
         model_sha256: Of the file.
-        sensed: By sensing.
+        rigs: The robot as each sensing has it, with the exact model as its plant.
+        dithers: In which failures are looked for, by sensing; None is none.
     """
 
-    seed: int
+    done: Complete[tuple[MechanismFlight, ...]]
     model_sha256: str
-    sensed: dict[Sensing, Sensed]
+    rigs: dict[Sensing, Rig]
+    dithers: dict[Sensing, DitherDesign | None]
 
 
+@contextmanager
 def run_mechanisms(
     *,
     seed: int,
     quick: bool,
-    on_progress: OnProgress,
     model: Path,
     turn: float,
     dither: str,
+    folder: Path,
+    workers: int | None,
+    resume: bool | None,
+    on_progress: OnProgress,
     **robot: Any,
-) -> Mechanisms:
-    """Fly a robot whose actuators fail, on all cores.
+) -> Iterator[Mechanisms | dict[str, Any]]:
+    """Fly a robot whose actuators fail, on all cores; flights are kept as they finish.
 
     Args:
         seed: Of all that is drawn.
         quick: One lock, seen by both sensors.
-        on_progress: Called with finished and total number of flights.
         model: MJCF file.
         turn: Time of one turn of the circle, in seconds.
         dither: As of :func:`experiments.robot.dither.rig_dither`.
+        folder: As of :func:`experiments.output.resumable.complete`.
+        workers: Likewise, of this machine: others have no such file.
+        resume: Likewise.
+        on_progress: Likewise.
         robot: Of :class:`experiments.robot.options.RobotOptions`, but for `sense`.
 
     Raises:
-        WrongInput: Something that the robot does not have or cannot do.
+        WrongInput: Something that the robot does not have or cannot do; or as `complete`.
         sim.ModelError: The file, or what it says.
-        sim.SimulationDiverged: The physics left the finite numbers.
     """
     check_positive("turn", turn)
-    options = RobotOptions(**robot)
-    rigs, designs, flights = {}, {}, []
+    options, file = RobotOptions(**robot), model.resolve()
+    drawn_from = {
+        "seed": seed,
+        "quick": quick,
+        "robot": asdict(options),
+        "robot_sha256": model_sha256(file),
+        "turn_s": turn,
+        "dither": dither,
+    }
+    rigs: dict[Sensing, Rig] = {}
+    dithers: dict[Sensing, DitherDesign | None] = {}
+    flights: list[MechanismFlight] = []
     for sense in ("both",) if quick else SENSINGS:
         chosen = replace(options, sense=sense)
-        rigs[sense] = rig = robot_rig(model, chosen)
-        designs[sense] = design = rig_dither(rig, dither)
-        driven = None if design is None else design.dither
-        for failure, duration_s, number in _drawn(rig, seed, quick):
-            flight = MechanismFlight(model, chosen, driven, failure, turn, duration_s, number)
+        rigs[sense] = rig = robot_rig(file, chosen)
+        dithers[sense] = design = rig_dither(rig, dither)
+        for failure, duration_s, own_seed in _drawn(rig, seed, quick):
+            flight = MechanismFlight(
+                number=len(flights),
+                model=file,
+                options=chosen,
+                dither=None if design is None else design.dither,
+                failure=failure,
+                isolable=_is_isolable(design, failure),
+                turn_s=turn,
+                duration_s=duration_s,
+                seed=own_seed,
+            )
             check_reach(rig, flight.path(rig))
             flights.append(flight)
-    flown = in_parallel(fly, [{"flight": flight} for flight in flights], on_progress)
-    sensed = {
-        sense: Sensed(
-            rig, designs[sense], tuple(each for each in flown if each.flight.sense == sense)
-        )
-        for sense, rig in rigs.items()
-    }
-    return Mechanisms(seed, model_sha256(model), sensed)
+    campaign = Campaign(tuple(flights), row_of, SCHEMA, SOURCES, drawn_from)
+    how: dict[str, Any] = {"scheduler": None, "workers": workers, "resume": resume}
+    with complete("recover", campaign, folder=folder, on_progress=on_progress, **how) as done:
+        if isinstance(done, Complete):
+            yield Mechanisms(done, drawn_from["robot_sha256"], rigs, dithers)
+        else:
+            yield done
+
+
+def _is_isolable(design: DitherDesign | None, failure: Failure | None) -> bool:
+    """Whether the dither separates it in half a second, by the uncertain linear model."""
+    if design is None or failure is None:
+        return False
+    isolable = [(each.actuator, each.kind) for each in design.separations.isolable()]
+    return (failure.actuator, failure.kind) in isolable
 
 
 def _drawn(rig: Rig, seed: int, quick: bool) -> list[tuple[Failure | None, float, int]]:

@@ -15,10 +15,8 @@ from experiments.recover.summary import read_rows, summarize
 from experiments.recover.tables import ambiguity, curves, mismatches, recovery
 
 
-def results(outcome: Recover | dict[str, Any]) -> Results:
+def results(outcome: Recover) -> Results:
     """Everything that `fjh recover` publishes."""
-    if not isinstance(outcome, Recover):
-        return replace(described(outcome), published=True)
     rows = read_rows(outcome)
     summary = summarize(outcome, rows)
     return replace(
