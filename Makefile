@@ -51,7 +51,8 @@ bench-quick: venv
 	$(BIN)/fjh bench --quick --check
 
 # Every picture in docs/pictures: the figures of all studies, and recordings as the viewer shows
-# them. Five hours the first time, of which three the atlas; what is there already is not run again.
+# them. Eight hours the first time, of which four `recover` and three the atlas; what is there
+# already is not run again.
 pictures: venv
 	$(BIN)/fjh report --out $(RUNS)
 	$(BIN)/fjh atlas --resume --out $(RUNS)/flown
