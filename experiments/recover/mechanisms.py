@@ -103,25 +103,18 @@ def run_mechanisms(
         "turn_s": turn,
         "dither": dither,
     }
-    rigs: dict[Sensing, Rig] = {}
-    dithers: dict[Sensing, DitherDesign | None] = {}
+    senses: tuple[Sensing, ...] = ("both",) if quick else SENSINGS
+    rigs: dict[Sensing, Rig] = {
+        sense: robot_rig(file, replace(options, sense=sense)) for sense in senses
+    }
+    dithers: dict[Sensing, DitherDesign | None] = {
+        sense: rig_dither(rig, dither) for sense, rig in rigs.items()
+    }
     flights: list[MechanismFlight] = []
-    for sense in ("both",) if quick else SENSINGS:
-        chosen = replace(options, sense=sense)
-        rigs[sense] = rig = robot_rig(file, chosen)
-        dithers[sense] = design = rig_dither(rig, dither)
-        for failure, duration_s, own_seed in _drawn(rig, seed, quick):
-            flight = MechanismFlight(
-                number=len(flights),
-                model=file,
-                options=chosen,
-                dither=None if design is None else design.dither,
-                failure=failure,
-                isolable=_is_isolable(design, failure),
-                turn_s=turn,
-                duration_s=duration_s,
-                seed=own_seed,
-            )
+    for sense, rig in rigs.items():
+        chosen = file, replace(options, sense=sense)
+        for drawn in _drawn(rig, dithers[sense], seed, quick):
+            flight = MechanismFlight(len(flights), *chosen, turn_s=turn, **drawn)
             check_reach(rig, flight.path(rig))
             flights.append(flight)
     campaign = Campaign(tuple(flights), row_of, SCHEMA, SOURCES, drawn_from)
@@ -133,29 +126,34 @@ def run_mechanisms(
             yield done
 
 
-def _is_isolable(design: DitherDesign | None, failure: Failure | None) -> bool:
+def _is_isolable(design: DitherDesign | None, actuator: int, kind: FaultKind) -> bool:
     """Whether the dither separates it in half a second, by the uncertain linear model."""
-    if design is None or failure is None:
+    if design is None:
         return False
-    isolable = [(each.actuator, each.kind) for each in design.separations.isolable()]
-    return (failure.actuator, failure.kind) in isolable
+    isolable = design.separations.isolable()
+    return any((each.actuator, each.kind) == (actuator, kind) for each in isolable)
 
 
-def _drawn(rig: Rig, seed: int, quick: bool) -> list[tuple[Failure | None, float, int]]:
-    """Failures, durations and seeds of the flights: those of every sensing, and of every robot."""
+def _drawn(
+    rig: Rig, design: DitherDesign | None, seed: int, quick: bool
+) -> Iterator[dict[str, Any]]:
+    """Of each flight of a sensing: failures and seeds are those of every sensing and robot."""
     each: list[tuple[int, FaultKind]] = [
         (actuator, kind) for actuator in range(len(rig.actuators)) for kind in KINDS
     ]
-    drawn: list[tuple[Failure | None, float, int]] = []
+    dither = None if design is None else design.dither
     for place, (actuator, kind) in enumerate(each[:1] if quick else each):
         rng = np.random.default_rng([seed, place])
         when_s = round(float(rng.uniform(_EARLIEST_S, _LATEST_S)), 3)
         left = float(rng.uniform(*_EFFECTIVENESS)) if kind == "weak" else 0.0
-        failure = Failure(actuator, kind, when_s, left)
-        drawn.append(
-            (failure, round(when_s + recovered_s(rig) + LEFT_S, 3), int(rng.integers(2**32)))
-        )
+        yield {
+            "dither": dither,
+            "failure": Failure(actuator, kind, when_s, left),
+            "isolable": _is_isolable(design, actuator, kind),
+            "duration_s": round(when_s + recovered_s(rig) + LEFT_S, 3),
+            "seed": int(rng.integers(2**32)),
+        }
     for k in range(0 if quick else _SOUND):
-        rng = np.random.default_rng([seed, len(each) + k])
-        drawn.append((None, _SOUND_S, int(rng.integers(2**32))))
-    return drawn
+        own_seed = int(np.random.default_rng([seed, len(each) + k]).integers(2**32))
+        sound = {"failure": None, "isolable": False, "duration_s": _SOUND_S}
+        yield {"dither": dither, **sound, "seed": own_seed}
