@@ -27,8 +27,8 @@ STUDY = Study(
     on plants that differ from the controller's model: gains, stiffness, damping, inertia, delay,
     floor vibration, drift, hysteresis and integrator step, each by itself, all together, and in
     several sizes. Flights are compared with a controller that is informed of the failure at once,
-    and with one that continues without noticing it. On two cores two hours, and 11 minutes for
-    each of the --hours without failures; half a minute with --quick.
+    and with one that continues without noticing it. On two cores two and a quarter hours, and
+    eight minutes for each of the --hours without failures; half a minute with --quick.
 
     Flights are written to a Parquet dataset, OUT/unfinished, as they finish; Ctrl-C keeps them, and
     --resume continues, with more or fewer --hours as well. The flights are identical to the bit for
