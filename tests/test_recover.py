@@ -113,7 +113,10 @@ def test_the_ambiguity_is_that_of_antipodal_struts_and_the_dither_lifts_it(setti
 @pytest.mark.parametrize(
     ("spoil", "words"),
     [
-        (lambda s: s.update(closure_residual_max_m=2e-8), "runs at the usual sizes: closure residual"),
+        (
+            lambda s: s.update(closure_residual_max_m=2e-8),
+            "runs at the usual sizes: closure residual",
+        ),
         (lambda s: s["beliefs"].update(unstable=1), "unstable"),
         (lambda s: s.update(diverged=1), "diverged"),
         (
