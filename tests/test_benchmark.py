@@ -605,16 +605,21 @@ def test_a_tick_leaves_no_reference_cycles(model, cases, run):
     """With the collector off the memory of a loop does not grow: docs/performance.md."""
     tick = pointing.pointing_tick(model)
     arguments = [(case.pointing_rad, case.qpos) for case in cases]
-    for once in (run.controlling(), lambda: [tick(*given) for given in arguments]):
-        once()
+
+    def unreachable(once) -> int:
         gc.collect()
         gc.disable()
         try:
             for _ in range(20):
                 once()
-            assert gc.collect() == 0
+            return gc.collect()
         finally:
             gc.enable()
+
+    for once in (run.controlling(), lambda: [tick(*given) for given in arguments]):
+        once()
+        # A tick that leaves cycles leaves them each time; a thread of pytest's may, once.
+        assert min(unreachable(once) for _ in range(3)) == 0
 
 
 def test_a_batch_is_its_problems_one_by_one():
