@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 from numpy.typing import NDArray
+from scipy.stats import norm
 
 from experiments.hexapod.columns import MAJOR
 from experiments.hexapod.fault_tolerance import HEAVE, nominal_model
@@ -16,7 +17,7 @@ from ftc.fdi.dither_design import Cost, designed_dither
 from ftc.fdi.fault_model import KINDS, Fault, FaultModel, NominalModel, fault_model
 from ftc.fdi.isolability import isolability
 from ftc.fdi.sensor_choice import ranked_sensors
-from ftc.fdi.separation import Conditions, Separations, separations, separations_at
+from ftc.fdi.separation import ALIKE, Conditions, Separations, separations, separations_at
 from ftc.fdi.signatures import fault_responses, steady_signatures
 from ftc.fdi.uncertainty import Uncertainty
 from sim import NOMINAL, hexapod, load_model
@@ -267,6 +268,10 @@ def twins() -> NominalModel:
     B = np.vstack([np.zeros((3, 3)), 4000.0 * np.eye(3)])
     C = np.array([[1.0, 1.0, 0.0, 0.0, 0.0, 0.0]])
     return NominalModel(control.ss(A, B, C, 0), np.eye(3, 6), np.array([1e-5]), 2e-3, 1e-3)
+
+
+def test_what_counts_as_alike_is_mistaken_once_in_a_thousand():
+    assert norm.cdf(-ALIKE / 2) == pytest.approx(1e-3, rel=0.01)
 
 
 def test_groups_name_what_is_alike_and_a_sensor_that_ends_it():

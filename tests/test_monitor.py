@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 from tests.scripted_monitor import (
     LOCKED,
@@ -13,7 +14,6 @@ from tests.scripted_monitor import (
     TICKS,
     UNSURE,
     USUAL,
-    Script,
     flown,
     named,
 )
@@ -82,10 +82,28 @@ def test_the_filter_of_the_spectrum_is_made_anew_every_fiftieth_sample():
     np.testing.assert_array_equal(filters[2], filters[3])
 
 
-def test_a_shock_while_the_plant_is_learned_is_no_alarm():
-    watch = replace(USUAL, bank=Script(**vars(USUAL.bank), says=lambda _: LOCKED))
-    state, rng = watch.start(), np.random.default_rng(0)
-    for tick in range(201):
-        y = rng.standard_normal(3) + 50.0 * (tick == 100)
-        state = watch.step(state, NOMINAL.noise * y, np.zeros(3))
-    assert (state.alarm_ticks, state.evidence) == ((), None)
+@pytest.mark.parametrize(("shock", "learned"), [(98, True), (101, False)])
+def test_a_shock_while_the_plant_is_learned_is_no_alarm_but_learned(shock, learned):
+    """In the first second, of 100 samples; later it is an alarm, and not learned."""
+    states = flown(lambda sample: UNSURE, shock + 1, shock=shock)
+    state, before = states[shock], states[shock - 1].watch.spectrum.samples
+    assert state.watch.spectrum.samples == before + learned
+    assert bool(state.alarm_ticks) == (state.evidence is not None) == (not learned)
+
+
+def test_the_residuals_are_tested_at_the_stated_rate_of_false_alarms():
+    """One in 100 hours of samples of 10 ms, shared by eight means of three outputs."""
+    expected = chi2.isf(0.01 * 10e-3 / 3600 / 8, 3)
+    assert USUAL.test.threshold == pytest.approx(expected, rel=1e-9)
+    assert len(USUAL.test.start()) == 2**7
+
+
+def test_onsets_are_looked_for_as_far_back_as_stated_and_less_densely_there():
+    """From the last sample to 0.6 s before it; each 1.25 times as far as the one after it."""
+    evidence = flown(lambda sample: UNSURE, SHOCK + 1)[SHOCK].evidence
+    assert evidence is not None
+    back = SHOCK - evidence.onsets[::-1]
+    assert back[0] == 0 and back[-1] <= 60 < 1.25 * back[-1] + 1
+    steps = np.diff(back)
+    assert np.all(np.abs(steps - 0.25 * back[:-1])[steps > 1] <= 0.5)
+    assert np.all(0.25 * back[:-1][steps == 1] <= 1.5)
