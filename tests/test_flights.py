@@ -170,6 +170,22 @@ def test_a_lock_is_not_taken_for_the_opposite_strut_in_half_a_period_of_the_dith
     assert {each.fault.actuator for each in found.diagnoses} == {flight.fault.actuator}
 
 
+@pytest.mark.long
+def test_a_lock_is_named_in_a_floor_whose_spectrum_is_known():
+    """With an autoregression of order 1 instead of 10 its alarm would stay unexplained."""
+    flight = FlightPlan(replace(SHORT, all=28, sound=0), 1)[27]
+    found = supervised(flight.testbed(), flight)[1]
+    assert {each.fault.actuator for each in found.diagnoses} == {flight.fault.actuator}
+    assert not found.alarm_before
+
+
+@pytest.mark.long
+def test_a_plant_is_learned_long_enough_to_raise_no_alarm_thereafter():
+    """After 0.2 s instead of 0.8 s of learning a sound strut would be named."""
+    flight = FlightPlan(replace(SHORT, sound=2, sound_s=4.0), 1)[1]
+    assert supervised(flight.testbed(), flight)[1].alarm_ticks == ()
+
+
 def test_without_an_alarm_the_supervised_controller_sends_the_commands_of_the_unaware_one():
     flight = FlightPlan(SHORT, 0)[0]
     run, found = supervised(flights.testbed(), flight)
