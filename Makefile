@@ -51,7 +51,7 @@ bench-quick: venv
 	$(BIN)/fjh bench --quick --check
 
 # Every picture in docs/pictures: the figures of all studies, and recordings as the viewer shows
-# them. Eight hours the first time, of which four `recover` and three the atlas; what is there
+# them. Eight hours the first time, by estimate four of `recover` and three of the atlas; what is there
 # already is not run again.
 pictures: venv
 	$(BIN)/fjh report --out $(RUNS)
