@@ -149,7 +149,10 @@ def margins(L: SampledSystem) -> Margins:
 
     def crossings(of: Callable[[Any], Any]) -> Iterator[float]:
         for k in np.flatnonzero(np.diff(np.sign(of(curve)))):
-            yield brentq(lambda w: of(at(w)), *frequencies[k : k + 2])
+            ends = frequencies[k : k + 2]
+            # Of many frequencies at once the last bits are others than of one.
+            if of(at(ends[0])) * of(at(ends[1])) < 0.0:
+                yield brentq(lambda w: of(at(w)), *ends)
 
     gains = [(1 / abs(at(w)), w) for w in crossings(np.imag) if at(w).real < 0]
     phases = [

@@ -22,6 +22,7 @@ from prioritized._atlas import FailureAtlas as FailureAtlas
 from prioritized._atlas import failure_atlas as failure_atlas
 from prioritized._attainable import Attainable as Attainable
 from prioritized._attainable import AttainableStatus as AttainableStatus
+from prioritized._canonical import canonical_basis as canonical_basis
 from prioritized._failures import Failures as Failures
 from prioritized._force import ForceMapping as ForceMapping
 from prioritized._force import force_mapping as force_mapping

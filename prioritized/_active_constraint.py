@@ -7,6 +7,7 @@ from scipy.linalg import solve_triangular
 
 from argument_checks import Array, Indices
 from prioritized._arrays import none
+from prioritized._canonical import canonical
 from prioritized._elimination import Loops
 from prioritized._rank import ranked_svd
 
@@ -43,4 +44,4 @@ def active_constraint(loops: Loops, J_C: Array, active: Indices) -> ActiveConstr
     r = int(decided.rank)
     Q, T = np.linalg.qr((decided.Vt[:r] @ R).T)
     inverse = solve_triangular(T, (decided.U[:, :r] / decided.sigma[:r]).T, trans="T")
-    return ActiveConstraint(Q.T, Q @ inverse, float(decided.gap))
+    return ActiveConstraint(canonical(Q).T, Q @ inverse, float(decided.gap))

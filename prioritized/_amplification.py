@@ -1,6 +1,7 @@
 """How much a mapping or a closure multiplies errors, in words where that is much."""
 
 from argument_checks import Array
+from argument_checks.ties import exceeds
 
 LARGE_AMPLIFICATION = 100.0
 """Above it, an error of 1 % may become an error as large as the quantity itself."""
@@ -8,7 +9,7 @@ LARGE_AMPLIFICATION = 100.0
 
 def gain_sentences(largest: float, worst: float) -> list[str]:
     """On the ratio of the largest to the smallest gain of the major task, where it is large."""
-    if not 0.0 < worst * LARGE_AMPLIFICATION < largest:
+    if not (worst > 0.0 and exceeds(largest, LARGE_AMPLIFICATION * worst)):
         return []
     return [
         "For the same norm of the active rates, the major task moves up to "
@@ -18,7 +19,7 @@ def gain_sentences(largest: float, worst: float) -> list[str]:
 
 def servo_sentences(amplification: Array) -> list[str]:
     """On the factor from servo errors to errors of the major task, where it is large."""
-    if (most := amplification.max(initial=0.0)) <= LARGE_AMPLIFICATION:
+    if not exceeds(most := amplification.max(initial=0.0), LARGE_AMPLIFICATION):
         return []
     return [
         "A relative error of the active rates may become a relative error of the major task "
@@ -28,7 +29,7 @@ def servo_sentences(amplification: Array) -> list[str]:
 
 def closure_sentences(condition: float) -> list[str]:
     """On the condition number of the closure, where it is large."""
-    if condition <= LARGE_AMPLIFICATION:
+    if not exceeds(condition, LARGE_AMPLIFICATION):
         return []
     return [
         "A relative error of the loops' geometry may become a relative error of the passive rates "

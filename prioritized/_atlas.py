@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 import argument_checks as check
 from argument_checks import Array, Mask
 from prioritized._arrays import ReadOnly
+from prioritized._canonical import canonical
 from prioritized._failures import Failures, failed_actuators
 from prioritized._limits import limits
 from prioritized._major_maps import unweighted
@@ -195,7 +196,7 @@ def _classes(
     )
 
     possible = (reach.rank == m1) & (moved_major.rank == 0)
-    self_motion = moved.U * moved.kept[:, None, :]
+    self_motion = canonical(moved.U * moved.kept[:, None, :])
     problem = unweighted(J, S_m, motions.forbidden, self_motion, scale, tolerance)
     lost = np.arange(m2) >= secondary.rank[:, None]
     least = reach.sigma[:, :m1].min(axis=1, initial=np.inf)
@@ -210,7 +211,7 @@ def _classes(
         worst_gain=np.where(reach.rank == m1, least, 0.0),
         major_rank=reach.rank,
         secondary_rank=secondary.rank,
-        lost_secondary=secondary.U * lost[:, None, :],
+        lost_secondary=canonical(secondary.U * lost[:, None, :]),
         self_motion=self_motion,
         gap=np.minimum.reduce(
             [motions.gap, *(d.gap for d in (reach, reach_task, moved, moved_major, secondary))]

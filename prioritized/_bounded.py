@@ -29,6 +29,8 @@ _NOTHING = 1e-15
 """What is left below this fraction, of unknowns and of multipliers, is round-off alone."""
 _TINY = 1e-150
 """Rows shorter than this depend on others at any scale: their squares underflow."""
+_EQUAL = 1.0 + 1e-9
+"""Of numbers that differ by less than this factor the first is taken, on every processor."""
 _DEGENERATE = 3
 """After as many steps of zero length the first candidate is taken, not the best: no cycling."""
 
@@ -68,7 +70,7 @@ def _largest(M, first, last, start, columns):
     best, most = first, -1.0
     for i in range(first, last):
         square = _square(M, i, start, columns)
-        if square > most:
+        if square > most * _EQUAL:
             best, most = i, square
     return best, np.sqrt(most)
 
@@ -339,7 +341,7 @@ def _solve_level(
                 g[at(j)] -= step[at(t)] * Q[at(order[at(t)]), at(j)]
         round_off, worst, chosen = _NOTHING * scale * terms, 0.0, -1
         for j in range(n):
-            if not held[at(j)] and state[at(j)] * g[at(j)] > max(round_off, worst):
+            if not held[at(j)] and state[at(j)] * g[at(j)] > max(round_off, worst * _EQUAL):
                 chosen, worst = j, state[at(j)] * g[at(j)]
                 if idle > _DEGENERATE:
                     break

@@ -1,4 +1,4 @@
-"""Elimination of passive velocities, compiled: loops that are square and far from singular.
+"""Elimination of passive velocities, compiled: square loops far from singular; bases of the rest.
 
 All compiled code of an entry point stands in one file, because the compiler's cache notices a
 change of that file alone.
@@ -7,9 +7,12 @@ change of that file alone.
 import numpy as np
 from numba import njit, types
 
+from argument_checks.ties import ACCURACY
+
 _given = types.Array(types.float64, 2, "C", readonly=True)
 _indices = types.Array(types.intp, 1, "C", readonly=True)
 _new = types.Array(types.float64, 2, "C")
+_bases = types.Array(types.float64, 3, "C")
 _float = types.float64
 at = np.uint64
 """An index that cannot be negative: the compiler then leaves out Python's counting from the end."""
@@ -135,3 +138,36 @@ def reduce(J_T, active, moving, gain, J):
         # A fast passive joint adds to the size only if it moves the task.
         through += column * follows
     return np.sqrt(_square(J_T)) + np.sqrt(through)
+
+
+@_compiled(types.void, _bases, _bases)
+def canonical(rest, made):
+    """Write to `made` the bases of :func:`prioritized.canonical_basis`, (B, N, k).
+
+    Args:
+        rest: Orthonormal columns, of which zero ones come last then, (B, N, k); overwritten.
+        made: Zeros of the same shape.
+    """
+    N, k = rest.shape[1:]
+    along = np.empty(k)
+    for b in range(len(rest)):
+        for t in range(k):
+            pivot, most, left = 0, 0.0, 0.0
+            for i in range(N):
+                square = 0.0
+                for j in range(k):
+                    square += rest[b, i, j] * rest[b, i, j]
+                left += square
+                if square > most * (1.0 + ACCURACY):
+                    pivot, most = i, square
+            if left < 0.5:  # what is left has the dimension that is left
+                break
+            for j in range(k):
+                along[j] = rest[b, pivot, j] / np.sqrt(most)
+            for i in range(N):
+                part = 0.0
+                for j in range(k):
+                    part += rest[b, i, j] * along[j]
+                made[b, i, t] = part
+                for j in range(k):
+                    rest[b, i, j] -= part * along[j]

@@ -6,6 +6,7 @@ import numpy as np
 
 from argument_checks import Array, Indices
 from prioritized._arrays import identity, none, read_only
+from prioritized._canonical import canonical
 from prioritized._compiled import elimination
 from prioritized._conditioning import well_conditioned_above
 from prioritized._rank import RankedSvd, norm, ranked_svd
@@ -194,7 +195,7 @@ def passive_motion(system: Partition) -> PassiveMotion:
         inverse, _, metric_gap = _compliance(free, passive_metric, moving, rank_tolerance)
         gain, closing = _least_energy(gain, closing, inverse, passive_metric, moving, active)
         spring_gap = min(spring_gap, metric_gap)
-    return PassiveMotion(gain, closing, free, compliance, spring_gap, loops)
+    return PassiveMotion(gain, closing, canonical(free), compliance, spring_gap, loops)
 
 
 def _compliance(

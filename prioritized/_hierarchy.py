@@ -145,13 +145,17 @@ class HierarchySolution:
     @property
     def active_limits(self) -> NDArray[np.int8]:
         """Limits that the rates are at: -1 the lower, 1 the upper, 0 none, shape (n,)."""
-        return self.point.active[0, : self._n]
+        return self._at_bounds[: self._n]
 
     @property
     def active_rows(self) -> NDArray[np.int8]:
         """The same for the inequality rows, (r,)."""
         count = sum(len(each.G) for each in self.hierarchy.limiting.rows)
-        return self.point.active[0, self._n : self._n + count]
+        return self._at_bounds[self._n : self._n + count]
+
+    @cached_property
+    def _at_bounds(self) -> NDArray[np.int8]:
+        return self.packed.at_bounds(self.point.x)[0]
 
     @property
     def gap(self) -> float:

@@ -13,6 +13,7 @@ from argument_checks import Array, Indices
 from prioritized._active_constraint import ActiveConstraint, active_constraint
 from prioritized._arrays import none, read_only
 from prioritized._attainable import Attainable, attainable
+from prioritized._canonical import canonical
 from prioritized._elimination import Partition, PassiveMotion, passive_motion
 from prioritized._force import ForceMapping, force_mapping
 from prioritized._hierarchy import Hierarchy, Task, hierarchy
@@ -73,7 +74,7 @@ class Kinematics:
     @cached_property
     def self_motion(self) -> Array:
         """Orthonormal basis of the task motion with every active joint locked, shape (m, k)."""
-        return read_only(self._moved.U[:, : int(self._moved.rank)])
+        return read_only(canonical(self._moved.U[:, : int(self._moved.rank)]))
 
     @cached_property
     def internal_force(self) -> Array:
@@ -82,7 +83,7 @@ class Kinematics:
         Columns: the c rows of J_C, then the s stuck joints by velocity index.
         """
         rows, stuck = self._internal_rows, self.system.joints.stuck
-        return read_only(np.linalg.qr(rows.T)[0].T if stuck.size else rows.copy())
+        return read_only(canonical(np.linalg.qr(rows.T)[0] if stuck.size else rows.T).T)
 
     @property
     def active_constraint(self) -> Array:

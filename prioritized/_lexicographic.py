@@ -56,13 +56,17 @@ class Solution:
 
     @property
     def active(self) -> NDArray[np.int8]:
-        """Which bounds x is held at: -1 the lower, 1 the upper, 0 none, (n,); equal ones are -1."""
-        return self.point.active[0, : self.n]
+        """Which bounds x is at: -1 the lower, 1 the upper, 0 none, (n,); equal ones are -1."""
+        return self._at_bounds[: self.n]
 
     @property
     def active_rows(self) -> NDArray[np.int8]:
         """The same for the inequality rows, shape (r,)."""
-        return self.point.active[0, self.n : self.n + self.hard_rows]
+        return self._at_bounds[self.n : self.n + self.hard_rows]
+
+    @cached_property
+    def _at_bounds(self) -> NDArray[np.int8]:
+        return self.packed.at_bounds(self.point.x)[0]
 
     @property
     def gap(self) -> float:

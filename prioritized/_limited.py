@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 import argument_checks as check
 from argument_checks import Array
+from argument_checks.ties import exceeds
 from prioritized._arrays import times
 from prioritized._levels import Level
 from prioritized._limits import Limits, limits
@@ -95,14 +96,18 @@ class Optimum(NamedTuple):
 
     @property
     def active(self) -> NDArray[np.int8]:
-        """Which limits hold x: -1 a lower, 1 an upper, 0 none, shape (..., n)."""
-        return self.point.active[:, : self.n].reshape(*self.lead, self.n)
+        """Which limits x is at: -1 a lower, 1 an upper, 0 none, shape (..., n)."""
+        return self._at_bounds[:, : self.n].reshape(*self.lead, self.n)
 
     @property
     def active_rows(self) -> NDArray[np.int8]:
         """The same for the inequality rows, shape (..., r)."""
-        active = self.point.active[:, self.n + self.scaled :]
+        active = self._at_bounds[:, self.n + self.scaled :]
         return active.reshape(*self.lead, active.shape[1])
+
+    @property
+    def _at_bounds(self) -> NDArray[np.int8]:
+        return self.packed.at_bounds(self.point.x)
 
     @property
     def scale(self) -> Array:
@@ -111,6 +116,7 @@ class Optimum(NamedTuple):
         if self.scaled:
             most = np.broadcast_to(self.packed.upper[:, self.n], part.shape)
             np.divide(self.point.x[:, self.n], most, out=part, where=most > 0.0)
+            part[~exceeds(1.0, part)] = 1.0
         return part.reshape(self.lead)
 
     @property

@@ -7,7 +7,9 @@ from typing import NamedTuple
 import numpy as np
 
 from argument_checks import Array
+from argument_checks.ties import ACCURACY
 from prioritized._amplification import closure_sentences, gain_sentences
+from prioritized._canonical import canonical
 from prioritized._findings import Finding, found
 from prioritized._names import Known, involved
 from prioritized._rank import RankedSvd, frobenius, largest, ranked_svd
@@ -147,14 +149,16 @@ def classify(
         "unstable_secondary": (_range(aside), min(aside.gap, moved_major.gap, free_gap)),
         "idle": (passive_self_motion @ _null(moved), min(moved.gap, free_gap)),
     }
+    columns = {name: (canonical(A), gap) for name, (A, gap) in columns.items()}
     rows = {
         "irresolvable": (internal_force, gaps.loops),
         "constrained_active": (active_constraint, min(gaps.constraint, gaps.loops)),
     }
     idle, _ = columns["idle"]
+    accuracy = max(ACCURACY, tolerance)  # of the inputs, if that is worse
     joints = {
-        "idle": involved(idle, known[0]),
-        "constrained_active": involved(active_constraint.T, known[1]),
+        "idle": involved(idle, known[0], accuracy),
+        "constrained_active": involved(active_constraint.T, known[1], accuracy),
     }
     findings = {
         name: found(name, A, count, least, joints.get(name, ""))

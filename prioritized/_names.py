@@ -10,6 +10,7 @@ import numpy as np
 
 import argument_checks as check
 from argument_checks import Array, Indices
+from argument_checks.ties import ACCURACY, ascending, exceeds
 
 MOST_NAMED = 5
 """A sentence names no more joints than this."""
@@ -188,12 +189,13 @@ def spoken(known: Known, numbers: Iterable[int]) -> str:
     return ", ".join(dict.fromkeys(known[k][0] if known[k] else str(k) for k in listed))
 
 
-def involved(basis: Array, known: Known) -> str:
+def involved(basis: Array, known: Known, accuracy: float = ACCURACY) -> str:
     """The joints with a noticeable share of an orthonormal basis, the largest share first.
 
     Args:
         basis: Columns over the joints, shape (len(known), .).
         known: Names of the joints; one name on several rows is one joint.
+        accuracy: Part by which equal shares may differ.
 
     Returns:
         A list in words such as "hip, knee and 2 more"; empty where no joint has a name.
@@ -202,9 +204,12 @@ def involved(basis: Array, known: Known) -> str:
     for names, row in zip(known, basis, strict=True):
         name = names[0] if names else ""
         shares[name] = float(np.hypot(shares.get(name, 0.0), np.linalg.norm(row)))
-    least = NOTICEABLE * max(shares.values(), default=0.0)
-    concerned = [name for name in sorted(shares, key=lambda name: -shares[name]) if name]
-    concerned = [name for name in concerned if shares[name] > least]
+    if not basis.size:
+        return ""
+    names, sizes = list(shares), np.array(list(shares.values()))
+    noticed = ~exceeds(NOTICEABLE * sizes.max(), sizes, accuracy)
+    largest_first = ascending(-sizes, accuracy=accuracy)
+    concerned = [names[k] for k in largest_first if noticed[k] and names[k]]
     more = len(concerned) - MOST_NAMED
     return ", ".join(concerned[:MOST_NAMED]) + (f" and {more} more" if more > 0 else "")
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 import argument_checks as check
 from argument_checks import Array, Mask
+from argument_checks.ties import ACCURACY, exceeds
 from prioritized._arrays import beside, read_only, times
 from prioritized._compiled import bounded
 from prioritized._limits import Limits, plain_limits
@@ -46,6 +47,26 @@ class Packed(NamedTuple):
         """What each row lacks, b - A x, shape (B, k)."""
         return self.b - times(self.A, x)
 
+    @property
+    def _size_asked(self) -> Array:
+        """Size of the x that any level asks for, (B,)."""
+        parts = np.split(self.b, self.ends[:-1], axis=1)
+        asked = np.stack([np.linalg.norm(part, axis=1) for part in parts], axis=1)
+        size = np.divide(asked, self.scales, out=np.zeros_like(asked), where=self.scales > 0.0)
+        return size.max(axis=1)
+
+    def at_bounds(self, x: Array) -> NDArray[np.int8]:
+        """-1 where x is at its lower bound, 1 where at the upper one, 0 elsewhere, (B, n).
+
+        By the values: which of several bounds that are reached at once a solver counts as active
+        depends on round-off.
+        """
+        asked = self._size_asked[:, None] * ACCURACY
+        at_lower = ~exceeds(x, self.lower, zero=asked)
+        at_upper = ~exceeds(self.upper, x, zero=asked)
+        nearer = at_lower & ~(at_upper & (self.upper - x < x - self.lower))
+        return np.where(nearer, -1, at_upper).astype(np.int8)
+
     def level(self, k: int, x: Array) -> Array:
         """The same of one level, (B, .)."""
         first = self.ends[k - 1] if k else 0
@@ -61,10 +82,7 @@ class Packed(NamedTuple):
         # Where only zero is feasible, x is what the limits leave of round-off.
         left = _OF_LIMITS * times(A, np.where(np.isfinite(reach), reach, 0.0))
         # Of the size of what any level asks for, x has round-off even where it is zero.
-        parts = np.split(self.b, self.ends[:-1], axis=1)
-        asked = np.stack([np.linalg.norm(part, axis=1) for part in parts], axis=1)
-        size = np.divide(asked, self.scales, out=np.zeros_like(asked), where=self.scales > 0.0)
-        round_off = size.max(axis=1) * self.scales[:, levels].max(axis=1)
+        round_off = self._size_asked * self.scales[:, levels].max(axis=1)
         allowed = self.tolerance * (np.linalg.norm(terms, axis=-1) + round_off)
         return np.linalg.norm(rest, axis=-1) > allowed + np.linalg.norm(left, axis=-1)
 
@@ -74,7 +92,8 @@ class Point(NamedTuple):
 
     Attributes:
         x: Shape (B, n).
-        active: -1 where a lower bound is active, 1 where an upper one is, 0 elsewhere, (B, n).
+        active: Bounds that the solver held last: -1 the lower, 1 the upper, 0 none, (B, n). Of
+            those that x is at, :meth:`Packed.at_bounds`, they are some.
         steps: Of the active set, (B,).
         ended: Whether x is the optimum: it always obeys the bounds, (B,).
         gap: Smallest gap of the rank decisions, (B,).

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 import argument_checks as check
 from argument_checks import Array
+from prioritized._canonical import canonical
 from prioritized._rank import frobenius, ranked_svd
 
 
@@ -66,7 +67,7 @@ def task_selection(
         return S_m, rows_of("secondary", secondary, m)
     if np.ndim(major) == 2:
         full = ranked_svd(S_m, frobenius(S_m), tolerance, full=True)
-        return S_m, full.Vt[int(full.rank) :]
+        return S_m, canonical(full.Vt[int(full.rank) :].T).T
     return S_m, _rest(S_m)
 
 

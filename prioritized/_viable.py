@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 import argument_checks as check
 from argument_checks import Array, Mask
+from argument_checks.ties import ACCURACY, exceeds
 from prioritized._arrays import ReadOnly
 
 _ROUND_OFF = 1e-12
@@ -94,6 +95,8 @@ def viable_rates(
     least = np.where(x < x_min, np.minimum(least, most), least)
     lower, upper = _nearest(v_min, v_max, slowest, fastest)
     lower, upper = _nearest(least, most, lower, upper)
+    # Where braking just suffices, one rate is left: round-off would make a direction of it.
+    upper = np.where(exceeds(upper, lower, zero=ACCURACY * abs(v)), upper, lower)
     return RateBox(lower, upper, viable)
 
 

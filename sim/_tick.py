@@ -10,6 +10,8 @@ from numba import njit, types
 FOUND, SINGULAR, NO_LENGTH = 0, 1, 2
 """All is well; the struts do not determine the twist, or one too large; a strut has no length."""
 
+_DEPENDENT = 1e-12
+"""Part of a column below which a pivot is round-off."""
 _MOST = 1e240
 """Square of the largest number that the argument checks let pass."""
 
@@ -67,12 +69,16 @@ def _lengths(bottom, top, R, t, length, A):
 def _solve(A, X):
     """Overwrite X by the solution of A X = X, and A by its factors: Gauss, partial pivoting."""
     n, columns = X.shape
+    size = np.zeros(n)
+    for i in range(n):
+        for r in range(n):
+            size[i] = max(size[i], abs(A[r, i]))
     for i in range(n):
         pivot = i
         for r in range(i + 1, n):
             if abs(A[r, i]) > abs(A[pivot, i]):
                 pivot = r
-        if not abs(A[pivot, i]) > 0.0:
+        if not abs(A[pivot, i]) > _DEPENDENT * size[i]:
             return SINGULAR
         if pivot != i:
             for j in range(i, n):

@@ -7,6 +7,7 @@ import mujoco
 import numpy as np
 
 import argument_checks as check
+from argument_checks.ties import greatest
 from sim.array import Array
 from sim.closing import CLOSED, close
 from sim.closure import check_closures
@@ -123,7 +124,7 @@ def _refuse_long_turns(model: mujoco.MjModel, motion: Array) -> None:
     """Beyond a radian a velocity says little about where the task goes."""
     turns = np.abs(motion) * turning(model)
     if turns.max(initial=0.0) > _LONGEST_TURN_RAD:
-        joint = name_of(model.joint(int(model.dof_jntid[turns.argmax()])))
+        joint = name_of(model.joint(int(model.dof_jntid[greatest(turns)])))
         raise ValueError(
             f'velocity times duration_s must be a shorter step: joint "{joint}" turns by '
             f"{turns.max():.3g} rad, more than {_LONGEST_TURN_RAD:g}"

@@ -4,6 +4,7 @@ import mujoco
 import numpy as np
 import scipy.linalg
 
+from argument_checks.ties import exceeds, greatest
 from sim.accuracy import COARSEST, written_accuracy
 from sim.array import Array
 from sim.closure import active_closures, equality_name
@@ -69,8 +70,8 @@ def _largest_gap(model: mujoco.MjModel, data: mujoco.MjData, fixed: Hold) -> tup
     """Of closures and of what is held: how large, and whose, in words."""
     of_closures, equality = active_closures(model, data).largest_gap(data)
     of_held = np.abs(fixed.rows_and_gaps(model, data)[1])
-    if of_held.max(initial=0.0) > of_closures:
-        return float(of_held.max()), fixed.names()[int(of_held.argmax())]
+    if exceeds(of_held.max(initial=0.0), of_closures):
+        return float(of_held.max()), fixed.names()[greatest(of_held)]
     return of_closures, equality_name(model, equality) if equality >= 0 else ""
 
 

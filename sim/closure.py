@@ -7,6 +7,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from argument_checks.ties import greatest
 from sim.array import Array
 from sim.errors import ModelError
 from sim.model import name_of
@@ -111,7 +112,7 @@ class Closures(NamedTuple):
         if not self.units.size:
             return 0.0, -1
         sizes = np.abs(self.gaps(data))
-        worst = sizes.argmax()  # NaN, if there is one
+        worst = greatest(sizes)  # NaN, if there is one
         largest = float(sizes[worst])
         if not isfinite(largest):
             raise ModelError("an equality of the model is not finite")

@@ -9,7 +9,7 @@ import numpy as np
 
 from sim.array import Array
 from sim.drive import Drive
-from sim.dynamics import has_linear_spring
+from sim.dynamics import has_linear_spring, is_slack
 from sim.errors import ModelError
 from sim.law import Law, law_of
 from sim.transmission import drive_rows
@@ -106,8 +106,7 @@ def _spring(model: mujoco.MjModel, data: mujoco.MjData, drive: Drive) -> float:
         return 0.0
     if model.tendon_stiffnesspoly[drive.tendon].any():
         raise ModelError(f'the spring of tendon "{drive.name}" is not linear')
-    low, high = model.tendon_lengthspring[drive.tendon]
-    slack = low < data.ten_length[drive.tendon] < high
+    slack = is_slack(model, data, drive.tendon)
     return 0.0 if slack else float(model.tendon_stiffness[drive.tendon])
 
 

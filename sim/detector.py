@@ -7,6 +7,7 @@ from scipy.spatial.transform import Rotation
 
 import argument_checks as check
 from sim.array import Array
+from sim.frame import one_half_turn
 from sim.pose import compiled
 
 
@@ -44,7 +45,7 @@ def secondary_motion(rotation: Array, translation_m: Array) -> Array:
     off = rotation @ rotation.swapaxes(-1, -2) - np.eye(3)
     if not (np.abs(off).max(initial=0.0) < 1e-6 and (np.linalg.det(rotation) > 0).all()):
         raise ValueError("rotation must hold orthonormal axes of a right hand, got others")
-    gamma = Rotation.from_matrix(rotation).as_rotvec()[..., 2:]
+    gamma = one_half_turn(Rotation.from_matrix(rotation).as_rotvec())[..., 2:]
     return np.concatenate([gamma, translation_m], axis=-1)
 
 

@@ -4,6 +4,7 @@ import mujoco
 import numpy as np
 
 import argument_checks as check
+from argument_checks.ties import exceeds
 from sim.array import Array
 from sim.errors import ModelError
 from sim.model import check_state
@@ -50,3 +51,12 @@ def joint_stiffness(model: mujoco.MjModel) -> Array:
 def has_linear_spring(model: mujoco.MjModel) -> Array:
     """Which joints have springs that are linear, if of stiffness zero, shape (njnt,)."""
     return ~model.jnt_stiffnesspoly.any(axis=1) & (model.jnt_plasticadr < 0)
+
+
+def is_slack(model: mujoco.MjModel, data: mujoco.MjData, tendon: int) -> bool:
+    """Whether a tendon lies between the lengths at which its spring begins to pull or push.
+
+    At one of these it does not: round-off of the length does not switch its spring off.
+    """
+    length, (low, high) = data.ten_length[tendon], model.tendon_lengthspring[tendon]
+    return bool(exceeds(length, low) and exceeds(high, length))

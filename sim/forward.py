@@ -3,6 +3,7 @@
 import numpy as np
 
 import argument_checks as check
+from argument_checks.ties import greatest
 from sim.array import Array
 from sim.hexapod import Hexapod
 from sim.pose import NOMINAL, Pose
@@ -27,7 +28,7 @@ class UnreachableLengths(ValueError):
         """Make the message for the worst of the batch (...) of displacements (..., 6)."""
         self.reached, self.residual_m = reached, residual_m
         count = f"{np.sum(~reached)} of {reached.size} sets of " if reached.size > 1 else ""
-        worst = np.where(reached, -1.0, residual_m).argmax()
+        worst = greatest(np.where(reached, -1.0, residual_m).ravel())
         super().__init__(
             f"displacements_m: no pose found that reaches {count}strut lengths; a strut is still "
             f"off by {residual_m.reshape(-1)[worst]:.3g}, asked for "

@@ -7,9 +7,12 @@ import mujoco
 import numpy as np
 
 import argument_checks as check
+from argument_checks.ties import ACCURACY
 from sim.array import Array
 from sim.errors import ModelError
 from sim.model import element_id
+
+_HALF_TURN = np.pi * (1 - ACCURACY)
 
 
 @dataclass(frozen=True)
@@ -87,4 +90,17 @@ def rotation_vector(rotation: Array) -> Array:
     quat_wxyz, vector = np.empty(4), np.empty(3)
     mujoco.mju_mat2Quat(quat_wxyz, np.ascontiguousarray(rotation).reshape(9))
     mujoco.mju_quat2Vel(vector, quat_wxyz, 1.0)
-    return vector
+    return one_half_turn(vector)
+
+
+def one_half_turn(vector: Array) -> Array:
+    """Rotation vectors (..., 3); of the two of a half turn the one with a positive first component.
+
+    Else the last bits of a rotation would decide.
+    """
+    angle = np.linalg.norm(vector, axis=-1, keepdims=True)
+    if angle.max(initial=0.0) < _HALF_TURN:
+        return vector
+    clear = np.abs(vector) > np.pi - _HALF_TURN
+    first = np.take_along_axis(vector, clear.argmax(axis=-1)[..., None], axis=-1)
+    return np.where((angle >= _HALF_TURN) & (first < 0.0), -vector, vector)

@@ -3,6 +3,7 @@
 import mujoco
 import numpy as np
 
+from argument_checks.ties import greatest
 from sim.array import Array
 from sim.closure import closure_rows
 from sim.commands import Commands
@@ -15,6 +16,7 @@ from sim.model import name_of
 _BALANCED = 1e-7
 """Part of the weights and springs that may stay without balance: joint axes are rounded."""
 _WITHIN = 1e-6
+"""Part of a range by which a value may miss it, and of a power by which equal ones may differ."""
 _KIND = {
     int(mujoco.mjtJoint.mjJNT_FREE): "free joint",
     int(mujoco.mjtJoint.mjJNT_BALL): "ball joint",
@@ -53,7 +55,7 @@ def _what_moves(model: mujoco.MjModel, Z: Array, mass: Array, unbalanced: Array)
     falls = Z @ np.linalg.solve(Z.T @ mass @ Z, Z.T @ unbalanced.sum(axis=1))
     # Force times acceleration has one unit for joints that turn and that slide.
     power = unbalanced * falls[:, None]
-    joint = int(np.bincount(model.dof_jntid, power.sum(axis=1)).argmax())
+    joint = greatest(np.bincount(model.dof_jntid, power.sum(axis=1)), _WITHIN)
     of_gravity, of_springs = power[model.dof_jntid == joint].sum(axis=0)
     cause = "gravity" if of_gravity > of_springs else "a spring"
     kind = _KIND.get(int(model.jnt_type[joint]), "joint")

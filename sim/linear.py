@@ -21,6 +21,8 @@ _VELOCITY_STEP = 1e-4
 _FLOOR_STEP = 1e-2
 _NO_CLAMP = int(mujoco.mjtDisableBit.mjDSBL_CLAMPCTRL)
 _ANY = (-np.inf, np.inf)
+_REDUNDANT = 1e-9
+"""Part of the constraints below which they repeat one another: loops are closed to 1e-10."""
 
 
 @dataclass(frozen=True)
@@ -162,4 +164,4 @@ def _clamped(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
 
 def allowed(J_C: Array) -> Array:
     """Orthonormal basis of the velocities that the constraints allow."""
-    return scipy.linalg.null_space(J_C) if len(J_C) else np.eye(J_C.shape[1])
+    return scipy.linalg.null_space(J_C, rcond=_REDUNDANT) if len(J_C) else np.eye(J_C.shape[1])

@@ -10,7 +10,7 @@ import numpy as np
 from sim.accuracy import written_accuracy
 from sim.array import Array
 from sim.drive import Drive
-from sim.dynamics import joint_stiffness
+from sim.dynamics import is_slack, joint_stiffness
 from sim.errors import ModelError
 from sim.frame import located
 from sim.limits import at_limits, tendon_row, touching
@@ -87,9 +87,9 @@ class Machine:
         except ModelError:
             return None
         for k in np.flatnonzero(model.tendon_stiffness):
-            length, (low, high) = self._data.ten_length[k], model.tendon_lengthspring[k]
-            if not low < length < high:  # slack in between
-                stretch = length - np.clip(length, low, high)
+            if not is_slack(model, self._data, k):
+                length = self._data.ten_length[k]
+                stretch = length - np.clip(length, *model.tendon_lengthspring[k])
                 if model.wrap_type[model.tendon_adr[k]] != _OF_JOINT and abs(stretch) > _UNLOADED_M:
                     return None
                 row = tendon_row(model, self._data, int(k))

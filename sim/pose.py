@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 import argument_checks as check
 from sim.array import Array
+from sim.frame import one_half_turn
 
 _Kind = TypeVar("_Kind")
 
@@ -57,7 +58,7 @@ class Pose:
     def displacement(self) -> Array:
         """[rotation vector; translation], shape (..., 6)."""
         turn = Rotation.from_matrix(self.rotation.reshape(-1, 3, 3)).as_rotvec()
-        turn = turn.reshape(*self.rotation.shape[:-2], 3)
+        turn = one_half_turn(turn.reshape(*self.rotation.shape[:-2], 3))
         return np.concatenate([turn, self.translation_m], axis=-1)
 
     @property

@@ -24,6 +24,9 @@ _JOINT, _IN_PARENT, _CRANK, _TENDON, _BODY, _TURN = (  # as integers, which comp
 _ON_JOINT = frozenset({_JOINT, _IN_PARENT})
 _ONE_AXIS = frozenset({int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE)})
 _BALL = int(mujoco.mjtJoint.mjJNT_BALL)
+_DIGITS = 9
+"""Of directions that are parallel."""
+_PARALLEL = 10.0**-_DIGITS
 _GROUPS = 31
 """Groups of actuators that `opt.disableactuator` can switch off."""
 
@@ -130,8 +133,10 @@ def _outputs(model: mujoco.MjModel, k: int) -> list[_Output]:
         # A ball or free joint, or a site: the velocity along a direction of three or six numbers,
         # the same for opposite ones.
         used = gears[: 3 if kind in _ON_JOINT and int(model.jnt_type[end]) == _BALL else 6]
-        gear = math.copysign(math.hypot(*used), next(filter(None, used), 0.0))
-        direction = tuple(round(g / gear, 12) for g in used) if gear else ()
+        size = math.hypot(*used)
+        # The first that is more than round-off of a sine or cosine.
+        gear = math.copysign(size, next((g for g in used if abs(g) > _PARALLEL * size), 0.0))
+        direction = tuple(round(g / gear, _DIGITS) for g in used) if gear else ()
     if not gear:
         raise ModelError(f"{_called(model, k)} has gear 0 and moves nothing: take it out")
     return [_Output(_Moved(kind, end, other_end, direction), gear, k, first)]

@@ -8,6 +8,7 @@ from typing import Any
 import daqp
 import numpy as np
 
+from argument_checks.ties import exceeds
 from experiments.benchmark.measurement import Agreement, Contender, Problem, compare, random_problem
 from experiments.benchmark.solvers import EQUALITY, TOLERANCE, Solver
 from experiments.hexapod.columns import MAJOR, SECONDARY
@@ -150,7 +151,7 @@ def active_limits(problems: list[LimitedProblem]) -> dict[str, list[int]]:
     """For each question, how many problems have 0, 1, ... n rates at a limit."""
     found = {}
     for question, (ours, *_) in QUESTIONS.items():
-        at_limit = np.abs(ours.answers(problems)) == 1.0
+        at_limit = ~exceeds(1.0, np.abs(ours.answers(problems)))
         counts = np.bincount(at_limit.sum(axis=1), minlength=at_limit.shape[1] + 1)
         found[question] = counts.tolist()
     return found

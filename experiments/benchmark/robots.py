@@ -16,9 +16,11 @@ import numpy as np
 from scipy.linalg import null_space
 from scipy.optimize import LinearConstraint, minimize
 
+from argument_checks.ties import exceeds
 from experiments.benchmark.humanoid import humanoid
 from experiments.benchmark.measurement import Agreement, Contender, compare
 from experiments.benchmark.pointing import Rows, general_tick, solve_ik
+from prioritized import canonical_basis
 from sim import HEXAPOD_MJCF, Array, CenterOfMass, JacobianReader, Jacobians, Pin, load_model
 
 LIMIT = 1.0
@@ -104,7 +106,7 @@ def random_cases(robot: Robot, count: int, rng: np.random.Generator) -> list[Cas
         qpos[model.jnt_qposadr[model.actuator_trnid[:, 0]]] += away
         data.qpos[:] = qpos
         jac = robot.read(data)
-        allowed = null_space(jac.J_C) if len(jac.J_C) else np.eye(model.nv)
+        allowed = canonical_basis(null_space(jac.J_C)) if len(jac.J_C) else np.eye(model.nv)
         velocities = allowed @ rng.normal(size=allowed.shape[1])
         velocities *= _INSIDE * LIMIT / np.abs(velocities[jac.active]).max()
         major = jac.J_T[list(robot.major)] @ velocities
@@ -194,7 +196,7 @@ def agreement(robot: Robot, cases: Sequence[Case]) -> Agreement:
 def active_limits(robot: Robot, cases: Sequence[Case]) -> list[int]:
     """How many cases have 0, 1, ... rates at a limit."""
     rates = np.array([robot.tick(case.major, case.qpos, case.desired) for case in cases])
-    return np.bincount((np.abs(rates) == LIMIT).sum(axis=1)).tolist()
+    return np.bincount((~exceeds(LIMIT, np.abs(rates))).sum(axis=1)).tolist()
 
 
 def _by_slsqp(robot: Robot, case: Case) -> Array:

@@ -34,6 +34,9 @@ COLLECTOR = {
     "frozen": "gc.freeze()",
     "off": "gc.freeze() and gc.disable()",
 }
+_ROUND_OFF = 1e-12
+"""Part of a number; smaller ones are not printed, because they depend on the processor."""
+
 PARTS = {
     "sensors": "sensors",
     "estimate": "pose estimate",
@@ -155,7 +158,7 @@ def _latency(latency: dict[str, Any]) -> Table:
 
 def _out_of_reach(found: dict[str, Any]) -> Table:
     def number(key: str, of: str) -> Column:
-        return Column(f"{key}, {of}", lambda one: one[key][of], ".1e")
+        return Column(f"{key}, {of}", lambda one: _above_round_off(one[key][of]))
 
     columns = [Column("", "name")]
     columns += [number(key, of) for key in ("change", "excess") for of in ("median", "largest")]
@@ -170,6 +173,10 @@ def _out_of_reach(found: dict[str, Any]) -> Table:
         "break_points and H, default settings. Without break_points daqp calls "
         f"{found['flat_infeasible']} of {found['flat']} infeasible.",
     )
+
+
+def _above_round_off(part: float) -> str:
+    return f"{part:.1e}" if part > _ROUND_OFF else f"< {_ROUND_OFF:.0e}"
 
 
 def _tick_parts(parts_us: dict[str, float]) -> Table:
@@ -231,7 +238,7 @@ def notes(summary: dict[str, Any]) -> list[str]:
     found = [
         f"A {now_s:g} s run takes {now_s / factor:.2g} s (real-time factor {factor:.1f}).",
         f"Before the timing, all results agreed on {len(summary['agreement'])} sets of problems; "
-        f"the largest difference was {100 * furthest:.2g} % of its tolerance.",
+        f"the largest difference was {100 * furthest:.1g} % of its tolerance.",
         f"One process, one thread, {summary['rounds']} rounds in turn, on "
         f"{summary['machine']['processor']}; {installed}.",
     ]

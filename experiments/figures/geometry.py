@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 from scipy.spatial import ConvexHull
 
+from argument_checks.ties import ascending
 from experiments.hexapod.drawing import View, draw_at_rest
 from experiments.hexapod.solids import solid_of
 from experiments.output.plotting import BLACK, BLUE, GREEN, PAGE_IN, PURPLE, VERMILION, new_figure
@@ -143,7 +144,8 @@ def node_names(geometry: Hexapod) -> dict[str, Array]:
 
 
 def _outlines(axes: Axes, side: Side, seen: list[Part]) -> None:
-    for part in sorted(seen, key=lambda part: -(part.surface_m @ side.away).mean()):
+    nearness_m = [-(part.surface_m @ side.away).mean() for part in seen]
+    for part in (seen[k] for k in ascending(nearness_m, zero=1e-9)):
         edge = VERMILION if part.name == "beam" else "0.5"
         axes.add_patch(Polygon(part.outline_m(side), fc=_FILL[part.belongs_to], ec=edge, lw=0.4))
 

@@ -9,12 +9,20 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
+from scipy.linalg import orth
 
 from experiments.force.aims import LEAST_TORQUE, Aims, ForceGoal, as_wrench
 from experiments.force.optimum import cost, least_cost, statics
 from experiments.force.rig import Condition, Readings, press, with_fixture
 from experiments.hexapod.columns import MAJOR, SECONDARY
-from prioritized import ConstrainedSystem, ForceMapping, Kinematics, Status, force_mapping
+from prioritized import (
+    ConstrainedSystem,
+    ForceMapping,
+    Kinematics,
+    Status,
+    canonical_basis,
+    force_mapping,
+)
 from sim import HEXAPOD_MJCF, Array, jacobians, load_model
 
 PLATFORM_MJCF = HEXAPOD_MJCF.with_name("platform.xml")
@@ -125,23 +133,13 @@ def trade(aims: Aims, rng: np.random.Generator) -> Tradeoff:
         return Tried(torques, np.linalg.norm(torques * W3, axis=1), off)
 
     best, possible = answer(system, goal, first).torques, statics(system, first.major)
-    directions = possible.to_torques @ possible.free
-    away = rng.normal(size=(OTHERS, directions.shape[1])) @ same_basis(directions).T
+    directions = canonical_basis(orth(possible.to_torques @ possible.free))
+    away = rng.normal(size=(OTHERS, directions.shape[1])) @ directions.T
     size = np.linalg.norm(best) * rng.uniform(0.05, 1.0, (OTHERS, 1))
     away *= size / np.linalg.norm(away, axis=1, keepdims=True)
     J = system.kinematics().J
     compromises = np.array([compromise(J, W3, asked, weight) for weight in MAJOR_WEIGHTS])
     return Tradeoff(asked, tried(best), tried(best + away), tried(compromises))
-
-
-def same_basis(directions: Array) -> Array:
-    """An orthonormal basis of the columns' span that is the same whatever basis they are.
-
-    The one that LAPACK chooses for a null space depends on the processor.
-    """
-    projector = directions @ np.linalg.pinv(directions)
-    Q, R = np.linalg.qr(projector[:, : directions.shape[1]])
-    return Q * np.sign(np.diagonal(R))
 
 
 def compromise(J: Array, W3: Array, f_major: Array, weight: float) -> Array:

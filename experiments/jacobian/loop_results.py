@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from argument_checks.ties import greatest
 from experiments.hexapod import paper
 from experiments.hexapod.metrics import (
     CLOSURE_LIMIT_M,
@@ -153,7 +154,7 @@ def _grown(runs: Loops, growth: Growth, seed: int) -> dict[str, Any]:
 
     def costs(tracked: Tracked) -> dict[str, float]:
         changes = pointing_rms_urad(tracked.trajectory) / analytic_urad - 1
-        largest = float(changes[np.abs(changes).argmax()])
+        largest = float(changes[greatest(np.abs(changes))])
         return {"extra_percent": tracked.extra_percent, "pointing_cost_percent": 100 * largest}
 
     return {

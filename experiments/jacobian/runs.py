@@ -168,14 +168,14 @@ def _elsewhere(
         return relative_change(geometry, struts_m, norm, reading)
 
     def on_the_ball(x: Array) -> float:
-        """-e where the strut displacements, as a vector, are as long as the stroke."""
-        return -float(e(stroke_m * x / np.linalg.norm(x)))
+        """-e in parts of its largest value, strut displacements of the stroke's length."""
+        return -float(e(stroke_m * x / np.linalg.norm(x))) / random.max()
 
     nominal = jacobian(geometry, np.zeros(6), reading)
     # Each entry is nearly linear in the strut lengths: its change is largest at a corner.
     entry = np.abs(jacobian(geometry, stroke_m * VERTICES, reading) - nominal).max()
     alone, random = e(stroke_m * np.vstack([np.eye(6), -np.eye(6)])), e(points_m)
-    ball = -min(minimize(on_the_ball, x / stroke_m).fun for x in starts_m[:8])
+    ball = -random.max() * min(minimize(on_the_ball, x / stroke_m).fun for x in starts_m[:8])
     box = [(-stroke_m, stroke_m)] * 6
     maxima = [
         -minimize(lambda x: -float(e(x)), x, method="SLSQP", bounds=box).fun for x in starts_m

@@ -12,6 +12,7 @@ import numpy as np
 from scipy.optimize import differential_evolution
 from scipy.spatial.transform import Rotation
 
+from argument_checks.ties import exceeds, greatest
 from sim import Array, Hexapod, Pose, forward_kinematics
 
 Norm = Literal["frobenius", "two"]
@@ -27,7 +28,7 @@ def size(matrices: Array, norm: Norm) -> Array:
 Reading = Callable[[Pose, Array], Array]
 """From poses (...) and base-axes twists J (..., 6, 6) to the matrices that are compared."""
 
-VERTICES = np.array(list(product((-1.0, 1.0), repeat=6)))
+VERTICES = np.array(list(product((1.0, -1.0), repeat=6)))
 """Of the box of strut lengths, in strokes."""
 
 
@@ -143,4 +144,9 @@ def variation(
         updating="deferred",
         rng=seed,
     )
+    # By the symmetry of the machine several vertices are equally far: of these the first.
+    at_vertices = -found(VERTICES.T)
+    first = greatest(at_vertices)
+    if not exceeds(-best.fun, at_vertices[first]):
+        return Variation(value=float(at_vertices[first]), at_strut_m=stroke_m * VERTICES[first])
     return Variation(value=-float(best.fun), at_strut_m=stroke_m * best.x)

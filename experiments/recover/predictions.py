@@ -8,6 +8,7 @@ import control
 import numpy as np
 import scipy.linalg
 
+from argument_checks.ties import ascending, greatest, least
 from experiments.hexapod.controller import StrutMapping
 from experiments.hexapod.fault_tolerance import STILL, fault_entry, fault_text, nominal_model
 from experiments.hexapod.prediction import linear_loop, peak_of_sensitivity
@@ -17,6 +18,7 @@ from experiments.recover.recovery import GOAL
 from ftc.fdi.dither import Dither
 from ftc.fdi.fault_model import KINDS, Fault, FaultKind, NominalModel, fault_model
 from ftc.fdi.isolability import isolability
+from ftc.fdi.separation import ACCURACY
 from ftc.goal import Goal
 from ftc.linear_loop import LinearLoop, simulate
 from ftc.supervisor import WEAKEST
@@ -93,8 +95,8 @@ def lookalikes(testbed: Testbed, setting: Setting, struts: Sequence[int]) -> lis
 
 
 _PLACES: dict[Literal["centre", "off centre"], Callable[[Array], int]] = {
-    "centre": lambda strut_m: int(np.abs(strut_m).argmin()),
-    "off centre": lambda strut_m: int(np.abs(strut_m).argmax()),
+    "centre": lambda strut_m: least(np.abs(strut_m)),
+    "off centre": lambda strut_m: greatest(np.abs(strut_m)),
 }
 
 
@@ -110,11 +112,11 @@ def _nearest(distance: Array, fault: Fault) -> dict[str, Any]:
         if (k, kind) != (strut, fault.kind) and distance[k, column] < ALIKE
     ]
     return {
-        "nearest_other_strut": int(np.delete(np.arange(6), strut)[others.argmin()]) + 1,
+        "nearest_other_strut": int(np.delete(np.arange(6), strut)[least(others, ACCURACY)]) + 1,
         "from_other_struts": float(others.min()),
-        "nearest_other_kind": np.delete(KINDS, own)[kinds.argmin()].item(),
+        "nearest_other_kind": np.delete(KINDS, own)[least(kinds, ACCURACY)].item(),
         "from_other_kinds": float(kinds.min()),
-        "alike": sorted(alike, key=lambda each: each["separation"]),
+        "alike": [alike[k] for k in ascending([one["separation"] for one in alike])],
     }
 
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from argument_checks.ties import greatest
 from experiments.hexapod.fault_tolerance import fault_entry
 from experiments.hexapod.mismatch import ALL
 from experiments.hexapod.simulation import Trajectory
@@ -154,7 +155,7 @@ def _pairs(rows: Sequence[Row]) -> dict[str, Any]:
 
 
 def _beliefs(beliefs: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    worst = max(beliefs, key=lambda each: each["sensitivity_peak"])
+    worst = beliefs[greatest([each["sensitivity_peak"] for each in beliefs])]
     return {
         "pairs_of_truth_and_belief": len(beliefs),
         "unstable": sum(each["largest_pole"] >= 1 for each in beliefs),

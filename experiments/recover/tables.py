@@ -3,8 +3,10 @@
 from functools import partial
 from typing import Any
 
+from argument_checks.ties import least
 from experiments.output.tables import Column, Table, tabulate
 from ftc.fdi.fault_model import KINDS
+from ftc.fdi.separation import ACCURACY
 
 WORDS = {
     "exact": "exact",
@@ -130,7 +132,7 @@ def ambiguity(summary: dict[str, Any]) -> Table:
     headings, entries = ("failure", "where", "setting", "other strut", "other kind", "alike"), []
     for (kind, where, setting), seen in sorted(by_failure.items()):
         strut = min(each["from_other_struts"] for each in seen)
-        other = min(seen, key=lambda each: each["from_other_kinds"])
+        other = seen[least([each["from_other_kinds"] for each in seen], ACCURACY)]
         nearest = f"{other['from_other_kinds']:.1f} ({other['nearest_other_kind']})"
         alike = " ".join(
             f"{each['failure']['strut']}={twin['strut']}{'' if twin['kind'] == kind else ' ?'}"

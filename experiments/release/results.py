@@ -181,7 +181,7 @@ def _verdict(classes: Classes, row: int) -> dict[str, Any]:
         "possible": bool(classes.possible[row]),
         "worst_gain_rad_per_m": float(classes.worst_gain[row]),
         "unstable_major": bool(classes.unstable_major[row]),
-        "lost_gamma_t_x_t_y_t_z": lost[:, np.abs(lost).any(axis=0)].T.tolist(),
+        "lost_gamma_t_x_t_y_t_z": (lost[:, lost.any(axis=0)].T + 0.0).tolist(),
     }
 
 

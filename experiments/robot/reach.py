@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from argument_checks.ties import greatest
 from experiments.output.study import WrongInput
 from experiments.robot.rig import Rig
 from sim import Array
@@ -30,7 +31,7 @@ def check_reach(rig: Rig, path: Array) -> None:
             pose = mapping.estimate(commanded, pose)
         lacking = path[tick] - mapping.reached(pose)
         if np.abs(lacking).max() > _SHORT * rig.size:
-            row = rig.major[int(np.abs(lacking).argmax())]
+            row = rig.major[greatest(np.abs(lacking))]
             raise WrongInput(
                 f"the path is out of reach at {tick * rig.period_s:.3g} s: row {row} stays "
                 f"{np.abs(lacking).max():.3g} short{_at_limits(rig, commanded)}; choose a smaller "

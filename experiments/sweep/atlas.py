@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
+from argument_checks.ties import ascending
 from experiments.hexapod.fault_tolerance import verdicts
 from experiments.hexapod.metrics import closure_check
 from experiments.output.dataset import Columns
@@ -115,7 +116,7 @@ def _disagreement(columns: Columns, compared: np.ndarray) -> dict[str, Any]:
     # Runs that did not end, or have no prediction, are off as well.
     off = ~(allowed < 1) | ~compared | ((status == "exact") != possible)
     explained = np.isin(columns["verdict"], LOST) & (columns["jacobian"] == "analytic")
-    order = np.argsort(-np.nan_to_num(allowed, nan=np.inf), kind="stable")
+    order = ascending(-np.nan_to_num(allowed, nan=np.inf))
 
     def listed(chosen: np.ndarray) -> list[dict[str, Any]]:
         return [_entry(columns, allowed, k) for k in order if chosen[k]]

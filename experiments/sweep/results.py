@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import spearmanr
 
+from argument_checks.ties import ascending, greatest, ranks
 from experiments.hexapod.metrics import closure_check
 from experiments.output.dataset import Columns
 from experiments.output.results import Check, Results
@@ -102,7 +103,7 @@ def prediction(columns: Columns) -> dict[str, Any]:
         "median_percent": 100 * float(np.median(relative)),
         "largest_percent": 100 * float(relative.max()),
         "largest_over_allowed": float(allowed.max()),
-        "worst_case": int(columns["case"][compared][allowed.argmax()]),
+        "worst_case": int(columns["case"][compared][greatest(allowed)]),
         "closure_residual_max_m": float(columns["closure_residual_max_m"][compared].max()),
     }
 
@@ -139,13 +140,16 @@ def _influence(columns: Columns, varied: list[str]) -> dict[str, dict[str, float
     ended = np.isfinite(rms["alpha"])
     if np.count_nonzero(ended) < 3:
         return {}
+    ranked = {angle: ranks(values[ended]) for angle, values in rms.items()}
     values = {name: columns[name][ended] for name in varied}
     found = {
-        name: {angle: float(spearmanr(each, rms[angle][ended]).statistic) for angle in ANGLES}
+        name: {angle: float(spearmanr(each, ranked[angle]).statistic) for angle in ANGLES}
         for name, each in values.items()
         if np.ptp(each) > 0
     }
-    return dict(sorted(found.items(), key=lambda item: -max(map(abs, item[1].values()))))
+    names = list(found)
+    strongest_first = ascending([-max(map(abs, found[name].values())) for name in names])
+    return {names[k]: found[names[k]] for k in strongest_first}
 
 
 def groups(summary: dict[str, Any]) -> Table:

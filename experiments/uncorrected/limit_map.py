@@ -7,6 +7,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from argument_checks.ties import least
 from experiments.hexapod.controller import Loop
 from experiments.hexapod.metrics import rms
 from experiments.hexapod.paper import TABLE_I_URAD
@@ -113,7 +114,7 @@ def limit_numbers(grid: LimitGrid, limit_rad: Array) -> dict[str, Any]:
         enumerate(grid.exponent), enumerate(grid.direction), enumerate(ANTI_WINDUP)
     ):
         here = (i, j, slice(None), k)
-        start, limit = np.unravel_index(miss[here].argmin(), miss[here].shape)
+        start, limit = np.unravel_index(least(miss[here].ravel()), miss[here].shape)
         limits = grid.limit_over_radius[met[here].any(axis=0)]
         spirals.append(
             {

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from argument_checks.ties import least
 from experiments.hexapod.metrics import (
     closure_check,
     closure_residual_max_m,
@@ -111,7 +112,7 @@ def summarize(study: Uncorrected) -> dict[str, Any]:
         "checked_points": study.checked,
     }
     compared = [one for one in summary["candidates"] if one["ratio_distance"] is not None]
-    summary["best"] = min(compared, key=lambda one: one["ratio_distance"])["name"]
+    summary["best"] = compared[least([one["ratio_distance"] for one in compared])]["name"]
     summary["explained_by"] = [one["name"] for one in summary["candidates"] if one["explains"]]
     return summary | {"paragraph": paragraph(summary)}
 

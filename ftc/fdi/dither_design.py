@@ -24,8 +24,9 @@ from ftc.fdi.signatures import (
     fault_responses,
     sound_response,
 )
+from prioritized import canonical_basis
 
-_DEPENDENT = 1e-10
+_DEPENDENT, _ROUND_OFF = 1e-10, 1e-10
 
 
 @dataclass(frozen=True)
@@ -141,21 +142,31 @@ def designed_dither(
     k, u, separable = search.best(rng)
     amplitude, n = float(np.abs(u).max()), nominal.actuators
     direction = u / amplitude if amplitude else u
-    moved = np.abs(limits[k] @ u)
+    moved = _size_of_sum(limits[k] * u)
     return DitherDesign(
         Dither(amplitude, float(hz[k]), tuple(direction.tolist())),
         search.separations(k, u),
         separable,
-        moved[2 * n :] * cost.largest_task_motion,
+        moved[2 * n :] * np.asarray(cost.largest_task_motion),
         moved[n : 2 * n] * cost.largest_displacement,
     )
 
 
+def _size_of_sum(terms: Complex) -> Array:
+    """Of each row (r, n) of terms; zero where they cancel to round-off."""
+    whole, parts = terms.sum(axis=1), np.abs(terms).sum(axis=1)
+    size = np.hypot(whole.real, whole.imag)
+    return np.where(size > _ROUND_OFF * parts, size, 0.0)
+
+
 def _basis(freedom: ArrayLike, n: int) -> Array:
-    """Orthonormal basis (n, r) of the span of columns, of which there may be none."""
+    """Orthonormal basis (n, r) of the span of columns, of which there may be none.
+
+    Of the span alone: random directions in it are then the same, however it is given.
+    """
     N = check.real("freedom", freedom)
     if N.ndim != 2 or len(N) != n:
         raise ValueError(f"freedom must be a matrix with {n} rows, got shape {N.shape}")
     if not N.any():
         return np.zeros((n, 0))
-    return scipy.linalg.orth(check.sized("freedom", N), rcond=_DEPENDENT)
+    return canonical_basis(scipy.linalg.orth(check.sized("freedom", N), rcond=_DEPENDENT))

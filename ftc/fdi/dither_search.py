@@ -7,8 +7,9 @@ import numpy as np
 import scipy.optimize
 
 from argument_checks import Array, Mask
+from argument_checks.ties import ascending, exceeds, greatest
 from ftc.fdi.fault_model import KINDS
-from ftc.fdi.separation import ALIKE, Separations, separations_at
+from ftc.fdi.separation import ACCURACY, ALIKE, Separations, separations_at
 from ftc.fdi.signatures import Complex, FaultResponses
 
 _STARTS, _REFINED, _ITERATIONS = 16, 4, 30
@@ -51,11 +52,11 @@ class DitherSearch:
         if not separable.any():
             separable[:] = True
         least = np.array([each[separable].min() for each in found])
-        chosen = [tried[i] for i in np.argsort(-least)[:_REFINED]]
+        chosen = [tried[i] for i in ascending(-least, accuracy=ACCURACY)[:_REFINED]]
         refined = [self._improved(k, x, separable) for k, x in chosen]
-        _, k, x = max(refined, key=lambda each: each[0])
+        _, k, x = refined[greatest([least for least, *_ in refined], ACCURACY)]
         u = self.basis @ x
-        return k, u * np.sign(u[np.abs(u).argmax()]), separable
+        return k, u * np.sign(u[greatest(np.abs(u), ACCURACY)]), separable
 
     def _largest(self, k: int, x: Array) -> Array:
         """As far along x as the limits allow."""
@@ -68,7 +69,9 @@ class DitherSearch:
             between = self.separations(k, self.basis @ x).between_actuators
             return float(between[separable].min())
 
-        before, size = least(x), np.abs(x).max()
+        before, size = least(x), float(np.linalg.norm(x))
+        if not before:  # by symmetry: nothing tells where to go
+            return before, k, x
         start = np.append(x / size, 1.0)
         end = scipy.optimize.minimize(
             lambda xt: -xt[-1],
@@ -82,7 +85,8 @@ class DitherSearch:
         if not (np.isfinite(end).all() and end.any()):
             return before, k, x
         after = self._largest(k, end)
-        return max((before, k, x), (least(after), k, after), key=lambda each: each[0])
+        reached = least(after)
+        return (reached, k, after) if exceeds(reached, before, ACCURACY) else (before, k, x)
 
     def _room(
         self, k: int, size: float, before: float, separable: Mask
@@ -94,12 +98,11 @@ class DitherSearch:
         number = np.repeat(np.arange(len(separable)), len(KINDS))
         others = separable[number[:, None], number] & (number[:, None] != number)
         detected = separable.diagonal()[number]
-        scale = before or 1.0
 
         def room(xt: Array) -> Array:
             u = size * self.basis @ np.nan_to_num(xt[:-1])  # a step that failed is NaN
             found = self.separations(k, u)
             apart = np.concatenate([found.distance[others], found.from_none[detected]])
-            return np.concatenate([apart / scale - xt[-1], 1 - np.abs(self.limits[k] @ u) ** 2])
+            return np.concatenate([apart / before - xt[-1], 1 - np.abs(self.limits[k] @ u) ** 2])
 
         return room

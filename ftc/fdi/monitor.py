@@ -14,6 +14,7 @@ import numpy as np
 from scipy.special import chdtri
 
 from argument_checks import Array
+from argument_checks.ties import ascending
 from ftc.fdi.diagnosis import DEFAULT_CONFIG, Diagnosis, FdiConfig
 from ftc.fdi.evidence import Evidence
 from ftc.fdi.fault_model import KINDS, Fault, NominalModel
@@ -286,7 +287,8 @@ class Monitor:
 
     def _diagnosis(self, state: MonitorState, verdict: Verdict, confirmed: bool) -> Diagnosis:
         row = self.nominal.displacement[verdict.fault.actuator]
-        by_likelihood = sorted(zip(verdict.kind_confidences, KINDS, strict=True), reverse=True)
+        likely = np.array(verdict.kind_confidences)
+        by_likelihood = [(likely[k], KINDS[k]) for k in ascending(-likely)]
         alike = 1 - self.config.confidence
         return Diagnosis(
             fault=verdict.fault,

@@ -7,9 +7,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 import argument_checks as check
+from argument_checks.ties import ascending
 from ftc.fdi.dither import Dither
 from ftc.fdi.fault_model import NominalModel
-from ftc.fdi.separation import ALIKE, Conditions, Separations, separations
+from ftc.fdi.separation import ACCURACY, ALIKE, Conditions, Separations, separations
 
 
 @dataclass(frozen=True)
@@ -36,6 +37,8 @@ def ranked_sensors(
 ) -> tuple[AddedSensor, ...]:
     """The candidates by what each leaves alike, then by the least separation; the best first.
 
+    Those that are equally good, as by symmetry, stay in their order.
+
     Args:
         nominal: The plant without failures, and what is measured of it already.
         candidates: By name: what a sensor measures, a row per state (s,), and the standard
@@ -55,7 +58,8 @@ def ranked_sensors(
         apart = separations(more, dither, _undisturbed_besides(conditions))
         between = apart.between_actuators
         found.append(AddedSensor(name, apart, int(np.triu(between < ALIKE).sum())))
-    return tuple(sorted(found, key=lambda each: (each.alike, -each.separations.least)))
+    alike, least = [each.alike for each in found], [-each.separations.least for each in found]
+    return tuple(found[k] for k in ascending(alike, least, accuracy=ACCURACY))
 
 
 def _with_sensor(nominal: NominalModel, candidate: tuple[ArrayLike, float]) -> NominalModel:

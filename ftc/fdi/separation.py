@@ -30,6 +30,9 @@ from ftc.fdi.uncertainty import CERTAIN, Uncertainty
 ALIKE = 6.18
 """Below it more than one of a thousand is mistaken: Phi(-d / 2) = 1e-3."""
 
+ACCURACY = 1e-6
+"""Part of a distance: the root of a difference of energies, maximized by an iteration."""
+
 _ROUND_OFF = 1e-13
 
 
@@ -197,7 +200,13 @@ def separations_at(
     weak = by_actuator[..., 2:].min(axis=-1, keepdims=True)
     full = np.concatenate([by_actuator[..., :2], weak], axis=-1).reshape(kinds * n, kinds * n)
     np.fill_diagonal(full, 0.0)
-    return Separations(single_faults(n), full, distance[:, -1])
+    return Separations(single_faults(n), *_without_round_off(full, distance[:, -1]))
+
+
+def _without_round_off(*distances: Array) -> list[Array]:
+    """Zero where a distance is the root of what cancels."""
+    noise = np.sqrt(_ROUND_OFF) * max(d.max(initial=0.0) for d in distances)
+    return [np.where(d > noise, d, 0.0) for d in distances]
 
 
 def _regular(C: Array) -> Array:

@@ -7,8 +7,12 @@ import numpy as np
 from scipy.special import logsumexp
 
 from argument_checks import Array
+from argument_checks.ties import greatest
 from ftc.fdi.evidence import LEAST_LOST, LOST, PART_SPREAD, Evidence, values_by_kind
 from ftc.fdi.fault_model import Fault
+
+_ALIKE = 1e-6
+"""Log likelihoods that differ by less are of hypotheses that nothing distinguishes."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +59,7 @@ def verdict(state: Evidence, sample: int, faults: Sequence[Fault], effectiveness
     energy, log_det, parameters = state.marginal()
     plain = -energy / 2 - log_det
     ratios = plain[1:] - plain[0, 0]
-    h, k = np.unravel_index(int(ratios.argmax()), ratios.shape)
+    h, k = _first_of_the_best(ratios)
     p = state.memory.shape[-1]
     after = max(sample - int(state.onsets[k]) + 1, 1)
     excess = max(float(energy[1 + h, k]) - state.samples * p, 0.0)
@@ -64,10 +68,10 @@ def verdict(state: Evidence, sample: int, faults: Sequence[Fault], effectiveness
     kinds = values_by_kind(logsumexp(ratios, axis=-1), logsumexp)
     actuators, nothing = logsumexp(kinds, axis=1), np.log(ratios.size)
     total = np.logaddexp(logsumexp(actuators), nothing)
-    a, m = int(actuators.argmax()), 1 + len(LOST)
+    a, m = greatest(actuators, zero=_ALIKE), 1 + len(LOST)
     own = ratios[a * m : (a + 1) * m]
-    i, k = np.unravel_index(int(own.argmax()), own.shape)
-    h = 1 + a * m + int(i)
+    i, k = _first_of_the_best(own)
+    h = 1 + a * m + i
     gained = float(energy[0, 0] - energy[h, k])
     noise = 4 * np.sqrt(2 * state.samples * p)
     return Verdict(
@@ -79,9 +83,15 @@ def verdict(state: Evidence, sample: int, faults: Sequence[Fault], effectiveness
         unexplained=max(excess - noise, 0.0) / max(gained + excess, 1e-12),
         energy=float(energy[h, k]),
         onset=int(state.onsets[k]),
-        x=_state(state, h, int(k), parameters[h, k]),
+        x=_state(state, h, k, parameters[h, k]),
         best=ratios.max(axis=0),
     )
+
+
+def _first_of_the_best(ratios: Array) -> tuple[int, int]:
+    """Hypothesis and onset of the greatest log likelihood."""
+    h, k = divmod(greatest(ratios.ravel(), zero=_ALIKE), ratios.shape[1])
+    return h, k
 
 
 def _with_part(fault: Fault, effectiveness: Array, deviation: float) -> Fault:
