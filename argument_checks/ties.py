@@ -54,7 +54,7 @@ def ascending(*keys: ArrayLike, accuracy: float = ACCURACY, zero: float = 0.0) -
 
     Args:
         keys: Numbers, shape (n,) each; NaN comes last.
-        accuracy: As of :func:`exceeds`; numbers are equal if the least of them is equal to each.
+        accuracy: As of :func:`ranks`.
         zero: Likewise.
     """
     return np.lexsort([ranks(key, accuracy, zero) for key in reversed(keys)])
@@ -63,14 +63,11 @@ def ascending(*keys: ArrayLike, accuracy: float = ACCURACY, zero: float = 0.0) -
 def ranks(values: ArrayLike, accuracy: float = ACCURACY, zero: float = 0.0) -> Indices:
     """0 for the least of numbers (n,) and all that equal it, 1 for the next, and so on; NaN last.
 
-    Arguments as of :func:`exceeds`.
+    Arguments as of :func:`exceeds`. Numbers are equal, too, if others between them connect them.
     """
     x = np.asarray(values, dtype=float)
-    found, rank, first = np.zeros(len(x), dtype=np.intp), 0, None
-    for k in np.argsort(x, kind="stable"):
-        if first is None:
-            first = x[k]
-        elif exceeds(x[k], first, accuracy, zero) or (np.isnan(x[k]) and not np.isnan(first)):
-            rank, first = rank + 1, x[k]
-        found[k] = rank
+    order, found = np.argsort(x, kind="stable"), np.zeros(len(x), dtype=np.intp)
+    before, after = x[order[:-1]], x[order[1:]]
+    larger = exceeds(after, before, accuracy, zero) | (np.isnan(after) & ~np.isnan(before))
+    found[order[1:]] = np.cumsum(larger)
     return found

@@ -11,7 +11,7 @@ import argument_checks as check
 from argument_checks import Array
 from prioritized._amplification import as_sentence
 from prioritized._arrays import ReadOnly, read_only
-from prioritized._corners import corners
+from prioritized._corners import corners, in_order
 from prioritized._facets import ball, dual_vertices, facets, farthest, refuse_too_many
 from prioritized._major_maps import MajorMap, with_free
 from prioritized._polytope import Polytope, polytope
@@ -115,7 +115,9 @@ class Attainable(ReadOnly):
 
     @cached_property
     def vertices(self) -> Array:
-        """Corners of the set, shape (V, m1); in the plane counter-clockwise.
+        """Corners of the set, shape (V, m1), each once: in the plane counter-clockwise.
+
+        There the first is that of the largest first coordinate; otherwise they ascend.
 
         No rows where the set is empty or unbounded, or where the constraints hold some x at their
         limits, so that it is flatter than what the actuators reach.
@@ -128,7 +130,7 @@ class Attainable(ReadOnly):
         vertices = P.offset + (z * P.sigma[:k]) @ P.U[:, :k].T
         if k == len(P.U) == 2 and np.linalg.det(P.U) < 0.0:  # U mirrors the plane
             vertices = vertices[::-1]
-        return read_only(vertices)
+        return read_only(in_order(vertices) if len(vertices) else vertices)
 
     def __str__(self) -> str:
         sentence = as_sentence(self.status.value)

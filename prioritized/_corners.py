@@ -2,14 +2,17 @@
 
 import numpy as np
 
-from argument_checks import Array
+from argument_checks import Array, Indices
+from argument_checks.ties import ACCURACY, ascending, ranks
 
 THINNEST = 1e-9
 """Part of the largest distance; thinner polytopes have no inside that qhull could start from."""
 
 
 def corners(normal: Array, distance: Array) -> Array:
-    """Corners (V, k) of the bounded set {z : normal @ z <= distance}; in the plane in their order.
+    """Corners (V, k) of the bounded set {z : normal @ z <= distance}, each once.
+
+    In the plane counter-clockwise.
 
     No rows where the set has no interior.
 
@@ -28,6 +31,9 @@ def corners(normal: Array, distance: Array) -> Array:
         return np.zeros((1, k))
     A, b = normal[real] / length[real, None], distance[real] / length[real]
     size = np.abs(b).max() or 1.0
+    # Equal actuators give equal half-spaces, whose corners would be as many as round-off makes.
+    once = _distinct(np.column_stack([A, b / size]))
+    A, b = A[once], b[once]
     # The center of the largest ball inside.
     inside = linprog(
         -np.eye(k + 1)[k],
@@ -41,4 +47,21 @@ def corners(normal: Array, distance: Array) -> Array:
         lowest, highest = -b[A[:, 0] < 0].min(), b[A[:, 0] > 0].min()
         return np.array([[lowest], [highest]])
     met = HalfspaceIntersection(np.column_stack([A, -b / size]), inside.x[:k]).intersections
+    met = met[_distinct(met)]
     return size * met[ConvexHull(met).vertices]
+
+
+def in_order(corners: Array) -> Array:
+    """Corners (V, k) in an order that is the same on every processor.
+
+    In the plane they stay in theirs and begin with the last of the lexicographic order; elsewhere
+    the order is lexicographic.
+    """
+    order = ascending(*corners.T, zero=ACCURACY * np.abs(corners).max(initial=0.0))
+    return np.roll(corners, -order[-1], axis=0) if corners.shape[1] == 2 else corners[order]
+
+
+def _distinct(points: Array) -> Indices:
+    """The first of each set of equal points (P, k) of a size of one, in their order."""
+    alike = np.stack([ranks(column, zero=ACCURACY) for column in points.T], axis=1)
+    return np.sort(np.unique(alike, axis=0, return_index=True)[1])

@@ -17,6 +17,11 @@ SEEDS = st.integers(0, 2**32 - 1)
 ZERO = 1e-8
 
 
+def bits(rng: np.random.Generator, A: np.ndarray) -> np.ndarray:
+    """The same numbers with other last bits, as another processor might compute them."""
+    return A * (1 + 4e-16 * rng.integers(-3, 4, size=np.shape(A)))
+
+
 def orthogonal(rng: np.random.Generator, size: int) -> np.ndarray:
     return np.linalg.qr(rng.normal(size=(size, size)))[0]
 
