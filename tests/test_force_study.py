@@ -23,6 +23,7 @@ from experiments.hexapod.columns import MAJOR, SECONDARY
 from experiments.hexapod.fault_tolerance import strut_and_payload_stiffness
 from prioritized import ConstrainedSystem, force_mapping
 from sim import HEXAPOD_MJCF, NOMINAL, Plant, hexapod, jacobians, load_model
+from tests.pages import assert_says
 from tests.printed import assert_printable
 from tests.test_force import theorem_7, theorem_8
 
@@ -417,7 +418,7 @@ def test_the_pages_sentences_are_true(summary, by_kind, lines):
     flexures = strut_and_payload_stiffness(load_model())[6:, 6:]
     column = np.linalg.inv(lines)[:, 0]
     stop_n = column @ flexures @ column * 0.635e-3
-    assert f"gives way to its stop at {stop_n:.2f} N" in PAGE.replace("\n", " ")
+    assert_says(PAGE, f"gives way to its stop at {stop_n:.2f} N")
     (mapping,) = (row for row in tables(summary)[2].rows if row[0] == "the mapping")
     assert float(mapping[2]) == pytest.approx(0.0008, rel=0.1)
     for path in re.findall(r"`(experiments/[\w/]+\.py)`", PAGE):

@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.pages import assert_prints, assert_says
+
 ROOT = Path(__file__).parents[1]
 PAGE = (ROOT / "docs" / "control-without-simulator.md").read_text()
 (SCRIPT,) = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
@@ -38,7 +40,7 @@ def done(tmp_path_factory) -> list[str]:
 
 
 def test_the_script_prints_what_stands_below_it(done):
-    assert "".join(done[:-1]) == PRINTED
+    assert_prints("".join(done[:-1]), PRINTED)
 
 
 def test_the_error_recovers_from_a_lock_and_does_not_without_diagnosis(done):
@@ -46,7 +48,7 @@ def test_the_error_recovers_from_a_lock_and_does_not_without_diagnosis(done):
     found = json.loads(done[-1])
     assert found["after"] < found["before"]
     assert found["unaware"] > 1.3 * found["after"]
-    assert f"is {found['unaware']:.2f} um" in PAGE
+    assert_says(PAGE, f"is {found['unaware']:.2f} um")
 
 
 def test_no_simulator_is_imported(done):

@@ -1,0 +1,29 @@
+"""What a page says that its code prints."""
+
+import re
+
+_NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?")
+
+
+def assert_prints(printed: str, page: str) -> None:
+    """Words and whole numbers as on the page; other numbers to within one of its last digit.
+
+    A number may lie where it rounds up on one processor and down on another, and a zero may have a
+    sign. Blanks count as one: numpy pads columns.
+    """
+    found, expected = (_NUMBER.findall(text) for text in (printed, page))
+    words = [" ".join(_NUMBER.sub(" # ", text).split()) for text in (printed, page)]
+    assert words[0] == words[1]
+    for number, wanted in zip(found, expected, strict=True):
+        mantissa, _, exponent = wanted.partition("e")
+        _, _, digits = mantissa.partition(".")
+        last = 10.0 ** (int(exponent or 0) - len(digits)) if digits else 0.0
+        assert abs(float(number) - float(wanted)) <= 1.001 * last, f"{number}, not {wanted}"
+
+
+def assert_says(page: str, sentence: str) -> None:
+    """The page has this sentence, its numbers as :func:`assert_prints` compares them."""
+    words = [re.escape(part) for part in _NUMBER.split(" ".join(sentence.split()))]
+    found = re.search(_NUMBER.pattern.join(words), " ".join(page.split()))
+    assert found, sentence
+    assert_prints(sentence, found[0])
