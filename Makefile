@@ -4,7 +4,7 @@ BIN := .venv/bin
 STAMP := .venv/installed
 RUNS := results/report
 
-.PHONY: venv table1 test test-all wheel-test check docs bench bench-quick pictures clean
+.PHONY: venv table1 test test-all test-processors wheel-test check docs bench bench-quick pictures clean
 
 venv: $(STAMP)
 
@@ -29,6 +29,11 @@ test: venv
 # The same, what takes long, and every study: what CI runs.
 test-all: venv
 	$(PYTEST)
+
+# The short tests as other processors compute them: with each kernel of OpenBLAS that this one can
+# run, without wide instructions in numpy, with two BLAS threads, in another order. Each night.
+test-processors: venv
+	$(BIN)/python tests/processors.py
 
 # The wheel in an empty environment: base, sim and testbed, the README's examples, types.
 wheel-test:

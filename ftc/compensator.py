@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from argument_checks import Array
+from argument_checks.ties import least
 from ftc.frequency_response import SampledSystem, frequency_response
 
 if TYPE_CHECKING:  # imported by what needs it: it takes a second, and controllers need no design
@@ -151,15 +152,18 @@ def margins(L: SampledSystem) -> Margins:
         for k in np.flatnonzero(np.diff(np.sign(of(curve)))):
             ends = frequencies[k : k + 2]
             # Of many frequencies at once the last bits are others than of one.
-            if of(at(ends[0])) * of(at(ends[1])) < 0.0:
+            if of(at(ends[0])) * of(at(ends[1])) <= 0.0:
                 yield brentq(lambda w: of(at(w)), *ends)
 
     gains = [(1 / abs(at(w)), w) for w in crossings(np.imag) if at(w).real < 0]
     phases = [
         (float(np.angle(at(w), deg=True)) % 360 - 180, w) for w in crossings(lambda z: abs(z) - 1)
     ]
-    gain, at_phase = min(gains, key=lambda each: abs(np.log(each[0])), default=(np.inf, np.nan))
-    phase, at_gain = min(phases, key=lambda each: abs(each[0]), default=(np.inf, np.nan))
+    gain, at_phase, phase, at_gain = np.inf, np.nan, np.inf, np.nan
+    if gains:
+        gain, at_phase = gains[least([abs(np.log(gain)) for gain, _ in gains])]
+    if phases:
+        phase, at_gain = phases[least([abs(phase) for phase, _ in phases])]
     return Margins(
         crossover_hz=at_gain / (2 * np.pi),
         gain_margin_db=20 * np.log10(gain),

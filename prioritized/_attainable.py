@@ -130,7 +130,7 @@ class Attainable(ReadOnly):
         vertices = P.offset + (z * P.sigma[:k]) @ P.U[:, :k].T
         if k == len(P.U) == 2 and np.linalg.det(P.U) < 0.0:  # U mirrors the plane
             vertices = vertices[::-1]
-        return read_only(in_order(vertices) if len(vertices) else vertices)
+        return read_only(in_order(vertices) if vertices.size else vertices)
 
     def __str__(self) -> str:
         sentence = as_sentence(self.status.value)

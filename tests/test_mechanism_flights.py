@@ -71,6 +71,7 @@ def check_goes_on(one: MechanismFlown) -> None:
         assert after < 1.5 * one.rms_informed
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "sense", "actuator"), [("arm", "task", 3), ("platform", "both", 0)]
 )
@@ -182,6 +183,7 @@ def test_wrong_input_of_the_study_is_a_sentence(wrong, said, tmp_path):
     assert not (tmp_path / "recover.json").exists()
 
 
+@pytest.mark.long
 def test_the_tables_count_what_the_flights_say():
     """A flight that was found, one taken for another and one without failure, each in its row."""
     right = flown("platform", "both", 0, "locked", left_s=1.6)  # 1.4 s are recovery

@@ -1,5 +1,8 @@
 """The one rule for ties, against integers, which are equal or not; one basis of each subspace."""
 
+import ast
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -77,3 +80,49 @@ def test_equal_coordinates_take_turns_in_their_order(seed, N):
     basis = canonical_basis(columns)
     assert basis[0, 0] == pytest.approx(np.sqrt(1 - 1 / N))
     np.testing.assert_allclose(np.triu(basis, 1), 0.0, atol=1e-12)
+
+
+ROOT = Path(__file__).parents[1]
+CHOOSES_OTHERWISE = {
+    "argument_checks/ties.py": "the rule itself",
+    "experiments/app/review.py": "places in a text",
+    "experiments/figures/figure.py": "the first that is true",
+    "experiments/goals/figure.py": "weights that the study chose",
+    "experiments/hexapod/animation.py": "times that a user gave",
+    "experiments/hexapod/drawing.py": "what is painted over what",
+    "experiments/hexapod/recording/keep.py": "times that differ",
+    "experiments/hexapod/solids.py": "whole numbers",
+    "experiments/output/campaign.py": "whole numbers",
+    "experiments/output/files.py": "names",
+    "experiments/output/recording/views.py": "counts",
+    "experiments/output/resumable.py": "names",
+    "experiments/track/runs.py": "times that a user gave",
+    "experiments/uncorrected/answer.py": "counts",
+    "ftc/fdi/residual_test.py": "the first that is true",
+    "sim/accuracy.py": "the first that is true",
+    "sim/bench.py": "times that a user gave",
+    "sim/frame.py": "the first that is true",
+}
+"""Files of the product that sort, or take the greatest, without the rule; of what."""
+
+
+def chooses(node: ast.AST) -> bool:
+    """Whether this is a call of argmax and the like, or of sorted, min or max with a key."""
+    if not isinstance(node, ast.Call):
+        return False
+    if isinstance(node.func, ast.Attribute):
+        return node.func.attr in ("argmax", "argmin", "argsort", "argpartition", "lexsort")
+    keyed = any(word.arg == "key" for word in node.keywords)
+    return keyed and getattr(node.func, "id", "") in ("sorted", "min", "max")
+
+
+def test_whoever_chooses_among_computed_numbers_follows_the_rule():
+    """Else the last bit does, which is seen on another processor alone."""
+    rooms = ("argument_checks", "prioritized", "sim", "ftc", "experiments")
+    files = [file for room in rooms for file in (ROOT / room).rglob("*.py")]
+    found = {
+        str(file.relative_to(ROOT))
+        for file in files
+        if any(map(chooses, ast.walk(ast.parse(file.read_text()))))
+    }
+    assert found == set(CHOOSES_OTHERWISE)

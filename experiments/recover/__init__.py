@@ -32,7 +32,7 @@ STUDY = Study(
 
     Flights are written to a Parquet dataset, OUT/unfinished, as they finish; Ctrl-C keeps them, and
     --resume continues, with more or fewer --hours as well. The flights are identical to the bit for
-    any number of workers and interruptions.
+    any number of workers and interruptions, on processors of one kind.
 
     Writes recover.json, the flights as recover.parquet, the tables as recover.md, a figure, and for
     some runs their data (.npz) and their recordings (.rrd). With --controller that controller runs

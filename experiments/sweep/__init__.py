@@ -15,7 +15,7 @@ STUDY = Study(
 
     Rows are written to a Parquet dataset, OUT/unfinished, as they finish; Ctrl-C keeps them, and
     --resume continues. The result is identical to the bit for any number of workers and
-    interruptions.
+    interruptions, on processors of one kind.
 
     Writes sweep.json, the rows as sweep.parquet (docs/sweep.md has its columns), tables as
     sweep.md, and a figure.

@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.legend_handler import HandlerTuple
 from matplotlib.lines import Line2D
 
+from argument_checks.ties import ascending
 from experiments.hexapod.fault_tolerance import Verdict, verdicts
 from experiments.output.dataset import Columns
 from experiments.output.plotting import (
@@ -187,6 +188,6 @@ def _worst(columns: Columns, verdict: str, jacobian: str, angle: str) -> np.ndar
     error = columns[f"{angle}_rms_urad"]
     chosen = (columns["verdict"] == verdict) & (columns["jacobian"] == jacobian)
     rows = np.flatnonzero(chosen & np.isfinite(error))
-    rows = rows[np.argsort(-error[rows], kind="stable")]
+    rows = rows[ascending(-error[rows])]
     _, first = np.unique(columns["struts"][rows].astype(str), return_index=True)
     return rows[np.sort(first)]

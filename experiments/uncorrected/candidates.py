@@ -11,6 +11,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from argument_checks.ties import greatest
 from experiments.hexapod.columns import COLUMNS as TABLE_I
 from experiments.hexapod.controller import StrutMapping
 from experiments.hexapod.floor import floor_acceleration
@@ -65,7 +66,7 @@ def pointing_mode(model: mujoco.MjModel) -> tuple[float, float]:
     drive = linear.B @ StrutMapping(hexapod(model), W_A, "constant").pointing_gain()[:, 0]
     poles, shapes = np.linalg.eig(linear.A)
     residues = (linear.C_twist[0] @ shapes) * np.linalg.solve(shapes, drive.astype(complex))
-    pole = poles[np.argmax(np.abs(residues))]
+    pole = poles[greatest(np.abs(residues))]
     return float(abs(pole) / (2 * np.pi)), float(-pole.real / abs(pole))
 
 
