@@ -22,7 +22,7 @@ table1: venv
 PYTEST := $(BIN)/python -m pytest --numprocesses auto --dist loadfile
 test test-all: export OPENBLAS_NUM_THREADS = 1
 
-# Every law, the physics, the command line, Table I --quick.
+# Every law, the physics, the command line. A run of a study takes longer: `make table1` is one.
 test: venv
 	$(PYTEST) -m "not long"
 

@@ -159,6 +159,7 @@ def test_files_that_cannot_all_be_written_leave_the_old_ones_whole(tmp_path):
     assert (tmp_path / "index.json").read_text() == "old"
 
 
+@pytest.mark.long
 def test_quick_writes_everything_at_full_rate_and_prints_one_table(capsys, tmp_path):
     words = ["table1", "--quick", "--configuration", "demand-limit", "--seed", "5"]
     assert main([*words, "--out", str(tmp_path)]) == 0
