@@ -11,6 +11,7 @@ from numba import njit, types
 from numpy.typing import NDArray
 
 from argument_checks import Array
+from argument_checks.ties import ACCURACY
 
 AT_LOWER, FREE, AT_UPPER = -1, 0, 1
 COLD, FROM_OPTIMUM, WARM = 0, 1, 2
@@ -29,7 +30,7 @@ _NOTHING = 1e-15
 """What is left below this fraction, of unknowns and of multipliers, is round-off alone."""
 _TINY = 1e-150
 """Rows shorter than this depend on others at any scale: their squares underflow."""
-_EQUAL = 1.0 + 1e-9
+_EQUAL = 1.0 + ACCURACY
 """Of numbers that differ by less than this factor the first is taken, on every processor."""
 _DEGENERATE = 3
 """After as many steps of zero length the first candidate is taken, not the best: no cycling."""

@@ -101,6 +101,6 @@ def one_half_turn(vector: Array) -> Array:
     angle = np.linalg.norm(vector, axis=-1, keepdims=True)
     if angle.max(initial=0.0) < _HALF_TURN:
         return vector
-    clear = np.abs(vector) > np.pi - _HALF_TURN
+    clear = np.abs(vector) > np.pi * ACCURACY
     first = np.take_along_axis(vector, clear.argmax(axis=-1)[..., None], axis=-1)
     return np.where((angle >= _HALF_TURN) & (first < 0.0), -vector, vector)

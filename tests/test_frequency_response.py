@@ -3,9 +3,11 @@
 import control
 import numpy as np
 import pytest
+from scipy.linalg import block_diag
 
 from ftc.compensator import margins, sensitivity_peak
 from ftc.frequency_response import frequency_response
+from tests.random_systems import orthogonal
 
 PERIOD_S = 1e-3
 FREQUENCY_RAD_S = np.geomspace(5.0, 3000.0, 200)
@@ -58,3 +60,15 @@ def test_margins_and_peak_are_those_of_python_control_on_a_fine_grid():
 def test_a_loop_whose_gain_stays_below_one_has_infinite_margins():
     found = margins(control.ss([[0.9]], [[0.01]], [[1.0]], 0, PERIOD_S))
     assert np.isinf(found.phase_margin_deg) and np.isnan(found.crossover_hz)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_response_that_is_real_but_for_round_off_has_its_gain_margin(seed):
+    """Modes that cancel leave round-off of either sign: of one frequency another than of many."""
+    rng = np.random.default_rng(seed)
+    turns = 0.9 * np.exp(1j * rng.uniform(0.01, 1.0, size=3))
+    A = block_diag(*(np.array([[z.real, -z.imag], [z.imag, z.real]]) for z in turns))
+    B, C, T = rng.normal(size=(6, 1)), rng.normal(size=(1, 6)), orthogonal(rng, 6)
+    both = block_diag(A, T @ A @ T.T), np.vstack([B, T @ B]), np.hstack([C, -C @ T.T])
+    found = margins(control.ss(*both, -0.3, PERIOD_S))
+    assert found.gain_margin_db == pytest.approx(-20 * np.log10(0.3))

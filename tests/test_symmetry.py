@@ -6,7 +6,6 @@ may change with them, and of equal things the one named first is chosen.
 
 from itertools import product
 
-import mujoco
 import numpy as np
 import pytest
 from hypothesis import given
@@ -27,8 +26,6 @@ from prioritized import (
     velocity_mapping,
     viable_rates,
 )
-from sim import ClosureError, ModelError, Plant, assemble, jacobians, linearize, load_model
-from sim.frame import rotation_vector
 from tests.random_systems import bits
 from tests.test_excitation import LOOSE, mechanism, twins
 
@@ -173,76 +170,3 @@ def test_equally_good_sensors_stay_in_the_order_in_which_they_are_named():
             sensors = {str(k): (rows[k], 1e-5) for k in order}
             ranked = ranked_sensors(nominal, sensors, step, Conditions(1.0))
             assert [int(each.name) for each in ranked] == list(order)
-
-
-# Names in refusals, and what a model is read as.
-
-TWO_OPEN = """<mujoco><worldbody>
-  <body name="a"><joint name="a" type="slide"/><geom size="0.1"/><site name="tool"/></body>
-  <body name="b" pos="1 0 0"><joint name="b" type="slide"/><geom size="0.1"/></body></worldbody>
-  <equality><joint name="left" joint1="a" polycoef="{0!r} 0 0 0 0"/>
-  <joint name="right" joint1="b" polycoef="{1!r} 0 0 0 0"/></equality>
-  <actuator><position joint="a" kp="9"/></actuator></mujoco>"""
-TWO_FALL = """<mujoco><worldbody>
-  <body name="a"><joint name="left" axis="0 1 0"/><geom size="0.1" pos="{0!r} 0 0"/></body>
-  <body name="b" pos="1 0 0"><joint name="right" axis="0 -1 0"/><geom size="0.1" pos="-{1!r} 0 0"/>
-  </body><body name="c" pos="2 0 0"><joint name="c" type="slide" axis="1 0 0"/><geom size="0.1"/>
-    <site name="payload"/></body></worldbody>
-  <actuator><position name="c" joint="c" kp="9"/></actuator></mujoco>"""
-MORE = 0.1 + 1e-15
-BITS = [(0.1, 0.1), (0.1, MORE), (MORE, 0.1)]
-
-
-@pytest.mark.parametrize("numbers", BITS)
-def test_of_two_equal_gaps_the_first_is_named(numbers):
-    model = mujoco.MjModel.from_xml_string(TWO_OPEN.format(*map(float, numbers)))
-    with pytest.raises(ClosureError, match='"left"'):
-        jacobians(model, mujoco.MjData(model), site="tool")
-
-
-@pytest.mark.parametrize("numbers", BITS)
-def test_of_two_equal_pendulums_the_first_is_said_to_fall(numbers, tmp_path):
-    (tmp_path / "two.xml").write_text(TWO_FALL.format(*map(float, numbers)))
-    with pytest.raises(ModelError, match='gravity moves the joint "left"'):
-        model = load_model(tmp_path / "two.xml", add_locks=True)
-        Plant(model, base=None, start=mujoco.MjData(model))
-
-
-def test_a_half_turn_has_one_vector():
-    """A turn by pi about an axis is one by pi about its opposite."""
-    for seed in PROCESSORS:
-        axis = np.array([0.6, -0.8, 0.0])
-        half = 2 * np.outer(axis, axis) - np.eye(3)
-        found = rotation_vector(half + 1e-16 * np.random.default_rng(seed).normal(size=(3, 3)))
-        np.testing.assert_allclose(found, np.pi * axis, atol=1e-7)
-
-
-def test_parallel_gears_are_one_velocity_whatever_rounding_made_of_a_zero():
-    xml = """<mujoco><worldbody><body><freejoint/><geom size="0.1"/><site name="s"/></body>
-    </worldbody><actuator><motor site="s" gear="{} 1 0 0 0 0"/>
-    <motor site="s" gear="{} -1 0 0 0 0"/></actuator></mujoco>"""
-    for one, other in ((6e-17, 6e-17), (-6e-17, 6e-17), (0.0, -6e-17)):
-        model = mujoco.MjModel.from_xml_string(xml.format(one, other))
-        assert len(jacobians(model, mujoco.MjData(model), site="s").active) == 1
-
-
-PARALLELOGRAM = """<mujoco><compiler angle="radian"/><default><joint axis="0 0 1" stiffness="5"/>
-  <geom type="capsule" size="0.01" fromto="0 0 0 0 0.3 0"/></default><worldbody>
-  <body name="left"><joint name="left"/><geom/><body name="bar" pos="0 0.3 0"><joint name="bar"/>
-    <geom fromto="0 0 0 0.4 0 0"/><site name="tool"/></body></body>
-  <body name="middle" pos="0.2 0 0"><joint name="middle"/><geom/></body>
-  <body name="right" pos="0.4 0 0"><joint name="right"/><geom/></body></worldbody>
-  <equality><connect body1="bar" body2="middle" anchor="0.2 0 0"/>
-  <connect body1="bar" body2="right" anchor="0.4 0 0"/></equality>
-  <actuator><position joint="left" kp="80"/></actuator></mujoco>"""
-
-
-@pytest.mark.parametrize("turn", [0.0, 0.3, 0.7])
-def test_a_crank_too_many_takes_no_freedom_from_a_linear_model(turn):
-    """Three parallel cranks have one freedom; closed to 1e-11, the third is no constraint more."""
-    model = mujoco.MjModel.from_xml_string(PARALLELOGRAM)
-    data = mujoco.MjData(model)
-    data.qpos[[0, 2, 3]], data.qpos[1] = turn + 1e-3, -turn
-    held = assemble(model, data)
-    held.qpos[3] += 2e-11
-    assert len(linearize(model, held, site="tool", axes=None).A) == 2

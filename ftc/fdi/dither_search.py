@@ -54,7 +54,7 @@ class DitherSearch:
         least = np.array([each[separable].min() for each in found])
         chosen = [tried[i] for i in ascending(-least, accuracy=ACCURACY)[:_REFINED]]
         refined = [self._improved(k, x, separable) for k, x in chosen]
-        _, k, x = refined[greatest([least for least, *_ in refined], ACCURACY)]
+        _, k, x = refined[greatest([reached for reached, *_ in refined], ACCURACY)]
         u = self.basis @ x
         return k, u * np.sign(u[greatest(np.abs(u), ACCURACY)]), separable
 
