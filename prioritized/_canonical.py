@@ -7,6 +7,8 @@ import argument_checks as check
 from argument_checks import Array
 from prioritized._compiled import elimination
 
+_ORTHONORMAL = 1e-6
+
 
 def canonical_basis(basis: ArrayLike) -> Array:
     """The orthonormal basis that depends on the subspace alone, shape (..., N, k).
@@ -20,9 +22,14 @@ def canonical_basis(basis: ArrayLike) -> Array:
         basis: Orthonormal columns, some of which may be zero; these come last, (..., N, k).
 
     Raises:
-        ValueError: No matrix, or not finite.
+        ValueError: No matrix, not finite, or columns that are neither orthonormal nor zero.
     """
-    return canonical(check.batch("basis", basis))
+    columns = check.batch("basis", basis)
+    products = np.swapaxes(columns, -1, -2) @ columns
+    filled = np.eye(columns.shape[-1]) * (products > 0.5)
+    if (off := np.abs(products - filled).max(initial=0.0)) > _ORTHONORMAL:
+        raise ValueError(f"basis must have orthonormal columns or zero ones, got {off:.3g} off")
+    return canonical(columns)
 
 
 def canonical(basis: Array) -> Array:

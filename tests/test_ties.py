@@ -67,6 +67,12 @@ def test_a_subspace_has_one_basis(seed, N, k):
     assert not in_batch[0, :, k:].any() and not in_batch[1].any()
 
 
+@pytest.mark.parametrize("basis", [1.0, [1.0, 0.0], [[np.nan]], [[2.0]], [[1.0, 0.5], [0.0, 0.8]]])
+def test_what_is_no_basis_is_refused(basis):
+    with pytest.raises(ValueError, match=r"^basis must"):
+        canonical_basis(basis)
+
+
 def test_the_basis_of_everything_is_that_of_the_axes():
     turn = orthogonal(np.random.default_rng(0), 5)
     np.testing.assert_allclose(canonical_basis(turn), np.eye(5), atol=1e-14)
