@@ -42,7 +42,7 @@ def settings() -> dict[str, dict[str, str]]:
     for kernel in KERNELS:
         loaded = output(LOADED, OPENBLAS_CORETYPE=kernel)
         if loaded in seen:
-            print(f"{kernel}: this OpenBLAS has no kernels of its own for it ({loaded})")
+            print(f"{kernel}: computed here with the kernels of {loaded}, as {seen[loaded]}")
         elif not loaded or (kernel not in loaded and kernel != "Zen"):
             print(f"{kernel}: this processor cannot run it")
         else:
@@ -92,7 +92,11 @@ def main() -> int:
     if unknown := set(words.names) - set(known):
         parser.error(f"no setting {', '.join(sorted(unknown))}; here are {', '.join(known)}")
     chosen = [turn(list(known))] if words.in_turn else words.names or list(known)
-    failed = [name for name in chosen if not run(name, known[name])]
+    try:
+        failed = [name for name in chosen if not run(name, known[name])]
+    except KeyboardInterrupt:
+        print("interrupted")
+        return 130
     print(f"{len(chosen) - len(failed)} of {len(chosen)} settings passed", *failed, sep="\n")
     return len(failed)
 

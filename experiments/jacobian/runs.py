@@ -168,7 +168,7 @@ def _elsewhere(
         return relative_change(geometry, struts_m, norm, reading)
 
     def on_the_ball(x: Array) -> float:
-        """-e in parts of its largest value, strut displacements of the stroke's length."""
+        """-e over the largest at random points, of strut displacements as long as the stroke."""
         return -float(e(stroke_m * x / np.linalg.norm(x))) / random.max()
 
     nominal = jacobian(geometry, np.zeros(6), reading)
