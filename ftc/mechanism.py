@@ -71,7 +71,7 @@ class MechanismGeometry:
 
     def placed(self, system: ConstrainedSystem, jacobian: Any) -> ConstrainedSystem:
         """The system with its failures, with these Jacobians."""
-        return system.at(J_T=jacobian.J_T, J_C=jacobian.J_C)
+        return system.at_pose(jacobian)
 
     def twist(self, posture: Any, displacements_m: Array) -> Array:
         """Task displacement (m,) of small displacements (n,) of the mechanism without failures."""

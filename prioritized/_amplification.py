@@ -6,6 +6,9 @@ from argument_checks.ties import exceeds
 LARGE_AMPLIFICATION = 100.0
 """Above it, an error of 1 % may become an error as large as the quantity itself."""
 
+UNCERTAIN = 0.05
+"""Relative error of a gain above which it is mentioned."""
+
 
 def gain_sentences(largest: float, worst: float) -> list[str]:
     """On the ratio of the largest to the smallest gain of the major task, where it is large."""
@@ -14,6 +17,17 @@ def gain_sentences(largest: float, worst: float) -> list[str]:
     return [
         "For the same norm of the active rates, the major task moves up to "
         f"{largest / worst:.3g} times as fast in one direction as in another."
+    ]
+
+
+def doubt_sentences(worst: float, uncertainty: float) -> list[str]:
+    """On a direction that the geometry is too inaccurate to know the gain of."""
+    if not (worst > 0.0 and exceeds(uncertainty, UNCERTAIN)):
+        return []
+    return [
+        f"Some major direction is reached with a gain of {1.0 / worst:.3g} +- "
+        f"{100.0 * uncertainty:.2g} %: rates per major velocity, and how far the accuracy of the "
+        "geometry leaves them open."
     ]
 
 

@@ -9,14 +9,16 @@ from numpy.typing import ArrayLike, NDArray
 
 import argument_checks as check
 from argument_checks import Array, Mask
-from prioritized._arrays import ReadOnly
+from prioritized._arrays import ReadOnly, transposed
 from prioritized._canonical import canonical
+from prioritized._decisions import MajorTask, TaskMotion, respanned
 from prioritized._failures import Failures, failed_actuators
 from prioritized._limits import limits
 from prioritized._major_maps import unweighted
-from prioritized._motions import Motions, motions_under, with_stiffness
+from prioritized._motions import motions_of, with_stiffness
 from prioritized._names import Known, known_actuators
-from prioritized._rank import frobenius, largest, ranked_svd
+from prioritized._problem import Problem
+from prioritized._rank import RANK_TOLERANCE
 from prioritized._system import ConstrainedSystem
 from prioritized._task import task_selection
 from prioritized._worst import Within
@@ -120,10 +122,9 @@ def failure_atlas(
     """Verdicts on every combination of sound, locked and free actuators, in one vectorized call.
 
     The loops are eliminated once; each condition is then a small problem in the motions that they
-    admit. The verdicts are those of `system.with_failures(...).kinematics().manipulability(major)`.
-    They may differ where the rows of J_C differ in size by many orders, because ranks are here
-    decided on an orthonormal basis of the motions; the gaps are then small. Meant for few degrees
-    of freedom: with a hundred, classifying one condition after the other is faster.
+    admit. The verdicts are those of `system.with_failures(...).kinematics().manipulability(major)`:
+    the same decisions. Meant for few degrees of freedom: with a hundred, classifying one condition
+    after the other is faster.
 
     Args:
         system: The mechanism; failures it already has are part of every condition.
@@ -141,7 +142,7 @@ def failure_atlas(
     """
     n = len(check.instance("system", system, ConstrainedSystem).active)
     m = system.J_T.shape[0]
-    S_m, S_s = task_selection(major, secondary, m, system.rank_tolerance)
+    S_m, S_s = task_selection(major, secondary, m)
     conditions = _conditions(codes, n)
     known = system.failures
     locked, free = conditions == LOCKED, conditions == FREE
@@ -153,12 +154,13 @@ def failure_atlas(
         None if rate_limits is None else limits("rate_limits", rate_limits, n),
         None if torque_limits is None else limits("torque_limits", torque_limits, n),
     )
-    motions = motions_under(system, locked, active)
-    rigid = _classes(system, motions, S_m, S_s, within)
+    stuck = np.array(sorted(known.locked_passive), dtype=np.intp)
+    motions = motions_of(system.geometry, system.active, stuck, (locked, active))
+    rigid = _classes(MajorTask(TaskMotion(motions, system.active), S_m, S_s), within)
     elastic = None
     if system.stiffness is not None:
-        settled = with_stiffness(motions, system.stiffness, system.rank_tolerance)
-        elastic = _classes(system, settled, S_m, S_s, within)
+        settled = with_stiffness(motions, system.stiffness)
+        elastic = _classes(MajorTask(TaskMotion(settled, system.active), S_m, S_s), within)
     return FailureAtlas(
         **vars(rigid),
         codes=conditions,
@@ -178,44 +180,44 @@ def _conditions(codes: ArrayLike | None, n: int) -> NDArray[np.int8]:
     return listed.astype(np.int8)
 
 
-def _classes(
-    system: ConstrainedSystem, motions: Motions, S_m: Array, S_s: Array, within: Within
-) -> Classes:
-    tolerance, task_scale = system.rank_tolerance, frobenius(system.J_T)
-    m1, m2 = len(S_m), len(S_s)
-    task = system.J_T @ motions.B
-    J = task @ motions.driven
-    through = np.linalg.norm(system.J_T, axis=0)
-    scale = task_scale + frobenius(through[:, None] * (motions.B @ motions.driven))
-    reach = ranked_svd(S_m @ J, frobenius(S_m) * scale, tolerance)
-    reach_task = ranked_svd(J, scale, tolerance)
-    moved = ranked_svd(task @ motions.self_motion, task_scale, tolerance)
-    moved_major = ranked_svd(S_m @ task @ motions.self_motion, largest(S_m) * task_scale, tolerance)
-    secondary = ranked_svd(
-        S_s @ J @ reach.null_projector(), frobenius(S_s) * scale, tolerance, full=True
-    )
-
-    possible = (reach.rank == m1) & (moved_major.rank == 0)
-    self_motion = canonical(moved.U * moved.kept[:, None, :])
-    problem = unweighted(J, S_m, motions.forbidden, self_motion, scale, tolerance)
-    lost = np.arange(m2) >= secondary.rank[:, None]
-    least = reach.sigma[:, :m1].min(axis=1, initial=np.inf)
+def _classes(task: MajorTask, within: Within) -> Classes:
+    motions, whole = task.task.motions, task.task
+    m1, m2 = len(task.S_m), len(task.S_s)
+    reach, secondary, moved = task.reach, task.secondary, whole.moved
+    geometry = motions.geometry
+    possible = (reach.rank == m1) & (task.moved.rank == 0)
+    moves = moved.U[..., : moved.kept.shape[1]] * moved.kept[:, None, :]
+    self_motion = canonical(respanned(moves, geometry.task_units))
+    lost = secondary.U * (np.arange(m2) >= secondary.rank[:, None])[:, None, :]
+    least = reach.sigma.min(axis=1, initial=np.inf, where=reach.kept) * task.gain_unit
+    problem = _problem(task, self_motion)
     return Classes(
         possible=possible,
         unmanipulable=reach.rank < m1,
-        unmanipulable_task=reach_task.rank < len(system.J_T),
+        unmanipulable_task=whole.reach.rank < len(geometry.J_T),
         unstable=moved.rank > 0,
-        unstable_major=moved_major.rank > 0,
+        unstable_major=task.moved.rank > 0,
         irresolvable=motions.internal > 0,
-        constrained_active=motions.constraints > 0,
+        constrained_active=motions.constraints(within.active.sum(axis=1)) > 0,
         worst_gain=np.where(reach.rank == m1, least, 0.0),
         major_rank=reach.rank,
         secondary_rank=secondary.rank,
-        lost_secondary=canonical(secondary.U * lost[:, None, :]),
+        lost_secondary=canonical(respanned(lost, 1.0 / task.secondary_units)),
         self_motion=self_motion,
-        gap=np.minimum.reduce(
-            [motions.gap, *(d.gap for d in (reach, reach_task, moved, moved_major, secondary))]
-        ),
+        gap=np.minimum(task.gap, np.minimum(whole.reach.gap, moved.gap)),
         worst_speed=within.speed(problem, possible),
         worst_force=within.force(problem),
     )
+
+
+def _problem(task: MajorTask, self_motion: Array) -> Problem:
+    """Problems 1 and 6 without weights, in their own units."""
+    whole, geometry = task.task, task.task.motions.geometry
+    rows, rates = geometry.task_units[:, None], whole.rate_units
+    J = rows * whole.J / rates
+    if task.lost is not None:
+        J = J - task.lost
+    admissible = respanned(whole.motions.admissible, rates)
+    forbidden = np.eye(len(rates)) - admissible @ transposed(admissible)
+    scale = task.parting(J, whole.scale(None) * geometry.task_units.max() / rates.min())
+    return unweighted(J, task.S_m, forbidden, self_motion, scale, RANK_TOLERANCE)

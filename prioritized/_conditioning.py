@@ -1,7 +1,15 @@
 """Where singular values are clearly not zero, so that no SVD is needed."""
 
+import numpy as np
+
+from argument_checks import Array
+from prioritized._geometry import Geometry
+from prioritized._rank import norm
+
 ROUND_OFF = 1e-12
 """Fraction of the scale below which a triangle's singular values may be round-off."""
+_MARGIN = 4.0
+"""Of bounds of errors, which are of first order."""
 
 
 def well_conditioned_above(tolerance: float) -> float:
@@ -10,3 +18,44 @@ def well_conditioned_above(tolerance: float) -> float:
     Below it the SVD decides, at the tolerance itself.
     """
     return max(2.0 * tolerance, ROUND_OFF)
+
+
+def clear_loops(geometry: Geometry) -> float:
+    """The same of the closure J_Cp, as a fraction of |J_C|, for errors of its entries."""
+    clear = well_conditioned_above(geometry.rank_tolerance)
+    if geometry.accuracy is None:
+        return clear
+    most, least = _spread(geometry.constraint_units)
+    fastest, slowest = _spread(geometry.velocity_units)
+    errors = np.sqrt(geometry.J_C.size) * geometry.error_bound * most / slowest
+    units = (most / least) * (fastest / slowest)
+    return max(clear * units, _MARGIN * errors / (norm(geometry.J_C) or 1.0))
+
+
+def clear_of_errors(geometry: Geometry, scale: float, gain: Array, closing: Array) -> float:
+    """The same of the task Jacobian J of this scale, eq. (14).
+
+    Args:
+        geometry: J_T and J_C.
+        scale: Of J.
+        gain: Passive rates per active rate, (p, n).
+        closing: J_Cp^-1, (p, p).
+    """
+    clear = well_conditioned_above(geometry.rank_tolerance)
+    if geometry.accuracy is None:
+        return clear
+    most, least = _spread(geometry.task_units)
+    fastest, slowest = _spread(geometry.velocity_units)
+    J_T = norm(geometry.J_T)
+    errors = np.sqrt(geometry.J_T.size) * geometry.error_bound * most / slowest
+    if closing.size:  # errors of the loops reach the task through the passive joints
+        loops = np.sqrt(geometry.J_C.size) * geometry.error_bound
+        loops *= _spread(geometry.constraint_units)[0] / slowest
+        errors = (errors + J_T * norm(closing) * loops) * (1.0 + norm(gain))
+    exact = clear * (most / least) * (fastest / slowest)
+    # Few different numbers: what depends on them is looked up.
+    return float(2.0 ** np.ceil(np.log2(max(exact, _MARGIN * errors / (scale or 1.0)))))
+
+
+def _spread(units: Array) -> tuple[float, float]:
+    return (float(units.max()), float(units.min())) if units.size else (1.0, 1.0)

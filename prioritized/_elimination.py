@@ -1,15 +1,19 @@
 """Elimination of the passive joints, eqs. (6) to (10); springs decide what loops leave free."""
 
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
 from argument_checks import Array, Indices
-from prioritized._arrays import identity, none, read_only
+from prioritized._arrays import none, read_only
 from prioritized._canonical import canonical
 from prioritized._compiled import elimination
-from prioritized._conditioning import well_conditioned_above
-from prioritized._rank import RankedSvd, norm, ranked_svd
+from prioritized._conditioning import clear_loops
+from prioritized._geometry import Geometry
+from prioritized._motions import Motions, motions_of, with_stiffness
+from prioritized._rank import norm
 
 
 class Joints(NamedTuple):
@@ -90,68 +94,53 @@ class TaskJacobian(NamedTuple):
         return read_only(J), scale
 
 
-class Partition(NamedTuple):
-    """A constrained system by joints, eqs. (6) to (9)."""
-
-    task: TaskJacobian
-    J_C: Array  # (c, N)
-    joints: Joints
-    stiffness: Array | None  # K of the joint springs, (N, N); None is a rigid mechanism
-    passive_metric: Array | None  # (N, N); None is the identity
-    rank_tolerance: float
-
-
-class Loops(NamedTuple):
-    """What the loops determine of the moving joints.
+@dataclass(frozen=True, eq=False)
+class Partition:
+    """A constrained system by joints, eqs. (6) to (9).
 
     Attributes:
-        gain: Their rates per active rate, -J_Cp^+ J_Ca, shape (p, n - q).
-        closing: J_Cp^+ in the plain norm, shape (p, c).
-        free: Orthonormal basis of the motion that the loops leave free, shape (p, d).
-        left_null: Orthonormal rows that span the left null space of J_Cp, shape (r, c).
-        decision: Rank decision on J_Cp; None where it is clearly of full rank.
-        J_C: Shape (c, N).
-        moving: Velocity indices of J_Cp, shape (p,).
+        geometry: J_T and J_C.
+        joints: By role.
+        stiffness: K of the joint springs, (N, N); None is a rigid mechanism.
+        passive_metric: Shape (N, N); None is the identity.
     """
 
-    gain: Array
-    closing: Array
-    free: Array
-    left_null: Array
-    decision: RankedSvd | None
-    J_C: Array
-    moving: Indices
-    rank_tolerance: float
+    geometry: Geometry
+    joints: Joints
+    stiffness: Array | None
+    passive_metric: Array | None
 
     @property
-    def scale(self) -> float:
-        """Size that ranks are decided against, with `rank_tolerance`."""
-        return norm(self.J_C)
+    def J_C(self) -> Array:
+        """Shape (c, N)."""
+        return self.geometry.J_C
 
-    def decided(self) -> RankedSvd:
-        """The decision on J_Cp, made now where it was not needed before."""
-        if self.decision is not None:
-            return self.decision
-        return ranked_svd(self.J_C.take(self.moving, 1), self.scale, self.rank_tolerance)
+    @property
+    def task(self) -> TaskJacobian:
+        """The task Jacobian by joints."""
+        return TaskJacobian(self.geometry.J_T, self.joints)
 
+    @cached_property
+    def rigid(self) -> Motions:
+        """The motions that the loops admit."""
+        return motions_of(self.geometry, self.joints.active, self.joints.stuck)
 
-def close_loops(J_C: Array, joints: Joints, rank_tolerance: float) -> Loops:
-    """The moving joints eliminated from J_C theta_dot = 0, eqs. (6) to (8)."""
-    _, active, _, moving, *_ = joints
-    c, p, rest = len(J_C), len(moving), (J_C, moving, rank_tolerance)
-    if not c:  # no loops
-        gain = none((p, len(active)))
-        return Loops(gain, none((p, 0)), identity(p), none((0, 0)), None, *rest)
-    if c == p:
-        closing, gain = np.empty((p, p)), np.empty((p, len(active)))
-        clear = well_conditioned_above(rank_tolerance)
-        if elimination().close(J_C, active, moving, clear, closing, gain):
-            return Loops(gain, closing, none((p, 0)), none((0, c)), None, *rest)
-    svd = ranked_svd(J_C.take(moving, 1), norm(J_C), rank_tolerance, full=True)
-    r = int(svd.rank)
-    closing = (svd.Vt[:r].T / svd.sigma[:r]) @ svd.U[:, :r].T
-    gain = -closing.dot(J_C.take(active, 1))
-    return Loops(gain, closing, svd.Vt[r:].T, svd.U[:, r:].T, svd, *rest)
+    @cached_property
+    def elastic(self) -> Motions:
+        """The same with the springs of the joints."""
+        return self.rigid if self.stiffness is None else with_stiffness(self.rigid, self.stiffness)
+
+    @cached_property
+    def weighed(self) -> Motions:
+        """The same with the passive metric as springs."""
+        metric = self.passive_metric
+        return self.elastic if metric is None else with_stiffness(self.elastic, metric)
+
+    @cached_property
+    def motions(self) -> Motions:
+        """The same with self-motion of least norm in that metric, which holds nothing."""
+        held = self.elastic
+        return replace(self.weighed, self_motion=held.self_motion, freedom=held.freedom)
 
 
 class PassiveMotion(NamedTuple):
@@ -162,16 +151,14 @@ class PassiveMotion(NamedTuple):
         closing: J_Cp^+ in the metric of the springs and the passive metric, shape (p, c).
         free: Orthonormal basis of the motion that neither loops nor springs resist, shape (p, d).
         compliance: Inverse of K on the motion that the loops leave free, shape (p, p).
-        spring_gap: Gap between motion that springs resist, or the metric weighs, and the rest.
-        loops: The decision on the loops alone.
+        left_null: Orthonormal rows that span the left null space of J_Cp, shape (r, c).
     """
 
     gain: Array
     closing: Array
     free: Array
     compliance: Array
-    spring_gap: float
-    loops: Loops
+    left_null: Array
 
 
 def passive_motion(system: Partition) -> PassiveMotion:
@@ -180,36 +167,56 @@ def passive_motion(system: Partition) -> PassiveMotion:
     Of the motion that the loops leave free, the part that springs resist minimizes their energy
     theta^T K theta / 2. The rest is self-motion: it takes the least norm in the passive metric.
     """
-    _, J_C, joints, stiffness, passive_metric, rank_tolerance = system
-    moving, active = joints.moving, joints.active
-    loops = close_loops(J_C, joints, rank_tolerance)
-    gain, closing, free, *_ = loops
-    compliance, spring_gap = none((len(moving), len(moving))), np.inf
-    if not free.shape[1]:
-        return PassiveMotion(gain, closing, free, compliance, spring_gap, loops)
-    if stiffness is not None:
-        compliance, unresisted, spring_gap = _compliance(free, stiffness, moving, rank_tolerance)
-        gain, closing = _least_energy(gain, closing, compliance, stiffness, moving, active)
-        free = unresisted
-    if passive_metric is not None:
-        inverse, _, metric_gap = _compliance(free, passive_metric, moving, rank_tolerance)
-        gain, closing = _least_energy(gain, closing, inverse, passive_metric, moving, active)
-        spring_gap = min(spring_gap, metric_gap)
-    return PassiveMotion(gain, closing, canonical(free), compliance, spring_gap, loops)
+    J_C, (_, active, _, moving, *_) = system.J_C, system.joints
+    c, p, n = len(J_C), len(moving), len(active)
+    if not c and not p:
+        return PassiveMotion(*map(none, ((0, n), (0, 0), (0, 0), (0, 0), (0, 0))))
+    if c == p:
+        closing, gain = np.empty((p, p)), np.empty((p, n))
+        if elimination().close(J_C, active, moving, clear_loops(system.geometry), closing, gain):
+            return PassiveMotion(gain, closing, none((p, 0)), none((p, p)), none((0, c)))
+    return _decided(system)
 
 
-def _compliance(
-    free: Array, K: Array, moving: Indices, rank_tolerance: float
-) -> tuple[Array, Array, float]:
-    """Inverse of K on the free motion (p, p), a basis of what K does not resist, and the gap."""
-    # Against all forces on the moving joints: beside a coupling K_pa, round-off in K_pp is no
-    # spring.
-    K_p = K.take(moving, 0)
-    resisted = ranked_svd(free.T @ K_p.take(moving, 1) @ free, norm(K_p), rank_tolerance, full=True)
-    h = int(resisted.rank)
-    directions = free @ resisted.Vt[:h].T
-    compliance = (directions / resisted.sigma[:h]) @ directions.T
-    return compliance, free @ resisted.Vt[h:].T, float(resisted.gap)
+def _decided(system: Partition) -> PassiveMotion:
+    """The same where ranks must be decided."""
+    J_C, (_, active, _, moving, *_) = system.J_C, system.joints
+    p, geometry = len(moving), system.geometry
+    units = geometry.constraint_units, geometry.velocity_units[moving]
+    rank = p - int(system.rigid.freedom)
+    U, sigma, Vt = of_rank(J_C.take(moving, 1), rank, *units)
+    closing = (Vt[:rank].T / sigma) @ U[:, :rank].T
+    gain, free, compliance = -closing.dot(J_C.take(active, 1)), Vt[rank:].T, none((p, p))
+    if system.stiffness is not None:
+        count = int(system.elastic.freedom)
+        compliance, free = _compliance(free, system.stiffness, moving, count)
+        gain, closing = _least_energy(gain, closing, compliance, system.stiffness, moving, active)
+    if system.passive_metric is not None:
+        count = int(system.weighed.freedom)
+        inverse, _ = _compliance(free, system.passive_metric, moving, count)
+        gain, closing = _least_energy(gain, closing, inverse, system.passive_metric, moving, active)
+    return PassiveMotion(gain, closing, canonical(free), compliance, U[:, rank:].T)
+
+
+def of_rank(A: Array, rank: int, rows: Array, columns: Array) -> tuple[Array, Array, Array]:
+    """The whole SVD of A (m, n) on a rank that is known: U, the singular values that count, V^T.
+
+    What is dropped is least in the units of rows (m,) and columns (n,).
+    """
+    uniform = (rows == rows[:1]).all() and (columns == columns[:1]).all()
+    if rank < min(A.shape) and not uniform:
+        U, sigma, Vt = np.linalg.svd(A / rows[:, None] * columns)
+        A = rows[:, None] * ((U[:, :rank] * sigma[:rank]) @ Vt[:rank]) / columns
+    U, sigma, Vt = np.linalg.svd(A)
+    return U, sigma[:rank], Vt
+
+
+def _compliance(free: Array, K: Array, moving: Indices, count: int) -> tuple[Array, Array]:
+    """Inverse of K on the free motion (p, p), and a basis of the `count` that K does not resist."""
+    resisted = free.shape[1] - count
+    _, sigma, Vt = np.linalg.svd(free.T @ K[np.ix_(moving, moving)] @ free)
+    directions = free @ Vt[:resisted].T
+    return (directions / sigma[:resisted]) @ directions.T, free @ Vt[resisted:].T
 
 
 def _least_energy(

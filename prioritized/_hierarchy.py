@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,9 +14,18 @@ from prioritized._arrays import ReadOnly, none
 from prioritized._limited import Limiting, checked_rows
 from prioritized._limits import limits
 from prioritized._packed import Equations, Packed, Point, Rows, Unknowns, pack, solve
-from prioritized._problem import exact_part
-from prioritized._rank import basis_scale, norm, ranked_svd
+from prioritized._rank import RANK_TOLERANCE, norm
 from prioritized._task import Status, rows_of
+
+
+class Mechanism(Protocol):
+    """What a hierarchy takes from :class:`prioritized.Kinematics`, which imports this module."""
+
+    @property
+    def J(self) -> Array: ...
+    def in_order(
+        self, levels: list[tuple[Array, Array]]
+    ) -> tuple[list[tuple[Array, float]], bool]: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,11 +64,11 @@ class Task(ReadOnly):
 
 
 class _Part(NamedTuple):
-    """A task of a mechanism: rows S J, (k, n), W (., k), and the size of what S J is made from."""
+    """A task of a mechanism: rows S (k, m), None for rates, A = S J, (k, n), and W (., k)."""
 
+    S: Array | None
     A: Array
     W: Array
-    scale: float
     interval: bool
 
 
@@ -69,18 +78,18 @@ class Hierarchy:
 
     Attributes:
         levels: The tasks of each level.
+        decided: Their weighted rows (k, n) without what counts as lost, and the size of these.
         constraint: C, orthonormal rows, shape (r, n).
         limiting: Limits of the rates.
         tie_metric: T, (k, n).
-        tolerance: Of the rank decisions.
         is_held: Whether the first level's tasks stand still with every actuator locked.
     """
 
     levels: tuple[tuple[_Part, ...], ...]
+    decided: tuple[tuple[Array, float], ...]
     constraint: Array
     limiting: Limiting
     tie_metric: Array
-    tolerance: float
     is_held: bool
 
     def __call__(self, targets: Sequence[ArrayLike | Sequence[ArrayLike] | None]) -> Array:
@@ -110,11 +119,11 @@ class Hierarchy:
             _level_targets(f"targets[{k}]", parts, target)
             for k, (parts, target) in enumerate(zip(self.levels, targets, strict=True))
         ]
-        blocks = [_block(parts, each) for parts, each in zip(self.levels, asked, strict=True)]
+        blocks = list(map(_block, self.levels, self.decided, asked))
         n = self.constraint.shape[1]
         hard = [*self.limiting.rows, _equations(self.constraint)]
         ties = [_equations(self.tie_metric), _equations(np.eye(n))]
-        packed, _ = pack([*hard, *blocks, *ties], Unknowns(self.limiting.box), self.tolerance)
+        packed, _ = pack([*hard, *blocks, *ties], Unknowns(self.limiting.box), RANK_TOLERANCE)
         begun = None
         if start is not None:
             begun = check.instance("start", start, HierarchySolution).point
@@ -202,50 +211,50 @@ class HierarchySolution:
 
 
 def hierarchy(
-    J: Array,
-    scale: float,
+    mechanism: Mechanism,
     levels: Sequence[Task | Sequence[Task]],
     constraint: Array,
-    self_motion: Array,
     rate_limits: tuple[ArrayLike, ArrayLike] | None,
     rate_rows: tuple[ArrayLike, ArrayLike, ArrayLike] | None,
     tie_metric: ArrayLike | None,
-    tolerance: float,
 ) -> Hierarchy:
-    """The hierarchy of a mechanism with this J; see :meth:`Kinematics.hierarchy`."""
+    """The hierarchy of a mechanism; see :meth:`Kinematics.hierarchy`."""
+    J = mechanism.J
+    m, n = J.shape
     if not isinstance(levels, Sequence) or not len(levels):
         raise ValueError(f"levels must be a list of tasks, got {check.shown(levels)}")
-    made, is_held = [], True
-    for k, level in enumerate(levels):
-        tasks = [level] if isinstance(level, Task) else level
-        if not isinstance(tasks, Sequence) or not tasks:
-            raise ValueError(
-                f"levels[{k}] must be a Task or a list of tasks, got {check.shown(level)}"
-            )
-        for task in tasks:
-            check.instance(f"levels[{k}]", task, Task)
-        if len(tasks) > 1 and any(task.interval for task in tasks):
-            raise ValueError(
-                f"levels[{k}] must have an interval as its only task, got {len(tasks)}"
-            )
-        selected = [_selected(f"levels[{k}]", task, len(J)) for task in tasks]
-        made.append(
-            tuple(
-                _part(f"levels[{k}]", task, S, J, scale, tolerance)
-                for task, S in zip(tasks, selected, strict=True)
-            )
-        )
-        for S in selected if k == 0 else ():
-            if S is not None:
-                moved = ranked_svd(S @ self_motion, norm(S) * basis_scale(self_motion), tolerance)
-                is_held = is_held and not np.any(moved.rank > 0)
-    n = J.shape[1]
+    parts = tuple(
+        tuple(_part(f"levels[{k}]", task, J) for task in _tasks(f"levels[{k}]", level))
+        for k, level in enumerate(levels)
+    )
+    decided, is_held = mechanism.in_order([_rows(each, m, n) for each in parts])
     rows = () if rate_rows is None else (checked_rows("rate_rows", rate_rows, n),)
     limiting = Limiting(limits("rate_limits", rate_limits, n), rows)
     T = none((0, n))
     if tie_metric is not None:
         T = check.sized("tie_metric", check.weight("tie_metric", tie_metric, n))
-    return Hierarchy(tuple(made), constraint, limiting, T, tolerance, is_held)
+    return Hierarchy(parts, tuple(decided), constraint, limiting, T, is_held)
+
+
+def _tasks(name: str, level: Task | Sequence[Task]) -> Sequence[Task]:
+    """The tasks of a level."""
+    tasks = [level] if isinstance(level, Task) else level
+    if not isinstance(tasks, Sequence) or not tasks:
+        raise ValueError(f"{name} must be a Task or a list of tasks, got {check.shown(level)}")
+    for task in tasks:
+        check.instance(name, task, Task)
+    if len(tasks) > 1 and any(task.interval for task in tasks):
+        raise ValueError(f"{name} must have an interval as its only task, got {len(tasks)}")
+    return tasks
+
+
+def _rows(parts: tuple[_Part, ...], m: int, n: int) -> tuple[Array, Array]:
+    """The weighted rows of a level, on the task (k, m) and on the rates (k, n): their sum."""
+    on_task = [part.W @ (np.zeros((n, m)) if part.S is None else part.S) for part in parts]
+    on_rates = [
+        part.W @ (np.eye(n) if part.S is None else np.zeros((len(part.S), n))) for part in parts
+    ]
+    return np.concatenate(on_task), np.concatenate(on_rates)
 
 
 def _selected(name: str, task: Task, m: int) -> Array | None:
@@ -258,21 +267,15 @@ def _selected(name: str, task: Task, m: int) -> Array | None:
     return rows_of(f"rows of {name}", rows, m)
 
 
-def _part(
-    name: str, task: Task, S: Array | None, J: Array, scale: float, tolerance: float
-) -> _Part:
-    n, label = J.shape[1], f"weight of {name}"
-    if S is None:
-        # As for weights on rates: these are what they are, however inaccurate the geometry.
-        A, size = np.eye(n), exact_part(tolerance)
-    else:
-        A, size = S @ J, norm(S) * scale
+def _part(name: str, task: Task, J: Array) -> _Part:
+    S, label = _selected(name, task, len(J)), f"weight of {name}"
+    A = np.eye(J.shape[1]) if S is None else S @ J
     W = (
         np.eye(len(A))
         if task.weight is None
         else check.sized(label, check.weight(label, task.weight, len(A)))
     )
-    return _Part(A, W, size, task.interval)
+    return _Part(S, A, W, task.interval)
 
 
 def _level_targets(name: str, parts: tuple[_Part, ...], target: Any) -> tuple[Array, ...]:
@@ -295,14 +298,15 @@ def _target(name: str, part: _Part, target: Any) -> Array:
     return check.exactly(name, target, len(part.A)).copy()
 
 
-def _block(parts: tuple[_Part, ...], targets: tuple[Array, ...]) -> Equations | Rows:
+def _block(
+    parts: tuple[_Part, ...], decided: tuple[Array, float], targets: tuple[Array, ...]
+) -> Equations | Rows:
+    A, size = decided
     if parts[0].interval:
         lower, upper = targets[0]
-        return Rows(parts[0].A, (lower, upper))
-    rows = [part.W @ part.A for part in parts]
+        return Rows(A, (lower, upper))
     target = [part.W @ one for part, one in zip(parts, targets, strict=True)]
-    size = np.sqrt(sum((norm(part.W) * part.scale) ** 2 for part in parts))
-    return Equations(np.concatenate(rows), np.concatenate(target), np.asarray(size))
+    return Equations(A, np.concatenate(target), np.asarray(size))
 
 
 def _equations(A: Array) -> Equations:

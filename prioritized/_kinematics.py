@@ -14,21 +14,23 @@ from prioritized._active_constraint import ActiveConstraint, active_constraint
 from prioritized._arrays import none, read_only
 from prioritized._attainable import Attainable, attainable
 from prioritized._canonical import canonical
+from prioritized._conditioning import clear_of_errors
+from prioritized._decisions import Decided, MajorTask, TaskMotion, in_order, respanned
 from prioritized._elimination import Partition, PassiveMotion, passive_motion
 from prioritized._force import ForceMapping, force_mapping
 from prioritized._hierarchy import Hierarchy, Task, hierarchy
 from prioritized._limited import WhenLimited
 from prioritized._limits import Limits, limits
 from prioritized._major_maps import of_rates, of_torques, unweighted
-from prioritized._manipulability import Gaps, Manipulability, classify
+from prioritized._manipulability import Manipulability, classify
 from prioritized._names import Known, Names, known_actuators, known_velocities
 from prioritized._problem import Problem
-from prioritized._rank import RankedSvd, largest, ranked_svd
+from prioritized._rank import RANK_TOLERANCE, norm
 from prioritized._statics import constraint_gain, internal_rows, torque_gain
 from prioritized._survivors import Survivors
 from prioritized._task import task_selection
 from prioritized._velocity import VelocityMapping
-from prioritized._velocity_mapping import velocity_mapping
+from prioritized._velocity_mapping import of_plain_arrays, velocity_mapping
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,10 +73,18 @@ class Kinematics:
         """Size of the terms whose difference is J; its rank is decided against it."""
         return self._jacobian[1]
 
-    @cached_property
+    @property
     def self_motion(self) -> Array:
         """Orthonormal basis of the task motion with every active joint locked, shape (m, k)."""
-        return read_only(canonical(self._moved.U[:, : int(self._moved.rank)]))
+        if not self._motion.free.shape[1]:
+            return none((len(self.J), 0))  # the common case, at every tick
+        return self._self_motion
+
+    @cached_property
+    def _self_motion(self) -> Array:
+        moved = self._task_motion.moved
+        basis = respanned(moved.U[:, : int(moved.rank)], self.system.geometry.task_units)
+        return read_only(canonical(basis))
 
     @cached_property
     def internal_force(self) -> Array:
@@ -88,7 +98,7 @@ class Kinematics:
     @property
     def active_constraint(self) -> Array:
         """Orthonormal rows; admissible active rates are their null space, eq. (17), (r', n - q)."""
-        if not len(self._motion.loops.left_null):  # the common case, at every tick
+        if not len(self._motion.left_null):  # the common case, at every tick
             return none((0, len(self.active)))
         return read_only(self._constraint.rows)
 
@@ -102,42 +112,33 @@ class Kinematics:
         """Orthonormal basis of the passive motion, active joints locked, shape (N - n + q, d)."""
         return read_only(self.system.joints.among_passive(self._motion.free))
 
-    @property
-    def relative_self_motion(self) -> Array:
-        """Task motion of that basis, J_Tp J~_Cp, divided by the size of J_T, shape (m, d)."""
-        task, free = self.system.task, self._motion.free
-        if not free.shape[1]:
-            return none((len(task.J_T), 0))  # the common case, at every tick
-        return read_only(task.moving.dot(free) / (task.size or 1.0))
-
     @cached_property
     def constraint_gain(self) -> Array:
         """Constraint forces of least norm per task force, eq. (11), shape (c + s, m)."""
         return read_only(constraint_gain(self.system, self._motion, self.internal_force))
 
-    @cached_property
-    def gaps(self) -> Gaps:
-        """Gaps of the rank decisions that J and its constraints rest on."""
-        loops, springs = float(self._closure.gap), self._motion.spring_gap
-        return Gaps(loops, springs, self._constraint.gap)
-
     @property
     def gap(self) -> float:
-        """The smallest of them."""
-        return min(self.gaps)
+        """Smallest gap of the rank decisions that J and its constraints rest on."""
+        return float(self.system.motions.gap)
 
     @property
     def closure_condition(self) -> float:
         """Condition number of the closure J_Cp on its rank, 1 without loops.
 
-        Errors of the geometry are multiplied by up to as much in the passive rates. It depends on
-        the units of J_C.
+        Errors of the geometry are multiplied by up to as much in the passive rates. In natural
+        units, where the mechanism states them: otherwise it depends on the units of J_C.
         """
-        return float(self._closure.condition)
+        return self._condition
 
     @cached_property
-    def _closure(self) -> RankedSvd:
-        return self._motion.loops.decided()
+    def _condition(self) -> float:
+        geometry, moving = self.system.geometry, self.system.joints.moving
+        rank = len(moving) - int(self.system.rigid.freedom)
+        if not rank:
+            return 1.0
+        sigma = np.linalg.svd(geometry.closure.take(moving, 1), compute_uv=False)
+        return float(sigma[0] / sigma[rank - 1])
 
     @cached_property
     def _motion(self) -> PassiveMotion:
@@ -149,12 +150,11 @@ class Kinematics:
 
     @cached_property
     def _constraint(self) -> ActiveConstraint:
-        return active_constraint(self._motion.loops, self.system.J_C, self.active)
+        return active_constraint(self.system, self._motion.left_null)
 
     @cached_property
-    def _moved(self) -> RankedSvd:
-        """What the task sees of the passive motion with every active joint locked."""
-        return ranked_svd(self.relative_self_motion, 1.0, self.system.rank_tolerance, full=True)
+    def _task_motion(self) -> TaskMotion:
+        return TaskMotion(self.system.motions, self.active)
 
     @cached_property
     def _internal_rows(self) -> Array:
@@ -224,16 +224,13 @@ class Kinematics:
         Raises:
             ValueError: A row out of range or repeated.
         """
-        S_m, _ = task_selection(major, None, len(self.J), self.system.rank_tolerance)
+        S_m, S_s = task_selection(major, None, len(self.J))
         return classify(
-            S_m,
-            (self.J, self.scale),
-            (self._moved, self.relative_self_motion, self.passive_self_motion),
+            MajorTask(self._task_motion, S_m, S_s),
             (self.internal_force, self.active_constraint),
-            self.gaps,
+            self.passive,
             self.closure_condition,
             (self._known(self.passive), self._known(self.active)),
-            self.system.rank_tolerance,
         )
 
     def _known(self, velocities: Indices) -> Known:
@@ -264,25 +261,54 @@ class Kinematics:
         the survivors; rates, desired ones too, are the survivors' alone:
         `desired[..., kin.actuators]`.
         """
-        C, Q = self.active_constraint, self.relative_self_motion  # None spares the checks
+        W1 = self.survivors.matrix("joint_weight", joint_weight)
+        T = self.survivors.matrix("tie_metric", tie_metric)
+        box = self.survivors.pair(rate_limits)
+        rows = self.survivors.rows("rate_rows", rate_rows)
+        if self.is_unconstrained and major_metric is T is rows is None and not damping:
+            mapping = of_plain_arrays(
+                *(self.J, major, secondary, W1, secondary_weight),
+                *(self.scale, RANK_TOLERANCE, self.clear),
+                (box, when_limited),
+            )
+            if mapping is not None:
+                return mapping.belonging_to(self)
+        decided, C = self.decided(*task_selection(major, secondary, len(self.J))), None
+        if self.active_constraint.size:
+            C = self.active_constraint
         mapping = velocity_mapping(
-            self.J,
+            decided.J,
             major,
             secondary,
-            self.survivors.matrix("joint_weight", joint_weight),
+            W1,
             secondary_weight,
-            C if C.size else None,
-            Q if Q.size else None,
+            C,
+            decided.self_motion if decided.self_motion.size else None,
             major_metric=major_metric,
-            tie_metric=self.survivors.matrix("tie_metric", tie_metric),
+            tie_metric=T,
             damping=damping,
-            scale=self.scale,
-            rank_tolerance=self.system.rank_tolerance,
-            rate_limits=self.survivors.pair(rate_limits),
-            rate_rows=self.survivors.rows("rate_rows", rate_rows),
+            scale=decided.scale,
+            rate_limits=box,
+            rate_rows=rows,
             when_limited=when_limited,
         )
         return mapping.belonging_to(self)
+
+    @property
+    def is_unconstrained(self) -> bool:
+        """Whether loops leave all active rates and no self-motion."""
+        return not (len(self._motion.left_null) or self._motion.free.shape[1])
+
+    @property
+    def clear(self) -> float:
+        """Part of `scale` above which a singular value of J is clearly not zero."""
+        geometry, motion = self.system.geometry, self._motion
+        return clear_of_errors(geometry, self.scale, motion.gain, motion.closing)
+
+    def decided(self, S_m: Array, S_s: Array) -> Decided:
+        """What mappings take for the task v_m = S_m v, v_s = S_s v: its rank decisions, made."""
+        task = MajorTask(self._task_motion, S_m, S_s)
+        return task.of(self.J, self.scale, self.active_constraint)
 
     def hierarchy(
         self,
@@ -311,15 +337,12 @@ class Kinematics:
         """
         survivors = self.survivors
         return hierarchy(
-            self.J,
-            self.scale,
+            self,
             survivors.tasks(levels),
             self.active_constraint,
-            self.relative_self_motion,
             survivors.pair(rate_limits),
             survivors.rows("rate_rows", rate_rows),
             survivors.matrix("tie_metric", tie_metric),
-            self.system.rank_tolerance,
         )
 
     def force_mapping(
@@ -341,8 +364,9 @@ class Kinematics:
         A `torque_weight`, `tie_metric`, `torque_limits` or `torque_rows` for all n actuators is cut
         to the survivors; torques, desired ones too, are the survivors' alone.
         """
+        decided = self.decided(*task_selection(major, secondary, len(self.J)))
         mapping = force_mapping(
-            self.J,
+            decided.J,
             major,
             secondary,
             self.survivors.matrix("torque_weight", torque_weight),
@@ -351,19 +375,42 @@ class Kinematics:
             self.self_motion,  # decided: a second decision could contradict it at the threshold
             major_metric=major_metric,
             tie_metric=self.survivors.matrix("tie_metric", tie_metric),
-            scale=self.scale,
-            rank_tolerance=self.system.rank_tolerance,
+            scale=decided.scale,
             torque_limits=self.survivors.pair(torque_limits),
             torque_rows=self.survivors.rows("torque_rows", torque_rows),
             force_rows=force_rows,
             when_limited=when_limited,
         )
-        gap = min(self.gap, float(self._moved.gap))
         return dataclasses.replace(
             mapping,
-            gap=np.minimum(mapping.gap, gap),
+            gap=np.minimum(mapping.gap, decided.gap),
             closure_condition=self.closure_condition,
         )
+
+    def in_order(self, levels: list[tuple[Array, Array]]) -> tuple[list[tuple[Array, float]], bool]:
+        """Rows of levels (k, n) and their sizes, their rank decisions made one after the other.
+
+        Args:
+            levels: Rows on the task (k, m), and on the rates (k, n), to be added.
+
+        Returns:
+            The rows, and whether no self-motion moves the first level.
+        """
+        J, scale = self.J, self.scale
+        rows = [(S @ J + R, float(np.hypot(norm(S) * scale, norm(R)))) for S, R in levels]
+        if self.is_unconstrained:
+            S = np.concatenate([S[S.any(axis=1)] for S, _ in levels])
+            sigma = np.linalg.svd(S @ J, compute_uv=False)
+            if len(S) <= J.shape[1] and (sigma > self.clear * norm(S) * scale).all():
+                return rows, True
+        first, _ = levels[0]
+        decided = in_order(self._task_motion, levels, rows) if J.shape[1] else rows
+        return decided, self._holds(first)
+
+    def _holds(self, S: Array) -> bool:
+        """Whether no self-motion moves these rows of the task."""
+        rows = S[S.any(axis=1)]
+        return not MajorTask(self._task_motion, rows, rows[:0]).moved.rank
 
     @property
     def survivors(self) -> Survivors:
@@ -388,10 +435,8 @@ class Kinematics:
             ValueError: Wrong rows or limits, or too many facets to be listed.
         """
         within = self._limits("rate_limits", rate_limits)
-        problem = self._task(major)
-        S_m, tolerance = problem.S_m, self.system.rank_tolerance
-        moved = ranked_svd(S_m @ self.relative_self_motion, largest(S_m), tolerance)
-        return attainable(of_rates(problem), within, tolerance, self_motion=bool(moved.rank > 0))
+        problem, is_held = self._task(major)
+        return attainable(of_rates(problem), within, RANK_TOLERANCE, self_motion=not is_held)
 
     def attainable_force(
         self,
@@ -412,12 +457,14 @@ class Kinematics:
             ValueError: Wrong rows or limits, or too many facets to be listed.
         """
         within = self._limits("torque_limits", torque_limits)
-        return attainable(of_torques(self._task(major)), within, self.system.rank_tolerance)
+        return attainable(of_torques(self._task(major)[0]), within, RANK_TOLERANCE)
 
-    def _task(self, major: Sequence[int] | ArrayLike) -> Problem:
-        """The problem of a major task, without weights."""
-        C, Q, tolerance = self.active_constraint, self.self_motion, self.system.rank_tolerance
-        return unweighted(self.J, major, C, Q, self.scale, tolerance)
+    def _task(self, major: Sequence[int] | ArrayLike) -> tuple[Problem, bool]:
+        """The problem of a major task, without weights; whether no self-motion moves it."""
+        decided = self.decided(*task_selection(major, None, len(self.J)))
+        C, Q = self.active_constraint, self.self_motion
+        problem = unweighted(decided.J, major, C, Q, decided.scale, RANK_TOLERANCE)
+        return problem, not decided.self_motion.size
 
     def _limits(self, name: str, value: tuple[ArrayLike, ArrayLike] | None) -> Limits:
         return limits(name, self.survivors.pair(value), len(self.actuators))

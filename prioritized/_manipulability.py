@@ -2,17 +2,17 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
-from argument_checks import Array
+from argument_checks import Array, Indices
 from argument_checks.ties import ACCURACY
-from prioritized._amplification import closure_sentences, gain_sentences
+from prioritized._amplification import closure_sentences, doubt_sentences, gain_sentences
 from prioritized._canonical import canonical
+from prioritized._decisions import MajorTask, respanned
 from prioritized._findings import Finding, found
 from prioritized._names import Known, involved
-from prioritized._rank import RankedSvd, frobenius, largest, ranked_svd
+from prioritized._rank import RankedSvd
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,13 +27,16 @@ class Manipulability:
         largest_gain: Its largest singular value, the greatest major speed per unit norm; zero
             without rows.
         closure_condition: Condition number of the closure J_Cp on its rank, 1 without loops: errors
-            of the geometry are multiplied by up to as much. It depends on the units of J_C.
+            of the geometry are multiplied by up to as much. In natural units.
+        gain_uncertainty: Relative error that the accuracy of the geometry allows the worst gain; 0
+            when unmanipulable.
     """
 
     findings: Mapping[str, Finding]
     worst_gain: float
     largest_gain: float
     closure_condition: float
+    gain_uncertainty: float
 
     @property
     def unmanipulable(self) -> bool:
@@ -88,88 +91,71 @@ class Manipulability:
     def __str__(self) -> str:
         sentences = [finding.sentence for finding in self.findings.values()]
         sentences += gain_sentences(self.largest_gain, self.worst_gain)
+        sentences += doubt_sentences(self.worst_gain, self.gain_uncertainty)
         return "\n".join(sentences + closure_sentences(self.closure_condition))
 
 
-class Gaps(NamedTuple):
-    """Gaps of the rank decisions of an elimination; infinite where there was nothing to decide.
-
-    Attributes:
-        loops: Of J_Cp.
-        springs: Of the motion that springs resist or the passive metric weighs.
-        constraint: Of the active constraint.
-    """
-
-    loops: float
-    springs: float
-    constraint: float
-
-
 def classify(
-    S_m: Array,
-    jacobian: tuple[Array, float],
-    self_motions: tuple[RankedSvd, Array, Array],
+    task: MajorTask,
     constraints: tuple[Array, Array],
-    gaps: Gaps,
+    passive: Indices,
     closure_condition: float,
     known: tuple[Known, Known],
-    tolerance: float,
 ) -> Manipulability:
-    """The conditions for the major task S_m v, from arrays of :class:`prioritized.Kinematics`.
+    """The conditions for a major task, from the decisions on it under one failure condition.
 
     Args:
-        S_m: Shape (m1, m).
-        jacobian: J and its scale.
-        self_motions: The decision on the relative task motion, that motion, and the basis of the
-            passive joints'.
+        task: The decisions.
         constraints: Rows of internal_force and of active_constraint.
-        gaps: Those behind these arrays.
+        passive: Velocity indices of the passive joints.
         closure_condition: Of J_Cp.
         known: Names of the passive and of the active joints.
-        tolerance: Of the rank decisions.
     """
-    (J, scale), (internal_force, active_constraint) = jacobian, constraints
-    moved, relative_self_motion, passive_self_motion = self_motions
-    m1, size = len(S_m), float(frobenius(S_m))
-    Z = _null(ranked_svd(active_constraint, 1.0, tolerance, full=True))
-    reach = ranked_svd(S_m @ J @ Z, size * scale, tolerance, full=True)
-    reach_task = ranked_svd(J @ Z, scale, tolerance, full=True)
-    # Against the 2-norm, so that with every row major it is the decision on the whole task.
-    moved_major = ranked_svd(S_m @ relative_self_motion, largest(S_m), tolerance, full=True)
-    # The self-motion that does not move the major task may move the rest.
-    aside = ranked_svd(relative_self_motion @ _null(moved_major), 1.0, tolerance, full=True)
-    # The gap of a verdict is the smallest of all decisions behind it: self-motion is what neither
-    # loops nor springs prevent.
-    gap, free_gap = min(gaps), min(gaps.loops, gaps.springs)
+    whole, (internal_force, active_constraint) = task.task, constraints
+    motions, reach, moved = whole.motions, task.reach, whole.moved
+    geometry, major, gap = motions.geometry, task.major_units, float(motions.gap)
+    velocities, units = geometry.velocity_units[passive], geometry.task_units
+    idle = geometry.motions[passive] @ (motions.self_motion @ moved.null)
+    joints = _orthonormal(velocities[:, None] * idle)
+    # The gap of a verdict is the smallest of all decisions behind it.
     columns = {
-        "unmanipulable": (_left_null(reach), min(reach.gap, gap)),
-        "unmanipulable_task": (_left_null(reach_task), min(reach_task.gap, gap)),
-        "unstable": (_range(moved), min(moved.gap, free_gap)),
-        "unstable_major": (_range(moved_major), min(moved_major.gap, free_gap)),
-        "unstable_secondary": (_range(aside), min(aside.gap, moved_major.gap, free_gap)),
-        "idle": (passive_self_motion @ _null(moved), min(moved.gap, free_gap)),
+        "unmanipulable": (respanned(_left_null(reach), 1.0 / major), reach.gap),
+        "unmanipulable_task": (respanned(_left_null(whole.reach), 1.0 / units), whole.reach.gap),
+        "unstable": (respanned(_range(moved), units), moved.gap),
+        "unstable_major": (respanned(_range(task.moved), major), task.moved.gap),
+        "unstable_secondary": (
+            respanned(_range(task.aside), units),
+            min(task.aside.gap, task.moved.gap),
+        ),
+        "idle": (joints, moved.gap),
     }
-    columns = {name: (canonical(A), gap) for name, (A, gap) in columns.items()}
-    rows = {
-        "irresolvable": (internal_force, gaps.loops),
-        "constrained_active": (active_constraint, min(gaps.constraint, gaps.loops)),
-    }
-    idle, _ = columns["idle"]
-    accuracy = max(ACCURACY, tolerance)  # of the inputs, if that is worse
-    joints = {
-        "idle": involved(idle, known[0], accuracy),
+    columns = {name: (canonical(A), min(own, gap)) for name, (A, own) in columns.items()}
+    rows = {"irresolvable": internal_force, "constrained_active": active_constraint}
+    accuracy = max(ACCURACY, geometry.rank_tolerance, geometry.error_bound)
+    of_joints = {
+        "idle": involved(columns["idle"][0], known[0], accuracy),
         "constrained_active": involved(active_constraint.T, known[1], accuracy),
     }
     findings = {
-        name: found(name, A, count, least, joints.get(name, ""))
+        name: found(name, A, count, least, of_joints.get(name, ""))
         for name, A, count, least in [
             *((name, A, A.shape[1], least) for name, (A, least) in columns.items()),
-            *((name, A, A.shape[0], least) for name, (A, least) in rows.items()),
+            *((name, A, A.shape[0], gap) for name, A in rows.items()),
         ]
     }
-    worst = reach.sigma[:m1].min(initial=np.inf) if reach.rank == m1 else 0.0
-    largest_gain = reach.sigma.max(initial=0.0)
-    return Manipulability(findings, float(worst), float(largest_gain), closure_condition)
+    is_reached = reach.rank == len(task.S_m)
+    worst = reach.sigma.min(initial=np.inf, where=reach.kept) if is_reached else 0.0
+    return Manipulability(
+        findings,
+        float(worst) * task.gain_unit,
+        float(reach.sigma.max(initial=0.0)) * task.gain_unit,
+        closure_condition,
+        reach.uncertainty,
+    )
+
+
+def _orthonormal(columns: Array) -> Array:
+    return np.linalg.qr(columns)[0] if columns.size else columns
 
 
 def _left_null(A: RankedSvd) -> Array:
@@ -178,7 +164,3 @@ def _left_null(A: RankedSvd) -> Array:
 
 def _range(A: RankedSvd) -> Array:
     return A.U[:, : int(A.rank)]
-
-
-def _null(A: RankedSvd) -> Array:
-    return A.Vt[int(A.rank) :].T

@@ -6,6 +6,7 @@ from typing import Any, Protocol
 from numpy.typing import ArrayLike
 
 import argument_checks as check
+from prioritized._geometry import Accuracy
 from prioritized._rank import RANK_TOLERANCE
 
 GEOMETRY_MARGIN = 10.0
@@ -14,7 +15,10 @@ the singular values of closures by a few delta of their scale."""
 
 
 class Mechanism(Protocol):
-    """The Jacobians of a mechanism; it may have names, stiffness and geometry_accuracy as well."""
+    """The Jacobians of a mechanism; it may have names and stiffness as well.
+
+    And how accurate it is: as :class:`prioritized.Accuracy`, entry by entry, or geometry_accuracy.
+    """
 
     @property
     def J_T(self) -> ArrayLike: ...
@@ -40,13 +44,20 @@ def arguments_of(
             "springs must be False for a mechanism without stiffness: its springs are absent or "
             "not linear"
         )
-    if geometry_accuracy is None:
+    accuracy = accuracy_of(mechanism)
+    if geometry_accuracy is None and accuracy is None:
         geometry_accuracy = getattr(mechanism, "geometry_accuracy", None)
     return matrices | {
         "stiffness": stiffness,
         "names": getattr(mechanism, "names", None),
         "geometry_accuracy": geometry_accuracy,
+        "accuracy": accuracy,
     }
+
+
+def accuracy_of(mechanism: Any) -> Accuracy | None:
+    """The mechanism itself where it says how accurate its entries are, to be read when needed."""
+    return mechanism if hasattr(type(mechanism), "error_bound") else None
 
 
 def tolerance_of(rank_tolerance: float | None, geometry_accuracy: float | None) -> float:

@@ -15,6 +15,11 @@ RANK_TOLERANCE = 1e-10
 NOTHING = 1e-200
 """Singular values below it are zero at any scale: products with their inverse overflow."""
 
+_ERROR_MARGIN = 2.0
+"""Threshold per error of a singular value, which is of first order."""
+_ROUND_OFF = 1e-15
+"""Part of the scale below which the size of a singular value means nothing."""
+
 
 @dataclass(frozen=True, eq=False)
 class RankedSvd:
@@ -22,10 +27,11 @@ class RankedSvd:
 
     Attributes:
         U: Left singular vectors, shape (..., m, min(m, n)), or (m, m) when full.
-        sigma: Singular values, descending, shape (..., min(m, n)).
+        sigma: Singular values, those that count first, descending, shape (..., min(m, n)).
         Vt: Right singular vectors as rows, shape (..., min(m, n), n), or (n, n) when full.
-        threshold: What counts as zero, shape (..., 1).
+        threshold: What counts as zero, shape (..., min(m, n)), or (..., 1) for all alike.
         kept: Which singular values count, shape (..., min(m, n)).
+        round_off: What is no more than round-off, shape (..., 1).
     """
 
     U: Array
@@ -33,6 +39,7 @@ class RankedSvd:
     Vt: Array
     threshold: Array
     kept: Mask
+    round_off: Array
 
     @property
     def rank(self) -> Indices:
@@ -57,8 +64,18 @@ class RankedSvd:
         most = np.max(self.sigma, axis=-1, initial=0.0, where=self.kept)
         return np.where(self.rank > 0, most / least, 1.0)
 
+    @property
+    def uncertainty(self) -> float:
+        """Relative error that the least singular value that counts may have, of one matrix.
+
+        At most 0.5, where another one would have counted as zero; 0 if none counts.
+        """
+        with np.errstate(divide="ignore"):
+            ratio = self.threshold / (_ERROR_MARGIN * self.sigma)
+        return float(np.max(ratio, initial=0.0, where=self.kept))
+
     def pseudo_inverse(self, damping: float = 0.0) -> Array:
-        """Moore-Penrose inverse on the decided rank, shape (..., n, m); needs the thin SVD.
+        """Moore-Penrose inverse on the decided rank, shape (..., n, m).
 
         Damping lambda turns 1 / sigma into sigma / (sigma^2 + lambda^2).
         """
@@ -67,13 +84,19 @@ class RankedSvd:
         np.divide(1.0, self.sigma, out=reciprocal, where=self.kept)
         if damping:
             reciprocal /= 1.0 + (damping * reciprocal) ** 2
-        V = np.swapaxes(self.Vt, -1, -2)
-        return (V * reciprocal[..., None, :]) @ np.swapaxes(self.U, -1, -2)
+        k = self.sigma.shape[-1]
+        V = np.swapaxes(self.Vt[..., :k, :], -1, -2)
+        return (V * reciprocal[..., None, :]) @ np.swapaxes(self.U[..., :k], -1, -2)
+
+    @property
+    def null(self) -> Array:
+        """Orthonormal basis of the null space of one A, (n, .); needs the full SVD."""
+        return self.Vt[int(self.rank) :].T
 
     def null_projector(self) -> Array:
         """Orthogonal projector onto the null space of A, shape (..., n, n)."""
-        V_kept = np.swapaxes(self.Vt, -1, -2) * self.kept[..., None, :]
-        return np.eye(self.Vt.shape[-1]) - V_kept @ self.Vt
+        Vt = self.Vt[..., : self.sigma.shape[-1], :]
+        return np.eye(Vt.shape[-1]) - (np.swapaxes(Vt, -1, -2) * self.kept[..., None, :]) @ Vt
 
 
 def norm(A: Array) -> float:
@@ -101,18 +124,26 @@ def basis_scale(basis: Array) -> Array:
 
 
 def ranked_svd(
-    A: Array, scale: Array | float, tolerance: float, *, full: bool = False
+    A: Array,
+    scale: Array | float,
+    tolerance: float,
+    *,
+    full: bool = False,
+    error: Array | None = None,
 ) -> RankedSvd:
     """Singular value decomposition with the rank decided against the scale of the inputs.
 
     `scale` is the norm of the matrices that A was made from, never of A itself: a product that
-    cancels to round-off must count as zero.
+    cancels to round-off must count as zero. Where the entries of A have larger errors, a singular
+    value is zero if these explain it: an error D changes sigma_k by u_k^T D v_k to first order, by
+    no more than |u_k|^T |D| |v_k| (Stewart, Sun, "Matrix Perturbation Theory", 1990, th. IV.2.3).
 
     Args:
         A: Matrix or batch of matrices, shape (..., m, n).
         scale: Norm of the inputs, shape (...).
         tolerance: Fraction of `scale` below which a singular value is zero.
         full: Return square U and V.
+        error: Bound of the error of each entry of A, shape (..., m, n); None is round-off alone.
 
     Raises:
         ValueError: A has a number that is not finite, because products of the inputs overflowed.
@@ -129,6 +160,28 @@ def ranked_svd(
         *lead, m, n = A.shape
         U, sigma, Vt = np.zeros((*lead, m, 0)), np.zeros((*lead, 0)), np.zeros((*lead, 0, n))
     sigma = np.abs(sigma)  # LAPACK may return -0.0, whose inverse would be a negative gap
-    threshold = np.maximum(tolerance * np.asarray(scale), NOTHING)[..., None]
-    kept = sigma > threshold
-    return RankedSvd(U, sigma, Vt, threshold, kept)
+    scale = np.asarray(scale)[..., None]
+    threshold, round_off = np.maximum(tolerance * scale, NOTHING), _ROUND_OFF * scale
+    if error is None or not sigma.size:
+        return RankedSvd(U, sigma, Vt, threshold, sigma > threshold, round_off)
+    k = sigma.shape[-1]
+    of_left = np.swapaxes(np.abs(U[..., :k]), -1, -2) @ error
+    explained = _ERROR_MARGIN * (of_left * np.abs(Vt[..., :k, :])).sum(axis=-1)
+    threshold = np.maximum(threshold, explained)
+    return _kept_first(RankedSvd(U, sigma, Vt, threshold, sigma > threshold, round_off))
+
+
+def _kept_first(svd: RankedSvd) -> RankedSvd:
+    """The same with the singular values that count before those that do not."""
+    U, sigma, Vt, threshold, kept, round_off = vars(svd).values()
+    if not (kept[..., 1:] & ~kept[..., :-1]).any():
+        return svd
+    order = np.argsort(~kept, axis=-1, kind="stable")
+    k = sigma.shape[-1]
+    U, Vt = np.array(U), np.array(Vt)
+    U[..., :k] = np.take_along_axis(U[..., :k], order[..., None, :], axis=-1)
+    Vt[..., :k, :] = np.take_along_axis(Vt[..., :k, :], order[..., :, None], axis=-2)
+    sigma, threshold, kept = (
+        np.take_along_axis(each, order, axis=-1) for each in (sigma, threshold, kept)
+    )
+    return RankedSvd(U, sigma, Vt, threshold, kept, round_off)

@@ -8,7 +8,7 @@ from prioritized._elimination import Partition, PassiveMotion
 
 def internal_rows(system: Partition, motion: PassiveMotion) -> Array:
     """Rows that span the left null space of [J_Cp; E], eq. (13), shape (r, c + s)."""
-    left = motion.loops.left_null  # the reactions of stuck joints balance it
+    left = motion.left_null  # the reactions of stuck joints balance it
     return np.hstack([left, -left @ system.J_C[:, system.joints.stuck]])
 
 

@@ -11,10 +11,11 @@ from numpy.typing import ArrayLike
 import argument_checks as check
 from argument_checks import Array, Indices
 from prioritized._arrays import read_only
-from prioritized._elimination import Joints, Partition, TaskJacobian, sort_joints
+from prioritized._elimination import Joints, Partition, sort_joints
 from prioritized._failures import Failures, failed_actuators, stuck_passive
+from prioritized._geometry import Accuracy, Elsewhere, Geometry
 from prioritized._kinematics import Kinematics
-from prioritized._mechanism import Mechanism, arguments_of, tolerance_of
+from prioritized._mechanism import Mechanism, accuracy_of, arguments_of, tolerance_of
 from prioritized._names import (
     HasNames,
     Known,
@@ -43,6 +44,7 @@ class ConstrainedSystem:
         failures: See :meth:`with_failures`.
         names: Of joints and actuators, or None.
         geometry_accuracy: What J_T and J_C are accurate to [rad, or relative length], or None.
+        accuracy: Of each entry, and natural units, or None.
     """
 
     J_T: Array
@@ -53,6 +55,7 @@ class ConstrainedSystem:
     failures: Failures
     names: Names | None
     geometry_accuracy: float | None
+    accuracy: Accuracy | None
 
     def __init__(
         self,
@@ -65,6 +68,7 @@ class ConstrainedSystem:
         *,
         names: HasNames | None = None,
         geometry_accuracy: float | None = None,
+        accuracy: Accuracy | None = None,
     ) -> None:
         """Take the Jacobians as read-only copies.
 
@@ -85,6 +89,8 @@ class ConstrainedSystem:
                 :class:`prioritized.Names`; None is a mechanism without names.
             geometry_accuracy: Largest error of a joint axis [rad] or of a length, relative. Given
                 instead of `rank_tolerance`, it sets that to ten times itself.
+            accuracy: Errors of the entries, in the unit of each, and natural units, as a
+                :class:`prioritized.Accuracy`; None is round-off alone, all units 1.
 
         Raises:
             TypeError: `names` or `failures` is of another type.
@@ -102,6 +108,7 @@ class ConstrainedSystem:
             "rank_tolerance": tolerance_of(rank_tolerance, geometry_accuracy),
             "geometry_accuracy": None if geometry_accuracy is None else float(geometry_accuracy),
         }
+        fields["accuracy"] = accuracy
         n = len(fields["active"])
         fields["names"] = None if names is None else checked_names(names, N, n)
         for name, value in (fields | {"failures": Failures()}).items():
@@ -161,9 +168,9 @@ class ConstrainedSystem:
     def at(self, J_T: ArrayLike | None = None, J_C: ArrayLike | None = None) -> "ConstrainedSystem":
         """The same mechanism with the same failures at another pose.
 
-        Both Jacobians must be of closed loops, as after `sim.assemble`. The rank tolerance stays
-        that of the first pose: where loops are open by 1e-6 m or rad, redundant rows of J_C differ
-        by as much, and the difference can count as one more constraint.
+        Both Jacobians must be of closed loops, as after `sim.assemble`. The accuracy stays that of
+        the first pose, its entries spread over rows of the same unit: where it is that of a model,
+        :meth:`at_pose` takes it anew.
 
         Args:
             J_T: Task Jacobian at that pose, of the same shape as before; None is unchanged.
@@ -177,13 +184,27 @@ class ConstrainedSystem:
             poses["J_T"] = _copy("J_T", J_T, N, m)
         if J_C is not None:
             poses["J_C"] = _copy("J_C", J_C, N)
+        if self.accuracy is not None:
+            first = self.accuracy.first if isinstance(self.accuracy, Elsewhere) else self.accuracy
+            poses["accuracy"] = Elsewhere(first, len(poses.get("J_C", self.J_C)))
         return self._changed(**poses)
+
+    def at_pose(self, mechanism: Mechanism) -> "ConstrainedSystem":
+        """The same with the Jacobians of a mechanism that was read anew, and their accuracy.
+
+        Args:
+            mechanism: As for :meth:`of`, of the same velocities and task rows.
+
+        Raises:
+            ValueError: As :meth:`at`.
+        """
+        there, accuracy = self.at(mechanism.J_T, mechanism.J_C), accuracy_of(mechanism)
+        return there if accuracy is None else there._changed(accuracy=accuracy)
 
     def _changed(self, **changes: Any) -> "ConstrainedSystem":
         other = object.__new__(ConstrainedSystem)
         other.__dict__.update(self.__dict__)
-        if "failures" in changes:
-            other.__dict__.pop("_joints", None)
+        other.__dict__.pop("_joints" if "failures" in changes else "geometry", None)
         other.__dict__.update(changes)
         return other
 
@@ -207,9 +228,14 @@ class ConstrainedSystem:
             ValueError: A metric of the wrong shape, not finite, or with a negative eigenvalue.
         """
         metric = _metric("passive_metric", passive_metric, self.J_T.shape[1])
-        task, joints = TaskJacobian(self.J_T, self._joints), self._joints
-        parts = task, self.J_C, joints, self.stiffness, metric, self.rank_tolerance
+        parts = self.geometry, self._joints, self.stiffness, metric
         return Kinematics(Partition(*parts), self.names)
+
+    @cached_property
+    def geometry(self) -> Geometry:
+        """J_T and J_C in natural units, and what is decided on them whatever fails."""
+        is_stated = self.geometry_accuracy is not None
+        return Geometry(self.J_T, self.J_C, self.rank_tolerance, self.accuracy, is_stated)
 
     def __str__(self) -> str:
         failures = self.failures.in_words(self._known_actuators, self._known_velocities)

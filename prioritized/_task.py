@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 import argument_checks as check
 from argument_checks import Array
 from prioritized._canonical import canonical
-from prioritized._rank import frobenius, ranked_svd
+from prioritized._rank import RANK_TOLERANCE, frobenius, ranked_svd
 
 
 class Status(Enum):
@@ -54,7 +54,7 @@ def task_selection(
     major: Sequence[int] | ArrayLike,
     secondary: Sequence[int] | ArrayLike | None,
     m: int,
-    tolerance: float,
+    tolerance: float = RANK_TOLERANCE,
 ) -> tuple[Array, Array]:
     """Selection matrices S_m (m1, m), S_s (m2, m): v_m = S_m v, v_s = S_s v, eq. (15).
 

@@ -13,6 +13,7 @@ from argument_checks import Array, Indices
 from prioritized._amplification import as_sentence, closure_sentences, servo_sentences
 from prioritized._arrays import apply, joined, none, on_axes, read_only, respond
 from prioritized._compiled import unlimited
+from prioritized._decisions import Decided
 from prioritized._levels import Level, damped, smallest_gap, velocity_levels
 from prioritized._limited import Limiting, Optimum, optimum
 from prioritized._limits import Limits, limits
@@ -50,13 +51,14 @@ class Mechanism(Protocol):
     @property
     def active_constraint(self) -> Array: ...
     @property
-    def relative_self_motion(self) -> Array: ...
+    def is_unconstrained(self) -> bool: ...
     @property
-    def gap(self) -> float: ...
+    def clear(self) -> float: ...
     @property
     def closure_condition(self) -> float: ...
     @property
     def survivors(self) -> Survivors: ...
+    def decided(self, S_m: Array, S_s: Array) -> Decided: ...
 
 
 class VelocityMapping:
@@ -263,10 +265,9 @@ class VelocityMapping:
             ValueError: It has another number of task rows or surviving actuators; or limits of a
                 wrong length, or not in order.
         """
-        Q = getattr(kinematics, "relative_self_motion", None)
-        if Q is None:
+        if not hasattr(kinematics, "decided"):
             raise TypeError(f"kinematics must be a Kinematics, got {check.shown(kinematics)}")
-        J, C, shape = kinematics.J, kinematics.active_constraint, self.problem.J.shape
+        J, shape = kinematics.J, self.problem.J.shape
         if J.shape != shape:
             raise ValueError(f"kinematics must have a J of shape {shape}, got {J.shape}")
         limiting = self.limiting
@@ -274,15 +275,21 @@ class VelocityMapping:
             box = limits("rate_limits", kinematics.survivors.pair(rate_limits), J.shape[1])
             limiting = _bounded_by(box, limiting)
         simple = self._simple
-        if simple is not None and not C.size and not Q.size:
-            factors = factors_of_diagonals(J, *simple.weights, kinematics.scale, simple.selected)
+        if simple is not None and kinematics.is_unconstrained:
+            selected = simple.selected._replace(clear=kinematics.clear)
+            factors = factors_of_diagonals(J, *simple.weights, kinematics.scale, selected)
             if factors is not None:
-                rest = simple.selected, kinematics.scale, self.tolerance
+                rest = selected, kinematics.scale, self.tolerance
                 mapping = VelocityMapping.of_factors(factors, rest, kinematics, limiting)
                 vars(mapping)["_simple"] = simple
                 return mapping
-        scale = np.asarray(kinematics.scale)
-        there = self.problem._replace(J=J, scale=scale, active_constraint=C, self_motion=Q)
+        decided = kinematics.decided(self.problem.S_m, self.problem.S_s)
+        there = self.problem._replace(
+            J=decided.J,
+            scale=np.asarray(decided.scale),
+            active_constraint=kinematics.active_constraint,
+            self_motion=decided.self_motion,
+        )
         return VelocityMapping(there, self.damping, kinematics, limiting)
 
     @cached_property
@@ -374,7 +381,8 @@ class VelocityMapping:
         """Factor by which the rank threshold could change before any rank would, shape (...)."""
         gap = smallest_gap(self._solution[1])
         if self.kinematics is not None:
-            gap = np.minimum(gap, self.kinematics.gap)
+            decided = self.kinematics.decided(self.problem.S_m, self.problem.S_s)
+            gap = np.minimum(gap, decided.gap)
         return np.broadcast_to(gap, self.problem.lead)
 
     @property
@@ -416,14 +424,15 @@ class VelocityMapping:
             and J is not None
             and J.shape == ready.shape
             and self.limiting is None
-            and not kinematics.active_constraint.size
+            and kinematics.is_unconstrained
         ):
             joint = ready.joint if joint_velocity is None else joint_velocity
             secondary = ready.secondary if secondary_velocity is None else secondary_velocity
             F, rates, scale = np.empty(ready.room), np.empty(J.shape[1]), kinematics.scale
             try:
+                fractions = kinematics.clear, ready.exact
                 code = ready.solve(
-                    J, *ready.weighed, scale, *ready.fractions, v_major, joint, secondary, F, rates
+                    J, *ready.weighed, scale, *fractions, v_major, joint, secondary, F, rates
                 )
             except TypeError:  # no vectors, or not of floats
                 code = None
@@ -444,7 +453,7 @@ class VelocityMapping:
             J.shape,
             (S_m, S_s, W1, W2),
             room(len(S_m), *J.shape, len(W1), len(W2), len(S_s)),
-            thresholds(problem.tolerance),
+            thresholds(problem.tolerance)[1],
             none(J.shape[1:]),
             none((len(S_s),)),
         )
@@ -459,7 +468,7 @@ class _Ready(NamedTuple):
         shape: Of J.
         weighed: Directions and weights.
         room: How many numbers it works on.
-        fractions: Thresholds of the rank decisions.
+        exact: Part of the rank tolerance for weights.
         joint: No desired rates.
         secondary: No desired secondary velocity.
     """
@@ -469,7 +478,7 @@ class _Ready(NamedTuple):
     shape: tuple[int, ...]
     weighed: tuple[Array, Array, Array, Array]
     room: int
-    fractions: tuple[float, float]
+    exact: float
     joint: Array
     secondary: Array
 

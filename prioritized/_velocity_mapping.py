@@ -85,13 +85,12 @@ def velocity_mapping(
         and rate_rows is None
         and not damping
     ):
-        quick = _of_plain_arrays(
-            J, major, secondary, joint_weight, secondary_weight, scale, rank_tolerance
+        clear = _clear(rank_tolerance)
+        quick = of_plain_arrays(
+            *(J, major, secondary, joint_weight, secondary_weight),
+            *(scale, rank_tolerance, clear, (rate_limits, when_limited)),
         )
         if quick is not None:
-            if rate_limits is not None or when_limited != "least_squares":
-                limited = limiting(np.shape(J)[1], "rate_limits", rate_limits, {}, when_limited)
-                vars(quick)["limiting"] = limited
             return quick
     args = checked(
         J,
@@ -112,7 +111,11 @@ def velocity_mapping(
     return VelocityMapping(args, check.number("damping", damping), None, limited)
 
 
-def _of_plain_arrays(
+def _clear(rank_tolerance: Any) -> float:
+    return thresholds(rank_tolerance)[0] if type(rank_tolerance) is float else 0.0
+
+
+def of_plain_arrays(
     J: Any,
     major: Any,
     secondary: Any,
@@ -120,10 +123,13 @@ def _of_plain_arrays(
     secondary_weight: Any,
     scale: Any,
     rank_tolerance: float,
+    clear: float,
+    limits: tuple[Any, Any],
 ) -> VelocityMapping | None:
     """The mapping of one J, its weights diagonal, where all arguments are as they should be.
 
-    None elsewhere: the checks then say what is wrong, or take what is right in another form.
+    None elsewhere, and where no singular value is below `clear` parts of the scale: the checks then
+    say what is wrong, or take what is right in another form.
     """
     w1 = _NOTHING if joint_weight is None else joint_weight
     w2 = _NOTHING if secondary_weight is None else secondary_weight
@@ -139,11 +145,15 @@ def _of_plain_arrays(
     ):
         return None
     rest = None if secondary is None else tuple(secondary)
-    selected = _selected(tuple(major), rest, J.shape, w1.size, w2.size, rank_tolerance)
+    exact = thresholds(rank_tolerance)[1]
+    selected = _selected(tuple(major), rest, J.shape, w1.size, w2.size, clear, exact)
     factors = factors_of_diagonals(J, w1, w2, size, selected)
     if factors is None:
         return None
-    return VelocityMapping.of_factors(factors, (selected, size, rank_tolerance), None, None)
+    (box, when), limited = limits, None
+    if box is not None or when != "least_squares":
+        limited = limiting(J.shape[1], "rate_limits", box, {}, when)
+    return VelocityMapping.of_factors(factors, (selected, size, rank_tolerance), None, limited)
 
 
 @lru_cache(maxsize=1024)
@@ -153,13 +163,14 @@ def _selected(
     shape: tuple[int, int],
     k1: int,
     k2: int,
-    tolerance: float,
+    clear: float,
+    exact: float,
 ) -> Selected:
     """Tasks and sizes, looked up once: they are the same at every tick."""
     m, n = shape
-    S_m, S_s = task_selection(major, secondary, m, tolerance)
+    S_m, S_s = task_selection(major, secondary, m)
     sizes = len(S_m), m, n, k1, k2, len(S_s)
-    return Selected(S_m, S_s, sizes, room(*sizes), *thresholds(tolerance))
+    return Selected(S_m, S_s, sizes, room(*sizes), clear, exact)
 
 
 _NOTHING = none((0,))

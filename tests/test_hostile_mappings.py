@@ -57,7 +57,7 @@ def torques(mapping: ForceMapping) -> dict[str, Any]:
 def mechanism(kin: Kinematics) -> dict[str, Any]:
     """All numbers of a mechanism."""
     names = "J scale self_motion internal_force active_constraint passive_gain passive_self_motion"
-    names += " relative_self_motion constraint_gain gap"
+    names += " constraint_gain gap"
     report = kin.manipulability([0])
     arrays: dict[str, Any] = {name: getattr(kin, name) for name in names.split()}
     arrays["f_C"] = kin.constraint_force(np.ones(len(kin.J)), np.ones(len(kin.active)))

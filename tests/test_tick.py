@@ -201,7 +201,7 @@ def test_the_closed_form_is_what_the_elimination_gives(seed, locked):
     np.testing.assert_allclose(closed.J, general.J, **near)
     assert closed.scale == pytest.approx(general.scale, rel=1e-10)
     assert closed.active_constraint.shape == general.active_constraint.shape
-    assert closed.relative_self_motion.shape == general.relative_self_motion.shape
+    assert closed.self_motion.shape == general.self_motion.shape
     assert (closed.gap, closed.closure_condition) == (general.gap, general.closure_condition)
     assert str(closed.manipulability(MAJOR)) == str(general.manipulability(MAJOR))
 

@@ -105,6 +105,7 @@ CHOOSES_OTHERWISE = {
     "experiments/track/runs.py": "times that a user gave",
     "experiments/uncorrected/answer.py": "counts",
     "ftc/fdi/residual_test.py": "the first that is true",
+    "prioritized/_rank.py": "what counts before what does not",
     "sim/accuracy.py": "the first that is true",
     "sim/bench.py": "times that a user gave",
     "sim/frame.py": "the first that is true",

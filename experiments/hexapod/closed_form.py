@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.linalg.blas import dnrm2
 
-from prioritized import Kinematics
+from prioritized import RANK_TOLERANCE, Kinematics
 from sim import Array
 
 
@@ -49,10 +49,16 @@ class StrutKinematics(Kinematics):
         return _NO_ROWS[:, : self._J.shape[1]]
 
     @property
-    def relative_self_motion(self) -> Array:
-        """None: shape (6, 0)."""
-        return _NO_COLUMNS
+    def is_unconstrained(self) -> bool:
+        """Always."""
+        return True
+
+    @property
+    def clear(self) -> float:
+        """As of exact Jacobians."""
+        return _CLEAR
 
 
 _SIZE_OF_J_T = sqrt(6.0)
-_NO_ROWS, _NO_COLUMNS = np.zeros((0, 6)), np.zeros((6, 0))
+_NO_ROWS = np.zeros((0, 6))
+_CLEAR = 2.0 * RANK_TOLERANCE
