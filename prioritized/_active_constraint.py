@@ -7,7 +7,9 @@ import numpy as np
 from argument_checks import Array
 from prioritized._arrays import none
 from prioritized._canonical import canonical
+from prioritized._conditioning import certain_rank, clear_loops
 from prioritized._elimination import Partition
+from prioritized._rank import norm, whole_svd
 
 
 class ActiveConstraint(NamedTuple):
@@ -22,15 +24,23 @@ class ActiveConstraint(NamedTuple):
     inverse: Array
 
 
-def active_constraint(system: Partition, left_null: Array) -> ActiveConstraint:
-    """The constraints on the rates of the active joints, for rows J~_Cp^T (r, c)."""
+def active_constraint(system: Partition, left_null: Array, gain: Array) -> ActiveConstraint:
+    """The constraints on the active rates, for J~_Cp^T (r, c) and passive rates per active rate."""
     active = system.joints.active
     n = len(active)
     if not len(left_null):
         return ActiveConstraint(none((0, n)), none((n, 0)))
-    units, motions = system.geometry.velocity_units[active], system.rigid
-    k = int(motions.rates.rank)
-    admissible = units[:, None] * motions.rates.U[:, :k]
-    rows = canonical(np.linalg.qr(admissible, mode="complete")[0][:, k:]).T
-    X = left_null @ system.J_C[:, active] @ rows.T
-    return ActiveConstraint(rows, rows.T @ np.linalg.pinv(X))
+    J_Ca, geometry = system.J_C.take(active, 1), system.geometry
+    left = left_null.dot(J_Ca)
+    U, sigma, Vt = whole_svd(left)
+    # Closure errors count per norm of the whole motion: passive joints may move fast.
+    clear = clear_loops(geometry) * (1.0 + norm(gain))
+    rank = certain_rank(sigma, norm(system.J_C), clear)
+    if rank is None:
+        k = int(system.rigid.rates.rank)
+        admissible = geometry.velocity_units[active, None] * system.rigid.rates.U[:, :k]
+        rows = np.linalg.qr(admissible, mode="complete")[0][:, k:].T
+        U, sigma, Vt = whole_svd((left @ rows.T) @ rows)
+        rank = len(rows)
+    inverse = (Vt[:rank].T / sigma[:rank]) @ U[:, :rank].T
+    return ActiveConstraint(canonical(Vt[:rank].T).T, inverse)

@@ -11,16 +11,17 @@ import argument_checks as check
 from argument_checks import Array, Mask
 from prioritized._arrays import ReadOnly, transposed
 from prioritized._canonical import canonical
-from prioritized._decisions import MajorTask, TaskMotion, respanned
+from prioritized._decisions import MajorTask, respanned
 from prioritized._failures import Failures, failed_actuators
 from prioritized._limits import limits
 from prioritized._major_maps import unweighted
-from prioritized._motions import motions_of, with_stiffness
+from prioritized._motions import Motions, motions_of, with_stiffness
 from prioritized._names import Known, known_actuators
 from prioritized._problem import Problem
 from prioritized._rank import RANK_TOLERANCE
 from prioritized._system import ConstrainedSystem
 from prioritized._task import task_selection
+from prioritized._task_motion import TaskMotion
 from prioritized._worst import Within
 
 SOUND, LOCKED, FREE = 0, 1, 2
@@ -156,11 +157,13 @@ def failure_atlas(
     )
     stuck = np.array(sorted(known.locked_passive), dtype=np.intp)
     motions = motions_of(system.geometry, system.active, stuck, (locked, active))
-    rigid = _classes(MajorTask(TaskMotion(motions, system.active), S_m, S_s), within)
+    rigid = _classes(motions, MajorTask(TaskMotion.of(motions, system.active), S_m, S_s), within)
     elastic = None
     if system.stiffness is not None:
         settled = with_stiffness(motions, system.stiffness)
-        elastic = _classes(MajorTask(TaskMotion(settled, system.active), S_m, S_s), within)
+        elastic = _classes(
+            settled, MajorTask(TaskMotion.of(settled, system.active), S_m, S_s), within
+        )
     return FailureAtlas(
         **vars(rigid),
         codes=conditions,
@@ -180,17 +183,17 @@ def _conditions(codes: ArrayLike | None, n: int) -> NDArray[np.int8]:
     return listed.astype(np.int8)
 
 
-def _classes(task: MajorTask, within: Within) -> Classes:
-    motions, whole = task.task.motions, task.task
+def _classes(motions: Motions, task: MajorTask, within: Within) -> Classes:
+    whole = task.task
     m1, m2 = len(task.S_m), len(task.S_s)
     reach, secondary, moved = task.reach, task.secondary, whole.moved
-    geometry = motions.geometry
+    geometry = whole.geometry
     possible = (reach.rank == m1) & (task.moved.rank == 0)
     moves = moved.U[..., : moved.kept.shape[1]] * moved.kept[:, None, :]
     self_motion = canonical(respanned(moves, geometry.task_units))
     lost = secondary.U * (np.arange(m2) >= secondary.rank[:, None])[:, None, :]
     least = reach.sigma.min(axis=1, initial=np.inf, where=reach.kept) * task.gain_unit
-    problem = _problem(task, self_motion)
+    problem = _problem(motions, task, self_motion)
     return Classes(
         possible=possible,
         unmanipulable=reach.rank < m1,
@@ -210,14 +213,14 @@ def _classes(task: MajorTask, within: Within) -> Classes:
     )
 
 
-def _problem(task: MajorTask, self_motion: Array) -> Problem:
+def _problem(motions: Motions, task: MajorTask, self_motion: Array) -> Problem:
     """Problems 1 and 6 without weights, in their own units."""
-    whole, geometry = task.task, task.task.motions.geometry
+    whole, geometry = task.task, task.task.geometry
     rows, rates = geometry.task_units[:, None], whole.rate_units
     J = rows * whole.J / rates
     if task.lost is not None:
         J = J - task.lost
-    admissible = respanned(whole.motions.admissible, rates)
+    admissible = respanned(motions.admissible, rates)
     forbidden = np.eye(len(rates)) - admissible @ transposed(admissible)
     scale = task.parting(J, whole.scale(None) * geometry.task_units.max() / rates.min())
     return unweighted(J, task.S_m, forbidden, self_motion, scale, RANK_TOLERANCE)

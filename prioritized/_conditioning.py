@@ -8,6 +8,8 @@ from prioritized._rank import norm
 
 ROUND_OFF = 1e-12
 """Fraction of the scale below which a triangle's singular values may be round-off."""
+NOTHING = 1e-13
+"""Fraction of the scale below which a singular value is zero at any tolerance."""
 _MARGIN = 4.0
 """Of bounds of errors, which are of first order."""
 
@@ -18,6 +20,12 @@ def well_conditioned_above(tolerance: float) -> float:
     Below it the SVD decides, at the tolerance itself.
     """
     return max(2.0 * tolerance, ROUND_OFF)
+
+
+def certain_rank(sigma: Array, scale: float, clear: float) -> int | None:
+    """Number of singular values above `clear` parts of the scale, if all others are round-off."""
+    count = int(np.count_nonzero(sigma > clear * scale))
+    return None if (sigma[count:] > NOTHING * scale).any() else count
 
 
 def clear_loops(geometry: Geometry) -> float:

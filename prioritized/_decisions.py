@@ -1,189 +1,19 @@
 """Every rank decision on a task, made once: mappings, classification and atlas all read these.
 
-In natural units; of one failure condition or of many, whose axes lead, as in :class:`Motions`.
+In natural units; of one failure condition or of many, whose axes lead.
 """
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 
-from argument_checks import Array, Indices
-from prioritized._arrays import transposed
-from prioritized._motions import Motions
-from prioritized._rank import RANK_TOLERANCE, RankedSvd, frobenius, largest, norm, ranked_svd
+from argument_checks import Array
+from prioritized._rank import RANK_TOLERANCE, RankedSvd, frobenius, largest, norm
+from prioritized._task_motion import LEAST_ROWS, Before, Step, TaskMotion, null_of
 
 _BELOW = 1e-15
 """Part of the size of the terms below which singular values are round-off."""
-_LEAST_ROWS = 1e-4
-"""Part of the whole task's size that some of its rows have at least: smaller ones are round-off."""
-
-
-@dataclass(frozen=True, eq=False)
-class TaskMotion:
-    """How the whole task moves.
-
-    Attributes:
-        motions: That the mechanism admits.
-        actuated: Velocity indices of the columns of J, (n,).
-    """
-
-    motions: Motions
-    actuated: Indices
-
-    @cached_property
-    def J(self) -> Array:
-        """Task Jacobian on the admissible rates, zero on all others, shape (..., m, n)."""
-        return self._task @ self.motions.driven
-
-    @cached_property
-    def error(self) -> Array | None:
-        """Bound of the error of each entry of J: of eq. (14) to first order; None where exact."""
-        return self._error(self._velocities)
-
-    @cached_property
-    def reach(self) -> RankedSvd:
-        """Of J."""
-        return self.decided(self.J, self.scale(None), self.error)
-
-    @cached_property
-    def moved(self) -> RankedSvd:
-        """Of the task motion with every active joint locked."""
-        return self.decided(self.still, frobenius(self.motions.geometry.task), self.still_error)
-
-    @cached_property
-    def still(self) -> Array:
-        """Task motion per self-motion, shape (..., m, .)."""
-        return self._task @ self.motions.self_motion
-
-    @cached_property
-    def still_error(self) -> Array | None:
-        """Bound of its error."""
-        F = self.motions.self_motion
-        return self._error(self.motions.geometry.motions @ F) if F.shape[-1] else None
-
-    @property
-    def task_units(self) -> Array:
-        """Natural units of the task rows, shape (m,)."""
-        return self.motions.geometry.task_units
-
-    @property
-    def rate_units(self) -> Array:
-        """Natural units of the rates, shape (n,)."""
-        return self.motions.geometry.velocity_units[self.actuated]
-
-    @cached_property
-    def start(self) -> "Before":
-        """Before any step: all admissible rates are free."""
-        Z, rank = self.motions.admissible, self.motions.rates.rank
-        free = Z[:, : int(rank)] if Z.ndim == 2 else Z @ transposed(Z)
-        none = np.zeros((*Z.shape[:-1], 0))
-        return Before(free, none, None if self.error is None else transposed(none))
-
-    def step(self, S: Array) -> "Step":
-        """The rows S J, S (k, m) in natural units."""
-        error = None if self.error is None else np.abs(S) @ self.error
-        return Step(S @ self.J, frobenius(S) * self.size(S), error)
-
-    def decided(self, A: Array, scale: Array, error: Array | None) -> RankedSvd:
-        """The rank decision on a product of this size, with the whole bases."""
-        tolerance = self.motions.geometry.rank_tolerance
-        return ranked_svd(A, scale, tolerance, full=True, error=error)
-
-    def scale(self, S: Array | None) -> Array:
-        """Size of the terms of the task rows that S (k, m) takes part in, or of all, (...)."""
-        task = self.motions.geometry.task
-        rows = task if S is None else task[S.any(axis=0)]
-        follow = self.motions.moving[..., None] * self._velocities
-        through = np.sqrt((rows**2).sum(axis=0))[:, None]
-        return frobenius(rows) + frobenius(through * follow)
-
-    def size(self, S: Array) -> Array:
-        """The same, but not below what round-off leaves of larger rows, shape (...)."""
-        return np.maximum(self.scale(S), _LEAST_ROWS * self.scale(None))
-
-    def _error(self, velocities: Array) -> Array | None:
-        """Of the task motion in this motion of all joints."""
-        geometry, closing = self.motions.geometry, self.motions.closing
-        if geometry.task_error is None:
-            return None
-        error = geometry.task_error @ np.abs(velocities)
-        if closing is None or geometry.closure_error is None:
-            return error
-        return error + np.abs(closing) @ (geometry.closure_error @ np.abs(velocities))
-
-    @cached_property
-    def _task(self) -> Array:
-        return self.motions.geometry.task @ self.motions.geometry.motions
-
-    @cached_property
-    def _velocities(self) -> Array:
-        return self.motions.velocities
-
-
-class Step(NamedTuple):
-    """Rows that are decided on after others: A (..., k, n), its size, and the errors of it."""
-
-    A: Array
-    scale: Array
-    error: Array | None
-
-
-class Before(NamedTuple):
-    """What earlier steps leave, and how far off their rows may be.
-
-    Attributes:
-        free: Rates that they leave at rest: basis (n, .) or projector (..., n, n).
-        gain: Rates that move them, each without moving those before it, shape (..., n, k).
-        error: Of their rows, (..., k, n); None where exact.
-    """
-
-    free: Array
-    gain: Array
-    error: Array | None
-
-    def then(self, task: TaskMotion, step: Step) -> tuple[RankedSvd, "Before"]:
-        """The rank decision on further rows with these at rest, and what both leave."""
-        N, error = self.free, step.error
-        moved = step.A @ self.gain
-        if error is not None and self.error is not None:
-            # As the null space turns, so does what the further rows see of it.
-            error = (error + np.abs(moved) @ self.error) @ np.abs(N)
-        decided = task.decided(step.A @ N, step.scale, error)
-        own = N @ decided.pseudo_inverse()
-        gain = np.concatenate([self.gain - own @ moved, own], axis=-1)
-        rows = None
-        if step.error is not None and self.error is not None:
-            rows = np.concatenate([self.error, step.error], axis=-2)
-        return decided, Before(N @ null_of(decided), gain, rows)
-
-    def dropped(self, decided: RankedSvd) -> Array | None:
-        """The part of further rows that is more than round-off and counts as zero, (..., k, n)."""
-        some = ~decided.kept & (decided.sigma > decided.round_off)
-        if not some.any():
-            return None
-        k = decided.sigma.shape[-1]
-        sigma = np.where(some, decided.sigma, 0.0)
-        part = (decided.U[..., :k] * sigma[..., None, :]) @ decided.Vt[..., :k, :]
-        return part @ transposed(self.free)
-
-
-class Decided(NamedTuple):
-    """What mappings of one condition take, its rank decisions made.
-
-    Attributes:
-        J: Task Jacobian without what counts as lost, (m, n).
-        scale: Size of J for which :data:`RANK_TOLERANCE` parts what counts from what does not.
-        self_motion: Task directions (m, k) whose major parts S_m self_motion are orthonormal and
-            move with every active joint locked.
-        gap: Smallest gap of the decisions.
-    """
-
-    J: Array
-    scale: float
-    self_motion: Array
-    gap: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,9 +51,9 @@ class MajorTask:
     @cached_property
     def moved(self) -> RankedSvd:
         """Of the major motion with every active joint locked."""
-        S, error, task = self._major, self.task.still_error, self.task.motions.geometry.task
+        S, error, task = self._major, self.task.still_error, self.task.geometry.task
         # Against the 2-norm, so that with every row major it is the decision on the whole task.
-        rows = np.maximum(frobenius(task[S.any(axis=0)]), _LEAST_ROWS * frobenius(task))
+        rows = np.maximum(frobenius(task[S.any(axis=0)]), LEAST_ROWS * self.task.geometry.size)
         size = largest(S) * rows
         return self.task.decided(
             S @ self.task.still, size, None if error is None else np.abs(S) @ error
@@ -234,8 +64,7 @@ class MajorTask:
         """Of the task motion, active joints locked, that does not move the major task."""
         rest, error = null_of(self.moved), self.task.still_error
         error = None if error is None else error @ np.abs(rest)
-        size = frobenius(self.task.motions.geometry.task)
-        return self.task.decided(self.task.still @ rest, size, error)
+        return self.task.decided(self.task.still @ rest, self.task.geometry.size, error)
 
     @cached_property
     def lost(self) -> Array | None:
@@ -260,19 +89,17 @@ class MajorTask:
     def gap(self) -> Array:
         """Smallest gap of the decisions that a mapping rests on, shape (...)."""
         decisions = self.reach, self.moved, self.secondary
-        return np.minimum.reduce([self.task.motions.gap, *(one.gap for one in decisions)])
+        return np.minimum.reduce([self.task.gap, *(one.gap for one in decisions)])
 
-    def of(self, J: Array, scale: float, constraint: Array) -> Decided:
-        """What mappings take, for J (m, n) of one condition on all rates, rows C (r, n).
+    def cleaned(self, J: Array, scale: float, constraint: Array) -> tuple[Array, float]:
+        """J (m, n) of one condition on all rates without what counts as lost, and its size.
 
-        `scale` is the size of the terms whose difference is J.
+        `scale` is the size of the terms whose difference is J, `constraint` rows C (r, n).
         """
         lost = self.lost
         J = J if lost is None else J - lost
-        U = self.moved.U[:, : int(self.moved.rank)]
-        self_motion = np.linalg.pinv(self.S_m) @ respanned(U, self.major_units)
         size = self.parting(J - J @ constraint.T @ constraint, np.asarray(scale))
-        return Decided(J, float(size), self_motion, float(self.gap))
+        return J, float(size)
 
     def parting(self, J: Array, scale: Array) -> Array:
         """Size of J (..., m, n) for which :data:`RANK_TOLERANCE` parts what counts from the rest.
@@ -323,11 +150,6 @@ def _units_of(S: Array, units: Array) -> Array:
     return np.sqrt(((S * units) ** 2).sum(axis=1)) / np.where(sizes > 0.0, sizes, 1.0) + (
         sizes == 0.0
     )
-
-
-def null_of(decided: RankedSvd) -> Array:
-    """Of one matrix a basis of its null space, of many the projectors."""
-    return decided.null if decided.sigma.ndim == 1 else decided.null_projector()
 
 
 def respanned(columns: Array, factors: Array) -> Array:

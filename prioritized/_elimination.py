@@ -1,19 +1,20 @@
 """Elimination of the passive joints, eqs. (6) to (10); springs decide what loops leave free."""
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
 
 from argument_checks import Array, Indices
-from prioritized._arrays import none, read_only
+from prioritized._arrays import identity, none, read_only
 from prioritized._canonical import canonical
 from prioritized._compiled import elimination
-from prioritized._conditioning import clear_loops
+from prioritized._conditioning import certain_rank, clear_loops
 from prioritized._geometry import Geometry
 from prioritized._motions import Motions, motions_of, with_stiffness
-from prioritized._rank import norm
+from prioritized._rank import norm, whole_svd
+from prioritized._task_motion import TaskMotion
 
 
 class Joints(NamedTuple):
@@ -116,6 +117,11 @@ class Partition:
         return self.geometry.J_C
 
     @property
+    def is_rigid(self) -> bool:
+        """Whether nothing but the loops decides how passive joints move."""
+        return self.stiffness is None and self.passive_metric is None
+
+    @property
     def task(self) -> TaskJacobian:
         """The task Jacobian by joints."""
         return TaskJacobian(self.geometry.J_T, self.joints)
@@ -169,23 +175,21 @@ def passive_motion(system: Partition) -> PassiveMotion:
     """
     J_C, (_, active, _, moving, *_) = system.J_C, system.joints
     c, p, n = len(J_C), len(moving), len(active)
-    if not c and not p:
-        return PassiveMotion(*map(none, ((0, n), (0, 0), (0, 0), (0, 0), (0, 0))))
+    if not c and system.is_rigid:
+        return PassiveMotion(none((p, n)), none((p, 0)), identity(p), none((p, p)), none((0, 0)))
+    clear = clear_loops(system.geometry)
     if c == p:
         closing, gain = np.empty((p, p)), np.empty((p, n))
-        if elimination().close(J_C, active, moving, clear_loops(system.geometry), closing, gain):
+        if elimination().close(J_C, active, moving, clear, closing, gain):
             return PassiveMotion(gain, closing, none((p, 0)), none((p, p)), none((0, c)))
-    return _decided(system)
-
-
-def _decided(system: Partition) -> PassiveMotion:
-    """The same where ranks must be decided."""
-    J_C, (_, active, _, moving, *_) = system.J_C, system.joints
-    p, geometry = len(moving), system.geometry
-    units = geometry.constraint_units, geometry.velocity_units[moving]
-    rank = p - int(system.rigid.freedom)
-    U, sigma, Vt = of_rank(J_C.take(moving, 1), rank, *units)
-    closing = (Vt[:rank].T / sigma) @ U[:, :rank].T
+    J_Cp = J_C.take(moving, 1)
+    U, sigma, Vt = whole_svd(J_Cp)
+    rank = certain_rank(sigma, norm(J_C), clear)
+    if rank is None:
+        units = system.geometry.constraint_units, system.geometry.velocity_units[moving]
+        rank = p - int(system.rigid.freedom)
+        U, sigma, Vt = of_rank(J_Cp, rank, *units)
+    closing = (Vt[:rank].T / sigma[:rank]) @ U[:, :rank].T
     gain, free, compliance = -closing.dot(J_C.take(active, 1)), Vt[rank:].T, none((p, p))
     if system.stiffness is not None:
         count = int(system.elastic.freedom)
@@ -199,7 +203,7 @@ def _decided(system: Partition) -> PassiveMotion:
 
 
 def of_rank(A: Array, rank: int, rows: Array, columns: Array) -> tuple[Array, Array, Array]:
-    """The whole SVD of A (m, n) on a rank that is known: U, the singular values that count, V^T.
+    """The whole SVD of A (m, n) on a rank that is known: U, the singular values, and V^T.
 
     What is dropped is least in the units of rows (m,) and columns (n,).
     """
@@ -207,8 +211,7 @@ def of_rank(A: Array, rank: int, rows: Array, columns: Array) -> tuple[Array, Ar
     if rank < min(A.shape) and not uniform:
         U, sigma, Vt = np.linalg.svd(A / rows[:, None] * columns)
         A = rows[:, None] * ((U[:, :rank] * sigma[:rank]) @ Vt[:rank]) / columns
-    U, sigma, Vt = np.linalg.svd(A)
-    return U, sigma[:rank], Vt
+    return whole_svd(A)
 
 
 def _compliance(free: Array, K: Array, moving: Indices, count: int) -> tuple[Array, Array]:
@@ -225,3 +228,29 @@ def _least_energy(
     """Passive rates per active rate, and J_Cp^+, shifted along free motion to the least energy."""
     K_pp, K_pa = K[np.ix_(moving, moving)], K[np.ix_(moving, active)]
     return gain - compliance @ (K_pp @ gain + K_pa), closing - compliance @ (K_pp @ closing)
+
+
+def regular_motion(system: Partition, motion: PassiveMotion) -> TaskMotion:
+    """How the task moves where loops determine all passive joints and constrain no active one."""
+    geometry, (_, active, _, moving, *_) = system.geometry, system.joints
+    units, (N, n) = geometry.velocity_units, (geometry.J_T.shape[1], len(active))
+    velocities, is_moving, closing = np.zeros((N, n)), np.zeros(N, dtype=bool), None
+    velocities[active, np.arange(n)], is_moving[moving] = 1.0, True
+    velocities[moving] = motion.gain * units[active] / units[moving, None]
+    if geometry.closure_error is not None:
+        passive = motion.closing * geometry.constraint_units / units[moving, None]
+        closing = geometry.task[:, moving] @ passive
+    return TaskMotion(
+        geometry=geometry,
+        actuated=active,
+        velocities=velocities,
+        admissible=identity(n),
+        self_motion=none((N, 0)),
+        closing=closing,
+        moving=is_moving,
+        gap_of_motions=partial(_gap, system),
+    )
+
+
+def _gap(system: Partition) -> Array:
+    return system.motions.gap

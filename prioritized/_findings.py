@@ -1,6 +1,8 @@
 """The conditions of section 2.2 in words."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 from argument_checks import Array
 from prioritized._arrays import ReadOnly
@@ -13,14 +15,18 @@ class Finding(ReadOnly):
     Attributes:
         holds: The verdict.
         basis: Orthonormal basis of the directions concerned, empty when it does not hold.
-        gap: Factor by which the rank threshold could change before the verdict might.
         sentence: The verdict in words.
     """
 
     holds: bool
     basis: Array
-    gap: float
     sentence: str
+    _gap: Callable[[], float]
+
+    @cached_property
+    def gap(self) -> float:
+        """Factor by which the rank threshold could change before the verdict might."""
+        return self._gap()
 
 
 _SENTENCES = {
@@ -60,9 +66,11 @@ _SENTENCES = {
 """The sentence when a condition holds, with its directions and joints, and when it does not."""
 
 
-def found(name: str, basis: Array, count: int, gap: Array | float, joints: str = "") -> Finding:
+def found(
+    name: str, basis: Array, count: int, gap: Callable[[], float], joints: str = ""
+) -> Finding:
     """The finding on a condition with a basis of `count` directions, which concern these joints."""
     holds, fails = _SENTENCES[name]
     number = "one direction" if count == 1 else f"{count} directions"
     where = f"{number} (of {joints})" if joints else number
-    return Finding(count > 0, basis, float(gap), holds.format(where) if count else fails)
+    return Finding(count > 0, basis, holds.format(where) if count else fails, gap)

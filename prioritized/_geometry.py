@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 
 from argument_checks import Array
-from prioritized._rank import RankedSvd, frobenius, ranked_svd
+from prioritized._rank import RankedSvd, frobenius, norm, ranked_svd
 
 
 class Accuracy(Protocol):
@@ -134,6 +134,11 @@ class Geometry:
     def task(self) -> Array:
         """J_T in natural units, (m, N)."""
         return self._natural(self.J_T, self.task_units)
+
+    @cached_property
+    def size(self) -> float:
+        """Norm of `task`."""
+        return norm(self.task)
 
     @cached_property
     def closure(self) -> Array:

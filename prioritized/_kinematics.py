@@ -3,7 +3,7 @@
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,9 +14,9 @@ from prioritized._active_constraint import ActiveConstraint, active_constraint
 from prioritized._arrays import none, read_only
 from prioritized._attainable import Attainable, attainable
 from prioritized._canonical import canonical
-from prioritized._conditioning import clear_of_errors
-from prioritized._decisions import Decided, MajorTask, TaskMotion, in_order, respanned
-from prioritized._elimination import Partition, PassiveMotion, passive_motion
+from prioritized._conditioning import certain_rank, clear_of_errors
+from prioritized._decisions import MajorTask, in_order, respanned
+from prioritized._elimination import Partition, PassiveMotion, passive_motion, regular_motion
 from prioritized._force import ForceMapping, force_mapping
 from prioritized._hierarchy import Hierarchy, Task, hierarchy
 from prioritized._limited import WhenLimited
@@ -25,10 +25,11 @@ from prioritized._major_maps import of_rates, of_torques, unweighted
 from prioritized._manipulability import Manipulability, classify
 from prioritized._names import Known, Names, known_actuators, known_velocities
 from prioritized._problem import Problem
-from prioritized._rank import RANK_TOLERANCE, norm
+from prioritized._rank import RANK_TOLERANCE, norm, singular_values
 from prioritized._statics import constraint_gain, internal_rows, torque_gain
 from prioritized._survivors import Survivors
 from prioritized._task import task_selection
+from prioritized._task_motion import TaskMotion
 from prioritized._velocity import VelocityMapping
 from prioritized._velocity_mapping import of_plain_arrays, velocity_mapping
 
@@ -150,11 +151,14 @@ class Kinematics:
 
     @cached_property
     def _constraint(self) -> ActiveConstraint:
-        return active_constraint(self.system, self._motion.left_null)
+        return active_constraint(self.system, self._motion.left_null, self._motion.gain)
 
     @cached_property
     def _task_motion(self) -> TaskMotion:
-        return TaskMotion(self.system.motions, self.active)
+        system, motion = self.system, self._motion
+        if self.is_tied or motion.free.shape[1] or not system.is_rigid:
+            return TaskMotion.of(system.motions, self.active)
+        return regular_motion(system, motion)
 
     @cached_property
     def _internal_rows(self) -> Array:
@@ -226,11 +230,11 @@ class Kinematics:
         """
         S_m, S_s = task_selection(major, None, len(self.J))
         return classify(
-            MajorTask(self._task_motion, S_m, S_s),
+            self._major(S_m, S_s),
             (self.internal_force, self.active_constraint),
             self.passive,
-            self.closure_condition,
-            (self._known(self.passive), self._known(self.active)),
+            (lambda: self._known(self.passive), lambda: self._known(self.active)),
+            partial(getattr, self, "closure_condition"),
         )
 
     def _known(self, velocities: Indices) -> Known:
@@ -265,7 +269,7 @@ class Kinematics:
         T = self.survivors.matrix("tie_metric", tie_metric)
         box = self.survivors.pair(rate_limits)
         rows = self.survivors.rows("rate_rows", rate_rows)
-        if self.is_unconstrained and major_metric is T is rows is None and not damping:
+        if not self.is_tied and major_metric is T is rows is None and not damping:
             mapping = of_plain_arrays(
                 *(self.J, major, secondary, W1, secondary_weight),
                 *(self.scale, RANK_TOLERANCE, self.clear),
@@ -273,21 +277,19 @@ class Kinematics:
             )
             if mapping is not None:
                 return mapping.belonging_to(self)
-        decided, C = self.decided(*task_selection(major, secondary, len(self.J))), None
-        if self.active_constraint.size:
-            C = self.active_constraint
+        J, scale = self.cleaned(*task_selection(major, secondary, len(self.J)))
+        C = self.active_constraint
         mapping = velocity_mapping(
-            decided.J,
+            J,
             major,
             secondary,
             W1,
             secondary_weight,
-            C,
-            decided.self_motion if decided.self_motion.size else None,
+            C if C.size else None,
             major_metric=major_metric,
             tie_metric=T,
             damping=damping,
-            scale=decided.scale,
+            scale=scale,
             rate_limits=box,
             rate_rows=rows,
             when_limited=when_limited,
@@ -295,9 +297,9 @@ class Kinematics:
         return mapping.belonging_to(self)
 
     @property
-    def is_unconstrained(self) -> bool:
-        """Whether loops leave all active rates and no self-motion."""
-        return not (len(self._motion.left_null) or self._motion.free.shape[1])
+    def is_tied(self) -> bool:
+        """Whether the loops may constrain the active rates."""
+        return len(self._motion.left_null) > 0
 
     @property
     def clear(self) -> float:
@@ -305,10 +307,25 @@ class Kinematics:
         geometry, motion = self.system.geometry, self._motion
         return clear_of_errors(geometry, self.scale, motion.gain, motion.closing)
 
-    def decided(self, S_m: Array, S_s: Array) -> Decided:
-        """What mappings take for the task v_m = S_m v, v_s = S_s v: its rank decisions, made."""
-        task = MajorTask(self._task_motion, S_m, S_s)
-        return task.of(self.J, self.scale, self.active_constraint)
+    def cleaned(self, S_m: Array, S_s: Array) -> tuple[Array, float]:
+        """J without what counts as lost for the task v_m = S_m v, v_s = S_s v, and its size.
+
+        :data:`RANK_TOLERANCE` parts what counts of it from what does not.
+        """
+        if self._is_clear([S_m, S_s]):
+            return self.J, self.scale
+        return self._major(S_m, S_s).cleaned(self.J, self.scale, self.active_constraint)
+
+    def holds(self, S_m: Array) -> bool:
+        """Whether no self-motion moves the task S_m v."""
+        return not self._motion.free.shape[1] or not self._major(S_m).moved.rank
+
+    def gap_of(self, S_m: Array, S_s: Array) -> float:
+        """Smallest gap of the rank decisions that a mapping of this task rests on."""
+        return float(self._major(S_m, S_s).gap)
+
+    def _major(self, S_m: Array, S_s: Array | None = None) -> MajorTask:
+        return MajorTask(self._task_motion, S_m, S_m[:0] if S_s is None else S_s)
 
     def hierarchy(
         self,
@@ -364,9 +381,10 @@ class Kinematics:
         A `torque_weight`, `tie_metric`, `torque_limits` or `torque_rows` for all n actuators is cut
         to the survivors; torques, desired ones too, are the survivors' alone.
         """
-        decided = self.decided(*task_selection(major, secondary, len(self.J)))
+        task = task_selection(major, secondary, len(self.J))
+        J, scale = self.cleaned(*task)
         mapping = force_mapping(
-            decided.J,
+            J,
             major,
             secondary,
             self.survivors.matrix("torque_weight", torque_weight),
@@ -375,7 +393,7 @@ class Kinematics:
             self.self_motion,  # decided: a second decision could contradict it at the threshold
             major_metric=major_metric,
             tie_metric=self.survivors.matrix("tie_metric", tie_metric),
-            scale=decided.scale,
+            scale=scale,
             torque_limits=self.survivors.pair(torque_limits),
             torque_rows=self.survivors.rows("torque_rows", torque_rows),
             force_rows=force_rows,
@@ -383,7 +401,7 @@ class Kinematics:
         )
         return dataclasses.replace(
             mapping,
-            gap=np.minimum(mapping.gap, decided.gap),
+            gap=np.minimum(mapping.gap, self.gap_of(*task)),
             closure_condition=self.closure_condition,
         )
 
@@ -398,19 +416,27 @@ class Kinematics:
         """
         J, scale = self.J, self.scale
         rows = [(S @ J + R, float(np.hypot(norm(S) * scale, norm(R)))) for S, R in levels]
-        if self.is_unconstrained:
-            S = np.concatenate([S[S.any(axis=1)] for S, _ in levels])
-            sigma = np.linalg.svd(S @ J, compute_uv=False)
-            if len(S) <= J.shape[1] and (sigma > self.clear * norm(S) * scale).all():
-                return rows, True
-        first, _ = levels[0]
-        decided = in_order(self._task_motion, levels, rows) if J.shape[1] else rows
-        return decided, self._holds(first)
+        first = levels[0][0]
+        is_held = self.holds(first[first.any(axis=1)])
+        if not J.shape[1] or self._is_clear([S for S, _ in levels], [R for _, R in levels]):
+            return rows, is_held
+        return in_order(self._task_motion, levels, rows), is_held
 
-    def _holds(self, S: Array) -> bool:
-        """Whether no self-motion moves these rows of the task."""
-        rows = S[S.any(axis=1)]
-        return not MajorTask(self._task_motion, rows, rows[:0]).moved.rank
+    def _is_clear(self, tasks: list[Array], rates: Sequence[Array] = ()) -> bool:
+        """Whether all ranks of J are certain where tasks (k, m) are met one after the other.
+
+        Not where rows on the rates (k, n) come before the last of them.
+        """
+        if any(R.any() for R in rates[:-1]):
+            return False
+        C, J, scale, clear = self.active_constraint, self.J, self.scale, self.clear
+        admissible = J - (J @ C.T) @ C if C.size else J
+        for k in range(len(tasks)):
+            S = np.concatenate(tasks[: k + 1])
+            sigma = singular_values(S @ admissible)
+            if certain_rank(sigma, norm(S) * scale, clear) is None:
+                return False
+        return True
 
     @property
     def survivors(self) -> Survivors:
@@ -435,8 +461,9 @@ class Kinematics:
             ValueError: Wrong rows or limits, or too many facets to be listed.
         """
         within = self._limits("rate_limits", rate_limits)
-        problem, is_held = self._task(major)
-        return attainable(of_rates(problem), within, RANK_TOLERANCE, self_motion=not is_held)
+        problem = self._task(major)
+        moves = not self.holds(problem.S_m)
+        return attainable(of_rates(problem), within, RANK_TOLERANCE, self_motion=moves)
 
     def attainable_force(
         self,
@@ -457,14 +484,13 @@ class Kinematics:
             ValueError: Wrong rows or limits, or too many facets to be listed.
         """
         within = self._limits("torque_limits", torque_limits)
-        return attainable(of_torques(self._task(major)[0]), within, RANK_TOLERANCE)
+        return attainable(of_torques(self._task(major)), within, RANK_TOLERANCE)
 
-    def _task(self, major: Sequence[int] | ArrayLike) -> tuple[Problem, bool]:
-        """The problem of a major task, without weights; whether no self-motion moves it."""
-        decided = self.decided(*task_selection(major, None, len(self.J)))
+    def _task(self, major: Sequence[int] | ArrayLike) -> Problem:
+        """The problem of a major task, without weights."""
+        J, scale = self.cleaned(*task_selection(major, None, len(self.J)))
         C, Q = self.active_constraint, self.self_motion
-        problem = unweighted(decided.J, major, C, Q, decided.scale, RANK_TOLERANCE)
-        return problem, not decided.self_motion.size
+        return unweighted(J, major, C, Q, scale, RANK_TOLERANCE)
 
     def _limits(self, name: str, value: tuple[ArrayLike, ArrayLike] | None) -> Limits:
         return limits(name, self.survivors.pair(value), len(self.actuators))

@@ -1,7 +1,8 @@
 """Velocity and force manipulability: the four conditions of section 2.2."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from prioritized._decisions import MajorTask, respanned
 from prioritized._findings import Finding, found
 from prioritized._names import Known, involved
 from prioritized._rank import RankedSvd
+from prioritized._task_motion import TaskMotion
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,8 +28,6 @@ class Manipulability:
             speed per unit norm of these rates. Zero when unmanipulable, infinite without rows.
         largest_gain: Its largest singular value, the greatest major speed per unit norm; zero
             without rows.
-        closure_condition: Condition number of the closure J_Cp on its rank, 1 without loops: errors
-            of the geometry are multiplied by up to as much. In natural units.
         gain_uncertainty: Relative error that the accuracy of the geometry allows the worst gain; 0
             when unmanipulable.
     """
@@ -35,8 +35,16 @@ class Manipulability:
     findings: Mapping[str, Finding]
     worst_gain: float
     largest_gain: float
-    closure_condition: float
     gain_uncertainty: float
+    _closure_condition: Callable[[], float]
+
+    @property
+    def closure_condition(self) -> float:
+        """Condition number of the closure J_Cp on its rank, 1 without loops.
+
+        Errors of the geometry are multiplied by up to as much. In natural units.
+        """
+        return self._closure_condition()
 
     @property
     def unmanipulable(self) -> bool:
@@ -99,8 +107,8 @@ def classify(
     task: MajorTask,
     constraints: tuple[Array, Array],
     passive: Indices,
-    closure_condition: float,
-    known: tuple[Known, Known],
+    known: tuple[Callable[[], Known], Callable[[], Known]],
+    closure_condition: Callable[[], float],
 ) -> Manipulability:
     """The conditions for a major task, from the decisions on it under one failure condition.
 
@@ -108,50 +116,47 @@ def classify(
         task: The decisions.
         constraints: Rows of internal_force and of active_constraint.
         passive: Velocity indices of the passive joints.
-        closure_condition: Of J_Cp.
         known: Names of the passive and of the active joints.
+        closure_condition: Of J_Cp.
     """
-    whole, (internal_force, active_constraint) = task.task, constraints
-    motions, reach, moved = whole.motions, task.reach, whole.moved
-    geometry, major, gap = motions.geometry, task.major_units, float(motions.gap)
-    velocities, units = geometry.velocity_units[passive], geometry.task_units
-    idle = geometry.motions[passive] @ (motions.self_motion @ moved.null)
-    joints = _orthonormal(velocities[:, None] * idle)
-    # The gap of a verdict is the smallest of all decisions behind it.
+    whole, reach, moved = task.task, task.reach, task.task.moved
+    geometry, major, units = whole.geometry, task.major_units, whole.task_units
+    internal_force, active_constraint = constraints
+    idle = whole.self_motion[passive] @ moved.null
     columns = {
-        "unmanipulable": (respanned(_left_null(reach), 1.0 / major), reach.gap),
-        "unmanipulable_task": (respanned(_left_null(whole.reach), 1.0 / units), whole.reach.gap),
-        "unstable": (respanned(_range(moved), units), moved.gap),
-        "unstable_major": (respanned(_range(task.moved), major), task.moved.gap),
-        "unstable_secondary": (
-            respanned(_range(task.aside), units),
-            min(task.aside.gap, task.moved.gap),
-        ),
-        "idle": (joints, moved.gap),
+        "unmanipulable": (respanned(_left_null(reach), 1.0 / major), (reach,)),
+        "unmanipulable_task": (respanned(_left_null(whole.reach), 1.0 / units), (whole.reach,)),
+        "unstable": (respanned(_range(moved), units), (moved,)),
+        "unstable_major": (respanned(_range(task.moved), major), (task.moved,)),
+        "unstable_secondary": (respanned(_range(task.aside), units), (task.aside, task.moved)),
+        "idle": (_orthonormal(geometry.velocity_units[passive, None] * idle), (moved,)),
     }
-    columns = {name: (canonical(A), min(own, gap)) for name, (A, own) in columns.items()}
-    rows = {"irresolvable": internal_force, "constrained_active": active_constraint}
+    bases = {name: canonical(A) for name, (A, _) in columns.items()}
+    bases |= {"irresolvable": internal_force.T, "constrained_active": active_constraint.T}
     accuracy = max(ACCURACY, geometry.rank_tolerance, geometry.error_bound)
-    of_joints = {
-        "idle": involved(columns["idle"][0], known[0], accuracy),
-        "constrained_active": involved(active_constraint.T, known[1], accuracy),
-    }
-    findings = {
-        name: found(name, A, count, least, of_joints.get(name, ""))
-        for name, A, count, least in [
-            *((name, A, A.shape[1], least) for name, (A, least) in columns.items()),
-            *((name, A, A.shape[0], gap) for name, A in rows.items()),
-        ]
-    }
+    of_joints = dict(zip(("idle", "constrained_active"), known, strict=True))
+    findings = {}
+    for name, basis in bases.items():
+        joints = ""
+        if name in of_joints and basis.size:
+            joints = involved(basis, of_joints[name](), accuracy)
+        decisions = columns[name][1] if name in columns else ()
+        shown = basis if name in columns else basis.T
+        findings[name] = found(name, shown, basis.shape[1], partial(_gap, whole, decisions), joints)
     is_reached = reach.rank == len(task.S_m)
     worst = reach.sigma.min(initial=np.inf, where=reach.kept) if is_reached else 0.0
     return Manipulability(
         findings,
         float(worst) * task.gain_unit,
         float(reach.sigma.max(initial=0.0)) * task.gain_unit,
+        reach.uncertainty if is_reached else 0.0,
         closure_condition,
-        reach.uncertainty,
     )
+
+
+def _gap(task: TaskMotion, decisions: tuple[RankedSvd, ...]) -> float:
+    """The gap of a verdict is the smallest of all decisions behind it."""
+    return float(min([task.gap, *(one.gap for one in decisions)]))
 
 
 def _orthonormal(columns: Array) -> Array:

@@ -52,11 +52,6 @@ class Motions:
         """Number of constraints on the rates of so many active joints, eq. (17), shape (...)."""
         return actuators - self.rates.rank
 
-    @property
-    def velocities(self) -> Array:
-        """All velocities per active rate, shape (..., N, n)."""
-        return self.geometry.motions @ self.driven
-
 
 def motions_of(
     geometry: Geometry, actuated: Indices, stuck: Indices, masks: tuple[Mask, Mask] | None = None

@@ -204,8 +204,6 @@ def involved(basis: Array, known: Known, accuracy: float = ACCURACY) -> str:
     for names, row in zip(known, basis, strict=True):
         name = names[0] if names else ""
         shares[name] = float(np.hypot(shares.get(name, 0.0), np.linalg.norm(row)))
-    if not basis.size:
-        return ""
     names, sizes = list(shares), np.array(list(shares.values()))
     noticed = ~exceeds(NOTICEABLE * sizes.max(), sizes, accuracy)
     largest_first = ascending(-sizes, accuracy=accuracy)

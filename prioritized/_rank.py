@@ -123,6 +123,21 @@ def basis_scale(basis: Array) -> Array:
     return np.maximum(1.0, frobenius(basis))
 
 
+def whole_svd(A: Array, *, full: bool = True) -> tuple[Array, Array, Array]:
+    """U, sigma and V^T of one finite matrix (m, n)."""
+    if not A.size:
+        return np.eye(len(A)), np.zeros(0), np.eye(A.shape[1])
+    U, sigma, Vt, failed = dgesdd(A, full_matrices=full)  # numpy takes longer for small matrices
+    if failed:
+        raise np.linalg.LinAlgError("SVD did not converge")
+    return U, sigma, Vt
+
+
+def singular_values(A: Array) -> Array:
+    """Of one finite matrix, descending."""
+    return dgesdd(A, compute_uv=False)[1] if A.size else np.zeros(0)
+
+
 def ranked_svd(
     A: Array,
     scale: Array | float,
@@ -150,10 +165,8 @@ def ranked_svd(
     """
     if not (is_moderate(A) or np.isfinite(A).all()):  # LAPACK may not return
         raise ValueError("J, weights and metrics must have finite products, got an overflow")
-    if A.ndim == 2 and A.size:  # for small matrices numpy takes longer than LAPACK
-        U, sigma, Vt, failed = dgesdd(A, full_matrices=full)
-        if failed:
-            raise np.linalg.LinAlgError("SVD did not converge")
+    if A.ndim == 2 and (A.size or full):
+        U, sigma, Vt = whole_svd(A, full=full)
     elif A.size or full:
         U, sigma, Vt = np.linalg.svd(A, full_matrices=full)
     else:  # without elements LAPACK would be slow

@@ -13,7 +13,6 @@ from argument_checks import Array, Indices
 from prioritized._amplification import as_sentence, closure_sentences, servo_sentences
 from prioritized._arrays import apply, joined, none, on_axes, read_only, respond
 from prioritized._compiled import unlimited
-from prioritized._decisions import Decided
 from prioritized._levels import Level, damped, smallest_gap, velocity_levels
 from prioritized._limited import Limiting, Optimum, optimum
 from prioritized._limits import Limits, limits
@@ -51,14 +50,16 @@ class Mechanism(Protocol):
     @property
     def active_constraint(self) -> Array: ...
     @property
-    def is_unconstrained(self) -> bool: ...
+    def is_tied(self) -> bool: ...
     @property
     def clear(self) -> float: ...
     @property
     def closure_condition(self) -> float: ...
     @property
     def survivors(self) -> Survivors: ...
-    def decided(self, S_m: Array, S_s: Array) -> Decided: ...
+    def cleaned(self, S_m: Array, S_s: Array) -> tuple[Array, float]: ...
+    def holds(self, S_m: Array) -> bool: ...
+    def gap_of(self, S_m: Array, S_s: Array) -> float: ...
 
 
 class VelocityMapping:
@@ -265,7 +266,7 @@ class VelocityMapping:
             ValueError: It has another number of task rows or surviving actuators; or limits of a
                 wrong length, or not in order.
         """
-        if not hasattr(kinematics, "decided"):
+        if not hasattr(kinematics, "cleaned"):
             raise TypeError(f"kinematics must be a Kinematics, got {check.shown(kinematics)}")
         J, shape = kinematics.J, self.problem.J.shape
         if J.shape != shape:
@@ -275,7 +276,7 @@ class VelocityMapping:
             box = limits("rate_limits", kinematics.survivors.pair(rate_limits), J.shape[1])
             limiting = _bounded_by(box, limiting)
         simple = self._simple
-        if simple is not None and kinematics.is_unconstrained:
+        if simple is not None and not kinematics.is_tied:
             selected = simple.selected._replace(clear=kinematics.clear)
             factors = factors_of_diagonals(J, *simple.weights, kinematics.scale, selected)
             if factors is not None:
@@ -283,13 +284,9 @@ class VelocityMapping:
                 mapping = VelocityMapping.of_factors(factors, rest, kinematics, limiting)
                 vars(mapping)["_simple"] = simple
                 return mapping
-        decided = kinematics.decided(self.problem.S_m, self.problem.S_s)
-        there = self.problem._replace(
-            J=decided.J,
-            scale=np.asarray(decided.scale),
-            active_constraint=kinematics.active_constraint,
-            self_motion=decided.self_motion,
-        )
+        J, scale = kinematics.cleaned(self.problem.S_m, self.problem.S_s)
+        C = kinematics.active_constraint
+        there = self.problem._replace(J=J, scale=np.asarray(scale), active_constraint=C)
         return VelocityMapping(there, self.damping, kinematics, limiting)
 
     @cached_property
@@ -381,20 +378,27 @@ class VelocityMapping:
         """Factor by which the rank threshold could change before any rank would, shape (...)."""
         gap = smallest_gap(self._solution[1])
         if self.kinematics is not None:
-            decided = self.kinematics.decided(self.problem.S_m, self.problem.S_s)
-            gap = np.minimum(gap, decided.gap)
+            gap = np.minimum(gap, self.kinematics.gap_of(self.problem.S_m, self.problem.S_s))
         return np.broadcast_to(gap, self.problem.lead)
 
     @property
     def status(self) -> Status:
         """What holds for every problem of the batch."""
-        S_m, Q, tolerance = self.problem.S_m, self.problem.self_motion, self.problem.tolerance
-        self_motion = ranked_svd(S_m @ Q, largest(S_m) * basis_scale(Q), tolerance)
-        if np.any(self_motion.rank > 0):
+        S_m = self.problem.S_m
+        if not self._is_held:
             return Status.SELF_MOTION
         if not np.all(self.rank == len(S_m)):
             return Status.LEAST_SQUARES
         return Status.DAMPED if self.damping else Status.EXACT
+
+    @property
+    def _is_held(self) -> bool:
+        """Whether no self-motion moves the major task, in any problem of the batch."""
+        S_m, Q, tolerance = self.problem.S_m, self.problem.self_motion, self.problem.tolerance
+        if self.kinematics is not None:
+            return self.kinematics.holds(S_m)
+        moved = ranked_svd(S_m @ Q, largest(S_m) * basis_scale(Q), tolerance)
+        return not np.any(moved.rank > 0)
 
     @cached_property
     def _solution(self) -> tuple[tuple[Array, ...], list[RankedSvd]]:
@@ -424,7 +428,7 @@ class VelocityMapping:
             and J is not None
             and J.shape == ready.shape
             and self.limiting is None
-            and kinematics.is_unconstrained
+            and not kinematics.is_tied
         ):
             joint = ready.joint if joint_velocity is None else joint_velocity
             secondary = ready.secondary if secondary_velocity is None else secondary_velocity

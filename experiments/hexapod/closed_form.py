@@ -49,9 +49,9 @@ class StrutKinematics(Kinematics):
         return _NO_ROWS[:, : self._J.shape[1]]
 
     @property
-    def is_unconstrained(self) -> bool:
-        """Always."""
-        return True
+    def is_tied(self) -> bool:
+        """Never."""
+        return False
 
     @property
     def clear(self) -> float:
