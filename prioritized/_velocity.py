@@ -125,10 +125,11 @@ class VelocityMapping:
         """Optimal active joint rates, shape (..., n); what is None counts as zero."""
         if self.limiting is None:
             return self._unlimited(v_major, joint_velocity, secondary_velocity)
-        rates = self._regardless_of_box(v_major, joint_velocity, secondary_velocity)
-        if rates is None:
+        answer = self._regardless_of_box(v_major, joint_velocity, secondary_velocity)
+        if answer is None:
             return self.solve(v_major, joint_velocity, secondary_velocity).rates
-        return rates if is_within(self.limiting.box, rates) else self._within_box(rates, None).x
+        _, rates = answer
+        return rates if is_within(self.limiting.box, rates) else self._within_box(answer, None).x
 
     def _unlimited(
         self,
@@ -195,10 +196,10 @@ class VelocityMapping:
             ValueError: A velocity of the wrong shape or not finite, by its name.
         """
         begun = None if start is None else check.instance("start", start, VelocitySolution).point
-        rates = self._regardless_of_box(v_major, joint_velocity, secondary_velocity)
-        if rates is not None:
-            best = self._within_box(rates, begun)
-            return VelocitySolution(self, np.array(v_major, dtype=float), rates, best)
+        answer = self._regardless_of_box(v_major, joint_velocity, secondary_velocity)
+        if answer is not None:
+            best = self._within_box(answer, begun)
+            return VelocitySolution(self, np.array(v_major, dtype=float), answer[1], best)
         problem, limiting = self.problem, self.limiting
         m1, n = len(problem.S_m), problem.J.shape[-1]
         p = joined(
@@ -217,20 +218,23 @@ class VelocityMapping:
         v_major: ArrayLike,
         joint_velocity: ArrayLike | None,
         secondary_velocity: ArrayLike | None,
-    ) -> Array | None:
-        """Rates without limits for one target whose ranks are clearly full.
+    ) -> tuple[Factors, Array] | None:
+        """Rates without limits for one target whose ranks are clearly full, and what made them.
 
         None where that is not so, or where anything but bounds of the rates limits them.
         """
         factors, limiting = self._factors, self.limiting
         if factors is None or limiting is None or not limiting.is_box:
             return None
-        return rates_by(factors, v_major, joint_velocity, secondary_velocity)
+        # The target stays in the factors until the limits are met: threads may not share them.
+        own = (factors[0].copy(), *factors[1:])
+        rates = rates_by(own, v_major, joint_velocity, secondary_velocity)
+        return None if rates is None else (own, rates)
 
-    def _within_box(self, rates: Array, start: Point | None) -> Optimum:
-        """The optimum within bounds for the target of these rates, the last one."""
-        factors, limiting = self._factors, self.limiting
-        assert factors is not None and limiting is not None
+    def _within_box(self, answer: tuple[Factors, Array], start: Point | None) -> Optimum:
+        """The optimum within bounds for the target of this answer."""
+        (factors, rates), limiting = answer, self.limiting
+        assert limiting is not None
         return rates_within(factors, rates, limiting.box, self.tolerance, start)
 
     @property
