@@ -26,6 +26,7 @@ from prioritized._canonical import canonical_basis as canonical_basis
 from prioritized._failures import Failures as Failures
 from prioritized._force import ForceMapping as ForceMapping
 from prioritized._force import force_mapping as force_mapping
+from prioritized._geometry import Accuracy as Accuracy
 from prioritized._hierarchy import Hierarchy as Hierarchy
 from prioritized._hierarchy import HierarchySolution as HierarchySolution
 from prioritized._hierarchy import Task as Task

@@ -1,5 +1,7 @@
 """Where singular values are clearly not zero, so that no SVD is needed."""
 
+from math import ceil, inf, isfinite, log2, sqrt
+
 import numpy as np
 
 from argument_checks import Array
@@ -33,9 +35,8 @@ def clear_loops(geometry: Geometry) -> float:
     clear = well_conditioned_above(geometry.rank_tolerance)
     if geometry.accuracy is None:
         return clear
-    most, least = _spread(geometry.constraint_units)
-    fastest, slowest = _spread(geometry.velocity_units)
-    errors = np.sqrt(geometry.J_C.size) * geometry.error_bound * most / slowest
+    _, (most, least), (fastest, slowest) = geometry.accuracy.extremes
+    errors = sqrt(geometry.J_C.size) * geometry.error_bound * most / slowest
     units = (most / least) * (fastest / slowest)
     return max(clear * units, _MARGIN * errors / (norm(geometry.J_C) or 1.0))
 
@@ -52,18 +53,16 @@ def clear_of_errors(geometry: Geometry, scale: float, gain: Array, closing: Arra
     clear = well_conditioned_above(geometry.rank_tolerance)
     if geometry.accuracy is None:
         return clear
-    most, least = _spread(geometry.task_units)
-    fastest, slowest = _spread(geometry.velocity_units)
-    J_T = norm(geometry.J_T)
-    errors = np.sqrt(geometry.J_T.size) * geometry.error_bound * most / slowest
+    (most, least), (longest, _), (fastest, slowest) = geometry.accuracy.extremes
+    clear *= (most / least) * (fastest / slowest)
+    bound = geometry.error_bound
+    if not bound:
+        return clear
+    errors = sqrt(geometry.J_T.size) * bound * most / slowest
     if closing.size:  # errors of the loops reach the task through the passive joints
-        loops = np.sqrt(geometry.J_C.size) * geometry.error_bound
-        loops *= _spread(geometry.constraint_units)[0] / slowest
-        errors = (errors + J_T * norm(closing) * loops) * (1.0 + norm(gain))
-    exact = clear * (most / least) * (fastest / slowest)
+        loops = sqrt(geometry.J_C.size) * bound * longest / slowest
+        errors = (errors + norm(geometry.J_T) * norm(closing) * loops) * (1.0 + norm(gain))
+    if not isfinite(errors):
+        return inf
     # Few different numbers: what depends on them is looked up.
-    return float(2.0 ** np.ceil(np.log2(max(exact, _MARGIN * errors / (scale or 1.0)))))
-
-
-def _spread(units: Array) -> tuple[float, float]:
-    return (float(units.max()), float(units.min())) if units.size else (1.0, 1.0)
+    return 2.0 ** ceil(log2(max(clear, _MARGIN * errors / (scale or 1.0))))

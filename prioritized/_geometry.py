@@ -9,12 +9,17 @@ import numpy as np
 from argument_checks import Array
 from prioritized._rank import RankedSvd, frobenius, norm, ranked_svd
 
+Extremes = tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
+"""The largest and the least natural unit of task rows, constraints and velocities."""
+
 
 class Accuracy(Protocol):
     """How accurate each entry of J_T and J_C is, and the natural unit of each row and velocity.
 
     Entries are in their own units. A natural unit is 1 for an angle, and for a length that of the
     mechanism: what is measured in natural units does not depend on the unit of length.
+    `error_bound` is one of all errors in natural units, which costs nothing to know; what it leaves
+    open is decided on the entries.
     """
 
     @property
@@ -29,6 +34,8 @@ class Accuracy(Protocol):
     def velocity_units(self) -> Array: ...
     @property
     def error_bound(self) -> float: ...
+    @property
+    def extremes(self) -> Extremes: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +57,11 @@ class Elsewhere:
     def error_bound(self) -> float:
         """As at the first pose."""
         return self.first.error_bound
+
+    @property
+    def extremes(self) -> Extremes:
+        """As at the first pose."""
+        return self.first.extremes
 
     @property
     def task_units(self) -> Array:

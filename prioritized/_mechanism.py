@@ -17,7 +17,7 @@ the singular values of closures by a few delta of their scale."""
 class Mechanism(Protocol):
     """The Jacobians of a mechanism; it may have names and stiffness as well.
 
-    And how accurate it is: as :class:`prioritized.Accuracy`, entry by entry, or geometry_accuracy.
+    And how accurate it is: `accuracy`, entry by entry, or geometry_accuracy, one number.
     """
 
     @property
@@ -56,8 +56,8 @@ def arguments_of(
 
 
 def accuracy_of(mechanism: Any) -> Accuracy | None:
-    """The mechanism itself where it says how accurate its entries are, to be read when needed."""
-    return mechanism if hasattr(type(mechanism), "error_bound") else None
+    """How accurate its entries are, if it says so: to be read when needed."""
+    return getattr(mechanism, "accuracy", None)
 
 
 def tolerance_of(rank_tolerance: float | None, geometry_accuracy: float | None) -> float:

@@ -14,7 +14,7 @@ COARSEST = 0.5e-4
 """What these digits and decimals amount to at most."""
 _NEARBY = np.arange(-2, 3)
 _INTEGER = 1e-6
-_SMALLEST_ANGLE_RAD = 1e-5
+SMALLEST_ANGLE_RAD = 1e-5
 """Smaller ones are nobody's design: the component should be zero and was rounded."""
 
 
@@ -35,30 +35,41 @@ def written_accuracy(model: mujoco.MjModel) -> float:
 
 
 def _rounding_of_units(unit: Array) -> float:
-    """The largest rounding of unit vectors (n, k) without signs, whose norms the file had not.
+    """The largest rounding of unit vectors (n, k) without signs."""
+    tiny = unit[(unit > 1e-15) & (unit < SMALLEST_ANGLE_RAD)].max(initial=0.0)
+    return max(float(tiny), float((0.5 * 10.0 ** -decimals_of_units(unit)).max(initial=0.0)))
 
-    The ratios of their components are those of the written ones, which are whole numbers of the
-    last decimal: few enough are tried for the largest component.
+
+def decimals_of_units(unit: Array) -> Array:
+    """With how many decimals unit vectors (n, k), without signs, were written; else infinite, (n,).
+
+    Their norms are not in the file. The ratios of their components are those of the written ones,
+    which are whole numbers of the last decimal: few enough are tried for the largest component.
     """
-    tiny = unit[(unit > 1e-15) & (unit < _SMALLEST_ANGLE_RAD)].max(initial=0.0)
     if not len(unit):
-        return 0.0
+        return np.zeros(0)
     largest = unit.max(axis=1)
     ratio = unit / largest[:, None]
     candidates = np.round(largest * 10.0 ** _DECIMALS[:, None])[..., None] + _NEARBY
     written = candidates[..., None] * ratio[:, None, :]  # (decimals, n, nearby, k)
     whole = (np.abs(written - np.round(written)) < _INTEGER).all(axis=-1).any(axis=-1)
-    decimals = _DECIMALS[whole.argmax(axis=0)][whole.any(axis=0)]
-    rounded = decimals[decimals >= _FEWEST_DECIMALS]
-    return max(float(tiny), 0.5 * 10.0 ** -float(rounded.min()) if rounded.size else 0.0)
+    decimals = _DECIMALS[whole.argmax(axis=0)].astype(float)
+    decimals[~whole.any(axis=0) | (decimals < _FEWEST_DECIMALS)] = np.inf
+    return decimals
 
 
-def _largest_rounding(x: Array) -> float:
-    """Half a unit in the last digit, the largest among positive numbers of which it shows."""
+def significant_digits(x: Array) -> Array:
+    """Of positive numbers as they were written; :data:`_MOST_DIGITS` + 1 for those in full."""
     digits = np.full(x.shape, _MOST_DIGITS + 1)
     for n in range(_MOST_DIGITS, 0, -1):
         unit = 10.0 ** (np.floor(np.log10(x)) - n + 1)
         digits[np.abs(np.round(x / unit) * unit - x) < 1e-14 * x] = n
+    return digits
+
+
+def _largest_rounding(x: Array) -> float:
+    """Half a unit in the last digit, the largest among positive numbers of which it shows."""
+    digits = significant_digits(x)
     rounded = x[(digits >= _FEWEST_DIGITS) & (digits <= _MOST_DIGITS)]
     shown = digits[(digits >= _FEWEST_DIGITS) & (digits <= _MOST_DIGITS)]
     units = 10.0 ** (np.floor(np.log10(rounded)) - shown + 1)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 import argument_checks as check
 from sim.array import Array
+from sim.entry_accuracy import EntryAccuracy
 from sim.machine import Machine, Names
 from sim.task import Task
 
@@ -29,6 +30,7 @@ class Jacobians:
         rows: Which rows of J_T belong to which task.
         closure_residual: Largest gap of the closures, [m] or [rad].
         machine: The model behind it, from which names, limits and springs are read when asked for.
+        accuracy: How far each entry may be off, and natural units; computed when asked for.
 
     Raises:
         ValueError: Shapes that do not fit, an index out of range, or numbers that are not finite.
@@ -42,6 +44,7 @@ class Jacobians:
     rows: Mapping[Task, slice] = field(default_factory=dict)
     closure_residual: float = 0.0
     machine: Machine | None = None
+    accuracy: EntryAccuracy | None = None
 
     def __post_init__(self) -> None:
         """Check the arguments."""
@@ -54,6 +57,8 @@ class Jacobians:
         check.number("closure_residual", self.closure_residual)
         if self.machine is not None:
             check.instance("machine", self.machine, Machine)
+        if self.accuracy is not None:
+            check.instance("accuracy", self.accuracy, EntryAccuracy)
 
     @property
     def names(self) -> Names | None:
@@ -72,10 +77,11 @@ class Jacobians:
 
     @cached_property
     def geometry_accuracy(self) -> float:
-        """Accuracy of the geometry, in rad or relative length, as the model shows it.
+        """Accuracy of the geometry in one number, in rad or relative length, as the model shows it.
 
         The rounding of its numbers; or a tenth of what the gaps of the closures amount to in J_C,
         where `ConstrainedSystem(geometry_accuracy=...)` takes ten times the accuracy for zero.
+        `accuracy` says it for each entry.
         """
         size = float(np.linalg.norm(self.J_C))
         of_gaps = 0.1 * self.closure_residual / size if size else 0.0

@@ -16,11 +16,12 @@ from sim.frame import located
 from sim.limits import at_limits, tendon_row, touching
 from sim.model import name_of
 from sim.pin import Pin
-from sim.ranges import joint_positions, ranges
+from sim.ranges import Ranges, joint_positions, ranges
 from sim.transmission import drives, extra_drives, is_disabled
 
 _OF_JOINT = int(mujoco.mjtWrap.mjWRAP_JOINT)
 _UNLOADED_M = 1e-9
+_OF_ANY_POSE = "drives", "names", "written_accuracy", "_ranges"
 
 
 class Names(NamedTuple):
@@ -74,6 +75,16 @@ class Machine:
         return written_accuracy(self.model)
 
     @cached_property
+    def _ranges(self) -> Ranges:
+        return ranges(self.model)
+
+    def as_at(self, other: "Machine") -> "Machine":
+        """Take what no pose changes from the same machine at another pose."""
+        known = vars(other)
+        vars(self).update({name: known[name] for name in _OF_ANY_POSE if name in known})
+        return self
+
+    @cached_property
     def stiffness(self) -> Array | None:
         """K of the springs, shape (N, N); None where one is not linear in the joints' motion.
 
@@ -103,7 +114,7 @@ class Machine:
         [m] or [rad], the first not above zero within the range; infinite without a limit. Divided
         by a time step, limits of the rates.
         """
-        limits, at = ranges(self.model), joint_positions(self.model, self.qpos)
+        limits, at = self._ranges, joint_positions(self.model, self.qpos)
         extra = np.tile([-np.inf, np.inf], (len(extra_drives(self.drives)), 1))
         for row, drive in zip(extra, extra_drives(self.drives), strict=True):
             if drive.tendon is not None:

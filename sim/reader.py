@@ -1,6 +1,8 @@
 """Reading the Jacobians of any MJCF model, once or at every tick."""
 
-from collections.abc import Iterable, Sequence
+import copy
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 
 import mujoco
 import numpy as np
@@ -8,6 +10,7 @@ import numpy as np
 import argument_checks as check
 from sim.array import Array
 from sim.closure import active_closures, equality_name
+from sim.entry_accuracy import EntryAccuracy, Natural, frames_of
 from sim.errors import ClosureError, ModelError
 from sim.frame import Body
 from sim.jacobian import Jacobians
@@ -104,6 +107,8 @@ class JacobianReader:
         self._tolerance = closure_tolerance
         self._axes = None if axes is None else located_axes(model, axes)
         self._structures: dict[tuple[object, ...], Structure] = {}
+        self._naturals: dict[tuple[object, ...], Natural] = {}
+        self._machines: dict[tuple[object, ...], Machine] = {}
 
     def at(self, data: mujoco.MjData) -> Jacobians:
         """The Jacobians at the present `data.qpos`, as :func:`jacobians` returns them.
@@ -136,7 +141,14 @@ class JacobianReader:
                     f"no actuator moves {check.shown(resting[0])}: name another task, or what its "
                     "mechanism stands on in pinned="
                 )
-            self._structures[key] = now
+            self._structures[key], self._naturals[key] = now, self._natural(now, rows)
+        accuracy = computed(
+            EntryAccuracy,
+            natural=self._naturals[key],
+            residual=residual,
+            jacobians=(J_T, J_C),
+            reader=partial(self._read_anew, data.qpos.copy(), _outside(data)),
+        )
         return computed(
             Jacobians,
             J_T=J_T,
@@ -145,8 +157,34 @@ class JacobianReader:
             gear=now.gear,
             rows=rows,
             closure_residual=residual,
-            machine=self._machine(data),
+            machine=self._machine(data, key),
+            accuracy=accuracy,
         )
+
+    def _natural(self, now: Structure, rows: dict[Task, slice]) -> Natural:
+        tasks = [(located.frame, located.root) for _, located in self._tasks]
+        is_angular = [
+            np.arange(own.stop - own.start) < (own.stop - own.start) - 3 for own in rows.values()
+        ]
+        frames = frames_of(self._model, now.closures, self._pins, tasks)
+        return Natural(
+            self._model, frames, now.closures, now.extra, self._pins, np.concatenate(is_angular)
+        )
+
+    def _read_anew(
+        self, qpos: Array, outside: tuple[Array, ...], model: mujoco.MjModel
+    ) -> Callable[[], tuple[Array, Array]]:
+        """What reads J_T and J_C of a model like this one at one pose, however its numbers move."""
+        reader, data = copy.copy(self), mujoco.MjData(model)
+        reader._model, reader._tolerance = model, np.inf
+        data.qpos[:] = qpos
+        data.eq_active[:], data.mocap_pos[:], data.mocap_quat[:] = outside
+
+        def read() -> tuple[Array, Array]:
+            there = reader.at(data)
+            return there.J_T, there.J_C
+
+        return read
 
     def _task_rows(self, data: mujoco.MjData, extra: int) -> tuple[Array, dict[Task, slice]]:
         parts, rows, start = [], {}, 0
@@ -182,11 +220,11 @@ class JacobianReader:
         driven = np.hstack([drive_rows(model, data, now.extra), -np.eye(E)])
         return np.vstack([wide[0], driven, *wide[1:]])
 
-    def _machine(self, data: mujoco.MjData) -> Machine:
+    def _machine(self, data: mujoco.MjData, key: tuple[object, ...]) -> Machine:
         model, mocap = self._model, _NO_MOCAP
         if model.nmocap:
             mocap = data.mocap_pos.copy(), data.mocap_quat.copy()
-        return computed(
+        machine = computed(
             Machine,
             model=model,
             qpos=data.qpos.copy(),
@@ -194,6 +232,13 @@ class JacobianReader:
             pinned=self._pins,
             stuck=self._stuck,
         )
+        self._machines[key] = machine.as_at(self._machines.get(key, machine))
+        return machine
+
+
+def _outside(data: mujoco.MjData) -> tuple[Array, ...]:
+    """What decides the Jacobians besides the model and the pose."""
+    return data.eq_active.copy(), data.mocap_pos.copy(), data.mocap_quat.copy()
 
 
 _NO_MOCAP = np.zeros((0, 3)), np.zeros((0, 4))
