@@ -1,6 +1,7 @@
 """Assembly: joint positions at which every loop of a model is closed."""
 
 import copy
+import warnings
 from collections.abc import Iterable
 
 import mujoco
@@ -20,6 +21,10 @@ from sim.ranges import turning
 
 _LONGEST_CORRECTION = 0.05
 _LONGEST_TURN_RAD = 1.0
+_CANCELLED = 1e-6
+"""Part of the fastest site's motion below which a site stays where it is."""
+_FOLLOWED = 0.2
+"""Part of its way by which a site may miss after a step that is shortened as advised."""
 
 
 def assemble(
@@ -90,6 +95,10 @@ def advance(
         pinned: As for :func:`assemble`.
         geometry_accuracy: As for :func:`assemble`.
 
+    Where a site misses where its velocity leads by more than the way there, as next to a singular
+    pose, a `RuntimeWarning` says which and how much shorter the step must be: the site follows the
+    command to a fifth then. Sites whose velocities cancel entirely are no part of a command.
+
     Raises:
         ValueError: The step is too long: a joint turns by more than 1 rad, or closing the loops
             again would change the motion by more than a twentieth.
@@ -104,6 +113,7 @@ def advance(
     held, pinned, accuracy = list(held), list(pinned), _checked(geometry_accuracy)
     moved = assemble(model, data, held, pinned, geometry_accuracy=accuracy)
     fixed = hold(model, moved, held, pinned).moved(model, moved, motion)
+    begun, wanted = moved.site_xpos.copy(), _site_motion(model, moved, motion)
     mujoco.mj_integratePos(model, moved.qpos, motion, 1.0)
     mujoco.mj_fwdPosition(model, moved)
     before = moved.qpos.copy()
@@ -117,7 +127,33 @@ def advance(
             "velocity times duration_s must be a shorter step: closing the loops again changes "
             f"{change / length:.0%} of the motion"
         )
+    _warn_of_miss(model, wanted, moved.site_xpos - begun)
     return moved
+
+
+def _site_motion(model: mujoco.MjModel, data: mujoco.MjData, motion: Array) -> Array:
+    """Displacement of each site to first order, shape (nsite, 3)."""
+    wanted, rows = np.empty((model.nsite, 3)), np.zeros((3, model.nv))
+    for k in range(model.nsite):
+        mujoco.mj_jacSite(model, data, rows, None, k)
+        wanted[k] = rows @ motion
+    return wanted
+
+
+def _warn_of_miss(model: mujoco.MjModel, wanted: Array, moved: Array) -> None:
+    """Warn where a site ends farther from where it was to be than it was to go."""
+    way, missed = (np.linalg.norm(each, axis=1) for each in (wanted, moved - wanted))
+    is_command = way > np.maximum(_CANCELLED * way.max(initial=0.0), CLOSED)
+    ratio = np.divide(missed, way, out=np.zeros_like(way), where=is_command)
+    if ratio.max(initial=0.0) > 1.0:
+        worst = greatest(ratio)
+        warnings.warn(
+            f'site "{name_of(model.site(worst))}" was to move by {way[worst]:.3g} and ends '
+            f"{missed[worst]:.3g} from there, as next to a singular pose: take steps of at most "
+            f"{_FOLLOWED / ratio[worst]:.2g} times this length",
+            RuntimeWarning,
+            stacklevel=3,
+        )
 
 
 def _refuse_long_turns(model: mujoco.MjModel, motion: Array) -> None:

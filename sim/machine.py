@@ -21,6 +21,7 @@ from sim.transmission import drives, extra_drives, is_disabled
 
 _OF_JOINT = int(mujoco.mjtWrap.mjWRAP_JOINT)
 _UNLOADED_M = 1e-9
+_MOST_NAMED = 3
 _OF_ANY_POSE = "drives", "names", "written_accuracy", "_ranges"
 
 
@@ -134,7 +135,12 @@ class Machine:
     @cached_property
     def warnings(self) -> tuple[str, ...]:
         """What the Jacobians leave out, a sentence each."""
-        return (*self._limit_warnings(), *self._contact_warnings(), *self._drive_warnings())
+        return (
+            *self._limit_warnings(),
+            *self._contact_warnings(),
+            *self._drive_warnings(),
+            *self._offset_warnings(),
+        )
 
     @cached_property
     def _data(self) -> mujoco.MjData:
@@ -161,6 +167,20 @@ class Machine:
             "to move freely: pinned= takes it to stand"
             for a, b in sorted(touching(self.model, self._data))
             if not {rigid[a], rigid[b]} & held
+        ]
+
+    def _offset_warnings(self) -> list[str]:
+        """MuJoCo puts a site nearer than 1e-6 to the frame of its body into that frame."""
+        model = self.model
+        at_body = model.site_sameframe == mujoco.mjtSameFrame.mjSAMEFRAME_BODY
+        dropped = np.flatnonzero(at_body & model.site_pos.any(axis=1))
+        names = ", ".join(name_of(model.site(k)) for k in dropped[:_MOST_NAMED])
+        more = f" and {len(dropped) - _MOST_NAMED} more" if len(dropped) > _MOST_NAMED else ""
+        if not names:
+            return []
+        return [
+            "MuJoCo drops offsets of sites below 1e-6 of the unit of length, so these are at the "
+            f"origins of their bodies: {names}{more}; state the model in a smaller unit"
         ]
 
     def _drive_warnings(self) -> list[str]:

@@ -1,5 +1,7 @@
 """Closure: assembled from afar, verdicts that no small gap changes, motion that stays closed."""
 
+import warnings
+
 import mujoco
 import numpy as np
 import pytest
@@ -434,3 +436,47 @@ def test_the_hexapod_assembles_onto_its_closed_form(model):
     closed = assemble(model, data, held=["payload"])
     np.testing.assert_array_equal(closed.joint("payload").qpos, data.joint("payload").qpos)
     assert np.abs(closed.efc_pos[: closed.ne]).max() < 1e-10
+
+
+def stretched(unit: float, bend: float) -> tuple[mujoco.MjModel, mujoco.MjData]:
+    """Two links of 0.3 and 0.25 units, nearly in line."""
+    model = mujoco.MjModel.from_xml_string(f"""
+    <mujoco><worldbody><body><joint name="a" axis="0 0 1"/><geom size="0.03" mass="1"/>
+      <body pos="{0.3 * unit} 0 0"><joint name="b" axis="0 0 1"/><geom size="0.03" mass="1"/>
+        <site name="tip" pos="{0.25 * unit} 0 0"/></body></body></worldbody>
+      <actuator><motor joint="a"/><motor joint="b"/></actuator></mujoco>""")
+    data = mujoco.MjData(model)
+    data.qpos[:] = 0.0, bend
+    mujoco.mj_forward(model, data)
+    return model, data
+
+
+@pytest.mark.parametrize("unit", [1e-3, 1.0, 1e3])
+def test_a_step_that_misses_its_way_says_so_and_by_how_much_to_shorten_it(unit):
+    """Along a nearly stretched arm joints turn far for a little way: the rest is curvature."""
+    for bend, step, misses in ((0.004, -1e-4, True), (0.004, -1e-7, False), (1.0, -1e-2, False)):
+        model, data = stretched(unit, bend)
+        kin = ConstrainedSystem.of(jacobians(model, data, "tip")).kinematics()
+        motion = kin.velocities(kin.velocity_mapping([3, 4])([step * unit, 0.0]))
+        with warnings.catch_warnings(record=True) as given:
+            warnings.simplefilter("always")
+            advance(model, data, motion)
+        assert len(given) == misses
+        if misses:
+            part = float(str(given[0].message).split("at most ")[1].split()[0])
+            there = advance(model, data, part * motion)
+            off = there.site("tip").xpos - data.site("tip").xpos - [part * step * unit, 0.0, 0.0]
+            assert np.linalg.norm(off) < 0.25 * part * abs(step) * unit
+
+
+@pytest.mark.parametrize(("offset", "is_dropped"), [(2e-6, False), (9e-7, True), (0.0, False)])
+def test_an_offset_that_mujoco_drops_is_warned_of(offset, is_dropped):
+    model = mujoco.MjModel.from_xml_string(f"""
+    <mujoco><worldbody><body><joint name="a" axis="0 0 1"/><geom size="0.03" mass="1"/>
+      <site name="tip" pos="0 0 0.1"/><site name="near" pos="{offset} 0 0"/></body></worldbody>
+      <actuator><motor joint="a"/></actuator></mujoco>""")
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    assert (data.site("near").xpos[0] != offset) == is_dropped
+    said = jacobians(model, data, "tip").warnings
+    assert ["near" in sentence for sentence in said] == [True] * is_dropped
