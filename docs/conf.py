@@ -27,6 +27,7 @@ nitpicky = True
 nitpick_ignore_regex = [
     ("py:.*", r"(?!argument_checks|prioritized|ftc|sim)\w+(\..*)?"),
     ("py:.*", r"prioritized\._.*"),
+    ("py:class", r"sim\.entry_accuracy\.(Natural|Jacobians)"),  # how it is computed
     ("py:class", r"ftc\.\w+\.(Pose|Posture|State)"),  # type variables
 ]
 

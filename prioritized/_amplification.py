@@ -20,12 +20,12 @@ def gain_sentences(largest: float, worst: float) -> list[str]:
     ]
 
 
-def doubt_sentences(worst: float, uncertainty: float) -> list[str]:
+def doubt_sentences(gain: float, uncertainty: float) -> list[str]:
     """On a direction that the geometry is too inaccurate to know the gain of."""
-    if not (worst > 0.0 and exceeds(uncertainty, UNCERTAIN)):
+    if not exceeds(uncertainty, UNCERTAIN):
         return []
     return [
-        f"Some major direction is reached with a gain of {1.0 / worst:.3g} +- "
+        f"Some major direction is reached with a gain of {gain:.3g} +- "
         f"{100.0 * uncertainty:.2g} %: rates per major velocity, and how far the accuracy of the "
         "geometry leaves them open."
     ]

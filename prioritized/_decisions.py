@@ -114,6 +114,14 @@ class MajorTask:
         between = np.sqrt(np.minimum(least, scale) * norm(self.S_m) * _BELOW * scale) / size
         return np.where(least > 2.0 * size * scale, scale, between)
 
+    @property
+    def gain_uncertainty(self) -> float:
+        """Relative error that the least gain may have, of one condition; 0 if a direction is lost.
+
+        It is what the accuracy of the geometry leaves open.
+        """
+        return self.reach.uncertainty if self.reach.rank == len(self.S_m) else 0.0
+
     @cached_property
     def major_units(self) -> Array:
         """Natural unit of each major velocity, shape (m1,)."""

@@ -324,6 +324,10 @@ class Kinematics:
         """Smallest gap of the rank decisions that a mapping of this task rests on."""
         return float(self._major(S_m, S_s).gap)
 
+    def gain_uncertainty(self, S_m: Array) -> float:
+        """Relative error that the accuracy of the geometry allows the least gain of this task."""
+        return self._major(S_m).gain_uncertainty
+
     def _major(self, S_m: Array, S_s: Array | None = None) -> MajorTask:
         return MajorTask(self._task_motion, S_m, S_m[:0] if S_s is None else S_s)
 

@@ -99,7 +99,8 @@ class Manipulability:
     def __str__(self) -> str:
         sentences = [finding.sentence for finding in self.findings.values()]
         sentences += gain_sentences(self.largest_gain, self.worst_gain)
-        sentences += doubt_sentences(self.worst_gain, self.gain_uncertainty)
+        if self.worst_gain:
+            sentences += doubt_sentences(1.0 / self.worst_gain, self.gain_uncertainty)
         return "\n".join(sentences + closure_sentences(self.closure_condition))
 
 
@@ -149,7 +150,7 @@ def classify(
         findings,
         float(worst) * task.gain_unit,
         float(reach.sigma.max(initial=0.0)) * task.gain_unit,
-        reach.uncertainty if is_reached else 0.0,
+        task.gain_uncertainty,
         closure_condition,
     )
 

@@ -10,7 +10,12 @@ from numpy.typing import ArrayLike
 
 import argument_checks as check
 from argument_checks import Array, Indices
-from prioritized._amplification import as_sentence, closure_sentences, servo_sentences
+from prioritized._amplification import (
+    as_sentence,
+    closure_sentences,
+    doubt_sentences,
+    servo_sentences,
+)
 from prioritized._arrays import apply, joined, none, on_axes, read_only, respond
 from prioritized._compiled import unlimited
 from prioritized._levels import Level, damped, smallest_gap, velocity_levels
@@ -60,6 +65,7 @@ class Mechanism(Protocol):
     def cleaned(self, S_m: Array, S_s: Array) -> tuple[Array, float]: ...
     def holds(self, S_m: Array) -> bool: ...
     def gap_of(self, S_m: Array, S_s: Array) -> float: ...
+    def gain_uncertainty(self, S_m: Array) -> float: ...
 
 
 class VelocityMapping:
@@ -321,6 +327,7 @@ class VelocityMapping:
     def __str__(self) -> str:
         sentences = (
             as_sentence(self.status.value),
+            *doubt_sentences(float(self.largest_gain.max(initial=0.0)), self.gain_uncertainty),
             *servo_sentences(self.amplification),
             *closure_sentences(self.closure_condition),
         )
@@ -366,6 +373,16 @@ class VelocityMapping:
         """
         gain = largest(self.problem.S_m @ self.problem.admissible_jacobian)
         return read_only(np.asarray(gain * self.largest_gain))
+
+    @property
+    def gain_uncertainty(self) -> float:
+        """Relative error that the accuracy of the geometry allows the largest gain.
+
+        0 for a J given as a matrix, and where part of the major task is out of reach.
+        """
+        return (
+            0.0 if self.kinematics is None else self.kinematics.gain_uncertainty(self.problem.S_m)
+        )
 
     @property
     def closure_condition(self) -> float:

@@ -28,6 +28,7 @@ from sim.displacement_limits import displacement_limits as displacement_limits
 from sim.drive import Drive as Drive
 from sim.dynamics import joint_stiffness as joint_stiffness
 from sim.dynamics import mass_matrix as mass_matrix
+from sim.entry_accuracy import EntryAccuracy as EntryAccuracy
 from sim.errors import ClosureError as ClosureError
 from sim.errors import ModelError as ModelError
 from sim.errors import SimulationDiverged as SimulationDiverged

@@ -129,8 +129,8 @@ def test_a_weak_direction_says_how_well_its_gain_is_known():
     for bend in (1e-2, 2e-5, 1e-6):
         data = mujoco.MjData(model)
         data.qpos[:] = 0.0, bend - 0.000013 / 0.254321
-        report = (
-            ConstrainedSystem.of(jacobians(model, data, "tip")).kinematics().manipulability([3, 4])
-        )
+        kin = ConstrainedSystem.of(jacobians(model, data, "tip")).kinematics()
+        report = kin.manipulability([3, 4])
         said.append((report.unmanipulable, "+-" in str(report)))
+        assert ("+-" in str(kin.velocity_mapping([3, 4]))) == said[-1][1]
     assert said == [(False, False), (False, True), (True, False)]
