@@ -20,6 +20,16 @@ def gain_sentences(largest: float, worst: float) -> list[str]:
     ]
 
 
+def length_sentences(length: float | None) -> list[str]:
+    """On angles and lengths in one norm."""
+    if length is None:
+        return []
+    return [
+        f"Angles and lengths are measured against each other with a length of {length:.3g} unless "
+        "a metric or weight is stated."
+    ]
+
+
 def doubt_sentences(gain: float, uncertainty: float) -> list[str]:
     """On a direction that the geometry is too inaccurate to know the gain of."""
     if not exceeds(uncertainty, UNCERTAIN):

@@ -192,7 +192,7 @@ def _classes(motions: Motions, task: MajorTask, within: Within) -> Classes:
     moves = moved.U[..., : moved.kept.shape[1]] * moved.kept[:, None, :]
     self_motion = canonical(respanned(moves, geometry.task_units))
     lost = secondary.U * (np.arange(m2) >= secondary.rank[:, None])[:, None, :]
-    least = reach.sigma.min(axis=1, initial=np.inf, where=reach.kept) * task.gain_unit
+    least = reach.sigma.min(axis=1, initial=np.inf, where=reach.kept) * task.measure.gain_unit
     problem = _problem(motions, task, self_motion)
     return Classes(
         possible=possible,

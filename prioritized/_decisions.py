@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from argument_checks import Array
+from prioritized._measure import Measure, units_of
 from prioritized._rank import RANK_TOLERANCE, RankedSvd, frobenius, largest, norm
 from prioritized._task_motion import LEAST_ROWS, Before, Step, TaskMotion, null_of
 
@@ -91,27 +92,31 @@ class MajorTask:
         decisions = self.reach, self.moved, self.secondary
         return np.minimum.reduce([self.task.gap, *(one.gap for one in decisions)])
 
-    def cleaned(self, J: Array, scale: float, constraint: Array) -> tuple[Array, float]:
+    def cleaned(
+        self, J: Array, scale: float, constraint: Array, metric: Array | None
+    ) -> tuple[Array, float]:
         """J (m, n) of one condition on all rates without what counts as lost, and its size.
 
-        `scale` is the size of the terms whose difference is J, `constraint` rows C (r, n).
+        `scale` is the size of the terms whose difference is J, `constraint` rows C (r, n), `metric`
+        (k, m1) weighs the major velocities.
         """
         lost = self.lost
         J = J if lost is None else J - lost
-        size = self.parting(J - J @ constraint.T @ constraint, np.asarray(scale))
+        size = self.parting(J - J @ constraint.T @ constraint, np.asarray(scale), metric)
         return J, float(size)
 
-    def parting(self, J: Array, scale: Array) -> Array:
+    def parting(self, J: Array, scale: Array, metric: Array | None = None) -> Array:
         """Size of J (..., m, n) for which :data:`RANK_TOLERANCE` parts what counts from the rest.
 
         The `scale` of its terms unless that would drop a direction that counts, shape (...).
         """
-        if not (size := norm(self.S_m) * RANK_TOLERANCE):
+        S = self.S_m if metric is None else metric @ self.S_m
+        if not (size := norm(S) * RANK_TOLERANCE):
             return scale
-        sigma = np.linalg.svd(self.S_m @ J, compute_uv=False)
+        sigma = np.linalg.svd(S @ J, compute_uv=False)
         counts = np.arange(sigma.shape[-1]) < self.reach.rank[..., None]
         least = sigma.min(axis=-1, initial=np.inf, where=counts)
-        between = np.sqrt(np.minimum(least, scale) * norm(self.S_m) * _BELOW * scale) / size
+        between = np.sqrt(np.minimum(least, scale) * norm(S) * _BELOW * scale) / size
         return np.where(least > 2.0 * size * scale, scale, between)
 
     @property
@@ -125,21 +130,17 @@ class MajorTask:
     @cached_property
     def major_units(self) -> Array:
         """Natural unit of each major velocity, shape (m1,)."""
-        return _units_of(self.S_m, self.task.task_units)
+        return units_of(self.S_m, self.task.task_units)
 
     @cached_property
     def secondary_units(self) -> Array:
         """Natural unit of each secondary velocity, shape (m2,)."""
-        return _units_of(self.S_s, self.task.task_units)
+        return units_of(self.S_s, self.task.task_units)
 
-    @cached_property
-    def gain_unit(self) -> float:
-        """Major velocity over rate of which gains are multiples: 1 where these are of two kinds."""
-        rates = self.task.rate_units
-        kinds = [np.unique(units) for units in (self.major_units, rates)]
-        if any(len(kind) != 1 for kind in kinds):
-            return 1.0
-        return float(kinds[0][0] / kinds[1][0])
+    @property
+    def measure(self) -> Measure:
+        """Of major velocities and rates."""
+        return Measure(self.major_units, self.task.rate_units)
 
     @cached_property
     def _major(self) -> Array:
@@ -150,14 +151,6 @@ class MajorTask:
     def _secondary(self) -> Array:
         units = self.task.task_units
         return self.S_s * units / self.secondary_units[:, None]
-
-
-def _units_of(S: Array, units: Array) -> Array:
-    """Of directions, the norm of their units per unit norm."""
-    sizes = np.sqrt((S**2).sum(axis=1))
-    return np.sqrt(((S * units) ** 2).sum(axis=1)) / np.where(sizes > 0.0, sizes, 1.0) + (
-        sizes == 0.0
-    )
 
 
 def respanned(columns: Array, factors: Array) -> Array:
@@ -182,7 +175,7 @@ def in_order(
     """
     before, decided = task.start, []
     for (S, R), (A, size) in zip(levels, rows, strict=True):
-        units = _units_of(np.hstack([S, R]), np.hstack([task.task_units, task.rate_units]))
+        units = units_of(np.hstack([S, R]), np.hstack([task.task_units, task.rate_units]))
         on_task = S * task.task_units / units[:, None]
         on_rates = R * task.rate_units / units[:, None]
         step = task.step(on_task)

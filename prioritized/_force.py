@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 import argument_checks as check
 from argument_checks import Array, Indices, Mask
-from prioritized._amplification import as_sentence, closure_sentences
+from prioritized._amplification import as_sentence, closure_sentences, length_sentences
 from prioritized._arrays import (
     ReadOnly,
     apply,
@@ -32,6 +32,7 @@ from prioritized._levels import (
 )
 from prioritized._limited import Limiting, WhenLimited, limiting, optimum
 from prioritized._limits import Limits, limits
+from prioritized._measure import Measure
 from prioritized._packed import Rows
 from prioritized._problem import Problem, checked
 from prioritized._rank import RANK_TOLERANCE, basis_scale, frobenius, largest, ranked_svd
@@ -64,6 +65,7 @@ class ForceMapping(ReadOnly):
         limiting: Limits of the unknowns [f_m; f_s; eta]; those of the torques are its first rows.
             None is none.
         closure_condition: As in :class:`Manipulability`; 1 for a J given as a matrix.
+        measure: Natural units of the velocities dual to them; None for a J given as a matrix.
     """
 
     torque_gains: Gains
@@ -77,15 +79,34 @@ class ForceMapping(ReadOnly):
     problem: Problem
     limiting: Limiting | None = None
     closure_condition: float = 1.0
+    measure: Measure | None = None
 
     def __str__(self) -> str:
-        sentences = as_sentence(self.status.value), *closure_sentences(self.closure_condition)
+        sentences = (
+            as_sentence(self.status.value),
+            *length_sentences(self.characteristic_length),
+            *closure_sentences(self.closure_condition),
+        )
         return " ".join(sentences)
+
+    @property
+    def characteristic_length(self) -> float | None:
+        """As of a :class:`VelocityMapping`."""
+        if self.measure is None:
+            return None
+        is_met = self.status is not Status.LEAST_SQUARES and self.limiting is None
+        return self.measure.length(not is_met, self.problem.tie_metric.size > 0)
 
     @cached_property
     def largest_gain(self) -> Array:
-        """Largest norm of the torques per unit norm of the major force alone, shape (...)."""
-        return read_only(largest(self.major))
+        """Largest norm of the torques per unit norm of the major force alone, shape (...).
+
+        In natural units where there are two kinds of either.
+        """
+        gain = self.major
+        return read_only(
+            largest(gain if self.measure is None else self.measure.inverse.of_gain(gain))
+        )
 
     @property
     def major(self) -> Array:

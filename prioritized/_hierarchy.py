@@ -13,6 +13,7 @@ from argument_checks import Array
 from prioritized._arrays import ReadOnly, none
 from prioritized._limited import Limiting, checked_rows
 from prioritized._limits import limits
+from prioritized._measure import metric_of, units_of
 from prioritized._packed import Equations, Packed, Point, Rows, Unknowns, pack, solve
 from prioritized._rank import RANK_TOLERANCE, norm
 from prioritized._task import Status, rows_of
@@ -23,6 +24,10 @@ class Mechanism(Protocol):
 
     @property
     def J(self) -> Array: ...
+    @property
+    def rate_units(self) -> Array: ...
+    @property
+    def task_units(self) -> Array: ...
     def in_order(
         self, levels: list[tuple[Array, Array]]
     ) -> tuple[list[tuple[Array, float]], bool]: ...
@@ -35,7 +40,8 @@ class Task(ReadOnly):
     Attributes:
         rows: Task rows S: numbers, a slice such as `jac.rows["tool"]`, or directions (k, m); None
             are the rates themselves.
-        weight: W, diagonal (k,) or matrix (., k); None is the identity.
+        weight: W, diagonal (k,) or matrix (., k); None is the identity. Where no task of a level
+            has one, its angles and lengths are measured with the mechanism's own length.
         interval: Whether the target is a pair (lower, upper) for S J rates to lie between.
 
     Raises:
@@ -224,12 +230,14 @@ def hierarchy(
     if not isinstance(levels, Sequence) or not len(levels):
         raise ValueError(f"levels must be a list of tasks, got {check.shown(levels)}")
     parts = tuple(
-        tuple(_part(f"levels[{k}]", task, J) for task in _tasks(f"levels[{k}]", level))
-        for k, level in enumerate(levels)
+        _measured(tuple(_part(f"levels[{k}]", task, J) for task in tasks), tasks, mechanism)
+        for k, tasks in enumerate(_tasks(f"levels[{k}]", each) for k, each in enumerate(levels))
     )
     decided, is_held = mechanism.in_order([_rows(each, m, n) for each in parts])
     rows = () if rate_rows is None else (checked_rows("rate_rows", rate_rows, n),)
     limiting = Limiting(limits("rate_limits", rate_limits, n), rows)
+    if tie_metric is None:
+        tie_metric = metric_of(mechanism.rate_units)
     T = none((0, n))
     if tie_metric is not None:
         T = check.sized("tie_metric", check.weight("tie_metric", tie_metric, n))
@@ -276,6 +284,21 @@ def _part(name: str, task: Task, J: Array) -> _Part:
         else check.sized(label, check.weight(label, task.weight, len(A)))
     )
     return _Part(S, A, W, task.interval)
+
+
+def _measured(
+    parts: tuple[_Part, ...], tasks: Sequence[Task], mechanism: Mechanism
+) -> tuple[_Part, ...]:
+    """A level's parts, its angles and lengths in one norm where no weight of it is stated."""
+    if any(task.weight is not None or task.interval for task in tasks):
+        return parts
+    on_task, on_rates = mechanism.task_units, mechanism.rate_units
+    units = [on_rates if part.S is None else units_of(part.S, on_task) for part in parts]
+    if metric_of(np.concatenate(units)) is None:
+        return parts
+    return tuple(
+        part._replace(W=np.diag(1.0 / unit)) for part, unit in zip(parts, units, strict=True)
+    )
 
 
 def _level_targets(name: str, parts: tuple[_Part, ...], target: Any) -> tuple[Array, ...]:

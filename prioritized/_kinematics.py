@@ -23,6 +23,7 @@ from prioritized._limited import WhenLimited
 from prioritized._limits import Limits, limits
 from prioritized._major_maps import of_rates, of_torques, unweighted
 from prioritized._manipulability import Manipulability, classify
+from prioritized._measure import Measure, metric_of, units_of
 from prioritized._names import Known, Names, known_actuators, known_velocities
 from prioritized._problem import Problem
 from prioritized._rank import RANK_TOLERANCE, norm, singular_values
@@ -267,6 +268,8 @@ class Kinematics:
         """
         W1 = self.survivors.matrix("joint_weight", joint_weight)
         T = self.survivors.matrix("tie_metric", tie_metric)
+        if T is None and not _settles(W1):
+            T = metric_of(self.rate_units)
         box = self.survivors.pair(rate_limits)
         rows = self.survivors.rows("rate_rows", rate_rows)
         if not self.is_tied and major_metric is T is rows is None and not damping:
@@ -274,10 +277,13 @@ class Kinematics:
                 *(self.J, major, secondary, W1, secondary_weight),
                 *(self.scale, RANK_TOLERANCE, self.clear),
                 (box, when_limited),
+                self.task_units,
             )
             if mapping is not None:
                 return mapping.belonging_to(self)
-        J, scale = self.cleaned(*task_selection(major, secondary, len(self.J)))
+        S_m, S_s = task_selection(major, secondary, len(self.J))
+        M = metric_of(self.measure(S_m).major)
+        J, scale = self.cleaned(S_m, S_s, None if M is None else np.diag(M))
         C = self.active_constraint
         mapping = velocity_mapping(
             J,
@@ -286,7 +292,7 @@ class Kinematics:
             W1,
             secondary_weight,
             C if C.size else None,
-            major_metric=major_metric,
+            major_metric=M if major_metric is None else major_metric,
             tie_metric=T,
             damping=damping,
             scale=scale,
@@ -307,14 +313,15 @@ class Kinematics:
         geometry, motion = self.system.geometry, self._motion
         return clear_of_errors(geometry, self.scale, motion.gain, motion.closing)
 
-    def cleaned(self, S_m: Array, S_s: Array) -> tuple[Array, float]:
+    def cleaned(self, S_m: Array, S_s: Array, metric: Array | None = None) -> tuple[Array, float]:
         """J without what counts as lost for the task v_m = S_m v, v_s = S_s v, and its size.
 
-        :data:`RANK_TOLERANCE` parts what counts of it from what does not.
+        :data:`RANK_TOLERANCE` parts what counts of it from what does not, weighed with a metric
+        (k, m1) of v_m.
         """
         if self._is_clear([S_m, S_s]):
             return self.J, self.scale
-        return self._major(S_m, S_s).cleaned(self.J, self.scale, self.active_constraint)
+        return self._major(S_m, S_s).cleaned(self.J, self.scale, self.active_constraint, metric)
 
     def holds(self, S_m: Array) -> bool:
         """Whether no self-motion moves the task S_m v."""
@@ -327,6 +334,20 @@ class Kinematics:
     def gain_uncertainty(self, S_m: Array) -> float:
         """Relative error that the accuracy of the geometry allows the least gain of this task."""
         return self._major(S_m).gain_uncertainty
+
+    def measure(self, S_m: Array) -> Measure:
+        """Natural units of v_m = S_m v and of the rates."""
+        return Measure(units_of(S_m, self.task_units), self.rate_units)
+
+    @property
+    def task_units(self) -> Array:
+        """Natural unit of each task velocity, shape (m,)."""
+        return self.system.geometry.task_units
+
+    @property
+    def rate_units(self) -> Array:
+        """Natural unit of each rate, shape (n - q,)."""
+        return self.system.geometry.velocity_units[self.active]
 
     def _major(self, S_m: Array, S_s: Array | None = None) -> MajorTask:
         return MajorTask(self._task_motion, S_m, S_m[:0] if S_s is None else S_s)
@@ -387,16 +408,20 @@ class Kinematics:
         """
         task = task_selection(major, secondary, len(self.J))
         J, scale = self.cleaned(*task)
+        measure = self.measure(task[0])
+        forces, torques = map(metric_of, measure.inverse)
+        W3 = self.survivors.matrix("torque_weight", torque_weight)
+        T = self.survivors.matrix("tie_metric", tie_metric)
         mapping = force_mapping(
             J,
             major,
             secondary,
-            self.survivors.matrix("torque_weight", torque_weight),
+            W3,
             secondary_weight,
             self.active_constraint,
             self.self_motion,  # decided: a second decision could contradict it at the threshold
-            major_metric=major_metric,
-            tie_metric=self.survivors.matrix("tie_metric", tie_metric),
+            major_metric=forces if major_metric is None else major_metric,
+            tie_metric=torques if T is None and not _settles(W3) else T,
             scale=scale,
             torque_limits=self.survivors.pair(torque_limits),
             torque_rows=self.survivors.rows("torque_rows", torque_rows),
@@ -407,6 +432,7 @@ class Kinematics:
             mapping,
             gap=np.minimum(mapping.gap, self.gap_of(*task)),
             closure_condition=self.closure_condition,
+            measure=measure,
         )
 
     def in_order(self, levels: list[tuple[Array, Array]]) -> tuple[list[tuple[Array, float]], bool]:
@@ -498,3 +524,8 @@ class Kinematics:
 
     def _limits(self, name: str, value: tuple[ArrayLike, ArrayLike] | None) -> Limits:
         return limits(name, self.survivors.pair(value), len(self.actuators))
+
+
+def _settles(weight: Array | None) -> bool:
+    """Whether this weight of rates or torques, if it is a diagonal, leaves none of them open."""
+    return weight is not None and weight.ndim == 1 and bool(weight.all())

@@ -148,8 +148,8 @@ def classify(
     worst = reach.sigma.min(initial=np.inf, where=reach.kept) if is_reached else 0.0
     return Manipulability(
         findings,
-        float(worst) * task.gain_unit,
-        float(reach.sigma.max(initial=0.0)) * task.gain_unit,
+        float(worst) * task.measure.gain_unit,
+        float(reach.sigma.max(initial=0.0)) * task.measure.gain_unit,
         task.gain_uncertainty,
         closure_condition,
     )

@@ -35,8 +35,8 @@ class Problem(NamedTuple):
 
     @property
     def is_unconstrained(self) -> bool:
-        """Whether all rates are admissible, and the major task has no metric."""
-        return not self.active_constraint.size and self.major_metric is None
+        """Whether all rates are admissible."""
+        return not self.active_constraint.size
 
     @property
     def major_jacobian(self) -> Array:

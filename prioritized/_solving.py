@@ -66,6 +66,7 @@ class Selected(NamedTuple):
     room: int
     clear: float
     exact: float
+    metric: Array | None = None
 
 
 class Simple(NamedTuple):
@@ -78,12 +79,13 @@ class Simple(NamedTuple):
 def simple(problem: Problem) -> Simple | None:
     """One problem with diagonal weights and nothing else but J; None for any other."""
     J, S_m, S_s, *weights = problem[:5]
-    alone = problem.major_metric is None and not problem.tie_metric.size and not problem.lead
+    alone = not problem.tie_metric.size and not problem.lead
     if not alone or any(len(W) and not _is_diagonal(W) for W in weights):
         return None
     w1, w2 = (read_only(W.diagonal().copy() if len(W) else np.zeros(0)) for W in weights)
     sizes = len(S_m), *J.shape, len(w1), len(w2), len(S_s)
-    selected = Selected(S_m, S_s, sizes, room(*sizes), *thresholds(problem.tolerance))
+    fractions, metric = thresholds(problem.tolerance), problem.major_metric
+    selected = Selected(S_m, S_s, sizes, room(*sizes), *fractions, metric)
     return Simple(selected, (w1, w2))
 
 
@@ -98,7 +100,7 @@ def factors_of_diagonals(
 
     A negative `scale` is the norm of J. None is also for what the checks must complain about.
     """
-    S_m, S_s, sizes, numbers, clear, exact = selected
+    S_m, S_s, sizes, numbers, clear, exact, _ = selected
     F, solver = np.empty(numbers), unlimited()
     try:
         state = solver.factor_diagonals(J, S_m, S_s, w1, w2, scale, clear, exact, F)
@@ -107,13 +109,13 @@ def factors_of_diagonals(
     return (F, *sizes) if state == solver.CLEAR else None
 
 
-def problem_of(factors: Factors, S_m: Array, S_s: Array, scale: float, tolerance: float) -> Problem:
+def problem_of(factors: Factors, selected: Selected, scale: float, tolerance: float) -> Problem:
     """The Problem 1 that was made of factors."""
     J, W1, W2 = unlimited().arguments(*factors)
     m, n = J.shape
     size = norm(J) if scale < 0.0 else scale
-    rest = none((0, n)), none((m, 0)), None, none((0, n)), np.asarray(size), tolerance, ()
-    return Problem(J, S_m, S_s, W1, W2, *rest)
+    rest = selected.metric, none((0, n)), np.asarray(size), tolerance, ()
+    return Problem(J, *selected[:2], W1, W2, none((0, n)), none((m, 0)), *rest)
 
 
 def rates_by(
@@ -152,14 +154,27 @@ def is_within(box: Limits, rates: Array) -> bool:
 
 
 def rates_within(
-    factors: Factors, rates: Array, box: Limits, tolerance: float, start: Point | None
+    factors: Factors,
+    rates: Array,
+    box: Limits,
+    tolerance: float,
+    metric: Array | None,
+    start: Point | None,
 ) -> Optimum:
-    """The optimum within limits for the target of the last :func:`rates_by`, which gave `rates`."""
+    """The optimum within limits for the target of the last :func:`rates_by`, which gave `rates`.
+
+    The error of the major task is least in its metric; None is the identity.
+    """
     _, p, _, n, k1, k2, _ = factors
     rows, lower, upper = p + k1 + k2 + n, box[0][None], box[1][None]
     A, b, scales = np.empty((1, rows, n)), np.empty((1, rows)), np.empty((1, 3))
     exact = thresholds(tolerance)[1]
     unlimited().levels(*factors, exact, A, b, scales)
+    if metric is not None:
+        M = metric if len(metric) == p else np.linalg.qr(metric, mode="r")
+        weighed = M @ A[0, :p]
+        scales[0, 0] *= norm(weighed) / norm(A[0, :p])
+        A[0, :p], b[0, :p] = weighed, M @ b[0, :p]
     packed = Packed(A, b, ends_of(p, k1 + k2, n), scales, tolerance, lower, upper)
     if not is_within(box, rates):
         return Optimum(packed, solve(packed, rates, start), n, 0, False, ())

@@ -14,13 +14,15 @@ from prioritized._amplification import (
     as_sentence,
     closure_sentences,
     doubt_sentences,
+    length_sentences,
     servo_sentences,
 )
-from prioritized._arrays import apply, joined, none, on_axes, read_only, respond
+from prioritized._arrays import apply, joined, none, on_axes, read_only, respond, transposed
 from prioritized._compiled import unlimited
 from prioritized._levels import Level, damped, smallest_gap, velocity_levels
 from prioritized._limited import Limiting, Optimum, optimum
 from prioritized._limits import Limits, limits
+from prioritized._measure import Measure
 from prioritized._packed import Point, Rows
 from prioritized._problem import Problem
 from prioritized._rank import RankedSvd, basis_scale, largest, ranked_svd
@@ -62,10 +64,11 @@ class Mechanism(Protocol):
     def closure_condition(self) -> float: ...
     @property
     def survivors(self) -> Survivors: ...
-    def cleaned(self, S_m: Array, S_s: Array) -> tuple[Array, float]: ...
+    def cleaned(self, S_m: Array, S_s: Array, metric: Array | None) -> tuple[Array, float]: ...
     def holds(self, S_m: Array) -> bool: ...
     def gap_of(self, S_m: Array, S_s: Array) -> float: ...
     def gain_uncertainty(self, S_m: Array) -> float: ...
+    def measure(self, S_m: Array) -> Measure: ...
 
 
 class VelocityMapping:
@@ -177,7 +180,7 @@ class VelocityMapping:
         """Made when it is needed, where the mapping was made of factors."""
         assert self._factors is not None
         selected, size, tolerance = self._rest
-        return problem_of(self._factors, selected.S_m, selected.S_s, size, tolerance)
+        return problem_of(self._factors, selected, size, tolerance)
 
     def solve(
         self,
@@ -241,7 +244,8 @@ class VelocityMapping:
         """The optimum within bounds for the target of this answer."""
         (factors, rates), limiting = answer, self.limiting
         assert limiting is not None
-        return rates_within(factors, rates, limiting.box, self.tolerance, start)
+        metric = self._rest[0].metric if "_rest" in vars(self) else self.problem.major_metric
+        return rates_within(factors, rates, limiting.box, self.tolerance, metric, start)
 
     @property
     def rows(self) -> tuple[Rows, ...]:
@@ -294,7 +298,7 @@ class VelocityMapping:
                 mapping = VelocityMapping.of_factors(factors, rest, kinematics, limiting)
                 vars(mapping)["_simple"] = simple
                 return mapping
-        J, scale = kinematics.cleaned(self.problem.S_m, self.problem.S_s)
+        J, scale = kinematics.cleaned(*self.problem[1:3], self.problem.major_metric)
         C = kinematics.active_constraint
         there = self.problem._replace(J=J, scale=np.asarray(scale), active_constraint=C)
         return VelocityMapping(there, self.damping, kinematics, limiting)
@@ -329,6 +333,7 @@ class VelocityMapping:
             as_sentence(self.status.value),
             *doubt_sentences(float(self.largest_gain.max(initial=0.0)), self.gain_uncertainty),
             *servo_sentences(self.amplification),
+            *length_sentences(self.characteristic_length),
             *closure_sentences(self.closure_condition),
         )
         return " ".join(sentences)
@@ -360,8 +365,28 @@ class VelocityMapping:
 
     @cached_property
     def largest_gain(self) -> Array:
-        """Largest norm of the rates per unit norm of the major velocity alone, shape (...)."""
-        return read_only(largest(self.major))
+        """Largest norm of the rates per unit norm of the major velocity alone, shape (...).
+
+        In natural units where there are two kinds of either, see :attr:`characteristic_length`.
+        """
+        gain = self.major
+        return read_only(largest(gain if self._measure is None else self._measure.of_gain(gain)))
+
+    @property
+    def characteristic_length(self) -> float | None:
+        """Length with which angular and linear velocities, or rates, are measured in one norm.
+
+        That of the mechanism; a stated `major_metric`, `joint_weight` or `tie_metric` goes before
+        it. None where each is of one kind or nothing depends on it, and for a J given as a matrix.
+        """
+        if self._measure is None:
+            return None
+        is_met = self.status is Status.EXACT and self.limiting is None
+        return self._measure.length(not is_met, self.problem.tie_metric.size > 0)
+
+    @property
+    def _measure(self) -> Measure | None:
+        return None if self.kinematics is None else self.kinematics.measure(self.problem.S_m)
 
     @cached_property
     def amplification(self) -> Array:
@@ -371,8 +396,10 @@ class VelocityMapping:
         where the major task is met. A servo that errs by 1 % of the rates moves the major task by
         up to this many percent of the motion commanded.
         """
-        gain = largest(self.problem.S_m @ self.problem.admissible_jacobian)
-        return read_only(np.asarray(gain * self.largest_gain))
+        J = transposed(self.problem.S_m @ self.problem.admissible_jacobian)
+        if self._measure is not None:
+            J = self._measure.inverse.of_gain(J)
+        return read_only(np.asarray(largest(J) * self.largest_gain))
 
     @property
     def gain_uncertainty(self) -> float:

@@ -8,8 +8,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 import argument_checks as check
+from argument_checks import Array
 from prioritized._arrays import none
 from prioritized._limited import WhenLimited, limiting
+from prioritized._measure import metric_of, units_of
 from prioritized._problem import checked
 from prioritized._rank import RANK_TOLERANCE
 from prioritized._solving import Selected, factors_of_diagonals, room, thresholds
@@ -125,6 +127,7 @@ def of_plain_arrays(
     rank_tolerance: float,
     clear: float,
     limits: tuple[Any, Any],
+    task_units: Array | None = None,
 ) -> VelocityMapping | None:
     """The mapping of one J, its weights diagonal, where all arguments are as they should be.
 
@@ -146,7 +149,8 @@ def of_plain_arrays(
         return None
     rest = None if secondary is None else tuple(secondary)
     exact = thresholds(rank_tolerance)[1]
-    selected = _selected(tuple(major), rest, J.shape, w1.size, w2.size, clear, exact)
+    units = None if task_units is None else tuple(task_units)
+    selected = _selected(tuple(major), rest, J.shape, w1.size, w2.size, clear, exact, units)
     factors = factors_of_diagonals(J, w1, w2, size, selected)
     if factors is None:
         return None
@@ -165,12 +169,15 @@ def _selected(
     k2: int,
     clear: float,
     exact: float,
+    units: tuple[float, ...] | None,
 ) -> Selected:
     """Tasks and sizes, looked up once: they are the same at every tick."""
     m, n = shape
     S_m, S_s = task_selection(major, secondary, m)
     sizes = len(S_m), m, n, k1, k2, len(S_s)
-    return Selected(S_m, S_s, sizes, room(*sizes), clear, exact)
+    metric = None if units is None else metric_of(units_of(S_m, np.array(units)))
+    M = None if metric is None else check.frozen(np.diag(metric))
+    return Selected(S_m, S_s, sizes, room(*sizes), clear, exact, M)
 
 
 _NOTHING = none((0,))

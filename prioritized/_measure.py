@@ -1,0 +1,67 @@
+"""Angles and lengths in one norm, measured with a length that is stated or the mechanism's own."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from argument_checks import Array
+
+_ROUND_OFF = 1e-12
+
+
+def units_of(S: Array, units: Array) -> Array:
+    """Natural units (k,) of directions S (k, m): the norm of their rows' units per unit norm."""
+    sizes = np.sqrt((S**2).sum(axis=1))
+    return np.sqrt(((S * units) ** 2).sum(axis=1)) / np.where(sizes > 0.0, sizes, 1.0) + (
+        sizes == 0.0
+    )
+
+
+def metric_of(units: Array) -> Array | None:
+    """Weights with which numbers in these natural units may be added; None for one kind alone."""
+    return None if is_uniform(units) else 1.0 / units
+
+
+class Measure(NamedTuple):
+    """Natural units of the major velocities (m1,) and of the rates (n,) of a mapping."""
+
+    major: Array
+    rates: Array
+
+    @property
+    def is_needed(self) -> bool:
+        """Whether there are two kinds of either."""
+        return not (is_uniform(self.major) and is_uniform(self.rates))
+
+    def length(self, of_error: bool, of_ties: bool) -> float | None:
+        """The length between the two kinds; None where there is one alone.
+
+        Args:
+            of_error: Whether major velocities are in one norm.
+            of_ties: Whether rates are.
+        """
+        for units, used in ((self.major, of_error), (self.rates, of_ties)):
+            if used and not is_uniform(units):  # one unit is 1, that of an angle
+                return float(units.max() if units.max() > 1.0 else units.min())
+        return None
+
+    @property
+    def gain_unit(self) -> float:
+        """Major velocity over rate of which gains are multiples: 1 where there are two kinds."""
+        if self.is_needed or not (self.major.size and self.rates.size):
+            return 1.0
+        return float(self.major[0] / self.rates[0])
+
+    @property
+    def inverse(self) -> "Measure":
+        """Of major forces and torques: their products with velocities and rates are of one kind."""
+        return Measure(1.0 / self.major, 1.0 / self.rates)
+
+    def of_gain(self, gain: Array) -> Array:
+        """Rates per major velocity, (..., n, m1), or torques per force: in natural units."""
+        return gain * self.major / self.rates[:, None] if self.is_needed else gain
+
+
+def is_uniform(units: Array) -> bool:
+    """Whether all are of one kind."""
+    return not units.size or bool(units.max() <= (1.0 + _ROUND_OFF) * units.min())

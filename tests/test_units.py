@@ -1,0 +1,101 @@
+"""Angles and lengths are in one norm only with a length: what they choose knows no unit."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from prioritized import ConstrainedSystem, Kinematics, Task
+from sim import Jacobians, jacobians
+
+_ARM = """<mujoco><compiler boundmass="1" boundinertia="1"/><worldbody>
+  <body><joint name="a" axis="0 0 1"/><geom size="{r}"/>
+    <body pos="{l1} 0 0"><joint name="b" axis="0 1 0" type="slide"/><geom size="{r}"/>
+      <body pos="{l2} {l3} 0"><joint name="c" axis="1 0 0"/><geom size="{r}"/>
+        <body pos="0 {l3} {l1}"><joint name="d" axis="1 0 0" type="slide"/><geom size="{r}"/>
+          <site name="tip" pos="{l2} 0 {l1}"/></body></body></body></body></worldbody>
+  <actuator><motor joint="a"/><motor joint="b"/><motor joint="c"/><motor joint="d"/></actuator>
+</mujoco>"""
+_TWIST = np.array([0.1, 0.2, -0.1, 0.3, 0.1, 0.2])
+
+
+def _read(unit: float) -> tuple[Jacobians, np.ndarray]:
+    """The arm where one metre is `unit`, and the units of its rates."""
+    lengths = {"r": 0.02, "l1": 0.41, "l2": 0.23, "l3": 0.17}
+    model = mujoco.MjModel.from_xml_string(
+        _ARM.format(**{name: unit * length for name, length in lengths.items()})
+    )
+    data = mujoco.MjData(model)
+    rates = np.array([1.0, unit, 1.0, unit])
+    data.qpos[:] = np.array([0.3, 0.1, 0.7, -0.05]) * rates
+    return jacobians(model, data, "tip"), rates
+
+
+def _arm(unit: float) -> tuple[Kinematics, np.ndarray, np.ndarray]:
+    """Its kinematics, and the units of its task rows and rates."""
+    jac, rates = _read(unit)
+    return ConstrainedSystem.of(jac).kinematics(), np.repeat([1.0, unit], 3), rates
+
+
+def _answers(unit: float) -> dict[str, np.ndarray]:
+    """Rates, or torques times them, of what a norm of angles and lengths chooses."""
+    kin, of_task, of_rate = _arm(unit)
+    twist, box = _TWIST * of_task, (-0.1 * of_rate, 0.1 * of_rate)
+    rates = {
+        "out of reach": kin.velocity_mapping(range(6))(twist),
+        "limited and out of reach": kin.velocity_mapping(range(6), rate_limits=box)(twist),
+        "limited": kin.velocity_mapping([2, 3, 4], joint_weight=1.0 / of_rate, rate_limits=box)(
+            twist[2:5]
+        ),
+        "least rates": kin.velocity_mapping([3])(twist[3:4]),
+        "in levels": kin.hierarchy([Task([3]), Task(range(6)), Task.joints()])(
+            [twist[3:4], twist, None]
+        ),
+    }
+    torques = kin.force_mapping([3, 4])(np.array([1.0, 0.4]) / of_task[3:5])
+    locked = kin.velocity_mapping(range(6)).largest_gain
+    return {name: each / of_rate for name, each in rates.items()} | {
+        "least torques": torques * of_rate,
+        "largest gain": locked,
+    }
+
+
+@pytest.mark.parametrize("exponent", [-3, 2, 3, 6])
+def test_no_norm_depends_on_the_unit_of_length(exponent):
+    """What is out of reach or not determined is chosen alike in millimetres and in metres."""
+    here, there = _answers(1.0), _answers(10.0**exponent)
+    for name, answer in here.items():
+        np.testing.assert_allclose(there[name], answer, rtol=1e-6, atol=1e-9, err_msg=name)
+
+
+def test_what_is_measured_with_a_length_says_so_and_a_stated_metric_goes_before_it():
+    """The mechanism's own length stands in the answer; a metric of the user's is the user's."""
+    kin, _, _ = _arm(1.0)
+    accuracy, length = _read(1.0)[0].accuracy, 1.2
+    mapping = kin.velocity_mapping(range(6))
+    assert accuracy is not None
+    assert mapping.characteristic_length == accuracy.length
+    assert f"{mapping.characteristic_length:.3g}" in str(mapping)
+    stated = np.repeat([1.0, 1.0 / length], 3)
+    own = kin.velocity_mapping(range(6), major_metric=stated, tie_metric=np.ones(4))
+    A = stated[:, None] * kin.J
+    np.testing.assert_allclose(own(_TWIST), np.linalg.lstsq(A, stated * _TWIST, rcond=None)[0])
+    angles = kin.velocity_mapping([0], joint_weight=np.ones(4))
+    assert angles.characteristic_length is None
+    force = kin.force_mapping([3, 4])
+    assert force.characteristic_length == mapping.characteristic_length
+
+
+def test_limits_hold_back_rows_of_two_kinds_as_far_as_the_metric_says():
+    """With a metric the compiled way gives what the levels solved one by one give."""
+    kin, _, _ = _arm(1.0)
+    rows, box = np.eye(6)[2:5], (np.full(4, -0.1), np.full(4, 0.1))
+    quick = kin.velocity_mapping([2, 3, 4], joint_weight=np.ones(4), rate_limits=box)
+    never = (np.eye(4)[:1], np.array([-1e3]), np.array([1e3]))
+    slow = kin.velocity_mapping(rows, joint_weight=np.ones(4), rate_limits=box, rate_rows=never)
+    a, b = (mapping.solve(_TWIST[2:5]) for mapping in (quick, slow))
+    np.testing.assert_allclose(a.rates, b.rates, atol=1e-9)
+    assert a.status == b.status
+    plain = kin.velocity_mapping(
+        rows, joint_weight=np.ones(4), rate_limits=box, major_metric=np.ones(3)
+    )
+    assert np.abs(plain(_TWIST[2:5]) - a.rates).max() > 1e-3
