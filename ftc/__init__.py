@@ -21,7 +21,7 @@ from ftc.mapping import PrioritizedMapping as PrioritizedMapping
 from ftc.mechanism import MechanismGeometry as MechanismGeometry
 from ftc.oracle import OracleController as OracleController
 from ftc.supervisor import Supervisor as Supervisor
-from ftc.supervisor import reconfigured_goal as reconfigured_goal
+from ftc.supervisor import goal_after as goal_after
 from ftc.tracking import TaskLost as TaskLost
 from ftc.tracking import Tracking as Tracking
 from ftc.tracking import tracking as tracking

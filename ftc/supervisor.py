@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -28,6 +28,7 @@ class SupervisorState(NestedState):
         task_lost: Whether the remaining actuators cannot do the major task; the commands then
             stand still.
         ticks: So far.
+        withdrawn: Diagnoses that were taken back, and when.
     """
 
     current: PrioritizedController[Any]
@@ -37,6 +38,7 @@ class SupervisorState(NestedState):
     diagnoses: tuple[Diagnosis, ...] = ()
     task_lost: bool = False
     ticks: int = 0
+    withdrawn: tuple[tuple[Diagnosis, int], ...] = ()
 
     @property
     def standing(self) -> list[Diagnosis]:
@@ -90,6 +92,8 @@ class Supervisor:
             measured = self.watched(measurement, state.pose, faults)
         watch = state.monitor.step(state.watch, measured, commanded_m)
         if watch.diagnosis is not known:
+            if known is not None and _is_taken_back(known, watch.diagnosis):
+                state = replace(state, withdrawn=(*state.withdrawn, (known, state.ticks)))
             state = self._reconfigured(replace(state, watch=watch), commanded_m)
             watch = state.watch
         if state.task_lost:
@@ -122,6 +126,11 @@ class Supervisor:
         return replace(state, monitor=monitor, watch=watch)
 
 
+def _is_taken_back(known: Diagnosis, now: Diagnosis | None) -> bool:
+    """Whether another actuator, or none, is named now; another kind is a revision."""
+    return now is None or now.fault.actuator != known.fault.actuator
+
+
 WEAKEST = 0.5
 """An actuator that has less of its force left is not used. Commanded seven times as much because of
 a wrong diagnosis, a sound strut would make the loop unstable: docs/recover.md."""
@@ -146,19 +155,31 @@ def lost_displacement(diagnosis: Diagnosis, commanded_m: Array) -> Array:
     return lost_displacement_m
 
 
-def reconfigured_goal(goal: Goal, diagnoses: Sequence[Diagnosis]) -> Goal:
-    """The goal with the known failures of the actuators.
+Unused = Literal["locked", "free"]
+"""What an actuator counts as that gives no force: locked at its centre, where its own spring holds
+it, or free to follow the others. On the hexapod its spring holds it to 6e-4, and in a loop of 8 Hz
+locked is the better model even without the spring (docs/theory.md)."""
 
-    An actuator without force counts as locked at its centre, where its spring holds it: on the
-    hexapod to 6e-4, and in a loop of 8 Hz that is the better model even without the spring
-    (docs/theory.md).
+
+def goal_after(goal: Goal, diagnoses: Sequence[Diagnosis], unused: Unused = "free") -> Goal:
+    """The goal with failures that are known.
+
+    Args:
+        goal: Before them.
+        diagnoses: What has failed.
+        unused: What an actuator counts as that is free, loose, or too weak to be used.
     """
-    locked_m = dict(goal.locked_m)
-    effectiveness = dict(goal.effectiveness)
-    for diagnosis in diagnoses:
-        fault, left = diagnosis.fault, used_effectiveness(diagnosis)
-        if left > 0:
-            effectiveness[fault.actuator] = left
+    locked_m, effectiveness, free = dict(goal.locked_m), dict(goal.effectiveness), set(goal.free)
+    for found in diagnoses:
+        actuator = found.fault.actuator
+        if found.fault.kind == "locked":
+            locked_m[actuator] = found.displacement
+        elif (left := used_effectiveness(found)) > 0:
+            effectiveness[actuator] = left
+        elif unused == "locked":
+            locked_m[actuator] = 0.0
         else:
-            locked_m[fault.actuator] = diagnosis.displacement if fault.kind == "locked" else 0.0
-    return replace(goal, locked_m=locked_m, effectiveness=effectiveness)
+            free.add(actuator)
+    return replace(
+        goal, locked_m=locked_m, effectiveness=effectiveness, free=tuple(sorted(free - {*locked_m}))
+    )

@@ -30,14 +30,14 @@ from ftc.compensator import (
     sensitivity_peak,
 )
 from ftc.controller import DirectDrive, Measurement, PrioritizedController
-from ftc.fdi.diagnosis import DEFAULT_CONFIG, Diagnosis, FdiConfig
+from ftc.fdi.diagnosis import DEFAULT_CONFIG, FdiConfig
 from ftc.fdi.dither import Dither
 from ftc.fdi.fault_model import Fault, NominalModel, by_kind, fault_model
 from ftc.fdi.monitor import monitor
 from ftc.goal import Goal
 from ftc.mapping import PrioritizedMapping
 from ftc.mechanism import MechanismGeometry, MechanismModel
-from ftc.supervisor import Supervisor, used_effectiveness
+from ftc.supervisor import Supervisor, Unused, goal_after
 from prioritized import ConstrainedSystem, Kinematics, Manipulability, WhenLimited
 
 LARGEST_PEAK = 1.7
@@ -74,6 +74,7 @@ class Tracking:
         encoder_noise: Standard deviations (n,) of one sample of each actuator's displacement, where
             the diagnosis looks at these; else None.
         handover_s: In which the secondary motion of a former mapping fades.
+        unused: What an actuator without force counts as; see :func:`ftc.supervisor.goal_after`.
     """
 
     model: MechanismModel[Any]
@@ -89,6 +90,7 @@ class Tracking:
     sense: Sense = "task"
     encoder_noise: Array | None = None
     handover_s: float = 0.5
+    unused: Unused = "free"
 
     @property
     def system(self) -> ConstrainedSystem:
@@ -139,7 +141,7 @@ class Tracking:
             first=self.controller(goal),
             monitor=monitor(self.watched, config=config),
             secondary=(lambda _: still) if dither is None else dither.at,
-            reconfigured=lambda found: self.controller(goal_after(goal, found)),
+            reconfigured=lambda found: self.controller(goal_after(goal, found, self.unused)),
             is_possible=lambda faults: is_possible(self.classified(faults)),
             watched=self._seen(),
         )
@@ -231,8 +233,8 @@ def tracking(
         goal: For which the loops are designed, all actuators sound.
         crossover_hz: Gain crossover of all rows; None is the rule of this module.
         sense: What the diagnosis looks at.
-        options: `limits`, `when_limited`, `springs`, `handover_s` of :class:`Tracking`, and
-            `implicit_damping` of :class:`ftc.fdi.fault_model.NominalModel`.
+        options: `limits`, `when_limited`, `springs`, `handover_s` and `unused` of
+            :class:`Tracking`, and `implicit_damping` of :class:`ftc.fdi.fault_model.NominalModel`.
 
     Raises:
         TaskLost: The actuators cannot do the major task, something drifts that they do not hold, or
@@ -262,6 +264,8 @@ def tracking(
         step_s=step_s,
         feedback=getattr(linear, "feedback", None),
         holding=getattr(linear, "holding", None),
+        spring=getattr(linear, "spring", None),
+        preload=getattr(linear, "preload", None),
         implicit_damping=options.pop("implicit_damping", False),
     )
     sampled = control.c2d(plant, period_s, method="zoh")
@@ -309,27 +313,6 @@ def mapping_for(
     limited = {"limits_m": limits, "when_limited": when_limited}
     return PrioritizedMapping(
         geometry, goal, major, secondary, "gauss_newton", model.task, **limited
-    )
-
-
-def goal_told(goal: Goal, fault: Fault, displacement: float = 0.0) -> Goal:
-    """The goal with one more failure; a locked actuator stands at this displacement."""
-    return goal_after(goal, [Diagnosis.told(fault, displacement)])
-
-
-def goal_after(goal: Goal, diagnoses: Sequence[Diagnosis]) -> Goal:
-    """The goal with failures that were found; an actuator too weak to be used counts as free."""
-    locked_m, effectiveness, free = dict(goal.locked_m), dict(goal.effectiveness), set(goal.free)
-    for found in diagnoses:
-        actuator = found.fault.actuator
-        if found.fault.kind == "locked":
-            locked_m[actuator] = found.displacement
-        elif (left := used_effectiveness(found)) > 0:
-            effectiveness[actuator] = left
-        else:
-            free.add(actuator)
-    return replace(
-        goal, locked_m=locked_m, effectiveness=effectiveness, free=tuple(sorted(free - {*locked_m}))
     )
 
 

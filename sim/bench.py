@@ -112,6 +112,7 @@ class Bench:
         delay_ticks: int = 0,
         hysteresis: MaxwellSlip | None = None,
         keep_qpos: bool = False,
+        events: object = None,
     ) -> None:
         """Take a plant at rest.
 
@@ -128,12 +129,16 @@ class Bench:
             hysteresis: Of a spring along each actuator, beside the plant's own; none of it is
                 stretched at the first tick. Its forces are updated once a tick and held.
             keep_qpos: Whether the log has the joint positions.
+            events: What else happens, tick by tick: an object with some of `plant(tick, model,
+                data)`, before the physics of a tick (forces in `data.xfrc_applied`, gains,
+                dampers); `measured(tick, reading)`, which returns what the controller reads
+                instead; `sent(tick, inputs)`, what the drives get instead. None is nothing.
 
         Raises:
             ValueError: Times that are no vector, a period that is not positive, another number of
                 accelerations, a failure of an actuator that the plant does not have, a delay that
                 is no whole number, or hysteresis of another number of springs.
-            TypeError: The hysteresis is of another type.
+            TypeError: The hysteresis is of another type, or `events` has none of these methods.
         """
         time_s = check.finite("time_s", time_s)
         if time_s.ndim != 1:
@@ -142,7 +147,10 @@ class Bench:
         if floor_m_per_s2 is not None:
             check.exactly("floor_m_per_s2", floor_m_per_s2, len(time_s), 3)
         for failure in failures:  # an actuator may fail twice
-            check.index("failures", failure.actuator, len(plant.drives))
+            if isinstance(failure.actuator, str):
+                plant.number(failure.actuator)
+            else:
+                check.index("failures", failure.actuator, len(plant.drives))
         if hysteresis is not None:
             check.instance("hysteresis", hysteresis, MaxwellSlip)
             if len(hysteresis.slip) != len(plant.drives):
@@ -151,6 +159,10 @@ class Bench:
                     f"got shape {hysteresis.slip.shape}"
                 )
         self._plant, self._sensors, self._drives = plant, sensors, drives
+        hooks = [getattr(events, name, None) for name in ("plant", "measured", "sent")]
+        if events is not None and not any(map(callable, hooks)):
+            raise TypeError("events must have plant, measured or sent, got " + check.shown(events))
+        self._on_plant, self._on_measured, self._on_sent = hooks
         self._under_way = deque([plant.command] * check.index("delay_ticks", delay_ticks))
         self._hysteresis = hysteresis
         self._stretch = np.zeros((1, 1) if hysteresis is None else hysteresis.slip.shape)
@@ -177,16 +189,21 @@ class Bench:
         if self.qpos is not None:
             self.qpos[tick] = plant.data.qpos
         pose = computed(Pose, rotation=rotation, translation_m=translation_m)
-        return self._sensors.read(pose, displacement)
+        reading = self._sensors.read(pose, displacement)
+        return reading if self._on_measured is None else self._on_measured(tick, reading)
 
     def apply(self, input_percent: Array) -> None:
         """Drive the actuators for a period."""
+        if self._on_sent is not None:
+            input_percent = self._on_sent(self._tick, input_percent)
         command = input_percent if self._drives is None else self._drives(input_percent)
         if self._under_way:
             self._under_way.append(np.array(command))
             command = self._under_way.popleft()
         if self._hysteresis is not None:
             self._slip(self._hysteresis)
+        if self._on_plant is not None:
+            self._on_plant(self._tick, self._plant.model, self._plant.data)
         self._plant.step(command, self._period_s)
         self._tick += 1
 

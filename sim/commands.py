@@ -110,6 +110,22 @@ def _spring(model: mujoco.MjModel, data: mujoco.MjData, drive: Drive) -> float:
     return 0.0 if slack else float(model.tendon_stiffness[drive.tendon])
 
 
+def spring_forces(model: mujoco.MjModel, data: mujoco.MjData, drives: tuple[Drive, ...]) -> Array:
+    """Force of the own spring of each drive at this pose, along its velocity, shape (n,)."""
+    forces = np.zeros(len(drives))
+    for n, drive in enumerate(drives):
+        if drive.joint is not None:
+            at = model.jnt_qposadr[drive.joint]
+            stretched = data.qpos[at] - model.qpos_spring[at]
+        elif drive.tendon is not None:
+            length = data.ten_length[drive.tendon]
+            stretched = length - np.clip(length, *model.tendon_lengthspring[drive.tendon])
+        else:
+            continue
+        forces[n] = -_spring(model, data, drive) * stretched
+    return forces
+
+
 def _refuse_without_stiffness(
     model: mujoco.MjModel, drive: Drive, laws: list[Law], spring: float
 ) -> None:

@@ -1,7 +1,10 @@
 """An active velocity: what moves, which actuators move it, and with which forces."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from difflib import get_close_matches
 from functools import cached_property
+from itertools import chain
 
 import mujoco
 import numpy as np
@@ -11,6 +14,28 @@ from sim.model import name_of
 
 _MUSCLE = int(mujoco.mjtGain.mjGAIN_MUSCLE)
 _FIXED, _NO_BIAS = int(mujoco.mjtGain.mjGAIN_FIXED), int(mujoco.mjtBias.mjBIAS_NONE)
+
+
+def number_of(name: str, names: Sequence[Sequence[str]]) -> int:
+    """The first that has this name, own names before others'.
+
+    Args:
+        name: Of a joint, tendon or actuator.
+        names: Of each, its own name first.
+
+    Raises:
+        ValueError: None has; the nearest is named.
+    """
+    for number, own in enumerate(names):
+        if name == own[0]:
+            return number
+    for number, own in enumerate(names):
+        if name in own:
+            return number
+    near = get_close_matches(name, chain(*names), 1)
+    known = ", ".join(own[0] for own in names)
+    hint = f'did you mean "{near[0]}"?' if near else f"it has {known}"
+    raise ValueError(f'the robot has no actuator or joint "{name}"; {hint}')
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,7 +18,8 @@ class Failure:
     """One actuator fails at one time.
 
     Attributes:
-        actuator: 0..n-1, in the order of `plant.drives`, which is that of :func:`jacobians`.
+        actuator: 0..n-1, in the order of `plant.drives`, which is that of :func:`jacobians`; or the
+            name of its joint, tendon or actuator.
         kind: See :data:`FailureKind`.
         time_s: When, not before the start.
         effectiveness: Part of the force that a weak one has left, in 0..1.
@@ -27,7 +28,7 @@ class Failure:
         ValueError: No such kind, a negative actuator, a time that is not finite, or no such part.
     """
 
-    actuator: int
+    actuator: int | str
     kind: FailureKind
     time_s: float = 0.0
     effectiveness: float = 0.5
@@ -36,9 +37,21 @@ class Failure:
         if check.instance("kind", self.kind, str) not in get_args(FailureKind):
             known = ", ".join(get_args(FailureKind))
             raise ValueError(f"kind must be one of {known}, got {check.shown(self.kind)}")
-        check.index("actuator", self.actuator)
+        if not isinstance(self.actuator, str):
+            check.index("actuator", self.actuator)
         check.number("time_s", self.time_s)
         check.at_most_one("effectiveness", self.effectiveness)
+
+    @property
+    def number(self) -> int:
+        """The actuator, 0..n-1.
+
+        Raises:
+            TypeError: It is given by its name, which only a plant or a rig knows the number of.
+        """
+        if isinstance(self.actuator, str):
+            raise TypeError(f"actuator must be a number here, got {check.shown(self.actuator)}")
+        return int(self.actuator)
 
     def strike(self, plant: Plant) -> None:
         """Apply the failure now.
@@ -48,12 +61,12 @@ class Failure:
             ModelError: It is to lock and has no lock.
             TypeError: `plant` is of another type.
         """
-        check.instance("plant", plant, Plant)
+        actuator = check.instance("plant", plant, Plant).number(self.actuator)
         if self.kind == "weak":
-            plant.weaken(self.actuator, self.effectiveness)
+            plant.weaken(actuator, self.effectiveness)
         else:
             events = {"locked": plant.lock, "free": plant.release, "loose": plant.break_loose}
-            events[self.kind](self.actuator)
+            events[self.kind](actuator)
 
 
 def failed_plant(model: mujoco.MjModel, failures: Iterable[Failure]) -> Plant:

@@ -45,6 +45,9 @@ class LinearPlant:
         holding: Of the same, the force of each drive at x = 0 and u = 0, shape (n,). Without drive
             k, the machine accelerates by -B[:, k] holding[k] besides. How the direction of that
             force turns with the pose is left out: of the order of this acceleration per radian.
+        spring: Of the same, what the own spring of each drive takes, shape (n, 2k), in units of its
+            commands: without it A + B[:, k] spring[k] takes the place of A.
+        preload: Of the same, the force of that spring at x = 0, shape (n,).
     """
 
     A: Array
@@ -54,6 +57,8 @@ class LinearPlant:
     C_active: Array
     feedback: Array | None = None
     holding: Array | None = None
+    spring: Array | None = None
+    preload: Array | None = None
 
 
 def linearize(

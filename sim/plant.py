@@ -22,10 +22,10 @@ from sim.actuators import (
 )
 from sim.array import Array
 from sim.closure import active_closures, check_closures, equality_name
-from sim.commands import commands_of
+from sim.commands import commands_of, spring_forces
 from sim.displacement_limits import rest_limits
 from sim.displacements import Displacements
-from sim.drive import Drive
+from sim.drive import Drive, number_of
 from sim.errors import ClosureError, ModelError, SimulationDiverged
 from sim.frame import Body, located
 from sim.holding import holding_forces, refuse_beyond_ranges
@@ -280,6 +280,11 @@ class Plant:
         return self._commands.stiffness.copy()
 
     @property
+    def spring_share(self) -> Array:
+        """Part of :attr:`stiffness` that the own spring of each drive gives, shape (n,)."""
+        return 1.0 - self._commands.feedback[:, 0]
+
+    @property
     def command(self) -> Array:
         """Displacements (n,) last commanded by :meth:`step`; zero before the first."""
         return self._command.copy()
@@ -301,6 +306,8 @@ class Plant:
                 [part[:, None] * linear.C_active[:, :k] for part in commands.feedback.T]
             ),
             holding=self.coil_force_n() / commands.stiffness,
+            spring=self.spring_share[:, None] * linear.C_active,
+            preload=spring_forces(self.model, data, self.drives) / commands.stiffness,
         )
 
     @property
@@ -339,6 +346,19 @@ class Plant:
         state = np.empty(mujoco.mj_stateSize(self.model, _STATE))
         mujoco.mj_getState(self.model, self.data, state, _STATE)
         return state
+
+    def number(self, actuator: int | str) -> int:
+        """The number 0..n-1 of a drive, given by it or by a name.
+
+        Raises:
+            ValueError: There is none; the nearest name is named.
+        """
+        if not isinstance(actuator, str):
+            return self._index(actuator)
+        try:
+            return number_of(actuator, [(drive.name, *drive.actuators) for drive in self.drives])
+        except ValueError as error:
+            raise ValueError(f"actuator must be one of the plant's: {error}") from None
 
     def _index(self, actuator: int) -> int:
         return check.index("actuator", actuator, len(self.drives))

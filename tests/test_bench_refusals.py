@@ -66,7 +66,7 @@ GOOD: dict[Any, dict[str, Any]] = {
         (Detector, "half_width_m", [NAN, 0.0, -5e-3, INF]),
         (Detector, "noise_m", [-3e-7, NAN]),
         (StrutSensors, "noise_m", [-1e-9, NAN, INF]),
-        (Failure, "actuator", [-1, 0.5, True, None, "1"]),
+        (Failure, "actuator", [-1, 0.5, True, None]),
         (Failure, "kind", ["broken", None, ["weak"], np.array(["weak", "free"])]),
         (Failure, "time_s", [-1.0, NAN, INF, "soon"]),
         (Failure, "effectiveness", [-0.1, 1.1, NAN, None]),

@@ -6,7 +6,7 @@ import control
 import numpy as np
 import pytest
 
-from experiments.hexapod.fault_tolerance import fault_of, fault_text, nominal_model
+from experiments.hexapod.fault_tolerance import fault_text, nominal_model
 from experiments.hexapod.testbed import TestbedConfig
 from ftc.fdi.fault_model import KINDS, Fault, NominalModel, fault_model
 from sim import Failure, LinearPlant, Plant, failed_plant, linearize, load_model
@@ -67,12 +67,32 @@ def test_a_strut_that_locks_stops_and_stays(strut):
     assert c @ after == pytest.approx(stands, abs=1e-15)
 
 
-def test_only_what_is_looked_for_can_be_found():
-    assert fault_of(Failure(2, "weak", effectiveness=0.3)) == Fault(2, "weak", 0.3)
+def test_a_failure_leaves_one_fault_behind():
+    assert Fault.of(Failure(2, "weak", effectiveness=0.3)) == Fault(2, "weak", 0.3)
+    assert Fault.of(Failure(1, "loose", effectiveness=0.3)) == Fault(1, "loose")
     assert fault_text(Fault(2, "weak", 0.3)) == "strut 3 weak to 30 %"
     assert fault_text(Fault(0, "locked")) == "strut 1 locked" and fault_text(None) == "sound"
-    with pytest.raises(ValueError, match="kind must be one of locked, free, weak, got loose"):
-        fault_of(Failure(0, "loose"))
+    with pytest.raises(TypeError, match="actuator must be a number here"):
+        Fault.of(Failure("strut1", "free"))
+
+
+def test_a_loose_strut_is_the_plant_that_is_linearized_without_its_spring():
+    """Force and spring gone: the same rates as in MuJoCo's own linearization."""
+    nominal = nominal_model(load_model(), TestbedConfig())
+    broken = Plant(load_model())
+    sound = broken.linear()
+    broken.break_loose(4)
+    without = broken.linear()  # about the same pose, which it is about to leave
+    assert nominal.spring is not None and nominal.preload is not None
+    k = 6
+    A = nominal.plant.A[k:] + np.outer(nominal.plant.B[k:, 4], nominal.spring[4])
+    # The weight that the spring no longer carries turns with the flexures: 1e-4 of the stiffness.
+    moved = np.linalg.solve(sound.C_twist[:, :k], without.C_twist[:, :k])  # of their coordinates
+    np.testing.assert_allclose(
+        A[:, :k] @ moved, moved @ without.A[k:, :k], atol=2e-4 * np.abs(A).max()
+    )
+    with pytest.raises(ValueError, match="needs a model with its spring"):
+        fault_model(replace(nominal, spring=None), [Fault(4, "loose")])
 
 
 def bench_of_springs(n: int = 3) -> NominalModel:
@@ -112,7 +132,7 @@ def test_a_model_of_another_shape_is_refused_by_the_name_of_its_part(change, mes
         replace(bench_of_springs(), **change)
 
 
-@pytest.mark.parametrize("wrong", [(-1, "locked"), (0, "loose"), (0, "weak", 1.5)])
+@pytest.mark.parametrize("wrong", [(-1, "locked"), (0, "broken"), (0, "weak", 1.5)])
 def test_a_fault_that_cannot_be_is_refused(wrong):
     with pytest.raises(ValueError, match=r"^(actuator|kind|effectiveness) must"):
         Fault(*wrong)

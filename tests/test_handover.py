@@ -16,7 +16,7 @@ from ftc.fdi.dither import Dither
 from ftc.fdi.fault_model import Fault, fault_model
 from ftc.goal import Goal
 from ftc.mapping import DisplacementForm
-from ftc.supervisor import lost_displacement, reconfigured_goal
+from ftc.supervisor import goal_after, lost_displacement
 from sim import NOMINAL, Failure, hexapod, load_model, pointing_angles
 
 MODEL, BENCH = load_model(), TestbedConfig()
@@ -216,7 +216,7 @@ def test_the_reconfigured_goal_says_what_is_known_of_each_strut():
         diagnosis(Fault(2, "free"), 9e-6),
         diagnosis(Fault(5, "weak", 0.6), 1e-6),
     ]
-    goal = reconfigured_goal(EQUAL, known)
+    goal = goal_after(EQUAL, known, "locked")
     assert goal.locked_m == {0: 3e-6, 2: 0.0} and goal.effectiveness == {5: 0.6}
     assert goal.joint_weight == EQUAL.joint_weight
     commanded_m = np.full(6, 2e-6)
@@ -229,12 +229,12 @@ def test_a_weak_coil_is_commanded_more_with_care():
     """Twice as much at the most; what has less than half of its force is left alone."""
     commanded_m = np.full(6, 8e-6)
     most = diagnosis(Fault(5, "weak", 0.5), 4e-6)
-    assert reconfigured_goal(EQUAL, [most]).effectiveness == {5: 0.5}
+    assert goal_after(EQUAL, [most], "locked").effectiveness == {5: 0.5}
     np.testing.assert_array_equal(
         lost_displacement(replace(most, confirmed=True), commanded_m), 0.0
     )
     gone = diagnosis(Fault(5, "weak", 0.4), 4e-6)
-    assert reconfigured_goal(EQUAL, [gone]).locked_m == {5: 0.0}
+    assert goal_after(EQUAL, [gone], "locked").locked_m == {5: 0.0}
     assert lost_displacement(gone, commanded_m)[5] == 4e-6
 
 

@@ -18,12 +18,11 @@ from experiments.recover.mechanism_flight import MechanismFlight, MechanismFlown
 from experiments.recover.mechanism_results import described, summarize
 from experiments.recover.mechanism_row import SCHEMA, flown_row
 from experiments.recover.mechanisms import Mechanisms, run_mechanisms
-from experiments.robot.choices import Sensing
-from experiments.robot.dither import rig_dither
-from experiments.robot.mismatch import ALL
-from experiments.robot.mjcf import robot_rig
-from experiments.robot.options import DITHER_SIZE, RobotOptions
-from experiments.robot.rig import Rig
+from experiments.rig import Rig
+from experiments.rig.choices import Sensing
+from experiments.rig.dither import rig_dither
+from experiments.rig.mjcf import robot_rig
+from experiments.rig.options import DITHER_SIZE, RobotOptions
 from ftc.fdi.dither_design import DitherDesign
 from sim import HEXAPOD_MJCF, Failure, FailureKind, Pose
 
@@ -41,7 +40,7 @@ def options(name: str, sense: Sensing) -> RobotOptions:
 
 @cache
 def designed(name: str, sense: Sensing) -> tuple[Rig, DitherDesign]:
-    rig = robot_rig(file(name), options(name, sense), ALL)
+    rig = robot_rig(file(name), options(name, sense)).drawn("all", None)
     design = rig_dither(rig, "designed")
     assert design is not None
     return rig, design

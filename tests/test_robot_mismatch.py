@@ -11,9 +11,11 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
-from experiments.robot.mismatch import ALL, EXACT, Mismatch, displaced, mismatched_model
-from experiments.robot.mjcf import robot_rig
-from experiments.robot.options import RobotOptions
+from experiments.output.mismatch import EXACT, Mismatch
+from experiments.output.study import WrongInput
+from experiments.rig.mismatched import ALL, displaced, mismatched_model
+from experiments.rig.mjcf import OF_THE_HEXAPOD, robot_rig
+from experiments.rig.options import RobotOptions
 from sim import HEXAPOD_MJCF, Bench, JointSensors, Mechanism, Plant, TaskSensor, load_model
 
 ARM = HEXAPOD_MJCF.with_name("arm.xml")
@@ -106,7 +108,7 @@ def test_what_is_drawn_fills_its_range_and_is_alike_alone_and_with_the_others(dr
 def flown(mismatch: Mismatch, sense: Any = "task", seed: int = 3) -> tuple[Bench, np.ndarray]:
     """A tenth of a second of the arm under steps, and what its sensors read."""
     options = RobotOptions(sense=sense, crossover=0.7, noise=1e-5)
-    bench = robot_rig(ARM, options, mismatch).bench(np.arange(100) * 1e-3, [], seed)
+    bench = robot_rig(ARM, options).drawn(mismatch, None).bench(np.arange(100) * 1e-3, [], seed)
     return bench, np.array([np.concatenate(each) for each in readings(bench)])
 
 
@@ -130,11 +132,20 @@ def test_an_exact_plant_is_to_the_bit_a_bench_of_the_model():
     np.testing.assert_array_equal(flown(EXACT)[1], expected)
 
 
-@pytest.mark.parametrize("name", [each.name for each in fields(Mismatch)])
+SIZES = sorted({each.name for each in fields(Mismatch)} - {*OF_THE_HEXAPOD})
+
+
+@pytest.mark.parametrize("name", SIZES)
 def test_every_size_changes_the_flight_and_a_seed_repeats_it(name):
     one = flown(alone(name))[1]
     assert not np.array_equal(one, flown(EXACT)[1])
     np.testing.assert_array_equal(one, flown(alone(name))[1])
+
+
+@pytest.mark.parametrize("name", OF_THE_HEXAPOD)
+def test_a_size_that_a_robot_does_not_have_is_refused_by_its_name(name):
+    with pytest.raises(WrongInput, match=f"no mismatch of {name}, got 0.001"):
+        flown(replace(EXACT, **{name: 1e-3}))
 
 
 def test_a_late_command_moves_the_plant_a_tick_late():

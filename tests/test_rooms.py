@@ -13,7 +13,7 @@ ALLOWED = {
     "sim": {"numpy", "scipy", "numba", "mujoco", "argument_checks"},
     "ftc": {"numpy", "scipy", "numba", "control", "prioritized", "argument_checks"},
 }
-FLOORS = {"output": 0, "hexapod": 1, "robot": 2, "app": 4}
+FLOORS = {"output": 0, "hexapod": 1, "rig": 2, "app": 4}
 """Of `experiments`, from below; whatever else is there is a study, between the last two."""
 STUDY = 3
 

@@ -102,6 +102,7 @@ CHOOSES_OTHERWISE = {
     "experiments/output/files.py": "names",
     "experiments/output/recording/views.py": "counts",
     "experiments/output/resumable.py": "names",
+    "experiments/rig/prediction.py": "times that a user gave",
     "experiments/track/runs.py": "times that a user gave",
     "experiments/uncorrected/answer.py": "counts",
     "ftc/fdi/residual_test.py": "the first that is true",

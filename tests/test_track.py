@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from experiments.app.cli import main
-from experiments.robot.paths import path_of
+from experiments.rig.paths import path_of
 from sim import HEXAPOD_MJCF
 from tests.robots import PANDA
 

@@ -6,6 +6,7 @@ Paths here are a thousandth of the mechanism, so that the linear model holds.
 import io
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ import pytest
 from experiments.app.cli import main
 from experiments.output.study import WrongInput
 from experiments.track import STUDY
-from experiments.track.results import notes, summarize
+from experiments.track.results import AGREES, checks, notes, summarize
 from experiments.track.runs import Tracked, run_track
 from sim import HEXAPOD_MJCF
 from tests.conftest import fjh
@@ -40,6 +41,7 @@ KEYS = {
     ),
     *("rms_before", "rms_after", "predicted_rms_before", "predicted_rms_after", "possible_after"),
     *("diagnoses", "dither", "task_lost", "closure_residual_max_m", "verdict", "files"),
+    *("prediction_off_before", "prediction_off_after", "status", "warnings"),
 }
 
 
@@ -76,12 +78,12 @@ def test_without_a_failure_the_error_is_that_of_the_linear_model(model, noise):
     assert summary["rms_after"] is None
     assert summary["predicted_rms_after"] is None
     assert summary["failures"] == summary["possible_after"] == []
-    assert one.run.closure_residual_m.max() < 1e-9
+    assert one.run.closure_m.max() < 1e-9
 
 
 def test_a_failure_is_given_by_the_name_of_the_joint_or_of_its_actuator(sound):
     names = ("joint4", "motor4")
-    assert [sound.rig.actuator(name) for name in names] == [3, 3]
+    assert [sound.rig.number(name) for name in names] == [3, 3]
 
 
 FAILING = [
@@ -153,8 +155,8 @@ def sound() -> Tracked:
 
 def test_another_seed_is_other_noise_and_nothing_else(sound):
     again, other = (tracked(ARM, duration=0.4, seed=seed) for seed in (0, 1))
-    for name, values in vars(sound.run).items():
-        np.testing.assert_array_equal(values, getattr(again.run, name))
+    for name, values in sound.run.arrays.items():
+        np.testing.assert_array_equal(values, again.run.arrays[name])
     np.testing.assert_array_equal(sound.run.desired, other.run.desired)
     assert sound.predicted[0].tolist() == other.predicted[0].tolist()
     noise = [each.run.measured - each.run.true for each in (sound, other)]
@@ -220,6 +222,19 @@ def test_the_command_writes_what_the_interface_says(made_once):
         error = (arrays["desired"] - arrays["true"])[arrays["time_s"] < 0.3 - 1e-9]
         assert arrays["displacement"].shape == (400, 7)
     np.testing.assert_allclose(np.sqrt((error**2).mean(axis=0)), summary["rms_before"], rtol=1e-12)
+
+
+def test_a_prediction_that_does_not_hold_fails_the_command(sound):
+    """Exit code 1; a pilot that learnt of the failure after some time is not compared."""
+    summary = summarize(sound)
+    assert all(check.passed for check in checks(summary))
+    assert summary["prediction_off_before"] < 0.5 * AGREES
+    off = [check for check in checks(summary | {"prediction_off_after": 0.21}) if not check.passed]
+    assert len(off) == 1 and "after the first failure" in str(off[0])
+    error = 1.3 * (sound.run.desired - sound.run.true)
+    worse = replace(sound, run=replace(sound.run, true=sound.run.desired - error))
+    assert not all(check.passed for check in checks(summarize(worse)))
+    assert summary["prediction_off_after"] is None
 
 
 @pytest.fixture(scope="module")
@@ -374,7 +389,7 @@ BROKEN: dict[str, Callable[[Path], object]] = {
 
 @pytest.mark.parametrize("name", BROKEN)
 def test_a_file_that_holds_no_path_is_refused(name, tmp_path):
-    from experiments.robot.paths import path_of
+    from experiments.rig.paths import path_of
 
     file = tmp_path / "path.npz"
     BROKEN[name](file)

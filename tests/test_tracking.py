@@ -9,13 +9,14 @@ import pytest
 import scipy.optimize
 
 from ftc.controller import Measurement
+from ftc.fdi.diagnosis import Diagnosis
 from ftc.fdi.fault_model import Fault, fault_model
 from ftc.goal import Goal
+from ftc.supervisor import goal_after
 from ftc.tracking import (
     LARGEST_PEAK,
     TaskLost,
     Tracking,
-    goal_told,
     is_possible,
     mapping_for,
     tracking,
@@ -29,6 +30,10 @@ ARM, HAND, ARMS = (
 )
 MAJOR = (3, 4, 5)
 PERIOD_S = 1e-3
+
+
+def goal_told(goal: Goal, fault: Fault, displacement: float = 0.0) -> Goal:
+    return goal_after(goal, [Diagnosis.told(fault, displacement)])
 
 
 def closed(model: mujoco.MjModel, major: tuple[int, ...], **options: Any) -> Tracking:

@@ -27,7 +27,7 @@ class Column:
 
     def struts(self, kind: FailureKind) -> list[int]:
         """Struts 0..5 that fail this way."""
-        return [failure.actuator for failure in self.failures if failure.kind == kind]
+        return [failure.number for failure in self.failures if failure.kind == kind]
 
 
 _EQUAL = (1.0, 1.0, 1.0, 1.0, 1.0, 1.0)

@@ -16,13 +16,13 @@ from experiments.output.palette import BLACK, BLUE, SKY, VERMILION, YELLOW
 from ftc.controller import PrioritizedController
 from ftc.fdi.diagnosis import DEFAULT_CONFIG, Diagnosis, FdiConfig
 from ftc.fdi.dither import Dither
-from ftc.fdi.fault_model import KINDS, Fault, NominalModel, by_kind
+from ftc.fdi.fault_model import Fault, NominalModel, by_kind
 from ftc.fdi.monitor import monitor
 from ftc.goal import Goal
 from ftc.springs import actuator_and_payload_stiffness
-from ftc.supervisor import Supervisor, reconfigured_goal
+from ftc.supervisor import Supervisor, Unused, goal_after
 from prioritized import ConstrainedSystem, FailureAtlas, failure_atlas
-from sim import Array, Failure, Plant, Pose, element_id, jacobians, joint_stiffness, linearize
+from sim import Array, Plant, Pose, element_id, jacobians, joint_stiffness
 
 
 def strut_and_payload_stiffness(model: mujoco.MjModel) -> Array:
@@ -108,6 +108,14 @@ directions in the plane of (alpha, beta), 60 degrees apart, and each strut has o
 
 STILL = Dither(0.0, 0.0, HEAVE)
 
+DITHER = Dither(0.5e-6, 20.0, HEAVE)
+"""A strut that fails is then seen at 1.2 urad, four times the detector's noise. Its frequency is
+above the loops' crossovers, so that they do not suppress it; below the modes from 32 Hz on, where
+the linear model would have to be more exact; and high enough for inertia to move a free strut."""
+
+UNUSED: Unused = "locked"
+"""The springs of the suspensions hold struts without force."""
+
 
 def nominal_model(
     model: mujoco.MjModel, bench: TestbedConfig, *, strut_sensors: bool = False
@@ -123,7 +131,7 @@ def nominal_model(
     import control  # late, as in ftc.compensator
 
     plant = Plant(model)
-    linear = linearize(plant.model, plant.data)
+    linear = plant.linear()
     rows = [linear.C_twist[MAJOR]]
     noise = [np.full(2, bench.detector_noise_m / bench.focal_length_m)]
     if strut_sensors:
@@ -135,19 +143,8 @@ def nominal_model(
         noise=np.concatenate(noise),
         period_s=bench.control_period_s,
         step_s=float(model.opt.timestep),
-    )
-
-
-def fault_of(failure: Failure) -> Fault:
-    """The fault that a failure leaves behind: what there is to find.
-
-    Raises:
-        ValueError: A strut that breaks loose is not among the kinds that are looked for.
-    """
-    if failure.kind == "loose":
-        raise ValueError(f"kind must be one of {', '.join(KINDS)}, got {failure.kind}")
-    return Fault(
-        failure.actuator, failure.kind, failure.effectiveness if failure.kind == "weak" else 0.0
+        spring=linear.spring,
+        preload=linear.preload,
     )
 
 
@@ -192,7 +189,7 @@ def supervisor(
     atlas = failure_atlas(elastic_system(testbed.model), MAJOR)
 
     def controller(diagnoses: Sequence[Diagnosis]) -> PrioritizedController[Pose]:
-        known = reconfigured_goal(goal, diagnoses)
+        known = goal_after(goal, diagnoses, UNUSED)
         return controller_for(testbed, known, jacobian=jacobian)
 
     def is_possible(faults: Sequence[Fault]) -> bool:

@@ -1,87 +1,16 @@
 """Plants that differ from their controller's model, by sizes written down beforehand."""
 
 import copy
-from dataclasses import dataclass, fields, replace
+from dataclasses import replace
 
 import mujoco
 import numpy as np
 
 from experiments.hexapod.inexact import InexactPlant
-from experiments.hexapod.testbed import Testbed, check_within
+from experiments.hexapod.testbed import Testbed
 from experiments.output.draw import Draw
+from experiments.output.mismatch import Mismatch
 from sim import Array, MaxwellSlip, ModelError, Plant
-
-LIMITS: dict[str, tuple[float, float]] = {
-    "gain": (0.0, 0.9),
-    "stiffness": (0.0, 0.9),
-    "damping": (0.0, 0.99),
-    "inertia": (0.0, 0.9),
-    "delay_ticks": (0, 1000),
-    "floor_um_per_s": (0.0, 1e6),
-    "drift_urad_per_s": (0.0, 1e6),
-    "gain_drift_per_s": (0.0, 1e-2),
-    "hysteresis": (0.0, 0.9),
-}
-"""Smallest and largest accepted size."""
-
-
-@dataclass(frozen=True)
-class Mismatch:
-    """Sizes of all differences between plant and model; zero is none.
-
-    Relative ones are half widths of uniform distributions, drawn anew for each flight.
-
-    Attributes:
-        gain: Of each coil.
-        stiffness: Of each suspension spring and each flexure spring.
-        damping: Of each suspension damper.
-        inertia: Of the mass, and apart from it of the inertia, of each body.
-        delay_ticks: Control ticks by which each command comes late; not drawn.
-        floor_um_per_s: RMS velocity of the floor in each third octave from 8 to 80 Hz; not drawn.
-        drift_urad_per_s: Half width of the rate at which the detector's zero moves in (alpha,
-            beta), in a direction that is drawn.
-        gain_drift_per_s: Half width of the relative rate at which each coil's gain changes.
-        hysteresis: Part of the suspensions' stiffness that slips, as a Maxwell-slip chain
-            (:class:`sim.MaxwellSlip`); not drawn, but for where its elements slip, `SLIP_M`.
-        timestep_s: Of the physics; None is the model's.
-
-    Raises:
-        ValueError: A size is no number or outside its `LIMITS`, or no such physics step.
-    """
-
-    gain: float = 0.0
-    stiffness: float = 0.0
-    damping: float = 0.0
-    inertia: float = 0.0
-    delay_ticks: int = 0
-    floor_um_per_s: float = 0.0
-    drift_urad_per_s: float = 0.0
-    gain_drift_per_s: float = 0.0
-    hysteresis: float = 0.0
-    timestep_s: float | None = None
-
-    def __post_init__(self) -> None:
-        for name, (low, high) in LIMITS.items():
-            check_within(name, getattr(self, name), low, high)
-        if self.timestep_s is not None:
-            check_within("timestep_s", self.timestep_s, 1e-6, 1e-2)
-
-    def scaled(self, factor: float) -> "Mismatch":
-        """All sizes times a factor, the delay rounded.
-
-        A physics step has no size: it stays, but for a factor of zero, which is :data:`EXACT`.
-
-        Raises:
-            ValueError: The factor is negative, or takes a size beyond its `LIMITS`.
-        """
-        check_within("factor", factor, 0.0, 1e6)
-        sizes = {name: factor * getattr(self, name) for name in LIMITS}
-        sizes["delay_ticks"] = round(sizes["delay_ticks"])
-        return replace(self, **sizes, timestep_s=self.timestep_s if factor else None)
-
-
-EXACT = Mismatch()
-"""The plant is the model."""
 
 ALL = Mismatch(
     gain=0.03,
@@ -103,9 +32,13 @@ clamps; the flexures of `fjh.xml` have 1 %. The physics step is twice the model'
 frequency and damping doubles, and a flight costs half.
 """
 
-ALONE: dict[str, Mismatch] = {
-    each.name: Mismatch(**{each.name: getattr(ALL, each.name)}) for each in fields(Mismatch)
-}
+SIZES = (
+    *("gain", "stiffness", "damping", "inertia", "delay_ticks", "floor_um_per_s"),
+    *("drift_urad_per_s", "gain_drift_per_s", "hysteresis", "timestep_s"),
+)
+"""Those of the hexapod."""
+
+ALONE: dict[str, Mismatch] = {name: Mismatch(**{name: getattr(ALL, name)}) for name in SIZES}
 """Each size of :data:`ALL` by itself."""
 
 

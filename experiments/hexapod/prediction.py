@@ -62,7 +62,7 @@ def predicted_error_rad(testbed: Testbed, run: SpiralRun) -> Array | None:
     geometry = hexapod(testbed.model)
     stuck_m = np.zeros(6)
     for failure in run.failures:
-        stuck_m[failure.actuator] = 0.0 if run.start_m is None else run.start_m[failure.actuator]
+        stuck_m[failure.number] = 0.0 if run.start_m is None else run.start_m[failure.number]
     offset = np.linalg.solve(geometry.inverse_jacobian(NOMINAL), stuck_m)[MAJOR]
     mapping = StrutMapping(geometry, run.goal, "constant", testbed.stiffness)
     # What the mapping commands at zero pointing, because it knows of a strut off centre.

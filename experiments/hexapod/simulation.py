@@ -179,6 +179,7 @@ def simulated(
     start_m: Array | None = None,
     floor_m_per_s2: Array | None = None,
     keep_qpos: bool = False,
+    events: object = None,
 ) -> Bench:
     """The machine in the loop, settled: detector, gauges, amplifiers, and what happens to it.
 
@@ -190,6 +191,7 @@ def simulated(
         start_m: As in :class:`SpiralRun`.
         floor_m_per_s2: Acceleration of the floor at each tick, shape (N, 3); None is at rest.
         keep_qpos: Whether the log has the positions of all joints.
+        events: What else happens; see :class:`sim.Bench`.
     """
     bench, ticks = testbed.bench, len(time_s)
     period_s, machine = bench.control_period_s, testbed.machine
@@ -207,6 +209,7 @@ def simulated(
         delay_ticks=machine.delay_ticks,
         hysteresis=machine.hysteresis,
         keep_qpos=keep_qpos,
+        events=events,
     )
 
 

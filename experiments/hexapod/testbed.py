@@ -2,12 +2,12 @@
 
 import copy
 from dataclasses import dataclass, replace
-from typing import Any
 
 import mujoco
 import numpy as np
 
 from experiments.hexapod.inexact import InexactPlant
+from experiments.output.within import check_within
 from ftc.compensator import Compensator
 from sim import Amplifier, Array, Detector, StrutSensors, spiral
 
@@ -167,20 +167,6 @@ class TestbedConfig:
             newton_per_a=self.coil_newton_per_a,
             newton_per_m=newton_per_m,
         )
-
-
-def check_within(name: str, value: Any, low: float, high: float) -> None:
-    """Whether a value is a number in these limits; a whole one, if they are.
-
-    Raises:
-        ValueError: It is not.
-    """
-    whole = isinstance(low, int)
-    kinds = (int, np.integer) if whole else (int, float, np.integer, np.floating)
-    # To Python a truth value is a whole number. Of NaN neither comparison holds.
-    if not isinstance(value, kinds) or isinstance(value, bool) or not low <= value <= high:
-        said = "a whole number" if whole else "a number"
-        raise ValueError(f"{name} must be {said} from {low:g} to {high:g}, got {value!r}")
 
 
 @dataclass(frozen=True)

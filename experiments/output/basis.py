@@ -38,6 +38,7 @@ SHARED = Sources(
         "prioritized/**/*.py",
         "sim/**/*.py",
         "experiments/hexapod/**/*.py",
+        "experiments/output/mismatch.py",
         *(
             f"experiments/output/{name}.py"
             for name in ("basis", "campaign", "dataset", "draw", "parquet")

@@ -6,7 +6,7 @@ from pathlib import Path
 from experiments.output.controllers import CONTROLLER
 from experiments.output.study import Option, Study
 from experiments.output.where import SCHEDULER, WHERE
-from experiments.robot.options import DITHER, LOOPS, PATH, TASK
+from experiments.rig.options import DITHER, LOOPS, PATH, TASK
 
 MODEL = Option(
     "model",

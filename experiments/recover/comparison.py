@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from experiments.hexapod.fault_tolerance import fault_of, fault_text
+from experiments.hexapod.fault_tolerance import fault_text
 from experiments.hexapod.metrics import closure_check, closure_residual_max_m, recording_properties
 from experiments.hexapod.recording.hexapod import Mark
 from experiments.hexapod.recording.keep import record_run
@@ -16,6 +16,7 @@ from experiments.output.controllers import controller_label
 from experiments.output.results import Check
 from experiments.recover.recovery import pointing_error_urad
 from experiments.recover.runs import SHOWN, Recover
+from ftc.fdi.fault_model import Fault
 from sim import load_model
 
 
@@ -90,11 +91,11 @@ def record_compared(outcome: Recover, summary: dict[str, Any], name: str, folder
         f"Controller {controller}, seed {seed}; the failures are unannounced.",
         "",
         "Failures:",
-        *(f"- {fault_text(fault_of(each))} at {each.time_s:g} s" for each in SHOWN[name]),
+        *(f"- {fault_text(Fault.of(each))} at {each.time_s:g} s" for each in SHOWN[name]),
     ]
     if failure is not None:
         said += ["", f"{failure}; its last inputs were held."]
-    marks = [Mark(e.actuator, e.time_s, fault_text(fault_of(e))) for e in SHOWN[name]]
+    marks = [Mark(e.actuator, e.time_s, fault_text(Fault.of(e))) for e in SHOWN[name]]
     record_run(
         folder,
         file,

@@ -5,17 +5,13 @@ from functools import cache
 from typing import Any, Literal
 
 from experiments.hexapod.controller import nominal_loops
-from experiments.hexapod.fault_tolerance import HEAVE, fault_of
-from experiments.hexapod.mismatch import ALL, ALONE, EXACT, Mismatch, mismatched
+from experiments.hexapod.fault_tolerance import DITHER
+from experiments.hexapod.mismatch import ALL, ALONE, mismatched
 from experiments.hexapod.testbed import Testbed, TestbedConfig
+from experiments.output.mismatch import EXACT, Mismatch
 from ftc.fdi.dither import Dither
 from ftc.fdi.fault_model import Fault
 from sim import Failure, load_model
-
-DITHER = Dither(0.5e-6, 20.0, HEAVE)
-"""A strut that fails is then seen at 1.2 urad, four times the detector's noise. Its frequency is
-above the loops' crossovers, so that they do not suppress it; below the modes from 32 Hz on, where
-the linear model would have to be more exact; and high enough for inertia to move a free strut."""
 
 BEFORE_S, AFTER_S = 1.2, 2.5
 """Of each flight, before and after its failure."""
@@ -64,7 +60,7 @@ class Flight:
     @property
     def fault(self) -> Fault:
         """The first fault that is there to be found."""
-        return fault_of(self.failures[0])
+        return Fault.of(self.failures[0])
 
     @property
     def run(self) -> dict[str, Any]:
@@ -92,7 +88,7 @@ class Flight:
         own = {name: value for name, value in asdict(self).items() if name in _OWN}
         row = {"case": self.number, **own}
         for place, failure in zip(("", "second_"), self.failures, strict=False):
-            fault = fault_of(failure)
+            fault = Fault.of(failure)
             row |= {f"{place}strut": fault.actuator + 1, f"{place}kind": fault.kind}
             row |= {f"{place}effectiveness": fault.effectiveness, f"{place}time_s": failure.time_s}
         return row

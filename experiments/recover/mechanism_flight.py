@@ -8,19 +8,19 @@ from typing import Any
 import numpy as np
 
 from experiments.recover.recovery import RECOVERED_S, Identification
-from experiments.robot.choices import Sensing
-from experiments.robot.mismatch import ALL
-from experiments.robot.mjcf import robot_rig
-from experiments.robot.options import RobotOptions
-from experiments.robot.paths import path_of
-from experiments.robot.rig import Rig
+from experiments.rig.choices import Sensing
+from experiments.rig.mjcf import robot_rig
+from experiments.rig.options import RobotOptions
+from experiments.rig.paths import path_of
+from experiments.rig.rig import Rig
+from experiments.rig.run import Run
+from ftc.fdi.diagnosis import Diagnosis
 from ftc.fdi.dither import Dither
 from ftc.fdi.fault_model import Fault
-from ftc.loop import run_loop
 from ftc.oracle import OracleController
-from ftc.supervisor import WEAKEST
+from ftc.supervisor import WEAKEST, goal_after
 from ftc.tracking import is_possible
-from sim import Array, Bench, Failure, Pose
+from sim import Array, Failure
 
 TRANSIENT_S, LEFT_S = 0.8, 1.0
 """What is not counted at the start, while the diagnosis learns; how long a flight goes on once it
@@ -69,10 +69,7 @@ class MechanismFlight:
     @property
     def fault(self) -> Fault | None:
         """What there is to find."""
-        if self.failure is None:
-            return None
-        kind, left = self.failure.kind, self.failure.effectiveness
-        return Fault(self.failure.actuator, kind, left if kind == "weak" else 0.0)  # type: ignore[arg-type]
+        return None if self.failure is None else Fault.of(self.failure)
 
     def rig(self) -> Rig:
         """The robot, its plants drawn with all mismatches."""
@@ -99,7 +96,7 @@ class MechanismFlight:
 @lru_cache(maxsize=3)
 def _rig(model: Path, options: RobotOptions) -> Rig:
     """Once in each process, however many flights it does."""
-    return robot_rig(model, options, ALL)
+    return robot_rig(model, options).drawn("all", None)
 
 
 @dataclass(frozen=True)
@@ -125,7 +122,8 @@ def fly(flight: MechanismFlight) -> MechanismFlown:
     """The flight with a supervised controller, then with an informed one."""
     rig = flight.rig()
     pilot, fault, struck = rig.supervisor(flight.dither), flight.fault, flight.struck(rig)
-    bench, state = _flown(rig, flight, pilot)
+    run = _flown(rig, flight, pilot)
+    state = run.state
     lost = fault is not None and not is_possible(rig.classified([fault]))
     found = Identification(
         failures=() if flight.failure is None else (flight.failure,),
@@ -136,12 +134,12 @@ def fly(flight: MechanismFlight) -> MechanismFlown:
         unexplained=state.watch.unexplained,
         task_lost=state.task_lost,
         lost_rightly=lost,
-        closure_residual_max_m=float(bench.closure_residual_m.max()),
+        closure_residual_max_m=float(run.closure_m.max()),
     )
     informed = None
     if fault is not None and not lost:
-        informed = _informed(rig, flight, fault, float(bench.displacement[struck, fault.actuator]))
-    return MechanismFlown(flight, found, _rms(rig, flight, bench), informed)
+        informed = _informed(rig, flight, fault, float(run.displacement[struck, fault.actuator]))
+    return MechanismFlown(flight, found, _rms(rig, flight, run), informed)
 
 
 def _informed(rig: Rig, flight: MechanismFlight, fault: Fault, displacement: float) -> float | None:
@@ -151,26 +149,23 @@ def _informed(rig: Rig, flight: MechanismFlight, fault: Fault, displacement: flo
         used = fault.effectiveness if fault.effectiveness >= WEAKEST else 0.0
         lost[fault.actuator] = (1 - used) * displacement
     pilot = OracleController(
-        rig.controller(rig.goal),
-        rig.controller(rig.told(rig.goal, fault, displacement)),
+        rig.controller(),
+        rig.controller(goal_after(rig.goal, [Diagnosis.told(fault, displacement)], rig.unused)),
         flight.struck(rig),
         lost,
         None if flight.dither is None else flight.dither.at,
     )
-    return _rms(rig, flight, _flown(rig, flight, pilot)[0])[1]
+    return _rms(rig, flight, _flown(rig, flight, pilot))[1]
 
 
-def _flown(rig: Rig, flight: MechanismFlight, pilot: Any) -> tuple[Bench, Any]:
-    """The machine after the flight, and the state of its controller."""
+def _flown(rig: Rig, flight: MechanismFlight, pilot: Any) -> Run:
     failures = [] if flight.failure is None else [flight.failure]
-    bench = rig.bench(flight.time_s(rig), failures, flight.seed)
-    return bench, run_loop(bench, pilot, flight.path(rig)).state
+    return rig.fly(pilot, flight.path(rig), failures=failures, seed=flight.seed)
 
 
-def _rms(rig: Rig, flight: MechanismFlight, bench: Bench) -> tuple[float, float | None]:
+def _rms(rig: Rig, flight: MechanismFlight, run: Run) -> tuple[float, float | None]:
     """Before the failure and after recovery, as in :class:`MechanismFlown`."""
-    pose = Pose(bench.rotation, bench.translation_m)
-    error = (flight.path(rig) - pose.displacement()[:, list(rig.major)]) / rig.size
+    error = (run.desired - run.true) / rig.size
     begin, recovered = (round(s / rig.period_s) for s in (TRANSIENT_S, recovered_s(rig)))
     struck = flight.struck(rig)
     before, after = error[begin:struck], error[struck + recovered :]

@@ -10,8 +10,8 @@ from experiments.output.results import Check, Results
 from experiments.output.resumable import origin
 from experiments.recover.mechanism_tables import MISSED, counted, notes, tables
 from experiments.recover.mechanisms import Mechanisms
-from experiments.robot.checks import closure_check
-from experiments.robot.dither import dither_entry
+from experiments.rig.checks import closure_check
+from experiments.rig.dither import dither_entry
 from ftc.fdi.fault_model import KINDS
 
 

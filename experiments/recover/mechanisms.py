@@ -14,12 +14,12 @@ from experiments.output.resumable import Complete, complete
 from experiments.output.study import OnProgress
 from experiments.recover.mechanism_flight import LEFT_S, MechanismFlight, recovered_s
 from experiments.recover.mechanism_row import SCHEMA, row_of
-from experiments.robot.choices import Sensing
-from experiments.robot.dither import rig_dither
-from experiments.robot.mjcf import robot_rig
-from experiments.robot.options import RobotOptions, check_positive
-from experiments.robot.reach import check_reach
-from experiments.robot.rig import Rig
+from experiments.rig.choices import Sensing
+from experiments.rig.dither import rig_dither
+from experiments.rig.mjcf import robot_rig
+from experiments.rig.options import RobotOptions, check_positive
+from experiments.rig.reach import check_reach
+from experiments.rig.rig import Rig
 from ftc.fdi.dither_design import DitherDesign
 from ftc.fdi.fault_model import KINDS, FaultKind
 from sim import Failure, model_sha256
@@ -29,7 +29,8 @@ SENSINGS: tuple[Sensing, ...] = get_args(Sensing)
 SOURCES = Sources(
     (
         *SHARED.files,
-        "experiments/robot/*.py",
+        "experiments/output/mismatch.py",
+        "experiments/rig/*.py",
         *(
             f"experiments/recover/{name}.py"
             for name in ("flight", "mechanism_flight", "mechanism_row", "mechanisms", "recovery")
@@ -82,12 +83,12 @@ def run_mechanisms(
         quick: One lock, seen by both sensors.
         model: MJCF file.
         turn: Time of one turn of the circle, in seconds.
-        dither: As of :func:`experiments.robot.dither.rig_dither`.
+        dither: As of :func:`experiments.rig.dither.rig_dither`.
         folder: As of :func:`experiments.output.resumable.complete`.
         workers: Likewise, of this machine: others have no such file.
         resume: Likewise.
         on_progress: Likewise.
-        robot: Of :class:`experiments.robot.options.RobotOptions`, but for `sense`.
+        robot: Of :class:`experiments.rig.options.RobotOptions`, but for `sense`.
 
     Raises:
         WrongInput: Something that the robot does not have or cannot do; or as `complete`.

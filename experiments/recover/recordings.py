@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from experiments.hexapod.fault_tolerance import fault_of, fault_text
+from experiments.hexapod.fault_tolerance import fault_text
 from experiments.hexapod.metrics import recording_properties
 from experiments.hexapod.recording.hexapod import Mark
 from experiments.hexapod.recording.keep import record_run
@@ -13,6 +13,7 @@ from experiments.hexapod.recording.shown import Shown
 from experiments.hexapod.simulation import Trajectory
 from experiments.recover.recovery import Identification
 from experiments.recover.runs import Recover
+from ftc.fdi.fault_model import Fault
 from sim import load_model
 
 
@@ -27,8 +28,8 @@ def marks(run: Trajectory, found: Identification) -> list[Mark]:
         ]
         found_s = float(run.time_s[own[0].tick]) if own else np.inf
         words = f"found: {fault_text(own[-1].fault)}" if own else ""
-        happened = fault_text(fault_of(failure))
-        marks.append(Mark(failure.actuator, failure.time_s, happened, found_s, words))
+        happened = fault_text(Fault.of(failure))
+        marks.append(Mark(failure.number, failure.time_s, happened, found_s, words))
     return marks
 
 

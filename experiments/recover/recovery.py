@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from experiments.hexapod.controller import controller_for
-from experiments.hexapod.fault_tolerance import fault_of, supervisor
+from experiments.hexapod.fault_tolerance import UNUSED, supervisor
 from experiments.hexapod.metrics import closure_residual_max_m
 from experiments.hexapod.simulation import Trajectory, track_path
 from experiments.hexapod.testbed import Testbed
@@ -18,7 +18,7 @@ from ftc.fdi.diagnosis import Diagnosis
 from ftc.fdi.fault_model import Fault
 from ftc.goal import Goal
 from ftc.oracle import NEVER, OracleController
-from ftc.supervisor import Supervisor, reconfigured_goal
+from ftc.supervisor import Supervisor, goal_after
 from sim import Array, Failure
 
 GOAL = Goal(joint_weight=(1.0,) * 6)
@@ -96,7 +96,7 @@ class Identification:
 
         A kind is found if it is among those that are not told apart.
         """
-        kinds = {each.actuator: each.kind for each in self.failures}
+        kinds = {each.number: each.kind for each in self.failures}
         found = {each.fault.actuator: each.kinds for each in self.standing}
         named = kinds.keys() == found.keys()
         return (
@@ -124,7 +124,7 @@ def supervised(testbed: Testbed, flight: Flight) -> tuple[Trajectory, Identifica
         standing=tuple(state.standing),
         unexplained=state.watch.unexplained,
         task_lost=state.task_lost,
-        lost_rightly=not pilot.is_possible([fault_of(failure) for failure in flight.failures]),
+        lost_rightly=not pilot.is_possible([Fault.of(failure) for failure in flight.failures]),
         closure_residual_max_m=closure_residual_max_m(run),
     )
 
@@ -151,7 +151,7 @@ def informed(
     """
     tick = STRUCK + round(late_s / testbed.bench.control_period_s)
     news = Diagnosis.told(fault, displacement_m)
-    after = controller(testbed, reconfigured_goal(GOAL, [news]))
+    after = controller(testbed, goal_after(GOAL, [news], UNUSED))
     lost_displacement_m = np.zeros(6)
     if fault.kind != "locked" and late_s == 0:
         lost_displacement_m[fault.actuator] = (1 - fault.effectiveness) * displacement_m

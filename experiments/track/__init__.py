@@ -4,8 +4,8 @@ from pathlib import Path
 
 from experiments.output.controllers import CONTROLLER
 from experiments.output.study import Option, Study
-from experiments.robot.choices import Diagnosing
-from experiments.robot.options import DITHER, LOOPS, PATH, SENSE, TASK
+from experiments.rig.choices import Diagnosing
+from experiments.rig.options import DITHER, LOOPS, PATH, SENSE, TASK
 
 STUDY = Study(
     name="track",

@@ -10,7 +10,8 @@ from experiments.output.provenance import version_properties
 from experiments.output.recording.file import RecordingInfo, at_most
 from experiments.output.recording.mechanism import Driven, Mark, write_mechanism
 from experiments.output.recording.views import Plot, Task
-from experiments.track.runs import Run, Tracked
+from experiments.rig.run import Run
+from experiments.track.runs import Tracked
 from experiments.track.words import ROWS
 
 _SIGNALS_HZ = 200
@@ -85,7 +86,7 @@ def _limits(tracked: Tracked, every: slice) -> list[Plot]:
 
 def _closure(tracked: Tracked, every: slice) -> list[Plot]:
     """The largest gap of a closed loop; nothing where there are none."""
-    gap_um = 1e6 * tracked.run.closure_residual_m[every, None]
+    gap_um = 1e6 * tracked.run.closure_m[every, None]
     if not gap_um.any():
         return []
     names = ["largest gap [um]"]
@@ -106,7 +107,7 @@ def _marks(tracked: Tracked, summary: dict[str, Any]) -> tuple[Mark, ...]:
     """Where actuators fail, and what was made of it."""
     marks = []
     for failure, entry in zip(tracked.failures, summary["failures"], strict=True):
-        body = tracked.rig.bodies[failure.actuator]
+        body = tracked.rig.bodies[failure.number]
         if body is None:
             continue
         label = f"{entry['actuator']} {entry['kind']}"

@@ -10,8 +10,9 @@ from experiments.output.controllers import controller_label
 from experiments.output.provenance import versions
 from experiments.output.results import Check, Results
 from experiments.output.tables import Column, Table, tabulate
-from experiments.robot.checks import closure_check
-from experiments.robot.dither import dither_entry
+from experiments.rig.checks import closure_check
+from experiments.rig.dither import dither_entry
+from experiments.rig.run import Named
 from experiments.track.figure import pictures
 from experiments.track.recording import record
 from experiments.track.runs import Tracked
@@ -19,13 +20,16 @@ from experiments.track.words import ROWS
 from ftc.fdi.dither_design import DitherDesign
 from sim import Array
 
+AGREES = 0.2
+"""Relative error of the linear model's prediction of an RMS error, all major rows together."""
+
 
 def results(tracked: Tracked) -> Results:
     """Everything that `fjh track` publishes."""
     summary = summarize(tracked)
-    arrays = dict(vars(tracked.run))
+    arrays = tracked.run.arrays
     if tracked.other is not None:
-        arrays |= {f"other_{key}": value for key, value in vars(tracked.other.run).items()}
+        arrays |= {f"other_{key}": value for key, value in tracked.other.run.arrays.items()}
     return Results(
         summary,
         tables=tables(tracked, summary),
@@ -38,8 +42,12 @@ def results(tracked: Tracked) -> Results:
 
 
 def checks(summary: dict[str, Any]) -> list[Check]:
-    """Loops stay closed, and another controller does nothing wrong."""
+    """Loops stay closed, errors are as predicted, another controller does nothing wrong."""
     found = [closure_check(summary)]
+    for when in ("before", "after"):
+        if (off := summary[f"prediction_off_{when}"]) is not None:
+            what = f"relative error of the predicted RMS, {when} the first failure,"
+            found.append(Check(what, summary["robot"], off, AGREES))
     for one in summary.get("controllers", ()):
         if one["failure"] is not None:
             found.append(Check(f"a failure, {one['failure']},", one["name"], 1.0, 1.0))
@@ -56,7 +64,7 @@ def summarize(tracked: Tracked) -> dict[str, Any]:
     rig, run, failures = tracked.rig, tracked.run, tracked.failures
     error = run.desired - run.true
     cut = first_tick(tracked)
-    before, after = tracked.predicted
+    before, after, _ = tracked.predicted
     summary: dict[str, Any] = {
         "experiment": "track",
         "seed": tracked.seed,
@@ -82,7 +90,7 @@ def summarize(tracked: Tracked) -> dict[str, Any]:
         ],
         "failures": [
             {
-                "actuator": rig.actuators[each.actuator],
+                "actuator": rig.actuators[each.number],
                 "kind": each.kind,
                 "time_s": each.time_s,
             }
@@ -92,11 +100,15 @@ def summarize(tracked: Tracked) -> dict[str, Any]:
         "rms_after": _rms(error[cut:]),
         "predicted_rms_before": _listed(before),
         "predicted_rms_after": _listed(after) if failures else None,
+        "prediction_off_before": _off(error[:cut], before, tracked),
+        "prediction_off_after": _off_after(tracked, error[cut:]),
+        "status": run.status,
+        "warnings": list(rig.warnings),
         "possible_after": list(tracked.possible[1:]),
         "dither": dither_entry(tracked.dither, rig),
         "diagnoses": diagnoses(tracked),
-        "task_lost": tracked.task_lost,
-        "closure_residual_max_m": float(run.closure_residual_m.max()),
+        "task_lost": tracked.run.task_lost,
+        "closure_residual_max_m": float(run.closure_m.max()),
     }
     if (other := tracked.other) is not None:
         theirs = other.run.desired - other.run.true
@@ -123,24 +135,42 @@ def _rms(error: Array) -> list[float] | None:
     return _listed(np.sqrt((error**2).mean(axis=0))) if len(error) else None
 
 
+def _off(error: Array, predicted: Array, tracked: Tracked) -> float | None:
+    """Relative error of the prediction, to which a dither is added; None of no ticks."""
+    if not len(error) or not np.isfinite(predicted).all():
+        return None
+    expected = (predicted**2).sum()
+    if tracked.dither is not None:
+        expected += (np.asarray(tracked.dither.task_motion) ** 2).sum() / 2
+    return abs(float(np.sqrt((error**2).sum(axis=1).mean() / expected)) - 1.0)
+
+
+def _off_after(tracked: Tracked, error: Array) -> float | None:
+    """The same after the first failure; None where the pilot learnt of one, or gave up."""
+    comparable = tracked.comparable
+    if comparable is None or tracked.run.task_lost or not tracked.failures:
+        return None
+    return _off(error, comparable.rms_after, tracked)
+
+
 def _listed(values: Array) -> list[float] | None:
     return values.tolist() if np.isfinite(values).all() else None
 
 
 def diagnoses(tracked: Tracked) -> list[dict[str, Any]]:
     """Each actuator and kind as it was first named; of a false alarm the delay is None."""
-    rig, named = tracked.rig, {}
-    for found in tracked.diagnoses:
-        named.setdefault((found.fault.actuator, found.fault.kind), found)
-    struck = {failure.actuator: failure.time_s for failure in tracked.failures}
+    named: dict[tuple[str, str], Named] = {}
+    for found in tracked.run.diagnoses:
+        named.setdefault((found.actuator, found.kind), found)
+    rig = tracked.rig
+    struck = {rig.actuators[one.number]: one.time_s for one in tracked.failures}
     entries = []
-    for (actuator, kind), found in named.items():
-        time_s = float(tracked.run.time_s[found.tick])
-        delay_s = time_s - struck[actuator] if actuator in struck else None
-        if delay_s is not None and delay_s < 0:
-            delay_s = None
-        entry = {"actuator": rig.actuators[actuator], "kind": kind, "delay_s": delay_s}
-        entries.append(entry | {"time_s": time_s})
+    for found in named.values():
+        delay_s = found.time_s - struck.get(found.actuator, np.inf)
+        entry = {"actuator": found.actuator, "kind": found.kind}
+        entries.append(
+            entry | {"delay_s": delay_s if delay_s >= 0 else None, "time_s": found.time_s}
+        )
     return entries
 
 
@@ -158,12 +188,16 @@ def verdict(tracked: Tracked, summary: dict[str, Any]) -> str:
     )
     after = _with_units(summary["rms_after"], summary["units"])
     predicted = _with_units(summary["predicted_rms_after"], summary["units"])
+    informed = "informed at once" if tracked.told else "that is never told"
+    says = f"the linear model with a controller {informed} predicts {predicted}"
+    if (leaves := tracked.predicted.leaves) is not None:
+        says = f"there is no prediction, because in the linear model {leaves} leaves its range"
     can = "can" if tracked.possible[-1] else "cannot"
     return (
         f"After {happened} the RMS error of row{_plural(tracked.rig.major)} "
-        f"{_rows(tracked.rig.major)} is {after} ({before} before it); the linear model with a "
-        f"controller informed at once predicts {predicted}, and the classification says that the "
-        f"remaining actuators {can} do the major task; {_found(tracked, summary)}."
+        f"{_rows(tracked.rig.major)} is {after} ({before} before it); {says}, and the "
+        f"classification says that the remaining actuators {can} do the major task; "
+        f"{_found(tracked, summary)}."
     )
 
 
@@ -185,7 +219,7 @@ def _found(tracked: Tracked, summary: dict[str, Any]) -> str:
     wrong = sum((each["actuator"], each["kind"]) not in right for each in named)
     if wrong:
         parts.append(f"{wrong} wrong diagnos{'is' if wrong == 1 else 'es'} came besides")
-    if tracked.task_lost:
+    if tracked.run.task_lost:
         parts.append("the controller gave the task up")
     return "; ".join(parts) or "nothing was diagnosed"
 
@@ -229,9 +263,10 @@ def tables(tracked: Tracked, summary: dict[str, Any]) -> list[Table]:
             Column(f"{label},\nafter", "after_other", ".3g"),
         )
     title = f"{tracked.rig.title}: RMS of desired minus true"
+    informed = "is informed at once" if tracked.told else "is never told"
     legend = (
         "Before and after the first failure. pred.: by the linear model, after the failure with a "
-        "controller that is informed at once."
+        f"controller that {informed}."
     )
     found = (
         Column("actuator", "actuator"),
@@ -268,7 +303,7 @@ def notes(tracked: Tracked, summary: dict[str, Any]) -> list[str]:
     )
     for failure, text in zip(tracked.failures, tracked.verdicts[1:], strict=True):
         first = text.splitlines()[0]
-        said.append(f"After {rig.actuators[failure.actuator]} {failure.kind}: {first}")
+        said.append(f"After {rig.actuators[failure.number]} {failure.kind}: {first}")
     return said
 
 

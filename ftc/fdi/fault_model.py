@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import TYPE_CHECKING, Literal, Protocol, get_args
 
 import numpy as np
 import scipy.linalg
@@ -13,10 +13,30 @@ from argument_checks import Array
 if TYPE_CHECKING:
     import control
 
-FaultKind = Literal["locked", "free", "weak"]
-"""Stuck where it is; without force; with a part of its force."""
+FaultKind = Literal["locked", "free", "weak", "loose"]
+"""Stuck where it is; without force; with a part of its force; without force and spring."""
 
-KINDS: tuple[FaultKind, ...] = get_args(FaultKind)
+KINDS: tuple[FaultKind, ...] = ("locked", "free", "weak")
+"""Those that a diagnosis looks for. It takes an actuator that is loose for one of these."""
+
+
+class Failure(Protocol):
+    """What :meth:`Fault.of` needs of a :class:`sim.Failure`."""
+
+    @property
+    def number(self) -> int:
+        """Of the actuator, 0..n-1."""
+        ...
+
+    @property
+    def kind(self) -> FaultKind:
+        """See :data:`FaultKind`."""
+        ...
+
+    @property
+    def effectiveness(self) -> float:
+        """Part of its force that a weak one has left."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -37,17 +57,28 @@ class Fault:
     effectiveness: float = 0.0
 
     def __post_init__(self) -> None:
-        if self.kind not in KINDS:
-            known = ", ".join(KINDS)
+        if self.kind not in get_args(FaultKind):
+            known = ", ".join(get_args(FaultKind))
             raise ValueError(f"kind must be one of {known}, got {check.shown(self.kind)}")
         check.index("actuator", self.actuator)
         check.at_most_one("effectiveness", self.effectiveness)
 
+    @classmethod
+    def of(cls, failure: Failure) -> "Fault":
+        """What a failure leaves behind: the one translation from what happens to what is known."""
+        left = failure.effectiveness if failure.kind == "weak" else 0.0
+        return cls(failure.number, failure.kind, left)
+
 
 def by_kind(faults: Sequence[Fault]) -> dict[str, list[int]]:
-    """Actuators that are locked and free, as `ConstrainedSystem.with_failures` takes them."""
-    kinds = ("locked", "free")
-    return {kind: [each.actuator for each in faults if each.kind == kind] for kind in kinds}
+    """Actuators that are locked and without force, for `ConstrainedSystem.with_failures`.
+
+    Those that are loose are without force; that their springs are gone is said elsewhere.
+    """
+    kinds = {"locked": ("locked",), "free": ("free", "loose")}
+    return {
+        name: [each.actuator for each in faults if each.kind in of] for name, of in kinds.items()
+    }
 
 
 @dataclass(frozen=True)
@@ -68,6 +99,9 @@ class NominalModel:
             is zero: forces that depend on the command alone, as of coils and motors.
         holding: The part of each force that holds the plant still at x = 0, in units of its
             command, shape (n,); None is zero.
+        spring: What the own spring of each actuator takes, in units of its command, shape (n, s):
+            part of A, and gone where it is loose. None: it is not known.
+        preload: Force of that spring at x = 0, in units of its command, shape (n,); None is zero.
         implicit_damping: Whether a step of the integration takes the forces of dampers with the
             velocities at its end, as MuJoCo's `implicitfast` does; else with those at its start.
 
@@ -83,6 +117,8 @@ class NominalModel:
     feedback: Array | None = None
     holding: Array | None = None
     implicit_damping: bool = False
+    spring: Array | None = None
+    preload: Array | None = None
 
     def __post_init__(self) -> None:
         import control  # late, as in ftc.compensator
@@ -98,8 +134,11 @@ class NominalModel:
         check.exactly("displacement", self.displacement, plant.ninputs, plant.nstates)
         if self.feedback is not None:
             check.exactly("feedback", self.feedback, plant.ninputs, plant.nstates)
-        if self.holding is not None:
-            check.exactly("holding", self.holding, plant.ninputs)
+        for name in ("holding", "preload"):
+            if (force := getattr(self, name)) is not None:
+                check.exactly(name, force, plant.ninputs)
+        if self.spring is not None:
+            check.exactly("spring", self.spring, plant.ninputs, plant.nstates)
         for sigma in check.exactly("noise", self.noise, plant.noutputs):
             check.positive("noise", sigma)
         check.positive("step_s", self.step_s)
@@ -170,7 +209,11 @@ def fault_model(nominal: NominalModel, faults: Sequence[Fault] = ()) -> FaultMod
     An actuator without force neither drives nor feeds back nor holds anything; a weak one has a
     part of all three left. A locked one is a constraint c q_dot = 0, c its row of `displacement`:
     the constraint force acts along M^-1 c^T, as the actuator's own does, so the accelerations are
-    projected by P = I - b (c b)^-1 c. The frozen displacement stays in the state.
+    projected by P = I - b (c b)^-1 c. The frozen displacement stays in the state. A loose one has
+    lost its own spring, preload included, besides.
+
+    Raises:
+        ValueError: An actuator is loose whose spring the model does not know.
     """
     plant = nominal.plant
     k = plant.nstates // 2
@@ -186,6 +229,12 @@ def fault_model(nominal: NominalModel, faults: Sequence[Fault] = ()) -> FaultMod
         lower = lower + (plant.B[k:] * (1 - left)) @ nominal.feedback
     if nominal.holding is not None:
         push = plant.B[k:] @ ((left - 1) * nominal.holding)
+    if loose := [fault.actuator for fault in faults if fault.kind == "loose"]:
+        if nominal.spring is None:
+            raise ValueError("a loose actuator needs a model with its spring, got spring=None")
+        lower = lower + plant.B[k:, loose] @ nominal.spring[loose]
+        if nominal.preload is not None:
+            push = push - plant.B[k:, loose] @ nominal.preload[loose]
     # One step of the integration: velocities first, then positions with the new ones.
     h, eye = nominal.step_s, np.eye(k)
     stiffness, damping, drive, push = (

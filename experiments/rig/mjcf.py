@@ -2,29 +2,32 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
 
+import argument_checks as check
 from experiments.output.draw import Draw
+from experiments.output.mismatch import EXACT, Mismatch
 from experiments.output.recording.mechanism import body_name
 from experiments.output.study import WrongInput
-from experiments.robot.mismatch import (
-    EXACT,
-    DriftingSensors,
-    Mismatch,
-    displaced,
-    mismatched_model,
-)
-from experiments.robot.options import RobotOptions
-from experiments.robot.rig import Rig
+from experiments.rig.dither import dither_of
+from experiments.rig.mismatched import ALL, DriftingSensors, displaced, mismatched_model
+from experiments.rig.options import RobotOptions
+from experiments.rig.rig import Known, Rig
 from ftc.control_task import ControlTask
-from ftc.controller import DirectDrive
+from ftc.controller import DirectDrive, PrioritizedController
+from ftc.fdi.dither import Dither
+from ftc.fdi.fault_model import Fault
 from ftc.goal import Goal
-from ftc.tracking import TaskLost, Tracking, goal_told, mapping_for, tracking
+from ftc.mapping import PrioritizedMapping
+from ftc.supervisor import Supervisor, Unused
+from ftc.tracking import TaskLost, Tracking, mapping_for, tracking
+from prioritized import Manipulability
 from sim import (
     Array,
     Bench,
@@ -42,25 +45,83 @@ from sim import (
     servoed,
 )
 
+OF_THE_HEXAPOD = (
+    *("stiffness", "floor_um_per_s", "drift_urad_per_s"),
+    *("gain_drift_per_s", "hysteresis", "timestep_s"),
+)
+"""Sizes of a mismatch that are of the hexapod alone."""
+
 _SIZE = 1e-3
 """Of a path, in radians or extents of the model: so small that the linear model holds."""
+_HELD = 0.5
+"""Part of the stiffness with which an actuator is held that its own spring must give: it then
+stands nearly still without force."""
 _NOISE = 1e-2
 """Of a sensor, in what the path moves it: a row by its size, an actuator as far as it moves any."""
 
 
-def robot_rig(file: Path, options: RobotOptions, mismatch: Mismatch = EXACT) -> Rig:
-    """Any robot from its MJCF file, its plants drawn with a mismatch.
+@dataclass(frozen=True)
+class RobotRig(Rig):
+    """A robot of an MJCF file.
+
+    Attributes:
+        robot: At its start.
+        track: Its loops.
+        mismatch: How its plants differ from the model.
+        seed: Of what is drawn of them; None is that of the flight.
+    """
+
+    robot: "_Robot"
+    track: Tracking
+    mismatch: Mismatch
+    seed: int | None
+
+    def drawn(self, mismatch: Known | Mismatch, seed: int | None) -> "RobotRig":
+        """The same with plants that differ so."""
+        size = {"exact": EXACT, "all": ALL}[mismatch] if isinstance(mismatch, str) else mismatch
+        return replace(self, mismatch=size.without(*OF_THE_HEXAPOD), seed=seed)
+
+    def mapping(self, goal: Goal) -> PrioritizedMapping[Any]:
+        """With the Jacobian of the present posture."""
+        return self.track.mapping(goal)
+
+    def controller(self, goal: Goal | None = None) -> PrioritizedController[Any]:
+        """For a goal; None is that of the rig."""
+        return self.track.controller(goal or self.goal)
+
+    def supervisor(
+        self, dither: str | Dither | None = "default", goal: Goal | None = None
+    ) -> Supervisor:
+        """With a dither that is designed, unless another is asked for."""
+        track = self.track if goal is None else replace(self.track, goal=goal)
+        return track.supervisor(dither=dither_of(self, dither, "designed"))
+
+    def bench(
+        self, time_s: Array, failures: Sequence[Failure], seed: int, events: object = None
+    ) -> Bench:
+        """A machine with its plant, drift, and noise of this seed."""
+        drawn = seed if self.seed is None else self.seed
+        return self.robot.bench(self.mismatch, time_s, failures, (drawn, seed), events)
+
+    def classified(self, faults: Sequence[Fault]) -> Manipulability:
+        """What the actuators that are left can do."""
+        return self.track.classified(faults)
+
+
+def robot_rig(file: Path, options: RobotOptions, at: Array | None = None) -> RobotRig:
+    """Any robot from its MJCF file, on its exact plant; `at` are joint positions (nq,) to start at.
 
     Raises:
         WrongInput: A weight or keyframe that the robot does not have; or it cannot do the task.
         sim.ModelError: The file, or what it says.
     """
-    robot, rows = _robot(file, options), options.rows
+    robot, rows = _robot(file, options, at), options.rows
     plant = robot.plant(robot.model)
     limits = plant.limits()
     limited = options.limits == "stated" and any(np.isfinite(limit).any() for limit in limits)
-    track = _tracking(robot, plant, limits if limited else None, file)
-    return Rig(
+    unused: Unused = "locked" if (plant.spring_share > _HELD).all() else "free"
+    track = _tracking(robot, plant, limits if limited else None, file, unused)
+    return RobotRig(
         title=file.stem,
         model=robot.model,
         actuators=tuple(drive.name for drive in plant.drives),
@@ -77,12 +138,8 @@ def robot_rig(file: Path, options: RobotOptions, mismatch: Mismatch = EXACT) -> 
         size=robot.size,
         noise=robot.noise,
         encoder_noise=robot.encoder_noise,
-        mapping=track.mapping,
-        controller=track.controller,
-        supervisor=lambda dither: track.supervisor(dither=dither),
-        bench=lambda time_s, failures, seed: robot.bench(mismatch, time_s, failures, seed),
-        classified=track.classified,
-        told=goal_told,
+        travel=limits,
+        unused=unused,
         task=ControlTask(
             nominal=track.nominal,
             J=track.system.kinematics().J,
@@ -92,6 +149,11 @@ def robot_rig(file: Path, options: RobotOptions, mismatch: Mismatch = EXACT) -> 
             limits_m=limits,
             reference_limit=np.full(len(rows), robot.size),
         ),
+        warnings=_warnings(robot),
+        robot=robot,
+        track=track,
+        mismatch=EXACT,
+        seed=None,
     )
 
 
@@ -138,27 +200,33 @@ class _Robot:
         return Mechanism(self.model, self.start, self.frame, self.options.axes)
 
     def bench(
-        self, mismatch: Mismatch, time_s: Array, failures: Sequence[Failure], seed: int
+        self,
+        mismatch: Mismatch,
+        time_s: Array,
+        failures: Sequence[Failure],
+        seeds: tuple[int, int],
+        events: object,
     ) -> Bench:
-        """A machine with plant, drift and noise of this seed."""
+        """A machine with plant and drift of the first seed, noise of the other."""
         known = self.plant(self.model)
-        model, gains = mismatched_model(self.model, known, mismatch, seed)
+        model, gains = mismatched_model(self.model, known, mismatch, seeds[0])
         plant = self.plant(model)
         per_command = displaced(known, plant, gains)
         return Bench(
             plant,
-            self._sensors(mismatch.drift_per_s * self.period_s, len(gains), seed),
+            self._sensors(mismatch.drift_per_s * self.period_s, len(gains), *seeds),
             time_s=time_s,
             period_s=self.period_s,
             failures=failures,
             drives=lambda command: per_command * command,
             delay_ticks=mismatch.delay_ticks,
             keep_qpos=True,
+            events=events,
         )
 
-    def _sensors(self, drift_per_tick: float, actuators: int, seed: int) -> Sensors:
+    def _sensors(self, drift_per_tick: float, actuators: int, drawn: int, seed: int) -> Sensors:
         """Of the task, or encoders alone; zeros drift up to so many standard deviations."""
-        rows, draw = self.options.rows, Draw(seed)
+        rows, draw = self.options.rows, Draw(drawn)
         noise, encoder_noise = self.noise, self.encoder_noise
         of_task = drift_per_tick * noise * draw.uniform("task drift", len(rows))
         of_encoders = drift_per_tick * encoder_noise * draw.uniform("drift", actuators)
@@ -169,12 +237,12 @@ class _Robot:
         return DriftingSensors(sensors, of_task, of_encoders)
 
 
-def _robot(file: Path, options: RobotOptions) -> _Robot:
+def _robot(file: Path, options: RobotOptions, at: Array | None) -> _Robot:
     model = load_model(file, add_locks=True)
-    start = _start(model, options.keyframe)
+    start = _start(model, options.keyframe, at)
     if options.servo is not None:
         model = servoed(model, natural_frequency_hz=options.servo, data=start)
-        start = _start(model, options.keyframe)
+        start = _start(model, options.keyframe, at)
     try:
         start = assemble(model, start)
     except ClosureError as error:
@@ -193,7 +261,7 @@ def _robot(file: Path, options: RobotOptions) -> _Robot:
 
 
 def _tracking(
-    robot: _Robot, plant: Plant, limits: tuple[Array, Array] | None, file: Path
+    robot: _Robot, plant: Plant, limits: tuple[Array, Array] | None, file: Path, unused: Unused
 ) -> Tracking:
     """The loops of a plant at its start."""
     options = robot.options
@@ -210,18 +278,31 @@ def _tracking(
             sense=options.sense,
             limits=limits,
             implicit_damping=plant.implicit_damping,
+            springs=unused == "locked",  # without them a strut that is let go would be lost
+            unused=unused,
         )
     except TaskLost as error:
         raise WrongInput(f"{file}: {error}") from None
+
+
+def _warnings(robot: _Robot) -> tuple[str, ...]:
+    """What the linear model and the mapping leave out."""
+    rubs = np.flatnonzero(robot.model.dof_frictionloss)
+    names = [robot.model.joint(int(j)).name for j in dict.fromkeys(robot.model.dof_jntid[rubs])]
+    dry = [f"dry friction of {name} is left out of the linear model" for name in names]
+    return (*robot.mechanism.nominal.jacobians.warnings, *dry)
 
 
 def _body(model: mujoco.MjModel, joint: int | None) -> str | None:
     return None if joint is None else body_name(model, int(model.jnt_bodyid[joint]))
 
 
-def _start(model: mujoco.MjModel, keyframe: str | None) -> mujoco.MjData:
-    """The state of a keyframe by name or number; None is the first, or qpos0."""
+def _start(model: mujoco.MjModel, keyframe: str | None, at: Array | None) -> mujoco.MjData:
+    """Joint positions (nq,), or a keyframe by name or number; neither is the first, or qpos0."""
     data = mujoco.MjData(model)
+    if at is not None:
+        data.qpos[:] = check.exactly("start", at, model.nq)
+        return data
     if keyframe is None:
         if model.nkey:
             mujoco.mj_resetDataKeyframe(model, data, 0)

@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 
 from experiments.output.study import Option, WrongInput
-from experiments.robot.choices import Limited, Sensing
+from experiments.rig.choices import Limited, Sensing
 
 _TWIST = 6
 

@@ -1,15 +1,18 @@
 """A dither for a rig, by which its diagnosis tells failures apart, and what it costs."""
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from experiments.output.study import WrongInput
-from experiments.robot.options import DITHER_SIZE
-from experiments.robot.rig import Rig
+from experiments.rig.options import DITHER_SIZE
 from ftc.fdi.diagnosis import DEFAULT_CONFIG
+from ftc.fdi.dither import Dither
 from ftc.fdi.dither_design import Cost, DitherDesign, designed_dither
 from ftc.fdi.separation import Conditions
+
+if TYPE_CHECKING:
+    from experiments.rig.rig import Rig
 
 FREQUENCIES_HZ = (2.0, 5.0, 10.0, 20.0)
 """To choose from, above the crossovers of the loops: these would suppress what a failure leaves."""
@@ -24,7 +27,7 @@ _NOTHING = 1e-9
 """Part of a reference that is no motion but round-off."""
 
 
-def rig_dither(rig: Rig, asked: str) -> DitherDesign | None:
+def rig_dither(rig: "Rig", asked: str) -> DitherDesign | None:
     """The dither that a command asks for, in the words of its option.
 
     The least separation of two failures is the largest found, by the linear model with the
@@ -50,7 +53,20 @@ def rig_dither(rig: Rig, asked: str) -> DitherDesign | None:
         raise WrongInput(f"--dither {asked}: {error}") from None
 
 
-def _frequencies(rig: Rig, asked: str) -> list[float]:
+def dither_of(rig: "Rig", asked: str | Dither | None, default: str | Dither) -> Dither | None:
+    """The dither of :meth:`experiments.rig.Rig.supervisor`; `default` is that of the robot.
+
+    Raises:
+        WrongInput: As :func:`rig_dither`.
+    """
+    chosen = default if asked == "default" else asked
+    if chosen is None or isinstance(chosen, Dither):
+        return chosen
+    design = rig_dither(rig, chosen)
+    return None if design is None else design.dither
+
+
+def _frequencies(rig: "Rig", asked: str) -> list[float]:
     """Those asked for that the diagnosis sees; of the designed ones those that no loop follows."""
     slowest = 1 / CONDITIONS.time_s
     fastest = 1 / _SAMPLES / max(rig.period_s, DEFAULT_CONFIG.sample_s)
@@ -69,7 +85,7 @@ def _frequencies(rig: Rig, asked: str) -> list[float]:
     return seen
 
 
-def dither_entry(design: DitherDesign | None, rig: Rig) -> dict[str, Any] | None:
+def dither_entry(design: DitherDesign | None, rig: "Rig") -> dict[str, Any] | None:
     """A dither, what it costs and what it separates, ready for JSON."""
     if design is None:
         return None

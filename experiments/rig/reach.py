@@ -6,7 +6,7 @@ import numpy as np
 
 from argument_checks.ties import greatest
 from experiments.output.study import WrongInput
-from experiments.robot.rig import Rig
+from experiments.rig.rig import Rig
 from sim import Array
 
 _POINTS = 100

@@ -1,42 +1,12 @@
 """Plants of any MJCF file that differ from their controller's model, by sizes stated beforehand."""
 
 import copy
-from dataclasses import dataclass
 
 import mujoco
 
 from experiments.output.draw import Draw
+from experiments.output.mismatch import Mismatch
 from sim import Array, Plant, Pose, Reading, Sensors
-
-
-@dataclass(frozen=True)
-class Mismatch:
-    """Sizes of all differences between plant and model; zero is none.
-
-    Relative ones are half widths of uniform distributions, drawn anew for each flight. That of the
-    hexapod, :class:`experiments.hexapod.mismatch.Mismatch`, also has what a file does not tell of
-    any robot: floor, hysteresis, springs that can be preloaded anew.
-
-    Attributes:
-        gain: Of each actuator's force: of a servo's feedback, too.
-        damping: Of each joint's damper, and of each servo's.
-        inertia: Of the mass, and apart from it of the inertia, of each body.
-        delay_ticks: Control ticks by which each command comes late; not drawn.
-        drift_per_s: Half width of the rate at which each sensor's zero moves, in standard
-            deviations of one sample.
-        steps: Physics steps for each of the model's; not drawn.
-    """
-
-    gain: float = 0.0
-    damping: float = 0.0
-    inertia: float = 0.0
-    delay_ticks: int = 0
-    drift_per_s: float = 0.0
-    steps: int = 1
-
-
-EXACT = Mismatch()
-"""The plant is the model."""
 
 ALL = Mismatch(gain=0.03, damping=0.2, inertia=0.02, delay_ticks=1, drift_per_s=0.1, steps=2)
 """Everything at once: gains, dampers, inertias and delay as of the hexapod's testbed."""

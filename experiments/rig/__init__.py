@@ -1,0 +1,35 @@
+"""A robot with its loops, ready to fly: the testbed's hexapod, or any robot of an MJCF file.
+
+from experiments.rig import Rig
+from sim import Failure
+
+rig = Rig.of_mjcf("arm.xml", site="tool", major=[3, 4, 5])
+run = rig.fly(rig.supervisor(), rig.path("circle", duration_s=4.0),
+              failures=[Failure("joint4", "locked", 2.0)])
+print(run.status)
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from experiments.output.mismatch import Mismatch as Mismatch
+    from experiments.rig.prediction import Prediction as Prediction
+    from experiments.rig.rig import Rig as Rig
+    from experiments.rig.run import Named as Named
+    from experiments.rig.run import Run as Run
+
+_OF = {
+    "Mismatch": "experiments.output.mismatch",
+    "Named": "experiments.rig.run",
+    "Prediction": "experiments.rig.prediction",
+    "Rig": "experiments.rig.rig",
+    "Run": "experiments.rig.run",
+}
+"""Read when asked for: the command line has its choices from here, and its help is not to wait."""
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _OF:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(_OF[name]), name)

@@ -1,0 +1,273 @@
+"""A robot with its loops: what it consists of, and what can be done with it."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import chain
+from pathlib import Path
+from typing import Any, Literal
+
+import mujoco
+import numpy as np
+from numpy.typing import ArrayLike
+
+import argument_checks as check
+from experiments.output.mismatch import Mismatch
+from experiments.output.study import WrongInput
+from experiments.rig.choices import Sensing
+from experiments.rig.paths import path_of
+from experiments.rig.prediction import Prediction, predicted
+from experiments.rig.run import Run, flown
+from ftc.compensator import Channel, Margins
+from ftc.control_task import ControlTask
+from ftc.controller import PrioritizedController
+from ftc.fdi.dither import Dither
+from ftc.fdi.fault_model import Fault, NominalModel
+from ftc.goal import Goal
+from ftc.mapping import PrioritizedMapping
+from ftc.supervisor import Supervisor, Unused
+from prioritized import Manipulability
+from sim import Array, Bench, Failure
+from sim.drive import number_of
+
+Known = Literal["exact", "all"]
+"""A plant that is the controller's model, or one that differs by all that is drawn."""
+
+
+@dataclass(frozen=True)
+class Rig(ABC):
+    """A robot with its loops.
+
+    Attributes:
+        title: For people.
+        model: As its controller has it.
+        actuators: Their names: of the joints or tendons that they drive.
+        aliases: Of each, the names of the actuators in the model.
+        bodies: The body that each moves, for the eye; None of what is no joint.
+        major: Rows of the twist.
+        goal: While all actuators work.
+        nominal: Linear model from displacements to the major rows.
+        watched: The same to what the diagnosis looks at.
+        loops: One compensator for each of them.
+        margins: Of each loop.
+        limits: Lower and upper displacements (n,); None is none.
+        feedforward: Whether the reference is demanded as it is.
+        size: Of the path, [rad] or [m].
+        noise: Of the sensors of the major rows, [rad] or [m].
+        encoder_noise: Of the sensors of the actuators, [rad] or [m].
+        travel: Lower and upper displacements (n,) at which the plant's actuators can rest.
+        unused: What an actuator without force counts as: its own spring holds it, or not.
+        task: What somebody else's controller is told.
+        warnings: What was left out of the model, and what a user would not expect.
+    """
+
+    title: str
+    model: mujoco.MjModel
+    actuators: tuple[str, ...]
+    aliases: tuple[tuple[str, ...], ...]
+    bodies: tuple[str | None, ...]
+    major: tuple[int, ...]
+    goal: Goal
+    nominal: NominalModel
+    watched: NominalModel
+    loops: Sequence[Channel]
+    margins: Sequence[Margins]
+    limits: tuple[Array, Array] | None
+    feedforward: bool
+    size: float
+    noise: float
+    encoder_noise: float
+    travel: tuple[Array, Array]
+    unused: Unused
+    task: ControlTask
+    warnings: tuple[str, ...]
+
+    @staticmethod
+    def hexapod(
+        *, size: float | None = None, mismatch: Known | Mismatch = "exact", seed: int = 0
+    ) -> "Rig":
+        """The testbed's own machine: detector, amplifiers, closed-form kinematics, goal W_a.
+
+        Args:
+            size: Radius of its path, [rad]; None is that of the testbed's spiral.
+            mismatch: How the plant differs from the controller's model.
+            seed: Of what is drawn of the plant.
+        """
+        from experiments.rig.hexapod import hexapod_rig  # which makes one of these
+
+        return hexapod_rig(size).drawn(mismatch, seed)
+
+    @staticmethod
+    def of_mjcf(
+        file: str | Path,
+        *,
+        major: Sequence[int],
+        site: str = "payload",
+        axes: str | None = None,
+        start: str | int | ArrayLike | None = None,
+        sense: Sensing = "both",
+        noise: float | None = None,
+        servo_hz: float | None = None,
+        pinned: Sequence[str] = (),
+        mismatch: Known | Mismatch = "exact",
+        seed: int = 0,
+        **loops: Any,
+    ) -> "Rig":
+        """Any robot.
+
+        Args:
+            file: MJCF.
+            major: Rows of the twist [turn x, y, z; x, y, z] that are controlled exactly.
+            site: Task frame: a site, or a body.
+            axes: Site that gives the axes; None is the world.
+            start: Keyframe by name or number, or joint positions (nq,); None is the first
+                keyframe, or qpos0.
+            sense: What the diagnosis looks at: a sensor of the task, encoders, or both.
+            noise: Standard deviation of one sample of each sensor, [rad] or [m]; None is a
+                hundredth of what the path moves it.
+            servo_hz: Natural frequency of the position servos that torque motors get.
+            pinned: Must be empty: no plant flies with pinned frames yet.
+            mismatch: How the plant differs from the controller's model.
+            seed: Of what is drawn of the plant.
+            loops: Others of :class:`experiments.rig.options.RobotOptions`: `crossover` [Hz],
+                `period` [s], `size`, `joint_weight`, `secondary_weight`, `limits`.
+
+        Raises:
+            WrongInput: Something that the robot does not have, or cannot do.
+            sim.ModelError: The file, or what it says.
+        """
+        from experiments.rig.mjcf import robot_rig  # which makes one of these
+        from experiments.rig.options import RobotOptions
+
+        if len(pinned):
+            raise WrongInput(f"pinned must be empty: no plant is flown with it, got {pinned}")
+        options = RobotOptions(
+            site=site,
+            axes=axes,
+            major=",".join(str(row) for row in check.indices("major", major, 6)),
+            sense=sense,
+            noise=noise,
+            servo=servo_hz,
+            keyframe=str(start) if isinstance(start, str | int) else None,
+            **loops,
+        )
+        at = start if start is None or isinstance(start, str | int) else np.asarray(start, float)
+        at = None if isinstance(at, str | int) else at
+        return robot_rig(Path(file), options, at).drawn(mismatch, seed)
+
+    @property
+    def period_s(self) -> float:
+        """Of control."""
+        return self.nominal.period_s
+
+    def number(self, actuator: int | str) -> int:
+        """The number of an actuator, by it, by its own name, or by that of its joint.
+
+        Raises:
+            WrongInput: There is none; the nearest is named.
+        """
+        try:
+            if isinstance(actuator, str):
+                return number_of(actuator, list(map(tuple, map(chain, *self._names))))
+            return check.index("actuator", actuator, len(self.actuators))
+        except ValueError as error:
+            raise WrongInput(str(error)) from None
+
+    @property
+    def _names(self) -> tuple[list[tuple[str]], tuple[tuple[str, ...], ...]]:
+        return [(name,) for name in self.actuators], self.aliases
+
+    @abstractmethod
+    def drawn(self, mismatch: Known | Mismatch, seed: int) -> "Rig":
+        """The same with a plant that differs so from the controller's model.
+
+        Raises:
+            WrongInput: A size that this robot does not have.
+        """
+
+    @abstractmethod
+    def mapping(self, goal: Goal) -> PrioritizedMapping[Any]:
+        """For a goal."""
+
+    @abstractmethod
+    def controller(self, goal: Goal | None = None) -> PrioritizedController[Any]:
+        """A pilot that does not diagnose; None is the goal of the rig."""
+
+    @abstractmethod
+    def supervisor(
+        self, dither: str | Dither | None = "default", goal: Goal | None = None
+    ) -> Supervisor:
+        """A pilot that diagnoses failures and reconfigures itself.
+
+        Args:
+            dither: "default" is what `fjh recover` flies with: 20 Hz of heave on the hexapod,
+                "designed" elsewhere; another as of :func:`experiments.rig.dither.rig_dither`;
+                None is none.
+            goal: While all actuators work; None is that of the rig.
+        """
+
+    @abstractmethod
+    def bench(
+        self, time_s: Array, failures: Sequence[Failure], seed: int, events: object = None
+    ) -> Bench:
+        """The simulated machine for times (N,)."""
+
+    @abstractmethod
+    def classified(self, faults: Sequence[Fault]) -> Manipulability:
+        """What is left with these faults."""
+
+    def path(self, name: str, *, duration_s: float, turn_s: float = 4.0) -> Array:
+        """Desired displacements of the major rows at each tick, shape (N, m1).
+
+        Args:
+            name: As of :func:`experiments.rig.paths.path_of`.
+            duration_s: Of it.
+            turn_s: Time of one turn.
+        """
+        time_s = np.arange(max(2, round(duration_s / self.period_s))) * self.period_s
+        return path_of(name, len(self.major), self.size, time_s, turn_s, self.period_s)
+
+    def fly(
+        self,
+        pilot: Any,
+        path: ArrayLike,
+        *,
+        failures: Sequence[Failure] = (),
+        seed: int = 0,
+        begin_s: float = 0.0,
+        events: object = None,
+        on_tick: Callable[[int], None] | None = None,
+    ) -> Run:
+        """Fly a path with a pilot.
+
+        Args:
+            pilot: As of :meth:`supervisor` or :meth:`controller`; any :class:`ftc.loop.Controller`.
+            path: Desired displacements of the major rows, tick by tick, shape (N, m1).
+            failures: What happens, actuators by name or number.
+            seed: Of the noise of all sensors.
+            begin_s: Time of the first tick.
+            events: What else happens; see :class:`sim.Bench`.
+            on_tick: Told of the number of ticks so far.
+
+        Raises:
+            WrongInput: A failure of an actuator that the robot does not have.
+            sim.SimulationDiverged: The physics left the finite numbers.
+        """
+        desired = check.matrix("path", path, columns=len(self.major))
+        struck = [replace(each, actuator=self.number(each.actuator)) for each in failures]
+        time_s = begin_s + np.arange(len(desired)) * self.period_s
+        return flown(self, pilot, time_s, desired, struck, seed, events, on_tick)
+
+    def predict(
+        self, path: ArrayLike, *, failures: Sequence[Failure] = (), told: bool = True
+    ) -> Prediction:
+        """RMS errors of a path that begins at time 0 by the linear model.
+
+        Args:
+            path: As of :meth:`fly`.
+            failures: Likewise.
+            told: Whether the controller is told of each failure at once, or never.
+        """
+        desired = check.matrix("path", path, columns=len(self.major))
+        struck = [replace(each, actuator=self.number(each.actuator)) for each in failures]
+        return predicted(self, desired, struck, told=told)

@@ -1,0 +1,148 @@
+"""A flight of a robot: what happened at every tick, and what the pilot made of it."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from ftc.fdi.fault_model import FaultKind
+from ftc.loop import Controller, run_loop
+from ftc.supervisor import SupervisorState
+from sim import Array, Bench, Failure, Pose
+
+if TYPE_CHECKING:
+    from experiments.rig.rig import Rig
+
+
+@dataclass(frozen=True)
+class Named:
+    """An actuator that a pilot took for failed.
+
+    Attributes:
+        actuator: Its name.
+        kind: What it was taken for.
+        time_s: When.
+        withdrawn_s: When the pilot took that back; None is never.
+    """
+
+    actuator: str
+    kind: FaultKind
+    time_s: float
+    withdrawn_s: float | None
+
+    def __str__(self) -> str:
+        back = "" if self.withdrawn_s is None else f" and cleared at {self.withdrawn_s:.3f} s"
+        return f"{self.actuator} was named {self.kind} at {self.time_s:.3f} s{back}"
+
+
+@dataclass(frozen=True)
+class Run:
+    """What happened, at every control tick.
+
+    Attributes:
+        time_s: (N,).
+        desired: (N, m1) major displacements, [rad] or [m].
+        true: (N, m1).
+        measured: (N, m1).
+        task: (N, 6) true displacement [rotation vector; translation] of the task frame.
+        inputs: (N, n) sent to the drives: displacements, or percent of the hexapod's inputs.
+        displacement: (N, n) of the actuators.
+        qpos: (N, nq) joint positions.
+        closure_m: (N,) largest gap of a closed loop.
+        state: Of the pilot after the last tick.
+        diagnoses: That the pilot made, in order.
+        task_lost: Whether the pilot gave the major task up.
+        status: What the pilot made of the flight, one sentence.
+    """
+
+    time_s: Array
+    desired: Array
+    true: Array
+    measured: Array
+    task: Array
+    inputs: Array
+    displacement: Array
+    qpos: Array
+    closure_m: Array
+    state: Any
+    diagnoses: tuple[Named, ...]
+    task_lost: bool
+    status: str
+
+    @property
+    def arrays(self) -> dict[str, Array]:
+        """As they are published."""
+        names = ("time_s", "desired", "true", "measured", "task", "inputs", "displacement", "qpos")
+        return {name: getattr(self, name) for name in names} | {
+            "closure_residual_m": self.closure_m
+        }
+
+
+def flown(
+    rig: "Rig",
+    pilot: Controller[Any],
+    time_s: Array,
+    desired: Array,
+    failures: Sequence[Failure],
+    seed: int,
+    events: object,
+    on_tick: Callable[[int], None] | None,
+) -> Run:
+    """A flight; see :meth:`experiments.rig.Rig.fly`."""
+    bench = rig.bench(time_s, failures, seed, events)
+    looped = run_loop(bench if on_tick is None else _Counted(bench, on_tick), pilot, desired)
+    task = Pose(bench.rotation, bench.translation_m).displacement()
+    assert bench.qpos is not None  # rigs keep it
+    state, named = looped.state, ()
+    supervised = isinstance(state, SupervisorState)
+    if supervised:
+        named = _named(rig, state, time_s)
+    return Run(
+        time_s=time_s,
+        desired=desired,
+        true=task[:, list(rig.major)],
+        measured=looped.measured,
+        task=task,
+        inputs=looped.input_percent,
+        displacement=bench.displacement,
+        qpos=bench.qpos,
+        closure_m=bench.closure_residual_m,
+        state=state,
+        diagnoses=named,
+        task_lost=supervised and state.task_lost,
+        status=_status(state, named),
+    )
+
+
+def _named(rig: "Rig", state: SupervisorState, time_s: Array) -> tuple[Named, ...]:
+    """Each diagnosis; a revision of the kind is one of its own."""
+    withdrawn = dict(state.withdrawn)
+    return tuple(
+        Named(
+            rig.actuators[found.fault.actuator],
+            found.fault.kind,
+            float(time_s[found.tick]),
+            float(time_s[withdrawn[found]]) if found in withdrawn else None,
+        )
+        for found in state.diagnoses
+    )
+
+
+def _status(state: Any, named: Sequence[Named]) -> str:
+    if not isinstance(state, SupervisorState):
+        return "The pilot does not diagnose."
+    found = "; ".join(map(str, named)) or "Nothing was diagnosed"
+    gave_up = "; the pilot gave the major task up" if state.task_lost else ""
+    return f"{found}{gave_up}."
+
+
+class _Counted:
+    """A machine in the loop that tells how many ticks it has done."""
+
+    def __init__(self, bench: Bench, on_tick: Callable[[int], None]) -> None:
+        self.measure, self._bench, self._on_tick, self._done = bench.measure, bench, on_tick, 0
+
+    def apply(self, inputs: Array) -> None:
+        """As the machine."""
+        self._bench.apply(inputs)
+        self._done += 1
+        self._on_tick(self._done)
