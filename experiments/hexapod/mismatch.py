@@ -38,7 +38,10 @@ SIZES = (
 )
 """Those of the hexapod."""
 
-ALONE: dict[str, Mismatch] = {name: Mismatch(**{name: getattr(ALL, name)}) for name in SIZES}
+ALL_SIZES = {name: getattr(ALL, name) for name in SIZES}
+"""Those of :data:`ALL`, ready for JSON."""
+
+ALONE: dict[str, Mismatch] = {name: Mismatch(**{name: size}) for name, size in ALL_SIZES.items()}
 """Each size of :data:`ALL` by itself."""
 
 

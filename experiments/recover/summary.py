@@ -9,7 +9,7 @@ import numpy as np
 
 from argument_checks.ties import greatest
 from experiments.hexapod.fault_tolerance import fault_entry
-from experiments.hexapod.mismatch import ALL
+from experiments.hexapod.mismatch import ALL_SIZES
 from experiments.hexapod.simulation import Trajectory
 from experiments.hexapod.testbed import TestbedConfig
 from experiments.output import parquet
@@ -57,7 +57,7 @@ def summarize(outcome: Recover, rows: Sequence[Row]) -> dict[str, Any]:
             "jacobian": "constant",
             "bench": asdict(TestbedConfig()) | outcome.plant,
             "rules": config,
-            "mismatch": asdict(ALL),
+            "mismatch": ALL_SIZES,
             "dither": {
                 "amplitude_m": DITHER.amplitude,
                 "frequency_hz": DITHER.frequency_hz,

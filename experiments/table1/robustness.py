@@ -1,11 +1,11 @@
 """Table I on plants that are not the controllers' model."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 from experiments.hexapod.metrics import closure_check, closure_residual_max_m, rms
-from experiments.hexapod.mismatch import ALL, has_suspensions, mismatched
+from experiments.hexapod.mismatch import ALL, ALL_SIZES, has_suspensions, mismatched
 from experiments.hexapod.simulation import SpiralRun, Trajectory
 from experiments.hexapod.testbed import Testbed
 from experiments.output.results import Check
@@ -92,7 +92,7 @@ def robustness(found: Mapping[str, MismatchedRun]) -> dict[str, Any] | None:
         return None
     off = max(float(abs(r.rms_rad / r.predicted_rad - 1).max()) for r in found.values())
     return {
-        "sizes": asdict(ALL),
+        "sizes": ALL_SIZES,
         "tolerance": TOLERANCE,
         "largest_relative_difference": off,
         "closure_residual_max_m": max(r.closure_residual_max_m for r in found.values()),
