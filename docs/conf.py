@@ -27,8 +27,8 @@ nitpicky = True
 nitpick_ignore_regex = [
     ("py:.*", r"(?!argument_checks|prioritized|ftc|sim)\w+(\..*)?"),
     ("py:.*", r"prioritized\._.*"),
-    ("py:class", r"sim\.entry_accuracy\.(Natural|Jacobians)"),  # how it is computed
-    ("py:class", r"ftc\.\w+\.(Pose|Posture|State)"),  # type variables
+    ("py:class", r"sim\.kinematics\.entry_accuracy\.(Natural|Jacobians)"),  # how it is computed
+    ("py:class", r"ftc\.[\w.]+\.(Pose|Posture|State)"),  # type variables
 ]
 
 # The pages are read on GitHub, too: what is enabled here, GitHub reads alike.

@@ -1,9 +1,12 @@
 """Fault-tolerant control of any mechanism."""
 
 from argument_checks import __version__ as __version__
-from ftc.compensator import LoopShape as LoopShape
-from ftc.compensator import compensator as compensator
-from ftc.compensator import margins as margins
+from ftc.control.compensator import LoopShape as LoopShape
+from ftc.control.compensator import compensator as compensator
+from ftc.control.compensator import margins as margins
+from ftc.control.geometry import LocalGeometry as LocalGeometry
+from ftc.control.mapping import PrioritizedMapping as PrioritizedMapping
+from ftc.control.mechanism import MechanismGeometry as MechanismGeometry
 from ftc.control_task import ControlTask as ControlTask
 from ftc.controller import DirectDrive as DirectDrive
 from ftc.controller import Measurement as Measurement
@@ -12,13 +15,10 @@ from ftc.fdi.fault_model import Fault as Fault
 from ftc.fdi.fault_model import NominalModel as NominalModel
 from ftc.fdi.fault_model import fault_model as fault_model
 from ftc.fdi.monitor import monitor as monitor
-from ftc.geometry import LocalGeometry as LocalGeometry
 from ftc.goal import Goal as Goal
 from ftc.guarded_controller import GuardedController as GuardedController
 from ftc.loop import LoopRun as LoopRun
 from ftc.loop import run_loop as run_loop
-from ftc.mapping import PrioritizedMapping as PrioritizedMapping
-from ftc.mechanism import MechanismGeometry as MechanismGeometry
 from ftc.oracle import OracleController as OracleController
 from ftc.supervisor import Supervisor as Supervisor
 from ftc.supervisor import goal_after as goal_after

@@ -9,12 +9,12 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from argument_checks import Array
-from ftc.anti_windup import tracking_gain
-from ftc.bumpless_transfer import BumplessTransfer, bumpless_transfer
-from ftc.compensator import Channel
-from ftc.geometry import Pose
-from ftc.local_mapping import PreviousCommand
-from ftc.mapping import PrioritizedMapping
+from ftc.control.anti_windup import tracking_gain
+from ftc.control.bumpless_transfer import BumplessTransfer, bumpless_transfer
+from ftc.control.compensator import Channel
+from ftc.control.geometry import Pose
+from ftc.control.local_mapping import PreviousCommand
+from ftc.control.mapping import PrioritizedMapping
 
 
 @dataclass(frozen=True)
@@ -100,8 +100,8 @@ class PrioritizedController(Generic[Pose]):
         state of a compensator that is there while its error would drive it further (conditional
         integration: Astrom and Hagglund, Advanced PID Control, 2006, section 3.5). Where the
         mapping has limits, it also makes the compensators observe the major task that is achieved;
-        see :mod:`ftc.anti_windup`. With `reference_feedforward` the reference itself is demanded,
-        and the compensators add what is missing.
+        see :mod:`ftc.control.anti_windup`. With `reference_feedforward` the reference itself is
+        demanded, and the compensators add what is missing.
         """
         self.mapping = mapping
         self.amplifier: Any = amplifier  # clients know their own drives

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from argument_checks import Array
-from ftc.compensator import Channel
+from ftc.control.compensator import Channel
 from ftc.fdi.fault_model import Fault, NominalModel, fault_model
 
 if TYPE_CHECKING:

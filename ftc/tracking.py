@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 
 import argument_checks as check
 from argument_checks import Array
-from ftc.compensator import (
+from ftc.control.compensator import (
     Compensator,
     LoopShape,
     Margins,
@@ -29,14 +29,14 @@ from ftc.compensator import (
     margins,
     sensitivity_peak,
 )
+from ftc.control.mapping import PrioritizedMapping
+from ftc.control.mechanism import MechanismGeometry, MechanismModel
 from ftc.controller import DirectDrive, Measurement, PrioritizedController
 from ftc.fdi.diagnosis import DEFAULT_CONFIG, FdiConfig
 from ftc.fdi.dither import Dither
 from ftc.fdi.fault_model import Fault, NominalModel, by_kind, fault_model
 from ftc.fdi.monitor import monitor
 from ftc.goal import Goal
-from ftc.mapping import PrioritizedMapping
-from ftc.mechanism import MechanismGeometry, MechanismModel
 from ftc.supervisor import Supervisor, Unused, goal_after
 from prioritized import ConstrainedSystem, Kinematics, Manipulability, WhenLimited
 

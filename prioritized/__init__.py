@@ -17,31 +17,33 @@ Spatial vectors are [angular; linear].
 """
 
 from argument_checks import __version__ as __version__
+from prioritized._analysis.attainable import Attainable as Attainable
+from prioritized._analysis.attainable import AttainableStatus as AttainableStatus
+from prioritized._analysis.manipulability import Manipulability as Manipulability
+from prioritized._analysis.viable import RateBox as RateBox
+from prioritized._analysis.viable import viable_rates as viable_rates
 from prioritized._atlas import Classes as Classes
 from prioritized._atlas import FailureAtlas as FailureAtlas
 from prioritized._atlas import failure_atlas as failure_atlas
-from prioritized._attainable import Attainable as Attainable
-from prioritized._attainable import AttainableStatus as AttainableStatus
-from prioritized._canonical import canonical_basis as canonical_basis
-from prioritized._failures import Failures as Failures
-from prioritized._force import ForceMapping as ForceMapping
-from prioritized._force import force_mapping as force_mapping
-from prioritized._geometry import Accuracy as Accuracy
-from prioritized._hierarchy import Hierarchy as Hierarchy
-from prioritized._hierarchy import HierarchySolution as HierarchySolution
-from prioritized._hierarchy import Task as Task
 from prioritized._kinematics import Kinematics as Kinematics
-from prioritized._lexicographic import Solution as Solution
-from prioritized._lexicographic import lexicographic_least_squares as lexicographic_least_squares
-from prioritized._limited import WhenLimited as WhenLimited
-from prioritized._manipulability import Manipulability as Manipulability
-from prioritized._names import Names as Names
-from prioritized._rank import RANK_TOLERANCE as RANK_TOLERANCE
-from prioritized._solution import ForceSolution as ForceSolution
-from prioritized._solution import VelocitySolution as VelocitySolution
+from prioritized._mapping.force import ForceMapping as ForceMapping
+from prioritized._mapping.force import force_mapping as force_mapping
+from prioritized._mapping.hierarchy import Hierarchy as Hierarchy
+from prioritized._mapping.hierarchy import HierarchySolution as HierarchySolution
+from prioritized._mapping.hierarchy import Task as Task
+from prioritized._mapping.lexicographic import Solution as Solution
+from prioritized._mapping.lexicographic import (
+    lexicographic_least_squares as lexicographic_least_squares,
+)
+from prioritized._mapping.limited import WhenLimited as WhenLimited
+from prioritized._mapping.solution import ForceSolution as ForceSolution
+from prioritized._mapping.solution import VelocitySolution as VelocitySolution
+from prioritized._mapping.task import Status as Status
+from prioritized._mapping.velocity import VelocityMapping as VelocityMapping
+from prioritized._mapping.velocity_arguments import velocity_mapping as velocity_mapping
+from prioritized._mechanism.failures import Failures as Failures
+from prioritized._mechanism.geometry import Accuracy as Accuracy
+from prioritized._mechanism.names import Names as Names
+from prioritized._solver.canonical import canonical_basis as canonical_basis
+from prioritized._solver.rank import RANK_TOLERANCE as RANK_TOLERANCE
 from prioritized._system import ConstrainedSystem as ConstrainedSystem
-from prioritized._task import Status as Status
-from prioritized._velocity import VelocityMapping as VelocityMapping
-from prioritized._velocity_mapping import velocity_mapping as velocity_mapping
-from prioritized._viable import RateBox as RateBox
-from prioritized._viable import viable_rates as viable_rates

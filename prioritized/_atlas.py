@@ -9,20 +9,20 @@ from numpy.typing import ArrayLike, NDArray
 
 import argument_checks as check
 from argument_checks import Array, Mask
-from prioritized._arrays import ReadOnly, transposed
-from prioritized._canonical import canonical
-from prioritized._decisions import MajorTask, respanned
-from prioritized._failures import Failures, failed_actuators
-from prioritized._limits import limits
-from prioritized._major_maps import unweighted
-from prioritized._motions import Motions, motions_of, with_stiffness
-from prioritized._names import Known, known_actuators
-from prioritized._problem import Problem
-from prioritized._rank import RANK_TOLERANCE
+from prioritized._analysis.major_maps import unweighted
+from prioritized._analysis.worst import Within
+from prioritized._mapping.problem import Problem
+from prioritized._mapping.task import task_selection
+from prioritized._mechanism.decisions import MajorTask, respanned
+from prioritized._mechanism.failures import Failures, failed_actuators
+from prioritized._mechanism.motions import Motions, motions_of, with_stiffness
+from prioritized._mechanism.names import Known, known_actuators
+from prioritized._mechanism.task_motion import TaskMotion
+from prioritized._solver.arrays import ReadOnly, transposed
+from prioritized._solver.canonical import canonical
+from prioritized._solver.limits import limits
+from prioritized._solver.rank import RANK_TOLERANCE
 from prioritized._system import ConstrainedSystem
-from prioritized._task import task_selection
-from prioritized._task_motion import TaskMotion
-from prioritized._worst import Within
 
 SOUND, LOCKED, FREE = 0, 1, 2
 

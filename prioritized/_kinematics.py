@@ -10,29 +10,34 @@ from numpy.typing import ArrayLike
 
 import argument_checks as check
 from argument_checks import Array, Indices
-from prioritized._active_constraint import ActiveConstraint, active_constraint
-from prioritized._arrays import none, read_only
-from prioritized._attainable import Attainable, attainable
-from prioritized._canonical import canonical
-from prioritized._conditioning import certain_rank, clear_of_errors
-from prioritized._decisions import MajorTask, in_order, respanned
-from prioritized._elimination import Partition, PassiveMotion, passive_motion, regular_motion
-from prioritized._force import ForceMapping, force_mapping
-from prioritized._hierarchy import Hierarchy, Task, hierarchy
-from prioritized._limited import WhenLimited
-from prioritized._limits import Limits, limits
-from prioritized._major_maps import of_rates, of_torques, unweighted
-from prioritized._manipulability import Manipulability, classify
-from prioritized._measure import Measure, metric_of, units_of
-from prioritized._names import Known, Names, known_actuators, known_velocities
-from prioritized._problem import Problem
-from prioritized._rank import RANK_TOLERANCE, norm, singular_values
-from prioritized._statics import constraint_gain, internal_rows, torque_gain
-from prioritized._survivors import Survivors
-from prioritized._task import task_selection
-from prioritized._task_motion import TaskMotion
-from prioritized._velocity import VelocityMapping
-from prioritized._velocity_mapping import of_plain_arrays, velocity_mapping
+from prioritized._analysis.attainable import Attainable, attainable
+from prioritized._analysis.major_maps import of_rates, of_torques, unweighted
+from prioritized._analysis.manipulability import Manipulability, classify
+from prioritized._mapping.force import ForceMapping, force_mapping
+from prioritized._mapping.hierarchy import Hierarchy, Task, hierarchy
+from prioritized._mapping.limited import WhenLimited
+from prioritized._mapping.problem import Problem
+from prioritized._mapping.survivors import Survivors
+from prioritized._mapping.task import task_selection
+from prioritized._mapping.velocity import VelocityMapping
+from prioritized._mapping.velocity_arguments import of_plain_arrays, velocity_mapping
+from prioritized._mechanism.active_constraint import ActiveConstraint, active_constraint
+from prioritized._mechanism.conditioning import certain_rank, clear_of_errors
+from prioritized._mechanism.decisions import MajorTask, in_order, respanned
+from prioritized._mechanism.elimination import (
+    Partition,
+    PassiveMotion,
+    passive_motion,
+    regular_motion,
+)
+from prioritized._mechanism.measure import Measure, metric_of, units_of
+from prioritized._mechanism.names import Known, Names, known_actuators, known_velocities
+from prioritized._mechanism.statics import constraint_gain, internal_rows, torque_gain
+from prioritized._mechanism.task_motion import TaskMotion
+from prioritized._solver.arrays import none, read_only
+from prioritized._solver.canonical import canonical
+from prioritized._solver.limits import Limits, limits
+from prioritized._solver.rank import RANK_TOLERANCE, norm, singular_values
 
 
 @dataclass(frozen=True, eq=False)

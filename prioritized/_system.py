@@ -10,13 +10,12 @@ from numpy.typing import ArrayLike
 
 import argument_checks as check
 from argument_checks import Array, Indices
-from prioritized._arrays import read_only
-from prioritized._elimination import Joints, Partition, sort_joints
-from prioritized._failures import Failures, failed_actuators, stuck_passive
-from prioritized._geometry import Accuracy, Elsewhere, Geometry
 from prioritized._kinematics import Kinematics
-from prioritized._mechanism import Mechanism, accuracy_of, arguments_of, tolerance_of
-from prioritized._names import (
+from prioritized._mechanism.elimination import Joints, Partition, sort_joints
+from prioritized._mechanism.failures import Failures, failed_actuators, stuck_passive
+from prioritized._mechanism.from_model import Mechanism, accuracy_of, arguments_of, tolerance_of
+from prioritized._mechanism.geometry import Accuracy, Elsewhere, Geometry
+from prioritized._mechanism.names import (
     HasNames,
     Known,
     Names,
@@ -26,7 +25,8 @@ from prioritized._names import (
     known_velocities,
     passive_joints,
 )
-from prioritized._rank import norm
+from prioritized._solver.arrays import read_only
+from prioritized._solver.rank import norm
 
 
 @dataclass(frozen=True, eq=False, init=False)

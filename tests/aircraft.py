@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from scipy.linalg import solve_continuous_are
 from scipy.signal import lfilter
 
-from ftc.fdi.model_distance import output_distance
+from ftc.fdi.design.model_distance import output_distance
 
 A = np.array(
     [

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import control
 import numpy as np
 
-from ftc.fdi.evidence import Evidence
 from ftc.fdi.fault_model import NominalModel, fault_model
-from ftc.fdi.hypotheses import HypothesisBank
+from ftc.fdi.isolation.evidence import Evidence
+from ftc.fdi.isolation.hypotheses import HypothesisBank
 
 SAMPLES, ONSETS = 14, np.array([3, 6, 9])
 

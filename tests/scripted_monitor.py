@@ -7,10 +7,10 @@ import numpy as np
 
 from ftc.fdi.diagnosis import FdiConfig
 from ftc.fdi.fault_model import Fault
-from ftc.fdi.hypotheses import HypothesisBank
+from ftc.fdi.isolation.hypotheses import HypothesisBank
+from ftc.fdi.isolation.verdict import Verdict
 from ftc.fdi.monitor import MonitorState, monitor
 from ftc.fdi.uncertainty import CERTAIN
-from ftc.fdi.verdict import Verdict
 from tests.cart_runs import carts
 
 NOMINAL = carts(0, n=3)  # 5 ms a tick

@@ -16,7 +16,7 @@ from rerun.chunk import RrdReader
 
 from experiments.app.cli import app, main
 from experiments.output.files import OutputError, published
-from sim.model import HEXAPOD_MJCF
+from sim.mjcf.model import HEXAPOD_MJCF
 
 
 def sentence(capsys) -> str:

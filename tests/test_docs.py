@@ -161,11 +161,11 @@ def test_every_test_and_name_that_the_theory_page_speaks_of_exists():
     named = set(re.findall(r"`(test_\w+)`", THEORY))
     assert len(named) > 40
     assert {name for name in named if f"def {name}(" not in tests} == set()
-    code = "\n".join(file.read_text() for file in (ROOT / "prioritized").glob("*.py"))
+    code = "\n".join(file.read_text() for file in (ROOT / "prioritized").rglob("*.py"))
     words = re.findall(r"`(?:[A-Z]\w+\.)?([a-zA-Z_]\w+)(?:\(.*?\))?`", THEORY)
     outside = {"experiments", "sim", "fjh"} | named
     assert {word for word in words if word not in outside and word not in code} == set()
-    for path in re.findall(r"`((?:prioritized|tests|experiments)/\w+\.py)`", THEORY):
+    for path in re.findall(r"`((?:prioritized|tests|experiments)/[\w/]+\.py)`", THEORY):
         assert (ROOT / path).is_file(), path
 
 

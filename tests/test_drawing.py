@@ -23,7 +23,7 @@ from experiments.output.files import write_arrays
 from experiments.output.gif import pixels
 from experiments.output.plotting import VERMILION, save_figure
 from sim import NOMINAL, Plant, Pose
-from sim.model import HEXAPOD_MJCF
+from sim.mjcf.model import HEXAPOD_MJCF
 
 SHAPES = """<mujoco><asset><mesh name="m" vertex="0 0 0  .1 0 0  0 .2 0  0 0 .3"/></asset>
 <worldbody><body pos="1 2 3" euler="10 20 30">

@@ -9,7 +9,7 @@ import pytest
 
 from prioritized import ConstrainedSystem
 from sim import CenterOfMass, JacobianReader, jacobians, load_model
-from sim.rounding import roundings
+from sim.mjcf.rounding import roundings
 from tests.test_accuracy import EXACT, six_digits, taken, three_rrr
 
 

@@ -12,13 +12,13 @@ from scipy.stats import norm
 from experiments.hexapod.columns import MAJOR
 from experiments.hexapod.fault_tolerance import HEAVE, nominal_model
 from experiments.hexapod.testbed import TestbedConfig
+from ftc.fdi.design.isolability import isolability
+from ftc.fdi.design.signatures import fault_responses, steady_signatures
 from ftc.fdi.dither import Dither
 from ftc.fdi.dither_design import Cost, designed_dither
 from ftc.fdi.fault_model import KINDS, Fault, FaultModel, NominalModel, fault_model
-from ftc.fdi.isolability import isolability
 from ftc.fdi.sensor_choice import ranked_sensors
 from ftc.fdi.separation import ALIKE, Conditions, Separations, separations, separations_at
-from ftc.fdi.signatures import fault_responses, steady_signatures
 from ftc.fdi.uncertainty import Uncertainty
 from sim import NOMINAL, hexapod, load_model
 from tests.hostile import Target, complaints

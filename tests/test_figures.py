@@ -27,7 +27,7 @@ from experiments.output.plotting import BLACK, BLUE, COLUMN_IN, SKY, YELLOW, new
 from experiments.output.results import Results
 from experiments.table1.figure import figure_4, figure_5, figure_6, figure_result
 from sim import hexapod, load_model
-from sim.model import HEXAPOD_MJCF
+from sim.mjcf.model import HEXAPOD_MJCF
 from tests.printed import assert_printable, faults
 
 

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from scipy.linalg import block_diag
 
-from ftc.compensator import margins, sensitivity_peak
-from ftc.frequency_response import frequency_response
+from ftc.control.compensator import margins, sensitivity_peak
+from ftc.control.frequency_response import frequency_response
 from tests.random_systems import orthogonal
 
 PERIOD_S = 1e-3

@@ -11,12 +11,12 @@ import mujoco
 import numpy as np
 import pytest
 
-from ftc.compensator import LoopShape, NoResponse, UnstableLoop, compensator, margins
+from ftc.control.compensator import LoopShape, NoResponse, UnstableLoop, compensator, margins
+from ftc.control.geometry import LocalGeometry
+from ftc.control.mapping import PrioritizedMapping
 from ftc.controller import DirectDrive, Measurement, PrioritizedController
-from ftc.geometry import LocalGeometry
 from ftc.goal import Goal
 from ftc.linear_loop import Stage, closed_loop, steps
-from ftc.mapping import PrioritizedMapping
 from ftc.oracle import NEVER, OracleController
 from prioritized import ConstrainedSystem
 from sim import HEXAPOD_MJCF, Failure, Plant, jacobians, linearize, load_model

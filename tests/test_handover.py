@@ -10,12 +10,12 @@ from experiments.hexapod.controller import StrutMapping, controller_for, nominal
 from experiments.hexapod.fault_tolerance import HEAVE, nominal_model, supervisor
 from experiments.hexapod.simulation import SpiralRun, track_path, track_spiral
 from experiments.hexapod.testbed import Testbed, TestbedConfig
+from ftc.control.mapping import DisplacementForm
 from ftc.controller import BumplessTransfer, Measurement, PrioritizedController
 from ftc.fdi.diagnosis import Diagnosis
 from ftc.fdi.dither import Dither
 from ftc.fdi.fault_model import Fault, fault_model
 from ftc.goal import Goal
-from ftc.mapping import DisplacementForm
 from ftc.supervisor import goal_after, lost_displacement
 from sim import NOMINAL, Failure, hexapod, load_model, pointing_angles
 

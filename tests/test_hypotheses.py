@@ -7,9 +7,9 @@ import pytest
 import scipy.linalg
 import scipy.optimize
 
+from ftc.fdi.detection.parameter_filter import Parameters
 from ftc.fdi.fault_model import Fault
-from ftc.fdi.hypotheses import hypothesis_bank
-from ftc.fdi.parameter_filter import Parameters
+from ftc.fdi.isolation.hypotheses import hypothesis_bank
 from ftc.fdi.uncertainty import CERTAIN, Uncertainty, perturbed
 from tests.cart_runs import ONSETS, SAMPLES, Record, carts, gathered, outputs
 

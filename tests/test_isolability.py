@@ -7,9 +7,9 @@ from experiments.hexapod.controller import nominal_loops
 from experiments.hexapod.fault_tolerance import HEAVE, STILL, nominal_model
 from experiments.hexapod.prediction import linear_loop
 from experiments.hexapod.testbed import Testbed, TestbedConfig
+from ftc.fdi.design.isolability import isolability
 from ftc.fdi.dither import Dither
 from ftc.fdi.fault_model import KINDS, Fault, NominalModel, fault_model
-from ftc.fdi.isolability import isolability
 from ftc.fdi.uncertainty import CERTAIN, TYPICAL, Uncertainty
 from ftc.goal import Goal
 from ftc.linear_loop import simulate

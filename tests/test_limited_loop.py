@@ -7,12 +7,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
 
-from ftc.anti_windup import circle_margin, tracking_gain
-from ftc.bumpless_transfer import bumpless_transfer
+from ftc.control.anti_windup import circle_margin, tracking_gain
+from ftc.control.bumpless_transfer import bumpless_transfer
+from ftc.control.geometry import LocalGeometry
+from ftc.control.mapping import PrioritizedMapping
 from ftc.controller import DirectDrive, Measurement, PrioritizedController
-from ftc.geometry import LocalGeometry
 from ftc.goal import Goal
-from ftc.mapping import PrioritizedMapping
 from prioritized import ConstrainedSystem
 
 SEEDS = st.integers(0, 2**32 - 1)

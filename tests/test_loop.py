@@ -21,8 +21,8 @@ from experiments.jacobian.loop import (
     optimum,
 )
 from experiments.jacobian.loop_results import loop_checks
+from ftc.control.local_mapping import PreviousCommand
 from ftc.goal import Goal
-from ftc.local_mapping import PreviousCommand
 from sim import (
     NOMINAL,
     Plant,

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ftc.fdi.parameter_filter import Parameters
+from ftc.fdi.detection.parameter_filter import Parameters
 from ftc.fdi.uncertainty import CERTAIN, Uncertainty
 
 J, P = 4, 2

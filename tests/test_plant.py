@@ -14,7 +14,7 @@ from experiments.hexapod.simulation import SpiralRun, track_spiral
 from experiments.hexapod.testbed import Testbed, TestbedConfig
 from experiments.output.parallel import in_parallel
 from sim import ModelError, Plant, SimulationDiverged, linearize, load_model
-from sim.model import HEXAPOD_MJCF
+from sim.mjcf.model import HEXAPOD_MJCF
 from tests.closed_form import closed_form, modes_of
 
 PERIOD_S = 1e-3

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from ftc.fdi.residual_test import WINDOWS, residual_test
+from ftc.fdi.detection.residual_test import WINDOWS, residual_test
 
 PERIOD_S = 4e-3
 DITHER_HZ = 20.0

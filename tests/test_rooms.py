@@ -42,6 +42,28 @@ def test_a_room_imports_only_what_it_may(room):
     assert imported_by(room) <= ALLOWED[room]
 
 
+ORDER = {
+    "sim": ("mjcf", "closing", "kinematics", "hexapod", "plant"),
+    "prioritized": ("_solver", "_mechanism", "_mapping", "_analysis"),
+    "ftc": ("control", "fdi"),
+}
+"""Folders of a room, from below; files beside them are free."""
+
+
+@pytest.mark.parametrize("room", ORDER)
+def test_a_folder_of_a_room_imports_only_those_before_it(room):
+    order = ORDER[room]
+    assert {path.parent.name for path in (ROOT / room).glob("*/__init__.py")} == set(order)
+    wrong = {
+        f"{file.relative_to(ROOT)} imports {name}"
+        for above, folder in enumerate(order)
+        for file in (ROOT / room / folder).rglob("*.py")
+        for name in imported(file)
+        if name.startswith(f"{room}.") and name.split(".")[1] in order[above + 1 :]
+    }
+    assert not wrong, "\n".join(sorted(wrong))
+
+
 def test_the_launcher_needs_nothing_installed():
     """It is to say in a sentence what is missing."""
     outside = {name.split(".")[0] for name in imported(ROOT / "fjh_launcher.py")}

@@ -10,7 +10,7 @@ from experiments.output.plotting import YELLOW
 from experiments.output.recording.file import rgb
 from experiments.output.recording.mechanism import exaggerated, exaggeration, motion_of
 from sim import Plant, Pose, load_model
-from sim.model import HEXAPOD_MJCF
+from sim.mjcf.model import HEXAPOD_MJCF
 from tests import rrd
 
 COMMANDS_M = 1e-4 * np.array([[1, -2, 3, -1, 2, -3], [6, 6, 6, 6, 6, 6], [-4, 4, 0, 0, 2, -2]])

@@ -6,10 +6,10 @@ import control
 import numpy as np
 import pytest
 
+from ftc.fdi.detection.parameter_filter import Parameters
 from ftc.fdi.fault_model import KINDS, Fault, NominalModel, fault_model
-from ftc.fdi.hypotheses import hypothesis_bank
+from ftc.fdi.isolation.hypotheses import hypothesis_bank
 from ftc.fdi.monitor import monitor
-from ftc.fdi.parameter_filter import Parameters
 from ftc.fdi.uncertainty import CERTAIN
 from sim import Failure
 from tests.test_released import lifted, servos

@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from prioritized import RANK_TOLERANCE, ConstrainedSystem, Status, _elimination, velocity_mapping
+from prioritized import RANK_TOLERANCE, ConstrainedSystem, Status, velocity_mapping
+from prioritized._mechanism import elimination
 from tests.random_systems import (
     SEEDS,
     failures,
@@ -101,7 +102,7 @@ def test_near_a_singularity_the_short_way_never_claims_more_than_the_threshold(
 
 def eliminates_without_svd(kin):
     """Whether the loops are found regular without a singular value decomposition."""
-    with patch.object(_elimination, "whole_svd", wraps=_elimination.whole_svd) as svd:
+    with patch.object(elimination, "whole_svd", wraps=elimination.whole_svd) as svd:
         assert kin.J.ndim == 2
     return not svd.called
 

@@ -15,7 +15,7 @@ from sim import (
     linearize,
     load_model,
 )
-from sim.frame import rotation_vector
+from sim.mjcf.frame import rotation_vector
 
 PROCESSORS = range(12)
 

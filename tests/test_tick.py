@@ -7,8 +7,8 @@ from scipy.spatial.transform import Rotation
 from experiments.hexapod.closed_form import StrutKinematics
 from experiments.hexapod.columns import MAJOR
 from experiments.hexapod.controller import StrutMapping
+from ftc.control.mapping import PrioritizedMapping
 from ftc.goal import Goal
-from ftc.mapping import PrioritizedMapping
 from prioritized import Kinematics
 from sim import Hexapod, Plant, Pose, _tick, load_model
 

@@ -105,11 +105,11 @@ CHOOSES_OTHERWISE = {
     "experiments/rig/prediction.py": "times that a user gave",
     "experiments/track/runs.py": "times that a user gave",
     "experiments/uncorrected/answer.py": "counts",
-    "ftc/fdi/residual_test.py": "the first that is true",
-    "prioritized/_rank.py": "what counts before what does not",
-    "sim/accuracy.py": "the first that is true",
-    "sim/bench.py": "times that a user gave",
-    "sim/frame.py": "the first that is true",
+    "ftc/fdi/detection/residual_test.py": "the first that is true",
+    "prioritized/_solver/rank.py": "what counts before what does not",
+    "sim/mjcf/accuracy.py": "the first that is true",
+    "sim/plant/bench.py": "times that a user gave",
+    "sim/mjcf/frame.py": "the first that is true",
 }
 """Files of the product that sort, or take the greatest, without the rule; of what."""
 

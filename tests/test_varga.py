@@ -7,17 +7,17 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_continuous_lyapunov
 
+from ftc.fdi.design.isolability import distances
+from ftc.fdi.design.model_distance import nu_gap, output_distance
+from ftc.fdi.detection.parameter_filter import Parameters
+from ftc.fdi.detection.residual_test import residual_test
+from ftc.fdi.detection.whitening import Spectrum
 from ftc.fdi.diagnosis import DEFAULT_CONFIG
 from ftc.fdi.fault_model import Fault, FaultModel
-from ftc.fdi.hypotheses import HypothesisBank, bank_of
 from ftc.fdi.input_faults import input_fault_bank, input_fault_model
-from ftc.fdi.isolability import distances
-from ftc.fdi.model_distance import nu_gap, output_distance
-from ftc.fdi.parameter_filter import Parameters
-from ftc.fdi.residual_test import residual_test
+from ftc.fdi.isolation.hypotheses import HypothesisBank, bank_of
+from ftc.fdi.isolation.verdict import Verdict
 from ftc.fdi.uncertainty import CERTAIN
-from ftc.fdi.verdict import Verdict
-from ftc.fdi.whitening import Spectrum
 from tests.aircraft import (
     DEGREES,
     GRID,

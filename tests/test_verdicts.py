@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from ftc.fdi.evidence import LOST
+from ftc.fdi.detection.parameter_filter import Parameters
 from ftc.fdi.fault_model import Fault, fault_model
-from ftc.fdi.hypotheses import hypothesis_bank
-from ftc.fdi.parameter_filter import Parameters
+from ftc.fdi.isolation.evidence import LOST
+from ftc.fdi.isolation.hypotheses import hypothesis_bank
 from ftc.fdi.uncertainty import CERTAIN, Uncertainty
 from tests.cart_runs import ONSETS, SAMPLES, Record, carts, gathered, outputs
 

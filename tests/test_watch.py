@@ -6,10 +6,10 @@ import control
 import numpy as np
 import pytest
 
+from ftc.fdi.detection.watch import Watch, WatchState
 from ftc.fdi.diagnosis import FdiConfig
-from ftc.fdi.hypotheses import hypothesis_bank
+from ftc.fdi.isolation.hypotheses import hypothesis_bank
 from ftc.fdi.uncertainty import CERTAIN, Uncertainty
-from ftc.fdi.watch import Watch, WatchState
 from tests.cart_runs import Record, carts
 
 NOMINAL, PERIOD_S = carts(1), 10e-3

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy.signal
 
-from ftc.fdi.whitening import Spectrum
+from ftc.fdi.detection.whitening import Spectrum
 
 ORDER = 6
 

@@ -10,11 +10,11 @@ from scipy.spatial.transform import Rotation
 
 from experiments.goals.control import weighted_pseudo_inverse
 from experiments.goals.demonstration import Outcome, smooth_step
+from ftc.control.local_mapping import Mapping
+from ftc.control.mapping import PrioritizedMapping
 from ftc.controller import DirectDrive, Measurement, PrioritizedController
 from ftc.goal import Goal
-from ftc.local_mapping import Mapping
 from ftc.loop import run_loop
-from ftc.mapping import PrioritizedMapping
 from ftc.oracle import NestedState
 from prioritized import ConstrainedSystem, Kinematics
 from sim import (
@@ -57,7 +57,7 @@ class ArmPosture:
 
 
 class ArmGeometry:
-    """The controller's own arm, as :class:`ftc.geometry.Geometry`; its displacements are rates."""
+    """The controller's own arm, as :class:`.Geometry`; its displacements are rates."""
 
     def __init__(self, model: mujoco.MjModel) -> None:
         """Stand at the nominal pose."""
@@ -163,7 +163,7 @@ class Follower:
 
 
 class Tracker:
-    """The tracker in the camera, as :class:`sim.bench.Sensors`; it sees the target once a tick."""
+    """The tracker in the camera, as :class:`.Sensors`; it sees the target once a tick."""
 
     def __init__(self, views: Array, axis: Array, seed: int) -> None:
         """See the target along unit vectors (N, 3), which turn about an axis (3,); base axes."""

@@ -11,7 +11,7 @@ from experiments.hexapod.choices import JacobianChoice
 from experiments.hexapod.closed_form import StrutKinematics
 from experiments.hexapod.columns import MAJOR, SECONDARY
 from experiments.hexapod.testbed import Testbed, TestbedConfig
-from ftc.compensator import (
+from ftc.control.compensator import (
     Compensator,
     LoopShape,
     Margins,
@@ -20,10 +20,10 @@ from ftc.compensator import (
     compensator,
     margins,
 )
+from ftc.control.local_mapping import PreviousCommand
+from ftc.control.mapping import DisplacementForm, PrioritizedMapping
 from ftc.controller import PrioritizedController
 from ftc.goal import Goal
-from ftc.local_mapping import PreviousCommand
-from ftc.mapping import DisplacementForm, PrioritizedMapping
 from prioritized import ConstrainedSystem, Kinematics, WhenLimited
 from sim import (
     NOMINAL,
@@ -117,7 +117,7 @@ NO_COMMAND = PreviousCommand(np.zeros(2), np.zeros(6), np.zeros(6))
 
 
 class HexapodGeometry:
-    """The closed-form geometry of the sound hexapod, as :class:`ftc.geometry.Geometry`."""
+    """The closed-form geometry of the sound hexapod, as :class:`ftc.control.geometry.Geometry`."""
 
     def __init__(self, hexapod: Hexapod, *, constant: bool, stiffness: Array | None) -> None:
         """Take the nodes; `constant` evaluates the Jacobian at the nominal pose alone.

@@ -13,13 +13,13 @@ from experiments.hexapod.columns import MAJOR
 from experiments.hexapod.controller import controller_for
 from experiments.hexapod.testbed import Testbed, TestbedConfig
 from experiments.output.palette import BLACK, BLUE, SKY, VERMILION, YELLOW
+from ftc.control.springs import actuator_and_payload_stiffness
 from ftc.controller import PrioritizedController
 from ftc.fdi.diagnosis import DEFAULT_CONFIG, Diagnosis, FdiConfig
 from ftc.fdi.dither import Dither
 from ftc.fdi.fault_model import Fault, NominalModel, by_kind
 from ftc.fdi.monitor import monitor
 from ftc.goal import Goal
-from ftc.springs import actuator_and_payload_stiffness
 from ftc.supervisor import Supervisor, Unused, goal_after
 from prioritized import ConstrainedSystem, FailureAtlas, failure_atlas
 from sim import Array, Plant, Pose, element_id, jacobians, joint_stiffness

@@ -11,7 +11,7 @@ from experiments.hexapod.controller import StrutMapping, sampled
 from experiments.hexapod.fault_tolerance import nominal_model
 from experiments.hexapod.simulation import SpiralRun
 from experiments.hexapod.testbed import Testbed, TestbedConfig
-from ftc.compensator import sensitivity_peak as peak_of_sensitivity
+from ftc.control.compensator import sensitivity_peak as peak_of_sensitivity
 from ftc.fdi.dither import Dither
 from ftc.goal import Goal
 from ftc.linear_loop import LinearLoop, closed_loop, limited_response

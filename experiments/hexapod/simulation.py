@@ -10,9 +10,9 @@ import numpy as np
 from experiments.hexapod.choices import JacobianChoice
 from experiments.hexapod.controller import controller_for
 from experiments.hexapod.testbed import Testbed, TestbedConfig
+from ftc.control.mapping import DisplacementForm
 from ftc.goal import Goal
 from ftc.loop import Controller, LoopRun, State, run_loop
-from ftc.mapping import DisplacementForm
 from ftc.oracle import OracleController
 from sim import (
     NOMINAL,

@@ -8,7 +8,7 @@ import numpy as np
 
 from experiments.hexapod.inexact import InexactPlant
 from experiments.output.within import check_within
-from ftc.compensator import Compensator
+from ftc.control.compensator import Compensator
 from sim import Amplifier, Array, Detector, StrutSensors, spiral
 
 LIMITS: dict[str, tuple[float, float]] = {

@@ -23,9 +23,9 @@ from experiments.hexapod.testbed import (
 )
 from experiments.jacobian.variation import NORMS, Norm, relative_change
 from experiments.output.parallel import in_parallel
+from ftc.control.local_mapping import PreviousCommand
+from ftc.control.mapping import DisplacementForm
 from ftc.goal import Goal
-from ftc.local_mapping import PreviousCommand
-from ftc.mapping import DisplacementForm
 from sim import (
     NOMINAL,
     Array,

@@ -8,9 +8,9 @@ from numpy.typing import ArrayLike
 from experiments.hexapod.columns import MAJOR, SECONDARY
 from experiments.hexapod.controller import StrutMapping
 from experiments.limits.strategies import Strategy
+from ftc.control.limits import LimitedMapping
+from ftc.control.local_mapping import Mapping
 from ftc.goal import Goal
-from ftc.limits import LimitedMapping
-from ftc.local_mapping import Mapping
 from prioritized import Kinematics
 from sim import Array, Hexapod
 
@@ -42,7 +42,7 @@ class Clipped:
         joint_velocity: ArrayLike | None = None,
         secondary_velocity: ArrayLike | None = None,
     ) -> Allocated:
-        """As :meth:`ftc.limits.LimitedMapping.solve`."""
+        """As :meth:`ftc.control.limits.LimitedMapping.solve`."""
         rates = self.mapping(v_major, joint_velocity, secondary_velocity)
         return Allocated(rates.clip(*self.limits))
 
@@ -65,7 +65,7 @@ class Compromise:
         joint_velocity: ArrayLike | None = None,
         secondary_velocity: ArrayLike | None = None,
     ) -> Allocated:
-        """As :meth:`ftc.limits.LimitedMapping.solve`."""
+        """As :meth:`ftc.control.limits.LimitedMapping.solve`."""
         v_s = np.zeros(self.secondary_count) if secondary_velocity is None else secondary_velocity
         solved = self.equals.solve([], joint_velocity, np.concatenate([v_major, v_s]))
         return Allocated(solved.rates)

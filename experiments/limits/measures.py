@@ -12,7 +12,7 @@ from experiments.hexapod.testbed import Testbed
 from experiments.limits.arm import PERIOD_S, RANGE_RAD, ArmRun
 from experiments.limits.attainable import room
 from experiments.limits.spirals import HEAVE_M, REST_S, Case, attainable, limits_of
-from ftc.anti_windup import circle_margin
+from ftc.control.anti_windup import circle_margin
 from ftc.goal import Goal
 from sim import Array, Failure, failed_plant, hexapod, linearize
 
@@ -70,7 +70,7 @@ def condition_entry(testbed: Testbed, case: Case, run: Trajectory) -> dict[str, 
 
 
 def loop_margin(testbed: Testbed, case: Case, *, anti_windup: bool) -> float:
-    """:func:`ftc.anti_windup.circle_margin` of both loops on the linear model of the plant."""
+    """:func:`.circle_margin` of both loops on the linear model of the plant."""
     plant = failed_plant(testbed.model, [Failure(strut, "locked") for strut in case.locked_m])
     locked_m = dict.fromkeys(case.locked_m, 0.0)
     goal = Goal(joint_weight=(1.0,) * 6, locked_m=locked_m)

@@ -15,9 +15,9 @@ from experiments.hexapod.prediction import linear_loop, peak_of_sensitivity
 from experiments.hexapod.testbed import Testbed
 from experiments.recover.flight import DITHER, STRUCK, Flight
 from experiments.recover.recovery import GOAL
+from ftc.fdi.design.isolability import isolability
 from ftc.fdi.dither import Dither
 from ftc.fdi.fault_model import KINDS, Fault, FaultKind, NominalModel, fault_model
-from ftc.fdi.isolability import isolability
 from ftc.fdi.separation import ACCURACY
 from ftc.goal import Goal
 from ftc.linear_loop import LinearLoop, simulate

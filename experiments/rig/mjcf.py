@@ -19,12 +19,12 @@ from experiments.rig.dither import dither_of
 from experiments.rig.mismatched import ALL, DriftingSensors, displaced, mismatched_model
 from experiments.rig.options import RobotOptions
 from experiments.rig.rig import Known, Rig
+from ftc.control.mapping import PrioritizedMapping
 from ftc.control_task import ControlTask
 from ftc.controller import DirectDrive, PrioritizedController
 from ftc.fdi.dither import Dither
 from ftc.fdi.fault_model import Fault
 from ftc.goal import Goal
-from ftc.mapping import PrioritizedMapping
 from ftc.supervisor import Supervisor, Unused
 from ftc.tracking import TaskLost, Tracking, mapping_for, tracking
 from prioritized import Manipulability

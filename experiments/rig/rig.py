@@ -18,17 +18,17 @@ from experiments.rig.choices import Sensing
 from experiments.rig.paths import path_of
 from experiments.rig.prediction import Prediction, predicted
 from experiments.rig.run import Run, flown
-from ftc.compensator import Channel, Margins
+from ftc.control.compensator import Channel, Margins
+from ftc.control.mapping import PrioritizedMapping
 from ftc.control_task import ControlTask
 from ftc.controller import PrioritizedController
 from ftc.fdi.dither import Dither
 from ftc.fdi.fault_model import Fault, NominalModel
 from ftc.goal import Goal
-from ftc.mapping import PrioritizedMapping
 from ftc.supervisor import Supervisor, Unused
 from prioritized import Manipulability
 from sim import Array, Bench, Failure
-from sim.drive import number_of
+from sim.mjcf.drive import number_of
 
 Known = Literal["exact", "all"]
 """A plant that is the controller's model, or one that differs by all that is drawn."""

@@ -17,7 +17,7 @@ from experiments.hexapod.simulation import SpiralRun, Trajectory, track_spiral
 from experiments.hexapod.testbed import Testbed, TestbedConfig
 from experiments.output.campaign import Row
 from experiments.sweep.sweep_run import KINDS, SweepRun
-from ftc.compensator import Compensator
+from ftc.control.compensator import Compensator
 from prioritized import FailureAtlas, failure_atlas
 from sim import NOMINAL, Array
 

@@ -14,16 +14,16 @@ from numpy.typing import ArrayLike
 
 import argument_checks as check
 from argument_checks import Array, Mask
-from ftc.fdi.dither import Dither
-from ftc.fdi.dither_search import DitherSearch
-from ftc.fdi.fault_model import NominalModel
-from ftc.fdi.separation import Conditions, Separations
-from ftc.fdi.signatures import (
+from ftc.fdi.design.dither_search import DitherSearch
+from ftc.fdi.design.signatures import (
     Complex,
     checked_frequencies,
     fault_responses,
     sound_response,
 )
+from ftc.fdi.dither import Dither
+from ftc.fdi.fault_model import NominalModel
+from ftc.fdi.separation import Conditions, Separations
 from prioritized import canonical_basis
 
 _DEPENDENT, _ROUND_OFF = 1e-10, 1e-10

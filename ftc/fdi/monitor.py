@@ -15,14 +15,14 @@ from scipy.special import chdtri
 
 from argument_checks import Array
 from argument_checks.ties import ascending
+from ftc.fdi.detection.residual_test import ResidualTest, residual_test
+from ftc.fdi.detection.watch import Moment, Watch, WatchState
+from ftc.fdi.detection.whitening import Spectrum
 from ftc.fdi.diagnosis import DEFAULT_CONFIG, Diagnosis, FdiConfig
-from ftc.fdi.evidence import Evidence
 from ftc.fdi.fault_model import KINDS, Fault, NominalModel
-from ftc.fdi.hypotheses import HypothesisBank, hypothesis_bank
-from ftc.fdi.residual_test import ResidualTest, residual_test
-from ftc.fdi.verdict import Verdict
-from ftc.fdi.watch import Moment, Watch, WatchState
-from ftc.fdi.whitening import Spectrum
+from ftc.fdi.isolation.evidence import Evidence
+from ftc.fdi.isolation.hypotheses import HypothesisBank, hypothesis_bank
+from ftc.fdi.isolation.verdict import Verdict
 
 _JUDGED_EVERY, _REVISED_EVERY, _SPECTRUM_EVERY = 4, 12, 50
 """In samples: how often hypotheses are judged, once one is named, and how often the filter of the

@@ -15,9 +15,7 @@ from scipy.sparse.csgraph import connected_components
 
 import argument_checks as check
 from argument_checks import Array, Mask
-from ftc.fdi.dither import Dither
-from ftc.fdi.fault_model import KINDS, Fault, NominalModel
-from ftc.fdi.signatures import (
+from ftc.fdi.design.signatures import (
     HALF,
     Complex,
     FaultResponses,
@@ -25,6 +23,8 @@ from ftc.fdi.signatures import (
     fault_responses,
     single_faults,
 )
+from ftc.fdi.dither import Dither
+from ftc.fdi.fault_model import KINDS, Fault, NominalModel
 from ftc.fdi.uncertainty import CERTAIN, Uncertainty
 
 ALIKE = 6.18
@@ -95,7 +95,7 @@ class Separations:
     """Distances between failures, in standard deviations.
 
     Attributes:
-        faults: What may happen, 3 n of them; see :func:`ftc.fdi.signatures.single_faults`.
+        faults: What may happen, 3 n of them; see :func:`ftc.fdi.design.signatures.single_faults`.
         distance: Of what happens (rows) from each explanation (columns), a weak actuator's at its
             most similar loss of force, shape (3 n, 3 n).
         from_none: Of what happens from no failure, shape (3 n,).

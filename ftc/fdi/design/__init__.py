@@ -1,0 +1,1 @@
+"""Before anything runs: what can be told apart, with which dither."""

@@ -1,0 +1,1 @@
+"""Detection: the believed model beside the plant, and tests of what is left."""

@@ -1,0 +1,1 @@
+"""Isolation: which hypothesis the samples since an alarm speak for."""

@@ -1,0 +1,90 @@
+"""One sample of evidence for all hypotheses, compiled.
+
+All compiled code of an entry point stands in one file, because the compiler's cache notices a
+change of the file only. Arguments are those of :class:`.Evidence` and its bank,
+and arrays of the evidence are overwritten where `steps` (H, K).
+"""
+
+import numpy as np
+from numba import njit, types
+
+_1, _2, _3, _4, _5 = (types.Array(types.float64, n, "C") for n in range(1, 6))
+_flags = types.Array(types.boolean, 2, "C")
+_compiled = {"cache": True, "error_model": "numpy", "fastmath": {"reassoc", "contract"}}
+
+
+@njit(types.void(_flags, _4, _4, _3, _4, _3, _4, _1), **_compiled)
+def advance(steps, X, outputs, A, M, C, N, v):  # pragma: no cover
+    """States X (H, K, 3 + J, s) after the sample, and outputs (H, K, 3 + J, p) during it."""
+    H, K, rows, s = X.shape
+    p, r, J = C.shape[1], len(v), rows - 3
+    moving, after = np.empty(s + r), np.empty((rows, s))
+    moving[s:] = v
+    for h in range(H):
+        for k in range(K):
+            if not steps[h, k]:
+                continue
+            moving[:s] = X[h, k, 0]
+            for row in range(rows):
+                for i in range(p):
+                    total = 0.0
+                    for j in range(s):
+                        total += C[h, i, j] * X[h, k, row, j]
+                    if row <= J:
+                        for j in range(s + r):
+                            total += N[h, row, i, j] * moving[j]
+                    outputs[h, k, row, i] = total
+                for i in range(s):
+                    total = 0.0
+                    for j in range(s):
+                        total += A[h, i, j] * X[h, k, row, j]
+                    if row <= J:
+                        for j in range(s + r):
+                            total += M[h, row, i, j] * moving[j]
+                    after[row, i] = total
+            X[h, k] = after
+
+
+@njit(types.void(_flags, _5, _4, _3, _2, _4, _3, _1, _1, _2), **_compiled)
+def weigh(
+    steps, memory, information, score, energy, outputs, slopes, y, mean, whitening
+):  # pragma: no cover
+    """Memory (H, K, q + 1, 4 + J, p) with residuals, and the sums of their products.
+
+    `mean` (J + p,) is that of the prior; `whitening` (q + 1, p) begins with the newest residual.
+    """
+    H, K, rows, p = outputs.shape
+    q, J = len(whitening), rows - 3
+    R = J + p + 3
+    white, regressor = np.empty((rows + 1, p)), np.zeros(R)
+    for h in range(H):
+        for k in range(K):
+            if not steps[h, k]:
+                continue
+            for lag in range(q - 1):
+                memory[h, k, lag] = memory[h, k, lag + 1]
+            for i in range(p):
+                left = y[i] - outputs[h, k, 0, i] - mean[J + i]
+                for row in range(1, rows):
+                    if row <= J:
+                        left -= mean[row - 1] * outputs[h, k, row, i]
+                    memory[h, k, q - 1, row, i] = outputs[h, k, row, i]
+                memory[h, k, q - 1, 0, i] = left
+                memory[h, k, q - 1, rows, i] = slopes[h, k, i]
+            white[:] = 0.0
+            for lag in range(q):
+                for row in range(rows + 1):
+                    for i in range(p):
+                        white[row, i] += whitening[q - 1 - lag, i] * memory[h, k, lag, row, i]
+            for i in range(p):
+                e = white[0, i]
+                regressor[:J] = white[1 : J + 1, i]
+                regressor[J : J + p] = 0.0
+                for lag in range(q):
+                    regressor[J + i] += whitening[lag, i]
+                regressor[J + p :] = white[J + 1 :, i]
+                energy[h, k] += e * e
+                for a in range(R):
+                    score[h, k, a] += regressor[a] * e
+                    for b in range(R):
+                        information[h, k, a, b] += regressor[a] * regressor[b]

@@ -1,0 +1,236 @@
+"""A bank of hypotheses: which actuator has failed, how, since when; and how likely each is.
+
+Every hypothesis is a linear model of its own that runs beside the plant, driven by the same
+commands, and every one may be wrong in the same unknown parameters. Given the parameters its
+residuals, whitened by the spectrum measured before the alarm, are white noise, so that its
+likelihood with all parameters integrated out is Gaussian: multiple-model estimation (Magill, IEEE
+Trans. Automatic Control 10, 1965) with nuisance parameters, over the time of onset (Willsky and
+Jones, IEEE Trans. Automatic Control 21, 1976). Offsets of the sensors, which drift, are parameters
+as the others: the decision is decoupled from them.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from argument_checks import Array, Indices
+from ftc.fdi.detection.parameter_filter import Parameters
+from ftc.fdi.fault_model import Fault, NominalModel, fault_model
+from ftc.fdi.isolation._evidence import advance, weigh
+from ftc.fdi.isolation.evidence import LOST, ONSET_SPREAD, PART_SPREAD, Evidence
+from ftc.fdi.isolation.verdict import Verdict, verdict
+from ftc.fdi.uncertainty import (
+    CERTAIN,
+    FaultModels,
+    UncertainModel,
+    Uncertainty,
+    perturbed,
+    uncertain_model,
+)
+
+
+@dataclass(frozen=True)
+class HypothesisBank:
+    """Hypotheses about the actuators that still work: none failed, then locked and weak by turns.
+
+    Attributes:
+        faults: Of each hypothesis but the first, H - 1; weak ones that have lost all are free.
+        effectiveness: That actuators 0..n-1 are believed to have, shape (n,).
+        believed: The plant with the known faults.
+        models: Of all H.
+        A: Of the models, shape (H, s, s); and so on.
+    """
+
+    faults: tuple[Fault, ...]
+    effectiveness: Array
+    believed: UncertainModel
+    A: Array
+    M: Array
+    C: Array
+    N: Array
+    onset: Array
+    further: Array
+
+    def start(self, onsets: Indices, prior: Parameters, X: Array, memory: Array) -> Evidence:
+        """No evidence yet, before the first onset.
+
+        Args:
+            onsets: Samples, ascending, shape (K,).
+            prior: Parameters then.
+            X: State of the believed model then, shape (1 + J, s).
+            memory: Residuals of the samples before it and the regressors, before whitening, shape
+                (q + 1, 1 + J, p).
+        """
+        H, K, R = len(self.A), len(onsets), prior.mean.size + 3
+        q, rows, p = memory.shape
+        kept = np.zeros((H, K, q, rows + 3, p))
+        kept[..., :-3, :] = memory
+        states = np.zeros((H, K, rows + 2, X.shape[1]))
+        states[:, :, :-2] = X
+        return Evidence(
+            onsets,
+            prior,
+            0,
+            states,
+            kept,
+            np.zeros((H, K, R, R)),
+            np.zeros((H, K, R)),
+            np.zeros((H, K)),
+        )
+
+    def step(
+        self, state: Evidence, sample: int, v: Array, y: Array, whitening: Array, shaken: float
+    ) -> Evidence:
+        """One sample of evidence.
+
+        Args:
+            state: Before it.
+            sample: Its number.
+            v: Inputs of the models, shape (r,).
+            y: Mean outputs in units of their noise, shape (p,).
+            whitening: Weights (q + 1, p) of the newest to the oldest residual.
+            shaken: By how much an actuator may lock off its place, as an output sees it, in
+                standard deviations of noise.
+        """
+        X, memory, information, score, energy = (
+            part.copy()
+            for part in (state.X, state.memory, state.information, state.score, state.energy)
+        )
+        now, steps = state.onsets == sample, np.zeros(state.energy.shape, dtype=bool)
+        steps[1:], steps[0, 0] = state.onsets <= sample, True
+        later = np.zeros((len(X), X.shape[-1]))
+        if now.any():  # until then each hypothesis is the first one
+            for part in (X, memory, information, score, energy):
+                part[1:, now] = part[0, 0]
+            believed, sound = self.believed, X[0, 0, :-2]
+            later = self.onset @ (believed.A @ sound[0] + believed.M[0] @ [*sound[0], *v])
+            X[1:, now] = (X[0, 0] @ self.onset[1:].swapaxes(-1, -2))[:, None]
+        outputs = np.zeros((*X.shape[:3], len(y)))
+        advance(steps, X, outputs, self.A, self.M, self.C, self.N, v)
+        if now.any():
+            X[1:, now, -2] = ONSET_SPREAD * (later[1:, None] - X[1:, now, 0])
+            X[1:, now, -1] = shaken * self.further[1:, None]
+        weigh(
+            steps,
+            memory,
+            information,
+            score,
+            energy,
+            outputs,
+            self._part_slopes(outputs[:, :, 0]),
+            y,
+            state.prior.mean,
+            whitening,
+        )
+        return replace(
+            state,
+            samples=state.samples + 1,
+            X=X,
+            memory=memory,
+            information=information,
+            score=score,
+            energy=energy,
+        )
+
+    def _part_slopes(self, outputs: Array) -> Array:
+        """What a standard deviation of the part lost within its cell adds to outputs (H, K, p)."""
+        slopes = np.zeros_like(outputs)
+        m = 1 + len(LOST)
+        lost = outputs[1:].reshape(-1, m, *outputs.shape[1:])[:, 1:]
+        sound = np.broadcast_to(outputs[0, 0], lost[:, :1].shape)
+        edges = np.concatenate([sound, lost, 2 * lost[:, -1:] - lost[:, -2:-1]], axis=1)
+        by_part = (edges[:, 2:] - edges[:, :-2]) / (2 * LOST[0]) * PART_SPREAD
+        slopes[1:].reshape(-1, m, *outputs.shape[1:])[:, 1:] = by_part
+        return slopes
+
+    def verdict(self, state: Evidence, sample: int) -> Verdict:
+        """What the evidence up to a sample says, by :func:`ftc.fdi.isolation.verdict.verdict`."""
+        return verdict(state, sample, self.faults, self.effectiveness)
+
+
+def hypothesis_bank(
+    nominal: NominalModel,
+    faults: Sequence[Fault] = (),
+    uncertainty: Uncertainty = CERTAIN,
+    ticks: int = 1,
+) -> HypothesisBank:
+    """Of a mechanism with these known faults, one more.
+
+    Args:
+        nominal: The plant without any.
+        faults: Those known; weak actuators may get weaker, lock or lose all.
+        uncertainty: Of the model.
+        ticks: Of a sample.
+
+    Raises:
+        ValueError: No actuator is left that could fail.
+    """
+    k = nominal.plant.nstates // 2
+    push, rows = nominal.plant.B[k:], nominal.displacement[:, :k]
+    ways = push / np.einsum("nk,kn->n", rows, push)
+    seen = np.linalg.norm(nominal.plant.C[:, :k] @ ways / nominal.noise[:, None], axis=0)
+    ways = ways / np.maximum(seen, 1e-12 * np.linalg.norm(ways, axis=0))
+    return bank_of(
+        partial(fault_model, nominal),
+        nominal.actuators,
+        faults,
+        others=[partial(fault_model, each) for each in perturbed(nominal, uncertainty)],
+        delay_ticks=uncertainty.delay_s / nominal.period_s,
+        ticks=ticks,
+        lock_displacement=np.vstack([ways, np.zeros_like(ways)]).T,
+    )
+
+
+def bank_of(
+    plant: FaultModels,
+    n: int,
+    faults: Sequence[Fault] = (),
+    *,
+    lock_displacement: Array | None = None,
+    **options: Any,
+) -> HypothesisBank:
+    """Hypotheses of one more failure of a plant of any kind.
+
+    Args:
+        plant: The plant with any faults.
+        n: Number of actuators.
+        faults: Those known.
+        lock_displacement: By how much the state of a plant differs with each actuator locked
+            further out, by what an output sees as one standard deviation, shape (n, s).
+        options: Of :func:`ftc.fdi.uncertainty.uncertain_model`.
+
+    Raises:
+        ValueError: No actuator is left that could fail.
+    """
+    left = np.ones(n)
+    for fault in faults:
+        left[fault.actuator] = fault.effectiveness if fault.kind == "weak" else 0.0
+    if not left.any():
+        raise ValueError("faults must leave a working actuator, got failures of all of them")
+    one_more = [
+        each
+        for k in np.flatnonzero(left).tolist()
+        for each in (
+            Fault(k, "locked"),
+            *(Fault(k, "weak", float(left[k] * (1 - part))) for part in LOST[:-1]),
+            Fault(k, "free"),
+        )
+    ]
+    known = [
+        [*(each for each in faults if each.actuator != fault.actuator), fault] for fault in one_more
+    ]
+    models = [uncertain_model(plant, each, **options) for each in ([*faults], *known)]
+    A, M, C, N, onset = (
+        np.array([getattr(model, name) for model in models])
+        for name in ("A", "M", "C", "N", "onset")
+    )
+    M, N = (np.concatenate([part, np.zeros_like(part[:, :2])], axis=1) for part in (M, N))
+    further = np.zeros((len(models), A.shape[-1]))
+    if lock_displacement is not None:
+        for h, fault in enumerate(one_more, 1):
+            if fault.kind == "locked":
+                further[h] = lock_displacement[fault.actuator]
+    return HypothesisBank(tuple(one_more), left, models[0], A, M, C, N, onset, further)

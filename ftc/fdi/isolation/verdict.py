@@ -1,0 +1,109 @@
+"""What the evidence says: which actuator has failed, how, since when; and how likely that is."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.special import logsumexp
+
+from argument_checks import Array
+from argument_checks.ties import greatest
+from ftc.fdi.fault_model import Fault
+from ftc.fdi.isolation.evidence import LEAST_LOST, LOST, PART_SPREAD, Evidence, values_by_kind
+
+_ALIKE = 1e-6
+"""Log likelihoods that differ by less are of hypotheses that nothing distinguishes."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Probabilities of the hypotheses.
+
+    Attributes:
+        fault: The most likely one.
+        actuator_confidence: Probability that it is this actuator, whatever its kind; the rest is
+            that of other actuators, and of no failure at all.
+        kind_confidences: Probability of each of :data:`ftc.fdi.fault_model.KINDS`, given the
+            actuator.
+        fault_free_confidence: Probability that nothing has failed.
+        inflation: Variance of the residuals that the most likely fault leaves, over that expected;
+            at least 1. All log likelihoods are divided by it.
+        unexplained: Part of the energy against no failure that this fault leaves, above noise.
+        energy: Of the residuals that this fault leaves, parameters fitted.
+        onset: Most likely sample.
+        x: State of the plant now, if it is so, shape (s,).
+        best: Log likelihood ratio of the best hypothesis with each onset, shape (K,).
+    """
+
+    fault: Fault
+    actuator_confidence: float
+    kind_confidences: tuple[float, ...]
+    fault_free_confidence: float
+    inflation: float
+    unexplained: float
+    energy: float
+    onset: int
+    x: Array
+    best: Array
+
+
+def verdict(state: Evidence, sample: int, faults: Sequence[Fault], effectiveness: Array) -> Verdict:
+    """Probabilities of the hypotheses; a priori, failure and no failure are equally likely.
+
+    Args:
+        state: The evidence.
+        sample: The last one that it is of.
+        faults: Of each hypothesis but the first, H - 1, in the order of a bank.
+        effectiveness: That actuators are believed to have, shape (n,).
+    """
+    energy, log_det, parameters = state.marginal()
+    plain = -energy / 2 - log_det
+    ratios = plain[1:] - plain[0, 0]
+    h, k = _first_of_the_best(ratios)
+    p = state.memory.shape[-1]
+    after = max(sample - int(state.onsets[k]) + 1, 1)
+    excess = max(float(energy[1 + h, k]) - state.samples * p, 0.0)
+    inflation = 1 + excess / (after * p)
+    ratios = ratios / inflation
+    kinds = values_by_kind(logsumexp(ratios, axis=-1), logsumexp)
+    actuators, nothing = logsumexp(kinds, axis=1), np.log(ratios.size)
+    total = np.logaddexp(logsumexp(actuators), nothing)
+    a, m = greatest(actuators, zero=_ALIKE), 1 + len(LOST)
+    own = ratios[a * m : (a + 1) * m]
+    i, k = _first_of_the_best(own)
+    h = 1 + a * m + i
+    gained = float(energy[0, 0] - energy[h, k])
+    noise = 4 * np.sqrt(2 * state.samples * p)
+    return Verdict(
+        fault=_with_part(faults[h - 1], effectiveness, float(parameters[h, k, -1])),
+        actuator_confidence=float(np.exp(actuators[a] - total)),
+        kind_confidences=tuple(np.exp(kinds[a] - actuators[a]).tolist()),
+        fault_free_confidence=float(np.exp(nothing - total)),
+        inflation=inflation,
+        unexplained=max(excess - noise, 0.0) / max(gained + excess, 1e-12),
+        energy=float(energy[h, k]),
+        onset=int(state.onsets[k]),
+        x=_state(state, h, k, parameters[h, k]),
+        best=ratios.max(axis=0),
+    )
+
+
+def _first_of_the_best(ratios: Array) -> tuple[int, int]:
+    """Hypothesis and onset of the greatest log likelihood."""
+    h, k = divmod(greatest(ratios.ravel(), zero=_ALIKE), ratios.shape[1])
+    return h, k
+
+
+def _with_part(fault: Fault, effectiveness: Array, deviation: float) -> Fault:
+    """With what a weak one has left, by how many standard deviations more it lost than modelled."""
+    if fault.kind != "weak":
+        return fault
+    part = 1 - fault.effectiveness / effectiveness[fault.actuator]
+    part = float(np.clip(part + PART_SPREAD * deviation, LEAST_LOST, 1 - LEAST_LOST))
+    return replace(fault, effectiveness=float(effectiveness[fault.actuator]) * (1 - part))
+
+
+def _state(state: Evidence, h: int, k: int, parameters: Array) -> Array:
+    """Of the plant now (s,), by one hypothesis and onset with its parameters (R,)."""
+    X, J = state.X[h, k], len(state.X[h, k]) - 3
+    return X[0] + (state.prior.mean[:J] + parameters[:J]) @ X[1:-2] + parameters[-3:-1] @ X[-2:]

@@ -1,0 +1,1 @@
+"""What failures and limits leave: manipulability, attainable sets, the worst case."""

@@ -1,0 +1,185 @@
+"""What limits of rates leave of the major velocities, and limits of torques of the major forces."""
+
+from dataclasses import dataclass
+from enum import Enum
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+import argument_checks as check
+from argument_checks import Array
+from prioritized._analysis.corners import corners, in_order
+from prioritized._analysis.facets import ball, dual_vertices, facets, farthest, refuse_too_many
+from prioritized._analysis.major_maps import MajorMap, with_free
+from prioritized._analysis.polytope import Polytope, polytope
+from prioritized._mapping.amplification import as_sentence
+from prioritized._solver.arrays import ReadOnly, read_only
+from prioritized._solver.rank import RANK_TOLERANCE
+
+BLOCK = 2**20
+"""Numbers at once in the support of many directions: few enough for the cache."""
+
+
+class AttainableStatus(Enum):
+    """What the radius of an attainable set means; the value is a sentence."""
+
+    INTERIOR = "every major direction is possible within the limits, up to the radius at least"
+    OUT_OF_REACH = (
+        "the actuators that the limits let move do not reach every major direction: drop major "
+        "rows, or restore an actuator"
+    )
+    NOT_INTERIOR = "the limits leave no room about zero in some major direction"
+    SELF_MOTION = (
+        "the major task can move with every actuator locked, so that no velocity of it can be "
+        "commanded: brake a joint, drop major rows, or give the system the stiffness that resists "
+        "this motion"
+    )
+    EMPTY = "no values within the limits obey the constraints: widen the limits"
+
+
+@dataclass(frozen=True, eq=False)
+class Attainable(ReadOnly):
+    """The major velocities, or forces, {G x : C x = 0, lower <= x <= upper}.
+
+    A convex polytope, known to control allocation as the attainable moment set. Made by
+    :meth:`prioritized.Kinematics.attainable` and :meth:`prioritized.Kinematics.attainable_force`.
+
+    Attributes:
+        gain: G, major velocity or force per x, shape (m1, n').
+        constraint: C, shape (r, n').
+        lower: Limits of x: rates, or torques followed by the forces that the structure bears
+            without torque, which have none, shape (n',).
+        upper: Likewise.
+        scale: Size of what G was made from.
+        rank_tolerance: Fraction of it below which a singular value of G is zero.
+        self_motion: Whether the major task moves with every actuator locked.
+    """
+
+    gain: Array
+    constraint: Array
+    lower: Array
+    upper: Array
+    scale: float
+    rank_tolerance: float
+    self_motion: bool = False
+
+    @property
+    def status(self) -> AttainableStatus:
+        """What the radius means."""
+        if self._empty:
+            return AttainableStatus.EMPTY
+        if self.self_motion:
+            return AttainableStatus.SELF_MOTION
+        if self._rank < len(self.gain):
+            return AttainableStatus.OUT_OF_REACH
+        return AttainableStatus.INTERIOR if self.radius else AttainableStatus.NOT_INTERIOR
+
+    @cached_property
+    def radius(self) -> float:
+        """Of the largest ball about zero in the set, infinite where no limit bounds it.
+
+        Zero where zero is not in the interior, and where self-motion moves the major task, because
+        no velocity can then be commanded, whatever the set; the status says which.
+        """
+        if self._empty or self.self_motion or self._rank < len(self.gain):
+            return 0.0
+        return float(ball(self._polytope, self._constraints))
+
+    @property
+    def bounded(self) -> bool:
+        """Whether limits hold every direction. No torque holds what the structure bears."""
+        axes = np.eye(len(self.gain))
+        return bool((self.support(np.vstack([axes, -axes])) < np.inf).all())
+
+    def support(self, direction: ArrayLike) -> Array:
+        """How far the set extends along d: the largest d . v over its v, shape (...).
+
+        A speed or force for a unit d, otherwise proportional to its norm. Infinite where no limit
+        is in the way, minus infinity where the set is empty.
+
+        Args:
+            direction: d, shape (..., m1).
+
+        Raises:
+            ValueError: A wrong shape, or not finite.
+        """
+        D = check.vector("direction", direction, len(self.gain))
+        if self._empty:
+            return np.full(D.shape[:-1], -np.inf)
+        size = np.abs(D).max(axis=-1, initial=0.0)
+        flat = (D / np.where(size > 0.0, size, 1.0)[..., None]).reshape(size.size, D.shape[-1])
+        blocks = np.array_split(flat, 1 + flat.shape[0] * self._dual.size // BLOCK)
+        h = np.concatenate([self._support(d) for d in blocks]).reshape(size.shape)
+        return np.multiply(h, size, out=np.zeros_like(h), where=size > 0.0)
+
+    @cached_property
+    def vertices(self) -> Array:
+        """Corners of the set, shape (V, m1), each once: in the plane counter-clockwise.
+
+        There the first is that of the largest first coordinate; otherwise they ascend.
+
+        No rows where the set is empty or unbounded, or where the constraints hold some x at their
+        limits, so that it is flatter than what the actuators reach.
+        """
+        P, k = self._polytope, self._rank
+        if self._empty or not self.bounded:
+            return read_only(np.zeros((0, len(self.gain))))
+        half_spaces = facets(P, k, self._constraints)
+        z = corners(half_spaces.normal, half_spaces.distance)
+        vertices = P.offset + (z * P.sigma[:k]) @ P.U[:, :k].T
+        if k == len(P.U) == 2 and np.linalg.det(P.U) < 0.0:  # U mirrors the plane
+            vertices = vertices[::-1]
+        return read_only(in_order(vertices) if vertices.size else vertices)
+
+    def __str__(self) -> str:
+        sentence = as_sentence(self.status.value)
+        return sentence if self.bounded else f"{sentence} In some direction there is no limit."
+
+    @cached_property
+    def _polytope(self) -> Polytope:
+        limits = self.lower, self.upper
+        return polytope(self.gain, self.constraint, *limits, self.scale, self.rank_tolerance)
+
+    @property
+    def _rank(self) -> int:
+        return int(self._polytope.rank)
+
+    @property
+    def _constraints(self) -> int:
+        return int(self._polytope.constraints)
+
+    @cached_property
+    def _empty(self) -> bool:
+        P = self._polytope
+        if not P.consistent:
+            return True
+        if (P.lower <= 0.0).all() and (P.upper >= 0.0).all():  # x = 0 will do
+            return False
+        bounds = facets(P, 0, self._constraints)
+        return bool((bounds.distance < -RANK_TOLERANCE * bounds.size).any())
+
+    @cached_property
+    def _dual(self) -> Array:
+        return dual_vertices(self._polytope, self._rank, self._constraints)
+
+    def _support(self, D: Array) -> Array:
+        """Support in directions D (B, m1) of a set that is not empty."""
+        P = self._polytope
+        c = np.einsum("bm,kmn->bkn", D, self._dual)
+        zero = P.tolerance * self.scale * np.linalg.norm(D, axis=-1)[:, None, None]
+        return D @ P.offset + farthest(c, P.lower, P.upper, zero).min(axis=-1)
+
+
+def attainable(
+    of: MajorMap, limits: tuple[Array, Array], rank_tolerance: float, *, self_motion: bool = False
+) -> Attainable:
+    """The set of one map within limits of its x.
+
+    Raises:
+        ValueError: Its facets are too many to be listed.
+    """
+    G, C, lower, upper = with_free(of, *limits, int(of.dimension))
+    made = Attainable(G, C, lower, upper, float(of.scale), rank_tolerance, self_motion)
+    refuse_too_many(made._polytope)
+    return made

@@ -1,0 +1,118 @@
+"""Major velocity per rates, and major force per torques, with the constraints on these.
+
+Leading axes are batch axes; there constraints are projectors instead of bases.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from argument_checks import Array, Indices
+from prioritized._mapping.levels import forces_of
+from prioritized._mapping.problem import Problem, checked
+from prioritized._solver.arrays import transposed
+from prioritized._solver.rank import basis_scale, frobenius, ranked_svd
+
+
+class MajorMap(NamedTuple):
+    """v_m = gain @ x + free z for all x with constraint @ x = 0, and for any z.
+
+    Attributes:
+        gain: Shape (..., m1, n).
+        constraint: Shape (..., r, n).
+        free: Of the size of `gain`, columns of zeros last, shape (..., m1, l).
+        dimension: Number of the columns of `free` that are not zero, shape (...).
+        scale: Size of what `gain` was made from, shape (...).
+    """
+
+    gain: Array
+    constraint: Array
+    free: Array
+    dimension: Indices
+    scale: Array
+
+
+def unweighted(
+    J: Array,
+    major: Sequence[int] | ArrayLike,
+    active_constraint: Array,
+    self_motion: Array,
+    scale: Array | float,
+    tolerance: float,
+) -> Problem:
+    """The arguments of Problems 1 and 6 without weights, checked."""
+    return checked(
+        J,
+        major,
+        None,
+        weight_name="weight",
+        weight=None,
+        secondary_weight=None,
+        active_constraint=active_constraint,
+        self_motion=self_motion,
+        major_metric=None,
+        tie_metric=None,
+        scale=scale,
+        rank_tolerance=tolerance,
+    )
+
+
+def of_rates(problem: Problem) -> MajorMap:
+    """Major velocities per active rates: v_m = J_m rates with C rates = 0."""
+    G, S_m = problem.major_jacobian, problem.S_m
+    none = np.zeros((*G.shape[:-1], 0))
+    dimension = np.zeros(G.shape[:-2], dtype=np.intp)
+    scale = frobenius(S_m) * problem.scale
+    return MajorMap(G, problem.active_constraint, none, dimension, scale)
+
+
+def of_torques(problem: Problem) -> MajorMap:
+    """Major forces per active torques: torques = J^T f + C^T eta with Q^T f = 0, eqs. (13), (16).
+
+    The constraint is that the torques are such; `free` are major forces without any torque.
+    """
+    S_m, Q, tolerance = problem.S_m, problem.self_motion, problem.tolerance
+    m1 = len(S_m)
+    size = np.where(problem.scale > 0.0, problem.scale, 1.0)[..., None, None]
+    # Any multiple of C spans the same internal forces; this one has the unit and size of J.
+    forces = forces_of(problem._replace(active_constraint=size * problem.active_constraint))
+    balance = transposed(Q) @ forces.task
+    admissible = ranked_svd(balance, forces.task_scale * basis_scale(Q), tolerance).null_projector()
+    torques = ranked_svd(forces.torques @ admissible, forces.torque_scale, tolerance)
+    major = np.eye(m1, forces.task.shape[1]) @ admissible
+    inverse = torques.pseudo_inverse()
+    range_of = torques.U * torques.kept[..., None, :]
+    borne = ranked_svd(major @ torques.null_projector(), np.sqrt(m1), tolerance)
+    gain = major @ inverse
+    scale = np.sqrt(m1) * frobenius(inverse)
+    scale = np.where(scale > 0.0, scale, 1.0)
+    return MajorMap(
+        gain=gain,
+        constraint=np.eye(gain.shape[-1]) - range_of @ transposed(range_of),
+        free=scale[..., None, None] * borne.U * borne.kept[..., None, :],
+        dimension=borne.rank,
+        scale=scale,
+    )
+
+
+def with_free(
+    of: MajorMap, lower: Array, upper: Array, dimension: int
+) -> tuple[Array, Array, Array, Array]:
+    """Gain, constraint, lower and upper limits of [x; z], where z has no limits.
+
+    Args:
+        of: Maps with as many columns of `free`.
+        lower: Of x, shape (..., n).
+        upper: Likewise.
+        dimension: The number of these columns.
+    """
+    none = np.zeros((*of.constraint.shape[:-1], dimension))
+    endless = np.full((*lower.shape[:-1], dimension), np.inf)
+    return (
+        np.concatenate([of.gain, of.free[..., :dimension]], axis=-1),
+        np.concatenate([of.constraint, none], axis=-1),
+        np.concatenate([lower, -endless], axis=-1),
+        np.concatenate([upper, endless], axis=-1),
+    )

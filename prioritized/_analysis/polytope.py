@@ -1,0 +1,83 @@
+"""Coordinates of what limits on x leave of G x where C x = 0, ranks decided."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from argument_checks import Array, Indices, Mask
+from prioritized._solver.rank import ranked_svd
+
+
+class Polytope(NamedTuple):
+    """{offset + U sigma V^T x : rows x = 0, lower <= x <= upper}.
+
+    The matrices have their decided ranks k = `rank` and r = `constraints`; rows and columns beyond
+    these are not to be used. Coordinates of equal limits have zero columns.
+
+    Attributes:
+        offset: What these coordinates, and those that must follow them, give, shape (..., m1).
+        U: Orthonormal columns, shape (..., m1, .).
+        sigma: Shape (..., .).
+        Vt: Orthonormal rows, orthogonal to `rows`, shape (..., ., n).
+        rows: Orthonormal rows, shape (..., ., n).
+        rank: Shape (...).
+        constraints: Shape (...).
+        lower: Shape (..., n); zero, as is `upper`, where limits are equal.
+        upper: Shape (..., n).
+        consistent: Whether coordinates of equal limits can obey C at all, shape (...).
+        tolerance: Of the rank decisions.
+    """
+
+    offset: Array
+    U: Array
+    sigma: Array
+    Vt: Array
+    rows: Array
+    rank: Indices
+    constraints: Indices
+    lower: Array
+    upper: Array
+    consistent: Mask
+    tolerance: float
+
+    def part(self, which: Indices) -> "Polytope":
+        """Some of a batch with one axis."""
+        return self._make([*(A[which] for A in self[:-1]), self.tolerance])
+
+
+def polytope(
+    G: Array, C: Array, lower: Array, upper: Array, scale: Array | float, tolerance: float
+) -> Polytope:
+    """The polytope of {G x : C x = 0, lower <= x <= upper}.
+
+    Args:
+        G: Shape (..., m1, n).
+        C: Orthonormal rows, or a projector on them, shape (..., r, n).
+        lower: May be infinite, shape (..., n).
+        upper: Likewise.
+        scale: Size of what G was made from, shape (...); its rank is decided against it.
+        tolerance: Of the rank decisions.
+    """
+    fixed = lower == upper
+    moving = np.where(fixed, 0.0, 1.0)[..., None, :]
+    x = np.where(fixed, lower, 0.0)
+    closure = ranked_svd(C * moving, 1.0, tolerance)
+    opened = C @ x[..., None]
+    follow = -closure.pseudo_inverse() @ opened
+    left_open = np.abs(opened + C * moving @ follow).max(axis=(-2, -1), initial=0.0)
+    consistent = left_open <= tolerance * np.abs(x).max(axis=-1, initial=0.0)
+    x = x + follow[..., 0]
+    reach = ranked_svd(G * moving @ closure.null_projector(), scale, tolerance)
+    return Polytope(
+        offset=(G @ x[..., None])[..., 0],
+        U=reach.U,
+        sigma=reach.sigma,
+        Vt=reach.Vt,
+        rows=closure.Vt,
+        rank=reach.rank,
+        constraints=closure.rank,
+        lower=np.where(fixed, 0.0, lower - x),
+        upper=np.where(fixed, 0.0, upper - x),
+        consistent=consistent,
+        tolerance=tolerance,
+    )

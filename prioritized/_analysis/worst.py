@@ -1,0 +1,80 @@
+"""The worst major speed and force that limits leave, under many failure conditions at once."""
+
+from math import comb
+from typing import NamedTuple
+
+import numpy as np
+
+from argument_checks import Array, Mask
+from prioritized._analysis.facets import ball, refuse_too_many
+from prioritized._analysis.major_maps import MajorMap, of_rates, of_torques, with_free
+from prioritized._analysis.polytope import Polytope, polytope
+from prioritized._mapping.problem import Problem
+
+BLOCK = 2**18
+"""Numbers at once in the facets of many sets: few enough for the cache."""
+
+
+class Within(NamedTuple):
+    """Limits of n actuators, and which of them are active under each of C conditions.
+
+    Attributes:
+        active: Shape (C, n).
+        rates: Lower and upper limits, shape (n,) each; None where they are of no interest.
+        torques: Likewise.
+    """
+
+    active: Mask
+    rates: tuple[Array, Array] | None
+    torques: tuple[Array, Array] | None
+
+    def speed(self, problem: Problem, possible: Mask) -> Array | None:
+        """Radius of the attainable velocities, zero where the task is not possible, shape (C,)."""
+        if self.rates is None:
+            return None
+        return np.where(possible, self._radii(of_rates(problem), self.rates, problem.tolerance), 0)
+
+    def force(self, problem: Problem) -> Array | None:
+        """Radius of the attainable forces, shape (C,)."""
+        if self.torques is None:
+            return None
+        return self._radii(of_torques(problem), self.torques, problem.tolerance)
+
+    def _radii(self, maps: MajorMap, limits: tuple[Array, Array], tolerance: float) -> Array:
+        lower, upper = (np.where(self.active, limit, 0.0) for limit in limits)
+        return radii(maps, lower, upper, tolerance)
+
+
+def radii(maps: MajorMap, lower: Array, upper: Array, tolerance: float) -> Array:
+    """Radius of the largest ball about zero in the set of each of C maps, shape (C,).
+
+    As :attr:`prioritized.Attainable.radius`, one size of the facets after another.
+
+    Args:
+        maps: Shape (C, m1, n) and so on.
+        lower: Limits of the x, shape (C, n).
+        upper: Likewise.
+        tolerance: Of the rank decisions.
+
+    Raises:
+        ValueError: Facets too many to be listed.
+    """
+    radius = np.zeros(len(maps.gain))
+    for free in np.unique(maps.dimension).tolist():
+        rows = np.flatnonzero(maps.dimension == free)
+        some = MajorMap._make(A[rows] for A in maps)
+        sets = polytope(*with_free(some, lower[rows], upper[rows], free), some.scale, tolerance)
+        full = sets.consistent & (sets.rank == maps.gain.shape[-2])
+        for r in np.unique(sets.constraints[full]).tolist():
+            alike = np.flatnonzero(full & (sets.constraints == r))
+            radius[rows[alike]] = _balls(sets.part(alike), r)
+    return radius
+
+
+def _balls(sets: Polytope, r: int) -> Array:
+    """The same of sets of full rank whose C have rank r."""
+    refuse_too_many(sets)
+    (C, n), m1 = sets.lower.shape, sets.offset.shape[1]
+    numbers = C * n * comb(n, m1 + r - 1)
+    blocks = np.array_split(np.arange(C), 1 + numbers // BLOCK)
+    return np.concatenate([ball(sets.part(block), r) for block in blocks])

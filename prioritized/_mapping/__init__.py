@@ -1,0 +1,1 @@
+"""Mappings of velocities and forces, and tasks of many levels, under limits."""

@@ -1,0 +1,397 @@
+"""Force mapping: Problem 6 of the paper for all weights, internal forces and self-motion too."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+import argument_checks as check
+from argument_checks import Array, Indices, Mask
+from prioritized._mapping.amplification import as_sentence, closure_sentences, length_sentences
+from prioritized._mapping.levels import (
+    Forces,
+    Level,
+    force_levels,
+    forces_of,
+    lexicographic,
+    smallest_gap,
+)
+from prioritized._mapping.limited import Limiting, WhenLimited, limiting, optimum
+from prioritized._mapping.problem import Problem, checked
+from prioritized._mapping.solution import ForceSolution
+from prioritized._mapping.task import Status
+from prioritized._mechanism.measure import Measure
+from prioritized._solver.arrays import (
+    ReadOnly,
+    apply,
+    beside,
+    joined,
+    on_axes,
+    read_only,
+    respond,
+    stack,
+    times,
+    transposed,
+)
+from prioritized._solver.limits import Limits, limits
+from prioritized._solver.packed import Rows
+from prioritized._solver.rank import RANK_TOLERANCE, basis_scale, frobenius, largest, ranked_svd
+
+Gains = tuple[Array, ...]
+"""Per major force, desired torque and desired secondary force."""
+
+
+@dataclass(frozen=True, eq=False)
+class ForceMapping(ReadOnly):
+    """Gains of the optimal active joint torques; made by :func:`force_mapping`.
+
+    torques = major @ f_m + torque @ torques_desired + secondary @ f_s_desired
+
+    Attributes:
+        torque_gains: Gains of the torques: `major` (..., n, m1), `torque` (..., n, n), `secondary`
+            (..., n, m2).
+        secondary_gains: Gains of the secondary force, (..., m2, .).
+        internal_gains: Gains of the internal force, (..., r, .).
+        achieved: Major force in equilibrium per major force commanded, (..., m1, m1).
+        reaction: Orthogonal projector on the task forces that the structure bears without any
+            torque, shape (..., m, m); zero when there are none. Where these have a major part, the
+            torques hold f_m in equilibrium but do not determine it.
+        rank: Dimension of the major forces that equilibrium admits, shape (...).
+        gap: Factor by which the rank threshold could change before any rank would, shape (...).
+        status: What holds for every problem of the batch.
+        problem: The checked arguments.
+        limiting: Limits of the unknowns [f_m; f_s; eta]; those of the torques are its first rows.
+            None is none.
+        closure_condition: As in :class:`Manipulability`; 1 for a J given as a matrix.
+        measure: Natural units of the velocities dual to them; None for a J given as a matrix.
+    """
+
+    torque_gains: Gains
+    secondary_gains: Gains
+    internal_gains: Gains
+    achieved: Array
+    reaction: Array
+    rank: Indices
+    gap: Array
+    status: Status
+    problem: Problem
+    limiting: Limiting | None = None
+    closure_condition: float = 1.0
+    measure: Measure | None = None
+
+    def __str__(self) -> str:
+        sentences = (
+            as_sentence(self.status.value),
+            *length_sentences(self.characteristic_length),
+            *closure_sentences(self.closure_condition),
+        )
+        return " ".join(sentences)
+
+    @property
+    def characteristic_length(self) -> float | None:
+        """As of a :class:`VelocityMapping`."""
+        if self.measure is None:
+            return None
+        is_met = self.status is not Status.LEAST_SQUARES and self.limiting is None
+        return self.measure.length(not is_met, self.problem.tie_metric.size > 0)
+
+    @cached_property
+    def largest_gain(self) -> Array:
+        """Largest norm of the torques per unit norm of the major force alone, shape (...).
+
+        In natural units where there are two kinds of either.
+        """
+        gain = self.major
+        return read_only(
+            largest(gain if self.measure is None else self.measure.inverse.of_gain(gain))
+        )
+
+    @property
+    def major(self) -> Array:
+        """Torques per major force, shape (..., n, m1)."""
+        return self.torque_gains[0]
+
+    @property
+    def torque(self) -> Array:
+        """Torques per desired torque, shape (..., n, n)."""
+        return self.torque_gains[1]
+
+    @property
+    def secondary(self) -> Array:
+        """Torques per desired secondary force, shape (..., n, m2)."""
+        return self.torque_gains[2]
+
+    def __call__(
+        self,
+        f_major: ArrayLike,
+        torque: ArrayLike | None = None,
+        secondary_force: ArrayLike | None = None,
+    ) -> Array:
+        """Optimal active joint torques, shape (..., n); what is None counts as zero."""
+        if self.limiting is not None:
+            return self.solve(f_major, torque, secondary_force).torques
+        return _respond(self.torque_gains, f_major, torque, secondary_force)
+
+    def solve(
+        self,
+        f_major: ArrayLike,
+        torque: ArrayLike | None = None,
+        secondary_force: ArrayLike | None = None,
+        *,
+        start: ForceSolution | None = None,
+    ) -> ForceSolution:
+        """The optimal torques within the limits, what they cost, and which of them are active.
+
+        Limits and equilibrium hold first, then the major force is met as far as they let it, then
+        the weighted sum of :func:`force_mapping` is least. Gains, :meth:`secondary_force` and
+        :meth:`internal_force` of the mapping itself know no limits: the solution has its own.
+
+        Args:
+            f_major: Major force, shape (..., m1).
+            torque: Desired torques, shape (..., n); None is zero.
+            secondary_force: Desired secondary force, shape (..., m2); None is zero.
+            start: Solution of a similar problem, such as that of the tick before.
+
+        Raises:
+            ValueError: A force or torque of the wrong shape or not finite, by its name.
+        """
+        problem = self.problem
+        m1, n = len(problem.S_m), problem.J.shape[-1]
+        p = joined(
+            problem.lead,
+            "f_major",
+            f_major=(f_major, m1),
+            torque=(torque, n),
+            secondary_force=(secondary_force, len(problem.S_s)),
+        )
+        f_m = p[..., :m1]
+        reached = times(self.achieved, f_m)
+        others = (
+            np.concatenate(gains, axis=-1) for gains in (self.secondary_gains, self.internal_gains)
+        )
+        unlimited = beside(reached, *(times(gain, p) for gain in others))
+        begun = None if start is None else check.instance("start", start, ForceSolution).point
+        best = optimum(self.levels, p, unlimited, self._within, problem.tolerance, begun)
+        return ForceSolution(self, f_m, unlimited, best)
+
+    @property
+    def forces(self) -> Forces:
+        """Task force and torques per unknown."""
+        return forces_of(self.problem)
+
+    @property
+    def levels(self) -> list[Level]:
+        """Problem 6 as levels of least squares."""
+        return force_levels(self.problem, self.forces)
+
+    @property
+    def rows(self) -> tuple[Rows, ...]:
+        """Inequality rows of the unknowns; the first are the torques, if without limits."""
+        return self._within.rows
+
+    @property
+    def _within(self) -> Limiting:
+        if self.limiting is not None:
+            return self.limiting
+        n = self.problem.J.shape[-1]
+        return _of_torques(self.forces, limits("torque_limits", None, n))
+
+    @property
+    def tolerance(self) -> float:
+        """Fraction of the scale below which a singular value is zero."""
+        return self.problem.tolerance
+
+    def secondary_force(
+        self,
+        f_major: ArrayLike,
+        torque: ArrayLike | None = None,
+        secondary_force: ArrayLike | None = None,
+    ) -> Array:
+        """The secondary force f_s that goes with the torques, shape (..., m2)."""
+        return _respond(self.secondary_gains, f_major, torque, secondary_force)
+
+    def internal_force(
+        self,
+        f_major: ArrayLike,
+        torque: ArrayLike | None = None,
+        secondary_force: ArrayLike | None = None,
+    ) -> Array:
+        """The internal force eta that goes with the torques, shape (..., r): one per row of C."""
+        return _respond(self.internal_gains, f_major, torque, secondary_force)
+
+    def residual(self, f_major: ArrayLike) -> Array:
+        """Part of the major force that no equilibrium admits, shape (..., m1)."""
+        f_m = check.vector("f_major", f_major, self.achieved.shape[-1])
+        return f_m - apply(self.achieved, "f_major", f_m)
+
+
+def force_mapping(
+    J: ArrayLike,
+    major: Sequence[int] | ArrayLike,
+    secondary: Sequence[int] | ArrayLike | None = None,
+    torque_weight: ArrayLike | None = None,
+    secondary_weight: ArrayLike | None = None,
+    active_constraint: ArrayLike | None = None,
+    self_motion: ArrayLike | None = None,
+    *,
+    major_metric: ArrayLike | None = None,
+    tie_metric: ArrayLike | None = None,
+    scale: ArrayLike | None = None,
+    rank_tolerance: float = RANK_TOLERANCE,
+    torque_limits: tuple[ArrayLike, ArrayLike] | None = None,
+    torque_rows: tuple[ArrayLike, ArrayLike, ArrayLike] | None = None,
+    force_rows: tuple[ArrayLike, ArrayLike, ArrayLike] | None = None,
+    when_limited: WhenLimited = "least_squares",
+) -> ForceMapping:
+    """The mapping from a major force to the optimal active joint torques.
+
+    It minimizes |W3 (torques - torques_d)|^2 + |W4 (f_s - f_sd)|^2 at the given major force, where
+    torques = J^T f + C^T eta with f = S_m^T f_m + S_s^T f_s, eq. (16): f_m is dual to v_m by
+    power, for any directions. The unknowns are the secondary force f_s and the internal force eta.
+    Lexicographic least squares: each level is solved without changing those before it.
+
+    1. Q^T f = 0                          (otherwise self-motion gives way to f, eq. 9)
+    2. |M (f_m - f_md)|        smallest   (zero where level 1 admits the major force, eq. 33)
+    3. the weighted sum above  smallest
+    4. |T torques|, then |torques|, then |f_s|, then |eta| smallest   (ties)
+
+    Theorems 7, 8 and 9 of Chen, McInroy, Yi (2003) are the cases without self-motion and internal
+    force of W3, W4 both nonsingular, W4 = 0, and W3 = 0; here the weights may be any matrices.
+    f . v = torques . rates for all admissible rates and any self-motion.
+
+    Args:
+        J: Task Jacobian, eq. (14), shape (..., m, n).
+        major: Task rows of the major task, or a matrix of directions (m1, m).
+        secondary: Task rows, or directions (m2, m), of the secondary task; by default the
+            remaining rows in ascending order (for directions: their orthogonal complement).
+        torque_weight: W3, diagonal (n,) or matrix (..., k, n); None is zero.
+        secondary_weight: W4, diagonal (m2,) or matrix (..., k, m2); None is zero.
+        active_constraint: C, shape (..., r, n); admissible rates are its null space, eq. (17).
+        self_motion: Q, task motion with every actuator locked, shape (..., m, k), columns of unit
+            size.
+        major_metric: M, diagonal (m1,) or matrix (..., k, m1); None is the identity. It affects the
+            torques where self-motion does not admit the major force.
+        tie_metric: T, diagonal (n,) or matrix (..., k, n); None is zero. It affects the torques
+            where the weights do not determine them.
+        scale: Size of J that ranks are decided against, shape (...); None is the norm of J.
+        rank_tolerance: Singular values below this fraction of the scale count as zero. Among the
+            stacked weights, too: at 1e-10, no goal can be weighted 1e10 times another.
+        torque_limits: Lower and upper limits of the torques, each (n,) or one number, also infinite
+            ((0, inf) is an actuator that only pushes); they hold before everything else.
+        torque_rows: (R, lower, upper) with R (r, n): lower <= R torques <= upper, likewise.
+        force_rows: The same for the task force f, R (r, m), such as the sides of a friction cone.
+        when_limited: What becomes of a major force that limits hold back: "least_squares", the
+            least error |M (f_m - f_md)|, or "scaled": its direction is kept, as large as possible.
+
+    Raises:
+        ValueError: An argument has a wrong shape or index or is not finite; it is named.
+    """
+    problem = checked(
+        J,
+        major,
+        secondary,
+        weight_name="torque_weight",
+        weight=torque_weight,
+        secondary_weight=secondary_weight,
+        active_constraint=active_constraint,
+        self_motion=self_motion,
+        major_metric=major_metric,
+        tie_metric=tie_metric,
+        scale=scale,
+        rank_tolerance=rank_tolerance,
+    )
+    _refuse_overlap(problem.S_m, problem.S_s, problem.tolerance)
+    n, m1, m2 = problem.J.shape[-1], len(problem.S_m), len(problem.S_s)
+    forces = forces_of(problem)
+    levels = force_levels(problem, forces)
+    X, decisions = lexicographic(levels, problem.tolerance)
+    X, major_rank = on_axes(X, problem.lead), decisions[1].rank
+    to_f_m, to_f_s, to_eta = np.split(X, [m1, m1 + m2], axis=-2)
+    # A major force, with no more secondary force than self-motion makes necessary.
+    alone, _ = lexicographic([*levels[:2], levels[-1]], problem.tolerance)
+    limited = _limiting(problem, forces, torque_limits, torque_rows, force_rows, when_limited)
+    reaction, work_rank = _reaction(problem, forces, alone[..., :m1])
+    return ForceMapping(
+        torque_gains=tuple(np.split(forces.torques @ X, [m1, m1 + n], axis=-1)),
+        secondary_gains=tuple(np.split(to_f_s, [m1, m1 + n], axis=-1)),
+        internal_gains=tuple(np.split(to_eta, [m1, m1 + n], axis=-1)),
+        achieved=to_f_m[..., :m1],
+        reaction=on_axes(reaction, problem.lead),
+        rank=np.broadcast_to(major_rank, problem.lead),
+        gap=np.broadcast_to(smallest_gap(decisions), problem.lead),
+        status=_status(in_equilibrium=major_rank == m1, determined=work_rank == m1),
+        problem=problem,
+        limiting=limited,
+    )
+
+
+def _limiting(
+    problem: Problem,
+    forces: Forces,
+    torque_limits: tuple[ArrayLike, ArrayLike] | None,
+    torque_rows: tuple[ArrayLike, ArrayLike, ArrayLike] | None,
+    force_rows: tuple[ArrayLike, ArrayLike, ArrayLike] | None,
+    when_limited: WhenLimited,
+) -> Limiting | None:
+    """Limits of torques and forces as those of the unknowns [f_m; f_s; eta]."""
+    m, n = problem.J.shape[-2:]
+    on_torques = limiting(
+        n, "torque_limits", torque_limits, {"torque_rows": torque_rows}, when_limited
+    )
+    on_forces = limiting(m, "", None, {"force_rows": force_rows}, when_limited)
+    if on_torques is None and on_forces is None:
+        return None
+    box = limits("torque_limits", None, n) if on_torques is None else on_torques.box
+    rows: list[Rows] = []
+    for one, of_unknowns in ((on_torques, forces.torques), (on_forces, forces.task)):
+        if one is not None:
+            rows += [Rows(each.G @ of_unknowns, each.limits) for each in one.rows]
+    return _of_torques(forces, box, rows, when_limited)
+
+
+def _of_torques(
+    forces: Forces,
+    box: Limits,
+    rows: Sequence[Rows] = (),
+    when_limited: WhenLimited = "least_squares",
+) -> Limiting:
+    """Limits whose first rows are the torques, of unknowns that are not limited themselves."""
+    unknowns = limits("", None, forces.torques.shape[-1])
+    return Limiting(unknowns, (Rows(forces.torques, box), *rows), when_limited)
+
+
+def _refuse_overlap(S_m: Array, S_s: Array, tolerance: float) -> None:
+    """Raise where a secondary force could cancel the major force."""
+    both = stack(S_m, S_s)
+    ranks = [ranked_svd(S, frobenius(S), tolerance).rank for S in (S_m, S_s, both)]
+    if ranks[2] < ranks[0] + ranks[1]:
+        raise ValueError("secondary must leave out the major directions, got some of them")
+
+
+def _reaction(problem: Problem, forces: Forces, gain: Array) -> tuple[Array, Indices]:
+    """Projector on the task forces that do no work, and the rank of the work of x = gain @ f_m."""
+    Q, tolerance = problem.self_motion, problem.tolerance
+    driven = transposed(problem.admissible_jacobian)
+    motion = stack(driven, transposed(Q) * problem.scale[..., None, None])
+    scale = problem.scale * basis_scale(Q)
+    work = ranked_svd(motion @ forces.task @ gain, forces.task_scale * scale, tolerance)
+    return ranked_svd(motion, scale, tolerance).null_projector(), work.rank
+
+
+def _status(*, in_equilibrium: Mask, determined: Mask) -> Status:
+    if not np.all(in_equilibrium):
+        return Status.LEAST_SQUARES
+    return Status.EXACT if np.all(determined) else Status.UNSEEN
+
+
+def _respond(
+    gains: Gains,
+    f_major: ArrayLike,
+    torque: ArrayLike | None,
+    secondary_force: ArrayLike | None,
+) -> Array:
+    return respond(
+        gains, "f_major", f_major=f_major, torque=torque, secondary_force=secondary_force
+    )

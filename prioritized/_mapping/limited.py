@@ -1,0 +1,183 @@
+"""The optimum of Problems 1 and 6 under limits."""
+
+from collections.abc import Sequence
+from typing import Literal, NamedTuple, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+import argument_checks as check
+from argument_checks import Array
+from argument_checks.ties import exceeds
+from prioritized._mapping.levels import Level
+from prioritized._solver.arrays import times
+from prioritized._solver.limits import Limits, limits
+from prioritized._solver.packed import Equations, Packed, Point, Rows, Unknowns, pack, solve
+
+WhenLimited = Literal["least_squares", "scaled"]
+"""What becomes of a major task that limits hold back: least error, or its direction kept."""
+_CHOICES = get_args(WhenLimited)
+
+
+class Limiting(NamedTuple):
+    """What limits the unknowns of a problem.
+
+    Attributes:
+        box: Bounds of the unknowns.
+        rows: Inequality rows.
+        when: What becomes of a major task that these hold back.
+    """
+
+    box: Limits
+    rows: tuple[Rows, ...] = ()
+    when: WhenLimited = "least_squares"
+
+    @property
+    def is_box(self) -> bool:
+        """Whether there is no more than bounds of the unknowns."""
+        return not self.rows and self.when == "least_squares"
+
+
+def limiting(
+    n: int,
+    name: str,
+    box: tuple[ArrayLike, ArrayLike] | None,
+    rows: dict[str, tuple[ArrayLike, ArrayLike, ArrayLike] | None],
+    when_limited: WhenLimited = "least_squares",
+) -> Limiting | None:
+    """Checked limits of n unknowns and rows of them, under their names; None is no limit."""
+    if not isinstance(when_limited, str) or when_limited not in _CHOICES:
+        choices = " or ".join(map(repr, _CHOICES))
+        raise ValueError(f"when_limited must be {choices}, got {check.shown(when_limited)}")
+    given = [checked_rows(label, value, n) for label, value in rows.items() if value is not None]
+    if box is None and not given:
+        return None
+    return Limiting(limits(name, box, n), tuple(given), when_limited)
+
+
+def checked_rows(name: str, value: tuple[ArrayLike, ArrayLike, ArrayLike], n: int) -> Rows:
+    """Inequality rows (R, lower, upper) of n unknowns.
+
+    Raises:
+        ValueError: No triple, or a wrong shape or number in it.
+    """
+    try:
+        R, lower, upper = value
+    except (TypeError, ValueError):
+        raise ValueError(f"{name} must be (R, lower, upper), got {check.shown(value)}") from None
+    G = check.matrix(name, R, columns=n)
+    return Rows(G, limits(name, (lower, upper), len(G)))
+
+
+class Optimum(NamedTuple):
+    """The optimum of each problem of a batch, whose axes lead.
+
+    Attributes:
+        packed: The problems as they were solved: unknowns are x, then where `scaled` the part of
+            the major task, then one for each inequality row.
+        point: Their solution, from which a similar problem can start.
+        n: Number of unknowns x.
+        hard: Number of levels that must hold: inequality rows and constraints.
+        scaled: Whether the direction of the major task was kept.
+        lead: Batch axes.
+    """
+
+    packed: Packed
+    point: Point
+    n: int
+    hard: int
+    scaled: bool
+    lead: tuple[int, ...]
+
+    @property
+    def x(self) -> Array:
+        """Shape (..., n)."""
+        return self.point.x[:, : self.n].reshape(*self.lead, self.n)
+
+    @property
+    def active(self) -> NDArray[np.int8]:
+        """Which limits x is at: -1 a lower, 1 an upper, 0 none, shape (..., n)."""
+        return self._at_bounds[:, : self.n].reshape(*self.lead, self.n)
+
+    @property
+    def active_rows(self) -> NDArray[np.int8]:
+        """The same for the inequality rows, shape (..., r)."""
+        active = self._at_bounds[:, self.n + self.scaled :]
+        return active.reshape(*self.lead, active.shape[1])
+
+    @property
+    def _at_bounds(self) -> NDArray[np.int8]:
+        return self.packed.at_bounds(self.point.x)
+
+    @property
+    def scale(self) -> Array:
+        """Part of the major task that was asked for in the end, (...)."""
+        part = np.ones(len(self.point.x))
+        if self.scaled:
+            most = np.broadcast_to(self.packed.upper[:, self.n], part.shape)
+            np.divide(self.point.x[:, self.n], most, out=part, where=most > 0.0)
+            part[~exceeds(1.0, part)] = 1.0
+        return part.reshape(self.lead)
+
+    @property
+    def infeasible(self) -> bool:
+        """Whether limits and constraints contradict each other in any problem."""
+        return self.hard > 0 and bool(self.packed.unmet(slice(0, self.hard), self.point.x).any())
+
+
+def optimum(
+    levels: Sequence[Level],
+    p: Array,
+    unlimited: Array,
+    limiting: Limiting | None,
+    tolerance: float,
+    start: Point | None = None,
+) -> Optimum:
+    """The optimum under limits of levels whose first is the constraint, the second the major task.
+
+    Args:
+        levels: As of the problem without limits.
+        p: What the targets of the levels multiply, (..., p).
+        unlimited: The solution without limits, (..., n).
+        limiting: The limits; None is none.
+        tolerance: Of the rank decisions.
+        start: Solution of a similar problem.
+    """
+    lead, n = p.shape[:-1], unlimited.shape[-1]
+    if limiting is None:
+        limiting = Limiting(limits("", None, n))
+    equations = [Equations(one.A, times(one.target, p), np.asarray(one.scale)) for one in levels]
+    equations.append(Equations(np.eye(n), np.zeros(n), np.asarray(1.0)))
+    unknowns, rows = Unknowns(limiting.box, unlimited), limiting.rows
+    scaled = limiting.when == "scaled"
+    if scaled:
+        equations, rows, unknowns = _keeping_direction(equations, rows, unknowns, unlimited)
+    hard = len(rows) + 1
+    packed, without = pack([*rows, *equations], unknowns, tolerance)
+    return Optimum(packed, solve(packed, without, start), n, hard, scaled, lead)
+
+
+def _keeping_direction(
+    equations: Sequence[Equations], rows: Sequence[Rows], unknowns: Unknowns, unlimited: Array
+) -> tuple[list[Equations], list[Rows], Unknowns]:
+    """One more unknown: how much of what is achieved without limits; as much as possible."""
+    constraint, major, *rest = (each._replace(A=_with_column(each.A, 0.0)) for each in equations)
+    achieved = times(equations[1].A, unlimited)
+    size = np.linalg.norm(achieved, axis=-1, keepdims=True)
+    unit = achieved / np.where(size > 0.0, size, 1.0)
+    # Of the size of the major rows, so that no rank depends on how fast the motion is.
+    scale = np.where(major.scale > 0.0, major.scale, 1.0)[..., None]
+    most = size / scale
+    along = major._replace(A=_with_column(equations[1].A, -unit * scale), b=np.zeros(unit.shape))
+    one = np.zeros((1, along.A.shape[-1]))
+    one[0, -1] = 1.0
+    levels = [constraint, along, Equations(one, most, np.asarray(1.0)), *rest]
+    wide = [each._replace(G=_with_column(each.G, 0.0)) for each in rows]
+    return levels, wide, unknowns.and_also(np.zeros_like(most), most, most)
+
+
+def _with_column(A: Array, column: Array | float) -> Array:
+    """A matrix with one more column, leading axes broadcast."""
+    lead = np.broadcast_shapes(A.shape[:-1], np.shape(column))
+    last = np.broadcast_to(column, lead)[..., None]
+    return np.concatenate([np.broadcast_to(A, (*lead, A.shape[-1])), last], axis=-1)

@@ -1,0 +1,193 @@
+"""The checked arguments that Problems 1 and 6 have in common."""
+
+from collections.abc import Callable, Sequence
+from math import prod
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+import argument_checks as check
+from argument_checks import Array, Mask
+from prioritized._mapping.task import task_selection
+from prioritized._solver.arrays import none, product
+from prioritized._solver.rank import RANK_TOLERANCE, frobenius, norm, ranked_svd
+
+_LEAST, _MOST = 1e-50, 1e50
+"""Norms of weights between which products with any J neither under- nor overflow."""
+
+
+class Problem(NamedTuple):
+    """Checked copies of the arguments of a mapping; what was None has no rows or columns."""
+
+    J: Array  # (..., m, n)
+    S_m: Array  # (m1, m)
+    S_s: Array  # (m2, m)
+    weight: Array  # W1 or W3, (..., k, n)
+    secondary_weight: Array  # W2 or W4, (..., k, m2)
+    active_constraint: Array  # C, (..., r, n)
+    self_motion: Array  # Q, (..., m, k)
+    major_metric: Array | None  # M, (..., k, m1); None is the identity
+    tie_metric: Array  # T, (..., k, n)
+    scale: Array  # size of J, (...)
+    tolerance: float  # of the rank decisions
+    lead: tuple[int, ...]  # batch axes of the result
+
+    @property
+    def is_unconstrained(self) -> bool:
+        """Whether all rates are admissible."""
+        return not self.active_constraint.size
+
+    @property
+    def major_jacobian(self) -> Array:
+        """Jacobian of the major task, shape (..., m1, n)."""
+        return product(self.S_m, self.J)
+
+    @property
+    def admissible_jacobian(self) -> Array:
+        """J on the admissible rates, zero on those that the constraint forbids, (..., m, n)."""
+        C = self.active_constraint
+        if not C.size:
+            return self.J
+        return self.J @ ranked_svd(C, frobenius(C), self.tolerance).null_projector()
+
+    @property
+    def task_weight(self) -> Array:
+        """Secondary weight on the task, shape (..., k, m)."""
+        return product(self.secondary_weight, self.S_s)
+
+    @property
+    def exact(self) -> float:
+        """Part of `tolerance` at which ranks of numbers are decided that do not depend on J.
+
+        However inaccurate the geometry, weights are what they are but for round-off.
+        """
+        return exact_part(self.tolerance)
+
+    def flat(self) -> "Problem":
+        """The same problems with one batch axis, on those arrays that have any."""
+
+        def flattened(A: Array, own: int) -> Array:
+            if A.ndim == own:
+                return A
+            shape = A.shape[A.ndim - own :]
+            return np.broadcast_to(A, (*self.lead, *shape)).reshape(prod(self.lead), *shape)
+
+        return self._map(flattened, lead=(prod(self.lead),))
+
+    def part(self, which: slice | Mask) -> "Problem":
+        """Some of the problems of a flat batch."""
+        return self._map(
+            lambda A, own: A if A.ndim == own else A[which],
+            lead=np.empty(self.lead, dtype=bool)[which].shape,
+        )
+
+    def _map(self, change: Callable[[Array, int], Array], lead: tuple[int, ...]) -> "Problem":
+        """Each array that may be a batch changed, given how many axes one of the batch has."""
+        M = self.major_metric
+        return self._replace(
+            J=change(self.J, 2),
+            weight=change(self.weight, 2),
+            secondary_weight=change(self.secondary_weight, 2),
+            active_constraint=change(self.active_constraint, 2),
+            self_motion=change(self.self_motion, 2),
+            major_metric=None if M is None else change(M, 2),
+            tie_metric=change(self.tie_metric, 2),
+            scale=change(np.asarray(self.scale), 0),
+            lead=lead,
+        )
+
+
+def exact_part(tolerance: float) -> float:
+    """Part of a rank tolerance that round-off alone would need."""
+    return min(1.0, RANK_TOLERANCE / tolerance) if tolerance else 1.0
+
+
+def checked(
+    J: ArrayLike,
+    major: Sequence[int] | ArrayLike,
+    secondary: Sequence[int] | ArrayLike | None,
+    *,
+    weight_name: str,
+    weight: ArrayLike | None,
+    secondary_weight: ArrayLike | None,
+    active_constraint: ArrayLike | None,
+    self_motion: ArrayLike | None,
+    major_metric: ArrayLike | None,
+    tie_metric: ArrayLike | None,
+    scale: ArrayLike | None,
+    rank_tolerance: float,
+) -> Problem:
+    """The arguments of a mapping, checked; `weight_name` is the caller's name of `weight`.
+
+    Raises:
+        ValueError: An argument has a wrong shape or index or is not finite; it is named.
+    """
+    J = check.batch("J", J)
+    m, n = J.shape[-2:]
+    tolerance = check.fraction("rank_tolerance", rank_tolerance)
+    S_m, S_s = task_selection(major, secondary, m, tolerance)
+    m1, m2 = len(S_m), len(S_s)
+    W = _weight(weight_name, weight, n)
+    W_s = _weight("secondary_weight", secondary_weight, m2)
+    T = _weight("tie_metric", tie_metric, n)
+    if W.size or W_s.size:
+        W, W_s = _of_moderate_size(W, W_s)
+    if T.size:
+        (T,) = _of_moderate_size(T)
+    M = None if major_metric is None else _metric(major_metric, m1, tolerance)
+    C, Q = none((0, n)), none((m, 0))
+    if active_constraint is not None:
+        C = check.sized(
+            "active_constraint", check.batch("active_constraint", active_constraint, columns=n)
+        )
+    if self_motion is not None:
+        Q = check.batch("self_motion", self_motion, rows=m)
+    size = frobenius(J) if scale is None else check.not_negative("scale", scale)
+    if scale is None and (size.item() if J.ndim == 2 else size.min(initial=1.0)) < check.SMALLEST:
+        check.sized("J", J)
+    if size.ndim > J.ndim - 2:
+        raise ValueError(f"scale must have the leading axes of J, got shape {size.shape}")
+    M_axes = 2 if M is None else M.ndim
+    if J.ndim == W.ndim == W_s.ndim == C.ndim == Q.ndim == T.ndim == M_axes == 2:
+        return Problem(J, S_m, S_s, W, W_s, C, Q, M, T, size, tolerance, lead=())
+    batches = {
+        "J": J,
+        weight_name: W,
+        "secondary_weight": W_s,
+        "active_constraint": C,
+        "self_motion": Q,
+        "major_metric": S_m if M is None else M,
+        "tie_metric": T,
+    }
+    leads = {name: A.shape[:-2] for name, A in batches.items()}
+    lead = check.common_axes(leads | {"scale": size.shape})
+    return Problem(J, S_m, S_s, W, W_s, C, Q, M, T, size, tolerance, lead)
+
+
+def _weight(name: str, value: ArrayLike | None, size: int) -> Array:
+    return none((0, size)) if value is None else check.weight(name, value, size)
+
+
+def _of_moderate_size(*weights: Array) -> tuple[Array, ...]:
+    """Weights of one sum, all scaled by one power of two where products could under- or overflow.
+
+    Only their ratios matter, so the result is the same, round-off included.
+    """
+    for W in weights:  # the common case
+        if W.ndim == 2 and _LEAST < norm(W) < _MOST:
+            return weights
+    sizes = [np.abs(W).max(axis=(-2, -1), initial=0.0) for W in weights]
+    size = np.maximum.reduce(np.broadcast_arrays(*sizes))
+    extreme = (size > 0.0) & ((size < _LEAST) | (size > _MOST))
+    if not extreme.any():
+        return weights
+    exponent = np.where(extreme, np.frexp(size)[1], 0)[..., None, None]
+    return tuple(np.ldexp(W, -exponent) for W in weights)
+
+
+def _metric(value: ArrayLike, m1: int, tolerance: float) -> Array:
+    M = check.sized("major_metric", check.weight("major_metric", value, m1))
+    if np.any(ranked_svd(M, frobenius(M), tolerance).rank < m1):
+        raise ValueError(f"major_metric must weigh every major direction, got {check.shown(value)}")
+    return M

@@ -1,0 +1,180 @@
+"""What the mappings answer under limits."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from argument_checks import Array, Mask
+from prioritized._mapping.levels import Level, lexicographic
+from prioritized._mapping.limited import Optimum
+from prioritized._mapping.problem import Problem
+from prioritized._mapping.task import Status
+from prioritized._solver.arrays import read_only, times
+from prioritized._solver.packed import Point, Rows
+from prioritized._solver.rank import frobenius
+
+_HELD_BACK, _ROUND_OFF = 1e-9, 1e-12
+"""Parts of the major task, and of its terms, below which what it lacks is round-off."""
+
+
+class Mapping(Protocol):
+    """What a solution reads from the mapping that made it."""
+
+    @property
+    def status(self) -> Status: ...
+
+    @property
+    def levels(self) -> Sequence[Level]: ...
+
+    @property
+    def rows(self) -> tuple[Rows, ...]: ...
+
+    @property
+    def tolerance(self) -> float: ...
+
+    @property
+    def problem(self) -> Problem: ...
+
+
+@dataclass(frozen=True, eq=False)
+class Limited:
+    """An optimum under limits.
+
+    Attributes:
+        mapping: That gave it.
+        asked: The major task, shape (..., m1).
+        unlimited: The unknowns without limits, (..., n).
+        optimum: The solver's answer.
+    """
+
+    mapping: Mapping
+    asked: Array
+    unlimited: Array
+    optimum: Optimum
+
+    @cached_property
+    def residual(self) -> Array:
+        """Part of the major task that is not reached, shape (..., m1)."""
+        return self.asked - self._major(self.optimum.x)
+
+    @property
+    def scale(self) -> Array:
+        """Part of the achievable major task that was asked for in the end, (...).
+
+        Below 1 where limits hold it back and `when_limited` is "scaled".
+        """
+        return self.optimum.scale
+
+    @property
+    def point(self) -> Point:
+        """Where the solver ended, from which it can start again."""
+        return self.optimum.point
+
+    @cached_property
+    def limited(self) -> Mask:
+        """Whether limits hold the major task back, (...)."""
+        lost = np.linalg.norm(self._major(self.optimum.x - self.unlimited), axis=-1)
+        terms = np.abs(self.mapping.levels[1].A).sum(axis=(-2, -1))
+        round_off = _ROUND_OFF * terms * np.linalg.norm(self.unlimited, axis=-1)
+        return np.asarray(lost > _HELD_BACK * np.linalg.norm(self.asked, axis=-1) + round_off)
+
+    @property
+    def status(self) -> Status:
+        """What holds for every problem of the batch; the value says what to do."""
+        if self.optimum.infeasible:
+            return Status.INFEASIBLE
+        if not self.optimum.point.ended.all():
+            return Status.UNFINISHED
+        of_mapping = self.mapping.status
+        if of_mapping is Status.SELF_MOTION or not self.limited.any():
+            return of_mapping
+        return Status.SCALED if np.any(self.scale < 1.0) else Status.LIMITED
+
+    def _major(self, x: Array) -> Array:
+        """The major task of the unknowns."""
+        raise NotImplementedError
+
+
+@dataclass(frozen=True, eq=False)
+class VelocitySolution(Limited):
+    """The optimal rates under limits; made by :meth:`VelocityMapping.solve`."""
+
+    @property
+    def rates(self) -> Array:
+        """Of the surviving actuators, within the limits exactly, shape (..., n)."""
+        return self.optimum.x
+
+    @property
+    def active_limits(self) -> NDArray[np.int8]:
+        """Limits that the rates are at: -1 the lower, 1 the upper, 0 none, shape (..., n)."""
+        return self.optimum.active
+
+    @property
+    def active_rows(self) -> NDArray[np.int8]:
+        """The same for the inequality rows, (..., r)."""
+        return self.optimum.active_rows
+
+    def _major(self, x: Array) -> Array:
+        return times(self.mapping.problem.major_jacobian, x)
+
+    @cached_property
+    def gains(self) -> Array:
+        """Change of the rates per change of [v_m; rates_d; v_sd] while these limits are active.
+
+        Shape (..., n, m1 + n + m2); rows of actuators at their limits are zero. With
+        `when_limited` "scaled", v_m is the one that is left of it.
+        """
+        free = self.active_limits[..., None, :] == 0
+        levels = [each._replace(A=each.A * free) for each in self.mapping.levels]
+        nothing = np.zeros((1, levels[0].target.shape[-1]))
+        rows, first = [], 0
+        for each in self.mapping.rows:
+            held = self.active_rows[..., first : first + len(each.G), None] != 0
+            first += len(each.G)
+            rows.append(Level(each.G * held * free, nothing, frobenius(each.G)))
+        X, _ = lexicographic([*rows, *levels], self.mapping.tolerance)
+        return read_only(X * np.swapaxes(free, -1, -2))
+
+
+@dataclass(frozen=True, eq=False)
+class ForceSolution(Limited):
+    """The optimal torques under limits; made by :meth:`ForceMapping.solve`."""
+
+    @property
+    def torques(self) -> Array:
+        """Of the surviving actuators, within the limits exactly, shape (..., n)."""
+        limit = self.mapping.rows[0]
+        return times(limit.G, self.optimum.x).clip(*limit.limits)
+
+    @property
+    def active_limits(self) -> NDArray[np.int8]:
+        """Limits that the torques are at: -1 the lower, 1 the upper, 0 none, shape (..., n)."""
+        return self.optimum.active_rows[..., : len(self.mapping.rows[0].limits[0])]
+
+    @property
+    def active_rows(self) -> NDArray[np.int8]:
+        """The same for `torque_rows`, then `force_rows`, (..., r)."""
+        return self.optimum.active_rows[..., len(self.mapping.rows[0].limits[0]) :]
+
+    @property
+    def secondary_force(self) -> Array:
+        """The secondary force f_s that goes with the torques, shape (..., m2)."""
+        return self._parts[1]
+
+    @property
+    def internal_force(self) -> Array:
+        """The internal force eta that goes with them, shape (..., r): one per row of C."""
+        return self._parts[2]
+
+    @property
+    def _parts(self) -> list[Array]:
+        problem = self.mapping.problem
+        m1, m2 = len(problem.S_m), len(problem.S_s)
+        return np.split(self.optimum.x, [m1, m1 + m2], axis=-1)
+
+    def _major(self, x: Array) -> Array:
+        return x[..., : len(self.mapping.problem.S_m)]

@@ -1,0 +1,540 @@
+"""Velocity mapping: Problem 1 of the paper for all weights."""
+
+from collections.abc import Callable
+from dataclasses import FrozenInstanceError
+from functools import cached_property
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+import argument_checks as check
+from argument_checks import Array, Indices
+from prioritized._mapping.amplification import (
+    as_sentence,
+    closure_sentences,
+    doubt_sentences,
+    length_sentences,
+    servo_sentences,
+)
+from prioritized._mapping.levels import Level, damped, smallest_gap, velocity_levels
+from prioritized._mapping.limited import Limiting, Optimum, optimum
+from prioritized._mapping.problem import Problem
+from prioritized._mapping.solution import VelocitySolution
+from prioritized._mapping.solving import (
+    Factors,
+    Selected,
+    Simple,
+    batched_rates,
+    factors_of,
+    factors_of_diagonals,
+    is_within,
+    problem_of,
+    rates_by,
+    rates_within,
+    room,
+    simple,
+    thresholds,
+    velocity_gains,
+)
+from prioritized._mapping.survivors import Survivors
+from prioritized._mapping.task import Status
+from prioritized._mechanism.measure import Measure
+from prioritized._solver.arrays import apply, joined, none, on_axes, read_only, respond, transposed
+from prioritized._solver.compiled import unlimited
+from prioritized._solver.limits import Limits, limits
+from prioritized._solver.packed import Point, Rows
+from prioritized._solver.rank import RankedSvd, basis_scale, largest, ranked_svd
+
+
+class Mechanism(Protocol):
+    """What a mapping takes from :class:`prioritized.Kinematics`, whose module imports this one."""
+
+    @property
+    def J(self) -> Array: ...
+    @property
+    def scale(self) -> float: ...
+    @property
+    def active_constraint(self) -> Array: ...
+    @property
+    def is_tied(self) -> bool: ...
+    @property
+    def clear(self) -> float: ...
+    @property
+    def closure_condition(self) -> float: ...
+    @property
+    def survivors(self) -> Survivors: ...
+    def cleaned(self, S_m: Array, S_s: Array, metric: Array | None) -> tuple[Array, float]: ...
+    def holds(self, S_m: Array) -> bool: ...
+    def gap_of(self, S_m: Array, S_s: Array) -> float: ...
+    def gain_uncertainty(self, S_m: Array) -> float: ...
+    def measure(self, S_m: Array) -> Measure: ...
+
+
+class VelocityMapping:
+    """The optimal active joint rates; made by :func:`velocity_mapping`.
+
+    rates = major @ v_m + joint @ rates_desired + secondary @ v_s_desired
+
+    A call solves for the rates alone, without a singular value decomposition where all ranks are
+    clearly full. Gains, ranks and gaps are computed when first used.
+
+    Attributes:
+        damping: Of the major task.
+        kinematics: The mechanism that J belongs to; None for a J given as a matrix.
+        limiting: The limits of the rates; None is none.
+    """
+
+    damping: float
+    kinematics: Mechanism | None
+    limiting: Limiting | None
+    _rest: tuple[Selected, float, float]
+
+    def __init__(
+        self,
+        problem: Problem,
+        damping: float = 0.0,
+        kinematics: Mechanism | None = None,
+        limiting: Limiting | None = None,
+    ) -> None:
+        """Take checked arguments; :func:`velocity_mapping` checks them."""
+        parts = {"damping": damping, "kinematics": kinematics, "limiting": limiting}
+        vars(self).update(parts, _problem=problem)
+
+    @staticmethod
+    def of_factors(
+        factors: Factors,
+        rest: tuple[Selected, float, float],
+        kinematics: Mechanism | None,
+        limiting: Limiting | None,
+    ) -> "VelocityMapping":
+        """The mapping of one J with diagonal weights, all ranks clearly full.
+
+        Args:
+            factors: Of the problem.
+            rest: Its tasks, the size of J (negative: its norm), and the rank tolerance.
+            kinematics: The mechanism that J belongs to, or None.
+            limiting: The limits of the rates, or None.
+        """
+        mapping = object.__new__(VelocityMapping)
+        parts = vars(mapping)
+        parts["damping"], parts["kinematics"], parts["limiting"] = 0.0, kinematics, limiting
+        parts["_factors"], parts["_rest"] = factors, rest
+        return mapping
+
+    def __setattr__(self, name: str, value: object) -> None:
+        raise FrozenInstanceError(f"cannot assign to field {name!r}")
+
+    def __call__(
+        self,
+        v_major: ArrayLike,
+        joint_velocity: ArrayLike | None = None,
+        secondary_velocity: ArrayLike | None = None,
+    ) -> Array:
+        """Optimal active joint rates, shape (..., n); what is None counts as zero."""
+        if self.limiting is None:
+            return self._unlimited(v_major, joint_velocity, secondary_velocity)
+        answer = self._regardless_of_box(v_major, joint_velocity, secondary_velocity)
+        if answer is None:
+            return self.solve(v_major, joint_velocity, secondary_velocity).rates
+        _, rates = answer
+        return rates if is_within(self.limiting.box, rates) else self._within_box(answer, None).x
+
+    def _unlimited(
+        self,
+        v_major: ArrayLike,
+        joint_velocity: ArrayLike | None,
+        secondary_velocity: ArrayLike | None,
+    ) -> Array:
+        """Optimal rates without limits."""
+        factors, rates = self._factors, None
+        if factors is not None:
+            rates = rates_by(factors, v_major, joint_velocity, secondary_velocity)
+        elif self.problem.lead and not self.damping and self.problem.is_unconstrained:
+            rates = batched_rates(self.problem, v_major, joint_velocity, secondary_velocity)
+        if rates is not None:
+            return rates
+        return respond(
+            (self.major, self.joint, self.secondary),
+            "v_major",
+            v_major=v_major,
+            joint_velocity=joint_velocity,
+            secondary_velocity=secondary_velocity,
+        )
+
+    @cached_property
+    def _factors(self) -> Factors | None:
+        """Of one problem without constraints and damping whose ranks are clearly full."""
+        problem = self.problem
+        if self.damping or problem.lead or not problem.is_unconstrained:
+            return None
+        return factors_of(problem)
+
+    @property
+    def problem(self) -> Problem:
+        """The checked arguments."""
+        return self._problem
+
+    @cached_property
+    def _problem(self) -> Problem:
+        """Made when it is needed, where the mapping was made of factors."""
+        assert self._factors is not None
+        selected, size, tolerance = self._rest
+        return problem_of(self._factors, selected, size, tolerance)
+
+    def solve(
+        self,
+        v_major: ArrayLike,
+        joint_velocity: ArrayLike | None = None,
+        secondary_velocity: ArrayLike | None = None,
+        *,
+        start: VelocitySolution | None = None,
+    ) -> VelocitySolution:
+        """The optimal rates within the limits, what they cost, and which of them are active.
+
+        Limits and constraints hold first, then the major task is met as far as they let it, then
+        the weighted sum of :func:`velocity_mapping` is least.
+
+        Args:
+            v_major: Major velocity, shape (..., m1).
+            joint_velocity: Desired rates, shape (..., n); None is zero.
+            secondary_velocity: Desired secondary velocity, shape (..., m2); None is zero.
+            start: Solution of a similar problem, such as that of the tick before.
+
+        Raises:
+            ValueError: A velocity of the wrong shape or not finite, by its name.
+        """
+        begun = None if start is None else check.instance("start", start, VelocitySolution).point
+        answer = self._regardless_of_box(v_major, joint_velocity, secondary_velocity)
+        if answer is not None:
+            best = self._within_box(answer, begun)
+            return VelocitySolution(self, np.array(v_major, dtype=float), answer[1], best)
+        problem, limiting = self.problem, self.limiting
+        m1, n = len(problem.S_m), problem.J.shape[-1]
+        p = joined(
+            problem.lead,
+            "v_major",
+            v_major=(v_major, m1),
+            joint_velocity=(joint_velocity, n),
+            secondary_velocity=(secondary_velocity, len(problem.S_s)),
+        )
+        unlimited = self._unlimited(*np.split(p, [m1, m1 + n], axis=-1))
+        best = optimum(self.levels, p, unlimited, limiting, problem.tolerance, begun)
+        return VelocitySolution(self, p[..., :m1], unlimited, best)
+
+    def _regardless_of_box(
+        self,
+        v_major: ArrayLike,
+        joint_velocity: ArrayLike | None,
+        secondary_velocity: ArrayLike | None,
+    ) -> tuple[Factors, Array] | None:
+        """Rates without limits for one target whose ranks are clearly full, and what made them.
+
+        None where that is not so, or where anything but bounds of the rates limits them.
+        """
+        factors, limiting = self._factors, self.limiting
+        if factors is None or limiting is None or not limiting.is_box:
+            return None
+        # The target stays in the factors until the limits are met: threads may not share them.
+        own = (factors[0].copy(), *factors[1:])
+        rates = rates_by(own, v_major, joint_velocity, secondary_velocity)
+        return None if rates is None else (own, rates)
+
+    def _within_box(self, answer: tuple[Factors, Array], start: Point | None) -> Optimum:
+        """The optimum within bounds for the target of this answer."""
+        (factors, rates), limiting = answer, self.limiting
+        assert limiting is not None
+        metric = self._rest[0].metric if "_rest" in vars(self) else self.problem.major_metric
+        return rates_within(factors, rates, limiting.box, self.tolerance, metric, start)
+
+    @property
+    def rows(self) -> tuple[Rows, ...]:
+        """Inequality rows of the rates."""
+        return () if self.limiting is None else self.limiting.rows
+
+    @property
+    def tolerance(self) -> float:
+        """Fraction of the scale below which a singular value is zero."""
+        return self._rest[2] if "_rest" in vars(self) else self.problem.tolerance
+
+    @property
+    def levels(self) -> list[Level]:
+        """Problem 1 as levels of least squares."""
+        constraint, major, *rest = velocity_levels(self.problem, self.damping)
+        if self.damping:
+            major = damped(major, constraint, self.problem.tolerance)
+        return [constraint, major, *rest]
+
+    def at(
+        self, kinematics: Mechanism, *, rate_limits: tuple[ArrayLike, ArrayLike] | None = None
+    ) -> "VelocityMapping":
+        """The same task, weights and metrics at another pose; these are not checked again.
+
+        Args:
+            kinematics: The mechanism at that pose.
+            rate_limits: Lower and upper limits there, as for
+                :meth:`prioritized.Kinematics.velocity_mapping`; None is those of this mapping.
+
+        Raises:
+            TypeError: `kinematics` is not a :class:`prioritized.Kinematics`.
+            ValueError: It has another number of task rows or surviving actuators; or limits of a
+                wrong length, or not in order.
+        """
+        if not hasattr(kinematics, "cleaned"):
+            raise TypeError(f"kinematics must be a Kinematics, got {check.shown(kinematics)}")
+        J, shape = kinematics.J, self.problem.J.shape
+        if J.shape != shape:
+            raise ValueError(f"kinematics must have a J of shape {shape}, got {J.shape}")
+        limiting = self.limiting
+        if rate_limits is not None:
+            box = limits("rate_limits", kinematics.survivors.pair(rate_limits), J.shape[1])
+            limiting = _bounded_by(box, limiting)
+        simple = self._simple
+        if simple is not None and not kinematics.is_tied:
+            selected = simple.selected._replace(clear=kinematics.clear)
+            factors = factors_of_diagonals(J, *simple.weights, kinematics.scale, selected)
+            if factors is not None:
+                rest = selected, kinematics.scale, self.tolerance
+                mapping = VelocityMapping.of_factors(factors, rest, kinematics, limiting)
+                vars(mapping)["_simple"] = simple
+                return mapping
+        J, scale = kinematics.cleaned(*self.problem[1:3], self.problem.major_metric)
+        C = kinematics.active_constraint
+        there = self.problem._replace(J=J, scale=np.asarray(scale), active_constraint=C)
+        return VelocityMapping(there, self.damping, kinematics, limiting)
+
+    @cached_property
+    def _simple(self) -> Simple | None:
+        """Tasks and weights, if there is nothing else and the weights are diagonal."""
+        return None if self.damping else simple(self.problem)
+
+    def within(self, rate_limits: tuple[ArrayLike, ArrayLike]) -> "VelocityMapping":
+        """The same mapping with other limits of the n rates, as for :func:`velocity_mapping`.
+
+        Limits of displacements are such limits: what is left of them changes from tick to tick.
+
+        Raises:
+            ValueError: As :func:`velocity_mapping`.
+        """
+        # Neither factors nor gains depend on limits.
+        box = limits("rate_limits", rate_limits, self.problem.J.shape[-1])
+        mapping = object.__new__(VelocityMapping)
+        vars(mapping).update(vars(self), limiting=_bounded_by(box, self.limiting))
+        return mapping
+
+    def belonging_to(self, kinematics: Mechanism) -> "VelocityMapping":
+        """The same mapping, of this mechanism."""
+        mapping = object.__new__(VelocityMapping)
+        vars(mapping).update(vars(self), kinematics=kinematics)
+        return mapping
+
+    def __str__(self) -> str:
+        sentences = (
+            as_sentence(self.status.value),
+            *doubt_sentences(float(self.largest_gain.max(initial=0.0)), self.gain_uncertainty),
+            *servo_sentences(self.amplification),
+            *length_sentences(self.characteristic_length),
+            *closure_sentences(self.closure_condition),
+        )
+        return " ".join(sentences)
+
+    def residual(self, v_major: ArrayLike) -> Array:
+        """Part of the major velocity that the optimal rates do not reach, shape (..., m1)."""
+        v_m = check.vector("v_major", v_major, self.achieved.shape[-1])
+        return v_m - apply(self.achieved, "v_major", v_m)
+
+    @property
+    def major(self) -> Array:
+        """Gain of the major velocity, shape (..., n, m1)."""
+        return self._solution[0][0]
+
+    @property
+    def joint(self) -> Array:
+        """Gain of the desired rates, shape (..., n, n)."""
+        return self._solution[0][1]
+
+    @property
+    def secondary(self) -> Array:
+        """Gain of the desired secondary velocity, shape (..., n, m2)."""
+        return self._solution[0][2]
+
+    @cached_property
+    def achieved(self) -> Array:
+        """Major velocity reached per major velocity commanded, shape (..., m1, m1)."""
+        return check.frozen(on_axes(self.problem.major_jacobian @ self.major, self.problem.lead))
+
+    @cached_property
+    def largest_gain(self) -> Array:
+        """Largest norm of the rates per unit norm of the major velocity alone, shape (...).
+
+        In natural units where there are two kinds of either, see :attr:`characteristic_length`.
+        """
+        gain = self.major
+        return read_only(largest(gain if self._measure is None else self._measure.of_gain(gain)))
+
+    @property
+    def characteristic_length(self) -> float | None:
+        """Length with which angular and linear velocities, or rates, are measured in one norm.
+
+        That of the mechanism; a stated `major_metric`, `joint_weight` or `tie_metric` goes before
+        it. None where each is of one kind or nothing depends on it, and for a J given as a matrix.
+        """
+        if self._measure is None:
+            return None
+        is_met = self.status is Status.EXACT and self.limiting is None
+        return self._measure.length(not is_met, self.problem.tie_metric.size > 0)
+
+    @property
+    def _measure(self) -> Measure | None:
+        return None if self.kinematics is None else self.kinematics.measure(self.problem.S_m)
+
+    @cached_property
+    def amplification(self) -> Array:
+        """Factor by which a relative error of the rates may become one of the major task, (...).
+
+        It is the largest gain times the 2-norm of S_m J on the admissible rates, and at least 1
+        where the major task is met. A servo that errs by 1 % of the rates moves the major task by
+        up to this many percent of the motion commanded.
+        """
+        J = transposed(self.problem.S_m @ self.problem.admissible_jacobian)
+        if self._measure is not None:
+            J = self._measure.inverse.of_gain(J)
+        return read_only(np.asarray(largest(J) * self.largest_gain))
+
+    @property
+    def gain_uncertainty(self) -> float:
+        """Relative error that the accuracy of the geometry allows the largest gain.
+
+        0 for a J given as a matrix, and where part of the major task is out of reach.
+        """
+        return (
+            0.0 if self.kinematics is None else self.kinematics.gain_uncertainty(self.problem.S_m)
+        )
+
+    @property
+    def closure_condition(self) -> float:
+        """As in :class:`Manipulability`; 1 for a J given as a matrix."""
+        return 1.0 if self.kinematics is None else self.kinematics.closure_condition
+
+    @property
+    def rank(self) -> Indices:
+        """Rank of the major task on the admissible rates, shape (...)."""
+        return np.broadcast_to(self._solution[1][1].rank, self.problem.lead)
+
+    @cached_property
+    def gap(self) -> Array:
+        """Factor by which the rank threshold could change before any rank would, shape (...)."""
+        gap = smallest_gap(self._solution[1])
+        if self.kinematics is not None:
+            gap = np.minimum(gap, self.kinematics.gap_of(self.problem.S_m, self.problem.S_s))
+        return np.broadcast_to(gap, self.problem.lead)
+
+    @property
+    def status(self) -> Status:
+        """What holds for every problem of the batch."""
+        S_m = self.problem.S_m
+        if not self._is_held:
+            return Status.SELF_MOTION
+        if not np.all(self.rank == len(S_m)):
+            return Status.LEAST_SQUARES
+        return Status.DAMPED if self.damping else Status.EXACT
+
+    @property
+    def _is_held(self) -> bool:
+        """Whether no self-motion moves the major task, in any problem of the batch."""
+        S_m, Q, tolerance = self.problem.S_m, self.problem.self_motion, self.problem.tolerance
+        if self.kinematics is not None:
+            return self.kinematics.holds(S_m)
+        moved = ranked_svd(S_m @ Q, largest(S_m) * basis_scale(Q), tolerance)
+        return not np.any(moved.rank > 0)
+
+    @cached_property
+    def _solution(self) -> tuple[tuple[Array, ...], list[RankedSvd]]:
+        """Gains of the major velocity, the rates and the secondary velocity; rank decisions."""
+        X, decisions = velocity_gains(self.problem, self.damping)
+        X, m1, n = check.frozen(X), len(self.problem.S_m), X.shape[-2]
+        return (X[..., :m1], X[..., m1 : m1 + n], X[..., m1 + n :]), decisions
+
+    def rates_at(
+        self,
+        kinematics: Mechanism,
+        v_major: ArrayLike,
+        joint_velocity: ArrayLike | None = None,
+        secondary_velocity: ArrayLike | None = None,
+    ) -> Array:
+        """Optimal rates (n,) at another pose: `at(kinematics)(v_major, ...)` without that mapping.
+
+        For a control loop, which asks once at each pose. Where nothing but the task restricts the
+        rates and all ranks are clearly full, it is one compiled call.
+
+        Raises:
+            TypeError, ValueError: As :meth:`at`, and as a call of what that returns.
+        """
+        ready, J = self._ready, getattr(kinematics, "J", None)
+        if (
+            ready is not None
+            and J is not None
+            and J.shape == ready.shape
+            and self.limiting is None
+            and not kinematics.is_tied
+        ):
+            joint = ready.joint if joint_velocity is None else joint_velocity
+            secondary = ready.secondary if secondary_velocity is None else secondary_velocity
+            F, rates, scale = np.empty(ready.room), np.empty(J.shape[1]), kinematics.scale
+            try:
+                fractions = kinematics.clear, ready.exact
+                code = ready.solve(
+                    J, *ready.weighed, scale, *fractions, v_major, joint, secondary, F, rates
+                )
+            except TypeError:  # no vectors, or not of floats
+                code = None
+            if code == ready.clear:
+                return rates
+        return self.at(kinematics)(v_major, joint_velocity, secondary_velocity)
+
+    @cached_property
+    def _ready(self) -> "_Ready | None":
+        """What :meth:`rates_at` needs, looked up once; None where it takes the long way."""
+        problem = self.problem
+        if self.damping or problem.lead or not problem.is_unconstrained:
+            return None
+        J, S_m, S_s, W1, W2 = problem[:5]
+        return _Ready(
+            unlimited().solve,
+            unlimited().CLEAR,
+            J.shape,
+            (S_m, S_s, W1, W2),
+            room(len(S_m), *J.shape, len(W1), len(W2), len(S_s)),
+            thresholds(problem.tolerance)[1],
+            none(J.shape[1:]),
+            none((len(S_s),)),
+        )
+
+
+class _Ready(NamedTuple):
+    """What one compiled call takes beside J, its scale, and the target.
+
+    Attributes:
+        solve: The call.
+        clear: What it returns where it has solved the problem.
+        shape: Of J.
+        weighed: Directions and weights.
+        room: How many numbers it works on.
+        exact: Part of the rank tolerance for weights.
+        joint: No desired rates.
+        secondary: No desired secondary velocity.
+    """
+
+    solve: Callable[..., int]
+    clear: int
+    shape: tuple[int, ...]
+    weighed: tuple[Array, Array, Array, Array]
+    room: int
+    exact: float
+    joint: Array
+    secondary: Array
+
+
+def _bounded_by(box: Limits, limiting: Limiting | None) -> Limiting:
+    """The same limits with another box of the rates."""
+    return Limiting(box) if limiting is None else limiting._replace(box=box)

@@ -1,0 +1,183 @@
+"""The arguments of a velocity mapping, checked, or taken at once where they are plain arrays."""
+
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+import argument_checks as check
+from argument_checks import Array
+from prioritized._mapping.limited import WhenLimited, limiting
+from prioritized._mapping.problem import checked
+from prioritized._mapping.solving import Selected, factors_of_diagonals, room, thresholds
+from prioritized._mapping.task import are_rows, task_selection
+from prioritized._mapping.velocity import VelocityMapping
+from prioritized._mechanism.measure import metric_of, units_of
+from prioritized._solver.arrays import none
+from prioritized._solver.rank import RANK_TOLERANCE
+
+
+def velocity_mapping(
+    J: ArrayLike,
+    major: Sequence[int] | ArrayLike,
+    secondary: Sequence[int] | ArrayLike | None = None,
+    joint_weight: ArrayLike | None = None,
+    secondary_weight: ArrayLike | None = None,
+    active_constraint: ArrayLike | None = None,
+    self_motion: ArrayLike | None = None,
+    *,
+    major_metric: ArrayLike | None = None,
+    tie_metric: ArrayLike | None = None,
+    damping: float = 0.0,
+    scale: ArrayLike | None = None,
+    rank_tolerance: float = RANK_TOLERANCE,
+    rate_limits: tuple[ArrayLike, ArrayLike] | None = None,
+    rate_rows: tuple[ArrayLike, ArrayLike, ArrayLike] | None = None,
+    when_limited: WhenLimited = "least_squares",
+) -> VelocityMapping:
+    """The mapping from a major velocity to the optimal active joint rates.
+
+    It minimizes |W1 (rates - rates_d)|^2 + |W2 (v_s - v_sd)|^2 at the given major velocity, by
+    lexicographic least squares: each level is solved without changing those before it.
+
+    1. C rates = 0                          (constrained active joints, eq. 17)
+    2. |M (J_m rates - v_m)|   smallest     (zero where reachable, eq. 23)
+    3. the weighted sum above  smallest     (eq. 24)
+    4. |T rates|, then |rates| smallest     (ties)
+
+    Theorems 3, 4 and 5 of Chen, McInroy, Yi (2003) are the cases of W1, W2 both nonsingular,
+    W2 = 0, and W1 = 0; here the weights may be any matrices.
+
+    Args:
+        J: Task Jacobian, eq. (14), shape (..., m, n).
+        major: Task rows of the major task, or a matrix of directions (m1, m).
+        secondary: Task rows, or directions (m2, m), of the secondary task; by default the
+            remaining rows in ascending order (for directions: their orthogonal complement).
+        joint_weight: W1, diagonal (n,) or matrix (..., k, n); None is zero.
+        secondary_weight: W2, diagonal (m2,) or matrix (..., k, m2); None is zero.
+        active_constraint: C, shape (..., r, n).
+        self_motion: Task motion with every actuator locked, shape (..., m, k), columns of unit
+            size; it affects the status only.
+        major_metric: M, diagonal (m1,) or matrix (..., k, m1); None is the identity. It affects the
+            rates where the major task is out of reach or damped.
+        tie_metric: T, diagonal (n,) or matrix (..., k, n); None is zero. It affects the rates where
+            the weights do not determine them.
+        damping: Tikhonov damping of level 2, in units of the singular values of M J_m. It keeps
+            the part of the rates that moves the major task below |M v_m| / (2 damping) and makes
+            that task inexact. Secondary goals are not damped: use joint_weight.
+        scale: Size of J that ranks are decided against, shape (...); None is the norm of J. For a
+            J that is a difference of large terms give the size of these.
+        rank_tolerance: Singular values below this fraction of the scale count as zero. Those of
+            W1 and T, which are exact however inaccurate J, do so below 1e-10 at most: no joint can
+            be weighted 1e10 times another.
+        rate_limits: Lower and upper limits of the rates, each (n,) or one number, also infinite;
+            they hold before everything else, exactly. None is none.
+        rate_rows: (R, lower, upper) with R (r, n): lower <= R rates <= upper holds next; sides as
+            in `rate_limits`.
+        when_limited: What becomes of a major task that limits hold back: "least_squares", the least
+            error |M (J_m rates - v_m)|, or "scaled": its direction is kept, as fast as possible.
+
+    Raises:
+        ValueError: An argument has a wrong shape or index or is not finite; it is named.
+    """
+    if (
+        active_constraint is self_motion is major_metric is tie_metric is None
+        and rate_rows is None
+        and not damping
+    ):
+        clear = _clear(rank_tolerance)
+        quick = of_plain_arrays(
+            *(J, major, secondary, joint_weight, secondary_weight),
+            *(scale, rank_tolerance, clear, (rate_limits, when_limited)),
+        )
+        if quick is not None:
+            return quick
+    args = checked(
+        J,
+        major,
+        secondary,
+        weight_name="joint_weight",
+        weight=joint_weight,
+        secondary_weight=secondary_weight,
+        active_constraint=active_constraint,
+        self_motion=self_motion,
+        major_metric=major_metric,
+        tie_metric=tie_metric,
+        scale=scale,
+        rank_tolerance=rank_tolerance,
+    )
+    n = args.J.shape[-1]
+    limited = limiting(n, "rate_limits", rate_limits, {"rate_rows": rate_rows}, when_limited)
+    return VelocityMapping(args, check.number("damping", damping), None, limited)
+
+
+def _clear(rank_tolerance: Any) -> float:
+    return thresholds(rank_tolerance)[0] if type(rank_tolerance) is float else 0.0
+
+
+def of_plain_arrays(
+    J: Any,
+    major: Any,
+    secondary: Any,
+    joint_weight: Any,
+    secondary_weight: Any,
+    scale: Any,
+    rank_tolerance: float,
+    clear: float,
+    limits: tuple[Any, Any],
+    task_units: Array | None = None,
+) -> VelocityMapping | None:
+    """The mapping of one J, its weights diagonal, where all arguments are as they should be.
+
+    None elsewhere, and where no singular value is below `clear` parts of the scale: the checks then
+    say what is wrong, or take what is right in another form.
+    """
+    w1 = _NOTHING if joint_weight is None else joint_weight
+    w2 = _NOTHING if secondary_weight is None else secondary_weight
+    size = -1.0 if scale is None else scale
+    # Calls of the argument checks would take as long as the arithmetic.
+    if not (
+        type(J) is type(w1) is type(w2) is np.ndarray
+        and J.ndim == 2
+        and type(size) is type(rank_tolerance) is float
+        and 0.0 < rank_tolerance < 1.0
+        and are_rows(major)
+        and (secondary is None or are_rows(secondary))
+    ):
+        return None
+    rest = None if secondary is None else tuple(secondary)
+    exact = thresholds(rank_tolerance)[1]
+    units = None if task_units is None else tuple(task_units)
+    selected = _selected(tuple(major), rest, J.shape, w1.size, w2.size, clear, exact, units)
+    factors = factors_of_diagonals(J, w1, w2, size, selected)
+    if factors is None:
+        return None
+    (box, when), limited = limits, None
+    if box is not None or when != "least_squares":
+        limited = limiting(J.shape[1], "rate_limits", box, {}, when)
+    return VelocityMapping.of_factors(factors, (selected, size, rank_tolerance), None, limited)
+
+
+@lru_cache(maxsize=1024)
+def _selected(
+    major: tuple[int, ...],
+    secondary: tuple[int, ...] | None,
+    shape: tuple[int, int],
+    k1: int,
+    k2: int,
+    clear: float,
+    exact: float,
+    units: tuple[float, ...] | None,
+) -> Selected:
+    """Tasks and sizes, looked up once: they are the same at every tick."""
+    m, n = shape
+    S_m, S_s = task_selection(major, secondary, m)
+    sizes = len(S_m), m, n, k1, k2, len(S_s)
+    metric = None if units is None else metric_of(units_of(S_m, np.array(units)))
+    M = None if metric is None else check.frozen(np.diag(metric))
+    return Selected(S_m, S_s, sizes, room(*sizes), clear, exact, M)
+
+
+_NOTHING = none((0,))

@@ -1,0 +1,46 @@
+"""The constraints that the loops put on the active rates, eq. (17)."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from argument_checks import Array
+from prioritized._mechanism.conditioning import certain_rank, clear_loops
+from prioritized._mechanism.elimination import Partition
+from prioritized._solver.arrays import none
+from prioritized._solver.canonical import canonical
+from prioritized._solver.rank import norm, whole_svd
+
+
+class ActiveConstraint(NamedTuple):
+    """J~_Cp^T J_Ca on its decided rank r'.
+
+    Attributes:
+        rows: Orthonormal rows; admissible rates are their null space, shape (r', n - q).
+        inverse: Pseudo-inverse of J~_Cp^T J_Ca, shape (n - q, r).
+    """
+
+    rows: Array
+    inverse: Array
+
+
+def active_constraint(system: Partition, left_null: Array, gain: Array) -> ActiveConstraint:
+    """The constraints on the active rates, for J~_Cp^T (r, c) and passive rates per active rate."""
+    active = system.joints.active
+    n = len(active)
+    if not len(left_null):
+        return ActiveConstraint(none((0, n)), none((n, 0)))
+    J_Ca, geometry = system.J_C.take(active, 1), system.geometry
+    left = left_null.dot(J_Ca)
+    U, sigma, Vt = whole_svd(left)
+    # Closure errors count per norm of the whole motion: passive joints may move fast.
+    clear = clear_loops(geometry) * (1.0 + norm(gain))
+    rank = certain_rank(sigma, norm(system.J_C), clear)
+    if rank is None:
+        k = int(system.rigid.rates.rank)
+        admissible = geometry.velocity_units[active, None] * system.rigid.rates.U[:, :k]
+        rows = np.linalg.qr(admissible, mode="complete")[0][:, k:].T
+        U, sigma, Vt = whole_svd((left @ rows.T) @ rows)
+        rank = len(rows)
+    inverse = (Vt[:rank].T / sigma[:rank]) @ U[:, :rank].T
+    return ActiveConstraint(canonical(Vt[:rank].T).T, inverse)

@@ -1,0 +1,193 @@
+"""Every rank decision on a task, made once: mappings, classification and atlas all read these.
+
+In natural units; of one failure condition or of many, whose axes lead.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from argument_checks import Array
+from prioritized._mechanism.measure import Measure, units_of
+from prioritized._mechanism.task_motion import LEAST_ROWS, Before, Step, TaskMotion, null_of
+from prioritized._solver.rank import RANK_TOLERANCE, RankedSvd, frobenius, largest, norm
+
+_BELOW = 1e-15
+"""Part of the size of the terms below which singular values are round-off."""
+
+
+@dataclass(frozen=True, eq=False)
+class MajorTask:
+    """The decisions on a major task v_m = S_m v, and on a secondary one with it at rest.
+
+    Attributes:
+        task: The whole task.
+        S_m: Shape (m1, m).
+        S_s: Shape (m2, m).
+    """
+
+    task: TaskMotion
+    S_m: Array
+    S_s: Array
+
+    @property
+    def reach(self) -> RankedSvd:
+        """Of the major Jacobian."""
+        return self._first[0]
+
+    @property
+    def secondary(self) -> RankedSvd:
+        """Of the secondary Jacobian with the major task at rest."""
+        return self._second[0]
+
+    @cached_property
+    def _first(self) -> tuple[RankedSvd, "Before"]:
+        return self.task.start.then(self.task, self.task.step(self._major))
+
+    @cached_property
+    def _second(self) -> tuple[RankedSvd, "Before"]:
+        return self._first[1].then(self.task, self.task.step(self._secondary))
+
+    @cached_property
+    def moved(self) -> RankedSvd:
+        """Of the major motion with every active joint locked."""
+        S, error, task = self._major, self.task.still_error, self.task.geometry.task
+        # Against the 2-norm, so that with every row major it is the decision on the whole task.
+        rows = np.maximum(frobenius(task[S.any(axis=0)]), LEAST_ROWS * self.task.geometry.size)
+        size = largest(S) * rows
+        return self.task.decided(
+            S @ self.task.still, size, None if error is None else np.abs(S) @ error
+        )
+
+    @cached_property
+    def aside(self) -> RankedSvd:
+        """Of the task motion, active joints locked, that does not move the major task."""
+        rest, error = null_of(self.moved), self.task.still_error
+        error = None if error is None else error @ np.abs(rest)
+        return self.task.decided(self.task.still @ rest, self.task.geometry.size, error)
+
+    @cached_property
+    def lost(self) -> Array | None:
+        """What J has of the directions that count as lost, in its own units, shape (..., m, n).
+
+        Without it the ranks of J are those decided here, by far. None where there is nothing.
+        """
+        of_major = self.task.start.dropped(self.reach)
+        of_secondary = self._first[1].dropped(self.secondary)
+        if of_major is None and of_secondary is None:
+            return None
+        S_m, S_s = self._major, self._secondary
+        lost = np.zeros(self.task.J.shape)
+        if of_major is not None:
+            lost = lost + np.linalg.pinv(S_m) @ of_major
+        if of_secondary is not None:
+            beside = S_s @ (np.eye(S_s.shape[1]) - np.linalg.pinv(S_m) @ S_m)
+            lost = lost + np.linalg.pinv(beside) @ of_secondary
+        return self.task.task_units[:, None] * lost / self.task.rate_units
+
+    @property
+    def gap(self) -> Array:
+        """Smallest gap of the decisions that a mapping rests on, shape (...)."""
+        decisions = self.reach, self.moved, self.secondary
+        return np.minimum.reduce([self.task.gap, *(one.gap for one in decisions)])
+
+    def cleaned(
+        self, J: Array, scale: float, constraint: Array, metric: Array | None
+    ) -> tuple[Array, float]:
+        """J (m, n) of one condition on all rates without what counts as lost, and its size.
+
+        `scale` is the size of the terms whose difference is J, `constraint` rows C (r, n), `metric`
+        (k, m1) weighs the major velocities.
+        """
+        lost = self.lost
+        J = J if lost is None else J - lost
+        size = self.parting(J - J @ constraint.T @ constraint, np.asarray(scale), metric)
+        return J, float(size)
+
+    def parting(self, J: Array, scale: Array, metric: Array | None = None) -> Array:
+        """Size of J (..., m, n) for which :data:`RANK_TOLERANCE` parts what counts from the rest.
+
+        The `scale` of its terms unless that would drop a direction that counts, shape (...).
+        """
+        S = self.S_m if metric is None else metric @ self.S_m
+        if not (size := norm(S) * RANK_TOLERANCE):
+            return scale
+        sigma = np.linalg.svd(S @ J, compute_uv=False)
+        counts = np.arange(sigma.shape[-1]) < self.reach.rank[..., None]
+        least = sigma.min(axis=-1, initial=np.inf, where=counts)
+        between = np.sqrt(np.minimum(least, scale) * norm(S) * _BELOW * scale) / size
+        return np.where(least > 2.0 * size * scale, scale, between)
+
+    @property
+    def gain_uncertainty(self) -> float:
+        """Relative error that the least gain may have, of one condition; 0 if a direction is lost.
+
+        It is what the accuracy of the geometry leaves open.
+        """
+        return self.reach.uncertainty if self.reach.rank == len(self.S_m) else 0.0
+
+    @cached_property
+    def major_units(self) -> Array:
+        """Natural unit of each major velocity, shape (m1,)."""
+        return units_of(self.S_m, self.task.task_units)
+
+    @cached_property
+    def secondary_units(self) -> Array:
+        """Natural unit of each secondary velocity, shape (m2,)."""
+        return units_of(self.S_s, self.task.task_units)
+
+    @property
+    def measure(self) -> Measure:
+        """Of major velocities and rates."""
+        return Measure(self.major_units, self.task.rate_units)
+
+    @cached_property
+    def _major(self) -> Array:
+        units = self.task.task_units
+        return self.S_m * units / self.major_units[:, None]
+
+    @cached_property
+    def _secondary(self) -> Array:
+        units = self.task.task_units
+        return self.S_s * units / self.secondary_units[:, None]
+
+
+def respanned(columns: Array, factors: Array) -> Array:
+    """Orthonormal basis of the span of columns times row factors; zero ones stay, (..., k, .)."""
+    if not columns.size or (factors == factors[0]).all():
+        return columns
+    moved = factors[:, None] * columns
+    U, sigma, _ = np.linalg.svd(moved, full_matrices=False)
+    count = (np.linalg.norm(columns, axis=-2) > 0.5).sum(axis=-1)
+    return U * (np.arange(sigma.shape[-1]) < count[..., None])[..., None, :]
+
+
+def in_order(
+    task: TaskMotion, levels: list[tuple[Array, Array]], rows: list[tuple[Array, float]]
+) -> list[tuple[Array, float]]:
+    """Levels of one condition without what counts as lost where those before them are at rest.
+
+    Args:
+        task: How the task moves; it has rates.
+        levels: Rows on the task (k, m), and on the rates (k, n), to be added.
+        rows: Their sums A (k, n) as rows on the rates, and the size of the terms.
+    """
+    before, decided = task.start, []
+    for (S, R), (A, size) in zip(levels, rows, strict=True):
+        units = units_of(np.hstack([S, R]), np.hstack([task.task_units, task.rate_units]))
+        on_task = S * task.task_units / units[:, None]
+        on_rates = R * task.rate_units / units[:, None]
+        step = task.step(on_task)
+        all_rows = Step(step.A + on_rates, step.scale + norm(on_rates), step.error)
+        decision, after = before.then(task, all_rows)
+        lost = before.dropped(decision)
+        if lost is not None:
+            A = A - units[:, None] * lost / task.rate_units
+        least = decision.sigma.min(initial=np.inf, where=decision.kept)
+        least *= units.min(initial=np.inf) / task.rate_units.max(initial=0.0)
+        if least < 2.0 * RANK_TOLERANCE * size:
+            size = float(np.sqrt(least * _BELOW * size)) / RANK_TOLERANCE
+        decided.append((A, size))
+        before = after
+    return decided

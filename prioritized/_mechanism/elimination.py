@@ -1,0 +1,256 @@
+"""Elimination of the passive joints, eqs. (6) to (10); springs decide what loops leave free."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from typing import NamedTuple
+
+import numpy as np
+
+from argument_checks import Array, Indices
+from prioritized._mechanism.conditioning import certain_rank, clear_loops
+from prioritized._mechanism.geometry import Geometry
+from prioritized._mechanism.motions import Motions, motions_of, with_stiffness
+from prioritized._mechanism.task_motion import TaskMotion
+from prioritized._solver.arrays import identity, none, read_only
+from prioritized._solver.canonical import canonical
+from prioritized._solver.compiled import elimination
+from prioritized._solver.rank import norm, whole_svd
+
+
+class Joints(NamedTuple):
+    """Velocity indices by the role of the joint; all but the active ones ascend.
+
+    For each stuck joint the paper adds a unit row E to J_C (section 2.3.2). Here stuck joints are
+    left out of the decomposition instead, and E's rows are restored in the result: the same
+    mathematically, but ranks do not depend on the units of J_C relative to E.
+
+    Attributes:
+        actuators: Surviving actuators, in nominal numbering, shape (n - q,).
+        active: Their velocities, shape (n - q,).
+        stuck: Joints whose rate is zero, actuated or not, shape (s,).
+        moving: All others, shape (p,).
+        passive: All that are not active, shape (N - n + q,).
+        actuated: Velocities of all nominal actuators, failed ones too, shape (n,).
+    """
+
+    actuators: Indices
+    active: Indices
+    stuck: Indices
+    moving: Indices
+    passive: Indices
+    actuated: Indices
+
+    def among_passive(self, rows: Array) -> Array:
+        """Rows of the moving joints (p, .) placed among the passive ones, zero elsewhere."""
+        passive = np.zeros((len(self.passive), rows.shape[1]))
+        passive[np.searchsorted(self.passive, self.moving)] = rows
+        return passive
+
+
+def sort_joints(actuated: Indices, actuators: Indices, stuck: Indices, N: int) -> Joints:
+    """The N velocities by role, given which actuators survive and which joints are stuck."""
+    active = actuated[actuators]
+    moving = _others(np.concatenate([active, stuck]), N)
+    return Joints(actuators, active, stuck, moving, _others(active, N), actuated)
+
+
+def _others(known: Indices, count: int) -> Indices:
+    """The indices of range(count) that are not known, ascending."""
+    rest = np.ones(count, dtype=bool)
+    rest[known] = False
+    return np.flatnonzero(rest)
+
+
+class TaskJacobian(NamedTuple):
+    """The task Jacobian by joints.
+
+    Attributes:
+        J_T: Shape (m, N).
+        joints: By role.
+    """
+
+    J_T: Array
+    joints: Joints
+
+    @property
+    def active(self) -> Array:
+        """Columns of active joints, shape (m, n - q)."""
+        return self.J_T.take(self.joints.active, 1)
+
+    @property
+    def moving(self) -> Array:
+        """Columns of moving joints, shape (m, p)."""
+        return self.J_T.take(self.joints.moving, 1)
+
+    @property
+    def size(self) -> float:
+        """Norm of J_T."""
+        return norm(self.J_T)
+
+    def reduced(self, gain: Array) -> tuple[Array, float]:
+        """J = J_Ta + J_Tp gain, eq. (14), shape (m, n - q), and the size of the two terms."""
+        _, active, _, moving, *_ = self.joints
+        J = np.empty((len(self.J_T), len(active)))
+        scale = elimination().reduce(self.J_T, active, moving, gain, J)
+        return read_only(J), scale
+
+
+@dataclass(frozen=True, eq=False)
+class Partition:
+    """A constrained system by joints, eqs. (6) to (9).
+
+    Attributes:
+        geometry: J_T and J_C.
+        joints: By role.
+        stiffness: K of the joint springs, (N, N); None is a rigid mechanism.
+        passive_metric: Shape (N, N); None is the identity.
+    """
+
+    geometry: Geometry
+    joints: Joints
+    stiffness: Array | None
+    passive_metric: Array | None
+
+    @property
+    def J_C(self) -> Array:
+        """Shape (c, N)."""
+        return self.geometry.J_C
+
+    @property
+    def is_rigid(self) -> bool:
+        """Whether nothing but the loops decides how passive joints move."""
+        return self.stiffness is None and self.passive_metric is None
+
+    @property
+    def task(self) -> TaskJacobian:
+        """The task Jacobian by joints."""
+        return TaskJacobian(self.geometry.J_T, self.joints)
+
+    @cached_property
+    def rigid(self) -> Motions:
+        """The motions that the loops admit."""
+        return motions_of(self.geometry, self.joints.active, self.joints.stuck)
+
+    @cached_property
+    def elastic(self) -> Motions:
+        """The same with the springs of the joints."""
+        return self.rigid if self.stiffness is None else with_stiffness(self.rigid, self.stiffness)
+
+    @cached_property
+    def weighed(self) -> Motions:
+        """The same with the passive metric as springs."""
+        metric = self.passive_metric
+        return self.elastic if metric is None else with_stiffness(self.elastic, metric)
+
+    @cached_property
+    def motions(self) -> Motions:
+        """The same with self-motion of least norm in that metric, which holds nothing."""
+        held = self.elastic
+        return replace(self.weighed, self_motion=held.self_motion, freedom=held.freedom)
+
+
+class PassiveMotion(NamedTuple):
+    """How the p moving passive joints follow the active ones.
+
+    Attributes:
+        gain: Passive rates per active rate, eq. (10), shape (p, n - q).
+        closing: J_Cp^+ in the metric of the springs and the passive metric, shape (p, c).
+        free: Orthonormal basis of the motion that neither loops nor springs resist, shape (p, d).
+        compliance: Inverse of K on the motion that the loops leave free, shape (p, p).
+        left_null: Orthonormal rows that span the left null space of J_Cp, shape (r, c).
+    """
+
+    gain: Array
+    closing: Array
+    free: Array
+    compliance: Array
+    left_null: Array
+
+
+def passive_motion(system: Partition) -> PassiveMotion:
+    """The passive motion per active rate, eq. (10).
+
+    Of the motion that the loops leave free, the part that springs resist minimizes their energy
+    theta^T K theta / 2. The rest is self-motion: it takes the least norm in the passive metric.
+    """
+    J_C, (_, active, _, moving, *_) = system.J_C, system.joints
+    c, p, n = len(J_C), len(moving), len(active)
+    if not c and system.is_rigid:
+        return PassiveMotion(none((p, n)), none((p, 0)), identity(p), none((p, p)), none((0, 0)))
+    clear = clear_loops(system.geometry)
+    if c == p:
+        closing, gain = np.empty((p, p)), np.empty((p, n))
+        if elimination().close(J_C, active, moving, clear, closing, gain):
+            return PassiveMotion(gain, closing, none((p, 0)), none((p, p)), none((0, c)))
+    J_Cp = J_C.take(moving, 1)
+    U, sigma, Vt = whole_svd(J_Cp)
+    rank = certain_rank(sigma, norm(J_C), clear)
+    if rank is None:
+        units = system.geometry.constraint_units, system.geometry.velocity_units[moving]
+        rank = p - int(system.rigid.freedom)
+        U, sigma, Vt = of_rank(J_Cp, rank, *units)
+    closing = (Vt[:rank].T / sigma[:rank]) @ U[:, :rank].T
+    gain, free, compliance = -closing.dot(J_C.take(active, 1)), Vt[rank:].T, none((p, p))
+    if system.stiffness is not None:
+        count = int(system.elastic.freedom)
+        compliance, free = _compliance(free, system.stiffness, moving, count)
+        gain, closing = _least_energy(gain, closing, compliance, system.stiffness, moving, active)
+    if system.passive_metric is not None:
+        count = int(system.weighed.freedom)
+        inverse, _ = _compliance(free, system.passive_metric, moving, count)
+        gain, closing = _least_energy(gain, closing, inverse, system.passive_metric, moving, active)
+    return PassiveMotion(gain, closing, canonical(free), compliance, U[:, rank:].T)
+
+
+def of_rank(A: Array, rank: int, rows: Array, columns: Array) -> tuple[Array, Array, Array]:
+    """The whole SVD of A (m, n) on a rank that is known: U, the singular values, and V^T.
+
+    What is dropped is least in the units of rows (m,) and columns (n,).
+    """
+    uniform = (rows == rows[:1]).all() and (columns == columns[:1]).all()
+    if rank < min(A.shape) and not uniform:
+        U, sigma, Vt = np.linalg.svd(A / rows[:, None] * columns)
+        A = rows[:, None] * ((U[:, :rank] * sigma[:rank]) @ Vt[:rank]) / columns
+    return whole_svd(A)
+
+
+def _compliance(free: Array, K: Array, moving: Indices, count: int) -> tuple[Array, Array]:
+    """Inverse of K on the free motion (p, p), and a basis of the `count` that K does not resist."""
+    resisted = free.shape[1] - count
+    _, sigma, Vt = np.linalg.svd(free.T @ K[np.ix_(moving, moving)] @ free)
+    directions = free @ Vt[:resisted].T
+    return (directions / sigma[:resisted]) @ directions.T, free @ Vt[resisted:].T
+
+
+def _least_energy(
+    gain: Array, closing: Array, compliance: Array, K: Array, moving: Indices, active: Indices
+) -> tuple[Array, Array]:
+    """Passive rates per active rate, and J_Cp^+, shifted along free motion to the least energy."""
+    K_pp, K_pa = K[np.ix_(moving, moving)], K[np.ix_(moving, active)]
+    return gain - compliance @ (K_pp @ gain + K_pa), closing - compliance @ (K_pp @ closing)
+
+
+def regular_motion(system: Partition, motion: PassiveMotion) -> TaskMotion:
+    """How the task moves where loops determine all passive joints and constrain no active one."""
+    geometry, (_, active, _, moving, *_) = system.geometry, system.joints
+    units, (N, n) = geometry.velocity_units, (geometry.J_T.shape[1], len(active))
+    velocities, is_moving, closing = np.zeros((N, n)), np.zeros(N, dtype=bool), None
+    velocities[active, np.arange(n)], is_moving[moving] = 1.0, True
+    velocities[moving] = motion.gain * units[active] / units[moving, None]
+    if geometry.closure_error is not None:
+        passive = motion.closing * geometry.constraint_units / units[moving, None]
+        closing = geometry.task[:, moving] @ passive
+    return TaskMotion(
+        geometry=geometry,
+        actuated=active,
+        velocities=velocities,
+        admissible=identity(n),
+        self_motion=none((N, 0)),
+        closing=closing,
+        moving=is_moving,
+        gap_of_motions=partial(_gap, system),
+    )
+
+
+def _gap(system: Partition) -> Array:
+    return system.motions.gap

@@ -1,0 +1,83 @@
+"""What a constrained system takes from a mechanism that was read from a model."""
+
+from collections.abc import Sequence
+from typing import Any, Protocol
+
+from numpy.typing import ArrayLike
+
+import argument_checks as check
+from prioritized._mechanism.geometry import Accuracy
+from prioritized._solver.rank import RANK_TOLERANCE
+
+GEOMETRY_MARGIN = 10.0
+"""Rank tolerance per accuracy of the geometry: errors of delta in each axis or relative length move
+the singular values of closures by a few delta of their scale."""
+
+
+class Mechanism(Protocol):
+    """The Jacobians of a mechanism; it may have names and stiffness as well.
+
+    And how accurate it is: `accuracy`, entry by entry, or geometry_accuracy, one number.
+    """
+
+    @property
+    def J_T(self) -> ArrayLike: ...
+    @property
+    def J_C(self) -> ArrayLike | None: ...
+    @property
+    def active(self) -> Sequence[int] | ArrayLike: ...
+
+
+def arguments_of(
+    mechanism: Mechanism, springs: bool, geometry_accuracy: float | None
+) -> dict[str, Any]:
+    """Arguments of :class:`prioritized.ConstrainedSystem` as :meth:`ConstrainedSystem.of` says."""
+    try:
+        matrices = {"J_T": mechanism.J_T, "J_C": mechanism.J_C, "active": mechanism.active}
+    except AttributeError:
+        got = check.shown(mechanism)
+        raise TypeError(f"mechanism must have J_T, J_C and active, got {got}") from None
+    check.instance("springs", springs, bool)
+    stiffness = getattr(mechanism, "stiffness", None) if springs else None
+    if springs and stiffness is None:
+        raise ValueError(
+            "springs must be False for a mechanism without stiffness: its springs are absent or "
+            "not linear"
+        )
+    accuracy = accuracy_of(mechanism)
+    if geometry_accuracy is None and accuracy is None:
+        geometry_accuracy = getattr(mechanism, "geometry_accuracy", None)
+    return matrices | {
+        "stiffness": stiffness,
+        "names": getattr(mechanism, "names", None),
+        "geometry_accuracy": geometry_accuracy,
+        "accuracy": accuracy,
+    }
+
+
+def accuracy_of(mechanism: Any) -> Accuracy | None:
+    """How accurate its entries are, if it says so: to be read when needed."""
+    return getattr(mechanism, "accuracy", None)
+
+
+def tolerance_of(rank_tolerance: float | None, geometry_accuracy: float | None) -> float:
+    """The rank tolerance, from the accuracy of the geometry where that is given.
+
+    Raises:
+        ValueError: One of them out of range, or both given and in disagreement.
+    """
+    if geometry_accuracy is None:
+        given = RANK_TOLERANCE if rank_tolerance is None else rank_tolerance
+        return check.fraction("rank_tolerance", given)
+    implied = GEOMETRY_MARGIN * check.number("geometry_accuracy", geometry_accuracy)
+    if implied >= 1.0:
+        most = 1.0 / GEOMETRY_MARGIN
+        raise ValueError(f"geometry_accuracy must lie below {most:g}, got {geometry_accuracy}")
+    tolerance = max(RANK_TOLERANCE, implied)  # round-off is there however good the geometry
+    # dataclasses.replace gives both, in agreement.
+    if rank_tolerance is not None and check.fraction("rank_tolerance", rank_tolerance) != tolerance:
+        raise ValueError(
+            "geometry_accuracy must not be given with another rank_tolerance, "
+            f"got {geometry_accuracy} and {rank_tolerance}"
+        )
+    return tolerance

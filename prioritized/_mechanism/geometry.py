@@ -1,0 +1,193 @@
+"""The Jacobians of a mechanism in natural units, their accuracy, and what its loops admit."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+
+from argument_checks import Array
+from prioritized._solver.rank import RankedSvd, frobenius, norm, ranked_svd
+
+Extremes = tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
+"""The largest and the least natural unit of task rows, constraints and velocities."""
+
+
+class Accuracy(Protocol):
+    """How accurate each entry of J_T and J_C is, and the natural unit of each row and velocity.
+
+    Entries are in their own units. A natural unit is 1 for an angle, and for a length that of the
+    mechanism: what is measured in natural units does not depend on the unit of length.
+    `error_bound` is one of all errors in natural units, which costs nothing to know; what it leaves
+    open is decided on the entries.
+    """
+
+    @property
+    def J_T_error(self) -> Array: ...
+    @property
+    def J_C_error(self) -> Array: ...
+    @property
+    def task_units(self) -> Array: ...
+    @property
+    def constraint_units(self) -> Array: ...
+    @property
+    def velocity_units(self) -> Array: ...
+    @property
+    def error_bound(self) -> float: ...
+    @property
+    def extremes(self) -> Extremes: ...
+
+
+@dataclass(frozen=True, eq=False)
+class Elsewhere:
+    """The accuracy at another pose of the mechanism: of each column the largest error there was.
+
+    Largest of the rows of the same unit, which another pose mixes.
+
+    Attributes:
+        first: The accuracy where it is known.
+        constraints: Number of rows of J_C there. Where it is not that of the first pose, all rows
+            count alike.
+    """
+
+    first: Accuracy
+    constraints: int
+
+    @property
+    def error_bound(self) -> float:
+        """As at the first pose."""
+        return self.first.error_bound
+
+    @property
+    def extremes(self) -> Extremes:
+        """As at the first pose."""
+        return self.first.extremes
+
+    @property
+    def task_units(self) -> Array:
+        """As at the first pose."""
+        return self.first.task_units
+
+    @property
+    def velocity_units(self) -> Array:
+        """As at the first pose."""
+        return self.first.velocity_units
+
+    @property
+    def constraint_units(self) -> Array:
+        """As at the first pose."""
+        units = self.first.constraint_units
+        if len(units) == self.constraints:
+            return units
+        return np.full(self.constraints, units.max(initial=0.0) or 1.0)
+
+    @cached_property
+    def J_T_error(self) -> Array:
+        """Shape (m, N)."""
+        return _spread(self.first.J_T_error, self.task_units)
+
+    @cached_property
+    def J_C_error(self) -> Array:
+        """Shape (c, N)."""
+        error, units = self.first.J_C_error, self.first.constraint_units
+        if len(error) == self.constraints:
+            return _spread(error, units)
+        natural = (error / units[:, None]).max(axis=0, initial=0.0)
+        return self.constraint_units[:, None] * natural
+
+
+def _spread(error: Array, units: Array) -> Array:
+    same = units[:, None] == units
+    return np.where(same[..., None], error, 0.0).max(axis=1, initial=0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Geometry:
+    """J_T and J_C at one pose, and what is decided on them whichever actuators fail.
+
+    Attributes:
+        J_T: Shape (m, N).
+        J_C: Shape (c, N).
+        rank_tolerance: Fraction of the size of the inputs below which a singular value is zero.
+        accuracy: Of the entries; None is round-off alone, every unit natural.
+        is_stated: Whether `rank_tolerance` says how accurate they are, and not `accuracy`, which
+            then gives the natural units alone.
+    """
+
+    J_T: Array
+    J_C: Array
+    rank_tolerance: float
+    accuracy: Accuracy | None
+    is_stated: bool
+
+    @cached_property
+    def error_bound(self) -> float:
+        """Of the errors of all entries in natural units."""
+        return 0.0 if self.accuracy is None or self.is_stated else self.accuracy.error_bound
+
+    @cached_property
+    def task_units(self) -> Array:
+        """Shape (m,)."""
+        return np.ones(len(self.J_T)) if self.accuracy is None else self.accuracy.task_units
+
+    @cached_property
+    def velocity_units(self) -> Array:
+        """Shape (N,)."""
+        if self.accuracy is None:
+            return np.ones(self.J_T.shape[1])
+        return self.accuracy.velocity_units
+
+    @cached_property
+    def constraint_units(self) -> Array:
+        """Shape (c,)."""
+        return np.ones(len(self.J_C)) if self.accuracy is None else self.accuracy.constraint_units
+
+    @cached_property
+    def task(self) -> Array:
+        """J_T in natural units, (m, N)."""
+        return self._natural(self.J_T, self.task_units)
+
+    @cached_property
+    def size(self) -> float:
+        """Norm of `task`."""
+        return norm(self.task)
+
+    @cached_property
+    def closure(self) -> Array:
+        """J_C in natural units, (c, N)."""
+        return self._natural(self.J_C, self.constraint_units)
+
+    @cached_property
+    def task_error(self) -> Array | None:
+        """Of each entry of `task`; None where all are exact."""
+        if self.accuracy is None or not self.error_bound:
+            return None
+        return self._natural(self.accuracy.J_T_error, self.task_units)
+
+    @cached_property
+    def closure_error(self) -> Array | None:
+        """Of each entry of `closure`; None where all are exact."""
+        if self.accuracy is None or not self.error_bound:
+            return None
+        return self._natural(self.accuracy.J_C_error, self.constraint_units)
+
+    @cached_property
+    def loops(self) -> RankedSvd:
+        """The rank decision on J_C."""
+        A, error = self.closure, self.closure_error
+        return ranked_svd(A, frobenius(A), self.rank_tolerance, full=True, error=error)
+
+    @cached_property
+    def motions(self) -> Array:
+        """Orthonormal basis B of the motions that the loops admit, in natural units, (N, d)."""
+        return self.loops.Vt[int(self.loops.rank) :].T
+
+    @cached_property
+    def closing(self) -> Array:
+        """J_C^+ in natural units, (N, c): the least motion per gap of the closures."""
+        svd = self.loops
+        r = int(svd.rank)
+        return (svd.Vt[:r].T / svd.sigma[:r]) @ svd.U[:, :r].T
+
+    def _natural(self, A: Array, rows: Array) -> Array:
+        return A / rows[:, None] * self.velocity_units

@@ -1,0 +1,199 @@
+"""How the task moves under one failure condition or many, and the rank decisions on it in order.
+
+In natural units; the axes of many conditions lead, as in :class:`Motions`.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property, partial
+from typing import NamedTuple
+
+import numpy as np
+
+from argument_checks import Array, Indices, Mask
+from prioritized._mechanism.geometry import Geometry
+from prioritized._mechanism.motions import Motions
+from prioritized._solver.arrays import transposed
+from prioritized._solver.rank import RankedSvd, frobenius, ranked_svd
+
+LEAST_ROWS = 1e-4
+"""Part of the whole task's size that some of its rows have at least: smaller ones are round-off."""
+
+
+@dataclass(frozen=True, eq=False)
+class TaskMotion:
+    """How the whole task moves.
+
+    Attributes:
+        geometry: J_T and J_C.
+        actuated: Velocity indices of the columns of J, (n,).
+        velocities: All velocities per active rate, shape (..., N, n).
+        admissible: The rates that the loops admit: basis (n, .) or projector (..., n, n).
+        self_motion: All velocities with every active joint locked, (..., N, .).
+        closing: Task motion per gap of the closures, active and locked joints at rest, (..., m, c);
+            None where the geometry is exact.
+        moving: Passive and free joints that are not stuck, shape (..., N).
+        gap_of_motions: Smallest gap of the rank decisions behind these, computed when asked for.
+    """
+
+    geometry: Geometry
+    actuated: Indices
+    velocities: Array
+    admissible: Array
+    self_motion: Array
+    closing: Array | None
+    moving: Mask
+    gap_of_motions: Callable[[], Array]
+
+    @classmethod
+    def of(cls, motions: Motions, actuated: Indices) -> "TaskMotion":
+        """The task of these motions."""
+        B, Z = motions.geometry.motions, motions.admissible
+        return cls(
+            geometry=motions.geometry,
+            actuated=actuated,
+            velocities=B @ motions.driven,
+            admissible=Z[:, : int(motions.rates.rank)] if Z.ndim == 2 else Z @ transposed(Z),
+            self_motion=B @ motions.self_motion,
+            closing=motions.closing,
+            moving=motions.moving,
+            gap_of_motions=partial(getattr, motions, "gap"),
+        )
+
+    @property
+    def gap(self) -> Array:
+        """Smallest gap of the rank decisions behind the motions, shape (...)."""
+        return self.gap_of_motions()
+
+    @cached_property
+    def J(self) -> Array:
+        """Task Jacobian on the admissible rates, zero on all others, shape (..., m, n)."""
+        return self.geometry.task @ self.velocities
+
+    @cached_property
+    def error(self) -> Array | None:
+        """Bound of the error of each entry of J: of eq. (14) to first order; None where exact."""
+        return self._error(self.velocities)
+
+    @cached_property
+    def reach(self) -> RankedSvd:
+        """Of J."""
+        return self.decided(self.J, self.scale(None), self.error)
+
+    @cached_property
+    def moved(self) -> RankedSvd:
+        """Of the task motion with every active joint locked."""
+        return self.decided(self.still, self.geometry.size, self.still_error)
+
+    @cached_property
+    def still(self) -> Array:
+        """Task motion per self-motion, shape (..., m, .)."""
+        return self.geometry.task @ self.self_motion
+
+    @cached_property
+    def still_error(self) -> Array | None:
+        """Bound of its error."""
+        return self._error(self.self_motion) if self.self_motion.shape[-1] else None
+
+    @property
+    def task_units(self) -> Array:
+        """Natural units of the task rows, shape (m,)."""
+        return self.geometry.task_units
+
+    @property
+    def rate_units(self) -> Array:
+        """Natural units of the rates, shape (n,)."""
+        return self.geometry.velocity_units[self.actuated]
+
+    @cached_property
+    def start(self) -> "Before":
+        """Before any step: all admissible rates are free."""
+        nothing = np.zeros((*self.velocities.shape[:-2], len(self.actuated), 0))
+        return Before(self.admissible, nothing, None if self.error is None else transposed(nothing))
+
+    def step(self, S: Array) -> "Step":
+        """The rows S J, S (k, m) in natural units."""
+        error = None if self.error is None else np.abs(S) @ self.error
+        return Step(S @ self.J, frobenius(S) * self.size(S), error)
+
+    def decided(self, A: Array, scale: Array | float, error: Array | None) -> RankedSvd:
+        """The rank decision on a product of this size, with the whole bases."""
+        return ranked_svd(A, scale, self.geometry.rank_tolerance, full=True, error=error)
+
+    def scale(self, S: Array | None) -> Array:
+        """Size of the terms of the task rows that S (k, m) takes part in, or of all, (...)."""
+        task = self.geometry.task
+        rows = task if S is None else task[S.any(axis=0)]
+        follow = self.moving[..., None] * self.velocities
+        through = np.sqrt((rows**2).sum(axis=0))[:, None]
+        return frobenius(rows) + frobenius(through * follow)
+
+    def size(self, S: Array) -> Array:
+        """The same, but not below what round-off leaves of larger rows, shape (...)."""
+        return np.maximum(self.scale(S), LEAST_ROWS * self._size)
+
+    @cached_property
+    def _size(self) -> Array:
+        return self.scale(None)
+
+    def _error(self, velocities: Array) -> Array | None:
+        """Of the task motion in this motion of all joints."""
+        geometry, closing = self.geometry, self.closing
+        if geometry.task_error is None:
+            return None
+        error = geometry.task_error @ np.abs(velocities)
+        if closing is None or geometry.closure_error is None:
+            return error
+        return error + np.abs(closing) @ (geometry.closure_error @ np.abs(velocities))
+
+
+class Step(NamedTuple):
+    """Rows that are decided on after others: A (..., k, n), its size, and the errors of it."""
+
+    A: Array
+    scale: Array
+    error: Array | None
+
+
+class Before(NamedTuple):
+    """What earlier steps leave, and how far off their rows may be.
+
+    Attributes:
+        free: Rates that they leave at rest: basis (n, .) or projector (..., n, n).
+        gain: Rates that move them, each without moving those before it, shape (..., n, k).
+        error: Of their rows, (..., k, n); None where exact.
+    """
+
+    free: Array
+    gain: Array
+    error: Array | None
+
+    def then(self, task: TaskMotion, step: Step) -> tuple[RankedSvd, "Before"]:
+        """The rank decision on further rows with these at rest, and what both leave."""
+        N, error = self.free, step.error
+        moved = step.A @ self.gain
+        if error is not None and self.error is not None:
+            # As the null space turns, so does what the further rows see of it.
+            error = (error + np.abs(moved) @ self.error) @ np.abs(N)
+        decided = task.decided(step.A @ N, step.scale, error)
+        own = N @ decided.pseudo_inverse()
+        gain = np.concatenate([self.gain - own @ moved, own], axis=-1)
+        rows = None
+        if step.error is not None and self.error is not None:
+            rows = np.concatenate([self.error, step.error], axis=-2)
+        return decided, Before(N @ null_of(decided), gain, rows)
+
+    def dropped(self, decided: RankedSvd) -> Array | None:
+        """The part of further rows that is more than round-off and counts as zero, (..., k, n)."""
+        some = ~decided.kept & (decided.sigma > decided.round_off)
+        if not some.any():
+            return None
+        k = decided.sigma.shape[-1]
+        sigma = np.where(some, decided.sigma, 0.0)
+        part = (decided.U[..., :k] * sigma[..., None, :]) @ decided.Vt[..., :k, :]
+        return part @ transposed(self.free)
+
+
+def null_of(decided: RankedSvd) -> Array:
+    """Of one matrix a basis of its null space, of many the projectors."""
+    return decided.null if decided.sigma.ndim == 1 else decided.null_projector()

@@ -1,0 +1,1 @@
+"""Numbers without a mechanism: the rank decision, bases, batches, the compiled solvers."""

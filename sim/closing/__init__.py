@@ -1,0 +1,1 @@
+"""Closed loops: their equalities, what is held meanwhile, and positions that close them."""

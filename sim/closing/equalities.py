@@ -1,0 +1,196 @@
+"""Rows of the active equalities, taken where the loops are closed, and how far they are open."""
+
+from math import isfinite
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from argument_checks.ties import greatest
+from sim.array import Array
+from sim.errors import ModelError
+from sim.mjcf.model import name_of
+
+_EQ = mujoco.mjtEq
+_CONNECT, _WELD, _JOINT, _TENDON = (
+    int(kind) for kind in (_EQ.mjEQ_CONNECT, _EQ.mjEQ_WELD, _EQ.mjEQ_JOINT, _EQ.mjEQ_TENDON)
+)
+_KINDS = {_CONNECT: "connect", _WELD: "weld", _JOINT: "joint", _TENDON: "tendon"}
+_SITE = int(mujoco.mjtObj.mjOBJ_SITE)
+_ROUND_OFF_M = 1e-14
+_ROWS = {_CONNECT: 3, _WELD: 6}
+"""Rows of an equality; others have one."""
+_CROSS = np.array(
+    [[0, 0, 0, 0, 0, -1, 0, 1, 0], [0, 0, 1, 0, 0, 0, -1, 0, 0], [0, -1, 0, 1, 0, 0, 0, 0, 0.0]]
+)
+"""v @ _CROSS is the matrix of the cross product v x, row by row."""
+_TORQUE_SCALE = 10
+"""Where `eq_data` of a weld has its torquescale."""
+_WITHOUT_CLOSURES = int(mujoco.mjtDisableBit.mjDSBL_EQUALITY) | int(
+    mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
+)
+
+
+def check_closures(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    """Refuse active equalities that are not closures, or that the model's flags switch off.
+
+    Raises:
+        ModelError: As described.
+    """
+    if data.eq_active.any() and model.opt.disableflags & _WITHOUT_CLOSURES:
+        raise ModelError(
+            "equalities are active, and the model's flags disable them: clear these flags, or "
+            "data.eq_active"
+        )
+    strange = [
+        k
+        for k, kind in enumerate(model.eq_type.tolist())
+        if kind not in _KINDS and data.eq_active[k]
+    ]
+    if strange:
+        raise ModelError(
+            f"{equality_name(model, strange[0])} holds a flex, and only connect, weld, joint and "
+            "tendon are closures: set its data.eq_active to 0"
+        )
+
+
+class Closures(NamedTuple):
+    """The active equality constraints: what of their rows no pose changes.
+
+    Attributes:
+        equality: To which equality each row belongs, shape (c,).
+        units: What makes of MuJoCo's residuals meters and radians, shape (c,).
+        points: Which rows keep two points together: three of each connect and weld, shape (3k,).
+        carried: How many of the two bodies each velocity carries, in each of these, (3k, nv).
+    """
+
+    equality: NDArray[np.intp]
+    units: Array
+    points: NDArray[np.intp]
+    carried: Array
+
+    def rows(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
+        """Rows of the closures, shape (c, nv), from what MuJoCo last computed.
+
+        MuJoCo takes the rows of a connect or weld with each body's own anchor. While these are D
+        apart, a joint that carries both bodies moves them apart by omega x D, although it opens
+        nothing, and redundant rows become constraints. Here both bodies move as at the anchors'
+        midpoint.
+
+        Raises:
+            ModelError: A part of the mechanism sleeps; MuJoCo leaves its rows out.
+        """
+        if data.ntree_awake < model.ntree:
+            raise ModelError(
+                "a part of the mechanism is asleep, with its closures: switch sleep off"
+            )
+        if not self.units.size:
+            return np.zeros((0, model.nv))
+        rows = _equality_rows(model, data)
+        if self.points.size:
+            D = data.efc_pos[self.points]
+            if np.abs(D).max() > _ROUND_OFF_M:
+                across = (D.reshape(-1, 3) / 2).dot(_CROSS).reshape(-1, 3)
+                # The first three columns of cdof are a joint's axis, if it turns its body.
+                rows[self.points] += across.dot(data.cdof[:, :3].T) * self.carried
+        return rows
+
+    def gaps(self, data: mujoco.MjData) -> Array:
+        """How far each row is open, shape (c,), from what MuJoCo last computed.
+
+        [m] or [rad]; of a weld's turn the rotation vector.
+        """
+        return data.efc_pos[: len(self.units)] * self.units
+
+    def largest_gap(self, data: mujoco.MjData) -> tuple[float, int]:
+        """The largest gap, [m] or [rad], and its equality; 0 and -1 without closures.
+
+        Raises:
+            ModelError: An equality is not finite.
+        """
+        if not self.units.size:
+            return 0.0, -1
+        sizes = np.abs(self.gaps(data))
+        worst = greatest(sizes)  # NaN, if there is one
+        largest = float(sizes[worst])
+        if not isfinite(largest):
+            raise ModelError("an equality of the model is not finite")
+        return largest, int(self.equality[worst])
+
+
+def active_closures(model: mujoco.MjModel, data: mujoco.MjData) -> Closures:
+    """The active equality constraints, from what MuJoCo last computed.
+
+    Raises:
+        ModelError: As :func:`check_closures`.
+    """
+    check_closures(model, data)
+    equality = data.efc_id[: data.ne].astype(np.intp)
+    units, points, carried, start = np.ones(data.ne), [], [np.zeros((0, model.nv))], 0
+    for k in dict.fromkeys(equality.tolist()):
+        kind = int(model.eq_type[k])
+        if kind == _WELD:  # the last three rows are sines of half the angles, scaled
+            scale = model.eq_data[k, _TORQUE_SCALE]
+            units[start + 3 : start + 6] = 2.0 / scale if scale else 0.0
+        if kind in (_CONNECT, _WELD):
+            points += range(start, start + 3)
+            carried += [sum(_carries(model, body) for body in _bodies(model, k))] * 3
+        start += _ROWS.get(kind, 1)
+    return Closures(equality, units, np.array(points, dtype=np.intp), np.vstack(carried))
+
+
+def closure_rows(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
+    """:meth:`Closures.rows` of the active equality constraints, shape (c, nv)."""
+    return active_closures(model, data).rows(model, data)
+
+
+def equality_name(model: mujoco.MjModel, equality: int) -> str:
+    """What a reader calls an equality: by its name, or by the bodies or joints it ties."""
+    if name := model.equality(equality).name:
+        return f'equality "{name}"'
+    kind = _KINDS.get(int(model.eq_type[equality]), "flex")
+    ends = {
+        _CONNECT: lambda k: name_of(model.body(_bodies(model, equality)[k])),
+        _WELD: lambda k: name_of(model.body(_bodies(model, equality)[k])),
+        _JOINT: lambda k: name_of(model.joint(_ends(model, equality)[k])),
+        _TENDON: lambda k: name_of(model.tendon(_ends(model, equality)[k])),
+    }
+    find = ends.get(int(model.eq_type[equality]))
+    if find is None:
+        return f"equality {equality} ({kind})"
+    tied = [find(k) for k, end in enumerate(_ends(model, equality)) if end >= 0]
+    return f"equality {equality} ({kind} of " + " and ".join(f'"{end}"' for end in tied) + ")"
+
+
+def _equality_rows(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
+    """MuJoCo's own; equalities come first among its constraints."""
+    if not mujoco.mj_isSparse(model):
+        return data.efc_J.reshape(data.nefc, model.nv)[: data.ne].copy()
+    rows = np.zeros((data.nefc, model.nv))
+    mujoco.mju_sparse2dense(
+        rows, data.efc_J, data.efc_J_rownnz, data.efc_J_rowadr, data.efc_J_colind
+    )
+    return rows[: data.ne]
+
+
+def _bodies(model: mujoco.MjModel, equality: int) -> list[int]:
+    """The two bodies of a connect or weld, which may be given by sites."""
+    ends = _ends(model, equality)
+    return model.site_bodyid[ends].tolist() if model.eq_objtype[equality] == _SITE else ends
+
+
+def _ends(model: mujoco.MjModel, equality: int) -> list[int]:
+    return [int(model.eq_obj1id[equality]), int(model.eq_obj2id[equality])]
+
+
+def _carries(model: mujoco.MjModel, body: int) -> Array:
+    """Which velocities carry a body, one for those and zero for others, shape (nv,)."""
+    chain, parents, above = np.zeros(model.nv), model.dof_parentid.tolist(), model.body_parentid
+    while body and not model.body_dofnum[body]:
+        body = int(above[body])
+    dof = int(model.body_dofadr[body] + model.body_dofnum[body]) - 1 if body else -1
+    while dof >= 0:
+        chain[dof] = 1.0
+        dof = parents[dof]
+    return chain

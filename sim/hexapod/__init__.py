@@ -1,0 +1,1 @@
+"""The hexapod: kinematics in closed form, detector, gauges beside the struts, spiral."""

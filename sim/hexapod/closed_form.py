@@ -1,0 +1,209 @@
+"""Closed-form kinematics of a hexapod: strut lengths and their Jacobian from the pose."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import mujoco
+import numpy as np
+
+import argument_checks as check
+from sim.array import Array
+from sim.errors import ModelError
+from sim.kinematics.pose import Pose, compiled, computed, flat, keep
+from sim.mjcf.model import element_id
+
+
+@dataclass(frozen=True)
+class Posture(Pose):
+    """A pose of a hexapod together with its struts there.
+
+    Attributes:
+        displacement_m: Strut lengths less their nominal ones, shape (..., 6).
+        inverse_jacobian: A in l_dot = A [omega; v], shape (..., 6, 6).
+
+    Raises:
+        ValueError: Another shape, or numbers that are not finite.
+    """
+
+    displacement_m: Array
+    inverse_jacobian: Array
+
+    def __post_init__(self) -> None:
+        """Take what numbers can be had as arrays."""
+        super().__post_init__()
+        keep(self, "displacement_m", 6)
+        keep(self, "inverse_jacobian", 6, 6)
+
+    def twist(self, displacement_m: Array) -> Array:
+        """The displacement [rotation vector; translation] (6,) of small strut displacements (6,).
+
+        Raises:
+            ValueError: Another shape, or numbers that are not finite; or the pose is singular, and
+                a displacement that large finds no twist.
+        """
+        displacement_m = check.exactly("displacement_m", displacement_m, 6)
+        if self.inverse_jacobian.ndim != 2:
+            raise ValueError("inverse_jacobian must be that of one pose, got a batch")
+        twist, code = displacement_m.copy(), compiled()
+        if code.solve(self.inverse_jacobian, twist[:, None]) != code.FOUND:
+            raise ValueError(_SINGULAR)
+        return twist
+
+
+_SINGULAR = "inverse_jacobian must not be singular: held struts let the payload move"
+_NO_LENGTH = "pose must leave every strut a length, got one whose nodes coincide"
+
+
+@dataclass(frozen=True)
+class Hexapod:
+    """Nodes of a hexapod in base axes, measured from the nominal payload origin.
+
+    A batch of poses gives a batch of answers.
+
+    Attributes:
+        bottom_m: Bottom node of each strut, on the base, shape (6, 3).
+        top_m: Top node of each strut at the nominal pose, on the payload, shape (6, 3).
+
+    Raises:
+        ValueError: Another shape, or numbers that are not finite.
+    """
+
+    bottom_m: Array
+    top_m: Array
+
+    def __post_init__(self) -> None:
+        """Take what numbers can be had as arrays."""
+        for name in ("bottom_m", "top_m"):
+            keep(self, name, 6, 3)
+            check.exactly(name, getattr(self, name), 6, 3)
+
+    @cached_property
+    def nominal_length_m(self) -> Array:
+        """Strut lengths at the nominal pose, shape (6,)."""
+        return np.linalg.norm(self.top_m - self.bottom_m, axis=1)
+
+    def displacements(self, pose: Pose) -> Array:
+        """Strut lengths less their nominal ones at a pose, shape (..., 6), [m].
+
+        Raises:
+            TypeError: `pose` is of another type.
+        """
+        if isinstance(pose, Posture):
+            return pose.displacement_m
+        return self.lengths_and_jacobian(pose, singular=True)[0] - self.nominal_length_m
+
+    def inverse_jacobian(self, pose: Pose) -> Array:
+        """A in l_dot = A [omega; v] at a pose, shape (..., 6, 6): rows [(R a) x u, u]."""
+        known = pose if isinstance(pose, Posture) else self.posture(pose)
+        return known.inverse_jacobian
+
+    def posture(self, pose: Pose) -> Posture:
+        """The pose with its struts; one that has them already is returned as it is.
+
+        Raises:
+            ValueError: Some strut has no length there, and so no direction.
+            TypeError: `pose` is of another type.
+        """
+        if isinstance(pose, Posture):
+            return pose
+        length_m, A = self.lengths_and_jacobian(pose)
+        return computed(
+            Posture,
+            rotation=pose.rotation,
+            translation_m=pose.translation_m,
+            displacement_m=length_m - self.nominal_length_m,
+            inverse_jacobian=A,
+        )
+
+    def lengths_and_jacobian(self, pose: Pose, *, singular: bool = False) -> tuple[Array, Array]:
+        """Strut lengths (..., 6) and A (..., 6, 6) at a pose.
+
+        Args:
+            pose: One, or a batch.
+            singular: Whether the rows of a strut without length may come back as NaN.
+        """
+        check.instance("pose", pose, Pose)
+        lead, code = pose.lead, compiled()
+        length_m, A = np.empty((*lead, 6)), np.empty((*lead, 6, 6))
+        found = code.lengths(
+            self.bottom_m,
+            self.top_m,
+            flat(pose.rotation, 2, lead),
+            flat(pose.translation_m, 1, lead),
+            length_m.reshape(-1, 6),
+            A.reshape(-1, 6, 6),
+        )
+        if found == code.NO_LENGTH and not singular:
+            raise ValueError(_NO_LENGTH)
+        return length_m, A
+
+    def moved(self, pose: Pose, displacement_m: Array) -> Posture:
+        """The posture to which strut displacements (6,) lead, one Newton step from a pose near by.
+
+        Raises:
+            ValueError: Another shape, or numbers that are not finite; the pose is singular; or some
+                strut has no length there.
+            TypeError: `pose` is of another type.
+        """
+        here = pose if isinstance(pose, Posture) else self.posture(pose)
+        asked = check.exactly("displacement_m", displacement_m, 6)
+        fields = np.empty((3, 3)), np.empty(3), np.empty((6, 6)), np.empty(6)
+        R, t, A, moved_m = fields
+        code = compiled()
+        found = code.follow(
+            self.bottom_m,
+            self.top_m,
+            self.nominal_length_m,
+            here.rotation,
+            here.translation_m,
+            here.inverse_jacobian,
+            here.displacement_m,
+            asked,
+            *fields,
+        )
+        if found != code.FOUND:
+            raise ValueError(_SINGULAR if found == code.SINGULAR else _NO_LENGTH)
+        return computed(
+            Posture, rotation=R, translation_m=t, displacement_m=moved_m, inverse_jacobian=A
+        )
+
+
+_REGULAR = 1e6
+
+
+def regular_jacobian(inverse_jacobian: Array) -> Array | None:
+    """J in [omega; v] = J l_dot, shape (6, 6), from A in l_dot = A [omega; v], for every tick.
+
+    None unless |A| |J|, which is no less than the condition number, is below 1e6: rank decisions
+    must then be made.
+    """
+    J, code = np.empty((6, 6)), compiled()
+    return J if code.invert(inverse_jacobian, J, _REGULAR) == code.FOUND else None
+
+
+def hexapod(model: mujoco.MjModel) -> Hexapod:
+    """Read the nodes from the bodies `housing1..6`, `tip1..6` and the sites of an MJCF model.
+
+    Raises:
+        sim.ModelError: The model lacks one of them, or of `strut1..6` and `coil1..6`; or its coils
+            do not drive the struts in their order.
+        TypeError: `model` is of another type.
+    """
+    check.instance("model", model, mujoco.MjModel)
+    if model.nu != 6:
+        raise ModelError(f"a hexapod has six actuators, the model has {model.nu}")
+    for k in range(1, 7):
+        coil = element_id(model, "actuator", f"coil{k}")
+        strut = element_id(model, "joint", f"strut{k}")
+        if coil != k - 1 or model.actuator_trnid[coil, 0] != strut:
+            raise ModelError(f'actuator "coil{k}" must be number {k} and drive joint "strut{k}"')
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    to_base = data.site_xmat[element_id(model, "site", "base")].reshape(3, 3).T
+    origin = data.site_xpos[element_id(model, "site", "payload")]
+
+    def nodes(body: str) -> Array:
+        ids = [element_id(model, "body", f"{body}{k}") for k in range(1, 7)]
+        return (data.xpos[ids] - origin) @ to_base.T
+
+    return Hexapod(bottom_m=nodes("housing"), top_m=nodes("tip"))

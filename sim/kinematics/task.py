@@ -1,0 +1,212 @@
+"""Tasks: what of a mechanism is to move, its Jacobian, its pose and the way to a target."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple, TypeAlias
+
+import mujoco
+import numpy as np
+from numpy.typing import ArrayLike
+
+import argument_checks as check
+from sim.array import Array
+from sim.kinematics.pose import Pose
+from sim.mjcf.frame import Body, Located, frame_pose, located, rotation_vector
+from sim.mjcf.model import check_state, element_id
+
+
+@dataclass(frozen=True)
+class CenterOfMass:
+    """The centre of mass of the whole model, or of a body with all that it carries: three rows.
+
+    Attributes:
+        body: Name of that body; None is everything.
+    """
+
+    body: str | None = None
+
+
+@dataclass(frozen=True)
+class Relative:
+    """A frame as seen from another one, which may move too: six rows.
+
+    Attributes:
+        frame: Name of a site, or a :class:`Body`.
+        root: The same; motion that both share is none.
+    """
+
+    frame: str | Body
+    root: str | Body
+
+
+_ROTATION_ERROR = 1e-6
+
+Task: TypeAlias = str | Body | CenterOfMass | Relative
+"""A site by name, the frame of a body, a centre of mass, or one frame relative to another."""
+
+
+def task_list(model: mujoco.MjModel, site: Task | Sequence[Task]) -> list[Task]:
+    """The tasks of an argument `site`, all of which the model has.
+
+    Raises:
+        ModelError: A frame or body that does not exist.
+        ValueError: No task, or one twice.
+        TypeError: Something of another kind.
+    """
+    tasks: list[Task] = list(site) if isinstance(site, list | tuple) else [site]  # type: ignore[list-item]
+    if not tasks:
+        raise ValueError("site must name a task at least, got none")
+    for task in tasks:
+        located_task(model, task)
+    if len(set(tasks)) < len(tasks):
+        raise ValueError(f"site must not repeat a task, got {check.shown(tasks)}")
+    return tasks
+
+
+class LocatedTask(NamedTuple):
+    """A task by its numbers.
+
+    Attributes:
+        frame: The frame that moves; None of a centre of mass.
+        root: The frame that it is seen from; None is the world.
+        body: The body whose centre of mass it is, if it is one.
+    """
+
+    frame: Located | None
+    root: Located | None = None
+    body: int = 0
+
+    def jacobian(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
+        """Its velocity in world axes per qvel, shape (6, nv) or (3, nv)."""
+        if self.frame is None:
+            rows = np.zeros((3, model.nv))
+            mujoco.mj_jacSubtreeCom(model, data, rows, self.body)
+            return rows
+        rows = self.frame.jacobian(model, data)
+        if self.root is not None:
+            root = self.root.jacobian(model, data)
+            arm = self.frame.position_m(data) - self.root.position_m(data)
+            rows -= root
+            rows[3:] -= np.cross(root[:3], arm, axisa=0, axisc=0)
+        return rows
+
+
+def located_task(model: mujoco.MjModel, task: Task) -> LocatedTask:
+    """The task, looked up by its names.
+
+    Raises:
+        ModelError: A frame or body that does not exist.
+        TypeError: A name that is none.
+    """
+    if isinstance(task, CenterOfMass):
+        return LocatedTask(None, body=_com_body(model, task))
+    if isinstance(task, Relative):
+        return LocatedTask(located(model, "site", task.frame), located(model, "site", task.root))
+    return LocatedTask(located(model, "site", task))
+
+
+def task_jacobian(model: mujoco.MjModel, data: mujoco.MjData, task: Task) -> Array:
+    """:meth:`LocatedTask.jacobian` of a task by name."""
+    return located_task(model, task).jacobian(model, data)
+
+
+def pose_of(
+    model: mujoco.MjModel, data: mujoco.MjData, site: Task, axes: str | None = None
+) -> Pose:
+    """Where a task is, at the present `data.qpos`; frames in `data` are brought up to date.
+
+    Args:
+        model: Any model.
+        data: Its state.
+        site: One task, as for :func:`jacobians`. The rotation of a centre of mass is the identity.
+        axes: Site in whose frame; None is the world's. A :class:`Relative` is seen from its root.
+
+    Raises:
+        ModelError, ValueError, TypeError: As :func:`jacobians`.
+    """
+    check_state(model, data)
+    (task,) = task_list(model, [site])
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)
+    if isinstance(task, CenterOfMass):
+        rotation, position = np.eye(3), data.subtree_com[_com_body(model, task)].copy()
+    else:
+        rotation, position = frame_pose(data, task.frame if isinstance(task, Relative) else task)
+    turned, origin = np.eye(3), np.zeros(3)
+    if isinstance(task, Relative):
+        turned, origin = frame_pose(data, task.root)
+    elif axes is not None:
+        frame = located_axes(model, axes)
+        turned, origin = frame.rotation(data), frame.position_m(data)
+    if not isinstance(task, CenterOfMass):
+        rotation = turned.T @ rotation
+    return Pose(rotation, turned.T @ (position - origin))
+
+
+def pose_error(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    site: Task | Sequence[Task],
+    target: Pose | ArrayLike | Sequence[Pose | ArrayLike],
+    axes: str | None = None,
+) -> Array:
+    """The displacement from where tasks are to their targets, in the rows of `jacobians`.
+
+    [rotation vector; translation], so that J_T qvel times a second leads there to first order.
+
+    Args:
+        model: Any model.
+        data: Its state; frames in it are brought up to date.
+        site: The tasks, as for :func:`jacobians`.
+        target: A pose for each, as :func:`pose_of` gives it; or a position (3,), with the rotation
+            as it is.
+        axes: As for :func:`jacobians`; a site that does not move.
+
+    Raises:
+        ValueError: Not one target for each task, or one that is no pose or position.
+        ModelError, TypeError: As :func:`jacobians`.
+    """
+    tasks = task_list(model, site)
+    targets: Any = target if isinstance(site, list | tuple) else [target]
+    if not isinstance(targets, list | tuple | np.ndarray) or len(targets) != len(tasks):
+        raise ValueError(f"target must be a list of {len(tasks)}, got {check.shown(target)}")
+    errors = []
+    for task, goal in zip(tasks, targets, strict=True):
+        here = pose_of(model, data, task, axes)
+        there = _target(goal, here)
+        turn = rotation_vector(there.rotation @ here.rotation.T)
+        shift = there.translation_m - here.translation_m
+        if isinstance(task, Relative):
+            to_axes = to_axes_of(model, data, axes) @ frame_pose(data, task.root)[0]
+            turn, shift = to_axes @ turn, to_axes @ shift
+        errors.append(shift if isinstance(task, CenterOfMass) else np.concatenate([turn, shift]))
+    return np.concatenate(errors)
+
+
+def _target(target: Pose | ArrayLike, here: Pose) -> Pose:
+    """A pose; that of a position has the rotation that is there."""
+    if not isinstance(target, Pose):
+        return Pose(here.rotation, check.exactly("target", target, 3))
+    R = check.exactly("target.rotation", target.rotation, 3, 3)
+    check.exactly("target.translation_m", target.translation_m, 3)
+    if np.abs(R @ R.T - np.eye(3)).max() > _ROTATION_ERROR or np.linalg.det(R) < 0.0:
+        raise ValueError(
+            f"target.rotation must be a rotation matrix, got {check.shown(R.tolist())}"
+        )
+    return target
+
+
+def to_axes_of(model: mujoco.MjModel, data: mujoco.MjData, axes: str | None) -> Array:
+    """Rotation (3, 3) from world axes to those of a site; None is the world."""
+    return np.eye(3) if axes is None else located_axes(model, axes).rotation(data).T
+
+
+def located_axes(model: mujoco.MjModel, axes: str) -> Located:
+    """The site that gives the axes, looked up by its name."""
+    return located(model, "axes", check.instance("axes", axes, str))
+
+
+def _com_body(model: mujoco.MjModel, task: CenterOfMass) -> int:
+    if task.body is None:
+        return 0
+    return element_id(model, "body", check.instance("site", task.body, str))

@@ -1,0 +1,1 @@
+"""What an MJCF model says: elements, frames, drives, ranges, inertia, printed accuracy."""

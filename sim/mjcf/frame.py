@@ -1,0 +1,106 @@
+"""Frames of a model: sites and bodies, their motion and their pose."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+
+import argument_checks as check
+from argument_checks.ties import ACCURACY
+from sim.array import Array
+from sim.errors import ModelError
+from sim.mjcf.model import element_id
+
+_HALF_TURN = np.pi * (1 - ACCURACY)
+
+
+@dataclass(frozen=True)
+class Body:
+    """The frame of a body, where the model has no site there.
+
+    Attributes:
+        name: Of the body.
+    """
+
+    name: str
+
+
+class Located(NamedTuple):
+    """A frame by its number.
+
+    Attributes:
+        id: Of the site or body.
+        body: The body that it belongs to.
+        is_site: Which of the two it is.
+    """
+
+    id: int
+    body: int
+    is_site: bool
+
+    def rotation(self, data: mujoco.MjData) -> Array:
+        """Its axes in the world as columns, (3, 3): a view."""
+        return (data.site_xmat if self.is_site else data.xmat)[self.id].reshape(3, 3)
+
+    def position_m(self, data: mujoco.MjData) -> Array:
+        """Its origin in the world, (3,): a view."""
+        return (data.site_xpos if self.is_site else data.xpos)[self.id]
+
+    def jacobian(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
+        """Twist [angular; linear] of its origin in world axes per qvel, shape (6, nv)."""
+        rows = np.zeros((6, model.nv))
+        of_frame = mujoco.mj_jacSite if self.is_site else mujoco.mj_jacBody
+        of_frame(model, data, rows[3:], rows[:3], self.id)
+        return rows
+
+
+def located(model: mujoco.MjModel, argument: str, frame: str | Body) -> Located:
+    """The frame that an argument names.
+
+    Raises:
+        ModelError: There is no such site or body.
+        TypeError: The argument is no name.
+    """
+    if isinstance(frame, Body):
+        body = element_id(model, "body", check.instance(argument, frame.name, str))
+        return Located(body, body, is_site=False)
+    try:
+        site = element_id(model, "site", check.instance(argument, frame, str))
+    except ModelError as error:
+        if any(model.body(k).name == frame for k in range(model.nbody)):
+            raise ModelError(f'{error}; it is a body: Body("{frame}")') from None
+        raise
+    return Located(site, int(model.site_bodyid[site]), is_site=True)
+
+
+def frame_jacobian(model: mujoco.MjModel, data: mujoco.MjData, frame: str | Body) -> Array:
+    """:meth:`Located.jacobian` of a frame by name."""
+    return located(model, "frame", frame).jacobian(model, data)
+
+
+def frame_pose(data: mujoco.MjData, frame: str | Body) -> tuple[Array, Array]:
+    """Rotation (3, 3) and position (3,) of a frame in the world."""
+    seen = data.body(frame.name) if isinstance(frame, Body) else data.site(frame)
+    return seen.xmat.reshape(3, 3).copy(), seen.xpos.copy()
+
+
+def rotation_vector(rotation: Array) -> Array:
+    """The vector (3,) of a rotation (3, 3), its angle within 0..pi."""
+    quat_wxyz, vector = np.empty(4), np.empty(3)
+    mujoco.mju_mat2Quat(quat_wxyz, np.ascontiguousarray(rotation).reshape(9))
+    mujoco.mju_quat2Vel(vector, quat_wxyz, 1.0)
+    return one_half_turn(vector)
+
+
+def one_half_turn(vector: Array) -> Array:
+    """Rotation vectors (..., 3); of the two of a half turn the one with a positive first component.
+
+    Else the last bits of a rotation would decide.
+    """
+    angle = np.linalg.norm(vector, axis=-1, keepdims=True)
+    if angle.max(initial=0.0) < _HALF_TURN:
+        return vector
+    clear = np.abs(vector) > np.pi * ACCURACY
+    first = np.take_along_axis(vector, clear.argmax(axis=-1)[..., None], axis=-1)
+    return np.where((angle >= _HALF_TURN) & (first < 0.0), -vector, vector)

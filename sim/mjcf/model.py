@@ -1,0 +1,137 @@
+"""Loading MJCF models and finding their elements by name."""
+
+import copy
+import hashlib
+import math
+from collections.abc import Sequence
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+
+import argument_checks as check
+from sim.errors import ModelError
+from sim.mjcf.locks import with_locks
+
+_MOST_LISTED = 12
+
+# The rooms are neighbours in a checkout and in site-packages alike.
+HEXAPOD_MJCF = Path(__file__).parents[2] / "models" / "fjh.xml"
+
+
+def load_model(path: str | Path | None = None, *, add_locks: bool = False) -> mujoco.MjModel:
+    """Compile an MJCF file; without a path, the hexapod `models/fjh.xml`.
+
+    A published file has no locks, which :class:`Plant` needs for position failures. `add_locks`
+    gives each slide or hinge joint with an actuator an inactive joint equality that holds it alone,
+    as stiff as the time step allows, unless it has one. It is named `lock{k + 1}` after the first
+    actuator k of the joint. The file is not changed.
+
+    Raises:
+        ModelError: The file is missing or not valid MJCF, or its time step is not positive; or the
+            name of a lock to be added is that of another equality.
+        TypeError: An argument is of another type.
+    """
+    file = _file(path)
+    check.instance("add_locks", add_locks, bool)
+    try:
+        model = mujoco.MjModel.from_xml_path(str(file))
+    except ValueError as error:
+        reason = " ".join(str(error).split())
+        raise ModelError(f"{file} is not a valid MJCF model: {reason}") from None
+    if not 0 < model.opt.timestep < math.inf:  # MuJoCo takes any
+        raise ModelError(f"{file}: timestep must be positive and finite, got {model.opt.timestep}")
+    return with_locks(file, model) if add_locks else model
+
+
+def weightless(model: mujoco.MjModel) -> mujoco.MjModel:
+    """The machine without gravity, and without the preload that carried the weight.
+
+    Raises:
+        TypeError: `model` is of another type.
+    """
+    check.instance("model", model, mujoco.MjModel)
+    orbiting = copy.copy(model)
+    orbiting.opt.gravity[:] = 0.0
+    orbiting.qpos_spring[:] = orbiting.qpos0
+    return orbiting
+
+
+def model_sha256(path: str | Path | None = None) -> str:
+    """SHA-256 of the MJCF file, which identifies the machine of a result.
+
+    Raises:
+        ModelError: The file is missing.
+        TypeError: `path` is of another type.
+    """
+    return hashlib.sha256(_file(path).read_bytes()).hexdigest()
+
+
+def element_id(model: mujoco.MjModel, kind: str, name: str) -> int:
+    """Id of a named element; `kind` as in MJCF: "site", "joint", "body", "equality", "actuator".
+
+    Raises:
+        ModelError: There is none of that name; the message lists those there are, and repeats the
+            most similar one.
+        ValueError: No such kind.
+        TypeError: `model` or a name is of another type.
+    """
+    check.instance("model", model, mujoco.MjModel)
+    counts = {"site": "nsite", "joint": "njnt", "body": "nbody", "equality": "neq"}
+    counts |= {"actuator": "nactuator"}  # an orientation servo has three controls
+    if check.instance("kind", kind, str) not in counts:
+        raise ValueError(f"kind must be one of {', '.join(counts)}, got {check.shown(kind)}")
+    try:
+        return getattr(model, kind)(check.instance("name", name, str)).id
+    except KeyError:
+        every = (getattr(model, kind)(k).name for k in range(getattr(model, counts[kind])))
+        names = [each for each in every if each]
+        near = "".join(f'; did you mean "{each}"?' for each in get_close_matches(name, names, n=1))
+        raise ModelError(
+            f'the model has no {kind} named "{name}"; it has: {listed(names)}{near}'
+        ) from None
+
+
+def listed(names: Sequence[str]) -> str:
+    """Names for a sentence: a dozen, and how many more there are."""
+    named = [name for name in names if name]
+    more = f" and {len(named) - _MOST_LISTED} more" if len(named) > _MOST_LISTED else ""
+    return (", ".join(named[:_MOST_LISTED]) or "none") + more
+
+
+def name_of(element: Any) -> str:
+    """Name of an element as `model.joint(k)` gives it, or its number where it has none."""
+    return element.name or f"number {element.id}"
+
+
+def check_state(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    """Refuse a state that is not finite, or of another model: MuJoCo would write past its arrays.
+
+    Raises:
+        ValueError: `data` is of a model of other size, or its `qpos` is not finite.
+        TypeError: One of them is of another type.
+    """
+    check.instance("model", model, mujoco.MjModel)
+    check.instance("data", data, mujoco.MjData)
+    if data.model is not model and _sizes(data.model) != _sizes(model):
+        raise ValueError("data must be of this model, got that of a model of other size")
+    if not (check.is_moderate(data.qpos) or np.isfinite(data.qpos).all()):  # the first is faster
+        raise ValueError(f"data.qpos must be finite, got {check.shown(data.qpos.tolist())}")
+
+
+def _sizes(model: mujoco.MjModel) -> list[int]:
+    names = ("nq", "nv", "nu", "na", "nbody", "njnt", "ngeom", "nsite", "neq", "ntendon", "nM")
+    return [getattr(model, name) for name in names]
+
+
+def _file(path: str | Path | None) -> Path:
+    file = HEXAPOD_MJCF if path is None else Path(check.instance("path", path, str, Path))
+    try:
+        found = file.is_file()
+    except (OSError, ValueError):  # a name too long, or with a null character
+        found = False
+    if not found:
+        raise ModelError(f"there is no MJCF file {check.shown(str(file))}")
+    return file

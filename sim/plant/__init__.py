@@ -1,0 +1,1 @@
+"""The plant: physics, actuators that fail, amplifiers, sensors in a loop, linear models."""

@@ -1,0 +1,214 @@
+"""A simulated machine in a loop: plant, sensors, drives, failures at their times, and a log."""
+
+from collections import deque
+from collections.abc import Callable, Sequence
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+import argument_checks as check
+from sim.array import Array
+from sim.kinematics.mechanism import JointPosture, Mechanism
+from sim.kinematics.pose import Pose, computed
+from sim.plant.failure import Failure
+from sim.plant.plant import Plant
+from sim.plant.slip import MaxwellSlip
+
+
+class Reading(NamedTuple):
+    """What sensors read at one tick, as :class:`ftc.controller.Measurement`.
+
+    Attributes:
+        output: The major task, shape (m1,).
+        displacement: Displacements of the actuators, shape (n,).
+    """
+
+    output: Array
+    displacement: Array
+
+
+class Sensors(Protocol):
+    """Protocol of the sensors of a machine."""
+
+    def read(self, pose: Pose, displacements: Array) -> Reading:
+        """What they read at a pose of the task frame and displacements (n,) of the actuators."""
+        ...
+
+
+class TaskSensor:
+    """A sensor of the task frame itself, such as a camera or a tracker, beside encoders."""
+
+    def __init__(
+        self, rows: Sequence[int], noise: float, encoder_noise: float, seed: int | Sequence[int]
+    ) -> None:
+        """Measure these rows of [rotation vector; translation].
+
+        Args:
+            rows: Of the displacement (6,) of the task frame.
+            noise: Standard deviation of one sample of each row, [rad] or [m].
+            encoder_noise: Of one sample of each actuator's displacement, [rad] or [m].
+            seed: Of all noise.
+
+        Raises:
+            ValueError: Rows outside 0..5, or negative noise.
+        """
+        self._rows = check.indices("rows", rows, 6)
+        self._noise = check.number("noise", noise)
+        self._encoder_noise = check.number("encoder_noise", encoder_noise)
+        self._rng = np.random.default_rng(seed)
+
+    def read(self, pose: Pose, displacements: Array) -> Reading:
+        """The rows and the displacements, with noise."""
+        draw = self._rng.standard_normal
+        output = pose.displacement()[self._rows] + self._noise * draw(len(self._rows))
+        return Reading(output, displacements + self._encoder_noise * draw(len(displacements)))
+
+
+class JointSensors:
+    """Encoders alone: the task follows from the forward kinematics of a model, loops closed."""
+
+    def __init__(
+        self,
+        mechanism: Mechanism,
+        rows: Sequence[int],
+        encoder_noise: float,
+        seed: int | Sequence[int],
+    ) -> None:
+        """Start at the nominal posture of the mechanism; arguments as :class:`TaskSensor`."""
+        self._mechanism, self._rows = mechanism, check.indices("rows", rows, 6)
+        self._noise = check.number("encoder_noise", encoder_noise)
+        self._rng = np.random.default_rng(seed)
+        self._posture: JointPosture = mechanism.nominal
+        self._all = np.arange(len(mechanism.nominal.displacements))
+
+    def read(self, pose: Pose, displacements: Array) -> Reading:
+        """The task as the encoders have it, and what they read; the true pose stays unknown."""
+        seen = displacements + self._noise * self._rng.standard_normal(len(displacements))
+        self._posture = self._mechanism.moved(self._posture, seen, self._all)
+        return Reading(self._mechanism.task(self._posture)[self._rows], seen)
+
+
+class Bench:
+    """A plant with sensors and drives, as :class:`ftc.loop.Machine`.
+
+    Attributes:
+        rotation: True rotation of the task frame at each tick, shape (N, 3, 3).
+        translation_m: Its true translation, shape (N, 3).
+        displacement: True displacements of the actuators, shape (N, n).
+        closure_residual_m: Largest gap of a closed loop, shape (N,).
+        qpos: Joint positions, shape (N, nq); None where they are not kept.
+    """
+
+    def __init__(
+        self,
+        plant: Plant,
+        sensors: Sensors,
+        *,
+        time_s: Array,
+        period_s: float,
+        failures: Sequence[Failure] = (),
+        drives: Callable[[Array], Array] | None = None,
+        floor_m_per_s2: Array | None = None,
+        delay_ticks: int = 0,
+        hysteresis: MaxwellSlip | None = None,
+        keep_qpos: bool = False,
+        events: object = None,
+    ) -> None:
+        """Take a plant at rest.
+
+        Args:
+            plant: The machine.
+            sensors: What is read of it.
+            time_s: Of each tick, shape (N,): failures strike at their times.
+            period_s: Between ticks.
+            failures: What happens to the plant.
+            drives: From the inputs of the drives to displacements (n,); None: they are the same.
+            floor_m_per_s2: Acceleration of the floor at each tick, shape (N, 3); None is at rest.
+            delay_ticks: Ticks by which commands reach the plant late; it holds its last one until
+                the first comes.
+            hysteresis: Of a spring along each actuator, beside the plant's own; none of it is
+                stretched at the first tick. Its forces are updated once a tick and held.
+            keep_qpos: Whether the log has the joint positions.
+            events: What else happens, tick by tick: an object with some of `plant(tick, model,
+                data)`, before the physics of a tick (forces in `data.xfrc_applied`, gains,
+                dampers); `measured(tick, reading)`, which returns what the controller reads
+                instead; `sent(tick, inputs)`, what the drives get instead. None is nothing.
+
+        Raises:
+            ValueError: Times that are no vector, a period that is not positive, another number of
+                accelerations, a failure of an actuator that the plant does not have, a delay that
+                is no whole number, or hysteresis of another number of springs.
+            TypeError: The hysteresis is of another type, or `events` has none of these methods.
+        """
+        time_s = check.finite("time_s", time_s)
+        if time_s.ndim != 1:
+            raise ValueError(f"time_s must have shape (N,), got {time_s.shape}")
+        check.positive("period_s", period_s)
+        if floor_m_per_s2 is not None:
+            check.exactly("floor_m_per_s2", floor_m_per_s2, len(time_s), 3)
+        for failure in failures:  # an actuator may fail twice
+            if isinstance(failure.actuator, str):
+                plant.number(failure.actuator)
+            else:
+                check.index("failures", failure.actuator, len(plant.drives))
+        if hysteresis is not None:
+            check.instance("hysteresis", hysteresis, MaxwellSlip)
+            if len(hysteresis.slip) != len(plant.drives):
+                raise ValueError(
+                    f"hysteresis must have one row for each of {len(plant.drives)} actuators, "
+                    f"got shape {hysteresis.slip.shape}"
+                )
+        self._plant, self._sensors, self._drives = plant, sensors, drives
+        hooks = [getattr(events, name, None) for name in ("plant", "measured", "sent")]
+        if events is not None and not any(map(callable, hooks)):
+            raise TypeError("events must have plant, measured or sent, got " + check.shown(events))
+        self._on_plant, self._on_measured, self._on_sent = hooks
+        self._under_way = deque([plant.command] * check.index("delay_ticks", delay_ticks))
+        self._hysteresis = hysteresis
+        self._stretch = np.zeros((1, 1) if hysteresis is None else hysteresis.slip.shape)
+        self._time_s, self._period_s, self._floor = time_s, period_s, floor_m_per_s2
+        self._to_come = sorted(failures, key=lambda failure: failure.time_s)
+        self._tick, ticks = 0, len(time_s)
+        self.rotation = np.empty((ticks, 3, 3))
+        self.translation_m = np.empty((ticks, 3))
+        self.displacement = np.empty((ticks, len(plant.drives)))
+        self.closure_residual_m = np.empty(ticks)
+        self.qpos = np.empty((ticks, plant.model.nq)) if keep_qpos else None
+
+    def measure(self) -> Reading:
+        """What the sensors read, after what happens now."""
+        plant, tick = self._plant, self._tick
+        while self._to_come and self._to_come[0].time_s <= self._time_s[tick]:
+            self._to_come.pop(0).strike(plant)
+        if self._floor is not None:
+            plant.shake(self._floor[tick])
+        rotation, translation_m = self.rotation[tick], self.translation_m[tick]
+        displacement = self.displacement[tick]
+        plant.observe(rotation, translation_m, displacement)
+        self.closure_residual_m[tick] = plant.closure_residual_m()
+        if self.qpos is not None:
+            self.qpos[tick] = plant.data.qpos
+        pose = computed(Pose, rotation=rotation, translation_m=translation_m)
+        reading = self._sensors.read(pose, displacement)
+        return reading if self._on_measured is None else self._on_measured(tick, reading)
+
+    def apply(self, input_percent: Array) -> None:
+        """Drive the actuators for a period."""
+        if self._on_sent is not None:
+            input_percent = self._on_sent(self._tick, input_percent)
+        command = input_percent if self._drives is None else self._drives(input_percent)
+        if self._under_way:
+            self._under_way.append(np.array(command))
+            command = self._under_way.popleft()
+        if self._hysteresis is not None:
+            self._slip(self._hysteresis)
+        if self._on_plant is not None:
+            self._on_plant(self._tick, self._plant.model, self._plant.data)
+        self._plant.step(command, self._period_s)
+        self._tick += 1
+
+    def _slip(self, hysteresis: MaxwellSlip) -> None:
+        """Load the plant with the forces of hysteresis at the displacements measured."""
+        here, before = self.displacement[self._tick], self.displacement[max(self._tick - 1, 0)]
+        self._stretch = hysteresis.moved(self._stretch, here - before)
+        self._plant.load(hysteresis.force(self._stretch))

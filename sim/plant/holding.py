@@ -1,0 +1,92 @@
+"""Actuator forces that hold a machine still."""
+
+import mujoco
+import numpy as np
+
+from argument_checks.ties import greatest
+from sim.array import Array
+from sim.closing.equalities import closure_rows
+from sim.errors import ModelError
+from sim.mjcf.drive import Drive
+from sim.mjcf.dynamics import mass_of
+from sim.mjcf.model import name_of
+from sim.plant.commands import Commands
+from sim.plant.linear import allowed
+
+_BALANCED = 1e-7
+"""Part of the weights and springs that may stay without balance: joint axes are rounded."""
+_WITHIN = 1e-6
+"""Part of a range by which a value may miss it, and of a power by which equal ones may differ."""
+_KIND = {
+    int(mujoco.mjtJoint.mjJNT_FREE): "free joint",
+    int(mujoco.mjtJoint.mjJNT_BALL): "ball joint",
+}
+
+
+def holding_forces(model: mujoco.MjModel, data: mujoco.MjData, drives: tuple[Drive, ...]) -> Array:
+    """Forces (nout,) of the actuators of drives that hold the machine still in the pose of `data`.
+
+    They balance gravity and springs through the closures, with the least norm. Contacts and limits
+    do not count. `data` has been through `mj_forward` at rest.
+
+    Raises:
+        ModelError: Something falls, or is moved by a spring, whatever the actuators do.
+    """
+    moments = np.zeros((model.nout, model.nv))
+    mujoco.mju_sparse2dense(
+        moments, data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind
+    )
+    used = [out for drive in drives for out in drive.outputs]
+    Z = allowed(closure_rows(model, data))
+    springs = data.qfrc_passive + data.qfrc_gravcomp * model.jnt_actgravcomp[model.dof_jntid]
+    loads = np.stack([-data.qfrc_bias, springs], axis=1)  # apart, to name the one that moves
+    arms = Z.T @ moments[used].T
+    each = np.linalg.lstsq(arms, -Z.T @ loads, rcond=None)[0]
+    unbalanced = Z @ (Z.T @ loads + arms @ each)
+    if np.linalg.norm(unbalanced.sum(axis=1)) > _BALANCED * np.linalg.norm(loads):
+        raise ModelError(_what_moves(model, Z, mass_of(model, data), unbalanced))
+    forces = np.zeros(model.nout)
+    forces[used] = each.sum(axis=1)
+    return forces
+
+
+def _what_moves(model: mujoco.MjModel, Z: Array, mass: Array, unbalanced: Array) -> str:
+    """The joint that takes most of the power, and whether from gravity or springs, (nv, 2)."""
+    falls = Z @ np.linalg.solve(Z.T @ mass @ Z, Z.T @ unbalanced.sum(axis=1))
+    # Force times acceleration has one unit for joints that turn and that slide.
+    power = unbalanced * falls[:, None]
+    joint = greatest(np.bincount(model.dof_jntid, power.sum(axis=1)), _WITHIN)
+    of_gravity, of_springs = power[model.dof_jntid == joint].sum(axis=0)
+    cause = "gravity" if of_gravity > of_springs else "a spring"
+    kind = _KIND.get(int(model.jnt_type[joint]), "joint")
+    name = model.joint(joint).name
+    called = f'"{name}"' if name else f'of body "{model.body(model.jnt_bodyid[joint]).name}"'
+    return f"{cause} moves the {kind} {called}: no actuator holds it"
+
+
+def refuse_beyond_ranges(
+    model: mujoco.MjModel, drives: tuple[Drive, ...], commands: Commands
+) -> None:
+    """Refuse a pose that actuators could hold only beyond their ranges.
+
+    Raises:
+        ModelError: As described.
+    """
+    for drive in drives:
+        for k, out in zip(drive.ids, drive.outputs, strict=True):
+            control = model.actuator_ctrladr[k]
+            force = float(commands.force_at_rest[out])
+            value = float(commands.at_rest[control])
+            if model.actuator_forcelimited[out]:
+                _within("a force", float(force), model.actuator_forcerange[out], model, k)
+            if model.actuator_ctrllimited[control]:
+                _within("a control", float(value), model.actuator_ctrlrange[control], model, k)
+
+
+def _within(what: str, value: float, span: Array, model: mujoco.MjModel, actuator: int) -> None:
+    slack = _WITHIN * (span[1] - span[0])
+    if not span[0] - slack <= value <= span[1] + slack:
+        raise ModelError(
+            f'actuator "{name_of(model.actuator(actuator))}" cannot hold the start: it takes '
+            f"{what} of {value:.4g}, outside {span[0]:g}..{span[1]:g}"
+        )

@@ -1,0 +1,399 @@
+"""The plant: MuJoCo physics, actuators that can lock or lose force, and the true payload motion."""
+
+import copy
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import lru_cache
+from math import isfinite
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg.blas import dnrm2
+
+import argument_checks as check
+from sim.array import Array
+from sim.closing.equalities import active_closures, check_closures, equality_name
+from sim.errors import ClosureError, ModelError, SimulationDiverged
+from sim.kinematics.displacements import Displacements
+from sim.kinematics.payload import Payload
+from sim.kinematics.pose import Pose, compiled
+from sim.kinematics.reader import CLOSURE_TOLERANCE
+from sim.mjcf.drive import Drive, number_of
+from sim.mjcf.frame import Body, located
+from sim.mjcf.model import check_state
+from sim.mjcf.transmission import drive_rows
+from sim.plant.actuators import (
+    activate_lock,
+    locks_of,
+    plant_drives,
+    reserve_off_group,
+    switch_off,
+    take_spring,
+)
+from sim.plant.commands import commands_of, spring_forces
+from sim.plant.displacement_limits import rest_limits
+from sim.plant.holding import holding_forces, refuse_beyond_ranges
+from sim.plant.linear import LinearPlant, linear_plant
+
+_LOOPS = (int(mujoco.mjtEq.mjEQ_CONNECT), int(mujoco.mjtEq.mjEQ_WELD))
+
+_NOT_FINITE = (
+    mujoco.mjtWarning.mjWARN_BADQPOS,
+    mujoco.mjtWarning.mjWARN_BADQVEL,
+    mujoco.mjtWarning.mjWARN_BADQACC,
+)
+
+_MOST_STEPS = 2**31 - 1
+"""MuJoCo counts physics steps in 32 bits."""
+
+_STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
+
+
+class Plant:
+    """Simulated plant with private copies of model and data, failures included.
+
+    Its n actuators are the active velocities of :func:`jacobians`, in that order. Twists, wrenches
+    and displacements of the payload are expressed in the present axes of the base.
+
+    Attributes:
+        drives: What each actuator 0..n-1 moves, and its actuators in the model.
+        model: Its own copy.
+        data: Its state.
+    """
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        *,
+        base: str | Body | None = "base",
+        payload: str | Body = "payload",
+        locks: Sequence[str] | None = None,
+        start: mujoco.MjData | None = None,
+    ) -> None:
+        """Start at rest in the nominal pose, without failures.
+
+        Args:
+            model: A model in which each drive has a position feedback or a spring: position servos
+                of any gear, or motors with a suspension; see :func:`servoed` for others.
+            base: Site, or :class:`Body`, whose axes express twists and displacements; None is the
+                world.
+            payload: Site, or :class:`Body`, that is the task frame, in any orientation.
+            locks: Equality that locks each actuator's joint or tendon, in actuator order; None is
+                `lock1`, `lock2`, ..., which :func:`load_model` adds on request.
+            start: A state, such as of :func:`assemble`, whose `qpos` is the nominal pose, with the
+                equalities that are active and the mocap bodies. Controls then hold the machine
+                still against gravity and springs, with actuator forces of least norm; contacts and
+                limits do not count. None is `qpos0`, with controls of zero.
+
+        Raises:
+            ModelError: There is no frame or equality of these names, or one does not lock its joint
+                alone; there is no actuator, or one that no displacement follows from; or nothing
+                holds the machine still at `start`, which the message names.
+            ClosureError: `start` is not closed.
+            ValueError: `locks` has another number of names than there are actuators; or `start` is
+                of another model.
+            TypeError: An argument is of another type.
+        """
+        check.instance("model", model, mujoco.MjModel)
+        # Locks and switched-off coils live in the model, so a shared one would share its failures.
+        self.model = copy.copy(model)
+        # A diverging run must keep its state to be looked at, whatever the file says.
+        self.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
+        reserve_off_group(self.model)
+        self.data = mujoco.MjData(self.model)
+        self.drives = plant_drives(self.model)
+        self._joints = _joint_velocities(self.model, self.drives)
+        self._locks = locks_of(self.model, self.drives, locks)
+        axes = None if base is None else located(self.model, "base", base)
+        frame = located(self.model, "payload", payload)
+        self._opt, self._payload_frame = self.model.opt, payload
+        self._is_loop = np.isin(self.model.eq_type, _LOOPS).astype(float)
+        self._warnings = [self.data.warning[kind] for kind in _NOT_FINITE]
+        if start is not None:
+            _place(self.model, self.data, start)
+        self._last = self.integration_state()
+        self._command = np.zeros(len(self.drives))
+        mujoco.mj_forward(self.model, self.data)
+        held = None if start is None else holding_forces(self.model, self.data, self.drives)
+        self._commands = commands_of(self.model, self.data, self.drives, held)
+        if start is not None:
+            refuse_beyond_ranges(self.model, self.drives, self._commands)
+            self.data.ctrl[:] = self._commands.at_rest
+            mujoco.mj_forward(self.model, self.data)
+        self._gauges = Displacements.from_here(self.model, self.data, self.drives)
+        self._limits = rest_limits(self.model, self.data, self.drives, self._commands)
+        self._payload = Payload.at_rest(self.data, frame, axes)
+        self._gravity = self.model.opt.gravity.copy()
+
+    def step(self, command_m: Array, period_s: float) -> None:
+        """Hold the commanded displacements (n,), [m] or [rad], for one period of physics steps.
+
+        Each control is that of the nominal pose plus what would hold the drive alone at its
+        displacement, against its servo's feedback and the spring of its joint or tendon.
+
+        Raises:
+            ValueError: The command has a wrong shape or is not finite; or the period is not
+                positive, or has more physics steps than MuJoCo counts.
+            ModelError: The period is not a whole number of physics steps.
+            SimulationDiverged: The state is no longer finite.
+        """
+        model, data = self.model, self.data
+        steps = _steps(check.positive("period_s", period_s), self._opt.timestep)
+        command_m = check.exactly("command_m", command_m, len(self.drives))
+        mujoco.mj_getState(model, data, self._last, _STATE)
+        data.ctrl[:] = self._commands.controls(command_m)
+        self._command[:] = command_m
+        mujoco.mj_step(model, data, steps)
+        if not self._is_finite():
+            raise SimulationDiverged(data.time, self._last.copy())
+        mujoco.mj_kinematics(model, data)
+        self._gauges.refresh(model, data)
+
+    def settle(self, seconds: float, command_m: Array | None = None) -> None:
+        """Let the machine come to rest at displacements (n,); time starts again at zero.
+
+        None is the nominal pose, of the hexapod without current.
+
+        Raises:
+            ValueError, ModelError, SimulationDiverged: As :meth:`step`.
+        """
+        check.positive("seconds", seconds)
+        self.step(np.zeros(len(self.drives)) if command_m is None else command_m, seconds)
+        self.data.time = 0.0
+
+    def lock(self, actuator: int) -> None:
+        """Position failure: actuator 0..n-1 stays where it is, from now on.
+
+        Raises:
+            ValueError: No such actuator.
+            ModelError: It has no lock.
+        """
+        k = self._index(actuator)
+        activate_lock(self.model, self.data, self.drives[k], self._locks[k])
+
+    def release(self, actuator: int) -> None:
+        """Torque failure: actuator 0..n-1 is switched off, from now on.
+
+        Raises:
+            ValueError: No such actuator.
+        """
+        switch_off(self.model, self.drives[self._index(actuator)])
+
+    def weaken(self, actuator: int, effectiveness: float) -> None:
+        """Actuator 0..n-1 gives this part, in 0..1, of the force that it gave.
+
+        Raises:
+            ValueError: No such actuator, or no such part.
+        """
+        ids = list(self.drives[self._index(actuator)].ids)
+        part = check.at_most_one("effectiveness", effectiveness)
+        # A position servo takes the force of its error from both.
+        self.model.actuator_gainprm[ids, :3] *= part
+        self.model.actuator_biasprm[ids, :3] *= part
+
+    def break_loose(self, actuator: int) -> None:
+        """Release actuator 0..n-1 and take its suspension spring, and with it its preload, away.
+
+        Raises:
+            ValueError: No such actuator.
+        """
+        self.release(actuator)
+        take_spring(self.model, self.drives[self._index(actuator)])
+
+    def push(self, wrench: Array) -> None:
+        """Push the payload, from now on, with [moment; force] at its site in base axes.
+
+        Moment, force and lever arm stay as they are now, in the world.
+
+        Args:
+            wrench: Shape (6,), [N m] and [N].
+
+        Raises:
+            ValueError: It has another shape or is not finite.
+        """
+        wrench = check.exactly("wrench", wrench, 6)
+        self.data.xfrc_applied[:] = 0.0
+        applied = self._payload.force_at_centre_of_mass(self.data, wrench)
+        self.data.xfrc_applied[self._payload.frame.body] = applied
+
+    def load(self, force: Array) -> None:
+        """Push along the velocity of each actuator, from now on, beside what it exerts itself.
+
+        Args:
+            force: Shape (n,), [N] or [N m], such as of friction.
+
+        Raises:
+            ValueError: It has another shape or is not finite.
+        """
+        force = check.exactly("force", force, len(self.drives))
+        if self._joints is not None:
+            self.data.qfrc_applied[self._joints] = force
+        else:
+            self.data.qfrc_applied[:] = drive_rows(self.model, self.data, self.drives).T.dot(force)
+
+    def shake(self, acceleration: Array) -> None:
+        """Accelerate the floor, from now on, without turning it.
+
+        What is seen from the floor: every mass m feels the inertial force -m a beside its weight.
+
+        Args:
+            acceleration: Of the base, in base axes, shape (3,), [m]/[s^2].
+
+        Raises:
+            ValueError: It has another shape or is not finite.
+        """
+        acceleration = check.exactly("acceleration", acceleration, 3)
+        self.model.opt.gravity[:] = self._gravity - self._payload.axes(self.data) @ acceleration
+
+    def displacement(self) -> Array:
+        """Payload displacement [rotation vector; translation] in base axes, shape (6,).
+
+        From the nominal pose, [rad] and [m]; zero there, however base and payload are turned.
+        """
+        return self.pose().displacement()
+
+    def pose(self) -> Pose:
+        """Payload relative to its nominal pose, in base axes: rotation R_now R_nominal^T."""
+        return self._payload.pose(self.data)
+
+    def displacements(self) -> Array:
+        """Displacement of each actuator from the nominal pose, shape (n,), [m] or [rad].
+
+        Of a joint, of the length of a tendon or slider-crank, or of what a servo at a site feels.
+        """
+        return self._gauges.read(self.data)
+
+    def limits(self) -> tuple[Array, Array]:
+        """Lower and upper displacements (n,) each, [m] or [rad], at which sound actuators can rest.
+
+        From the nominal pose, within the ranges of joint or tendon, control, and the force that
+        the spring takes; infinite where there are none. The change of the weight's pull is
+        neglected.
+        """
+        lower, upper = self._limits
+        return lower.copy(), upper.copy()
+
+    @property
+    def stiffness(self) -> Array:
+        """Force of each actuator per displacement commanded while it is held, shape (n,)."""
+        return self._commands.stiffness.copy()
+
+    @property
+    def spring_share(self) -> Array:
+        """Part of :attr:`stiffness` that the own spring of each drive gives, shape (n,)."""
+        return 1.0 - self._commands.feedback[:, 0]
+
+    @property
+    def command(self) -> Array:
+        """Displacements (n,) last commanded by :meth:`step`; zero before the first."""
+        return self._command.copy()
+
+    def linear(self) -> LinearPlant:
+        """About the present pose, taken as a rest, with the commands of :meth:`step` as inputs.
+
+        Raises:
+            ModelError: As :func:`linearize`.
+        """
+        data = copy.copy(self.data)
+        to_axes = self._payload.axes(data).T
+        linear = linear_plant(self.model, data, self._payload_frame, to_axes, self.drives)
+        commands, k = self._commands, len(linear.A) // 2
+        return replace(
+            linear,
+            B=linear.B @ commands.per_displacement,
+            feedback=np.hstack(
+                [part[:, None] * linear.C_active[:, :k] for part in commands.feedback.T]
+            ),
+            holding=self.coil_force_n() / commands.stiffness,
+            spring=self.spring_share[:, None] * linear.C_active,
+            preload=spring_forces(self.model, data, self.drives) / commands.stiffness,
+        )
+
+    @property
+    def implicit_damping(self) -> bool:
+        """Whether the integrator takes the forces of dampers with the speeds at a step's end.
+
+        Euler's method does so with the damping of joints alone, and counts where no drive has a
+        damping of its own.
+        """
+        if self.model.opt.integrator == mujoco.mjtIntegrator.mjINT_EULER:
+            damped = not self.model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_EULERDAMP
+            return bool(damped and not self._commands.feedback[:, 1].any())
+        return self.model.opt.integrator != mujoco.mjtIntegrator.mjINT_RK4
+
+    def constraint_force(self) -> Array:
+        """Forces of closures, locks and stops on each velocity, shape (nv,), [N] and [N m]."""
+        return self.data.qfrc_constraint.copy()
+
+    def coil_force_n(self) -> Array:
+        """Force of each actuator along its velocity, shape (n,), [N] or [N m]."""
+        force = self.data.actuator_force
+        return np.array([force.take(d.outputs).dot(d.gear) for d in self.drives])
+
+    def closure_residual_m(self) -> float:
+        """Largest closure residual at the last physics step; a weld's angles count as m/rad."""
+        rows = self.data.ne  # equalities come first
+        return compiled().largest_gap(self.data.efc_pos, self.data.efc_id, self._is_loop, rows)
+
+    def observe(self, rotation: Array, translation_m: Array, displacement: Array) -> None:
+        """Overwrite (3, 3), (3,) and (n,) by :meth:`pose` and :meth:`displacements`, in a log."""
+        self._payload.write_pose(self.data, rotation, translation_m)
+        self._gauges.read(self.data, displacement)
+
+    def integration_state(self) -> Array:
+        """The complete state of the integration (mjSTATE_INTEGRATION)."""
+        state = np.empty(mujoco.mj_stateSize(self.model, _STATE))
+        mujoco.mj_getState(self.model, self.data, state, _STATE)
+        return state
+
+    def number(self, actuator: int | str) -> int:
+        """The number 0..n-1 of a drive, given by it or by a name.
+
+        Raises:
+            ValueError: There is none; the nearest name is named.
+        """
+        if not isinstance(actuator, str):
+            return self._index(actuator)
+        try:
+            return number_of(actuator, [(drive.name, *drive.actuators) for drive in self.drives])
+        except ValueError as error:
+            raise ValueError(f"actuator must be one of the plant's: {error}") from None
+
+    def _index(self, actuator: int) -> int:
+        return check.index("actuator", actuator, len(self.drives))
+
+    def _is_finite(self) -> bool:
+        a, b, c = self._warnings
+        return not (a.number or b.number or c.number) and isfinite(dnrm2(self.data.qpos))
+
+
+def _joint_velocities(model: mujoco.MjModel, drives: Sequence[Drive]) -> NDArray[np.intp] | None:
+    """Velocity index of each drive, shape (n,); None where one is no slide or hinge joint."""
+    joints = [drive.joint for drive in drives if drive.joint is not None]
+    return model.jnt_dofadr[joints].astype(np.intp) if len(joints) == len(drives) else None
+
+
+@lru_cache(maxsize=8)
+def _steps(period_s: float, timestep_s: float) -> int:
+    """Physics steps in a period."""
+    steps = round(period_s / timestep_s)
+    if steps > _MOST_STEPS:
+        raise ValueError(f"period_s must be at most {_MOST_STEPS} steps, got {period_s:g} s")
+    if steps < 1 or abs(steps * timestep_s - period_s) > 1e-12:
+        raise ModelError(
+            f"the model's physics step of {timestep_s} s does not divide the period of {period_s} s"
+        )
+    return steps
+
+
+def _place(model: mujoco.MjModel, data: mujoco.MjData, start: mujoco.MjData) -> None:
+    """Put a new state into the pose of another one, which must be closed."""
+    check_state(model, check.instance("start", start, mujoco.MjData))
+    data.qpos[:], data.eq_active[:] = start.qpos, start.eq_active
+    data.mocap_pos[:], data.mocap_quat[:] = start.mocap_pos, start.mocap_quat
+    check_closures(model, data)
+    mujoco.mj_fwdPosition(model, data)
+    gap, worst = active_closures(model, data).largest_gap(data)
+    if gap > CLOSURE_TOLERANCE:
+        raise ClosureError(equality_name(model, worst), gap, "call sim.assemble(model, data)")

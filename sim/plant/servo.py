@@ -1,0 +1,108 @@
+"""Torque motors as position servos."""
+
+import copy
+import math
+
+import mujoco
+import numpy as np
+
+import argument_checks as check
+from sim.array import Array
+from sim.closing.equalities import check_closures, closure_rows
+from sim.errors import ModelError
+from sim.mjcf.drive import Drive
+from sim.mjcf.dynamics import mass_of
+from sim.mjcf.law import law_of
+from sim.mjcf.model import check_state
+from sim.mjcf.transmission import drive_rows, drives
+from sim.plant.linear import allowed
+
+_FASTEST = 0.5
+"""Largest natural frequency and damping rate times the time step: beyond, a step overshoots."""
+
+
+def servoed(
+    model: mujoco.MjModel,
+    *,
+    natural_frequency_hz: float,
+    damping_ratio: float = 1.0,
+    data: mujoco.MjData | None = None,
+) -> mujoco.MjModel:
+    """The model with each torque motor of a joint, tendon or slider-crank as a position servo.
+
+    Its stiffness and damping give the drive alone, the other drives held, the natural frequency and
+    damping ratio; springs and dampers of the mechanism come on top. The control becomes the target
+    of the actuator's length, gear times displacement, without a range; the range that it had
+    limits the force. Other actuators stay as they are.
+
+    Args:
+        model: The model, which stays as it is.
+        natural_frequency_hz: Undamped, of each drive.
+        damping_ratio: 1 is critical.
+        data: The pose, closed, at which inertias are taken; None is `qpos0`.
+
+    Raises:
+        ValueError: A number that is not positive, or too high for the time step; `data` is of
+            another model.
+        ModelError: As :func:`jacobians`.
+        TypeError: An argument is of another type.
+    """
+    check.instance("model", model, mujoco.MjModel)
+    omega = 2.0 * math.pi * check.positive("natural_frequency_hz", natural_frequency_hz)
+    damping_ratio = check.number("damping_ratio", damping_ratio)
+    rate = omega * max(1.0, 2.0 * damping_ratio)
+    if rate * model.opt.timestep > _FASTEST:
+        most = natural_frequency_hz * _FASTEST / (rate * model.opt.timestep)
+        raise ValueError(
+            f"natural_frequency_hz must be at most {most:.3g} with the model's time step of "
+            f"{model.opt.timestep:g} s, got {natural_frequency_hz:g}"
+        )
+    servo, of_model = copy.copy(model), drives(model)
+    state = mujoco.MjData(model) if data is None else copy.copy(data)
+    check_state(model, state)
+    check_closures(model, state)
+    mujoco.mj_fwdPosition(model, state)
+    for drive, inertia in zip(of_model, _inertias(model, state, of_model), strict=True):
+        if _is_torque_driven(model, drive):
+            squares = sum(gear * gear for gear in drive.gear)
+            stiffness = inertia * omega**2 / squares
+            damping = 2.0 * damping_ratio * inertia * omega / squares
+            for k, out in zip(drive.ids, drive.outputs, strict=True):
+                _close_loop(servo, k, out, stiffness, damping)
+    return servo
+
+
+def _is_torque_driven(model: mujoco.MjModel, drive: Drive) -> bool:
+    """Whether all its actuators are motors, which could feel a length."""
+    if not drive.has_length:
+        return False
+    try:
+        return all(law_of(model, k).is_motor for k in drive.ids)
+    except ModelError:  # muscles and others, which a plant refuses in its own words
+        return False
+
+
+def _inertias(model: mujoco.MjModel, data: mujoco.MjData, some: tuple[Drive, ...]) -> Array:
+    """Inertia (n,) of each drive with the others held: diag of the mass matrix without loops.
+
+    Per unit of a drive's velocity, what no drive moves stays as slow as the loops allow.
+    """
+    Z = allowed(closure_rows(model, data))
+    motion = Z @ np.linalg.pinv(drive_rows(model, data, some) @ Z)
+    return np.einsum("ij,ik,kj->j", motion, mass_of(model, data), motion)
+
+
+def _close_loop(
+    model: mujoco.MjModel, actuator: int, output: int, stiffness: float, damping: float
+) -> None:
+    """Make a motor a position servo; the range of its control becomes one of its force."""
+    control, gain = model.actuator_ctrladr[actuator], model.actuator_gainprm[actuator, 0]
+    if model.actuator_ctrllimited[control]:
+        span = np.sort(gain * model.actuator_ctrlrange[control])
+        if model.actuator_forcelimited[output]:
+            span = span.clip(*model.actuator_forcerange[output])
+        model.actuator_forcerange[output], model.actuator_forcelimited[output] = span, True
+        model.actuator_ctrllimited[control] = False
+    model.actuator_gainprm[actuator, 0] = stiffness
+    model.actuator_biasprm[actuator, :3] = 0.0, -stiffness, -damping
+    model.actuator_biastype[actuator] = mujoco.mjtBias.mjBIAS_AFFINE
