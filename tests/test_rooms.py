@@ -1,6 +1,7 @@
 """The rooms, one direction, and the floors of `experiments`: who may import whom."""
 
 import ast
+import subprocess
 import sys
 from pathlib import Path
 
@@ -93,3 +94,27 @@ def test_no_floor_imports_upward_and_no_study_another(place):
 def test_the_check_sees_imports():
     assert {"prioritized", "sim", "ftc", "rerun"} <= imported_by("experiments")
     assert "experiments.hexapod.controller" in imported(ROOT / "tests" / "test_bench.py")
+
+
+NOT_OF_SIM = ("rerun", "rerun_loader_mjcf", "pyarrow", "typer", "rich", "distributed", "psutil")
+
+
+def test_a_rig_needs_the_extra_sim_alone():
+    """Who flies a robot from Python needs none of what recordings, tables and commands need."""
+    code = f"""
+import sys
+
+class Refused:
+    def find_spec(self, name, path=None, target=None):
+        if name.split(".")[0] in {NOT_OF_SIM}:
+            raise ImportError(name)
+
+sys.meta_path.insert(0, Refused())
+from experiments.rig import Rig
+rig = Rig.hexapod()
+print(rig.fly(rig.controller(), [[0.0, 0.0]]).status)
+"""
+    run = [sys.executable, "-c", code]
+    done = subprocess.run(run, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == "The pilot does not diagnose.\n"

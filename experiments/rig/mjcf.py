@@ -11,9 +11,9 @@ import mujoco
 import numpy as np
 
 import argument_checks as check
+from experiments.output.bodies import body_name
 from experiments.output.draw import Draw
 from experiments.output.mismatch import EXACT, Mismatch
-from experiments.output.recording.mechanism import body_name
 from experiments.output.study import WrongInput
 from experiments.rig.dither import dither_of
 from experiments.rig.mismatched import ALL, DriftingSensors, displaced, mismatched_model

@@ -1,7 +1,7 @@
 """A flight of a robot: what happened at every tick, and what the pilot made of it."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from ftc.fdi.fault_model import FaultKind
@@ -114,23 +114,29 @@ def flown(
 
 
 def _named(rig: "Rig", state: SupervisorState, time_s: Array) -> tuple[Named, ...]:
-    """Each diagnosis; a revision of the kind is one of its own."""
-    withdrawn = dict(state.withdrawn)
-    return tuple(
-        Named(
+    """Each diagnosis; another kind of the same actuator is one of its own, a confirmation none."""
+    withdrawn, named = dict(state.withdrawn), list[Named]()
+    for found in state.diagnoses:
+        one = Named(
             rig.actuators[found.fault.actuator],
             found.fault.kind,
             float(time_s[found.tick]),
             float(time_s[withdrawn[found]]) if found in withdrawn else None,
         )
-        for found in state.diagnoses
-    )
+        last = next((each for each in named[::-1] if each.actuator == one.actuator), None)
+        if last is None or last.kind != one.kind or last.withdrawn_s is not None:
+            named.append(one)
+        elif one.withdrawn_s is not None:
+            named[named.index(last)] = replace(last, withdrawn_s=one.withdrawn_s)
+    return tuple(named)
 
 
 def _status(state: Any, named: Sequence[Named]) -> str:
     if not isinstance(state, SupervisorState):
         return "The pilot does not diagnose."
     found = "; ".join(map(str, named)) or "Nothing was diagnosed"
+    if state.watch.unexplained:
+        found += "; there was an alarm that no single failure explains"
     gave_up = "; the pilot gave the major task up" if state.task_lost else ""
     return f"{found}{gave_up}."
 

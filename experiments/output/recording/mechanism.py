@@ -11,6 +11,7 @@ import rerun.blueprint as rrb
 from rerun_loader_mjcf import MJCFLogger, MJCFLogPaths
 from scipy.spatial.transform import Rotation
 
+from experiments.output.bodies import body_name
 from experiments.output.plotting import YELLOW
 from experiments.output.recording import Array
 from experiments.output.recording import views as beside
@@ -40,11 +41,6 @@ class Motion:
     names: tuple[str, ...]
     rotation: Array
     position_m: Array
-
-
-def body_name(model: mujoco.MjModel, body: int) -> str:
-    """Of a body in a recording, also of one that has none."""
-    return model.body(body).name or f"body_{body}"
 
 
 def motion_of(model: mujoco.MjModel, qpos: Array) -> Motion:
