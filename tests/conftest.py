@@ -8,7 +8,6 @@ import mujoco
 import numpy as np
 import pytest
 from filelock import FileLock
-from hypothesis import settings
 from matplotlib.figure import Figure
 
 from experiments.app.cli import main
@@ -16,11 +15,10 @@ from experiments.output.cluster import Where, cluster
 from experiments.output.plotting import save_figure
 from experiments.sweep.campaign import SOURCES
 from sim import load_model
+from tests import profiles
 from tests.figure_checks import faults
 
-# Timings are noise on a busy machine, and a run of the suite must be one that can be repeated.
-settings.register_profile("repeatable", deadline=None, derandomize=True)
-settings.load_profile("repeatable")
+profiles.register()
 
 # A job that a shell puts in the background ignores Ctrl-C, and so would what the tests start.
 signal.signal(signal.SIGINT, signal.default_int_handler)
