@@ -21,6 +21,8 @@ table1: venv
 # half as long again.
 PYTEST := $(BIN)/python -m pytest --numprocesses auto --dist loadfile
 test test-all: export OPENBLAS_NUM_THREADS = 1
+# Without bytecode every process rewrites the assertions of all test files anew, 4 s each.
+unexport PYTHONDONTWRITEBYTECODE
 
 # Every law, the physics, the command line. A run of a study takes longer: `make table1` is one.
 test: venv

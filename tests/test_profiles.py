@@ -1,10 +1,16 @@
-"""What each profile of hypothesis promises: how many examples, and whether they are new."""
+"""What the settings of all tests promise: how many examples, whether they are new, no imports."""
+
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.profiles import EXAMPLES, chosen, examples
+
+ROOT = Path(__file__).parents[1]
 
 
 @pytest.fixture
@@ -48,3 +54,18 @@ def test_only_the_night_tries_examples_that_were_not_tried_before(name, repeats)
         return seen
 
     assert (tried() == tried()) is repeats
+
+
+LIGHT = """
+import sys
+import tests.conftest
+heavy = {"control", "distributed", "matplotlib", "mujoco", "numba", "scipy", "typer"}
+print(*heavy & set(sys.modules))
+"""
+
+
+def test_whoever_runs_one_test_does_not_wait_for_what_it_does_not_need():
+    done = subprocess.run(
+        [sys.executable, "-c", LIGHT], cwd=ROOT, check=True, capture_output=True, text=True
+    )
+    assert done.stdout.split() == []
