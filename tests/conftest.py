@@ -9,6 +9,7 @@ import pytest
 from filelock import FileLock
 
 from tests import profiles
+from tests.processor_time import pytest_runtest_call as pytest_runtest_call
 
 # Whoever runs one test waits for what it imports: the command line, Dask, MuJoCo and matplotlib are
 # imported where a fixture needs them.

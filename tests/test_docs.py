@@ -56,6 +56,7 @@ def test_the_readmes_lines_fail_an_actuator_of_any_mjcf(machine, tmp_path, monke
         np.testing.assert_allclose(vector, [0.1, 0.0], atol=1e-6)
 
 
+@pytest.mark.long
 def test_the_readmes_loop_finds_the_lock_of_a_robot_and_goes_on(tmp_path, monkeypatch, capsys):
     """After it the hand is off a circle of 1 mrad by lag and noise only."""
     monkeypatch.chdir(tmp_path)

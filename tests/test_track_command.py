@@ -195,6 +195,7 @@ def test_a_spiral_grows_to_its_size_at_the_end(sound):
     assert radius[-1] == pytest.approx(sound.rig.size, rel=0.01)
 
 
+@pytest.mark.long
 def test_the_command_writes_what_the_interface_says(made_once):
     words = ("--major", "0,1", "--crossover", "0.7", "--duration", "0.4", "--turn", "1")
     folder = made_once(
