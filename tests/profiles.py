@@ -38,11 +38,13 @@ def chosen() -> str:
     return os.environ.get("PROPERTIES") or ("ci" if os.environ.get("CI") else "local")
 
 
-def examples(in_ci: int) -> settings:
-    """The decorator of a property that has its own number of examples in CI.
-
-    The other profiles have more or fewer in proportion, at least one.
-    """
+def scaled(in_ci: int) -> int:
+    """A number of examples, in proportion to those of the profile in force; at least one."""
     default = settings.default
     assert default is not None
-    return settings(max_examples=max(1, in_ci * default.max_examples // EXAMPLES["ci"]))
+    return max(1, in_ci * default.max_examples // EXAMPLES["ci"])
+
+
+def examples(in_ci: int) -> settings:
+    """The decorator of a property that has its own number of examples in CI."""
+    return settings(max_examples=scaled(in_ci))
