@@ -1,6 +1,7 @@
 """A short test that takes long fails in CI, and there only."""
 
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -10,7 +11,7 @@ from tests import conftest, processor_time
 def ends(took_s: float, *, marker: object = None) -> None:
     """Raise what a test ends with that takes so long and passes."""
     clock = iter([7.0, 7.0 + took_s])
-    item = SimpleNamespace(get_closest_marker={"long": marker}.get)
+    item: Any = SimpleNamespace(get_closest_marker={"long": marker}.get)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(processor_time, "processor_s", lambda: next(clock))
         hook = processor_time.pytest_runtest_call(item)
