@@ -4,13 +4,13 @@ BIN := .venv/bin
 STAMP := .venv/installed
 RUNS := results/report
 
-.PHONY: venv table1 test test-all test-processors wheel-test check docs bench bench-quick pictures clean
+.PHONY: venv table1 test test-all test-processors coverage wheel-test dist check hooks docs bench bench-quick pictures clean
 
 venv: $(STAMP)
 
 $(STAMP): pyproject.toml constraints.txt
 	$(PYTHON) -m venv .venv
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable ".[bench,test,check,docs]"
+	$(BIN)/python -m pip install --quiet --no-compile --constraint constraints.txt --editable ".[bench,test,check,docs]"
 	$(BIN)/python -c "from prioritized._solver import bounded, closing, unlimited; from sim import _tick; from ftc.fdi.isolation import _evidence"  # 30 s
 	touch $(STAMP)
 
@@ -20,7 +20,9 @@ table1: venv
 # On all cores, a file of tests in one process. Two processes whose BLAS has two threads each take
 # half as long again.
 PYTEST := $(BIN)/python -m pytest --numprocesses auto --dist loadfile
-test test-all: export OPENBLAS_NUM_THREADS = 1
+test test-all coverage: export OPENBLAS_NUM_THREADS = 1
+# Without bytecode every process rewrites the assertions of all test files anew, 4 s each.
+unexport PYTHONDONTWRITEBYTECODE
 
 # Every law, the physics, the command line. A run of a study takes longer: `make table1` is one.
 test: venv
@@ -35,14 +37,28 @@ test-all: venv
 test-processors: venv
 	$(BIN)/python tests/processors.py
 
+# Which lines the short tests run: a report in build/coverage, no bound. What numba compiles counts
+# as not run.
+coverage: venv
+	PROPERTIES=local $(PYTEST) -m "not long" --cov --cov-report=term:skip-covered --cov-report=html:build/coverage
+
 # The wheel in an empty environment: base, sim and testbed, the README's examples, types.
 wheel-test:
 	$(PYTHON) tests/wheel.py
+
+# What a release consists of, in dist: the sources, and the wheel built from them.
+dist: venv
+	rm -rf dist
+	$(BIN)/python -m build --outdir dist
 
 check: venv
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/pyright
+
+# `make check` before every commit, by pre-commit.
+hooks: venv
+	$(BIN)/pre-commit install
 
 # The site, in build/site; a broken link or reference is an error. Needs no network.
 docs: venv
@@ -70,4 +86,4 @@ pictures: venv
 	$(BIN)/fjh animate $(RUNS)/recover/locked.npz --out docs/pictures/animation.gif
 
 clean:
-	rm -rf .venv results build *.egg-info
+	rm -rf .venv results build dist *.egg-info

@@ -3,24 +3,22 @@ import os
 import signal
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import mujoco
-import numpy as np
 import pytest
 from filelock import FileLock
-from hypothesis import settings
-from matplotlib.figure import Figure
 
-from experiments.app.cli import main
-from experiments.output.cluster import Where, cluster
-from experiments.output.plotting import save_figure
-from experiments.sweep.campaign import SOURCES
-from sim import load_model
-from tests.figure_checks import faults
+from tests import profiles
+from tests.processor_time import pytest_runtest_call as pytest_runtest_call
 
-# Timings are noise on a busy machine, and a run of the suite must be one that can be repeated.
-settings.register_profile("repeatable", deadline=None, derandomize=True)
-settings.load_profile("repeatable")
+# Whoever runs one test waits for what it imports: the command line, Dask, MuJoCo and matplotlib are
+# imported where a fixture needs them.
+if TYPE_CHECKING:
+    import mujoco
+    import numpy as np
+    from matplotlib.figure import Figure
+
+profiles.register()
 
 # A job that a shell puts in the background ignores Ctrl-C, and so would what the tests start.
 signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -43,8 +41,10 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 @pytest.fixture(scope="session")
-def model() -> mujoco.MjModel:
+def model() -> "mujoco.MjModel":
     """The hexapod; plants copy it, tests that alter it must copy it too."""
+    from sim import load_model
+
     return load_model()
 
 
@@ -59,7 +59,7 @@ Make = Callable[[str, Callable[[Path], int]], Path]
 
 
 @pytest.fixture(scope="session")
-def made_once(shared) -> Make:
+def made_once(shared, faults_of_figures) -> Make:
     """Makes a folder in the process that needs it first; the others wait and take it over.
 
     One name is one folder: another command needs another name.
@@ -78,17 +78,28 @@ def made_once(shared) -> Make:
 
 def fjh(*words: str) -> Callable[[Path], int]:
     """The command with these words, its folder left open."""
-    return lambda folder: main([*words, "--out", str(folder)])
+
+    def command(folder: Path) -> int:
+        from experiments.app.cli import main
+
+        return main([*words, "--out", str(folder)])
+
+    return command
 
 
-@pytest.fixture(scope="session", autouse=True)
+@pytest.fixture(scope="session")
 def faults_of_figures(shared) -> Iterator[Callable[[str], list[str]]]:
-    """What is wrong with the figure of a name that a command saved, in whichever process."""
+    """What is wrong with the figure of a name that a command saved, in whichever process.
+
+    A fixture that runs a command needs this one, as those of `made_once` do.
+    """
+    from experiments.output.plotting import save_figure
+    from tests.figure_checks import faults
 
     def file(name: str) -> Path:
         return shared / f"{name}.faults.json"
 
-    def save(figure: Figure, folder: Path, name: str, *formats: tuple[str, ...]) -> None:
+    def save(figure: "Figure", folder: Path, name: str, *formats: tuple[str, ...]) -> None:
         save_figure(figure, folder, name, *formats)
         own = file(f"{name}.{os.getpid()}")
         # After it, since drawing moves what is not yet laid out.
@@ -192,8 +203,9 @@ def goals(goals_folder):
 
 
 @pytest.fixture(scope="session")
-def bench_folder(tmp_path_factory):
+def bench_folder(tmp_path_factory, faults_of_figures):
     """Everything timed, but as briefly as can be: made by the command."""
+    from experiments.app.cli import main
     from experiments.benchmark import runs
 
     folder = tmp_path_factory.mktemp("bench")
@@ -214,6 +226,9 @@ def bench(bench_folder):
 @pytest.fixture(scope="session")
 def crew():
     """A client of a Dask cluster of two workers."""
+    from experiments.output.cluster import Where, cluster
+    from experiments.sweep.campaign import SOURCES
+
     with cluster(Where(workers=2), 2, SOURCES) as client:
         yield client
 
@@ -287,8 +302,9 @@ def table1(table1_folder):
 @pytest.fixture(scope="session")
 def runs(table1, table1_folder):
     """The `.npz` of each column, by name."""
+    import numpy as np
 
-    def load(file: str) -> dict[str, np.ndarray]:
+    def load(file: str) -> "dict[str, np.ndarray]":
         with np.load(table1_folder / file) as data:
             return dict(data)
 

@@ -4,12 +4,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from prioritized import Solution, Status, lexicographic_least_squares
 from tests.lexicographic_oracles import by_active_sets, by_interior_point, certificate
 from tests.lexicographic_problems import Problem, problems, random_problem
+from tests.profiles import examples
 from tests.random_systems import SEEDS, of_rank
 
 INF = np.inf
@@ -42,7 +43,7 @@ def drawn(seed: int, n: int, reach: float = 3.0) -> Problem:
     return random_problem(rng, n, kinds, bounds, reach, seed % 3)
 
 
-@settings(max_examples=60)
+@examples(60)
 @given(problems(most=4))
 def test_every_active_set_tried_finds_no_better_answer(problem):
     found = solve(problem)
@@ -76,7 +77,7 @@ def test_the_conditions_of_an_optimum_hold_at_every_level(n):
 
 @pytest.mark.long
 @given(st.integers(1, 30), SEEDS, st.sampled_from([0.3, 0.9, 3.0, 100.0]))
-@settings(max_examples=3000)
+@examples(3000)
 def test_the_conditions_hold_in_thousands_of_problems(n, seed, reach):
     problem = drawn(seed, n, reach)
     found = solve(problem)
@@ -109,7 +110,7 @@ def test_ties_are_broken_by_the_least_norm_or_by_the_metric():
 
 
 @given(SEEDS, st.integers(1, 3))
-@settings(max_examples=30)
+@examples(30)
 def test_an_interval_at_a_later_level_is_met_as_nearly_as_the_levels_before_let(seed, n):
     """Enumeration with the values of its rows as unknowns: |G x - s| least, s in the interval."""
     rng = np.random.default_rng(seed)

@@ -5,7 +5,7 @@ from itertools import pairwise, product
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import direct
 from scipy.spatial.transform import Rotation
@@ -28,6 +28,7 @@ from experiments.jacobian.variation import (
     variation,
 )
 from sim import NOMINAL, Hexapod, Pose, forward_kinematics, hexapod, load_model
+from tests.profiles import examples
 
 MACHINE = hexapod(load_model())
 STROKE_M = paper.STROKE_M
@@ -191,7 +192,7 @@ def test_a_stroke_that_is_none_is_refused(bad):
 
 
 @pytest.mark.long
-@settings(max_examples=5)
+@examples(5)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_nothing_in_the_box_exceeds_its_certificate(seed):
     rng = np.random.default_rng(seed)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from prioritized import ConstrainedSystem, Status, failure_atlas
+from tests.profiles import scaled
 from tests.random_systems import orthogonal
 
 FLAGS = (
@@ -21,7 +22,7 @@ def weak(rng: np.random.Generator, rows: int, columns: int) -> np.ndarray:
     return orthogonal(rng, rows)[:, :k] * sigma @ orthogonal(rng, columns)[:k]
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", range(scaled(20)))
 def test_atlas_report_and_mappings_agree_however_weak_a_direction_is(seed):
     """Ten mechanisms a seed, every condition of three actuators, tolerances among the values."""
     rng, rows = np.random.default_rng(seed), [0, 1]

@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from experiments.app.cli import main
@@ -31,6 +31,7 @@ from experiments.recover.row import SCHEMA, row_of
 from ftc.fdi.diagnosis import Diagnosis
 from ftc.fdi.fault_model import Fault, FaultKind
 from sim import Failure, SimulationDiverged
+from tests.profiles import examples
 
 WHOLE = for_hours(10.0)
 SHORT = Counts(exact=0, all=0, alone=0, mismatches=(), size=0, sound=10, sound_s=0.1, pairs=0)
@@ -142,7 +143,7 @@ VALUES = {
 }
 
 
-@settings(max_examples=15)
+@examples(15)
 @given(st.fixed_dictionaries({each.name: st.none() | VALUES[each.type] for each in SCHEMA}))
 def test_a_row_comes_back_from_its_file_as_it_was(tmp_path_factory, row):
     path = tmp_path_factory.mktemp("rows") / "row.parquet"

@@ -29,7 +29,7 @@ from tests.test_force import theorem_7, theorem_8
 
 
 @pytest.fixture(scope="module")
-def force_run(tmp_path_factory):
+def force_run(tmp_path_factory, faults_of_figures):
     """The experiment with strut 1 failing, by the command: its folder, and what it computed."""
     folder, computed, run = tmp_path_factory.mktemp("force"), [], runs.run_force
 

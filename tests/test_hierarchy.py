@@ -4,11 +4,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from prioritized import ConstrainedSystem, Status, Task, lexicographic_least_squares
 from tests.lexicographic_oracles import by_active_sets, certificate
+from tests.profiles import examples
 from tests.random_systems import SEEDS, failures, of_rank, rows_of, systems
 
 
@@ -18,7 +19,7 @@ def arm(rng: np.random.Generator, m: int, n: int) -> ConstrainedSystem:
 
 
 @given(st.data(), systems(tasks=(2, 5)))
-@settings(max_examples=60)
+@examples(60)
 def test_two_levels_are_a_velocity_mapping(data, drawn):
     """The major task, then goals of rates and secondary velocity side by side; failures too."""
     system, rng = data.draw(failures(drawn.system)), drawn.rng
@@ -40,7 +41,7 @@ def test_two_levels_are_a_velocity_mapping(data, drawn):
 
 
 @given(SEEDS, st.integers(2, 4))
-@settings(max_examples=40)
+@examples(40)
 def test_three_levels_are_the_best_of_every_active_set(seed, n):
     rng = np.random.default_rng(seed)
     kin = arm(rng, 3, n).kinematics()
@@ -97,7 +98,7 @@ def test_an_interval_is_met_after_the_levels_before_it(seed, n, first):
 
 
 @given(systems(actives=(2, 4)), SEEDS)
-@settings(max_examples=40)
+@examples(40)
 def test_what_is_given_for_all_actuators_is_cut_to_the_survivors(drawn, seed):
     rng, n = np.random.default_rng(seed), len(drawn.system.active)
     kin = drawn.system.with_failures(locked=[0]).kinematics()

@@ -185,6 +185,7 @@ def test_a_pushed_mechanism_stands_as_the_page_says(walked):
     assert np.abs(torques).max() > 0.1
 
 
+@pytest.mark.long
 def test_the_mechanism_of_the_page_passes_the_study(walked, monkeypatch):
     """Each of its conditions, simulated and classified."""
     monkeypatch.chdir(walked["folder"])

@@ -189,7 +189,8 @@ def test_damping_bounds_the_rates_however_near_the_singularity(seed, nearness, s
     assert np.linalg.norm(C @ rates) <= 1e-12 * np.linalg.norm(rates)
     assert mapping.status is Status.DAMPED
     miss = M.T @ M @ mapping.residual(v)
-    round_off = 1e-14 * float(1.0 + np.linalg.norm(rates))  # of J rates, where large terms cancel
+    # Of J rates, where large terms cancel, in the metric.
+    round_off = 1e-14 * float((1.0 + np.linalg.norm(rates)) * (1.0 + np.linalg.norm(M, 2) ** 2))
     np.testing.assert_allclose(Z @ J.T @ miss, damping**2 * Z @ rates, rtol=1e-6, atol=round_off)
 
 

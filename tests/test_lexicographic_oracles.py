@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from scipy.optimize import lsq_linear
 
 from tests.lexicographic_oracles import by_active_sets, by_interior_point, certificate
 from tests.lexicographic_problems import Problem, problems, random_problem
+from tests.profiles import examples
 
 INF = np.inf
 
@@ -19,7 +20,7 @@ def worst(problem: Problem, x: np.ndarray) -> float:
     return certificate(problem.levels, problem.lower, problem.upper, x, problem.rows).worst
 
 
-@settings(max_examples=60)
+@examples(60)
 @given(problems(most=4))
 def test_the_oracles_agree_and_both_answers_are_certified(problem):
     """Enumeration and interior points know nothing of each other; the conditions prove both."""

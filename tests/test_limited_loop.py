@@ -3,7 +3,7 @@
 import control
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
 
@@ -14,6 +14,7 @@ from ftc.control.mapping import PrioritizedMapping
 from ftc.controller import DirectDrive, Measurement, PrioritizedController
 from ftc.goal import Goal
 from prioritized import ConstrainedSystem
+from tests.profiles import examples
 
 SEEDS = st.integers(0, 2**32 - 1)
 MAJOR, SECONDARY = [0, 1], [2, 3]
@@ -35,7 +36,7 @@ def limited(own: LocalGeometry, half: float = 0.5, **options) -> PrioritizedMapp
     return PrioritizedMapping(own, goal, MAJOR, SECONDARY, limits_m=box, **options)
 
 
-@settings(max_examples=40)
+@examples(40)
 @given(SEEDS, st.sampled_from([{}, {1: 0.2}, {0: -0.3, 3: 0.1}]))
 def test_what_is_achieved_is_as_near_to_the_demand_as_the_limits_allow(seed, locked_m):
     """An independent bounded solver finds the same error, stuck actuators included."""
@@ -178,7 +179,7 @@ def test_the_circle_margin_of_an_integrator_behind_a_tick_is_the_one_on_paper(an
     assert found == pytest.approx(least, abs=1e-3)
 
 
-@settings(max_examples=2)
+@examples(2)
 @given(SEEDS)
 def test_with_a_positive_circle_margin_two_responses_converge_through_the_limits(seed):
     delay = control.ss(np.zeros((2, 2)), np.eye(2), np.eye(2), np.zeros((2, 2)), PERIOD_S)

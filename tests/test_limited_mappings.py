@@ -6,12 +6,13 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import linprog, lsq_linear, nnls
 
 from prioritized import ConstrainedSystem, Status, force_mapping, velocity_mapping
 from sim import jacobians
+from tests.profiles import examples
 from tests.random_systems import SEEDS, of_rank, rows_of, systems
 
 INF = np.inf
@@ -101,7 +102,7 @@ def test_rates_within_their_limits_are_the_ones_without_limits(seed, n, m):
 
 
 @given(st.data(), systems())
-@settings(max_examples=60)
+@examples(60)
 def test_equal_limits_of_zero_are_a_lock(data, drawn):
     """The same rates as of the mechanism with these actuators locked, redundant rows or not."""
     kin, rng = drawn.system.kinematics(), drawn.rng
@@ -137,7 +138,7 @@ def test_a_batch_is_answered_one_by_one(when, constrained):
 
 
 @given(systems(tasks=(2, 4)), SEEDS)
-@settings(max_examples=30)
+@examples(30)
 def test_a_mapping_at_another_pose_keeps_its_limits(drawn, seed):
     rng, kin = np.random.default_rng(seed), drawn.system.kinematics()
     limits, v = box(rng, kin.J.shape[1]), rng.normal(size=1)
@@ -150,7 +151,7 @@ def test_a_mapping_at_another_pose_keeps_its_limits(drawn, seed):
 
 
 @given(systems(tasks=(2, 4)), SEEDS, st.booleans())
-@settings(max_examples=30)
+@examples(30)
 def test_a_mapping_at_another_pose_takes_the_limits_given_there(drawn, seed, diagonal):
     """As if it were made there, for all actuators or the survivors of a lock."""
     rng, n = np.random.default_rng(seed), len(drawn.system.active)
@@ -308,7 +309,7 @@ def test_the_major_force_is_the_nearest_that_the_torque_limits_admit(seed, n, da
 
 
 @given(st.data(), systems())
-@settings(max_examples=60)
+@examples(60)
 def test_limited_torques_are_in_equilibrium_with_task_and_internal_forces(data, drawn):
     """Torques = J^T f + C^T eta, within the limits exactly, whatever the mechanism."""
     kin, rng = drawn.system.kinematics(), drawn.rng

@@ -272,6 +272,14 @@ def test_each_actuator_has_a_word_of_its_own_that_means_it_alone(data):
         assert system.with_failures(locked=[word]).failures.locked == servo
 
 
+def test_a_joint_and_its_motor_are_not_the_two_motors_of_a_joint_without_a_name():
+    names = Names(("a", ""), (("b",), ("a", "b")))
+    system = ConstrainedSystem(np.eye(2), None, range(2), names=names)
+    for actuator, word in enumerate(("a (0)", "a (1)")):
+        assert system.with_failures(locked=[word]).failures.locked == {actuator}
+        assert word in str(system.with_failures(locked=[actuator]))
+
+
 def test_a_servo_that_shares_a_name_with_a_joint_is_described_once():
     names = Names(("hip", "hip", "hip", "hip"), (("m",), *[("hip",)] * 3))
     system = ConstrainedSystem(np.eye(4), None, range(4), names=names)

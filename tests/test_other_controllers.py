@@ -177,7 +177,7 @@ def test_another_controller_meets_the_same_noise(testbed):
 
 
 @pytest.fixture(scope="module")
-def compared(folder, tmp_path_factory):
+def compared(folder, tmp_path_factory, faults_of_figures):
     """Table I, 0.6 s of it, with a controller that fails in one of its columns."""
     out, error = tmp_path_factory.mktemp("table1") / "out", io.StringIO()
     name, words = "page_broken:Broken", ["table1", "--quick", "--out", str(out)]

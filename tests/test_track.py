@@ -68,6 +68,7 @@ def test_a_lock_in_flight_is_survived_and_told_as_the_interface_has_it(name, tmp
         assert np.isfinite(run["true"]).all()
 
 
+@pytest.mark.long
 def test_a_short_run_of_the_hexapod_is_the_testbeds_own(tmp_path):
     """Without a file, a failure or a diagnosis it is `track_path` with W_a, to the bit."""
     from experiments.hexapod.columns import COLUMNS

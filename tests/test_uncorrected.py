@@ -52,7 +52,7 @@ def loops(model):
 
 
 @pytest.fixture(scope="session")
-def uncorrected_folder(tmp_path_factory):
+def uncorrected_folder(tmp_path_factory, faults_of_figures):
     """The first seconds of three candidates, made by the command."""
     path = tmp_path_factory.mktemp("uncorrected")
     assert main(["uncorrected", "--quick", "--out", str(path)]) == 0

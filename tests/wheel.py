@@ -1,5 +1,8 @@
 """`make wheel-test`: build the wheel, install it step by step in an empty environment, use it.
 
+    python tests/wheel.py             a wheel of this checkout
+    python tests/wheel.py FILE.whl    this one
+
 Every command runs in a folder outside the checkout. The README's Python blocks run in order, in one
 process; `yours.xml` is the serial arm. Needs a package index: pytest leaves this file out.
 """
@@ -13,7 +16,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 ROOT = Path(__file__).resolve().parents[1]
-NOT_SOURCES = (".git", ".venv", "build", "results", "*.egg-info", "__pycache__")
+NOT_SOURCES = (".*_cache", ".git", ".hypothesis", ".venv", "*.egg-info", "__pycache__")
+NOT_SOURCES += ("build", "dist", "results")
 
 BASE = """
 import pkgutil, importlib
@@ -108,7 +112,7 @@ def main() -> None:
     """Raise or exit with a message where the wheel does not do what the README says."""
     with TemporaryDirectory() as folder:
         user = Environment(Path(folder))
-        wheel = user.build(Path(folder))
+        wheel = Path(sys.argv[1]).resolve() if sys.argv[1:] else user.build(Path(folder))
         version = wheel.name.split("-")[1]
 
         user.install(str(wheel))

@@ -84,12 +84,13 @@ def known_actuators(names: Names | None, active: Indices) -> Known:
     """
     if names is None:
         return ((),) * len(active)
-    own = [
-        tuple(filter(None, (names.velocities[i], *driving)))
+    pairs = [
+        (names.velocities[i], tuple(filter(None, driving)))
         for i, driving in zip(active, names.actuators, strict=True)
     ]
+    own = [tuple(filter(None, (joint, *driving))) for joint, driving in pairs]
     # Without the name of an actuator nothing says that it is one.
-    servos = [both if any(names.actuators[k]) else k for k, both in enumerate(own)]
+    servos = [pair if pair[1] else k for k, pair in enumerate(pairs)]
     first = [servos.index(servo) for servo in servos]
     users = Counter(name for k in set(first) for name in set(own[k]))
     return tuple(
