@@ -10,7 +10,7 @@ sampling frequency. The roll-off is at three times the crossover, as on the hexa
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, partial
+from functools import cache, cached_property, partial
 from typing import Any, Literal, get_args
 
 import control
@@ -74,6 +74,7 @@ class Tracking:
         encoder_noise: Standard deviations (n,) of one sample of each actuator's displacement, where
             the diagnosis looks at these; else None.
         handover_s: In which the secondary motion of a former mapping fades.
+        feedforward: Whether the reference itself is demanded, and the compensators add to it.
         unused: What an actuator without force counts as; see :func:`ftc.supervisor.goal_after`.
     """
 
@@ -91,13 +92,14 @@ class Tracking:
     encoder_noise: Array | None = None
     handover_s: float = 0.5
     unused: Unused = "free"
+    feedforward: bool = True
 
-    @property
+    @cached_property
     def system(self) -> ConstrainedSystem:
         """The mechanism in the nominal posture, without failures."""
         return MechanismGeometry(self.model, springs=self.springs).system
 
-    @property
+    @cached_property
     def watched(self) -> NominalModel:
         """Linear model of the plant to what the diagnosis looks at: task rows, then encoders."""
         if self.encoder_noise is None:
@@ -122,7 +124,7 @@ class Tracking:
             DirectDrive(),
             self.handover_s,
             anti_windup=self.limits is not None,
-            reference_feedforward=True,
+            reference_feedforward=self.feedforward,
         )
 
     def supervisor(
@@ -233,7 +235,7 @@ def tracking(
         goal: For which the loops are designed, all actuators sound.
         crossover_hz: Gain crossover of all rows; None is the rule of this module.
         sense: What the diagnosis looks at.
-        options: `limits`, `when_limited`, `springs`, `handover_s` and `unused` of
+        options: `limits`, `when_limited`, `springs`, `handover_s`, `unused` and `feedforward` of
             :class:`Tracking`, and `implicit_damping` of :class:`ftc.fdi.fault_model.NominalModel`.
 
     Raises:

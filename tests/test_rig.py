@@ -1,6 +1,6 @@
 """One rig for every robot: failures by name, events, predictions that know who is told."""
 
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -79,6 +79,24 @@ def test_a_strut_without_force_is_the_same_to_both_rigs_of_the_hexapod():
         run = one.fly(one.supervisor("none"), path_of(name, 1.6), failures=failures)
         assert run.diagnoses[0].actuator == "strut1" and not run.task_lost
         assert "strut1 was named free at" in run.status
+
+
+@pytest.mark.parametrize("name", ["hexapod", "arm"])
+def test_a_reference_that_is_demanded_leaves_the_loops_a_part_of_the_error(name):
+    """Feedforward is an argument of either rig, and the prediction knows it."""
+    make = Rig.hexapod
+    if name == "arm":
+        make = partial(Rig.of_mjcf, HEXAPOD_MJCF.with_name("arm.xml"), major=[0, 1], crossover=0.7)
+    rms = {}
+    for feedforward in (True, False):
+        one = make(feedforward=feedforward)
+        path = one.path("circle", duration_s=1.0)
+        run = one.fly(one.controller(), path)
+        rms[feedforward] = np.sqrt(((run.desired - run.true) ** 2).sum(axis=1).mean())
+        assert rms[feedforward] == pytest.approx(
+            np.linalg.norm(one.predict(path).rms_before), rel=0.15
+        )
+    assert rms[True] < 0.7 * rms[False]
 
 
 class _Events:

@@ -41,7 +41,7 @@ KEYS = {
     ),
     *("rms_before", "rms_after", "predicted_rms_before", "predicted_rms_after", "possible_after"),
     *("diagnoses", "dither", "task_lost", "closure_residual_max_m", "verdict", "files"),
-    *("prediction_off_before", "prediction_off_after", "status", "warnings"),
+    *("prediction_off_before", "prediction_off_after", "status", "warnings", "feedforward"),
 }
 
 

@@ -238,6 +238,7 @@ def controller_for(
     *,
     jacobian: JacobianChoice = "analytic",
     form: DisplacementForm = "absolute",
+    feedforward: bool = False,
 ) -> PrioritizedController[Pose]:
     """The controller of this machine for a goal.
 
@@ -246,6 +247,7 @@ def controller_for(
         goal: Weights, and the failures that are known.
         jacobian: Where the mapping takes its Jacobian from.
         form: How eq. (41) becomes a displacement.
+        feedforward: Whether the reference itself is demanded; in the paper it is not.
     """
     bench = testbed.bench
     return PrioritizedController(
@@ -255,4 +257,5 @@ def controller_for(
         bench.handover_s,
         bench.demand_limit_rad,
         anti_windup=bench.anti_windup,
+        reference_feedforward=feedforward,
     )

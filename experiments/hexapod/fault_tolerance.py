@@ -171,6 +171,7 @@ def supervisor(
     dither: Dither = STILL,
     config: FdiConfig = DEFAULT_CONFIG,
     nominal: NominalModel | None = None,
+    feedforward: bool = False,
 ) -> Supervisor:
     """Diagnosis and control for this machine.
 
@@ -183,6 +184,7 @@ def supervisor(
         dither: What finds failures sooner.
         config: Rates and confidences.
         nominal: What the diagnosis takes the machine for; None is the model's.
+        feedforward: As of :func:`experiments.hexapod.controller.controller_for`.
     """
     if nominal is None:
         nominal = nominal_model(testbed.model, testbed.bench, strut_sensors=strut_sensors)
@@ -190,7 +192,7 @@ def supervisor(
 
     def controller(diagnoses: Sequence[Diagnosis]) -> PrioritizedController[Pose]:
         known = goal_after(goal, diagnoses, UNUSED)
-        return controller_for(testbed, known, jacobian=jacobian)
+        return controller_for(testbed, known, jacobian=jacobian, feedforward=feedforward)
 
     def is_possible(faults: Sequence[Fault]) -> bool:
         assert atlas.elastic is not None  # the hexapod has springs

@@ -10,3 +10,6 @@ Limited = Literal["stated", "none"]
 
 Diagnosing = Literal["on", "off"]
 """Whether failures are looked for."""
+
+Feedforward = Literal["default", "on", "off"]
+"""Whether the reference itself is demanded; by default on, but for the hexapod, as in the paper."""

@@ -53,14 +53,16 @@ class HexapodRig(Rig):
 
     def controller(self, goal: Goal | None = None) -> PrioritizedController[Pose]:
         """With the constant Jacobian."""
-        return controller_for(self.testbed, goal or self.goal, jacobian="constant")
+        how = {"jacobian": "constant", "feedforward": self.feedforward}
+        return controller_for(self.testbed, goal or self.goal, **how)
 
     def supervisor(
         self, dither: str | Dither | None = "default", goal: Goal | None = None
     ) -> Supervisor:
         """By detector alone, whose heave finds failures sooner."""
         chosen = dither_of(self, dither, DITHER)
-        return supervisor(self.testbed, goal or self.goal, dither=chosen or STILL)
+        how = {"dither": chosen or STILL, "feedforward": self.feedforward}
+        return supervisor(self.testbed, goal or self.goal, **how)
 
     def bench(
         self, time_s: Array, failures: Sequence[Failure], seed: int, events: object = None
@@ -76,11 +78,8 @@ class HexapodRig(Rig):
         return elastic.with_failures(**by_kind(faults)).kinematics().manipulability(MAJOR)
 
 
-def hexapod_rig(size: float | None) -> HexapodRig:
-    """The hexapod on its exact plant, with goal W_a.
-
-    `size` is the radius of its path, [rad]; None is that of the testbed's spiral.
-    """
+def hexapod_rig(size: float | None, feedforward: bool) -> HexapodRig:
+    """The hexapod on its exact plant, with goal W_a; see :meth:`.Rig.hexapod`."""
     model, bench = load_model(), TestbedConfig()
     loops = nominal_loops(model, bench)
     testbed, goal = Testbed(model, bench, loops), COLUMNS[0].goal
@@ -98,7 +97,7 @@ def hexapod_rig(size: float | None) -> HexapodRig:
         loops=loops,
         margins=loops,
         limits=None,
-        feedforward=False,
+        feedforward=feedforward,
         size=bench.spiral_radius_urad * 1e-6 if size is None else size,
         noise=bench.detector_noise_m / bench.focal_length_m,
         encoder_noise=bench.strut_sensor_noise_m,

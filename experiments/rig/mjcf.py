@@ -44,6 +44,7 @@ from sim import (
     load_model,
     servoed,
 )
+from sim.mjcf.transmission import drives
 
 OF_THE_HEXAPOD = (
     *("stiffness", "floor_um_per_s", "drift_urad_per_s"),
@@ -134,7 +135,7 @@ def robot_rig(file: Path, options: RobotOptions, at: Array | None = None) -> Rob
         loops=track.loops,
         margins=track.margins,
         limits=track.limits,
-        feedforward=True,
+        feedforward=track.feedforward,
         size=robot.size,
         noise=robot.noise,
         encoder_noise=robot.encoder_noise,
@@ -194,9 +195,9 @@ class _Robot:
         """With this model."""
         return Plant(model, base=self.options.axes, payload=self.frame, start=self.start)
 
-    @property
+    @cached_property
     def mechanism(self) -> Mechanism:
-        """The controller's own model."""
+        """The controller's own model, which knows no state: all readers share it."""
         return Mechanism(self.model, self.start, self.frame, self.options.axes)
 
     def bench(
@@ -255,8 +256,7 @@ def _robot(file: Path, options: RobotOptions, at: Array | None) -> _Robot:
     if size is None:
         turns = all(row < 3 for row in options.rows)
         size = _SIZE if turns else _SIZE * float(model.stat.extent)
-    actuators = len(Mechanism(model, start, frame, options.axes).nominal.displacements)
-    goal = _goal(actuators, options)
+    goal = _goal(len(drives(model)), options)
     return _Robot(model, start, options, frame, steps * model.opt.timestep, goal, size)
 
 
@@ -280,6 +280,7 @@ def _tracking(
             implicit_damping=plant.implicit_damping,
             springs=unused == "locked",  # without them a strut that is let go would be lost
             unused=unused,
+            feedforward=options.feedforward != "off",
         )
     except TaskLost as error:
         raise WrongInput(f"{file}: {error}") from None

@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 
 from experiments.output.study import Option, WrongInput
-from experiments.rig.choices import Limited, Sensing
+from experiments.rig.choices import Feedforward, Limited, Sensing
 
 _TWIST = 6
 
@@ -34,6 +34,7 @@ class RobotOptions:
     keyframe: str | None = None
     servo: float | None = None
     sense: Sensing = "task"
+    feedforward: Feedforward = "default"
 
     def __post_init__(self) -> None:
         for name in ("size", "noise", "crossover", "period", "servo"):
@@ -107,6 +108,13 @@ LOOPS = (
         _USUAL.crossover,
         "Gain crossover of the loops.  [default: the highest with a sensitivity peak of 1.7]",
         "HZ",
+    ),
+    Option(
+        "feedforward",
+        Feedforward,
+        _USUAL.feedforward,
+        "Whether the reference itself is demanded, and the loops add to it. By default on; off for "
+        "the hexapod, as in the paper.",
     ),
     Option("period", float, _USUAL.period, "Control period, in whole physics steps.", "S"),
     Option(

@@ -84,18 +84,23 @@ class Rig(ABC):
 
     @staticmethod
     def hexapod(
-        *, size: float | None = None, mismatch: Known | Mismatch = "exact", seed: int = 0
+        *,
+        size: float | None = None,
+        feedforward: bool = False,
+        mismatch: Known | Mismatch = "exact",
+        seed: int = 0,
     ) -> "Rig":
         """The testbed's own machine: detector, amplifiers, closed-form kinematics, goal W_a.
 
         Args:
             size: Radius of its path, [rad]; None is that of the testbed's spiral.
+            feedforward: Whether the reference itself is demanded; in the paper it is not.
             mismatch: How the plant differs from the controller's model.
             seed: Of what is drawn of the plant.
         """
         from experiments.rig.hexapod import hexapod_rig  # which makes one of these
 
-        return hexapod_rig(size).drawn(mismatch, seed)
+        return hexapod_rig(size, feedforward).drawn(mismatch, seed)
 
     @staticmethod
     def of_mjcf(
@@ -108,6 +113,7 @@ class Rig(ABC):
         sense: Sensing = "both",
         noise: float | None = None,
         servo_hz: float | None = None,
+        feedforward: bool = True,
         pinned: Sequence[str] = (),
         mismatch: Known | Mismatch = "exact",
         seed: int = 0,
@@ -126,6 +132,7 @@ class Rig(ABC):
             noise: Standard deviation of one sample of each sensor, [rad] or [m]; None is a
                 hundredth of what the path moves it.
             servo_hz: Natural frequency of the position servos that torque motors get.
+            feedforward: Whether the reference itself is demanded, and the loops add to it.
             pinned: Must be empty: no plant flies with pinned frames yet.
             mismatch: How the plant differs from the controller's model.
             seed: Of what is drawn of the plant.
@@ -149,6 +156,7 @@ class Rig(ABC):
             noise=noise,
             servo=servo_hz,
             keyframe=str(start) if isinstance(start, str | int) else None,
+            feedforward="on" if feedforward else "off",
             **loops,
         )
         at = start if start is None or isinstance(start, str | int) else np.asarray(start, float)

@@ -77,6 +77,7 @@ def summarize(tracked: Tracked) -> dict[str, Any]:
         "duration_s": float(run.time_s[-1] + rig.period_s),
         "control_period_s": rig.period_s,
         "path_size": rig.size,
+        "feedforward": rig.feedforward,
         "sensor_noise": rig.noise,
         "encoder_noise": rig.encoder_noise,
         "loops": [
@@ -296,8 +297,10 @@ def notes(tracked: Tracked, summary: dict[str, Any]) -> list[str]:
         f"Loop of {ROWS[row]}: {margin}."
         for row, margin in zip(rig.major, rig.margins, strict=True)
     ]
+    demanded = "is" if rig.feedforward else "is not"
     said.append(
-        f"Path of {rig.size:.3g}, sensors with noise of {rig.noise:.3g}, encoders of "
+        f"The reference itself {demanded} demanded. Path of {rig.size:.3g}, sensors with noise "
+        f"of {rig.noise:.3g}, encoders of "
         f"{rig.encoder_noise:.3g} (standard deviation of a sample), in rad or m; diagnosis and "
         "controller have the exact model of the robot."
     )

@@ -104,7 +104,7 @@ def run_track(
     if dither != "none" and diagnosis == "off":
         raise WrongInput(f"--dither {dither} is for the diagnosis, which is off")
     options = RobotOptions(**robot)
-    rig = Rig.hexapod(size=options.size) if model is None else robot_rig(model, options)
+    rig = robot_rig(model, options) if model is not None else _hexapod(options)
     shorter = 0.5 if quick else 1.0
     ticks = max(2, round(shorter * duration / rig.period_s))
     desired = rig.path(path, duration_s=ticks * rig.period_s, turn_s=turn)
@@ -150,6 +150,10 @@ def run_track(
         dither=design,
         other=other,
     )
+
+
+def _hexapod(options: RobotOptions) -> Rig:
+    return Rig.hexapod(size=options.size, feedforward=options.feedforward == "on")
 
 
 def _failures(rig: Rig, asked: Sequence[str], shorter: float, ticks: int) -> tuple[Failure, ...]:
