@@ -3,7 +3,6 @@
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import chain
 from pathlib import Path
 from typing import Any, Literal
 
@@ -159,8 +158,9 @@ class Rig(ABC):
             feedforward="on" if feedforward else "off",
             **loops,
         )
-        at = start if start is None or isinstance(start, str | int) else np.asarray(start, float)
-        at = None if isinstance(at, str | int) else at
+        at = None
+        if start is not None and not isinstance(start, str | int):
+            at = check.finite("start", start)
         return robot_rig(Path(file), options, at).drawn(mismatch, seed)
 
     @property
@@ -176,14 +176,11 @@ class Rig(ABC):
         """
         try:
             if isinstance(actuator, str):
-                return number_of(actuator, list(map(tuple, map(chain, *self._names))))
+                names = zip(self.actuators, self.aliases, strict=True)
+                return number_of(actuator, [(name, *others) for name, others in names])
             return check.index("actuator", actuator, len(self.actuators))
         except ValueError as error:
             raise WrongInput(str(error)) from None
-
-    @property
-    def _names(self) -> tuple[list[tuple[str]], tuple[tuple[str, ...], ...]]:
-        return [(name,) for name in self.actuators], self.aliases
 
     @abstractmethod
     def drawn(self, mismatch: Known | Mismatch, seed: int) -> "Rig":
