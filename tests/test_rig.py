@@ -70,6 +70,7 @@ def test_a_strut_that_comes_loose_leaves_its_range_and_nothing_is_predicted():
         assert np.isnan(predicted.rms_after).all() and np.isfinite(predicted.rms_before).all()
 
 
+@pytest.mark.long
 def test_a_strut_without_force_is_the_same_to_both_rigs_of_the_hexapod():
     """Its spring holds it: it counts as locked, and the task as possible, whoever asks."""
     failures = [Failure("strut1", "free", 1.2)]  # the diagnosis learns until 0.8 s

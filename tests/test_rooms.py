@@ -99,6 +99,7 @@ def test_the_check_sees_imports():
 NOT_OF_SIM = ("rerun", "rerun_loader_mjcf", "pyarrow", "typer", "rich", "distributed", "psutil")
 
 
+@pytest.mark.long
 def test_a_rig_needs_the_extra_sim_alone():
     """Who flies a robot from Python needs none of what recordings, tables and commands need."""
     code = f"""
