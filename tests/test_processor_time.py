@@ -8,12 +8,13 @@ import pytest
 from tests import conftest, processor_time
 
 
-def ends(took_s: float, *, marker: object = None) -> None:
-    """Raise what a test ends with that takes so long and passes."""
+def ends(took_s: float, *, marker: object = None, slower: float = 1.0) -> None:
+    """Raise what a test ends with that takes so long and passes, on a processor so much slower."""
     clock = iter([7.0, 7.0 + took_s])
     item: Any = SimpleNamespace(get_closest_marker={"long": marker}.get)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(processor_time, "processor_s", lambda: next(clock))
+        patch.setattr(processor_time, "loop_s", lambda: slower * processor_time.LOOP_S)
         hook = processor_time.pytest_runtest_call(item)
         next(hook)
         with pytest.raises(StopIteration):
@@ -27,6 +28,9 @@ def test_more_than_two_seconds_fail_in_ci(monkeypatch):
         ends(2.5)
     ends(1.9)
     ends(2.5, marker=pytest.mark.long)
+    ends(2.5, slower=1.3)
+    with pytest.raises(pytest.fail.Exception):
+        ends(2.7, slower=1.3)
 
 
 def test_as_on_another_processor_it_may_take_longer(monkeypatch):
