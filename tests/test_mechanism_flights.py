@@ -40,7 +40,7 @@ def options(name: str, sense: Sensing) -> RobotOptions:
 
 @cache
 def designed(name: str, sense: Sensing) -> tuple[Rig, DitherDesign]:
-    rig = robot_rig(file(name), options(name, sense)).drawn("all", None)
+    rig = robot_rig(file(name), options(name, sense)).drawn("all", 5)
     design = rig_dither(rig, "designed")
     assert design is not None
     return rig, design

@@ -6,10 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from experiments.output.mismatch import Mismatch
+from experiments.output.mismatch import Known, Mismatch
 from experiments.output.study import WrongInput
 from experiments.rig import Rig
-from experiments.rig.rig import Known
 from sim import HEXAPOD_MJCF, Failure
 
 FAILED_S = 0.5
@@ -142,6 +141,8 @@ def test_a_mismatch_is_of_the_plant_alone_and_a_seed_repeats_it(name):
     np.testing.assert_array_equal(drawn[0].nominal.plant.A, one.nominal.plant.A)
     same = rig(name, "all")
     np.testing.assert_array_equal(same.fly(same.controller(), path, seed=1).true, runs[0])
+    with pytest.raises(WrongInput, match='mismatch must be "exact", "all" or a Mismatch, got'):
+        one.drawn("ALL", 0)  # type: ignore[arg-type]
     with pytest.raises(WrongInput, match="no mismatch of"):
         one.drawn(Mismatch(steps=2, floor_um_per_s=1.0), 0)
 

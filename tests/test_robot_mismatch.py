@@ -108,7 +108,7 @@ def test_what_is_drawn_fills_its_range_and_is_alike_alone_and_with_the_others(dr
 def flown(mismatch: Mismatch, sense: Any = "task", seed: int = 3) -> tuple[Bench, np.ndarray]:
     """A tenth of a second of the arm under steps, and what its sensors read."""
     options = RobotOptions(sense=sense, crossover=0.7, noise=1e-5)
-    bench = robot_rig(ARM, options).drawn(mismatch, None).bench(np.arange(100) * 1e-3, [], seed)
+    bench = robot_rig(ARM, options).drawn(mismatch, seed).bench(np.arange(100) * 1e-3, [], seed)
     return bench, np.array([np.concatenate(each) for each in readings(bench)])
 
 

@@ -1,6 +1,8 @@
 """How far a plant is from its controller's model: sizes written down beforehand."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 from experiments.output.study import WrongInput
 from experiments.output.within import check_within
@@ -85,17 +87,30 @@ class Mismatch:
             return EXACT
         return replace(self, **sizes)
 
-    def without(self, *names: str) -> "Mismatch":
-        """The same, if none of these sizes differs from that of an exact plant.
-
-        Raises:
-            WrongInput: One does.
-        """
-        for name in names:
-            if getattr(self, name) != getattr(EXACT, name):
-                raise WrongInput(f"this robot has no mismatch of {name}, got {getattr(self, name)}")
-        return self
-
 
 EXACT = Mismatch()
 """The plant is the model."""
+
+Known = Literal["exact", "all"]
+"""A plant that is the controller's model, or one that differs by all that is drawn."""
+
+
+def sizes_of(mismatch: Known | Mismatch, everything: Mismatch, unknown: Sequence[str]) -> Mismatch:
+    """The sizes that are asked for, of a robot that does not have some.
+
+    Args:
+        mismatch: By name, or themselves.
+        everything: What "all" stands for.
+        unknown: Names of sizes that the robot does not have.
+
+    Raises:
+        WrongInput: Neither a name nor sizes; or one that the robot does not have.
+    """
+    named = {"exact": EXACT, "all": everything}
+    sizes = named.get(mismatch) if isinstance(mismatch, str) else mismatch
+    if not isinstance(sizes, Mismatch):
+        raise WrongInput(f'mismatch must be "exact", "all" or a Mismatch, got {mismatch!r}')
+    for name in unknown:
+        if getattr(sizes, name) != getattr(EXACT, name):
+            raise WrongInput(f"this robot has no mismatch of {name}, got {getattr(sizes, name)}")
+    return sizes

@@ -11,14 +11,13 @@ from experiments.recover.recovery import RECOVERED_S, Identification
 from experiments.rig.choices import Sensing
 from experiments.rig.mjcf import robot_rig
 from experiments.rig.options import RobotOptions
-from experiments.rig.paths import path_of
 from experiments.rig.rig import Rig
 from experiments.rig.run import Run
 from ftc.fdi.diagnosis import Diagnosis
 from ftc.fdi.dither import Dither
 from ftc.fdi.fault_model import Fault
 from ftc.oracle import OracleController
-from ftc.supervisor import WEAKEST, goal_after
+from ftc.supervisor import goal_after, used_effectiveness
 from ftc.tracking import is_possible
 from sim import Array, Failure
 
@@ -73,7 +72,7 @@ class MechanismFlight:
 
     def rig(self) -> Rig:
         """The robot, its plants drawn with all mismatches."""
-        return _rig(self.model, self.options)
+        return _rig(self.model, self.options).drawn("all", self.seed)
 
     def time_s(self, rig: Rig) -> Array:
         """Of each tick, shape (N,)."""
@@ -81,9 +80,8 @@ class MechanismFlight:
 
     def path(self, rig: Rig) -> Array:
         """Desired displacements of the major rows, shape (N, m1), a circle in any plane of them."""
-        rows, time_s = len(rig.major), self.time_s(rig)
-        circle = path_of("circle", rows, rig.size, time_s, self.turn_s, rig.period_s)
-        normal = np.random.default_rng([self.seed, 1]).normal(size=(rows, rows))
+        circle = rig.path("circle", duration_s=self.duration_s, turn_s=self.turn_s)
+        normal = np.random.default_rng([self.seed, 1]).normal(size=(len(rig.major),) * 2)
         return circle @ np.linalg.qr(normal)[0]
 
     def struck(self, rig: Rig) -> int:
@@ -96,7 +94,7 @@ class MechanismFlight:
 @lru_cache(maxsize=3)
 def _rig(model: Path, options: RobotOptions) -> Rig:
     """Once in each process, however many flights it does."""
-    return robot_rig(model, options).drawn("all", None)
+    return robot_rig(model, options)
 
 
 @dataclass(frozen=True)
@@ -144,13 +142,12 @@ def fly(flight: MechanismFlight) -> MechanismFlown:
 
 def _informed(rig: Rig, flight: MechanismFlight, fault: Fault, displacement: float) -> float | None:
     """RMS after recovery with a controller informed at once; there the actuator stood."""
-    lost = np.zeros(len(rig.actuators))
+    news, lost = Diagnosis.told(fault, displacement), np.zeros(len(rig.actuators))
     if fault.kind != "locked":
-        used = fault.effectiveness if fault.effectiveness >= WEAKEST else 0.0
-        lost[fault.actuator] = (1 - used) * displacement
+        lost[fault.actuator] = (1 - used_effectiveness(news)) * displacement
     pilot = OracleController(
         rig.controller(),
-        rig.controller(goal_after(rig.goal, [Diagnosis.told(fault, displacement)], rig.unused)),
+        rig.controller(goal_after(rig.goal, [news], rig.unused)),
         flight.struck(rig),
         lost,
         None if flight.dither is None else flight.dither.at,

@@ -29,7 +29,6 @@ SENSINGS: tuple[Sensing, ...] = get_args(Sensing)
 SOURCES = Sources(
     (
         *SHARED.files,
-        "experiments/output/mismatch.py",
         "experiments/rig/*.py",
         *(
             f"experiments/recover/{name}.py"

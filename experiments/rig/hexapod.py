@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 from experiments.hexapod.columns import COLUMNS, MAJOR
 from experiments.hexapod.controller import StrutMapping, controller_for, nominal_loops
@@ -17,16 +18,16 @@ from experiments.hexapod.mismatch import ALL, mismatched
 from experiments.hexapod.other_controller import control_task
 from experiments.hexapod.simulation import simulated
 from experiments.hexapod.testbed import Testbed, TestbedConfig
-from experiments.output.mismatch import EXACT, Mismatch
+from experiments.output.mismatch import EXACT, Known, Mismatch, sizes_of
 from experiments.rig.dither import dither_of
-from experiments.rig.rig import Known, Rig
+from experiments.rig.rig import Rig
 from ftc.controller import PrioritizedController
 from ftc.fdi.dither import Dither
 from ftc.fdi.fault_model import Fault, by_kind
 from ftc.goal import Goal
 from ftc.supervisor import Supervisor
 from prioritized import Manipulability
-from sim import Array, Bench, Failure, Plant, Pose, hexapod, load_model
+from sim import Array, Bench, Failure, Hexapod, Plant, Pose, hexapod, load_model
 
 
 @dataclass(frozen=True)
@@ -41,15 +42,19 @@ class HexapodRig(Rig):
 
     def drawn(self, mismatch: Known | Mismatch, seed: int) -> "HexapodRig":
         """The same with a plant that differs so; floor and hysteresis included."""
-        size = {"exact": EXACT, "all": ALL}[mismatch] if isinstance(mismatch, str) else mismatch
-        exact = replace(self.testbed, inexact=None)
-        if size.without("drift_per_s", "steps") == EXACT:
-            return replace(self, testbed=exact)
-        return replace(self, testbed=mismatched(exact, size, seed))
+        sizes = sizes_of(mismatch, ALL, ("drift_per_s", "steps"))
+        testbed = replace(self.testbed, inexact=None)
+        if sizes != EXACT:
+            testbed = mismatched(testbed, sizes, seed)
+        return replace(self, testbed=testbed)
 
     def mapping(self, goal: Goal) -> StrutMapping:
         """In closed form, with the constant Jacobian."""
-        return StrutMapping(hexapod(self.model), goal, "constant")
+        return StrutMapping(self._geometry, goal, "constant")
+
+    @cached_property
+    def _geometry(self) -> Hexapod:
+        return hexapod(self.model)
 
     def controller(self, goal: Goal | None = None) -> PrioritizedController[Pose]:
         """With the constant Jacobian."""

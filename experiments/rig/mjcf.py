@@ -13,12 +13,12 @@ import numpy as np
 import argument_checks as check
 from experiments.output.bodies import body_name
 from experiments.output.draw import Draw
-from experiments.output.mismatch import EXACT, Mismatch
+from experiments.output.mismatch import EXACT, Known, Mismatch, sizes_of
 from experiments.output.study import WrongInput
 from experiments.rig.dither import dither_of
 from experiments.rig.mismatched import ALL, DriftingSensors, displaced, mismatched_model
 from experiments.rig.options import RobotOptions
-from experiments.rig.rig import Known, Rig
+from experiments.rig.rig import Rig
 from ftc.control.mapping import PrioritizedMapping
 from ftc.control_task import ControlTask
 from ftc.controller import DirectDrive, PrioritizedController
@@ -69,18 +69,17 @@ class RobotRig(Rig):
         robot: At its start.
         track: Its loops.
         mismatch: How its plants differ from the model.
-        seed: Of what is drawn of them; None is that of the flight.
+        seed: Of what is drawn of them.
     """
 
     robot: "_Robot"
     track: Tracking
     mismatch: Mismatch
-    seed: int | None
+    seed: int
 
-    def drawn(self, mismatch: Known | Mismatch, seed: int | None) -> "RobotRig":
+    def drawn(self, mismatch: Known | Mismatch, seed: int) -> "RobotRig":
         """The same with plants that differ so."""
-        size = {"exact": EXACT, "all": ALL}[mismatch] if isinstance(mismatch, str) else mismatch
-        return replace(self, mismatch=size.without(*OF_THE_HEXAPOD), seed=seed)
+        return replace(self, mismatch=sizes_of(mismatch, ALL, OF_THE_HEXAPOD), seed=seed)
 
     def mapping(self, goal: Goal) -> PrioritizedMapping[Any]:
         """With the Jacobian of the present posture."""
@@ -100,9 +99,8 @@ class RobotRig(Rig):
     def bench(
         self, time_s: Array, failures: Sequence[Failure], seed: int, events: object = None
     ) -> Bench:
-        """A machine with its plant, drift, and noise of this seed."""
-        drawn = seed if self.seed is None else self.seed
-        return self.robot.bench(self.mismatch, time_s, failures, (drawn, seed), events)
+        """A machine with its plant and drift, and noise of this seed."""
+        return self.robot.bench(self.mismatch, time_s, failures, (self.seed, seed), events)
 
     def classified(self, faults: Sequence[Fault]) -> Manipulability:
         """What the actuators that are left can do."""
@@ -154,7 +152,7 @@ def robot_rig(file: Path, options: RobotOptions, at: Array | None = None) -> Rob
         robot=robot,
         track=track,
         mismatch=EXACT,
-        seed=None,
+        seed=0,
     )
 
 

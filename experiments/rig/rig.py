@@ -4,14 +4,14 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
 import argument_checks as check
-from experiments.output.mismatch import Mismatch
+from experiments.output.mismatch import Known, Mismatch
 from experiments.output.study import WrongInput
 from experiments.rig.choices import Sensing
 from experiments.rig.paths import path_of
@@ -28,9 +28,6 @@ from ftc.supervisor import Supervisor, Unused
 from prioritized import Manipulability
 from sim import Array, Bench, Failure
 from sim.mjcf.drive import number_of
-
-Known = Literal["exact", "all"]
-"""A plant that is the controller's model, or one that differs by all that is drawn."""
 
 
 @dataclass(frozen=True)
@@ -259,7 +256,7 @@ class Rig(ABC):
             sim.SimulationDiverged: The physics left the finite numbers.
         """
         desired = check.matrix("path", path, columns=len(self.major))
-        struck = [replace(each, actuator=self.number(each.actuator)) for each in failures]
+        struck = self._numbered(failures)
         time_s = begin_s + np.arange(len(desired)) * self.period_s
         return flown(self, pilot, time_s, desired, struck, seed, events, on_tick)
 
@@ -274,5 +271,7 @@ class Rig(ABC):
             told: Whether the controller is told of each failure at once, or never.
         """
         desired = check.matrix("path", path, columns=len(self.major))
-        struck = [replace(each, actuator=self.number(each.actuator)) for each in failures]
-        return predicted(self, desired, struck, told=told)
+        return predicted(self, desired, self._numbered(failures), told=told)
+
+    def _numbered(self, failures: Sequence[Failure]) -> list[Failure]:
+        return [replace(each, actuator=self.number(each.actuator)) for each in failures]

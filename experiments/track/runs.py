@@ -106,8 +106,7 @@ def run_track(
     options = RobotOptions(**robot)
     rig = robot_rig(model, options) if model is not None else _hexapod(options)
     shorter = 0.5 if quick else 1.0
-    ticks = max(2, round(shorter * duration / rig.period_s))
-    desired = rig.path(path, duration_s=ticks * rig.period_s, turn_s=turn)
+    desired = rig.path(path, duration_s=shorter * duration, turn_s=turn)
     failures = _failures(rig, fail, shorter, len(desired))
     check_reach(rig, desired)
     factory = None if controller is None else controller_factory(controller)
