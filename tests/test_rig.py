@@ -42,6 +42,8 @@ def test_an_actuator_fails_by_its_name_or_its_number(name):
     assert np.ptp(stands) < 0.02 * np.ptp(runs[0].displacement[:, 2])
     with pytest.raises(WrongInput, match=rf'no actuator or joint "{joint}x"; did you mean'):
         one.fly(one.controller(), path, failures=[Failure(f"{joint}x", "free", 0.1)])
+    with pytest.raises(TypeError, match="failures must be a Failure"):
+        one.predict(path, failures=[joint])  # type: ignore[list-item]
 
 
 @pytest.mark.parametrize("kind", ["locked", "free", "weak"])

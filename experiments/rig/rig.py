@@ -274,4 +274,5 @@ class Rig(ABC):
         return predicted(self, desired, self._numbered(failures), told=told)
 
     def _numbered(self, failures: Sequence[Failure]) -> list[Failure]:
-        return [replace(each, actuator=self.number(each.actuator)) for each in failures]
+        given = [check.instance("failures", each, Failure) for each in failures]
+        return [replace(each, actuator=self.number(each.actuator)) for each in given]
