@@ -1,0 +1,1 @@
+"""The project itself: rooms, pages, wheel, workflows."""
