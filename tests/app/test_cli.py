@@ -15,7 +15,7 @@ import typer
 from rerun.chunk import RrdReader
 
 from experiments.app.cli import app, main
-from experiments.output.files import OutputError, published
+from experiments.study.files import OutputError, published
 from sim.mjcf.model import HEXAPOD_MJCF
 
 

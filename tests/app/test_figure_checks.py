@@ -4,7 +4,7 @@ import pytest
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from experiments.output.plotting import BLACK, BLUE, GREEN, VERMILION, new_figure
+from experiments.study.plotting import BLACK, BLUE, GREEN, VERMILION, new_figure
 from tests.figure_checks import faults
 
 

@@ -9,15 +9,15 @@ import pytest
 import rerun.blueprint as rrb
 
 from experiments.app.cli import main
-from experiments.output.files import OutputError, published, write_arrays, write_json
-from experiments.output.plotting import new_figure, save_figure
-from experiments.output.recording.file import (
+from experiments.recording.file import (
     RecordingInfo,
     log_series,
     recording_file,
     screen,
     time_column,
 )
+from experiments.study.files import OutputError, published, write_arrays, write_json
+from experiments.study.plotting import new_figure, save_figure
 from tests.made import keep_made
 
 ROOM = 512

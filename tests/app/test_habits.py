@@ -16,11 +16,11 @@ import typer
 
 from experiments.app.cli import STUDIES, app, main
 from experiments.app.command import command
-from experiments.output.files import OutputError, json_text, published, write_index
-from experiments.output.results import Check, Results
-from experiments.output.study import OnProgress, Option, Unsound
-from experiments.output.tables import Table
-from experiments.output.terminal import print_table
+from experiments.study.files import OutputError, json_text, published, write_index
+from experiments.study.results import Check, Results
+from experiments.study.study import OnProgress, Option, Unsound
+from experiments.study.tables import Table
+from experiments.study.terminal import print_table
 from tests.made import made_study
 
 ROOT = Path(__file__).parents[2]

@@ -11,13 +11,13 @@ import pytest
 
 from experiments.app.cli import main
 from experiments.app.review import check_stated
-from experiments.hexapod.metrics import pointing_rms_urad
-from experiments.hexapod.recording import keep as keep_module
-from experiments.hexapod.recording.hexapod import Mark
-from experiments.hexapod.recording.keep import COLUMNS, marks_from, whole_run
-from experiments.hexapod.simulation import Trajectory
-from experiments.output.files import write_arrays
-from experiments.output.study import WrongInput
+from experiments.recording import keep as keep_module
+from experiments.recording.hexapod import Mark
+from experiments.recording.keep import COLUMNS, marks_from, whole_run
+from experiments.rig.hexapod.metrics import pointing_rms_urad
+from experiments.rig.hexapod.simulation import Trajectory
+from experiments.study.files import write_arrays
+from experiments.study.study import WrongInput
 from tests.made import keep_made, made_run
 
 

@@ -21,14 +21,14 @@ from experiments.app.render import (
     show,
     software_driver,
 )
-from experiments.output.recording.file import (
+from experiments.recording.file import (
     RecordingInfo,
     log_series,
     recording_file,
     screen,
     time_column,
 )
-from experiments.output.study import WrongInput
+from experiments.study.study import WrongInput
 
 # On a person's machine without Mesa's driver there is nothing to look at; in CI that is an error.
 pytestmark = [

@@ -16,11 +16,11 @@ import pytest
 from experiments.app import report as report_module
 from experiments.app.chapter import Chapter, Edition
 from experiments.app.cli import STUDIES, main
-from experiments.output import provenance
-from experiments.output.plotting import new_figure
-from experiments.output.results import Check, Picture, Results
-from experiments.output.study import Interrupted, NotInstalled, OnProgress, Option, Unsound
-from experiments.output.tables import Table
+from experiments.study import provenance
+from experiments.study.plotting import new_figure
+from experiments.study.results import Check, Picture, Results
+from experiments.study.study import Interrupted, NotInstalled, OnProgress, Option, Unsound
+from experiments.study.tables import Table
 from tests.made import MadeStudy, made_study
 
 VOID = {"meta", "img", "br", "link", "input", "hr"}

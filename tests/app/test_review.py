@@ -7,9 +7,9 @@ import pytest
 
 from experiments.app.cli import main
 from experiments.app.review import about_runs
-from experiments.hexapod import paper
-from experiments.hexapod.recording.keep import RecordedRun
-from experiments.hexapod.recording.shown import Shown
+from experiments.recording.keep import RecordedRun
+from experiments.recording.shown import Shown
+from experiments.rig.hexapod import paper
 from sim import HEXAPOD_MJCF
 from tests import rrd
 from tests.made import made_run

@@ -7,13 +7,13 @@ from pathlib import Path
 
 import pytest
 
-from experiments.output import files
-from experiments.output.files import published
+from experiments.study import files
+from experiments.study.files import published
 
 WRITES = """
 import sys
 from pathlib import Path
-from experiments.output.files import published
+from experiments.study.files import published
 
 with published(Path(sys.argv[1]), index="theirs.json") as folder:
     (folder / "theirs.json").write_text("whole")

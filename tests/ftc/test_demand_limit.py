@@ -6,12 +6,12 @@ import control
 import numpy as np
 import pytest
 
-from experiments.hexapod.controller import StrutMapping, controller_for, nominal_loops, sampled
-from experiments.hexapod.metrics import rms
-from experiments.hexapod.paper import TABLE_I_URAD
-from experiments.hexapod.prediction import driven_plant, predicted_error_rad
-from experiments.hexapod.simulation import SpiralRun, track_spiral
-from experiments.hexapod.testbed import Testbed, TestbedConfig
+from experiments.rig.hexapod.controller import StrutMapping, controller_for, nominal_loops, sampled
+from experiments.rig.hexapod.metrics import rms
+from experiments.rig.hexapod.paper import TABLE_I_URAD
+from experiments.rig.hexapod.prediction import driven_plant, predicted_error_rad
+from experiments.rig.hexapod.simulation import SpiralRun, track_spiral
+from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
 from experiments.table1.runs import CONFIGURATIONS
 from experiments.uncorrected.candidates import BENCH, CLOCKWISE, COLUMNS, W_A
 from experiments.uncorrected.limit_map import largest_miss, limit_grid, limit_row

@@ -9,9 +9,9 @@ import scipy.linalg
 from numpy.typing import NDArray
 from scipy.stats import norm
 
-from experiments.hexapod.columns import MAJOR
-from experiments.hexapod.fault_tolerance import HEAVE, nominal_model
-from experiments.hexapod.testbed import TestbedConfig
+from experiments.rig.hexapod.columns import MAJOR
+from experiments.rig.hexapod.fault_tolerance import HEAVE, nominal_model
+from experiments.rig.hexapod.testbed import TestbedConfig
 from ftc.fdi.design.isolability import isolability
 from ftc.fdi.design.signatures import fault_responses, steady_signatures
 from ftc.fdi.dither import Dither

@@ -5,11 +5,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from experiments.hexapod.columns import MAJOR
-from experiments.hexapod.controller import StrutMapping, controller_for, nominal_loops
-from experiments.hexapod.fault_tolerance import HEAVE, nominal_model, supervisor
-from experiments.hexapod.simulation import SpiralRun, track_path, track_spiral
-from experiments.hexapod.testbed import Testbed, TestbedConfig
+from experiments.rig.hexapod.columns import MAJOR
+from experiments.rig.hexapod.controller import StrutMapping, controller_for, nominal_loops
+from experiments.rig.hexapod.fault_tolerance import HEAVE, nominal_model, supervisor
+from experiments.rig.hexapod.simulation import SpiralRun, track_path, track_spiral
+from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
 from ftc.control.mapping import DisplacementForm
 from ftc.controller import BumplessTransfer, Measurement, PrioritizedController
 from ftc.fdi.diagnosis import Diagnosis

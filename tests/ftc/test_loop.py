@@ -6,9 +6,6 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from experiments.hexapod.columns import COLUMNS, SECONDARY
-from experiments.hexapod.controller import StrutMapping
-from experiments.hexapod.testbed import GROWTHS, Growth, TestbedConfig, grown_bench, grown_machine
 from experiments.jacobian.loop import (
     GROWN,
     RECORDED,
@@ -21,6 +18,15 @@ from experiments.jacobian.loop import (
     optimum,
 )
 from experiments.jacobian.loop_results import loop_checks
+from experiments.rig.hexapod.columns import COLUMNS, SECONDARY
+from experiments.rig.hexapod.controller import StrutMapping
+from experiments.rig.hexapod.testbed import (
+    GROWTHS,
+    Growth,
+    TestbedConfig,
+    grown_bench,
+    grown_machine,
+)
 from ftc.control.local_mapping import PreviousCommand
 from ftc.goal import Goal
 from sim import (

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from experiments.hexapod.closed_form import StrutKinematics
-from experiments.hexapod.columns import MAJOR
-from experiments.hexapod.controller import StrutMapping
+from experiments.rig.hexapod.closed_form import StrutKinematics
+from experiments.rig.hexapod.columns import MAJOR
+from experiments.rig.hexapod.controller import StrutMapping
 from ftc.control.mapping import PrioritizedMapping
 from ftc.goal import Goal
 from prioritized import Kinematics

@@ -238,7 +238,7 @@ def test_the_theory_pages_tables_are_those_that_come_out(systems, release):
 
 def test_the_theory_pages_weighted_pseudo_inverse_is_what_it_does(model):
     """The paper's introduction: it compromises the major task in accordance with the weight."""
-    from experiments.hexapod.fault_tolerance import elastic_system
+    from experiments.rig.hexapod.fault_tolerance import elastic_system
 
     kin = elastic_system(model).with_failures(locked=[0, 1]).kinematics()
     v = np.array([1e-4, 0, 0, 0, 0, 0])
@@ -335,8 +335,6 @@ def test_the_jacobian_pages_values_are_those_that_come_out(jacobian_study):
 
 def test_the_jacobian_pages_costs_are_those_of_the_geometry():
     """The long run is not repeated here; what it shows, the geometry alone must say as well."""
-    from experiments.hexapod.controller import StrutMapping
-    from experiments.hexapod.testbed import Growth, TestbedConfig, grown_bench
     from experiments.jacobian.loop import (
         BY_NAME,
         GROWN,
@@ -346,6 +344,8 @@ def test_the_jacobian_pages_costs_are_those_of_the_geometry():
         loop_gain_error,
     )
     from experiments.jacobian.variation import relative_change
+    from experiments.rig.hexapod.controller import StrutMapping
+    from experiments.rig.hexapod.testbed import Growth, TestbedConfig, grown_bench
     from sim import hexapod, load_model
 
     geometry, goal = hexapod(load_model()), BY_NAME[GROWN].goal

@@ -71,7 +71,7 @@ def test_a_module_hides_a_package_too(tmp_path):
 
 def test_an_import_names_the_folder_that_hides_a_package(tmp_path):
     place = user_package(tmp_path, "sim")
-    done = python(tmp_path, "-c", "from experiments.hexapod import testbed")
+    done = python(tmp_path, "-c", "from experiments.rig.hexapod import testbed")
     assert done.returncode == 1
     last = done.stderr.splitlines()[-1]
     assert last.startswith("ImportError: `import sim` finds ")

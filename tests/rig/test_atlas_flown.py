@@ -85,7 +85,7 @@ def test_what_the_library_calls_possible_points_and_nothing_else_does(rows):
 
 def test_without_any_strut_the_error_is_the_whole_spiral(rows):
     row = rows["LLLLLL", "analytic"]
-    from experiments.hexapod.testbed import TestbedConfig
+    from experiments.rig.hexapod.testbed import TestbedConfig
 
     desired_urad = 1e6 * TestbedConfig().desired_rad(TestbedConfig().time_s(0.5))
     alpha, beta = np.sqrt((desired_urad**2).mean(axis=0))
@@ -105,8 +105,8 @@ def test_the_only_disagreement_is_at_a_singularity_that_the_nominal_pose_alone_h
     assert beside["alpha_rms_urad"] > 10 * there["alpha_rms_urad"]
     assert "SFFSLF" in " ".join(notes(simulated))
 
-    from experiments.hexapod.controller import StrutMapping
-    from experiments.hexapod.fault_tolerance import strut_and_payload_stiffness
+    from experiments.rig.hexapod.controller import StrutMapping
+    from experiments.rig.hexapod.fault_tolerance import strut_and_payload_stiffness
     from ftc.goal import Goal
 
     goal = Goal(joint_weight=(1.0,) * 6, locked_m={4: 0.0}, free=(1, 2, 5))

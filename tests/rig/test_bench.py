@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from experiments.hexapod import paper
-from experiments.hexapod.columns import MAJOR, SECONDARY
-from experiments.hexapod.controller import StrutMapping, nominal_loops
-from experiments.hexapod.simulation import SpiralRun, track_spiral
-from experiments.hexapod.testbed import Testbed, TestbedConfig
+from experiments.rig.hexapod import paper
+from experiments.rig.hexapod.columns import MAJOR, SECONDARY
+from experiments.rig.hexapod.controller import StrutMapping, nominal_loops
+from experiments.rig.hexapod.simulation import SpiralRun, track_spiral
+from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
 from ftc.controller import Measurement, PrioritizedController
 from ftc.goal import Goal
 from sim import (
@@ -150,7 +150,7 @@ def test_the_stated_gain_margin_is_where_the_loop_goes_unstable(model):
     """The whole discrete loop is stable just below the margin and unstable just above."""
     import control
 
-    from experiments.hexapod.controller import sampled
+    from experiments.rig.hexapod.controller import sampled
     from sim import Plant, linearize
 
     bench = TestbedConfig()

@@ -12,16 +12,16 @@ from scipy.spatial.transform import Rotation
 
 from experiments.app.cli import main
 from experiments.figures.machine import figure_machine
-from experiments.hexapod import animation as animations
-from experiments.hexapod.animation import Animation, figure_at, write_animation
-from experiments.hexapod.drawing import COLORS, View, draw_machine, machine, motion_at
-from experiments.hexapod.recording.hexapod import Mark
-from experiments.hexapod.recording.shown import Shown
-from experiments.hexapod.simulation import Trajectory
-from experiments.hexapod.solids import solid_of
-from experiments.output.files import write_arrays
-from experiments.output.gif import pixels
-from experiments.output.plotting import VERMILION, save_figure
+from experiments.recording import animation as animations
+from experiments.recording.animation import Animation, figure_at, write_animation
+from experiments.recording.drawing import COLORS, View, draw_machine, machine, motion_at
+from experiments.recording.gif import pixels
+from experiments.recording.hexapod import Mark
+from experiments.recording.shown import Shown
+from experiments.recording.solids import solid_of
+from experiments.rig.hexapod.simulation import Trajectory
+from experiments.study.files import write_arrays
+from experiments.study.plotting import VERMILION, save_figure
 from sim import NOMINAL, Plant, Pose
 from sim.mjcf.model import HEXAPOD_MJCF
 

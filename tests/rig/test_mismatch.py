@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
-from experiments.hexapod.columns import COLUMNS, MAJOR
-from experiments.hexapod.controller import nominal_loops
-from experiments.hexapod.floor import floor_acceleration
-from experiments.hexapod.inexact import InexactPlant
-from experiments.hexapod.mismatch import ALL, ALONE, SLIP_M, mismatched
-from experiments.hexapod.prediction import predicted_error_rad
-from experiments.hexapod.simulation import SpiralRun, simulated, track_spiral
-from experiments.hexapod.testbed import Testbed, TestbedConfig
-from experiments.output.mismatch import EXACT, LIMITS, Mismatch
+from experiments.rig.hexapod.columns import COLUMNS, MAJOR
+from experiments.rig.hexapod.controller import nominal_loops
+from experiments.rig.hexapod.floor import floor_acceleration
+from experiments.rig.hexapod.inexact import InexactPlant
+from experiments.rig.hexapod.mismatch import ALL, ALONE, SLIP_M, mismatched
+from experiments.rig.hexapod.prediction import predicted_error_rad
+from experiments.rig.hexapod.simulation import SpiralRun, simulated, track_spiral
+from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
+from experiments.rig.mismatch import EXACT, LIMITS, Mismatch
 from sim import Failure, MaxwellSlip, Plant, linearize, load_model, pointing_angles
 
 W_A, PERIOD_S = COLUMNS[0].goal, 1e-3

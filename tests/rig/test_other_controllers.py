@@ -17,20 +17,20 @@ import pyarrow.parquet as pq
 import pytest
 
 from experiments.app.cli import main
-from experiments.hexapod.columns import COLUMNS
-from experiments.hexapod.controller import nominal_loops
-from experiments.hexapod.other_controller import control_task, track_with
-from experiments.hexapod.simulation import SpiralRun, track_spiral
-from experiments.hexapod.testbed import Testbed, TestbedConfig
-from experiments.output.controllers import controller_factory, controller_label
-from experiments.output.results import Results
-from experiments.output.study import WrongInput
 from experiments.recover import runs as recover_runs
 from experiments.recover.campaign import flights_of
 from experiments.recover.checks import checks
 from experiments.recover.comparison import controller_checks
 from experiments.recover.plan import Counts, FlightPlan
 from experiments.recover.row import other_columns, row_of
+from experiments.rig.hexapod.columns import COLUMNS
+from experiments.rig.hexapod.controller import nominal_loops
+from experiments.rig.hexapod.other_controller import control_task, track_with
+from experiments.rig.hexapod.simulation import SpiralRun, track_spiral
+from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
+from experiments.study.controllers import controller_factory, controller_label
+from experiments.study.results import Results
+from experiments.study.study import WrongInput
 from experiments.table1 import results as table1_results
 from experiments.table1.runs import CONFIGURATIONS
 from ftc.controller import Measurement

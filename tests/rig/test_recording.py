@@ -13,18 +13,18 @@ import rerun as rr
 import rerun.blueprint as rrb
 from rerun.chunk import RrdReader
 
-from experiments.hexapod import paper
-from experiments.hexapod.metrics import pointing_rms_urad
-from experiments.hexapod.recording.keep import read_run
-from experiments.output.files import published, write_arrays
-from experiments.output.recording.file import (
+from experiments.recording.file import (
     RecordingInfo,
     log_series,
     recording_file,
     screen,
     time_column,
 )
-from experiments.output.study import WrongInput
+from experiments.recording.keep import read_run
+from experiments.rig.hexapod import paper
+from experiments.rig.hexapod.metrics import pointing_rms_urad
+from experiments.study.files import published, write_arrays
+from experiments.study.study import WrongInput
 from tests import rrd
 
 SIGNALS = {

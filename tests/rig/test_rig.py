@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from experiments.output.mismatch import Known, Mismatch
-from experiments.output.study import WrongInput
 from experiments.rig import Rig
+from experiments.rig.mismatch import Known, Mismatch
+from experiments.study.study import WrongInput
 from sim import HEXAPOD_MJCF, Failure
 
 FAILED_S = 0.5

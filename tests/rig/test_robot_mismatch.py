@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
-from experiments.output.mismatch import EXACT, Mismatch
-from experiments.output.study import WrongInput
+from experiments.rig.mismatch import EXACT, Mismatch
 from experiments.rig.mismatched import ALL, displaced, mismatched_model
 from experiments.rig.mjcf import OF_THE_HEXAPOD, robot_rig
 from experiments.rig.options import RobotOptions
+from experiments.study.study import WrongInput
 from sim import HEXAPOD_MJCF, Bench, JointSensors, Mechanism, Plant, TaskSensor, load_model
 
 ARM = HEXAPOD_MJCF.with_name("arm.xml")

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from experiments.hexapod.columns import COLUMNS
-from experiments.hexapod.controller import nominal_loops
-from experiments.hexapod.mismatch import ALL, mismatched
-from experiments.hexapod.prediction import predicted_error_rad
-from experiments.hexapod.simulation import SpiralRun, track_spiral
-from experiments.hexapod.testbed import Testbed, TestbedConfig
+from experiments.rig.hexapod.columns import COLUMNS
+from experiments.rig.hexapod.controller import nominal_loops
+from experiments.rig.hexapod.mismatch import ALL, mismatched
+from experiments.rig.hexapod.prediction import predicted_error_rad
+from experiments.rig.hexapod.simulation import SpiralRun, track_spiral
+from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
 from experiments.table1.robustness import (
     REPRESENTATIVE,
     TOLERANCE,

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from experiments.hexapod import paper
+from experiments.rig.hexapod import paper
 from prioritized import ConstrainedSystem, velocity_mapping
 from sim import NOMINAL, hexapod, jacobians
 

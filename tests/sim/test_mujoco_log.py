@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from experiments.output.parallel import in_parallel
+from experiments.study.parallel import in_parallel
 from sim import load_model
 
 ODD = "<mujoco><worldbody><body><joint damping='nan'/><geom size='1'/></body></worldbody></mujoco>"

@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from experiments.hexapod.recording.hexapod import hexapod_motion, load_colors
-from experiments.output.plotting import YELLOW
-from experiments.output.recording.file import rgb
-from experiments.output.recording.mechanism import exaggerated, exaggeration, motion_of
+from experiments.recording.file import rgb
+from experiments.recording.hexapod import hexapod_motion, load_colors
+from experiments.recording.mechanism import exaggerated, exaggeration, motion_of
+from experiments.study.plotting import YELLOW
 from sim import Plant, Pose, load_model
 from sim.mjcf.model import HEXAPOD_MJCF
 from tests import rrd

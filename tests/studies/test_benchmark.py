@@ -36,11 +36,11 @@ from experiments.benchmark.ratios import compare as compare_runs
 from experiments.benchmark.results import results
 from experiments.benchmark.solvers import SOLVERS
 from experiments.benchmark.tables import notes, tables
-from experiments.hexapod.controller import StrutMapping, nominal_loops
-from experiments.hexapod.simulation import SpiralRun, track_spiral
-from experiments.hexapod.testbed import Testbed, TestbedConfig
-from experiments.output.results import Results, publish
-from experiments.output.study import Unsound
+from experiments.rig.hexapod.controller import StrutMapping, nominal_loops
+from experiments.rig.hexapod.simulation import SpiralRun, track_spiral
+from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
+from experiments.study.results import Results, publish
+from experiments.study.study import Unsound
 
 # Bound and goal as they were asked for.
 ASKED = {

@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from scipy.optimize import direct
 from scipy.spatial.transform import Rotation
 
-from experiments.hexapod import paper
 from experiments.jacobian import certificate
 from experiments.jacobian.certificate import ORDER, certify, jacobian_forms, jacobian_series
 from experiments.jacobian.results import CERTIFICATE_LIMIT, checks
@@ -27,6 +26,7 @@ from experiments.jacobian.variation import (
     twist_in_base_axes,
     variation,
 )
+from experiments.rig.hexapod import paper
 from sim import NOMINAL, Hexapod, Pose, forward_kinematics, hexapod, load_model
 from tests.profiles import examples
 

@@ -20,11 +20,11 @@ from experiments.figures.figure import figure_atlas, figure_bode, pictures
 from experiments.figures.geometry import figure_2
 from experiments.figures.results import notes, pointing_after_failures
 from experiments.figures.runs import Portrait, portray
-from experiments.hexapod.controller import nominal_plant
-from experiments.hexapod.simulation import Trajectory
-from experiments.hexapod.testbed import TestbedConfig
-from experiments.output.plotting import BLACK, BLUE, COLUMN_IN, SKY, YELLOW, new_figure, save_figure
-from experiments.output.results import Results
+from experiments.rig.hexapod.controller import nominal_plant
+from experiments.rig.hexapod.simulation import Trajectory
+from experiments.rig.hexapod.testbed import TestbedConfig
+from experiments.study.plotting import BLACK, BLUE, COLUMN_IN, SKY, YELLOW, new_figure, save_figure
+from experiments.study.results import Results
 from experiments.table1.figure import figure_4, figure_5, figure_6, figure_result
 from sim import hexapod, load_model
 from sim.mjcf.model import HEXAPOD_MJCF

@@ -14,11 +14,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from experiments.app.cli import main
-from experiments.output import parquet
-from experiments.output.campaign import table_of
-from experiments.output.cluster import Where
-from experiments.output.resumable import UNFINISHED, run_missing
-from experiments.output.study import Interrupted, WrongInput
 from experiments.recover import flight as flights
 from experiments.recover import row as rows
 from experiments.recover import runs
@@ -28,6 +23,11 @@ from experiments.recover.plan import QUICK, Counts, FlightPlan, for_hours
 from experiments.recover.rates import per_hour, quantiles, rate
 from experiments.recover.recovery import Identification, fault_unaware, supervised
 from experiments.recover.row import SCHEMA, row_of
+from experiments.study import parquet
+from experiments.study.campaign import table_of
+from experiments.study.cluster import Where
+from experiments.study.resumable import UNFINISHED, run_missing
+from experiments.study.study import Interrupted, WrongInput
 from ftc.fdi.diagnosis import Diagnosis
 from ftc.fdi.fault_model import Fault, FaultKind
 from sim import Failure, SimulationDiverged
@@ -285,9 +285,9 @@ def here(monkeypatch):
             done.append(number)
             yield cheap(campaign.runs[number])
 
-    monkeypatch.setattr("experiments.output.dataset.PART", 4)
-    monkeypatch.setattr("experiments.output.resumable.cluster", lambda *_: nullcontext())
-    monkeypatch.setattr("experiments.output.resumable.finished_rows", finished)
+    monkeypatch.setattr("experiments.study.dataset.PART", 4)
+    monkeypatch.setattr("experiments.study.resumable.cluster", lambda *_: nullcontext())
+    monkeypatch.setattr("experiments.study.resumable.finished_rows", finished)
     return done
 
 

@@ -19,8 +19,8 @@ from experiments.force.results import summarize
 from experiments.force.rig import FIXTURE, Condition, Gauges, hold, press, with_fixture
 from experiments.force.runs import examine, payload_stiffness
 from experiments.force.tables import checks, tables
-from experiments.hexapod.columns import MAJOR, SECONDARY
-from experiments.hexapod.fault_tolerance import strut_and_payload_stiffness
+from experiments.rig.hexapod.columns import MAJOR, SECONDARY
+from experiments.rig.hexapod.fault_tolerance import strut_and_payload_stiffness
 from prioritized import ConstrainedSystem, force_mapping
 from sim import HEXAPOD_MJCF, NOMINAL, Plant, hexapod, jacobians, load_model
 from tests.pages import assert_says

@@ -36,10 +36,10 @@ from experiments.goals.secondary_goals import (
     rates_from_stops,
     retreat,
 )
-from experiments.hexapod.columns import MAJOR, SECONDARY
-from experiments.hexapod.controller import StrutMapping, controller_for, nominal_loops
-from experiments.hexapod.simulation import track_path
-from experiments.hexapod.testbed import Testbed, TestbedConfig
+from experiments.rig.hexapod.columns import MAJOR, SECONDARY
+from experiments.rig.hexapod.controller import StrutMapping, controller_for, nominal_loops
+from experiments.rig.hexapod.simulation import track_path
+from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
 from ftc.controller import Measurement
 from ftc.goal import Goal
 from prioritized import velocity_mapping

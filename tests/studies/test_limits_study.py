@@ -8,10 +8,6 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-from experiments.hexapod.controller import StrutMapping, nominal_loops
-from experiments.hexapod.fault_tolerance import strut_and_payload_stiffness
-from experiments.hexapod.simulation import track_path
-from experiments.hexapod.testbed import Testbed, TestbedConfig
 from experiments.limits.allocation import allocated
 from experiments.limits.arm import RANGE_RAD, Motion, line_of_sight, move
 from experiments.limits.attainable import room
@@ -19,6 +15,10 @@ from experiments.limits.measures import longest
 from experiments.limits.results import checks
 from experiments.limits.spirals import BENCH, HEAVE_M, Case, limits_of
 from experiments.limits.strategies import Strategy, arm_strategies, loop_strategies
+from experiments.rig.hexapod.controller import StrutMapping, nominal_loops
+from experiments.rig.hexapod.fault_tolerance import strut_and_payload_stiffness
+from experiments.rig.hexapod.simulation import track_path
+from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
 from ftc.controller import PrioritizedController
 from ftc.goal import Goal
 from prioritized import ConstrainedSystem

@@ -11,9 +11,6 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from experiments.output.campaign import Row, table_of
-from experiments.output.files import json_text
-from experiments.output.study import Interrupted, WrongInput
 from experiments.recover.mechanism_flight import MechanismFlight, MechanismFlown, fly
 from experiments.recover.mechanism_results import described, summarize
 from experiments.recover.mechanism_row import SCHEMA, flown_row
@@ -23,6 +20,9 @@ from experiments.rig.choices import Sensing
 from experiments.rig.dither import rig_dither
 from experiments.rig.mjcf import robot_rig
 from experiments.rig.options import DITHER_SIZE, RobotOptions
+from experiments.study.campaign import Row, table_of
+from experiments.study.files import json_text
+from experiments.study.study import Interrupted, WrongInput
 from ftc.fdi.dither_design import DitherDesign
 from sim import HEXAPOD_MJCF, Failure, FailureKind, Pose
 
@@ -231,10 +231,10 @@ def test_a_robot_s_study_goes_on_where_it_was_interrupted(tmp_path, monkeypatch)
             flight = campaign.runs[number]
             yield {"case": number, "seed": flight.seed, "isolable": flight.isolable}
 
-    monkeypatch.setattr("experiments.output.resumable.cluster", lambda *_: nullcontext())
+    monkeypatch.setattr("experiments.study.resumable.cluster", lambda *_: nullcontext())
     monkeypatch.setattr("experiments.recover.mechanisms.SENSINGS", ("task", "both"))
     monkeypatch.setattr("experiments.recover.mechanisms.check_reach", lambda *_: None)
-    monkeypatch.setattr("experiments.output.resumable.finished_rows", finished)
+    monkeypatch.setattr("experiments.study.resumable.finished_rows", finished)
     platform: dict[str, Any] = {"model": file("platform"), "major": "3,4"}
     [locked] = study(tmp_path / "quick", **platform)
     assert locked["isolable"]

@@ -10,10 +10,6 @@ import pytest
 from matplotlib.figure import Figure
 from rerun.chunk import RrdReader
 
-from experiments.hexapod.controller import nominal_loops
-from experiments.hexapod.simulation import Trajectory
-from experiments.hexapod.testbed import Testbed, TestbedConfig
-from experiments.output.results import Results
 from experiments.recover import figure
 from experiments.recover.checks import checks
 from experiments.recover.exact_flights import INFORMED_LATE, informed_late_or_wrongly
@@ -23,6 +19,10 @@ from experiments.recover.recovery import Identification
 from experiments.recover.results import described
 from experiments.recover.row import SCHEMA
 from experiments.recover.runs import SHOWN
+from experiments.rig.hexapod.controller import nominal_loops
+from experiments.rig.hexapod.simulation import Trajectory
+from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
+from experiments.study.results import Results
 from ftc.fdi.diagnosis import Diagnosis
 from ftc.fdi.fault_model import Fault
 from sim import load_model

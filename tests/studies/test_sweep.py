@@ -20,16 +20,16 @@ import pyarrow.parquet as pq
 import pytest
 
 from experiments.app.cli import main
-from experiments.hexapod.controller import nominal_loops
-from experiments.hexapod.prediction import predicted_error_rad
-from experiments.hexapod.simulation import SpiralRun, track_spiral
-from experiments.hexapod.testbed import Testbed, TestbedConfig
-from experiments.output import basis, cluster
-from experiments.output.basis import basis_in
-from experiments.output.cluster import Where
-from experiments.output.dataset import Columns, Dataset
-from experiments.output.resumable import UNFINISHED, published_before, run_missing
-from experiments.output.study import Interrupted, Unsound, WrongInput
+from experiments.rig.hexapod.controller import nominal_loops
+from experiments.rig.hexapod.prediction import predicted_error_rad
+from experiments.rig.hexapod.simulation import SpiralRun, track_spiral
+from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
+from experiments.study import basis, cluster
+from experiments.study.basis import basis_in
+from experiments.study.cluster import Where
+from experiments.study.dataset import Columns, Dataset
+from experiments.study.resumable import UNFINISHED, published_before, run_missing
+from experiments.study.study import Interrupted, Unsound, WrongInput
 from experiments.sweep.campaign import SOURCES, sweep_of
 from experiments.sweep.design import Design, SweepRuns, grid, read_design
 from experiments.sweep.results import checks, prediction
@@ -285,7 +285,7 @@ def test_one_worker_writes_the_bytes_of_two(undisturbed, tmp_path):
 
 
 def test_parts_are_written_when_they_are_whole_whatever_comes_first(tmp_path, monkeypatch):
-    monkeypatch.setattr("experiments.output.dataset.PART", 4)
+    monkeypatch.setattr("experiments.study.dataset.PART", 4)
     rows = [sweep_run(k, 0.1, {"seed": k}).parameters() | {"status": "exact"} for k in range(10)]
     datasets = {}
     for name, order in (("forth", range(10)), ("back", range(9, -1, -1))):
@@ -326,7 +326,7 @@ def test_a_killed_worker_loses_nothing_that_was_received(
                 os.kill(next(iter(client.run(os.getpid).values())), signal.SIGKILL)
             yield finished
 
-    monkeypatch.setattr("experiments.output.resumable.finished_rows", kill_in_the_middle)
+    monkeypatch.setattr("experiments.study.resumable.finished_rows", kill_in_the_middle)
     run_into(tmp_path, SweepRuns(FEW, 0), scheduler)
     assert bytes_of(tmp_path) == undisturbed
     assert sorted(received) == list(range(24))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from experiments.output.dataset import Columns
+from experiments.study.dataset import Columns
 from experiments.sweep.figure import NEAR, sweep_picture
 from experiments.sweep.row import ANGLES
 from experiments.sweep.sweep_run import KINDS

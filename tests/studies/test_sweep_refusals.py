@@ -15,10 +15,10 @@ from distributed import Client, LocalCluster
 from typer.testing import CliRunner
 
 from experiments.app.cli import app, main
-from experiments.hexapod.testbed import LIMITS, TestbedConfig
-from experiments.output import cluster as clusters
-from experiments.output.campaign import Campaign
-from experiments.output.study import Unsound, WrongInput
+from experiments.rig.hexapod.testbed import LIMITS, TestbedConfig
+from experiments.study import cluster as clusters
+from experiments.study.campaign import Campaign
+from experiments.study.study import Unsound, WrongInput
 from experiments.sweep.campaign import SOURCES
 from experiments.sweep.design import read_design
 from experiments.sweep.row import SCHEMA

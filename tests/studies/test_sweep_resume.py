@@ -13,17 +13,17 @@ import pyarrow.parquet as pq
 import pytest
 
 from experiments.app.cli import main
-from experiments.output.cluster import Where
-from experiments.output.dataset import REST, Dataset
-from experiments.output.files import OutputError
-from experiments.output.resumable import (
+from experiments.study.cluster import Where
+from experiments.study.dataset import REST, Dataset
+from experiments.study.files import OutputError
+from experiments.study.resumable import (
     UNFINISHED,
     Complete,
     complete,
     published_before,
     run_missing,
 )
-from experiments.output.study import WrongInput
+from experiments.study.study import WrongInput
 from experiments.sweep.campaign import sweep_of
 from experiments.sweep.design import Design, SweepRuns
 from experiments.sweep.row import SCHEMA
@@ -48,9 +48,9 @@ def rows(_client, campaign, numbers):
 
 @pytest.fixture(autouse=True)
 def _no_cluster(monkeypatch):
-    monkeypatch.setattr("experiments.output.dataset.PART", 4)
-    monkeypatch.setattr("experiments.output.resumable.cluster", lambda *_: nullcontext())
-    monkeypatch.setattr("experiments.output.resumable.finished_rows", rows)
+    monkeypatch.setattr("experiments.study.dataset.PART", 4)
+    monkeypatch.setattr("experiments.study.resumable.cluster", lambda *_: nullcontext())
+    monkeypatch.setattr("experiments.study.resumable.finished_rows", rows)
 
 
 def run_into(folder: Path, runs: SweepRuns = TEN, *, resume: bool = True):
@@ -75,7 +75,7 @@ def contents(folder: Path) -> dict[str, bytes]:
 def whole(tmp_path_factory) -> list[bytes]:
     """The three parts, undisturbed."""
     with pytest.MonkeyPatch.context() as four:
-        four.setattr("experiments.output.dataset.PART", 4)
+        four.setattr("experiments.study.dataset.PART", 4)
         dataset = Dataset(tmp_path_factory.mktemp("whole") / UNFINISHED, 10, BASIS, SCHEMA)
         for k in range(10):
             dataset.add(row(TEN[k]))

@@ -13,11 +13,11 @@ import pyarrow.parquet as pq
 import pytest
 
 from experiments.app.cli import main
-from experiments.output.dataset import Columns, check_merged
-from experiments.output.lock import LOCK, alone_in
-from experiments.output.parquet import Broken
-from experiments.output.resumable import UNFINISHED
-from experiments.output.study import WrongInput
+from experiments.study.dataset import Columns, check_merged
+from experiments.study.lock import LOCK, alone_in
+from experiments.study.parquet import Broken
+from experiments.study.resumable import UNFINISHED
+from experiments.study.study import WrongInput
 from experiments.sweep.row import SCHEMA
 
 
@@ -47,8 +47,8 @@ def test_the_finished_files_have_checksums_and_their_readers_compare_them(reques
 HOLD = """
 import sys
 from pathlib import Path
-from experiments.output.dataset import Columns, check_merged
-from experiments.output.lock import alone_in
+from experiments.study.dataset import Columns, check_merged
+from experiments.study.lock import alone_in
 with alone_in(Path(sys.argv[1])):
     print(flush=True)
     sys.stdin.read()

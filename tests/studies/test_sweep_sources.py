@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from experiments.output import basis as bases
-from experiments.output import provenance
-from experiments.output.basis import check_same
-from experiments.output.study import WrongInput
 from experiments.recover.campaign import SOURCES as FLIGHTS
 from experiments.recover.mechanisms import SOURCES as ROBOTS
+from experiments.study import basis as bases
+from experiments.study import provenance
+from experiments.study.basis import check_same
+from experiments.study.study import WrongInput
 from experiments.sweep.campaign import SOURCES, sweep_of
 from experiments.sweep.design import Design, SweepRuns
 from experiments.sweep.sweep_run import Choice
@@ -41,12 +41,11 @@ def edit(project: Path, pattern: str) -> None:
 
 WORDS_AND_DRAWINGS = (
     "experiments/app/cli.py",
-    *(f"experiments/hexapod/{name}.py" for name in ("animation", "drawing", "plots", "solids")),
-    "experiments/hexapod/recording/*.py",
-    "experiments/output/cluster.py",
-    "experiments/output/plotting.py",
-    "experiments/output/resumable.py",
-    "experiments/output/results.py",
+    "experiments/recording/*.py",
+    "experiments/study/cluster.py",
+    "experiments/study/plotting.py",
+    "experiments/study/resumable.py",
+    "experiments/study/results.py",
     "experiments/release/*.py",
     *(
         f"experiments/sweep/{name}.py"
@@ -76,8 +75,8 @@ def test_an_edited_caption_or_help_text_changes_nothing_for_a_sweep(project, pat
         "prioritized/_solver/*.py",
         "sim/*.py",
         "sim/mjcf/*.py",
-        "experiments/hexapod/simulation.py",
-        *(f"experiments/output/{name}.py" for name in ("basis", "campaign", "dataset", "parquet")),
+        "experiments/rig/hexapod/simulation.py",
+        *(f"experiments/study/{name}.py" for name in ("basis", "campaign", "dataset", "parquet")),
         *(f"experiments/sweep/{name}.py" for name in ("design", "row", "sweep_run")),
     ],
 )
@@ -114,7 +113,7 @@ def test_all_that_a_row_is_made_with_counts(row, sources):
     assert {
         name
         for name in left
-        if not name.startswith("experiments/output/") and not name.endswith("__init__.py")
+        if not name.startswith("experiments/study/") and not name.endswith("__init__.py")
     } == set()
 
 

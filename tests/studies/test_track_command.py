@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from experiments.app.cli import main
-from experiments.output.study import WrongInput
+from experiments.study.study import WrongInput
 from experiments.track import STUDY
 from experiments.track.results import AGREES, checks, notes, summarize
 from experiments.track.runs import Tracked, run_track

@@ -11,12 +11,12 @@ import pytest
 from rerun.chunk import RrdReader
 
 from experiments.app.cli import main
-from experiments.hexapod.controller import StrutMapping, nominal_loops
-from experiments.hexapod.floor import FLOOR_BAND_HZ, floor_acceleration
-from experiments.hexapod.metrics import rms
-from experiments.hexapod.prediction import driven_loop, predicted_error_rad, predicted_rms_rad
-from experiments.hexapod.simulation import SpiralRun, Trajectory, track_spiral
-from experiments.hexapod.testbed import Testbed, TestbedConfig
+from experiments.rig.hexapod.controller import StrutMapping, nominal_loops
+from experiments.rig.hexapod.floor import FLOOR_BAND_HZ, floor_acceleration
+from experiments.rig.hexapod.metrics import rms
+from experiments.rig.hexapod.prediction import driven_loop, predicted_error_rad, predicted_rms_rad
+from experiments.rig.hexapod.simulation import SpiralRun, Trajectory, track_spiral
+from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
 from experiments.uncorrected.answer import paragraph, table
 from experiments.uncorrected.candidates import (
     BENCH,
