@@ -15,7 +15,9 @@ MODEL = Option(
     "Another robot: an MJCF file whose actuators move single joints; the options of fjh track.",
     "MODEL.xml",
 )
-HOURS = Option("hours", float, 10.0, "Flown without failures, unless --quick.", "H")
+HOURS = Option(
+    "hours", float, 2.0, "Flown without failures, in flights of 16 s, unless --quick.", "H"
+)
 HEXAPOD_ALONE = (HOURS, CONTROLLER, SCHEDULER)
 OTHERS_ALONE = (*TASK, *PATH, *LOOPS, replace(DITHER, default="designed"))
 
@@ -27,8 +29,8 @@ STUDY = Study(
     on plants that differ from the controller's model: gains, stiffness, damping, inertia, delay,
     floor vibration, drift, hysteresis and integrator step, each by itself, all together, and in
     several sizes. Flights are compared with a controller that is informed of the failure at once,
-    and with one that continues without noticing it. On two cores two and a quarter hours, and
-    eight minutes for each of the --hours without failures; half a minute with --quick.
+    and with one that continues without noticing it. On two idle cores an estimated 40 minutes, of
+    which eight for each of the --hours without failures; half a minute with --quick.
 
     Flights are written to a Parquet dataset, OUT/unfinished, as they finish; Ctrl-C keeps them, and
     --resume continues, with more or fewer --hours as well. The flights are identical to the bit for

@@ -7,6 +7,7 @@ from typing import Any, Literal
 from experiments.rig.hexapod.controller import nominal_loops
 from experiments.rig.hexapod.fault_tolerance import DITHER
 from experiments.rig.hexapod.mismatch import ALL, ALONE, mismatched
+from experiments.rig.hexapod.simulation import settled
 from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
 from experiments.rig.mismatch import EXACT, Mismatch
 from ftc.fdi.dither import Dither
@@ -79,9 +80,9 @@ class Flight:
         return replace(about, offset=self.posture_m)
 
     def testbed(self) -> Testbed:
-        """The testbed with the plant of this flight."""
+        """The testbed with the plant of this flight, settled, however many controllers fly it."""
         size = MISMATCHES[self.mismatch].scaled(self.factor)
-        return mismatched(testbed(), size, self.plant_seed)
+        return settled(mismatched(testbed(), size, self.plant_seed))
 
     def parameters(self) -> dict[str, Any]:
         """The columns in which flights differ before they are simulated."""
@@ -99,6 +100,6 @@ _OWN = ("sort", "draw", "mismatch", "factor", "plant_seed", "begin_s", "duration
 
 @cache
 def testbed() -> Testbed:
-    """The exact testbed, once in each process however many flights it does."""
+    """The exact testbed, settled, once in each process however many flights it does."""
     model, bench = load_model(), TestbedConfig()
-    return Testbed(model, bench, nominal_loops(model, bench))
+    return settled(Testbed(model, bench, nominal_loops(model, bench)))

@@ -12,11 +12,13 @@ def notes(summary: dict[str, Any]) -> list[str]:
     sound, beliefs = summary["sound"], summary["beliefs"]
     second, cost = summary["second_failure"], summary["dither_cost"]
     change, reseeded = (max(map(abs, cost[f"{key}_urad"])) for key in ("change", "reseeded"))
+    each_s = round(3600 * sound["hours"] / sound["flights"], 3)
     lines = [
         *(_isolation(name, summary) for name in ("all", "exact")),
-        f"{sound['flights']} flights without failures, {sound['hours']:.3g} h with all "
-        f"mismatches: {sound['alarms']} alarms (below {sound['high_per_hour_95']:.2g} per hour at "
-        f"95 %), {sound['sound_named']} flights in which a strut was named, "
+        f"{sound['flights']} flights of {each_s:g} s without failures and with all mismatches, "
+        f"{sound['hours']:.3g} h: {sound['alarms']} alarms (below {sound['high_per_hour_95']:.2g} "
+        f"per hour at 95 %; none is possible in the first {summary['rules']['learning_s']:g} s of "
+        f"each), {sound['sound_named']} flights in which a strut was named, "
         f"{sound['commands_changed']} whose commands changed.",
         f"Flights with two failures and all mismatches: both identified in "
         f"{_share(second['all_right'])}; identified or the task declared lost in "

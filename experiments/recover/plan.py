@@ -86,16 +86,20 @@ class Counts:
 
 
 FULL = Counts(
-    exact=306,
+    exact=60,
     all=306,
-    alone=306,
+    alone=60,
     mismatches=tuple(ALONE),
-    size=6,
+    size=3,
     sound=0,
     sound_s=TestbedConfig().duration_s,
     pairs=24,
 )
-"""All but the flights without failures, which :func:`for_hours` adds."""
+"""All but the flights without failures, which :func:`for_hours` adds.
+
+The rate claimed is that with all mismatches: 306 of 306 show 98.8 % (at 95 %), 60 of 60 show 94 %.
+Three of a size are a lock, a free and a weak strut: they show where it breaks, no rate.
+"""
 
 QUICK = Counts(exact=1, all=3, alone=0, mismatches=(), size=1, sound=1, sound_s=2.0, pairs=1)
 

@@ -135,10 +135,10 @@ def test_the_ambiguity_is_that_of_antipodal_struts_and_the_dither_lifts_it(setti
         (lambda s: s["sound"].update(commands_changed=1), "whose commands an alarm changed"),
         (lambda s: s["second_failure"]["handled_or_declared"].update(rate=0.9), "two failures"),
         (lambda s: s["shown"]["locked"].update(right=False), "run locked: wrong diagnosis"),
-        (lambda s: s["sound"].update(low_per_hour_95=0.2), "false alarms"),
+        (lambda s: s["sound"].update(low_per_hour_95=0.2), "lower 95 % bound"),
         (
             lambda s: s["sound"].update(hours=99, high_per_hour_95=0.11),
-            "without failures: 95 % bound of the false alarms",
+            "without failures: upper 95 % bound of the false alarms",
         ),
     ],
 )

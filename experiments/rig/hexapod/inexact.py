@@ -22,6 +22,8 @@ class InexactPlant:
         floor_m_per_s: RMS velocity of the floor in each third octave.
         floor_seed: Of its phases.
         drift_rad_per_s: Of the detector's zero in (alpha, beta), from the start of a run.
+        rest: State of the model once it has settled without current, which runs begin with; None
+            lets each of them settle. See :func:`experiments.rig.hexapod.simulation.settled`.
     """
 
     model: mujoco.MjModel
@@ -31,6 +33,7 @@ class InexactPlant:
     floor_m_per_s: float = 0.0
     floor_seed: tuple[int, ...] = (0,)
     drift_rad_per_s: tuple[float, ...] = (0.0, 0.0)
+    rest: mujoco.MjData | None = None
 
     def floor(self, ticks: int, period_s: float) -> Array | None:
         """Acceleration of the floor tick by tick, shape (N, 3), [m]/[s^2]; None is at rest."""

@@ -1,10 +1,11 @@
 """One closed-loop run: plant, sensors, controller; arrays come back, files are made elsewhere."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import ceil
 from typing import Any
 
+import mujoco
 import numpy as np
 
 from experiments.rig.hexapod.choices import JacobianChoice
@@ -170,6 +171,17 @@ def track_path(
     return _trajectory(time_s, desired_rad, machine, run, lead_in), run.state
 
 
+def settled(testbed: Testbed) -> Testbed:
+    """The testbed with its machine settled, once for all runs that begin without current.
+
+    Raises:
+        sim.SimulationDiverged: The physics left the finite numbers.
+    """
+    plant = Plant(testbed.machine.model)
+    plant.settle(testbed.bench.settling_s)
+    return replace(testbed, inexact=replace(testbed.machine, rest=plant.data))
+
+
 def simulated(
     testbed: Testbed,
     time_s: Array,
@@ -196,7 +208,10 @@ def simulated(
     bench, ticks = testbed.bench, len(time_s)
     period_s, machine = bench.control_period_s, testbed.machine
     plant = Plant(machine.model)
-    plant.settle(bench.settling_s, start_m)
+    if machine.rest is not None and start_m is None:
+        mujoco.mj_copyData(plant.data, plant.model, machine.rest)
+    else:
+        plant.settle(bench.settling_s, start_m)
     floors = [f for f in (floor_m_per_s2, machine.floor(ticks, period_s)) if f is not None]
     return Bench(
         plant,
