@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, get_args
 
@@ -152,6 +152,16 @@ def run_track(
 
 
 def _hexapod(options: RobotOptions) -> Rig:
+    """The hexapod of the testbed, which has its own frame, loops and sensors.
+
+    Raises:
+        WrongInput: An option that is for a robot of a file.
+    """
+    for option in fields(options):
+        its_own = option.name not in ("size", "feedforward")
+        if its_own and getattr(options, option.name) != option.default:
+            name = option.name.replace("_", "-")
+            raise WrongInput(f"--{name} needs a MODEL.xml: the hexapod of the testbed has its own")
     return Rig.hexapod(size=options.size, feedforward=options.feedforward == "on")
 
 
