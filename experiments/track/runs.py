@@ -9,7 +9,7 @@ from typing import Any, get_args
 from experiments.output.controllers import controller_factory
 from experiments.output.study import OnProgress, WrongInput
 from experiments.rig.choices import Diagnosing
-from experiments.rig.dither import rig_dither
+from experiments.rig.dither import option_dither
 from experiments.rig.mjcf import robot_rig
 from experiments.rig.options import RobotOptions, check_positive
 from experiments.rig.prediction import Prediction
@@ -110,7 +110,7 @@ def run_track(
     failures = _failures(rig, fail, shorter, len(desired))
     check_reach(rig, desired)
     factory = None if controller is None else controller_factory(controller)
-    design = rig_dither(rig, dither)
+    design = option_dither(rig, dither)
     if design is None and dither != "none":
         raise WrongInput(f"--dither {dither}: the major task leaves no motion for a dither")
     told = diagnosis == "on"
