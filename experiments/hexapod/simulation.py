@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from math import ceil
 from typing import Any
 
+import mujoco
 import numpy as np
 
 from experiments.hexapod.choices import JacobianChoice
@@ -177,6 +178,7 @@ def simulated(
     seed: int,
     *,
     start_m: Array | None = None,
+    rest: mujoco.MjData | None = None,
     floor_m_per_s2: Array | None = None,
     keep_qpos: bool = False,
     events: object = None,
@@ -189,14 +191,18 @@ def simulated(
         failures: What happens.
         seed: Of the noise of all sensors.
         start_m: As in :class:`SpiralRun`.
+        rest: Of :func:`settled` with these, whatever happens from then on; None is to settle anew.
         floor_m_per_s2: Acceleration of the floor at each tick, shape (N, 3); None is at rest.
         keep_qpos: Whether the log has the positions of all joints.
         events: What else happens; see :class:`sim.Bench`.
     """
     bench, ticks = testbed.bench, len(time_s)
     period_s, machine = bench.control_period_s, testbed.machine
-    plant = Plant(machine.model)
-    plant.settle(bench.settling_s, start_m)
+    if rest is None:
+        plant = settled(testbed, start_m)
+    else:
+        plant = Plant(machine.model)
+        mujoco.mj_copyData(plant.data, plant.model, rest)
     floors = [f for f in (floor_m_per_s2, machine.floor(ticks, period_s)) if f is not None]
     return Bench(
         plant,
@@ -211,6 +217,13 @@ def simulated(
         keep_qpos=keep_qpos,
         events=events,
     )
+
+
+def settled(testbed: Testbed, start_m: Array | None = None) -> Plant:
+    """The machine at rest, before anything happens to it; `start_m` as in :class:`SpiralRun`."""
+    plant = Plant(testbed.machine.model)
+    plant.settle(testbed.bench.settling_s, start_m)
+    return plant
 
 
 def _after_rest(ticks: int, signal: Array) -> Array:
