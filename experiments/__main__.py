@@ -3,7 +3,7 @@
 import sys
 from importlib.util import find_spec
 
-from experiments.output.terminal import exit_on_interrupt, notice
+from experiments.study.terminal import exit_on_interrupt, notice
 
 PACKAGES = (
     *("distributed", "jinja2", "matplotlib", "mujoco", "psutil", "pyarrow", "rerun"),

@@ -93,7 +93,7 @@ def faults_of_figures(shared) -> Iterator[Callable[[str], list[str]]]:
 
     A fixture that runs a command needs this one, as those of `made_once` do.
     """
-    from experiments.output.plotting import save_figure
+    from experiments.study.plotting import save_figure
     from tests.figure_checks import faults
 
     def file(name: str) -> Path:
@@ -107,7 +107,7 @@ def faults_of_figures(shared) -> Iterator[Callable[[str], list[str]]]:
         own.replace(file(name))  # at once: another process may be reading
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("experiments.output.plotting.save_figure", save)
+        patch.setattr("experiments.study.plotting.save_figure", save)
         yield lambda name: json.loads(file(name).read_text())
 
 
@@ -226,7 +226,7 @@ def bench(bench_folder):
 @pytest.fixture(scope="session")
 def crew():
     """A client of a Dask cluster of two workers."""
-    from experiments.output.cluster import Where, cluster
+    from experiments.study.cluster import Where, cluster
     from experiments.sweep.campaign import SOURCES
 
     with cluster(Where(workers=2), 2, SOURCES) as client:

@@ -9,13 +9,13 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from experiments.hexapod.recording.hexapod import Mark
-from experiments.hexapod.recording.keep import record_run
-from experiments.hexapod.recording.shown import Shown
-from experiments.hexapod.simulation import Trajectory
-from experiments.hexapod.testbed import TestbedConfig
-from experiments.output.results import Results
-from experiments.output.study import OnProgress, Option, Study
+from experiments.recording.hexapod import Mark
+from experiments.recording.keep import record_run
+from experiments.recording.shown import Shown
+from experiments.rig.hexapod.simulation import Trajectory
+from experiments.rig.hexapod.testbed import TestbedConfig
+from experiments.study.results import Results
+from experiments.study.study import OnProgress, Option, Study
 
 MARK = Mark(0, 0.0, "strut 1 locked")
 

@@ -40,7 +40,7 @@ TYPED = """
 from ftc.goal import Goal
 from prioritized import ConstrainedSystem
 from sim import Failure
-from experiments.output.study import Study
+from experiments.study.study import Study
 import argument_checks
 
 a: int = ConstrainedSystem([[1.0]], None, [0])

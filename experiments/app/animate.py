@@ -6,8 +6,8 @@ from typing import Annotated
 import typer
 
 from experiments.app.command import machine_refused
-from experiments.output.files import published, usable_file
-from experiments.output.terminal import progress
+from experiments.study.files import published, usable_file
+from experiments.study.terminal import progress
 
 _RUN = typer.Argument(metavar="RUN.npz", help="A run of the hexapod.", exists=True, dir_okay=False)
 _OUT = typer.Option(metavar="FILE.gif", help="The animation to write.")
@@ -34,7 +34,7 @@ def animate(
     folder = usable_file(out, ".gif")
     with machine_refused(), progress("animate", shown=not quiet) as on_progress:
         from experiments.app.review import find_runs  # late: help does not wait for it
-        from experiments.hexapod.animation import Animation, write_animation
+        from experiments.recording.animation import Animation, write_animation
         from sim import hexapod, load_model, model_sha256
 
         machine = load_model(model)

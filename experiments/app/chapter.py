@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any
 
 from experiments.app.command import conduct
-from experiments.output.files import published, write_json
-from experiments.output.results import Results
-from experiments.output.study import Progress, Study, Unsound
+from experiments.study.files import published, write_json
+from experiments.study.results import Results
+from experiments.study.study import Progress, Study, Unsound
 
 ENTRY = "chapter.json"
 

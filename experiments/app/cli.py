@@ -17,11 +17,11 @@ from experiments.force import STUDY as FORCE
 from experiments.goals import STUDY as GOALS
 from experiments.jacobian import STUDY as JACOBIAN
 from experiments.limits import STUDY as LIMITS
-from experiments.output.files import OutputError, published, usable_file
-from experiments.output.study import Interrupted, Unsound, WrongInput
-from experiments.output.terminal import INTERRUPTED, INTERRUPTION, notice, raise_on_interrupt
 from experiments.recover import STUDY as RECOVER
 from experiments.release import STUDY as RELEASE
+from experiments.study.files import OutputError, published, usable_file
+from experiments.study.study import Interrupted, Unsound, WrongInput
+from experiments.study.terminal import INTERRUPTED, INTERRUPTION, notice, raise_on_interrupt
 from experiments.sweep import ATLAS
 from experiments.sweep import STUDY as SWEEP
 from experiments.systems import STUDY as SYSTEMS

@@ -9,10 +9,10 @@ from typing import Annotated, Any
 
 import typer
 
-from experiments.output.files import json_text, published, usable_folder, write_arrays
-from experiments.output.results import Results, publish
-from experiments.output.study import Option, Progress, Study, Unsound, WrongInput
-from experiments.output.terminal import print_notes, print_table, progress
+from experiments.study.files import json_text, published, usable_folder, write_arrays
+from experiments.study.results import Results, publish
+from experiments.study.study import Option, Progress, Study, Unsound, WrongInput
+from experiments.study.terminal import print_notes, print_table, progress
 
 _QUIET = "Print no tables and no progress; only write the files."
 _JSON = "Print the contents of the JSON file instead of tables; with --quiet, print no progress."

@@ -17,8 +17,8 @@ import rerun_cli
 from rerun.experimental import ViewerClient, ViewerState
 
 from experiments.app.light import on_white
-from experiments.output.recording.file import TIMELINE
-from experiments.output.study import Unsound, WrongInput
+from experiments.recording.file import TIMELINE
+from experiments.study.study import Unsound, WrongInput
 
 SIZE = (1600, 900)
 _PATIENCE_S = 60.0

@@ -16,13 +16,13 @@ from experiments.force import STUDY as FORCE
 from experiments.goals import STUDY as GOALS
 from experiments.jacobian import STUDY as JACOBIAN
 from experiments.limits import STUDY as LIMITS
-from experiments.output.files import published, usable_folder, write_index
-from experiments.output.results import Results
-from experiments.output.study import Interrupted, NotInstalled, Progress, Unsound
-from experiments.output.tables import Column, tabulate
-from experiments.output.terminal import INTERRUPTION, progress
 from experiments.recover import STUDY as RECOVER
 from experiments.release import STUDY as RELEASE
+from experiments.study.files import published, usable_folder, write_index
+from experiments.study.results import Results
+from experiments.study.study import Interrupted, NotInstalled, Progress, Unsound
+from experiments.study.tables import Column, tabulate
+from experiments.study.terminal import INTERRUPTION, progress
 from experiments.sweep import STUDY as SWEEP
 from experiments.systems import STUDY as SYSTEMS
 from experiments.table1 import STUDY as TABLE1
@@ -122,7 +122,7 @@ def run_report(chapters: Sequence[Chapter], edition: Edition, progress: Progress
 
 def _origin() -> dict[str, Any]:
     """All that distinguishes one report from another with the same options."""
-    from experiments.output import provenance  # late: the help text does not wait for these imports
+    from experiments.study import provenance  # late: the help text does not wait for these imports
     from sim import model_sha256
 
     return {

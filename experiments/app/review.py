@@ -8,15 +8,15 @@ from typing import Any
 
 import numpy as np
 
-from experiments.hexapod import paper
-from experiments.hexapod.metrics import closure_residual_max_m, pointing_rms_urad, rms
-from experiments.hexapod.recording.keep import NoRunError, RecordedRun, read_run
-from experiments.hexapod.recording.screens import write_side_by_side
-from experiments.hexapod.recording.shown import constants
-from experiments.hexapod.simulation import Trajectory
-from experiments.hexapod.testbed import TestbedConfig
-from experiments.output.recording.file import RecordingInfo
-from experiments.output.study import WrongInput
+from experiments.recording.file import RecordingInfo
+from experiments.recording.keep import NoRunError, RecordedRun, read_run
+from experiments.recording.screens import write_side_by_side
+from experiments.recording.shown import constants
+from experiments.rig.hexapod import paper
+from experiments.rig.hexapod.metrics import closure_residual_max_m, pointing_rms_urad, rms
+from experiments.rig.hexapod.simulation import Trajectory
+from experiments.rig.hexapod.testbed import TestbedConfig
+from experiments.study.study import WrongInput
 from sim import hexapod, load_model, model_sha256
 
 _ROUNDING = 1e-9

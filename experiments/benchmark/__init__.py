@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from experiments.output.study import Option, Study
+from experiments.study.study import Option, Study
 
 STUDY = Study(
     name="bench",

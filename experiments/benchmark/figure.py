@@ -6,7 +6,7 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from experiments.output.plotting import (
+from experiments.study.plotting import (
     BLACK,
     BLUE,
     GREEN,
@@ -17,7 +17,7 @@ from experiments.output.plotting import (
     name_rows,
     new_figure,
 )
-from experiments.output.results import Picture
+from experiments.study.results import Picture
 
 LABELS = {
     "prioritized": "velocity_mapping",

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from experiments.output.study import OnProgress
+from experiments.study.study import OnProgress
 from sim import Array
 
 Clock = Callable[[], int]

@@ -11,7 +11,7 @@ import numpy as np
 from argument_checks.ties import exceeds
 from experiments.benchmark.measurement import Agreement, Contender, Problem, compare, random_problem
 from experiments.benchmark.solvers import EQUALITY, TOLERANCE, Solver
-from experiments.hexapod.columns import MAJOR, SECONDARY
+from experiments.rig.hexapod.columns import MAJOR, SECONDARY
 from prioritized import lexicographic_least_squares, velocity_mapping
 from sim import Array
 

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from experiments.hexapod.columns import MAJOR, SECONDARY
-from experiments.output.study import OnProgress, Unsound
+from experiments.rig.hexapod.columns import MAJOR, SECONDARY
+from experiments.study.study import OnProgress, Unsound
 from sim import Array
 
 

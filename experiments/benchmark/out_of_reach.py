@@ -14,7 +14,7 @@ from experiments.benchmark.limited import (
     soft_program,
     solve_limited,
 )
-from experiments.hexapod.columns import MAJOR
+from experiments.rig.hexapod.columns import MAJOR
 from sim import Array
 
 COUNT = 200

@@ -15,8 +15,8 @@ import numpy as np
 from scipy.linalg.lapack import dgglse
 
 from experiments.benchmark.measurement import Agreement, Contender, compare
-from experiments.hexapod.columns import MAJOR, SECONDARY
-from experiments.hexapod.controller import StrutMapping
+from experiments.rig.hexapod.columns import MAJOR, SECONDARY
+from experiments.rig.hexapod.controller import StrutMapping
 from ftc.goal import Goal
 from prioritized import ConstrainedSystem, Kinematics, VelocityMapping
 from sim import NOMINAL, Array, JacobianReader, Jacobians, Plant, Pose, hexapod, jacobians

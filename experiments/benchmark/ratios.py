@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from experiments.output.files import published, write_json
-from experiments.output.results import Check
-from experiments.output.study import WrongInput
-from experiments.output.tables import Column, Table, tabulate
+from experiments.study.files import published, write_json
+from experiments.study.results import Check
+from experiments.study.study import WrongInput
+from experiments.study.tables import Column, Table, tabulate
 from sim import Array
 
 CHECK_MARGIN = 3.0

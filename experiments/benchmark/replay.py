@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from experiments.benchmark.measurement import Contender
-from experiments.hexapod.controller import controller_for
-from experiments.hexapod.fault_tolerance import nominal_model
-from experiments.hexapod.simulation import Trajectory, track_path
-from experiments.hexapod.testbed import Testbed
+from experiments.rig.hexapod.controller import controller_for
+from experiments.rig.hexapod.fault_tolerance import nominal_model
+from experiments.rig.hexapod.simulation import Trajectory, track_path
+from experiments.rig.hexapod.testbed import Testbed
 from ftc.controller import Measurement, PrioritizedController
 from ftc.fdi.diagnosis import DEFAULT_CONFIG
 from ftc.fdi.monitor import Monitor, MonitorState, monitor

@@ -13,9 +13,9 @@ from experiments.benchmark.measurement import power_law, spread
 from experiments.benchmark.runs import PACKAGES, Timed
 from experiments.benchmark.solvers import GROWING, batch_names
 from experiments.benchmark.tables import notes, tables
-from experiments.hexapod.testbed import TestbedConfig
-from experiments.output.provenance import machine, versions
-from experiments.output.results import Results
+from experiments.rig.hexapod.testbed import TestbedConfig
+from experiments.study.provenance import machine, versions
+from experiments.study.results import Results
 from sim import model_sha256
 
 LARGE = 3

@@ -18,13 +18,13 @@ from experiments.benchmark.latency import latencies
 from experiments.benchmark.measurement import Agreement, Contender, by_turns, questions
 from experiments.benchmark.ratios import saved
 from experiments.benchmark.replay import recorded
-from experiments.hexapod.choices import JacobianChoice
-from experiments.hexapod.columns import COLUMNS
-from experiments.hexapod.controller import controller_for, nominal_loops
-from experiments.hexapod.simulation import SpiralRun, track_path, track_spiral
-from experiments.hexapod.testbed import Testbed, TestbedConfig
-from experiments.output.files import usable_file
-from experiments.output.study import NotInstalled, OnProgress
+from experiments.rig.hexapod.choices import JacobianChoice
+from experiments.rig.hexapod.columns import COLUMNS
+from experiments.rig.hexapod.controller import controller_for, nominal_loops
+from experiments.rig.hexapod.simulation import SpiralRun, track_path, track_spiral
+from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
+from experiments.study.files import usable_file
+from experiments.study.study import NotInstalled, OnProgress
 from ftc.controller import Measurement
 from sim import Array, Plant, Pose, hexapod, load_model
 

@@ -15,7 +15,7 @@ import scipy.linalg
 from scipy.linalg.lapack import dgglse
 
 from experiments.benchmark.measurement import Agreement, Contender, Problem, Questions, compare
-from experiments.hexapod.columns import MAJOR, SECONDARY
+from experiments.rig.hexapod.columns import MAJOR, SECONDARY
 from prioritized import velocity_mapping
 from sim import Array
 

@@ -4,8 +4,8 @@ from typing import Any
 
 from experiments.benchmark import ratios
 from experiments.benchmark.runs import PACKAGES
-from experiments.hexapod.testbed import TestbedConfig
-from experiments.output.tables import Column, Table, tabulate
+from experiments.rig.hexapod.testbed import TestbedConfig
+from experiments.study.tables import Column, Table, tabulate
 
 TICK = {
     "mj_step": "physics alone: mj_step",

@@ -1,7 +1,7 @@
 """Figures 2 and 3 of the paper from the simulated machine and loops; Bode plot; failure atlas."""
 
-from experiments.hexapod.choices import MACHINE_FILE
-from experiments.output.study import Study
+from experiments.rig.hexapod.choices import MACHINE_FILE
+from experiments.study.study import Study
 
 STUDY = Study(
     name="figures",

@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
 
 from experiments.figures.runs import OpenLoop, Portrait
-from experiments.output.plotting import BLACK, ORANGE, PAGE_IN, SKY, new_figure
+from experiments.study.plotting import BLACK, ORANGE, PAGE_IN, SKY, new_figure
 from sim import Array
 
 _HEIGHT_IN = 3.85

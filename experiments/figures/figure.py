@@ -13,9 +13,9 @@ from experiments.figures.block_diagram import figure_3
 from experiments.figures.geometry import figure_2
 from experiments.figures.machine import figure_machine
 from experiments.figures.runs import OpenLoop, Portrait
-from experiments.hexapod.fault_tolerance import Verdict, verdicts
-from experiments.output.plotting import BLACK, BLUE, ORANGE, PAGE_IN, VERMILION, new_figure
-from experiments.output.results import Picture
+from experiments.rig.hexapod.fault_tolerance import Verdict, verdicts
+from experiments.study.plotting import BLACK, BLUE, ORANGE, PAGE_IN, VERMILION, new_figure
+from experiments.study.results import Picture
 from prioritized import FailureAtlas
 
 

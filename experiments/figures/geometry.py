@@ -12,9 +12,9 @@ from matplotlib.patches import Polygon
 from scipy.spatial import ConvexHull
 
 from argument_checks.ties import ascending
-from experiments.hexapod.drawing import View, draw_at_rest
-from experiments.hexapod.solids import solid_of
-from experiments.output.plotting import BLACK, BLUE, GREEN, PAGE_IN, PURPLE, VERMILION, new_figure
+from experiments.recording.drawing import View, draw_at_rest
+from experiments.recording.solids import solid_of
+from experiments.study.plotting import BLACK, BLUE, GREEN, PAGE_IN, PURPLE, VERMILION, new_figure
 from sim import Array, Hexapod, element_id, hexapod
 
 _NAMED = {

@@ -6,8 +6,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from experiments.hexapod.drawing import View, draw_at_rest
-from experiments.output.plotting import BLACK, BLUE, PAGE_IN, TITLE_PT, VERMILION, new_figure
+from experiments.recording.drawing import View, draw_at_rest
+from experiments.study.plotting import BLACK, BLUE, PAGE_IN, TITLE_PT, VERMILION, new_figure
 from sim import Array
 
 MAJOR, SECONDARY = BLUE, VERMILION

@@ -8,11 +8,11 @@ import numpy as np
 from experiments.figures.figure import pictures
 from experiments.figures.geometry import node_names
 from experiments.figures.runs import Portrait
-from experiments.hexapod.fault_tolerance import verdicts
-from experiments.hexapod.metrics import loop_measures, plant_constants
-from experiments.output.provenance import versions
-from experiments.output.results import Results
-from experiments.output.tables import Column, Table, tabulate
+from experiments.rig.hexapod.fault_tolerance import verdicts
+from experiments.rig.hexapod.metrics import loop_measures, plant_constants
+from experiments.study.provenance import versions
+from experiments.study.results import Results
+from experiments.study.tables import Column, Table, tabulate
 from prioritized import FailureAtlas
 from sim import Array
 

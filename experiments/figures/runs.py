@@ -7,11 +7,11 @@ import control
 import mujoco
 import numpy as np
 
-from experiments.hexapod.columns import MAJOR
-from experiments.hexapod.controller import ANGLES, Loop, design, nominal_plant, sampled
-from experiments.hexapod.fault_tolerance import elastic_system
-from experiments.hexapod.testbed import TestbedConfig
-from experiments.output.study import OnProgress
+from experiments.rig.hexapod.columns import MAJOR
+from experiments.rig.hexapod.controller import ANGLES, Loop, design, nominal_plant, sampled
+from experiments.rig.hexapod.fault_tolerance import elastic_system
+from experiments.rig.hexapod.testbed import TestbedConfig
+from experiments.study.study import OnProgress
 from prioritized import FailureAtlas, failure_atlas
 from sim import Array, Hexapod, LinearPlant, hexapod, load_model, model_sha256
 

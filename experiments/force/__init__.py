@@ -1,6 +1,6 @@
 """Force mappings of section 3, simulated: the hexapod and an over-actuated platform."""
 
-from experiments.output.study import Study
+from experiments.study.study import Study
 
 STUDY = Study(
     name="force",

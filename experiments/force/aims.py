@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from experiments.hexapod.columns import MAJOR, SECONDARY
+from experiments.rig.hexapod.columns import MAJOR, SECONDARY
 from sim import Array
 
 

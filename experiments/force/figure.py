@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 from experiments.force.answers import InternalForce
 from experiments.force.runs import Examination, Force
 from experiments.force.tables import LIMIT_PERCENT
-from experiments.output.plotting import BLACK, BLUE, GREEN, ORANGE, PAGE_IN, VERMILION, new_figure
-from experiments.output.results import Picture
+from experiments.study.plotting import BLACK, BLUE, GREEN, ORANGE, PAGE_IN, VERMILION, new_figure
+from experiments.study.results import Picture
 
 _SIZES = slice(3, 6), slice(0, 2)
 """Translation and pointing of a payload displacement."""

@@ -9,7 +9,7 @@ import numpy as np
 import scipy.linalg
 
 from experiments.force.aims import ForceGoal
-from experiments.hexapod.columns import MAJOR, SECONDARY
+from experiments.rig.hexapod.columns import MAJOR, SECONDARY
 from prioritized import ConstrainedSystem
 from sim import Array
 

@@ -12,25 +12,25 @@ from experiments.force.aims import PRESCRIBED
 from experiments.force.rig import Readings
 from experiments.force.runs import Examination, Trial
 from experiments.force.tables import tables
-from experiments.hexapod.recording.hexapod import Mark, Picture, log_hexapod
-from experiments.hexapod.recording.shown import constants
-from experiments.output.plotting import GREEN, ORANGE
-from experiments.output.provenance import version_properties
-from experiments.output.recording.file import (
+from experiments.recording.file import (
     RecordingInfo,
     recording_file,
     rgb,
     screen,
     time_column,
 )
-from experiments.output.recording.mechanism import (
+from experiments.recording.hexapod import Mark, Picture, log_hexapod
+from experiments.recording.mechanism import (
     body_entity,
     exaggeration,
     machine_tabs,
     sized_entity,
     sizes,
 )
-from experiments.output.recording.views import Plot, log_plots, notes_view, plot_views
+from experiments.recording.shown import constants
+from experiments.recording.views import Plot, log_plots, notes_view, plot_views
+from experiments.study.plotting import GREEN, ORANGE
+from experiments.study.provenance import version_properties
 from sim import NOMINAL, Array, load_model
 
 _WRENCH = ["m_x [N m]", "m_y [N m]", "m_z [N m]", "f_x [N]", "f_y [N]", "f_z [N]"]

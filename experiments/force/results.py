@@ -21,10 +21,10 @@ from experiments.force.recording import write_force
 from experiments.force.rig import Readings
 from experiments.force.runs import Examination, Force, Held, Trial, payload_stiffness
 from experiments.force.tables import checks, tables
-from experiments.hexapod.columns import MAJOR, SECONDARY
-from experiments.hexapod.metrics import percent, plant_constants, rms
-from experiments.output.provenance import versions
-from experiments.output.results import Results
+from experiments.rig.hexapod.columns import MAJOR, SECONDARY
+from experiments.rig.hexapod.metrics import percent, plant_constants, rms
+from experiments.study.provenance import versions
+from experiments.study.results import Results
 from prioritized import Status
 from sim import Array, load_model, model_sha256
 

@@ -18,10 +18,10 @@ from experiments.force.answers import (
     use_internal_force,
 )
 from experiments.force.rig import Condition, Readings, conditions, hold, press, with_fixture
-from experiments.hexapod.columns import MAJOR, SECONDARY
-from experiments.hexapod.fault_tolerance import elastic_system, strut_and_payload_stiffness
-from experiments.output.parallel import in_parallel
-from experiments.output.study import OnProgress
+from experiments.rig.hexapod.columns import MAJOR, SECONDARY
+from experiments.rig.hexapod.fault_tolerance import elastic_system, strut_and_payload_stiffness
+from experiments.study.parallel import in_parallel
+from experiments.study.study import OnProgress
 from prioritized import Failures
 from sim import HEXAPOD_MJCF, NOMINAL, Array, Failure, hexapod, load_model, weightless
 

@@ -3,9 +3,9 @@
 from collections.abc import Callable
 from typing import Any
 
-from experiments.hexapod.metrics import closure_check
-from experiments.output.results import Check
-from experiments.output.tables import Column, Table, tabulate
+from experiments.rig.hexapod.metrics import closure_check
+from experiments.study.results import Check
+from experiments.study.tables import Column, Table, tabulate
 
 LIMIT_PERCENT = 1.0
 """Largest difference between a simulated force or motion and its prediction."""

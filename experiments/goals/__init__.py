@@ -1,6 +1,6 @@
 """Secondary goals: coil temperature, stroke limits, an obstacle, a singularity."""
 
-from experiments.output.study import Study
+from experiments.study.study import Study
 
 STUDY = Study(
     name="goals",

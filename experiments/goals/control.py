@@ -11,10 +11,10 @@ from numpy.typing import ArrayLike
 
 from experiments.goals.demonstration import Strategy
 from experiments.goals.secondary_goals import REWEIGH_TICKS, joint_weights
-from experiments.hexapod.choices import JacobianChoice
-from experiments.hexapod.columns import MAJOR, SECONDARY
-from experiments.hexapod.controller import StrutMapping
-from experiments.hexapod.testbed import Testbed
+from experiments.rig.hexapod.choices import JacobianChoice
+from experiments.rig.hexapod.columns import MAJOR, SECONDARY
+from experiments.rig.hexapod.controller import StrutMapping
+from experiments.rig.hexapod.testbed import Testbed
 from ftc.controller import Measurement, PrioritizedController
 from ftc.goal import Goal
 from ftc.oracle import NestedState

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from experiments.hexapod.controller import Loop
+from experiments.rig.hexapod.controller import Loop
 from sim import Array
 
 

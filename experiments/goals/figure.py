@@ -11,7 +11,7 @@ from matplotlib.ticker import LogLocator
 
 from experiments.goals.demonstration import REFERENCE, Demonstration, Outcome
 from experiments.goals.runs import DEMONSTRATIONS
-from experiments.output.plotting import (
+from experiments.study.plotting import (
     BLACK,
     BLUE,
     GREEN,
@@ -22,7 +22,7 @@ from experiments.output.plotting import (
     logarithmic,
     new_figure,
 )
-from experiments.output.results import Picture
+from experiments.study.results import Picture
 from sim import Array
 
 MEASURES = {

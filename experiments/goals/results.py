@@ -12,18 +12,18 @@ from experiments.goals.arm import ARM_MJCF
 from experiments.goals.demonstration import REFERENCE, Demonstration, Outcome, Strategy
 from experiments.goals.figure import MEASURES, pictures, strategy_label
 from experiments.goals.runs import DEMONSTRATIONS, Goals
-from experiments.hexapod.metrics import closure_check, plant_constants, rms
-from experiments.hexapod.recording.hexapod import Mark
-from experiments.hexapod.recording.screens import write_side_by_side
-from experiments.hexapod.recording.shown import Shown, constants
-from experiments.hexapod.simulation import Trajectory
-from experiments.hexapod.testbed import TestbedConfig
-from experiments.output.provenance import version_properties, versions
-from experiments.output.recording.file import RecordingInfo
-from experiments.output.recording.mechanism import Driven, write_mechanism
-from experiments.output.recording.views import Plot
-from experiments.output.results import Check, Results
-from experiments.output.tables import Column, Table, tabulate
+from experiments.recording.file import RecordingInfo
+from experiments.recording.hexapod import Mark
+from experiments.recording.mechanism import Driven, write_mechanism
+from experiments.recording.screens import write_side_by_side
+from experiments.recording.shown import Shown, constants
+from experiments.recording.views import Plot
+from experiments.rig.hexapod.metrics import closure_check, plant_constants, rms
+from experiments.rig.hexapod.simulation import Trajectory
+from experiments.rig.hexapod.testbed import TestbedConfig
+from experiments.study.provenance import version_properties, versions
+from experiments.study.results import Check, Results
+from experiments.study.tables import Column, Table, tabulate
 from sim import Array, load_model, model_sha256
 
 CHANGES = {

@@ -15,12 +15,12 @@ from experiments.goals.demonstration import (
     smooth_step,
     strategies,
 )
-from experiments.hexapod.columns import SECONDARY
-from experiments.hexapod.controller import Loop, nominal_loops
-from experiments.hexapod.metrics import closure_residual_max_m
-from experiments.hexapod.simulation import Trajectory, track_path
-from experiments.hexapod.testbed import Testbed, TestbedConfig, grown_bench, grown_machine
-from experiments.output.parallel import in_parallel
+from experiments.rig.hexapod.columns import SECONDARY
+from experiments.rig.hexapod.controller import Loop, nominal_loops
+from experiments.rig.hexapod.metrics import closure_residual_max_m
+from experiments.rig.hexapod.simulation import Trajectory, track_path
+from experiments.rig.hexapod.testbed import Testbed, TestbedConfig, grown_bench, grown_machine
+from experiments.study.parallel import in_parallel
 from ftc.goal import Goal
 from sim import NOMINAL, Array, Failure, Pose, forward_kinematics, hexapod, load_model
 

@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 
 from experiments.goals.demonstration import smooth_step
-from experiments.hexapod.testbed import Growth
+from experiments.rig.hexapod.testbed import Growth
 from ftc.goal import Goal
 from sim import HEXAPOD_MJCF, Array, Coils, Pose
 

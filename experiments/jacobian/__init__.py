@@ -1,6 +1,6 @@
 """Variation of the Jacobian over the stroke: eq. (40) with a proven bound, and its effects."""
 
-from experiments.output.study import Option, Study
+from experiments.study.study import Option, Study
 
 STUDY = Study(
     name="jacobian",

@@ -8,9 +8,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from experiments.hexapod import paper
 from experiments.jacobian.variation import NORMS, VERTICES, relative_change
-from experiments.output.plotting import (
+from experiments.rig.hexapod import paper
+from experiments.study.plotting import (
     BLACK,
     BLUE,
     GREEN,
@@ -20,7 +20,7 @@ from experiments.output.plotting import (
     VERMILION,
     new_figure,
 )
-from experiments.output.results import Picture
+from experiments.study.results import Picture
 from sim import Hexapod, hexapod, load_model
 
 

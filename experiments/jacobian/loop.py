@@ -9,11 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from experiments.hexapod.choices import JacobianChoice
-from experiments.hexapod.columns import COLUMNS, MAJOR
-from experiments.hexapod.controller import NO_COMMAND, StrutMapping, nominal_loops
-from experiments.hexapod.simulation import SpiralRun, Trajectory, track_spiral
-from experiments.hexapod.testbed import (
+from experiments.jacobian.variation import NORMS, Norm, relative_change
+from experiments.rig.hexapod.choices import JacobianChoice
+from experiments.rig.hexapod.columns import COLUMNS, MAJOR
+from experiments.rig.hexapod.controller import NO_COMMAND, StrutMapping, nominal_loops
+from experiments.rig.hexapod.simulation import SpiralRun, Trajectory, track_spiral
+from experiments.rig.hexapod.testbed import (
     GROWTHS,
     Growth,
     Testbed,
@@ -21,8 +22,7 @@ from experiments.hexapod.testbed import (
     grown_bench,
     grown_machine,
 )
-from experiments.jacobian.variation import NORMS, Norm, relative_change
-from experiments.output.parallel import in_parallel
+from experiments.study.parallel import in_parallel
 from ftc.control.local_mapping import PreviousCommand
 from ftc.control.mapping import DisplacementForm
 from ftc.goal import Goal

@@ -5,18 +5,18 @@ from typing import Any
 import numpy as np
 
 from argument_checks.ties import greatest
-from experiments.hexapod import paper
-from experiments.hexapod.metrics import (
+from experiments.jacobian.loop import AT_NOMINAL, GROWN, VARIANTS, LoopRun, Tracked
+from experiments.jacobian.variation import NORMS, ByNorm, variation
+from experiments.rig.hexapod import paper
+from experiments.rig.hexapod.metrics import (
     CLOSURE_LIMIT_M,
     closure_residual_max_m,
     pointing_rms_urad,
     rms,
 )
-from experiments.hexapod.testbed import GROWTHS, Growth, TestbedConfig
-from experiments.jacobian.loop import AT_NOMINAL, GROWN, VARIANTS, LoopRun, Tracked
-from experiments.jacobian.variation import NORMS, ByNorm, variation
-from experiments.output.results import Check
-from experiments.output.tables import Column, Table, tabulate
+from experiments.rig.hexapod.testbed import GROWTHS, Growth, TestbedConfig
+from experiments.study.results import Check
+from experiments.study.tables import Column, Table, tabulate
 from sim import hexapod, load_model
 
 GEOMETRY_TOLERANCE = 0.15

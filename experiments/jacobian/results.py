@@ -8,20 +8,20 @@ from typing import Any
 
 import numpy as np
 
-from experiments.hexapod import paper
-from experiments.hexapod.metrics import plant_constants
-from experiments.hexapod.recording.hexapod import Mark
-from experiments.hexapod.recording.keep import record_run
-from experiments.hexapod.recording.shown import Shown
-from experiments.hexapod.testbed import TestbedConfig, grown_bench, grown_machine
 from experiments.jacobian.figure import pictures
 from experiments.jacobian.loop import VARIANTS, LoopRun, Tracked
 from experiments.jacobian.loop_results import loop_checks, loop_table, summarize_loop
 from experiments.jacobian.runs import Constancy
 from experiments.jacobian.variation import NORMS, ByNorm, Norm, Variation, size
-from experiments.output.provenance import version_properties, versions
-from experiments.output.results import Check, Results
-from experiments.output.tables import Column, Table, tabulate
+from experiments.recording.hexapod import Mark
+from experiments.recording.keep import record_run
+from experiments.recording.shown import Shown
+from experiments.rig.hexapod import paper
+from experiments.rig.hexapod.metrics import plant_constants
+from experiments.rig.hexapod.testbed import TestbedConfig, grown_bench, grown_machine
+from experiments.study.provenance import version_properties, versions
+from experiments.study.results import Check, Results
+from experiments.study.tables import Column, Table, tabulate
 from sim import load_model, model_sha256
 
 CERTIFICATE_LIMIT = 1.02

@@ -7,7 +7,6 @@ import mujoco
 import numpy as np
 from scipy.optimize import minimize
 
-from experiments.hexapod import paper
 from experiments.jacobian.certificate import Certificate, certify
 from experiments.jacobian.loop import LoopRun, Tracked, run_loop
 from experiments.jacobian.variation import (
@@ -27,6 +26,7 @@ from experiments.jacobian.variation import (
     twist_in_base_axes,
     variation,
 )
+from experiments.rig.hexapod import paper
 from prioritized import ConstrainedSystem
 from sim import (
     NOMINAL,

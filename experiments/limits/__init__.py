@@ -1,6 +1,6 @@
 """Limits in the loop: priority, clipping, scaling and weights; a spiral and a long arm motion."""
 
-from experiments.output.study import Study
+from experiments.study.study import Study
 
 STUDY = Study(
     name="limits",

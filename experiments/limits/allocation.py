@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from experiments.hexapod.columns import MAJOR, SECONDARY
-from experiments.hexapod.controller import StrutMapping
 from experiments.limits.strategies import Strategy
+from experiments.rig.hexapod.columns import MAJOR, SECONDARY
+from experiments.rig.hexapod.controller import StrutMapping
 from ftc.control.limits import LimitedMapping
 from ftc.control.local_mapping import Mapping
 from ftc.goal import Goal

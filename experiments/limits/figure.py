@@ -11,7 +11,7 @@ from experiments.limits.arm import RANGE_RAD
 from experiments.limits.runs import LimitsRuns
 from experiments.limits.spirals import Case, attainable
 from experiments.limits.strategies import UNLIMITED, Strategy
-from experiments.output.plotting import (
+from experiments.study.plotting import (
     BLACK,
     BLUE,
     GREEN,
@@ -21,7 +21,7 @@ from experiments.output.plotting import (
     VERMILION,
     new_figure,
 )
-from experiments.output.results import Picture
+from experiments.study.results import Picture
 
 _STRICT, _WINDING_UP = Strategy("strict"), Strategy("strict", anti_windup=False)
 _LOOKS: dict[Strategy, dict[str, Any]] = {

@@ -4,14 +4,14 @@ from typing import Any
 
 import numpy as np
 
-from experiments.hexapod.columns import MAJOR
-from experiments.hexapod.controller import StrutMapping, sampled
-from experiments.hexapod.metrics import closure_residual_max_m, rms
-from experiments.hexapod.simulation import Trajectory
-from experiments.hexapod.testbed import Testbed
 from experiments.limits.arm import PERIOD_S, RANGE_RAD, ArmRun
 from experiments.limits.attainable import room
 from experiments.limits.spirals import HEAVE_M, REST_S, Case, attainable, limits_of
+from experiments.rig.hexapod.columns import MAJOR
+from experiments.rig.hexapod.controller import StrutMapping, sampled
+from experiments.rig.hexapod.metrics import closure_residual_max_m, rms
+from experiments.rig.hexapod.simulation import Trajectory
+from experiments.rig.hexapod.testbed import Testbed
 from ftc.control.anti_windup import circle_margin
 from ftc.goal import Goal
 from sim import Array, Failure, failed_plant, hexapod, linearize

@@ -3,16 +3,16 @@
 from dataclasses import asdict
 from typing import Any
 
-from experiments.hexapod.metrics import closure_check, plant_constants
 from experiments.limits import arm, spirals
 from experiments.limits.figure import pictures
 from experiments.limits.measures import RECOVERED_RAD, arm_entry, condition_entry, spiral_entry
 from experiments.limits.runs import LimitsRuns
 from experiments.limits.spirals import Case
 from experiments.limits.strategies import UNLIMITED
-from experiments.output.provenance import versions
-from experiments.output.results import Check, Results
-from experiments.output.tables import Column, Table, tabulate
+from experiments.rig.hexapod.metrics import closure_check, plant_constants
+from experiments.study.provenance import versions
+from experiments.study.results import Check, Results
+from experiments.study.tables import Column, Table, tabulate
 from sim import load_model, model_sha256
 
 CONVERTER_STEP_UM = 0.02

@@ -4,13 +4,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import product
 
-from experiments.hexapod.controller import nominal_loops
-from experiments.hexapod.simulation import Trajectory
-from experiments.hexapod.testbed import Testbed
 from experiments.limits.arm import ArmRun, Motion, move
 from experiments.limits.spirals import BENCH, TURN_S, Case, track
 from experiments.limits.strategies import Strategy, arm_strategies, loop_strategies
-from experiments.output.parallel import in_parallel
+from experiments.rig.hexapod.controller import nominal_loops
+from experiments.rig.hexapod.simulation import Trajectory
+from experiments.rig.hexapod.testbed import Testbed
+from experiments.study.parallel import in_parallel
 from sim import load_model
 
 

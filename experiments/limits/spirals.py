@@ -4,12 +4,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from experiments.hexapod.columns import MAJOR
-from experiments.hexapod.controller import StrutMapping
-from experiments.hexapod.simulation import Trajectory, track_path
-from experiments.hexapod.testbed import Growth, Testbed, TestbedConfig, grown_bench, grown_machine
 from experiments.limits.allocation import AllocatedMapping, Limits
 from experiments.limits.strategies import Strategy
+from experiments.rig.hexapod.columns import MAJOR
+from experiments.rig.hexapod.controller import StrutMapping
+from experiments.rig.hexapod.simulation import Trajectory, track_path
+from experiments.rig.hexapod.testbed import (
+    Growth,
+    Testbed,
+    TestbedConfig,
+    grown_bench,
+    grown_machine,
+)
 from ftc.controller import ControllerState, Measurement, PrioritizedController
 from ftc.goal import Goal
 from prioritized import ConstrainedSystem

@@ -3,10 +3,10 @@
 from dataclasses import replace
 from pathlib import Path
 
-from experiments.output.controllers import CONTROLLER
-from experiments.output.study import Option, Study
-from experiments.output.where import SCHEDULER, WHERE
 from experiments.rig.options import DITHER, LOOPS, PATH, TASK
+from experiments.study.controllers import CONTROLLER
+from experiments.study.study import Option, Study
+from experiments.study.where import SCHEDULER, WHERE
 
 MODEL = Option(
     "model",

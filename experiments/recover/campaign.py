@@ -2,11 +2,11 @@
 
 from typing import Any
 
-from experiments.output.basis import sources_of
-from experiments.output.campaign import Campaign
-from experiments.output.controllers import controller_sha256
 from experiments.recover.plan import FlightPlan
 from experiments.recover.row import SCHEMA, row_of
+from experiments.study.basis import sources_of
+from experiments.study.campaign import Campaign
+from experiments.study.controllers import controller_sha256
 
 SOURCES = sources_of(
     "recover",

@@ -3,9 +3,9 @@
 from math import nan
 from typing import Any
 
-from experiments.hexapod.metrics import closure_check
-from experiments.output.results import Check
 from experiments.recover.comparison import controller_checks
+from experiments.rig.hexapod.metrics import closure_check
+from experiments.study.results import Check
 
 NOT_ISOLATED, OVER_ORACLE, ALARMS_PER_HOUR = 0.01, 1.10, 0.1
 """Goals: the share of failures that may stay unidentified, the RMS over an informed controller's,

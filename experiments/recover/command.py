@@ -5,12 +5,12 @@ from dataclasses import replace
 from types import ModuleType
 from typing import Any
 
-from experiments.output.results import Check, Results
-from experiments.output.study import OnProgress, WrongInput
 from experiments.recover import HEXAPOD_ALONE, OTHERS_ALONE, mechanism_results
 from experiments.recover import results as hexapod_results
 from experiments.recover.mechanisms import Mechanisms, run_mechanisms
 from experiments.recover.runs import Recover, run_recover
+from experiments.study.results import Check, Results
+from experiments.study.study import OnProgress, WrongInput
 
 Outcome = Recover | Mechanisms | dict[str, Any]
 

@@ -6,16 +6,20 @@ from typing import Any
 
 import numpy as np
 
-from experiments.hexapod.fault_tolerance import fault_text
-from experiments.hexapod.metrics import closure_check, closure_residual_max_m, recording_properties
-from experiments.hexapod.recording.hexapod import Mark
-from experiments.hexapod.recording.keep import record_run
-from experiments.hexapod.recording.shown import Shown
-from experiments.output.campaign import Row
-from experiments.output.controllers import controller_label
-from experiments.output.results import Check
+from experiments.recording.hexapod import Mark
+from experiments.recording.keep import record_run
+from experiments.recording.shown import Shown
 from experiments.recover.recovery import pointing_error_urad
 from experiments.recover.runs import SHOWN, Recover
+from experiments.rig.hexapod.fault_tolerance import fault_text
+from experiments.rig.hexapod.metrics import (
+    closure_check,
+    closure_residual_max_m,
+    recording_properties,
+)
+from experiments.study.campaign import Row
+from experiments.study.controllers import controller_label
+from experiments.study.results import Check
 from ftc.fdi.fault_model import Fault
 from sim import load_model
 

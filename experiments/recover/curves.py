@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from experiments.output.campaign import Row
 from experiments.recover.flight import MISMATCHES
 from experiments.recover.rates import quantiles, rate
+from experiments.study.campaign import Row
 
 
 def identified(rows: Sequence[Row]) -> dict[str, Any]:

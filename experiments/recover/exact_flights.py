@@ -2,12 +2,12 @@
 
 from typing import Any
 
-from experiments.hexapod.fault_tolerance import STILL, fault_text
-from experiments.hexapod.metrics import pointing_rms_urad
-from experiments.hexapod.simulation import track_path
-from experiments.hexapod.testbed import Testbed
 from experiments.recover.flight import AFTER_S, BEFORE_S, DITHER, STRUCK, Flight
 from experiments.recover.recovery import controller, errors, fault_unaware, informed
+from experiments.rig.hexapod.fault_tolerance import STILL, fault_text
+from experiments.rig.hexapod.metrics import pointing_rms_urad
+from experiments.rig.hexapod.simulation import track_path
+from experiments.rig.hexapod.testbed import Testbed
 from ftc.fdi.dither import Dither
 from ftc.fdi.fault_model import Fault, FaultKind
 from ftc.oracle import NEVER, OracleController

@@ -9,9 +9,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, ScalarFormatter
 
-from experiments.hexapod.simulation import Trajectory
-from experiments.output.campaign import Row
-from experiments.output.plotting import (
+from experiments.recover.recordings import marks
+from experiments.recover.recovery import Identification, pointing_error_urad
+from experiments.recover.runs import Recover
+from experiments.recover.tables import WORDS
+from experiments.rig.hexapod.simulation import Trajectory
+from experiments.study.campaign import Row
+from experiments.study.plotting import (
     BLACK,
     BLUE,
     GREEN,
@@ -21,11 +25,7 @@ from experiments.output.plotting import (
     VERMILION,
     new_figure,
 )
-from experiments.output.results import Picture
-from experiments.recover.recordings import marks
-from experiments.recover.recovery import Identification, pointing_error_urad
-from experiments.recover.runs import Recover
-from experiments.recover.tables import WORDS
+from experiments.study.results import Picture
 from ftc.fdi.fault_model import KINDS
 
 _LINES = (BLACK, BLUE, VERMILION, GREEN, ORANGE, PURPLE)

@@ -4,11 +4,11 @@ from dataclasses import asdict, dataclass, replace
 from functools import cache
 from typing import Any, Literal
 
-from experiments.hexapod.controller import nominal_loops
-from experiments.hexapod.fault_tolerance import DITHER
-from experiments.hexapod.mismatch import ALL, ALONE, mismatched
-from experiments.hexapod.testbed import Testbed, TestbedConfig
-from experiments.output.mismatch import EXACT, Mismatch
+from experiments.rig.hexapod.controller import nominal_loops
+from experiments.rig.hexapod.fault_tolerance import DITHER
+from experiments.rig.hexapod.mismatch import ALL, ALONE, mismatched
+from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
+from experiments.rig.mismatch import EXACT, Mismatch
 from ftc.fdi.dither import Dither
 from ftc.fdi.fault_model import Fault
 from sim import Failure, load_model

@@ -4,14 +4,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
-from experiments.output import parquet
-from experiments.output.campaign import Row
-from experiments.output.results import Check, Results
-from experiments.output.resumable import origin
 from experiments.recover.mechanism_tables import MISSED, counted, notes, tables
 from experiments.recover.mechanisms import Mechanisms
 from experiments.rig.checks import closure_check
 from experiments.rig.dither import dither_entry
+from experiments.study import parquet
+from experiments.study.campaign import Row
+from experiments.study.results import Check, Results
+from experiments.study.resumable import origin
 from ftc.fdi.fault_model import KINDS
 
 

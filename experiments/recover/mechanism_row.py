@@ -2,8 +2,8 @@
 
 import pyarrow as pa
 
-from experiments.output.campaign import Row
 from experiments.recover.mechanism_flight import MechanismFlight, MechanismFlown, fly
+from experiments.study.campaign import Row
 from sim import SimulationDiverged
 
 _WORDS = ("status", "message", "sense", "actuator", "kind", "named")

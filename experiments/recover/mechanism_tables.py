@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from experiments.output.tables import Column, Table, tabulate
+from experiments.study.tables import Column, Table, tabulate
 
 SENSED = {"task": "task sensor", "joints": "encoders", "both": "both"}
 """What the diagnosis looks at, by the words of the command."""

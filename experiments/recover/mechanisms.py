@@ -8,10 +8,6 @@ from typing import Any, get_args
 
 import numpy as np
 
-from experiments.output.basis import SHARED, Sources
-from experiments.output.campaign import Campaign
-from experiments.output.resumable import Complete, complete
-from experiments.output.study import OnProgress
 from experiments.recover.mechanism_flight import LEFT_S, MechanismFlight, recovered_s
 from experiments.recover.mechanism_row import SCHEMA, row_of
 from experiments.rig.choices import Sensing
@@ -20,6 +16,10 @@ from experiments.rig.mjcf import robot_rig
 from experiments.rig.options import RobotOptions, check_positive
 from experiments.rig.reach import check_reach
 from experiments.rig.rig import Rig
+from experiments.study.basis import SHARED, Sources
+from experiments.study.campaign import Campaign
+from experiments.study.resumable import Complete, complete
+from experiments.study.study import OnProgress
 from ftc.fdi.dither_design import DitherDesign
 from ftc.fdi.fault_model import KINDS, FaultKind
 from sim import Failure, model_sha256
@@ -83,7 +83,7 @@ def run_mechanisms(
         model: MJCF file.
         turn: Time of one turn of the circle, in seconds.
         dither: As of :func:`experiments.rig.dither.rig_dither`.
-        folder: As of :func:`experiments.output.resumable.complete`.
+        folder: As of :func:`experiments.study.resumable.complete`.
         workers: Likewise, of this machine: others have no such file.
         resume: Likewise.
         on_progress: Likewise.

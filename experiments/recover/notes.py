@@ -2,9 +2,9 @@
 
 from typing import Any
 
-from experiments.output.resumable import rate as session_rate
 from experiments.recover.comparison import controller_notes
 from experiments.recover.tables import percent
+from experiments.study.resumable import rate as session_rate
 
 
 def notes(summary: dict[str, Any]) -> list[str]:

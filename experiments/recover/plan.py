@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from experiments.hexapod.mismatch import ALONE
-from experiments.hexapod.testbed import TestbedConfig
-from experiments.output.study import WrongInput
 from experiments.recover.flight import AFTER_S, BEFORE_S, Flight, Sort
+from experiments.rig.hexapod.mismatch import ALONE
+from experiments.rig.hexapod.testbed import TestbedConfig
+from experiments.study.study import WrongInput
 from ftc.fdi.fault_model import KINDS, FaultKind
 from sim import Failure
 

@@ -9,12 +9,12 @@ import numpy as np
 import scipy.linalg
 
 from argument_checks.ties import ascending, greatest, least
-from experiments.hexapod.controller import StrutMapping
-from experiments.hexapod.fault_tolerance import STILL, fault_entry, fault_text, nominal_model
-from experiments.hexapod.prediction import linear_loop, peak_of_sensitivity
-from experiments.hexapod.testbed import Testbed
 from experiments.recover.flight import DITHER, STRUCK, Flight
 from experiments.recover.recovery import GOAL
+from experiments.rig.hexapod.controller import StrutMapping
+from experiments.rig.hexapod.fault_tolerance import STILL, fault_entry, fault_text, nominal_model
+from experiments.rig.hexapod.prediction import linear_loop, peak_of_sensitivity
+from experiments.rig.hexapod.testbed import Testbed
 from ftc.fdi.design.isolability import isolability
 from ftc.fdi.dither import Dither
 from ftc.fdi.fault_model import KINDS, Fault, FaultKind, NominalModel, fault_model

@@ -5,14 +5,14 @@ from typing import Any
 
 import numpy as np
 
-from experiments.hexapod.fault_tolerance import fault_text
-from experiments.hexapod.metrics import recording_properties
-from experiments.hexapod.recording.hexapod import Mark
-from experiments.hexapod.recording.keep import record_run
-from experiments.hexapod.recording.shown import Shown
-from experiments.hexapod.simulation import Trajectory
+from experiments.recording.hexapod import Mark
+from experiments.recording.keep import record_run
+from experiments.recording.shown import Shown
 from experiments.recover.recovery import Identification
 from experiments.recover.runs import Recover
+from experiments.rig.hexapod.fault_tolerance import fault_text
+from experiments.rig.hexapod.metrics import recording_properties
+from experiments.rig.hexapod.simulation import Trajectory
 from ftc.fdi.fault_model import Fault
 from sim import load_model
 

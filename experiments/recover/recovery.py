@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from experiments.hexapod.controller import controller_for
-from experiments.hexapod.fault_tolerance import UNUSED, supervisor
-from experiments.hexapod.metrics import closure_residual_max_m
-from experiments.hexapod.simulation import Trajectory, track_path
-from experiments.hexapod.testbed import Testbed
 from experiments.recover import flight as flights
 from experiments.recover.flight import BEFORE_S, DITHER, STRUCK, Flight
+from experiments.rig.hexapod.controller import controller_for
+from experiments.rig.hexapod.fault_tolerance import UNUSED, supervisor
+from experiments.rig.hexapod.metrics import closure_residual_max_m
+from experiments.rig.hexapod.simulation import Trajectory, track_path
+from experiments.rig.hexapod.testbed import Testbed
 from ftc.controller import PrioritizedController
 from ftc.fdi.diagnosis import Diagnosis
 from ftc.fdi.fault_model import Fault

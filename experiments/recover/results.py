@@ -4,7 +4,6 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-from experiments.output.results import Results
 from experiments.recover.checks import checks
 from experiments.recover.comparison import record_compared
 from experiments.recover.figure import pictures
@@ -13,6 +12,7 @@ from experiments.recover.recordings import record
 from experiments.recover.runs import Recover
 from experiments.recover.summary import read_rows, summarize
 from experiments.recover.tables import ambiguity, curves, mismatches, recovery
+from experiments.study.results import Results
 
 
 def results(outcome: Recover) -> Results:

@@ -5,9 +5,6 @@ from collections.abc import Callable
 import numpy as np
 import pyarrow as pa
 
-from experiments.hexapod.other_controller import track_with
-from experiments.hexapod.simulation import Trajectory
-from experiments.output.campaign import Row
 from experiments.recover import predictions
 from experiments.recover.flight import STRUCK, Flight, Sort, testbed
 from experiments.recover.recovery import (
@@ -18,6 +15,9 @@ from experiments.recover.recovery import (
     informed,
     supervised,
 )
+from experiments.rig.hexapod.other_controller import track_with
+from experiments.rig.hexapod.simulation import Trajectory
+from experiments.study.campaign import Row
 from ftc.fdi.diagnosis import Diagnosis
 from sim import SimulationDiverged
 

@@ -6,14 +6,6 @@ from dataclasses import dataclass, field
 from itertools import chain, islice
 from typing import Any
 
-from experiments.hexapod.metrics import plant_constants
-from experiments.hexapod.other_controller import track_with
-from experiments.hexapod.simulation import Trajectory
-from experiments.output.campaign import Row
-from experiments.output.controllers import controller_factory
-from experiments.output.parallel import in_parallel
-from experiments.output.resumable import Complete, complete
-from experiments.output.study import Interrupted, OnProgress
 from experiments.recover import exact_flights, predictions
 from experiments.recover.campaign import flights_of
 from experiments.recover.exact_flights import INFORMED_LATE
@@ -22,6 +14,14 @@ from experiments.recover.plan import QUICK, FlightPlan, for_hours
 from experiments.recover.predictions import FREQUENCIES_HZ, SETTINGS
 from experiments.recover.recovery import GOAL, Identification, supervised
 from experiments.recover.row import other_columns
+from experiments.rig.hexapod.metrics import plant_constants
+from experiments.rig.hexapod.other_controller import track_with
+from experiments.rig.hexapod.simulation import Trajectory
+from experiments.study.campaign import Row
+from experiments.study.controllers import controller_factory
+from experiments.study.parallel import in_parallel
+from experiments.study.resumable import Complete, complete
+from experiments.study.study import Interrupted, OnProgress
 from sim import Failure, load_model
 
 SHOWN = {

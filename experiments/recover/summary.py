@@ -8,13 +8,6 @@ from typing import Any
 import numpy as np
 
 from argument_checks.ties import greatest
-from experiments.hexapod.fault_tolerance import fault_entry
-from experiments.hexapod.mismatch import ALL_SIZES
-from experiments.hexapod.simulation import Trajectory
-from experiments.hexapod.testbed import TestbedConfig
-from experiments.output import parquet
-from experiments.output.campaign import Row
-from experiments.output.resumable import origin
 from experiments.recover.comparison import controller_summary
 from experiments.recover.curves import groups, over_oracle, sizes
 from experiments.recover.flight import DITHER
@@ -23,6 +16,13 @@ from experiments.recover.rates import per_hour, quantiles, rate
 from experiments.recover.recovery import RECOVERED_S, Identification, pointing_error_urad
 from experiments.recover.row import CONTROLLERS, WHEN
 from experiments.recover.runs import Recover
+from experiments.rig.hexapod.fault_tolerance import fault_entry
+from experiments.rig.hexapod.mismatch import ALL_SIZES
+from experiments.rig.hexapod.simulation import Trajectory
+from experiments.rig.hexapod.testbed import TestbedConfig
+from experiments.study import parquet
+from experiments.study.campaign import Row
+from experiments.study.resumable import origin
 from ftc.fdi.diagnosis import DEFAULT_CONFIG
 from ftc.fdi.fault_model import KINDS
 

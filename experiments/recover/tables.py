@@ -4,7 +4,7 @@ from functools import partial
 from typing import Any
 
 from argument_checks.ties import least
-from experiments.output.tables import Column, Table, tabulate
+from experiments.study.tables import Column, Table, tabulate
 from ftc.fdi.fault_model import KINDS
 from ftc.fdi.separation import ACCURACY
 

@@ -1,6 +1,6 @@
 """A strut without coil force, and without coil force and spring (section 2.3.1)."""
 
-from experiments.output.study import Study
+from experiments.study.study import Study
 
 STUDY = Study(
     name="release",

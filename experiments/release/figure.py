@@ -6,7 +6,8 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from experiments.output.plotting import (
+from experiments.release.runs import Release, twist
+from experiments.study.plotting import (
     BLACK,
     DESIRED,
     GREEN,
@@ -15,8 +16,7 @@ from experiments.output.plotting import (
     START,
     new_figure,
 )
-from experiments.output.results import Picture
-from experiments.release.runs import Release, twist
+from experiments.study.results import Picture
 from sim import Array
 
 _COMMANDED_URAD = 100.0

@@ -8,7 +8,12 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from experiments.hexapod.metrics import (
+from experiments.recording.hexapod import Mark
+from experiments.recording.keep import record_run
+from experiments.recording.shown import Shown
+from experiments.release.figure import pictures
+from experiments.release.runs import Case, Release, twist
+from experiments.rig.hexapod.metrics import (
     closure_check,
     percent,
     plant_constants,
@@ -17,15 +22,10 @@ from experiments.hexapod.metrics import (
     prediction_tolerance,
     recording_properties,
 )
-from experiments.hexapod.recording.hexapod import Mark
-from experiments.hexapod.recording.keep import record_run
-from experiments.hexapod.recording.shown import Shown
-from experiments.hexapod.testbed import TestbedConfig
-from experiments.output.provenance import versions
-from experiments.output.results import Check, Results
-from experiments.output.tables import Column, Table, tabulate
-from experiments.release.figure import pictures
-from experiments.release.runs import Case, Release, twist
+from experiments.rig.hexapod.testbed import TestbedConfig
+from experiments.study.provenance import versions
+from experiments.study.results import Check, Results
+from experiments.study.tables import Column, Table, tabulate
 from prioritized import Classes, FailureAtlas
 from sim import Array, load_model, model_sha256, weightless
 

@@ -11,14 +11,14 @@ from typing import Literal
 import mujoco
 import numpy as np
 
-from experiments.hexapod.columns import MAJOR
-from experiments.hexapod.controller import nominal_loops
-from experiments.hexapod.fault_tolerance import elastic_system, strut_and_payload_stiffness
-from experiments.hexapod.prediction import predicted_motion, predicted_rms_rad, sensitivity_peak
-from experiments.hexapod.simulation import SpiralRun, Trajectory, track_spiral
-from experiments.hexapod.testbed import Testbed, TestbedConfig
-from experiments.output.parallel import in_parallel
 from experiments.release.statics import STRUT, fall, released_statics
+from experiments.rig.hexapod.columns import MAJOR
+from experiments.rig.hexapod.controller import nominal_loops
+from experiments.rig.hexapod.fault_tolerance import elastic_system, strut_and_payload_stiffness
+from experiments.rig.hexapod.prediction import predicted_motion, predicted_rms_rad, sensitivity_peak
+from experiments.rig.hexapod.simulation import SpiralRun, Trajectory, track_spiral
+from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
+from experiments.study.parallel import in_parallel
 from ftc.goal import Goal
 from prioritized import FailureAtlas, failure_atlas
 from sim import Array, Failure, FailureKind, load_model, weightless

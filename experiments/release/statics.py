@@ -3,9 +3,9 @@
 import mujoco
 import numpy as np
 
-from experiments.hexapod.columns import MAJOR
-from experiments.hexapod.fault_tolerance import elastic_system, strut_and_payload_stiffness
-from experiments.hexapod.metrics import percent
+from experiments.rig.hexapod.columns import MAJOR
+from experiments.rig.hexapod.fault_tolerance import elastic_system, strut_and_payload_stiffness
+from experiments.rig.hexapod.metrics import percent
 from sim import Array, Plant, hexapod, linearize
 
 STRUT = 0

@@ -13,14 +13,14 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from experiments.output.mismatch import Mismatch as Mismatch
+    from experiments.rig.mismatch import Mismatch as Mismatch
     from experiments.rig.prediction import Prediction as Prediction
     from experiments.rig.rig import Rig as Rig
     from experiments.rig.run import Named as Named
     from experiments.rig.run import Run as Run
 
 _OF = {
-    "Mismatch": "experiments.output.mismatch",
+    "Mismatch": "experiments.rig.mismatch",
     "Named": "experiments.rig.run",
     "Prediction": "experiments.rig.prediction",
     "Rig": "experiments.rig.rig",

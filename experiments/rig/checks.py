@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from experiments.output.results import Check
+from experiments.study.results import Check
 from sim import CLOSURE_TOLERANCE
 
 

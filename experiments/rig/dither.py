@@ -4,8 +4,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from experiments.output.study import WrongInput
 from experiments.rig.options import DITHER_SIZE
+from experiments.study.study import WrongInput
 from ftc.fdi.diagnosis import DEFAULT_CONFIG
 from ftc.fdi.dither import Dither
 from ftc.fdi.dither_design import Cost, DitherDesign, designed_dither

@@ -4,8 +4,8 @@ import copy
 
 import mujoco
 
-from experiments.output.draw import Draw
-from experiments.output.mismatch import Mismatch
+from experiments.rig.mismatch import Mismatch
+from experiments.study.draw import Draw
 from sim import Array, Plant, Pose, Reading, Sensors
 
 ALL = Mismatch(gain=0.03, damping=0.2, inertia=0.02, delay_ticks=1, drift_per_s=0.1, steps=2)

@@ -11,14 +11,14 @@ import mujoco
 import numpy as np
 
 import argument_checks as check
-from experiments.output.bodies import body_name
-from experiments.output.draw import Draw
-from experiments.output.mismatch import EXACT, Known, Mismatch, sizes_of
-from experiments.output.study import WrongInput
+from experiments.rig.bodies import body_name
 from experiments.rig.dither import dither_of
+from experiments.rig.mismatch import EXACT, Known, Mismatch, sizes_of
 from experiments.rig.mismatched import ALL, DriftingSensors, displaced, mismatched_model
 from experiments.rig.options import RobotOptions
 from experiments.rig.rig import Rig
+from experiments.study.draw import Draw
+from experiments.study.study import WrongInput
 from ftc.control.mapping import PrioritizedMapping
 from ftc.control_task import ControlTask
 from ftc.controller import DirectDrive, PrioritizedController

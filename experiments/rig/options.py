@@ -3,8 +3,8 @@
 import math
 from dataclasses import dataclass
 
-from experiments.output.study import Option, WrongInput
 from experiments.rig.choices import Feedforward, Limited, Sensing
+from experiments.study.study import Option, WrongInput
 
 _TWIST = 6
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 import argument_checks as check
-from experiments.output.study import WrongInput
+from experiments.study.study import WrongInput
 from sim import Array, spiral
 
 NAMES = ("spiral", "circle", "steps")

@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 
 from argument_checks.ties import greatest
-from experiments.output.study import WrongInput
 from experiments.rig.rig import Rig
+from experiments.study.study import WrongInput
 from sim import Array
 
 _POINTS = 100

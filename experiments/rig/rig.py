@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 import argument_checks as check
-from experiments.output.mismatch import Known, Mismatch
-from experiments.output.study import WrongInput
 from experiments.rig.choices import Sensing
+from experiments.rig.mismatch import Known, Mismatch
 from experiments.rig.paths import path_of
 from experiments.rig.prediction import Prediction, predicted
 from experiments.rig.run import Run, flown
+from experiments.study.study import WrongInput
 from ftc.control.compensator import Channel, Margins
 from ftc.control.mapping import PrioritizedMapping
 from ftc.control_task import ControlTask
@@ -94,7 +94,7 @@ class Rig(ABC):
             mismatch: How the plant differs from the controller's model.
             seed: Of what is drawn of the plant.
         """
-        from experiments.rig.hexapod import hexapod_rig  # which makes one of these
+        from experiments.rig.hexapod.rig import hexapod_rig  # which makes one of these
 
         return hexapod_rig(size, feedforward).drawn(mismatch, seed)
 

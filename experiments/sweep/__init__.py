@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from experiments.output.study import Option, Study
-from experiments.output.where import WHERE
+from experiments.study.study import Option, Study
+from experiments.study.where import WHERE
 
 STUDY = Study(
     name="sweep",

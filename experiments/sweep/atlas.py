@@ -8,12 +8,12 @@ import numpy as np
 import pyarrow as pa
 
 from argument_checks.ties import ascending
-from experiments.hexapod.fault_tolerance import verdicts
-from experiments.hexapod.metrics import closure_check
-from experiments.output.dataset import Columns
-from experiments.output.results import Check, Results
-from experiments.output.resumable import Complete, Outcome, origin, rate
-from experiments.output.tables import Column, Table, tabulate
+from experiments.rig.hexapod.fault_tolerance import verdicts
+from experiments.rig.hexapod.metrics import closure_check
+from experiments.study.dataset import Columns
+from experiments.study.results import Check, Results
+from experiments.study.resumable import Complete, Outcome, origin, rate
+from experiments.study.tables import Column, Table, tabulate
 from experiments.sweep.design import SweepRuns
 from experiments.sweep.figure import MARKERS, atlas_picture
 from experiments.sweep.results import comparable, off_by

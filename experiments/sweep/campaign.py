@@ -1,7 +1,7 @@
 """The campaign of a sweep: its runs as rows."""
 
-from experiments.output.basis import sources_of
-from experiments.output.campaign import Campaign
+from experiments.study.basis import sources_of
+from experiments.study.campaign import Campaign
 from experiments.sweep.design import SweepRuns
 from experiments.sweep.row import SCHEMA, row_of
 

@@ -10,9 +10,9 @@ from typing import Any, Literal
 import numpy as np
 from scipy.stats import qmc
 
-from experiments.hexapod.testbed import TestbedConfig
-from experiments.output.study import WrongInput
-from experiments.output.within import check_within
+from experiments.rig.hexapod.testbed import TestbedConfig
+from experiments.study.study import WrongInput
+from experiments.study.within import check_within
 from experiments.sweep import sweep_run as runs_of
 from experiments.sweep.sweep_run import KINDS, Choice, Factor, Range, SweepRun
 from sim import Array

@@ -10,9 +10,9 @@ from matplotlib.legend_handler import HandlerTuple
 from matplotlib.lines import Line2D
 
 from argument_checks.ties import ascending
-from experiments.hexapod.fault_tolerance import Verdict, verdicts
-from experiments.output.dataset import Columns
-from experiments.output.plotting import (
+from experiments.rig.hexapod.fault_tolerance import Verdict, verdicts
+from experiments.study.dataset import Columns
+from experiments.study.plotting import (
     BLACK,
     BLUE,
     GREEN,
@@ -22,7 +22,7 @@ from experiments.output.plotting import (
     logarithmic,
     new_figure,
 )
-from experiments.output.results import Picture
+from experiments.study.results import Picture
 from experiments.sweep.row import ANGLES, classified
 from experiments.sweep.words import WORDS
 

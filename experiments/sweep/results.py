@@ -9,11 +9,11 @@ import numpy as np
 from scipy.stats import spearmanr
 
 from argument_checks.ties import ascending, greatest, ranks
-from experiments.hexapod.metrics import closure_check
-from experiments.output.dataset import Columns
-from experiments.output.results import Check, Results
-from experiments.output.resumable import Complete, Outcome, origin, rate
-from experiments.output.tables import Column, Table, tabulate
+from experiments.rig.hexapod.metrics import closure_check
+from experiments.study.dataset import Columns
+from experiments.study.results import Check, Results
+from experiments.study.resumable import Complete, Outcome, origin, rate
+from experiments.study.tables import Column, Table, tabulate
 from experiments.sweep.design import SweepRuns
 from experiments.sweep.figure import sweep_picture
 from experiments.sweep.row import ANGLES, INPUT_PEAK

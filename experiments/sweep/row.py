@@ -8,14 +8,14 @@ import numpy as np
 import pyarrow as pa
 
 import sim
-from experiments.hexapod import fault_tolerance
-from experiments.hexapod.columns import MAJOR
-from experiments.hexapod.controller import StrutMapping, designed, nominal_plant
-from experiments.hexapod.metrics import closure_residual_max_m, pointing_rms_urad, rms
-from experiments.hexapod.prediction import detector_noise_rad, driven_loop
-from experiments.hexapod.simulation import SpiralRun, Trajectory, track_spiral
-from experiments.hexapod.testbed import Testbed, TestbedConfig
-from experiments.output.campaign import Row
+from experiments.rig.hexapod import fault_tolerance
+from experiments.rig.hexapod.columns import MAJOR
+from experiments.rig.hexapod.controller import StrutMapping, designed, nominal_plant
+from experiments.rig.hexapod.metrics import closure_residual_max_m, pointing_rms_urad, rms
+from experiments.rig.hexapod.prediction import detector_noise_rad, driven_loop
+from experiments.rig.hexapod.simulation import SpiralRun, Trajectory, track_spiral
+from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
+from experiments.study.campaign import Row
 from experiments.sweep.sweep_run import KINDS, SweepRun
 from ftc.control.compensator import Compensator
 from prioritized import FailureAtlas, failure_atlas

@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from experiments.output.resumable import Outcome, complete
+from experiments.study.resumable import Outcome, complete
 from experiments.sweep.campaign import sweep_of
 from experiments.sweep.design import SweepRuns, grid, read_design
 from experiments.sweep.sweep_run import Choice

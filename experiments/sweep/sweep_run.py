@@ -4,10 +4,10 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields, replace
 from typing import Any, Literal, get_args
 
-from experiments.hexapod.choices import JacobianChoice
-from experiments.hexapod.columns import COLUMNS
-from experiments.hexapod.testbed import LIMITS as BENCH_LIMITS
-from experiments.hexapod.testbed import TestbedConfig
+from experiments.rig.hexapod.choices import JacobianChoice
+from experiments.rig.hexapod.columns import COLUMNS
+from experiments.rig.hexapod.testbed import LIMITS as BENCH_LIMITS
+from experiments.rig.hexapod.testbed import TestbedConfig
 from ftc.goal import Goal
 from sim import Failure
 

@@ -1,6 +1,6 @@
 """The other mechanisms of the paper: an arm, a hand, two arms and a platform."""
 
-from experiments.output.study import Study
+from experiments.study.study import Study
 
 STUDY = Study(
     name="systems",

@@ -8,8 +8,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from experiments.output.plotting import BLACK, LINES, PAGE_IN, new_figure
-from experiments.output.results import Picture
+from experiments.study.plotting import BLACK, LINES, PAGE_IN, new_figure
+from experiments.study.results import Picture
 from experiments.systems.probe import CORNERS
 from experiments.systems.runs import Examination, Mechanism, Systems, in_words
 from sim import Array

@@ -4,13 +4,13 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from experiments.hexapod.recording.shown import constants
-from experiments.output.provenance import version_properties, versions
-from experiments.output.recording.file import RecordingInfo
-from experiments.output.recording.mechanism import Driven, write_mechanism
-from experiments.output.recording.views import Plot, Task
-from experiments.output.results import Check, Results
-from experiments.output.tables import Column, Table, tabulate
+from experiments.recording.file import RecordingInfo
+from experiments.recording.mechanism import Driven, write_mechanism
+from experiments.recording.shown import constants
+from experiments.recording.views import Plot, Task
+from experiments.study.provenance import version_properties, versions
+from experiments.study.results import Check, Results
+from experiments.study.tables import Column, Table, tabulate
 from experiments.systems.figure import pictures
 from experiments.systems.probe import PERIOD_S, STEP
 from experiments.systems.runs import Examination, Mechanism, Systems, failed, in_words

@@ -7,7 +7,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from experiments.output.parallel import in_parallel
+from experiments.study.parallel import in_parallel
 from experiments.systems import probe
 from experiments.systems.probe import PERIOD_S, Polygon, Rig
 from prioritized import ConstrainedSystem, Kinematics, Manipulability

@@ -1,8 +1,8 @@
 """Table I and Figures 4 to 6: the six tracking experiments of section 4.2."""
 
-from experiments.hexapod.choices import MACHINE_FILE, ConfigurationName, JacobianChoice
-from experiments.output.controllers import CONTROLLER
-from experiments.output.study import Option, Study
+from experiments.rig.hexapod.choices import MACHINE_FILE, ConfigurationName, JacobianChoice
+from experiments.study.controllers import CONTROLLER
+from experiments.study.study import Option, Study
 
 STUDY = Study(
     name="table1",

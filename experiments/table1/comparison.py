@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from experiments.hexapod.simulation import Trajectory
-from experiments.output.plotting import BLACK, PAGE_IN, VERMILION, new_figure
-from experiments.output.results import Check, Picture
-from experiments.output.tables import Column, Table
+from experiments.rig.hexapod.simulation import Trajectory
+from experiments.study.plotting import BLACK, PAGE_IN, VERMILION, new_figure
+from experiments.study.results import Check, Picture
+from experiments.study.tables import Column, Table
 from experiments.table1.runs import Table1
 
 _CONDITIONS = {

@@ -6,10 +6,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 
-from experiments.hexapod.metrics import pointing_rms_urad
-from experiments.hexapod.plots import spiral
-from experiments.hexapod.simulation import Trajectory
-from experiments.output.plotting import (
+from experiments.recording.plots import spiral
+from experiments.rig.hexapod.metrics import pointing_rms_urad
+from experiments.rig.hexapod.simulation import Trajectory
+from experiments.study.plotting import (
     BLACK,
     BLUE,
     COLUMN_IN,
@@ -20,7 +20,7 @@ from experiments.output.plotting import (
     VERMILION,
     new_figure,
 )
-from experiments.output.results import Picture
+from experiments.study.results import Picture
 from sim import Array
 
 SECONDARY = [("$t_x$, µm", 1), ("$t_y$, µm", 2), ("$t_z$, µm", 3), ("$\\gamma$, µrad", 0)]

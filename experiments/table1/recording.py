@@ -3,10 +3,10 @@
 from pathlib import Path
 from typing import Any
 
-from experiments.hexapod.metrics import is_cut, recording_properties
-from experiments.hexapod.recording.hexapod import Mark
-from experiments.hexapod.recording.keep import record_run
-from experiments.hexapod.recording.shown import Shown
+from experiments.recording.hexapod import Mark
+from experiments.recording.keep import record_run
+from experiments.recording.shown import Shown
+from experiments.rig.hexapod.metrics import is_cut, recording_properties
 from experiments.table1.comparison import controller_said
 from experiments.table1.runs import Table1
 from sim import load_model

@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from experiments.hexapod import paper
-from experiments.hexapod.columns import COLUMNS
-from experiments.hexapod.columns import Column as Experiment
-from experiments.hexapod.metrics import (
+from experiments.rig.hexapod import paper
+from experiments.rig.hexapod.columns import COLUMNS
+from experiments.rig.hexapod.columns import Column as Experiment
+from experiments.rig.hexapod.metrics import (
     closure_check,
     is_cut,
     loop_measures,
@@ -18,11 +18,11 @@ from experiments.hexapod.metrics import (
     prediction_tolerance,
     rms,
 )
-from experiments.hexapod.metrics import closure_residual_max_m as closure_m
-from experiments.hexapod.simulation import Trajectory
-from experiments.output.provenance import versions
-from experiments.output.results import Check, Results
-from experiments.output.tables import Column, Table
+from experiments.rig.hexapod.metrics import closure_residual_max_m as closure_m
+from experiments.rig.hexapod.simulation import Trajectory
+from experiments.study.provenance import versions
+from experiments.study.results import Check, Results
+from experiments.study.tables import Column, Table
 from experiments.table1.comparison import (
     MOTION_ROWS,
     controller_check,

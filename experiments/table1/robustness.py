@@ -4,11 +4,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from experiments.hexapod.metrics import closure_check, closure_residual_max_m, rms
-from experiments.hexapod.mismatch import ALL, ALL_SIZES, has_suspensions, mismatched
-from experiments.hexapod.simulation import SpiralRun, Trajectory
-from experiments.hexapod.testbed import Testbed
-from experiments.output.results import Check
+from experiments.rig.hexapod.metrics import closure_check, closure_residual_max_m, rms
+from experiments.rig.hexapod.mismatch import ALL, ALL_SIZES, has_suspensions, mismatched
+from experiments.rig.hexapod.simulation import SpiralRun, Trajectory
+from experiments.rig.hexapod.testbed import Testbed
+from experiments.study.results import Check
 from sim import Array, ModelError
 
 REPRESENTATIVE = ("W_a", "W_d", "W_a_uncorrected")
@@ -59,7 +59,7 @@ def measured(column: str, testbed: Testbed, run: SpiralRun, flown: Trajectory) -
         sim.ModelError: The loops are unstable in the linear model.
     """
     # Late: workers import this module, and only simulate.
-    from experiments.hexapod.prediction import predicted_error_rad
+    from experiments.rig.hexapod.prediction import predicted_error_rad
 
     ticks, period_s = len(flown.time_s), testbed.bench.control_period_s
     zero_rad = testbed.machine.zero_rad(ticks, period_s)

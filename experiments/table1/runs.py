@@ -3,16 +3,16 @@
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from experiments.hexapod.choices import ConfigurationName, JacobianChoice
-from experiments.hexapod.columns import COLUMNS, Column
-from experiments.hexapod.controller import Loop, nominal_loops
-from experiments.hexapod.metrics import plant_constants, rms
-from experiments.hexapod.other_controller import track_with
-from experiments.hexapod.simulation import SpiralRun, Trajectory, track_spiral
-from experiments.hexapod.testbed import Testbed, TestbedConfig
-from experiments.output.controllers import controller_factory, controller_label
-from experiments.output.parallel import in_parallel
-from experiments.output.study import OnProgress
+from experiments.rig.hexapod.choices import ConfigurationName, JacobianChoice
+from experiments.rig.hexapod.columns import COLUMNS, Column
+from experiments.rig.hexapod.controller import Loop, nominal_loops
+from experiments.rig.hexapod.metrics import plant_constants, rms
+from experiments.rig.hexapod.other_controller import track_with
+from experiments.rig.hexapod.simulation import SpiralRun, Trajectory, track_spiral
+from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
+from experiments.study.controllers import controller_factory, controller_label
+from experiments.study.parallel import in_parallel
+from experiments.study.study import OnProgress
 from experiments.table1.robustness import MismatchedRun, measured, mismatched_flights
 from sim import Array, ModelError, load_model, model_sha256
 
@@ -184,7 +184,7 @@ def _track(
 def _predicted_rad(column: str, testbed: Testbed, run: SpiralRun) -> Array:
     """RMS (2,) by the linear model: over all noise; with a limit, which needs one, this seed's."""
     # Late: workers import this module, and only simulate.
-    from experiments.hexapod.prediction import predicted_error_rad, predicted_rms_rad
+    from experiments.rig.hexapod.prediction import predicted_error_rad, predicted_rms_rad
 
     if testbed.bench.demand_limit_urad is None:
         return predicted_rms_rad(testbed, run)

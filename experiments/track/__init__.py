@@ -2,10 +2,10 @@
 
 from pathlib import Path
 
-from experiments.output.controllers import CONTROLLER
-from experiments.output.study import Option, Study
 from experiments.rig.choices import Diagnosing
 from experiments.rig.options import DITHER, LOOPS, PATH, SENSE, TASK
+from experiments.study.controllers import CONTROLLER
+from experiments.study.study import Option, Study
 
 STUDY = Study(
     name="track",

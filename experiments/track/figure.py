@@ -7,8 +7,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from experiments.output.controllers import controller_label
-from experiments.output.plotting import (
+from experiments.study.controllers import controller_label
+from experiments.study.plotting import (
     BLACK,
     BLUE,
     LINES,
@@ -17,7 +17,7 @@ from experiments.output.plotting import (
     VERMILION,
     new_figure,
 )
-from experiments.output.results import Picture
+from experiments.study.results import Picture
 from experiments.track.runs import Tracked
 from experiments.track.words import ROWS
 

@@ -5,12 +5,12 @@ from typing import Any
 
 import numpy as np
 
-from experiments.output.controllers import controller_label
-from experiments.output.provenance import version_properties
-from experiments.output.recording.file import RecordingInfo, at_most
-from experiments.output.recording.mechanism import Driven, Mark, write_mechanism
-from experiments.output.recording.views import Plot, Task
+from experiments.recording.file import RecordingInfo, at_most
+from experiments.recording.mechanism import Driven, Mark, write_mechanism
+from experiments.recording.views import Plot, Task
 from experiments.rig.run import Run
+from experiments.study.controllers import controller_label
+from experiments.study.provenance import version_properties
 from experiments.track.runs import Tracked
 from experiments.track.words import ROWS
 

@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from experiments.output.controllers import controller_label
-from experiments.output.provenance import versions
-from experiments.output.results import Check, Results
-from experiments.output.tables import Column, Table, tabulate
 from experiments.rig.checks import closure_check
 from experiments.rig.dither import dither_entry
 from experiments.rig.run import Named
+from experiments.study.controllers import controller_label
+from experiments.study.provenance import versions
+from experiments.study.results import Check, Results
+from experiments.study.tables import Column, Table, tabulate
 from experiments.track.figure import pictures
 from experiments.track.recording import record
 from experiments.track.runs import Tracked

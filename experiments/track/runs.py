@@ -6,8 +6,6 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, get_args
 
-from experiments.output.controllers import controller_factory
-from experiments.output.study import OnProgress, WrongInput
 from experiments.rig.choices import Diagnosing
 from experiments.rig.dither import option_dither
 from experiments.rig.mjcf import robot_rig
@@ -16,6 +14,8 @@ from experiments.rig.prediction import Prediction
 from experiments.rig.reach import check_reach
 from experiments.rig.rig import Rig
 from experiments.rig.run import Run
+from experiments.study.controllers import controller_factory
+from experiments.study.study import OnProgress, WrongInput
 from ftc.fdi.dither_design import DitherDesign
 from ftc.fdi.fault_model import Fault
 from ftc.guarded_controller import GuardedController

@@ -1,6 +1,6 @@
 """The last column of Table I: changes of the testbed that reproduce its errors."""
 
-from experiments.output.study import Study
+from experiments.study.study import Study
 
 STUDY = Study(
     name="uncorrected",

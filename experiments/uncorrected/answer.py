@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 
-from experiments.hexapod.metrics import is_cut
-from experiments.output.tables import Column, Table, tabulate
+from experiments.rig.hexapod.metrics import is_cut
+from experiments.study.tables import Column, Table, tabulate
 
 _SHOWN = ("W_a", "W_d", "W_e")
 

@@ -12,12 +12,12 @@ import mujoco
 import numpy as np
 
 from argument_checks.ties import greatest
-from experiments.hexapod.columns import COLUMNS as TABLE_I
-from experiments.hexapod.controller import StrutMapping
-from experiments.hexapod.floor import floor_acceleration
-from experiments.hexapod.paper import TABLE_I_URAD
-from experiments.hexapod.simulation import SpiralRun
-from experiments.hexapod.testbed import TestbedConfig
+from experiments.rig.hexapod.columns import COLUMNS as TABLE_I
+from experiments.rig.hexapod.controller import StrutMapping
+from experiments.rig.hexapod.floor import floor_acceleration
+from experiments.rig.hexapod.paper import TABLE_I_URAD
+from experiments.rig.hexapod.simulation import SpiralRun
+from experiments.rig.hexapod.testbed import TestbedConfig
 from ftc.goal import Goal
 from sim import Array, Plant, hexapod, linearize
 

@@ -10,9 +10,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from experiments.hexapod.plots import spiral
-from experiments.hexapod.simulation import Trajectory
-from experiments.output.plotting import (
+from experiments.recording.plots import spiral
+from experiments.rig.hexapod.simulation import Trajectory
+from experiments.study.plotting import (
     BLACK,
     BLUE,
     GREEN,
@@ -22,7 +22,7 @@ from experiments.output.plotting import (
     name_rows,
     new_figure,
 )
-from experiments.output.results import Picture
+from experiments.study.results import Picture
 from experiments.uncorrected.candidates import BENCH, CLOCKWISE, RETUNED
 from experiments.uncorrected.predicted import LOCKS_M
 from experiments.uncorrected.runs import Uncorrected

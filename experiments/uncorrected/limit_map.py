@@ -8,11 +8,11 @@ import mujoco
 import numpy as np
 
 from argument_checks.ties import least
-from experiments.hexapod.controller import Loop
-from experiments.hexapod.metrics import rms
-from experiments.hexapod.paper import TABLE_I_URAD
-from experiments.hexapod.prediction import detector_noise_rad, driven_plant
-from experiments.hexapod.testbed import TestbedConfig
+from experiments.rig.hexapod.controller import Loop
+from experiments.rig.hexapod.metrics import rms
+from experiments.rig.hexapod.paper import TABLE_I_URAD
+from experiments.rig.hexapod.prediction import detector_noise_rad, driven_plant
+from experiments.rig.hexapod.testbed import TestbedConfig
 from experiments.uncorrected.candidates import COLUMNS, RATIO_TOLERANCE
 from experiments.uncorrected.predicted import gain_and_plant
 from ftc.linear_loop import limited_response

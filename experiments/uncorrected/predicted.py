@@ -7,15 +7,15 @@ import control
 import mujoco
 import numpy as np
 
-from experiments.hexapod.columns import MAJOR
-from experiments.hexapod.controller import Loop, StrutMapping, nominal_loops, sampled
-from experiments.hexapod.metrics import rms
-from experiments.hexapod.prediction import (
+from experiments.rig.hexapod.columns import MAJOR
+from experiments.rig.hexapod.controller import Loop, StrutMapping, nominal_loops, sampled
+from experiments.rig.hexapod.metrics import rms
+from experiments.rig.hexapod.prediction import (
     detector_noise_rad,
     predicted_error_rad,
     sensitivity_peak,
 )
-from experiments.hexapod.testbed import Testbed, TestbedConfig
+from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
 from experiments.uncorrected.candidates import (
     COLUMNS,
     EXPERIMENTS,

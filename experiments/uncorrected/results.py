@@ -8,7 +8,10 @@ from typing import Any
 import numpy as np
 
 from argument_checks.ties import least
-from experiments.hexapod.metrics import (
+from experiments.recording.hexapod import Mark
+from experiments.recording.keep import record_run
+from experiments.recording.shown import Shown
+from experiments.rig.hexapod.metrics import (
     closure_check,
     closure_residual_max_m,
     finite_or_none,
@@ -17,14 +20,11 @@ from experiments.hexapod.metrics import (
     pointing_rms_urad,
     recording_properties,
 )
-from experiments.hexapod.paper import TABLE_I_URAD
-from experiments.hexapod.recording.hexapod import Mark
-from experiments.hexapod.recording.keep import record_run
-from experiments.hexapod.recording.shown import Shown
-from experiments.hexapod.simulation import Trajectory
-from experiments.hexapod.testbed import TestbedConfig
-from experiments.output.provenance import versions
-from experiments.output.results import Check, Results
+from experiments.rig.hexapod.paper import TABLE_I_URAD
+from experiments.rig.hexapod.simulation import Trajectory
+from experiments.rig.hexapod.testbed import TestbedConfig
+from experiments.study.provenance import versions
+from experiments.study.results import Check, Results
 from experiments.uncorrected.answer import paragraph, table
 from experiments.uncorrected.candidates import (
     BENCH,

@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from experiments.hexapod.controller import nominal_loops
-from experiments.hexapod.simulation import SpiralRun, Trajectory, track_spiral
-from experiments.hexapod.testbed import Testbed, TestbedConfig
-from experiments.output.parallel import in_parallel
-from experiments.output.study import OnProgress
+from experiments.rig.hexapod.controller import nominal_loops
+from experiments.rig.hexapod.simulation import SpiralRun, Trajectory, track_spiral
+from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
+from experiments.study.parallel import in_parallel
+from experiments.study.study import OnProgress
 from experiments.uncorrected.candidates import BENCH, CANDIDATES, COLUMNS, RETUNED, Candidate
 from experiments.uncorrected.limit_map import LimitGrid, limit_grid, limit_row
 from experiments.uncorrected.predicted import (

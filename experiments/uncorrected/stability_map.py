@@ -7,11 +7,11 @@ import control
 import mujoco
 import numpy as np
 
-from experiments.hexapod.controller import designed, nominal_loops
-from experiments.hexapod.metrics import pointing_rms_urad, rms
-from experiments.hexapod.prediction import detector_noise_rad, driven_loop, predicted_error_rad
-from experiments.hexapod.simulation import Trajectory
-from experiments.hexapod.testbed import Testbed, TestbedConfig
+from experiments.rig.hexapod.controller import designed, nominal_loops
+from experiments.rig.hexapod.metrics import pointing_rms_urad, rms
+from experiments.rig.hexapod.prediction import detector_noise_rad, driven_loop, predicted_error_rad
+from experiments.rig.hexapod.simulation import Trajectory
+from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
 from experiments.uncorrected.candidates import BENCH, COLUMNS, PAPER_RATIOS, RATIO_TOLERANCE, damped
 from experiments.uncorrected.predicted import gain_and_plant
 from sim import Array, ModelError, linearize, load_model

@@ -1,0 +1,211 @@
+"""Fault tolerance of the hexapod: springs, failure atlas, dithers, diagnosis, supervisor."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from experiments.rig.hexapod.choices import JacobianChoice
+from experiments.rig.hexapod.columns import MAJOR
+from experiments.rig.hexapod.controller import controller_for
+from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
+from experiments.study.palette import BLACK, BLUE, SKY, VERMILION, YELLOW
+from ftc.control.springs import actuator_and_payload_stiffness
+from ftc.controller import PrioritizedController
+from ftc.fdi.diagnosis import DEFAULT_CONFIG, Diagnosis, FdiConfig
+from ftc.fdi.dither import Dither
+from ftc.fdi.fault_model import Fault, NominalModel, by_kind
+from ftc.fdi.monitor import monitor
+from ftc.goal import Goal
+from ftc.supervisor import Supervisor, Unused, goal_after
+from prioritized import ConstrainedSystem, FailureAtlas, failure_atlas
+from sim import Array, Plant, Pose, element_id, jacobians, joint_stiffness
+
+
+def strut_and_payload_stiffness(model: mujoco.MjModel) -> Array:
+    """Stiffness over [six strut displacements; payload twist in base axes], shape (12, 12).
+
+    The suspensions resist the struts; the flexures, all other springs, resist the payload.
+    """
+    jac = jacobians(model, mujoco.MjData(model), site="payload", axes="base")
+    free_joint = model.body_dofadr[element_id(model, "body", "payload")] + np.arange(6)
+    return actuator_and_payload_stiffness(
+        jac.J_T, jac.J_C, jac.active, free_joint, joint_stiffness(model)
+    )
+
+
+def elastic_system(
+    model: mujoco.MjModel, suspension: dict[int, float] | None = None
+) -> ConstrainedSystem:
+    """The whole mechanism with its springs, 42 velocities, at the nominal pose.
+
+    Args:
+        model: The hexapod.
+        suspension: Stiffness of some struts' suspensions by strut 0..5, [N]/[m].
+    """
+    jac = jacobians(model, mujoco.MjData(model), site="payload", axes="base")
+    stiffness = joint_stiffness(model)
+    for strut, value in (suspension or {}).items():
+        stiffness[jac.active[strut]] = value
+    return ConstrainedSystem(jac.J_T, jac.J_C, jac.active, stiffness=stiffness)
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What is left of the pointing task in some of the conditions.
+
+    Attributes:
+        name: As in `figures.json`.
+        label: For a reader.
+        color: On the map.
+        holds: In which conditions, shape (C,).
+    """
+
+    name: str
+    label: str
+    color: str
+    holds: NDArray[np.bool_]
+
+
+def verdicts(atlas: FailureAtlas) -> list[Verdict]:
+    """The atlas' flags as five verdicts of which each condition has exactly one.
+
+    Raises:
+        ValueError: The atlas has no elastic verdicts.
+    """
+    elastic = atlas.elastic
+    if elastic is None:
+        raise ValueError("atlas must be of a system with springs, got one without elastic verdicts")
+    lost = ~atlas.possible & ~elastic.possible
+    drifts = lost & elastic.unstable_major
+    held = lost & ~elastic.unstable_major
+    return [
+        Verdict("rigid", "exact, with or without springs", BLUE, atlas.possible),
+        Verdict(
+            "springs",
+            "exact with the springs only",
+            SKY,
+            elastic.possible & ~atlas.possible,
+        ),
+        Verdict("drifts", "payload drifts", VERMILION, drifts),
+        Verdict(
+            "one_direction", "one pointing direction left", YELLOW, held & (elastic.major_rank == 1)
+        ),
+        Verdict("none", "no pointing direction left", BLACK, held & (elastic.major_rank == 0)),
+    ]
+
+
+HEAVE = (1.0,) * 6
+"""All six struts lengthen and shorten together: the payload heaves along the line of sight.
+
+The columns of J_m of the six struts add up to zero, statically and, by the threefold symmetry of
+the machine, at any frequency. A strut that does not follow leaves its own column uncancelled: six
+directions in the plane of (alpha, beta), 60 degrees apart, and each strut has one to itself.
+"""
+
+STILL = Dither(0.0, 0.0, HEAVE)
+
+DITHER = Dither(0.5e-6, 20.0, HEAVE)
+"""A strut that fails is then seen at 1.2 urad, four times the detector's noise. Its frequency is
+above the loops' crossovers, so that they do not suppress it; below the modes from 32 Hz on, where
+the linear model would have to be more exact; and high enough for inertia to move a free strut."""
+
+UNUSED: Unused = "locked"
+"""The springs of the suspensions hold struts without force."""
+
+
+def nominal_model(
+    model: mujoco.MjModel, bench: TestbedConfig, *, strut_sensors: bool = False
+) -> NominalModel:
+    """The linear model of the machine without failures.
+
+    Args:
+        model: The machine.
+        bench: Periods and noise.
+        strut_sensors: Whether the outputs are (alpha, beta) and then the six gauges beside the
+            struts, or (alpha, beta) alone.
+    """
+    import control  # late, as in ftc.compensator
+
+    plant = Plant(model)
+    linear = plant.linear()
+    rows = [linear.C_twist[MAJOR]]
+    noise = [np.full(2, bench.detector_noise_m / bench.focal_length_m)]
+    if strut_sensors:
+        rows.append(linear.C_active)
+        noise.append(np.full(len(linear.C_active), bench.strut_sensor_noise_m))
+    return NominalModel(
+        plant=control.ss(linear.A, linear.B, np.vstack(rows), 0),
+        displacement=linear.C_active,
+        noise=np.concatenate(noise),
+        period_s=bench.control_period_s,
+        step_s=float(model.opt.timestep),
+        spring=linear.spring,
+        preload=linear.preload,
+    )
+
+
+def fault_text(fault: Fault | None) -> str:
+    """A fault in words, its strut 1 to 6; None is no fault."""
+    if fault is None:
+        return "sound"
+    left = f" to {100 * fault.effectiveness:.0f} %" if fault.kind == "weak" else ""
+    return f"strut {fault.actuator + 1} {fault.kind}{left}"
+
+
+def fault_entry(fault: Fault) -> dict[str, Any]:
+    """A fault ready for JSON, its strut 1 to 6."""
+    left = {"strength": fault.effectiveness} if fault.kind == "weak" else {}
+    return {"strut": fault.actuator + 1, "kind": fault.kind} | left
+
+
+def supervisor(
+    testbed: Testbed,
+    goal: Goal,
+    *,
+    jacobian: JacobianChoice = "constant",
+    strut_sensors: bool = False,
+    dither: Dither = STILL,
+    config: FdiConfig = DEFAULT_CONFIG,
+    nominal: NominalModel | None = None,
+    atlas: FailureAtlas | None = None,
+    feedforward: bool = False,
+) -> Supervisor:
+    """Diagnosis and control for this machine.
+
+    Args:
+        testbed: The machine, sound, the constants around it, compensators; the plant of a run is
+            another.
+        goal: While all struts are sound.
+        jacobian: Of the mapping.
+        strut_sensors: Whether the diagnosis may use them.
+        dither: What finds failures sooner.
+        config: Rates and confidences.
+        nominal: What the diagnosis takes the machine for; None is the model's.
+        atlas: Of :func:`elastic_system`; None is the model's.
+        feedforward: As of :func:`experiments.rig.hexapod.controller.controller_for`.
+    """
+    if nominal is None:
+        nominal = nominal_model(testbed.model, testbed.bench, strut_sensors=strut_sensors)
+    if atlas is None:
+        atlas = failure_atlas(elastic_system(testbed.model), MAJOR)
+    elastic = atlas.elastic
+    assert elastic is not None  # the hexapod has springs
+
+    def controller(diagnoses: Sequence[Diagnosis]) -> PrioritizedController[Pose]:
+        known = goal_after(goal, diagnoses, UNUSED)
+        return controller_for(testbed, known, jacobian=jacobian, feedforward=feedforward)
+
+    def is_possible(faults: Sequence[Fault]) -> bool:
+        return bool(elastic.possible[atlas.row(**by_kind(faults))])
+
+    return Supervisor(
+        first=controller([]),
+        monitor=monitor(nominal, config=replace(config, dither_hz=dither.frequency_hz or None)),
+        secondary=dither.at,
+        reconfigured=controller,
+        is_possible=is_possible,
+    )

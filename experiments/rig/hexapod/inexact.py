@@ -1,0 +1,72 @@
+"""A machine that is not quite its controller's model."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from experiments.rig.hexapod.floor import floor_acceleration
+from sim import Array, MaxwellSlip
+
+
+@dataclass(frozen=True, eq=False)
+class InexactPlant:
+    """What differs from the model that controllers have; by default all but the model is exact.
+
+    Attributes:
+        model: The machine itself: springs, dampers, inertias, gains of the coils, physics step.
+        hysteresis: Of the suspensions, beside the springs of the model; None is none.
+        gain_drift_per_s: Relative change of each coil's gain from the start of a run.
+        delay_ticks: Control ticks by which commands come late.
+        floor_m_per_s: RMS velocity of the floor in each third octave.
+        floor_seed: Of its phases.
+        drift_rad_per_s: Of the detector's zero in (alpha, beta), from the start of a run.
+    """
+
+    model: mujoco.MjModel
+    hysteresis: MaxwellSlip | None = None
+    gain_drift_per_s: tuple[float, ...] = (0.0,) * 6
+    delay_ticks: int = 0
+    floor_m_per_s: float = 0.0
+    floor_seed: tuple[int, ...] = (0,)
+    drift_rad_per_s: tuple[float, ...] = (0.0, 0.0)
+
+    def floor(self, ticks: int, period_s: float) -> Array | None:
+        """Acceleration of the floor tick by tick, shape (N, 3), [m]/[s^2]; None is at rest."""
+        if not self.floor_m_per_s:
+            return None
+        return floor_acceleration(ticks, period_s, self.floor_m_per_s, self.floor_seed)
+
+    def drives(
+        self, known: mujoco.MjModel, amplifiers: Callable[[Array], Array], period_s: float
+    ) -> Callable[[Array], Array]:
+        """The drives of a run: displacements (n,) at which the plant rests under inputs (n,).
+
+        A :class:`sim.Plant` is commanded by displacements and so balances its own springs and
+        gains; these have to be put back. Made anew for each run, called once in each control tick.
+
+        Args:
+            known: The model by which inputs are made.
+            amplifiers: Displacements of that model under inputs.
+            period_s: Between ticks.
+        """
+        if self.model is known:  # which may have servos instead
+            return amplifiers
+        reached = _per_control(self.model) / _per_control(known)
+        drift, ticks = np.array(self.gain_drift_per_s), iter(range(2**63))
+
+        def displacement_m(input_percent: Array) -> Array:
+            gain = reached * (1 + drift * (next(ticks) * period_s))
+            return amplifiers(input_percent) * gain
+
+        return displacement_m
+
+    def zero_rad(self, ticks: int, period_s: float) -> Array:
+        """Where the detector's zero is in (alpha, beta), tick by tick, shape (N, 2)."""
+        return np.outer(np.arange(ticks) * period_s, self.drift_rad_per_s)
+
+
+def _per_control(model: mujoco.MjModel) -> Array:
+    """Displacement of each suspension per control of its coil, shape (6,)."""
+    return model.actuator_gainprm[:, 0] / model.jnt_stiffness[model.actuator_trnid[:, 0]]

@@ -1,0 +1,138 @@
+"""The rig of the testbed's own machine."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from experiments.rig.dither import dither_of
+from experiments.rig.hexapod.columns import COLUMNS, MAJOR
+from experiments.rig.hexapod.controller import StrutMapping, controller_for, nominal_loops
+from experiments.rig.hexapod.fault_tolerance import (
+    DITHER,
+    STILL,
+    UNUSED,
+    elastic_system,
+    nominal_model,
+    supervisor,
+)
+from experiments.rig.hexapod.mismatch import ALL, mismatched
+from experiments.rig.hexapod.other_controller import control_task
+from experiments.rig.hexapod.simulation import settled, simulated
+from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
+from experiments.rig.mismatch import EXACT, Known, Mismatch, sizes_of
+from experiments.rig.rig import Rig
+from ftc.controller import PrioritizedController
+from ftc.fdi.dither import Dither
+from ftc.fdi.fault_model import Fault, by_kind
+from ftc.goal import Goal
+from ftc.supervisor import Supervisor
+from prioritized import ConstrainedSystem, FailureAtlas, Manipulability, failure_atlas
+from sim import Array, Bench, Failure, Hexapod, Plant, Pose, hexapod, load_model
+
+
+@dataclass(frozen=True)
+class HexapodRig(Rig):
+    """The hexapod.
+
+    Attributes:
+        testbed: The machine, the constants around it, compensators.
+        elastic: The machine with its springs, without failures.
+    """
+
+    testbed: Testbed
+    elastic: ConstrainedSystem
+
+    def drawn(self, mismatch: Known | Mismatch, seed: int) -> "HexapodRig":
+        """The same with a plant that differs so; floor and hysteresis included."""
+        sizes = sizes_of(mismatch, ALL, ("drift_per_s", "steps"))
+        testbed = replace(self.testbed, inexact=None)
+        if sizes != EXACT:
+            testbed = mismatched(testbed, sizes, seed)
+        return replace(self, testbed=testbed)
+
+    def mapping(self, goal: Goal) -> StrutMapping:
+        """In closed form, with the constant Jacobian."""
+        return StrutMapping(self._geometry, goal, "constant")
+
+    @cached_property
+    def _geometry(self) -> Hexapod:
+        return hexapod(self.model)
+
+    def controller(self, goal: Goal | None = None) -> PrioritizedController[Pose]:
+        """With the constant Jacobian."""
+        how = {"jacobian": "constant", "feedforward": self.feedforward}
+        return controller_for(self.testbed, goal or self.goal, **how)
+
+    def supervisor(
+        self, dither: str | Dither | None = "default", goal: Goal | None = None
+    ) -> Supervisor:
+        """By detector alone, whose heave finds failures sooner."""
+        chosen = dither_of(self, dither, DITHER)
+        return supervisor(
+            self.testbed,
+            goal or self.goal,
+            dither=chosen or STILL,
+            nominal=self.watched,
+            atlas=self._atlas,
+            feedforward=self.feedforward,
+        )
+
+    @cached_property
+    def _atlas(self) -> FailureAtlas:
+        return failure_atlas(self.elastic, MAJOR)
+
+    def bench(
+        self, time_s: Array, failures: Sequence[Failure], seed: int, events: object = None
+    ) -> Bench:
+        """The machine, settled."""
+        how: dict[str, Any] = {"rest": self._rest, "keep_qpos": True, "events": events}
+        return simulated(self.testbed, time_s, failures, seed, **how)
+
+    @cached_property
+    def _rest(self) -> mujoco.MjData:
+        """Of the plant; flights begin with copies."""
+        return settled(self.testbed).data
+
+    def classified(self, faults: Sequence[Fault]) -> Manipulability:
+        """What is left, springs included."""
+        stiffness = np.array(self.elastic.stiffness)
+        loose = [fault.actuator for fault in faults if fault.kind == "loose"]
+        stiffness[self.elastic.active[loose]] = 0.0
+        elastic = replace(self.elastic, stiffness=stiffness)
+        return elastic.with_failures(**by_kind(faults)).kinematics().manipulability(MAJOR)
+
+
+def hexapod_rig(size: float | None, feedforward: bool) -> HexapodRig:
+    """The hexapod on its exact plant, with goal W_a; see :meth:`.Rig.hexapod`."""
+    model, bench = load_model(), TestbedConfig()
+    loops = nominal_loops(model, bench)
+    testbed, goal = Testbed(model, bench, loops), COLUMNS[0].goal
+    nominal = nominal_model(model, bench)
+    return HexapodRig(
+        title="University of Wyoming hexapod",
+        model=model,
+        actuators=tuple(f"strut{k}" for k in range(1, 7)),
+        aliases=tuple((f"coil{k}",) for k in range(1, 7)),
+        bodies=tuple(f"stem{k}" for k in range(1, 7)),
+        major=tuple(MAJOR),
+        goal=goal,
+        nominal=nominal,
+        watched=nominal,
+        loops=loops,
+        margins=loops,
+        limits=None,
+        feedforward=feedforward,
+        size=bench.spiral_radius_urad * 1e-6 if size is None else size,
+        noise=bench.detector_noise_m / bench.focal_length_m,
+        encoder_noise=bench.strut_sensor_noise_m,
+        travel=Plant(model).limits(),
+        unused=UNUSED,
+        task=control_task(testbed, goal, nominal),
+        warnings=(),
+        testbed=testbed,
+        elastic=elastic_system(model),
+    )

@@ -1,0 +1,81 @@
+"""Many independent runs, each of which becomes a row: what they are, and how one is done."""
+
+import json
+import platform
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from importlib.metadata import version
+from typing import Any, Generic, Protocol, TypeVar
+
+import pyarrow as pa
+
+from experiments.study.basis import Basis, Sources, digest, identity
+from experiments.study.provenance import processor
+
+Row = dict[str, Any]
+
+
+class Runs(Protocol):
+    """Runs 0, 1, ..., each so small that it can be sent to any machine.
+
+    Each has its `number`, on which and on what all are drawn from it depends alone.
+    """
+
+    def __len__(self) -> int:
+        """How many there are."""
+        ...
+
+    def __getitem__(self, number: int, /) -> Any:
+        """The run of this number."""
+        ...
+
+
+AnyRuns = TypeVar("AnyRuns", bound=Runs)
+
+
+@dataclass(frozen=True, eq=False)
+class Campaign(Generic[AnyRuns]):
+    """Runs, and all that their rows depend on.
+
+    Attributes:
+        runs: What is to be run.
+        row_of: The row of a run, a function that workers can import; its column `case` is the
+            run's number. What a row lacks is null.
+        schema: Columns of the rows.
+        sources: What the rows are made with.
+        drawn_from: What the runs are drawn from, as their seed; ready for JSON.
+    """
+
+    runs: AnyRuns
+    row_of: Callable[[Any], Row]
+    schema: pa.Schema
+    sources: Sources
+    drawn_from: dict[str, Any]
+
+    @property
+    def basis(self) -> Basis:
+        """All that the bytes of the dataset depend on; the same again when read from JSON."""
+        basis = {
+            **self.drawn_from,
+            **identity(self.sources),
+            "version of pyarrow": version("pyarrow"),
+            "processor": processor(),
+        }
+        return json.loads(json.dumps(basis))
+
+
+class ForeignWorker(RuntimeError):
+    """A worker that would run other code: it joined later."""
+
+
+def simulate(row_of: Callable[[Any], Row], run: Any, sources: Sources, code: str) -> Row:
+    """The row of a run, on a worker; `ForeignWorker` if its identity has not this digest."""
+    if code != digest(identity(sources)):
+        host = platform.node()
+        raise ForeignWorker(f"{host} has another version of this package, or of what it needs")
+    return row_of(run)
+
+
+def table_of(rows: Sequence[Row], schema: pa.Schema) -> pa.Table:
+    """Rows in the order of their runs; what a row lacks is null."""
+    return pa.Table.from_pylist(sorted(rows, key=lambda row: row["case"]), schema=schema)

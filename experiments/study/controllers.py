@@ -1,0 +1,58 @@
+"""Controllers that a user brings along: named on the command line, found where Python looks."""
+
+import hashlib
+import importlib
+import re
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from experiments.study.study import Option, WrongInput
+
+CONTROLLER = Option(
+    "controller",
+    str | None,
+    None,
+    "A controller to compare with, package.module:factory; it runs under the same failures and "
+    "noise (docs/other-controllers.md). Modules in this folder are found.",
+    metavar="NAME",
+)
+
+
+def controller_label(name: str) -> str:
+    """A short name for tables and files: that of the factory."""
+    return re.sub(r"\W", "_", name.partition(":")[2])
+
+
+def controller_factory(name: str) -> Callable[..., Any]:
+    """The factory of this name, "package.module:factory".
+
+    Worker processes that are started afterwards find it, too.
+
+    Raises:
+        WrongInput: There is none.
+    """
+    module_name, _, path = name.partition(":")
+    if not all(part.isidentifier() for part in (*module_name.split("."), *path.split("."))):
+        raise WrongInput(f"--controller must be package.module:factory, got {name}")
+    # Last: no module of the user's may hide one that this project imports.
+    if (here := str(Path.cwd())) not in sys.path:
+        sys.path.append(here)
+    try:
+        found = module = importlib.import_module(module_name)
+    except Exception as error:  # whatever the module does when it is imported
+        said = " ".join(f"{type(error).__name__}: {error}".split())
+        raise WrongInput(f"--controller {name}: importing {module_name} raised {said}") from error
+    for part in path.split("."):
+        found = getattr(found, part, None)
+    if not callable(found):
+        place = getattr(module, "__file__", None) or module_name
+        raise WrongInput(f"--controller {name}: {place} has no function or class {path}")
+    return found
+
+
+def controller_sha256(name: str) -> str | None:
+    """SHA-256 of the module of a controller that can be imported; None if it has no file."""
+    file = importlib.import_module(name.partition(":")[0]).__file__
+    return None if file is None else hashlib.sha256(Path(file).read_bytes()).hexdigest()

@@ -1,0 +1,107 @@
+"""What came out of a study: its numbers, their checks, and tables, sentences and figures of them.
+
+The terminal, the Markdown files, the recordings' notes and `fjh report` all show this one
+description; :func:`publish` writes all files of a study, or none.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from experiments.study.files import published, write_arrays, write_index
+from experiments.study.tables import Table
+
+if TYPE_CHECKING:  # the help text need not wait for these imports
+    from matplotlib.figure import Figure
+    from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class Check:
+    """One number that must stay below its limit for the study to be trusted; NaN fails."""
+
+    what: str  # with its unit
+    where: str  # in which run or condition
+    value: float
+    limit: float
+
+    @property
+    def passed(self) -> bool:
+        """Whether the value is below the limit."""
+        return self.value < self.limit
+
+    def __str__(self) -> str:
+        return f"{self.where}: {self.what} is {self.value:.3g}, expected below {self.limit:.3g}"
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A figure of the study."""
+
+    name: str  # of its files, without ending
+    caption: str
+    alt: str  # what there is to see, for a reader who cannot
+    draw: "Callable[[], Figure]"
+    formats: tuple[str, ...] = ("png", "pdf")  # a page shows the first
+
+    @property
+    def file(self) -> str:
+        """The file that a page shows."""
+        return f"{self.name}.{self.formats[0]}"
+
+
+@dataclass(frozen=True)
+class Results:
+    """What came out of a study; it is sound if all checks passed.
+
+    `arrays` are the contents of `.npz` files, by file name; each of the `records` writes further
+    files, a run's data and its recording, into a folder. Nothing is written if a former run has
+    `published` all of it.
+    """
+
+    summary: dict[str, Any]  # all numbers, as in its JSON file; units in the names
+    tables: Sequence[Table] = ()
+    notes: Sequence[str] = ()  # sentences below the tables
+    checks: Sequence[Check] = ()
+    pictures: Sequence[Picture] = ()
+    arrays: "Mapping[str, Mapping[str, NDArray[Any]]]" = field(default_factory=dict)
+    records: Sequence[Callable[[Path], None]] = ()
+    published: bool = False
+
+    @property
+    def failed_check(self) -> str | None:
+        """One sentence on the first check that failed; None where all passed."""
+        return next((str(check) for check in self.checks if not check.passed), None)
+
+    def markdown(self) -> str:
+        """Tables and notes as a page."""
+        parts = []
+        for table in self.tables:
+            parts += [f"## {table.title}", table.legend, table.markdown()]
+        parts.append("\n".join(f"- {note}" for note in self.notes))
+        return "\n\n".join(part for part in parts if part) + "\n"
+
+
+def publish(folder: Path, name: str, results: Results) -> Results:
+    """Write `name.json`, `name.md`, figures, data and recordings; all of them or none.
+
+    Returns:
+        The results, the names of all files in their summary.
+
+    Raises:
+        OutputError: The disk or the folder refuses.
+    """
+    if results.published:
+        return results
+    from experiments.study.plotting import save_figure  # late: matplotlib takes a second
+
+    with published(folder, index=f"{name}.json") as staging:
+        for file, arrays in results.arrays.items():
+            write_arrays(staging / file, dict(arrays))
+        for record in results.records:
+            record(staging)
+        for picture in results.pictures:
+            save_figure(picture.draw(), staging, picture.name, picture.formats)
+        (staging / f"{name}.md").write_text(results.markdown(), encoding="utf-8")
+        return replace(results, summary=write_index(staging / f"{name}.json", results.summary))

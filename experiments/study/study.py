@@ -1,0 +1,76 @@
+"""A study as data: what the command line offers of it, and the two functions that make it."""
+
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from dataclasses import dataclass
+from pkgutil import resolve_name
+from typing import Any
+
+from experiments.study.results import Results
+
+OnProgress = Callable[[int, int], None]
+"""To be called with the finished and total steps of some work."""
+
+Progress = Callable[[str], AbstractContextManager[OnProgress]]
+"""Shows the progress of the named work while its context lasts."""
+
+
+@dataclass(frozen=True)
+class Option:
+    """One more option of a study's command, passed on to its runs by name."""
+
+    name: str  # as a Python name; `--its-name` on the command line
+    kind: Any  # type of its value; a `Literal` is a choice
+    default: Any
+    help: str
+    metavar: str | None = None  # stands for the value in the help text; None: its type
+    positional: bool = False  # an argument without a name
+
+
+@dataclass(frozen=True)
+class Study:
+    """One experiment.
+
+    `runs` and `results` are entry points, "package.module:function", resolved when the study is
+    run: the help text does not wait for the import of MuJoCo. `runs(seed=, quick=, on_progress=,
+    **options)` simulates and returns frozen data, of which `results(outcome)` makes
+    :class:`Results`. Where a study `streams`, the runs write into the folder while they run: they
+    take it as `folder`, and return a context manager of the data, which is left when all files are
+    published. It has an option `resume`: True continues what an interrupted run left there, False
+    refuses it, and None continues it if it is of the same runs, and begins anew if not.
+    """
+
+    name: str  # of its command, its folder and its JSON file
+    help: str  # a paragraph each: one line, what it does and how long it takes, files, an example
+    runs: str
+    results: str
+    quick: str  # what --quick leaves out
+    seed: str = "the detector noise"  # what the seed is of
+    options: tuple[Option, ...] = ()
+    streams: bool = False
+
+    @contextmanager
+    def perform(self, *, on_progress: OnProgress, **options: Any) -> Iterator[Results]:
+        """The results of the study, to be published within the context.
+
+        No file is made, unless the study streams: then the context holds its unfinished files.
+        """
+        outcome = resolve_name(self.runs)(on_progress=on_progress, **options)
+        with outcome if self.streams else nullcontext(outcome) as data:
+            yield resolve_name(self.results)(data)
+
+
+class WrongInput(Exception):
+    """The command cannot do what it is asked to; the message says why."""
+
+
+class NotInstalled(WrongInput):
+    """A package that the study needs is not installed; the message says how to install it."""
+
+
+class Interrupted(Exception):
+    """Ctrl-C, by a command that has more to say of it than all others."""
+
+
+class Unsound(Exception):
+    """The run ended, but its numbers cannot be trusted."""

@@ -1,0 +1,92 @@
+"""What a person at a terminal sees, progress and tables, and what Ctrl-C does."""
+
+import os
+import signal
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from types import FrameType
+
+from experiments.study.tables import Table
+
+INTERRUPTED = 130
+INTERRUPTION = "interrupted: no file was left half-written"
+
+
+def exit_on_interrupt() -> None:
+    """From now on Ctrl-C ends the process with one sentence: for the time of the imports.
+
+    An exception in the middle of an import comes out as whatever the package makes of it. Workers,
+    which ignore Ctrl-C, go on ignoring it.
+    """
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, _exit)
+
+
+def raise_on_interrupt() -> None:
+    """From now on Ctrl-C is a KeyboardInterrupt: there are workers to end and files to remove.
+
+    The signals to end and to hang up are treated alike.
+    """
+    if signal.getsignal(signal.SIGINT) is _exit:
+        for each in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            signal.signal(each, signal.default_int_handler)
+
+
+def _exit(_signal: int, _frame: FrameType | None) -> None:
+    notice(INTERRUPTION)
+    os._exit(INTERRUPTED)
+
+
+@contextmanager
+def progress(description: str, *, shown: bool = True) -> Iterator[Callable[[int, int], None]]:
+    """A progress bar on standard error, if that is a terminal.
+
+    The work begins here: from here on Ctrl-C is an exception.
+    """
+    # Late: Ctrl-C must be ready before any package is imported.
+    from rich import progress as rich
+    from rich.console import Console
+
+    raise_on_interrupt()
+    bar = rich.Progress(
+        rich.TextColumn("{task.description}"),
+        *(rich.BarColumn(), rich.MofNCompleteColumn()),
+        *(rich.TimeElapsedColumn(), rich.TimeRemainingColumn()),
+        console=Console(stderr=True),
+        transient=True,
+        disable=not (shown and sys.stderr.isatty()),
+    )
+    with bar:
+        task = bar.add_task(description, total=None)
+        yield lambda done, total: bar.update(task, completed=done, total=total)
+
+
+def print_table(table: Table) -> None:
+    """A table on standard output, its legend below."""
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table as RichTable
+
+    drawn = RichTable(title=table.title, title_justify="left", box=box.SIMPLE)
+    for k, heading in enumerate(table.headings):
+        drawn.add_column(heading, justify="right" if k else "left", no_wrap=True)
+    for row in table.rows:
+        drawn.add_row(*row)
+    # Units stand in brackets, where markup would.
+    Console(markup=False).print(drawn)
+    if table.legend:
+        Console().print(f"{table.legend}\n", highlight=False, markup=False)
+
+
+def print_notes(notes: Sequence[str]) -> None:
+    """Sentences on standard output, one paragraph each."""
+    from rich.console import Console
+
+    for note in notes:
+        Console().print(note, highlight=False, markup=False)
+
+
+def notice(sentence: str) -> None:
+    """A sentence on standard error, whatever is left out or shown beside it."""
+    print(f"fjh: {sentence}", file=sys.stderr, flush=True)

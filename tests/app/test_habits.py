@@ -1,0 +1,271 @@
+"""A person's habits: help, completion, quiet and JSON modes, no file where none is asked for."""
+
+import importlib
+import io
+import json
+import os
+import re
+import shlex
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import typer
+
+from experiments.app.cli import STUDIES, app, main
+from experiments.app.command import command
+from experiments.study.files import OutputError, json_text, published, write_index
+from experiments.study.results import Check, Results
+from experiments.study.study import OnProgress, Option, Unsound
+from experiments.study.tables import Table
+from experiments.study.terminal import print_table
+from tests.made import made_study
+
+ROOT = Path(__file__).parents[2]
+GROUP = typer.main.get_group(app)
+NAMES = [name for name in GROUP.commands if name not in ("review", "render", "animate")]
+SOUND = Results(
+    {"seed": 3},
+    [Table("Heights", ("", "m"), [("hill", "7.25")], "Above the sea.")],
+    ["So it is."],
+    [Check("height [m]", "hill", 7.25, 8.0)],
+)
+WRITTEN = {"seed": 3, "files": ["measure.json", "measure.md"]}
+"""The contents of its JSON file."""
+
+
+@pytest.fixture(autouse=True)
+def elsewhere(tmp_path, monkeypatch):
+    """An empty working directory."""
+    monkeypatch.chdir(tmp_path)
+
+
+def test_units_in_brackets_are_printed_wherever_they_stand(capsys):
+    print_table(Table("Heights [m]", ("of [m]", "above [urad]"), [("hill [km]", "7")]))
+    printed = capsys.readouterr().out
+    assert all(unit in printed for unit in ("Heights [m]", "of [m]", "above [urad]", "hill [km]"))
+
+
+def run(results: Results, *arguments: str) -> None:
+    """A study of these results as `fjh measure` runs it."""
+
+    def make(*, times: int, on_progress: OnProgress, seed: int, quick: bool) -> Results:
+        for k in range(times):
+            on_progress(k + 1, times)
+        return results
+
+    study = made_study("measure", make, (Option("times", int, 2, "How often."),))
+    study_app = typer.Typer()
+    study_app.command()(command(study))
+    study_app(list(arguments), standalone_mode=False)
+
+
+def terminal() -> io.StringIO:
+    screen = io.StringIO()
+    screen.isatty = lambda: True
+    return screen
+
+
+def test_a_person_sees_tables_legends_and_notes(capsys):
+    run(SOUND)
+    out, err = capsys.readouterr()
+    for word in ("Heights", "hill", "7.25", "Above the sea.", "So it is."):
+        assert word in out
+    assert err == ""
+
+
+@pytest.mark.parametrize(
+    ("arguments", "printed"),
+    [
+        (["--quiet"], ""),
+        (["--json"], json_text(WRITTEN)),
+        (["--json", "--quiet"], json_text(WRITTEN)),
+    ],
+)
+def test_scripts_get_nothing_or_json_and_nothing_else(capsys, arguments, printed):
+    run(SOUND, *arguments)
+    assert capsys.readouterr() == (printed, "")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "shows"), [([], True), (["--json"], True), (["--quiet"], False)]
+)
+def test_a_terminal_shows_progress_unless_it_is_to_be_quiet(monkeypatch, capsys, arguments, shows):
+    screen = terminal()
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setattr(sys, "stderr", screen)
+    run(SOUND, "--times", "3", *arguments)
+    assert ("measure" in screen.getvalue()) == shows
+    assert shows or screen.getvalue() == ""
+
+
+@pytest.mark.parametrize("arguments", [[], ["--quiet"], ["--json"]])
+def test_a_failed_check_is_raised_in_every_mode_after_the_output(capsys, arguments):
+    unsound = replace(SOUND, checks=[Check("height [m]", "hill", float("nan"), 8.0)])
+    with pytest.raises(Unsound, match=r"a check failed: hill: height .m. is nan, expected below 8"):
+        run(unsound, *arguments)
+    out = capsys.readouterr().out
+    assert (out == "") == (arguments == ["--quiet"])
+    if "--json" in arguments:
+        assert json.loads(out) == WRITTEN
+
+
+@pytest.fixture
+def nowhere(tmp_path, elsewhere):
+    """The working directory, which is empty at the end, too."""
+    yield
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_help_says_what_how_long_which_files_units_and_an_example(capsys, nowhere, name):
+    assert main([name, "--help"]) == 0
+    text = re.sub(r"\s+", " ", capsys.readouterr().out)
+    for option in ("--out FOLDER", "--seed N", "--quick", "--quiet", "--json", "--help"):
+        assert option in text
+    assert f"[default: results/{name}]" in text
+    assert re.search(r"\d s|minute", text)
+    assert f"Writes {name}.json" in text
+    example = re.search(rf"Example: (fjh {name}.*?) (Arguments|Options):", text)
+    assert example
+    words = shlex.split(example.group(1))[2:]
+    GROUP.commands[name].make_context(name, words)  # raises what the command would complain of
+
+
+def test_the_list_of_commands_has_whole_sentences_and_the_exit_codes(capsys, nowhere):
+    assert main(["--help"]) == 0
+    whole = capsys.readouterr().out
+    text = re.sub(r"\s+", " ", whole)
+    for study in STUDIES:
+        assert study.help.partition("\n")[0] in text
+    for code in (0, 1, 2, 130):
+        assert re.search(rf"^ +{code} +\w", whole, re.MULTILINE)
+    assert main([]) == 0
+    assert capsys.readouterr().out == whole
+
+
+def completed(words: str, cwd: Path) -> tuple[list[str], str]:
+    """What bash offers after these words, the last being unfinished; and all modules imported."""
+    typed = {"COMP_WORDS": words, "COMP_CWORD": str(words.count(" "))}
+    done = subprocess.run(
+        [sys.executable, "-X", "importtime", "-m", "experiments"],
+        env=os.environ | typed | {"_FJH_COMPLETE": "complete_bash", "PYTHONPATH": str(ROOT)},
+        cwd=cwd,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return done.stdout.split(), done.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "offered"),
+    [
+        ("fjh ", NAMES),
+        ("fjh sys", ["systems"]),
+        ("fjh table1 --jac", ["--jacobian"]),
+        ("fjh table1 --jacobian ", ["analytic", "constant"]),
+        ("fjh jacobian --lo", ["--loop"]),
+    ],
+)
+def test_tab_completes_commands_options_and_choices_at_once(tmp_path, words, offered):
+    found, imported = completed(words, tmp_path)
+    assert set(offered) <= set(found)
+    assert offered == NAMES or found == offered
+    # What makes it fast: none of the packages that take their time is imported.
+    assert "typer" in imported
+    for slow in ("mujoco", "matplotlib", "numpy", "scipy", "rerun", "distributed", "pyarrow"):
+        assert not re.search(rf"\| +{slow}$", imported, re.MULTILINE), slow
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [["table7"], ["systems", "--seed", "x"], ["table1", "--model", "none.xml"], ["goals", "much"]],
+)
+def test_wrong_input_leaves_no_folder_behind(capsys, nowhere, arguments):
+    assert main(arguments) == 2
+    assert capsys.readouterr().out == ""
+
+
+def write(folder: Path, index: str, *names: str) -> None:
+    with published(folder, index=index) as staging:
+        for name in names:
+            (staging / name).write_text("x")
+        write_index(staging / index, {"seed": 0})
+
+
+def contents(folder: Path) -> set[str]:
+    return {path.name for path in folder.iterdir()}
+
+
+def test_a_run_replaces_what_the_same_command_wrote_and_nothing_else(tmp_path):
+    write(tmp_path, "long.json", "a.npz", "b.npz")
+    write(tmp_path, "other.json", "c.npz")
+    (tmp_path / "mine.txt").write_text("mine")
+    assert json.loads((tmp_path / "long.json").read_text()) == {
+        "seed": 0,
+        "files": ["a.npz", "b.npz", "long.json"],
+    }
+    write(tmp_path, "long.json", "a.npz")
+    assert contents(tmp_path) == {"long.json", "a.npz", "other.json", "c.npz", "mine.txt"}
+
+
+@pytest.mark.parametrize(
+    "old",
+    [
+        "no JSON",
+        "[]",
+        "{}",
+        '{"files": 3}',
+        '{"files": [3, null]}',
+        '{"files": ["../mine.txt", "below/mine.txt", "below", "", "."]}',
+    ],
+)
+def test_an_index_that_we_did_not_write_removes_nothing(tmp_path, old):
+    folder = tmp_path / "out"
+    (folder / "below").mkdir(parents=True)
+    for place in (tmp_path, folder / "below"):
+        (place / "mine.txt").write_text("mine")
+    (folder / "index.json").write_text(old)
+    write(folder, "index.json", "a.npz")
+    assert contents(folder) == {"index.json", "a.npz", "below"}
+    assert (folder / "below" / "mine.txt").exists()
+    assert (tmp_path / "mine.txt").exists()
+
+
+@pytest.mark.parametrize("raised", [KeyboardInterrupt, OSError, ValueError])
+def test_an_interrupted_run_leaves_no_folder_and_an_old_one_whole(tmp_path, raised):
+    write(tmp_path / "old", "index.json", "a.npz")
+    for folder in (tmp_path / "new" / "er", tmp_path / "old"):
+        with (
+            pytest.raises(OutputError if raised is OSError else raised),
+            published(folder, index="index.json") as staging,
+        ):
+            (staging / "a.npz").write_text("half")
+            raise raised
+    assert contents(tmp_path) == {"old"}
+    assert contents(tmp_path / "old") == {"index.json", "a.npz"}
+    assert (tmp_path / "old" / "a.npz").read_text() == "x"
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    "study",
+    [study for study in STUDIES if study.name not in ("figures", "force", "uncorrected", "bench")],
+    ids=lambda study: study.name,
+)
+def test_a_study_lists_its_files_and_is_checked_by_its_json(request, study):
+    """What the checks say needs nothing but the file; no row of a table is short."""
+    folder = request.getfixturevalue(f"{study.name}_folder")
+    summary = json.loads((folder / f"{study.name}.json").read_text())
+    assert set(summary["files"]) == contents(folder)
+    checks = importlib.import_module(study.results.partition(":")[0]).checks(summary)
+    assert checks
+    assert [str(check) for check in checks if not check.passed] == []
+    tables = re.findall(r"(?:^\|.*\n)+", (folder / f"{study.name}.md").read_text(), re.MULTILINE)
+    assert tables
+    for table in tables:
+        assert len({line.count("|") for line in table.splitlines()}) == 1

@@ -1,0 +1,192 @@
+"""What `fjh review` reads was written by anybody: it is a run, or one sentence says why not."""
+
+import json
+import re
+import shutil
+from dataclasses import asdict, fields
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from experiments.app.cli import main
+from experiments.app.review import check_stated
+from experiments.recording import keep as keep_module
+from experiments.recording.hexapod import Mark
+from experiments.recording.keep import COLUMNS, marks_from, whole_run
+from experiments.rig.hexapod.metrics import pointing_rms_urad
+from experiments.rig.hexapod.simulation import Trajectory
+from experiments.study.files import write_arrays
+from experiments.study.study import WrongInput
+from tests.made import keep_made, made_run
+
+
+@pytest.fixture(scope="module")
+def kept(model, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("kept")
+    keep_made(folder, model)
+    return folder
+
+
+@pytest.fixture
+def folder(kept, tmp_path):
+    """A folder with one sound run, to be spoilt."""
+    return Path(shutil.copytree(kept, tmp_path / "runs"))
+
+
+def spoil(folder: Path, **changed: np.ndarray) -> None:
+    with np.load(folder / "made.npz") as arrays:
+        write_arrays(folder / "made.npz", dict(arrays) | changed)
+
+
+def refused(capfd, folder: Path) -> str:
+    """The sentence with which review refuses a folder."""
+    out = folder.with_name("new") / "review.rrd"
+    assert main(["review", str(folder), "--out", str(out)]) == 2
+    said = capfd.readouterr().err
+    assert said.startswith("fjh: ")
+    assert said.count("\n") == 1
+    assert not out.parent.exists()
+    return said
+
+
+def test_every_signal_of_a_run_is_checked():
+    assert list(COLUMNS) == [field.name for field in fields(Trajectory)]
+
+
+RUN = made_run()
+
+
+@pytest.mark.parametrize(
+    ("signal", "values", "said"),
+    [
+        ("strut_input_percent", RUN.strut_input_percent[:, :4], "shape (400, 6), got (400, 4)"),
+        ("true_rad", RUN.true_rad.T.copy(), "shape (400, 2), got (2, 400)"),
+        ("secondary", np.full((400, 4), 1e300), "values up to 1e+300"),
+        ("measured_rad", -1e7 * np.ones((400, 2)), "values up to 1e+07"),
+        ("desired_rad", RUN.desired_rad.astype(np.float32), "must be float64, got float32"),
+        ("desired_rad", RUN.desired_rad.astype(complex), "must be float64, got complex128"),
+        ("closure_residual_m", np.full(400, np.inf), "not finite"),
+        ("time_s", RUN.time_s[::-1].copy(), "time_s does not increase"),
+        ("time_s", np.zeros(400), "time_s does not increase"),
+        ("time_s", RUN.time_s**2, "time_s does not increase in equal steps"),
+        ("time_s", np.array(0.0), "fewer than two ticks"),
+    ],
+)
+def test_arrays_that_are_no_run_are_refused(signal, values, said):
+    with pytest.raises(WrongInput, match=re.escape(said)) as refused:
+        whole_run("run.npz", asdict(RUN) | {signal: values})
+    assert str(refused.value).startswith("run.npz is not a complete run: ")
+
+
+def test_review_refuses_arrays_that_are_no_run(capfd, folder):
+    spoil(folder, strut_input_percent=RUN.strut_input_percent[:, :4])
+    assert f"{folder / 'made.npz'} is not a complete run: strut_input" in refused(capfd, folder)
+
+
+def test_a_broken_run_of_a_folder_is_not_passed_over(capfd, folder):
+    shutil.copy(folder / "made.npz", folder / "other.npz")
+    (folder / "made.npz").write_bytes(b"PK")
+    assert "made.npz is not a readable .npz file" in refused(capfd, folder)
+
+
+def test_a_recording_of_another_run_is_noticed(capfd, folder):
+    """Its marks and parameters would be told of this one."""
+    spoil(folder, true_rad=RUN.true_rad + 1e-12)
+    assert "made.rrd is not the recording of made.npz" in refused(capfd, folder)
+
+
+MARK = {"strut": 0, "failed_s": 0.1, "failure": "locked"}
+
+
+def test_marks_come_back():
+    found = MARK | {"diagnosed_s": 0.2, "diagnosis": "found"}
+    assert marks_from(json.dumps([MARK, found]), 0.4) == [Mark(**MARK), Mark(**found)]
+
+
+@pytest.mark.parametrize(
+    "marks",
+    [
+        "no JSON",
+        "3",
+        '{"strut": 0}',
+        "[3]",
+        json.dumps([{"strut": 0}]),
+        json.dumps([MARK | {"color": "red"}]),
+        *(
+            json.dumps([MARK | wrong])
+            for wrong in (
+                {"strut": 6},
+                {"strut": -1},
+                {"strut": 0.0},
+                {"strut": "1"},
+                {"failed_s": 0.5},
+                {"failed_s": -0.1},
+                {"failed_s": "0"},
+                {"failed_s": float("nan")},
+                {"diagnosed_s": 0.05},
+                {"diagnosed_s": 0.5},
+                {"failure": 3},
+                {"diagnosis": None},
+            )
+        ),
+    ],
+)
+def test_marks_that_no_run_of_this_length_has_are_refused(marks):
+    with pytest.raises(ValueError, match=r"expected a list of failures of struts 0 to 5 within"):
+        marks_from(marks, 0.4)
+
+
+def test_marks_in_a_recording_are_checked(folder, monkeypatch):
+    read = keep_module._read_recording
+
+    def spoilt(path: Path) -> tuple:
+        properties, angles = read(path)
+        return properties | {"marks": "[3]"}, angles
+
+    monkeypatch.setattr(keep_module, "_read_recording", spoilt)
+    with pytest.raises(WrongInput, match=r"made\.rrd has invalid marks"):
+        keep_module.read_run(folder / "made.npz")
+
+
+def index(folder: Path, **told: object) -> None:
+    """An index beside the run that tells this of it."""
+    entry = {"name": "made", "data": "made.npz", **told}
+    (folder / "made.json").write_text(json.dumps({"columns": [{"data": "other.npz"}, entry]}))
+
+
+def test_json_that_agrees_with_the_data_is_accepted(folder):
+    alpha, beta = pointing_rms_urad(RUN)
+    index(folder, alpha_rms_urad=alpha, beta_rms_urad=beta, paper_alpha_rms_urad=2.4)
+    assert main(["review", str(folder), "--out", str(folder.parent / "review.rrd")]) == 0
+
+
+@pytest.mark.parametrize("alpha", [0.0, 1e300, -1.0, float("nan"), None, "1", [1.0]])
+def test_json_that_contradicts_the_data_is_noticed(alpha):
+    told = {"made.json": {"runs": [{"data": "made.npz", "alpha_rms_urad": alpha}]}}
+    ours = f"{pointing_rms_urad(RUN)[0]:.10g}"
+    said = re.escape(f"made.json says alpha_rms_urad = {alpha} of made.npz, whose data give {ours}")
+    with pytest.raises(WrongInput, match=said):
+        check_stated("made.npz", RUN, told)
+
+
+@pytest.mark.parametrize("place", [".", "made.npz"])
+def test_review_notices_json_that_contradicts_the_data(capfd, folder, place):
+    index(folder, closure_residual_max_m=1e-12)
+    assert "made.json says closure_residual_max_m = 1e-12" in refused(capfd, folder / place)
+
+
+def test_json_that_is_none_is_refused_by_name(capfd, folder):
+    (folder / "made.json").write_text('{"columns": ')
+    assert f"{folder / 'made.json'} is not readable JSON" in refused(capfd, folder)
+
+
+@pytest.mark.parametrize("machine", ["nowhere.xml", "empty.xml"])
+def test_a_machine_that_cannot_be_drawn_is_one_sentence(capfd, folder, machine):
+    (folder / "empty.xml").write_text("<mujoco/>")
+    out = folder.parent / "review.rrd"
+    words = ["review", str(folder), "--model", str(folder / machine), "--out", str(out)]
+    assert main(words) == 2
+    said = capfd.readouterr().err
+    assert said.startswith("fjh: ")
+    assert said.count("\n") == 1

@@ -1,0 +1,130 @@
+"""Runs side by side: every column of Table I, and any other set."""
+
+import shutil
+
+import numpy as np
+import pytest
+
+from experiments.app.cli import main
+from experiments.app.review import about_runs
+from experiments.recording.keep import RecordedRun
+from experiments.recording.shown import Shown
+from experiments.rig.hexapod import paper
+from sim import HEXAPOD_MJCF
+from tests import rrd
+from tests.made import made_run
+from tests.rig.test_recording import SIGNALS
+
+EVERY = 10
+"""Ticks a row: 100 Hz."""
+
+
+@pytest.fixture(scope="module")
+def review(table1_folder, tmp_path_factory):
+    """All columns of Table I, made by the command."""
+    path = tmp_path_factory.mktemp("review") / "review.rrd"
+    assert main(["review", str(table1_folder), "--out", str(path)]) == 0
+    return path
+
+
+def test_all_columns_stand_in_the_tables_order(review, table1):
+    told = rrd.notes(review)
+    places = [told.index(f"\n| {column['name']} |") for column in table1["columns"]]
+    assert places == sorted(places)
+    assert sum(e.endswith("pointing/error") for e in rrd.entities(review)) == 6
+
+
+def test_every_column_is_its_run_to_the_bit(review, table1, runs):
+    for k, column in enumerate(table1["columns"]):
+        for entity in ("/pointing/true", "/strut/input", "/secondary/true"):
+            field, factor = SIGNALS[entity]
+            times, values = rrd.scalars(review, f"/run_{k}{entity}")
+            np.testing.assert_array_equal(values, factor * runs[column["name"]][field][::EVERY])
+            np.testing.assert_array_equal(times, np.arange(1600) * EVERY * 1_000_000)
+
+
+def test_the_papers_numbers_stand_beside_ours(review, table1):
+    told = rrd.notes(review)
+    for column in table1["columns"]:
+        ours = f"{column['alpha_rms_urad']:.4f} | {column['beta_rms_urad']:.4f}"
+        alpha, beta = paper.TABLE_I_URAD[column["name"]]
+        assert f"| {column['name']} | {ours} | {alpha:.4f} | {beta:.4f} |" in told
+
+
+@pytest.mark.parametrize(("ticks", "beside"), [(16000, True), (4000, False)])
+def test_the_papers_numbers_stand_beside_whole_spirals_only(ticks, beside):
+    kept = RecordedRun(Shown(made_run(ticks), []), "table1", {})
+    assert (f"{paper.TABLE_I_URAD['W_a'][0]:.4f}" in about_runs({"W_a": kept}).notes) == beside
+
+
+def test_what_the_runs_have_in_common_are_the_recordings_properties(review, table1):
+    held = rrd.properties(review)
+    assert held["seed"] == table1["seed"]
+    assert held["detector_noise_m"] == table1["bench"]["detector_noise_m"]
+
+
+def test_the_failed_struts_of_each_run_are_marked(review, table1):
+    worn = {e.split("/")[1] for e in rrd.entities(review) if e.endswith("/failed")}
+    locked = {f"run_{k}" for k, column in enumerate(table1["columns"]) if column["locked"]}
+    assert worn == locked
+
+
+def test_single_runs_of_several_folders(table1_folder, recover_folder, tmp_path):
+    files = [table1_folder / "W_a.npz", recover_folder / "locked.npz", table1_folder / "W_e.npz"]
+    out = tmp_path / "three.rrd"
+    assert main(["review", *map(str, files), "--out", str(out)]) == 0
+    told = rrd.notes(out)
+    assert [told.index(f"| {file.stem} |") for file in files] == sorted(
+        told.index(f"| {file.stem} |") for file in files
+    )
+    # Only Table I is the paper's.
+    assert told.count(f"{paper.TABLE_I_URAD['W_a'][0]:.4f}") == 1
+
+
+@pytest.mark.parametrize("place", ["nowhere", "empty", "other.npz", "twice"])
+def test_what_holds_no_run_is_one_sentence(capsys, tmp_path, table1_folder, place):
+    (tmp_path / "empty").mkdir()
+    np.savez(tmp_path / "other.npz", time_s=np.zeros(3))
+    here = str(tmp_path / place)
+    files = [str(table1_folder / "W_a.npz")] * 2 if place == "twice" else [here]
+    assert main(["review", *files, "--out", str(tmp_path / "out" / "review.rrd")]) == 2
+    said = capsys.readouterr().err
+    assert said.startswith("fjh: ")
+    assert said.count("\n") == 1
+    assert ("W_a.npz" if place == "twice" else here) in said
+    assert not (tmp_path / "out").exists()
+
+
+def test_runs_of_another_machine_are_not_drawn_as_the_hexapod(capsys, tmp_path, table1_folder):
+    """Told by the recording beside the data."""
+    longer = tmp_path / "longer.xml"
+    longer.write_text(HEXAPOD_MJCF.read_text().replace("</mujoco>", "</mujoco> "))
+    run = [str(table1_folder / "W_a.npz"), "--model", str(longer)]
+    assert main(["review", *run, "--out", str(tmp_path / "r.rrd")]) == 2
+    assert "another machine" in capsys.readouterr().err
+    assert not (tmp_path / "r.rrd").exists()
+
+
+def test_data_without_a_recording_beside_it_is_a_run_that_says_nothing(tmp_path, table1_folder):
+    shutil.copy(table1_folder / "W_a.npz", tmp_path / "bare.npz")
+    out = tmp_path / "two.rrd"
+    files = [str(tmp_path / "bare.npz"), str(table1_folder / "W_b.npz")]
+    assert main(["review", *files, "--out", str(out)]) == 0
+    assert "| bare |" in rrd.notes(out)
+    (tmp_path / "bare.rrd").write_text("no recording")
+    assert main(["review", *files, "--out", str(out)]) == 2
+
+
+def test_what_runs_do_not_share_is_not_said_of_all(release, release_folder, tmp_path):
+    """Strut 1 loses its spring in orbit only: gravity differs from run to run."""
+    out = tmp_path / "release.rrd"
+    assert main(["review", str(release_folder), "--out", str(out)]) == 0
+    held = rrd.properties(out)
+    assert "gravity_m_per_s2" not in held
+    assert held["payload_mass_kg"] == release["bench"]["payload_mass_kg"]
+
+
+def test_another_ending_is_refused(capsys, tmp_path, table1_folder):
+    assert main(["review", str(table1_folder), "--out", str(tmp_path / "review.txt")]) == 2
+    assert ".rrd" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []

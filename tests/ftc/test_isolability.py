@@ -1,0 +1,100 @@
+"""Which failures of the hexapod look alike, without simulated noise."""
+
+import numpy as np
+import pytest
+
+from experiments.rig.hexapod.controller import nominal_loops
+from experiments.rig.hexapod.fault_tolerance import HEAVE, STILL, nominal_model
+from experiments.rig.hexapod.prediction import linear_loop
+from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
+from ftc.fdi.design.isolability import isolability
+from ftc.fdi.dither import Dither
+from ftc.fdi.fault_model import KINDS, Fault, NominalModel, fault_model
+from ftc.fdi.uncertainty import CERTAIN, TYPICAL, Uncertainty
+from ftc.goal import Goal
+from ftc.linear_loop import simulate
+from sim import load_model
+
+MODEL, BENCH = load_model(), TestbedConfig()
+LOOPS = nominal_loops(MODEL, BENCH)
+DITHER = Dither(0.5e-6, 20.0, HEAVE)
+ANGLES = nominal_model(MODEL, BENCH)
+GAUGES = nominal_model(MODEL, BENCH, strut_sensors=True)
+ONSET = 1500
+
+
+def distances(
+    dither: Dither,
+    fault: Fault,
+    ticks: int,
+    seen: NominalModel = ANGLES,
+    uncertainty: Uncertainty = CERTAIN,
+) -> tuple[np.ndarray, float]:
+    """Of a failure at 1.5 s of a spiral, after so many ticks."""
+    goal, until = Goal(joint_weight=(1.0,) * 6), ONSET + ticks
+    testbed = Testbed(MODEL, BENCH, LOOPS)
+    duration_s = (until + 1) * BENCH.control_period_s
+    loop = linear_loop(testbed, goal, dither, begin_s=6.0, duration_s=duration_s)
+    states, commanded = simulate(loop, [fault], ONSET)
+    return isolability(seen, fault, ONSET, states[:until], commanded[:until], uncertainty)
+
+
+@pytest.mark.parametrize("strut", [0, pytest.param(1, marks=pytest.mark.long)])
+def test_without_dither_antipodal_struts_look_alike_and_with_it_they_do_not(strut):
+    """J_m has opposite columns there, and W_a drives both alike; a heave drives them against it."""
+    lock = Fault(strut, "locked")
+    still, sure = distances(STILL, lock, 500)
+    assert still[strut + 3, 0] < 4 < 40 < sure
+    assert np.delete(still, [strut, strut + 3], axis=0).min() > 40
+    shaken, _ = distances(DITHER, lock, 500)
+    assert np.delete(shaken, strut, axis=0).min() > 25
+
+
+def test_a_turn_about_the_line_of_sight_tells_no_antipodal_struts_apart_and_a_heave_does():
+    """Of the null directions of J_m it matters which: gamma moves both struts of a pair as W_a."""
+
+    def apart(direction: tuple[float, ...]) -> float:
+        found, _ = distances(Dither(0.5e-6, 20.0, direction), Fault(0, "locked"), 500)
+        return float(found[3].min())
+
+    turn, heave = apart((1.0, -1.0, 1.0, -1.0, 1.0, -1.0)), apart(HEAVE)
+    assert turn < 7 < 25 < heave
+
+
+def test_gauges_on_the_struts_tell_all_apart_without_a_dither():
+    found, _ = distances(STILL, Fault(2, "free"), 100, GAUGES)
+    assert np.delete(found, 2, axis=0).min() > 100
+
+
+def test_the_distance_from_no_failure_is_that_of_the_outputs():
+    """Tick by tick, in standard deviations; means over four ticks lose a few percent."""
+    goal, fault = Goal(joint_weight=(1.0,) * 6), Fault(0, "free")
+    loop = linear_loop(Testbed(MODEL, BENCH, LOOPS), goal, DITHER, begin_s=6.0, duration_s=1.7)
+    states, commanded = simulate(loop, [fault], ONSET)
+    sound = fault_model(ANGLES)
+    apart = (states - sound.states(commanded)[:-1]) @ sound.C.T
+    _, found = isolability(ANGLES, fault, ONSET, states, commanded)
+    assert 0.9 < found / np.linalg.norm(apart) < 1.0
+
+
+def test_an_uncertain_model_tells_less_and_the_failure_itself_is_at_distance_zero():
+    fault = Fault(2, "locked")
+    sure, from_none = distances(DITHER, fault, 200)
+    unsure, from_none_unsure = distances(DITHER, fault, 200, uncertainty=TYPICAL)
+    assert sure[2, KINDS.index("locked")] == unsure[2, KINDS.index("locked")] == 0.0
+    others = np.delete(np.arange(6), 2)
+    assert (unsure[others] < sure[others] + 1e-6).all()
+    assert 0 < from_none_unsure < from_none
+
+
+@pytest.mark.parametrize("hz", [1.0, 8.0, 20.0, 35.0])
+def test_pointing_does_not_see_the_heave_and_sees_each_strut_that_leaves_it(hz):
+    """By the threefold symmetry, at any frequency; the six signatures are 60 degrees apart."""
+    machine, C = fault_model(ANGLES), ANGLES.plant.C
+    z = np.exp(2j * np.pi * hz * ANGLES.period_s)
+    by_strut = C @ np.linalg.solve(z * np.eye(12) - machine.A, machine.B)
+    heave = by_strut @ np.array(HEAVE)
+    assert np.abs(heave).max() < 1e-6 * np.abs(by_strut).max()
+    if hz < 10:
+        angles = np.sort(np.degrees(np.arctan2(by_strut[1].real, by_strut[0].real)))
+        np.testing.assert_allclose(np.diff(angles), 60, atol=1.0)

@@ -1,0 +1,172 @@
+"""Symmetric mechanisms: what is chosen among equals does not hang on the last bits of numbers.
+
+Another processor computes other last bits. Here they are changed by hand: nothing that is a choice
+may change with them, and of equal things the one named first is chosen.
+"""
+
+from itertools import product
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ftc.fdi.dither import Dither
+from ftc.fdi.dither_design import Cost, designed_dither
+from ftc.fdi.sensor_choice import ranked_sensors
+from ftc.fdi.separation import Conditions
+from prioritized import (
+    ConstrainedSystem,
+    Kinematics,
+    Names,
+    Status,
+    Task,
+    failure_atlas,
+    lexicographic_least_squares,
+    velocity_mapping,
+    viable_rates,
+)
+from tests.ftc.test_excitation import LOOSE, mechanism, twins
+from tests.random_systems import bits
+
+PROCESSORS = range(12)
+
+
+# Mappings.
+
+
+def legs(seed: int) -> np.ndarray:
+    """Heave of three equal legs, and a turn."""
+    return bits(np.random.default_rng(seed), np.array([[1.0, 1.0, 1.0], [2.0, -1.0, -1.0]]) / 3)
+
+
+def kinematics(seed: int, J: np.ndarray) -> Kinematics:
+    J = bits(np.random.default_rng(seed), J)
+    return ConstrainedSystem(J, None, range(J.shape[1])).kinematics()
+
+
+@pytest.mark.parametrize("when", ["least_squares", "scaled"])
+@pytest.mark.parametrize("asked", [1.0, 1.5])
+def test_equal_legs_that_are_at_their_limits_are_all_said_to_be(when, asked):
+    """Which of them the solver holds, the request being at or beyond the limit, is round-off."""
+    for seed in PROCESSORS:
+        how = {"rate_limits": (-1, 1), "when_limited": when}
+        mapping = velocity_mapping(legs(seed), [0], joint_weight=np.ones(3), **how)
+        found = mapping.solve([asked])
+        np.testing.assert_array_equal(found.active_limits, [1, 1, 1])
+        assert not found.gains.any()
+        levels = kinematics(seed, legs(0)).hierarchy([Task(rows=[0])], rate_limits=(-1, 1))
+        np.testing.assert_array_equal(levels.solve([[asked]]).active_limits, [1, 1, 1])
+        bounded = lexicographic_least_squares([(legs(seed)[:1], [asked])], lower=-1.0, upper=1.0)
+        np.testing.assert_array_equal(bounded.active, [1, 1, 1])
+
+
+def test_a_limit_of_zero_holds_what_stands():
+    found = velocity_mapping(np.eye(2), [0], rate_limits=([-1, 0], [1, 5])).solve([1e-3])
+    np.testing.assert_array_equal(found.active_limits, [0, -1])
+    free = velocity_mapping(np.eye(2), [0], rate_limits=(-1e6, 1e6)).solve([1e-3])
+    np.testing.assert_array_equal(free.active_limits, [0, 0])
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_a_task_that_nothing_holds_back_is_whole(seed):
+    """A warm start may leave it short by a bit."""
+    rng = np.random.default_rng(seed)
+    J, asked = rng.normal(size=(2, 4)), rng.normal(size=2)
+    mapping = velocity_mapping(J, [0, 1], rate_limits=(-9, 9), when_limited="scaled")
+    again = mapping.solve(asked, start=mapping.solve(rng.normal(size=2)))
+    assert again.scale == 1.0 and again.status is Status.EXACT
+
+
+def test_the_joints_of_a_sentence_are_those_named_first():
+    """Eight equal legs in one closed sum: five are named."""
+    names = Names(tuple("abcdefgh"), tuple((name,) for name in "abcdefgh"))
+    said = set()
+    for seed in PROCESSORS:
+        loop = bits(np.random.default_rng(seed), np.ones((1, 8)))
+        system = ConstrainedSystem(np.eye(1, 8), loop, range(8), names=names)
+        said.add(str(system.kinematics().manipulability([0])))
+    (sentence,) = said
+    assert "a, b, c, d, e and 3 more" in sentence
+
+
+def test_the_atlas_of_equal_struts_has_one_basis_of_what_is_lost():
+    """Four struts of a task of four rows: any that fails loses a direction."""
+    parallel, lost = np.vstack([np.ones(4), np.eye(3, 4)]), []
+    for seed in PROCESSORS:
+        J = bits(np.random.default_rng(seed), parallel)
+        lost.append(failure_atlas(ConstrainedSystem(J, None, range(4)), [0]).lost_secondary)
+    assert np.ptp(lost, axis=0).max() < 1e-12 and np.max(lost) > 0.5
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_secondary_rows_that_no_one_gave_are_of_the_major_subspace_alone(seed):
+    """They are the coordinates of what the user weighs and asks for: not LAPACK's choice."""
+    rng = np.random.default_rng(seed)
+    J, major = rng.normal(size=(5, 6)), rng.normal(size=(2, 5))
+    weights = {"joint_weight": np.ones(6), "secondary_weight": [1.0, 2.0, 3.0]}
+    one, other = (
+        velocity_mapping(J, mix @ major, **weights) for mix in (np.eye(2), rng.normal(size=(2, 2)))
+    )
+    np.testing.assert_allclose(one.secondary, other.secondary, atol=1e-10)
+    by_rows = velocity_mapping(J, [1, 3], **weights)
+    by_matrix = velocity_mapping(J, np.eye(5)[[1, 3]], **weights)
+    np.testing.assert_allclose(by_matrix.secondary, by_rows.secondary, atol=1e-14)
+
+
+def test_corners_are_counted_once_and_begin_with_the_same():
+    """Six struts in three parallel pairs move a point in the plane: a hexagon, as three would."""
+    angle = np.pi / 3 * np.arange(6)
+    struts = np.stack([np.cos(angle), np.sin(angle)])
+    for seed in PROCESSORS:
+        found = kinematics(seed, struts).attainable([0, 1], rate_limits=(-1.0, 1.0)).vertices
+        # Each pair reaches twice as far as a strut alone, and the three pairs add up.
+        np.testing.assert_allclose(found, 4 * struts.T, atol=1e-12)
+        cube = kinematics(seed, np.eye(3)).attainable([0, 1, 2], rate_limits=(-1.0, 1.0)).vertices
+        np.testing.assert_allclose(cube, list(product((-1.0, 1.0), repeat=3)), atol=1e-12)
+
+
+@given(st.floats(-1.0, 1.0), st.floats(0.01, 10.0))
+def test_braking_that_just_suffices_leaves_one_rate(x, a):
+    """A joint that stops in its next tick exactly at its limit has one rate, not a direction."""
+    T = 0.01
+    v = a * T
+    box = viable_rates(
+        [x - v * T],
+        [2 * v],
+        position_limits=(-np.inf, x),
+        rate_limits=(-9.0, 9.0),
+        acceleration_limits=(-a, a),
+        period_s=T,
+    )
+    assert box.lower == box.upper or not box.viable.all()
+
+
+# Design of a diagnosis.
+
+
+def test_a_dither_is_the_same_however_its_freedom_is_given():
+    """Any columns that span it will do; the search begins with directions, not with coordinates."""
+    nominal, rng = mechanism(0, n=4), np.random.default_rng(1)
+    J = rng.normal(size=(1, 4))
+    P = np.eye(4) - np.linalg.pinv(J) @ J
+    cost = Cost(1e-3, np.asarray(nominal.plant.C)[:1], 1e-4)
+    found = [
+        designed_dither(nominal, P @ mix, [4.0, 16.0], Conditions(0.5, LOOSE), cost).dither
+        for mix in (np.eye(4), np.eye(4) * (1 + 1e-15), rng.normal(size=(4, 4)))
+    ]
+    for each in found[1:]:
+        assert each.frequency_hz == found[0].frequency_hz
+        np.testing.assert_allclose(each.direction, found[0].direction, atol=1e-6)
+
+
+def test_equally_good_sensors_stay_in_the_order_in_which_they_are_named():
+    """Each is of one of the twins and of the third mass, and separates as much."""
+    nominal, step = twins(), Dither(1e-2, 5.0, (1.0, 1.0, 1.0))
+    for seed in PROCESSORS:
+        rng = np.random.default_rng(seed)
+        rows = [bits(rng, sign * np.eye(6)[k] + np.eye(6)[2]) for k in (0, 1) for sign in (1, -1)]
+        for order in (range(4), [3, 1, 0, 2]):
+            sensors = {str(k): (rows[k], 1e-5) for k in order}
+            ranked = ranked_sensors(nominal, sensors, step, Conditions(1.0))
+            assert [int(each.name) for each in ranked] == list(order)

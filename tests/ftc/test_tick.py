@@ -1,0 +1,216 @@
+"""The compiled parts of a simulated tick, against numpy and scipy over random poses."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from experiments.rig.hexapod.closed_form import StrutKinematics
+from experiments.rig.hexapod.columns import MAJOR
+from experiments.rig.hexapod.controller import StrutMapping
+from ftc.control.mapping import PrioritizedMapping
+from ftc.goal import Goal
+from prioritized import Kinematics
+from sim import Hexapod, Plant, Pose, _tick, load_model
+
+SEEDS = range(8)
+
+
+def machine(rng: np.random.Generator, struts: int = 6) -> tuple[np.ndarray, np.ndarray]:
+    """Bottom and top nodes of struts that are long enough to have a direction."""
+    bottom, top = rng.normal(size=(2, struts, 3))
+    return bottom - [0, 0, 5], top
+
+
+def pose(rng: np.random.Generator, *batch: int) -> Pose:
+    turns = Rotation.random(int(np.prod(batch)), rng=rng).as_matrix()
+    return Pose(turns.reshape(*batch, 3, 3), rng.normal(size=(*batch, 3)))
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("struts", [1, 3, 6, 11])
+def test_a_strut_has_the_length_between_its_nodes_and_stretches_as_they_part(seed, struts):
+    rng = np.random.default_rng(seed)
+    (bottom, top), at = machine(rng, struts), pose(rng, 4)
+    length, A = np.empty((4, struts)), np.empty((4, struts, 6))
+    assert _tick.lengths(bottom, top, at.rotation, at.translation_m, length, A) == _tick.FOUND
+    arms = np.einsum("bij,kj->bki", at.rotation, top)
+    struts_m = arms + at.translation_m[:, None] - bottom
+    by_hand = np.linalg.norm(struts_m, axis=-1)
+    u = struts_m / by_hand[..., None]
+    np.testing.assert_allclose(length, by_hand, rtol=1e-14)
+    rows = np.concatenate([np.cross(arms, u), u], axis=-1)
+    np.testing.assert_allclose(A, rows, atol=1e-14)
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-200, 1e-12, 1e-5, 0.3, 3.0, np.pi, 40.0])
+def test_a_pose_turns_about_its_rotation_vector_and_then_shifts(angle):
+    rng = np.random.default_rng(1)
+    at, axis = pose(rng, 5), rng.normal(size=(5, 3))
+    turn = angle * axis / np.linalg.norm(axis, axis=1, keepdims=True)
+    moved = at.moved(np.concatenate([turn, axis], axis=1))
+    expected = Rotation.from_rotvec(turn).as_matrix() @ at.rotation
+    np.testing.assert_allclose(moved.rotation, expected, atol=2e-14)
+    np.testing.assert_array_equal(moved.translation_m, at.translation_m + axis)
+
+
+def test_a_pose_stays_a_rotation_over_a_thousand_ticks():
+    """Round-off of a steady turn does not add up; `secondary_motion` refuses 1e-6."""
+    R, t, twist = np.eye(3)[None], np.zeros((1, 3)), np.array([[3e-5, -2e-5, 1e-5, 0.0, 0.0, 0.0]])
+    for _ in range(1_000):
+        _tick.move(R, t, twist, R, t)
+    assert np.abs(R[0] @ R[0].T - np.eye(3)).max() < 2e-14
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_step_ends_where_the_twist_of_the_missing_lengths_leads(seed):
+    rng = np.random.default_rng(seed)
+    geometry, at = Hexapod(*machine(rng)), pose(rng)
+    here = geometry.posture(at)
+    asked = here.displacement_m + 1e-6 * rng.normal(size=6)
+    twist = np.linalg.solve(here.inverse_jacobian, asked - here.displacement_m)
+    there = geometry.moved(at, asked)
+    expected = geometry.posture(at.moved(twist))
+    size = np.linalg.cond(here.inverse_jacobian)
+    for name in ("rotation", "translation_m", "displacement_m", "inverse_jacobian"):
+        close = {"atol": 1e-15 * size, "rtol": 1e-13}
+        np.testing.assert_allclose(getattr(there, name), getattr(expected, name), **close)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_the_struts_follow_to_second_order_of_the_step(seed):
+    rng = np.random.default_rng(seed)
+    geometry, at = Hexapod(*machine(rng)), pose(rng)
+    here = geometry.posture(at)
+    twist = rng.normal(size=6)
+    missed = []
+    for step in (1e-3, 1e-4):
+        asked = here.displacement_m + here.inverse_jacobian @ (step * twist)
+        missed.append(np.abs(geometry.moved(at, asked).displacement_m - asked).max())
+    assert missed[0] / missed[1] == pytest.approx(100, rel=0.2)
+
+
+@pytest.mark.parametrize("size", [1, 2, 6, 9])
+def test_the_solution_is_that_of_linear_algebra(size):
+    rng = np.random.default_rng(size)
+    for _ in range(20):
+        A, b = rng.normal(size=(size, size)), rng.normal(size=(size, 3))
+        before, x = A.copy(), b.copy()
+        assert _tick.solve(A, x) == _tick.FOUND
+        np.testing.assert_allclose(x, np.linalg.solve(A, b), rtol=1e-11, atol=1e-13)
+        np.testing.assert_array_equal(A, before)
+
+
+@pytest.mark.parametrize("size", [2, 6])
+def test_small_numbers_on_the_diagonal_cost_no_digits(size):
+    """A well-conditioned matrix in any order of its rows."""
+    A = np.roll(np.eye(size), 1, axis=0) + 1e-14 * np.arange(1.0, size**2 + 1).reshape(size, size)
+    x, expected = np.arange(1.0, size + 1)[:, None], np.linalg.solve(A, np.arange(1.0, size + 1))
+    assert _tick.solve(A, x) == _tick.FOUND
+    np.testing.assert_allclose(x[:, 0], expected, rtol=1e-13)
+
+
+@pytest.mark.parametrize("most", [10.0, 1e6])
+@pytest.mark.parametrize("beyond", [0.99, 1.01])
+def test_an_inverse_is_given_up_to_a_product_of_the_norms(most, beyond):
+    """|A| |A^-1| of diag(1, s) is s + 1/s, whatever the rotations on both sides and the unit."""
+    asked = beyond * most
+    s = (asked + np.sqrt(asked**2 - 4.0)) / 2.0
+    left, right = (np.array([[np.cos(a), -np.sin(a)], [np.sin(a), np.cos(a)]]) for a in (0.4, 1.1))
+    A, inverse = 1e-3 * left @ np.diag([1.0, s]) @ right, np.empty((2, 2))
+    found = _tick.invert(A, inverse, most)
+    assert found == (_tick.FOUND if beyond < 1.0 else _tick.SINGULAR)
+    if found == _tick.FOUND:
+        np.testing.assert_allclose(inverse @ A, np.eye(2), atol=1e-15 * most)
+
+
+def test_struts_without_length_or_direction_are_refused():
+    bottom, top = machine(np.random.default_rng(0))
+    parallel = Hexapod(top - [0, 0, 1], top)  # nothing holds a horizontal shift
+    with pytest.raises(ValueError, match="must not be singular"):
+        parallel.moved(Pose(np.eye(3), np.zeros(3)), np.full(6, 1e-3))
+    top[2] = bottom[2]
+    with pytest.raises(ValueError, match="one whose nodes coincide"):
+        Hexapod(bottom, top).posture(Pose(np.eye(3), np.zeros(3)))
+    with pytest.raises(ValueError, match="displacement_m must be 6 finite numbers"):
+        parallel.moved(Pose(np.eye(3), np.zeros(3)), np.zeros(5))
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_the_base_sees_how_a_frame_has_moved_since_its_nominal_pose(seed):
+    rng = np.random.default_rng(seed)
+    frames, (base,), (nominal,) = pose(rng, 4), pose(rng, 1).rotation, pose(rng, 1).rotation
+    R, t, p_0 = np.empty((3, 3)), np.empty(3), rng.normal(size=3)
+    xmat = frames.rotation.reshape(4, 9)
+    _tick.seen_from(xmat, frames.translation_m, 2, base.reshape(1, 9), 0, nominal.T, p_0, R, t)
+    in_world = frames.rotation[2] @ nominal.T
+    np.testing.assert_allclose(R, base.T @ in_world @ base, atol=1e-14)
+    np.testing.assert_allclose(t, base.T @ (frames.translation_m[2] - p_0), atol=1e-14)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_the_spot_is_where_the_beam_crosses_the_focal_plane_within_the_detector(seed):
+    rng = np.random.default_rng(seed)
+    R, noise, seen = pose(rng).rotation, rng.normal(size=2), np.empty(2)
+    focal, half_width, deviation = 2.0, 1.5, 0.1
+    _tick.spot(R, focal, half_width, deviation, noise, seen)
+    beam = np.linalg.solve(R, [0.0, 0.0, 1.0])
+    spot = np.clip(focal * beam[:2] / beam[2] + deviation * noise, -half_width, half_width)
+    np.testing.assert_allclose(seen, np.array([spot[1], -spot[0]]) / focal, rtol=1e-12)
+
+
+def test_the_largest_gap_is_that_of_the_rows_that_count():
+    rng = np.random.default_rng(0)
+    gaps, counts = rng.normal(size=20), np.array([1.0, 0.0, 1.0])
+    owners = rng.integers(3, size=20).astype(np.int32)
+    for rows in range(21):
+        own = [abs(gap) for gap, owner in zip(gaps[:rows], owners, strict=False) if owner != 1]
+        assert _tick.largest_gap(gaps, owners, counts, rows) == max(own, default=0.0)
+
+
+def test_a_log_has_the_pose_and_the_displacements_of_the_plant():
+    plant = Plant(load_model())
+    plant.step(1e-5 * np.arange(6), 0.02)
+    R, t, moved = np.empty((3, 3)), np.empty(3), np.empty(6)
+    plant.observe(R, t, moved)
+    np.testing.assert_array_equal(R, plant.pose().rotation)
+    np.testing.assert_array_equal(t, plant.pose().translation_m)
+    np.testing.assert_array_equal(moved, plant.displacements())
+    assert np.abs(moved).max() > 1e-8
+
+
+def test_a_converter_scales_rounds_and_clips():
+    x, y = np.random.default_rng(0).normal(size=200), np.empty(200)
+    for whole in (False, True):
+        _tick.convert(x, 3.0, -2.0, 1.5, 10.0, whole, y)
+        scaled = np.rint(3.0 * x) if whole else 3.0 * x
+        np.testing.assert_array_equal(y, 10.0 * np.clip(scaled, -2.0, 1.5))
+    assert {-20.0, 15.0} < set(y)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("locked", [[], [0], [1, 4]])
+def test_the_closed_form_is_what_the_elimination_gives(seed, locked):
+    rng = np.random.default_rng(seed)
+    geometry = Hexapod(*machine(rng))
+    goal = Goal(joint_weight=tuple(rng.uniform(0.5, 2, 6)), locked_m=dict.fromkeys(locked, 0.0))
+    A = geometry.inverse_jacobian(pose(rng))
+    mapping = StrutMapping(geometry, goal, "analytic")
+    closed, general = mapping.kinematics_at(A), PrioritizedMapping.kinematics_at(mapping, A)
+    assert type(closed) is StrutKinematics is not type(general)
+    near = {"rtol": 1e-15 * np.linalg.cond(A) ** 2, "atol": 1e-15 * np.linalg.cond(A)}
+    np.testing.assert_allclose(closed.J, general.J, **near)
+    assert closed.scale == pytest.approx(general.scale, rel=1e-10)
+    assert closed.active_constraint.shape == general.active_constraint.shape
+    assert closed.self_motion.shape == general.self_motion.shape
+    assert (closed.gap, closed.closure_condition) == (general.gap, general.closure_condition)
+    assert str(closed.manipulability(MAJOR)) == str(general.manipulability(MAJOR))
+
+
+def test_next_to_a_singularity_the_elimination_decides():
+    bottom, top = machine(np.random.default_rng(0))
+    parallel = Hexapod(top - [0, 0, 1], top)
+    mapping = StrutMapping(Hexapod(bottom, top), Goal(joint_weight=(1.0,) * 6), "analytic")
+    A = parallel.inverse_jacobian(Pose(np.eye(3), np.zeros(3)))
+    kinematics = mapping.kinematics_at(A)
+    assert type(kinematics) is Kinematics
+    assert kinematics.manipulability(MAJOR).unstable

@@ -1,0 +1,373 @@
+"""The documentation runs, and says the numbers that come out."""
+
+import re
+import shutil
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from experiments.app.cli import STUDIES
+from ftc.fdi.fault_model import Fault
+from sim import load_model
+from tests.pages import assert_prints, assert_says
+
+ROOT = Path(__file__).parents[2]
+README = (ROOT / "README.md").read_text()
+
+ON_THE_HEXAPOD, OWN, IN_A_LOOP = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
+(PRINTED,) = re.findall(r"```text\n(.*?)```", README, re.DOTALL)
+
+
+def test_the_readmes_hexapod_prints_what_stands_below_it(capsys):
+    names: dict = {}
+    exec(ON_THE_HEXAPOD, names)
+    assert_prints(capsys.readouterr().out, PRINTED)
+    assert names["rates"][0] == 0.0
+    nominal = names["system"].kinematics()
+    np.testing.assert_allclose(nominal.J[:2] @ names["rates"], [1e-4, 0.0], atol=1e-15)
+
+
+@pytest.mark.parametrize("machine", ["arm", "arms", "fjh", "hand"])
+def test_the_readmes_lines_fail_an_actuator_of_any_mjcf(machine, tmp_path, monkeypatch):
+    """Where the task is met, MuJoCo itself turns as asked, and actuator 1 stands."""
+    monkeypatch.chdir(tmp_path)
+    shutil.copy(ROOT / "models" / f"{machine}.xml", "yours.xml")
+    names: dict = {}
+    exec(ON_THE_HEXAPOD, names)
+    second = load_model("yours.xml").actuator(1).name
+    exec(OWN.replace('"joint2"', f'"{second}"'), names)
+    rates, kin = names["rates"], names["failed"]
+    assert rates[1] == 0.0
+    if kin.manipulability(major=[0, 1]).unmanipulable:  # a planar hand does not turn about x
+        assert machine == "hand"
+        return
+    np.testing.assert_allclose(kin.J[:2] @ rates[kin.actuators], [0.1, 0.0], atol=1e-12)
+    if machine == "arm":
+        model, data = names["model"], mujoco.MjData(names["model"])
+        data.qpos[:] = 1e-6 * rates
+        mujoco.mj_kinematics(model, data)
+        turned = data.site("payload").xmat.reshape(3, 3).copy()
+        data.qpos[:] = 0
+        mujoco.mj_kinematics(model, data)
+        turn = turned @ data.site("payload").xmat.reshape(3, 3).T
+        vector = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0]]) / 2e-6
+        np.testing.assert_allclose(vector, [0.1, 0.0], atol=1e-6)
+
+
+@pytest.mark.long
+def test_the_readmes_loop_finds_the_lock_of_a_robot_and_goes_on(tmp_path, monkeypatch, capsys):
+    """After it the hand is off a circle of 1 mrad by lag and noise only."""
+    monkeypatch.chdir(tmp_path)
+    shutil.copy(ROOT / "models" / "arm.xml", "yours.xml")
+    names: dict = {}
+    for block in (ON_THE_HEXAPOD, OWN, IN_A_LOOP):
+        exec(block, names)
+    run = names["run"]
+    assert [(found.actuator, found.kind) for found in run.diagnoses[-1:]] == [("joint2", "locked")]
+    assert not run.task_lost
+    assert run.state.diagnoses[-1].fault == Fault(1, "locked")
+    said, last = capsys.readouterr().out.splitlines()[-2:]
+    assert "joint2 was named locked at 1." in said
+    assert float(last.split()[-1]) < 1.5e-4
+
+
+def test_the_readme_fits_on_150_lines():
+    assert README.count("\n") <= 150
+
+
+def test_the_readme_lists_every_command():
+    table = README[README.index("## Studies") : README.index("## Limits")]
+    listed = set(re.findall(r"`(\w+)`", "".join(re.findall(r"^\|([^|]*)\|", table, re.MULTILINE))))
+    commands = {study.name for study in STUDIES} | {"report", "review", "render", "animate"}
+    assert listed == commands
+
+
+@pytest.mark.parametrize("angle", ["alpha", "beta"])
+def test_the_readmes_table_is_the_one_that_comes_out(table1, angle):
+    for label, key in (("here", f"{angle}_rms_urad"), ("paper", f"paper_{angle}_rms_urad")):
+        printed = [float(cell.strip("*")) for cell in markdown_row(README, f"{angle}, {label}")]
+        computed = [column[key] for column in table1["columns"]]
+        np.testing.assert_allclose(printed, computed, atol=6e-4)
+
+
+def test_the_readmes_peaks_residuals_and_ratios_are_those_that_come_out(table1):
+    columns, text = table1["columns"], " ".join(README.split())
+    peaks = [
+        [column["secondary_peak"][axis] for axis in ("t_x_um", "t_y_um")] for column in columns
+    ]
+    printed = [cell.split(", ") for cell in markdown_row(README, "peak t_x, t_y [µm]")]
+    np.testing.assert_allclose(np.array(printed, dtype=float), peaks, rtol=0.02, atol=0.006)
+    residual_nm = 1e9 * max(column["closure_residual_max_m"] for column in columns)
+    assert_says(README, f"closed loops open by at most {residual_nm:.1f} nm")
+
+    falls = np.divide(peaks[3], peaks[4])
+    (said,) = re.findall(r"fall (\d+) and (\d+) times", text)
+    np.testing.assert_allclose(np.array(said, dtype=float), falls, atol=1.0)
+    cost = [columns[5][f"{a}_rms_urad"] / columns[0][f"{a}_rms_urad"] for a in ("alpha", "beta")]
+    assert_says(README, f"{cost[0]:.2f} and {cost[1]:.2f} here")
+    spared = 1 - np.divide(*(columns[k]["strut_input_rms_percent"] for k in (1, 0)))[[0, 2, 4]]
+    assert spared == pytest.approx(0.60, abs=0.01)
+    assert table1["jacobian_comparison"]["largest_rms_difference_urad"] < 5e-5
+
+
+TOLD = {
+    "stiffness": "tiffness|N m/rad",
+    "damping": "[Dd]amp",
+    "mass": "mass|drawn only|draw ",
+    "range": "[Ss]troke",
+    "springref": "springref",
+    "gainprm": "gainprm",
+    "forcerange": "80 N",
+    "solref": "time constant",
+    "solreflimit": "stops",
+    "timestep": "ms",
+    "gravity": "Gravity",
+    "diaginertia": r"kg m\^2",
+}
+"""What the comment above must speak of when a physical attribute is set."""
+
+
+def unmarked(mjcf: str) -> list[str]:
+    """Elements with a number whose nearest comment above names no origin, or not this number."""
+    origin = re.compile(r"\[(paper|geometry|chosen|derived)\b")
+    comment, found = "", []
+    for token in re.findall(r"<!--.*?-->|<[^!?/][^>]*>", mjcf, re.DOTALL):
+        if token.startswith("<!--"):
+            comment = token
+            continue
+        numbers = re.findall(r'(\w+)="[-+.\d][^"]*"', token)
+        told = all(re.search(TOLD.get(name, ""), comment) for name in numbers)
+        if numbers and not (origin.search(comment) and told):
+            found.append(token)
+    return found
+
+
+def test_every_number_of_the_machine_file_says_where_it_comes_from():
+    text = (ROOT / "models" / "fjh.xml").read_text()
+    assert unmarked(text) == []
+    assert unmarked(text.replace("[chosen", "[guessed")) != []
+    assert unmarked(text.replace("springref is", "it is")) != []
+
+
+THEORY = (ROOT / "docs" / "theory.md").read_text()
+
+
+def markdown_row(text: str, label: str) -> list[str]:
+    """Cells of the first table row that starts with a label."""
+    row = re.search(rf"^\| {re.escape(label)} \|(.*)\|$", text, re.MULTILINE)
+    assert row, label
+    return [cell.strip() for cell in row.group(1).split("|")]
+
+
+def test_every_test_and_name_that_the_theory_page_speaks_of_exists():
+    tests = "\n".join(file.read_text() for file in (ROOT / "tests").glob("test_*.py"))
+    named = set(re.findall(r"`(test_\w+)`", THEORY))
+    assert len(named) > 40
+    assert {name for name in named if f"def {name}(" not in tests} == set()
+    code = "\n".join(file.read_text() for file in (ROOT / "prioritized").rglob("*.py"))
+    words = re.findall(r"`(?:[A-Z]\w+\.)?([a-zA-Z_]\w+)(?:\(.*?\))?`", THEORY)
+    outside = {"experiments", "sim", "fjh"} | named
+    assert {word for word in words if word not in outside and word not in code} == set()
+    for path in re.findall(r"`((?:prioritized|tests|experiments)/[\w/]+\.py)`", THEORY):
+        assert (ROOT / path).is_file(), path
+
+
+def test_the_theory_page_speaks_of_every_equation_theorem_and_remark():
+    """Equations (1) to (41), the two Problems, six Theorems, the Remarks and the footnote."""
+    told = set()
+    for first, last in re.findall(r"\((\d+)\)(?: to \((\d+)\))?", THEORY):
+        told |= set(range(int(first), int(last or first) + 1))
+    assert set(range(1, 42)) - told == set()
+    for name in ("Problem 1", "Problem 6", "Remark 2", "Remark 10", "Footnote 1"):
+        assert name in THEORY
+    for theorem in (3, 4, 5, 7, 8, 9):
+        assert f"Theorem {theorem}" in THEORY
+
+
+def test_the_theory_pages_tables_are_those_that_come_out(systems, release):
+    from experiments.systems.results import table
+
+    for row in table(systems).rows:
+        # Not the last digits of the errors, which another machine may round otherwise.
+        assert "| " + " | ".join(row[:-1]) + " | " in THEORY
+    sweep = release["sweep"]
+    for label, key, tolerance in (
+        ("alpha for 100 µrad commanded, simulated", "alpha_simulated_urad", 0.006),
+        ("alpha, elastic mapping", "alpha_elastic_urad", 0.006),
+        (
+            "error of the payload motion predicted for a locked strut, %",
+            "mismatch_as_if_locked_percent",
+            0.5,
+        ),
+        (
+            "alpha with the failure known to the mapping, simulated",
+            "alpha_corrected_urad",
+            0.006,
+        ),
+    ):
+        printed = [float(cell) for cell in markdown_row(THEORY, label)]
+        np.testing.assert_allclose(printed, [point[key] for point in sweep], atol=tolerance)
+    spirals = {spiral["name"]: spiral for spiral in release["spirals"]}
+    for label, start, flight in (
+        ("no failure", "sound", "sound"),
+        (
+            "failure unknown to the mapping",
+            "loose_from_start_uncorrected",
+            "loose_in_flight_uncorrected",
+        ),
+        (
+            "known, mapped by the springs' statics",
+            "loose_from_start_corrected",
+            "loose_in_flight_corrected",
+        ),
+        ("known, mapped as locked", "loose_from_start_as_locked", "loose_in_flight_as_locked"),
+    ):
+        keys = ("alpha_rms_urad", "beta_rms_urad")
+        computed = [spirals[start][key] for key in keys]
+        computed += [spirals[flight][key] for key in ("alpha_peak_urad", "sensitivity_peak")]
+        printed = [float(cell) for cell in markdown_row(THEORY, label)]
+        np.testing.assert_allclose(printed, computed, rtol=5e-3, atol=0.05)
+    assert max(point["mismatch_elastic_percent"] for point in sweep) < 0.26
+    assert max(point["mismatch_linear_model_percent"] for point in sweep) < 0.006
+    atlas = release["atlas"]
+    assert f"possible in {atlas['possible_rigid']} of the 729 conditions" in THEORY
+    assert f"and in {atlas['possible_elastic']} with the springs" in THEORY
+
+
+def test_the_theory_pages_weighted_pseudo_inverse_is_what_it_does(model):
+    """The paper's introduction: it compromises the major task in accordance with the weight."""
+    from experiments.rig.hexapod.fault_tolerance import elastic_system
+
+    kin = elastic_system(model).with_failures(locked=[0, 1]).kinematics()
+    v = np.array([1e-4, 0, 0, 0, 0, 0])
+
+    def errors_u(rates: np.ndarray) -> list[float]:
+        off = 1e6 * (kin.J @ rates - v)
+        return [float(np.linalg.norm(off[:2])), float(np.linalg.norm(off[3:]))]
+
+    for w in (1, 10, 100):
+        W = np.diag([w, w, 1, 1, 1, 1])
+        printed = [float(cell) for cell in markdown_row(THEORY, f"pseudo-inverse, w = {w}")]
+        computed = errors_u(np.linalg.pinv(W @ kin.J) @ W @ v)
+        np.testing.assert_allclose(computed, printed, rtol=5e-3)
+    exact = errors_u(kin.velocity_mapping([0, 1], secondary_weight=np.ones(4))(v[:2]))
+    printed = [float(cell) for cell in markdown_row(THEORY, "the mapping")]
+    np.testing.assert_allclose(exact, printed, atol=5e-3)
+    assert exact[0] < 1e-9
+
+
+def test_the_theory_pages_mechanisms_are_as_classified(systems, table1):
+    import mujoco
+
+    from experiments.systems.results import checked_errors
+    from experiments.systems.runs import MECHANISMS
+    from prioritized import ConstrainedSystem
+    from sim import jacobians, load_model
+
+    for mechanism in MECHANISMS:
+        cells = markdown_row(THEORY, f"`{mechanism.name}.xml`")
+        machine = load_model(mechanism.path)
+        jac = jacobians(machine, mujoco.MjData(machine), "payload", "base")
+        # Every velocity passive: all that the loops leave is self-motion.
+        free = ConstrainedSystem(jac.J_T, jac.J_C, []).kinematics().passive_self_motion
+        assert cells[:2] == [mechanism.title, f"{machine.nv}, {machine.nu}, {free.shape[1]}"]
+        ours = [one for one in systems["systems"] if one["mechanism"] == mechanism.name]
+        exact = sum(not one["unmanipulable"] and not one["unstable_major"] for one in ours)
+        kinds = [sum(one[key] for one in ours) for key in ("unstable_major", "unmanipulable")]
+        assert [int(cell) for cell in cells[2:6]] == [len(ours), exact, *kinds]
+        off = 100 * max(one[key] for one in ours for key in checked_errors(one))
+        assert float(cells[6].removesuffix(" %")) == pytest.approx(off, abs=0.01)
+    off = max(
+        abs(column[f"{angle}_rms_urad"] / column[f"predicted_{angle}_rms_urad"] - 1)
+        for column in table1["columns"]
+        for angle in ("alpha", "beta")
+    )
+    assert markdown_row(THEORY, "`fjh.xml`")[6] == f"{100 * off:.1f} % (RMS)"
+
+
+JACOBIAN = (ROOT / "docs" / "jacobian.md").read_text()
+
+
+def test_the_jacobian_pages_values_are_those_that_come_out(jacobian_study):
+    variation = jacobian_study["variation"]
+    tried = {one["reading"]: one for one in jacobian_study["tried"]}
+
+    def row(label: str) -> list[float]:
+        return [float(cell) for cell in markdown_row(JACOBIAN, label)[:2]]
+
+    def both(key: str) -> list[float]:
+        return [variation[norm][key] for norm in ("frobenius", "two")]
+
+    np.testing.assert_allclose(row("twist, base axes: found"), both("value"), atol=6e-6)
+    bounds = both("certified_upper_bound")
+    np.testing.assert_allclose(row("twist, base axes: certified to be at most"), bounds, atol=6e-6)
+    np.testing.assert_allclose(row("certified bound"), bounds, atol=6e-7)
+    np.testing.assert_allclose(row("value found"), both("value"), atol=6e-7)
+    for part in ("linear", "quadratic", "cubic", "remainder"):
+        computed = [variation[norm]["certificate"][part] for norm in ("frobenius", "two")]
+        np.testing.assert_allclose(row(part), computed, rtol=0.05)
+    for label, reading in {
+        "twist, payload axes": "twist, payload axes",
+        "Euler rates, R = Rz Ry Rx": "Euler rates, R = Rz Ry Rx",
+        "Euler rates, R = Rx Ry Rz": "Euler rates, R = Rx Ry Rz",
+        "inverse of J": "inverse of J",
+        "lengths in mm": "lengths in mm",
+        "inverse, lengths in mm": "inverse, lengths in mm",
+        "origin between the top nodes": "origin between the top nodes",
+        "origin between the bottom nodes": "origin between the bottom nodes",
+        "J, largest entry of the change": "twist; largest entry of the change",
+        "inverse, largest entry of the change": "inverse; largest entry of the change",
+        "inverse, mean of 1000 random points": "inverse; mean of random points",
+        "J, one strut at a time": "twist; one strut at a time",
+        "J, struts within a ball": "twist; struts within a ball",
+        "J, mean of 1000 random points": "twist; mean of random points",
+        "inverse, one strut at a time": "inverse; one strut at a time",
+        "inverse, struts within a ball": "inverse; struts within a ball",
+        "inverse, median of 1000 random points": "inverse; median of random points",
+    }.items():
+        computed = [tried[reading][norm] for norm in ("frobenius", "two")]
+        np.testing.assert_allclose(row(label), computed, atol=6e-6)
+    found = "{:.5f} (Frobenius) and {:.5f} (2-norm)".format(*both("value"))
+    assert found in " ".join(README.split())
+
+
+def test_the_jacobian_pages_costs_are_those_of_the_geometry():
+    """The long run is not repeated here; what it shows, the geometry alone must say as well."""
+    from experiments.jacobian.loop import (
+        BY_NAME,
+        GROWN,
+        STRIDE_S,
+        extra_percent,
+        follow,
+        loop_gain_error,
+    )
+    from experiments.jacobian.variation import relative_change
+    from experiments.rig.hexapod.controller import StrutMapping
+    from experiments.rig.hexapod.testbed import Growth, TestbedConfig, grown_bench
+    from sim import hexapod, load_model
+
+    geometry, goal = hexapod(load_model()), BY_NAME[GROWN].goal
+    constant = StrutMapping(geometry, goal, "constant")
+    time_s = np.arange(0, 16, STRIDE_S)
+    for label, growth in {"x1": Growth(1, 1), "x100": Growth(100, 100)}.items():
+        visited = follow(constant, grown_bench(TestbedConfig(), growth).desired_rad(time_s))
+        off = extra_percent(geometry, goal, visited)
+        e = relative_change(geometry, visited.strut_m, "frobenius").max()
+        gain = 100 * loop_gain_error(constant, visited.strut_m)
+        cells = [float(cell) for cell in markdown_row(JACOBIAN, label)]
+        np.testing.assert_allclose(
+            [cells[0], cells[2], cells[7]], [e, off, gain], rtol=0.05, atol=6e-3
+        )
+        assert cells[0] == pytest.approx(e, rel=0.02)
+        # The simulation adds its floor to what the geometry says.
+        floor = cells[6]
+        assert cells[3] == pytest.approx(np.hypot(off, floor), rel=0.05)
+
+
+def test_every_test_and_file_that_the_jacobian_page_speaks_of_exists():
+    for path in re.findall(r"`((?:prioritized|tests|experiments)/[\w/]+\.py)`", JACOBIAN):
+        assert (ROOT / path).is_file(), path
+    for picture in re.findall(r"\((pictures/\w+\.png)\)", JACOBIAN):
+        assert (ROOT / "docs" / picture).is_file(), picture

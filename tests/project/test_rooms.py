@@ -1,0 +1,121 @@
+"""The rooms, one direction, and the floors of `experiments`: who may import whom."""
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+ALLOWED = {
+    "argument_checks": {"numpy", "scipy"},
+    "prioritized": {"numpy", "scipy", "numba", "argument_checks"},
+    "sim": {"numpy", "scipy", "numba", "mujoco", "argument_checks"},
+    "ftc": {"numpy", "scipy", "numba", "control", "prioritized", "argument_checks"},
+}
+FLOORS = {"output": 0, "hexapod": 1, "rig": 2, "app": 4}
+"""Of `experiments`, from below; whatever else is there is a study, between the last two."""
+STUDY = 3
+
+
+def imported(file: Path) -> set[str]:
+    """Modules that a file imports, by their full names."""
+    names = set()
+    for node in ast.walk(ast.parse(file.read_text())):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            below = {f"{node.module}.{alias.name}" for alias in node.names}
+            names |= below if node.module == "experiments" else {node.module}
+    return names
+
+
+def imported_by(room: str) -> set[str]:
+    """Top-level names that a room imports, the standard library's and its own left out."""
+    files = (ROOT / room).rglob("*.py")
+    names = {name.split(".")[0] for file in files for name in imported(file)}
+    return names - {room} - sys.stdlib_module_names
+
+
+@pytest.mark.parametrize("room", ALLOWED)
+def test_a_room_imports_only_what_it_may(room):
+    assert imported_by(room) <= ALLOWED[room]
+
+
+ORDER = {
+    "sim": ("mjcf", "closing", "kinematics", "hexapod", "plant"),
+    "prioritized": ("_solver", "_mechanism", "_mapping", "_analysis"),
+    "ftc": ("control", "fdi"),
+}
+"""Folders of a room, from below; files beside them are free."""
+
+
+@pytest.mark.parametrize("room", ORDER)
+def test_a_folder_of_a_room_imports_only_those_before_it(room):
+    order = ORDER[room]
+    assert {path.parent.name for path in (ROOT / room).glob("*/__init__.py")} == set(order)
+    wrong = {
+        f"{file.relative_to(ROOT)} imports {name}"
+        for above, folder in enumerate(order)
+        for file in (ROOT / room / folder).rglob("*.py")
+        for name in imported(file)
+        if name.startswith(f"{room}.") and name.split(".")[1] in order[above + 1 :]
+    }
+    assert not wrong, "\n".join(sorted(wrong))
+
+
+def test_the_launcher_needs_nothing_installed():
+    """It is to say in a sentence what is missing."""
+    outside = {name.split(".")[0] for name in imported(ROOT / "fjh_launcher.py")}
+    assert outside - sys.stdlib_module_names == {"experiments"}
+
+
+def floor_of(place: str) -> int:
+    return FLOORS.get(place, STUDY)
+
+
+PLACES = sorted(path.name for path in (ROOT / "experiments").iterdir() if path.is_dir())
+
+
+@pytest.mark.parametrize("place", [name for name in PLACES if not name.startswith("_")])
+def test_no_floor_imports_upward_and_no_study_another(place):
+    wrong = set()
+    for file in sorted((ROOT / "experiments" / place).rglob("*.py")):
+        parts = (name.split(".") for name in imported(file) if name.startswith("experiments."))
+        wrong |= {
+            f"{file.relative_to(ROOT)} imports {other}"
+            for _, other, *_ in parts
+            if other != place and floor_of(other) >= floor_of(place)
+        }
+    assert not wrong, "\n".join(sorted(wrong))
+
+
+def test_the_check_sees_imports():
+    assert {"prioritized", "sim", "ftc", "rerun"} <= imported_by("experiments")
+    assert "experiments.rig.hexapod.controller" in imported(ROOT / "tests" / "test_bench.py")
+
+
+NOT_OF_SIM = ("rerun", "rerun_loader_mjcf", "pyarrow", "typer", "rich", "distributed", "psutil")
+
+
+@pytest.mark.long
+def test_a_rig_needs_the_extra_sim_alone():
+    """Who flies a robot from Python needs none of what recordings, tables and commands need."""
+    code = f"""
+import sys
+
+class Refused:
+    def find_spec(self, name, path=None, target=None):
+        if name.split(".")[0] in {NOT_OF_SIM}:
+            raise ImportError(name)
+
+sys.meta_path.insert(0, Refused())
+from experiments.rig import Rig
+rig = Rig.hexapod()
+print(rig.fly(rig.controller(), [[0.0, 0.0]]).status)
+"""
+    run = [sys.executable, "-c", code]
+    done = subprocess.run(run, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == "The pilot does not diagnose.\n"

@@ -1,0 +1,136 @@
+"""The one rule for ties, against integers, which are equal or not; one basis of each subspace."""
+
+import ast
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from argument_checks.ties import ascending, exceeds, greatest, least, ranks
+from prioritized import canonical_basis
+from tests.random_systems import SEEDS, bits, orthogonal
+
+FEW = st.lists(st.integers(-3, 3), min_size=1, max_size=12)
+"""Numbers with many ties."""
+
+
+@given(FEW, SEEDS, st.sampled_from([1e-9, 1.0, 1e12]))
+def test_the_last_bits_choose_nothing(numbers, seed, unit):
+    """The oracle knows the numbers as integers."""
+    exact, x = np.array(numbers), bits(np.random.default_rng(seed), unit * np.array(numbers))
+    assert greatest(x) == exact.argmax() and least(x) == exact.argmin()
+    np.testing.assert_array_equal(ascending(x), np.argsort(exact, kind="stable"))
+    np.testing.assert_array_equal(ascending(-x), np.argsort(-exact, kind="stable"))
+    np.testing.assert_array_equal(ranks(x), np.unique(exact, return_inverse=True)[1])
+    np.testing.assert_array_equal(exceeds(x, x[0]), exact > exact[0])
+
+
+@given(FEW, SEEDS)
+def test_a_second_key_decides_among_equals_and_then_the_order(numbers, seed):
+    rng = np.random.default_rng(seed)
+    second = rng.integers(0, 3, size=len(numbers))
+    found = ascending(bits(rng, np.array(numbers)), bits(rng, second))
+    expected = sorted(range(len(numbers)), key=lambda k: (numbers[k], second[k]))
+    assert found.tolist() == expected
+
+
+@given(SEEDS)
+def test_round_off_of_what_cancels_is_zero_where_its_size_is_said(seed):
+    noise = 1e-16 * np.random.default_rng(seed).normal(size=6)
+    assert greatest(noise, zero=1e-12) == least(noise, zero=1e-12) == 0
+    assert ascending(noise, zero=1e-12).tolist() == list(range(6))
+    assert not exceeds(noise, 0.0, zero=1e-12).any()
+
+
+def test_infinite_numbers_equal_themselves_alone_and_nan_is_last():
+    x = [1.0, np.inf, -np.inf, np.inf, 1e300]
+    assert greatest(x) == 1 and least(x) == 2
+    assert ascending([*x, np.nan, 0.0]).tolist() == [2, 6, 0, 4, 1, 3, 5]
+    assert greatest([*x, np.nan]) == 5 and not exceeds(np.nan, 0.0) and not exceeds(np.inf, np.inf)
+    assert ranks([]).tolist() == []
+
+
+@given(SEEDS, st.integers(1, 8), st.integers(0, 8))
+def test_a_subspace_has_one_basis(seed, N, k):
+    """Whatever orthonormal basis it is given by; in a batch, columns of zeros come last."""
+    k, rng = min(k, N), np.random.default_rng(seed)
+    columns, turn = orthogonal(rng, N)[:, :k], orthogonal(rng, k)
+    basis = canonical_basis(columns)
+    np.testing.assert_allclose(canonical_basis(columns @ turn), basis, atol=1e-12)
+    np.testing.assert_allclose(basis @ basis.T, columns @ columns.T, atol=1e-14)
+    np.testing.assert_allclose(basis.T @ basis, np.eye(k), atol=1e-14)
+    padded = np.hstack([np.zeros((N, 1)), columns, np.zeros((N, 1))])
+    in_batch = canonical_basis(np.stack([padded, 0 * padded]))
+    np.testing.assert_allclose(in_batch[0, :, :k], basis, atol=1e-14)
+    assert not in_batch[0, :, k:].any() and not in_batch[1].any()
+
+
+@pytest.mark.parametrize("basis", [1.0, [1.0, 0.0], [[np.nan]], [[2.0]], [[1.0, 0.5], [0.0, 0.8]]])
+def test_what_is_no_basis_is_refused(basis):
+    with pytest.raises(ValueError, match=r"^basis must"):
+        canonical_basis(basis)
+
+
+def test_the_basis_of_everything_is_that_of_the_axes():
+    turn = orthogonal(np.random.default_rng(0), 5)
+    np.testing.assert_allclose(canonical_basis(turn), np.eye(5), atol=1e-14)
+
+
+@given(SEEDS, st.integers(2, 8))
+def test_equal_coordinates_take_turns_in_their_order(seed, N):
+    """What is orthogonal to (1, ..., 1) looks alike from every axis."""
+    rng = np.random.default_rng(seed)
+    columns = np.linalg.svd(bits(rng, np.ones((1, N))))[2][1:].T @ orthogonal(rng, N - 1)
+    basis = canonical_basis(columns)
+    assert basis[0, 0] == pytest.approx(np.sqrt(1 - 1 / N))
+    np.testing.assert_allclose(np.triu(basis, 1), 0.0, atol=1e-12)
+
+
+ROOT = Path(__file__).parents[2]
+CHOOSES_OTHERWISE = {
+    "argument_checks/ties.py": "the rule itself",
+    "experiments/app/review.py": "places in a text",
+    "experiments/figures/figure.py": "the first that is true",
+    "experiments/goals/figure.py": "weights that the study chose",
+    "experiments/recording/animation.py": "times that a user gave",
+    "experiments/recording/drawing.py": "what is painted over what",
+    "experiments/recording/keep.py": "times that differ",
+    "experiments/recording/solids.py": "whole numbers",
+    "experiments/study/campaign.py": "whole numbers",
+    "experiments/study/files.py": "names",
+    "experiments/recording/views.py": "counts",
+    "experiments/study/resumable.py": "names",
+    "experiments/rig/prediction.py": "times that a user gave",
+    "experiments/track/runs.py": "times that a user gave",
+    "experiments/uncorrected/answer.py": "counts",
+    "ftc/fdi/detection/residual_test.py": "the first that is true",
+    "prioritized/_solver/rank.py": "what counts before what does not",
+    "sim/mjcf/accuracy.py": "the first that is true",
+    "sim/plant/bench.py": "times that a user gave",
+    "sim/mjcf/frame.py": "the first that is true",
+}
+"""Files of the product that sort, or take the greatest, without the rule; of what."""
+
+
+def chooses(node: ast.AST) -> bool:
+    """Whether this is a call of argmax and the like, or of sorted, min or max with a key."""
+    if not isinstance(node, ast.Call):
+        return False
+    if isinstance(node.func, ast.Attribute):
+        return node.func.attr in ("argmax", "argmin", "argsort", "argpartition", "lexsort")
+    keyed = any(word.arg == "key" for word in node.keywords)
+    return keyed and getattr(node.func, "id", "") in ("sorted", "min", "max")
+
+
+def test_whoever_chooses_among_computed_numbers_follows_the_rule():
+    """Else the last bit does, which is seen on another processor alone."""
+    rooms = ("argument_checks", "prioritized", "sim", "ftc", "experiments")
+    files = [file for room in rooms for file in (ROOT / room).rglob("*.py")]
+    found = {
+        str(file.relative_to(ROOT))
+        for file in files
+        if any(map(chooses, ast.walk(ast.parse(file.read_text()))))
+    }
+    assert found == set(CHOOSES_OTHERWISE)

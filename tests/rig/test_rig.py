@@ -1,0 +1,207 @@
+"""One rig for every robot: failures by name, events, predictions that know who is told."""
+
+from collections import Counter
+from collections.abc import Callable
+from functools import cache, partial
+from typing import Any
+
+import numpy as np
+import pytest
+
+from experiments.rig import Rig
+from experiments.rig.hexapod import HexapodRig
+from experiments.rig.hexapod.simulation import settled, simulated
+from experiments.rig.mismatch import Known, Mismatch
+from experiments.study.study import WrongInput
+from ftc.fdi.fault_model import Fault
+from sim import HEXAPOD_MJCF, Failure, Mechanism, Plant
+from sim.kinematics.reader import JacobianReader
+
+FAILED_S = 0.5
+
+
+@cache
+def rig(name: str, mismatch: Known | Mismatch = "exact") -> Rig:
+    if name == "hexapod":
+        return Rig.hexapod(mismatch=mismatch, seed=3)
+    major = {"arm": [0, 1], "fjh": [0, 1], "platform": [3, 4]}[name]
+    axes = "base" if name == "fjh" else None
+    file = HEXAPOD_MJCF.with_name(f"{name}.xml")
+    return Rig.of_mjcf(file, major=major, axes=axes, mismatch=mismatch, seed=3)
+
+
+def path_of(name: str, duration_s: float = 0.8) -> np.ndarray:
+    return rig(name).path("circle", duration_s=duration_s, turn_s=0.8)
+
+
+@pytest.mark.parametrize("name", ["hexapod", "arm"])
+def test_an_actuator_fails_by_its_name_or_its_number(name):
+    one, path = rig(name), path_of(name, 0.6)
+    joint = one.actuators[2]
+    runs = [
+        one.fly(one.controller(), path, failures=[Failure(which, "locked", FAILED_S)])
+        for which in (2, joint, one.aliases[2][0])
+    ]
+    for run in runs[1:]:
+        np.testing.assert_array_equal(run.true, runs[0].true)
+    stands = runs[0].displacement[round(FAILED_S / one.period_s) :, 2]
+    assert np.ptp(stands) < 0.02 * np.ptp(runs[0].displacement[:, 2])
+    with pytest.raises(WrongInput, match=rf'no actuator or joint "{joint}x"; did you mean'):
+        one.fly(one.controller(), path, failures=[Failure(f"{joint}x", "free", 0.1)])
+    with pytest.raises(TypeError, match="failures must be a Failure"):
+        one.predict(path, failures=[joint])  # type: ignore[list-item]
+
+
+@pytest.mark.parametrize("kind", ["locked", "free", "weak"])
+@pytest.mark.parametrize("name", ["hexapod", "platform"])
+def test_the_prediction_of_a_pilot_that_is_never_told_is_what_happens(name, kind):
+    """Two independent computations: MuJoCo, and the linear model with that fault."""
+    one, path = rig(name), path_of(name, 1.2)
+    failures = [Failure(one.actuators[1], kind, FAILED_S)]
+    run = one.fly(one.controller(), path, failures=failures)
+    predicted = one.predict(path, failures=failures, told=False)
+    error, cut = run.desired - run.true, round(FAILED_S / one.period_s)
+    for part, rms in ((error[:cut], predicted.rms_before), (error[cut:], predicted.rms_after)):
+        flown = np.sqrt((part**2).sum(axis=1).mean())
+        assert flown == pytest.approx(np.linalg.norm(rms), rel=0.1)
+
+
+def test_a_strut_that_comes_loose_leaves_its_range_and_nothing_is_predicted():
+    one, path = rig("hexapod"), path_of("hexapod", 0.6)
+    failures = [Failure("strut1", "loose", 0.1)]
+    run = one.fly(one.controller(), path, failures=failures)
+    assert np.abs(run.displacement[:, 0]).max() > 0.99 * one.travel[1][0]  # on its stop
+    for told in (True, False):
+        predicted = one.predict(path, failures=failures, told=told)
+        assert predicted.leaves == "strut1"
+        assert np.isnan(predicted.rms_after).all() and np.isfinite(predicted.rms_before).all()
+
+
+@pytest.mark.long
+def test_a_strut_without_force_is_the_same_to_both_rigs_of_the_hexapod():
+    """Its spring holds it: it counts as locked, and the task as possible, whoever asks."""
+    failures = [Failure("strut1", "free", 1.2)]  # the diagnosis learns until 0.8 s
+    for name in ("hexapod", "fjh"):
+        one = rig(name)
+        assert one.unused == "locked"
+        run = one.fly(one.supervisor("none"), path_of(name, 1.6), failures=failures)
+        assert run.diagnoses[0].actuator == "strut1" and not run.task_lost
+        assert "strut1 was named free at" in run.status
+
+
+@pytest.mark.parametrize("name", ["hexapod", "arm"])
+def test_a_rig_reads_its_model_once(name, monkeypatch):
+    """Counted: pilots, verdicts and flights share what was read; a flight has its own plant."""
+    made = Counter[str]()
+    for each in (Mechanism, JacobianReader, Plant):
+        monkeypatch.setattr(each, "__init__", _counted(each.__init__, made, each.__name__))
+    monkeypatch.setattr(Plant, "settle", _counted(Plant.settle, made, "settle"))
+    one = rig.__wrapped__(name)
+    assert made["JacobianReader"] == 1
+    assert made["Mechanism"] == (name != "hexapod")
+    one.fly(one.supervisor("none"), np.zeros((2, 2)))
+    made.clear()
+    one.fly(one.supervisor("none"), np.zeros((2, 2)))
+    one.controller()
+    one.classified([Fault(1, "loose")])
+    assert made == {"Plant": 1}
+
+
+def _counted(what: Callable[..., Any], made: Counter[str], name: str) -> Callable[..., Any]:
+    def counted(*given: Any, **named: Any) -> Any:
+        made[name] += 1
+        return what(*given, **named)
+
+    return counted
+
+
+@pytest.mark.parametrize("mismatch", ["exact", "all"])
+def test_a_machine_that_rested_before_flies_as_one_that_settles_anew(mismatch):
+    one, time_s = rig("hexapod", mismatch), np.arange(100) * 1e-3
+    assert isinstance(one, HexapodRig)
+    how: dict[str, Any] = {"failures": [Failure(1, "locked", 0.05)], "seed": 5, "keep_qpos": True}
+    logs = []
+    for rest in (None, settled(one.testbed).data):
+        bench = simulated(one.testbed, time_s, rest=rest, **how)
+        for now_s in time_s:
+            bench.measure()
+            bench.apply(50.0 * np.sin(np.arange(6) + 20.0 * now_s))
+        logs.append(bench.qpos)
+    np.testing.assert_array_equal(*logs)
+
+
+@pytest.mark.parametrize("name", ["hexapod", "arm"])
+def test_a_reference_that_is_demanded_leaves_the_loops_a_part_of_the_error(name):
+    """Feedforward is an argument of either rig, and the prediction knows it."""
+    make = Rig.hexapod
+    if name == "arm":
+        make = partial(Rig.of_mjcf, HEXAPOD_MJCF.with_name("arm.xml"), major=[0, 1], crossover=0.7)
+    rms = {}
+    for feedforward in (True, False):
+        one = make(feedforward=feedforward)
+        path = one.path("circle", duration_s=1.0)
+        run = one.fly(one.controller(), path)
+        rms[feedforward] = np.sqrt(((run.desired - run.true) ** 2).sum(axis=1).mean())
+        assert rms[feedforward] == pytest.approx(
+            np.linalg.norm(one.predict(path).rms_before), rel=0.15
+        )
+    assert rms[True] < 0.7 * rms[False]
+
+
+class _Events:
+    """Pushes the payload for a while, and reads and sends with an offset."""
+
+    def __init__(self) -> None:
+        self.ticks: dict[str, list[int]] = {"plant": [], "measured": [], "sent": []}
+
+    def plant(self, tick: int, model: Any, data: Any) -> None:
+        self.ticks["plant"].append(tick)
+        data.xfrc_applied[-1, 2] = 0.5 if 100 <= tick < 200 else 0.0
+
+    def measured(self, tick: int, reading: Any) -> Any:
+        self.ticks["measured"].append(tick)
+        return reading._replace(output=reading.output + 1e-6)
+
+    def sent(self, tick: int, inputs: np.ndarray) -> np.ndarray:
+        self.ticks["sent"].append(tick)
+        return 1.01 * inputs
+
+
+@pytest.mark.parametrize("name", ["hexapod", "arm"])
+def test_events_do_to_the_machine_what_they_are_asked_to(name):
+    one, path = rig(name), np.zeros((300, 2))
+    events, pilot = _Events(), one.controller()
+    run, quiet = one.fly(pilot, path, events=events), one.fly(pilot, path)
+    assert all(ticks == list(range(300)) for ticks in events.ticks.values())
+    np.testing.assert_allclose(run.measured[0] - quiet.measured[0], 1e-6, atol=1e-15)
+    before, during = np.abs(run.task - quiet.task)[90], np.abs(run.task - quiet.task)[150]
+    assert np.linalg.norm(during[3:]) > 3.0 * np.linalg.norm(before[3:])
+    with pytest.raises(TypeError, match="events must have plant, measured or sent"):
+        one.fly(pilot, path, events=object())
+
+
+@pytest.mark.parametrize("name", ["hexapod", "arm"])
+def test_a_mismatch_is_of_the_plant_alone_and_a_seed_repeats_it(name):
+    one, path = rig(name), path_of(name, 0.3)
+    drawn = [one.drawn("all", seed) for seed in (3, 3, 4)]
+    runs = [each.fly(each.controller(), path, seed=1).true for each in drawn]
+    np.testing.assert_array_equal(runs[0], runs[1])
+    assert not np.array_equal(runs[0], runs[2])
+    np.testing.assert_array_equal(drawn[0].nominal.plant.A, one.nominal.plant.A)
+    same = rig(name, "all")
+    np.testing.assert_array_equal(same.fly(same.controller(), path, seed=1).true, runs[0])
+    with pytest.raises(WrongInput, match='mismatch must be "exact", "all" or a Mismatch, got'):
+        one.drawn("ALL", 0)  # type: ignore[arg-type]
+    with pytest.raises(WrongInput, match="no mismatch of"):
+        one.drawn(Mismatch(steps=2, floor_um_per_s=1.0), 0)
+
+
+def test_a_robot_starts_where_it_is_told_to():
+    start = np.array([0.1, 0.5, 0.2, -1.2, 0.1, 0.6, 0.0])
+    file = HEXAPOD_MJCF.with_name("arm.xml")
+    one = Rig.of_mjcf(file, major=[3, 4, 5], start=start)
+    np.testing.assert_allclose(one.fly(one.controller(), np.zeros((2, 3))).qpos[0], start)
+    with pytest.raises(ValueError, match="start"):
+        Rig.of_mjcf(file, major=[3, 4, 5], start=start[:3])
+    with pytest.raises(WrongInput, match="pinned must be empty"):
+        Rig.of_mjcf(file, major=[3, 4, 5], pinned=["foot"])

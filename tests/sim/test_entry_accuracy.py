@@ -1,0 +1,136 @@
+"""How far each entry of the Jacobians may be off: plain MuJoCo with every number moved."""
+
+import copy
+import dataclasses
+
+import mujoco
+import numpy as np
+import pytest
+
+from prioritized import ConstrainedSystem
+from sim import CenterOfMass, JacobianReader, jacobians, load_model
+from sim.mjcf.rounding import roundings
+from tests.sim.test_accuracy import EXACT, six_digits, taken, three_rrr
+
+
+def chain(rng: np.random.Generator, unit: int = 0, loops: str = "") -> mujoco.MjModel:
+    """Five links in space, lengths of six decimals in 10^-unit m, directions of four."""
+
+    def text(numbers: np.ndarray, exponent: int = 0) -> str:
+        return " ".join(f"{x}e{exponent}" for x in numbers)
+
+    links = ""
+    for k in range(5):
+        offset, axis = rng.uniform(-0.2, 0.2, size=3).round(6), rng.normal(size=3)
+        quat = rng.normal(size=4)
+        unit_axis, unit_quat = (v / np.linalg.norm(v) for v in (axis, quat))
+        kind = "slide" if k == 3 else "hinge"
+        links += (
+            f'<body name="b{k}" pos="{text(offset, unit)}" quat="{text(unit_quat.round(4))}">'
+            f'<joint name="j{k}" type="{kind}" axis="{text(unit_axis.round(4))}"/>'
+            '<geom size="0.01" mass="1"/>'
+        )
+    tip = f'<site name="tip" pos="{text(rng.uniform(-0.2, 0.2, size=3).round(6), unit)}"/>'
+    motors = "".join(f'<motor joint="j{k}"/>' for k in range(5))
+    return mujoco.MjModel.from_xml_string(
+        f"<mujoco><worldbody>{links}{tip}{'</body>' * 5}</worldbody>{loops}"
+        f"<actuator>{motors}</actuator></mujoco>"
+    )
+
+
+def shaken(model: mujoco.MjModel, rng: np.random.Generator) -> mujoco.MjModel:
+    """Another model, each rounded number anywhere within half a unit of its last digit."""
+    other = copy.copy(model)
+    for field, row, column, half, _ in roundings(model):
+        getattr(other, field)[row, column] += rng.uniform(-half, half)
+    for field in ("body_quat", "jnt_axis", "site_quat"):
+        A = getattr(other, field)
+        A[:] /= np.linalg.norm(A, axis=1, keepdims=True)
+    return other
+
+
+LOOPS = '<equality><weld body1="b4" body2="b1"/><joint joint1="j0" joint2="j1"/></equality>'
+
+
+def read(model: mujoco.MjModel, qpos: np.ndarray):
+    data = mujoco.MjData(model)
+    data.qpos[:] = qpos
+    return JacobianReader(model, ["tip", CenterOfMass()], closure_tolerance=np.inf).at(data)
+
+
+@pytest.mark.parametrize("loops", ["", LOOPS])
+@pytest.mark.parametrize("seed", range(5))
+def test_no_number_within_its_rounding_moves_an_entry_farther(seed, loops):
+    """And the worst of 40 draws comes within a factor of ten of the largest error."""
+    rng = np.random.default_rng(seed)
+    model = chain(rng, loops=loops)
+    qpos = rng.uniform(-1.0, 1.0, size=model.nq)
+    jac, others = read(model, qpos), [read(shaken(model, rng), qpos) for _ in range(40)]
+    assert jac.accuracy is not None
+    accuracy = dataclasses.replace(jac.accuracy, residual=0.0)
+    errors = accuracy.J_T_error, accuracy.J_C_error
+    natural = accuracy.task_units, accuracy.constraint_units
+    for name, error, units in zip(("J_T", "J_C"), errors, natural, strict=True):
+        here = getattr(jac, name)
+        most = np.max([np.abs(getattr(one, name) - here) for one in others], axis=0)
+        assert (most <= 1.01 * error + 1e-15).all()
+        assert error.max(initial=0.0) <= 10.0 * most.max(initial=0.0)
+        whole = error / units[:, None] * accuracy.velocity_units
+        assert whole.max(initial=0.0) <= accuracy.error_bound
+    assert accuracy.error_bound < 100.0 * (errors[0] / natural[0][:, None]).max()
+
+
+@pytest.mark.parametrize("unit", [-3, 0, 3])
+def test_in_another_unit_of_length_the_natural_errors_are_the_same(unit):
+    here, there = (read(chain(np.random.default_rng(1), k), np.full(5, 0.3)) for k in (0, unit))
+    a, b = here.accuracy, there.accuracy
+    assert a is not None
+    assert b is not None
+    assert b.length == pytest.approx(a.length * 10.0**unit, rel=1e-9)
+    assert b.error_bound == pytest.approx(a.error_bound, rel=1e-6)
+    # The slide of 0.3 m is not that of 0.3 of another unit: its joint, and its place, differ.
+    turns = [0, 1, 2, 4]
+    np.testing.assert_allclose(
+        b.J_T_error[:3, turns], a.J_T_error[:3, turns], rtol=1e-5, atol=1e-12
+    )
+
+
+def test_what_is_written_exactly_is_exact():
+    """Zeros, ones, numbers of few digits and numbers in full."""
+    for name in ("arm", "hand", "platform", "arms", "fjh"):
+        assert not roundings(load_model(f"models/{name}.xml"))
+    jac = taken(three_rrr())
+    assert jac.accuracy is not None
+    assert not jac.accuracy.J_T_error.any()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_loops_that_only_rounding_ties_move(seed):
+    """A planar machine in space, its lengths of six digits, its axes off by what was rounded."""
+    axes = np.tile([0.0, 0.0, 1.0], (7, 1))
+    axes[:, :2] = 1e-8 * np.random.default_rng(seed).uniform(-1.0, 1.0, size=(7, 2))
+    for model in (three_rrr(six_digits), three_rrr(axes=axes)):
+        jac = taken(model)
+        kin = ConstrainedSystem.of(jac).kinematics()
+        rank = np.linalg.matrix_rank(kin.J, tol=1e-5 * float(np.linalg.norm(jac.J_T)))
+        assert (kin.self_motion.shape[1], len(kin.active_constraint), int(rank)) == EXACT
+    exact = ConstrainedSystem.of(jac, geometry_accuracy=1e-14).kinematics()
+    assert len(exact.active_constraint) > 0
+
+
+def test_a_weak_direction_says_how_well_its_gain_is_known():
+    """Next to a stretched pose rounding leaves the gain open, and farther it is lost."""
+    model = mujoco.MjModel.from_xml_string("""
+    <mujoco><worldbody><body><joint name="a" axis="0 0 1"/><geom size="0.03" mass="1"/>
+      <body pos="0.312345 0 0"><joint name="b" axis="0 0 1"/><geom size="0.03" mass="1"/>
+        <site name="tip" pos="0.254321 0.000013 0"/></body></body></worldbody>
+      <actuator><motor joint="a"/><motor joint="b"/></actuator></mujoco>""")
+    said = []
+    for bend in (1e-2, 2e-5, 1e-6):
+        data = mujoco.MjData(model)
+        data.qpos[:] = 0.0, bend - 0.000013 / 0.254321
+        kin = ConstrainedSystem.of(jacobians(model, data, "tip")).kinematics()
+        report = kin.manipulability([3, 4])
+        said.append((report.unmanipulable, "+-" in str(report)))
+        assert ("+-" in str(kin.velocity_mapping([3, 4]))) == said[-1][1]
+    assert said == [(False, False), (False, True), (True, False)]

@@ -1,0 +1,761 @@
+"""The benchmark: its arithmetic and its honesty. Clocks and times are made up, none is asserted."""
+
+import copy
+import gc
+import json
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+if sys.version_info >= (3, 14):
+    pytest.skip("PlaCo cannot be installed", allow_module_level=True)
+
+from threadpoolctl import threadpool_limits
+
+from experiments.app.cli import main
+from experiments.benchmark import (
+    latency,
+    limited,
+    measurement,
+    out_of_reach,
+    pointing,
+    replay,
+    robots,
+    runs,
+    solvers,
+)
+from experiments.benchmark.figure import RATIOS as IN_WORDS
+from experiments.benchmark.figure import verdict
+from experiments.benchmark.measurement import Contender, by_turns, compare, power_law
+from experiments.benchmark.ratios import RATIOS, checks, saved
+from experiments.benchmark.ratios import compare as compare_runs
+from experiments.benchmark.results import results
+from experiments.benchmark.solvers import SOLVERS
+from experiments.benchmark.tables import notes, tables
+from experiments.rig.hexapod.controller import StrutMapping, nominal_loops
+from experiments.rig.hexapod.simulation import SpiralRun, track_spiral
+from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
+from experiments.study.results import Results, publish
+from experiments.study.study import Unsound
+
+# Bound and goal as they were asked for.
+ASKED = {
+    "closed_loop_over_mj_step": (1.25, 1.12),
+    "loop_overhead_over_mink": (0.25, 0.15),
+    "tick_over_mink": (0.4, 0.2),
+    "arm_tick_over_mink": (0.5, 0.2),
+    "humanoid_tick_over_mink": (0.5, 0.2),
+    "hexapod_tick_over_mink": (0.08, 0.04),
+    "diagnosis_over_mj_step": (0.15, 0.05),
+    "solve_over_daqp": (1.5, 0.8),
+    "solve_over_placo": (None, None),
+    "solve_over_placo_built": (0.4, 0.2),
+    "limited_over_daqp": (1.0, 0.4),
+    "hierarchy3_over_daqp": (2.5, 1.0),
+    "batched_over_daqp": (0.12, 0.08),
+    "growth_over_daqp": (1.2, 0.8),
+}
+
+
+# The stopwatch.
+
+
+def test_contenders_take_turns_and_the_first_round_is_not_kept():
+    now_ns, log = [0], []
+
+    def call(name: str, us: int) -> None:
+        log.append(name)
+        now_ns[0] += 1000 * us * (10 if len(log) <= 8 else 1)  # cold caches at first
+
+    def prepared(name: str, *arguments: tuple[str, int]) -> list[tuple[str, int]]:
+        log.append(f"new {name}")
+        now_ns[0] += 10**9  # not timed
+        return list(arguments)
+
+    contenders = [
+        Contender("a", call, lambda: prepared("a", ("a1", 3), ("a2", 5)), units=8, samples=2),
+        Contender("b", call, lambda: prepared("b", ("b", 7))),
+    ]
+    told = []
+    taken = by_turns(contenders, 2, lambda *done: told.append(done), lambda: now_ns[0])
+    assert log == ["new a", "a1", "a2", "new a", "a1", "a2", "new b", "b"] * 3
+    # Two calls of 3 and 5 us, with four units each.
+    np.testing.assert_array_equal(taken["a"], np.full((2, 2), 1.0))
+    np.testing.assert_array_equal(taken["b"], np.full((2, 1), 7.0))
+    assert told == [(k, 6) for k in range(1, 7)]
+
+
+def test_garbage_is_collected_while_the_clock_runs():
+    """As in use; timeit alone would stop the collector."""
+    enabled = []
+    contender = Contender("a", lambda: enabled.append(gc.isenabled()), lambda: [()])
+    by_turns([contender], 2, lambda *done: None)
+    assert enabled == [True] * 3
+    assert gc.isenabled()
+
+
+@pytest.mark.long
+def test_latency_is_of_single_ticks_in_wall_time_with_each_setting_of_the_collector():
+    """Of 100 ticks of 10 us one takes 1 ms, of which 0.7 ms belong to another process."""
+    wall_ns, other_ns, called, enabled = [0], [0], [0], set()
+    frozen = gc.get_freeze_count()
+
+    def tick() -> None:
+        called[0] += 1
+        interrupted = called[0] % 100 == 0
+        if interrupted:  # seldom, since to count what is frozen takes long
+            enabled.add((gc.isenabled(), gc.get_freeze_count() > frozen))
+        wall_ns[0] += 1_000_000 if interrupted else 10_000
+        other_ns[0] += 700_000 if interrupted else 0
+
+    clocks = (lambda: wall_ns[0]), (lambda: wall_ns[0] - other_ns[0])
+    found = latency.latencies({"tick": tick}, 500, lambda *done: None, clocks)
+    assert enabled == {(True, False), (True, True), (False, True)}
+    assert gc.isenabled()
+    assert gc.get_freeze_count() == frozen
+    for one in found["tick"].values():
+        assert one == pytest.approx(
+            {"median_us": 10.0, "p999_us": 1000.0, "worst_us": 1000.0, "worst_processor_us": 300.0}
+        )
+
+
+# Ratios, exponents, comparison.
+
+
+def samples(**by_name: float) -> dict[str, np.ndarray]:
+    """Seven rounds of three samples; one sample in each round was disturbed."""
+    return {name: np.tile([us, us, 100 * us], (7, 1)) for name, us in by_name.items()}
+
+
+def test_ratios_are_those_of_medians_with_the_spread_over_rounds():
+    us = samples(
+        mj_step=160,
+        closed_loop=200,
+        mink=100,
+        mink_update=20,
+        tick=150,
+        hexapod_tick=25,
+        arm_tick=33,
+        arm_mink=60,
+        arm_mink_update=6,
+        humanoid_tick=40,
+        humanoid_mink=90,
+        humanoid_mink_update=10,
+        diagnosis=30,
+        part_mj_step=150,
+        prioritized=6,
+        daqp=3,
+        placo=2,
+        placo_with_build=12,
+        batched=1.5,
+        limited=10,
+        daqp_limited_with_build=20,
+        hierarchy3=16,
+        daqp_hierarchy3=8,
+        prioritized_n200=30,
+        daqp_n200=1200,
+    )
+    us["hexapod_tick"][2] *= 2  # a whole round disturbed
+    found = {ratio.name: ratio.measured(us) for ratio in RATIOS}
+    assert {name: one["ratio"] for name, one in found.items()} == pytest.approx(
+        {
+            "closed_loop_over_mj_step": 1.25,
+            "loop_overhead_over_mink": 0.4,
+            "tick_over_mink": 1.25,  # from joint positions to displacements, on both sides
+            "arm_tick_over_mink": 0.5,
+            "humanoid_tick_over_mink": 0.4,
+            "hexapod_tick_over_mink": 0.25,
+            "diagnosis_over_mj_step": 0.2,
+            "solve_over_daqp": 2.0,
+            "solve_over_placo": 3.0,
+            "solve_over_placo_built": 0.5,
+            "limited_over_daqp": 0.5,  # daqp's program is built within the time
+            "hierarchy3_over_daqp": 2.0,  # and here before
+            "batched_over_daqp": 0.5,
+            "growth_over_daqp": 0.025,
+        }
+    )
+    assert found["solve_over_daqp"]["p5"] == found["solve_over_daqp"]["p95"] == 2.0
+    by_round = [0.25] * 6 + [0.5]
+    assert found["hexapod_tick_over_mink"]["p5"] == 0.25
+    assert found["hexapod_tick_over_mink"]["p95"] == pytest.approx(np.percentile(by_round, 95))
+
+
+def test_a_power_law_gives_its_exponent_and_the_slopes_on_the_way():
+    sizes = [6, 10, 20, 50, 200]
+    law = power_law(sizes, 3.0 * np.power(sizes, 2.5))
+    assert law == pytest.approx({"exponent": 2.5, "least": 2.5, "most": 2.5})
+    bent = power_law([1, 10, 100], [5.0, 5.0, 500.0])
+    assert bent == pytest.approx({"exponent": 1.0, "least": 0.0, "most": 2.0})
+
+
+def test_changed_is_what_left_the_former_range(bench):
+    before, now = copy.deepcopy(bench), copy.deepcopy(bench)
+    for timing in now["timings"].values():
+        for key in timing:
+            timing[key] *= 0.5 if timing is now["timings"]["daqp"] else 1.0
+    now["ratios"]["tick_over_mink"] |= {"ratio": 7.0, "p5": 1.0, "p95": 9.0}
+    before["ratios"]["tick_over_mink"] |= {"ratio": 2.0, "p5": 0.5, "p95": 1.1}
+    before["timings"]["daqp"] |= {"median_us": 4.0, "p5_us": 3.9, "p95_us": 4.1}
+    now["timings"]["daqp"] = {"median_us": 2.0, "p5_us": 1.9, "p95_us": 2.1}
+    result = compare_runs(now, before)
+    assert {name for name, one in result["timings"].items() if one["changed"]} == {"daqp"}
+    assert result["timings"]["daqp"]["now_over_saved"] == 0.5
+    # More than three times, but so it was before now and then.
+    assert result["ratios"]["tick_over_mink"]["now_over_saved"] == 3.5
+    assert not any(one["changed"] for one in result["ratios"].values())
+    shown = now | {"comparison": result}
+    assert ("daqp", "4", "2", "0.50", "changed") in tables(shown)[-1].rows
+    assert not any("saved run simulated" in note for note in notes(shown))
+    before["simulated_s"] = 16.0
+    told = notes(now | {"comparison": compare_runs(now, before)})
+    assert any("saved run simulated 16 s" in note for note in told)
+
+
+def test_a_saved_closed_form_is_compared_with_the_closed_form_whatever_it_was_called(
+    bench, tmp_path
+):
+    """Before the general path was timed, `tick_over_mink` was the hexapod's closed form."""
+    before = copy.deepcopy(bench)
+    for kind, name in (("ratios", "tick_over_mink"), ("timings", "tick")):
+        before[kind][name] = before[kind].pop(f"hexapod_{name}")
+    file = tmp_path / "before.json"
+    file.write_text(json.dumps(before))
+    result = compare_runs(bench, saved(file))
+    for kind, name in (("ratios", "tick_over_mink"), ("timings", "tick")):
+        assert name not in result[kind]
+        assert result[kind][f"hexapod_{name}"]["now_over_saved"] == 1.0
+        assert set(result[kind]) == set(bench[kind]) - {name}
+    told = notes(bench | {"comparison": result})
+    assert any("saved run's tick_over_mink was" in note for note in told)
+    file.write_text(json.dumps(bench))
+    result = compare_runs(bench, saved(file))
+    assert set(result["ratios"]) == set(bench["ratios"])
+    told = notes(bench | {"comparison": result})
+    assert not any("saved run's" in note for note in told)
+
+
+# What the file says.
+
+
+def test_the_file_has_every_ratio_as_it_follows_from_its_medians(bench):
+    us = {name: one["median_us"] for name, one in bench["timings"].items()}
+    for ratio in RATIOS:
+        one = bench["ratios"][ratio.name]
+        assert bench[ratio.name] == one["ratio"] == pytest.approx(ratio.of(us))
+        assert (one["bound"], one["goal"]) == ASKED[ratio.name]
+        assert one["p5"] <= one["p95"]
+        if one["bound"] is not None:
+            assert one["within_bound"] == (one["ratio"] < one["bound"])
+        if one["goal"] is not None:
+            assert one["reaches_goal"] == (one["ratio"] <= one["goal"])
+    assert set(ASKED) == set(bench["ratios"])
+    for one in bench["timings"].values():
+        assert 0 < one["p5_us"] <= one["median_us"] <= one["p95_us"]
+    assert bench["real_time_factor"] == pytest.approx(1000 / us["closed_loop"])
+    assert {"mink", "placo", "daqp", "numpy", "mujoco"} <= set(bench["versions"])
+    assert bench["numerical_threads"] == 1
+
+
+def test_every_ratio_to_mink_says_which_path_it_uses(bench, bench_folder):
+    told = (bench_folder / "bench.md").read_text()
+    for name, path in {
+        "loop_overhead_over_mink": "hexapod's closed form",
+        "tick_over_mink": "general path",
+        "arm_tick_over_mink": "general path",
+        "humanoid_tick_over_mink": "general path",
+        "hexapod_tick_over_mink": "hexapod's closed form",
+    }.items():
+        means = bench["ratios"][name]["means"]
+        assert path in means
+        assert f"- {name}: {means}\n" in told
+
+
+def test_the_parts_of_a_tick_are_all_of_it(bench):
+    us = {name: one["median_us"] for name, one in bench["timings"].items()}
+    parts = dict(bench["tick_parts_us"])
+    assert parts.pop("all") == pytest.approx(us["closed_loop"] - us["mj_step"])
+    del parts["jacobian"]  # of the mapping
+    assert sum(parts.values()) == pytest.approx(us["closed_loop"] - us["mj_step"])
+
+
+def test_the_exponents_of_the_figure_are_fitted_to_the_largest_sizes_and_say_which(bench):
+    for one in bench["growth"]["actuators"].values():
+        assert (one["large"]["from"], one["large"]["to"]) == (one["size"][-3], one["size"][-1])
+        expected = power_law(one["size"][-3:], one["median_us"][-3:])
+        assert {name: one["large"][name] for name in expected} == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(
+    ("within", "reaches", "said"),
+    [
+        (True, True, "bound met, goal met"),
+        (True, False, "bound met, goal missed"),
+        (False, None, "bound missed"),
+        (None, None, "no bound, no goal"),
+    ],
+)
+def test_the_figure_says_of_each_ratio_whether_bound_and_goal_are_met(within, reaches, said):
+    assert verdict({"within_bound": within, "reaches_goal": reaches}) == said
+    assert set(IN_WORDS) == {ratio.name for ratio in RATIOS}
+
+
+def test_a_referee_finds_no_fault_with_the_figure(bench_folder, faults_of_figures):
+    assert (bench_folder / "bench.png").is_file()
+    assert faults_of_figures("bench") == []
+
+
+def test_growth_is_made_of_the_same_medians(bench):
+    us = {name: one["median_us"] for name, one in bench["timings"].items()}
+    actuators, batch = bench["growth"]["actuators"], bench["growth"]["batch"]
+    assert set(actuators) == {"prioritized", "daqp", "placo", "pinv_formula", "dgglse"}
+    for name, one in actuators.items():
+        assert one["median_us"] == [us[f"{name}_n{n}"] for n in one["size"]]
+    assert batch["median_us"][-1] == us["batched"]
+    whole = np.multiply(batch["median_us"], batch["size"])
+    assert batch["exponent"] == pytest.approx(power_law(batch["size"], whole)["exponent"])
+
+
+def test_files_are_listed_and_told_from_the_json_alone(bench, bench_folder):
+    assert set(bench["files"]) == {file.name for file in bench_folder.iterdir()}
+    told = Results(bench, tables(bench), notes(bench))
+    assert (bench_folder / "bench.md").read_text() == told.markdown()
+    assert {"bench.png", "bench.pdf"} <= set(bench["files"])
+    for table in told.tables:
+        assert {len(row) for row in table.rows} == {len(table.headings)}
+    saved = json.loads((bench_folder.parent / "saved.json").read_text())
+    assert saved | {"files": bench["files"]} == bench
+
+
+def test_a_slow_run_is_unsound_only_where_that_is_asked_and_stable(bench):
+    assert [check.where for check in checks(bench)] == [each.name for each in RATIOS if each.stable]
+    slow = copy.deepcopy(bench)
+    for one in slow["ratios"].values():
+        one["ratio"] = 1e6
+    stable = [check.where for check in checks(slow)]
+    assert stable
+    for name in stable:
+        failed = Results(slow, checks=checks(slow)).failed_check
+        limit = slow["ratios"][name]["check_bound"]
+        assert failed == f"{name}: ratio of medians is 1e+06, expected below {limit:.3g}"
+        assert limit >= slow["ratios"][name]["bound"]
+        slow["ratios"][name]["ratio"] = 0.01
+    # What is left scatters too much, or has no bound.
+    assert Results(slow, checks=checks(slow)).failed_check is None
+
+
+@pytest.mark.parametrize("check", [False, True])
+def test_times_are_checked_only_where_that_is_asked(timed, check):
+    slow_us = {"prioritized": 3e6 * timed.samples_us["prioritized"]}
+    slow_us["mink"] = 10 * timed.samples_us["mink"]  # the other ratios are met
+    slow_us["daqp"] = 3 * timed.samples_us["daqp"]
+    slow_us["diagnosis"] = 0.1 * timed.samples_us["diagnosis"]
+    found = results(replace(timed, samples_us=timed.samples_us | slow_us, check=check))
+    assert (found.failed_check is None) == (not check)
+    if check:
+        assert str(found.failed_check).startswith("solve_over_daqp: ratio of medians is 1e+06")
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("place", ["elsewhere/saved.json", "out/saved.json"])
+def test_the_saved_file_is_written_wherever_it_lies_and_is_none_of_the_study(
+    timed, tmp_path, place
+):
+    found = publish(tmp_path / "out", "bench", results(replace(timed, save=tmp_path / place)))
+    assert set(found.summary["files"]) == {"bench.json", "bench.md", "bench.pdf", "bench.png"}
+    again = publish(tmp_path / "out", "bench", results(timed))
+    assert saved(tmp_path / place) | {"files": again.summary["files"]} == again.summary
+    compared = results(replace(timed, before=saved(tmp_path / place))).summary["comparison"]
+    assert {one["now_over_saved"] for one in compared["timings"].values()} == {1.0}
+
+
+# The same steps, the same task.
+
+LEAST = replace(runs.QUICK, ticks=10, batches=(1, 100), actuators=(6, 200))
+ROBOTS, WAYS = ("arm", "humanoid"), ("tick", "mink", "mink_update")
+
+
+def test_bare_physics_takes_as_many_steps_as_the_closed_loop(model, monkeypatch):
+    counted, mj_step = [0], mujoco.mj_step
+
+    def counting(model: mujoco.MjModel, data: mujoco.MjData, nstep: int = 1) -> None:
+        counted[0] += nstep
+        mj_step(model, data, nstep)
+
+    bench = TestbedConfig()
+    testbed = Testbed(model, bench, nominal_loops(model, bench))
+    loop = runs.ClosedLoop(testbed, seconds=0.05, seed=0)
+    monkeypatch.setattr(mujoco, "mj_step", counting)
+    track_spiral(testbed, SpiralRun(runs.GOAL, duration_s=loop.seconds))
+    assert counted == [loop.steps]
+    loop.step()
+    assert counted == [2 * loop.steps]
+    assert (runs.FULL.actuators[0], runs.FULL.actuators[-1]) == (6, 200)
+    assert runs.FULL.batches[-1] == 100_000
+    whole = replace(loop, seconds=runs.FULL.seconds)
+    assert (whole.seconds, whole.ticks, whole.steps) == (16.0, 16_000, 132_000)
+
+
+def questions(seed: int) -> measurement.Questions:
+    return measurement.questions(LEAST.actuators, LEAST.batches, np.random.default_rng(seed))
+
+
+@pytest.fixture(scope="module")
+def asked() -> measurement.Questions:
+    return questions(seed=3)
+
+
+@pytest.fixture(scope="module")
+def cases(model) -> list[pointing.Case]:
+    return pointing.random_cases(model, 8, np.random.default_rng(3))
+
+
+@pytest.fixture(scope="module")
+def timed(asked) -> runs.Timed:
+    """Made-up samples of all that is timed."""
+    names = ["mj_step", "closed_loop", "closed_loop_constant", "tick", "hexapod_tick", "mink"]
+    names += ["mink_update", *(each.name for each in solvers.contenders(asked))]
+    names += [each.name for solvers in limited.QUESTIONS.values() for each in solvers]
+    names += ["diagnosis", *(f"{robot}_{way}" for robot in ROBOTS for way in WAYS)]
+    names += ["part_" + part for part in ("mj_step", "plant_step", "sensors", "controller")]
+    names += ["part_" + part for part in ("estimate", "mapping", "jacobian", "converter")]
+    agreed = [measurement.Agreement("question", 1e-9, {"daqp": 1e-12})]
+    samples_us = {name: np.ones((5, 3)) for name in names} | {"closed_loop": np.full((5, 1), 2.0)}
+    active, weights = {"question": [1, 2, 3]}, out_of_reach.compared(seed=0)
+    numbers = {"median_us": 1.0, "p999_us": 2.0, "worst_us": 3.0, "worst_processor_us": 2.5}
+    waited = {name: dict.fromkeys(latency.COLLECTORS, numbers) for name in ("controller", "tick")}
+    return runs.Timed(0, LEAST, agreed, samples_us, active, weights, waited)
+
+
+def test_the_random_problems_are_those_of_the_seed(asked):
+    again, other = questions(seed=3), questions(seed=4)
+    np.testing.assert_array_equal(asked.problems[5].J, again.problems[5].J)
+    assert np.any(asked.problems[5].J != other.problems[5].J)
+    given = [(each.J.tobytes(), each.joint_weight.tobytes()) for each in asked.problems]
+    assert len(set(given)) == len(given) > 50  # fresh in every call
+
+
+def test_everybody_is_asked_and_all_agree(model, asked, cases):
+    with threadpool_limits(1):  # as in the bench; threads of OpenBLAS get into each other's way
+        agreed = [*solvers.agreements(asked), pointing.agreement(model, cases)]
+    found = {each.question: each for each in agreed}
+    for each in found.values():
+        each.check()
+    general = {solver.name for solver in SOLVERS if not solver.unit_rows}
+    assert set(found["Problem 1"].distances) == general
+    assert set(found["Problem 1 with unit rows"].distances) == {each.name for each in SOLVERS}
+    ways = {"tick", "hexapod_tick", "mink", "dgglse"}
+    assert set(found["pointing with strut 1 locked"].distances) == ways
+    assert "batched" in found["a batch of 100"].distances
+    assert all(f"Problem 1 with {n} actuators" in found for n in LEAST.actuators)
+
+
+@pytest.mark.parametrize("wrong", [solver.name for solver in SOLVERS])
+def test_one_who_answers_otherwise_is_named_and_nobody_else(asked, wrong):
+    unit = [each.with_unit_rows() for each in asked.problems]
+    answers = {solver.name: solver.answers(unit) for solver in SOLVERS}
+    compare("question", answers, solvers.TOLERANCE).check()
+    answers[wrong][7, 2] += 1e-6
+    with pytest.raises(Unsound, match=rf"question: {wrong} by [^,]+ of the answer, more than"):
+        compare("question", answers, solvers.TOLERANCE).check()
+    answers[wrong][7, 2] = np.nan
+    with pytest.raises(Unsound, match=wrong):
+        compare("question", answers, solvers.TOLERANCE).check()
+
+
+def test_the_hierarchy_of_daqp_knows_no_weights(asked):
+    """What it is left out of the general problem for: it weighs rows by their lengths."""
+    answers = {solver.name: solver.answers(asked.problems) for solver in SOLVERS}
+    with pytest.raises(Unsound, match=r"question: daqp_hierarchy by \S+ of the answer"):
+        compare("question", answers, solvers.TOLERANCE).check()
+
+
+def test_the_solvers_are_given_different_problems(asked):
+    """A problem with one weight changed has another answer: the agreement is not idle."""
+    problem = asked.problems[0]
+    other = replace(problem, joint_weight=problem.joint_weight * [2, 1, 1, 1, 1, 1])
+    for solver in SOLVERS:
+        if not solver.unit_rows:
+            apart = np.abs(solver.answers([problem]) - solver.answers([other])).max()
+            assert apart > 1e-3, solver.name
+
+
+@pytest.fixture(scope="module")
+def limits() -> list[limited.LimitedProblem]:
+    rng = np.random.default_rng(3)
+    return [limited.random_limited(6, rng) for _ in range(64)]
+
+
+def test_limits_bind_and_all_agree_on_them(limits):
+    """Within reach of the limits a flat program and levels have the same optimum."""
+    for each in limited.agreements(limits):
+        each.check()
+    for question, counts in limited.active_limits(limits).items():
+        assert sum(counts) == len(limits)
+        assert sum(counts[1:]) > len(limits) / 3, question
+    for problem in limits:
+        rates = limited.solve_limited(problem)
+        assert np.all((problem.lower <= rates) & (rates <= problem.upper))
+        np.testing.assert_allclose(problem.J[:2] @ rates, problem.major, atol=1e-12)
+
+
+@pytest.mark.parametrize("question", limited.QUESTIONS)
+def test_one_who_answers_otherwise_under_limits_is_named(limits, question):
+    answers = {each.name: each.answers(limits) for each in limited.QUESTIONS[question]}
+    for name in answers:
+        wrong = {one: given + (one == name) * 1e-6 for one, given in answers.items()}
+        with pytest.raises(Unsound, match=rf"question: {name} by [^,]+ of the answer, more than"):
+            compare("question", wrong, limited.TOLERANCE).check()
+
+
+def test_weights_do_not_move_a_major_task_that_limits_hold_back(timed):
+    """The major residual is the least that the limits leave; daqp's levels trade it for H."""
+    found = timed.out_of_reach
+    ours, daqp = (found["solvers"][name] for name in ("prioritized", "daqp_hierarchy"))
+    assert max(ours["change"]["largest"], ours["excess"]["largest"]) < 1e-9
+    assert min(daqp["change"]["largest"], daqp["excess"]["largest"]) > 0.01
+    assert found["flat_infeasible"] == found["flat"] == 2 * found["problems"]
+
+
+@pytest.fixture(scope="module")
+def robot_cases() -> dict[str, tuple[robots.Robot, list[robots.Case]]]:
+    rng = np.random.default_rng(3)
+    return {each.name: (each, robots.random_cases(each, 8, rng)) for each in robots.robots()}
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_a_robot_keeps_its_task_its_feet_and_its_limits_and_all_agree(robot_cases, name):
+    """By both ways: MuJoCo's own Jacobians turn the rates into the task; limits bind somewhere."""
+    robot, cases = robot_cases[name]
+    robots.agreement(robot, cases).check()
+    assert sum(robots.active_limits(robot, cases)[1:]) > 0
+    for case in cases:
+        rates = robot.tick(case.major, case.qpos, case.desired)
+        assert np.abs(rates).max() <= robots.LIMIT
+        data = mujoco.MjData(robot.model)
+        data.qpos[:] = case.qpos
+        jac = robot.read(data)
+        free = np.setdiff1d(np.arange(robot.model.nv), jac.active)
+        rows = np.vstack([jac.J_T[list(robot.major)], jac.J_C])
+        asked = np.concatenate([case.major, np.zeros(len(jac.J_C))])
+        left = asked - rows[:, jac.active] @ rates
+        if len(free):
+            left -= rows[:, free] @ np.linalg.lstsq(rows[:, free], left, rcond=None)[0]
+        np.testing.assert_allclose(left, 0, atol=1e-10)
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_a_robot_that_answers_otherwise_is_named(robot_cases, name, monkeypatch):
+    robot, cases = robot_cases[name]
+    honest = robots.solve_ik
+    monkeypatch.setattr(robots, "solve_ik", lambda *given: 1.001 * honest(*given))
+    with pytest.raises(Unsound, match=rf"one tick of the {name}: {name}_mink by [^,]+ of"):
+        robots.agreement(robot, cases).check()
+
+
+def test_the_humanoid_has_29_joints_on_a_floating_base_and_is_its_own_mirror_image():
+    model = robots.humanoid()
+    assert (model.nv, model.nu) == (35, 29)
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    for site in ("foot", "hand"):
+        left, right = (data.site(f"{side}_{site}").xpos for side in ("left", "right"))
+        np.testing.assert_allclose(left, right * [1, -1, 1], atol=1e-15)
+    np.testing.assert_allclose(data.subtree_com[0, 1], 0, atol=1e-15)
+
+
+@pytest.fixture(scope="module")
+def run(model) -> replay.Recorded:
+    bench = TestbedConfig()
+    testbed = Testbed(model, bench, nominal_loops(model, bench))
+    return replay.recorded(testbed, runs.GOAL, seed=0)
+
+
+def test_the_replayed_controller_sends_what_it_sent_in_the_run(run, monkeypatch):
+    """Else its latency would be that of other ticks; after the last it starts again."""
+    sent, step = [], type(run.controller).step
+
+    def noted(*given):
+        state = step(*given)
+        sent.append(state.input_percent)
+        return state
+
+    monkeypatch.setattr(type(run.controller), "step", noted)
+    tick, ticks = run.controlling(), len(run.run.time_s)
+    for _ in range(ticks + 5):
+        tick()
+    np.testing.assert_array_equal(sent[:ticks], run.run.strut_input_percent)
+    np.testing.assert_array_equal(sent[ticks:], run.run.strut_input_percent[:5])
+
+
+def test_the_diagnosis_that_is_timed_looks_back_as_far_as_ever_and_has_no_alarm(run):
+    watch, arguments = run.watched()
+    for state, measured, commanded in arguments:
+        full = round(watch.config.look_back_s / watch.watch.period_s)
+        assert full <= len(state.history) <= full + 1
+        after = watch.step(state, measured, commanded)
+        assert (after.evidence, after.alarm_ticks) == (None, ())
+
+
+def test_a_tick_leaves_no_reference_cycles(model, cases, run):
+    """With the collector off the memory of a loop does not grow: docs/performance.md."""
+    tick = pointing.pointing_tick(model)
+    arguments = [(case.pointing_rad, case.qpos) for case in cases]
+
+    def unreachable(once) -> int:
+        gc.collect()
+        for _ in range(20):
+            once()
+        return gc.collect()
+
+    gc.collect()
+    gc.freeze()  # or each collection walks through all modules, for a quarter of a second
+    gc.disable()
+    try:
+        for once in (run.controlling(), lambda: [tick(*given) for given in arguments]):
+            once()
+            # A tick that leaves cycles leaves them each time; a thread of pytest's may, once.
+            assert min(unreachable(once) for _ in range(3)) == 0
+    finally:
+        gc.enable()
+        gc.unfreeze()
+
+
+def test_a_batch_is_its_problems_one_by_one():
+    batch = measurement.random_problem(6, np.random.default_rng(1), (5,))
+    solvers.batch_agreement(batch).check()
+    assert batch.one(2).J.shape == (6, 6)
+
+
+# The command.
+
+
+@pytest.fixture
+def untimed(monkeypatch):
+    """Nothing may be timed."""
+
+    def refuse(*given: object) -> None:
+        raise AssertionError("something was timed")
+
+    monkeypatch.setattr(runs, "by_turns", refuse)
+    monkeypatch.setattr(runs, "QUICK", replace(runs.QUICK, batches=(1, 10)))
+
+
+def test_answers_that_differ_end_the_bench_before_anything_is_timed(
+    capsys, monkeypatch, tmp_path, untimed
+):
+    honest = pointing.solve_ik
+    monkeypatch.setattr(pointing, "solve_ik", lambda *given: 1.001 * honest(*given))
+    assert main(["bench", "--quick", "--out", str(tmp_path / "out")]) == 1
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith("fjh: the answers differ, so nothing was timed: pointing with strut 1")
+    assert "mink by 1.0e-03" in err
+    assert "tick" not in err
+    assert err.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+def slightly_wrong(function):
+    return lambda *given: 1.001 * function(*given)
+
+
+def test_a_tick_that_differs_is_named_and_the_other_is_not(model, cases, monkeypatch):
+    general, closed = pointing.general_tick, StrutMapping.displacements
+
+    def wrong(*robot, **goal):
+        return slightly_wrong(general(*robot, **goal))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(pointing, "general_tick", wrong)
+        one = pointing.agreement(model, cases)
+    with monkeypatch.context() as patch:
+        patch.setattr(StrutMapping, "displacements", slightly_wrong(closed))
+        other = pointing.agreement(model, cases)
+    for way, found in (("tick", one), ("hexapod_tick", other)):
+        with pytest.raises(Unsound, match=rf"strut 1 locked: {way} by 1.0e-03 of the answer"):
+            found.check()
+
+
+def test_the_ticks_that_are_timed_are_those_that_were_compared(model, cases):
+    """From joint positions or a pose, at every case, by the very callables of the agreement."""
+    answers = {}
+    for each in pointing.contenders(model, cases):
+        answers[each.name] = [each.call(*given) for given in each.arguments()]
+    general, closed = np.array(answers["tick"]), np.array(answers["hexapod_tick"])
+    compare("question", {"tick": general, "hexapod_tick": closed}, pointing.TOLERANCE).check()
+    assert len(np.unique(general, axis=0)) == len(cases)
+
+
+@pytest.mark.parametrize("absent", ["mink", "placo", "daqp", "threadpoolctl"])
+def test_without_the_extra_one_sentence_says_what_to_install(
+    capsys, monkeypatch, tmp_path, untimed, absent
+):
+    monkeypatch.setitem(sys.modules, absent, None)  # what an import of it meets
+    assert main(["bench", "--quick", "--out", str(tmp_path / "out")]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert f"not installed, {absent}: pip install" in err
+    assert "[bench]" in err
+    assert err.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("content", "reason"),
+    [
+        (None, "No such file"),
+        ("no JSON", "not written by"),
+        ('{"experiment": "table1"}', "not written by"),
+        ('{"experiment": "bench", "median_s": {}}', "not written by"),
+        (
+            '{"experiment": "bench", "simulated_s": 2, "ratios": {"tick": {}}, "timings": {}}',
+            "not written by",
+        ),
+    ],
+)
+def test_a_file_that_is_no_saved_bench_is_refused(capsys, tmp_path, untimed, content, reason):
+    file = tmp_path / "before.json"
+    if content is not None:
+        file.write_text(content)
+    out = str(tmp_path / "out")
+    assert main(["bench", "--quick", "--compare", str(file), "--out", out]) == 2
+    err = capsys.readouterr().err
+    assert f"--compare {file}" in err
+    assert reason in err
+    assert main(["bench", "--quick", "--save", str(tmp_path / "b.txt"), "--out", out]) == 2
+    assert "--save" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+# The page.
+
+PAGE = (Path(__file__).parents[2] / "docs" / "performance.md").read_text()
+
+
+def rows(text: str) -> dict[str, list[str]]:
+    """Cells of each table row by its label."""
+    lines = [line.strip("|").split("|") for line in text.splitlines() if line.startswith("|")]
+    found = {label.strip(): [cell.strip() for cell in cells] for label, *cells in lines}
+    return {label: cells for label, cells in found.items() if label.strip("-")}
+
+
+def test_the_page_has_every_row_that_comes_out_and_the_bounds(bench_folder):
+    begin, end = (f"<!-- results/bench/bench.md {word} -->\n" for word in ("begins", "ends"))
+    pasted = rows(PAGE.partition(begin)[2].partition(end)[0])
+    assert set(rows((bench_folder / "bench.md").read_text())) == set(pasted)
+    for name, limits in ASKED.items():
+        printed = ["" if limit is None else f"{limit:g}" for limit in limits]
+        assert pasted[name][2:4] == printed
+    assert "of the spiral only" not in PAGE  # a --quick run is not what the page is made of
+
+
+def test_the_page_says_what_ci_fails_on():
+    checked = rows(PAGE.partition("## What CI fails on")[2])
+    for ratio in RATIOS:
+        if ratio.check_bound is not None:
+            assert checked[f"`{ratio.name}`"][0] == f"{ratio.check_bound:g}"

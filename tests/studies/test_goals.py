@@ -1,0 +1,509 @@
+"""Secondary goals with desired rates: their laws, and runs in which pointing must not notice."""
+
+import copy
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
+
+from experiments.app.cli import main
+from experiments.goals import arm, control, runs
+from experiments.goals.arm import ARM_MJCF, PERIOD_S, Servos, Tracker
+from experiments.goals.control import PseudoInverseMapping, unrolled, weighted_pseudo_inverse
+from experiments.goals.demonstration import Outcome, Strategy, smooth_step, strategies
+from experiments.goals.results import CHANGES, checks, table
+from experiments.goals.runs import SLEW_S, Goals, off_axis_path, run_stroke
+from experiments.goals.secondary_goals import (
+    COILS,
+    GAP_M,
+    HEAVIEST,
+    LIMIT_C,
+    RADIUS_M,
+    SAFE_M,
+    WARM_C,
+    Clearance,
+    cluttered,
+    joint_weights,
+    manipulability,
+    manipulability_gradient,
+    rates_from_stops,
+    retreat,
+)
+from experiments.rig.hexapod.columns import MAJOR, SECONDARY
+from experiments.rig.hexapod.controller import StrutMapping, controller_for, nominal_loops
+from experiments.rig.hexapod.simulation import track_path
+from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
+from ftc.controller import Measurement
+from ftc.goal import Goal
+from prioritized import velocity_mapping
+from sim import (
+    COPPER_PER_K,
+    NOMINAL,
+    Coils,
+    Plant,
+    Pose,
+    forward_kinematics,
+    hexapod,
+    jacobians,
+    load_model,
+    pointing_angles,
+)
+
+STROKE_M = 635e-6
+seeds = st.integers(0, 2**32 - 1)
+
+
+def slope(function, at: np.ndarray, step: float) -> np.ndarray:
+    """Central differences of a scalar function."""
+    steps = step * np.eye(len(at))
+    return np.array([(function(at + e) - function(at - e)) / (2 * step) for e in steps])
+
+
+# The coils.
+
+
+@given(seeds)
+def test_a_step_of_the_coils_solves_their_heat_balance(seed):
+    """C dT/dt = R(T) I^2 - (T - T_ambient) / R_th, against a general integrator."""
+    rng = np.random.default_rng(seed)
+    start, current = rng.uniform(20, 150, 6), rng.uniform(-4, 4, 6)
+
+    def rate(_: float, T: np.ndarray) -> np.ndarray:
+        heat = 5.0 * (1 + COPPER_PER_K * (T - 20)) * current**2
+        return (heat - (T - 20) / COILS.thermal_resistance_k_per_w) / 4.0
+
+    exact = solve_ivp(rate, (0, 3.0), start, rtol=1e-10, atol=1e-9).y[:, -1]
+    np.testing.assert_allclose(COILS.step(start, current, 3.0), exact, rtol=1e-7)
+    halfway = COILS.step(COILS.step(start, current, 1.0), current, 2.0)
+    np.testing.assert_allclose(halfway, exact, rtol=1e-7)
+
+
+def test_a_coil_settles_where_it_loses_what_it_is_given():
+    """T = T_a + R_a I^2 / (1/R_th - kappa R_20 I^2): the closed form of the balance."""
+    current = np.linspace(0, 4, 6)
+    rest = COILS.step(COILS.cold(), current, 1e4)
+    lost = 1 / COILS.thermal_resistance_k_per_w - COPPER_PER_K * 5.0 * current**2
+    np.testing.assert_allclose(rest, 20 + 5.0 * current**2 / lost, rtol=1e-12)
+    np.testing.assert_allclose(COILS.net_power_w(rest, current), 0.0, atol=1e-10)
+
+
+def test_above_its_critical_current_a_copper_coil_runs_away():
+    coil = Coils(5.0, 4.0, np.array([1.5]), 20.0)
+    critical = 1 / np.sqrt(COPPER_PER_K * 5.0 * 1.5)
+    for factor, grows in ((0.99, 0.5), (1.01, 2.0)):
+        current = np.array([factor * critical])
+        first = coil.step(coil.cold(), current, 1000.0) - 20
+        second = coil.step(coil.step(coil.cold(), current, 1000.0), current, 1000.0) - 20 - first
+        assert (second < grows * first) == (factor < 1)
+    # At the critical current itself heat and loss cancel, and the rise is even.
+    at = np.array([critical])
+    rise = coil.step(coil.cold(), at, 8.0) - 20
+    np.testing.assert_allclose(rise, 8.0 * coil.net_power_w(coil.cold(), at) / 4.0, rtol=1e-9)
+
+
+def test_weights_rise_smoothly_with_temperature_and_stay_bounded():
+    temperature = np.linspace(0.0, 300.0, 3001)
+    weights = joint_weights(temperature)
+    assert weights.min() == 1.0
+    assert weights.max() == HEAVIEST
+    assert np.all(np.diff(weights) >= 0)
+    # No corner: the slope never jumps by more than its largest curvature allows.
+    bend = np.abs(np.diff(weights, 2)).max() / 0.1**2
+    assert bend < 6 * (HEAVIEST - 1) / (LIMIT_C - WARM_C) ** 2
+
+
+# What leads where: gradients against finite differences, clearance against its closed form.
+
+
+@given(seeds)
+def test_the_stops_desired_rates_are_down_the_gradient_of_their_potential(seed):
+    displacements = np.random.default_rng(seed).uniform(-STROKE_M, STROKE_M, 6)
+
+    def potential(l_m: np.ndarray) -> float:
+        beyond = np.maximum(0.0, np.abs(l_m) - 0.82 * STROKE_M)
+        return float(0.5 * np.sum(beyond**2) / 0.2)
+
+    rates = rates_from_stops(displacements, STROKE_M)
+    np.testing.assert_allclose(rates, -slope(potential, displacements, 1e-8), atol=2e-7)
+    near = np.abs(displacements) > 0.9 * STROKE_M
+    assert np.all(rates[near] * displacements[near] < 0)
+    assert not rates_from_stops(0.5 * displacements, STROKE_M).any()
+
+
+@pytest.fixture(scope="module")
+def clearance():
+    return Clearance(cluttered())
+
+
+def random_pose(seed: int) -> Pose:
+    rng = np.random.default_rng(seed)
+    turn = Rotation.from_rotvec(3e-3 * rng.uniform(-1, 1, 3)).as_matrix()
+    return Pose(turn, 3e-4 * rng.uniform(-1, 1, 3))
+
+
+@given(seeds)
+def test_the_clearance_is_that_of_a_sphere_beside_a_cylinder(clearance, seed):
+    """From the sphere's centre to the mantle, less the radius; by hand, in base axes."""
+    pose = random_pose(seed)
+    # World is diag(1, -1, -1) of base; the cell hangs 0.1445 m below the payload's origin.
+    centre = np.array([0.0, -(0.065 + GAP_M + RADIUS_M), 0.144482272])
+    seen = pose.rotation.T @ (centre - pose.translation_m)
+    assert abs(seen[2] - 0.144482272) < 0.015  # beside the mantle, not the rim
+    distance, away = clearance(pose)
+    assert distance == pytest.approx(np.hypot(seen[0], seen[1]) - 0.065 - RADIUS_M, abs=1e-9)
+    assert np.linalg.norm(away) == pytest.approx(1.0)
+
+
+@given(seeds)
+def test_the_retreat_is_down_the_gradient_of_what_is_missing_to_the_safe_clearance(clearance, seed):
+    pose = random_pose(seed)
+
+    def potential(t_m: np.ndarray) -> float:
+        distance, _ = clearance(replace(pose, translation_m=t_m))
+        return 0.5 * max(0.0, SAFE_M - distance) ** 2 / 0.2
+
+    velocity = retreat(clearance, pose)
+    np.testing.assert_allclose(velocity[:3], -slope(potential, pose.translation_m, 1e-7), atol=1e-8)
+    assert velocity[3] == 0.0
+
+
+@given(seeds, st.sampled_from([range(7), range(3, 7), (1, 2, 5, 6)]))
+def test_the_gradient_of_manipulability_is_its_slope_along_the_simulated_joints(seed, moving):
+    """The closed form knows the joints' axes; MuJoCo turns the joints."""
+    model = load_model(ARM_MJCF)
+    data, moving = mujoco.MjData(model), list(moving)
+
+    def axes(joint_rad: np.ndarray) -> np.ndarray:
+        data.qpos[moving] = joint_rad
+        return jacobians(model, data, "payload", "payload").J_T[:3, moving]
+
+    at = np.random.default_rng(seed).uniform(-1, 1, len(moving))
+    expected = slope(lambda q: manipulability(axes(q)), at, 1e-6)
+    np.testing.assert_allclose(manipulability_gradient(axes(at)), expected, atol=1e-7)
+
+
+@given(seeds)
+def test_a_reading_of_the_rolled_detector_is_turned_back(seed):
+    """Off the axis a roll moves the spot; at the estimated pose the correction is exact."""
+    rng = np.random.default_rng(seed)
+    pose = Pose(Rotation.from_rotvec(4e-3 * rng.uniform(-1, 1, 3)).as_matrix(), np.zeros(3))
+    detector = replace(TestbedConfig().detector(), noise_m=0.0)
+    read = Measurement(detector.read(pose.rotation, rng), np.zeros(6))
+    pointing = pointing_angles(pose.rotation)
+    # Up to the detector's small-angle optics, the cube of 4 mrad.
+    np.testing.assert_allclose(unrolled(read, pose).output, pointing, atol=5e-8)
+
+
+# What the mapping owes to the major task, and the pseudo-inverse does not.
+
+
+@given(seeds)
+def test_pointing_does_not_notice_any_desired_displacement_but_by_its_curvature(model, seed):
+    """J_m of the answer is what was asked; what the payload does beyond is of second order."""
+    rng, geometry = np.random.default_rng(seed), hexapod(model)
+    weights = tuple(rng.uniform(1, HEAVIEST, 6))
+    mapping = StrutMapping(geometry, Goal(joint_weight=weights), "constant")
+    J = np.linalg.inv(geometry.inverse_jacobian(NOMINAL))
+    pointing, rest = rng.uniform(-1e-3, 1e-3, 2), rng.uniform(-3e-4, 3e-4, 6)
+
+    def aside(part: float) -> np.ndarray:
+        answer = mapping.displacements(part * pointing, NOMINAL, secondary_reference_m=part * rest)
+        np.testing.assert_allclose(J[MAJOR] @ answer, part * pointing, atol=1e-15)
+        pose = forward_kinematics(geometry, answer)
+        return pointing_angles(pose.rotation) - part * pointing
+
+    whole, half = aside(1.0), aside(0.5)
+    assert np.abs(whole).max() < 5e-6
+    np.testing.assert_allclose(half, whole / 4, atol=2e-9)
+
+
+@given(seeds)
+def test_a_pseudo_inverse_is_the_least_squares_of_all_rows_at_once(seed):
+    rng = np.random.default_rng(seed)
+    J, W1, W2, w = rng.normal(size=(6, 5)), rng.uniform(1, 3, 5), rng.uniform(1, 3, 4), 7.0
+    v_m, rates_d, v_sd = rng.normal(size=2), rng.normal(size=5), rng.normal(size=4)
+    mapping = weighted_pseudo_inverse(J, MAJOR, SECONDARY, w, W1, W2)
+    stacked = np.vstack([w * J[MAJOR], np.diag(W1), W2[:, None] * J[SECONDARY]])
+    aims = np.concatenate([w * v_m, W1 * rates_d, W2 * v_sd])
+    expected = np.linalg.lstsq(stacked, aims)[0]
+    np.testing.assert_allclose(mapping(v_m, rates_d, v_sd), expected, atol=1e-10)
+    np.testing.assert_allclose(mapping.major @ v_m, mapping(v_m), atol=1e-12)
+
+
+@given(seeds)
+def test_a_pseudo_inverse_meets_the_major_task_only_as_its_weight_goes_to_infinity(seed):
+    """Its error falls with the square of the weight, and never ends; the mapping has none."""
+    rng = np.random.default_rng(seed)
+    J, v_m, rates_d = rng.normal(size=(2, 5)), rng.normal(size=2), rng.normal(size=5)
+    J /= np.linalg.svd(J, compute_uv=False)[-1]
+
+    def error(weight: float) -> float:
+        rates = weighted_pseudo_inverse(J, MAJOR, [], weight, np.ones(5))(v_m, rates_d)
+        return float(np.linalg.norm(J @ rates - v_m))
+
+    errors = [error(weight) for weight in (30.0, 300.0, 3000.0)]
+    np.testing.assert_allclose(np.divide(errors[:-1], errors[1:]), 100.0, rtol=0.01)
+    assert errors[-1] > 1e-12
+    exact = velocity_mapping(J, MAJOR, joint_weight=np.ones(5))(v_m, rates_d)
+    assert np.linalg.norm(J @ exact - v_m) < 1e-13
+    far = weighted_pseudo_inverse(J, MAJOR, [], 1e5, np.ones(5))(v_m, rates_d)
+    np.testing.assert_allclose(far, exact, atol=1e-7)
+
+
+def test_a_weight_beyond_the_digits_of_the_machine_loses_the_goal():
+    rng = np.random.default_rng(0)
+    J, W1 = rng.normal(size=(2, 5)), rng.uniform(1, 5, 5)
+    exact = velocity_mapping(J, MAJOR, joint_weight=W1).major
+    off = [
+        np.abs(weighted_pseudo_inverse(J, MAJOR, [], weight, W1).major - exact).max()
+        for weight in (1e6, 1e12)
+    ]
+    assert off[0] < 1e-9
+    assert off[1] > 0.01
+
+
+def test_the_strut_pseudo_inverse_leaves_a_locked_strut_alone_and_loses_loop_gain(model):
+    goal = Goal(joint_weight=(2.0, 1.0, 2.0, 1.0, 2.0, 1.0), locked_m={0: 0.0})
+    geometry = hexapod(model)
+    J = np.linalg.inv(geometry.inverse_jacobian(NOMINAL))
+    exact = StrutMapping(geometry, goal, "constant").pointing_gain()
+    light, heavy = (
+        PseudoInverseMapping(geometry, goal, "constant", weight).pointing_gain()
+        for weight in (1.0, 1e4)
+    )
+    assert not light[0].any()
+    np.testing.assert_allclose(J[MAJOR] @ exact, np.eye(2), atol=1e-14)
+    assert np.all(np.linalg.svd(J[MAJOR] @ light, compute_uv=False) < 0.9)
+    np.testing.assert_allclose(heavy, exact, atol=1e-7)
+
+
+# The arm: what its loop is closed over.
+
+
+@given(seeds)
+def test_the_tracker_reads_how_far_the_camera_is_turned_in_the_cameras_own_axes(seed):
+    """Turned by a rotation vector w across its line of sight it reads -sin|w| w/|w|."""
+    rng = np.random.default_rng(seed)
+    to_target, camera = np.append(rng.uniform(-0.5, 0.5, 2), 0.0), Rotation.random(rng=rng)
+    view = (camera * Rotation.from_rotvec(to_target)).apply([0.0, 0.0, 1.0])
+    pose = Pose(camera.as_matrix(), rng.normal(size=3))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(arm, "TRACKER_NOISE_RAD", 0.0)
+        read = Tracker(view[None], np.array([1.0, 0.0, 0.0]), seed).read(pose, np.zeros(7))
+    np.testing.assert_allclose(
+        read.output, -np.sinc(np.linalg.norm(to_target) / np.pi) * to_target[:2], atol=1e-14
+    )
+
+
+def test_servos_sent_ahead_by_their_lag_turn_at_constant_rates_as_if_they_had_none():
+    """Without a lag joints follow the mean of the held commands: half a period, half a step ahead.
+
+    Once their start has died away; the lag, damping over stiffness, is seven times as long.
+    """
+    model, rates = load_model(ARM_MJCF), 1e-3 * np.array([1, -2, 3, -1, 2, -3, 1])
+    plant, servos, periods = Plant(model), Servos(model), 600
+    for _ in range(periods):
+        plant.step(servos(rates), PERIOD_S)
+    ahead_s = plant.displacements() / rates - periods * PERIOD_S
+    np.testing.assert_allclose(ahead_s, 0.5 * (PERIOD_S + model.opt.timestep), rtol=0.01)
+
+
+# The runs.
+
+
+def test_the_path_leads_smoothly_to_the_target_and_searches_around_it():
+    bench, target = TestbedConfig(), (3000.0, -1000.0)
+    path = 1e6 * off_axis_path(bench, target, 10.0)
+    slew = round(SLEW_S / bench.control_period_s)
+    assert not path[0].any()
+    np.testing.assert_allclose(path[slew], target, atol=1e-6)
+    assert np.linalg.norm(path[slew:] - target, axis=1).max() == pytest.approx(100.0, rel=1e-3)
+    assert np.abs(np.diff(path, axis=0)).max() < 2 * 3000 / slew
+    assert (smooth_step(-1.0), smooth_step(0.5), smooth_step(2.0)) == (0.0, 0.5, 1.0)
+
+
+def test_a_path_has_a_length_of_its_own(model):
+    bench = TestbedConfig()
+    testbed = Testbed(model, bench, nominal_loops(model, bench))
+    pilot = controller_for(testbed, Goal(joint_weight=(1.0,) * 6), jacobian="constant")
+    with pytest.raises(ValueError, match="duration_s must be None with a desired_rad, got 1"):
+        track_path(testbed, pilot, desired_rad=np.zeros((50, 2)), duration_s=1.0)
+    run, _ = track_path(testbed, pilot, desired_rad=np.zeros((50, 2)))
+    assert run.time_s.shape == (50,)
+    assert not run.desired_rad.any()
+
+
+@pytest.fixture(scope="module")
+def by_name(goals):
+    return {
+        goal["name"]: goal | {run["name"]: run for run in goal["runs"]} for goal in goals["goals"]
+    }
+
+
+def test_every_goal_is_kept_when_pursued_and_lost_when_nothing_is_done(by_name):
+    assert set(by_name) == {"reliability", "stroke", "obstacle", "singularity"}
+    for goal in by_name.values():
+        assert goal["pursued"]["kept"]
+        assert not goal["nothing"]["kept"]
+    assert by_name["reliability"]["pursued"]["hottest_coil_c"] < LIMIT_C - 10
+    assert by_name["stroke"]["pursued"]["stroke_margin_um"] > 30
+    assert by_name["obstacle"]["pursued"]["clearance_um"] > 30
+    assert by_name["singularity"]["pursued"]["condition_number"] < 3
+
+
+def test_pointing_does_not_notice_a_goal_that_is_pursued(by_name):
+    """Tick by tick it changes less than half as much as with another seed; so do RMS and peak."""
+    for goal in by_name.values():
+        noise = goal["another_seed"]
+        for key in CHANGES:
+            assert max(np.abs(goal["pursued"][key])) < noise[key]
+        assert max(goal["pursued"]["difference_rms_urad"]) < 0.5 * noise["difference_rms_urad"]
+
+
+def test_a_detector_that_rolls_with_the_payload_and_is_not_turned_back_would_be_noticed(
+    monkeypatch, model, goals_folder
+):
+    """The goal rolls the payload by half a milliradian, 4 mrad off the axis: 2 urad."""
+    monkeypatch.setattr(control, "unrolled", lambda measurement, pose: measurement)
+    strategy = Strategy("pursued", pursues=True, major_weight=None, limited=True, seed=0)
+    run = run_stroke(strategy, 5.0, nominal_loops(model, TestbedConfig()))
+    with np.load(goals_folder / "stroke.npz") as data:
+        off = 1e6 * np.abs(run.error_rad - data["unlimited_error_rad"])[-1000:].mean(axis=0)
+        right = 1e6 * np.abs(data["pursued_error_rad"] - data["unlimited_error_rad"])
+    assert off.max() > 1.0
+    assert right[-1000:].mean(axis=0).max() < 0.05
+
+
+def test_doing_nothing_costs_the_pointing_too_where_the_limit_is_a_wall(by_name):
+    """A strut on its stop, a payload that collides, rates that blow up."""
+    for name in ("stroke", "obstacle", "singularity"):
+        goal = by_name[name]
+        assert max(goal["nothing"]["rms_urad"]) > 2 * max(goal["unlimited"]["rms_urad"])
+    # The collision is real: the sphere holds the payload where it would have passed through.
+    assert -1.0 < by_name["obstacle"]["nothing"]["clearance_um"] < 1.0
+    assert by_name["obstacle"]["unlimited"]["clearance_um"] < -100.0
+    # The shoulder is what kept the arm from its singularity.
+    assert by_name["singularity"]["unlimited"]["condition_number"] < 2.0
+
+
+def test_a_weighted_pseudo_inverse_compromises_the_pointing(by_name):
+    """At a weight that serves one goal well, another task is spoilt: there is no right one."""
+    changes = {
+        name: max(goal["pseudo_inverse_10"]["difference_rms_urad"])
+        / max(goal["pursued"]["difference_rms_urad"])
+        for name, goal in by_name.items()
+    }
+    assert changes["obstacle"] < 1.5
+    assert changes["singularity"] > 100
+    with_it = by_name["singularity"]["pseudo_inverse_10"]
+    assert max(with_it["rms_urad"]) > 5 * max(by_name["singularity"]["pursued"]["rms_urad"])
+
+
+def test_the_coils_stay_cool_though_their_heat_path_is_worse_than_the_controller_believes(
+    goals_folder,
+):
+    """The controller never measures them: it reckons with a thermal model of its own."""
+    with np.load(goals_folder / "reliability.npz") as data:
+        current = TestbedConfig().amplifier(126e3).current_a(data["pursued_strut_input_percent"])
+        believed = data["pursued_temperature_c"]
+    np.testing.assert_allclose(COILS.temperatures_c(current, 1e-3), believed, atol=1e-6)
+    worse = replace(COILS, thermal_resistance_k_per_w=1.2 * COILS.thermal_resistance_k_per_w)
+    hotter = worse.temperatures_c(current, 1e-3)
+    assert believed.max() < hotter.max() < LIMIT_C
+
+
+def test_everything_named_is_there(goals, goals_folder):
+    named = {goal[kind] for goal in goals["goals"] for kind in ("recording", "data")}
+    named |= {"goals.json", "goals.md", "goals.png", "goals.pdf"}
+    assert {file.name for file in goals_folder.iterdir()} == named
+    assert goals["experiment"] == "goals"
+    assert set(goals["model_sha256"]) == {"fjh", "arm"}
+    assert {"seed", "versions", "bench"} <= set(goals)
+
+
+def goals_in(folder: Path, goals: dict) -> Goals:
+    """What the study returned, read back from its data."""
+    outcomes: dict[str, dict[str, Outcome]] = {}
+    for goal in goals["goals"]:
+        with np.load(folder / goal["data"]) as data:
+            arrays = dict(data)
+        ours = outcomes[goal["name"]] = {}
+        for run in goal["runs"]:
+            mine = {
+                key.removeprefix(run["name"] + "_"): value
+                for key, value in arrays.items()
+                if key.startswith(run["name"] + "_")
+            }
+            error = mine.pop("error_rad")
+            measure = mine.pop(goal["measure"], np.zeros(len(error)))
+            gap_m = run["closure_residual_max_m"]
+            ours[run["name"]] = Outcome(arrays["time_s"], error, measure, gap_m, mine)
+    return Goals(goals["seed"], strategies(goals["seed"], quick=True), outcomes)
+
+
+@pytest.mark.parametrize(
+    ("name", "taken_for", "said"),
+    [
+        ("pseudo_inverse_10", "pursued", "pursued: change of the RMS of the pointing error [urad]"),
+        ("nothing", "pursued", "singularity, pursued: condition_number beyond its limit is 3"),
+        ("pursued", "nothing", "singularity, nothing: distance of condition_number from its limit"),
+    ],
+)
+def test_a_run_taken_for_another_fails_a_check_and_ends_with_code_1(
+    monkeypatch, capsys, tmp_path, goals, goals_folder, name, taken_for, said
+):
+    ran = goals_in(goals_folder, goals)
+    ran.outcomes["singularity"][taken_for] = ran.outcomes["singularity"][name]
+    monkeypatch.setattr(runs, "run_goals", lambda **_: ran)
+    assert main(["goals", "--quick", "--out", str(tmp_path)]) == 1
+    assert said in capsys.readouterr().err
+
+
+def failed_checks(summary: dict) -> list[str]:
+    return [str(check) for check in checks(summary) if not check.passed]
+
+
+def test_an_unsound_experiment_is_called_so(goals):
+    assert failed_checks(goals) == []
+    for place, goal in enumerate(goals["goals"]):
+        for key in CHANGES:
+            spoilt = copy.deepcopy(goals)
+            pursued = spoilt["goals"][place]["runs"][0]
+            assert pursued["name"] == "pursued"
+            pursued[key] = [0.0, -1.01 * goal["another_seed"][key]]
+            (sentence,) = failed_checks(spoilt)
+            assert sentence.startswith(f"{goal['name']}, pursued: {CHANGES[key]} [urad] is ")
+        spoilt = copy.deepcopy(goals)
+        spoilt["goals"][place]["runs"][-1]["closure_residual_max_m"] = 2e-8
+        (sentence,) = failed_checks(spoilt)
+        assert "closure residual [m] is 2e-08, expected below 1e-08" in sentence
+
+
+ROOT = Path(__file__).parents[2]
+PAGE = (ROOT / "docs" / "goals.md").read_text()
+
+
+def test_every_test_file_and_picture_that_the_goals_page_speaks_of_exists():
+    own = Path(__file__).read_text()
+    named = set(re.findall(r"`(test_\w+)`", PAGE))
+    assert len(named) > 8
+    assert {name for name in named if f"def {name}(" not in own} == set()
+    for path in re.findall(r"`((?:experiments|sim|models)/[\w/]+\.\w+)`", PAGE):
+        assert (ROOT / path).is_file(), path
+    for picture in re.findall(r"\((pictures/\w+\.png)\)", PAGE):
+        assert (ROOT / "docs" / picture).is_file(), picture
+
+
+def test_the_goals_page_has_a_row_for_every_run_and_its_limits(goals):
+    rows = {row[0]: row for row in table(goals).rows}
+    for label, row in rows.items():
+        printed = re.search(rf"^\| {re.escape(label)} \|(.*)\|$", PAGE, re.MULTILINE)
+        assert printed, label
+        assert printed.group(1).split("|")[1].strip() == row[2]

@@ -1,0 +1,284 @@
+"""A strut without coil, or without coil and spring: section 2.3.1 where springs decide."""
+
+import copy
+
+import mujoco
+import numpy as np
+import pytest
+import scipy.linalg
+
+from experiments.release.results import checks
+from experiments.release.statics import released_statics
+from experiments.rig.hexapod.columns import MAJOR
+from experiments.rig.hexapod.controller import StrutMapping, nominal_loops
+from experiments.rig.hexapod.fault_tolerance import elastic_system, strut_and_payload_stiffness
+from experiments.rig.hexapod.prediction import sensitivity_peak
+from experiments.rig.hexapod.simulation import SpiralRun, track_spiral
+from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
+from ftc.goal import Goal
+from sim import (
+    NOMINAL,
+    Failure,
+    Plant,
+    hexapod,
+    jacobians,
+    joint_stiffness,
+    linearize,
+    weightless,
+)
+
+EQUAL = (1.0,) * 6
+
+
+def failed(summary) -> list[str]:
+    return [str(check) for check in checks(summary) if not check.passed]
+
+
+@pytest.fixture(scope="module")
+def spirals(release):
+    return {spiral["name"]: spiral for spiral in release["spirals"]}
+
+
+def test_a_free_strut_with_its_spring_is_nearly_a_strut_locked_at_its_centre(model):
+    """The spring is two thousand times stiffer than what the flexures put up against it."""
+    system = elastic_system(model)
+    free = system.with_failures(free=[0]).kinematics()
+    locked = system.with_failures(locked=[0]).kinematics()
+    difference = np.abs(free.J - locked.J).max() / np.abs(locked.J).max()
+    assert 4e-4 < difference < 6e-4
+    assert free.self_motion.shape == (6, 0)
+    assert not free.manipulability(MAJOR).unstable
+
+
+@pytest.mark.parametrize("goal", [Goal(EQUAL, free=(0,)), Goal(EQUAL, spring_lost=(4,))])
+def test_the_strut_mappings_springs_are_those_of_the_whole_mechanism(model, goal):
+    """42 velocities with all their springs, or six struts and a twist: the same answer."""
+    mapping = StrutMapping(hexapod(model), goal, "constant", strut_and_payload_stiffness(model))
+    suspension = dict.fromkeys(goal.spring_lost, 0.0)
+    failed = elastic_system(model, suspension).with_failures(free=[*goal.free, *goal.spring_lost])
+    whole = failed.kinematics()
+    gain = whole.velocity_mapping(MAJOR, joint_weight=np.ones(6)).major
+    np.testing.assert_allclose(mapping.pointing_gain(), whole.expand(gain.T).T, atol=1e-12)
+
+
+def test_a_loose_strut_is_estimated_where_the_springs_let_it_go(model):
+    """The pose estimate must not believe that a strut without coil stays at its centre."""
+    stiffness = strut_and_payload_stiffness(model)
+    mapping = StrutMapping(hexapod(model), Goal(EQUAL, spring_lost=(0,)), "constant", stiffness)
+    command = mapping.displacements(np.array([1e-4, 0.0]), NOMINAL)
+    pose = mapping.estimate(command, NOMINAL)
+    np.testing.assert_allclose(pose.rotation[[2, 0], [1, 2]], [1e-4, 0.0], atol=1e-8)
+    assert command[0] == 0.0
+    assert abs(hexapod(model).displacements(pose)[0]) > 1e-6
+
+
+def test_in_orbit_nothing_needs_the_preload(model):
+    plant = Plant(weightless(model))
+    plant.settle(0.1)
+    assert np.abs(plant.displacement()).max() == 0.0
+    assert np.abs(plant.data.qfrc_passive).max() == 0.0
+
+
+@pytest.mark.parametrize("kind", ["free", "loose"])
+def test_the_linear_models_static_gain_is_that_of_the_springs(model, kind):
+    """Z (Z^T K Z)^-1 Z^T B u: constraint softness must not leak a stiff spring into a soft motion.
+
+    It did: accelerations of the softened constraints made a loose strut 13 % too stiff.
+    """
+    orbit = weightless(model)
+    plant = Plant(orbit)
+    Failure(0, kind).strike(plant)
+    linear = linearize(plant.model, plant.data)
+    command = 1e-5 * np.arange(1.0, 7.0)
+    jac = jacobians(orbit, mujoco.MjData(orbit), "payload", "base")
+    K = joint_stiffness(plant.model)
+    force = np.zeros(orbit.nv)
+    force[jac.active[1:]] = 126e3 * command[1:]
+    Z = scipy.linalg.null_space(jac.J_C)
+    by_springs = jac.J_T @ Z @ np.linalg.solve(Z.T @ (K[:, None] * Z), Z.T @ force)
+    by_model = -linear.C_twist @ np.linalg.solve(linear.A, linear.B @ command)
+    # The linearization's own finite differences are good to 1e-7.
+    np.testing.assert_allclose(by_model, by_springs, rtol=1e-6)
+
+
+def test_a_push_at_the_payload_does_the_work_of_its_wrench(model):
+    """Force on the velocities is J_T^T times the wrench, wherever the centre of mass is."""
+    plant = Plant(model)
+    wrench = np.array([0.1, -0.2, 0.3, 1.0, 2.0, -1.5])
+    jac = jacobians(plant.model, plant.data, "payload", "base")
+    mujoco.mj_forward(plant.model, plant.data)
+    alone = plant.data.qfrc_smooth.copy()
+    plant.push(wrench)
+    mujoco.mj_forward(plant.model, plant.data)
+    # Against a weight of 60 N.
+    np.testing.assert_allclose(plant.data.qfrc_smooth - alone, jac.J_T.T @ wrench, atol=1e-12)
+
+
+def test_with_its_spring_a_freed_strut_costs_what_a_locked_one_does(spirals, table1):
+    """Also uncorrected: a coil without current on a stiff spring is a lock at the centre.
+
+    Told in flight, the mapping goes over without a kick: pointing peaks as the sound machine's.
+    """
+    locked = table1["by_name"]["W_a_uncorrected"]
+    for angle in ("alpha", "beta"):
+        key = f"{angle}_rms_urad"
+        assert spirals["free_from_start_uncorrected"][key] == pytest.approx(locked[key], rel=0.005)
+        for when in ("from_start", "in_flight"):
+            corrected = spirals[f"free_{when}_corrected"][key]
+            assert corrected == pytest.approx(spirals["sound"][key], rel=0.005)
+            peak = f"{angle}_peak_urad"
+            assert spirals[f"free_{when}_corrected"][peak] < 1.05 * spirals["sound"][peak]
+
+
+def test_without_its_spring_the_loop_needs_the_mapping_of_its_bandwidth(spirals):
+    """At crossover the damper holds a loose strut: statics there nearly costs the loop."""
+    sound, told = spirals["sound"], spirals["loose_in_flight_corrected"]
+    as_locked = spirals["loose_in_flight_as_locked"]
+    assert sound["sensitivity_peak"] < 2.0
+    assert told["sensitivity_peak"] > 5.0
+    assert as_locked["sensitivity_peak"] < 2.1
+    for switched in (told, as_locked):  # either way the handover itself is not felt
+        assert switched["alpha_peak_urad"] < 1.05 * sound["alpha_peak_urad"]
+    for when in ("from_start", "in_flight"):
+        untold = spirals[f"loose_{when}_uncorrected"]
+        for angle in ("alpha", "beta"):
+            key = f"{angle}_rms_urad"
+            assert spirals[f"loose_{when}_as_locked"][key] < 0.9 * untold[key]
+
+
+def test_the_peak_sensitivity_is_what_brings_a_loop_to_its_margin(model):
+    """A gain or phase margin below what the peak allows would have been seen as a larger peak."""
+    bench = TestbedConfig()
+    loops = nominal_loops(model, bench)
+    peak = sensitivity_peak(Testbed(model, bench, loops), SpiralRun(Goal(EQUAL)))
+    for loop in loops:
+        assert 10 ** (-loop.gain_margin_db / 20) <= 1 - 1 / peak
+        assert 2 * np.sin(np.deg2rad(loop.phase_margin_deg) / 2) >= 1 / peak
+
+
+def test_motion_is_the_linear_models_and_springs_with_dampers_are_not_quasi_static(spirals):
+    for name, spiral in spirals.items():
+        if not spiral["kind"]:
+            continue
+        assert spiral["motion_mismatch_linear_model_percent"] < 0.1
+        # With the spring, modes of 31 Hz follow a spiral of 0.5 Hz; without, a time constant of
+        # half a second does not.
+        quasi_static = spiral["motion_mismatch_quasi_static_percent"]
+        assert quasi_static < 4.0 if spiral["kind"] == "free" else quasi_static > 30.0, name
+        if spiral["predicted_alpha_rms_urad"]:
+            for angle in ("alpha", "beta"):
+                expected = spiral[f"predicted_{angle}_rms_urad"]
+                assert spiral[f"{angle}_rms_urad"] == pytest.approx(expected, rel=0.005)
+
+
+def test_at_rest_the_elastic_mapping_says_where_the_payload_is_at_every_stiffness(release):
+    sweep = release["sweep"]
+    assert [point["suspension_over_swing"] for point in sweep] == [
+        10.0**k for k in range(3, -4, -1)
+    ]
+    for point in sweep:
+        # What is left is the struts that still have a coil: they are forces against springs, and
+        # yield to the flexures by 0.25 %; the linear model knows that.
+        assert point["mismatch_elastic_percent"] < 0.3
+        assert point["mismatch_linear_model_percent"] < 0.01
+        assert point["alpha_corrected_urad"] == pytest.approx(100.0, rel=0.003)
+        assert abs(point["beta_corrected_urad"]) < 0.1
+        assert point["all_flexures_n_per_m"] == pytest.approx(197.0, abs=0.5)
+        assert point["strut_1_simulated_um"] == pytest.approx(point["strut_1_elastic_um"], rel=4e-3)
+    as_if_locked = [point["mismatch_as_if_locked_percent"] for point in sweep]
+    assert as_if_locked[0] < 0.4
+    assert as_if_locked[-1] > 45.0
+    assert np.all(np.diff(as_if_locked) > 0)
+
+
+def test_on_the_ground_a_strut_without_its_spring_falls_to_its_stop(release):
+    fall = release["on_the_ground_without_spring"]
+    assert fall["strut_1_um"] == pytest.approx(fall["stop_um"], rel=1e-3)
+    assert abs(fall["alpha_urad"]) > 1000.0
+
+
+def test_rigid_and_elastic_verdicts_stand_side_by_side(release, release_folder):
+    atlas = release["atlas"]
+    assert (atlas["conditions"], atlas["possible_rigid"]) == (729, 54)
+    assert atlas["possible_elastic"] > 400
+    for single in atlas["single_failures"]:
+        assert single["elastic"]["possible"]
+        assert single["rigid"]["possible"] == (single["kind"] == "locked")
+        assert single["rigid"]["unstable_major"] == (single["kind"] == "free")
+        assert len(single["rigid"]["lost_gamma_t_x_t_y_t_z"]) == 1
+    with np.load(release_folder / "atlas.npz") as data:
+        assert data["codes"].shape == (729, 6)
+        assert data["rigid_possible"].sum() == 54
+        assert data["elastic_possible"].sum() == atlas["possible_elastic"]
+
+
+def test_everything_named_is_there(release, release_folder):
+    named = {spiral[kind] for spiral in release["spirals"] for kind in ("recording", "data")}
+    named |= {"release.json", "release.md", "release.png", "release.pdf", "atlas.npz"}
+    assert {file.name for file in release_folder.iterdir()} == named
+
+
+def test_an_unsound_experiment_is_called_so(release):
+    assert failed(release) == []
+    for group, key, value in (
+        ("spirals", "closure_residual_max_m", 1e-7),
+        ("spirals", "motion_mismatch_linear_model_percent", 2.0),
+        ("spirals", "alpha_rms_urad", None),
+        ("sweep", "mismatch_elastic_percent", 2.0),
+        ("sweep", "mismatch_linear_model_percent", 2.0),
+        ("sweep", "alpha_corrected_urad", 98.0),
+    ):
+        spoilt = copy.deepcopy(release)
+        for entry in spoilt[group]:
+            entry[key] = 1.1 * entry[key] if value is None else value
+        assert failed(spoilt), key
+    risen = copy.deepcopy(release)
+    risen["on_the_ground_without_spring"]["strut_1_um"] = 0.0
+    assert failed(risen)
+
+
+@pytest.mark.long
+def test_a_mismatch_would_be_seen(model):
+    """The elastic prediction at the wrong stiffness is far off the simulation's rest."""
+    point = released_statics(weightless(model), 1.0)
+    off = abs(point["alpha_as_if_locked_urad"] / point["alpha_simulated_urad"] - 1)
+    assert off > 0.2
+
+
+@pytest.mark.long
+def test_a_failure_strikes_at_its_time_and_the_mapping_changes_with_it(model):
+    bench = TestbedConfig()
+    stiffness = strut_and_payload_stiffness(model)
+    spiral = SpiralRun(
+        Goal(EQUAL),
+        failures=[Failure(0, "free", 0.2)],
+        reconfigured=Goal(EQUAL, free=(0,)),
+        jacobian="constant",
+        duration_s=0.4,
+    )
+    run = track_spiral(Testbed(model, bench, nominal_loops(model, bench), stiffness), spiral)
+    strut_1 = run.strut_input_percent[:, 0]
+    assert np.any(strut_1[run.time_s < 0.2])
+    assert not np.any(strut_1[run.time_s >= 0.2])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((0, "broken"), "kind must be one of .*weak, got 'broken'"),
+        ((-1, "free"), "actuator must not be negative, got -1"),
+        ((0, "free", np.nan), "time_s must be finite, got NaN"),
+        ((0, "free", -1.0), "time_s must not be negative, got -1.0"),
+    ],
+)
+def test_a_failure_that_could_not_strike_is_refused_at_once(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        Failure(*arguments)
+
+
+def test_a_free_strut_needs_springs_and_a_push_needs_six_numbers(model):
+    with pytest.raises(ValueError, match="stiffness must be given for a goal with free or loose"):
+        StrutMapping(hexapod(model), Goal(EQUAL, free=(0,)), "constant")
+    for wrench in (np.zeros(3), np.full(6, np.nan)):
+        with pytest.raises(ValueError, match=r"wrench must be (6 finite numbers|finite)"):
+            Plant(model).push(wrench)

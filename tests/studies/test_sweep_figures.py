@@ -1,0 +1,59 @@
+"""The figures of sweep and atlas: words for columns, points off the line, nothing hidden."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from experiments.study.dataset import Columns
+from experiments.sweep.figure import NEAR, sweep_picture
+from experiments.sweep.row import ANGLES
+from experiments.sweep.sweep_run import KINDS
+from experiments.sweep.words import WORDS
+from tests.figure_checks import faults
+
+UNITS = {"_s": ", s", "_hz": ", Hz", "_m": ", m", "_urad": ", µrad", "_bits": ", bits", "_a": "A"}
+
+
+@pytest.mark.parametrize("name", [name for name in KINDS if KINDS[name] in ("real", "integer")])
+def test_what_a_range_can_vary_is_in_words_with_its_unit(name):
+    words = WORDS[name]
+    assert "_" not in words.replace("$t_", "")
+    ending = max((end for end in UNITS if name.endswith(end)), key=len, default="")
+    assert words.endswith(UNITS.get(ending, "")), words
+
+
+def drawn(off: float) -> Figure:
+    """Three runs; the second has an alpha that is off its prediction by this part of it."""
+    predicted = np.array([0.5, 1.0, 2.0])
+    errors = {f"{of}{angle}_rms_urad": predicted for of in ("predicted_", "") for angle in ANGLES}
+    errors["alpha_rms_urad"] = predicted * [1.0, 1.0 + off, 1.0]
+    influence = {"dac_bits": {"alpha": -0.5, "beta": -0.1}}
+    summary = {"influence": influence}
+    return sweep_picture(Columns([], errors), np.full(3, True), summary).draw()
+
+
+def hollow(figure: Figure) -> Iterator[float]:
+    """Predictions of the hollow points of alpha."""
+    for line in figure.axes[0].lines:
+        if line.get_markerfacecolor() == "none" and "alpha" in str(line.get_label()):
+            yield from np.asarray(line.get_xdata())
+
+
+def test_points_off_the_line_are_hollow_and_the_legend_says_why():
+    assert list(hollow(drawn(0.5 * NEAR))) == []
+    for off in (2 * NEAR, -2 * NEAR):
+        assert list(hollow(drawn(off))) == [1.0]
+    figure = drawn(2 * NEAR)
+    assert faults(figure) == []
+    said = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert "$\\alpha$, off by more than 1 %: coarse converters" in said
+    assert [tick.get_text() for tick in figure.axes[1].get_yticklabels()] == [WORDS["dac_bits"]]
+
+
+def test_a_referee_finds_no_fault_with_the_figures(sweep_folder, atlas_folder, faults_of_figures):
+    assert (sweep_folder / "sweep.png").is_file()
+    assert (atlas_folder / "atlas_flown.png").is_file()
+    assert faults_of_figures("sweep") == []
+    assert faults_of_figures("atlas_flown") == []

@@ -1,0 +1,267 @@
+"""Table I at full length: every number that the experiment promises."""
+
+import json
+import re
+from copy import deepcopy
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from experiments.rig.hexapod import paper
+from experiments.rig.hexapod.columns import COLUMNS
+from experiments.rig.hexapod.controller import nominal_loops
+from experiments.rig.hexapod.metrics import CLOSURE_LIMIT_M, rms
+from experiments.rig.hexapod.prediction import predicted_error_rad
+from experiments.rig.hexapod.simulation import SpiralRun, track_spiral
+from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
+from experiments.study.results import Results
+from experiments.table1.figure import pictures
+from experiments.table1.results import checks, notes, table
+from experiments.table1.runs import CONFIGURATIONS
+
+CORRECTED = ["W_a", "W_b", "W_c", "W_d", "W_e"]
+NOMINAL_COLUMNS = CORRECTED[:3]
+ANGLES = ["alpha", "beta"]
+SHAPES = {
+    "time_s": (16000,),
+    "desired_rad": (16000, 2),
+    "true_rad": (16000, 2),
+    "measured_rad": (16000, 2),
+    "strut_input_percent": (16000, 6),
+    "strut_displacement_m": (16000, 6),
+    "secondary": (16000, 4),
+    "closure_residual_m": (16000,),
+}
+
+
+def input_rms(table1, name: str) -> np.ndarray:
+    return np.array(table1["by_name"][name]["strut_input_rms_percent"])
+
+
+def corrected_rms(table1, key: str) -> np.ndarray:
+    return np.array([table1["by_name"][name][key] for name in CORRECTED])
+
+
+@pytest.mark.parametrize(("angle", "off"), [("alpha", 0.020), ("beta", -0.038)])
+def test_the_calibrated_level_is_the_papers_mean_over_the_corrected_columns(table1, angle, off):
+    """Two levels were fitted, one an angle: 2.0 % above and 3.8 % below the paper's means."""
+    level = corrected_rms(table1, f"{angle}_rms_urad").mean()
+    printed = corrected_rms(table1, f"paper_{angle}_rms_urad").mean()
+    assert level / printed - 1 == pytest.approx(off, abs=0.005)
+
+
+@pytest.mark.parametrize("angle", ANGLES)
+def test_no_corrected_entry_is_further_from_the_papers_than_a_constant_would_be(table1, angle):
+    """The paper's own scatter: a constant at its mean misses an entry of alpha by 13.9 %."""
+    here = corrected_rms(table1, f"{angle}_rms_urad")
+    printed = corrected_rms(table1, f"paper_{angle}_rms_urad")
+    assert np.abs(here / printed - 1).max() < 0.139
+
+
+@pytest.mark.parametrize("angle", ANGLES)
+def test_sound_columns_track_alike_whatever_the_weights(table1, angle):
+    """J_m M = I under any weights: under the same noise 0.007 % apart, over eight seeds."""
+    rms = [table1["by_name"][name][f"{angle}_rms_urad"] for name in NOMINAL_COLUMNS]
+    assert max(rms) < 1.0003 * min(rms)
+
+
+@pytest.mark.parametrize(("name", "spared"), [("W_b", [0, 2, 4]), ("W_c", [1, 3, 5])])
+def test_weighted_struts_are_spared_and_the_others_pay(table1, name, spared):
+    change = input_rms(table1, name) / input_rms(table1, "W_a")
+    others = np.setdiff1d(range(6), spared)
+    assert np.all(change[spared] < 0.7)
+    assert np.all(change[others] > 1.0)
+
+
+@pytest.mark.parametrize("angle", ANGLES)
+@pytest.mark.parametrize("name", ["W_d", "W_e"])
+def test_reconfiguration_restores_tracking_with_strut_1_locked(table1, name, angle):
+    """To the level of six struts, under the same noise: 0.06 % off over eight seeds."""
+    restored = table1["by_name"][name][f"{angle}_rms_urad"]
+    assert restored == pytest.approx(table1["by_name"]["W_a"][f"{angle}_rms_urad"], rel=0.0015)
+
+
+@pytest.mark.parametrize("axis", ["t_x_um", "t_y_um"])
+def test_translation_across_the_line_of_sight_falls_by_more_than_twenty(table1, axis):
+    peaks = [table1["by_name"][name]["secondary_peak"][axis] for name in ("W_d", "W_e")]
+    assert peaks[0] > paper.TRANSLATION_REDUCTION * peaks[1]
+
+
+@pytest.mark.parametrize("angle", ANGLES)
+@pytest.mark.parametrize("column", COLUMNS, ids=lambda column: column.name)
+def test_the_linear_model_predicts_every_column(table1, column, angle):
+    """Within the 0.2 % that docs/testbed.md states; 0.13 % at the most, over eight seeds."""
+    result = table1["by_name"][column.name]
+    predicted = result[f"predicted_{angle}_rms_urad"]
+    assert result[f"{angle}_rms_urad"] == pytest.approx(predicted, rel=0.002)
+
+
+def test_a_lock_without_correction_costs_what_linear_theory_says_not_what_the_paper_saw(table1):
+    """Loop gain with row 1 of the mapping lost: errors 1.39 and 1.15 times the sound ones."""
+    A = np.linalg.inv(paper.JACOBIAN)
+    J_m = np.linalg.inv(A)[:2]
+    mapping = np.linalg.pinv(J_m)
+    mapping[0] = 0.0
+    gain = J_m @ mapping
+    np.testing.assert_allclose(gain, [[0.750, -0.144], [-0.144, 0.917]], atol=1e-3)
+    ratio = [
+        table1["by_name"]["W_a_uncorrected"][f"{angle}_rms_urad"]
+        / table1["by_name"]["W_a"][f"{angle}_rms_urad"]
+        for angle in ANGLES
+    ]
+    np.testing.assert_allclose(ratio, [1.39, 1.15], rtol=0.02)
+    printed = np.divide(paper.TABLE_I_URAD["W_a_uncorrected"], paper.TABLE_I_URAD["W_a"])
+    np.testing.assert_allclose(printed, [4.01, 1.55], rtol=0.005)
+    assert ratio[0] < 0.5 * printed[0]  # not reproduced, and not hidden
+
+
+@pytest.mark.parametrize("column", COLUMNS, ids=lambda column: column.name)
+def test_loops_stay_closed_and_locks_hold(table1, runs, column):
+    run = runs[column.name]
+    stated = table1["by_name"][column.name]["closure_residual_max_m"]
+    assert 0 < stated < CLOSURE_LIMIT_M
+    assert run["closure_residual_m"].max() == stated
+    for strut in column.struts("locked"):
+        assert np.ptp(run["strut_displacement_m"][:, strut]) < 1e-7
+    sound = np.setdiff1d(range(6), column.struts("locked"))
+    assert np.all(np.ptp(run["strut_displacement_m"][:, sound], axis=0) > 1e-6)
+
+
+def test_the_jacobian_may_be_taken_as_constant_here(table1):
+    comparison = table1["jacobian_comparison"]
+    assert table1["jacobian"] == "analytic"
+    assert comparison["other"] == "constant"
+    differences = [
+        abs(column[f"other_jacobian_{angle}_rms_urad"] - column[f"{angle}_rms_urad"])
+        for column in table1["columns"]
+        for angle in ANGLES
+    ]
+    assert 0 < max(differences) < comparison["next_seed_rms_difference_urad"]
+    assert "below the noise" in comparison["sentence"]
+
+
+@pytest.mark.parametrize("column", COLUMNS, ids=lambda column: column.name)
+def test_the_data_files_hold_every_control_tick_and_give_the_table(table1, runs, column):
+    run, stated = runs[column.name], table1["by_name"][column.name]
+    assert {name: run[name].shape for name in SHAPES} == SHAPES
+    assert all(np.isfinite(values).all() for values in run.values())
+    for against in ("true", "measured"):
+        error_urad = 1e6 * (run["desired_rad"] - run[f"{against}_rad"])
+        infix = "" if against == "true" else "measured_"
+        for k, angle in enumerate(ANGLES):
+            rms = np.sqrt(np.mean(error_urad[:, k] ** 2))
+            assert stated[f"{angle}_{infix}rms_urad"] == pytest.approx(rms, rel=1e-12)
+    # The detector's noise comes on top of the true error.
+    assert stated["alpha_measured_rms_urad"] > stated["alpha_rms_urad"]
+
+
+@pytest.mark.parametrize("name", CORRECTED)
+def test_the_controllers_estimate_of_the_secondary_motion_is_near_the_truth(runs, name):
+    """Each of gamma, t_x, t_y, t_z on its own: 2 % of its motion and 0.1 um or 0.1 urad."""
+    truth, estimate = runs[name]["secondary"], runs[name]["secondary_estimated"]
+    allowed = 0.02 * np.abs(truth).max(axis=0) + 1e-7
+    assert np.all(np.abs(estimate - truth).max(axis=0) < allowed)
+
+
+def test_a_controller_that_does_not_know_of_the_lock_estimates_wrongly(runs):
+    lost = runs["W_a_uncorrected"]
+    peak, believed = (np.abs(lost[key]).max(axis=0) for key in ("secondary", "secondary_estimated"))
+    assert np.all(peak > 100 * believed)
+
+
+def failed(summary) -> list[str]:
+    return [str(check) for check in checks(summary) if not check.passed]
+
+
+def test_an_unsound_table_fails_its_checks(table1):
+    assert not failed(table1)
+    opened = deepcopy(table1)
+    opened["columns"][2]["other_jacobian_closure_residual_max_m"] = 2e-8
+    (sentence,) = failed(opened)
+    assert sentence.startswith("W_c, other Jacobian: closure residual [m] is 2e-08")
+    opened["jacobian_comparison"]["next_seed_closure_residual_max_m"] = 2e-8
+    assert len(failed(opened)) == 2
+    off = deepcopy(table1)
+    off["columns"][1]["beta_rms_urad"] *= 1.005
+    (sentence,) = failed(off)
+    assert sentence.startswith("W_b: relative difference between the RMS error of beta")
+    assert not failed(off | {"duration_s": 4.0})  # the noise alone may do that
+    off["columns"][1]["beta_rms_urad"] *= 1.03
+    assert len(failed(off | {"duration_s": 4.0})) == 1
+
+
+def test_a_run_alone_gives_the_same_bits_as_beside_others(model, runs):
+    """Seed 0, same machine: neither worker processes nor their order leave a trace."""
+    bench = TestbedConfig()
+    column = next(column for column in COLUMNS if column.name == "W_d")
+    loops = nominal_loops(model, bench)
+    run = SpiralRun(column.goal, column.failures, seed=0, duration_s=2.0)
+    alone = track_spiral(Testbed(model, bench, loops), run)
+    ticks = len(alone.time_s)
+    np.testing.assert_array_equal(alone.true_rad, runs["W_d"]["true_rad"][:ticks])
+    np.testing.assert_array_equal(alone.measured_rad, runs["W_d"]["measured_rad"][:ticks])
+
+
+def test_the_json_carries_what_a_reader_needs_to_repeat_it(table1):
+    assert table1["experiment"] == "table1"
+    assert table1["seed"] == 0
+    assert len(table1["model_sha256"]) == 64
+    assert table1["versions"]["mujoco"].startswith("4.")
+    assert [column["name"] for column in table1["columns"]] == list(paper.TABLE_I_URAD)
+    for column in table1["columns"]:
+        printed = (column["paper_alpha_rms_urad"], column["paper_beta_rms_urad"])
+        assert printed == paper.TABLE_I_URAD[column["name"]]
+        assert set(column["secondary_peak"]) == {"gamma_urad", "t_x_um", "t_y_um", "t_z_um"}
+    units = re.compile(r"_(urad|deg|s|hz|m|a|percent|kg|m2|n|rad)$|_per_(m|a|s2|rad)$")
+    bare = {"roll_off_damping", "dac_bits", "closure_impedance"}
+    bare |= {"spiral_exponent", "spiral_direction", "anti_windup"}
+    assert all(units.search(name) or name in bare for name in table1["bench"])
+    assert {"settling_s", "tip_inertia_kg_m2", "closure_time_constant_s"} <= set(table1["bench"])
+
+
+def test_each_column_says_where_its_errors_come_from(table1):
+    """Fitted levels, the same errors by construction, or predicted; and how many were fitted."""
+    origins = [column["origin"] for column in table1["columns"]]
+    assert origins == ["fitted", *["= W_a"] * 4, "predicted"]
+    shown = table(table1)
+    assert shown.rows[0] == ("origin", *origins)
+    assert any(row[0].strip() == "paper" for row in shown.rows)
+    said = " ".join(notes(table1))
+    assert "act on these entries as two numbers" in said
+    assert "a constant at the paper's mean differs by at most 13.9 %" in said
+
+
+def test_the_page_is_made_of_the_json_alone_and_every_file_is_listed(table1_folder):
+    summary = json.loads((table1_folder / "table1.json").read_text())
+    assert set(summary["files"]) == {path.name for path in table1_folder.iterdir()}
+    drawn = {f"{picture.name}.png" for picture in pictures({})}
+    assert drawn == {file for file in summary["files"] if file.endswith(".png")}
+    page = Results(summary, tables=[table(summary)], notes=notes(summary)).markdown()
+    assert (table1_folder / "table1.md").read_text() == page
+    assert {len(row) for row in table(summary).rows} == {len(table(summary).headings)}
+
+
+DEMAND_LIMITED = re.findall(
+    r"^\| (alpha|beta), demand-limit \|(.*)\|$",
+    (Path(__file__).parents[2] / "docs" / "uncorrected.md").read_text(),
+    re.MULTILINE,
+)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["W_a", "W_e", "W_a_uncorrected"])
+def test_the_second_configuration_is_within_15_percent_of_all_of_table_1(model, name):
+    """The printed numbers are MuJoCo's; the stepped linear loop gives them to 0.2 %."""
+    bench = CONFIGURATIONS["demand-limit"].bench
+    column = next(column for column in COLUMNS if column.name == name)
+    loops = nominal_loops(model, bench)
+    run = SpiralRun(column.goal, column.failures)
+    error = predicted_error_rad(Testbed(model, bench, loops), run)
+    assert error is not None
+    place = list(paper.TABLE_I_URAD).index(name)
+    printed = {angle: [float(x) for x in cells.split("|")] for angle, cells in DEMAND_LIMITED}
+    urad = [printed[angle][place] for angle in ANGLES]
+    np.testing.assert_allclose(1e6 * rms(error), urad, rtol=2e-3)
+    everything = [printed[angle][k] for k in range(6) for angle in ANGLES]
+    np.testing.assert_allclose(everything, np.ravel(list(paper.TABLE_I_URAD.values())), rtol=0.15)

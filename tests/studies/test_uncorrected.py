@@ -1,0 +1,400 @@
+"""Table I's last column: the physics of each candidate explanation, and the study as a whole."""
+
+import copy
+import json
+import re
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from rerun.chunk import RrdReader
+
+from experiments.app.cli import main
+from experiments.rig.hexapod.controller import StrutMapping, nominal_loops
+from experiments.rig.hexapod.floor import FLOOR_BAND_HZ, floor_acceleration
+from experiments.rig.hexapod.metrics import rms
+from experiments.rig.hexapod.prediction import driven_loop, predicted_error_rad, predicted_rms_rad
+from experiments.rig.hexapod.simulation import SpiralRun, Trajectory, track_spiral
+from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
+from experiments.uncorrected.answer import paragraph, table
+from experiments.uncorrected.candidates import (
+    BENCH,
+    CANDIDATES,
+    COLUMNS,
+    W_A,
+    damped,
+    pointing_mode,
+)
+from experiments.uncorrected.limit_map import largest_miss
+from experiments.uncorrected.results import checks
+from experiments.uncorrected.stability_map import at_crossover, map_row
+from ftc.goal import Goal
+from sim import (
+    NOMINAL,
+    Failure,
+    Plant,
+    failed_plant,
+    hexapod,
+    linearize,
+    load_model,
+)
+from tests.printed import assert_printable
+from tests.sim.test_plant import edited, mode_shapes, pole_of, ring_down
+
+LOCK_1 = (Failure(0, "locked"),)
+SECONDS = 1.5
+
+
+@pytest.fixture(scope="module")
+def loops(model):
+    return nominal_loops(model, TestbedConfig())
+
+
+@pytest.fixture(scope="session")
+def uncorrected_folder(tmp_path_factory, faults_of_figures):
+    """The first seconds of three candidates, made by the command."""
+    path = tmp_path_factory.mktemp("uncorrected")
+    assert main(["uncorrected", "--quick", "--out", str(path)]) == 0
+    return path
+
+
+@pytest.fixture(scope="session")
+def study(uncorrected_folder):
+    return json.loads((uncorrected_folder / "uncorrected.json").read_text())
+
+
+def test_a_referee_finds_no_fault_with_the_figures(uncorrected_folder, faults_of_figures):
+    assert (uncorrected_folder / "uncorrected.png").is_file()
+    assert faults_of_figures("uncorrected") == []
+    assert faults_of_figures("demand_limit") == []
+
+
+def test_a_steady_acceleration_of_the_floor_is_a_sag(model):
+    """As much as a push of -m a at the centre of mass; the struts add a part of their own mass."""
+    acceleration = np.array([0.02, -0.01, 0.03])
+    plant = Plant(model)
+    plant.shake(acceleration)
+    plant.settle(1.0)
+    linear = linearize(plant.model, Plant(model).data)
+    sag = -linear.C_twist @ np.linalg.solve(linear.A, linear.B_floor @ acceleration)
+    np.testing.assert_allclose(plant.displacement(), sag, rtol=2e-3, atol=2e-9)
+
+    pushed = Plant(model)
+    carried_kg = model.body_mass[model.body("payload").id] + 6 * 0.05
+    pushed.push(np.array([0, 0, 0, *(-carried_kg * acceleration)]))
+    pushed.settle(1.0)
+    by_push = pushed.displacement()[3:]
+    assert np.linalg.norm(sag[3:]) > np.linalg.norm(by_push)
+    np.testing.assert_allclose(sag[3:], by_push, rtol=0.25)
+
+
+def test_shaking_leaves_the_callers_model_alone_and_stops_with_zero(model):
+    plant = Plant(model)
+    plant.shake(np.ones(3))
+    assert model.opt.gravity.tolist() == [0, 0, -9.81]
+    # z_b points down: a floor that falls with g leaves nothing to carry.
+    plant.shake(np.array([0, 0, 9.81]))
+    np.testing.assert_allclose(plant.model.opt.gravity, 0, atol=1e-12)
+    plant.shake(np.zeros(3))
+    assert plant.model.opt.gravity.tolist() == model.opt.gravity.tolist()
+
+
+@pytest.mark.parametrize("bad", [np.zeros(2), np.full(3, np.nan)])
+def test_a_floor_that_is_no_floor_is_refused(model, bad):
+    with pytest.raises(ValueError, match=r"acceleration must be (3 finite numbers|finite)"):
+        Plant(model).shake(bad)
+
+
+def test_a_floor_shorter_than_the_spiral_is_refused(model, loops):
+    run = SpiralRun(W_A, duration_s=0.1, floor_m_per_s2=np.zeros((50, 3)))
+    with pytest.raises(ValueError, match="must have 3 columns and at least 100 rows"):
+        track_spiral(Testbed(model, TestbedConfig(), loops), run)
+
+
+def test_the_floor_meets_its_criterion_in_every_third_octave_band():
+    criterion = 50e-6
+    acceleration = floor_acceleration(16000, 1e-3, criterion, [3])
+    assert acceleration.shape == (16000, 3)
+    frequency = np.fft.rfftfreq(len(acceleration), 1e-3)
+    spectrum = np.fft.rfft(acceleration, axis=0)[1:] / (2 * np.pi * frequency[1:, None])
+    power = 2 * np.abs(spectrum / len(acceleration)) ** 2
+    for centre in FLOOR_BAND_HZ[0] * 2 ** (np.arange(10) / 3):
+        low, high = centre * 2 ** (-1 / 6), centre * 2 ** (1 / 6)
+        band = (frequency[1:] >= low) & (frequency[1:] < high)
+        np.testing.assert_allclose(np.sqrt(power[band].sum(axis=0)), criterion, rtol=0.02)
+    outside = (frequency < 7) | (frequency > 90)
+    assert np.abs(spectrum[outside[1:]]).max() < 1e-12
+    assert not np.array_equal(acceleration, floor_acceleration(16000, 1e-3, criterion, [4]))
+
+
+@pytest.mark.long
+def test_a_lock_off_centre_holds_where_the_coil_had_put_the_strut(model, loops):
+    """Pointing starts at J[:, 0] l, and the other struts at their centre."""
+    place_m = 80e-6
+    run = off_centre(model, loops, W_A, place_m, 0.0)
+    J = np.linalg.inv(hexapod(model).inverse_jacobian(NOMINAL))
+    # The flexures take a few thousandths of the coil's force.
+    np.testing.assert_allclose(run.true_rad[0], J[:2, 0] * place_m, rtol=6e-3)
+    assert np.abs(run.strut_displacement_m[:, 0] - place_m).max() < 6e-3 * place_m
+    assert np.abs(run.strut_displacement_m[0, 1:]).max() < 6e-3 * place_m
+    settled = off_centre(model, loops, W_A, place_m, 1.0)
+    # The integrators have removed it, but for the detector's noise.
+    assert np.abs(settled.true_rad[0]).max() < 1e-6
+
+
+def off_centre(model, loops, goal, place_m, lead_in_s) -> Trajectory:
+    run = SpiralRun(
+        goal,
+        failures=LOCK_1,
+        start_m=place_m * np.eye(6)[0],
+        lead_in_s=lead_in_s,
+        jacobian="constant",
+        duration_s=SECONDS,
+    )
+    return track_spiral(Testbed(model, TestbedConfig(), loops), run)
+
+
+KNOWN = Goal(secondary_weight=(1.0,) * 4, locked_m={0: 80e-6})
+OFF = {"failures": LOCK_1, "start_m": 80e-6 * np.eye(6)[0]}
+FLOOR = {"floor_m_per_s2": floor_acceleration(16000, 1e-3, 200e-6, [1, 1])}
+
+
+@pytest.mark.parametrize(
+    ("goal", "conditions"),
+    [
+        (W_A, {}),
+        (W_A, FLOOR),
+        (W_A, OFF | FLOOR),
+        (W_A, OFF | {"lead_in_s": 0.5}),
+        (KNOWN, OFF),
+    ],
+    ids=["sound", "floor", "off centre on a floor", "settled first", "known where it is stuck"],
+)
+def test_mujoco_does_tick_by_tick_what_the_linear_model_says(model, loops, goal, conditions):
+    testbed = Testbed(model, TestbedConfig(), loops)
+    spiral = SpiralRun(goal, jacobian="constant", seed=2, duration_s=SECONDS, **conditions)
+    run = track_spiral(testbed, spiral)
+    error = run.desired_rad - run.true_rad
+    predicted = predicted_error_rad(testbed, spiral)
+    assert predicted is not None
+    # Quantization leaves 0.02 urad; a kick from the lock two parts in a hundred.
+    np.testing.assert_array_less(rms(error - predicted), 0.03e-6 + 0.025 * rms(predicted))
+    # It can fail: other noise, a floor at rest and a lock at the centre are not what was run.
+    failures = conditions.get("failures", ())
+    other = predicted_error_rad(testbed, SpiralRun(W_A, failures, seed=3, duration_s=SECONDS))
+    assert other is not None
+    assert np.all(rms(error - other) > 1.2 * rms(error - predicted))
+
+
+def test_both_predictions_agree_where_both_speak(model, loops):
+    testbed, run = Testbed(model, TestbedConfig(), loops), SpiralRun(W_A, LOCK_1)
+    error = predicted_error_rad(testbed, run)
+    assert error is not None
+    expected = predicted_rms_rad(testbed, run)
+    np.testing.assert_allclose(rms(error), expected, rtol=2e-3)
+
+
+def test_damping_is_that_asked_for_and_the_integrator_adds_none(model):
+    """Ring-down of the pointing modes in MuJoCo at the least damping simulated."""
+    least = 0.005
+    quiet = damped(model, least)
+    frequency_hz, ratio = pointing_mode(quiet)
+    assert ratio == pytest.approx(least, rel=0.01)
+    pole = pole_of(ring_down(quiet, mode_shapes(quiet)[3], 0.3), model.opt.timestep)
+    assert abs(pole) / (2 * np.pi) == pytest.approx(frequency_hz, rel=0.01)
+    assert -pole.real / abs(pole) == pytest.approx(least, rel=0.03)
+    assert damped(model, 0.2).dof_damping.max() > 1.5 * model.dof_damping.max()
+    discrete = damped(edited(('integrator="Euler"', 'integrator="discrete"')), least)
+    pole = pole_of(ring_down(discrete, mode_shapes(quiet)[3], 0.3), model.opt.timestep)
+    assert -pole.real / abs(pole) > 1.5 * least
+    with pytest.raises(ValueError, match="ratio must lie between 0 and 1, got 0"):
+        damped(model, 0)
+
+
+DOCS = (Path(__file__).parents[2] / "docs" / "uncorrected.md").read_text()
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    "name", ["lost_strut", "off_centre", "retuned", "limit", "limit_speed", "limit_anti_windup"]
+)
+def test_the_page_says_the_linear_models_ratios(model, name):
+    row = re.search(rf"^\| {name.replace('_', ' ')} \|(.*)\|$", DOCS, re.MULTILINE)
+    assert row
+    printed = [float(number) for number in row.group(1).split("|")[2].split(",")]
+    candidate = next(c for c in CANDIDATES if c.name == name)
+    machine = candidate.machine(model)
+    testbed = Testbed(machine, candidate.bench, nominal_loops(machine, candidate.bench))
+    sound, uncorrected = (
+        predicted_error_rad(testbed, candidate.run(column, 0))
+        for column in ("W_a", "W_a_uncorrected")
+    )
+    assert sound is not None
+    assert uncorrected is not None
+    np.testing.assert_allclose(rms(uncorrected) / rms(sound), printed, atol=0.006)
+
+
+def test_the_corrected_columns_need_more_stroke_than_the_uncorrected_one(model):
+    """Outermost turn: W_a asks 16.6 um of every strut, uncorrected 24.9 um of strut 4."""
+    J = np.linalg.inv(hexapod(model).inverse_jacobian(NOMINAL))[:2]
+    W_a = np.linalg.pinv(J)
+    lost = J[:, 1:] @ W_a[1:]
+    need = {"sound": W_a, "uncorrected": W_a @ np.linalg.inv(lost)}
+    for column, weight in (("W_d", 1.0), ("W_e", 10.0)):
+        goal = Goal(secondary_weight=(weight, weight, 1.0, 1.0), locked_m={0: 0.0})
+        need[column] = StrutMapping(hexapod(model), goal, "constant").pointing_gain()
+    peak_um = {name: 100 * np.linalg.norm(gain, axis=1).max() for name, gain in need.items()}
+    assert peak_um["sound"] == pytest.approx(16.6, abs=0.05)
+    assert peak_um["uncorrected"] == pytest.approx(24.9, abs=0.05)
+    assert peak_um["W_e"] == pytest.approx(28.6, abs=0.05)
+    assert peak_um["W_d"] == pytest.approx(31.5, abs=0.05)
+    assert np.linalg.eigvalsh(lost) == pytest.approx([2 / 3, 1], abs=1e-3)
+
+
+@pytest.mark.long
+def test_a_row_of_the_map_is_what_the_prediction_says(model):
+    bench = at_crossover(TestbedConfig(), 6.0, 25.0)
+    quiet = damped(model, 0.05)
+    loops = nominal_loops(quiet, bench)
+    errors, poles = map_row(model, TestbedConfig(), 0.05, np.array([6.0, 30.0]), 25.0, seed=0)
+    for k, failures in enumerate(((), LOCK_1)):
+        expected = predicted_error_rad(Testbed(quiet, bench, loops), SpiralRun(W_A, failures))
+        assert expected is not None
+        np.testing.assert_allclose(errors[0, k], rms(expected), rtol=1e-3)
+    # At 30 Hz the sound loop is not to be closed.
+    assert np.isinf(errors[1]).all()
+    assert np.isinf(poles[1]).all()
+    assert np.all(poles[0] < 1)
+
+
+@pytest.mark.long
+def test_an_unstable_loop_has_no_predicted_error_and_a_run_that_stays_finite(model):
+    candidate = next(c for c in CANDIDATES if c.name == "resonance")
+    machine = candidate.machine(model)
+    loops = nominal_loops(machine, candidate.bench)
+    testbed = Testbed(machine, candidate.bench, loops)
+    assert predicted_error_rad(testbed, candidate.run("W_d", 0)) is None
+    assert predicted_error_rad(testbed, candidate.run("W_a", 0)) is not None
+    gain = np.linalg.pinv(np.linalg.inv(hexapod(model).inverse_jacobian(NOMINAL))[:2])
+    T = driven_loop(failed_plant(machine, ()), gain, [loop.discrete for loop in loops])
+    assert np.abs(T.poles()).max() < 1
+
+
+def test_each_candidate_differs_from_the_bench_in_what_it_names():
+    assert BENCH.differs() == {}
+    assert BENCH.bench == TestbedConfig()
+    names = [candidate.name for candidate in CANDIDATES]
+    assert len(set(names)) == len(names)
+    assert all(candidate.differs() for candidate in CANDIDATES[1:])
+
+
+def test_the_folder_holds_what_the_json_speaks_of(uncorrected_folder, study):
+    assert study["experiment"] == "uncorrected"
+    assert {"seed", "versions", "model_sha256", "bench"} <= set(study)
+    fields = set(Trajectory.__dataclass_fields__)
+    for candidate in study["candidates"]:
+        with np.load(uncorrected_folder / candidate["data"]) as data:
+            assert set(data) == fields
+            error = 1e6 * rms(data["desired_rad"] - data["true_rad"])
+        column = candidate["columns"][COLUMNS.index("W_a_uncorrected")]
+        np.testing.assert_allclose(error, column["simulated_urad"])
+        assert bool(candidate["recording"]) == (candidate["name"] == "lost_strut")
+    reader = RrdReader(uncorrected_folder / "lost_strut.rrd")
+    assert reader.recordings()[0].application_id.startswith("fjh-uncorrected-lost_strut-seed0-")
+    assert len(reader.blueprints()) == 1
+    with np.load(uncorrected_folder / "map.npz") as data:
+        shape = (2, len(data["damping_ratio"]), len(data["alpha_crossover_hz"]))
+        assert data["rms_urad"].shape == (*shape, 2, 2)
+        assert data["largest_pole"].shape == (*shape, 4)
+    with np.load(uncorrected_folder / "limit_map.npz") as data:
+        axes = ("exponent", "direction", "start_deg", "anti_windup", "limit_over_radius")
+        assert data["rms_urad"].shape == (*(len(data[name]) for name in axes), 4, 2)
+        miss = largest_miss(data["rms_urad"])
+    assert study["limit_map"]["settings"] == miss.size
+    assert study["limit_map"]["settings_met"] == (miss < 0.15).sum() == 1
+    best = [one["best"]["largest_miss_percent"] for one in study["limit_map"]["spirals"]]
+    assert min(best) == pytest.approx(100 * miss.min())
+    assert study["beam_walk"]["offsets_met"] == 0
+    assert_printable(uncorrected_folder)
+
+
+def whole(study):
+    """As if the whole spiral had been run: what is said of it then."""
+    return copy.deepcopy(study) | {"duration_s": study["bench"]["duration_s"]}
+
+
+def test_the_paragraph_says_the_numbers_of_the_run(study):
+    text = paragraph(whole(study))
+    lost = next(one for one in study["candidates"] if one["name"] == "lost_strut")
+    assert f"{lost['ratio'][0]:.2f} and {lost['ratio'][1]:.2f}" in text
+    best = next(one for one in study["candidates"] if one["name"] == study["best"])
+    assert f"{best['ratio'][0]:.2f} and {best['ratio'][1]:.2f}" in text
+    assert "4.01 (alpha) and 1.55 (beta)" in text
+    assert "1.39 and 1.15 in any linear loop" in text
+    # A strut at its centre has nothing to settle.
+    settled = lost["settled_corrected_urad"]["W_d"]
+    column = lost["columns"][COLUMNS.index("W_d")]
+    np.testing.assert_allclose(settled, column["predicted_urad"], rtol=0.02)
+
+
+def test_a_part_of_the_spiral_is_not_put_beside_the_papers_numbers(uncorrected_folder, study):
+    """Neither on the screen nor in a recording; they are of 16 s."""
+    assert study["paragraph"].startswith("Part of the spiral only")
+    assert "4.01" not in (uncorrected_folder / "uncorrected.md").read_text()
+    assert all(row[0] != "the paper" for row in table(study).rows)
+    assert any(row[0] == "the paper" for row in table(whole(study)).rows)
+    notes = (
+        RrdReader(uncorrected_folder / "lost_strut.rrd")
+        .stream()
+        .filter(content="/notes")
+        .to_chunks()
+    )
+    assert "paper" not in str([chunk.to_record_batch().to_pydict() for chunk in notes])
+
+
+def test_the_conclusion_names_its_condition_and_only_where_it_holds(study):
+    """A candidate that fits once W_d and W_e start settled is not passed over, nor called plain."""
+    told = whole(study)
+    assert "none meets both ratios and leaves" in paragraph(told)
+    assert "started off centre" not in paragraph(told)
+    told["candidates"][0]["explains_if_corrected_settled"] = True
+    assert "If the uncorrected run alone started off centre" in paragraph(told)
+    told["candidates"][1]["explains"] = True
+    told["candidates"][2]["explains"] = True
+    said = paragraph(told)
+    assert '"floor office", "off centre" also leave W_a' in said
+    assert '"floor office" changes least, 1 number.' in said
+
+
+def failed(summary) -> list[str]:
+    return [str(check) for check in checks(summary) if not check.passed]
+
+
+def test_numbers_that_do_not_agree_fail_a_check(study):
+    assert not failed(study)
+    for spoil, words in (
+        (
+            {"simulated_urad": [9.0, 9.0]},
+            "W_a of lost_strut: relative difference between the RMS errors",
+        ),
+        ({"closure_residual_max_m": 1e-6}, "W_a of lost_strut: closure residual"),
+        ({"diverged_at_s": 1.0}, "W_a of lost_strut: divergence of a run"),
+    ):
+        spoilt = copy.deepcopy(study)
+        spoilt["candidates"][0]["columns"][0].update(spoil)
+        (sentence,) = failed(spoilt)
+        assert sentence.startswith(words)
+    column = study["candidates"][0]["columns"][0]
+    point = column | {"name": "W_a", "damping_ratio": 0.05, "alpha_crossover_hz": 12.0}
+    assert not failed(study | {"checked_points": [point]})
+    (sentence,) = failed(study | {"checked_points": [point | {"simulated_urad": [9.0, 9.0]}]})
+    assert sentence.startswith("W_a at 0.05, 12 Hz of the map")
+
+
+def test_damping_leaves_the_callers_model_alone(model):
+    before = model.dof_damping.copy()
+    damped(model, 0.01)
+    assert isinstance(model, mujoco.MjModel)
+    np.testing.assert_array_equal(model.dof_damping, before)
+    np.testing.assert_array_equal(load_model().dof_damping, before)
