@@ -11,7 +11,7 @@ import numpy as np
 from experiments.recover.mechanism_flight import LEFT_S, MechanismFlight, recovered_s
 from experiments.recover.mechanism_row import SCHEMA, row_of
 from experiments.rig.choices import Sensing
-from experiments.rig.dither import rig_dither
+from experiments.rig.dither import option_dither
 from experiments.rig.mjcf import robot_rig
 from experiments.rig.options import RobotOptions, check_positive
 from experiments.rig.reach import check_reach
@@ -107,7 +107,7 @@ def run_mechanisms(
         sense: robot_rig(file, replace(options, sense=sense)) for sense in senses
     }
     dithers: dict[Sensing, DitherDesign | None] = {
-        sense: rig_dither(rig, dither) for sense, rig in rigs.items()
+        sense: option_dither(rig, dither) for sense, rig in rigs.items()
     }
     flights: list[MechanismFlight] = []
     for sense, rig in rigs.items():

@@ -28,7 +28,7 @@ _NOTHING = 1e-9
 
 
 def rig_dither(rig: "Rig", asked: str) -> DitherDesign | None:
-    """The dither that a command asks for, in the words of its option.
+    """The dither that is asked for: "none", "designed", or a frequency in Hz.
 
     The least separation of two failures is the largest found, by the linear model with the
     uncertainty that the diagnosis assumes, of a size that :data:`DITHER_SIZE` says. None is none,
@@ -50,7 +50,19 @@ def rig_dither(rig: "Rig", asked: str) -> DitherDesign | None:
     try:
         return designed_dither(rig.watched, freedom, frequencies, CONDITIONS, cost)
     except ValueError as error:  # an undamped mode at that frequency
-        raise WrongInput(f"--dither {asked}: {error}") from None
+        raise WrongInput(f"dither {asked}: {error}") from None
+
+
+def option_dither(rig: "Rig", asked: str) -> DitherDesign | None:
+    """The same of the option `--dither` of a command, by whose name it is refused.
+
+    Raises:
+        WrongInput: As :func:`rig_dither`.
+    """
+    try:
+        return rig_dither(rig, asked)
+    except WrongInput as error:
+        raise WrongInput(f"--{error}") from None
 
 
 def dither_of(rig: "Rig", asked: str | Dither | None, default: str | Dither) -> Dither | None:
@@ -79,7 +91,7 @@ def _frequencies(rig: "Rig", asked: str) -> list[float]:
     seen = [hz for hz in tried if slowest <= hz <= fastest]
     if not seen:
         raise WrongInput(
-            f"--dither must be none, designed, or a frequency from {slowest:g} to {fastest:g} Hz, "
+            f"dither must be none, designed, or a frequency from {slowest:g} to {fastest:g} Hz, "
             f"got {asked}"
         )
     return seen

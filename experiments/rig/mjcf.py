@@ -115,7 +115,7 @@ def robot_rig(file: Path, options: RobotOptions, at: Array | None = None) -> Rob
         sim.ModelError: The file, or what it says.
     """
     robot, rows = _robot(file, options, at), options.rows
-    plant = robot.plant(robot.model)
+    plant = robot.known
     limits = plant.limits()
     limited = options.limits == "stated" and any(np.isfinite(limit).any() for limit in limits)
     unused: Unused = "locked" if (plant.spring_share > _HELD).all() else "free"
@@ -194,6 +194,11 @@ class _Robot:
         return Plant(model, base=self.options.axes, payload=self.frame, start=self.start)
 
     @cached_property
+    def known(self) -> Plant:
+        """As its controller has it, at the start: never flown."""
+        return self.plant(self.model)
+
+    @cached_property
     def mechanism(self) -> Mechanism:
         """The controller's own model, which knows no state: all readers share it."""
         return Mechanism(self.model, self.start, self.frame, self.options.axes)
@@ -207,10 +212,9 @@ class _Robot:
         events: object,
     ) -> Bench:
         """A machine with plant and drift of the first seed, noise of the other."""
-        known = self.plant(self.model)
-        model, gains = mismatched_model(self.model, known, mismatch, seeds[0])
+        model, gains = mismatched_model(self.model, self.known, mismatch, seeds[0])
         plant = self.plant(model)
-        per_command = displaced(known, plant, gains)
+        per_command = displaced(self.known, plant, gains)
         return Bench(
             plant,
             self._sensors(mismatch.drift_per_s * self.period_s, len(gains), *seeds),

@@ -11,7 +11,8 @@ STUDY = Study(
     name="track",
     help="""Track a path with any robot while its actuators fail.
 
-    The robot is an MJCF file as downloaded; without one it is the hexapod. Its major rows are
+    The robot is an MJCF file as downloaded; without one it is the hexapod, whose frame, loops and
+    sensors are those of the testbed: it takes none of the options for these. The major rows are
     controlled in a closed loop through the mapping, at the joint positions of a keyframe or qpos0.
     An actuator that fails is diagnosed from the measurements, and the mapping is reconfigured. The
     errors are compared with the linear model of the plant. A minute for most robots.
@@ -48,7 +49,7 @@ STUDY = Study(
             str,
             "circle",
             "spiral, circle, steps, or FILE.npz with time_s (N,) and desired (N, rows): major "
-            "displacements from the start, [rad] or [m]. The hexapod's is its spiral.",
+            "displacements from the start, [rad] or [m].",
             "PATH",
         ),
         *PATH,

@@ -2,12 +2,12 @@
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, get_args
 
 from experiments.rig.choices import Diagnosing
-from experiments.rig.dither import rig_dither
+from experiments.rig.dither import option_dither
 from experiments.rig.mjcf import robot_rig
 from experiments.rig.options import RobotOptions, check_positive
 from experiments.rig.prediction import Prediction
@@ -110,7 +110,7 @@ def run_track(
     failures = _failures(rig, fail, shorter, len(desired))
     check_reach(rig, desired)
     factory = None if controller is None else controller_factory(controller)
-    design = rig_dither(rig, dither)
+    design = option_dither(rig, dither)
     if design is None and dither != "none":
         raise WrongInput(f"--dither {dither}: the major task leaves no motion for a dither")
     told = diagnosis == "on"
@@ -152,6 +152,16 @@ def run_track(
 
 
 def _hexapod(options: RobotOptions) -> Rig:
+    """The hexapod of the testbed, which has its own frame, loops and sensors.
+
+    Raises:
+        WrongInput: An option that is for a robot of a file.
+    """
+    for option in fields(options):
+        its_own = option.name not in ("size", "feedforward")
+        if its_own and getattr(options, option.name) != option.default:
+            name = option.name.replace("_", "-")
+            raise WrongInput(f"--{name} needs a MODEL.xml: the hexapod of the testbed has its own")
     return Rig.hexapod(size=options.size, feedforward=options.feedforward == "on")
 
 

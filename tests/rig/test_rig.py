@@ -1,5 +1,7 @@
 """One rig for every robot: failures by name, events, predictions that know who is told."""
 
+from collections import Counter
+from collections.abc import Callable
 from functools import cache, partial
 from typing import Any
 
@@ -10,6 +12,11 @@ from experiments.rig import Rig
 from experiments.rig.mismatch import Known, Mismatch
 from experiments.study.study import WrongInput
 from sim import HEXAPOD_MJCF, Failure
+from experiments.rig.hexapod import HexapodRig
+from experiments.rig.hexapod.simulation import settled, simulated
+from ftc.fdi.fault_model import Fault
+from sim import HEXAPOD_MJCF, Failure, Mechanism, Plant
+from sim.kinematics.reader import JacobianReader
 
 FAILED_S = 0.5
 
@@ -81,6 +88,47 @@ def test_a_strut_without_force_is_the_same_to_both_rigs_of_the_hexapod():
         run = one.fly(one.supervisor("none"), path_of(name, 1.6), failures=failures)
         assert run.diagnoses[0].actuator == "strut1" and not run.task_lost
         assert "strut1 was named free at" in run.status
+
+
+@pytest.mark.parametrize("name", ["hexapod", "arm"])
+def test_a_rig_reads_its_model_once(name, monkeypatch):
+    """Counted: pilots, verdicts and flights share what was read; a flight has its own plant."""
+    made = Counter[str]()
+    for each in (Mechanism, JacobianReader, Plant):
+        monkeypatch.setattr(each, "__init__", _counted(each.__init__, made, each.__name__))
+    monkeypatch.setattr(Plant, "settle", _counted(Plant.settle, made, "settle"))
+    one = rig.__wrapped__(name)
+    assert made["JacobianReader"] == 1
+    assert made["Mechanism"] == (name != "hexapod")
+    one.fly(one.supervisor("none"), np.zeros((2, 2)))
+    made.clear()
+    one.fly(one.supervisor("none"), np.zeros((2, 2)))
+    one.controller()
+    one.classified([Fault(1, "loose")])
+    assert made == {"Plant": 1}
+
+
+def _counted(what: Callable[..., Any], made: Counter[str], name: str) -> Callable[..., Any]:
+    def counted(*given: Any, **named: Any) -> Any:
+        made[name] += 1
+        return what(*given, **named)
+
+    return counted
+
+
+@pytest.mark.parametrize("mismatch", ["exact", "all"])
+def test_a_machine_that_rested_before_flies_as_one_that_settles_anew(mismatch):
+    one, time_s = rig("hexapod", mismatch), np.arange(100) * 1e-3
+    assert isinstance(one, HexapodRig)
+    how: dict[str, Any] = {"failures": [Failure(1, "locked", 0.05)], "seed": 5, "keep_qpos": True}
+    logs = []
+    for rest in (None, settled(one.testbed).data):
+        bench = simulated(one.testbed, time_s, rest=rest, **how)
+        for now_s in time_s:
+            bench.measure()
+            bench.apply(50.0 * np.sin(np.arange(6) + 20.0 * now_s))
+        logs.append(bench.qpos)
+    np.testing.assert_array_equal(*logs)
 
 
 @pytest.mark.parametrize("name", ["hexapod", "arm"])

@@ -134,7 +134,7 @@ def test_encoders_resolve_the_path_as_well_as_the_task_sensor_whatever_the_units
 
 @pytest.mark.parametrize("words", ["0.5", "1000", "nan", "often", ""])
 def test_a_dither_that_is_none_is_refused_in_a_sentence(words):
-    with pytest.raises(WrongInput, match="--dither must be none, designed, or a frequency from 2"):
+    with pytest.raises(WrongInput, match=r"^dither must be none, designed, or a frequency from 2"):
         rig_dither(designed("platform", "both")[0], words)
 
 

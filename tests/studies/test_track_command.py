@@ -6,7 +6,7 @@ Paths here are a thousandth of the mechanism, so that the linear model holds.
 import io
 import json
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 from experiments.app.cli import main
+from experiments.rig.options import RobotOptions
 from experiments.study.study import WrongInput
 from experiments.track import STUDY
 from experiments.track.results import AGREES, checks, notes, summarize
@@ -49,8 +50,8 @@ def tracked(model: Path | None, seed: int = 0, **options: Any) -> Tracked:
     """A run as the command makes it, without its files."""
     usual: dict[str, Any] = {option.name: option.default for option in STUDY.options}
     # A given crossover spares the search, and little noise leaves what the path itself costs.
-    usual |= {"model": model, "major": MAJOR.get(model, "0,1"), "crossover": 0.7, "turn": 2.0}
-    usual |= {"duration": 1.0} | options
+    usual |= {"model": model, "major": MAJOR.get(model, "0,1"), "turn": 2.0, "duration": 1.0}
+    usual |= ({} if model is None else {"crossover": 0.7}) | options
     return run_track(seed=seed, quick=False, on_progress=lambda *_: None, **usual)
 
 
@@ -335,6 +336,33 @@ def test_what_cannot_be_done_is_refused_in_one_sentence(name, capfd, tmp_path):
     words, expected = ASKED[name]
     usual = ("--crossover", "0.7", "--duration", "0.4")
     assert expected in refused(capfd, tmp_path / "out", str(ARM), *usual, *words)
+
+
+OF_A_FILE = {
+    "site": "stem1",
+    "axes": "base",
+    "major": "3,4",
+    "noise": "1e-6",
+    "crossover": "5",
+    "period": "0.002",
+    "joint-weight": "2",
+    "secondary-weight": "1",
+    "limits": "none",
+    "keyframe": "0",
+    "servo": "20",
+    "sense": "both",
+}
+
+
+@pytest.mark.parametrize("name", OF_A_FILE)
+def test_the_hexapod_refuses_an_option_that_would_do_nothing(name, capfd, tmp_path):
+    said = refused(capfd, tmp_path / "out", f"--{name}", OF_A_FILE[name])
+    assert said.startswith(f"fjh: --{name} needs a MODEL.xml")
+
+
+def test_every_option_of_a_robot_is_the_hexapods_too_or_refused():
+    refused_names = {name.replace("-", "_") for name in OF_A_FILE}
+    assert {each.name for each in fields(RobotOptions)} == refused_names | {"size", "feedforward"}
 
 
 def test_a_row_that_nothing_moves_is_refused(capfd, tmp_path):

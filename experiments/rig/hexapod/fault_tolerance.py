@@ -171,6 +171,7 @@ def supervisor(
     dither: Dither = STILL,
     config: FdiConfig = DEFAULT_CONFIG,
     nominal: NominalModel | None = None,
+    atlas: FailureAtlas | None = None,
     feedforward: bool = False,
 ) -> Supervisor:
     """Diagnosis and control for this machine.
@@ -188,15 +189,17 @@ def supervisor(
     """
     if nominal is None:
         nominal = nominal_model(testbed.model, testbed.bench, strut_sensors=strut_sensors)
-    atlas = failure_atlas(elastic_system(testbed.model), MAJOR)
+    if atlas is None:
+        atlas = failure_atlas(elastic_system(testbed.model), MAJOR)
+    elastic = atlas.elastic
+    assert elastic is not None  # the hexapod has springs
 
     def controller(diagnoses: Sequence[Diagnosis]) -> PrioritizedController[Pose]:
         known = goal_after(goal, diagnoses, UNUSED)
         return controller_for(testbed, known, jacobian=jacobian, feedforward=feedforward)
 
     def is_possible(faults: Sequence[Fault]) -> bool:
-        assert atlas.elastic is not None  # the hexapod has springs
-        return bool(atlas.elastic.possible[atlas.row(**by_kind(faults))])
+        return bool(elastic.possible[atlas.row(**by_kind(faults))])
 
     return Supervisor(
         first=controller([]),

@@ -10,17 +10,18 @@ from experiments.rig.hexapod.simulation import Trajectory, track_path
 from experiments.rig.hexapod.testbed import Testbed
 from experiments.study.controllers import controller_factory
 from ftc.control_task import ControlTask
+from ftc.fdi.fault_model import NominalModel
 from ftc.goal import Goal
 from ftc.guarded_controller import GuardedController
 from sim import NOMINAL, hexapod
 
 
-def control_task(testbed: Testbed, goal: Goal) -> ControlTask:
+def control_task(testbed: Testbed, goal: Goal, nominal: NominalModel) -> ControlTask:
     """What a controller of this machine is told; failures only where the goal has them."""
     drives, bench = testbed.amplifier(), testbed.bench
     full = np.full(testbed.model.nu, 100.0)
     return ControlTask(
-        nominal=nominal_model(testbed.model, bench),
+        nominal=nominal,
         J=np.linalg.inv(hexapod(testbed.model).posture(NOMINAL).inverse_jacobian),
         major=tuple(MAJOR),
         goal=goal,
@@ -37,6 +38,7 @@ def track_with(
 
     `run` are options of :func:`experiments.rig.hexapod.simulation.track_path`.
     """
-    pilot = GuardedController(name, controller_factory(name), control_task(testbed, goal))
+    task = control_task(testbed, goal, nominal_model(testbed.model, testbed.bench))
+    pilot = GuardedController(name, controller_factory(name), task)
     trajectory, state = track_path(testbed, pilot, **run)
     return trajectory, state.failure

@@ -3,7 +3,10 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
+import mujoco
+import numpy as np
 from experiments.rig.dither import dither_of
 from experiments.rig.hexapod.columns import COLUMNS, MAJOR
 from experiments.rig.hexapod.controller import StrutMapping, controller_for, nominal_loops
@@ -18,6 +21,7 @@ from experiments.rig.hexapod.fault_tolerance import (
 from experiments.rig.hexapod.mismatch import ALL, mismatched
 from experiments.rig.hexapod.other_controller import control_task
 from experiments.rig.hexapod.simulation import simulated
+from experiments.rig.hexapod.simulation import settled, simulated
 from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
 from experiments.rig.mismatch import EXACT, Known, Mismatch, sizes_of
 from experiments.rig.rig import Rig
@@ -26,7 +30,7 @@ from ftc.fdi.dither import Dither
 from ftc.fdi.fault_model import Fault, by_kind
 from ftc.goal import Goal
 from ftc.supervisor import Supervisor
-from prioritized import Manipulability
+from prioritized import ConstrainedSystem, FailureAtlas, Manipulability, failure_atlas
 from sim import Array, Bench, Failure, Hexapod, Plant, Pose, hexapod, load_model
 
 
@@ -36,9 +40,11 @@ class HexapodRig(Rig):
 
     Attributes:
         testbed: The machine, the constants around it, compensators.
+        elastic: The machine with its springs, without failures.
     """
 
     testbed: Testbed
+    elastic: ConstrainedSystem
 
     def drawn(self, mismatch: Known | Mismatch, seed: int) -> "HexapodRig":
         """The same with a plant that differs so; floor and hysteresis included."""
@@ -66,20 +72,37 @@ class HexapodRig(Rig):
     ) -> Supervisor:
         """By detector alone, whose heave finds failures sooner."""
         chosen = dither_of(self, dither, DITHER)
-        how = {"dither": chosen or STILL, "feedforward": self.feedforward}
-        return supervisor(self.testbed, goal or self.goal, **how)
+        return supervisor(
+            self.testbed,
+            goal or self.goal,
+            dither=chosen or STILL,
+            nominal=self.watched,
+            atlas=self._atlas,
+            feedforward=self.feedforward,
+        )
+
+    @cached_property
+    def _atlas(self) -> FailureAtlas:
+        return failure_atlas(self.elastic, MAJOR)
 
     def bench(
         self, time_s: Array, failures: Sequence[Failure], seed: int, events: object = None
     ) -> Bench:
         """The machine, settled."""
-        testbed = self.testbed
-        return simulated(testbed, time_s, failures, seed, keep_qpos=True, events=events)
+        how: dict[str, Any] = {"rest": self._rest, "keep_qpos": True, "events": events}
+        return simulated(self.testbed, time_s, failures, seed, **how)
+
+    @cached_property
+    def _rest(self) -> mujoco.MjData:
+        """Of the plant; flights begin with copies."""
+        return settled(self.testbed).data
 
     def classified(self, faults: Sequence[Fault]) -> Manipulability:
         """What is left, springs included."""
-        loose = {fault.actuator: 0.0 for fault in faults if fault.kind == "loose"}
-        elastic = elastic_system(self.model, loose)
+        stiffness = np.array(self.elastic.stiffness)
+        loose = [fault.actuator for fault in faults if fault.kind == "loose"]
+        stiffness[self.elastic.active[loose]] = 0.0
+        elastic = replace(self.elastic, stiffness=stiffness)
         return elastic.with_failures(**by_kind(faults)).kinematics().manipulability(MAJOR)
 
 
@@ -108,7 +131,8 @@ def hexapod_rig(size: float | None, feedforward: bool) -> HexapodRig:
         encoder_noise=bench.strut_sensor_noise_m,
         travel=Plant(model).limits(),
         unused=UNUSED,
-        task=control_task(testbed, goal),
+        task=control_task(testbed, goal, nominal),
         warnings=(),
         testbed=testbed,
+        elastic=elastic_system(model),
     )
