@@ -19,7 +19,6 @@ from experiments.recording.gif import pixels
 from experiments.recording.hexapod import Mark
 from experiments.recording.shown import Shown
 from experiments.recording.solids import solid_of
-from experiments.rig.hexapod import animation as animations
 from experiments.rig.hexapod.simulation import Trajectory
 from experiments.study.files import write_arrays
 from experiments.study.plotting import VERMILION, save_figure

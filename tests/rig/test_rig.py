@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 
 from experiments.rig import Rig
+from experiments.rig.hexapod.rig import HexapodRig
+from experiments.rig.hexapod.simulation import settled, simulated
 from experiments.rig.mismatch import Known, Mismatch
 from experiments.study.study import WrongInput
-from sim import HEXAPOD_MJCF, Failure
-from experiments.rig.hexapod import HexapodRig
-from experiments.rig.hexapod.simulation import settled, simulated
 from ftc.fdi.fault_model import Fault
 from sim import HEXAPOD_MJCF, Failure, Mechanism, Plant
 from sim.kinematics.reader import JacobianReader
@@ -122,8 +121,8 @@ def test_a_machine_that_rested_before_flies_as_one_that_settles_anew(mismatch):
     assert isinstance(one, HexapodRig)
     how: dict[str, Any] = {"failures": [Failure(1, "locked", 0.05)], "seed": 5, "keep_qpos": True}
     logs = []
-    for rest in (None, settled(one.testbed).data):
-        bench = simulated(one.testbed, time_s, rest=rest, **how)
+    for testbed in (one.testbed, settled(one.testbed)):
+        bench = simulated(testbed, time_s, **how)
         for now_s in time_s:
             bench.measure()
             bench.apply(50.0 * np.sin(np.arange(6) + 20.0 * now_s))

@@ -185,6 +185,7 @@ def supervisor(
         dither: What finds failures sooner.
         config: Rates and confidences.
         nominal: What the diagnosis takes the machine for; None is the model's.
+        atlas: Of :func:`elastic_system`; None is the model's.
         feedforward: As of :func:`experiments.rig.hexapod.controller.controller_for`.
     """
     if nominal is None:

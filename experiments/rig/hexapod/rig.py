@@ -3,10 +3,9 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
-import mujoco
 import numpy as np
+
 from experiments.rig.dither import dither_of
 from experiments.rig.hexapod.columns import COLUMNS, MAJOR
 from experiments.rig.hexapod.controller import StrutMapping, controller_for, nominal_loops
@@ -20,7 +19,6 @@ from experiments.rig.hexapod.fault_tolerance import (
 )
 from experiments.rig.hexapod.mismatch import ALL, mismatched
 from experiments.rig.hexapod.other_controller import control_task
-from experiments.rig.hexapod.simulation import simulated
 from experiments.rig.hexapod.simulation import settled, simulated
 from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
 from experiments.rig.mismatch import EXACT, Known, Mismatch, sizes_of
@@ -89,13 +87,13 @@ class HexapodRig(Rig):
         self, time_s: Array, failures: Sequence[Failure], seed: int, events: object = None
     ) -> Bench:
         """The machine, settled."""
-        how: dict[str, Any] = {"rest": self._rest, "keep_qpos": True, "events": events}
-        return simulated(self.testbed, time_s, failures, seed, **how)
+        testbed = self._settled
+        return simulated(testbed, time_s, failures, seed, keep_qpos=True, events=events)
 
     @cached_property
-    def _rest(self) -> mujoco.MjData:
-        """Of the plant; flights begin with copies."""
-        return settled(self.testbed).data
+    def _settled(self) -> Testbed:
+        """Flights begin with copies of its rest."""
+        return settled(self.testbed)
 
     def classified(self, faults: Sequence[Fault]) -> Manipulability:
         """What is left, springs included."""

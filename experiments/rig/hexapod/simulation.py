@@ -189,7 +189,6 @@ def simulated(
     seed: int,
     *,
     start_m: Array | None = None,
-    rest: mujoco.MjData | None = None,
     floor_m_per_s2: Array | None = None,
     keep_qpos: bool = False,
     events: object = None,
@@ -202,7 +201,6 @@ def simulated(
         failures: What happens.
         seed: Of the noise of all sensors.
         start_m: As in :class:`SpiralRun`.
-        rest: Of :func:`settled` with these, whatever happens from then on; None is to settle anew.
         floor_m_per_s2: Acceleration of the floor at each tick, shape (N, 3); None is at rest.
         keep_qpos: Whether the log has the positions of all joints.
         events: What else happens; see :class:`sim.Bench`.
@@ -228,13 +226,6 @@ def simulated(
         keep_qpos=keep_qpos,
         events=events,
     )
-
-
-def settled(testbed: Testbed, start_m: Array | None = None) -> Plant:
-    """The machine at rest, before anything happens to it; `start_m` as in :class:`SpiralRun`."""
-    plant = Plant(testbed.machine.model)
-    plant.settle(testbed.bench.settling_s, start_m)
-    return plant
 
 
 def _after_rest(ticks: int, signal: Array) -> Array:
