@@ -47,10 +47,17 @@ def elastic_system(
         suspension: Stiffness of some struts' suspensions by strut 0..5, [N]/[m].
     """
     jac = jacobians(model, mujoco.MjData(model), site="payload", axes="base")
-    stiffness = joint_stiffness(model)
-    for strut, value in (suspension or {}).items():
-        stiffness[jac.active[strut]] = value
-    return ConstrainedSystem(jac.J_T, jac.J_C, jac.active, stiffness=stiffness)
+    system = ConstrainedSystem(jac.J_T, jac.J_C, jac.active, stiffness=joint_stiffness(model))
+    return with_suspension(system, suspension or {})
+
+
+def with_suspension(system: ConstrainedSystem, suspension: dict[int, float]) -> ConstrainedSystem:
+    """An elastic system with other suspensions of some struts 0..5, [N]/[m]."""
+    stiffness = np.array(system.stiffness)
+    for strut, value in suspension.items():
+        own = system.active[strut]
+        stiffness[own, own] = value
+    return replace(system, stiffness=stiffness)
 
 
 @dataclass(frozen=True)

@@ -4,8 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-import numpy as np
-
 from experiments.rig.dither import dither_of
 from experiments.rig.hexapod.columns import COLUMNS, MAJOR
 from experiments.rig.hexapod.controller import StrutMapping, controller_for, nominal_loops
@@ -16,6 +14,7 @@ from experiments.rig.hexapod.fault_tolerance import (
     elastic_system,
     nominal_model,
     supervisor,
+    with_suspension,
 )
 from experiments.rig.hexapod.mismatch import ALL, mismatched
 from experiments.rig.hexapod.other_controller import control_task
@@ -97,10 +96,8 @@ class HexapodRig(Rig):
 
     def classified(self, faults: Sequence[Fault]) -> Manipulability:
         """What is left, springs included."""
-        stiffness = np.array(self.elastic.stiffness)
-        loose = [fault.actuator for fault in faults if fault.kind == "loose"]
-        stiffness[self.elastic.active[loose]] = 0.0
-        elastic = replace(self.elastic, stiffness=stiffness)
+        loose = {fault.actuator: 0.0 for fault in faults if fault.kind == "loose"}
+        elastic = with_suspension(self.elastic, loose)
         return elastic.with_failures(**by_kind(faults)).kinematics().manipulability(MAJOR)
 
 
