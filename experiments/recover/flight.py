@@ -4,10 +4,10 @@ from dataclasses import asdict, dataclass, replace
 from functools import cache
 from typing import Any, Literal
 
+from experiments.rig.hexapod.bench import settled
 from experiments.rig.hexapod.controller import nominal_loops
 from experiments.rig.hexapod.fault_tolerance import DITHER
 from experiments.rig.hexapod.mismatch import ALL, ALONE, mismatched
-from experiments.rig.hexapod.simulation import settled
 from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
 from experiments.rig.mismatch import EXACT, Mismatch
 from ftc.fdi.dither import Dither

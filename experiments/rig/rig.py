@@ -26,7 +26,7 @@ from ftc.fdi.fault_model import Fault, NominalModel
 from ftc.goal import Goal
 from ftc.supervisor import Supervisor, Unused
 from prioritized import Manipulability
-from sim import Array, Bench, Failure
+from sim import Array, Bench, Failure, Pose
 from sim.mjcf.drive import number_of
 
 
@@ -218,6 +218,13 @@ class Rig(ABC):
     def classified(self, faults: Sequence[Fault]) -> Manipulability:
         """What is left with these faults."""
 
+    def reached(self, pose: Pose) -> Array:
+        """The major rows (N, m1) of poses of the task frame, as the sensors of the task have them.
+
+        Rows of [rotation vector; translation].
+        """
+        return pose.displacement()[:, list(self.major)]
+
     def path(self, name: str, *, duration_s: float, turn_s: float = 4.0) -> Array:
         """Desired displacements of the major rows at each tick, shape (N, m1).
 
@@ -237,6 +244,7 @@ class Rig(ABC):
         failures: Sequence[Failure] = (),
         seed: int = 0,
         begin_s: float = 0.0,
+        lead_in_s: float = 0.0,
         events: object = None,
         on_tick: Callable[[int], None] | None = None,
     ) -> Run:
@@ -248,6 +256,8 @@ class Rig(ABC):
             failures: What happens, actuators by name or number.
             seed: Of the noise of all sensors.
             begin_s: Time of the first tick.
+            lead_in_s: So long the loop is closed about zero before the path starts, which is not
+                kept; what fails at the first tick has failed by then.
             events: What else happens; see :class:`sim.Bench`.
             on_tick: Told of the number of ticks so far.
 
@@ -258,7 +268,17 @@ class Rig(ABC):
         desired = check.matrix("path", path, columns=len(self.major))
         struck = self._numbered(failures)
         time_s = begin_s + np.arange(len(desired)) * self.period_s
-        return flown(self, pilot, time_s, desired, struck, seed, events, on_tick)
+        return flown(
+            self,
+            pilot,
+            time_s,
+            desired,
+            struck,
+            seed=seed,
+            lead_in=round(lead_in_s / self.period_s),
+            events=events,
+            on_tick=on_tick,
+        )
 
     def predict(
         self, path: ArrayLike, *, failures: Sequence[Failure] = (), told: bool = True

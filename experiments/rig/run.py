@@ -2,7 +2,10 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from ftc.fdi.fault_model import FaultKind
 from ftc.loop import Controller, run_loop
@@ -43,7 +46,8 @@ class Run:
         desired: (N, m1) major displacements, [rad] or [m].
         true: (N, m1).
         measured: (N, m1).
-        task: (N, 6) true displacement [rotation vector; translation] of the task frame.
+        pose: True pose of the task frame at N ticks, from the nominal one.
+        estimated: The pose that the pilot takes it for, at each tick; None where it takes none.
         inputs: (N, n) sent to the drives: displacements, or percent of the hexapod's inputs.
         displacement: (N, n) of the actuators.
         qpos: (N, nq) joint positions.
@@ -58,7 +62,8 @@ class Run:
     desired: Array
     true: Array
     measured: Array
-    task: Array
+    pose: Pose
+    estimated: Sequence[Any]
     inputs: Array
     displacement: Array
     qpos: Array
@@ -67,6 +72,11 @@ class Run:
     diagnoses: tuple[Named, ...]
     task_lost: bool
     status: str
+
+    @cached_property
+    def task(self) -> Array:
+        """True displacement [rotation vector; translation] of the task frame, shape (N, 6)."""
+        return self.pose.displacement()
 
     @property
     def arrays(self) -> dict[str, Array]:
@@ -83,34 +93,44 @@ def flown(
     time_s: Array,
     desired: Array,
     failures: Sequence[Failure],
+    *,
     seed: int,
+    lead_in: int,
     events: object,
     on_tick: Callable[[int], None] | None,
 ) -> Run:
-    """A flight; see :meth:`experiments.rig.Rig.fly`."""
-    bench = rig.bench(time_s, failures, seed, events)
-    looped = run_loop(bench if on_tick is None else _Counted(bench, on_tick), pilot, desired)
-    task = Pose(bench.rotation, bench.translation_m).displacement()
+    """A flight, `lead_in` ticks at rest before it; see :meth:`experiments.rig.Rig.fly`."""
+    times = np.concatenate([np.full(lead_in, time_s[0]), time_s])
+    bench, kept = rig.bench(times, failures, seed, events), slice(lead_in, None)
+    machine = bench if on_tick is None else _Counted(bench, on_tick)
+    looped = run_loop(machine, pilot, after_rest(lead_in, desired))
+    pose = Pose(bench.rotation[kept], bench.translation_m[kept])
     assert bench.qpos is not None  # rigs keep it
     state, named = looped.state, ()
     supervised = isinstance(state, SupervisorState)
     if supervised:
-        named = _named(rig, state, time_s)
+        named = _named(rig, state, times)
     return Run(
         time_s=time_s,
         desired=desired,
-        true=task[:, list(rig.major)],
-        measured=looped.measured,
-        task=task,
-        inputs=looped.input_percent,
-        displacement=bench.displacement,
-        qpos=bench.qpos,
-        closure_m=bench.closure_residual_m,
+        true=rig.reached(pose),
+        measured=looped.measured[kept],
+        pose=pose,
+        estimated=looped.poses[kept],
+        inputs=looped.input_percent[kept],
+        displacement=bench.displacement[kept],
+        qpos=bench.qpos[kept],
+        closure_m=bench.closure_residual_m[kept],
         state=state,
         diagnoses=named,
         task_lost=supervised and state.task_lost,
         status=_status(state, named),
     )
+
+
+def after_rest(ticks: int, signal: Array) -> Array:
+    """A signal that is zero for some ticks before it begins."""
+    return np.concatenate([np.zeros((ticks, *signal.shape[1:])), signal])
 
 
 def _named(rig: "Rig", state: SupervisorState, time_s: Array) -> tuple[Named, ...]:

@@ -25,8 +25,8 @@ from experiments.recover.plan import Counts, FlightPlan
 from experiments.recover.row import other_columns, row_of
 from experiments.rig.hexapod.columns import COLUMNS
 from experiments.rig.hexapod.controller import nominal_loops
-from experiments.rig.hexapod.fault_tolerance import nominal_model
-from experiments.rig.hexapod.other_controller import control_task, track_with
+from experiments.rig.hexapod.other_controller import track_with
+from experiments.rig.hexapod.rig import rig_of
 from experiments.rig.hexapod.simulation import SpiralRun, track_spiral
 from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
 from experiments.study.controllers import controller_factory, controller_label
@@ -134,7 +134,7 @@ def test_labels_are_names_of_files():
 def test_the_task_holds_the_machine_without_its_failures(testbed):
     """DC gain of the linear model against the Jacobian: flexures take 0.3 % of the motion."""
     known = Goal(secondary_weight=(1.0,) * 4, locked_m={0: 0.0})
-    task = control_task(testbed, known, nominal_model(testbed.model, testbed.bench))
+    task = rig_of(testbed, known).task
     gain = -task.nominal.plant.C @ np.linalg.solve(task.nominal.plant.A, task.nominal.plant.B)
     np.testing.assert_allclose(gain, task.major_jacobian, atol=4e-3 * np.abs(gain).max())
     assert task.goal == known and task.period_s == 1e-3
@@ -146,7 +146,7 @@ def test_the_task_holds_the_machine_without_its_failures(testbed):
 def test_the_examples_reach_a_constant_reference_without_error(testbed, examples, name, locked):
     """Integral action, on the linear plant: zero on average, since the converters quantize."""
     goal = Goal(locked_m=dict.fromkeys(locked, 0.0))
-    task = control_task(testbed, goal, nominal_model(testbed.model, testbed.bench))
+    task = rig_of(testbed, goal).task
     plant = control.c2d(task.nominal.plant, task.period_s, "zoh")
 
     class Machine:

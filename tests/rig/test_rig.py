@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from experiments.rig import Rig
+from experiments.rig.hexapod.bench import settled, simulated
 from experiments.rig.hexapod.rig import HexapodRig
-from experiments.rig.hexapod.simulation import settled, simulated
 from experiments.rig.mismatch import Known, Mismatch
 from experiments.study.study import WrongInput
 from ftc.fdi.fault_model import Fault
@@ -119,7 +119,7 @@ def _counted(what: Callable[..., Any], made: Counter[str], name: str) -> Callabl
 def test_a_machine_that_rested_before_flies_as_one_that_settles_anew(mismatch):
     one, time_s = rig("hexapod", mismatch), np.arange(100) * 1e-3
     assert isinstance(one, HexapodRig)
-    how: dict[str, Any] = {"failures": [Failure(1, "locked", 0.05)], "seed": 5, "keep_qpos": True}
+    how: dict[str, Any] = {"failures": [Failure(1, "locked", 0.05)], "seed": 5}
     logs = []
     for testbed in (one.testbed, settled(one.testbed)):
         bench = simulated(testbed, time_s, **how)

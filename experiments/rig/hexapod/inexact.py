@@ -23,7 +23,7 @@ class InexactPlant:
         floor_seed: Of its phases.
         drift_rad_per_s: Of the detector's zero in (alpha, beta), from the start of a run.
         rest: State of the model once it has settled without current, which runs begin with; None
-            lets each of them settle. See :func:`experiments.rig.hexapod.simulation.settled`.
+            lets each of them settle. See :func:`experiments.rig.hexapod.bench.settled`.
     """
 
     model: mujoco.MjModel

@@ -4,7 +4,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
+import numpy as np
+
 from experiments.rig.dither import dither_of
+from experiments.rig.hexapod.bench import settled, simulated
 from experiments.rig.hexapod.columns import COLUMNS, MAJOR
 from experiments.rig.hexapod.controller import StrutMapping, controller_for, nominal_loops
 from experiments.rig.hexapod.fault_tolerance import (
@@ -17,18 +20,29 @@ from experiments.rig.hexapod.fault_tolerance import (
     with_suspension,
 )
 from experiments.rig.hexapod.mismatch import ALL, mismatched
-from experiments.rig.hexapod.other_controller import control_task
-from experiments.rig.hexapod.simulation import settled, simulated
 from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
 from experiments.rig.mismatch import EXACT, Known, Mismatch, sizes_of
 from experiments.rig.rig import Rig
+from ftc.control.compensator import Margins
+from ftc.control_task import ControlTask
 from ftc.controller import PrioritizedController
 from ftc.fdi.dither import Dither
 from ftc.fdi.fault_model import Fault, by_kind
 from ftc.goal import Goal
 from ftc.supervisor import Supervisor
 from prioritized import ConstrainedSystem, FailureAtlas, Manipulability, failure_atlas
-from sim import Array, Bench, Failure, Hexapod, Plant, Pose, hexapod, load_model
+from sim import (
+    NOMINAL,
+    Array,
+    Bench,
+    Failure,
+    Hexapod,
+    Plant,
+    Pose,
+    hexapod,
+    load_model,
+    pointing_angles,
+)
 
 
 @dataclass(frozen=True)
@@ -38,10 +52,16 @@ class HexapodRig(Rig):
     Attributes:
         testbed: The machine, the constants around it, compensators.
         elastic: The machine with its springs, without failures.
+        start_m: Strut displacements (6,) that the coils hold when a flight begins; None is no
+            current.
+        floor_m_per_s2: Acceleration of the floor at each tick of a flight, what comes before it
+            included, shape (N, 3); None is a floor at rest.
     """
 
     testbed: Testbed
     elastic: ConstrainedSystem
+    start_m: Array | None = None
+    floor_m_per_s2: Array | None = None
 
     def drawn(self, mismatch: Known | Mismatch, seed: int) -> "HexapodRig":
         """The same with a plant that differs so; floor and hysteresis included."""
@@ -86,13 +106,18 @@ class HexapodRig(Rig):
         self, time_s: Array, failures: Sequence[Failure], seed: int, events: object = None
     ) -> Bench:
         """The machine, settled."""
-        testbed = self._settled
-        return simulated(testbed, time_s, failures, seed, keep_qpos=True, events=events)
+        around = {"start_m": self.start_m, "floor_m_per_s2": self.floor_m_per_s2}
+        return simulated(self._settled, time_s, failures, seed, events=events, **around)
 
     @cached_property
     def _settled(self) -> Testbed:
-        """Flights begin with copies of its rest."""
-        return settled(self.testbed)
+        """Flights begin with copies of its rest, if they begin without current."""
+        known = self.testbed.machine.rest is not None or self.start_m is not None
+        return self.testbed if known else settled(self.testbed)
+
+    def reached(self, pose: Pose) -> Array:
+        """Where the payload points, (alpha, beta)."""
+        return pointing_angles(pose.rotation)
 
     def classified(self, faults: Sequence[Fault]) -> Manipulability:
         """What is left, springs included."""
@@ -104,8 +129,20 @@ class HexapodRig(Rig):
 def hexapod_rig(size: float | None, feedforward: bool) -> HexapodRig:
     """The hexapod on its exact plant, with goal W_a; see :meth:`.Rig.hexapod`."""
     model, bench = load_model(), TestbedConfig()
-    loops = nominal_loops(model, bench)
-    testbed, goal = Testbed(model, bench, loops), COLUMNS[0].goal
+    testbed = Testbed(model, bench, nominal_loops(model, bench))
+    return rig_of(testbed, size=size, feedforward=feedforward)
+
+
+def rig_of(
+    testbed: Testbed,
+    goal: Goal = COLUMNS[0].goal,
+    *,
+    size: float | None = None,
+    feedforward: bool = False,
+) -> HexapodRig:
+    """The rig of a testbed, for W_a or another goal; the rest as of :meth:`.Rig.hexapod`."""
+    model, bench, drives = testbed.model, testbed.bench, testbed.amplifier()
+    radius_rad, full = bench.spiral_radius_urad * 1e-6, np.full(model.nu, 100.0)
     nominal = nominal_model(model, bench)
     return HexapodRig(
         title="University of Wyoming hexapod",
@@ -117,16 +154,24 @@ def hexapod_rig(size: float | None, feedforward: bool) -> HexapodRig:
         goal=goal,
         nominal=nominal,
         watched=nominal,
-        loops=loops,
-        margins=loops,
+        loops=testbed.loops,
+        margins=[each for each in testbed.loops if isinstance(each, Margins)],
         limits=None,
         feedforward=feedforward,
-        size=bench.spiral_radius_urad * 1e-6 if size is None else size,
+        size=radius_rad if size is None else size,
         noise=bench.detector_noise_m / bench.focal_length_m,
         encoder_noise=bench.strut_sensor_noise_m,
         travel=Plant(model).limits(),
         unused=UNUSED,
-        task=control_task(testbed, goal, nominal),
+        task=ControlTask(
+            nominal=nominal,
+            J=np.linalg.inv(hexapod(model).posture(NOMINAL).inverse_jacobian),
+            major=tuple(MAJOR),
+            goal=goal,
+            drives=drives,
+            limits_m=(drives.displacement_m(-full), drives.displacement_m(full)),
+            reference_limit=np.full(len(MAJOR), radius_rad),
+        ),
         warnings=(),
         testbed=testbed,
         elastic=elastic_system(model),

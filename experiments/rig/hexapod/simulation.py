@@ -1,31 +1,22 @@
-"""One closed-loop run: plant, sensors, controller; arrays come back, files are made elsewhere."""
+"""Runs on the spiral: what a goal and failures make of it; arrays come back."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import ceil
 from typing import Any
 
-import mujoco
 import numpy as np
 
 from experiments.rig.hexapod.choices import JacobianChoice
 from experiments.rig.hexapod.controller import controller_for
-from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
+from experiments.rig.hexapod.rig import rig_of
+from experiments.rig.hexapod.testbed import Testbed
+from experiments.rig.run import Run, after_rest
 from ftc.control.mapping import DisplacementForm
 from ftc.goal import Goal
-from ftc.loop import Controller, LoopRun, State, run_loop
+from ftc.loop import Controller
 from ftc.oracle import OracleController
-from sim import (
-    NOMINAL,
-    Array,
-    Bench,
-    Failure,
-    Plant,
-    Pose,
-    Reading,
-    pointing_angles,
-    secondary_motion,
-)
+from sim import NOMINAL, Array, Failure, secondary_motion
 
 
 @dataclass(frozen=True)
@@ -115,30 +106,28 @@ def track_spiral(testbed: Testbed, run: SpiralRun) -> Trajectory:
 
 def track_path(
     testbed: Testbed,
-    pilot: Controller[State],
+    pilot: Controller[Any],
     *,
     desired_rad: Array | None = None,
-    failures: Sequence[Failure] = (),
-    seed: int = 0,
-    begin_s: float = 0.0,
     duration_s: float | None = None,
+    begin_s: float = 0.0,
     start_m: Array | None = None,
     lead_in_s: float = 0.0,
     floor_m_per_s2: Array | None = None,
-) -> tuple[Trajectory, State]:
+    **flight: Any,
+) -> tuple[Trajectory, Any]:
     """Track the spiral, or another path, with any pilot; its last state comes back beside the run.
 
     Args:
         testbed: The machine and the constants around it; the pilot has compensators of its own.
         pilot: Commands the struts from the start.
         desired_rad: (alpha, beta) asked for, tick by tick, shape (N, 2); None is the spiral.
-        failures: What happens to the plant.
-        seed: Of the noise of all sensors.
+        duration_s: As in :class:`SpiralRun`, and so are the others but for `begin_s`.
         begin_s: Where on the spiral the run begins, at rest at the centre: it has to catch up.
-        duration_s: As in :class:`SpiralRun`, and so are all others.
         start_m: As there.
         lead_in_s: As there.
         floor_m_per_s2: As there.
+        flight: `failures` and `seed` of :meth:`experiments.rig.Rig.fly`.
 
     Raises:
         ValueError: The floor's acceleration has not three columns, or ends before the path; a
@@ -151,121 +140,34 @@ def track_path(
         desired_rad = bench.desired_rad(begin_s + bench.time_s(spiral_s))
     elif duration_s is not None:
         raise ValueError(f"duration_s must be None with a desired_rad, got {duration_s}")
-    time_s = begin_s + bench.time_s(len(desired_rad) * bench.control_period_s)
-    floor = None if floor_m_per_s2 is None else floor_m_per_s2[: len(time_s)]
-    if floor is not None and floor.shape != (len(time_s), 3):
+    floor, ticks = floor_m_per_s2, len(desired_rad)
+    if floor is not None and floor[:ticks].shape != (ticks, 3):
         raise ValueError(
-            f"floor_m_per_s2 must have 3 columns and at least {len(time_s)} rows, "
+            f"floor_m_per_s2 must have 3 columns and at least {ticks} rows, "
             f"got the shape {floor.shape}"
         )
-    lead_in = round(lead_in_s / bench.control_period_s)
-    machine = simulated(
-        testbed,
-        _after_rest(lead_in, time_s),
-        failures,
-        seed,
-        start_m=start_m,
-        floor_m_per_s2=None if floor is None else _after_rest(lead_in, floor),
-    )
-    run = run_loop(machine, pilot, _after_rest(lead_in, desired_rad))
-    return _trajectory(time_s, desired_rad, machine, run, lead_in), run.state
+    if floor is not None:
+        floor = after_rest(round(lead_in_s / bench.control_period_s), floor[:ticks])
+    rig = replace(rig_of(testbed), start_m=start_m, floor_m_per_s2=floor)
+    run = rig.fly(pilot, desired_rad, begin_s=begin_s, lead_in_s=lead_in_s, **flight)
+    return trajectory(run), run.state
 
 
-def settled(testbed: Testbed) -> Testbed:
-    """The testbed with its machine settled, once for all runs that begin without current.
-
-    Raises:
-        sim.SimulationDiverged: The physics left the finite numbers.
-    """
-    plant = Plant(testbed.machine.model)
-    plant.settle(testbed.bench.settling_s)
-    return replace(testbed, inexact=replace(testbed.machine, rest=plant.data))
-
-
-def simulated(
-    testbed: Testbed,
-    time_s: Array,
-    failures: Sequence[Failure],
-    seed: int,
-    *,
-    start_m: Array | None = None,
-    floor_m_per_s2: Array | None = None,
-    keep_qpos: bool = False,
-    events: object = None,
-) -> Bench:
-    """The machine in the loop, settled: detector, gauges, amplifiers, and what happens to it.
-
-    Args:
-        testbed: The machine and the constants around it.
-        time_s: Of each control tick, shape (N,): failures strike at their times.
-        failures: What happens.
-        seed: Of the noise of all sensors.
-        start_m: As in :class:`SpiralRun`.
-        floor_m_per_s2: Acceleration of the floor at each tick, shape (N, 3); None is at rest.
-        keep_qpos: Whether the log has the positions of all joints.
-        events: What else happens; see :class:`sim.Bench`.
-    """
-    bench, ticks = testbed.bench, len(time_s)
-    period_s, machine = bench.control_period_s, testbed.machine
-    plant = Plant(machine.model)
-    if machine.rest is not None and start_m is None:
-        mujoco.mj_copyData(plant.data, plant.model, machine.rest)
-    else:
-        plant.settle(bench.settling_s, start_m)
-    floors = [f for f in (floor_m_per_s2, machine.floor(ticks, period_s)) if f is not None]
-    return Bench(
-        plant,
-        _Sensors(bench, seed, machine.zero_rad(ticks, period_s)),
-        time_s=time_s,
-        period_s=period_s,
-        failures=failures,
-        drives=machine.drives(testbed.model, testbed.amplifier().displacement_m, period_s),
-        floor_m_per_s2=np.sum(floors, axis=0) if floors else None,
-        delay_ticks=machine.delay_ticks,
-        hysteresis=machine.hysteresis,
-        keep_qpos=keep_qpos,
-        events=events,
-    )
-
-
-def _after_rest(ticks: int, signal: Array) -> Array:
-    """A signal that is zero for some ticks before it begins; time stands still meanwhile."""
-    return np.concatenate([np.zeros((ticks, *signal.shape[1:])), signal])
-
-
-class _Sensors:
-    """The detector behind the telescope, its zero (N, 2) adrift, and the gauges."""
-
-    def __init__(self, bench: TestbedConfig, seed: int, zero_rad: Array) -> None:
-        self._detector, self._gauges = bench.detector(), bench.strut_sensors()
-        # Sources of their own: whether gauges are read changes nothing of the detector's noise.
-        self._detector_rng = np.random.default_rng(seed)
-        self._gauge_rng = np.random.default_rng([seed, 1])
-        self._zeros_rad = iter(zero_rad)
-
-    def read(self, pose: Pose, displacements: Array) -> Reading:
-        return Reading(
-            output=self._detector.read(pose.rotation, self._detector_rng) + next(self._zeros_rad),
-            displacement=self._gauges.read(displacements, self._gauge_rng),
-        )
-
-
-def _trajectory(
-    time_s: Array, desired_rad: Array, bench: Bench, run: LoopRun[Any], lead_in: int
-) -> Trajectory:
-    rotation, translation_m = bench.rotation[lead_in:], bench.translation_m[lead_in:]
-    poses = [NOMINAL if pose is None else pose for pose in run.poses[lead_in:]]
+def trajectory(run: Run) -> Trajectory:
+    """A flight of the hexapod in its own words."""
+    rotation, translation_m = run.pose.rotation, run.pose.translation_m
+    poses = [NOMINAL if pose is None else pose for pose in run.estimated]
     return Trajectory(
-        time_s=time_s,
-        desired_rad=desired_rad,
-        true_rad=pointing_angles(rotation),
-        measured_rad=run.measured[lead_in:],
-        strut_input_percent=run.input_percent[lead_in:],
-        strut_displacement_m=bench.displacement[lead_in:],
+        time_s=run.time_s,
+        desired_rad=run.desired,
+        true_rad=run.true,
+        measured_rad=run.measured,
+        strut_input_percent=run.inputs,
+        strut_displacement_m=run.displacement,
         secondary=secondary_motion(rotation @ rotation[0].T, translation_m - translation_m[0]),
         secondary_estimated=secondary_motion(
             np.array([pose.rotation for pose in poses]),
             np.array([pose.translation_m for pose in poses]),
         ),
-        closure_residual_m=bench.closure_residual_m[lead_in:],
+        closure_residual_m=run.closure_m,
     )
