@@ -8,9 +8,10 @@ import numpy as np
 
 from argument_checks import Array
 from ftc.controller import Measurement, PrioritizedController
-from ftc.fdi.diagnosis import Diagnosis
-from ftc.fdi.fault_model import Fault
-from ftc.fdi.monitor import Monitor, MonitorState
+from ftc.fdi.diagnosis import DEFAULT_CONFIG, Diagnosis, FdiConfig
+from ftc.fdi.dither import Dither
+from ftc.fdi.fault_model import Fault, NominalModel
+from ftc.fdi.monitor import Monitor, MonitorState, monitor
 from ftc.goal import Goal
 from ftc.oracle import NestedState
 
@@ -182,4 +183,40 @@ def goal_after(goal: Goal, diagnoses: Sequence[Diagnosis], unused: Unused = "fre
             free.add(actuator)
     return replace(
         goal, locked_m=locked_m, effectiveness=effectiveness, free=tuple(sorted(free - {*locked_m}))
+    )
+
+
+def supervisor_for(
+    goal: Goal,
+    controller: Callable[[Goal], PrioritizedController[Any]],
+    watched: NominalModel,
+    is_possible: Callable[[Sequence[Fault]], bool],
+    *,
+    unused: Unused,
+    dither: Dither | None = None,
+    config: FdiConfig = DEFAULT_CONFIG,
+    seen: Callable[[Measurement, Any, tuple[Fault, ...]], Array] | None = None,
+) -> Supervisor:
+    """A controller that diagnoses failures and is reconfigured, of any mechanism.
+
+    Args:
+        goal: While all actuators work.
+        controller: For a goal, failures that it knows included.
+        watched: Linear model of the sound machine to what the diagnosis looks at.
+        is_possible: Whether the major task can still be done in spite of these faults.
+        unused: As of :func:`goal_after`.
+        dither: Secondary motion by which failures are told apart; None is none.
+        config: Rates and confidences of the diagnosis.
+        seen: `watched` of :class:`Supervisor`.
+    """
+    still = np.zeros(watched.actuators)
+    if dither is not None:
+        config = replace(config, dither_hz=dither.frequency_hz)
+    return Supervisor(
+        first=controller(goal),
+        monitor=monitor(watched, config=config),
+        secondary=(lambda _: still) if dither is None else dither.at,
+        reconfigured=lambda found: controller(goal_after(goal, found, unused)),
+        is_possible=is_possible,
+        watched=seen,
     )

@@ -35,9 +35,8 @@ from ftc.controller import DirectDrive, Measurement, PrioritizedController
 from ftc.fdi.diagnosis import DEFAULT_CONFIG, FdiConfig
 from ftc.fdi.dither import Dither
 from ftc.fdi.fault_model import Fault, NominalModel, by_kind, fault_model
-from ftc.fdi.monitor import monitor
 from ftc.goal import Goal
-from ftc.supervisor import Supervisor, Unused, goal_after
+from ftc.supervisor import Supervisor, Unused, supervisor_for
 from prioritized import ConstrainedSystem, Kinematics, Manipulability, WhenLimited
 
 LARGEST_PEAK = 1.7
@@ -136,16 +135,15 @@ class Tracking:
             config: Rates and confidences of the diagnosis.
             dither: Secondary motion by which failures are told apart; None is none.
         """
-        goal, still = self.goal, np.zeros(self.nominal.actuators)
-        if dither is not None:
-            config = replace(config, dither_hz=dither.frequency_hz)
-        return Supervisor(
-            first=self.controller(goal),
-            monitor=monitor(self.watched, config=config),
-            secondary=(lambda _: still) if dither is None else dither.at,
-            reconfigured=lambda found: self.controller(goal_after(goal, found, self.unused)),
-            is_possible=lambda faults: is_possible(self.classified(faults)),
-            watched=self._seen(),
+        return supervisor_for(
+            self.goal,
+            self.controller,
+            self.watched,
+            lambda faults: is_possible(self.classified(faults)),
+            unused=self.unused,
+            dither=dither,
+            config=config,
+            seen=self._seen(),
         )
 
     def _seen(self) -> Callable[[Measurement, Any, tuple[Fault, ...]], Array]:

@@ -9,8 +9,9 @@ import numpy as np
 from experiments.recover import flight as flights
 from experiments.recover.flight import BEFORE_S, DITHER, STRUCK, Flight
 from experiments.rig.hexapod.controller import controller_for
-from experiments.rig.hexapod.fault_tolerance import UNUSED, supervisor
+from experiments.rig.hexapod.fault_tolerance import UNUSED
 from experiments.rig.hexapod.metrics import closure_residual_max_m
+from experiments.rig.hexapod.rig import rig_of
 from experiments.rig.hexapod.simulation import Trajectory, track_path
 from experiments.rig.hexapod.testbed import Testbed
 from ftc.controller import PrioritizedController
@@ -132,7 +133,7 @@ def supervised(testbed: Testbed, flight: Flight) -> tuple[Trajectory, Identifica
 @cache
 def _supervisor() -> Supervisor:
     """By the nominal model, which all flights share: made once in each process."""
-    return supervisor(flights.testbed(), GOAL, dither=DITHER)
+    return rig_of(flights.testbed()).supervisor(DITHER)
 
 
 def fault_unaware(testbed: Testbed, flight: Flight) -> Trajectory:

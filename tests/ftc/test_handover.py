@@ -7,7 +7,8 @@ import pytest
 
 from experiments.rig.hexapod.columns import MAJOR
 from experiments.rig.hexapod.controller import StrutMapping, controller_for, nominal_loops
-from experiments.rig.hexapod.fault_tolerance import HEAVE, nominal_model, supervisor
+from experiments.rig.hexapod.fault_tolerance import HEAVE, nominal_model
+from experiments.rig.hexapod.rig import rig_of
 from experiments.rig.hexapod.simulation import SpiralRun, track_path, track_spiral
 from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
 from ftc.control.mapping import DisplacementForm
@@ -28,7 +29,8 @@ J = np.linalg.inv(hexapod(MODEL).inverse_jacobian(NOMINAL))
 DESIRED = np.array([6e-5, -3e-5])
 LSB_PERCENT = 100 / 2**15
 SOUND = nominal_model(MODEL, BENCH)
-PILOT = supervisor(TESTBED, EQUAL, nominal=SOUND)
+RIG = rig_of(TESTBED)
+PILOT = RIG.supervisor(None)
 
 GOALS = {
     "W_b": Goal(joint_weight=(2.0, 1.0, 2.0, 1.0, 2.0, 1.0)),
@@ -239,7 +241,7 @@ def test_a_weak_coil_is_commanded_more_with_care():
 
 
 def test_a_supervisor_is_a_pure_function_and_says_when_the_task_is_lost():
-    pilot = supervisor(TESTBED, EQUAL, dither=DITHER)
+    pilot = RIG.supervisor(DITHER)
     state = pilot.start()
     measurement = Measurement(np.zeros(2), np.zeros(6))
     once, again = (pilot.step(state, DESIRED, measurement) for _ in range(2))
@@ -253,7 +255,7 @@ def test_a_supervisor_is_a_pure_function_and_says_when_the_task_is_lost():
 
 def test_an_alarm_that_is_not_confirmed_leaves_no_trace_in_the_commands():
     """The detector jumps for a twentieth of a second: no strut is named, to the bit."""
-    pilot, model = supervisor(TESTBED, EQUAL, dither=DITHER), fault_model(SOUND)
+    pilot, model = RIG.supervisor(DITHER), fault_model(SOUND)
     state, alone, rng = pilot.start(), pilot.first.start(), np.random.default_rng(0)
     x = np.zeros(len(model.A))
     for tick in range(1150):
@@ -336,18 +338,16 @@ def test_the_others_make_up_at_once_for_what_a_named_strut_is_about_to_lose():
     np.testing.assert_allclose(J[MAJOR] @ now_m, J[MAJOR] @ commanded_m, atol=6e-8)
 
 
-def test_the_supervisor_dithers_by_its_own_clock_with_the_jacobian_it_was_given():
-    given = {"jacobian": "analytic", "dither": DITHER, "nominal": SOUND}
-    pilot = supervisor(TESTBED, EQUAL, **given)
+def test_the_supervisor_dithers_by_its_own_clock():
+    pilot = RIG.supervisor(DITHER)
     state = replace(pilot.start(), monitor=Script((None,) * 9))
     for tick in range(9):
         state = pilot.step(state, DESIRED, Measurement(DESIRED, np.zeros(6)))
         np.testing.assert_array_equal(
             state.controller.asked.secondary_reference_m, DITHER.at(tick * 1e-3)
         )
-    for each, choice in ((pilot, "analytic"), (PILOT, "constant")):  # which is the default
-        for current in (each.first, each.reconfigured([diagnosis(Fault(1, "locked"))])):
-            assert isinstance(current.mapping, StrutMapping) and current.mapping.jacobian == choice
+    for current in (pilot.first, pilot.reconfigured([diagnosis(Fault(1, "locked"))])):
+        assert isinstance(current.mapping, StrutMapping) and current.mapping.jacobian == "constant"
 
 
 def test_when_the_task_is_lost_the_commands_stand_and_no_other_failure_is_looked_for():
@@ -368,7 +368,7 @@ def test_when_the_task_is_lost_the_commands_stand_and_no_other_failure_is_looked
 @pytest.mark.long
 def test_a_second_failure_soon_after_the_first_is_found_too():
     """A fifth of a second later: the first diagnosis is not settled yet."""
-    pilot = supervisor(TESTBED, EQUAL, dither=DITHER)
+    pilot = RIG.supervisor(DITHER)
     failures = [Failure(1, "locked", 7.0), Failure(5, "free", 7.2)]
     run, state = track_path(TESTBED, pilot, failures=failures, begin_s=6.3, duration_s=2.0, seed=3)
     found = {(each.fault.actuator, each.fault.kind) for each in state.standing}

@@ -1,6 +1,5 @@
 """Fault tolerance of the hexapod: springs, failure atlas, dithers, diagnosis, supervisor."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -8,21 +7,15 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from experiments.rig.hexapod.choices import JacobianChoice
 from experiments.rig.hexapod.columns import MAJOR
-from experiments.rig.hexapod.controller import controller_for
-from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
+from experiments.rig.hexapod.testbed import TestbedConfig
 from experiments.study.palette import BLACK, BLUE, SKY, VERMILION, YELLOW
 from ftc.control.springs import actuator_and_payload_stiffness
-from ftc.controller import PrioritizedController
-from ftc.fdi.diagnosis import DEFAULT_CONFIG, Diagnosis, FdiConfig
 from ftc.fdi.dither import Dither
-from ftc.fdi.fault_model import Fault, NominalModel, by_kind
-from ftc.fdi.monitor import monitor
-from ftc.goal import Goal
-from ftc.supervisor import Supervisor, Unused, goal_after
-from prioritized import ConstrainedSystem, FailureAtlas, failure_atlas
-from sim import Array, Plant, Pose, element_id, jacobians, joint_stiffness
+from ftc.fdi.fault_model import Fault, NominalModel
+from ftc.supervisor import Unused
+from prioritized import ConstrainedSystem, FailureAtlas
+from sim import Array, Plant, element_id, jacobians, joint_stiffness
 
 
 def strut_and_payload_stiffness(model: mujoco.MjModel) -> Array:
@@ -167,52 +160,3 @@ def fault_entry(fault: Fault) -> dict[str, Any]:
     """A fault ready for JSON, its strut 1 to 6."""
     left = {"strength": fault.effectiveness} if fault.kind == "weak" else {}
     return {"strut": fault.actuator + 1, "kind": fault.kind} | left
-
-
-def supervisor(
-    testbed: Testbed,
-    goal: Goal,
-    *,
-    jacobian: JacobianChoice = "constant",
-    strut_sensors: bool = False,
-    dither: Dither = STILL,
-    config: FdiConfig = DEFAULT_CONFIG,
-    nominal: NominalModel | None = None,
-    atlas: FailureAtlas | None = None,
-    feedforward: bool = False,
-) -> Supervisor:
-    """Diagnosis and control for this machine.
-
-    Args:
-        testbed: The machine, sound, the constants around it, compensators; the plant of a run is
-            another.
-        goal: While all struts are sound.
-        jacobian: Of the mapping.
-        strut_sensors: Whether the diagnosis may use them.
-        dither: What finds failures sooner.
-        config: Rates and confidences.
-        nominal: What the diagnosis takes the machine for; None is the model's.
-        atlas: Of :func:`elastic_system`; None is the model's.
-        feedforward: As of :func:`experiments.rig.hexapod.controller.controller_for`.
-    """
-    if nominal is None:
-        nominal = nominal_model(testbed.model, testbed.bench, strut_sensors=strut_sensors)
-    if atlas is None:
-        atlas = failure_atlas(elastic_system(testbed.model), MAJOR)
-    elastic = atlas.elastic
-    assert elastic is not None  # the hexapod has springs
-
-    def controller(diagnoses: Sequence[Diagnosis]) -> PrioritizedController[Pose]:
-        known = goal_after(goal, diagnoses, UNUSED)
-        return controller_for(testbed, known, jacobian=jacobian, feedforward=feedforward)
-
-    def is_possible(faults: Sequence[Fault]) -> bool:
-        return bool(elastic.possible[atlas.row(**by_kind(faults))])
-
-    return Supervisor(
-        first=controller([]),
-        monitor=monitor(nominal, config=replace(config, dither_hz=dither.frequency_hz or None)),
-        secondary=dither.at,
-        reconfigured=controller,
-        is_possible=is_possible,
-    )

@@ -12,11 +12,9 @@ from experiments.rig.hexapod.columns import COLUMNS, MAJOR
 from experiments.rig.hexapod.controller import StrutMapping, controller_for, nominal_loops
 from experiments.rig.hexapod.fault_tolerance import (
     DITHER,
-    STILL,
     UNUSED,
     elastic_system,
     nominal_model,
-    supervisor,
     with_suspension,
 )
 from experiments.rig.hexapod.mismatch import ALL, mismatched
@@ -29,7 +27,7 @@ from ftc.controller import PrioritizedController
 from ftc.fdi.dither import Dither
 from ftc.fdi.fault_model import Fault, by_kind
 from ftc.goal import Goal
-from ftc.supervisor import Supervisor
+from ftc.supervisor import Supervisor, supervisor_for
 from prioritized import ConstrainedSystem, FailureAtlas, Manipulability, failure_atlas
 from sim import (
     NOMINAL,
@@ -88,15 +86,19 @@ class HexapodRig(Rig):
         self, dither: str | Dither | None = "default", goal: Goal | None = None
     ) -> Supervisor:
         """By detector alone, whose heave finds failures sooner."""
-        chosen = dither_of(self, dither, DITHER)
-        return supervisor(
-            self.testbed,
+        return supervisor_for(
             goal or self.goal,
-            dither=chosen or STILL,
-            nominal=self.watched,
-            atlas=self._atlas,
-            feedforward=self.feedforward,
+            self.controller,
+            self.watched,
+            self._is_possible,
+            unused=self.unused,
+            dither=dither_of(self, dither, DITHER),
         )
+
+    def _is_possible(self, faults: Sequence[Fault]) -> bool:
+        elastic = self._atlas.elastic
+        assert elastic is not None  # the hexapod has springs
+        return bool(elastic.possible[self._atlas.row(**by_kind(faults))])
 
     @cached_property
     def _atlas(self) -> FailureAtlas:
