@@ -72,8 +72,8 @@ bench-quick: venv
 	$(BIN)/fjh bench --quick --check
 
 # Every picture in docs/pictures: the figures of all studies, and recordings as the viewer shows
-# them. Five hours the first time, by estimate 40 minutes of `recover` and three hours of the atlas; what
-# is there already is not run again.
+# them. Two hours and a half the first time, by estimate 40 minutes of `recover`; what is there
+# already is not run again.
 pictures: venv
 	$(BIN)/fjh report --out $(RUNS)
 	$(BIN)/fjh atlas --resume --out $(RUNS)/flown
