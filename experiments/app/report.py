@@ -49,9 +49,9 @@ INDEX = "report.json"
 HELP = """Run the main studies and write one HTML page on all of them.
 
 For each study the page has tables, figures, the result of its checks, and the command that
-reproduces it; at the end computer, versions and commit. It needs no other file. 90 minutes on two
-cores; atlas is left out. The last chapter, bench, measures times: do nothing else on the computer
-meanwhile. Where its packages are not installed it is left out, and the page says so.
+reproduces it; at the end computer, versions and commit. It needs no other file. An estimated two
+hours on two cores; atlas is left out. The last chapter, bench, measures times: do nothing else on
+the computer meanwhile. Where its packages are not installed it is left out, and the page says so.
 
 After Ctrl-C the same command continues, within a sweep with the missing runs. A chapter is run
 again only if its files, its options, the code, the package versions or the processor have changed.
