@@ -42,7 +42,7 @@ def controller_summary(outcome: Recover, rows: Sequence[Row]) -> dict[str, Any]:
         "shown": {
             name: {
                 "failure": failure,
-                "peak_urad": float(pointing_error_urad(run).max()),
+                "peak_urad": float(pointing_error_urad(run.desired_rad, run.true_rad).max()),
                 "closure_residual_max_m": closure_residual_max_m(run),
             }
             for name, (run, failure) in outcome.compared.items()

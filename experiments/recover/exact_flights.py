@@ -1,13 +1,14 @@
 """A controller that is informed late or wrongly, and what the dither costs; on the exact model."""
 
+from dataclasses import replace
 from typing import Any
 
-from experiments.recover.flight import AFTER_S, BEFORE_S, DITHER, STRUCK, Flight
-from experiments.recover.recovery import controller, errors, fault_unaware, informed
+from experiments.recover.flight import DITHER, STRUCK, Flight
+from experiments.recover.recovery import AFTER_S, BEFORE_S, errors, fault_unaware, informed
 from experiments.rig.hexapod.fault_tolerance import STILL, fault_text
 from experiments.rig.hexapod.metrics import pointing_rms_urad
-from experiments.rig.hexapod.simulation import track_path
-from experiments.rig.hexapod.testbed import Testbed
+from experiments.rig.hexapod.rig import HexapodRig
+from experiments.rig.hexapod.simulation import trajectory
 from ftc.fdi.dither import Dither
 from ftc.fdi.fault_model import Fault, FaultKind
 from ftc.oracle import NEVER, OracleController
@@ -40,18 +41,18 @@ INFORMED_LATE = (_centred("locked", 0.0), _centred("free", 0.0), _centred("weak"
 """Of these the controller is informed late or wrongly; the last is no failure at all."""
 
 
-def informed_late_or_wrongly(testbed: Testbed, flight: Flight) -> list[dict[str, Any]]:
+def informed_late_or_wrongly(rig: HexapodRig, flight: Flight) -> list[dict[str, Any]]:
     """One entry for each run: the truth, later and later; then, at once, that another strut locked.
 
     Ready for JSON, units in the names.
     """
-    run, truth = fault_unaware(testbed, flight), flight.fault
+    run, truth = fault_unaware(rig, flight), flight.fault
     news = [(truth, late_s) for late_s in LATE_S]
     news += [(Fault(k, "locked"), 0.0) for k in range(6) if k != truth.actuator]
     entries = []
     for fault, late_s in news:
-        stands_m = float(run.strut_displacement_m[STRUCK, fault.actuator])
-        found = errors(informed(testbed, flight, fault, stands_m, late_s))
+        stands_m = float(run.displacement[STRUCK, fault.actuator])
+        found = errors(informed(rig, flight, fault, stands_m, late_s))
         entries.append(
             {
                 "truth": "sound" if truth.effectiveness == 1 else fault_text(truth),
@@ -66,13 +67,13 @@ def informed_late_or_wrongly(testbed: Testbed, flight: Flight) -> list[dict[str,
     return entries
 
 
-def dither_cost(testbed: Testbed, flight: Flight, duration_s: float) -> dict[str, Any]:
+def dither_cost(rig: HexapodRig, flight: Flight, duration_s: float) -> dict[str, Any]:
     """RMS of the fault-free (alpha, beta) errors, and its change by the dither and by the seed."""
-    pilot = controller(testbed)
+    pilot, whole = rig.controller(), replace(flight, begin_s=0.0, duration_s=duration_s)
 
     def rms_urad(dither: Dither, seed: int) -> Array:
         never = OracleController(pilot, pilot, NEVER, secondary=flight.dither(dither).at)
-        return pointing_rms_urad(track_path(testbed, never, seed=seed, duration_s=duration_s)[0])
+        return pointing_rms_urad(trajectory(rig.fly(never, whole.path(rig), seed=seed)))
 
     still = rms_urad(STILL, flight.seed)
     swinging, reseeded = rms_urad(DITHER, flight.seed), rms_urad(STILL, flight.seed + 1)

@@ -149,7 +149,8 @@ def draw_after(axes: Axes, cases: Sequence[Row]) -> None:
 
 def draw_shown(axes: Axes, run: Trajectory, found: Identification) -> None:
     """The pointing error of one run; each failure, labelled by what was found or what happened."""
-    axes.semilogy(run.time_s, pointing_error_urad(run), color=BLACK, lw=0.6, label="error")
+    error_urad = pointing_error_urad(run.desired_rad, run.true_rad)
+    axes.semilogy(run.time_s, error_urad, color=BLACK, lw=0.6, label="error")
     for mark in marks(run, found):
         axes.axvline(mark.failed_s, color=VERMILION, lw=1.5, label="failure")
         label = mark.diagnosis if mark.is_found else f"not found: {mark.failure}"

@@ -1,21 +1,21 @@
 """One flight on the spiral, as numbers and words alone: its plant, its failures, its posture."""
 
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from functools import cache
 from typing import Any, Literal
 
-from experiments.rig.hexapod.bench import settled
-from experiments.rig.hexapod.controller import nominal_loops
+from experiments.recover.recovery import BEFORE_S
 from experiments.rig.hexapod.fault_tolerance import DITHER
-from experiments.rig.hexapod.mismatch import ALL, ALONE, mismatched
-from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
+from experiments.rig.hexapod.mismatch import ALL, ALONE
+from experiments.rig.hexapod.rig import HexapodRig, hexapod_rig
+from experiments.rig.hexapod.testbed import TestbedConfig
 from experiments.rig.mismatch import EXACT, Mismatch
+from experiments.rig.rig import Rig
 from ftc.fdi.dither import Dither
 from ftc.fdi.fault_model import Fault
-from sim import Failure, load_model
-
-BEFORE_S, AFTER_S = 1.2, 2.5
-"""Of each flight, before and after its failure."""
+from ftc.supervisor import Supervisor
+from sim import Array, Failure
 
 STRUCK = round(BEFORE_S / TestbedConfig().control_period_s)
 """Tick of the failure in each of these flights."""
@@ -63,26 +63,28 @@ class Flight:
         """The first fault that is there to be found."""
         return Fault.of(self.failures[0])
 
-    @property
-    def run(self) -> dict[str, Any]:
-        """Options of a simulated run: what fails, the noise, and which part of the spiral it is."""
-        names = ("failures", "seed", "begin_s", "duration_s")
-        return {name: getattr(self, name) for name in names}
-
-    @property
-    def struck(self) -> tuple[int, ...]:
-        """Tick of each failure; ticks count from the start of the flight."""
-        period_s = TestbedConfig().control_period_s
-        return tuple(round((each.time_s - self.begin_s) / period_s) for each in self.failures)
+    def path(self, rig: Rig) -> Array:
+        """Its part of the spiral, shape (N, 2)."""
+        bench = TestbedConfig()
+        return bench.desired_rad(self.begin_s + bench.time_s(self.duration_s))
 
     def dither(self, about: Dither = DITHER) -> Dither:
         """The dither, about where the struts stand."""
         return replace(about, offset=self.posture_m)
 
-    def testbed(self) -> Testbed:
-        """The testbed with the plant of this flight, settled, however many controllers fly it."""
+    @property
+    def secondary(self) -> Callable[[float], Array]:
+        """Where the struts are to be at each time, as far as the spiral leaves them free."""
+        return self.dither().at
+
+    def rig(self) -> HexapodRig:
+        """The hexapod with the plant of this flight, settled once for all its controllers."""
         size = MISMATCHES[self.mismatch].scaled(self.factor)
-        return settled(mismatched(testbed(), size, self.plant_seed))
+        return exact_rig().drawn(size, self.plant_seed)
+
+    def pilot(self, rig: Rig) -> Supervisor:
+        """By the nominal model, which all flights share."""
+        return replace(_supervisor(), secondary=self.secondary)
 
     def parameters(self) -> dict[str, Any]:
         """The columns in which flights differ before they are simulated."""
@@ -99,7 +101,12 @@ _OWN = ("sort", "draw", "mismatch", "factor", "plant_seed", "begin_s", "duration
 
 
 @cache
-def testbed() -> Testbed:
-    """The exact testbed, settled, once in each process however many flights it does."""
-    model, bench = load_model(), TestbedConfig()
-    return settled(Testbed(model, bench, nominal_loops(model, bench)))
+def exact_rig() -> HexapodRig:
+    """The hexapod on its exact plant, once in each process however many flights it does."""
+    return hexapod_rig()
+
+
+@cache
+def _supervisor() -> Supervisor:
+    """Made once in each process."""
+    return exact_rig().supervisor(DITHER)

@@ -1,24 +1,21 @@
 """One flight of any robot whose actuator fails, as numbers and words; and what became of it."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from experiments.recover.recovery import RECOVERED_S, Identification
+from experiments.recover.recovery import RECOVERED_S, Identification, informed, supervised
 from experiments.rig.choices import Sensing
 from experiments.rig.mjcf import robot_rig
 from experiments.rig.options import RobotOptions
 from experiments.rig.rig import Rig
 from experiments.rig.run import Run
-from ftc.fdi.diagnosis import Diagnosis
 from ftc.fdi.dither import Dither
 from ftc.fdi.fault_model import Fault
-from ftc.oracle import OracleController
-from ftc.supervisor import goal_after, used_effectiveness
-from ftc.tracking import is_possible
+from ftc.supervisor import Supervisor
 from sim import Array, Failure
 
 TRANSIENT_S, LEFT_S = 0.8, 1.0
@@ -66,29 +63,38 @@ class MechanismFlight:
         return self.options.sense
 
     @property
+    def failures(self) -> tuple[Failure, ...]:
+        """What happens, if anything does."""
+        return () if self.failure is None else (self.failure,)
+
+    @property
+    def begin_s(self) -> float:
+        """It begins with the circle."""
+        return 0.0
+
+    @property
     def fault(self) -> Fault | None:
         """What there is to find."""
         return None if self.failure is None else Fault.of(self.failure)
+
+    @property
+    def secondary(self) -> Callable[[float], Array] | None:
+        """The dither."""
+        return None if self.dither is None else self.dither.at
 
     def rig(self) -> Rig:
         """The robot, its plants drawn with all mismatches."""
         return _rig(self.model, self.options).drawn("all", self.seed)
 
-    def time_s(self, rig: Rig) -> Array:
-        """Of each tick, shape (N,)."""
-        return np.arange(round(self.duration_s / rig.period_s)) * rig.period_s
+    def pilot(self, rig: Rig) -> Supervisor:
+        """With the dither."""
+        return rig.supervisor(self.dither)
 
     def path(self, rig: Rig) -> Array:
         """Desired displacements of the major rows, shape (N, m1), a circle in any plane of them."""
         circle = rig.path("circle", duration_s=self.duration_s, turn_s=self.turn_s)
         normal = np.random.default_rng([self.seed, 1]).normal(size=(len(rig.major),) * 2)
         return circle @ np.linalg.qr(normal)[0]
-
-    def struck(self, rig: Rig) -> int:
-        """Tick of the failure; of the end without one."""
-        if self.failure is None:
-            return len(self.time_s(rig))
-        return int(np.searchsorted(self.time_s(rig), self.failure.time_s - 1e-9))
 
 
 @lru_cache(maxsize=3)
@@ -118,53 +124,20 @@ class MechanismFlown:
 
 def fly(flight: MechanismFlight) -> MechanismFlown:
     """The flight with a supervised controller, then with an informed one."""
-    rig = flight.rig()
-    pilot, fault, struck = rig.supervisor(flight.dither), flight.fault, flight.struck(rig)
-    run = _flown(rig, flight, pilot)
-    state = run.state
-    lost = fault is not None and not is_possible(rig.classified([fault]))
-    found = Identification(
-        failures=() if flight.failure is None else (flight.failure,),
-        struck=() if flight.failure is None else (struck,),
-        alarm_ticks=tuple(state.watch.alarm_ticks),
-        diagnoses=state.diagnoses,
-        standing=tuple(state.standing),
-        unexplained=state.watch.unexplained,
-        task_lost=state.task_lost,
-        lost_rightly=lost,
-        closure_residual_max_m=float(run.closure_m.max()),
-    )
-    informed = None
-    if fault is not None and not lost:
-        informed = _informed(rig, flight, fault, float(run.displacement[struck, fault.actuator]))
-    return MechanismFlown(flight, found, _rms(rig, flight, run), informed)
+    rig, fault = flight.rig(), flight.fault
+    run, found = supervised(rig, flight)
+    rms_informed = None
+    if fault is not None and not found.lost_rightly:
+        stood = float(run.displacement[found.struck[0], fault.actuator])
+        rms_informed = _rms(rig, informed(rig, flight, fault, stood), found.struck)[1]
+    return MechanismFlown(flight, found, _rms(rig, run, found.struck), rms_informed)
 
 
-def _informed(rig: Rig, flight: MechanismFlight, fault: Fault, displacement: float) -> float | None:
-    """RMS after recovery with a controller informed at once; there the actuator stood."""
-    news, lost = Diagnosis.told(fault, displacement), np.zeros(len(rig.actuators))
-    if fault.kind != "locked":
-        lost[fault.actuator] = (1 - used_effectiveness(news)) * displacement
-    pilot = OracleController(
-        rig.controller(),
-        rig.controller(goal_after(rig.goal, [news], rig.unused)),
-        flight.struck(rig),
-        lost,
-        None if flight.dither is None else flight.dither.at,
-    )
-    return _rms(rig, flight, _flown(rig, flight, pilot))[1]
-
-
-def _flown(rig: Rig, flight: MechanismFlight, pilot: Any) -> Run:
-    failures = [] if flight.failure is None else [flight.failure]
-    return rig.fly(pilot, flight.path(rig), failures=failures, seed=flight.seed)
-
-
-def _rms(rig: Rig, flight: MechanismFlight, run: Run) -> tuple[float, float | None]:
+def _rms(rig: Rig, run: Run, struck: tuple[int, ...]) -> tuple[float, float | None]:
     """Before the failure and after recovery, as in :class:`MechanismFlown`."""
     error = (run.desired - run.true) / rig.size
     begin, recovered = (round(s / rig.period_s) for s in (TRANSIENT_S, recovered_s(rig)))
-    struck = flight.struck(rig)
-    before, after = error[begin:struck], error[struck + recovered :]
+    at = min(struck, default=len(error))
+    before, after = error[begin:at], error[at + recovered :]
     rms = [float(np.sqrt((part**2).sum(axis=1).mean())) for part in (before, after) if len(part)]
     return rms[0], rms[1] if len(rms) > 1 else None

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from experiments.recover.flight import AFTER_S, BEFORE_S, Flight, Sort
+from experiments.recover.flight import Flight, Sort
+from experiments.recover.recovery import AFTER_S, BEFORE_S
 from experiments.rig.hexapod.mismatch import ALONE
 from experiments.rig.hexapod.testbed import TestbedConfig
 from experiments.study.study import WrongInput

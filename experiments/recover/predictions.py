@@ -14,7 +14,7 @@ from experiments.recover.recovery import GOAL
 from experiments.rig.hexapod.controller import StrutMapping
 from experiments.rig.hexapod.fault_tolerance import STILL, fault_entry, fault_text, nominal_model
 from experiments.rig.hexapod.prediction import linear_loop, peak_of_sensitivity
-from experiments.rig.hexapod.testbed import Testbed
+from experiments.rig.hexapod.rig import HexapodRig
 from ftc.fdi.design.isolability import isolability
 from ftc.fdi.dither import Dither
 from ftc.fdi.fault_model import KINDS, Fault, FaultKind, NominalModel, fault_model
@@ -60,26 +60,27 @@ SETTINGS = (
 )
 
 
-def from_others_and_kinds(testbed: Testbed, flight: Flight) -> tuple[float, float]:
+def from_others_and_kinds(rig: HexapodRig, flight: Flight) -> tuple[float, float]:
     """Distance from other struts and no failure, and from other kinds of the same strut.
 
     Of the flight's failure, by the detector and the dither.
     """
-    loop = _loop(testbed, flight.dither(), flight.begin_s, flight.duration_s)
+    loop = _loop(rig, flight.dither(), flight.begin_s, flight.duration_s)
     fault = flight.fault
     distance, from_none = _distances(loop, loop.nominal, fault, STRUCK, EVIDENCE_S)
     from_others = min(float(np.delete(distance, fault.actuator, axis=0).min()), from_none)
     return from_others, float(_other_kinds(distance, fault).min())
 
 
-def lookalikes(testbed: Testbed, setting: Setting, struts: Sequence[int]) -> list[dict[str, Any]]:
+def lookalikes(rig: HexapodRig, setting: Setting, struts: Sequence[int]) -> list[dict[str, Any]]:
     """One entry, ready for JSON, for each kind of failure of these struts, centred and off centre.
 
     Each within half a turn of the spiral from 7.5 s on.
     """
-    half_turn_s, period_s = testbed.bench.spiral_period_s / 2, testbed.bench.control_period_s
+    testbed, period_s = rig.testbed, rig.period_s
+    half_turn_s = testbed.bench.spiral_period_s / 2
     duration_s = _EARLIEST_S + half_turn_s + EVIDENCE_S + period_s
-    loop = _loop(testbed, setting.dither, _BEGIN_S, duration_s)
+    loop = _loop(rig, setting.dither, _BEGIN_S, duration_s)
     watched = nominal_model(testbed.model, testbed.bench, strut_sensors=setting.strut_sensors)
     first, half_turn = round(_EARLIEST_S / period_s), round(half_turn_s / period_s)
     moved_m = (loop.reference @ loop.gain.T)[first : first + half_turn]
@@ -125,20 +126,20 @@ def _other_kinds(distance: Array, fault: Fault) -> Array:
 
 
 def dither_design(
-    testbed: Testbed, struts: Sequence[int], frequencies_hz: Sequence[float]
+    rig: HexapodRig, struts: Sequence[int], frequencies_hz: Sequence[float]
 ) -> list[dict[str, Any]]:
     """Least distance of a locked or free strut from the others, an entry for each dither.
 
     Each direction at each frequency; then the amplitudes of the one that is chosen.
     """
-    per_twist = hexapod(testbed.model).inverse_jacobian(NOMINAL)
-    onset = round(_EARLIEST_S / testbed.bench.control_period_s)
+    per_twist = hexapod(rig.model).inverse_jacobian(NOMINAL)
+    onset = round(_EARLIEST_S / rig.period_s)
 
     def entry(name: str, frequency_hz: float, amplitude_m: float) -> dict[str, Any]:
         column = per_twist[:, DIRECTIONS[name]]
         direction = tuple((column / np.abs(column).max()).tolist())
         dither = Dither(amplitude_m, frequency_hz, direction)
-        loop = _loop(testbed, dither, _BEGIN_S, _EARLIEST_S + DITHER_EVIDENCE_S)
+        loop = _loop(rig, dither, _BEGIN_S, _EARLIEST_S + DITHER_EVIDENCE_S)
         apart: list[float] = []
         for fault in [Fault(strut, kind) for strut in struts for kind in _RIGID]:
             distance, _ = _distances(loop, loop.nominal, fault, onset, DITHER_EVIDENCE_S)
@@ -150,9 +151,9 @@ def dither_design(
     return entries + [entry("t_z", DITHER.frequency_hz, size) for size in AMPLITUDES_M]
 
 
-def _loop(testbed: Testbed, dither: Dither, begin_s: float, duration_s: float) -> LinearLoop:
+def _loop(rig: HexapodRig, dither: Dither, begin_s: float, duration_s: float) -> LinearLoop:
     span = {"begin_s": begin_s, "duration_s": duration_s}
-    return linear_loop(testbed, GOAL, dither, **span)
+    return linear_loop(rig.testbed, GOAL, dither, **span)
 
 
 def _distances(
@@ -163,17 +164,17 @@ def _distances(
     return isolability(watched, fault, onset, states[:until], commanded[:until])
 
 
-def beliefs(testbed: Testbed, struts: Sequence[int]) -> list[dict[str, Any]]:
+def beliefs(rig: HexapodRig, struts: Sequence[int]) -> list[dict[str, Any]]:
     """The loop under each failure of one of these struts or none, under each belief about a strut.
 
     Entries of the faults in words, the largest size of a closed-loop pole (below 1 is stable), and
     the peak of the largest singular value of the sensitivity.
     """
-    nominal = nominal_model(testbed.model, testbed.bench)
-    compensators = control.append(*(loop.discrete for loop in testbed.loops))
+    nominal = rig.nominal
+    compensators = control.append(*(loop.discrete for loop in rig.testbed.loops))
     truths = [None, *(Fault(k, kind, HALF) for kind in KINDS for k in struts)]
     possible = [None, *(Fault(k, kind, WEAKEST) for kind in ("locked", "weak") for k in range(6))]
-    gains = [_gain(testbed, believed) for believed in possible]
+    gains = [_gain(rig, believed) for believed in possible]
     found = []
     for truth in truths:
         P = _plant(nominal, truth)
@@ -186,14 +187,14 @@ def beliefs(testbed: Testbed, struts: Sequence[int]) -> list[dict[str, Any]]:
     return found
 
 
-def _gain(testbed: Testbed, believed: Fault | None) -> Array:
+def _gain(rig: HexapodRig, believed: Fault | None) -> Array:
     """Commanded strut displacements per (alpha, beta), shape (6, 2)."""
     goal, effectiveness = GOAL, np.ones(6)
     if believed is not None and believed.kind == "weak":
         effectiveness[believed.actuator] = believed.effectiveness
     elif believed is not None:
         goal = Goal(GOAL.joint_weight, locked_m={believed.actuator: 0.0})
-    mapping = StrutMapping(hexapod(testbed.model), goal, "constant")
+    mapping = StrutMapping(hexapod(rig.model), goal, "constant")
     return mapping.pointing_gain() / effectiveness[:, None]
 
 

@@ -1,26 +1,23 @@
-"""Flights with a supervised controller, with an informed and with a fault-unaware one."""
+"""Flights of a rig with a supervised controller, with an informed and a fault-unaware one."""
 
-from dataclasses import dataclass, replace
-from functools import cache
-from typing import Any
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import ceil
+from typing import Any, Protocol
 
 import numpy as np
 
-from experiments.recover import flight as flights
-from experiments.recover.flight import BEFORE_S, DITHER, STRUCK, Flight
-from experiments.rig.hexapod.controller import controller_for
-from experiments.rig.hexapod.fault_tolerance import UNUSED
-from experiments.rig.hexapod.metrics import closure_residual_max_m
-from experiments.rig.hexapod.rig import rig_of
-from experiments.rig.hexapod.simulation import Trajectory, track_path
-from experiments.rig.hexapod.testbed import Testbed
-from ftc.controller import PrioritizedController
+from experiments.rig.rig import Rig
+from experiments.rig.run import Run
 from ftc.fdi.diagnosis import Diagnosis
 from ftc.fdi.fault_model import Fault
 from ftc.goal import Goal
 from ftc.oracle import NEVER, OracleController
-from ftc.supervisor import Supervisor, goal_after
+from ftc.supervisor import Supervisor, goal_after, used_effectiveness
 from sim import Array, Failure
+
+BEFORE_S, AFTER_S = 1.2, 2.5
+"""Of a flight of the hexapod, before and after its failure."""
 
 GOAL = Goal(joint_weight=(1.0,) * 6)
 """W_a, under which antipodal struts look alike."""
@@ -32,9 +29,36 @@ _TRANSIENT_S = 0.5
 """Of each flight, not counted."""
 
 
-def controller(testbed: Testbed, goal: Goal = GOAL) -> PrioritizedController[Any]:
-    """A controller for a goal, with the constant Jacobian."""
-    return controller_for(testbed, goal, jacobian="constant")
+class Flight(Protocol):
+    """A flight of a rig, in which actuators fail or do not."""
+
+    @property
+    def failures(self) -> tuple[Failure, ...]:
+        """What happens, in the order of time."""
+        ...
+
+    @property
+    def begin_s(self) -> float:
+        """Time of its first tick."""
+        ...
+
+    @property
+    def seed(self) -> int:
+        """Of the sensors' noise."""
+        ...
+
+    @property
+    def secondary(self) -> Callable[[float], Array] | None:
+        """Reference of the secondary goal (n,) at each time from its first tick; None is zero."""
+        ...
+
+    def path(self, rig: Rig) -> Array:
+        """Desired displacements of the major rows, shape (N, m1)."""
+        ...
+
+    def pilot(self, rig: Rig) -> Supervisor:
+        """That diagnoses its failures."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -113,53 +137,56 @@ class Identification:
         )
 
 
-def supervised(testbed: Testbed, flight: Flight) -> tuple[Trajectory, Identification]:
-    """Simulate a flight on a testbed with a supervised controller."""
-    pilot = replace(_supervisor(), secondary=flight.dither().at)
-    run, state = track_path(testbed, pilot, **flight.run)
+def struck(rig: Rig, flight: Flight) -> tuple[int, ...]:
+    """Tick of each failure, from the start of the flight."""
+    times_s = [each.time_s - flight.begin_s for each in flight.failures]
+    return tuple(ceil(time_s / rig.period_s - 1e-6) for time_s in times_s)
+
+
+def supervised(rig: Rig, flight: Flight) -> tuple[Run, Identification]:
+    """A flight with a controller that diagnoses."""
+    pilot = flight.pilot(rig)
+    run = _flown(rig, flight, pilot)
+    state = run.state
     return run, Identification(
         failures=flight.failures,
-        struck=flight.struck,
+        struck=struck(rig, flight),
         alarm_ticks=tuple(state.watch.alarm_ticks),
         diagnoses=state.diagnoses,
         standing=tuple(state.standing),
         unexplained=state.watch.unexplained,
         task_lost=state.task_lost,
         lost_rightly=not pilot.is_possible([Fault.of(failure) for failure in flight.failures]),
-        closure_residual_max_m=closure_residual_max_m(run),
+        closure_residual_max_m=float(run.closure_m.max()),
     )
 
 
-@cache
-def _supervisor() -> Supervisor:
-    """By the nominal model, which all flights share: made once in each process."""
-    return rig_of(flights.testbed()).supervisor(DITHER)
-
-
-def fault_unaware(testbed: Testbed, flight: Flight) -> Trajectory:
+def fault_unaware(rig: Rig, flight: Flight) -> Run:
     """The same flight by a controller that goes on as if nothing had happened."""
-    pilot = controller(testbed)
-    unaware = OracleController(pilot, pilot, NEVER, secondary=flight.dither().at)
-    return track_path(testbed, unaware, **flight.run)[0]
+    pilot = rig.controller()
+    unaware = OracleController(pilot, pilot, NEVER, secondary=flight.secondary)
+    return _flown(rig, flight, unaware)
 
 
 def informed(
-    testbed: Testbed, flight: Flight, fault: Fault, displacement_m: float, late_s: float = 0.0
-) -> Trajectory:
+    rig: Rig, flight: Flight, fault: Fault, displacement: float, late_s: float = 0.0
+) -> Run:
     """The same flight by a controller that is informed of a fault so long after the failure.
 
-    `displacement_m` is where that strut has stuck, which is the same with every controller.
+    `displacement` is where that actuator stood when it failed, with any controller.
     """
-    tick = STRUCK + round(late_s / testbed.bench.control_period_s)
-    news = Diagnosis.told(fault, displacement_m)
-    after = controller(testbed, goal_after(GOAL, [news], UNUSED))
-    lost_displacement_m = np.zeros(6)
+    news, lost = Diagnosis.told(fault, displacement), np.zeros(len(rig.actuators))
     if fault.kind != "locked" and late_s == 0:
-        lost_displacement_m[fault.actuator] = (1 - fault.effectiveness) * displacement_m
-    pilot = OracleController(
-        controller(testbed), after, tick, lost_displacement_m, flight.dither().at
-    )
-    return track_path(testbed, pilot, **flight.run)[0]
+        lost[fault.actuator] = (1 - used_effectiveness(news)) * displacement
+    after = rig.controller(goal_after(rig.goal, [news], rig.unused))
+    tick = struck(rig, flight)[0] + round(late_s / rig.period_s)
+    pilot = OracleController(rig.controller(), after, tick, lost, flight.secondary)
+    return _flown(rig, flight, pilot)
+
+
+def _flown(rig: Rig, flight: Flight, pilot: Any) -> Run:
+    how = {"failures": flight.failures, "seed": flight.seed, "begin_s": flight.begin_s}
+    return rig.fly(pilot, flight.path(rig), **how)
 
 
 @dataclass(frozen=True)
@@ -170,17 +197,17 @@ class Errors:
     peak_urad: tuple[float, ...]
 
 
-def errors(run: Trajectory) -> Errors:
+def errors(run: Run) -> Errors:
     """Before, during and after: see RECOVERED_S."""
     period_s = run.time_s[1] - run.time_s[0]
     edges = [round(s / period_s) for s in (_TRANSIENT_S, BEFORE_S, BEFORE_S + RECOVERED_S)]
-    _, *parts = np.split(pointing_error_urad(run), edges)
+    _, *parts = np.split(pointing_error_urad(run.desired, run.true), edges)
     return Errors(
         rms_urad=tuple(float(np.sqrt((part**2).mean())) for part in parts),
         peak_urad=tuple(float(part.max()) for part in parts),
     )
 
 
-def pointing_error_urad(run: Trajectory) -> Array:
+def pointing_error_urad(desired_rad: Array, true_rad: Array) -> Array:
     """Size of desired minus true (alpha, beta), shape (N,)."""
-    return 1e6 * np.linalg.norm(run.desired_rad - run.true_rad, axis=1)
+    return 1e6 * np.linalg.norm(desired_rad - true_rad, axis=1)

@@ -6,17 +6,17 @@ import numpy as np
 import pyarrow as pa
 
 from experiments.recover import predictions
-from experiments.recover.flight import STRUCK, Flight, Sort, testbed
+from experiments.recover.flight import STRUCK, Flight, Sort, exact_rig
 from experiments.recover.recovery import (
-    GOAL,
     Identification,
     errors,
     fault_unaware,
     informed,
+    struck,
     supervised,
 )
-from experiments.rig.hexapod.other_controller import track_with
-from experiments.rig.hexapod.simulation import Trajectory
+from experiments.rig.other_controller import fly_with
+from experiments.rig.run import Run
 from experiments.study.campaign import Row
 from ftc.fdi.diagnosis import Diagnosis
 from sim import SimulationDiverged
@@ -67,15 +67,15 @@ def row_of(flight: Flight) -> Row:
 
 def _failure(flight: Flight) -> Row:
     """Two controllers, or three where their errors are compared by kind of failure."""
-    machine, fault = flight.testbed(), flight.fault
-    run, found = supervised(machine, flight)
-    stuck_m = float(run.strut_displacement_m[STRUCK, fault.actuator])
+    rig, fault = flight.rig(), flight.fault
+    run, found = supervised(rig, flight)
+    stuck_m = float(run.displacement[STRUCK, fault.actuator])
     row = _identified(flight, found) | _errors("supervised", run)
-    row |= _errors("informed", informed(machine, flight, fault, stuck_m))
+    row |= _errors("informed", informed(rig, flight, fault, stuck_m))
     if flight.mismatch == "all":
-        row |= _errors("unaware", fault_unaware(machine, flight))
+        row |= _errors("unaware", fault_unaware(rig, flight))
     if flight.mismatch in ("exact", "all"):  # the rows for which the isolation rate is given
-        others, kinds = predictions.from_others_and_kinds(testbed(), flight)
+        others, kinds = predictions.from_others_and_kinds(exact_rig(), flight)
         row |= {"separation_from_others": others, "separation_from_kinds": kinds}
     return row
 
@@ -85,28 +85,33 @@ def other_columns(flight: Flight, controller: str) -> Row:
 
     Only in the main thread of a process, where a controller that takes too long can be stopped.
     """
-    run, failed = track_with(flight.testbed(), controller, GOAL, **flight.run)
+    run, failed = flown_with(flight, controller)
     return _errors("other", run) | {"case": flight.number, "controller_failure": failed}
 
 
+def flown_with(flight: Flight, controller: str) -> tuple[Run, str | None]:
+    """The flight with another controller, and a sentence if it failed."""
+    rig, part = flight.rig(), {"seed": flight.seed, "begin_s": flight.begin_s}
+    return fly_with(rig, controller, flight.path(rig), failures=flight.failures, **part)
+
+
 def _size(flight: Flight) -> Row:
-    run, found = supervised(flight.testbed(), flight)
+    run, found = supervised(flight.rig(), flight)
     return _identified(flight, found) | _errors("supervised", run)
 
 
 def _sound(flight: Flight) -> Row:
     """Whether alarms changed a command is found by flying again without a diagnosis."""
-    machine = flight.testbed()
-    run, found = supervised(machine, flight)
+    rig = flight.rig()
+    run, found = supervised(rig, flight)
     changed = False
     if found.alarm_ticks:
-        unaware = fault_unaware(machine, flight)
-        changed = not np.array_equal(run.strut_input_percent, unaware.strut_input_percent)
+        changed = not np.array_equal(run.inputs, fault_unaware(rig, flight).inputs)
     return _watched(found) | {"commands_changed": changed}
 
 
 def _pair(flight: Flight) -> Row:
-    return _identified(flight, supervised(flight.testbed(), flight)[1])
+    return _identified(flight, supervised(flight.rig(), flight)[1])
 
 
 _FLY: dict[Sort, Callable[[Flight], Row]] = {
@@ -160,11 +165,11 @@ def _last(last: Diagnosis | None) -> Row:
 
 
 def _after_ms(flight: Flight, tick: int | None) -> float | None:
-    period_s = testbed().bench.control_period_s
-    return None if tick is None else 1e3 * period_s * (tick - flight.struck[0])
+    rig = exact_rig()
+    return None if tick is None else 1e3 * rig.period_s * (tick - struck(rig, flight)[0])
 
 
-def _errors(controller: str, run: Trajectory) -> Row:
+def _errors(controller: str, run: Run) -> Row:
     found = errors(run)
     return {
         f"{what}_{controller}_{when}_urad": getattr(found, f"{what}_urad")[k]

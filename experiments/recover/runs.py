@@ -9,14 +9,13 @@ from typing import Any
 from experiments.recover import exact_flights, predictions
 from experiments.recover.campaign import flights_of
 from experiments.recover.exact_flights import INFORMED_LATE
-from experiments.recover.flight import BEFORE_S, Flight, testbed
+from experiments.recover.flight import Flight, exact_rig
 from experiments.recover.plan import QUICK, FlightPlan, for_hours
 from experiments.recover.predictions import FREQUENCIES_HZ, SETTINGS
-from experiments.recover.recovery import GOAL, Identification, supervised
-from experiments.recover.row import other_columns
+from experiments.recover.recovery import BEFORE_S, Identification, supervised
+from experiments.recover.row import flown_with, other_columns
 from experiments.rig.hexapod.metrics import plant_constants
-from experiments.rig.hexapod.other_controller import track_with
-from experiments.rig.hexapod.simulation import Trajectory
+from experiments.rig.hexapod.simulation import Trajectory, trajectory
 from experiments.study.campaign import Row
 from experiments.study.controllers import controller_factory
 from experiments.study.parallel import in_parallel
@@ -159,16 +158,18 @@ def shown_flight(failures: tuple[Failure, ...], begin_s: float, seed: int) -> Fl
 
 
 def _shown(flight: Flight) -> tuple[Trajectory, Identification]:
-    return supervised(flight.testbed(), flight)
+    run, found = supervised(flight.rig(), flight)
+    return trajectory(run), found
 
 
 def _compared(flight: Flight, controller: str) -> tuple[Trajectory, str | None]:
-    return track_with(flight.testbed(), controller, GOAL, **flight.run)
+    run, failed = flown_with(flight, controller)
+    return trajectory(run), failed
 
 
 def _exactly(job: Callable[..., Any], *arguments: Any) -> Any:
-    """A function of the exact testbed, which every process makes once."""
-    return job(testbed(), *arguments)
+    """A function of the exact rig, which every process makes once."""
+    return job(exact_rig(), *arguments)
 
 
 Jobs = tuple[Callable[..., Any], list[tuple[Any, ...]]]

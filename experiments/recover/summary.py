@@ -168,7 +168,8 @@ def _beliefs(beliefs: Sequence[dict[str, Any]]) -> dict[str, Any]:
 
 
 def _shown(run: Trajectory, found: Identification) -> dict[str, Any]:
-    error_urad, last_second = pointing_error_urad(run), round(1 / TestbedConfig().control_period_s)
+    error_urad = pointing_error_urad(run.desired_rad, run.true_rad)
+    last_second = round(1 / TestbedConfig().control_period_s)
     happened = [
         {"strut": each.number + 1, "kind": each.kind, "time_s": each.time_s}
         for each in found.failures

@@ -7,9 +7,15 @@ from experiments.rig.hexapod.choices import ConfigurationName, JacobianChoice
 from experiments.rig.hexapod.columns import COLUMNS, Column
 from experiments.rig.hexapod.controller import Loop, nominal_loops
 from experiments.rig.hexapod.metrics import plant_constants, rms
-from experiments.rig.hexapod.other_controller import track_with
-from experiments.rig.hexapod.simulation import SpiralRun, Trajectory, track_spiral
+from experiments.rig.hexapod.rig import rig_of
+from experiments.rig.hexapod.simulation import (
+    SpiralRun,
+    Trajectory,
+    track_spiral,
+    trajectory,
+)
 from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
+from experiments.rig.other_controller import fly_with
 from experiments.study.controllers import controller_factory, controller_label
 from experiments.study.parallel import in_parallel
 from experiments.study.study import OnProgress
@@ -177,8 +183,11 @@ def _track(
     """A run, and the failure of its controller if it is another one."""
     if controller is None:
         return track_spiral(testbed, run), None
-    span = {"seed": run.seed, "duration_s": run.duration_s}
-    return track_with(testbed, controller, run.goal, failures=run.failures, **span)
+    bench = testbed.bench
+    path = bench.desired_rad(bench.time_s(run.duration_s or bench.duration_s))
+    flight = {"failures": run.failures, "seed": run.seed}
+    flown, failed = fly_with(rig_of(testbed, run.goal), controller, path, **flight)
+    return trajectory(flown), failed
 
 
 def _predicted_rad(column: str, testbed: Testbed, run: SpiralRun) -> Array:

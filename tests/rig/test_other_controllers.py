@@ -25,10 +25,10 @@ from experiments.recover.plan import Counts, FlightPlan
 from experiments.recover.row import other_columns, row_of
 from experiments.rig.hexapod.columns import COLUMNS
 from experiments.rig.hexapod.controller import nominal_loops
-from experiments.rig.hexapod.other_controller import track_with
 from experiments.rig.hexapod.rig import rig_of
 from experiments.rig.hexapod.simulation import SpiralRun, track_spiral
 from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
+from experiments.rig.other_controller import fly_with
 from experiments.study.controllers import controller_factory, controller_label
 from experiments.study.results import Results
 from experiments.study.study import WrongInput
@@ -168,9 +168,11 @@ def test_another_controller_meets_the_same_noise(testbed):
     """Measured less true angle, tick by tick: equal up to the angles' own round-off."""
     column, span = COLUMNS[0], {"seed": 3, "duration_s": SHORT_S}
     ours = track_spiral(testbed, SpiralRun(column.goal, **span))
-    theirs, failure = track_with(testbed, "page_examples:PseudoInverse", column.goal, **span)
+    path = testbed.bench.desired_rad(testbed.bench.time_s(SHORT_S))
+    rig, theirs = rig_of(testbed, column.goal), "page_examples:PseudoInverse"
+    flown, failure = fly_with(rig, theirs, path, seed=3)
     assert failure is None
-    own, other = (run.measured_rad - run.true_rad for run in (ours, theirs))
+    own, other = ours.measured_rad - ours.true_rad, flown.measured - flown.true
     assert own.std() > 2e-7
     np.testing.assert_allclose(other, own, atol=1e-12)
 

@@ -14,14 +14,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from experiments.app.cli import main
-from experiments.recover import flight as flights
 from experiments.recover import row as rows
 from experiments.recover import runs
 from experiments.recover.campaign import flights_of
-from experiments.recover.flight import MISMATCHES, STRUCK
+from experiments.recover.flight import MISMATCHES, STRUCK, exact_rig
 from experiments.recover.plan import QUICK, Counts, FlightPlan, for_hours
 from experiments.recover.rates import per_hour, quantiles, rate
-from experiments.recover.recovery import Identification, fault_unaware, supervised
+from experiments.recover.recovery import Identification, fault_unaware, struck, supervised
 from experiments.recover.row import SCHEMA, row_of
 from experiments.study import parquet
 from experiments.study.campaign import table_of
@@ -100,7 +99,7 @@ def test_a_failure_is_the_same_whatever_the_plant_and_all_are_drawn():
     drawn = [plan[k].fault for k in range(18)]
     assert len({(fault.actuator, fault.kind) for fault in drawn}) == 18
     for flight in flights[:18]:
-        assert flight.struck == (STRUCK,)
+        assert struck(exact_rig(), flight) == (STRUCK,)
         assert flight.begin_s > 0 and flight.begin_s + flight.duration_s <= 16.0
 
 
@@ -167,7 +166,7 @@ def test_a_lock_is_not_taken_for_the_opposite_strut_in_half_a_period_of_the_dith
     """On plants of the study whose hysteresis and dampers make them alike at first."""
     plan = FlightPlan(replace(SHORT, all=draw + 1, sound=0), 0)
     flight = plan[draw]
-    found = supervised(flight.testbed(), flight)[1]
+    found = supervised(flight.rig(), flight)[1]
     assert {each.fault.actuator for each in found.diagnoses} == {flight.fault.actuator}
 
 
@@ -175,7 +174,7 @@ def test_a_lock_is_not_taken_for_the_opposite_strut_in_half_a_period_of_the_dith
 def test_a_lock_is_named_in_a_floor_whose_spectrum_is_known():
     """With an autoregression of order 1 instead of 10 its alarm would stay unexplained."""
     flight = FlightPlan(replace(SHORT, all=28, sound=0), 1)[27]
-    found = supervised(flight.testbed(), flight)[1]
+    found = supervised(flight.rig(), flight)[1]
     assert {each.fault.actuator for each in found.diagnoses} == {flight.fault.actuator}
     assert not found.alarm_before
 
@@ -184,22 +183,22 @@ def test_a_lock_is_named_in_a_floor_whose_spectrum_is_known():
 def test_a_plant_is_learned_long_enough_to_raise_no_alarm_thereafter():
     """After 0.2 s instead of 0.8 s of learning a sound strut would be named."""
     flight = FlightPlan(replace(SHORT, sound=2, sound_s=4.0), 1)[1]
-    assert supervised(flight.testbed(), flight)[1].alarm_ticks == ()
+    assert supervised(flight.rig(), flight)[1].alarm_ticks == ()
 
 
 def test_without_an_alarm_the_supervised_controller_sends_the_commands_of_the_unaware_one():
     flight = FlightPlan(SHORT, 0)[0]
-    run, found = supervised(flights.testbed(), flight)
-    unaware = fault_unaware(flights.testbed(), flight)
+    run, found = supervised(exact_rig(), flight)
+    unaware = fault_unaware(exact_rig(), flight)
     assert found.alarm_ticks == ()
-    np.testing.assert_array_equal(run.strut_input_percent, unaware.strut_input_percent)
+    np.testing.assert_array_equal(run.inputs, unaware.inputs)
 
 
 @pytest.mark.parametrize("moved", [0.0, 1e-12])
 def test_a_command_that_an_alarm_changes_is_noticed_however_little(monkeypatch, moved):
     flight = FlightPlan(SHORT, 0)[0]
-    run, found = supervised(flight.testbed(), flight)
-    other = replace(run, strut_input_percent=run.strut_input_percent + moved)
+    run, found = supervised(flight.rig(), flight)
+    other = replace(run, inputs=run.inputs + moved)
     alarmed = other, replace(found, alarm_ticks=(5,))
     monkeypatch.setattr(rows, "supervised", lambda *_: alarmed)
     row = row_of(flight)

@@ -13,13 +13,14 @@ from rerun.chunk import RrdReader
 from experiments.recover import figure
 from experiments.recover.checks import checks
 from experiments.recover.exact_flights import INFORMED_LATE, informed_late_or_wrongly
-from experiments.recover.flight import testbed as exact_testbed
+from experiments.recover.flight import exact_rig
 from experiments.recover.predictions import SETTINGS, beliefs, lookalikes
 from experiments.recover.recovery import Identification
 from experiments.recover.results import described
 from experiments.recover.row import SCHEMA
 from experiments.recover.runs import SHOWN
 from experiments.rig.hexapod.controller import nominal_loops
+from experiments.rig.hexapod.rig import rig_of
 from experiments.rig.hexapod.simulation import Trajectory
 from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
 from experiments.study.results import Results
@@ -83,14 +84,14 @@ def test_no_belief_about_one_strut_destabilizes_the_loop_and_a_bad_one_would_sho
     alpha, beta = (
         replace(loop, C=6 * loop.C, D=6 * loop.D) for loop in nominal_loops(model, bench)
     )
-    found = beliefs(Testbed(model, bench, (alpha, beta)), struts=[])
+    found = beliefs(rig_of(Testbed(model, bench, (alpha, beta))), struts=[])
     assert any(each["largest_pole"] > 1 for each in found)
 
 
 @pytest.mark.long
 def test_told_late_or_wrongly_the_pointing_stays_bounded():
     """At worst the kick of a sound strut that is let go, and then the errors of a failed one."""
-    told = informed_late_or_wrongly(exact_testbed(), INFORMED_LATE[0])
+    told = informed_late_or_wrongly(exact_rig(), INFORMED_LATE[0])
     for flight in told:
         assert flight["peak_during_urad"] < 80
         assert flight["peak_after_urad"] < 15
@@ -103,7 +104,7 @@ def test_told_late_or_wrongly_the_pointing_stays_bounded():
 @pytest.mark.long
 @pytest.mark.parametrize("setting", SETTINGS[:2])
 def test_the_ambiguity_is_that_of_antipodal_struts_and_the_dither_lifts_it(setting):
-    for seen in lookalikes(exact_testbed(), setting, [0]):
+    for seen in lookalikes(exact_rig(), setting, [0]):
         if setting.name == "angles" and seen["failure"]["kind"] == "locked":
             assert {"strut": 4, "kind": "locked"}.items() <= seen["alike"][0].items()
         if setting.name == "angles, dither":

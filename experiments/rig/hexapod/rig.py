@@ -128,7 +128,7 @@ class HexapodRig(Rig):
         return elastic.with_failures(**by_kind(faults)).kinematics().manipulability(MAJOR)
 
 
-def hexapod_rig(size: float | None, feedforward: bool) -> HexapodRig:
+def hexapod_rig(size: float | None = None, feedforward: bool = False) -> HexapodRig:
     """The hexapod on its exact plant, with goal W_a; see :meth:`.Rig.hexapod`."""
     model, bench = load_model(), TestbedConfig()
     testbed = Testbed(model, bench, nominal_loops(model, bench))
