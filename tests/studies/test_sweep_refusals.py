@@ -77,7 +77,7 @@ def test_what_is_no_scheduler_is_refused_in_one_sentence(
     capsys, tmp_path, monkeypatch, scheme, answer
 ):
     """A silent one, too, and a dashboard's port instead of the scheduler's."""
-    monkeypatch.setattr(clusters, "ANSWERS_IN_S", 0.3)
+    monkeypatch.setattr(clusters, "ANSWERS_IN_S", 0.1)
     with listening(answer) as port:
         address = f"{scheme}://127.0.0.1:{port}"
         said = refusal(capsys, tmp_path, "sweep", "--scheduler", address)
