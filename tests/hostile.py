@@ -121,6 +121,21 @@ class Target:
                 yield name, label, value
 
 
+Row = tuple[Iterable[Target], str, Iterable[Any], str]
+"""What refuses an argument, its name, its wrong values, and the sentence as an expression."""
+Refusal = tuple[Target, str, Any, type[Exception], str]
+
+
+def refusals(error: type[Exception], table: Iterable[Row]) -> list[Refusal]:
+    """Each target and each value of every row on its own, with the exact class of the error."""
+    return [
+        (target, name, value, error, said)
+        for targets, name, values, said in table
+        for target in targets
+        for value in values
+    ]
+
+
 def complaint(target: Target, name: str, label: str, value: Any) -> str | None:
     """What is wrong with the outcome of one call; None where nothing is."""
     try:

@@ -188,3 +188,24 @@ def self_motions(system: ConstrainedSystem, kin: Kinematics) -> np.ndarray:
     """Orthonormal basis of those with every active joint held, in all coordinates."""
     held = np.eye(system.J_T.shape[1])[kin.active]
     return null(np.vstack([closure(system), held]))
+
+
+@st.composite
+def pairs(draw: st.DrawFn, n: int, *, infinite: bool = True) -> tuple[np.ndarray, np.ndarray]:
+    """Limits of n actuators: around zero, one-sided, on zero, equal, off zero, infinite."""
+    rng = np.random.default_rng(draw(SEEDS))
+    lower, upper = -rng.uniform(0.5, 2.0, size=n), rng.uniform(0.5, 2.0, size=n)
+    kinds = ["two-sided", "two-sided", "pull", "lock", "jam", "off zero"]
+    kinds += ["no lower", "no limits"] if infinite else []
+    for i, kind in enumerate(draw(st.lists(st.sampled_from(kinds), min_size=n, max_size=n))):
+        if kind in ("pull", "lock"):
+            lower[i] = 0.0
+        if kind in ("lock", "jam"):
+            upper[i] = lower[i]
+        if kind == "off zero":
+            lower[i] = 0.25
+        if kind in ("no lower", "no limits"):
+            lower[i] = -np.inf
+        if kind == "no limits":
+            upper[i] = np.inf
+    return lower, upper

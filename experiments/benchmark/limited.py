@@ -1,15 +1,25 @@
-"""Problems with limits through the library and daqp: Problem 1, and a hierarchy of three levels."""
+"""Problems with limits through the library and daqp: Problem 1, and a hierarchy of three levels.
+
+And whether secondary weights change a major task that limits hold back.
+"""
 
 from ctypes import c_int
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from operator import attrgetter, itemgetter
 from typing import Any
 
 import daqp
 import numpy as np
+from scipy.optimize import lsq_linear
 
 from argument_checks.ties import exceeds
-from experiments.benchmark.measurement import Agreement, Contender, Problem, compare, random_problem
+from experiments.benchmark.measurement import (
+    Agreement,
+    Contender,
+    Problem,
+    compare,
+    random_problem,
+)
 from experiments.benchmark.solvers import EQUALITY, TOLERANCE, Solver
 from experiments.rig.hexapod.columns import MAJOR, SECONDARY
 from prioritized import lexicographic_least_squares, velocity_mapping
@@ -19,6 +29,13 @@ STRICT = {"primal_tol": 1e-12, "rho_soft": 1e-14}
 """With daqp's defaults its levels are met to 6e-3 of these rates only; these cost no time."""
 _SECOND = SECONDARY[:2]
 """Task rows of the second level of the hierarchy."""
+COUNT = 200
+FACTORS = (10.0, 0.1, 10.0, 0.1)
+"""Of the secondary weights: the change whose effect is measured."""
+_INFEASIBLE = -1
+"""daqp's exit flag."""
+_OUT_OF_REACH = 0.1
+"""Norm of the least major residual from which on a task counts as out of reach."""
 
 
 @dataclass(frozen=True)
@@ -109,25 +126,17 @@ def _levels(problem: LimitedProblem) -> tuple[Any, ...]:
     return problem.levels(), problem.lower, problem.upper
 
 
-LIMITED = (
-    Solver("limited", solve_limited),
-    Solver("daqp_limited", daqp.solve, flat_program, itemgetter(0)),
-    Solver(
-        "daqp_limited_with_build", lambda one: daqp.solve(*flat_program(one)), rates=itemgetter(0)
+_FLAT = Solver("daqp_limited", daqp.solve, flat_program, itemgetter(0))
+_IN_LEVELS = Solver("daqp_hierarchy3", solve_hierarchy, _hierarchy, itemgetter(0))
+QUESTIONS = {
+    "Problem 1 with limits": (Solver("limited", solve_limited), _FLAT, _FLAT.with_build()),
+    "three levels with limits": (
+        Solver("hierarchy3", lexicographic_least_squares, _levels, attrgetter("x")),
+        _IN_LEVELS,
+        _IN_LEVELS.with_build(),
     ),
-)
-"""Those that solve Problem 1 with limits."""
-HIERARCHY = (
-    Solver("hierarchy3", lexicographic_least_squares, _levels, attrgetter("x")),
-    Solver("daqp_hierarchy3", solve_hierarchy, _hierarchy, itemgetter(0)),
-    Solver(
-        "daqp_hierarchy3_with_build",
-        lambda one: solve_hierarchy(*_hierarchy(one)),
-        rates=itemgetter(0),
-    ),
-)
-"""Those that solve the hierarchy."""
-QUESTIONS = {"Problem 1 with limits": LIMITED, "three levels with limits": HIERARCHY}
+}
+"""Those that answer each question, the library first."""
 
 
 def agreements(problems: list[LimitedProblem]) -> list[Agreement]:
@@ -155,3 +164,60 @@ def active_limits(problems: list[LimitedProblem]) -> dict[str, list[int]]:
         counts = np.bincount(at_limit.sum(axis=1), minlength=at_limit.shape[1] + 1)
         found[question] = counts.tolist()
     return found
+
+
+def compared(seed: int) -> dict[str, Any]:
+    """Change and excess of the norm of the major residual, by solver, as fractions.
+
+    `change` is by the weights, of the former residual; `excess` is over the least residual within
+    the limits, by scipy's bounded-variable least squares, for both weights. daqp has its default
+    settings, which keep its limits to 1e-6; its levels are the limits, the major rows, and H.
+    """
+    rng = np.random.default_rng(seed)
+    problems = [_out_of_reach(rng) for _ in range(COUNT)]
+    other = [replace(one, secondary_weight=one.secondary_weight * FACTORS) for one in problems]
+    both = [*problems, *other]
+    least = np.array([_least_residual(one) for one in both])
+    flags = [daqp.solve(*flat_program(one))[2] for one in both]
+    answers = {
+        "prioritized": [solve_limited(one) for one in both],
+        "daqp_hierarchy": [daqp.solve(*soft_program(one))[0] for one in both],
+    }
+    found = {}
+    for name, rates in answers.items():
+        norm = np.array([_residual(*each) for each in zip(both, rates, strict=True)])
+        before, after = norm.reshape(2, COUNT)
+        found[name] = {
+            "change": _median_and_largest(np.abs(after - before) / before),
+            "excess": _median_and_largest(norm / least - 1.0),
+        }
+    return {
+        "problems": COUNT,
+        "weight_factors": list(FACTORS),
+        "flat_infeasible": flags.count(_INFEASIBLE),
+        "flat": len(flags),
+        "solvers": found,
+    }
+
+
+def _out_of_reach(rng: np.random.Generator) -> LimitedProblem:
+    """The task is that of rates of up to 4 times their limits."""
+    while True:
+        one = random_limited(6, rng)
+        far = replace(one, major=one.J[MAJOR] @ rng.uniform(-4.0, 4.0, size=6))
+        if _least_residual(far) > _OUT_OF_REACH:
+            return far
+
+
+def _least_residual(problem: LimitedProblem) -> float:
+    bounds = problem.lower, problem.upper
+    best = lsq_linear(problem.J[MAJOR], problem.major, bounds, method="bvls", tol=1e-15)
+    return float(np.linalg.norm(best.fun))
+
+
+def _residual(problem: LimitedProblem, rates: Array) -> float:
+    return float(np.linalg.norm(problem.major - problem.J[MAJOR] @ rates))
+
+
+def _median_and_largest(values: Array) -> dict[str, float]:
+    return {"median": float(np.median(values)), "largest": float(values.max())}

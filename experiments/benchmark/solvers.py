@@ -48,6 +48,12 @@ class Solver:
     rates: Callable[[Any], Array] = np.asarray
     unit_rows: bool = False
 
+    def with_build(self) -> "Solver":
+        """The same, its arguments made within the time."""
+        solve, prepare = self.solve, self.prepare
+        name = f"{self.name}_with_build"
+        return Solver(name, lambda problem: solve(*prepare(problem)), rates=self.rates)
+
     def contender(
         self, problems: Sequence[Problem], name: str, size: int = 1, samples: int = 3
     ) -> Contender:
@@ -85,10 +91,6 @@ def _quadratic_program(problem: Problem) -> tuple[Any, ...]:
         v_m,
         np.full(len(v_m), EQUALITY, dtype=c_int),
     )
-
-
-def _build_quadratic_program(problem: Problem) -> Any:
-    return daqp.solve(*_quadratic_program(problem))
 
 
 def _levels(problem: Problem) -> tuple[Any, ...]:
@@ -156,7 +158,7 @@ LAPACK = Solver("dgglse", dgglse, _constrained_least_squares, itemgetter(3))
 SOLVERS = (
     OURS,
     DAQP,
-    Solver("daqp_with_build", _build_quadratic_program, rates=itemgetter(0)),
+    DAQP.with_build(),
     Solver("daqp_hierarchy", _hierarchy, _levels, itemgetter(0), unit_rows=True),
     PLACO,
     Solver("placo_with_build", _build_and_solve_program, _empty_program),

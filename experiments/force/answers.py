@@ -11,8 +11,15 @@ import mujoco
 import numpy as np
 from scipy.linalg import orth
 
-from experiments.force.aims import LEAST_TORQUE, Aims, ForceGoal, as_wrench
-from experiments.force.optimum import cost, least_cost, statics
+from experiments.force.aims import (
+    LEAST_TORQUE,
+    Aims,
+    ForceGoal,
+    as_wrench,
+    cost,
+    least_cost,
+    statics,
+)
 from experiments.force.rig import Condition, Readings, press, with_fixture
 from experiments.rig.hexapod.columns import MAJOR, SECONDARY
 from prioritized import (

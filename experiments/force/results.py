@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from experiments.force.aims import PRESCRIBED
+from experiments.force.aims import PRESCRIBED, weighed
 from experiments.force.answers import (
     MAJOR_WEIGHTS,
     PLATFORM_MJCF,
@@ -16,7 +16,6 @@ from experiments.force.answers import (
     Tried,
 )
 from experiments.force.figure import pictures
-from experiments.force.optimum import weighed
 from experiments.force.recording import write_force
 from experiments.force.rig import Readings
 from experiments.force.runs import Examination, Force, Held, Trial, payload_stiffness

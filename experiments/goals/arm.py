@@ -8,17 +8,16 @@ import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from experiments.goals.control import weighted_pseudo_inverse
-from experiments.goals.demonstration import Outcome, smooth_step
-from ftc.control.local_mapping import Mapping
+from experiments.goals.demonstration import Outcome
+from experiments.rig.arm import ARM_MJCF, POINTING, SECONDARY, camera_axes, smooth_step
+from experiments.rig.compromise import CompromisingMapping
 from ftc.control.mapping import PrioritizedMapping
 from ftc.controller import DirectDrive, Measurement, PrioritizedController
 from ftc.goal import Goal
 from ftc.loop import run_loop
 from ftc.oracle import NestedState
-from prioritized import ConstrainedSystem, Kinematics
+from prioritized import ConstrainedSystem
 from sim import (
-    HEXAPOD_MJCF,
     Array,
     Bench,
     Failure,
@@ -29,10 +28,6 @@ from sim import (
     load_model,
 )
 
-ARM_MJCF = HEXAPOD_MJCF.with_name("arm.xml")
-POINTING = [0, 1]
-"""Major rows in payload axes: turns of the camera across its line of sight."""
-SECONDARY = [2, 3, 4, 5]
 PERIOD_S = 5e-3
 LOOP_GAIN_PER_S = 6.0
 """Of the tracker's error, a crossover of 1 Hz: a tenth of the slowest servo mode."""
@@ -91,24 +86,16 @@ class ArmGeometry:
         # Halfway through the period: rates held from its start would drift off the curved path.
         self._data.qpos[:] = command_rad + 0.5 * PERIOD_S * rates
         J_T = self._reader.at(self._data).J_T
-        base, payload = (self._data.site(name).xmat.reshape(3, 3) for name in ("base", "payload"))
-        return ArmPosture(command_rad, J_T, base.T @ payload)
+        return ArmPosture(command_rad, J_T, camera_axes(self._data))
 
 
-class PseudoInverseArm(PrioritizedMapping[ArmPosture]):
-    """The mapping of the arm with a weighted pseudo-inverse, no task before another."""
+class PseudoInverseArm(CompromisingMapping[ArmPosture]):
+    """The mapping of the arm with a weighted pseudo-inverse."""
 
     def __init__(self, geometry: ArmGeometry, goal: Goal, major_weight: float) -> None:
         """`major_weight` weighs pointing."""
-        self._major_weight = major_weight
+        self.major_weight = major_weight
         super().__init__(geometry, goal, POINTING, [])
-
-    def rates_at(self, kinematics: Kinematics) -> Mapping:
-        """The compromise between all tasks."""
-        W1 = np.ones(len(kinematics.actuators))
-        return weighted_pseudo_inverse(
-            kinematics.J, POINTING, [], self._major_weight, joint_weight=W1
-        )
 
 
 def arm_controller(

@@ -1,86 +1,24 @@
-"""How the hexapod's controller pursues a secondary goal: by the mapping, or by a pseudo-inverse.
+"""How the hexapod's controller pursues a secondary goal: by the mapping, or by a pseudo-inverse."""
 
-The conventional weighted pseudo-inverse is over all rows, no task before another.
-"""
-
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from experiments.goals.demonstration import Strategy
 from experiments.goals.secondary_goals import REWEIGH_TICKS, joint_weights
+from experiments.rig.compromise import CompromisingMapping
 from experiments.rig.hexapod.choices import JacobianChoice
-from experiments.rig.hexapod.columns import MAJOR, SECONDARY
 from experiments.rig.hexapod.controller import StrutMapping
 from experiments.rig.hexapod.testbed import Testbed
 from ftc.controller import Measurement, PrioritizedController
 from ftc.goal import Goal
 from ftc.oracle import NestedState
-from prioritized import Kinematics, Status, VelocityMapping, velocity_mapping
 from sim import Amplifier, Array, Coils, Hexapod, Pose, hexapod, pointing_angles
 
 
-@dataclass(frozen=True)
-class WeightedPseudoInverse:
-    """Rates that compromise between all tasks; made by :func:`weighted_pseudo_inverse`."""
-
-    equals: VelocityMapping
-    """The mapping with nothing major; its secondary task is [v_s; v_m]."""
-    secondary_count: int
-    """Rows of v_s."""
-
-    @property
-    def major(self) -> Array:
-        """Gain of the major velocity, shape (n, m1)."""
-        return self.equals.secondary[:, self.secondary_count :]
-
-    @property
-    def status(self) -> Status:
-        """Never exact: the major task is one reference among others."""
-        return Status.DAMPED
-
-    def __call__(
-        self,
-        v_major: ArrayLike,
-        joint_velocity: ArrayLike | None = None,
-        secondary_velocity: ArrayLike | None = None,
-    ) -> Array:
-        """Active joint rates, shape (n,); what is None counts as zero."""
-        v_s = np.zeros(self.secondary_count) if secondary_velocity is None else secondary_velocity
-        return self.equals([], joint_velocity, np.concatenate([v_s, v_major]))
-
-
-def weighted_pseudo_inverse(
-    J: Array,
-    major: Sequence[int],
-    secondary: Sequence[int],
-    major_weight: float,
-    joint_weight: ArrayLike | None = None,
-    secondary_weight: ArrayLike | None = None,
-) -> WeightedPseudoInverse:
-    """Minimize |w (v_m - v_md)|^2 + |W1 (rates - rates_d)|^2 + |W2 (v_s - v_sd)|^2, all at once.
-
-    The sum of eq. (24) with the major task as one more term instead of a constraint, eq. (23). It
-    is the library's own mapping with no row declared major: its answer compromises the major
-    task "in accordance with the weight" (section 3).
-
-    `major` and `secondary` are rows of the task Jacobian J (m, n); the weights W1 (n,) and W2 (m2,)
-    are diagonals, None is zero.
-
-    Raises:
-        ValueError: As :func:`prioritized.velocity_mapping`.
-    """
-    m2 = len(secondary)
-    W2 = np.zeros(m2) if secondary_weight is None else np.asarray(secondary_weight)
-    weights = np.concatenate([W2, np.full(len(major), major_weight)])
-    equals = velocity_mapping(J, [], [*secondary, *major], joint_weight, weights)
-    return WeightedPseudoInverse(equals, m2)
-
-
-class PseudoInverseMapping(StrutMapping):
-    """The strut mapping with a weighted pseudo-inverse in the place of eqs. (28) and (30)."""
+class PseudoInverseMapping(CompromisingMapping[Pose], StrutMapping):
+    """The strut mapping with a weighted pseudo-inverse."""
 
     def __init__(
         self, geometry: Hexapod, goal: Goal, jacobian: JacobianChoice, major_weight: float
@@ -88,18 +26,6 @@ class PseudoInverseMapping(StrutMapping):
         """As the strut mapping; `major_weight` weighs [rad] of pointing."""
         self.major_weight = major_weight
         super().__init__(geometry, goal, jacobian)
-
-    def rates_at(self, kinematics: Kinematics) -> WeightedPseudoInverse:
-        """Of the surviving struts, by the pseudo-inverse."""
-        W1 = self.goal.joint_weight
-        return weighted_pseudo_inverse(
-            kinematics.J,
-            MAJOR,
-            SECONDARY,
-            self.major_weight,
-            joint_weight=None if W1 is None else np.array(W1)[kinematics.actuators],
-            secondary_weight=self.goal.secondary_weight,
-        )
 
 
 def controllers(testbed: Testbed, strategy: Strategy) -> Callable[[Goal], PrioritizedController]:

@@ -4,8 +4,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
-import numpy as np
-
 from experiments.rig.hexapod.controller import Loop
 from sim import Array
 
@@ -73,9 +71,3 @@ class Demonstration:
     def is_kept(self, worst: float) -> bool:
         """Whether the limit is kept."""
         return worst < self.limit if self.keeps_below else worst > self.limit
-
-
-def smooth_step(progress: Array | float) -> Array:
-    """From 0 to 1 with the least jerk, as progress goes from 0 to 1; constant outside."""
-    s = np.clip(progress, 0.0, 1.0)
-    return s**3 * (10 - 15 * s + 6 * s**2)

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from experiments.goals import secondary_goals
-from experiments.goals.arm import ARM_MJCF
 from experiments.goals.demonstration import REFERENCE, Demonstration, Outcome, Strategy
 from experiments.goals.figure import MEASURES, pictures, strategy_label
 from experiments.goals.runs import DEMONSTRATIONS, Goals
@@ -18,6 +17,7 @@ from experiments.recording.mechanism import Driven, write_mechanism
 from experiments.recording.screens import write_side_by_side
 from experiments.recording.shown import Shown, constants
 from experiments.recording.views import Plot
+from experiments.rig.arm import ARM_MJCF
 from experiments.rig.hexapod.metrics import closure_check, plant_constants, rms
 from experiments.rig.hexapod.simulation import Trajectory
 from experiments.rig.hexapod.testbed import TestbedConfig

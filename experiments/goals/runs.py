@@ -8,13 +8,8 @@ import numpy as np
 from experiments.goals import secondary_goals as goal
 from experiments.goals.arm import LOOP_GAIN_PER_S, PERIOD_S, TRACKER_NOISE_RAD, sweep
 from experiments.goals.control import Reweighing, Seeker, controllers, no_rates
-from experiments.goals.demonstration import (
-    Demonstration,
-    Outcome,
-    Strategy,
-    smooth_step,
-    strategies,
-)
+from experiments.goals.demonstration import Demonstration, Outcome, Strategy, strategies
+from experiments.rig.arm import smooth_step
 from experiments.rig.hexapod.columns import SECONDARY
 from experiments.rig.hexapod.controller import Loop, nominal_loops
 from experiments.rig.hexapod.metrics import closure_residual_max_m

@@ -10,7 +10,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from experiments.goals.demonstration import smooth_step
+from experiments.rig.arm import smooth_step
 from experiments.rig.hexapod.testbed import Growth
 from ftc.goal import Goal
 from sim import HEXAPOD_MJCF, Array, Coils, Pose

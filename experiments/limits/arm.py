@@ -5,14 +5,11 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from experiments.limits.allocation import allocated
-from experiments.limits.strategies import Strategy
+from experiments.limits.allocation import Strategy, allocated
+from experiments.rig.arm import ARM_MJCF, POINTING, SECONDARY, camera_axes, smooth_step
 from prioritized import ConstrainedSystem, viable_rates
-from sim import HEXAPOD_MJCF, Array, JacobianReader, advance, load_model
+from sim import Array, JacobianReader, advance, load_model
 
-ARM_MJCF = HEXAPOD_MJCF.with_name("arm.xml")
-POINTING, SECONDARY = [0, 1], [2, 3, 4, 5]
-"""Task rows in payload axes: turns of the camera across its line of sight, and the rest."""
 PERIOD_S = 0.02
 GAIN_PER_S = 2.0
 """Of the pointing error."""
@@ -47,7 +44,7 @@ class ArmRun:
 
 def line_of_sight(time_s: Array, duration_s: float) -> Array:
     """Desired unit vectors in base axes, shape (N, 3)."""
-    eased = _ease(time_s / EASE_S) * _ease((duration_s - time_s) / EASE_S)
+    eased = smooth_step(time_s / EASE_S) * smooth_step((duration_s - time_s) / EASE_S)
     tilt, turned = TILT_RAD * eased, 2 * np.pi * time_s / TURN_S
     across = np.sin(tilt)
     return np.stack([across * np.cos(turned), across * np.sin(turned), np.cos(tilt)], axis=1)
@@ -75,8 +72,7 @@ def move(motion: Motion) -> ArmRun:
         if k == len(time_s) // 2:
             system = system.with_failures(locked=[LOCKED])
         kinematics = system.at(J_T=reader.at(data).J_T).kinematics()
-        base, payload = (data.site(name).xmat.reshape(3, 3) for name in ("base", "payload"))
-        camera = base.T @ payload
+        camera = camera_axes(data)
         off = _turn(camera[:, 2], views[k])
         ahead = np.cross(views[k], views[k + 1] - views[k]) / PERIOD_S
         pointing = (camera.T @ (GAIN_PER_S * off + ahead))[POINTING]
@@ -100,8 +96,3 @@ def _turn(now: Array, desired: Array) -> Array:
     axis = np.cross(now, desired)
     sine = np.linalg.norm(axis)
     return axis * (np.arctan2(sine, now @ desired) / sine if sine > 0 else 1.0)
-
-
-def _ease(progress: Array) -> Array:
-    s = np.clip(progress, 0, 1)
-    return s**3 * (10 - 15 * s + 6 * s**2)

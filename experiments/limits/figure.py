@@ -7,10 +7,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from experiments.limits.allocation import UNLIMITED, Strategy
 from experiments.limits.arm import RANGE_RAD
-from experiments.limits.runs import LimitsRuns
-from experiments.limits.spirals import Case, attainable
-from experiments.limits.strategies import UNLIMITED, Strategy
+from experiments.limits.runs import Case, LimitsRuns, attainable
 from experiments.study.plotting import (
     BLACK,
     BLUE,
@@ -20,6 +19,7 @@ from experiments.study.plotting import (
     SKY,
     VERMILION,
     new_figure,
+    one_legend,
 )
 from experiments.study.results import Picture
 
@@ -63,11 +63,7 @@ def figure_limits(ran: LimitsRuns) -> Figure:
         _errors(row[1], ran, cases)
     _joints(grid[2, 0], ran)
     _arm(grid[2, 1], ran)
-    alike = {}
-    for axes in grid.flat:
-        handles, labels = axes.get_legend_handles_labels()
-        alike |= dict(zip(labels, handles, strict=True))
-    figure.legend(list(alike.values()), list(alike), loc="outside lower center", ncols=4)
+    one_legend(figure, 4)
     return figure
 
 

@@ -4,9 +4,9 @@ from typing import Any
 
 import numpy as np
 
+from experiments.limits.allocation import UNLIMITED
 from experiments.limits.arm import PERIOD_S, RANGE_RAD, ArmRun
-from experiments.limits.attainable import room
-from experiments.limits.spirals import HEAVE_M, REST_S, Case, attainable, limits_of
+from experiments.limits.runs import HEAVE_M, REST_S, Case, attainable, limits_of
 from experiments.rig.hexapod.columns import MAJOR
 from experiments.rig.hexapod.controller import StrutMapping, sampled
 from experiments.rig.hexapod.metrics import closure_residual_max_m, rms
@@ -31,7 +31,6 @@ def spiral_entry(
     off = np.linalg.norm(run.true_rad - unlimited.true_rad, axis=1)
     inside = room(attainable(testbed, case), run.desired_rad) > 0
     working = np.delete(np.arange(6), list(case.locked_m))
-    wide = testbed if case.strategy.allocation != "unlimited" else None
     entry: dict[str, Any] = {
         "name": case.name,
         "condition": case.condition,
@@ -47,7 +46,7 @@ def spiral_entry(
     moved_m = run.strut_displacement_m[:, working]
     reference_m = HEAVE_M if case.heave else 0.0
     entry["secondary_rms_um"] = 1e6 * float(np.sqrt(((moved_m - reference_m) ** 2).mean()))
-    if wide is None:
+    if case.strategy == UNLIMITED:
         return entry | {"at_limit_s": None, "beyond_limit_um": None}
     command_m = testbed.amplifier().displacement_m(run.strut_input_percent)[:, working]
     least = np.minimum(limits_m[1][working] - command_m, command_m - limits_m[0][working])
@@ -97,3 +96,15 @@ def longest(holds: Array) -> int:
     """Number of samples in the longest run of truth."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], holds.astype(int), [0]])))
     return int((edges[1::2] - edges[::2]).max(initial=0))
+
+
+def room(corners: Array, points: Array) -> Array:
+    """Distance of points (N, 2) from the outline, shape (N,): positive inside, negative outside."""
+    begin, along = corners, np.roll(corners, -1, axis=0) - corners
+    length = np.linalg.norm(along, axis=1)
+    off = points[:, None] - begin
+    part = (off * along).sum(axis=2) / length**2
+    nearest = off - part.clip(0, 1)[..., None] * along
+    distance = np.linalg.norm(nearest, axis=2).min(axis=1)
+    inward = (along[:, 0] * off[..., 1] - along[:, 1] * off[..., 0]) / length
+    return np.where((inward >= 0).all(axis=1), distance, -distance)

@@ -3,12 +3,12 @@
 from dataclasses import asdict
 from typing import Any
 
-from experiments.limits import arm, spirals
+from experiments.limits import arm, runs
+from experiments.limits.allocation import UNLIMITED
 from experiments.limits.figure import pictures
 from experiments.limits.measures import RECOVERED_RAD, arm_entry, condition_entry, spiral_entry
-from experiments.limits.runs import LimitsRuns
-from experiments.limits.spirals import Case
-from experiments.limits.strategies import UNLIMITED
+from experiments.limits.runs import Case, LimitsRuns
+from experiments.rig.arm import ARM_MJCF
 from experiments.rig.hexapod.metrics import closure_check, plant_constants
 from experiments.study.provenance import versions
 from experiments.study.results import Check, Results
@@ -58,17 +58,17 @@ def summarize(ran: LimitsRuns) -> dict[str, Any]:
         "experiment": "limits",
         "seed": ran.seed,
         "versions": versions(),
-        "model_sha256": {"fjh": model_sha256(), "arm": model_sha256(arm.ARM_MJCF)},
+        "model_sha256": {"fjh": model_sha256(), "arm": model_sha256(ARM_MJCF)},
         "bench": asdict(testbed.bench) | plant_constants(model),
         "spiral": {
             "duration_s": next(iter(ran.spirals)).duration_s,
             "turn_s": next(iter(ran.spirals)).turn_s,
-            "radius_urad": 1e6 * spirals.RADIUS_RAD,
-            "current_limit_a": spirals.CURRENT_LIMIT_A.tolist(),
-            "limits_um": [(1e6 * each).tolist() for each in spirals.limits_of(testbed)],
+            "radius_urad": 1e6 * runs.RADIUS_RAD,
+            "current_limit_a": runs.CURRENT_LIMIT_A.tolist(),
+            "limits_um": [(1e6 * each).tolist() for each in runs.limits_of(testbed)],
             "stuck_strut": 1,
-            "stuck_um": 1e6 * spirals.STUCK_M,
-            "heave_um": 1e6 * spirals.HEAVE_M,
+            "stuck_um": 1e6 * runs.STUCK_M,
+            "heave_um": 1e6 * runs.HEAVE_M,
         },
         "conditions": [
             condition_entry(testbed, case, ran.spirals[case]) for case in of_condition.values()
@@ -92,22 +92,22 @@ def summarize(ran: LimitsRuns) -> dict[str, Any]:
 def checks(summary: dict[str, Any]) -> list[Check]:
     """Checks: limits, priority, recovery, stability, closure."""
     found, ran = [], {spiral["name"]: spiral for spiral in summary["spirals"]}
+    moved = {run["strategy"]: run for run in summary["arm"]["runs"]}
+    over_clipping = "RMS error of strict priority over that of clipping"
     for condition in summary["conditions"]:
         where = condition["name"]
         strict, winding_up = ran[f"{where}_strict"], ran[f"{where}_strict_winding_up"]
-        clipping = min(
-            run["rms_urad"]
-            for name, run in ran.items()
-            if name in (f"{where}_clipping", f"{where}_clipping_winding_up")
-        )
-        ratio = strict["rms_urad"] / clipping
-        found.append(Check("RMS error of strict priority over that of clipping", where, ratio, 1.0))
-        ratio = strict["rms_urad"] / winding_up["rms_urad"]
-        found.append(Check("RMS error with anti-windup over that without", where, ratio, 1.0))
-        what = "time from an attainable target to recovered pointing, strict priority [s]"
-        found.append(Check(what, where, strict["recovery_s"], RECOVERY_LIMIT_S))
-        what = "margin of the circle criterion below zero"
-        found.append(Check(what, where, -condition["circle_margin"], 0.0))
+        names = f"{where}_clipping", f"{where}_clipping_winding_up"
+        clipping = min(ran[name]["rms_urad"] for name in names if name in ran)
+        windup = strict["rms_urad"] / winding_up["rms_urad"]
+        recovered = "time from an attainable target to recovered pointing, strict priority [s]"
+        margin = "margin of the circle criterion below zero"
+        found += [
+            Check(over_clipping, where, strict["rms_urad"] / clipping, 1.0),
+            Check("RMS error with anti-windup over that without", where, windup, 1.0),
+            Check(recovered, where, strict["recovery_s"], RECOVERY_LIMIT_S),
+            Check(margin, where, -condition["circle_margin"], 0.0),
+        ]
     for name, spiral in ran.items():
         found.append(closure_check(name, spiral["closure_residual_max_m"]))
         if spiral["strategy"] == UNLIMITED.name:
@@ -115,20 +115,20 @@ def checks(summary: dict[str, Any]) -> list[Check]:
         beyond = spiral["beyond_limit_um"]
         found.append(Check("command beyond its limit [um]", name, beyond, CONVERTER_STEP_UM))
         if spiral["strategy"] in ("strict", "scaled", "clipping"):
-            rest = spiral["rest_peak_urad"]
-            found.append(
-                Check("pointing error at rest afterwards [urad]", name, rest, REST_LIMIT_URAD)
-            )
-    moved = {run["strategy"]: run for run in summary["arm"]["runs"]}
-    ratio = moved["strict"]["rms_mrad"] / moved["clipping"]["rms_mrad"]
-    found.append(Check("RMS error of strict priority over that of clipping", "arm", ratio, 1.0))
-    peak = moved["strict"]["peak_mrad"]
-    found.append(Check("peak error of strict priority [mrad]", "arm", peak, ARM_LIMIT_MRAD))
-    for name, run in moved.items():
-        if name != UNLIMITED.name:
-            what = "joint beyond its limit [rad]"
-            found.append(Check(what, f"arm, {name}", run["beyond_limit_rad"], 1e-9))
-    return found
+            what, rest = "pointing error at rest afterwards [urad]", spiral["rest_peak_urad"]
+            found.append(Check(what, name, rest, REST_LIMIT_URAD))
+    strict = moved["strict"]
+    ratio, peak = strict["rms_mrad"] / moved["clipping"]["rms_mrad"], strict["peak_mrad"]
+    found += [
+        Check(over_clipping, "arm", ratio, 1.0),
+        Check("peak error of strict priority [mrad]", "arm", peak, ARM_LIMIT_MRAD),
+    ]
+    what = "joint beyond its limit [rad]"
+    return found + [
+        Check(what, f"arm, {name}", run["beyond_limit_rad"], 1e-9)
+        for name, run in moved.items()
+        if name != UNLIMITED.name
+    ]
 
 
 def spiral_table(summary: dict[str, Any], condition: dict[str, Any]) -> Table:

@@ -56,6 +56,15 @@ def new_figure(width_in: float, height_in: float) -> Figure:
     return Figure(figsize=(width_in, height_in), layout="constrained")
 
 
+def one_legend(figure: Figure, columns: int) -> None:
+    """One legend below all panels, each label once."""
+    found = {}
+    for axes in figure.axes:
+        handles, labels = axes.get_legend_handles_labels()
+        found |= dict(zip(labels, handles, strict=True))
+    figure.legend(found.values(), found.keys(), loc="outside lower center", ncols=columns)
+
+
 def logarithmic(axes: Axes, names: str) -> None:
     """Scale x, y or both ("xy"): 1, 2, 5 of each decade as plain numbers, however few decades."""
     for name in names:

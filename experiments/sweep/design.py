@@ -151,6 +151,7 @@ def _checked(name: str, value: Any) -> Any:
     known, letters = runs_of.NAMES.get(name, ()), "".join(runs_of.STRUTS)
     valid, expected = {
         "switch": (type(value) is bool, "true or false"),
+        "sign": (type(value) is int and value in (1, -1), "1 or -1"),
         "name": (value in known, f"one of {', '.join(known)}"),
         "struts": (
             isinstance(value, str) and len(value) == 6 and set(value) <= set(letters),

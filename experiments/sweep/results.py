@@ -141,6 +141,8 @@ def _influence(columns: Columns, varied: list[str]) -> dict[str, dict[str, float
     if np.count_nonzero(ended) < 3:
         return {}
     ranked = {angle: ranks(values[ended]) for angle, values in rms.items()}
+    if any(np.ptp(each) == 0 for each in ranked.values()):
+        return {}  # all runs alike, as where no limit is reached
     values = {name: columns[name][ended] for name in varied}
     found = {
         name: {angle: float(spearmanr(each, ranked[angle]).statistic) for angle in ANGLES}

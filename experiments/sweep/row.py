@@ -12,7 +12,7 @@ from experiments.rig.hexapod import fault_tolerance
 from experiments.rig.hexapod.columns import MAJOR
 from experiments.rig.hexapod.controller import StrutMapping, designed, nominal_plant
 from experiments.rig.hexapod.metrics import closure_residual_max_m, pointing_rms_urad, rms
-from experiments.rig.hexapod.prediction import detector_noise_rad, driven_loop
+from experiments.rig.hexapod.prediction import prediction
 from experiments.rig.hexapod.simulation import SpiralRun, Trajectory, track_spiral
 from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
 from experiments.study.campaign import Row
@@ -20,9 +20,6 @@ from experiments.sweep.sweep_run import KINDS, SweepRun
 from ftc.control.compensator import Compensator
 from prioritized import FailureAtlas, failure_atlas
 from sim import NOMINAL, Array
-
-MARGINAL = 1 + 1e-9
-"""A largest pole up to here is an integrator that the mapping lets move nothing."""
 
 ANGLES = ("alpha", "beta")
 INPUT_RMS = tuple(f"strut_input_rms_percent_{k}" for k in range(1, 7))
@@ -36,7 +33,12 @@ MEASURED = (
     "closure_residual_max_m",
 )
 _NUMBERS = ("diverged_at_s", "dac_step_urad", "predicted_pole_radius")
-_TYPES = {"integer": pa.int64(), "switch": pa.bool_(), "real": pa.float64()}
+_TYPES = {
+    "integer": pa.int64(),
+    "sign": pa.int64(),
+    "switch": pa.bool_(),
+    "real": pa.float64(),
+}
 
 SCHEMA = pa.schema(
     [
@@ -84,13 +86,13 @@ def row_of(run: SweepRun) -> Row:
     try:
         # As it is after the failures, at J_0.
         mapping = StrutMapping(sim.hexapod(machine()), run.reconfigured, "constant", stiffness())
-        predicted = _predicted(run, mapping)
+        predicted = _predicted(run)
         status = mapping.at(mapping.geometry.inverse_jacobian(NOMINAL)).mapping.status
         row |= predicted | {"status": status.name.lower()}
         row["dac_step_urad"] = _dac_step_urad(run, mapping)
         if predicted and PREDICTED[0] not in predicted:
             row["status"] = "unstable"
-        return row | _measured(_simulated(run))
+        return row | _measured(track_spiral(_testbed(run), _spiral(run)))
     except sim.SimulationDiverged as diverged:
         found = {"status": "diverged", "message": str(diverged), "diverged_at_s": diverged.time_s}
         return row | found
@@ -98,10 +100,13 @@ def row_of(run: SweepRun) -> Row:
         return row | {"status": "refused", "message": str(refused)}
 
 
-def _simulated(run: SweepRun) -> Trajectory:
+def _testbed(run: SweepRun) -> Testbed:
+    return Testbed(machine(), run.bench, loops(run.bench), stiffness())
+
+
+def _spiral(run: SweepRun) -> SpiralRun:
     from_start = run.failure_time_s == 0
-    testbed = Testbed(machine(), run.bench, loops(run.bench), stiffness())
-    spiral = SpiralRun(
+    return SpiralRun(
         run.reconfigured if from_start else run.goal,
         run.failures,
         run.reconfigured if run.known and not from_start else None,
@@ -109,39 +114,21 @@ def _simulated(run: SweepRun) -> Trajectory:
         seed=run.seed,
         duration_s=run.duration_s,
     )
-    return track_spiral(testbed, spiral)
 
 
-def _predicted(run: SweepRun, mapping: StrutMapping) -> Row:
+def _predicted(run: SweepRun) -> Row:
     """Largest pole of the linear, sampled loop, and the RMS errors if the loop is stable.
 
     Empty where the plant is not the linear model's: it changes during the run, or a strut falls on
     its stop, as one without its spring does.
     """
-    failures, bench = run.failures, run.bench
-    if any(failure.time_s > 0 or failure.kind == "loose" for failure in failures):
+    if any(failure.time_s > 0 or failure.kind == "loose" for failure in run.failures):
         return {}
-    plant = sim.failed_plant(machine(), failures)
-    compensators = [loop.discrete for loop in loops(bench)]
-    T = driven_loop(plant, mapping.pointing_gain(), compensators)
-    row: Row = {"predicted_pole_radius": float(np.abs(T.poles()).max())}
-    if row["predicted_pole_radius"] > MARGINAL:
+    found = prediction(_testbed(run), _spiral(run))
+    row: Row = {"predicted_pole_radius": found.pole_radius}
+    if found.error_rad is None:
         return row
-    time_s = bench.time_s(run.duration_s)
-    desired = bench.desired_rad(time_s)
-    driven = desired - detector_noise_rad(bench, run.seed, len(time_s))
-    pointing = T[MAJOR, MAJOR]  # a floor at rest, and nothing beside the compensators
-    true = _response(pointing.A, pointing.B, pointing.C, pointing.D, driven)
-    return row | dict(zip(PREDICTED, (1e6 * rms(desired - true)).tolist(), strict=True))
-
-
-def _response(A: Array, B: Array, C: Array, D: Array, driven: Array) -> Array:
-    """Output of a sampled system from rest, (N, 2)."""
-    state, outputs = np.zeros(len(A)), []
-    for u in driven:
-        outputs.append(C @ state + D @ u)
-        state = A @ state + B @ u
-    return np.array(outputs)
+    return row | dict(zip(PREDICTED, (1e6 * rms(found.error_rad)).tolist(), strict=True))
 
 
 def _dac_step_urad(run: SweepRun, mapping: StrutMapping) -> float:

@@ -17,14 +17,12 @@ ACTIVE = tuple(f"joint_weight_{k}" for k in range(1, 7))
 SECONDARY = tuple(f"secondary_weight_{name}" for name in ("t_x", "t_y", "t_z", "gamma"))
 """Factors on the diagonals of W1 and W2, in the order of the paper's."""
 
-_NOT_SWEPT = (
-    *("duration_s", "quick_duration_s", "spiral_exponent", "spiral_start_deg"),
-    *("spiral_direction", "demand_limit_urad", "anti_windup"),
+BENCH = tuple(
+    field.name
+    for field in fields(TestbedConfig)
+    if field.name not in ("duration_s", "quick_duration_s")
 )
-"""How long a run lasts is the design's; `fjh uncorrected` varies the spiral and the limit."""
-
-BENCH = tuple(field.name for field in fields(TestbedConfig) if field.name not in _NOT_SWEPT)
-"""Constants of the testbed that a design can vary."""
+"""Constants of the testbed that a design can vary; how long a run lasts is the design's."""
 
 _ONES = (1.0,) * 6
 WEIGHTS = {
@@ -35,7 +33,7 @@ WEIGHTS = {
 STRUTS = {"S": None, "L": "locked", "F": "free", "B": "loose"}
 """A letter for each state of a strut, and the failure that it stands for."""
 
-KINDS: dict[str, Literal["real", "integer", "name", "switch", "struts"]] = {
+KINDS: dict[str, Literal["real", "integer", "sign", "name", "switch", "struts"]] = {
     "struts": "struts",
     "failure_time_s": "real",
     "known": "switch",
@@ -45,6 +43,8 @@ KINDS: dict[str, Literal["real", "integer", "name", "switch", "struts"]] = {
     "seed": "integer",
     **dict.fromkeys(BENCH, "real"),
     "dac_bits": "integer",
+    "spiral_direction": "sign",
+    "anti_windup": "switch",
 }
 """All that can be varied, and what its values are."""
 
@@ -52,7 +52,7 @@ LIMITS: dict[str, tuple[float, float]] = {
     "failure_time_s": (0.0, 3600.0),
     **dict.fromkeys(ACTIVE + SECONDARY, (0.0, 1e6)),
     "seed": (0, 2**32 - 1),
-    **{name: BENCH_LIMITS[name] for name in BENCH},
+    **{name: BENCH_LIMITS[name] for name in BENCH if name in BENCH_LIMITS},
 }
 """Least and largest value of each number."""
 

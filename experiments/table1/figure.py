@@ -19,6 +19,7 @@ from experiments.study.plotting import (
     PURPLE,
     VERMILION,
     new_figure,
+    one_legend,
 )
 from experiments.study.results import Picture
 from sim import Array
@@ -117,7 +118,7 @@ def figure_4(runs: dict[str, Trajectory]) -> Figure:
         _errors(errors, runs[name], _limit_urad([runs[name] for name in names]))
         errors[-1].set_xlabel("time, s")
         _inputs(figure.add_subfigure(grid[row, 2]), runs[name], limit_percent)
-    _one_legend(figure, 4)
+    one_legend(figure, 4)
     return figure
 
 
@@ -132,7 +133,7 @@ def figure_5(runs: dict[str, Trajectory]) -> Figure:
     for axes, error in zip(errors, _error_urad(sound).T, strict=True):
         axes.plot(sound.time_s, error, color=BLACK, lw=0.6, ls=":", label="six sound struts, $W_a$")
     errors[-1].set_xlabel("time, s")
-    _one_legend(figure, 2)
+    one_legend(figure, 2)
     return figure
 
 
@@ -161,17 +162,8 @@ def figure_6(runs: dict[str, Trajectory]) -> Figure:
         panels[-1].set_xlabel("time, s")
     for panel in grid[:, 1]:  # as on its left
         panel.set_ylabel("")
-    _one_legend(figure, 6)
+    one_legend(figure, 6)
     return figure
-
-
-def _one_legend(figure: Figure, columns: int) -> None:
-    """One legend below all panels, each label once."""
-    found = {}
-    for axes in figure.axes:
-        handles, labels = axes.get_legend_handles_labels()
-        found |= dict(zip(labels, handles, strict=True))
-    figure.legend(found.values(), found.keys(), loc="outside lower center", ncols=columns)
 
 
 def _error_urad(run: Trajectory) -> Array:

@@ -64,7 +64,6 @@ def paragraph(summary: dict[str, Any]) -> str:
             f"Of {len(summary['candidates']) - 1} candidate explanations simulated, "
             f"{_met(met, tolerance)}.",
             _nearest(best, paper),
-            _limit_sentence(summary["limit_map"], tolerance),
             _walk_sentence(summary["beam_walk"]),
             f"The paper's error in excess of a lost strut's has alpha : beta = "
             f"{_excess(summary):.1f} : 1; strut 1 moves them "
@@ -118,20 +117,6 @@ def _map_sentence(numbers: dict[str, Any]) -> str:
         f"{numbers['points_within_tolerance']} within tolerance); the uncorrected loop alone "
         f"is unstable at {numbers['points_uncorrected_alone_unstable']} points, a corrected loop "
         f"alone at {numbers['points_corrected_alone_unstable']}."
-    )
-
-
-def _limit_sentence(numbers: dict[str, Any], tolerance: str) -> str:
-    spirals = numbers["spirals"]
-    met = [one["limit_over_radius_met"] for one in spirals if one["limit_over_radius_met"]]
-    if not met:
-        return "No mapped limit on the demanded pointing meets all twelve entries of Table I."
-    held = sum(one["settings_met"] for one in spirals if one["anti_windup"])
-    return (
-        f"With a limit on the pointing that the compensators demand, all twelve entries of Table I "
-        f"are met within {tolerance} at {numbers['settings_met']} of {numbers['settings']} mapped "
-        f"settings of limit, spiral and anti-windup ({held} with anti-windup), for limits of "
-        f"{min(met)[0]:.2f} to {max(high for _, high in met):.2f} of the spiral's radius."
     )
 
 

@@ -32,7 +32,7 @@ W_A = EXPERIMENTS["W_a"].goal
 
 PAPER_RATIOS = np.divide(TABLE_I_URAD["W_a_uncorrected"], TABLE_I_URAD["W_a"])
 RATIO_TOLERANCE = 0.15
-"""Accepted relative deviation of both ratios, of W_a, and in the limit map of every entry."""
+"""Accepted relative deviation of both ratios and of W_a."""
 CORRECTED_TOLERANCE = 0.25
 """Accepted relative deviation of W_d and W_e from the paper's."""
 
@@ -165,7 +165,7 @@ RETUNED = Candidate(
 
 
 def _limited(name: str, what: str, limit_urad: float, **constants: Any) -> Candidate:
-    """From the map of :mod:`experiments.uncorrected.limit_map`."""
+    """From the map of docs/uncorrected.md, which a sweep over the limit makes."""
     what = f"limit on the demanded pointing, {what}"
     constants |= {"demand_limit_urad": limit_urad}
     return Candidate(name, what, constants, simulated=COLUMNS)

@@ -1,7 +1,6 @@
-"""The study's figures: maps, lock sweep, candidates and spirals; and the demand limit."""
+"""The study's figures: candidates, map and lock sweep; and spirals."""
 
 from functools import partial
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -13,11 +12,8 @@ from matplotlib.patches import Patch
 from experiments.recording.plots import spiral
 from experiments.rig.hexapod.simulation import Trajectory
 from experiments.study.plotting import (
-    BLACK,
     BLUE,
-    GREEN,
     PAGE_IN,
-    PURPLE,
     VERMILION,
     name_rows,
     new_figure,
@@ -35,39 +31,31 @@ BAND = 0.15
 """Opacity of what lies within the tolerance."""
 RATIO = "uncorrected / all struts sound"
 
-SPIRALS = {
-    (1.0, 1): (BLUE, "the testbed's spiral"),
-    (1.0, -1): (VERMILION, "clockwise"),
-    (0.5, 1): (GREEN, "constant speed"),
-    (0.5, -1): (PURPLE, "constant speed, clockwise"),
-}
-"""Colour and name of each spiral of the map by exponent and direction."""
+SHOWN = {CLOCKWISE.name: "demand limit of 95 µrad", RETUNED.name: "locked 125 µm off centre"}
+"""Candidates whose uncorrected spiral is drawn."""
 
 
 def pictures(study: Uncorrected, summary: dict[str, Any]) -> list[Picture]:
-    """Both figures and their captions."""
-    return [
-        Picture(
-            "uncorrected",
-            "Candidate explanations of Table I's last column, beside the paper's ratios. Damping "
-            "and crossover do not change the ratios; where strut 1 is locked does.",
-            "Above, both ratios of each candidate beside bands of the paper's ratios: only limits "
-            "on the demand, and one lock off centre, lie in both bands. Below, the ratios at every "
-            "stable point of the maps, on two levels far below the band of alpha; and the ratios "
-            "over the place at which strut 1 is locked, two bowls that rise into the bands.",
-            partial(figure_uncorrected, study, summary),
-        ),
-        Picture(
-            "demand_limit",
-            "A limit on the pointing that the compensators demand explains the last column. Above, "
-            "RMS errors with strut 1 locked, not known to the mapping, over those with all struts "
-            "sound; below, what Fig. 5 would show of such a limit, and of a lock off centre.",
-            "Ratio of alpha and of beta over the limit, a line for each spiral, beside a band of "
-            "the paper's. Two uncorrected spirals: the limited one is cut off along alpha in its "
-            "outer turns, the one locked off centre begins with a tail.",
-            partial(figure_demand_limit, study, summary),
-        ),
-    ]
+    """The figures and their captions; that of the spirals where their candidates were run."""
+    candidates = Picture(
+        "uncorrected",
+        "Candidate explanations of Table I's last column, beside the paper's ratios. Damping "
+        "and crossover do not change the ratios; where strut 1 is locked does.",
+        "Above, both ratios of each candidate beside bands of the paper's ratios: only limits "
+        "on the demand, and one lock off centre, lie in both bands. Below, the ratios at every "
+        "stable point of the maps, on two levels far below the band of alpha; and the ratios "
+        "over the place at which strut 1 is locked, two bowls that rise into the bands.",
+        partial(figure_uncorrected, study, summary),
+    )
+    spirals = Picture(
+        "demand_limit",
+        "What Fig. 5 would show of a limit on the pointing that the compensators demand, and of "
+        "a lock off centre: strut 1 locked, not known to the mapping.",
+        "Two uncorrected spirals: the limited one is cut off along alpha in its outer turns, the "
+        "one locked off centre begins with a tail.",
+        partial(figure_demand_limit, study.runs),
+    )
+    return [candidates, spirals] if SHOWN.keys() <= study.runs.keys() else [candidates]
 
 
 def figure_uncorrected(study: Uncorrected, summary: dict[str, Any]) -> Figure:
@@ -152,42 +140,11 @@ def _bands(axes: Axes, summary: dict[str, Any], *, horizontal: bool) -> None:
         span(middle * (1 - tolerance), middle * (1 + tolerance), color=color, alpha=BAND, lw=0)
 
 
-def figure_demand_limit(study: Uncorrected, summary: dict[str, Any]) -> Figure:
-    """Both ratios over the limit, and what Fig. 5 would show of it and of a lock off centre."""
-    figure = new_figure(PAGE_IN, 6.8)
-    grid = figure.subplots(2, 2, height_ratios=[1, 1.3])
-    tolerance = summary["paper"]["ratio_tolerance"]
-    for k, (name, symbol, _) in enumerate(ANGLES):
-        axes, printed = grid[0, k], summary["paper"][f"{name}_ratio"]
-        _over_limit(axes, study, k)
-        band = printed * (1 - tolerance), printed * (1 + tolerance)
-        label = f"within {100 * tolerance:.0f} % of the paper's"
-        axes.axhspan(*band, color=BLACK, alpha=0.1, lw=0, label=label)
-        axes.set(title=f"RMS error of {symbol}, strut 1 locked", ylabel=RATIO)
-    handles, labels = grid[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=5)
-    shown = {CLOCKWISE.name: "demand limit of 95 µrad", RETUNED.name: "locked 125 µm off centre"}
-    for axes, (name, title) in zip(grid[1], shown.items(), strict=True):
-        _spiral(axes, study, name, title)
+def figure_demand_limit(runs: dict[str, dict[str, Trajectory | float]]) -> Figure:
+    """What Fig. 5 would show of a limit on the demand, and of a lock off centre."""
+    figure = new_figure(PAGE_IN, 3.8)
+    for axes, (name, title) in zip(figure.subplots(1, 2), SHOWN.items(), strict=True):
+        run = runs[name]["W_a_uncorrected"]
+        if isinstance(run, Trajectory):
+            spiral(axes, run, title)
     return figure
-
-
-def _spiral(axes: Axes, study: Uncorrected, name: str, title: str) -> None:
-    """The uncorrected run of a candidate, if there is one."""
-    run = study.runs.get(name, {}).get("W_a_uncorrected")
-    if isinstance(run, Trajectory):
-        spiral(axes, run, title)
-    else:
-        axes.set_axis_off()
-
-
-def _over_limit(axes: Axes, study: Uncorrected, angle: int) -> None:
-    """One line a spiral that starts along alpha; dashed with anti-windup."""
-    grid = study.limit_grid
-    ratio = study.limit_rad[..., -1, angle] / study.limit_rad[..., 0, angle]
-    spirals = product(grid.exponent, grid.direction)
-    for lines, spiral_of in zip(ratio[:, :, 0].reshape(-1, *ratio.shape[3:]), spirals, strict=True):
-        color, label = SPIRALS[spiral_of]
-        axes.plot(grid.limit_over_radius, lines[0], "-", color=color, label=label)
-        axes.plot(grid.limit_over_radius, lines[1], "--", color=color, label="with anti-windup")
-    axes.set(xlabel="limit on the demand / radius of the spiral")

@@ -37,7 +37,6 @@ from experiments.uncorrected.candidates import (
     Candidate,
 )
 from experiments.uncorrected.figure import pictures
-from experiments.uncorrected.limit_map import limit_arrays, limit_numbers
 from experiments.uncorrected.predicted import (
     beam_walk,
     fast_loop_ratio,
@@ -61,10 +60,7 @@ RECORDED = (BENCH.name, "together", RETUNED.name, CLOCKWISE.name)
 def results(study: Uncorrected) -> Results:
     """Everything that `fjh uncorrected` publishes."""
     summary = summarize(study)
-    arrays = {
-        "map.npz": map_arrays(study.grid, study.map_rad, study.map_poles),
-        "limit_map.npz": limit_arrays(study.limit_grid, study.limit_rad),
-    }
+    arrays = {"map.npz": map_arrays(study.grid, study.map_rad, study.map_poles)}
     records = []
     for candidate in summary["candidates"]:
         run = study.runs[candidate["name"]]["W_a_uncorrected"]
@@ -107,7 +103,6 @@ def summarize(study: Uncorrected) -> dict[str, Any]:
         },
         "candidates": [_candidate(study, candidate) for candidate in study.candidates],
         "map": map_numbers(study.grid, study.map_rad, study.map_poles),
-        "limit_map": limit_numbers(study.limit_grid, study.limit_rad),
         "beam_walk": beam_walk(study.offset_m, study.beam_walk_urad),
         "checked_points": study.checked,
     }

@@ -12,7 +12,6 @@ from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
 from experiments.study.parallel import in_parallel
 from experiments.study.study import OnProgress
 from experiments.uncorrected.candidates import BENCH, CANDIDATES, COLUMNS, RETUNED, Candidate
-from experiments.uncorrected.limit_map import LimitGrid, limit_grid, limit_row
 from experiments.uncorrected.predicted import (
     Predicted,
     beam_walk_urad,
@@ -46,8 +45,6 @@ class Uncorrected:
     map_rad: Array  # (roll-offs, dampings, crossovers, 2, 2), see map_row
     map_poles: Array  # (roll-offs, dampings, crossovers, 4)
     checked: list[dict[str, Any]]  # predicted and simulated RMS at some points of the map
-    limit_grid: LimitGrid
-    limit_rad: Array  # (*limit_grid.shape, 4, 2), see limit_row
     offset_m: Array  # of the detector behind the focus
     beam_walk_urad: Array  # RMS there, (offsets, 4, 2, 2)
     lock_ratio: dict[
@@ -75,13 +72,10 @@ def run_uncorrected(*, seed: int, quick: bool, on_progress: OnProgress) -> Uncor
     for (c, column), run in zip(jobs, ended[: len(jobs)], strict=True):
         runs[c.name][column] = run
 
-    where, limits, offsets = grid(quick=quick), limit_grid(quick=quick), offsets_m(quick=quick)
+    where, offsets = grid(quick=quick), offsets_m(quick=quick)
     map_rad, map_poles = _map(where, seed, on_progress)
-    linear = {"model": model, "loops": nominal_loops(model, bench), "seed": seed}
-    over = {"limit_over_radius": limits.limit_over_radius}
-    calls = [linear | over | {"bench": each} for each in limits.benches(bench)]
-    limited = in_parallel(limit_row, calls, on_progress)
-    calls = [linear | {"bench": bench, "offset_m": float(offset)} for offset in offsets]
+    linear = {"model": model, "bench": bench, "loops": nominal_loops(model, bench), "seed": seed}
+    calls = [linear | {"offset_m": float(offset)} for offset in offsets]
     walked = in_parallel(beam_walk_urad, calls, on_progress)
     swept = [c for c in chosen if c.name in (BENCH.name, RETUNED.name)]
     return Uncorrected(
@@ -94,8 +88,6 @@ def run_uncorrected(*, seed: int, quick: bool, on_progress: OnProgress) -> Uncor
         map_rad=map_rad,
         map_poles=map_poles,
         checked=compare_checked(points, ended[len(jobs) :]),
-        limit_grid=limits,
-        limit_rad=np.reshape(limited, (*limits.shape, len(COLUMNS), 2)),
         offset_m=offsets,
         beam_walk_urad=np.array(walked),
         lock_ratio={c.name: lock_sweep(c, predicted[c.name].loops, seed) for c in swept},

@@ -1,11 +1,11 @@
 """Laws of the force mapping, Problem 6, with internal forces and self-motion."""
 
 import numpy as np
-import scipy.linalg
 from hypothesis import given
 from hypothesis import strategies as st
 
 from prioritized import Status, force_mapping
+from tests.force_theorems import theorem_7, theorem_8
 from tests.random_systems import (
     SEEDS,
     as_matrix,
@@ -19,21 +19,6 @@ from tests.random_systems import (
     systems,
     weights,
 )
-
-pinv = np.linalg.pinv
-
-
-def theorem_7(J_m, J_s, W3, W4):
-    """Eq. (34), as printed: gains of f_md, and of the stacked [torques_d; f_sd]."""
-    K = J_s.T @ pinv(np.vstack([W3 @ J_s.T, W4]))
-    major = J_m.T - K @ np.vstack([W3 @ J_m.T, np.zeros((len(J_s), len(J_m)))])
-    return major, K @ scipy.linalg.block_diag(W3, W4)
-
-
-def theorem_8(J_m, J_s, W3):
-    """Eq. (36), as printed."""
-    K = J_s.T @ pinv(W3 @ J_s.T) @ W3
-    return J_m.T - K @ J_m.T, K
 
 
 @given(SEEDS, st.integers(1, 3), st.integers(1, 4), st.integers(0, 3))

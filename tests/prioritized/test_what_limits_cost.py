@@ -8,8 +8,16 @@ from hypothesis import strategies as st
 
 from prioritized import AttainableStatus, ConstrainedSystem, failure_atlas
 from sim import jacobians
-from tests.prioritized.test_attainable import pairs
-from tests.random_systems import SEEDS, failures, null, rows_of, springs, systems, with_stiffness
+from tests.random_systems import (
+    SEEDS,
+    failures,
+    null,
+    pairs,
+    rows_of,
+    springs,
+    systems,
+    with_stiffness,
+)
 
 ARM = ConstrainedSystem(np.eye(2), None, [0, 1])
 GEARED = ConstrainedSystem([[1.0, 0.0]], [[1.0, 1.0]], [0, 1])

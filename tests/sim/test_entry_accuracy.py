@@ -10,7 +10,7 @@ import pytest
 from prioritized import ConstrainedSystem
 from sim import CenterOfMass, JacobianReader, jacobians, load_model
 from sim.mjcf.rounding import roundings
-from tests.sim.test_accuracy import EXACT, six_digits, taken, three_rrr
+from tests.three_rrr import EXACT, six_digits, taken, three_rrr
 
 
 def chain(rng: np.random.Generator, unit: int = 0, loops: str = "") -> mujoco.MjModel:

@@ -18,12 +18,11 @@ from threadpoolctl import threadpool_limits
 
 from experiments.app.cli import main
 from experiments.benchmark import (
+    closed_loop,
     latency,
     limited,
     measurement,
-    out_of_reach,
     pointing,
-    replay,
     robots,
     runs,
     solvers,
@@ -388,9 +387,9 @@ def test_bare_physics_takes_as_many_steps_as_the_closed_loop(model, monkeypatch)
 
     bench = TestbedConfig()
     testbed = Testbed(model, bench, nominal_loops(model, bench))
-    loop = runs.ClosedLoop(testbed, seconds=0.05, seed=0)
+    loop = closed_loop.ClosedLoop(testbed, seconds=0.05, seed=0)
     monkeypatch.setattr(mujoco, "mj_step", counting)
-    track_spiral(testbed, SpiralRun(runs.GOAL, duration_s=loop.seconds))
+    track_spiral(testbed, SpiralRun(closed_loop.GOAL, duration_s=loop.seconds))
     assert counted == [loop.steps]
     loop.step()
     assert counted == [2 * loop.steps]
@@ -425,7 +424,7 @@ def timed(asked) -> runs.Timed:
     names += ["part_" + part for part in ("estimate", "mapping", "jacobian", "converter")]
     agreed = [measurement.Agreement("question", 1e-9, {"daqp": 1e-12})]
     samples_us = {name: np.ones((5, 3)) for name in names} | {"closed_loop": np.full((5, 1), 2.0)}
-    active, weights = {"question": [1, 2, 3]}, out_of_reach.compared(seed=0)
+    active, weights = {"question": [1, 2, 3]}, limited.compared(seed=0)
     numbers = {"median_us": 1.0, "p999_us": 2.0, "worst_us": 3.0, "worst_processor_us": 2.5}
     waited = {name: dict.fromkeys(latency.COLLECTORS, numbers) for name in ("controller", "tick")}
     return runs.Timed(0, LEAST, agreed, samples_us, active, weights, waited)
@@ -569,10 +568,10 @@ def test_the_humanoid_has_29_joints_on_a_floating_base_and_is_its_own_mirror_ima
 
 
 @pytest.fixture(scope="module")
-def run(model) -> replay.Recorded:
+def run(model) -> closed_loop.Recorded:
     bench = TestbedConfig()
     testbed = Testbed(model, bench, nominal_loops(model, bench))
-    return replay.recorded(testbed, runs.GOAL, seed=0)
+    return closed_loop.recorded(testbed, seed=0)
 
 
 def test_the_replayed_controller_sends_what_it_sent_in_the_run(run, monkeypatch):

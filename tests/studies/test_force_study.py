@@ -23,9 +23,9 @@ from experiments.rig.hexapod.columns import MAJOR, SECONDARY
 from experiments.rig.hexapod.fault_tolerance import strut_and_payload_stiffness
 from prioritized import ConstrainedSystem, force_mapping
 from sim import HEXAPOD_MJCF, NOMINAL, Plant, hexapod, jacobians, load_model
+from tests.force_theorems import theorem_7, theorem_8
 from tests.pages import assert_says
 from tests.printed import assert_printable
-from tests.prioritized.test_force import theorem_7, theorem_8
 
 
 @pytest.fixture(scope="module")

@@ -15,9 +15,9 @@ from scipy.spatial.transform import Rotation
 
 from experiments.app.cli import main
 from experiments.goals import arm, control, runs
-from experiments.goals.arm import ARM_MJCF, PERIOD_S, Servos, Tracker
-from experiments.goals.control import PseudoInverseMapping, unrolled, weighted_pseudo_inverse
-from experiments.goals.demonstration import Outcome, Strategy, smooth_step, strategies
+from experiments.goals.arm import PERIOD_S, Servos, Tracker
+from experiments.goals.control import PseudoInverseMapping, unrolled
+from experiments.goals.demonstration import Outcome, Strategy, strategies
 from experiments.goals.results import CHANGES, checks, table
 from experiments.goals.runs import SLEW_S, Goals, off_axis_path, run_stroke
 from experiments.goals.secondary_goals import (
@@ -36,6 +36,8 @@ from experiments.goals.secondary_goals import (
     rates_from_stops,
     retreat,
 )
+from experiments.rig.arm import ARM_MJCF, smooth_step
+from experiments.rig.compromise import weighted_pseudo_inverse
 from experiments.rig.hexapod.columns import MAJOR, SECONDARY
 from experiments.rig.hexapod.controller import StrutMapping, controller_for, nominal_loops
 from experiments.rig.hexapod.simulation import track_path

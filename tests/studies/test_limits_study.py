@@ -8,13 +8,11 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-from experiments.limits.allocation import allocated
+from experiments.limits.allocation import Strategy, allocated, arm_strategies, loop_strategies
 from experiments.limits.arm import RANGE_RAD, Motion, line_of_sight, move
-from experiments.limits.attainable import room
-from experiments.limits.measures import longest
+from experiments.limits.measures import longest, room
 from experiments.limits.results import checks
-from experiments.limits.spirals import BENCH, HEAVE_M, Case, limits_of
-from experiments.limits.strategies import Strategy, arm_strategies, loop_strategies
+from experiments.limits.runs import BENCH, HEAVE_M, Case, limits_of
 from experiments.rig.hexapod.controller import StrutMapping, nominal_loops
 from experiments.rig.hexapod.fault_tolerance import strut_and_payload_stiffness
 from experiments.rig.hexapod.simulation import track_path

@@ -31,10 +31,11 @@ from experiments.study.dataset import Columns, Dataset
 from experiments.study.resumable import UNFINISHED, published_before, run_missing
 from experiments.study.study import Interrupted, Unsound, WrongInput
 from experiments.sweep.campaign import SOURCES, sweep_of
-from experiments.sweep.design import Design, SweepRuns, grid, read_design
+from experiments.sweep.design import DEFAULT, Design, SweepRuns, grid, read_design
 from experiments.sweep.results import checks, prediction
 from experiments.sweep.row import SCHEMA, row_of
 from experiments.sweep.sweep_run import BENCH, KINDS, Choice, Range, sweep_run
+from experiments.table1.runs import CONFIGURATIONS
 from ftc.goal import Goal
 from sim import Failure, SimulationDiverged
 
@@ -138,6 +139,31 @@ def test_the_default_design_varies_weights_failures_times_and_bench():
     } < varied
     assert len(varied & set(BENCH)) >= 6
     assert set(KINDS) - varied  # and not all
+
+
+def test_the_design_of_the_demand_limit_has_the_configuration_of_the_table_among_its_runs():
+    design = read_design(DEFAULT.with_name("demand_limit.toml"))
+    assert (design.runs, design.duration_s) == (1472, TestbedConfig().duration_s)
+    runs = SweepRuns(design, seed=3)
+    benches = [runs[k].bench for k in range(len(runs))]
+    # Of each: sound or locked, corrected or not.
+    assert benches.count(CONFIGURATIONS["demand-limit"].bench) == 4
+    assert {runs[k].seed for k in range(len(runs))} == {0}
+
+
+@pytest.mark.parametrize("anti_windup", [False, True])
+def test_a_run_with_a_limit_on_the_demand_is_predicted_with_it(anti_windup):
+    """Reached within the first second; without limit, or held otherwise, errors are others."""
+    values = {"seed": 2, "struts": "LSSSSS", "known": False, "spiral_exponent": 0.5}
+    limited = values | {"demand_limit_urad": 20.0, "anti_windup": anti_windup}
+    row = row_of(sweep_run(0, 1.5, limited))
+    other = row_of(sweep_run(0, 1.5, limited | {"anti_windup": not anti_windup}))
+    free = row_of(sweep_run(0, 1.5, values))
+    assert (row["demand_limit_urad"], free["demand_limit_urad"]) == (20.0, None)
+    for name in ("alpha_rms_urad", "beta_rms_urad"):
+        assert row[name] == pytest.approx(row[f"predicted_{name}"], rel=0.01)
+        assert abs(other[name] / row[name] - 1) > 0.05
+        assert abs(free[name] / row[name] - 1) > 0.05
 
 
 @pytest.mark.parametrize(
@@ -408,6 +434,17 @@ def test_the_command_tells_what_is_in_its_dataset(sweep_folder):
     assert summary["prediction"]["compared"] == len(covered) < 30
     assert set(summary["influence"]) == {"roll_off_hz"}
     assert all(check.passed for check in checks(summary))
+
+
+@pytest.mark.long
+def test_errors_that_are_all_alike_depend_on_nothing(tmp_path, scheduler):
+    """A limit that is never reached changes no error: there is no rank correlation."""
+    design = tmp_path / "design.toml"
+    limits = "vary.demand_limit_urad = {from = 90, to = 110, points = 3}"
+    design.write_text(f"layout = 'grid'\nduration_s = 0.05\nvary.seed = 0\n{limits}")
+    words = ["sweep", "--design", str(design), "--scheduler", scheduler, "--out", str(tmp_path)]
+    assert main(words) == 0
+    assert json.loads((tmp_path / "sweep.json").read_text())["influence"] == {}
 
 
 def test_a_finished_sweep_is_found_again_and_another_refused(sweep_folder, sweep_design, capsys):

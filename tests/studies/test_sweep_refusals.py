@@ -77,7 +77,7 @@ def test_what_is_no_scheduler_is_refused_in_one_sentence(
     capsys, tmp_path, monkeypatch, scheme, answer
 ):
     """A silent one, too, and a dashboard's port instead of the scheduler's."""
-    monkeypatch.setattr(clusters, "ANSWERS_IN_S", 0.3)
+    monkeypatch.setattr(clusters, "ANSWERS_IN_S", 0.1)
     with listening(answer) as port:
         address = f"{scheme}://127.0.0.1:{port}"
         said = refusal(capsys, tmp_path, "sweep", "--scheduler", address)
@@ -223,6 +223,14 @@ HUGE = "1" + 400 * "0"
         ("vary.dac_bits = 99999", "dac_bits must be a whole number from 2 to 32, got 99999"),
         ("vary.dac_bits = [16, 0]", "dac_bits must be a whole number from 2 to 32, got 0"),
         ("vary.dac_bits = 16.0", "dac_bits must be a whole number from 2 to 32, got 16.0"),
+        ("vary.spiral_direction = 0", "spiral_direction must be 1 or -1, got 0"),
+        ("vary.spiral_direction = [1, true]", "spiral_direction must be 1 or -1, got True"),
+        (
+            "vary.spiral_direction = {from = -1, to = 1, points = 2}",
+            "spiral_direction must be a list of values, got a range",
+        ),
+        ("vary.anti_windup = 1", "anti_windup must be true or false, got 1"),
+        ("vary.demand_limit_urad = 0", "demand_limit_urad must be a number from 0.001 to"),
         (
             "vary.settling_s = 1e12",
             "settling_s must be a number from 0.001 to 3600, got 1000000000000",

@@ -1,6 +1,7 @@
 """Predictions of runs by the linear model of the testbed."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import control
 import mujoco
@@ -16,6 +17,9 @@ from ftc.fdi.dither import Dither
 from ftc.goal import Goal
 from ftc.linear_loop import LinearLoop, closed_loop, limited_response
 from sim import NOMINAL, Array, Failure, Plant, failed_plant, hexapod, linearize
+
+MARGINAL = 1 + 1e-9
+"""A largest pole up to here is an integrator that the mapping lets move nothing."""
 
 
 def predicted_rms_rad(testbed: Testbed, run: SpiralRun) -> Array:
@@ -40,13 +44,32 @@ def predicted_rms_rad(testbed: Testbed, run: SpiralRun) -> Array:
     return np.sqrt((error_rad**2).mean(axis=0) + variance)
 
 
+@dataclass(frozen=True)
+class Prediction:
+    """What the linear model says of one run.
+
+    Attributes:
+        pole_radius: Largest pole of the sampled loop.
+        error_rad: Desired minus true (alpha, beta), tick by tick, shape (N, 2); None: the loop is
+            unstable, with a pole beyond `MARGINAL`.
+    """
+
+    pole_radius: float
+    error_rad: Array | None
+
+
 def predicted_error_rad(testbed: Testbed, run: SpiralRun) -> Array | None:
-    """Desired minus true (alpha, beta), tick by tick, shape (N, 2), [rad]; None: unstable loop.
+    """The error of :func:`prediction`, shape (N, 2), [rad]; None: unstable loop."""
+    return prediction(testbed, run).error_rad
+
+
+def prediction(testbed: Testbed, run: SpiralRun) -> Prediction:
+    """Largest pole and error of a run, tick by tick.
 
     The linear model of :func:`predicted_rms_rad`, driven by what drives one run: the same detector
     noise, floor, and lock off centre, with the limit on the demanded pointing where the testbed has
-    one. Saturation of the amplifiers and quantization are left out. Failures are locks from the
-    start: at `start_m`, from which the other struts return to the centre.
+    one. Saturation of the amplifiers and quantization are left out. Failures are locks or free
+    struts from the start: locks at `start_m`, from which the other struts return to the centre.
     """
     bench, loops = testbed.bench, testbed.loops
     spiral_s = bench.time_s(bench.duration_s if run.duration_s is None else run.duration_s)
@@ -71,8 +94,9 @@ def predicted_error_rad(testbed: Testbed, run: SpiralRun) -> Array | None:
     plant, gain = failed_plant(testbed.model, run.failures), mapping.pointing_gain()
     compensators = [loop.discrete for loop in loops]
     T = driven_loop(plant, gain, compensators)
-    if np.abs(T.poles()).max() >= 1:
-        return None
+    pole_radius = float(np.abs(T.poles()).max())
+    if pole_radius > MARGINAL:
+        return Prediction(pole_radius, None)
     reference = desired - noise - offset
     disturbance = np.hstack([floor, np.tile(standing_m, (ticks, 1))])
     if bench.demand_limit_urad is None:
@@ -88,7 +112,7 @@ def predicted_error_rad(testbed: Testbed, run: SpiralRun) -> Array | None:
             np.array([bench.demand_limit_rad]),
             np.array([bench.anti_windup]),
         )[0]
-    return (desired - (offset + moved))[rest:]
+    return Prediction(pole_radius, (desired - (offset + moved))[rest:])
 
 
 def detector_noise_rad(bench: TestbedConfig, seed: int, ticks: int) -> Array:

@@ -1,0 +1,103 @@
+"""The conventional weighted pseudo-inverse: over all rows, no task before another."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ftc.control.geometry import Pose
+from ftc.control.limits import LimitedRates
+from ftc.control.mapping import PrioritizedMapping
+from prioritized import Kinematics, Status, VelocityMapping, velocity_mapping
+from sim import Array
+
+
+@dataclass(frozen=True)
+class Compromise:
+    """Rates that compromise between all tasks."""
+
+    equals: VelocityMapping
+    """The mapping with nothing major; its secondary task is [v_s; v_m]."""
+    secondary_count: int
+    """Rows of v_s."""
+
+    @property
+    def major(self) -> Array:
+        """Gain of the major velocity, shape (n, m1)."""
+        return self.equals.secondary[:, self.secondary_count :]
+
+    @property
+    def status(self) -> Status:
+        """Never exact: the major task is one reference among others."""
+        return Status.DAMPED
+
+    def __call__(
+        self,
+        v_major: ArrayLike,
+        joint_velocity: ArrayLike | None = None,
+        secondary_velocity: ArrayLike | None = None,
+    ) -> Array:
+        """Active joint rates, shape (n,); what is None counts as zero."""
+        return self.equals([], joint_velocity, self._stacked(v_major, secondary_velocity))
+
+    def solve(
+        self,
+        v_major: ArrayLike,
+        joint_velocity: ArrayLike | None = None,
+        secondary_velocity: ArrayLike | None = None,
+    ) -> LimitedRates:
+        """As :meth:`ftc.control.limits.LimitedMapping.solve`."""
+        return self.equals.solve([], joint_velocity, self._stacked(v_major, secondary_velocity))
+
+    def _stacked(self, v_major: ArrayLike, secondary_velocity: ArrayLike | None) -> Array:
+        v_s = np.zeros(self.secondary_count) if secondary_velocity is None else secondary_velocity
+        return np.concatenate([v_s, v_major])
+
+
+def weighted_pseudo_inverse(
+    J: Array,
+    major: Sequence[int],
+    secondary: Sequence[int],
+    major_weight: float,
+    joint_weight: ArrayLike | None = None,
+    secondary_weight: ArrayLike | None = None,
+) -> Compromise:
+    """Minimize |w (v_m - v_md)|^2 + |W1 (rates - rates_d)|^2 + |W2 (v_s - v_sd)|^2, all at once.
+
+    The sum of eq. (24) with the major task as one more term instead of a constraint, eq. (23). It
+    is the library's own mapping with no row declared major: its answer compromises the major
+    task "in accordance with the weight" (section 3).
+
+    `major` and `secondary` are rows of the task Jacobian J (m, n); the weights W1 (n,) and W2 (m2,)
+    are diagonals, None is zero.
+
+    Raises:
+        ValueError: As :func:`prioritized.velocity_mapping`.
+    """
+    m2 = len(secondary)
+    W2 = np.zeros(m2) if secondary_weight is None else np.asarray(secondary_weight)
+    weights = np.concatenate([W2, np.full(len(major), major_weight)])
+    equals = velocity_mapping(J, [], [*secondary, *major], joint_weight, weights)
+    return Compromise(equals, m2)
+
+
+class CompromisingMapping(PrioritizedMapping[Pose]):
+    """A mapping in the loop with a weighted pseudo-inverse in the place of eqs. (28) and (30).
+
+    Whoever inherits sets `major_weight` before the mapping is prepared.
+    """
+
+    major_weight: float
+
+    def rates_at(self, kinematics: Kinematics) -> Compromise:
+        """Of the surviving actuators, by the pseudo-inverse."""
+        W1 = self.goal.joint_weight
+        return weighted_pseudo_inverse(
+            kinematics.J,
+            self._major,
+            self._secondary,
+            self.major_weight,
+            joint_weight=None if W1 is None else np.array(W1)[kinematics.actuators],
+            secondary_weight=self.goal.secondary_weight,
+        )
