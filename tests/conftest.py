@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import pytest
 from filelock import FileLock
 
+from experiments.studies import STUDIES
 from tests import profiles
 from tests.processor_time import pytest_runtest_call as pytest_runtest_call
 
@@ -25,10 +26,8 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 AT_LENGTH = {
-    *("table1_folder", "figures_folder", "release_folder", "recover_folder", "systems_folder"),
-    *("jacobian_folder", "goals_folder", "force_run", "uncorrected_folder", "bench_folder"),
-    *("limits_folder", "track_folder"),
-    *("sweep_folder", "atlas_folder", "seeds_folder", "crew", "compared"),
+    *(f"{study.name}_folder" for study in STUDIES),
+    *("force_run", "seeds_folder", "crew", "compared"),
 }
 """Fixtures that run a study or a cluster."""
 

@@ -59,4 +59,5 @@ ATLAS = Study(
     quick="The 138 conditions that differ by rotation and mirror symmetry, W_a, 0.5 s.",
     options=WHERE,
     streams=True,
+    in_report=None,
 )
