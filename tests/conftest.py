@@ -1,4 +1,5 @@
 import json
+import logging
 import os
 import signal
 from collections.abc import Callable, Iterator
@@ -225,10 +226,16 @@ def bench(bench_folder):
 @pytest.fixture(scope="session")
 def crew():
     """A client of a Dask cluster of two workers."""
-    from experiments.study.cluster import Where, cluster
-    from experiments.sweep.campaign import SOURCES
+    from distributed import Client, LocalCluster
 
-    with cluster(Where(workers=2), 2, SOURCES) as client:
+    here = LocalCluster(
+        n_workers=2,
+        threads_per_worker=1,
+        host="127.0.0.1",
+        dashboard_address="127.0.0.1:0",
+        silence_logs=logging.CRITICAL + 1,
+    )
+    with here, Client(here) as client:
         yield client
 
 
