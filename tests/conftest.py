@@ -1,4 +1,5 @@
 import json
+import logging
 import os
 import signal
 from collections.abc import Callable, Iterator
@@ -8,6 +9,7 @@ from typing import TYPE_CHECKING
 import pytest
 from filelock import FileLock
 
+from experiments.studies import STUDIES
 from tests import profiles
 from tests.processor_time import pytest_runtest_call as pytest_runtest_call
 
@@ -25,10 +27,8 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 AT_LENGTH = {
-    *("table1_folder", "figures_folder", "release_folder", "recover_folder", "systems_folder"),
-    *("jacobian_folder", "goals_folder", "force_run", "uncorrected_folder", "bench_folder"),
-    *("limits_folder", "track_folder"),
-    *("sweep_folder", "atlas_folder", "seeds_folder", "crew", "compared"),
+    *(f"{study.name}_folder" for study in STUDIES),
+    *("force_run", "seeds_folder", "crew", "compared"),
 }
 """Fixtures that run a study or a cluster."""
 
@@ -226,10 +226,16 @@ def bench(bench_folder):
 @pytest.fixture(scope="session")
 def crew():
     """A client of a Dask cluster of two workers."""
-    from experiments.study.cluster import Where, cluster
-    from experiments.sweep.campaign import SOURCES
+    from distributed import Client, LocalCluster
 
-    with cluster(Where(workers=2), 2, SOURCES) as client:
+    here = LocalCluster(
+        n_workers=2,
+        threads_per_worker=1,
+        host="127.0.0.1",
+        dashboard_address="127.0.0.1:0",
+        silence_logs=logging.CRITICAL + 1,
+    )
+    with here, Client(here) as client:
         yield client
 
 

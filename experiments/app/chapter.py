@@ -4,7 +4,7 @@ import hashlib
 import json
 import shlex
 import time
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from inspect import cleandoc
 from pathlib import Path
@@ -33,10 +33,14 @@ class Edition:
 
 @dataclass(frozen=True)
 class Chapter:
-    """A study of the report, and those of its options, switches, that are on."""
+    """A study of the report."""
 
     study: Study
-    options: dict[str, bool] = field(default_factory=dict)
+
+    @property
+    def switches(self) -> dict[str, bool]:
+        """Those of the study's options that are not as by default."""
+        return self.study.in_report or {}
 
     @property
     def name(self) -> str:
@@ -51,14 +55,14 @@ class Chapter:
 
     def command(self, edition: Edition) -> str:
         """The command line that gives the same numbers."""
-        switches = [name for name, on in {"quick": edition.quick, **self.options}.items() if on]
+        switches = [name for name, on in {"quick": edition.quick, **self.switches}.items() if on]
         words = ["fjh", self.name, *(f"--{name}" for name in switches)]
         out = str(edition.folder / self.name)
         return shlex.join([*words, "--seed", str(edition.seed), "--out", out])
 
     def arguments(self, edition: Edition) -> dict[str, Any]:
         """All options of the study's runs; unfinished runs in the chapter's folder are used."""
-        given = {option.name: option.default for option in self.study.options} | self.options
+        given = {option.name: option.default for option in self.study.options} | self.switches
         if self.study.streams:
             given["resume"] = None
         return {"seed": edition.seed, "quick": edition.quick, **given}
@@ -66,7 +70,7 @@ class Chapter:
     def basis(self, edition: Edition) -> dict[str, Any]:
         """All that the numbers depend on; unchanged by writing it as JSON and reading it."""
         return {
-            "options": {"seed": edition.seed, "quick": edition.quick, **self.options},
+            "options": {"seed": edition.seed, "quick": edition.quick, **self.switches},
             "code_sha256": edition.origin["code_sha256"],
             "versions": edition.origin["versions"],
             "processor": edition.origin["machine"]["processor"],

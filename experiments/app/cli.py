@@ -11,40 +11,10 @@ import typer
 from experiments.app.animate import animate
 from experiments.app.command import command, machine_refused
 from experiments.app.report import report
-from experiments.benchmark import STUDY as BENCH
-from experiments.figures import STUDY as FIGURES
-from experiments.force import STUDY as FORCE
-from experiments.goals import STUDY as GOALS
-from experiments.jacobian import STUDY as JACOBIAN
-from experiments.limits import STUDY as LIMITS
-from experiments.recover import STUDY as RECOVER
-from experiments.release import STUDY as RELEASE
+from experiments.studies import STUDIES
 from experiments.study.files import OutputError, published, usable_file
 from experiments.study.study import Interrupted, Unsound, WrongInput
 from experiments.study.terminal import INTERRUPTED, INTERRUPTION, notice, raise_on_interrupt
-from experiments.sweep import ATLAS
-from experiments.sweep import STUDY as SWEEP
-from experiments.systems import STUDY as SYSTEMS
-from experiments.table1 import STUDY as TABLE1
-from experiments.track import STUDY as TRACK
-from experiments.uncorrected import STUDY as UNCORRECTED
-
-STUDIES = (
-    *(
-        TABLE1,
-        TRACK,
-        FIGURES,
-        SYSTEMS,
-        RELEASE,
-        RECOVER,
-        FORCE,
-        GOALS,
-        LIMITS,
-        JACOBIAN,
-        UNCORRECTED,
-    ),
-    *(SWEEP, ATLAS, BENCH),
-)
 
 UNSOUND, WRONG_INPUT = 1, 2
 

@@ -10,48 +10,26 @@ from typing import Any
 
 from experiments.app.chapter import Chapter, Edition, former_entry, run_chapter
 from experiments.app.command import show, with_options
-from experiments.benchmark import STUDY as BENCH
-from experiments.figures import STUDY as FIGURES
-from experiments.force import STUDY as FORCE
-from experiments.goals import STUDY as GOALS
-from experiments.jacobian import STUDY as JACOBIAN
-from experiments.limits import STUDY as LIMITS
-from experiments.recover import STUDY as RECOVER
-from experiments.release import STUDY as RELEASE
+from experiments.studies import STUDIES
 from experiments.study.files import published, usable_folder, write_index
 from experiments.study.results import Results
 from experiments.study.study import Interrupted, NotInstalled, Progress, Unsound
 from experiments.study.tables import Column, tabulate
 from experiments.study.terminal import INTERRUPTION, progress
-from experiments.sweep import STUDY as SWEEP
-from experiments.systems import STUDY as SYSTEMS
-from experiments.table1 import STUDY as TABLE1
-from experiments.uncorrected import STUDY as UNCORRECTED
 
-CHAPTERS = (
-    Chapter(TABLE1),
-    Chapter(FIGURES),
-    Chapter(SYSTEMS),
-    Chapter(RELEASE),
-    Chapter(FORCE),
-    Chapter(GOALS),
-    Chapter(LIMITS),
-    Chapter(JACOBIAN, {"loop": True}),
-    Chapter(UNCORRECTED),
-    Chapter(RECOVER),
-    Chapter(SWEEP),
-    Chapter(BENCH),
-)
-"""In reading order. What takes long comes late; the timings come last, when nothing else runs."""
+CHAPTERS = tuple(Chapter(study) for study in STUDIES if study.in_report is not None)
 
 INDEX = "report.json"
 
-HELP = """Run the main studies and write one HTML page on all of them.
+_ABSENT = [study.name for study in STUDIES if study.in_report is None]
+
+HELP = f"""Run the main studies and write one HTML page on all of them.
 
 For each study the page has tables, figures, the result of its checks, and the command that
 reproduces it; at the end computer, versions and commit. It needs no other file. An estimated two
-hours on two cores; atlas is left out. The last chapter, bench, measures times: do nothing else on
-the computer meanwhile. Where its packages are not installed it is left out, and the page says so.
+hours on two cores; {" and ".join(_ABSENT)} are left out. The last chapter, bench, measures times:
+do nothing else on the computer meanwhile. Where its packages are not installed it is left out, and
+the page says so.
 
 After Ctrl-C the same command continues, within a sweep with the missing runs. A chapter is run
 again only if its files, its options, the code, the package versions or the processor have changed.

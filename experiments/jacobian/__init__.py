@@ -21,4 +21,5 @@ STUDY = Study(
     quick="Fewer local searches; with --loop three sizes of the spiral, 4 s each.",
     seed="the searches and the detector noise",
     options=(Option("loop", bool, False, "Also simulate spirals of increasing size: 5 minutes."),),
+    in_report={"loop": True},
 )

@@ -1,16 +1,18 @@
 """Many independent runs, each of which becomes a row: what they are, and how one is done."""
 
 import json
-import platform
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
+from pathlib import Path
+from traceback import extract_tb
 from typing import Any, Generic, Protocol, TypeVar
 
 import pyarrow as pa
 
-from experiments.study.basis import Basis, Sources, digest, identity
+from experiments.study.basis import Basis, Sources, identity
 from experiments.study.provenance import processor
+from experiments.study.study import Unsound
 
 Row = dict[str, Any]
 
@@ -64,16 +66,15 @@ class Campaign(Generic[AnyRuns]):
         return json.loads(json.dumps(basis))
 
 
-class ForeignWorker(RuntimeError):
-    """A worker that would run other code: it joined later."""
-
-
-def simulate(row_of: Callable[[Any], Row], run: Any, sources: Sources, code: str) -> Row:
-    """The row of a run, on a worker; `ForeignWorker` if its identity has not this digest."""
-    if code != digest(identity(sources)):
-        host = platform.node()
-        raise ForeignWorker(f"{host} has another version of this package, or of what it needs")
-    return row_of(run)
+def simulate(row_of: Callable[[Any], Row], run: Any) -> Row:
+    """The row of a run, on a worker; an `Unsound` says which one failed, why, and where."""
+    try:
+        return row_of(run)
+    except Exception as error:
+        [*_, last] = extract_tb(error.__traceback__)
+        why = f"{type(error).__name__} in {Path(last.filename).name}, line {last.lineno}"
+        message = " ".join(str(error).split())
+        raise Unsound(f"run {run.number} failed: {why}: {message}") from None
 
 
 def table_of(rows: Sequence[Row], schema: pa.Schema) -> pa.Table:

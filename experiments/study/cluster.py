@@ -1,23 +1,15 @@
-"""Where runs are done: workers of this machine, or of a scheduler that somebody else started."""
+"""Runs on the workers of a Dask scheduler that somebody else started."""
 
 import asyncio
 import logging
-import signal
-import tempfile
+import platform
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from itertools import islice
-from multiprocessing.resource_tracker import ensure_running
-from pathlib import Path
-from traceback import extract_tb
-from types import TracebackType
 from typing import Any
 
-from dask import config
-from dask.system import CPU_COUNT
-from distributed import Client, Future, LocalCluster, as_completed, rpc
+from distributed import Client, Future, as_completed, rpc
 
 from experiments.study.basis import Sources, check_workers, digest, identity
 from experiments.study.campaign import Campaign, Row, simulate
@@ -35,50 +27,30 @@ megabytes. Those of a worker that is lost go to another."""
 POLL_S, LOOK_EVERY_S = 0.02, 5.0
 """Period of looking for results; and, while there are none, for workers."""
 
-_MALLOC = {"MALLOC_TRIM_THRESHOLD_": 1 << 30, "MALLOC_MMAP_THRESHOLD_": 1 << 25}
-"""Freed memory stays with the worker. Dask's default returns what exceeds 64 kB to the system, and
-a simulated flight then spends a quarter of its time on 560,000 page faults."""
-
 _KEPT = "finished runs are kept, and --resume continues"
 _SILENT = logging.CRITICAL + 1
 
 
-@dataclass(frozen=True)
-class Where:
-    """A Dask scheduler; if there is no address, workers of this machine, by default one a core.
-
-    A `WrongInput` is raised if both are given, the address is none, or there are no workers.
-    """
-
-    scheduler: str | None = None
-    workers: int | None = None
-
-    def __post_init__(self) -> None:
-        if self.scheduler is not None and self.scheduler.split() != [self.scheduler]:
-            raise WrongInput(
-                f"--scheduler must be an address, as tcp://host:8786, got {self.scheduler!r}"
-            )
-        if self.workers is not None and self.workers < 1:
-            raise WrongInput(f"--workers must be a number from 1 on, got {self.workers}")
-        if self.scheduler and self.workers:
-            raise WrongInput("--workers are processes on this computer: omit it with --scheduler")
-
-
 @contextmanager
-def cluster(where: Where, most: int, sources: Sources) -> Iterator[Client]:
-    """A client of somebody's scheduler, or of a local cluster that ends with the context.
+def cluster(scheduler: str, sources: Sources) -> Iterator[Client]:
+    """A client of the scheduler at an address.
 
     Raises:
         WrongInput: No scheduler answers there; or it has no workers, and gets none; or they have
             another version of this package.
     """
-    workers = min(where.workers or CPU_COUNT, most)  # of a local cluster
-    with (
-        _silenced("distributed"),
-        _silenced("distributed.client"),
-        _remote(where.scheduler, sources) if where.scheduler else _local(workers) as client,
-    ):
-        yield client
+    with _silenced("distributed"), _silenced("distributed.client"):
+        try:
+            asyncio.run(_check_scheduler(scheduler))
+            client = Client(scheduler, timeout=ANSWERS_IN_S)
+        except Exception as error:  # whatever there is at that port, and in Dask for that scheme
+            why = " ".join(str(error).split()) or f"nothing within {ANSWERS_IN_S:g} s"
+            raise WrongInput(f"--scheduler {scheduler} does not answer: {why}") from None
+        with client:
+            wait_for_worker(client)
+            answers: Any = client.run(identity, sources, on_error="return")
+            check_workers(identity(sources), answers)
+            yield client
 
 
 @contextmanager
@@ -91,55 +63,6 @@ def _silenced(name: str) -> Iterator[None]:
         yield
     finally:
         logger.setLevel(level)
-
-
-@contextmanager
-def _local(workers: int) -> Iterator[Client]:
-    with tempfile.TemporaryDirectory(prefix="fjh-") as scratch:
-        settings = {
-            "temporary-directory": scratch,
-            "distributed.worker.multiprocessing-method": "spawn",
-            **{f"distributed.nanny.pre-spawn-environ.{name}": n for name, n in _MALLOC.items()},
-        }
-        with config.set(settings), _ignoring_ctrl_c():
-            here = LocalCluster(
-                n_workers=workers,
-                threads_per_worker=1,
-                host="127.0.0.1",
-                dashboard_address="127.0.0.1:0",
-                silence_logs=_SILENT,
-            )
-        with here, Client(here) as client:
-            yield client
-
-
-@contextmanager
-def _ignoring_ctrl_c() -> Iterator[None]:
-    """Threads started here, and all processes that they ever start, never see SIGINT.
-
-    It goes to the whole process group; only the client answers, and ends its workers.
-    """
-    ensure_running()  # of itself it would unblock the signal in the thread that starts a worker
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-@contextmanager
-def _remote(scheduler: str, sources: Sources) -> Iterator[Client]:
-    try:
-        asyncio.run(_check_scheduler(scheduler))
-        client = Client(scheduler, timeout=ANSWERS_IN_S)
-    except Exception as error:  # whatever there is at that port, and in Dask for that scheme
-        why = " ".join(str(error).split()) or f"nothing within {ANSWERS_IN_S:g} s"
-        raise WrongInput(f"--scheduler {scheduler} does not answer: {why}") from None
-    with client:
-        wait_for_worker(client)
-        answers: Any = client.run(identity, sources, on_error="return")
-        check_workers(identity(sources), answers)
-        yield client
 
 
 async def _check_scheduler(address: str) -> None:
@@ -183,12 +106,12 @@ def finished_rows(client: Client, campaign: Campaign[Any], numbers: Iterable[int
             # A name of its own for every client: a scheduler may have several.
             key, run = f"{client.id}-{number}", campaign.runs[number]
             work = campaign.row_of, run, campaign.sources, code
-            finished.add(client.submit(simulate, *work, key=key))
+            finished.add(client.submit(_simulate, *work, key=key))
 
     submit(IN_FLIGHT)
     for future, result in _arriving(finished, client):
         if future.status == "error":
-            raise Unsound(_failure(str(future.key), *result[1:]))
+            raise _failure(future, result[1])
         if future.status != "finished":
             raise Unsound(f"the connection to the scheduler is lost; {_KEPT}")
         submit(1)
@@ -202,17 +125,28 @@ def _arriving(finished: as_completed, client: Client) -> Iterator[tuple[Future, 
         if finished.has_ready():
             yield from finished.next_batch(block=False)
             looked_s = time.monotonic()
-        elif client.cluster is None and time.monotonic() - looked_s > LOOK_EVERY_S:
+        elif time.monotonic() - looked_s > LOOK_EVERY_S:
             wait_for_worker(client)
             looked_s = time.monotonic()
         else:
             time.sleep(POLL_S)
 
 
-def _failure(key: str, error: Exception, traceback: TracebackType | None) -> str:
-    """Which run failed, why, and where."""
-    frames = extract_tb(traceback)
-    where = f" in {Path(frames[-1].filename).name}, line {frames[-1].lineno}" if frames else ""
-    why = " ".join(str(error).split())
-    number = key.rpartition("-")[2]
-    return f"run {number} failed: {type(error).__name__}{where}: {why}"
+def _failure(future: Future, error: Exception) -> Unsound:
+    """The run's own, or which run ended its workers or was refused by one, and why."""
+    if isinstance(error, Unsound):
+        return error
+    number = str(future.key).rpartition("-")[2]
+    return Unsound(f"run {number} failed: {type(error).__name__}: {' '.join(str(error).split())}")
+
+
+class ForeignWorker(RuntimeError):
+    """A worker that would run other code: it joined later."""
+
+
+def _simulate(row_of: Callable[[Any], Row], run: Any, sources: Sources, code: str) -> Row:
+    """The row of a run, on a worker; `ForeignWorker` if its identity has not this digest."""
+    if code != digest(identity(sources)):
+        host = platform.node()
+        raise ForeignWorker(f"{host} has another version of this package, or of what it needs")
+    return simulate(row_of, run)

@@ -1,38 +1,133 @@
-"""Independent runs in parallel on the machine's cores."""
+"""Independent runs in parallel, in processes of this machine."""
 
-import multiprocessing
+import os
+import pickle
 import signal
-from collections.abc import Callable, Sequence
+from collections import Counter
+from collections.abc import Callable, Generator, Iterable, Sequence
+from contextlib import closing, suppress
+from itertools import islice
+from multiprocessing import get_context
+from multiprocessing.connection import Connection, wait
+from multiprocessing.process import BaseProcess
+from multiprocessing.resource_tracker import ensure_running
+from traceback import format_exc
 from typing import Any
+
+from experiments.study.study import OnProgress, Unsound
+
+CORES = len(os.sched_getaffinity(0))
+
+ALLOWED_DEATHS = 3
+"""Of workers, by one run; Dask allows as many."""
+
+ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
+"""Of each worker, as of Dask's: other numbers round differently, and the cores are taken."""
+
+Job = tuple[int, Callable[..., Any], dict[str, Any]]
+"""A number, a function, and what it is called with by keyword."""
 
 
 def in_parallel(
-    function: Callable[..., Any],
-    calls: Sequence[dict[str, Any]],
-    on_progress: Callable[[int, int], None],
+    function: Callable[..., Any], calls: Sequence[dict[str, Any]], on_progress: OnProgress
 ) -> list[Any]:
-    """Results of function(**call), in the order of `calls`, however they finish.
+    """Results of function(**call), in the order of `calls`; raises as :func:`finished`.
 
-    An exception in a run ends all of them and is raised here; so does Ctrl-C. Only the main thread
-    may call this: it is the one that Python lets handle signals.
+    An exception in a run ends all of them; so does Ctrl-C.
     """
-    # spawn: a fork would inherit the threads of numerical libraries in an unknown state.
-    context = multiprocessing.get_context("spawn")
-    workers = min(len(calls), multiprocessing.cpu_count())
     results: list[Any] = [None] * len(calls)
-    jobs = [(function, index, call) for index, call in enumerate(calls)]
-    # Ctrl-C goes to the whole process group: workers ignore it, and the parent ends them.
-    handler = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    pool = context.Pool(workers)
-    signal.signal(signal.SIGINT, handler)
-    with pool:
-        on_progress(0, len(calls))
-        for done, (index, result) in enumerate(pool.imap_unordered(_run, jobs), 1):
-            results[index] = result
+    jobs = ((number, function, call) for number, call in enumerate(calls))
+    on_progress(0, len(calls))
+    with closing(finished(jobs, min(len(calls), CORES))) as found:
+        for done, (number, result) in enumerate(found, 1):
+            results[number] = result
             on_progress(done, len(calls))
     return results
 
 
-def _run(job: tuple[Callable[..., Any], int, dict[str, Any]]) -> tuple[int, Any]:
-    function, index, call = job
-    return index, function(**call)
+def finished(jobs: Iterable[Job], workers: int) -> Generator[tuple[int, Any], None, None]:
+    """Number and result of each job, in the order in which they finish.
+
+    Jobs are taken when they begin. If a worker is killed, another does its job. All workers end
+    with the iterator, which whoever leaves it early has to close.
+
+    Raises:
+        Unsound: A run ended several workers.
+        Exception: That of a run; a note has the worker's traceback.
+    """
+    waiting, deaths = iter(jobs), Counter[int]()
+    processes: list[BaseProcess] = []
+    busy: dict[Any, Job] = {}  # by the pipe to its worker
+
+    def begin(job: Job) -> None:
+        process, pipe = _worker()
+        processes.append(process)
+        give(pipe, job)
+
+    def give(pipe: Any, job: Job) -> None:
+        busy[pipe] = job
+        with suppress(BrokenPipeError):  # it was killed: there will be no answer
+            pipe.send(job)
+
+    try:
+        for job in islice(waiting, workers):
+            begin(job)
+        while busy:
+            ready: list[Any] = wait(list(busy))
+            for pipe in ready:
+                job = busy.pop(pipe)
+                try:
+                    result, error = pipe.recv()
+                except (EOFError, ConnectionResetError):  # it was killed
+                    deaths[job[0]] += 1
+                    if deaths[job[0]] > ALLOWED_DEATHS:
+                        why = f"ended {deaths[job[0]]} workers, perhaps for want of memory"
+                        raise Unsound(f"run {job[0]} failed: it {why}") from None
+                    begin(job)
+                    continue
+                if error is not None:
+                    raise error
+                for following in islice(waiting, 1):
+                    give(pipe, following)
+                yield job[0], result
+    finally:
+        for process in processes:
+            process.terminate()
+        for process in processes:
+            process.join()
+
+
+def _worker() -> tuple[BaseProcess, Connection]:
+    """A process that does what comes through the pipe, and never sees Ctrl-C.
+
+    That goes to the whole process group; only the parent answers, and ends its workers.
+    """
+    # spawn: a fork would inherit the threads of numerical libraries in an unknown state.
+    context = get_context("spawn")
+    pipe, its = context.Pipe()
+    process = context.Process(target=_work, args=(its,), daemon=True)
+    ensure_running()  # of itself it would unblock the signal while the process starts
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+    try:
+        process.start()
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+    its.close()  # so that the pipe ends with the process
+    return process, pipe
+
+
+def _work(pipe: Connection) -> None:
+    os.environ.update(ONE_THREAD)  # before a job brings numpy
+    with suppress(EOFError, BrokenPipeError):  # the parent was killed
+        while True:
+            _, function, call = pipe.recv()
+            pipe.send_bytes(_answer(function, call))
+
+
+def _answer(function: Callable[..., Any], call: dict[str, Any]) -> bytes:
+    """Result and exception, one of them None."""
+    try:
+        return pickle.dumps((function(**call), None))
+    except Exception as error:
+        error.add_note(format_exc())
+        return pickle.dumps((None, error))

@@ -2,20 +2,21 @@
 
 import json
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator, Sequence
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Generic
 
 from experiments.study.basis import BASIS, basis_in, check_same
-from experiments.study.campaign import AnyRuns, Campaign
-from experiments.study.cluster import Where, cluster, finished_rows
+from experiments.study.campaign import AnyRuns, Campaign, Row, simulate
 from experiments.study.dataset import Broken, Dataset, check_merged
 from experiments.study.lock import LOCK, alone_in
+from experiments.study.parallel import CORES, finished
 from experiments.study.provenance import versions
 from experiments.study.study import Interrupted, OnProgress, WrongInput
 from experiments.study.terminal import notice
+from experiments.study.where import Where
 
 UNFINISHED = "unfinished"
 """Folder of the dataset, below the results', until all of it is published."""
@@ -135,9 +136,9 @@ def _fill(
     on_progress(done, total)
     times_s: list[float] = []
     if missing:
-        with cluster(where, len(missing), campaign.sources) as client:
+        with rows_of(campaign, missing, where) as rows:
             try:
-                for row in finished_rows(client, campaign, missing):
+                for row in rows:
                     dataset.add(row)
                     times_s = [*times_s[:1], time.perf_counter()]  # of the first and the last
                     done += 1
@@ -150,6 +151,28 @@ def _fill(
                 dataset.keep()
     rate = (len(missing) - 1) / (times_s[1] - times_s[0]) if len(times_s) == 2 else None
     return {"runs": len(missing), "runs_per_s": rate}
+
+
+@contextmanager
+def rows_of(
+    campaign: Campaign[Any], numbers: Sequence[int], where: Where
+) -> Iterator[Iterator[Row]]:
+    """The rows of the runs of these numbers, in the order in which they finish.
+
+    Raises:
+        WrongInput: As :func:`experiments.study.cluster.cluster`.
+        Unsound: A run failed in a way that no row foresees, or the scheduler has gone.
+    """
+    if where.scheduler:
+        from experiments.study.cluster import cluster, finished_rows  # late: Dask takes a second
+
+        with cluster(where.scheduler, campaign.sources) as client:
+            yield finished_rows(client, campaign, numbers)
+    else:
+        given = {"row_of": campaign.row_of}
+        jobs = ((n, simulate, given | {"run": campaign.runs[n]}) for n in numbers)
+        with closing(finished(jobs, min(where.workers or CORES, len(numbers)))) as found:
+            yield (row for _, row in found)
 
 
 def remove_other_rows(folder: Path, campaign: Campaign[Any]) -> None:

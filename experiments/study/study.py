@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pkgutil import resolve_name
 from typing import Any
 
@@ -38,6 +38,9 @@ class Study:
     take it as `folder`, and return a context manager of the data, which is left when all files are
     published. It has an option `resume`: True continues what an interrupted run left there, False
     refuses it, and None continues it if it is of the same runs, and begins anew if not.
+
+    `in_report` has the switches that are on where the study is a chapter of `fjh report`; None
+    leaves it out.
     """
 
     name: str  # of its command, its folder and its JSON file
@@ -48,6 +51,7 @@ class Study:
     seed: str = "the detector noise"  # what the seed is of
     options: tuple[Option, ...] = ()
     streams: bool = False
+    in_report: dict[str, bool] | None = field(default_factory=dict)
 
     @contextmanager
     def perform(self, *, on_progress: OnProgress, **options: Any) -> Iterator[Results]:

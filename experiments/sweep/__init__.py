@@ -60,4 +60,5 @@ ATLAS = Study(
     quick="W_a only, 0.5 s.",
     options=WHERE,
     streams=True,
+    in_report=None,
 )

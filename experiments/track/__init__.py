@@ -65,4 +65,5 @@ STUDY = Study(
         DITHER,
         CONTROLLER,
     ),
+    in_report=None,
 )

@@ -14,8 +14,9 @@ from pathlib import Path
 import pytest
 import typer
 
-from experiments.app.cli import STUDIES, app, main
+from experiments.app.cli import app, main
 from experiments.app.command import command
+from experiments.studies import STUDIES
 from experiments.study.files import OutputError, json_text, published, write_index
 from experiments.study.results import Check, Results
 from experiments.study.study import OnProgress, Option, Unsound
@@ -25,7 +26,7 @@ from tests.made import made_study
 
 ROOT = Path(__file__).parents[2]
 GROUP = typer.main.get_group(app)
-NAMES = [name for name in GROUP.commands if name not in ("review", "render", "animate")]
+NAMES = [*(study.name for study in STUDIES), "report"]
 SOUND = Results(
     {"seed": 3},
     [Table("Heights", ("", "m"), [("hill", "7.25")], "Above the sea.")],

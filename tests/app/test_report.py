@@ -15,7 +15,8 @@ import pytest
 
 from experiments.app import report as report_module
 from experiments.app.chapter import Chapter, Edition
-from experiments.app.cli import STUDIES, main
+from experiments.app.cli import main
+from experiments.studies import STUDIES
 from experiments.study import provenance
 from experiments.study.plotting import new_figure
 from experiments.study.results import Check, Picture, Results

@@ -17,7 +17,7 @@ import typer
 from rerun.chunk import RrdReader
 
 import experiments
-from experiments.app import cli, report
+from experiments import studies
 from experiments.app.chapter import Chapter
 from experiments.app.command import command
 from experiments.systems.results import checks, summarize
@@ -383,8 +383,6 @@ def test_the_study_of_the_page_could_be_a_chapter(seeds_study):
     assert "two seeds" in how
 
 
-def test_the_page_names_the_places_to_register_a_study():
-    assert "`STUDIES` in `experiments/app/cli.py`" in EXPERIMENT
-    assert isinstance(cli.STUDIES, tuple)
-    assert "`CHAPTERS` in `experiments/app/report.py`" in EXPERIMENT
-    assert isinstance(report.CHAPTERS, tuple)
+def test_the_page_names_the_place_to_register_a_study():
+    assert "`STUDIES` in `experiments/studies.py`" in EXPERIMENT
+    assert isinstance(studies.STUDIES, tuple)

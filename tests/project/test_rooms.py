@@ -15,7 +15,7 @@ ALLOWED = {
     "ftc": {"numpy", "scipy", "numba", "control", "prioritized", "argument_checks"},
 }
 FLOORS = {"study": 0, "rig": 1, "recording": 2, "app": 4}
-"""Of `experiments`, from below; whatever else is there is a study, between the last two."""
+"""Of `experiments`, from below; whatever else is there is a study or their registry, `studies`."""
 STUDY = 3
 
 
@@ -102,6 +102,12 @@ def test_no_floor_imports_upward_and_no_study_another(place):
             if other != place and floor_of(other) >= floor_of(place)
         }
     assert not wrong, "\n".join(sorted(wrong))
+
+
+def test_the_registry_imports_every_study_and_nothing_else():
+    """From above all of them, which therefore cannot import it; no module: that would take time."""
+    studies = {name for name in PLACES if floor_of(name) == STUDY and not name.startswith("_")}
+    assert imported(ROOT / "experiments" / "studies.py") == {f"experiments.{s}" for s in studies}
 
 
 def test_the_check_sees_imports():

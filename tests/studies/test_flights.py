@@ -24,9 +24,9 @@ from experiments.recover.recovery import Identification, fault_unaware, struck, 
 from experiments.recover.row import SCHEMA, row_of
 from experiments.study import parquet
 from experiments.study.campaign import table_of
-from experiments.study.cluster import Where
 from experiments.study.resumable import UNFINISHED, run_missing
 from experiments.study.study import Interrupted, WrongInput
+from experiments.study.where import Where
 from ftc.fdi.diagnosis import Diagnosis
 from ftc.fdi.fault_model import Fault, FaultKind
 from sim import Failure, SimulationDiverged
@@ -279,14 +279,15 @@ def here(monkeypatch):
     """Numbers of flights, done in this process, at no cost, in parts of four."""
     done: list[int] = []
 
-    def finished(_client, campaign, numbers):
+    def in_this_process(campaign, numbers, _where):
         for number in numbers:
             done.append(number)
             yield cheap(campaign.runs[number])
 
     monkeypatch.setattr("experiments.study.dataset.PART", 4)
-    monkeypatch.setattr("experiments.study.resumable.cluster", lambda *_: nullcontext())
-    monkeypatch.setattr("experiments.study.resumable.finished_rows", finished)
+    monkeypatch.setattr(
+        "experiments.study.resumable.rows_of", lambda *of: nullcontext(in_this_process(*of))
+    )
     return done
 
 

@@ -225,16 +225,17 @@ def test_a_robot_s_study_goes_on_where_it_was_interrupted(tmp_path, monkeypatch)
     """The rows are those of an uninterrupted one; those of another robot are refused."""
     done: list[int] = []
 
-    def finished(_client, campaign, numbers):
+    def in_this_process(campaign, numbers, _where):
         for number in numbers:
             done.append(number)
             flight = campaign.runs[number]
             yield {"case": number, "seed": flight.seed, "isolable": flight.isolable}
 
-    monkeypatch.setattr("experiments.study.resumable.cluster", lambda *_: nullcontext())
     monkeypatch.setattr("experiments.recover.mechanisms.SENSINGS", ("task", "both"))
     monkeypatch.setattr("experiments.recover.mechanisms.check_reach", lambda *_: None)
-    monkeypatch.setattr("experiments.study.resumable.finished_rows", finished)
+    monkeypatch.setattr(
+        "experiments.study.resumable.rows_of", lambda *of: nullcontext(in_this_process(*of))
+    )
     platform: dict[str, Any] = {"model": file("platform"), "major": "3,4"}
     [locked] = study(tmp_path / "quick", **platform)
     assert locked["isolable"]

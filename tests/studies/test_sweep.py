@@ -26,10 +26,10 @@ from experiments.rig.hexapod.simulation import SpiralRun, track_spiral
 from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
 from experiments.study import basis, cluster
 from experiments.study.basis import basis_in
-from experiments.study.cluster import Where
 from experiments.study.dataset import Columns, Dataset
 from experiments.study.resumable import UNFINISHED, published_before, run_missing
 from experiments.study.study import Interrupted, Unsound, WrongInput
+from experiments.study.where import Where
 from experiments.sweep.campaign import SOURCES, sweep_of
 from experiments.sweep.design import DEFAULT, Design, SweepRuns, grid, read_design
 from experiments.sweep.results import checks, prediction
@@ -52,7 +52,7 @@ FEW = Design(
 )
 
 
-def run_into(folder: Path, runs, scheduler: str, *, resume: bool = False, on_progress=None):
+def run_into(folder: Path, runs, scheduler: str | None, *, resume: bool = False, on_progress=None):
     return run_missing(
         folder,
         sweep_of(runs),
@@ -352,7 +352,7 @@ def test_a_killed_worker_loses_nothing_that_was_received(
                 os.kill(next(iter(client.run(os.getpid).values())), signal.SIGKILL)
             yield finished
 
-    monkeypatch.setattr("experiments.study.resumable.finished_rows", kill_in_the_middle)
+    monkeypatch.setattr(cluster, "finished_rows", kill_in_the_middle)
     run_into(tmp_path, SweepRuns(FEW, 0), scheduler)
     assert bytes_of(tmp_path) == undisturbed
     assert sorted(received) == list(range(24))
@@ -368,14 +368,15 @@ def test_a_killed_worker_loses_nothing_that_was_received(
 FINISHED = ["processing", "memory"]
 
 
-def test_a_bug_ends_the_sweep_with_one_sentence_and_keeps_what_is_done(scheduler, tmp_path):
+@pytest.mark.parametrize("on", ["a scheduler", "this machine"])
+def test_a_bug_ends_the_sweep_with_one_sentence_and_keeps_what_is_done(scheduler, tmp_path, on):
     class Broken(SweepRuns):
         def __getitem__(self, number):
             run = super().__getitem__(number)
             return replace(run, weight=None, bench=None) if number == 20 else run
 
     with pytest.raises(Unsound, match=r"run 20 failed: \w+Error in \w+\.py, line \d+: "):
-        run_into(tmp_path, Broken(FEW, 0), scheduler)
+        run_into(tmp_path, Broken(FEW, 0), scheduler if on == "a scheduler" else None)
     assert pq.read_table(tmp_path / UNFINISHED / "_rest.parquet").num_rows > 0
 
 

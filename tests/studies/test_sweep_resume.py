@@ -13,7 +13,6 @@ import pyarrow.parquet as pq
 import pytest
 
 from experiments.app.cli import main
-from experiments.study.cluster import Where
 from experiments.study.dataset import REST, Dataset
 from experiments.study.files import OutputError
 from experiments.study.resumable import (
@@ -24,6 +23,7 @@ from experiments.study.resumable import (
     run_missing,
 )
 from experiments.study.study import WrongInput
+from experiments.study.where import Where
 from experiments.sweep.campaign import sweep_of
 from experiments.sweep.design import Design, SweepRuns
 from experiments.sweep.row import SCHEMA
@@ -42,15 +42,14 @@ def row(run):
     return run.parameters() | {"status": "exact", "alpha_rms_urad": np.sin(run.number)}
 
 
-def rows(_client, campaign, numbers):
-    return (row(campaign.runs[number]) for number in numbers)
+def rows(campaign, numbers, _where):
+    return nullcontext(row(campaign.runs[number]) for number in numbers)
 
 
 @pytest.fixture(autouse=True)
-def _no_cluster(monkeypatch):
+def _no_processes(monkeypatch):
     monkeypatch.setattr("experiments.study.dataset.PART", 4)
-    monkeypatch.setattr("experiments.study.resumable.cluster", lambda *_: nullcontext())
-    monkeypatch.setattr("experiments.study.resumable.finished_rows", rows)
+    monkeypatch.setattr("experiments.study.resumable.rows_of", rows)
 
 
 def run_into(folder: Path, runs: SweepRuns = TEN, *, resume: bool = True):

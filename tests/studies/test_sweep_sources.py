@@ -43,6 +43,7 @@ WORDS_AND_DRAWINGS = (
     "experiments/app/cli.py",
     "experiments/recording/*.py",
     "experiments/study/cluster.py",
+    "experiments/study/parallel.py",
     "experiments/study/plotting.py",
     "experiments/study/resumable.py",
     "experiments/study/results.py",
