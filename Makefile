@@ -4,7 +4,7 @@ BIN := .venv/bin
 STAMP := .venv/installed
 RUNS := results/report
 
-.PHONY: venv table1 test test-all test-processors coverage wheel-test dist check hooks docs bench bench-quick pictures clean
+.PHONY: venv table1 test test-all test-ci test-processors coverage wheel-test dist check hooks docs bench bench-quick pictures clean
 
 venv: $(STAMP)
 
@@ -20,7 +20,7 @@ table1: venv
 # On all cores, a file of tests in one process. Two processes whose BLAS has two threads each take
 # half as long again.
 PYTEST := $(BIN)/python -m pytest --numprocesses auto --dist loadfile
-test test-all coverage: export OPENBLAS_NUM_THREADS = 1
+test test-all test-ci coverage: export OPENBLAS_NUM_THREADS = 1
 # Without bytecode every process rewrites the assertions of all test files anew, 4 s each.
 unexport PYTHONDONTWRITEBYTECODE
 
@@ -28,9 +28,13 @@ unexport PYTHONDONTWRITEBYTECODE
 test: venv
 	$(PYTEST) -m "not long"
 
-# The same, what takes long, and every study: what CI runs.
+# The same, what takes long, and every study.
 test-all: venv
 	$(PYTEST)
+
+# All but what waits for the night: what CI runs.
+test-ci: venv
+	$(PYTEST) -m "not night"
 
 # The short tests as other processors compute them: with each kernel of OpenBLAS that this one can
 # run, without wide instructions in numpy, with two BLAS threads, in another order. Each night.

@@ -5,7 +5,6 @@ numpy, which are chosen by the processor, and on the number of threads. Each set
 that this processor can follow; the last keeps the choice and reverses the order of the test files.
 
     python tests/processors.py            every setting; the exit code is the number that failed
-    python tests/processors.py --in-turn  one of them, by the number of commits
     python tests/processors.py NAME ...   those named
 """
 
@@ -76,24 +75,15 @@ def run(name: str, environment: dict[str, str]) -> bool:
     return code == 0
 
 
-def turn(names: list[str]) -> str:
-    """The setting whose turn it is."""
-    counted = subprocess.run(
-        ["git", "rev-list", "--count", "HEAD"], cwd=ROOT, capture_output=True, text=True, check=True
-    )
-    return names[int(counted.stdout) % len(names)]
-
-
 def main() -> int:
     """Number of settings in which a test failed."""
     parser = argparse.ArgumentParser(description="The short tests as on other processors.")
     parser.add_argument("names", nargs="*", metavar="NAME", help="settings; all unless given")
-    parser.add_argument("--in-turn", action="store_true", help="one, by the number of commits")
     words = parser.parse_args()
     known = settings()
     if unknown := set(words.names) - set(known):
         parser.error(f"no setting {', '.join(sorted(unknown))}; here are {', '.join(known)}")
-    chosen = [turn(list(known))] if words.in_turn else words.names or list(known)
+    chosen = words.names or list(known)
     try:
         failed = [name for name in chosen if not run(name, known[name])]
     except KeyboardInterrupt:

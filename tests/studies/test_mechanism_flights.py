@@ -5,7 +5,7 @@ from contextlib import nullcontext
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from typing import Any, cast, get_args
+from typing import Any, cast
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -86,8 +86,13 @@ FOUND: dict[str, dict[str, Any]] = {
 }
 
 
+AT_NIGHT = (pytest.mark.long, pytest.mark.night)
+
+
 @pytest.mark.long
-@pytest.mark.parametrize("sense", get_args(Sensing))
+@pytest.mark.parametrize(
+    "sense", ["both", *(pytest.param(sense, marks=AT_NIGHT) for sense in ("task", "joints"))]
+)
 @pytest.mark.parametrize("name", MAJOR)
 def test_every_mechanism_goes_on_whatever_the_diagnosis_sees(name, sense):
     check_goes_on(flown(name, sense, **FOUND[name]))
