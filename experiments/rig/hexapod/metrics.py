@@ -125,20 +125,6 @@ def closure_check(where: str, closure_residual_m: float) -> Check:
     return Check(CLOSURE.words, where, closure_residual_m, CLOSURE_LIMIT_M)
 
 
-def prediction_checks(run: Mapping[str, Any], tolerance: float) -> list[Check]:
-    """Checks of the RMS errors of a run against the linear model, if it predicts them."""
-    checks = []
-    for angle in ("alpha", "beta"):
-        rms, predicted = run[f"{angle}_rms_urad"], run[f"predicted_{angle}_rms_urad"]
-        if predicted is not None:
-            what = (
-                f"relative difference between the RMS error of {angle}, {rms:.3f} urad, and the "
-                f"linear model's, {predicted:.3f} urad,"
-            )
-            checks.append(Check(what, run["name"], abs(rms - predicted) / predicted, tolerance))
-    return checks
-
-
 def is_cut(summary: Mapping[str, Any]) -> bool:
     """Whether only a part of the spiral was run, which the paper's numbers do not compare with."""
     return summary["duration_s"] < summary["bench"]["duration_s"]
