@@ -33,29 +33,29 @@ def percent(counted: dict[str, Any]) -> str:
     return f"{counted['right']} of {counted['cases']} ({low:.1f}-{high:.1f} %)"
 
 
-def _count(name: str, entry: dict[str, Any]) -> str:
-    return f"{entry[name]['right']}"
+def _count(counted: dict[str, Any]) -> str:
+    return f"{counted['right']}"
 
 
-def _of(name: str, entry: dict[str, Any]) -> str:
-    return f"{entry[name]['right']} of {entry[name]['cases']}"
+def _of(counted: dict[str, Any]) -> str:
+    return f"{counted['right']} of {counted['cases']}"
 
 
-def _levels(name: str, entry: dict[str, Any]) -> str:
-    return "" if entry[name] is None else "/".join(f"{ms:.0f}" for ms in entry[name].values())
+def _levels(quantiles: dict[str, float]) -> str:
+    return "/".join(f"{ms:.0f}" for ms in quantiles.values())
 
 
 def mismatches(summary: dict[str, Any]) -> Table:
     """One row for each mismatch of plant and model."""
     columns = (
-        Column("mismatch", lambda entry: WORDS[entry["mismatch"]]),
-        Column("alarm before", partial(_count, "alarm_before")),
-        Column("alarm", partial(_of, "detected")),
-        Column("named", partial(_count, "named")),
-        Column("right strut (95 %)", lambda entry: percent(entry["strut"])),
-        Column("sound strut named", partial(_count, "sound_named")),
-        Column("kind", partial(_of, "kind")),
-        Column("named, ms", partial(_levels, "named_ms")),
+        Column("mismatch", "mismatch", WORDS.__getitem__),
+        Column("alarm before", "alarm_before", _count),
+        Column("alarm", "detected", _of),
+        Column("named", "named", _count),
+        Column("right strut (95 %)", "strut", percent),
+        Column("sound strut named", "sound_named", _count),
+        Column("kind", "kind", _of),
+        Column("named, ms", "named_ms", _levels),
         Column("RMS", lambda entry: entry["after_over_oracle"]["pooled"], ".4f"),
     )
     return tabulate(
@@ -73,14 +73,14 @@ def mismatches(summary: dict[str, Any]) -> Table:
 def curves(summary: dict[str, Any]) -> Table:
     """One row for each mismatch and size."""
     columns = (
-        Column("mismatch", lambda entry: WORDS[entry["mismatch"]]),
+        Column("mismatch", "mismatch", WORDS.__getitem__),
         Column("size", "factor", "g"),
-        Column("alarm before", partial(_of, "alarm_before")),
-        Column("alarm", partial(_of, "detected")),
-        Column("right strut (95 %)", lambda entry: percent(entry["strut"])),
-        Column("sound strut named", partial(_count, "sound_named")),
-        Column("alarm, ms", partial(_levels, "alarm_ms")),
-        Column("named, ms", partial(_levels, "named_ms")),
+        Column("alarm before", "alarm_before", _of),
+        Column("alarm", "detected", _of),
+        Column("right strut (95 %)", "strut", percent),
+        Column("sound strut named", "sound_named", _count),
+        Column("alarm, ms", "alarm_ms", _levels),
+        Column("named, ms", "named_ms", _levels),
     )
     return tabulate(
         "Detection and isolation against the size of each mismatch",
@@ -94,7 +94,8 @@ def recovery(summary: dict[str, Any]) -> Table:
     """Delays and pointing errors by kind of failure."""
 
     def delay(what: str, kind: str) -> str:
-        return _levels(what, summary["delay_ms"][kind])
+        quantiles = summary["delay_ms"][kind][what]
+        return "" if quantiles is None else _levels(quantiles)
 
     def error(controller: str, when: str, kind: str) -> str:
         pooled = summary["errors_urad"][kind]

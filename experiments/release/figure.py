@@ -6,7 +6,7 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from experiments.release.runs import Release, twist
+from experiments.release.runs import Release
 from experiments.study.plotting import (
     BLACK,
     DESIRED,
@@ -92,19 +92,19 @@ def _off(axes: Axes, sweep: list[dict[str, Any]]) -> None:
 
 
 def _spiral(axes: Axes, release: Release, name: str, lost: str) -> None:
-    run = release.trajectories[name]
-    (failed_s,) = (case.time_s for case in release.cases if case.name == name)
+    spiral = release.spirals[name]
+    failed_s = spiral.case.time_s
     lines: tuple[tuple[Array, str, dict[str, Any]], ...] = (
-        (twist(run), "simulated", {"color": MEASURED, "lw": 2, "alpha": 0.5}),
-        (release.linear[name], "linear model", {"color": DESIRED, "lw": 0.6}),
+        (spiral.twist, "simulated", {"color": MEASURED, "lw": 2, "alpha": 0.5}),
+        (spiral.linear, "linear model", {"color": DESIRED, "lw": 0.6}),
         (
-            release.quasi_static[name],
+            spiral.quasi_static,
             "elastic mapping (static)",
             {"color": START, "lw": 0.8, "ls": "--"},
         ),
     )
     for motion, label, style in lines:
-        axes.plot(run.time_s, 1e6 * motion[:, 3], label=label, **style)
+        axes.plot(spiral.run.time_s, 1e6 * motion[:, 3], label=label, **style)
     axes.axvline(failed_s, color=BLACK, lw=0.8, ls=":", label="strut 1 fails")
     axes.set(title=f"Spiral with {lost} lost at {failed_s:g} s")
     axes.set(xlabel="time, s", ylabel="$t_x$, µm")

@@ -1,6 +1,6 @@
 """The released strut as numbers, checks, tables and files."""
 
-from dataclasses import asdict, fields
+from dataclasses import asdict, fields, replace
 from functools import partial
 from itertools import product
 from typing import Any
@@ -12,18 +12,20 @@ from experiments.recording.hexapod import Mark
 from experiments.recording.keep import record_run
 from experiments.recording.shown import Shown
 from experiments.release.figure import pictures
-from experiments.release.runs import Case, Release, twist
+from experiments.release.runs import Release
 from experiments.rig.hexapod.metrics import (
-    closure_check,
+    CLOSURE,
+    PEAK,
+    PREDICTED,
+    RMS,
+    each_angle,
     percent,
     plant_constants,
-    pointing_rms_urad,
-    prediction_checks,
-    prediction_tolerance,
     recording_properties,
 )
 from experiments.rig.hexapod.testbed import TestbedConfig
 from experiments.study.provenance import versions
+from experiments.study.quantity import Quantity, checks_of, columns_of, entry_of
 from experiments.study.results import Check, Results
 from experiments.study.tables import Column, Table, tabulate
 from prioritized import Classes, FailureAtlas
@@ -31,6 +33,37 @@ from sim import Array, load_model, model_sha256, weightless
 
 MISMATCH_LIMIT_PERCENT = 1.0
 """Largest difference between simulated and predicted motion."""
+
+ALPHA_PEAK, BETA_PEAK = each_angle(PEAK)
+SPIRAL = (
+    Quantity("name", lambda s: s.case.name, heading="", format=lambda name: name.replace("_", " ")),
+    Quantity("kind", lambda s: s.case.kind),
+    Quantity("failure_time_s", lambda s: s.case.time_s if s.case.kind else None),
+    Quantity("told", lambda s: s.case.told),
+    *each_angle(
+        replace(RMS, heading="*", format=".3f"), replace(PREDICTED, heading="model", format=".3f")
+    ),
+    replace(ALPHA_PEAK, heading="peak", format=".1f"),
+    BETA_PEAK,
+    Quantity("sensitivity_peak", lambda s: s.sensitivity, heading="Ms", format=".2f"),
+    Quantity(
+        "motion_mismatch_linear_model_percent",
+        lambda s: percent(s.twist - s.linear, s.twist),
+        "difference between the simulated motion and the linear model [%]",
+        below=lambda entry: MISMATCH_LIMIT_PERCENT if entry["kind"] else None,
+    ),
+    Quantity(
+        "motion_mismatch_quasi_static_percent",
+        lambda s: percent(s.twist - s.quasi_static, s.twist),
+    ),
+    Quantity(
+        "strut_1_peak_um", lambda s: 1e6 * float(np.abs(s.run.strut_displacement_m[:, 0]).max())
+    ),
+    CLOSURE,
+    Quantity("recording", lambda s: f"{s.case.name}.rrd"),
+    Quantity("data", lambda s: f"{s.case.name}.npz"),
+)
+"""What is said of each spiral."""
 
 KNOWN = {
     "uncorrected": "failure unknown to the mapping",
@@ -55,7 +88,7 @@ def results(release: Release) -> Results:
 def summarize(release: Release) -> dict[str, Any]:
     """All numbers of the experiment, ready for JSON; units are in the names."""
     model: mujoco.MjModel = load_model()
-    run = release.trajectories["sound"]
+    run = release.spirals["sound"].run
     orbit = plant_constants(weightless(model))
     return {
         "experiment": "release",
@@ -65,7 +98,10 @@ def summarize(release: Release) -> dict[str, Any]:
         "jacobian": "constant",
         "duration_s": len(run.time_s) * TestbedConfig().control_period_s,
         "bench": asdict(TestbedConfig()) | plant_constants(model),
-        "spirals": [_spiral(release, case, orbit) for case in release.cases],
+        "spirals": [
+            entry_of(SPIRAL, each) | {"plant": orbit if each.case.kind == "loose" else {}}
+            for each in release.spirals.values()
+        ],
         "sweep": release.sweep,
         "on_the_ground_without_spring": release.fall,
         "atlas": _atlas(release.atlas),
@@ -74,15 +110,9 @@ def summarize(release: Release) -> dict[str, Any]:
 
 def checks(summary: dict[str, Any]) -> list[Check]:
     """Checks: closure residuals, and motion, rest position and errors against the predictions."""
-    tolerance, off = prediction_tolerance(summary["duration_s"]), MISMATCH_LIMIT_PERCENT
-    found = []
+    off, found = MISMATCH_LIMIT_PERCENT, []
     for spiral in summary["spirals"]:
-        found.append(closure_check(spiral["name"], spiral["closure_residual_max_m"]))
-        if spiral["kind"]:
-            mismatch = spiral["motion_mismatch_linear_model_percent"]
-            what = "difference between the simulated motion and the linear model [%]"
-            found.append(Check(what, spiral["name"], mismatch, off))
-        found += prediction_checks(spiral, tolerance)
+        found += checks_of(SPIRAL, summary | spiral, spiral["name"])
     for point in summary["sweep"]:
         where = f"stiffness ratio {point['suspension_over_swing']:g}"
         for model in ("elastic", "linear_model"):
@@ -98,18 +128,9 @@ def checks(summary: dict[str, Any]) -> list[Check]:
 
 def spirals(summary: dict[str, Any]) -> Table:
     """One row for each spiral."""
-    columns = (
-        Column("", lambda spiral: spiral["name"].replace("_", " ")),
-        Column("alpha", "alpha_rms_urad", ".3f"),
-        Column("model", "predicted_alpha_rms_urad", ".3f"),
-        Column("beta", "beta_rms_urad", ".3f"),
-        Column("model", "predicted_beta_rms_urad", ".3f"),
-        Column("peak", "alpha_peak_urad", ".1f"),
-        Column("Ms", "sensitivity_peak", ".2f"),
-    )
     return tabulate(
         "Strut 1 without coil force: RMS of desired minus true angle, urad",
-        columns,
+        columns_of(SPIRAL),
         summary["spirals"],
         "free: without coil force; loose: without coil force and spring, no gravity. model: RMS of "
         "the linear model. peak: of the alpha error, urad. Ms: peak sensitivity of the loops.",
@@ -130,33 +151,6 @@ def sweep(summary: dict[str, Any]) -> Table:
         "to the mapping: simulated, predicted by the elastic mapping (elastic), and predicted for "
         "a strut locked at its centre (as locked). corrected: simulated, failure known.",
     )
-
-
-def _spiral(release: Release, case: Case, orbit: dict[str, Any]) -> dict[str, Any]:
-    run, name = release.trajectories[case.name], case.name
-    alpha, beta = pointing_rms_urad(run)
-    alpha_peak, beta_peak = 1e6 * np.abs(run.desired_rad - run.true_rad).max(axis=0)
-    predicted, true = release.predicted_rad.get(name), twist(run)
-    return {
-        "name": name,
-        "kind": case.kind,
-        "failure_time_s": case.time_s if case.kind else None,
-        "told": case.told,
-        "plant": orbit if case.kind == "loose" else {},
-        "alpha_rms_urad": alpha,
-        "beta_rms_urad": beta,
-        "predicted_alpha_rms_urad": None if predicted is None else 1e6 * predicted[0],
-        "predicted_beta_rms_urad": None if predicted is None else 1e6 * predicted[1],
-        "alpha_peak_urad": alpha_peak,
-        "beta_peak_urad": beta_peak,
-        "sensitivity_peak": release.sensitivity[name],
-        "motion_mismatch_linear_model_percent": percent(true - release.linear[name], true),
-        "motion_mismatch_quasi_static_percent": percent(true - release.quasi_static[name], true),
-        "strut_1_peak_um": 1e6 * float(np.abs(run.strut_displacement_m[:, 0]).max()),
-        "closure_residual_max_m": float(run.closure_residual_m.max()),
-        "recording": f"{name}.rrd",
-        "data": f"{name}.npz",
-    }
 
 
 def _atlas(atlas: FailureAtlas) -> dict[str, Any]:
@@ -196,6 +190,7 @@ def _atlas_arrays(atlas: FailureAtlas) -> dict[str, Array]:
 
 def _record(release: Release, summary: dict[str, Any], spiral: dict[str, Any], folder: Any) -> None:
     name, kind, known = spiral["name"], spiral["kind"], spiral["told"]
+    flown = release.spirals[name]
     marks, what = [], "no failure"
     if kind is not None:
         when = spiral["failure_time_s"]
@@ -210,9 +205,9 @@ def _record(release: Release, summary: dict[str, Any], spiral: dict[str, Any], f
         name,
         f"release-{name}-seed{seed}",
         load_model(),
-        Shown(release.trajectories[name], marks),
+        Shown(flown.run, marks),
         said=[f"Seed {seed}, {duration_s:g} s, constant Jacobian, W_a; {what}.{orbit}"],
         beside={"linear model": predicted},
         properties=recording_properties(summary) | spiral["plant"],
-        further={"linear": release.linear[name], "quasi_static": release.quasi_static[name]},
+        further={"linear": flown.linear, "quasi_static": flown.quasi_static},
     )

@@ -80,16 +80,28 @@ def cases(half_s: float) -> tuple[Case, ...]:
 
 
 @dataclass(frozen=True)
+class Spiral:
+    """One spiral, and what is expected of it."""
+
+    case: Case
+    run: Trajectory
+    predicted_rad: Array | None  # RMS (2,); not of those that fail later
+    sensitivity: float  # its peak after the failure
+    linear: Array  # payload twist (N, 6) from the linear model and the strut inputs
+    quasi_static: Array  # the same from the elastic mapping alone
+
+    @property
+    def twist(self) -> Array:
+        """True payload motion [alpha, beta, gamma, t_x, t_y, t_z], shape (N, 6)."""
+        return np.hstack([self.run.true_rad, self.run.secondary])
+
+
+@dataclass(frozen=True)
 class Release:
-    """All spirals, what is expected of them by their names, and statics."""
+    """All spirals by their names, and statics."""
 
     seed: int
-    cases: tuple[Case, ...]
-    trajectories: dict[str, Trajectory]
-    predicted_rad: dict[str, Array]  # RMS (2,); not of those that fail later
-    sensitivity: dict[str, float]  # its peak after the failure
-    linear: dict[str, Array]  # payload twist (N, 6) from the linear model and the strut inputs
-    quasi_static: dict[str, Array]  # the same from the elastic mapping alone
+    spirals: dict[str, Spiral]
     sweep: list[dict[str, float]]  # by suspension over flexure stiffness
     fall: dict[str, float]  # on the ground, without its spring
     atlas: FailureAtlas  # rigid and elastic, all 3^6 conditions
@@ -125,36 +137,26 @@ def run_release(
         )
         for case in chosen
     ]
-    spirals = [{"testbed": t, "run": run} for t, run in zip(testbeds, asked, strict=True)]
+    tracked = [{"testbed": t, "run": run} for t, run in zip(testbeds, asked, strict=True)]
     statics = [{"model": orbit, "ratio": ratio} for ratio in RATIOS[:: 3 if quick else 1]]
-    total = len(spirals) + len(statics)
-    runs = in_parallel(track_spiral, spirals, lambda done, _: on_progress(done, total))
+    total = len(tracked) + len(statics)
+    runs = in_parallel(track_spiral, tracked, lambda done, _: on_progress(done, total))
     sweep = in_parallel(
-        released_statics, statics, lambda done, _: on_progress(len(spirals) + done, total)
+        released_statics, statics, lambda done, _: on_progress(len(tracked) + done, total)
     )
-    trajectories = dict(zip([case.name for case in chosen], runs, strict=True))
-    predicted, sensitivity, linear, quasi_static = {}, {}, {}, {}
-    for case, testbed, spiral in zip(chosen, testbeds, asked, strict=True):
-        run = trajectories[case.name]
-        command_m = on_ground.amplifier().displacement_m(run.strut_input_percent)
-        linear[case.name] = predicted_motion(testbed.model, case.failures, run.time_s, command_m)
-        quasi_static[case.name] = _quasi_static(case, ground, run.time_s, command_m)
-        after = replace(spiral, goal=case.reconfigured or _EQUAL)
-        sensitivity[case.name] = sensitivity_peak(testbed, after)
-        if case.time_s == 0.0:
-            predicted[case.name] = predicted_rms_rad(testbed, after)
-    return Release(
-        seed=seed,
-        cases=chosen,
-        trajectories=trajectories,
-        predicted_rad=predicted,
-        sensitivity=sensitivity,
-        linear=linear,
-        quasi_static=quasi_static,
-        sweep=sweep,
-        fall=fall(ground),
-        atlas=failure_atlas(elastic_system(ground), MAJOR),
-    )
+    spirals = {}
+    for case, testbed, run, flown in zip(chosen, testbeds, asked, runs, strict=True):
+        command_m = on_ground.amplifier().displacement_m(flown.strut_input_percent)
+        after = replace(run, goal=case.reconfigured or _EQUAL)
+        spirals[case.name] = Spiral(
+            case,
+            flown,
+            predicted_rad=predicted_rms_rad(testbed, after) if case.time_s == 0.0 else None,
+            sensitivity=sensitivity_peak(testbed, after),
+            linear=predicted_motion(testbed.model, case.failures, flown.time_s, command_m),
+            quasi_static=_quasi_static(case, ground, flown.time_s, command_m),
+        )
+    return Release(seed, spirals, sweep, fall(ground), failure_atlas(elastic_system(ground), MAJOR))
 
 
 def _quasi_static(case: Case, model: mujoco.MjModel, time_s: Array, command_m: Array) -> Array:
@@ -167,8 +169,3 @@ def _quasi_static(case: Case, model: mujoco.MjModel, time_s: Array, command_m: A
     after = time_s >= case.time_s
     twist[after] = command_m[after][:, failed.actuators] @ failed.J.T
     return twist
-
-
-def twist(run: Trajectory) -> Array:
-    """True payload motion [alpha, beta, gamma, t_x, t_y, t_z], shape (N, 6)."""
-    return np.hstack([run.true_rad, run.secondary])

@@ -9,17 +9,20 @@ from typing import Any
 class Column:
     """One column: a key of the entries that rows are made of, or a function of the entry.
 
-    A narrow page may break the heading at its line breaks. None in an entry leaves the cell empty.
+    A narrow page may break the heading at its line breaks. The format may be a function of the
+    value that makes the cell. None in an entry leaves it empty.
     """
 
     heading: str
     key: str | Callable[[Any], Any]
-    format: str = ""
+    format: str | Callable[[Any], str] = ""
 
     def cell(self, entry: Mapping[str, Any]) -> str:
         """The cell of an entry's row."""
         value = self.key(entry) if callable(self.key) else entry[self.key]
-        return "" if value is None else format(value, self.format)
+        if value is None:
+            return ""
+        return self.format(value) if callable(self.format) else format(value, self.format)
 
 
 @dataclass(frozen=True)

@@ -1,16 +1,18 @@
 """A sweep as numbers, checks, tables and files, from its columns one at a time."""
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 from scipy.stats import spearmanr
 
 from argument_checks.ties import ascending, greatest, ranks
-from experiments.rig.hexapod.metrics import closure_check
+from experiments.rig.hexapod.metrics import closure_check, each_angle
 from experiments.study.dataset import Columns
+from experiments.study.quantity import Quantity, columns_of, entry_of
 from experiments.study.results import Check, Results
 from experiments.study.resumable import Complete, Outcome, origin, rate
 from experiments.study.tables import Column, Table, tabulate
@@ -113,25 +115,27 @@ def _groups(columns: Columns, duration_s: float) -> list[dict[str, Any]]:
     failing = np.array([sum(letter != "S" for letter in struts) for struts in columns["struts"]])
     failing[columns["failure_time_s"] >= duration_s] = 0
     known = columns["known"].astype(bool)
-    rms = {angle: columns[f"{angle}_rms_urad"] for angle in ANGLES}
+    rms = [columns[f"{angle}_rms_urad"] for angle in ANGLES]
     groups = []
     for count in np.unique(failing).tolist():
         for told in (True, False) if count else (None,):
             chosen = (failing == count) & (True if told is None else known == told)
             if chosen.any():
                 group = {"failures": count, "told": told, "runs": int(chosen.sum())}
-                groups.append(group | _spread(rms, chosen))
+                groups.append(group | entry_of(SPREAD, [values[chosen] for values in rms]))
     return groups
 
 
-def _spread(rms: Mapping[str, Array], chosen: np.ndarray) -> dict[str, Any]:
-    """Median and 95th percentile of the RMS errors of the runs that came to their end."""
-    found = {}
-    for angle, values in rms.items():
-        ended = values[chosen & np.isfinite(values)]
-        median, most = np.quantile(ended, (0.5, 0.95)).tolist() if len(ended) else (None, None)
-        found |= {f"{angle}_median_urad": median, f"{angle}_percentile_95_urad": most}
-    return found
+def _quantiles(level: float, rms: Sequence[Array]) -> list[float | None]:
+    """Of the RMS errors of the runs that came to their end, for each angle."""
+    ended = [values[np.isfinite(values)] for values in rms]
+    return [float(np.quantile(values, level)) if len(values) else None for values in ended]
+
+
+SPREAD = each_angle(
+    Quantity("*_median_urad", partial(_quantiles, 0.5), heading="*", format=".3f"),
+    Quantity("*_percentile_95_urad", partial(_quantiles, 0.95), heading="95 %", format=".3f"),
+)
 
 
 def _influence(columns: Columns, varied: list[str]) -> dict[str, dict[str, float]]:
@@ -160,11 +164,7 @@ def groups(summary: dict[str, Any]) -> Table:
     columns = (
         Column("failed struts", lambda group: known[group["told"]].format(group["failures"])),
         Column("runs", "runs"),
-        *(
-            Column(heading.format(angle), f"{angle}_{what}_urad", ".3f")
-            for angle in ANGLES
-            for heading, what in (("{}", "median"), ("95 %", "percentile_95"))
-        ),
+        *columns_of(SPREAD),
     )
     return tabulate(
         "RMS of desired minus true angle, urad",

@@ -6,10 +6,13 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from experiments.rig.hexapod.metrics import each_angle
 from experiments.rig.hexapod.simulation import Trajectory
 from experiments.study.plotting import BLACK, PAGE_IN, VERMILION, new_figure
+from experiments.study.quantity import columns_of
 from experiments.study.results import Check, Picture
 from experiments.study.tables import Column, Table
+from experiments.table1.quantities import CLOSURE, DETECTOR, RMS
 from experiments.table1.runs import Table1
 
 _CONDITIONS = {
@@ -26,15 +29,12 @@ def _motion(motion: str) -> Column:
 
 MOTION_ROWS = (
     *map(_motion, ("t_x_um", "t_y_um", "t_z_um", "gamma_urad")),
-    Column("closure, m", "closure_residual_max_m", ".1e"),
+    *columns_of([CLOSURE]),
 )
 """What is printed of the secondary motion, whoever the controller is."""
 
 _ERROR_ROWS = (
-    Column("alpha, urad", "alpha_rms_urad", ".4f"),
-    Column("  detector", "alpha_measured_rms_urad", ".4f"),
-    Column("beta, urad", "beta_rms_urad", ".4f"),
-    Column("  detector", "beta_measured_rms_urad", ".4f"),
+    *columns_of(each_angle(RMS, DETECTOR)),
     Column("input, %", lambda column: max(column["strut_input_rms_percent"]), ".3f"),
 )
 

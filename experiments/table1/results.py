@@ -9,18 +9,16 @@ import numpy as np
 from experiments.rig.hexapod import paper
 from experiments.rig.hexapod.columns import COLUMNS
 from experiments.rig.hexapod.columns import Column as Experiment
+from experiments.rig.hexapod.controller import ANGLES
 from experiments.rig.hexapod.metrics import (
     closure_check,
+    closure_residual_max_m,
     is_cut,
     loop_measures,
     pointing_rms_urad,
-    prediction_checks,
-    prediction_tolerance,
-    rms,
 )
-from experiments.rig.hexapod.metrics import closure_residual_max_m as closure_m
-from experiments.rig.hexapod.simulation import Trajectory
 from experiments.study.provenance import versions
+from experiments.study.quantity import checks_of, columns_of, entry_of
 from experiments.study.results import Check, Results
 from experiments.study.tables import Column, Table
 from experiments.table1.comparison import (
@@ -32,12 +30,16 @@ from experiments.table1.comparison import (
     is_ours,
 )
 from experiments.table1.figure import pictures
+from experiments.table1.quantities import (
+    COLUMN,
+    OTHER_CLOSURE,
+    Measured,
+    error_quantities,
+)
 from experiments.table1.recording import loop_sentences, record_column
-from experiments.table1.robustness import entries, robustness, robustness_checks
+from experiments.table1.robustness import robustness, robustness_checks
 from experiments.table1.runs import Compared, Table1, other_jacobian
 from sim import Array
-
-ANGLES = ("alpha", "beta")
 
 
 def results(outcome: Table1) -> Results:
@@ -89,7 +91,7 @@ def compare_jacobians(outcome: Table1) -> dict[str, Any]:
         "other": other,
         "largest_rms_difference_urad": by_jacobian,
         "next_seed_rms_difference_urad": by_seed,
-        "next_seed_closure_residual_max_m": closure_m(outcome.reseeded),
+        "next_seed_closure_residual_max_m": closure_residual_max_m(outcome.reseeded),
         "sentence": (
             f"With the {other} Jacobian the RMS errors change by at most {by_jacobian:.1e} urad, "
             f"which is {'below' if by_jacobian < by_seed else 'above'} the noise: another seed "
@@ -100,17 +102,13 @@ def compare_jacobians(outcome: Table1) -> dict[str, Any]:
 
 def checks(summary: dict[str, Any]) -> list[Check]:
     """Checks: closure residuals, RMS errors against the linear model, with mismatch too."""
-    tolerance = prediction_tolerance(summary["duration_s"])
     reseeded = summary["jacobian_comparison"]["next_seed_closure_residual_max_m"]
     found = [closure_check("W_a, next seed", reseeded)]
     for column in summary["columns"]:
-        name, other = column["name"], column["other_jacobian_closure_residual_max_m"]
-        found.append(closure_check(name, column["closure_residual_max_m"]))
-        if is_ours(column):
-            found.append(closure_check(f"{name}, other Jacobian", other))
-        else:
+        found += checks_of(COLUMN, summary | column, column["name"])
+        found += checks_of([OTHER_CLOSURE], column, f"{column['name']}, other Jacobian")
+        if not is_ours(column):
             found.append(controller_check(column))
-        found += prediction_checks(column, tolerance)
     return found + robustness_checks(summary)
 
 
@@ -121,7 +119,8 @@ def table(summary: dict[str, Any]) -> Table:
     if is_cut(summary):
         title += f", first {summary['duration_s']:g} s of the spiral only"
     headings = [column["name"].replace("_uncorrected", "\nuncorr.") for column in columns]
-    rows = _rows(with_paper=not is_cut(summary))
+    errors = error_quantities(with_paper=not is_cut(summary))
+    rows = (Column("origin", "origin"), *columns_of(errors), *MOTION_ROWS)
     return Table(
         title,
         ("", *headings),
@@ -134,24 +133,6 @@ def table(summary: dict[str, Any]) -> Table:
         "nominal plant on the same floor. peak: of the secondary motion. closure: largest residual "
         "of the loop closures.",
     )
-
-
-def _rows(*, with_paper: bool) -> list[Column]:
-    """What is printed of each experiment; the paper's numbers are of whole spirals only."""
-    rows = [Column("origin", "origin")]
-    for angle in ANGLES:
-        rows += [
-            Column(f"{angle}, urad", f"{angle}_rms_urad", ".4f"),
-            Column("  linear model", f"predicted_{angle}_rms_urad", ".4f"),
-            Column("  detector", f"{angle}_measured_rms_urad", ".4f"),
-        ]
-        if with_paper:
-            rows.append(Column("  paper", f"paper_{angle}_rms_urad", ".4f"))
-        rows += [
-            Column("  mismatched", f"mismatched_{angle}_rms_urad", ".4f"),
-            Column("    predicted", f"mismatched_predicted_{angle}_rms_urad", ".4f"),
-        ]
-    return [*rows, *MOTION_ROWS]
 
 
 def notes(summary: dict[str, Any]) -> list[str]:
@@ -181,64 +162,37 @@ def _distance_sentence(columns: list[dict[str, Any]]) -> str:
 
 
 def _column(outcome: Table1, experiment: Experiment) -> dict[str, Any]:
-    name, other = experiment.name, outcome.other[experiment.name]
-    run, origin = outcome.trajectories[name], outcome.configuration.origin(name)
-    beside = {
-        "paper": paper.TABLE_I_URAD[name],
-        "predicted": 1e6 * outcome.predicted_rad[name],
-        "other_jacobian": pointing_rms_urad(other),
-        **entries(outcome.mismatched.get(name)),
-    }
-    entry = _entry(name, experiment, run, origin, beside)
-    return entry | {"other_jacobian_closure_residual_max_m": closure_m(other)} | _files(name)
+    name = experiment.name
+    measured = Measured(
+        outcome.trajectories[name],
+        paper.TABLE_I_URAD[name],
+        outcome.predicted_rad[name],
+        outcome.other[name],
+        outcome.mismatched.get(name),
+    )
+    return _entry(name, experiment, outcome.configuration.origin(name), measured)
 
 
 def _compared_column(outcome: Table1, compared: Compared) -> dict[str, Any]:
     """A column of another controller; what it estimates is not known."""
-    name = compared.name
-    sources = ["paper", "predicted", "other_jacobian"]
-    beside = dict.fromkeys(sources, (None, None)) | entries(None)
-    entry = _entry(name, compared.column, compared.trajectory, "other", beside)
-    return (
-        entry
-        | {"secondary_peak_estimated": None, "other_jacobian_closure_residual_max_m": None}
-        | _files(name)
-        | {"controller": outcome.controller, "compared_with": compared.column.name}
-        | {"failure": compared.failure}
-    )
+    entry = _entry(compared.name, compared.column, "other", Measured(compared.trajectory))
+    return entry | {
+        "secondary_peak_estimated": None,
+        "controller": outcome.controller,
+        "compared_with": compared.column.name,
+        "failure": compared.failure,
+    }
 
 
-def _entry(
-    name: str, experiment: Experiment, run: Trajectory, origin: str, beside: dict[str, Any]
-) -> dict[str, Any]:
-    """Numbers of one run; `beside` are pairs (alpha, beta) to compare its RMS errors with, urad."""
-    column: dict[str, Any] = {
+def _entry(name: str, experiment: Experiment, origin: str, measured: Measured) -> dict[str, Any]:
+    column = {
         "name": name,
         "locked": experiment.struts("locked"),
         "free": experiment.struts("free"),
         "joint_weight": experiment.goal.joint_weight,
         "secondary_weight_t_x_t_y_t_z_gamma": experiment.goal.secondary_weight,
         "origin": origin,
+        "recording": f"{name}.rrd",
+        "data": f"{name}.npz",
     }
-    for key, pair in (
-        ("{}_rms_urad", pointing_rms_urad(run)),
-        ("{}_measured_rms_urad", 1e6 * rms(run.desired_rad - run.measured_rad)),
-        *((f"{source}_{{}}_rms_urad", pair) for source, pair in beside.items()),
-    ):
-        column |= {key.format(angle): value for angle, value in zip(ANGLES, pair, strict=True)}
-    return column | {
-        "strut_input_rms_percent": rms(run.strut_input_percent).tolist(),
-        "strut_input_peak_percent": np.abs(run.strut_input_percent).max(0).tolist(),
-        "secondary_peak": _peaks(run.secondary),
-        "secondary_peak_estimated": _peaks(run.secondary_estimated),
-        "closure_residual_max_m": closure_m(run),
-    }
-
-
-def _files(name: str) -> dict[str, str]:
-    return {"recording": f"{name}.rrd", "data": f"{name}.npz"}
-
-
-def _peaks(secondary: Array) -> dict[str, float]:
-    names = ("gamma_urad", "t_x_um", "t_y_um", "t_z_um")
-    return dict(zip(names, (1e6 * np.abs(secondary).max(0)).tolist(), strict=True))
+    return column | entry_of((*COLUMN, OTHER_CLOSURE), measured)

@@ -368,12 +368,12 @@ def test_the_checks_of_the_page_pass_and_fail_where_the_study_is_spoilt(seeds_fo
     summary = json.loads((folder / "seeds.json").read_text())
     alpha = [run["alpha_rms_urad"] for run in summary["runs"]]
     assert 0 < abs(alpha[1] - alpha[0]) < 0.05 * alpha[0]  # the seed matters, and matters little
-    assert [check.passed for check in checks(summary)] == [True] * 4
+    assert [check.passed for check in checks(summary)] == [True] * 6
     for k, name in enumerate(("alpha", "beta")):
         spoilt = copy.deepcopy(summary)
         spoilt["runs"][1][f"{name}_rms_urad"] *= 1.06
         (failed,) = [number for number, c in enumerate(checks(spoilt)) if not c.passed]
-        assert failed == 2 + k
+        assert failed == 3 + k
         assert checks(spoilt)[failed].where == "seed_1"
 
 

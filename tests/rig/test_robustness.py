@@ -1,21 +1,24 @@
 """Table I on plants off the model: what is flown, what is charged to the controller, what fails."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from experiments.rig.hexapod.columns import COLUMNS
 from experiments.rig.hexapod.controller import nominal_loops
+from experiments.rig.hexapod.metrics import each_angle
 from experiments.rig.hexapod.mismatch import ALL, mismatched
 from experiments.rig.hexapod.prediction import predicted_error_rad
 from experiments.rig.hexapod.simulation import SpiralRun, track_spiral
 from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
+from experiments.study.quantity import checks_of, entry_of
+from experiments.table1.quantities import MISMATCHED
 from experiments.table1.robustness import (
     REPRESENTATIVE,
     TOLERANCE,
     MismatchedRun,
-    entries,
     measured,
     mismatched_flights,
     robustness,
@@ -60,28 +63,31 @@ def test_the_drift_of_the_detectors_zero_is_not_charged_and_the_floor_is_expecte
     assert (found.predicted_rad > 1.1 * np.sqrt((still**2).mean(axis=0))).any()
 
 
-def summary(off: float) -> dict:
-    run = MismatchedRun(np.array([2.5e-6, 3e-6 * (1 + off)]), np.array([2.5e-6, 3e-6]), 1e-9)
-    column = {"name": "W_a"}
-    for source, pair in entries(run).items():
-        column |= {
-            f"{source}_{a}_rms_urad": x for a, x in zip(("alpha", "beta"), pair, strict=True)
-        }
-    return {"mismatch": robustness({"W_a": run}), "columns": [column]}
+ANGLES = each_angle(*MISMATCHED)
+
+
+def column(run: MismatchedRun | None) -> dict:
+    return entry_of(ANGLES, SimpleNamespace(mismatched=run))
+
+
+def off_by(off: float) -> MismatchedRun:
+    return MismatchedRun(np.array([2.5e-6, 3e-6 * (1 + off)]), np.array([2.5e-6, 3e-6]), 1e-9)
 
 
 @pytest.mark.parametrize("sign", [-1, 1])
 def test_pointing_that_does_not_hold_fails_the_check_by_name(sign):
-    assert all(check.passed for check in robustness_checks(summary(sign * 0.9 * TOLERANCE)))
-    failed = [c for c in robustness_checks(summary(sign * 1.1 * TOLERANCE)) if not c.passed]
-    assert len(failed) == 1
-    assert "RMS error of beta with all mismatches" in str(failed[0])
+    for check in checks_of(ANGLES, column(off_by(sign * 0.9 * TOLERANCE)), "W_a"):
+        assert check.passed
+    found = checks_of(ANGLES, column(off_by(sign * 1.1 * TOLERANCE)), "W_a")
+    (failed,) = [check for check in found if not check.passed]
+    assert "RMS error of beta with all mismatches" in str(failed)
 
 
 def test_loops_that_open_fail_and_where_nothing_was_flown_nothing_is_checked():
-    opened = summary(0.0)
-    opened["mismatch"]["closure_residual_max_m"] = 1e-6
-    assert [c.where for c in robustness_checks(opened) if not c.passed] == ["mismatched plants"]
+    opened = robustness({"W_a": replace(off_by(0.0), closure_residual_max_m=1e-6)})
+    (failed,) = [c for c in robustness_checks({"mismatch": opened}) if not c.passed]
+    assert failed.where == "mismatched plants"
     assert robustness({}) is None
-    assert not robustness_checks({"mismatch": None, "columns": []})
-    assert entries(None)["mismatched"] == (None, None)
+    assert not robustness_checks({"mismatch": None})
+    assert set(column(None).values()) == {None}
+    assert not checks_of(ANGLES, column(None), "W_a")

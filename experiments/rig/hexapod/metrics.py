@@ -1,15 +1,16 @@
 """Measures of a run (errors, inputs, margins), their checks, and the plant's constants."""
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
 
-from experiments.rig.hexapod.controller import Loop
+from experiments.rig.hexapod.controller import ANGLES, Loop
 from experiments.rig.hexapod.simulation import Trajectory
 from experiments.rig.hexapod.testbed import TestbedConfig
 from experiments.study.provenance import version_properties
+from experiments.study.quantity import Quantity, of_each
 from experiments.study.results import Check
 from sim import Array, element_id
 
@@ -76,23 +77,52 @@ def prediction_tolerance(duration_s: float) -> float:
     return PREDICTION_TOLERANCE * (TestbedConfig().duration_s / duration_s) ** 1.5
 
 
+class Flown(NamedTuple):
+    """What the quantities below are of, or anything else with these attributes."""
+
+    run: Trajectory
+    predicted_rad: Array | None = None  # RMS (2,) by the linear model, if it predicts the run
+
+
+RMS = Quantity(
+    "*_rms_urad",
+    lambda flown: pointing_rms_urad(flown.run),
+    "the RMS error of *, {:.3f} urad,",
+    agrees_with="predicted_*_rms_urad",
+    within=lambda entry: prediction_tolerance(entry["duration_s"]),
+)
+"""Of both angles, for :func:`each_angle`; checked against the linear model."""
+
+PREDICTED = Quantity(
+    "predicted_*_rms_urad",
+    lambda flown: None if flown.predicted_rad is None else 1e6 * flown.predicted_rad,
+    "the linear model's, {:.3f} urad,",
+)
+"""By the linear model, of both angles."""
+
+PEAK = Quantity(
+    "*_peak_urad",
+    lambda flown: 1e6 * np.abs(flown.run.desired_rad - flown.run.true_rad).max(axis=0),
+)
+"""Largest error, of both angles."""
+
+CLOSURE = Quantity(
+    "closure_residual_max_m",
+    lambda flown: closure_residual_max_m(flown.run),
+    "closure residual [m]",
+    below=CLOSURE_LIMIT_M,
+)
+"""Largest residual of the loop closures."""
+
+
+def each_angle(*quantities: Quantity) -> tuple[Quantity, ...]:
+    """The quantities of alpha, then those of beta."""
+    return of_each(ANGLES, *quantities)
+
+
 def closure_check(where: str, closure_residual_m: float) -> Check:
-    """Check of the closure residual."""
-    return Check("closure residual [m]", where, closure_residual_m, CLOSURE_LIMIT_M)
-
-
-def prediction_checks(run: Mapping[str, Any], tolerance: float) -> list[Check]:
-    """Checks of the RMS errors of a run against the linear model, if it predicts them."""
-    checks = []
-    for angle in ("alpha", "beta"):
-        rms, predicted = run[f"{angle}_rms_urad"], run[f"predicted_{angle}_rms_urad"]
-        if predicted is not None:
-            what = (
-                f"relative difference between the RMS error of {angle}, {rms:.3f} urad, and the "
-                f"linear model's, {predicted:.3f} urad,"
-            )
-            checks.append(Check(what, run["name"], abs(rms - predicted) / predicted, tolerance))
-    return checks
+    """Check of a closure residual."""
+    return Check(CLOSURE.words, where, closure_residual_m, CLOSURE_LIMIT_M)
 
 
 def is_cut(summary: Mapping[str, Any]) -> bool:
