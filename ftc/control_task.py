@@ -20,7 +20,7 @@ class ControlTask:
         major: Rows of the major task, m1 of the m; the others are secondary.
         goal: Secondary weights, and the failures that are known from the start.
         drives: From displacements of the actuators to the inputs that are sent, and back.
-        limits_m: Lower and upper displacements that the drives can hold, shape (n,) each; infinite
+        limits: Lower and upper displacements that the drives can hold, shape (n,) each; infinite
             where there is no limit.
         reference_limit: Largest reference of each major coordinate, either way, shape (m1,).
 
@@ -33,7 +33,7 @@ class ControlTask:
     major: tuple[int, ...]
     goal: Goal
     drives: Converter
-    limits_m: tuple[Array, Array]
+    limits: tuple[Array, Array]
     reference_limit: Array
 
     def __post_init__(self) -> None:
@@ -45,7 +45,7 @@ class ControlTask:
                 f"major must have a row for each of the {nominal.plant.noutputs} outputs of "
                 f"nominal, got {len(major)}"
             )
-        check.limit_vectors("limits_m", self.limits_m, nominal.actuators)
+        check.limit_vectors("limits", self.limits, nominal.actuators)
         check.exactly("reference_limit", self.reference_limit, len(major))
 
     @property

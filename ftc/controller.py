@@ -33,11 +33,11 @@ class Measurement:
 class Converter(Protocol):
     """Conversion between actuator displacements and inputs of the drives."""
 
-    def input_percent(self, displacement_m: Array) -> Array:
+    def inputs(self, displacements: Array, /) -> Array:
         """Inputs of the drives, shape (n,)."""
         ...
 
-    def displacement_m(self, input_percent: Array) -> Array:
+    def displacements(self, inputs: Array, /) -> Array:
         """Displacements at which the actuators hold, shape (n,)."""
         ...
 
@@ -45,13 +45,13 @@ class Converter(Protocol):
 class DirectDrive:
     """Drives that take displacements as they are, such as position servos."""
 
-    def input_percent(self, displacement_m: Array) -> Array:
+    def inputs(self, displacements: Array) -> Array:
         """The displacements themselves."""
-        return displacement_m
+        return displacements
 
-    def displacement_m(self, input_percent: Array) -> Array:
+    def displacements(self, inputs: Array) -> Array:
         """The displacements themselves."""
-        return input_percent
+        return inputs
 
 
 @dataclass(frozen=True)
@@ -60,14 +60,14 @@ class ControllerState(Generic[Pose]):
 
     Attributes:
         compensator: States of all compensators, one after the other.
-        input_percent: What was last sent to the drives, shape (n,).
+        inputs: What was last sent to the drives, shape (n,).
         pose: Estimated from it.
         asked: What was last demanded of the mapping, and its answer.
         bumpless_transfer: From the mapping before; None where there was none.
     """
 
     compensator: Array
-    input_percent: Array
+    inputs: Array
     pose: Pose
     asked: PreviousCommand
     bumpless_transfer: BumplessTransfer | None = None
@@ -86,9 +86,9 @@ class PrioritizedController(Generic[Pose]):
         self,
         loops: Sequence[Channel],
         mapping: PrioritizedMapping[Pose],
-        amplifier: Converter,
+        drives: Converter,
         handover_s: float,
-        demand_limit_rad: float = inf,
+        demand_limit: float = inf,
         *,
         anti_windup: bool = False,
         reference_feedforward: bool = False,
@@ -96,7 +96,7 @@ class PrioritizedController(Generic[Pose]):
         """Take the compensators, one for each major row, the mapping, and the drives.
 
         `handover_s` is the time in which the secondary motion of a former mapping fades out;
-        `demand_limit_rad` bounds the output of each compensator, and `anti_windup` keeps the
+        `demand_limit` bounds the output of each compensator, and `anti_windup` keeps the
         state of a compensator that is there while its error would drive it further (conditional
         integration: Astrom and Hagglund, Advanced PID Control, 2006, section 3.5). Where the
         mapping has limits, it also makes the compensators observe the major task that is achieved;
@@ -104,9 +104,9 @@ class PrioritizedController(Generic[Pose]):
         demanded, and the compensators add what is missing.
         """
         self.mapping = mapping
-        self.amplifier: Any = amplifier  # clients know their own drives
+        self.drives: Any = drives  # clients know their own drives
         self.handover_s = handover_s
-        self.demand_limit_rad = demand_limit_rad
+        self.demand_limit = demand_limit
         self.anti_windup = anti_windup
         self.reference_feedforward = reference_feedforward
         self._effectiveness = np.ones(mapping.actuators)
@@ -125,7 +125,7 @@ class PrioritizedController(Generic[Pose]):
             ]
         )
         self._tracking = None
-        if anti_windup and mapping.limits_m is not None:
+        if anti_windup and mapping.limits is not None:
             self._tracking = block_diag(*(tracking_gain(loop)[:, None] for loop in loops))
         self._still = np.zeros(mapping.actuators)
 
@@ -137,14 +137,14 @@ class PrioritizedController(Generic[Pose]):
 
     def estimate(self, state: ControllerState[Pose]) -> Pose:
         """The present pose, estimated from the inputs sent one tick before."""
-        return self.mapping.estimate(self._commanded_m(state), state.pose)
+        return self.mapping.estimate(self._commanded(state), state.pose)
 
     def step(
         self,
         state: ControllerState[Pose],
         reference: Array,
         measurement: Measurement,
-        secondary_reference_m: Array | None = None,
+        secondary_reference: Array | None = None,
         *,
         feedforward: Array | None = None,
         pose: Pose | None = None,
@@ -155,82 +155,82 @@ class PrioritizedController(Generic[Pose]):
             state: From the tick before.
             reference: Reference of the major task, shape (m1,).
             measurement: This controller uses the measured major task.
-            secondary_reference_m: Reference of the secondary goal, displacements of the actuators,
+            secondary_reference: Reference of the secondary goal, displacements of the actuators,
                 shape (n,); None is zero.
             feedforward: Added to what the compensators demand, shape (m1,); None is zero.
             pose: As :meth:`estimate` gives it, for a caller that has it already.
         """
-        commanded_m = self._commanded_m(state)
+        commanded = self._commanded(state)
         if pose is None:
-            pose = self.mapping.estimate(commanded_m, state.pose)
+            pose = self.mapping.estimate(commanded, state.pose)
 
         error = reference - measurement.output
         after = self._M.dot(np.concatenate((state.compensator, error)))
-        compensator, pointing = after[: self._order], after[self._order :]
-        if self.demand_limit_rad < inf:
-            demanded = pointing
-            pointing = demanded.clip(-self.demand_limit_rad, self.demand_limit_rad)
+        compensator, demand = after[: self._order], after[self._order :]
+        if self.demand_limit < inf:
+            demanded = demand
+            demand = demanded.clip(-self.demand_limit, self.demand_limit)
             if self.anti_windup:
-                held = (pointing != demanded) & (error * demanded > 0)
+                held = (demand != demanded) & (error * demanded > 0)
                 compensator = np.where(held[self._channel], state.compensator, compensator)
         if self.reference_feedforward:
-            pointing = reference + pointing
+            demand = reference + demand
         if feedforward is not None:
-            pointing = feedforward + pointing
+            demand = feedforward + demand
         owed = state.bumpless_transfer
         if owed is not None:
-            pointing = pointing + owed.demand
-            faded_m = owed.faded(owed.secondary_reference_m, self.handover_s)
-            secondary_reference_m = (
-                faded_m if secondary_reference_m is None else faded_m + secondary_reference_m
+            demand = demand + owed.demand
+            faded = owed.faded(owed.secondary_reference, self.handover_s)
+            secondary_reference = (
+                faded if secondary_reference is None else faded + secondary_reference
             )
-        if self.mapping.limits_m is None:
-            required_m = self.mapping.displacements(
-                pointing, pose, commanded_m, state.asked, secondary_reference_m
+        if self.mapping.limits is None:
+            required = self.mapping.displacements(
+                demand, pose, commanded, state.asked, secondary_reference
             )
         else:
             limited = self.mapping.within_limits(
-                pointing, pose, secondary_reference_m, commanded_m=commanded_m
+                demand, pose, secondary_reference, commanded=commanded
             )
-            required_m = limited.displacements_m
+            required = limited.displacements
             if self._tracking is not None:
                 compensator = compensator - self._tracking.dot(limited.residual)
         if owed is not None:
-            if owed.internal_m is not None:
-                required_m = required_m + owed.faded(owed.internal_m, self.handover_s)
+            if owed.internal is not None:
+                required = required + owed.faded(owed.internal, self.handover_s)
             owed = replace(owed, age_s=owed.age_s + self.period_s)
-        exerted_m = required_m / self._effectiveness if self._is_weakened else required_m
+        exerted = required / self._effectiveness if self._is_weakened else required
         return ControllerState(
             compensator,
-            self.amplifier.input_percent(exerted_m),
+            self.drives.inputs(exerted),
             pose,
             PreviousCommand(
-                pointing,
-                required_m,
-                self._still if secondary_reference_m is None else secondary_reference_m,
+                demand,
+                required,
+                self._still if secondary_reference is None else secondary_reference,
             ),
             owed,
         )
 
     def transfer(
-        self, state: ControllerState[Pose], lost_displacement_m: Array | None = None
+        self, state: ControllerState[Pose], lost_displacements: Array | None = None
     ) -> ControllerState[Pose]:
         """The state of another controller, changed so that this one continues without a step.
 
         Args:
             state: Of the other controller.
-            lost_displacement_m: What each actuator is about to lose of its displacement, shape
+            lost_displacements: What each actuator is about to lose of its displacement, shape
                 (n,), because it no longer holds it. The others step, to make up for its part in the
                 major task.
         """
-        commanded_m, owed = self._commanded_m(state), state.bumpless_transfer
-        pose = self.mapping.estimate(commanded_m, state.pose)
-        new = bumpless_transfer(self.mapping, state.asked, commanded_m, pose, lost_displacement_m)
+        commanded, owed = self._commanded(state), state.bumpless_transfer
+        pose = self.mapping.estimate(commanded, state.pose)
+        new = bumpless_transfer(self.mapping, state.asked, commanded, pose, lost_displacements)
         if owed is not None:
             new = new.after(owed, self.handover_s)
         return replace(state, bumpless_transfer=new)
 
-    def _commanded_m(self, state: ControllerState[Pose]) -> Array:
+    def _commanded(self, state: ControllerState[Pose]) -> Array:
         """Displacements that the actuators hold at the inputs last sent, shape (n,)."""
-        exerted_m = self.amplifier.displacement_m(state.input_percent)
-        return self._effectiveness * exerted_m if self._is_weakened else exerted_m
+        exerted = self.drives.displacements(state.inputs)
+        return self._effectiveness * exerted if self._is_weakened else exerted

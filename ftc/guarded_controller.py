@@ -31,14 +31,14 @@ class GuardedState:
     Attributes:
         controller: As its factory made it; None if that failed.
         own: Its state; after a failure the last one before it.
-        input_percent: What it last sent to the drives, shape (n,); zeros before the first step.
+        inputs: What it last sent to the drives, shape (n,); zeros before the first step.
         ticks: So far.
         failure: What it did wrong, a sentence; None as long as it does nothing wrong.
     """
 
     controller: Controller[Any] | None
     own: Any
-    input_percent: Array
+    inputs: Array
     ticks: int = 0
     failure: str | None = None
 
@@ -82,15 +82,15 @@ class GuardedController:
 
         def stepped() -> tuple[Any, Array]:
             own = controller.step(state.own, reference.copy(), given)
-            return own, _inputs(own, len(state.input_percent))
+            return own, _inputs(own, len(state.inputs))
 
         try:
-            own, input_percent = _call(self.step_limit_s, stepped)
+            own, inputs = _call(self.step_limit_s, stepped)
         except _Failed as failed:
             time_s = state.ticks * self.task.period_s
             sentence = f"{self.name} {failed}, at {time_s:.3f} s"
             return replace(state, ticks=state.ticks + 1, failure=sentence)
-        return replace(state, own=own, input_percent=input_percent, ticks=state.ticks + 1)
+        return replace(state, own=own, inputs=inputs, ticks=state.ticks + 1)
 
 
 def _call(limit_s: float, function: Callable[[], _T]) -> _T:
@@ -119,9 +119,9 @@ def _raised(error: BaseException) -> NoReturn:
 
 def _inputs(state: Any, drives: int) -> Array:
     """The inputs in a state that a controller returned, a copy of shape (n,)."""
-    inputs = np.array(state.input_percent)
+    inputs = np.array(state.inputs)
     if inputs.dtype.kind not in "fiu":
-        raise _Failed(f"returned {shown(state.input_percent)}, expected {drives} numbers")
+        raise _Failed(f"returned {shown(state.inputs)}, expected {drives} numbers")
     if inputs.shape != (drives,):
         raise _Failed(f"returned shape {inputs.shape}, expected {(drives,)}")
     for drive, value in enumerate(inputs.tolist(), 1):

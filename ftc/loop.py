@@ -18,7 +18,7 @@ class Machine(Protocol):
         """What the sensors read now, with the attributes of a :class:`Measurement`."""
         ...
 
-    def apply(self, input_percent: Array, /) -> None:
+    def apply(self, inputs: Array, /) -> None:
         """Send inputs (n,) to the drives and hold them for a period."""
         ...
 
@@ -27,7 +27,7 @@ class ControllerOutput(Protocol):
     """The part of a controller's state that a loop needs."""
 
     @property
-    def input_percent(self) -> Array:
+    def inputs(self) -> Array:
         """Inputs to send to the drives, shape (n,)."""
         ...
 
@@ -53,13 +53,13 @@ class LoopRun(Generic[State]):
 
     Attributes:
         measured: Of the major task, shape (N, m1).
-        input_percent: Inputs of the drives, shape (N, n).
+        inputs: Inputs of the drives, shape (N, n).
         poses: What the controller estimates as pose at each tick; None where it estimates none.
         state: Of the controller after the last tick.
     """
 
     measured: Array
-    input_percent: Array
+    inputs: Array
     poses: Sequence[Any]
     state: State
 
@@ -84,13 +84,13 @@ def run_loop(machine: Machine, controller: Controller[State], reference: Array) 
     state = controller.start()
     ticks = len(reference)
     measured = np.empty(reference.shape)
-    inputs = np.empty((ticks, len(state.input_percent)))
+    inputs = np.empty((ticks, len(state.inputs)))
     poses: list[Any] = []
     for tick, desired in enumerate(reference):
         measurement = machine.measure()
         state = controller.step(state, desired, measurement)
         measured[tick] = measurement.output
-        inputs[tick] = state.input_percent
+        inputs[tick] = state.inputs
         poses.append(getattr(state, "pose", None))
-        machine.apply(state.input_percent)
+        machine.apply(state.inputs)
     return LoopRun(measured, inputs, poses, state)

@@ -17,9 +17,9 @@ class NestedState:
     controller: ControllerState[Any]
 
     @property
-    def input_percent(self) -> Array:
+    def inputs(self) -> Array:
         """Inputs to send to the drives, shape (n,)."""
-        return self.controller.input_percent
+        return self.controller.inputs
 
     @property
     def pose(self) -> Any:
@@ -46,7 +46,7 @@ class OracleController:
         before: Controls first.
         after: Takes over.
         tick: When, counted from the first.
-        lost_displacement_m: What each actuator loses then of its displacement, (n,); None: the
+        lost_displacements: What each actuator loses then of its displacement, (n,); None: the
             displacement commanded of those that the goal of `after` says are free.
         secondary: Reference of the secondary goal (n,) at each time of the run; None is zero.
     """
@@ -54,7 +54,7 @@ class OracleController:
     before: PrioritizedController[Any]
     after: PrioritizedController[Any]
     tick: int
-    lost_displacement_m: Array | None = None
+    lost_displacements: Array | None = None
     secondary: Callable[[float], Array] | None = None
 
     def start(self) -> OracleState:
@@ -65,25 +65,25 @@ class OracleController:
         """One control tick."""
         last = state.controller
         if state.ticks == self.tick:
-            lost_displacement_m = (
+            lost_displacements = (
                 self._lost_displacement(last)
-                if self.lost_displacement_m is None
-                else self.lost_displacement_m
+                if self.lost_displacements is None
+                else self.lost_displacements
             )
-            last = self.after.transfer(last, lost_displacement_m)
+            last = self.after.transfer(last, lost_displacements)
         taken_over = self.tick != NEVER and state.ticks >= self.tick
         acting = self.after if taken_over else self.before
         if self.secondary is None:
-            secondary_reference_m = np.zeros(acting.mapping.actuators)
+            secondary_reference = np.zeros(acting.mapping.actuators)
         else:
-            secondary_reference_m = self.secondary(state.ticks * acting.period_s)
+            secondary_reference = self.secondary(state.ticks * acting.period_s)
         return OracleState(
-            acting.step(last, reference, measurement, secondary_reference_m), state.ticks + 1
+            acting.step(last, reference, measurement, secondary_reference), state.ticks + 1
         )
 
     def _lost_displacement(self, last: ControllerState[Any]) -> Array:
         # An actuator that keeps its damper falls too slowly to be made up for at once.
         free = list(self.after.mapping.goal.free)
-        lost_displacement_m = np.zeros(self.after.mapping.actuators)
-        lost_displacement_m[free] = self.before.amplifier.displacement_m(last.input_percent)[free]
-        return lost_displacement_m
+        lost_displacements = np.zeros(self.after.mapping.actuators)
+        lost_displacements[free] = self.before.drives.displacements(last.inputs)[free]
+        return lost_displacements

@@ -83,7 +83,7 @@ class Supervisor:
         ticks = state.ticks + 1
         if state.task_lost and state.watch.diagnosis is None:
             return replace(state, ticks=ticks)
-        commanded_m = self.first.amplifier.displacement_m(state.input_percent)
+        commanded = self.first.drives.displacements(state.inputs)
         known = state.watch.diagnosis
         if self.watched is None:
             measured = np.concatenate([measurement.output, measurement.displacement])
@@ -91,32 +91,32 @@ class Supervisor:
         else:
             faults = tuple(each.fault for each in state.standing)
             measured = self.watched(measurement, state.pose, faults)
-        watch = state.monitor.step(state.watch, measured, commanded_m)
+        watch = state.monitor.step(state.watch, measured, commanded)
         if watch.diagnosis is not known:
             if known is not None and _is_taken_back(known, watch.diagnosis):
                 state = replace(state, withdrawn=(*state.withdrawn, (known, state.ticks)))
-            state = self._reconfigured(replace(state, watch=watch), commanded_m)
+            state = self._reconfigured(replace(state, watch=watch), commanded)
             watch = state.watch
         if state.task_lost:
             return replace(state, watch=watch, ticks=ticks)
-        secondary_reference_m = self.secondary(state.ticks * self.first.period_s)
+        secondary_reference = self.secondary(state.ticks * self.first.period_s)
         controller = state.current.step(
-            state.controller, reference, measurement, secondary_reference_m
+            state.controller, reference, measurement, secondary_reference
         )
         return replace(state, watch=watch, controller=controller, ticks=ticks)
 
-    def _reconfigured(self, state: SupervisorState, commanded_m: Array) -> SupervisorState:
+    def _reconfigured(self, state: SupervisorState, commanded: Array) -> SupervisorState:
         """State after a change of the mapping to the present diagnoses; compensators unchanged."""
         found, believed = state.watch.diagnosis, state.standing
-        lost_displacement_m = np.zeros(len(commanded_m))
+        lost_displacements = np.zeros(len(commanded))
         if found is not None:
             state = replace(state, diagnoses=(*state.diagnoses, found))
-            lost_displacement_m = lost_displacement(found, commanded_m)
+            lost_displacements = lost_displacement(found, commanded)
         lost = not self.is_possible([each.fault for each in believed])
         state = replace(state, task_lost=lost)
         if not lost:
             current = self.reconfigured(believed)
-            controller = current.transfer(state.controller, lost_displacement_m)
+            controller = current.transfer(state.controller, lost_displacements)
             state = replace(state, current=current, controller=controller)
         if found is None or not found.confirmed:
             return state
@@ -143,17 +143,17 @@ def used_effectiveness(diagnosis: Diagnosis) -> float:
     return fault.effectiveness if fault.kind == "weak" and fault.effectiveness >= WEAKEST else 0.0
 
 
-def lost_displacement(diagnosis: Diagnosis, commanded_m: Array) -> Array:
+def lost_displacement(diagnosis: Diagnosis, commanded: Array) -> Array:
     """Displacement that the diagnosed actuator is about to lose, shape (n,).
 
-    `commanded_m`, shape (n,), is what the actuators are commanded to. A locked actuator loses
+    `commanded`, shape (n,), is what the actuators are commanded to. A locked actuator loses
     nothing, nor does one that was diagnosed before.
     """
-    fault, lost_displacement_m = diagnosis.fault, np.zeros(len(commanded_m))
+    fault, lost_displacements = diagnosis.fault, np.zeros(len(commanded))
     if fault.kind != "locked" and not diagnosis.confirmed:
-        held_m = used_effectiveness(diagnosis) * commanded_m[fault.actuator]
-        lost_displacement_m[fault.actuator] = diagnosis.displacement - held_m
-    return lost_displacement_m
+        held = used_effectiveness(diagnosis) * commanded[fault.actuator]
+        lost_displacements[fault.actuator] = diagnosis.displacement - held
+    return lost_displacements
 
 
 Unused = Literal["locked", "free"]
@@ -170,19 +170,22 @@ def goal_after(goal: Goal, diagnoses: Sequence[Diagnosis], unused: Unused = "fre
         diagnoses: What has failed.
         unused: What an actuator counts as that is free, loose, or too weak to be used.
     """
-    locked_m, effectiveness, free = dict(goal.locked_m), dict(goal.effectiveness), set(goal.free)
+    locked_at, effectiveness, free = dict(goal.locked_at), dict(goal.effectiveness), set(goal.free)
     for found in diagnoses:
         actuator = found.fault.actuator
         if found.fault.kind == "locked":
-            locked_m[actuator] = found.displacement
+            locked_at[actuator] = found.displacement
         elif (left := used_effectiveness(found)) > 0:
             effectiveness[actuator] = left
         elif unused == "locked":
-            locked_m[actuator] = 0.0
+            locked_at[actuator] = 0.0
         else:
             free.add(actuator)
     return replace(
-        goal, locked_m=locked_m, effectiveness=effectiveness, free=tuple(sorted(free - {*locked_m}))
+        goal,
+        locked_at=locked_at,
+        effectiveness=effectiveness,
+        free=tuple(sorted(free - {*locked_at})),
     )
 
 

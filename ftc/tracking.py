@@ -253,7 +253,7 @@ def tracking(
     sigma, encoders = _deviations(noise, sense, len(rows), len(linear.C_active))
     if sense == "joints":
         sigma = _by_encoders(kinematics, rows, encoders)
-    gain = mapping_for(model, goal, rows, springs=springs).pointing_gain()
+    gain = mapping_for(model, goal, rows, springs=springs).major_gain()
     plant = control.ss(linear.A, linear.B @ gain, C, 0)
     loops, peak = _loops(plant, check.positive("period_s", period_s), crossover_hz)
     nominal = NominalModel(
@@ -310,7 +310,7 @@ def mapping_for(
     free = (*goal.free, *goal.spring_lost)
     geometry = MechanismGeometry(model, free, springs=springs)
     secondary = [row for row in range(len(geometry.system.J_T)) if row not in major]
-    limited = {"limits_m": limits, "when_limited": when_limited}
+    limited = {"limits": limits, "when_limited": when_limited}
     return PrioritizedMapping(
         geometry, goal, major, secondary, "gauss_newton", model.task, **limited
     )

@@ -69,8 +69,8 @@ def parts(loop: ClosedLoop) -> list[Contender]:
     model, bench = loop.testbed.model, loop.testbed.bench
     controller = controller_for(loop.testbed, GOAL)
     _, state = track_path(loop.testbed, controller, seed=loop.seed, duration_s=0.2)
-    mapping, amplifier = controller.mapping, controller.amplifier
-    command_m, asked_rad = amplifier.displacement_m(state.input_percent), state.asked.demand
+    mapping, amplifier = controller.mapping, controller.drives
+    command_m, asked_rad = amplifier.displacements(state.inputs), state.asked.demand
     detector, strut_sensors = bench.detector(), bench.strut_sensors()
     rng, plant, bare = np.random.default_rng(loop.seed), Plant(model), mujoco.MjData(model)
     period_s = bench.control_period_s
@@ -92,7 +92,7 @@ def parts(loop: ClosedLoop) -> list[Contender]:
         "estimate": (mapping.estimate, command_m, state.pose),
         "mapping": (mapping.displacements, asked_rad, state.pose),
         "jacobian": (hexapod(model).inverse_jacobian, bare_pose),
-        "converter": (amplifier.input_percent, command_m),
+        "converter": (amplifier.inputs, command_m),
     }
     return [
         Contender(f"part_{name}", call, lambda given=tuple(given): [given] * 32, 32, samples=5)
@@ -133,7 +133,7 @@ class Recorded:
         """
         bench, run = self.testbed.bench, self.run
         watch = monitor(nominal_model(self.testbed.model, bench))
-        held_m = self.controller.amplifier.displacement_m(run.strut_input_percent)
+        held_m = self.controller.drives.displacements(run.strut_input_percent)
         commanded_m = np.vstack([np.zeros((1, held_m.shape[1])), held_m[:-1]])
         state, arguments = watch.start(), []
         for given in zip(run.measured_rad, commanded_m, strict=True):

@@ -24,7 +24,7 @@ from sim import NOMINAL, Array, JacobianReader, Jacobians, Plant, Pose, hexapod,
 TOLERANCE = 1e-5
 """mink also closes the 0.7 nm by which the loops sag: that is 1e-6 of the answer."""
 STUCK = 0
-GOAL = Goal(joint_weight=(1.0,) * 6, locked_m={STUCK: 0.0})
+GOAL = Goal(joint_weight=(1.0,) * 6, locked_at={STUCK: 0.0})
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ def labels(portrait: Portrait) -> dict[str, str]:
     """What each block says, by its name."""
     bench, gain = portrait.bench, portrait.model.actuator_gainprm[0, 0]
     amplifier = bench.amplifier(newton_per_m=float(gain))
-    step_m = amplifier.displacement_m(np.array(100 / 2 ** (amplifier.bits - 1)))
+    step_m = amplifier.displacements(np.array(100 / 2 ** (amplifier.bits - 1)))
     noise_urad = 1e6 * bench.detector_noise_m / bench.focal_length_m
     low_hz, high_hz = portrait.modes_hz[[0, -1]]
     return {

@@ -74,13 +74,13 @@ class ArmGeometry:
         """The arm where its Jacobian is this."""
         return system.at(J_T=jacobian)
 
-    def twist(self, posture: ArmPosture, displacements_m: Array) -> Array:
+    def twist(self, posture: ArmPosture, displacements: Array) -> Array:
         """Twist of the camera (6,) at joint rates (7,)."""
-        return posture.J_T @ displacements_m
+        return posture.J_T @ displacements
 
-    def moved(self, pose: ArmPosture, displacements_m: Array) -> ArmPosture:
+    def moved(self, pose: ArmPosture, displacements: Array) -> ArmPosture:
         """The arm one period later, its joints having moved at these rates (7,)."""
-        return self._posture(pose.command_rad + PERIOD_S * displacements_m, displacements_m)
+        return self._posture(pose.command_rad + PERIOD_S * displacements, displacements)
 
     def _posture(self, command_rad: Array, rates: Array) -> ArmPosture:
         # Halfway through the period: rates held from its start would drift off the curved path.
@@ -103,7 +103,7 @@ def arm_controller(
 ) -> PrioritizedController[ArmPosture]:
     """The controller of the arm: the tracker's error to joint rates; arguments as :func:`sweep`."""
     geometry = ArmGeometry(model)
-    goal = Goal(joint_weight=(1.0,) * model.nu, locked_m=dict.fromkeys(locked, 0.0))
+    goal = Goal(joint_weight=(1.0,) * model.nu, locked_at=dict.fromkeys(locked, 0.0))
     if major_weight is None:
         mapping = PrioritizedMapping(geometry, goal, POINTING, SECONDARY)
     else:
@@ -241,8 +241,8 @@ def sweep(
         closure_residual_max_m=max(bench.closure_residual_m.max(), plant.closure_residual_m()),
         arrays={
             "singular_values": singular_values,
-            "joint_rates_rad_per_s": run.input_percent,
-            "joint_command_rad": started_rad + PERIOD_S * run.input_percent,
+            "joint_rates_rad_per_s": run.inputs,
+            "joint_command_rad": started_rad + PERIOD_S * run.inputs,
             # At the end of each period, as the commands.
             "joint_rad": np.vstack([bench.displacement[1:], plant.displacements()]),
         },

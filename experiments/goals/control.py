@@ -69,7 +69,7 @@ def no_rates(displacements_m: Array, pose: Pose) -> Array:
 class SeekerState(NestedState):
     """Beside it, the desired strut rates integrated so far, shape (6,)."""
 
-    secondary_reference_m: Array
+    secondary_reference: Array
 
 
 @dataclass(frozen=True)
@@ -86,9 +86,9 @@ class Seeker:
 
     def step(self, state: SeekerState, reference: Array, measurement: Measurement) -> SeekerState:
         """One control tick."""
-        commanded_m = self.controller.amplifier.displacement_m(state.input_percent)
+        commanded_m = self.controller.drives.displacements(state.inputs)
         moved_m = self.period_s * self.rates(commanded_m, state.pose)
-        reference_m = state.secondary_reference_m + moved_m
+        reference_m = state.secondary_reference + moved_m
         seen = unrolled(measurement, state.pose)
         controller = self.controller.step(state.controller, reference, seen, reference_m)
         return SeekerState(controller, reference_m)
@@ -126,7 +126,7 @@ class Reweighing:
     ) -> ReweighedState:
         """One control tick."""
         steering = state.steering
-        current_a = self.amplifier.current_a(state.input_percent)
+        current_a = self.amplifier.current_a(state.inputs)
         temperature_c = self.coils.step(state.temperature_c, current_a, self.period_s)
         if state.ticks % REWEIGH_TICKS == 0:
             steering = self._weighted(temperature_c)

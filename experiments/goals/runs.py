@@ -51,12 +51,12 @@ def run_reliability(strategy: Strategy, duration_s: float, loops: Loops) -> Outc
     cold, period_s = controller_for(EQUAL), bench.control_period_s
     path = off_axis_path(bench, goal.HOT_TARGET_URAD, duration_s)
     if strategy.pursues:
-        reweighing = Reweighing(controller_for, goal.COILS, cold.amplifier, period_s)
+        reweighing = Reweighing(controller_for, goal.COILS, cold.drives, period_s)
         run, _ = track_path(testbed, reweighing, desired_rad=path, seed=strategy.seed)
     else:
         seeker = Seeker(cold, no_rates, period_s)
         run, _ = track_path(testbed, seeker, desired_rad=path, seed=strategy.seed)
-    current_a = cold.amplifier.current_a(run.strut_input_percent)
+    current_a = cold.drives.current_a(run.strut_input_percent)
     temperature_c = goal.COILS.temperatures_c(current_a, period_s)
     return _outcome(run, temperature_c.max(axis=1), temperature_c=temperature_c)
 

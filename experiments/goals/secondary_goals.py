@@ -58,7 +58,7 @@ TOUCHED_UM = 10.0
 LOCKED_STRUT = 0
 """Beside the obstacle, at its centre, as in Table I: with all six struts the four secondary
 velocities are free, and there would be nothing that a pseudo-inverse has to compromise."""
-OBSTRUCTED = Goal(secondary_weight=(1.0,) * 4, locked_m={LOCKED_STRUT: 0.0})
+OBSTRUCTED = Goal(secondary_weight=(1.0,) * 4, locked_at={LOCKED_STRUT: 0.0})
 """W_d; the desired secondary velocity is zero where the payload is clear."""
 _REACH_M = 1.0  # farther than anything here is
 

@@ -171,10 +171,10 @@ def follow(mapping: StrutMapping, desired_rad: Array) -> Visited:
     for desired in desired_rad:
         for _ in range(_TICKS_A_POINT):
             pointing = pointing + desired - pointing_angles(pose.rotation)
-            commanded_m = mapping.displacements(pointing, pose, last.displacements_m, last)
-            last = PreviousCommand(pointing, commanded_m, last.secondary_reference_m)
+            commanded_m = mapping.displacements(pointing, pose, last.displacements, last)
+            last = PreviousCommand(pointing, commanded_m, last.secondary_reference)
             pose = forward_kinematics(mapping.geometry, commanded_m, start=pose)
-        visited_m.append(last.displacements_m)
+        visited_m.append(last.displacements)
     return visit(mapping.geometry, np.array(visited_m))
 
 
@@ -219,5 +219,5 @@ def loop_gain_error(mapping: StrutMapping, strut_m: Array) -> float:
     """Largest ||J_m(l) M - I|| over strut displacements (T, 6), M the constant mapping."""
     pose = forward_kinematics(mapping.geometry, strut_m)
     J_m = np.linalg.inv(mapping.geometry.inverse_jacobian(pose))[:, MAJOR]
-    off = J_m @ mapping.pointing_gain() - np.eye(2)
+    off = J_m @ mapping.major_gain() - np.eye(2)
     return float(np.linalg.norm(off, 2, axis=(-2, -1)).max())

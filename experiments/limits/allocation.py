@@ -130,14 +130,14 @@ class AllocatedMapping(StrutMapping):
     """The strut mapping with equal weights; a strategy finds displacements within the limits."""
 
     def __init__(
-        self, geometry: Hexapod, locked_m: dict[int, float], limits_m: Limits, strategy: Strategy
+        self, geometry: Hexapod, locked_at: dict[int, float], limits: Limits, strategy: Strategy
     ) -> None:
-        """The Jacobian is constant; `locked_m` as in :class:`ftc.goal.Goal`."""
+        """The Jacobian is constant; `locked_at` as in :class:`ftc.goal.Goal`."""
         self._strategy = strategy
-        goal = Goal(joint_weight=(1.0,) * 6, locked_m=locked_m)
-        super().__init__(geometry, goal, "constant", limits_m=limits_m)
+        goal = Goal(joint_weight=(1.0,) * 6, locked_at=locked_at)
+        super().__init__(geometry, goal, "constant", limits=limits)
 
     def limited_at(self, kinematics: Kinematics) -> LimitedMapping:
         """By the strategy."""
-        assert self.limits_m is not None
-        return allocated(kinematics, self._strategy, self.limits_m, MAJOR, SECONDARY)
+        assert self.limits is not None
+        return allocated(kinematics, self._strategy, self.limits, MAJOR, SECONDARY)

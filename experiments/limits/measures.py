@@ -26,11 +26,11 @@ def spiral_entry(
     testbed: Testbed, case: Case, run: Trajectory, unlimited: Trajectory
 ) -> dict[str, Any]:
     """One spiral, ready for JSON."""
-    period_s, limits_m = testbed.bench.control_period_s, limits_of(testbed)
+    period_s, limits = testbed.bench.control_period_s, limits_of(testbed)
     error = np.linalg.norm(run.desired_rad - run.true_rad, axis=1)
     off = np.linalg.norm(run.true_rad - unlimited.true_rad, axis=1)
     inside = room(attainable(testbed, case), run.desired_rad) > 0
-    working = np.delete(np.arange(6), list(case.locked_m))
+    working = np.delete(np.arange(6), list(case.locked_at))
     entry: dict[str, Any] = {
         "name": case.name,
         "condition": case.condition,
@@ -48,8 +48,8 @@ def spiral_entry(
     entry["secondary_rms_um"] = 1e6 * float(np.sqrt(((moved_m - reference_m) ** 2).mean()))
     if case.strategy == UNLIMITED:
         return entry | {"at_limit_s": None, "beyond_limit_um": None}
-    command_m = testbed.amplifier().displacement_m(run.strut_input_percent)[:, working]
-    least = np.minimum(limits_m[1][working] - command_m, command_m - limits_m[0][working])
+    command_m = testbed.amplifier().displacements(run.strut_input_percent)[:, working]
+    least = np.minimum(limits[1][working] - command_m, command_m - limits[0][working])
     entry["at_limit_s"] = float((least < AT_LIMIT_M).any(axis=1).sum() * period_s)
     return entry | {"beyond_limit_um": 1e6 * float((-least).max())}
 
@@ -70,10 +70,10 @@ def condition_entry(testbed: Testbed, case: Case, run: Trajectory) -> dict[str, 
 
 def loop_margin(testbed: Testbed, case: Case, *, anti_windup: bool) -> float:
     """:func:`.circle_margin` of both loops on the linear model of the plant."""
-    plant = failed_plant(testbed.model, [Failure(strut, "locked") for strut in case.locked_m])
-    locked_m = dict.fromkeys(case.locked_m, 0.0)
-    goal = Goal(joint_weight=(1.0,) * 6, locked_m=locked_m)
-    gain = StrutMapping(hexapod(testbed.model), goal, "constant").pointing_gain()
+    plant = failed_plant(testbed.model, [Failure(strut, "locked") for strut in case.locked_at])
+    locked_at = dict.fromkeys(case.locked_at, 0.0)
+    goal = Goal(joint_weight=(1.0,) * 6, locked_at=locked_at)
+    gain = StrutMapping(hexapod(testbed.model), goal, "constant").major_gain()
     linear = linearize(plant.model, plant.data)
     period_s = testbed.bench.control_period_s
     pointing = sampled(linear, gain, period_s)[MAJOR, :]

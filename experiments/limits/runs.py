@@ -74,7 +74,7 @@ class Case:
         return f"{self.condition}_{self.strategy.name}"
 
     @property
-    def locked_m(self) -> dict[int, float]:
+    def locked_at(self) -> dict[int, float]:
         """As in :class:`ftc.goal.Goal`."""
         return {0: STUCK_M} if self.stuck else {}
 
@@ -113,7 +113,7 @@ def limits_of(testbed: Testbed) -> Limits:
 def attainable(testbed: Testbed, case: Case) -> Array:
     """Corners of the attainable pointing [rad], a stuck strut where it is, shape (k, 2)."""
     lower, upper = (each.copy() for each in limits_of(testbed))
-    for strut, stands_m in case.locked_m.items():
+    for strut, stands_m in case.locked_at.items():
         lower[strut] = upper[strut] = stands_m
     J = np.linalg.inv(hexapod(testbed.model).inverse_jacobian(NOMINAL))
     kinematics = ConstrainedSystem(J, None, range(len(lower))).kinematics()
@@ -127,17 +127,17 @@ def track(testbed: Testbed, case: Case) -> Trajectory:
         sim.SimulationDiverged: The physics left the finite numbers.
     """
     strategy, struts = case.strategy, len(CURRENT_LIMIT_A)
-    geometry, limits_m = hexapod(testbed.model), limits_of(testbed)
+    geometry, limits = hexapod(testbed.model), limits_of(testbed)
     if strategy == UNLIMITED:
         testbed = replace(
             testbed,
             model=grown_machine(testbed.model, LONGER),
             bench=grown_bench(testbed.bench, LONGER),
         )
-        goal = Goal(joint_weight=(1.0,) * struts, locked_m=case.locked_m)
+        goal = Goal(joint_weight=(1.0,) * struts, locked_at=case.locked_at)
         mapping = StrutMapping(geometry, goal, "constant")
     else:
-        mapping = AllocatedMapping(geometry, case.locked_m, limits_m, strategy)
+        mapping = AllocatedMapping(geometry, case.locked_at, limits, strategy)
     controller = PrioritizedController(
         testbed.loops,
         mapping,
@@ -146,14 +146,14 @@ def track(testbed: Testbed, case: Case) -> Trajectory:
         anti_windup=strategy.anti_windup,
     )
     start_m = np.zeros(struts)
-    for strut, stands_m in case.locked_m.items():
+    for strut, stands_m in case.locked_at.items():
         start_m[strut] = stands_m
     raised_m = np.full(struts, HEAVE_M if case.heave else 0.0)
     run, _ = track_path(
         testbed,
         Raising(controller, raised_m),
         desired_rad=path_rad(case),
-        failures=[Failure(strut, "locked") for strut in case.locked_m],
+        failures=[Failure(strut, "locked") for strut in case.locked_at],
         seed=case.seed,
         start_m=start_m,
         lead_in_s=LEAD_IN_S,

@@ -193,9 +193,9 @@ def _gain(rig: HexapodRig, believed: Fault | None) -> Array:
     if believed is not None and believed.kind == "weak":
         effectiveness[believed.actuator] = believed.effectiveness
     elif believed is not None:
-        goal = Goal(GOAL.joint_weight, locked_m={believed.actuator: 0.0})
+        goal = Goal(GOAL.joint_weight, locked_at={believed.actuator: 0.0})
     mapping = StrutMapping(hexapod(rig.model), goal, "constant")
-    return mapping.pointing_gain() / effectiveness[:, None]
+    return mapping.major_gain() / effectiveness[:, None]
 
 
 def _plant(nominal: NominalModel, truth: Fault | None) -> control.StateSpace:

@@ -55,7 +55,7 @@ class Case:
         if self.kind is None or self.told == "uncorrected":
             return None
         if self.told == "as_locked":
-            return replace(_EQUAL, locked_m={STRUT: 0.0})
+            return replace(_EQUAL, locked_at={STRUT: 0.0})
         known = (STRUT,)
         return (
             replace(_EQUAL, free=known)
@@ -146,7 +146,7 @@ def run_release(
     )
     spirals = {}
     for case, testbed, run, flown in zip(chosen, testbeds, asked, runs, strict=True):
-        command_m = on_ground.amplifier().displacement_m(flown.strut_input_percent)
+        command_m = on_ground.amplifier().displacements(flown.strut_input_percent)
         after = replace(run, goal=case.reconfigured or _EQUAL)
         spirals[case.name] = Spiral(
             case,

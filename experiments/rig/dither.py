@@ -46,7 +46,7 @@ def rig_dither(rig: "Rig", asked: str) -> DitherDesign | None:
     if not freedom.any():
         return None
     size = DITHER_SIZE * rig.size
-    cost = Cost(size * np.abs(mapping.pointing_gain()).max(), rig.nominal.plant.C, size)
+    cost = Cost(size * np.abs(mapping.major_gain()).max(), rig.nominal.plant.C, size)
     try:
         return designed_dither(rig.watched, freedom, frequencies, CONDITIONS, cost)
     except ValueError as error:  # an undamped mode at that frequency

@@ -145,7 +145,7 @@ def robot_rig(file: Path, options: RobotOptions, at: Array | None = None) -> Rob
             major=rows,
             goal=robot.goal,
             drives=DirectDrive(),
-            limits_m=limits,
+            limits=limits,
             reference_limit=np.full(len(rows), robot.size),
         ),
         warnings=_warnings(robot),
@@ -178,7 +178,7 @@ class _Robot:
         """Of a sample of each actuator."""
         if self.options.noise is not None:
             return self.options.noise
-        gain = mapping_for(self.mechanism, self.goal, self.options.rows).pointing_gain()
+        gain = mapping_for(self.mechanism, self.goal, self.options.rows).major_gain()
         return self.noise * float(np.abs(gain).max())
 
     @property

@@ -45,7 +45,7 @@ def predicted(rig: "Rig", path: Array, failures: Sequence[Failure], *, told: boo
     where they stand, and their secondary motion does not fade. Noise is white.
     """
     model, goal = fault_model(rig.nominal), rig.goal
-    gain = rig.mapping(goal).pointing_gain()
+    gain = rig.mapping(goal).major_gain()
     stages, faults, first = [Stage(model.A, model.B, gain=gain, drift=model.drift)], [], len(path)
     for failure in sorted(failures, key=lambda each: each.time_s):
         tick = math.ceil(failure.time_s / rig.period_s - 1e-6)
@@ -54,8 +54,8 @@ def predicted(rig: "Rig", path: Array, failures: Sequence[Failure], *, told: boo
         after = fault_model(rig.nominal, faults)
         if told:
             goal = goal_after(goal, [Diagnosis.told(faults[-1])], rig.unused)
-        gain, goes_on = rig.mapping(goal).pointing_gain(), np.ones(rig.nominal.actuators)
-        goes_on[[*goal.locked_m, *goal.free]] = 0.0
+        gain, goes_on = rig.mapping(goal).major_gain(), np.ones(rig.nominal.actuators)
+        goes_on[[*goal.locked_at, *goal.free]] = 0.0
         stages.append(Stage(after.A, after.B, tick, after.onset, gain, goes_on, after.drift))
     C = rig.nominal.plant.C
     ticks = list(steps(stages, C, rig.loops, path, feedforward=rig.feedforward))

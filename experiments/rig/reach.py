@@ -41,9 +41,9 @@ def check_reach(rig: Rig, path: Array) -> None:
 
 def _nearer(mapping: Any, target: Array, pose: Any, commanded: Array) -> Array:
     """Displacements one step nearer to the target."""
-    if mapping.limits_m is None:
+    if mapping.limits is None:
         return mapping.displacements(target, pose, commanded)
-    return mapping.within_limits(target, pose, commanded_m=commanded).displacements_m
+    return mapping.within_limits(target, pose, commanded=commanded).displacements
 
 
 def _at_limits(rig: Rig, commanded: Array) -> str:

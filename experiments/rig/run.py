@@ -117,7 +117,7 @@ def flown(
         measured=looped.measured[kept],
         pose=pose,
         estimated=looped.poses[kept],
-        inputs=looped.input_percent[kept],
+        inputs=looped.inputs[kept],
         displacement=bench.displacement[kept],
         qpos=bench.qpos[kept],
         closure_m=bench.closure_residual_m[kept],

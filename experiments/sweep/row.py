@@ -134,8 +134,8 @@ def _predicted(run: SweepRun) -> Row:
 def _dac_step_urad(run: SweepRun, mapping: StrutMapping) -> float:
     """Pointing moved by one step of one strut's converter: the loops cannot command less."""
     amplifier = run.bench.amplifier(newton_per_m=float(machine().actuator_gainprm[0, 0]))
-    step_m = amplifier.displacement_m(np.eye(6) * 100 / 2 ** (run.bench.dac_bits - 1))
-    steps_rad = [mapping.pointing(strut_m, NOMINAL) for strut_m in step_m]
+    step_m = amplifier.displacements(np.eye(6) * 100 / 2 ** (run.bench.dac_bits - 1))
+    steps_rad = [mapping.major_motion(strut_m, NOMINAL) for strut_m in step_m]
     return 1e6 * float(np.linalg.norm(steps_rad, axis=1).max())
 
 

@@ -159,7 +159,7 @@ class SweepRun:
             for kind in ("locked", "free", "loose")
         )
         return replace(
-            self.goal, locked_m=dict.fromkeys(locked, 0.0), free=free, spring_lost=spring_lost
+            self.goal, locked_at=dict.fromkeys(locked, 0.0), free=free, spring_lost=spring_lost
         )
 
     def parameters(self) -> dict[str, Any]:

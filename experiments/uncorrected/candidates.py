@@ -63,7 +63,7 @@ def pointing_mode(model: mujoco.MjModel) -> tuple[float, float]:
     """
     sound = Plant(model)
     linear = linearize(sound.model, sound.data)
-    drive = linear.B @ StrutMapping(hexapod(model), W_A, "constant").pointing_gain()[:, 0]
+    drive = linear.B @ StrutMapping(hexapod(model), W_A, "constant").major_gain()[:, 0]
     poles, shapes = np.linalg.eig(linear.A)
     residues = (linear.C_twist[0] @ shapes) * np.linalg.solve(shapes, drive.astype(complex))
     pole = poles[greatest(np.abs(residues))]
@@ -128,7 +128,7 @@ class Candidate:
 
     def _goal(self, column: str) -> Goal:
         goal = EXPERIMENTS[column].goal
-        return replace(goal, locked_m={STRUT: self.lock_m}) if goal.locked_m else goal
+        return replace(goal, locked_at={STRUT: self.lock_m}) if goal.locked_at else goal
 
     def _floor(self, seed: int) -> Array | None:
         if not self.floor_velocity_m_per_s:

@@ -37,7 +37,7 @@ def remaining_gain(model: mujoco.MjModel) -> Array:
     """True per demanded (alpha, beta) of W_a's mapping while strut 1 stands still, shape (2, 2)."""
     geometry = hexapod(model)
     J_m = np.linalg.inv(geometry.inverse_jacobian(NOMINAL))[:2]
-    mapping = StrutMapping(geometry, EXPERIMENTS["W_a"].goal, "constant").pointing_gain()
+    mapping = StrutMapping(geometry, EXPERIMENTS["W_a"].goal, "constant").major_gain()
     mapping[STRUT] = 0.0
     return J_m @ mapping
 
@@ -63,7 +63,7 @@ def fast_loop_ratio(gain: Array) -> Array:
 def gain_and_plant(model: mujoco.MjModel, column: str) -> tuple[Array, Plant]:
     """Strut displacements per demanded (alpha, beta), and the failed plant, of one of COLUMNS."""
     experiment = EXPERIMENTS[column]
-    gain = StrutMapping(hexapod(model), experiment.goal, "constant").pointing_gain()
+    gain = StrutMapping(hexapod(model), experiment.goal, "constant").major_gain()
     return gain, failed_plant(model, experiment.failures)
 
 

@@ -23,59 +23,57 @@ class BumplessTransfer:
 
     Attributes:
         demand: Added for good to what the compensators demand of the major task, shape (m1,).
-        secondary_reference_m: Secondary displacement in which the old mapping left the actuators,
+        secondary_reference: Secondary displacement in which the old mapping left the actuators,
             shape (n,).
         age_s: Time since the transfer.
-        internal_m: Displacements that no motion follows, shape (n,); None is none.
+        internal: Displacements that no motion follows, shape (n,); None is none.
     """
 
     demand: Array
-    secondary_reference_m: Array
+    secondary_reference: Array
     age_s: float
-    internal_m: Array | None = None
+    internal: Array | None = None
 
-    def faded(self, displacements_m: Array, fade_s: float) -> Array:
+    def faded(self, displacements: Array, fade_s: float) -> Array:
         """Displacements (n,) still to be faded out: half a cosine over `fade_s`."""
         if self.age_s >= fade_s:
-            return np.zeros(len(displacements_m))
-        return 0.5 * (1 + np.cos(np.pi * self.age_s / fade_s)) * displacements_m
+            return np.zeros(len(displacements))
+        return 0.5 * (1 + np.cos(np.pi * self.age_s / fade_s)) * displacements
 
     def after(self, earlier: "BumplessTransfer", fade_s: float) -> "BumplessTransfer":
         """The transfer combined with the rest of an earlier one."""
-        internal_m = self.internal_m
-        if earlier.internal_m is not None:
-            left = earlier.faded(earlier.internal_m, fade_s)
-            internal_m = left if internal_m is None else left + internal_m
+        internal = self.internal
+        if earlier.internal is not None:
+            left = earlier.faded(earlier.internal, fade_s)
+            internal = left if internal is None else left + internal
         return BumplessTransfer(
             earlier.demand + self.demand,
-            earlier.faded(earlier.secondary_reference_m, fade_s) + self.secondary_reference_m,
+            earlier.faded(earlier.secondary_reference, fade_s) + self.secondary_reference,
             self.age_s,
-            internal_m,
+            internal,
         )
 
 
 def bumpless_transfer(
     mapping: PrioritizedMapping[Pose],
     asked: PreviousCommand,
-    commanded_m: Array,
+    commanded: Array,
     pose: Pose,
-    lost_displacement_m: Array | None = None,
+    lost_displacements: Array | None = None,
 ) -> BumplessTransfer:
     """The offsets with which the new mapping continues from the displacements commanded.
 
     Args:
         mapping: That takes over.
         asked: What was last demanded of the one before.
-        commanded_m: Displacements that the actuators hold, shape (n,).
+        commanded: Displacements that the actuators hold, shape (n,).
         pose: Estimated by the new mapping.
-        lost_displacement_m: What each actuator is about to lose of its displacement, shape (n,),
+        lost_displacements: What each actuator is about to lose of its displacement, shape (n,),
             because it no longer holds it: the others make up at once for its part in the major
             task.
     """
-    own_m = mapping.displacements(
-        asked.demand, pose, commanded_m, asked, asked.secondary_reference_m
-    )
-    demand, secondary_reference_m, internal_m = mapping.split(commanded_m - own_m, pose)
-    if lost_displacement_m is not None:
-        demand = demand + mapping.pointing(lost_displacement_m, pose)
-    return BumplessTransfer(demand, secondary_reference_m, 0.0, internal_m)
+    own = mapping.displacements(asked.demand, pose, commanded, asked, asked.secondary_reference)
+    demand, secondary_reference, internal = mapping.split(commanded - own, pose)
+    if lost_displacements is not None:
+        demand = demand + mapping.major_motion(lost_displacements, pose)
+    return BumplessTransfer(demand, secondary_reference, 0.0, internal)

@@ -40,11 +40,11 @@ class Geometry(Protocol[Pose]):
         """The system with its failures, for this Jacobian."""
         ...
 
-    def twist(self, posture: Pose, displacements_m: Array) -> Array:
+    def twist(self, posture: Pose, displacements: Array) -> Array:
         """Task displacement (m,) of small displacements (n,) of the mechanism without failures."""
         ...
 
-    def moved(self, pose: Pose, displacements_m: Array) -> Pose:
+    def moved(self, pose: Pose, displacements: Array) -> Pose:
         """The pose to which displacements (n,) lead, from the pose one tick before."""
         ...
 
@@ -70,13 +70,13 @@ class LocalGeometry:
         """The system for this task Jacobian."""
         return system.at(J_T=jacobian)
 
-    def twist(self, posture: Array, displacements_m: Array) -> Array:
+    def twist(self, posture: Array, displacements: Array) -> Array:
         """Task displacement (m,) of displacements (n,)."""
-        return self._J @ displacements_m
+        return self._J @ displacements
 
-    def moved(self, pose: Array, displacements_m: Array) -> Array:
+    def moved(self, pose: Array, displacements: Array) -> Array:
         """The twist of displacements (n,)."""
-        return self._J @ displacements_m
+        return self._J @ displacements
 
 
 def without_springs(system: ConstrainedSystem, actuators: Sequence[int]) -> ConstrainedSystem:
@@ -100,12 +100,12 @@ def free_actuators_follow(released: ConstrainedSystem) -> Array:
     return follow
 
 
-def yielded(released: ConstrainedSystem, locked_m: Array, survivors: Indices) -> Array:
+def yielded(released: ConstrainedSystem, locked_at: Array, survivors: Indices) -> Array:
     """Least displacements (n,) of the survivors that the closed loops need around locked ones."""
-    kinematics, yielded_m = released.kinematics(), np.zeros(len(locked_m))
+    kinematics, yielded = released.kinematics(), np.zeros(len(locked_at))
     C = kinematics.active_constraint
-    if len(C) and locked_m.any():
-        needed = C @ locked_m[kinematics.actuators]
+    if len(C) and locked_at.any():
+        needed = C @ locked_at[kinematics.actuators]
         of_survivors = C[:, np.isin(kinematics.actuators, survivors)]
-        yielded_m[survivors] = -np.linalg.pinv(of_survivors) @ needed
-    return yielded_m
+        yielded[survivors] = -np.linalg.pinv(of_survivors) @ needed
+    return yielded

@@ -43,14 +43,14 @@ class LimitedDisplacements:
     """Displacements within their limits, and what they cost the major task.
 
     Attributes:
-        displacements_m: Displacements of the actuators, shape (n,).
+        displacements: Displacements of the actuators, shape (n,).
         achieved: Major task that they achieve, shape (m1,).
         residual: Demanded less achieved major task, shape (m1,).
         solution: What the mapping with limits gave, for the surviving actuators; that of a
             :class:`prioritized.VelocityMapping` has a status and names the active limits.
     """
 
-    displacements_m: Array
+    displacements: Array
     achieved: Array
     residual: Array
     solution: LimitedRates

@@ -13,13 +13,13 @@ from prioritized import Kinematics, Status, VelocityMapping
 class PreviousCommand(NamedTuple):
     """Last demand and displacements of a mapping, from which the incremental form continues.
 
-    `demand` (m1,) is the demanded major task; `displacements_m` (n,) those of the actuators, before
-    the converters; `secondary_reference_m` (n,) the reference of the secondary goal.
+    `demand` (m1,) is the demanded major task; `displacements` (n,) those of the actuators, before
+    the converters; `secondary_reference` (n,) the reference of the secondary goal.
     """
 
     demand: Array
-    displacements_m: Array
-    secondary_reference_m: Array
+    displacements: Array
+    secondary_reference: Array
 
 
 class Mapping(Protocol):

@@ -39,7 +39,7 @@ class PrioritizedMapping(Generic[Pose]):
         form: DisplacementForm = "absolute",
         task: Callable[[Pose], Array] | None = None,
         *,
-        limits_m: tuple[ArrayLike, ArrayLike] | None = None,
+        limits: tuple[ArrayLike, ArrayLike] | None = None,
         when_limited: WhenLimited = "least_squares",
     ) -> None:
         """Prepare the mapping at the nominal pose.
@@ -51,7 +51,7 @@ class PrioritizedMapping(Generic[Pose]):
             secondary: Task rows of the secondary task, in the order of its weights.
             form: How eq. (41) becomes a displacement.
             task: Task coordinates (m,) of a pose, for the Gauss-Newton form.
-            limits_m: Lower and upper displacements of the actuators from the nominal pose, shape
+            limits: Lower and upper displacements of the actuators from the nominal pose, shape
                 (n,) or one number each, for :meth:`within_limits`; those of failed actuators do not
                 count. A weakened actuator needs limits that it can hold with the force left.
             when_limited: What becomes of a major task beyond them.
@@ -63,14 +63,14 @@ class PrioritizedMapping(Generic[Pose]):
         """
         if form == "gauss_newton" and task is None:
             raise ValueError("task must be given in gauss_newton form, got None")
-        if form == "incremental" and any(goal.locked_m.values()):
+        if form == "incremental" and any(goal.locked_at.values()):
             raise ValueError(
                 f'form must be "absolute" or "gauss_newton" with an actuator locked off centre, '
-                f"got {form} with locked_m = {goal.locked_m}"
+                f"got {form} with locked_at = {goal.locked_at}"
             )
-        if limits_m is not None and form == "incremental":
+        if limits is not None and form == "incremental":
             raise ValueError(
-                'form must be "absolute" or "gauss_newton" with limits_m, got incremental'
+                'form must be "absolute" or "gauss_newton" with limits, got incremental'
             )
         self._model, self._task = geometry, task
         self._major, self._secondary = list(major), list(secondary)
@@ -80,37 +80,37 @@ class PrioritizedMapping(Generic[Pose]):
         released = without_springs(geometry.system, goal.spring_lost).with_failures(
             free=[*goal.free, *goal.spring_lost]
         )
-        self._failed = released.with_failures(locked=list(goal.locked_m))
+        self._failed = released.with_failures(locked=list(goal.locked_at))
         kinematics = self._failed.kinematics()
         self._surviving = kinematics.actuators
         self._expand = np.eye(len(self._failed.active))[:, self._surviving]
         self._prepared = kinematics.velocity_mapping(
             self._major, self._secondary, goal.joint_weight, goal.secondary_weight
         )
-        self._locked_m = np.zeros(self.actuators)
-        for actuator, displacement in goal.locked_m.items():
-            self._locked_m[actuator] = displacement
+        self._locked_at = np.zeros(self.actuators)
+        for actuator, displacement in goal.locked_at.items():
+            self._locked_at[actuator] = displacement
         self._locked = None
-        if goal.locked_m:
-            self._locked = np.isin(np.arange(self.actuators), list(goal.locked_m))
-        self._is_off_centre = bool(self._locked_m.any())
+        if goal.locked_at:
+            self._locked = np.isin(np.arange(self.actuators), list(goal.locked_at))
+        self._is_off_centre = bool(self._locked_at.any())
         self._follow = free_actuators_follow(released)
         is_identity = np.array_equal(self._follow, np.eye(self.actuators))
         self._are_all_held = is_identity and not self._is_off_centre
         # Where closed loops tie the actuators together, the others yield to one that is off centre.
-        yielded_m = yielded(released, self._locked_m, kinematics.actuators)
-        self._yielded_m = self._expand.T @ yielded_m
-        self._standing_m = self._locked_m + yielded_m
-        self.limits_m, self._limited = None, None
-        if limits_m is not None:
-            within = check.limit_vectors("limits_m", limits_m, self.actuators)
-            self.limits_m = lower, upper = within
+        others = yielded(released, self._locked_at, kinematics.actuators)
+        self._yielded = self._expand.T @ others
+        self._standing = self._locked_at + others
+        self.limits, self._limited = None, None
+        if limits is not None:
+            within = check.limit_vectors("limits", limits, self.actuators)
+            self.limits = lower, upper = within
             self._limited = kinematics.velocity_mapping(
                 self._major,
                 self._secondary,
                 goal.joint_weight,
                 goal.secondary_weight,
-                rate_limits=(lower - yielded_m, upper - yielded_m),
+                rate_limits=(lower - others, upper - others),
                 when_limited=when_limited,
             )
         self._at_nominal = self.at(geometry.jacobian(self._nominal))
@@ -130,7 +130,7 @@ class PrioritizedMapping(Generic[Pose]):
         n = self.actuators
         return PreviousCommand(np.zeros(len(self._major)), np.zeros(n), np.zeros(n))
 
-    def pointing_gain(self) -> Array:
+    def major_gain(self) -> Array:
         """Displacements per demanded major task at the nominal pose, shape (n, m1)."""
         return self._at_nominal.expand @ self._at_nominal.mapping.major
 
@@ -148,54 +148,54 @@ class PrioritizedMapping(Generic[Pose]):
         self,
         demand: Array,
         pose: Pose,
-        commanded_m: Array | None = None,
+        commanded: Array | None = None,
         last: PreviousCommand | None = None,
-        secondary_reference_m: Array | None = None,
+        secondary_reference: Array | None = None,
     ) -> Array:
         """Displacements (n,) for a demanded major task; zero at actuators known to be locked.
 
         Args:
             demand: Demanded major task, shape (m1,).
             pose: Where the mechanism is.
-            commanded_m: Displacements (n,) that hold it there; the Gauss-Newton form goes on from
+            commanded: Displacements (n,) that hold it there; the Gauss-Newton form goes on from
                 them.
             last: What was demanded before; the incremental form goes on from it.
-            secondary_reference_m: Reference of the secondary goal, displacements (n,); it is
+            secondary_reference: Reference of the secondary goal, displacements (n,); it is
                 followed as far as the major task leaves the actuators free. None is the nominal
                 pose.
 
         Raises:
             ValueError: What the form goes on from is missing.
         """
-        if self.form == "absolute" and secondary_reference_m is None and not self._is_off_centre:
+        if self.form == "absolute" and secondary_reference is None and not self._is_off_centre:
             return self._expand.dot(self._rates(pose)(demand))
         posture, now = self._present(pose)
-        joint, secondary = self._references(now, secondary_reference_m)
+        joint, secondary = self._references(now, secondary_reference)
         if self.form == "incremental":
             if last is None:
                 raise ValueError("last must be given in incremental form, got None")
-            before = now.expand.T @ last.secondary_reference_m
+            before = now.expand.T @ last.secondary_reference
             change = now.mapping(
                 demand - last.demand,
                 joint - before,
                 secondary - now.J[self._secondary] @ before,
             )
-            return last.displacements_m + now.expand @ change
+            return last.displacements + now.expand @ change
         if self.form == "gauss_newton":
-            here, remaining = self._step(now, demand, pose, commanded_m, joint, secondary)
+            here, remaining = self._step(now, demand, pose, commanded, joint, secondary)
             return now.expand.dot(here + now.mapping(*remaining))
         change = now.mapping(*self._remaining(posture, demand, joint, secondary))
-        return now.expand.dot(self._yielded_m + change)
+        return now.expand.dot(self._yielded + change)
 
     def within_limits(
         self,
         demand: Array,
         pose: Pose,
-        secondary_reference_m: Array | None = None,
+        secondary_reference: Array | None = None,
         *,
-        commanded_m: Array | None = None,
+        commanded: Array | None = None,
     ) -> LimitedDisplacements:
-        """Displacements within `limits_m`, the major task they achieve, and what is lacking.
+        """Displacements within `limits`, the major task they achieve, and what is lacking.
 
         Limits come first, then the major task, then the secondary goals with what is left; the
         arguments are those of :meth:`displacements`.
@@ -205,48 +205,48 @@ class PrioritizedMapping(Generic[Pose]):
         """
         posture, now = self._present(pose)
         limited = now.limited
-        if limited is None or self.limits_m is None:
-            raise ValueError("limits_m must be given for displacements within limits, got None")
-        joint, secondary = self._references(now, secondary_reference_m)
+        if limited is None or self.limits is None:
+            raise ValueError("limits must be given for displacements within limits, got None")
+        joint, secondary = self._references(now, secondary_reference)
         if self.form == "gauss_newton":
-            here, remaining = self._step(now, demand, pose, commanded_m, joint, secondary)
+            here, remaining = self._step(now, demand, pose, commanded, joint, secondary)
             # Picked, not multiplied: a limit may be infinite.
-            lower, upper = (limit[self._surviving] - here for limit in self.limits_m)
+            lower, upper = (limit[self._surviving] - here for limit in self.limits)
             limited = cast(MovableLimits, limited).within((lower, upper))
         else:
-            here, remaining = self._yielded_m, self._remaining(posture, demand, joint, secondary)
+            here, remaining = self._yielded, self._remaining(posture, demand, joint, secondary)
         solved = limited.solve(*remaining)
-        displacements_m = now.expand.dot(here + solved.rates)
+        displacements = now.expand.dot(here + solved.rates)
         residual = remaining[0] - now.J[self._major].dot(solved.rates)
-        return LimitedDisplacements(displacements_m, demand - residual, residual, solved)
+        return LimitedDisplacements(displacements, demand - residual, residual, solved)
 
     def _step(
         self,
         now: LocalMapping,
         demand: Array,
         pose: Pose,
-        commanded_m: Array | None,
+        commanded: Array | None,
         joint: Array,
         secondary: Array,
     ) -> tuple[Array, tuple[Array, Array, Array]]:
         """Displacements of the survivors (n',), and what a Gauss-Newton step from there is to do.
 
         Raises:
-            ValueError: `commanded_m` is missing.
+            ValueError: `commanded` is missing.
         """
-        if commanded_m is None or self._task is None:
-            raise ValueError("commanded_m must be given in gauss_newton form, got None")
-        task, here = self._task(pose), now.expand.T.dot(commanded_m)
+        if commanded is None or self._task is None:
+            raise ValueError("commanded must be given in gauss_newton form, got None")
+        task, here = self._task(pose), now.expand.T.dot(commanded)
         remaining = demand - task[self._major], joint - here, secondary - task[self._secondary]
         return here, remaining
 
     def _references(
-        self, now: LocalMapping, secondary_reference_m: Array | None
+        self, now: LocalMapping, secondary_reference: Array | None
     ) -> tuple[Array, Array]:
         """References of the survivors (n',) and of the secondary task (m2,)."""
         joint = np.zeros(now.J.shape[1])
-        if secondary_reference_m is not None:
-            joint = now.expand.T.dot(secondary_reference_m)
+        if secondary_reference is not None:
+            joint = now.expand.T.dot(secondary_reference)
         return joint, now.J[self._secondary].dot(joint)
 
     def _remaining(
@@ -254,16 +254,16 @@ class PrioritizedMapping(Generic[Pose]):
     ) -> tuple[Array, Array, Array]:
         """What remains of absolute demands for the survivors: some displacements stand already."""
         # An actuator locked off centre has already moved the task by J[:, k] l_k.
-        offset = self._model.twist(posture, self._follow.dot(self._standing_m))
+        offset = self._model.twist(posture, self._follow.dot(self._standing))
         return (
             demand - offset[self._major],
-            joint - self._yielded_m,
+            joint - self._yielded,
             secondary - offset[self._secondary],
         )
 
-    def pointing(self, displacements_m: Array, pose: Pose) -> Array:
+    def major_motion(self, displacements: Array, pose: Pose) -> Array:
         """Major task (m1,) of displacements (n,) of all actuators, failed ones too, at the pose."""
-        return self._model.twist(self._model.posture(pose), displacements_m)[self._major]
+        return self._model.twist(self._model.posture(pose), displacements)[self._major]
 
     def reached(self, pose: Pose) -> Array:
         """Major task (m1,) at a pose, by the task coordinates.
@@ -275,7 +275,7 @@ class PrioritizedMapping(Generic[Pose]):
             raise ValueError("task must be given for the task at a pose, got None")
         return self._task(pose)[self._major]
 
-    def split(self, displacements_m: Array, pose: Pose) -> tuple[Array, Array, Array | None]:
+    def split(self, displacements: Array, pose: Pose) -> tuple[Array, Array, Array | None]:
         """Displacements (n,) of the surviving actuators in three parts.
 
         Returns:
@@ -285,25 +285,25 @@ class PrioritizedMapping(Generic[Pose]):
             does.
         """
         _, now = self._present(pose)
-        surviving, internal_m = now.expand.T @ displacements_m, None
+        surviving, internal = now.expand.T @ displacements, None
         if len(now.constraint):
             internal = np.linalg.pinv(now.constraint) @ (now.constraint @ surviving)
-            surviving, internal_m = surviving - internal, now.expand @ internal
+            surviving, internal = surviving - internal, now.expand @ internal
         demand = now.J[self._major] @ surviving
-        secondary_reference_m = now.expand @ (surviving - now.mapping(demand))
-        return demand, secondary_reference_m, internal_m
+        secondary_reference = now.expand @ (surviving - now.mapping(demand))
+        return demand, secondary_reference, internal
 
-    def estimate(self, displacements_m: Array, pose: Pose) -> Pose:
+    def estimate(self, displacements: Array, pose: Pose) -> Pose:
         """The pose to which commanded displacements (n,) lead, from the pose one tick before.
 
         There is no sensor for the secondary task; the major task comes from the same commands, so
         that the estimate carries no sensor noise.
         """
         if self._locked is not None:  # a former mapping may still have commanded it
-            displacements_m = np.where(self._locked, self._locked_m, displacements_m)
+            displacements = np.where(self._locked, self._locked_at, displacements)
         if self._are_all_held:
-            return self._model.moved(pose, displacements_m)
-        return self._model.moved(pose, self._follow.dot(displacements_m))
+            return self._model.moved(pose, displacements)
+        return self._model.moved(pose, self._follow.dot(displacements))
 
     def at(self, jacobian: Array, /) -> LocalMapping:
         """The mapping for this Jacobian of the geometry."""

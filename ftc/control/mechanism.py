@@ -73,11 +73,11 @@ class MechanismGeometry:
         """The system with its failures, with these Jacobians."""
         return system.at_pose(jacobian)
 
-    def twist(self, posture: Any, displacements_m: Array) -> Array:
+    def twist(self, posture: Any, displacements: Array) -> Array:
         """Task displacement (m,) of small displacements (n,) of the mechanism without failures."""
         there = self.placed(self.system, self.model.jacobians(posture)).kinematics()
-        return there.J @ displacements_m
+        return there.J @ displacements
 
-    def moved(self, pose: Any, displacements_m: Array) -> Any:
+    def moved(self, pose: Any, displacements: Array) -> Any:
         """The posture to which displacements (n,) lead, from the one a tick before."""
-        return self.model.moved(pose, displacements_m, self._held)
+        return self.model.moved(pose, displacements, self._held)

@@ -39,7 +39,7 @@ class Amplifier:
         for name in ("full_input_a", "limit_a", "newton_per_a", "newton_per_m"):
             check.positive(name, getattr(self, name))
 
-    def input_percent(self, displacement_m: Array) -> Array:
+    def inputs(self, displacement_m: Array) -> Array:
         """Normalized input 100 * DAC input / largest DAC input; quantized, clipped at +-100 %."""
         return _converted("displacement_m", displacement_m, self._to_input)
 
@@ -47,7 +47,7 @@ class Amplifier:
         """Coil current; the amplifier saturates."""
         return _converted("input_percent", input_percent, self._current(1.0))
 
-    def displacement_m(self, input_percent: Array) -> Array:
+    def displacements(self, input_percent: Array) -> Array:
         """Strut displacement at which the suspension balances the coil."""
         return _converted("input_percent", input_percent, self._to_displacement)
 

@@ -192,11 +192,11 @@ class Bench:
         reading = self._sensors.read(pose, displacement)
         return reading if self._on_measured is None else self._on_measured(tick, reading)
 
-    def apply(self, input_percent: Array) -> None:
+    def apply(self, inputs: Array) -> None:
         """Drive the actuators for a period."""
         if self._on_sent is not None:
-            input_percent = self._on_sent(self._tick, input_percent)
-        command = input_percent if self._drives is None else self._drives(input_percent)
+            inputs = self._on_sent(self._tick, inputs)
+        command = inputs if self._drives is None else self._drives(inputs)
         if self._under_way:
             self._under_way.append(np.array(command))
             command = self._under_way.popleft()

@@ -46,7 +46,7 @@ def displacement_limits(
     lower, upper = rest_limits(model, data, drives, commands_of(model, data, drives))
     full_m = amplifier.full_input_a * amplifier.newton_per_a / amplifier.newton_per_m
     # The chain itself says what its converter leaves of full input: one code less upwards.
-    least_m, most_m = amplifier.displacement_m(amplifier.input_percent(full_m * np.array([-2, 2])))
+    least_m, most_m = amplifier.displacements(amplifier.inputs(full_m * np.array([-2, 2])))
     if current_limit_a is not None:
         currents = check.not_negative("current_limit_a", current_limit_a)
         if currents.shape not in ((), lower.shape):

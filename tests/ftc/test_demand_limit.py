@@ -155,7 +155,7 @@ def test_any_fast_linear_loop_gives_139_and_115_percent_whatever_its_compensator
 def test_the_loops_of_the_bench_tend_to_the_bound(model, loops):
     """Their own frequency responses, sound and locked: the slower the turn, the nearer."""
     bound, distance = fast_loop_ratio(remaining_gain(model)), []
-    gain = StrutMapping(hexapod(model), W_A, "constant").pointing_gain()
+    gain = StrutMapping(hexapod(model), W_A, "constant").major_gain()
     compensators = control.append(*(loop.discrete for loop in loops))
     plants = [failed_plant(model, failures) for failures in (LOCK_1, ())]
     open_loops = [

@@ -45,7 +45,7 @@ def mapping(goal: Goal = EQUAL, system: ConstrainedSystem = SYSTEM) -> Prioritiz
 
 
 def channel(row: int) -> control.StateSpace:
-    drive = LINEAR.B @ mapping().pointing_gain()[:, [row]]
+    drive = LINEAR.B @ mapping().major_gain()[:, [row]]
     return control.ss(LINEAR.A, drive, LINEAR.C_twist[[MAJOR[row]]], 0)
 
 
@@ -77,8 +77,8 @@ def run(pilot: OracleController, ticks: int = TICKS, lock_tick: int = NEVER) -> 
             Failure(JOINT, "locked").strike(plant)
         position_m, joints = plant.pose().translation_m, plant.displacements()
         state = pilot.step(state, REFERENCE[tick], Measurement(position_m, joints))
-        kept.append((position_m, joints, state.input_percent))
-        plant.step(state.input_percent, PERIOD_S)
+        kept.append((position_m, joints, state.inputs))
+        plant.step(state.inputs, PERIOD_S)
     return Run(*(np.array(column) for column in zip(*kept, strict=True)))
 
 
@@ -89,7 +89,7 @@ def unaware(own: PrioritizedMapping) -> OracleController:
 def predicted_m() -> np.ndarray:
     """The same loop with the linear plant, shape (N, 3)."""
     P = control.c2d(control.ss(LINEAR.A, LINEAR.B, LINEAR.C_twist[MAJOR], 0), PERIOD_S, "zoh")
-    ticks = steps([Stage(P.A, P.B)], P.C, COMPENSATORS, REFERENCE, gain=mapping().pointing_gain())
+    ticks = steps([Stage(P.A, P.B)], P.C, COMPENSATORS, REFERENCE, gain=mapping().major_gain())
     return np.array([tick.output for tick in ticks])
 
 
@@ -106,7 +106,7 @@ def stuck_rad(sound) -> float:
 
 @pytest.fixture(scope="module")
 def reconfigured(stuck_rad) -> Run:
-    known = replace(EQUAL, locked_m={JOINT: stuck_rad})
+    known = replace(EQUAL, locked_at={JOINT: stuck_rad})
     oracle = OracleController(controller(mapping()), controller(mapping(known)), LOCK_TICK)
     return run(oracle, lock_tick=LOCK_TICK)
 
@@ -150,7 +150,10 @@ def test_the_transfer_to_the_locked_mapping_makes_no_step(sound, reconfigured):
     around = change[LOCK_TICK - 1 : LOCK_TICK + 2].max(axis=0)
     assert (around < 1.5 * usual + 1e-9).all(), around / usual
     # Without the transfer they do.
-    before, after = controller(mapping()), controller(mapping(Goal((1.0,) * 12, locked_m={1: 0.0})))
+    before, after = (
+        controller(mapping()),
+        controller(mapping(Goal((1.0,) * 12, locked_at={1: 0.0}))),
+    )
     state = replace(before.start(), asked=before.mapping.nothing())
     for tick in range(400):
         state = before.step(state, REFERENCE[tick], Measurement(np.zeros(3), np.zeros(12)))
@@ -158,10 +161,7 @@ def test_the_transfer_to_the_locked_mapping_makes_no_step(sound, reconfigured):
         after.step(each, REFERENCE[400], Measurement(np.zeros(3), np.zeros(12)))
         for each in (state, after.transfer(state))
     )
-    steps_rad = [
-        np.abs((each.input_percent - state.input_percent)[survivors]).max()
-        for each in (bare, bumpless)
-    ]
+    steps_rad = [np.abs((each.inputs - state.inputs)[survivors]).max() for each in (bare, bumpless)]
     assert steps_rad[0] > 10 * steps_rad[1]
 
 
@@ -194,7 +194,7 @@ def test_a_channel_that_cannot_be_closed_is_refused():
 
 def test_the_stepped_loop_is_the_linear_one_of_python_control():
     """Where nothing saturates and nothing fails."""
-    B = LINEAR.B @ mapping().pointing_gain()
+    B = LINEAR.B @ mapping().major_gain()
     P = control.c2d(control.ss(LINEAR.A, B, LINEAR.C_twist[MAJOR], 0), PERIOD_S, "zoh")
     T = closed_loop(P, [each.discrete for each in COMPENSATORS])
     linear = np.asarray(control.forced_response(T, _TIME_S, REFERENCE.T).outputs).T

@@ -35,7 +35,7 @@ class State(NamedTuple):
     """Time, and what is sent."""
 
     tick: int
-    input_percent: Any
+    inputs: Any
 
 
 class Proportional:
@@ -65,7 +65,7 @@ class Still:
         """Zeros."""
         return Measurement(np.zeros(2), np.zeros(3))
 
-    def apply(self, input_percent: np.ndarray) -> None:
+    def apply(self, inputs: np.ndarray) -> None:
         """Nothing."""
 
 
@@ -121,7 +121,7 @@ HERE = "test_guarded_controller.py, line "
         (lambda self, u: State(8, 1.0), r"returned shape \(\), expected \(3,\)"),
         (lambda self, u: State(8, None), "returned None, expected 3 numbers"),
         (lambda self, u: State(8, u * 1j), "returned array.*, expected 3 numbers"),
-        (lambda self, u: u, "raised AttributeError: .*input_percent.*"),
+        (lambda self, u: u, "raised AttributeError: .*inputs.*"),
         (hang, r"took longer than 0\.05 s"),
         (hang_and_catch, r"took longer than 0\.05 s"),
         (hang_twice, r"took longer than 0\.05 s"),
@@ -131,8 +131,8 @@ def test_after_a_failure_the_last_inputs_are_held_and_a_sentence_says_why(bad, s
     """Before it the run is bit for bit that of a controller that does not fail."""
     sound, failed = run(Proportional), run(failing(bad), limit_s=0.05)
     assert sound.state.failure is None
-    assert np.array_equal(failed.input_percent[:BAD], sound.input_percent[:BAD])
-    assert (failed.input_percent[BAD:] == sound.input_percent[BAD - 1]).all()
+    assert np.array_equal(failed.inputs[:BAD], sound.inputs[:BAD])
+    assert (failed.inputs[BAD:] == sound.inputs[BAD - 1]).all()
     assert len(failed.measured) == TICKS
     assert failed.state.failure is not None
     assert re.fullmatch(rf"my:own {sentence}, at 0\.007 s", failed.state.failure)
@@ -151,7 +151,7 @@ def no_start(task: ControlTask) -> Any:
 )
 def test_a_controller_that_cannot_be_started_leaves_the_drives_at_zero(factory, sentence):
     done = run(factory)
-    assert not done.input_percent.any()
+    assert not done.inputs.any()
     assert re.fullmatch(f"my:own {sentence}", done.state.failure or "")
 
 
@@ -169,7 +169,7 @@ def test_a_controller_alters_neither_the_record_nor_what_it_was_sent():
     kept, done = REFERENCE.copy(), run(Overwriting)
     assert not done.measured.any()
     assert np.array_equal(kept, REFERENCE)
-    assert np.array_equal(done.input_percent, run(Proportional).input_percent)
+    assert np.array_equal(done.inputs, run(Proportional).inputs)
 
     class Fails(Overwriting):
         calls = 0
@@ -181,8 +181,8 @@ def test_a_controller_alters_neither_the_record_nor_what_it_was_sent():
                 self.sent[:] = np.nan
             return state
 
-    held = run(Fails).input_percent
-    assert (held[BAD:] == done.input_percent[BAD - 1]).all()
+    held = run(Fails).inputs
+    assert (held[BAD:] == done.inputs[BAD - 1]).all()
 
 
 def test_the_clock_is_stopped_between_steps():
@@ -200,7 +200,7 @@ def test_the_clock_is_stopped_between_steps():
         ({"J": J[:, :2]}, "J must have 3 columns"),
         ({"major": (0, 2)}, r"major must lie in 0\.\.1"),
         ({"major": (0,)}, "major must have a row for each of the 2 outputs of nominal, got 1"),
-        ({"limits_m": (np.ones(3), np.zeros(3))}, "limits_m must be a lower and an upper limit"),
+        ({"limits": (np.ones(3), np.zeros(3))}, "limits must be a lower and an upper limit"),
         ({"reference_limit": np.ones(3)}, "reference_limit must be 2 finite numbers"),
         ({"nominal": PLANT}, "nominal must be a NominalModel"),
     ],

@@ -34,9 +34,9 @@ PILOT = RIG.supervisor(None)
 
 GOALS = {
     "W_b": Goal(joint_weight=(2.0, 1.0, 2.0, 1.0, 2.0, 1.0)),
-    "W_e, one locked": Goal(secondary_weight=(10.0, 10.0, 1.0, 1.0), locked_m={2: -4e-6}),
-    "locked off centre": Goal(joint_weight=(1.0,) * 6, locked_m={0: 4e-6}),
-    "W_e, two locked": Goal(secondary_weight=(10.0, 10.0, 1.0, 1.0), locked_m={1: -3e-6, 3: 1e-6}),
+    "W_e, one locked": Goal(secondary_weight=(10.0, 10.0, 1.0, 1.0), locked_at={2: -4e-6}),
+    "locked off centre": Goal(joint_weight=(1.0,) * 6, locked_at={0: 4e-6}),
+    "W_e, two locked": Goal(secondary_weight=(10.0, 10.0, 1.0, 1.0), locked_at={1: -3e-6, 3: 1e-6}),
 }
 
 
@@ -44,21 +44,21 @@ def controller(goal: Goal, form: DisplacementForm = "absolute") -> PrioritizedCo
     return controller_for(TESTBED, goal, jacobian="constant", form=form)
 
 
-def steady(pilot, state, ticks: int, secondary_reference_m=None):
+def steady(pilot, state, ticks: int, secondary_reference=None):
     """The compensators see no error: what they ask stands still."""
     for _ in range(ticks):
-        state = pilot.step(state, DESIRED, Measurement(DESIRED, np.zeros(6)), secondary_reference_m)
+        state = pilot.step(state, DESIRED, Measurement(DESIRED, np.zeros(6)), secondary_reference)
     return state
 
 
-def pulled(pilot, secondary_reference_m=None):
+def pulled(pilot, secondary_reference=None):
     """Some way out, by an error that lasts a tenth of a second."""
     state = pilot.start()
     for _ in range(100):
         state = pilot.step(
-            state, DESIRED, Measurement(0.7 * DESIRED, np.zeros(6)), secondary_reference_m
+            state, DESIRED, Measurement(0.7 * DESIRED, np.zeros(6)), secondary_reference
         )
-    return steady(pilot, state, 200, secondary_reference_m)
+    return steady(pilot, state, 200, secondary_reference)
 
 
 @pytest.mark.parametrize("form", ["absolute", "gauss_newton"])
@@ -66,10 +66,10 @@ def pulled(pilot, secondary_reference_m=None):
 def test_no_surviving_strut_steps_when_the_mapping_changes(name, form):
     before, after = controller(EQUAL, form), controller(GOALS[name], form)
     state = pulled(before)
-    survivors = [k for k in range(6) if k not in GOALS[name].locked_m]
-    sent = state.input_percent[survivors]
-    bumpless = steady(after, after.transfer(state), 1).input_percent[survivors]
-    bare = steady(after, state, 1).input_percent[survivors]
+    survivors = [k for k in range(6) if k not in GOALS[name].locked_at]
+    sent = state.inputs[survivors]
+    bumpless = steady(after, after.transfer(state), 1).inputs[survivors]
+    bare = steady(after, state, 1).inputs[survivors]
     # The first tick of the fade, and the converters' last bit.
     assert np.abs(bumpless - sent).max() <= 1.5 * LSB_PERCENT
     if form == "absolute" or "locked" not in name:
@@ -80,10 +80,10 @@ def test_no_surviving_strut_steps_when_the_mapping_changes(name, form):
 def test_what_is_left_of_the_former_mapping_fades_without_moving_the_pointing(name):
     before, after = controller(EQUAL), controller(GOALS[name])
     start = after.transfer(pulled(before))
-    survivors = [k for k in range(6) if k not in GOALS[name].locked_m]
+    survivors = [k for k in range(6) if k not in GOALS[name].locked_at]
 
     def surviving_m(state):
-        return after.amplifier.displacement_m(state.input_percent)[survivors]
+        return after.drives.displacements(state.inputs)[survivors]
 
     first = steady(after, start, 1)
     pointing = J[np.ix_(MAJOR, survivors)] @ surviving_m(first)
@@ -102,20 +102,20 @@ def test_what_is_left_of_the_former_mapping_fades_without_moving_the_pointing(na
 
 def test_the_former_secondary_motion_fades_as_half_a_cosine():
     """It begins and ends with no rate, so that no mode of the machine is struck."""
-    after, secondary_reference_m = (
+    after, secondary_reference = (
         controller(GOALS["W_b"]),
         np.array([1.0, 0, 0, -1.0, 0, 0]) * 1e-6,
     )
     for part, left in ((0.0, 1.0), (0.25, 0.5 + 0.125**0.5), (0.5, 0.5), (0.75, 0.5 - 0.125**0.5)):
-        owed = BumplessTransfer(np.zeros(2), secondary_reference_m, age_s=part * BENCH.handover_s)
+        owed = BumplessTransfer(np.zeros(2), secondary_reference, age_s=part * BENCH.handover_s)
         state = steady(after, replace(after.start(), bumpless_transfer=owed), 1)
         np.testing.assert_allclose(
-            state.asked.secondary_reference_m, left * secondary_reference_m, atol=1e-20
+            state.asked.secondary_reference, left * secondary_reference, atol=1e-20
         )
     for part in (1.0, 1.5):  # and does not come back
-        owed = BumplessTransfer(np.zeros(2), secondary_reference_m, age_s=part * BENCH.handover_s)
+        owed = BumplessTransfer(np.zeros(2), secondary_reference, age_s=part * BENCH.handover_s)
         state = steady(after, replace(after.start(), bumpless_transfer=owed), 1)
-        np.testing.assert_array_equal(state.asked.secondary_reference_m, 0.0)
+        np.testing.assert_array_equal(state.asked.secondary_reference, 0.0)
 
 
 def test_a_handover_of_a_handover_owes_both():
@@ -124,26 +124,26 @@ def test_a_handover_of_a_handover_owes_both():
     )
     state = steady(second, second.transfer(pulled(first)), 100)
     then = steady(third, third.transfer(state), 1)
-    step = np.abs(then.input_percent - state.input_percent)
+    step = np.abs(then.inputs - state.inputs)
     assert np.delete(step, 2).max() <= 2 * LSB_PERCENT
 
 
 def test_the_dither_goes_through_a_handover():
-    secondary_reference_m = np.array([2e-6, -1e-6, 3e-6, 0.0, 1e-6, -2e-6])
+    secondary_reference = np.array([2e-6, -1e-6, 3e-6, 0.0, 1e-6, -2e-6])
     before, after = controller(EQUAL), controller(GOALS["W_b"])
-    state = pulled(before, secondary_reference_m)
-    then = steady(after, after.transfer(state), 1, secondary_reference_m)
-    assert np.abs(then.input_percent - state.input_percent).max() <= 1.5 * LSB_PERCENT
+    state = pulled(before, secondary_reference)
+    then = steady(after, after.transfer(state), 1, secondary_reference)
+    assert np.abs(then.inputs - state.inputs).max() <= 1.5 * LSB_PERCENT
 
 
 def test_what_a_limp_strut_is_about_to_lose_the_others_make_up_for_at_once():
-    before, after = controller(EQUAL), controller(Goal(EQUAL.joint_weight, locked_m={2: 0.0}))
+    before, after = controller(EQUAL), controller(Goal(EQUAL.joint_weight, locked_at={2: 0.0}))
     state = pulled(before)
-    commanded_m = before.amplifier.displacement_m(state.input_percent)
-    lost_displacement_m = np.zeros(6)
-    lost_displacement_m[2] = commanded_m[2]
-    then = steady(after, after.transfer(state, lost_displacement_m), 1)
-    now_m = after.amplifier.displacement_m(then.input_percent)
+    commanded_m = before.drives.displacements(state.inputs)
+    lost_displacements = np.zeros(6)
+    lost_displacements[2] = commanded_m[2]
+    then = steady(after, after.transfer(state, lost_displacements), 1)
+    now_m = after.drives.displacements(then.inputs)
     now_m[2] = 0.0
     np.testing.assert_allclose(J[MAJOR] @ now_m, J[MAJOR] @ commanded_m, atol=6e-8)
 
@@ -151,15 +151,15 @@ def test_what_a_limp_strut_is_about_to_lose_the_others_make_up_for_at_once():
 def test_a_weak_coil_that_is_known_is_commanded_the_more():
     weak = replace(EQUAL, effectiveness={4: 0.5})
     sound, aware = controller(EQUAL), controller(weak)
-    secondary_reference_m = np.zeros(6)
-    wanted = pulled(sound).input_percent
-    asked = pulled(aware).input_percent
+    secondary_reference = np.zeros(6)
+    wanted = pulled(sound).inputs
+    asked = pulled(aware).inputs
     np.testing.assert_allclose(asked[4], 2 * wanted[4], atol=2 * LSB_PERCENT)
     others = [0, 1, 2, 3, 5]
     np.testing.assert_allclose(asked[others], wanted[others], atol=LSB_PERCENT)
     state = sound.start()
     np.testing.assert_array_equal(
-        sound.step(state, DESIRED, Measurement(DESIRED, secondary_reference_m)).input_percent, 0.0
+        sound.step(state, DESIRED, Measurement(DESIRED, secondary_reference)).inputs, 0.0
     )
 
 
@@ -172,11 +172,11 @@ def test_the_controller_reckons_with_what_a_weak_coil_holds_and_not_with_its_com
     same = expected.pose.translation_m, pointing_angles(expected.pose.rotation)
     np.testing.assert_allclose(found[0], same[0], atol=4e-8)
     np.testing.assert_allclose(found[1], same[1], atol=2e-7)
-    assert np.abs(state.input_percent[4] - expected.input_percent[4]) > 20 * LSB_PERCENT
+    assert np.abs(state.inputs[4] - expected.inputs[4]) > 20 * LSB_PERCENT
     owed = aware.transfer(state).bumpless_transfer
     assert owed is not None
     np.testing.assert_allclose(owed.demand, 0, atol=2e-7)
-    np.testing.assert_allclose(owed.secondary_reference_m, 0, atol=4e-8)
+    np.testing.assert_allclose(owed.secondary_reference, 0, atol=4e-8)
 
 
 @pytest.mark.long
@@ -186,7 +186,7 @@ def test_in_flight_the_switch_to_the_locked_mapping_is_not_felt():
     unaware = SpiralRun(EQUAL, failure, jacobian="constant", duration_s=3.3)
     fault_unaware = track_spiral(TESTBED, unaware)
     stuck_m = float(fault_unaware.strut_displacement_m[3000, 0])
-    told = Goal(EQUAL.joint_weight, locked_m={0: stuck_m})
+    told = Goal(EQUAL.joint_weight, locked_at={0: stuck_m})
     run = track_spiral(TESTBED, replace(unaware, reconfigured=told))
     error = 1e6 * np.linalg.norm(run.desired_rad - run.true_rad, axis=1)
     assert error[3000:].max() < 1.3 * error[2500:3000].max()
@@ -219,7 +219,7 @@ def test_the_reconfigured_goal_says_what_is_known_of_each_strut():
         diagnosis(Fault(5, "weak", 0.6), 1e-6),
     ]
     goal = goal_after(EQUAL, known, "locked")
-    assert goal.locked_m == {0: 3e-6, 2: 0.0} and goal.effectiveness == {5: 0.6}
+    assert goal.locked_at == {0: 3e-6, 2: 0.0} and goal.effectiveness == {5: 0.6}
     assert goal.joint_weight == EQUAL.joint_weight
     commanded_m = np.full(6, 2e-6)
     np.testing.assert_array_equal(lost_displacement(known[0], commanded_m), 0.0)
@@ -236,7 +236,7 @@ def test_a_weak_coil_is_commanded_more_with_care():
         lost_displacement(replace(most, confirmed=True), commanded_m), 0.0
     )
     gone = diagnosis(Fault(5, "weak", 0.4), 4e-6)
-    assert goal_after(EQUAL, [gone], "locked").locked_m == {5: 0.0}
+    assert goal_after(EQUAL, [gone], "locked").locked_at == {5: 0.0}
     assert lost_displacement(gone, commanded_m)[5] == 4e-6
 
 
@@ -245,7 +245,7 @@ def test_a_supervisor_is_a_pure_function_and_says_when_the_task_is_lost():
     state = pilot.start()
     measurement = Measurement(np.zeros(2), np.zeros(6))
     once, again = (pilot.step(state, DESIRED, measurement) for _ in range(2))
-    np.testing.assert_array_equal(once.input_percent, again.input_percent)
+    np.testing.assert_array_equal(once.inputs, again.inputs)
     assert state.ticks == state.watch.ticks == 0
     locked = [Fault(k, "locked") for k in (0, 3, 1)]
     assert pilot.is_possible(locked)
@@ -264,8 +264,8 @@ def test_an_alarm_that_is_not_confirmed_leaves_no_trace_in_the_commands():
         measurement = Measurement(seen, np.zeros(6))
         state = pilot.step(state, DESIRED, measurement)
         alone = pilot.first.step(alone, DESIRED, measurement, DITHER.at(tick * 1e-3))
-        np.testing.assert_array_equal(state.input_percent, alone.input_percent)
-        x = model.A @ x + model.B @ pilot.first.amplifier.displacement_m(alone.input_percent)
+        np.testing.assert_array_equal(state.inputs, alone.inputs)
+        x = model.A @ x + model.B @ pilot.first.drives.displacements(alone.inputs)
     assert state.watch.alarm_ticks and state.watch.alarm_ticks[0] >= 1000
     assert (state.diagnoses, state.confirmed) == ((), ())
     assert state.current is pilot.first
@@ -308,15 +308,15 @@ def test_what_is_named_is_flown_around_and_what_is_settled_is_known_for_good():
     settled, other = replace(named, confirmed=True), diagnosis(Fault(4, "free"), 1e-6)
     sound, first, known, both = supervised(None, named, settled, other)
     assert sound.current is PILOT.first and sound.diagnoses == ()
-    assert first.current.mapping.goal.locked_m == {1: 3e-6}
+    assert first.current.mapping.goal.locked_at == {1: 3e-6}
     assert (first.confirmed, first.diagnoses, failures_before(first)) == ((), (named,), 0)
-    assert known.current.mapping.goal.locked_m == {1: 3e-6}
+    assert known.current.mapping.goal.locked_at == {1: 3e-6}
     assert (known.confirmed, known.diagnoses, failures_before(known)) == (
         (settled,),
         (named, settled),
         1,
     )
-    assert both.current.mapping.goal.locked_m == {1: 3e-6, 4: 0.0}
+    assert both.current.mapping.goal.locked_at == {1: 3e-6, 4: 0.0}
     assert (both.confirmed, both.standing) == ((settled,), [settled, other])
     assert [state.ticks for state in (sound, first, known, both)] == [1, 2, 3, 4]
 
@@ -324,16 +324,16 @@ def test_what_is_named_is_flown_around_and_what_is_settled_is_known_for_good():
 def test_a_diagnosis_that_is_withdrawn_is_flown_around_no_longer():
     named = diagnosis(Fault(1, "locked"), 3e-6)
     first, withdrawn = supervised(named, None)
-    assert first.current.mapping.goal.locked_m == {1: 3e-6}
+    assert first.current.mapping.goal.locked_at == {1: 3e-6}
     assert withdrawn.current.mapping.goal == PILOT.first.mapping.goal
     assert (withdrawn.diagnoses, withdrawn.confirmed) == ((named,), ())
     assert failures_before(withdrawn) == 0
 
 
 def test_the_others_make_up_at_once_for_what_a_named_strut_is_about_to_lose():
-    commanded_m = PILOT.first.amplifier.displacement_m(supervised(None)[0].input_percent)
+    commanded_m = PILOT.first.drives.displacements(supervised(None)[0].inputs)
     (first,) = supervised(diagnosis(Fault(2, "free"), float(commanded_m[2])))
-    now_m = PILOT.first.amplifier.displacement_m(first.input_percent)
+    now_m = PILOT.first.drives.displacements(first.inputs)
     assert now_m[2] == 0.0 and abs(commanded_m[2]) > 1e-6
     np.testing.assert_allclose(J[MAJOR] @ now_m, J[MAJOR] @ commanded_m, atol=6e-8)
 
@@ -344,7 +344,7 @@ def test_the_supervisor_dithers_by_its_own_clock():
     for tick in range(9):
         state = pilot.step(state, DESIRED, Measurement(DESIRED, np.zeros(6)))
         np.testing.assert_array_equal(
-            state.controller.asked.secondary_reference_m, DITHER.at(tick * 1e-3)
+            state.controller.asked.secondary_reference, DITHER.at(tick * 1e-3)
         )
     for current in (pilot.first, pilot.reconfigured([diagnosis(Fault(1, "locked"))])):
         assert isinstance(current.mapping, StrutMapping) and current.mapping.jacobian == "constant"
@@ -357,7 +357,7 @@ def test_when_the_task_is_lost_the_commands_stand_and_no_other_failure_is_looked
     states = supervised(*locked, last, replace(last, confirmed=True), None, None)
     assert [state.task_lost for state in states] == [False] * 3 + [True] * 4
     for state in states[3:]:
-        np.testing.assert_array_equal(state.input_percent, states[2].input_percent)
+        np.testing.assert_array_equal(state.inputs, states[2].inputs)
         assert state.current is states[2].current
     assert states[4].confirmed[-1].fault == last.fault and states[4].watch.diagnosis is None
     assert failures_before(states[4]) == failures_before(states[6]) == 3

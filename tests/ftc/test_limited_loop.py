@@ -33,26 +33,26 @@ def limited(own: LocalGeometry, half: float = 0.5, **options) -> PrioritizedMapp
     n = len(own.system.active)
     goal = options.pop("goal", Goal(joint_weight=(1.0,) * n))
     box = (np.full(n, -half), np.full(n, half))
-    return PrioritizedMapping(own, goal, MAJOR, SECONDARY, limits_m=box, **options)
+    return PrioritizedMapping(own, goal, MAJOR, SECONDARY, limits=box, **options)
 
 
 @examples(40)
 @given(SEEDS, st.sampled_from([{}, {1: 0.2}, {0: -0.3, 3: 0.1}]))
-def test_what_is_achieved_is_as_near_to_the_demand_as_the_limits_allow(seed, locked_m):
+def test_what_is_achieved_is_as_near_to_the_demand_as_the_limits_allow(seed, locked_at):
     """An independent bounded solver finds the same error, stuck actuators included."""
     own, demand = geometry(seed), np.random.default_rng(seed + 1).normal(size=2)
-    mapping = limited(own, goal=Goal(joint_weight=(1.0,) * 5, locked_m=locked_m))
+    mapping = limited(own, goal=Goal(joint_weight=(1.0,) * 5, locked_at=locked_at))
     found = mapping.within_limits(demand, own.nominal)
-    assert np.abs(found.displacements_m).max() <= 0.5
-    assert not found.displacements_m[list(locked_m)].any()
-    standing_m = found.displacements_m.copy()
-    for actuator, stands_m in locked_m.items():
+    assert np.abs(found.displacements).max() <= 0.5
+    assert not found.displacements[list(locked_at)].any()
+    standing_m = found.displacements.copy()
+    for actuator, stands_m in locked_at.items():
         standing_m[actuator] = stands_m
-    achieved = mapping.pointing(standing_m, own.nominal)
+    achieved = mapping.major_motion(standing_m, own.nominal)
     np.testing.assert_allclose(found.achieved, achieved, atol=1e-9)
     np.testing.assert_allclose(found.residual, demand - achieved, atol=1e-9)
-    offset = own.system.J_T[MAJOR][:, list(locked_m)] @ list(locked_m.values())
-    J_m = np.delete(own.system.J_T[MAJOR], list(locked_m), axis=1)
+    offset = own.system.J_T[MAJOR][:, list(locked_at)] @ list(locked_at.values())
+    J_m = np.delete(own.system.J_T[MAJOR], list(locked_at), axis=1)
     best = lsq_linear(J_m, demand - offset, (-0.5, 0.5), method="bvls", tol=1e-14)
     assert np.linalg.norm(found.residual) == pytest.approx(np.sqrt(2 * best.cost), abs=1e-7)
 
@@ -62,10 +62,10 @@ def test_limits_that_are_not_reached_change_nothing(seed):
     own = geometry(seed)
     rng = np.random.default_rng(seed + 1)
     demand, reference_m = 0.1 * rng.normal(size=2), 0.1 * rng.normal(size=5)
-    free = limited(own).displacements(demand, own.nominal, secondary_reference_m=reference_m)
+    free = limited(own).displacements(demand, own.nominal, secondary_reference=reference_m)
     wide = limited(own, half=2 * np.abs(free).max())
     found = wide.within_limits(demand, own.nominal, reference_m)
-    np.testing.assert_allclose(found.displacements_m, free, atol=1e-10)
+    np.testing.assert_allclose(found.displacements, free, atol=1e-10)
     np.testing.assert_allclose(found.residual, 0, atol=1e-10)
 
 
@@ -93,7 +93,7 @@ def driven(controller: PrioritizedController, reference: float, ticks: int, stat
     mapping, kept = controller.mapping, []
     state = controller.start() if state is None else state
     for _ in range(ticks):
-        output = mapping.pointing(state.input_percent, mapping.nominal)
+        output = mapping.major_motion(state.inputs, mapping.nominal)
         kept.append(output)
         still = Measurement(output, np.zeros(0))
         state = controller.step(state, np.array([reference, 0.0]), still)
@@ -201,25 +201,25 @@ def test_a_mapping_with_limits_takes_over_without_a_step(seed):
     mapping, commanded_m = limited(own), 0.4 * rng.uniform(-1, 1, 5)
     last = mapping.nothing()
     new = bumpless_transfer(mapping, last, commanded_m, own.nominal)
-    found = mapping.within_limits(last.demand + new.demand, own.nominal, new.secondary_reference_m)
-    np.testing.assert_allclose(found.displacements_m, commanded_m, atol=1e-9)
+    found = mapping.within_limits(last.demand + new.demand, own.nominal, new.secondary_reference)
+    np.testing.assert_allclose(found.displacements, commanded_m, atol=1e-9)
 
 
 @pytest.mark.parametrize(
     ("options", "words"),
     [
         (
-            {"limits_m": (np.zeros(4), np.ones(4))},
-            "limits_m must be a pair of numbers or of shapes",
+            {"limits": (np.zeros(4), np.ones(4))},
+            "limits must be a pair of numbers or of shapes",
         ),
-        ({"limits_m": (np.zeros((2, 5)), np.ones(5))}, "limits_m must be two numbers or of shape"),
-        ({"limits_m": (np.ones(5), np.zeros(5))}, "limits_m must be a lower and an upper limit"),
-        ({"limits_m": np.ones(5)}, "limits_m must be a pair"),
-        ({"limits_m": (np.full(5, np.nan),) * 2}, "limits_m must hold numbers or infinity"),
-        ({"limits_m": (0.0, "x")}, "limits_m must hold real numbers"),
+        ({"limits": (np.zeros((2, 5)), np.ones(5))}, "limits must be two numbers or of shape"),
+        ({"limits": (np.ones(5), np.zeros(5))}, "limits must be a lower and an upper limit"),
+        ({"limits": np.ones(5)}, "limits must be a pair"),
+        ({"limits": (np.full(5, np.nan),) * 2}, "limits must hold numbers or infinity"),
+        ({"limits": (0.0, "x")}, "limits must hold real numbers"),
         (
-            {"limits_m": (np.zeros(5), np.ones(5)), "form": "incremental"},
-            'form must be "absolute" or "gauss_newton" with limits_m',
+            {"limits": (np.zeros(5), np.ones(5)), "form": "incremental"},
+            'form must be "absolute" or "gauss_newton" with limits',
         ),
     ],
 )
@@ -231,5 +231,5 @@ def test_limits_without_sense_are_refused(options, words):
 def test_displacements_within_limits_need_limits():
     own = geometry(0)
     mapping = PrioritizedMapping(own, Goal(), MAJOR, SECONDARY)
-    with pytest.raises(ValueError, match="limits_m must be given for displacements within limits"):
+    with pytest.raises(ValueError, match="limits must be given for displacements within limits"):
         mapping.within_limits(np.zeros(2), own.nominal)

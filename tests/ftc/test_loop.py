@@ -68,7 +68,7 @@ def test_the_optimum_is_what_a_general_optimizer_finds(name):
     """SLSQP on the struts themselves, pointing as an equality: it knows of no Jacobian."""
     goal, wanted = GOALS[name], np.array([8e-3, -5e-3])
     best = optimum(MACHINE, goal, wanted[None])
-    free = [k for k in range(6) if k not in goal.locked_m]
+    free = [k for k in range(6) if k not in goal.locked_at]
 
     def visited(struts_mm: np.ndarray):
         strut_m = np.zeros(6)
@@ -95,7 +95,7 @@ def test_the_optimum_is_what_a_general_optimizer_finds(name):
     assert ours == pytest.approx(found.fun, rel=1e-3)
     np.testing.assert_allclose(best.pointing_rad[0], wanted, atol=1e-12)
     assert cost(start) > 0  # and the optimum is not where everything is zero
-    np.testing.assert_array_equal(best.strut_m[0, list(goal.locked_m)], 0.0)
+    np.testing.assert_array_equal(best.strut_m[0, list(goal.locked_at)], 0.0)
 
 
 @pytest.mark.long
@@ -162,7 +162,7 @@ def test_the_forms_are_one_and_the_same_where_the_jacobian_is_constant():
     wanted = absolute.displacements(pointing, NOMINAL)
     before = absolute.displacements(np.array([1e-5, 1e-5]), NOMINAL)
     pose = absolute.estimate(before, NOMINAL)
-    again = gauss_newton.displacements(pointing, pose, commanded_m=before)
+    again = gauss_newton.displacements(pointing, pose, commanded=before)
     np.testing.assert_allclose(again, wanted, rtol=1e-5)
     last = PreviousCommand(np.array([1e-5, 1e-5]), before, np.zeros(6))
     np.testing.assert_allclose(
@@ -172,7 +172,7 @@ def test_the_forms_are_one_and_the_same_where_the_jacobian_is_constant():
 
 def test_relinearized_a_strut_stuck_off_centre_needs_no_term_of_its_own():
     """The pose estimate knows where the stuck strut has put the payload."""
-    goal = Goal(secondary_weight=(1.0, 1.0, 1.0, 1.0), locked_m={0: 1e-4})
+    goal = Goal(secondary_weight=(1.0, 1.0, 1.0, 1.0), locked_at={0: 1e-4})
     mapping = StrutMapping(MACHINE, goal, "analytic", form="gauss_newton")
     pose, strut_m, wanted = NOMINAL, np.zeros(6), np.array([5e-5, 2e-5])
     for _ in range(5):
@@ -187,7 +187,7 @@ def test_relinearized_a_strut_stuck_off_centre_needs_no_term_of_its_own():
 
 @pytest.mark.parametrize(
     ("name", "form", "missing"),
-    [("incremental", "incremental", "last"), ("relinearized", "gauss_newton", "commanded_m")],
+    [("incremental", "incremental", "last"), ("relinearized", "gauss_newton", "commanded")],
 )
 def test_a_form_that_goes_on_from_somewhere_must_be_told_from_where(name, form, missing):
     with pytest.raises(ValueError, match=f"{missing} must be given in {form} form, got None"):
@@ -195,7 +195,7 @@ def test_a_form_that_goes_on_from_somewhere_must_be_told_from_where(name, form, 
 
 
 def test_increments_know_nothing_of_a_strut_stuck_off_centre_and_say_so():
-    goal = Goal(secondary_weight=(1.0, 1.0, 1.0, 1.0), locked_m={2: 1e-4})
+    goal = Goal(secondary_weight=(1.0, 1.0, 1.0, 1.0), locked_at={2: 1e-4})
     with pytest.raises(ValueError, match=r'form must be "absolute" or "gauss_newton".*incremental'):
         StrutMapping(MACHINE, goal, "analytic", form="incremental")
 
@@ -206,7 +206,7 @@ def test_the_loop_gain_error_is_the_slope_of_pointing_by_command():
     slope = []
     for e in 1e-7 * np.eye(2):
         ahead, behind = (
-            forward_kinematics(MACHINE, strut_m[0] + sign * constant.pointing_gain() @ e)
+            forward_kinematics(MACHINE, strut_m[0] + sign * constant.major_gain() @ e)
             for sign in (1, -1)
         )
         change = pointing_angles(ahead.rotation) - pointing_angles(behind.rotation)

@@ -192,7 +192,7 @@ def test_a_converter_scales_rounds_and_clips():
 def test_the_closed_form_is_what_the_elimination_gives(seed, locked):
     rng = np.random.default_rng(seed)
     geometry = Hexapod(*machine(rng))
-    goal = Goal(joint_weight=tuple(rng.uniform(0.5, 2, 6)), locked_m=dict.fromkeys(locked, 0.0))
+    goal = Goal(joint_weight=tuple(rng.uniform(0.5, 2, 6)), locked_at=dict.fromkeys(locked, 0.0))
     A = geometry.inverse_jacobian(pose(rng))
     mapping = StrutMapping(geometry, goal, "analytic")
     closed, general = mapping.kinematics_at(A), PrioritizedMapping.kinematics_at(mapping, A)

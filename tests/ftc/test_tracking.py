@@ -56,7 +56,7 @@ def arm() -> Tracking:
 def loop_matrices(track: Tracking, mapping=None, faults=()) -> tuple[np.ndarray, ...]:
     """Sampled plant x' = A x + B u, y = C x, with u the demands; compensators apart."""
     model = fault_model(track.nominal, faults)
-    gain = (mapping or track.mapping(Goal((1.0,) * track.nominal.actuators))).pointing_gain()
+    gain = (mapping or track.mapping(Goal((1.0,) * track.nominal.actuators))).major_gain()
     return model.A, model.B @ gain, np.asarray(track.nominal.plant.C)
 
 
@@ -188,9 +188,9 @@ def settled_within(mapping, demand: np.ndarray):
     commanded, pose = np.zeros(7), mapping.nominal
     for part in np.linspace(0.1, 1.0, 10):
         for _ in range(6):
-            found = mapping.within_limits(part * demand, pose, commanded_m=commanded)
-            commanded = found.displacements_m
-            assert np.abs(commanded).max() <= mapping.limits_m[1].max() * (1 + 1e-9)
+            found = mapping.within_limits(part * demand, pose, commanded=commanded)
+            commanded = found.displacements
+            assert np.abs(commanded).max() <= mapping.limits[1].max() * (1 + 1e-9)
             pose = mapping.estimate(commanded, pose)
     return commanded, pose
 
@@ -201,8 +201,8 @@ def test_limits_that_do_not_bind_change_nothing():
     commanded, pose = np.zeros(7), mapping.nominal
     for _ in range(3):
         free = mapping.displacements(demand, pose, commanded)
-        found = mapping.within_limits(demand, pose, commanded_m=commanded)
-        np.testing.assert_allclose(found.displacements_m, free, atol=1e-12)
+        found = mapping.within_limits(demand, pose, commanded=commanded)
+        np.testing.assert_allclose(found.displacements, free, atol=1e-12)
         np.testing.assert_allclose(found.residual, 0.0, atol=1e-12)
         commanded, pose = free, mapping.estimate(free, pose)
 
@@ -212,9 +212,9 @@ def test_an_actuator_without_a_limit_beside_one_that_has_one_goes_on_as_before()
     goal, demand = Goal((1.0,) * 7), np.array([1e-3, -2e-3, 1e-3])
     wide = np.array([np.inf, 1.0, np.inf, 1.0, np.inf, 1.0, np.inf])
     mapping = mapping_for(Mechanism(ARM), goal, MAJOR, (-wide, wide))
-    found = mapping.within_limits(demand, mapping.nominal, commanded_m=np.zeros(7))
+    found = mapping.within_limits(demand, mapping.nominal, commanded=np.zeros(7))
     free = mapping.displacements(demand, mapping.nominal, np.zeros(7))
-    np.testing.assert_allclose(found.displacements_m, free, atol=1e-12)
+    np.testing.assert_allclose(found.displacements, free, atol=1e-12)
 
 
 def test_within_limits_the_steps_end_at_the_optimum_of_the_curved_problem():
@@ -334,7 +334,7 @@ def test_the_secondary_gain_is_what_a_reference_moves_without_the_major_task(wei
     goal = Goal(
         joint_weight=(weights["joint"],) * 7 if "joint" in weights else None,
         secondary_weight=(1.0,) * 4 if "secondary" in weights else None,
-        locked_m={weights["off"]: 0.0} if "off" in weights else {},
+        locked_at={weights["off"]: 0.0} if "off" in weights else {},
     )
     mapping = mapping_for(Mechanism(ARM), goal, (0, 1))
     gain, still = mapping.secondary_gain(), np.zeros(2)

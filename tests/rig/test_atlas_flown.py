@@ -109,7 +109,7 @@ def test_the_only_disagreement_is_at_a_singularity_that_the_nominal_pose_alone_h
     from experiments.rig.hexapod.fault_tolerance import strut_and_payload_stiffness
     from ftc.goal import Goal
 
-    goal = Goal(joint_weight=(1.0,) * 6, locked_m={4: 0.0}, free=(1, 2, 5))
+    goal = Goal(joint_weight=(1.0,) * 6, locked_at={4: 0.0}, free=(1, 2, 5))
     machine = hexapod(model)
     mapping = StrutMapping(machine, goal, "analytic", strut_and_payload_stiffness(model))
     gains = {}

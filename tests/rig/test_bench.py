@@ -88,10 +88,10 @@ def test_the_converter_sends_the_nearest_code_and_none_beyond_its_range():
     )
     step_m, step_percent = 4.0 * 20.0 / 1e5 / 2**15, 100 / 2**15
     steps = np.array([-1.6, -1.4, -0.6, -0.4, 0.4, 0.6, 1.4, 1.6])
-    codes = amplifier.input_percent(steps * step_m) / step_percent
+    codes = amplifier.inputs(steps * step_m) / step_percent
     np.testing.assert_array_equal(codes, [-2, -1, -1, 0, 0, 1, 1, 2])
     far = np.array([-40000, -32768, 32767, 32768, 40000])
-    codes = amplifier.input_percent(far * step_m) / step_percent
+    codes = amplifier.inputs(far * step_m) / step_percent
     np.testing.assert_array_equal(codes, [-32768, -32768, 32767, 32767, 32767])
 
 
@@ -100,13 +100,13 @@ def test_the_converter_has_sixteen_bits_and_the_amplifier_saturates():
         bits=16, full_input_a=4.0, limit_a=3.0, newton_per_a=20.0, newton_per_m=1e5
     )
     step_m = 4.0 * 20.0 / 1e5 / 2**15
-    fine = amplifier.displacement_m(amplifier.input_percent(np.linspace(0, 5, 200) * step_m))
+    fine = amplifier.displacements(amplifier.inputs(np.linspace(0, 5, 200) * step_m))
     np.testing.assert_allclose(np.unique(fine), np.arange(6) * step_m, atol=1e-18)
-    assert amplifier.input_percent(np.array(1.0)) == pytest.approx(100.0, abs=0.004)
-    assert amplifier.input_percent(np.array(-1.0)) == -100.0
+    assert amplifier.inputs(np.array(1.0)) == pytest.approx(100.0, abs=0.004)
+    assert amplifier.inputs(np.array(-1.0)) == -100.0
     assert amplifier.current_a(np.array([50.0, -100.0])).tolist() == [2.0, -3.0]
     # Beyond its limit the amplifier gives no more force, so the strut goes no further.
-    assert amplifier.displacement_m(np.array(100.0)) == pytest.approx(3.0 * 20.0 / 1e5)
+    assert amplifier.displacements(np.array(100.0)) == pytest.approx(3.0 * 20.0 / 1e5)
 
 
 def test_the_amplifiers_full_scale_is_the_coils_force_limit(model):
@@ -116,7 +116,7 @@ def test_the_amplifiers_full_scale_is_the_coils_force_limit(model):
     amplifier = TestbedConfig().amplifier(newton_per_m=coil.gainprm[0])
     full_force = amplifier.current_a(np.array(100.0)) * amplifier.newton_per_a
     assert full_force == pytest.approx(coil.forcerange[1], rel=1e-9)
-    assert amplifier.displacement_m(np.array(100.0)) == pytest.approx(strut.range[1], rel=1e-9)
+    assert amplifier.displacements(np.array(100.0)) == pytest.approx(strut.range[1], rel=1e-9)
 
 
 @pytest.mark.long
@@ -156,7 +156,7 @@ def test_the_stated_gain_margin_is_where_the_loop_goes_unstable(model):
     bench = TestbedConfig()
     loops = nominal_loops(model, bench)
     plant = Plant(model)
-    gain = StrutMapping(hexapod(model), Goal(joint_weight=EQUAL), "constant").pointing_gain()
+    gain = StrutMapping(hexapod(model), Goal(joint_weight=EQUAL), "constant").major_gain()
     P = sampled(linearize(plant.model, plant.data), gain, bench.control_period_s)
     for row, loop in enumerate(loops):
         margin = 10 ** (loop.gain_margin_db / 20)
@@ -169,7 +169,7 @@ def test_the_stated_gain_margin_is_where_the_loop_goes_unstable(model):
 def test_commanded_displacements_point_where_asked_with_the_secondary_goal_met(model, locked):
     """Forward through the exact geometry; a strut stuck off centre is a known offset."""
     machine = hexapod(model)
-    goal = Goal(secondary_weight=(10.0, 10.0, 1.0, 1.0), locked_m=locked)
+    goal = Goal(secondary_weight=(10.0, 10.0, 1.0, 1.0), locked_at=locked)
     mapping = StrutMapping(machine, goal, "analytic")
     asked, command, pose = np.array([8e-5, -5e-5]), np.zeros(6), NOMINAL
     for _ in range(4):  # the estimate settles in a tick or two
@@ -181,7 +181,7 @@ def test_commanded_displacements_point_where_asked_with_the_secondary_goal_met(m
     # J(x) l against the true x: the difference is of second order in the displacement.
     scale = np.abs(lengths).max()
     np.testing.assert_allclose(pointing_angles(pose.rotation), asked, atol=50 * scale**2 + 1e-9)
-    others = Goal(secondary_weight=(1.0, 1.0, 1.0, 1.0), locked_m=locked)
+    others = Goal(secondary_weight=(1.0, 1.0, 1.0, 1.0), locked_at=locked)
     plain = StrutMapping(machine, others, "analytic")
     translation = [
         np.linalg.norm(m.estimate(m.displacements(asked, pose), pose).translation_m[:2])
@@ -203,9 +203,9 @@ def test_the_constant_jacobian_is_the_analytic_one_at_the_nominal_pose(model):
     np.testing.assert_array_equal(constant.displacements(asked, moved), nominal)
     assert np.abs(analytic.displacements(asked, moved) - nominal).max() > 1e-8
     struts_m = np.linspace(0, 5e-6, 6)
-    pointing = constant.pointing(struts_m, NOMINAL)
-    np.testing.assert_array_equal(constant.pointing(struts_m, moved), pointing)
-    assert np.abs(analytic.pointing(struts_m, moved) - pointing).max() > 1e-8
+    pointing = constant.major_motion(struts_m, NOMINAL)
+    np.testing.assert_array_equal(constant.major_motion(struts_m, moved), pointing)
+    assert np.abs(analytic.major_motion(struts_m, moved) - pointing).max() > 1e-8
 
 
 def test_the_secondary_rows_are_t_x_t_y_t_z_gamma(model):
@@ -226,7 +226,7 @@ def test_a_controller_step_is_a_pure_function(model):
     measurement = Measurement(np.zeros(2), np.zeros(6))
     once = controller.step(state, np.array([1e-5, 0]), measurement)
     again = controller.step(state, np.array([1e-5, 0]), measurement)
-    np.testing.assert_array_equal(once.input_percent, again.input_percent)
+    np.testing.assert_array_equal(once.inputs, again.inputs)
     np.testing.assert_array_equal(state.compensator, 0.0)
     assert np.abs(once.compensator).max() > 0
 

@@ -35,7 +35,7 @@ def flown(testbed: Testbed, commands: np.ndarray, seed: int = 0, failures=()):
     """The bench after displacements (N, 6) were commanded, and what the detector read."""
     time_s = np.arange(len(commands)) * PERIOD_S
     bench = simulated(testbed, time_s, failures, seed)
-    inputs, seen = testbed.amplifier().input_percent(commands), []
+    inputs, seen = testbed.amplifier().inputs(commands), []
     for each in inputs:
         seen.append(bench.measure().output)
         bench.apply(each)
@@ -194,7 +194,7 @@ def test_the_drift_of_the_detectors_zero_is_read_and_nothing_else(testbed):
 
 def test_a_gain_that_drifts_grows_with_time_from_the_start(testbed):
     machine = mismatched(testbed, ALONE["gain_drift_per_s"], 1).machine
-    amplifier = testbed.amplifier().displacement_m
+    amplifier = testbed.amplifier().displacements
     drives = machine.drives(testbed.model, amplifier, PERIOD_S)
     inputs = np.linspace(1, 6, 6)
     reached = np.array([drives(inputs) for _ in range(1001)]) / amplifier(inputs) - 1

@@ -50,7 +50,7 @@ from page_examples import PseudoInverse
 class Broken(PseudoInverse):  # where a failure is known, at 0.05 s
     def __init__(self, task):
         super().__init__(task)
-        self.fails = bool(task.goal.locked_m)
+        self.fails = bool(task.goal.locked_at)
 
     def step(self, state, reference, measurement):
         self.ticks = getattr(self, "ticks", -1) + 1
@@ -133,19 +133,19 @@ def test_labels_are_names_of_files():
 
 def test_the_task_holds_the_machine_without_its_failures(testbed):
     """DC gain of the linear model against the Jacobian: flexures take 0.3 % of the motion."""
-    known = Goal(secondary_weight=(1.0,) * 4, locked_m={0: 0.0})
+    known = Goal(secondary_weight=(1.0,) * 4, locked_at={0: 0.0})
     task = rig_of(testbed, known).task
     gain = -task.nominal.plant.C @ np.linalg.solve(task.nominal.plant.A, task.nominal.plant.B)
     np.testing.assert_allclose(gain, task.major_jacobian, atol=4e-3 * np.abs(gain).max())
     assert task.goal == known and task.period_s == 1e-3
-    assert np.array_equal(task.limits_m[0], -task.limits_m[1])
+    assert np.array_equal(task.limits[0], -task.limits[1])
 
 
 @pytest.mark.parametrize("name", ["LQG", "PseudoInverse"])
 @pytest.mark.parametrize("locked", [(), (0,)])
 def test_the_examples_reach_a_constant_reference_without_error(testbed, examples, name, locked):
     """Integral action, on the linear plant: zero on average, since the converters quantize."""
-    goal = Goal(locked_m=dict.fromkeys(locked, 0.0))
+    goal = Goal(locked_at=dict.fromkeys(locked, 0.0))
     task = rig_of(testbed, goal).task
     plant = control.c2d(task.nominal.plant, task.period_s, "zoh")
 
@@ -156,12 +156,12 @@ def test_the_examples_reach_a_constant_reference_without_error(testbed, examples
             return Measurement(plant.C @ self.x, task.nominal.displacement @ self.x)
 
         def apply(self, inputs):
-            self.x = plant.A @ self.x + plant.B @ task.drives.displacement_m(inputs)
+            self.x = plant.A @ self.x + plant.B @ task.drives.displacements(inputs)
 
     desired = np.tile([5e-5, -2e-5], (1500, 1))
     run = run_loop(Machine(), examples[name](task), desired)
     assert np.abs((run.measured - desired)[-500:].mean(axis=0)).max() < 1e-3 * 5e-5
-    assert not run.input_percent[:, list(locked)].any()
+    assert not run.inputs[:, list(locked)].any()
 
 
 def test_another_controller_meets_the_same_noise(testbed):

@@ -19,7 +19,7 @@ def amplifier(model):
 def at_rest(model, amplifier, command_m):
     """A plant that has settled at what the converters make of a command."""
     plant = Plant(model)
-    plant.settle(0.5, amplifier.displacement_m(amplifier.input_percent(command_m)))
+    plant.settle(0.5, amplifier.displacements(amplifier.inputs(command_m)))
     return plant
 
 
@@ -71,8 +71,8 @@ def test_without_a_stop_the_current_is_the_limit_and_without_current_there_is_no
     lower, upper = displacement_limits(endless, amplifier)
     assert -lower[0] == pytest.approx(amplifier.limit_a * 20.0 / 126e3)
     assert upper[0] == pytest.approx(-lower[0], rel=1e-4)
-    for limits_m in displacement_limits(model, amplifier, 0.0):
-        assert np.array_equal(limits_m, np.zeros(6))
+    for limits in displacement_limits(model, amplifier, 0.0):
+        assert np.array_equal(limits, np.zeros(6))
 
 
 def test_currents_of_another_number_or_sign_are_refused(model, amplifier):

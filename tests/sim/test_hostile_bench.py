@@ -54,7 +54,7 @@ ROTATIONS = np.stack([np.eye(3)] * 2)
 
 def drives(**given: Any) -> Any:
     amplifier = Amplifier(**given)
-    return amplifier.displacement_m(amplifier.input_percent(np.array([1e-4, -1.0])))
+    return amplifier.displacements(amplifier.inputs(np.array([1e-4, -1.0])))
 
 
 def slipped(**given: Any) -> Any:
@@ -114,12 +114,10 @@ FAILED = {"actuator": 0, "kind": "weak", "time_s": 0.0, "effectiveness": 0.5}
 
 TARGETS = {
     "Amplifier": Target(drives, AMPLIFIER),
-    "Amplifier.input_percent": Target(
-        Amplifier(**AMPLIFIER).input_percent, {"displacement_m": np.full(6, 1e-4)}
-    ),
+    "Amplifier.inputs": Target(Amplifier(**AMPLIFIER).inputs, {"displacement_m": np.full(6, 1e-4)}),
     "Amplifier.current_a": Target(Amplifier(**AMPLIFIER).current_a, {"input_percent": np.ones(6)}),
-    "Amplifier.displacement_m": Target(
-        Amplifier(**AMPLIFIER).displacement_m, {"input_percent": np.ones(6)}
+    "Amplifier.displacements": Target(
+        Amplifier(**AMPLIFIER).displacements, {"input_percent": np.ones(6)}
     ),
     "displacement_limits": Target(
         displacement_limits,

@@ -580,7 +580,7 @@ def test_the_replayed_controller_sends_what_it_sent_in_the_run(run, monkeypatch)
 
     def noted(*given):
         state = step(*given)
-        sent.append(state.input_percent)
+        sent.append(state.inputs)
         return state
 
     monkeypatch.setattr(type(run.controller), "step", noted)

@@ -216,7 +216,7 @@ def test_pointing_does_not_notice_any_desired_displacement_but_by_its_curvature(
     pointing, rest = rng.uniform(-1e-3, 1e-3, 2), rng.uniform(-3e-4, 3e-4, 6)
 
     def aside(part: float) -> np.ndarray:
-        answer = mapping.displacements(part * pointing, NOMINAL, secondary_reference_m=part * rest)
+        answer = mapping.displacements(part * pointing, NOMINAL, secondary_reference=part * rest)
         np.testing.assert_allclose(J[MAJOR] @ answer, part * pointing, atol=1e-15)
         pose = forward_kinematics(geometry, answer)
         return pointing_angles(pose.rotation) - part * pointing
@@ -272,12 +272,12 @@ def test_a_weight_beyond_the_digits_of_the_machine_loses_the_goal():
 
 
 def test_the_strut_pseudo_inverse_leaves_a_locked_strut_alone_and_loses_loop_gain(model):
-    goal = Goal(joint_weight=(2.0, 1.0, 2.0, 1.0, 2.0, 1.0), locked_m={0: 0.0})
+    goal = Goal(joint_weight=(2.0, 1.0, 2.0, 1.0, 2.0, 1.0), locked_at={0: 0.0})
     geometry = hexapod(model)
     J = np.linalg.inv(geometry.inverse_jacobian(NOMINAL))
-    exact = StrutMapping(geometry, goal, "constant").pointing_gain()
+    exact = StrutMapping(geometry, goal, "constant").major_gain()
     light, heavy = (
-        PseudoInverseMapping(geometry, goal, "constant", weight).pointing_gain()
+        PseudoInverseMapping(geometry, goal, "constant", weight).major_gain()
         for weight in (1.0, 1e4)
     )
     assert not light[0].any()

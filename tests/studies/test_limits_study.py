@@ -104,12 +104,12 @@ def test_near_a_singularity_the_demand_stays_bounded_but_the_amplifiers_saturate
     """
     stiffness = strut_and_payload_stiffness(model)
     testbed = Testbed(model, TestbedConfig(), nominal_loops(model, TestbedConfig()), stiffness)
-    goal = Goal(joint_weight=(1.0,) * 6, locked_m={2: 0.0, 5: 0.0}, free=(0, 3))
+    goal = Goal(joint_weight=(1.0,) * 6, locked_at={2: 0.0, 5: 0.0}, free=(0, 3))
     strike = [Failure(2, "locked"), Failure(5, "locked"), Failure(0, "free"), Failure(3, "free")]
     box = displacement_limits(model, testbed.amplifier())
     demand_rad, saturated = {}, {}
-    for name, limits_m in (("without", None), ("within", box)):
-        mapping = StrutMapping(hexapod(model), goal, "analytic", stiffness, limits_m=limits_m)
+    for name, limits in (("without", None), ("within", box)):
+        mapping = StrutMapping(hexapod(model), goal, "analytic", stiffness, limits=limits)
         controller = PrioritizedController(
             testbed.loops, mapping, testbed.amplifier(), 0.0, anti_windup=True
         )

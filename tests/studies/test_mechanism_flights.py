@@ -119,7 +119,7 @@ def test_a_dither_keeps_to_its_size_and_moves_the_task_as_designed(name, sense):
     steady = time_s >= 1.0
     moved = np.abs(bench.displacement[steady]).max(axis=0)
     np.testing.assert_allclose(moved, design.displacement, rtol=0.05, atol=1e-3 * moved.max())
-    furthest = DITHER_SIZE * rig.size * np.abs(rig.mapping(rig.goal).pointing_gain()).max()
+    furthest = DITHER_SIZE * rig.size * np.abs(rig.mapping(rig.goal).major_gain()).max()
     assert moved.max() < 1.05 * furthest
     task = Pose(bench.rotation, bench.translation_m).displacement()[:, list(rig.major)]
     amplitude = np.abs(task[steady]).max(axis=0)
@@ -130,7 +130,7 @@ def test_a_dither_keeps_to_its_size_and_moves_the_task_as_designed(name, sense):
 def test_encoders_resolve_the_path_as_well_as_the_task_sensor_whatever_the_units():
     """Metres of the hand's path are no radians of its joints; a noise that is given is both."""
     rig, _ = designed("hand", "joints")
-    gain = rig.mapping(rig.goal).pointing_gain()
+    gain = rig.mapping(rig.goal).major_gain()
     assert rig.encoder_noise == pytest.approx(rig.noise * np.abs(gain).max())
     np.testing.assert_array_equal(rig.watched.noise, np.full(4, rig.encoder_noise))
     given = robot_rig(file("hand"), replace(options("hand", "both"), noise=3e-6))

@@ -58,7 +58,7 @@ def test_the_strut_mappings_springs_are_those_of_the_whole_mechanism(model, goal
     failed = elastic_system(model, suspension).with_failures(free=[*goal.free, *goal.spring_lost])
     whole = failed.kinematics()
     gain = whole.velocity_mapping(MAJOR, joint_weight=np.ones(6)).major
-    np.testing.assert_allclose(mapping.pointing_gain(), whole.expand(gain.T).T, atol=1e-12)
+    np.testing.assert_allclose(mapping.major_gain(), whole.expand(gain.T).T, atol=1e-12)
 
 
 def test_a_loose_strut_is_estimated_where_the_springs_let_it_go(model):

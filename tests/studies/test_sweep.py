@@ -210,7 +210,7 @@ def test_a_row_is_what_the_run_and_the_linear_model_say(model):
     bench = TestbedConfig(detector_noise_m=1e-6)
     values = {"seed": 7, "detector_noise_m": 1e-6, "weight": "W_e", "struts": "SSLSSS"}
     row = row_of(sweep_run(3, 0.3, values))
-    goal = Goal(secondary_weight=(10, 10, 1, 1), locked_m={2: 0.0})
+    goal = Goal(secondary_weight=(10, 10, 1, 1), locked_at={2: 0.0})
     lock = (Failure(2, "locked"),)
     same = SpiralRun(goal, lock, seed=7, duration_s=0.3)
     testbed = Testbed(model, bench, nominal_loops(model, bench))

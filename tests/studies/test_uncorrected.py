@@ -166,7 +166,7 @@ def off_centre(model, loops, goal, place_m, lead_in_s) -> Trajectory:
     return track_spiral(Testbed(model, TestbedConfig(), loops), run)
 
 
-KNOWN = Goal(secondary_weight=(1.0,) * 4, locked_m={0: 80e-6})
+KNOWN = Goal(secondary_weight=(1.0,) * 4, locked_at={0: 80e-6})
 OFF = {"failures": LOCK_1, "start_m": 80e-6 * np.eye(6)[0]}
 FLOOR = {"floor_m_per_s2": floor_acceleration(16000, 1e-3, 200e-6, [1, 1])}
 
@@ -253,8 +253,8 @@ def test_the_corrected_columns_need_more_stroke_than_the_uncorrected_one(model):
     lost = J[:, 1:] @ W_a[1:]
     need = {"sound": W_a, "uncorrected": W_a @ np.linalg.inv(lost)}
     for column, weight in (("W_d", 1.0), ("W_e", 10.0)):
-        goal = Goal(secondary_weight=(weight, weight, 1.0, 1.0), locked_m={0: 0.0})
-        need[column] = StrutMapping(hexapod(model), goal, "constant").pointing_gain()
+        goal = Goal(secondary_weight=(weight, weight, 1.0, 1.0), locked_at={0: 0.0})
+        need[column] = StrutMapping(hexapod(model), goal, "constant").major_gain()
     peak_um = {name: 100 * np.linalg.norm(gain, axis=1).max() for name, gain in need.items()}
     assert peak_um["sound"] == pytest.approx(16.6, abs=0.05)
     assert peak_um["uncorrected"] == pytest.approx(24.9, abs=0.05)

@@ -56,7 +56,7 @@ def simulated(
         time_s=time_s,
         period_s=period_s,
         failures=failures,
-        drives=machine.drives(testbed.model, testbed.amplifier().displacement_m, period_s),
+        drives=machine.drives(testbed.model, testbed.amplifier().displacements, period_s),
         floor_m_per_s2=np.sum(floors, axis=0) if floors else None,
         delay_ticks=machine.delay_ticks,
         hysteresis=machine.hysteresis,

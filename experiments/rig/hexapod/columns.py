@@ -39,7 +39,7 @@ COLUMNS = (
     Column("W_b", Goal(joint_weight=(2.0, 1.0, 2.0, 1.0, 2.0, 1.0))),
     Column("W_c", Goal(joint_weight=(1.0, 2.0, 1.0, 2.0, 1.0, 2.0))),
     # Secondary weights are on [t_x, t_y, t_z, gamma].
-    Column("W_d", Goal(secondary_weight=(1.0, 1.0, 1.0, 1.0), locked_m=_STRUT_1), _LOCK_1),
-    Column("W_e", Goal(secondary_weight=(10.0, 10.0, 1.0, 1.0), locked_m=_STRUT_1), _LOCK_1),
+    Column("W_d", Goal(secondary_weight=(1.0, 1.0, 1.0, 1.0), locked_at=_STRUT_1), _LOCK_1),
+    Column("W_e", Goal(secondary_weight=(10.0, 10.0, 1.0, 1.0), locked_at=_STRUT_1), _LOCK_1),
     Column("W_a_uncorrected", Goal(joint_weight=_EQUAL), _LOCK_1),
 )

@@ -150,11 +150,11 @@ class HexapodGeometry:
         J_C[:, 6:] = -jacobian
         return system.at(J_C=J_C)
 
-    def twist(self, posture: Pose, displacements_m: Array) -> Array:
+    def twist(self, posture: Pose, displacements: Array) -> Array:
         """Payload twist (6,) of small strut displacements (6,)."""
-        return self.hexapod.posture(posture).twist(displacements_m)
+        return self.hexapod.posture(posture).twist(displacements)
 
-    def moved(self, pose: Pose, displacements_m: Array) -> Pose:
+    def moved(self, pose: Pose, displacements: Array) -> Pose:
         """The pose to which strut displacements (6,) lead, from the pose one tick before.
 
         One Newton step on the strut lengths; a tick moves so little that it lands within round-off.
@@ -162,8 +162,8 @@ class HexapodGeometry:
         estimate need.
         """
         if self.constant:
-            return NOMINAL.moved(self.nominal.twist(displacements_m))
-        return self.hexapod.moved(pose, displacements_m)
+            return NOMINAL.moved(self.nominal.twist(displacements))
+        return self.hexapod.moved(pose, displacements)
 
 
 def task_coordinates(pose: Pose) -> Array:
@@ -182,12 +182,12 @@ class StrutMapping(PrioritizedMapping[Pose]):
         jacobian: JacobianChoice,
         stiffness: Array | None = None,
         form: DisplacementForm = "absolute",
-        limits_m: tuple[Array, Array] | None = None,
+        limits: tuple[Array, Array] | None = None,
         when_limited: WhenLimited = "least_squares",
     ) -> None:
         """Prepare the mapping at the nominal pose; "analytic" re-evaluates it at every call.
 
-        `stiffness`, over [struts; payload twist], determines where a free strut goes; `limits_m`,
+        `stiffness`, over [struts; payload twist], determines where a free strut goes; `limits`,
         lower and upper, are of the strut displacements, shape (6,) each.
 
         Raises:
@@ -202,8 +202,8 @@ class StrutMapping(PrioritizedMapping[Pose]):
             )
         self._is_closed_form = not (goal.free or goal.spring_lost)
         own = HexapodGeometry(geometry, constant=jacobian == "constant", stiffness=stiffness)
-        limits = {"limits_m": limits_m, "when_limited": when_limited}
-        super().__init__(own, goal, MAJOR, SECONDARY, form, task_coordinates, **limits)
+        how = {"limits": limits, "when_limited": when_limited}
+        super().__init__(own, goal, MAJOR, SECONDARY, form, task_coordinates, **how)
 
     def kinematics_at(self, jacobian: Array) -> Kinematics:
         """Of the surviving struts where l_dot = A x_dot; eliminated only where it is needed."""
@@ -220,7 +220,7 @@ def nominal_plant(model: mujoco.MjModel) -> tuple[LinearPlant, Array]:
     """
     equal = StrutMapping(hexapod(model), Goal(joint_weight=(1.0,) * 6), "constant")
     sound = Plant(model)
-    return linearize(sound.model, sound.data), equal.pointing_gain()
+    return linearize(sound.model, sound.data), equal.major_gain()
 
 
 def nominal_loops(model: mujoco.MjModel, bench: TestbedConfig) -> tuple[Loop, Loop]:

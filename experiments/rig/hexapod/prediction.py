@@ -91,7 +91,7 @@ def prediction(testbed: Testbed, run: SpiralRun) -> Prediction:
     # What the mapping commands at zero pointing, because it knows of a strut off centre.
     standing_m = mapping.displacements(np.zeros(2), NOMINAL)
 
-    plant, gain = failed_plant(testbed.model, run.failures), mapping.pointing_gain()
+    plant, gain = failed_plant(testbed.model, run.failures), mapping.major_gain()
     compensators = [loop.discrete for loop in loops]
     T = driven_loop(plant, gain, compensators)
     pole_radius = float(np.abs(T.poles()).max())
@@ -158,7 +158,7 @@ def _loop_transfer(testbed: Testbed, run: SpiralRun) -> control.StateSpace:
     mapping = StrutMapping(hexapod(testbed.model), run.goal, "constant", testbed.stiffness)
     compensators = control.append(*(loop.discrete for loop in testbed.loops))
     linear, period_s = linearize(plant.model, plant.data), testbed.bench.control_period_s
-    P = sampled(linear, mapping.pointing_gain(), period_s)
+    P = sampled(linear, mapping.major_gain(), period_s)
     return P[MAJOR, :] * compensators
 
 
@@ -215,12 +215,11 @@ def linear_loop(
     mapping = StrutMapping(hexapod(testbed.model), goal, "constant")
     time_s = bench.time_s(duration_s)
     passed = [
-        mapping.displacements(np.zeros(2), NOMINAL, secondary_reference_m=unit)
-        for unit in np.eye(6)
+        mapping.displacements(np.zeros(2), NOMINAL, secondary_reference=unit) for unit in np.eye(6)
     ]
     return LinearLoop(
         nominal=nominal_model(testbed.model, bench),
-        gain=mapping.pointing_gain(),
+        gain=mapping.major_gain(),
         secondary=np.array([dither.at(each) for each in time_s]) @ np.array(passed),
         reference=bench.desired_rad(begin_s + time_s),
         compensators=testbed.loops,

@@ -171,7 +171,7 @@ def rig_of(
             major=tuple(MAJOR),
             goal=goal,
             drives=drives,
-            limits_m=(drives.displacement_m(-full), drives.displacement_m(full)),
+            limits=(drives.displacements(-full), drives.displacements(full)),
             reference_limit=np.full(len(MAJOR), radius_rad),
         ),
         warnings=(),
