@@ -9,8 +9,8 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from experiments.recording.hexapod import Mark
 from experiments.recording.keep import record_run
+from experiments.recording.marks import Mark
 from experiments.recording.shown import Shown
 from experiments.rig.hexapod.simulation import Trajectory
 from experiments.rig.hexapod.testbed import TestbedConfig

@@ -19,7 +19,8 @@ from experiments.recording.file import (
     screen,
     time_column,
 )
-from experiments.recording.hexapod import Mark, Picture, log_hexapod
+from experiments.recording.hexapod import Picture, log_hexapod
+from experiments.recording.marks import Mark
 from experiments.recording.mechanism import (
     body_entity,
     exaggeration,

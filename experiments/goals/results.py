@@ -12,7 +12,7 @@ from experiments.goals.demonstration import REFERENCE, Demonstration, Outcome, S
 from experiments.goals.figure import MEASURES, pictures, strategy_label
 from experiments.goals.runs import DEMONSTRATIONS, Goals
 from experiments.recording.file import RecordingInfo
-from experiments.recording.hexapod import Mark
+from experiments.recording.marks import Mark
 from experiments.recording.mechanism import Driven, write_mechanism
 from experiments.recording.screens import write_side_by_side
 from experiments.recording.shown import Shown, constants

@@ -13,8 +13,8 @@ from experiments.jacobian.loop import VARIANTS, LoopRun, Tracked
 from experiments.jacobian.loop_results import loop_checks, loop_table, summarize_loop
 from experiments.jacobian.runs import Constancy
 from experiments.jacobian.variation import NORMS, ByNorm, Norm, Variation, size
-from experiments.recording.hexapod import Mark
 from experiments.recording.keep import record_run
+from experiments.recording.marks import Mark
 from experiments.recording.shown import Shown
 from experiments.rig.hexapod import paper
 from experiments.rig.hexapod.metrics import plant_constants

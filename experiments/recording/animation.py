@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from experiments.recording import drawing
 from experiments.recording.file import round_down
 from experiments.recording.gif import pixels, write_gif
-from experiments.recording.hexapod import Mark
+from experiments.recording.marks import Mark
 from experiments.recording.shown import Shown, magnified, scales_of
 from experiments.study.plotting import BLACK, BLUE, DESIRED, MEASURED, TITLE_PT, VERMILION
 from sim import Array
@@ -141,7 +141,7 @@ def _machine(axes: Axes, animation: Animation, tick: int) -> None:
     motion = drawing.motion_at(model, magnified(run, [tick], animation.factor))
     now_s = run.time_s[tick]
     colors = {
-        f"strut{mark.strut + 1}": VERMILION
+        f"strut{mark.actuator + 1}": VERMILION
         for mark in animation.shown.marks
         if mark.failed_s <= now_s
     }

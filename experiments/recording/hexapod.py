@@ -9,7 +9,8 @@ import numpy as np
 import rerun as rr
 from scipy.spatial.transform import Rotation
 
-from experiments.recording.file import TIMELINE, rgb, time_column
+from experiments.recording.file import rgb, time_column
+from experiments.recording.marks import Mark, log_mark
 from experiments.recording.mechanism import Motion, body_entity, log_body_colors, log_machine
 from experiments.rig.hexapod.simulation import Trajectory
 from experiments.study.plotting import VERMILION, YELLOW
@@ -17,25 +18,6 @@ from sim import Array, Pose
 
 _WHITE, _GREY, _LABEL, _YELLOW = [255] * 3, [190] * 3, [240] * 3, rgb(YELLOW)
 _MARK_WIDTH = 3.0
-
-
-@dataclass(frozen=True)
-class Mark:
-    """The failure of strut 0..5 in a run and its diagnosis, each a time and in words.
-
-    A failure that is never diagnosed has an infinite time of diagnosis.
-    """
-
-    strut: int
-    failed_s: float
-    failure: str
-    diagnosed_s: float = np.inf
-    diagnosis: str = ""
-
-    @property
-    def is_found(self) -> bool:
-        """Whether it was ever diagnosed."""
-        return self.diagnosed_s < np.inf
 
 
 @dataclass(frozen=True)
@@ -116,24 +98,15 @@ def log_hexapod(
 
 
 def _log_collar(recording: rr.RecordingStream, entity: str, mark: Mark) -> None:
-    """Log a yellow collar around a strut from its failure on, labelled with what is known of it."""
-    path = f"{body_entity(entity, f'housing{mark.strut + 1}')}/failed"
-    known = [(mark.failed_s, mark.failure)]
-    if mark.is_found:
-        known.append((mark.diagnosed_s, mark.diagnosis))
-    times, labels = zip(*known, strict=True)
-    shape = rr.Cylinders3D(
+    """Log a yellow collar around a strut from its failure on."""
+    collar = rr.Cylinders3D(
         lengths=[0.05],
         radii=[0.032],
         centers=[[0, 0, 0.05]],
         colors=[_YELLOW],
         fill_mode=rr.components.FillMode.Solid,
     )
-    recording.set_time(TIMELINE, duration=mark.failed_s)
-    recording.log(path, shape)
-    recording.reset_time()
-    columns = rr.Cylinders3D.columns(labels=labels, show_labels=[True] * len(labels))
-    recording.send_columns(path, [time_column(np.array(times))], columns)
+    log_mark(recording, body_entity(entity, f"housing{mark.actuator + 1}"), mark, collar)
 
 
 def log_marks(recording: rr.RecordingStream, marks: Sequence[Mark], run: Trajectory) -> None:
@@ -143,7 +116,7 @@ def log_marks(recording: rr.RecordingStream, marks: Sequence[Mark], run: Traject
         values=["sound", "failed", "diagnosed"], colors=[_GREY, _YELLOW, _WHITE]
     )
     for mark in marks:
-        strut, found_s = mark.strut + 1, min(mark.diagnosed_s, end_s)
+        strut, found_s = mark.actuator + 1, min(mark.diagnosed_s, end_s)
         changes = [(begin_s, "sound")] if mark.failed_s > begin_s else []
         changes.append((mark.failed_s, "failed"))
         _log_input(recording, run, mark, "failed", _YELLOW, (mark.failed_s, found_s))
@@ -167,12 +140,12 @@ def _log_input(
     span_s: tuple[float, float],
 ) -> None:
     """Log the input of a marked strut while it is in a state, as a thick line."""
-    entity = f"strut/input/strut_{mark.strut + 1}_{state}"
-    name = f"strut {mark.strut + 1} {state} [%]"
+    entity = f"strut/input/strut_{mark.actuator + 1}_{state}"
+    name = f"strut {mark.actuator + 1} {state} [%]"
     style = rr.SeriesLines(names=[name], colors=[color], widths=[_MARK_WIDTH])
     recording.log(entity, style, static=True)
     within = (run.time_s >= span_s[0]) & (run.time_s <= span_s[1])
-    columns = rr.Scalars.columns(scalars=run.strut_input_percent[within, mark.strut])
+    columns = rr.Scalars.columns(scalars=run.strut_input_percent[within, mark.actuator])
     recording.send_columns(entity, [time_column(run.time_s[within])], columns)
 
 

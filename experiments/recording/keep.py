@@ -11,7 +11,7 @@ import numpy as np
 from rerun.chunk import RrdReader
 
 from experiments.recording.file import TIMELINE, RecordingInfo, at_most
-from experiments.recording.hexapod import Mark
+from experiments.recording.marks import Mark
 from experiments.recording.screens import RATE_HZ, write_run
 from experiments.recording.shown import Shown, run_notes
 from experiments.rig.hexapod.simulation import Trajectory
@@ -32,6 +32,9 @@ LARGEST = 1e6
 """In [s], [rad], [m] or [%]: what the machine does stays far below."""
 
 _UNEVEN = 1e-6
+
+_FORMER = {"strut": "actuator"}
+"""Attributes of marks by the names that they have in earlier recordings."""
 
 
 class NoRunError(WrongInput):
@@ -133,9 +136,11 @@ def marks_from(text: str, end_s: float) -> list[Mark]:
         ValueError: It is something else; the message states what came.
     """
     try:
-        marks = [Mark(**each) for each in json.loads(text)]
+        entries: list[dict[str, Any]] = json.loads(text)
+        named = [{_FORMER.get(key, key): value for key, value in each.items()} for each in entries]
+        marks = [Mark(**each) for each in named]
         valid = all(_is_valid(mark, end_s) for mark in marks)
-    except (ValueError, TypeError):
+    except (ValueError, TypeError, AttributeError):
         valid, marks = False, []
     if not valid:
         raise ValueError(
@@ -146,8 +151,8 @@ def marks_from(text: str, end_s: float) -> list[Mark]:
 
 def _is_valid(mark: Mark, end_s: float) -> bool:
     return (
-        isinstance(mark.strut, int)
-        and mark.strut in range(6)
+        isinstance(mark.actuator, int)
+        and mark.actuator in range(6)
         and 0 <= mark.failed_s <= end_s
         and mark.failed_s <= mark.diagnosed_s
         and (mark.diagnosed_s <= end_s or not mark.is_found)

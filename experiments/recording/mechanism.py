@@ -23,6 +23,7 @@ from experiments.recording.file import (
     screen,
     time_column,
 )
+from experiments.recording.marks import Mark, log_mark
 from experiments.rig.bodies import body_name
 from experiments.study.plotting import YELLOW
 
@@ -163,19 +164,12 @@ def machine_tabs(entity: str, name: str, model: mujoco.MjModel, factor: int) -> 
 
 
 @dataclass(frozen=True)
-class Mark:
-    """A joint that fails: the body it moves, and what is known of it from which time on [s]."""
-
-    body: str
-    known: tuple[tuple[float, str], ...]
-
-
-@dataclass(frozen=True)
 class Driven:
     """A mechanism in one condition, at evenly spaced times (N,).
 
     `qpos` are the positions of all its joints, (N, nq); the task, if any, is drawn in a plane.
-    `nominal` is the pose (nq,) that motion is exaggerated about; None is `qpos0`.
+    `nominal` is the pose (nq,) that motion is exaggerated about; None is `qpos0`. Each
+    mark is at the body that its actuator moves.
     """
 
     time_s: Array
@@ -183,7 +177,7 @@ class Driven:
     plots: Sequence[beside.Plot]
     task: beside.Task | None = None
     nominal: Array | None = None
-    marks: Sequence[Mark] = ()
+    marks: Sequence[tuple[str, Mark]] = ()
 
 
 def write_mechanism(
@@ -205,32 +199,20 @@ def write_mechanism(
     cells = [_cell(k, name, model, one, factors[name]) for k, (name, one) in each]
     grid = rrb.Grid(*cells, grid_columns=min(_COLUMNS, len(cells)))
     views = rrb.Horizontal(beside.notes_view(), grid, column_shares=[1, 4])
+    radius = _MARK * float(model.stat.extent)
     with recording_file(path, about, screen(views)) as recording:
         for k, (name, one) in each:
             for size in sizes(factors[name]):
                 entity = sized_entity(f"{_entity(k)}/machine", size)
                 larger = exaggerated(motions[name], nominal[name], size)
                 log_machine(recording, entity, model, larger, one.time_s[stills(one.time_s)])
-                for mark in one.marks:
-                    _log_mark(recording, entity, model, mark)
+                for body, mark in one.marks:
+                    ball = rr.Points3D([[0.0] * 3], radii=[radius], colors=[rgb(YELLOW)])
+                    log_mark(recording, body_entity(entity, body), mark, ball)
             beside.log_plots(recording, one.plots, f"{_entity(k)}/")
             if one.task:
                 entity = f"{_entity(k)}/task"
                 beside.log_plane(recording, entity, one.time_s, one.task, one.task.square)
-
-
-def _log_mark(
-    recording: rr.RecordingStream, entity: str, model: mujoco.MjModel, mark: Mark
-) -> None:
-    """Log a yellow ball at a joint from its failure on, labelled with what is known of it."""
-    path = f"{body_entity(entity, mark.body)}/failed"
-    times, labels = zip(*mark.known, strict=True)
-    radius = _MARK * float(model.stat.extent)
-    recording.set_time(TIMELINE, duration=times[0])
-    recording.log(path, rr.Points3D([[0.0, 0.0, 0.0]], radii=[radius], colors=[rgb(YELLOW)]))
-    recording.reset_time()
-    columns = rr.Points3D.columns(labels=labels, show_labels=[True] * len(labels))
-    recording.send_columns(path, [time_column(np.array(times))], columns)
 
 
 def _entity(k: int) -> str:

@@ -10,7 +10,8 @@ import rerun as rr
 
 from experiments.recording import Array, views
 from experiments.recording.file import at_most, log_series, time_column
-from experiments.recording.hexapod import Mark, Picture, log_hexapod
+from experiments.recording.hexapod import Picture, log_hexapod
+from experiments.recording.marks import Mark
 from experiments.recording.mechanism import exaggeration, sized_entity, sizes, stills
 from experiments.recording.views import Plot, Square, Task
 from experiments.rig.hexapod.metrics import closure_residual_max_m, pointing_rms_urad

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from experiments.recording.hexapod import Mark
 from experiments.recording.keep import record_run
+from experiments.recording.marks import Mark
 from experiments.recording.shown import Shown
 from experiments.recover.recovery import pointing_error_urad
 from experiments.recover.runs import SHOWN, Recover

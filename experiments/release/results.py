@@ -8,8 +8,8 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from experiments.recording.hexapod import Mark
 from experiments.recording.keep import record_run
+from experiments.recording.marks import Mark
 from experiments.recording.shown import Shown
 from experiments.release.figure import pictures
 from experiments.release.runs import Release

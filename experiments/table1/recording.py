@@ -3,8 +3,8 @@
 from pathlib import Path
 from typing import Any
 
-from experiments.recording.hexapod import Mark
 from experiments.recording.keep import record_run
+from experiments.recording.marks import Mark
 from experiments.recording.shown import Shown
 from experiments.rig.hexapod.metrics import is_cut, recording_properties
 from experiments.table1.comparison import controller_said

@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 
 from experiments.recording.file import RecordingInfo, at_most
-from experiments.recording.mechanism import Driven, Mark, write_mechanism
+from experiments.recording.marks import Mark
+from experiments.recording.mechanism import Driven, write_mechanism
 from experiments.recording.views import Plot, Task
 from experiments.rig.run import Run
 from experiments.study.controllers import controller_label
@@ -103,19 +104,19 @@ def _task(tracked: Tracked, summary: dict[str, Any]) -> Task | None:
     return Task(names, unit, 1e6 * run.desired[:, :2], 1e6 * run.true[:, :2])
 
 
-def _marks(tracked: Tracked, summary: dict[str, Any]) -> tuple[Mark, ...]:
-    """Where actuators fail, and what was made of it."""
+def _marks(tracked: Tracked, summary: dict[str, Any]) -> tuple[tuple[str, Mark], ...]:
+    """Where actuators fail, by the body that they move, and what was made of it."""
     marks = []
     for failure, entry in zip(tracked.failures, summary["failures"], strict=True):
         body = tracked.rig.bodies[failure.number]
         if body is None:
             continue
-        label = f"{entry['actuator']} {entry['kind']}"
+        label, named = f"{entry['actuator']} {entry['kind']}", dict[str, Any]()
         found = next(
             (one for one in summary["diagnoses"] if one["actuator"] == entry["actuator"]), None
         )
-        known = [(failure.time_s, label)]
         if found is not None and found["delay_s"] is not None:
-            known.append((found["time_s"], f"{label}, named {found['kind']}"))
-        marks.append(Mark(body, tuple(known)))
+            said = f"{label}, named {found['kind']}"
+            named = {"diagnosed_s": found["time_s"], "diagnosis": said}
+        marks.append((body, Mark(failure.number, failure.time_s, label, **named)))
     return tuple(marks)

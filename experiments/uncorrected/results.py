@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from argument_checks.ties import least
-from experiments.recording.hexapod import Mark
 from experiments.recording.keep import record_run
+from experiments.recording.marks import Mark
 from experiments.recording.shown import Shown
 from experiments.rig.hexapod.metrics import (
     closure_check,

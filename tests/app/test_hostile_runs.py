@@ -12,8 +12,8 @@ import pytest
 from experiments.app.cli import main
 from experiments.app.review import check_stated
 from experiments.recording import keep as keep_module
-from experiments.recording.hexapod import Mark
 from experiments.recording.keep import COLUMNS, marks_from, whole_run
+from experiments.recording.marks import Mark
 from experiments.rig.hexapod.metrics import pointing_rms_urad
 from experiments.rig.hexapod.simulation import Trajectory
 from experiments.study.files import write_arrays
@@ -96,12 +96,14 @@ def test_a_recording_of_another_run_is_noticed(capfd, folder):
     assert "made.rrd is not the recording of made.npz" in refused(capfd, folder)
 
 
-MARK = {"strut": 0, "failed_s": 0.1, "failure": "locked"}
+MARK = {"actuator": 0, "failed_s": 0.1, "failure": "locked"}
 
 
 def test_marks_come_back():
     found = MARK | {"diagnosed_s": 0.2, "diagnosis": "found"}
     assert marks_from(json.dumps([MARK, found]), 0.4) == [Mark(**MARK), Mark(**found)]
+    earlier = json.dumps(MARK).replace("actuator", "strut")  # as recordings had it
+    assert marks_from(f"[{earlier}]", 0.4) == [Mark(**MARK)]
 
 
 @pytest.mark.parametrize(
@@ -109,17 +111,17 @@ def test_marks_come_back():
     [
         "no JSON",
         "3",
-        '{"strut": 0}',
+        '{"actuator": 0}',
         "[3]",
-        json.dumps([{"strut": 0}]),
+        json.dumps([{"actuator": 0}]),
         json.dumps([MARK | {"color": "red"}]),
         *(
             json.dumps([MARK | wrong])
             for wrong in (
-                {"strut": 6},
-                {"strut": -1},
-                {"strut": 0.0},
-                {"strut": "1"},
+                {"actuator": 6},
+                {"actuator": -1},
+                {"actuator": 0.0},
+                {"actuator": "1"},
                 {"failed_s": 0.5},
                 {"failed_s": -0.1},
                 {"failed_s": "0"},

@@ -16,7 +16,7 @@ from experiments.recording import animation as animations
 from experiments.recording.animation import Animation, figure_at, write_animation
 from experiments.recording.drawing import COLORS, View, draw_machine, machine, motion_at
 from experiments.recording.gif import pixels
-from experiments.recording.hexapod import Mark
+from experiments.recording.marks import Mark
 from experiments.recording.shown import Shown
 from experiments.recording.solids import solid_of
 from experiments.rig.hexapod.simulation import Trajectory

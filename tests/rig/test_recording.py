@@ -140,7 +140,7 @@ def test_a_run_comes_back_from_its_data_with_marks_and_parameters(
 ):
     kept = read_run(table1_folder / "W_e.npz")
     np.testing.assert_array_equal(kept.shown.run.true_rad, runs["W_e"]["true_rad"])
-    marks = [(mark.strut, mark.failed_s, mark.is_found) for mark in kept.shown.marks]
+    marks = [(mark.actuator, mark.failed_s, mark.is_found) for mark in kept.shown.marks]
     assert marks == [(0, 0.0, False)]
     assert kept.experiment == "table1"
     assert kept.properties["detector_noise_m"] == table1["bench"]["detector_noise_m"]
