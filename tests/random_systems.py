@@ -124,6 +124,12 @@ def rows_of(data: st.DataObject, m: int) -> list[int]:
     return data.draw(st.lists(st.integers(0, m - 1), min_size=1, unique=True))
 
 
+def major_and_rest(data: st.DataObject, m: int) -> tuple[list[int], list[int]]:
+    """Any major rows, at least one; and the others, in ascending order."""
+    major = rows_of(data, m)
+    return major, sorted(set(range(m)) - set(major))
+
+
 @st.composite
 def weights(draw: st.DrawFn, size: int, rng: np.random.Generator) -> np.ndarray | None:
     """None, a diagonal with zeros in it, or a matrix of any height and rank."""

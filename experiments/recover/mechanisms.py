@@ -31,7 +31,7 @@ SOURCES = Sources(
         *SHARED,
         *(
             f"experiments/recover/{name}.py"
-            for name in ("flight", "mechanism_flight", "mechanism_row", "mechanisms", "recovery")
+            for name in ("mechanism_flight", "mechanism_row", "mechanisms", "recovery")
         ),
     ),
     (),

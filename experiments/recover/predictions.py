@@ -10,7 +10,6 @@ import scipy.linalg
 
 from argument_checks.ties import ascending, greatest, least
 from experiments.recover.flight import DITHER, STRUCK, Flight
-from experiments.recover.recovery import GOAL
 from experiments.rig.hexapod.controller import StrutMapping
 from experiments.rig.hexapod.fault_tolerance import STILL, fault_entry, fault_text, nominal_model
 from experiments.rig.hexapod.prediction import linear_loop, peak_of_sensitivity
@@ -153,7 +152,7 @@ def dither_design(
 
 def _loop(rig: HexapodRig, dither: Dither, begin_s: float, duration_s: float) -> LinearLoop:
     span = {"begin_s": begin_s, "duration_s": duration_s}
-    return linear_loop(rig.testbed, GOAL, dither, **span)
+    return linear_loop(rig.testbed, rig.goal, dither, **span)
 
 
 def _distances(
@@ -189,11 +188,11 @@ def beliefs(rig: HexapodRig, struts: Sequence[int]) -> list[dict[str, Any]]:
 
 def _gain(rig: HexapodRig, believed: Fault | None) -> Array:
     """Commanded strut displacements per (alpha, beta), shape (6, 2)."""
-    goal, effectiveness = GOAL, np.ones(6)
+    goal, effectiveness = rig.goal, np.ones(6)
     if believed is not None and believed.kind == "weak":
         effectiveness[believed.actuator] = believed.effectiveness
     elif believed is not None:
-        goal = Goal(GOAL.joint_weight, locked_at={believed.actuator: 0.0})
+        goal = Goal(goal.joint_weight, locked_at={believed.actuator: 0.0})
     mapping = StrutMapping(hexapod(rig.model), goal, "constant")
     return mapping.major_gain() / effectiveness[:, None]
 

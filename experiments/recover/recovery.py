@@ -11,16 +11,12 @@ from experiments.rig.rig import Rig
 from experiments.rig.run import Run
 from ftc.fdi.diagnosis import Diagnosis
 from ftc.fdi.fault_model import Fault
-from ftc.goal import Goal
 from ftc.oracle import NEVER, OracleController
 from ftc.supervisor import Supervisor, goal_after, used_effectiveness
 from sim import Array, Failure
 
 BEFORE_S, AFTER_S = 1.2, 2.5
 """Of a flight of the hexapod, before and after its failure."""
-
-GOAL = Goal(joint_weight=(1.0,) * 6)
-"""W_a, under which antipodal struts look alike."""
 
 RECOVERED_S = 0.5
 """After the failure: what counts as recovery begins here."""

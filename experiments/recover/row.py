@@ -6,13 +6,12 @@ import numpy as np
 import pyarrow as pa
 
 from experiments.recover import predictions
-from experiments.recover.flight import STRUCK, Flight, Sort, exact_rig
+from experiments.recover.flight import Flight, Sort, exact_rig
 from experiments.recover.recovery import (
     Identification,
     errors,
     fault_unaware,
     informed,
-    struck,
     supervised,
 )
 from experiments.rig.other_controller import fly_with
@@ -69,7 +68,7 @@ def _failure(flight: Flight) -> Row:
     """Two controllers, or three where their errors are compared by kind of failure."""
     rig, fault = flight.rig(), flight.fault
     run, found = supervised(rig, flight)
-    stuck_m = float(run.displacement[STRUCK, fault.actuator])
+    stuck_m = float(run.displacement[found.struck[0], fault.actuator])
     row = _identified(flight, found) | _errors("supervised", run)
     row |= _errors("informed", informed(rig, flight, fault, stuck_m))
     if flight.mismatch == "all":
@@ -141,8 +140,8 @@ def _identified(flight: Flight, found: Identification) -> Row:
         "strut_right": found.strut_right,
         "kind_right": last is not None and flight.fault.kind in last.kinds,
         "all_right": found.all_right,
-        "alarm_ms": _after_ms(flight, found.detected),
-        "named_ms": _after_ms(flight, first and first.tick),
+        "alarm_ms": _after_ms(found, found.detected),
+        "named_ms": _after_ms(found, first and first.tick),
         "first_strut": first and first.fault.actuator + 1,
         "first_kind": first and first.fault.kind,
         "first_effectiveness": first and first.fault.effectiveness,
@@ -164,9 +163,8 @@ def _last(last: Diagnosis | None) -> Row:
     }
 
 
-def _after_ms(flight: Flight, tick: int | None) -> float | None:
-    rig = exact_rig()
-    return None if tick is None else 1e3 * rig.period_s * (tick - struck(rig, flight)[0])
+def _after_ms(found: Identification, tick: int | None) -> float | None:
+    return None if tick is None else 1e3 * exact_rig().period_s * (tick - found.struck[0])
 
 
 def _errors(controller: str, run: Run) -> Row:

@@ -10,6 +10,7 @@ from experiments.rig.choices import Diagnosing
 from experiments.rig.dither import option_dither
 from experiments.rig.mjcf import robot_rig
 from experiments.rig.options import RobotOptions, check_positive
+from experiments.rig.other_controller import fly_with
 from experiments.rig.prediction import Prediction
 from experiments.rig.reach import check_reach
 from experiments.rig.rig import Rig
@@ -18,7 +19,6 @@ from experiments.study.controllers import controller_factory
 from experiments.study.study import OnProgress, WrongInput
 from ftc.fdi.dither_design import DitherDesign
 from ftc.fdi.fault_model import Fault
-from ftc.guarded_controller import GuardedController
 from ftc.tracking import is_possible
 from sim import Failure, FailureKind, model_sha256
 
@@ -109,25 +109,25 @@ def run_track(
     desired = rig.path(path, duration_s=shorter * duration, turn_s=turn)
     failures = _failures(rig, fail, shorter, len(desired))
     check_reach(rig, desired)
-    factory = None if controller is None else controller_factory(controller)
+    if controller is not None:
+        controller_factory(controller)  # a wrong name is refused before anything flies
     design = option_dither(rig, dither)
     if design is None and dither != "none":
         raise WrongInput(f"--dither {dither}: the major task leaves no motion for a dither")
     told = diagnosis == "on"
     pilot: Any = rig.controller() if not told else rig.supervisor(design and design.dither)
-    runs = 1 if factory is None else 2
+    runs = 1 if controller is None else 2
 
-    def flown(pilot: Any, before: int) -> Run:
+    def options_of(before: int) -> dict[str, Any]:
         def on_tick(done: int) -> None:
             if done % _SHOWN_EVERY == 0 or done == len(desired):
                 on_progress(before * len(desired) + done, runs * len(desired))
 
-        return rig.fly(pilot, desired, failures=failures, seed=seed, on_tick=on_tick)
+        return {"failures": failures, "seed": seed, "on_tick": on_tick}
 
-    run, other = flown(pilot, 0), None
-    if factory is not None and controller is not None:
-        theirs = flown(GuardedController(controller, factory, rig.task), 1)
-        other = Other(controller, theirs, theirs.state.failure)
+    run, other = rig.fly(pilot, desired, **options_of(0)), None
+    if controller is not None:
+        other = Other(controller, *fly_with(rig, controller, desired, **options_of(1)))
     faults = [Fault.of(failure) for failure in failures]
     reports = [rig.classified(faults[:count]) for count in range(len(faults) + 1)]
     predicted = rig.predict(desired, failures=failures, told=told)

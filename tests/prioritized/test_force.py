@@ -11,6 +11,7 @@ from tests.random_systems import (
     as_matrix,
     dense_lexicographic,
     failures,
+    major_and_rest,
     null,
     of_rank,
     rows_of,
@@ -52,8 +53,7 @@ def test_torques_are_the_lexicographic_optimum_over_all_forces_of_the_mechanism(
     system = data.draw(failures(drawn.system))
     kin = system.kinematics()
     rng, m, n = drawn.rng, len(system.J_T), len(kin.active)
-    major = rows_of(data, m)
-    rest = sorted(set(range(m)) - set(major))
+    major, rest = major_and_rest(data, m)
     m1, m2 = len(major), len(rest)
     W3, W4 = data.draw(weights(n, rng)), data.draw(weights(m2, rng))
     T, M = data.draw(weights(n, rng)), of_rank(rng, m1 + 1, m1, m1)
@@ -87,8 +87,7 @@ def test_self_motion_is_never_pushed_against_and_eq_16_gives_the_torques(data, d
     system = data.draw(failures(drawn.system))
     kin = system.kinematics()
     m, n = kin.J.shape
-    major = rows_of(data, m)
-    rest = sorted(set(range(m)) - set(major))
+    major, rest = major_and_rest(data, m)
     mapping = kin.force_mapping(
         major, torque_weight=np.ones(n), secondary_weight=np.ones(len(rest))
     )

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from prioritized import ConstrainedSystem, Status, Task, lexicographic_least_squares
 from tests.lexicographic_oracles import by_active_sets, certificate
 from tests.profiles import examples
-from tests.random_systems import SEEDS, failures, of_rank, rows_of, systems
+from tests.random_systems import SEEDS, failures, major_and_rest, of_rank, systems
 
 
 def arm(rng: np.random.Generator, m: int, n: int) -> ConstrainedSystem:
@@ -25,8 +25,7 @@ def test_two_levels_are_a_velocity_mapping(data, drawn):
     system, rng = data.draw(failures(drawn.system)), drawn.rng
     kin, n_all = system.kinematics(), len(drawn.system.active)
     m, n = kin.J.shape
-    major = rows_of(data, m)
-    rest = sorted(set(range(m)) - set(major))
+    major, rest = major_and_rest(data, m)
     W1, W2 = rng.uniform(0.5, 2, n_all), rng.uniform(0.5, 2, len(rest))
     limits = -rng.uniform(0.1, 1, n_all), rng.uniform(0.1, 1, n_all)
     v, d, v_s = 2 * rng.normal(size=len(major)), rng.normal(size=n), rng.normal(size=len(rest))

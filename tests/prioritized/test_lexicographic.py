@@ -12,6 +12,7 @@ from tests.random_systems import (
     closure,
     dense_lexicographic,
     failures,
+    major_and_rest,
     of_rank,
     orthogonal,
     rows_of,
@@ -27,8 +28,7 @@ def test_rates_are_the_lexicographic_optimum_over_all_coordinates(data, drawn):
     system = data.draw(failures(drawn.system))
     kin, rng = system.kinematics(), drawn.rng
     m, n = kin.J.shape
-    major = rows_of(data, m)
-    rest = sorted(set(range(m)) - set(major))
+    major, rest = major_and_rest(data, m)
     W1, W2 = data.draw(weights(n, rng)), data.draw(weights(len(rest), rng))
     M, T = of_rank(rng, len(major) + 1, len(major), len(major)), data.draw(weights(n, rng))
     mapping = kin.velocity_mapping(major, None, W1, W2, major_metric=M, tie_metric=T)
@@ -111,8 +111,7 @@ def test_with_metrics_the_choice_of_the_unit_of_length_changes_nothing(data, dra
     system, of_task, of_joint = in_other_units(drawn, exponent, data)
     m, N = system.J_T.shape
     rng, active = drawn.rng, system.active
-    major = rows_of(data, m)
-    rest = sorted(set(range(m)) - set(major))
+    major, rest = major_and_rest(data, m)
     u_m, u_s, u_a = of_task[major], of_task[rest], of_joint[active]
     n, m1, m2 = len(active), len(major), len(rest)
     mass = of_rank(rng, N, N, N)

@@ -13,7 +13,7 @@ from scipy.optimize import linprog, lsq_linear, nnls
 from prioritized import ConstrainedSystem, Status, force_mapping, velocity_mapping
 from sim import jacobians
 from tests.profiles import examples
-from tests.random_systems import SEEDS, of_rank, rows_of, systems
+from tests.random_systems import SEEDS, major_and_rest, of_rank, rows_of, systems
 
 INF = np.inf
 EYE = np.eye(2)
@@ -314,8 +314,7 @@ def test_limited_torques_are_in_equilibrium_with_task_and_internal_forces(data, 
     """Torques = J^T f + C^T eta, within the limits exactly, whatever the mechanism."""
     kin, rng = drawn.system.kinematics(), drawn.rng
     m, n = kin.J.shape
-    major = rows_of(data, m)
-    rest = sorted(set(range(m)) - set(major))
+    major, rest = major_and_rest(data, m)
     limits = -rng.uniform(0.1, 1, n), rng.uniform(0.1, 1, n)
     f = 3 * rng.normal(size=len(major))
     found = kin.force_mapping(major, torque_weight=np.ones(n), torque_limits=limits).solve(f)

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from prioritized import RANK_TOLERANCE, ConstrainedSystem, Kinematics, Status
-from tests.random_systems import SEEDS, null, of_rank, orthogonal
+from tests.random_systems import SEEDS, major_and_rest, null, of_rank, orthogonal
 
 NEAR = st.floats(-1.0, 2.0)
 """Exponent of a singular value in multiples of what counts as zero: 0.1 to 100."""
@@ -42,8 +42,7 @@ def nearly_constrained(seed: int, nearness: float, m: int, columns: int) -> Kine
 def test_power_balances_at_any_gap(near, seed, nearness, m, columns, data):
     """Force times velocity is torque times rate, for whatever motion the report admits."""
     kin, rng = near(seed, nearness, m, columns), np.random.default_rng(seed)
-    major = data.draw(st.lists(st.integers(0, m - 1), min_size=1, unique=True))
-    rest = sorted(set(range(m)) - set(major))
+    major, rest = major_and_rest(data, m)
     mapping = kin.force_mapping(major, None, rng.uniform(0.5, 2, 4), rng.uniform(0.5, 2, len(rest)))
     aims = [rng.normal(size=size) for size in (len(major), 4, len(rest))]
     torques, f = mapping(*aims), np.empty(m)

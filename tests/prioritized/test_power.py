@@ -13,6 +13,7 @@ from tests.random_systems import (
     ZERO,
     closure,
     failures,
+    major_and_rest,
     motions,
     null,
     of_rank,
@@ -32,8 +33,7 @@ def test_force_times_velocity_is_torque_times_rate_for_every_motion_whatever_fai
     system = data.draw(failures(drawn.system))
     kin, rng = system.kinematics(), drawn.rng
     m, n = kin.J.shape
-    major = rows_of(data, m)
-    rest = sorted(set(range(m)) - set(major))
+    major, rest = major_and_rest(data, m)
     W3, W4 = data.draw(weights(n, rng)), data.draw(weights(len(rest), rng))
     mapping = kin.force_mapping(major, None, W3, W4)
     aims = [rng.normal(size=size) for size in (len(major), n, len(rest))]

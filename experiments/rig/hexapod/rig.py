@@ -21,6 +21,7 @@ from experiments.rig.hexapod.mismatch import ALL, mismatched
 from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
 from experiments.rig.mismatch import EXACT, Known, Mismatch, sizes_of
 from experiments.rig.rig import Rig
+from experiments.rig.run import after_rest
 from ftc.control.compensator import Margins
 from ftc.control_task import ControlTask
 from ftc.controller import PrioritizedController
@@ -28,7 +29,8 @@ from ftc.fdi.dither import Dither
 from ftc.fdi.fault_model import Fault, by_kind
 from ftc.goal import Goal
 from ftc.supervisor import Supervisor, supervisor_for
-from prioritized import ConstrainedSystem, FailureAtlas, Manipulability, failure_atlas
+from ftc.tracking import is_possible
+from prioritized import ConstrainedSystem, Manipulability
 from sim import (
     NOMINAL,
     Array,
@@ -52,8 +54,8 @@ class HexapodRig(Rig):
         elastic: The machine with its springs, without failures.
         start_m: Strut displacements (6,) that the coils hold when a flight begins; None is no
             current.
-        floor_m_per_s2: Acceleration of the floor at each tick of a flight, what comes before it
-            included, shape (N, 3); None is a floor at rest.
+        floor_m_per_s2: Acceleration of the floor at each tick of a flight's path, shape (N, 3), at
+            rest before it; None is a floor at rest.
     """
 
     testbed: Testbed
@@ -90,25 +92,19 @@ class HexapodRig(Rig):
             goal or self.goal,
             self.controller,
             self.watched,
-            self._is_possible,
+            lambda faults: is_possible(self.classified(faults)),
             unused=self.unused,
             dither=dither_of(self, dither, DITHER),
         )
-
-    def _is_possible(self, faults: Sequence[Fault]) -> bool:
-        elastic = self._atlas.elastic
-        assert elastic is not None  # the hexapod has springs
-        return bool(elastic.possible[self._atlas.row(**by_kind(faults))])
-
-    @cached_property
-    def _atlas(self) -> FailureAtlas:
-        return failure_atlas(self.elastic, MAJOR)
 
     def bench(
         self, time_s: Array, failures: Sequence[Failure], seed: int, events: object = None
     ) -> Bench:
         """The machine, settled."""
-        around = {"start_m": self.start_m, "floor_m_per_s2": self.floor_m_per_s2}
+        floor = self.floor_m_per_s2
+        if floor is not None:
+            floor = after_rest(len(time_s) - len(floor), floor)
+        around = {"start_m": self.start_m, "floor_m_per_s2": floor}
         return simulated(self._settled, time_s, failures, seed, events=events, **around)
 
     @cached_property

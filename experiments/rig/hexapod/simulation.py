@@ -11,7 +11,7 @@ from experiments.rig.hexapod.choices import JacobianChoice
 from experiments.rig.hexapod.controller import controller_for
 from experiments.rig.hexapod.rig import rig_of
 from experiments.rig.hexapod.testbed import Testbed
-from experiments.rig.run import Run, after_rest
+from experiments.rig.run import Run
 from ftc.control.mapping import DisplacementForm
 from ftc.goal import Goal
 from ftc.loop import Controller
@@ -141,13 +141,13 @@ def track_path(
     elif duration_s is not None:
         raise ValueError(f"duration_s must be None with a desired_rad, got {duration_s}")
     floor, ticks = floor_m_per_s2, len(desired_rad)
-    if floor is not None and floor[:ticks].shape != (ticks, 3):
-        raise ValueError(
-            f"floor_m_per_s2 must have 3 columns and at least {ticks} rows, "
-            f"got the shape {floor.shape}"
-        )
     if floor is not None:
-        floor = after_rest(round(lead_in_s / bench.control_period_s), floor[:ticks])
+        if floor[:ticks].shape != (ticks, 3):
+            raise ValueError(
+                f"floor_m_per_s2 must have 3 columns and at least {ticks} rows, "
+                f"got the shape {floor.shape}"
+            )
+        floor = floor[:ticks]
     rig = replace(rig_of(testbed), start_m=start_m, floor_m_per_s2=floor)
     run = rig.fly(pilot, desired_rad, begin_s=begin_s, lead_in_s=lead_in_s, **flight)
     return trajectory(run), run.state
