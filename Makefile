@@ -76,7 +76,7 @@ bench-quick: venv
 	$(BIN)/fjh bench --quick --check
 
 # Every picture in docs/pictures: the figures of all studies, and recordings as the viewer shows
-# them. Two hours and a half the first time, by estimate 40 minutes of `recover`; what is there
+# them. Two hours and a quarter the first time, by estimate 40 minutes of `recover`; what is there
 # already is not run again.
 pictures: venv
 	$(BIN)/fjh report --out $(RUNS)

@@ -47,7 +47,7 @@ ATLAS = Study(
     knows the condition. Of the 729, those that differ by rotation and mirror symmetry of the
     machine are simulated for 2 s of the spiral with the weights W_a to W_e of Table I and with the
     Jacobian of the nominal and of the estimated pose, and compared with their classification and
-    the linear model. 20 minutes on two cores, two with --quick. Clusters, interruption and
+    the linear model. Nine minutes on two cores, one with --quick. Clusters, interruption and
     --resume are as in fjh sweep.
 
     Writes atlas.json, the rows as atlas.parquet (docs/sweep.md has its columns), the table as
