@@ -65,8 +65,8 @@ def atlas_picture(columns: Columns, summary: dict[str, Any]) -> Picture:
         "atlas_flown",
         "The failure conditions that differ by symmetry, each with the weight that makes its error "
         "largest: errors of alpha and of beta against the linear model's, and that of alpha over "
-        "the number of failed struts. Crosses above the line are conditions that are singular at the nominal "
-        "pose only: near it the mapping has a gain of 1e5, and amplifiers saturate.",
+        "the number of failed struts. Crosses above the line are conditions that are singular at "
+        "the nominal pose only: near it the mapping has a gain of 1e5, and amplifiers saturate.",
         "Left and middle: points on the diagonal, some red crosses far above it. Right: blue and "
         "green points on one level whatever the number of failures, red and black ones above.",
         partial(_atlas, columns, summary),
