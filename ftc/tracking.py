@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike
 
 import argument_checks as check
 from argument_checks import Array
+from argument_checks.ties import greatest
 from ftc.control.compensator import (
     Compensator,
     LoopShape,
@@ -31,6 +32,7 @@ from ftc.control.compensator import (
 )
 from ftc.control.mapping import PrioritizedMapping
 from ftc.control.mechanism import MechanismGeometry, MechanismModel
+from ftc.control.minimal import minimal
 from ftc.controller import DirectDrive, Measurement, PrioritizedController
 from ftc.fdi.diagnosis import DEFAULT_CONFIG, FdiConfig
 from ftc.fdi.dither import Dither
@@ -41,8 +43,8 @@ from prioritized import ConstrainedSystem, Kinematics, Manipulability, WhenLimit
 
 LARGEST_PEAK = 1.7
 ROLL_OFF, ROLL_OFF_DAMPING = 3.0, 0.7
-_FASTEST, _SLOWEST = 1 / 50, 1e-5
-"""Crossovers that are tried, times the control period."""
+_FASTEST, _SLOW, _SLOWEST = 1 / 50, 1e-5, 1e-8
+"""Crossovers that are tried, times the control period: to the second, else to the last."""
 _HALVINGS = 12
 
 Sense = Literal["task", "joints", "both"]
@@ -191,7 +193,7 @@ class Tracking:
         N = scipy.linalg.null_space(constraint)
         standing = N @ np.linalg.pinv(locked @ N) @ locked
         moving = scipy.linalg.null_space(np.vstack([constraint, locked]))
-        almost_static = np.exp(_SLOWEST) * np.eye(len(plant.A))  # at rest itself may be a pole
+        almost_static = np.exp(_SLOW) * np.eye(len(plant.A))  # at rest itself may be a pole
         gain = self.nominal.displacement @ np.linalg.solve(almost_static - plant.A, plant.B)
         shared = np.linalg.lstsq(moving.T @ gain @ moving, moving.T @ gain, rcond=None)[0]
         return standing + moving @ shared @ (np.eye(n) - standing)
@@ -254,8 +256,10 @@ def tracking(
     if sense == "joints":
         sigma = _by_encoders(kinematics, rows, encoders)
     gain = mapping_for(model, goal, rows, springs=springs).major_gain()
-    plant = control.ss(linear.A, linear.B @ gain, C, 0)
-    loops, peak = _loops(plant, check.positive("period_s", period_s), crossover_hz)
+    plant = minimal(control.ss(linear.A, linear.B @ gain, C, 0))
+    loops, peak = _loops(
+        plant, check.positive("period_s", period_s), crossover_hz, partial(_slowest_mode, linear)
+    )
     nominal = NominalModel(
         plant=control.ss(linear.A, linear.B, C, 0),
         displacement=linear.C_active,
@@ -321,8 +325,22 @@ def is_possible(report: Manipulability) -> bool:
     return not report.unmanipulable and not report.unstable_major
 
 
+def _slowest_mode(linear: Any) -> str:
+    """The motion of a plant that decays most slowly, or grows, and the joints that move in it."""
+    poles, modes = np.linalg.eig(linear.A)
+    worst = greatest(np.real(poles))
+    named = getattr(linear, "named", lambda y: ())(modes[: len(linear.A) // 2, worst])
+    of = f" of {', '.join(named)}" if named else ""
+    pole = complex(poles[worst])
+    hz, decay_per_s = abs(pole) / (2 * np.pi), -pole.real
+    return f"a motion{of} at {hz:.2g} Hz decays by {decay_per_s:.2g} 1/s only"
+
+
 def _loops(
-    plant: control.StateSpace, period_s: float, crossover_hz: float | None
+    plant: control.StateSpace,
+    period_s: float,
+    crossover_hz: float | None,
+    hinders: Callable[[], str],
 ) -> tuple[tuple[Compensator, ...], float]:
     """Compensators of all channels at one crossover, and the sensitivity peak that they leave."""
     if crossover_hz is not None:
@@ -330,9 +348,21 @@ def _loops(
             return _at(plant, period_s, check.positive("crossover_hz", crossover_hz))
         except UnstableLoop as error:
             raise TaskLost(f"the loops would be unstable: {error}") from None
-    low, high = _SLOWEST / period_s, _FASTEST / period_s
-    if fastest := _within_peak(plant, period_s, high):
+    if fastest := _within_peak(plant, period_s, _FASTEST / period_s):
         return fastest
+    for low, high in ((_SLOW, _FASTEST), (_SLOWEST, _SLOW)):
+        if found := _highest(plant, period_s, low / period_s, high / period_s):
+            return found
+    raise TaskLost(
+        f"no crossover from {_SLOWEST / period_s:.2g} Hz on leaves the loops stable with a "
+        f"sensitivity peak of at most {LARGEST_PEAK:g}: {hinders()}"
+    )
+
+
+def _highest(
+    plant: control.StateSpace, period_s: float, low: float, high: float
+) -> tuple[tuple[Compensator, ...], float] | None:
+    """The same at the highest crossover between two [Hz] that leaves the peak as it may be."""
     found = None
     for _ in range(_HALVINGS):
         middle = np.sqrt(low * high)
@@ -340,12 +370,6 @@ def _loops(
             found, low = tried, middle
         else:
             high = middle
-    if found is None:
-        raise TaskLost(
-            f"no crossover from {low:.2g} Hz on leaves the loops stable with a sensitivity peak of "
-            f"at most {LARGEST_PEAK:g}: something drifts that the major task does not hold, or the "
-            "actuators are hardly damped"
-        )
     return found
 
 

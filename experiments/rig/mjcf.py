@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -31,20 +31,20 @@ from prioritized import Manipulability
 from sim import (
     Array,
     Bench,
-    Body,
     ClosureError,
     Failure,
     JointSensors,
+    LinearPlant,
     Mechanism,
     ModelError,
+    Pin,
     Plant,
     Sensors,
     TaskSensor,
-    assemble,
-    load_model,
-    servoed,
 )
+from sim.mjcf.model import listed
 from sim.mjcf.transmission import drives
+from sim.scene.scene import Scene, robot_scene
 
 OF_THE_HEXAPOD = (
     *("stiffness", "floor_um_per_s", "drift_urad_per_s"),
@@ -115,7 +115,7 @@ def robot_rig(file: Path, options: RobotOptions, at: Array | None = None) -> Rob
         sim.ModelError: The file, or what it says.
     """
     robot, rows = _robot(file, options, at), options.rows
-    plant = robot.known
+    plant = robot.alone
     limits = plant.limits()
     limited = options.limits == "stated" and any(np.isfinite(limit).any() for limit in limits)
     unused: Unused = "locked" if (plant.spring_share > _HELD).all() else "free"
@@ -125,7 +125,7 @@ def robot_rig(file: Path, options: RobotOptions, at: Array | None = None) -> Rob
         model=robot.model,
         actuators=tuple(drive.name for drive in plant.drives),
         aliases=tuple(drive.actuators for drive in plant.drives),
-        bodies=tuple(_body(robot.model, drive.joint) for drive in plant.drives),
+        bodies=tuple(_body(robot.model, drive.joint) for drive in robot.known.drives),
         major=rows,
         goal=robot.goal,
         nominal=track.nominal,
@@ -149,6 +149,7 @@ def robot_rig(file: Path, options: RobotOptions, at: Array | None = None) -> Rob
             reference_limit=np.full(len(rows), robot.size),
         ),
         warnings=_warnings(robot),
+        left_out=robot.scene.part.left_out,
         robot=robot,
         track=track,
         mismatch=EXACT,
@@ -160,10 +161,8 @@ def robot_rig(file: Path, options: RobotOptions, at: Array | None = None) -> Rob
 class _Robot:
     """A robot at its start; the frame of its task, its control period, goal, path and sensors."""
 
-    model: mujoco.MjModel
-    start: mujoco.MjData
+    scene: Scene
     options: RobotOptions
-    frame: str | Body
     period_s: float
     goal: Goal
     size: float
@@ -189,19 +188,39 @@ class _Robot:
         of_encoders = [self.encoder_noise] * actuators * (self.options.sense != "task")
         return np.array(of_task + of_encoders)
 
+    @property
+    def model(self) -> mujoco.MjModel:
+        """Of all that the file holds."""
+        return self.scene.whole
+
     def plant(self, model: mujoco.MjModel) -> Plant:
-        """With this model."""
-        return Plant(model, base=self.options.axes, payload=self.frame, start=self.start)
+        """With this model of all that the file holds."""
+        scene, axes = self.scene, self.options.axes
+        return Plant(model, base=axes, payload=scene.frame, start=scene.start, part=scene.part)
 
     @cached_property
     def known(self) -> Plant:
-        """As its controller has it, at the start: never flown."""
+        """Of all, as the file has it, at the start: never flown."""
         return self.plant(self.model)
+
+    @cached_property
+    def alone(self) -> Plant:
+        """Of what the task involves, as its controller has it, at the start: never flown."""
+        scene, axes = self.scene, self.options.axes
+        if not scene.part.rest:
+            return self.known
+        return Plant(scene.own, base=axes, payload=scene.frame, start=scene.own_start)
+
+    @cached_property
+    def linear(self) -> LinearPlant:
+        """About the start."""
+        return self.alone.linear()
 
     @cached_property
     def mechanism(self) -> Mechanism:
         """The controller's own model, which knows no state: all readers share it."""
-        return Mechanism(self.model, self.start, self.frame, self.options.axes)
+        scene = self.scene
+        return Mechanism(scene.own, scene.own_start, scene.frame, self.options.axes)
 
     def bench(
         self,
@@ -241,25 +260,20 @@ class _Robot:
 
 
 def _robot(file: Path, options: RobotOptions, at: Array | None) -> _Robot:
-    model = load_model(file, add_locks=True)
-    start = _start(model, options.keyframe, at)
-    if options.servo is not None:
-        model = servoed(model, natural_frequency_hz=options.servo, data=start)
-        start = _start(model, options.keyframe, at)
+    begin = partial(_start, keyframe=options.keyframe, at=at)
+    pins, servo_hz = [Pin(name, weld) for name, weld in options.pins], options.servo
     try:
-        start = assemble(model, start)
+        scene = robot_scene(file, options.site, options.axes, begin, pins, servo_hz)
     except ClosureError as error:
         raise ModelError(f"{file}: {error}") from None
-    frame: str | Body = options.site
-    if all(model.site(k).name != options.site for k in range(model.nsite)):
-        frame = Body(options.site)
+    model = scene.whole
     steps = max(1, math.ceil(options.period / model.opt.timestep - 1e-9))
     size = options.size
     if size is None:
         turns = all(row < 3 for row in options.rows)
         size = _SIZE if turns else _SIZE * float(model.stat.extent)
-    goal = _goal(len(drives(model)), options)
-    return _Robot(model, start, options, frame, steps * model.opt.timestep, goal, size)
+    goal = _goal(len(drives(scene.own)), options)
+    return _Robot(scene, options, steps * model.opt.timestep, goal, size)
 
 
 def _tracking(
@@ -270,7 +284,7 @@ def _tracking(
     try:
         return tracking(
             robot.mechanism,
-            plant.linear(),
+            robot.linear,
             options.rows,
             noise=robot.deviations,
             period_s=robot.period_s,
@@ -290,17 +304,24 @@ def _tracking(
 
 def _warnings(robot: _Robot) -> tuple[str, ...]:
     """What the linear model and the mapping leave out."""
-    rubs = np.flatnonzero(robot.model.dof_frictionloss)
-    names = [robot.model.joint(int(j)).name for j in dict.fromkeys(robot.model.dof_jntid[rubs])]
+    scene, own = robot.scene, robot.scene.own
+    rubs = np.flatnonzero(own.dof_frictionloss)
+    names = [own.joint(int(j)).name for j in dict.fromkeys(own.dof_jntid[rubs])]
     dry = [f"dry friction of {name} is left out of the linear model" for name in names]
-    return (*robot.mechanism.nominal.jacobians.warnings, *dry)
+    beside = ()
+    if scene.part.left_out:
+        names = listed(scene.part.left_out)
+        beside = (f"no part of the task, and left to itself: {names}",)
+    if idle := robot.linear.idle:
+        beside = (*beside, f"nothing holds, and no task feels, a motion of {listed(idle)}")
+    return (*beside, *scene.moved, *robot.mechanism.nominal.jacobians.warnings, *dry)
 
 
 def _body(model: mujoco.MjModel, joint: int | None) -> str | None:
     return None if joint is None else body_name(model, int(model.jnt_bodyid[joint]))
 
 
-def _start(model: mujoco.MjModel, keyframe: str | None, at: Array | None) -> mujoco.MjData:
+def _start(model: mujoco.MjModel, *, keyframe: str | None, at: Array | None) -> mujoco.MjData:
     """Joint positions (nq,), or a keyframe by name or number; neither is the first, or qpos0."""
     data = mujoco.MjData(model)
     if at is not None:

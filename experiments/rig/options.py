@@ -35,12 +35,22 @@ class RobotOptions:
     servo: float | None = None
     sense: Sensing = "task"
     feedforward: Feedforward = "default"
+    pinned: str | None = None
 
     def __post_init__(self) -> None:
         for name in ("size", "noise", "crossover", "period", "servo"):
             if (value := getattr(self, name)) is not None:
                 check_positive(name, value)
-        _ = self.rows
+        _ = self.rows, self.pins
+
+    @property
+    def pins(self) -> tuple[tuple[str, bool], ...]:
+        """Frames that stand, and whether each is welded: NAME is, NAME:point may turn."""
+        given = [] if self.pinned is None else self.pinned.split(",")
+        pairs = [each.strip().partition(":") for each in given]
+        if any(not name or end not in ("", "point") for name, _, end in pairs):
+            raise WrongInput(f"--pinned must be NAME or NAME:point,..., got {self.pinned}")
+        return tuple((name, not end) for name, _, end in pairs)
 
     @property
     def rows(self) -> tuple[int, ...]:
@@ -143,6 +153,14 @@ LOOPS = (
         _USUAL.keyframe,
         "Where the robot starts: name or number.  [default: the first, or qpos0]",
         "KEY",
+    ),
+    Option(
+        "pinned",
+        str | None,
+        _USUAL.pinned,
+        "Sites or bodies that stand, such as feet: welded where the robot starts, or NAME:point, "
+        "which may turn.",
+        "NAME,...",
     ),
     Option(
         "servo",

@@ -55,6 +55,7 @@ class Rig(ABC):
         unused: What an actuator without force counts as: its own spring holds it, or not.
         task: What somebody else's controller is told.
         warnings: What was left out of the model, and what a user would not expect.
+        left_out: Joints of the model, or bodies, that are no part of the task, by name.
     """
 
     title: str
@@ -77,6 +78,7 @@ class Rig(ABC):
     unused: Unused
     task: ControlTask
     warnings: tuple[str, ...]
+    left_out: tuple[str, ...]
 
     @staticmethod
     def hexapod(
@@ -129,7 +131,8 @@ class Rig(ABC):
                 hundredth of what the path moves it.
             servo_hz: Natural frequency of the position servos that torque motors get.
             feedforward: Whether the reference itself is demanded, and the loops add to it.
-            pinned: Must be empty: no plant flies with pinned frames yet.
+            pinned: Frames that stand, such as feet: names of sites or bodies, welded to the world,
+                or "NAME:point" where they may turn.
             mismatch: How the plant differs from the controller's model.
             seed: Of what is drawn of the plant.
             loops: Others of :class:`experiments.rig.options.RobotOptions`: `crossover` [Hz],
@@ -142,8 +145,6 @@ class Rig(ABC):
         from experiments.rig.mjcf import robot_rig  # which makes one of these
         from experiments.rig.options import RobotOptions
 
-        if len(pinned):
-            raise WrongInput(f"pinned must be empty: no plant is flown with it, got {pinned}")
         options = RobotOptions(
             site=site,
             axes=axes,
@@ -153,6 +154,7 @@ class Rig(ABC):
             servo=servo_hz,
             keyframe=str(start) if isinstance(start, str | int) else None,
             feedforward="on" if feedforward else "off",
+            pinned=",".join(pinned) or None,
             **loops,
         )
         at = None

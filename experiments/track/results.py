@@ -105,6 +105,7 @@ def summarize(tracked: Tracked) -> dict[str, Any]:
         "prediction_off_after": _off_after(tracked, error[cut:]),
         "status": run.status,
         "warnings": list(rig.warnings),
+        "left_out": list(rig.left_out),
         "possible_after": list(tracked.possible[1:]),
         "dither": dither_entry(tracked.dither, rig),
         "diagnoses": diagnoses(tracked),
@@ -307,7 +308,7 @@ def notes(tracked: Tracked, summary: dict[str, Any]) -> list[str]:
     for failure, text in zip(tracked.failures, tracked.verdicts[1:], strict=True):
         first = text.splitlines()[0]
         said.append(f"After {rig.actuators[failure.number]} {failure.kind}: {first}")
-    return said
+    return said + [f"{each[0].upper()}{each[1:]}." for each in rig.warnings]
 
 
 def _dither_said(design: DitherDesign, summary: dict[str, Any]) -> str:

@@ -18,7 +18,8 @@ from ftc.control.frequency_response import SampledSystem, frequency_response
 if TYPE_CHECKING:  # imported by what needs it: it takes a second, and controllers need no design
     import control
 
-_FREQUENCIES_RAD_S = 2 * np.pi * np.geomspace(0.1, 400.0, 8000)
+_SLOWEST, _FASTEST = 1e-7, 0.4999
+"""Frequencies at which loops are looked at, in parts of the sampling frequency."""
 
 
 class UnstableLoop(ValueError):
@@ -136,13 +137,14 @@ def compensator(plant: "control.StateSpace", shape: LoopShape, period_s: float) 
 def margins(L: SampledSystem) -> Margins:
     """The margins of a sampled open loop with one input and one output.
 
-    Of several crossovers below 400 Hz and half the sampling frequency, those with the smallest
-    margins; where there is none, the margin is infinite and the crossover NaN.
+    Of several crossovers those with the smallest margins. They are looked for from 1e-7 of the
+    sampling frequency up to half of it; where there is none, the margin is infinite and the
+    crossover NaN.
     """
     from scipy.optimize import brentq  # late: only the design needs it
 
     # On the frequency response: the polynomial method loses its digits on a dozen plant states.
-    frequencies = _FREQUENCIES_RAD_S[: _FREQUENCIES_RAD_S.searchsorted(np.pi / L.dt)]
+    frequencies = 2 * np.pi / L.dt * np.geomspace(_SLOWEST, _FASTEST, 12_000)
     curve = frequency_response(L, frequencies)[:, 0, 0]
 
     def at(frequency_rad_s: float) -> complex:
@@ -178,6 +180,6 @@ def sensitivity_peak(L: SampledSystem) -> float:
     Its inverse is the distance of the loops from instability, all channels and their coupling
     taken together; a well-damped single loop has less than 2.
     """
-    frequency_rad_s = 2 * np.pi * np.geomspace(0.1, 0.45 / L.dt, 3000)
+    frequency_rad_s = 2 * np.pi / L.dt * np.geomspace(_SLOWEST, 0.45, 6000)
     response = frequency_response(L, frequency_rad_s)
     return float(1 / np.linalg.svd(np.eye(len(response[0])) + response, compute_uv=False).min())

@@ -1,5 +1,6 @@
 """Rows of the active equalities, taken where the loops are closed, and how far they are open."""
 
+from collections.abc import Collection
 from math import isfinite
 from typing import NamedTuple
 
@@ -103,8 +104,12 @@ class Closures(NamedTuple):
         """
         return data.efc_pos[: len(self.units)] * self.units
 
-    def largest_gap(self, data: mujoco.MjData) -> tuple[float, int]:
+    def largest_gap(self, data: mujoco.MjData, apart: Collection[int] = ()) -> tuple[float, int]:
         """The largest gap, [m] or [rad], and its equality; 0 and -1 without closures.
+
+        Args:
+            data: What MuJoCo last computed.
+            apart: Equalities that do not count.
 
         Raises:
             ModelError: An equality is not finite.
@@ -112,6 +117,8 @@ class Closures(NamedTuple):
         if not self.units.size:
             return 0.0, -1
         sizes = np.abs(self.gaps(data))
+        if apart:
+            sizes[np.isin(self.equality, list(apart))] = 0.0
         worst = greatest(sizes)  # NaN, if there is one
         largest = float(sizes[worst])
         if not isfinite(largest):
@@ -166,7 +173,7 @@ def equality_name(model: mujoco.MjModel, equality: int) -> str:
 def _equality_rows(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
     """MuJoCo's own; equalities come first among its constraints."""
     if not mujoco.mj_isSparse(model):
-        return data.efc_J.reshape(data.nefc, model.nv)[: data.ne].copy()
+        return data.efc_J[: data.ne * model.nv].reshape(data.ne, model.nv).copy()
     rows = np.zeros((data.nefc, model.nv))
     mujoco.mju_sparse2dense(
         rows, data.efc_J, data.efc_J_rownnz, data.efc_J_rowadr, data.efc_J_colind

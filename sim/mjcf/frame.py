@@ -74,6 +74,13 @@ def located(model: mujoco.MjModel, argument: str, frame: str | Body) -> Located:
     return Located(site, int(model.site_bodyid[site]), is_site=True)
 
 
+def frame_named(model: mujoco.MjModel, frame: str | Body) -> str | Body:
+    """A frame by a name of which it is not said what it names: a site, or else a body."""
+    if isinstance(frame, Body) or any(model.site(k).name == frame for k in range(model.nsite)):
+        return frame
+    return Body(frame)
+
+
 def frame_jacobian(model: mujoco.MjModel, data: mujoco.MjData, frame: str | Body) -> Array:
     """:meth:`Located.jacobian` of a frame by name."""
     return located(model, "frame", frame).jacobian(model, data)

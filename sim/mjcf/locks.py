@@ -1,6 +1,5 @@
 """Locks: equalities that hold one joint or tendon alone, inactive until it fails."""
 
-from pathlib import Path
 from typing import NamedTuple
 
 import mujoco
@@ -48,24 +47,30 @@ def lockable_by(model: mujoco.MjModel, actuator: int) -> Lockable | None:
     return Lockable("tendon", end, model.tendon(end).name) if kind == _TENDON else None
 
 
-def with_locks(file: Path, model: mujoco.MjModel) -> mujoco.MjModel:
-    """The model of this file with an inactive lock for each actuated joint or tendon without one.
+def add_locks(spec: mujoco.MjSpec, model: mujoco.MjModel) -> bool:
+    """Add an inactive lock for each actuated joint or tendon without one; whether there was one.
+
+    Args:
+        spec: Which is changed, and compiled anew by the caller.
+        model: As it was compiled.
 
     Raises:
         ModelError: The name of a lock to be added is that of another equality.
     """
     missing = _missing(model)
-    if not missing:
-        return model
-    spec = mujoco.MjSpec.from_file(str(file))
     for actuator, part in missing.items():
         kind = mujoco.mjtEq.mjEQ_JOINT if part.kind == "joint" else mujoco.mjtEq.mjEQ_TENDON
         lock = spec.add_equality(name=lock_name(actuator), type=kind)
         lock.name1 = part.name
         lock.active = False
-        lock.solref = [_STEPS * model.opt.timestep, 1.0]
-        lock.solimp = _IMPEDANCE
-    return spec.compile()
+        stiffen(lock, model.opt.timestep)
+    return bool(missing)
+
+
+def stiffen(equality: mujoco.MjsEquality, timestep_s: float) -> None:
+    """Make an equality as stiff as the time step allows."""
+    equality.solref = [_STEPS * timestep_s, 1.0]
+    equality.solimp = _IMPEDANCE
 
 
 def _missing(model: mujoco.MjModel) -> dict[int, Lockable]:

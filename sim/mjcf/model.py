@@ -13,7 +13,7 @@ import numpy as np
 
 import argument_checks as check
 from sim.errors import ModelError
-from sim.mjcf.locks import with_locks
+from sim.mjcf.locks import add_locks as add_locks_to
 
 _MOST_LISTED = 12
 
@@ -34,16 +34,27 @@ def load_model(path: str | Path | None = None, *, add_locks: bool = False) -> mu
             name of a lock to be added is that of another equality.
         TypeError: An argument is of another type.
     """
-    file = _file(path)
     check.instance("add_locks", add_locks, bool)
+    spec, model = load_spec(path)
+    return spec.compile() if add_locks and add_locks_to(spec, model) else model
+
+
+def load_spec(path: str | Path | None = None) -> tuple[mujoco.MjSpec, mujoco.MjModel]:
+    """The same file to be changed, and as it is, compiled.
+
+    Raises:
+        ModelError, TypeError: As :func:`load_model`.
+    """
+    file = _file(path)
     try:
-        model = mujoco.MjModel.from_xml_path(str(file))
+        spec = mujoco.MjSpec.from_file(str(file))
+        model = spec.compile()
     except ValueError as error:
         reason = " ".join(str(error).split())
         raise ModelError(f"{file} is not a valid MJCF model: {reason}") from None
     if not 0 < model.opt.timestep < math.inf:  # MuJoCo takes any
         raise ModelError(f"{file}: timestep must be positive and finite, got {model.opt.timestep}")
-    return with_locks(file, model) if add_locks else model
+    return spec, model
 
 
 def weightless(model: mujoco.MjModel) -> mujoco.MjModel:
@@ -104,6 +115,11 @@ def listed(names: Sequence[str]) -> str:
 def name_of(element: Any) -> str:
     """Name of an element as `model.joint(k)` gives it, or its number where it has none."""
     return element.name or f"number {element.id}"
+
+
+def joint_name(model: mujoco.MjModel, joint: int) -> str:
+    """Name of a joint, or of its body where it has none."""
+    return model.joint(joint).name or name_of(model.body(model.jnt_bodyid[joint]))
 
 
 def check_state(model: mujoco.MjModel, data: mujoco.MjData) -> None:

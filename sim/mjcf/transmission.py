@@ -1,7 +1,7 @@
 """What the actuators of a model move: one active velocity each, or one for several."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import NamedTuple
 
 import mujoco
@@ -49,7 +49,9 @@ class _Output(NamedTuple):
     output: int
 
 
-def drives(model: mujoco.MjModel, *, disabled: bool = False) -> tuple[Drive, ...]:
+def drives(
+    model: mujoco.MjModel, *, disabled: bool = False, among: Collection[int] | None = None
+) -> tuple[Drive, ...]:
     """The active velocities of a model, in the order of their first actuators.
 
     Actuators of one joint, of one tendon, or with parallel gears at one site or ball joint share a
@@ -59,12 +61,13 @@ def drives(model: mujoco.MjModel, *, disabled: bool = False) -> tuple[Drive, ...
         model: The model.
         disabled: Whether actuators that are switched off count all the same, if they move
             anything.
+        among: Numbers of the actuators that count; None is all.
 
     Raises:
         ModelError: An actuator that adheres to contacts, or one of gear 0.
     """
     shared: dict[_Moved, list[_Output]] = {}
-    for k in range(model.nactuator):
+    for k in range(model.nactuator) if among is None else among:
         off = is_disabled(model, k)
         if not off or (disabled and int(model.actuator_trntype[k]) != _BODY):
             for output in _outputs(model, k):

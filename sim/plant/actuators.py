@@ -1,6 +1,6 @@
 """Drives that a plant can command and that can fail: their locks and switches."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import mujoco
 
@@ -15,13 +15,13 @@ _OFF = 30
 """Group of the actuators that are switched off: the last that `opt.disableactuator` switches."""
 
 
-def plant_drives(model: mujoco.MjModel) -> tuple[Drive, ...]:
-    """The drives of a model, one at least.
+def plant_drives(model: mujoco.MjModel, among: Collection[int] | None = None) -> tuple[Drive, ...]:
+    """The drives of a model, one at least, of some actuators; None is all.
 
     Raises:
         ModelError: There is none; or as :func:`drives`.
     """
-    if found := drives(model):
+    if found := drives(model, among=among):
         return found
     raise ModelError("the model has no actuator; a plant needs at least one")
 

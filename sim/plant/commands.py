@@ -1,6 +1,6 @@
 """Controls that displace the drives of a machine from a pose in which it is at rest."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import inf
 
@@ -44,6 +44,11 @@ class Commands:
         """Whether each control is its drive's displacement."""
         rests, size = not self.at_rest.any(), len(self.at_rest)
         return rests and np.array_equal(self.per_displacement, np.eye(size))
+
+    def beside(self, controls: Array) -> "Commands":
+        """The same where all other controls keep these values (nu,)."""
+        commanded = self.per_displacement.any(axis=1)
+        return replace(self, at_rest=np.where(commanded, self.at_rest, controls))
 
     def controls(self, displacements: Array) -> Array:
         """Controls (nu,) for displacements (n,)."""
@@ -140,6 +145,12 @@ def _refuse_without_stiffness(
         raise ModelError(
             f"{called} is a velocity servo, whose control is a speed: a plant is commanded by "
             "displacements, so give it a position servo"
+        )
+    if not drive.has_length:
+        raise ModelError(
+            f"{called} is a torque motor at a site, or on a ball or free joint, where no "
+            "displacement follows from its force: a flight needs a controller of the base. Its "
+            "force mapping, attainable forces and limits are those of any actuator"
         )
     raise ModelError(
         f"{called} is a torque motor, and no displacement follows from a torque: "

@@ -1,7 +1,10 @@
 """Actuator forces that hold a machine still."""
 
+from typing import NamedTuple
+
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from argument_checks.ties import greatest
 from sim.array import Array
@@ -23,31 +26,57 @@ _KIND = {
 }
 
 
-def holding_forces(model: mujoco.MjModel, data: mujoco.MjData, drives: tuple[Drive, ...]) -> Array:
-    """Forces (nout,) of the actuators of drives that hold the machine still in the pose of `data`.
+class Balance(NamedTuple):
+    """Forces of actuators that hold a machine still, as far as they can.
+
+    Attributes:
+        forces: Of each output, shape (nout,).
+        moves: What they do not hold, in words; None where all is still.
+    """
+
+    forces: Array
+    moves: str | None
+
+
+def balance(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    drives: tuple[Drive, ...],
+    still: NDArray[np.intp] | None = None,
+) -> Balance:
+    """Forces of the actuators of drives that hold the machine still in the pose of `data`.
 
     They balance gravity and springs through the closures, with the least norm. Contacts and limits
-    do not count. `data` has been through `mj_forward` at rest.
+    do not count; dry friction holds what it can. `data` has been through `mj_forward` at rest.
 
-    Raises:
-        ModelError: Something falls, or is moved by a spring, whatever the actuators do.
+    Args:
+        model: The model.
+        data: Its state.
+        drives: Whose actuators hold it.
+        still: Velocities (k,) that something else holds; None is none.
     """
     moments = np.zeros((model.nout, model.nv))
     mujoco.mju_sparse2dense(
         moments, data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind
     )
     used = [out for drive in drives for out in drive.outputs]
-    Z = allowed(closure_rows(model, data))
+    held = closure_rows(model, data)
+    if still is not None and len(still):
+        held = np.vstack([held, np.eye(model.nv)[still]])
+    Z = allowed(held)
     springs = data.qfrc_passive + data.qfrc_gravcomp * model.jnt_actgravcomp[model.dof_jntid]
     loads = np.stack([-data.qfrc_bias, springs], axis=1)  # apart, to name the one that moves
     arms = Z.T @ moments[used].T
     each = np.linalg.lstsq(arms, -Z.T @ loads, rcond=None)[0]
     unbalanced = Z @ (Z.T @ loads + arms @ each)
-    if np.linalg.norm(unbalanced.sum(axis=1)) > _BALANCED * np.linalg.norm(loads):
-        raise ModelError(_what_moves(model, Z, mass_of(model, data), unbalanced))
+    moving = unbalanced.sum(axis=1)
+    slips = np.abs(moving) > model.dof_frictionloss
+    moves = None
+    if np.linalg.norm(moving[slips]) > _BALANCED * np.linalg.norm(loads):
+        moves = _what_moves(model, Z, mass_of(model, data), unbalanced)
     forces = np.zeros(model.nout)
     forces[used] = each.sum(axis=1)
-    return forces
+    return Balance(forces, moves)
 
 
 def _what_moves(model: mujoco.MjModel, Z: Array, mass: Array, unbalanced: Array) -> str:
@@ -62,6 +91,23 @@ def _what_moves(model: mujoco.MjModel, Z: Array, mass: Array, unbalanced: Array)
     name = model.joint(joint).name
     called = f'"{name}"' if name else f'of body "{model.body(model.jnt_bodyid[joint]).name}"'
     return f"{cause} moves the {kind} {called}: no actuator holds it"
+
+
+def holding_forces(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    drives: tuple[Drive, ...],
+    still: NDArray[np.intp] | None = None,
+) -> Array:
+    """The forces (nout,) of :func:`balance`.
+
+    Raises:
+        ModelError: Something falls, or is moved by a spring, whatever the actuators do.
+    """
+    found = balance(model, data, drives, still)
+    if found.moves is not None:
+        raise ModelError(found.moves)
+    return found.forces
 
 
 def refuse_beyond_ranges(

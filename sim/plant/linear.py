@@ -13,7 +13,7 @@ from sim.errors import ModelError
 from sim.kinematics.task import Task, task_jacobian, task_list, to_axes_of
 from sim.mjcf.drive import Drive
 from sim.mjcf.dynamics import mass_of
-from sim.mjcf.model import check_state, name_of
+from sim.mjcf.model import check_state, joint_name, name_of
 from sim.mjcf.transmission import drive_rows, drives
 
 _POSITION_STEP = 1e-6
@@ -21,6 +21,9 @@ _VELOCITY_STEP = 1e-4
 _FLOOR_STEP = 1e-2
 _NO_CLAMP = int(mujoco.mjtDisableBit.mjDSBL_CLAMPCTRL)
 _ANY = (-np.inf, np.inf)
+_IDLE, _NOTHING, _MOSTLY = 1e-6, 1e-12, 0.3
+"""Part of the stiffness and of the outputs below which a motion has none, a size that is none, and
+part of the largest speed of a joint from which on it is named."""
 _REDUNDANT = 1e-9
 """Part of the constraints below which they repeat one another: loops are closed to 1e-10."""
 
@@ -48,6 +51,8 @@ class LinearPlant:
         spring: Of the same, what the own spring of each drive takes, shape (n, 2k), in units of its
             commands: without it A + B[:, k] spring[k] takes the place of A.
         preload: Of the same, the force of that spring at x = 0, shape (n,).
+        motion: Velocities of the joints per y_dot, shape (nv, k).
+        joints: Of each of these velocities the joint, by name, or by its body where it has none.
     """
 
     A: Array
@@ -59,6 +64,29 @@ class LinearPlant:
     holding: Array | None = None
     spring: Array | None = None
     preload: Array | None = None
+    motion: Array | None = None
+    joints: tuple[str, ...] = ()
+
+    def named(self, y: Array) -> tuple[str, ...]:
+        """The joints that mostly move in some motions y (k, ...), in their order."""
+        if self.motion is None:
+            return ()
+        moved = np.abs(self.motion @ y).reshape(len(self.joints), -1)
+        most = moved >= _MOSTLY * moved.max(axis=0, initial=0.0)
+        moving = (most & (moved > 0.0)).any(axis=1)
+        return tuple(dict.fromkeys(n for n, m in zip(self.joints, moving, strict=True) if m))
+
+    @property
+    def idle(self) -> tuple[str, ...]:
+        """Joints that nothing holds and that move neither the task nor an actuator.
+
+        So spins a rod between two ball joints.
+        """
+        k = len(self.A) // 2
+        held = self.A[k:, :k] / max(np.abs(self.A[k:, :k]).max(initial=0.0), 1.0)
+        outputs = np.vstack([self.C_twist[:, :k], self.C_active[:, :k]])
+        rows = np.vstack([held, outputs / max(np.abs(outputs).max(initial=0.0), _NOTHING)])
+        return self.named(scipy.linalg.null_space(rows, rcond=_IDLE))
 
 
 def linearize(
@@ -152,6 +180,8 @@ def linear_plant(
             [np.kron(np.eye(2), to_axes) @ task_jacobian(model, data, task) @ Z, np.zeros((6, k))]
         ),
         C_active=np.hstack([drive_rows(model, data, some) @ Z, np.zeros((len(some), k))]),
+        motion=Z,
+        joints=tuple(joint_name(model, int(j)) for j in model.dof_jntid),
     )
 
 

@@ -22,6 +22,7 @@ from sim.kinematics.reader import CLOSURE_TOLERANCE
 from sim.mjcf.drive import Drive, number_of
 from sim.mjcf.frame import Body, located
 from sim.mjcf.model import check_state
+from sim.mjcf.part import Part
 from sim.mjcf.transmission import drive_rows
 from sim.plant.actuators import (
     activate_lock,
@@ -70,6 +71,7 @@ class Plant:
         payload: str | Body = "payload",
         locks: Sequence[str] | None = None,
         start: mujoco.MjData | None = None,
+        part: Part | None = None,
     ) -> None:
         """Start at rest in the nominal pose, without failures.
 
@@ -85,6 +87,8 @@ class Plant:
                 equalities that are active and the mocap bodies. Controls then hold the machine
                 still against gravity and springs, with actuator forces of least norm; contacts and
                 limits do not count. None is `qpos0`, with controls of zero.
+            part: What of the model is commanded, and is held still at `start`; all else keeps the
+                controls and activations that it has there. None is everything.
 
         Raises:
             ModelError: There is no frame or equality of these names, or one does not lock its joint
@@ -102,23 +106,28 @@ class Plant:
         self.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
         reserve_off_group(self.model)
         self.data = mujoco.MjData(self.model)
-        self.drives = plant_drives(self.model)
+        self.drives = plant_drives(self.model, None if part is None else part.actuators)
         self._joints = _joint_velocities(self.model, self.drives)
         self._locks = locks_of(self.model, self.drives, locks)
         axes = None if base is None else located(self.model, "base", base)
         frame = located(self.model, "payload", payload)
         self._opt, self._payload_frame = self.model.opt, payload
         self._is_loop = np.isin(self.model.eq_type, _LOOPS).astype(float)
+        apart, still = ((), None) if part is None else (part.apart, part.still)
+        self._is_loop[list(apart)] = 0.0
         self._warnings = [self.data.warning[kind] for kind in _NOT_FINITE]
         if start is not None:
-            _place(self.model, self.data, start)
+            _place(self.model, self.data, start, apart)
         self._last = self.integration_state()
         self._command = np.zeros(len(self.drives))
         mujoco.mj_forward(self.model, self.data)
-        held = None if start is None else holding_forces(self.model, self.data, self.drives)
+        held = None
+        if start is not None:
+            held = holding_forces(self.model, self.data, self.drives, still)
         self._commands = commands_of(self.model, self.data, self.drives, held)
         if start is not None:
             refuse_beyond_ranges(self.model, self.drives, self._commands)
+            self._commands = self._commands.beside(start.ctrl)
             self.data.ctrl[:] = self._commands.at_rest
             mujoco.mj_forward(self.model, self.data)
         self._gauges = Displacements.from_here(self.model, self.data, self.drives)
@@ -387,13 +396,16 @@ def _steps(period_s: float, timestep_s: float) -> int:
     return steps
 
 
-def _place(model: mujoco.MjModel, data: mujoco.MjData, start: mujoco.MjData) -> None:
+def _place(
+    model: mujoco.MjModel, data: mujoco.MjData, start: mujoco.MjData, apart: Sequence[int]
+) -> None:
     """Put a new state into the pose of another one, which must be closed."""
     check_state(model, check.instance("start", start, mujoco.MjData))
     data.qpos[:], data.eq_active[:] = start.qpos, start.eq_active
     data.mocap_pos[:], data.mocap_quat[:] = start.mocap_pos, start.mocap_quat
+    data.act[:] = start.act
     check_closures(model, data)
     mujoco.mj_fwdPosition(model, data)
-    gap, worst = active_closures(model, data).largest_gap(data)
+    gap, worst = active_closures(model, data).largest_gap(data, apart)
     if gap > CLOSURE_TOLERANCE:
         raise ClosureError(equality_name(model, worst), gap, "call sim.assemble(model, data)")

@@ -62,8 +62,16 @@ def servoed(
     check_state(model, state)
     check_closures(model, state)
     mujoco.mj_fwdPosition(model, state)
-    for drive, inertia in zip(of_model, _inertias(model, state, of_model), strict=True):
-        if _is_torque_driven(model, drive):
+    driven = [_is_torque_driven(model, drive) for drive in of_model]
+    if of_model and not any(driven) and not any(drive.has_length for drive in of_model):
+        raise ModelError(
+            f'actuator "{of_model[0].actuators[0]}" feels no length that a position servo could '
+            "hold, at a site or on a ball or free joint, nor does any other: use force mappings"
+        )
+    for drive, inertia, is_driven in zip(
+        of_model, _inertias(model, state, of_model), driven, strict=True
+    ):
+        if is_driven:
             squares = sum(gear * gear for gear in drive.gear)
             stiffness = inertia * omega**2 / squares
             damping = 2.0 * damping_ratio * inertia * omega / squares

@@ -44,7 +44,7 @@ def test_a_room_imports_only_what_it_may(room):
 
 
 ORDER = {
-    "sim": ("mjcf", "closing", "kinematics", "hexapod", "plant"),
+    "sim": ("mjcf", "closing", "kinematics", "hexapod", "plant", "scene"),
     "prioritized": ("_solver", "_mechanism", "_mapping", "_analysis"),
     "ftc": ("control", "fdi"),
 }

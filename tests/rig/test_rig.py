@@ -203,5 +203,5 @@ def test_a_robot_starts_where_it_is_told_to():
     np.testing.assert_allclose(one.fly(one.controller(), np.zeros((2, 3))).qpos[0], start)
     with pytest.raises(ValueError, match="start"):
         Rig.of_mjcf(file, major=[3, 4, 5], start=start[:3])
-    with pytest.raises(WrongInput, match="pinned must be empty"):
+    with pytest.raises(ValueError, match='no body named "foot"'):
         Rig.of_mjcf(file, major=[3, 4, 5], pinned=["foot"])

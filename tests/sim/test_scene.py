@@ -1,129 +1,284 @@
-"""The hexapod that recordings draw, against MuJoCo's."""
+"""A file as a robot at work: what a task involves, what is left to itself, and where all rests."""
+
+import itertools
+from pathlib import Path
 
 import mujoco
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
+from hypothesis import given
+from hypothesis import strategies as st
 
-from experiments.recording.file import rgb
-from experiments.recording.hexapod import hexapod_motion, load_colors
-from experiments.recording.mechanism import exaggerated, exaggeration, motion_of
-from experiments.study.plotting import YELLOW
-from sim import Plant, Pose, load_model
-from sim.mjcf.model import HEXAPOD_MJCF
-from tests import rrd
+from sim import Array, Body, ModelError, Pin, Plant
+from sim.closing.equalities import closure_rows
+from sim.mjcf.frame import located
+from sim.mjcf.part import Part, task_part
+from sim.scene.reduced import reduced
+from sim.scene.scene import Scene, robot_scene
 
-COMMANDS_M = 1e-4 * np.array([[1, -2, 3, -1, 2, -3], [6, 6, 6, 6, 6, 6], [-4, 4, 0, 0, 2, -2]])
-
-
-@pytest.mark.parametrize("command_m", COMMANDS_M)
-def test_at_true_size_the_drawing_is_what_mujoco_does(model, command_m):
-    """From the payload's pose alone, every body is where the physics has it."""
-    plant = Plant(model)
-    plant.step(command_m, 1.0)
-    pose = plant.pose()
-    drawn = hexapod_motion(model, Pose(pose.rotation[None], pose.translation_m[None]))
-    for k, name in enumerate(drawn.names):
-        body = plant.data.body(name)
-        np.testing.assert_allclose(drawn.position_m[0, k], body.xpos, atol=2e-8)
-        turn = drawn.rotation[0, k].T @ body.xmat.reshape(3, 3)
-        # The flexures share a strut's twist about its own line, which a drawing need not show.
-        assert Rotation.from_matrix(turn).magnitude() < (1e-9 if name == "payload" else 3e-3)
+LINK = '<joint name="{0}" axis="{1}"/><geom size="0.02" pos="0.05 0.01 0" mass="{2}"/>'
 
 
-@pytest.mark.parametrize("factor", [1, 1000])
-def test_however_large_the_motion_the_drawn_loops_are_closed(model, factor):
-    """Tips stay on the payload's frame, stems in the lines of their struts."""
-    rng = np.random.default_rng(0)
-    turn = Rotation.from_rotvec(factor * rng.normal(scale=1e-4, size=(20, 3)))
-    pose = Pose(turn.as_matrix(), factor * rng.normal(scale=2e-5, size=(20, 3)))
-    drawn = hexapod_motion(model, pose)
-    nominal = motion_of(model, model.qpos0[None])
-    place = {name: k for k, name in enumerate(nominal.names)}
-    at = {name: drawn.position_m[:, k] for k, name in enumerate(drawn.names)}
-    turned = {name: drawn.rotation[:, k] for k, name in enumerate(drawn.names)}
-    payload = place["payload"]
-    for k in range(1, 7):
-        tip = nominal.position_m[0, place[f"tip{k}"]] - nominal.position_m[0, payload]
-        carried = nominal.rotation[0, payload].T @ tip
-        expected = at["payload"] + turned["payload"] @ carried
-        np.testing.assert_allclose(at[f"tip{k}"], expected, atol=1e-12)
-        line = turned[f"stem{k}"][:, :, 2]
-        across = np.cross(line, at[f"tip{k}"] - at[f"housing{k}"])
-        np.testing.assert_allclose(across, 0, atol=1e-12)
+def tree(parents: list[int], ties: list[tuple[int, int]]) -> str:
+    """A tree of hinges with a motor each, body k carried by `parents[k]`, and ties of two bodies.
+
+    A tie is a connect of the origins of two bodies, open or closed: only its structure counts.
+    """
+    children: dict[int, list[int]] = {}
+    for k, parent in enumerate(parents):
+        children.setdefault(parent, []).append(k)
+
+    def body(k: int) -> str:
+        axis = ("1 0 0", "0 1 0", "0 0 1")[k % 3]
+        inside = LINK.format(f"j{k}", axis, 0.1 + 0.03 * k)
+        below = "".join(body(child) for child in children.get(k, []))
+        return f'<body name="b{k}" pos="0.1 0.0{k} 0.02">{inside}{below}</body>'
+
+    bodies = "".join(body(k) for k in children.get(-1, []))
+    tied = "".join(f'<connect body1="b{a}" body2="b{b}" anchor="0 0 0"/>' for a, b in ties)
+    motors = "".join(f'<motor joint="j{k}"/>' for k in range(len(parents)))
+    return (
+        f"<mujoco><worldbody>{bodies}</worldbody><equality>{tied}</equality>"
+        f"<actuator>{motors}</actuator></mujoco>"
+    )
 
 
-def test_exaggeration_multiplies_every_bodys_displacement():
-    """Twice as large twice is four times, and once is the motion itself."""
-    model = load_model(HEXAPOD_MJCF.with_name("hand.xml"))
-    rng = np.random.default_rng(1)
-    motion = motion_of(model, model.qpos0 + rng.normal(scale=1e-3, size=(5, model.nq)))
-    nominal = motion_of(model, model.qpos0[None])
-    same = exaggerated(motion, nominal, 1)
-    np.testing.assert_allclose(same.position_m, motion.position_m, atol=1e-15)
-    np.testing.assert_allclose(same.rotation, motion.rotation, atol=1e-12)
-    twice = exaggerated(exaggerated(motion, nominal, 2), nominal, 2)
-    four = exaggerated(motion, nominal, 4)
-    np.testing.assert_allclose(twice.position_m, four.position_m, atol=1e-12)
-    np.testing.assert_allclose(twice.rotation, four.rotation, atol=1e-12)
+@st.composite
+def trees(draw: st.DrawFn) -> tuple[str, int]:
+    """Such a file, and the number of the body that is the task frame."""
+    count = draw(st.integers(2, 8))
+    parents = [draw(st.integers(-1, k - 1)) for k in range(count)]
+    pairs = list(itertools.combinations(range(count), 2))
+    ties = draw(st.lists(st.sampled_from(pairs), max_size=3, unique=True))
+    return tree(parents, ties), draw(st.integers(0, count - 1))
 
 
-@pytest.mark.parametrize("angle_rad", [1e-9, 1e-4, 3e-3, 0.5])
-@pytest.mark.parametrize("way_m", [0.0, 1e-5, 1e-2])
-def test_a_motion_is_made_visible_by_a_round_factor_and_never_shrunk(angle_rad, way_m):
-    factor = exaggeration(angle_rad, way_m)
-    assert str(factor)[0] in "125"
-    assert set(str(factor)[1:]) <= {"0"}
-    large = max(angle_rad / 0.12, way_m / 0.03)
-    assert factor == 1 if large > 1 else 0.4 <= factor * large <= 1.0
+def of_task(model: mujoco.MjModel, frame: str | Body) -> Part:
+    return task_part(model, [located(model, "site", frame)], range(model.neq))
 
 
-def test_struts_are_blue_when_they_pull_red_when_they_push_and_grey_at_rest():
-    blue, grey, red = load_colors(np.array([-5.0, 0.0, 5.0]), 5.0).astype(int)
-    assert blue[2] > blue[0] + 100
-    assert red[0] > red[2] + 100
-    assert np.ptp(grey) < 5
-
-
-def test_colours_and_poses_of_the_recording_are_those_of_the_run(table1_folder, runs, model):
-    """25 pictures a second; the motion 1000 times as large, and as it is."""
-    run, path = runs["W_b"], table1_folder / "W_b.rrd"
-    housing = model.body("housing3").geomadr[0]
-    entity = f"/hexapod_x1000/visual_geometries/housing3/geom_{housing}"
-    times, colors = rrd.rows(path, entity, "Cylinders3D:colors")
-    inputs = run["strut_input_percent"][times // 1_000_000, 2]
-    full = np.ceil(np.abs(run["strut_input_percent"]).max())
-    packed = load_colors(inputs, full).astype(np.uint32)
-    expected = (packed[:, 0] << 24) + (packed[:, 1] << 16) + (packed[:, 2] << 8) + 255
-    drawn = np.array([color[0] for color in colors])
-    # The first row at time zero is the library's own, in the file's colours.
-    np.testing.assert_array_equal(drawn[-399:], expected[-399:])
-
+def at(model: mujoco.MjModel, qpos: Array) -> mujoco.MjData:
     data = mujoco.MjData(model)
-    mujoco.mj_kinematics(model, data)
-    for factor in (1000, 1):
-        where = f"/hexapod_x{factor}/bodies/payload"
-        times, places = rrd.rows(path, where, "Transform3D:translation")
-        moved = np.array(places)[-399:, 0] - data.body("payload").xpos
-        shift = factor * run["secondary"][times[-399:] // 1_000_000, 1:]
-        # World axes: y_b and z_b point the other way; float32 is 30 nm at 0.3 m.
-        np.testing.assert_allclose(moved, shift * [1, -1, -1], atol=6e-8)
+    data.qpos[:] = qpos
+    mujoco.mj_forward(model, data)
+    return data
 
 
-def test_a_failed_strut_wears_a_yellow_collar_and_no_other_does(table1_folder):
-    for name, struts in (("W_a", set()), ("W_e", {1})):
-        path = table1_folder / f"{name}.rrd"
-        worn = {e for e in rrd.entities(path) if e.endswith("/failed") and "x1000" in e}
-        assert worn == {f"/hexapod_x1000/bodies/housing{k}/failed" for k in struts}
-    times, labels = rrd.rows(path, worn.pop(), "Cylinders3D:labels")
-    assert labels[-1] == ["strut 1 locked, corrected"]
-    assert times[0] == 0
-    assert rgb(YELLOW) == [240, 228, 66]
+@given(trees(), st.integers(0, 99))
+def test_what_is_left_out_moves_no_task_and_no_loop_of_the_task(file, seed):
+    """By the numbers: its columns of the task Jacobian are zero, and no closure has both."""
+    xml, body = file
+    model = mujoco.MjModel.from_xml_string(xml)
+    part = of_task(model, Body(f"b{body}"))
+    data = at(model, np.random.default_rng(seed).uniform(-1, 1, model.nq))
+    J = located(model, "site", Body(f"b{body}")).jacobian(model, data)
+    np.testing.assert_allclose(J[:, part.still], 0.0, atol=1e-12)
+    mine = np.setdiff1d(np.arange(model.nv), part.still)
+    rows = np.abs(closure_rows(model, data)) > 1e-12
+    assert not (rows[:, part.still].any(axis=1) & rows[:, mine].any(axis=1)).any()
 
 
-def test_a_collar_says_when_a_strut_failed_and_when_that_was_found(recover_folder):
-    path = recover_folder / "locked.rrd"
-    entity = next(e for e in rrd.entities(path) if e.endswith("housing1/failed"))
-    times, labels = rrd.rows(path, entity, "Cylinders3D:labels")
-    assert [label[0] for label in labels] == ["strut 1 locked", "found: strut 1 locked"]
-    assert 0 < times[1] - times[0] < 300_000_000
+@given(trees(), st.integers(0, 99))
+def test_the_model_of_a_part_has_its_places_and_its_inertia(file, seed):
+    """What does not move is carried: the mass matrix has rows and columns of the whole one."""
+    xml, body = file
+    spec = mujoco.MjSpec.from_string(xml)
+    model = spec.compile()
+    part = of_task(model, Body(f"b{body}"))
+    data = at(model, np.random.default_rng(seed).uniform(-1, 1, model.nq))
+    own = reduced(spec, part, data)
+    own_data = at(own, data.qpos[part.positions])
+    np.testing.assert_allclose(own_data.xpos, data.xpos, atol=1e-12)
+    np.testing.assert_allclose(own_data.xmat, data.xmat, atol=1e-12)
+    M, own_M = np.zeros((model.nv, model.nv)), np.zeros((own.nv, own.nv))
+    mujoco.mj_fullM(model, data, M)
+    mujoco.mj_fullM(own, own_data, own_M)
+    mine = np.setdiff1d(np.arange(model.nv), part.still)
+    np.testing.assert_allclose(own_M, M[np.ix_(mine, mine)], atol=1e-12)
+
+
+DESK = """
+<mujoco>
+  <option timestep="0.002" integrator="implicitfast"/>
+  <worldbody>
+    <geom type="plane" size="3 3 0.1"/>
+    <body name="upper" pos="0 0 0.6">
+      <joint name="shoulder" axis="0 1 0" damping="1" armature="0.05"/>
+      <geom type="capsule" size="0.03" fromto="0 0 0 0.3 0 0" mass="1"/>
+      <body name="lower" pos="0.3 0 0">
+        <joint name="elbow" axis="0 1 0" damping="1" armature="0.05"/>
+        <geom type="capsule" size="0.03" fromto="0 0 0 0.3 0 0" mass="0.6"/>
+        <site name="tip" pos="0.3 0 0"/>
+        <body name="jaw" pos="0.3 0.02 0">
+          <joint name="jaw" type="slide" axis="0 1 0" damping="4"/>
+          <geom size="0.01" mass="0.02" contype="0" conaffinity="0"/>
+        </body>
+      </body>
+    </body>
+    <body name="ball" pos="1 1 0.3"><freejoint/><geom size="0.05" mass="0.1"/></body>
+    <body name="other" pos="-1 0 0.5">
+      <joint name="other" axis="0 1 0" damping="0.2"/>
+      <geom type="capsule" size="0.02" fromto="0 0 0 0.3 0 0" mass="0.3"/>
+    </body>
+  </worldbody>
+  <actuator>
+    <position name="m1" joint="shoulder" kp="300" kv="30"/>
+    <position name="m2" joint="elbow" kp="200" kv="20"/>
+    <position name="pads" joint="jaw" kp="80" ctrlrange="0.003 0.045"/>
+    <motor name="limp" joint="other"/>
+  </actuator>
+</mujoco>
+"""
+
+
+def desk(folder: Path, **changes: str) -> Scene:
+    """The scene of an arm at its desk, some words of the file changed."""
+    text = DESK
+    for old, new in changes.items():
+        text = text.replace(f'name="{old}"', f'name="{old}" {new}')
+    file = folder / "desk.xml"
+    file.write_text(text)
+    return robot_scene(file, "tip", None, mujoco.MjData)
+
+
+def test_props_a_hand_and_a_second_arm_come_to_rest_and_the_arm_stays(tmp_path):
+    """The ball falls to the floor, the jaw goes to the end of its range, a limp arm hangs."""
+    scene = desk(tmp_path)
+    assert scene.part.left_out == ("jaw", "ball", "other")
+    assert [scene.own.joint(j).name for j in range(scene.own.njnt)] == ["shoulder", "elbow"]
+    assert scene.start.body("ball").xpos[2] == pytest.approx(0.05, abs=2e-3)
+    assert scene.start.joint("jaw").qpos[0] == pytest.approx(0.003, abs=1e-5)
+    assert scene.start.joint("other").qpos[0] == pytest.approx(np.pi / 2, abs=0.05)
+    plant = Plant(scene.whole, base=None, payload="tip", start=scene.start, part=scene.part)
+    before = plant.data.qpos.copy()
+    plant.step(np.zeros(2), 1.0)
+    assert np.abs(plant.displacements()).max() < 1e-6
+    assert np.abs(plant.data.qpos - before)[scene.part.positions].max() < 1e-6
+
+
+def test_what_is_commanded_is_the_part_alone(tmp_path):
+    """Everything else keeps the controls with which it came to rest."""
+    scene = desk(tmp_path)
+    plant = Plant(scene.whole, base=None, payload="tip", start=scene.start, part=scene.part)
+    assert [drive.name for drive in plant.drives] == ["shoulder", "elbow"]
+    plant.step(np.array([0.01, 0.0]), 1.0)
+    np.testing.assert_allclose(plant.data.ctrl[2:], scene.start.ctrl[2:])
+    np.testing.assert_allclose(plant.displacements(), [0.01, 0.0], atol=1e-3)
+
+
+def test_a_servo_that_cannot_hold_the_start_sags_and_says_so(tmp_path):
+    """Its weakest joint comes to rest where the range of the control ends."""
+    scene = desk(tmp_path, m1='ctrlrange="0 1"')
+    assert "shoulder by" in scene.moved[0]
+    held = Plant(scene.whole, base=None, payload="tip", start=scene.start, part=scene.part)
+    held.step(np.zeros(2), 1.0)
+    assert np.abs(held.displacements()).max() < 1e-6
+
+
+BIPED = """
+<mujoco>
+  <option timestep="0.002" integrator="implicitfast"/>
+  <worldbody>
+    <geom type="plane" size="3 3 0.1"/>
+    <body name="trunk" pos="0 0 0.5">
+      <freejoint name="root"/>
+      <geom type="box" size="0.1 0.15 0.1" mass="3"/>
+      <body name="arm" pos="0.1 0 0.05">
+        <joint name="lift" axis="0 1 0" damping="0.5" armature="0.02"/>
+        <geom type="capsule" size="0.02" fromto="0 0 0 0.2 0 0" mass="0.2"/>
+        <site name="hand" pos="0.2 0 0"/>
+      </body>
+      {legs}
+    </body>
+  </worldbody>
+  <actuator>
+    <position name="lift" joint="lift" kp="50" kv="5"/>
+    {motors}
+  </actuator>
+</mujoco>
+"""
+LEG = """
+<body name="thigh_{0}" pos="0 {1} -0.1">
+  <joint name="hip_{0}" axis="0 1 0" damping="1" armature="0.02"/>
+  <geom type="capsule" size="0.03" fromto="0 0 0 0.05 0 -0.18" mass="0.5"/>
+  <body name="shin_{0}" pos="0.05 0 -0.18">
+    <joint name="knee_{0}" axis="0 1 0" damping="1" armature="0.02"/>
+    <geom type="capsule" size="0.03" fromto="0 0 0 -0.05 0 -0.18" mass="0.4"/>
+    <body name="{0}" pos="-0.05 0 -0.18">
+      <joint name="ankle_{0}" axis="0 1 0" damping="1" armature="0.02"/>
+      <geom type="box" size="0.08 0.04 0.02" pos="0.02 0 -0.02" mass="0.2"/>
+    </body>
+  </body>
+</body>
+"""
+SERVO = '<position name="{0}_{1}" joint="{0}_{1}" kp="200" kv="10"/>'
+
+
+def biped(folder: Path) -> Path:
+    feet = "left_foot", "right_foot"
+    legs = [LEG.format(foot, y) for foot, y in zip(feet, (0.1, -0.1), strict=True)]
+    motors = [SERVO.format(joint, foot) for joint in ("hip", "knee", "ankle") for foot in feet]
+    file = folder / "biped.xml"
+    file.write_text(BIPED.format(legs="".join(legs), motors="".join(motors)))
+    return file
+
+
+def test_a_base_that_falls_is_refused_with_pins_that_work(tmp_path):
+    """The advice is done as written: the feet stay, and the machine stands still."""
+    file = biped(tmp_path)
+    with pytest.raises(ModelError, match="gravity moves the free joint") as refused:
+        robot_scene(file, "hand", None, mujoco.MjData)
+    names = str(refused.value).split("--pinned ")[1].split(",")
+    assert names == ["left_foot", "right_foot"]
+    pins = [Pin(name, weld=True) for name in names]
+    scene = robot_scene(file, "hand", None, mujoco.MjData, pins)
+    plant = Plant(scene.whole, base=None, payload="hand", start=scene.start, part=scene.part)
+    feet = [plant.data.body(name).xpos.copy() for name in names]
+    command = np.zeros(len(plant.drives))
+    command[[drive.name for drive in plant.drives].index("lift")] = 0.05
+    plant.step(command, 1.0)
+    mujoco.mj_forward(plant.model, plant.data)
+    for name, before in zip(names, feet, strict=True):
+        np.testing.assert_allclose(plant.data.body(name).xpos, before, atol=1e-4)
+    assert plant.closure_residual_m() < 1e-4
+
+
+def test_a_frame_that_nothing_moves_is_refused(tmp_path):
+    file = biped(tmp_path)
+    still = file.read_text().replace("</worldbody>", '<site name="floor"/></worldbody>')
+    file.write_text(still)
+    with pytest.raises(ModelError, match="no actuator moves floor"):
+        robot_scene(file, "floor", None, mujoco.MjData)
+
+
+ROD = """
+<mujoco>
+  <option gravity="0 0 0"/>
+  <worldbody>
+    <body name="crank">
+      <joint name="crank" axis="0 1 0" damping="0.1" armature="0.01"/>
+      <geom size="0.02" mass="0.1"/>
+      <body name="rod" pos="0.1 0 0">
+        <joint name="ball" type="ball" damping="0.001"/>
+        <geom type="capsule" size="0.01" fromto="0 0 0 0 0 0.2" mass="0.1"/>
+        <site name="end" pos="0 0 0.2"/>
+      </body>
+    </body>
+    <body name="slide" pos="0.1 0 0.2">
+      <joint name="slide" type="slide" axis="1 0 0" damping="0.1"/>
+      <geom size="0.02" mass="0.1"/>
+      <site name="tip"/>
+    </body>
+  </worldbody>
+  <equality><connect site1="end" site2="tip" solref="0.004 1"/></equality>
+  <actuator><position joint="crank" kp="10" kv="1"/></actuator>
+</mujoco>
+"""
+
+
+def test_a_rod_between_two_ball_joints_is_idle_about_its_axis_alone():
+    """It may stand at any angle about itself, and nothing else may."""
+    lock = '<joint name="lock1" joint1="crank" active="false"/></equality>'
+    model = mujoco.MjModel.from_xml_string(ROD.replace("</equality>", lock))
+    linear = Plant(model, base=None, payload="tip", start=mujoco.MjData(model)).linear()
+    assert linear.idle == ("ball",)

@@ -347,6 +347,7 @@ OF_A_FILE = {
     "period": "0.002",
     "joint-weight": "2",
     "secondary-weight": "1",
+    "pinned": "payload",
     "limits": "none",
     "keyframe": "0",
     "servo": "20",
@@ -379,23 +380,23 @@ def test_a_floating_base_that_falls_is_refused(capfd, tmp_path):
 
 
 def test_a_path_beyond_the_stated_ranges_names_the_actuators_at_their_limits(
-    capfd, tmp_path, panda
+    capfd, tmp_path, tight
 ):
-    words = (
+    words = [
         "--site",
         "hand",
         "--major",
-        "3,4,5",
+        "1,3,5",
         "--crossover",
         "0.5",
         "--size",
-        "0.8",
+        "0.05",
         "--turn",
         "8",
-    )
-    said = refused(capfd, tmp_path / "out", str(panda), *words)
+    ]
+    said = refused(capfd, tmp_path / "out", str(tight), *words)
     assert "the path is out of reach at" in said
-    assert "at a limit" in said
+    assert "with joint2 at a limit" in said
 
 
 def one_array() -> bytes:

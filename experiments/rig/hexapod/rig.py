@@ -171,6 +171,7 @@ def rig_of(
             reference_limit=np.full(len(MAJOR), radius_rad),
         ),
         warnings=(),
+        left_out=(),
         testbed=testbed,
         elastic=elastic_system(model),
     )

@@ -1,0 +1,1 @@
+"""What of a file is the robot at work, where all of it stands still, and what is pinned."""

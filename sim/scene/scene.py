@@ -1,0 +1,153 @@
+"""A file as a robot at work: what the task involves, what stands beside it, and where all rests."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from sim.closing.assembly import assemble
+from sim.closing.pin import Pin
+from sim.errors import ModelError
+from sim.mjcf.frame import Body, Located, frame_named, located
+from sim.mjcf.locks import add_locks
+from sim.mjcf.model import joint_name, listed, load_spec, name_of
+from sim.mjcf.part import Part, task_part
+from sim.mjcf.transmission import drives
+from sim.plant.holding import balance
+from sim.plant.servo import servoed
+from sim.scene.reduced import reduced
+from sim.scene.rest import is_held, settled
+from sim.scene.stand import stand, standing
+
+_OF_ACTUATORS = "actuator_gainprm", "actuator_biasprm", "actuator_biastype"
+_OF_OUTPUTS = "actuator_forcerange", "actuator_forcelimited"
+_OF_CONTROLS = "actuator_ctrlrange", "actuator_ctrllimited"
+
+_FREE = int(mujoco.mjtJoint.mjJNT_FREE)
+_MOVED = 1e-6
+"""Displacement of a joint, [rad] or [m], that is worth a sentence."""
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A file at rest, and what of it a task involves.
+
+    Attributes:
+        whole: Model of everything, for the physics.
+        start: Its state at rest.
+        frame: Of the task.
+        part: What the task involves.
+        own: Model of that part alone, for its controller; the whole where nothing is left out.
+        own_start: Its state, the same.
+        moved: What moved from where the file has it until it came to rest, in words.
+    """
+
+    whole: mujoco.MjModel
+    start: mujoco.MjData
+    frame: str | Body
+    part: Part
+    own: mujoco.MjModel
+    own_start: mujoco.MjData
+    moved: tuple[str, ...]
+
+
+def robot_scene(
+    file: str | Path,
+    frame: str | Body,
+    axes: str | None,
+    begin: Callable[[mujoco.MjModel], mujoco.MjData],
+    pinned: Sequence[Pin] = (),
+    servo_hz: float | None = None,
+) -> Scene:
+    """A file at rest, split into what a task involves and the rest.
+
+    Where the file has props, a hand or a spring beside the task, or a start that its actuators
+    do not hold, the physics runs until all rests: see :func:`sim.scene.rest.settled`.
+
+    Args:
+        file: MJCF.
+        frame: Of the task: a site, or a body; a name is that of a site if there is one.
+        axes: Site whose axes express it; None is the world.
+        begin: Where a model begins, loops open or not.
+        pinned: Frames that stand.
+        servo_hz: Natural frequency of position servos for torque motors; None leaves them as they
+            are.
+
+    Raises:
+        sim.ModelError, sim.ClosureError: The file, a frame, or what does not rest.
+    """
+    spec, model = load_spec(file)
+    data, frame = begin(model), frame_named(model, frame)
+    pinned = [replace(pin, frame=frame_named(model, pin.frame)) for pin in pinned]
+    mujoco.mj_fwdPosition(model, data)
+    changed = add_locks(spec, model)
+    stand(spec, model, data, pinned)
+    if changed or pinned:
+        model = spec.compile()
+    if servo_hz is not None:
+        model = servoed(model, natural_frequency_hz=servo_hz, data=assemble(model, begin(model)))
+    start = assemble(model, begin(model))
+    mujoco.mj_forward(model, start)
+    part = task_part(model, _frames(model, frame, axes), np.flatnonzero(start.eq_active).tolist())
+    if not part.actuators:
+        raise ModelError(f"no actuator moves {frame}: take a frame that the robot carries")
+    if is_held(part, start):
+        if not part.rest:
+            return Scene(model, start, frame, part, model, start, ())
+    else:
+        _refuse_a_falling_base(part, start)
+    rested = settled(part, start)
+    moved = _moved(part, start, rested)
+    if not part.rest:
+        closed = assemble(model, rested)
+        return Scene(model, closed, frame, part, model, closed, moved)
+    own = reduced(spec, part, rested)
+    _take_actuators(own, part)
+    own_start = mujoco.MjData(own)
+    own_start.qpos[:] = rested.qpos[part.positions]
+    own_start = assemble(own, own_start)
+    rested.qpos[part.positions] = own_start.qpos
+    mujoco.mj_forward(model, rested)
+    return Scene(model, rested, frame, part, own, own_start, moved)
+
+
+def _frames(model: mujoco.MjModel, frame: str | Body, axes: str | None) -> list[Located]:
+    of_axes = [] if axes is None else [located(model, "axes", axes)]
+    return [located(model, "site", frame), *of_axes]
+
+
+def _take_actuators(own: mujoco.MjModel, part: Part) -> None:
+    """Give the model of a part the servos that its whole has got."""
+    whole, ids = part.model, list(part.actuators)
+    for name in _OF_ACTUATORS:
+        getattr(own, name)[:] = getattr(whole, name)[ids]
+    for name in _OF_OUTPUTS:
+        getattr(own, name)[own.actuator_outadr] = getattr(whole, name)[whole.actuator_outadr[ids]]
+    for name in _OF_CONTROLS:
+        getattr(own, name)[own.actuator_ctrladr] = getattr(whole, name)[whole.actuator_ctrladr[ids]]
+
+
+def _refuse_a_falling_base(part: Part, start: mujoco.MjData) -> None:
+    """Refuse a floating base that nothing holds: the physics would only show it fall."""
+    model = part.model
+    moves = balance(model, start, drives(model, among=part.actuators), part.still).moves
+    if moves is not None and "free joint" in moves:
+        base = min(b for b in part.bodies if model.jnt_type[model.body_jntadr[b]] == _FREE)
+        feet = standing(part, start) or [name_of(model.body(base))]
+        raise ModelError(f"{moves}: pin what stands, --pinned {','.join(feet)}")
+
+
+def _moved(part: Part, start: mujoco.MjData, rested: mujoco.MjData) -> tuple[str, ...]:
+    """Joints of the part that moved until all came to rest, in one sentence; none where none."""
+    model, way = part.model, np.empty(part.model.nv)
+    mujoco.mj_differentiatePos(model, way, 1.0, start.qpos, rested.qpos)
+    way[part.still] = 0.0
+    joints = [int(j) for j in dict.fromkeys(model.dof_jntid[np.abs(way) > _MOVED])]
+    named = [
+        f"{joint_name(model, j)} by {np.abs(way[model.dof_jntid == j]).max():.2g}" for j in joints
+    ]
+    if not named:
+        return ()
+    return (f"came to rest away from its start, in rad or m: {listed(named)}",)

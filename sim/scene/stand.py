@@ -1,0 +1,83 @@
+"""Frames of a file that stand: pinned to the world by equalities, in the physics too."""
+
+import copy
+from collections import Counter
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+
+from sim.closing.pin import Pin
+from sim.mjcf.frame import located
+from sim.mjcf.locks import stiffen
+from sim.mjcf.model import name_of
+from sim.mjcf.part import Part
+
+_LOOKED_S, _FALL_S = 0.02, 1.0
+"""How often contacts are looked for, and how long."""
+_FLAT = 3
+"""Points of contact on which a body stands without turning."""
+
+
+def stand(
+    spec: mujoco.MjSpec, model: mujoco.MjModel, data: mujoco.MjData, pins: Sequence[Pin]
+) -> None:
+    """Pin frames to the world where they are in `data`, as stiffly as the time step allows.
+
+    What is pinned no longer touches what stands on its own: two constraints for one foot would push
+    each other.
+
+    Args:
+        spec: Which is changed, and compiled anew by the caller.
+        model: As it was compiled.
+        data: Its state, positions up to date.
+        pins: The frames.
+
+    Raises:
+        sim.ModelError: A frame that does not exist.
+    """
+    for k, pin in enumerate(pins):
+        frame = located(model, "pinned", pin.frame)
+        there, here = f"pinned{k}_in_the_world", f"pinned{k}"
+        quat_wxyz = np.empty(4)
+        mujoco.mju_mat2Quat(quat_wxyz, frame.rotation(data).flatten())
+        spec.worldbody.add_site(name=there, pos=frame.position_m(data), quat=quat_wxyz)
+        body = spec.bodies[frame.body]
+        if frame.is_site:
+            here = spec.sites[frame.id].name
+        else:
+            body.add_site(name=here)
+        kind = mujoco.mjtEq.mjEQ_WELD if pin.weld else mujoco.mjtEq.mjEQ_CONNECT
+        equality = spec.add_equality(name=f"pin{k}", type=kind)
+        equality.objtype, equality.name1, equality.name2 = mujoco.mjtObj.mjOBJ_SITE, here, there
+        stiffen(equality, model.opt.timestep)
+    for name in dict.fromkeys(_bodies(spec, model, pins)):
+        spec.add_exclude(bodyname1=spec.worldbody.name, bodyname2=name)
+
+
+def standing(part: Part, data: mujoco.MjData) -> list[str]:
+    """Bodies that stand on the ground, or come to when let fall, as pins are written.
+
+    Those that touch it at fewer than three points can turn about these.
+    """
+    model, points = part.model, Counter[int]()
+    data, steps = copy.copy(data), max(1, round(_LOOKED_S / model.opt.timestep))
+    while not data.ncon and data.time < _FALL_S:
+        mujoco.mj_step(model, data, steps)
+    mujoco.mj_step(model, data, steps)  # until all of a foot is down
+    for one, other in data.contact.geom:
+        for here, there in ((one, other), (other, one)):
+            if here >= 0 and there >= 0 and not model.body_weldid[model.geom_bodyid[there]]:
+                points[int(model.geom_bodyid[here])] += 1
+    roots = {int(model.body_rootid[body]) for body in part.bodies}
+    return [
+        name_of(model.body(body)) + ("" if count >= _FLAT else ":point")
+        for body, count in sorted(points.items())
+        if model.body_rootid[body] in roots
+    ]
+
+
+def _bodies(spec: mujoco.MjSpec, model: mujoco.MjModel, pins: Sequence[Pin]) -> list[str]:
+    """Names of the bodies that are pinned."""
+    numbers = [located(model, "pinned", pin.frame).body for pin in pins]
+    return [spec.bodies[number].name for number in numbers]
