@@ -10,23 +10,22 @@ Packages, files and results are in build/robots; delete its `trials` to begin an
 import argparse
 import json
 import os
+import signal
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 from experiments.study.provenance import processor, versions
 from tests.public_robots.page import page
 from tests.public_robots.registry import Model, install, models
+from tests.public_robots.trial import LIMIT_S
 
 ROOT = Path(__file__).parents[2]
 BUILD = ROOT / "build" / "robots"
 PAGE = ROOT / "docs" / "robots.md"
 PROCESSES = 2
-LIMIT_S = 60.0
-"""Of a robot, wall clock."""
 
 
 def main() -> None:
@@ -68,8 +67,9 @@ def _conditions(records: dict[str, dict[str, Any]]) -> str:
     with_them = ", ".join(f"{name} {number}" for name, number in versions().items())
     return (
         f"{' to '.join(dict.fromkeys([dates[0], dates[-1]]))}, commit {', '.join(commits)}, "
-        f"{with_them}. Exact plants, seed 0, one flight each, at most {LIMIT_S:g} s for a robot, "
-        f"{PROCESSES} processes at a time, each with one BLAS thread, on {processor()}."
+        f"{with_them}. Exact plants, seed 0, one flight each; at most {LIMIT_S} s of "
+        f"processor time a robot, {PROCESSES} processes at once, one BLAS thread each, "
+        f"{processor()}."
     )
 
 
@@ -80,7 +80,7 @@ def _is_due(model: Model, only: list[str] | None) -> bool:
 
 
 def _tried(model: Model) -> tuple[Model, dict[str, Any]]:
-    """The result of a process of its own, which does not outlive the limit."""
+    """The result of a process of its own."""
     out = _result(model)
     out.parent.mkdir(parents=True, exist_ok=True)
     if model.xml is None:
@@ -93,14 +93,13 @@ def _tried(model: Model) -> tuple[Model, dict[str, Any]]:
     file.parent.mkdir(parents=True, exist_ok=True)
     file.write_text(model.xml)
     words = [sys.executable, "-W", "ignore", "-m", "tests.public_robots.trial", file, unfinished]
-    run = partial(subprocess.run, cwd=ROOT, env=os.environ | {"OPENBLAS_NUM_THREADS": "1"})
-    more = {}
-    try:
-        code = run(words, timeout=LIMIT_S, capture_output=True).returncode
-        if code:
-            more = {"traceback": f"the process ended with code {code}"}
-    except subprocess.TimeoutExpired:
+    environment = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
+    code = subprocess.run(words, cwd=ROOT, env=environment, capture_output=True).returncode
+    more: dict[str, Any] = {}
+    if code == -signal.SIGXCPU:
         more = {"timeout_s": LIMIT_S}
+    elif code:
+        more = {"traceback": f"the process ended with code {code}"}
     begun = json.loads(unfinished.read_text()) if unfinished.is_file() else {"stage": "load"}
     out.write_text(json.dumps(begun | more, indent=1))
     unfinished.unlink(missing_ok=True)
@@ -111,7 +110,7 @@ def _outcome(record: dict[str, Any]) -> str:
     for key in ("traceback", "refused"):
         if key in record:
             return f"{record['stage']}: {key}: {record[key]}"[:200]
-    return "flies" if record["stage"] is None else f"{record['stage']}: more than {LIMIT_S:g} s"
+    return "flies" if record["stage"] is None else f"{record['stage']}: more than {LIMIT_S} s"
 
 
 if __name__ == "__main__":

@@ -153,6 +153,7 @@ def _short(sentence: str) -> str:
 def _kind(sentence: str) -> str:
     """A sentence without the names and numbers in it: those of one kind are equal."""
     plain = re.sub(r'"[^"]*"|\'[^\']*\'', '"..."', sentence)
+    plain = re.sub(r'(?:"...", )+', "", plain)
     plain = re.sub(r"dry friction of \S+", "dry friction of ...", plain)
     return re.sub(r"\d[\d.e+-]*", "#", plain)
 

@@ -5,6 +5,7 @@ written after each stage, so that a process that is stopped leaves it.
 """
 
 import json
+import resource
 import sys
 import time
 import traceback
@@ -46,6 +47,8 @@ SERVO_HZ, OF_STEP_RATE = 10.0, 0.03
 FLIGHT_S, FAILS_S = 2.0, 1.0
 ROWS = ((3, 4, 5), (3, 4), (3, 5), (4, 5), (3,), (4,), (5,), (0,), (1,), (2,))
 """Major rows, the first that the actuators reach: translations, as many as they can."""
+LIMIT_S = 60
+"""Processor time after which the trial is ended: the same on a busy machine."""
 _STEP = 1e-6
 
 
@@ -64,7 +67,7 @@ def main(file: Path, out: Path) -> None:
             following = STAGES[(STAGES.index(stage) + 1) :]
             keep(**{stage: numbers}, stage=following[0] if following else None)
     except REFUSALS as error:
-        keep(refused=" ".join(str(error).replace(str(file), file.name).split()))
+        keep(refused=" ".join(str(error).replace(f"{file}: ", "").split()))
     except Exception as error:
         last = traceback.extract_tb(error.__traceback__)[-1]
         where = f"{Path(last.filename).name}:{last.lineno} in {last.name}"
@@ -256,4 +259,5 @@ def power_error(model: mujoco.MjModel, data: mujoco.MjData, jac: Jacobians, body
 
 
 if __name__ == "__main__":
+    resource.setrlimit(resource.RLIMIT_CPU, (LIMIT_S, LIMIT_S + 5))
     main(Path(sys.argv[1]), Path(sys.argv[2]))
