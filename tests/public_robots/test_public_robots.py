@@ -106,7 +106,7 @@ def test_the_task_of_an_arm_is_the_end_of_its_longest_driven_chain():
         '<body name="lower" pos="0 0 1"><joint name="j2"/><geom size="0.1"/>'
         '<body name="flag" pos="0.1 0 0"/><body name="tool" pos="0.5 0 0"/></body>'
         '<body name="pendulum" pos="9 0 0"><joint axis="1 0 0"/><joint axis="0 1 0"/>'
-        '<geom size="0.1"/></body></body></worldbody>'
+        '<geom size="0.1"/><body name="rod"><body name="bob"/></body></body></body></worldbody>'
         '<actuator><position joint="j1"/><position joint="j2"/></actuator></mujoco>'
     )
     assert task_frame(model, data) == ("tool", ())
