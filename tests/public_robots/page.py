@@ -88,7 +88,8 @@ def _counts(records: Sequence[Record]) -> str:
         f"not done after the time limit: {kinds['timeout_s']}",
         f"Jacobians: {_worst(records, 'jacobians')}; power: {_worst(records, 'power')}",
         f"RMS as predicted within 20 % without a failure: {_of(close)}; after the lock: "
-        f"{_of(after)}; off without a warning in either: {sum(map(silently_wrong, flights))}",
+        f"{_of(after)}; off without a warning in either: {sum(map(silently_wrong, flights))}; "
+        f"without a prediction: {len(flights) - len(close)} and {len(locks) - len(after)}",
         f"lock named: {len(named)} of {len(locks)}; flights without a failure in which something "
         f"was named: {sum(bool(each['sound']['wrong']) for each in flights)} of {len(flights)}",
     ]
@@ -139,7 +140,9 @@ def _when_named(lock: Record) -> str:
 def _said(record: Record) -> str:
     kind = outcome(record)
     if kind == "flies":
-        return _short("; ".join(dict.fromkeys(map(_kind, record["rig"]["warnings"]))))
+        leaves = {record[flight]["leaves"] for flight in ("sound", "lock")} - {None}
+        beyond = [f"{name} leaves its range in the linear model" for name in sorted(leaves)]
+        return _short("; ".join(dict.fromkeys([*beyond, *map(_kind, record["rig"]["warnings"])])))
     if kind == "timeout_s":
         return f"{record['stage']}: not done after {record[kind]:g} s"
     return _short(f"{record['stage']}: {'traceback, ' * (kind == 'traceback')}{record[kind]}")
