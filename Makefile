@@ -4,7 +4,7 @@ BIN := .venv/bin
 STAMP := .venv/installed
 RUNS := results/report
 
-.PHONY: venv table1 test test-all test-ci test-processors coverage wheel-test dist check hooks docs bench bench-quick pictures clean
+.PHONY: venv table1 test test-all test-ci test-processors coverage wheel-test robots dist check hooks docs bench bench-quick pictures clean
 
 venv: $(STAMP)
 
@@ -49,6 +49,11 @@ coverage: venv
 # The wheel in an empty environment: base, sim and testbed, the README's examples, types.
 wheel-test:
 	$(PYTHON) tests/wheel.py
+
+# docs/robots.md: robots that registry packages ship, from their file to a flight; an hour the first
+# time. What has a result in build/robots/trials is not run again.
+robots: venv
+	$(BIN)/python -m tests.public_robots
 
 # What a release consists of, in dist: the sources, and the wheel built from them.
 dist: venv

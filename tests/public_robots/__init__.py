@@ -1,0 +1,1 @@
+"""`make robots`: robots that others published, from their file to a flight."""

@@ -1,0 +1,70 @@
+"""A robot's file without meshes: the same bodies, joints, actuators and inertias."""
+
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import mujoco
+
+SHAPES = (mujoco.mjtGeom.mjGEOM_MESH, mujoco.mjtGeom.mjGEOM_HFIELD, mujoco.mjtGeom.mjGEOM_SDF)
+"""Geoms that need a file."""
+
+
+def stripped(file: Path) -> str:
+    """MJCF of a robot without meshes, height fields, skins, textures and materials.
+
+    Each body keeps the inertia that MuJoCo computes with the meshes.
+
+    Raises:
+        ValueError: The file, or what is left of it, does not compile; as MuJoCo says it.
+    """
+    spec = mujoco.MjSpec.from_file(str(file))
+    _keep_inertias(spec, spec.compile())  # before it is compiled bodies have no numbers
+    _without_files(spec)
+    spec.compile()
+    xml = _without_references(spec.to_xml())
+    mujoco.MjModel.from_xml_string(xml)
+    return xml
+
+
+def _keep_inertias(spec: Any, whole: mujoco.MjModel) -> None:
+    """Write into each body what the compiler has made of its geoms."""
+    for body in spec.bodies[1:]:
+        k = body.id
+        if whole.body_mass[k] > 0:
+            _set_inertial(body, whole.body_mass[k], whole.body_inertia[k])
+            body.ipos, body.iquat = whole.body_ipos[k], whole.body_iquat[k]
+    spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_AUTO
+    spec.compiler.settotalmass = -1
+
+
+def _set_inertial(body: Any, mass_kg: float, inertia: Any) -> None:
+    body.explicitinertial, body.mass, body.inertia = True, mass_kg, inertia
+    body.fullinertia = [float("nan")] * 6
+
+
+def _without_files(spec: Any) -> None:
+    """Delete all that is read from a file, and what refers to it."""
+    for geom in list(spec.geoms):
+        if geom.type in SHAPES or geom.meshname or geom.hfieldname:
+            spec.delete(geom)
+        else:
+            geom.material = ""
+    for site in spec.sites:
+        site.material = ""
+    for tendon in spec.tendons:
+        tendon.material = ""
+    for kind in ("skins", "meshes", "hfields", "materials", "textures", "flexes"):
+        for each in list(getattr(spec, kind)):
+            spec.delete(each)
+
+
+def _without_references(xml: str) -> str:
+    """Delete what default classes say of files: the specification does not give all classes."""
+    root = ElementTree.fromstring(xml)
+    for element in root.iter():
+        for name in ("material", "mesh", "hfield"):
+            element.attrib.pop(name, None)
+        if element.tag == "geom" and element.get("type") in ("mesh", "hfield", "sdf"):
+            del element.attrib["type"]
+    return ElementTree.tostring(root, encoding="unicode")

@@ -1,0 +1,115 @@
+"""Which frame of an unknown robot is its task, and on which feet it stands: one rule for all.
+
+The task is the end of the longest chain: of all named bodies the one with the most driven
+velocities between it and the world, of these the one whose chain is longest in metres. A robot with
+a free base stands on its feet: the ends of driven chains that are lowest, within a tenth of the
+robot's height. Its task is the longest chain that ends in no foot; if there is none, its base.
+"""
+
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+
+from sim import Array
+
+FOOT_HEIGHT = 0.1
+"""Of the robot's height: ends of chains below are feet."""
+_DIGITS = 9
+
+
+class NoTask(ValueError):
+    """The rule finds no frame."""
+
+
+class TaskFrame(NamedTuple):
+    """The task of a robot.
+
+    Attributes:
+        frame: Name of a body.
+        pinned: Names of the feet, sites or bodies; none where the robot has no free base.
+    """
+
+    frame: str
+    pinned: tuple[str, ...]
+
+
+def task_frame(model: mujoco.MjModel, data: mujoco.MjData) -> TaskFrame:
+    """The task frame at this pose.
+
+    Raises:
+        NoTask: No actuator moves a body that has a name.
+    """
+    mujoco.mj_fwdPosition(model, data)
+    driven = _driven(model, data)
+    reach = np.zeros((model.nbody, 2))  # driven velocities, and metres, of the chain to each body
+    for k in range(1, model.nbody):
+        offset_m = np.linalg.norm(data.xpos[k] - data.xpos[model.body_parentid[k]])
+        reach[k] = reach[model.body_parentid[k]] + (driven[k], offset_m)
+    ends = [k for k in range(1, model.nbody) if driven[k] and not driven[_below(model, k)].any()]
+    if not ends:
+        raise NoTask("no actuator moves a joint")
+    best = _longest(model, reach, range(1, model.nbody))
+    base = int(model.body_rootid[best])
+    if not _is_free(model, base):
+        return TaskFrame(model.body(best).name, ())
+    feet = _feet(model, data, base, ends)
+    hands = [k for end in ends if end not in feet for k in (end, *_below(model, end))]
+    hands = [k for k in hands if model.body_rootid[k] == base]
+    frame = _longest(model, reach, hands) if hands else base
+    return TaskFrame(model.body(frame).name, tuple(feet.values()))
+
+
+def _driven(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
+    """How many velocities of each body's joints an actuator moves, shape (nbody,)."""
+    moments = np.zeros((model.nout, model.nv))
+    mujoco.mju_sparse2dense(
+        moments, data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind
+    )
+    moved = moments.any(axis=0)
+    return np.bincount(model.dof_bodyid[moved], minlength=model.nbody)
+
+
+def _below(model: mujoco.MjModel, body: int) -> list[int]:
+    """Bodies that this one carries; they come after it."""
+    below = [body]
+    for k in range(body + 1, model.nbody):
+        if model.body_parentid[k] in below:
+            below.append(k)
+    return below[1:]
+
+
+def _longest(model: mujoco.MjModel, reach: Array, bodies: object) -> int:
+    """Of some bodies the named one at the end of the longest chain, the first of equals."""
+    named = [k for k in bodies if model.body(k).name]  # type: ignore[attr-defined]
+    if not named:
+        raise NoTask("no body of a chain that actuators move has a name")
+    return max(named, key=lambda k: (*np.round(reach[k], _DIGITS), -k))
+
+
+def _is_free(model: mujoco.MjModel, body: int) -> bool:
+    first = model.body_jntadr[body]
+    return bool(first >= 0 and model.jnt_type[first] == mujoco.mjtJoint.mjJNT_FREE)
+
+
+def _feet(model: mujoco.MjModel, data: mujoco.MjData, base: int, ends: list[int]) -> dict[int, str]:
+    """The name of a foot's lowest site or body, by the body that ends the chain.
+
+    A foot without a name is pinned at the next body above that has one.
+    """
+    lowest: dict[int, tuple[float, str]] = {}
+    for end in ends:
+        if model.body_rootid[end] == base:
+            bodies = [end, *_below(model, end)]
+            while not any(model.body(k).name for k in bodies) and bodies[0] != base:
+                bodies.insert(0, int(model.body_parentid[bodies[0]]))
+            frames = [(data.xpos[k][2], model.body(k).name) for k in bodies]
+            sites = [k for k in range(model.nsite) if model.site_bodyid[k] in bodies]
+            frames += [(data.site_xpos[k][2], model.site(k).name) for k in sites]
+            if named := [frame for frame in frames if frame[1]]:
+                lowest[end] = min(named)
+    tree = [k for k in range(model.nbody) if model.body_rootid[k] == base]
+    heights = [data.xpos[k][2] for k in tree] + [height for height, _ in lowest.values()]
+    ground = min((height for height, _ in lowest.values()), default=0.0)
+    limit = ground + FOOT_HEIGHT * (max(heights) - min(heights))
+    return {end: name for end, (height, name) in lowest.items() if height <= limit}
