@@ -44,6 +44,7 @@ from sim import (
     load_model,
     servoed,
 )
+from sim.mjcf.drive import names_of
 from sim.mjcf.transmission import drives
 
 OF_THE_HEXAPOD = (
@@ -116,15 +117,15 @@ def robot_rig(file: Path, options: RobotOptions, at: Array | None = None) -> Rob
     """
     robot, rows = _robot(file, options, at), options.rows
     plant = robot.known
-    limits = plant.limits()
+    names, limits = names_of(plant.drives), plant.limits()
     limited = options.limits == "stated" and any(np.isfinite(limit).any() for limit in limits)
     unused: Unused = "locked" if (plant.spring_share > _HELD).all() else "free"
     track = _tracking(robot, plant, limits if limited else None, file, unused)
     return RobotRig(
         title=file.stem,
         model=robot.model,
-        actuators=tuple(drive.name for drive in plant.drives),
-        aliases=tuple(drive.actuators for drive in plant.drives),
+        actuators=tuple(own for own, *_ in names),
+        aliases=tuple(tuple(others) for _, *others in names),
         bodies=tuple(_body(robot.model, drive.joint) for drive in plant.drives),
         major=rows,
         goal=robot.goal,

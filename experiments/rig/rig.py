@@ -37,8 +37,9 @@ class Rig(ABC):
     Attributes:
         title: For people.
         model: As its controller has it.
-        actuators: Their names: of the joints or tendons that they drive.
-        aliases: Of each, the names of the actuators in the model.
+        actuators: Their names: the file's own; of several on one joint or tendon, or of one
+            without a name, that of the joint or tendon.
+        aliases: Other names of each, of its joint for one.
         bodies: The body that each moves, for the eye; None of what is no joint.
         major: Rows of the twist.
         goal: While all actuators work.
@@ -166,7 +167,7 @@ class Rig(ABC):
         return self.nominal.period_s
 
     def number(self, actuator: int | str) -> int:
-        """The number of an actuator, by it, by its own name, or by that of its joint.
+        """The number of an actuator, by it, by its name, or by that of its joint.
 
         Raises:
             WrongInput: There is none; the nearest is named.

@@ -2,12 +2,13 @@
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, get_args
 
 from experiments.rig.choices import Diagnosing
 from experiments.rig.dither import option_dither
+from experiments.rig.hexapod.rig import NAMES
 from experiments.rig.mjcf import robot_rig
 from experiments.rig.options import RobotOptions, check_positive
 from experiments.rig.other_controller import fly_with
@@ -21,6 +22,7 @@ from ftc.fdi.dither_design import DitherDesign
 from ftc.fdi.fault_model import Fault
 from ftc.tracking import is_possible
 from sim import Failure, FailureKind, model_sha256
+from sim.mjcf.drive import number_of, stated_names
 
 _FAILURE = re.compile(
     rf"(?P<name>.+):(?P<kind>{'|'.join(get_args(FailureKind))})@(?P<time>\d*\.?\d+)"
@@ -103,11 +105,11 @@ def run_track(
     check_positive("turn", turn)
     if dither != "none" and diagnosis == "off":
         raise WrongInput(f"--dither {dither} is for the diagnosis, which is off")
-    options = RobotOptions(**robot)
+    options, shorter = RobotOptions(**robot), 0.5 if quick else 1.0
+    announced = _announced(model, fail, duration)
     rig = robot_rig(model, options) if model is not None else _hexapod(options)
-    shorter = 0.5 if quick else 1.0
     desired = rig.path(path, duration_s=shorter * duration, turn_s=turn)
-    failures = _failures(rig, fail, shorter, len(desired))
+    failures = _numbered(rig, announced, shorter)
     check_reach(rig, desired)
     if controller is not None:
         controller_factory(controller)  # a wrong name is refused before anything flies
@@ -165,22 +167,32 @@ def _hexapod(options: RobotOptions) -> Rig:
     return Rig.hexapod(size=options.size, feedforward=options.feedforward == "on")
 
 
-def _failures(rig: Rig, asked: Sequence[str], shorter: float, ticks: int) -> tuple[Failure, ...]:
-    """Failures as NAME:KIND@S, within the run, in the order of time; each actuator fails once."""
-    found, last_s = [], (ticks - 1) * rig.period_s
+def _announced(model: Path | None, asked: Sequence[str], duration_s: float) -> list[Failure]:
+    """Failures as NAME:KIND@S, refused by the names in the file before anything is compiled."""
+    names = NAMES if model is None else stated_names(model)
+    found = []
     for text in asked:
         match = _FAILURE.fullmatch(text)
         if match is None:
             kinds = ", ".join(get_args(FailureKind))
             raise WrongInput(f"--fail must be NAME:KIND@SECONDS with KIND of {kinds}, got {text}")
-        when_s = shorter * float(match["time"])
-        if not when_s < last_s:
-            raise WrongInput(f"--fail {text}: the run ends at {last_s / shorter:g} s")
+        if not float(match["time"]) < duration_s:
+            raise WrongInput(f"--fail {text}: the run ends at {duration_s:g} s")
         try:
-            number = rig.number(match["name"])
-        except WrongInput as error:
+            if names:
+                number_of(match["name"], names)
+        except ValueError as error:
             raise WrongInput(f"--fail {match['name']}: {error}") from None
-        found.append(Failure(number, match["kind"], when_s))  # type: ignore[arg-type]
+        found.append(Failure(match["name"], match["kind"], float(match["time"])))  # type: ignore[arg-type]
+    return found
+
+
+def _numbered(rig: Rig, announced: Sequence[Failure], shorter: float) -> tuple[Failure, ...]:
+    """Of actuators by number, in the order of time; each actuator fails once."""
+    found = [
+        replace(each, actuator=rig.number(each.actuator), time_s=shorter * each.time_s)
+        for each in announced
+    ]
     if len({failure.actuator for failure in found}) < len(found):
         raise WrongInput("--fail must name each actuator once")
     return tuple(sorted(found, key=lambda one: one.time_s))

@@ -67,11 +67,11 @@ def test_the_readmes_loop_finds_the_lock_of_a_robot_and_goes_on(tmp_path, monkey
     for block in (ON_THE_HEXAPOD, OWN, IN_A_LOOP):
         exec(block, names)
     run = names["run"]
-    assert [(found.actuator, found.kind) for found in run.diagnoses[-1:]] == [("joint2", "locked")]
+    assert [(found.actuator, found.kind) for found in run.diagnoses[-1:]] == [("motor2", "locked")]
     assert not run.task_lost
     assert run.state.diagnoses[-1].fault == Fault(1, "locked")
     said, last = capsys.readouterr().out.splitlines()[-2:]
-    assert "joint2 was named locked at 1." in said
+    assert "motor2 was named locked at 1." in said
     assert float(last.split()[-1]) < 1.5e-4
 
 

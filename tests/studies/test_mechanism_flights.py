@@ -212,7 +212,7 @@ def test_the_tables_count_what_the_flights_say():
     assert (locked["isolable"], locked["isolable_right"], locked["named"]) == (2, 1, 2)
     assert rows["none"]["flights"] == 1 and rows["free"]["flights"] == 0
     assert locked["rms_over_informed"]["flights"] == 2
-    assert any("was taken for joint2" in note for note in found.notes)
+    assert any("was taken for motor2" in note for note in found.notes)
     assert json.loads(json_text(found.summary))["robot"] == "platform"
     assert found.failed_check is None
     assert "task sensor" not in found.markdown()

@@ -28,7 +28,7 @@ ARM, PLATFORM, HAND, ARMS = (
     HEXAPOD_MJCF.with_name(f"{name}.xml") for name in ("arm", "platform", "hand", "arms")
 )
 MAJOR = {ARM: "0,1", PLATFORM: "3,4", HAND: "3,4", ARMS: "3,4,5", None: "0,1"}
-LOCKED = {ARM: "joint2", ARMS: "joint2", None: "strut1"}
+LOCKED = {ARM: "motor2", ARMS: "motor2", None: "strut1"}
 KEYS = {
     *("experiment", "seed", "versions", "model_sha256", "robot", "actuators", "major", "units"),
     *(
@@ -85,6 +85,7 @@ def test_without_a_failure_the_error_is_that_of_the_linear_model(model, noise):
 def test_a_failure_is_given_by_the_name_of_the_joint_or_of_its_actuator(sound):
     names = ("joint4", "motor4")
     assert [sound.rig.number(name) for name in names] == [3, 3]
+    assert sound.rig.actuators[3] == "motor4"
 
 
 FAILING = [
@@ -120,7 +121,7 @@ def test_a_lock_is_named_and_the_error_stays_near_that_of_a_controller_told_at_o
 )
 def test_with_a_designed_dither_a_lock_is_named_at_once(model, sense):
     """Without one the platform's was never named, and the hexapod's after 0.9 s."""
-    actuator = "joint1" if model else "strut1"
+    actuator = "motor1" if model else "strut1"
     how = {"dither": "designed", "sense": sense, "duration": 2.0, "crossover": None}
     summary = summarize(tracked(model, fail=[f"{actuator}:locked@1"], **how))
     named = [(each["actuator"], each["kind"]) for each in summary["diagnoses"]]
@@ -211,9 +212,9 @@ def test_the_command_writes_what_the_interface_says(made_once):
     summary = json.loads((folder / "track.json").read_text())
     assert summary["experiment"] == "track"
     assert set(summary) == KEYS
-    assert summary["actuators"] == [f"joint{k}" for k in range(1, 8)]
+    assert summary["actuators"] == [f"motor{k}" for k in range(1, 8)]
     assert summary["major"] == [0, 1]
-    assert summary["failures"] == [{"actuator": "joint2", "kind": "locked", "time_s": 0.3}]
+    assert summary["failures"] == [{"actuator": "motor2", "kind": "locked", "time_s": 0.3}]
     for key in ("rms_before", "rms_after", "predicted_rms_before", "predicted_rms_after"):
         assert len(summary[key]) == 2
         assert np.isfinite(summary[key]).all()
@@ -319,6 +320,20 @@ ASKED: dict[str, Refusal] = {
     "a dither without a diagnosis": (["--dither", "10", "--diagnosis", "off"], "which is off"),
     "a path far out of reach": (["--size", "9"], "the path is out of reach"),
 }
+
+
+WRONG_FAILURES = [words[1] for why, (words, _) in ASKED.items() if "failure" in why]
+
+
+@pytest.mark.parametrize("model", [ARM, None])
+@pytest.mark.parametrize("fail", ["nobody:locked@0.1", *WRONG_FAILURES])
+def test_a_failure_of_nothing_is_refused_before_anything_is_compiled(fail, model, monkeypatch):
+    def compiled(*_: Any) -> None:
+        raise AssertionError("a model was compiled")
+
+    monkeypatch.setattr(mujoco.MjModel, "from_xml_path", compiled)
+    with pytest.raises(WrongInput, match="--fail"):
+        tracked(model, fail=[fail])
 
 
 def refused(capfd: pytest.CaptureFixture[str], out: Path, *words: str) -> str:
