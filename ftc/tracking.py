@@ -248,7 +248,7 @@ def tracking(
     kinematics = MechanismGeometry(model, springs=springs).system.kinematics()
     report = kinematics.manipulability(list(rows))
     if not is_possible(report):
-        raise TaskLost(f"the actuators cannot do the major task: {str(report).splitlines()[0]}")
+        raise TaskLost(f"the actuators cannot do the major task: {deciding_sentence(report)}")
     C = linear.C_twist[list(rows)]
     sigma, encoders = _deviations(noise, sense, len(rows), len(linear.C_active))
     if sense == "joints":
@@ -319,6 +319,13 @@ def mapping_for(
 def is_possible(report: Manipulability) -> bool:
     """Whether the major task is fully reachable, and no self-motion disturbs it."""
     return not report.unmanipulable and not report.unstable_major
+
+
+def deciding_sentence(report: Manipulability) -> str:
+    """Why the major task can be done, or what is in its way."""
+    decide = ("unmanipulable", "unstable_major")
+    against = [report.findings[name].sentence for name in decide if report.findings[name].holds]
+    return " ".join(against) or report.findings["unmanipulable"].sentence
 
 
 def _loops(

@@ -93,9 +93,9 @@ class RobotRig(Rig):
     def supervisor(
         self, dither: str | Dither | None = "default", goal: Goal | None = None
     ) -> Supervisor:
-        """With a dither that is designed, unless another is asked for."""
+        """With the dither of the command's default, unless another is asked for."""
         track = self.track if goal is None else replace(self.track, goal=goal)
-        return track.supervisor(dither=dither_of(self, dither, "designed"))
+        return track.supervisor(dither=dither_of(self, dither, "default"))
 
     def bench(
         self, time_s: Array, failures: Sequence[Failure], seed: int, events: object = None

@@ -14,7 +14,7 @@ import argument_checks as check
 from experiments.rig.choices import Sensing
 from experiments.rig.mismatch import Known, Mismatch
 from experiments.rig.paths import path_of
-from experiments.rig.prediction import Prediction, predicted
+from experiments.rig.prediction import Learns, Prediction, predicted
 from experiments.rig.run import Run, flown
 from experiments.study.study import WrongInput
 from ftc.control.compensator import Channel, Margins
@@ -203,9 +203,9 @@ class Rig(ABC):
         """A pilot that diagnoses failures and reconfigures itself.
 
         Args:
-            dither: "default" is what `fjh recover` flies with: 20 Hz of heave on the hexapod,
-                "designed" elsewhere; another as of :func:`experiments.rig.dither.rig_dither`;
-                None is none.
+            dither: "default" is 20 Hz of heave on the hexapod, as `fjh recover` flies with, and
+                that of `fjh track` elsewhere; another as of
+                :func:`experiments.rig.dither.rig_dither`; None is none.
             goal: While all actuators work; None is that of the rig.
         """
 
@@ -282,17 +282,27 @@ class Rig(ABC):
         )
 
     def predict(
-        self, path: ArrayLike, *, failures: Sequence[Failure] = (), told: bool = True
+        self,
+        path: ArrayLike,
+        *,
+        failures: Sequence[Failure] = (),
+        told: Learns = True,
+        dither: Dither | None = None,
     ) -> Prediction:
         """RMS errors of a path that begins at time 0 by the linear model.
 
         Args:
             path: As of :meth:`fly`.
             failures: Likewise.
-            told: Whether the controller is told of each failure at once, or never.
+            told: Whether the controller is told of each failure at once, or never; or when it is
+                told of each [s], one time a failure, None for never.
+            dither: That the pilot adds; None is none.
+
+        Raises:
+            ValueError: Another number of times than of failures, or a time before its failure.
         """
         desired = check.matrix("path", path, columns=len(self.major))
-        return predicted(self, desired, self._numbered(failures), told=told)
+        return predicted(self, desired, self._numbered(failures), told=told, dither=dither)
 
     def _numbered(self, failures: Sequence[Failure]) -> list[Failure]:
         given = [check.instance("failures", each, Failure) for each in failures]

@@ -43,6 +43,7 @@ KEYS = {
     *("rms_before", "rms_after", "predicted_rms_before", "predicted_rms_after", "possible_after"),
     *("diagnoses", "dither", "task_lost", "closure_residual_max_m", "verdict", "files"),
     *("prediction_off_before", "prediction_off_after", "status", "warnings", "feedforward"),
+    *("predicted_rms_after_when_named", "advice"),
 }
 
 
@@ -315,7 +316,10 @@ ASKED: dict[str, Refusal] = {
     "a size that is not finite": (["--size", "inf"], "--size must be positive and finite"),
     "a period that is none": (["--period", "nan"], "--period must be positive and finite"),
     "a site there is not": (["--site", "tip"], "tip"),
-    "a dither that is none": (["--dither", "often"], "--dither must be none, designed, or a freq"),
+    "a dither that is none": (
+        ["--dither", "often"],
+        "--dither must be none, default",
+    ),
     "a dither too slow": (["--dither", "0.1"], "a frequency from 2 to 62.5 Hz, got 0.1"),
     "a dither without a diagnosis": (["--dither", "10", "--diagnosis", "off"], "which is off"),
     "a path far out of reach": (["--size", "9"], "the path is out of reach"),
