@@ -253,7 +253,7 @@ def _robot(file: Path, options: RobotOptions, at: Array | None) -> _Robot:
         raise ModelError(f"{file}: {error}") from None
     frame: str | Body = options.site
     if all(model.site(k).name != options.site for k in range(model.nsite)):
-        frame = Body(options.site)
+        frame = Body(_name_or_number(model, options.site))
     steps = max(1, math.ceil(options.period / model.opt.timestep - 1e-9))
     size = options.size
     if size is None:
@@ -261,6 +261,12 @@ def _robot(file: Path, options: RobotOptions, at: Array | None) -> _Robot:
         size = _SIZE if turns else _SIZE * float(model.stat.extent)
     goal = _goal(len(drives(model)), options)
     return _Robot(model, start, options, frame, steps * model.opt.timestep, goal, size)
+
+
+def _name_or_number(model: mujoco.MjModel, body: str) -> str | int:
+    """Of a body: not all have names."""
+    named = any(model.body(k).name == body for k in range(model.nbody))
+    return int(body) if body.isdecimal() and not named else body
 
 
 def _tracking(

@@ -70,7 +70,7 @@ def check_positive(name: str, value: float) -> None:
 _USUAL = RobotOptions
 
 TASK = (
-    Option("site", str, _USUAL.site, "Task frame: a site, or a body.", "NAME"),
+    Option("site", str, _USUAL.site, "Task frame: a site, or a body, by name or number.", "NAME"),
     Option("axes", str | None, _USUAL.axes, "Site that gives the axes.  [default: world]", "NAME"),
     Option(
         "major",

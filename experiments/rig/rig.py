@@ -104,7 +104,7 @@ class Rig(ABC):
         file: str | Path,
         *,
         major: Sequence[int],
-        site: str = "payload",
+        site: str | int = "payload",
         axes: str | None = None,
         start: str | int | ArrayLike | None = None,
         sense: Sensing = "both",
@@ -121,7 +121,7 @@ class Rig(ABC):
         Args:
             file: MJCF.
             major: Rows of the twist [turn x, y, z; x, y, z] that are controlled exactly.
-            site: Task frame: a site, or a body.
+            site: Task frame: a site, or a body; by its number where it has no name.
             axes: Site that gives the axes; None is the world.
             start: Keyframe by name or number, or joint positions (nq,); None is the first
                 keyframe, or qpos0.
@@ -146,7 +146,7 @@ class Rig(ABC):
         if len(pinned):
             raise WrongInput(f"pinned must be empty: no plant is flown with it, got {pinned}")
         options = RobotOptions(
-            site=site,
+            site=str(site),
             axes=axes,
             major=",".join(str(row) for row in check.indices("major", major, 6)),
             sense=sense,

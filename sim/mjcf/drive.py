@@ -57,12 +57,12 @@ def names_of(some: Sequence["Drive"]) -> tuple[tuple[str, ...], ...]:
     This is the file's own name of the actuator; of several actuators, or one without a name, that
     of their joint or tendon.
     """
-    given = {k for k, d in enumerate(some) if len(d.ids) == 1 and d.model.actuator(d.ids[0]).name}
+    given = [k for k, d in enumerate(some) if len(d.ids) == 1 and d.model.actuator(d.ids[0]).name]
     own = [
         (*d.actuators, d.name) if k in given else (d.name, *d.actuators) for k, d in enumerate(some)
     ]
     first = dict[int, str]()
-    for k in sorted(range(len(own)), key=lambda k: k not in given):
+    for k in (*given, *(k for k in range(len(own)) if k not in given)):
         free = (name for name in own[k] if name not in first.values())
         first[k] = next(free, f"{own[k][0]} ({k})")
     return tuple(tuple(dict.fromkeys((first[k], *names))) for k, names in enumerate(own))

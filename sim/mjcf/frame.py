@@ -20,10 +20,10 @@ class Body:
     """The frame of a body, where the model has no site there.
 
     Attributes:
-        name: Of the body.
+        name: Of the body, or its number: not all bodies have names.
     """
 
-    name: str
+    name: str | int
 
 
 class Located(NamedTuple):
@@ -60,10 +60,10 @@ def located(model: mujoco.MjModel, argument: str, frame: str | Body) -> Located:
 
     Raises:
         ModelError: There is no such site or body.
-        TypeError: The argument is no name.
+        TypeError: The argument is no name, nor a body's number.
     """
     if isinstance(frame, Body):
-        body = element_id(model, "body", check.instance(argument, frame.name, str))
+        body = _body(model, argument, frame.name)
         return Located(body, body, is_site=False)
     try:
         site = element_id(model, "site", check.instance(argument, frame, str))
@@ -72,6 +72,14 @@ def located(model: mujoco.MjModel, argument: str, frame: str | Body) -> Located:
             raise ModelError(f'{error}; it is a body: Body("{frame}")') from None
         raise
     return Located(site, int(model.site_bodyid[site]), is_site=True)
+
+
+def _body(model: mujoco.MjModel, argument: str, name: str | int) -> int:
+    if not isinstance(name, int):
+        return element_id(model, "body", check.instance(argument, name, str))
+    if not 0 <= name < model.nbody:
+        raise ModelError(f"the model has bodies 0 to {model.nbody - 1}, got {name}")
+    return name
 
 
 def frame_jacobian(model: mujoco.MjModel, data: mujoco.MjData, frame: str | Body) -> Array:

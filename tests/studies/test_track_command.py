@@ -369,7 +369,7 @@ OF_A_FILE = {
     "limits": "none",
     "keyframe": "0",
     "servo": "20",
-    "sense": "both",
+    "sense": "task",
 }
 
 
