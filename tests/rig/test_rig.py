@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from experiments.rig import Rig
+from experiments.rig.dither import rig_dither
 from experiments.rig.hexapod.bench import settled, simulated
 from experiments.rig.hexapod.rig import HexapodRig
 from experiments.rig.mismatch import Known, Mismatch
@@ -64,6 +65,43 @@ def test_the_prediction_of_a_pilot_that_is_never_told_is_what_happens(name, kind
     for part, rms in ((error[:cut], predicted.rms_before), (error[cut:], predicted.rms_after)):
         flown = np.sqrt((part**2).sum(axis=1).mean())
         assert flown == pytest.approx(np.linalg.norm(rms), rel=0.1)
+
+
+def test_a_controller_that_learns_late_is_predicted_between_one_informed_at_once_and_never():
+    """At once and never are its limits, exactly; with a dither, too, which then costs more."""
+    one, path = rig("platform"), path_of("platform", 1.2)
+    failures = [Failure(1, "locked", FAILED_S), Failure(2, "weak", 0.3)]
+    design = rig_dither(one, "default")
+    assert design is not None
+    for dither in (None, design.dither):
+        of = partial(one.predict, path, failures=failures, dither=dither)
+        whole = {told: np.linalg.norm(of(told=told).rms_after) for told in (True, False)}
+        assert np.linalg.norm(of(told=[FAILED_S, 0.3]).rms_after) == whole[True]
+        assert np.linalg.norm(of(told=[None, None]).rms_after) == whole[False]
+        late = [np.linalg.norm(of(told=[t, None]).rms_after) for t in (0.55, 0.7, 0.9)]
+        assert whole[True] < late[0] < late[1] < late[2] < whole[False]
+    with pytest.raises(ValueError, match="told must be a time for each of 2 failures"):
+        of(told=[0.9])
+    with pytest.raises(ValueError, match="told must be no times before the failures"):
+        of(told=[0.4, None])
+
+
+def test_two_failures_of_one_tick_both_change_the_plant():
+    """In either order, and as one after the other with no time between, in the limit."""
+    one, path = rig("platform"), path_of("platform", 0.8)
+    locks = [Failure(1, "locked", FAILED_S), Failure(2, "free", FAILED_S)]
+    both = [one.predict(path, failures=f, told=False).rms_after for f in (locks, locks[::-1])]
+    np.testing.assert_array_equal(*both)
+    single = one.predict(path, failures=locks[:1], told=False).rms_after
+    assert np.abs(both[0] - single).max() > 0.01 * np.abs(single).max()
+
+
+@pytest.mark.parametrize("name", ["arm", "platform", "hexapod"])
+def test_the_default_dither_moves_the_major_rows_by_less_than_half_of_a_samples_noise(name):
+    design = rig_dither(rig(name), "default")
+    assert design is not None and design.separations.isolable()
+    assert design.dither.frequency_hz in (10.0, 20.0)
+    assert design.task_motion.max() <= 0.5 * rig(name).noise * (1 + 1e-9)
 
 
 def test_a_strut_that_comes_loose_leaves_its_range_and_nothing_is_predicted():

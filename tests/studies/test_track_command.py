@@ -7,6 +7,7 @@ import io
 import json
 from collections.abc import Callable
 from dataclasses import fields, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -15,12 +16,18 @@ import numpy as np
 import pytest
 
 from experiments.app.cli import main
+from experiments.rig import Rig
+from experiments.rig.mjcf import RobotRig, robot_rig
 from experiments.rig.options import RobotOptions
+from experiments.rig.run import Named
 from experiments.study.study import WrongInput
 from experiments.track import STUDY
+from experiments.track.failures import learnt_s, uncompared
 from experiments.track.results import AGREES, checks, notes, summarize
 from experiments.track.runs import Tracked, run_track
-from sim import HEXAPOD_MJCF
+from ftc.fdi.fault_model import Fault
+from ftc.tracking import deciding_sentence, is_possible
+from sim import HEXAPOD_MJCF, Failure
 from tests.conftest import fjh
 from tests.robots import PANDA
 
@@ -54,6 +61,11 @@ def tracked(model: Path | None, seed: int = 0, **options: Any) -> Tracked:
     usual |= {"model": model, "major": MAJOR.get(model, "0,1"), "turn": 2.0, "duration": 1.0}
     usual |= ({} if model is None else {"crossover": 0.7}) | options
     return run_track(seed=seed, quick=False, on_progress=lambda *_: None, **usual)
+
+
+@cache
+def tracking_rig(model: Path) -> RobotRig:
+    return robot_rig(model, RobotOptions(crossover=0.7))
 
 
 def ratios(summary: dict, part: str) -> np.ndarray:
@@ -230,6 +242,70 @@ def test_the_command_writes_what_the_interface_says(made_once):
         error = (arrays["desired"] - arrays["true"])[arrays["time_s"] < 0.3 - 1e-9]
         assert arrays["displacement"].shape == (400, 7)
     np.testing.assert_allclose(np.sqrt((error**2).mean(axis=0)), summary["rms_before"], rtol=1e-12)
+
+
+UNSEEN: dict[str, Any] = {
+    "sense": "task",
+    "dither": "none",
+    "duration": 0.4,
+    "fail": ["motor1:locked@0.3"],
+}
+
+
+def test_what_the_diagnosis_cannot_tell_apart_is_said_before_the_flight_and_after_it(
+    capfd, monkeypatch
+):
+    """With the option that would, which then does: half a second is enough for it."""
+    with monkeypatch.context() as changed:
+        changed.setattr(Rig, "fly", lambda *_, **__: pytest.fail("it flew"))
+        with pytest.raises(pytest.fail.Exception, match="it flew"):
+            tracked(PLATFORM, **UNSEEN)
+    advised = "motor1 locked may not be found: by the linear model --dither default tells it apart"
+    assert capfd.readouterr().err == f"fjh: {advised}\n"
+    one = tracked(PLATFORM, **UNSEEN)
+    assert one.advice == (advised.replace("may not be found", "was not named"),)
+    assert one.advice[0] in summarize(one)["verdict"]
+    seen: dict[str, Any] = UNSEEN | {"dither": "default"}
+    with_it = tracked(PLATFORM, **seen)
+    isolable = [(each.actuator, each.kind) for each in with_it.dither.separations.isolable()]  # type: ignore[union-attr]
+    assert (0, "locked") in isolable
+    assert "fjh" not in capfd.readouterr().err.replace(f"fjh: {advised}", "")
+
+
+@pytest.mark.long
+def test_after_a_lock_the_error_is_that_of_a_controller_that_learns_of_it_when_this_one_did():
+    """Within 5 %; by one informed at once it is off by more than the tolerance of the check."""
+    one = tracked(ARM, duration=2.0, turn=1.0, fail=["motor4:locked@1"])
+    summary = summarize(one)
+    assert summary["prediction_off_after"] < 0.05
+    at_once = np.linalg.norm(summary["predicted_rms_after"])
+    assert np.linalg.norm(summary["rms_after"]) > (1 + AGREES) * at_once
+
+
+def test_why_the_task_is_lost_is_one_sentence_that_agrees_with_the_verdict():
+    """An arm with a limp joint reaches every velocity, but cannot keep still."""
+    report = tracking_rig(ARM).classified([Fault(3, "free")])
+    assert not is_possible(report) and not report.unmanipulable
+    assert deciding_sentence(report).startswith("Self-motion moves the major task")
+    assert deciding_sentence(tracking_rig(ARM).classified([])).startswith("The actuators reach")
+
+
+def test_a_run_that_named_what_had_not_failed_is_not_compared(sound):
+    """Nor one that took a lock for a weakness; each says so."""
+    rig, failure = sound.rig, Failure(3, "locked", 0.1)
+    for named, why in (
+        (Named("motor4", "locked", 0.2, None), None),
+        (Named("motor4", "weak", 0.2, None), "motor4 was taken for weak"),
+        (Named("motor2", "locked", 0.2, None), "motor2 was named locked and had not failed"),
+        (Named("motor4", "locked", 0.2, 0.3), "motor4 was named locked and had not failed, or"),
+    ):
+        run = replace(sound.run, diagnoses=(named,))
+        said = uncompared(rig, run, [failure])
+        assert said is None if why is None else said is not None and said.startswith(why)
+    assert learnt_s(rig, run, [failure]) == [0.2]
+    one = replace(sound, failures=(failure,), uncompared="it was wrong", possible=(True, True))
+    assert summarize(one)["prediction_off_after"] is None
+    assert "it is not compared, as it was wrong" in summarize(one)["verdict"]
 
 
 def test_a_prediction_that_does_not_hold_fails_the_command(sound):
