@@ -25,7 +25,7 @@ FAILED_S = 0.5
 def rig(name: str, mismatch: Known | Mismatch = "exact") -> Rig:
     if name == "hexapod":
         return Rig.hexapod(mismatch=mismatch, seed=3)
-    major = {"arm": [0, 1], "fjh": [0, 1], "platform": [3, 4]}[name]
+    major = {"arm": [0, 1], "fjh": [0, 1], "platform": [3, 4], "hand": [3, 4]}[name]
     axes = "base" if name == "fjh" else None
     file = HEXAPOD_MJCF.with_name(f"{name}.xml")
     return Rig.of_mjcf(file, major=major, axes=axes, mismatch=mismatch, seed=3)
@@ -84,6 +84,23 @@ def test_a_controller_that_learns_late_is_predicted_between_one_informed_at_once
         of(told=[0.9])
     with pytest.raises(ValueError, match="told must be no times before the failures"):
         of(told=[0.4, None])
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("name", "kind"), [("hand", "free"), ("platform", "locked")])
+def test_a_pilot_that_finds_a_failure_goes_on_as_the_linear_model_says(name, kind):
+    """From the tick at which it named it: closed loops carry what is free, and nothing jumps."""
+    one, path = rig(name), path_of(name, 2.4)
+    dither = rig_dither(one, "default")
+    assert dither is not None
+    failures = [Failure(0, kind, 1.2)]
+    run = one.fly(one.supervisor(dither.dither), path, failures=failures)
+    (named,) = run.diagnoses
+    assert (named.actuator, named.kind) == (one.actuators[0], kind)
+    told = one.predict(path, failures=failures, told=[named.time_s], dither=dither.dither)
+    after = (run.desired - run.true)[round(1.2 / one.period_s) :]
+    flown = np.sqrt((after**2).sum(axis=1).mean())
+    assert flown == pytest.approx(np.linalg.norm(told.rms_after), rel=0.1)
 
 
 def test_two_failures_of_one_tick_both_change_the_plant():

@@ -109,20 +109,17 @@ FAILING = [
 
 
 @pytest.mark.parametrize("model", FAILING)
-def test_a_lock_is_named_and_the_error_stays_near_that_of_a_controller_told_at_once(model):
-    """The delay costs what the lock does meanwhile: at most a third of the error.
-
-    It is within 80 ms on the arms, and a second on the hexapod, whose path moves the strut little.
-    """
+def test_a_lock_is_named_and_the_error_is_that_of_a_controller_that_learns_of_it_then(model):
+    """By the dither within 0.2 s of any robot; the delay costs what the lock does meanwhile."""
     strut = LOCKED[model]
     one = tracked(model, duration=2.0, fail=[f"{strut}:locked@0.8"])
     summary = summarize(one)
     named = [(each["actuator"], each["kind"]) for each in summary["diagnoses"]]
     assert named == [(strut, "locked")]
-    assert 0 <= summary["diagnoses"][0]["delay_s"] < (1.0 if model is None else 0.2)
+    assert 0 <= summary["diagnoses"][0]["delay_s"] < 0.2
     assert summary["possible_after"] == [True]
     assert not summary["task_lost"]
-    np.testing.assert_allclose(ratios(summary, "after"), 1.0, rtol=0.4)
+    assert summary["prediction_off_after"] < 0.1
     broken = one.rig.actuators.index(strut)
     after = one.run.displacement[one.run.time_s >= 0.802, broken]
     assert np.ptp(after) < 1e-3 * one.rig.size
@@ -157,9 +154,10 @@ def test_both_sensors_and_a_dither_are_published_with_what_they_cost():
     assert dither["frequency_hz"] == 10.0
     assert one.rig.watched.noise.shape == (9,)
     cost = np.array(dither["task_motion"]) / np.sqrt(2)
-    expected = np.hypot(cost, summary["predicted_rms_before"])
-    np.testing.assert_allclose(summary["rms_before"], expected, rtol=0.15)
-    assert (cost > 2 * np.array(summary["predicted_rms_before"])).all()
+    still = one.rig.predict(one.run.desired).rms_before
+    for found in (summary["rms_before"], summary["predicted_rms_before"]):
+        np.testing.assert_allclose(found, np.hypot(cost, still), rtol=0.15)
+    assert (cost > 2 * still).all()
     assert "Dither of 10 Hz" in " ".join(notes(one, summary))
 
 
@@ -270,16 +268,6 @@ def test_what_the_diagnosis_cannot_tell_apart_is_said_before_the_flight_and_afte
     isolable = [(each.actuator, each.kind) for each in with_it.dither.separations.isolable()]  # type: ignore[union-attr]
     assert (0, "locked") in isolable
     assert "fjh" not in capfd.readouterr().err.replace(f"fjh: {advised}", "")
-
-
-@pytest.mark.long
-def test_after_a_lock_the_error_is_that_of_a_controller_that_learns_of_it_when_this_one_did():
-    """Within 5 %; by one informed at once it is off by more than the tolerance of the check."""
-    one = tracked(ARM, duration=2.0, turn=1.0, fail=["motor4:locked@1"])
-    summary = summarize(one)
-    assert summary["prediction_off_after"] < 0.05
-    at_once = np.linalg.norm(summary["predicted_rms_after"])
-    assert np.linalg.norm(summary["rms_after"]) > (1 + AGREES) * at_once
 
 
 def test_why_the_task_is_lost_is_one_sentence_that_agrees_with_the_verdict():
