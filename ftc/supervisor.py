@@ -116,6 +116,8 @@ class Supervisor:
         state = replace(state, task_lost=lost)
         if not lost:
             current = self.reconfigured(believed)
+            # One that the others carry loses nothing when its force is gone.
+            lost_displacements[list(current.mapping.goal.free)] = 0.0
             controller = current.transfer(state.controller, lost_displacements)
             state = replace(state, current=current, controller=controller)
         if found is None or not found.confirmed:

@@ -250,7 +250,7 @@ def tracking(
     kinematics = MechanismGeometry(model, springs=springs).system.kinematics()
     report = kinematics.manipulability(list(rows))
     if not is_possible(report):
-        raise TaskLost(f"the actuators cannot do the major task: {str(report).splitlines()[0]}")
+        raise TaskLost(f"the actuators cannot do the major task: {deciding_sentence(report)}")
     C = linear.C_twist[list(rows)]
     sigma, encoders = _deviations(noise, sense, len(rows), len(linear.C_active))
     if sense == "joints":
@@ -334,6 +334,13 @@ def _slowest_mode(linear: Any) -> str:
     pole = complex(poles[worst])
     hz, decay_per_s = abs(pole) / (2 * np.pi), -pole.real
     return f"a motion{of} at {hz:.2g} Hz decays by {decay_per_s:.2g} 1/s only"
+
+
+def deciding_sentence(report: Manipulability) -> str:
+    """Why the major task can be done, or what is in its way."""
+    decide = ("unmanipulable", "unstable_major")
+    against = [report.findings[name].sentence for name in decide if report.findings[name].holds]
+    return " ".join(against) or report.findings["unmanipulable"].sentence
 
 
 def _loops(

@@ -1,10 +1,11 @@
 """A dither for a rig, by which its diagnosis tells failures apart, and what it costs."""
 
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from experiments.rig.options import DITHER_SIZE
+from experiments.rig.options import COST_PART, DITHER_SIZE
 from experiments.study.study import WrongInput
 from ftc.fdi.diagnosis import DEFAULT_CONFIG
 from ftc.fdi.dither import Dither
@@ -14,8 +15,9 @@ from ftc.fdi.separation import Conditions
 if TYPE_CHECKING:
     from experiments.rig.rig import Rig
 
-FREQUENCIES_HZ = (2.0, 5.0, 10.0, 20.0)
-"""To choose from, above the crossovers of the loops: these would suppress what a failure leaves."""
+FREQUENCIES_HZ = {"designed": (2.0, 5.0, 10.0, 20.0), "default": (10.0, 20.0)}
+"""To choose from, above the crossovers of the loops: these would suppress what a failure leaves. No
+actuator is named before a period has passed; by default it is a tenth of a second at most."""
 
 CONDITIONS = Conditions(0.5, DEFAULT_CONFIG.uncertainty)
 """Under which it is designed: failures are to be told apart in half a second."""
@@ -28,29 +30,38 @@ _NOTHING = 1e-9
 
 
 def rig_dither(rig: "Rig", asked: str) -> DitherDesign | None:
-    """The dither that is asked for: "none", "designed", or a frequency in Hz.
+    """The dither that is asked for: "none", "default", "designed", or a frequency in Hz.
 
     The least separation of two failures is the largest found, by the linear model with the
-    uncertainty that the diagnosis assumes, of a size that :data:`DITHER_SIZE` says. None is none,
-    or that the major task leaves no motion.
+    uncertainty that the diagnosis assumes, of a size that :data:`DITHER_SIZE` says; "default" is
+    designed at 10 or 20 Hz, of a size that :data:`COST_PART` says. None is none, or that the major
+    task leaves no motion; by default also that no frequency serves, or separates any failure.
 
     Raises:
         WrongInput: Something else is asked for, or a frequency that the diagnosis does not see.
     """
     if asked == "none":
         return None
-    frequencies = _frequencies(rig, asked)
+    try:
+        frequencies, size = _frequencies(rig, asked), DITHER_SIZE * rig.size
+        if asked != "default":
+            return _designed(rig, frequencies, size)
+        design = _designed(rig, frequencies, min(size, COST_PART * rig.noise))
+    except ValueError as error:  # an undamped mode at that frequency
+        raise WrongInput(f"dither {asked}: {error}") from None
+    return design if design is not None and design.separations.isolable() else None
+
+
+def _designed(rig: "Rig", frequencies: list[float], task_motion: float) -> DitherDesign | None:
+    """The best of these frequencies that moves no major row further; None: there is no motion."""
     mapping = rig.mapping(rig.goal)
     freedom = mapping.secondary_gain()
     freedom = np.where(np.abs(freedom) < _NOTHING, 0.0, freedom)
-    if not freedom.any():
+    if not frequencies or not freedom.any():
         return None
-    size = DITHER_SIZE * rig.size
-    cost = Cost(size * np.abs(mapping.major_gain()).max(), rig.nominal.plant.C, size)
-    try:
-        return designed_dither(rig.watched, freedom, frequencies, CONDITIONS, cost)
-    except ValueError as error:  # an undamped mode at that frequency
-        raise WrongInput(f"dither {asked}: {error}") from None
+    displacement = DITHER_SIZE * rig.size * np.abs(mapping.major_gain()).max()
+    cost = Cost(displacement, rig.nominal.plant.C, task_motion)
+    return designed_dither(rig.watched, freedom, frequencies, CONDITIONS, cost)
 
 
 def option_dither(rig: "Rig", asked: str) -> DitherDesign | None:
@@ -82,17 +93,17 @@ def _frequencies(rig: "Rig", asked: str) -> list[float]:
     """Those asked for that the diagnosis sees; of the designed ones those that no loop follows."""
     slowest = 1 / CONDITIONS.time_s
     fastest = 1 / _SAMPLES / max(rig.period_s, DEFAULT_CONFIG.sample_s)
-    try:
-        tried = FREQUENCIES_HZ if asked == "designed" else (float(asked),)
-    except ValueError:
-        tried = ()
-    if asked == "designed":
+    tried = FREQUENCIES_HZ.get(asked, ())
+    if tried:
         tried = [hz for hz in tried if hz >= max(each.crossover_hz for each in rig.margins)]
+    else:
+        with suppress(ValueError):
+            tried = (float(asked),)
     seen = [hz for hz in tried if slowest <= hz <= fastest]
-    if not seen:
+    if not seen and asked != "default":
         raise WrongInput(
-            f"dither must be none, designed, or a frequency from {slowest:g} to {fastest:g} Hz, "
-            f"got {asked}"
+            "dither must be none, default, designed, or a frequency from "
+            f"{slowest:g} to {fastest:g} Hz, got {asked}"
         )
     return seen
 

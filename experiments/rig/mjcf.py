@@ -42,6 +42,7 @@ from sim import (
     Sensors,
     TaskSensor,
 )
+from sim.mjcf.drive import names_of
 from sim.mjcf.model import listed
 from sim.mjcf.transmission import drives
 from sim.scene.scene import Scene, robot_scene
@@ -92,9 +93,9 @@ class RobotRig(Rig):
     def supervisor(
         self, dither: str | Dither | None = "default", goal: Goal | None = None
     ) -> Supervisor:
-        """With a dither that is designed, unless another is asked for."""
+        """With the dither of the command's default, unless another is asked for."""
         track = self.track if goal is None else replace(self.track, goal=goal)
-        return track.supervisor(dither=dither_of(self, dither, "designed"))
+        return track.supervisor(dither=dither_of(self, dither, "default"))
 
     def bench(
         self, time_s: Array, failures: Sequence[Failure], seed: int, events: object = None
@@ -116,15 +117,15 @@ def robot_rig(file: Path, options: RobotOptions, at: Array | None = None) -> Rob
     """
     robot, rows = _robot(file, options, at), options.rows
     plant = robot.alone
-    limits = plant.limits()
+    names, limits = names_of(plant.drives), plant.limits()
     limited = options.limits == "stated" and any(np.isfinite(limit).any() for limit in limits)
     unused: Unused = "locked" if (plant.spring_share > _HELD).all() else "free"
     track = _tracking(robot, plant, limits if limited else None, file, unused)
     return RobotRig(
         title=file.stem,
         model=robot.model,
-        actuators=tuple(drive.name for drive in plant.drives),
-        aliases=tuple(drive.actuators for drive in plant.drives),
+        actuators=tuple(own for own, *_ in names),
+        aliases=tuple(tuple(others) for _, *others in names),
         bodies=tuple(_body(robot.model, drive.joint) for drive in robot.known.drives),
         major=rows,
         goal=robot.goal,

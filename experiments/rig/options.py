@@ -13,6 +13,11 @@ DITHER_SIZE = 0.1
 than this part of the path's size. A failed actuator leaves its part of the dither uncancelled."""
 
 
+COST_PART = 0.5
+"""Of a dither by default: while nothing has failed no major row moves further than this part of one
+standard deviation of a sample of its sensor."""
+
+
 @dataclass(frozen=True)
 class RobotOptions:
     """How a robot is controlled, in the words of the command; its options are below.
@@ -33,7 +38,7 @@ class RobotOptions:
     limits: Limited = "stated"
     keyframe: str | None = None
     servo: float | None = None
-    sense: Sensing = "task"
+    sense: Sensing = "both"
     feedforward: Feedforward = "default"
     pinned: str | None = None
 
@@ -75,7 +80,7 @@ def check_positive(name: str, value: float) -> None:
 _USUAL = RobotOptions
 
 TASK = (
-    Option("site", str, _USUAL.site, "Task frame: a site, or a body.", "NAME"),
+    Option("site", str, _USUAL.site, "Task frame: a site, or a body, by name or number.", "NAME"),
     Option("axes", str | None, _USUAL.axes, "Site that gives the axes.  [default: world]", "NAME"),
     Option(
         "major",
@@ -173,10 +178,12 @@ LOOPS = (
 DITHER = Option(
     "dither",
     str,
-    "none",
+    "default",
     "A small motion in the null space of the major rows, for the diagnosis: none, designed (the "
     "direction and frequency that separate failures best, at 2, 5, 10 or 20 Hz), or a frequency in "
     f"Hz. No actuator moves further than {DITHER_SIZE:g} of what the path moves one, and by "
-    f"dynamics no major row further than {DITHER_SIZE:g} of the path's size.",
+    f"dynamics no major row further than {DITHER_SIZE:g} of the path's size. default: designed at "
+    f"10 or 20 Hz, and no major row moves further than {COST_PART:g} of the noise of a sample; "
+    "none where no failure is separated by it.",
     "HZ",
 )

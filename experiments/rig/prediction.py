@@ -8,6 +8,7 @@ import numpy as np
 
 from argument_checks.ties import greatest
 from ftc.fdi.diagnosis import Diagnosis
+from ftc.fdi.dither import Dither
 from ftc.fdi.fault_model import Fault, fault_model
 from ftc.linear_loop import Stage, steps
 from ftc.supervisor import goal_after
@@ -37,28 +38,45 @@ class Prediction(NamedTuple):
     leaves: str | None = None
 
 
-def predicted(rig: "Rig", path: Array, failures: Sequence[Failure], *, told: bool) -> Prediction:
+Learns = bool | Sequence[float | None]
+"""When a controller learns of failures: at once, never, or at a time [s] each; None is never."""
+
+
+def predicted(
+    rig: "Rig",
+    path: Array,
+    failures: Sequence[Failure],
+    *,
+    told: Learns,
+    dither: Dither | None = None,
+) -> Prediction:
     """The prediction of a flight; see :meth:`experiments.rig.Rig.predict`.
 
     The plant is linear about its start and changes with each fault; the mapping is that of the
-    start, and where the controller is told reconfigured at the same tick; the actuators go on from
-    where they stand, and their secondary motion does not fade. Noise is white.
+    start, and is reconfigured at the tick at which the controller learns of a fault; the actuators
+    go on from where they stand, and their secondary motion does not fade. Noise is white.
     """
     model, goal = fault_model(rig.nominal), rig.goal
-    gain = rig.mapping(goal).major_gain()
-    stages, faults, first = [Stage(model.A, model.B, gain=gain, drift=model.drift)], [], len(path)
-    for failure in sorted(failures, key=lambda each: each.time_s):
-        tick = math.ceil(failure.time_s / rig.period_s - 1e-6)
-        first = min(first, tick)
-        faults.append(Fault.of(failure))
-        after = fault_model(rig.nominal, faults)
-        if told:
-            goal = goal_after(goal, [Diagnosis.told(faults[-1])], rig.unused)
-        gain, goes_on = rig.mapping(goal).major_gain(), np.ones(rig.nominal.actuators)
-        goes_on[[*goal.locked_at, *goal.free]] = 0.0
-        stages.append(Stage(after.A, after.B, tick, after.onset, gain, goes_on, after.drift))
+    mapping = rig.mapping(goal)
+    stages = [Stage(model.A, model.B, gain=mapping.major_gain(), drift=model.drift)]
+    swings, swing = _swings(rig, dither, len(path)), np.zeros((len(path), rig.nominal.actuators))
+    swing += swings @ mapping.secondary_gain().T
+    faults, first = list[Fault](), len(path)
+    for tick, changes in _changes(rig, failures, told):
+        struck = [fault for fault, is_known in changes if not is_known]
+        first, faults = min(first, tick), [*faults, *struck]
+        after, goes_on = fault_model(rig.nominal, faults), None
+        if known := [Diagnosis.told(fault) for fault, is_known in changes if is_known]:
+            goal = goal_after(goal, known, rig.unused)
+            mapping = rig.mapping(goal)
+            goes_on = np.ones(rig.nominal.actuators)
+            goes_on[[*goal.locked_at, *goal.free]] = 0.0
+            swing[tick:] = swings[tick:] @ mapping.secondary_gain().T
+        onset = after.onset if struck else None
+        gain = mapping.major_gain()
+        stages.append(Stage(after.A, after.B, tick, onset, gain, goes_on, after.drift))
     C = rig.nominal.plant.C
-    ticks = list(steps(stages, C, rig.loops, path, feedforward=rig.feedforward))
+    ticks = list(steps(stages, C, rig.loops, path, secondary=swing, feedforward=rig.feedforward))
     error = path - np.array([tick.output for tick in ticks])
     halves, leaves = [], None
     for part, stage in ((slice(first), stages[0]), (slice(first, None), stages[-1])):
@@ -68,6 +86,33 @@ def predicted(rig: "Rig", path: Array, failures: Sequence[Failure], *, told: boo
             rms = np.sqrt((error[part] ** 2).mean(axis=0) + _noise_variance(rig, stage))
         halves.append(rms)
     return Prediction(halves[0], halves[1], leaves)
+
+
+def _changes(
+    rig: "Rig", failures: Sequence[Failure], told: Learns
+) -> list[tuple[int, list[tuple[Fault, bool]]]]:
+    """At each tick at which something changes: faults that strike, and those that get known."""
+    times: Sequence[float | None] = [each.time_s if told else None for each in failures]
+    if not isinstance(told, bool):
+        times = told
+    if len(times) != len(failures):
+        raise ValueError(f"told must be a time for each of {len(failures)} failures, got {told}")
+    changes = dict[int, list[tuple[Fault, bool]]]()
+    for failure, known_s in zip(failures, times, strict=True):
+        for at_s, is_known in ((failure.time_s, False), (known_s, True)):
+            if at_s is not None:
+                if at_s < failure.time_s:
+                    raise ValueError(f"told must be no times before the failures, got {told}")
+                tick = math.ceil(at_s / rig.period_s - 1e-6)
+                changes.setdefault(tick, []).append((Fault.of(failure), is_known))
+    return sorted(changes.items())
+
+
+def _swings(rig: "Rig", dither: Dither | None, ticks: int) -> Array:
+    """What the dither asks of the actuators at each tick, (N, n)."""
+    if dither is None:
+        return np.zeros((ticks, rig.nominal.actuators))
+    return np.array([dither.at(tick * rig.period_s) for tick in range(ticks)])
 
 
 def _leaving(rig: "Rig", states: list[Array]) -> str | None:

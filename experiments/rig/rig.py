@@ -14,7 +14,7 @@ import argument_checks as check
 from experiments.rig.choices import Sensing
 from experiments.rig.mismatch import Known, Mismatch
 from experiments.rig.paths import path_of
-from experiments.rig.prediction import Prediction, predicted
+from experiments.rig.prediction import Learns, Prediction, predicted
 from experiments.rig.run import Run, flown
 from experiments.study.study import WrongInput
 from ftc.control.compensator import Channel, Margins
@@ -37,8 +37,9 @@ class Rig(ABC):
     Attributes:
         title: For people.
         model: As its controller has it.
-        actuators: Their names: of the joints or tendons that they drive.
-        aliases: Of each, the names of the actuators in the model.
+        actuators: Their names: the file's own; of several on one joint or tendon, or of one
+            without a name, that of the joint or tendon.
+        aliases: Other names of each, of its joint for one.
         bodies: The body that each moves, for the eye; None of what is no joint.
         major: Rows of the twist.
         goal: While all actuators work.
@@ -105,7 +106,7 @@ class Rig(ABC):
         file: str | Path,
         *,
         major: Sequence[int],
-        site: str = "payload",
+        site: str | int = "payload",
         axes: str | None = None,
         start: str | int | ArrayLike | None = None,
         sense: Sensing = "both",
@@ -122,7 +123,7 @@ class Rig(ABC):
         Args:
             file: MJCF.
             major: Rows of the twist [turn x, y, z; x, y, z] that are controlled exactly.
-            site: Task frame: a site, or a body.
+            site: Task frame: a site, or a body; by its number where it has no name.
             axes: Site that gives the axes; None is the world.
             start: Keyframe by name or number, or joint positions (nq,); None is the first
                 keyframe, or qpos0.
@@ -146,7 +147,7 @@ class Rig(ABC):
         from experiments.rig.options import RobotOptions
 
         options = RobotOptions(
-            site=site,
+            site=str(site),
             axes=axes,
             major=",".join(str(row) for row in check.indices("major", major, 6)),
             sense=sense,
@@ -168,7 +169,7 @@ class Rig(ABC):
         return self.nominal.period_s
 
     def number(self, actuator: int | str) -> int:
-        """The number of an actuator, by it, by its own name, or by that of its joint.
+        """The number of an actuator, by it, by its name, or by that of its joint.
 
         Raises:
             WrongInput: There is none; the nearest is named.
@@ -204,9 +205,9 @@ class Rig(ABC):
         """A pilot that diagnoses failures and reconfigures itself.
 
         Args:
-            dither: "default" is what `fjh recover` flies with: 20 Hz of heave on the hexapod,
-                "designed" elsewhere; another as of :func:`experiments.rig.dither.rig_dither`;
-                None is none.
+            dither: "default" is 20 Hz of heave on the hexapod, as `fjh recover` flies with, and
+                that of `fjh track` elsewhere; another as of
+                :func:`experiments.rig.dither.rig_dither`; None is none.
             goal: While all actuators work; None is that of the rig.
         """
 
@@ -283,17 +284,27 @@ class Rig(ABC):
         )
 
     def predict(
-        self, path: ArrayLike, *, failures: Sequence[Failure] = (), told: bool = True
+        self,
+        path: ArrayLike,
+        *,
+        failures: Sequence[Failure] = (),
+        told: Learns = True,
+        dither: Dither | None = None,
     ) -> Prediction:
         """RMS errors of a path that begins at time 0 by the linear model.
 
         Args:
             path: As of :meth:`fly`.
             failures: Likewise.
-            told: Whether the controller is told of each failure at once, or never.
+            told: Whether the controller is told of each failure at once, or never; or when it is
+                told of each [s], one time a failure, None for never.
+            dither: That the pilot adds; None is none.
+
+        Raises:
+            ValueError: Another number of times than of failures, or a time before its failure.
         """
         desired = check.matrix("path", path, columns=len(self.major))
-        return predicted(self, desired, self._numbered(failures), told=told)
+        return predicted(self, desired, self._numbered(failures), told=told, dither=dither)
 
     def _numbered(self, failures: Sequence[Failure]) -> list[Failure]:
         given = [check.instance("failures", each, Failure) for each in failures]

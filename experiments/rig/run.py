@@ -55,6 +55,7 @@ class Run:
         state: Of the pilot after the last tick.
         diagnoses: That the pilot made, in order.
         task_lost: Whether the pilot gave the major task up.
+        undiagnosed: Why the pilot named nothing; None where it did.
         status: What the pilot made of the flight, one sentence.
     """
 
@@ -71,6 +72,7 @@ class Run:
     state: Any
     diagnoses: tuple[Named, ...]
     task_lost: bool
+    undiagnosed: str | None
     status: str
 
     @cached_property
@@ -124,6 +126,7 @@ def flown(
         state=state,
         diagnoses=named,
         task_lost=supervised and state.task_lost,
+        undiagnosed=None if named else _undiagnosed(state),
         status=_status(state, named),
     )
 
@@ -151,12 +154,24 @@ def _named(rig: "Rig", state: SupervisorState, time_s: Array) -> tuple[Named, ..
     return tuple(named)
 
 
+_UNEXPLAINED = "there was an alarm that no single failure explains"
+
+
+def _undiagnosed(state: Any) -> str:
+    """Why nothing was named."""
+    if not isinstance(state, SupervisorState):
+        return "the pilot does not diagnose"
+    if state.watch.unexplained:
+        return _UNEXPLAINED
+    return "the sensors read what the model without a failure predicts"
+
+
 def _status(state: Any, named: Sequence[Named]) -> str:
     if not isinstance(state, SupervisorState):
         return "The pilot does not diagnose."
-    found = "; ".join(map(str, named)) or "Nothing was diagnosed"
-    if state.watch.unexplained:
-        found += "; there was an alarm that no single failure explains"
+    found = "; ".join(map(str, named)) or f"Nothing was diagnosed; {_undiagnosed(state)}"
+    if named and state.watch.unexplained:
+        found += f"; {_UNEXPLAINED}"
     gave_up = "; the pilot gave the major task up" if state.task_lost else ""
     return f"{found}{gave_up}."
 

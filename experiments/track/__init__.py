@@ -20,7 +20,7 @@ STUDY = Study(
     Writes track.json, track.npz, the figure track.png, and the recording track.rrd with the
     mechanism in 3D, its path, actuators and failures.
 
-    Example: fjh track panda.xml --site hand --major 3,4,5 --fail joint4:locked@4 --out /tmp/panda
+    Example: fjh track panda.xml --site hand --major 3,4,5 --fail actuator4:locked@4 --out panda
     """,
     runs="experiments.track.runs:run_track",
     results="experiments.track.results:results",
@@ -40,8 +40,8 @@ STUDY = Study(
             "fail",
             list[str],
             (),
-            "A failure: actuator or joint, kind (locked, free, weak, loose) and time in seconds. "
-            "May be repeated.",
+            "A failure: actuator (or its joint), kind (locked, free, weak, loose) and time in "
+            "seconds. May be repeated.",
             "NAME:KIND@S",
         ),
         Option(

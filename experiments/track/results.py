@@ -65,6 +65,7 @@ def summarize(tracked: Tracked) -> dict[str, Any]:
     error = run.desired - run.true
     cut = first_tick(tracked)
     before, after, _ = tracked.predicted
+    when_named = tracked.comparable.rms_after
     summary: dict[str, Any] = {
         "experiment": "track",
         "seed": tracked.seed,
@@ -101,14 +102,16 @@ def summarize(tracked: Tracked) -> dict[str, Any]:
         "rms_after": _rms(error[cut:]),
         "predicted_rms_before": _listed(before),
         "predicted_rms_after": _listed(after) if failures else None,
-        "prediction_off_before": _off(error[:cut], before, tracked),
-        "prediction_off_after": _off_after(tracked, error[cut:]),
+        "predicted_rms_after_when_named": _listed(when_named) if failures else None,
+        "prediction_off_before": _off(error[:cut], before),
+        "prediction_off_after": None if tracked.uncompared else _off(error[cut:], when_named),
         "status": run.status,
         "warnings": list(rig.warnings),
         "left_out": list(rig.left_out),
         "possible_after": list(tracked.possible[1:]),
         "dither": dither_entry(tracked.dither, rig),
         "diagnoses": diagnoses(tracked),
+        "advice": list(tracked.advice),
         "task_lost": tracked.run.task_lost,
         "closure_residual_max_m": float(run.closure_m.max()),
     }
@@ -137,22 +140,12 @@ def _rms(error: Array) -> list[float] | None:
     return _listed(np.sqrt((error**2).mean(axis=0))) if len(error) else None
 
 
-def _off(error: Array, predicted: Array, tracked: Tracked) -> float | None:
-    """Relative error of the prediction, to which a dither is added; None of no ticks."""
+def _off(error: Array, predicted: Array) -> float | None:
+    """Relative error of the prediction; None of no ticks."""
     if not len(error) or not np.isfinite(predicted).all():
         return None
     expected = (predicted**2).sum()
-    if tracked.dither is not None:
-        expected += (np.asarray(tracked.dither.task_motion) ** 2).sum() / 2
     return abs(float(np.sqrt((error**2).sum(axis=1).mean() / expected)) - 1.0)
-
-
-def _off_after(tracked: Tracked, error: Array) -> float | None:
-    """The same after the first failure; None where the pilot learnt of one, or gave up."""
-    comparable = tracked.comparable
-    if comparable is None or tracked.run.task_lost or not tracked.failures:
-        return None
-    return _off(error, comparable.rms_after, tracked)
 
 
 def _listed(values: Array) -> list[float] | None:
@@ -189,11 +182,7 @@ def verdict(tracked: Tracked, summary: dict[str, Any]) -> str:
         f"{each['actuator']} {each['kind']} at {each['time_s']:g} s" for each in summary["failures"]
     )
     after = _with_units(summary["rms_after"], summary["units"])
-    predicted = _with_units(summary["predicted_rms_after"], summary["units"])
-    informed = "informed at once" if tracked.told else "that is never told"
-    says = f"the linear model with a controller {informed} predicts {predicted}"
-    if (leaves := tracked.predicted.leaves) is not None:
-        says = f"there is no prediction, because in the linear model {leaves} leaves its range"
+    says = _says(tracked, summary)
     can = "can" if tracked.possible[-1] else "cannot"
     return (
         f"After {happened} the RMS error of row{_plural(tracked.rig.major)} "
@@ -201,6 +190,23 @@ def verdict(tracked: Tracked, summary: dict[str, Any]) -> str:
         f"classification says that the remaining actuators {can} do the major task; "
         f"{_found(tracked, summary)}."
     )
+
+
+def _says(tracked: Tracked, summary: dict[str, Any]) -> str:
+    """What the linear model predicts after the failures."""
+    if (leaves := tracked.predicted.leaves) is not None:
+        return f"there is no prediction, because in the linear model {leaves} leaves its range"
+    at_once, then = (
+        _with_units(summary[key], summary["units"])
+        for key in ("predicted_rms_after", "predicted_rms_after_when_named")
+    )
+    if not tracked.told:
+        return f"the linear model with a controller that is never told predicts {at_once}"
+    informed = f"{at_once} with a controller that is informed at once"
+    if tracked.uncompared is not None:
+        return f"the linear model predicts {informed}; it is not compared, as {tracked.uncompared}"
+    learns = "learns of it when this one did" if summary["diagnoses"] else "learns of nothing, too"
+    return f"the linear model predicts {then} with a controller that {learns}, {informed}"
 
 
 def _found(tracked: Tracked, summary: dict[str, Any]) -> str:
@@ -211,18 +217,12 @@ def _found(tracked: Tracked, summary: dict[str, Any]) -> str:
         for each in named
         if (each["actuator"], each["kind"]) in right and each["delay_s"] is not None
     ]
-    missed = [
-        each["actuator"]
-        for each in summary["failures"]
-        if not any(one["actuator"] == each["actuator"] for one in named)
-    ]
-    if missed:
-        parts.append(f"{', '.join(missed)} was never named")
     wrong = sum((each["actuator"], each["kind"]) not in right for each in named)
     if wrong:
         parts.append(f"{wrong} wrong diagnos{'is' if wrong == 1 else 'es'} came besides")
     if tracked.run.task_lost:
         parts.append("the controller gave the task up")
+    parts += tracked.advice
     return "; ".join(parts) or "nothing was diagnosed"
 
 
@@ -247,7 +247,8 @@ def tables(tracked: Tracked, summary: dict[str, Any]) -> list[Table]:
         Column("before", "before", ".3g"),
         Column("pred.", "predicted_before", ".3g"),
         Column("after", "after", ".3g"),
-        Column("pred.", "predicted_after", ".3g"),
+        Column("pred.", "predicted_after_when_named", ".3g"),
+        Column("pred.,\nat once", "predicted_after", ".3g"),
     )
     entries = []
     for k, row in enumerate(tracked.rig.major):
@@ -255,6 +256,7 @@ def tables(tracked: Tracked, summary: dict[str, Any]) -> list[Table]:
         for label, key in (("before", "rms_before"), ("after", "rms_after")):
             entry[label] = _one(summary[key], k)
             entry[f"predicted_{label}"] = _one(summary[f"predicted_{key}"], k)
+        entry["predicted_after_when_named"] = _one(summary["predicted_rms_after_when_named"], k)
         for one in summary.get("controllers", ()):
             entry |= {f"{key}_other": _one(one[f"rms_{key}"], k) for key in ("before", "after")}
         entries.append(entry)
@@ -265,10 +267,9 @@ def tables(tracked: Tracked, summary: dict[str, Any]) -> list[Table]:
             Column(f"{label},\nafter", "after_other", ".3g"),
         )
     title = f"{tracked.rig.title}: RMS of desired minus true"
-    informed = "is informed at once" if tracked.told else "is never told"
     legend = (
-        "Before and after the first failure. pred.: by the linear model, after the failure with a "
-        f"controller that {informed}."
+        "Before and after the first failure. pred.: by the linear model, with a controller that "
+        "learns of each failure when this one did; at once: that is informed at once."
     )
     found = (
         Column("actuator", "actuator"),
@@ -306,8 +307,7 @@ def notes(tracked: Tracked, summary: dict[str, Any]) -> list[str]:
         "controller have the exact model of the robot."
     )
     for failure, text in zip(tracked.failures, tracked.verdicts[1:], strict=True):
-        first = text.splitlines()[0]
-        said.append(f"After {rig.actuators[failure.number]} {failure.kind}: {first}")
+        said.append(f"After {rig.actuators[failure.number]} {failure.kind}: {text}")
     return said + [f"{each[0].upper()}{each[1:]}." for each in rig.warnings]
 
 
@@ -320,5 +320,5 @@ def _dither_said(design: DitherDesign, summary: dict[str, Any]) -> str:
         f"{max(entry['displacement']):.3g} rad or m: by the linear model {len(entry['isolable'])} "
         f"of {len(design.separations.faults)} failures can be told from those of other actuators "
         f"in half a second; it moves the major rows with amplitudes of {cost} while nothing has "
-        "failed, which the predicted errors leave out."
+        "failed."
     )

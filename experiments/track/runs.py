@@ -1,15 +1,15 @@
 """A run of a robot on its path, what the controller made of it, and what was predicted."""
 
-import re
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
+from functools import partial
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
-from experiments.rig.choices import Diagnosing
+from experiments.rig.choices import Diagnosing, Sensing
 from experiments.rig.dither import option_dither
 from experiments.rig.mjcf import robot_rig
-from experiments.rig.options import RobotOptions, check_positive
+from experiments.rig.options import DITHER, RobotOptions, check_positive
 from experiments.rig.other_controller import fly_with
 from experiments.rig.prediction import Prediction
 from experiments.rig.reach import check_reach
@@ -17,14 +17,14 @@ from experiments.rig.rig import Rig
 from experiments.rig.run import Run
 from experiments.study.controllers import controller_factory
 from experiments.study.study import OnProgress, WrongInput
+from experiments.study.terminal import notice
+from experiments.track.advice import Means, advice, not_isolable
+from experiments.track.failures import announced, learnt_s, numbered, uncompared
 from ftc.fdi.dither_design import DitherDesign
 from ftc.fdi.fault_model import Fault
-from ftc.tracking import is_possible
-from sim import Failure, FailureKind, model_sha256
+from ftc.tracking import deciding_sentence, is_possible
+from sim import Failure, model_sha256
 
-_FAILURE = re.compile(
-    rf"(?P<name>.+):(?P<kind>{'|'.join(get_args(FailureKind))})@(?P<time>\d*\.?\d+)"
-)
 _SHOWN_EVERY = 100
 
 
@@ -54,11 +54,13 @@ class Tracked:
         failures: What happened, in the order of time.
         run: See there.
         told: Whether the controller looks for failures, and the predicted one is told of them.
-        predicted: RMS errors before and after the first failure by the linear model.
-        comparable: The same of a controller that knew as much as the pilot did: it is never told
-            where nothing was diagnosed. None where something was, after some time.
-        verdicts: For each number of failures so far, in words, what the classification says.
+        predicted: RMS errors before and after the first failure by the linear model, of a
+            controller that is informed at once; without a diagnosis of one that never is.
+        comparable: The same of a controller that learns of each failure when this one did.
+        uncompared: Why that is not what the controller did; None: it is.
+        verdicts: For each number of failures so far, in words, why the task can be done or not.
         possible: Likewise, whether the major task can still be done.
+        advice: For each failure that was never named, what would tell it apart.
         dither: For the diagnosis; None is none.
         other: With another controller; None where none was given.
     """
@@ -70,9 +72,11 @@ class Tracked:
     run: Run
     told: bool
     predicted: Prediction
-    comparable: Prediction | None
+    comparable: Prediction
+    uncompared: str | None
     verdicts: tuple[str, ...]
     possible: tuple[bool, ...]
+    advice: tuple[str, ...] = ()
     dither: DitherDesign | None = None
     other: Other | None = None
 
@@ -101,20 +105,26 @@ def run_track(
     """
     check_positive("duration", duration)
     check_positive("turn", turn)
-    if dither != "none" and diagnosis == "off":
-        raise WrongInput(f"--dither {dither} is for the diagnosis, which is off")
-    options = RobotOptions(**robot)
+    told = diagnosis == "on"
+    if not told:
+        if dither not in ("none", DITHER.default):
+            raise WrongInput(f"--dither {dither} is for the diagnosis, which is off")
+        dither = "none"
+    options, shorter = RobotOptions(**robot), 0.5 if quick else 1.0
+    given = announced(model, fail, duration)
     rig = robot_rig(model, options) if model is not None else _hexapod(options)
-    shorter = 0.5 if quick else 1.0
     desired = rig.path(path, duration_s=shorter * duration, turn_s=turn)
-    failures = _failures(rig, fail, shorter, len(desired))
+    failures = numbered(rig, given, shorter)
     check_reach(rig, desired)
     if controller is not None:
         controller_factory(controller)  # a wrong name is refused before anything flies
     design = option_dither(rig, dither)
-    if design is None and dither != "none":
+    if design is None and dither not in ("none", DITHER.default):
         raise WrongInput(f"--dither {dither}: the major task leaves no motion for a dither")
-    told = diagnosis == "on"
+    advised = partial(_advice, rig, model, options, dither)
+    if told:
+        for each in not_isolable(rig, design, desired, failures):
+            notice(f"{_called(rig, each)} may not be found: {advised(each)}")
     pilot: Any = rig.controller() if not told else rig.supervisor(design and design.dither)
     runs = 1 if controller is None else 2
 
@@ -130,11 +140,8 @@ def run_track(
         other = Other(controller, *fly_with(rig, controller, desired, **options_of(1)))
     faults = [Fault.of(failure) for failure in failures]
     reports = [rig.classified(faults[:count]) for count in range(len(faults) + 1)]
-    predicted = rig.predict(desired, failures=failures, told=told)
-    comparable = predicted
-    if told and failures:
-        named = run.diagnoses
-        comparable = None if named else rig.predict(desired, failures=failures, told=False)
+    learnt = learnt_s(rig, run, failures)
+    predict = partial(rig.predict, desired, failures=failures, dither=design and design.dither)
     return Tracked(
         seed=seed,
         model_sha256=model_sha256(model),
@@ -142,10 +149,16 @@ def run_track(
         failures=failures,
         run=run,
         told=told,
-        predicted=predicted,
-        comparable=comparable,
-        verdicts=tuple(str(report) for report in reports),
+        predicted=predict(told=told),
+        comparable=predict(told=learnt),
+        uncompared=uncompared(rig, run, failures),
+        verdicts=tuple(deciding_sentence(report) for report in reports),
         possible=tuple(is_possible(report) for report in reports),
+        advice=tuple(
+            f"{_called(rig, failure)} was not named: {advised(failure)}"
+            for failure, known_s in zip(failures, learnt, strict=True)
+            if told and known_s is None
+        ),
         dither=design,
         other=other,
     )
@@ -165,22 +178,27 @@ def _hexapod(options: RobotOptions) -> Rig:
     return Rig.hexapod(size=options.size, feedforward=options.feedforward == "on")
 
 
-def _failures(rig: Rig, asked: Sequence[str], shorter: float, ticks: int) -> tuple[Failure, ...]:
-    """Failures as NAME:KIND@S, within the run, in the order of time; each actuator fails once."""
-    found, last_s = [], (ticks - 1) * rig.period_s
-    for text in asked:
-        match = _FAILURE.fullmatch(text)
-        if match is None:
-            kinds = ", ".join(get_args(FailureKind))
-            raise WrongInput(f"--fail must be NAME:KIND@SECONDS with KIND of {kinds}, got {text}")
-        when_s = shorter * float(match["time"])
-        if not when_s < last_s:
-            raise WrongInput(f"--fail {text}: the run ends at {last_s / shorter:g} s")
-        try:
-            number = rig.number(match["name"])
-        except WrongInput as error:
-            raise WrongInput(f"--fail {match['name']}: {error}") from None
-        found.append(Failure(number, match["kind"], when_s))  # type: ignore[arg-type]
-    if len({failure.actuator for failure in found}) < len(found):
-        raise WrongInput("--fail must name each actuator once")
-    return tuple(sorted(found, key=lambda one: one.time_s))
+def _called(rig: Rig, failure: Failure) -> str:
+    return f"{rig.actuators[failure.number]} {failure.kind}"
+
+
+def _advice(
+    rig: Rig, model: Path | None, options: RobotOptions, dither: str, failure: Failure
+) -> str:
+    """What tells a failure apart, which neither the present sensors nor dither did."""
+
+    def sensing(sense: Sensing) -> Rig:
+        if model is None or sense == options.sense:
+            return rig
+        return robot_rig(model, replace(options, sense=sense))
+
+    senses: list[Sensing] = [options.sense]
+    if model is not None and options.sense != "both":
+        senses.append("both")
+    tried = [
+        Means(sense, each, partial(sensing, sense))
+        for sense in senses
+        for each in (DITHER.default, "designed")
+    ]
+    now = Means(options.sense, dither, lambda: rig)
+    return advice(failure, now, [each for each in tried if each[:2] != now[:2]])

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 from functools import cached_property
 from itertools import chain
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -36,6 +37,35 @@ def number_of(name: str, names: Sequence[Sequence[str]]) -> int:
     known = ", ".join(own[0] for own in names)
     hint = f'did you mean "{near[0]}"?' if near else f"it has {known}"
     raise ValueError(f'the robot has no actuator or joint "{name}"; {hint}')
+
+
+def stated_names(file: str | Path) -> tuple[tuple[str, ...], ...]:
+    """Of each actuator that a file states: its name, and that of what it drives.
+
+    The file is read, not compiled. What is no MJCF has none: compiling it says what is wrong.
+    """
+    try:
+        stated = mujoco.MjSpec.from_file(str(file)).actuators
+    except ValueError:
+        return ()
+    return tuple((each.name or f"number {k}", each.target) for k, each in enumerate(stated))
+
+
+def names_of(some: Sequence["Drive"]) -> tuple[tuple[str, ...], ...]:
+    """All names of each drive, first the one for people, which no other drive has first.
+
+    This is the file's own name of the actuator; of several actuators, or one without a name, that
+    of their joint or tendon.
+    """
+    given = [k for k, d in enumerate(some) if len(d.ids) == 1 and d.model.actuator(d.ids[0]).name]
+    own = [
+        (*d.actuators, d.name) if k in given else (d.name, *d.actuators) for k, d in enumerate(some)
+    ]
+    first = dict[int, str]()
+    for k in (*given, *(k for k in range(len(own)) if k not in given)):
+        free = (name for name in own[k] if name not in first.values())
+        first[k] = next(free, f"{own[k][0]} ({k})")
+    return tuple(tuple(dict.fromkeys((first[k], *names))) for k, names in enumerate(own))
 
 
 @dataclass(frozen=True, eq=False)

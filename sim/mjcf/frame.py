@@ -20,10 +20,10 @@ class Body:
     """The frame of a body, where the model has no site there.
 
     Attributes:
-        name: Of the body.
+        name: Of the body, or its number: not all bodies have names.
     """
 
-    name: str
+    name: str | int
 
 
 class Located(NamedTuple):
@@ -60,10 +60,10 @@ def located(model: mujoco.MjModel, argument: str, frame: str | Body) -> Located:
 
     Raises:
         ModelError: There is no such site or body.
-        TypeError: The argument is no name.
+        TypeError: The argument is no name, nor a body's number.
     """
     if isinstance(frame, Body):
-        body = element_id(model, "body", check.instance(argument, frame.name, str))
+        body = _body(model, argument, frame.name)
         return Located(body, body, is_site=False)
     try:
         site = element_id(model, "site", check.instance(argument, frame, str))
@@ -75,10 +75,22 @@ def located(model: mujoco.MjModel, argument: str, frame: str | Body) -> Located:
 
 
 def frame_named(model: mujoco.MjModel, frame: str | Body) -> str | Body:
-    """A frame by a name of which it is not said what it names: a site, or else a body."""
+    """A frame by a name of which it is not said what it names: a site, or else a body.
+
+    A body without a name goes by its number.
+    """
     if isinstance(frame, Body) or any(model.site(k).name == frame for k in range(model.nsite)):
         return frame
-    return Body(frame)
+    is_name = any(model.body(k).name == frame for k in range(model.nbody))
+    return Body(int(frame) if frame.isdecimal() and not is_name else frame)
+
+
+def _body(model: mujoco.MjModel, argument: str, name: str | int) -> int:
+    if not isinstance(name, int):
+        return element_id(model, "body", check.instance(argument, name, str))
+    if not 0 <= name < model.nbody:
+        raise ModelError(f"the model has bodies 0 to {model.nbody - 1}, got {name}")
+    return name
 
 
 def frame_jacobian(model: mujoco.MjModel, data: mujoco.MjData, frame: str | Body) -> Array:

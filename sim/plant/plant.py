@@ -19,7 +19,7 @@ from sim.kinematics.displacements import Displacements
 from sim.kinematics.payload import Payload
 from sim.kinematics.pose import Pose, compiled
 from sim.kinematics.reader import CLOSURE_TOLERANCE
-from sim.mjcf.drive import Drive, number_of
+from sim.mjcf.drive import Drive, names_of, number_of
 from sim.mjcf.frame import Body, located
 from sim.mjcf.model import check_state
 from sim.mjcf.part import Part
@@ -365,7 +365,7 @@ class Plant:
         if not isinstance(actuator, str):
             return self._index(actuator)
         try:
-            return number_of(actuator, [(drive.name, *drive.actuators) for drive in self.drives])
+            return number_of(actuator, names_of(self.drives))
         except ValueError as error:
             raise ValueError(f"actuator must be one of the plant's: {error}") from None
 

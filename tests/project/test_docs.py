@@ -12,7 +12,7 @@ import typer
 from experiments.app.cli import app
 from experiments.studies import STUDIES
 from ftc.fdi.fault_model import Fault
-from sim import load_model
+from sim import Body, load_model
 from tests.pages import assert_prints, assert_says
 
 ROOT = Path(__file__).parents[2]
@@ -67,12 +67,77 @@ def test_the_readmes_loop_finds_the_lock_of_a_robot_and_goes_on(tmp_path, monkey
     for block in (ON_THE_HEXAPOD, OWN, IN_A_LOOP):
         exec(block, names)
     run = names["run"]
-    assert [(found.actuator, found.kind) for found in run.diagnoses[-1:]] == [("joint2", "locked")]
+    assert [(found.actuator, found.kind) for found in run.diagnoses[-1:]] == [("motor2", "locked")]
     assert not run.task_lost
     assert run.state.diagnoses[-1].fault == Fault(1, "locked")
     said, last = capsys.readouterr().out.splitlines()[-2:]
-    assert "joint2 was named locked at 1." in said
+    assert "motor2 was named locked at 1." in said
     assert float(last.split()[-1]) < 1.5e-4
+
+
+SERVOS = "\n".join(
+    f'<position name="m{k}" joint="j{k}" kp="{kp}" kv="{kv}" ctrlrange="-3 3"/>'
+    for k, kp, kv in ((1, 3000, 300), (2, 3000, 300), (3, 2000, 150), (4, 300, 15))
+)
+UNKNOWN = f"""
+<mujoco>
+  <option integrator="implicitfast"/>
+  <default><joint armature="0.1"/><geom type="capsule" size="0.03" contype="0"/></default>
+  <worldbody>
+    <body><joint name="j1" axis="0 0 1"/><geom fromto="0 0 0 0 0 0.3" mass="2"/>
+    <body pos="0 0 0.3"><joint name="j2" axis="0 1 0"/><geom fromto="0 0 0 0.3 0 0.3" mass="2"/>
+    <body pos="0.3 0 0.3"><joint name="j3" axis="0 1 0"/><geom fromto="0 0 0 0.3 0 0" mass="1"/>
+    <body pos="0.3 0 0"><joint name="j4" axis="1 0 0"/><geom fromto="0 0 0 0.1 0 0" mass="0.3"/>
+      <site name="tool" pos="0.1 0 0"/></body></body></body></body>
+  </worldbody>
+  <actuator>{SERVOS}</actuator>
+</mujoco>
+"""
+"""An arm that is in no example, at MuJoCo's own time step; its bodies have no names."""
+
+
+GANTRY = """
+<mujoco>
+  <option integrator="implicitfast" gravity="0 0 0"/>
+  <default><joint type="slide" armature="1" damping="5"/><geom size="0.05" contype="0"/></default>
+  <worldbody>
+    <body><joint name="beam" axis="1 0 0"/><geom mass="2"/>
+    <body><joint name="car" axis="0 1 0"/><geom mass="1"/>
+    <body><joint name="fine" axis="1 0 0"/><geom mass="0.5"/></body></body></body>
+  </worldbody>
+  <actuator><position joint="beam" kp="2000" kv="100"/>
+    <position joint="car" kp="2000" kv="100"/><position joint="fine" kp="1000" kv="50"/></actuator>
+</mujoco>
+"""
+"""Its actuators have no names, nor has its tool, body 3."""
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("mjcf", "site", "joint", "rig", "actuators"),
+    [
+        (UNKNOWN, '"tool"', "j2", "major=[4, 5]", ("m1", "m2", "m3", "m4")),
+        (GANTRY, "3", "car", "major=[3, 4], noise=1.0, crossover=0.5", ("beam", "car", "fine")),
+    ],
+    ids=["arm", "gantry"],
+)
+def test_the_readmes_loop_survives_a_robot_that_it_does_not_know(
+    mjcf, site, joint, rig, actuators, tmp_path, monkeypatch, capsys
+):
+    """It names the lock; by sensors whose noise hides everything it says why there is none."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "yours.xml").write_text(mjcf)
+    own = OWN.replace("joint2", joint).replace('"payload"', site if '"' in site else "Body(3)")
+    loop = IN_A_LOOP.replace("joint2", joint).replace('"payload"', site)
+    names: dict = {"Body": Body}
+    for block in (ON_THE_HEXAPOD, own, loop.replace("major=[0, 1]", rig)):
+        exec(block, names)
+    last = capsys.readouterr().out.splitlines()[-1]
+    assert names["rig"].actuators == actuators
+    if joint == "j2":
+        assert "actuator=1, kind='locked'" in last and float(last.split()[-1]) < 5e-4
+    else:
+        assert last.startswith("not found, because the sensors read what the model without")
 
 
 def test_the_readme_fits_on_150_lines():

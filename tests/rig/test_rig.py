@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from experiments.rig import Rig
+from experiments.rig.dither import rig_dither
 from experiments.rig.hexapod.bench import settled, simulated
 from experiments.rig.hexapod.rig import HexapodRig
 from experiments.rig.mismatch import Known, Mismatch
@@ -24,7 +25,7 @@ FAILED_S = 0.5
 def rig(name: str, mismatch: Known | Mismatch = "exact") -> Rig:
     if name == "hexapod":
         return Rig.hexapod(mismatch=mismatch, seed=3)
-    major = {"arm": [0, 1], "fjh": [0, 1], "platform": [3, 4]}[name]
+    major = {"arm": [0, 1], "fjh": [0, 1], "platform": [3, 4], "hand": [3, 4]}[name]
     axes = "base" if name == "fjh" else None
     file = HEXAPOD_MJCF.with_name(f"{name}.xml")
     return Rig.of_mjcf(file, major=major, axes=axes, mismatch=mismatch, seed=3)
@@ -64,6 +65,62 @@ def test_the_prediction_of_a_pilot_that_is_never_told_is_what_happens(name, kind
     for part, rms in ((error[:cut], predicted.rms_before), (error[cut:], predicted.rms_after)):
         flown = np.sqrt((part**2).sum(axis=1).mean())
         assert flown == pytest.approx(np.linalg.norm(rms), rel=0.1)
+
+
+@pytest.mark.long
+def test_a_controller_that_learns_late_is_predicted_between_one_informed_at_once_and_never():
+    """At once and never are its limits, exactly; with a dither, too, which then costs more."""
+    one, path = rig("platform"), path_of("platform", 1.2)
+    failures = [Failure(1, "locked", FAILED_S), Failure(2, "weak", 0.3)]
+    design = rig_dither(one, "default")
+    assert design is not None
+    for dither in (None, design.dither):
+        of = partial(one.predict, path, failures=failures, dither=dither)
+        whole = {told: np.linalg.norm(of(told=told).rms_after) for told in (True, False)}
+        assert np.linalg.norm(of(told=[FAILED_S, 0.3]).rms_after) == whole[True]
+        assert np.linalg.norm(of(told=[None, None]).rms_after) == whole[False]
+        late = [np.linalg.norm(of(told=[t, None]).rms_after) for t in (0.55, 0.7, 0.9)]
+        assert whole[True] < late[0] < late[1] < late[2] < whole[False]
+    with pytest.raises(ValueError, match="told must be a time for each of 2 failures"):
+        of(told=[0.9])
+    with pytest.raises(ValueError, match="told must be no times before the failures"):
+        of(told=[0.4, None])
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("name", "kind"), [("hand", "free"), ("platform", "locked")])
+def test_a_pilot_that_finds_a_failure_goes_on_as_the_linear_model_says(name, kind):
+    """From the tick at which it named it: closed loops carry what is free, and nothing jumps."""
+    one, path = rig(name), path_of(name, 2.4)
+    dither = rig_dither(one, "default")
+    assert dither is not None
+    failures = [Failure(0, kind, 1.2)]
+    run = one.fly(one.supervisor(dither.dither), path, failures=failures)
+    (named,) = run.diagnoses
+    assert (named.actuator, named.kind) == (one.actuators[0], kind)
+    told = one.predict(path, failures=failures, told=[named.time_s], dither=dither.dither)
+    after = (run.desired - run.true)[round(1.2 / one.period_s) :]
+    flown = np.sqrt((after**2).sum(axis=1).mean())
+    assert flown == pytest.approx(np.linalg.norm(told.rms_after), rel=0.1)
+
+
+def test_two_failures_of_one_tick_both_change_the_plant():
+    """In either order, and as one after the other with no time between, in the limit."""
+    one, path = rig("platform"), path_of("platform", 0.8)
+    locks = [Failure(1, "locked", FAILED_S), Failure(2, "free", FAILED_S)]
+    both = [one.predict(path, failures=f, told=False).rms_after for f in (locks, locks[::-1])]
+    np.testing.assert_array_equal(both[0], both[1])
+    single = one.predict(path, failures=locks[:1], told=False).rms_after
+    assert np.abs(both[0] - single).max() > 0.01 * np.abs(single).max()
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["arm", "platform", "hexapod"])
+def test_the_default_dither_moves_the_major_rows_by_less_than_half_of_a_samples_noise(name):
+    design = rig_dither(rig(name), "default")
+    assert design is not None and design.separations.isolable()
+    assert design.dither.frequency_hz in (10.0, 20.0)
+    assert design.task_motion.max() <= 0.5 * rig(name).noise * (1 + 1e-9)
 
 
 def test_a_strut_that_comes_loose_leaves_its_range_and_nothing_is_predicted():

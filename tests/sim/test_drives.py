@@ -18,6 +18,8 @@ from sim import (
     pose_error,
     pose_of,
 )
+from sim.mjcf.drive import names_of, number_of, stated_names
+from sim.mjcf.transmission import drives
 
 # A planar five-bar on a rail, closed by a connect: three freedoms, driven by a servo on a cable
 # over two joints, one on a rope between two points, and one on the rail.
@@ -257,3 +259,43 @@ def test_an_unknown_actuator_is_refused_with_those_there_are_however_many_contro
     assert element_id(model, "actuator", "m1") == 1
     with pytest.raises(ModelError, match='no actuator named "hand"; it has: wrist, m1'):
         element_id(model, "actuator", "hand")
+
+
+CROSSED = """
+<mujoco>
+  <worldbody>
+    <body><joint name="a"/><geom size="0.1"/>
+    <body><joint name="b"/><geom size="0.1"/>
+    <body><joint name="c"/><geom size="0.1"/>
+    <body><joint/><geom size="0.1"/></body></body></body></body>
+  </worldbody>
+  <actuator>
+    <motor name="b" joint="a"/><motor name="a" joint="b"/>
+    <motor name="push" joint="c"/><motor name="pull" joint="c"/>
+    <general name="c" tendon="rope"/><motor tendon="wire"/>
+  </actuator>
+  <tendon><fixed name="rope"><joint joint="a" coef="1"/><joint joint="b" coef="1"/></fixed>
+    <fixed name="wire"><joint joint="b" coef="1"/><joint joint="c" coef="1"/></fixed></tendon>
+</mujoco>
+"""
+
+
+def test_an_actuator_has_one_name_that_no_other_has_and_answers_to_its_joints():
+    """The file's own wins, also where it is the name of another's joint; two share their joint's.
+
+    Of the two motors of joint "c" the other names come next, as "c" is an actuator of the file.
+    """
+    known = names_of(drives(mujoco.MjModel.from_xml_string(CROSSED)))
+    assert [own for own, *_ in known] == ["b", "a", "push", "c", "wire"]
+    for k, names in enumerate(known):
+        assert number_of(names[0], known) == k
+    assert [number_of(name, known) for name in ("pull", "rope", "number 5")] == [2, 3, 4]
+
+
+def test_the_names_in_a_file_are_those_of_its_actuators_compiled_or_not(tmp_path):
+    file = tmp_path / "crossed.xml"
+    file.write_text(CROSSED)
+    stated = {name for names in stated_names(file) for name in names}
+    assert stated == {"a", "b", "c", "push", "pull", "rope", "wire", "number 5"}
+    file.write_text("no MJCF")
+    assert stated_names(file) == ()

@@ -139,7 +139,9 @@ def test_encoders_resolve_the_path_as_well_as_the_task_sensor_whatever_the_units
 
 @pytest.mark.parametrize("words", ["0.5", "1000", "nan", "often", ""])
 def test_a_dither_that_is_none_is_refused_in_a_sentence(words):
-    with pytest.raises(WrongInput, match=r"^dither must be none, designed, or a frequency from 2"):
+    with pytest.raises(
+        WrongInput, match=r"^dither must be none, default, designed, or a frequency from 2"
+    ):
         rig_dither(designed("platform", "both")[0], words)
 
 
@@ -175,7 +177,7 @@ def rows_of(part: Path) -> list[Row]:
         ({"turn": 0.0}, "--turn must be positive and finite, got 0"),
         ({"major": "0,9"}, "--major must be different rows from 0 to 5"),
         ({"noise": -1.0}, "--noise must be positive and finite, got -1"),
-        ({"dither": "often"}, "--dither must be none, designed, or a frequency"),
+        ({"dither": "often"}, "--dither must be none, default, designed, or a frequency"),
         ({"joint_weight": "1,2"}, "--joint-weight must be one number or 7, got 2"),
     ],
 )
@@ -212,7 +214,7 @@ def test_the_tables_count_what_the_flights_say():
     assert (locked["isolable"], locked["isolable_right"], locked["named"]) == (2, 1, 2)
     assert rows["none"]["flights"] == 1 and rows["free"]["flights"] == 0
     assert locked["rms_over_informed"]["flights"] == 2
-    assert any("was taken for joint2" in note for note in found.notes)
+    assert any("was taken for motor2" in note for note in found.notes)
     assert json.loads(json_text(found.summary))["robot"] == "platform"
     assert found.failed_check is None
     assert "task sensor" not in found.markdown()

@@ -11,10 +11,10 @@ from sim import HEXAPOD_MJCF
 from tests.robots import PANDA
 
 ROBOTS = {
-    "arm": (["--major", "0,1"], "joint4"),
-    "hand": (["--major", "3,4"], "joint2"),
-    "platform": (["--major", "3,4"], "joint1"),
-    "arms": (["--major", "3,4,5"], "joint2"),
+    "arm": (["--major", "0,1"], "motor4"),
+    "hand": (["--major", "3,4"], "motor2"),
+    "platform": (["--major", "3,4"], "motor1"),
+    "arms": (["--major", "3,4,5"], "motor2"),
     "fjh": ([], "strut1"),
 }
 DURATION_S = 4.0

@@ -44,6 +44,9 @@ from sim import (
     pointing_angles,
 )
 
+NAMES = tuple((f"strut{k}", f"coil{k}") for k in range(1, 7))
+"""Of each actuator: the strut, by which people know it, and its coil."""
+
 
 @dataclass(frozen=True)
 class HexapodRig(Rig):
@@ -145,8 +148,8 @@ def rig_of(
     return HexapodRig(
         title="University of Wyoming hexapod",
         model=model,
-        actuators=tuple(f"strut{k}" for k in range(1, 7)),
-        aliases=tuple((f"coil{k}",) for k in range(1, 7)),
+        actuators=tuple(own for own, _ in NAMES),
+        aliases=tuple((other,) for _, other in NAMES),
         bodies=tuple(f"stem{k}" for k in range(1, 7)),
         major=tuple(MAJOR),
         goal=goal,
