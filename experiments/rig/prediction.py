@@ -46,7 +46,8 @@ def predicted(rig: "Rig", path: Array, failures: Sequence[Failure], *, told: boo
     """
     model, goal = fault_model(rig.nominal), rig.goal
     gain = rig.mapping(goal).major_gain()
-    stages, faults, first = [Stage(model.A, model.B, gain=gain, drift=model.drift)], [], len(path)
+    stages = [Stage(model.A, model.B, gain=gain, drift=model.drift, rubbing=model.rubbing)]
+    faults, first = [], len(path)
     for failure in sorted(failures, key=lambda each: each.time_s):
         tick = math.ceil(failure.time_s / rig.period_s - 1e-6)
         first = min(first, tick)
@@ -56,7 +57,8 @@ def predicted(rig: "Rig", path: Array, failures: Sequence[Failure], *, told: boo
             goal = goal_after(goal, [Diagnosis.told(faults[-1])], rig.unused)
         gain, goes_on = rig.mapping(goal).major_gain(), np.ones(rig.nominal.actuators)
         goes_on[[*goal.locked_at, *goal.free]] = 0.0
-        stages.append(Stage(after.A, after.B, tick, after.onset, gain, goes_on, after.drift))
+        onset = after.onset, gain, goes_on, after.drift, after.rubbing
+        stages.append(Stage(after.A, after.B, tick, *onset))
     C = rig.nominal.plant.C
     ticks = list(steps(stages, C, rig.loops, path, feedforward=rig.feedforward))
     error = path - np.array([tick.output for tick in ticks])
