@@ -45,6 +45,7 @@ from sim import (
     servoed,
 )
 from sim.mjcf.transmission import drives
+from sim.plant.beyond_linear import beyond_linear
 
 OF_THE_HEXAPOD = (
     *("stiffness", "floor_um_per_s", "drift_urad_per_s"),
@@ -290,10 +291,10 @@ def _tracking(
 
 def _warnings(robot: _Robot) -> tuple[str, ...]:
     """What the linear model and the mapping leave out."""
-    rubs = np.flatnonzero(robot.model.dof_frictionloss)
-    names = [robot.model.joint(int(j)).name for j in dict.fromkeys(robot.model.dof_jntid[rubs])]
-    dry = [f"dry friction of {name} is left out of the linear model" for name in names]
-    return (*robot.mechanism.nominal.jacobians.warnings, *dry)
+    return (
+        *robot.mechanism.nominal.jacobians.warnings,
+        *beyond_linear(robot.model, robot.start),
+    )
 
 
 def _body(model: mujoco.MjModel, joint: int | None) -> str | None:

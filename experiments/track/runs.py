@@ -21,6 +21,7 @@ from ftc.fdi.dither_design import DitherDesign
 from ftc.fdi.fault_model import Fault
 from ftc.tracking import is_possible
 from sim import Failure, FailureKind, model_sha256
+from sim.plant.beyond_linear import Met
 
 _FAILURE = re.compile(
     rf"(?P<name>.+):(?P<kind>{'|'.join(get_args(FailureKind))})@(?P<time>\d*\.?\d+)"
@@ -59,6 +60,7 @@ class Tracked:
             where nothing was diagnosed. None where something was, after some time.
         verdicts: For each number of failures so far, in words, what the classification says.
         possible: Likewise, whether the major task can still be done.
+        met: Effects outside the linear model that the run met, a sentence each.
         dither: For the diagnosis; None is none.
         other: With another controller; None where none was given.
     """
@@ -73,6 +75,7 @@ class Tracked:
     comparable: Prediction | None
     verdicts: tuple[str, ...]
     possible: tuple[bool, ...]
+    met: tuple[str, ...] = ()
     dither: DitherDesign | None = None
     other: Other | None = None
 
@@ -125,7 +128,8 @@ def run_track(
 
         return {"failures": failures, "seed": seed, "on_tick": on_tick}
 
-    run, other = rig.fly(pilot, desired, **options_of(0)), None
+    met = Met(rig.model)
+    run, other = rig.fly(pilot, desired, events=met, **options_of(0)), None
     if controller is not None:
         other = Other(controller, *fly_with(rig, controller, desired, **options_of(1)))
     faults = [Fault.of(failure) for failure in failures]
@@ -146,6 +150,7 @@ def run_track(
         comparable=comparable,
         verdicts=tuple(str(report) for report in reports),
         possible=tuple(is_possible(report) for report in reports),
+        met=tuple(met.sentences),
         dither=design,
         other=other,
     )

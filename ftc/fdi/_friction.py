@@ -44,7 +44,7 @@ def _product(A, x, out):  # pragma: no cover
 
 @_inlined
 def _moved(x, driven, pulled, A, G, E, K, limit, f, c, after):  # pragma: no cover
-    """x (s,) one step later, in place; `driven` is B u and `pulled` D u."""
+    """Move x (s,) by a step, in place; `driven` is B u and `pulled` D u."""
     _product(E, x, c)
     for i in range(len(c)):
         c[i] += pulled[i]
@@ -61,8 +61,8 @@ def _moved(x, driven, pulled, A, G, E, K, limit, f, c, after):  # pragma: no cov
     types.void(_2, _2, _2, _2, _2, _2, _2, _2, _1, types.int64),
     **_compiled,
 )
-def slide(X, U, A, B, G, E, D, K, limit, count):  # pragma: no cover
-    """States X (S, s) after so many steps with inputs U (S, n + 1), in place."""
+def slide(X, U, A, B, G, E, D, K, limit, steps_a_tick):  # pragma: no cover
+    """States X (S, s) after a control tick with inputs U (S, n + 1), in place."""
     s, r = len(A), len(K)
     driven, after = np.empty(s), np.empty(s)
     pulled, f, c = np.empty(r), np.zeros(r), np.empty(r)
@@ -70,47 +70,63 @@ def slide(X, U, A, B, G, E, D, K, limit, count):  # pragma: no cover
         _product(B, U[k], driven)
         _product(D, U[k], pulled)
         f[:] = 0.0
-        for _ in range(count):
+        for _ in range(steps_a_tick):
             _moved(X[k], driven, pulled, A, G, E, K, limit, f, c, after)
 
 
 @_inlined
 def _slopes(W, A, G, E, K, limit, f):  # pragma: no cover
-    """How the state depends on an earlier one and on the limits, after one step more, (s, s + r).
+    """How the state depends on an earlier one, one step later than W (s, s) says.
 
-    A place at its limit pulls as hard as before, or as the limit changes; the others hold.
+    A place at its limit pulls as hard as before; the others hold.
     """
     r, s = E.shape
-    change, M = np.zeros((r, s + r)), np.zeros((r, r))
-    slips = np.abs(f) >= limit
+    change, M = np.zeros((r, s)), np.eye(r)
     for i in range(r):
-        if slips[i]:
-            M[i, i], change[i, s + i] = 1.0, f[i]
-        else:
+        if abs(f[i]) < limit[i]:
             M[i], change[i] = K[i], -np.dot(E[i], W)
     return np.dot(A, W) + np.dot(G, np.linalg.solve(M, change))
 
 
 @njit(
     types.void(
-        *(_flags, _4, _4, _4, _1, _3, _3, _3, _3, _3, _3, _2, _3, _counts),
-        *(_3, types.int64, types.int64, types.float64),
+        *(_flags, _4, _4, _4, _1, _3, types.int64, types.int64, types.float64),
+        *(_3, _3, _3, _3, _3, _3, _2, _3, _counts),
     ),
     **_compiled,
 )
 def slide_samples(
-    steps, before, X, outputs, v, A, B, G, E, D, K, limit, C, count, lifted, ticks, first, spread
+    steps,
+    before,
+    X,
+    outputs,
+    v,
+    lifted,
+    ticks,
+    first,
+    spread,
+    A,
+    B,
+    G,
+    E,
+    D,
+    K,
+    limit,
+    C,
+    steps_a_tick,
 ):  # pragma: no cover
     """Correct samples that were stepped without friction, of H models and K onsets, in place.
 
     `before` and X (H, K, rows, s) are the states before and after, `outputs` (H, K, rows, p) those
-    of the sample, of the model in the first row; the others are first-order deviations, from row
-    `first` on those that limits cause which are `spread` larger; none where that is zero.
+    of the sample: of the model in the first row, and first-order deviations in the others. From row
+    `first` on they are what one limit, `spread` smaller, takes away; none where that is zero.
     """
     H, N, rows, s = X.shape
     r, n, p = K.shape[1], B.shape[2] - 1, C.shape[1]
     u, x, mean, after = np.empty(n + 1), np.empty(s), np.empty(s), np.empty(s)
     driven, pulled, f, c = np.empty(s), np.empty(r), np.empty(r), np.empty(r)
+    other, seen, W = np.empty(r), np.empty(p), np.empty((s, s))
+    varied = r if spread > 0.0 else 0
     u[:n], u[n] = v[:n], 1.0
     for h in range(H):
         _product(B[h], u, driven)
@@ -118,22 +134,29 @@ def slide_samples(
         for k in range(N):
             if not steps[h, k]:
                 continue
-            x[:], mean[:], f[:] = before[h, k, 0], 0.0, 0.0
-            W = np.zeros((s, s + r))
-            for i in range(s):
-                W[i, i] = 1.0
+            x[:], mean[:], f[:], W[:] = before[h, k, 0], 0.0, 0.0, np.eye(s)
             for _ in range(ticks):
                 mean += x / ticks
-                for _ in range(count[h]):
+                for _ in range(steps_a_tick[h]):
                     _moved(x, driven, pulled, A[h], G[h], E[h], K[h], limit[h], f, c, after)
-                    W = _slopes(W, A[h], G[h], E[h], K[h], limit[h], f)
+                    W[:] = _slopes(W, A[h], G[h], E[h], K[h], limit[h], f)
             X[h, k, 0] = x
             _product(C[h], mean, outputs[h, k, 0])
             for row in range(1, rows):
+                if first <= row < first + varied:
+                    continue
                 for i in range(s):
                     for j in range(s):
                         X[h, k, row, i] += (W[i, j] - lifted[h, i, j]) * before[h, k, row, j]
-            if spread > 0.0:
-                for j in range(r):
-                    for i in range(s):
-                        X[h, k, first + j, i] += spread * W[i, s + j]
+            for j in range(varied):
+                row = first + j
+                other[:] = limit[h]
+                other[j] *= 1.0 - spread
+                x[:], mean[:], f[:] = before[h, k, 0] - before[h, k, row], 0.0, 0.0
+                for _ in range(ticks):
+                    mean += x / ticks
+                    for _ in range(steps_a_tick[h]):
+                        _moved(x, driven, pulled, A[h], G[h], E[h], K[h], other, f, c, after)
+                X[h, k, row] = X[h, k, 0] - x
+                _product(C[h], mean, seen)
+                outputs[h, k, row] = outputs[h, k, 0] - seen

@@ -295,5 +295,5 @@ def _rubbing(
         K=rubs.rows @ push + np.diag(rubs.softness),
         limit=rubs.limit,
         C=plant.C / nominal.noise[:, None],
-        count=round(nominal.period_s / h),
+        steps_a_tick=round(nominal.period_s / h),
     )

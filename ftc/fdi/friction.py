@@ -49,7 +49,7 @@ class Rubbing(NamedTuple):
         K: Shape (r, r).
         limit: Shape (r,).
         C: Outputs in units of their noise, shape (p, s).
-        count: Physics steps of a control tick.
+        steps_a_tick: Physics steps of a control tick.
     """
 
     A: Array
@@ -60,14 +60,14 @@ class Rubbing(NamedTuple):
     K: Array
     limit: Array
     C: Array
-    count: int
+    steps_a_tick: int
 
     def moved(self, x: Array, commanded: Array) -> Array:
         """States (..., s) a control tick later, with displacements (..., n) commanded."""
         X = np.array(x, dtype=float).reshape(-1, len(self.A))
         U = np.ones((len(X), self.B.shape[1]))
         U[:, :-1] = commanded.reshape(len(X), -1)
-        slide(X, U, *self[:7], self.count)
+        slide(X, U, *self[:7], self.steps_a_tick)
         return X.reshape(x.shape)
 
 
@@ -79,7 +79,7 @@ class SampledFriction:
         rubbing: Of each model.
         lifted: Their states after a sample without friction per state before, (H, s, s).
         ticks: Of a sample.
-        first: Row of the deviation that the limit of the first place causes.
+        first: Row of the first of the deviations that limits cause, `spread` smaller each.
         spread: Standard deviation of the limits, relative; zero: there are no such rows.
     """
 
@@ -94,6 +94,11 @@ class SampledFriction:
         every = zip(*self.rubbing, strict=True)
         return [np.ascontiguousarray(np.array(part)) for part in every]
 
+    @property
+    def limits(self) -> int:
+        """How many rows there are of limits."""
+        return len(self.rubbing[0].limit) if self.spread > 0 else 0
+
     def apply(self, steps: Mask, before: Array, X: Array, outputs: Array, v: Array) -> None:
         """Correct states and outputs in place.
 
@@ -104,8 +109,8 @@ class SampledFriction:
             outputs: Shape (H, K, rows, p).
             v: Inputs of the sample.
         """
-        options = self.ticks, self.first, self.spread
-        slide_samples(steps, before, X, outputs, v, *self._parts, self.lifted, *options)
+        own = self.lifted, self.ticks, self.first, self.spread
+        slide_samples(steps, before, X, outputs, v, *own, *self._parts)
 
 
 def together(parts: Sequence[SampledFriction]) -> SampledFriction:

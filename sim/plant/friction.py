@@ -7,6 +7,7 @@ import numpy as np
 
 from sim.array import Array
 from sim.closing.equalities import constraint_rows
+from sim.mjcf.model import name_of
 
 _FRICTION = (
     int(mujoco.mjtConstraint.mjCNSTR_FRICTION_DOF),
@@ -35,6 +36,16 @@ class Friction(NamedTuple):
     limit: Array
     softness: Array
     rate: Array
+
+
+def dry_friction(model: mujoco.MjModel) -> tuple[str, ...]:
+    """Names of the joints, then of the tendons, that have some."""
+    joints = dict.fromkeys(model.dof_jntid[np.flatnonzero(model.dof_frictionloss)].tolist())
+    tendons = np.flatnonzero(model.tendon_frictionloss).tolist()
+    return (
+        *(name_of(model.joint(k)) for k in joints),
+        *(name_of(model.tendon(k)) for k in tendons),
+    )
 
 
 def friction_of(
