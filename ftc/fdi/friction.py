@@ -18,7 +18,7 @@ from ftc.fdi._friction import slide, slide_samples
 
 
 class DryFriction(NamedTuple):
-    """Friction at r places of a plant with k positions q; see `sim.Friction` for the law.
+    """Friction at r places of a plant with k positions q; softened as contacts are.
 
     Attributes:
         push: Accelerations of q per force, shape (k, r).
