@@ -63,7 +63,7 @@ TYPICAL = Uncertainty(
     stiffness=0.02,
     damping=0.12,
     inertia=0.02,
-    friction=0.9,
+    friction=0.5,
     delay_s=1e-3,
     offset=3.0,
     offset_rate=1.0,
@@ -71,7 +71,7 @@ TYPICAL = Uncertainty(
     friction_rate=1.0,
 )
 """Of a machine whose parts are known from data sheets: gains and springs to a few percent, dampers
-to a fifth, inertias from drawings, the delay to a millisecond; of dry friction little more than the most."""
+to a fifth, inertias from drawings, the delay to a millisecond, dry friction to a half."""
 
 
 @dataclass(frozen=True)
