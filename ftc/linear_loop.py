@@ -13,6 +13,7 @@ import numpy as np
 from argument_checks import Array
 from ftc.control.compensator import Channel
 from ftc.fdi.fault_model import Fault, NominalModel, fault_model
+from ftc.fdi.friction import Rubbing
 
 if TYPE_CHECKING:
     import control
@@ -55,6 +56,7 @@ class Stage:
         carried: Which actuators go on from what was commanded, 0 or 1 each, shape (n,), as after a
             bumpless transfer; None: the new gain's commands come at once.
         drift: Shape (s,), as of :class:`ftc.fdi.fault_model.FaultModel`; None is none.
+        rubbing: Likewise.
     """
 
     A: Array
@@ -64,6 +66,7 @@ class Stage:
     gain: Array | None = None
     carried: Array | None = None
     drift: Array | None = None
+    rubbing: Rubbing | None = None
 
 
 class Step(NamedTuple):
@@ -137,11 +140,17 @@ def steps(
         if secondary is not None:
             commanded = commanded + secondary[tick]
         yield Step(x, output, commanded)
-        x = x @ stage.A.T + commanded @ stage.B.T
-        if stage.drift is not None:
-            x = x + stage.drift
+        x = _advanced(stage, x, commanded)
         if disturbance is not None:
             x = x + disturbance[tick]
+
+
+def _advanced(stage: Stage, x: Array, commanded: Array) -> Array:
+    """States (..., s) a tick later."""
+    if stage.rubbing is not None:
+        return stage.rubbing.moved(x, commanded)
+    x = x @ stage.A.T + commanded @ stage.B.T
+    return x if stage.drift is None else x + stage.drift
 
 
 def _tick(channel: Channel, z: Array, error: Array) -> tuple[Array, Array]:

@@ -37,6 +37,7 @@ from ftc.controller import DirectDrive, Measurement, PrioritizedController
 from ftc.fdi.diagnosis import DEFAULT_CONFIG, FdiConfig
 from ftc.fdi.dither import Dither
 from ftc.fdi.fault_model import Fault, NominalModel, by_kind, fault_model
+from ftc.fdi.friction import DryFriction
 from ftc.goal import Goal
 from ftc.supervisor import Supervisor, Unused, supervisor_for
 from prioritized import ConstrainedSystem, Kinematics, Manipulability, WhenLimited
@@ -257,6 +258,7 @@ def tracking(
         sigma = _by_encoders(kinematics, rows, encoders)
     gain = mapping_for(model, goal, rows, springs=springs).major_gain()
     plant = minimal(control.ss(linear.A, linear.B @ gain, C, 0))
+    rubs = getattr(linear, "friction", None)
     loops, peak = _loops(
         plant, check.positive("period_s", period_s), crossover_hz, partial(_slowest_mode, linear)
     )
@@ -270,6 +272,7 @@ def tracking(
         holding=getattr(linear, "holding", None),
         spring=getattr(linear, "spring", None),
         preload=getattr(linear, "preload", None),
+        friction=None if rubs is None else DryFriction(*rubs),
         implicit_damping=options.pop("implicit_damping", False),
     )
     sampled = control.c2d(plant, period_s, method="zoh")

@@ -45,6 +45,7 @@ from sim import (
 from sim.mjcf.drive import names_of
 from sim.mjcf.model import listed
 from sim.mjcf.transmission import drives
+from sim.plant.beyond_linear import beyond_linear
 from sim.scene.scene import Scene, robot_scene
 
 OF_THE_HEXAPOD = (
@@ -305,17 +306,17 @@ def _tracking(
 
 def _warnings(robot: _Robot) -> tuple[str, ...]:
     """What the linear model and the mapping leave out."""
-    scene, own = robot.scene, robot.scene.own
-    rubs = np.flatnonzero(own.dof_frictionloss)
-    names = [own.joint(int(j)).name for j in dict.fromkeys(own.dof_jntid[rubs])]
-    dry = [f"dry friction of {name} is left out of the linear model" for name in names]
-    beside = ()
+    scene, beside = robot.scene, ()
     if scene.part.left_out:
         names = listed(scene.part.left_out)
         beside = (f"no part of the task, and left to itself: {names}",)
     if idle := robot.linear.idle:
         beside = (*beside, f"nothing holds, and no task feels, a motion of {listed(idle)}")
-    return (*beside, *scene.moved, *robot.mechanism.nominal.jacobians.warnings, *dry)
+    return (
+        *(*beside, *scene.moved),
+        *robot.mechanism.nominal.jacobians.warnings,
+        *beyond_linear(scene.own, scene.own_start),
+    )
 
 
 def _body(model: mujoco.MjModel, joint: int | None) -> str | None:

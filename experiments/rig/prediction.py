@@ -58,7 +58,8 @@ def predicted(
     """
     model, goal = fault_model(rig.nominal), rig.goal
     mapping = rig.mapping(goal)
-    stages = [Stage(model.A, model.B, gain=mapping.major_gain(), drift=model.drift)]
+    start = {"gain": mapping.major_gain(), "drift": model.drift, "rubbing": model.rubbing}
+    stages = [Stage(model.A, model.B, **start)]
     swings, swing = _swings(rig, dither, len(path)), np.zeros((len(path), rig.nominal.actuators))
     swing += swings @ mapping.secondary_gain().T
     faults, first = list[Fault](), len(path)
@@ -74,7 +75,8 @@ def predicted(
             swing[tick:] = swings[tick:] @ mapping.secondary_gain().T
         onset = after.onset if struck else None
         gain = mapping.major_gain()
-        stages.append(Stage(after.A, after.B, tick, onset, gain, goes_on, after.drift))
+        then = onset, gain, goes_on, after.drift, after.rubbing
+        stages.append(Stage(after.A, after.B, tick, *then))
     C = rig.nominal.plant.C
     ticks = list(steps(stages, C, rig.loops, path, secondary=swing, feedforward=rig.feedforward))
     error = path - np.array([tick.output for tick in ticks])

@@ -19,6 +19,7 @@ from experiments.track.runs import Tracked
 from experiments.track.words import ROWS
 from ftc.fdi.dither_design import DitherDesign
 from sim import Array
+from sim.plant.friction import dry_friction
 
 AGREES = 0.2
 """Relative error of the linear model's prediction of an RMS error, all major rows together."""
@@ -103,11 +104,13 @@ def summarize(tracked: Tracked) -> dict[str, Any]:
         "predicted_rms_before": _listed(before),
         "predicted_rms_after": _listed(after) if failures else None,
         "predicted_rms_after_when_named": _listed(when_named) if failures else None,
-        "prediction_off_before": _off(error[:cut], before),
-        "prediction_off_after": None if tracked.uncompared else _off(error[cut:], when_named),
+        **_agreement("before", _ratio(error[:cut], before)),
+        **_agreement("after", None if tracked.uncompared else _ratio(error[cut:], when_named)),
         "status": run.status,
         "warnings": list(rig.warnings),
         "left_out": list(rig.left_out),
+        "dry_friction": list(dry_friction(rig.model)),
+        "met": list(tracked.met),
         "possible_after": list(tracked.possible[1:]),
         "dither": dither_entry(tracked.dither, rig),
         "diagnoses": diagnoses(tracked),
@@ -125,7 +128,7 @@ def summarize(tracked: Tracked) -> dict[str, Any]:
                 "failure": other.failure,
             }
         ]
-    return summary | {"verdict": verdict(tracked, summary)}
+    return summary | {"verdict": verdict(tracked, summary) + _unlike(tracked, summary)}
 
 
 def first_tick(tracked: Tracked) -> int:
@@ -140,12 +143,17 @@ def _rms(error: Array) -> list[float] | None:
     return _listed(np.sqrt((error**2).mean(axis=0))) if len(error) else None
 
 
-def _off(error: Array, predicted: Array) -> float | None:
-    """Relative error of the prediction; None of no ticks."""
+def _ratio(error: Array, predicted: Array) -> float | None:
+    """RMS error over the predicted; None of no ticks."""
     if not len(error) or not np.isfinite(predicted).all():
         return None
-    expected = (predicted**2).sum()
-    return abs(float(np.sqrt((error**2).sum(axis=1).mean() / expected)) - 1.0)
+    return float(np.sqrt((error**2).sum(axis=1).mean() / (predicted**2).sum()))
+
+
+def _agreement(when: str, ratio: float | None) -> dict[str, float | None]:
+    """Measured over predicted error, and by how much it is not one."""
+    off = None if ratio is None else abs(ratio - 1.0)
+    return {f"measured_over_predicted_{when}": ratio, f"prediction_off_{when}": off}
 
 
 def _listed(values: Array) -> list[float] | None:
@@ -207,6 +215,20 @@ def _says(tracked: Tracked, summary: dict[str, Any]) -> str:
         return f"the linear model predicts {informed}; it is not compared, as {tracked.uncompared}"
     learns = "learns of it when this one did" if summary["diagnoses"] else "learns of nothing, too"
     return f"the linear model predicts {then} with a controller that {learns}, {informed}"
+
+
+def _unlike(tracked: Tracked, summary: dict[str, Any]) -> str:
+    """By what factor errors are not as predicted, and what the linear model leaves out."""
+    factors = [
+        f"{ratio:.3g} times the predicted one {when} the first failure"
+        for when in ("before", "after")
+        if (ratio := summary[f"measured_over_predicted_{when}"]) is not None
+        and abs(ratio - 1.0) >= AGREES
+    ]
+    if not factors:
+        return ""
+    causes = "; ".join((*tracked.rig.warnings, *tracked.met)) or "nothing that file or run names"
+    return f" The RMS error is {' and '.join(factors)}. Not in the linear model: {causes}."
 
 
 def _found(tracked: Tracked, summary: dict[str, Any]) -> str:
@@ -300,15 +322,17 @@ def notes(tracked: Tracked, summary: dict[str, Any]) -> list[str]:
         for row, margin in zip(rig.major, rig.margins, strict=True)
     ]
     demanded = "is" if rig.feedforward else "is not"
+    said += [f"{sentence[0].upper()}{sentence[1:]}." for sentence in (*rig.warnings, *tracked.met)]
+    exact = "" if rig.warnings or tracked.met else "exact "
     said.append(
         f"The reference itself {demanded} demanded. Path of {rig.size:.3g}, sensors with noise "
         f"of {rig.noise:.3g}, encoders of "
         f"{rig.encoder_noise:.3g} (standard deviation of a sample), in rad or m; diagnosis and "
-        "controller have the exact model of the robot."
+        f"controller have the {exact}model of the robot."
     )
     for failure, text in zip(tracked.failures, tracked.verdicts[1:], strict=True):
         said.append(f"After {rig.actuators[failure.number]} {failure.kind}: {text}")
-    return said + [f"{each[0].upper()}{each[1:]}." for each in rig.warnings]
+    return said
 
 
 def _dither_said(design: DitherDesign, summary: dict[str, Any]) -> str:

@@ -24,6 +24,7 @@ from ftc.fdi.dither_design import DitherDesign
 from ftc.fdi.fault_model import Fault
 from ftc.tracking import deciding_sentence, is_possible
 from sim import Failure, model_sha256
+from sim.plant.beyond_linear import Met
 
 _SHOWN_EVERY = 100
 
@@ -61,6 +62,7 @@ class Tracked:
         verdicts: For each number of failures so far, in words, why the task can be done or not.
         possible: Likewise, whether the major task can still be done.
         advice: For each failure that was never named, what would tell it apart.
+        met: Effects outside the linear model that the run met, a sentence each.
         dither: For the diagnosis; None is none.
         other: With another controller; None where none was given.
     """
@@ -77,6 +79,7 @@ class Tracked:
     verdicts: tuple[str, ...]
     possible: tuple[bool, ...]
     advice: tuple[str, ...] = ()
+    met: tuple[str, ...] = ()
     dither: DitherDesign | None = None
     other: Other | None = None
 
@@ -135,7 +138,8 @@ def run_track(
 
         return {"failures": failures, "seed": seed, "on_tick": on_tick}
 
-    run, other = rig.fly(pilot, desired, **options_of(0)), None
+    met = Met(rig.model)
+    run, other = rig.fly(pilot, desired, events=met, **options_of(0)), None
     if controller is not None:
         other = Other(controller, *fly_with(rig, controller, desired, **options_of(1)))
     faults = [Fault.of(failure) for failure in failures]
@@ -159,6 +163,7 @@ def run_track(
             for failure, known_s in zip(failures, learnt, strict=True)
             if told and known_s is None
         ),
+        met=tuple(met.sentences),
         dither=design,
         other=other,
     )

@@ -9,6 +9,7 @@ import scipy.linalg
 
 import argument_checks as check
 from argument_checks import Array
+from ftc.fdi.friction import DryFriction, Rubbing
 
 if TYPE_CHECKING:
     import control
@@ -104,6 +105,7 @@ class NominalModel:
         preload: Force of that spring at x = 0, in units of its command, shape (n,); None is zero.
         implicit_damping: Whether a step of the integration takes the forces of dampers with the
             velocities at its end, as MuJoCo's `implicitfast` does; else with those at its start.
+        friction: Dry friction of the plant's positions, beside its A; None: nothing rubs.
 
     Raises:
         ValueError, TypeError: Of another shape or kind than that.
@@ -119,6 +121,7 @@ class NominalModel:
     implicit_damping: bool = False
     spring: Array | None = None
     preload: Array | None = None
+    friction: DryFriction | None = None
 
     def __post_init__(self) -> None:
         import control  # late, as in ftc.compensator
@@ -141,6 +144,9 @@ class NominalModel:
             check.exactly("spring", self.spring, plant.ninputs, plant.nstates)
         for sigma in check.exactly("noise", self.noise, plant.noutputs):
             check.positive("noise", sigma)
+        if self.friction is not None:
+            check.exactly("friction.push", self.friction.push, k, len(self.friction.limit))
+            check.exactly("friction.rows", self.friction.rows, len(self.friction.limit), k)
         check.positive("step_s", self.step_s)
         if not self.step_s <= check.positive("period_s", self.period_s):
             raise ValueError(f"step_s must not exceed period_s, got {self.step_s}, {self.period_s}")
@@ -167,6 +173,7 @@ class FaultModel:
         onset: The state just after the onset of the faults, per state just before, shape (s, s):
             an actuator that locks stops, and the impact goes through the whole mechanism.
         drift: What loads do in a tick that an actuator no longer holds, shape (s,).
+        rubbing: The physics steps of a tick where there is dry friction, which A and B leave out.
     """
 
     A: Array
@@ -174,9 +181,12 @@ class FaultModel:
     C: Array
     onset: Array
     drift: Array
+    rubbing: Rubbing | None = None
 
     def step(self, x: Array, commanded: Array) -> Array:
         """The state one tick later, with displacements (n,) commanded meanwhile."""
+        if self.rubbing is not None:
+            return self.rubbing.moved(x.T, commanded.T).T
         moved = self.A @ x + self.B @ commanded
         return (moved.T + self.drift).T  # of several sequences at once, too
 
@@ -237,6 +247,7 @@ def fault_model(nominal: NominalModel, faults: Sequence[Fault] = ()) -> FaultMod
             push = push - plant.B[k:, loose] @ nominal.preload[loose]
     # One step of the integration: velocities first, then positions with the new ones.
     h, eye = nominal.step_s, np.eye(k)
+    unimpeded = [P @ part for part in (lower, np.column_stack([drive, push]))]
     stiffness, damping, drive, push = (
         h * P @ part for part in (lower[:, :k], lower[:, k:], drive, push)
     )
@@ -254,4 +265,35 @@ def fault_model(nominal: NominalModel, faults: Sequence[Fault] = ()) -> FaultMod
         C=plant.C / nominal.noise[:, None],
         onset=scipy.linalg.block_diag(eye, P),
         drift=total @ np.concatenate([h * push, push]),
+        rubbing=_rubbing(
+            nominal, P, unimpeded, A, np.column_stack([B, [*(h * push), *push]]), kept
+        ),
+    )
+
+
+def _rubbing(
+    nominal: NominalModel, P: Array, unimpeded: list[Array], A: Array, B: Array, kept: Array
+) -> Rubbing | None:
+    """Physics steps x' = A x + B [u; 1] with dry friction of a plant that is projected by P.
+
+    `unimpeded` are the accelerations per state and per [u; 1] without it. MuJoCo finds the forces
+    for these, before the integration makes the dampers implicit by `kept`.
+    """
+    rubs, h, plant = nominal.friction, nominal.step_s, nominal.plant
+    if rubs is None:
+        return None
+    push = P @ rubs.push
+    E, D = (rubs.rows @ part for part in unimpeded)
+    E[:, len(P) :] += rubs.rate[:, None] * rubs.rows
+    jolt = h * kept @ push if nominal.implicit_damping else h * push
+    return Rubbing(
+        A=A,
+        B=B,
+        G=np.vstack([h * jolt, jolt]),
+        E=E,
+        D=D,
+        K=rubs.rows @ push + np.diag(rubs.softness),
+        limit=rubs.limit,
+        C=plant.C / nominal.noise[:, None],
+        steps_a_tick=round(nominal.period_s / h),
     )

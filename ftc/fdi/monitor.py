@@ -194,7 +194,9 @@ class Monitor:
         onsets = now - np.array(distances[::-1])
         past = [each for each in history if each.sample >= onsets[0]]
         first, p = past[0], len(past[0].y)
-        prior = first.parameters.drifted(self.config.look_back_s, p, self.config.uncertainty)
+        prior = first.parameters.drifted(
+            self.config.look_back_s, p, self.config.uncertainty, self.watch.model.limits
+        )
         memory = first.memory.copy()
         memory[:, 0] -= np.einsum("j,qjp->qp", prior.mean[:-p], memory[:, 1:]) + prior.mean[-p:]
         evidence = self.bank.start(onsets, prior, first.X, memory)

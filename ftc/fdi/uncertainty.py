@@ -8,6 +8,7 @@ import numpy as np
 import argument_checks as check
 from argument_checks import Array
 from ftc.fdi.fault_model import Fault, FaultModel, NominalModel
+from ftc.fdi.friction import SampledFriction
 
 
 @dataclass(frozen=True)
@@ -22,11 +23,15 @@ class Uncertainty:
             command holds the displacement that it asks for.
         damping: Of the damping along each actuator's displacement, relative.
         inertia: Of the whole mass matrix, relative.
+        friction: Of each limit of dry friction, relative: what a limit so much smaller would do is
+            one more error.
         delay_s: Of the delay from commands to forces.
         offset: Of each sensor's zero, in standard deviations of its noise.
         offset_rate: How fast that drifts, a random walk: its standard deviation after one second.
             What moves the outputs as slowly counts as drift: loads, friction, the floor's tilt.
         drift_rate: Likewise of the other errors, per standard deviation of each.
+        friction_rate: Likewise of the limits of dry friction: loads and directions change them, and
+            they are not linear.
 
     Raises:
         ValueError: One of them is negative or not finite, or a relative one above 1.
@@ -36,15 +41,17 @@ class Uncertainty:
     stiffness: float = 0.0
     damping: float = 0.0
     inertia: float = 0.0
+    friction: float = 0.0
     delay_s: float = 0.0
     offset: float = 0.0
     offset_rate: float = 0.0
     drift_rate: float = 0.0
+    friction_rate: float = 0.0
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
             check.number(name, value)
-        for name in ("gain", "stiffness", "damping", "inertia"):
+        for name in ("gain", "stiffness", "damping", "inertia", "friction"):
             check.at_most_one(name, getattr(self, name))
 
 
@@ -56,13 +63,15 @@ TYPICAL = Uncertainty(
     stiffness=0.02,
     damping=0.12,
     inertia=0.02,
+    friction=0.5,
     delay_s=1e-3,
     offset=3.0,
     offset_rate=1.0,
     drift_rate=0.03,
+    friction_rate=1.0,
 )
 """Of a machine whose parts are known from data sheets: gains and springs to a few percent, dampers
-to a fifth, inertias from drawings, the delay to a millisecond."""
+to a fifth, inertias from drawings, the delay to a millisecond, dry friction to a half."""
 
 
 @dataclass(frozen=True)
@@ -80,6 +89,7 @@ class UncertainModel:
         C: Shape (p, s).
         N: Y = X C^T + N [x; v], shape (1 + J, p, s + r).
         onset: State after the onset of the faults per state before it, shape (s, s).
+        friction: What dry friction changes of that; None: nothing rubs.
     """
 
     A: Array
@@ -87,12 +97,23 @@ class UncertainModel:
     C: Array
     N: Array
     onset: Array
+    friction: SampledFriction | None = None
+
+    @property
+    def limits(self) -> int:
+        """How many limits of dry friction are among the errors: the last ones."""
+        return 0 if self.friction is None else self.friction.limits
 
     def step(self, X: Array, v: Array) -> tuple[Array, Array]:
         """Outputs (1 + J, p) of a sample with inputs v that begins with X; and X after it."""
         moving = np.concatenate([X[0], v])
-        return X @ self.C.T + self.N @ moving, X @ self.A.T + self.M @ moving
+        Y, after = X @ self.C.T + self.N @ moving, X @ self.A.T + self.M @ moving
+        if self.friction is not None:
+            self.friction.apply(_ONE, X[None, None], after[None, None], Y[None, None], v)
+        return Y, after
 
+
+_ONE = np.ones((1, 1), dtype=bool)
 
 STEP = 1e-3
 """Of differences, in standard deviations: curvature and rounding are both below 1e-4 of them."""
@@ -107,6 +128,7 @@ def uncertain_model(
     *,
     others: Sequence[FaultModels] = (),
     delay_ticks: float = 0.0,
+    friction: float = 0.0,
     ticks: int = 1,
 ) -> UncertainModel:
     """The plant with these faults over samples of so many ticks.
@@ -116,9 +138,11 @@ def uncertain_model(
         faults: That it has.
         others: The plant with each of its possible errors, as large as :data:`STEP`.
         delay_ticks: Standard deviation of the delay of the commands, in control ticks.
+        friction: Of the limits of dry friction, relative.
         ticks: Of a sample.
     """
-    plain = _lifted(plant(faults), ticks)
+    model = plant(faults)
+    plain = _lifted(model, ticks)
     A, B, C, D = plain
     n, (p, s) = B.shape[1] - 1, C.shape
     none = np.zeros_like
@@ -135,7 +159,12 @@ def uncertain_model(
         late = delay_ticks / ticks  # a part of the sample still has the command before
         M.append(np.hstack([none(A), -late * B[:, :n], late * B[:, :n], np.zeros((s, 1))]))
         N.append(np.hstack([none(C), -late * D[:, :n], late * D[:, :n], np.zeros((p, 1))]))
-    return UncertainModel(A, np.array(M), C, np.array(N), plant(faults).onset)
+    rubbed = None
+    if model.rubbing is not None:
+        rubbed = SampledFriction((model.rubbing,), A[None], ticks, len(M), friction)
+        M += [np.zeros_like(M[0])] * rubbed.limits
+        N += [np.zeros_like(N[0])] * rubbed.limits
+    return UncertainModel(A, np.array(M), C, np.array(N), model.onset, rubbed)
 
 
 def _lifted(model: FaultModel, ticks: int) -> tuple[Array, Array, Array, Array]:

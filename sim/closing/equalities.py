@@ -88,7 +88,7 @@ class Closures(NamedTuple):
             )
         if not self.units.size:
             return np.zeros((0, model.nv))
-        rows = _equality_rows(model, data)
+        rows = constraint_rows(model, data)[: data.ne].copy()
         if self.points.size:
             D = data.efc_pos[self.points]
             if np.abs(D).max() > _ROUND_OFF_M:
@@ -170,15 +170,15 @@ def equality_name(model: mujoco.MjModel, equality: int) -> str:
     return f"equality {equality} ({kind} of " + " and ".join(f'"{end}"' for end in tied) + ")"
 
 
-def _equality_rows(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
-    """MuJoCo's own; equalities come first among its constraints."""
+def constraint_rows(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
+    """MuJoCo's own of all constraints, which may be a view; equalities come first, (nefc, nv)."""
     if not mujoco.mj_isSparse(model):
-        return data.efc_J[: data.ne * model.nv].reshape(data.ne, model.nv).copy()
+        return data.efc_J[: data.nefc * model.nv].reshape(data.nefc, model.nv)
     rows = np.zeros((data.nefc, model.nv))
     mujoco.mju_sparse2dense(
         rows, data.efc_J, data.efc_J_rownnz, data.efc_J_rowadr, data.efc_J_colind
     )
-    return rows[: data.ne]
+    return rows
 
 
 def _bodies(model: mujoco.MjModel, equality: int) -> list[int]:

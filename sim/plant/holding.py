@@ -46,8 +46,8 @@ def balance(
 ) -> Balance:
     """Forces of the actuators of drives that hold the machine still in the pose of `data`.
 
-    They balance gravity and springs through the closures, with the least norm. Contacts and limits
-    do not count; dry friction holds what it can. `data` has been through `mj_forward` at rest.
+    They balance gravity and springs through the closures, with the least norm. Contacts, limits
+    and dry friction, which creeps, hold nothing. `data` has been through `mj_forward` at rest.
 
     Args:
         model: The model.
@@ -69,10 +69,8 @@ def balance(
     arms = Z.T @ moments[used].T
     each = np.linalg.lstsq(arms, -Z.T @ loads, rcond=None)[0]
     unbalanced = Z @ (Z.T @ loads + arms @ each)
-    moving = unbalanced.sum(axis=1)
-    slips = np.abs(moving) > model.dof_frictionloss
     moves = None
-    if np.linalg.norm(moving[slips]) > _BALANCED * np.linalg.norm(loads):
+    if np.linalg.norm(unbalanced.sum(axis=1)) > _BALANCED * np.linalg.norm(loads):
         moves = _what_moves(model, Z, mass_of(model, data), unbalanced)
     forces = np.zeros(model.nout)
     forces[used] = each.sum(axis=1)

@@ -15,6 +15,7 @@ from sim.mjcf.drive import Drive
 from sim.mjcf.dynamics import mass_of
 from sim.mjcf.model import check_state, joint_name, name_of
 from sim.mjcf.transmission import drive_rows, drives
+from sim.plant.friction import Friction, friction_of
 
 _POSITION_STEP = 1e-6
 _VELOCITY_STEP = 1e-4
@@ -51,6 +52,7 @@ class LinearPlant:
         spring: Of the same, what the own spring of each drive takes, shape (n, 2k), in units of its
             commands: without it A + B[:, k] spring[k] takes the place of A.
         preload: Of the same, the force of that spring at x = 0, shape (n,).
+        friction: Dry friction, which A leaves out; None where nothing rubs.
         motion: Velocities of the joints per y_dot, shape (nv, k).
         joints: Of each of these velocities the joint, by name, or by its body where it has none.
     """
@@ -64,6 +66,7 @@ class LinearPlant:
     holding: Array | None = None
     spring: Array | None = None
     preload: Array | None = None
+    friction: Friction | None = None
     motion: Array | None = None
     joints: tuple[str, ...] = ()
 
@@ -97,8 +100,8 @@ def linearize(
 ) -> LinearPlant:
     """Linearize at `data`, which must be at rest; locks, switched-off coils and pushes count.
 
-    Equalities are all that constrains: contacts and limits, a strut on its stop, and dry friction
-    are left out; so are ranges of controls.
+    Equalities are all that constrains: contacts and limits, a strut on its stop, are left out; so
+    are ranges of controls. Dry friction is not linear, and stands beside A.
 
     The velocities are reduced to a null-space basis of the active equalities, and MuJoCo's own
     unconstrained accelerations, projected on what the loops allow, differentiated along it. (Its
@@ -172,6 +175,7 @@ def linear_plant(
     damping = gradient(1, k, _VELOCITY_STEP)
     drive = gradient(2, model.nu, _POSITION_STEP)
     floor = gradient(3, 3, _FLOOR_STEP)
+    acceleration(np.zeros(k), np.zeros(k), control, np.zeros(3))
     return LinearPlant(
         A=np.block([[zero, np.eye(k)], [stiffness, damping]]),
         B=np.vstack([np.zeros((k, model.nu)), drive]),
@@ -182,6 +186,7 @@ def linear_plant(
         C_active=np.hstack([drive_rows(model, data, some) @ Z, np.zeros((len(some), k))]),
         motion=Z,
         joints=tuple(joint_name(model, int(j)) for j in model.dof_jntid),
+        friction=friction_of(model, probe, Z, mass_of(model, probe)),
     )
 
 

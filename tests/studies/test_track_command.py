@@ -51,6 +51,7 @@ KEYS = {
     *("diagnoses", "dither", "task_lost", "closure_residual_max_m", "verdict", "files"),
     *("prediction_off_before", "prediction_off_after", "status", "warnings", "feedforward"),
     *("predicted_rms_after_when_named", "advice"),
+    *("measured_over_predicted_before", "measured_over_predicted_after", "dry_friction", "met"),
 }
 
 
@@ -314,6 +315,22 @@ def test_a_prediction_that_does_not_hold_fails_the_command(sound):
     worse = replace(sound, run=replace(sound.run, true=sound.run.desired - error))
     assert not all(check.passed for check in checks(summarize(worse)))
     assert summary["prediction_off_after"] is None
+    assert "times the predicted" not in summary["verdict"]
+    factor = summarize(worse)["measured_over_predicted_before"]
+    assert factor == pytest.approx(1.3 * summary["measured_over_predicted_before"])
+    said = summarize(replace(worse, met=("a stone fell",)))["verdict"]
+    assert f"{factor:.3g} times the predicted one before the first failure" in said
+    assert said.endswith("Not in the linear model: a stone fell.")
+
+
+def test_the_model_is_called_exact_where_nothing_is_left_out(sound):
+    """What a file or a run has besides is said instead."""
+    assert "have the exact model" in notes(sound, summarize(sound))[-1]
+    rubs = replace(sound, rig=replace(sound.rig, warnings=("dry friction of a",)))
+    for other in (rubs, replace(sound, met=("dry friction of a",))):
+        said = " ".join(notes(other, summarize(other)))
+        assert "Dry friction of a." in said
+        assert "exact model" not in said
 
 
 @pytest.fixture(scope="module")

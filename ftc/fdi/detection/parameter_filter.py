@@ -17,6 +17,8 @@ from ftc.fdi.uncertainty import Uncertainty
 class Parameters:
     """J errors of the model, in standard deviations, then p offsets, in those of the noise.
 
+    The last errors are those of limits of dry friction, where there are any.
+
     Attributes:
         mean: Shape (J + p,).
         covariance: Shape (J + p, J + p).
@@ -32,10 +34,12 @@ class Parameters:
         spread = np.concatenate([np.ones(errors), np.full(outputs, offset)])
         return cls(np.zeros(errors + outputs), np.diag(spread**2))
 
-    def drifted(self, time_s: float, outputs: int, uncertainty: Uncertainty) -> "Parameters":
-        """After so long."""
-        errors = len(self.mean) - outputs
-        rate = np.repeat([uncertainty.drift_rate, uncertainty.offset_rate], [errors, outputs])
+    def drifted(
+        self, time_s: float, outputs: int, uncertainty: Uncertainty, limits: int = 0
+    ) -> "Parameters":
+        """After so long, with so many outputs and limits of dry friction."""
+        rates = uncertainty.drift_rate, uncertainty.friction_rate, uncertainty.offset_rate
+        rate = np.repeat(rates, [len(self.mean) - limits - outputs, limits, outputs])
         return Parameters(self.mean, self.covariance + np.diag(rate**2 * time_s))
 
     def innovations(self, white: Array, regressors: Array) -> Array:

@@ -109,7 +109,7 @@ class Watch:
         parameters = parameters.updated(white[0], regressors)
         left = Y[0] - parameters.mean[:-p] @ Y[1:] - parameters.mean[-p:]
         spectrum = state.spectrum.with_residual(left, config.memory_s / self.period_s)
-        parameters = parameters.drifted(self.period_s, p, config.uncertainty)
+        parameters = parameters.drifted(self.period_s, p, config.uncertainty, self.model.limits)
         state = replace(state, parameters=parameters, spectrum=spectrum)
         return state, moment
 

@@ -19,6 +19,7 @@ import numpy as np
 from argument_checks import Array, Indices
 from ftc.fdi.detection.parameter_filter import Parameters
 from ftc.fdi.fault_model import Fault, NominalModel, fault_model
+from ftc.fdi.friction import SampledFriction, together
 from ftc.fdi.isolation._evidence import advance, weigh
 from ftc.fdi.isolation.evidence import LOST, ONSET_SPREAD, PART_SPREAD, Evidence
 from ftc.fdi.isolation.verdict import Verdict, verdict
@@ -42,6 +43,7 @@ class HypothesisBank:
         believed: The plant with the known faults.
         models: Of all H.
         A: Of the models, shape (H, s, s); and so on.
+        friction: Of all of them; None: nothing rubs.
     """
 
     faults: tuple[Fault, ...]
@@ -53,6 +55,7 @@ class HypothesisBank:
     N: Array
     onset: Array
     further: Array
+    friction: SampledFriction | None
 
     def start(self, onsets: Indices, prior: Parameters, X: Array, memory: Array) -> Evidence:
         """No evidence yet, before the first onset.
@@ -106,10 +109,13 @@ class HypothesisBank:
             for part in (X, memory, information, score, energy):
                 part[1:, now] = part[0, 0]
             believed, sound = self.believed, X[0, 0, :-2]
-            later = self.onset @ (believed.A @ sound[0] + believed.M[0] @ [*sound[0], *v])
+            later = self.onset @ _later(believed, sound, v)
             X[1:, now] = (X[0, 0] @ self.onset[1:].swapaxes(-1, -2))[:, None]
         outputs = np.zeros((*X.shape[:3], len(y)))
+        before = None if self.friction is None else X.copy()
         advance(steps, X, outputs, self.A, self.M, self.C, self.N, v)
+        if self.friction is not None and before is not None:
+            self.friction.apply(steps, before, X, outputs, v)
         if now.any():
             X[1:, now, -2] = ONSET_SPREAD * (later[1:, None] - X[1:, now, 0])
             X[1:, now, -1] = shaken * self.further[1:, None]
@@ -179,6 +185,7 @@ def hypothesis_bank(
         faults,
         others=[partial(fault_model, each) for each in perturbed(nominal, uncertainty)],
         delay_ticks=uncertainty.delay_s / nominal.period_s,
+        friction=uncertainty.friction,
         ticks=ticks,
         lock_displacement=np.vstack([ways, np.zeros_like(ways)]).T,
     )
@@ -233,4 +240,13 @@ def bank_of(
         for h, fault in enumerate(one_more, 1):
             if fault.kind == "locked":
                 further[h] = lock_displacement[fault.actuator]
-    return HypothesisBank(tuple(one_more), left, models[0], A, M, C, N, onset, further)
+    rubbed = [model.friction for model in models if model.friction is not None]
+    friction = together(rubbed) if rubbed else None
+    return HypothesisBank(tuple(one_more), left, models[0], A, M, C, N, onset, further, friction)
+
+
+def _later(believed: UncertainModel, X: Array, v: Array) -> Array:
+    """State (s,) of the believed model after a sample."""
+    if believed.friction is not None:
+        return believed.step(X, v)[1][0]
+    return believed.A @ X[0] + believed.M[0] @ [*X[0], *v]
