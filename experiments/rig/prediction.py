@@ -37,12 +37,19 @@ class Prediction(NamedTuple):
     leaves: str | None = None
 
 
-def predicted(rig: "Rig", path: Array, failures: Sequence[Failure], *, told: bool) -> Prediction:
+def predicted(
+    rig: "Rig",
+    path: Array,
+    failures: Sequence[Failure],
+    *,
+    told: bool,
+    noise: Array | None = None,
+) -> Prediction:
     """The prediction of a flight; see :meth:`experiments.rig.Rig.predict`.
 
     The plant is linear about its start and changes with each fault; the mapping is that of the
     start, and where the controller is told reconfigured at the same tick; the actuators go on from
-    where they stand, and their secondary motion does not fade. Noise is white.
+    where they stand, and their secondary motion does not fade. Noise that is not known is white.
     """
     model, goal = fault_model(rig.nominal), rig.goal
     gain = rig.mapping(goal).major_gain()
@@ -58,14 +65,16 @@ def predicted(rig: "Rig", path: Array, failures: Sequence[Failure], *, told: boo
         goes_on[[*goal.locked_at, *goal.free]] = 0.0
         stages.append(Stage(after.A, after.B, tick, after.onset, gain, goes_on, after.drift))
     C = rig.nominal.plant.C
-    ticks = list(steps(stages, C, rig.loops, path, feedforward=rig.feedforward))
+    reference, demands = path if noise is None else path - noise, rig.feedforward_demands(path)
+    ticks = list(steps(stages, C, rig.loops, reference, feedforward=demands))
     error = path - np.array([tick.output for tick in ticks])
     halves, leaves = [], None
     for part, stage in ((slice(first), stages[0]), (slice(first, None), stages[-1])):
         leaves = leaves or _leaving(rig, [tick.x for tick in ticks[part]])
         rms = np.full(path.shape[1], np.nan)
         if leaves is None and len(error[part]):
-            rms = np.sqrt((error[part] ** 2).mean(axis=0) + _noise_variance(rig, stage))
+            of_noise = _noise_variance(rig, stage) if noise is None else 0.0
+            rms = np.sqrt((error[part] ** 2).mean(axis=0) + of_noise)
         halves.append(rms)
     return Prediction(halves[0], halves[1], leaves)
 

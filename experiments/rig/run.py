@@ -103,7 +103,10 @@ def flown(
     times = np.concatenate([np.full(lead_in, time_s[0]), time_s])
     bench, kept = rig.bench(times, failures, seed, events), slice(lead_in, None)
     machine = bench if on_tick is None else _Counted(bench, on_tick)
-    looped = run_loop(machine, pilot, after_rest(lead_in, desired))
+    demands = rig.feedforward_demands(desired)
+    if demands is not None:
+        demands = after_rest(lead_in, demands)
+    looped = run_loop(machine, pilot, after_rest(lead_in, desired), demands)
     pose = Pose(bench.rotation[kept], bench.translation_m[kept])
     assert bench.qpos is not None  # rigs keep it
     state, named = looped.state, ()

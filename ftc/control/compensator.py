@@ -18,7 +18,9 @@ from ftc.control.frequency_response import SampledSystem, frequency_response
 if TYPE_CHECKING:  # imported by what needs it: it takes a second, and controllers need no design
     import control
 
-_FREQUENCIES_RAD_S = 2 * np.pi * np.geomspace(0.1, 400.0, 8000)
+_SLOW_HZ = np.geomspace(1e-3, 0.1, 1000, endpoint=False)
+"""Loops of slow arms cross here; apart, so that those of others are found at the same points."""
+_FREQUENCIES_RAD_S = 2 * np.pi * np.append(_SLOW_HZ, np.geomspace(0.1, 400.0, 8000))
 
 
 class UnstableLoop(ValueError):
@@ -178,6 +180,6 @@ def sensitivity_peak(L: SampledSystem) -> float:
     Its inverse is the distance of the loops from instability, all channels and their coupling
     taken together; a well-damped single loop has less than 2.
     """
-    frequency_rad_s = 2 * np.pi * np.geomspace(0.1, 0.45 / L.dt, 3000)
+    frequency_rad_s = 2 * np.pi * np.append(_SLOW_HZ, np.geomspace(0.1, 0.45 / L.dt, 3000))
     response = frequency_response(L, frequency_rad_s)
     return float(1 / np.linalg.svd(np.eye(len(response[0])) + response, compute_uv=False).min())
