@@ -54,7 +54,8 @@ class Tracked:
         failures: What happened, in the order of time.
         run: See there.
         told: Whether the controller looks for failures, and the predicted one is told of them.
-        predicted: RMS errors before and after the first failure by the linear model.
+        predicted: RMS errors before and after the first failure by the linear model, with the
+            noise that the sensors had.
         comparable: The same of a controller that knew as much as the pilot did: it is never told
             where nothing was diagnosed. None where something was, after some time.
         verdicts: For each number of failures so far, in words, what the classification says.
@@ -130,11 +131,12 @@ def run_track(
         other = Other(controller, *fly_with(rig, controller, desired, **options_of(1)))
     faults = [Fault.of(failure) for failure in failures]
     reports = [rig.classified(faults[:count]) for count in range(len(faults) + 1)]
-    predicted = rig.predict(desired, failures=failures, told=told)
+    seen = {"failures": failures, "noise": run.measured - run.true}
+    predicted = rig.predict(desired, told=told, **seen)
     comparable = predicted
     if told and failures:
         named = run.diagnoses
-        comparable = None if named else rig.predict(desired, failures=failures, told=False)
+        comparable = None if named else rig.predict(desired, told=False, **seen)
     return Tracked(
         seed=seed,
         model_sha256=model_sha256(model),
