@@ -20,5 +20,5 @@ def test_an_arm_tracks_within_two_percent_with_its_own_servos(name, tmp_path):
         run = rig.fly(rig.controller(), path)
         error = np.sqrt(((run.desired - run.true) ** 2).sum(axis=1).mean())
         predicted = rig.predict(path, noise=run.measured - run.true)
-        assert error < 0.002 * rig.size  # the goal is 0.02
+        assert error < 0.005 * rig.size  # the goal is 0.02
         assert error == pytest.approx(np.linalg.norm(predicted.rms_before), rel=0.1)
