@@ -14,6 +14,7 @@ from experiments.rig.hexapod.rig import HexapodRig
 from experiments.rig.mismatch import Known, Mismatch
 from experiments.study.study import WrongInput
 from ftc.fdi.fault_model import Fault
+from ftc.oracle import NEVER, OracleController
 from sim import HEXAPOD_MJCF, Failure, Mechanism, Plant
 from sim.kinematics.reader import JacobianReader
 
@@ -146,6 +147,18 @@ def test_a_path_that_is_demanded_through_the_inverse_leaves_the_loops_little(nam
         predicted = one.predict(path, noise=run.measured - run.true)
         assert rms[feedforward] == pytest.approx(np.linalg.norm(predicted.rms_before), rel=0.05)
     assert rms[True] < 0.05 * rms[False]  # what is left is noise
+
+
+def test_every_pilot_demands_the_path_through_the_inverse():
+    """Until something fails one that diagnoses, or is told later, flies as one that does not."""
+    one, path = rig("arm"), path_of("arm", 0.1)
+    pilot = one.controller()
+    pilots = pilot, one.supervisor("none"), OracleController(pilot, pilot, NEVER)
+    plain, *others = (one.fly(each, path).inputs for each in pilots)
+    for each in others:
+        np.testing.assert_array_equal(each, plain)
+    assert one.feedforward_demands(path) is not None
+    assert rig("hexapod").feedforward_demands(path) is None  # as in the paper
 
 
 class _Events:
