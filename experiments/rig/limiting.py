@@ -40,19 +40,24 @@ def limiting(rig: Rig, run: Run, failures: Sequence[Failure] = ()) -> str | None
     still = rig.predict(run.desired, failures=failures, noise=0 * noise)
     before, after = _square(rig, error[:cut]), _square(rig, error[cut:])
     if after > 2 * before:
-        if not _of(rig, still.rms_after) > after / 2:
-            return None
-        slowest_hz = min(each.crossover_hz for each in rig.margins)
-        return (
-            "After the failure most of the error is what the loops, whose crossover is at "
-            f"{slowest_hz:.2g} Hz, take to make up for it."
-        )
+        return _after(rig, run, _of(rig, still.rms_after) > after / 2)
     noisy = rig.predict(run.desired, failures=failures, noise=noise)
     if _of(rig, still.rms_before) < before / 2 < _of(rig, noisy.rms_before):
         return "Most of the error is noise of the sensors, which the loops pass on."
     if rig.model.dof_frictionloss.any() and _of(rig, noisy.rms_before) < before / 2:
         return "Most of the error is from dry friction in the joints."
     return None
+
+
+def _after(rig: Rig, run: Run, told_too: bool) -> str:
+    """Of the error after a failure, which a controller that is told at once has too, or not."""
+    cause = "that of a controller that does not know of it"
+    if told_too:
+        slowest_hz = min(each.crossover_hz for each in rig.margins)
+        cause = f"what the loops, whose crossover is at {slowest_hz:.2g} Hz, take to make up for it"
+    elif run.diagnoses:
+        cause = f"from the time until {run.diagnoses[0]}"
+    return f"After the failure most of the error is {cause}."
 
 
 def _square(rig: Rig, error: Array) -> float:
