@@ -1,6 +1,7 @@
 """What most of a flight's error comes from, in a sentence."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -38,13 +39,15 @@ def limiting(rig: Rig, run: Run, failures: Sequence[Failure] = ()) -> str | None
         first_s = min(failure.time_s for failure in failures)
         cut = int(np.searchsorted(run.time_s, first_s - 1e-9))
     still = rig.predict(run.desired, failures=failures, noise=0 * noise)
+    # An actuator that keeps all of its force has not failed: paths may cost more as they go on.
+    none = [replace(failure, kind="weak", effectiveness=1.0) for failure in failures]
+    sound = rig.predict(run.desired, failures=none, noise=noise)
     before, after = _square(rig, error[:cut]), _square(rig, error[cut:])
-    if after > 2 * before:
+    if failures and after > 2 * _of(rig, sound.rms_after):
         return _after(rig, run, _of(rig, still.rms_after) > after / 2)
-    noisy = rig.predict(run.desired, failures=failures, noise=noise)
-    if _of(rig, still.rms_before) < before / 2 < _of(rig, noisy.rms_before):
+    if _of(rig, still.rms_before) < before / 2 < _of(rig, sound.rms_before):
         return "Most of the error is noise of the sensors, which the loops pass on."
-    if rig.model.dof_frictionloss.any() and _of(rig, noisy.rms_before) < before / 2:
+    if rig.model.dof_frictionloss.any() and _of(rig, sound.rms_before) < before / 2:
         return "Most of the error is from dry friction in the joints."
     return None
 
