@@ -80,7 +80,7 @@ def test_without_a_failure_the_error_is_that_of_the_linear_model(model, noise):
     assert summary["rms_after"] is None
     assert summary["predicted_rms_after"] is None
     assert summary["failures"] == summary["possible_after"] == []
-    assert one.run.closure_m.max() < 1e-9
+    assert one.run.closure_m.max() < 1e-8  # the demands brake for the end of the path
 
 
 def test_a_failure_is_given_by_the_name_of_the_joint_or_of_its_actuator(sound):
@@ -97,7 +97,7 @@ FAILING = [
 
 @pytest.mark.parametrize("model", FAILING)
 def test_a_lock_is_named_and_the_error_stays_near_that_of_a_controller_told_at_once(model):
-    """The delay costs what the lock does meanwhile: at most a third of the error.
+    """The delay costs what the lock does meanwhile: at most a fiftieth of the path.
 
     It is within 80 ms on the arms, and a second on the hexapod, whose path moves the strut little.
     """
@@ -109,7 +109,8 @@ def test_a_lock_is_named_and_the_error_stays_near_that_of_a_controller_told_at_o
     assert 0 <= summary["diagnoses"][0]["delay_s"] < (1.0 if model is None else 0.2)
     assert summary["possible_after"] == [True]
     assert not summary["task_lost"]
-    np.testing.assert_allclose(ratios(summary, "after"), 1.0, rtol=0.4)
+    cost = np.subtract(summary["rms_after"], summary["predicted_rms_after"])
+    assert np.abs(cost).max() < 0.02 * one.rig.size
     broken = one.rig.actuators.index(strut)
     after = one.run.displacement[one.run.time_s >= 0.802, broken]
     assert np.ptp(after) < 1e-3 * one.rig.size
