@@ -165,8 +165,8 @@ def test_the_same_seed_is_the_same_run(sound):
 def test_another_seed_is_other_noise_and_nothing_else(sound):
     other = tracked(ARM, duration=0.4, seed=1)
     np.testing.assert_array_equal(sound.run.desired, other.run.desired)
-    expected = [each.rig.predict(each.run.desired).rms_before for each in (sound, other)]
-    np.testing.assert_array_equal(*expected)
+    one, two = (each.rig.predict(each.run.desired).rms_before for each in (sound, other))
+    np.testing.assert_array_equal(one, two)
     noise = [each.run.measured - each.run.true for each in (sound, other)]
     assert np.abs(noise[0] - noise[1]).max() > 0
     np.testing.assert_allclose([each.std() for each in noise], sound.rig.noise, rtol=0.1)
