@@ -15,6 +15,7 @@ from ftc.fdi.fault_model import Fault as Fault
 from ftc.fdi.fault_model import NominalModel as NominalModel
 from ftc.fdi.fault_model import fault_model as fault_model
 from ftc.fdi.monitor import monitor as monitor
+from ftc.feedforward import inverse_feedforward as inverse_feedforward
 from ftc.goal import Goal as Goal
 from ftc.guarded_controller import GuardedController as GuardedController
 from ftc.loop import LoopRun as LoopRun

@@ -101,7 +101,7 @@ class PrioritizedController(Generic[Pose]):
         integration: Astrom and Hagglund, Advanced PID Control, 2006, section 3.5). Where the
         mapping has limits, it also makes the compensators observe the major task that is achieved;
         see :mod:`ftc.control.anti_windup`. With `reference_feedforward` the reference itself is
-        demanded, and the compensators add what is missing.
+        demanded where no other feedforward is known, and the compensators add what is missing.
         """
         self.mapping = mapping
         self.drives: Any = drives  # clients know their own drives
@@ -157,7 +157,8 @@ class PrioritizedController(Generic[Pose]):
             measurement: This controller uses the measured major task.
             secondary_reference: Reference of the secondary goal, displacements of the actuators,
                 shape (n,); None is zero.
-            feedforward: Added to what the compensators demand, shape (m1,); None is zero.
+            feedforward: Added to what the compensators demand, shape (m1,); None is the reference
+                with `reference_feedforward`, else zero.
             pose: As :meth:`estimate` gives it, for a caller that has it already.
         """
         commanded = self._commanded(state)
@@ -173,8 +174,8 @@ class PrioritizedController(Generic[Pose]):
             if self.anti_windup:
                 held = (demand != demanded) & (error * demanded > 0)
                 compensator = np.where(held[self._channel], state.compensator, compensator)
-        if self.reference_feedforward:
-            demand = reference + demand
+        if feedforward is None and self.reference_feedforward:
+            feedforward = reference
         if feedforward is not None:
             demand = feedforward + demand
         owed = state.bumpless_transfer

@@ -88,7 +88,7 @@ def steps(
     disturbance: Array | None = None,
     limit: Array | float = np.inf,
     anti_windup: Array | bool = False,
-    feedforward: bool = False,
+    feedforward: Array | None = None,
 ) -> Iterator[Step]:
     """The loop from rest, tick by tick, for one setting or for S settings at once.
 
@@ -106,7 +106,7 @@ def steps(
         anti_windup: Whether a compensator at its limit keeps its state while the error would drive
             it further, as in :class:`ftc.controller.PrioritizedController`; a truth value or shape
             (S,).
-        feedforward: Whether the reference itself is demanded, and the compensators add to it.
+        feedforward: Demands to which the compensators add, shape (N, m) or (S, N, m); None is none.
     """
     lead, to_come, stage = reference.shape[:-2], list(stages), stages[0]
     most, held = np.asarray(limit)[..., None], np.asarray(anti_windup)[..., None]
@@ -134,8 +134,8 @@ def steps(
             np.where(kept[..., k, None], z, moved)
             for k, (z, (_, moved)) in enumerate(zip(states, ticked, strict=True))
         ]
-        if feedforward:
-            demanded = reference[..., tick, :] + demanded
+        if feedforward is not None:
+            demanded = feedforward[..., tick, :] + demanded
         commanded = demanded if gain is None else demanded @ gain.T + standing
         if secondary is not None:
             commanded = commanded + secondary[tick]

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from inspect import signature
 from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
@@ -64,7 +65,12 @@ class LoopRun(Generic[State]):
     state: State
 
 
-def run_loop(machine: Machine, controller: Controller[State], reference: Array) -> LoopRun[State]:
+def run_loop(
+    machine: Machine,
+    controller: Controller[State],
+    reference: Array,
+    feedforward: Array | None = None,
+) -> LoopRun[State]:
     """Close the loop for as many ticks as there are references.
 
     At each tick: measure, one step of the controller, send its inputs. The machine decides what
@@ -74,13 +80,21 @@ def run_loop(machine: Machine, controller: Controller[State], reference: Array) 
         machine: The machine.
         controller: The controller.
         reference: Of the major task, tick by tick, shape (N, m1).
+        feedforward: Demands that are known beforehand, shape (N, m1), for a controller whose `step`
+            takes `feedforward`, as those of :mod:`ftc`; None is none.
 
     Raises:
-        ValueError: The reference is no matrix, or not finite.
+        ValueError: The reference is no matrix, the feedforward of another shape, or not finite.
     """
     reference = check.finite("reference", reference)
     if reference.ndim != 2:
         raise ValueError(f"reference must have shape (N, m1), got {reference.shape}")
+    known: list[dict[str, Array]] = [{}] * len(reference)
+    if feedforward is not None:
+        demands = check.exactly("feedforward", feedforward, *reference.shape)
+        if "feedforward" in signature(controller.step).parameters:
+            known = [{"feedforward": each} for each in demands]
+    step: Any = controller.step
     state = controller.start()
     ticks = len(reference)
     measured = np.empty(reference.shape)
@@ -88,7 +102,7 @@ def run_loop(machine: Machine, controller: Controller[State], reference: Array) 
     poses: list[Any] = []
     for tick, desired in enumerate(reference):
         measurement = machine.measure()
-        state = controller.step(state, desired, measurement)
+        state = step(state, desired, measurement, **known[tick])
         measured[tick] = measurement.output
         inputs[tick] = state.inputs
         poses.append(getattr(state, "pose", None))

@@ -61,7 +61,14 @@ class OracleController:
         """At rest at the nominal pose."""
         return OracleState(self.before.start(), ticks=0)
 
-    def step(self, state: OracleState, reference: Array, measurement: Measurement) -> OracleState:
+    def step(
+        self,
+        state: OracleState,
+        reference: Array,
+        measurement: Measurement,
+        *,
+        feedforward: Array | None = None,
+    ) -> OracleState:
         """One control tick."""
         last = state.controller
         if state.ticks == self.tick:
@@ -77,9 +84,10 @@ class OracleController:
             secondary_reference = np.zeros(acting.mapping.actuators)
         else:
             secondary_reference = self.secondary(state.ticks * acting.period_s)
-        return OracleState(
-            acting.step(last, reference, measurement, secondary_reference), state.ticks + 1
+        controller = acting.step(
+            last, reference, measurement, secondary_reference, feedforward=feedforward
         )
+        return OracleState(controller, state.ticks + 1)
 
     def _lost_displacement(self, last: ControllerState[Any]) -> Array:
         # An actuator that keeps its damper falls too slowly to be made up for at once.

@@ -77,7 +77,12 @@ class Supervisor:
         return SupervisorState(self.first.start(), self.first, self.monitor.start(), self.monitor)
 
     def step(
-        self, state: SupervisorState, reference: Array, measurement: Measurement
+        self,
+        state: SupervisorState,
+        reference: Array,
+        measurement: Measurement,
+        *,
+        feedforward: Array | None = None,
     ) -> SupervisorState:
         """One control tick: first the diagnosis, then the control."""
         ticks = state.ticks + 1
@@ -101,7 +106,7 @@ class Supervisor:
             return replace(state, watch=watch, ticks=ticks)
         secondary_reference = self.secondary(state.ticks * self.first.period_s)
         controller = state.current.step(
-            state.controller, reference, measurement, secondary_reference
+            state.controller, reference, measurement, secondary_reference, feedforward=feedforward
         )
         return replace(state, watch=watch, controller=controller, ticks=ticks)
 

@@ -1,11 +1,12 @@
 """Tracking of a major task by any mechanism: loops from its linear model, controllers for any goal.
 
 One compensator for each major row, as in Fig. 3 of the paper, and the mapping with the Jacobian of
-the estimated posture at every tick. The reference is demanded as it is, and the compensators add
-what is missing. Unless it is given, the gain crossover of all rows is the highest at which the
-sensitivity peak of the sound loops, coupling included, is at most 1.7 (a gain margin of at least
-7.7 dB and a phase margin of at least 34 degrees in each row), and at most a fiftieth of the
-sampling frequency. The roll-off is at three times the crossover, as on the hexapod.
+the estimated posture at every tick. What is known of the path beforehand is demanded through the
+inverse of the linear model (:mod:`ftc.feedforward`), else the reference as it is, and the
+compensators add what is missing. Unless it is given, the gain crossover of all rows is the highest
+at which the sensitivity peak of the sound loops, coupling included, is at most 1.7 (a gain margin
+of at least 7.7 dB and a phase margin of at least 34 degrees in each row), and at most a fiftieth of
+the sampling frequency. The roll-off is at three times the crossover, as on the hexapod.
 """
 
 from collections.abc import Callable, Sequence

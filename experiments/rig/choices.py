@@ -12,4 +12,5 @@ Diagnosing = Literal["on", "off"]
 """Whether failures are looked for."""
 
 Feedforward = Literal["default", "on", "off"]
-"""Whether the reference itself is demanded; by default on, but for the hexapod, as in the paper."""
+"""Whether the path is demanded through the inverse of the linear model; by default on, but for the
+hexapod, as in the paper."""

@@ -128,8 +128,8 @@ LOOPS = (
         "feedforward",
         Feedforward,
         _USUAL.feedforward,
-        "Whether the reference itself is demanded, and the loops add to it. By default on; off for "
-        "the hexapod, as in the paper.",
+        "Whether the path is demanded through the inverse of the linear model, and the loops add "
+        "to it. By default on; off for the hexapod, as in the paper.",
     ),
     Option("period", float, _USUAL.period, "Control period, in whole physics steps.", "S"),
     Option(

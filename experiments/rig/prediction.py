@@ -48,13 +48,15 @@ def predicted(
     failures: Sequence[Failure],
     *,
     told: Learns,
+    noise: Array | None = None,
     dither: Dither | None = None,
 ) -> Prediction:
     """The prediction of a flight; see :meth:`experiments.rig.Rig.predict`.
 
     The plant is linear about its start and changes with each fault; the mapping is that of the
     start, and is reconfigured at the tick at which the controller learns of a fault; the actuators
-    go on from where they stand, and their secondary motion does not fade. Noise is white.
+    go on from where they stand, and their secondary motion does not fade. Noise that is not known
+    is white.
     """
     model, goal = fault_model(rig.nominal), rig.goal
     mapping = rig.mapping(goal)
@@ -78,14 +80,16 @@ def predicted(
         then = onset, gain, goes_on, after.drift, after.rubbing
         stages.append(Stage(after.A, after.B, tick, *then))
     C = rig.nominal.plant.C
-    ticks = list(steps(stages, C, rig.loops, path, secondary=swing, feedforward=rig.feedforward))
+    reference, demands = path if noise is None else path - noise, rig.feedforward_demands(path)
+    ticks = list(steps(stages, C, rig.loops, reference, secondary=swing, feedforward=demands))
     error = path - np.array([tick.output for tick in ticks])
     halves, leaves = [], None
     for part, stage in ((slice(first), stages[0]), (slice(first, None), stages[-1])):
         leaves = leaves or _leaving(rig, [tick.x for tick in ticks[part]])
         rms = np.full(path.shape[1], np.nan)
         if leaves is None and len(error[part]):
-            rms = np.sqrt((error[part] ** 2).mean(axis=0) + _noise_variance(rig, stage))
+            of_noise = _noise_variance(rig, stage) if noise is None else 0.0
+            rms = np.sqrt((error[part] ** 2).mean(axis=0) + of_noise)
         halves.append(rms)
     return Prediction(halves[0], halves[1], leaves)
 

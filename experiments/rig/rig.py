@@ -23,6 +23,7 @@ from ftc.control_task import ControlTask
 from ftc.controller import PrioritizedController
 from ftc.fdi.dither import Dither
 from ftc.fdi.fault_model import Fault, NominalModel
+from ftc.feedforward import inverse_feedforward
 from ftc.goal import Goal
 from ftc.supervisor import Supervisor, Unused
 from prioritized import Manipulability
@@ -48,7 +49,7 @@ class Rig(ABC):
         loops: One compensator for each of them.
         margins: Of each loop.
         limits: Lower and upper displacements (n,); None is none.
-        feedforward: Whether the reference is demanded as it is.
+        feedforward: Whether a path is demanded through the inverse of the linear model.
         size: Of the path, [rad] or [m].
         noise: Of the sensors of the major rows, [rad] or [m].
         encoder_noise: Of the sensors of the actuators, [rad] or [m].
@@ -93,7 +94,8 @@ class Rig(ABC):
 
         Args:
             size: Radius of its path, [rad]; None is that of the testbed's spiral.
-            feedforward: Whether the reference itself is demanded; in the paper it is not.
+            feedforward: Whether the path is demanded as of :meth:`feedforward_demands`; in the
+                paper it is not.
             mismatch: How the plant differs from the controller's model.
             seed: Of what is drawn of the plant.
         """
@@ -131,7 +133,8 @@ class Rig(ABC):
             noise: Standard deviation of one sample of each sensor, [rad] or [m]; None is a
                 hundredth of what the path moves it.
             servo_hz: Natural frequency of the position servos that torque motors get.
-            feedforward: Whether the reference itself is demanded, and the loops add to it.
+            feedforward: Whether the path is demanded as of :meth:`feedforward_demands`, and the
+                loops add to it.
             pinned: Frames that stand, such as feet: names of sites or bodies, welded to the world,
                 or "NAME:point" where they may turn.
             mismatch: How the plant differs from the controller's model.
@@ -239,6 +242,16 @@ class Rig(ABC):
         time_s = np.arange(max(2, round(duration_s / self.period_s))) * self.period_s
         return path_of(name, len(self.major), self.size, time_s, turn_s, self.period_s)
 
+    def feedforward_demands(self, path: Array) -> Array | None:
+        """What the sound machine is to be demanded to do a path (N, m1), of the same shape.
+
+        By the inverse of the linear model; None where :attr:`feedforward` is off. After a failure
+        they are demanded on, and the compensators make up for the difference.
+        """
+        if not self.feedforward:
+            return None
+        return inverse_feedforward(self.nominal, self.mapping(self.goal).major_gain(), path)
+
     def fly(
         self,
         pilot: Any,
@@ -289,6 +302,7 @@ class Rig(ABC):
         *,
         failures: Sequence[Failure] = (),
         told: Learns = True,
+        noise: ArrayLike | None = None,
         dither: Dither | None = None,
     ) -> Prediction:
         """RMS errors of a path that begins at time 0 by the linear model.
@@ -298,13 +312,18 @@ class Rig(ABC):
             failures: Likewise.
             told: Whether the controller is told of each failure at once, or never; or when it is
                 told of each [s], one time a failure, None for never.
+            noise: What the sensors of the major rows add at each tick, of the shape of the path,
+                such as `run.measured - run.true`; None: white noise, in the mean of many flights.
             dither: That the pilot adds; None is none.
 
         Raises:
             ValueError: Another number of times than of failures, or a time before its failure.
         """
         desired = check.matrix("path", path, columns=len(self.major))
-        return predicted(self, desired, self._numbered(failures), told=told, dither=dither)
+        if noise is not None:
+            noise = check.exactly("noise", noise, *desired.shape)
+        struck = self._numbered(failures)
+        return predicted(self, desired, struck, told=told, noise=noise, dither=dither)
 
     def _numbered(self, failures: Sequence[Failure]) -> list[Failure]:
         given = [check.instance("failures", each, Failure) for each in failures]

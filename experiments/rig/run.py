@@ -11,6 +11,7 @@ from ftc.fdi.fault_model import FaultKind
 from ftc.loop import Controller, run_loop
 from ftc.supervisor import SupervisorState
 from sim import Array, Bench, Failure, Pose
+from sim.mjcf.transmission import drives
 
 if TYPE_CHECKING:
     from experiments.rig.rig import Rig
@@ -52,6 +53,7 @@ class Run:
         displacement: (N, n) of the actuators.
         qpos: (N, nq) joint positions.
         closure_m: (N,) largest gap of a closed loop.
+        saturated: (N, n) whether the actuators gave their largest force.
         state: Of the pilot after the last tick.
         diagnoses: That the pilot made, in order.
         task_lost: Whether the pilot gave the major task up.
@@ -69,6 +71,7 @@ class Run:
     displacement: Array
     qpos: Array
     closure_m: Array
+    saturated: Array
     state: Any
     diagnoses: tuple[Named, ...]
     task_lost: bool
@@ -105,9 +108,12 @@ def flown(
     times = np.concatenate([np.full(lead_in, time_s[0]), time_s])
     bench, kept = rig.bench(times, failures, seed, events), slice(lead_in, None)
     machine = bench if on_tick is None else _Counted(bench, on_tick)
-    looped = run_loop(machine, pilot, after_rest(lead_in, desired))
+    demands = rig.feedforward_demands(desired)
+    if demands is not None:
+        demands = after_rest(lead_in, demands)
+    looped = run_loop(machine, pilot, after_rest(lead_in, desired), demands)
     pose = Pose(bench.rotation[kept], bench.translation_m[kept])
-    assert bench.qpos is not None  # rigs keep it
+    assert bench.qpos is not None and bench.actuator_force is not None  # rigs keep them
     state, named = looped.state, ()
     supervised = isinstance(state, SupervisorState)
     if supervised:
@@ -123,6 +129,7 @@ def flown(
         displacement=bench.displacement[kept],
         qpos=bench.qpos[kept],
         closure_m=bench.closure_residual_m[kept],
+        saturated=_saturated(rig, bench.actuator_force[kept]),
         state=state,
         diagnoses=named,
         task_lost=supervised and state.task_lost,
@@ -134,6 +141,15 @@ def flown(
 def after_rest(ticks: int, signal: Array) -> Array:
     """A signal that is zero for some ticks before it begins."""
     return np.concatenate([np.zeros((ticks, *signal.shape[1:])), signal])
+
+
+def _saturated(rig: "Rig", force: Array) -> Array:
+    """Of each drive (N, n), from the forces of all outputs of the actuators."""
+    at_limit = []
+    for drive in drives(rig.model):
+        along, (lower, upper) = force[:, drive.outputs] @ drive.gear, drive.force_range
+        at_limit.append((along <= lower) | (along >= upper))
+    return np.column_stack(at_limit)
 
 
 def _named(rig: "Rig", state: SupervisorState, time_s: Array) -> tuple[Named, ...]:

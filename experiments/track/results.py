@@ -8,6 +8,7 @@ import numpy as np
 
 from experiments.rig.checks import closure_check
 from experiments.rig.dither import dither_entry
+from experiments.rig.limiting import limiting
 from experiments.rig.run import Named
 from experiments.study.controllers import controller_label
 from experiments.study.provenance import versions
@@ -117,6 +118,7 @@ def summarize(tracked: Tracked) -> dict[str, Any]:
         "advice": list(tracked.advice),
         "task_lost": tracked.run.task_lost,
         "closure_residual_max_m": float(run.closure_m.max()),
+        "limited_by": limiting(rig, run, failures),
     }
     if (other := tracked.other) is not None:
         theirs = other.run.desired - other.run.true
@@ -290,8 +292,9 @@ def tables(tracked: Tracked, summary: dict[str, Any]) -> list[Table]:
         )
     title = f"{tracked.rig.title}: RMS of desired minus true"
     legend = (
-        "Before and after the first failure. pred.: by the linear model, with a controller that "
-        "learns of each failure when this one did; at once: that is informed at once."
+        "Before and after the first failure. pred.: by the linear model with the noise that the "
+        "sensors had, with a controller that learns of each failure when this one did; at once: "
+        "that is informed at once."
     )
     found = (
         Column("actuator", "actuator"),
@@ -313,6 +316,8 @@ def notes(tracked: Tracked, summary: dict[str, Any]) -> list[str]:
     """The verdict first, then what is assumed."""
     rig = tracked.rig
     said = [summary["verdict"]]
+    if summary["limited_by"] is not None:
+        said.append(summary["limited_by"])
     if tracked.other is not None and tracked.other.failure is not None:
         said.append(f"{tracked.other.failure}; its last inputs were held from then on.")
     if tracked.dither is not None:
@@ -325,8 +330,8 @@ def notes(tracked: Tracked, summary: dict[str, Any]) -> list[str]:
     said += [f"{sentence[0].upper()}{sentence[1:]}." for sentence in (*rig.warnings, *tracked.met)]
     exact = "" if rig.warnings or tracked.met else "exact "
     said.append(
-        f"The reference itself {demanded} demanded. Path of {rig.size:.3g}, sensors with noise "
-        f"of {rig.noise:.3g}, encoders of "
+        f"The path {demanded} demanded through the inverse of the linear model. Path of "
+        f"{rig.size:.3g}, sensors with noise of {rig.noise:.3g}, encoders of "
         f"{rig.encoder_noise:.3g} (standard deviation of a sample), in rad or m; diagnosis and "
         f"controller have the {exact}model of the robot."
     )

@@ -55,8 +55,9 @@ class Tracked:
         failures: What happened, in the order of time.
         run: See there.
         told: Whether the controller looks for failures, and the predicted one is told of them.
-        predicted: RMS errors before and after the first failure by the linear model, of a
-            controller that is informed at once; without a diagnosis of one that never is.
+        predicted: RMS errors before and after the first failure by the linear model with the
+            noise that the sensors had, of a controller that is informed at once; without a
+            diagnosis of one that never is.
         comparable: The same of a controller that learns of each failure when this one did.
         uncompared: Why that is not what the controller did; None: it is.
         verdicts: For each number of failures so far, in words, why the task can be done or not.
@@ -145,7 +146,8 @@ def run_track(
     faults = [Fault.of(failure) for failure in failures]
     reports = [rig.classified(faults[:count]) for count in range(len(faults) + 1)]
     learnt = learnt_s(rig, run, failures)
-    predict = partial(rig.predict, desired, failures=failures, dither=design and design.dither)
+    seen = {"failures": failures, "noise": run.measured - run.true}
+    predict = partial(rig.predict, desired, dither=design and design.dither, **seen)
     return Tracked(
         seed=seed,
         model_sha256=model_sha256(model),

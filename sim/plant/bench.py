@@ -97,6 +97,8 @@ class Bench:
         displacement: True displacements of the actuators, shape (N, n).
         closure_residual_m: Largest gap of a closed loop, shape (N,).
         qpos: Joint positions, shape (N, nq); None where they are not kept.
+        actuator_force: As MuJoCo has it, at the end of the period before, shape (N, outputs); kept
+            with them.
     """
 
     def __init__(
@@ -128,7 +130,7 @@ class Bench:
                 the first comes.
             hysteresis: Of a spring along each actuator, beside the plant's own; none of it is
                 stretched at the first tick. Its forces are updated once a tick and held.
-            keep_qpos: Whether the log has the joint positions.
+            keep_qpos: Whether the log has the joint positions, and forces of the actuators.
             events: What else happens, tick by tick: an object with some of `plant(tick, model,
                 data)`, before the physics of a tick (forces in `data.xfrc_applied`, gains,
                 dampers); `measured(tick, reading)`, which returns what the controller reads
@@ -173,7 +175,10 @@ class Bench:
         self.translation_m = np.empty((ticks, 3))
         self.displacement = np.empty((ticks, len(plant.drives)))
         self.closure_residual_m = np.empty(ticks)
-        self.qpos = np.empty((ticks, plant.model.nq)) if keep_qpos else None
+        self.qpos = self.actuator_force = None
+        if keep_qpos:
+            self.qpos = np.empty((ticks, plant.model.nq))
+            self.actuator_force = np.empty((ticks, len(plant.data.actuator_force)))
 
     def measure(self) -> Reading:
         """What the sensors read, after what happens now."""
@@ -188,6 +193,8 @@ class Bench:
         self.closure_residual_m[tick] = plant.closure_residual_m()
         if self.qpos is not None:
             self.qpos[tick] = plant.data.qpos
+        if self.actuator_force is not None:
+            self.actuator_force[tick] = plant.data.actuator_force
         pose = computed(Pose, rotation=rotation, translation_m=translation_m)
         reading = self._sensors.read(pose, displacement)
         return reading if self._on_measured is None else self._on_measured(tick, reading)

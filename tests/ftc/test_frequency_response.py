@@ -72,3 +72,16 @@ def test_a_response_that_is_real_but_for_round_off_has_its_gain_margin(seed):
     both = block_diag(A, T @ A @ T.T), np.vstack([B, T @ B]), np.hstack([C, -C @ T.T])
     found = margins(control.ss(*both, -0.3, PERIOD_S))
     assert found.gain_margin_db == pytest.approx(-20 * np.log10(0.3))
+
+
+def test_a_slow_loop_has_the_margins_of_a_fast_one():
+    """Time scaled 20 times: crossovers of slow arms lie below 0.1 Hz, and so may the peak."""
+    loops = []
+    for slower in (1.0, 20.0):
+        lag = control.tf([1.0], [slower**2, slower, 0.0])  # corner and integrator at 1 rad/s
+        loops.append(control.c2d(control.ss(4 * lag), slower * PERIOD_S, "zoh"))
+    fast, slow = (margins(loop) for loop in loops)
+    assert slow.crossover_hz == pytest.approx(fast.crossover_hz / 20, rel=1e-9)
+    assert slow.phase_margin_deg == pytest.approx(fast.phase_margin_deg, rel=1e-9)
+    peaks = [sensitivity_peak(loop) for loop in loops]
+    assert peaks[1] == pytest.approx(peaks[0], rel=1e-3)

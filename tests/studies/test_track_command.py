@@ -52,6 +52,7 @@ KEYS = {
     *("prediction_off_before", "prediction_off_after", "status", "warnings", "feedforward"),
     *("predicted_rms_after_when_named", "advice"),
     *("measured_over_predicted_before", "measured_over_predicted_after", "dry_friction", "met"),
+    "limited_by",
 }
 
 
@@ -100,7 +101,7 @@ def test_without_a_failure_the_error_is_that_of_the_linear_model(model, noise):
     assert summary["rms_after"] is None
     assert summary["predicted_rms_after"] is None
     assert summary["failures"] == summary["possible_after"] == []
-    assert one.run.closure_m.max() < 1e-9
+    assert one.run.closure_m.max() < 1e-8  # the demands brake for the end of the path
 
 
 def test_a_failure_is_given_by_the_name_of_the_joint_or_of_its_actuator(sound):
@@ -183,7 +184,8 @@ def test_the_same_seed_is_the_same_run(sound):
 def test_another_seed_is_other_noise_and_nothing_else(sound):
     other = tracked(ARM, duration=0.4, seed=1)
     np.testing.assert_array_equal(sound.run.desired, other.run.desired)
-    assert sound.predicted[0].tolist() == other.predicted[0].tolist()
+    one, two = (each.rig.predict(each.run.desired).rms_before for each in (sound, other))
+    np.testing.assert_array_equal(one, two)
     noise = [each.run.measured - each.run.true for each in (sound, other)]
     assert np.abs(noise[0] - noise[1]).max() > 0
     np.testing.assert_allclose([each.std() for each in noise], sound.rig.noise, rtol=0.1)

@@ -1,0 +1,183 @@
+"""Demands through the inverse of a linear model: what responds to them is the path."""
+
+from typing import Any
+
+import control
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import ftc
+from ftc.fdi.fault_model import NominalModel, fault_model
+from ftc.feedforward import WEIGHT, inverse_feedforward
+
+PERIOD_S = 2e-3
+
+
+def modes(
+    frequency: Any, damping: Any, B: np.ndarray, C: np.ndarray, noise: Any = 1.0
+) -> NominalModel:
+    """Modes q'' = -w^2 q - 2 zeta w q' + B u with outputs C q, w in rad/s."""
+    w, k = np.asarray(frequency, float), len(frequency)
+    A = np.block([[np.zeros((k, k)), np.eye(k)], [np.diag(-(w**2)), np.diag(-2 * damping * w)]])
+    plant = control.ss(A, np.vstack([0 * B, B]), np.hstack([C, 0 * C]), 0)
+    displacement = np.zeros((B.shape[1], 2 * k))
+    sigma = np.broadcast_to(noise, len(C)).astype(float)
+    return NominalModel(plant, displacement, sigma, PERIOD_S, PERIOD_S)
+
+
+def response(nominal: NominalModel, gain: np.ndarray, demands: np.ndarray) -> np.ndarray:
+    """By python-control, from rest."""
+    model = fault_model(nominal)
+    plant = control.ss(model.A, model.B @ gain, nominal.plant.C, 0, PERIOD_S)
+    time_s = np.arange(len(demands)) * PERIOD_S
+    return control.forced_response(plant, time_s, demands.T, squeeze=False).outputs.T
+
+
+def servos(seed: int, noise: Any = 1.0) -> tuple[NominalModel, np.ndarray]:
+    """Three coupled servos whose lag is 0.05 to 0.2 s, two outputs, gain 1 at rest."""
+    rng = np.random.default_rng(seed)
+    w, zeta = rng.uniform(60.0, 100.0, 3), rng.uniform(2.0, 6.0, 3)
+    C = rng.normal(size=(2, 3))
+    nominal = modes(w, zeta, np.diag(w**2), C, noise)
+    return nominal, np.linalg.pinv(C)
+
+
+def circle(turn_s: float = 1.0, ticks: int = 250) -> np.ndarray:
+    """From rest, [m]."""
+    time_s = np.arange(ticks) * PERIOD_S
+    angle = 2 * np.pi * (time_s - 0.1 * (1 - np.exp(-time_s / 0.1))) / turn_s
+    return 1e-3 * np.column_stack([np.sin(angle), 1 - np.cos(angle)])
+
+
+# The fast mode answers first, and the wrong way: a zero at +6.4 rad/s, gain 1 at rest.
+BACKWARDS = modes([10.0, 40.0], 1.0, np.array([[100.0], [1600.0]]), np.array([[2.0, -1.0]]))
+ONE = np.eye(1)
+
+
+@given(seed=st.integers(0, 1000))
+def test_the_response_to_the_demands_is_the_path(seed):
+    """Servos lag by many times what is left of the error."""
+    (nominal, gain), path = servos(seed), circle()
+    left = path - response(nominal, gain, inverse_feedforward(nominal, gain, path))
+    lag = path - response(nominal, gain, path)
+    assert np.linalg.norm(lag) > 0.15 * np.linalg.norm(path)
+    assert np.linalg.norm(left) < 0.1 * np.linalg.norm(lag)
+
+
+@pytest.mark.parametrize("backwards", [False, True])
+def test_the_demands_are_the_least_squares_answer(backwards):
+    """Against one dense least-squares problem over all demands of the path, and after it."""
+    nominal, gain = (BACKWARDS, ONE) if backwards else servos(1)
+    path = circle(0.3, 150)[:, : len(gain.T)]
+    held = np.vstack([path, np.tile(path[-1], (450 // len(path.T), 1))])
+    ticks, m = held.shape
+    T = np.zeros((ticks, m, ticks, m))
+    for k in range(m):
+        pulse = np.zeros(held.shape)
+        pulse[0, k] = 1.0
+        h = response(nominal, gain, pulse)
+        for tick in range(ticks):
+            T[tick:, :, tick, k] = h[: ticks - tick]
+    T = T.reshape(ticks * m, ticks * m)
+    weight = np.sqrt(WEIGHT)
+    stacked = np.vstack([T, weight * np.eye(ticks * m)])
+    wanted = np.concatenate([held.ravel(), weight * held.ravel()])
+    best = np.linalg.lstsq(stacked, wanted, rcond=None)[0].reshape(held.shape)[: len(path)]
+    np.testing.assert_allclose(
+        inverse_feedforward(nominal, gain, path), best, atol=5e-4 * np.abs(best).max()
+    )
+
+
+def test_a_zero_outside_the_unit_circle_is_inverted_ahead_of_time():
+    """The demand begins before the step, the earlier the slower the zero, and stays bounded."""
+    zeros = BACKWARDS.plant.zeros().real
+    assert zeros.max() > 5.0
+    step, at = np.zeros((1500, 1)), 750
+    step[at:] = 1e-3
+    demands = inverse_feedforward(BACKWARDS, ONE, step)
+    assert np.abs(demands).max() < (1 + 0.5 / np.sqrt(WEIGHT)) * 1e-3
+    ahead = np.abs(demands[:at, 0])
+    # It grows as exp(zero t): over a tenth of a second, long before the step.
+    decay = ahead[at - 200] / ahead[at - 250]
+    assert decay == pytest.approx(np.exp(zeros.max() * 50 * PERIOD_S), rel=0.2)
+    left, lag = (step - response(BACKWARDS, ONE, u) for u in (demands, step))
+    assert np.linalg.norm(left) < 0.5 * np.linalg.norm(lag)
+    assert np.abs(left[: at - 250]).max() < 1e-2 * np.abs(left).max()
+
+
+@given(scale=st.floats(1e-6, 1e6), row=st.integers(0, 1))
+def test_units_do_not_matter(scale, row):
+    """A path of another size, and a row in other units, which its sensor's noise has, too."""
+    (nominal, gain), path = servos(2), circle()
+    demands = inverse_feedforward(nominal, gain, path)
+    np.testing.assert_allclose(inverse_feedforward(nominal, gain, scale * path), scale * demands)
+    unit = np.ones(2)
+    unit[row] = scale
+    plant = nominal.plant
+    scaled = NominalModel(
+        control.ss(plant.A, plant.B, unit[:, None] * plant.C, 0),
+        nominal.displacement,
+        unit * nominal.noise,
+        PERIOD_S,
+        PERIOD_S,
+    )
+    np.testing.assert_allclose(
+        inverse_feedforward(scaled, gain / unit, path * unit),
+        demands * unit,
+        rtol=1e-6,
+        atol=1e-9 * np.abs(demands * unit).max(axis=0).min(),
+    )
+
+
+def test_what_no_output_sees_does_no_harm():
+    """A rod that spins about itself drifts for ever; it is no part of the inverse."""
+    path = circle()
+    w, zeta = np.array([80.0, 90.0, 0.0]), np.array([3.0, 4.0, 0.0])
+    C = np.array([[1.0, 0.2, 0.0], [0.1, 1.0, 0.0]])
+    B = np.array([[6400.0, 0.0], [0.0, 8100.0], [50.0, 20.0]])
+    spun, still = (
+        inverse_feedforward(modes(w[:k], zeta[:k], B[:k], C[:, :k]), np.linalg.inv(C[:, :2]), path)
+        for k in (3, 2)
+    )
+    np.testing.assert_allclose(spun, still, atol=1e-9 * np.abs(still).max())
+
+
+class _Still:
+    """A machine that does not move, with one actuator."""
+
+    def measure(self) -> ftc.Measurement:
+        return ftc.Measurement(np.zeros(1), np.zeros(1))
+
+    def apply(self, inputs: np.ndarray) -> None:
+        pass
+
+
+class _Own:
+    """A controller that a user brings: it knows of no feedforward."""
+
+    def start(self) -> "_Sent":
+        return _Sent(np.zeros(1))
+
+    def step(self, state, reference, measurement):
+        return _Sent(reference)
+
+
+class _Taking(_Own):
+    def step(self, state, reference, measurement, *, feedforward=None):
+        return _Sent(reference if feedforward is None else feedforward)
+
+
+class _Sent:
+    def __init__(self, inputs: np.ndarray) -> None:
+        self.inputs = inputs
+
+
+def test_feedforward_reaches_the_controllers_that_take_it():
+    path, ahead = np.full((3, 1), 1.0), np.array([[5.0], [6.0], [7.0]])
+    np.testing.assert_array_equal(ftc.run_loop(_Still(), _Taking(), path, ahead).inputs, ahead)
+    np.testing.assert_array_equal(ftc.run_loop(_Still(), _Taking(), path).inputs, path)
+    np.testing.assert_array_equal(ftc.run_loop(_Still(), _Own(), path, ahead).inputs, path)
+    with pytest.raises(ValueError, match="feedforward must be 3 finite numbers, got shape"):
+        ftc.run_loop(_Still(), _Taking(), path, ahead[:2])
