@@ -505,7 +505,7 @@ def test_a_path_beyond_the_stated_ranges_names_the_actuators_at_their_limits(
     ]
     said = refused(capfd, tmp_path / "out", str(tight), *words)
     assert "the path is out of reach at" in said
-    assert "with joint2 at a limit" in said
+    assert "with actuator2 at a limit" in said
 
 
 def one_array() -> bytes:
