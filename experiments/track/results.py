@@ -272,8 +272,9 @@ def tables(tracked: Tracked, summary: dict[str, Any]) -> list[Table]:
         Column("pred.", "predicted_before", ".3g"),
         Column("after", "after", ".3g"),
         Column("pred.", "predicted_after_when_named", ".3g"),
-        Column("pred.,\nat once", "predicted_after", ".3g"),
     )
+    if tracked.told:
+        columns += (Column("pred.,\nat once", "predicted_after", ".3g"),)
     entries = []
     for k, row in enumerate(tracked.rig.major):
         entry: dict[str, Any] = {"row": f"{ROWS[row]} [u{summary['units'][k]}]"}
@@ -291,10 +292,12 @@ def tables(tracked: Tracked, summary: dict[str, Any]) -> list[Table]:
             Column(f"{label},\nafter", "after_other", ".3g"),
         )
     title = f"{tracked.rig.title}: RMS of desired minus true"
+    learns = "is never told"
+    if tracked.told:
+        learns = "learns of each failure when this one did; at once: that is informed at once"
     legend = (
         "Before and after the first failure. pred.: by the linear model with the noise that the "
-        "sensors had, with a controller that learns of each failure when this one did; at once: "
-        "that is informed at once."
+        f"sensors had, with a controller that {learns}."
     )
     found = (
         Column("actuator", "actuator"),
