@@ -1,4 +1,4 @@
-"""Torque motors as position servos."""
+"""Torque motors and velocity servos as position servos."""
 
 import copy
 import math
@@ -28,12 +28,13 @@ def servoed(
     damping_ratio: float = 1.0,
     data: mujoco.MjData | None = None,
 ) -> mujoco.MjModel:
-    """The model with each torque motor of a joint, tendon or slider-crank as a position servo.
+    """The model with torque motors and velocity servos as position servos.
 
-    Its stiffness and damping give the drive alone, the other drives held, the natural frequency and
-    damping ratio; springs and dampers of the mechanism come on top. The control becomes the target
-    of the actuator's length, gear times displacement, without a range; the range that it had
-    limits the force. Other actuators stay as they are.
+    Those of joints, tendons and slider-cranks. Stiffness and damping of a servo give the drive
+    alone, the other drives held, the natural frequency and damping ratio; springs and dampers of
+    the mechanism come on top. The control becomes the target of the actuator's length, gear times
+    displacement, without a range; the range that a motor had limits the force. Other actuators
+    stay as they are.
 
     Args:
         model: The model, which stays as it is.
@@ -62,7 +63,7 @@ def servoed(
     check_state(model, state)
     check_closures(model, state)
     mujoco.mj_fwdPosition(model, state)
-    driven = [_is_torque_driven(model, drive) for drive in of_model]
+    driven = [_lacks_position(model, drive) for drive in of_model]
     if of_model and not any(driven) and not any(drive.has_length for drive in of_model):
         raise ModelError(
             f'actuator "{of_model[0].actuators[0]}" feels no length that a position servo could '
@@ -80,12 +81,12 @@ def servoed(
     return servo
 
 
-def _is_torque_driven(model: mujoco.MjModel, drive: Drive) -> bool:
-    """Whether all its actuators are motors, which could feel a length."""
+def _lacks_position(model: mujoco.MjModel, drive: Drive) -> bool:
+    """Whether all its actuators are motors or velocity servos, which could feel a length."""
     if not drive.has_length:
         return False
     try:
-        return all(law_of(model, k).is_motor for k in drive.ids)
+        return not any(law_of(model, k).per_length for k in drive.ids)
     except ModelError:  # muscles and others, which a plant refuses in its own words
         return False
 
@@ -103,9 +104,14 @@ def _inertias(model: mujoco.MjModel, data: mujoco.MjData, some: tuple[Drive, ...
 def _close_loop(
     model: mujoco.MjModel, actuator: int, output: int, stiffness: float, damping: float
 ) -> None:
-    """Make a motor a position servo; the range of its control becomes one of its force."""
+    """Make a motor a position servo; the range of its control becomes one of its force.
+
+    That of a velocity servo's was one of its speed.
+    """
     control, gain = model.actuator_ctrladr[actuator], model.actuator_gainprm[actuator, 0]
-    if model.actuator_ctrllimited[control]:
+    if model.actuator_ctrllimited[control] and not law_of(model, actuator).is_motor:
+        model.actuator_ctrllimited[control] = False
+    elif model.actuator_ctrllimited[control]:
         span = np.sort(gain * model.actuator_ctrlrange[control])
         if model.actuator_forcelimited[output]:
             span = span.clip(*model.actuator_forcerange[output])

@@ -7,6 +7,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from sim.array import Array
 from sim.closing.assembly import assemble
 from sim.closing.pin import Pin
 from sim.errors import ModelError
@@ -14,6 +15,7 @@ from sim.mjcf.frame import Body, Located, frame_named, located
 from sim.mjcf.locks import add_locks
 from sim.mjcf.model import joint_name, listed, load_spec, name_of
 from sim.mjcf.part import Part, task_part
+from sim.mjcf.ranges import one_axis
 from sim.mjcf.transmission import drives
 from sim.plant.holding import balance
 from sim.plant.servo import servoed
@@ -89,17 +91,19 @@ def robot_scene(
     if servo_hz is not None:
         model = servoed(model, natural_frequency_hz=servo_hz, data=assemble(model, begin(model)))
     start = assemble(model, begin(model))
+    stated = start.qpos.copy()
+    if _clamp(model, start):
+        start = assemble(model, start)
     mujoco.mj_forward(model, start)
     part = task_part(model, _frames(model, frame, axes), np.flatnonzero(start.eq_active).tolist())
     if not part.actuators:
         raise ModelError(f"no actuator moves {frame}: take a frame that the robot carries")
-    if is_held(part, start):
-        if not part.rest:
-            return Scene(model, start, frame, part, model, start, ())
-    else:
-        _refuse_a_falling_base(part, start)
+    if is_held(part, start) and not part.rest:
+        return Scene(model, start, frame, part, model, start, _moved(part, stated, start))
+    _refuse_a_falling_base(part, start)
     rested = settled(part, start)
-    moved = _moved(part, start, rested)
+    _refuse_what_moves(part, rested)
+    moved = _moved(part, stated, rested)
     if not part.rest:
         closed = assemble(model, rested)
         return Scene(model, closed, frame, part, model, closed, moved)
@@ -111,6 +115,15 @@ def robot_scene(
     rested.qpos[part.positions] = own_start.qpos
     mujoco.mj_forward(model, rested)
     return Scene(model, rested, frame, part, own, own_start, moved)
+
+
+def _clamp(model: mujoco.MjModel, data: mujoco.MjData) -> bool:
+    """Put joints that begin beyond their ranges at their limits; whether there was one."""
+    some = np.flatnonzero(model.jnt_limited.astype(bool) & one_axis(model))
+    at, (low, high) = model.jnt_qposadr[some], model.jnt_range[some].T
+    before = data.qpos[at]
+    data.qpos[at] = before.clip(low, high)
+    return bool((data.qpos[at] != before).any())
 
 
 def _frames(model: mujoco.MjModel, frame: str | Body, axes: str | None) -> list[Located]:
@@ -131,18 +144,28 @@ def _take_actuators(own: mujoco.MjModel, part: Part) -> None:
 
 def _refuse_a_falling_base(part: Part, start: mujoco.MjData) -> None:
     """Refuse a floating base that nothing holds: the physics would only show it fall."""
+    if (part.model.jnt_type[part.model.dof_jntid] == _FREE).any():
+        _refuse_what_moves(part, start, of="free joint")
+
+
+def _refuse_what_moves(part: Part, start: mujoco.MjData, of: str = "") -> None:
+    """Refuse a part that its actuators do not hold, and say which pins would."""
     model = part.model
     moves = balance(model, start, drives(model, among=part.actuators), part.still).moves
-    if moves is not None and "free joint" in moves:
-        base = min(b for b in part.bodies if model.jnt_type[model.body_jntadr[b]] == _FREE)
-        feet = standing(part, start) or [name_of(model.body(base))]
+    if moves is not None and of in moves:
+        feet = standing(part, start) or [_base(part)]
         raise ModelError(f"{moves}: pin what stands, --pinned {','.join(feet)}")
 
 
-def _moved(part: Part, start: mujoco.MjData, rested: mujoco.MjData) -> tuple[str, ...]:
+def _base(part: Part) -> str:
+    """Name of the body nearest the world that the part has."""
+    return name_of(part.model.body(min(part.bodies)))
+
+
+def _moved(part: Part, stated: Array, rested: mujoco.MjData) -> tuple[str, ...]:
     """Joints of the part that moved until all came to rest, in one sentence; none where none."""
     model, way = part.model, np.empty(part.model.nv)
-    mujoco.mj_differentiatePos(model, way, 1.0, start.qpos, rested.qpos)
+    mujoco.mj_differentiatePos(model, way, 1.0, stated, rested.qpos)
     way[part.still] = 0.0
     joints = [int(j) for j in dict.fromkeys(model.dof_jntid[np.abs(way) > _MOVED])]
     named = [

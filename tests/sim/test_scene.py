@@ -282,3 +282,51 @@ def test_a_rod_between_two_ball_joints_is_idle_about_its_axis_alone():
     model = mujoco.MjModel.from_xml_string(ROD.replace("</equality>", lock))
     linear = Plant(model, base=None, payload="tip", start=mujoco.MjData(model)).linear()
     assert linear.idle == ("ball",)
+
+
+def test_a_joint_beyond_its_range_begins_at_its_limit(tmp_path):
+    """MuJoCo would push it back with all it has."""
+    scene = desk(tmp_path, elbow='range="6 60" limited="true"')
+    assert scene.own_start.joint("elbow").qpos[0] == pytest.approx(np.radians(6), abs=1e-4)
+    assert "elbow by 0.1" in scene.moved[0]
+
+
+def test_a_velocity_servo_becomes_a_position_servo(tmp_path):
+    """Its range was one of speed, and limits no force."""
+    file = tmp_path / "desk.xml"
+    servo = '<velocity name="m2" joint="elbow" kv="5" ctrlrange="-1 1"/>'
+    position = '<position name="m2" joint="elbow" kp="200" kv="20"/>'
+    file.write_text(DESK.replace(position, servo))
+    with pytest.raises(ModelError, match="velocity servo.*--servo"):
+        robot_scene(file, "tip", None, mujoco.MjData)
+    scene = robot_scene(file, "tip", None, mujoco.MjData, servo_hz=5.0)
+    plant = Plant(scene.whole, base=None, payload="tip", start=scene.start, part=scene.part)
+    plant.step(np.array([0.0, 0.02]), 2.0)
+    np.testing.assert_allclose(plant.displacements(), [0.0, 0.02], atol=1e-3)
+    assert not plant.model.actuator("m2").forcelimited
+
+
+ACROBAT = """
+<mujoco>
+  <worldbody>
+    <geom type="plane" size="3 3 0.1"/>
+    <body name="torso" pos="0 0 0.5">
+      <joint name="rootz" type="slide" axis="0 0 1"/>
+      <geom size="0.05" mass="1"/>
+      <body name="leg" pos="0 0 -0.1">
+        <joint name="hip" axis="0 1 0" damping="1"/>
+        <geom type="capsule" size="0.04" fromto="0 0 0 0 0 -0.3" mass="0.3"/>
+        <site name="toe" pos="0 0 -0.3"/>
+      </body>
+    </body>
+  </worldbody>
+  <actuator><position joint="hip" kp="100" kv="5"/></actuator>
+</mujoco>
+"""
+
+
+def test_a_root_that_slides_is_refused_with_what_stands_when_it_has_fallen(tmp_path):
+    file = tmp_path / "acrobat.xml"
+    file.write_text(ACROBAT)
+    with pytest.raises(ModelError, match='joint "rootz": no actuator .*--pinned leg:point$'):
+        robot_scene(file, "toe", None, mujoco.MjData)
