@@ -1,7 +1,13 @@
 """What a command says of its robot: the options that several studies have."""
 
 import math
+import re
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
 
 from experiments.rig.choices import Feedforward, Limited, Sensing
 from experiments.study.study import Option, WrongInput
@@ -65,6 +71,33 @@ class RobotOptions:
         if len(rows) < len(parts) or len(set(rows)) < len(rows) or max(rows) >= _TWIST:
             raise WrongInput(f"--major must be different rows from 0 to 5 as 0,1, got {self.major}")
         return tuple(rows)
+
+
+def written(value: Any) -> Any:
+    """Names or numbers as an option of a command has them, with commas; anything else as it is."""
+    if isinstance(value, str) or not isinstance(value, Sequence | np.ndarray):
+        return value
+    return ",".join(str(each) for each in value)
+
+
+@contextmanager
+def by_argument() -> Iterator[None]:
+    """Refuse by the names that :meth:`experiments.rig.Rig.of_mjcf` gives to options of a command.
+
+    Raises:
+        WrongInput, sim.ModelError: What is refused inside.
+    """
+    try:
+        yield
+    except (WrongInput, ValueError) as error:
+        if (said := re.sub(r"--([a-z-]+)", _argument, str(error))) == str(error):
+            raise
+        raise type(error)(said) from None
+
+
+def _argument(option: re.Match[str]) -> str:
+    name = option[1].replace("-", "_")
+    return {"servo": "servo_hz", "keyframe": "start"}.get(name, name)
 
 
 def check_positive(name: str, value: float) -> None:

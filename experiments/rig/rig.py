@@ -147,24 +147,25 @@ class Rig(ABC):
             sim.ModelError: The file, or what it says.
         """
         from experiments.rig.mjcf import robot_rig  # which makes one of these
-        from experiments.rig.options import RobotOptions
+        from experiments.rig.options import RobotOptions, by_argument, written
 
-        options = RobotOptions(
-            site=str(site),
-            axes=axes,
-            major=",".join(str(row) for row in check.indices("major", major, 6)),
-            sense=sense,
-            noise=noise,
-            servo=servo_hz,
-            keyframe=str(start) if isinstance(start, str | int) else None,
-            feedforward="on" if feedforward else "off",
-            pinned=",".join(pinned) or None,
-            **loops,
-        )
-        at = None
-        if start is not None and not isinstance(start, str | int):
-            at = check.finite("start", start)
-        return robot_rig(Path(file), options, at).drawn(mismatch, seed)
+        with by_argument():
+            options = RobotOptions(
+                site=str(site),
+                axes=axes,
+                major=written(check.indices("major", major, 6)),
+                sense=sense,
+                noise=noise,
+                servo=servo_hz,
+                keyframe=str(start) if isinstance(start, str | int) else None,
+                feedforward="on" if feedforward else "off",
+                pinned=written(pinned) or None,
+                **{name: written(value) for name, value in loops.items()},
+            )
+            at = None
+            if start is not None and not isinstance(start, str | int):
+                at = check.finite("start", start)
+            return robot_rig(Path(file), options, at).drawn(mismatch, seed)
 
     @property
     def period_s(self) -> float:

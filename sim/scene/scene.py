@@ -28,7 +28,7 @@ _OF_OUTPUTS = "actuator_forcerange", "actuator_forcelimited"
 _OF_CONTROLS = "actuator_ctrlrange", "actuator_ctrllimited"
 
 _FREE = int(mujoco.mjtJoint.mjJNT_FREE)
-_MOVED = 1e-6
+_MOVED = 1e-3
 """Displacement of a joint, [rad] or [m], that is worth a sentence."""
 
 
@@ -82,18 +82,19 @@ def robot_scene(
     """
     spec, model = load_spec(file)
     data, frame = begin(model), frame_named(model, frame)
+    stated = data.qpos.copy()
+    _clamp(model, data)
     pinned = [replace(pin, frame=frame_named(model, pin.frame)) for pin in pinned]
     mujoco.mj_fwdPosition(model, data)
     changed = add_locks(spec, model)
     stand(spec, model, data, pinned)
     if changed or pinned:
         model = spec.compile()
+    start = begin(model)
+    _clamp(model, start)
+    start = assemble(model, start)
     if servo_hz is not None:
-        model = servoed(model, natural_frequency_hz=servo_hz, data=assemble(model, begin(model)))
-    start = assemble(model, begin(model))
-    stated = start.qpos.copy()
-    if _clamp(model, start):
-        start = assemble(model, start)
+        model = servoed(model, natural_frequency_hz=servo_hz, data=start)
     mujoco.mj_forward(model, start)
     part = task_part(model, _frames(model, frame, axes), np.flatnonzero(start.eq_active).tolist())
     if not part.actuators:
@@ -117,13 +118,11 @@ def robot_scene(
     return Scene(model, rested, frame, part, own, own_start, moved)
 
 
-def _clamp(model: mujoco.MjModel, data: mujoco.MjData) -> bool:
-    """Put joints that begin beyond their ranges at their limits; whether there was one."""
+def _clamp(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    """Put joints that begin beyond their ranges at their limits."""
     some = np.flatnonzero(model.jnt_limited.astype(bool) & one_axis(model))
     at, (low, high) = model.jnt_qposadr[some], model.jnt_range[some].T
-    before = data.qpos[at]
-    data.qpos[at] = before.clip(low, high)
-    return bool((data.qpos[at] != before).any())
+    data.qpos[at] = data.qpos[at].clip(low, high)
 
 
 def _frames(model: mujoco.MjModel, frame: str | Body, axes: str | None) -> list[Located]:

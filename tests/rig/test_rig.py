@@ -144,8 +144,9 @@ def test_a_strut_without_force_is_the_same_to_both_rigs_of_the_hexapod():
         one = rig(name)
         assert one.unused == "locked"
         run = one.fly(one.supervisor("none"), path_of(name, 1.6), failures=failures)
-        assert run.diagnoses[0].actuator == "strut1" and not run.task_lost
-        assert "strut1 was named free at" in run.status
+        first = one.actuators[0]  # the file calls its coil1
+        assert run.diagnoses[0].actuator == first and not run.task_lost
+        assert f"{first} was named free at" in run.status
 
 
 @pytest.mark.parametrize("name", ["hexapod", "arm"])
@@ -275,3 +276,75 @@ def test_a_robot_starts_where_it_is_told_to():
         Rig.of_mjcf(file, major=[3, 4, 5], start=start[:3])
     with pytest.raises(ValueError, match='no body named "foot"'):
         Rig.of_mjcf(file, major=[3, 4, 5], pinned=["foot"])
+
+
+DESK = """
+<mujoco>
+  <worldbody>
+    <geom type="plane" size="2 2 0.1"/>
+    <body name="upper" pos="0 0 0.5">
+      <joint name="shoulder" axis="0 1 0" damping="1" armature="0.05"/>
+      <geom type="capsule" size="0.03" fromto="0 0 0 0.3 0 0" mass="1"/>
+      <body name="lower" pos="0.3 0 0" euler="0 60 0">
+        <joint name="elbow" axis="0 1 0" damping="1" armature="0.05"/>
+        <geom type="capsule" size="0.03" fromto="0 0 0 0.3 0 0" mass="0.5"/>
+        <site name="tool" pos="0.3 0 0"/>
+        <body name="finger" pos="0.3 0 0">
+          <joint name="finger" axis="1 0 0" stiffness="0.1" damping="0.01" springref="20"/>
+          <geom size="0.01" mass="0.02" contype="0" conaffinity="0"/>
+        </body>
+      </body>
+    </body>
+    <body name="cup" pos="1 1 0.06">
+      <freejoint/>
+      <geom type="box" size=".05 .05 .05" mass="0.2"/>
+    </body>
+  </worldbody>
+  <actuator>
+    <position name="m1" joint="shoulder" kp="300" kv="30"/>
+    <position name="m2" joint="elbow" kp="200" kv="20"/>
+  </actuator>
+</mujoco>
+"""
+
+
+@pytest.fixture(scope="module")
+def at_a_desk(tmp_path_factory):
+    """An arm with a finger on a spring, beside a cup."""
+    file = tmp_path_factory.mktemp("desk") / "desk.xml"
+    file.write_text(DESK)
+    return file
+
+
+def test_a_robot_among_other_things_flies_as_predicted_and_says_what_it_leaves_out(at_a_desk):
+    """The finger follows on its spring, the cup stays: both are in the physics alone."""
+    one = Rig.of_mjcf(at_a_desk, site="tool", major=[3, 5])
+    assert one.actuators == ("m1", "m2")
+    assert one.left_out == ("finger", "cup")
+    assert "finger, cup" in one.warnings[0]
+    path = one.path("circle", duration_s=1.0)
+    run = one.fly(one.controller(), path)
+    rms = np.sqrt(((run.desired - run.true) ** 2).mean(axis=0))
+    expected = one.predict(path, noise=run.measured - run.true).rms_before
+    np.testing.assert_allclose(rms, expected, rtol=0.05)
+    cup = one.model.joint(one.model.body("cup").jntadr[0]).qposadr[0]
+    assert np.ptp(run.qpos[:, cup : cup + 3], axis=0).max() < 1e-4
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"joint_weight": "1,2,3"}, "joint_weight must be one number or 2"),
+        ({"size": -1.0}, "size must be positive"),
+        ({"start": "home"}, "start home: the model has none"),
+        ({"pinned": ["tool:weld"]}, "pinned must be NAME or NAME:point"),
+    ],
+)
+def test_python_refuses_by_the_names_of_its_arguments(at_a_desk, wrong, said):
+    with pytest.raises((WrongInput, ValueError), match=f"^{said}"):
+        Rig.of_mjcf(at_a_desk, **({"site": "tool", "major": [3, 5]} | wrong))
+
+
+def test_weights_and_pins_are_numbers_and_names_in_python(at_a_desk):
+    one = Rig.of_mjcf(at_a_desk, site="tool", major=[3, 5], joint_weight=[1.0, 4.0])
+    assert one.goal.joint_weight == (1.0, 4.0)

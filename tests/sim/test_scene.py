@@ -297,7 +297,7 @@ def test_a_velocity_servo_becomes_a_position_servo(tmp_path):
     servo = '<velocity name="m2" joint="elbow" kv="5" ctrlrange="-1 1"/>'
     position = '<position name="m2" joint="elbow" kp="200" kv="20"/>'
     file.write_text(DESK.replace(position, servo))
-    with pytest.raises(ModelError, match="velocity servo.*--servo"):
+    with pytest.raises(ModelError, match=r"velocity servo.*--servo"):
         robot_scene(file, "tip", None, mujoco.MjData)
     scene = robot_scene(file, "tip", None, mujoco.MjData, servo_hz=5.0)
     plant = Plant(scene.whole, base=None, payload="tip", start=scene.start, part=scene.part)
@@ -328,5 +328,5 @@ ACROBAT = """
 def test_a_root_that_slides_is_refused_with_what_stands_when_it_has_fallen(tmp_path):
     file = tmp_path / "acrobat.xml"
     file.write_text(ACROBAT)
-    with pytest.raises(ModelError, match='joint "rootz": no actuator .*--pinned leg:point$'):
+    with pytest.raises(ModelError, match=r'joint "rootz": no actuator .*--pinned leg:point$'):
         robot_scene(file, "toe", None, mujoco.MjData)
