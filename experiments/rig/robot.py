@@ -92,7 +92,7 @@ class Robot:
     def alone(self) -> Plant:
         """Of what the task involves, as its controller has it, at the start: never flown."""
         scene, axes = self.scene, self.options.axes
-        if not scene.part.rest:
+        if scene.part is None:
             return self.known
         return Plant(scene.own, base=axes, payload=scene.frame, start=scene.own_start)
 
@@ -170,8 +170,8 @@ def robot_of(file: Path, options: RobotOptions, at: Array | None) -> Robot:
 def warnings_of(robot: Robot) -> tuple[str, ...]:
     """What the linear model and the mapping leave out."""
     scene, beside = robot.scene, ()
-    if scene.part.left_out:
-        names = listed(scene.part.left_out)
+    if scene.left_out:
+        names = listed(scene.left_out)
         beside = (f"no part of the task, and left to itself: {names}",)
     if idle := robot.linear.idle:
         beside = (*beside, f"nothing holds, and no task feels, a motion of {listed(idle)}")

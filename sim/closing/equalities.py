@@ -1,6 +1,5 @@
 """Rows of the active equalities, taken where the loops are closed, and how far they are open."""
 
-from collections.abc import Collection
 from math import isfinite
 from typing import NamedTuple
 
@@ -104,12 +103,8 @@ class Closures(NamedTuple):
         """
         return data.efc_pos[: len(self.units)] * self.units
 
-    def largest_gap(self, data: mujoco.MjData, apart: Collection[int] = ()) -> tuple[float, int]:
+    def largest_gap(self, data: mujoco.MjData) -> tuple[float, int]:
         """The largest gap, [m] or [rad], and its equality; 0 and -1 without closures.
-
-        Args:
-            data: What MuJoCo last computed.
-            apart: Equalities that do not count.
 
         Raises:
             ModelError: An equality is not finite.
@@ -117,8 +112,6 @@ class Closures(NamedTuple):
         if not self.units.size:
             return 0.0, -1
         sizes = np.abs(self.gaps(data))
-        if apart:
-            sizes[np.isin(self.equality, list(apart))] = 0.0
         worst = greatest(sizes)  # NaN, if there is one
         largest = float(sizes[worst])
         if not isfinite(largest):

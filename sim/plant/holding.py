@@ -5,6 +5,7 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import lsq_linear
 
 from argument_checks.ties import greatest
 from sim.array import Array
@@ -20,6 +21,8 @@ _BALANCED = 1e-7
 """Part of the weights and springs that may stay without balance: joint axes are rounded."""
 _WITHIN = 1e-6
 """Part of a range by which a value may miss it, and of a power by which equal ones may differ."""
+_PREFERENCE = 1e-6
+"""Weight of small forces against a load that is borne."""
 _KIND = {
     int(mujoco.mjtJoint.mjJNT_FREE): "free joint",
     int(mujoco.mjtJoint.mjJNT_BALL): "ball joint",
@@ -46,7 +49,8 @@ def balance(
 ) -> Balance:
     """Forces of the actuators of drives that hold the machine still in the pose of `data`.
 
-    They balance gravity and springs through the closures, with the least norm. Contacts, limits
+    They balance gravity and springs through the closures, with the least norm, within the ranges of
+    the forces where these allow it. Contacts, limits
     and dry friction, which creeps, hold nothing. `data` has been through `mj_forward` at rest.
 
     Args:
@@ -68,6 +72,14 @@ def balance(
     loads = np.stack([-data.qfrc_bias, springs], axis=1)  # apart, to name the one that moves
     arms = Z.T @ moments[used].T
     each = np.linalg.lstsq(arms, -Z.T @ loads, rcond=None)[0]
+    low, high = np.where(
+        model.actuator_forcelimited[used, None], model.actuator_forcerange[used], (-np.inf, np.inf)
+    ).T
+    least = each.sum(axis=1)
+    if ((least < low) | (least > high)).any():
+        # Along what bears no load others may take over.
+        within = _within_ranges(arms, arms @ least, low, high)
+        each = each + (within - least)[:, None] * np.array([1.0, 0.0])
     unbalanced = Z @ (Z.T @ loads + arms @ each)
     moves = None
     if np.linalg.norm(unbalanced.sum(axis=1)) > _BALANCED * np.linalg.norm(loads):
@@ -75,6 +87,14 @@ def balance(
     forces = np.zeros(model.nout)
     forces[used] = each.sum(axis=1)
     return Balance(forces, moves)
+
+
+def _within_ranges(arms: Array, load: Array, low: Array, high: Array) -> Array:
+    """Forces (k,) within ranges that bear a load, nearly the least; as far as there are any."""
+    scale = np.linalg.norm(arms, 2) or 1.0
+    rows = np.vstack([arms / scale, _PREFERENCE * np.eye(len(low))])
+    wanted = np.concatenate([load / scale, np.zeros(len(low))])
+    return lsq_linear(rows, wanted, (low, high), method="bvls").x
 
 
 def _what_moves(model: mujoco.MjModel, Z: Array, mass: Array, unbalanced: Array) -> str:

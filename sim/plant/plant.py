@@ -87,8 +87,9 @@ class Plant:
                 equalities that are active and the mocap bodies. Controls then hold the machine
                 still against gravity and springs, with actuator forces of least norm; contacts and
                 limits do not count. None is `qpos0`, with controls of zero.
-            part: What of the model is commanded, and is held still at `start`; all else keeps the
-                controls and activations that it has there. None is everything.
+            part: What of the model is commanded; `start` is then a state in which the physics has
+                come to rest, loops and contacts loaded, with the controls that keep it there, and
+                all else goes on with these. None is everything.
 
         Raises:
             ModelError: There is no frame or equality of these names, or one does not lock its joint
@@ -113,17 +114,19 @@ class Plant:
         frame = located(self.model, "payload", payload)
         self._opt, self._payload_frame = self.model.opt, payload
         self._is_loop = np.isin(self.model.eq_type, _LOOPS).astype(float)
-        apart, still = ((), None) if part is None else (part.apart, part.still)
-        self._is_loop[list(apart)] = 0.0
+        if part is not None:
+            self._is_loop[list(part.apart)] = 0.0
         self._warnings = [self.data.warning[kind] for kind in _NOT_FINITE]
         if start is not None:
-            _place(self.model, self.data, start, apart)
+            _place(self.model, self.data, start, at_rest=part is not None)
         self._last = self.integration_state()
         self._command = np.zeros(len(self.drives))
         mujoco.mj_forward(self.model, self.data)
         held = None
-        if start is not None:
-            held = holding_forces(self.model, self.data, self.drives, still)
+        if part is not None:
+            held = self.data.actuator_force.copy()
+        elif start is not None:
+            held = holding_forces(self.model, self.data, self.drives)
         self._commands = commands_of(self.model, self.data, self.drives, held)
         if start is not None:
             refuse_beyond_ranges(self.model, self.drives, self._commands)
@@ -397,15 +400,17 @@ def _steps(period_s: float, timestep_s: float) -> int:
 
 
 def _place(
-    model: mujoco.MjModel, data: mujoco.MjData, start: mujoco.MjData, apart: Sequence[int]
+    model: mujoco.MjModel, data: mujoco.MjData, start: mujoco.MjData, *, at_rest: bool
 ) -> None:
-    """Put a new state into the pose of another one, which must be closed."""
+    """Put a new state into the pose of another one, which must be closed, or at rest."""
     check_state(model, check.instance("start", start, mujoco.MjData))
     data.qpos[:], data.eq_active[:] = start.qpos, start.eq_active
     data.mocap_pos[:], data.mocap_quat[:] = start.mocap_pos, start.mocap_quat
-    data.act[:] = start.act
+    if at_rest:
+        data.act[:], data.ctrl[:] = start.act, start.ctrl
+        return
     check_closures(model, data)
     mujoco.mj_fwdPosition(model, data)
-    gap, worst = active_closures(model, data).largest_gap(data, apart)
+    gap, worst = active_closures(model, data).largest_gap(data)
     if gap > CLOSURE_TOLERANCE:
         raise ClosureError(equality_name(model, worst), gap, "call sim.assemble(model, data)")

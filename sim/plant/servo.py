@@ -2,6 +2,7 @@
 
 import copy
 import math
+from collections.abc import Collection
 
 import mujoco
 import numpy as np
@@ -27,6 +28,7 @@ def servoed(
     natural_frequency_hz: float,
     damping_ratio: float = 1.0,
     data: mujoco.MjData | None = None,
+    among: Collection[int] | None = None,
 ) -> mujoco.MjModel:
     """The model with torque motors and velocity servos as position servos.
 
@@ -41,6 +43,7 @@ def servoed(
         natural_frequency_hz: Undamped, of each drive.
         damping_ratio: 1 is critical.
         data: The pose, closed, at which inertias are taken; None is `qpos0`.
+        among: Numbers of the actuators that count, all others without force; None is all.
 
     Raises:
         ValueError: A number that is not positive, or too high for the time step; `data` is of
@@ -58,7 +61,7 @@ def servoed(
             f"natural_frequency_hz must be at most {most:.3g} with the model's time step of "
             f"{model.opt.timestep:g} s, got {natural_frequency_hz:g}"
         )
-    servo, of_model = copy.copy(model), drives(model)
+    servo, of_model = copy.copy(model), drives(model, among=among)
     state = mujoco.MjData(model) if data is None else copy.copy(data)
     check_state(model, state)
     check_closures(model, state)

@@ -3,6 +3,7 @@
 import mujoco
 import numpy as np
 
+from sim.mjcf.locks import lock_name
 from sim.mjcf.part import Part, equality_bodies, tendon_bodies
 
 
@@ -31,8 +32,12 @@ def reduced(spec: mujoco.MjSpec, part: Part, data: mujoco.MjData) -> mujoco.MjMo
         *(each for each in spec.tendons if tendon_bodies(model, each.id) & rest),
         *(joint for body in bodies for joint in body.joints),
     ]
+    locks = {each.name: each for each in spec.equalities}
     for each in gone:
         spec.delete(each)
+    for fewer, actuator in enumerate(part.actuators):  # named by numbers, which are others now
+        if lock := locks.get(lock_name(actuator)):
+            lock.name = lock_name(fewer)
     return spec.compile()
 
 

@@ -3,10 +3,12 @@
 import mujoco
 import numpy as np
 
+from argument_checks.ties import greatest
 from sim.array import Array
 from sim.errors import ModelError
 from sim.mjcf.drive import Drive
 from sim.mjcf.law import law_of
+from sim.mjcf.model import joint_name
 from sim.mjcf.part import Part
 from sim.mjcf.transmission import drives
 from sim.plant.commands import Commands, commands_of
@@ -18,6 +20,8 @@ SLOW = 1e-6
 """Speed of the joints of a robot at rest, [rad]/[s] or [m]/[s]."""
 SLOW_BESIDE = 1e-3
 """Speed of all else at rest."""
+_MOVES = 1e-2
+"""Speed of a joint of the robot that is no rest, after all that time."""
 _BESIDE_S = 2.0
 """After which things beside the robot may still move."""
 _EVERY_S = 0.05
@@ -51,8 +55,7 @@ def settled(part: Part, start: mujoco.MjData) -> mujoco.MjData:
         start: Where it begins, loops closed, derived quantities up to date.
 
     Raises:
-        ModelError: As :class:`sim.Plant` for its actuators; or the physics leaves the finite
-            numbers.
+        ModelError: As :class:`sim.Plant` for its actuators; or it does not come to rest.
     """
     model, data = part.model, mujoco.MjData(part.model)
     data.qpos[:], data.eq_active[:], data.act[:] = start.qpos, start.eq_active, start.act
@@ -70,6 +73,14 @@ def settled(part: Part, start: mujoco.MjData) -> mujoco.MjData:
         beside = speed[part.still].max(initial=0.0) < SLOW_BESIDE or data.time > _BESIDE_S
         if beside and speed[mine].max(initial=0.0) < SLOW:
             break
+    speed = np.abs(data.qvel[mine])
+    if speed.max(initial=0.0) > _MOVES:
+        joint = int(model.dof_jntid[mine[greatest(speed)]])
+        raise ModelError(
+            f"the robot does not come to rest within {LONGEST_S:g} s: {joint_name(model, joint)} "
+            f"still moves at {speed.max():.2g} rad/s or m/s; start elsewhere, --keyframe KEY, or "
+            "pin it, --pinned NAME"
+        )
     data.time, data.qvel[:] = 0.0, 0.0
     mujoco.mj_forward(model, data)
     return data

@@ -40,19 +40,25 @@ class Scene:
         whole: Model of everything, for the physics.
         start: Its state at rest.
         frame: Of the task.
-        part: What the task involves.
+        part: What the task involves, where the physics has come to rest; `start` then has the
+            controls that keep it there. None is everything, which its actuators hold at `start`.
         own: Model of that part alone, for its controller; the whole where nothing is left out.
-        own_start: Its state, the same.
+        own_start: Its state, the same, loops closed: in the physics they give a little.
         moved: What moved from where the file has it until it came to rest, in words.
     """
 
     whole: mujoco.MjModel
     start: mujoco.MjData
     frame: str | Body
-    part: Part
+    part: Part | None
     own: mujoco.MjModel
     own_start: mujoco.MjData
     moved: tuple[str, ...]
+
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """Names of the joints, or bodies, that are no part of the task."""
+        return () if self.part is None else self.part.left_out
 
 
 def robot_scene(
@@ -86,36 +92,40 @@ def robot_scene(
     _clamp(model, data)
     pinned = [replace(pin, frame=frame_named(model, pin.frame)) for pin in pinned]
     mujoco.mj_fwdPosition(model, data)
-    changed = add_locks(spec, model)
     stand(spec, model, data, pinned)
+    changed = add_locks(spec, model)
     if changed or pinned:
         model = spec.compile()
     start = begin(model)
     _clamp(model, start)
     start = assemble(model, start)
-    if servo_hz is not None:
-        model = servoed(model, natural_frequency_hz=servo_hz, data=start)
     mujoco.mj_forward(model, start)
     part = task_part(model, _frames(model, frame, axes), np.flatnonzero(start.eq_active).tolist())
     if not part.actuators:
         raise ModelError(f"no actuator moves {frame}: take a frame that the robot carries")
-    if is_held(part, start) and not part.rest:
-        return Scene(model, start, frame, part, model, start, _moved(part, stated, start))
+    if servo_hz is not None:
+        used = part.actuators
+        model = servoed(model, natural_frequency_hz=servo_hz, data=start, among=used)
+        part = replace(part, model=model)
+    held = is_held(part, start)
+    if held and not part.rest and not pinned:
+        return Scene(model, start, frame, None, model, start, _moved(part, stated, start))
     _refuse_a_falling_base(part, start)
     rested = settled(part, start)
-    _refuse_what_moves(part, rested)
     moved = _moved(part, stated, rested)
-    if not part.rest:
-        closed = assemble(model, rested)
-        return Scene(model, closed, frame, part, model, closed, moved)
-    own = reduced(spec, part, rested)
-    _take_actuators(own, part)
+    if held and not is_held(part, rested):
+        raise ModelError(
+            f"the servos balance the start and do not keep it: {moved[0]}; make them stiffer, "
+            "--servo HZ for torque motors, or pin more, --pinned NAME"
+        )
+    _refuse_what_moves(part, rested)
+    own = model
+    if part.rest:
+        own = reduced(spec, part, rested)
+        _take_actuators(own, part)
     own_start = mujoco.MjData(own)
     own_start.qpos[:] = rested.qpos[part.positions]
-    own_start = assemble(own, own_start)
-    rested.qpos[part.positions] = own_start.qpos
-    mujoco.mj_forward(model, rested)
-    return Scene(model, rested, frame, part, own, own_start, moved)
+    return Scene(model, rested, frame, part, own, assemble(own, own_start), moved)
 
 
 def _clamp(model: mujoco.MjModel, data: mujoco.MjData) -> None:

@@ -28,31 +28,34 @@ def stand(
     each other.
 
     Args:
-        spec: Which is changed, and compiled anew by the caller.
-        model: As it was compiled.
+        spec: As it was compiled; it is changed, and compiled anew by the caller.
+        model: That.
         data: Its state, positions up to date.
         pins: The frames.
 
     Raises:
         sim.ModelError: A frame that does not exist.
     """
-    for k, pin in enumerate(pins):
-        frame = located(model, "pinned", pin.frame)
+    frames = [located(model, "pinned", pin.frame) for pin in pins]
+    by_number = {body.id: body for body in spec.bodies}  # none has one any more after a change
+    for k, (pin, frame) in enumerate(zip(pins, frames, strict=True)):
         there, here = f"pinned{k}_in_the_world", f"pinned{k}"
         quat_wxyz = np.empty(4)
         mujoco.mju_mat2Quat(quat_wxyz, frame.rotation(data).flatten())
         spec.worldbody.add_site(name=there, pos=frame.position_m(data), quat=quat_wxyz)
-        body = spec.bodies[frame.body]
+        body = by_number[frame.body]
         if frame.is_site:
-            here = spec.sites[frame.id].name
+            here = str(pin.frame)
         else:
             body.add_site(name=here)
         kind = mujoco.mjtEq.mjEQ_WELD if pin.weld else mujoco.mjtEq.mjEQ_CONNECT
         equality = spec.add_equality(name=f"pin{k}", type=kind)
         equality.objtype, equality.name1, equality.name2 = mujoco.mjtObj.mjOBJ_SITE, here, there
         stiffen(equality, model.opt.timestep)
-    for name in dict.fromkeys(_bodies(spec, model, pins)):
-        spec.add_exclude(bodyname1=spec.worldbody.name, bodyname2=name)
+    for number in dict.fromkeys(frame.body for frame in frames):
+        body = by_number[number]
+        body.name = body.name or f"pinned_body{number}"
+        spec.add_exclude(bodyname1=spec.worldbody.name, bodyname2=body.name)
 
 
 def standing(part: Part, data: mujoco.MjData) -> list[str]:
@@ -75,9 +78,3 @@ def standing(part: Part, data: mujoco.MjData) -> list[str]:
         for body, count in sorted(points.items())
         if model.body_rootid[body] in roots
     ]
-
-
-def _bodies(spec: mujoco.MjSpec, model: mujoco.MjModel, pins: Sequence[Pin]) -> list[str]:
-    """Names of the bodies that are pinned."""
-    numbers = [located(model, "pinned", pin.frame).body for pin in pins]
-    return [spec.bodies[number].name for number in numbers]

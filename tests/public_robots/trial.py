@@ -170,7 +170,7 @@ class Trial:
             self.file,
             site=self.task.frame,
             major=self.major,
-            pinned=self.task.pinned,
+            pinned=[f"{name}:point" for name in self.task.pinned],
             servo_hz=servo_hz(self.model),
         )
 
