@@ -26,6 +26,7 @@ from ftc.control.compensator import (
     Compensator,
     LoopShape,
     Margins,
+    NoResponse,
     UnstableLoop,
     compensator,
     margins,
@@ -357,7 +358,7 @@ def _loops(
     if crossover_hz is not None:
         try:
             return _at(plant, period_s, check.positive("crossover_hz", crossover_hz))
-        except UnstableLoop as error:
+        except (UnstableLoop, NoResponse) as error:
             raise TaskLost(f"the loops would be unstable: {error}") from None
     if fastest := _within_peak(plant, period_s, _FASTEST / period_s):
         return fastest
@@ -390,7 +391,7 @@ def _within_peak(
     """The same at this crossover; None where the peak is larger than allowed."""
     try:
         loops, peak = _at(plant, period_s, hz)
-    except UnstableLoop:
+    except (UnstableLoop, NoResponse):
         return None
     return (loops, peak) if peak <= LARGEST_PEAK else None
 

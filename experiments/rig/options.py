@@ -58,10 +58,10 @@ class RobotOptions:
     def pins(self) -> tuple[tuple[str, bool], ...]:
         """Frames that stand, and whether each is welded: NAME is, NAME:point may turn."""
         given = [] if self.pinned is None else self.pinned.split(",")
-        pairs = [each.strip().partition(":") for each in given]
-        if any(not name or end not in ("", "point") for name, _, end in pairs):
+        names = [each.strip().removesuffix(":point") for each in given]
+        if not all(names):
             raise WrongInput(f"--pinned must be NAME or NAME:point,..., got {self.pinned}")
-        return tuple((name, not end) for name, _, end in pairs)
+        return tuple((name, name == each.strip()) for name, each in zip(names, given, strict=True))
 
     @property
     def rows(self) -> tuple[int, ...]:

@@ -34,11 +34,13 @@ class Balance(NamedTuple):
 
     Attributes:
         forces: Of each output, shape (nout,).
-        moves: What they do not hold, in words; None where all is still.
+        joint: Number of the one that moves most; None where all is still.
+        moves: That, and what moves it, in words.
     """
 
     forces: Array
-    moves: str | None
+    joint: int | None = None
+    moves: str = ""
 
 
 def balance(
@@ -50,8 +52,7 @@ def balance(
     """Forces of the actuators of drives that hold the machine still in the pose of `data`.
 
     They balance gravity and springs through the closures, with the least norm, within the ranges of
-    the forces where these allow it. Contacts, limits
-    and dry friction, which creeps, hold nothing. `data` has been through `mj_forward` at rest.
+    the forces where these allow it. Contacts, limits and dry friction, which creeps, hold nothing. `data` has been through `mj_forward` at rest.
 
     Args:
         model: The model.
@@ -79,14 +80,14 @@ def balance(
     if ((least < low) | (least > high)).any():
         # Along what bears no load others may take over.
         within = _within_ranges(arms, arms @ least, low, high)
-        each = each + (within - least)[:, None] * np.array([1.0, 0.0])
+        if np.linalg.norm(arms @ (within - least)) <= _BALANCED * np.linalg.norm(loads):
+            each = each + (within - least)[:, None] * np.array([1.0, 0.0])
     unbalanced = Z @ (Z.T @ loads + arms @ each)
-    moves = None
-    if np.linalg.norm(unbalanced.sum(axis=1)) > _BALANCED * np.linalg.norm(loads):
-        moves = _what_moves(model, Z, mass_of(model, data), unbalanced)
     forces = np.zeros(model.nout)
     forces[used] = each.sum(axis=1)
-    return Balance(forces, moves)
+    if np.linalg.norm(unbalanced.sum(axis=1)) > _BALANCED * np.linalg.norm(loads):
+        return Balance(forces, *_what_moves(model, Z, mass_of(model, data), unbalanced))
+    return Balance(forces)
 
 
 def _within_ranges(arms: Array, load: Array, low: Array, high: Array) -> Array:
@@ -97,7 +98,7 @@ def _within_ranges(arms: Array, load: Array, low: Array, high: Array) -> Array:
     return lsq_linear(rows, wanted, (low, high), method="bvls").x
 
 
-def _what_moves(model: mujoco.MjModel, Z: Array, mass: Array, unbalanced: Array) -> str:
+def _what_moves(model: mujoco.MjModel, Z: Array, mass: Array, unbalanced: Array) -> tuple[int, str]:
     """The joint that takes most of the power, and whether from gravity or springs, (nv, 2)."""
     falls = Z @ np.linalg.solve(Z.T @ mass @ Z, Z.T @ unbalanced.sum(axis=1))
     # Force times acceleration has one unit for joints that turn and that slide.
@@ -108,7 +109,7 @@ def _what_moves(model: mujoco.MjModel, Z: Array, mass: Array, unbalanced: Array)
     kind = _KIND.get(int(model.jnt_type[joint]), "joint")
     name = model.joint(joint).name
     called = f'"{name}"' if name else f'of body "{model.body(model.jnt_bodyid[joint]).name}"'
-    return f"{cause} moves the {kind} {called}: no actuator holds it"
+    return joint, f"{cause} moves the {kind} {called}: no actuator holds it"
 
 
 def holding_forces(
@@ -123,7 +124,7 @@ def holding_forces(
         ModelError: Something falls, or is moved by a spring, whatever the actuators do.
     """
     found = balance(model, data, drives, still)
-    if found.moves is not None:
+    if found.joint is not None:
         raise ModelError(found.moves)
     return found.forces
 

@@ -39,7 +39,7 @@ def is_held(part: Part, data: mujoco.MjData) -> bool:
         refuse_beyond_ranges(part.model, own, commands)
     except ModelError:
         return False
-    return found.moves is None
+    return found.joint is None
 
 
 def settled(part: Part, start: mujoco.MjData) -> mujoco.MjData:
@@ -77,9 +77,9 @@ def settled(part: Part, start: mujoco.MjData) -> mujoco.MjData:
     if speed.max(initial=0.0) > _MOVES:
         joint = int(model.dof_jntid[mine[greatest(speed)]])
         raise ModelError(
-            f"the robot does not come to rest within {LONGEST_S:g} s: {joint_name(model, joint)} "
-            f"still moves at {speed.max():.2g} rad/s or m/s; start elsewhere, --keyframe KEY, or "
-            "pin it, --pinned NAME"
+            f"the robot does not come to rest in {LONGEST_S:g} s: {joint_name(model, joint)} still "
+            f"moves at {speed.max():.2g} rad/s or m/s; start elsewhere (--keyframe) or pin it "
+            "(--pinned)"
         )
     data.time, data.qvel[:] = 0.0, 0.0
     mujoco.mj_forward(model, data)

@@ -115,8 +115,8 @@ def robot_scene(
     moved = _moved(part, stated, rested)
     if held and not is_held(part, rested):
         raise ModelError(
-            f"the servos balance the start and do not keep it: {moved[0]}; make them stiffer, "
-            "--servo HZ for torque motors, or pin more, --pinned NAME"
+            f"the servos balance the start and do not keep it: {moved[0]}; make them stiffer "
+            "(--servo for torque motors) or pin more (--pinned)"
         )
     _refuse_what_moves(part, rested)
     own = model
@@ -160,15 +160,11 @@ def _refuse_a_falling_base(part: Part, start: mujoco.MjData) -> None:
 def _refuse_what_moves(part: Part, start: mujoco.MjData, of: str = "") -> None:
     """Refuse a part that its actuators do not hold, and say which pins would."""
     model = part.model
-    moves = balance(model, start, drives(model, among=part.actuators), part.still).moves
-    if moves is not None and of in moves:
-        feet = standing(part, start) or [_base(part)]
-        raise ModelError(f"{moves}: pin what stands, --pinned {','.join(feet)}")
-
-
-def _base(part: Part) -> str:
-    """Name of the body nearest the world that the part has."""
-    return name_of(part.model.body(min(part.bodies)))
+    found = balance(model, start, drives(model, among=part.actuators), part.still)
+    if found.joint is not None and of in found.moves:
+        body = name_of(model.body(model.jnt_bodyid[found.joint]))
+        feet = standing(part, start) or [body]
+        raise ModelError(f"{found.moves}: pin what stands, --pinned {','.join(feet)}")
 
 
 def _moved(part: Part, stated: Array, rested: mujoco.MjData) -> tuple[str, ...]:

@@ -15,7 +15,7 @@ from sim.mjcf.part import Part
 
 _LOOKED_S, _FALL_S = 0.02, 1.0
 """How often contacts are looked for, and how long."""
-_FLAT = 3
+_FLAT = 2
 """Points of contact on which a body stands without turning."""
 
 
@@ -61,7 +61,7 @@ def stand(
 def standing(part: Part, data: mujoco.MjData) -> list[str]:
     """Bodies that stand on the ground, or come to when let fall, as pins are written.
 
-    Those that touch it at fewer than three points can turn about these.
+    Those that touch it at one point can turn about it.
     """
     model, points = part.model, Counter[int]()
     data, steps = copy.copy(data), max(1, round(_LOOKED_S / model.opt.timestep))

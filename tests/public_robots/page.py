@@ -52,8 +52,8 @@ def outcome(record: Record) -> str:
 
 
 def ratio(flight: Record | None) -> float | None:
-    """Measured over predicted RMS, all rows together; None where there is no prediction."""
-    if flight is None or flight["predicted"] is None:
+    """Measured over predicted RMS, all rows together; None where nothing is predicted of it."""
+    if flight is None or flight["predicted"] is None or flight["uncompared"] is not None:
         return None
     measured, predicted = (_norm(flight[key]) for key in ("measured", "predicted"))
     return measured / predicted if predicted else None
@@ -110,7 +110,7 @@ def _row(record: Record) -> str:
     cells = [
         f"`{record['name']}`",
         _cell(record.get("load"), lambda load: str(load["actuators"])),
-        _cell(record.get("classified"), lambda found: ", ".join(ROWS[k] for k in found["major"])),
+        _cell(record.get("rig"), lambda rig: ", ".join(ROWS[k] for k in rig["rows"])),
         _cell(sound, lambda flight: f"{100 * flight['of_path']:.3g} %"),
         _compared(sound, record),
         _compared(lock, record),
@@ -128,7 +128,7 @@ def _cell(part: Record | None, say: Callable[[Record], str]) -> str:
 def _compared(flight: Record | None, record: Record) -> str:
     value = ratio(flight)
     if flight is None or value is None:
-        return "" if flight is None else "no prediction"
+        return "" if flight is None else "not comparable"
     bold = "**" if not _is_close(value) and not record["rig"]["warnings"] else ""
     return f"{bold}{value:.2f}{bold}"
 

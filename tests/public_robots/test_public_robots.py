@@ -135,7 +135,14 @@ def test_a_wrong_jacobian_is_seen_by_differences_and_a_wrong_rate_by_power():
 
 
 def flight(measured, predicted, **more):
-    common = {"of_path": 0.1, "leaves": None, "wrong": [], "named_after_ms": None, "named_as": None}
+    common = {
+        "of_path": 0.1,
+        "leaves": None,
+        "uncompared": None,
+        "wrong": [],
+        "named_after_ms": None,
+        "named_as": None,
+    }
     return common | {"measured": measured, "predicted": predicted} | more
 
 
@@ -148,7 +155,7 @@ def flown(name, lock_ratio, warnings=()):
         "jacobians": {"error": 1e-10},
         "power": {"error": 1e-16},
         "classified": {"major": [3, 4]},
-        "rig": {"warnings": list(warnings)},
+        "rig": {"warnings": list(warnings), "rows": [3, 4]},
         "sound": flight([3e-6, 4e-6], [5e-6, 0.0]),
         "lock": flight([lock_ratio * 1e-6], [1e-6], named_after_ms=56),
     }
@@ -167,7 +174,7 @@ def test_the_page_keeps_its_text_and_shows_what_is_wrong_without_a_warning():
     assert "| 1.50 | 56 ms | 0 | dry friction of ... is left out |" in text
     off["lock"] |= {"predicted": None, "leaves": "j1"}
     there = page(text, [off], "Today.")
-    assert "| no prediction | 56 ms | 0 | j1 leaves its range in the linear model |" in there
+    assert "| not comparable | 56 ms | 0 | j1 leaves its range in the linear model |" in there
     assert 'rig: gravity moves "a\\|b" |' in text
     assert "* 1 at rig: gravity moves" in text
     assert text.count(GENERATED) == there.count(GENERATED) == 1

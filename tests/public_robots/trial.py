@@ -5,11 +5,13 @@ written after each stage, so that a process that is stopped leaves it.
 """
 
 import json
+import re
 import resource
 import sys
 import time
 import traceback
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import date
 from functools import cached_property
@@ -20,8 +22,11 @@ import mujoco
 import numpy as np
 
 from experiments.rig import Rig, Run
+from experiments.rig.dither import dither_of
+from experiments.rig.mjcf import RobotRig
 from experiments.study.provenance import commit
 from experiments.study.study import WrongInput
+from experiments.track.failures import learnt_s, uncompared
 from ftc.tracking import is_possible
 from prioritized import ConstrainedSystem
 from sim import (
@@ -50,6 +55,8 @@ ROWS = ((3, 4, 5), (3, 4), (3, 5), (4, 5), (3,), (4,), (5,), (0,), (1,), (2,))
 LIMIT_S = 60
 """Processor time after which the trial is ended: the same on a busy machine."""
 _STEP = 1e-6
+_ADVISED = re.compile(r"pinned (\S+)$")
+"""What a refusal names to be pinned."""
 
 
 def main(file: Path, out: Path) -> None:
@@ -91,7 +98,16 @@ class Trial:
         yield "power", {"error": power_error(self.model, self.start, self.jac, self.body)}
         yield "classified", {"major": self.major, "says": str(self.report).splitlines()[0]}
         rig = self.rig
-        yield "rig", {"warnings": rig.warnings, "crossover_hz": rig.margins[0].crossover_hz}
+        yield (
+            "rig",
+            {
+                "warnings": rig.warnings,
+                "left_out": rig.left_out,
+                "pinned": self._rig_and_pins[1],
+                "rows": rig.major,
+                "crossover_hz": rig.margins[0].crossover_hz,
+            },
+        )
         yield "sound", self._flown(())
         failed = self.expendable
         yield (
@@ -153,37 +169,56 @@ class Trial:
 
         Of all, where it never remains so.
         """
-        kin = self.system.kinematics()
-        moves = np.linalg.norm(kin.J[list(self.major)], axis=0)
+        system, major = self.rig.track.system, list(self.rig.major)
+        moves = np.linalg.norm(system.kinematics().J[major], axis=0)
         order = np.argsort(-np.round(moves, 9), kind="stable").tolist()
 
         def spared(k: int) -> bool:
-            left = self.system.with_failures(locked=[k]).kinematics()
-            return is_possible(left.manipulability(major=list(self.major)))
+            left = system.with_failures(locked=[k]).kinematics()
+            return is_possible(left.manipulability(major=major))
 
         return next((k for k in order if moves[k] > 0 and spared(k)), order[0])
 
+    @property
+    def rig(self) -> RobotRig:
+        """The robot with its loops; torque motors and velocity servos become position servos."""
+        return self._rig_and_pins[0]
+
     @cached_property
-    def rig(self) -> Rig:
-        """The robot with its loops; torque motors become servos."""
-        return Rig.of_mjcf(
-            self.file,
-            site=self.task.frame,
-            major=self.major,
-            pinned=[f"{name}:point" for name in self.task.pinned],
-            servo_hz=servo_hz(self.model),
-        )
+    def _rig_and_pins(self) -> tuple[RobotRig, list[str]]:
+        """The rig; where it is refused for what it stands on, with the pins that the refusal names.
+
+        The major rows are then the first that remain.
+        """
+        pins = [f"{name}:point" for name in self.task.pinned]
+        try:
+            return self._rig(pins, self.major), pins
+        except ModelError as error:
+            if (advised := _ADVISED.search(str(error))) is None:
+                raise
+        pins = advised[1].split(",")
+        for rows in (self.major, *ROWS[:-1]):
+            with suppress(WrongInput):
+                return self._rig(pins, rows), pins
+        return self._rig(pins, ROWS[-1]), pins
+
+    def _rig(self, pins: list[str], rows: tuple[int, ...]) -> RobotRig:
+        given = {"site": self.task.frame, "major": rows, "pinned": pins}
+        rig = Rig.of_mjcf(self.file, **given, servo_hz=servo_hz(self.model))
+        assert isinstance(rig, RobotRig)
+        return rig
 
     def _flown(self, failures: tuple[Failure, ...]) -> dict[str, Any]:
         """A flight with a diagnosing controller, beside what was predicted.
 
-        The prediction is that of a controller informed at once, or never where nothing was named.
+        The prediction is of a controller that learns of the failure when this one did.
         """
         rig = self.rig
         path = rig.path("circle", duration_s=FLIGHT_S, turn_s=FLIGHT_S)
-        run = rig.fly(rig.supervisor(), path, failures=failures)
-        told = bool(run.diagnoses)
-        predicted = rig.predict(path, failures=failures, told=told)
+        dither = dither_of(rig, "default", "default")
+        run = rig.fly(rig.supervisor(dither), path, failures=failures)
+        told, noise = learnt_s(rig, run, failures), run.measured - run.true
+        predicted = rig.predict(path, failures=failures, told=told, noise=noise, dither=dither)
         after = run.time_s >= (FAILS_S if failures else 0.0) - 1e-9
         of_model = predicted.rms_after if failures else predicted.rms_before
         measured = np.sqrt(((run.desired - run.true)[after] ** 2).mean(axis=0))
@@ -191,7 +226,7 @@ class Trial:
             "measured": measured.tolist(),
             "predicted": of_model.tolist() if np.isfinite(of_model).all() else None,
             "of_path": float(np.linalg.norm(measured)) / rig.size,
-            "told": told,
+            "uncompared": uncompared(rig, run, failures),
             "leaves": predicted.leaves,
             "status": run.status,
         } | _named(run, [rig.actuators[each.number] for each in failures])
@@ -205,11 +240,10 @@ def _named(run: Run, failed: list[str]) -> dict[str, Any]:
 
 
 def servo_hz(model: mujoco.MjModel) -> float | None:
-    """Natural frequency of the servos of torque motors; None where there is no motor."""
-    motors = (model.actuator_gaintype == mujoco.mjtGain.mjGAIN_FIXED) & (
-        model.actuator_biastype == mujoco.mjtBias.mjBIAS_NONE
-    )
-    return min(SERVO_HZ, OF_STEP_RATE / model.opt.timestep) if motors.any() else None
+    """Natural frequency of position servos; None where the file has no others."""
+    fixed = model.actuator_gaintype == mujoco.mjtGain.mjGAIN_FIXED
+    without = (model.actuator_biasprm[:, 1] == 0) & fixed
+    return min(SERVO_HZ, OF_STEP_RATE / model.opt.timestep) if without.any() else None
 
 
 def difference_error(

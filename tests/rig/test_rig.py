@@ -337,7 +337,7 @@ def test_a_robot_among_other_things_flies_as_predicted_and_says_what_it_leaves_o
         ({"joint_weight": "1,2,3"}, "joint_weight must be one number or 2"),
         ({"size": -1.0}, "size must be positive"),
         ({"start": "home"}, "start home: the model has none"),
-        ({"pinned": ["tool:weld"]}, "pinned must be NAME or NAME:point"),
+        ({"pinned": ["tool", ""]}, "pinned must be NAME or NAME:point"),
     ],
 )
 def test_python_refuses_by_the_names_of_its_arguments(at_a_desk, wrong, said):

@@ -330,3 +330,30 @@ def test_a_root_that_slides_is_refused_with_what_stands_when_it_has_fallen(tmp_p
     file.write_text(ACROBAT)
     with pytest.raises(ModelError, match=r'joint "rootz": no actuator .*--pinned leg:point$'):
         robot_scene(file, "toe", None, mujoco.MjData)
+
+
+TWO_LEGS = """
+<mujoco>
+  <worldbody>
+    <body name="plate" pos="0 0 0.5">
+      <joint name="lift" type="slide" axis="0 0 1"/>
+      <geom type="box" size="0.2 0.2 0.02" mass="2"/>
+      <site name="top"/>
+    </body>
+  </worldbody>
+  <actuator>
+    <position name="weak" joint="lift" kp="1000" gear="1" forcerange="-5 5"/>
+    <position name="strong" joint="lift" kp="1000" gear="1" forcerange="-50 50"/>
+  </actuator>
+</mujoco>
+"""
+
+
+def test_a_weak_actuator_lets_another_bear_what_is_beyond_its_range():
+    """Two of 5 and 50 N bear 19.6 N, of which the least norm gives each a half."""
+    lock = '<equality><joint name="lock1" joint1="lift" active="false"/></equality></mujoco>'
+    model = mujoco.MjModel.from_xml_string(TWO_LEGS.replace("</mujoco>", lock))
+    plant = Plant(model, base=None, payload="top", start=mujoco.MjData(model))
+    np.testing.assert_allclose(plant.data.actuator_force, [5.0, 2 * 9.81 - 5.0], rtol=1e-6)
+    plant.step(np.zeros(1), 1.0)
+    assert np.abs(plant.displacements()).max() < 1e-6
