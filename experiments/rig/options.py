@@ -2,12 +2,10 @@
 
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
-
-import numpy as np
 
 from experiments.rig.choices import Feedforward, Limited, Sensing
 from experiments.study.study import Option, WrongInput
@@ -75,7 +73,7 @@ class RobotOptions:
 
 def written(value: Any) -> Any:
     """Names or numbers as an option of a command has them, with commas; anything else as it is."""
-    if isinstance(value, str) or not isinstance(value, Sequence | np.ndarray):
+    if isinstance(value, str) or not isinstance(value, Iterable):
         return value
     return ",".join(str(each) for each in value)
 

@@ -52,7 +52,8 @@ def balance(
     """Forces of the actuators of drives that hold the machine still in the pose of `data`.
 
     They balance gravity and springs through the closures, with the least norm, within the ranges of
-    the forces where these allow it. Contacts, limits and dry friction, which creeps, hold nothing. `data` has been through `mj_forward` at rest.
+    the forces where these allow it. Contacts, limits and dry friction, which creeps, hold nothing.
+    `data` has been through `mj_forward` at rest.
 
     Args:
         model: The model.
