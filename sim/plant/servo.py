@@ -36,7 +36,9 @@ def servoed(
     alone, the other drives held, the natural frequency and damping ratio; springs and dampers of
     the mechanism come on top. The control becomes the target of the actuator's length, gear times
     displacement, without a range; the range that a motor had limits the force. Other actuators
-    stay as they are.
+    stay as they are. In place of Euler's method the model gets `implicitfast`, which takes the
+    servos' damping with the speeds at the end of a step: joints that share inertia lose speed many
+    times faster than each drive alone, and would overshoot.
 
     Args:
         model: The model, which stays as it is.
@@ -81,6 +83,8 @@ def servoed(
             damping = 2.0 * damping_ratio * inertia * omega / squares
             for k, out in zip(drive.ids, drive.outputs, strict=True):
                 _close_loop(servo, k, out, stiffness, damping)
+    if any(driven) and servo.opt.integrator == mujoco.mjtIntegrator.mjINT_EULER:
+        servo.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     return servo
 
 

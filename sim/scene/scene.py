@@ -141,8 +141,9 @@ def _frames(model: mujoco.MjModel, frame: str | Body, axes: str | None) -> list[
 
 
 def _take_actuators(own: mujoco.MjModel, part: Part) -> None:
-    """Give the model of a part the servos that its whole has got."""
+    """Give the model of a part the servos that its whole has got, and their integrator."""
     whole, ids = part.model, list(part.actuators)
+    own.opt.integrator = whole.opt.integrator
     for name in _OF_ACTUATORS:
         getattr(own, name)[:] = getattr(whole, name)[ids]
     for name in _OF_OUTPUTS:

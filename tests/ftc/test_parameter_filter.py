@@ -1,6 +1,7 @@
 """Errors of a model tracked while nothing has failed, against least squares in one go."""
 
 from dataclasses import replace
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -43,6 +44,46 @@ def test_what_does_not_drift_is_estimated_as_by_the_normal_equations(seed):
     np.testing.assert_allclose(found.covariance, np.linalg.inv(information), rtol=1e-6, atol=1e-9)
     expected = np.linalg.solve(information, H.T @ white.ravel())
     np.testing.assert_allclose(found.mean, expected, rtol=1e-6, atol=1e-8)
+
+
+def exactly(regressors, white) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and covariance by the normal equations of all samples, in rational numbers."""
+    H, e = regressors.transpose(0, 2, 1).reshape(-1, J + P), white.ravel()
+    rows = [[Fraction(x) for x in row] for row in np.column_stack([H, e]).tolist()]
+    sums = [
+        [sum((row[i] * row[j] for row in rows), Fraction()) for j in range(J + P + 1)]
+        for i in range(J + P)
+    ]
+    for i in range(J + P):
+        sums[i][i] += 1 if i < J else 1 / Fraction(STEADY.offset**2)
+        sums[i] += [Fraction(i == j) for j in range(J + P)]
+    for i in range(J + P):  # information is positive definite: no pivot is zero
+        sums[i] = [x / sums[i][i] for x in sums[i]]
+        for k in range(J + P):
+            if k != i:
+                sums[k] = [x - sums[k][i] * y for x, y in zip(sums[k], sums[i], strict=True)]
+    solved = np.array([row[J + P :] for row in sums], dtype=float)
+    return solved[:, 0], solved[:, 1:]
+
+
+@seeds
+def test_regressors_a_trillion_times_the_noise_leave_a_covariance(seed):
+    """A motion that shows one direction far better than the others, as least squares has it.
+
+    A covariance that is updated by a difference is indefinite after three such samples.
+    """
+    regressors, white, true = measurements(seed, 8)
+    rng = np.random.default_rng([seed, 2])
+    size = 10.0 ** rng.uniform(0, 12, (8, 1, P))
+    moving = rng.normal(size=(J, 1)) * size + regressors[:, :J]
+    white += np.einsum("j,njp->np", true[:J], moving - regressors[:, :J])
+    regressors[:, :J] = moving
+    found, innovations = tracked(regressors, white, CERTAIN)
+    mean, covariance = exactly(regressors, white)
+    deviation = np.sqrt(np.diag(covariance))
+    np.testing.assert_allclose(np.sqrt(np.diag(found.covariance)), deviation, rtol=1e-3)
+    assert np.abs((found.mean - mean) / deviation).max() < 1e-2
+    assert np.abs(innovations).max() < 6.0
 
 
 def test_errors_lie_within_their_covariance():

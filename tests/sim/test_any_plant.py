@@ -436,6 +436,25 @@ def test_a_motor_as_a_servo_keeps_the_range_of_its_force():
     assert forces == [-6.0, 7.0]
 
 
+SHARED = """<mujoco><option timestep="2e-3" gravity="0 0 0"/><worldbody>{links}
+  <site name="tool"/>{ends}</worldbody><actuator>{motors}</actuator></mujoco>"""
+LINK = '<body pos="0 0 -0.2"><joint name="a{}" axis="0 1 0"/><geom size="0.03" pos="0 0 -0.2"/>'
+
+
+def test_motors_that_share_inertia_come_to_rest_as_servos(tmp_path):
+    """Six links in a row lose speed faster than each drive alone, more than a step may take."""
+    links, motors = (
+        "".join(each.format(k) for k in range(6)) for each in (LINK, '<motor joint="a{}"/>')
+    )
+    model, start = posed(SHARED.format(links=links, ends="</body>" * 6, motors=motors), tmp_path)
+    servo = servoed(model, natural_frequency_hz=10.0, data=start)
+    plant = Plant(servo, base=None, payload="tool", start=start)
+    fastest = np.abs(np.linalg.eigvals(plant.linear().A)).max()
+    assert fastest * 2e-3 > 2.0  # where explicit steps grow
+    plant.step(np.full(6, 1e-3), 1.0)
+    np.testing.assert_allclose(plant.displacements(), 1e-3, atol=1e-6)
+
+
 def test_the_inertia_of_a_servo_in_a_loop_is_that_of_the_loop(tmp_path):
     """One motor on a four-bar: the only mode is at the stated frequency."""
     text = LOOP.replace("<option ", '<option gravity="0 0 0" ').replace(' damping="1"', "")

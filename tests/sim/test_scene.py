@@ -156,6 +156,20 @@ def test_props_a_hand_and_a_second_arm_come_to_rest_and_the_arm_stays(tmp_path):
     assert np.abs(plant.data.qpos - before)[scene.part.positions].max() < 1e-6
 
 
+def test_an_arm_whose_actuators_come_after_those_of_the_rest_has_its_locks(tmp_path):
+    """They are numbered anew: the second and third become the arm's two."""
+    limp = '    <motor name="limp" joint="other"/>\n'
+    order = DESK.replace(limp, "").replace("<actuator>\n", f"<actuator>\n{limp}")
+    file = tmp_path / "desk.xml"
+    file.write_text(order)
+    scene = robot_scene(file, "tip", None, mujoco.MjData)
+    assert scene.part.actuators == (1, 2)
+    plant = Plant(scene.own, base=None, payload="tip", start=scene.own_start)
+    plant.lock(1)
+    plant.step(np.full(2, 0.05), 1.0)
+    np.testing.assert_allclose(plant.displacements(), [0.05, 0.0], atol=1e-3)
+
+
 def test_what_is_commanded_is_the_part_alone(tmp_path):
     """Everything else keeps the controls with which it came to rest."""
     scene = desk(tmp_path)

@@ -8,6 +8,7 @@ white of unit variance; the covariance says which parameters the motion so far h
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.linalg
 
 from argument_checks import Array
 from ftc.fdi.uncertainty import Uncertainty
@@ -17,22 +18,31 @@ from ftc.fdi.uncertainty import Uncertainty
 class Parameters:
     """J errors of the model, in standard deviations, then p offsets, in those of the noise.
 
-    The last errors are those of limits of dry friction, where there are any.
+    The last errors are those of limits of dry friction, where there are any. The covariance is kept
+    as a square root: where the motion shows a parameter a billion times better than the noise,
+    rounding would leave the covariance itself indefinite (Bierman, Factorization Methods for
+    Discrete Sequential Estimation, 1977; Kailath, Sayed and Hassibi, Linear Estimation, 2000,
+    section 12.1).
 
     Attributes:
         mean: Shape (J + p,).
-        covariance: Shape (J + p, J + p).
+        root: Lower triangular or any other, shape (J + p, J + p).
     """
 
     mean: Array
-    covariance: Array
+    root: Array
+
+    @property
+    def covariance(self) -> Array:
+        """Of the parameters, shape (J + p, J + p)."""
+        return self.root @ self.root.T
 
     @classmethod
     def prior(cls, errors: int, outputs: int, uncertainty: Uncertainty) -> "Parameters":
         """Before anything is measured."""
         offset = max(uncertainty.offset, 1e-6)
         spread = np.concatenate([np.ones(errors), np.full(outputs, offset)])
-        return cls(np.zeros(errors + outputs), np.diag(spread**2))
+        return cls(np.zeros(errors + outputs), np.diag(spread))
 
     def drifted(
         self, time_s: float, outputs: int, uncertainty: Uncertainty, limits: int = 0
@@ -40,22 +50,32 @@ class Parameters:
         """After so long, with so many outputs and limits of dry friction."""
         rates = uncertainty.drift_rate, uncertainty.friction_rate, uncertainty.offset_rate
         rate = np.repeat(rates, [len(self.mean) - limits - outputs, limits, outputs])
-        return Parameters(self.mean, self.covariance + np.diag(rate**2 * time_s))
+        walk = np.diag(rate * np.sqrt(time_s))
+        return Parameters(self.mean, _lower(np.hstack([self.root, walk])))
 
     def innovations(self, white: Array, regressors: Array) -> Array:
         """Of whitened residuals (p,) with regressors (J + p, p): their prediction errors.
 
         In standard deviations, which grow with the regressors and with the covariance.
         """
+        p = len(white)
+        root = _lower(np.hstack([np.eye(p), regressors.T @ self.root]))
         surprise = white - self.mean @ regressors
-        S = np.eye(len(white)) + regressors.T @ self.covariance @ regressors
-        return np.linalg.solve(np.linalg.cholesky(S), surprise).astype(float)
+        return scipy.linalg.solve_triangular(root, surprise, lower=True)
 
     def updated(self, white: Array, regressors: Array) -> "Parameters":
         """After such a measurement."""
-        P = self.covariance @ regressors
-        S = np.eye(len(white)) + regressors.T @ P
-        gain = np.linalg.solve(S, P.T).T
-        mean = self.mean + gain @ (white - self.mean @ regressors)
-        covariance = self.covariance - gain @ P.T
-        return Parameters(mean, (covariance + covariance.T) / 2)
+        p = len(white)
+        before = np.block(
+            [[np.eye(p), regressors.T @ self.root], [np.zeros((len(self.mean), p)), self.root]]
+        )
+        after = _lower(before)
+        surprise = white - self.mean @ regressors
+        white = scipy.linalg.solve_triangular(after[:p, :p], surprise, lower=True)
+        return Parameters(self.mean + after[p:, :p] @ white, after[p:, p:])
+
+
+def _lower(wide: Array) -> Array:
+    """L with a positive diagonal and L L' = A A' of a matrix A, shape (k, m) with k <= m."""
+    R = scipy.linalg.qr(wide.T, mode="r", check_finite=False)[0][: len(wide)]
+    return (R * np.where(np.diag(R) < 0, -1.0, 1.0)[:, None]).T

@@ -64,7 +64,7 @@ class Evidence:
             (H, K, R).
         """
         spread = np.zeros((self.score.shape[-1],) * 2)
-        spread[:-3, :-3] = np.linalg.cholesky(self.prior.covariance)
+        spread[:-3, :-3] = self.prior.root
         spread[-3:, -3:] = np.eye(3)
         inner = np.eye(len(spread)) + spread.T @ self.information @ spread
         score = self.score @ spread
