@@ -75,17 +75,17 @@ def slide(X, U, A, B, G, E, D, K, limit, steps_a_tick):  # pragma: no cover
 
 
 @_inlined
-def _slopes(W, A, G, E, K, limit, f):  # pragma: no cover
-    """How the state depends on an earlier one, one step later than W (s, s) says.
+def _slopes(held, A, G, E, K):  # pragma: no cover
+    """How the state after a step depends on that before it, (s, s), where places (r,) are held.
 
-    A place at its limit pulls as hard as before; the others hold.
+    The others, at their limit, pull as hard as before.
     """
     r, s = E.shape
     change, M = np.zeros((r, s)), np.eye(r)
     for i in range(r):
-        if abs(f[i]) < limit[i]:
-            M[i], change[i] = K[i], -np.dot(E[i], W)
-    return np.dot(A, W) + np.dot(G, np.linalg.solve(M, change))
+        if held[i]:
+            M[i], change[i] = K[i], -E[i]
+    return A + np.dot(G, np.linalg.solve(M, change))
 
 
 @njit(
@@ -125,21 +125,33 @@ def slide_samples(
     r, n, p = K.shape[1], B.shape[2] - 1, C.shape[1]
     u, x, mean, after = np.empty(n + 1), np.empty(s), np.empty(s), np.empty(s)
     driven, pulled, f, c = np.empty(s), np.empty(r), np.empty(r), np.empty(r)
-    other, seen, W = np.empty(r), np.empty(p), np.empty((s, s))
+    other, seen, W, slopes = np.empty(r), np.empty(p), np.empty((s, s)), np.empty((s, s))
     varied = r if spread > 0.0 else 0
+    forces, held = np.empty((ticks * steps_a_tick.max(), r)), np.empty(r, dtype=types.boolean)
     u[:n], u[n] = v[:n], 1.0
     for h in range(H):
         _product(B[h], u, driven)
         _product(D[h], u, pulled)
+        held[:], slopes[:] = False, A[h]
         for k in range(N):
             if not steps[h, k]:
                 continue
             x[:], mean[:], f[:], W[:] = before[h, k, 0], 0.0, 0.0, np.eye(s)
+            step = 0
             for _ in range(ticks):
                 mean += x / ticks
                 for _ in range(steps_a_tick[h]):
                     _moved(x, driven, pulled, A[h], G[h], E[h], K[h], limit[h], f, c, after)
-                    W[:] = _slopes(W, A[h], G[h], E[h], K[h], limit[h], f)
+                    forces[step] = f
+                    step += 1
+                    same = True
+                    for i in range(r):
+                        holds = abs(f[i]) < limit[h, i]
+                        same &= holds == held[i]
+                        held[i] = holds
+                    if not same:  # from one onset, and one step, to the next it seldom changes
+                        slopes[:] = _slopes(held, A[h], G[h], E[h], K[h])
+                    W[:] = np.dot(slopes, W)
             X[h, k, 0] = x
             _product(C[h], mean, outputs[h, k, 0])
             for row in range(1, rows):
@@ -152,10 +164,12 @@ def slide_samples(
                 row = first + j
                 other[:] = limit[h]
                 other[j] *= 1.0 - spread
-                x[:], mean[:], f[:] = before[h, k, 0] - before[h, k, row], 0.0, 0.0
+                x[:], mean[:], step = before[h, k, 0] - before[h, k, row], 0.0, 0
                 for _ in range(ticks):
                     mean += x / ticks
                     for _ in range(steps_a_tick[h]):
+                        f[:] = forces[step]  # near those that are looked for
+                        step += 1
                         _moved(x, driven, pulled, A[h], G[h], E[h], K[h], other, f, c, after)
                 X[h, k, row] = X[h, k, 0] - x
                 _product(C[h], mean, seen)
