@@ -186,14 +186,15 @@ def separations_at(
     """
     change = _parts(responses.change[k] @ commanded)  # (n, 1 + M, 2 p)
     errors = _parts(responses.errors[k] @ commanded)  # (n, 1 + M, E, 2 p)
-    C = np.einsum("...ei,...ej->...ij", errors, errors)
+    C = errors.swapaxes(-1, -2) @ errors
     S = np.kron(np.eye(2), noise)
     happens, happens_C = (_happening(each, responses.parts) for each in (change, C))
     first, last = _explanations(change, responses.parts)
     _, last_C = _explanations(C, responses.parts)  # errors of the larger loss, to be safe
     if not errors.size:  # one covariance for all, inverted once
         happens_C, last_C = np.zeros((2, 1, *S.shape))
-    C = _regular(S + (happens_C[:, None] + last_C) / 2)
+    C = _regular(S + happens_C)[:, None] + _regular(S + last_C)
+    C /= 2
     distance = _to_segment(happens[:, None] - first, last - first, C)
     n, kinds = len(change), len(KINDS)
     by_actuator = distance[:, :-1].reshape(kinds * n, n, -1)

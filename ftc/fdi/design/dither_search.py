@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import scipy.optimize
@@ -99,10 +100,15 @@ class DitherSearch:
         others = separable[number[:, None], number] & (number[:, None] != number)
         detected = separable.diagonal()[number]
 
-        def room(xt: Array) -> Array:
-            u = size * self.basis @ np.nan_to_num(xt[:-1])  # a step that failed is NaN
+        @lru_cache(maxsize=2)  # differences along t, and of the point before, are of the same x
+        def apart_and_within(x: bytes) -> tuple[Array, Array]:
+            u = size * self.basis @ np.nan_to_num(np.frombuffer(x))  # a step that failed is NaN
             found = self.separations(k, u)
             apart = np.concatenate([found.distance[others], found.from_none[detected]])
-            return np.concatenate([apart / before - xt[-1], 1 - np.abs(self.limits[k] @ u) ** 2])
+            return apart / before, 1 - np.abs(self.limits[k] @ u) ** 2
+
+        def room(xt: Array) -> Array:
+            apart, within = apart_and_within(xt[:-1].tobytes())
+            return np.concatenate([apart - xt[-1], within])
 
         return room

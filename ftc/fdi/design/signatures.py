@@ -145,21 +145,31 @@ def _gain(sampled: _Sampled, frequency_hz: Array) -> Complex:
     with np.errstate(all="ignore"):
         G = frequency_response(sampled, 2 * np.pi * frequency_hz).astype(complex, copy=False)
     if not np.isfinite(G).all():
-        raise ValueError(
-            "frequency_hz must not be that of an undamped mode, failures included, got "
-            f"{check.shown(frequency_hz.tolist())}"
-        )
+        raise _undamped(frequency_hz)
     return G
+
+
+def _undamped(frequency_hz: Array) -> ValueError:
+    return ValueError(
+        "frequency_hz must not be that of an undamped mode, failures included, got "
+        f"{check.shown(frequency_hz.tolist())}"
+    )
 
 
 def _changes(nominal: NominalModel, parts: Array, frequency_hz: Array) -> Complex:
     """As of :class:`FaultResponses`, shape (F, n, 1 + M, p, n)."""
-    sound = _response(nominal, (), frequency_hz)
-    changes = [
-        [
-            _response(nominal, (fault,), frequency_hz) - sound
-            for fault in (Fault(k, "locked"), *(Fault(k, "weak", 1 - part) for part in parts))
-        ]
+    faults = [
+        (fault,)
         for k in range(nominal.actuators)
+        for fault in (Fault(k, "locked"), *(Fault(k, "weak", 1 - part) for part in parts))
     ]
-    return np.moveaxis(np.array(changes, dtype=complex), 2, 0)
+    sound, *others = (fault_model(nominal, each) for each in ((), *faults))
+    z = np.exp(2j * np.pi * frequency_hz * nominal.period_s)[:, None, None, None]
+    A, B = (np.array([getattr(each, name) for each in (sound, *others)]) for name in "AB")
+    # Few frequencies of many models: solved at once, not each model brought to triangular form.
+    try:
+        G = sound.C @ np.linalg.solve(z * np.eye(len(A[0])) - A, B.astype(complex))
+    except np.linalg.LinAlgError:
+        raise _undamped(frequency_hz) from None
+    changes = (G[:, 1:] - G[:, :1]).reshape(len(z), nominal.actuators, -1, *G.shape[2:])
+    return changes.astype(complex, copy=False)
