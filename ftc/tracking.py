@@ -49,6 +49,10 @@ ROLL_OFF, ROLL_OFF_DAMPING = 3.0, 0.7
 _FASTEST, _SLOW, _SLOWEST = 1 / 50, 1e-5, 1e-8
 """Crossovers that are tried, times the control period: to the second, else to the last."""
 _HALVINGS = 12
+_NEARLY_SINGULAR = 1e-3
+"""Part of the largest singular value of the major rows: a hint, where no loop can be closed."""
+_GROWS = 1e-3
+"""How much more than in continuous time a motion may grow in a control period of physics steps."""
 
 Sense = Literal["task", "joints", "both"]
 """What the diagnosis looks at: a sensor of the major task, encoders of the actuators, or both. The
@@ -262,7 +266,10 @@ def tracking(
     plant = minimal(control.ss(linear.A, linear.B @ gain, C, 0))
     rubs = getattr(linear, "friction", None)
     loops, peak = _loops(
-        plant, check.positive("period_s", period_s), crossover_hz, partial(_slowest_mode, linear)
+        plant,
+        check.positive("period_s", period_s),
+        crossover_hz,
+        partial(_hindrance, linear, kinematics.J[list(rows)], rows),
     )
     nominal = NominalModel(
         plant=control.ss(linear.A, linear.B, C, 0),
@@ -277,8 +284,14 @@ def tracking(
         friction=None if rubs is None else DryFriction(*rubs),
         implicit_damping=options.pop("implicit_damping", False),
     )
+    if overshoots := _overshooting(nominal, linear):
+        raise TaskLost(overshoots)
     sampled = control.c2d(plant, period_s, method="zoh")
     each = tuple(margins(sampled[k, k] * loop.discrete) for k, loop in enumerate(loops))
+    for row, its in zip(rows, each, strict=True):
+        if not np.isfinite(its.crossover_hz):
+            hinders = _hindrance(linear, kinematics.J[list(rows)], rows)
+            raise TaskLost(f"the loop of row {row} has no crossover: {hinders}")
     known = {"goal": goal, "sense": sense, "encoder_noise": None if sense == "task" else encoders}
     return Tracking(model, nominal, rows, loops, each, peak, **(known | options))
 
@@ -330,15 +343,46 @@ def is_possible(report: Manipulability) -> bool:
     return not report.unmanipulable and not report.unstable_major
 
 
+def _hindrance(linear: Any, J_m: Array, rows: tuple[int, ...]) -> str:
+    """Why the major rows (m1, n) have no stable loops: a singular posture, or the slowest mode."""
+    U, moved, _ = np.linalg.svd(J_m)
+    if moved[-1] < _NEARLY_SINGULAR * moved[0]:
+        worst = rows[greatest(np.abs(U[:, -1]))]
+        return (
+            f"the posture is nearly singular, as the actuators move row {worst} by "
+            f"{moved[-1] / moved[0]:.1g} of what they move others; begin at another pose, or leave "
+            "it out of the major rows"
+        )
+    return _slowest_mode(linear)
+
+
 def _slowest_mode(linear: Any) -> str:
     """The motion of a plant that decays most slowly, or grows, and the joints that move in it."""
-    poles, modes = np.linalg.eig(linear.A)
-    worst = greatest(np.real(poles))
-    named = getattr(linear, "named", lambda y: ())(modes[: len(linear.A) // 2, worst])
-    of = f" of {', '.join(named)}" if named else ""
-    pole = complex(poles[worst])
+    pole, motion = _mode(linear, np.real)
     hz, decay_per_s = abs(pole) / (2 * np.pi), -pole.real
-    return f"a motion{of} at {hz:.2g} Hz decays by {decay_per_s:.2g} 1/s only"
+    return f"{motion} at {hz:.2g} Hz decays by {decay_per_s:.2g} 1/s only"
+
+
+def _overshooting(nominal: NominalModel, linear: Any) -> str:
+    """The motion that grows by the steps of the integration alone, and what helps; else empty."""
+    grows = np.abs(np.linalg.eigvals(fault_model(nominal).A)).max()
+    exact = np.exp(np.linalg.eigvals(linear.A).real.max() * nominal.period_s)
+    if grows <= max(exact, 1.0) * (1 + _GROWS):
+        return ""
+    pole, motion = _mode(linear, np.abs)
+    return (
+        f"{motion} decays by {-pole.real:.2g} 1/s, and overshoots in physics steps of "
+        f"{nominal.step_s:g} s: take steps of at most {1 / abs(pole):.1g} s, or an integrator that "
+        "takes all dampers implicitly (implicitfast)"
+    )
+
+
+def _mode(linear: Any, key: Callable[[Array], Array]) -> tuple[complex, str]:
+    """The pole of a plant with the greatest `key`, and its motion in words."""
+    poles, modes = np.linalg.eig(linear.A)
+    worst = greatest(key(poles))
+    named = getattr(linear, "named", lambda y: ())(modes[: len(linear.A) // 2, worst])
+    return complex(poles[worst]), "a motion" + (f" of {', '.join(named)}" if named else "")
 
 
 def deciding_sentence(report: Manipulability) -> str:

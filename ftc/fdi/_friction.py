@@ -127,7 +127,7 @@ def slide_samples(
     driven, pulled, f, c = np.empty(s), np.empty(r), np.empty(r), np.empty(r)
     other, seen, W, slopes = np.empty(r), np.empty(p), np.empty((s, s)), np.empty((s, s))
     varied = r if spread > 0.0 else 0
-    forces, held = np.empty((ticks * steps_a_tick.max(), r)), np.empty(r, dtype=types.boolean)
+    forces, held = np.empty((ticks * steps_a_tick.max(), r)), np.empty(r, dtype=np.bool_)
     u[:n], u[n] = v[:n], 1.0
     for h in range(H):
         _product(B[h], u, driven)

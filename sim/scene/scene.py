@@ -28,6 +28,8 @@ _OF_OUTPUTS = "actuator_forcerange", "actuator_forcelimited"
 _OF_CONTROLS = "actuator_ctrlrange", "actuator_ctrllimited"
 
 _FREE = int(mujoco.mjtJoint.mjJNT_FREE)
+_INSIDE = 0.05
+"""Part of its range by which a joint begins inside: at its limit it could move one way only."""
 _MOVED = 1e-3
 """Displacement of a joint, [rad] or [m], that is worth a sentence."""
 
@@ -129,10 +131,12 @@ def robot_scene(
 
 
 def _clamp(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    """Put joints that begin beyond their ranges at their limits."""
+    """Put joints that begin beyond their ranges inside, by :data:`_INSIDE`."""
     some = np.flatnonzero(model.jnt_limited.astype(bool) & one_axis(model))
     at, (low, high) = model.jnt_qposadr[some], model.jnt_range[some].T
-    data.qpos[at] = data.qpos[at].clip(low, high)
+    given, margin = data.qpos[at], _INSIDE * (high - low)
+    beyond = (given < low) | (given > high)
+    data.qpos[at] = np.where(beyond, given.clip(low + margin, high - margin), given)
 
 
 def _frames(model: mujoco.MjModel, frame: str | Body, axes: str | None) -> list[Located]:

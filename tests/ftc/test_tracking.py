@@ -100,6 +100,12 @@ def test_the_loops_stay_stable_after_each_lock_that_leaves_the_task_possible(arm
     assert tried >= 5
 
 
+def test_a_crossover_below_all_frequencies_that_are_looked_at_is_refused():
+    """It would be NaN, and a dither that is to lie above it, too."""
+    with pytest.raises(TaskLost, match=r"the loop of row 0 has no crossover: a motion"):
+        closed(ARM, (0, 1), crossover_hz=2e-5)
+
+
 def test_a_task_that_the_actuators_cannot_do_is_refused():
     with pytest.raises(TaskLost, match="cannot do the major task"):
         closed(HAND, (3, 5))
