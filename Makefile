@@ -11,7 +11,7 @@ venv: $(STAMP)
 $(STAMP): pyproject.toml constraints.txt
 	$(PYTHON) -m venv .venv
 	$(BIN)/python -m pip install --quiet --no-compile --constraint constraints.txt --editable ".[bench,test,check,docs]"
-	$(BIN)/python -c "from prioritized._solver import bounded, closing, unlimited; from sim import _tick; from ftc.fdi import _friction; from ftc.fdi.isolation import _evidence"  # 30 s
+	$(BIN)/python -c "from prioritized._solver import bounded, closing, unlimited; from sim import _tick; from ftc.fdi import _friction; from ftc.fdi.design import _to_segments; from ftc.fdi.isolation import _evidence"  # 30 s
 	touch $(STAMP)
 
 table1: venv

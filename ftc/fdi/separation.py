@@ -15,6 +15,7 @@ from scipy.sparse.csgraph import connected_components
 
 import argument_checks as check
 from argument_checks import Array, Mask
+from ftc.fdi.design._to_segments import to_segments
 from ftc.fdi.design.signatures import (
     HALF,
     Complex,
@@ -191,11 +192,11 @@ def separations_at(
     happens, happens_C = (_happening(each, responses.parts) for each in (change, C))
     first, last = _explanations(change, responses.parts)
     _, last_C = _explanations(C, responses.parts)  # errors of the larger loss, to be safe
-    if not errors.size:  # one covariance for all, inverted once
+    if not errors.size:  # one covariance for all, factored once
         happens_C, last_C = np.zeros((2, 1, *S.shape))
-    C = _regular(S + happens_C)[:, None] + _regular(S + last_C)
-    C /= 2
-    distance = _to_segment(happens[:, None] - first, last - first, C)
+    distance = np.empty((len(happens), len(first)))
+    own, other = (_regular(S + each) / 2 for each in (happens_C, last_C))
+    to_segments(happens, first, last - first, own, other, distance)
     n, kinds = len(change), len(KINDS)
     by_actuator = distance[:, :-1].reshape(kinds * n, n, -1)
     weak = by_actuator[..., 2:].min(axis=-1, keepdims=True)
@@ -245,16 +246,6 @@ def _explanations(of: Array, parts: Array) -> tuple[Array, Array]:
         for each in (weak[:, :-1], weak[:, 1:])
     )
     return np.concatenate([first, none]), np.concatenate([last, none])
-
-
-def _to_segment(a: Array, b: Array, C: Array) -> Array:
-    """Mahalanobis distance of a from the nearest t b with t in 0..1."""
-    b = np.broadcast_to(b, a.shape)
-    X = np.linalg.solve(C, np.stack([a, b], axis=-1))
-    length = (b * X[..., 1]).sum(axis=-1)
-    t = (b * X[..., 0]).sum(axis=-1) / np.where(length > 0, length, 1.0)
-    t = np.clip(t, 0.0, 1.0)[..., None]
-    return np.sqrt(np.maximum(((a - t * b) * (X[..., 0] - t * X[..., 1])).sum(axis=-1), 0.0))
 
 
 def _groups(alike: Mask) -> tuple[tuple[int, ...], ...]:
