@@ -7,9 +7,7 @@ import numpy as np
 import pytest
 
 from experiments.rig import Rig
-from experiments.rig.mjcf import RobotRig
 from experiments.study.study import WrongInput
-from ftc.tracking import LARGEST_COUPLED_PEAK, LARGEST_PEAK
 
 ARM = """<mujoco><option {option}/><statistic extent="1"/><worldbody><body>
   <joint name="a" axis="0 1 0"/><geom size="0.05" mass="1" pos="0 0 -0.4"/>
@@ -56,12 +54,3 @@ def test_a_posture_that_is_nearly_singular_is_refused_with_the_row_to_leave_out(
     assert found is not None and found[1] == "5"
     assert holds(rig(tmp_path, bend=1e-4, rows=(3,)))
     assert holds(rig(tmp_path, bend=0.8))
-
-
-def test_rows_that_sagging_servos_couple_get_loops_with_a_peak_of_two(tmp_path):
-    """The coupling at rest is in the sensitivity at every crossover: a slower loop has it, too."""
-    one = rig(tmp_path, bend=0.02)
-    assert isinstance(one, RobotRig)
-    assert LARGEST_PEAK < one.track.peak <= LARGEST_COUPLED_PEAK
-    assert min(each.crossover_hz for each in one.margins) > 0.1
-    assert holds(one)
