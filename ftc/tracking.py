@@ -49,8 +49,9 @@ ROLL_OFF, ROLL_OFF_DAMPING = 3.0, 0.7
 _FASTEST, _SLOW, _SLOWEST = 1 / 50, 1e-5, 1e-8
 """Crossovers that are tried, times the control period: to the second, else to the last."""
 _HALVINGS = 12
-_NEARLY_SINGULAR = 1e-3
-"""Part of the largest singular value of the major rows: a hint, where no loop can be closed."""
+_SINGULAR, _NEARLY_SINGULAR = 1e-6, 1e-3
+"""Parts of the largest singular value of the major rows: demands would lose their digits, and a
+hint where no loop can be closed."""
 _GROWS = 1e-3
 """How much more than in continuous time a motion may grow in a control period of physics steps."""
 
@@ -258,6 +259,9 @@ def tracking(
     report = kinematics.manipulability(list(rows))
     if not is_possible(report):
         raise TaskLost(f"the actuators cannot do the major task: {deciding_sentence(report)}")
+    J_m = kinematics.J[list(rows)]
+    if singular := _singular(J_m, rows, _SINGULAR):
+        raise TaskLost(singular)
     C = linear.C_twist[list(rows)]
     sigma, encoders = _deviations(noise, sense, len(rows), len(linear.C_active))
     if sense == "joints":
@@ -269,7 +273,7 @@ def tracking(
         plant,
         check.positive("period_s", period_s),
         crossover_hz,
-        partial(_hindrance, linear, kinematics.J[list(rows)], rows),
+        partial(_hindrance, linear, J_m, rows),
     )
     nominal = NominalModel(
         plant=control.ss(linear.A, linear.B, C, 0),
@@ -290,7 +294,7 @@ def tracking(
     each = tuple(margins(sampled[k, k] * loop.discrete) for k, loop in enumerate(loops))
     for row, its in zip(rows, each, strict=True):
         if not np.isfinite(its.crossover_hz):
-            hinders = _hindrance(linear, kinematics.J[list(rows)], rows)
+            hinders = _hindrance(linear, J_m, rows)
             raise TaskLost(f"the loop of row {row} has no crossover: {hinders}")
     known = {"goal": goal, "sense": sense, "encoder_noise": None if sense == "task" else encoders}
     return Tracking(model, nominal, rows, loops, each, peak, **(known | options))
@@ -345,15 +349,20 @@ def is_possible(report: Manipulability) -> bool:
 
 def _hindrance(linear: Any, J_m: Array, rows: tuple[int, ...]) -> str:
     """Why the major rows (m1, n) have no stable loops: a singular posture, or the slowest mode."""
+    return _singular(J_m, rows, _NEARLY_SINGULAR) or _slowest_mode(linear)
+
+
+def _singular(J_m: Array, rows: tuple[int, ...], least: float) -> str:
+    """The row (m1, n) that hardly moves, less than that part of others, and what helps; or none."""
     U, moved, _ = np.linalg.svd(J_m)
-    if moved[-1] < _NEARLY_SINGULAR * moved[0]:
-        worst = rows[greatest(np.abs(U[:, -1]))]
-        return (
-            f"the posture is nearly singular, as the actuators move row {worst} by "
-            f"{moved[-1] / moved[0]:.1g} of what they move others; begin at another pose, or leave "
-            "it out of the major rows"
-        )
-    return _slowest_mode(linear)
+    if moved[-1] >= least * moved[0]:
+        return ""
+    worst = rows[greatest(np.abs(U[:, -1]))]
+    return (
+        f"the posture is nearly singular, as the actuators move row {worst} by "
+        f"{moved[-1] / moved[0]:.1g} of what they move others; begin at another pose, or leave it "
+        "out of the major rows"
+    )
 
 
 def _slowest_mode(linear: Any) -> str:
