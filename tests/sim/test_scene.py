@@ -144,7 +144,7 @@ def desk(folder: Path, **changes: str) -> Scene:
 def test_props_a_hand_and_a_second_arm_come_to_rest_and_the_arm_stays(tmp_path):
     """The ball falls to the floor, the jaw goes to the end of its range, a limp arm hangs."""
     scene = desk(tmp_path)
-    assert scene.part.left_out == ("jaw", "ball", "other")
+    assert scene.part is not None and scene.part.left_out == ("jaw", "ball", "other")
     assert [scene.own.joint(j).name for j in range(scene.own.njnt)] == ["shoulder", "elbow"]
     assert scene.start.body("ball").xpos[2] == pytest.approx(0.05, abs=2e-3)
     assert scene.start.joint("jaw").qpos[0] == pytest.approx(0.003, abs=1e-5)
@@ -163,7 +163,7 @@ def test_an_arm_whose_actuators_come_after_those_of_the_rest_has_its_locks(tmp_p
     file = tmp_path / "desk.xml"
     file.write_text(order)
     scene = robot_scene(file, "tip", None, mujoco.MjData)
-    assert scene.part.actuators == (1, 2)
+    assert scene.part is not None and scene.part.actuators == (1, 2)
     plant = Plant(scene.own, base=None, payload="tip", start=scene.own_start)
     plant.lock(1)
     plant.step(np.full(2, 0.05), 1.0)
