@@ -65,7 +65,9 @@ def drawn_prior(errors: int, outputs: int, seed: int) -> Parameters:
     rng = np.random.default_rng(seed)
     half = rng.normal(size=(errors + outputs,) * 2)
     covariance = 0.2 * half @ half.T / len(half) + 0.1 * np.eye(len(half))
-    return Parameters(0.5 * rng.standard_normal(len(half)), np.linalg.cholesky(covariance))
+    return Parameters(
+        0.5 * rng.standard_normal(len(half)), np.linalg.cholesky(covariance).astype(float)
+    )
 
 
 def drawn_whitening(p: int, seed: int) -> np.ndarray:
