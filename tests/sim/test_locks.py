@@ -257,7 +257,7 @@ def test_a_site_that_is_not_there_is_refused_with_the_most_similar_one(robot, ar
     model, strange = load_model(robot, add_locks=True), cast(Any, 3)
     names = dict[str, Any](NAMES)
     with pytest.raises(ModelError) as refused:
-        Plant(model, **(names | {argument: "fot"}))
+        Plant(model, **cast(Any, names | {argument: "fot"}))
     assert str(refused.value) == (
         'the model has no site named "fot"; it has: foot; did you mean "foot"?'
     )
