@@ -70,3 +70,32 @@ PANDA = """
 </mujoco>
 """
 """Seven joints and a gripper whose fingers hang on one tendon and one gear."""
+
+FINGER = """
+<mujoco>
+  <option timestep="0.002" integrator="implicitfast"/>
+  <worldbody>
+    <body name="one" pos="0 0 0.3">
+      <joint name="one" axis="0 1 0" stiffness="0.4" springref="40" damping="0.02"
+             armature="0.001"/>
+      <geom type="capsule" size="0.01" fromto="0 0 0 0.05 0 0" mass="0.03"/>
+      <site name="s1" pos="0.02 0 0.01"/>
+      <body name="two" pos="0.05 0 0">
+        <joint name="two" axis="0 1 0" stiffness="0.3" springref="30" damping="0.02"
+               armature="0.001"/>
+        <geom type="capsule" size="0.01" fromto="0 0 0 0.04 0 0" mass="0.02"/>
+        <site name="s2" pos="0.02 0 0.01"/>
+        <site name="tip" pos="0.04 0 0"/>
+      </body>
+    </body>
+    <site name="s0" pos="-0.02 0 0.31"/>
+  </worldbody>
+  <tendon>
+    <spatial name="cable"><site site="s0"/><site site="s1"/><site site="s2"/></spatial>
+  </tendon>
+  <actuator>
+    <position name="pull" tendon="cable" kp="2000" kv="20" ctrlrange="0 0.2"/>
+  </actuator>
+</mujoco>
+"""
+"""A finger of two joints with springs, on one cable."""

@@ -158,7 +158,8 @@ def _tracking(
             sense=options.sense,
             limits=limits,
             implicit_damping=plant.implicit_damping,
-            springs=unused == "locked",  # without them a strut that is let go would be lost
+            # Without them a strut that is let go would be lost, or a finger on one cable.
+            springs=unused == "locked" or robot.springs_hold,
             unused=unused,
             feedforward=options.feedforward != "off",
         )

@@ -16,7 +16,8 @@ from experiments.rig.options import RobotOptions
 from experiments.study.draw import Draw
 from experiments.study.study import WrongInput
 from ftc.goal import Goal
-from ftc.tracking import mapping_for
+from ftc.tracking import is_possible, mapping_for
+from prioritized import ConstrainedSystem
 from sim import (
     Array,
     Bench,
@@ -104,8 +105,24 @@ class Robot:
     @cached_property
     def mechanism(self) -> Mechanism:
         """The controller's own model, which knows no state: all readers share it."""
-        scene = self.scene
-        return Mechanism(scene.own, scene.own_start, scene.frame, self.options.axes)
+        return self._mechanism(springs=True) if self.springs_hold else self._rigid
+
+    @cached_property
+    def springs_hold(self) -> bool:
+        """Whether springs, and neither actuators nor loops, decide how the major rows move."""
+        jac, major = self._rigid.nominal.jacobians, list(self.options.rows)
+        rigid = ConstrainedSystem.of(jac).kinematics().manipulability(major)
+        if not rigid.unstable_major or jac.stiffness is None:
+            return False
+        return is_possible(ConstrainedSystem.of(jac, True).kinematics().manipulability(major))
+
+    @cached_property
+    def _rigid(self) -> Mechanism:
+        return self._mechanism(springs=False)
+
+    def _mechanism(self, *, springs: bool) -> Mechanism:
+        scene, axes = self.scene, self.options.axes
+        return Mechanism(scene.own, scene.own_start, scene.frame, axes, springs=springs)
 
     def bench(
         self,

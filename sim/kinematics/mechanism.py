@@ -23,6 +23,8 @@ from sim.mjcf.transmission import drives
 
 _LOOPS_FIRST = 1e4
 """Weight of the closures against the commanded displacements, which may contradict them."""
+_SPRINGS_LAST = 1e-4
+"""Weight of the springs, which decide only what closures and displacements leave free."""
 _ROUND_OFF = 1e-10
 
 
@@ -70,6 +72,7 @@ class Mechanism:
         axes: str | None = None,
         *,
         pinned: Iterable[str | Body | Pin] = (),
+        springs: bool = False,
     ) -> None:
         """Take private copies.
 
@@ -79,6 +82,8 @@ class Mechanism:
             site: The task frame: a site's name, or a :class:`Body`.
             axes: Site that gives the axes of the task; None is the world.
             pinned: Frames that stay where they are.
+            springs: Whether what closures and actuators leave free moves as the springs have it,
+                with their least energy, as of a finger on one cable.
 
         Raises:
             sim.ModelError, sim.ClosureError, ValueError, TypeError: As :func:`jacobians`.
@@ -96,7 +101,13 @@ class Mechanism:
         self._payload = Payload.at_rest(self._data, frame, base)
         gauged = drives(self._model)
         self._gauges = Displacements.from_here(self._model, self._data, gauged)
+        self._springs: Array | None = None
         self.nominal = self._posture(self._data.qpos.copy())
+
+        if springs and (K := self.nominal.jacobians.stiffness) is not None:
+            size, modes = np.linalg.eigh(K)
+            weights = _SPRINGS_LAST * np.sqrt(size.clip(0.0) / max(size[-1], _ROUND_OFF))
+            self._springs = weights[:, None] * modes.T
 
     def jacobians(self, posture: JointPosture) -> Jacobians:
         """The Jacobians in a posture."""
@@ -117,7 +128,7 @@ class Mechanism:
 
         One Newton step on the joint positions, closures first: a control tick moves so little that
         it lands within round-off. Displacements that contradict the closures are met with least
-        error. What nothing determines stays where it is.
+        error. What nothing determines stays where it is, or moves as the springs have it.
 
         Raises:
             ValueError: `displacements` of another number, or not finite.
@@ -132,9 +143,10 @@ class Mechanism:
         rows[np.arange(len(held)), jac.active[held]] = 1.0
         gaps = np.zeros(len(J_C))
         gaps[: len(posture.gaps)] = posture.gaps
+        springs = rows[:0] if self._springs is None else self._springs
         step = scipy.linalg.lstsq(
-            np.vstack([_LOOPS_FIRST * J_C, rows]),
-            np.concatenate([-_LOOPS_FIRST * gaps, missing]),
+            np.vstack([_LOOPS_FIRST * J_C, rows, springs]),
+            np.concatenate([-_LOOPS_FIRST * gaps, missing, np.zeros(len(springs))]),
             cond=_ROUND_OFF,
             lapack_driver="gelsy",
             check_finite=False,

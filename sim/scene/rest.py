@@ -16,7 +16,7 @@ from sim.plant.holding import Balance, balance, refuse_beyond_ranges
 
 LONGEST_S = 10.0
 """Of physics, in which a file comes to rest."""
-SLOW = 1e-6
+SLOW = 1e-8
 """Speed of the joints of a robot at rest, [rad]/[s] or [m]/[s]."""
 SLOW_BESIDE = 1e-3
 """Speed of all else at rest."""

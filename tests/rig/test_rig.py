@@ -18,6 +18,7 @@ from ftc.fdi.fault_model import Fault
 from ftc.oracle import NEVER, OracleController
 from sim import HEXAPOD_MJCF, Failure, Mechanism, Plant
 from sim.kinematics.reader import JacobianReader
+from tests.robots import FINGER
 
 FAILED_S = 0.5
 
@@ -348,3 +349,13 @@ def test_python_refuses_by_the_names_of_its_arguments(at_a_desk, wrong, said):
 def test_weights_and_pins_are_numbers_and_names_in_python(at_a_desk):
     one = Rig.of_mjcf(at_a_desk, site="tool", major=[3, 5], joint_weight=[1.0, 4.0])
     assert one.goal.joint_weight == (1.0, 4.0)
+
+
+def test_a_finger_on_one_cable_flies_as_its_springs_have_it(tmp_path):
+    """One cable for two joints: their springs say how they share its way."""
+    file = tmp_path / "finger.xml"
+    file.write_text(FINGER)
+    one = Rig.of_mjcf(file, site="tip", major=[5])
+    path = one.path("circle", duration_s=2.0)
+    run = one.fly(one.controller(), path)
+    assert np.sqrt(((run.desired - run.true) ** 2).mean()) < 2e-3 * one.size

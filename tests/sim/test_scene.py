@@ -15,6 +15,7 @@ from sim.mjcf.frame import located
 from sim.mjcf.part import Part, task_part
 from sim.scene.reduced import reduced
 from sim.scene.scene import Scene, robot_scene
+from tests.robots import FINGER
 
 LINK = '<joint name="{0}" axis="{1}"/><geom size="0.02" pos="0.05 0.01 0" mass="{2}"/>'
 
@@ -377,3 +378,16 @@ def test_a_weak_actuator_lets_another_bear_what_is_beyond_its_range():
     np.testing.assert_allclose(plant.data.actuator_force, [5.0, 2 * 9.81 - 5.0], rtol=1e-6)
     plant.step(np.zeros(1), 1.0)
     assert np.abs(plant.displacements()).max() < 1e-6
+
+
+def test_a_finger_on_one_cable_begins_where_cable_and_springs_hold_it(tmp_path):
+    """Two joints, one cable: where it stands is for the springs to say, and there it stays."""
+    file = tmp_path / "finger.xml"
+    file.write_text(FINGER)
+    scene = robot_scene(file, "tip", None, mujoco.MjData)
+    assert "one by" in scene.moved[0] and "two by" in scene.moved[0]
+    plant = Plant(scene.whole, base=None, payload="tip", start=scene.start, part=scene.part)
+    plant.step(np.zeros(1), 2.0)
+    assert np.abs(plant.pose().displacement()).max() < 1e-5
+    plant.step(np.array([-1e-4]), 2.0)
+    np.testing.assert_allclose(plant.displacements(), [-1e-4], atol=2e-5)
