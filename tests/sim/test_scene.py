@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sim import Array, Body, ModelError, Pin, Plant
+from prioritized import ConstrainedSystem
+from sim import Array, Body, ModelError, Pin, Plant, jacobians, load_model
 from sim.closing.equalities import closure_rows
 from sim.mjcf.frame import located
 from sim.mjcf.part import Part, task_part
@@ -391,3 +392,39 @@ def test_a_finger_on_one_cable_begins_where_cable_and_springs_hold_it(tmp_path):
     assert np.abs(plant.pose().displacement()).max() < 1e-5
     plant.step(np.array([-1e-4]), 2.0)
     np.testing.assert_allclose(plant.displacements(), [-1e-4], atol=2e-5)
+
+
+THRUSTERS = """
+<mujoco>
+  <worldbody>
+    <body name="body" pos="0 0 1">
+      <freejoint/>
+      <geom type="box" size="0.1 0.1 0.02" mass="1"/>
+      <site name="middle"/>
+      {sites}
+    </body>
+  </worldbody>
+  <actuator>{motors}</actuator>
+</mujoco>
+"""
+
+
+def test_thrusters_have_the_attainable_set_of_any_actuator_and_no_flight_of_a_servo(tmp_path):
+    """Four of 0 to 4 N lift with 0 to 16 N; each alone tilts by its arm of 0.1 m."""
+    corners = [(x, y) for x in (0.1, -0.1) for y in (0.1, -0.1)]
+    sites = [f'<site name="s{k}" pos="{x} {y} 0"/>' for k, (x, y) in enumerate(corners)]
+    motors = [
+        f'<motor name="t{k}" site="s{k}" gear="0 0 1 0 0 0" ctrlrange="0 4"/>' for k in range(4)
+    ]
+    file = tmp_path / "thrusters.xml"
+    file.write_text(THRUSTERS.format(sites="".join(sites), motors="".join(motors)))
+    model = load_model(file)
+    jac = jacobians(model, mujoco.MjData(model), site="middle")
+    kin, limits = ConstrainedSystem.of(jac).kinematics(), tuple(jac.machine.force_range.T)
+    lift = kin.attainable_force([5], limits)
+    np.testing.assert_allclose([lift.support([1.0]), lift.support([-1.0])], [16.0, 0.0], atol=1e-9)
+    tilt = kin.attainable_force([0], limits)
+    np.testing.assert_allclose(tilt.support([1.0]), 2 * 4 * 0.1, atol=1e-9)
+    for servo_hz in (None, 2.0):
+        with pytest.raises(ModelError, match="force mapping"):
+            robot_scene(file, "middle", None, mujoco.MjData, servo_hz=servo_hz)
