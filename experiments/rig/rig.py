@@ -37,7 +37,7 @@ class Rig(ABC):
 
     Attributes:
         title: For people.
-        model: As its controller has it.
+        model: Of all that the file holds; the controller has what belongs to the task.
         actuators: Their names: the file's own; of several on one joint or tendon, or of one
             without a name, that of the joint or tendon.
         aliases: Other names of each, of its joint for one.

@@ -88,23 +88,16 @@ def robot_scene(
     Raises:
         sim.ModelError, sim.ClosureError: The file, a frame, or what does not rest.
     """
-    spec, model = load_spec(file)
-    data, frame = begin(model), frame_named(model, frame)
-    stated = data.qpos.copy()
-    _clamp(model, data)
-    pinned = [replace(pin, frame=frame_named(model, pin.frame)) for pin in pinned]
-    mujoco.mj_fwdPosition(model, data)
-    stand(spec, model, data, pinned)
-    changed = add_locks(spec, model)
-    if changed or pinned:
-        model = spec.compile()
+    spec, frame, stated = _compiled(file, frame, begin, pinned)
+    model = spec.compile()
     start = begin(model)
     _clamp(model, start)
     start = assemble(model, start)
     mujoco.mj_forward(model, start)
     part = task_part(model, _frames(model, frame, axes), np.flatnonzero(start.eq_active).tolist())
     if not part.actuators:
-        raise ModelError(f"no actuator moves {frame}: take a frame that the robot carries")
+        called = frame.name if isinstance(frame, Body) else frame
+        raise ModelError(f"no actuator moves {called}: take a frame that the robot carries")
     if servo_hz is not None:
         used = part.actuators
         model = servoed(model, natural_frequency_hz=servo_hz, data=start, among=used)
@@ -112,22 +105,46 @@ def robot_scene(
     held = is_held(part, start)
     if held and not part.rest and not pinned:
         return Scene(model, start, frame, None, model, start, _moved(part, stated, start))
-    _refuse_a_falling_base(part, start)
-    rested = settled(part, start)
-    moved = _moved(part, stated, rested)
-    if held and not is_held(part, rested):
-        raise ModelError(
-            f"the servos balance the start and do not keep it: {moved[0]}; make them stiffer "
-            "(--servo for torque motors) or pin more (--pinned)"
-        )
-    _refuse_what_moves(part, rested)
+    rested = _rested(part, start, held=held)
     own = model
     if part.rest:
         own = reduced(spec, part, rested)
         _take_actuators(own, part)
     own_start = mujoco.MjData(own)
     own_start.qpos[:] = rested.qpos[part.positions]
+    moved = _moved(part, stated, rested)
     return Scene(model, rested, frame, part, own, assemble(own, own_start), moved)
+
+
+def _compiled(
+    file: str | Path,
+    frame: str | Body,
+    begin: Callable[[mujoco.MjModel], mujoco.MjData],
+    pinned: Sequence[Pin],
+) -> tuple[mujoco.MjSpec, str | Body, Array]:
+    """The file with locks and pins, the task frame, and the joint positions in the file."""
+    spec, model = load_spec(file)
+    data = begin(model)
+    stated = data.qpos.copy()
+    _clamp(model, data)
+    mujoco.mj_fwdPosition(model, data)
+    stand(spec, model, data, [replace(pin, frame=frame_named(model, pin.frame)) for pin in pinned])
+    add_locks(spec, model)
+    return spec, frame_named(model, frame), stated
+
+
+def _rested(part: Part, start: mujoco.MjData, *, held: bool) -> mujoco.MjData:
+    """Where all comes to rest; `held` says whether the start is balanced."""
+    _refuse_a_falling_base(part, start)
+    rested = settled(part, start)
+    if held and not is_held(part, rested):
+        left = "; ".join(_moved(part, start.qpos, rested))
+        raise ModelError(
+            f"the servos balance the start and do not keep it: {left}; make them stiffer (--servo "
+            "for torque motors) or pin more (--pinned)"
+        )
+    _refuse_what_moves(part, rested)
+    return rested
 
 
 def _clamp(model: mujoco.MjModel, data: mujoco.MjData) -> None:
