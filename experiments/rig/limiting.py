@@ -17,8 +17,8 @@ _OFTEN = 0.01
 def limiting(rig: Rig, run: Run, failures: Sequence[Failure] = ()) -> str | None:
     """What most of the error of a flight comes from; None: nothing that is known here.
 
-    Forces at their limits are seen in the run; noise and the time in which loops make up for a
-    failure by comparison with the linear model, without noise and with the run's own.
+    Forces at their limits are seen in the run; noise, dry friction and the time in which loops make
+    up for a failure by comparison with the linear model without them.
 
     Args:
         rig: The robot.
@@ -47,8 +47,11 @@ def limiting(rig: Rig, run: Run, failures: Sequence[Failure] = ()) -> str | None
         return _after(rig, run, _of(rig, still.rms_after) > after / 2)
     if _of(rig, still.rms_before) < before / 2 < _of(rig, sound.rms_before):
         return "Most of the error is noise of the sensors, which the loops pass on."
-    if rig.model.dof_frictionloss.any() and _of(rig, sound.rms_before) < before / 2:
-        return "Most of the error is from dry friction in the joints."
+    if rig.nominal.friction is not None:
+        smooth = replace(rig, nominal=replace(rig.nominal, friction=None))
+        without = smooth.predict(run.desired, failures=none, noise=noise)
+        if _of(rig, without.rms_before) < before / 2:
+            return "Most of the error is from dry friction in the joints."
     return None
 
 

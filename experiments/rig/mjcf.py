@@ -132,7 +132,7 @@ def robot_rig(file: Path, options: RobotOptions, at: Array | None = None) -> Rob
             reference_limit=np.full(len(rows), robot.size),
         ),
         warnings=warnings_of(robot),
-        left_out=robot.scene.left_out,
+        part=robot.scene.part,
         robot=robot,
         track=track,
         mismatch=EXACT,

@@ -29,6 +29,7 @@ from ftc.supervisor import Supervisor, Unused
 from prioritized import Manipulability
 from sim import Array, Bench, Failure, Pose
 from sim.mjcf.drive import number_of
+from sim.mjcf.part import Part
 
 
 @dataclass(frozen=True)
@@ -57,7 +58,7 @@ class Rig(ABC):
         unused: What an actuator without force counts as: its own spring holds it, or not.
         task: What somebody else's controller is told.
         warnings: What was left out of the model, and what a user would not expect.
-        left_out: Joints of the model, or bodies, that are no part of the task, by name.
+        part: What of the model the task involves; None is everything.
     """
 
     title: str
@@ -80,7 +81,7 @@ class Rig(ABC):
     unused: Unused
     task: ControlTask
     warnings: tuple[str, ...]
-    left_out: tuple[str, ...]
+    part: Part | None
 
     @staticmethod
     def hexapod(
@@ -166,6 +167,11 @@ class Rig(ABC):
             if start is not None and not isinstance(start, str | int):
                 at = check.finite("start", start)
             return robot_rig(Path(file), options, at).drawn(mismatch, seed)
+
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """Joints of the model, or bodies, that are no part of the task, by name."""
+        return () if self.part is None else self.part.left_out
 
     @property
     def period_s(self) -> float:

@@ -187,8 +187,8 @@ def robot_of(file: Path, options: RobotOptions, at: Array | None) -> Robot:
 def warnings_of(robot: Robot) -> tuple[str, ...]:
     """What the linear model and the mapping leave out."""
     scene, beside = robot.scene, ()
-    if scene.left_out:
-        names = listed(scene.left_out)
+    if scene.part is not None and scene.part.left_out:
+        names = listed(scene.part.left_out)
         beside = (f"no part of the task, and left to itself: {names}",)
     if idle := robot.linear.idle:
         beside = (*beside, f"nothing holds, and no task feels, a motion of {listed(idle)}")

@@ -10,8 +10,7 @@ import numpy as np
 from ftc.fdi.fault_model import FaultKind
 from ftc.loop import Controller, run_loop
 from ftc.supervisor import SupervisorState
-from sim import Array, Bench, Failure, Pose
-from sim.mjcf.transmission import drives
+from sim import Array, Bench, Drive, Failure, Pose
 
 if TYPE_CHECKING:
     from experiments.rig.rig import Rig
@@ -129,7 +128,7 @@ def flown(
         displacement=bench.displacement[kept],
         qpos=bench.qpos[kept],
         closure_m=bench.closure_residual_m[kept],
-        saturated=_saturated(rig, bench.actuator_force[kept]),
+        saturated=_saturated(bench.plant.drives, bench.actuator_force[kept]),
         state=state,
         diagnoses=named,
         task_lost=supervised and state.task_lost,
@@ -143,10 +142,10 @@ def after_rest(ticks: int, signal: Array) -> Array:
     return np.concatenate([np.zeros((ticks, *signal.shape[1:])), signal])
 
 
-def _saturated(rig: "Rig", force: Array) -> Array:
+def _saturated(drives: Sequence[Drive], force: Array) -> Array:
     """Of each drive (N, n), from the forces of all outputs of the actuators."""
     at_limit = []
-    for drive in drives(rig.model):
+    for drive in drives:
         along, (lower, upper) = force[:, drive.outputs] @ drive.gear, drive.force_range
         at_limit.append((along <= lower) | (along >= upper))
     return np.column_stack(at_limit)

@@ -139,7 +139,7 @@ def run_track(
 
         return {"failures": failures, "seed": seed, "on_tick": on_tick}
 
-    met = Met(rig.model)
+    met = Met(rig.model, rig.part)
     run, other = rig.fly(pilot, desired, events=met, **options_of(0)), None
     if controller is not None:
         other = Other(controller, *fly_with(rig, controller, desired, **options_of(1)))

@@ -18,8 +18,9 @@ from ftc.control.frequency_response import SampledSystem, frequency_response
 if TYPE_CHECKING:  # imported by what needs it: it takes a second, and controllers need no design
     import control
 
-_SLOWEST, _FASTEST = 1e-7, 0.4999
-"""Frequencies at which loops are looked at, in parts of the sampling frequency."""
+_SLOWEST, _SLOW, _FASTEST = 1e-7, 1e-4, 0.4999
+"""Frequencies at which loops are looked at, in parts of the sampling frequency: few up to the
+second, where there are no modes."""
 
 
 class UnstableLoop(ValueError):
@@ -144,7 +145,7 @@ def margins(L: SampledSystem) -> Margins:
     from scipy.optimize import brentq  # late: only the design needs it
 
     # On the frequency response: the polynomial method loses its digits on a dozen plant states.
-    frequencies = 2 * np.pi / L.dt * np.geomspace(_SLOWEST, _FASTEST, 12_000)
+    frequencies = _frequencies(L.dt, _FASTEST, 8000)
     curve = frequency_response(L, frequencies)[:, 0, 0]
 
     def at(frequency_rad_s: float) -> complex:
@@ -185,9 +186,14 @@ def sensitivity_peak(L: SampledSystem) -> float:
     inverse is the distance of the loops from instability; a well-damped single loop has less
     than 2.
     """
-    frequency_rad_s = 2 * np.pi / L.dt * np.geomspace(_SLOWEST, 0.45, 6000)
-    response = frequency_response(L, frequency_rad_s)
+    response = frequency_response(L, _frequencies(L.dt, 0.45, 3000))
     S = np.linalg.inv(np.eye(len(response[0])) + response)
     largest = np.linalg.norm(S, 2, axis=(1, 2))
     perron = np.abs(np.linalg.eigvals(np.abs(S))).max(axis=1)
     return float(np.minimum(largest, perron).max())
+
+
+def _frequencies(period_s: float, fastest: float, count: int) -> Array:
+    """Up to a part of the sampling frequency, [rad]/[s], so many of them above the slow ones."""
+    slow = np.geomspace(_SLOWEST, _SLOW, count // 16, endpoint=False)
+    return 2 * np.pi / period_s * np.append(slow, np.geomspace(_SLOW, fastest, count))

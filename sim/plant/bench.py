@@ -92,6 +92,7 @@ class Bench:
     """A plant with sensors and drives, as :class:`ftc.loop.Machine`.
 
     Attributes:
+        plant: The machine itself.
         rotation: True rotation of the task frame at each tick, shape (N, 3, 3).
         translation_m: Its true translation, shape (N, 3).
         displacement: True displacements of the actuators, shape (N, n).
@@ -160,7 +161,7 @@ class Bench:
                     f"hysteresis must have one row for each of {len(plant.drives)} actuators, "
                     f"got shape {hysteresis.slip.shape}"
                 )
-        self._plant, self._sensors, self._drives = plant, sensors, drives
+        self.plant, self._sensors, self._drives = plant, sensors, drives
         hooks = [getattr(events, name, None) for name in ("plant", "measured", "sent")]
         if events is not None and not any(map(callable, hooks)):
             raise TypeError("events must have plant, measured or sent, got " + check.shown(events))
@@ -182,7 +183,7 @@ class Bench:
 
     def measure(self) -> Reading:
         """What the sensors read, after what happens now."""
-        plant, tick = self._plant, self._tick
+        plant, tick = self.plant, self._tick
         while self._to_come and self._to_come[0].time_s <= self._time_s[tick]:
             self._to_come.pop(0).strike(plant)
         if self._floor is not None:
@@ -210,12 +211,12 @@ class Bench:
         if self._hysteresis is not None:
             self._slip(self._hysteresis)
         if self._on_plant is not None:
-            self._on_plant(self._tick, self._plant.model, self._plant.data)
-        self._plant.step(command, self._period_s)
+            self._on_plant(self._tick, self.plant.model, self.plant.data)
+        self.plant.step(command, self._period_s)
         self._tick += 1
 
     def _slip(self, hysteresis: MaxwellSlip) -> None:
         """Load the plant with the forces of hysteresis at the displacements measured."""
         here, before = self.displacement[self._tick], self.displacement[max(self._tick - 1, 0)]
         self._stretch = hysteresis.moved(self._stretch, here - before)
-        self._plant.load(hysteresis.force(self._stretch))
+        self.plant.load(hysteresis.force(self._stretch))

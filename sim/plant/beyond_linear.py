@@ -10,6 +10,7 @@ from sim.array import Array
 from sim.closing.equalities import equality_name
 from sim.mjcf.limits import at_limits, touching
 from sim.mjcf.model import name_of
+from sim.mjcf.part import Part
 from sim.mjcf.transmission import drives
 from sim.plant.friction import dry_friction
 
@@ -88,20 +89,24 @@ class Met:
         sentences: So far, each once.
     """
 
-    def __init__(self, model: mujoco.MjModel) -> None:
-        """With a model of the plant."""
+    def __init__(self, model: mujoco.MjModel, part: Part | None = None) -> None:
+        """With a model of the plant, and what of it counts; None is everything."""
         self.sentences: dict[str, None] = {}
-        self._forces = [(out, each.name) for each in drives(model) for out in each.outputs]
+        self._part, among = part, None if part is None else part.actuators
+        own = drives(model, among=among)
+        self._forces = [(out, each.name) for each in own for out in each.outputs]
 
     def plant(self, tick: int, model: mujoco.MjModel, data: mujoco.MjData) -> None:
         """Look at the end of the tick before."""
         if data.ncon:
             for a, b in touching(model, data):
-                ends = (name_of(model.body(k)) for k in (b, a))
-                self._meet("{} touched {}".format(*(f'"{end}"' for end in ends)))
+                if self._part is None or set(model.body_weldid[[a, b]]) & self._part.bodies:
+                    ends = (name_of(model.body(k)) for k in (b, a))
+                    self._meet("{} touched {}".format(*(f'"{end}"' for end in ends)))
         if data.nl:
             for limit in at_limits(model, data):
-                self._meet(f'{limit.kind} "{limit.name}" reached its limit')
+                if self._part is None or limit.name not in self._part.left_out:
+                    self._meet(f'{limit.kind} "{limit.name}" reached its limit')
         for output, name in self._forces:
             if model.actuator_forcelimited[output] and _at_end(
                 data.actuator_force[output], model.actuator_forcerange[output]

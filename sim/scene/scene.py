@@ -57,11 +57,6 @@ class Scene:
     own_start: mujoco.MjData
     moved: tuple[str, ...]
 
-    @property
-    def left_out(self) -> tuple[str, ...]:
-        """Names of the joints, or bodies, that are no part of the task."""
-        return () if self.part is None else self.part.left_out
-
 
 def robot_scene(
     file: str | Path,

@@ -39,7 +39,7 @@ def test_a_servo_that_saturates_is_named_with_the_part_of_the_time(tmp_path):
     steps: dict[str, Any] = {"path": "steps", "size": 0.1, "noise": 1e-6}
     found = said(tmp_path, **steps)
     assert found is not None
-    assert re.match(r"The servo of joint\d saturates: it gives its largest force for \d+ %", found)
+    assert re.match(r"The servo of servo\d saturates: it gives its largest force for \d+ %", found)
     assert said(tmp_path, torque=1e6, **steps) is None
 
 
@@ -56,7 +56,7 @@ def test_slow_loops_are_named_after_a_lock_that_they_make_up_for(tmp_path):
     path = rig.path("circle", duration_s=2.0, turn_s=2.0)
     stuck = [Failure("joint4", "locked", 1.0)]
     run = rig.fly(rig.supervisor("none"), path, failures=stuck)
-    assert [each.actuator for each in run.diagnoses] == ["joint4"]
+    assert [each.actuator for each in run.diagnoses] == ["servo4"]
     found = limiting(rig, run, stuck)
     assert found is not None and "whose crossover is at 0.14 Hz, take to make up" in found
     unaware = rig.fly(rig.controller(), path, failures=stuck)

@@ -3,6 +3,9 @@
 import mujoco
 import pytest
 
+from sim import Body
+from sim.mjcf.frame import located
+from sim.mjcf.part import task_part
 from sim.plant.beyond_linear import Met, beyond_linear
 
 PAIR = """
@@ -86,3 +89,21 @@ def test_a_run_names_what_it_met():
         'joint "a" reached its limit',
         'the force of "a" reached its limit',
     }
+
+
+def test_what_lies_beside_a_task_is_not_met():
+    """A cup on the floor touches it in every flight, and that is no news of the arm."""
+    model = mujoco.MjModel.from_xml_string(
+        """<mujoco><worldbody><geom type="plane" size="1 1 .1"/>
+        <body name="cup" pos="0 0 .049"><freejoint/><geom size=".05"/></body>
+        <body name="arm" pos=".5 0 .5"><joint name="j" axis="0 1 0"/><geom size=".05"/></body>
+        </worldbody><actuator><position joint="j"/></actuator></mujoco>"""
+    )
+    data = mujoco.MjData(model)
+    mujoco.mj_step(model, data)
+    part = task_part(model, [located(model, "site", Body("arm"))], ())
+    everything, of_task = Met(model), Met(model, part)
+    for met in (everything, of_task):
+        met.plant(0, model, data)
+    assert list(everything.sentences) == ['"cup" touched "world"']
+    assert not of_task.sentences

@@ -50,7 +50,7 @@ KEYS = {
     *("rms_before", "rms_after", "predicted_rms_before", "predicted_rms_after", "possible_after"),
     *("diagnoses", "dither", "task_lost", "closure_residual_max_m", "verdict", "files"),
     *("prediction_off_before", "prediction_off_after", "status", "warnings", "feedforward"),
-    *("predicted_rms_after_when_named", "advice"),
+    *("predicted_rms_after_when_named", "advice", "left_out"),
     *("measured_over_predicted_before", "measured_over_predicted_after", "dry_friction", "met"),
     "limited_by",
 }
@@ -355,7 +355,7 @@ TO_THE_HAND = {"site": "hand", "major": "3,4,5", "crossover": 0.5, "duration": 0
 
 @pytest.mark.long
 def test_no_command_leaves_a_limit_that_binds_and_six_other_joints_do_the_task(panda, tight):
-    """As well as without it; commands beyond the range, which the servo clips, do worse."""
+    """Within 1 % of the path; commands beyond the range, which the servo clips, do far worse."""
     quiet: dict[str, Any] = TO_THE_HAND | {"size": 2e-3, "turn": 1.0, "noise": 1e-6}
     free, held = tracked(panda, **quiet), tracked(tight, **quiet)
     clipped = tracked(tight, **quiet, limits="none", diagnosis="off")
@@ -364,8 +364,8 @@ def test_no_command_leaves_a_limit_that_binds_and_six_other_joints_do_the_task(p
     error = [
         np.sqrt(((each.run.desired - each.run.true) ** 2).mean()) for each in (free, held, clipped)
     ]
-    assert error[1] == pytest.approx(error[0], rel=0.05)
-    assert error[2] > 1.5 * error[0]
+    assert error[0] < error[1] < 0.01 * held.rig.size
+    assert error[2] > 10 * error[1]
 
 
 FLOATING = """

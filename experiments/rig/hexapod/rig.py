@@ -174,7 +174,7 @@ def rig_of(
             reference_limit=np.full(len(MAJOR), radius_rad),
         ),
         warnings=(),
-        left_out=(),
+        part=None,
         testbed=testbed,
         elastic=elastic_system(model),
     )
