@@ -52,10 +52,13 @@ def stand(
         equality = spec.add_equality(name=f"pin{k}", type=kind)
         equality.objtype, equality.name1, equality.name2 = mujoco.mjtObj.mjOBJ_SITE, here, there
         stiffen(equality, model.opt.timestep)
-    for number in dict.fromkeys(frame.body for frame in frames):
-        body = by_number[number]
-        body.name = body.name or f"pinned_body{number}"
-        spec.add_exclude(bodyname1=spec.worldbody.name, bodyname2=body.name)
+    rigid = model.body_weldid  # bodies without a joint between them are one
+    stands = {int(rigid[frame.body]) for frame in frames} - {0}
+    for here in np.flatnonzero(np.isin(rigid, list(stands))).tolist():
+        for there in np.flatnonzero(rigid == 0).tolist():
+            for number in (here, there):
+                by_number[number].name = by_number[number].name or f"body{number}_of_the_file"
+            spec.add_exclude(bodyname1=by_number[there].name, bodyname2=by_number[here].name)
 
 
 def standing(part: Part, data: mujoco.MjData) -> list[str]:
