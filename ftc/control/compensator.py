@@ -13,7 +13,7 @@ import numpy as np
 
 from argument_checks import Array
 from argument_checks.ties import least
-from ftc.control.frequency_response import SampledSystem, frequency_response
+from ftc.control.frequency_response import SampledSystem, frequency_response, response_of
 
 if TYPE_CHECKING:  # imported by what needs it: it takes a second, and controllers need no design
     import control
@@ -21,6 +21,10 @@ if TYPE_CHECKING:  # imported by what needs it: it takes a second, and controlle
 _SLOWEST, _SLOW, _FASTEST = 1e-7, 1e-4, 0.4999
 """Frequencies at which loops are looked at, in parts of the sampling frequency: few up to the
 second, where there are no modes."""
+
+
+_ROUND_OFF = 1e-13
+"""Part of a response."""
 
 
 class UnstableLoop(ValueError):
@@ -146,13 +150,17 @@ def margins(L: SampledSystem) -> Margins:
 
     # On the frequency response: the polynomial method loses its digits on a dozen plant states.
     frequencies = _frequencies(L.dt, _FASTEST, 8000)
-    curve = frequency_response(L, frequencies)[:, 0, 0]
+    response = response_of(L)
+    curve = response(frequencies)[:, 0, 0]
 
     def at(frequency_rad_s: float) -> complex:
-        return complex(frequency_response(L, np.array([frequency_rad_s]))[0, 0, 0])
+        return complex(response(np.array([frequency_rad_s]))[0, 0, 0])
 
     def crossings(of: Callable[[Any], Any]) -> Iterator[float]:
         for k in np.flatnonzero(np.diff(np.sign(of(curve)))):
+            if abs(of(curve[k])) <= _ROUND_OFF * abs(curve[k]):  # it is there, whatever its sign
+                yield float(frequencies[k])
+                continue
             ends = frequencies[k : k + 2]
             # Of many frequencies at once the last bits are others than of one.
             if of(at(ends[0])) * of(at(ends[1])) <= 0.0:

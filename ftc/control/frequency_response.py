@@ -6,6 +6,7 @@ form. A solution of its own for each frequency takes twenty times as long. Eigen
 do, since masses that no spring holds have double poles.
 """
 
+from collections.abc import Callable
 from typing import Any, Protocol
 
 import numpy as np
@@ -50,13 +51,23 @@ def frequency_response(system: SampledSystem, frequency_rad_s: Array) -> Array:
         system: With s states, m inputs and p outputs.
         frequency_rad_s: Frequencies w, shape (F,), none of them that of an undamped mode.
     """
+    return response_of(system)(frequency_rad_s)
+
+
+def response_of(system: SampledSystem) -> Callable[[Array], Array]:
+    """The same as a function of the frequencies, for whoever asks for some after others."""
     # A loop in series has states of very different sizes, which an orthogonal U alone would mix.
     (A, (scale, _)) = scipy.linalg.matrix_balance(system.A, permute=False, separate=True)
     T, U = scipy.linalg.schur(A, output="complex")
     B, C = U.conj().T @ (system.B / scale[:, None]), (system.C * scale) @ U
-    z = np.exp(1j * frequency_rad_s * system.dt)
-    states = np.empty((*B.shape, len(z)), dtype=complex)
-    for k in reversed(range(len(T))):
-        others = np.tensordot(T[k, k + 1 :], states[k + 1 :], axes=1)
-        states[k] = (B[k, :, None] + others) / (z - T[k, k])
-    return np.moveaxis(np.tensordot(C, states, axes=1), -1, 0) + system.D
+    D, period_s = system.D, system.dt
+
+    def at(frequency_rad_s: Array) -> Array:
+        z = np.exp(1j * frequency_rad_s * period_s)
+        states = np.empty((*B.shape, len(z)), dtype=complex)
+        for k in reversed(range(len(T))):
+            others = np.tensordot(T[k, k + 1 :], states[k + 1 :], axes=1)
+            states[k] = (B[k, :, None] + others) / (z - T[k, k])
+        return np.moveaxis(np.tensordot(C, states, axes=1), -1, 0) + D
+
+    return at
