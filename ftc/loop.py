@@ -81,7 +81,7 @@ def run_loop(
         controller: The controller.
         reference: Of the major task, tick by tick, shape (N, m1).
         feedforward: Demands that are known beforehand, shape (N, m1), for a controller whose `step`
-            takes `feedforward`, as those of :mod:`ftc`; None is none.
+            takes `feedforward`, as those of `ftc`; None is none.
 
     Raises:
         ValueError: The reference is no matrix, the feedforward of another shape, or not finite.

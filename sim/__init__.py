@@ -52,6 +52,7 @@ from sim.mjcf.model import element_id as element_id
 from sim.mjcf.model import load_model as load_model
 from sim.mjcf.model import model_sha256 as model_sha256
 from sim.mjcf.model import weightless as weightless
+from sim.mjcf.part import Part as Part
 from sim.mjcf.ranges import Ranges as Ranges
 from sim.mjcf.ranges import ranges as ranges
 from sim.plant.amplifier import Amplifier as Amplifier
@@ -66,6 +67,7 @@ from sim.plant.displacement_limits import displacement_limits as displacement_li
 from sim.plant.failure import Failure as Failure
 from sim.plant.failure import FailureKind as FailureKind
 from sim.plant.failure import failed_plant as failed_plant
+from sim.plant.friction import Friction as Friction
 from sim.plant.linear import LinearPlant as LinearPlant
 from sim.plant.linear import linearize as linearize
 from sim.plant.plant import Plant as Plant
