@@ -8,7 +8,8 @@ white of unit variance; the covariance says which parameters the motion so far h
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
+from scipy.linalg.lapack import dgeqrf
+from scipy.linalg.lapack import dtrtrs as solve
 
 from argument_checks import Array
 from ftc.fdi.uncertainty import Uncertainty
@@ -53,29 +54,35 @@ class Parameters:
         walk = np.diag(rate * np.sqrt(time_s))
         return Parameters(self.mean, _lower(np.hstack([self.root, walk])))
 
-    def innovations(self, white: Array, regressors: Array) -> Array:
-        """Of whitened residuals (p,) with regressors (J + p, p): their prediction errors.
+    def measured(self, white: Array, regressors: Array) -> tuple[Array, "Parameters"]:
+        """Prediction errors of whitened residuals (p,), and the parameters after them.
 
-        In standard deviations, which grow with the regressors and with the covariance.
+        The errors are in standard deviations, which grow with the regressors and with the
+        covariance.
+
+        Args:
+            white: The residuals.
+            regressors: Shape (J + p, p).
         """
         p = len(white)
-        root = _lower(np.hstack([np.eye(p), regressors.T @ self.root]))
-        surprise = white - self.mean @ regressors
-        return scipy.linalg.solve_triangular(root, surprise, lower=True)
+        before = np.zeros((p + len(self.mean), p + len(self.mean)))
+        before[:p, :p] = np.eye(p)
+        before[:p, p:], before[p:, p:] = regressors.T @ self.root, self.root
+        after = _lower(before)
+        errors = solve(after[:p, :p], white - self.mean @ regressors, lower=1)[0]
+        return errors, Parameters(self.mean + after[p:, :p] @ errors, after[p:, p:])
+
+    def innovations(self, white: Array, regressors: Array) -> Array:
+        """Of :meth:`measured`, the errors alone."""
+        return self.measured(white, regressors)[0]
 
     def updated(self, white: Array, regressors: Array) -> "Parameters":
-        """After such a measurement."""
-        p = len(white)
-        before = np.block(
-            [[np.eye(p), regressors.T @ self.root], [np.zeros((len(self.mean), p)), self.root]]
-        )
-        after = _lower(before)
-        surprise = white - self.mean @ regressors
-        white = scipy.linalg.solve_triangular(after[:p, :p], surprise, lower=True)
-        return Parameters(self.mean + after[p:, :p] @ white, after[p:, p:])
+        """Of :meth:`measured`, the parameters alone."""
+        return self.measured(white, regressors)[1]
 
 
 def _lower(wide: Array) -> Array:
     """L with a positive diagonal and L L' = A A' of a matrix A, shape (k, m) with k <= m."""
-    R = scipy.linalg.qr(wide.T, mode="r", check_finite=False)[0][: len(wide)]
-    return (R * np.where(np.diag(R) < 0, -1.0, 1.0)[:, None]).T
+    # LAPACK's own functions: what scipy wraps around them takes twice as long.
+    R = np.triu(dgeqrf(wide.T)[0][: len(wide)])
+    return (R * np.where(R.diagonal() < 0, -1.0, 1.0)[:, None]).T

@@ -101,12 +101,12 @@ class Watch:
         white = np.einsum("qp,qcp->cp", state.whitening[::-1], memory)
         regressors = np.vstack([white[1:], np.diag(state.whitening.sum(axis=0))])
         parameters, p = state.parameters, len(y)
-        residual = parameters.innovations(white[0], regressors)
+        residual, measured = parameters.measured(white[0], regressors)
         state = replace(state, sample=state.sample + 1, X=X, memory=memory, residual=residual)
         known = state.spectrum.samples * self.period_s >= self.config.learning_s
         if not learns or (known and residual @ residual > self.largest):
             return state, moment
-        parameters = parameters.updated(white[0], regressors)
+        parameters = measured
         left = Y[0] - parameters.mean[:-p] @ Y[1:] - parameters.mean[-p:]
         spectrum = state.spectrum.with_residual(left, config.memory_s / self.period_s)
         parameters = parameters.drifted(self.period_s, p, config.uncertainty, self.model.limits)
