@@ -148,6 +148,7 @@ def run_track(
     learnt = learnt_s(rig, run, failures)
     seen = {"failures": failures, "noise": run.measured - run.true}
     predict = partial(rig.predict, desired, dither=design and design.dither, **seen)
+    predicted = predict(told=told)
     return Tracked(
         seed=seed,
         model_sha256=model_sha256(model),
@@ -155,8 +156,8 @@ def run_track(
         failures=failures,
         run=run,
         told=told,
-        predicted=predict(told=told),
-        comparable=predict(told=learnt),
+        predicted=predicted,
+        comparable=predict(told=learnt) if failures else predicted,
         uncompared=uncompared(rig, run, failures),
         verdicts=tuple(deciding_sentence(report) for report in reports),
         possible=tuple(is_possible(report) for report in reports),

@@ -113,18 +113,13 @@ def _what_moves(model: mujoco.MjModel, Z: Array, mass: Array, unbalanced: Array)
     return joint, f"{cause} moves the {kind} {called}: no actuator holds it"
 
 
-def holding_forces(
-    model: mujoco.MjModel,
-    data: mujoco.MjData,
-    drives: tuple[Drive, ...],
-    still: NDArray[np.intp] | None = None,
-) -> Array:
+def holding_forces(model: mujoco.MjModel, data: mujoco.MjData, drives: tuple[Drive, ...]) -> Array:
     """The forces (nout,) of :func:`balance`.
 
     Raises:
         ModelError: Something falls, or is moved by a spring, whatever the actuators do.
     """
-    found = balance(model, data, drives, still)
+    found = balance(model, data, drives)
     if found.joint is not None:
         raise ModelError(found.moves)
     return found.forces

@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 
 from sim.mjcf.locks import lock_name
-from sim.mjcf.part import Part, equality_bodies, tendon_bodies
+from sim.mjcf.part import Part, tendon_bodies
 
 
 def reduced(spec: mujoco.MjSpec, part: Part, data: mujoco.MjData) -> mujoco.MjModel:
@@ -28,7 +28,7 @@ def reduced(spec: mujoco.MjSpec, part: Part, data: mujoco.MjData) -> mujoco.MjMo
         *spec.sensors,
         *spec.keys,
         *(each for each in spec.actuators if each.id not in part.actuators),
-        *(each for each in spec.equalities if equality_bodies(model, each.id) & rest),
+        *(each for each in spec.equalities if each.id in part.apart),
         *(each for each in spec.tendons if tendon_bodies(model, each.id) & rest),
         *(joint for body in bodies for joint in body.joints),
     ]

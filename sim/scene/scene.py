@@ -83,8 +83,7 @@ def robot_scene(
     Raises:
         sim.ModelError, sim.ClosureError: The file, a frame, or what does not rest.
     """
-    spec, frame, stated = _compiled(file, frame, begin, pinned)
-    model = spec.compile()
+    spec, model, frame, stated = _compiled(file, frame, begin, pinned)
     start = begin(model)
     _clamp(model, start)
     start = assemble(model, start)
@@ -116,7 +115,7 @@ def _compiled(
     frame: str | Body,
     begin: Callable[[mujoco.MjModel], mujoco.MjData],
     pinned: Sequence[Pin],
-) -> tuple[mujoco.MjSpec, str | Body, Array]:
+) -> tuple[mujoco.MjSpec, mujoco.MjModel, str | Body, Array]:
     """The file with locks and pins, the task frame, and the joint positions in the file."""
     spec, model = load_spec(file)
     data = begin(model)
@@ -124,8 +123,9 @@ def _compiled(
     _clamp(model, data)
     mujoco.mj_fwdPosition(model, data)
     stand(spec, model, data, [replace(pin, frame=frame_named(model, pin.frame)) for pin in pinned])
-    add_locks(spec, model)
-    return spec, frame_named(model, frame), stated
+    if add_locks(spec, model) or pinned:
+        model = spec.compile()
+    return spec, model, frame_named(model, frame), stated
 
 
 def _rested(part: Part, start: mujoco.MjData, *, held: bool) -> mujoco.MjData:
