@@ -1,5 +1,6 @@
 """`python -m experiments` is `fjh`."""
 
+import os
 import sys
 from importlib.util import find_spec
 
@@ -11,6 +12,9 @@ PACKAGES = (
 )
 """What the extra `testbed` installs, as it is imported."""
 
+# MuJoCo otherwise imports a window library, which starts a process to find it: one that prints a
+# traceback if Ctrl-C ends this command, or one of its workers, at that moment.
+os.environ.setdefault("MUJOCO_GL", "disabled")
 exit_on_interrupt()  # the imports take a second: Ctrl-C must be ready before
 
 
