@@ -2,9 +2,5 @@
 
 import logging
 
-from fjh_launcher import check_not_hidden
-
-check_not_hidden(__name__, "argument_checks", "ftc", "prioritized", "sim")
-
 # What a warning of MuJoCo's means for a run, a sentence of the command's own says.
-logging.getLogger("sim").addHandler(logging.NullHandler())
+logging.getLogger(f"{__name__.removesuffix('experiments')}sim").addHandler(logging.NullHandler())

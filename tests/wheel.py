@@ -22,7 +22,9 @@ NOT_SOURCES += ("build", "dist", "results")
 BASE = """
 import pkgutil, importlib
 from importlib.util import find_spec
-import ftc, prioritized
+import fjh
+from fjh import ftc, prioritized
+assert not any(map(find_spec, ("argument_checks", "experiments", "ftc", "prioritized", "sim")))
 assert not any(map(find_spec, ("mujoco", "rerun", "typer")))
 for package in (ftc, prioritized):
     for module in pkgutil.walk_packages(package.__path__, f"{package.__name__}."):
@@ -37,16 +39,15 @@ print(mapping.status.value)
 """What a user without a simulator does, and every module that is then to be had."""
 
 TYPED = """
-from ftc.goal import Goal
-from prioritized import ConstrainedSystem
-from sim import Failure
-from experiments.study.study import Study
-import argument_checks
+import fjh
+from fjh.ftc.goal import Goal
+from fjh.experiments.study.study import Study
+from fjh.sim import Failure
 
-a: int = ConstrainedSystem([[1.0]], None, [0])
+a: int = fjh.ConstrainedSystem([[1.0]], None, [0])
 b: int = Goal.__doc__
 c: int = Failure.__name__
-d: int = argument_checks.__version__
+d: int = fjh.__version__
 e: int = Study.__name__
 """
 """A user's file whose last five lines a type checker refuses, if it sees the types."""
@@ -117,8 +118,8 @@ def main() -> None:
 
         user.install(str(wheel))
         assert user("python", "-c", BASE) == "the major task is met exactly\n"
-        user.install(extra_of(user("python", "-c", "import sim", code=1)))
-        assert user("python", "-c", "import sim; print(sim.load_model().nu)") == "6\n"
+        user.install(extra_of(user("python", "-c", "import fjh.sim", code=1)))
+        assert user("python", "-c", "import fjh; print(fjh.load_model().nu)") == "6\n"
         user.install(extra_of(user("fjh", "table1", code=2)), "mypy")
 
         assert user("fjh", "--version") == f"fjh {version}\n"
@@ -129,7 +130,7 @@ def main() -> None:
         (user.folder / "typed.py").write_text(TYPED)
         complaints = user("python", "-m", "mypy", "typed.py", code=1)
         found = re.findall(r"^typed\.py:(\d+): error: .*\[(.*)\]$", complaints, re.MULTILINE)
-        assert found == [(str(line), "assignment") for line in range(8, 13)], complaints
+        assert found == [(str(line), "assignment") for line in range(7, 12)], complaints
     print(f"{wheel.name} installs and runs on Python {sys.version.split()[0]}")
 
 

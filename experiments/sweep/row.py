@@ -7,7 +7,6 @@ import mujoco
 import numpy as np
 import pyarrow as pa
 
-import sim
 from experiments.rig.hexapod import fault_tolerance
 from experiments.rig.hexapod.columns import MAJOR
 from experiments.rig.hexapod.controller import StrutMapping, designed, nominal_plant
@@ -19,7 +18,7 @@ from experiments.study.campaign import Row
 from experiments.sweep.sweep_run import KINDS, SweepRun
 from ftc.control.compensator import Compensator
 from prioritized import FailureAtlas, failure_atlas
-from sim import NOMINAL, Array
+from sim import NOMINAL, Array, ModelError, SimulationDiverged, hexapod, load_model
 
 ANGLES = ("alpha", "beta")
 INPUT_RMS = tuple(f"strut_input_rms_percent_{k}" for k in range(1, 7))
@@ -55,7 +54,7 @@ SCHEMA = pa.schema(
 @cache
 def machine() -> mujoco.MjModel:
     """The hexapod, once in each process however many runs it does; plants copy it."""
-    return sim.load_model()
+    return load_model()
 
 
 @cache
@@ -85,7 +84,7 @@ def row_of(run: SweepRun) -> Row:
     row = run.parameters()
     try:
         # As it is after the failures, at J_0.
-        mapping = StrutMapping(sim.hexapod(machine()), run.reconfigured, "constant", stiffness())
+        mapping = StrutMapping(hexapod(machine()), run.reconfigured, "constant", stiffness())
         predicted = _predicted(run)
         status = mapping.at(mapping.geometry.inverse_jacobian(NOMINAL)).mapping.status
         row |= predicted | {"status": status.name.lower()}
@@ -93,10 +92,10 @@ def row_of(run: SweepRun) -> Row:
         if predicted and PREDICTED[0] not in predicted:
             row["status"] = "unstable"
         return row | _measured(track_spiral(_testbed(run), _spiral(run)))
-    except sim.SimulationDiverged as diverged:
+    except SimulationDiverged as diverged:
         found = {"status": "diverged", "message": str(diverged), "diverged_at_s": diverged.time_s}
         return row | found
-    except sim.ModelError as refused:
+    except ModelError as refused:
         return row | {"status": "refused", "message": str(refused)}
 
 

@@ -1,5 +1,7 @@
-"""What a package that is absent, or hidden by a user's folder, means: one sentence. The version."""
+"""One package after installation; what is absent or hidden is one sentence; one version."""
 
+import ast
+import importlib
 import os
 import re
 import subprocess
@@ -10,27 +12,19 @@ from pathlib import Path
 import pytest
 
 import argument_checks
+import experiments.rig
+import fjh
 import ftc
 import prioritized
 import sim
 from experiments.__main__ import PACKAGES, run
 from experiments.app.cli import main
 from experiments.benchmark.runs import PACKAGES as BENCH_PACKAGES
+from hatch_build import FOLDERS, stage
 
 ROOT = Path(__file__).parents[2]
 SETTINGS = tomllib.loads((ROOT / "pyproject.toml").read_text())
 PROJECT, TOOL = SETTINGS["project"], SETTINGS["tool"]
-COMMAND = "import sys; sys.argv = ['fjh', '--version']; import fjh_launcher as f; f.run()"
-LATE = f"""
-import sys
-from importlib.machinery import PathFinder
-class Late:
-    find_spec = staticmethod(lambda name, path, target=None:
-        PathFinder.find_spec(name, path or [{str(ROOT)!r}]))
-sys.path.remove({str(ROOT)!r})
-sys.meta_path.insert(sys.meta_path.index(PathFinder) + 1, Late)
-"""
-"""An editable installation finds this project after all folders of `sys.path`."""
 
 
 def python(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
@@ -41,12 +35,11 @@ def python(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
     )
 
 
-def user_package(folder: Path, name: str) -> Path:
-    """A package of the user's own, of that name."""
-    place = folder / name
-    place.mkdir()
-    (place / "__init__.py").write_text("")
-    return place
+def users_own(folder: Path) -> None:
+    """Packages of the user's own, under names that this project's folders have too."""
+    for name in ("experiments", "models", "sim"):
+        (folder / name).mkdir()
+        (folder / name / "__init__.py").write_text("MINE = True\n")
 
 
 def only_line(error: str) -> str:
@@ -55,41 +48,84 @@ def only_line(error: str) -> str:
     return error
 
 
-@pytest.mark.parametrize("name", ["ftc", "prioritized", "sim", "experiments"])
-def test_the_command_names_the_folder_that_hides_a_package(tmp_path, name):
-    place = user_package(tmp_path, name)
-    done = python(tmp_path, "-c", COMMAND)
-    assert done.returncode == 2
-    assert f"finds {place}, which hides {ROOT / name}" in only_line(done.stderr)
+@pytest.mark.long
+def test_installed_it_leaves_other_peoples_names_alone(tmp_path):
+    """A script beside `sim/`, `models/` and `experiments/` of the user's own gets both."""
+    stage(ROOT, tmp_path / "site" / "fjh")
+    user = tmp_path / "user"
+    user.mkdir()
+    users_own(user)
+    (user / "script.py").write_text(
+        "import fjh, experiments, models, sim\n"
+        "assert experiments.MINE and models.MINE and sim.MINE\n"
+        "print(fjh.load_model().nu, fjh.Rig.__module__, fjh.sim.Failure is fjh.Failure)\n"
+        "import sys\n"
+        f"print([m.__file__ for m in sys.modules.values() if {str(ROOT / 'sim')!r} in repr(m)])\n"
+    )
+    environment = os.environ | {"PYTHONPATH": str(tmp_path / "site"), "NUMBA_DISABLE_JIT": "1"}
+    words = [sys.executable, "script.py"]
+    done = subprocess.run(words, cwd=user, env=environment, capture_output=True, text=True)
+    assert done.stderr == ""
+    assert done.stdout == "6 fjh.experiments.rig.rig True\n[]\n"
 
 
-def test_a_module_hides_a_package_too(tmp_path):
-    (tmp_path / "sim.py").write_text("")
-    done = python(tmp_path, "-c", COMMAND)
-    assert f"finds {tmp_path / 'sim.py'}, which hides {ROOT / 'sim'}" in only_line(done.stderr)
+@pytest.mark.long
+def test_in_the_wheel_every_import_begins_at_the_one_package(tmp_path):
+    stage(ROOT, tmp_path / "fjh")
+    left = set()
+    for file in tmp_path.rglob("*.py"):
+        for node in ast.walk(ast.parse(file.read_text())):
+            names = []
+            if isinstance(node, ast.Import):
+                names = [alias.name for alias in node.names]
+            elif isinstance(node, ast.ImportFrom) and not node.level:
+                names = [node.module or ""]
+            elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+                names = re.findall(r"^[a-z_]+\.[\w.]+(?=:\w+$|$)", node.value)
+                names = [name for name in names if module_file(name)]
+            left |= {f"{file}: {name}" for name in names if name.split(".")[0] in FOLDERS}
+    assert not left
 
 
-def test_an_import_names_the_folder_that_hides_a_package(tmp_path):
-    place = user_package(tmp_path, "sim")
-    done = python(tmp_path, "-c", "from experiments.rig.hexapod import testbed")
-    assert done.returncode == 1
+def module_file(name: str) -> bool:
+    """Whether a module of this project has that name."""
+    place = ROOT / name.replace(".", "/")
+    return place.with_suffix(".py").is_file() or (place / "__init__.py").is_file()
+
+
+def test_in_a_checkout_both_names_are_one_object():
+    assert fjh.Rig is experiments.rig.Rig
+    assert fjh.load_model is sim.load_model
+    assert fjh.ConstrainedSystem is prioritized.ConstrainedSystem
+    assert importlib.import_module("fjh.sim.plant.friction") is importlib.import_module(
+        "sim.plant.friction"
+    )
+    assert sim.__spec__.name == sim.__name__ == "sim"
+
+
+@pytest.mark.parametrize("name", fjh.__all__)
+def test_each_of_its_names_is_there_and_documented(name):
+    assert getattr(fjh, name).__doc__
+    assert name in dir(fjh)
+
+
+def test_what_it_does_not_have_is_an_attribute_error():
+    with pytest.raises(AttributeError, match="module 'fjh' has no attribute 'rig'"):
+        _ = fjh.rig
+
+
+def test_its_import_waits_for_nothing(tmp_path):
+    code = "import sys, fjh; print({'numpy', 'mujoco', 'numba'} & set(sys.modules))"
+    assert python(tmp_path, "-c", code).stdout == "set()\n"
+
+
+def test_in_a_checkout_a_folder_that_hides_a_package_is_named(tmp_path):
+    users_own(tmp_path)
+    done = python(tmp_path, "-c", "import fjh")
     last = done.stderr.splitlines()[-1]
-    assert last.startswith("ImportError: `import sim` finds ")
-    assert f"finds {place}, which hides {ROOT / 'sim'}" in last
-    done = python(tmp_path, "-m", "experiments", "--version")
-    assert done.returncode == 1
-    assert str(place) in only_line(done.stderr)
-
-
-def test_a_folder_that_is_no_package_hides_only_an_editable_installation(tmp_path):
-    for name in ("sim", "models"):
-        (tmp_path / name).mkdir()
-    load = "import experiments, sim; print(sim.load_model().nu)"
-    assert python(tmp_path, "-c", load).stdout == "6\n"
-    done = python(tmp_path, "-c", LATE + load)
-    assert f"finds {tmp_path / 'sim'}, which hides {ROOT / 'sim'}" in done.stderr.splitlines()[-1]
-    (tmp_path / "sim").rmdir()
-    assert python(tmp_path, "-c", LATE + load).stdout == "6\n"
+    assert last.startswith("ImportError: `import experiments` finds ")
+    assert str(tmp_path / "experiments") in last
+    assert f"not {ROOT / 'experiments'}: rename it, or install fjh" in last
 
 
 @pytest.mark.parametrize("package", PACKAGES)
@@ -139,4 +175,3 @@ def test_every_package_says_that_it_is_typed():
     packages = {name for name in TOOL["pyright"]["include"] if (ROOT / name).is_dir()}
     for package in packages - {"tests", "docs"}:
         assert (ROOT / package / "py.typed").is_file(), package
-    assert TOOL["setuptools"]["package-data"]["*"] == ["py.typed"]

@@ -1,0 +1,59 @@
+"""In a checkout, `fjh.sim` is the folder `sim` beside this one: one module under two names.
+
+The wheel leaves this file out. There the folders are below `fjh` (`hatch_build.py`).
+"""
+
+import sys
+from collections.abc import Sequence
+from importlib import import_module
+from importlib.abc import Loader, MetaPathFinder
+from importlib.machinery import ModuleSpec
+from importlib.util import find_spec
+from pathlib import Path
+from types import ModuleType
+
+FOLDERS = ("argument_checks", "experiments", "ftc", "prioritized", "sim")
+
+
+def find_beside(root: Path) -> None:
+    """Let `fjh.NAME` be NAME, for the folders of the checkout `root`.
+
+    Raises:
+        ImportError: Python finds another package or module of that name first.
+    """
+    for name in FOLDERS:
+        spec = find_spec(name)
+        found = Path(spec.origin).parent if spec and spec.origin else None
+        if found != root / name:
+            raise ImportError(
+                f"`import {name}` finds {spec.origin or 'a folder' if spec else 'nothing'}, not "
+                f"{root / name}: rename it, or install fjh (pip install {root}), which has no "
+                "other name",
+                name="fjh",
+            )
+    sys.meta_path.insert(0, _Beside())
+
+
+class _Beside(MetaPathFinder, Loader):
+    """Finds and loads `fjh.NAME...` as NAME..."""
+
+    def __init__(self) -> None:
+        self._specs: dict[str, ModuleSpec | None] = {}
+
+    def find_spec(
+        self, name: str, path: Sequence[str] | None = None, target: ModuleType | None = None
+    ) -> ModuleSpec | None:
+        package, _, rest = name.partition(".")
+        if package == "fjh" and rest.partition(".")[0] in FOLDERS:
+            return ModuleSpec(name, self)
+        return None
+
+    def create_module(self, spec: ModuleSpec) -> ModuleType:
+        module = import_module(spec.name.removeprefix("fjh."))
+        self._specs[spec.name] = module.__spec__
+        return module
+
+    def exec_module(self, module: ModuleType) -> None:
+        """The module ran under its own name; it gets back what the import has replaced."""
+        name = module.__spec__.name if module.__spec__ else ""
+        module.__spec__ = self._specs.pop(name)
