@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from prioritized import failure_atlas as failure_atlas
     from prioritized import force_mapping as force_mapping
     from prioritized import velocity_mapping as velocity_mapping
+    from sim import MODELS as MODELS
     from sim import Failure as Failure
     from sim import Plant as Plant
     from sim import advance as advance
@@ -47,7 +48,7 @@ _NAMES = {
         *("ConstrainedSystem", "Task"),
         *("failure_atlas", "force_mapping", "velocity_mapping"),
     ),
-    "fjh.sim": ("Failure", "Plant", "advance", "assemble", "jacobians", "load_model"),
+    "fjh.sim": ("MODELS", "Failure", "Plant", "advance", "assemble", "jacobians", "load_model"),
 }
 _PACKAGES = ("experiments", "ftc", "prioritized", "sim")
 _MODULES = {name: module for module, names in _NAMES.items() for name in names}

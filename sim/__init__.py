@@ -48,6 +48,7 @@ from sim.mjcf.dynamics import joint_stiffness as joint_stiffness
 from sim.mjcf.dynamics import mass_matrix as mass_matrix
 from sim.mjcf.frame import Body as Body
 from sim.mjcf.model import HEXAPOD_MJCF as HEXAPOD_MJCF
+from sim.mjcf.model import MODELS as MODELS
 from sim.mjcf.model import element_id as element_id
 from sim.mjcf.model import load_model as load_model
 from sim.mjcf.model import model_sha256 as model_sha256

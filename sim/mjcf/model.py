@@ -18,7 +18,10 @@ from sim.mjcf.locks import add_locks as add_locks_to
 _MOST_LISTED = 12
 
 # The rooms are neighbours in a checkout and in site-packages alike.
-HEXAPOD_MJCF = Path(__file__).parents[2] / "models" / "fjh.xml"
+MODELS = Path(__file__).parents[2] / "models"
+"""Folder of the MJCF files that come with the package: arm, arms, fjh, hand, platform."""
+
+HEXAPOD_MJCF = MODELS / "fjh.xml"
 
 
 def load_model(path: str | Path | None = None, *, add_locks: bool = False) -> mujoco.MjModel:
