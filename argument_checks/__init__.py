@@ -38,5 +38,5 @@ from argument_checks.scalars import positive as positive
 from argument_checks.scalars import shown as shown
 from argument_checks.scalars import signed as signed
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 """The distribution's version, written here alone: this package is below all others."""
