@@ -1,4 +1,4 @@
-"""The figure of `fjh bench`: growth of the time beside the peers, and what became of the goals."""
+"""The figure of `fjh bench`: each ratio to what others need, and growth beside their solvers."""
 
 from functools import partial
 from typing import Any
@@ -10,8 +10,10 @@ from experiments.study.plotting import (
     BLACK,
     BLUE,
     GREEN,
-    LINES,
+    ORANGE,
     PAGE_IN,
+    PURPLE,
+    SKY,
     VERMILION,
     logarithmic,
     name_rows,
@@ -19,16 +21,12 @@ from experiments.study.plotting import (
 )
 from experiments.study.results import Picture
 
-LABELS = {
-    "prioritized": "velocity_mapping",
-    "daqp": "daqp",
-    "placo": "PlaCo",
-    "pinv_formula": "eq. (25), pinv",
-    "dgglse": "LAPACK dgglse",
-}
 _STYLES: dict[str, dict[str, Any]] = {
-    name: {"color": color, "marker": mark}
-    for name, color, mark in zip(LABELS, LINES, "osD^v", strict=False)
+    "prioritized": {"label": "velocity_mapping", "color": BLACK, "marker": "o", "lw": 2.0},
+    "daqp": {"label": "daqp", "color": GREEN, "marker": "s"},
+    "placo": {"label": "PlaCo", "color": ORANGE, "marker": "D"},
+    "pinv_formula": {"label": "eq. (25), pinv", "color": PURPLE, "marker": "^"},
+    "dgglse": {"label": "LAPACK dgglse", "color": SKY, "marker": "v"},
 }
 RATIOS = {
     "closed_loop_over_mj_step": "closed loop / physics alone",
@@ -47,94 +45,73 @@ RATIOS = {
     "growth_over_daqp": "one Problem 1, 200 actuators / daqp",
 }
 """The ratios in words."""
+_COLORS = {"less time": BLUE, "about as much": "0.5", "more time": VERMILION}
 
 
 def picture(summary: dict[str, Any]) -> Picture:
     """The study's figure and its caption."""
     return Picture(
         "bench",
-        "Time of one Problem 1 over the number of actuators, with the power of n that fits the "
-        "largest sizes best (in brackets: of the flattest and the steepest piece between them); "
-        "time of one mapping over the size of the batch; each ratio beside its bound and its goal.",
-        "Three panels with logarithmic axes. Above left: five rising lines, microseconds against "
-        "6 to 200 actuators. Above right: a line that falls with the size of the batch, beside the "
-        "level lines of single solves. Below: a point with its range for each ratio, its bound and "
-        "its goal, and in words whether they are met.",
-        partial(figure_growth, summary),
+        f"{headline(summary)} Points: ratios of medians; lines: 5 to 95 % of the rounds.",
+        "Above: a point for each ratio of times on a logarithmic axis, left of 1 where this "
+        "library is faster. Below: time of one Problem 1 against the number of actuators; beyond "
+        "20 actuators that of velocity_mapping grows least.",
+        partial(figure_bench, summary),
     )
 
 
-def figure_growth(summary: dict[str, Any]) -> Figure:
-    """Time over the number of actuators and over the size of the batch; ratios and goals."""
-    figure = new_figure(PAGE_IN, 6.6)
-    # Twelfths of the width; what the ratios are, and what became of them, stands beside them.
-    panels = figure.subplot_mosaic("nnnnnnbbbbbb;....rrrrr...")
-    _actuators(panels["n"], summary["growth"]["actuators"])
-    _batch(panels["b"], summary)
+def headline(summary: dict[str, Any]) -> str:
+    """How many comparisons are won and lost, in one sentence."""
+    found = [comparison(one) for one in summary["ratios"].values()]
+    less, alike, more = (found.count(name) for name in _COLORS)
+    return (
+        f"This library needs less time in {less} of {len(found)} comparisons, about as much in "
+        f"{alike}, more in {more}."
+    )
+
+
+def comparison(ratio: dict[str, Any]) -> str:
+    """Whether a ratio is below or above 1 in 95 % of the rounds."""
+    return "less time" if ratio["p95"] < 1 else "more time" if ratio["p5"] > 1 else "about as much"
+
+
+def figure_bench(summary: dict[str, Any]) -> Figure:
+    """Ratios above, growth below."""
+    figure = new_figure(PAGE_IN, 5.8)
+    figure.suptitle(headline(summary))
+    # Twelfths of the width: the names of the ratios stand on the left.
+    panels = figure.subplot_mosaic("....rrrrrrr.;nnnnnnnnnnnn", height_ratios=[1.6, 1])
     _ratios(panels["r"], summary["ratios"])
-    explained = panels["r"].get_legend_handles_labels()
-    figure.legend(*explained, loc="outside lower center", ncols=4)
+    _actuators(panels["n"], summary["growth"]["actuators"])
     return figure
 
 
-def _actuators(axes: Axes, growth: dict[str, Any]) -> None:
-    for name, one in growth.items():
-        fit = one["large"]
-        power = f"{fit['exponent']:.1f} ({fit['least']:.1f} to {fit['most']:.1f})"
-        axes.plot(one["size"], one["median_us"], label=f"{LABELS[name]}: {power}", **_STYLES[name])
-    same = growth["prioritized"]
-    sizes, fitted = same["size"], same["large"]
-    axes.set(title="one Problem 1", xlabel="actuators $n$", ylabel="time, µs")
-    axes.set(xscale="log", yscale="log")
-    axes.set_xticks(sizes, map(str, sizes))
-    said = f"power of $n$, fitted from $n$ = {fitted['from']} to {fitted['to']}"
-    axes.legend(loc="upper left", title=said)
-    _room_above(axes, 1000)
-
-
-def _batch(axes: Axes, summary: dict[str, Any]) -> None:
-    """Ours falls as the call is shared; the others solve one at a time."""
-    one = summary["growth"]["batch"]
-    axes.plot(one["size"], one["median_us"], "o-", color=BLACK, label="velocity_mapping of a batch")
-    us = {name: timing["median_us"] for name, timing in summary["timings"].items()}
-    for name in ("prioritized", "daqp", "dgglse", "placo"):
-        label = f"{LABELS[name]}, one at a time"
-        axes.axhline(us[name], color=_STYLES[name]["color"], ls="--", label=label)
-    axes.set(title="one mapping", xlabel="mappings in one call", ylabel="time, µs")
-    axes.set(xscale="log", yscale="log")
-    axes.legend(loc="upper right")
-    _room_above(axes, 300)
-
-
-def _room_above(axes: Axes, factor: float) -> None:
-    """For a legend above the lines."""
-    axes.minorticks_off()
-    low, high = axes.get_ylim()
-    axes.set_ylim(low, factor * high)
-
-
 def _ratios(axes: Axes, ratios: dict[str, Any]) -> None:
-    """Each ratio with its range over the rounds, beside its bound and its goal."""
-    for row, one in enumerate(ratios.values()):
-        axes.plot([one["p5"], one["p95"]], [row, row], color=BLUE, lw=1.5)
-        axes.plot(one["ratio"], row, "o", color=BLUE)
-        for limit, marker, color in (("bound", "|", VERMILION), ("goal", "x", GREEN)):
-            if one[limit] is not None:
-                axes.plot(one[limit], row, marker, color=color, ms=8, mew=1.5)
-    axes.plot([], [], "o", color=BLUE, label="ratio of medians")
-    axes.plot([], [], color=BLUE, lw=1.5, label="5 to 95 % of the rounds")
-    axes.plot([], [], "|", color=VERMILION, ms=8, mew=1.5, label="bound: to stay below")
-    axes.plot([], [], "x", color=GREEN, ms=8, mew=1.5, label="goal")
+    """Each ratio with its range over the rounds, its value beside it."""
+    axes.axvline(1, color=BLACK, lw=0.8, label="equal")
+    found = [comparison(one) for one in ratios.values()]
+    for row, (one, name) in enumerate(zip(ratios.values(), found, strict=True)):
+        style = {"color": _COLORS[name], "marker": "o", "ms": 5, "lw": 1.5, "markevery": [1]}
+        label = name if row == found.index(name) else None
+        axes.plot([one["p5"], one["ratio"], one["p95"]], [row] * 3, **style, label=label)
     axes.set_yticks(range(len(ratios)), [""] * len(ratios))
     name_rows(axes, [RATIOS[name] for name in ratios])
-    name_rows(axes, [verdict(one) for one in ratios.values()], right=True)
-    axes.set(xlabel="time / time", ylim=(len(ratios) - 0.5, -0.5))
+    name_rows(axes, [f"{one['ratio']:#.2g}" for one in ratios.values()], right=True)
+    axes.set(xlabel="time / time: left is better", ylim=(len(ratios) - 0.5, -0.5))
     logarithmic(axes, "x")
+    axes.legend(loc="upper left")
 
 
-def verdict(ratio: dict[str, Any]) -> str:
-    """Which of its bound and its goal a ratio meets, in words."""
-    met = {True: "met", False: "missed"}
-    limits = {"bound": ratio["within_bound"], "goal": ratio["reaches_goal"]}
-    said = [f"{name} {met[held]}" for name, held in limits.items() if held is not None]
-    return ", ".join(said) or "no bound, no goal"
+def _actuators(axes: Axes, growth: dict[str, Any]) -> None:
+    """Time over the number of actuators, for each solver."""
+    for name, one in growth.items():
+        axes.plot(one["size"], one["median_us"], **_STYLES[name])
+    ours, daqp = growth["prioritized"], growth["daqp"]
+    axes.set_title(
+        f"One Problem 1 of {ours['size'][-1]} actuators takes {ours['median_us'][-1]:.0f} µs, "
+        f"with daqp {daqp['median_us'][-1]:.0f} µs"
+    )
+    axes.set(xlabel="actuators", ylabel="time, µs: lower is better", xscale="log", yscale="log")
+    axes.set_xticks(ours["size"], map(str, ours["size"]))
+    axes.minorticks_off()
+    axes.legend(loc="upper left", ncols=2)

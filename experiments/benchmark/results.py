@@ -18,9 +18,6 @@ from experiments.study.provenance import machine, versions
 from experiments.study.results import Results
 from sim import model_sha256
 
-LARGE = 3
-"""So many of the largest sizes are fitted on their own: below, a fixed cost hides the power."""
-
 
 def results(timed: Timed) -> Results:
     """Everything that `fjh bench` publishes, and the saved file outside its folder."""
@@ -73,9 +70,7 @@ def summarize(timed: Timed) -> dict[str, Any]:
 
 def _series(solver: str, sizes: Sequence[int], us: Mapping[str, float]) -> dict[str, Any]:
     medians = [us[f"{solver}_n{n}"] for n in sizes]
-    large = sizes[-LARGE:]
-    fit = {"from": large[0], "to": large[-1]} | power_law(large, medians[-LARGE:])
-    return {"size": list(sizes), "median_us": medians, "large": fit} | power_law(sizes, medians)
+    return {"size": list(sizes), "median_us": medians} | power_law(sizes, medians)
 
 
 def _parts(us: Mapping[str, float]) -> dict[str, float]:

@@ -21,7 +21,7 @@ def results(outcome: Recover) -> Results:
     summary = summarize(outcome, rows)
     return replace(
         described(summary),
-        pictures=pictures(outcome, summary, rows),
+        pictures=pictures(summary, rows),
         records=[
             lambda folder: outcome.done.dataset.merge(folder / summary["dataset"]),
             *(partial(record, outcome, summary, name) for name in outcome.shown),

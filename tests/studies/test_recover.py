@@ -2,7 +2,7 @@
 
 import re
 from copy import deepcopy
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -13,20 +13,21 @@ from rerun.chunk import RrdReader
 from experiments.recover import figure
 from experiments.recover.checks import checks
 from experiments.recover.exact_flights import INFORMED_LATE, informed_late_or_wrongly
-from experiments.recover.flight import exact_rig
+from experiments.recover.flight import MISMATCHES, exact_rig
 from experiments.recover.predictions import SETTINGS, beliefs, lookalikes
+from experiments.recover.recordings import marks
 from experiments.recover.recovery import Identification
 from experiments.recover.results import described
 from experiments.recover.row import SCHEMA
 from experiments.recover.runs import SHOWN
 from experiments.rig.hexapod.controller import nominal_loops
 from experiments.rig.hexapod.rig import rig_of
-from experiments.rig.hexapod.simulation import Trajectory
 from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
 from experiments.study.results import Results
 from ftc.fdi.diagnosis import Diagnosis
 from ftc.fdi.fault_model import Fault
 from sim import load_model
+from tests.made import made_run
 from tests.rrd import scalars
 
 
@@ -160,37 +161,54 @@ def test_tables_and_notes_are_those_of_the_json_file_and_all_files_are_listed(
         assert {len(row) for row in table.rows} == {len(table.headings)}
 
 
-def test_in_the_figure_a_failure_that_is_not_found_is_named_by_what_happened(recover_folder):
-    """And one that is, by what was found, with a line where that was."""
-    with np.load(recover_folder / "locked.npz") as data:
-        run = Trajectory(**{each.name: data[each.name] for each in fields(Trajectory)})
-    found = replace(Diagnosis.told(Fault(0, "locked")), tick=len(run.time_s) - 1)
-    labels = {}
-    for diagnoses in ((), (found,)):
-        happened = Identification(
-            SHOWN["locked"], (8250,), (), diagnoses, (), False, False, False, 0.0
-        )
-        axes = Figure().add_subplot()
-        figure.draw_shown(axes, run, happened)
-        labels[len(diagnoses)] = [text.get_text() for text in axes.texts], len(axes.lines)
-    assert labels == {0: (["not found: strut 1 locked"], 2), 1: (["found: strut 1 locked"], 3)}
+def test_a_mark_says_what_happened_and_what_was_found_if_it_was():
+    run, failure = made_run(9000), SHOWN["locked"][0]
+    found = replace(Diagnosis.told(Fault(0, "locked")), tick=8324)
+    unknown, known = (
+        marks(run, Identification((failure,), (8250,), (), each, (), False, False, False, 0.0))
+        for each in ((), (found,))
+    )
+    assert [(mark.failed_s, mark.failure) for mark in unknown + known] == [
+        (8.25, "strut 1 locked")
+    ] * 2
+    assert [mark.is_found for mark in unknown + known] == [False, True]
+    assert (known[0].diagnosed_s, known[0].diagnosis) == (8.324, "found: strut 1 locked")
 
 
-def test_in_the_figure_failures_that_are_not_named_stand_out():
-    """One of four has no diagnosis, one is taken for another strut's: half are not named."""
+def test_in_the_figure_failures_that_are_not_named_are_missing_from_its_shares():
+    """One of four has no diagnosis, one is taken for another strut's: half are named."""
     truth = {"kind": "free", "rms_informed_after_urad": 1.0}
     truth |= {"rms_supervised_after_urad": 1.0, "rms_unaware_after_urad": 2.0}
     found = [(True, 3), (True, 9), (False, 5), (False, None)]
     cases = [truth | {"strut_right": right, "named_ms": ms} for right, ms in found]
     delays, after = Figure().subplots(1, 2)
     figure.draw_delays(delays, cases)
-    curve, cross = delays.lines
+    (curve,) = delays.lines
     assert curve.get_xydata().tolist() == [[3, 0], [3, 25], [9, 50], [9, 50]]
-    assert cross.get_ydata().tolist() == [50]
-    assert delays.get_xticklabels()[-1].get_text() == "not named"
+    assert curve.get_label() == "free: 2 of 4"
     figure.draw_after(after, cases)
-    points = {line.get_label(): len(line.get_xdata()) for line in after.lines}
-    assert points["supervised"] == points["supervised, strut not named"] == 2
+    ends = {line.get_label(): line.get_xydata()[-1].tolist() for line in after.lines}
+    assert ends == {"supervised: up to 1.00": [1, 100], "fault-unaware: up to 2.00": [2, 100]}
+
+
+def test_the_figures_groups_hold_every_mismatch_once_and_count_all_their_flights():
+    names = [name for group in figure.GROUPS.values() for name in group]
+    assert sorted(names) == sorted(set(MISMATCHES) - {"exact"})
+    sizes = [
+        {"mismatch": name, "factor": factor, "strut": {"right": right, "cases": 6}}
+        for name, factor, right in (("gain", 3.0, 6), ("hysteresis", 3.0, 5), ("all", 1.0, 6))
+    ]
+    axes = Figure().add_subplot()
+    figure.draw_sizes(axes, sizes)
+    assert {text.get_text() for text in axes.texts} == {"11 of 12", "6 of 6"}
+    assert figure.tolerated(sizes) == 1 and "up to 1 times" in axes.get_title()
+
+
+def test_the_figures_title_says_what_the_summary_does(recover):
+    [entry] = [entry for entry in recover["failures"] if entry["mismatch"] == "all"]
+    right, cases = entry["strut"]["right"], entry["strut"]["cases"]
+    said = figure.headline(recover)
+    assert f"{right} of {cases} failures, {entry['named_ms']['median']:.0f} ms" in said
 
 
 def test_the_recording_marks_the_strut_when_it_fails_and_when_it_is_found(recover_folder, recover):
