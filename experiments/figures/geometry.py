@@ -18,12 +18,13 @@ from experiments.study.plotting import BLACK, BLUE, GREEN, PAGE_IN, PURPLE, VERM
 from sim import Array, Hexapod, element_id, hexapod
 
 _NAMED = {
-    "detector": ("detector", (-62, 24)),
-    "mirror_cell": ("telescope", (52, -22)),
-    "laser": ("laser", (62, -22)),
-    "base_plate": ("base plate", (-62, -18)),
+    "detector": ("detector", (-62, 24), (0.0, 0.0)),
+    "telescope": ("telescope", (80, 40), (0.03, 0.12)),
+    "laser": ("laser", (80, -64), (0.0, 0.0)),
+    "base_plate": ("base plate", (-40, -30), (-0.36, 0.0)),
 }
-"""Parts that are named where a machine has them, and where their names stand in 3D, in points."""
+"""Parts that are named where a machine has them: the name, where it stands in 3D, in points from
+where its line begins, and that from the part's middle, right and up [m]."""
 _TIP_M = np.array([0.47, 0.47, 0.37])
 """Coordinates of the axes' tips: beyond the machine."""
 _ARROW = {"arrowstyle": "-|>", "lw": 0.8, "color": BLACK, "shrinkA": 0, "shrinkB": 0}
@@ -32,12 +33,14 @@ _FILL = {"base": "0.95", "payload": "0.88", "strut": "0.75"}
 _NODE = {"p": GREEN, "q": PURPLE}
 _NODES_3D = {
     **{"p1": (13, 3), "p2": (-13, 3), "p3": (-12, -34)},
-    **{"q1": (9, 19), "q2": (-20, -3), "q3": (20, -3)},
+    **{"q1": (9, 19), "q2": (-20, 6), "q3": (19, 8)},
 }
 """Where their names stand, in points; farther away ones have a line."""
 _FAR_PT = 20.5
-_DOT_NAMED = {"top": ((0, 20), (0, 20)), "front": ((6, 8), (14, 8))}
-"""Beside the dot of an axis, in points, of the payload's frame and the base's."""
+_OUT_PT = 22, 13
+"""In the top view, how far outwards stand names of nodes from them, numbers from their struts."""
+_BELOW = {1: (8, -26), 2: (-8, -26), 3: (-14, 0), 4: (0, -26), 5: (0, -26), 6: (14, 0)}
+"""Where numbers stand in the front view, in points from their struts."""
 
 
 @dataclass(frozen=True)
@@ -94,20 +97,22 @@ def figure_2(model: mujoco.MjModel) -> Figure:
         sim.ModelError: The machine is not a hexapod.
     """
     geometry, seen = hexapod(model), parts(model)
-    figure = new_figure(PAGE_IN, 6.6)
+    figure = new_figure(PAGE_IN, 6.8)
     grid = figure.add_gridspec(2, 2, height_ratios=[1, 1.05])
     _in_3d(figure.add_subplot(grid[0, :]), model, geometry)
+    figure.suptitle(headline(geometry))
     top = figure.add_subplot(grid[1, 0])
     for axes, side in ((top, TOP), (figure.add_subplot(grid[1, 1], sharex=top), FRONT)):
         _outlines(axes, side, seen)
         _struts(axes, side, geometry)
         _nodes(axes, side, geometry)
-        _frames(axes, side, frames(model))
+        hidden = _frames(axes, side, frames(model))
         _dimension(axes, side, geometry)
         across, down = (f"${'xyz'[axis]}_b$, m" for axis in side.plane)
-        axes.set(title=f"{side.name} view", xlabel=across, ylabel=down, aspect="equal")
+        title = f"{side.name} view: {hidden}"
+        axes.set(title=title, xlabel=across, ylabel=down, aspect="equal")
         axes.invert_yaxis()
-    figure.supxlabel(f"{_caption(geometry)} Along the base's axes, from the payload's origin.")
+    figure.supxlabel("Coordinates along the base's axes, from the payload's origin.")
     return figure
 
 
@@ -125,8 +130,9 @@ def _in_3d(axes: Axes, model: mujoco.MjModel, geometry: Hexapod) -> None:
         _label(axes, f"${name[0]}_{name[1]}$", (x, y), away, **line)
     for geom in range(model.ngeom):
         if named := _NAMED.get(model.geom(geom).name):
-            x, y = view.on_paper(data.geom_xpos[geom])
-            _label(axes, named[0], (x, y), named[1], arrowprops=_LINE)
+            name, away, begin_m = named
+            x, y = view.on_paper(data.geom_xpos[geom]) + begin_m
+            _label(axes, name, (x, y), away, arrowprops=_LINE)
     axes.set(aspect="equal")
     axes.axis("off")
 
@@ -151,34 +157,39 @@ def _outlines(axes: Axes, side: Side, seen: list[Part]) -> None:
 
 
 def _struts(axes: Axes, side: Side, geometry: Hexapod) -> None:
-    """From q to p, the way in which they grow; the number stands nearer to q."""
-    number = {"color": "white", "bbox": {"boxstyle": "circle,pad=0.2", "fc": BLUE, "lw": 0}}
+    """From q to p, the way in which they grow; the number stands nearer to q, off the strut."""
     ends = np.stack([geometry.bottom_m, geometry.top_m], axis=1)[..., side.plane]
     for k, (bottom, top) in enumerate(ends, 1):
         third, middle, beyond = bottom + np.array([[0.3], [0.6], [0.72]]) * (top - bottom)
         axes.plot(*ends[k - 1].T, color=BLUE, lw=1.2, gid=f"{side.name}-strut{k}")
         axes.annotate("", beyond, middle, arrowprops=_ARROW | {"color": BLUE})
-        axes.text(third[0], third[1], str(k), ha="center", va="center", **number)
+        away = _outwards((bottom + top) / 2, _OUT_PT[1]) if side is TOP else _BELOW[k]
+        line = {"arrowprops": _LINE} if np.hypot(*away) > _FAR_PT else {}
+        _label(axes, str(k), (third[0], third[1]), away, color=BLUE, **line)
+
+
+def _outwards(place: Array, points: float) -> tuple[float, float]:
+    """From the middle of the top view, right and up."""
+    right, down = points * place / np.linalg.norm(place)
+    # On the vertical axis, beside its arrow.
+    return (right, -down) if abs(right) > 1 else (0.6 * points, -0.8 * down)
 
 
 def _nodes(axes: Axes, side: Side, geometry: Hexapod) -> None:
-    names: dict[tuple[float, ...], list[str]] = defaultdict(list)
+    """Named in the top view, where none hides another."""
     for name, node in node_names(geometry).items():
         x, y = node[side.plane]
         style = {"color": _NODE[name[0]], "mec": BLACK, "mew": 0.5, "ms": 5}
         axes.plot(x, y, "o", gid=f"{side.name}-{name}", **style)
-        names[tuple(np.round([x, y], 4))].append(f"${name[0]}_{name[1]}$")
-    for (x, y), alike in names.items():
-        is_middle = side is FRONT and abs(x) < 1e-3  # others are drawn there: farther away
-        right = 34 if is_middle else -12 if x < -1e-6 else 12
-        up = (14 if is_middle else 7) * (-1 if y > 0 else 1)
-        line = {"arrowprops": _LINE} if is_middle else {}
-        _label(axes, ", ".join(alike), (x, y), (right, up), **line)
+        if side is TOP:
+            away = _outwards(node[side.plane], _OUT_PT[0])
+            _label(axes, f"${name[0]}_{name[1]}$", (x, y), away)
 
 
-def _frames(axes: Axes, side: Side, shown: list[Frame]) -> None:
-    """Axes of both frames; those that point at the reader are a dot, away from him a cross."""
+def _frames(axes: Axes, side: Side, shown: list[Frame]) -> str:
+    """Draw both frames; return which of their axes are a dot, towards the reader, or a cross."""
     labels: dict[tuple[float, ...], list[str]] = defaultdict(list)
+    hidden: dict[str, list[str]] = defaultdict(list)
     for frame in shown:
         for letter, axis, tip_m in zip("xyz", frame.axes, _TIP_M, strict=True):
             (x, y), away = frame.origin_m[side.plane], axis @ side.away
@@ -187,8 +198,7 @@ def _frames(axes: Axes, side: Side, shown: list[Frame]) -> None:
                 mark, size = ("x", 5) if away > 0 else (".", 3)
                 axes.plot(x, y, "o", ms=7, mfc="white", mec=BLACK, mew=0.8)
                 axes.plot(x, y, mark, ms=size, color=BLACK, mew=0.8)
-                beside = _DOT_NAMED[side.name][bool(frame.subscript)]
-                labels[(*np.round([x, y], 6), *beside)].append(name)
+                hidden["away from" if away > 0 else "towards"].append(name)
             else:
                 reach_m = tip_m - axis @ frame.origin_m
                 tip = np.array([x, y]) + reach_m * axis[side.plane]
@@ -198,6 +208,7 @@ def _frames(axes: Axes, side: Side, shown: list[Frame]) -> None:
                 labels[(*np.round(tip, 6), *np.round([right, -down], 1))].append(name)
     for (x, y, right, up), alike in labels.items():
         _label(axes, ", ".join(alike), (x, y), (right, up))
+    return "; ".join(f"{' and '.join(names)} {where} the reader" for where, names in hidden.items())
 
 
 def _label(
@@ -218,15 +229,15 @@ def _dimension(axes: Axes, side: Side, geometry: Hexapod) -> None:
     _label(axes, f"{high - low:.4f} m", (x, middle), (-6, 0), rotation="vertical")
 
 
-def _caption(geometry: Hexapod) -> str:
+def headline(geometry: Hexapod) -> str:
     """What the views foreshorten: strut lengths, and the angle at which two struts meet."""
     struts = geometry.top_m - geometry.bottom_m
     lengths = np.linalg.norm(struts, axis=1)
     low, high = f"{lengths.min():.4f}", f"{lengths.max():.4f}"
     angle = np.rad2deg(np.arccos(struts[0] @ struts[1] / (lengths[0] * lengths[1])))
     return (
-        f"Strut length {low if low == high else f'{low} to {high}'} m; "
-        f"struts 1 and 2 stand at {angle:.1f}° to each other."
+        f"The struts are {low if low == high else f'{low} to {high}'} m long; "
+        f"struts 1 and 2 meet at {angle:.1f}°."
     )
 
 

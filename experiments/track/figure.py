@@ -1,54 +1,99 @@
 """The figure of `fjh track`: the path, the error over time, and the actuators."""
 
 from functools import partial
+from textwrap import fill
 from typing import Any
 
+import mujoco
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from experiments.rig.run import Run
 from experiments.study.controllers import controller_label
 from experiments.study.plotting import (
     BLACK,
     BLUE,
-    LINES,
+    GREEN,
     PAGE_IN,
     PURPLE,
     VERMILION,
     new_figure,
+    one_legend,
 )
 from experiments.study.results import Picture
 from experiments.track.runs import Tracked
 from experiments.track.words import ROWS
+from sim import Array
 
-_PREFIXES = {1.0: "", 1e3: "m", 1e6: "u", 1e9: "n"}
+_PREFIXES = {1.0: "", 1e3: "m", 1e6: "µ", 1e9: "n"}
+_FAILED, _NAMED = VERMILION, GREEN
+_ROW_IN = 0.2
+"""Height of an actuator's row."""
 
 
 def pictures(tracked: Tracked, summary: dict[str, Any]) -> list[Picture]:
     """The study's figure and its caption."""
     alt = (
-        "Left: the desired path and the true one, before and after the failure. Right: the error "
-        "of each major row over time, with the failure and its diagnosis; below, how far each "
-        "actuator has moved."
+        "Left: the desired path and the true one, with the places of failure and diagnosis. Right: "
+        "the size of the error over time; below, a row for each actuator with its displacement, "
+        "failing ones red."
     )
     draw = partial(figure_track, tracked, summary)
     return [Picture("track", summary["verdict"], alt, draw)]
 
 
+def headline(summary: dict[str, Any]) -> str:
+    """What failed, when it was named, and the errors before and after, in one sentence."""
+    before, after = (_sizes(summary, f"rms_{when}") for when in ("before", "after"))
+    if not summary["failures"]:
+        return f"{summary['robot']}: without a failure the RMS error is {before}."
+    struck = {one["actuator"] for one in summary["failures"]}
+    named = {
+        one["actuator"]: f"named after {1e3 * one['delay_s']:.0f} ms"
+        for one in reversed(summary["diagnoses"])
+        if one["actuator"] in struck and one["delay_s"] is not None
+    }
+    happened = ", ".join(
+        f"{one['actuator']} {one['kind']} at {one['time_s']:g} s "
+        f"({named.get(one['actuator'], 'not named')})"
+        for one in summary["failures"]
+    )
+    earlier = "" if summary["rms_before"] is None else f", {before} before"
+    return f"{summary['robot']}: after {happened} the RMS error is {after}{earlier}."
+
+
+def _sizes(summary: dict[str, Any], key: str) -> str:
+    """RMS of the rows of each unit together."""
+    sizes = {
+        unit: np.linalg.norm(
+            [r for r, u in zip(summary[key], summary["units"], strict=True) if u == unit]
+        )
+        for unit in dict.fromkeys(summary["units"] if summary[key] else ())
+    }
+    found = ((*prefixed(float(size)), size, unit) for unit, size in sizes.items())
+    return " and ".join(
+        f"{factor * size:.3g} {prefix}{unit}" for factor, prefix, size, unit in found
+    )
+
+
 def figure_track(tracked: Tracked, summary: dict[str, Any]) -> Figure:
     """Path, errors, actuators."""
-    figure = new_figure(PAGE_IN, 4.2)
-    figure.suptitle(f"{tracked.rig.title}: path with failures in flight")
-    grid = figure.add_gridspec(2, 2, width_ratios=[0.8, 1])
+    units = list(dict.fromkeys(summary["units"]))
+    heights = [1.5] * len(units) + [0.4 + _ROW_IN * len(tracked.rig.actuators)]
+    figure = new_figure(PAGE_IN, max(3.4, 0.9 + sum(heights)))
+    figure.suptitle(fill(headline(summary), 110))
+    grid = figure.add_gridspec(len(heights), 2, width_ratios=[0.8, 1], height_ratios=heights)
     _path(figure.add_subplot(grid[:, 0]), tracked, summary)
-    error = figure.add_subplot(grid[0, 1])
-    _errors(error, tracked, summary)
-    actuators = figure.add_subplot(grid[1, 1], sharex=error)
-    _actuators(actuators, tracked)
-    for axes in (error, actuators):
+    over_time = [figure.add_subplot(grid[k, 1]) for k in range(len(heights))]
+    for axes, unit in zip(over_time, units, strict=False):
+        _error(axes, tracked, [u == unit for u in summary["units"]], unit)
+    _actuators(over_time[-1], tracked)
+    for axes in over_time:
         _events(axes, summary)
-    handles, labels = error.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=4)
+        axes.set(xlim=(tracked.run.time_s[0], tracked.run.time_s[-1]))
+    over_time[-1].set_xlabel("time, s")
+    one_legend(figure, 4)
     return figure
 
 
@@ -59,68 +104,77 @@ def prefixed(size: float) -> tuple[float, str]:
 
 
 def _path(axes: Axes, tracked: Tracked, summary: dict[str, Any]) -> None:
-    run, units = tracked.run, summary["units"]
+    """The first two major rows, or the only one over time."""
+    run, names = tracked.run, [ROWS[row] for row in tracked.rig.major]
     factor, prefix = prefixed(float(np.abs(run.desired).max()))
-    names = _names(tracked)
-    struck = run.time_s >= (tracked.failures[0].time_s if tracked.failures else np.inf)
-    for signal, color, style in ((run.desired, BLACK, "--"), (run.true, BLUE, "-")):
-        x, y = _plane(run.time_s, factor * signal)
-        axes.plot(x, y, color=color, ls=style, lw=0.8)
+    labels = [f"{n}, {prefix}{u}" for n, u in zip(names, summary["units"], strict=True)]
+    is_plane = len(names) > 1
+
+    def drawn(signal: Array) -> tuple[Array, Array]:
+        first = factor * signal[:, 0]
+        return (first, factor * signal[:, 1]) if is_plane else (run.time_s, first)
+
+    axes.plot(*drawn(run.true), color=BLUE, label="true")
     if tracked.other is not None:
-        x, y = _plane(run.time_s, factor * tracked.other.run.true)
-        axes.plot(x, y, color=PURPLE, lw=0.6)
-    x, y = _plane(run.time_s, factor * run.true)
-    axes.plot(x[struck], y[struck], color=VERMILION, lw=0.8)
-    if run.desired.shape[1] == 1:
-        axes.set(xlabel="time, s", ylabel=f"{names[0]}, {prefix}{units[0]}")
-    else:
-        axes.set(xlabel=f"{names[0]}, {prefix}{units[0]}", ylabel=f"{names[1]}, {prefix}{units[1]}")
+        label = controller_label(tracked.other.name)
+        axes.plot(*drawn(tracked.other.run.true), color=PURPLE, lw=0.6, label=label)
+    axes.plot(*drawn(run.desired), color=BLACK, ls="--", lw=0.6, label="desired")
+    for entries, color in ((summary["failures"], _FAILED), (summary["diagnoses"], _NAMED)):
+        ticks = np.searchsorted(run.time_s, [one["time_s"] for one in entries])
+        x, y = drawn(run.true[np.minimum(ticks, len(run.time_s) - 1)]) if is_plane else ((), ())
+        axes.plot(x, y, "o", color=color)
+    axes.set(title="Path", xlabel=labels[0] if is_plane else "time, s")
+    axes.set_ylabel(labels[int(is_plane)])
+    if is_plane:
         axes.set_aspect("equal", adjustable="datalim")
-    axes.set_title("Desired (dashed), true before and after the failure")
 
 
-def _plane(time_s: Any, signal: Any) -> tuple[Any, Any]:
-    """Two rows against each other, or the only one over time."""
-    return (signal[:, 0], signal[:, 1]) if signal.shape[1] > 1 else (time_s, signal[:, 0])
-
-
-def _errors(axes: Axes, tracked: Tracked, summary: dict[str, Any]) -> None:
-    run = tracked.run
-    error = run.desired - run.true
-    factor, prefix = prefixed(float(np.abs(error).max()))
-    for k, name in enumerate(_names(tracked)):
-        label = f"{name}, {prefix}{summary['units'][k]}"
-        axes.plot(run.time_s, factor * error[:, k], color=LINES[k % len(LINES)], label=label)
+def _error(axes: Axes, tracked: Tracked, rows: list[bool], unit: str) -> None:
+    """Size of desired minus true, of the major rows of one unit together."""
+    flown: list[tuple[Run, str]] = [(tracked.run, BLUE)]
     if tracked.other is not None:
-        theirs = np.linalg.norm(tracked.other.run.desired - tracked.other.run.true, axis=1)
-        label = f"{controller_label(tracked.other.name)}, norm"
-        axes.plot(run.time_s, factor * theirs, color=PURPLE, lw=0.6, label=label)
-    axes.set(title="Desired minus true", ylabel="error")
+        flown.insert(0, (tracked.other.run, PURPLE))
+    sizes = [np.linalg.norm((run.desired - run.true)[:, rows], axis=1) for run, _ in flown]
+    factor, prefix = prefixed(float(np.max(sizes)))
+    for size, (run, color) in zip(sizes, flown, strict=True):
+        axes.plot(run.time_s, factor * size, color=color, lw=0.8)
+    major = zip(tracked.rig.major, rows, strict=True)
+    names = ", ".join(ROWS[row] for row, shown in major if shown)
+    axes.set(title=f"Error of {names}", ylabel=f"error, {prefix}{unit}")
     axes.tick_params(labelbottom=False)
 
 
 def _actuators(axes: Axes, tracked: Tracked) -> None:
-    run = tracked.run
-    factor, prefix = prefixed(float(np.abs(run.displacement).max()))
-    broken = {failure.actuator for failure in tracked.failures}
-    for k, name in enumerate(tracked.rig.actuators):
-        style = {"lw": 1.8, "color": VERMILION} if k in broken else {"lw": 0.7, "color": "0.5"}
-        axes.plot(run.time_s, factor * run.displacement[:, k], **style, label=name)
-    axes.set(
-        title="Actuators, from the start; failing ones red",
-        xlabel="time, s",
-        ylabel=f"displacement, {prefix}rad or {prefix}m",
-    )
+    """A row for each, from its place at the start; all of one unit on the same scale."""
+    rig, run = tracked.rig, tracked.run
+    broken = {failure.number for failure in tracked.failures}
+    units = [_unit(rig.model, (*rig.aliases[k], name)) for k, name in enumerate(rig.actuators)]
+    spans = {
+        unit: 2 * float(np.abs(run.displacement[:, [u == unit for u in units]]).max())
+        for unit in dict.fromkeys(units)
+    }
+    for k, unit in enumerate(units):
+        style = {"lw": 1.4, "color": _FAILED} if k in broken else {"lw": 0.8, "color": "0.4"}
+        axes.plot(run.time_s, k - run.displacement[:, k] / (spans[unit] or 1.0), **style)
+    heights = ((*prefixed(span), span, unit) for unit, span in spans.items())
+    row = " or ".join(f"{f * span:.2g} {prefix}{unit}" for f, prefix, span, unit in heights)
+    axes.set_yticks(range(len(units)), rig.actuators)
+    axes.set(title=f"Displacement of each actuator, a row is {row} high")
+    axes.invert_yaxis()
+
+
+def _unit(model: mujoco.MjModel, names: tuple[str, ...]) -> str:
+    """Of an actuator on the joint of one of these names."""
+    for name in names:
+        joint = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, name)
+        if joint >= 0:
+            return "m" if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE else "rad"
+    return "rad or m"
 
 
 def _events(axes: Axes, summary: dict[str, Any]) -> None:
-    for failure in summary["failures"]:
-        label = f"{failure['actuator']} {failure['kind']}"
-        axes.axvline(failure["time_s"], color=BLACK, lw=0.8, ls=":", label=label)
-    for found in summary["diagnoses"]:
-        label = f"named {found['actuator']} {found['kind']}"
-        axes.axvline(found["time_s"], color=BLUE, lw=0.8, ls="-.", label=label)
-
-
-def _names(tracked: Tracked) -> list[str]:
-    return [ROWS[row] for row in tracked.rig.major]
+    """Lines where an actuator failed, and where one was named."""
+    for one in summary["failures"]:
+        axes.axvline(one["time_s"], color=_FAILED, lw=0.8, label="failure")
+    for one in summary["diagnoses"]:
+        axes.axvline(one["time_s"], color=_NAMED, lw=0.8, ls="--", label="diagnosis")

@@ -28,6 +28,8 @@ from experiments.study.results import Results
 from experiments.table1.figure import figure_4, figure_5, figure_6, figure_result
 from sim import hexapod, load_model
 from sim.mjcf.model import HEXAPOD_MJCF
+from tests.figure_checks import overlapping_texts
+from tests.on_paper import is_printed, text_box, touches
 from tests.printed import assert_printable, faults
 
 
@@ -163,8 +165,17 @@ def test_the_geometry_reads_back_as_its_mjcf(tmp_path, moved):
     )
 
 
-def test_the_strut_length_in_the_picture_is_the_papers(model):
-    assert "Strut length 0.4064 m" in " ".join(text.get_text() for text in figure_2(model).texts)
+def test_the_title_of_the_picture_has_the_papers_strut_length(model):
+    """And no label lies on a strut, in either view."""
+    figure = figure_2(model)
+    assert "The struts are 0.4064 m long" in " ".join(text.get_text() for text in figure.texts)
+    figure.draw_without_rendering()
+    assert overlapping_texts(figure) == []
+    for axes in figure.axes[1:]:
+        struts = [line for line in axes.lines if "strut" in str(line.get_gid())]
+        assert len(struts) == 6
+        for text in filter(is_printed, axes.texts):
+            assert not any(touches(line, axes, text_box(text)) for line in struts), text
 
 
 # Fig. 3.
