@@ -4,7 +4,7 @@ from functools import partial
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure, SubFigure
+from matplotlib.figure import Figure
 
 from experiments.recording.plots import spiral
 from experiments.rig.hexapod.metrics import pointing_rms_urad
@@ -17,6 +17,7 @@ from experiments.study.plotting import (
     ORANGE,
     PAGE_IN,
     PURPLE,
+    SKY,
     VERMILION,
     new_figure,
     one_legend,
@@ -24,8 +25,13 @@ from experiments.study.plotting import (
 from experiments.study.results import Picture
 from sim import Array
 
-SECONDARY = [("$t_x$, µm", 1), ("$t_y$, µm", 2), ("$t_z$, µm", 3), ("$\\gamma$, µrad", 0)]
-"""Label and column of `Trajectory.secondary`, in the order of the paper's weights."""
+SECONDARY = [
+    ("$t_x$, µm", 1, BLUE),
+    ("$t_y$, µm", 2, SKY),
+    ("$t_z$, µm", 3, ORANGE),
+    ("$\\gamma$, µrad", 0, PURPLE),
+]
+"""Label and column of `Trajectory.secondary`, in the order of the paper's weights, and colour."""
 ERROR = "error: desired minus true"
 ERRORS = "$\\alpha$ error, µrad", "$\\beta$ error, µrad"
 
@@ -44,11 +50,11 @@ def pictures(runs: dict[str, Trajectory]) -> list[Picture]:
         ),
         Picture(
             "figure4",
-            "The paper's Fig. 4: spirals and strut inputs, weighted strut displacements minimized; "
-            "errors are desired minus true.",
-            "Three rows, W_a, W_b and W_c: on the left the same spiral and the same errors each "
-            "time, on the right six strut inputs; small are under W_b those of struts 1, 3, 5, "
-            "under W_c of 2, 4, 6.",
+            "The paper's Fig. 4: weighted strut displacements minimized. Above the pointing error, "
+            "desired minus true, drawn as beta over alpha; below the strut inputs.",
+            "Columns W_a, W_b and W_c. Above, the same small spiral of the pointing error each "
+            "time. Below, six strut inputs over time: those of struts 1, 3, 5 are small under W_b, "
+            "those of 2, 4, 6 under W_c.",
             partial(figure_4, runs),
         ),
         Picture(
@@ -61,11 +67,10 @@ def pictures(runs: dict[str, Trajectory]) -> list[Picture]:
         ),
         Picture(
             "figure6",
-            "The paper's Fig. 6: strut 1 locked, mapping reconfigured, secondary motion minimized; "
-            "errors are desired minus true.",
-            "Two spirals that track as well as with six struts, and their errors; under W_e the "
-            "translations t_x and t_y almost vanish, under W_d their amplitude is about ten "
-            "micrometres.",
+            "The paper's Fig. 6: strut 1 locked, mapping reconfigured, secondary motion minimized. "
+            "On the left the pointing error, desired minus true, drawn as beta over alpha.",
+            "Rows W_d and W_e. The spiral of the pointing error is the same in both. Under W_e the "
+            "translations t_x and t_y almost vanish, and t_z and gamma are larger than under W_d.",
             partial(figure_6, runs),
         ),
     ]
@@ -106,19 +111,28 @@ def figure_result(runs: dict[str, Trajectory]) -> Figure:
 
 
 def figure_4(runs: dict[str, Trajectory]) -> Figure:
-    """A row for each of W_a, W_b, W_c: tracking spiral, its errors, strut inputs."""
+    """A column for each of W_a, W_b, W_c: the pointing error, and the strut inputs."""
     names = ["W_a", "W_b", "W_c"]
-    figure = new_figure(PAGE_IN, 7.2)
-    limit_percent = 1.1 * max(abs(runs[name].strut_input_percent).max() for name in names)
-    grid = figure.add_gridspec(len(names), 3, width_ratios=[1, 0.75, 1.5])
-    for row, name in enumerate(names):
-        tracking = figure.add_subfigure(grid[row, 0]).subplots()
-        spiral(tracking, runs[name], _weight(name), legend=False)
-        errors = figure.add_subfigure(grid[row, 1]).subplots(2, 1, sharex=True, sharey=True)
-        _errors(errors, runs[name], _limit_urad([runs[name] for name in names]))
-        errors[-1].set_xlabel("time, s")
-        _inputs(figure.add_subfigure(grid[row, 2]), runs[name], limit_percent)
-    one_legend(figure, 4)
+    peaks = {name: abs(runs[name].strut_input_percent).max(axis=0) for name in names}
+    figure = new_figure(PAGE_IN, 4.6)
+    figure.suptitle(
+        f"$W_b$ takes the largest input of struts 1, 3, 5 from {peaks['W_a'][::2].max():.1f} to "
+        f"{peaks['W_b'][::2].max():.1f} %, $W_c$ that of struts 2, 4, 6 from "
+        f"{peaks['W_a'][1::2].max():.1f} to {peaks['W_c'][1::2].max():.1f} %;\n"
+        f"the RMS pointing errors are {_rms_said([runs[name] for name in names])} each time"
+    )
+    errors, inputs = figure.subplots(2, len(names), height_ratios=[1.2, 1], sharey="row")
+    limit_urad = _limit_urad([runs[name] for name in names])
+    errors[0].set_ylabel(ERRORS[1])
+    for name, plane, axes in zip(names, errors, inputs, strict=True):
+        _error_plane(plane, runs[name], limit_urad, _weight(name))
+        for k, current in enumerate(runs[name].strut_input_percent.T):
+            label, color = ("struts 2, 4, 6", ORANGE) if k % 2 else ("struts 1, 3, 5", BLUE)
+            axes.plot(runs[name].time_s, current, lw=0.6, color=color, label=label)
+        axes.set(xlabel="time, s")
+        _whole_run(axes, runs[name])
+    inputs[0].set_ylabel("strut input, %")
+    one_legend(figure, 3)
     return figure
 
 
@@ -138,32 +152,49 @@ def figure_5(runs: dict[str, Trajectory]) -> Figure:
 
 
 def figure_6(runs: dict[str, Trajectory]) -> Figure:
-    """Columns W_d and W_e: spiral, errors, SDOF displacements; strut 1 locked and known."""
+    """Rows W_d and W_e: the pointing error and the secondary motion; strut 1 locked and known."""
     names = ["W_d", "W_e"]
-    figure = new_figure(PAGE_IN, 8.6)
-    halves = figure.add_gridspec(2, 1, height_ratios=[1, 1.75])
-    spirals = figure.add_subfigure(halves[0]).subplots(1, len(names))
-    lower = figure.add_subfigure(halves[1])
-    grid = lower.subplots(2 + len(SECONDARY), len(names), sharex=True, sharey="row")
+    sideways_um = {name: 1e6 * abs(runs[name].secondary[:, 1:3]).max() for name in names}
+    figure = new_figure(PAGE_IN, 4.4)
+    figure.suptitle(
+        f"With strut 1 locked, $t_x$ and $t_y$ are up to {sideways_um['W_d']:.3g} µm under $W_d$ "
+        f"and {sideways_um['W_e']:.2g} µm under $W_e$;\n"
+        f"the RMS pointing errors are {_rms_said([runs[name] for name in names])} both times"
+    )
+    grid = figure.subplots(len(names), 3, width_ratios=[0.8, 1, 1])
     limit_urad = _limit_urad([runs[name] for name in names])
     largest = 1.1e6 * max(abs(runs[name].secondary).max() for name in names)
-    for name, axes, panels in zip(names, spirals, grid.T, strict=True):
+    for name, (plane, *panels) in zip(names, grid, strict=True):
         run = runs[name]
-        spiral(axes, run, f"{_weight(name)}, strut 1 locked", legend=False)
-        _errors(panels[:2], run, limit_urad)
-        for panel, (label, column) in zip(panels[2:], SECONDARY, strict=True):
-            panel.plot(
-                run.time_s, 1e6 * run.secondary[:, column], color=PURPLE, lw=1.4, label="true"
-            )
-            estimated = 1e6 * run.secondary_estimated[:, column]
-            panel.plot(run.time_s, estimated, color=BLACK, lw=0.8, ls=":", label="estimated")
-            panel.set(ylabel=label, ylim=(-largest, largest))
+        _error_plane(plane, run, limit_urad, f"{_weight(name)}, strut 1 locked")
+        plane.set_ylabel(ERRORS[1])
+        panels[0].set_ylabel("displacement, µm")
+        panels[1].set_ylabel("displacement, µm or µrad")
+        for panel, shown in zip(panels, (SECONDARY[:2], SECONDARY[2:]), strict=True):
+            for label, column, color in shown:
+                panel.plot(run.time_s, 1e6 * run.secondary[:, column], color=color, label=label)
+            panel.set(title=_weight(name), ylim=(-largest, largest), xlabel="time, s")
             _whole_run(panel, run)
-        panels[-1].set_xlabel("time, s")
-    for panel in grid[:, 1]:  # as on its left
-        panel.set_ylabel("")
-    one_legend(figure, 6)
+    one_legend(figure, 5)
     return figure
+
+
+def _error_plane(axes: Axes, run: Trajectory, limit_urad: float, title: str) -> None:
+    """The error of beta over that of alpha: at the scale of the path both would be one line."""
+    axes.plot(*_error_urad(run).T, color=GREEN, lw=0.6, label=ERROR)
+    axes.set(title=title, xlabel=ERRORS[0], aspect="equal")
+    axes.set(xlim=(-limit_urad, limit_urad), ylim=(-limit_urad, limit_urad))
+
+
+def _rms_said(runs: list[Trajectory]) -> str:
+    """RMS of both angles, the same or from the least to the largest of the runs."""
+    rms_urad = np.array([pointing_rms_urad(run) for run in runs])
+    ends = [
+        (f"{low:.2f}", f"{high:.2f}")
+        for low, high in zip(rms_urad.min(0), rms_urad.max(0), strict=True)
+    ]
+    alpha, beta = (low if low == high else f"{low} to {high}" for low, high in ends)
+    return f"{alpha} and {beta} µrad"
 
 
 def _error_urad(run: Trajectory) -> Array:
@@ -183,17 +214,6 @@ def _errors(panels: list[Axes], run: Trajectory, limit_urad: float) -> None:
         axes.set(ylabel=label, ylim=(-limit_urad, limit_urad))
         axes.set_title(f"RMS {rms_urad[k]:.2f} µrad", loc="left")
         _whole_run(axes, run)
-
-
-def _inputs(figure: SubFigure, run: Trajectory, limit_percent: float) -> None:
-    """Normalized currents of struts 1 to 6; W_b keeps the odd ones, on the left, small."""
-    grid = figure.subplots(3, 2, sharex=True, sharey=True)
-    for k, axes in enumerate(grid.flat):
-        axes.plot(run.time_s, run.strut_input_percent[:, k], lw=0.6, color=BLUE)
-        axes.set(ylabel=f"Input {k + 1}, %", ylim=(-limit_percent, limit_percent))
-        _whole_run(axes, run)
-    for axes in grid[-1]:
-        axes.set_xlabel("time, s")
 
 
 def _whole_run(axes: Axes, run: Trajectory) -> None:
