@@ -121,7 +121,7 @@ def about_runs(runs: Mapping[str, RecordedRun]) -> RecordingInfo:
         *(_row(name, run) for name, run in runs.items()),
     ]
     colors = (
-        "On the detector, beta over alpha, what is desired is orange, what is measured blue. "
+        "The plane beside each run has the error of beta, desired minus true, over that of alpha. "
         "Struts are blue for negative and red for positive input; a failed one wears a yellow "
         "collar."
     )

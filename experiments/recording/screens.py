@@ -10,7 +10,15 @@ from experiments.recording import Array
 from experiments.recording.file import RecordingInfo, recording_file, round_up, screen
 from experiments.recording.hexapod import log_marks
 from experiments.recording.mechanism import machine_tabs
-from experiments.recording.shown import Scales, Shown, log_shown, scales_of, signals_of
+from experiments.recording.shown import (
+    Scales,
+    Shown,
+    log_detector,
+    log_error_plane,
+    log_shown,
+    scales_of,
+    signals_of,
+)
 from experiments.recording.views import Plot, legend_off, notes_view, plane_view, plot_views
 from experiments.rig.hexapod.simulation import Trajectory
 
@@ -32,7 +40,7 @@ _TITLES = {
 _SHORT = {"pointing/error": "error ±{:.3g} urad", "strut/input": "inputs ±{:.3g} %"}
 _SHORT |= {"secondary/true": "SDOF ±{:.3g} urad, um"}
 _SHORT_SHARES = (4, 3, 5, 4)
-"""Heights of the detector and of these: six names need room."""
+"""Heights of the plane of errors and of these: six names need room."""
 
 
 def write_run(path: Path, about: RecordingInfo, model: mujoco.MjModel, shown: Shown) -> None:
@@ -40,6 +48,7 @@ def write_run(path: Path, about: RecordingInfo, model: mujoco.MjModel, shown: Sh
     scales = scales_of([shown.run])
     with recording_file(path, about, _single(model, shown, scales)) as recording:
         log_shown(recording, "", model, shown, scales, RATE_HZ)
+        log_detector(recording, shown.run, scales)
         if shown.marks:
             log_marks(recording, shown.marks, shown.run)
 
@@ -52,6 +61,7 @@ def write_side_by_side(
     with recording_file(path, about, _columns(model, shown, scales)) as recording:
         for k, one in enumerate(shown.values()):
             log_shown(recording, f"{_entity(k)}/", model, one, scales, SIDE_BY_SIDE_HZ)
+            log_error_plane(recording, f"{_entity(k)}/error_plane", one.run, scales)
 
 
 def _single(model: mujoco.MjModel, shown: Shown, scales: Scales) -> rrb.Blueprint:
@@ -102,15 +112,15 @@ def _columns(model: mujoco.MjModel, shown: Mapping[str, Shown], scales: Scales) 
         return machine_tabs(f"{_entity(k)}/hexapod", title, model, scales.factor)
 
     def column(k: int, name: str, one: Shown) -> rrb.Container:
-        detector = plane_view(f"{_entity(k)}/detector", f"{name} [urad]", scales.square_urad)
+        errors = plane_view(f"{_entity(k)}/error_plane", name, scales.error_urad)
         plots = [
             *_small_signals(k, one.run, scales),
             *plot_views(one.extras, f"{_entity(k)}/", ranges),
         ]
         if len(shown) > FEW:
             shares = [*_SHORT_SHARES, *[3] * len(one.extras)]
-            return rrb.Vertical(detector, *plots, row_shares=shares)
-        return rrb.Horizontal(rrb.Vertical(machine(k, name), detector), rrb.Vertical(*plots))
+            return rrb.Vertical(errors, *plots, row_shares=shares)
+        return rrb.Horizontal(rrb.Vertical(machine(k, name), errors), rrb.Vertical(*plots))
 
     columns = [column(k, name, one) for k, (name, one) in enumerate(shown.items())]
     if len(shown) <= FEW:

@@ -21,6 +21,9 @@ from sim import NOMINAL, Pose
 INPUTS = [f"strut {k} [%]" for k in range(1, 7)]
 SECONDARY = ["gamma [urad]", "t_x [um]", "t_y [um]", "t_z [um]"]
 
+_TWO_LINES = 1.7
+"""Side of the square over the extent of the curves where the label has two lines."""
+
 
 @dataclass(frozen=True)
 class Shown:
@@ -38,6 +41,7 @@ class Scales:
     factor: int  # exaggerates the payload's motion
     full_percent: float  # the input with the deepest colours
     square_urad: Square  # the part of the detector that is shown
+    error_urad: Square  # the part of the plane of errors
     bounds: dict[str, float]  # largest absolute value of each plotted signal, by its entity
 
     @property
@@ -61,6 +65,9 @@ def scales_of(runs: Sequence[Trajectory]) -> Scales:
         full_percent=float(max(1.0, np.ceil(bounds["strut/input"]))),
         # The first half of a spiral lies within the second.
         square_urad=views.square_around(*(1e6 * curve[len(curve) // 2 :] for curve in curves)),
+        error_urad=views.square_around(
+            *(one["pointing/error"][1] for one in signals), margin=_TWO_LINES
+        ),
         bounds=bounds,
     )
 
@@ -73,15 +80,32 @@ def log_shown(
     scales: Scales,
     rate_hz: float,
 ) -> None:
-    """Log a run below an entity: signals, detector, and the hexapod of this MJCF in both sizes."""
+    """Log a run below an entity: signals, and the hexapod of this MJCF in both sizes."""
     run = shown.run
     log_signals(recording, under, run, rate_hz)
-    task = Task(("alpha", "beta"), "urad", 1e6 * run.desired_rad, 1e6 * run.measured_rad)
-    views.log_plane(recording, f"{under}detector", run.time_s, task, scales.square_urad)
     for size in sizes(scales.factor):
         picture = picture_of(shown, size, scales.full_percent)
         log_hexapod(recording, sized_entity(f"{under}hexapod", size), model, picture)
     views.log_plots(recording, shown.extras, under)
+
+
+def log_detector(recording: rr.RecordingStream, run: Trajectory, scales: Scales) -> None:
+    """Log the desired angles and the detector's reading of a run by itself."""
+    task = Task(("alpha", "beta"), "urad", 1e6 * run.desired_rad, 1e6 * run.measured_rad)
+    views.log_plane(recording, "detector", run.time_s, task, scales.square_urad)
+
+
+def log_error_plane(
+    recording: rr.RecordingStream, entity: str, run: Trajectory, scales: Scales
+) -> None:
+    """Log the error of beta over that of alpha, with their RMS, beside the desired zero.
+
+    On the detector of many runs the desired and the true angles would be one line.
+    """
+    _, error_urad = signals_of(run)["pointing/error"]
+    said = "RMS {:.2f}, {:.2f} urad".format(*pointing_rms_urad(run))
+    task = Task(("alpha", "beta error"), "urad", np.zeros_like(error_urad), error_urad, said)
+    views.log_plane(recording, entity, run.time_s, task, scales.error_urad)
 
 
 def signals_of(run: Trajectory) -> dict[str, tuple[Sequence[str], Array]]:

@@ -100,6 +100,7 @@ class Task:
     unit: str
     desired: Array
     reached: Array
+    note: str = ""  # below the scale
 
     @property
     def square(self) -> Square:
@@ -107,11 +108,11 @@ class Task:
         return square_around(self.desired, self.reached)
 
 
-def square_around(*curves: Array) -> Square:
-    """The square that holds curves (N, 2)."""
+def square_around(*curves: Array, margin: float = _MARGIN) -> Square:
+    """The square that holds curves (N, 2), with a margin for the label."""
     points = np.concatenate(curves)
     low, high = points.min(axis=0), points.max(axis=0)
-    half, center = _MARGIN * float((high - low).max()) / 2, (low + high) / 2
+    half, center = margin * float((high - low).max()) / 2, (low + high) / 2
     # A spiral is nearly centred, and is shown as if it were.
     return Square(np.where(np.abs(center) < 0.1 * half, 0.0, center), half)
 
@@ -146,7 +147,8 @@ def _log_scale(recording: rr.RecordingStream, entity: str, square: Square, task:
     recording.log(f"{entity}/axes", cross, static=True)
     right, up = task.names
     where = " about {:.0f}, {:.0f}".format(*square.center) if square.center.any() else ""
-    label = f"{up} over {right}; cross ±{arm:g} {task.unit}{where}"
+    scaled = f"{up} over {right}; cross ±{arm:g} {task.unit}{where}"
+    label = "\n".join(filter(None, (scaled, task.note)))
     scale = rr.Points2D(
         [middle - [0, _LABEL * square.half]],
         colors=[_GREY],

@@ -43,6 +43,18 @@ def test_every_column_is_its_run_to_the_bit(review, table1, runs):
             np.testing.assert_array_equal(times, np.arange(1600) * EVERY * 1_000_000)
 
 
+def test_the_plane_of_each_run_has_its_error_on_the_errors_own_scale(review, table1, runs):
+    """Desired minus true, image axes down; the label states the RMS of the JSON file."""
+    for k, column in enumerate(table1["columns"]):
+        run, plane = runs[column["name"]], f"/run_{k}/error_plane"
+        times, pieces = rrd.rows(review, f"{plane}/reached", "LineStrips2D:strips")
+        error_urad = 1e6 * (run["desired_rad"] - run["true_rad"])[times // 1_000_000]
+        np.testing.assert_allclose(np.array(pieces)[:, 0, 1], error_urad * [1, -1], atol=1e-5)
+        (label,) = rrd.static(review, f"{plane}/scale", "Points2D:labels")
+        assert "RMS {alpha_rms_urad:.2f}, {beta_rms_urad:.2f} urad".format(**column) in label
+    assert not any(entity.endswith("/detector/desired") for entity in rrd.entities(review))
+
+
 def test_the_papers_numbers_stand_beside_ours(review, table1):
     told = rrd.notes(review)
     for column in table1["columns"]:
