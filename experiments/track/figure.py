@@ -125,7 +125,7 @@ def _path(axes: Axes, tracked: Tracked, summary: dict[str, Any]) -> None:
         axes.plot(x, y, "o", color=color)
     axes.set(title="Path", xlabel=labels[0] if is_plane else "time, s")
     axes.set_ylabel(labels[int(is_plane)])
-    if is_plane:
+    if is_plane and summary["units"][0] == summary["units"][1]:
         axes.set_aspect("equal", adjustable="datalim")
 
 
@@ -157,9 +157,9 @@ def _actuators(axes: Axes, tracked: Tracked) -> None:
         style = {"lw": 1.4, "color": _FAILED} if k in broken else {"lw": 0.8, "color": "0.4"}
         axes.plot(run.time_s, k - run.displacement[:, k] / (spans[unit] or 1.0), **style)
     heights = ((*prefixed(span), span, unit) for unit, span in spans.items())
-    row = " or ".join(f"{f * span:.2g} {prefix}{unit}" for f, prefix, span, unit in heights)
+    row = " or ".join(f"{f * span:.3g} {prefix}{unit}" for f, prefix, span, unit in heights)
     axes.set_yticks(range(len(units)), rig.actuators)
-    axes.set(title=f"Displacement of each actuator, a row is {row} high")
+    axes.set(title=f"Displacement of each actuator:\na row is {row} high")
     axes.invert_yaxis()
 
 
