@@ -139,14 +139,14 @@ def draw_sizes(axes: Axes, sizes: Sequence[dict[str, Any]]) -> None:
     An exact plant, size zero, has no mismatch of any group.
     """
     factors = sorted({entry["factor"] for entry in sizes} - {0.0})
-    for row, (group, names) in enumerate(GROUPS.items()):
+    for row, names in enumerate(GROUPS.values()):
         for column, factor in enumerate(factors):
             own = [e["strut"] for e in sizes if e["mismatch"] in names and e["factor"] == factor]
             if own:
                 right, count = (sum(strut[key] for strut in own) for key in ("right", "cases"))
                 color = _ALL if right == count else _NOT_ALL
                 corner = column - 0.5, row - 0.5
-                axes.add_patch(Rectangle(corner, 1, 1, fc=color, ec="white", gid=group))
+                axes.add_patch(Rectangle(corner, 1, 1, fc=color, ec="white"))
                 axes.text(column, row, f"{right} of {count}", ha="center", va="center")
     axes.set_title(
         f"The strut is always rightly named up to {tolerated(sizes):g} times the mismatch"

@@ -61,7 +61,7 @@ def test_actuators_are_named_and_scaled_by_their_own_unit():
     path, turn, shift, rows = figure.axes
     assert (path.get_xlabel(), path.get_ylabel()) == ("turn x, mrad", "y, mm")
     assert (turn.get_ylabel(), shift.get_ylabel()) == ("error, µrad", "error, µm")
-    np.testing.assert_allclose(shift.lines[0].get_ydata(), 40)
+    np.testing.assert_allclose(np.asarray(shift.lines[0].get_ydata()), 40)
     assert [label.get_text() for label in rows.get_yticklabels()] == ["motor", "screw"]
     assert rows.get_title().endswith("a row is 400 mrad or 20 mm high")
     for k, line in enumerate(rows.lines[:2]):
