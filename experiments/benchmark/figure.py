@@ -99,7 +99,7 @@ def _ratios(axes: Axes, ratios: dict[str, Any]) -> None:
     name_rows(axes, [f"{one['ratio']:#.2g}" for one in ratios.values()], right=True)
     axes.set(xlabel="time / time: left is better", ylim=(len(ratios) - 0.5, -0.5))
     logarithmic(axes, "x")
-    axes.legend(loc="upper left")
+    axes.legend(loc="best")
 
 
 def _actuators(axes: Axes, growth: dict[str, Any]) -> None:

@@ -98,7 +98,7 @@ def draw_delays(axes: Axes, cases: Sequence[Row]) -> None:
     axes.set_title(f"Naming the strut takes at most {latest_ms:.0f} ms")
     axes.set(xlabel="time since the failure, ms", ylabel="share of failures named, %")
     axes.set(xlim=(0, 1.08 * latest_ms), ylim=(-4, 104))
-    axes.legend(loc="center left")
+    axes.legend(loc="best")
 
 
 def draw_after(axes: Axes, cases: Sequence[Row]) -> None:
@@ -114,7 +114,7 @@ def draw_after(axes: Axes, cases: Sequence[Row]) -> None:
     )
     axes.set(xlabel="RMS error / RMS error if informed", ylabel="share of flights, %")
     axes.set(ylim=(-4, 104))
-    axes.legend(loc="lower right")
+    axes.legend(loc="best")
 
 
 def _over_informed(cases: Sequence[Row], name: str) -> Array:
@@ -139,7 +139,9 @@ def draw_sizes(axes: Axes, sizes: Sequence[dict[str, Any]]) -> None:
     An exact plant, size zero, has no mismatch of any group.
     """
     factors = sorted({entry["factor"] for entry in sizes} - {0.0})
-    for row, names in enumerate(GROUPS.values()):
+    flown = {entry["mismatch"] for entry in sizes}
+    groups = {group: names for group, names in GROUPS.items() if flown.intersection(names)}
+    for row, names in enumerate(groups.values()):
         for column, factor in enumerate(factors):
             own = [e["strut"] for e in sizes if e["mismatch"] in names and e["factor"] == factor]
             if own:
@@ -152,9 +154,9 @@ def draw_sizes(axes: Axes, sizes: Sequence[dict[str, Any]]) -> None:
         f"The strut is always rightly named up to {tolerated(sizes):g} times the mismatch"
     )
     axes.set_xticks(range(len(factors)), [f"{factor:g}" for factor in factors])
-    axes.set_yticks(range(len(GROUPS)), list(GROUPS))
+    axes.set_yticks(range(len(groups)), list(groups))
     axes.set(xlabel="size of the mismatch", xlim=(-0.5, len(factors) - 0.5))
-    axes.set_ylim(len(GROUPS) - 0.5, -0.5)
+    axes.set_ylim(len(groups) - 0.5, -0.5)
     axes.grid(visible=False)
 
 
