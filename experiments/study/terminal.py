@@ -6,8 +6,13 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from types import FrameType
+from typing import TYPE_CHECKING
 
+from experiments.study.layout import fitted, widths
 from experiments.study.tables import Table
+
+if TYPE_CHECKING:  # the help text does not wait for Rich's import
+    from rich.table import Table as RichTable
 
 INTERRUPTED = 130
 INTERRUPTION = "interrupted: no file was left half-written"
@@ -63,20 +68,31 @@ def progress(description: str, *, shown: bool = True) -> Iterator[Callable[[int,
 
 
 def print_table(table: Table) -> None:
-    """A table on standard output, its legend below."""
-    from rich import box
+    """A table on standard output, its legend below; no cell is shortened, whatever the width."""
     from rich.console import Console
+
+    # Units stand in brackets, where markup would.
+    console = Console(markup=False, highlight=False)
+    for part in fitted(table, console.width):
+        if part.title:
+            console.print(part.title, style="italic")
+        console.print(_drawn(part, console.width))
+        if part.legend:
+            console.print(f"{part.legend}\n")
+
+
+def _drawn(table: Table, width: int) -> "RichTable":
+    """The table as Rich draws it."""
+    from rich import box
     from rich.table import Table as RichTable
 
-    drawn = RichTable(title=table.title, title_justify="left", box=box.SIMPLE)
-    for k, heading in enumerate(table.headings):
-        drawn.add_column(heading, justify="right" if k else "left", no_wrap=True)
+    drawn = RichTable(box=box.SIMPLE, padding=(0, 1, 0, 0))
+    for k, (heading, each) in enumerate(zip(table.headings, widths(table, width), strict=True)):
+        justify = "right" if k else "left"
+        drawn.add_column(heading, justify=justify, width=each, overflow="fold")
     for row in table.rows:
         drawn.add_row(*row)
-    # Units stand in brackets, where markup would.
-    Console(markup=False).print(drawn)
-    if table.legend:
-        Console().print(f"{table.legend}\n", highlight=False, markup=False)
+    return drawn
 
 
 def print_notes(notes: Sequence[str]) -> None:
