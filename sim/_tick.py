@@ -7,6 +7,8 @@ cache notices a change of that file alone.
 import numpy as np
 from numba import njit, types
 
+from argument_checks.compilation import kernel
+
 FOUND, SINGULAR, NO_LENGTH = 0, 1, 2
 """All is well; the struts do not determine the twist, or one too large; a strut has no length."""
 
@@ -22,7 +24,7 @@ _inlined = njit(error_model="numpy")
 
 def _compiled(*arguments):
     """Compiled when this module is first imported, then read from the cache."""
-    return njit(types.int64(*arguments), cache=True, error_model="numpy")
+    return kernel(types.int64(*arguments))
 
 
 @_inlined
@@ -193,11 +195,7 @@ def seen_from(xmat, xpos, frame, base_xmat, base, R_0, p_0, R, t):
     return FOUND
 
 
-@njit(
-    types.float64(_any[1], types.Array(types.int32, 1, "A"), _any[1], types.int64),
-    cache=True,
-    error_model="numpy",
-)
+@kernel(types.float64(_any[1], types.Array(types.int32, 1, "A"), _any[1], types.int64))
 def largest_gap(gaps, owners, counts, rows):
     """Largest of the first rows' gaps, each times the number that its owner counts."""
     largest = 0.0

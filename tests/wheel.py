@@ -117,8 +117,14 @@ def main() -> None:
         version = wheel.name.split("-")[1]
 
         user.install(str(wheel))
-        assert user("python", "-c", BASE) == "the major task is met exactly\n"
+        for compiles in (True, False):
+            said = user("python", "-c", BASE)
+            assert said.endswith("the major task is met exactly\n")
+            assert said.startswith("fjh: compiling") == compiles
+            assert said.count("\n") == 1 + compiles
         user.install(extra_of(user("python", "-c", "import fjh.sim", code=1)))
+        compiled = user("python", "-c", "import fjh.sim")  # which has functions of its own
+        assert compiled.startswith("fjh: compiling") and compiled.count("\n") == 1
         assert user("python", "-c", "import fjh; print(fjh.load_model().nu)") == "6\n"
         user.install(extra_of(user("fjh", "table1", code=2)), "mypy")
 

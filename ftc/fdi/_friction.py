@@ -7,10 +7,12 @@ Gauss-Seidel, and x' = A x + B u + G f. Arguments are those of :class:`ftc.fdi.f
 import numpy as np
 from numba import njit, types
 
+from argument_checks.compilation import kernel
+
 _1, _2, _3, _4 = (types.Array(types.float64, n, "C") for n in range(1, 5))
 _counts = types.Array(types.int64, 1, "C")
 _flags = types.Array(types.boolean, 2, "C")
-_compiled = {"cache": True, "error_model": "numpy", "fastmath": {"reassoc", "contract"}}
+_FASTMATH = {"reassoc", "contract"}
 _SWEEPS, _CHANGE = 1000, 1e-11
 """Most sweeps of a step, and the change of a force, of its limit, at which they end."""
 
@@ -57,9 +59,9 @@ def _moved(x, driven, pulled, A, G, E, K, limit, f, c, after):  # pragma: no cov
         x[i] = total
 
 
-@njit(
+@kernel(
     types.void(_2, _2, _2, _2, _2, _2, _2, _2, _1, types.int64),
-    **_compiled,
+    fastmath=_FASTMATH,
 )
 def slide(X, U, A, B, G, E, D, K, limit, steps_a_tick):  # pragma: no cover
     """States X (S, s) after a control tick with inputs U (S, n + 1), in place."""
@@ -88,12 +90,12 @@ def _slopes(held, A, G, E, K):  # pragma: no cover
     return A + np.dot(G, np.linalg.solve(M, change))
 
 
-@njit(
+@kernel(
     types.void(
         *(_flags, _4, _4, _4, _1, _3, types.int64, types.int64, types.float64),
         *(_3, _3, _3, _3, _3, _3, _2, _3, _counts),
     ),
-    **_compiled,
+    fastmath=_FASTMATH,
 )
 def slide_samples(
     steps,

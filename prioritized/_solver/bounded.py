@@ -11,6 +11,7 @@ from numba import njit, types
 from numpy.typing import NDArray
 
 from argument_checks import Array
+from argument_checks.compilation import kernel
 from argument_checks.ties import ACCURACY
 
 AT_LOWER, FREE, AT_UPPER = -1, 0, 1
@@ -464,7 +465,7 @@ def _array(dtype, k, readonly=False):
     return types.Array(dtype, k, "C", readonly=readonly)
 
 
-@njit(
+@kernel(
     types.void(
         _array(types.float64, 3, True), _array(types.float64, 2, True),
         _array(types.int64, 1, True), _array(types.float64, 2, True), types.float64,
@@ -472,8 +473,6 @@ def _array(dtype, k, readonly=False):
         _array(types.float64, 2), _array(types.int8, 2), types.int64, types.int64,
         _array(types.int64, 1), _array(types.boolean, 1), _array(types.float64, 1),
     ),
-    cache=True,
-    error_model="numpy",
 )  # fmt: skip
 def solve_each(
     A, b, ends, scales, tolerance, lower, upper, x, state, start, most, steps, ended, gap
@@ -489,13 +488,11 @@ def solve_each(
         )  # fmt: skip
 
 
-@njit(
+@kernel(
     types.int64(
         _array(types.float64, 3), _array(types.float64, 2), _array(types.int64, 1, True),
         types.float64, types.float64, _array(types.float64, 2),
     ),
-    cache=True,
-    error_model="numpy",
 )  # fmt: skip
 def measure(A, b, ends, smallest, largest, scales):
     """Write the norms of the levels of one problem; whether its numbers are of moderate size."""

@@ -7,6 +7,7 @@ change of that file alone.
 import numpy as np
 from numba import njit, types
 
+from argument_checks.compilation import kernel
 from argument_checks.ties import ACCURACY
 
 _given = types.Array(types.float64, 2, "C", readonly=True)
@@ -16,11 +17,6 @@ _bases = types.Array(types.float64, 3, "C")
 _float = types.float64
 at = np.uint64
 """An index that cannot be negative: the compiler then leaves out Python's counting from the end."""
-
-
-def _compiled(result, *arguments):
-    """Compiled when this module is first imported, then read from the cache."""
-    return njit(result(*arguments), cache=True, error_model="numpy")
 
 
 _inlined = njit(error_model="numpy")
@@ -62,7 +58,7 @@ def _subtract(M, target, source, factor, first, last):
         M[at(target + j)] -= factor * M[at(source + j)]
 
 
-@_compiled(types.boolean, _given, _indices, _indices, _float, _new, _new)
+@kernel(types.boolean(_given, _indices, _indices, _float, _new, _new))
 def close(J_C, active, moving, clear, closing, gain):
     """Solve J_Cp [closing, -gain] = [1, J_Ca] by Gaussian elimination with row pivots.
 
@@ -117,7 +113,7 @@ def close(J_C, active, moving, clear, closing, gain):
     return bool(clear * np.sqrt(_square(J_C)) * np.sqrt(_square(closing)) < 1.0)
 
 
-@_compiled(_float, _given, _indices, _indices, _given, _new)
+@kernel(_float(_given, _indices, _indices, _given, _new))
 def reduce(J_T, active, moving, gain, J):
     """Write J = J_Ta + J_Tp gain, eq. (14), (m, n), and return the size of the two terms."""
     m, n = J.shape
@@ -140,7 +136,7 @@ def reduce(J_T, active, moving, gain, J):
     return np.sqrt(_square(J_T)) + np.sqrt(through)
 
 
-@_compiled(types.void, _bases, _bases)
+@kernel(types.void(_bases, _bases))
 def canonical(rest, made):
     """Write to `made` the bases of :func:`prioritized.canonical_basis`, (B, N, k).
 

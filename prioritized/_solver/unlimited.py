@@ -11,6 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit, types
 
+from argument_checks.compilation import kernel
+
 CLEAR, IN_DOUBT, REFUSED = 0, 1, 2
 """Ranks are clearly full; the SVD must decide; a number is not finite, or a shape is wrong."""
 
@@ -31,7 +33,7 @@ at = np.uint64
 
 def _compiled(*arguments):
     """Compiled when this module is first imported, then read from the cache."""
-    return njit(_int(*arguments), cache=True, error_model="numpy")
+    return kernel(_int(*arguments))
 
 
 class Sizes(NamedTuple):

@@ -9,7 +9,7 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 ALLOWED = {
-    "argument_checks": {"numpy", "scipy"},
+    "argument_checks": {"numpy", "scipy", "numba"},
     "prioritized": {"numpy", "scipy", "numba", "argument_checks"},
     "sim": {"numpy", "scipy", "numba", "mujoco", "argument_checks"},
     "ftc": {"numpy", "scipy", "numba", "control", "prioritized", "argument_checks"},

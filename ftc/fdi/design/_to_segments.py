@@ -4,16 +4,18 @@ By Cholesky factors: half the work of a general solution, and a forward substitu
 """
 
 import numpy as np
-from numba import njit, types
+from numba import types
+
+from argument_checks.compilation import kernel
 
 _2, _3 = (types.Array(types.float64, n, "C", readonly=True) for n in (2, 3))
 _out = types.Array(types.float64, 2, "C")
-_compiled = {"cache": True, "error_model": "numpy", "fastmath": {"reassoc", "contract"}}
+_FASTMATH = {"reassoc", "contract"}
 _PIVOT = 1e-13
 """Part of its variance below which a pivot is round-off."""
 
 
-@njit(types.void(_2, _2, _2, _3, _3, _out), **_compiled)
+@kernel(types.void(_2, _2, _2, _3, _3, _out), fastmath=_FASTMATH)
 def to_segments(points, starts, ways, own, other, distance):  # pragma: no cover
     """Fill `distance` (H, E) of points (H, d) from starts + t ways (E, d), t in 0..1.
 

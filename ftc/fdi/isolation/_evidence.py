@@ -6,14 +6,16 @@ and arrays of the evidence are overwritten where `steps` (H, K).
 """
 
 import numpy as np
-from numba import njit, types
+from numba import types
+
+from argument_checks.compilation import kernel
 
 _1, _2, _3, _4, _5 = (types.Array(types.float64, n, "C") for n in range(1, 6))
 _flags = types.Array(types.boolean, 2, "C")
-_compiled = {"cache": True, "error_model": "numpy", "fastmath": {"reassoc", "contract"}}
+_FASTMATH = {"reassoc", "contract"}
 
 
-@njit(types.void(_flags, _4, _4, _3, _4, _3, _4, _1), **_compiled)
+@kernel(types.void(_flags, _4, _4, _3, _4, _3, _4, _1), fastmath=_FASTMATH)
 def advance(steps, X, outputs, A, M, C, N, v):  # pragma: no cover
     """States X (H, K, 3 + J, s) after the sample, and outputs (H, K, 3 + J, p) during it."""
     H, K, rows, s = X.shape
@@ -45,7 +47,7 @@ def advance(steps, X, outputs, A, M, C, N, v):  # pragma: no cover
             X[h, k] = after
 
 
-@njit(types.void(_flags, _5, _4, _3, _2, _4, _3, _1, _1, _2), **_compiled)
+@kernel(types.void(_flags, _5, _4, _3, _2, _4, _3, _1, _1, _2), fastmath=_FASTMATH)
 def weigh(
     steps, memory, information, score, energy, outputs, slopes, y, mean, whitening
 ):  # pragma: no cover
