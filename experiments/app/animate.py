@@ -1,5 +1,6 @@
 """The command `fjh animate`: a run of the hexapod as a GIF."""
 
+import shlex
 from pathlib import Path
 from typing import Annotated
 
@@ -7,7 +8,7 @@ import typer
 
 from experiments.app.command import machine_refused
 from experiments.study.files import published, usable_file
-from experiments.study.terminal import progress
+from experiments.study.terminal import Ending, print_ending, progress
 
 _RUN = typer.Argument(metavar="RUN.npz", help="A run of the hexapod.", exists=True, dir_okay=False)
 _OUT = typer.Option(metavar="FILE.gif", help="The animation to write.")
@@ -32,7 +33,7 @@ def animate(
     Example: fjh animate results/recover/locked.npz --out locked.gif
     """
     folder = usable_file(out, ".gif")
-    with machine_refused(), progress("animate", shown=not quiet) as on_progress:
+    with progress("animate", shown=not quiet) as on_progress, machine_refused():
         from experiments.app.review import find_runs  # late: help does not wait for it
         from experiments.recording.animation import Animation, write_animation
         from sim import hexapod, load_model, model_sha256
@@ -42,3 +43,7 @@ def animate(
         (one,) = find_runs([run], model_sha256(model)).values()
         with published(folder, index=out.name) as staging:
             write_animation(staging / out.name, Animation(machine, one.shown), on_progress)
+    if not quiet:
+        beside = run.with_suffix(".rrd")
+        following = ["rerun", str(beside)] if beside.exists() else ["fjh", "review", str(run)]
+        print_ending(Ending("The data of the run are whole.", out, shlex.join(following)))

@@ -1,6 +1,7 @@
 """The command `fjh`: its studies, and the commands that show what they wrote."""
 
 import re
+import shlex
 import sys
 from itertools import pairwise
 from pathlib import Path
@@ -14,7 +15,14 @@ from experiments.app.report import report
 from experiments.studies import STUDIES
 from experiments.study.files import OutputError, published, usable_file
 from experiments.study.study import Interrupted, Unsound, WrongInput
-from experiments.study.terminal import INTERRUPTED, INTERRUPTION, notice, raise_on_interrupt
+from experiments.study.terminal import (
+    INTERRUPTED,
+    INTERRUPTION,
+    Ending,
+    notice,
+    print_ending,
+    progress,
+)
 
 UNSOUND, WRONG_INPUT = 1, 2
 
@@ -60,12 +68,13 @@ def review(
     Example: fjh review results/table1 --out /tmp/table1.rrd
     """
     folder = usable_file(out, ".rrd")
-    raise_on_interrupt()
-    with machine_refused():
+    with progress("review"), machine_refused():
         from experiments.app.review import write_review  # late: help does not wait for it
 
         with published(folder, index=out.name) as staging:
             write_review(staging / out.name, runs, model)
+    checked = "All runs agree with the numbers in the JSON beside them."
+    print_ending(Ending(checked, out, shlex.join(["rerun", str(out)])))
 
 
 _FILE = typer.Argument(metavar="FILE.rrd", help="A recording.", exists=True, dir_okay=False)
@@ -94,12 +103,14 @@ def render(
     if not pixels:
         raise typer.BadParameter(f"{size} is not WIDTHxHEIGHT", param_hint="--size")
     folder = usable_file(out, ".png")
-    raise_on_interrupt()
-    from experiments.app.render import picture_of  # late, as above
+    with progress("render"):
+        from experiments.app.render import picture_of  # late, as above
 
-    picture = picture_of(file, time, (int(pixels[1]), int(pixels[2])))
-    with published(folder, index=out.name) as staging:
-        (staging / out.name).write_bytes(picture)
+        picture = picture_of(file, time, (int(pixels[1]), int(pixels[2])))
+        with published(folder, index=out.name) as staging:
+            (staging / out.name).write_bytes(picture)
+    checked = "The viewer gave no warning."
+    print_ending(Ending(checked, out, shlex.join(["rerun", str(file)])))
 
 
 def _print_version(wanted: bool) -> None:

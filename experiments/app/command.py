@@ -1,8 +1,9 @@
 """A study as a command: its options, its progress, its files, its exit code."""
 
 import inspect
+import shlex
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
@@ -12,7 +13,13 @@ import typer
 from experiments.study.files import json_text, published, usable_folder, write_arrays
 from experiments.study.results import Results, publish
 from experiments.study.study import Option, Progress, Study, Unsound, WrongInput
-from experiments.study.terminal import print_notes, print_table, progress
+from experiments.study.terminal import (
+    Ending,
+    print_ending,
+    print_notes,
+    print_table,
+    progress,
+)
 
 _QUIET = "Print no tables and no progress; only write the files."
 _JSON = "Print the contents of the JSON file instead of tables; with --quiet, print no progress."
@@ -22,9 +29,10 @@ def command(study: Study) -> Callable[..., None]:
     """The study as a command for Typer, which raises `Unsound` where a check failed."""
 
     def run(*, out: Path, quiet: bool, json: bool, **options: Any) -> None:
-        with machine_refused():
-            results = conduct(study, out, partial(progress, shown=not quiet), **options)
+        results = conduct(study, out, partial(progress, shown=not quiet), **options)
         show(results, quiet=quiet, json=json)
+        if not (quiet or json):
+            print_ending(ending(study.name, results, out, quick=options["quick"]))
         if failed := results.failed_check:
             raise Unsound(f"a check failed: {failed}")
 
@@ -42,12 +50,26 @@ def conduct(study: Study, folder: Path, progress: Progress, **options: Any) -> R
     usable_folder(folder)
     if study.streams:
         options["folder"] = folder
-    with (
-        progress(study.name) as on_progress,
-        diverged_into(folder),
-        study.perform(on_progress=on_progress, **options) as results,
-    ):
-        return publish(folder, study.name, results)
+    with ExitStack() as running:
+        options["on_progress"] = running.enter_context(progress(study.name))
+        with machine_refused(), diverged_into(folder), study.perform(**options) as results:
+            running.close()  # there is one bar at a time
+            with progress(f"{study.name}: files") as on_progress:
+                return publish(folder, study.name, results, on_progress)
+
+
+def ending(name: str, results: Results, folder: Path, *, quick: bool) -> Ending:
+    """What the command of a study says last.
+
+    A recording is what a user looks at next; without one, a short run is followed by the whole,
+    and that by all studies.
+    """
+    first = results.pictures[0].file if results.pictures else f"{name}.md"
+    recordings = [each for each in results.summary.get("files", ()) if each.endswith(".rrd")]
+    words = ["fjh", name] if quick else ["fjh", "report"]
+    if recordings:
+        words = ["rerun", str(folder / recordings[0])]
+    return Ending(results.checked, folder / first, shlex.join(words))
 
 
 def show(results: Results, *, quiet: bool, json: bool) -> None:
@@ -106,7 +128,10 @@ def _parameter(option: Option) -> inspect.Parameter:
 
 @contextmanager
 def machine_refused() -> Iterator[None]:
-    """Make a `WrongInput` of the error that a machine file raises."""
+    """Make a `WrongInput` of the error that a machine file raises.
+
+    To be entered when there is progress: the import takes seconds.
+    """
     from sim import ModelError  # late: the help text does not wait for MuJoCo's import
 
     try:

@@ -15,7 +15,7 @@ from experiments.study.files import published, usable_folder, write_index
 from experiments.study.results import Results
 from experiments.study.study import Interrupted, NotInstalled, Progress, Unsound
 from experiments.study.tables import Column, tabulate
-from experiments.study.terminal import INTERRUPTION, progress
+from experiments.study.terminal import INTERRUPTION, Ending, print_ending, progress
 
 CHAPTERS = tuple(Chapter(study) for study in STUDIES if study.in_report is not None)
 
@@ -54,9 +54,14 @@ def _report(*, out: Path, seed: int, quick: bool, quiet: bool, json: bool) -> No
     chapters = summary["chapters"]
     tables = [tabulate("All studies", columns, chapters)]
     left_out = [f"{name} is left out, since {why}." for name, why in summary["left_out"].items()]
-    notes = [*left_out, f"Open {out / 'report.html'} in a browser."]
-    show(Results(summary, tables, notes), quiet=quiet, json=json)
+    show(Results(summary, tables, left_out), quiet=quiet, json=json)
     failed = [f"{each['name']}: {each['complaint']}" for each in chapters if each["complaint"]]
+    if not (quiet or json):
+        checked = f"{len(failed)} of {len(chapters)} studies failed: {'; '.join(failed)}."
+        if not failed:
+            checked = f"All checks passed ({len(chapters)} studies)."
+        following = "fjh report" if quick else "fjh track --help"  # the whole; a robot of one's own
+        print_ending(Ending(checked, out / "report.html", following))
     if failed:
         raise Unsound(f"a study failed: {'; '.join(failed)}")
 

@@ -74,6 +74,14 @@ class Results:
         """One sentence on the first check that failed; None where all passed."""
         return next((str(check) for check in self.checks if not check.passed), None)
 
+    @property
+    def checked(self) -> str:
+        """One sentence on all checks: that they passed, or which failed."""
+        failed = [str(check) for check in self.checks if not check.passed]
+        if failed:
+            return f"{len(failed)} of {len(self.checks)} checks failed: {'; '.join(failed)}."
+        return f"All checks passed ({len(self.checks)})."
+
     def markdown(self) -> str:
         """Tables and notes as a page."""
         parts = []
@@ -83,8 +91,19 @@ class Results:
         return "\n\n".join(part for part in parts if part) + "\n"
 
 
-def publish(folder: Path, name: str, results: Results) -> Results:
+def publish(
+    folder: Path,
+    name: str,
+    results: Results,
+    on_progress: Callable[[int, int], None] = lambda done, total: None,
+) -> Results:
     """Write `name.json`, `name.md`, figures, data and recordings; all of them or none.
+
+    Args:
+        folder: Where to.
+        name: Of the study.
+        results: What is written.
+        on_progress: Called with the written and the total number of recordings and figures.
 
     Returns:
         The results, the names of all files in their summary.
@@ -99,9 +118,12 @@ def publish(folder: Path, name: str, results: Results) -> Results:
     with published(folder, index=f"{name}.json") as staging:
         for file, arrays in results.arrays.items():
             write_arrays(staging / file, dict(arrays))
-        for record in results.records:
+        total = len(results.records) + len(results.pictures)
+        for done, record in enumerate(results.records):
+            on_progress(done, total)
             record(staging)
-        for picture in results.pictures:
+        for done, picture in enumerate(results.pictures, len(results.records)):
+            on_progress(done, total)
             save_figure(picture.draw(), staging, picture.name, picture.formats)
         (staging / f"{name}.md").write_text(results.markdown(), encoding="utf-8")
         return replace(results, summary=write_index(staging / f"{name}.json", results.summary))

@@ -5,6 +5,8 @@ import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING
 
@@ -47,7 +49,9 @@ def _exit(_signal: int, _frame: FrameType | None) -> None:
 def progress(description: str, *, shown: bool = True) -> Iterator[Callable[[int, int], None]]:
     """A progress bar on standard error, if that is a terminal.
 
-    The work begins here: from here on Ctrl-C is an exception.
+    It says that the work is being prepared until a first number of steps is known, and that its
+    results are being made after the last step. The work begins here: from here on Ctrl-C is an
+    exception.
     """
     # Late: Ctrl-C must be ready before any package is imported.
     from rich import progress as rich
@@ -56,15 +60,20 @@ def progress(description: str, *, shown: bool = True) -> Iterator[Callable[[int,
     raise_on_interrupt()
     bar = rich.Progress(
         rich.TextColumn("{task.description}"),
-        *(rich.BarColumn(), rich.MofNCompleteColumn()),
+        *(rich.BarColumn(), rich.TextColumn("{task.fields[steps]}")),
         *(rich.TimeElapsedColumn(), rich.TimeRemainingColumn()),
         console=Console(stderr=True),
         transient=True,
         disable=not (shown and sys.stderr.isatty()),
     )
     with bar:
-        task = bar.add_task(description, total=None)
-        yield lambda done, total: bar.update(task, completed=done, total=total)
+        task = bar.add_task(f"{description}: preparing", total=None, steps="")
+
+        def update(done: int, total: int) -> None:
+            said = description if done < total else f"{description}: evaluating"
+            bar.update(task, description=said, completed=done, total=total, steps=f"{done}/{total}")
+
+        yield update
 
 
 def print_table(table: Table) -> None:
@@ -101,6 +110,33 @@ def print_notes(notes: Sequence[str]) -> None:
 
     for note in notes:
         Console().print(note, highlight=False, markup=False)
+
+
+@dataclass(frozen=True)
+class Ending:
+    """What a command says last.
+
+    Attributes:
+        checked: What was checked, and with which result; a sentence.
+        written: The file to open first.
+        following: The command that a user would type next.
+    """
+
+    checked: str
+    written: Path
+    following: str
+
+
+def print_ending(ending: Ending) -> None:
+    """Three lines on standard output; paths and commands are not broken, so as to be copied."""
+    from rich.console import Console
+
+    console = Console(highlight=False, markup=False)
+    console.print(ending.checked)
+    folder, file = ending.written.parent, ending.written
+    where = f"Files are in {folder}; open {file} first."
+    console.print(where, soft_wrap=True)
+    console.print(f"Next: {ending.following}", soft_wrap=True)
 
 
 def notice(sentence: str) -> None:

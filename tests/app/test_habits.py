@@ -77,6 +77,41 @@ def test_a_person_sees_tables_legends_and_notes(capsys):
     assert err == ""
 
 
+def ended(out: str) -> list[str]:
+    """The last three lines."""
+    return out.splitlines()[-3:]
+
+
+def test_the_last_lines_are_the_checks_the_files_and_what_to_type_next(capsys, tmp_path):
+    place = tmp_path / "a folder of so long a name that eighty columns are not wide enough for it"
+    run(SOUND, "--out", str(place))
+    checked, written, following = ended(capsys.readouterr().out)
+    assert checked == "All checks passed (1)."
+    assert written == f"Files are in {place}; open {place / 'measure.md'} first."
+    assert following == "Next: fjh report"
+    run(SOUND, "--quick")
+    assert ended(capsys.readouterr().out)[-1] == "Next: fjh measure"
+
+
+def test_a_recording_is_looked_at_next(capsys, tmp_path):
+    recorded = replace(SOUND, records=[lambda folder: (folder / "it.rrd").write_text("")])
+    run(recorded, "--out", str(tmp_path / "two words"))
+    words = shlex.split(ended(capsys.readouterr().out)[-1].removeprefix("Next: "))
+    assert words == ["rerun", str(tmp_path / "two words" / "it.rrd")]
+    assert Path(words[1]).is_file()
+
+
+def test_every_failed_check_is_named_at_the_end(capsys):
+    wrong = [Check(f"{what} [m]", "hill", 9.0, 8.0) for what in ("height", "depth")]
+    with pytest.raises(Unsound):
+        run(replace(SOUND, checks=[*SOUND.checks, *wrong]))
+    out = " ".join(capsys.readouterr().out.split())
+    for what in ("height", "depth"):
+        assert f"hill: {what} [m] is 9, expected below 8" in out
+    assert "2 of 3 checks failed" in out
+    assert "Files are in" in out
+
+
 @pytest.mark.parametrize(
     ("arguments", "printed"),
     [
