@@ -8,9 +8,10 @@ import typer
 
 from experiments.app.command import machine_refused
 from experiments.study.files import published, usable_file
+from experiments.study.spelling import check_file
 from experiments.study.terminal import Ending, print_ending, progress
 
-_RUN = typer.Argument(metavar="RUN.npz", help="A run of the hexapod.", exists=True, dir_okay=False)
+_RUN = typer.Argument(metavar="RUN.npz", help="A run of the hexapod.")
 _OUT = typer.Option(metavar="FILE.gif", help="The animation to write.")
 _MODEL = typer.Option(
     metavar="FILE", help="The machine file of the run, MJCF.  [default: the hexapod, fjh.xml]"
@@ -32,6 +33,7 @@ def animate(
 
     Example: fjh animate results/recover/locked.npz --out locked.gif
     """
+    check_file(run)
     folder = usable_file(out, ".gif")
     with progress("animate", shown=not quiet) as on_progress, machine_refused():
         from experiments.app.review import find_runs  # late: help does not wait for it

@@ -14,6 +14,7 @@ from experiments.app.command import command, machine_refused
 from experiments.app.report import report
 from experiments.studies import STUDIES
 from experiments.study.files import OutputError, published, usable_file
+from experiments.study.spelling import check_file
 from experiments.study.study import Interrupted, Unsound, WrongInput
 from experiments.study.terminal import (
     INTERRUPTED,
@@ -68,6 +69,8 @@ def review(
     Example: fjh review results/table1 --out /tmp/table1.rrd
     """
     folder = usable_file(out, ".rrd")
+    for run in (run for run in runs if not run.is_dir()):
+        check_file(run)
     with progress("review"), machine_refused():
         from experiments.app.review import write_review  # late: help does not wait for it
 
@@ -77,7 +80,7 @@ def review(
     print_ending(Ending(checked, out, shlex.join(["rerun", str(out)])))
 
 
-_FILE = typer.Argument(metavar="FILE.rrd", help="A recording.", exists=True, dir_okay=False)
+_FILE = typer.Argument(metavar="FILE.rrd", help="A recording.")
 _PICTURE = typer.Option(metavar="FILE.png", help="Picture to write.")
 _TIME = typer.Option(
     metavar="S", help="Simulation time to show [s].  [default: the recording's end]"
@@ -99,6 +102,7 @@ def render(
 
     Example: fjh render results/table1/W_e.rrd --time 6 --out picture.png
     """
+    check_file(file)
     pixels = _SIZE.fullmatch(size)
     if not pixels:
         raise typer.BadParameter(f"{size} is not WIDTHxHEIGHT", param_hint="--size")

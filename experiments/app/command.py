@@ -29,6 +29,7 @@ def command(study: Study) -> Callable[..., None]:
     """The study as a command for Typer, which raises `Unsound` where a check failed."""
 
     def run(*, out: Path, quiet: bool, json: bool, **options: Any) -> None:
+        study.check_options(**options)
         results = conduct(study, out, partial(progress, shown=not quiet), **options)
         show(results, quiet=quiet, json=json)
         if not (quiet or json):

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from experiments.study.spelling import check_file
 from experiments.study.study import Option, Study
 
 STUDY = Study(
@@ -36,6 +37,7 @@ STUDY = Study(
             None,
             "Print which times changed by more than noise since this file was saved.",
             "FILE.json",
+            check=check_file,
         ),
         Option(
             "check",

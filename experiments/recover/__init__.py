@@ -5,6 +5,7 @@ from pathlib import Path
 
 from experiments.rig.options import DITHER, LOOPS, PATH, TASK
 from experiments.study.controllers import CONTROLLER
+from experiments.study.spelling import check_file
 from experiments.study.study import Option, Study
 from experiments.study.where import SCHEDULER, WHERE
 
@@ -14,6 +15,7 @@ MODEL = Option(
     None,
     "Another robot: an MJCF file whose actuators move single joints; the options of fjh track.",
     "MODEL.xml",
+    check=check_file,
 )
 HOURS = Option(
     "hours", float, 2.0, "Flown without failures, in flights of 16 s, unless --quick.", "H"
@@ -48,6 +50,7 @@ STUDY = Study(
     """,
     runs="experiments.recover.command:run",
     results="experiments.recover.command:results",
+    check="experiments.rig.spelling:check_robot",
     quick="A few flights of each sort.",
     seed="the random failures and plants, and the detector noise",
     options=(MODEL, HOURS, CONTROLLER, *WHERE, *OTHERS_ALONE),

@@ -5,6 +5,9 @@ from typing import Literal
 Sensing = Literal["task", "joints", "both"]
 """A sensor of the task frame; encoders of the actuators and forward kinematics; or both sensors."""
 
+Failing = Literal["locked", "free", "loose", "weak"]
+"""What can happen to an actuator: :data:`sim.FailureKind`."""
+
 Limited = Literal["stated", "none"]
 """Limits of the displacements: those that the file states, or none."""
 

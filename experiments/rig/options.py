@@ -5,9 +5,11 @@ import re
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from experiments.rig.choices import Feedforward, Limited, Sensing
+from experiments.study.spelling import hint
 from experiments.study.study import Option, WrongInput
 
 _TWIST = 6
@@ -76,6 +78,43 @@ def written(value: Any) -> Any:
     if isinstance(value, str) or not isinstance(value, Iterable):
         return value
     return ",".join(str(each) for each in value)
+
+
+PATHS = ("spiral", "circle", "steps")
+
+
+def check_path(path: str) -> None:
+    """Refuse what is neither the name of a path nor a file of one.
+
+    Raises:
+        WrongInput: It is not.
+    """
+    if path in PATHS:
+        return
+    if Path(path).suffix == ".npz" and not Path(path).is_file():
+        raise WrongInput(f"--path {path} cannot be read: there is no such file")
+    if Path(path).suffix != ".npz":
+        raise WrongInput(
+            f"--path must be {', '.join(PATHS)} or FILE.npz, got {path}; {hint(path, PATHS)}"
+        )
+
+
+def check_dither(dither: str) -> None:
+    """Refuse what is neither a word of the option nor a number.
+
+    Raises:
+        WrongInput: It is not.
+    """
+    words = ("none", "default", "designed")
+    if dither in words:
+        return
+    try:
+        float(dither)
+    except ValueError:
+        raise WrongInput(
+            f"--dither must be {', '.join(words)}, or a frequency in Hz, got {dither}; "
+            f"{hint(dither, words)}"
+        ) from None
 
 
 @contextmanager
@@ -217,4 +256,5 @@ DITHER = Option(
     f"10 or 20 Hz, and no major row moves further than {COST_PART:g} of the noise of a sample; "
     "none where no failure is separated by it.",
     "HZ",
+    check=check_dither,
 )

@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 
 import argument_checks as check
+from experiments.rig.options import check_path
 from experiments.study.study import WrongInput
 from sim import Array, spiral
 
-NAMES = ("spiral", "circle", "steps")
 _SOFT_START_S = 0.5
 
 
@@ -47,8 +47,7 @@ def path_of(
 
 def _from_file(file: Path, rows: int, time_s: Array) -> Array:
     """A path from `time_s` (K,) and `desired` (K, rows) in an .npz file, between them linear."""
-    if file.suffix != ".npz":
-        raise WrongInput(f"--path must be {', '.join(NAMES)} or FILE.npz, got {file}")
+    check_path(str(file))
     try:
         with file.open("rb") as opened, np.load(opened) as arrays:
             times = check.finite("time_s", arrays["time_s"])

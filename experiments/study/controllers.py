@@ -8,16 +8,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from experiments.study.spelling import hint
 from experiments.study.study import Option, WrongInput
-
-CONTROLLER = Option(
-    "controller",
-    str | None,
-    None,
-    "A controller to compare with, package.module:factory; it runs under the same failures and "
-    "noise (docs/other-controllers.md). Modules in this folder are found.",
-    metavar="NAME",
-)
 
 
 def controller_label(name: str) -> str:
@@ -48,8 +40,20 @@ def controller_factory(name: str) -> Callable[..., Any]:
         found = getattr(found, part, None)
     if not callable(found):
         place = getattr(module, "__file__", None) or module_name
-        raise WrongInput(f"--controller {name}: {place} has no function or class {path}")
+        near = hint(path, dir(module))
+        raise WrongInput(f"--controller {name}: {place} has no function or class {path}; {near}")
     return found
+
+
+CONTROLLER = Option(
+    "controller",
+    str | None,
+    None,
+    "A controller to compare with, package.module:factory; it runs under the same failures and "
+    "noise (docs/other-controllers.md). Modules in this folder are found.",
+    metavar="NAME",
+    check=controller_factory,
+)
 
 
 def controller_sha256(name: str) -> str | None:

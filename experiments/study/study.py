@@ -25,11 +25,15 @@ class Option:
     help: str
     metavar: str | None = None  # stands for the value in the help text; None: its type
     positional: bool = False  # an argument without a name
+    check: Callable[[Any], object] | None = None  # raises at once; None is not checked
 
 
 @dataclass(frozen=True)
 class Study:
     """One experiment.
+
+    `check(**options)` is an entry point, too, if there is one: it raises `WrongInput` for names
+    that cannot be, without importing or compiling what the runs need.
 
     `runs` and `results` are entry points, "package.module:function", resolved when the study is
     run: the help text does not wait for the import of MuJoCo. `runs(seed=, quick=, on_progress=,
@@ -50,8 +54,21 @@ class Study:
     quick: str  # what --quick leaves out
     seed: str = "the detector noise"  # what the seed is of
     options: tuple[Option, ...] = ()
+    check: str = ""
     streams: bool = False
     in_report: dict[str, bool] | None = field(default_factory=dict)
+
+    def check_options(self, **options: Any) -> None:
+        """Refuse wrong names within a second.
+
+        Raises:
+            WrongInput: There is one.
+        """
+        for option in self.options:
+            if option.check is not None and (given := options[option.name]) is not None:
+                option.check(given)
+        if self.check:
+            resolve_name(self.check)(**options)
 
     @contextmanager
     def perform(self, *, on_progress: OnProgress, **options: Any) -> Iterator[Results]:

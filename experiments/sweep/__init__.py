@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from experiments.study.spelling import check_file
 from experiments.study.study import Option, Study
 from experiments.study.where import WHERE
 
@@ -33,6 +34,7 @@ STUDY = Study(
             None,
             "TOML file that says what is varied.  [default: experiments/sweep/default.toml]",
             "FILE",
+            check=check_file,
         ),
         *WHERE,
     ),

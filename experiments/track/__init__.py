@@ -3,8 +3,9 @@
 from pathlib import Path
 
 from experiments.rig.choices import Diagnosing
-from experiments.rig.options import DITHER, LOOPS, PATH, SENSE, TASK
+from experiments.rig.options import DITHER, LOOPS, PATH, SENSE, TASK, check_path
 from experiments.study.controllers import CONTROLLER
+from experiments.study.spelling import check_file
 from experiments.study.study import Option, Study
 
 STUDY = Study(
@@ -24,6 +25,7 @@ STUDY = Study(
     """,
     runs="experiments.track.runs:run_track",
     results="experiments.track.results:results",
+    check="experiments.track.announced:check",
     quick="The first half of the run only; failures strike at half of their times.",
     seed="the sensors' noise",
     options=(
@@ -34,6 +36,7 @@ STUDY = Study(
             "The robot, MJCF.  [default: the hexapod]",
             "MODEL.xml",
             True,
+            check_file,
         ),
         *TASK,
         Option(
@@ -51,6 +54,7 @@ STUDY = Study(
             "spiral, circle, steps, or FILE.npz with time_s (N,) and desired (N, rows): major "
             "displacements from the start, [rad] or [m].",
             "PATH",
+            check=check_path,
         ),
         *PATH,
         Option("duration", float, 8.0, "Of the run, in seconds.", "S"),

@@ -1,56 +1,22 @@
-"""The failures that `fjh track` is asked for, and when its controller learnt of them."""
+"""The failures of a tracked run by number, and when its controller learnt of them."""
 
-import re
 from collections.abc import Sequence
-from dataclasses import replace
-from pathlib import Path
-from typing import get_args
 
-from experiments.rig.hexapod.rig import NAMES
 from experiments.rig.rig import Rig
 from experiments.rig.run import Named, Run
 from experiments.study.study import WrongInput
-from sim import Failure, FailureKind
-from sim.mjcf.drive import number_of, stated_names
-
-_FAILURE = re.compile(
-    rf"(?P<name>.+):(?P<kind>{'|'.join(get_args(FailureKind))})@(?P<time>\d*\.?\d+)"
-)
+from experiments.track.announced import Announced
+from sim import Failure
 
 
-def announced(model: Path | None, asked: Sequence[str], duration_s: float) -> list[Failure]:
-    """Failures as NAME:KIND@S, refused by the names in the file before anything is compiled.
-
-    Raises:
-        WrongInput: No such name or kind, or a time after the end.
-    """
-    names = NAMES if model is None else stated_names(model)
-    found = []
-    for text in asked:
-        match = _FAILURE.fullmatch(text)
-        if match is None:
-            kinds = ", ".join(get_args(FailureKind))
-            raise WrongInput(f"--fail must be NAME:KIND@SECONDS with KIND of {kinds}, got {text}")
-        if not float(match["time"]) < duration_s:
-            raise WrongInput(f"--fail {text}: the run ends at {duration_s:g} s")
-        try:
-            if names:
-                number_of(match["name"], names)
-        except ValueError as error:
-            raise WrongInput(f"--fail {match['name']}: {error}") from None
-        found.append(Failure(match["name"], match["kind"], float(match["time"])))  # type: ignore[arg-type]
-    return found
-
-
-def numbered(rig: Rig, failures: Sequence[Failure], shorter: float) -> tuple[Failure, ...]:
+def numbered(rig: Rig, failures: Sequence[Announced], shorter: float) -> tuple[Failure, ...]:
     """Of actuators by number, in the order of time; each actuator fails once.
 
     Raises:
         WrongInput: One fails twice.
     """
     found = [
-        replace(each, actuator=rig.number(each.actuator), time_s=shorter * each.time_s)
-        for each in failures
+        Failure(rig.number(each.actuator), each.kind, shorter * each.time_s) for each in failures
     ]
     if len({failure.actuator for failure in found}) < len(found):
         raise WrongInput("--fail must name each actuator once")

@@ -19,7 +19,8 @@ from experiments.study.controllers import controller_factory
 from experiments.study.study import OnProgress, WrongInput
 from experiments.study.terminal import notice
 from experiments.track.advice import Means, advice, not_isolable
-from experiments.track.failures import announced, learnt_s, numbered, uncompared
+from experiments.track.announced import announced
+from experiments.track.failures import learnt_s, numbered, uncompared
 from ftc.fdi.dither_design import DitherDesign
 from ftc.fdi.fault_model import Fault
 from ftc.tracking import deciding_sentence, is_possible
@@ -107,7 +108,6 @@ def run_track(
         sim.ModelError: The file, or what it says.
         sim.SimulationDiverged: The physics left the finite numbers.
     """
-    check_positive("duration", duration)
     check_positive("turn", turn)
     told = diagnosis == "on"
     if not told:
@@ -115,7 +115,7 @@ def run_track(
             raise WrongInput(f"--dither {dither} is for the diagnosis, which is off")
         dither = "none"
     options, shorter = RobotOptions(**robot), 0.5 if quick else 1.0
-    given = announced(model, fail, duration)
+    given = announced(fail, duration)
     rig = robot_rig(model, options) if model is not None else _hexapod(options)
     desired = rig.path(path, duration_s=shorter * duration, turn_s=turn)
     failures = numbered(rig, given, shorter)

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 from functools import cached_property
 from itertools import chain
-from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -37,18 +36,6 @@ def number_of(name: str, names: Sequence[Sequence[str]]) -> int:
     known = ", ".join(own[0] for own in names)
     hint = f'did you mean "{near[0]}"?' if near else f"it has {known}"
     raise ValueError(f'the robot has no actuator or joint "{name}"; {hint}')
-
-
-def stated_names(file: str | Path) -> tuple[tuple[str, ...], ...]:
-    """Of each actuator that a file states: its name, and that of what it drives.
-
-    The file is read, not compiled. What is no MJCF has none: compiling it says what is wrong.
-    """
-    try:
-        stated = mujoco.MjSpec.from_file(str(file)).actuators
-    except ValueError:
-        return ()
-    return tuple((each.name or f"number {k}", each.target) for k, each in enumerate(stated))
 
 
 def names_of(some: Sequence["Drive"]) -> tuple[tuple[str, ...], ...]:

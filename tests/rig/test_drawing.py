@@ -247,7 +247,7 @@ def test_the_command_writes_the_animation_of_a_run(run, tmp_path, monkeypatch):
         ("run.npz", ["--out", "run.png"], "must end in .gif"),
         ("text.npz", [], "is not a readable .npz"),
         ("other.npz", [], "is not a run of the hexapod"),
-        ("missing.npz", [], "does not exist"),
+        ("missing.npz", [], "there is no file"),
         ("run.npz", ["--model", str(HEXAPOD_MJCF.with_name("arm.xml"))], "six actuators"),
     ],
 )

@@ -18,7 +18,7 @@ from sim import (
     pose_error,
     pose_of,
 )
-from sim.mjcf.drive import names_of, number_of, stated_names
+from sim.mjcf.drive import names_of, number_of
 from sim.mjcf.transmission import drives
 
 # A planar five-bar on a rail, closed by a connect: three freedoms, driven by a servo on a cable
@@ -290,12 +290,3 @@ def test_an_actuator_has_one_name_that_no_other_has_and_answers_to_its_joints():
     for k, names in enumerate(known):
         assert number_of(names[0], known) == k
     assert [number_of(name, known) for name in ("pull", "rope", "number 5")] == [2, 3, 4]
-
-
-def test_the_names_in_a_file_are_those_of_its_actuators_compiled_or_not(tmp_path):
-    file = tmp_path / "crossed.xml"
-    file.write_text(CROSSED)
-    stated = {name for names in stated_names(file) for name in names}
-    assert stated == {"a", "b", "c", "push", "pull", "rope", "wire", "number 5"}
-    file.write_text("no MJCF")
-    assert stated_names(file) == ()

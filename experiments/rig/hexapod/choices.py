@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Literal
 
+from experiments.study.spelling import check_file
 from experiments.study.study import Option
 
 JacobianChoice = Literal["analytic", "constant"]
@@ -11,11 +12,15 @@ JacobianChoice = Literal["analytic", "constant"]
 ConfigurationName = Literal["calibrated", "demand-limit"]
 """Of Table I, see :mod:`experiments.table1.runs`."""
 
+STRUTS = tuple((f"strut{k}", f"coil{k}") for k in range(1, 7))
+"""Names of the hexapod's actuators, as people know them, and in its file."""
+
 MACHINE_FILE = Option(
     "model",
     Path | None,
     None,
     "Another machine file, MJCF.  [default: the hexapod, fjh.xml]",
     metavar="FILE",
+    check=check_file,
 )
 """Of studies that run on any hexapod."""

@@ -8,6 +8,7 @@ import numpy as np
 
 from experiments.rig.dither import dither_of
 from experiments.rig.hexapod.bench import settled, simulated
+from experiments.rig.hexapod.choices import STRUTS
 from experiments.rig.hexapod.columns import COLUMNS, MAJOR
 from experiments.rig.hexapod.controller import StrutMapping, controller_for, nominal_loops
 from experiments.rig.hexapod.fault_tolerance import (
@@ -43,9 +44,6 @@ from sim import (
     load_model,
     pointing_angles,
 )
-
-NAMES = tuple((f"strut{k}", f"coil{k}") for k in range(1, 7))
-"""Of each actuator: the strut, by which people know it, and its coil."""
 
 
 @dataclass(frozen=True)
@@ -148,8 +146,8 @@ def rig_of(
     return HexapodRig(
         title="University of Wyoming hexapod",
         model=model,
-        actuators=tuple(own for own, _ in NAMES),
-        aliases=tuple((other,) for _, other in NAMES),
+        actuators=tuple(own for own, _ in STRUTS),
+        aliases=tuple((other,) for _, other in STRUTS),
         bodies=tuple(f"stem{k}" for k in range(1, 7)),
         major=tuple(MAJOR),
         goal=goal,

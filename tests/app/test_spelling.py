@@ -1,0 +1,59 @@
+"""A mistyped name is answered at once: nothing that takes long is imported or compiled before."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+ARM = str(ROOT / "models" / "arm.xml")
+MISTYPED = {
+    "tabel1": "table1",
+    "table1 --sed 3": "--seed",
+    "table1 --jacobian analitic": "analytic",
+    f"table1 --model {ARM[:-4]}.xlm": "no file",
+    f"track {ARM.replace('arm', 'amr')}": "arm.xml",
+    f"track {ARM} --site paylaod": "payload",
+    f"track {ARM} --fail joint44:locked@1": "joint4",
+    f"recover --model {ARM} --site paylaod": "payload",
+    "track --fail strt1:locked@1": "strut1",
+    "track --fail strut1:loked@1": "locked",
+    "track --path spirl": "spiral",
+    "track --dither desinged": "designed",
+    "track --controller json:lods": "loads",
+    "sweep --design nowhere.toml": "nowhere.toml",
+    "bench --compare nowhere.json": "nowhere.json",
+    "review nowhere": "nowhere",
+    "render nowhere.rrd --out it.png": "nowhere.rrd",
+    "animate nowhere.npz --out it.gif": "nowhere.npz",
+}
+CODE = """
+import contextlib, io, json, os, sys
+os.environ.setdefault("MUJOCO_GL", "disabled")
+from experiments.app.cli import main
+said = {}
+for words in json.loads(sys.argv[1]):
+    with contextlib.redirect_stderr(io.StringIO()) as error:
+        code = main(words.split())
+    said[words] = (code, error.getvalue())
+slow = {"numba", "scipy", "control", "matplotlib", "ftc", "sim", "prioritized", "pyarrow", "rerun"}
+print(json.dumps([said, sorted(slow & set(sys.modules))]))
+"""
+
+
+def test_the_nearest_name_is_shown_before_anything_slow_is_imported(tmp_path):
+    done = subprocess.run(
+        [sys.executable, "-c", CODE, json.dumps(list(MISTYPED))],
+        cwd=tmp_path,
+        env={"PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    said, slow = json.loads(done.stdout)
+    assert slow == []
+    for words, near in MISTYPED.items():
+        code, error = said[words]
+        assert code == 2, words
+        assert near in error and error.count("\n") == 1, error
+    assert list(tmp_path.iterdir()) == []
