@@ -8,6 +8,7 @@ from experiments.recover.mechanism_tables import MISSED, counted, notes, tables
 from experiments.recover.mechanisms import Mechanisms
 from experiments.rig.checks import closure_check
 from experiments.rig.dither import dither_entry
+from experiments.rig.units import by_unit
 from experiments.study import parquet
 from experiments.study.campaign import Row
 from experiments.study.results import Check, Results
@@ -48,6 +49,9 @@ def summarize(outcome: Mechanisms, rows: Sequence[Row]) -> dict[str, Any]:
         "path_size": rig.size,
         "sensor_noise": rig.noise,
         "encoder_noise": rig.encoder_noise,
+        **by_unit("path_size", rig.size, rig.row_units),
+        **by_unit("sensor_noise", rig.noise, rig.row_units),
+        **by_unit("encoder_noise", rig.encoder_noise, rig.units),
         "control_period_s": rig.period_s,
         "dither": {
             sense: dither_entry(outcome.dithers[sense], each)

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from experiments.rig.units import sizes_said
 from experiments.study.tables import Column, Table, tabulate
 
 SENSED = {"task": "task sensor", "joints": "encoders", "both": "both"}
@@ -93,9 +94,7 @@ def notes(summary: dict[str, Any]) -> list[str]:
     said = [
         "Each plant differs from the model of controller and diagnosis: gains by up to 3 %, "
         "dampers by 20 %, masses and inertias by 2 %, a tick of delay, drifting sensors, half the "
-        f"physics step. Path of {summary['path_size']:.3g}, sensors with noise of "
-        f"{summary['sensor_noise']:.3g}, encoders of {summary['encoder_noise']:.3g} (standard "
-        "deviation of a sample), in rad or m."
+        f"physics step. {sizes_said(summary)}"
     ]
     for sense, dither in summary["dither"].items():
         if dither is None:

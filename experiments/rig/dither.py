@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from experiments.rig.options import COST_PART, DITHER_SIZE
+from experiments.rig.units import by_unit
 from experiments.study.study import WrongInput
 from ftc.fdi.diagnosis import DEFAULT_CONFIG
 from ftc.fdi.dither import Dither
@@ -112,12 +113,15 @@ def dither_entry(design: DitherDesign | None, rig: "Rig") -> dict[str, Any] | No
     """A dither, what it costs and what it separates, ready for JSON."""
     if design is None:
         return None
+    displacement, task_motion = design.displacement.tolist(), design.task_motion.tolist()
     return {
         "frequency_hz": design.dither.frequency_hz,
         "amplitude": design.dither.amplitude,
         "direction": list(design.dither.direction),
-        "displacement": design.displacement.tolist(),
-        "task_motion": design.task_motion.tolist(),
+        "displacement": displacement,
+        "task_motion": task_motion,
+        **by_unit("displacement", displacement, rig.units),
+        **by_unit("task_motion", task_motion, rig.row_units),
         "isolable": [
             {"actuator": rig.actuators[fault.actuator], "kind": fault.kind}
             for fault in design.separations.isolable()

@@ -109,6 +109,7 @@ def robot_rig(file: Path, options: RobotOptions, at: Array | None = None) -> Rob
         actuators=tuple(own for own, *_ in names),
         aliases=tuple(tuple(others) for _, *others in names),
         bodies=tuple(_body(robot.model, drive.joint) for drive in robot.known.drives),
+        units=tuple(drive.unit for drive in plant.drives),
         major=rows,
         goal=robot.goal,
         nominal=track.nominal,

@@ -31,11 +31,11 @@ def check_reach(rig: Rig, path: Array) -> None:
             pose = mapping.estimate(commanded, pose)
         lacking = path[tick] - mapping.reached(pose)
         if np.abs(lacking).max() > _SHORT * rig.size:
-            row = rig.major[greatest(np.abs(lacking))]
+            row = greatest(np.abs(lacking))
             raise WrongInput(
-                f"the path is out of reach at {tick * rig.period_s:.3g} s: row {row} stays "
-                f"{np.abs(lacking).max():.3g} short{_at_limits(rig, commanded)}; choose a smaller "
-                "--size, or another start"
+                f"the path is out of reach at {tick * rig.period_s:.3g} s: row {rig.major[row]} "
+                f"stays {np.abs(lacking[row]):.3g} {rig.row_units[row]} short"
+                f"{_at_limits(rig, commanded)}; choose a smaller --size, or another start"
             )
 
 

@@ -31,6 +31,9 @@ from sim import Array, Bench, Failure, Pose
 from sim.mjcf.drive import number_of
 from sim.mjcf.part import Part
 
+_TURNS = 3
+"""First rows of a twist."""
+
 
 @dataclass(frozen=True)
 class Rig(ABC):
@@ -43,6 +46,7 @@ class Rig(ABC):
             without a name, that of the joint or tendon.
         aliases: Other names of each, of its joint for one.
         bodies: The body that each moves, for the eye; None of what is no joint.
+        units: Of their displacements, "rad" or "m".
         major: Rows of the twist.
         goal: While all actuators work.
         nominal: Linear model from displacements to the major rows.
@@ -66,6 +70,7 @@ class Rig(ABC):
     actuators: tuple[str, ...]
     aliases: tuple[tuple[str, ...], ...]
     bodies: tuple[str | None, ...]
+    units: tuple[str, ...]
     major: tuple[int, ...]
     goal: Goal
     nominal: NominalModel
@@ -167,6 +172,11 @@ class Rig(ABC):
             if start is not None and not isinstance(start, str | int):
                 at = check.finite("start", start)
             return robot_rig(Path(file), options, at).drawn(mismatch, seed)
+
+    @property
+    def row_units(self) -> tuple[str, ...]:
+        """Of the major rows, "rad" or "m"."""
+        return tuple("rad" if row < _TURNS else "m" for row in self.major)
 
     @property
     def left_out(self) -> tuple[str, ...]:

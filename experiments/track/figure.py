@@ -4,7 +4,6 @@ from functools import partial
 from textwrap import fill
 from typing import Any
 
-import mujoco
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -148,7 +147,7 @@ def _actuators(axes: Axes, tracked: Tracked) -> None:
     """A row for each, from its place at the start; all of one unit on the same scale."""
     rig, run = tracked.rig, tracked.run
     broken = {failure.number for failure in tracked.failures}
-    units = [_unit(rig.model, (*rig.aliases[k], name)) for k, name in enumerate(rig.actuators)]
+    units = rig.units
     spans = {
         unit: 2 * float(np.abs(run.displacement[:, [u == unit for u in units]]).max())
         for unit in dict.fromkeys(units)
@@ -161,15 +160,6 @@ def _actuators(axes: Axes, tracked: Tracked) -> None:
     axes.set_yticks(range(len(units)), rig.actuators)
     axes.set(title=f"Displacement of each actuator:\na row is {row} high")
     axes.invert_yaxis()
-
-
-def _unit(model: mujoco.MjModel, names: tuple[str, ...]) -> str:
-    """Of an actuator on the joint of one of these names."""
-    for name in names:
-        joint = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, name)
-        if joint >= 0:
-            return "m" if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE else "rad"
-    return "rad or m"
 
 
 def _events(axes: Axes, summary: dict[str, Any]) -> None:

@@ -32,7 +32,7 @@ def record(tracked: Tracked, summary: dict[str, Any], folder: Path) -> None:
         _error(tracked, summary, run),
         Plot(
             "actuators",
-            "Actuators from the start [rad], [m]",
+            f"Actuators from the start [{', '.join(dict.fromkeys(rig.units))}]",
             list(rig.actuators),
             run.time_s[every],
             run.displacement[every],

@@ -10,6 +10,7 @@ from experiments.rig.checks import closure_check
 from experiments.rig.dither import dither_entry
 from experiments.rig.limiting import limiting
 from experiments.rig.run import Named
+from experiments.rig.units import by_unit, largest_by_unit, sizes_said
 from experiments.study.controllers import controller_label
 from experiments.study.provenance import versions
 from experiments.study.results import Check, Results
@@ -24,6 +25,12 @@ from sim.plant.friction import dry_friction
 
 AGREES = 0.2
 """Relative error of the linear model's prediction of an RMS error, all major rows together."""
+
+_OF_ROWS = (
+    *("path_size", "sensor_noise", "rms_before", "rms_after"),
+    *("predicted_rms_before", "predicted_rms_after", "predicted_rms_after_when_named"),
+)
+"""Numbers in the units of the major rows; each has an entry of its own in each of these units."""
 
 
 def results(tracked: Tracked) -> Results:
@@ -56,11 +63,6 @@ def checks(summary: dict[str, Any]) -> list[Check]:
     return found
 
 
-def units(tracked: Tracked) -> list[str]:
-    """Of each major row."""
-    return ["rad" if row < 3 else "m" for row in tracked.rig.major]
-
-
 def summarize(tracked: Tracked) -> dict[str, Any]:
     """All numbers, ready for JSON."""
     rig, run, failures = tracked.rig, tracked.run, tracked.failures
@@ -76,7 +78,7 @@ def summarize(tracked: Tracked) -> dict[str, Any]:
         "robot": rig.title,
         "actuators": list(rig.actuators),
         "major": list(rig.major),
-        "units": units(tracked),
+        "units": list(rig.row_units),
         "duration_s": float(run.time_s[-1] + rig.period_s),
         "control_period_s": rig.period_s,
         "path_size": rig.size,
@@ -130,6 +132,9 @@ def summarize(tracked: Tracked) -> dict[str, Any]:
                 "failure": other.failure,
             }
         ]
+    for key in _OF_ROWS:
+        summary |= by_unit(key, summary[key], rig.row_units)
+    summary |= by_unit("encoder_noise", rig.encoder_noise, rig.units)
     return summary | {"verdict": verdict(tracked, summary) + _unlike(tracked, summary)}
 
 
@@ -324,7 +329,7 @@ def notes(tracked: Tracked, summary: dict[str, Any]) -> list[str]:
     if tracked.other is not None and tracked.other.failure is not None:
         said.append(f"{tracked.other.failure}; its last inputs were held from then on.")
     if tracked.dither is not None:
-        said.append(_dither_said(tracked.dither, summary))
+        said.append(_dither_said(tracked.dither, summary, rig.units))
     said += [
         f"Loop of {ROWS[row]}: {margin}."
         for row, margin in zip(rig.major, rig.margins, strict=True)
@@ -333,24 +338,23 @@ def notes(tracked: Tracked, summary: dict[str, Any]) -> list[str]:
     said += [f"{sentence[0].upper()}{sentence[1:]}." for sentence in (*rig.warnings, *tracked.met)]
     exact = "" if rig.warnings or tracked.met else "exact "
     said.append(
-        f"The path {demanded} demanded through the inverse of the linear model. Path of "
-        f"{rig.size:.3g}, sensors with noise of {rig.noise:.3g}, encoders of "
-        f"{rig.encoder_noise:.3g} (standard deviation of a sample), in rad or m; diagnosis and "
-        f"controller have the {exact}model of the robot."
+        f"The path {demanded} demanded through the inverse of the linear model. "
+        f"{sizes_said(summary)} Diagnosis and controller have the {exact}model of the robot."
     )
     for failure, text in zip(tracked.failures, tracked.verdicts[1:], strict=True):
         said.append(f"After {rig.actuators[failure.number]} {failure.kind}: {text}")
     return said
 
 
-def _dither_said(design: DitherDesign, summary: dict[str, Any]) -> str:
+def _dither_said(design: DitherDesign, summary: dict[str, Any], units: Sequence[str]) -> str:
     """What it is for, and what it costs."""
     entry = summary["dither"]
     cost = _with_units(entry["task_motion"], summary["units"])
     return (
         f"Dither of {entry['frequency_hz']:g} Hz, no actuator further than "
-        f"{max(entry['displacement']):.3g} rad or m: by the linear model {len(entry['isolable'])} "
-        f"of {len(design.separations.faults)} failures can be told from those of other actuators "
+        f"{largest_by_unit(entry['displacement'], units)}: by the linear model "
+        f"{len(entry['isolable'])} of {len(design.separations.faults)} failures can be told from "
+        "those of other actuators "
         f"in half a second; it moves the major rows with amplitudes of {cost} while nothing has "
         "failed."
     )

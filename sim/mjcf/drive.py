@@ -15,6 +15,9 @@ from sim.mjcf.model import name_of
 _MUSCLE = int(mujoco.mjtGain.mjGAIN_MUSCLE)
 _FIXED, _NO_BIAS = int(mujoco.mjtGain.mjGAIN_FIXED), int(mujoco.mjtBias.mjBIAS_NONE)
 
+_OF_JOINT, _HINGE = int(mujoco.mjtWrap.mjWRAP_JOINT), int(mujoco.mjtJoint.mjJNT_HINGE)
+_AT_SITE = int(mujoco.mjtTrn.mjTRN_SITE)
+
 
 def number_of(name: str, names: Sequence[Sequence[str]]) -> int:
     """The first that has this name, own names before others'.
@@ -93,6 +96,24 @@ class Drive:
         elif self.tendon is not None:
             name = self.model.tendon(self.tendon).name
         return name or self.actuators[0]
+
+    @cached_property
+    def unit(self) -> str:
+        """Of its displacement: "rad" if it turns, or its tendon only adds up angles, else "m"."""
+        model = self.model
+        if self.joint is not None:
+            joints = [self.joint]
+        elif self.tendon is not None:
+            first = int(model.tendon_adr[self.tendon])
+            parts = slice(first, first + int(model.tendon_num[self.tendon]))
+            fixed = (model.wrap_type[parts] == _OF_JOINT).all()
+            joints = model.wrap_objid[parts].tolist() if fixed else []
+        else:
+            force, moment = np.split(model.actuator_gear[self.ids[0]], 2)
+            of_site = model.actuator_trntype[self.ids[0]] == _AT_SITE
+            return "rad" if of_site and moment.any() and not force.any() else "m"
+        turns = [model.jnt_type[joint] == _HINGE for joint in joints]
+        return "rad" if turns and all(turns) else "m"
 
     @cached_property
     def force_range(self) -> tuple[float, float]:

@@ -27,7 +27,7 @@ _OF_ACTUATORS = "actuator_gainprm", "actuator_biasprm", "actuator_biastype"
 _OF_OUTPUTS = "actuator_forcerange", "actuator_forcelimited"
 _OF_CONTROLS = "actuator_ctrlrange", "actuator_ctrllimited"
 
-_FREE = int(mujoco.mjtJoint.mjJNT_FREE)
+_FREE, _SLIDE = int(mujoco.mjtJoint.mjJNT_FREE), int(mujoco.mjtJoint.mjJNT_SLIDE)
 _INSIDE = 0.05
 """Part of its range by which a joint begins inside: at its limit it could move one way only."""
 _MOVED = 1e-3
@@ -190,9 +190,15 @@ def _moved(part: Part, stated: Array, rested: mujoco.MjData) -> tuple[str, ...]:
     mujoco.mj_differentiatePos(model, way, 1.0, stated, rested.qpos)
     way[part.still] = 0.0
     joints = [int(j) for j in dict.fromkeys(model.dof_jntid[np.abs(way) > _MOVED])]
-    named = [
-        f"{joint_name(model, j)} by {np.abs(way[model.dof_jntid == j]).max():.2g}" for j in joints
-    ]
+    named = [f"{joint_name(model, j)} by {_farthest(model, j, way)}" for j in joints]
     if not named:
         return ()
-    return (f"came to rest away from its start, in rad or m: {listed(named)}",)
+    return (f"came to rest away from its start: {listed(named)}",)
+
+
+def _farthest(model: mujoco.MjModel, joint: int, way: Array) -> str:
+    """How far it moved, as an angle and as a distance, where it has either."""
+    own, kind = np.abs(way[model.dof_jntid == joint]), model.jnt_type[joint]
+    lengths = {_SLIDE: 1, _FREE: 3}.get(int(kind), 0)
+    parts = {"m": own[:lengths], "rad": own[lengths:]}
+    return " and ".join(f"{part.max():.2g} {unit}" for unit, part in parts.items() if len(part))

@@ -54,6 +54,11 @@ KEYS = {
     *("measured_over_predicted_before", "measured_over_predicted_after", "dry_friction", "met"),
     "limited_by",
 }
+IN_UNITS = {
+    *("path_size", "sensor_noise", "encoder_noise", "rms_before", "rms_after"),
+    *("predicted_rms_before", "predicted_rms_after", "predicted_rms_after_when_named"),
+}
+"""Which are there once more with each of their units in the name."""
 
 
 def tracked(model: Path | None, seed: int = 0, **options: Any) -> Tracked:
@@ -232,7 +237,9 @@ def test_the_command_writes_what_the_interface_says(made_once):
     )
     summary = json.loads((folder / "track.json").read_text())
     assert summary["experiment"] == "track"
-    assert set(summary) == KEYS
+    named = {f"{key}_{unit}" for key in IN_UNITS for unit in ("rad", "m")} & set(summary)
+    assert set(summary) - named == KEYS
+    assert {key.rpartition("_")[0] for key in named} == IN_UNITS
     assert summary["actuators"] == [f"motor{k}" for k in range(1, 8)]
     assert summary["major"] == [0, 1]
     assert summary["failures"] == [{"actuator": "motor2", "kind": "locked", "time_s": 0.3}]

@@ -149,6 +149,7 @@ def rig_of(
         actuators=tuple(own for own, _ in STRUTS),
         aliases=tuple((other,) for _, other in STRUTS),
         bodies=tuple(f"stem{k}" for k in range(1, 7)),
+        units=("m",) * len(STRUTS),
         major=tuple(MAJOR),
         goal=goal,
         nominal=nominal,

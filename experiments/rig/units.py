@@ -1,0 +1,41 @@
+"""Units of rows and actuators, in the names of published numbers and in sentences."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+
+def by_unit(name: str, value: Any, units: Sequence[str]) -> dict[str, Any]:
+    """The entries `name_rad` and `name_m`, of those units that there are.
+
+    A list has one value for each of the units, and each entry has those in its unit, in their
+    order. One number, or None, is in every unit that there is.
+    """
+    entries = {}
+    for unit in dict.fromkeys(units):
+        own = value
+        if isinstance(value, list):
+            own = [each for each, its in zip(value, units, strict=True) if its == unit]
+        entries[f"{name}_{unit}"] = own
+    return entries
+
+
+def sizes_said(entries: Mapping[str, Any]) -> str:
+    """A sentence on the sizes of path and noise, from the entries of :func:`by_unit`."""
+    path, task, encoders = (
+        " and ".join(
+            f"{entries[f'{name}_{unit}']:.3g} {unit}"
+            for unit in ("rad", "m")
+            if f"{name}_{unit}" in entries
+        )
+        for name in ("path_size", "sensor_noise", "encoder_noise")
+    )
+    return (
+        f"Path of {path}, sensors with noise of {task}, encoders of {encoders} (standard deviation "
+        "of a sample)."
+    )
+
+
+def largest_by_unit(values: Sequence[float], units: Sequence[str]) -> str:
+    """The largest number in each unit that there is: "0.001 rad, 2e-05 m"."""
+    entries = by_unit("", list(values), units)
+    return ", ".join(f"{max(own):.3g} {unit[1:]}" for unit, own in entries.items())
