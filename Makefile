@@ -1,20 +1,29 @@
-# Everything runs in .venv, which any target builds when it is missing.
+# Everything runs in .venv, which any target builds when it is missing: `make table1` with what the
+# command fjh needs, all others with what tests, benchmark and site need, too.
 PYTHON ?= python3
 BIN := .venv/bin
 STAMP := .venv/installed
+COMMAND := .venv/command
+INSTALL := $(BIN)/python -m pip install --no-compile --constraint constraints.txt --editable
 RUNS := results/report
 
 .PHONY: venv table1 test test-all test-ci test-processors coverage wheel-test robots dist check hooks docs bench bench-quick pictures clean
 
 venv: $(STAMP)
 
-$(STAMP): pyproject.toml constraints.txt
+$(BIN)/python:
 	$(PYTHON) -m venv .venv
-	$(BIN)/python -m pip install --quiet --no-compile --constraint constraints.txt --editable ".[bench,test,check,docs]"
-	$(BIN)/python -c "from prioritized._solver import bounded, closing, unlimited; from sim import _tick; from ftc.fdi import _friction; from ftc.fdi.design import _to_segments; from ftc.fdi.isolation import _evidence"  # 30 s
-	touch $(STAMP)
 
-table1: venv
+$(COMMAND): pyproject.toml constraints.txt | $(BIN)/python
+	$(INSTALL) ".[testbed]"
+	touch $(COMMAND)
+
+$(STAMP): pyproject.toml constraints.txt | $(BIN)/python
+	$(INSTALL) ".[bench,test,check,docs]"
+	$(BIN)/python -c "from prioritized._solver import bounded, closing, unlimited; from sim import _tick; from ftc.fdi import _friction; from ftc.fdi.design import _to_segments; from ftc.fdi.isolation import _evidence"  # 30 s
+	touch $(COMMAND) $(STAMP)
+
+table1: $(COMMAND)
 	$(BIN)/fjh table1
 
 # On all cores, a file of tests in one process. Two processes whose BLAS has two threads each take

@@ -1,6 +1,8 @@
 """Workflows of GitHub: what they run, and that nobody can change it under us."""
 
 import re
+import shutil
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -48,3 +50,27 @@ def test_every_target_that_is_run_exists():
 def test_the_reproduction_of_the_paper_is_shown_with_every_run():
     text = (ROOT / ".github" / "workflows" / "ci.yml").read_text()
     assert 'run: cat results/table1/table1.md >> "$GITHUB_STEP_SUMMARY"' in text
+
+
+def recipe(folder: Path, target: str) -> str:
+    """What `make` would do for a target in a folder, not done."""
+    words = ["make", "--dry-run", target]
+    return subprocess.run(words, cwd=folder, capture_output=True, text=True, check=True).stdout
+
+
+def test_table1_installs_the_command_alone_and_shows_what_pip_does(tmp_path):
+    """The first hour; who has all that the tests need has the command, too."""
+    for name in ("Makefile", "pyproject.toml", "constraints.txt"):
+        shutil.copy(ROOT / name, tmp_path)
+    assert re.findall(r'--editable "(.*)"', recipe(tmp_path, "table1")) == [".[testbed]"]
+    assert re.findall(r'--editable "(.*)"', recipe(tmp_path, "test")) == [
+        ".[bench,test,check,docs]"
+    ]
+    assert "--quiet" not in recipe(tmp_path, "venv")
+    (tmp_path / ".venv" / "bin").mkdir(parents=True)
+    touched = [word for line in recipe(tmp_path, "venv").splitlines() for word in line.split()]
+    for name in ("bin/python", "installed", "command"):
+        assert f".venv/{name}" in touched
+        (tmp_path / ".venv" / name).touch()
+    for target in ("table1", "venv"):
+        assert "pip" not in recipe(tmp_path, target)
