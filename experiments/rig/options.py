@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from experiments.rig.choices import Feedforward, Limited, Sensing
-from experiments.study.spelling import hint
+from experiments.study.spelling import nearest
 from experiments.study.study import Option, WrongInput
 
 _TWIST = 6
@@ -95,7 +95,7 @@ def check_path(path: str) -> None:
         raise WrongInput(f"--path {path} cannot be read: there is no such file")
     if Path(path).suffix != ".npz":
         raise WrongInput(
-            f"--path must be {', '.join(PATHS)} or FILE.npz, got {path}; {hint(path, PATHS)}"
+            f"--path must be {', '.join(PATHS)} or FILE.npz, got {path}{nearest(path, PATHS)}"
         )
 
 
@@ -112,8 +112,8 @@ def check_dither(dither: str) -> None:
         float(dither)
     except ValueError:
         raise WrongInput(
-            f"--dither must be {', '.join(words)}, or a frequency in Hz, got {dither}; "
-            f"{hint(dither, words)}"
+            f"--dither must be {', '.join(words)}, or a frequency in Hz, got {dither}"
+            f"{nearest(dither, words)}"
         ) from None
 
 

@@ -44,7 +44,8 @@ def check_names(model: Path | None, options: RobotOptions) -> None:
     asked += [("--pinned", name, kind, frames) for name, _ in options.pins]
     for option, name, what, known in asked:
         if name is not None and not name.isdecimal() and name not in known:
-            raise WrongInput(f'{option}: the model has no {what} "{name}"; {hint(name, known)}')
+            said = f'no {what} "{name}"{hint(name, known)}' if known else "none"
+            raise WrongInput(f"{option} {name}: the model has {said}")
 
 
 def actuators(model: Path | None) -> tuple[tuple[str, ...], ...]:

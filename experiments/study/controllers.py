@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from experiments.study.spelling import hint
+from experiments.study.spelling import nearest
 from experiments.study.study import Option, WrongInput
 
 
@@ -40,8 +40,8 @@ def controller_factory(name: str) -> Callable[..., Any]:
         found = getattr(found, part, None)
     if not callable(found):
         place = getattr(module, "__file__", None) or module_name
-        near = hint(path, dir(module))
-        raise WrongInput(f"--controller {name}: {place} has no function or class {path}; {near}")
+        near = nearest(path, dir(module))
+        raise WrongInput(f"--controller {name}: {place} has no function or class {path}{near}")
     return found
 
 

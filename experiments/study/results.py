@@ -77,8 +77,9 @@ class Results:
     @property
     def checked(self) -> str:
         """One sentence on all checks: that they passed, or which failed."""
-        failed = [str(check) for check in self.checks if not check.passed]
-        if failed:
+        if not self.checks:
+            return "There is nothing to be checked."
+        if failed := [str(check) for check in self.checks if not check.passed]:
             return f"{len(failed)} of {len(self.checks)} checks failed: {'; '.join(failed)}."
         return f"All checks passed ({len(self.checks)})."
 

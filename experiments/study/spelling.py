@@ -9,14 +9,18 @@ from experiments.study.study import WrongInput
 _SHOWN = 12
 
 
+def nearest(name: str, known: Iterable[str]) -> str:
+    """The nearest known names as a question; empty where there is none near."""
+    near = get_close_matches(name, dict.fromkeys(known), 3)
+    quoted = " or ".join(f'"{each}"' for each in near)
+    return f"; did you mean {quoted}?" if near else ""
+
+
 def hint(name: str, known: Iterable[str]) -> str:
-    """The nearest known names as a question; without a near one the first of them all."""
+    """The same; without a near one those that there are."""
     names = list(dict.fromkeys(each for each in known if each))
-    if near := get_close_matches(name, names, 3):
-        quoted = [f'"{each}"' for each in near]
-        return f"did you mean {' or '.join(quoted)}?"
     more = "" if len(names) <= _SHOWN else f" and {len(names) - _SHOWN} more"
-    return f"there is {', '.join(names[:_SHOWN])}{more}" if names else "there is none"
+    return nearest(name, names) or f"; it has {', '.join(names[:_SHOWN])}{more}"
 
 
 def check_file(path: Path) -> None:
@@ -31,8 +35,4 @@ def check_file(path: Path) -> None:
         beside = [each.name for each in path.parent.iterdir() if each.suffix == path.suffix]
     except (OSError, ValueError):  # there is no such folder; or it is no path at all
         beside = []
-    shown = (
-        str(path) if len(str(path)) < 200 else f"{str(path)[:200]}... ({len(str(path))} characters)"
-    )
-    near = f"; {hint(path.name, beside)}" if get_close_matches(path.name, beside, 1) else ""
-    raise WrongInput(f"there is no file {shown!r}{near}")
+    raise WrongInput(f"there is no file {str(path)!r}{nearest(path.name, beside)}")

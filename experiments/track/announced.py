@@ -37,7 +37,7 @@ def check(*, model: Path | None, fail: Sequence[str], duration: float, **others:
     for each in announced(fail, duration):
         if names and each.actuator not in known:
             said = f'the robot has no actuator or joint "{each.actuator}"'
-            raise WrongInput(f"--fail {each.actuator}: {said}; {hint(each.actuator, known)}")
+            raise WrongInput(f"--fail {each.actuator}: {said}{hint(each.actuator, known)}")
 
 
 def announced(asked: Sequence[str], duration_s: float) -> list[Announced]:

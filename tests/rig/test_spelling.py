@@ -52,5 +52,5 @@ def test_frames_that_the_compiled_model_has_are_let_pass(tmp_path, site):
     assert site == "3" or mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, "arm") > 0
     check_names(file, RobotOptions(site=site))
     for wrong in ({"site": "tol"}, {"axes": "tol"}, {"keyframe": "home"}, {"pinned": "tol:point"}):
-        with pytest.raises(WrongInput, match=r"tol.*did you mean \"tool\"|keyframe.*there is none"):
+        with pytest.raises(WrongInput, match=r"tol.*did you mean \"tool\"|keyframe.*has none"):
             check_names(file, RobotOptions(**{"site": site} | wrong))

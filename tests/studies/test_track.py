@@ -117,7 +117,7 @@ FALLING = """
 @pytest.mark.parametrize(
     ("further", "said"),
     [
-        (["--fail", "joint44:locked@0.1"], 'did you mean "joint4"?'),
+        (["--fail", "joint44:locked@0.1"], 'did you mean "joint4"'),
         (["--fail", "joint4:melted@1"], "NAME:KIND@SECONDS"),
         (["--fail", "joint4:locked@99"], "the run ends at"),
         (["--major", "0,7"], "different rows from 0 to 5"),
