@@ -132,7 +132,7 @@ def print_ending(ending: Ending) -> None:
     from rich.console import Console
 
     console = Console(highlight=False, markup=False)
-    console.print(ending.checked)
+    console.print(f"\n{ending.checked}")
     folder, file = ending.written.parent, ending.written
     where = f"Files are in {folder}; open {file} first."
     console.print(where, soft_wrap=True)

@@ -129,6 +129,8 @@ def summarize(tracked: Tracked) -> dict[str, Any]:
                 "name": other.name,
                 "rms_before": _rms(theirs[:cut]),
                 "rms_after": _rms(theirs[cut:]),
+                **by_unit("rms_before", _rms(theirs[:cut]), rig.row_units),
+                **by_unit("rms_after", _rms(theirs[cut:]), rig.row_units),
                 "failure": other.failure,
             }
         ]
