@@ -97,6 +97,7 @@ def summarize(tracked: Tracked) -> dict[str, Any]:
                 "actuator": rig.actuators[each.number],
                 "kind": each.kind,
                 "time_s": each.time_s,
+                "body": rig.bodies[each.number],
             }
             for each in failures
         ],
