@@ -123,12 +123,13 @@ def _marks(summary: dict[str, Any]) -> list[tuple[str | None, Mark]]:
     marks = []
     for failure in summary["failures"]:
         name, failed_s = failure["actuator"], float(failure["time_s"])
-        mark = Mark(summary["actuators"].index(name), failed_s, f"{name} {failure['kind']}")
+        number = summary["actuators"].index(name)
+        mark = Mark(number, failed_s, f"{name} {failure['kind']}")
         for found in summary["diagnoses"]:
             if found["actuator"] == name and found["delay_s"] is not None:
                 said = f"found: {name} {found['kind']}"
-                mark = Mark(mark.actuator, failed_s, mark.failure, float(found["time_s"]), said)
+                mark = Mark(number, failed_s, mark.failure, float(found["time_s"]), said)
                 break
-        body = failure.get("body")
+        body = summary["bodies"][number]
         marks.append((None if body is None else str(body), mark))
     return marks

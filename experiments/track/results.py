@@ -75,6 +75,7 @@ def summarize(tracked: Tracked) -> dict[str, Any]:
         "model_sha256": tracked.model_sha256,
         "robot": rig.title,
         "actuators": list(rig.actuators),
+        "bodies": list(rig.bodies),
         "major": list(rig.major),
         "units": units(tracked),
         "duration_s": float(run.time_s[-1] + rig.period_s),
@@ -97,7 +98,6 @@ def summarize(tracked: Tracked) -> dict[str, Any]:
                 "actuator": rig.actuators[each.number],
                 "kind": each.kind,
                 "time_s": each.time_s,
-                "body": rig.bodies[each.number],
             }
             for each in failures
         ],

@@ -31,7 +31,7 @@ FAILED, NAMED = 150, 170
 
 
 def keep_arm_run(folder: Path, left: float, *, found: bool) -> Path:
-    """A circle of an arm whose motor 2 locks, with a part left of its second row from then on."""
+    """A circle of an arm whose motor 2 locks, its second row so many times as long from then on."""
     arm, time_s = load_model(ARM_MJCF), np.arange(400) / 100
     turn = np.pi * time_s / 2
     desired = 0.01 * np.column_stack([np.sin(turn), 1 - np.cos(turn), 0 * turn])
@@ -44,9 +44,8 @@ def keep_arm_run(folder: Path, left: float, *, found: bool) -> Path:
         "model_sha256": model_sha256(ARM_MJCF),
         "units": ["m"] * 3,
         "actuators": [f"motor{k}" for k in range(1, 8)],
-        "failures": [
-            {"actuator": "motor2", "kind": "locked", "time_s": FAILED / 100, "body": "link2"}
-        ],
+        "bodies": [*(f"link{k}" for k in range(1, 7)), "camera"],
+        "failures": [{"actuator": "motor2", "kind": "locked", "time_s": FAILED / 100}],
         "diagnoses": [named] if found else [],
     }
     folder.mkdir(parents=True)
@@ -61,7 +60,7 @@ def keep_arm_run(folder: Path, left: float, *, found: bool) -> Path:
 def files(tmp_path_factory) -> list[Path]:
     folder = tmp_path_factory.mktemp("arms")
     return [
-        keep_arm_run(folder / "unaware", 0.2, found=False),
+        keep_arm_run(folder / "unaware", -1.0, found=False),
         keep_arm_run(folder / "supervised", 0.99, found=True),
     ]
 
@@ -253,6 +252,7 @@ ARM = ["--model", str(ARM_MJCF)]
         ("missing.npz", [], "does not exist"),
         ("run.npz", ARM, "six actuators"),
         ("arm/track.npz", [], "is a run of another machine"),
+        ("other_file/track.npz", ARM, "is a run of another machine"),
         ("run.npz run.npz run.npz", [], "one run or two, got 3"),
         ("no_json/track.npz", ARM, "are not a run"),
         ("spoilt/track.npz", ARM, "are not a run"),
@@ -263,12 +263,14 @@ def test_what_cannot_be_animated_is_one_sentence(capsys, run, tmp_path, names, o
     write_arrays(tmp_path / "run.npz", vars(run))
     write_arrays(tmp_path / "other.npz", {"x": np.zeros(3)})
     (tmp_path / "text.npz").write_text("text")
-    for folder in ("arm", "no_json", "spoilt", "mixed"):
+    for folder in ("arm", "other_file", "no_json", "spoilt", "mixed"):
         stated = keep_arm_run(tmp_path / folder, 0.2, found=True).with_name("track.json")
         summary = json.loads(stated.read_text())
         match folder:
             case "no_json":
                 stated.unlink()
+            case "other_file":
+                stated.write_text(json.dumps(summary | {"model_sha256": "0"}))
             case "spoilt":
                 stated.write_text(json.dumps(summary | {"failures": [{"actuator": "motor9"}]}))
             case "mixed":
