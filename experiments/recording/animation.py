@@ -132,7 +132,7 @@ def figure_at(animation: Animation, tick: int) -> Figure:
         _error(figure.add_axes(((k + 0.1) * share, 0.055, 0.8 * share, 0.03)), animation, one, tick)
     note = f"{runs[0].time_s[tick]:.2f} s"
     if animation.factor > 1:
-        note += f"; motion of the machine magnified {animation.factor} times"
+        note += f"; motion magnified {animation.factor} times"
     figure.text(0.5, 0.022, note, fontsize=TEXT_PT, **_CENTRED)
     return figure
 

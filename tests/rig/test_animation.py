@@ -200,7 +200,7 @@ def test_the_hexapod_is_drawn_alone_with_its_own_factor(model, run):
     assert error.get_title() == f"error {off_urad:.1f} µrad"
     assert words(figure_at(alone, 300)) == [
         *("locked", "found: strut 1 locked, after 24 ms"),
-        f"{run.time_s[300]:.2f} s; motion of the machine magnified {alone.factor} times",
+        f"{run.time_s[300]:.2f} s; motion magnified {alone.factor} times",
     ]
     assert machine.collections
 
