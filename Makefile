@@ -6,6 +6,8 @@ STAMP := .venv/installed
 COMMAND := .venv/command
 INSTALL := $(BIN)/python -m pip install --no-compile --constraint constraints.txt --editable
 RUNS := results/report
+# Two flights of the arm around a circle of 30 mm whose shoulder locks after 3.25 s.
+LOCKED := --major 3,5,4 --size 0.015 --turn 4 --fail motor2:locked@3.25 --duration 6.5
 
 .PHONY: venv table1 test test-all test-ci test-processors coverage wheel-test robots dist check hooks docs bench bench-quick pictures clean
 
@@ -101,7 +103,11 @@ pictures: venv
 	$(BIN)/fjh render $(RUNS)/table1/W_e.rrd --time 14 --out docs/pictures/run.png
 	$(BIN)/fjh render $(RUNS)/review.rrd --size 1600x1200 --out docs/pictures/review.png
 	$(BIN)/fjh render $(RUNS)/recover/locked.rrd --time 9.3 --out docs/pictures/failure.png
-	$(BIN)/fjh animate $(RUNS)/recover/locked.npz --out docs/pictures/animation.gif
+	$(BIN)/fjh track models/arm.xml $(LOCKED) --diagnosis off --out $(RUNS)/lock/without_diagnosis
+	$(BIN)/fjh track models/arm.xml $(LOCKED) --out $(RUNS)/lock/with_diagnosis
+	$(BIN)/fjh animate $(RUNS)/lock/without_diagnosis/track.npz \
+	    $(RUNS)/lock/with_diagnosis/track.npz --model models/arm.xml \
+	    --out docs/pictures/animation.gif
 
 clean:
 	rm -rf .venv results build dist *.egg-info

@@ -1,32 +1,33 @@
-"""A run of the hexapod as an animation: the machine with its motion magnified, detector, error."""
+"""One run, or two side by side, as an animation: the machine, its path, and the error."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
-import mujoco
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from experiments.recording import drawing
-from experiments.recording.file import round_down
+from experiments.recording import Array, drawing
+from experiments.recording.animated import Animated
 from experiments.recording.gif import pixels, write_gif
-from experiments.recording.marks import Mark
-from experiments.recording.shown import Shown, magnified, scales_of
-from experiments.study.plotting import BLACK, BLUE, DESIRED, MEASURED, TITLE_PT, VERMILION
-from sim import Array
+from experiments.study.plotting import BLACK, BLUE, DESIRED, MEASURED, TEXT_PT, TITLE_PT, VERMILION
+from experiments.study.study import WrongInput
 
-SIZE_IN, DPI = (6.4, 3.8), 120
-FRAMES = 104
-"""Those that move; each event and the end are one more."""
-_SLOW_S, _FAST = 0.8, 0.35
-"""The run until so long before its first failure has this share of the frames: it goes faster."""
-_FRAME_MS, _EVENT_MS, _LAST_MS = 70, 1200, 2000
-_VIEW = drawing.View(azimuth_deg=98.0, elevation_deg=22.0)
-_SIGHT_M = 0.17, 0.45
-"""Along the line of sight from the payload's origin: its begin, and the point that draws."""
+SIZE_IN, DPI = (16 / 7, 3.9), 140
+"""Of a run: 320 pixels wide."""
+FRAMES = 72
+"""Those that move; the first failure and the end are one more."""
+_BEFORE = 0.15
+"""Part of the time after the first failure that is shown of the time before."""
+_FRAME_MS, _EVENT_MS, _LAST_MS = 70, 500, 2000
+_UNITS = (("", 1.0), ("m", 1e3), ("µ", 1e6))
+_HALF = 0.4
+"""Of the machine's picture, in the extents that its MJCF states."""
+_MARGIN = 1.15
+_CENTRED: dict[str, Any] = {"ha": "center", "va": "center"}
 
 
 @dataclass(frozen=True)
@@ -39,48 +40,70 @@ class Frame:
 
 @dataclass(frozen=True)
 class Animation:
-    """A run that is to be animated, drawn as the hexapod of this MJCF."""
+    """Runs of one path that are to be animated side by side, all on the same scales.
 
-    model: mujoco.MjModel
-    shown: Shown
+    Raises:
+        WrongInput: They differ in their machine, times or path.
+    """
+
+    runs: Sequence[Animated]
+
+    def __post_init__(self) -> None:
+        first = self.runs[0]
+        for other in self.runs[1:]:
+            both = f"{first.heading} and {other.heading}"
+            if first.unit != other.unit or first.desired.shape[1:] != other.desired.shape[1:]:
+                raise WrongInput(f"{both} are no runs of the same task")
+            if not np.array_equal(first.time_s, other.time_s):
+                raise WrongInput(f"{both} differ in duration or time steps")
+            if not np.array_equal(first.desired, other.desired):
+                raise WrongInput(f"{both} have different paths")
 
     @cached_property
     def factor(self) -> int:
-        """By which the payload's motion is magnified: twice as much as in the run's recording."""
-        return 2 * scales_of([self.shown.run]).factor
+        """By which the machine's motion is magnified: as the larger one needs."""
+        return min(one.factor for one in self.runs)
 
     @cached_property
     def frames(self) -> list[Frame]:
-        """Evenly spaced until shortly before the first failure, and from there; events stand."""
-        time_s, events = self.shown.run.time_s, self._events_s
-        slow_s = max(time_s[0], min(events, default=time_s[0]) - _SLOW_S)
-        fast = round(_FAST * FRAMES) if slow_s > time_s[0] else 0
-        moving = [
-            *np.linspace(time_s[0], slow_s, fast, endpoint=False),
-            *np.linspace(slow_s, time_s[-1], FRAMES - fast),
-        ]
-        durations = dict.fromkeys(self.ticks_at(moving), _FRAME_MS)
-        durations |= dict.fromkeys(self.ticks_at(events), _EVENT_MS)
+        """Evenly spaced, from shortly before the first failure, which stands for a moment."""
+        time_s = self.runs[0].time_s
+        begin_s, end_s = time_s[[0, -1]]
+        failed = [mark.failed_s for one in self.runs for _, mark in one.marks]
+        struck_s = min(failed, default=begin_s)
+        begin_s = max(begin_s, struck_s - _BEFORE * (end_s - struck_s))
+        moving = np.linspace(begin_s, end_s, FRAMES)
+        durations = dict.fromkeys(self._ticks_at(moving), _FRAME_MS)
+        if struck_s > begin_s:
+            durations |= dict.fromkeys(self._ticks_at([struck_s]), _EVENT_MS)
         durations[len(time_s) - 1] = _LAST_MS
         return [Frame(tick, durations[tick]) for tick in sorted(durations)]
 
-    @cached_property
-    def _events_s(self) -> list[float]:
-        """Failures after the start and diagnoses."""
-        marks, begin_s = self.shown.marks, self.shown.run.time_s[0]
-        failed = [mark.failed_s for mark in marks if mark.failed_s > begin_s]
-        return failed + [mark.diagnosed_s for mark in marks if mark.is_found]
-
-    def ticks_at(self, times_s: Sequence[float]) -> list[int]:
+    def _ticks_at(self, times_s: Sequence[float] | Array) -> list[int]:
         """The first ticks that are not before these times."""
-        time_s = self.shown.run.time_s
+        time_s = self.runs[0].time_s
         found = np.searchsorted(time_s, np.array(times_s) - 1e-9)
         return np.minimum(found, len(time_s) - 1).tolist()
 
     @cached_property
-    def solids(self) -> drawing.Machine:
-        """The machine's surface."""
-        return drawing.machine(self.model)
+    def unit(self) -> tuple[str, float]:
+        """For errors, and how many of it make one [rad] or [m]."""
+        largest, unit = self.largest_error, self.runs[0].unit
+        fitting = ((prefix + unit, many) for prefix, many in _UNITS if largest * many >= 1.0)
+        return next(fitting, (f"µ{unit}", 1e6))
+
+    @cached_property
+    def largest_error(self) -> float:
+        """Of all runs, in all frames."""
+        shown = self.frames[0].tick
+        return max(float(one.error[shown:].max()) for one in self.runs)
+
+    @cached_property
+    def square(self) -> tuple[Array, float]:
+        """Middle and half the side of what is shown of the plane of the path."""
+        all_of_it = np.vstack([c[:, :2] for one in self.runs for c in (one.desired, one.true)])
+        low, high = all_of_it.min(axis=0), all_of_it.max(axis=0)
+        return (low + high) / 2, _MARGIN * float((high - low).max()) / 2
 
 
 def write_animation(
@@ -95,105 +118,75 @@ def write_animation(
 
 
 def figure_at(animation: Animation, tick: int) -> Figure:
-    """One picture: the machine on the left, on the right the detector above the error."""
-    run = animation.shown.run
-    figure = Figure(figsize=SIZE_IN, dpi=DPI)
-    left = figure.add_axes((0.0, 0.03, 0.58, 0.86), aspect="equal")
-    _machine(left, animation, tick)
-    _detector(figure.add_axes((0.665, 0.385, 0.30, 0.505), aspect="equal"), animation, tick)
-    _error(figure.add_axes((0.665, 0.115, 0.30, 0.15)), animation, tick)
-    color, words = _state(animation, tick)
-    figure.text(0.015, 0.945, words, color=color, fontsize=TITLE_PT, weight="bold", va="center")
-    clock = f"{run.time_s[tick]:5.2f} s"
-    figure.text(0.985, 0.945, clock, fontsize=TITLE_PT, ha="right", va="center")
-    magnified = f"motion magnified {animation.factor} times; line of sight with its trace"
-    figure.text(0.015, 0.035, magnified, va="center")
+    """One picture: a column for each run, the machine above its path above its error."""
+    runs = animation.runs
+    share = 1 / len(runs)
+    figure = Figure(figsize=(SIZE_IN[0] * len(runs), SIZE_IN[1]), dpi=DPI)
+    for k, one in enumerate(runs):
+        middle = (k + 0.5) * share
+        color, words = state_at(one, tick)
+        figure.text(middle, 0.965, one.heading, fontsize=TITLE_PT, weight="bold", **_CENTRED)
+        figure.text(middle, 0.92, words, fontsize=TEXT_PT, color=color, **_CENTRED)
+        _machine(_axes(figure, k * share, 0.53, share, 0.36), animation, one, tick)
+        _path(_axes(figure, k * share, 0.12, share, 0.41), animation, one, tick)
+        _error(figure.add_axes(((k + 0.1) * share, 0.055, 0.8 * share, 0.03)), animation, one, tick)
+    note = f"{runs[0].time_s[tick]:.2f} s"
+    if animation.factor > 1:
+        note += f"; motion magnified {animation.factor} times"
+    figure.text(0.5, 0.022, note, fontsize=TEXT_PT, **_CENTRED)
     return figure
 
 
-def _state(animation: Animation, tick: int) -> tuple[str, str]:
-    """What is known of the struts, and the colour in which it is written."""
-    now_s, run = animation.shown.run.time_s[tick], animation.shown.run
-    failed = [mark for mark in animation.shown.marks if mark.failed_s <= now_s]
-    if not failed:
-        return BLACK, "all six struts sound"
-    last = max(failed, key=lambda mark: mark.failed_s)
-    if last.failed_s == run.time_s[0] and not last.is_found:
-        return VERMILION, last.failure
-    if last.diagnosed_s > now_s:
-        return VERMILION, f"{last.failure} at {last.failed_s:.2f} s, unannounced"
-    delay_ms = round(1e3 * (last.diagnosed_s - last.failed_s))
-    driven = _driven(animation, last)
-    goes_on = f"mapping reconfigured, {driven} struts go on" if driven else "no strut is driven"
-    return BLUE, f"{last.diagnosis.replace('found', f'found after {delay_ms} ms')}; {goes_on}"
-
-
-def _driven(animation: Animation, mark: Mark) -> int:
-    """Struts whose inputs change after a diagnosis."""
-    after = animation.ticks_at([mark.diagnosed_s])[0] + 2
-    inputs = animation.shown.run.strut_input_percent[after:]
-    return int((np.ptp(inputs, axis=0) > 0).sum()) if len(inputs) else 6
-
-
-def _machine(axes: Axes, animation: Animation, tick: int) -> None:
-    """The machine at a tick; on its line of sight, the trace of a point until then."""
-    run, model = animation.shown.run, animation.model
-    motion = drawing.motion_at(model, magnified(run, [tick], animation.factor))
-    now_s = run.time_s[tick]
-    colors = {
-        f"strut{mark.actuator + 1}": VERMILION
-        for mark in animation.shown.marks
-        if mark.failed_s <= now_s
-    }
-    points = animation.solids.placed(motion, 0)
-    drawing.draw_machine(axes, animation.solids, points, _VIEW, drawing.COLORS | colors)
-    drawing.number_struts(axes, motion, 0, _VIEW)
-    every = max(1, len(run.time_s) // 1000)
-    trace = _sight(animation, [*range(0, tick, every), tick])
-    axes.plot(*_VIEW.on_paper(trace[:, 1]).T, color=MEASURED, lw=0.7)
-    axes.plot(*_VIEW.on_paper(trace[-1]).T, color=BLACK, lw=0.8)
-    axes.plot(*_VIEW.on_paper(trace[-1, 1]), "o", color=MEASURED, ms=3)
-    axes.set(xlim=(-0.43, 0.43), ylim=(-0.19, 0.74))
+def _axes(figure: Figure, left: float, bottom: float, width: float, height: float) -> Axes:
+    axes = figure.add_axes((left, bottom, width, height), aspect="equal")
     axes.axis("off")
+    return axes
 
 
-def _sight(animation: Animation, ticks: Sequence[int]) -> Array:
-    """Both ends of the line of sight at some ticks, in MuJoCo's world, shape (T, 2, 3)."""
-    data = mujoco.MjData(animation.model)
-    mujoco.mj_kinematics(animation.model, data)
-    to_world, origin = data.site("base").xmat.reshape(3, 3), data.site("payload").xpos
-    pose = magnified(animation.shown.run, ticks, animation.factor)
-    ends = np.array([[0.0, 0.0, -along] for along in _SIGHT_M])
-    return (
-        origin + (pose.translation_m[:, None] + ends @ pose.rotation.swapaxes(-1, -2)) @ to_world.T
-    )
+def state_at(one: Animated, tick: int) -> tuple[str, str]:
+    """What is known of the actuators, and the colour in which it is written."""
+    now_s = one.time_s[tick]
+    failed = [mark for _, mark in one.marks if mark.failed_s <= now_s]
+    if not failed:
+        return BLACK, "all actuators work"
+    last = max(failed, key=lambda mark: mark.failed_s)
+    if last.diagnosed_s > now_s:
+        return VERMILION, last.failure
+    delay_ms = round(1e3 * (last.diagnosed_s - last.failed_s))
+    return BLUE, f"{last.diagnosis}, after {delay_ms} ms"
 
 
-def _detector(axes: Axes, animation: Animation, tick: int) -> None:
-    """Desired and measured pointing until a tick, over the whole of what will be desired."""
-    run = animation.shown.run
-    desired, measured = 1e6 * run.desired_rad, 1e6 * run.measured_rad
-    limit = 1.1 * np.abs(desired).max()
-    step = round_down(0.5 * limit)
-    ticks = np.arange(-limit // step + 1, limit // step + 1) * step
-    axes.plot(*desired.T, color="0.85", lw=0.8)
-    axes.plot(*measured[: tick + 1].T, color=MEASURED, lw=1.2, label="measured")
-    axes.plot(*desired[: tick + 1].T, color=DESIRED, lw=0.6, ls="--", label="desired")
-    axes.plot(*measured[tick], "o", color=MEASURED, ms=3)
-    axes.set(xlim=(-limit, limit), ylim=(-limit, limit), xticks=ticks, yticks=ticks)
-    axes.set(xlabel="$\\alpha$, µrad", ylabel="$\\beta$, µrad")
-    place = {"loc": "lower center", "bbox_to_anchor": (0.5, 1.0), "ncols": 2}
-    axes.legend(**place, frameon=False, borderaxespad=0.1)
+def _machine(axes: Axes, animation: Animation, one: Animated, tick: int) -> None:
+    """The machine at a tick, what has failed in red, seen as its MJCF says."""
+    seen = one.model.vis.global_
+    view = drawing.View(seen.azimuth - 180.0, -seen.elevation)
+    failed = [part for part, mark in one.marks if mark.failed_s <= one.time_s[tick]]
+    colors = drawing.COLORS | {part: VERMILION for part in failed if part is not None}
+    points = one.surface.placed(one.motion([tick], animation.factor), 0)
+    drawing.draw_machine(axes, one.surface, points, view, colors)
+    right, up = view.on_paper(one.model.stat.center)
+    half = _HALF * float(one.model.stat.extent)
+    ratio = SIZE_IN[0] / (0.36 * SIZE_IN[1])
+    axes.set(xlim=(right - ratio * half, right + ratio * half), ylim=(up - half, up + half))
 
 
-def _error(axes: Axes, animation: Animation, tick: int) -> None:
-    """The size of the pointing error until a tick, failures and diagnoses marked."""
-    run = animation.shown.run
-    error_urad = 1e6 * np.linalg.norm(run.desired_rad - run.true_rad, axis=1)
-    axes.plot(run.time_s[: tick + 1], error_urad[: tick + 1], color=BLACK, lw=0.8)
-    for mark in animation.shown.marks:
-        for when_s, color in ((mark.failed_s, VERMILION), (mark.diagnosed_s, BLUE)):
-            if run.time_s[0] < when_s <= run.time_s[tick]:
-                axes.axvline(when_s, color=color, lw=0.8)
-    axes.set(xlim=run.time_s[[0, -1]], ylim=(0, 1.15 * error_urad.max()))
-    axes.set(xlabel="time, s", ylabel="error, µrad")
+def _path(axes: Axes, animation: Animation, one: Animated, tick: int) -> None:
+    """The desired path, that taken until a tick, and how far the two are apart now."""
+    (right, up), half = animation.square
+    desired, true = one.desired[:, :2], one.true[:, :2]
+    axes.plot(*desired.T, color="0.65", lw=1.0, ls="--")
+    axes.plot(*true[: tick + 1].T, color=MEASURED, lw=1.6)
+    axes.plot(*np.array([desired[tick], true[tick]]).T, color=VERMILION, lw=2.2)
+    axes.plot(*desired[tick], "o", color=DESIRED, ms=4, mfc="white")
+    axes.plot(*true[tick], "o", color=MEASURED, ms=5)
+    axes.set(xlim=(right - half, right + half), ylim=(up - half, up + half))
+
+
+def _error(axes: Axes, animation: Animation, one: Animated, tick: int) -> None:
+    """The error as a bar, full at the largest of all runs."""
+    unit, many = animation.unit
+    value = many * one.error[tick]
+    axes.barh(0.0, value, color=VERMILION, height=1.0)
+    axes.set(xlim=(0.0, many * animation.largest_error), ylim=(-0.5, 0.5), xticks=[], yticks=[])
+    words = f"error {value:.{0 if value >= 10 else 1}f} {unit}"
+    axes.set_title(words, fontsize=TITLE_PT, weight="bold", pad=3)

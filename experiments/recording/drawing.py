@@ -1,6 +1,6 @@
 """The machine in 3D on paper: solids of its MJCF, shaded and outlined, what is behind hidden."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -14,11 +14,14 @@ from numpy.typing import NDArray
 from experiments.recording.hexapod import hexapod_motion
 from experiments.recording.mechanism import Motion, motion_of
 from experiments.recording.solids import Solid, solid_of
+from experiments.rig.bodies import body_name
 from experiments.study.plotting import BLACK, SKY
 from sim import NOMINAL, Array, Pose, element_id
 
 COLORS = {"base": "0.85", "payload": "0.7", "strut": SKY, "flexure": "0.4"}
 """Of parts of the machine; a strut is its housing and its stem."""
+_PLAIN = "0.8"
+"""Of any other."""
 
 _LIGHT = np.array([-0.45, 0.75, 0.6])
 """Where the light comes from: right, up, towards the reader."""
@@ -76,25 +79,38 @@ class Machine:
 
 def machine(model: mujoco.MjModel) -> Machine:
     """The solids of a hexapod's MJCF; geoms without an end, planes, are left out."""
-    found: list[Solid] = []
-    bodies, parts = [], []
+    found = []
+    for geom, solid in _solids(model):
+        is_stem = model.body(model.geom_bodyid[geom]).name.startswith("stem")
+        drawn = solid.lengthened(_INSIDE_M) if is_stem else solid
+        found.append((geom, drawn, _part(model, geom)))
+    return _joined(model, found)
+
+
+def robot(model: mujoco.MjModel) -> Machine:
+    """The solids of any MJCF but its planes; each body is a part, by its name."""
+    body = [body_name(model, int(k)) for k in model.geom_bodyid]
+    return _joined(model, [(geom, solid, body[geom]) for geom, solid in _solids(model)])
+
+
+def _solids(model: mujoco.MjModel) -> Iterator[tuple[int, Solid]]:
     for geom in range(model.ngeom):
-        solid, part = solid_of(model, geom), _part(model, geom)
-        if solid is not None:
-            if model.body(model.geom_bodyid[geom]).name.startswith("stem"):
-                solid = solid.lengthened(_INSIDE_M)
-            found.append(solid)
-            bodies.append(int(model.geom_bodyid[geom]))
-            parts.append(part)
-    points = np.cumsum([0, *(len(solid.points_m) for solid in found)])
-    faces = np.cumsum([0, *(len(solid.faces) for solid in found)])
+        if (solid := solid_of(model, geom)) is not None:
+            yield geom, solid
+
+
+def _joined(model: mujoco.MjModel, found: Sequence[tuple[int, Solid, str]]) -> Machine:
+    """Geoms, each with its part, as one surface."""
+    solids = [solid for _, solid, _ in found]
+    points = np.cumsum([0, *(len(solid.points_m) for solid in solids)])
+    faces = np.cumsum([0, *(len(solid.faces) for solid in solids)])
     return Machine(
-        points_m=np.vstack([solid.points_m for solid in found]),
-        bodies=np.repeat(bodies, np.diff(points)),
-        faces=np.vstack([s.faces + first for s, first in zip(found, points, strict=False)]),
-        edges=np.vstack([s.edges + first for s, first in zip(found, points, strict=False)]),
-        beside=np.vstack([s.beside + first for s, first in zip(found, faces, strict=False)]),
-        parts=tuple(np.repeat(parts, np.diff(faces)).tolist()),
+        points_m=np.vstack([solid.points_m for solid in solids]),
+        bodies=np.repeat([int(model.geom_bodyid[geom]) for geom, *_ in found], np.diff(points)),
+        faces=np.vstack([s.faces + first for s, first in zip(solids, points, strict=False)]),
+        edges=np.vstack([s.edges + first for s, first in zip(solids, points, strict=False)]),
+        beside=np.vstack([s.beside + first for s, first in zip(solids, faces, strict=False)]),
+        parts=tuple(np.repeat([part for *_, part in found], np.diff(faces)).tolist()),
     )
 
 
@@ -123,7 +139,7 @@ def draw_machine(
 ) -> None:
     """Draw the machine with its points placed in the world, (V, 3); far faces first.
 
-    A part takes its own colour, or that of its kind: "strut1" or "strut".
+    A part takes its own colour, or that of its kind: "strut1" or "strut"; a robot's is grey.
     """
     corners = points_m[machine.faces]
     normals = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
@@ -131,7 +147,10 @@ def draw_machine(
     seen = normals @ view.axes[2] > 0
     lines = points_m[machine.edges[_drawn_edges(machine, normals, seen)]][:, [0, 1, 1, 0]]
     kinds = np.array(machine.parts)[seen]
-    paint = {part: to_rgb(colors.get(part, colors[part.rstrip(_DIGITS)])) for part in set(kinds)}
+    paint = {
+        part: to_rgb(colors.get(part, colors.get(part.rstrip(_DIGITS), _PLAIN)))
+        for part in set(kinds)
+    }
     faces = _shaded(np.array([paint[part] for part in kinds]), normals[seen] @ view.axes.T)
     # Of what lies nearly as near: the floor comes first, an edge after the faces that meet there.
     is_floor = (kinds == "base") & (normals[seen, 2] > 1 - 1e-6)

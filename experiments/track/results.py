@@ -77,6 +77,7 @@ def summarize(tracked: Tracked) -> dict[str, Any]:
         "model_sha256": tracked.model_sha256,
         "robot": rig.title,
         "actuators": list(rig.actuators),
+        "bodies": list(rig.bodies),
         "major": list(rig.major),
         "units": list(rig.row_units),
         "duration_s": float(run.time_s[-1] + rig.period_s),
