@@ -52,6 +52,19 @@ def test_a_robot_of_a_urdf_file_flies_on_with_a_locked_joint(tmp_path):
     assert np.sqrt((off**2).mean()) < 0.05 * names["rig"].size
 
 
+@pytest.mark.long
+def test_the_bump_of_the_page_on_tracks_is_felt_and_is_no_failure(tmp_path):
+    """A push of 0.2 N for 50 ms moves the lens; only joint 4, which locks after it, is named."""
+    shutil.copy(ROOT / "models" / "arm.xml", tmp_path)
+    with contextlib.chdir(tmp_path):
+        names = run((DOCS / "track.md").read_text())
+    rig, pushed, path = names["rig"], names["run"], names["path"]
+    assert [(found.actuator, found.kind) for found in pushed.diagnoses] == [("motor4", "locked")]
+    before = pushed.time_s < 2.45
+    calm = rig.fly(rig.supervisor(), path[before], seed=0)
+    assert 1e-6 < np.abs(calm.true - pushed.true[before]).max() < 1e-3
+
+
 TETRAHEDRON = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
 
 
