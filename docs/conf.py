@@ -6,7 +6,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent / "_extensions"))
 
-project = "Fault-tolerant hexapod testbed"
+project = "fjh: fault-tolerant control"
 release = version = version_of("fault-tolerant-hexapod")
 
 extensions = [
@@ -25,7 +25,7 @@ exclude_patterns = ["_extensions"]
 # the build needs no network.
 nitpicky = True
 nitpick_ignore_regex = [
-    ("py:.*", r"(?!argument_checks|prioritized|ftc|sim)\w+(\..*)?"),
+    ("py:.*", r"(?!argument_checks|experiments|prioritized|ftc|sim)\w+(\..*)?"),
     ("py:.*", r"prioritized\._.*"),
     ("py:class", r"sim\.kinematics\.entry_accuracy\.(Natural|Jacobians)"),  # how it is computed
     ("py:class", r"ftc\.[\w.]+\.(Pose|Posture|State)"),  # type variables

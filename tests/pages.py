@@ -1,5 +1,7 @@
-"""What a page says that its code prints."""
+"""The code of a page, and what the page says that it prints."""
 
+import contextlib
+import io
 import re
 
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?")
@@ -27,3 +29,26 @@ def assert_says(page: str, sentence: str) -> None:
     found = re.search(_NUMBER.pattern.join(words), " ".join(page.split()))
     assert found, sentence
     assert_prints(sentence, found[0])
+
+
+def blocks(text: str) -> list[tuple[str, str]]:
+    """Language and contents of each fenced block."""
+    return re.findall(r"^```(\w+)\n(.*?)^```$", text, re.DOTALL | re.MULTILINE)
+
+
+def run(text: str) -> dict:
+    """Execute the Python of a page in order; what a block prints must stand in the text after it.
+
+    Returns:
+        The names that it leaves.
+    """
+    names: dict = {}
+    printed = ""
+    for language, content in blocks(text):
+        if language == "python":
+            with contextlib.redirect_stdout(io.StringIO()) as output:
+                exec(content, names)
+            printed = output.getvalue()
+        elif language == "text":
+            assert_prints(printed, content)
+    return names

@@ -89,7 +89,7 @@ class LinkedNames(SphinxPostTransform):
             name = name_of(literal.astext())
             if name is None or isinstance(literal.parent, nodes.reference):
                 continue
-            if full := entry(name, documented):
+            if full := entry(name.removeprefix("fjh."), documented):
                 to, code = objects[full], literal.deepcopy()
                 link = make_refnode(self.app.builder, page, to.docname, to.node_id, code, full)
                 literal.replace_self(link)

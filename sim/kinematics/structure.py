@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 
 from sim.array import Array
 from sim.closing.equalities import Closures
-from sim.errors import ModelError
 from sim.mjcf.drive import Drive
-from sim.mjcf.transmission import drives, extra_drives, simple_velocities
+from sim.mjcf.transmission import extra_drives, required_drives, simple_velocities
 
 
 class Structure(NamedTuple):
@@ -50,10 +49,7 @@ def structure(model: mujoco.MjModel, closed: Closures) -> Structure:
     """
     active, gear, extra = simple_velocities(model), model.actuator_gear[:, 0].copy(), ()
     if active is None or not len(active):
-        of_model = drives(model)
-        if not of_model:
-            message = "the model has no enabled actuator, so nothing can be commanded: add one"
-            raise ModelError(message)
+        of_model = required_drives(model)
         extra = extra_drives(of_model)
         after, first = count(model.nv), model.jnt_dofadr
         numbers = [next(after) if d.joint is None else int(first[d.joint]) for d in of_model]

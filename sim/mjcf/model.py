@@ -25,7 +25,9 @@ HEXAPOD_MJCF = MODELS / "fjh.xml"
 
 
 def load_model(path: str | Path | None = None, *, add_locks: bool = False) -> mujoco.MjModel:
-    """Compile an MJCF file; without a path, the hexapod `models/fjh.xml`.
+    """Compile an MJCF or URDF file; without a path, the hexapod `models/fjh.xml`.
+
+    A URDF file states no actuators: `docs/urdf.md` shows how to add them.
 
     A published file has no locks, which :class:`Plant` needs for position failures. `add_locks`
     gives each slide or hinge joint with an actuator an inactive joint equality that holds it alone,
@@ -33,7 +35,7 @@ def load_model(path: str | Path | None = None, *, add_locks: bool = False) -> mu
     actuator k of the joint. The file is not changed.
 
     Raises:
-        ModelError: The file is missing or not valid MJCF, or its time step is not positive; or the
+        ModelError: The file is missing or not valid, or its time step is not positive; or the
             name of a lock to be added is that of another equality.
         TypeError: An argument is of another type.
     """
@@ -54,7 +56,7 @@ def load_spec(path: str | Path | None = None) -> tuple[mujoco.MjSpec, mujoco.MjM
         model = spec.compile()
     except ValueError as error:
         reason = " ".join(str(error).split())
-        raise ModelError(f"{file} is not a valid MJCF model: {reason}") from None
+        raise ModelError(f"{file} is not a valid MJCF or URDF model: {reason}") from None
     if not 0 < model.opt.timestep < math.inf:  # MuJoCo takes any
         raise ModelError(f"{file}: timestep must be positive and finite, got {model.opt.timestep}")
     return spec, model
@@ -152,5 +154,5 @@ def _file(path: str | Path | None) -> Path:
     except (OSError, ValueError):  # a name too long, or with a null character
         found = False
     if not found:
-        raise ModelError(f"there is no MJCF file {check.shown(str(file))}")
+        raise ModelError(f"there is no MJCF or URDF file {check.shown(str(file))}")
     return file

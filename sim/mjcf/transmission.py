@@ -75,6 +75,19 @@ def drives(
     return tuple(_drive(model, outputs) for outputs in shared.values())
 
 
+def required_drives(model: mujoco.MjModel) -> tuple[Drive, ...]:
+    """The same, one at least.
+
+    Raises:
+        ModelError: There is none; or as of :func:`drives`.
+    """
+    found = drives(model)
+    if not found:
+        message = "the model has no enabled actuator, so nothing can be commanded: add one"
+        raise ModelError(message)
+    return found
+
+
 def extra_drives(of_model: tuple[Drive, ...]) -> tuple[Drive, ...]:
     """Those that are no joint: each has a velocity of its own, after the joints'."""
     return tuple(drive for drive in of_model if drive.joint is None)

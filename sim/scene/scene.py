@@ -16,7 +16,7 @@ from sim.mjcf.locks import add_locks
 from sim.mjcf.model import joint_name, listed, load_spec, name_of
 from sim.mjcf.part import Part, task_part
 from sim.mjcf.ranges import one_axis
-from sim.mjcf.transmission import drives
+from sim.mjcf.transmission import drives, required_drives
 from sim.plant.holding import balance
 from sim.plant.servo import servoed
 from sim.scene.reduced import reduced
@@ -84,6 +84,7 @@ def robot_scene(
         sim.ModelError, sim.ClosureError: The file, a frame, or what does not rest.
     """
     spec, model, frame, stated = _compiled(file, frame, begin, pinned)
+    required_drives(model)
     start = begin(model)
     _clamp(model, start)
     start = assemble(model, start)

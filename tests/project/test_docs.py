@@ -17,6 +17,7 @@ from tests.pages import assert_prints, assert_says
 
 ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text()
+RESULTS = (ROOT / "docs" / "studies.md").read_text()
 
 ON_THE_HEXAPOD, OWN, IN_A_LOOP = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
 (PRINTED,) = re.findall(r"```text\n(.*?)```", README, re.DOTALL)
@@ -144,40 +145,40 @@ def test_the_readme_fits_on_150_lines():
     assert README.count("\n") <= 150
 
 
-def test_the_readme_lists_every_command_in_the_order_of_the_help():
-    table = README[README.index("## Studies") : README.index("## Limits")]
+def test_the_page_of_studies_lists_every_command_in_the_order_of_the_help():
+    table = RESULTS[: RESULTS.index("## Table I")]
     listed = re.findall(r"`(\w+)`", "".join(re.findall(r"^\|([^|]*)\|", table, re.MULTILINE)))
     assert listed == list(typer.main.get_group(app).commands)
 
 
-def test_the_readme_says_which_studies_the_report_leaves_out():
+def test_the_page_says_which_studies_the_report_leaves_out():
     absent = " and ".join(f"`{study.name}`" for study in STUDIES if study.in_report is None)
-    assert f"all but {absent} on one page" in README
+    assert f"all but {absent} on one page" in RESULTS
 
 
 @pytest.mark.parametrize("angle", ["alpha", "beta"])
-def test_the_readmes_table_is_the_one_that_comes_out(table1, angle):
+def test_the_page_of_studies_has_the_table_that_comes_out(table1, angle):
     for label, key in (("here", f"{angle}_rms_urad"), ("paper", f"paper_{angle}_rms_urad")):
-        printed = [float(cell.strip("*")) for cell in markdown_row(README, f"{angle}, {label}")]
+        printed = [float(cell.strip("*")) for cell in markdown_row(RESULTS, f"{angle}, {label}")]
         computed = [column[key] for column in table1["columns"]]
         np.testing.assert_allclose(printed, computed, atol=6e-4)
 
 
-def test_the_readmes_peaks_residuals_and_ratios_are_those_that_come_out(table1):
-    columns, text = table1["columns"], " ".join(README.split())
+def test_its_peaks_residuals_and_ratios_are_those_that_come_out(table1):
+    columns, text = table1["columns"], " ".join(RESULTS.split())
     peaks = [
         [column["secondary_peak"][axis] for axis in ("t_x_um", "t_y_um")] for column in columns
     ]
-    printed = [cell.split(", ") for cell in markdown_row(README, "peak t_x, t_y [µm]")]
+    printed = [cell.split(", ") for cell in markdown_row(RESULTS, "peak t_x, t_y [µm]")]
     np.testing.assert_allclose(np.array(printed, dtype=float), peaks, rtol=0.02, atol=0.006)
     residual_nm = 1e9 * max(column["closure_residual_max_m"] for column in columns)
-    assert_says(README, f"closed loops open by at most {residual_nm:.1f} nm")
+    assert_says(RESULTS, f"closed loops open by at most {residual_nm:.1f} nm")
 
     falls = np.divide(peaks[3], peaks[4])
     (said,) = re.findall(r"fall (\d+) and (\d+) times", text)
     np.testing.assert_allclose(np.array(said, dtype=float), falls, atol=1.0)
     cost = [columns[5][f"{a}_rms_urad"] / columns[0][f"{a}_rms_urad"] for a in ("alpha", "beta")]
-    assert_says(README, f"{cost[0]:.2f} and {cost[1]:.2f} here")
+    assert_says(RESULTS, f"{cost[0]:.2f} and {cost[1]:.2f} here")
     spared = 1 - np.divide(*(columns[k]["strut_input_rms_percent"] for k in (1, 0)))[[0, 2, 4]]
     assert spared == pytest.approx(0.60, abs=0.01)
     assert table1["jacobian_comparison"]["largest_rms_difference_urad"] < 5e-5
@@ -401,7 +402,7 @@ def test_the_jacobian_pages_values_are_those_that_come_out(jacobian_study):
         computed = [tried[reading][norm] for norm in ("frobenius", "two")]
         np.testing.assert_allclose(row(label), computed, atol=6e-6)
     found = "{:.5f} (Frobenius) and {:.5f} (2-norm)".format(*both("value"))
-    assert found in " ".join(README.split())
+    assert found in " ".join(RESULTS.split())
 
 
 def test_the_jacobian_pages_costs_are_those_of_the_geometry():

@@ -23,33 +23,10 @@ from experiments.app.command import command
 from experiments.systems.results import checks, summarize
 from experiments.systems.runs import run_systems
 from sim import Plant, jacobians, load_model
-from tests.pages import assert_prints
+from tests.pages import assert_prints, blocks, run
 from tests.robots import PANDA
 
 DOCS = Path(__file__).parents[2] / "docs"
-
-
-def blocks(text: str) -> list[tuple[str, str]]:
-    """Language and contents of each fenced block."""
-    return re.findall(r"^```(\w+)\n(.*?)^```$", text, re.DOTALL | re.MULTILINE)
-
-
-def run(text: str) -> dict:
-    """Execute the Python of a page in order; what a block prints must stand in the text after it.
-
-    Returns:
-        The names that it leaves.
-    """
-    names: dict = {}
-    printed = ""
-    for language, content in blocks(text):
-        if language == "python":
-            with contextlib.redirect_stdout(io.StringIO()) as output:
-                exec(content, names)
-            printed = output.getvalue()
-        elif language == "text":
-            assert_prints(printed, content)
-    return names
 
 
 def test_a_page_that_prints_something_else_is_seen():

@@ -6,6 +6,7 @@ from types import ModuleType
 
 import pytest
 
+import fjh
 import prioritized
 import sim
 
@@ -84,6 +85,11 @@ def test_the_reference_has_every_public_name(package):
     }
     missing = {name for name in names if not re.search(rf":: {name}$", REFERENCE, re.MULTILINE)}
     assert missing == {"Array"} & names  # the type of all arrays, explained in words
+
+
+def test_the_reference_names_what_the_one_package_gives():
+    named = set(re.findall(r"`fjh\.(\w+)`", (ROOT / "docs" / "api" / "fjh.md").read_text()))
+    assert named == set(fjh.__all__)
 
 
 def test_the_reference_has_every_module_of_ftc():

@@ -199,5 +199,5 @@ def test_a_geared_coil_moves_its_strut_as_far_as_commanded(model):
 @pytest.mark.parametrize("path", ["nowhere.xml", "x" * 5000, "a\0b", ""])
 @pytest.mark.parametrize("read", [load_model, model_sha256])
 def test_a_file_that_cannot_be_is_one_sentence_for_model_and_hash(read, path):
-    with pytest.raises(ModelError, match="there is no MJCF file"):
+    with pytest.raises(ModelError, match="there is no MJCF or URDF file"):
         read(path)

@@ -209,7 +209,7 @@ def test_a_bad_file_has_the_same_sentence_with_and_without_locks(tmp_path, conte
         said.append(str(refused.value))
     assert said[0] == said[1]
     assert "\n" not in said[0]
-    with pytest.raises(ModelError, match="there is no MJCF file"):
+    with pytest.raises(ModelError, match="there is no MJCF or URDF file"):
         load_model(tmp_path / "absent.xml", add_locks=True)
 
 
