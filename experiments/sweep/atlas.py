@@ -15,9 +15,9 @@ from experiments.study.results import Check, Results
 from experiments.study.resumable import Complete, Outcome, origin, rate
 from experiments.study.tables import Column, Table, tabulate
 from experiments.sweep.design import SweepRuns
-from experiments.sweep.figure import MARKERS, atlas_picture
+from experiments.sweep.figure import atlas_picture
 from experiments.sweep.results import comparable, off_by
-from experiments.sweep.row import ANGLES, classified, verdict_columns
+from experiments.sweep.row import ANGLES, JACOBIANS, classified, verdict_columns
 
 LOST = ("drifts", "one_direction", "none")
 """Verdicts without pointing."""
@@ -82,7 +82,7 @@ def _verdicts(columns: Columns, compared: np.ndarray) -> list[dict[str, Any]]:
         for source, prefix in (("predicted", "predicted_"), ("simulated", ""))
     }
     found = []
-    for each, name in itertools.product(verdicts(classified()), MARKERS):
+    for each, name in itertools.product(verdicts(classified()), JACOBIANS):
         chosen = (verdict == each.name) & (jacobian == name)
         off = relative[chosen & compared]
         entry = {

@@ -6,15 +6,13 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.legend_handler import HandlerTuple
-from matplotlib.lines import Line2D
 
 from argument_checks.ties import ascending
-from experiments.rig.hexapod.fault_tolerance import Verdict, verdicts
 from experiments.study.dataset import Columns
 from experiments.study.plotting import (
     BLACK,
     BLUE,
+    COLUMN_IN,
     GREEN,
     PAGE_IN,
     PURPLE,
@@ -23,20 +21,17 @@ from experiments.study.plotting import (
     new_figure,
 )
 from experiments.study.results import Picture
-from experiments.sweep.row import ANGLES, classified
+from experiments.sweep.row import ANGLES
 from experiments.sweep.words import WORDS
 
 COLORS = {"alpha": BLUE, "beta": VERMILION}
-MARKERS = {"constant": "o", "analytic": "x"}
-JACOBIANS = {"constant": "Jacobian of the nominal pose", "analytic": "of the estimated pose"}
-VERDICTS = {
-    "rigid": BLUE,
-    "springs": GREEN,
-    "drifts": PURPLE,
-    "one_direction": VERMILION,
-    "none": BLACK,
+LEFT = {
+    "both pointing directions left": (("rigid", "springs"), BLUE),
+    "one left": (("one_direction",), VERMILION),
+    "none left": (("none",), BLACK),
+    "payload drifts": (("drifts",), PURPLE),
 }
-"""Colours of points; the map of all conditions fills areas, with colours too light for points."""
+"""What is left of pointing: the verdicts that say so, and a colour."""
 
 MOST_POINTS = 2000
 """More cannot be told apart, and make the PDF large."""
@@ -55,7 +50,7 @@ def sweep_picture(columns: Columns, compared: np.ndarray, summary: dict[str, Any
         "linear model, which leaves out the steps of the converters: these runs have coarse ones.",
         "On the left a cloud of points on the diagonal, some hollow ones just above it; on the "
         "right bars, one pair for each quantity varied, the strongest on top.",
-        partial(_sweep, columns, compared, summary["influence"]),
+        partial(_sweep, columns, compared, summary),
     )
 
 
@@ -63,20 +58,20 @@ def atlas_picture(columns: Columns, summary: dict[str, Any]) -> Picture:
     """The figure of the atlas and its caption."""
     return Picture(
         "atlas_flown",
-        "The failure conditions that differ by symmetry, each with the weight that makes its error "
-        "largest: errors of alpha and of beta against the linear model's, and that of alpha over "
-        "the number of failed struts. Crosses above the line are conditions that are singular at "
-        "the nominal pose only: near it the mapping has a gain of 1e5, and amplifiers saturate.",
-        "Left and middle: points on the diagonal, some red crosses far above it. Right: blue and "
-        "green points on one level whatever the number of failures, red and black ones above.",
+        "The failure conditions that differ by symmetry, each with the weight and the Jacobian "
+        "that make its error largest: the larger of the errors of alpha and beta, and the linear "
+        "model's. Crosses are conditions that are singular at the nominal pose only: near it the "
+        "Jacobian of the estimated pose gives the mapping a gain of 1e5, and amplifiers saturate.",
+        "Over the number of failed struts the points with both pointing directions lie on one low "
+        "level up to four failures; ten times as high are those that have lost one or both, and "
+        "above them some crosses.",
         partial(_atlas, columns, summary),
     )
 
 
-def _sweep(
-    columns: Columns, compared: np.ndarray, influence: dict[str, dict[str, float]]
-) -> Figure:
+def _sweep(columns: Columns, compared: np.ndarray, summary: dict[str, Any]) -> Figure:
     """Both RMS errors over their predictions; bars of rank correlation."""
+    influence = summary["influence"]
     figure = new_figure(PAGE_IN, max(3.2, 1.2 + 0.15 * len(influence)))
     left, right = figure.subplots(1, 2)
     runs = np.flatnonzero(compared)
@@ -89,12 +84,21 @@ def _sweep(
         for which, style, what in ((near, dot, f"within {100 * NEAR:g} %"), (~near, ring, far)):
             points = predicted[which], simulated[which]
             left.plot(*points, "o", color=color, label=f"$\\{angle}$, {what}", **style)
-    _diagonal(left, columns, ANGLES, chosen)
-    left.set(title=f"{len(runs)} runs that the linear model covers")
+    _diagonal(left, columns, chosen)
+    left.set_title(_agreement(summary["prediction"]))
     left.set(xlabel=_MODEL, ylabel=_SIMULATED)
     _bars(right, influence)
     figure.legend(*left.get_legend_handles_labels(), loc="outside lower center", ncols=3)
     return figure
+
+
+def _agreement(found: dict[str, Any]) -> str:
+    """How many runs the linear model predicts, within what the study allows."""
+    if not found["compared"]:
+        return "The linear model covers none of the runs"
+    agree = found["compared"] - found["off"]
+    said = f"{agree} of {found['compared']} simulated errors are as predicted:"
+    return f"{said}\nmedian difference {found['median_percent']:.2g} %"
 
 
 def _errors(columns: Columns, angle: str, runs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -103,9 +107,9 @@ def _errors(columns: Columns, angle: str, runs: np.ndarray) -> tuple[np.ndarray,
     return columns[f"predicted_{rms}"][runs], columns[rms][runs]
 
 
-def _diagonal(axes: Axes, columns: Columns, angles: tuple[str, ...], runs: np.ndarray) -> None:
+def _diagonal(axes: Axes, columns: Columns, runs: np.ndarray) -> None:
     """Where simulation and prediction are equal, and logarithmic scales, if there are any runs."""
-    predicted = np.array([_errors(columns, angle, runs)[0] for angle in angles])
+    predicted = np.array([_errors(columns, angle, runs)[0] for angle in ANGLES])
     if np.isfinite(predicted).any():
         span = np.nanmin(predicted), np.nanmax(predicted)
         axes.plot(span, span, color=BLACK, lw=0.6, zorder=0, label="equal")
@@ -119,75 +123,75 @@ def _bars(axes: Axes, influence: dict[str, dict[str, float]]) -> None:
         axes.barh(rows + 0.4 * k - 0.2, values, 0.4, color=COLORS[angle], label=f"$\\{angle}$")
     axes.set_yticks(rows, [WORDS[name] for name in influence])
     axes.set(
-        title="what the RMS error depends on",
         xlabel="Spearman's rank correlation",
         xlim=(-1, 1),
         xticks=(-1, -0.5, 0, 0.5, 1),
         ylim=(len(influence) - 0.4, -0.6),
     )
+    axes.set_title(_strongest(influence))
     axes.legend(loc="lower right")
 
 
+def _strongest(influence: dict[str, dict[str, float]]) -> str:
+    """What the error depends on most, and how little on the weights."""
+    size = {name: max(map(abs, found.values())) for name, found in influence.items()}
+    if not size:
+        return ""
+    first = next(iter(size))
+    words = WORDS[first].rsplit(",", 1)[0]
+    weights = [value for name, value in size.items() if "_weight_" in name]
+    least = f", on weights at most {max(weights):.2f}" if weights else ""
+    return f"The error depends most on the {words}:\n{size[first]:.2f}{least}"
+
+
 def _atlas(columns: Columns, summary: dict[str, Any]) -> Figure:
-    """Error of each condition and Jacobian, with the weight that makes it largest."""
-    figure = new_figure(PAGE_IN, 3.4)
-    figure.suptitle(f"{summary['conditions']} failure conditions, {summary['runs']} runs")
-    found = [each for each in verdicts(classified()) if (columns["verdict"] == each.name).any()]
-    *parity, right = figure.subplots(1, 3, sharey=True)
-    for verdict in found:
-        for jacobian in MARKERS:
-            for axes, angle in zip(parity, ANGLES, strict=True):
-                runs = _worst(columns, verdict.name, jacobian, angle)
-                axes.plot(*_errors(columns, angle, runs), MARKERS[jacobian], **_style(verdict.name))
-            _over_failures(right, columns, verdict, jacobian)
-    for axes, angle in zip(parity, ANGLES, strict=True):
-        _diagonal(axes, columns, (angle,), np.arange(len(columns["case"])))
-        axes.set(title=f"$\\{angle}$", xlabel=_MODEL)
-        if summary["explained"]:
-            said = "far above the line: singular\nat the nominal pose only"
-            axes.text(0.04, 0.96, said, transform=axes.transAxes, va="top")
-    parity[0].set_ylabel(_SIMULATED)
-    right.set(
-        title="$\\alpha$", xlabel="struts failed, locked or free", xlim=(-0.6, 6.6), xticks=range(7)
+    """Error of each condition and Jacobian, over the number of failed struts."""
+    figure = new_figure(COLUMN_IN, 3.4)
+    axes = figure.subplots()
+    simulated, predicted = (
+        np.max([columns[f"{of}{angle}_rms_urad"] for angle in ANGLES], axis=0)
+        for of in ("", "predicted_")
     )
-    _legend(figure, found)
+    runs = _worst(columns, simulated)
+    place = _beside(columns["failures"][runs])
+    off = np.isin(columns["case"][runs], [run["case"] for run in summary["explained"]])
+    for label, (names, color) in LEFT.items():
+        left = np.isin(columns["verdict"][runs], names)
+        for some, marker, note in ((left & ~off, "o", ""), (left & off, "x", ", singular pose")):
+            if some.any():
+                style = {"color": color, "mfc": "none", "label": label + note}
+                axes.plot(place[some], simulated[runs[some]], marker, **style)
+    axes.plot(place, predicted[runs], "_", color=GREEN, zorder=0, label="linear model")
+    safe = _always_possible(columns)
+    none, largest = (simulated[columns["failures"] <= k].max() for k in (0, safe))
+    axes.set_title(
+        f"With any {safe} struts failed both angles are tracked:\n"
+        f"RMS error at most {largest:.2f} µrad, {none:.2f} with none failed"
+    )
+    axes.set(xlabel="struts failed, locked or free", ylabel="RMS error, larger angle, µrad")
+    axes.set_xticks(range(7))
+    logarithmic(axes, "y")
+    axes.legend(loc="upper left")
     return figure
 
 
-def _legend(figure: Figure, found: list[Verdict]) -> None:
-    """A colour for each verdict, a marker for each Jacobian."""
-    points: list[Any] = [
-        tuple(Line2D([], [], ls="", marker=mark, **_style(each.name)) for mark in MARKERS.values())
-        for each in found
-    ]
-    marks = [Line2D([], [], ls="", marker=m, **_style("none")) for m in MARKERS.values()]
-    diagonal = Line2D([], [], color=BLACK, lw=0.6)
-    figure.legend(
-        [*points, *marks, diagonal],
-        [*(each.label for each in found), *JACOBIANS.values(), "equal"],
-        loc="outside lower center",
-        ncols=4,
-        handler_map={tuple: HandlerTuple(ndivide=None)},
-    )
+def _always_possible(columns: Columns) -> int:
+    """Up to how many failed struts every condition keeps both angles."""
+    return int(columns["failures"][~columns["elastic_possible"].astype(bool)].min()) - 1
 
 
-def _style(verdict: str) -> dict[str, Any]:
-    return {"color": VERDICTS[verdict], "ms": 3.5, "mew": 0.6, "mfc": "none"}
+def _beside(failures: np.ndarray) -> np.ndarray:
+    """Places of as many points side by side around each number of failures."""
+    place = failures.astype(float)
+    for count in np.unique(failures):
+        alike = failures == count
+        place[alike] += np.linspace(-0.35, 0.35, alike.sum()) if alike.sum() > 1 else 0.0
+    return place
 
 
-def _over_failures(axes: Axes, columns: Columns, verdict: Verdict, jacobian: str) -> None:
-    """Error of alpha over the number of failed struts, verdicts and Jacobians side by side."""
-    runs = _worst(columns, verdict.name, jacobian, "alpha")
-    aside = 0.12 * (list(VERDICTS).index(verdict.name) - 2) + 0.03 * (jacobian == "analytic")
-    failures, (_, simulated) = columns["failures"][runs], _errors(columns, "alpha", runs)
-    axes.plot(failures + aside, simulated, MARKERS[jacobian], **_style(verdict.name))
-
-
-def _worst(columns: Columns, verdict: str, jacobian: str, angle: str) -> np.ndarray:
-    """Rows of a verdict and Jacobian, one for each condition: the weight with the largest error."""
-    error = columns[f"{angle}_rms_urad"]
-    chosen = (columns["verdict"] == verdict) & (columns["jacobian"] == jacobian)
-    rows = np.flatnonzero(chosen & np.isfinite(error))
+def _worst(columns: Columns, error: np.ndarray) -> np.ndarray:
+    """One row for each condition: the weight and the Jacobian with the largest error."""
+    rows = np.flatnonzero(np.isfinite(error))
     rows = rows[ascending(-error[rows])]
     _, first = np.unique(columns["struts"][rows].astype(str), return_index=True)
     return rows[np.sort(first)]

@@ -21,6 +21,8 @@ from prioritized import FailureAtlas, failure_atlas
 from sim import NOMINAL, Array, ModelError, SimulationDiverged, hexapod, load_model
 
 ANGLES = ("alpha", "beta")
+JACOBIANS = ("constant", "analytic")
+"""Of the nominal pose, and of the estimated one at every tick."""
 INPUT_RMS = tuple(f"strut_input_rms_percent_{k}" for k in range(1, 7))
 INPUT_PEAK = tuple(f"strut_input_peak_percent_{k}" for k in range(1, 7))
 PREDICTED = tuple(f"predicted_{angle}_rms_urad" for angle in ANGLES)

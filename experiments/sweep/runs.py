@@ -9,6 +9,7 @@ from typing import Any
 from experiments.study.resumable import Outcome, complete
 from experiments.sweep.campaign import sweep_of
 from experiments.sweep.design import SweepRuns, grid, read_design
+from experiments.sweep.row import JACOBIANS
 from experiments.sweep.sweep_run import Choice
 
 Sweep = AbstractContextManager[Outcome[SweepRuns]]
@@ -30,7 +31,7 @@ def run_atlas(*, seed: int, quick: bool, **options: Any) -> Sweep:
     factors = [
         Choice("struts", representatives()),
         Choice("weight", ("W_a",) if quick else ("W_a", "W_b", "W_c", "W_d", "W_e")),
-        Choice("jacobian", ("constant", "analytic")),
+        Choice("jacobian", JACOBIANS),
     ]
     design = grid(0.5 if quick else 2.0, factors)
     return complete("atlas", sweep_of(SweepRuns(design, seed)), **options)

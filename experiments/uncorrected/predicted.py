@@ -26,9 +26,6 @@ from experiments.uncorrected.candidates import (
 )
 from sim import NOMINAL, Array, Plant, failed_plant, hexapod, linearize, load_model
 
-LOCKS_M = np.linspace(-250e-6, 250e-6, 101)
-"""Where strut 1 is stuck, in the sweep of the lock."""
-
 SETTLED_S = 2.0
 """Time for the loop to take the payload to the centre before a spiral."""
 
@@ -103,23 +100,6 @@ def predict(candidate: Candidate, seed: int, duration_s: float) -> Predicted:
             column: rms_urad(error_rad(column, lead_in_s=SETTLED_S)) for column in ("W_d", "W_e")
         },
     )
-
-
-def lock_sweep(candidate: Candidate, loops: tuple[Loop, Loop], seed: int) -> Array:
-    """Ratios of the uncorrected to the sound RMS over LOCKS_M, shape (101, 2).
-
-    The error is linear in the place of the lock: two responses give all.
-    """
-    testbed = Testbed(candidate.machine(load_model()), candidate.bench, loops)
-    run = candidate.run("W_a_uncorrected", seed)
-    sound = predicted_error_rad(testbed, candidate.run("W_a", seed))
-    at_centre, off = (
-        predicted_error_rad(testbed, replace(run, start_m=start_m * np.eye(6)[0]))
-        for start_m in (0.0, 1e-4)
-    )
-    assert sound is not None and at_centre is not None and off is not None  # by choice of candidate
-    errors = at_centre[:, None] + (off - at_centre)[:, None] * (LOCKS_M / 1e-4)[:, None]
-    return rms(errors) / rms(sound)
 
 
 def offsets_m(*, quick: bool) -> Array:

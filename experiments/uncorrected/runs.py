@@ -11,11 +11,10 @@ from experiments.rig.hexapod.simulation import SpiralRun, Trajectory, track_spir
 from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
 from experiments.study.parallel import in_parallel
 from experiments.study.study import OnProgress
-from experiments.uncorrected.candidates import BENCH, CANDIDATES, COLUMNS, RETUNED, Candidate
+from experiments.uncorrected.candidates import CANDIDATES, COLUMNS, Candidate
 from experiments.uncorrected.predicted import (
     Predicted,
     beam_walk_urad,
-    lock_sweep,
     offsets_m,
     predict,
 )
@@ -47,9 +46,6 @@ class Uncorrected:
     checked: list[dict[str, Any]]  # predicted and simulated RMS at some points of the map
     offset_m: Array  # of the detector behind the focus
     beam_walk_urad: Array  # RMS there, (offsets, 4, 2, 2)
-    lock_ratio: dict[
-        str, Array
-    ]  # by candidate, over LOCKS_M, the spiral starting at once, (101, 2)
 
 
 def run_uncorrected(*, seed: int, quick: bool, on_progress: OnProgress) -> Uncorrected:
@@ -77,7 +73,6 @@ def run_uncorrected(*, seed: int, quick: bool, on_progress: OnProgress) -> Uncor
     linear = {"model": model, "bench": bench, "loops": nominal_loops(model, bench), "seed": seed}
     calls = [linear | {"offset_m": float(offset)} for offset in offsets]
     walked = in_parallel(beam_walk_urad, calls, on_progress)
-    swept = [c for c in chosen if c.name in (BENCH.name, RETUNED.name)]
     return Uncorrected(
         seed=seed,
         duration_s=duration_s,
@@ -90,7 +85,6 @@ def run_uncorrected(*, seed: int, quick: bool, on_progress: OnProgress) -> Uncor
         checked=compare_checked(points, ended[len(jobs) :]),
         offset_m=offsets,
         beam_walk_urad=np.array(walked),
-        lock_ratio={c.name: lock_sweep(c, predicted[c.name].loops, seed) for c in swept},
     )
 
 
