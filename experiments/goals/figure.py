@@ -6,6 +6,7 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from argument_checks.ties import greatest
 from experiments.goals.demonstration import Demonstration, Outcome
 from experiments.goals.runs import DEMONSTRATIONS
 from experiments.study.plotting import (
@@ -26,8 +27,10 @@ MEASURES = {
     "clearance_um": "clearance, µm",
     "condition_number": "condition number of $J_m$",
 }
-_PURSUED = {"color": BLUE, "label": "goal pursued"}
-_NOTHING = {"color": VERMILION, "label": "goal not pursued"}
+_WAYS = {
+    "nothing": {"color": VERMILION, "marker": "o", "label": "goal not pursued"},
+    "pursued": {"color": BLUE, "marker": "o", "label": "goal pursued through the mapping"},
+}
 
 Outcomes = dict[str, dict[str, Outcome]]
 
@@ -68,14 +71,15 @@ def figure_goals(outcomes: Outcomes, summary: dict[str, Any]) -> Figure:
 def _measure(
     axes: Axes, one: Demonstration, ours: dict[str, Outcome], goal: dict[str, Any]
 ) -> None:
-    for name, style in (("nothing", _NOTHING), ("pursued", _PURSUED)):
-        axes.plot(ours[name].time_s, ours[name].measure, **style)
+    worst = {run["name"]: round(run[one.measure], 1) + 0.0 for run in goal["runs"]}
+    for name, style in _WAYS.items():
+        measure = ours[name].measure
+        place = greatest(measure if one.keeps_below else -measure)
+        axes.plot(ours[name].time_s, measure, markevery=[place], **style)
     axes.axhline(one.limit, color=BLACK, ls="-.", label="limit")
-    worst = {run["name"]: run[one.measure] for run in goal["runs"]}
-    much = "at most" if one.keeps_below else "at least"
+    _, _, unit = MEASURES[one.measure].partition(",")
     axes.set_title(
-        f"{one.title}: {much} {worst['pursued']:.3g}\n"
-        f"(not pursued {worst['nothing']:.3g}, limit {one.limit:g})"
+        f"{one.title}:\n{worst['pursued']:g}{unit} when pursued, {worst['nothing']:g} when not"
     )
     axes.set(xlabel="time, s", ylabel=MEASURES[one.measure])
     if one.measure == "condition_number":
@@ -92,9 +96,9 @@ def _changes(axes: Axes, goals: list[dict[str, Any]]) -> None:
         weights = ", ".join(f"{run['major_weight']:g}" for run in weighted)
         style = {"color": PURPLE, "label": f"pseudo-inverse, weight {weights} (from right)"}
         axes.plot([changes[run["name"]] for run in weighted], [row] * len(weighted), "D--", **style)
-        if changes["nothing"] > 0:
-            axes.plot(changes["nothing"], row, "o", ms=5, **_NOTHING)
-        axes.plot(changes["pursued"], row, "o", ms=5, **_PURSUED)
+        for name, style in _WAYS.items():
+            if changes[name] > 0:
+                axes.plot(changes[name], row, **style)
         pursued.append(changes["pursued"])
     axes.axvline(1, color=BLACK, ls=":", label="another noise seed")
     axes.set_title(

@@ -26,7 +26,7 @@ from experiments.study.results import Picture
 from sim import Hexapod, hexapod, load_model
 
 _OURS = {"color": BLUE, "label": "computed: 64 corners, and readings"}
-_PAPER = {"color": VERMILION, "label": "the paper, with its rounding"}
+_PAPER = {"color": VERMILION, "alpha": 0.6, "label": "the paper, with its rounding"}
 
 
 def pictures(summary: dict[str, Any]) -> list[Picture]:

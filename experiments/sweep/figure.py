@@ -128,7 +128,7 @@ def _bars(axes: Axes, influence: dict[str, dict[str, float]]) -> None:
         xticks=(-1, -0.5, 0, 0.5, 1),
         ylim=(len(influence) - 0.4, -0.6),
     )
-    axes.set_title(_strongest(influence))
+    axes.set_title(_strongest(influence), loc="right")
     axes.legend(loc="lower right")
 
 
@@ -140,8 +140,8 @@ def _strongest(influence: dict[str, dict[str, float]]) -> str:
     first = next(iter(size))
     words = WORDS[first].rsplit(",", 1)[0]
     weights = [value for name, value in size.items() if "_weight_" in name]
-    least = f", on weights at most {max(weights):.2f}" if weights else ""
-    return f"The error depends most on the {words}:\n{size[first]:.2f}{least}"
+    least = f"; weights at most {max(weights):.2f}" if weights else ""
+    return f"The error depends most on the\n{words}, {size[first]:.2f}{least}"
 
 
 def _atlas(columns: Columns, summary: dict[str, Any]) -> Figure:

@@ -113,7 +113,7 @@ def figure_demand_limit(
     runs: dict[str, dict[str, Trajectory | float]], summary: dict[str, Any]
 ) -> Figure:
     """What Fig. 5 would show of a limit on the demand, and of a lock off centre."""
-    figure = new_figure(PAGE_IN, 4.1)
+    figure = new_figure(PAGE_IN, 3.75)
     by_name = {one["name"]: one for one in summary["candidates"]}
     limit, lock = (by_name[name] for name in SHOWN)
     reach = limit["signature"]["outer_reach_percent"][0]
@@ -128,8 +128,10 @@ def figure_demand_limit(
         run = runs[name]["W_a_uncorrected"]
         if isinstance(run, Trajectory):
             spiral(axes, run, title)
+        if by_name[name]["explains"]:
+            axes.spines[:].set(color=GREEN, linewidth=2)
     return figure
 
 
 def _verdict(candidate: dict[str, Any]) -> str:
-    return "Reproduces Table I" if candidate["explains"] else "Does not reproduce Table I"
+    return "✓ Reproduces Table I" if candidate["explains"] else "Does not reproduce Table I"

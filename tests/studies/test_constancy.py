@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from experiments.jacobian import certificate
 from experiments.jacobian.certificate import ORDER, certify, jacobian_forms, jacobian_series
+from experiments.jacobian.figure import figure_loop, figure_variation
 from experiments.jacobian.results import CERTIFICATE_LIMIT, checks
 from experiments.jacobian.variation import (
     NORMS,
@@ -324,6 +325,26 @@ def test_jacobian_json_has_what_others_read(jacobian_study):
     errors_m = jacobian_study["newton_error_m"]
     assert errors_m[0] == STROKE_M
     assert errors_m[-1] < 1e-14
+
+
+def test_the_figures_say_the_proven_bound_the_readings_that_fit_and_where_the_line_is(
+    jacobian_study,
+):
+    corners, readings = figure_variation(MACHINE, jacobian_study).axes
+    bounds = [line.get_xdata()[0] for line in corners.lines if line.get_marker() == "|"]
+    assert f"at most {max(bounds):.2f} %" in corners.get_title()
+    (box,) = readings.patches
+    inside = [
+        box.get_extents().contains(*readings.transData.transform(line.get_xydata()[0]))
+        for line in readings.lines
+    ]
+    assert f"from {sum(inside)} of {len(inside)} readings" in readings.get_title()
+    (axes,) = figure_loop(jacobian_study["loop"]).axes
+    line, *_, marks = axes.lines
+    percent = np.exp(np.interp(*map(np.log, (marks.get_xdata(), *line.get_xydata().T))))
+    np.testing.assert_allclose(marks.get_ydata(), percent, rtol=1e-6)
+    for factor, cost in marks.get_xydata():
+        assert f"{cost:g} % at {factor:.0f} times" in axes.get_title()
 
 
 def test_the_papers_pair_is_that_of_the_largest_entry_over_both_norms(jacobian_study):

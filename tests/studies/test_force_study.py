@@ -15,6 +15,7 @@ from experiments.force import runs
 from experiments.force import tables as tables_module
 from experiments.force.aims import LEVERED, SPARING, draw_aims
 from experiments.force.answers import known_system, platform
+from experiments.force.figure import figure_force
 from experiments.force.results import summarize
 from experiments.force.rig import FIXTURE, Condition, Gauges, hold, press, with_fixture
 from experiments.force.runs import examine, payload_stiffness
@@ -323,6 +324,17 @@ def test_an_unsound_run_ends_with_a_sentence_and_one(monkeypatch, capsys, tmp_pa
     )
     assert "\n" not in error
     assert (tmp_path / "force.json").is_file()
+
+
+def test_the_figure_says_what_its_bars_and_points_show(force, summary):
+    left, right = figure_force(force.tradeoff, summary).axes
+    without, used = ([bar.get_height() for bar in bars] for bars in right.containers)
+    share = min(1 - b / a for a, b in zip(without, used, strict=True))
+    assert f"takes {100 * share:.0f} % off a hot motor" in right.get_title()
+    others, _, mapping = left.lines
+    dearest = max(others.get_xdata()) / mapping.get_xdata()[0]
+    assert f"up to {100 * (dearest - 1):.0f} % more" in str(others.get_label())
+    assert f"to {mapping.get_ydata()[0]:.1g} %" in left.get_title()
 
 
 def test_a_referee_finds_no_fault_with_the_figure(force_run, faults_of_figures):

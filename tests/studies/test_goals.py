@@ -18,6 +18,7 @@ from experiments.goals import arm, control, runs
 from experiments.goals.arm import PERIOD_S, Servos, Tracker
 from experiments.goals.control import PseudoInverseMapping, unrolled
 from experiments.goals.demonstration import Outcome, Strategy, strategies
+from experiments.goals.figure import figure_goals
 from experiments.goals.results import CHANGES, checks, table
 from experiments.goals.runs import SLEW_S, Goals, off_axis_path, run_stroke
 from experiments.goals.secondary_goals import (
@@ -448,6 +449,23 @@ def goals_in(folder: Path, goals: dict) -> Goals:
             gap_m = run["closure_residual_max_m"]
             ours[run["name"]] = Outcome(arrays["time_s"], error, measure, gap_m, mine)
     return Goals(goals["seed"], strategies(goals["seed"], quick=True), outcomes)
+
+
+def test_the_picture_says_the_worst_of_its_curves_and_the_largest_of_its_changes(
+    goals, goals_folder
+):
+    outcomes = goals_in(goals_folder, goals).outcomes
+    *panels, changes = figure_goals(outcomes, goals).axes
+    for panel, goal in zip(panels, goals["goals"], strict=True):
+        curves = [np.asarray(line.get_ydata()) for line in panel.lines[:2]]
+        worst = [max(one) if goal["keeps_below"] else min(one) for one in curves]
+        said = [float(number) for number in re.findall(r"[\d.]+", panel.get_title())]
+        np.testing.assert_allclose(said, worst[::-1], atol=0.051)
+    pursued = [line for line in changes.lines if "pursued through" in str(line.get_label())]
+    most = max(line.get_xdata()[0] for line in pursued)
+    assert len(pursued) == len(goals["goals"])
+    assert f"at most {most:.2f} times" in changes.get_title()
+    assert most < 1
 
 
 @pytest.mark.parametrize(

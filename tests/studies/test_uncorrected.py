@@ -26,7 +26,7 @@ from experiments.uncorrected.candidates import (
     damped,
     pointing_mode,
 )
-from experiments.uncorrected.figure import SHOWN, figure_demand_limit
+from experiments.uncorrected.figure import SHOWN, figure_demand_limit, figure_uncorrected
 from experiments.uncorrected.results import checks
 from experiments.uncorrected.stability_map import at_crossover, map_row
 from ftc.goal import Goal
@@ -70,13 +70,48 @@ def test_a_referee_finds_no_fault_with_the_figures(uncorrected_folder, faults_of
     assert faults_of_figures("uncorrected") == []
 
 
-def test_both_spirals_are_drawn(uncorrected_folder):
+def explained(study, *names: str) -> dict:
+    """As if these candidates, and no others, met all of Table I."""
+    candidates = [
+        {"name": each.name, "what": each.what, "differs": each.differs(), "ratio": [4.0, 1.5]}
+        | {"meets_w_a": True, "meets_corrected": True, "explains": each.name in names}
+        | {"signature": study["candidates"][0]["signature"]}
+        for each in CANDIDATES
+    ]
+    return study | {"candidates": candidates}
+
+
+def test_the_title_counts_the_marked_candidates_and_says_what_they_share_only_if_they_do(study):
+    others = len(CANDIDATES) - 1
+    limits, every = ("limit", "limit_speed"), "each with a limit on the demanded pointing"
+    for names, shared in ((limits, True), ((*limits, "retuned"), False), ((), False)):
+        figure = figure_uncorrected(explained(study, *names))
+        (axes,) = (each for each in figure.axes if each.lines)
+        marked = [each for each in axes.patches if each.get_y() not in (0, 1)]
+        assert len(marked) == len(names)
+        assert figure.get_suptitle().startswith(f"{len(names)} of {others} explanations")
+        assert (every in figure.get_suptitle()) == shared
+        assert faults(figure) == []
+
+
+def test_both_spirals_are_drawn_and_the_one_that_is_the_answer_is_called_so(
+    uncorrected_folder, study
+):
     """Without the runs of their candidates, as here, the study leaves them out."""
     assert not (uncorrected_folder / "demand_limit.png").exists()
     with np.load(uncorrected_folder / "lost_strut.npz") as data:
         run = Trajectory(**data)
-    figure = figure_demand_limit({name: {"W_a_uncorrected": run} for name in SHOWN})
-    assert [axes.get_title() for axes in figure.axes] == list(SHOWN.values())
+    runs = {name: {"W_a_uncorrected": run} for name in SHOWN}
+    figure = figure_demand_limit(runs, explained(study, SHOWN[0]))
+    limit, lock = (axes.get_title() for axes in figure.axes)
+    outer = run.time_s >= 0.75 * run.time_s[-1]
+    true, desired = (abs(angles[outer, 0]).max() for angles in (run.true_rad, run.desired_rad))
+    assert limit.startswith("✓ Reproduces Table I: a limit of 95 µrad")
+    assert f"reach {100 * true / desired:.0f} %" in limit
+    first = run.time_s < TestbedConfig().spiral_period_s
+    error_urad = 1e6 * np.linalg.norm((run.desired_rad - run.true_rad)[first], axis=1).max()
+    assert lock.startswith("Does not reproduce Table I: a lock 125 µm off")
+    assert f"up to {error_urad:.0f} µrad" in lock
     assert all(axes.lines for axes in figure.axes)
     assert faults(figure) == []
 
