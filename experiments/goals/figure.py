@@ -27,7 +27,7 @@ MEASURES = {
     "clearance_um": "clearance, µm",
     "condition_number": "condition number of $J_m$",
 }
-_WAYS = {
+_WAYS: dict[str, dict[str, Any]] = {
     "nothing": {"color": VERMILION, "marker": "o", "label": "goal not pursued"},
     "pursued": {"color": BLUE, "marker": "o", "label": "goal pursued through the mapping"},
 }
@@ -94,8 +94,9 @@ def _changes(axes: Axes, goals: list[dict[str, Any]]) -> None:
         changes = {run["name"]: max(run["difference_rms_urad"]) / noise for run in goal["runs"]}
         weighted = [run for run in goal["runs"] if run["major_weight"]]
         weights = ", ".join(f"{run['major_weight']:g}" for run in weighted)
-        style = {"color": PURPLE, "label": f"pseudo-inverse, weight {weights} (from right)"}
-        axes.plot([changes[run["name"]] for run in weighted], [row] * len(weighted), "D--", **style)
+        label = f"pseudo-inverse, weight {weights} (from right)"
+        compromised = [changes[run["name"]] for run in weighted]
+        axes.plot(compromised, [row] * len(weighted), "D--", color=PURPLE, label=label)
         for name, style in _WAYS.items():
             if changes[name] > 0:
                 axes.plot(changes[name], row, **style)

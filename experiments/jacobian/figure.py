@@ -25,8 +25,8 @@ from experiments.study.plotting import (
 from experiments.study.results import Picture
 from sim import Hexapod, hexapod, load_model
 
-_OURS = {"color": BLUE, "label": "computed: 64 corners, and readings"}
-_PAPER = {"color": VERMILION, "alpha": 0.6, "label": "the paper, with its rounding"}
+_OURS: dict[str, Any] = {"color": BLUE, "label": "computed: 64 corners, and readings"}
+_PAPER: dict[str, Any] = {"color": VERMILION, "alpha": 0.6, "label": "the paper, with its rounding"}
 
 
 def pictures(summary: dict[str, Any]) -> list[Picture]:

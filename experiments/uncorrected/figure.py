@@ -1,5 +1,6 @@
 """The study's figures: both ratios of every candidate, and what the paper's Fig. 5 would show."""
 
+from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
@@ -98,19 +99,14 @@ def _legend(summary: dict[str, Any]) -> list[Line2D | Patch]:
         ratio = f"{symbol}, {within} {summary['paper'][f'{name}_ratio']:.2f}"
         points.append(Line2D([], [], ls="", marker=marker, color=color, label=symbol))
         bands.append(Patch(color=color, alpha=BAND, lw=0, label=ratio))
-    hollow = {"mfc": "white", "label": "hollow: another column is off"}
-    return [
-        points[0],
-        bands[0],
-        Line2D([], [], ls="", marker="o", color=BLUE, **hollow),
-        points[1],
-        bands[1],
-        Patch(color=GREEN, alpha=BAND, lw=0, label="reproduces all of Table I"),
-    ]
+    hollow = Line2D([], [], ls="", marker="o", color=BLUE, mfc="white")
+    hollow.set_label("hollow: another column is off")
+    met = Patch(color=GREEN, alpha=BAND, lw=0, label="reproduces all of Table I")
+    return [points[0], bands[0], hollow, points[1], bands[1], met]
 
 
 def figure_demand_limit(
-    runs: dict[str, dict[str, Trajectory | float]], summary: dict[str, Any]
+    runs: Mapping[str, Mapping[str, Trajectory | float]], summary: dict[str, Any]
 ) -> Figure:
     """What Fig. 5 would show of a limit on the demand, and of a lock off centre."""
     figure = new_figure(PAGE_IN, 3.75)

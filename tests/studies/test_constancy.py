@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from matplotlib.lines import Line2D
 from scipy.optimize import direct
 from scipy.spatial.transform import Rotation
 
@@ -331,20 +332,22 @@ def test_the_figures_say_the_proven_bound_the_readings_that_fit_and_where_the_li
     jacobian_study,
 ):
     corners, readings = figure_variation(MACHINE, jacobian_study).axes
-    bounds = [line.get_xdata()[0] for line in corners.lines if line.get_marker() == "|"]
+    bounds = [points(line)[0, 0] for line in corners.lines if line.get_marker() == "|"]
     assert f"at most {max(bounds):.2f} %" in corners.get_title()
-    (box,) = readings.patches
-    inside = [
-        box.get_extents().contains(*readings.transData.transform(line.get_xydata()[0]))
-        for line in readings.lines
-    ]
-    assert f"from {sum(inside)} of {len(inside)} readings" in readings.get_title()
+    (box,) = (patch.get_extents() for patch in readings.patches)
+    placed = readings.transData.transform(np.vstack([points(line) for line in readings.lines]))
+    inside = sum(box.contains(*place) for place in placed)
+    assert f"from {inside} of {len(placed)} readings" in readings.get_title()
     (axes,) = figure_loop(jacobian_study["loop"]).axes
-    line, *_, marks = axes.lines
-    percent = np.exp(np.interp(*map(np.log, (marks.get_xdata(), *line.get_xydata().T))))
-    np.testing.assert_allclose(marks.get_ydata(), percent, rtol=1e-6)
-    for factor, cost in marks.get_xydata():
+    line, *_, marks = (points(line) for line in axes.lines)
+    percent = np.exp(np.interp(np.log(marks[:, 0]), *np.log(line).T))
+    np.testing.assert_allclose(marks[:, 1], percent, rtol=1e-6)
+    for factor, cost in marks:
         assert f"{cost:g} % at {factor:.0f} times" in axes.get_title()
+
+
+def points(line: Line2D) -> np.ndarray:
+    return np.asarray(line.get_xydata())
 
 
 def test_the_papers_pair_is_that_of_the_largest_entry_over_both_norms(jacobian_study):

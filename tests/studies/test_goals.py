@@ -462,7 +462,7 @@ def test_the_picture_says_the_worst_of_its_curves_and_the_largest_of_its_changes
         said = [float(number) for number in re.findall(r"[\d.]+", panel.get_title())]
         np.testing.assert_allclose(said, worst[::-1], atol=0.051)
     pursued = [line for line in changes.lines if "pursued through" in str(line.get_label())]
-    most = max(line.get_xdata()[0] for line in pursued)
+    most = max(np.asarray(line.get_xdata()).item() for line in pursued)
     assert len(pursued) == len(goals["goals"])
     assert f"at most {most:.2f} times" in changes.get_title()
     assert most < 1

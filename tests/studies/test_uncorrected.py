@@ -8,6 +8,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from matplotlib.colors import to_hex
 from rerun.chunk import RrdReader
 
 from experiments.app.cli import main
@@ -17,6 +18,7 @@ from experiments.rig.hexapod.metrics import rms
 from experiments.rig.hexapod.prediction import driven_loop, predicted_error_rad, predicted_rms_rad
 from experiments.rig.hexapod.simulation import SpiralRun, Trajectory, track_spiral
 from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
+from experiments.study.plotting import GREEN
 from experiments.uncorrected.answer import paragraph, table
 from experiments.uncorrected.candidates import (
     BENCH,
@@ -87,7 +89,7 @@ def test_the_title_counts_the_marked_candidates_and_says_what_they_share_only_if
     for names, shared in ((limits, True), ((*limits, "retuned"), False), ((), False)):
         figure = figure_uncorrected(explained(study, *names))
         (axes,) = (each for each in figure.axes if each.lines)
-        marked = [each for each in axes.patches if each.get_y() not in (0, 1)]
+        marked = [each for each in axes.patches if to_hex(each.get_facecolor()) == GREEN.lower()]
         assert len(marked) == len(names)
         assert figure.get_suptitle().startswith(f"{len(names)} of {others} explanations")
         assert (every in figure.get_suptitle()) == shared
