@@ -97,7 +97,7 @@ def _agreement(found: dict[str, Any]) -> str:
     if not found["compared"]:
         return "The linear model covers none of the runs"
     agree = found["compared"] - found["off"]
-    said = f"{agree} of {found['compared']} simulated errors are as predicted:"
+    said = f"The error is as predicted in {agree} of {found['compared']} runs:"
     return f"{said}\nmedian difference {found['median_percent']:.2g} %"
 
 

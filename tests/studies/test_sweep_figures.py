@@ -57,7 +57,7 @@ def test_points_off_the_line_are_hollow_and_the_legend_says_why():
 
 def test_the_title_says_how_many_runs_agree_and_what_matters_most():
     left, right = drawn(2 * NEAR).axes
-    assert left.get_title().startswith("2 of 3 simulated errors are as predicted")
+    assert left.get_title().startswith("The error is as predicted in 2 of 3 runs")
     strongest = next(patch.get_width() for patch in right.patches if isinstance(patch, Rectangle))
     said = f"resolution of the converters, {abs(strongest):.2f}"
     assert right.get_title(loc="right").endswith(said)
