@@ -45,7 +45,7 @@ def pictures(summary: dict[str, Any]) -> list[Picture]:
     if loop := summary.get("loop"):
         alt = (
             "Deviation of the secondary motion from its optimum over the size of the spiral: "
-            "lines rise for increments, and a tenth as high for a constant and a re-evaluated "
+            "it rises for increments, and to a seventh of that for a constant and for a re-evaluated "
             "Jacobian alike; that of the Gauss-Newton step stays at one percent."
         )
         caption = (
@@ -79,7 +79,9 @@ def _corners(axes: Axes, geometry: Hexapod, summary: dict[str, Any]) -> None:
         axes.plot(bounds[-1], row, "|", **bound)
         low = 100 * paper.JACOBIAN_VARIATION[norm] - half
         axes.add_patch(Rectangle((low, row - 0.2), 2 * half, 0.4, lw=0, **_PAPER))
-    axes.set_title(f"The Jacobian changes by at most {max(bounds):.2f} %\nover the stroke: proven")
+    # A bound is rounded up.
+    most = np.ceil(1e3 * max(bounds)) / 1e3
+    axes.set_title(f"The Jacobian changes by at most {most:.3f} %\nover the stroke: proven")
     axes.set_yticks(range(len(NORMS)), ["Frobenius\nnorm", "2-norm"])
     axes.set(xlabel="change of the Jacobian, eq. (40), %", ylim=(1.6, -0.6))
     axes.set_xlim(0, 1.05 * max(bounds))
