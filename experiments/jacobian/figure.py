@@ -45,8 +45,8 @@ def pictures(summary: dict[str, Any]) -> list[Picture]:
     if loop := summary.get("loop"):
         alt = (
             "Deviation of the secondary motion from its optimum over the size of the spiral: "
-            "it rises for increments, and to a seventh of that for a constant and for a re-evaluated "
-            "Jacobian alike; that of the Gauss-Newton step stays at one percent."
+            "it rises for increments, to a seventh of that for a constant and for a re-evaluated "
+            "Jacobian alike, and stays at one percent for the Gauss-Newton step."
         )
         caption = (
             "Strut 1 locked, weights of W_e. Marks are simulated, the line is of the constant "

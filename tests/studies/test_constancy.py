@@ -333,7 +333,7 @@ def test_the_figures_say_the_proven_bound_the_readings_that_fit_and_where_the_li
 ):
     corners, readings = figure_variation(MACHINE, jacobian_study).axes
     bounds = [points(line)[0, 0] for line in corners.lines if line.get_marker() == "|"]
-    said = float(corners.get_title().split()[-5])
+    said = float(corners.get_title().split()[-6])
     assert max(bounds) <= said < max(bounds) + 1e-3
     (box,) = (patch.get_extents() for patch in readings.patches)
     placed = readings.transData.transform(np.vstack([points(line) for line in readings.lines]))
