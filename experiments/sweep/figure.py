@@ -19,6 +19,7 @@ from experiments.study.plotting import (
     VERMILION,
     logarithmic,
     new_figure,
+    one_legend,
 )
 from experiments.study.results import Picture
 from experiments.sweep.row import ANGLES
@@ -62,9 +63,9 @@ def atlas_picture(columns: Columns, summary: dict[str, Any]) -> Picture:
         "that make its error largest: the larger of the errors of alpha and beta, and the linear "
         "model's. Crosses are conditions that are singular at the nominal pose only: near it the "
         "Jacobian of the estimated pose gives the mapping a gain of 1e5, and amplifiers saturate.",
-        "Over the number of failed struts the points with both pointing directions lie on one low "
-        "level up to four failures; ten times as high are those that have lost one or both, and "
-        "above them some crosses.",
+        "Over the number of failed struts: points that keep both pointing directions lie on one "
+        "low level, up to four failures; those that have lost one or both lie about ten times as "
+        "high, where the linear model is, and some crosses far above it.",
         partial(_atlas, columns, summary),
     )
 
@@ -146,7 +147,7 @@ def _strongest(influence: dict[str, dict[str, float]]) -> str:
 
 def _atlas(columns: Columns, summary: dict[str, Any]) -> Figure:
     """Error of each condition and Jacobian, over the number of failed struts."""
-    figure = new_figure(COLUMN_IN, 3.4)
+    figure = new_figure(COLUMN_IN, 3.6)
     axes = figure.subplots()
     simulated, predicted = (
         np.max([columns[f"{of}{angle}_rms_urad"] for angle in ANGLES], axis=0)
@@ -161,7 +162,7 @@ def _atlas(columns: Columns, summary: dict[str, Any]) -> Figure:
             if some.any():
                 style = {"color": color, "mfc": "none", "label": label + note}
                 axes.plot(place[some], simulated[runs[some]], marker, **style)
-    axes.plot(place, predicted[runs], "_", color=GREEN, zorder=0, label="linear model")
+    axes.plot(place, predicted[runs], "_", color=GREEN, label="linear model")
     safe = _always_possible(columns)
     none, largest = (simulated[columns["failures"] <= k].max() for k in (0, safe))
     axes.set_title(
@@ -171,7 +172,7 @@ def _atlas(columns: Columns, summary: dict[str, Any]) -> Figure:
     axes.set(xlabel="struts failed, locked or free", ylabel="RMS error, larger angle, µrad")
     axes.set_xticks(range(7))
     logarithmic(axes, "y")
-    axes.legend(loc="upper left")
+    one_legend(figure, 2)
     return figure
 
 
