@@ -36,7 +36,7 @@ _ROWS = {
 _LOOKS: dict[str, dict[str, Any]] = {
     "hexapod, no failure": {"color": BLUE, "marker": "o"},
     "hexapod, strut 1 stuck": {"color": VERMILION, "marker": "s"},
-    "arm, joint 4 locks": {"color": GREEN, "marker": "D"},
+    "arm, a joint locks": {"color": GREEN, "marker": "D"},
 }
 
 
@@ -60,8 +60,8 @@ def headline(summary: dict[str, Any]) -> str:
     """The result in a sentence."""
     clipping = [each["tuned"]["clipping"]["rms_over_strict"] for each in summary["conditions"]]
     return (
-        "Actuators at their limits: strict priority, with nothing to choose, has the least error; "
-        f"tuned clipping has {min(clipping):.2f} to {max(clipping):.2f} times as much"
+        "Actuators at their limits: strict priority needs no tuning, and the best tuned clipping "
+        f"errs {min(clipping):.2f} to {max(clipping):.2f} times as much"
     )
 
 
@@ -145,8 +145,9 @@ def _curves(axes: Axes, summary: dict[str, Any], kind: str, chosen: Any) -> None
         ]
         points = [(chosen(run), over[run["strategy"]]) for run in ran if run["anti_windup"]]
         look = _LOOKS["hexapod, strut 1 stuck" if condition["stuck"] else "hexapod, no failure"]
-        axes.plot(*zip(*points, strict=True), ls="--" if condition["heave"] else "-", **look)
+        axes.plot(*zip(*points, strict=True), ls=":" if condition["heave"] else "-", **look)
+    axes.plot([], [], color=BLACK, ls=":", label="payload to be raised")
     axes.axhline(1.0, color=BLACK, lw=0.8)
     axes.set_ylabel("RMS error over strict priority's")
-    axes.set_xscale("log")
-    logarithmic(axes, "y")
+    logarithmic(axes, "xy")
+    axes.set_ylim(bottom=0.9)

@@ -140,9 +140,9 @@ def test_the_observer_of_an_integrator_is_the_scalar_kalman_filter(slowness):
     """
     b, c, r = PERIOD_S, 5.0, slowness**2
     P = (b**2 * c**2 + np.sqrt((b * c) ** 4 + 4 * r * (b * c) ** 2)) / (2 * c**2)
-    L = tracking_gain(INTEGRATOR, slowness)[0]
-    assert L == pytest.approx(c * P / (c**2 * P + r))
-    decay_s = -PERIOD_S / np.log(1 - c * L)
+    gain = tracking_gain(INTEGRATOR, slowness)[0]
+    assert gain == pytest.approx(c * P / (c**2 * P + r))
+    decay_s = -PERIOD_S / np.log(1 - c * gain)
     assert decay_s == pytest.approx(slowness / c, rel=0.01)
     proportional = control.ss([], [], [], [[3.0]], PERIOD_S)
     assert tracking_gain(proportional).shape == (0,)
