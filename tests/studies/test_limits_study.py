@@ -237,6 +237,9 @@ def test_each_check_of_the_arm_fails_on_spoilt_numbers(limits, strategy, key, va
     spoilt = copy.deepcopy(limits)
     spoilt["conditions"][0]["circle_margin"] = -0.1
     assert any("circle criterion" in sentence for sentence in failed(spoilt))
+    spoilt = copy.deepcopy(limits)
+    spoilt["out_of_reach"]["strategies"][0]["excess_largest_percent"] = 1e-3
+    assert any("above the least possible" in sentence for sentence in failed(spoilt))
 
 
 def test_every_test_and_file_that_the_page_speaks_of_exists():
