@@ -29,7 +29,7 @@ _ROWS = {
     "redistributed": "redistributed pseudo-inverse",
     "scaled": "scaled",
     "clipping": "clipping, best tracking time",
-    "clipping_untuned": "clipping, as strict priority",
+    "clipping_untuned": "clipping, shortest tracking time",
     "strict_winding_up": "strict priority, no anti-windup",
 }
 """By the key of :func:`_ratios`, from above."""
@@ -91,8 +91,8 @@ def _plane(axes: Axes, ran: LimitsRuns) -> None:
 def _errors(axes: Axes, summary: dict[str, Any]) -> None:
     ratios = list(_ratios(summary))
     names = [name for name in _ROWS if any(row == name for _, row, _ in ratios)]
-    for kind, look in _LOOKS.items():
-        found = [(ratio, names.index(row)) for of, row, ratio in ratios if of == kind]
+    for beside, (kind, look) in zip((-0.2, 0.0, 0.2), _LOOKS.items(), strict=True):
+        found = [(ratio, names.index(row) + beside) for of, row, ratio in ratios if of == kind]
         axes.plot(*zip(*found, strict=True), ls="", label=kind, **look)
     axes.axvline(1.0, color=BLACK, lw=0.8)
     logarithmic(axes, "x")
@@ -132,6 +132,7 @@ def _tracking(axes: Axes, summary: dict[str, Any]) -> None:
 
 def _weights(axes: Axes, summary: dict[str, Any]) -> None:
     _curves(axes, summary, "weighted", lambda run: run["major_weight"])
+    axes.set_xticks([0.1, 1, 10, 100, 1000])
     axes.set(title="One weighted problem: a weight to choose", xlabel="weight of the pointing")
 
 
