@@ -39,14 +39,16 @@ _LOOKS: dict[str, dict[str, Any]] = {
     "arm, a joint locks": {"color": GREEN, "marker": "D"},
 }
 
+_ONE: dict[str, Any] = {"color": BLACK, "lw": 0.8, "label": "strict priority: 1"}
+
 
 def pictures(ran: LimitsRuns, summary: dict[str, Any]) -> list[Picture]:
     """The study's figure and its caption."""
     caption = (
         "Limits in the loop. Left, above: the hexapod with strut 1 stuck on a spiral that leaves "
         "what stroke and coil current allow. Right, above: the error of each strategy over that of "
-        "strict priority; two points of a kind are without and with a secondary goal. Below: what "
-        "clipping and one weighted problem err by the number that has to be chosen for them."
+        "strict priority, without and with a secondary goal. Below: what clipping and one "
+        "weighted problem err by the number that has to be chosen for them."
     )
     alt = (
         "Strict priority follows the outline of what is attainable. The best weight and the "
@@ -94,7 +96,7 @@ def _errors(axes: Axes, summary: dict[str, Any]) -> None:
     for beside, (kind, look) in zip((-0.2, 0.0, 0.2), _LOOKS.items(), strict=True):
         found = [(ratio, names.index(row) + beside) for of, row, ratio in ratios if of == kind]
         axes.plot(*zip(*found, strict=True), ls="", label=kind, **look)
-    axes.axvline(1.0, color=BLACK, lw=0.8)
+    axes.axvline(1.0, **_ONE)
     logarithmic(axes, "x")
     axes.set(ylim=(len(names) - 0.5, -0.5))
     axes.set_yticks(range(len(names)), [_ROWS[name] for name in names])
@@ -126,17 +128,24 @@ def _over_strict(summary: dict[str, Any], condition: str) -> dict[str, float]:
 
 
 def _tracking(axes: Axes, summary: dict[str, Any]) -> None:
-    _curves(axes, summary, "clipping", lambda run: 1e3 * np.mean(run["tracking_time_s"]))
+    _points(axes, summary, "clipping", lambda run: 1e3 * np.mean(run["tracking_time_s"]))
     axes.set(title="Clipping: a time to choose", xlabel="tracking time, ms")
 
 
 def _weights(axes: Axes, summary: dict[str, Any]) -> None:
-    _curves(axes, summary, "weighted", lambda run: run["major_weight"])
+    _points(axes, summary, "weighted", lambda run: run["major_weight"])
+    rms = {run["major_weight"]: run["rms_mrad"] for run in summary["arm"]["runs"]}
+    strict = next(run for run in summary["arm"]["runs"] if run["strategy"] == STRICT.name)
+    weights = [weight for weight in rms if weight is not None]
+    over = [rms[weight] / strict["rms_mrad"] for weight in weights]
+    axes.plot(weights, over, ls="", **_LOOKS["arm, a joint locks"])
+    axes.set_yticks([1, 3, 10, 30, 100, 300, 1000])
+    axes.set_ylim(top=2000)
     axes.set_xticks([0.1, 1, 10, 100, 1000])
     axes.set(title="One weighted problem: a weight to choose", xlabel="weight of the pointing")
 
 
-def _curves(axes: Axes, summary: dict[str, Any], kind: str, chosen: Any) -> None:
+def _points(axes: Axes, summary: dict[str, Any], kind: str, chosen: Any) -> None:
     for condition in summary["conditions"]:
         over = _over_strict(summary, condition["name"])
         ran = [
@@ -146,9 +155,8 @@ def _curves(axes: Axes, summary: dict[str, Any], kind: str, chosen: Any) -> None
         ]
         points = [(chosen(run), over[run["strategy"]]) for run in ran if run["anti_windup"]]
         look = _LOOKS["hexapod, strut 1 stuck" if condition["stuck"] else "hexapod, no failure"]
-        axes.plot(*zip(*points, strict=True), ls=":" if condition["heave"] else "-", **look)
-    axes.plot([], [], color=BLACK, ls=":", label="payload to be raised")
-    axes.axhline(1.0, color=BLACK, lw=0.8)
+        axes.plot(*zip(*points, strict=True), ls="", **look)
+    axes.axhline(1.0, **_ONE)
     axes.set_ylabel("RMS error over strict priority's")
     logarithmic(axes, "xy")
     axes.set_ylim(bottom=0.9)

@@ -118,6 +118,7 @@ def arm_entry(strategy: Strategy, run: ArmRun) -> dict[str, Any]:
     return {
         "strategy": strategy.name,
         "allocation": strategy.allocation,
+        "major_weight": strategy.major_weight,
         "rms_mrad": 1e3 * float(rms(run.error_rad)),
         "peak_mrad": 1e3 * float(run.error_rad.max()),
         "at_limit_s": float((reached > RANGE_RAD - AT_LIMIT_RAD).sum() * PERIOD_S),
