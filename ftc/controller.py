@@ -91,6 +91,7 @@ class PrioritizedController(Generic[Pose]):
         demand_limit: float = inf,
         *,
         anti_windup: bool = False,
+        tracking_slowness: float = 1.0,
         reference_feedforward: bool = False,
     ) -> None:
         """Take the compensators, one for each major row, the mapping, and the drives.
@@ -100,8 +101,9 @@ class PrioritizedController(Generic[Pose]):
         state of a compensator that is there while its error would drive it further (conditional
         integration: Astrom and Hagglund, Advanced PID Control, 2006, section 3.5). Where the
         mapping has limits, it also makes the compensators observe the major task that is achieved;
-        see :mod:`ftc.control.anti_windup`. With `reference_feedforward` the reference itself is
-        demanded where no other feedforward is known, and the compensators add what is missing.
+        `tracking_slowness` as in :func:`ftc.control.anti_windup.tracking_gain`. With
+        `reference_feedforward` the reference itself is demanded where no other feedforward is
+        known, and the compensators add what is missing.
         """
         self.mapping = mapping
         self.drives: Any = drives  # clients know their own drives
@@ -126,7 +128,8 @@ class PrioritizedController(Generic[Pose]):
         )
         self._tracking = None
         if anti_windup and mapping.limits is not None:
-            self._tracking = block_diag(*(tracking_gain(loop)[:, None] for loop in loops))
+            gains = (tracking_gain(loop, tracking_slowness)[:, None] for loop in loops)
+            self._tracking = block_diag(*gains)
         self._still = np.zeros(mapping.actuators)
 
     def start(self) -> ControllerState[Pose]:

@@ -1,25 +1,30 @@
 """The strategies that the study compares, and the displacements within limits that each finds."""
 
 from dataclasses import dataclass
+from math import inf
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
 
+from experiments.limits.conventional import Clipped, Limits, Redistributed
 from experiments.rig.compromise import Compromise
 from experiments.rig.hexapod.columns import MAJOR, SECONDARY
 from experiments.rig.hexapod.controller import StrutMapping
 from ftc.control.limits import LimitedMapping
-from ftc.control.local_mapping import Mapping
 from ftc.goal import Goal
 from prioritized import Kinematics
-from sim import Array, Hexapod
+from sim import Hexapod
 
-Limits = tuple[Array, Array]
-
-Allocation = Literal["strict", "scaled", "clipping", "weighted", "unlimited"]
+Allocation = Literal["strict", "scaled", "clipping", "redistributed", "weighted", "unlimited"]
 """How rates or displacements are found: the major task first, with least error or its direction
-kept; without limits, and then cut off; in one problem with weights; or where nothing is limited."""
+kept; without limits, and then cut off, or what is cut off given to the others; in one problem with
+weights; or where nothing is limited."""
+
+SLOWNESS = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, inf)
+"""Tracking times that are tried for clipping, in multiples of the integrators' 1/gain; inf is no
+anti-windup."""
+WEIGHTS = (0.1, 0.3, 1.0, 2.0, 3.0, 5.0, 10.0, 1e3)
+"""Of the major task, tried for the one problem with weights; [rad] against [m] or [rad]."""
 
 
 @dataclass(frozen=True)
@@ -29,79 +34,53 @@ class Strategy:
     Attributes:
         allocation: How.
         major_weight: Of the major task in the one problem with weights.
-        anti_windup: Whether the compensators observe what is achieved.
+        slowness: Of the compensators that observe what is achieved, as in
+            :func:`ftc.control.anti_windup.tracking_gain`; inf is no anti-windup.
     """
 
     allocation: Allocation
     major_weight: float | None = None
-    anti_windup: bool = True
+    slowness: float = 1.0
+
+    @property
+    def anti_windup(self) -> bool:
+        """Whether the compensators observe what is achieved."""
+        return self.slowness < inf
 
     @property
     def name(self) -> str:
         """As in `limits.json`."""
         weight = "" if self.major_weight is None else f"_{self.major_weight:g}"
-        return f"{self.allocation}{weight}{'' if self.anti_windup else '_winding_up'}"
+        slow = "" if self.slowness == 1.0 else f"_tracking_{self.slowness:g}"
+        return f"{self.allocation}{weight}{slow if self.anti_windup else '_winding_up'}"
 
 
 UNLIMITED = Strategy("unlimited")
 """Of a machine with longer strokes and cooler coils: what the loop errs without limits."""
+STRICT, WINDING_UP = Strategy("strict"), Strategy("strict", slowness=inf)
 
 
 def loop_strategies(quick: bool) -> tuple[Strategy, ...]:
-    """In the loop of the hexapod."""
-    strict, clipping = Strategy("strict"), Strategy("clipping")
+    """In the loop of the hexapod; two of them for each number that has to be chosen."""
+    redistributed = Strategy("redistributed")
+    clipping = (Strategy("clipping", slowness=each) for each in SLOWNESS)
     if quick:
-        winding_up = Strategy("strict", anti_windup=False)
-        return strict, winding_up, clipping, UNLIMITED
-    both = (
-        Strategy(how, anti_windup=held)
-        for how in ("strict", "scaled", "clipping")
-        for held in (True, False)
-    )
-    return (*both, *weighted(), UNLIMITED)
+        clipping = (Strategy("clipping", slowness=each) for each in (1.0, 10.0))
+        return STRICT, WINDING_UP, *clipping, redistributed, Strategy("weighted", 10.0), UNLIMITED
+    return STRICT, WINDING_UP, Strategy("scaled"), *clipping, redistributed, *weighted(), UNLIMITED
 
 
 def arm_strategies(quick: bool) -> tuple[Strategy, ...]:
     """On the arm, whose controller has no integrator."""
-    strict, clipping = Strategy("strict"), Strategy("clipping")
+    clipping, redistributed = Strategy("clipping"), Strategy("redistributed")
     if quick:
-        return strict, clipping, UNLIMITED
-    return strict, Strategy("scaled"), clipping, *weighted(), UNLIMITED
+        return STRICT, clipping, redistributed, UNLIMITED
+    return STRICT, Strategy("scaled"), clipping, redistributed, *weighted(), UNLIMITED
 
 
 def weighted() -> tuple[Strategy, ...]:
-    """One problem, over seven decades of the weight."""
-    return tuple(Strategy("weighted", weight) for weight in (0.1, 1.0, 10.0, 1e3, 1e6))
-
-
-@dataclass(frozen=True)
-class Allocated:
-    """Rates within the limits, shape (n',)."""
-
-    rates: Array
-
-
-@dataclass(frozen=True)
-class Clipped:
-    """The mapping without limits; each rate is cut off at its own limit, whatever it is for.
-
-    Attributes:
-        mapping: Without limits.
-        limits: Of the rates, shape (n',) each.
-    """
-
-    mapping: Mapping
-    limits: Limits
-
-    def solve(
-        self,
-        v_major: ArrayLike,
-        joint_velocity: ArrayLike | None = None,
-        secondary_velocity: ArrayLike | None = None,
-    ) -> Allocated:
-        """As :meth:`ftc.control.limits.LimitedMapping.solve`."""
-        rates = self.mapping(v_major, joint_velocity, secondary_velocity)
-        return Allocated(rates.clip(*self.limits))
+    """One problem with each weight."""
+    return tuple(Strategy("weighted", weight) for weight in WEIGHTS)
 
 
 def allocated(
@@ -113,6 +92,7 @@ def allocated(
 ) -> LimitedMapping:
     """Least rates for the major task within limits of all n actuators, by a strategy."""
     survivors, W1 = kinematics.actuators, np.ones(len(kinematics.actuators))
+    own = limits[0][survivors], limits[1][survivors]
     if strategy.allocation == "weighted":
         assert strategy.major_weight is not None
         weights = np.repeat([0.0, strategy.major_weight], [len(secondary), len(major)])
@@ -120,8 +100,9 @@ def allocated(
         equals = kinematics.velocity_mapping([], rows, W1, weights, rate_limits=limits)
         return Compromise(equals, len(secondary))
     if strategy.allocation == "clipping":
-        own = limits[0][survivors], limits[1][survivors]
         return Clipped(kinematics.velocity_mapping(major, secondary, W1), own)
+    if strategy.allocation == "redistributed":
+        return Redistributed(kinematics.J[major], own)
     when = "scaled" if strategy.allocation == "scaled" else "least_squares"
     return kinematics.velocity_mapping(major, secondary, W1, rate_limits=limits, when_limited=when)
 

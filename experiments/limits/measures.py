@@ -4,7 +4,8 @@ from typing import Any
 
 import numpy as np
 
-from experiments.limits.allocation import UNLIMITED
+from argument_checks.ties import least
+from experiments.limits.allocation import STRICT, UNLIMITED, Strategy
 from experiments.limits.arm import PERIOD_S, RANGE_RAD, ArmRun
 from experiments.limits.runs import HEAVE_M, REST_S, Case, attainable, limits_of
 from experiments.rig.hexapod.columns import MAJOR
@@ -35,7 +36,10 @@ def spiral_entry(
         "name": case.name,
         "condition": case.condition,
         "strategy": case.strategy.name,
+        "allocation": case.strategy.allocation,
         "anti_windup": case.strategy.anti_windup,
+        "major_weight": case.strategy.major_weight,
+        "tracking_time_s": tracking_time_s(testbed, case),
         "rms_urad": 1e6 * rms(error),
         "peak_urad": 1e6 * error.max(),
         "attainable_rms_urad": 1e6 * rms(error[inside]),
@@ -54,8 +58,35 @@ def spiral_entry(
     return entry | {"beyond_limit_um": 1e6 * float((-least).max())}
 
 
-def condition_entry(testbed: Testbed, case: Case, run: Trajectory) -> dict[str, Any]:
-    """What all strategies have in common: what can be attained, and the loops' stability."""
+def tracking_time_s(testbed: Testbed, case: Case) -> list[float] | None:
+    """In which the integrators of both loops lose their excess; None without anti-windup."""
+    if not case.strategy.anti_windup:
+        return None
+    gains = (loop.numerator[-1] / loop.denominator[-2] for loop in testbed.loops)
+    return [float(case.strategy.slowness / gain) for gain in gains]
+
+
+def tuned(runs: list[dict[str, Any]], key: str) -> dict[str, dict[str, Any]]:
+    """Of each kind of allocation the run with the least RMS error, and its error over strict's.
+
+    A rule that no user has: each number is chosen after the run, for that run.
+    """
+    of_kind: dict[str, list[dict[str, Any]]] = {}
+    for run in runs:
+        of_kind.setdefault(run["allocation"], []).append(run)
+    strict = next(run[key] for run in runs if run["strategy"] == STRICT.name)
+    best = {kind: ran[least([run[key] for run in ran])] for kind, ran in of_kind.items()}
+    return {
+        kind: {"strategy": run["strategy"], "rms_over_strict": run[key] / strict}
+        for kind, run in best.items()
+        if kind not in (STRICT.allocation, UNLIMITED.allocation)
+    }
+
+
+def condition_entry(
+    testbed: Testbed, case: Case, run: Trajectory, entries: list[dict[str, Any]]
+) -> dict[str, Any]:
+    """What all strategies have in common: what can be attained, stability; and the best of each."""
     lacking = -np.minimum(room(attainable(testbed, case), run.desired_rad), 0.0)
     return {
         "name": case.condition,
@@ -65,6 +96,7 @@ def condition_entry(testbed: Testbed, case: Case, run: Trajectory) -> dict[str, 
         "not_attainable_s": float((lacking > 0).sum() * testbed.bench.control_period_s),
         "circle_margin": loop_margin(testbed, case, anti_windup=True),
         "circle_margin_winding_up": loop_margin(testbed, case, anti_windup=False),
+        "tuned": tuned([one for one in entries if one["condition"] == case.condition], "rms_urad"),
     }
 
 
@@ -80,11 +112,13 @@ def loop_margin(testbed: Testbed, case: Case, *, anti_windup: bool) -> float:
     return circle_margin(pointing, testbed.loops, anti_windup=anti_windup)
 
 
-def arm_entry(name: str, run: ArmRun) -> dict[str, Any]:
+def arm_entry(strategy: Strategy, run: ArmRun) -> dict[str, Any]:
     """One motion of the arm, ready for JSON."""
     reached = np.abs(run.joint_rad).max(axis=1)
     return {
-        "strategy": name,
+        "strategy": strategy.name,
+        "allocation": strategy.allocation,
+        "major_weight": strategy.major_weight,
         "rms_mrad": 1e3 * float(rms(run.error_rad)),
         "peak_mrad": 1e3 * float(run.error_rad.max()),
         "at_limit_s": float((reached > RANGE_RAD - AT_LIMIT_RAD).sum() * PERIOD_S),

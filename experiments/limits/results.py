@@ -1,4 +1,4 @@
-"""Limits in the loop as numbers, checks, tables and files."""
+"""Limits in the loop as numbers, checks and files."""
 
 from dataclasses import asdict
 from typing import Any
@@ -6,18 +6,25 @@ from typing import Any
 from experiments.limits import arm, runs
 from experiments.limits.allocation import UNLIMITED
 from experiments.limits.figure import pictures
-from experiments.limits.measures import RECOVERED_RAD, arm_entry, condition_entry, spiral_entry
+from experiments.limits.measures import (
+    arm_entry,
+    condition_entry,
+    spiral_entry,
+    tuned,
+)
+from experiments.limits.out_of_reach import COUNT, excesses
 from experiments.limits.runs import Case, LimitsRuns
+from experiments.limits.tables import arm_table, reach_table, spiral_table
 from experiments.rig.arm import ARM_MJCF
 from experiments.rig.hexapod.metrics import closure_check, plant_constants
 from experiments.study.provenance import versions
 from experiments.study.results import Check, Results
-from experiments.study.tables import Column, Table, tabulate
 from sim import load_model, model_sha256
 
 CONVERTER_STEP_UM = 0.02
 RECOVERY_LIMIT_S = 0.5
 REST_LIMIT_URAD = 5.0
+EXCESS_LIMIT_PERCENT = 1e-6
 ARM_LIMIT_MRAD = 10.0
 """While joints brake at their limits the line of sight lags behind."""
 
@@ -40,6 +47,7 @@ def results(ran: LimitsRuns) -> Results:
         tables=(
             *(spiral_table(summary, each) for each in summary["conditions"]),
             arm_table(summary),
+            reach_table(summary),
         ),
         checks=checks(summary),
         pictures=pictures(ran, summary),
@@ -54,6 +62,11 @@ def summarize(ran: LimitsRuns) -> dict[str, Any]:
     for case in ran.spirals:
         if case.strategy == UNLIMITED:
             of_condition[case.condition] = case
+    spirals = [
+        spiral_entry(testbed, case, run, ran.spirals[of_condition[case.condition]])
+        for case, run in ran.spirals.items()
+    ]
+    moved = [arm_entry(strategy, run) for strategy, run in ran.arm.items()]
     return {
         "experiment": "limits",
         "seed": ran.seed,
@@ -71,19 +84,22 @@ def summarize(ran: LimitsRuns) -> dict[str, Any]:
             "heave_um": 1e6 * runs.HEAVE_M,
         },
         "conditions": [
-            condition_entry(testbed, case, ran.spirals[case]) for case in of_condition.values()
+            condition_entry(testbed, case, ran.spirals[case], spirals)
+            for case in of_condition.values()
         ],
-        "spirals": [
-            spiral_entry(testbed, case, run, ran.spirals[of_condition[case.condition]])
-            for case, run in ran.spirals.items()
-        ],
+        "spirals": spirals,
+        "out_of_reach": {
+            "demands": COUNT * len(of_condition),
+            "strategies": excesses(testbed, ran.spirals, ran.seed),
+        },
         "arm": {
             "range_rad": arm.RANGE_RAD,
             "rate_rad_per_s": arm.RATE_RAD_PER_S,
             "acceleration_rad_per_s2": arm.ACCELERATION_RAD_PER_S2,
             "locked_joint": arm.LOCKED + 1,
             "duration_s": len(next(iter(ran.arm.values())).time_s) * arm.PERIOD_S,
-            "runs": [arm_entry(strategy.name, run) for strategy, run in ran.arm.items()],
+            "runs": moved,
+            "tuned": tuned(moved, "rms_mrad"),
         },
         "data": ["spirals.npz", "arm.npz"],
     }
@@ -93,12 +109,11 @@ def checks(summary: dict[str, Any]) -> list[Check]:
     """Checks: limits, priority, recovery, stability, closure."""
     found, ran = [], {spiral["name"]: spiral for spiral in summary["spirals"]}
     moved = {run["strategy"]: run for run in summary["arm"]["runs"]}
-    over_clipping = "RMS error of strict priority over that of clipping"
+    over_clipping = "RMS error of strict priority over that of clipping, tuned"
     for condition in summary["conditions"]:
         where = condition["name"]
         strict, winding_up = ran[f"{where}_strict"], ran[f"{where}_strict_winding_up"]
-        names = f"{where}_clipping", f"{where}_clipping_winding_up"
-        clipping = min(ran[name]["rms_urad"] for name in names if name in ran)
+        clipping = ran[f"{where}_{condition['tuned']['clipping']['strategy']}"]["rms_urad"]
         windup = strict["rms_urad"] / winding_up["rms_urad"]
         recovered = "time from an attainable target to recovered pointing, strict priority [s]"
         margin = "margin of the circle criterion below zero"
@@ -114,7 +129,7 @@ def checks(summary: dict[str, Any]) -> list[Check]:
             continue
         beyond = spiral["beyond_limit_um"]
         found.append(Check("command beyond its limit [um]", name, beyond, CONVERTER_STEP_UM))
-        if spiral["strategy"] in ("strict", "scaled", "clipping"):
+        if spiral["strategy"] in ("strict", "scaled", "clipping", "redistributed"):
             what, rest = "pointing error at rest afterwards [urad]", spiral["rest_peak_urad"]
             found.append(Check(what, name, rest, REST_LIMIT_URAD))
     strict = moved["strict"]
@@ -123,58 +138,13 @@ def checks(summary: dict[str, Any]) -> list[Check]:
         Check(over_clipping, "arm", ratio, 1.0),
         Check("peak error of strict priority [mrad]", "arm", peak, ARM_LIMIT_MRAD),
     ]
+    excess = {run["strategy"]: run for run in summary["out_of_reach"]["strategies"]}["strict"]
+    what = "error of strict priority above the least possible [%]"
+    most = excess["excess_largest_percent"]
+    found.append(Check(what, "demands out of reach", most, EXCESS_LIMIT_PERCENT))
     what = "joint beyond its limit [rad]"
     return found + [
         Check(what, f"arm, {name}", run["beyond_limit_rad"], 1e-9)
         for name, run in moved.items()
         if name != UNLIMITED.name
     ]
-
-
-def spiral_table(summary: dict[str, Any], condition: dict[str, Any]) -> Table:
-    """One row for each spiral of a condition."""
-    columns = (
-        Column("strategy", lambda run: label(run["strategy"])),
-        Column("RMS", "rms_urad", ".0f"),
-        Column("peak", "peak_urad", ".0f"),
-        Column("attainable", "attainable_rms_urad", ".0f"),
-        Column("at limit", "at_limit_s", ".2f"),
-        Column("recovery", "recovery_s", ".2f"),
-        Column("struts", "secondary_rms_um", ".0f"),
-    )
-    failure = "strut 1 stuck" if condition["stuck"] else "no failure"
-    raised = "payload to be raised" if condition["heave"] else "no secondary reference"
-    return tabulate(
-        f"Hexapod, {failure}, {raised}: error, urad; times, s; struts, um",
-        columns,
-        [run for run in summary["spirals"] if run["condition"] == condition["name"]],
-        "RMS, peak: of the distance between desired and true pointing. attainable: RMS while the "
-        f"target is attainable; for {condition['not_attainable_s']:.2f} s it is not, which costs "
-        f"an RMS of {condition['least_rms_urad']:.0f} urad at least. at limit: time for which some "
-        "strut is at its limit. recovery: longest time for which an attainable target is missed by "
-        f"{1e6 * RECOVERED_RAD:.0f} urad more than without limits. struts: RMS distance of the "
-        "struts from the secondary goal.",
-    )
-
-
-def arm_table(summary: dict[str, Any]) -> Table:
-    """One row for each motion of the arm."""
-    columns = (
-        Column("strategy", lambda run: label(run["strategy"])),
-        Column("RMS", "rms_mrad", ".2f"),
-        Column("peak", "peak_mrad", ".2f"),
-        Column("at limit", "at_limit_s", ".1f"),
-    )
-    return tabulate(
-        "Arm: angle between desired and true line of sight, mrad; time at a joint limit, s",
-        columns,
-        summary["arm"]["runs"],
-        f"Joints within {summary['arm']['range_rad']:g} rad, at most "
-        f"{summary['arm']['acceleration_rad_per_s2']:g} rad/s^2; "
-        f"joint {summary['arm']['locked_joint']} locks halfway.",
-    )
-
-
-def label(name: str) -> str:
-    """A name of the JSON for a reader."""
-    return name.replace("unlimited", "without limits").replace("_", " ")

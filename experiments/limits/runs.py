@@ -11,12 +11,12 @@ import numpy as np
 from experiments.limits.allocation import (
     UNLIMITED,
     AllocatedMapping,
-    Limits,
     Strategy,
     arm_strategies,
     loop_strategies,
 )
 from experiments.limits.arm import ArmRun, Motion, move
+from experiments.limits.conventional import Limits
 from experiments.rig.hexapod.columns import MAJOR
 from experiments.rig.hexapod.controller import StrutMapping, nominal_loops
 from experiments.rig.hexapod.simulation import Trajectory, track_path
@@ -144,6 +144,7 @@ def track(testbed: Testbed, case: Case) -> Trajectory:
         testbed.amplifier(),
         testbed.bench.handover_s,
         anti_windup=strategy.anti_windup,
+        tracking_slowness=strategy.slowness,
     )
     start_m = np.zeros(struts)
     for strut, stands_m in case.locked_at.items():

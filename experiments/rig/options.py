@@ -166,7 +166,7 @@ PATH = (
         float | None,
         _USUAL.size,
         "Radius of the path, [rad] or [m].  [default: 1 mrad, or a thousandth of the model's "
-        "extent]",
+        "extent; the hexapod's 0.1 mrad]",
         "R",
     ),
     Option("turn", float, 4.0, "Time of one turn of a circle or spiral, in seconds.", "S"),

@@ -7,7 +7,7 @@ Where limits hold the demand u back, u_a is achieved. The compensators observe w
 This is back-calculation (Astrom and Hagglund, Advanced PID Control, 2006, section 3.5) in its
 observer form. L is the gain of the stationary Kalman filter of x that measures u_a, error and
 measurement being equally uncertain. A - L C is then stable for every compensator, an integrator
-loses its excess in about the inverse of its own gain, and nothing is left to tune. If u_a were
+loses its excess in about the inverse of its own gain, and nothing has to be tuned. If u_a were
 taken as exact, this would be Hanus' conditioning, whose poles are the zeros of the compensator. A
 roll-off that is sampled by Tustin's rule has its zeros at -1: its states would oscillate undamped.
 """
@@ -23,12 +23,16 @@ from ftc.control.compensator import Channel
 from ftc.control.frequency_response import SampledSystem, frequency_response
 
 
-def tracking_gain(channel: Channel) -> Array:
-    """Gain L of one compensator, shape (order,); empty for a compensator without states."""
+def tracking_gain(channel: Channel, slowness: float = 1.0) -> Array:
+    """Gain L of one compensator, shape (order,); empty for a compensator without states.
+
+    `slowness` multiplies the tracking time, in which an integrator of gain K loses its excess, 1/K:
+    what is achieved counts as that many times more uncertain than the error.
+    """
     A, B, C, D = (np.asarray(part) for part in (channel.A, channel.B, channel.C, channel.D))
     if not len(A):
         return np.zeros(0)
-    noise, both = D @ D.T + 1.0, B @ D.T
+    noise, both = D @ D.T + slowness**2, B @ D.T
     P = scipy.linalg.solve_discrete_are(A.T, C.T, B @ B.T, noise, s=both)
     return ((A @ P @ C.T + both) / (C @ P @ C.T + noise))[:, 0]
 

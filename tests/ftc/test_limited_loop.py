@@ -132,11 +132,18 @@ def test_without_limits_anti_windup_changes_no_bit():
     np.testing.assert_array_equal(plain, held)
 
 
-def test_the_observer_of_an_integrator_is_the_scalar_kalman_filter():
-    """The Riccati equation is c^2 P^2 = b^2 (c^2 P + 1), and L = c P / (c^2 P + 1)."""
-    b, c = PERIOD_S, 5.0
-    P = (b**2 * c**2 + np.sqrt((b * c) ** 4 + 4 * (b * c) ** 2)) / (2 * c**2)
-    assert tracking_gain(INTEGRATOR)[0] == pytest.approx(c * P / (c**2 * P + 1))
+@pytest.mark.parametrize("slowness", [1.0, 7.0])
+def test_the_observer_of_an_integrator_is_the_scalar_kalman_filter(slowness):
+    """The Riccati equation is c^2 P^2 = b^2 (c^2 P + r), and L = c P / (c^2 P + r), r = slowness^2.
+
+    The excess then decays in about slowness / K, to first order in the period.
+    """
+    b, c, r = PERIOD_S, 5.0, slowness**2
+    P = (b**2 * c**2 + np.sqrt((b * c) ** 4 + 4 * r * (b * c) ** 2)) / (2 * c**2)
+    gain = tracking_gain(INTEGRATOR, slowness)[0]
+    assert gain == pytest.approx(c * P / (c**2 * P + r))
+    decay_s = -PERIOD_S / np.log(1 - c * gain)
+    assert decay_s == pytest.approx(slowness / c, rel=0.01)
     proportional = control.ss([], [], [], [[3.0]], PERIOD_S)
     assert tracking_gain(proportional).shape == (0,)
 

@@ -1,6 +1,7 @@
 """The rooms, one direction, and the floors of `experiments`: who may import whom."""
 
 import ast
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -14,6 +15,7 @@ ALLOWED = {
     "sim": {"numpy", "scipy", "numba", "mujoco", "argument_checks"},
     "ftc": {"numpy", "scipy", "numba", "control", "prioritized", "argument_checks"},
 }
+"""As in the table of CONTRIBUTING.md, which a test compares."""
 FLOORS = {"study": 0, "rig": 1, "recording": 2, "app": 4}
 """Of `experiments`, from below; whatever else is there is a study or their registry, `studies`."""
 STUDY = 3
@@ -41,6 +43,13 @@ def imported_by(room: str) -> set[str]:
 @pytest.mark.parametrize("room", ALLOWED)
 def test_a_room_imports_only_what_it_may(room):
     assert imported_by(room) <= ALLOWED[room]
+
+
+@pytest.mark.parametrize("room", ALLOWED)
+def test_the_page_for_contributors_says_what_a_room_may_import(room):
+    page = (ROOT / "CONTRIBUTING.md").read_text()
+    row = next(line for line in page.splitlines() if line.startswith(f"| `{room}/` |"))
+    assert set(re.findall(r"[\w]+", row.split("|")[3])) == ALLOWED[room]
 
 
 ORDER = {

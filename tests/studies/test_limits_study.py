@@ -6,11 +6,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
 
 from experiments.limits.allocation import Strategy, allocated, arm_strategies, loop_strategies
 from experiments.limits.arm import RANGE_RAD, Motion, line_of_sight, move
-from experiments.limits.measures import longest, room
+from experiments.limits.conventional import Redistributed
+from experiments.limits.measures import longest, room, tuned
+from experiments.limits.out_of_reach import excesses
 from experiments.limits.results import checks
 from experiments.limits.runs import BENCH, HEAVE_M, Case, limits_of
 from experiments.rig.hexapod.controller import StrutMapping, nominal_loops
@@ -19,9 +23,10 @@ from experiments.rig.hexapod.simulation import track_path
 from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
 from ftc.controller import PrioritizedController
 from ftc.goal import Goal
-from prioritized import ConstrainedSystem
+from prioritized import ConstrainedSystem, velocity_mapping
 from sim import Failure, displacement_limits, hexapod
 from tests.printed import assert_printable
+from tests.profiles import examples
 
 ROOT = Path(__file__).parents[2]
 
@@ -46,7 +51,7 @@ def test_the_longest_run_of_truth():
     assert longest(np.zeros(4, dtype=bool)) == 0
 
 
-@pytest.mark.parametrize("name", ["strict", "scaled", "clipping", "weighted"])
+@pytest.mark.parametrize("name", ["strict", "scaled", "clipping", "redistributed", "weighted"])
 def test_every_strategy_is_the_mapping_where_nothing_is_at_a_limit(name):
     """And obeys the limits where they are narrow; the weighted problem within its weight."""
     rng = np.random.default_rng(1)
@@ -60,6 +65,53 @@ def test_every_strategy_is_the_mapping_where_nothing_is_at_a_limit(name):
         if half == 10.0:
             expected = kinematics.velocity_mapping([0, 1], joint_weight=np.ones(5))(v)
             np.testing.assert_allclose(found.rates, expected, atol=1e-6)
+
+
+@examples(40)
+@given(st.integers(0, 2**32 - 1))
+def test_what_saturated_actuators_lack_the_others_make_up_for(seed):
+    """At the result, the rates that move are the pseudo-inverse's for what the others leave.
+
+    So that a task within reach is met where enough of them still move; and none is beyond a limit.
+    """
+    rng = np.random.default_rng(seed)
+    J_m, v, desired = rng.normal(size=(2, 6)), rng.normal(size=2), rng.normal(size=6)
+    half = rng.uniform(0.1, 1.0, 6)
+    rates = Redistributed(J_m, (-half, half)).solve(v, desired).rates
+    assert (np.abs(rates) <= half).all()
+    moving = np.abs(rates) < half
+    if moving.sum() >= len(v):
+        left = v - J_m[:, ~moving] @ rates[~moving] - J_m[:, moving] @ desired[moving]
+        expected = desired[moving] + np.linalg.pinv(J_m[:, moving]) @ left
+        np.testing.assert_allclose(rates[moving], expected, atol=1e-9)
+
+
+def test_the_redistributed_pseudo_inverse_is_not_the_least_error_that_limits_allow():
+    """Rates (-1.5, 2) are both fixed at (-1, 1), error (0.5, 1); that of (-0.5, 1) is (0, 1)."""
+    J_m, v = np.array([[1.0, 1.0], [0.0, 1.0]]), np.array([0.5, 2.0])
+    limits = -np.ones(2), np.ones(2)
+    np.testing.assert_allclose(Redistributed(J_m, limits).solve(v).rates, [-1, 1])
+    strict = velocity_mapping(J_m, [0, 1], rate_limits=limits)
+    np.testing.assert_allclose(strict(v), [-0.5, 1])
+
+
+@pytest.mark.long
+def test_out_of_reach_strict_priority_misses_by_the_least_and_the_others_by_more(model):
+    """The oracle is the distance from the outline of what is attainable."""
+    testbed = Testbed(model, BENCH, loops=())  # pyright: ignore[reportArgumentType]
+    strategies = Strategy("strict"), Strategy("redistributed"), Strategy("clipping")
+    cases = [Case(True, True, each, 0, 1.0, 1.0) for each in strategies]
+    most = {one["strategy"]: one["excess_largest_percent"] for one in excesses(testbed, cases, 0)}
+    assert most["strict"] < 1e-9
+    assert most["redistributed"] > 1
+    assert most["clipping"] > 10
+
+
+def test_each_kind_is_tuned_by_its_least_error_and_compared_with_strict_priority():
+    rms = {"strict": 2.0, "strict_winding_up": 1.0, "weighted_1": 5.0, "weighted_3": 3.0}
+    runs = [{"strategy": k, "allocation": k.split("_")[0], "rms": v} for k, v in rms.items()]
+    expected = {"weighted": {"strategy": "weighted_3", "rms_over_strict": 1.5}}
+    assert tuned(runs, "rms") == expected
 
 
 def test_hot_coils_are_limited_by_current_and_the_others_by_their_stroke(model):
@@ -153,7 +205,7 @@ def test_where_the_target_is_attainable_strict_priority_points_as_without_limits
 @pytest.mark.parametrize(
     ("place", "key", "value", "said"),
     [
-        (0, "rms_urad", 1e4, "RMS error of strict priority over that of clipping"),
+        (0, "rms_urad", 1e4, "RMS error of strict priority over that of clipping, tuned"),
         (1, "rms_urad", 1.0, "RMS error with anti-windup over that without"),
         (0, "recovery_s", 0.6, "time from an attainable target to recovered pointing"),
         (0, "beyond_limit_um", 0.03, "command beyond its limit [um]"),
@@ -185,6 +237,9 @@ def test_each_check_of_the_arm_fails_on_spoilt_numbers(limits, strategy, key, va
     spoilt = copy.deepcopy(limits)
     spoilt["conditions"][0]["circle_margin"] = -0.1
     assert any("circle criterion" in sentence for sentence in failed(spoilt))
+    spoilt = copy.deepcopy(limits)
+    spoilt["out_of_reach"]["strategies"][0]["excess_largest_percent"] = 1e-3
+    assert any("above the least possible" in sentence for sentence in failed(spoilt))
 
 
 def test_every_test_and_file_that_the_page_speaks_of_exists():
