@@ -108,6 +108,9 @@ pictures: venv
 	$(BIN)/fjh animate $(RUNS)/lock/without_diagnosis/track.npz \
 	    $(RUNS)/lock/with_diagnosis/track.npz --model models/arm.xml \
 	    --out docs/pictures/animation.gif
+	for name in own_arm hexapod_lock force limits hierarchy multirotor; do \
+	  (cd $(RUNS) && $(CURDIR)/$(BIN)/python $(CURDIR)/examples/$$name.py) || exit 1; \
+	  mv $(RUNS)/$$name.png docs/pictures/example_$$name.png; done
 
 clean:
 	rm -rf .venv results build dist *.egg-info

@@ -15,6 +15,7 @@ extensions = [
     "sphinx.ext.autosectionlabel",
     "sphinx.ext.mathjax",
     "sphinx.ext.napoleon",
+    "sphinx_gallery.gen_gallery",
     "sphinx-mathjax-offline",  # equations are typeset without network, too
     "docstrings",
     "theory_links",
@@ -35,6 +36,18 @@ nitpick_ignore_regex = [
 myst_enable_extensions = ["dollarmath"]
 myst_fence_as_directive = ["math"]
 myst_heading_anchors = 3
+
+# The examples are run, and shown with what they print and draw; each is also a notebook there.
+sphinx_gallery_conf = {
+    "examples_dirs": "../examples",
+    "gallery_dirs": "gallery",
+    "filename_pattern": "/",
+    "within_subsection_order": "FileNameSortKey",
+    "download_all_examples": False,
+    "write_computation_times": False,
+    "min_reported_time": 3600,
+    "abort_on_example_error": True,
+}
 
 autosectionlabel_prefix_document = True
 autosectionlabel_maxdepth = 2
