@@ -134,7 +134,7 @@ def test_a_hexarotor_is_controllable_where_small_torques_of_each_sign_are_possib
 @pytest.mark.long
 def test_the_lock_of_the_arm_is_found_and_costs_a_tenth_of_what_it_costs_unnoticed(tmp_path):
     lines = printed("own_arm", tmp_path)
-    assert 1.5 < numbers(lines, r"motor4 was named locked at ([\d.]+) s")[0] < 2.0
+    assert 0.8 < numbers(lines, r"motor4 was named locked at ([\d.]+) s")[0] < 1.3
     unaware, supervised = numbers(lines, r"RMS error ([\d.]+) mrad")
     assert supervised < 0.1 * unaware
 
