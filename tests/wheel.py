@@ -3,8 +3,8 @@
     python tests/wheel.py             a wheel of this checkout
     python tests/wheel.py FILE.whl    this one
 
-Every command runs in a folder outside the checkout. The README's Python blocks run in order, in one
-process; `yours.xml` is the serial arm. Needs a package index: pytest leaves this file out.
+Every command runs in a folder outside the checkout, the README's Python too. Needs a package index:
+pytest leaves this file out.
 """
 
 import os
@@ -100,13 +100,10 @@ def extra_of(sentence: str) -> str:
     return re.findall(r'pip install "(.*?)"', lines[0])[0]
 
 
-def readme(folder: Path) -> str:
-    """All Python of README.md; files of the reader's own that it loads are put into the folder."""
+def readme() -> str:
+    """All Python of README.md."""
     text = (ROOT / "README.md").read_text(encoding="utf-8")
-    code = "\n".join(re.findall(r"^```python\n(.*?)^```$", text, re.DOTALL | re.MULTILINE))
-    for name in re.findall(r'"([\w-]+\.xml)"', code):
-        shutil.copy(ROOT / "models" / "arm.xml", folder / name)
-    return code
+    return "\n".join(re.findall(r"^```python\n(.*?)^```$", text, re.DOTALL | re.MULTILINE))
 
 
 def main() -> None:
@@ -132,7 +129,7 @@ def main() -> None:
         user("fjh", "table1", "--quick", "--quiet", "--out", "table1")
         assert (user.folder / "table1" / "table1.json").is_file()
         assert extra_of(user("fjh", "bench", "--quick", code=2)).endswith("[bench]")
-        print(user("python", "-c", readme(user.folder)), end="")
+        print(user("python", "-c", readme()), end="")
         (user.folder / "typed.py").write_text(TYPED)
         complaints = user("python", "-m", "mypy", "typed.py", code=1)
         found = re.findall(r"^typed\.py:(\d+): error: .*\[(.*)\]$", complaints, re.MULTILINE)

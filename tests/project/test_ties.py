@@ -93,7 +93,6 @@ CHOOSES_OTHERWISE = {
     "argument_checks/ties.py": "the rule itself",
     "experiments/app/review.py": "places in a text",
     "experiments/figures/figure.py": "the first that is true",
-    "experiments/goals/figure.py": "weights that the study chose",
     "experiments/recording/animation.py": "times that a user gave",
     "experiments/recording/drawing.py": "what is painted over what",
     "experiments/recording/keep.py": "times that differ",

@@ -1,5 +1,6 @@
 """Names are refused by the file alone, as the compiled model would."""
 
+from dataclasses import replace
 from typing import get_args
 
 import mujoco
@@ -53,4 +54,4 @@ def test_frames_that_the_compiled_model_has_are_let_pass(tmp_path, site):
     check_names(file, RobotOptions(site=site))
     for wrong in ({"site": "tol"}, {"axes": "tol"}, {"keyframe": "home"}, {"pinned": "tol:point"}):
         with pytest.raises(WrongInput, match=r"tol.*did you mean \"tool\"|keyframe.*has none"):
-            check_names(file, RobotOptions(**{"site": site} | wrong))
+            check_names(file, replace(RobotOptions(site=site), **wrong))

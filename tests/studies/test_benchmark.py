@@ -701,7 +701,7 @@ def test_without_the_extra_one_sentence_says_what_to_install(
 @pytest.mark.parametrize(
     ("content", "reason"),
     [
-        (None, "No such file"),
+        (None, "there is no file"),
         ("no JSON", "not written by"),
         ('{"experiment": "table1"}', "not written by"),
         ('{"experiment": "bench", "median_s": {}}', "not written by"),
@@ -718,7 +718,7 @@ def test_a_file_that_is_no_saved_bench_is_refused(capsys, tmp_path, untimed, con
     out = str(tmp_path / "out")
     assert main(["bench", "--quick", "--compare", str(file), "--out", out]) == 2
     err = capsys.readouterr().err
-    assert f"--compare {file}" in err
+    assert str(file) in err
     assert reason in err
     assert main(["bench", "--quick", "--save", str(tmp_path / "b.txt"), "--out", out]) == 2
     assert "--save" in capsys.readouterr().err

@@ -23,7 +23,7 @@ def tracked(displacement: np.ndarray) -> Any:
     run = SimpleNamespace(time_s=time_s, desired=desired, displacement=displacement)
     run.true = desired - [3e-6, 4e-5]
     rig = SimpleNamespace(model=mujoco.MjModel.from_xml_string(MJCF), major=(0, 4))
-    rig.actuators, rig.aliases = ("motor", "screw"), (("turn",), ("lift",))
+    rig.actuators, rig.units = ("motor", "screw"), ("rad", "m")
     failures = [SimpleNamespace(number=0, time_s=1.0)]
     return SimpleNamespace(rig=rig, run=run, failures=failures, other=None)
 
