@@ -3,6 +3,7 @@
 import copy
 import gc
 import json
+import re
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -40,6 +41,7 @@ from experiments.rig.hexapod.simulation import SpiralRun, track_spiral
 from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
 from experiments.study.results import Results, publish
 from experiments.study.study import Unsound
+from tests.pages import assert_says
 
 # Bound and goal as they were asked for.
 ASKED = {
@@ -730,25 +732,29 @@ def test_a_file_that_is_no_saved_bench_is_refused(capsys, tmp_path, untimed, con
 PAGE = (Path(__file__).parents[2] / "docs" / "performance.md").read_text()
 
 
-def rows(text: str) -> dict[str, list[str]]:
-    """Cells of each table row by its label."""
-    lines = [line.strip("|").split("|") for line in text.splitlines() if line.startswith("|")]
-    found = {label.strip(): [cell.strip() for cell in cells] for label, *cells in lines}
-    return {label: cells for label, cells in found.items() if label.strip("-")}
+def ratios_of_the_page() -> dict[str, list[str]]:
+    """Cells of each row of its first table by the ratio in words: value, range, bound, limit."""
+    table = PAGE.partition("## Ratios\n")[2].partition("\n## ")[0]
+    lines = [line.strip("|").split("|") for line in table.splitlines() if line.startswith("|")]
+    return {label.strip(): [cell.strip() for cell in cells] for label, *cells in lines[2:]}
 
 
-def test_the_page_has_every_row_that_comes_out_and_the_bounds(bench_folder):
-    begin, end = (f"<!-- results/bench/bench.md {word} -->\n" for word in ("begins", "ends"))
-    pasted = rows(PAGE.partition(begin)[2].partition(end)[0])
-    assert set(rows((bench_folder / "bench.md").read_text())) == set(pasted)
-    for name, limits in ASKED.items():
-        printed = ["" if limit is None else f"{limit:g}" for limit in limits]
-        assert pasted[name][2:4] == printed
-    assert "of the spiral only" not in PAGE  # a --quick run is not what the page is made of
-
-
-def test_the_page_says_what_ci_fails_on():
-    checked = rows(PAGE.partition("## What CI fails on")[2])
+def test_the_page_has_every_ratio_its_bound_and_what_ci_fails_on():
+    printed = ratios_of_the_page()
+    assert set(printed) == set(IN_WORDS.values())
     for ratio in RATIOS:
-        if ratio.check_bound is not None:
-            assert checked[f"`{ratio.name}`"][0] == f"{ratio.check_bound:g}"
+        limits = (ratio.bound, ratio.check_bound)
+        expected = ["" if limit is None else f"{limit:g}" for limit in limits]
+        assert printed[IN_WORDS[ratio.name]][2:] == expected
+
+
+def test_the_page_counts_the_bounds_that_its_ratios_meet():
+    bounded = [cells for cells in ratios_of_the_page().values() if cells[2]]
+    met = sum(float(value) < float(bound) for value, _, bound, _ in bounded)
+    assert_says(PAGE, f"{met} of {len(bounded)} are met.")
+
+
+def test_every_test_that_the_page_speaks_of_exists():
+    tests = "".join(file.read_text() for file in Path(__file__).parents[1].rglob("test_*.py"))
+    named = re.findall(r"`(test_\w+)`", PAGE)
+    assert named and [name for name in named if f"def {name}(" not in tests] == []
