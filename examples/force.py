@@ -7,6 +7,7 @@ loses its force. Which forces, in each direction, do the others hold without tur
 
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.patches import Circle
 
 import fjh
 
@@ -29,7 +30,7 @@ plt.style.use("seaborn-v0_8-whitegrid")
 figure, axes = plt.subplots(figsize=(6.4, 4.0), layout="constrained")
 for (name, force), color in zip(held.items(), ["tab:gray", "tab:blue"], strict=True):
     axes.fill(*force.T, color=color, alpha=0.35, label=name)
-    axes.add_patch(plt.Circle((0, 0), least[name], fill=False, color=color, linestyle="--"))
+    axes.add_patch(Circle((0, 0), least[name], fill=False, color=color, linestyle="--"))
 axes.set(xlabel="force along x [N]", ylabel="force along y [N]", aspect="equal")
 axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
 few, many = least["leg 1 without force"], least["all four legs"]

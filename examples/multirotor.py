@@ -13,19 +13,19 @@ import fjh
 
 WEIGHT, MOST, ARM, DRAG = 15.0, 6.0, 0.275, 0.1  # [N], [N], [m], drag torque per thrust [m]
 place, angle = np.deg2rad(60 * np.arange(6)), np.deg2rad(np.arange(0, 361, 3))
-ring = np.column_stack([0 * angle, np.cos(angle), 0 * angle, np.sin(angle)])  # roll, yaw [N m]
-rows, torques, controllable = [0, 1, 2, 3], {}, {}  # lift [N]; roll, pitch, yaw [N m]
+ring = 10 * np.column_stack([0 * angle, np.cos(angle), 0 * angle, np.sin(angle)])  # [N m]
+rows, torques, verdict = [0, 1, 2, 3], {}, {}  # lift [N]; roll, pitch, yaw [N m]
 for name, turns in {"PNPNPN": (1, -1, 1, -1, 1, -1), "PPNNPN": (1, 1, -1, -1, 1, -1)}.items():
     B = [np.ones(6), ARM * np.sin(place), -ARM * np.cos(place), DRAG * np.array(turns)]
     for lost in ([], [0]):
         kin = fjh.ConstrainedSystem(B, None, range(6)).with_failures(locked=lost).kinematics()
         hover = kin.velocity_mapping(rows, rate_limits=(0.0, MOST))([WEIGHT, 0, 0, 0])
-        room = {"rate_limits": (-hover, MOST - hover)}  # of the thrusts about hover
-        reach = kin.velocity_mapping(rows, **room, when_limited="scaled").solve(10 * ring).scale
-        torques[name, len(lost)] = 10 * reach[:, None] * ring[:, [1, 3]]
-        controllable[name] = "can" if kin.attainable(rows, **room).radius > 0 else "cannot"
-        print(f"{name}, {len(lost)} of 6 rotors lost: {controllable[name]} be controlled,", end=" ")
-        print(f"{10 * reach.min():.2f} N m of roll and yaw")
+        room = -hover, MOST - hover  # of the thrusts about hover
+        part = kin.velocity_mapping(rows, rate_limits=room, when_limited="scaled").solve(ring).scale
+        torques[name, len(lost)] = part[:, None] * ring[:, [1, 3]]
+        verdict[name] = "can" if kin.attainable(rows, rate_limits=room).radius > 0 else "cannot"
+        print(f"{name}, {len(lost)} of 6 rotors lost: {verdict[name]} be controlled,", end=" ")
+        print(f"{10 * part.min():.2f} N m of roll and yaw")
 
 plt.style.use("seaborn-v0_8-whitegrid")
 figure, panels = plt.subplots(1, 2, figsize=(6.4, 3.4), layout="constrained", sharey=True)
@@ -35,6 +35,6 @@ for ((name, lost), points), k in zip(torques.items(), [0, 0, 1, 1], strict=True)
     panels[k].plot(0, 0, "k+", markersize=10)  # hover
 panels[0].set(ylabel="yaw torque [N m]")
 panels[1].legend(["six rotors", "hover", "rotor 1 lost"], frameon=True, loc="lower right")
-said = ", ".join(f"{name} {word}" for name, word in controllable.items())
+said = ", ".join(f"{name} {word}" for name, word in verdict.items())
 figure.suptitle(f"A rotor is lost: {said} be controlled at hover")
 plt.savefig("multirotor.png")

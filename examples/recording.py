@@ -1,8 +1,8 @@
 """Recording: how do I keep a flight and look at it?
 =================================================
 
-All signals go into an .npz file, and the motion into a recording in which the viewer Rerun moves
-the arm (`rerun recording.rrd`). The same functions draw it on paper, with the path of its beam.
+One call writes two files: an .npz with all signals of every tick, and a recording in which the
+viewer Rerun moves the arm beside its signals (`rerun recording.rrd`), its failed motor marked.
 """
 
 from pathlib import Path
@@ -11,30 +11,27 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import fjh
-from fjh.experiments.recording.drawing import View, draw_machine, machine
-from fjh.experiments.recording.file import RecordingInfo
-from fjh.experiments.recording.mechanism import Driven, motion_of, write_mechanism
-from fjh.experiments.recording.views import Plot
 
-rig = fjh.Rig.of_mjcf(fjh.MODELS / "arm.xml", axes="base", major=[0, 1], size=0.1)
-run = rig.fly(rig.controller(), rig.path("circle", duration_s=2.5, turn_s=2.0))
-error = 1e3 * (run.desired - run.true)
-plot = Plot("error", "Desired - true", ["about x [mrad]", "about y [mrad]"], run.time_s, error)
-notes = RecordingInfo("arm-seed0", "arm", "# A circle of the arm's beam", {"seed": 0})
-flight = Driven(run.time_s, run.qpos, [plot], nominal=run.qpos[0])
-np.savez("recording.npz", **run.arrays)
-write_mechanism(Path("recording.rrd"), notes, rig.model, {"arm": flight})
+task = {"axes": "base", "major": [0, 1], "size": 0.1}  # [rad]
+rig = fjh.Rig.of_mjcf(fjh.MODELS / "arm.xml", **task)
+lock = fjh.Failure("motor2", "locked", 1.0)
+run = rig.fly(rig.controller(), rig.path("circle", duration_s=2.5, turn_s=2.0), failures=[lock])
+fjh.record("recording.rrd", rig, run)
 for name in ("recording.npz", "recording.rrd"):
     print(f"{name}: {Path(name).stat().st_size / 1e3:.0f} kB, {len(run.time_s)} ticks of 1 ms")
-motion, solids, view = motion_of(rig.model, run.qpos), machine(rig.model), View(-60.0, 20.0)
-camera = rig.model.body("camera").id
-beam_m = motion.position_m[:, camera] + motion.rotation[:, camera] @ [0, 0, 0.9]
-plt.style.use(["default", "seaborn-v0_8-white"])
-figure, axes = plt.subplots(figsize=(6.4, 3.6), layout="constrained")
-draw_machine(axes, solids, solids.placed(motion, 0), view)
-axes.plot(*view.on_paper(beam_m).T, color="tab:blue", zorder=3, label="path of the beam's end")
-axes.set(aspect="equal", xticks=[], yticks=[])
-axes.legend(loc="lower right", frameon=True)
-rms = np.sqrt((error**2).sum(axis=1).mean())
-figure.suptitle(f"A recorded flight, drawn again: the camera is off by {rms:.2f} mrad RMS")
+
+with np.load("recording.npz") as kept:
+    time_s, moved, error = kept["time_s"], kept["displacement"], kept["desired"] - kept["true"]
+plt.style.use("seaborn-v0_8-whitegrid")
+figure, (above, below) = plt.subplots(2, figsize=(6.4, 3.8), layout="constrained", sharex=True)
+above.plot(time_s, moved, color="tab:gray", linewidth=1)
+above.plot(time_s, moved[:, rig.number("motor2")], color="tab:red", label="motor2")
+above.set(ylabel="joints [rad]")
+above.legend(frameon=True, loc="upper left")
+below.plot(time_s, 1e3 * np.linalg.norm(error, axis=1), color="tab:blue")
+below.set(xlabel="time [s]", ylabel="error [mrad]", ylim=(0, None))
+for axes in (above, below):
+    axes.axvline(lock.time_s, color="black", linestyle=":")
+most = 1e3 * np.linalg.norm(error, axis=1).max()
+figure.suptitle(f"A flight read back: motor2 stops at 1 s, the camera is off by {most:.0f} mrad")
 plt.savefig("recording.png")

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     import prioritized as prioritized
     import sim as sim
     from argument_checks import __version__ as __version__
+    from experiments.recording.flight import record as record
     from experiments.rig import Mismatch as Mismatch
     from experiments.rig import Prediction as Prediction
     from experiments.rig import Rig as Rig
@@ -42,6 +43,7 @@ if TYPE_CHECKING:
 
 _NAMES = {
     "fjh.argument_checks": ("__version__",),
+    "fjh.experiments.recording.flight": ("record",),
     "fjh.experiments.rig": ("Mismatch", "Prediction", "Rig", "Run"),
     "fjh.ftc": ("PrioritizedController", "Supervisor"),
     "fjh.prioritized": (

@@ -15,7 +15,7 @@ from experiments.recording.hexapod import hexapod_motion
 from experiments.recording.mechanism import Motion, motion_of
 from experiments.recording.solids import Solid, solid_of
 from experiments.rig.bodies import body_name
-from experiments.study.plotting import BLACK, SKY
+from experiments.study.palette import BLACK, SKY
 from sim import NOMINAL, Array, Pose, element_id
 
 COLORS = {"base": "0.85", "payload": "0.7", "strut": SKY, "flexure": "0.4"}

@@ -17,7 +17,7 @@ from matplotlib.colors import to_rgb
 from rerun.chunk import RrdReader
 
 from experiments.recording import Array
-from experiments.study.plotting import LINES
+from experiments.study.palette import LINES
 
 TIMELINE = "sim_time"
 _ROUND = (1, 2, 5, 10)

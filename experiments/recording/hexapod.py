@@ -13,7 +13,7 @@ from experiments.recording.file import rgb, time_column
 from experiments.recording.marks import Mark, log_mark
 from experiments.recording.mechanism import Motion, body_entity, log_body_colors, log_machine
 from experiments.rig.hexapod.simulation import Trajectory
-from experiments.study.plotting import VERMILION, YELLOW
+from experiments.study.palette import VERMILION, YELLOW
 from sim import Array, Pose
 
 _WHITE, _GREY, _LABEL, _YELLOW = [255] * 3, [190] * 3, [240] * 3, rgb(YELLOW)

@@ -25,7 +25,7 @@ from experiments.recording.file import (
 )
 from experiments.recording.marks import Mark, log_mark
 from experiments.rig.bodies import body_name
-from experiments.study.plotting import YELLOW
+from experiments.study.palette import YELLOW
 
 _COLUMNS = 3
 _MARK = 0.03

@@ -16,7 +16,7 @@ from experiments.recording.file import (
     round_down,
     time_column,
 )
-from experiments.study.plotting import ORANGE, SKY
+from experiments.study.palette import ORANGE, SKY
 
 RATE_HZ = 100
 """Of the curves in a plane."""

@@ -53,6 +53,7 @@ class Run:
         qpos: (N, nq) joint positions.
         closure_m: (N,) largest gap of a closed loop.
         saturated: (N, n) whether the actuators gave their largest force.
+        failures: That happened, actuators by number.
         state: Of the pilot after the last tick.
         diagnoses: That the pilot made, in order.
         task_lost: Whether the pilot gave the major task up.
@@ -71,6 +72,7 @@ class Run:
     qpos: Array
     closure_m: Array
     saturated: Array
+    failures: tuple[Failure, ...]
     state: Any
     diagnoses: tuple[Named, ...]
     task_lost: bool
@@ -129,6 +131,7 @@ def flown(
         qpos=bench.qpos[kept],
         closure_m=bench.closure_residual_m[kept],
         saturated=_saturated(bench.plant.drives, bench.actuator_force[kept]),
+        failures=tuple(failures),
         state=state,
         diagnoses=named,
         task_lost=supervised and state.task_lost,
@@ -167,6 +170,12 @@ def _named(rig: "Rig", state: SupervisorState, time_s: Array) -> tuple[Named, ..
         elif one.withdrawn_s is not None:
             named[named.index(last)] = replace(last, withdrawn_s=one.withdrawn_s)
     return tuple(named)
+
+
+def named_since(rig: "Rig", run: Run, failure: Failure) -> list[Named]:
+    """What was named of an actuator since its failure."""
+    name, since = rig.actuators[failure.number], failure.time_s - 1e-9
+    return [each for each in run.diagnoses if each.actuator == name and each.time_s >= since]
 
 
 _UNEXPLAINED = "there was an alarm that no single failure explains"

@@ -1,7 +1,10 @@
-"""Units of rows and actuators, in the names of published numbers and in sentences."""
+"""Rows of a twist, their units and those of actuators, in published numbers and in sentences."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
+
+ROWS = ("turn x", "turn y", "turn z", "x", "y", "z")
+"""Names of the rows of a twist."""
 
 
 def by_unit(name: str, value: Any, units: Sequence[str]) -> dict[str, Any]:

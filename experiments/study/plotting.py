@@ -11,6 +11,7 @@ from matplotlib.ticker import LogLocator, NullLocator
 from experiments.study.palette import BLACK as BLACK
 from experiments.study.palette import BLUE as BLUE
 from experiments.study.palette import GREEN as GREEN
+from experiments.study.palette import LINES as LINES
 from experiments.study.palette import ORANGE as ORANGE
 from experiments.study.palette import PURPLE as PURPLE
 from experiments.study.palette import SKY as SKY
@@ -21,8 +22,6 @@ PAGE_IN = 7.16
 """Width of a figure across both columns of a page; `COLUMN_IN`: of one column."""
 COLUMN_IN = 3.5
 
-LINES = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)
-"""For curves of one kind, in the order of their use; yellow is too light for a line."""
 DESIRED, MEASURED, START = BLACK, BLUE, VERMILION
 COLOR_MAP = "cividis"
 """For a quantity: perceptually uniform, and the same to colour-blind readers."""

@@ -7,13 +7,12 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from experiments.rig.units import ROWS
 from experiments.study.parallel import in_parallel
 from experiments.systems import probe
 from experiments.systems.probe import PERIOD_S, Polygon, Rig
 from prioritized import ConstrainedSystem, Kinematics, Manipulability
 from sim import HEXAPOD_MJCF, Array, Failure, jacobians, load_model, mass_matrix
-
-_TWIST_ROWS = ("turn x", "turn y", "turn z", "x", "y", "z")
 
 
 @dataclass(frozen=True)
@@ -34,7 +33,7 @@ class Mechanism:
     @property
     def major_names(self) -> list[str]:
         """Major rows in words."""
-        return [_TWIST_ROWS[self.task[row]] for row in self.major]
+        return [ROWS[self.task[row]] for row in self.major]
 
     @property
     def major_unit(self) -> str:

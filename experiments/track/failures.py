@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from experiments.rig.rig import Rig
-from experiments.rig.run import Named, Run
+from experiments.rig.run import Run, named_since
 from experiments.study.study import WrongInput
 from experiments.track.announced import Announced
 from sim import Failure
@@ -25,26 +25,19 @@ def numbered(rig: Rig, failures: Sequence[Announced], shorter: float) -> tuple[F
 
 def learnt_s(rig: Rig, run: Run, failures: Sequence[Failure]) -> list[float | None]:
     """When the controller first named each failed actuator; None is never."""
-    return [next((each.time_s for each in _of(rig, run, one)), None) for one in failures]
+    return [next((each.time_s for each in named_since(rig, run, one)), None) for one in failures]
 
 
 def uncompared(rig: Rig, run: Run, failures: Sequence[Failure]) -> str | None:
     """Why no linear model with these failures is held to what the controller did; None: one is."""
     if run.task_lost:
         return "the controller gave the task up"
-    named = {each for failure in failures for each in _of(rig, run, failure)}
+    named = {each for failure in failures for each in named_since(rig, run, failure)}
     for each in run.diagnoses:
         if each not in named or each.withdrawn_s is not None:
             return f"{each.actuator} was named {each.kind} and had not failed, or was cleared again"
     for failure in failures:
-        for last in _of(rig, run, failure)[-1:]:
+        for last in named_since(rig, run, failure)[-1:]:
             if last.kind != failure.kind:
                 return f"{last.actuator} was taken for {last.kind}"
     return None
-
-
-def _of(rig: Rig, run: Run, failure: Failure) -> list[Named]:
-    """What was named of an actuator since its failure."""
-    name = rig.actuators[failure.number]
-    since = failure.time_s - 1e-9
-    return [each for each in run.diagnoses if each.actuator == name and each.time_s >= since]

@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from experiments.rig.run import Run
+from experiments.rig.units import ROWS
 from experiments.study.controllers import controller_label
 from experiments.study.plotting import (
     BLACK,
@@ -22,7 +23,6 @@ from experiments.study.plotting import (
 )
 from experiments.study.results import Picture
 from experiments.track.runs import Tracked
-from experiments.track.words import ROWS
 from sim import Array
 
 _PREFIXES = {1.0: "", 1e3: "m", 1e6: "µ", 1e9: "n"}
@@ -146,7 +146,7 @@ def _error(axes: Axes, tracked: Tracked, rows: list[bool], unit: str) -> None:
 def _actuators(axes: Axes, tracked: Tracked) -> None:
     """A row for each, from its place at the start; all of one unit on the same scale."""
     rig, run = tracked.rig, tracked.run
-    broken = {failure.number for failure in tracked.failures}
+    broken = {failure.number for failure in tracked.run.failures}
     units = rig.units
     spans = {
         unit: 2 * float(np.abs(run.displacement[:, [u == unit for u in units]]).max())

@@ -10,7 +10,7 @@ from experiments.rig.checks import closure_check
 from experiments.rig.dither import dither_entry
 from experiments.rig.limiting import limiting
 from experiments.rig.run import Named
-from experiments.rig.units import by_unit, largest_by_unit, sizes_said
+from experiments.rig.units import ROWS, by_unit, largest_by_unit, sizes_said
 from experiments.study.controllers import controller_label
 from experiments.study.provenance import versions
 from experiments.study.results import Check, Results
@@ -18,7 +18,6 @@ from experiments.study.tables import Column, Table, tabulate
 from experiments.track.figure import pictures
 from experiments.track.recording import record
 from experiments.track.runs import Tracked
-from experiments.track.words import ROWS
 from ftc.fdi.dither_design import DitherDesign
 from sim import Array
 from sim.plant.friction import dry_friction
@@ -65,7 +64,7 @@ def checks(summary: dict[str, Any]) -> list[Check]:
 
 def summarize(tracked: Tracked) -> dict[str, Any]:
     """All numbers, ready for JSON."""
-    rig, run, failures = tracked.rig, tracked.run, tracked.failures
+    rig, run, failures = tracked.rig, tracked.run, tracked.run.failures
     error = run.desired - run.true
     cut = first_tick(tracked)
     before, after, _ = tracked.predicted
@@ -143,9 +142,9 @@ def summarize(tracked: Tracked) -> dict[str, Any]:
 
 def first_tick(tracked: Tracked) -> int:
     """Tick of the first failure; of the end where there is none."""
-    if not tracked.failures:
+    if not tracked.run.failures:
         return len(tracked.run.time_s)
-    return int(np.searchsorted(tracked.run.time_s, tracked.failures[0].time_s - 1e-9))
+    return int(np.searchsorted(tracked.run.time_s, tracked.run.failures[0].time_s - 1e-9))
 
 
 def _rms(error: Array) -> list[float] | None:
@@ -176,7 +175,7 @@ def diagnoses(tracked: Tracked) -> list[dict[str, Any]]:
     for found in tracked.run.diagnoses:
         named.setdefault((found.actuator, found.kind), found)
     rig = tracked.rig
-    struck = {rig.actuators[one.number]: one.time_s for one in tracked.failures}
+    struck = {rig.actuators[one.number]: one.time_s for one in tracked.run.failures}
     entries = []
     for found in named.values():
         delay_s = found.time_s - struck.get(found.actuator, np.inf)
@@ -190,7 +189,7 @@ def diagnoses(tracked: Tracked) -> list[dict[str, Any]]:
 def verdict(tracked: Tracked, summary: dict[str, Any]) -> str:
     """What the failures cost, beside what was predicted, in one sentence."""
     before = _with_units(summary["rms_before"], summary["units"])
-    if not tracked.failures:
+    if not tracked.run.failures:
         predicted = _with_units(summary["predicted_rms_before"], summary["units"])
         return (
             f"Without a failure the RMS error of row{_plural(tracked.rig.major)} "
@@ -344,7 +343,7 @@ def notes(tracked: Tracked, summary: dict[str, Any]) -> list[str]:
         f"The path {demanded} demanded through the inverse of the linear model. "
         f"{sizes_said(summary)} Diagnosis and controller have the {exact}model of the robot."
     )
-    for failure, text in zip(tracked.failures, tracked.verdicts[1:], strict=True):
+    for failure, text in zip(tracked.run.failures, tracked.verdicts[1:], strict=True):
         said.append(f"After {rig.actuators[failure.number]} {failure.kind}: {text}")
     return said
 

@@ -53,8 +53,7 @@ class Tracked:
         seed: Of the noise.
         model_sha256: Of the file.
         rig: The robot.
-        failures: What happened, in the order of time.
-        run: See there.
+        run: See there; its failures are in the order of time.
         told: Whether the controller looks for failures, and the predicted one is told of them.
         predicted: RMS errors before and after the first failure by the linear model with the
             noise that the sensors had, of a controller that is informed at once; without a
@@ -72,7 +71,6 @@ class Tracked:
     seed: int
     model_sha256: str
     rig: Rig
-    failures: tuple[Failure, ...]
     run: Run
     told: bool
     predicted: Prediction
@@ -153,7 +151,6 @@ def run_track(
         seed=seed,
         model_sha256=model_sha256(model),
         rig=rig,
-        failures=failures,
         run=run,
         told=told,
         predicted=predicted,

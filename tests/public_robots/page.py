@@ -5,7 +5,7 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from experiments.track.words import ROWS
+from experiments.rig.units import ROWS
 from tests.public_robots.registry import PACKAGES
 
 AGREES = 0.2

@@ -308,7 +308,8 @@ def test_a_run_that_named_what_had_not_failed_is_not_compared(sound):
         said = uncompared(rig, run, [failure])
         assert said is None if why is None else said is not None and said.startswith(why)
     assert learnt_s(rig, run, [failure]) == [0.2]
-    one = replace(sound, failures=(failure,), uncompared="it was wrong", possible=(True, True))
+    failed = replace(sound.run, failures=(failure,))
+    one = replace(sound, run=failed, uncompared="it was wrong", possible=(True, True))
     assert summarize(one)["prediction_off_after"] is None
     assert "it is not compared, as it was wrong" in summarize(one)["verdict"]
 
