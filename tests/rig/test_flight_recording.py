@@ -2,13 +2,15 @@
 
 import subprocess
 import sys
+from dataclasses import replace
 
 import mujoco
 import numpy as np
 import pytest
 
 import fjh
-from experiments.recording.flight import record
+from experiments.recording.flight import driven, record
+from experiments.rig import Named
 from experiments.study.files import OutputError
 from tests import rrd
 
@@ -88,6 +90,16 @@ def test_the_failed_actuators_body_is_marked_from_its_failure_on(kept):
     assert not others & rrd.entities(file)
 
 
+def test_a_mark_has_the_first_diagnosis_since_the_failure_and_no_false_alarm_before_it(kept):
+    _, rig, run = kept
+    diagnoses = Named("b", "weak", 0.05, None), Named("b", "locked", 0.2, None)
+    ((body, mark),) = driven(rig, replace(run, diagnoses=diagnoses)).marks
+    assert (body, mark.failed_s, mark.diagnosed_s) == ("fore", 0.1, 0.2)
+    assert mark.diagnosis == "b locked, named locked"
+    ((_, unfound),) = driven(rig, replace(run, diagnoses=diagnoses[:1])).marks
+    assert not unfound.is_found
+
+
 def test_its_properties_have_the_rms_error_of_each_row(kept):
     file, _, run = kept
     held = rrd.properties(file)
@@ -110,7 +122,7 @@ import matplotlib
 matplotlib.use("svg")
 before = dict(matplotlib.rcParams)
 import fjh
-from experiments.recording.flight import record
+from experiments.recording.flight import driven, record
 fjh.record
 print([name for name, value in matplotlib.rcParams.items() if value != before[name]])
 """

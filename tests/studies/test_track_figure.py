@@ -24,8 +24,8 @@ def tracked(displacement: np.ndarray) -> Any:
     run.true = desired - [3e-6, 4e-5]
     rig = SimpleNamespace(model=mujoco.MjModel.from_xml_string(MJCF), major=(0, 4))
     rig.actuators, rig.units = ("motor", "screw"), ("rad", "m")
-    failures = [SimpleNamespace(number=0, time_s=1.0)]
-    return SimpleNamespace(rig=rig, run=run, failures=failures, other=None)
+    run.failures = [SimpleNamespace(number=0, time_s=1.0)]
+    return SimpleNamespace(rig=rig, run=run, other=None)
 
 
 SUMMARY: dict[str, Any] = {
