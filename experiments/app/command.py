@@ -63,11 +63,11 @@ def ending(name: str, results: Results, folder: Path, *, quick: bool) -> Ending:
     """What the command of a study says last.
 
     A recording is what a user looks at next; without one, a short run is followed by the whole,
-    and that by all studies.
+    and that by a short one of all studies.
     """
     first = results.pictures[0].file if results.pictures else f"{name}.md"
     recordings = [each for each in results.summary.get("files", ()) if each.endswith(".rrd")]
-    words = ["fjh", name] if quick else ["fjh", "report"]
+    words = ["fjh", name] if quick else ["fjh", "report", "--quick"]
     if recordings:
         words = ["rerun", str(folder / recordings[0])]
     return Ending(results.checked, folder / first, shlex.join(words))

@@ -44,7 +44,7 @@ _HELD = 0.5
 stands nearly still without force."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class RobotRig(Rig):
     """A robot of an MJCF file.
 

@@ -127,14 +127,15 @@ def by_argument() -> Iterator[None]:
     try:
         yield
     except (WrongInput, ValueError) as error:
-        if (said := re.sub(r"--([a-z-]+)", _argument, str(error))) == str(error):
+        if (said := re.sub(r"--([a-z-]+)( HZ)?", _argument, str(error))) == str(error):
             raise
         raise type(error)(said) from None
 
 
 def _argument(option: re.Match[str]) -> str:
     name = option[1].replace("-", "_")
-    return {"servo": "servo_hz", "keyframe": "start"}.get(name, name)
+    said = {"servo": "servo_hz", "keyframe": "start"}.get(name, name)
+    return f"{said}=10" if option[2] else said
 
 
 def check_positive(name: str, value: float) -> None:

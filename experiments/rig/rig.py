@@ -27,7 +27,7 @@ from ftc.feedforward import inverse_feedforward
 from ftc.goal import Goal
 from ftc.supervisor import Supervisor, Unused
 from prioritized import Manipulability
-from sim import Array, Bench, Failure, Pose
+from sim import Array, Bench, Body, Failure, Pose
 from sim.mjcf.drive import number_of
 from sim.mjcf.part import Part
 
@@ -109,12 +109,16 @@ class Rig(ABC):
 
         return hexapod_rig(size, feedforward).drawn(mismatch, seed)
 
+    def __repr__(self) -> str:
+        """One line, for interactive use: the model's own numbers fill pages."""
+        return f"<Rig {self.title}: {', '.join(self.actuators)}; major rows {self.major}>"
+
     @staticmethod
     def of_mjcf(
         file: str | Path,
         *,
         major: Sequence[int],
-        site: str | int = "payload",
+        site: str | int | Body = "payload",
         axes: str | None = None,
         start: str | int | ArrayLike | None = None,
         sense: Sensing = "both",
@@ -157,7 +161,7 @@ class Rig(ABC):
 
         with by_argument():
             options = RobotOptions(
-                site=str(site),
+                site=str(site.name if isinstance(site, Body) else site),
                 axes=axes,
                 major=written(check.indices("major", major, 6)),
                 sense=sense,

@@ -79,6 +79,10 @@ class Run:
     undiagnosed: str | None
     status: str
 
+    def __repr__(self) -> str:
+        """One line; the arrays are thousands."""
+        return f"<Run of {len(self.time_s)} ticks to {self.time_s[-1]:g} s. {self.status}>"
+
     @cached_property
     def task(self) -> Array:
         """True displacement [rotation vector; translation] of the task frame, shape (N, 6)."""
@@ -184,7 +188,7 @@ _UNEXPLAINED = "there was an alarm that no single failure explains"
 def _undiagnosed(state: Any) -> str:
     """Why nothing was named."""
     if not isinstance(state, SupervisorState):
-        return "the pilot does not diagnose"
+        return "this controller does not diagnose"
     if state.watch.unexplained:
         return _UNEXPLAINED
     return "the sensors read what the model without a failure predicts"
@@ -192,11 +196,11 @@ def _undiagnosed(state: Any) -> str:
 
 def _status(state: Any, named: Sequence[Named]) -> str:
     if not isinstance(state, SupervisorState):
-        return "The pilot does not diagnose."
+        return "This controller does not diagnose."
     found = "; ".join(map(str, named)) or f"Nothing was diagnosed; {_undiagnosed(state)}"
     if named and state.watch.unexplained:
         found += f"; {_UNEXPLAINED}"
-    gave_up = "; the pilot gave the major task up" if state.task_lost else ""
+    gave_up = "; the major task was given up" if state.task_lost else ""
     return f"{found}{gave_up}."
 
 

@@ -45,7 +45,8 @@ def check_names(model: Path | None, options: RobotOptions) -> None:
     for option, name, what, known in asked:
         if name is not None and not name.isdecimal() and name not in known:
             said = f'no {what} "{name}"{hint(name, known)}' if known else "none"
-            raise WrongInput(f"{option} {name}: the model has {said}")
+            usual = "the default " if (option, name) == ("--site", RobotOptions.site) else ""
+            raise WrongInput(f"{usual}{option} {name}: the model has {said}")
 
 
 def actuators(model: Path | None) -> tuple[tuple[str, ...], ...]:

@@ -32,7 +32,7 @@ def check_file(path: Path) -> None:
     try:
         if path.is_file():
             return
-        beside = [each.name for each in path.parent.iterdir() if each.suffix == path.suffix]
+        beside = [str(each) for each in path.parent.iterdir() if each.suffix == path.suffix]
     except (OSError, ValueError):  # there is no such folder; or it is no path at all
         beside = []
-    raise WrongInput(f"there is no file {str(path)!r}{nearest(path.name, beside)}")
+    raise WrongInput(f"there is no file {str(path)!r}{nearest(str(path), beside)}")

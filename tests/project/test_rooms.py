@@ -148,4 +148,4 @@ print(rig.fly(rig.controller(), [[0.0, 0.0]]).status)
     run = [sys.executable, "-c", code]
     done = subprocess.run(run, cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    assert done.stdout == "The pilot does not diagnose.\n"
+    assert done.stdout == "This controller does not diagnose.\n"

@@ -46,7 +46,7 @@ from sim import (
 )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class HexapodRig(Rig):
     """The hexapod.
 
