@@ -165,7 +165,7 @@ def _tracking(
             feedforward=options.feedforward != "off",
         )
     except TaskLost as error:
-        advice = "; try other rows, --major, or another start, --keyframe"
+        advice = "; try other rows (--major) or another start (--keyframe)"
         raise WrongInput(f"{file}: {error}{advice}") from None
 
 

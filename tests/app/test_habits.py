@@ -88,7 +88,7 @@ def test_the_last_lines_are_the_checks_the_files_and_what_to_type_next(capsys, t
     checked, written, following = ended(capsys.readouterr().out)
     assert checked == "All checks passed (1)."
     assert written == f"Files are in {place}; open {place / 'measure.md'} first."
-    assert following == "Next: fjh report"
+    assert following == "Next: fjh report --quick"
     run(SOUND, "--quick")
     assert ended(capsys.readouterr().out)[-1] == "Next: fjh measure"
 

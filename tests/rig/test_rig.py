@@ -16,7 +16,7 @@ from experiments.rig.mismatch import Known, Mismatch
 from experiments.study.study import WrongInput
 from ftc.fdi.fault_model import Fault
 from ftc.oracle import NEVER, OracleController
-from sim import HEXAPOD_MJCF, Failure, Mechanism, Plant
+from sim import HEXAPOD_MJCF, Body, Failure, Mechanism, Plant, load_model
 from sim.kinematics.reader import JacobianReader
 from tests.robots import FINGER
 
@@ -344,6 +344,18 @@ def test_a_robot_among_other_things_flies_as_predicted_and_says_what_it_leaves_o
 def test_python_refuses_by_the_names_of_its_arguments(at_a_desk, wrong, said):
     with pytest.raises((WrongInput, ValueError), match=f"^{said}"):
         Rig.of_mjcf(at_a_desk, **({"site": "tool", "major": [3, 5]} | wrong))
+
+
+def test_a_rig_prints_itself_in_a_line_and_takes_a_body_as_jacobians_do(at_a_desk):
+    """Its arrays and matrices would fill pages where somebody looks at it."""
+    model = load_model(at_a_desk)
+    body = int(model.site("tool").bodyid[0])
+    one = Rig.of_mjcf(at_a_desk, site=Body(body), major=[1])
+    assert one.actuators == Rig.of_mjcf(at_a_desk, site=body, major=[1]).actuators
+    run = one.fly(one.controller(), np.zeros((3, 1)))
+    for shown in (repr(one), repr(run)):
+        assert len(shown) < 200 and "\n" not in shown
+    assert one.actuators[0] in repr(one) and run.status in repr(run)
 
 
 def test_weights_and_pins_are_numbers_and_names_in_python(at_a_desk):

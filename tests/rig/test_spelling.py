@@ -55,3 +55,12 @@ def test_frames_that_the_compiled_model_has_are_let_pass(tmp_path, site):
     for wrong in ({"site": "tol"}, {"axes": "tol"}, {"keyframe": "home"}, {"pinned": "tol:point"}):
         with pytest.raises(WrongInput, match=r"tol.*did you mean \"tool\"|keyframe.*has none"):
             check_names(file, replace(RobotOptions(site=site), **wrong))
+
+
+def test_a_default_that_nobody_typed_is_called_the_default(tmp_path):
+    file = tmp_path / "arm.xml"
+    file.write_text(f"<mujoco><worldbody>{ARM[15:-16]}</worldbody></mujoco>")
+    with pytest.raises(WrongInput, match=r"^the default --site payload: the model has no site or"):
+        check_names(file, RobotOptions())
+    with pytest.raises(WrongInput, match=r"^--site tol: "):
+        check_names(file, RobotOptions(site="tol"))
