@@ -97,8 +97,8 @@ def draw_delays(axes: Axes, cases: Sequence[Row]) -> None:
             _steps(axes, [*delays, latest_ms], len(delays), count, label, _KINDS[kind])
     axes.set_title(f"Naming the strut takes at most {latest_ms:.0f} ms")
     axes.set(xlabel="time since the failure, ms", ylabel="share of failures named, %")
-    axes.set(xlim=(0, 1.08 * latest_ms), ylim=(-4, 104))
-    axes.legend(loc="best")
+    axes.set(xlim=(0, 1.08 * latest_ms))
+    _legend_above(axes)
 
 
 def draw_after(axes: Axes, cases: Sequence[Row]) -> None:
@@ -114,7 +114,13 @@ def draw_after(axes: Axes, cases: Sequence[Row]) -> None:
     )
     axes.set(xlabel="RMS error / RMS error if informed", ylabel="share of flights, %")
     axes.set(ylim=(-4, 104))
-    axes.legend(loc="best")
+    _legend_above(axes)
+
+
+def _legend_above(axes: Axes) -> None:
+    """Over shares of up to 100 %, where no curve is, whatever the flights."""
+    axes.set(ylim=(-4, 150), yticks=range(0, 101, 20))
+    axes.legend(loc="upper center")
 
 
 def _over_informed(cases: Sequence[Row], name: str) -> Array:

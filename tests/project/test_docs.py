@@ -79,7 +79,7 @@ def test_the_readmes_lines_survive_a_robot_that_they_do_not_know(
     """They name the lock; by sensors whose noise hides everything they say why there is none."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "yours.xml").write_text(mjcf)
-    own = EXAMPLE.replace('fjh.MODELS / "arm.xml"', '"yours.xml"').replace("joint4", joint)
+    own = EXAMPLE.replace('fjh.MODELS / "arm.xml"', '"yours.xml"').replace("motor4", joint)
     names: dict = {}
     exec(own.replace('"payload"', site).replace("major=[3, 4, 5]", rig), names)
     last = capsys.readouterr().out.splitlines()[-1]
