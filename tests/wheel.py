@@ -100,9 +100,10 @@ def extra_of(sentence: str) -> str:
     return re.findall(r'pip install "(.*?)"', lines[0])[0]
 
 
-def readme() -> str:
-    """All Python of README.md."""
+def readme(folder: Path) -> str:
+    """All Python of README.md; the reader's own file, the serial arm, is put into the folder."""
     text = (ROOT / "README.md").read_text(encoding="utf-8")
+    shutil.copy(ROOT / "models" / "arm.xml", folder / "yours.xml")
     return "\n".join(re.findall(r"^```python\n(.*?)^```$", text, re.DOTALL | re.MULTILINE))
 
 
@@ -121,7 +122,8 @@ def main() -> None:
             assert said.count("\n") == 1 + compiles
         user.install(extra_of(user("python", "-c", "import fjh.sim", code=1)))
         compiled = user("python", "-c", "import fjh.sim")  # which has functions of its own
-        assert compiled.startswith("fjh: compiling") and compiled.count("\n") == 1
+        assert compiled.startswith("fjh: compiling"), compiled
+        assert compiled.count("fjh: compiling") == 1, compiled
         assert user("python", "-c", "import fjh; print(fjh.load_model().nu)") == "6\n"
         user.install(extra_of(user("fjh", "table1", code=2)), "mypy")
 
@@ -129,7 +131,7 @@ def main() -> None:
         user("fjh", "table1", "--quick", "--quiet", "--out", "table1")
         assert (user.folder / "table1" / "table1.json").is_file()
         assert extra_of(user("fjh", "bench", "--quick", code=2)).endswith("[bench]")
-        print(user("python", "-c", readme()), end="")
+        print(user("python", "-c", readme(user.folder)), end="")
         (user.folder / "typed.py").write_text(TYPED)
         complaints = user("python", "-m", "mypy", "typed.py", code=1)
         found = re.findall(r"^typed\.py:(\d+): error: .*\[(.*)\]$", complaints, re.MULTILINE)

@@ -15,7 +15,7 @@ ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text()
 RESULTS = (ROOT / "docs" / "studies.md").read_text()
 
-(EXAMPLE,) = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
+EXAMPLE, OWN, IN_A_LOOP = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
 (PRINTED,) = re.findall(r"```text\n(.*?)```", README, re.DOTALL)
 
 
@@ -25,6 +25,21 @@ def test_the_readmes_lines_print_what_stands_below_them(capsys):
     exec(EXAMPLE, names)
     assert_prints(capsys.readouterr().out, PRINTED)
     assert np.ptp(names["run"].displacement[names["run"].time_s > 2.5, 3]) < 1e-5  # it stands
+
+
+@pytest.mark.long
+def test_the_readmes_own_robot_is_failed_and_found(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "yours.xml").write_bytes((ROOT / "models" / "arm.xml").read_bytes())
+    names: dict = {}
+    for block in (OWN, IN_A_LOOP):
+        exec(block, names)
+    rates, kin = names["rates"], names["failed"]
+    assert rates[1] == 0.0
+    np.testing.assert_allclose(kin.J[:2] @ rates[kin.actuators], [0.1, 0.0], atol=1e-12)
+    said, last = capsys.readouterr().out.splitlines()[-2:]
+    assert "motor2 was named locked at 1." in said
+    assert "actuator=1, kind='locked'" in last and float(last.split()[-1]) < 1.5e-4
 
 
 SERVOS = "\n".join(
