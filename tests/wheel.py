@@ -121,10 +121,7 @@ def main() -> None:
             assert said.startswith("fjh: compiling") == compiles
             assert said.count("\n") == 1 + compiles
         user.install(extra_of(user("python", "-c", "import fjh.sim", code=1)))
-        compiled = user("python", "-c", "import fjh.sim")  # which has functions of its own
-        assert compiled.startswith("fjh: compiling"), compiled
-        assert compiled.count("fjh: compiling") == 1, compiled
-        assert user("python", "-c", "import fjh; print(fjh.load_model().nu)") == "6\n"
+        assert user("python", "-c", "import fjh; print(fjh.load_model().nu)").endswith("6\n")
         user.install(extra_of(user("fjh", "table1", code=2)), "mypy")
 
         assert user("fjh", "--version") == f"fjh {version}\n"
