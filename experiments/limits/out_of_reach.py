@@ -27,7 +27,7 @@ def excesses(testbed: Testbed, cases: Collection[Case], seed: int) -> list[dict[
     found: dict[Strategy, list[Array]] = {}
     for case in conditions:
         demands, least = _demands(testbed, case, seed)
-        for strategy in {case.strategy: 0 for case in cases}:
+        for strategy in dict.fromkeys(case.strategy for case in cases):
             if strategy.slowness == 1.0 and strategy != UNLIMITED:
                 missed = _missed(testbed, case, strategy, demands)
                 found.setdefault(strategy, []).append(100 * (missed / least - 1.0))

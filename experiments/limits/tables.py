@@ -6,11 +6,13 @@ from experiments.limits.measures import RECOVERED_RAD
 from experiments.limits.out_of_reach import FARTHEST_RAD
 from experiments.study.tables import Column, Table, tabulate
 
+_STRATEGY = Column("strategy", lambda run: label(run["strategy"]))
+
 
 def spiral_table(summary: dict[str, Any], condition: dict[str, Any]) -> Table:
     """One row for each spiral of a condition."""
     columns = (
-        Column("strategy", lambda run: label(run["strategy"])),
+        _STRATEGY,
         Column("RMS", "rms_urad", ".0f"),
         Column("peak", "peak_urad", ".0f"),
         Column("attainable", "attainable_rms_urad", ".0f"),
@@ -35,7 +37,7 @@ def spiral_table(summary: dict[str, Any], condition: dict[str, Any]) -> Table:
 def arm_table(summary: dict[str, Any]) -> Table:
     """One row for each motion of the arm."""
     columns = (
-        Column("strategy", lambda run: label(run["strategy"])),
+        _STRATEGY,
         Column("RMS", "rms_mrad", ".2f"),
         Column("peak", "peak_mrad", ".2f"),
         Column("at limit", "at_limit_s", ".1f"),
@@ -53,7 +55,7 @@ def arm_table(summary: dict[str, Any]) -> Table:
 def reach_table(summary: dict[str, Any]) -> Table:
     """One row for each strategy: errors over the least possible."""
     columns = (
-        Column("strategy", lambda run: label(run["strategy"])),
+        _STRATEGY,
         Column("median", "excess_median_percent", ".2g"),
         Column("largest", "excess_largest_percent", ".2g"),
     )

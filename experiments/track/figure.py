@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from experiments.rig.run import Run
-from experiments.rig.units import ROWS
+from experiments.rig.units import ROWS, by_unit
 from experiments.study.controllers import controller_label
 from experiments.study.plotting import (
     BLACK,
@@ -64,13 +64,9 @@ def headline(summary: dict[str, Any]) -> str:
 
 def _sizes(summary: dict[str, Any], key: str) -> str:
     """RMS of the rows of each unit together."""
-    sizes = {
-        unit: np.linalg.norm(
-            [r for r, u in zip(summary[key], summary["units"], strict=True) if u == unit]
-        )
-        for unit in dict.fromkeys(summary["units"] if summary[key] else ())
-    }
-    found = ((*prefixed(float(size)), size, unit) for unit, size in sizes.items())
+    rows = by_unit("", summary[key], summary["units"]) if summary[key] else {}
+    sizes = {unit[1:]: float(np.linalg.norm(own)) for unit, own in rows.items()}
+    found = ((*prefixed(size), size, unit) for unit, size in sizes.items())
     return " and ".join(
         f"{factor * size:.3g} {prefix}{unit}" for factor, prefix, size, unit in found
     )

@@ -103,6 +103,16 @@ def test_in_a_checkout_both_names_are_one_object():
     assert sim.__spec__.name == sim.__name__ == "sim"
 
 
+def test_what_type_checkers_see_is_what_there_is():
+    """The names are written twice: for them, and for who asks while the program runs."""
+    tree = ast.parse((ROOT / "fjh" / "__init__.py").read_text())
+    (typed,) = (node for node in tree.body if isinstance(node, ast.If) and "TYPE" in ast.dump(node))
+    imports = [node for node in typed.body if isinstance(node, ast.Import | ast.ImportFrom)]
+    seen = {alias.asname for node in imports for alias in node.names}
+    assert seen == {*fjh.__all__, "__version__"}
+    assert set(FOLDERS) - {"models"} == set(fjh._checkout.FOLDERS)  # models are no Python
+
+
 @pytest.mark.parametrize("name", fjh.__all__)
 def test_each_of_its_names_is_there_and_documented(name):
     assert getattr(fjh, name).__doc__
