@@ -16,14 +16,17 @@ _SENTENCE = 24
 def fitted(table: Table, width: int) -> list[Table]:
     """The same table, turned, or split by columns: the first of these that is narrow enough.
 
-    Each part of a split table begins with the columns that tell its rows apart. The last legend
-    says what was done. Only a table whose single words are too long is wider than `width`.
+    Each part of a split table begins with the columns that tell its rows apart, as far as there is
+    room for them. The last legend says what was done. Only a table whose single words are too long
+    is wider than `width`.
     """
     if _least(table) <= width:
         return [table]
     if table.rows and _least(turned := _turned(table)) <= width:
         return [_said(turned, f"Rows and columns are exchanged, to fit {width} characters.")]
     parts = _split(table, width)
+    if len(parts) == 1:
+        return [table]
     return [*parts[:-1], _said(parts[-1], f"Split into {len(parts)}, to fit {width} characters.")]
 
 
@@ -71,6 +74,8 @@ def _split(table: Table, width: int) -> list[Table]:
     columns = list(zip(table.headings, *table.rows, strict=True))
     narrowest = [_narrowest(column) for column in columns]
     keys = _keys(table)
+    while keys > 1 and _total([*narrowest[:keys], max(narrowest[keys:])]) > width:
+        keys -= 1
     starts = [keys]
     for k in range(keys + 1, len(columns)):
         if _total(narrowest[:keys] + narrowest[starts[-1] : k + 1]) > width:

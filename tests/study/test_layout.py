@@ -62,6 +62,16 @@ def test_turned_or_split_it_is_the_same_table_and_says_so(table, width):
     assert all(piece[:labels] == columns[:labels] for piece in pieces)
 
 
+def test_rows_that_many_wide_columns_tell_apart_are_split_all_the_same():
+    """Once the labels alone took more room than there was, and a number was cut."""
+    large, row = "1.00001e+06", ["0"] * 7
+    rows = [("a", *row[:k], large, *row[k + 1 :]) for k in (5, 4, 3)]
+    last = [("a", *row[:5], "100", "0"), ("aaaaaaaa", *row)]
+    shown = printed(Table("Of all", ("a",) * 8, [("a", *row), *last, *rows]), 60)
+    assert all(large in line for line in shown.splitlines() if "1.0" in line)
+    assert max(map(len, shown.splitlines())) <= 60
+
+
 def test_a_number_longer_than_the_terminal_is_wide_is_folded_not_cut():
     number = "0.123456789" * 12
     shown = printed(Table("", ("", "value"), [("pi", number)]), 60)
