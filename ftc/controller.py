@@ -183,7 +183,7 @@ class PrioritizedController(Generic[Pose]):
             demand = feedforward + demand
         owed = state.bumpless_transfer
         if owed is not None:
-            demand = demand + owed.demand
+            demand = demand + owed.demanded(self.handover_s)
             faded = owed.faded(owed.secondary_reference, self.handover_s)
             secondary_reference = (
                 faded if secondary_reference is None else faded + secondary_reference
@@ -200,8 +200,7 @@ class PrioritizedController(Generic[Pose]):
             if self._tracking is not None:
                 compensator = compensator - self._tracking.dot(limited.residual)
         if owed is not None:
-            if owed.internal is not None:
-                required = required + owed.faded(owed.internal, self.handover_s)
+            required = required + owed.unfollowed(self.handover_s)
             owed = replace(owed, age_s=owed.age_s + self.period_s)
         exerted = required / self._effectiveness if self._is_weakened else required
         return ControllerState(
@@ -217,7 +216,12 @@ class PrioritizedController(Generic[Pose]):
         )
 
     def transfer(
-        self, state: ControllerState[Pose], lost_displacements: Array | None = None
+        self,
+        state: ControllerState[Pose],
+        lost_displacements: Array | None = None,
+        acting: Array | None = None,
+        *,
+        keeps: bool = False,
     ) -> ControllerState[Pose]:
         """The state of another controller, changed so that this one continues without a step.
 
@@ -225,11 +229,23 @@ class PrioritizedController(Generic[Pose]):
             state: Of the other controller.
             lost_displacements: What each actuator is about to lose of its displacement, shape
                 (n,), because it no longer holds it. The others step, to make up for its part in the
-                major task.
+                major task; None is nothing.
+            acting: Part of its command that each actuator still follows once it is out of use,
+                shape (n,); None is nothing.
+            keeps: Whether actuators that are out of use keep their last commands, until another
+                transfer; else these fade in `handover_s`, and the others take over what they did.
         """
         commanded, owed = self._commanded(state), state.bumpless_transfer
-        pose = self.mapping.estimate(commanded, state.pose)
-        new = bumpless_transfer(self.mapping, state.asked, commanded, pose, lost_displacements)
+        pose, still = self.mapping.estimate(commanded, state.pose), self._still
+        new = bumpless_transfer(
+            self.mapping,
+            state.asked,
+            commanded,
+            pose,
+            still if lost_displacements is None else lost_displacements,
+            still if acting is None else acting,
+            keeps=keeps,
+        )
         if owed is not None:
             new = new.after(owed, self.handover_s)
         return replace(state, bumpless_transfer=new)

@@ -49,6 +49,7 @@ class OracleController:
         lost_displacements: What each actuator loses then of its displacement, (n,); None: the
             displacement commanded of those that the goal of `after` says are free.
         secondary: Reference of the secondary goal (n,) at each time of the run; None is zero.
+        acting: As of :meth:`ftc.controller.PrioritizedController.transfer`.
     """
 
     before: PrioritizedController[Any]
@@ -56,6 +57,7 @@ class OracleController:
     tick: int
     lost_displacements: Array | None = None
     secondary: Callable[[float], Array] | None = None
+    acting: Array | None = None
 
     def start(self) -> OracleState:
         """At rest at the nominal pose."""
@@ -77,7 +79,7 @@ class OracleController:
                 if self.lost_displacements is None
                 else self.lost_displacements
             )
-            last = self.after.transfer(last, lost_displacements)
+            last = self.after.transfer(last, lost_displacements, self.acting)
         taken_over = self.tick != NEVER and state.ticks >= self.tick
         acting = self.after if taken_over else self.before
         if self.secondary is None:

@@ -10,7 +10,7 @@ from argument_checks import Array
 from ftc.controller import Measurement, PrioritizedController
 from ftc.fdi.diagnosis import DEFAULT_CONFIG, Diagnosis, FdiConfig
 from ftc.fdi.dither import Dither
-from ftc.fdi.fault_model import Fault, NominalModel
+from ftc.fdi.fault_model import Fault, NominalModel, static_share
 from ftc.fdi.monitor import Monitor, MonitorState, monitor
 from ftc.goal import Goal
 from ftc.oracle import NestedState
@@ -117,13 +117,19 @@ class Supervisor:
         if found is not None:
             state = replace(state, diagnoses=(*state.diagnoses, found))
             lost_displacements = lost_displacement(found, commanded)
+        keeps = found is not None and not found.confirmed
         lost = not self.is_possible([each.fault for each in believed])
         state = replace(state, task_lost=lost)
         if not lost:
             current = self.reconfigured(believed)
             # One that the others carry loses nothing when its force is gone.
             lost_displacements[list(current.mapping.goal.free)] = 0.0
-            controller = current.transfer(state.controller, lost_displacements)
+            acting = np.zeros(len(commanded))
+            for each in believed:
+                acting[each.fault.actuator] = each.fault.left
+            controller = current.transfer(
+                state.controller, lost_displacements, acting, keeps=keeps
+            )
             state = replace(state, current=current, controller=controller)
         if found is None or not found.confirmed:
             return state
@@ -140,14 +146,17 @@ def _is_taken_back(known: Diagnosis, now: Diagnosis | None) -> bool:
 
 
 WEAKEST = 0.5
-"""An actuator that has less of its force left is not used. Commanded seven times as much because of
-a wrong diagnosis, a sound strut would make the loop unstable: docs/recover.md."""
+"""An actuator whose commands move it less than this part of what they did is not used. Commanded
+seven times as much because of a wrong diagnosis, a sound strut would make the loop unstable:
+docs/recover.md."""
 
 
-def used_effectiveness(diagnosis: Diagnosis) -> float:
-    """Part of its force that the mapping assumes for an actuator; 0: it is not used."""
-    fault = diagnosis.fault
-    return fault.effectiveness if fault.kind == "weak" and fault.effectiveness >= WEAKEST else 0.0
+def used_share(nominal: NominalModel, fault: Fault) -> float:
+    """Part of its commanded displacement that the mapping assumes for an actuator; 0: not used."""
+    if fault.kind != "weak":
+        return 0.0
+    share = static_share(nominal, fault)
+    return share if share >= WEAKEST else 0.0
 
 
 def lost_displacement(diagnosis: Diagnosis, commanded: Array) -> Array:
@@ -158,7 +167,7 @@ def lost_displacement(diagnosis: Diagnosis, commanded: Array) -> Array:
     """
     fault, lost_displacements = diagnosis.fault, np.zeros(len(commanded))
     if fault.kind != "locked" and not diagnosis.confirmed:
-        held = used_effectiveness(diagnosis) * commanded[fault.actuator]
+        held = fault.left * commanded[fault.actuator]
         lost_displacements[fault.actuator] = diagnosis.displacement - held
     return lost_displacements
 
@@ -169,12 +178,15 @@ it, or free to follow the others. On the hexapod its spring holds it to 6e-4, an
 locked is the better model even without the spring (docs/theory.md)."""
 
 
-def goal_after(goal: Goal, diagnoses: Sequence[Diagnosis], unused: Unused = "free") -> Goal:
+def goal_after(
+    goal: Goal, diagnoses: Sequence[Diagnosis], nominal: NominalModel, unused: Unused = "free"
+) -> Goal:
     """The goal with failures that are known.
 
     Args:
         goal: Before them.
         diagnoses: What has failed.
+        nominal: Linear model of the sound machine.
         unused: What an actuator counts as that is free, loose, or too weak to be used.
     """
     locked_at, effectiveness, free = dict(goal.locked_at), dict(goal.effectiveness), set(goal.free)
@@ -182,8 +194,8 @@ def goal_after(goal: Goal, diagnoses: Sequence[Diagnosis], unused: Unused = "fre
         actuator = found.fault.actuator
         if found.fault.kind == "locked":
             locked_at[actuator] = found.displacement
-        elif (left := used_effectiveness(found)) > 0:
-            effectiveness[actuator] = left
+        elif (share := used_share(nominal, found.fault)) > 0:
+            effectiveness[actuator] = share
         elif unused == "locked":
             locked_at[actuator] = 0.0
         else:
@@ -226,7 +238,7 @@ def supervisor_for(
         first=controller(goal),
         monitor=monitor(watched, config=config),
         secondary=(lambda _: still) if dither is None else dither.at,
-        reconfigured=lambda found: controller(goal_after(goal, found, unused)),
+        reconfigured=lambda found: controller(goal_after(goal, found, watched, unused)),
         is_possible=is_possible,
         watched=seen,
     )

@@ -12,7 +12,7 @@ from experiments.rig.run import Run
 from ftc.fdi.diagnosis import Diagnosis
 from ftc.fdi.fault_model import Fault
 from ftc.oracle import NEVER, OracleController
-from ftc.supervisor import Supervisor, goal_after, used_effectiveness
+from ftc.supervisor import Supervisor, goal_after
 from sim import Array, Failure
 
 BEFORE_S, AFTER_S = 1.2, 2.5
@@ -172,11 +172,13 @@ def informed(
     `displacement` is where that actuator stood when it failed, with any controller.
     """
     news, lost = Diagnosis.told(fault, displacement), np.zeros(len(rig.actuators))
+    acting = np.zeros(len(rig.actuators))
+    acting[fault.actuator] = fault.left
     if fault.kind != "locked" and late_s == 0:
-        lost[fault.actuator] = (1 - used_effectiveness(news)) * displacement
-    after = rig.controller(goal_after(rig.goal, [news], rig.unused))
+        lost[fault.actuator] = (1 - fault.left) * displacement
+    after = rig.controller(goal_after(rig.goal, [news], rig.nominal, rig.unused))
     tick = struck(rig, flight)[0] + round(late_s / rig.period_s)
-    pilot = OracleController(rig.controller(), after, tick, lost, flight.secondary)
+    pilot = OracleController(rig.controller(), after, tick, lost, flight.secondary, acting)
     return _flown(rig, flight, pilot)
 
 

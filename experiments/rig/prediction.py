@@ -70,7 +70,7 @@ def predicted(
         first, faults = min(first, tick), [*faults, *struck]
         after, goes_on = fault_model(rig.nominal, faults), None
         if known := [Diagnosis.told(fault) for fault, is_known in changes if is_known]:
-            goal = goal_after(goal, known, rig.unused)
+            goal = goal_after(goal, known, rig.nominal, rig.unused)
             mapping = rig.mapping(goal)
             goes_on = np.ones(rig.nominal.actuators)
             goes_on[[*goal.locked_at, *goal.free]] = 0.0

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 import argument_checks as check
-from argument_checks import Array
+from argument_checks import Array, Mask
 from ftc.control.geometry import Geometry, Pose, free_actuators_follow, without_springs, yielded
 from ftc.control.limits import LimitedDisplacements, LimitedMapping, MovableLimits
 from ftc.control.local_mapping import LocalMapping, Mapping, MappingThere, PreviousCommand
@@ -124,6 +124,11 @@ class PrioritizedMapping(Generic[Pose]):
     def nominal(self) -> Pose:
         """The pose that displacements are measured from."""
         return self._nominal
+
+    @property
+    def unused(self) -> Mask:
+        """Which actuators are commanded nothing, because the goal says that they have failed."""
+        return ~self._expand.any(axis=1)
 
     def nothing(self) -> PreviousCommand:
         """State before the first demand."""

@@ -21,6 +21,10 @@ KINDS: tuple[FaultKind, ...] = ("locked", "free", "weak")
 """Those that a diagnosis looks for. It takes an actuator that is loose for one of these."""
 
 
+_SLOW = 1e-5
+"""Growth in a tick of what counts as at rest."""
+
+
 class Failure(Protocol):
     """What :meth:`Fault.of` needs of a :class:`sim.Failure`."""
 
@@ -63,6 +67,11 @@ class Fault:
             raise ValueError(f"kind must be one of {known}, got {check.shown(self.kind)}")
         check.index("actuator", self.actuator)
         check.at_most_one("effectiveness", self.effectiveness)
+
+    @property
+    def left(self) -> float:
+        """Part of its force that the actuator has left."""
+        return self.effectiveness if self.kind == "weak" else 0.0
 
     @classmethod
     def of(cls, failure: Failure) -> "Fault":
@@ -269,6 +278,21 @@ def fault_model(nominal: NominalModel, faults: Sequence[Fault] = ()) -> FaultMod
             nominal, P, unimpeded, A, np.column_stack([B, [*(h * push), *push]]), kept
         ),
     )
+
+
+def static_share(nominal: NominalModel, fault: Fault) -> float:
+    """Displacement that a command of the actuator still causes, over that of a sound one, 0..1.
+
+    Of a coil that works against a spring it is the part of the force that is left; a weak position
+    servo still goes nearly where it is told.
+    """
+    k, share = fault.actuator, []
+    for faults in ((), (fault,)):
+        plant = fault_model(nominal, faults)
+        almost_static = np.exp(_SLOW) * np.eye(len(plant.A))  # at rest itself may be a pole
+        moved = np.linalg.solve(almost_static - plant.A, plant.B[:, k])
+        share.append(float(nominal.displacement[k] @ moved))
+    return float(np.clip(share[1] / share[0], 0.0, 1.0)) if share[0] > 0 else 0.0
 
 
 def _rubbing(
