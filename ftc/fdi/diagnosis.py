@@ -20,6 +20,11 @@ class FdiConfig:
         largest_unexplained: An actuator is named only if its failure leaves at most this part of
             the energy that the residuals have without it, above noise: the square of the relative
             error of a model that is expected.
+        largest_inflation: And only if the variance of the residuals since its onset is at most so
+            many times that of before: what shakes a machine reaches its sensors another way after
+            a failure.
+        model_error: Or if the part that it leaves is at most this: the square of the relative error
+            of a model that the largest failures show.
         sample_s: Commands and outputs are averaged over so long.
         learning_s: So long after the start the plant is taken for sound, and its spectrum measured.
         memory_s: Of the spectrum afterwards.
@@ -36,6 +41,8 @@ class FdiConfig:
     false_alarms_per_hour: float = 0.01
     confidence: float = 0.999
     largest_unexplained: float = 0.3
+    largest_inflation: float = 30.0
+    model_error: float = 0.01
     sample_s: float = 4e-3
     learning_s: float = 0.8
     memory_s: float = 5.0

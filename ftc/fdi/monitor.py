@@ -17,7 +17,6 @@ from argument_checks import Array
 from argument_checks.ties import ascending
 from ftc.fdi.detection.residual_test import ResidualTest, residual_test
 from ftc.fdi.detection.watch import Moment, Watch, WatchState
-from ftc.fdi.detection.whitening import Spectrum
 from ftc.fdi.diagnosis import DEFAULT_CONFIG, Diagnosis, FdiConfig
 from ftc.fdi.fault_model import KINDS, Fault, NominalModel
 from ftc.fdi.isolation.evidence import Evidence
@@ -27,6 +26,10 @@ from ftc.fdi.isolation.verdict import Verdict
 _JUDGED_EVERY, _REVISED_EVERY, _SPECTRUM_EVERY = 4, 12, 50
 """In samples: how often hypotheses are judged, once one is named, and how often the filter of the
 spectrum is made anew."""
+
+_WINDOW_S = 0.2
+"""So long no failure fits the residuals before evidence begins anew: what has happened before, such
+as a bump, is left behind."""
 
 _NEGLIGIBLE = 12.0
 """Onsets whose likelihood is e^12 times smaller than the best one's are dropped at a diagnosis."""
@@ -51,6 +54,8 @@ class MonitorState:
         diagnosis: Of the present failure, from then on.
         unexplained: Whether an alarm was given up once: no single failure after another explained
             the outputs. The monitor goes on with what was confirmed before.
+        begun_tick: When the present evidence began.
+        relearns: For so many more samples what is seen is taken for the machine as it is.
     """
 
     ticks: int
@@ -66,6 +71,8 @@ class MonitorState:
     named_tick: int = 0
     diagnosis: Diagnosis | None = None
     unexplained: bool = False
+    begun_tick: int = 0
+    relearns: int = 0
 
 
 @dataclass(frozen=True)
@@ -106,30 +113,38 @@ class Monitor:
 
     def _sample(self, state: MonitorState, v: Array, y: Array) -> MonitorState:
         """One sample: inputs v and mean outputs y (p,) of as many ticks."""
-        suspected = state.evidence is not None
-        watch, moment = self.watch.step(state.watch, v, y, learns=not suspected)
+        suspected, relearns = state.evidence is not None, state.relearns > 0
+        how = {"learns": relearns or not suspected, "gated": not relearns}
+        watch, moment = self.watch.step(state.watch, v, y, **how)
         learning = self._samples(self.config.learning_s)
         kept = max(self._samples(self.config.look_back_s), learning)
         if state.evidence is not None:  # back to the oldest onset that is looked for
             kept = max(kept, moment.sample - int(state.evidence.onsets[0]))
         history = (*state.history[-kept:], moment)
-        state = replace(state, watch=watch, history=history)
+        state = replace(state, history=history, relearns=max(state.relearns - 1, 0))
+        if (relearns or not suspected) and watch.spectrum.samples > learning // 4:
+            if watch.sample % _SPECTRUM_EVERY == 0 and (watch.spectrum.samples > learning or relearns):
+                watch = self.watch.with_spectrum(watch)
+        state = replace(state, watch=watch)
         if state.evidence is not None:
             evidence = self._weighed(state.evidence, moment, watch)
             state = replace(state, evidence=evidence)
             every = _JUDGED_EVERY if state.diagnosis is None else _REVISED_EVERY
             return self._judged(state) if evidence.samples % every == 0 else state
-        if watch.spectrum.samples == learning:
+        if not relearns and watch.spectrum.samples == learning:
             return replace(state, watch=self._learned(history, watch))
-        if watch.spectrum.samples < learning:
+        if not relearns and watch.spectrum.samples < learning:
             return state
-        if watch.sample % _SPECTRUM_EVERY == 0:
-            state = replace(state, watch=self.watch.with_spectrum(watch))
         state = replace(state, recent=self.test.push(state.recent, watch.residual))
         if self.test.alarm(state.recent):
             state = replace(state, alarm_ticks=(*state.alarm_ticks, state.ticks - 1))
-            return self._judged(replace(state, evidence=self._look_back(history, watch)))
+            return self._judged(self._begun(state, self.config.look_back_s))
         return state
+
+    def _begun(self, state: MonitorState, reach_s: float) -> MonitorState:
+        """With new evidence, of onsets up to so far back."""
+        evidence = self._look_back(state.history, state.watch, reach_s)
+        return replace(state, evidence=evidence, verdict=None, begun_tick=state.ticks)
 
     def believing(self, state: MonitorState) -> tuple["Monitor", MonitorState]:
         """The monitor that continues from a confirmed diagnosis, with recomputed history.
@@ -183,10 +198,12 @@ class Monitor:
         )
         return self.watch.with_spectrum(self._replayed(start, history)[0])
 
-    def _look_back(self, history: tuple[Moment, ...], watch: WatchState) -> Evidence:
+    def _look_back(
+        self, history: tuple[Moment, ...], watch: WatchState, reach_s: float
+    ) -> Evidence:
         """The evidence in the history, for onsets at growing distances before the last sample."""
         now = history[-1].sample
-        reach = min(now - history[0].sample, self._samples(self.config.look_back_s))
+        reach = min(now - history[0].sample, self._samples(reach_s))
         distances, distance = [0], 1
         while distance <= reach:
             distances.append(distance)
@@ -215,19 +232,26 @@ class Monitor:
         found, config, sample = state.diagnosis, self.config, state.history[-1].sample
         before, verdict = state.verdict, self.bank.verdict(state.evidence, sample)
         state = replace(state, verdict=verdict)
-        certain = verdict.actuator_confidence >= config.confidence
+        certain, fits = verdict.actuator_confidence >= config.confidence, self._fits(verdict)
         since = state.alarm_ticks[-1] if found is None else state.named_tick
         waited_s = (state.ticks - since) * self.nominal.period_s
         if verdict.fault_free_confidence >= config.confidence:
             return self._reset(state)
         if found is None:
-            explained = verdict.unexplained <= config.largest_unexplained
-            if certain and explained and waited_s >= config.evidence_s:
+            seen_s = (state.ticks - state.begun_tick) * self.nominal.period_s
+            explained = fits and verdict.unexplained <= config.largest_unexplained
+            if certain and explained and seen_s >= config.evidence_s:
                 return self._named(state, verdict)
-            return self._given_up(state) if waited_s >= config.look_back_s else state
+            if waited_s >= config.look_back_s:
+                return self._given_up(state)
+            if not fits and seen_s >= _WINDOW_S:
+                return self._begun(state, _WINDOW_S / 2)
+            return state
         if before is not None and self._contradicts(before, verdict):
             kept = replace(found, confirmed=True, tick=state.ticks - 1)
             return replace(state, diagnosis=kept)
+        if not fits:
+            return self._given_up(state)
         if certain and waited_s >= config.confirmation_s:
             return replace(state, diagnosis=self._diagnosis(state, verdict, confirmed=True))
         if certain and self._revises(found.fault, verdict):
@@ -235,6 +259,12 @@ class Monitor:
         if not certain and waited_s >= 2 * config.confirmation_s:
             return self._given_up(state)
         return state
+
+    def _fits(self, verdict: Verdict) -> bool:
+        """Whether what the most likely failure leaves of the residuals is noise."""
+        config = self.config
+        small = verdict.inflation <= config.largest_inflation
+        return small or verdict.unexplained <= config.model_error
 
     def _contradicts(self, before: Verdict, verdict: Verdict) -> bool:
         """Whether the latest samples do not go on as those before: something else has happened."""
@@ -270,13 +300,10 @@ class Monitor:
         )
 
     def _given_up(self, state: MonitorState) -> MonitorState:
-        """Nothing explains the residuals: what they are like from now on is learned anew.
-
-        Else a failure long past would be looked for among later onsets.
-        """
+        """Nothing explains the residuals: the watch goes on, and learns what they are like."""
         state = replace(self._reset(state), unexplained=True, history=())
-        order, p = self.config.order, len(self.nominal.noise)
-        return replace(state, watch=replace(state.watch, spectrum=Spectrum.start(order, p)))
+        learning = self._samples(self.config.learning_s)
+        return replace(state, relearns=learning, watch=self.watch.relearning(state.watch))
 
     def _revises(self, before: Fault, verdict: Verdict) -> bool:
         """Whether another actuator or kind is certain by now, or another effectiveness."""

@@ -51,7 +51,10 @@ class Parameters:
         """After so long, with so many outputs and limits of dry friction."""
         rates = uncertainty.drift_rate, uncertainty.friction_rate, uncertainty.offset_rate
         rate = np.repeat(rates, [len(self.mean) - limits - outputs, limits, outputs])
-        walk = np.diag(rate * np.sqrt(time_s))
+        return self.spread(np.diag(rate * np.sqrt(time_s)))
+
+    def spread(self, walk: Array) -> "Parameters":
+        """After a random step whose covariance has this square root, shape (J + p, J + p)."""
         return Parameters(self.mean, _lower(np.hstack([self.root, walk])))
 
     def measured(self, white: Array, regressors: Array) -> tuple[Array, "Parameters"]:

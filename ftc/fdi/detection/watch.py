@@ -90,9 +90,12 @@ class Watch:
         )
 
     def step(
-        self, state: WatchState, v: Array, y: Array, *, learns: bool = True
+        self, state: WatchState, v: Array, y: Array, *, learns: bool = True, gated: bool = True
     ) -> tuple[WatchState, Moment]:
-        """One sample; with `learns` the parameters and the spectrum are updated."""
+        """One sample; with `learns` the parameters and the spectrum are updated.
+
+        With `gated` not by an innovation that is too large for noise.
+        """
         config = self.config
         moment = Moment(state.sample, state.X, state.memory, state.parameters, v, y)
         Y, X = self.model.step(state.X, v)
@@ -104,7 +107,7 @@ class Watch:
         residual, measured = parameters.measured(white[0], regressors)
         state = replace(state, sample=state.sample + 1, X=X, memory=memory, residual=residual)
         known = state.spectrum.samples * self.period_s >= self.config.learning_s
-        if not learns or (known and residual @ residual > self.largest):
+        if not learns or (gated and known and residual @ residual > self.largest):
             return state, moment
         parameters = measured
         left = Y[0] - parameters.mean[:-p] @ Y[1:] - parameters.mean[-p:]
@@ -112,6 +115,18 @@ class Watch:
         parameters = parameters.drifted(self.period_s, p, config.uncertainty, self.model.limits)
         state = replace(state, parameters=parameters, spectrum=spectrum)
         return state, moment
+
+    def relearning(self, state: WatchState) -> WatchState:
+        """The state that takes what it sees from now on for the machine as it is.
+
+        Offsets of the sensors may be as large as the residuals are, and the spectrum is soon that
+        of the residuals to come; until then the one known before is tested by.
+        """
+        seen = np.abs(state.memory[:, 0]).max(axis=0)
+        spread = np.diag([*np.zeros(len(state.parameters.mean) - len(seen)), *seen])
+        learning = round(self.config.learning_s / self.period_s)
+        spectrum = replace(state.spectrum, samples=learning // 4)
+        return replace(state, parameters=state.parameters.spread(spread), spectrum=spectrum)
 
     def observed(self, state: WatchState) -> Array:
         """Part of each parameter's prior variance that the motion so far has removed, (J + p,).
