@@ -55,6 +55,7 @@ class MonitorState:
         unexplained: Whether an alarm was given up once: no single failure after another explained
             the outputs. The monitor goes on with what was confirmed before.
         begun_tick: When the present evidence began.
+        cleared: Sample up to which nothing had failed, or nothing that was understood.
         relearns: For so many more samples what is seen is taken for the machine as it is.
     """
 
@@ -72,6 +73,7 @@ class MonitorState:
     diagnosis: Diagnosis | None = None
     unexplained: bool = False
     begun_tick: int = 0
+    cleared: int = 0
     relearns: int = 0
 
 
@@ -143,7 +145,8 @@ class Monitor:
 
     def _begun(self, state: MonitorState, reach_s: float) -> MonitorState:
         """With new evidence, of onsets up to so far back."""
-        evidence = self._look_back(state.history, state.watch, reach_s)
+        reach = min(self._samples(reach_s), state.history[-1].sample - state.cleared)
+        evidence = self._look_back(state.history, state.watch, reach)
         return replace(state, evidence=evidence, verdict=None, begun_tick=state.ticks)
 
     def believing(self, state: MonitorState) -> tuple["Monitor", MonitorState]:
@@ -199,11 +202,11 @@ class Monitor:
         return self.watch.with_spectrum(self._replayed(start, history)[0])
 
     def _look_back(
-        self, history: tuple[Moment, ...], watch: WatchState, reach_s: float
+        self, history: tuple[Moment, ...], watch: WatchState, reach: int
     ) -> Evidence:
         """The evidence in the history, for onsets at growing distances before the last sample."""
         now = history[-1].sample
-        reach = min(now - history[0].sample, self._samples(reach_s))
+        reach = min(now - history[0].sample, reach)
         distances, distance = [0], 1
         while distance <= reach:
             distances.append(distance)
@@ -223,20 +226,29 @@ class Monitor:
 
     def _weighed(self, evidence: Evidence, moment: Moment, watch: WatchState) -> Evidence:
         return self.bank.step(
-            evidence, moment.sample, moment.v, moment.y, watch.whitening, watch.shaken
+            evidence,
+            moment.sample,
+            moment.v,
+            moment.y,
+            watch.whitening,
+            watch.decoupled,
+            watch.shaken,
         )
 
     def _judged(self, state: MonitorState) -> MonitorState:
         """Name an actuator, revise that, confirm it, or dismiss the alarm."""
         assert state.evidence is not None
         found, config, sample = state.diagnosis, self.config, state.history[-1].sample
-        before, verdict = state.verdict, self.bank.verdict(state.evidence, sample)
+        # Once a failure is named, what shakes the failed machine is slow disturbance enough.
+        before = state.verdict
+        verdict = self.bank.verdict(state.evidence, sample, disturbed=found is None)
         state = replace(state, verdict=verdict)
         certain, fits = verdict.actuator_confidence >= config.confidence, self._fits(verdict)
         since = state.alarm_ticks[-1] if found is None else state.named_tick
         waited_s = (state.ticks - since) * self.nominal.period_s
         if verdict.fault_free_confidence >= config.confidence:
-            return self._reset(state)
+            watch = self.watch.following(state.watch)
+            return replace(self._reset(state), watch=watch, cleared=sample)
         if found is None:
             seen_s = (state.ticks - state.begun_tick) * self.nominal.period_s
             explained = fits and verdict.unexplained <= config.largest_unexplained
@@ -301,7 +313,7 @@ class Monitor:
 
     def _given_up(self, state: MonitorState) -> MonitorState:
         """Nothing explains the residuals: the watch goes on, and learns what they are like."""
-        state = replace(self._reset(state), unexplained=True, history=())
+        state = replace(self._reset(state), unexplained=True, cleared=state.history[-1].sample)
         learning = self._samples(self.config.learning_s)
         return replace(state, relearns=learning, watch=self.watch.relearning(state.watch))
 
@@ -342,7 +354,8 @@ def _quieter(watch: WatchState, verdict: Verdict | None) -> WatchState:
     """
     inflation = 1.0 if verdict is None else verdict.inflation
     spectrum = replace(watch.spectrum, covariance=inflation * watch.spectrum.covariance)
-    return replace(watch, spectrum=spectrum, whitening=watch.whitening / np.sqrt(inflation))
+    whitening, decoupled = (each / np.sqrt(inflation) for each in (watch.whitening, watch.decoupled))
+    return replace(watch, spectrum=spectrum, whitening=whitening, decoupled=decoupled)
 
 
 def monitor(

@@ -11,6 +11,10 @@ from ftc.fdi.diagnosis import FdiConfig
 from ftc.fdi.uncertainty import UncertainModel
 
 
+_SLOWER = 40.0
+"""Times slower than the dither are inputs that no failure is inferred from."""
+
+
 @dataclass(frozen=True)
 class Moment:
     """What was known before a sample, and the sample.
@@ -39,6 +43,8 @@ class WatchState:
     Attributes:
         spectrum: Of the residuals.
         whitening: Their filter, shape (q + 1, p).
+        decoupled: The same where slow unknown inputs act besides, much slower than the dither, which
+            then is what shows a failure; without a dither it is that filter.
         residual: Latest innovation, shape (p,); before the spectrum is known, zero.
     """
 
@@ -48,6 +54,7 @@ class WatchState:
     parameters: Parameters
     spectrum: Spectrum
     whitening: Array
+    decoupled: Array
     residual: Array
 
     @property
@@ -86,6 +93,7 @@ class Watch:
             parameters=Parameters.prior(rows - 1, p, self.config.uncertainty),
             spectrum=Spectrum.start(q, p),
             whitening=white,
+            decoupled=white,
             residual=np.zeros(p),
         )
 
@@ -116,17 +124,21 @@ class Watch:
         state = replace(state, parameters=parameters, spectrum=spectrum)
         return state, moment
 
+    def following(self, state: WatchState) -> WatchState:
+        """The state whose offsets of the sensors may be as large as the residuals are."""
+        seen = np.abs(state.memory[:, 0]).max(axis=0)
+        spread = np.diag([*np.zeros(len(state.parameters.mean) - len(seen)), *seen])
+        return replace(state, parameters=state.parameters.spread(spread))
+
     def relearning(self, state: WatchState) -> WatchState:
         """The state that takes what it sees from now on for the machine as it is.
 
-        Offsets of the sensors may be as large as the residuals are, and the spectrum is soon that
-        of the residuals to come; until then the one known before is tested by.
+        The spectrum is soon that of the residuals to come; until then the one known before is
+        tested by.
         """
-        seen = np.abs(state.memory[:, 0]).max(axis=0)
-        spread = np.diag([*np.zeros(len(state.parameters.mean) - len(seen)), *seen])
         learning = round(self.config.learning_s / self.period_s)
         spectrum = replace(state.spectrum, samples=learning // 4)
-        return replace(state, parameters=state.parameters.spread(spread), spectrum=spectrum)
+        return replace(self.following(state), spectrum=spectrum)
 
     def observed(self, state: WatchState) -> Array:
         """Part of each parameter's prior variance that the motion so far has removed, (J + p,).
@@ -139,7 +151,12 @@ class Watch:
         return np.clip(1 - left, 0.0, 1.0)
 
     def with_spectrum(self, state: WatchState) -> WatchState:
-        """With the filter of the spectrum measured so far."""
+        """With the filters of the spectrum measured so far."""
+        config, spectrum = self.config, state.spectrum
         fitted = len(state.parameters.mean) / len(state.residual)
-        memory = self.config.memory_s / self.period_s
-        return replace(state, whitening=state.spectrum.filter(fitted, memory))
+        memory = config.memory_s / self.period_s
+        whitening = decoupled = spectrum.filter(fitted, memory)
+        if config.dither_hz is not None:
+            corner = 2 * np.pi * config.dither_hz / _SLOWER * self.period_s
+            decoupled = spectrum.filter(fitted, memory, corner)
+        return replace(state, whitening=whitening, decoupled=decoupled)

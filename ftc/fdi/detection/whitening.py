@@ -13,6 +13,9 @@ from argument_checks import Array
 
 _RIDGE = 1e-4
 
+_SLOW_INPUT = 50.0
+"""Standard deviation of unknown inputs, in those of the noise."""
+
 
 @dataclass(frozen=True)
 class Spectrum:
@@ -41,7 +44,9 @@ class Spectrum:
         covariance = self.covariance + rate * (products - self.covariance)
         return Spectrum(recent, covariance, self.samples + 1)
 
-    def filter(self, fitted: float = 0.0, memory: float = np.inf) -> Array:
+    def filter(
+        self, fitted: float = 0.0, memory: float = np.inf, slow: float | None = None
+    ) -> Array:
         """Weights (q + 1, p) of the newest to the oldest residual, whose sum is white.
 
         Args:
@@ -49,13 +54,17 @@ class Spectrum:
                 of the autoregression. Both make them look smaller than new ones will be, by the
                 final prediction error (Akaike, Annals Inst. Statistical Mathematics 21, 1969).
             memory: Samples after which residuals are forgotten.
+            slow: Corner in radians a sample below which unknown inputs may act besides, as large as
+                `_SLOW_INPUT` standard deviations of noise; None is none.
         """
         samples = min(self.samples, memory)
         freedom = min(len(self.covariance) - 1 + fitted, samples / 2)
         error = (samples + freedom) / max(samples - freedom, 1.0)
         weights = np.empty_like(self.covariance)
+        lags = (0.0 if slow is None else slow) * np.arange(len(self.covariance))
+        disturbance = 0.0 if slow is None else _SLOW_INPUT**2 * (1 + lags) * np.exp(-lags)
         for k, c in enumerate(self.covariance.T):
-            ridged = c.copy()
+            ridged = c + disturbance
             ridged[0] *= 1 + _RIDGE
             a = scipy.linalg.solve_toeplitz(ridged[:-1], ridged[1:])
             variance = max(ridged[0] - a @ ridged[1:], _RIDGE * ridged[0])

@@ -47,16 +47,16 @@ def advance(steps, X, outputs, A, M, C, N, v):  # pragma: no cover
             X[h, k] = after
 
 
-@kernel(types.void(_flags, _5, _4, _3, _2, _4, _3, _1, _1, _2), fastmath=_FASTMATH)
+@kernel(types.void(_flags, _5, _4, _3, _2, _4, _3, _1, _1, _3), fastmath=_FASTMATH)
 def weigh(
     steps, memory, information, score, energy, outputs, slopes, y, mean, whitening
 ):  # pragma: no cover
     """Memory (H, K, q + 1, 4 + J, p) with residuals, and the sums of their products.
 
-    `mean` (J + p,) is that of the prior; `whitening` (q + 1, p) begins with the newest residual.
+    `mean` (J + p,) is that of the prior; `whitening` (H, q + 1, p) begins with the newest residual.
     """
     H, K, rows, p = outputs.shape
-    q, J = len(whitening), rows - 3
+    q, J = whitening.shape[1], rows - 3
     R = J + p + 3
     white, regressor = np.empty((rows + 1, p)), np.zeros(R)
     for h in range(H):
@@ -77,13 +77,13 @@ def weigh(
             for lag in range(q):
                 for row in range(rows + 1):
                     for i in range(p):
-                        white[row, i] += whitening[q - 1 - lag, i] * memory[h, k, lag, row, i]
+                        white[row, i] += whitening[h, q - 1 - lag, i] * memory[h, k, lag, row, i]
             for i in range(p):
                 e = white[0, i]
                 regressor[:J] = white[1 : J + 1, i]
                 regressor[J : J + p] = 0.0
                 for lag in range(q):
-                    regressor[J + i] += whitening[lag, i]
+                    regressor[J + i] += whitening[h, lag, i]
                 regressor[J + p :] = white[J + 1 :, i]
                 energy[h, k] += e * e
                 for a in range(R):

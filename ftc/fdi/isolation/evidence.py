@@ -44,6 +44,8 @@ class Evidence:
         information: Sum of products of the regressors, shape (H, K, R, R).
         score: Of regressors and residuals, shape (H, K, R).
         energy: Of the residuals, shape (H, K).
+        gain: Log of how much less the filter of the last hypothesis amplifies than that of the
+            others, so far.
     """
 
     onsets: Indices
@@ -54,6 +56,7 @@ class Evidence:
     information: Array
     score: Array
     energy: Array
+    gain: float = 0.0
 
     def marginal(self) -> tuple[Array, Array, Array]:
         """With all parameters integrated out; the onset and the part lost stay in their cells.
@@ -96,7 +99,8 @@ class Evidence:
         for name in ("X", "memory", "information", "score", "energy"):
             whole = getattr(self, name)
             parts[name] = whole[:, kept]
-            parts[name][0, 0] = whole[0, 0]  # no failure, which has no onset
+            for h in (0, -1):  # no failure, which has no onset
+                parts[name][h, 0] = whole[h, 0]
         return replace(self, onsets=self.onsets[kept], **parts)
 
 

@@ -37,8 +37,12 @@ from ftc.fdi.uncertainty import (
 class HypothesisBank:
     """Hypotheses about the actuators that still work: none failed, then locked and weak by turns.
 
+    The last one is that none has failed and something else, slow, acts on the machine: the model of
+    the first with another filter of its residuals, decoupled from slow unknown inputs (Chen and
+    Patton, Robust Model-Based Fault Diagnosis, 1999, chapter 3).
+
     Attributes:
-        faults: Of each hypothesis but the first, H - 1; weak ones that have lost all are free.
+        faults: Of each hypothesis but the first and the last, H - 2; weak ones that have lost all are free.
         effectiveness: That actuators 0..n-1 are believed to have, shape (n,).
         believed: The plant with the known faults.
         models: Of all H.
@@ -85,7 +89,14 @@ class HypothesisBank:
         )
 
     def step(
-        self, state: Evidence, sample: int, v: Array, y: Array, whitening: Array, shaken: float
+        self,
+        state: Evidence,
+        sample: int,
+        v: Array,
+        y: Array,
+        whitening: Array,
+        decoupled: Array,
+        shaken: float,
     ) -> Evidence:
         """One sample of evidence.
 
@@ -95,6 +106,7 @@ class HypothesisBank:
             v: Inputs of the models, shape (r,).
             y: Mean outputs in units of their noise, shape (p,).
             whitening: Weights (q + 1, p) of the newest to the oldest residual.
+            decoupled: Likewise, of the last hypothesis.
             shaken: By how much an actuator may lock off its place, as an output sees it, in
                 standard deviations of noise.
         """
@@ -103,22 +115,22 @@ class HypothesisBank:
             for part in (state.X, state.memory, state.information, state.score, state.energy)
         )
         now, steps = state.onsets == sample, np.zeros(state.energy.shape, dtype=bool)
-        steps[1:], steps[0, 0] = state.onsets <= sample, True
+        steps[1:-1], steps[[0, -1], 0] = state.onsets <= sample, True
         later = np.zeros((len(X), X.shape[-1]))
         if now.any():  # until then each hypothesis is the first one
             for part in (X, memory, information, score, energy):
-                part[1:, now] = part[0, 0]
+                part[1:-1, now] = part[0, 0]
             believed, sound = self.believed, X[0, 0, :-2]
             later = self.onset @ _later(believed, sound, v)
-            X[1:, now] = (X[0, 0] @ self.onset[1:].swapaxes(-1, -2))[:, None]
+            X[1:-1, now] = (X[0, 0] @ self.onset[1:-1].swapaxes(-1, -2))[:, None]
         outputs = np.zeros((*X.shape[:3], len(y)))
         before = None if self.friction is None else X.copy()
         advance(steps, X, outputs, self.A, self.M, self.C, self.N, v)
         if self.friction is not None and before is not None:
             self.friction.apply(steps, before, X, outputs, v)
         if now.any():
-            X[1:, now, -2] = ONSET_SPREAD * (later[1:, None] - X[1:, now, 0])
-            X[1:, now, -1] = shaken * self.further[1:, None]
+            X[1:-1, now, -2] = ONSET_SPREAD * (later[1:-1, None] - X[1:-1, now, 0])
+            X[1:-1, now, -1] = shaken * self.further[1:-1, None]
         weigh(
             steps,
             memory,
@@ -129,7 +141,7 @@ class HypothesisBank:
             self._part_slopes(outputs[:, :, 0]),
             y,
             state.prior.mean,
-            whitening,
+            np.concatenate([np.tile(whitening, (len(X) - 1, 1, 1)), decoupled[None]]),
         )
         return replace(
             state,
@@ -139,22 +151,23 @@ class HypothesisBank:
             information=information,
             score=score,
             energy=energy,
+            gain=state.gain + float(np.log(decoupled[0] / whitening[0]).sum()),
         )
 
     def _part_slopes(self, outputs: Array) -> Array:
         """What a standard deviation of the part lost within its cell adds to outputs (H, K, p)."""
         slopes = np.zeros_like(outputs)
         m = 1 + len(LOST)
-        lost = outputs[1:].reshape(-1, m, *outputs.shape[1:])[:, 1:]
+        lost = outputs[1:-1].reshape(-1, m, *outputs.shape[1:])[:, 1:]
         sound = np.broadcast_to(outputs[0, 0], lost[:, :1].shape)
         edges = np.concatenate([sound, lost, 2 * lost[:, -1:] - lost[:, -2:-1]], axis=1)
         by_part = (edges[:, 2:] - edges[:, :-2]) / (2 * LOST[0]) * PART_SPREAD
-        slopes[1:].reshape(-1, m, *outputs.shape[1:])[:, 1:] = by_part
+        slopes[1:-1].reshape(-1, m, *outputs.shape[1:])[:, 1:] = by_part
         return slopes
 
-    def verdict(self, state: Evidence, sample: int) -> Verdict:
+    def verdict(self, state: Evidence, sample: int, *, disturbed: bool = True) -> Verdict:
         """What the evidence up to a sample says, by :func:`ftc.fdi.isolation.verdict.verdict`."""
-        return verdict(state, sample, self.faults, self.effectiveness)
+        return verdict(state, sample, self.faults, self.effectiveness, disturbed=disturbed)
 
 
 def hypothesis_bank(
@@ -230,6 +243,7 @@ def bank_of(
         [*(each for each in faults if each.actuator != fault.actuator), fault] for fault in one_more
     ]
     models = [uncertain_model(plant, each, **options) for each in ([*faults], *known)]
+    models.append(models[0])
     A, M, C, N, onset = (
         np.array([getattr(model, name) for model in models])
         for name in ("A", "M", "C", "N", "onset")

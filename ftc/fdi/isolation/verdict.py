@@ -25,7 +25,7 @@ class Verdict:
             that of other actuators, and of no failure at all.
         kind_confidences: Probability of each of :data:`ftc.fdi.fault_model.KINDS`, given the
             actuator.
-        fault_free_confidence: Probability that nothing has failed.
+        fault_free_confidence: Probability that nothing has failed, whatever else acts slowly on the machine.
         inflation: Variance of the residuals that the most likely fault leaves, over that expected;
             at least 1. All log likelihoods are divided by it.
         unexplained: Part of the energy against no failure that this fault leaves, above noise.
@@ -47,18 +47,27 @@ class Verdict:
     best: Array
 
 
-def verdict(state: Evidence, sample: int, faults: Sequence[Fault], effectiveness: Array) -> Verdict:
+def verdict(
+    state: Evidence,
+    sample: int,
+    faults: Sequence[Fault],
+    effectiveness: Array,
+    *,
+    disturbed: bool = True,
+) -> Verdict:
     """Probabilities of the hypotheses; a priori, failure and no failure are equally likely.
 
     Args:
         state: The evidence.
         sample: The last one that it is of.
-        faults: Of each hypothesis but the first, H - 1, in the order of a bank.
+        faults: Of each hypothesis but the first and the last, H - 2, in the order of a bank.
         effectiveness: That actuators are believed to have, shape (n,).
+        disturbed: Whether something else, slow, may act on a sound machine.
     """
     energy, log_det, parameters = state.marginal()
     plain = -energy / 2 - log_det
-    ratios = plain[1:] - plain[0, 0]
+    ratios = plain[1:-1] - plain[0, 0]
+    other = float(plain[-1, 0] - plain[0, 0]) + state.gain if disturbed else -np.inf
     h, k = _first_of_the_best(ratios)
     p = state.memory.shape[-1]
     after = max(sample - int(state.onsets[k]) + 1, 1)
@@ -66,7 +75,8 @@ def verdict(state: Evidence, sample: int, faults: Sequence[Fault], effectiveness
     inflation = 1 + excess / (after * p)
     ratios = ratios / inflation
     kinds = values_by_kind(logsumexp(ratios, axis=-1), logsumexp)
-    actuators, nothing = logsumexp(kinds, axis=1), np.log(ratios.size)
+    actuators = logsumexp(kinds, axis=1)
+    nothing = np.log(ratios.size) + np.logaddexp(0.0, other / inflation)
     total = np.logaddexp(logsumexp(actuators), nothing)
     a, m = greatest(actuators, zero=_ALIKE), 1 + len(LOST)
     own = ratios[a * m : (a + 1) * m]
