@@ -4,7 +4,8 @@ from dataclasses import replace
 from typing import Any
 
 from experiments.recover.flight import DITHER, STRUCK, Flight
-from experiments.recover.recovery import AFTER_S, BEFORE_S, errors, fault_unaware, informed
+from experiments.recover.pointing import errors
+from experiments.recover.recovery import AFTER_S, BEFORE_S, fault_unaware, informed
 from experiments.rig.hexapod.fault_tolerance import STILL, fault_text
 from experiments.rig.hexapod.metrics import pointing_rms_urad
 from experiments.rig.hexapod.rig import HexapodRig

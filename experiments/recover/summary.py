@@ -11,10 +11,11 @@ from argument_checks.ties import greatest
 from experiments.recover.comparison import controller_summary
 from experiments.recover.curves import groups, over_oracle, sizes
 from experiments.recover.flight import DITHER
+from experiments.recover.pointing import WHEN, pointing_error_urad
 from experiments.recover.predictions import ALIKE, EVIDENCE_S
 from experiments.recover.rates import per_hour, quantiles, rate
-from experiments.recover.recovery import RECOVERED_S, Identification, pointing_error_urad
-from experiments.recover.row import CONTROLLERS, WHEN
+from experiments.recover.recovery import RECOVERED_S, Identification
+from experiments.recover.row import CONTROLLERS
 from experiments.recover.runs import Recover
 from experiments.rig.hexapod.fault_tolerance import fault_entry
 from experiments.rig.hexapod.mismatch import ALL_SIZES
