@@ -136,9 +136,8 @@ def flown(*diagnoses: Named, event: Event, failures: tuple[Failure, ...] = ()) -
         alarm_ticks=alarms, unexplained=False, task_lost=False, closure_residual_max_m=0.0
     )
     run, flight = SimpleNamespace(diagnoses=diagnoses), SimpleNamespace(events=(event,))
-    return named(
-        exact_rig(), cast(Any, flight), [*failures], cast(Any, run), cast(Any, found), 1000
-    )
+    made: tuple[Any, Any, Any] = flight, run, found
+    return named(exact_rig(), made[0], [*failures], *made[1:], 1000)
 
 
 LOCKED = Named("strut1", "locked", 1.07, None)
@@ -267,6 +266,9 @@ def test_the_command_leaves_rows_table_figure_and_checks(events_folder, faults_o
         spoilt = deepcopy(good)
         spoil(spoilt)
         assert re.search(words, str(Results(spoilt, checks=checks(spoilt)).failed_check))
+
+
+ARM = str(HEXAPOD_MJCF.with_name("arm.xml"))
 
 
 @pytest.mark.parametrize(
