@@ -21,6 +21,7 @@ from experiments.study.campaign import Row
 from experiments.study.draw import CORRELATION
 from experiments.study.results import Check, Results
 from experiments.study.resumable import origin
+from ftc.fdi.diagnosis import DEFAULT_CONFIG
 from ftc.fdi.uncertainty import TYPICAL
 
 WORST = 1.1
@@ -157,7 +158,7 @@ def _peak(rows: Sequence[Row], who: str) -> float | None:
 
 
 def _sound(row: Row) -> dict[str, Any]:
-    hours = row["duration_s"] / 3600
+    hours = max(row["duration_s"] - DEFAULT_CONFIG.learning_s, 0.0) / 3600
     return {
         "duration_s": row["duration_s"],
         **per_hour(row["alarms"] or 0, hours),

@@ -135,11 +135,14 @@ def _errors_urad(rows: Sequence[Row], kind: str) -> dict[str, Any] | None:
 def _sound(rows: Sequence[Row]) -> dict[str, Any]:
     """Long flights without failures: what was flown, and what happened in it."""
     hours = sum(row["duration_s"] for row in rows) / 3600
+    watched_hours = hours - len(rows) * DEFAULT_CONFIG.learning_s / 3600
     return {
         "flights": len(rows),
-        **per_hour(sum(row["alarms"] for row in rows), hours),
+        **per_hour(sum(row["alarms"] for row in rows), watched_hours),
+        "hours": hours,
+        "watched_hours": watched_hours,
         "sound_named": sum(row["sound_named"] for row in rows),
-        "named_per_hour": per_hour(sum(row["sound_named"] for row in rows), hours),
+        "named_per_hour": per_hour(sum(row["sound_named"] for row in rows), watched_hours),
         "commands_changed": sum(row["commands_changed"] for row in rows),
         "unexplained": sum(row["unexplained"] for row in rows),
     }
