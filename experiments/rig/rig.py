@@ -313,7 +313,7 @@ class Rig(ABC):
         desired = check.matrix("path", path, columns=len(self.major))
         around = {"begin_s": begin_s, "lead_in_s": lead_in_s, "seed": seed}
         hooks, caused = events_of(self, events, **around)
-        struck = [*self._numbered(failures), *caused]
+        struck = sorted((*self._numbered(failures), *caused), key=lambda one: one.time_s)
         time_s = begin_s + np.arange(len(desired)) * self.period_s
         return flown(
             self,

@@ -1,9 +1,9 @@
 """Names of what can happen to a machine; apart, so that a command's check imports no physics."""
 
 from dataclasses import dataclass
+from math import inf
 from typing import Literal
 
-import argument_checks as check
 from experiments.rig.choices import Failing
 from experiments.study.spelling import hint
 
@@ -103,7 +103,8 @@ class Event:
     def __post_init__(self) -> None:
         if self.name not in EVENTS:
             raise ValueError(f'there is no event "{self.name}"{hint(self.name, EVENTS)}')
-        check.number("time_s", self.time_s)
+        if not 0.0 <= self.time_s < inf:
+            raise ValueError(f"time_s must be a time from zero on, got {self.time_s}")
         if self.kind.of == "actuator" and self.actuator is None:
             raise ValueError(f"{self.name} is of an actuator, which must be named")
         if self.kind.of != "actuator" and self.actuator is not None:
