@@ -34,7 +34,7 @@ def figure_events(summary: dict[str, Any]) -> Figure:
     figure = new_figure(PAGE_IN, 1.6 + 0.19 * len(summary["events"]))
     figure.suptitle(headline(summary))
     draw_ratios(figure.add_subplot(), summary)
-    figure.legend(loc="outside lower center", ncols=4)
+    figure.legend(loc="outside lower center", ncols=5)
     return figure
 
 
@@ -47,9 +47,10 @@ def draw_ratios(axes: Axes, summary: dict[str, Any]) -> None:
         flights = [(ratio, row) for row, each in rows for ratio in each["counted"]]
         worst = [(each["counted_worst"], row) for row, each in rows]
         if worst:
-            axes.plot(*zip(*flights, strict=True), ".", color=color, markersize=3, alpha=0.6)
+            axes.plot(*zip(*flights, strict=True), "o", color=color, markersize=2)
             axes.plot(*zip(*worst, strict=True), "o", color=color, markersize=5, label=of)
-    axes.axvline(summary["worst_allowed"], color="black", linewidth=0.8, linestyle="--")
+    limit = summary["worst_allowed"]
+    axes.axvline(limit, color="black", linewidth=0.8, linestyle="--", label=f"{limit:g} times")
     axes.set_xscale("log")
     axes.xaxis.set_major_formatter(FuncFormatter(lambda ratio, _: f"{ratio:g}"))
     axes.xaxis.set_minor_formatter(NullFormatter())

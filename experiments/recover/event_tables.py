@@ -7,6 +7,9 @@ from experiments.rig.events import EVENTS
 from experiments.study.resumable import rate as session_rate
 from experiments.study.tables import Column, Table, tabulate
 
+_FAMILIES = {"all": "the usual family", "other family": "the other family"}
+"""By mismatch."""
+
 
 def tables(summary: dict[str, Any]) -> list[Table]:
     """One row for each event."""
@@ -70,8 +73,8 @@ def notes(summary: dict[str, Any]) -> list[str]:
         f"the diagnosis learns. A flight goes on for {at_s['after']:g} s. In turn it follows the "
         "spiral, twice at another speed and radius, a circle, steps that are held, or rests.",
         *(
-            f"{name}: the RMS error is {entry['over_median']:.3g} times that of a controller that "
-            f"does nothing (median), {entry['harmed']} flights are harmed."
+            f"Plants of {_FAMILIES[name]}: in the median the RMS error is {entry['over_median']:.3g} "
+            f"times that of a controller that does nothing; flights with harm: {entry['harmed']}."
             for name, entry in summary["families"].items()
             if entry["over_median"] is not None
         ),

@@ -321,6 +321,7 @@ def tables(tracked: Tracked, summary: dict[str, Any]) -> list[Table]:
         "Before and after the first failure or event. pred.: by the linear model with the noise "
         f"that the sensors had, with a controller that {learns}."
     )
+    named = summary["diagnoses"]
     found = (
         Column("actuator", "actuator"),
         Column("named", "kind"),
@@ -330,7 +331,7 @@ def tables(tracked: Tracked, summary: dict[str, Any]) -> list[Table]:
     return [
         tabulate(title, columns, entries, legend),
         *event_tables(summary),
-        tabulate("Diagnoses", found, summary["diagnoses"], "Without a delay: a false alarm."),
+        tabulate("Diagnoses", found, named, "Without a delay: a false alarm." if named else ""),
     ]
 
 
