@@ -73,7 +73,7 @@ def notes(summary: dict[str, Any]) -> list[str]:
         f"the diagnosis learns. A flight goes on for {at_s['after']:g} s. In turn it follows the "
         "spiral, twice at another speed and radius, a circle, steps that are held, or rests.",
         *(
-            f"Plants of {_FAMILIES[name]}: in the median the RMS error is {entry['over_median']:.3g} "
+            f"Plants of {_FAMILIES[name]}: the median RMS error is {entry['over_median']:.3g} "
             f"times that of a controller that does nothing; flights with harm: {entry['harmed']}."
             for name, entry in summary["families"].items()
             if entry["over_median"] is not None
