@@ -6,6 +6,7 @@ Inputs here are of a pilot that looks at nothing, so that what follows is the ma
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, partial
+from pathlib import Path
 from typing import Any
 
 import mujoco
@@ -139,6 +140,15 @@ def test_each_event_is_described_and_has_an_effect():
     assert {kind.of for kind in EVENTS.values()} == {"actuator", "supply", "machine", "sensor"}
     for kind in EVENTS.values():
         assert kind.of != "sensor" or not kind.named_as + kind.failures
+
+
+def test_the_page_has_a_row_for_each_event():
+    rows = [
+        f"| `{name}` | {kind.of} | {kind.sentence} | {', '.join(kind.named_as) or 'none'} |"
+        for name, kind in EVENTS.items()
+    ]
+    page = (Path(__file__).parents[2] / "docs" / "track.md").read_text()
+    assert "| --- | --- | --- | --- |\n" + "\n".join(rows) + "\n\n" in page
 
 
 @pytest.mark.parametrize("name", EVENTS)
