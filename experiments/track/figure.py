@@ -82,7 +82,7 @@ def figure_track(tracked: Tracked, summary: dict[str, Any]) -> Figure:
     over_time = [figure.add_subplot(grid[k, 1]) for k in range(len(heights))]
     for axes, unit in zip(over_time, units, strict=False):
         _error(axes, tracked, [u == unit for u in summary["units"]], unit)
-    _actuators(over_time[-1], tracked)
+    _actuators(over_time[-1], tracked, summary)
     for axes in over_time:
         _events(axes, summary)
         axes.set(xlim=(tracked.run.time_s[0], tracked.run.time_s[-1]))
@@ -139,17 +139,21 @@ def _error(axes: Axes, tracked: Tracked, rows: list[bool], unit: str) -> None:
     axes.tick_params(labelbottom=False)
 
 
-def _actuators(axes: Axes, tracked: Tracked) -> None:
+def _actuators(axes: Axes, tracked: Tracked, summary: dict[str, Any]) -> None:
     """A row for each, from its place at the start; all of one unit on the same scale."""
     rig, run = tracked.rig, tracked.run
-    broken = {one.actuator for one in (*tracked.run.failures, *tracked.events)}
+    broken = {one["actuator"] for one in (*summary["failures"], *summary["events"])}
     units = rig.units
     spans = {
         unit: 2 * float(np.abs(run.displacement[:, [u == unit for u in units]]).max())
         for unit in dict.fromkeys(units)
     }
     for k, unit in enumerate(units):
-        style = {"lw": 1.4, "color": _FAILED} if k in broken else {"lw": 0.8, "color": "0.4"}
+        style = (
+            {"lw": 1.4, "color": _FAILED}
+            if rig.actuators[k] in broken
+            else {"lw": 0.8, "color": "0.4"}
+        )
         axes.plot(run.time_s, k - run.displacement[:, k] / (spans[unit] or 1.0), **style)
     heights = ((*prefixed(span), span, unit) for unit, span in spans.items())
     row = " or ".join(f"{f * span:.3g} {prefix}{unit}" for f, prefix, span, unit in heights)

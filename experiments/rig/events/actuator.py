@@ -18,8 +18,7 @@ def nothing(_: Target) -> Effect:
 
 def over(target: Target, part: float) -> Effect:
     """A part of the full input, at one end or the other."""
-    end = target.full[target.rng.integers(2)][target.actuator]
-    constant = target.input(part * float(end))
+    constant = target.input(part * target.full[target.rng.integers(2)])
     return _own_input(target, lambda _, __: constant)
 
 

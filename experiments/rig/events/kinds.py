@@ -17,9 +17,9 @@ class Kind:
 
     Attributes:
         sentence: What happens, with sizes.
-        of: See :data:`Of`.
+        of: Of an actuator, a supply, the machine or its sensors.
         named_as: What its actuators may rightly be taken for; empty: no actuator may be named.
-        failures: Of actuators, as of :class:`sim.Failure`, that the event consists of or brings: of
+        failures: Of actuators, as of `sim.Failure`, that the event consists of or brings: of
             its own actuator, or of as many others, drawn.
         after_s: How long after the event these strike.
     """
@@ -88,7 +88,7 @@ class Event:
     """Something happens to a machine at one time.
 
     Attributes:
-        name: One of :data:`EVENTS`.
+        name: One of `EVENTS`.
         time_s: When; what happens at the first tick of a flight has begun before it.
         actuator: By number or name, where the event is of one; else None.
 
@@ -112,5 +112,5 @@ class Event:
 
     @property
     def kind(self) -> Kind:
-        """See :data:`EVENTS`."""
+        """What `EVENTS` says of it."""
         return EVENTS[self.name]

@@ -13,11 +13,17 @@ _G = 9.81
 
 
 def pushed(target: Target, weights: float, duration_s: float = math.inf) -> Effect:
-    """A force on the payload in a drawn direction, in its weight; at its centre of mass."""
+    """A force on the payload in a drawn direction, in its weight; at its centre of mass.
+
+    One of some time has the same impulse whatever the control period is.
+    """
     body = target.rig.payload_body
     newton = weights * _G * float(target.rig.model.body_mass[body])
     force = newton * target.direction(3)
-    ends = target.ticks(duration_s) if math.isfinite(duration_s) else math.inf
+    ends = math.inf
+    if math.isfinite(duration_s):
+        ends = target.ticks(duration_s)
+        force *= duration_s / (ends * target.rig.period_s)
 
     def plant(tick: int, _: mujoco.MjModel, data: mujoco.MjData) -> None:
         if tick < ends:

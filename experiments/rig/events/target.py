@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from math import inf
 from typing import TYPE_CHECKING, NamedTuple
 
 import mujoco
@@ -84,14 +85,12 @@ class Target:
         gain = self.rig.mapping(self.rig.goal).major_gain()
         return self.rig.size * float(np.abs(gain).max())
 
-    @cached_property
-    def full(self) -> tuple[Array, Array]:
-        """Displacements (n,) of the lowest and highest inputs."""
-        stated, most = self.rig.task.limits, np.full(len(self.drives), _FULL * self.reach)
-        return tuple(  # type: ignore[return-value]
-            np.where(np.isfinite(limit), limit, end)
-            for limit, end in zip(stated, (-most, most), strict=True)
-        )
+    @property
+    def full(self) -> tuple[float, float]:
+        """Displacements of the lowest and the highest input of the event's own actuator."""
+        low, high = (float(limit[self.actuator]) for limit in self.rig.task.limits)
+        most = _FULL * self.reach
+        return -most if low == -inf else low, most if high == inf else high
 
     def input(self, displacement: float) -> float:
         """Of the event's own actuator, for a displacement."""
