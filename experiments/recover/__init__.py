@@ -25,7 +25,7 @@ EVENTS = Option(
     bool,
     False,
     "Fly these flights alone: whatever happens to actuators, supply, machine and sensors, against "
-    "a controller that does nothing; an estimated 50 minutes on two cores.",
+    "a controller that does nothing; an estimated 30 minutes on two idle cores.",
 )
 HEXAPOD_ALONE = (HOURS, CONTROLLER, SCHEDULER, EVENTS)
 OTHERS_ALONE = (*TASK, *PATH, *LOOPS, replace(DITHER, default="designed"))
