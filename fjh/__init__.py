@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from experiments.rig import Prediction as Prediction
     from experiments.rig import Rig as Rig
     from experiments.rig import Run as Run
+    from experiments.rig.events import Event as Event
     from ftc import PrioritizedController as PrioritizedController
     from ftc import Supervisor as Supervisor
     from prioritized import ConstrainedSystem as ConstrainedSystem
@@ -44,6 +45,7 @@ if TYPE_CHECKING:
 _NAMES = {
     "fjh.argument_checks": ("__version__",),
     "fjh.experiments.recording.flight": ("record",),
+    "fjh.experiments.rig.events": ("Event",),
     "fjh.experiments.rig": ("Mismatch", "Prediction", "Rig", "Run"),
     "fjh.ftc": ("PrioritizedController", "Supervisor"),
     "fjh.prioritized": (

@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from experiments.recover.event_plan import EventPlan
 from experiments.recover.plan import FlightPlan
 from experiments.recover.row import SCHEMA, row_of
 from experiments.study.basis import sources_of
@@ -21,6 +22,7 @@ SOURCES = sources_of(
             "exact_flights",
             "figure",
         ),
+        *("event_figure", "event_results", "event_runs", "event_tables"),
         *("mechanism_flight", "mechanism_results", "mechanism_row", "mechanism_tables"),
         *("mechanisms", "notes", "rates", "recordings", "results", "runs", "summary", "tables"),
     ),
@@ -36,3 +38,8 @@ def flights_of(plan: FlightPlan) -> Campaign[FlightPlan]:
     if plan.controller is not None:
         drawn_from["controller_sha256"] = controller_sha256(plan.controller)
     return Campaign(plan, row_of, SCHEMA, SOURCES, drawn_from)
+
+
+def event_flights_of(plan: EventPlan) -> Campaign[EventPlan]:
+    """The flights in which anything happens."""
+    return Campaign(plan, row_of, SCHEMA, SOURCES, {"events": plan.as_json(), "seed": plan.seed})

@@ -1,28 +1,37 @@
-"""Which of the two studies the options of `fjh recover` ask for: the hexapod's, or any robot's."""
+"""Which of the studies the options of `fjh recover` ask for: the hexapod's two, any robot's."""
 
 from contextlib import AbstractContextManager
 from dataclasses import replace
 from types import ModuleType
 from typing import Any
 
-from experiments.recover import HEXAPOD_ALONE, OTHERS_ALONE, mechanism_results
+from experiments.recover import (
+    CONTROLLER,
+    HEXAPOD_ALONE,
+    HOURS,
+    OTHERS_ALONE,
+    event_results,
+    mechanism_results,
+)
 from experiments.recover import results as hexapod_results
+from experiments.recover.event_runs import Events, run_events
 from experiments.recover.mechanisms import Mechanisms, run_mechanisms
 from experiments.recover.runs import Recover, run_recover
 from experiments.study.results import Check, Results
 from experiments.study.study import OnProgress, WrongInput
 
-Outcome = Recover | Mechanisms | dict[str, Any]
+Outcome = Recover | Events | Mechanisms | dict[str, Any]
 
 
 def run(
     *, seed: int, quick: bool, on_progress: OnProgress, **options: Any
 ) -> AbstractContextManager[Outcome]:
-    """The hexapod on its spiral; or the robot of the option `model`, if there is one.
+    """The hexapod on its spiral, or in all events; or the robot of the option `model`.
 
     Raises:
-        WrongInput: An option is given that is for the other one; or as
-            :func:`experiments.recover.runs.run_recover` and
+        WrongInput: An option is given that is for another one; or as
+            :func:`experiments.recover.runs.run_recover`,
+            :func:`experiments.recover.event_runs.run_events` and
             :func:`experiments.recover.mechanisms.run_mechanisms`.
     """
     hexapod = options["model"] is None
@@ -33,6 +42,11 @@ def run(
     common: dict[str, Any] = {"seed": seed, "quick": quick, "on_progress": on_progress}
     if hexapod:
         del options["model"]
+        if options.pop("events"):
+            for option in (HOURS, CONTROLLER):
+                if options.pop(option.name) != option.default:
+                    raise WrongInput(f"--{option.name} does not go with --events")
+            return run_events(**common, **options)
         return run_recover(**common, **options)
     return run_mechanisms(**common, **options)
 
@@ -41,16 +55,20 @@ def results(outcome: Outcome) -> Results:
     """Everything that `fjh recover` publishes."""
     if isinstance(outcome, Mechanisms):
         return mechanism_results.results(outcome)
+    if isinstance(outcome, Events):
+        return event_results.results(outcome)
     if isinstance(outcome, Recover):
         return hexapod_results.results(outcome)
     return replace(_study(outcome).described(outcome), published=True)
 
 
 def checks(summary: dict[str, Any]) -> list[Check]:
-    """The checks of either study, from its `recover.json` alone."""
+    """The checks of the study, from its `recover.json` alone."""
     return _study(summary).checks(summary)
 
 
 def _study(summary: dict[str, Any]) -> ModuleType:
     """Whose summary it is."""
-    return mechanism_results if "robot" in summary else hexapod_results
+    if "robot" in summary:
+        return mechanism_results
+    return event_results if "events" in summary else hexapod_results

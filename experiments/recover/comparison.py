@@ -9,7 +9,7 @@ import numpy as np
 from experiments.recording.keep import record_run
 from experiments.recording.marks import Mark
 from experiments.recording.shown import Shown
-from experiments.recover.recovery import pointing_error_urad
+from experiments.recover.pointing import pointing_error_urad
 from experiments.recover.runs import SHOWN, Recover
 from experiments.rig.hexapod.fault_tolerance import fault_text
 from experiments.rig.hexapod.metrics import (

@@ -68,6 +68,11 @@ class MechanismFlight:
         return () if self.failure is None else (self.failure,)
 
     @property
+    def events(self) -> tuple[()]:
+        """Nothing else happens."""
+        return ()
+
+    @property
     def begin_s(self) -> float:
         """It begins with the circle."""
         return 0.0

@@ -17,14 +17,15 @@ def notes(summary: dict[str, Any]) -> list[str]:
         *(_isolation(name, summary) for name in ("all", "exact")),
         f"{sound['flights']} flights of {each_s:g} s without failures and with all mismatches, "
         f"{sound['hours']:.3g} h: {sound['alarms']} alarms (below {sound['high_per_hour_95']:.2g} "
-        f"per hour at 95 %; none is possible in the first {summary['rules']['learning_s']:g} s of "
-        f"each), {sound['sound_named']} flights in which a strut was named, "
-        f"{sound['commands_changed']} whose commands changed.",
+        f"per hour at 95 %; {sound['watched_hours']:.3g} h count, as none is possible in the first "
+        f"{summary['rules']['learning_s']:g} s of each), {sound['sound_named']} flights in which a "
+        f"strut was named, {sound['commands_changed']} whose commands changed.",
         f"Flights with two failures and all mismatches: both identified in "
         f"{_share(second['all_right'])}; identified or the task declared lost in "
         f"{_share(second['handled_or_declared'])}.",
-        f"The dither changes the RMS error without failures by {change:.1e} urad, another seed by "
-        f"{reseeded:.1e} urad.",
+        f"On the exact model the dither changes the RMS error without failures by {change:.1e} "
+        f"urad, another seed by {reseeded:.1e} urad. On a plant with all mismatches it moves the "
+        f"pointing by {cost['moved_urad']:.2g} urad RMS.",
         f"Of {beliefs['pairs_of_truth_and_belief']} pairs of true and diagnosed fault, "
         f"{beliefs['unstable']} give an unstable loop; the peak sensitivity is "
         f"{beliefs['sensitivity_peak_worst']:.2f} at most, "

@@ -1,12 +1,13 @@
 """Flights of a rig with a supervised controller, with an informed and a fault-unaware one."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import ceil
 from typing import Any, Protocol
 
 import numpy as np
 
+from experiments.rig.events import Event
 from experiments.rig.rig import Rig
 from experiments.rig.run import Run
 from ftc.fdi.diagnosis import Diagnosis
@@ -21,9 +22,6 @@ BEFORE_S, AFTER_S = 1.2, 2.5
 RECOVERED_S = 0.5
 """After the failure: what counts as recovery begins here."""
 
-_TRANSIENT_S = 0.5
-"""Of each flight, not counted."""
-
 
 class Flight(Protocol):
     """A flight of a rig, in which actuators fail or do not."""
@@ -31,6 +29,11 @@ class Flight(Protocol):
     @property
     def failures(self) -> tuple[Failure, ...]:
         """What happens, in the order of time."""
+        ...
+
+    @property
+    def events(self) -> Sequence[Event]:
+        """What else happens."""
         ...
 
     @property
@@ -157,10 +160,12 @@ def supervised(rig: Rig, flight: Flight) -> tuple[Run, Identification]:
     )
 
 
-def fault_unaware(rig: Rig, flight: Flight) -> Run:
+def fault_unaware(
+    rig: Rig, flight: Flight, switched: type[OracleController] = OracleController
+) -> Run:
     """The same flight by a controller that goes on as if nothing had happened."""
     pilot = rig.controller()
-    unaware = OracleController(pilot, pilot, NEVER, secondary=flight.secondary)
+    unaware = switched(pilot, pilot, NEVER, secondary=flight.secondary)
     return _flown(rig, flight, unaware)
 
 
@@ -184,28 +189,4 @@ def informed(
 
 def _flown(rig: Rig, flight: Flight, pilot: Any) -> Run:
     how = {"failures": flight.failures, "seed": flight.seed, "begin_s": flight.begin_s}
-    return rig.fly(pilot, flight.path(rig), **how)
-
-
-@dataclass(frozen=True)
-class Errors:
-    """Pointing error |desired - true|, both angles together: before, during, after recovery."""
-
-    rms_urad: tuple[float, ...]
-    peak_urad: tuple[float, ...]
-
-
-def errors(run: Run) -> Errors:
-    """Before, during and after: see RECOVERED_S."""
-    period_s = run.time_s[1] - run.time_s[0]
-    edges = [round(s / period_s) for s in (_TRANSIENT_S, BEFORE_S, BEFORE_S + RECOVERED_S)]
-    _, *parts = np.split(pointing_error_urad(run.desired, run.true), edges)
-    return Errors(
-        rms_urad=tuple(float(np.sqrt((part**2).mean())) for part in parts),
-        peak_urad=tuple(float(part.max()) for part in parts),
-    )
-
-
-def pointing_error_urad(desired_rad: Array, true_rad: Array) -> Array:
-    """Size of desired minus true (alpha, beta), shape (N,)."""
-    return 1e6 * np.linalg.norm(desired_rad - true_rad, axis=1)
+    return rig.fly(pilot, flight.path(rig), events=flight.events or None, **how)

@@ -5,11 +5,11 @@ from collections.abc import Callable
 import numpy as np
 import pyarrow as pa
 
-from experiments.recover import predictions
+from experiments.recover import event_row, predictions
 from experiments.recover.flight import Flight, Sort, exact_rig
+from experiments.recover.pointing import WHEN, error_columns
 from experiments.recover.recovery import (
     Identification,
-    errors,
     fault_unaware,
     informed,
     supervised,
@@ -21,7 +21,6 @@ from ftc.fdi.diagnosis import Diagnosis
 from sim import SimulationDiverged
 
 CONTROLLERS = ("supervised", "informed", "unaware")
-WHEN = ("before", "during", "after")
 
 _INTEGERS = ("strut", "second_strut", "first_strut", "last_strut", "alarms")
 _WORDS = ("kind", "second_kind", "first_kind", "last_kind", "last_kinds", "message")
@@ -51,13 +50,19 @@ SCHEMA = pa.schema(
         *((name, pa.string()) for name in _WORDS),
         *((name, pa.bool_()) for name in _SWITCHES),
         *((name, pa.float64()) for name in _NUMBERS),
+        *((name, pa.int64()) for name in event_row.COLUMNS["integers"]),
+        *((name, pa.string()) for name in event_row.COLUMNS["words"]),
+        *((name, pa.float64()) for name in event_row.COLUMNS["numbers"]),
     ]
 )
 """Columns of the study's dataset; struts count from 1, ticks from the flight's first failure."""
 
 
 def row_of(flight: Flight) -> Row:
-    """The row of a flight, which is simulated here; its status is "flown" or "diverged"."""
+    """The row of a flight, which is simulated here; its status is "flown" or "diverged".
+
+    Or "ended", if the supervised controller of an event raised an error.
+    """
     try:
         return flight.parameters() | {"status": "flown"} | _FLY[flight.sort](flight)
     except SimulationDiverged as diverged:
@@ -69,10 +74,10 @@ def _failure(flight: Flight) -> Row:
     rig, fault = flight.rig(), flight.fault
     run, found = supervised(rig, flight)
     stuck_m = float(run.displacement[found.struck[0], fault.actuator])
-    row = _identified(flight, found) | _errors("supervised", run)
-    row |= _errors("informed", informed(rig, flight, fault, stuck_m))
+    row = _identified(flight, found) | error_columns("supervised", run)
+    row |= error_columns("informed", informed(rig, flight, fault, stuck_m))
     if flight.mismatch == "all":
-        row |= _errors("unaware", fault_unaware(rig, flight))
+        row |= error_columns("unaware", fault_unaware(rig, flight))
     if flight.mismatch in ("exact", "all"):  # the rows for which the isolation rate is given
         others, kinds = predictions.from_others_and_kinds(exact_rig(), flight)
         row |= {"separation_from_others": others, "separation_from_kinds": kinds}
@@ -85,7 +90,7 @@ def other_columns(flight: Flight, controller: str) -> Row:
     Only in the main thread of a process, where a controller that takes too long can be stopped.
     """
     run, failed = flown_with(flight, controller)
-    return _errors("other", run) | {"case": flight.number, "controller_failure": failed}
+    return error_columns("other", run) | {"case": flight.number, "controller_failure": failed}
 
 
 def flown_with(flight: Flight, controller: str) -> tuple[Run, str | None]:
@@ -96,7 +101,7 @@ def flown_with(flight: Flight, controller: str) -> tuple[Run, str | None]:
 
 def _size(flight: Flight) -> Row:
     run, found = supervised(flight.rig(), flight)
-    return _identified(flight, found) | _errors("supervised", run)
+    return _identified(flight, found) | error_columns("supervised", run)
 
 
 def _sound(flight: Flight) -> Row:
@@ -118,6 +123,7 @@ _FLY: dict[Sort, Callable[[Flight], Row]] = {
     "size": _size,
     "sound": _sound,
     "pair": _pair,
+    "event": event_row.event_columns,
 }
 
 
@@ -165,12 +171,3 @@ def _last(last: Diagnosis | None) -> Row:
 
 def _after_ms(found: Identification, tick: int | None) -> float | None:
     return None if tick is None else 1e3 * exact_rig().period_s * (tick - found.struck[0])
-
-
-def _errors(controller: str, run: Run) -> Row:
-    found = errors(run)
-    return {
-        f"{what}_{controller}_{when}_urad": getattr(found, f"{what}_urad")[k]
-        for k, when in enumerate(WHEN)
-        for what in ("rms", "peak")
-    }

@@ -11,10 +11,11 @@ from argument_checks.ties import greatest
 from experiments.recover.comparison import controller_summary
 from experiments.recover.curves import groups, over_oracle, sizes
 from experiments.recover.flight import DITHER
+from experiments.recover.pointing import WHEN, pointing_error_urad
 from experiments.recover.predictions import ALIKE, EVIDENCE_S
 from experiments.recover.rates import per_hour, quantiles, rate
-from experiments.recover.recovery import RECOVERED_S, Identification, pointing_error_urad
-from experiments.recover.row import CONTROLLERS, WHEN
+from experiments.recover.recovery import RECOVERED_S, Identification
+from experiments.recover.row import CONTROLLERS
 from experiments.recover.runs import Recover
 from experiments.rig.hexapod.fault_tolerance import fault_entry
 from experiments.rig.hexapod.mismatch import ALL_SIZES
@@ -134,11 +135,14 @@ def _errors_urad(rows: Sequence[Row], kind: str) -> dict[str, Any] | None:
 def _sound(rows: Sequence[Row]) -> dict[str, Any]:
     """Long flights without failures: what was flown, and what happened in it."""
     hours = sum(row["duration_s"] for row in rows) / 3600
+    watched_hours = hours - len(rows) * DEFAULT_CONFIG.learning_s / 3600
     return {
         "flights": len(rows),
-        **per_hour(sum(row["alarms"] for row in rows), hours),
+        **per_hour(sum(row["alarms"] for row in rows), watched_hours),
+        "hours": hours,
+        "watched_hours": watched_hours,
         "sound_named": sum(row["sound_named"] for row in rows),
-        "named_per_hour": per_hour(sum(row["sound_named"] for row in rows), hours),
+        "named_per_hour": per_hour(sum(row["sound_named"] for row in rows), watched_hours),
         "commands_changed": sum(row["commands_changed"] for row in rows),
         "unexplained": sum(row["unexplained"] for row in rows),
     }

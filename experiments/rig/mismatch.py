@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
+from experiments.study.draw import Family
 from experiments.study.study import WrongInput
 from experiments.study.within import check_within
 
@@ -47,6 +48,8 @@ class Mismatch:
         drift_per_s: Half width of the rate at which each sensor's zero moves, in standard
             deviations of one sample, of robots but the hexapod.
         steps: Physics steps for each of the model's, of robots but the hexapod; not drawn.
+        family: Of the relative sizes that are drawn of a machine's parts, "lognormal" with the
+            standard deviation of the uniform distribution.
 
     Raises:
         ValueError: A size is no number or outside its `LIMITS`, or no such physics step.
@@ -64,6 +67,7 @@ class Mismatch:
     timestep_s: float | None = None
     drift_per_s: float = 0.0
     steps: int = 1
+    family: Family = "uniform"
 
     def __post_init__(self) -> None:
         for name, (low, high) in LIMITS.items():

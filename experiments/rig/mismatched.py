@@ -25,7 +25,7 @@ def mismatched_model(
         mismatch: Sizes.
         seed: Of all that is drawn.
     """
-    draw, model = Draw(seed), copy.copy(model)
+    draw, model = Draw(seed, mismatch.family), copy.copy(model)
     gains = draw.factors("gain", len(plant.drives), mismatch.gain)
     damping = draw.factors("servo", len(plant.drives), mismatch.damping)
     for drive, gain, damped in zip(plant.drives, gains, damping, strict=True):

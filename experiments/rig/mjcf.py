@@ -32,6 +32,7 @@ from sim import (
     Plant,
 )
 from sim.mjcf.drive import names_of
+from sim.mjcf.frame import located
 
 OF_THE_HEXAPOD = (
     *("stiffness", "floor_um_per_s", "drift_urad_per_s"),
@@ -84,6 +85,11 @@ class RobotRig(Rig):
     ) -> Bench:
         """A machine with its plant and drift, and noise of this seed."""
         return self.robot.bench(self.mismatch, time_s, failures, (self.seed, seed), events)
+
+    @property
+    def payload_body(self) -> int:
+        """Of the frame that was asked for."""
+        return located(self.model, "payload", self.robot.scene.frame).body
 
     def classified(self, faults: Sequence[Fault]) -> Manipulability:
         """What the actuators that are left can do."""

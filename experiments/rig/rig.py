@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 import argument_checks as check
 from experiments.rig.choices import Sensing
+from experiments.rig.events.hooks import events_of
 from experiments.rig.mismatch import Known, Mismatch
 from experiments.rig.paths import path_of
 from experiments.rig.prediction import Learns, Prediction, predicted
@@ -241,6 +242,11 @@ class Rig(ABC):
     ) -> Bench:
         """The simulated machine for times (N,)."""
 
+    @property
+    @abstractmethod
+    def payload_body(self) -> int:
+        """The body that carries the task frame."""
+
     @abstractmethod
     def classified(self, faults: Sequence[Fault]) -> Manipulability:
         """What is left with these faults."""
@@ -295,15 +301,19 @@ class Rig(ABC):
             begin_s: Time of the first tick.
             lead_in_s: So long the loop is closed about zero before the path starts, which is not
                 kept; what fails at the first tick has failed by then.
-            events: What else happens; see :class:`sim.Bench`.
+            events: What else happens: a sequence of :class:`experiments.rig.events.Event`, whose
+                sizes are drawn from `seed`; or an object as of :class:`sim.Bench`; or both in it.
             on_tick: Told of the number of ticks so far.
 
         Raises:
-            WrongInput: A failure of an actuator that the robot does not have.
+            WrongInput: A failure of an actuator that the robot does not have, or an event that it
+                cannot have.
             sim.SimulationDiverged: The physics left the finite numbers.
         """
         desired = check.matrix("path", path, columns=len(self.major))
-        struck = self._numbered(failures)
+        around = {"begin_s": begin_s, "lead_in_s": lead_in_s, "seed": seed}
+        hooks, caused = events_of(self, events, **around)
+        struck = sorted((*self._numbered(failures), *caused), key=lambda one: one.time_s)
         time_s = begin_s + np.arange(len(desired)) * self.period_s
         return flown(
             self,
@@ -313,7 +323,7 @@ class Rig(ABC):
             struck,
             seed=seed,
             lead_in=round(lead_in_s / self.period_s),
-            events=events,
+            events=hooks,
             on_tick=on_tick,
         )
 

@@ -53,7 +53,7 @@ class Run:
         qpos: (N, nq) joint positions.
         closure_m: (N,) largest gap of a closed loop.
         saturated: (N, n) whether the actuators gave their largest force.
-        failures: That happened, actuators by number.
+        failures: That happened, in the order of time, actuators by number.
         state: Of the pilot after the last tick.
         diagnoses: That the pilot made, in order.
         task_lost: Whether the pilot gave the major task up.

@@ -26,8 +26,8 @@ STUDY = Study(
     runs="experiments.track.runs:run_track",
     results="experiments.track.results:results",
     check="experiments.track.announced:check",
-    quick="The first half of the run only; failures strike at half of their times.",
-    seed="the sensors' noise",
+    quick="The first half of the run only; failures and events come at half of their times.",
+    seed="the sensors' noise, and what is drawn of events",
     options=(
         Option(
             "model",
@@ -46,6 +46,14 @@ STUDY = Study(
             "A failure: actuator (or its joint), kind (locked, free, weak, loose) and time in "
             "seconds. May be repeated.",
             "NAME:KIND@S",
+        ),
+        Option(
+            "event",
+            list[str],
+            (),
+            "Something else that happens: an event of docs/track.md, its actuator where it is of "
+            "one, and time in seconds. May be repeated.",
+            "NAME[:ACTUATOR]@S",
         ),
         Option(
             "path",

@@ -1,4 +1,4 @@
-"""The failures that `fjh track` is asked for, refused before anything is imported or compiled."""
+"""What `fjh track` is asked to let happen, refused before anything is imported or compiled."""
 
 import re
 from collections.abc import Sequence
@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, get_args
 
 from experiments.rig.choices import Failing
+from experiments.rig.events import Event
 from experiments.rig.options import check_positive
 from experiments.rig.spelling import actuators, check_robot
 from experiments.study.spelling import hint
@@ -14,6 +15,7 @@ from experiments.study.study import WrongInput
 
 _KINDS = get_args(Failing)
 _FAILURE = re.compile(rf"(?P<name>.+):(?P<kind>{'|'.join(_KINDS)})@(?P<time>\d*\.?\d+)")
+_EVENT = re.compile(r"(?P<name>[^:@]+)(:(?P<actuator>.+))?@(?P<time>\d*\.?\d+)")
 
 
 class Announced(NamedTuple):
@@ -24,7 +26,9 @@ class Announced(NamedTuple):
     time_s: float
 
 
-def check(*, model: Path | None, fail: Sequence[str], duration: float, **others: Any) -> None:
+def check(
+    *, model: Path | None, fail: Sequence[str], event: Sequence[str], duration: float, **others: Any
+) -> None:
     """Refuse names that the robot's file does not have, and numbers that cannot be.
 
     Raises:
@@ -34,10 +38,14 @@ def check(*, model: Path | None, fail: Sequence[str], duration: float, **others:
     check_robot(model=model, **others)
     names = actuators(model)
     known = [*chain(*names)]
-    for each in announced(fail, duration):
-        if names and each.actuator not in known:
-            said = f'the robot has no actuator or joint "{each.actuator}"'
-            raise WrongInput(f"--fail {each.actuator}: {said}{hint(each.actuator, known)}")
+    asked = [("fail", each.actuator) for each in announced(fail, duration)]
+    for each in happening(event, duration):
+        if isinstance(each.actuator, str):
+            asked.append(("event", each.actuator))
+    for option, name in asked:
+        if names and name not in known:
+            said = f'the robot has no actuator or joint "{name}"'
+            raise WrongInput(f"--{option} {name}: {said}{hint(name, known)}")
 
 
 def announced(asked: Sequence[str], duration_s: float) -> list[Announced]:
@@ -53,7 +61,32 @@ def announced(asked: Sequence[str], duration_s: float) -> list[Announced]:
             raise WrongInput(
                 f"--fail must be NAME:KIND@SECONDS with KIND of {', '.join(_KINDS)}, got {text}"
             )
-        if not float(match["time"]) < duration_s:
-            raise WrongInput(f"--fail {text}: the run ends at {duration_s:g} s")
-        found.append(Announced(match["name"], match["kind"], float(match["time"])))  # type: ignore[arg-type]
+        time_s = _within(match["time"], duration_s, f"--fail {text}")
+        found.append(Announced(match["name"], match["kind"], time_s))  # type: ignore[arg-type]
     return found
+
+
+def happening(asked: Sequence[str], duration_s: float) -> list[Event]:
+    """Events as NAME@S or NAME:ACTUATOR@S.
+
+    Raises:
+        WrongInput: No such event, an actuator too few or too many, or a time after the end.
+    """
+    found = []
+    for text in asked:
+        match = _EVENT.fullmatch(text)
+        if match is None:
+            raise WrongInput(f"--event must be NAME@SECONDS or NAME:ACTUATOR@SECONDS, got {text}")
+        time_s = _within(match["time"], duration_s, f"--event {text}")
+        try:
+            found.append(Event(match["name"], time_s, match["actuator"]))
+        except ValueError as error:
+            raise WrongInput(f"--event {text}: {error}") from None
+    return found
+
+
+def _within(text: str, duration_s: float, option: str) -> float:
+    time_s = float(text)
+    if not time_s < duration_s:
+        raise WrongInput(f"{option}: the run ends at {duration_s:g} s")
+    return time_s

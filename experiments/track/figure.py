@@ -22,6 +22,7 @@ from experiments.study.plotting import (
     one_legend,
 )
 from experiments.study.results import Picture
+from experiments.track.happened import happened
 from experiments.track.runs import Tracked
 from sim import Array
 
@@ -45,21 +46,19 @@ def pictures(tracked: Tracked, summary: dict[str, Any]) -> list[Picture]:
 def headline(summary: dict[str, Any]) -> str:
     """What failed, when it was named, and the errors before and after, in one sentence."""
     before, after = (_sizes(summary, f"rms_{when}") for when in ("before", "after"))
-    if not summary["failures"]:
+    if not (summary["failures"] or summary["events"]):
         return f"{summary['robot']}: without a failure the RMS error is {before}."
-    struck = {one["actuator"] for one in summary["failures"]}
-    named = {
+    broken = (*summary["failures"], *summary["events"])
+    struck = {one["actuator"] for one in broken if one["actuator"] is not None}
+    named = dict.fromkeys(struck, "not named") | {
         one["actuator"]: f"named after {1e3 * one['delay_s']:.0f} ms"
         for one in reversed(summary["diagnoses"])
         if one["actuator"] in struck and one["delay_s"] is not None
     }
-    happened = ", ".join(
-        f"{one['actuator']} {one['kind']} at {one['time_s']:g} s "
-        f"({named.get(one['actuator'], 'not named')})"
-        for one in summary["failures"]
-    )
     earlier = "" if summary["rms_before"] is None else f", {before} before"
-    return f"{summary['robot']}: after {happened} the RMS error is {after}{earlier}."
+    return (
+        f"{summary['robot']}: after {happened(summary, named)} the RMS error is {after}{earlier}."
+    )
 
 
 def _sizes(summary: dict[str, Any], key: str) -> str:
@@ -83,7 +82,7 @@ def figure_track(tracked: Tracked, summary: dict[str, Any]) -> Figure:
     over_time = [figure.add_subplot(grid[k, 1]) for k in range(len(heights))]
     for axes, unit in zip(over_time, units, strict=False):
         _error(axes, tracked, [u == unit for u in summary["units"]], unit)
-    _actuators(over_time[-1], tracked)
+    _actuators(over_time[-1], tracked, summary)
     for axes in over_time:
         _events(axes, summary)
         axes.set(xlim=(tracked.run.time_s[0], tracked.run.time_s[-1]))
@@ -114,7 +113,8 @@ def _path(axes: Axes, tracked: Tracked, summary: dict[str, Any]) -> None:
         label = controller_label(tracked.other.name)
         axes.plot(*drawn(tracked.other.run.true), color=PURPLE, lw=0.6, label=label)
     axes.plot(*drawn(run.desired), color=BLACK, ls="--", lw=0.6, label="desired")
-    for entries, color in ((summary["failures"], _FAILED), (summary["diagnoses"], _NAMED)):
+    struck = [*summary["failures"], *summary["events"]]
+    for entries, color in ((struck, _FAILED), (summary["diagnoses"], _NAMED)):
         ticks = np.searchsorted(run.time_s, [one["time_s"] for one in entries])
         x, y = drawn(run.true[np.minimum(ticks, len(run.time_s) - 1)]) if is_plane else ((), ())
         axes.plot(x, y, "o", color=color)
@@ -139,17 +139,21 @@ def _error(axes: Axes, tracked: Tracked, rows: list[bool], unit: str) -> None:
     axes.tick_params(labelbottom=False)
 
 
-def _actuators(axes: Axes, tracked: Tracked) -> None:
+def _actuators(axes: Axes, tracked: Tracked, summary: dict[str, Any]) -> None:
     """A row for each, from its place at the start; all of one unit on the same scale."""
     rig, run = tracked.rig, tracked.run
-    broken = {failure.number for failure in tracked.run.failures}
+    broken = {one["actuator"] for one in (*summary["failures"], *summary["events"])}
     units = rig.units
     spans = {
         unit: 2 * float(np.abs(run.displacement[:, [u == unit for u in units]]).max())
         for unit in dict.fromkeys(units)
     }
     for k, unit in enumerate(units):
-        style = {"lw": 1.4, "color": _FAILED} if k in broken else {"lw": 0.8, "color": "0.4"}
+        style = (
+            {"lw": 1.4, "color": _FAILED}
+            if rig.actuators[k] in broken
+            else {"lw": 0.8, "color": "0.4"}
+        )
         axes.plot(run.time_s, k - run.displacement[:, k] / (spans[unit] or 1.0), **style)
     heights = ((*prefixed(span), span, unit) for unit, span in spans.items())
     row = " or ".join(f"{f * span:.3g} {prefix}{unit}" for f, prefix, span, unit in heights)
@@ -159,8 +163,10 @@ def _actuators(axes: Axes, tracked: Tracked) -> None:
 
 
 def _events(axes: Axes, summary: dict[str, Any]) -> None:
-    """Lines where an actuator failed, and where one was named."""
+    """Lines where an actuator failed, where something else happened, and where one was named."""
     for one in summary["failures"]:
         axes.axvline(one["time_s"], color=_FAILED, lw=0.8, label="failure")
+    for one in summary["events"]:
+        axes.axvline(one["time_s"], color=_FAILED, lw=0.8, ls=":", label="event")
     for one in summary["diagnoses"]:
         axes.axvline(one["time_s"], color=_NAMED, lw=0.8, ls="--", label="diagnosis")

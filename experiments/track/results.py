@@ -8,6 +8,7 @@ import numpy as np
 
 from experiments.rig.checks import closure_check
 from experiments.rig.dither import dither_entry
+from experiments.rig.events import EVENTS
 from experiments.rig.limiting import limiting
 from experiments.rig.run import Named
 from experiments.rig.units import ROWS, by_unit, largest_by_unit, sizes_said
@@ -16,6 +17,7 @@ from experiments.study.provenance import versions
 from experiments.study.results import Check, Results
 from experiments.study.tables import Column, Table, tabulate
 from experiments.track.figure import pictures
+from experiments.track.happened import event_tables, happened
 from experiments.track.recording import record
 from experiments.track.runs import Tracked
 from ftc.fdi.dither_design import DitherDesign
@@ -69,6 +71,7 @@ def summarize(tracked: Tracked) -> dict[str, Any]:
     cut = first_tick(tracked)
     before, after, _ = tracked.predicted
     when_named = tracked.comparable.rms_after
+    is_predicted = bool(failures) and not tracked.events
     summary: dict[str, Any] = {
         "experiment": "track",
         "seed": tracked.seed,
@@ -102,11 +105,19 @@ def summarize(tracked: Tracked) -> dict[str, Any]:
             }
             for each in failures
         ],
+        "events": [
+            {
+                "name": each.name,
+                "actuator": None if each.actuator is None else rig.actuators[int(each.actuator)],
+                "time_s": each.time_s,
+            }
+            for each in tracked.events
+        ],
         "rms_before": _rms(error[:cut]),
         "rms_after": _rms(error[cut:]),
         "predicted_rms_before": _listed(before),
-        "predicted_rms_after": _listed(after) if failures else None,
-        "predicted_rms_after_when_named": _listed(when_named) if failures else None,
+        "predicted_rms_after": _listed(after) if is_predicted else None,
+        "predicted_rms_after_when_named": _listed(when_named) if is_predicted else None,
         **_agreement("before", _ratio(error[:cut], before)),
         **_agreement("after", None if tracked.uncompared else _ratio(error[cut:], when_named)),
         "status": run.status,
@@ -120,7 +131,7 @@ def summarize(tracked: Tracked) -> dict[str, Any]:
         "advice": list(tracked.advice),
         "task_lost": tracked.run.task_lost,
         "closure_residual_max_m": float(run.closure_m.max()),
-        "limited_by": limiting(rig, run, failures),
+        "limited_by": None if tracked.events else limiting(rig, run, failures),
     }
     if (other := tracked.other) is not None:
         theirs = other.run.desired - other.run.true
@@ -141,10 +152,9 @@ def summarize(tracked: Tracked) -> dict[str, Any]:
 
 
 def first_tick(tracked: Tracked) -> int:
-    """Tick of the first failure; of the end where there is none."""
-    if not tracked.run.failures:
-        return len(tracked.run.time_s)
-    return int(np.searchsorted(tracked.run.time_s, tracked.run.failures[0].time_s - 1e-9))
+    """Tick of the first failure or event; of the end where there is none."""
+    times = [each.time_s for each in (*tracked.run.failures, *tracked.events)]
+    return int(np.searchsorted(tracked.run.time_s, min(times, default=np.inf) - 1e-9))
 
 
 def _rms(error: Array) -> list[float] | None:
@@ -175,7 +185,11 @@ def diagnoses(tracked: Tracked) -> list[dict[str, Any]]:
     for found in tracked.run.diagnoses:
         named.setdefault((found.actuator, found.kind), found)
     rig = tracked.rig
-    struck = {rig.actuators[one.number]: one.time_s for one in tracked.run.failures}
+    struck = {
+        rig.actuators[int(one.actuator)]: one.time_s
+        for one in (*tracked.events, *tracked.run.failures)
+        if one.actuator is not None
+    }
     entries = []
     for found in named.values():
         delay_s = found.time_s - struck.get(found.actuator, np.inf)
@@ -189,20 +203,17 @@ def diagnoses(tracked: Tracked) -> list[dict[str, Any]]:
 def verdict(tracked: Tracked, summary: dict[str, Any]) -> str:
     """What the failures cost, beside what was predicted, in one sentence."""
     before = _with_units(summary["rms_before"], summary["units"])
-    if not tracked.run.failures:
+    if not (tracked.run.failures or tracked.events):
         predicted = _with_units(summary["predicted_rms_before"], summary["units"])
         return (
             f"Without a failure the RMS error of row{_plural(tracked.rig.major)} "
             f"{_rows(tracked.rig.major)} is {before}, and {predicted} by the linear model."
         )
-    happened = ", ".join(
-        f"{each['actuator']} {each['kind']} at {each['time_s']:g} s" for each in summary["failures"]
-    )
     after = _with_units(summary["rms_after"], summary["units"])
     says = _says(tracked, summary)
     can = "can" if tracked.possible[-1] else "cannot"
     return (
-        f"After {happened} the RMS error of row{_plural(tracked.rig.major)} "
+        f"After {happened(summary)} the RMS error of row{_plural(tracked.rig.major)} "
         f"{_rows(tracked.rig.major)} is {after} ({before} before it); {says}, and the "
         f"classification says that the remaining actuators {can} do the major task; "
         f"{_found(tracked, summary)}."
@@ -211,6 +222,8 @@ def verdict(tracked: Tracked, summary: dict[str, Any]) -> str:
 
 def _says(tracked: Tracked, summary: dict[str, Any]) -> str:
     """What the linear model predicts after the failures."""
+    if tracked.events:
+        return f"the linear model predicts nothing, as {tracked.uncompared}"
     if (leaves := tracked.predicted.leaves) is not None:
         return f"there is no prediction, because in the linear model {leaves} leaves its range"
     at_once, then = (
@@ -242,6 +255,8 @@ def _unlike(tracked: Tracked, summary: dict[str, Any]) -> str:
 
 def _found(tracked: Tracked, summary: dict[str, Any]) -> str:
     right = {(each["actuator"], each["kind"]) for each in summary["failures"]}
+    for each in summary["events"]:
+        right |= {(each["actuator"], kind) for kind in EVENTS[each["name"]].named_as}
     named = summary["diagnoses"]
     parts = [
         f"{each['actuator']} was named {each['kind']} after {1e3 * each['delay_s']:.0f} ms"
@@ -303,9 +318,10 @@ def tables(tracked: Tracked, summary: dict[str, Any]) -> list[Table]:
     if tracked.told:
         learns = "learns of each failure when this one did; at once: that is informed at once"
     legend = (
-        "Before and after the first failure. pred.: by the linear model with the noise that the "
-        f"sensors had, with a controller that {learns}."
+        "Before and after the first failure or event. pred.: by the linear model with the noise "
+        f"that the sensors had, with a controller that {learns}."
     )
+    named = summary["diagnoses"]
     found = (
         Column("actuator", "actuator"),
         Column("named", "kind"),
@@ -314,7 +330,8 @@ def tables(tracked: Tracked, summary: dict[str, Any]) -> list[Table]:
     )
     return [
         tabulate(title, columns, entries, legend),
-        tabulate("Diagnoses", found, summary["diagnoses"], "Without a delay: a false alarm."),
+        *event_tables(summary),
+        tabulate("Diagnoses", found, named, "Without a delay: a false alarm." if named else ""),
     ]
 
 

@@ -6,8 +6,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from experiments.rig.choices import Diagnosing, Sensing
 from experiments.rig.dither import option_dither
+from experiments.rig.events import Event
 from experiments.rig.mjcf import robot_rig
 from experiments.rig.options import DITHER, RobotOptions, check_positive
 from experiments.rig.other_controller import fly_with
@@ -19,8 +22,8 @@ from experiments.study.controllers import controller_factory
 from experiments.study.study import OnProgress, WrongInput
 from experiments.study.terminal import notice
 from experiments.track.advice import Means, advice, not_isolable
-from experiments.track.announced import announced
-from experiments.track.failures import learnt_s, numbered, uncompared
+from experiments.track.announced import announced, happening
+from experiments.track.failures import learnt_s, modelled, numbered, uncompared
 from ftc.fdi.dither_design import DitherDesign
 from ftc.fdi.fault_model import Fault
 from ftc.tracking import deciding_sentence, is_possible
@@ -55,9 +58,9 @@ class Tracked:
         rig: The robot.
         run: See there; its failures are in the order of time.
         told: Whether the controller looks for failures, and the predicted one is told of them.
-        predicted: RMS errors before and after the first failure by the linear model with the
-            noise that the sensors had, of a controller that is informed at once; without a
-            diagnosis of one that never is.
+        predicted: RMS errors before and after the first failure, or before the first event, by the
+            linear model with the noise that the sensors had, of a controller that is informed at
+            once; without a diagnosis of one that never is.
         comparable: The same of a controller that learns of each failure when this one did.
         uncompared: Why that is not what the controller did; None: it is.
         verdicts: For each number of failures so far, in words, why the task can be done or not.
@@ -66,6 +69,7 @@ class Tracked:
         met: Effects outside the linear model that the run met, a sentence each.
         dither: For the diagnosis; None is none.
         other: With another controller; None where none was given.
+        events: What else happened, in the order of time, actuators by number.
     """
 
     seed: int
@@ -82,6 +86,7 @@ class Tracked:
     met: tuple[str, ...] = ()
     dither: DitherDesign | None = None
     other: Other | None = None
+    events: tuple[Event, ...] = ()
 
 
 def run_track(
@@ -91,6 +96,7 @@ def run_track(
     on_progress: OnProgress,
     model: Path | None,
     fail: Sequence[str],
+    event: Sequence[str],
     path: str,
     duration: float,
     turn: float,
@@ -113,10 +119,11 @@ def run_track(
             raise WrongInput(f"--dither {dither} is for the diagnosis, which is off")
         dither = "none"
     options, shorter = RobotOptions(**robot), 0.5 if quick else 1.0
-    given = announced(fail, duration)
+    given, others = announced(fail, duration), happening(event, duration)
     rig = robot_rig(model, options) if model is not None else _hexapod(options)
     desired = rig.path(path, duration_s=shorter * duration, turn_s=turn)
-    failures = numbered(rig, given, shorter)
+    happens = numbered(rig, given, others, shorter, seed)
+    failures, events = happens.failures, happens.events
     check_reach(rig, desired)
     if controller is not None:
         controller_factory(controller)  # a wrong name is refused before anything flies
@@ -135,16 +142,19 @@ def run_track(
             if done % _SHOWN_EVERY == 0 or done == len(desired):
                 on_progress(before * len(desired) + done, runs * len(desired))
 
-        return {"failures": failures, "seed": seed, "on_tick": on_tick}
+        return {"failures": happens.asked, "seed": seed, "on_tick": on_tick}
 
     met = Met(rig.model, rig.part)
-    run, other = rig.fly(pilot, desired, events=met, **options_of(0)), None
+    run, other = rig.fly(pilot, desired, events=[*events, met], **options_of(0)), None
     if controller is not None:
-        other = Other(controller, *fly_with(rig, controller, desired, **options_of(1)))
+        other = Other(
+            controller, *fly_with(rig, controller, desired, events=events, **options_of(1))
+        )
     faults = [Fault.of(failure) for failure in failures]
     reports = [rig.classified(faults[:count]) for count in range(len(faults) + 1)]
     learnt = learnt_s(rig, run, failures)
-    seen = {"failures": failures, "noise": run.measured - run.true}
+    noise = np.nan_to_num(run.measured - run.true)  # samples may be missing
+    seen = {"failures": modelled(failures, events), "noise": noise}
     predict = partial(rig.predict, desired, dither=design and design.dither, **seen)
     predicted = predict(told=told)
     return Tracked(
@@ -154,8 +164,8 @@ def run_track(
         run=run,
         told=told,
         predicted=predicted,
-        comparable=predict(told=learnt) if failures else predicted,
-        uncompared=uncompared(rig, run, failures),
+        comparable=predict(told=learnt) if failures and not events else predicted,
+        uncompared=uncompared(rig, run, failures, events),
         verdicts=tuple(deciding_sentence(report) for report in reports),
         possible=tuple(is_possible(report) for report in reports),
         advice=tuple(
@@ -166,6 +176,7 @@ def run_track(
         met=tuple(met.sentences),
         dither=design,
         other=other,
+        events=events,
     )
 
 

@@ -18,6 +18,8 @@ MISTYPED = {
     f"recover --model {ARM} --site paylaod": "payload",
     "track --fail strt1:locked@1": "strut1",
     "track --fail strut1:loked@1": "locked",
+    "track --event hardover:strut1@3": "hard_over",
+    "track --event slow:strt1@3": "strut1",
     "track --path spirl": "spiral",
     "track --dither desinged": "designed",
     "track --controller json:lods": "loads",

@@ -17,14 +17,13 @@ MJCF = """<mujoco><worldbody>
 
 
 def tracked(displacement: np.ndarray) -> Any:
-    """A turn about x and a shift along y, with constant errors; the hinge stops at 1 s."""
+    """A turn about x and a shift along y, with constant errors."""
     time_s = np.linspace(0, 2, len(displacement))
     desired = np.stack([1e-3 * np.sin(time_s), 2e-3 * np.cos(time_s)], axis=1)
     run = SimpleNamespace(time_s=time_s, desired=desired, displacement=displacement)
     run.true = desired - [3e-6, 4e-5]
     rig = SimpleNamespace(model=mujoco.MjModel.from_xml_string(MJCF), major=(0, 4))
     rig.actuators, rig.units = ("motor", "screw"), ("rad", "m")
-    run.failures = [SimpleNamespace(number=0, time_s=1.0)]
     return SimpleNamespace(rig=rig, run=run, other=None)
 
 
@@ -34,6 +33,7 @@ SUMMARY: dict[str, Any] = {
     "rms_before": [3e-6, 4e-5],
     "rms_after": [6e-6, 8e-5],
     "failures": [{"actuator": "motor", "kind": "locked", "time_s": 1.0}],
+    "events": [],
     "diagnoses": [{"actuator": "motor", "kind": "locked", "time_s": 1.1, "delay_s": 0.1}],
 }
 
@@ -45,6 +45,8 @@ def test_the_title_says_what_failed_when_it_was_named_and_what_it_cost():
     )
     unnamed = headline(SUMMARY | {"diagnoses": []})
     assert "(not named)" in unnamed
+    bump = {"name": "bump", "actuator": None, "time_s": 0.5}
+    assert "after bump at 0.5 s, motor locked at 1 s (" in headline(SUMMARY | {"events": [bump]})
     sound = SUMMARY | {"failures": [], "rms_after": None}
     assert headline(sound) == "crane: without a failure the RMS error is 3 µrad and 40 µm."
 

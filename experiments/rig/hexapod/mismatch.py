@@ -44,6 +44,12 @@ ALL_SIZES = {name: getattr(ALL, name) for name in SIZES}
 ALONE: dict[str, Mismatch] = {name: Mismatch(**{name: size}) for name, size in ALL_SIZES.items()}
 """Each size of :data:`ALL` by itself."""
 
+DRAWN = ("gain", "stiffness", "damping", "inertia")
+"""Those drawn of each part: where the diagnosis has a prior, too, `ftc.fdi.uncertainty.TYPICAL`."""
+
+OTHER = replace(ALL, family="lognormal", **{name: 2 * getattr(ALL, name) for name in DRAWN})
+"""Another family than the prior's: log-normal, correlated between parts, and twice as wide."""
+
 
 SLIP_M = (0.3e-6, 30e-6)
 """Range of the stretch at which an element of the hysteresis slips, drawn with a uniform logarithm:
@@ -66,7 +72,7 @@ def mismatched(testbed: Testbed, mismatch: Mismatch, seed: int) -> Testbed:
     """
     if not has_suspensions(testbed.model):
         raise ModelError("a mismatch needs struts with suspension springs, got one without")
-    draw = Draw(seed)
+    draw = Draw(seed, mismatch.family)
     model = copy.copy(testbed.model)
     hysteresis = _set_springs(model, mismatch, draw)
     model.actuator_gainprm[:, 0] *= draw.factors("gain", model.nu, mismatch.gain)

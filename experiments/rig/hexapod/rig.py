@@ -114,6 +114,11 @@ class HexapodRig(Rig):
         known = self.testbed.machine.rest is not None or self.start_m is not None
         return self.testbed if known else settled(self.testbed)
 
+    @property
+    def payload_body(self) -> int:
+        """Of the site "payload"."""
+        return int(self.model.site("payload").bodyid[0])
+
     def reached(self, pose: Pose) -> Array:
         """Where the payload points, (alpha, beta)."""
         return pointing_angles(pose.rotation)

@@ -1,0 +1,81 @@
+"""`fjh track --event`: what happens besides failures is said, and held to no linear model."""
+
+import re
+
+import pytest
+
+from experiments.study.study import WrongInput
+from experiments.track.announced import happening
+from experiments.track.figure import headline
+from experiments.track.happened import event_tables, happened
+from experiments.track.results import checks, first_tick, summarize, tables
+from experiments.track.runs import Tracked
+from tests.studies.test_track_command import ARM, tracked
+
+
+@pytest.fixture(scope="module")
+def pushed() -> Tracked:
+    events = ["hard_over:joint2@0.3", "bump@0.2", "late@0.35"]
+    return tracked(ARM, duration=0.4, event=events, diagnosis="off", fail=["motor4:locked@0.32"])
+
+
+@pytest.fixture(scope="module")
+def locked() -> Tracked:
+    return tracked(ARM, duration=0.2, event=["locked:motor4@0.1"], diagnosis="off")
+
+
+def test_events_are_published_in_the_order_of_time_with_names_of_actuators(pushed):
+    summary = summarize(pushed)
+    assert summary["events"] == [
+        {"name": "bump", "actuator": None, "time_s": 0.2},
+        {"name": "hard_over", "actuator": "motor2", "time_s": 0.3},
+        {"name": "late", "actuator": None, "time_s": 0.35},
+    ]
+    said = "bump at 0.2 s, hard_over of motor2 at 0.3 s, motor4 locked at 0.32 s, late at 0.35 s"
+    assert happened(summary) == said
+    assert said in summary["verdict"]
+    assert "the linear model predicts nothing, as it does not have bump" in summary["verdict"]
+    assert re.search(
+        r"after bump at .*, hard_over of motor2 at 0.3 s \(not named\)", headline(summary)
+    )
+    assert [table.title for table in tables(pushed, summary)][1:] == ["Events", "Diagnoses"]
+
+
+def test_the_linear_model_is_held_to_what_was_before_the_first_event(pushed):
+    summary = summarize(pushed)
+    assert first_tick(pushed) == 200
+    assert summary["prediction_off_before"] < 0.1
+    for key in ("predicted_rms_after", "predicted_rms_after_when_named", "prediction_off_after"):
+        assert summary[key] is None
+    assert len(checks(summary)) == 2  # loops, and before
+    assert summary["rms_after"][0] > 10 * summary["rms_before"][0]
+    assert summary["limited_by"] is None
+
+
+def test_a_failure_that_is_an_event_is_said_once_and_classified(locked):
+    summary = summarize(locked)
+    assert summary["failures"] == [{"actuator": "motor4", "kind": "locked", "time_s": 0.1}]
+    assert happened(summary) == "motor4 locked at 0.1 s"
+    assert len(summary["possible_after"]) == 1
+    assert event_tables(summary) and not event_tables(summary | {"events": []})
+
+
+def test_an_actuator_fails_once():
+    with pytest.raises(WrongInput, match="--fail and --event must name each actuator once"):
+        tracked(ARM, event=["bump_then_lock:joint2@0.1"], fail=["motor2:free@0.2"])
+
+
+@pytest.mark.parametrize(
+    ("asked", "said"),
+    [
+        ("hardover:strut1@3", 'no event "hardover"; did you mean "hard_over"'),
+        ("hard_over@3", "hard_over is of an actuator, which must be named"),
+        ("bump:strut1@3", "bump is of no single actuator, got strut1"),
+        ("bump", "must be NAME@SECONDS or NAME:ACTUATOR@SECONDS, got bump"),
+        ("bump@-1", "must be NAME@SECONDS or NAME:ACTUATOR@SECONDS, got bump@-1"),
+        ("bump@8", "the run ends at 8 s"),
+    ],
+)
+def test_an_event_that_cannot_be_is_refused_by_the_name_of_the_option(asked, said):
+    with pytest.raises(WrongInput, match="^--event.*" + re.escape(said)):
+        happening([asked], 8.0)
