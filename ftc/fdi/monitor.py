@@ -39,7 +39,7 @@ class MonitorState:
     Attributes:
         ticks: So far.
         commanded: Displacements of the ticks of the sample that is not complete, (n,) each.
-        outputs: Likewise, in units of their noise, (p,) each.
+        outputs: Likewise, in units of their noise, (p,) each; None where nothing was measured.
         last_commanded: Mean of the sample before, shape (n,).
         watch: State of the believed model.
         history: The latest samples, the newest last.
@@ -55,7 +55,7 @@ class MonitorState:
 
     ticks: int
     commanded: tuple[Array, ...]
-    outputs: tuple[Array, ...]
+    outputs: tuple[Array | None, ...]
     last_commanded: Array
     watch: WatchState
     history: tuple[Moment, ...]
@@ -85,27 +85,33 @@ class Monitor:
         none = np.zeros(self.nominal.actuators)
         return MonitorState(0, (), (), none, self.watch.start(), (), self.test.start())
 
-    def step(self, state: MonitorState, measured: Array, commanded: Array) -> MonitorState:
+    def step(self, state: MonitorState, measured: Array | None, commanded: Array) -> MonitorState:
         """One tick.
+
+        Nothing is tested, learned or weighed in a sample without any measurement, nor in the
+        `order` ones after it, whose whitening needs it.
 
         Args:
             state: From the tick before.
-            measured: Outputs now, in the units of the model's, shape (p,).
+            measured: Outputs now, in the units of the model's, shape (p,); None where they are
+                missing.
             commanded: Displacements since the tick before, shape (n,).
         """
-        ticks, y = state.ticks + 1, measured / self.nominal.noise
+        ticks = state.ticks + 1
+        y = None if measured is None else measured / self.nominal.noise
         if not state.outputs:  # the first tick: what was commanded before it does not count
             return replace(state, ticks=ticks, outputs=(y,))
         every = (*state.commanded, commanded)
         if len(every) < self.ticks:
             return replace(state, ticks=ticks, commanded=every, outputs=(*state.outputs, y))
-        mean_u, mean_y = np.mean(every, axis=0), np.mean(state.outputs, axis=0)
+        known = [each for each in state.outputs if each is not None]
+        mean_u, mean_y = np.mean(every, axis=0), np.mean(known, axis=0) if known else None
         v = np.concatenate([mean_u, state.last_commanded, [1.0]])
         state = replace(state, ticks=ticks, commanded=(), outputs=(y,), last_commanded=mean_u)
         return self._sample(state, v, mean_y)
 
-    def _sample(self, state: MonitorState, v: Array, y: Array) -> MonitorState:
-        """One sample: inputs v and mean outputs y (p,) of as many ticks."""
+    def _sample(self, state: MonitorState, v: Array, y: Array | None) -> MonitorState:
+        """One sample: inputs v and mean outputs y (p,) of as many ticks, or None."""
         suspected = state.evidence is not None
         watch, moment = self.watch.step(state.watch, v, y, learns=not suspected)
         learning = self._samples(self.config.learning_s)
@@ -119,6 +125,8 @@ class Monitor:
             state = replace(state, evidence=evidence)
             every = _JUDGED_EVERY if state.diagnosis is None else _REVISED_EVERY
             return self._judged(state) if evidence.samples % every == 0 else state
+        if not moment.is_whole:
+            return state
         if watch.spectrum.samples == learning:
             return replace(state, watch=self._learned(history, watch))
         if watch.spectrum.samples < learning:
@@ -154,7 +162,7 @@ class Monitor:
         begun, history, residuals = after._replayed(_quieter(begun, state.verdict), past)
         recent = self.test.start()
         for moment, residual in zip(history, residuals, strict=True):
-            if moment.sample * self.ticks > state.named_tick:
+            if moment.is_whole and moment.sample * self.ticks > state.named_tick:
                 recent = self.test.push(recent, residual)
         state = replace(self._reset(state), watch=begun, history=tuple(history), recent=recent)
         return after, state
@@ -193,7 +201,7 @@ class Monitor:
             distance = max(distance + 1, round(distance * self.config.onset_growth))
         onsets = now - np.array(distances[::-1])
         past = [each for each in history if each.sample >= onsets[0]]
-        first, p = past[0], len(past[0].y)
+        first, p = past[0], len(self.nominal.noise)
         prior = first.parameters.drifted(
             self.config.look_back_s, p, self.config.uncertainty, self.watch.model.limits
         )
@@ -206,7 +214,13 @@ class Monitor:
 
     def _weighed(self, evidence: Evidence, moment: Moment, watch: WatchState) -> Evidence:
         return self.bank.step(
-            evidence, moment.sample, moment.v, moment.y, watch.whitening, watch.shaken
+            evidence,
+            moment.sample,
+            moment.v,
+            moment.y,
+            watch.whitening,
+            watch.shaken,
+            weighs=moment.is_whole,
         )
 
     def _judged(self, state: MonitorState) -> MonitorState:

@@ -85,7 +85,15 @@ class HypothesisBank:
         )
 
     def step(
-        self, state: Evidence, sample: int, v: Array, y: Array, whitening: Array, shaken: float
+        self,
+        state: Evidence,
+        sample: int,
+        v: Array,
+        y: Array | None,
+        whitening: Array,
+        shaken: float,
+        *,
+        weighs: bool = True,
     ) -> Evidence:
         """One sample of evidence.
 
@@ -93,10 +101,12 @@ class HypothesisBank:
             state: Before it.
             sample: Its number.
             v: Inputs of the models, shape (r,).
-            y: Mean outputs in units of their noise, shape (p,).
+            y: Mean outputs in units of their noise, shape (p,); None: nothing was measured, and
+                each hypothesis goes on as it predicts.
             whitening: Weights (q + 1, p) of the newest to the oldest residual.
             shaken: By how much an actuator may lock off its place, as an output sees it, in
                 standard deviations of noise.
+            weighs: Whether the sample is evidence: all that its whitening needs was measured.
         """
         X, memory, information, score, energy = (
             part.copy()
@@ -111,7 +121,7 @@ class HypothesisBank:
             believed, sound = self.believed, X[0, 0, :-2]
             later = self.onset @ _later(believed, sound, v)
             X[1:, now] = (X[0, 0] @ self.onset[1:].swapaxes(-1, -2))[:, None]
-        outputs = np.zeros((*X.shape[:3], len(y)))
+        outputs = np.zeros((*X.shape[:3], memory.shape[-1]))
         before = None if self.friction is None else X.copy()
         advance(steps, X, outputs, self.A, self.M, self.C, self.N, v)
         if self.friction is not None and before is not None:
@@ -119,18 +129,19 @@ class HypothesisBank:
         if now.any():
             X[1:, now, -2] = ONSET_SPREAD * (later[1:, None] - X[1:, now, 0])
             X[1:, now, -1] = shaken * self.further[1:, None]
+        sums = information, score, energy
         weigh(
             steps,
             memory,
-            information,
-            score,
-            energy,
+            *(sums if weighs else (each.copy() for each in sums)),
             outputs,
             self._part_slopes(outputs[:, :, 0]),
-            y,
+            whitening[0] if y is None else y,
             state.prior.mean,
             whitening,
         )
+        if y is None:
+            memory[steps, -1] = 0.0
         return replace(
             state,
             samples=state.samples + 1,
