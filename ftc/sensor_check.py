@@ -1,10 +1,11 @@
 """Whether a reading is usable: numbers within range that change from tick to tick.
 
-A sensor with noise hardly ever reads the same twice, bit by bit. One that does has repeated its last
-reading, which a loop can still use, or is stuck (validity checks of sensors by limits and by their noise: Isermann,
-Fault-Diagnosis Systems, 2006, chapter 7). A sensor that is biased or has another scale passes all
-of this. Only another sensor, or a model, can show it: the offsets of the diagnosis take up a bias
-that drifts slowly, and the loop follows it.
+Limit checking (Isermann, Fault-Diagnosis Systems, 2006, chapter 7), and a test of the
+noise: a sensor that has some hardly ever reads the same twice, bit by bit. One that does has
+repeated its last reading, which a loop can use once more, or is stuck. A sensor that is biased, has another scale or
+more noise passes all of this: it cannot be seen from itself. The offsets that the diagnosis tracks
+take up a bias, and the loop follows it. Where there are encoders, too, they would show it as a
+difference from the task; that is not tested here.
 """
 
 from dataclasses import dataclass, replace
