@@ -1,11 +1,11 @@
 """Whether a reading is usable: numbers within range that change from tick to tick.
 
-Limit checking (Isermann, Fault-Diagnosis Systems, 2006, chapter 7), and a test of the
-noise: a sensor that has some hardly ever reads the same twice, bit by bit. One that does has
-repeated its last reading, which a loop can use once more, or is stuck. A sensor that is biased, has another scale or
-more noise passes all of this: it cannot be seen from itself. The offsets that the diagnosis tracks
-take up a bias, and the loop follows it. Where there are encoders, too, they would show it as a
-difference from the task; that is not tested here.
+Limit checking (Isermann, Fault-Diagnosis Systems, 2006, chapter 7), and a test of the noise: a
+sensor that has some hardly ever reads the same twice, bit by bit. One that does has repeated its
+last reading, which a loop can use once more, or is stuck. A sensor that is biased, has another
+scale or more noise passes all of this: it cannot be seen from itself. The offsets that the
+diagnosis tracks take up a bias, and the loop follows it. Where there are encoders, too, they would
+show it as a difference from the task; that is not tested here.
 """
 
 from dataclasses import dataclass, replace
@@ -94,7 +94,8 @@ class SensorCheck:
             none.
         noisy: Whether noise changes each reading. Not so for a sensor whose noise is below its
             resolution, nor in a simulation without noise, where a machine at rest repeats itself.
-        stuck_s: A row that repeats for so long is stuck, though not before 5 readings.
+        stuck_s: A row that repeats for so long is stuck, though not before 5 readings; one at the
+            end of what its sensor can show repeats as well.
         gap_s: A longer gap is a loss.
         usable_s: After a loss readings are used again when they have been usable for so long.
     """

@@ -258,7 +258,7 @@ def supervisor_for(
     dither: Dither | None = None,
     config: FdiConfig = DEFAULT_CONFIG,
     seen: Callable[[Measurement, Any, tuple[Fault, ...]], Array] | None = None,
-    estimate: Callable[[Measurement, Any], Array] | None = None,
+    **sensors: Any,
 ) -> Supervisor:
     """A controller that diagnoses failures and is reconfigured, of any mechanism.
 
@@ -271,7 +271,7 @@ def supervisor_for(
         dither: Secondary motion by which failures are told apart; None is none.
         config: Rates and confidences of the diagnosis.
         seen: `watched` of :class:`Supervisor`.
-        estimate: Its `estimate`.
+        sensors: Its `estimate` and `sensor_checks`.
     """
     still = np.zeros(watched.actuators)
     if dither is not None:
@@ -283,5 +283,5 @@ def supervisor_for(
         reconfigured=lambda found: controller(goal_after(goal, found, unused)),
         is_possible=is_possible,
         watched=seen,
-        estimate=estimate,
+        **sensors,
     )

@@ -112,6 +112,8 @@ class Monitor:
 
     def _sample(self, state: MonitorState, v: Array, y: Array | None) -> MonitorState:
         """One sample: inputs v and mean outputs y (p,) of as many ticks, or None."""
+        if y is None and state.diagnosis is None:  # what raised the alarm may be the sensor
+            state = self._reset(state)
         suspected = state.evidence is not None
         watch, moment = self.watch.step(state.watch, v, y, learns=not suspected)
         learning = self._samples(self.config.learning_s)
@@ -124,7 +126,8 @@ class Monitor:
             evidence = self._weighed(state.evidence, moment, watch)
             state = replace(state, evidence=evidence)
             every = _JUDGED_EVERY if state.diagnosis is None else _REVISED_EVERY
-            return self._judged(state) if evidence.samples % every == 0 else state
+            judges = moment.is_whole and evidence.samples % every == 0
+            return self._judged(state) if judges else state
         if not moment.is_whole:
             return state
         if watch.spectrum.samples == learning:
