@@ -104,8 +104,7 @@ class Monitor:
         every = (*state.commanded, commanded)
         if len(every) < self.ticks:
             return replace(state, ticks=ticks, commanded=every, outputs=(*state.outputs, y))
-        known = [each for each in state.outputs if each is not None]
-        mean_u, mean_y = np.mean(every, axis=0), np.mean(known, axis=0) if known else None
+        mean_u, mean_y = np.mean(every, axis=0), _mean(state.outputs, state.history[-2:])
         v = np.concatenate([mean_u, state.last_commanded, [1.0]])
         state = replace(state, ticks=ticks, commanded=(), outputs=(y,), last_commanded=mean_u)
         return self._sample(state, v, mean_y)
@@ -323,6 +322,22 @@ class Monitor:
 
     def _samples(self, time_s: float) -> int:
         return round(time_s / self.watch.period_s)
+
+
+def _mean(outputs: Sequence[Array | None], before: Sequence[Moment]) -> Array | None:
+    """Mean (p,) of the outputs of a sample, as if those missing were on the slope before it.
+
+    A mean without them would be that of another time, which a plant that moves shows as an error.
+    """
+    known = [tick for tick, each in enumerate(outputs) if each is not None]
+    if not known:
+        return None
+    mean = np.mean([each for each in outputs if each is not None], axis=0)
+    earlier = [each.y for each in before if each.y is not None]
+    if len(known) == len(outputs) or len(earlier) < 2:
+        return mean
+    ticks = len(outputs)
+    return mean + (earlier[1] - earlier[0]) / ticks * ((ticks - 1) / 2 - np.mean(known))
 
 
 def _quieter(watch: WatchState, verdict: Verdict | None) -> WatchState:

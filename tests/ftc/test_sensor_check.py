@@ -59,7 +59,9 @@ def test_the_rule_is_that_of_a_few_lines(spec):
     ).tolist()
     lost = False
     for tick, state in enumerate(states):
-        numbers = [each for each, bad in zip(readings[: tick + 1], missing, strict=False) if not bad]
+        numbers = [
+            each for each, bad in zip(readings[: tick + 1], missing, strict=False) if not bad
+        ]
         runs = [0, 0]
         for row in (0, 1):
             while len(numbers) > runs[row] + 1 and (
