@@ -1,8 +1,9 @@
-"""Somebody else's controller in the loop: whatever it does wrong is said in a sentence."""
+"""Somebody else's controller in the loop: what it or a sensor does wrong is said in a sentence."""
 
 import traceback
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
@@ -12,6 +13,8 @@ from argument_checks import Array, shown
 from ftc.control_task import ControlTask
 from ftc.controller import Measurement
 from ftc.loop import Controller
+from ftc.sensor_check import SensorCheck
+from ftc.sensors import SensorChecks, Sensors
 from ftc.time_limit import TimeExceeded, time_limit
 
 STEP_LIMIT_S, START_LIMIT_S = 1.0, 60.0
@@ -32,6 +35,7 @@ class GuardedState:
         controller: As its factory made it; None if that failed.
         own: Its state; after a failure the last one before it.
         inputs: What it last sent to the drives, shape (n,); zeros before the first step.
+        sensors: What they read so far, and whether it was usable.
         ticks: So far.
         failure: What it did wrong, a sentence; None as long as it does nothing wrong.
     """
@@ -39,6 +43,7 @@ class GuardedState:
     controller: Controller[Any] | None
     own: Any
     inputs: Array
+    sensors: Sensors
     ticks: int = 0
     failure: str | None = None
 
@@ -50,6 +55,10 @@ class GuardedController:
     Where the other raises, returns something else than a finite input for each drive, or takes too
     long, it is not called again: the inputs stay as they were last sent, as digital-to-analog
     converters keep them, and the state says what happened. Arrays are handed over as copies.
+
+    Nor is it called where no reading of the task is usable, by the rule of
+    :class:`.SensorCheck`: its inputs and its state stay, and ticks go by that it does not see.
+    Of encoders without numbers it gets the latest; whether it uses them is not known.
 
     Attributes:
         name: Of the other, in sentences.
@@ -65,20 +74,32 @@ class GuardedController:
 
     def start(self) -> GuardedState:
         """The other controller made and started; inputs are zero."""
-        still = np.zeros(self.task.nominal.actuators)
+        n = self.task.nominal.actuators
+        still, sensors = np.zeros(n), self._checks.start(len(self.task.major), n)
         try:
             controller = _call(START_LIMIT_S, lambda: self.factory(self.task))
             own = _call(START_LIMIT_S, lambda: controller.start())
         except _Failed as failed:
-            return GuardedState(None, None, still, failure=f"{self.name} {failed}, at its start")
-        return GuardedState(controller, own, still)
+            sentence = f"{self.name} {failed}, at its start"
+            return GuardedState(None, None, still, sensors, failure=sentence)
+        return GuardedState(controller, own, still, sensors)
+
+    @cached_property
+    def _checks(self) -> SensorChecks:
+        check = SensorCheck(self.task.period_s)
+        return SensorChecks(check, replace(check, noisy=False))
 
     def step(self, state: GuardedState, reference: Array, measurement: Measurement) -> GuardedState:
-        """One control tick; after a failure the inputs stay."""
+        """One control tick; after a failure, or without a usable reading, the inputs stay."""
         controller = state.controller
         if state.failure is not None or controller is None:
             return replace(state, ticks=state.ticks + 1)
-        given = Measurement(measurement.output.copy(), measurement.displacement.copy())
+        sensors = self._checks.step(state.sensors, measurement, state.inputs)
+        state = replace(state, sensors=sensors)
+        if not sensors.task.usable:
+            return replace(state, ticks=state.ticks + 1)
+        read = sensors.task.last, sensors.encoders.last
+        given = Measurement(*(np.array(each, dtype=float) for each in read))
 
         def stepped() -> tuple[Any, Array]:
             own = controller.step(state.own, reference.copy(), given)

@@ -53,7 +53,7 @@ class LoopRun(Generic[State]):
     """What passed between a controller and a machine.
 
     Attributes:
-        measured: Of the major task, shape (N, m1).
+        measured: Of the major task, shape (N, m1); NaN where nothing of that shape was.
         inputs: Inputs of the drives, shape (N, n).
         poses: What the controller estimates as pose at each tick; None where it estimates none.
         state: Of the controller after the last tick.
@@ -74,7 +74,8 @@ def run_loop(
     """Close the loop for as many ticks as there are references.
 
     At each tick: measure, one step of the controller, send its inputs. The machine decides what
-    else happens, failures above all, and keeps what only it knows.
+    else happens, failures above all, and keeps what only it knows. What it measures may be of
+    any kind, if the controller can do with it.
 
     Args:
         machine: The machine.
@@ -103,8 +104,14 @@ def run_loop(
     for tick, desired in enumerate(reference):
         measurement = machine.measure()
         state = step(state, desired, measurement, **known[tick])
-        measured[tick] = measurement.output
+        measured[tick] = _recorded(measurement, reference.shape[1])
         inputs[tick] = state.inputs
         poses.append(getattr(state, "pose", None))
         machine.apply(state.inputs)
     return LoopRun(measured, inputs, poses, state)
+
+
+def _recorded(measurement: Any, rows: int) -> Array | float:
+    """The major task of a measurement; NaN where it has none of this shape."""
+    output = getattr(measurement, "output", None)
+    return output if isinstance(output, np.ndarray) and output.shape == (rows,) else np.nan

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
@@ -14,6 +15,8 @@ from ftc.fdi.fault_model import Fault, NominalModel, static_share
 from ftc.fdi.monitor import Monitor, MonitorState, monitor
 from ftc.goal import Goal
 from ftc.oracle import NestedState
+from ftc.sensor_check import SensorCheck
+from ftc.sensors import SensorChecks, Sensors
 
 
 @dataclass(frozen=True)
@@ -24,6 +27,7 @@ class SupervisorState(NestedState):
         current: The controller in use; `controller` is its state.
         watch: State of the monitor.
         monitor: That monitor.
+        sensors: What they read so far, and whether it was usable.
         confirmed: The confirmed diagnoses.
         diagnoses: All that were made, revised and withdrawn ones included, in order.
         task_lost: Whether the remaining actuators cannot do the major task; the commands then
@@ -35,6 +39,7 @@ class SupervisorState(NestedState):
     current: PrioritizedController[Any]
     watch: MonitorState
     monitor: Monitor
+    sensors: Sensors
     confirmed: tuple[Diagnosis, ...] = ()
     diagnoses: tuple[Diagnosis, ...] = ()
     task_lost: bool = False
@@ -63,6 +68,10 @@ class Supervisor:
         watched: What the diagnosis looks at, where the controller estimates the pose and has found
             these faults; None: the major task, then the displacements, as many as the monitor's
             model has outputs.
+        estimate: The major task (m1,) by the encoders alone, near an estimated pose, for a time
+            when its own sensor is lost; None: the commands are held.
+        sensor_checks: When readings are usable; None is :class:`.SensorCheck` as it is, of the task
+            and of the encoders where they are used.
     """
 
     first: PrioritizedController[Any]
@@ -71,10 +80,30 @@ class Supervisor:
     reconfigured: Callable[[Sequence[Diagnosis]], PrioritizedController[Any]]
     is_possible: Callable[[Sequence[Fault]], bool]
     watched: Callable[[Measurement, Any, tuple[Fault, ...]], Array] | None = None
+    estimate: Callable[[Measurement, Any], Array] | None = None
+    sensor_checks: SensorChecks | None = None
+
+    @cached_property
+    def _checks(self) -> SensorChecks:
+        if self.sensor_checks is not None:
+            return self.sensor_checks
+        check = SensorCheck(self.first.period_s)
+        used = self.watched or self.estimate or self._outputs > len(self._unknown)
+        return SensorChecks(check, check if used else None)
+
+    @cached_property
+    def _unknown(self) -> Array:
+        return np.full_like(self.first.mapping.nothing().demand, np.nan)
+
+    @cached_property
+    def _outputs(self) -> int:
+        return len(self.monitor.nominal.noise)
 
     def start(self) -> SupervisorState:
         """State at rest at the nominal pose, without known failures."""
-        return SupervisorState(self.first.start(), self.first, self.monitor.start(), self.monitor)
+        sensors = self._checks.start(len(self._unknown), self.first.mapping.actuators)
+        watch = self.monitor.start()
+        return SupervisorState(self.first.start(), self.first, watch, self.monitor, sensors)
 
     def step(
         self,
@@ -84,31 +113,54 @@ class Supervisor:
         *,
         feedforward: Array | None = None,
     ) -> SupervisorState:
-        """One control tick: first the diagnosis, then the control."""
+        """One control tick: first the sensors, then the diagnosis, then the control.
+
+        Without a usable reading of the task the commands and the controller's state stay as they
+        are, unless the encoders give an estimate; the diagnosis goes on without what is missing.
+        """
         ticks = state.ticks + 1
         if state.task_lost and state.watch.diagnosis is None:
             return replace(state, ticks=ticks)
         commanded = self.first.drives.displacements(state.inputs)
         known = state.watch.diagnosis
-        if self.watched is None:
-            measured = np.concatenate([measurement.output, measurement.displacement])
-            measured = measured[: len(state.monitor.nominal.noise)]
-        else:
-            faults = tuple(each.fault for each in state.standing)
-            measured = self.watched(measurement, state.pose, faults)
+        estimable = self.estimate is not None
+        sensors = self._checks.step(state.sensors, measurement, state.inputs, estimable=estimable)
+        measured = self._seen(state, measurement, sensors)
         watch = state.monitor.step(state.watch, measured, commanded)
         if watch.diagnosis is not known:
             if known is not None and _is_taken_back(known, watch.diagnosis):
                 state = replace(state, withdrawn=(*state.withdrawn, (known, state.ticks)))
             state = self._reconfigured(replace(state, watch=watch), commanded)
             watch = state.watch
-        if state.task_lost:
-            return replace(state, watch=watch, ticks=ticks)
+        if state.task_lost or not (sensors.task.usable or sensors.estimates):
+            return replace(state, watch=watch, sensors=sensors, ticks=ticks)
+        if self.estimate is not None and sensors.estimates:
+            estimated = self.estimate(measurement, state.pose)
+            measurement = Measurement(estimated, measurement.displacement)
         secondary_reference = self.secondary(state.ticks * self.first.period_s)
         controller = state.current.step(
             state.controller, reference, measurement, secondary_reference, feedforward=feedforward
         )
-        return replace(state, watch=watch, controller=controller, ticks=ticks)
+        return replace(state, watch=watch, sensors=sensors, controller=controller, ticks=ticks)
+
+    def _seen(
+        self, state: SupervisorState, measurement: Measurement, sensors: Sensors
+    ) -> Array | None:
+        """What the diagnosis looks at; None where any of it is missing."""
+        new = sensors.task.new
+        if not sensors.encoders.new or not (new or self.watched):
+            return None
+        if self.watched is None:
+            if self._outputs <= len(measurement.output):
+                return measurement.output[: self._outputs]
+            measured = np.concatenate([measurement.output, measurement.displacement])
+            return measured[: self._outputs]
+        faults = tuple(each.fault for each in state.standing)
+        if new:
+            return self.watched(measurement, state.pose, faults)
+        alone = Measurement(self._unknown, measurement.displacement)
+        measured = self.watched(alone, state.pose, faults)
+        return measured if np.isfinite(measured).all() else None
 
     def _reconfigured(self, state: SupervisorState, commanded: Array) -> SupervisorState:
         """State after a change of the mapping to the present diagnoses; compensators unchanged."""
@@ -218,6 +270,7 @@ def supervisor_for(
     dither: Dither | None = None,
     config: FdiConfig = DEFAULT_CONFIG,
     seen: Callable[[Measurement, Any, tuple[Fault, ...]], Array] | None = None,
+    **sensors: Any,
 ) -> Supervisor:
     """A controller that diagnoses failures and is reconfigured, of any mechanism.
 
@@ -230,6 +283,7 @@ def supervisor_for(
         dither: Secondary motion by which failures are told apart; None is none.
         config: Rates and confidences of the diagnosis.
         seen: `watched` of :class:`Supervisor`.
+        sensors: Its `estimate` and `sensor_checks`.
     """
     still = np.zeros(watched.actuators)
     if dither is not None:
@@ -241,4 +295,5 @@ def supervisor_for(
         reconfigured=lambda found: controller(goal_after(goal, found, watched, unused)),
         is_possible=is_possible,
         watched=seen,
+        **sensors,
     )

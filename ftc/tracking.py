@@ -154,7 +154,17 @@ class Tracking:
             dither=dither,
             config=config,
             seen=self._seen(),
+            estimate=None if self.sense == "task" else self._estimate(),
         )
+
+    def _estimate(self) -> Callable[[Measurement, Any], Array]:
+        """The major task by the forward kinematics of the encoders, from a posture near by."""
+        model, rows, every = self.model, list(self.major), np.arange(self.nominal.actuators)
+
+        def estimate(measurement: Measurement, near: Any) -> Array:
+            return model.task(model.moved(near, measurement.displacement, every))[rows]
+
+        return estimate
 
     def _seen(self) -> Callable[[Measurement, Any, tuple[Fault, ...]], Array]:
         """What the linear model predicts of the sensors: their readings as if they were linear.

@@ -9,6 +9,7 @@ import numpy as np
 
 from ftc.fdi.fault_model import FaultKind
 from ftc.loop import Controller, run_loop
+from ftc.sensors import Sensors
 from ftc.supervisor import SupervisorState
 from sim import Array, Bench, Drive, Failure, Pose
 
@@ -140,7 +141,7 @@ def flown(
         diagnoses=named,
         task_lost=supervised and state.task_lost,
         undiagnosed=None if named else _undiagnosed(state),
-        status=_status(state, named),
+        status=_status(state, named, rig.period_s),
     )
 
 
@@ -194,14 +195,18 @@ def _undiagnosed(state: Any) -> str:
     return "the sensors read what the model without a failure predicts"
 
 
-def _status(state: Any, named: Sequence[Named]) -> str:
+def _status(state: Any, named: Sequence[Named], period_s: float) -> str:
+    sensors: Sensors | None = getattr(state, "sensors", None)
+    read = ""
+    if sensors is not None and sensors.failed:
+        read = f"; at its end {sensors.sentence(period_s)}"
     if not isinstance(state, SupervisorState):
-        return "This controller does not diagnose."
+        return f"This controller does not diagnose{read}."
     found = "; ".join(map(str, named)) or f"Nothing was diagnosed; {_undiagnosed(state)}"
     if named and state.watch.unexplained:
         found += f"; {_UNEXPLAINED}"
     gave_up = "; the major task was given up" if state.task_lost else ""
-    return f"{found}{gave_up}."
+    return f"{found}{gave_up}{read}."
 
 
 class _Counted:

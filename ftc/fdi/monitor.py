@@ -42,7 +42,7 @@ class MonitorState:
     Attributes:
         ticks: So far.
         commanded: Displacements of the ticks of the sample that is not complete, (n,) each.
-        outputs: Likewise, in units of their noise, (p,) each.
+        outputs: Likewise, in units of their noise, (p,) each; None where nothing was measured.
         last_commanded: Mean of the sample before, shape (n,).
         watch: State of the believed model.
         history: The latest samples, the newest last.
@@ -61,7 +61,7 @@ class MonitorState:
 
     ticks: int
     commanded: tuple[Array, ...]
-    outputs: tuple[Array, ...]
+    outputs: tuple[Array | None, ...]
     last_commanded: Array
     watch: WatchState
     history: tuple[Moment, ...]
@@ -94,27 +94,34 @@ class Monitor:
         none = np.zeros(self.nominal.actuators)
         return MonitorState(0, (), (), none, self.watch.start(), (), self.test.start())
 
-    def step(self, state: MonitorState, measured: Array, commanded: Array) -> MonitorState:
+    def step(self, state: MonitorState, measured: Array | None, commanded: Array) -> MonitorState:
         """One tick.
+
+        Nothing is tested, learned or weighed in a sample without any measurement, nor in the
+        `order` ones after it, whose whitening needs it.
 
         Args:
             state: From the tick before.
-            measured: Outputs now, in the units of the model's, shape (p,).
+            measured: Outputs now, in the units of the model's, shape (p,); None where they are
+                missing.
             commanded: Displacements since the tick before, shape (n,).
         """
-        ticks, y = state.ticks + 1, measured / self.nominal.noise
+        ticks = state.ticks + 1
+        y = None if measured is None else measured / self.nominal.noise
         if not state.outputs:  # the first tick: what was commanded before it does not count
             return replace(state, ticks=ticks, outputs=(y,))
         every = (*state.commanded, commanded)
         if len(every) < self.ticks:
             return replace(state, ticks=ticks, commanded=every, outputs=(*state.outputs, y))
-        mean_u, mean_y = np.mean(every, axis=0), np.mean(state.outputs, axis=0)
+        mean_u, mean_y = np.mean(every, axis=0), _mean(state.outputs, state.history[-2:])
         v = np.concatenate([mean_u, state.last_commanded, [1.0]])
         state = replace(state, ticks=ticks, commanded=(), outputs=(y,), last_commanded=mean_u)
         return self._sample(state, v, mean_y)
 
-    def _sample(self, state: MonitorState, v: Array, y: Array) -> MonitorState:
-        """One sample: inputs v and mean outputs y (p,) of as many ticks."""
+    def _sample(self, state: MonitorState, v: Array, y: Array | None) -> MonitorState:
+        """One sample: inputs v and mean outputs y (p,) of as many ticks, or None."""
+        if y is None and state.diagnosis is None:  # what raised the alarm may be the sensor
+            state = self._reset(state)
         suspected, relearns = state.evidence is not None, state.relearns > 0
         how = {"learns": relearns or not suspected, "gated": not relearns}
         watch, moment = self.watch.step(state.watch, v, y, **how)
@@ -132,7 +139,10 @@ class Monitor:
             evidence = self._weighed(state.evidence, moment, watch)
             state = replace(state, evidence=evidence)
             every = _JUDGED_EVERY if state.diagnosis is None else _REVISED_EVERY
-            return self._judged(state) if evidence.samples % every == 0 else state
+            judges = moment.is_whole and evidence.samples % every == 0
+            return self._judged(state) if judges else state
+        if not moment.is_whole:
+            return state
         if not relearns and watch.spectrum.samples == learning:
             return replace(state, watch=self._learned(history, watch))
         if not relearns and watch.spectrum.samples < learning:
@@ -172,7 +182,7 @@ class Monitor:
         begun, history, residuals = after._replayed(_quieter(begun, state.verdict), past)
         recent = self.test.start()
         for moment, residual in zip(history, residuals, strict=True):
-            if moment.sample * self.ticks > state.named_tick:
+            if moment.is_whole and moment.sample * self.ticks > state.named_tick:
                 recent = self.test.push(recent, residual)
         state = replace(self._reset(state), watch=begun, history=tuple(history), recent=recent)
         return after, state
@@ -213,7 +223,7 @@ class Monitor:
             distance = max(distance + 1, round(distance * self.config.onset_growth))
         onsets = now - np.array(distances[::-1])
         past = [each for each in history if each.sample >= onsets[0]]
-        first, p = past[0], len(past[0].y)
+        first, p = past[0], len(self.nominal.noise)
         prior = first.parameters.drifted(
             self.config.look_back_s, p, self.config.uncertainty, self.watch.model.limits
         )
@@ -233,6 +243,7 @@ class Monitor:
             watch.whitening,
             watch.decoupled,
             watch.shaken,
+            weighs=moment.is_whole,
         )
 
     def _judged(self, state: MonitorState) -> MonitorState:
@@ -345,6 +356,22 @@ class Monitor:
 
     def _samples(self, time_s: float) -> int:
         return round(time_s / self.watch.period_s)
+
+
+def _mean(outputs: Sequence[Array | None], before: Sequence[Moment]) -> Array | None:
+    """Mean (p,) of the outputs of a sample, as if those missing were on the slope before it.
+
+    A mean without them would be that of another time, which a plant that moves shows as an error.
+    """
+    known = [tick for tick, each in enumerate(outputs) if each is not None]
+    if not known:
+        return None
+    mean = np.mean([each for each in outputs if each is not None], axis=0)
+    earlier = [each.y for each in before if each.y is not None]
+    if len(known) == len(outputs) or len(earlier) < 2:
+        return mean
+    ticks = len(outputs)
+    return mean + (earlier[1] - earlier[0]) / ticks * ((ticks - 1) / 2 - np.mean(known))
 
 
 def _quieter(watch: WatchState, verdict: Verdict | None) -> WatchState:

@@ -29,6 +29,8 @@ from ftc.controller import PrioritizedController
 from ftc.fdi.dither import Dither
 from ftc.fdi.fault_model import Fault, by_kind
 from ftc.goal import Goal
+from ftc.sensor_check import SensorCheck
+from ftc.sensors import SensorChecks
 from ftc.supervisor import Supervisor, supervisor_for
 from ftc.tracking import is_possible
 from prioritized import ConstrainedSystem, Manipulability
@@ -44,6 +46,9 @@ from sim import (
     load_model,
     pointing_angles,
 )
+
+_BEYOND = 2.0
+"""Times the detector's range: it cannot read so much."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -89,6 +94,9 @@ class HexapodRig(Rig):
         self, dither: str | Dither | None = "default", goal: Goal | None = None
     ) -> Supervisor:
         """By detector alone, whose heave finds failures sooner."""
+        bench = self.testbed.bench
+        range_rad = bench.detector_half_width_m / bench.focal_length_m
+        check = SensorCheck(self.period_s, limits=(_BEYOND * range_rad,) * len(self.major))
         return supervisor_for(
             goal or self.goal,
             self.controller,
@@ -96,6 +104,7 @@ class HexapodRig(Rig):
             lambda faults: is_possible(self.classified(faults)),
             unused=self.unused,
             dither=dither_of(self, dither, DITHER),
+            sensor_checks=SensorChecks(check),
         )
 
     def bench(

@@ -25,7 +25,8 @@ class Moment:
         memory: Residuals and regressors before it, newest last, shape (q + 1, 1 + J, p).
         parameters: As tracked so far.
         v: Inputs of the sample, shape (r,).
-        y: Mean outputs, in units of their noise, shape (p,).
+        y: Mean outputs, in units of their noise, shape (p,); None: nothing was measured.
+        is_whole: Whether it was measured, and all before it that its whitening needs.
     """
 
     sample: int
@@ -33,7 +34,8 @@ class Moment:
     memory: Array
     parameters: Parameters
     v: Array
-    y: Array
+    y: Array | None
+    is_whole: bool
 
 
 @dataclass(frozen=True)
@@ -46,6 +48,7 @@ class WatchState:
         decoupled: The same where slow unknown inputs act besides, much slower than the dither, which
             then is what shows a failure; without a dither it is that filter.
         residual: Latest innovation, shape (p,); before the spectrum is known, zero.
+        measured: Samples since the last one in which nothing was measured.
     """
 
     sample: int
@@ -56,6 +59,7 @@ class WatchState:
     whitening: Array
     decoupled: Array
     residual: Array
+    measured: int
 
     @property
     def shaken(self) -> float:
@@ -95,33 +99,49 @@ class Watch:
             whitening=white,
             decoupled=white,
             residual=np.zeros(p),
+            measured=q,
         )
 
     def step(
-        self, state: WatchState, v: Array, y: Array, *, learns: bool = True, gated: bool = True
+        self,
+        state: WatchState,
+        v: Array,
+        y: Array | None,
+        *,
+        learns: bool = True,
+        gated: bool = True,
     ) -> tuple[WatchState, Moment]:
         """One sample; with `learns` the parameters and the spectrum are updated.
 
-        With `gated` not by an innovation that is too large for noise.
+        With `gated` not by an innovation that is too large for noise. A sample that was not
+        measured is as the model predicts it, whatever its parameters are, which drift meanwhile.
         """
         config = self.config
-        moment = Moment(state.sample, state.X, state.memory, state.parameters, v, y)
+        measured = 0 if y is None else state.measured + 1
+        whole = measured > config.order
+        moment = Moment(state.sample, state.X, state.memory, state.parameters, v, y, whole)
         Y, X = self.model.step(state.X, v)
+        state = replace(state, sample=state.sample + 1, X=X, measured=measured)
+        if y is None:
+            memory = np.concatenate([state.memory[1:], np.zeros((1, *Y.shape))])
+            residual = np.zeros(Y.shape[1])
+            drifted = self._drifted(state.parameters, len(residual))
+            state = replace(state, memory=memory, parameters=drifted, residual=residual)
+            return state, moment
         Y[0] = y - Y[0]
         memory = np.concatenate([state.memory[1:], Y[None]])
         white = np.einsum("qp,qcp->cp", state.whitening[::-1], memory)
         regressors = np.vstack([white[1:], np.diag(state.whitening.sum(axis=0))])
         parameters, p = state.parameters, len(y)
-        residual, measured = parameters.measured(white[0], regressors)
-        state = replace(state, sample=state.sample + 1, X=X, memory=memory, residual=residual)
-        known = state.spectrum.samples * self.period_s >= self.config.learning_s
-        if not learns or (gated and known and residual @ residual > self.largest):
+        residual, parameters = parameters.measured(white[0], regressors)
+        state = replace(state, memory=memory, residual=residual)
+        known = state.spectrum.samples * self.period_s >= config.learning_s
+        large = gated and known and residual @ residual > self.largest
+        if large or not (learns and whole):
             return state, moment
-        parameters = measured
         left = Y[0] - parameters.mean[:-p] @ Y[1:] - parameters.mean[-p:]
         spectrum = state.spectrum.with_residual(left, config.memory_s / self.period_s)
-        parameters = parameters.drifted(self.period_s, p, config.uncertainty, self.model.limits)
-        state = replace(state, parameters=parameters, spectrum=spectrum)
+        state = replace(state, parameters=self._drifted(parameters, p), spectrum=spectrum)
         return state, moment
 
     def following(self, state: WatchState) -> WatchState:
@@ -139,6 +159,9 @@ class Watch:
         learning = round(self.config.learning_s / self.period_s)
         spectrum = replace(state.spectrum, samples=learning // 4)
         return replace(self.following(state), spectrum=spectrum)
+
+    def _drifted(self, parameters: Parameters, p: int) -> Parameters:
+        return parameters.drifted(self.period_s, p, self.config.uncertainty, self.model.limits)
 
     def observed(self, state: WatchState) -> Array:
         """Part of each parameter's prior variance that the motion so far has removed, (J + p,).

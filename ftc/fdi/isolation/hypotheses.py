@@ -93,10 +93,12 @@ class HypothesisBank:
         state: Evidence,
         sample: int,
         v: Array,
-        y: Array,
+        y: Array | None,
         whitening: Array,
         decoupled: Array,
         shaken: float,
+        *,
+        weighs: bool = True,
     ) -> Evidence:
         """One sample of evidence.
 
@@ -104,11 +106,13 @@ class HypothesisBank:
             state: Before it.
             sample: Its number.
             v: Inputs of the models, shape (r,).
-            y: Mean outputs in units of their noise, shape (p,).
+            y: Mean outputs in units of their noise, shape (p,); None: nothing was measured, and
+                each hypothesis goes on as it predicts.
             whitening: Weights (q + 1, p) of the newest to the oldest residual.
             decoupled: Likewise, of the last hypothesis.
             shaken: By how much an actuator may lock off its place, as an output sees it, in
                 standard deviations of noise.
+            weighs: Whether the sample is evidence: all that its whitening needs was measured.
         """
         X, memory, information, score, energy = (
             part.copy()
@@ -123,7 +127,7 @@ class HypothesisBank:
             believed, sound = self.believed, X[0, 0, :-2]
             later = self.onset @ _later(believed, sound, v)
             X[1:-1, now] = (X[0, 0] @ self.onset[1:-1].swapaxes(-1, -2))[:, None]
-        outputs = np.zeros((*X.shape[:3], len(y)))
+        outputs = np.zeros((*X.shape[:3], memory.shape[-1]))
         before = None if self.friction is None else X.copy()
         advance(steps, X, outputs, self.A, self.M, self.C, self.N, v)
         if self.friction is not None and before is not None:
@@ -131,18 +135,19 @@ class HypothesisBank:
         if now.any():
             X[1:-1, now, -2] = ONSET_SPREAD * (later[1:-1, None] - X[1:-1, now, 0])
             X[1:-1, now, -1] = shaken * self.further[1:-1, None]
+        sums = information, score, energy
         weigh(
             steps,
             memory,
-            information,
-            score,
-            energy,
+            *(sums if weighs else (each.copy() for each in sums)),
             outputs,
             self._part_slopes(outputs[:, :, 0]),
-            y,
+            whitening[0] if y is None else y,
             state.prior.mean,
             np.concatenate([np.tile(whitening, (len(X) - 1, 1, 1)), decoupled[None]]),
         )
+        if y is None:
+            memory[steps, -1] = 0.0
         return replace(
             state,
             samples=state.samples + 1,
@@ -151,7 +156,7 @@ class HypothesisBank:
             information=information,
             score=score,
             energy=energy,
-            gain=state.gain + float(np.log(decoupled[0] / whitening[0]).sum()),
+            gain=state.gain + weighs * float(np.log(decoupled[0] / whitening[0]).sum()),
         )
 
     def _part_slopes(self, outputs: Array) -> Array:

@@ -1,0 +1,138 @@
+"""When a reading is usable: a rule of numbers, ranges and repetitions, and what it costs."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ftc.sensor_check import SensorCheck, SensorState
+
+PERIOD_S = 1e-3
+CHECK = SensorCheck(PERIOD_S, limits=(10.0, 10.0))
+STUCK, GAP, BACK = 10, 20, 20  # ticks of the usual times
+
+
+def read(readings: Any, check: SensorCheck = CHECK, moving: bool = True) -> list[SensorState]:
+    """States after each reading, commands changing or not."""
+    state, states = check.start(2), []
+    for tick, reading in enumerate(readings):
+        state = check.step(state, reading, np.full(3, float(tick * moving)))
+        states.append(state)
+    return states
+
+
+def noise(ticks: int, seed: int = 0) -> list[Any]:
+    return list(np.random.default_rng(seed).normal(size=(ticks, 2)))
+
+
+NO_NUMBERS = [
+    None,
+    np.array([np.nan, 0.0]),
+    np.array([0.0, np.inf]),
+    np.zeros(3),
+    np.zeros((2, 1)),
+    np.array(0.0),
+    np.array(["a", "b"]),
+    np.array([1j, 0j]),
+    np.array([None, None]),
+    [0.0, 0.0],
+    "reading",
+    np.array([0.0, 10.1]),
+]
+
+
+@given(st.lists(st.tuples(st.integers(-2, 11), st.integers(0, 9)), max_size=80))
+def test_the_rule_is_that_of_a_few_lines(spec):
+    """An oracle that looks at the whole record, in which each row takes one of a few values."""
+    values = np.random.default_rng(1).normal(size=(10, 2))
+    readings = [
+        NO_NUMBERS[kind] if kind >= 0 else np.array([values[n % 5, 0], values[n, 1]])
+        for kind, n in spec
+    ]
+    states = read(readings)
+    missing = [kind >= 0 for kind, _ in spec]
+    assert [state.missing for state in states] == np.cumsum(missing, dtype=int).tolist()
+    assert [state.held_ticks for state in states] == np.cumsum(
+        [not state.usable for state in states], dtype=int
+    ).tolist()
+    lost = False
+    for tick, state in enumerate(states):
+        numbers = [
+            each for each, bad in zip(readings[: tick + 1], missing, strict=False) if not bad
+        ]
+        runs = [0, 0]
+        for row in (0, 1):
+            while len(numbers) > runs[row] + 1 and (
+                numbers[-1 - runs[row]][row] == numbers[-2 - runs[row]][row]
+            ):
+                runs[row] += 1
+        if not lost:
+            assert state.usable == (not missing[tick] and max(runs) < STUCK)
+        else:
+            assert not state.usable or state.good_ticks == 0
+        lost = state.lost
+
+
+@pytest.mark.parametrize("bad", NO_NUMBERS, ids=repr)
+def test_what_is_no_reading_is_missing_for_as_long_as_it_lasts(bad):
+    """A short gap ends with the next reading; after a long one they must last."""
+    for ticks in (1, GAP, GAP + 1, 100):
+        states = read([*noise(30), *[bad] * ticks, *noise(50, seed=1)])
+        used = [state.usable for state in states]
+        assert not any(used[30 : 30 + ticks]) and states[-1].missing == ticks
+        wait = BACK - 1 if ticks > GAP else 0
+        assert states[-1].losses == (ticks > GAP)
+        assert used == [True] * 30 + [False] * (ticks + wait) + [True] * (50 - wait)
+
+
+@pytest.mark.parametrize("rows", [[0], [1], [0, 1]])
+def test_a_row_that_repeats_is_stuck_after_a_while_and_lost_at_once(rows):
+    readings = noise(100)
+    for reading in readings[41:70]:
+        reading[rows] = readings[40][rows]
+    used = [state.usable for state in read(readings)]
+    assert used == [True] * (40 + STUCK) + [False] * (30 - STUCK + BACK - 1) + [True] * (31 - BACK)
+    said = read(readings)[60].sentence(PERIOD_S)
+    assert said == "the task's sensor repeats one value since 0.041 s: the commands are held"
+
+
+def test_a_slow_loop_waits_for_five_repetitions():
+    slow = SensorCheck(0.1)
+    used = [state.usable for state in read([np.ones(2)] * 8, slow)]
+    assert used == [True] * 5 + [False] * 3
+
+
+def test_a_machine_at_rest_may_repeat_itself_and_one_without_noise_always():
+    """Commands that stand still say nothing of the sensor."""
+    still = [np.zeros(2)] * 100
+    assert all(state.usable for state in read(still, moving=False))
+    assert not all(state.usable for state in read(still))
+    assert all(state.usable for state in read(still, SensorCheck(PERIOD_S, noisy=False)))
+
+
+def test_a_repeated_reading_is_used_once_more_and_is_nothing_new():
+    readings = noise(20)
+    readings[10] = readings[9].copy()
+    states = read(readings)
+    assert all(state.usable for state in states)
+    assert [state.new for state in states] == [tick != 10 for tick in range(20)]
+    assert states[-1].repeated == 1
+    assert states[-1].sentence(PERIOD_S) == "the task's sensor is usable (1 repeated)"
+
+
+@given(st.integers(0, 2**32 - 1), st.floats(1e-12, 3.0))
+def test_white_noise_is_always_usable(seed, size):
+    rng = np.random.default_rng(seed)
+    assert all(state.usable for state in read(rng.normal(scale=size, size=(50, 2))))
+
+
+def test_after_a_loss_one_value_is_not_enough():
+    """The commands are held, and do not change."""
+    check, sent = CHECK, np.ones(3)
+    state = check.step(check.start(2), np.ones(2), np.zeros(3))
+    for reading in [None] * 30 + [np.full(2, 0.5)] * 100:
+        state = check.step(state, reading, sent)
+        assert not state.usable
+    assert state.cause == "repeats one value"
