@@ -48,11 +48,15 @@ class SupervisorState(NestedState):
 
     @property
     def standing(self) -> list[Diagnosis]:
-        """The last diagnosis confirmed of each actuator, and the one being confirmed."""
+        """The last diagnosis confirmed of each actuator, and the one being confirmed.
+
+        Without those that work again.
+        """
         latest = self.confirmed
         if self.watch.diagnosis is not None:
             latest = (*latest, self.watch.diagnosis)
-        return list({each.fault.actuator: each for each in latest}.values())
+        last = {each.fault.actuator: each for each in latest}
+        return [each for each in last.values() if not each.fault.is_sound]
 
 
 @dataclass(frozen=True)
@@ -119,8 +123,6 @@ class Supervisor:
         are, unless the encoders give an estimate; the diagnosis goes on without what is missing.
         """
         ticks = state.ticks + 1
-        if state.task_lost and state.watch.diagnosis is None:
-            return replace(state, ticks=ticks)
         commanded = self.first.drives.displacements(state.inputs)
         known = state.watch.diagnosis
         estimable = self.estimate is not None
@@ -171,7 +173,8 @@ class Supervisor:
             lost_displacements = lost_displacement(found, commanded)
         keeps = found is not None and not found.confirmed
         lost = not self.is_possible([each.fault for each in believed])
-        state = replace(state, task_lost=lost)
+        # Only what is confirmed stands still: a wrong name costs nothing meanwhile.
+        state = replace(state, task_lost=lost and not keeps)
         if not lost:
             current = self.reconfigured(believed)
             # One that the others carry loses nothing when its force is gone.
@@ -179,15 +182,11 @@ class Supervisor:
             acting = np.zeros(len(commanded))
             for each in believed:
                 acting[each.fault.actuator] = each.fault.left
-            controller = current.transfer(
-                state.controller, lost_displacements, acting, keeps=keeps
-            )
+            controller = current.transfer(state.controller, lost_displacements, acting, keeps=keeps)
             state = replace(state, current=current, controller=controller)
         if found is None or not found.confirmed:
             return state
         state = replace(state, confirmed=(*state.confirmed, found))
-        if lost:  # nothing is left to be done about another failure
-            return replace(state, watch=replace(state.watch, diagnosis=None, evidence=None))
         monitor, watch = state.monitor.believing(state.watch)
         return replace(state, monitor=monitor, watch=watch)
 
@@ -218,7 +217,7 @@ def lost_displacement(diagnosis: Diagnosis, commanded: Array) -> Array:
     nothing, nor does one that was diagnosed before.
     """
     fault, lost_displacements = diagnosis.fault, np.zeros(len(commanded))
-    if fault.kind != "locked" and not diagnosis.confirmed:
+    if fault.kind != "locked" and not (fault.is_sound or diagnosis.confirmed):
         held = fault.left * commanded[fault.actuator]
         lost_displacements[fault.actuator] = diagnosis.displacement - held
     return lost_displacements

@@ -170,6 +170,10 @@ def _named(rig: "Rig", state: SupervisorState, time_s: Array) -> tuple[Named, ..
             float(time_s[withdrawn[found]]) if found in withdrawn else None,
         )
         last = next((each for each in named[::-1] if each.actuator == one.actuator), None)
+        if found.fault.is_sound:  # it works again
+            if last is not None and last.withdrawn_s is None:
+                named[named.index(last)] = replace(last, withdrawn_s=one.time_s)
+            continue
         if last is None or last.kind != one.kind or last.withdrawn_s is not None:
             named.append(one)
         elif one.withdrawn_s is not None:

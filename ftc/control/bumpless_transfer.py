@@ -99,6 +99,4 @@ def bumpless_transfer(
     kept = np.where(mapping.unused, commanded, 0.0)
     carried = mapping.major_motion(acting * kept, pose)
     demand = demand + carried + mapping.major_motion(lost_displacements, pose)
-    return BumplessTransfer(
-        demand, secondary_reference, kept, carried, keeps, internal=internal
-    )
+    return BumplessTransfer(demand, secondary_reference, kept, carried, keeps, internal=internal)

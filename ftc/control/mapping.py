@@ -128,7 +128,7 @@ class PrioritizedMapping(Generic[Pose]):
     @property
     def unused(self) -> Mask:
         """Which actuators are commanded nothing, because the goal says that they have failed."""
-        return ~self._expand.any(axis=1)
+        return ~np.isin(np.arange(self.actuators), self._surviving)
 
     def nothing(self) -> PreviousCommand:
         """State before the first demand."""

@@ -69,6 +69,11 @@ class Fault:
         check.at_most_one("effectiveness", self.effectiveness)
 
     @property
+    def is_sound(self) -> bool:
+        """Whether nothing is lost: an actuator that works again."""
+        return self.kind == "weak" and self.effectiveness == 1.0
+
+    @property
     def left(self) -> float:
         """Part of its force that the actuator has left."""
         return self.effectiveness if self.kind == "weak" else 0.0

@@ -131,9 +131,9 @@ class Monitor:
             kept = max(kept, moment.sample - int(state.evidence.onsets[0]))
         history = (*state.history[-kept:], moment)
         state = replace(state, history=history, relearns=max(state.relearns - 1, 0))
-        if (relearns or not suspected) and watch.spectrum.samples > learning // 4:
-            if watch.sample % _SPECTRUM_EVERY == 0 and (watch.spectrum.samples > learning or relearns):
-                watch = self.watch.with_spectrum(watch)
+        known = relearns or watch.spectrum.samples > learning
+        if how["learns"] and known and watch.sample % _SPECTRUM_EVERY == 0:
+            watch = self.watch.with_spectrum(watch)
         state = replace(state, watch=watch)
         if state.evidence is not None:
             evidence = self._weighed(state.evidence, moment, watch)
@@ -168,8 +168,9 @@ class Monitor:
         found = state.diagnosis
         if found is None or not found.confirmed:
             raise ValueError(f"state must hold a confirmed diagnosis, got {found}")
-        others = (known for known in self.faults if known.actuator != found.fault.actuator)
-        after = monitor(self.nominal, (*others, found.fault), self.config)
+        others = [each for each in self.faults if each.actuator != found.fault.actuator]
+        known = (*others,) if found.fault.is_sound else (*others, found.fault)
+        after = monitor(self.nominal, known, self.config)
         past = [each for each in state.history if each.sample * self.ticks >= found.onset_tick]
         first = past[0] if past else state.history[-1]
         begun = replace(
@@ -211,9 +212,7 @@ class Monitor:
         )
         return self.watch.with_spectrum(self._replayed(start, history)[0])
 
-    def _look_back(
-        self, history: tuple[Moment, ...], watch: WatchState, reach: int
-    ) -> Evidence:
+    def _look_back(self, history: tuple[Moment, ...], watch: WatchState, reach: int) -> Evidence:
         """The evidence in the history, for onsets at growing distances before the last sample."""
         now = history[-1].sample
         reach = min(now - history[0].sample, reach)
@@ -241,8 +240,8 @@ class Monitor:
             moment.v,
             moment.y,
             watch.whitening,
-            watch.decoupled,
             watch.shaken,
+            decoupled=watch.decoupled,
             weighs=moment.is_whole,
         )
 
@@ -381,8 +380,9 @@ def _quieter(watch: WatchState, verdict: Verdict | None) -> WatchState:
     """
     inflation = 1.0 if verdict is None else verdict.inflation
     spectrum = replace(watch.spectrum, covariance=inflation * watch.spectrum.covariance)
-    whitening, decoupled = (each / np.sqrt(inflation) for each in (watch.whitening, watch.decoupled))
-    return replace(watch, spectrum=spectrum, whitening=whitening, decoupled=decoupled)
+    filters = ("whitening", "decoupled")
+    quieter = {name: getattr(watch, name) / np.sqrt(inflation) for name in filters}
+    return replace(watch, spectrum=spectrum, **quieter)
 
 
 def monitor(

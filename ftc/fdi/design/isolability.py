@@ -11,7 +11,6 @@ import numpy as np
 from argument_checks import Array
 from ftc.fdi.detection.parameter_filter import Parameters
 from ftc.fdi.fault_model import KINDS, Fault, NominalModel, fault_model
-from ftc.fdi.isolation.evidence import values_by_kind
 from ftc.fdi.isolation.hypotheses import HypothesisBank, hypothesis_bank
 from ftc.fdi.uncertainty import CERTAIN, Uncertainty
 
@@ -89,6 +88,9 @@ def distances(
         white = np.full((1, p), np.sqrt(ticks))
         evidence = bank.step(evidence, sample, v, y[sample], white, shaken=0.0)
     energy = evidence.marginal()[0]
-    others = values_by_kind(energy[1:].min(axis=1), np.min)
+    others = np.full((len(bank.effectiveness), len(KINDS)), np.inf)
+    for other, least in zip(bank.faults, energy[1:-1].min(axis=1), strict=True):
+        place = other.actuator, KINDS.index(other.kind)
+        others[place] = min(others[place], least)
     own = others[fault.actuator, KINDS.index(fault.kind)]
     return np.sqrt(np.maximum(others - own, 0)), float(np.sqrt(max(energy[0, 0] - own, 0)))

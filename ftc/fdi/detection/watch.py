@@ -10,7 +10,6 @@ from ftc.fdi.detection.whitening import Spectrum
 from ftc.fdi.diagnosis import FdiConfig
 from ftc.fdi.uncertainty import UncertainModel
 
-
 _SLOWER = 40.0
 """Times slower than the dither are inputs that no failure is inferred from."""
 

@@ -5,7 +5,6 @@ all that matters of the samples are sums of products of the whitened residuals a
 parameter would add to them (the normal equations of linear regression).
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -118,17 +117,3 @@ def _into(best: Array, spreads: Array, low: Array, high: Array) -> Array:
         off = (z - best)[..., None]
         distances.append((off * np.linalg.solve(spreads, off)).sum(axis=(-1, -2)))
     return np.where((distances[0] <= distances[1])[..., None], *candidates)
-
-
-def values_by_kind(values: Array, weak: Callable[..., Array]) -> Array:
-    """Values of all hypotheses but the first, by actuator and :data:`ftc.fdi.fault_model.KINDS`.
-
-    Args:
-        values: One for each, shape (H - 1,).
-        weak: What the values of the weak ones of an actuator make together, of an `axis`.
-
-    Returns:
-        Shape (n, 3).
-    """
-    own = values.reshape(-1, 1 + len(LOST))
-    return np.column_stack([own[:, 0], own[:, -1], weak(own[:, 1:-1], axis=1)])

@@ -18,7 +18,7 @@ import numpy as np
 
 from argument_checks import Array, Indices
 from ftc.fdi.detection.parameter_filter import Parameters
-from ftc.fdi.fault_model import Fault, NominalModel, fault_model
+from ftc.fdi.fault_model import Fault, FaultKind, NominalModel, fault_model
 from ftc.fdi.friction import SampledFriction, together
 from ftc.fdi.isolation._evidence import advance, weigh
 from ftc.fdi.isolation.evidence import LOST, ONSET_SPREAD, PART_SPREAD, Evidence
@@ -32,10 +32,18 @@ from ftc.fdi.uncertainty import (
     uncertain_model,
 )
 
+_OTHERWISE: dict[FaultKind, tuple[FaultKind, ...]] = {
+    "locked": ("free",),
+    "free": ("locked",),
+    "loose": ("locked",),
+}
+"""What a failed actuator may be instead, besides sound again; a weak one is among those that work."""
+
 
 @dataclass(frozen=True)
 class HypothesisBank:
-    """Hypotheses about the actuators that still work: none failed, then locked and weak by turns.
+    """Hypotheses: none more has failed; then of each actuator that still works, locked and weak by
+    turns; then of each that is known to have failed, that it works again or is otherwise.
 
     The last one is that none has failed and something else, slow, acts on the machine: the model of
     the first with another filter of its residuals, decoupled from slow unknown inputs (Chen and
@@ -95,9 +103,9 @@ class HypothesisBank:
         v: Array,
         y: Array | None,
         whitening: Array,
-        decoupled: Array,
         shaken: float,
         *,
+        decoupled: Array | None = None,
         weighs: bool = True,
     ) -> Evidence:
         """One sample of evidence.
@@ -109,15 +117,16 @@ class HypothesisBank:
             y: Mean outputs in units of their noise, shape (p,); None: nothing was measured, and
                 each hypothesis goes on as it predicts.
             whitening: Weights (q + 1, p) of the newest to the oldest residual.
-            decoupled: Likewise, of the last hypothesis.
             shaken: By how much an actuator may lock off its place, as an output sees it, in
                 standard deviations of noise.
+            decoupled: Weights of the last hypothesis; None: the same.
             weighs: Whether the sample is evidence: all that its whitening needs was measured.
         """
         X, memory, information, score, energy = (
             part.copy()
             for part in (state.X, state.memory, state.information, state.score, state.energy)
         )
+        last = whitening if decoupled is None else decoupled
         now, steps = state.onsets == sample, np.zeros(state.energy.shape, dtype=bool)
         steps[1:-1], steps[[0, -1], 0] = state.onsets <= sample, True
         later = np.zeros((len(X), X.shape[-1]))
@@ -144,7 +153,7 @@ class HypothesisBank:
             self._part_slopes(outputs[:, :, 0]),
             whitening[0] if y is None else y,
             state.prior.mean,
-            np.concatenate([np.tile(whitening, (len(X) - 1, 1, 1)), decoupled[None]]),
+            np.concatenate([np.tile(whitening, (len(X) - 1, 1, 1)), last[None]]),
         )
         if y is None:
             memory[steps, -1] = 0.0
@@ -156,18 +165,19 @@ class HypothesisBank:
             information=information,
             score=score,
             energy=energy,
-            gain=state.gain + weighs * float(np.log(decoupled[0] / whitening[0]).sum()),
+            gain=state.gain + weighs * float(np.log(last[0] / whitening[0]).sum()),
         )
 
     def _part_slopes(self, outputs: Array) -> Array:
         """What a standard deviation of the part lost within its cell adds to outputs (H, K, p)."""
         slopes = np.zeros_like(outputs)
         m = 1 + len(LOST)
-        lost = outputs[1:-1].reshape(-1, m, *outputs.shape[1:])[:, 1:]
+        working = slice(1, 1 + m * np.count_nonzero(self.effectiveness))
+        lost = outputs[working].reshape(-1, m, *outputs.shape[1:])[:, 1:]
         sound = np.broadcast_to(outputs[0, 0], lost[:, :1].shape)
         edges = np.concatenate([sound, lost, 2 * lost[:, -1:] - lost[:, -2:-1]], axis=1)
         by_part = (edges[:, 2:] - edges[:, :-2]) / (2 * LOST[0]) * PART_SPREAD
-        slopes[1:-1].reshape(-1, m, *outputs.shape[1:])[:, 1:] = by_part
+        slopes[working].reshape(-1, m, *outputs.shape[1:])[:, 1:] = by_part
         return slopes
 
     def verdict(self, state: Evidence, sample: int, *, disturbed: bool = True) -> Verdict:
@@ -242,6 +252,14 @@ def bank_of(
             Fault(k, "locked"),
             *(Fault(k, "weak", float(left[k] * (1 - part))) for part in LOST[:-1]),
             Fault(k, "free"),
+        )
+    ]
+    one_more += [
+        other
+        for fault in faults
+        for other in (
+            Fault(fault.actuator, "weak", 1.0),
+            *(Fault(fault.actuator, kind) for kind in _OTHERWISE.get(fault.kind, ())),
         )
     ]
     known = [

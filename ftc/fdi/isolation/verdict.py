@@ -8,8 +8,8 @@ from scipy.special import logsumexp
 
 from argument_checks import Array
 from argument_checks.ties import greatest
-from ftc.fdi.fault_model import Fault
-from ftc.fdi.isolation.evidence import LEAST_LOST, LOST, PART_SPREAD, Evidence, values_by_kind
+from ftc.fdi.fault_model import KINDS, Fault
+from ftc.fdi.isolation.evidence import LEAST_LOST, PART_SPREAD, Evidence
 
 _ALIKE = 1e-6
 """Log likelihoods that differ by less are of hypotheses that nothing distinguishes."""
@@ -57,6 +57,8 @@ def verdict(
 ) -> Verdict:
     """Probabilities of the hypotheses; a priori, failure and no failure are equally likely.
 
+    So are, of no failure, nothing at all and something else that acts slowly.
+
     Args:
         state: The evidence.
         sample: The last one that it is of.
@@ -74,20 +76,24 @@ def verdict(
     excess = max(float(energy[1 + h, k]) - state.samples * p, 0.0)
     inflation = 1 + excess / (after * p)
     ratios = ratios / inflation
-    kinds = values_by_kind(logsumexp(ratios, axis=-1), logsumexp)
-    actuators = logsumexp(kinds, axis=1)
-    nothing = np.log(ratios.size) + np.logaddexp(0.0, other / inflation)
+    by_fault = logsumexp(ratios, axis=-1)
+    numbers = np.array([fault.actuator for fault in faults])
+    candidates = np.unique(numbers)
+    actuators = np.array([logsumexp(by_fault[numbers == k]) for k in candidates])
+    nothing = np.log(ratios.size) + np.logaddexp(0.0, other / inflation) - np.log(1 + disturbed)
     total = np.logaddexp(logsumexp(actuators), nothing)
-    a, m = greatest(actuators, zero=_ALIKE), 1 + len(LOST)
-    own = ratios[a * m : (a + 1) * m]
-    i, k = _first_of_the_best(own)
-    h = 1 + a * m + i
+    a = greatest(actuators, zero=_ALIKE)
+    own = np.flatnonzero(numbers == candidates[a])
+    i, k = _first_of_the_best(ratios[own])
+    h = 1 + int(own[i])
+    of_kind = np.array([faults[each].kind for each in own])
+    kinds = [np.exp(by_fault[own[of_kind == kind]] - actuators[a]).sum() for kind in KINDS]
     gained = float(energy[0, 0] - energy[h, k])
     noise = 4 * np.sqrt(2 * state.samples * p)
     return Verdict(
         fault=_with_part(faults[h - 1], effectiveness, float(parameters[h, k, -1])),
         actuator_confidence=float(np.exp(actuators[a] - total)),
-        kind_confidences=tuple(np.exp(kinds[a] - actuators[a]).tolist()),
+        kind_confidences=tuple(float(each) for each in kinds),
         fault_free_confidence=float(np.exp(nothing - total)),
         inflation=inflation,
         unexplained=max(excess - noise, 0.0) / max(gained + excess, 1e-12),
@@ -106,7 +112,7 @@ def _first_of_the_best(ratios: Array) -> tuple[int, int]:
 
 def _with_part(fault: Fault, effectiveness: Array, deviation: float) -> Fault:
     """With what a weak one has left, by how many standard deviations more it lost than modelled."""
-    if fault.kind != "weak":
+    if fault.kind != "weak" or fault.is_sound:
         return fault
     part = 1 - fault.effectiveness / effectiveness[fault.actuator]
     part = float(np.clip(part + PART_SPREAD * deviation, LEAST_LOST, 1 - LEAST_LOST))
