@@ -8,13 +8,15 @@ from typing import Any, Literal
 import numpy as np
 
 from argument_checks import Array
-from ftc.controller import Measurement, PrioritizedController
+from ftc.controller import ControllerState, Measurement, PrioritizedController
+from ftc.decision import Case, Outlook
 from ftc.fdi.diagnosis import DEFAULT_CONFIG, Diagnosis, FdiConfig
 from ftc.fdi.dither import Dither
 from ftc.fdi.fault_model import Fault, NominalModel, static_share
 from ftc.fdi.monitor import Monitor, MonitorState, monitor
 from ftc.goal import Goal
 from ftc.oracle import NestedState
+from ftc.status import status
 from ftc.sensor_check import SensorCheck
 from ftc.sensors import SensorChecks, Sensors
 
@@ -34,6 +36,8 @@ class SupervisorState(NestedState):
             stand still.
         ticks: So far.
         withdrawn: Diagnoses that were taken back, and when.
+        references: Of the major task of late, one for each sample of the diagnosis, newest first.
+        refused: The last diagnosis that was not acted on: doing nothing was expected to cost less.
     """
 
     current: PrioritizedController[Any]
@@ -45,6 +49,13 @@ class SupervisorState(NestedState):
     task_lost: bool = False
     ticks: int = 0
     withdrawn: tuple[tuple[Diagnosis, int], ...] = ()
+    references: tuple[Array, ...] = ()
+    refused: Diagnosis | None = None
+
+    @property
+    def status(self) -> str:
+        """What is believed, not understood and done, in one sentence."""
+        return status(self)
 
     @property
     def standing(self) -> list[Diagnosis]:
@@ -69,6 +80,7 @@ class Supervisor:
         secondary: Reference of the secondary goal (n,) at each time of the run.
         reconfigured: Controller that knows of these failures.
         is_possible: Whether the major task can still be done in spite of them.
+        C: Major task per state of the monitor's model, shape (m1, s).
         watched: What the diagnosis looks at, where the controller estimates the pose and has found
             these faults; None: the major task, then the displacements, as many as the monitor's
             model has outputs.
@@ -83,6 +95,7 @@ class Supervisor:
     secondary: Callable[[float], Array]
     reconfigured: Callable[[Sequence[Diagnosis]], PrioritizedController[Any]]
     is_possible: Callable[[Sequence[Fault]], bool]
+    C: Array
     watched: Callable[[Measurement, Any, tuple[Fault, ...]], Array] | None = None
     estimate: Callable[[Measurement, Any], Array] | None = None
     sensor_checks: SensorChecks | None = None
@@ -129,10 +142,12 @@ class Supervisor:
         sensors = self._checks.step(state.sensors, measurement, state.inputs, estimable=estimable)
         measured = self._seen(state, measurement, sensors)
         watch = state.monitor.step(state.watch, measured, commanded)
+        if state.ticks % state.monitor.ticks == 0:
+            state = replace(state, references=(reference, *state.references[: self._ahead]))
         if watch.diagnosis is not known:
             if known is not None and _is_taken_back(known, watch.diagnosis):
                 state = replace(state, withdrawn=(*state.withdrawn, (known, state.ticks)))
-            state = self._reconfigured(replace(state, watch=watch), commanded)
+            state = self._reconfigured(replace(state, watch=watch), commanded, measurement)
             watch = state.watch
         if state.task_lost or not (sensors.task.usable or sensors.estimates):
             return replace(state, watch=watch, sensors=sensors, ticks=ticks)
@@ -164,7 +179,9 @@ class Supervisor:
         measured = self.watched(alone, state.pose, faults)
         return measured if np.isfinite(measured).all() else None
 
-    def _reconfigured(self, state: SupervisorState, commanded: Array) -> SupervisorState:
+    def _reconfigured(
+        self, state: SupervisorState, commanded: Array, measurement: Measurement
+    ) -> SupervisorState:
         """State after a change of the mapping to the present diagnoses; compensators unchanged."""
         found, believed = state.watch.diagnosis, state.standing
         lost_displacements = np.zeros(len(commanded))
@@ -183,12 +200,51 @@ class Supervisor:
             for each in believed:
                 acting[each.fault.actuator] = each.fault.left
             controller = current.transfer(state.controller, lost_displacements, acting, keeps=keeps)
-            state = replace(state, current=current, controller=controller)
+            if found is None or self._pays(state, found, (current, controller), measurement):
+                state = replace(state, current=current, controller=controller, refused=None)
+            else:
+                state = replace(state, refused=found)
         if found is None or not found.confirmed:
             return state
         state = replace(state, confirmed=(*state.confirmed, found))
         monitor, watch = state.monitor.believing(state.watch)
         return replace(state, monitor=monitor, watch=watch)
+
+    def _pays(
+        self,
+        state: SupervisorState,
+        found: Diagnosis,
+        goes: tuple[PrioritizedController[Any], ControllerState[Any]],
+        measurement: Measurement,
+    ) -> bool:
+        """Whether to go over is expected to cost no more than to go on."""
+        verdict, monitor = state.watch.verdict, state.monitor
+        if verdict is None or not np.isfinite(measurement.output).all():
+            return True
+        outlook = Outlook(
+            monitor.nominal,
+            self.C,
+            measurement.output,
+            np.repeat(state.references, monitor.ticks, axis=0),
+            lambda tick: self.secondary((state.ticks + tick) * self.first.period_s),
+        )
+        named = [each.fault for each in state.standing]
+        certain = found.actuator_confidence
+        cases = [
+            Case(certain, named, verdict.x),
+            Case(1 - certain, monitor.faults, state.watch.watch.X[0]),
+        ]
+        noise = float(np.linalg.norm(monitor.nominal.noise[: len(self.C)]))
+        return outlook.goes_over((state.current, state.controller), goes, cases, noise)
+
+    @property
+    def _ahead(self) -> int:
+        """Samples of the diagnosis by which the costs of a decision are compared."""
+        return round(_AHEAD_S / (self.monitor.ticks * self.first.period_s))
+
+
+_AHEAD_S = 0.5
+"""So far ahead errors are predicted for a decision; what was asked of late is taken backwards."""
 
 
 def _is_taken_back(known: Diagnosis, now: Diagnosis | None) -> bool:
@@ -264,6 +320,7 @@ def supervisor_for(
     controller: Callable[[Goal], PrioritizedController[Any]],
     watched: NominalModel,
     is_possible: Callable[[Sequence[Fault]], bool],
+    C: Array,
     *,
     unused: Unused,
     dither: Dither | None = None,
@@ -278,6 +335,7 @@ def supervisor_for(
         controller: For a goal, failures that it knows included.
         watched: Linear model of the sound machine to what the diagnosis looks at.
         is_possible: Whether the major task can still be done in spite of these faults.
+        C: Major task per state of `watched`, shape (m1, s).
         unused: As of :func:`goal_after`.
         dither: Secondary motion by which failures are told apart; None is none.
         config: Rates and confidences of the diagnosis.
@@ -293,6 +351,7 @@ def supervisor_for(
         secondary=(lambda _: still) if dither is None else dither.at,
         reconfigured=lambda found: controller(goal_after(goal, found, watched, unused)),
         is_possible=is_possible,
+        C=C,
         watched=seen,
         **sensors,
     )

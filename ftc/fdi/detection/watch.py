@@ -44,8 +44,8 @@ class WatchState:
     Attributes:
         spectrum: Of the residuals.
         whitening: Their filter, shape (q + 1, p).
-        decoupled: The same where slow unknown inputs act besides, much slower than the dither, which
-            then is what shows a failure; without a dither it is that filter.
+        decoupled: The same where slow unknown inputs act besides, much slower than the dither,
+            which then is what shows a failure; without a dither it is that filter.
         residual: Latest innovation, shape (p,); before the spectrum is known, zero.
         measured: Samples since the last one in which nothing was measured.
     """

@@ -37,20 +37,22 @@ _OTHERWISE: dict[FaultKind, tuple[FaultKind, ...]] = {
     "free": ("locked",),
     "loose": ("locked",),
 }
-"""What a failed actuator may be instead, besides sound again; a weak one is among those that work."""
+"""What a failed actuator may be instead, besides sound again; a weak one counts as working."""
 
 
 @dataclass(frozen=True)
 class HypothesisBank:
-    """Hypotheses: none more has failed; then of each actuator that still works, locked and weak by
-    turns; then of each that is known to have failed, that it works again or is otherwise.
+    """Hypotheses about a machine with known failures.
 
-    The last one is that none has failed and something else, slow, acts on the machine: the model of
-    the first with another filter of its residuals, decoupled from slow unknown inputs (Chen and
-    Patton, Robust Model-Based Fault Diagnosis, 1999, chapter 3).
+    The first: no more has failed. Then of each actuator that still works, locked and weak by turns;
+    then of each that is known to have failed, that it works again or is otherwise. The last one is
+    that none has failed and something else, slow, acts on the machine: the model of the first with
+    another filter of its residuals, decoupled from slow unknown inputs (Chen and Patton, Robust
+    Model-Based Fault Diagnosis, 1999, chapter 3).
 
     Attributes:
-        faults: Of each hypothesis but the first and the last, H - 2; weak ones that have lost all are free.
+        faults: Of each hypothesis but the first and the last, H - 2; weak ones that have lost all
+            are free.
         effectiveness: That actuators 0..n-1 are believed to have, shape (n,).
         believed: The plant with the known faults.
         models: Of all H.

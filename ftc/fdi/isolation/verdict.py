@@ -25,7 +25,8 @@ class Verdict:
             that of other actuators, and of no failure at all.
         kind_confidences: Probability of each of :data:`ftc.fdi.fault_model.KINDS`, given the
             actuator.
-        fault_free_confidence: Probability that nothing has failed, whatever else acts slowly on the machine.
+        fault_free_confidence: Probability that nothing has failed, whatever else acts slowly on the
+            machine.
         inflation: Variance of the residuals that the most likely fault leaves, over that expected;
             at least 1. All log likelihoods are divided by it.
         unexplained: Part of the energy against no failure that this fault leaves, above noise.

@@ -1,0 +1,92 @@
+"""Whether to go over to another controller: by the errors that the linear model predicts of both.
+
+A diagnosis is a probability, and acting on it is a decision under risk: that with the least
+expected cost (Berger, Statistical Decision Theory and Bayesian Analysis, 1985, section 1.3). The
+cost is the RMS error of the major task in the time to come, from where machine and controllers
+stand now; the states of the machine are the failure that was named, and the machine as it was
+believed to be before.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from argument_checks import Array
+from ftc.controller import ControllerState, Measurement, PrioritizedController
+from ftc.fdi.fault_model import Fault, NominalModel, fault_model
+
+_ALIKE = 1.1
+"""Expected costs within this factor decide for what is known to have failed."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """What may be true.
+
+    Attributes:
+        probability: That it is.
+        faults: Of the machine then.
+        x: Its state then, shape (s,).
+    """
+
+    probability: float
+    faults: Sequence[Fault]
+    x: Array
+
+
+@dataclass(frozen=True)
+class Outlook:
+    """The time to come, as far as it can be foreseen.
+
+    Attributes:
+        nominal: Linear model of the sound machine.
+        C: Major task per state, shape (m1, s).
+        output: The major task as last measured, shape (m1,): what the model is off now stays.
+        references: Of the major task, tick by tick, shape (N, m1).
+        secondary: Reference of the secondary goal (n,) so many ticks ahead.
+    """
+
+    nominal: NominalModel
+    C: Array
+    output: Array
+    references: Array
+    secondary: Callable[[int], Array]
+
+    def rms(
+        self, pilot: PrioritizedController[Any], state: ControllerState[Any], case: Case
+    ) -> float:
+        """RMS error of the major task under a controller that begins in this state; or infinite."""
+        model, x, square = fault_model(self.nominal, case.faults), case.x, 0.0
+        off = self.output - self.C @ x
+        for tick, reference in enumerate(self.references):
+            output = self.C @ x + off
+            square += float(((reference - output) ** 2).sum())
+            if not np.isfinite(square):
+                return np.inf
+            measured = Measurement(output, self.nominal.displacement @ x)
+            state = pilot.step(state, reference, measured, self.secondary(tick))
+            x = model.step(x, pilot.drives.displacements(state.inputs))
+        return float(np.sqrt(square / len(self.references)))
+
+    def goes_over(
+        self,
+        stays: tuple[PrioritizedController[Any], ControllerState[Any]],
+        goes: tuple[PrioritizedController[Any], ControllerState[Any]],
+        cases: Sequence[Case],
+        negligible: float,
+    ) -> bool:
+        """Whether the expected error of a new controller is no larger than that of the present one.
+
+        Args:
+            stays: The present controller, and its state.
+            goes: The new one.
+            cases: What may be true.
+            negligible: An error that matters to nobody, such as the noise of the sensors.
+        """
+        staying, going = (
+            sum(case.probability * self.rms(*each, case) for case in cases)
+            for each in (stays, goes)
+        )
+        return going <= max(_ALIKE * staying, negligible)
