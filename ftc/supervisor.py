@@ -16,9 +16,9 @@ from ftc.fdi.fault_model import Fault, NominalModel, static_share
 from ftc.fdi.monitor import Monitor, MonitorState, monitor
 from ftc.goal import Goal
 from ftc.oracle import NestedState
-from ftc.status import status
 from ftc.sensor_check import SensorCheck
 from ftc.sensors import SensorChecks, Sensors
+from ftc.status import status
 
 
 @dataclass(frozen=True)
