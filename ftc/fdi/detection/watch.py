@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from argument_checks import Array
+from ftc.fdi.detection._kernels import whitened
 from ftc.fdi.detection.parameter_filter import Parameters
 from ftc.fdi.detection.whitening import Spectrum
 from ftc.fdi.diagnosis import FdiConfig
@@ -130,15 +131,14 @@ class Watch:
             return state, moment
         Y[0] = y - Y[0]
         memory = np.concatenate([state.memory[1:], Y[None]])
-        white = np.einsum("qp,qcp->cp", state.whitening[::-1], memory)
-        regressors = np.vstack([white[1:], np.diag(state.whitening.sum(axis=0))])
-        parameters, p = state.parameters, len(y)
-        residual, parameters = parameters.measured(white[0], regressors)
+        white, regressors = whitened(memory, state.whitening)
+        residual, parameters = state.parameters.measured(white, regressors)
         state = replace(state, memory=memory, residual=residual)
         known = state.spectrum.samples * self.period_s >= config.learning_s
         large = gated and known and residual @ residual > self.largest
         if large or not (learns and whole):
             return state, moment
+        p = len(y)
         left = Y[0] - parameters.mean[:-p] @ Y[1:] - parameters.mean[-p:]
         spectrum = state.spectrum.with_residual(left, config.memory_s / self.period_s)
         state = replace(state, parameters=self._drifted(parameters, p), spectrum=spectrum)
@@ -147,7 +147,7 @@ class Watch:
     def following(self, state: WatchState) -> WatchState:
         """The state whose offsets of the sensors may be as large as the residuals are."""
         seen = np.abs(state.memory[:, 0]).max(axis=0)
-        spread = np.diag([*np.zeros(len(state.parameters.mean) - len(seen)), *seen])
+        spread = np.concatenate([np.zeros(len(state.parameters.mean) - len(seen)), seen])
         return replace(state, parameters=state.parameters.spread(spread))
 
     def relearning(self, state: WatchState) -> WatchState:
