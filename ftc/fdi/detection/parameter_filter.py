@@ -48,9 +48,7 @@ class Parameters:
         self, time_s: float, outputs: int, uncertainty: Uncertainty, limits: int = 0
     ) -> "Parameters":
         """After so long, with so many outputs and limits of dry friction."""
-        rates = uncertainty.drift_rate, uncertainty.friction_rate, uncertainty.offset_rate
-        rate = np.repeat(rates, [len(self.mean) - limits - outputs, limits, outputs])
-        return self.spread(rate * np.sqrt(time_s))
+        return self.spread(drift(len(self.mean), time_s, outputs, uncertainty, limits))
 
     def spread(self, deviations: Array) -> "Parameters":
         """After independent random steps of these standard deviations, shape (J + p,)."""
@@ -76,3 +74,12 @@ class Parameters:
     def updated(self, white: Array, regressors: Array) -> "Parameters":
         """Of :meth:`measured`, the parameters alone."""
         return self.measured(white, regressors)[1]
+
+
+def drift(
+    parameters: int, time_s: float, outputs: int, uncertainty: Uncertainty, limits: int = 0
+) -> Array:
+    """Standard deviations (J + p,) of the steps in so long, of :meth:`Parameters.drifted`."""
+    rates = uncertainty.drift_rate, uncertainty.friction_rate, uncertainty.offset_rate
+    rate = np.repeat(rates, [parameters - limits - outputs, limits, outputs])
+    return rate * np.sqrt(time_s)
