@@ -39,8 +39,8 @@ class Spectrum:
     def with_residual(self, residual: Array, memory: float) -> "Spectrum":
         """With one more (p,), all weighted alike up to so many, and forgotten after them."""
         rate = 1 / min(self.samples + 1, memory)
-        products = correlated(self.recent, self.covariance, residual, rate)
-        return Spectrum(*products, self.samples + 1)
+        recent, covariance = correlated(self.recent, self.covariance, residual, rate)
+        return Spectrum(recent, covariance, self.samples + 1)
 
     def filter(
         self, fitted: float = 0.0, memory: float = np.inf, slow: float | None = None
