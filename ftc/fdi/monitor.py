@@ -113,7 +113,8 @@ class Monitor:
         every = (*state.commanded, commanded)
         if len(every) < self.ticks:
             return replace(state, ticks=ticks, commanded=every, outputs=(*state.outputs, y))
-        mean_u, mean_y = np.mean(every, axis=0), _mean(state.outputs, state.history[-2:])
+        mean_u = sum(every[1:], every[0]) / self.ticks  # np.mean takes three times as long
+        mean_y = _mean(state.outputs, state.history[-2:])
         v = np.concatenate([mean_u, state.last_commanded, [1.0]])
         state = replace(state, ticks=ticks, commanded=(), outputs=(y,), last_commanded=mean_u)
         return self._sample(state, v, mean_y)
@@ -130,11 +131,11 @@ class Monitor:
         if state.evidence is not None:  # back to the oldest onset that is looked for
             kept = max(kept, moment.sample - int(state.evidence.onsets[0]))
         history = (*state.history[-kept:], moment)
-        state = replace(state, history=history, relearns=max(state.relearns - 1, 0))
         known = relearns or watch.spectrum.samples > learning
         if how["learns"] and known and watch.sample % _SPECTRUM_EVERY == 0:
             watch = self.watch.with_spectrum(watch)
-        state = replace(state, watch=watch)
+        left = max(state.relearns - 1, 0)
+        state = replace(state, history=history, watch=watch, relearns=left)
         if state.evidence is not None:
             evidence = self._weighed(state.evidence, moment, watch)
             state = replace(state, evidence=evidence)
@@ -365,9 +366,12 @@ def _mean(outputs: Sequence[Array | None], before: Sequence[Moment]) -> Array | 
     known = [tick for tick, each in enumerate(outputs) if each is not None]
     if not known:
         return None
-    mean = np.mean([each for each in outputs if each is not None], axis=0)
+    measured = [each for each in outputs if each is not None]
+    mean = sum(measured[1:], measured[0]) / len(measured)
+    if len(known) == len(outputs):
+        return mean
     earlier = [each.y for each in before if each.y is not None]
-    if len(known) == len(outputs) or len(earlier) < 2:
+    if len(earlier) < 2:
         return mean
     ticks = len(outputs)
     return mean + (earlier[1] - earlier[0]) / ticks * ((ticks - 1) / 2 - np.mean(known))

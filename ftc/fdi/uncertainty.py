@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -104,10 +105,18 @@ class UncertainModel:
         """How many limits of dry friction are among the errors: the last ones."""
         return 0 if self.friction is None else self.friction.limits
 
+    @cached_property
+    def _stacked(self) -> tuple[Array, Array]:
+        """[C; A]^T, shape (s, p + s), and [N; M], ((1 + J) (p + s), s + r): two products a sample."""
+        together = np.concatenate([self.N, self.M], axis=1)
+        alone = np.vstack([self.C, self.A]).T.copy()
+        return alone, together.reshape(-1, together.shape[-1])
+
     def step(self, X: Array, v: Array) -> tuple[Array, Array]:
         """Outputs (1 + J, p) of a sample with inputs v that begins with X; and X after it."""
-        moving = np.concatenate([X[0], v])
-        Y, after = X @ self.C.T + self.N @ moving, X @ self.A.T + self.M @ moving
+        p, (alone, together) = len(self.C), self._stacked
+        moved = X @ alone + (together @ np.concatenate([X[0], v])).reshape(len(X), -1)
+        Y, after = moved[:, :p].copy(), moved[:, p:].copy()
         if self.friction is not None:
             self.friction.apply(_ONE, X[None, None], after[None, None], Y[None, None], v)
         return Y, after

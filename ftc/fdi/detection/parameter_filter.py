@@ -8,10 +8,9 @@ white of unit variance; the covariance says which parameters the motion so far h
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg.lapack import dgeqrf
-from scipy.linalg.lapack import dtrtrs as solve
 
 from argument_checks import Array
+from ftc.fdi.detection import _kernels
 from ftc.fdi.uncertainty import Uncertainty
 
 
@@ -27,7 +26,7 @@ class Parameters:
 
     Attributes:
         mean: Shape (J + p,).
-        root: Lower triangular or any other, shape (J + p, J + p).
+        root: Lower triangular, shape (J + p, J + p), its diagonal not negative.
     """
 
     mean: Array
@@ -49,13 +48,11 @@ class Parameters:
         self, time_s: float, outputs: int, uncertainty: Uncertainty, limits: int = 0
     ) -> "Parameters":
         """After so long, with so many outputs and limits of dry friction."""
-        rates = uncertainty.drift_rate, uncertainty.friction_rate, uncertainty.offset_rate
-        rate = np.repeat(rates, [len(self.mean) - limits - outputs, limits, outputs])
-        return self.spread(np.diag(rate * np.sqrt(time_s)))
+        return self.spread(drift(len(self.mean), time_s, outputs, uncertainty, limits))
 
-    def spread(self, walk: Array) -> "Parameters":
-        """After a random step whose covariance has this square root, shape (J + p, J + p)."""
-        return Parameters(self.mean, _lower(np.hstack([self.root, walk])))
+    def spread(self, deviations: Array) -> "Parameters":
+        """After independent random steps of these standard deviations, shape (J + p,)."""
+        return Parameters(self.mean, _kernels.spread(self.root, deviations))
 
     def measured(self, white: Array, regressors: Array) -> tuple[Array, "Parameters"]:
         """Prediction errors of whitened residuals (p,), and the parameters after them.
@@ -67,13 +64,8 @@ class Parameters:
             white: The residuals.
             regressors: Shape (J + p, p).
         """
-        p = len(white)
-        before = np.zeros((p + len(self.mean), p + len(self.mean)))
-        before[:p, :p] = np.eye(p)
-        before[:p, p:], before[p:, p:] = regressors.T @ self.root, self.root
-        after = _lower(before)
-        errors = solve(after[:p, :p], white - self.mean @ regressors, lower=1)[0]
-        return errors, Parameters(self.mean + after[p:, :p] @ errors, after[p:, p:])
+        errors, mean, root = _kernels.measured(self.mean, self.root, white, regressors)
+        return errors, Parameters(mean, root)
 
     def innovations(self, white: Array, regressors: Array) -> Array:
         """Of :meth:`measured`, the errors alone."""
@@ -84,8 +76,10 @@ class Parameters:
         return self.measured(white, regressors)[1]
 
 
-def _lower(wide: Array) -> Array:
-    """L with a positive diagonal and L L' = A A' of a matrix A, shape (k, m) with k <= m."""
-    # LAPACK's own functions: what scipy wraps around them takes twice as long.
-    R = np.triu(dgeqrf(wide.T)[0][: len(wide)])
-    return (R * np.where(R.diagonal() < 0, -1.0, 1.0)[:, None]).T
+def drift(
+    parameters: int, time_s: float, outputs: int, uncertainty: Uncertainty, limits: int = 0
+) -> Array:
+    """Standard deviations (J + p,) of the steps in so long, of :meth:`Parameters.drifted`."""
+    rates = uncertainty.drift_rate, uncertainty.friction_rate, uncertainty.offset_rate
+    rate = np.repeat(rates, [parameters - limits - outputs, limits, outputs])
+    return rate * np.sqrt(time_s)

@@ -12,12 +12,15 @@ import numpy as np
 from scipy.special import chdtri
 
 from argument_checks import Array
+from ftc.fdi.detection._kernels import alarm
 
 WINDOWS = tuple(2**k for k in range(8))
 """Numbers of samples averaged: from one, for a jump, to 128, for a creeping change."""
 
 _DEMODULATED = WINDOWS[3:]
 """A shorter mean of a demodulated residual tells nothing of its frequency."""
+
+_NO_DITHER = np.empty((0, 2))
 
 
 @dataclass(frozen=True)
@@ -43,27 +46,16 @@ class ResidualTest:
 
     def push(self, recent: Array, residual: Array) -> Array:
         """The latest residuals (max M, p) and one more (p,), the oldest dropped."""
-        return np.vstack([recent[1:], residual])
+        return np.concatenate([recent[1:], residual[None]])
 
     def alarm(self, recent: Array) -> int:
         """The smallest M for which the latest residuals (max M, p) are more than noise, or 0.
 
         The newest residual is the last.
         """
-        newest_first = recent[::-1]
-        found = _exceeding(newest_first, WINDOWS, self.threshold)
-        if self.swing is None:
-            return found
-        turned = (newest_first[:, :, None] * self.swing[:, None]).reshape(len(recent), -1)
-        # The mean square of a sinusoid is one half.
-        swinging = _exceeding(np.sqrt(2) * turned, _DEMODULATED, self.demodulated_threshold)
-        return min(filter(None, (found, swinging)), default=0)
-
-
-def _exceeding(newest_first: Array, windows: tuple[int, ...], threshold: float) -> int:
-    sums = newest_first.cumsum(axis=0)[np.array(windows) - 1]
-    too_large = (sums**2).sum(axis=-1) > threshold * np.array(windows)
-    return windows[too_large.argmax()] if too_large.any() else 0
+        swing = _NO_DITHER if self.swing is None else self.swing
+        shortest = _DEMODULATED[0]
+        return alarm(recent, swing, shortest, self.threshold, self.demodulated_threshold)
 
 
 def residual_test(

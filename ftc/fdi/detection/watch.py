@@ -1,11 +1,13 @@
 """Watch: residuals of the believed model, with its parameters and their spectrum tracked."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from argument_checks import Array
-from ftc.fdi.detection.parameter_filter import Parameters
+from ftc.fdi.detection._kernels import whitened
+from ftc.fdi.detection.parameter_filter import Parameters, drift
 from ftc.fdi.detection.whitening import Spectrum
 from ftc.fdi.diagnosis import FdiConfig
 from ftc.fdi.uncertainty import UncertainModel
@@ -115,38 +117,43 @@ class Watch:
         With `gated` not by an innovation that is too large for noise. A sample that was not
         measured is as the model predicts it, whatever its parameters are, which drift meanwhile.
         """
-        config = self.config
+        config, p = self.config, len(self.model.C)
         measured = 0 if y is None else state.measured + 1
         whole = measured > config.order
         moment = Moment(state.sample, state.X, state.memory, state.parameters, v, y, whole)
+        parameters, spectrum, residual = state.parameters, state.spectrum, np.zeros(p)
         Y, X = self.model.step(state.X, v)
-        state = replace(state, sample=state.sample + 1, X=X, measured=measured)
         if y is None:
-            memory = np.concatenate([state.memory[1:], np.zeros((1, *Y.shape))])
-            residual = np.zeros(Y.shape[1])
-            drifted = self._drifted(state.parameters, len(residual))
-            state = replace(state, memory=memory, parameters=drifted, residual=residual)
-            return state, moment
-        Y[0] = y - Y[0]
+            Y[:] = 0.0
+            parameters = parameters.spread(self._drift)
+        else:
+            Y[0] = y - Y[0]
         memory = np.concatenate([state.memory[1:], Y[None]])
-        white = np.einsum("qp,qcp->cp", state.whitening[::-1], memory)
-        regressors = np.vstack([white[1:], np.diag(state.whitening.sum(axis=0))])
-        parameters, p = state.parameters, len(y)
-        residual, parameters = parameters.measured(white[0], regressors)
-        state = replace(state, memory=memory, residual=residual)
-        known = state.spectrum.samples * self.period_s >= config.learning_s
-        large = gated and known and residual @ residual > self.largest
-        if large or not (learns and whole):
-            return state, moment
-        left = Y[0] - parameters.mean[:-p] @ Y[1:] - parameters.mean[-p:]
-        spectrum = state.spectrum.with_residual(left, config.memory_s / self.period_s)
-        state = replace(state, parameters=self._drifted(parameters, p), spectrum=spectrum)
-        return state, moment
+        if y is not None:
+            residual, updated = parameters.measured(*whitened(memory, state.whitening))
+            known = spectrum.samples * self.period_s >= config.learning_s
+            large = gated and known and residual @ residual > self.largest
+            if learns and whole and not large:
+                left = Y[0] - updated.mean[:-p] @ Y[1:] - updated.mean[-p:]
+                spectrum = spectrum.with_residual(left, config.memory_s / self.period_s)
+                parameters = updated.spread(self._drift)
+        after = WatchState(
+            state.sample + 1,
+            X,
+            memory,
+            parameters,
+            spectrum,
+            state.whitening,
+            state.decoupled,
+            residual,
+            measured,
+        )
+        return after, moment
 
     def following(self, state: WatchState) -> WatchState:
         """The state whose offsets of the sensors may be as large as the residuals are."""
         seen = np.abs(state.memory[:, 0]).max(axis=0)
-        spread = np.diag([*np.zeros(len(state.parameters.mean) - len(seen)), *seen])
+        spread = np.concatenate([np.zeros(len(state.parameters.mean) - len(seen)), seen])
         return replace(state, parameters=state.parameters.spread(spread))
 
     def relearning(self, state: WatchState) -> WatchState:
@@ -159,8 +166,11 @@ class Watch:
         spectrum = replace(state.spectrum, samples=learning // 4)
         return replace(self.following(state), spectrum=spectrum)
 
-    def _drifted(self, parameters: Parameters, p: int) -> Parameters:
-        return parameters.drifted(self.period_s, p, self.config.uncertainty, self.model.limits)
+    @cached_property
+    def _drift(self) -> Array:
+        p, errors = len(self.model.C), len(self.model.M) - 1
+        given = self.period_s, p, self.config.uncertainty, self.model.limits
+        return drift(errors + p, *given)
 
     def observed(self, state: WatchState) -> Array:
         """Part of each parameter's prior variance that the motion so far has removed, (J + p,).

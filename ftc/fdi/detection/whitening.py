@@ -7,9 +7,9 @@ Kay, Modern Spectral Estimation, 1988, chapter 7): white of unit variance while 
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
 
 from argument_checks import Array
+from ftc.fdi.detection._kernels import correlated, predictor
 
 _RIDGE = 1e-4
 
@@ -38,10 +38,8 @@ class Spectrum:
 
     def with_residual(self, residual: Array, memory: float) -> "Spectrum":
         """With one more (p,), all weighted alike up to so many, and forgotten after them."""
-        recent = np.concatenate([self.recent[1:], residual[None]])
         rate = 1 / min(self.samples + 1, memory)
-        products = recent[::-1] * residual
-        covariance = self.covariance + rate * (products - self.covariance)
+        recent, covariance = correlated(self.recent, self.covariance, residual, rate)
         return Spectrum(recent, covariance, self.samples + 1)
 
     def filter(
@@ -66,7 +64,7 @@ class Spectrum:
         for k, c in enumerate(self.covariance.T):
             ridged = c + disturbance
             ridged[0] *= 1 + _RIDGE
-            a = scipy.linalg.solve_toeplitz(ridged[:-1], ridged[1:])
+            a = predictor(ridged)
             variance = max(ridged[0] - a @ ridged[1:], _RIDGE * ridged[0])
             weights[:, k] = np.concatenate([[1.0], -a]) / np.sqrt(error * variance)
         return weights
