@@ -38,7 +38,7 @@ class Script(HypothesisBank):
         assert np.abs(memory[:, 0]).max() < 6
         return super().start(onsets, prior, X, memory)
 
-    def verdict(self, state, sample):
+    def verdict(self, state, sample, *, disturbed=True):
         """What is given, with as many likelihoods as there are onsets."""
         said = self.says(sample)
         return replace(said, best=np.resize(said.best, len(state.onsets)))
