@@ -55,7 +55,8 @@ def test_a_failure_that_leaves_most_of_the_residuals_is_not_named(part, is_named
 
 
 @pytest.mark.parametrize(
-    ("inflation", "part", "is_named"), [(29.0, 0.2, True), (31.0, 0.009, True), (31.0, 0.011, False)]
+    ("inflation", "part", "is_named"),
+    [(29.0, 0.2, True), (31.0, 0.009, True), (31.0, 0.011, False)],
 )
 def test_a_failure_whose_residuals_are_not_noise_is_not_named(inflation, part, is_named):
     """Above 30 times the variance; where a model of so large a failure errs, 1 % of the energy."""
@@ -67,7 +68,9 @@ def test_while_nothing_fits_evidence_begins_anew_and_what_was_before_is_left_beh
     """After 0.2 s each, of 20 samples, with onsets in the last half of them."""
     states = flown(lambda sample: MISFIT if sample < SHOCK + 45 else LOCKED, SHOCK + 50)
     first = {sample: int(states[sample].evidence.onsets[0]) for sample in range(SHOCK, SHOCK + 50)}
-    begun = [sample for sample in range(SHOCK + 1, SHOCK + 45) if first[sample] != first[sample - 1]]
+    begun = [
+        sample for sample in range(SHOCK + 1, SHOCK + 45) if first[sample] != first[sample - 1]
+    ]
     assert len(begun) == 2 and all(20 <= gap <= 24 for gap in np.diff([SHOCK, *begun]))
     assert all(begun_at - 10 <= first[begun_at] < begun_at for begun_at in begun)
     assert min(named(states)) >= SHOCK + 45 and first[SHOCK + 49] > SHOCK
