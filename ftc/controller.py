@@ -199,21 +199,14 @@ class PrioritizedController(Generic[Pose]):
             required = limited.displacements
             if self._tracking is not None:
                 compensator = compensator - self._tracking.dot(limited.residual)
+        asked = PreviousCommand(
+            demand, required, self._still if secondary_reference is None else secondary_reference
+        )
         if owed is not None:
             required = required + owed.unfollowed(self.handover_s)
             owed = replace(owed, age_s=owed.age_s + self.period_s)
         exerted = required / self._effectiveness if self._is_weakened else required
-        return ControllerState(
-            compensator,
-            self.drives.inputs(exerted),
-            pose,
-            PreviousCommand(
-                demand,
-                required,
-                self._still if secondary_reference is None else secondary_reference,
-            ),
-            owed,
-        )
+        return ControllerState(compensator, self.drives.inputs(exerted), pose, asked, owed)
 
     def transfer(
         self,

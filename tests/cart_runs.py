@@ -64,7 +64,11 @@ def outputs(nominal, ticks, u, fault=None, onset=0, nudged: np.ndarray | float =
     return np.array(seen)
 
 
-def gathered(bank: HypothesisBank, record: Record, prior, whitening, onsets=ONSETS) -> Evidence:
+def gathered(
+    bank: HypothesisBank, record: Record, prior, whitening, onsets=ONSETS, decoupled=None
+) -> Evidence:
+    """The evidence of a run; without another filter for it, the last hypothesis is the first."""
+    decoupled = whitening if decoupled is None else decoupled
     rows, s = bank.believed.M.shape[:2]
     p = record.y.shape[1]
     memory = np.zeros((len(whitening), rows, p))
@@ -73,6 +77,6 @@ def gathered(bank: HypothesisBank, record: Record, prior, whitening, onsets=ONSE
     before = np.zeros(record.u.shape[1])
     for sample, (u, y) in enumerate(zip(record.u, record.y, strict=True)):
         v = np.concatenate([u, before, [1.0]])
-        evidence = bank.step(evidence, sample, v, y, whitening, shaken=1.5)
+        evidence = bank.step(evidence, sample, v, y, whitening, decoupled, shaken=1.5)
         before = u
     return evidence

@@ -35,10 +35,10 @@ class Script(HypothesisBank):
 
     def start(self, onsets, prior, X, memory):
         """The bank's; residuals before the first onset are noise, without the known offset."""
-        assert np.abs(memory[:, 0]).max() < 6
+        assert np.abs(memory[:, 0]).max() < 6 or onsets[0] > SHOCK
         return super().start(onsets, prior, X, memory)
 
-    def verdict(self, state, sample):
+    def verdict(self, state, sample, *, disturbed=True):
         """What is given, with as many likelihoods as there are onsets."""
         said = self.says(sample)
         return replace(said, best=np.resize(said.best, len(state.onsets)))
@@ -65,6 +65,7 @@ def verdict(fault: Fault, actuator=1.0, kind=1.0, **others) -> Verdict:
 
 LOCKED, WEAK = verdict(Fault(2, "locked")), verdict(Fault(2, "weak", 0.5))
 UNSURE = replace(LOCKED, actuator_confidence=0.9)
+MISFIT = replace(LOCKED, inflation=31.0, unexplained=0.02)
 
 
 def flown(

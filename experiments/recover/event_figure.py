@@ -7,6 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, NullFormatter
 
+from argument_checks.ties import ascending
 from experiments.recover.event_tables import headline
 from experiments.study.plotting import BLUE, GREEN, ORANGE, PAGE_IN, VERMILION, new_figure
 from experiments.study.results import Picture
@@ -41,7 +42,9 @@ def figure_events(summary: dict[str, Any]) -> Figure:
 def draw_ratios(axes: Axes, summary: dict[str, Any]) -> None:
     """Small dots for flights, a large one for the worst of each event."""
     events = [each for each in summary["events"] if each["counted"]]
-    events = sorted(events, key=lambda each: (list(_OF).index(each["of"]), each["counted_worst"]))
+    groups = [list(_OF).index(each["of"]) for each in events]
+    order = ascending(groups, [each["counted_worst"] for each in events])
+    events = [events[k] for k in order]
     for of, color in _OF.items():
         rows = [(row, each) for row, each in enumerate(events) if each["of"] == of]
         flights = [(ratio, row) for row, each in rows for ratio in each["counted"]]

@@ -3,6 +3,7 @@
 from functools import partial
 from typing import Any
 
+from argument_checks.ties import greatest
 from experiments.rig.events import EVENTS
 from experiments.study.resumable import rate as session_rate
 from experiments.study.tables import Column, Table, tabulate
@@ -51,7 +52,7 @@ def headline(summary: dict[str, Any]) -> str:
     )
     if len(harmless) == len(events):
         return f"{said}."
-    worst = max(events, key=lambda each: each["counted_worst"])
+    worst = events[greatest([each["counted_worst"] for each in events])]
     if not worst["harmed"]:
         return f"{said}; some flights ended."
     return f"{said}; the worst: {worst['event']}, {worst['counted_worst']:.3g} times."

@@ -57,17 +57,15 @@ class BumplessTransfer:
         return kept if self.internal is None else kept + self.faded(self.internal, fade_s)
 
     def after(self, earlier: "BumplessTransfer", fade_s: float) -> "BumplessTransfer":
-        """The transfer combined with the rest of an earlier one."""
-        internal = self.internal
-        if earlier.internal is not None:
-            left = earlier.faded(earlier.internal, fade_s)
-            internal = left if internal is None else left + internal
+        """The transfer combined with the rest of an earlier one.
+
+        Its `kept` and `internal` are parts of the commands, hence have what was left of them.
+        """
         secondary = earlier.faded(earlier.secondary_reference, fade_s)
         return replace(
             self,
             demand=earlier.demanded(fade_s) + self.demand,
             secondary_reference=secondary + self.secondary_reference,
-            internal=internal,
         )
 
 

@@ -185,7 +185,7 @@ class PrioritizedMapping(Generic[Pose]):
                 joint - before,
                 secondary - now.J[self._secondary] @ before,
             )
-            return last.displacements + now.expand @ change
+            return now.expand @ (now.expand.T @ last.displacements + change)
         if self.form == "gauss_newton":
             here, remaining = self._step(now, demand, pose, commanded, joint, secondary)
             return now.expand.dot(here + now.mapping(*remaining))

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 import scipy.optimize
+from scipy.stats import multivariate_normal
 
 from ftc.fdi.detection.parameter_filter import Parameters
 from ftc.fdi.fault_model import Fault
@@ -75,19 +76,23 @@ def drawn_whitening(p: int, seed: int) -> np.ndarray:
     return np.vstack([rng.uniform(0.5, 1.5, (1, p)), 0.3 * rng.normal(size=(2, p))])
 
 
-def written_out(record: Record, fault: Fault | None, onset: int, prior, whitening):
-    """Energy, log of the root of the determinant, and parameters, of one hypothesis, in full.
-
-    Of residuals e = H theta + noise with theta of the prior, all samples at once. Where the best
-    onset or part lost is not in its cell, energy and parameters are the best within.
-    """
+def regression(record: Record, fault: Fault | None, onset: int, prior, whitening):
+    """H, P and e: residuals e = H theta + noise of all samples, theta of covariance P."""
     seen = outputs(record.nominal, record.ticks, record.u, fault, onset)
     changes = sensitivities(record, fault, onset, WRONG)
     rows = [filtered(whitening, each).ravel() for each in changes]
     always = [np.tile(each * whitening.sum(axis=0), (SAMPLES, 1)).ravel() for each in np.eye(2)]
     H = np.array([*rows[:-3], *always, *rows[-3:]]).T
     P = scipy.linalg.block_diag(prior.covariance, np.eye(3))
-    e = filtered(whitening, record.y - seen).ravel() - H[:, :-3] @ prior.mean
+    return H, P, filtered(whitening, record.y - seen).ravel() - H[:, :-3] @ prior.mean
+
+
+def written_out(record: Record, fault: Fault | None, onset: int, prior, whitening):
+    """Energy, log of the root of the determinant, and parameters, of one hypothesis, in full.
+
+    Where the best onset or part lost is not in its cell, energy and parameters are the best within.
+    """
+    H, P, e = regression(record, fault, onset, prior, whitening)
     S = np.eye(len(e)) + H @ P @ H.T
     low, high = np.full(len(P), -np.inf), np.full(len(P), np.inf)
     low[[-3, -1]], high[[-3, -1]] = -np.sqrt(3), np.sqrt(3)
@@ -117,7 +122,7 @@ def test_a_hypothesis_is_weighed_by_its_gaussian_with_all_unknowns_integrated_ou
     whitening = drawn_whitening(2, seed)
     energy, log_det, parameters = gathered(bank, record, prior, whitening).marginal()
     counted = np.zeros(3, dtype=int)
-    for h, fault in enumerate([None, *bank.faults]):
+    for h, fault in enumerate([None, *bank.faults, None]):
         for k, onset in enumerate(ONSETS[: 1 if fault is None else None]):
             left, root, best, beyond = written_out(record, fault, onset, prior, whitening)
             counted[beyond] += 1
@@ -125,6 +130,29 @@ def test_a_hypothesis_is_weighed_by_its_gaussian_with_all_unknowns_integrated_ou
             assert energy[h, k] == pytest.approx(left, rel=1e-3)
             np.testing.assert_allclose(parameters[h, k], best, atol=5e-3 * np.abs(best).max())
     assert counted[0] > 3 and counted[1] > 0
+
+
+@pytest.mark.parametrize("gain", [0.1, 1.0, 7.0])
+@pytest.mark.parametrize("seed", range(2))
+def test_the_last_hypothesis_is_as_much_a_density_of_the_outputs_as_the_first(seed, gain):
+    """Their log ratio, of filters of any gain, is that of the Gaussians of what was measured."""
+    record = Record.of(carts(seed), 2, seed)
+    bank = hypothesis_bank(record.nominal, (), WRONG, 2)
+    prior = drawn_prior(len(bank.believed.M) - 1, 2, seed)
+    filters = drawn_whitening(2, seed), gain * drawn_whitening(2, seed + 10)
+    evidence = gathered(bank, record, prior, filters[0], decoupled=filters[1])
+    energy, log_det, _ = evidence.marginal()
+    plain = (-energy / 2 - log_det)[[0, -1], 0]
+    densities = []
+    for weights in filters:
+        H, P, e = regression(record, None, 0, prior, weights)
+        columns = (filtered(weights, unit) for unit in np.eye(e.size).reshape(-1, SAMPLES, 2))
+        L = np.array([column.ravel() for column in columns]).T  # e = L y, less what is known
+        inverse = np.linalg.inv(L)
+        cov = inverse @ (np.eye(e.size) + H @ P @ H.T) @ inverse.T
+        densities.append(multivariate_normal(cov=cov).logpdf(inverse @ e))
+    found = plain[1] - plain[0] + evidence.gain
+    assert found == pytest.approx(densities[1] - densities[0], rel=1e-3, abs=1e-2)
 
 
 def test_with_a_certain_model_and_white_noise_the_ratio_of_likelihoods_is_the_plain_one():
@@ -141,4 +169,4 @@ def test_with_a_certain_model_and_white_noise_the_ratio_of_likelihoods_is_the_pl
     sound = record.y - outputs(nominal, 2, record.u)
     assert evidence.marginal()[0][0, 0] == pytest.approx((sound**2).sum(), rel=1e-6)
     right = 1 + bank.faults.index(Fault(2, "locked"))
-    assert np.unravel_index(evidence.energy[1:].argmin(), (15, 3)) == (right - 1, 1)
+    assert np.unravel_index(evidence.energy[1:-1].argmin(), (15, 3)) == (right - 1, 1)

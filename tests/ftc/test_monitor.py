@@ -8,6 +8,7 @@ from scipy.stats import chi2
 
 from tests.scripted_monitor import (
     LOCKED,
+    MISFIT,
     NOMINAL,
     SHOCK,
     STATE,
@@ -41,7 +42,7 @@ def test_no_actuator_is_named_below_the_stated_confidence(actuator):
     if actuator < 0.999:
         assert SHOCK + 60 <= min(unexplained) < SHOCK + 64
         last = states[min(unexplained)]
-        assert last.evidence is None and last.watch.spectrum.samples == 0
+        assert last.evidence is None and last.relearns == 100  # as many as at the start
     else:
         assert not unexplained
 
@@ -51,6 +52,47 @@ def test_a_failure_that_leaves_most_of_the_residuals_is_not_named(part, is_named
     states = flown(lambda sample: replace(LOCKED, unexplained=part), SHOCK + 75)
     assert bool(named(states)) == is_named
     assert max(states.items())[1].unexplained == (not is_named)
+
+
+@pytest.mark.parametrize(
+    ("inflation", "part", "is_named"),
+    [(29.0, 0.2, True), (31.0, 0.009, True), (31.0, 0.011, False)],
+)
+def test_a_failure_whose_residuals_are_not_noise_is_not_named(inflation, part, is_named):
+    """Above 30 times the variance; where a model of so large a failure errs, 1 % of the energy."""
+    said = replace(LOCKED, inflation=inflation, unexplained=part)
+    assert bool(named(flown(lambda sample: said, SHOCK + 10))) == is_named
+
+
+def test_while_nothing_fits_evidence_begins_anew_and_what_was_before_is_left_behind():
+    """After 0.2 s each, of 20 samples, with onsets in the last half of them."""
+    states = flown(lambda sample: MISFIT if sample < SHOCK + 45 else LOCKED, SHOCK + 50)
+    first = {sample: int(states[sample].evidence.onsets[0]) for sample in range(SHOCK, SHOCK + 50)}
+    begun = [
+        sample for sample in range(SHOCK + 1, SHOCK + 45) if first[sample] != first[sample - 1]
+    ]
+    assert len(begun) == 2 and all(20 <= gap <= 24 for gap in np.diff([SHOCK, *begun]))
+    assert all(begun_at - 10 <= first[begun_at] < begun_at for begun_at in begun)
+    assert min(named(states)) >= SHOCK + 45 and first[SHOCK + 49] > SHOCK
+
+
+def test_a_named_failure_that_no_longer_fits_is_given_up():
+    states = flown(lambda sample: LOCKED if sample < SHOCK + 20 else MISFIT, SHOCK + 40)
+    last = max(named(states))
+    assert SHOCK + 19 <= last < SHOCK + 20 + 12  # judged every twelfth sample
+    assert states[last + 1].unexplained and states[last + 1].diagnosis is None
+
+
+def test_after_an_unexplained_alarm_the_watch_is_not_blind():
+    """What it knew before is tested by from the next sample on, and what is new is learned."""
+    states = flown(lambda sample: UNSURE, SHOCK + 180)
+    given_up = min(sample for sample, state in states.items() if state.unexplained)
+    last, then = states[given_up - 1], states[given_up]
+    np.testing.assert_array_equal(then.watch.whitening, last.watch.whitening)
+    assert then.relearns == 100 and np.abs(states[given_up + 1].recent).max() > 0
+    assert then.cleared == given_up  # no onset is looked for before it
+    assert states[given_up + 100].relearns == 0
+    assert not np.allclose(states[given_up + 100].watch.whitening, last.watch.whitening)
 
 
 @pytest.mark.parametrize(("free", "over"), [(0.9989, False), (0.9991, True)])

@@ -1,5 +1,6 @@
 """Laws of `ftc.tracking` and of `sim.Mechanism`: loops, handover, limits, postures."""
 
+from dataclasses import replace
 from typing import Any
 
 import control
@@ -9,10 +10,8 @@ import pytest
 import scipy.optimize
 
 from ftc.controller import Measurement
-from ftc.fdi.diagnosis import Diagnosis
 from ftc.fdi.fault_model import Fault, fault_model
 from ftc.goal import Goal
-from ftc.supervisor import goal_after
 from ftc.tracking import (
     LARGEST_PEAK,
     TaskLost,
@@ -30,10 +29,6 @@ ARM, HAND, ARMS = (
 )
 MAJOR = (3, 4, 5)
 PERIOD_S = 1e-3
-
-
-def goal_told(goal: Goal, fault: Fault, displacement: float = 0.0) -> Goal:
-    return goal_after(goal, [Diagnosis.told(fault, displacement)])
 
 
 def closed(model: mujoco.MjModel, major: tuple[int, ...], **options: Any) -> Tracking:
@@ -85,14 +80,13 @@ def test_the_crossover_is_the_highest_with_a_sensitivity_peak_of_1_7(arm):
 
 def test_the_loops_stay_stable_after_each_lock_that_leaves_the_task_possible(arm):
     """Closed-loop eigenvalues; that of the locked actuator, which stands, is one."""
-    goal = Goal((1.0,) * 7)
     tried = 0
     for k in range(7):
         lock = Fault(k, "locked")
         if not is_possible(arm.classified([lock])):
             continue
         tried += 1
-        A, B, C = loop_matrices(arm, arm.mapping(goal_told(goal, lock)), [lock])
+        A, B, C = loop_matrices(arm, arm.mapping(Goal((1.0,) * 7, locked_at={k: 0.0})), [lock])
         K = control.append(*(loop.discrete for loop in arm.loops))
         whole = np.block([[A - B @ K.D @ C, B @ K.C], [-K.B @ C, K.A]])
         moves = np.sort(np.abs(np.linalg.eigvals(whole)))
@@ -168,7 +162,7 @@ def test_when_a_lock_off_centre_is_told_the_major_task_stays_where_it_is(seed):
     demand = np.array([2e-3, -1e-3, 1.5e-3])
     commanded, pose = settled(before, demand, np.zeros(7), mechanism.nominal)
     k = int(np.abs(commanded).argmax())
-    after = mapping_for(mechanism, goal_told(goal, Fault(k, "locked"), commanded[k]), MAJOR)
+    after = mapping_for(mechanism, replace(goal, locked_at={k: commanded[k]}), MAJOR)
     told = after.displacements(demand, pose, commanded)
     told[k] = commanded[k]
     moved = mechanism.task(mechanism.moved(pose, told, every)) - mechanism.task(pose)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import scipy.linalg
 import scipy.signal
 
 from ftc.fdi.detection.whitening import Spectrum
@@ -107,3 +108,25 @@ def test_what_was_fitted_to_few_residuals_is_as_large_as_new_ones_are():
         left = np.convolve(new, spectrum.filter()[:, 0], mode="valid")
         squares.append((left**2).mean())
     assert np.mean(squares) == pytest.approx(1.0, abs=0.05)
+
+
+@pytest.mark.parametrize("slow", [0.02, 0.05, 0.2])
+def test_slow_inputs_are_noise_to_a_filter_that_is_decoupled_from_them(slow):
+    """Fifty times the noise, by a critically damped filter of second order: of unit variance."""
+    noise = Spectrum(np.zeros((ORDER + 1, 1)), np.eye(ORDER + 1, 1), 10**6)
+    lags = slow * np.arange(ORDER + 1)
+    inputs = scipy.linalg.toeplitz(2500 * (1 + lags) * np.exp(-lags)) + np.eye(ORDER + 1)
+    plain, decoupled = noise.filter()[:, 0], noise.filter(slow=slow)[:, 0]
+    assert plain @ inputs @ plain > 1000
+    assert 0.6 < decoupled @ inputs @ decoupled < 1.001
+    # What is faster is still seen: at 30 times the corner, by half of its power and more.
+    fast = np.exp(1j * min(30 * slow, np.pi) * np.arange(ORDER + 1))
+    assert abs(fast @ decoupled) > 0.5 * abs(fast @ plain)
+
+
+def test_without_slow_inputs_the_decoupled_filter_would_leave_less_than_noise():
+    """It has a smaller gain: the same noise is less of it, and the likelihood pays for that."""
+    spectrum = measured(np.random.default_rng(0).standard_normal((5000, 2)))
+    plain, decoupled = spectrum.filter(), spectrum.filter(slow=0.05)
+    assert (decoupled[0] < plain[0]).all()
+    assert ((decoupled**2).sum(axis=0) < (plain**2).sum(axis=0)).all()
