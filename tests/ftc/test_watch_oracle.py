@@ -38,7 +38,7 @@ def by_hand(model, state: WatchState, v: np.ndarray, y: np.ndarray | None) -> di
         return found | {"memory": memory, "mean": mean, "P": P + walk, "spectrum": spectrum}
     Y[0] = y - Y[0]
     memory = np.stack([*state.memory[1:], Y])
-    white = sum(w * lagged for w, lagged in zip(state.whitening, memory[::-1], strict=True))
+    white = np.einsum("qp,qcp->cp", state.whitening, memory[::-1])
     G = np.vstack([white[1:], np.diag(state.whitening.sum(axis=0))])
     S = np.eye(p) + G.T @ P @ G
     e = white[0] - G.T @ mean

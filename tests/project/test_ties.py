@@ -105,7 +105,6 @@ CHOOSES_OTHERWISE = {
     "experiments/track/failures.py": "times that a user gave",
     "experiments/track/happened.py": "times that a user gave",
     "experiments/uncorrected/answer.py": "counts",
-    "ftc/fdi/detection/residual_test.py": "the first that is true",
     "prioritized/_solver/rank.py": "what counts before what does not",
     "sim/mjcf/accuracy.py": "the first that is true",
     "sim/plant/bench.py": "times that a user gave",
