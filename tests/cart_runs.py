@@ -77,6 +77,6 @@ def gathered(
     before = np.zeros(record.u.shape[1])
     for sample, (u, y) in enumerate(zip(record.u, record.y, strict=True)):
         v = np.concatenate([u, before, [1.0]])
-        evidence = bank.step(evidence, sample, v, y, whitening, decoupled, shaken=1.5)
+        evidence = bank.step(evidence, sample, v, y, whitening, shaken=1.5, decoupled=decoupled)
         before = u
     return evidence

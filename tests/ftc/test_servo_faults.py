@@ -110,7 +110,7 @@ def test_failures_of_servos_are_weighed_as_newton_has_them():
     before, white = np.zeros(n), np.ones((1, n))
     for tick, u in enumerate(sent):
         v = np.concatenate([u, before, [1.0]])
-        evidence = bank.step(evidence, tick, v, y[tick], white, white, shaken=1.0)
+        evidence = bank.step(evidence, tick, v, y[tick], white, shaken=1.0, decoupled=white)
         before = u
     for h, fault in enumerate(bank.faults, 1):
         left = y - carts.run(fault, onset, sent) / 2e-5
