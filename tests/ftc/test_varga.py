@@ -264,7 +264,7 @@ def judged(bank: HypothesisBank, y: np.ndarray, tick: int, filtered: np.ndarray 
     )
     for k in range(tick + 1):
         v = np.concatenate([u[k], before[k], [1.0]])
-        evidence = bank.step(evidence, k, v, y[k] / SIGMA, filtered, filtered, shaken=1.0)
+        evidence = bank.step(evidence, k, v, y[k] / SIGMA, filtered, shaken=1.0)
     return bank.verdict(evidence, tick)
 
 
