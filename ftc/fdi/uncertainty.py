@@ -107,7 +107,7 @@ class UncertainModel:
 
     @cached_property
     def _stacked(self) -> tuple[Array, Array]:
-        """[C; A]^T, shape (s, p + s), and [N; M], ((1 + J) (p + s), s + r): two products a sample."""
+        """[C; A]^T, (s, p + s), and [N; M], ((1 + J) (p + s), s + r): two products a sample."""
         together = np.concatenate([self.N, self.M], axis=1)
         alone = np.vstack([self.C, self.A]).T.copy()
         return alone, together.reshape(-1, together.shape[-1])
