@@ -68,7 +68,6 @@ def gathered(
     bank: HypothesisBank, record: Record, prior, whitening, onsets=ONSETS, decoupled=None
 ) -> Evidence:
     """The evidence of a run; without another filter for it, the last hypothesis is the first."""
-    decoupled = whitening if decoupled is None else decoupled
     rows, s = bank.believed.M.shape[:2]
     p = record.y.shape[1]
     memory = np.zeros((len(whitening), rows, p))
@@ -77,6 +76,6 @@ def gathered(
     before = np.zeros(record.u.shape[1])
     for sample, (u, y) in enumerate(zip(record.u, record.y, strict=True)):
         v = np.concatenate([u, before, [1.0]])
-        evidence = bank.step(evidence, sample, v, y, whitening, shaken=1.5, decoupled=decoupled)
+        evidence = bank.step(evidence, sample, v, y, whitening, 1.5, decoupled=decoupled)
         before = u
     return evidence

@@ -280,7 +280,7 @@ class Script:
 
     says: tuple[Diagnosis | None, ...]
     after: int = 0
-    nominal = SOUND
+    nominal, ticks = SOUND, 1
 
     def step(self, watch, measured, commanded_m):
         """The next that it says."""
@@ -354,19 +354,21 @@ def test_the_supervisor_dithers_by_its_own_clock():
         assert isinstance(current.mapping, StrutMapping) and current.mapping.jacobian == "constant"
 
 
-def test_when_the_task_is_lost_the_commands_stand_and_no_other_failure_is_looked_for():
-    """Four locked struts leave nothing to point with; what was named may still be settled."""
+def test_when_the_task_is_lost_the_commands_stand_until_a_strut_works_again():
+    """Four locked struts leave nothing to point with: that is confirmed before anything stops."""
     locked = [replace(diagnosis(Fault(k, "locked")), confirmed=True) for k in (0, 3, 1)]
     last = diagnosis(Fault(4, "locked"))
-    states = supervised(*locked, last, replace(last, confirmed=True), None, None)
-    assert [state.task_lost for state in states] == [False] * 3 + [True] * 4
-    for state in states[3:]:
-        np.testing.assert_array_equal(state.inputs, states[2].inputs)
+    again = replace(diagnosis(Fault(0, "weak", 1.0)), confirmed=True)
+    states = supervised(*locked, last, replace(last, confirmed=True), None, again, None)
+    assert [state.task_lost for state in states] == [False] * 4 + [True] * 2 + [False] * 2
+    assert states[3].current is states[2].current
+    for state in states[4:6]:
+        np.testing.assert_array_equal(state.inputs, states[3].inputs)
         assert state.current is states[2].current
     assert states[4].confirmed[-1].fault == last.fault and states[4].watch.diagnosis is None
-    assert failures_before(states[4]) == failures_before(states[6]) == 3
-    assert states[6].watch.ticks == states[4].watch.ticks
-    assert [state.ticks for state in states] == list(range(1, 8))
+    assert [failures_before(state) for state in states] == [1, 2, 3, 3, 4, 4, 5, 5]
+    assert set(states[7].current.mapping.goal.locked_at) == {1, 3, 4}
+    assert [state.ticks for state in states] == list(range(1, 9))
 
 
 @pytest.mark.long

@@ -107,10 +107,10 @@ def test_failures_of_servos_are_weighed_as_newton_has_them():
     y = carts.run(Fault(2, "weak", 0.45), onset, sent) / 2e-5 + rng.standard_normal((300, n))
     bank, prior = hypothesis_bank(nominal), Parameters.prior(0, n, CERTAIN)
     evidence = bank.start(np.array([onset]), prior, np.zeros((1, 2 * n)), np.zeros((1, 1, n)))
-    before, white = np.zeros(n), np.ones((1, n))
+    before = np.zeros(n)
     for tick, u in enumerate(sent):
         v = np.concatenate([u, before, [1.0]])
-        evidence = bank.step(evidence, tick, v, y[tick], white, shaken=1.0, decoupled=white)
+        evidence = bank.step(evidence, tick, v, y[tick], np.ones((1, n)), shaken=1.0)
         before = u
     for h, fault in enumerate(bank.faults, 1):
         left = y - carts.run(fault, onset, sent) / 2e-5

@@ -31,14 +31,13 @@ def drawn(rng: np.random.Generator, n: int) -> Fault:
 def test_confidence_is_what_it_says(noise):
     """As many verdicts are right as they claim: any actuator, kind, or no failure.
 
-    A failure, soundness, and what the last hypothesis says, here the same, are drawn as the prior
-    has them; what is named is the likelier.
+    Failures and soundness are drawn as the prior has them; what is named is the likelier.
     """
     rng, nominal, ticks = np.random.default_rng(5), carts(1, n=3, noise=noise), 2
     bank = hypothesis_bank(nominal, (), CERTAIN, ticks)
     prior, claimed, right = Parameters.prior(0, 3, CERTAIN), [], []
     for seed in range(250):
-        fault = drawn(rng, 3) if rng.random() < 1 / 3 else None
+        fault = drawn(rng, 3) if rng.random() < 0.5 else None
         onset = int(rng.choice(ONSETS))
         record = Record.of(nominal, ticks, [seed, 1], fault, onset)
         evidence = gathered(bank, record, prior, np.ones((1, 3)))
@@ -52,17 +51,17 @@ def test_confidence_is_what_it_says(noise):
     assert low <= np.sum(right) <= high
 
 
-@pytest.mark.parametrize(("disturbed", "prior_of_failure"), [(True, 1 / 3), (False, 1 / 2)])
-def test_without_evidence_all_that_may_have_happened_is_alike(disturbed, prior_of_failure):
-    """A failure, none, and, where that is asked, something else: then each actuator, each kind."""
+@pytest.mark.parametrize("disturbed", [True, False])
+def test_without_evidence_failure_is_as_likely_as_none_and_all_are_alike(disturbed):
+    """Something else, that is no failure, is part of none."""
     nominal = carts(1, n=4)
     bank = hypothesis_bank(nominal, (), WRONG, 2)
     prior = Parameters.prior(len(bank.believed.M) - 1, 4, WRONG)
     silent = Record(nominal, 2, np.zeros((0, 4)), np.zeros((0, 4)))
     evidence = gathered(bank, silent, prior, np.ones((1, 4)))
     verdict = bank.verdict(evidence, 0, disturbed=disturbed)
-    assert verdict.fault_free_confidence == pytest.approx(1 - prior_of_failure)
-    assert verdict.actuator_confidence == pytest.approx(prior_of_failure / 4)
+    assert verdict.fault_free_confidence == pytest.approx(1 / 2)
+    assert verdict.actuator_confidence == pytest.approx(1 / 2 / 4)
     # Locked, free, and three models of weak: each is as likely as the other.
     assert verdict.kind_confidences == pytest.approx((1 / 5, 1 / 5, 3 / 5))
 
@@ -168,6 +167,8 @@ def test_where_no_actuator_is_left_there_is_nothing_to_look_for():
 
 def test_what_is_already_weak_loses_a_part_of_what_it_has_left():
     bank = hypothesis_bank(carts(0), [Fault(0, "weak", 0.5), Fault(1, "free")])
-    left = [fault.effectiveness for fault in bank.faults if fault.kind == "weak"]
-    assert {fault.actuator for fault in bank.faults} == {0}
+    left = [fault.effectiveness for fault in bank.faults[:5] if fault.kind == "weak"]
+    assert {fault.actuator for fault in bank.faults[:5]} == {0}
     np.testing.assert_allclose(left, [0.375, 0.25, 0.125])
+    again = [Fault(0, "weak", 1.0), Fault(1, "weak", 1.0), Fault(1, "locked")]
+    assert list(bank.faults[5:]) == again
