@@ -112,6 +112,10 @@ class Supervisor:
     def _unknown(self) -> Array:
         return np.full_like(self.first.mapping.nothing().demand, np.nan)
 
+    @property
+    def _nominal(self) -> NominalModel:
+        return self.monitor.nominal
+
     @cached_property
     def _outputs(self) -> int:
         return len(self.monitor.nominal.noise)
@@ -187,7 +191,7 @@ class Supervisor:
         lost_displacements = np.zeros(len(commanded))
         if found is not None:
             state = replace(state, diagnoses=(*state.diagnoses, found))
-            lost_displacements = lost_displacement(found, commanded)
+            lost_displacements = lost_displacement(found, commanded, self._nominal)
         keeps = found is not None and not found.confirmed
         lost = not self.is_possible([each.fault for each in believed])
         # Only what is confirmed stands still: a wrong name costs nothing meanwhile.
@@ -198,7 +202,7 @@ class Supervisor:
             lost_displacements[list(current.mapping.goal.free)] = 0.0
             acting = np.zeros(len(commanded))
             for each in believed:
-                acting[each.fault.actuator] = each.fault.left
+                acting[each.fault.actuator] = static_share(self._nominal, each.fault)
             controller = current.transfer(state.controller, lost_displacements, acting, keeps=keeps)
             if found is None or self._pays(state, found, (current, controller), measurement):
                 state = replace(state, current=current, controller=controller, refused=None)
@@ -266,15 +270,15 @@ def used_share(nominal: NominalModel, fault: Fault) -> float:
     return share if share >= WEAKEST else 0.0
 
 
-def lost_displacement(diagnosis: Diagnosis, commanded: Array) -> Array:
+def lost_displacement(diagnosis: Diagnosis, commanded: Array, nominal: NominalModel) -> Array:
     """Displacement that the diagnosed actuator is about to lose, shape (n,).
 
     `commanded`, shape (n,), is what the actuators are commanded to. A locked actuator loses
-    nothing, nor does one that was diagnosed before.
+    nothing, nor does one that was diagnosed before. `nominal` is the model of the sound machine.
     """
     fault, lost_displacements = diagnosis.fault, np.zeros(len(commanded))
     if fault.kind != "locked" and not (fault.is_sound or diagnosis.confirmed):
-        held = fault.left * commanded[fault.actuator]
+        held = static_share(nominal, fault) * commanded[fault.actuator]
         lost_displacements[fault.actuator] = diagnosis.displacement - held
     return lost_displacements
 

@@ -11,7 +11,7 @@ from experiments.rig.events import Event
 from experiments.rig.rig import Rig
 from experiments.rig.run import Run
 from ftc.fdi.diagnosis import Diagnosis
-from ftc.fdi.fault_model import Fault
+from ftc.fdi.fault_model import Fault, static_share
 from ftc.oracle import NEVER, OracleController
 from ftc.supervisor import Supervisor, goal_after
 from sim import Array, Failure
@@ -178,9 +178,9 @@ def informed(
     """
     news, lost = Diagnosis.told(fault, displacement), np.zeros(len(rig.actuators))
     acting = np.zeros(len(rig.actuators))
-    acting[fault.actuator] = fault.left
+    acting[fault.actuator] = static_share(rig.nominal, fault)
     if fault.kind != "locked" and late_s == 0:
-        lost[fault.actuator] = (1 - fault.left) * displacement
+        lost[fault.actuator] = (1 - static_share(rig.nominal, fault)) * displacement
     after = rig.controller(goal_after(rig.goal, [news], rig.nominal, rig.unused))
     tick = struck(rig, flight)[0] + round(late_s / rig.period_s)
     pilot = OracleController(rig.controller(), after, tick, lost, flight.secondary, acting)

@@ -73,11 +73,6 @@ class Fault:
         """Whether nothing is lost: an actuator that works again."""
         return self.kind == "weak" and self.effectiveness == 1.0
 
-    @property
-    def left(self) -> float:
-        """Part of its force that the actuator has left."""
-        return self.effectiveness if self.kind == "weak" else 0.0
-
     @classmethod
     def of(cls, failure: Failure) -> "Fault":
         """What a failure leaves behind: the one translation from what happens to what is known."""
@@ -291,6 +286,8 @@ def static_share(nominal: NominalModel, fault: Fault) -> float:
     Of a coil that works against a spring it is the part of the force that is left; a weak position
     servo still goes nearly where it is told.
     """
+    if fault.kind != "weak":
+        return 0.0
     k, share = fault.actuator, []
     for faults in ((), (fault,)):
         plant = fault_model(nominal, faults)

@@ -9,9 +9,9 @@ the believed one.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
-from scipy.special import chdtri
 
 from argument_checks import Array
 from argument_checks.ties import ascending
@@ -22,59 +22,15 @@ from ftc.fdi.fault_model import KINDS, Fault, NominalModel
 from ftc.fdi.isolation.evidence import Evidence
 from ftc.fdi.isolation.hypotheses import HypothesisBank, hypothesis_bank
 from ftc.fdi.isolation.verdict import Verdict
+from ftc.fdi.monitor_state import MonitorState
+from ftc.fdi.naming import WINDOW_S, Naming
 
 _JUDGED_EVERY, _REVISED_EVERY, _SPECTRUM_EVERY = 4, 12, 50
 """In samples: how often hypotheses are judged, once one is named, and how often the filter of the
 spectrum is made anew."""
 
-_WINDOW_S = 0.2
-"""So long no failure fits the residuals before evidence begins anew: what has happened before, such
-as a bump, is left behind."""
-
 _NEGLIGIBLE = 12.0
 """Onsets whose likelihood is e^12 times smaller than the best one's are dropped at a diagnosis."""
-
-
-@dataclass(frozen=True)
-class MonitorState:
-    """State of a monitor.
-
-    Attributes:
-        ticks: So far.
-        commanded: Displacements of the ticks of the sample that is not complete, (n,) each.
-        outputs: Likewise, in units of their noise, (p,) each; None where nothing was measured.
-        last_commanded: Mean of the sample before, shape (n,).
-        watch: State of the believed model.
-        history: The latest samples, the newest last.
-        recent: Latest residuals, for their test.
-        evidence: Of the hypotheses, from an alarm on.
-        alarm_ticks: Of all alarms so far, the last of them the one that is looked into.
-        verdict: What the evidence says now.
-        named_tick: When an actuator was first named.
-        diagnosis: Of the present failure, from then on.
-        unexplained: Whether an alarm was given up once: no single failure after another explained
-            the outputs. The monitor goes on with what was confirmed before.
-        begun_tick: When the present evidence began.
-        cleared: Sample up to which nothing had failed, or nothing that was understood.
-        relearns: For so many more samples what is seen is taken for the machine as it is.
-    """
-
-    ticks: int
-    commanded: tuple[Array, ...]
-    outputs: tuple[Array | None, ...]
-    last_commanded: Array
-    watch: WatchState
-    history: tuple[Moment, ...]
-    recent: Array
-    evidence: Evidence | None = None
-    alarm_ticks: tuple[int, ...] = ()
-    verdict: Verdict | None = None
-    named_tick: int = 0
-    diagnosis: Diagnosis | None = None
-    unexplained: bool = False
-    begun_tick: int = 0
-    cleared: int = 0
-    relearns: int = 0
 
 
 @dataclass(frozen=True)
@@ -134,7 +90,7 @@ class Monitor:
         known = relearns or watch.spectrum.samples > learning
         if how["learns"] and known and watch.sample % _SPECTRUM_EVERY == 0:
             watch = self.watch.with_spectrum(watch)
-        left = max(state.relearns - 1, 0)
+        left = max(state.relearns - moment.is_whole, 0)
         state = replace(state, history=history, watch=watch, relearns=left)
         if state.evidence is not None:
             evidence = self._weighed(state.evidence, moment, watch)
@@ -249,57 +205,34 @@ class Monitor:
     def _judged(self, state: MonitorState) -> MonitorState:
         """Name an actuator, revise that, confirm it, or dismiss the alarm."""
         assert state.evidence is not None
-        found, config, sample = state.diagnosis, self.config, state.history[-1].sample
+        found, sample = state.diagnosis, state.history[-1].sample
         # Once a failure is named, what shakes the failed machine is slow disturbance enough.
-        before = state.verdict
         verdict = self.bank.verdict(state.evidence, sample, disturbed=found is None)
-        state = replace(state, verdict=verdict)
-        certain, fits = verdict.actuator_confidence >= config.confidence, self._fits(verdict)
         since = state.alarm_ticks[-1] if found is None else state.named_tick
-        waited_s = (state.ticks - since) * self.nominal.period_s
-        if verdict.fault_free_confidence >= config.confidence:
+        waited_s, seen_s = (
+            (state.ticks - tick) * self.nominal.period_s for tick in (since, state.begun_tick)
+        )
+        action = self._naming.action(found, state.verdict, verdict, waited_s, seen_s)
+        state = replace(state, verdict=verdict)
+        if action == "dismiss":
             watch = self.watch.following(state.watch)
             return replace(self._reset(state), watch=watch, cleared=sample)
-        if found is None:
-            seen_s = (state.ticks - state.begun_tick) * self.nominal.period_s
-            explained = fits and verdict.unexplained <= config.largest_unexplained
-            if certain and explained and seen_s >= config.evidence_s:
-                return self._named(state, verdict)
-            if waited_s >= config.look_back_s:
-                return self._given_up(state)
-            if not fits and seen_s >= _WINDOW_S:
-                return self._begun(state, _WINDOW_S / 2)
-            return state
-        if before is not None and self._contradicts(before, verdict):
-            kept = replace(found, confirmed=True, tick=state.ticks - 1)
-            return replace(state, diagnosis=kept)
-        if not fits:
-            return self._given_up(state)
-        if certain and waited_s >= config.confirmation_s:
-            return replace(state, diagnosis=self._diagnosis(state, verdict, confirmed=True))
-        if certain and self._revises(found.fault, verdict):
+        if action == "name":
             return self._named(state, verdict)
-        if not certain and waited_s >= 2 * config.confirmation_s:
+        if action == "begin":
+            return self._begun(state, WINDOW_S / 2)
+        if action == "give_up":
             return self._given_up(state)
+        if action == "confirm":
+            return replace(state, diagnosis=self._diagnosis(state, verdict, confirmed=True))
+        if action == "keep" and found is not None:
+            return replace(state, diagnosis=replace(found, confirmed=True, tick=state.ticks - 1))
         return state
 
-    def _fits(self, verdict: Verdict) -> bool:
-        """Whether what the most likely failure leaves of the residuals is noise."""
-        config = self.config
-        small = verdict.inflation <= config.largest_inflation
-        return small or verdict.unexplained <= config.model_error
-
-    def _contradicts(self, before: Verdict, verdict: Verdict) -> bool:
-        """Whether the latest samples do not go on as those before: something else has happened."""
-        if verdict.energy <= before.energy:
-            return False
-        freedom = _REVISED_EVERY * len(self.nominal.noise)
-        limit = float(chdtri(freedom, self._improbable)) * before.inflation
-        return verdict.energy - before.energy > limit
-
-    @property
-    def _improbable(self) -> float:
-        return self.config.false_alarms_per_hour * self.watch.period_s * _REVISED_EVERY / 3600
+    @cached_property
+    def _naming(self) -> Naming:
+        improbable = self.config.false_alarms_per_hour * self.watch.period_s * _REVISED_EVERY / 3600
+        return Naming(self.config, _REVISED_EVERY * len(self.nominal.noise), improbable)
 
     def _named(self, state: MonitorState, verdict: Verdict) -> MonitorState:
         """With this diagnosis, and without onsets that hardly matter any more."""
@@ -327,15 +260,6 @@ class Monitor:
         state = replace(self._reset(state), unexplained=True, cleared=state.history[-1].sample)
         learning = self._samples(self.config.learning_s)
         return replace(state, relearns=learning, watch=self.watch.relearning(state.watch))
-
-    def _revises(self, before: Fault, verdict: Verdict) -> bool:
-        """Whether another actuator or kind is certain by now, or another effectiveness."""
-        now, config = verdict.fault, self.config
-        if now.actuator != before.actuator:
-            return True
-        if now.kind == before.kind:
-            return abs(now.effectiveness - before.effectiveness) > config.effectiveness_step
-        return max(verdict.kind_confidences) >= config.confidence
 
     def _diagnosis(self, state: MonitorState, verdict: Verdict, confirmed: bool) -> Diagnosis:
         row = self.nominal.displacement[verdict.fault.actuator]
