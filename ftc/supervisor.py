@@ -12,7 +12,7 @@ from ftc.controller import ControllerState, Measurement, PrioritizedController
 from ftc.decision import Case, Outlook
 from ftc.fdi.diagnosis import DEFAULT_CONFIG, Diagnosis, FdiConfig
 from ftc.fdi.dither import Dither
-from ftc.fdi.fault_model import Fault, NominalModel, static_share
+from ftc.fdi.fault_model import Fault, NominalModel, resting_displacements, static_share
 from ftc.fdi.monitor import Monitor, MonitorState, monitor
 from ftc.goal import Goal
 from ftc.oracle import NestedState
@@ -187,7 +187,8 @@ class Supervisor:
         lost_displacements = np.zeros(len(commanded))
         if found is not None:
             state = replace(state, diagnoses=(*state.diagnoses, found))
-            lost_displacements = lost_displacement(found, commanded)
+            nominal, faults = state.monitor.nominal, [each.fault for each in believed]
+            lost_displacements = lost_displacement(nominal, found, faults, commanded)
         keeps = found is not None and not found.confirmed
         lost = not self.is_possible([each.fault for each in believed])
         # Only what is confirmed stands still: a wrong name costs nothing meanwhile.
@@ -198,7 +199,8 @@ class Supervisor:
             lost_displacements[list(current.mapping.goal.free)] = 0.0
             acting = np.zeros(len(commanded))
             for each in believed:
-                acting[each.fault.actuator] = each.fault.left
+                if each.fault.kind == "weak":
+                    acting[each.fault.actuator] = static_share(state.monitor.nominal, each.fault)
             controller = current.transfer(state.controller, lost_displacements, acting, keeps=keeps)
             if found is None or self._pays(state, found, (current, controller), measurement):
                 state = replace(state, current=current, controller=controller, refused=None)
@@ -266,16 +268,25 @@ def used_share(nominal: NominalModel, fault: Fault) -> float:
     return share if share >= WEAKEST else 0.0
 
 
-def lost_displacement(diagnosis: Diagnosis, commanded: Array) -> Array:
+def lost_displacement(
+    nominal: NominalModel, diagnosis: Diagnosis, faults: Sequence[Fault], commanded: Array
+) -> Array:
     """Displacement that the diagnosed actuator is about to lose, shape (n,).
 
-    `commanded`, shape (n,), is what the actuators are commanded to. A locked actuator loses
-    nothing, nor does one that was diagnosed before.
+    That is, from where it is by the diagnosis to where its command (n,), its springs and its loads
+    hold it with all `faults`, as far as that is a part of what the fault changes at rest: a servo
+    that lags behind a moving command loses nothing by that. A locked actuator loses nothing, nor
+    does one that was diagnosed before; one that nothing holds falls: no other actuator can make up
+    for that by a step.
     """
     fault, lost_displacements = diagnosis.fault, np.zeros(len(commanded))
-    if fault.kind != "locked" and not (fault.is_sound or diagnosis.confirmed):
-        held = fault.left * commanded[fault.actuator]
-        lost_displacements[fault.actuator] = diagnosis.displacement - held
+    if fault.kind != "locked" and not diagnosis.confirmed:
+        k, others = fault.actuator, [each for each in faults if each.actuator != fault.actuator]
+        before = resting_displacements(nominal, others, commanded)
+        after = resting_displacements(nominal, faults, commanded)
+        if before is not None and after is not None:
+            lost, left = before[k] - after[k], diagnosis.displacement - after[k]
+            lost_displacements[k] = np.clip(left, min(lost, 0.0), max(lost, 0.0))
     return lost_displacements
 
 
