@@ -284,8 +284,10 @@ class Monitor:
         return state
 
     def _fits(self, verdict: Verdict) -> bool:
-        """Whether what the most likely failure leaves of the residuals is noise."""
+        """Whether what the most likely failure leaves is noise, of a plant that there may be."""
         config = self.config
+        if verdict.strain > config.largest_strain:
+            return False
         small = verdict.inflation <= config.largest_inflation
         return small or verdict.unexplained <= config.model_error
 
