@@ -46,7 +46,7 @@ class FdiConfig:
     largest_unexplained: float = 0.3
     largest_inflation: float = 30.0
     model_error: float = 0.01
-    largest_strain: float = 10.0
+    largest_strain: float = 20.0
     sample_s: float = 4e-3
     learning_s: float = 0.8
     memory_s: float = 5.0
