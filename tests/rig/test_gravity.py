@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from experiments.rig import Rig, Run
-from experiments.rig.events import Event
 from sim import Failure
 
 LINK = """
@@ -48,13 +47,3 @@ def test_a_weak_servo_that_carries_a_load_costs_no_more_than_doing_nothing(arm, 
     nothing_done = arm.fly(arm.controller(), path, failures=weak)
     assert [(each.actuator, each.kind) for each in run.diagnoses] == [(actuator, "weak")]
     assert rms(arm, run) <= 1.1 * rms(arm, nothing_done)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("name", ["offset", "half_over"])
-def test_a_servo_that_goes_elsewhere_costs_no_more_than_doing_nothing(arm, name):
-    """No plant within its uncertainty does that by lost force, a lock, or none."""
-    path = arm.path("circle", duration_s=ONSET_S + AFTER_S)
-    events = [Event(name, ONSET_S, "elbow")]
-    run = arm.fly(arm.supervisor(), path, events=events)
-    assert rms(arm, run) <= 1.1 * rms(arm, arm.fly(arm.controller(), path, events=events))
