@@ -229,7 +229,7 @@ def test_the_reconfigured_goal_says_what_is_known_of_each_strut():
         lost_displacement(SOUND, each, [each.fault], commanded_m) for each in known
     )
     np.testing.assert_array_equal(locked, 0.0)
-    assert free[2] == pytest.approx(2e-6, rel=1e-3)  # no more than it was commanded
+    assert free[2] == pytest.approx(2e-6, rel=1e-2)  # no more than it was commanded
     assert weak[5] == 0.0  # it is already where it will be, or further
 
 
