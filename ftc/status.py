@@ -15,7 +15,9 @@ def status(state: "SupervisorState", names: Sequence[str] | None = None) -> str:
     elif watch.evidence is not None and watch.diagnosis is None:
         parts.append("an alarm is looked into")
     if state.task_lost:
-        parts.append("the major task is lost and the commands stand still")
+        parts.append(
+            "the major task is lost, and the controller goes on with what it still reaches"
+        )
     elif state.refused is not None:
         parts.append("the controller goes on as it was, which is expected to cost less")
     elif state.standing:

@@ -12,7 +12,7 @@ from ftc.controller import ControllerState, Measurement, PrioritizedController
 from ftc.decision import Case, Outlook
 from ftc.fdi.diagnosis import DEFAULT_CONFIG, Diagnosis, FdiConfig
 from ftc.fdi.dither import Dither
-from ftc.fdi.fault_model import Fault, NominalModel, static_share
+from ftc.fdi.fault_model import Fault, NominalModel, resting_displacements, static_share
 from ftc.fdi.monitor import Monitor, MonitorState, monitor
 from ftc.goal import Goal
 from ftc.oracle import NestedState
@@ -32,8 +32,8 @@ class SupervisorState(NestedState):
         sensors: What they read so far, and whether it was usable.
         confirmed: The confirmed diagnoses.
         diagnoses: All that were made, revised and withdrawn ones included, in order.
-        task_lost: Whether the remaining actuators cannot do the major task; the commands then
-            stand still.
+        task_lost: Whether the actuators that are left by confirmed diagnoses cannot do the major
+            task; the controller then goes on as it was, with what it still reaches.
         ticks: So far.
         withdrawn: Diagnoses that were taken back, and when.
         references: Of the major task of late, one for each sample of the diagnosis, newest first.
@@ -153,7 +153,7 @@ class Supervisor:
                 state = replace(state, withdrawn=(*state.withdrawn, (known, state.ticks)))
             state = self._reconfigured(replace(state, watch=watch), commanded, measurement)
             watch = state.watch
-        if state.task_lost or not (sensors.task.usable or sensors.estimates):
+        if not (sensors.task.usable or sensors.estimates):
             return replace(state, watch=watch, sensors=sensors, ticks=ticks)
         if self.estimate is not None and sensors.estimates:
             estimated = self.estimate(measurement, state.pose)
@@ -191,10 +191,15 @@ class Supervisor:
         lost_displacements = np.zeros(len(commanded))
         if found is not None:
             state = replace(state, diagnoses=(*state.diagnoses, found))
+<<<<<<< HEAD
             lost_displacements = lost_displacement(found, commanded, self._nominal)
+=======
+            nominal, faults = state.monitor.nominal, [each.fault for each in believed]
+            lost_displacements = lost_displacement(nominal, found, faults, commanded)
+>>>>>>> g41-proposal
         keeps = found is not None and not found.confirmed
         lost = not self.is_possible([each.fault for each in believed])
-        # Only what is confirmed stands still: a wrong name costs nothing meanwhile.
+        # The present controller goes on then: to stand still is worse, and a name may be wrong.
         state = replace(state, task_lost=lost and not keeps)
         if not lost:
             current = self.reconfigured(believed)
@@ -202,7 +207,12 @@ class Supervisor:
             lost_displacements[list(current.mapping.goal.free)] = 0.0
             acting = np.zeros(len(commanded))
             for each in believed:
+<<<<<<< HEAD
                 acting[each.fault.actuator] = static_share(self._nominal, each.fault)
+=======
+                if each.fault.kind == "weak":
+                    acting[each.fault.actuator] = static_share(state.monitor.nominal, each.fault)
+>>>>>>> g41-proposal
             controller = current.transfer(state.controller, lost_displacements, acting, keeps=keeps)
             if found is None or self._pays(state, found, (current, controller), measurement):
                 state = replace(state, current=current, controller=controller, refused=None)
@@ -270,6 +280,7 @@ def used_share(nominal: NominalModel, fault: Fault) -> float:
     return share if share >= WEAKEST else 0.0
 
 
+<<<<<<< HEAD
 def lost_displacement(diagnosis: Diagnosis, commanded: Array, nominal: NominalModel) -> Array:
     """Displacement that the diagnosed actuator is about to lose, shape (n,).
 
@@ -280,6 +291,27 @@ def lost_displacement(diagnosis: Diagnosis, commanded: Array, nominal: NominalMo
     if fault.kind != "locked" and not (fault.is_sound or diagnosis.confirmed):
         held = static_share(nominal, fault) * commanded[fault.actuator]
         lost_displacements[fault.actuator] = diagnosis.displacement - held
+=======
+def lost_displacement(
+    nominal: NominalModel, diagnosis: Diagnosis, faults: Sequence[Fault], commanded: Array
+) -> Array:
+    """Displacement that the diagnosed actuator is about to lose, shape (n,).
+
+    That is, from where it is by the diagnosis to where its command (n,), its springs and its loads
+    hold it with all `faults`, as far as that is a part of what the fault changes at rest: a servo
+    that lags behind a moving command loses nothing by that. A locked actuator loses nothing, nor
+    does one that was diagnosed before; one that nothing holds falls: no other actuator can make up
+    for that by a step.
+    """
+    fault, lost_displacements = diagnosis.fault, np.zeros(len(commanded))
+    if fault.kind != "locked" and not (fault.is_sound or diagnosis.confirmed):
+        k, others = fault.actuator, [each for each in faults if each.actuator != fault.actuator]
+        before = resting_displacements(nominal, others, commanded)
+        after = resting_displacements(nominal, faults, commanded)
+        if before is not None and after is not None:
+            lost, left = before[k] - after[k], diagnosis.displacement - after[k]
+            lost_displacements[k] = np.clip(left, min(lost, 0.0), max(lost, 0.0))
+>>>>>>> g41-proposal
     return lost_displacements
 
 

@@ -55,6 +55,7 @@ def verdict(fault: Fault, actuator=1.0, kind=1.0, **others) -> Verdict:
             "inflation": 1.0,
             "unexplained": 0.0,
             "energy": 0.0,
+            "strain": 0.0,
             "onset": SHOCK - 1,
             "x": STATE,
             "best": np.zeros(1),

@@ -27,7 +27,7 @@ EVENTS = Option(
     "Fly these flights alone: whatever happens to actuators, supply, machine and sensors, against "
     "a controller that does nothing; an estimated 30 minutes on two idle cores.",
 )
-HEXAPOD_ALONE = (HOURS, CONTROLLER, SCHEDULER, EVENTS)
+HEXAPOD_ALONE = (HOURS, CONTROLLER, SCHEDULER)
 OTHERS_ALONE = (*TASK, *PATH, *LOOPS, replace(DITHER, default="designed"))
 
 STUDY = Study(
@@ -58,6 +58,7 @@ STUDY = Study(
     With --model, every actuator of another robot locks, goes limp and weakens on a circle, on
     plants that differ from the model, seen by a sensor of the task, by encoders, and by both: five
     minutes on two cores with four actuators. Writes recover.json, recover.parquet and recover.md.
+    With --model and --events the robot flies each of these events twice, on its circle.
 
     Example: fjh recover --quick --seed 3
     """,

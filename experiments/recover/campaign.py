@@ -23,6 +23,7 @@ SOURCES = sources_of(
             "figure",
         ),
         *("event_figure", "event_results", "event_runs", "event_tables"),
+        *("mechanism_event_results", "mechanism_event_row", "mechanism_events"),
         *("mechanism_flight", "mechanism_results", "mechanism_row", "mechanism_tables"),
         *("mechanisms", "notes", "rates", "recordings", "results", "runs", "summary", "tables"),
     ),

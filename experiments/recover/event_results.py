@@ -149,7 +149,12 @@ def over(row: Row, controller: str, when: str) -> float | None:
 
 def _counts(row: Row, when: str) -> float:
     ours, theirs = (row[f"rms_{who}_{when}_urad"] for who in ("supervised", "unaware"))
-    return ours / theirs if ours - theirs > NOISE_URAD else min(ours / theirs, 1.0)
+    return counted_ratio(ours, theirs, NOISE_URAD)
+
+
+def counted_ratio(ours: float, theirs: float, noise: float) -> float:
+    """RMS error over another one; at most 1 where they differ by less than the sensors' noise."""
+    return ours / theirs if ours - theirs > noise else min(ours / theirs, 1.0)
 
 
 def _peak(rows: Sequence[Row], who: str) -> float | None:

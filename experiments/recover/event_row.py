@@ -8,6 +8,7 @@ import numpy as np
 
 from experiments.recover.flight import Flight
 from experiments.recover.pointing import error_columns, pointing_error_urad
+from experiments.recover.recovery import Flight as AnyFlight
 from experiments.recover.recovery import Identification, fault_unaware, informed, supervised
 from experiments.rig.events import EVENTS, events_of
 from experiments.rig.rig import Rig
@@ -47,11 +48,11 @@ def event_columns(flight: Flight) -> Row:
         "strut": None if event.actuator is None else rig.number(event.actuator) + 1,
     }
     failures = events_of(rig, flight.events, begin_s=flight.begin_s, seed=flight.seed)[1]
-    unaware, why = _ended(lambda: doing_nothing(rig, flight))
+    unaware, why = ended(lambda: doing_nothing(rig, flight))
     row["unaware_ended"] = why
     if unaware is not None:
         row |= _errors("unaware", unaware, struck)
-    flown, why = _ended(lambda: supervised(rig, flight))
+    flown, why = ended(lambda: supervised(rig, flight))
     if flown is None:
         return row | {"status": "ended", "message": why}
     run, found = flown
@@ -67,7 +68,7 @@ def event_columns(flight: Flight) -> Row:
 
 def named(
     rig: Rig,
-    flight: Flight,
+    flight: AnyFlight,
     failures: list[Failure],
     run: Run,
     found: Identification,
@@ -116,7 +117,7 @@ def _errors(controller: str, run: Run, struck: int) -> Row:
     return error_columns(controller, run, struck_s) | whole
 
 
-def _ended(fly: Callable[[], Any]) -> tuple[Any, str | None]:
+def ended(fly: Callable[[], Any]) -> tuple[Any, str | None]:
     """What a flight gives; or nothing, and why it ended early: a finding, not the study's end."""
     try:
         return fly(), None
@@ -124,7 +125,7 @@ def _ended(fly: Callable[[], Any]) -> tuple[Any, str | None]:
         return None, f"{type(error).__name__}: {error}"
 
 
-def doing_nothing(rig: Rig, flight: Flight) -> Run:
+def doing_nothing(rig: Rig, flight: AnyFlight) -> Run:
     """The flight with a controller that holds its commands where a reading is no number."""
     return fault_unaware(rig, flight, Holding)
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from experiments.recover.recovery import RECOVERED_S, Identification, informed, supervised
 from experiments.rig.choices import Sensing
+from experiments.rig.events import Event
 from experiments.rig.mjcf import robot_rig
 from experiments.rig.options import RobotOptions
 from experiments.rig.rig import Rig
@@ -45,6 +46,7 @@ class MechanismFlight:
         turn_s: Time of one turn.
         duration_s: How long it lasts.
         seed: Of plant, noise, drift and direction.
+        events: What else happens.
     """
 
     number: int
@@ -56,6 +58,7 @@ class MechanismFlight:
     turn_s: float
     duration_s: float
     seed: int
+    events: tuple[Event, ...] = ()
 
     @property
     def sense(self) -> Sensing:
@@ -66,11 +69,6 @@ class MechanismFlight:
     def failures(self) -> tuple[Failure, ...]:
         """What happens, if anything does."""
         return () if self.failure is None else (self.failure,)
-
-    @property
-    def events(self) -> tuple[()]:
-        """Nothing else happens."""
-        return ()
 
     @property
     def begin_s(self) -> float:

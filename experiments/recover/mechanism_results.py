@@ -8,6 +8,7 @@ from experiments.recover.mechanism_tables import MISSED, counted, notes, tables
 from experiments.recover.mechanisms import Mechanisms
 from experiments.rig.checks import closure_check
 from experiments.rig.dither import dither_entry
+from experiments.rig.rig import Rig
 from experiments.rig.units import by_unit
 from experiments.study import parquet
 from experiments.study.campaign import Row
@@ -43,16 +44,7 @@ def summarize(outcome: Mechanisms, rows: Sequence[Row]) -> dict[str, Any]:
     flown = [row for row in rows if row["status"] == "flown"]
     return {
         "model_sha256": outcome.model_sha256,
-        "robot": rig.title,
-        "actuators": list(rig.actuators),
-        "major": list(rig.major),
-        "path_size": rig.size,
-        "sensor_noise": rig.noise,
-        "encoder_noise": rig.encoder_noise,
-        **by_unit("path_size", rig.size, rig.row_units),
-        **by_unit("sensor_noise", rig.noise, rig.row_units),
-        **by_unit("encoder_noise", rig.encoder_noise, rig.units),
-        "control_period_s": rig.period_s,
+        **machine(rig),
         "dither": {
             sense: dither_entry(outcome.dithers[sense], each)
             for sense, each in outcome.rigs.items()
@@ -69,4 +61,20 @@ def summarize(outcome: Mechanisms, rows: Sequence[Row]) -> dict[str, Any]:
         "closure_residual_max_m": max(
             (row["closure_residual_max_m"] for row in flown), default=0.0
         ),
+    }
+
+
+def machine(rig: Rig) -> dict[str, Any]:
+    """What the robot is, how large its path and how good its sensors are."""
+    return {
+        "robot": rig.title,
+        "actuators": list(rig.actuators),
+        "major": list(rig.major),
+        "path_size": rig.size,
+        "sensor_noise": rig.noise,
+        "encoder_noise": rig.encoder_noise,
+        **by_unit("path_size", rig.size, rig.row_units),
+        **by_unit("sensor_noise", rig.noise, rig.row_units),
+        **by_unit("encoder_noise", rig.encoder_noise, rig.units),
+        "control_period_s": rig.period_s,
     }

@@ -25,6 +25,9 @@ class FdiConfig:
             a failure.
         model_error: Or if the part that it leaves is at most this: the square of the relative error
             of a model that the largest failures show.
+        largest_strain: And never if the parameters of the plant must be further than this, in
+            standard deviations, from what is known of them: what moves a servo by some other cause
+            is explained by a damper of a hundred times its uncertainty, too.
         sample_s: Commands and outputs are averaged over so long.
         learning_s: So long after the start the plant is taken for sound, and its spectrum measured.
         memory_s: Of the spectrum afterwards.
@@ -43,6 +46,7 @@ class FdiConfig:
     largest_unexplained: float = 0.3
     largest_inflation: float = 30.0
     model_error: float = 0.01
+    largest_strain: float = 20.0
     sample_s: float = 4e-3
     learning_s: float = 0.8
     memory_s: float = 5.0

@@ -297,6 +297,20 @@ def static_share(nominal: NominalModel, fault: Fault) -> float:
     return float(np.clip(share[1] / share[0], 0.0, 1.0)) if share[0] > 0 else 0.0
 
 
+def resting_displacements(
+    nominal: NominalModel, faults: Sequence[Fault], commanded: Array
+) -> Array | None:
+    """Displacements (n,) at which constant commands (n,) and loads hold the plant, with faults.
+
+    None: it does not come to rest, because a load is held by nothing.
+    """
+    plant = fault_model(nominal, faults)
+    if np.abs(np.linalg.eigvals(plant.A)).max() > 1 - _SLOW:
+        return None
+    at_rest = np.linalg.solve(np.eye(len(plant.A)) - plant.A, plant.B @ commanded + plant.drift)
+    return nominal.displacement @ at_rest
+
+
 def _rubbing(
     nominal: NominalModel, P: Array, unimpeded: list[Array], A: Array, B: Array, kept: Array
 ) -> Rubbing | None:

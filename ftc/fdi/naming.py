@@ -81,7 +81,9 @@ class Naming:
         return "give_up" if not certain and waited_s >= 2 * config.confirmation_s else "wait"
 
     def fits(self, verdict: Verdict) -> bool:
-        """Whether what the most likely failure leaves of the residuals is noise."""
+        """Whether what the most likely failure leaves is noise, of a plant that there may be."""
+        if verdict.strain > self.config.largest_strain:
+            return False
         small = verdict.inflation <= self.config.largest_inflation
         return small or verdict.unexplained <= self.config.model_error
 

@@ -7,7 +7,13 @@ import numpy as np
 import pytest
 
 from ftc.fdi.detection.parameter_filter import Parameters
-from ftc.fdi.fault_model import KINDS, Fault, NominalModel, fault_model
+from ftc.fdi.fault_model import (
+    KINDS,
+    Fault,
+    NominalModel,
+    fault_model,
+    resting_displacements,
+)
 from ftc.fdi.isolation.hypotheses import hypothesis_bank
 from ftc.fdi.monitor import monitor
 from ftc.fdi.uncertainty import CERTAIN
@@ -97,6 +103,23 @@ def test_the_model_of_a_failed_servo_moves_as_newton_has_it(n, kind):
     states = before.states(sent[:100])
     states = np.vstack([states[:-1], after.states(sent[100:], after.onset @ states[-1])])[:-1]
     np.testing.assert_allclose(states[:, :n], carts.run(fault, 100, sent), atol=1e-12)
+
+
+def test_a_weak_servo_rests_where_its_forces_balance():
+    """Springs and servos against loads: K x = kp left u + load, as statics has it."""
+    carts, u = Carts.random(3, 4), np.array([1e-3, -2e-3, 5e-4])
+    left = np.array([1.0, 0.4, 1.0])
+    stiffness = carts.springs + np.diag(left * carts.kp)
+    at_rest = np.linalg.solve(stiffness, left * carts.kp * u + (left - 1) * carts.load)
+    found = resting_displacements(carts.nominal(), [Fault(1, "weak", 0.4)], u)
+    np.testing.assert_allclose(found, at_rest, rtol=1e-9)
+
+
+def test_a_load_that_nothing_holds_does_not_rest():
+    """A cart without spring and servo force falls for ever."""
+    carts = replace(Carts.random(2, 4), springs=np.zeros((2, 2)))
+    assert resting_displacements(carts.nominal(), [Fault(0, "free")], np.zeros(2)) is None
+    assert resting_displacements(carts.nominal(), [Fault(0, "weak", 0.1)], np.zeros(2)) is not None
 
 
 def test_failures_of_servos_are_weighed_as_newton_has_them():

@@ -31,6 +31,8 @@ class Verdict:
             at least 1. All log likelihoods are divided by it.
         unexplained: Part of the energy against no failure that this fault leaves, above noise.
         energy: Of the residuals that this fault leaves, parameters fitted.
+        strain: Distance of these parameters of the plant from what is known of them, in standard
+            deviations of the uncertain model.
         onset: Most likely sample.
         x: State of the plant now, if it is so, shape (s,).
         best: Log likelihood ratio of the best hypothesis with each onset, shape (K,).
@@ -43,6 +45,7 @@ class Verdict:
     inflation: float
     unexplained: float
     energy: float
+    strain: float
     onset: int
     x: Array
     best: Array
@@ -99,6 +102,7 @@ def verdict(
         inflation=inflation,
         unexplained=max(excess - noise, 0.0) / max(gained + excess, 1e-12),
         energy=float(energy[h, k]),
+        strain=float(np.linalg.norm(parameters[h, k, :-3])),
         onset=int(state.onsets[k]),
         x=_state(state, h, k, parameters[h, k]),
         best=ratios.max(axis=0),
