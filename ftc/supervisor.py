@@ -191,12 +191,8 @@ class Supervisor:
         lost_displacements = np.zeros(len(commanded))
         if found is not None:
             state = replace(state, diagnoses=(*state.diagnoses, found))
-<<<<<<< HEAD
-            lost_displacements = lost_displacement(found, commanded, self._nominal)
-=======
-            nominal, faults = state.monitor.nominal, [each.fault for each in believed]
-            lost_displacements = lost_displacement(nominal, found, faults, commanded)
->>>>>>> g41-proposal
+            faults = [each.fault for each in believed]
+            lost_displacements = lost_displacement(self._nominal, found, faults, commanded)
         keeps = found is not None and not found.confirmed
         lost = not self.is_possible([each.fault for each in believed])
         # The present controller goes on then: to stand still is worse, and a name may be wrong.
@@ -207,12 +203,7 @@ class Supervisor:
             lost_displacements[list(current.mapping.goal.free)] = 0.0
             acting = np.zeros(len(commanded))
             for each in believed:
-<<<<<<< HEAD
                 acting[each.fault.actuator] = static_share(self._nominal, each.fault)
-=======
-                if each.fault.kind == "weak":
-                    acting[each.fault.actuator] = static_share(state.monitor.nominal, each.fault)
->>>>>>> g41-proposal
             controller = current.transfer(state.controller, lost_displacements, acting, keeps=keeps)
             if found is None or self._pays(state, found, (current, controller), measurement):
                 state = replace(state, current=current, controller=controller, refused=None)
@@ -280,18 +271,6 @@ def used_share(nominal: NominalModel, fault: Fault) -> float:
     return share if share >= WEAKEST else 0.0
 
 
-<<<<<<< HEAD
-def lost_displacement(diagnosis: Diagnosis, commanded: Array, nominal: NominalModel) -> Array:
-    """Displacement that the diagnosed actuator is about to lose, shape (n,).
-
-    `commanded`, shape (n,), is what the actuators are commanded to. A locked actuator loses
-    nothing, nor does one that was diagnosed before. `nominal` is the model of the sound machine.
-    """
-    fault, lost_displacements = diagnosis.fault, np.zeros(len(commanded))
-    if fault.kind != "locked" and not (fault.is_sound or diagnosis.confirmed):
-        held = static_share(nominal, fault) * commanded[fault.actuator]
-        lost_displacements[fault.actuator] = diagnosis.displacement - held
-=======
 def lost_displacement(
     nominal: NominalModel, diagnosis: Diagnosis, faults: Sequence[Fault], commanded: Array
 ) -> Array:
@@ -311,7 +290,6 @@ def lost_displacement(
         if before is not None and after is not None:
             lost, left = before[k] - after[k], diagnosis.displacement - after[k]
             lost_displacements[k] = np.clip(left, min(lost, 0.0), max(lost, 0.0))
->>>>>>> g41-proposal
     return lost_displacements
 
 

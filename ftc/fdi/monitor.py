@@ -229,32 +229,10 @@ class Monitor:
             return replace(state, diagnosis=replace(found, confirmed=True, tick=state.ticks - 1))
         return state
 
-<<<<<<< HEAD
     @cached_property
     def _naming(self) -> Naming:
         improbable = self.config.false_alarms_per_hour * self.watch.period_s * _REVISED_EVERY / 3600
         return Naming(self.config, _REVISED_EVERY * len(self.nominal.noise), improbable)
-=======
-    def _fits(self, verdict: Verdict) -> bool:
-        """Whether what the most likely failure leaves is noise, of a plant that there may be."""
-        config = self.config
-        if verdict.strain > config.largest_strain:
-            return False
-        small = verdict.inflation <= config.largest_inflation
-        return small or verdict.unexplained <= config.model_error
-
-    def _contradicts(self, before: Verdict, verdict: Verdict) -> bool:
-        """Whether the latest samples do not go on as those before: something else has happened."""
-        if verdict.energy <= before.energy:
-            return False
-        freedom = _REVISED_EVERY * len(self.nominal.noise)
-        limit = float(chdtri(freedom, self._improbable)) * before.inflation
-        return verdict.energy - before.energy > limit
-
-    @property
-    def _improbable(self) -> float:
-        return self.config.false_alarms_per_hour * self.watch.period_s * _REVISED_EVERY / 3600
->>>>>>> g41-proposal
 
     def _named(self, state: MonitorState, verdict: Verdict) -> MonitorState:
         """With this diagnosis, and without onsets that hardly matter any more."""
