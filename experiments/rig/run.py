@@ -57,7 +57,7 @@ class Run:
         failures: That happened, in the order of time, actuators by number.
         state: Of the pilot after the last tick.
         diagnoses: That the pilot made, in order.
-        task_lost: Whether the pilot gave the major task up.
+        task_lost: Whether the pilot believes that the major task cannot be done whole any more.
         undiagnosed: Why the pilot named nothing; None where it did.
         status: What the pilot made of the flight, one sentence.
     """
@@ -196,6 +196,8 @@ def _undiagnosed(state: Any) -> str:
         return "this controller does not diagnose"
     if state.watch.unexplained:
         return _UNEXPLAINED
+    if state.watch.alarm_ticks:
+        return "there was an alarm, and something slow that is no failure explains it"
     return "the sensors read what the model without a failure predicts"
 
 
@@ -209,8 +211,8 @@ def _status(state: Any, named: Sequence[Named], period_s: float) -> str:
     found = "; ".join(map(str, named)) or f"Nothing was diagnosed; {_undiagnosed(state)}"
     if named and state.watch.unexplained:
         found += f"; {_UNEXPLAINED}"
-    gave_up = "; the major task was given up" if state.task_lost else ""
-    return f"{found}{gave_up}{read}."
+    lost = "; the major task cannot be done whole any more" if state.task_lost else ""
+    return f"{found}{lost}{read}."
 
 
 class _Counted:

@@ -1,4 +1,4 @@
-"""Decide whether to name an actuator, to revise, confirm or withdraw that, or to dismiss an alarm."""
+"""Decide whether to name an actuator, to revise, confirm or withdraw it, or to dismiss an alarm."""
 
 from dataclasses import dataclass
 from typing import Literal

@@ -112,6 +112,7 @@ def test_a_weak_servo_rests_where_its_forces_balance():
     stiffness = carts.springs + np.diag(left * carts.kp)
     at_rest = np.linalg.solve(stiffness, left * carts.kp * u + (left - 1) * carts.load)
     found = resting_displacements(carts.nominal(), [Fault(1, "weak", 0.4)], u)
+    assert found is not None
     np.testing.assert_allclose(found, at_rest, rtol=1e-9)
 
 

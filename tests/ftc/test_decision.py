@@ -1,0 +1,81 @@
+"""To go over to another controller is a decision by predicted errors; what it predicts is true."""
+
+import copy
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from experiments.rig import Rig
+from ftc.controller import DirectDrive
+from ftc.decision import Case, Outlook
+from ftc.fdi.fault_model import Fault
+from ftc.goal import Goal
+from sim import Failure
+
+RIG = Rig.hexapod()
+STILL = np.zeros(12)
+PATH = RIG.path("circle", duration_s=0.4)
+OUTLOOK = Outlook(
+    RIG.nominal, RIG.nominal.plant.C, np.zeros(2), PATH, secondary=lambda _: np.zeros(6)
+)
+
+
+@pytest.mark.parametrize("kind", ["locked", "free", "weak"])
+def test_the_predicted_error_is_that_of_the_linear_loop(kind):
+    """The controller, stepped against the model, errs as the closed loop in matrices does."""
+    pilot, left = copy.copy(RIG.controller()), 0.5 if kind == "weak" else 0.0
+    pilot.drives = DirectDrive()  # converters round
+    found = OUTLOOK.rms(pilot, pilot.start(), Case(1.0, [Fault(2, kind, left)], STILL))
+    told = {"failures": [Failure(2, kind, 0.0)], "told": False, "noise": 0 * PATH}
+    expected = np.linalg.norm(RIG.predict(PATH, **told).rms_after)
+    assert found == pytest.approx(expected, rel=1e-6)
+
+
+def test_what_the_model_is_off_now_stays():
+    """A reading that is 3 urad from the model's is 3 urad from it all the time, and integrated."""
+    pilot, off = RIG.controller(), np.array([3e-6, 0.0])
+    resting = replace(OUTLOOK, references=np.zeros((1, 2)), output=off)
+    assert resting.rms(pilot, pilot.start(), Case(1.0, [], STILL)) == pytest.approx(3e-6)
+
+
+def test_a_coil_that_is_taken_for_a_seventh_of_itself_is_driven_into_instability():
+    """A sound one, commanded seven times as much, errs more and more: to stay costs less."""
+    wrong = RIG.controller(Goal(joint_weight=(1.0,) * 6, effectiveness={0: 1 / 7}))
+    sound, long = RIG.controller(), replace(OUTLOOK, references=np.tile(PATH, (3, 1)))
+    case = Case(1.0, [], STILL)
+    driven, calm = (long.rms(each, each.start(), case) for each in (wrong, sound))
+    assert driven > 2 * calm
+
+
+@dataclass(frozen=True)
+class Table(Outlook):
+    """Errors that are given, by controller and case."""
+
+    errors: dict = None  # type: ignore[assignment]
+
+    def rms(self, pilot, state, case):
+        """From the table."""
+        return self.errors[pilot, case.probability]
+
+
+COSTS = st.floats(1e-9, 1e-3)
+
+
+@given(p=st.floats(0.51, 1.0), costs=st.tuples(COSTS, COSTS, COSTS, COSTS))
+def test_it_goes_over_if_the_expected_error_is_at_most_a_tenth_larger(p, costs):
+    cases = [Case(p, [], STILL), Case(1 - p, [], STILL)]
+    keys = [(name, case.probability) for name in ("stays", "goes") for case in cases]
+    table = Table(**vars(OUTLOOK), errors=dict(zip(keys, costs, strict=True)))
+    goes = table.goes_over(("stays", None), ("goes", None), cases, negligible=1e-6)
+    staying, going = p * costs[0] + (1 - p) * costs[1], p * costs[2] + (1 - p) * costs[3]
+    assert goes == (going <= max(1.1 * staying, 1e-6))
+
+
+def test_one_chance_in_a_thousand_of_instability_is_enough_to_stay():
+    cases = [Case(0.999, [], STILL), Case(0.001, [], STILL)]
+    errors = {("stays", 0.999): 1.0, ("stays", 0.001): 1.0, ("goes", 0.999): 0.1}
+    table = Table(**vars(OUTLOOK), errors=errors | {("goes", 0.001): np.inf})
+    assert not table.goes_over(("stays", None), ("goes", None), cases, negligible=1e-6)

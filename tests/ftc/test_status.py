@@ -1,0 +1,60 @@
+"""The supervisor says in one sentence what it believes, does not understand, and does."""
+
+from dataclasses import replace
+
+import pytest
+
+from experiments.rig import Rig
+from ftc.fdi.diagnosis import Diagnosis
+from ftc.fdi.fault_model import Fault
+from ftc.status import status
+
+START = Rig.hexapod().supervisor().start()
+LOCKED = Diagnosis.told(Fault(2, "locked"), 1e-6)
+CONFIRMED = replace(START, confirmed=(LOCKED,))
+NAMED = replace(
+    START,
+    watch=replace(
+        START.watch, diagnosis=replace(LOCKED, confirmed=False, kinds=("locked", "free"))
+    ),
+)
+
+
+@pytest.mark.parametrize(
+    ("state", "said"),
+    [
+        (START, "All actuators are believed sound."),
+        (CONFIRMED, "Actuator 2 is locked; the other actuators do the task."),
+        (
+            NAMED,
+            "Actuator 2 is locked or free, not yet confirmed; the other actuators do the task.",
+        ),
+        (
+            replace(CONFIRMED, refused=LOCKED),
+            "Actuator 2 is locked; the controller goes on as it was, which is expected to cost "
+            "less.",
+        ),
+        (
+            replace(CONFIRMED, task_lost=True),
+            "Actuator 2 is locked; the major task is lost, and the controller goes on with what it "
+            "still reaches.",
+        ),
+        (
+            replace(START, watch=replace(START.watch, relearns=3)),
+            "All actuators are believed sound; what no failure explains is learned as part of the "
+            "machine.",
+        ),
+    ],
+)
+def test_each_belief_and_act_has_its_sentence(state, said):
+    assert state.status == said
+
+
+def test_actuators_are_called_as_a_robot_calls_them():
+    names = [f"strut{k}" for k in range(1, 7)]
+    assert status(CONFIRMED, names) == "Strut3 is locked; the other actuators do the task."
+
+
+def test_an_actuator_that_works_again_is_believed_sound():
+    again = Diagnosis.told(Fault(2, "weak", 1.0))
+    assert replace(START, confirmed=(LOCKED, again)).status == START.status
