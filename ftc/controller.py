@@ -131,6 +131,7 @@ class PrioritizedController(Generic[Pose]):
             gains = (tracking_gain(loop, tracking_slowness)[:, None] for loop in loops)
             self._tracking = block_diag(*gains)
         self._still = np.zeros(mapping.actuators)
+        self._unused = mapping.unused.astype(float)
 
     def start(self) -> ControllerState[Pose]:
         """State at rest at the nominal pose."""
@@ -181,7 +182,7 @@ class PrioritizedController(Generic[Pose]):
             feedforward = reference
         if feedforward is not None:
             demand = feedforward + demand
-        owed = state.bumpless_transfer
+        owed, given = state.bumpless_transfer, secondary_reference
         if owed is not None:
             demand = demand + owed.demanded(self.handover_s)
             faded = owed.faded(owed.secondary_reference, self.handover_s)
@@ -204,6 +205,8 @@ class PrioritizedController(Generic[Pose]):
         )
         if owed is not None:
             required = required + owed.unfollowed(self.handover_s)
+            if given is not None:  # one that works again is seen by it
+                required = required + self._unused * given
             owed = replace(owed, age_s=owed.age_s + self.period_s)
         exerted = required / self._effectiveness if self._is_weakened else required
         return ControllerState(compensator, self.drives.inputs(exerted), pose, asked, owed)
@@ -215,6 +218,7 @@ class PrioritizedController(Generic[Pose]):
         acting: Array | None = None,
         *,
         keeps: bool = False,
+        secondary_reference: Array | None = None,
     ) -> ControllerState[Pose]:
         """The state of another controller, changed so that this one continues without a step.
 
@@ -227,6 +231,7 @@ class PrioritizedController(Generic[Pose]):
                 shape (n,); None is nothing.
             keeps: Whether actuators that are out of use keep their last commands, until another
                 transfer; else these fade in `handover_s`, and the others take over what they did.
+            secondary_reference: What the next step is given: actuators out of use go on with it.
         """
         commanded, owed = self._commanded(state), state.bumpless_transfer
         pose, still = self.mapping.estimate(commanded, state.pose), self._still
@@ -237,6 +242,7 @@ class PrioritizedController(Generic[Pose]):
             pose,
             still if lost_displacements is None else lost_displacements,
             still if acting is None else acting,
+            still if secondary_reference is None else secondary_reference,
             keeps=keeps,
         )
         if owed is not None:

@@ -115,7 +115,7 @@ def steps(
     demanded = np.zeros((*lead, len(compensators)))
     commanded, standing = demanded, np.zeros(1)
     for tick in range(reference.shape[-2]):
-        if to_come and to_come[0].tick == tick:
+        while to_come and to_come[0].tick <= tick:
             stage = to_come.pop(0)
             x = x if stage.onset is None else x @ stage.onset.T
             gain = gain if stage.gain is None else stage.gain

@@ -80,7 +80,7 @@ class Supervisor:
         secondary: Reference of the secondary goal (n,) at each time of the run.
         reconfigured: Controller that knows of these failures.
         is_possible: Whether the major task can still be done in spite of them.
-        C: Major task per state of the monitor's model, shape (m1, s).
+        C: Major task per state of the monitor's model, shape (m1, s); None: its first outputs.
         watched: What the diagnosis looks at, where the controller estimates the pose and has found
             these faults; None: the major task, then the displacements, as many as the monitor's
             model has outputs.
@@ -95,7 +95,7 @@ class Supervisor:
     secondary: Callable[[float], Array]
     reconfigured: Callable[[Sequence[Diagnosis]], PrioritizedController[Any]]
     is_possible: Callable[[Sequence[Fault]], bool]
-    C: Array
+    C: Array | None = None
     watched: Callable[[Measurement, Any, tuple[Fault, ...]], Array] | None = None
     estimate: Callable[[Measurement, Any], Array] | None = None
     sensor_checks: SensorChecks | None = None
@@ -204,7 +204,9 @@ class Supervisor:
             acting = np.zeros(len(commanded))
             for each in believed:
                 acting[each.fault.actuator] = static_share(self._nominal, each.fault)
-            controller = current.transfer(state.controller, lost_displacements, acting, keeps=keeps)
+            asked = self.secondary(state.ticks * self.first.period_s)
+            how = {"keeps": keeps, "secondary_reference": asked}
+            controller = current.transfer(state.controller, lost_displacements, acting, **how)
             if found is None or self._pays(state, found, (current, controller), measurement):
                 state = replace(state, current=current, controller=controller, refused=None)
             else:
@@ -226,9 +228,10 @@ class Supervisor:
         verdict, monitor = state.watch.verdict, state.monitor
         if verdict is None or not np.isfinite(measurement.output).all():
             return True
+        C = monitor.nominal.plant.C[: len(measurement.output)] if self.C is None else self.C
         outlook = Outlook(
             monitor.nominal,
-            self.C,
+            C,
             measurement.output,
             np.repeat(state.references, monitor.ticks, axis=0),
             lambda tick: self.secondary((state.ticks + tick) * self.first.period_s),
@@ -239,7 +242,7 @@ class Supervisor:
             Case(certain, named, verdict.x),
             Case(1 - certain, monitor.faults, state.watch.watch.X[0]),
         ]
-        noise = float(np.linalg.norm(monitor.nominal.noise[: len(self.C)]))
+        noise = float(np.linalg.norm(monitor.nominal.noise[: len(C)]))
         return outlook.goes_over((state.current, state.controller), goes, cases, noise)
 
     @property

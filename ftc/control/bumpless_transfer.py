@@ -76,6 +76,7 @@ def bumpless_transfer(
     pose: Pose,
     lost_displacements: Array,
     acting: Array,
+    asked_besides: Array,
     *,
     keeps: bool,
 ) -> BumplessTransfer:
@@ -90,11 +91,12 @@ def bumpless_transfer(
             because it no longer holds it: the others make up at once for its part in the major
             task.
         acting: Part of its command that each actuator still follows once it is out of use, (n,).
+        asked_besides: What actuators out of use will be commanded besides, shape (n,).
         keeps: Whether actuators that are out of use keep their commands.
     """
     own = mapping.displacements(asked.demand, pose, commanded, asked, asked.secondary_reference)
     demand, secondary_reference, internal = mapping.split(commanded - own, pose)
-    kept = np.where(mapping.unused, commanded, 0.0)
+    kept = np.where(mapping.unused, commanded - asked_besides, 0.0)
     carried = mapping.major_motion(acting * kept, pose)
     demand = demand + carried + mapping.major_motion(lost_displacements, pose)
     return BumplessTransfer(demand, secondary_reference, kept, carried, keeps, internal=internal)

@@ -2,6 +2,7 @@
 
 import copy
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -62,6 +63,8 @@ class Table(Outlook):
 
 
 COSTS = st.floats(1e-9, 1e-3)
+STAYS: Any = ("stays", None)
+GOES: Any = ("goes", None)
 
 
 @given(p=st.floats(0.51, 1.0), costs=st.tuples(COSTS, COSTS, COSTS, COSTS))
@@ -69,7 +72,7 @@ def test_it_goes_over_if_the_expected_error_is_at_most_a_tenth_larger(p, costs):
     cases = [Case(p, [], STILL), Case(1 - p, [], STILL)]
     keys = [(name, case.probability) for name in ("stays", "goes") for case in cases]
     table = Table(**vars(OUTLOOK), errors=dict(zip(keys, costs, strict=True)))
-    goes = table.goes_over(("stays", None), ("goes", None), cases, negligible=1e-6)
+    goes = table.goes_over(STAYS, GOES, cases, negligible=1e-6)
     staying, going = p * costs[0] + (1 - p) * costs[1], p * costs[2] + (1 - p) * costs[3]
     assert goes == (going <= max(1.1 * staying, 1e-6))
 
@@ -78,4 +81,4 @@ def test_one_chance_in_a_thousand_of_instability_is_enough_to_stay():
     cases = [Case(0.999, [], STILL), Case(0.001, [], STILL)]
     errors = {("stays", 0.999): 1.0, ("stays", 0.001): 1.0, ("goes", 0.999): 0.1}
     table = Table(**vars(OUTLOOK), errors=errors | {("goes", 0.001): np.inf})
-    assert not table.goes_over(("stays", None), ("goes", None), cases, negligible=1e-6)
+    assert not table.goes_over(STAYS, GOES, cases, negligible=1e-6)

@@ -207,8 +207,9 @@ def test_a_mapping_with_limits_takes_over_without_a_step(seed):
     own, rng = geometry(seed), np.random.default_rng(seed)
     mapping, commanded_m = limited(own), 0.4 * rng.uniform(-1, 1, 5)
     last = mapping.nothing()
+    still = np.zeros(5)
     new = bumpless_transfer(
-        mapping, last, commanded_m, own.nominal, np.zeros(5), np.zeros(5), keeps=False
+        mapping, last, commanded_m, own.nominal, still, still, still, keeps=False
     )
     found = mapping.within_limits(last.demand + new.demand, own.nominal, new.secondary_reference)
     np.testing.assert_allclose(found.displacements, commanded_m, atol=1e-9)

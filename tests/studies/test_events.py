@@ -276,10 +276,6 @@ ARM = str(HEXAPOD_MJCF.with_name("arm.xml"))
     [
         (("--hours", "3"), "--hours does not go with --events"),
         (("--controller", "ftc.oracle:OracleController"), "--controller does not go with --events"),
-        (
-            ("--model", str(HEXAPOD_MJCF.with_name("arm.xml")), "--major", "0,1"),
-            "--events does not go with --model",
-        ),
     ],
 )
 def test_an_option_of_other_flights_is_refused_in_a_sentence(words, said, tmp_path, capfd):
