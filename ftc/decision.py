@@ -41,15 +41,13 @@ class Outlook:
     """The time to come, as far as it can be foreseen.
 
     Attributes:
-        nominal: Linear model of the sound machine.
-        C: Major task per state, shape (m1, s).
+        nominal: Linear model of the sound machine; its first outputs are the major task.
         output: The major task as last measured, shape (m1,): what the model is off now stays.
         references: Of the major task, tick by tick, shape (N, m1).
         secondary: Reference of the secondary goal (n,) so many ticks ahead.
     """
 
     nominal: NominalModel
-    C: Array
     output: Array
     references: Array
     secondary: Callable[[int], Array]
@@ -57,12 +55,16 @@ class Outlook:
     def rms(
         self, pilot: PrioritizedController[Any], state: ControllerState[Any], case: Case
     ) -> float:
-        """RMS error of the major task under a controller that begins in this state; or infinite."""
+        """RMS error of the major task under a controller that begins in this state; or infinite.
+
+        In standard deviations of the sensors' noise: rows of different units count alike.
+        """
         model, x, square = fault_model(self.nominal, case.faults), case.x, 0.0
-        off = self.output - self.C @ x
+        C, noise = (part[: len(self.output)] for part in (self.nominal.plant.C, self.nominal.noise))
+        off = self.output - C @ x
         for tick, reference in enumerate(self.references):
-            output = self.C @ x + off
-            square += float(((reference - output) ** 2).sum())
+            output = C @ x + off
+            square += float((((reference - output) / noise) ** 2).sum())
             if not np.isfinite(square):
                 return np.inf
             measured = Measurement(output, self.nominal.displacement @ x)
@@ -75,18 +77,18 @@ class Outlook:
         stays: tuple[PrioritizedController[Any], ControllerState[Any]],
         goes: tuple[PrioritizedController[Any], ControllerState[Any]],
         cases: Sequence[Case],
-        negligible: float,
     ) -> bool:
         """Whether the expected error of a new controller is no larger than that of the present one.
+
+        Errors that are smaller than the sensors' noise matter to nobody.
 
         Args:
             stays: The present controller, and its state.
             goes: The new one.
             cases: What may be true.
-            negligible: An error that matters to nobody, such as the noise of the sensors.
         """
         staying, going = (
             sum(case.probability * self.rms(*each, case) for case in cases)
             for each in (stays, goes)
         )
-        return going <= max(_ALIKE * staying, negligible)
+        return going <= max(_ALIKE * staying, np.sqrt(len(self.output)))

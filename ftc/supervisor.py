@@ -80,7 +80,8 @@ class Supervisor:
         secondary: Reference of the secondary goal (n,) at each time of the run.
         reconfigured: Controller that knows of these failures.
         is_possible: Whether the major task can still be done in spite of them.
-        C: Major task per state of the monitor's model, shape (m1, s); None: its first outputs.
+        task: Linear model of the sound machine to the major task; None: the monitor's model, whose
+            first outputs it is.
         watched: What the diagnosis looks at, where the controller estimates the pose and has found
             these faults; None: the major task, then the displacements, as many as the monitor's
             model has outputs.
@@ -95,7 +96,7 @@ class Supervisor:
     secondary: Callable[[float], Array]
     reconfigured: Callable[[Sequence[Diagnosis]], PrioritizedController[Any]]
     is_possible: Callable[[Sequence[Fault]], bool]
-    C: Array | None = None
+    task: NominalModel | None = None
     watched: Callable[[Measurement, Any, tuple[Fault, ...]], Array] | None = None
     estimate: Callable[[Measurement, Any], Array] | None = None
     sensor_checks: SensorChecks | None = None
@@ -228,10 +229,8 @@ class Supervisor:
         verdict, monitor = state.watch.verdict, state.monitor
         if verdict is None or not np.isfinite(measurement.output).all():
             return True
-        C = monitor.nominal.plant.C[: len(measurement.output)] if self.C is None else self.C
         outlook = Outlook(
-            monitor.nominal,
-            C,
+            monitor.nominal if self.task is None else self.task,
             measurement.output,
             np.repeat(state.references, monitor.ticks, axis=0),
             lambda tick: self.secondary((state.ticks + tick) * self.first.period_s),
@@ -242,8 +241,7 @@ class Supervisor:
             Case(certain, named, verdict.x),
             Case(1 - certain, monitor.faults, state.watch.watch.X[0]),
         ]
-        noise = float(np.linalg.norm(monitor.nominal.noise[: len(C)]))
-        return outlook.goes_over((state.current, state.controller), goes, cases, noise)
+        return outlook.goes_over((state.current, state.controller), goes, cases)
 
     @property
     def _ahead(self) -> int:
@@ -337,7 +335,7 @@ def supervisor_for(
     controller: Callable[[Goal], PrioritizedController[Any]],
     watched: NominalModel,
     is_possible: Callable[[Sequence[Fault]], bool],
-    C: Array,
+    task: NominalModel,
     *,
     unused: Unused,
     dither: Dither | None = None,
@@ -352,7 +350,7 @@ def supervisor_for(
         controller: For a goal, failures that it knows included.
         watched: Linear model of the sound machine to what the diagnosis looks at.
         is_possible: Whether the major task can still be done in spite of these faults.
-        C: Major task per state of `watched`, shape (m1, s).
+        task: Linear model of the sound machine to the major task.
         unused: As of :func:`goal_after`.
         dither: Secondary motion by which failures are told apart; None is none.
         config: Rates and confidences of the diagnosis.
@@ -368,7 +366,7 @@ def supervisor_for(
         secondary=(lambda _: still) if dither is None else dither.at,
         reconfigured=lambda found: controller(goal_after(goal, found, watched, unused)),
         is_possible=is_possible,
-        C=C,
+        task=task,
         watched=seen,
         **sensors,
     )

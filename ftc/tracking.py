@@ -150,7 +150,7 @@ class Tracking:
             self.controller,
             self.watched,
             lambda faults: is_possible(self.classified(faults)),
-            self.nominal.plant.C,
+            self.nominal,
             unused=self.unused,
             dither=dither,
             config=config,

@@ -102,7 +102,7 @@ class HexapodRig(Rig):
             self.controller,
             self.watched,
             lambda faults: is_possible(self.classified(faults)),
-            self.nominal.plant.C,
+            self.nominal,
             unused=self.unused,
             dither=dither_of(self, dither, DITHER),
             sensor_checks=SensorChecks(check),
