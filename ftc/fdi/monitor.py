@@ -15,12 +15,13 @@ import numpy as np
 
 from argument_checks import Array
 from argument_checks.ties import ascending
+from ftc.fdi.detection.replay import learned, quieter, replayed
 from ftc.fdi.detection.residual_test import ResidualTest, residual_test
-from ftc.fdi.detection.watch import Moment, Watch, WatchState
+from ftc.fdi.detection.watch import Moment, Watch
 from ftc.fdi.diagnosis import DEFAULT_CONFIG, Diagnosis, FdiConfig
 from ftc.fdi.fault_model import KINDS, Fault, NominalModel
-from ftc.fdi.isolation.evidence import Evidence
 from ftc.fdi.isolation.hypotheses import HypothesisBank, hypothesis_bank
+from ftc.fdi.isolation.look_back import looked_back, weighed
 from ftc.fdi.isolation.verdict import Verdict
 from ftc.fdi.monitor_state import MonitorState
 from ftc.fdi.naming import WINDOW_S, Naming
@@ -93,7 +94,7 @@ class Monitor:
         left = max(state.relearns - moment.is_whole, 0)
         state = replace(state, history=history, watch=watch, relearns=left)
         if state.evidence is not None:
-            evidence = self._weighed(state.evidence, moment, watch)
+            evidence = weighed(self.bank, state.evidence, moment, watch)
             state = replace(state, evidence=evidence)
             every = _JUDGED_EVERY if state.diagnosis is None else _REVISED_EVERY
             judges = moment.is_whole and evidence.samples % every == 0
@@ -101,7 +102,7 @@ class Monitor:
         if not moment.is_whole:
             return state
         if not relearns and watch.spectrum.samples == learning:
-            return replace(state, watch=self._learned(history, watch))
+            return replace(state, watch=learned(self.watch, watch, history))
         if not relearns and watch.spectrum.samples < learning:
             return state
         state = replace(state, recent=self.test.push(state.recent, watch.residual))
@@ -113,7 +114,7 @@ class Monitor:
     def _begun(self, state: MonitorState, reach_s: float) -> MonitorState:
         """With new evidence, of onsets up to so far back."""
         reach = min(self._samples(reach_s), state.history[-1].sample - state.cleared)
-        evidence = self._look_back(state.history, state.watch, reach)
+        evidence = looked_back(self.bank, self.watch, state.watch, state.history, reach)
         return replace(state, evidence=evidence, verdict=None, begun_tick=state.ticks)
 
     def believing(self, state: MonitorState) -> tuple["Monitor", MonitorState]:
@@ -137,70 +138,14 @@ class Monitor:
             memory=first.memory,
             parameters=first.parameters,
         )
-        begun, history, residuals = after._replayed(_quieter(begun, state.verdict), past)
+        inflation = 1.0 if state.verdict is None else state.verdict.inflation
+        begun, history, residuals = replayed(after.watch, quieter(begun, inflation), past)
         recent = self.test.start()
         for moment, residual in zip(history, residuals, strict=True):
             if moment.is_whole and moment.sample * self.ticks > state.named_tick:
                 recent = self.test.push(recent, residual)
         state = replace(self._reset(state), watch=begun, history=tuple(history), recent=recent)
         return after, state
-
-    def _replayed(
-        self, watch: WatchState, past: Sequence[Moment]
-    ) -> tuple[WatchState, list[Moment], list[Array]]:
-        """The watch after past samples, these as it sees them, and its residuals."""
-        history, residuals = [], []
-        for each in past:
-            watch, moment = self.watch.step(watch, each.v, each.y)
-            history.append(moment)
-            residuals.append(watch.residual)
-        return watch, history, residuals
-
-    def _learned(self, history: Sequence[Moment], watch: WatchState) -> WatchState:
-        """The state with the spectrum measured so far, as if it had been known from the start."""
-        whitening = self.watch.with_spectrum(watch).whitening
-        first = history[0]
-        start = replace(
-            self.watch.start(),
-            sample=first.sample,
-            X=first.X,
-            memory=first.memory,
-            whitening=whitening,
-        )
-        return self.watch.with_spectrum(self._replayed(start, history)[0])
-
-    def _look_back(self, history: tuple[Moment, ...], watch: WatchState, reach: int) -> Evidence:
-        """The evidence in the history, for onsets at growing distances before the last sample."""
-        now = history[-1].sample
-        reach = min(now - history[0].sample, reach)
-        distances, distance = [0], 1
-        while distance <= reach:
-            distances.append(distance)
-            distance = max(distance + 1, round(distance * self.config.onset_growth))
-        onsets = now - np.array(distances[::-1])
-        past = [each for each in history if each.sample >= onsets[0]]
-        first, p = past[0], len(self.nominal.noise)
-        prior = first.parameters.drifted(
-            self.config.look_back_s, p, self.config.uncertainty, self.watch.model.limits
-        )
-        memory = first.memory.copy()
-        memory[:, 0] -= np.einsum("j,qjp->qp", prior.mean[:-p], memory[:, 1:]) + prior.mean[-p:]
-        evidence = self.bank.start(onsets, prior, first.X, memory)
-        for each in past:
-            evidence = self._weighed(evidence, each, watch)
-        return evidence
-
-    def _weighed(self, evidence: Evidence, moment: Moment, watch: WatchState) -> Evidence:
-        return self.bank.step(
-            evidence,
-            moment.sample,
-            moment.v,
-            moment.y,
-            watch.whitening,
-            watch.shaken,
-            decoupled=watch.decoupled,
-            weighs=moment.is_whole,
-        )
 
     def _judged(self, state: MonitorState) -> MonitorState:
         """Name an actuator, revise that, confirm it, or dismiss the alarm."""
@@ -299,18 +244,6 @@ def _mean(outputs: Sequence[Array | None], before: Sequence[Moment]) -> Array | 
         return mean
     ticks = len(outputs)
     return mean + (earlier[1] - earlier[0]) / ticks * ((ticks - 1) / 2 - np.mean(known))
-
-
-def _quieter(watch: WatchState, verdict: Verdict | None) -> WatchState:
-    """With a spectrum as much larger as the residuals of a failed plant were.
-
-    What shakes the plant goes another way through it after a failure.
-    """
-    inflation = 1.0 if verdict is None else verdict.inflation
-    spectrum = replace(watch.spectrum, covariance=inflation * watch.spectrum.covariance)
-    filters = ("whitening", "decoupled")
-    quieter = {name: getattr(watch, name) / np.sqrt(inflation) for name in filters}
-    return replace(watch, spectrum=spectrum, **quieter)
 
 
 def monitor(
