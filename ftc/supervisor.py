@@ -150,9 +150,10 @@ class Supervisor:
         if state.ticks % state.monitor.ticks == 0:
             state = replace(state, references=(reference, *state.references[: self._ahead]))
         if watch.diagnosis is not known:
+            state = replace(state, watch=watch)
             if known is not None and _is_taken_back(known, watch.diagnosis):
                 state = replace(state, withdrawn=(*state.withdrawn, (known, state.ticks)))
-            state = self._reconfigured(replace(state, watch=watch), commanded, measurement)
+            state = self._reconfigured(state, known, commanded, measurement)
             watch = state.watch
         if not (sensors.task.usable or sensors.estimates):
             return replace(state, watch=watch, sensors=sensors, ticks=ticks)
@@ -185,47 +186,69 @@ class Supervisor:
         return measured if np.isfinite(measured).all() else None
 
     def _reconfigured(
-        self, state: SupervisorState, commanded: Array, measurement: Measurement
+        self,
+        state: SupervisorState,
+        known: Diagnosis | None,
+        commanded: Array,
+        measurement: Measurement,
     ) -> SupervisorState:
-        """State after a change of the mapping to the present diagnoses; compensators unchanged."""
-        found, believed = state.watch.diagnosis, state.standing
-        lost_displacements = np.zeros(len(commanded))
+        """State after a change of the diagnosis from `known`; compensators unchanged."""
+        found, stays = state.watch.diagnosis, (state.current, state.controller)
+        if known is not None and _is_taken_back(known, found):  # to do nothing is to forget it
+            sure = [each for each in state.standing if each.confirmed]
+            stays = self._transferred(state, sure, keeps=False)
+            state = replace(state, task_lost=state.task_lost and not self._can(sure))
+        goes, refused = stays, None
         if found is not None:
             state = replace(state, diagnoses=(*state.diagnoses, found))
-            faults = [each.fault for each in believed]
-            lost_displacements = lost_displacement(self._nominal, found, faults, commanded)
-        keeps = found is not None and not found.confirmed
-        lost = not self.is_possible([each.fault for each in believed])
-        # The present controller goes on then: to stand still is worse, and a name may be wrong.
-        state = replace(state, task_lost=lost and not keeps)
-        if not lost:
-            current = self.reconfigured(believed)
-            # One that the others carry loses nothing when its force is gone.
-            lost_displacements[list(current.mapping.goal.free)] = 0.0
-            acting = np.zeros(len(commanded))
-            for each in believed:
-                acting[each.fault.actuator] = static_share(self._nominal, each.fault)
-            asked = self.secondary(state.ticks * self.first.period_s)
-            how = {"keeps": keeps, "secondary_reference": asked}
-            controller = current.transfer(state.controller, lost_displacements, acting, **how)
-            if found is None or self._pays(state, found, (current, controller), measurement):
-                state = replace(state, current=current, controller=controller, refused=None)
-            else:
-                state = replace(state, refused=found)
+            believed = state.standing
+            faults, can = [each.fault for each in believed], self._can(believed)
+            # The present controller goes on then: to stand still is worse, and names may be wrong.
+            state = replace(state, task_lost=found.confirmed and not can)
+            if can:
+                lost = lost_displacement(self._nominal, found, faults, commanded)
+                goes = self._transferred(state, believed, lost, keeps=not found.confirmed)
+                if not self._pays(state, found, stays, goes, measurement):
+                    goes, refused = stays, found
+        current, controller = goes
+        state = replace(state, current=current, controller=controller, refused=refused)
         if found is None or not found.confirmed:
             return state
         state = replace(state, confirmed=(*state.confirmed, found))
         monitor, watch = state.monitor.believing(state.watch)
         return replace(state, monitor=monitor, watch=watch)
 
+    def _can(self, believed: Sequence[Diagnosis]) -> bool:
+        return self.is_possible([each.fault for each in believed])
+
+    def _transferred(
+        self,
+        state: SupervisorState,
+        believed: Sequence[Diagnosis],
+        lost_displacements: Array | None = None,
+        *,
+        keeps: bool,
+    ) -> tuple[PrioritizedController[Any], ControllerState[Any]]:
+        """The controller for these diagnoses, and its state if it took over now."""
+        current, acting = self.reconfigured(believed), np.zeros(self._nominal.actuators)
+        if lost_displacements is not None:
+            # One that the others carry loses nothing when its force is gone.
+            lost_displacements[list(current.mapping.goal.free)] = 0.0
+        for each in believed:
+            acting[each.fault.actuator] = static_share(self._nominal, each.fault)
+        asked = self.secondary(state.ticks * self.first.period_s)
+        how = {"keeps": keeps, "secondary_reference": asked}
+        return current, current.transfer(state.controller, lost_displacements, acting, **how)
+
     def _pays(
         self,
         state: SupervisorState,
         found: Diagnosis,
+        stays: tuple[PrioritizedController[Any], ControllerState[Any]],
         goes: tuple[PrioritizedController[Any], ControllerState[Any]],
         measurement: Measurement,
     ) -> bool:
-        """Whether to go over is expected to cost no more than to go on."""
+        """Whether to go over is expected to cost no more than to stay."""
         verdict, monitor = state.watch.verdict, state.monitor
         if verdict is None or not np.isfinite(measurement.output).all():
             return True
@@ -241,7 +264,7 @@ class Supervisor:
             Case(certain, named, verdict.x),
             Case(1 - certain, monitor.faults, state.watch.watch.X[0]),
         ]
-        return outlook.goes_over((state.current, state.controller), goes, cases)
+        return outlook.goes_over(stays, goes, cases)
 
     @property
     def _ahead(self) -> int:
