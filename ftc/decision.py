@@ -17,8 +17,9 @@ from argument_checks import Array
 from ftc.controller import ControllerState, Measurement, PrioritizedController
 from ftc.fdi.fault_model import Fault, NominalModel, fault_model
 
-_ALIKE = 1.1
-"""Expected costs within this factor decide for what is known to have failed."""
+_ALIKE = 2.0
+"""Expected costs within this factor decide for what is known to have failed: half a second ahead
+they are not exact, and a new mapping of slow loops pays later."""
 
 
 @dataclass(frozen=True)

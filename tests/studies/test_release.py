@@ -254,12 +254,15 @@ def test_a_failure_strikes_at_its_time_and_the_mapping_changes_with_it(model):
         failures=[Failure(0, "free", 0.2)],
         reconfigured=Goal(EQUAL, free=(0,)),
         jacobian="constant",
-        duration_s=0.4,
+        duration_s=0.8,
     )
     run = track_spiral(Testbed(model, bench, nominal_loops(model, bench), stiffness), spiral)
     strut_1 = run.strut_input_percent[:, 0]
-    assert np.any(strut_1[run.time_s < 0.2])
-    assert not np.any(strut_1[run.time_s >= 0.2])
+    before, after = strut_1[run.time_s < 0.2], strut_1[run.time_s >= 0.2]
+    assert np.any(before)
+    # Its last command fades within half a second, and is nothing from then on.
+    assert (np.diff(np.abs(after)) <= 0).all() and np.abs(after).max() <= np.abs(before[-1])
+    assert not np.any(strut_1[run.time_s >= 0.2 + bench.handover_s])
 
 
 @pytest.mark.parametrize(
