@@ -79,7 +79,7 @@ class Outlook:
         goes: tuple[PrioritizedController[Any], ControllerState[Any]],
         cases: Sequence[Case],
     ) -> bool:
-        """Whether the expected error of a new controller is no larger than that of the present one.
+        """Whether the expected error of a new controller is at most twice that of the present one.
 
         Errors that are smaller than the sensors' noise matter to nobody.
 

@@ -248,7 +248,7 @@ class Supervisor:
         goes: tuple[PrioritizedController[Any], ControllerState[Any]],
         measurement: Measurement,
     ) -> bool:
-        """Whether to go over is expected to cost no more than to stay."""
+        """Whether to go over is not expected to cost much more than to stay."""
         verdict, monitor = state.watch.verdict, state.monitor
         if verdict is None or not np.isfinite(measurement.output).all():
             return True

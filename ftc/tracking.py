@@ -38,7 +38,7 @@ from ftc.control.minimal import minimal
 from ftc.controller import DirectDrive, Measurement, PrioritizedController
 from ftc.fdi.diagnosis import DEFAULT_CONFIG, FdiConfig
 from ftc.fdi.dither import Dither
-from ftc.fdi.fault_model import Fault, NominalModel, by_kind, fault_model
+from ftc.fdi.fault_model import Fault, NominalModel, by_kind, fault_model, static_gain
 from ftc.fdi.friction import DryFriction
 from ftc.goal import Goal
 from ftc.supervisor import Supervisor, Unused, supervisor_for
@@ -206,14 +206,12 @@ class Tracking:
         n = self.nominal.actuators
         if not len(constraint):
             return np.eye(n)
-        plant, locked = fault_model(self.nominal, faults), np.zeros((n, n))
+        gain, locked = static_gain(self.nominal, faults), np.zeros((n, n))
         stuck = [fault.actuator for fault in faults if fault.kind == "locked"]
         locked[stuck, stuck] = 1.0
         N = scipy.linalg.null_space(constraint)
         standing = N @ np.linalg.pinv(locked @ N) @ locked
         moving = scipy.linalg.null_space(np.vstack([constraint, locked]))
-        almost_static = np.exp(_SLOW) * np.eye(len(plant.A))  # at rest itself may be a pole
-        gain = self.nominal.displacement @ np.linalg.solve(almost_static - plant.A, plant.B)
         shared = np.linalg.lstsq(moving.T @ gain @ moving, moving.T @ gain, rcond=None)[0]
         return standing + moving @ shared @ (np.eye(n) - standing)
 

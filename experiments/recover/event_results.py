@@ -16,7 +16,6 @@ from experiments.rig.events import EVENTS
 from experiments.rig.hexapod.metrics import closure_check
 from experiments.rig.hexapod.mismatch import ALL_SIZES, DRAWN, OTHER
 from experiments.rig.hexapod.testbed import TestbedConfig
-from experiments.study import parquet
 from experiments.study.campaign import Row
 from experiments.study.draw import CORRELATION
 from experiments.study.results import Check, Results
@@ -37,9 +36,7 @@ NOISE_URAD = 1e6 * sqrt(2) * _BENCH.detector_noise_m / _BENCH.focal_length_m
 
 def results(outcome: Events) -> Results:
     """Everything that `fjh recover --events` publishes."""
-    files = outcome.done.dataset.files()
-    rows = [row for file in files for row in parquet.read(file).to_pylist()]
-    summary = origin("recover", outcome.done) | summarize(rows)
+    summary = origin("recover", outcome.done) | summarize(outcome.done.dataset.rows())
     return replace(
         described(summary),
         pictures=pictures(summary),

@@ -17,7 +17,6 @@ from experiments.rig.checks import closure_check
 from experiments.rig.dither import dither_entry
 from experiments.rig.events import EVENTS
 from experiments.rig.units import sizes_said
-from experiments.study import parquet
 from experiments.study.campaign import Row
 from experiments.study.results import Check, Results
 from experiments.study.resumable import origin
@@ -26,8 +25,7 @@ from experiments.study.tables import Column, Table, tabulate
 
 def results(outcome: MechanismEvents) -> Results:
     """Everything that `fjh recover --model --events` publishes."""
-    rows = [row for file in outcome.done.dataset.files() for row in parquet.read(file).to_pylist()]
-    summary = origin("recover", outcome.done) | summarize(outcome, rows)
+    summary = origin("recover", outcome.done) | summarize(outcome, outcome.done.dataset.rows())
     return replace(
         described(summary),
         records=[lambda folder: outcome.done.dataset.merge(folder / summary["dataset"])],

@@ -10,7 +10,6 @@ from experiments.rig.checks import closure_check
 from experiments.rig.dither import dither_entry
 from experiments.rig.rig import Rig
 from experiments.rig.units import by_unit
-from experiments.study import parquet
 from experiments.study.campaign import Row
 from experiments.study.results import Check, Results
 from experiments.study.resumable import origin
@@ -19,8 +18,7 @@ from ftc.fdi.fault_model import KINDS
 
 def results(outcome: Mechanisms) -> Results:
     """Everything that `fjh recover --model` publishes."""
-    rows = [row for file in outcome.done.dataset.files() for row in parquet.read(file).to_pylist()]
-    summary = origin("recover", outcome.done) | summarize(outcome, rows)
+    summary = origin("recover", outcome.done) | summarize(outcome, outcome.done.dataset.rows())
     return replace(
         described(summary),
         records=[lambda folder: outcome.done.dataset.merge(folder / summary["dataset"])],

@@ -21,7 +21,6 @@ from experiments.rig.hexapod.fault_tolerance import fault_entry
 from experiments.rig.hexapod.mismatch import ALL_SIZES
 from experiments.rig.hexapod.simulation import Trajectory
 from experiments.rig.hexapod.testbed import TestbedConfig
-from experiments.study import parquet
 from experiments.study.campaign import Row
 from experiments.study.resumable import origin
 from ftc.fdi.diagnosis import DEFAULT_CONFIG
@@ -37,9 +36,7 @@ _CONFIG_KEYS = {"effectiveness_step": "strength_step"}
 def read_rows(outcome: Recover) -> list[Row]:
     """All rows, in the order of their numbers, with another controller's columns where it flew."""
     other = {columns["case"]: columns for columns in outcome.others}
-    files = outcome.done.dataset.files()
-    rows = [row for file in files for row in parquet.read(file).to_pylist()]
-    return [row | other.get(row["case"], {}) for row in rows]
+    return [row | other.get(row["case"], {}) for row in outcome.done.dataset.rows()]
 
 
 def summarize(outcome: Recover, rows: Sequence[Row]) -> dict[str, Any]:

@@ -78,6 +78,10 @@ class Dataset:
         """Those of the parts, in order; all of them exist when no run is missing."""
         return [self._file(part) for part in range(self._parts)]
 
+    def rows(self) -> list[Row]:
+        """Those of all parts, in order."""
+        return [row for file in self.files() for row in parquet.read(file).to_pylist()]
+
     def merge(
         self, path: Path, extended: Callable[[pa.Table], pa.Table] = lambda part: part
     ) -> None:

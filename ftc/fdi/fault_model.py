@@ -280,6 +280,13 @@ def fault_model(nominal: NominalModel, faults: Sequence[Fault] = ()) -> FaultMod
     )
 
 
+def static_gain(nominal: NominalModel, faults: Sequence[Fault] = ()) -> Array:
+    """Displacements per constant command, long after it, of a plant with faults, shape (n, n)."""
+    plant = fault_model(nominal, faults)
+    almost_static = np.exp(_SLOW) * np.eye(len(plant.A))  # at rest itself may be a pole
+    return nominal.displacement @ np.linalg.solve(almost_static - plant.A, plant.B)
+
+
 def static_share(nominal: NominalModel, fault: Fault) -> float:
     """Displacement that a command of the actuator still causes, over that of a sound one, 0..1.
 
@@ -288,13 +295,9 @@ def static_share(nominal: NominalModel, fault: Fault) -> float:
     """
     if fault.kind != "weak":
         return 0.0
-    k, share = fault.actuator, []
-    for faults in ((), (fault,)):
-        plant = fault_model(nominal, faults)
-        almost_static = np.exp(_SLOW) * np.eye(len(plant.A))  # at rest itself may be a pole
-        moved = np.linalg.solve(almost_static - plant.A, plant.B[:, k])
-        share.append(float(nominal.displacement[k] @ moved))
-    return float(np.clip(share[1] / share[0], 0.0, 1.0)) if share[0] > 0 else 0.0
+    k = fault.actuator
+    sound, weak = (float(static_gain(nominal, each)[k, k]) for each in ((), (fault,)))
+    return float(np.clip(weak / sound, 0.0, 1.0)) if sound > 0 else 0.0
 
 
 def resting_displacements(
