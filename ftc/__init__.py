@@ -21,8 +21,8 @@ from ftc.guarded_controller import GuardedController as GuardedController
 from ftc.loop import LoopRun as LoopRun
 from ftc.loop import run_loop as run_loop
 from ftc.oracle import OracleController as OracleController
+from ftc.reconfiguration import goal_after as goal_after
 from ftc.supervisor import Supervisor as Supervisor
-from ftc.supervisor import goal_after as goal_after
 from ftc.tracking import TaskLost as TaskLost
 from ftc.tracking import Tracking as Tracking
 from ftc.tracking import tracking as tracking

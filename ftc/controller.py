@@ -151,6 +151,7 @@ class PrioritizedController(Generic[Pose]):
         secondary_reference: Array | None = None,
         *,
         feedforward: Array | None = None,
+        unused_reference: Array | None = None,
         pose: Pose | None = None,
     ) -> ControllerState[Pose]:
         """One control tick; the new state holds the inputs to send.
@@ -163,6 +164,8 @@ class PrioritizedController(Generic[Pose]):
                 shape (n,); None is zero.
             feedforward: Added to what the compensators demand, shape (m1,); None is the reference
                 with `reference_feedforward`, else zero.
+            unused_reference: Displacements that actuators out of use are commanded after a
+                transfer, shape (n,), beside what they keep; None is zero.
             pose: As :meth:`estimate` gives it, for a caller that has it already.
         """
         commanded = self._commanded(state)
@@ -182,7 +185,7 @@ class PrioritizedController(Generic[Pose]):
             feedforward = reference
         if feedforward is not None:
             demand = feedforward + demand
-        owed, given = state.bumpless_transfer, secondary_reference
+        owed = state.bumpless_transfer
         if owed is not None:
             demand = demand + owed.demanded(self.handover_s)
             faded = owed.faded(owed.secondary_reference, self.handover_s)
@@ -204,9 +207,12 @@ class PrioritizedController(Generic[Pose]):
             demand, required, self._still if secondary_reference is None else secondary_reference
         )
         if owed is not None:
+            followed = self.mapping.followed(required)
             required = required + owed.unfollowed(self.handover_s)
-            if given is not None:  # one that works again is seen by it
-                required = required + self._unused * given
+            if followed is not None:
+                required = required + followed
+            if unused_reference is not None:
+                required = required + self._unused * unused_reference
             owed = replace(owed, age_s=owed.age_s + self.period_s)
         exerted = required / self._effectiveness if self._is_weakened else required
         return ControllerState(compensator, self.drives.inputs(exerted), pose, asked, owed)
@@ -216,9 +222,9 @@ class PrioritizedController(Generic[Pose]):
         state: ControllerState[Pose],
         lost_displacements: Array | None = None,
         acting: Array | None = None,
+        keeps: Array | None = None,
         *,
-        keeps: bool = False,
-        secondary_reference: Array | None = None,
+        unused_reference: Array | None = None,
     ) -> ControllerState[Pose]:
         """The state of another controller, changed so that this one continues without a step.
 
@@ -229,9 +235,10 @@ class PrioritizedController(Generic[Pose]):
                 major task; None is nothing.
             acting: Part of its command that each actuator still follows once it is out of use,
                 shape (n,); None is nothing.
-            keeps: Whether actuators that are out of use keep their last commands, until another
-                transfer; else these fade in `handover_s`, and the others take over what they did.
-            secondary_reference: What the next step is given: actuators out of use go on with it.
+            keeps: Which actuators keep their last commands if they are out of use, 0 or 1 each,
+                shape (n,); those of the rest fade in `handover_s`, and the others take over what
+                they did. None: they all fade.
+            unused_reference: As the next step is given it: actuators out of use go on with it.
         """
         commanded, owed = self._commanded(state), state.bumpless_transfer
         pose, still = self.mapping.estimate(commanded, state.pose), self._still
@@ -242,8 +249,8 @@ class PrioritizedController(Generic[Pose]):
             pose,
             still if lost_displacements is None else lost_displacements,
             still if acting is None else acting,
-            still if secondary_reference is None else secondary_reference,
-            keeps=keeps,
+            still if unused_reference is None else unused_reference,
+            still if keeps is None else keeps,
         )
         if owed is not None:
             new = new.after(owed, self.handover_s)

@@ -17,10 +17,6 @@ from argument_checks import Array
 from ftc.controller import ControllerState, Measurement, PrioritizedController
 from ftc.fdi.fault_model import Fault, NominalModel, fault_model
 
-_ALIKE = 2.0
-"""Expected costs within this factor decide for what is known to have failed: half a second ahead
-they are not exact, and a new mapping of slow loops pays later."""
-
 
 @dataclass(frozen=True)
 class Case:
@@ -46,12 +42,14 @@ class Outlook:
         output: The major task as last measured, shape (m1,): what the model is off now stays.
         references: Of the major task, tick by tick, shape (N, m1).
         secondary: Reference of the secondary goal (n,) so many ticks ahead.
+        unused: What actuators out of use are commanded, likewise.
     """
 
     nominal: NominalModel
     output: Array
     references: Array
     secondary: Callable[[int], Array]
+    unused: Callable[[int], Array]
 
     def rms(
         self, pilot: PrioritizedController[Any], state: ControllerState[Any], case: Case
@@ -69,7 +67,8 @@ class Outlook:
             if not np.isfinite(square):
                 return np.inf
             measured = Measurement(output, self.nominal.displacement @ x)
-            state = pilot.step(state, reference, measured, self.secondary(tick))
+            unused, goal = self.unused(tick), self.secondary(tick)
+            state = pilot.step(state, reference, measured, goal, unused_reference=unused)
             x = model.step(x, pilot.drives.displacements(state.inputs))
         return float(np.sqrt(square / len(self.references)))
 
@@ -79,7 +78,7 @@ class Outlook:
         goes: tuple[PrioritizedController[Any], ControllerState[Any]],
         cases: Sequence[Case],
     ) -> bool:
-        """Whether the expected error of a new controller is at most twice that of the present one.
+        """Whether the expected error of a new controller is at most that of the present one.
 
         Errors that are smaller than the sensors' noise matter to nobody.
 
@@ -92,4 +91,4 @@ class Outlook:
             sum(case.probability * self.rms(*each, case) for case in cases)
             for each in (stays, goes)
         )
-        return going <= max(_ALIKE * staying, np.sqrt(len(self.output)))
+        return going <= max(staying, np.sqrt(len(self.output)))

@@ -3,19 +3,21 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
 from argument_checks import Array
 from ftc.controller import ControllerState, Measurement, PrioritizedController
 from ftc.decision import Case, Outlook
+from ftc.fdi.detection.watch import Calibration
 from ftc.fdi.diagnosis import DEFAULT_CONFIG, Diagnosis, FdiConfig
 from ftc.fdi.dither import Dither
-from ftc.fdi.fault_model import Fault, NominalModel, resting_displacements, static_share
+from ftc.fdi.fault_model import Fault, NominalModel, static_share
 from ftc.fdi.monitor import Monitor, MonitorState, monitor
 from ftc.goal import Goal
 from ftc.oracle import NestedState
+from ftc.reconfiguration import Unused, goal_after, lost_displacement
 from ftc.sensor_check import SensorCheck
 from ftc.sensors import SensorChecks, Sensors
 from ftc.status import status
@@ -61,11 +63,11 @@ class SupervisorState(NestedState):
     def standing(self) -> list[Diagnosis]:
         """The last diagnosis confirmed of each actuator, and the one being confirmed.
 
-        Without those that work again.
+        Without those that work again, once that is confirmed: one that comes and goes stays out.
         """
-        latest = self.confirmed
-        if self.watch.diagnosis is not None:
-            latest = (*latest, self.watch.diagnosis)
+        latest, found = self.confirmed, self.watch.diagnosis
+        if found is not None and found.is_acted_on:
+            latest = (*latest, found)
         last = {each.fault.actuator: each for each in latest}
         return [each for each in last.values() if not each.fault.is_sound]
 
@@ -89,6 +91,8 @@ class Supervisor:
             when its own sensor is lost; None: the commands are held.
         sensor_checks: When readings are usable; None is :class:`.SensorCheck` as it is, of the task
             and of the encoders where they are used.
+        test_motion: What actuators out of use are commanded at each time, shape (n,): one that
+            works again is seen by it; None is `secondary`.
     """
 
     first: PrioritizedController[Any]
@@ -100,6 +104,11 @@ class Supervisor:
     watched: Callable[[Measurement, Any, tuple[Fault, ...]], Array] | None = None
     estimate: Callable[[Measurement, Any], Array] | None = None
     sensor_checks: SensorChecks | None = None
+    test_motion: Callable[[float], Array] | None = None
+
+    @property
+    def _test_motion(self) -> Callable[[float], Array]:
+        return self.secondary if self.test_motion is None else self.test_motion
 
     @cached_property
     def _checks(self) -> SensorChecks:
@@ -126,6 +135,24 @@ class Supervisor:
         sensors = self._checks.start(len(self._unknown), self.first.mapping.actuators)
         watch = self.monitor.start()
         return SupervisorState(self.first.start(), self.first, watch, self.monitor, sensors)
+
+    def calibrated(self, state: SupervisorState) -> "Supervisor":
+        """The supervisor that begins with what another run has learned of the same machine.
+
+        It need not take its first samples for those of a sound machine.
+
+        Raises:
+            ValueError: That run had a failure, or ended before anything was learned.
+        """
+        watch = state.watch.watch
+        learned = watch.spectrum.samples * self.monitor.watch.period_s
+        if state.diagnoses or state.watch.relearns or learned <= self.monitor.config.learning_s:
+            raise ValueError(
+                "state must be of a run without a failure, longer than "
+                f"{self.monitor.config.learning_s:g} s, got: {state.status}"
+            )
+        known = Calibration(watch.parameters, watch.spectrum)
+        return replace(self, monitor=replace(self.monitor, calibration=known))
 
     def step(
         self,
@@ -160,9 +187,13 @@ class Supervisor:
         if self.estimate is not None and sensors.estimates:
             estimated = self.estimate(measurement, state.pose)
             measurement = Measurement(estimated, measurement.displacement)
-        secondary_reference = self.secondary(state.ticks * self.first.period_s)
         controller = state.current.step(
-            state.controller, reference, measurement, secondary_reference, feedforward=feedforward
+            state.controller,
+            reference,
+            measurement,
+            self.secondary(state.ticks * self.first.period_s),
+            feedforward=feedforward,
+            unused_reference=self._test_motion(state.ticks * self.first.period_s),
         )
         return replace(state, watch=watch, sensors=sensors, controller=controller, ticks=ticks)
 
@@ -194,20 +225,21 @@ class Supervisor:
     ) -> SupervisorState:
         """State after a change of the diagnosis from `known`; compensators unchanged."""
         found, stays = state.watch.diagnosis, (state.current, state.controller)
-        if known is not None and _is_taken_back(known, found):  # to do nothing is to forget it
+        if known is not None and known.is_acted_on and _is_taken_back(known, found):
             sure = [each for each in state.standing if each.confirmed]
-            stays = self._transferred(state, sure, keeps=False)
+            stays = self._transferred(state, sure)
             state = replace(state, task_lost=state.task_lost and not self._can(sure))
         goes, refused = stays, None
         if found is not None:
             state = replace(state, diagnoses=(*state.diagnoses, found))
+        if found is not None and found.is_acted_on:
             believed = state.standing
             faults, can = [each.fault for each in believed], self._can(believed)
             # The present controller goes on then: to stand still is worse, and names may be wrong.
             state = replace(state, task_lost=found.confirmed and not can)
             if can:
                 lost = lost_displacement(self._nominal, found, faults, commanded)
-                goes = self._transferred(state, believed, lost, keeps=not found.confirmed)
+                goes = self._transferred(state, believed, lost)
                 if not self._pays(state, found, stays, goes, measurement):
                     goes, refused = stays, found
         current, controller = goes
@@ -226,19 +258,19 @@ class Supervisor:
         state: SupervisorState,
         believed: Sequence[Diagnosis],
         lost_displacements: Array | None = None,
-        *,
-        keeps: bool,
     ) -> tuple[PrioritizedController[Any], ControllerState[Any]]:
         """The controller for these diagnoses, and its state if it took over now."""
-        current, acting = self.reconfigured(believed), np.zeros(self._nominal.actuators)
+        current, n = self.reconfigured(believed), self._nominal.actuators
+        acting, keeps = np.zeros(n), np.zeros(n)
         if lost_displacements is not None:
             # One that the others carry loses nothing when its force is gone.
             lost_displacements[list(current.mapping.goal.free)] = 0.0
         for each in believed:
             acting[each.fault.actuator] = static_share(self._nominal, each.fault)
-        asked = self.secondary(state.ticks * self.first.period_s)
-        how = {"keeps": keeps, "secondary_reference": asked}
-        return current, current.transfer(state.controller, lost_displacements, acting, **how)
+            keeps[each.fault.actuator] = each.fault.kind == "locked"
+        owed = lost_displacements, acting, keeps
+        test = self._test_motion(state.ticks * self.first.period_s)
+        return current, current.transfer(state.controller, *owed, unused_reference=test)
 
     def _pays(
         self,
@@ -252,11 +284,16 @@ class Supervisor:
         verdict, monitor = state.watch.verdict, state.monitor
         if verdict is None or not np.isfinite(measurement.output).all():
             return True
+
+        def ahead(motion: Callable[[float], Array]) -> Callable[[int], Array]:
+            return lambda tick: motion((state.ticks + tick) * self.first.period_s)
+
         outlook = Outlook(
             monitor.nominal if self.task is None else self.task,
             measurement.output,
             np.repeat(state.references, monitor.ticks, axis=0),
-            lambda tick: self.secondary((state.ticks + tick) * self.first.period_s),
+            ahead(self.secondary),
+            ahead(self._test_motion),
         )
         named = [each.fault for each in state.standing]
         certain = found.actuator_confidence
@@ -272,7 +309,7 @@ class Supervisor:
         return round(_AHEAD_S / (self.monitor.ticks * self.first.period_s))
 
 
-_AHEAD_S = 0.5
+_AHEAD_S = 1.0
 """So far ahead errors are predicted for a decision; what was asked of late is taken backwards."""
 
 
@@ -281,76 +318,9 @@ def _is_taken_back(known: Diagnosis, now: Diagnosis | None) -> bool:
     return now is None or now.fault.actuator != known.fault.actuator
 
 
-WEAKEST = 0.5
-"""An actuator whose commands move it less than this part of what they did is not used. Commanded
-seven times as much because of a wrong diagnosis, a sound strut would make the loop unstable:
-docs/recover.md."""
-
-
-def used_share(nominal: NominalModel, fault: Fault) -> float:
-    """Part of its commanded displacement that the mapping assumes for an actuator; 0: not used."""
-    if fault.kind != "weak":
-        return 0.0
-    share = static_share(nominal, fault)
-    return share if share >= WEAKEST else 0.0
-
-
-def lost_displacement(
-    nominal: NominalModel, diagnosis: Diagnosis, faults: Sequence[Fault], commanded: Array
-) -> Array:
-    """Displacement that the diagnosed actuator is about to lose, shape (n,).
-
-    That is, from where it is by the diagnosis to where its command (n,), its springs and its loads
-    hold it with all `faults`, as far as that is a part of what the fault changes at rest: a servo
-    that lags behind a moving command loses nothing by that. A locked actuator loses nothing, nor
-    does one that was diagnosed before; one that nothing holds falls: no other actuator can make up
-    for that by a step.
-    """
-    fault, lost_displacements = diagnosis.fault, np.zeros(len(commanded))
-    if fault.kind != "locked" and not (fault.is_sound or diagnosis.confirmed):
-        k, others = fault.actuator, [each for each in faults if each.actuator != fault.actuator]
-        before = resting_displacements(nominal, others, commanded)
-        after = resting_displacements(nominal, faults, commanded)
-        if before is not None and after is not None:
-            lost, left = before[k] - after[k], diagnosis.displacement - after[k]
-            lost_displacements[k] = np.clip(left, min(lost, 0.0), max(lost, 0.0))
-    return lost_displacements
-
-
-Unused = Literal["locked", "free"]
-"""What an actuator counts as that gives no force: locked at its centre, where its own spring holds
-it, or free to follow the others. On the hexapod its spring holds it to 6e-4, and in a loop of 8 Hz
-locked is the better model even without the spring (docs/theory.md)."""
-
-
-def goal_after(
-    goal: Goal, diagnoses: Sequence[Diagnosis], nominal: NominalModel, unused: Unused = "free"
-) -> Goal:
-    """The goal with failures that are known.
-
-    Args:
-        goal: Before them.
-        diagnoses: What has failed.
-        nominal: Linear model of the sound machine.
-        unused: What an actuator counts as that is free, loose, or too weak to be used.
-    """
-    locked_at, effectiveness, free = dict(goal.locked_at), dict(goal.effectiveness), set(goal.free)
-    for found in diagnoses:
-        actuator = found.fault.actuator
-        if found.fault.kind == "locked":
-            locked_at[actuator] = found.displacement
-        elif (share := used_share(nominal, found.fault)) > 0:
-            effectiveness[actuator] = share
-        elif unused == "locked":
-            locked_at[actuator] = 0.0
-        else:
-            free.add(actuator)
-    return replace(
-        goal,
-        locked_at=locked_at,
-        effectiveness=effectiveness,
-        free=tuple(sorted(free - {*locked_at})),
-    )
+TEST_PART = 0.25
+"""An actuator out of use is given this part of the dither: if it works, the task feels it, because
+the others do not know, and a diagnosis sees it; the sound ones' cancels out."""
 
 
 def supervisor_for(
@@ -380,13 +350,16 @@ def supervisor_for(
         seen: `watched` of :class:`Supervisor`.
         sensors: Its `estimate` and `sensor_checks`.
     """
-    still = np.zeros(watched.actuators)
+    motion = test_motion = lambda _: np.zeros(watched.actuators)
     if dither is not None:
         config = replace(config, dither_hz=dither.frequency_hz)
+        motion = dither.at
+        test_motion = replace(dither, amplitude=TEST_PART * dither.amplitude, offset=0.0).at
     return Supervisor(
         first=controller(goal),
         monitor=monitor(watched, config=config),
-        secondary=(lambda _: still) if dither is None else dither.at,
+        secondary=motion,
+        test_motion=test_motion,
         reconfigured=lambda found: controller(goal_after(goal, found, watched, unused)),
         is_possible=is_possible,
         task=task,

@@ -41,7 +41,8 @@ from ftc.fdi.dither import Dither
 from ftc.fdi.fault_model import Fault, NominalModel, by_kind, fault_model, static_gain
 from ftc.fdi.friction import DryFriction
 from ftc.goal import Goal
-from ftc.supervisor import Supervisor, Unused, supervisor_for
+from ftc.reconfiguration import Unused
+from ftc.supervisor import Supervisor, supervisor_for
 from prioritized import ConstrainedSystem, Kinematics, Manipulability, WhenLimited
 
 LARGEST_PEAK = 1.7
@@ -84,7 +85,8 @@ class Tracking:
             the diagnosis looks at these; else None.
         handover_s: In which the secondary motion of a former mapping fades.
         feedforward: Whether the reference itself is demanded, and the compensators add to it.
-        unused: What an actuator without force counts as; see :func:`ftc.supervisor.goal_after`.
+        unused: What an actuator without force counts as, as in
+            :func:`ftc.reconfiguration.goal_after`.
     """
 
     model: MechanismModel[Any]

@@ -6,8 +6,8 @@ import control
 import numpy as np
 
 from ftc.fdi.fault_model import NominalModel, fault_model
+from ftc.fdi.isolation.bank import HypothesisBank
 from ftc.fdi.isolation.evidence import Evidence
-from ftc.fdi.isolation.hypotheses import HypothesisBank
 
 SAMPLES, ONSETS = 14, np.array([3, 6, 9])
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from ftc.fdi.diagnosis import FdiConfig
 from ftc.fdi.fault_model import Fault
-from ftc.fdi.isolation.hypotheses import HypothesisBank
+from ftc.fdi.isolation.bank import HypothesisBank
 from ftc.fdi.isolation.verdict import Verdict
 from ftc.fdi.monitor import MonitorState, monitor
 from ftc.fdi.uncertainty import CERTAIN
@@ -52,6 +52,7 @@ def verdict(fault: Fault, actuator=1.0, kind=1.0, **others) -> Verdict:
             "actuator_confidence": actuator,
             "kind_confidences": kinds.get(fault.kind, (0.0, 1 - kind, kind)),
             "fault_free_confidence": 0.0,
+            "cause": None,
             "inflation": 1.0,
             "unexplained": 0.0,
             "energy": 0.0,

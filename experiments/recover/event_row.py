@@ -10,12 +10,13 @@ from experiments.recover.flight import Flight
 from experiments.recover.pointing import error_columns, pointing_error_urad
 from experiments.recover.recovery import Flight as AnyFlight
 from experiments.recover.recovery import Identification, fault_unaware, informed, supervised
+from experiments.rig.choices import Failing
 from experiments.rig.events import EVENTS, events_of
 from experiments.rig.rig import Rig
 from experiments.rig.run import Named, Run
 from experiments.study.campaign import Row
 from ftc.controller import Measurement
-from ftc.fdi.fault_model import Fault, FaultKind
+from ftc.fdi.fault_model import Fault
 from ftc.oracle import OracleController, OracleState
 from sim import Array, Failure, SimulationDiverged
 
@@ -58,7 +59,7 @@ def event_columns(flight: Flight) -> Row:
     run, found = flown
     row |= _errors("supervised", run, struck) | named(rig, flight, failures, run, found, struck)
     row["said"] = run.status
-    if event.name in get_args(FaultKind):
+    if event.name in get_args(Failing):
         known = replace(flight, failures=tuple(failures), events=())
         fault = Fault.of(failures[0])
         stuck_m = float(run.displacement[struck, fault.actuator])
@@ -102,6 +103,12 @@ def named(
         "first_kind": None if first is None else first.kind,
         "strut_right": first is not None and is_right(first),
         "kind_right": any(one.kind in kind.named_as for one in standing),
+        "cause_right": any(
+            each.kind == kind.cause
+            and (event.actuator is None or each.actuator == rig.number(event.actuator))
+            for each in found.causes
+            if each is not None
+        ),
         "sound_named": not all(is_right(one) for one in run.diagnoses),
         "withdrawn": sum(one.withdrawn_s is not None for one in run.diagnoses),
         "unexplained": found.unexplained,

@@ -35,7 +35,8 @@ def tables(summary: dict[str, Any]) -> list[Table]:
         f"{summary['worst_allowed']:g} and the errors differ by more than the detector's noise, "
         f"{summary['noise_urad']:.2f} urad RMS. over informed: divided by that of a controller "
         "informed at once (median). named: the first strut named is the one that failed, where one "
-        "did that a diagnosis has a name for. sound named: flights in which a strut was named that "
+        "did that a diagnosis has a name for; or what happened is named (offset, supply, scale), "
+        "where it is no failure. sound named: flights in which a strut was named that "
         "had not failed. unexplained: flights with an alarm that nothing explained. peak: largest "
         "error from the event on."
     )

@@ -8,11 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from experiments.recover.event_results import WHOLE, WORST, counted_ratio
+from experiments.recover.event_results import WHOLE, WORST, counted_ratio, rightly
 from experiments.recover.event_tables import headline
 from experiments.recover.mechanism_events import AFTER_S, MechanismEvents
 from experiments.recover.mechanism_results import machine
-from experiments.recover.rates import rate
 from experiments.rig.checks import closure_check
 from experiments.rig.dither import dither_entry
 from experiments.rig.events import EVENTS
@@ -79,7 +78,6 @@ def counted(name: str, rows: Sequence[Row], noise: float) -> dict[str, Any]:
         max(counted_ratio(ours, theirs, noise) for ours, theirs in each)
         for each in zip(*pairs.values(), strict=True)
     ]
-    named = [bool(row["strut_right"]) for row in rows] if EVENTS[name].named_as else []
     return {
         "event": name,
         "flights": len(rows),
@@ -89,7 +87,7 @@ def counted(name: str, rows: Sequence[Row], noise: float) -> dict[str, Any]:
         "over_median": float(np.median(over["since"])) if both else None,
         "counted_worst": max(counts, default=0.0),
         "harmed": sum(each > WORST for each in counts),
-        "named_rightly": rate(named),
+        "named_rightly": rightly(name, rows),
         **{
             key: sum(bool(row[key]) for row in rows)
             for key in ("sound_named", "withdrawn", "unexplained", "task_lost")
@@ -106,7 +104,7 @@ def _table(summary: dict[str, Any]) -> Table:
         Column("worst", partial(_worst, "since"), ".2f"),
         Column("worst from 0.5 s on", partial(_worst, "after"), ".2f"),
         Column("harmed", "harmed"),
-        Column("named", lambda entry: "{right} of {cases}".format(**entry["named_rightly"])),
+        Column("named", "named_rightly", "{0[right]} of {0[cases]}".format),
         Column("sound named", "sound_named"),
         Column("unexplained", "unexplained"),
         Column("given up", "task_lost"),
@@ -116,8 +114,8 @@ def _table(summary: dict[str, Any]) -> Table:
         "same controller without diagnosis. harmed: flights in which it, or that from 0.5 s on, is "
         f"above {summary['worst_allowed']:g} and the errors differ by more than the sensors' "
         f"noise, {summary['noise']:.2g} sizes of the path. named: the first actuator named is the "
-        "one that failed. sound named: flights in which one was named that had not. given up: "
-        "flights in which the task was."
+        "one that failed, or what happened is, where it is no failure. sound named: flights in "
+        "which one was named that had not. given up: flights in which the task was."
     )
     return tabulate(f"{summary['robot']}: what events cost", columns, summary["events"], legend)
 

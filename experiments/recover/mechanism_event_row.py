@@ -18,7 +18,7 @@ _RMS = tuple(
     f"rms_{who}_{when}" for who in ("supervised", "unaware") for when in ("since", "after")
 )
 _SWITCHES = (
-    *("alarm_before", "strut_right", "kind_right"),
+    *("alarm_before", "strut_right", "kind_right", "cause_right"),
     *("sound_named", "unexplained", "task_lost"),
 )
 

@@ -20,7 +20,7 @@ from ftc.fdi.fault_model import KINDS, Fault, FaultKind, NominalModel, fault_mod
 from ftc.fdi.separation import ACCURACY
 from ftc.goal import Goal
 from ftc.linear_loop import LinearLoop, simulate
-from ftc.supervisor import WEAKEST
+from ftc.reconfiguration import WEAKEST
 from sim import NOMINAL, Array, hexapod
 
 ALIKE = 6.18

@@ -12,8 +12,10 @@ from experiments.rig.rig import Rig
 from experiments.rig.run import Run
 from ftc.fdi.diagnosis import Diagnosis
 from ftc.fdi.fault_model import Fault, static_share
+from ftc.fdi.isolation.causes import Cause
 from ftc.oracle import NEVER, OracleController
-from ftc.supervisor import Supervisor, goal_after
+from ftc.reconfiguration import goal_after
+from ftc.supervisor import Supervisor
 from sim import Array, Failure
 
 BEFORE_S, AFTER_S = 1.2, 2.5
@@ -69,6 +71,7 @@ class Identification:
         struck: Tick of each.
         alarm_ticks: Of all alarms.
         diagnoses: All of them, in order.
+        causes: Of alarms that were dismissed, in order; None is something slow.
         standing: Those that stand in the end.
         unexplained: Whether an alarm was given up.
         task_lost: Whether the controller declared the task lost.
@@ -80,6 +83,7 @@ class Identification:
     struck: tuple[int, ...]
     alarm_ticks: tuple[int, ...]
     diagnoses: tuple[Diagnosis, ...]
+    causes: tuple[Cause | None, ...]
     standing: tuple[Diagnosis, ...]
     unexplained: bool
     task_lost: bool
@@ -152,6 +156,7 @@ def supervised(rig: Rig, flight: Flight) -> tuple[Run, Identification]:
         struck=struck(rig, flight),
         alarm_ticks=tuple(state.watch.alarm_ticks),
         diagnoses=state.diagnoses,
+        causes=state.watch.causes,
         standing=tuple(state.standing),
         unexplained=state.watch.unexplained,
         task_lost=state.task_lost,

@@ -25,7 +25,8 @@ CONTROLLERS = ("supervised", "informed", "unaware")
 _INTEGERS = ("strut", "second_strut", "first_strut", "last_strut", "alarms")
 _WORDS = ("kind", "second_kind", "first_kind", "last_kind", "last_kinds", "message")
 _SWITCHES = (
-    *("alarm_before", "sound_named", "strut_right", "kind_right", "all_right", "commands_changed"),
+    *("alarm_before", "sound_named", "strut_right", "kind_right", "cause_right", "all_right"),
+    "commands_changed",
     *("unexplained", "task_lost", "lost_rightly"),
 )
 _NUMBERS = (

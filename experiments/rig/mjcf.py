@@ -22,7 +22,8 @@ from ftc.controller import DirectDrive, PrioritizedController
 from ftc.fdi.dither import Dither
 from ftc.fdi.fault_model import Fault
 from ftc.goal import Goal
-from ftc.supervisor import Supervisor, Unused
+from ftc.reconfiguration import Unused
+from ftc.supervisor import Supervisor
 from ftc.tracking import TaskLost, Tracking, tracking
 from prioritized import Manipulability
 from sim import (

@@ -11,7 +11,7 @@ from ftc.fdi.diagnosis import Diagnosis
 from ftc.fdi.dither import Dither
 from ftc.fdi.fault_model import Fault, fault_model
 from ftc.linear_loop import Stage, steps
-from ftc.supervisor import goal_after
+from ftc.reconfiguration import goal_after
 from sim import Array, Failure
 
 if TYPE_CHECKING:

@@ -26,7 +26,8 @@ from ftc.fdi.dither import Dither
 from ftc.fdi.fault_model import Fault, NominalModel
 from ftc.feedforward import inverse_feedforward
 from ftc.goal import Goal
-from ftc.supervisor import Supervisor, Unused
+from ftc.reconfiguration import Unused
+from ftc.supervisor import Supervisor
 from prioritized import Manipulability
 from sim import Array, Bench, Body, Failure, Pose
 from sim.mjcf.drive import number_of

@@ -10,6 +10,7 @@ import numpy as np
 from ftc.fdi.fault_model import FaultKind
 from ftc.loop import Controller, run_loop
 from ftc.sensors import Sensors
+from ftc.status import explanation
 from ftc.supervisor import SupervisorState
 from sim import Array, Bench, Drive, Failure, Pose
 
@@ -140,8 +141,8 @@ def flown(
         state=state,
         diagnoses=named,
         task_lost=supervised and state.task_lost,
-        undiagnosed=None if named else _undiagnosed(state),
-        status=_status(state, named, rig.period_s),
+        undiagnosed=None if named else _undiagnosed(state, rig.actuators),
+        status=_status(state, named, rig),
     )
 
 
@@ -170,8 +171,8 @@ def _named(rig: "Rig", state: SupervisorState, time_s: Array) -> tuple[Named, ..
             float(time_s[withdrawn[found]]) if found in withdrawn else None,
         )
         last = next((each for each in named[::-1] if each.actuator == one.actuator), None)
-        if found.fault.is_sound:  # it works again
-            if last is not None and last.withdrawn_s is None:
+        if found.fault.is_sound:  # it works again, which a confirmation must show
+            if last is not None and last.withdrawn_s is None and found.confirmed:
                 named[named.index(last)] = replace(last, withdrawn_s=one.time_s)
             continue
         if last is None or last.kind != one.kind or last.withdrawn_s is not None:
@@ -190,25 +191,28 @@ def named_since(rig: "Rig", run: Run, failure: Failure) -> list[Named]:
 _UNEXPLAINED = "there was an alarm that no single failure explains"
 
 
-def _undiagnosed(state: Any) -> str:
+def _undiagnosed(state: Any, names: Sequence[str]) -> str:
     """Why nothing was named."""
     if not isinstance(state, SupervisorState):
         return "this controller does not diagnose"
     if state.watch.unexplained:
         return _UNEXPLAINED
     if state.watch.alarm_ticks:
-        return "there was an alarm, and something slow that is no failure explains it"
+        causes = dict.fromkeys(explanation(each, names) for each in state.watch.causes)
+        return f"there was an alarm, explained by {' and '.join(causes) or 'nothing yet'}"
     return "the sensors read what the model without a failure predicts"
 
 
-def _status(state: Any, named: Sequence[Named], period_s: float) -> str:
+def _status(state: Any, named: Sequence[Named], rig: "Rig") -> str:
     sensors: Sensors | None = getattr(state, "sensors", None)
     read = ""
     if sensors is not None and sensors.failed:
-        read = f"; at its end {sensors.sentence(period_s)}"
+        read = f"; at its end {sensors.sentence(rig.period_s)}"
     if not isinstance(state, SupervisorState):
         return f"This controller does not diagnose{read}."
-    found = "; ".join(map(str, named)) or f"Nothing was diagnosed; {_undiagnosed(state)}"
+    found = "; ".join(map(str, named)) or (
+        f"Nothing was diagnosed; {_undiagnosed(state, rig.actuators)}"
+    )
     if named and state.watch.unexplained:
         found += f"; {_UNEXPLAINED}"
     lost = "; the major task cannot be done whole any more" if state.task_lost else ""

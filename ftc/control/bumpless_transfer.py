@@ -2,8 +2,9 @@
 
 The compensators are left alone. What the surviving actuators stand off from the new mapping's own
 answer is split: the part that moves the major task becomes a constant, which relieves the
-integrators; the rest is secondary motion, and fades out. An actuator that is taken out of use keeps
-its last command, and loses it slowly: if it should have been sound, nothing jumps.
+integrators; the rest is secondary motion, and fades out. An actuator that is taken out of use loses
+its command slowly: if it should have been sound, or works again, nothing jumps. One that stands
+keeps it, and one that the others take along is commanded where they take it, for the same reason.
 """
 
 from dataclasses import dataclass, replace
@@ -26,9 +27,9 @@ class BumplessTransfer:
         demand: Added for good to what the compensators demand of the major task, shape (m1,).
         secondary_reference: Secondary displacement in which the old mapping left the actuators,
             shape (n,).
-        kept: Commands of the actuators that are out of use, shape (n,).
+        kept: Commands of actuators out of use that they keep, shape (n,).
+        left: Those that fade with the rest, beside where the others take them, shape (n,).
         carried: Major task that these still cause, shape (m1,): the others take it over.
-        keeps: Whether these commands stay; else they fade with the rest.
         age_s: Time since the transfer.
         internal: Displacements that no motion follows, shape (n,); None is none.
     """
@@ -36,8 +37,8 @@ class BumplessTransfer:
     demand: Array
     secondary_reference: Array
     kept: Array
+    left: Array
     carried: Array
-    keeps: bool
     age_s: float = 0.0
     internal: Array | None = None
 
@@ -49,17 +50,17 @@ class BumplessTransfer:
 
     def demanded(self, fade_s: float) -> Array:
         """The part of the major task (m1,) that the others are to do beside the compensators'."""
-        return self.demand - (self.carried if self.keeps else self.faded(self.carried, fade_s))
+        return self.demand - self.faded(self.carried, fade_s)
 
     def unfollowed(self, fade_s: float) -> Array:
         """Commands (n,) beside those of the mapping: of actuators out of use, or in no motion."""
-        kept = self.kept if self.keeps else self.faded(self.kept, fade_s)
-        return kept if self.internal is None else kept + self.faded(self.internal, fade_s)
+        fades = self.left if self.internal is None else self.left + self.internal
+        return self.kept + self.faded(fades, fade_s)
 
     def after(self, earlier: "BumplessTransfer", fade_s: float) -> "BumplessTransfer":
         """The transfer combined with the rest of an earlier one.
 
-        Its `kept` and `internal` are parts of the commands, hence have what was left of them.
+        Its `kept`, `left` and `internal` are parts of the commands, hence what is left of them.
         """
         secondary = earlier.faded(earlier.secondary_reference, fade_s)
         return replace(
@@ -77,8 +78,7 @@ def bumpless_transfer(
     lost_displacements: Array,
     acting: Array,
     asked_besides: Array,
-    *,
-    keeps: bool,
+    keeps: Array,
 ) -> BumplessTransfer:
     """The offsets with which the new mapping continues from the displacements commanded.
 
@@ -92,11 +92,13 @@ def bumpless_transfer(
             task.
         acting: Part of its command that each actuator still follows once it is out of use, (n,).
         asked_besides: What actuators out of use will be commanded besides, shape (n,).
-        keeps: Whether actuators that are out of use keep their commands.
+        keeps: Which actuators keep their commands if they are out of use, 0 or 1 each, shape (n,).
     """
     own = mapping.displacements(asked.demand, pose, commanded, asked, asked.secondary_reference)
     demand, secondary_reference, internal = mapping.split(commanded - own, pose)
-    kept = np.where(mapping.unused, commanded - asked_besides, 0.0)
-    carried = mapping.major_motion(acting * kept, pose)
+    unused, followed = commanded - asked_besides, mapping.followed(commanded)
+    unused = np.where(mapping.unused, unused if followed is None else unused - followed, 0.0)
+    kept, left = keeps * unused, (1 - keeps) * unused
+    carried = mapping.major_motion(acting * left, pose)
     demand = demand + carried + mapping.major_motion(lost_displacements, pose)
-    return BumplessTransfer(demand, secondary_reference, kept, carried, keeps, internal=internal)
+    return BumplessTransfer(demand, secondary_reference, kept, left, carried, internal=internal)

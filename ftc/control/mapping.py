@@ -96,6 +96,8 @@ class PrioritizedMapping(Generic[Pose]):
         self._is_off_centre = bool(self._locked_at.any())
         self._follow = free_actuators_follow(released)
         is_identity = np.array_equal(self._follow, np.eye(self.actuators))
+        follows = np.isin(np.arange(self.actuators), list(goal.free))[:, None] * self._follow
+        self._free_follow = follows if follows.any() else None
         self._are_all_held = is_identity and not self._is_off_centre
         # Where closed loops tie the actuators together, the others yield to one that is off centre.
         others = yielded(released, self._locked_at, kinematics.actuators)
@@ -265,6 +267,15 @@ class PrioritizedMapping(Generic[Pose]):
             joint - self._yielded,
             secondary - offset[self._secondary],
         )
+
+    def followed(self, displacements: Array) -> Array | None:
+        """Where displacements (n,) of the others take actuators known to be free, shape (n,).
+
+        To first order about the nominal pose; None: none is, or nothing takes them anywhere.
+        """
+        if self._free_follow is None:
+            return None
+        return self._free_follow.dot(displacements + self._locked_at)
 
     def major_motion(self, displacements: Array, pose: Pose) -> Array:
         """Major task (m1,) of displacements (n,) of all actuators, failed ones too, at the pose."""

@@ -95,6 +95,11 @@ class Diagnosis:
     tick: int
     confirmed: bool
 
+    @property
+    def is_acted_on(self) -> bool:
+        """Whether a controller obeys it: that an actuator works again is to be confirmed first."""
+        return self.confirmed or not self.fault.is_sound
+
     @classmethod
     def told(cls, fault: Fault, displacement: float = 0.0) -> "Diagnosis":
         """A failure that is known for certain, from elsewhere and from the start."""

@@ -14,7 +14,8 @@ from numpy.typing import ArrayLike
 
 import argument_checks as check
 from ftc.fdi.fault_model import Fault, FaultModel
-from ftc.fdi.isolation.hypotheses import HypothesisBank, bank_of
+from ftc.fdi.isolation.bank import HypothesisBank
+from ftc.fdi.isolation.hypotheses import bank_of
 
 if TYPE_CHECKING:
     import control

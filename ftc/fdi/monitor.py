@@ -14,29 +14,28 @@ from functools import cached_property
 import numpy as np
 
 from argument_checks import Array
-from argument_checks.ties import ascending
 from ftc.fdi.detection.replay import learned, quieter, replayed
 from ftc.fdi.detection.residual_test import ResidualTest, residual_test
-from ftc.fdi.detection.watch import Moment, Watch
-from ftc.fdi.diagnosis import DEFAULT_CONFIG, Diagnosis, FdiConfig
-from ftc.fdi.fault_model import KINDS, Fault, NominalModel
-from ftc.fdi.isolation.hypotheses import HypothesisBank, hypothesis_bank
-from ftc.fdi.isolation.look_back import looked_back, weighed
-from ftc.fdi.isolation.verdict import Verdict
+from ftc.fdi.detection.watch import Calibration, Moment, Watch
+from ftc.fdi.diagnosis import DEFAULT_CONFIG, FdiConfig
+from ftc.fdi.fault_model import Fault, NominalModel
+from ftc.fdi.isolation.bank import HypothesisBank
+from ftc.fdi.isolation.hypotheses import hypothesis_bank
+from ftc.fdi.isolation.look_back import weighed
+from ftc.fdi.judge import REVISED_EVERY, Judge, reset
 from ftc.fdi.monitor_state import MonitorState
-from ftc.fdi.naming import WINDOW_S, Naming
 
-_JUDGED_EVERY, _REVISED_EVERY, _SPECTRUM_EVERY = 4, 12, 50
-"""In samples: how often hypotheses are judged, once one is named, and how often the filter of the
+_JUDGED_EVERY, _SPECTRUM_EVERY = 4, 50
+"""In samples: how often hypotheses are judged until one is named, and how often the filter of the
 spectrum is made anew."""
-
-_NEGLIGIBLE = 12.0
-"""Onsets whose likelihood is e^12 times smaller than the best one's are dropped at a diagnosis."""
 
 
 @dataclass(frozen=True)
 class Monitor:
-    """Monitor of a plant with exactly these known faults."""
+    """Monitor of a plant with exactly these known faults.
+
+    With a `calibration` it tests from the first sample on, and takes none for sound unseen.
+    """
 
     nominal: NominalModel
     faults: tuple[Fault, ...]
@@ -45,11 +44,13 @@ class Monitor:
     bank: HypothesisBank
     watch: Watch
     test: ResidualTest
+    calibration: Calibration | None = None
 
     def start(self) -> MonitorState:
         """State at rest at the equilibrium."""
         none = np.zeros(self.nominal.actuators)
-        return MonitorState(0, (), (), none, self.watch.start(), (), self.test.start())
+        watch = self.watch.start(self.calibration)
+        return MonitorState(0, (), (), none, watch, (), self.test.start())
 
     def step(self, state: MonitorState, measured: Array | None, commanded: Array) -> MonitorState:
         """One tick.
@@ -79,7 +80,7 @@ class Monitor:
     def _sample(self, state: MonitorState, v: Array, y: Array | None) -> MonitorState:
         """One sample: inputs v and mean outputs y (p,) of as many ticks, or None."""
         if y is None and state.diagnosis is None:  # what raised the alarm may be the sensor
-            state = self._reset(state)
+            state = reset(state)
         suspected, relearns = state.evidence is not None, state.relearns > 0
         how = {"learns": relearns or not suspected, "gated": not relearns}
         watch, moment = self.watch.step(state.watch, v, y, **how)
@@ -96,9 +97,9 @@ class Monitor:
         if state.evidence is not None:
             evidence = weighed(self.bank, state.evidence, moment, watch)
             state = replace(state, evidence=evidence)
-            every = _JUDGED_EVERY if state.diagnosis is None else _REVISED_EVERY
+            every = _JUDGED_EVERY if state.diagnosis is None else REVISED_EVERY
             judges = moment.is_whole and evidence.samples % every == 0
-            return self._judged(state) if judges else state
+            return self._judge.judged(state) if judges else state
         if not moment.is_whole:
             return state
         if not relearns and watch.spectrum.samples == learning:
@@ -108,14 +109,8 @@ class Monitor:
         state = replace(state, recent=self.test.push(state.recent, watch.residual))
         if self.test.alarm(state.recent):
             state = replace(state, alarm_ticks=(*state.alarm_ticks, state.ticks - 1))
-            return self._judged(self._begun(state, self.config.look_back_s))
+            return self._judge.judged(self._judge.begun(state, self.config.look_back_s))
         return state
-
-    def _begun(self, state: MonitorState, reach_s: float) -> MonitorState:
-        """With new evidence, of onsets up to so far back."""
-        reach = min(self._samples(reach_s), state.history[-1].sample - state.cleared)
-        evidence = looked_back(self.bank, self.watch, state.watch, state.history, reach)
-        return replace(state, evidence=evidence, verdict=None, begun_tick=state.ticks)
 
     def believing(self, state: MonitorState) -> tuple["Monitor", MonitorState]:
         """The monitor that continues from a confirmed diagnosis, with recomputed history.
@@ -144,84 +139,12 @@ class Monitor:
         for moment, residual in zip(history, residuals, strict=True):
             if moment.is_whole and moment.sample * self.ticks > state.named_tick:
                 recent = self.test.push(recent, residual)
-        state = replace(self._reset(state), watch=begun, history=tuple(history), recent=recent)
+        state = replace(reset(state), watch=begun, history=tuple(history), recent=recent)
         return after, state
 
-    def _judged(self, state: MonitorState) -> MonitorState:
-        """Name an actuator, revise that, confirm it, or dismiss the alarm."""
-        assert state.evidence is not None
-        found, sample = state.diagnosis, state.history[-1].sample
-        # Once a failure is named, what shakes the failed machine is slow disturbance enough.
-        verdict = self.bank.verdict(state.evidence, sample, disturbed=found is None)
-        since = state.alarm_ticks[-1] if found is None else state.named_tick
-        waited_s, seen_s = (
-            (state.ticks - tick) * self.nominal.period_s for tick in (since, state.begun_tick)
-        )
-        action = self._naming.action(found, state.verdict, verdict, waited_s, seen_s)
-        state = replace(state, verdict=verdict)
-        if action == "dismiss":
-            watch = self.watch.following(state.watch)
-            return replace(self._reset(state), watch=watch, cleared=sample)
-        if action == "name":
-            return self._named(state, verdict)
-        if action == "begin":
-            return self._begun(state, WINDOW_S / 2)
-        if action == "give_up":
-            return self._given_up(state)
-        if action == "confirm":
-            return replace(state, diagnosis=self._diagnosis(state, verdict, confirmed=True))
-        if action == "keep" and found is not None:
-            return replace(state, diagnosis=replace(found, confirmed=True, tick=state.ticks - 1))
-        return state
-
     @cached_property
-    def _naming(self) -> Naming:
-        improbable = self.config.false_alarms_per_hour * self.watch.period_s * _REVISED_EVERY / 3600
-        return Naming(self.config, _REVISED_EVERY * len(self.nominal.noise), improbable)
-
-    def _named(self, state: MonitorState, verdict: Verdict) -> MonitorState:
-        """With this diagnosis, and without onsets that hardly matter any more."""
-        assert state.evidence is not None
-        likely = verdict.best >= verdict.best.max() - _NEGLIGIBLE
-        diagnosis = self._diagnosis(state, verdict, confirmed=False)
-        named = state.ticks - 1 if state.diagnosis is None else state.named_tick
-        return replace(
-            state, evidence=state.evidence.only(likely), named_tick=named, diagnosis=diagnosis
-        )
-
-    def _reset(self, state: MonitorState) -> MonitorState:
-        """Nothing is suspected any more; the history and the record of alarms stay."""
-        return replace(
-            state,
-            recent=self.test.start(),
-            evidence=None,
-            verdict=None,
-            named_tick=0,
-            diagnosis=None,
-        )
-
-    def _given_up(self, state: MonitorState) -> MonitorState:
-        """Nothing explains the residuals: the watch goes on, and learns what they are like."""
-        state = replace(self._reset(state), unexplained=True, cleared=state.history[-1].sample)
-        learning = self._samples(self.config.learning_s)
-        return replace(state, relearns=learning, watch=self.watch.relearning(state.watch))
-
-    def _diagnosis(self, state: MonitorState, verdict: Verdict, confirmed: bool) -> Diagnosis:
-        row = self.nominal.displacement[verdict.fault.actuator]
-        likely = np.array(verdict.kind_confidences)
-        by_likelihood = [(likely[k], KINDS[k]) for k in ascending(-likely)]
-        alike = 1 - self.config.confidence
-        return Diagnosis(
-            fault=verdict.fault,
-            kinds=tuple(kind for likely, kind in by_likelihood if likely > alike),
-            actuator_confidence=verdict.actuator_confidence,
-            kind_confidence=verdict.kind_confidences[KINDS.index(verdict.fault.kind)],
-            displacement=float(row @ verdict.x),
-            onset_tick=verdict.onset * self.ticks,
-            alarm_tick=state.alarm_ticks[-1],
-            tick=state.ticks - 1,
-            confirmed=confirmed,
-        )
+    def _judge(self) -> Judge:
+        return Judge(self.nominal, self.config, self.ticks, self.bank, self.watch)
 
     def _samples(self, time_s: float) -> int:
         return round(time_s / self.watch.period_s)

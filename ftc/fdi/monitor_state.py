@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from argument_checks import Array
 from ftc.fdi.detection.watch import Moment, WatchState
 from ftc.fdi.diagnosis import Diagnosis
+from ftc.fdi.isolation.causes import Cause
 from ftc.fdi.isolation.evidence import Evidence
 from ftc.fdi.isolation.verdict import Verdict
 
@@ -30,6 +31,7 @@ class MonitorState:
             the outputs. The monitor goes on with what was confirmed before.
         begun_tick: When the present evidence began.
         cleared: Sample up to which nothing had failed, or nothing that was understood.
+        causes: What explained the alarms that were dismissed, in order; None is something slow.
         relearns: For so many more samples what is seen is taken for the machine as it is.
     """
 
@@ -48,4 +50,5 @@ class MonitorState:
     unexplained: bool = False
     begun_tick: int = 0
     cleared: int = 0
+    causes: tuple[Cause | None, ...] = ()
     relearns: int = 0

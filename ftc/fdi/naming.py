@@ -17,6 +17,9 @@ WINDOW_S = 0.2
 """So long no failure fits the residuals before evidence begins anew: what has happened before, such
 as a bump, is left behind."""
 
+MOST_LEFT = 0.8
+"""A name is taken back once its failure leaves four times the energy that it explains."""
+
 
 @dataclass(frozen=True)
 class Naming:
@@ -49,7 +52,10 @@ class Naming:
             waited_s: Since the alarm, or since an actuator was first named.
             seen_s: Since the evidence began.
         """
-        if verdict.fault_free_confidence >= self.config.confidence:
+        config = self.config
+        sound = verdict.fault_free_confidence >= config.confidence
+        # What a name is taken back for must explain better than it does.
+        if sound and (found is None or verdict.inflation <= config.largest_inflation):
             return "dismiss"
         if found is None:
             return self._first(verdict, waited_s, seen_s)
@@ -71,8 +77,9 @@ class Naming:
         config = self.config
         certain = verdict.actuator_confidence >= config.confidence
         if before is not None and self._contradicts(before, verdict):
-            return "keep"
-        if not self.fits(verdict):
+            # One that comes and goes has not been sound for the time that a confirmation takes.
+            return "dismiss" if found.fault.is_sound else "keep"
+        if not self.fits(verdict) or verdict.unexplained > MOST_LEFT:
             return "give_up"
         if certain and waited_s >= config.confirmation_s:
             return "confirm"

@@ -14,9 +14,9 @@ from ftc.fdi.friction import SampledFriction
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """Standard deviations of the errors of a model, before anything is measured.
+    """Standard deviations of the errors of a model, and of what may happen that is no failure.
 
-    The errors of actuators are independent of one another.
+    Before anything is measured; the errors of actuators are independent of one another.
 
     Attributes:
         gain: Of each actuator's force, relative.
@@ -33,6 +33,10 @@ class Uncertainty:
         drift_rate: Likewise of the other errors, per standard deviation of each.
         friction_rate: Likewise of the limits of dry friction: loads and directions change them, and
             they are not linear.
+        command: Of what may be added to an actuator's command, at once and in a second: by how much
+            an output moves then, in standard deviations of its noise; zero: nothing is.
+        supply: Of how much more or less all commands may do at once, relative; zero: it does not.
+        scale: Likewise of how much all sensors may show.
 
     Raises:
         ValueError: One of them is negative or not finite, or a relative one above 1.
@@ -48,12 +52,20 @@ class Uncertainty:
     offset_rate: float = 0.0
     drift_rate: float = 0.0
     friction_rate: float = 0.0
+    command: float = 0.0
+    supply: float = 0.0
+    scale: float = 0.0
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
             check.number(name, value)
-        for name in ("gain", "stiffness", "damping", "inertia", "friction"):
+        for name in ("gain", "stiffness", "damping", "inertia", "friction", "supply", "scale"):
             check.at_most_one(name, getattr(self, name))
+
+    @property
+    def of_model(self) -> "Uncertainty":
+        """The errors of the model alone: nothing happens but failures."""
+        return replace(self, command=0.0, supply=0.0, scale=0.0)
 
 
 CERTAIN = Uncertainty()
@@ -70,6 +82,9 @@ TYPICAL = Uncertainty(
     offset_rate=1.0,
     drift_rate=0.03,
     friction_rate=1.0,
+    command=1e3,
+    supply=0.3,
+    scale=0.3,
 )
 """Of a machine whose parts are known from data sheets: gains and springs to a few percent, dampers
 to a fifth, inertias from drawings, the delay to a millisecond, dry friction to a half."""

@@ -101,6 +101,35 @@ def test_what_contradicts_a_named_failure_confirms_it(part, inflation, contradic
     assert found.confirmed == contradicts
 
 
+def test_a_name_that_leaves_four_times_what_it_explains_is_taken_back():
+    """However certain it is that no other actuator is it."""
+    for left, back in ((0.79, False), (0.81, True)):
+        later = replace(LOCKED, unexplained=left)
+        states = flown(lambda sample, later=later: LOCKED if sample < SHOCK + 20 else later)
+        assert states[max(states)].unexplained == back
+
+
+@pytest.mark.parametrize(("inflation", "back"), [(29.0, True), (31.0, False)])
+def test_a_name_is_taken_back_for_what_explains_better_and_for_nothing_else(inflation, back):
+    """That nothing has failed is as likely as one likes where no hypothesis fits."""
+    calm = replace(
+        LOCKED, actuator_confidence=0.0, fault_free_confidence=1.0, inflation=inflation, energy=1e6
+    )
+    states = flown(lambda sample: LOCKED if sample < SHOCK + 20 else calm, SHOCK + 40)
+    found = states[max(states)].diagnosis
+    assert (found is None) == back
+    assert found is None or found.confirmed  # something else has happened since
+
+
+def test_one_that_works_again_and_stops_has_not_worked_for_the_time_of_a_confirmation():
+    again = verdict(Fault(2, "weak", 1.0))
+    said = replace(again, energy=1e6)
+    states = flown(lambda sample: again if sample < SHOCK + 24 else said, SHOCK + 40)
+    assert states[SHOCK + 20].diagnosis is not None
+    last = states[max(states)]
+    assert last.diagnosis is None and not last.unexplained
+
+
 def test_a_named_failure_that_is_never_certain_again_is_given_up():
     """After twice the time of confirmation."""
     states = flown(lambda sample: LOCKED if sample < SHOCK + 10 else UNSURE)

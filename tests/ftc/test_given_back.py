@@ -21,11 +21,11 @@ class _Dead:
 @pytest.mark.parametrize("what", [_Dead(), [Event("lock_released", 1.3, 1)]], ids=["coil", "lock"])
 def test_it_is_named_then_cleared_and_the_mapping_is_that_of_the_sound_machine(what):
     pilot = RIG.supervisor()
-    run = RIG.fly(pilot, RIG.path("circle", duration_s=4.5), events=what)
+    run = RIG.fly(pilot, RIG.path("circle", duration_s=6.0), events=what)
     named = run.diagnoses[0]
     assert named.actuator == "strut2" and named.withdrawn_s is not None
     ended_s = 3.3 if isinstance(what, _Dead) else 1.4
-    assert ended_s < named.withdrawn_s < ended_s + 0.6
+    assert ended_s + 1.0 < named.withdrawn_s < ended_s + 2.0  # a second to confirm it
     assert 1 not in [each.fault.actuator for each in run.state.standing]
     assert not run.state.current.mapping.unused[1]
     back = round(named.withdrawn_s / RIG.period_s)

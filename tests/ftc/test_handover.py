@@ -17,7 +17,7 @@ from ftc.fdi.diagnosis import Diagnosis
 from ftc.fdi.dither import Dither
 from ftc.fdi.fault_model import Fault, fault_model
 from ftc.goal import Goal
-from ftc.supervisor import goal_after, lost_displacement
+from ftc.reconfiguration import goal_after, lost_displacement
 from sim import NOMINAL, Failure, hexapod, load_model, pointing_angles
 
 MODEL, BENCH = load_model(), TestbedConfig()
@@ -106,9 +106,8 @@ def test_the_former_secondary_motion_fades_as_half_a_cosine():
         controller(GOALS["W_b"]),
         np.array([1.0, 0, 0, -1.0, 0, 0]) * 1e-6,
     )
-    start = BumplessTransfer(
-        np.zeros(2), secondary_reference, np.zeros(6), np.zeros(2), keeps=False
-    )
+    still = np.zeros(6)
+    start = BumplessTransfer(np.zeros(2), secondary_reference, still, still, np.zeros(2))
     for part, left in ((0.0, 1.0), (0.25, 0.5 + 0.125**0.5), (0.5, 0.5), (0.75, 0.5 - 0.125**0.5)):
         owed = replace(start, age_s=part * BENCH.handover_s)
         state = steady(after, replace(after.start(), bumpless_transfer=owed), 1)

@@ -10,12 +10,13 @@ from scipy.stats import multivariate_normal
 
 from ftc.fdi.detection.parameter_filter import Parameters
 from ftc.fdi.fault_model import Fault
+from ftc.fdi.isolation.causes import Cause
 from ftc.fdi.isolation.hypotheses import hypothesis_bank
 from ftc.fdi.uncertainty import CERTAIN, Uncertainty, perturbed
 from tests.cart_runs import ONSETS, SAMPLES, Record, carts, gathered, outputs
 
 SPREAD = 1 / np.sqrt(12)  # of a uniform variable over a cell of width one
-WRONG = Uncertainty(0.1, 0.1, 0.2, 0.05, delay_s=2e-3)
+WRONG = Uncertainty(0.1, 0.1, 0.2, 0.05, delay_s=2e-3, command=30.0, supply=0.2, scale=0.4)
 
 
 def filtered(whitening: np.ndarray, signal: np.ndarray) -> np.ndarray:
@@ -33,9 +34,28 @@ def parts_about(fault: Fault) -> tuple[Fault, ...]:
     return (*less, *more)
 
 
-def sensitivities(record: Record, fault: Fault | None, onset: int, uncertainty) -> np.ndarray:
+def caused(record: Record, cause: Cause, onset: int, uncertainty) -> list[np.ndarray]:
+    """What a standard deviation of the constant and of the growth of a cause adds, (N, p) each."""
+    nominal, ticks, u = record.nominal, record.ticks, record.u
+    plain, since = outputs(nominal, ticks, u), np.arange(len(u)) - onset
+    on = (since >= 0)[:, None]
+    if cause.kind == "scale":
+        return [uncertainty.scale * on * plain, np.zeros_like(plain)]
+    if cause.kind == "supply":
+        return [outputs(nominal, ticks, u * (1 + uncertainty.supply * on)) - plain, 0 * plain]
+    own = np.eye(nominal.actuators)[cause.actuator]
+    resting = np.linalg.solve(-nominal.plant.A, nominal.plant.B @ own)
+    own = own * uncertainty.command / np.linalg.norm(nominal.plant.C @ resting / nominal.noise)
+    grown = since[:, None] * ticks * nominal.period_s
+    return [outputs(nominal, ticks, u + each * own) - plain for each in (on, on * grown)]
+
+
+def sensitivities(
+    record: Record, fault: Fault | Cause | None, onset: int, uncertainty
+) -> np.ndarray:
     """What each parameter but the offsets changes of the outputs, by simulation, (R - p, N, p)."""
     nominal, ticks, u = record.nominal, record.ticks, record.u
+    cause, fault = (fault, None) if isinstance(fault, Cause) else (None, fault)
     plain = outputs(nominal, ticks, u, fault, onset)
     tiny = 1e-4
     small = replace(uncertainty, **{k: tiny * v for k, v in vars(uncertainty).items()})
@@ -47,7 +67,8 @@ def sensitivities(record: Record, fault: Fault | None, onset: int, uncertainty) 
         late = uncertainty.delay_s / nominal.period_s / ticks
         found.append(outputs(nominal, ticks, u, fault, onset, late=late) - plain)
     if fault is None:
-        return np.array([*found, *np.zeros((3, *plain.shape))])
+        own = [plain * 0] * 2 if cause is None else caused(record, cause, onset, uncertainty)
+        return np.array([*found, plain * 0, *own, plain * 0])
     later = outputs(nominal, ticks, u, fault, onset + 1) - plain
     later[onset] = 0.0  # within its sample it is not dated
     push = nominal.plant.B[:, fault.actuator]
@@ -59,7 +80,7 @@ def sensitivities(record: Record, fault: Fault | None, onset: int, uncertainty) 
     else:
         less, *more = (outputs(nominal, ticks, u, each, onset) for each in parts_about(fault))
         lost = (more[0] - less) / 2 if more else plain - less
-    return np.array([*found, SPREAD * later, further, SPREAD * lost])
+    return np.array([*found, SPREAD * later, further, plain * 0, SPREAD * lost])
 
 
 def drawn_prior(errors: int, outputs: int, seed: int) -> Parameters:
@@ -76,18 +97,19 @@ def drawn_whitening(p: int, seed: int) -> np.ndarray:
     return np.vstack([rng.uniform(0.5, 1.5, (1, p)), 0.3 * rng.normal(size=(2, p))])
 
 
-def regression(record: Record, fault: Fault | None, onset: int, prior, whitening):
+def regression(record: Record, fault: Fault | Cause | None, onset: int, prior, whitening):
     """H, P and e: residuals e = H theta + noise of all samples, theta of covariance P."""
-    seen = outputs(record.nominal, record.ticks, record.u, fault, onset)
+    failed = None if isinstance(fault, Cause) else fault
+    seen = outputs(record.nominal, record.ticks, record.u, failed, onset)
     changes = sensitivities(record, fault, onset, WRONG)
     rows = [filtered(whitening, each).ravel() for each in changes]
     always = [np.tile(each * whitening.sum(axis=0), (SAMPLES, 1)).ravel() for each in np.eye(2)]
-    H = np.array([*rows[:-3], *always, *rows[-3:]]).T
-    P = scipy.linalg.block_diag(prior.covariance, np.eye(3))
-    return H, P, filtered(whitening, record.y - seen).ravel() - H[:, :-3] @ prior.mean
+    H = np.array([*rows[:-4], *always, *rows[-4:]]).T
+    P = scipy.linalg.block_diag(prior.covariance, np.eye(4))
+    return H, P, filtered(whitening, record.y - seen).ravel() - H[:, :-4] @ prior.mean
 
 
-def written_out(record: Record, fault: Fault | None, onset: int, prior, whitening):
+def written_out(record: Record, fault: Fault | Cause | None, onset: int, prior, whitening):
     """Energy, log of the root of the determinant, and parameters, of one hypothesis, in full.
 
     Where the best onset or part lost is not in its cell, energy and parameters are the best within.
@@ -95,10 +117,10 @@ def written_out(record: Record, fault: Fault | None, onset: int, prior, whitenin
     H, P, e = regression(record, fault, onset, prior, whitening)
     S = np.eye(len(e)) + H @ P @ H.T
     low, high = np.full(len(P), -np.inf), np.full(len(P), np.inf)
-    low[[-3, -1]], high[[-3, -1]] = -np.sqrt(3), np.sqrt(3)
-    if fault is not None and fault.kind == "free":
+    low[[-4, -1]], high[[-4, -1]] = -np.sqrt(3), np.sqrt(3)
+    if isinstance(fault, Fault) and fault.kind == "free":
         high[-1] = 0.0
-    if fault is not None and fault.effectiveness == 0.75:
+    if isinstance(fault, Fault) and fault.effectiveness == 0.75:
         low[-1] = -0.23 / (0.25 * SPREAD)
     best = P @ H.T @ np.linalg.solve(S, e)
     energy = e @ np.linalg.solve(S, e)
@@ -114,7 +136,10 @@ def written_out(record: Record, fault: Fault | None, onset: int, prior, whitenin
 @pytest.mark.parametrize("ticks", [1, 3])
 @pytest.mark.parametrize("seed", range(4))
 def test_a_hypothesis_is_weighed_by_its_gaussian_with_all_unknowns_integrated_out(seed, ticks):
-    """Against simulations of each hypothesis and of each of its errors, written out in full."""
+    """Against simulations of each hypothesis and of each of its errors, written out in full.
+
+    So are causes that are no failures: an offset of an actuator that grows, the supply, the scale.
+    """
     nominal = carts(seed)
     record = Record.of(nominal, ticks, seed, Fault(1, "weak", 0.4))
     bank = hypothesis_bank(nominal, (), WRONG, ticks)
@@ -122,7 +147,7 @@ def test_a_hypothesis_is_weighed_by_its_gaussian_with_all_unknowns_integrated_ou
     whitening = drawn_whitening(2, seed)
     energy, log_det, parameters = gathered(bank, record, prior, whitening).marginal()
     counted = np.zeros(3, dtype=int)
-    for h, fault in enumerate([None, *bank.faults, None]):
+    for h, fault in enumerate([None, *bank.faults, *bank.causes, None]):
         for k, onset in enumerate(ONSETS[: 1 if fault is None else None]):
             left, root, best, beyond = written_out(record, fault, onset, prior, whitening)
             counted[beyond] += 1

@@ -7,9 +7,12 @@ from experiments.rig.hexapod.controller import nominal_loops
 from experiments.rig.hexapod.fault_tolerance import HEAVE, STILL, nominal_model
 from experiments.rig.hexapod.prediction import linear_loop
 from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
+from ftc.fdi.design.isolability import distances as from_causes
 from ftc.fdi.design.isolability import isolability
 from ftc.fdi.dither import Dither
 from ftc.fdi.fault_model import KINDS, Fault, NominalModel, fault_model
+from ftc.fdi.isolation.causes import Cause
+from ftc.fdi.isolation.hypotheses import hypothesis_bank
 from ftc.fdi.uncertainty import CERTAIN, TYPICAL, Uncertainty
 from ftc.goal import Goal
 from ftc.linear_loop import simulate
@@ -21,6 +24,7 @@ DITHER = Dither(0.5e-6, 20.0, HEAVE)
 ANGLES = nominal_model(MODEL, BENCH)
 GAUGES = nominal_model(MODEL, BENCH, strut_sensors=True)
 ONSET = 1500
+STRUT_1 = np.eye(6)[0]
 
 
 def distances(
@@ -98,3 +102,26 @@ def test_pointing_does_not_see_the_heave_and_sees_each_strut_that_leaves_it(hz):
     if hz < 10:
         angles = np.sort(np.degrees(np.arctan2(by_strut[1].real, by_strut[0].real)))
         np.testing.assert_allclose(np.diff(angles), 60, atol=1.0)
+
+
+@pytest.mark.parametrize(
+    ("cause", "commands", "scale"),
+    [
+        (Cause("offset", 0), lambda s, u: u + 1e-6 * (s >= 0) * STRUT_1, 1.0),
+        (Cause("offset", 0), lambda s, u: u + 1e-5 * np.maximum(s, 0) * STRUT_1, 1.0),
+        (Cause("supply"), lambda s, u: u * (1 - 0.2 * (s >= 0)), 1.0),
+        (Cause("scale"), lambda s, u: u, 1.2),
+    ],
+    ids=["offset of 1 um", "drift of 10 um/s", "supply of 80 %", "scale of 1.2"],
+)
+def test_what_is_no_failure_is_far_from_every_failure(cause, commands, scale):
+    """On the spiral, 0.2 s after it began, before the loops have answered: d is above 6.2."""
+    until, goal = ONSET + 200, Goal(joint_weight=(1.0,) * 6)
+    loop = linear_loop(Testbed(MODEL, BENCH, LOOPS), goal, DITHER, begin_s=6.0, duration_s=1.71)
+    since_s = ((np.arange(until) - ONSET) * ANGLES.period_s)[:, None]
+    commanded = simulate(loop, [], ONSET)[1][:until]
+    sound, bank = fault_model(ANGLES), hypothesis_bank(ANGLES, (), TYPICAL, 4)
+    moved = sound.states(commands(since_s, commanded))[:-1] @ sound.C.T
+    outputs = moved * np.where(since_s < 0, 1.0, scale)
+    found, from_none = from_causes(bank, cause, ONSET, outputs, commanded, TYPICAL, 4)
+    assert 40 < found.min() < from_none

@@ -208,9 +208,7 @@ def test_a_mapping_with_limits_takes_over_without_a_step(seed):
     mapping, commanded_m = limited(own), 0.4 * rng.uniform(-1, 1, 5)
     last = mapping.nothing()
     still = np.zeros(5)
-    new = bumpless_transfer(
-        mapping, last, commanded_m, own.nominal, still, still, still, keeps=False
-    )
+    new = bumpless_transfer(mapping, last, commanded_m, own.nominal, still, still, still, still)
     found = mapping.within_limits(last.demand + new.demand, own.nominal, new.secondary_reference)
     np.testing.assert_allclose(found.displacements, commanded_m, atol=1e-9)
 

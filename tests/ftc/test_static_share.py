@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ftc.fdi.fault_model import Fault, NominalModel, static_share
-from ftc.supervisor import WEAKEST, used_share
+from ftc.reconfiguration import WEAKEST, used_share
 from tests.cart_runs import carts
 from tests.ftc.test_servo_faults import Carts
 from tests.profiles import examples

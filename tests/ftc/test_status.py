@@ -7,6 +7,7 @@ import pytest
 from experiments.rig import Rig
 from ftc.fdi.diagnosis import Diagnosis
 from ftc.fdi.fault_model import Fault
+from ftc.fdi.isolation.causes import Cause
 from ftc.status import status
 
 START = Rig.hexapod().supervisor().start()
@@ -18,6 +19,7 @@ NAMED = replace(
         START.watch, diagnosis=replace(LOCKED, confirmed=False, kinds=("locked", "free"))
     ),
 )
+AGAIN = replace(Diagnosis.told(Fault(2, "weak", 1.0)), confirmed=False)
 
 
 @pytest.mark.parametrize(
@@ -30,6 +32,11 @@ NAMED = replace(
             "Actuator 2 is locked or free, not yet confirmed; the other actuators do the task.",
         ),
         (
+            replace(CONFIRMED, watch=replace(START.watch, diagnosis=AGAIN)),
+            "Actuator 2 is locked; actuator 2 seems to work again; the other actuators do the "
+            "task.",
+        ),
+        (
             replace(CONFIRMED, refused=LOCKED),
             "Actuator 2 is locked; the controller goes on as it was, which is expected to cost "
             "less.",
@@ -38,6 +45,19 @@ NAMED = replace(
             replace(CONFIRMED, task_lost=True),
             "Actuator 2 is locked; the major task is lost, and the controller goes on with what it "
             "still reaches.",
+        ),
+        *(
+            (
+                replace(START, watch=replace(START.watch, causes=(None, cause))),
+                f"All actuators are believed sound; the last alarm is explained by {why}, which is "
+                "no failure.",
+            )
+            for cause, why in (
+                (None, "something slow"),
+                (Cause("offset", 3), "an offset of actuator 3"),
+                (Cause("supply"), "a change of what all commands do"),
+                (Cause("scale"), "a change of the sensors' scale"),
+            )
         ),
         (
             replace(START, watch=replace(START.watch, relearns=3)),

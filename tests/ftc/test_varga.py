@@ -15,7 +15,8 @@ from ftc.fdi.detection.whitening import Spectrum
 from ftc.fdi.diagnosis import DEFAULT_CONFIG
 from ftc.fdi.fault_model import Fault, FaultModel
 from ftc.fdi.input_faults import input_fault_bank, input_fault_model
-from ftc.fdi.isolation.hypotheses import HypothesisBank, bank_of
+from ftc.fdi.isolation.bank import HypothesisBank
+from ftc.fdi.isolation.hypotheses import bank_of
 from ftc.fdi.isolation.verdict import Verdict
 from ftc.fdi.uncertainty import CERTAIN
 from tests.aircraft import (

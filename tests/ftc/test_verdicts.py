@@ -14,6 +14,7 @@ from ftc.fdi.uncertainty import CERTAIN, Uncertainty
 from tests.cart_runs import ONSETS, SAMPLES, Record, carts, gathered, outputs
 
 WRONG = Uncertainty(0.1, 0.1, 0.2, 0.05, delay_s=2e-3)
+WIDER = replace(WRONG, command=10.0, supply=0.3, scale=0.3)
 
 
 def drawn(rng: np.random.Generator, n: int) -> Fault:
@@ -51,12 +52,13 @@ def test_confidence_is_what_it_says(noise):
     assert low <= np.sum(right) <= high
 
 
+@pytest.mark.parametrize("uncertainty", [WRONG, WIDER])
 @pytest.mark.parametrize("disturbed", [True, False])
-def test_without_evidence_failure_is_as_likely_as_none_and_all_are_alike(disturbed):
+def test_without_evidence_failure_is_as_likely_as_none_and_all_are_alike(disturbed, uncertainty):
     """Something else, that is no failure, is part of none."""
     nominal = carts(1, n=4)
-    bank = hypothesis_bank(nominal, (), WRONG, 2)
-    prior = Parameters.prior(len(bank.believed.M) - 1, 4, WRONG)
+    bank = hypothesis_bank(nominal, (), uncertainty, 2)
+    prior = Parameters.prior(len(bank.believed.M) - 1, 4, uncertainty)
     silent = Record(nominal, 2, np.zeros((0, 4)), np.zeros((0, 4)))
     evidence = gathered(bank, silent, prior, np.ones((1, 4)))
     verdict = bank.verdict(evidence, 0, disturbed=disturbed)
@@ -172,3 +174,17 @@ def test_what_is_already_weak_loses_a_part_of_what_it_has_left():
     np.testing.assert_allclose(left, [0.375, 0.25, 0.125])
     again = [Fault(0, "weak", 1.0), Fault(1, "weak", 1.0), Fault(1, "locked")]
     assert list(bank.faults[5:]) == again
+
+
+def test_how_far_a_plant_is_strained_has_nothing_to_do_with_the_zeros_of_sensors():
+    """Fifty standard deviations of noise off, they ask for no other machine."""
+    nominal, fault = carts(3, n=3), Fault(1, "weak", 0.4)
+    record = Record.of(nominal, 2, 4, fault, onset=6, samples=SAMPLES)
+    bank = hypothesis_bank(nominal, (), WRONG, 2)
+    prior = Parameters.prior(len(bank.believed.M) - 1, 3, replace(WRONG, offset=100.0))
+    strains = []
+    for off in (0.0, 50.0):
+        shifted = replace(record, y=record.y + off)
+        evidence = gathered(bank, shifted, prior, np.ones((1, 3)))
+        strains.append(bank.verdict(evidence, SAMPLES).strain)
+    assert 0 < strains[0] < 10 and strains[1] == pytest.approx(strains[0], abs=1)

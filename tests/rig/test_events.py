@@ -144,7 +144,8 @@ def test_each_event_is_described_and_has_an_effect():
 
 def test_the_page_has_a_row_for_each_event():
     rows = [
-        f"| `{name}` | {kind.of} | {kind.sentence} | {', '.join(kind.named_as) or 'none'} |"
+        f"| `{name}` | {kind.of} | {kind.sentence} "
+        f"| {', '.join(kind.named_as) or kind.cause or 'none'} |"
         for name, kind in EVENTS.items()
     ]
     page = (Path(__file__).parents[2] / "docs" / "track.md").read_text()

@@ -32,6 +32,7 @@ from experiments.rig.run import Named
 from experiments.study.draw import CORRELATION, Draw
 from experiments.study.results import Results
 from ftc.controller import Measurement
+from ftc.fdi.isolation.causes import Cause
 from ftc.oracle import NEVER
 from sim import HEXAPOD_MJCF, Failure, SimulationDiverged
 from tests.conftest import fjh
@@ -129,11 +130,20 @@ def test_a_plant_of_the_other_family_has_its_gains():
 # A row.
 
 
-def flown(*diagnoses: Named, event: Event, failures: tuple[Failure, ...] = ()) -> dict[str, Any]:
+def flown(
+    *diagnoses: Named,
+    event: Event,
+    failures: tuple[Failure, ...] = (),
+    causes: tuple[Cause | None, ...] = (),
+) -> dict[str, Any]:
     """What is made of a flight of two seconds with these diagnoses; an alarm before each."""
     alarms = tuple(round(1e3 * one.time_s) - 10 for one in diagnoses)
     found = SimpleNamespace(
-        alarm_ticks=alarms, unexplained=False, task_lost=False, closure_residual_max_m=0.0
+        alarm_ticks=alarms,
+        causes=causes,
+        unexplained=False,
+        task_lost=False,
+        closure_residual_max_m=0.0,
     )
     run, flight = SimpleNamespace(diagnoses=diagnoses), SimpleNamespace(events=(event,))
     made: tuple[Any, Any, Any] = flight, run, found
@@ -163,6 +173,22 @@ def test_after_a_bump_a_lock_is_rightly_named_from_the_lock_on():
     assert flown(LOCKED, event=event, failures=failures)["sound_named"]
     late = flown(replace(LOCKED, time_s=1.5), event=event, failures=failures)
     assert late["strut_right"] and late["named_ms"] == pytest.approx(100)
+
+
+@pytest.mark.parametrize(
+    ("event", "cause", "right"),
+    [
+        (Event("drift", 1.0, 1), Cause("offset", 1), True),
+        (Event("drift", 1.0, "strut2"), Cause("offset", 1), True),
+        (Event("drift", 1.0, 1), Cause("offset", 2), False),
+        (Event("drift", 1.0, 1), Cause("supply"), False),
+        (Event("sag", 1.0), Cause("supply"), True),
+        (Event("bias", 1.0), Cause("scale"), False),
+    ],
+)
+def test_what_is_no_failure_is_rightly_told_by_kind_and_actuator(event, cause, right):
+    assert flown(event=event, causes=(None, cause))["cause_right"] == right
+    assert not flown(event=event, causes=(None,))["cause_right"]
 
 
 @pytest.mark.parametrize("name", ["sag", "push", "hum"])
@@ -255,7 +281,8 @@ def test_the_command_leaves_rows_table_figure_and_checks(events_folder, faults_o
         (lambda s: s["sound"].update(sound_named=1), "without events: number of struts named"),
         (lambda s: s["sound"].update(changed=1), "whose commands an alarm changed"),
         (lambda s: s.update(diverged=1), "diverged"),
-        (lambda s: s.update(closure_residual_max_m=2e-8), "closure residual"),
+        (lambda s: s["closure_m"].update(near=2e-8), "within 1000 urad: closure residual"),
+        (lambda s: s["closure_m"].update(thrown=2e-7), "beyond 1000 urad: closure residual"),
     ]
     good = deepcopy(summary)
     for entry in good["events"]:

@@ -224,7 +224,7 @@ def identification(
     standing = tuple({each.fault.actuator: each for each in every}.values())
     struck = tuple(round(1000 * each.time_s) for each in failures)
     alarms = tuple(each.tick for each in every)
-    return Identification(failures, struck, alarms, every, standing, False, False, False, 0.0)
+    return Identification(failures, struck, alarms, every, (), standing, False, False, False, 0.0)
 
 
 @pytest.mark.parametrize(

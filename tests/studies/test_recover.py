@@ -165,7 +165,7 @@ def test_a_mark_says_what_happened_and_what_was_found_if_it_was():
     run, failure = made_run(9000), SHOWN["locked"][0]
     found = replace(Diagnosis.told(Fault(0, "locked")), tick=8324)
     unknown, known = (
-        marks(run, Identification((failure,), (8250,), (), each, (), False, False, False, 0.0))
+        marks(run, Identification((failure,), (8250,), (), each, (), (), False, False, False, 0.0))
         for each in ((), (found,))
     )
     assert [(mark.failed_s, mark.failure) for mark in unknown + known] == [

@@ -19,6 +19,7 @@ class Kind:
         sentence: What happens, with sizes.
         of: Of an actuator, a supply, the machine or its sensors.
         named_as: What its actuators may rightly be taken for; empty: no actuator may be named.
+        cause: What a diagnosis can say of it that is no failure; None: it has no name for it.
         failures: Of actuators, as of `sim.Failure`, that the event consists of or brings: of
             its own actuator, or of as many others, drawn.
         after_s: How long after the event these strike.
@@ -29,6 +30,7 @@ class Kind:
     named_as: tuple[Failing, ...] = ()
     failures: tuple[Failing, ...] = ()
     after_s: float = 0.0
+    cause: Literal["offset", "supply", "scale"] | None = None
 
 
 _UNMOVED: tuple[Failing, ...] = ("free", "locked")
@@ -44,8 +46,8 @@ EVENTS: dict[str, Kind] = {
     "hard_over": Kind("full input from then on, at a drawn end", "actuator", _UNMOVED),
     "half_over": Kind("half of the full input from then on", "actuator", _UNMOVED),
     "stuck_input": Kind("the input stays as it is", "actuator", _UNMOVED),
-    "offset": Kind("a constant displacement is added: three times what the path moves", "actuator"),
-    "drift": Kind("an offset grows by 0.6 of what the path moves in each second", "actuator"),
+    "offset": Kind("an offset of three times what the path moves", "actuator", cause="offset"),
+    "drift": Kind("an offset grows in 1 s by 0.6 of the path's motion", "actuator", cause="offset"),
     "intermittent": Kind("no force for 100 ms in every 300 ms", "actuator", ("free", "weak")),
     "fading": Kind("the force decays, time constant 1 s", "actuator", ("weak", "free")),
     "reversed": Kind("the input changes its sign", "actuator", ("free", "locked", "weak")),
@@ -55,7 +57,7 @@ EVENTS: dict[str, Kind] = {
     "free_returns": Kind("no force for 0.5 s, then all again", "actuator", ("free",)),
     "rubbing": Kind("dry friction: half of what the path takes", "actuator", ("locked", "weak")),
     "damped": Kind("its damping is ten times as high", "actuator", ("weak", "locked")),
-    "sag": Kind("all inputs times 0.8", "supply"),
+    "sag": Kind("all inputs times 0.8", "supply", cause="supply"),
     "ripple": Kind("all inputs rise and fall by 20 % at 100 Hz", "supply"),
     "two_locked": Kind("two actuators lock at once, drawn", "supply", _LOCKED, 2 * _LOCKED),
     "blackout": Kind("no actuator has force for 50 ms", "supply"),
@@ -67,7 +69,7 @@ EVENTS: dict[str, Kind] = {
     "heavier": Kind("the payload gets 20 % more mass and inertia", "machine"),
     "lighter": Kind("the payload gets 20 % less mass and inertia", "machine"),
     "bias": Kind("the zero jumps by 20 standard deviations", "sensor"),
-    "scale": Kind("1.2 of the truth is read", "sensor"),
+    "scale": Kind("1.2 of the truth is read", "sensor", cause="scale"),
     "stuck": Kind("one row stays as it is", "sensor"),
     "all_stuck": Kind("all rows stay as they are", "sensor"),
     "silent": Kind("zeros are read", "sensor"),

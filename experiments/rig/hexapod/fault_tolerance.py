@@ -13,7 +13,7 @@ from experiments.study.palette import BLACK, BLUE, SKY, VERMILION, YELLOW
 from ftc.control.springs import actuator_and_payload_stiffness
 from ftc.fdi.dither import Dither
 from ftc.fdi.fault_model import Fault, NominalModel
-from ftc.supervisor import Unused
+from ftc.reconfiguration import Unused
 from prioritized import ConstrainedSystem, FailureAtlas
 from sim import Array, Plant, element_id, jacobians, joint_stiffness
 

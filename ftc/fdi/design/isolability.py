@@ -11,7 +11,9 @@ import numpy as np
 from argument_checks import Array
 from ftc.fdi.detection.parameter_filter import Parameters
 from ftc.fdi.fault_model import KINDS, Fault, NominalModel, fault_model
-from ftc.fdi.isolation.hypotheses import HypothesisBank, hypothesis_bank
+from ftc.fdi.isolation.bank import HypothesisBank
+from ftc.fdi.isolation.causes import Cause
+from ftc.fdi.isolation.hypotheses import hypothesis_bank
 from ftc.fdi.uncertainty import CERTAIN, Uncertainty
 
 _NEAR, _BACK, _STEP = 4, 60, 5
@@ -43,14 +45,14 @@ def isolability(
         Distances by actuator and kind as :data:`KINDS`, shape (n, 3); the failure itself has 0. And
         the distance from no failure.
     """
-    bank = hypothesis_bank(nominal, (), uncertainty, ticks)
+    bank = hypothesis_bank(nominal, (), uncertainty.of_model, ticks)
     outputs = states @ fault_model(nominal).C.T
     return distances(bank, fault, onset, outputs, commanded, uncertainty, ticks)
 
 
 def distances(
     bank: HypothesisBank,
-    fault: Fault,
+    truth: Fault | Cause,
     onset: int,
     outputs: Array,
     commanded: Array,
@@ -61,7 +63,7 @@ def distances(
 
     Args:
         bank: Hypotheses about the plant, made with this uncertainty and for samples of these ticks.
-        fault: As of :func:`isolability`.
+        truth: What happens, a failure or a cause that the bank has.
         onset: Likewise.
         outputs: Of the plant in which it happens, in units of their noise, but without noise, shape
             (N, p).
@@ -70,7 +72,7 @@ def distances(
         ticks: Likewise.
 
     Returns:
-        Likewise.
+        Likewise, of the nearest failures.
     """
     rows, p, s = bank.believed.N.shape[0], *bank.believed.C.shape
     until, first = len(outputs) // ticks, onset // ticks
@@ -89,8 +91,12 @@ def distances(
         evidence = bank.step(evidence, sample, v, y[sample], white, shaken=0.0)
     energy = evidence.marginal()[0]
     others = np.full((len(bank.effectiveness), len(KINDS)), np.inf)
-    for other, least in zip(bank.faults, energy[1:-1].min(axis=1), strict=True):
+    best = energy[1:-1].min(axis=1)
+    for other, least in zip(bank.faults, best[: len(bank.faults)], strict=True):
         place = other.actuator, KINDS.index(other.kind)
         others[place] = min(others[place], least)
-    own = others[fault.actuator, KINDS.index(fault.kind)]
+    if isinstance(truth, Cause):
+        own = best[len(bank.faults) + bank.causes.index(truth)]
+    else:
+        own = others[truth.actuator, KINDS.index(truth.kind)]
     return np.sqrt(np.maximum(others - own, 0)), float(np.sqrt(max(energy[0, 0] - own, 0)))

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -37,6 +38,13 @@ class Moment:
     v: Array
     y: Array | None
     is_whole: bool
+
+
+class Calibration(NamedTuple):
+    """What a watch has learned of a machine."""
+
+    parameters: Parameters
+    spectrum: Spectrum
 
 
 @dataclass(frozen=True)
@@ -85,13 +93,16 @@ class Watch:
     period_s: float
     largest: float = np.inf
 
-    def start(self) -> WatchState:
-        """At rest at the equilibrium."""
+    def start(self, calibration: Calibration | None = None) -> WatchState:
+        """At rest at the equilibrium, with what is known of the machine already.
+
+        Zeros of sensors may be others than they were.
+        """
         p, s = self.model.C.shape
         rows, q = len(self.model.M), self.config.order
         white = np.zeros((q + 1, p))
         white[0] = 1.0
-        return WatchState(
+        state = WatchState(
             sample=0,
             X=np.zeros((rows, s)),
             memory=np.zeros((q + 1, rows, p)),
@@ -102,6 +113,13 @@ class Watch:
             residual=np.zeros(p),
             measured=q,
         )
+        if calibration is None:
+            return state
+        known = calibration.parameters
+        zeros = np.zeros(len(known.mean))
+        zeros[-p:] = self.config.uncertainty.offset
+        spectrum = replace(calibration.spectrum, recent=state.spectrum.recent)
+        return self.with_spectrum(replace(state, parameters=known.spread(zeros), spectrum=spectrum))
 
     def step(
         self,

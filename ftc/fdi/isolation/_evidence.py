@@ -15,11 +15,14 @@ _flags = types.Array(types.boolean, 2, "C")
 _FASTMATH = {"reassoc", "contract"}
 
 
-@kernel(types.void(_flags, _4, _4, _3, _4, _3, _4, _1), fastmath=_FASTMATH)
-def advance(steps, X, outputs, A, M, C, N, v):  # pragma: no cover
-    """States X (H, K, 3 + J, s) after the sample, and outputs (H, K, 3 + J, p) during it."""
+@kernel(types.void(_flags, _4, _4, _3, _4, _3, _4, _1, _1), fastmath=_FASTMATH)
+def advance(steps, X, outputs, A, M, C, N, v, age):  # pragma: no cover
+    """States X (H, K, 4 + J, s) after the sample, and outputs (H, K, 4 + J, p) during it.
+
+    What drives the last row grows with the age (K,) of the onset, in samples.
+    """
     H, K, rows, s = X.shape
-    p, r, J = C.shape[1], len(v), rows - 3
+    p, r = C.shape[1], len(v)
     moving, after = np.empty(s + r), np.empty((rows, s))
     moving[s:] = v
     for h in range(H):
@@ -28,21 +31,22 @@ def advance(steps, X, outputs, A, M, C, N, v):  # pragma: no cover
                 continue
             moving[:s] = X[h, k, 0]
             for row in range(rows):
+                grown = age[k] if row == rows - 1 else 1.0
                 for i in range(p):
                     total = 0.0
+                    for j in range(s + r):
+                        total += N[h, row, i, j] * moving[j]
+                    total *= grown
                     for j in range(s):
                         total += C[h, i, j] * X[h, k, row, j]
-                    if row <= J:
-                        for j in range(s + r):
-                            total += N[h, row, i, j] * moving[j]
                     outputs[h, k, row, i] = total
                 for i in range(s):
                     total = 0.0
+                    for j in range(s + r):
+                        total += M[h, row, i, j] * moving[j]
+                    total *= grown
                     for j in range(s):
                         total += A[h, i, j] * X[h, k, row, j]
-                    if row <= J:
-                        for j in range(s + r):
-                            total += M[h, row, i, j] * moving[j]
                     after[row, i] = total
             X[h, k] = after
 
@@ -51,13 +55,13 @@ def advance(steps, X, outputs, A, M, C, N, v):  # pragma: no cover
 def weigh(
     steps, memory, information, score, energy, outputs, slopes, y, mean, whitening
 ):  # pragma: no cover
-    """Memory (H, K, q + 1, 4 + J, p) with residuals, and the sums of their products.
+    """Memory (H, K, q + 1, 5 + J, p) with residuals, and the sums of their products.
 
     `mean` (J + p,) is that of the prior; `whitening` (H, q + 1, p) begins with the newest residual.
     """
     H, K, rows, p = outputs.shape
-    q, J = whitening.shape[1], rows - 3
-    R = J + p + 3
+    q, J = whitening.shape[1], rows - 4
+    R = J + p + 4
     white, regressor = np.empty((rows + 1, p)), np.zeros(R)
     for h in range(H):
         for k in range(K):

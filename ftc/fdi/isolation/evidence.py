@@ -23,9 +23,13 @@ ONSET_SPREAD = 1 / np.sqrt(12)
 LEAST_LOST = 0.02
 """A smaller loss is no failure."""
 
-_CELLS = [-3, -1]
-"""Places of onset and part lost among the parameters; between them is the displacement of a locked
-actuator."""
+EXTRA = 4
+"""Parameters of a hypothesis beside errors of the model and offsets: its onset; two more of its
+own, such as the place of a locked actuator, or the constant and the growth of an offset; and the
+part lost."""
+
+_CELLS = [-EXTRA, -1]
+"""Places of onset and part lost among the parameters."""
 
 
 @dataclass(frozen=True)
@@ -36,10 +40,10 @@ class Evidence:
         onsets: Samples, ascending, shape (K,).
         prior: Parameters when the first of them began.
         samples: Of evidence so far.
-        X: States, shape (H, K, 3 + J, s): of the model, of its errors, and what an onset later, and
-            a locked actuator further out, by a standard deviation each, would add.
+        X: States, shape (H, K, 4 + J, s): of the model, of its errors, and what an onset later, and
+            both parameters of its own, by a standard deviation each, would add.
         memory: Latest residuals and regressors before whitening, newest last, shape
-            (H, K, q + 1, 4 + J, p).
+            (H, K, q + 1, 5 + J, p).
         information: Sum of products of the regressors, shape (H, K, R, R).
         score: Of regressors and residuals, shape (H, K, R).
         energy: Of the residuals, shape (H, K).
@@ -66,8 +70,8 @@ class Evidence:
             (H, K, R).
         """
         spread = np.zeros((self.score.shape[-1],) * 2)
-        spread[:-3, :-3] = self.prior.root
-        spread[-3:, -3:] = np.eye(3)
+        spread[:-EXTRA, :-EXTRA] = self.prior.root
+        spread[-EXTRA:, -EXTRA:] = np.eye(EXTRA)
         inner = np.eye(len(spread)) + spread.T @ self.information @ spread
         score = self.score @ spread
         wanted = np.zeros((*score.shape, 3))

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from ftc.fdi.detection.watch import Moment, Watch, WatchState
+from ftc.fdi.isolation.bank import HypothesisBank
 from ftc.fdi.isolation.evidence import Evidence
-from ftc.fdi.isolation.hypotheses import HypothesisBank
 
 
 def looked_back(
@@ -33,15 +33,20 @@ def looked_back(
     memory = first.memory.copy()
     memory[:, 0] -= np.einsum("j,qjp->qp", prior.mean[:-p], memory[:, 1:]) + prior.mean[-p:]
     evidence = bank.start(onsets, prior, first.X, memory)
-    for each in past:
-        evidence = weighed(bank, evidence, each, state)
+    for each in past:  # of arrays that nobody else has
+        evidence = weighed(bank, evidence, each, state, keeps=False)
     return evidence
 
 
 def weighed(
-    bank: HypothesisBank, evidence: Evidence, moment: Moment, state: WatchState
+    bank: HypothesisBank,
+    evidence: Evidence,
+    moment: Moment,
+    state: WatchState,
+    *,
+    keeps: bool = True,
 ) -> Evidence:
-    """The evidence with one more sample, by the filters of the watch now."""
+    """The evidence with one more sample, by the filters of the watch now; `keeps` as in a step."""
     return bank.step(
         evidence,
         moment.sample,
@@ -51,4 +56,5 @@ def weighed(
         state.shaken,
         decoupled=state.decoupled,
         weighs=moment.is_whole,
+        keeps=keeps,
     )

@@ -9,7 +9,8 @@ from scipy.special import logsumexp
 from argument_checks import Array
 from argument_checks.ties import greatest
 from ftc.fdi.fault_model import KINDS, Fault
-from ftc.fdi.isolation.evidence import LEAST_LOST, PART_SPREAD, Evidence
+from ftc.fdi.isolation.causes import Cause
+from ftc.fdi.isolation.evidence import EXTRA, LEAST_LOST, PART_SPREAD, Evidence
 
 _ALIKE = 1e-6
 """Log likelihoods that differ by less are of hypotheses that nothing distinguishes."""
@@ -25,8 +26,9 @@ class Verdict:
             that of other actuators, and of no failure at all.
         kind_confidences: Probability of each of :data:`ftc.fdi.fault_model.KINDS`, given the
             actuator.
-        fault_free_confidence: Probability that nothing has failed, whatever else acts slowly on the
+        fault_free_confidence: Probability that nothing has failed, whatever else acts on the
             machine.
+        cause: The most likely of what acts then; None is nothing, or something slow.
         inflation: Variance of the residuals that the most likely fault leaves, over that expected;
             at least 1. All log likelihoods are divided by it.
         unexplained: Part of the energy against no failure that this fault leaves, above noise.
@@ -42,6 +44,7 @@ class Verdict:
     actuator_confidence: float
     kind_confidences: tuple[float, ...]
     fault_free_confidence: float
+    cause: Cause | None
     inflation: float
     unexplained: float
     energy: float
@@ -55,36 +58,40 @@ def verdict(
     state: Evidence,
     sample: int,
     faults: Sequence[Fault],
+    causes: Sequence[Cause],
     effectiveness: Array,
     *,
     disturbed: bool = True,
 ) -> Verdict:
     """Probabilities of the hypotheses; a priori, failure and no failure are equally likely.
 
-    So are, of no failure, nothing at all and something else that acts slowly.
+    So are, of no failure, nothing at all, each kind of cause, and something else that acts slowly.
 
     Args:
         state: The evidence.
         sample: The last one that it is of.
-        faults: Of each hypothesis but the first and the last, H - 2, in the order of a bank.
+        faults: Of the hypotheses 1..F, in the order of a bank.
+        causes: Of those from F + 1 to H - 2.
         effectiveness: That actuators are believed to have, shape (n,).
         disturbed: Whether something else, slow, may act on a sound machine.
     """
     energy, log_det, parameters = state.marginal()
     plain = -energy / 2 - log_det
     ratios = plain[1:-1] - plain[0, 0]
-    other = float(plain[-1, 0] - plain[0, 0]) + state.gain if disturbed else -np.inf
     h, k = _first_of_the_best(ratios)
     p = state.memory.shape[-1]
     after = max(sample - int(state.onsets[k]) + 1, 1)
     excess = max(float(energy[1 + h, k]) - state.samples * p, 0.0)
     inflation = 1 + excess / (after * p)
-    ratios = ratios / inflation
-    by_fault = logsumexp(ratios, axis=-1)
+    by_hypothesis = logsumexp(ratios / inflation, axis=-1)
+    by_fault, by_cause = np.split(by_hypothesis, [len(faults)])
+    ratios = ratios[: len(faults)] / inflation
     numbers = np.array([fault.actuator for fault in faults])
     candidates = np.unique(numbers)
     actuators = np.array([logsumexp(by_fault[numbers == k]) for k in candidates])
-    nothing = np.log(ratios.size) + np.logaddexp(0.0, other / inflation) - np.log(1 + disturbed)
+    slow = (float(plain[-1, 0] - plain[0, 0]) + state.gain) / inflation if disturbed else None
+    nothing, cause = _no_failure(by_cause - np.log(ratios.shape[1]), causes, slow)
+    nothing += np.log(ratios.size)
     total = np.logaddexp(logsumexp(actuators), nothing)
     a = greatest(actuators, zero=_ALIKE)
     own = np.flatnonzero(numbers == candidates[a])
@@ -99,14 +106,35 @@ def verdict(
         actuator_confidence=float(np.exp(actuators[a] - total)),
         kind_confidences=tuple(float(each) for each in kinds),
         fault_free_confidence=float(np.exp(nothing - total)),
+        cause=cause,
         inflation=inflation,
         unexplained=max(excess - noise, 0.0) / max(gained + excess, 1e-12),
         energy=float(energy[h, k]),
-        strain=float(np.linalg.norm(parameters[h, k, :-3])),
+        strain=float(np.linalg.norm(parameters[h, k, : -EXTRA - p])),
         onset=int(state.onsets[k]),
         x=_state(state, h, k, parameters[h, k]),
         best=ratios.max(axis=0),
     )
+
+
+def _no_failure(
+    by_cause: Array, causes: Sequence[Cause], slow: float | None
+) -> tuple[float, Cause | None]:
+    """Log likelihood ratio that nothing has failed, over its cases; and the likeliest of causes.
+
+    Args:
+        by_cause: Of each cause, the same over its onsets.
+        causes: They.
+        slow: That of something else, slow; None: it is out of question.
+    """
+    cases = {"nothing": 0.0} if slow is None else {"nothing": 0.0, "slow": slow}
+    for kind in {each.kind: None for each in causes}:
+        own = [by_cause[k] for k, each in enumerate(causes) if each.kind == kind]
+        cases[kind] = float(logsumexp(own) - np.log(len(own)))
+    likeliest = list(cases)[greatest(list(cases.values()), zero=_ALIKE)]
+    own = [k for k, each in enumerate(causes) if each.kind == likeliest]
+    cause = causes[own[greatest(by_cause[own], zero=_ALIKE)]] if own else None
+    return float(logsumexp(list(cases.values())) - np.log(len(cases))), cause
 
 
 def _first_of_the_best(ratios: Array) -> tuple[int, int]:
@@ -126,5 +154,7 @@ def _with_part(fault: Fault, effectiveness: Array, deviation: float) -> Fault:
 
 def _state(state: Evidence, h: int, k: int, parameters: Array) -> Array:
     """Of the plant now (s,), by one hypothesis and onset with its parameters (R,)."""
-    X, J = state.X[h, k], len(state.X[h, k]) - 3
-    return X[0] + (state.prior.mean[:J] + parameters[:J]) @ X[1:-2] + parameters[-3:-1] @ X[-2:]
+    X, own = state.X[h, k], EXTRA - 1
+    J = len(X) - 1 - own
+    errors = state.prior.mean[:J] + parameters[:J]
+    return X[0] + errors @ X[1:-own] + parameters[-EXTRA:-1] @ X[-own:]
