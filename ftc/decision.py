@@ -43,6 +43,8 @@ class Outlook:
         references: Of the major task, tick by tick, shape (N, m1).
         secondary: Reference of the secondary goal (n,) so many ticks ahead.
         unused: What actuators out of use are commanded, likewise.
+        feedforward: What is demanded beside the compensators, tick by tick, shape (N, m1); None:
+            as the controllers do without.
     """
 
     nominal: NominalModel
@@ -50,6 +52,7 @@ class Outlook:
     references: Array
     secondary: Callable[[int], Array]
     unused: Callable[[int], Array]
+    feedforward: Array | None = None
 
     def rms(
         self, pilot: PrioritizedController[Any], state: ControllerState[Any], case: Case
@@ -67,8 +70,14 @@ class Outlook:
             if not np.isfinite(square):
                 return np.inf
             measured = Measurement(output, self.nominal.displacement @ x)
-            unused, goal = self.unused(tick), self.secondary(tick)
-            state = pilot.step(state, reference, measured, goal, unused_reference=unused)
+            state = pilot.step(
+                state,
+                reference,
+                measured,
+                self.secondary(tick),
+                feedforward=None if self.feedforward is None else self.feedforward[tick],
+                unused_reference=self.unused(tick),
+            )
             x = model.step(x, pilot.drives.displacements(state.inputs))
         return float(np.sqrt(square / len(self.references)))
 

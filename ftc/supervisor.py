@@ -39,6 +39,7 @@ class SupervisorState(NestedState):
         ticks: So far.
         withdrawn: Diagnoses that were taken back, and when.
         references: Of the major task of late, one for each sample of the diagnosis, newest first.
+        feedforward: Demands beside the compensators, likewise; empty: none were given.
         refused: The last diagnosis that was not acted on: doing nothing was expected to cost less.
     """
 
@@ -52,6 +53,7 @@ class SupervisorState(NestedState):
     ticks: int = 0
     withdrawn: tuple[tuple[Diagnosis, int], ...] = ()
     references: tuple[Array, ...] = ()
+    feedforward: tuple[Array, ...] = ()
     refused: Diagnosis | None = None
 
     @property
@@ -176,6 +178,9 @@ class Supervisor:
         watch = state.monitor.step(state.watch, measured, commanded)
         if state.ticks % state.monitor.ticks == 0:
             state = replace(state, references=(reference, *state.references[: self._ahead]))
+            if feedforward is not None:
+                demands = (feedforward, *state.feedforward[: self._ahead])
+                state = replace(state, feedforward=demands)
         if watch.diagnosis is not known:
             state = replace(state, watch=watch)
             if known is not None and _is_taken_back(known, watch.diagnosis):
@@ -294,6 +299,7 @@ class Supervisor:
             np.repeat(state.references, monitor.ticks, axis=0),
             ahead(self.secondary),
             ahead(self._test_motion),
+            np.repeat(state.feedforward, monitor.ticks, axis=0) if state.feedforward else None,
         )
         named = [each.fault for each in state.standing]
         certain = found.actuator_confidence
