@@ -1,6 +1,7 @@
 """What is as sudden as a failure, and none: null models of a bank of hypotheses."""
 
-from typing import Literal, NamedTuple
+from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -8,7 +9,8 @@ from argument_checks import Array
 from ftc.fdi.uncertainty import UncertainModel, Uncertainty
 
 
-class Cause(NamedTuple):
+@dataclass(frozen=True)
+class Cause:
     """What changes the outputs suddenly and is no failure that asks for another mapping.
 
     Attributes:
