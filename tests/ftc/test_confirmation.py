@@ -101,6 +101,15 @@ def test_what_contradicts_a_named_failure_confirms_it(part, inflation, contradic
     assert found.confirmed == contradicts
 
 
+def test_what_contradicts_a_name_does_not_make_the_watch_deaf_for_what_follows():
+    """It is tested by the noise of the failed machine, not by the size of what came after."""
+    after = replace(LOCKED, inflation=25.0, energy=1e6)
+    states = flown(lambda sample: LOCKED if sample < SHOCK + 24 else after, SHOCK + 40)
+    last = states[max(states)]
+    assert last.diagnosis is not None and last.diagnosis.confirmed
+    assert last.verdict is not None and last.verdict.inflation == LOCKED.inflation
+
+
 def test_a_name_that_leaves_four_times_what_it_explains_is_taken_back():
     """However certain it is that no other actuator is it."""
     for left, back in ((0.79, False), (0.81, True)):
