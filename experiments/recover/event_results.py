@@ -178,14 +178,11 @@ def _peak(rows: Sequence[Row], who: str) -> float | None:
 
 def _closure(rows: Sequence[Row]) -> dict[str, float]:
     """Largest residual of flights that stay near, and of those that an event throws far."""
-    far = [(_peak([row], "supervised") or 0.0) > THROWN_URAD for row in rows]
-    residuals_m = [row["closure_residual_max_m"] or 0.0 for row in rows]
-    return {
-        name: max(
-            (m for m, is_far in zip(residuals_m, far, strict=True) if is_far == of), default=0.0
-        )
-        for name, of in (("near", False), ("thrown", True))
-    }
+    largest = {"near": 0.0, "thrown": 0.0}
+    for row in rows:
+        where = "thrown" if (_peak([row], "supervised") or 0.0) > THROWN_URAD else "near"
+        largest[where] = max(largest[where], row["closure_residual_max_m"] or 0.0)
+    return largest
 
 
 def _sound(row: Row) -> dict[str, Any]:

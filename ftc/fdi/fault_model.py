@@ -22,7 +22,7 @@ KINDS: tuple[FaultKind, ...] = ("locked", "free", "weak")
 
 
 _SLOW = 1e-5
-"""Growth in a tick of what counts as at rest."""
+"""Growth in a tick, or a sample, of what counts as at rest."""
 
 
 class Failure(Protocol):
@@ -280,11 +280,15 @@ def fault_model(nominal: NominalModel, faults: Sequence[Fault] = ()) -> FaultMod
     )
 
 
+def at_rest(A: Array, B: Array) -> Array:
+    """States per constant input, long after it, of x' = A x + B u; at rest itself may be a pole."""
+    return np.linalg.solve(np.exp(_SLOW) * np.eye(len(A)) - A, B)
+
+
 def static_gain(nominal: NominalModel, faults: Sequence[Fault] = ()) -> Array:
     """Displacements per constant command, long after it, of a plant with faults, shape (n, n)."""
     plant = fault_model(nominal, faults)
-    almost_static = np.exp(_SLOW) * np.eye(len(plant.A))  # at rest itself may be a pole
-    return nominal.displacement @ np.linalg.solve(almost_static - plant.A, plant.B)
+    return nominal.displacement @ at_rest(plant.A, plant.B)
 
 
 def static_share(nominal: NominalModel, fault: Fault) -> float:

@@ -38,7 +38,7 @@ class Judge:
 
     def begun(self, state: MonitorState, reach_s: float) -> MonitorState:
         """With new evidence, of onsets up to so far back."""
-        reach = min(self._samples(reach_s), state.history[-1].sample - state.cleared)
+        reach = min(self.watch.samples(reach_s), state.history[-1].sample - state.cleared)
         evidence = looked_back(self.bank, self.watch, state.watch, state.history, reach)
         return replace(state, evidence=evidence, verdict=None, begun_tick=state.ticks)
 
@@ -91,7 +91,7 @@ class Judge:
     def _given_up(self, state: MonitorState) -> MonitorState:
         """Nothing explains the residuals: the watch goes on, and learns what they are like."""
         state = replace(reset(state), unexplained=True, cleared=state.history[-1].sample)
-        learning = self._samples(self.config.learning_s)
+        learning = self.watch.samples(self.config.learning_s)
         return replace(state, relearns=learning, watch=self.watch.relearning(state.watch))
 
     def _diagnosis(self, state: MonitorState, verdict: Verdict, confirmed: bool) -> Diagnosis:
@@ -110,9 +110,6 @@ class Judge:
             tick=state.ticks - 1,
             confirmed=confirmed,
         )
-
-    def _samples(self, time_s: float) -> int:
-        return round(time_s / self.watch.period_s)
 
 
 def reset(state: MonitorState) -> MonitorState:

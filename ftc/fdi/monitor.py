@@ -84,8 +84,8 @@ class Monitor:
         suspected, relearns = state.evidence is not None, state.relearns > 0
         how = {"learns": relearns or not suspected, "gated": not relearns}
         watch, moment = self.watch.step(state.watch, v, y, **how)
-        learning = self._samples(self.config.learning_s)
-        kept = max(self._samples(self.config.look_back_s), learning)
+        learning = self.watch.samples(self.config.learning_s)
+        kept = max(self.watch.samples(self.config.look_back_s), learning)
         if state.evidence is not None:  # back to the oldest onset that is looked for
             kept = max(kept, moment.sample - int(state.evidence.onsets[0]))
         history = (*state.history[-kept:], moment)
@@ -145,9 +145,6 @@ class Monitor:
     @cached_property
     def _judge(self) -> Judge:
         return Judge(self.nominal, self.config, self.ticks, self.bank, self.watch)
-
-    def _samples(self, time_s: float) -> int:
-        return round(time_s / self.watch.period_s)
 
 
 def _mean(outputs: Sequence[Array | None], before: Sequence[Moment]) -> Array | None:

@@ -168,6 +168,10 @@ class Watch:
         )
         return after, moment
 
+    def samples(self, time_s: float) -> int:
+        """So many samples last so long."""
+        return round(time_s / self.period_s)
+
     def following(self, state: WatchState) -> WatchState:
         """The state whose offsets of the sensors may be as large as the residuals are."""
         seen = np.abs(state.memory[:, 0]).max(axis=0)
@@ -180,7 +184,7 @@ class Watch:
         The spectrum is soon that of the residuals to come; until then the one known before is
         tested by.
         """
-        learning = round(self.config.learning_s / self.period_s)
+        learning = self.samples(self.config.learning_s)
         spectrum = replace(state.spectrum, samples=learning // 4)
         return replace(self.following(state), spectrum=spectrum)
 

@@ -6,6 +6,7 @@ from typing import Literal
 import numpy as np
 
 from argument_checks import Array
+from ftc.fdi.fault_model import at_rest
 from ftc.fdi.uncertainty import UncertainModel, Uncertainty
 
 
@@ -51,13 +52,8 @@ def own_drives(
     return own
 
 
-_SLOW = 1e-5
-"""Growth in a sample of what counts as at rest, which may be a pole."""
-
-
 def seen(believed: UncertainModel, n: int) -> Array:
     """By how much a constant unit command moves the outputs in the end, shape (n,)."""
     s = len(believed.A)
     B, D = believed.M[0, :, s : s + n], believed.N[0, :, s : s + n]
-    resting = np.linalg.solve(np.exp(_SLOW) * np.eye(s) - believed.A, B)
-    return np.linalg.norm(believed.C @ resting + D, axis=0)
+    return np.linalg.norm(believed.C @ at_rest(believed.A, B) + D, axis=0)
