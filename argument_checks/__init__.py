@@ -22,6 +22,10 @@ from argument_checks.arrays import shaped as shaped
 from argument_checks.arrays import vector as vector
 from argument_checks.intervals import limit_vectors as limit_vectors
 from argument_checks.intervals import limits as limits
+from argument_checks.kinds import choice as choice
+from argument_checks.kinds import flag as flag
+from argument_checks.kinds import methods as methods
+from argument_checks.kinds import seed as seed
 from argument_checks.matrices import batch as batch
 from argument_checks.matrices import matrix as matrix
 from argument_checks.matrices import positive_semidefinite as positive_semidefinite

@@ -313,9 +313,7 @@ def tracking(
 
 def _deviations(noise: ArrayLike, sense: Sense, rows: int, actuators: int) -> tuple[Array, Array]:
     """Standard deviations of what is measured of the major rows, and of the actuators."""
-    if sense not in get_args(Sense):
-        known = ", ".join(get_args(Sense))
-        raise ValueError(f"sense must be one of {known}, got {check.shown(sense)}")
+    check.choice("sense", sense, get_args(Sense))
     of_task, of_encoders = rows * (sense != "joints"), actuators * (sense != "task")
     sensors, given = of_task + of_encoders, check.finite("noise", noise)
     if given.shape not in ((), (sensors,)) or (given <= 0).any():

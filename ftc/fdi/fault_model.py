@@ -62,9 +62,7 @@ class Fault:
     effectiveness: float = 0.0
 
     def __post_init__(self) -> None:
-        if self.kind not in get_args(FaultKind):
-            known = ", ".join(get_args(FaultKind))
-            raise ValueError(f"kind must be one of {known}, got {check.shown(self.kind)}")
+        check.choice("kind", self.kind, get_args(FaultKind))
         check.index("actuator", self.actuator)
         check.at_most_one("effectiveness", self.effectiveness)
 

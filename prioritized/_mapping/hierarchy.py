@@ -54,8 +54,7 @@ class Task(ReadOnly):
 
     def __post_init__(self) -> None:
         """Refuse what has no meaning; keep copies of arrays."""
-        if not isinstance(self.interval, bool):
-            raise ValueError(f"interval must be True or False, got {check.shown(self.interval)}")
+        check.flag("interval", self.interval)
         if self.interval and self.weight is not None:
             raise ValueError("weight must be None for an interval, whose rows count alike")
         for name in ("rows", "weight"):

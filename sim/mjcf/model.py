@@ -97,8 +97,7 @@ def element_id(model: mujoco.MjModel, kind: str, name: str) -> int:
     check.instance("model", model, mujoco.MjModel)
     counts = {"site": "nsite", "joint": "njnt", "body": "nbody", "equality": "neq"}
     counts |= {"actuator": "nactuator"}  # an orientation servo has three controls
-    if check.instance("kind", kind, str) not in counts:
-        raise ValueError(f"kind must be one of {', '.join(counts)}, got {check.shown(kind)}")
+    check.choice("kind", kind, counts)
     try:
         return getattr(model, kind)(check.instance("name", name, str)).id
     except KeyError:

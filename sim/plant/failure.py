@@ -34,9 +34,7 @@ class Failure:
     effectiveness: float = 0.5
 
     def __post_init__(self) -> None:
-        if check.instance("kind", self.kind, str) not in get_args(FailureKind):
-            known = ", ".join(get_args(FailureKind))
-            raise ValueError(f"kind must be one of {known}, got {check.shown(self.kind)}")
+        check.choice("kind", self.kind, get_args(FailureKind))
         if not isinstance(self.actuator, str):
             check.index("actuator", self.actuator)
         check.number("time_s", self.time_s)

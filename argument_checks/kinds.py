@@ -1,0 +1,40 @@
+"""Switches, choices by name, seeds, and objects with methods."""
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+
+from argument_checks.scalars import index, instance
+from argument_checks.shown import shown
+
+
+def flag(name: str, value: Any) -> bool:
+    """True or False."""
+    if not isinstance(value, bool | np.bool_):
+        raise TypeError(f"{name} must be True or False, got {shown(value)}")
+    return bool(value)
+
+
+def choice(name: str, value: Any, known: Iterable[str]) -> str:
+    """One of these words."""
+    if instance(name, value, str) not in (words := tuple(known)):
+        raise ValueError(f"{name} must be one of {', '.join(words)}, got {shown(value)}")
+    return value
+
+
+def seed(name: str, value: int | Sequence[int]) -> int | list[int]:
+    """Of a random generator: an integer that is not negative, or a list of some.
+
+    numpy ends the process for some other things.
+    """
+    if isinstance(value, list | tuple) and value:
+        return [index(name, each) for each in value]
+    return index(name, value)
+
+
+def methods(name: str, value: Any, *wanted: str) -> Any:
+    """The object itself, which has these methods."""
+    if absent := [each for each in wanted if not callable(getattr(value, each, None))]:
+        raise TypeError(f"{name} must have {' and '.join(absent)}(), got {shown(value)}")
+    return value
