@@ -4,17 +4,21 @@ Either one sentence that names the argument and says what it must be, or finite 
 """
 
 import dataclasses
+import inspect
 import itertools
 import re
 import warnings
+from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from enum import Enum
+from types import ModuleType
 from typing import Any
 
 import mujoco
 import numpy as np
 
+from argument_checks import is_masked
 from sim import ModelError, SimulationDiverged, UnreachableLengths
 
 OUR_ERRORS = (ValueError, TypeError, ModelError, UnreachableLengths)
@@ -66,6 +70,7 @@ ARRAYS = {
     "99 numbers": np.ones(99),
     "masked constant": [np.ma.masked, 1.0],
 }
+FEW = {"none": None, "text": "text", "nan": np.nan, "minus one": -1, "99 numbers": np.ones(99)}
 SCALES = (0.0, -1.0, 5e-324, 1e-310, 1e-308, 1e-200, 1e-160, 1e-100, 1e100, 1e160, 1e300)
 PLANTED = (np.nan, np.inf, 1e308, 1e160, 5e-324, 1e-310, 1j)
 
@@ -120,6 +125,13 @@ class Target:
             for label, value in hostile(self.good[name]):
                 yield name, label, value
 
+    def attacks_on_two(self) -> Iterator[tuple[tuple[str, str], dict[str, Any]]]:
+        """Every pair of arguments, each with a few values of all kinds in its place."""
+        exposed = sorted(self.good.keys() - set(self.spared))
+        for first, second in itertools.combinations(exposed, 2):
+            for (a, x), (b, y) in itertools.product(FEW.items(), FEW.items()):
+                yield (f"{first} = {a}", f"{second} = {b}"), {first: x, second: y}
+
 
 Row = tuple[Iterable[Target], str, Iterable[Any], str]
 """What refuses an argument, its name, its wrong values, and the sentence as an expression."""
@@ -136,28 +148,67 @@ def refusals(error: type[Exception], table: Iterable[Row]) -> list[Refusal]:
     ]
 
 
-def complaint(target: Target, name: str, label: str, value: Any) -> str | None:
-    """What is wrong with the outcome of one call; None where nothing is."""
+def complaint(target: Target, wrong: Mapping[str, Any]) -> str | None:
+    """What is wrong with the outcome of one call with these arguments; None where nothing is."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
-            answer = target.call(**{**target.good, name: value})
+            answer = target.call(**{**target.good, **wrong})
     except SimulationDiverged:
         return None
     except Exception as error:
         return _strange(error, target.good)
-    if "masked" in label:
+    if any(map(is_masked, wrong.values())):
         return "took masked numbers for data"
     return next(_not_finite("answer", answer), None)
 
 
 def complaints(target: Target) -> tuple[int, list[str]]:
-    """How many calls were made of one target, and what went wrong."""
-    found = [
-        (name, label, complaint(target, name, label, value))
-        for name, label, value in target.attacks()
+    """How many calls were made of one target, and what went wrong: one argument, then two."""
+    wrong = {f"{name} = {label}": {name: value} for name, label, value in target.attacks()}
+    wrong |= {" and ".join(label): value for label, value in target.attacks_on_two()}
+    found = {label: complaint(target, values) for label, values in wrong.items()}
+    return len(found), [f"{label}: {what}" for label, what in found.items() if what]
+
+
+def unattacked(
+    package: ModuleType, targets: Mapping[str, Target], trusted: Iterable[str]
+) -> list[str]:
+    """Parameters of a package's public functions, classes and methods that no target attacks.
+
+    Args:
+        package: The package.
+        targets: By names whose first word is what they call, as it is reached from the package.
+        trusted: What is left out: results that the package alone makes, and what it alone calls.
+    """
+    attacked = defaultdict[str, set[str]](set)
+    for name, target in targets.items():
+        attacked[name.split()[0]] |= set(target.good)
+    return [
+        f"{name}({parameter})"
+        for name, parameters in _public(package)
+        for parameter in parameters
+        if name not in set(trusted) and parameter not in attacked[name]
     ]
-    return len(found), [f"{name} = {label}: {wrong}" for name, label, wrong in found if wrong]
+
+
+def _public(package: ModuleType) -> Iterator[tuple[str, list[str]]]:
+    """Names and parameters; protocols, errors and enumerations are made by nobody."""
+    for name, value in vars(package).items():
+        if name.startswith("_") or not inspect.getmodule(value) or not callable(value):
+            continue
+        if inspect.isclass(value):
+            if getattr(value, "_is_protocol", False) or issubclass(value, Exception | Enum):
+                continue
+            for method, function in vars(value).items():
+                if inspect.isfunction(function) and (method == "__call__" or method[0] != "_"):
+                    label = name if method == "__call__" else f"{name}.{method}"
+                    yield label, list(inspect.signature(function).parameters)[1:]
+        elif not inspect.isfunction(value):
+            continue
+        kinds = inspect.Parameter.VAR_KEYWORD, inspect.Parameter.VAR_POSITIONAL
+        parameters = inspect.signature(value).parameters.values()
+        yield name, [each.name for each in parameters if each.kind not in kinds]
 
 
 def _strange(error: Exception, names: Iterable[str]) -> str | None:
