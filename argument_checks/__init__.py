@@ -22,6 +22,7 @@ from argument_checks.arrays import shaped as shaped
 from argument_checks.arrays import vector as vector
 from argument_checks.intervals import limit_vectors as limit_vectors
 from argument_checks.intervals import limits as limits
+from argument_checks.kinds import attributes as attributes
 from argument_checks.kinds import choice as choice
 from argument_checks.kinds import flag as flag
 from argument_checks.kinds import methods as methods

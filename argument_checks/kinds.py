@@ -1,4 +1,4 @@
-"""Switches, choices by name, seeds, and objects with methods."""
+"""Switches, choices by name, seeds, and objects with certain attributes or methods."""
 
 from collections.abc import Iterable, Sequence
 from typing import Any
@@ -36,5 +36,17 @@ def seed(name: str, value: int | Sequence[int]) -> int | list[int]:
 def methods(name: str, value: Any, *wanted: str) -> Any:
     """The object itself, which has these methods."""
     if absent := [each for each in wanted if not callable(getattr(value, each, None))]:
-        raise TypeError(f"{name} must have {' and '.join(absent)}(), got {shown(value)}")
+        raise TypeError(f"{name} must have {_listed(absent)}(), got {shown(value)}")
     return value
+
+
+def attributes(name: str, value: Any, *wanted: str) -> Any:
+    """The object itself, which has these attributes; none of them is computed for that."""
+    if set(wanted) - set(dir(value)):
+        raise TypeError(f"{name} must have {_listed(wanted)}, got {shown(value)}")
+    return value
+
+
+def _listed(words: Sequence[str]) -> str:
+    *most, last = words
+    return f"{', '.join(most)} and {last}" if most else last

@@ -14,7 +14,7 @@ from prioritized._kinematics import Kinematics
 from prioritized._mechanism.elimination import Joints, Partition, sort_joints
 from prioritized._mechanism.failures import Failures, failed_actuators, stuck_passive
 from prioritized._mechanism.from_model import Mechanism, accuracy_of, arguments_of, tolerance_of
-from prioritized._mechanism.geometry import Accuracy, Elsewhere, Geometry
+from prioritized._mechanism.geometry import ACCURACY_PARTS, Accuracy, Elsewhere, Geometry
 from prioritized._mechanism.names import (
     HasNames,
     Known,
@@ -108,6 +108,8 @@ class ConstrainedSystem:
             "rank_tolerance": tolerance_of(rank_tolerance, geometry_accuracy),
             "geometry_accuracy": None if geometry_accuracy is None else float(geometry_accuracy),
         }
+        if accuracy is not None:
+            check.attributes("accuracy", accuracy, *ACCURACY_PARTS)
         fields["accuracy"] = accuracy
         n = len(fields["active"])
         fields["names"] = None if names is None else checked_names(names, N, n)
@@ -196,8 +198,10 @@ class ConstrainedSystem:
             mechanism: As for :meth:`of`, of the same velocities and task rows.
 
         Raises:
+            TypeError: The mechanism has no J_T or J_C.
             ValueError: As :meth:`at`.
         """
+        check.attributes("mechanism", mechanism, "J_T", "J_C")
         there, accuracy = self.at(mechanism.J_T, mechanism.J_C), accuracy_of(mechanism)
         return there if accuracy is None else there._changed(accuracy=accuracy)
 

@@ -481,15 +481,16 @@ class VelocityMapping:
             joint = ready.joint if joint_velocity is None else joint_velocity
             secondary = ready.secondary if secondary_velocity is None else secondary_velocity
             F, rates, scale = np.empty(ready.room), np.empty(J.shape[1]), kinematics.scale
-            try:
+            if check.is_plain(v_major) and check.is_plain(joint) and check.is_plain(secondary):
                 fractions = kinematics.clear, ready.exact
-                code = ready.solve(
-                    J, *ready.weighed, scale, *fractions, v_major, joint, secondary, F, rates
-                )
-            except TypeError:  # no vectors, or not of floats
-                code = None
-            if code == ready.clear:
-                return rates
+                try:
+                    code = ready.solve(
+                        J, *ready.weighed, scale, *fractions, v_major, joint, secondary, F, rates
+                    )
+                except TypeError:  # no vectors
+                    code = None
+                if code == ready.clear:
+                    return rates
         return self.at(kinematics)(v_major, joint_velocity, secondary_velocity)
 
     @cached_property

@@ -32,12 +32,9 @@ def arguments_of(
     mechanism: Mechanism, springs: bool, geometry_accuracy: float | None
 ) -> dict[str, Any]:
     """Arguments of :class:`prioritized.ConstrainedSystem` as :meth:`ConstrainedSystem.of` says."""
-    try:
-        matrices = {"J_T": mechanism.J_T, "J_C": mechanism.J_C, "active": mechanism.active}
-    except AttributeError:
-        got = check.shown(mechanism)
-        raise TypeError(f"mechanism must have J_T, J_C and active, got {got}") from None
-    check.instance("springs", springs, bool)
+    check.attributes("mechanism", mechanism, "J_T", "J_C", "active")
+    check.flag("springs", springs)
+    matrices = {"J_T": mechanism.J_T, "J_C": mechanism.J_C, "active": mechanism.active}
     stiffness = getattr(mechanism, "stiffness", None) if springs else None
     if springs and stiffness is None:
         raise ValueError(

@@ -38,6 +38,9 @@ class Accuracy(Protocol):
     def extremes(self) -> Extremes: ...
 
 
+ACCURACY_PARTS = tuple(part for part in vars(Accuracy) if part[0] != "_")
+
+
 @dataclass(frozen=True, eq=False)
 class Elsewhere:
     """The accuracy at another pose of the mechanism: of each column the largest error there was.

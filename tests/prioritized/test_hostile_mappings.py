@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import prioritized
 from prioritized import (
     Attainable,
     ConstrainedSystem,
@@ -16,13 +17,14 @@ from prioritized import (
     Status,
     Task,
     VelocityMapping,
+    canonical_basis,
     failure_atlas,
     force_mapping,
     lexicographic_least_squares,
     velocity_mapping,
     viable_rates,
 )
-from tests.hostile import Target, complaints
+from tests.hostile import Target, complaints, unattacked
 
 RNG = np.random.default_rng(7)
 J = RNG.normal(size=(3, 4))
@@ -106,6 +108,7 @@ LIMITS = np.array([[-1.0, -2.0, -1.0], [1.0, 1.0, 3.0]])
 WITHIN = velocity_mapping(J, [0, 1], rate_limits=(-np.ones(4), 0.2))
 HELD = force_mapping(J, [0, 1], torque_limits=(-np.ones(4), 0.2))
 LEVELS = KIN.hierarchy([Task([0]), Task([1, 2], interval=True)], rate_limits=(-1.0, 1.0))
+ATLAS = failure_atlas(SYSTEM, [0])
 CODES = {"codes": np.zeros((2, 3)), "system": SYSTEM, "major": [0], "secondary": [1, 2]}
 
 TARGETS = {
@@ -276,8 +279,52 @@ TARGETS = {
     "Hierarchy.solve of any target": Target(
         lambda targets: answer(LEVELS.solve([targets, None])), {"targets": np.ones(1)}
     ),
-    "FailureAtlas.row": Target(failure_atlas(SYSTEM, [0]).row, {"locked": [0], "free": [1]}),
+    "FailureAtlas.row": Target(ATLAS.row, {"locked": [0], "free": [1]}),
+    "FailureAtlas.describe": Target(ATLAS.describe, {"row": 1}),
+    "Kinematics.velocity_mapping within limits": Target(
+        lambda **a: limited(LOOSE.velocity_mapping([0], **a), "rates"),
+        {"rate_limits": LIMITS, "rate_rows": (np.ones((1, 3)), -1.0, 1.0)}
+        | {"when_limited": "scaled"},
+    ),
+    "Kinematics.force_mapping within limits": Target(
+        lambda **a: limited(LOOSE.force_mapping([0], **a), "torques"),
+        {"torque_limits": LIMITS, "torque_rows": (np.ones((1, 3)), -1.0, 1.0)}
+        | {"force_rows": (J_T[:1, :3], -1.0, 1.0), "when_limited": "scaled"},
+    ),
+    "VelocityMapping.at with limits": Target(
+        lambda **a: KIN.velocity_mapping([0]).at(KIN, **a)([1.0]), {"rate_limits": LIMITS}
+    ),
+    "VelocityMapping.within": Target(
+        lambda **a: WITHIN.within(**a)(np.ones(2)), {"rate_limits": (-np.ones(4), 0.2)}
+    ),
+    "VelocityMapping.rates_at": Target(
+        KIN.velocity_mapping([0], [1], joint_weight=np.ones(3), secondary_weight=[1.0]).rates_at,
+        {"kinematics": KIN, "v_major": np.ones(1), "joint_velocity": np.ones(3)}
+        | {"secondary_velocity": np.ones(1)},
+    ),
+    "ConstrainedSystem.at_pose": Target(
+        lambda **a: mechanism(SYSTEM.at_pose(**a).kinematics()), {"mechanism": SPRUNG}
+    ),
+    "ConstrainedSystem with its accuracy": Target(
+        lambda **a: mechanism(ConstrainedSystem(J_T, J_C, [0, 1, 2], **a).kinematics()),
+        {"accuracy": None},
+    ),
+    "canonical_basis": Target(canonical_basis, {"basis": np.eye(3)[:, :2]}),
 }
+TRUSTED = {
+    # what the library returns, and what Names hold is checked where they are used
+    *("Attainable", "Classes", "FailureAtlas", "Failures", "ForceMapping", "ForceSolution"),
+    *("Hierarchy", "HierarchySolution", "Kinematics", "Manipulability", "Names", "RateBox"),
+    *("Solution", "VelocityMapping", "VelocitySolution"),
+    # what its parts ask of each other, of what was checked
+    *(f"Kinematics.{name}" for name in ("cleaned", "gain_uncertainty", "gap_of", "holds")),
+    *("Kinematics.in_order", "Kinematics.measure", "VelocityMapping.belonging_to"),
+    *("Failures.and_also", "Failures.in_words"),
+}
+
+
+def test_every_argument_of_the_package_is_attacked():
+    assert not unattacked(prioritized, TARGETS, TRUSTED)
 
 
 @pytest.mark.parametrize("target", TARGETS)

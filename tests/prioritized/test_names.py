@@ -177,7 +177,7 @@ def test_a_mechanism_from_a_model_brings_its_springs_on_request():
     np.testing.assert_array_equal(ConstrainedSystem.of(soft, springs=True).stiffness, np.eye(8))
     with pytest.raises(ValueError, match=r"^springs must be False for a mechanism without stiff"):
         ConstrainedSystem.of(Linearization(), springs=True)
-    with pytest.raises(TypeError, match=r"^springs must be a bool, got 'x'$"):
+    with pytest.raises(TypeError, match=r"^springs must be True or False, got 'x'$"):
         ConstrainedSystem.of(soft, springs="x")  # type: ignore
     with pytest.raises(TypeError, match=r"^mechanism must have J_T, J_C and active, got 3$"):
         ConstrainedSystem.of(3)  # type: ignore
