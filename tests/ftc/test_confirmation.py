@@ -7,6 +7,7 @@ import pytest
 from scipy.stats import chi2
 
 from ftc.fdi.fault_model import Fault, fault_model
+from ftc.fdi.monitor import monitor
 from tests.scripted_monitor import (
     LOCKED,
     NOMINAL,
@@ -170,3 +171,20 @@ def test_a_confirmed_failure_is_believed_from_its_onset_on():
             x = model.A @ x + model.B @ moment.v[:3]
     with pytest.raises(ValueError, match="must hold a confirmed diagnosis"):
         after.believing(state)
+
+
+@pytest.mark.parametrize(
+    ("found", "known"),
+    [
+        (verdict(Fault(2, "locked")), (Fault(0, "free"), Fault(2, "locked"))),
+        (verdict(Fault(0, "locked")), (Fault(0, "locked"),)),
+        (verdict(Fault(0, "weak", 1.0)), ()),
+    ],
+    ids=["another", "the same, further", "sound again"],
+)
+def test_what_was_known_of_other_actuators_stays_known(found, known):
+    """A new name replaces what was known of its own actuator alone."""
+    before = monitor(NOMINAL, [Fault(0, "free")], USUAL.config)
+    states = flown(lambda _: found)
+    after, _ = before.believing(states[max(states)])
+    assert after.faults == known

@@ -88,3 +88,24 @@ def test_one_chance_in_a_thousand_of_instability_is_enough_to_stay():
     errors = {("stays", 0.999): 9.0, ("stays", 0.001): 9.0, ("goes", 0.999): 0.1}
     table = Table(**vars(OUTLOOK), errors=errors | {("goes", 0.001): np.inf})
     assert not table.goes_over(STAYS, GOES, cases)
+
+
+@pytest.mark.long
+def test_a_decision_looks_a_second_ahead_from_where_the_path_is(monkeypatch):
+    """The references of the last second, the latest first, and two cases that are all there is."""
+    seen: list[tuple[Outlook, list[Case]]] = []
+
+    def declined(self: Outlook, _stays: Any, _goes: Any, cases: list[Case]) -> bool:
+        seen.append((self, cases))
+        return False
+
+    monkeypatch.setattr(Outlook, "goes_over", declined)
+    path = RIG.path("circle", duration_s=2.5)
+    run = RIG.fly(RIG.supervisor(), path, failures=[Failure(1, "locked", 1.5)])
+    outlook, cases = seen[0]
+    assert len(outlook.references) * RIG.period_s == pytest.approx(1.0, rel=0.02)
+    named = int(np.searchsorted(run.time_s, run.diagnoses[0].time_s))
+    latest = path[named - 10 : named + 1]
+    assert np.abs(latest - outlook.references[0]).max(axis=1).min() < 1e-12
+    assert sum(case.probability for case in cases) == pytest.approx(1.0)
+    assert [len(case.faults) for case in cases] == [1, 0]

@@ -49,3 +49,12 @@ def test_an_unstable_motion_that_is_seen_and_driven_stays():
     """A pendulum that stands upright is for the loop to hold."""
     upright = control.ss([[0, 1], [4, 0]], [[0], [1]], [[1, 0]], 0)
     np.testing.assert_allclose(sorted(minimal(upright).poles().real), [-2, 2], atol=1e-9)
+
+
+@given(st.integers(0, 999), st.integers(1, 4), st.integers(0, 2), st.sampled_from([1e-9, 1e9]))
+def test_what_is_left_does_not_depend_on_the_unit_of_the_inputs(seed, driven, idle, unit):
+    sound = plant(seed, driven, idle)
+    scaled = control.ss(sound.A, unit * sound.B, sound.C, 0)
+    found, expected = minimal(scaled), minimal(sound)
+    assert found.nstates == expected.nstates
+    np.testing.assert_allclose(found(1j), unit * expected(1j), rtol=1e-6, atol=1e-9 * unit)

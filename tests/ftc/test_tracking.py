@@ -368,3 +368,19 @@ def test_a_bench_that_cannot_run_is_refused_when_it_is_made(changed, said):
     usual = {"time_s": np.zeros(2), "period_s": PERIOD_S}
     with pytest.raises(ValueError, match=said):
         Bench(Plant(ARM), TaskSensor([0], 0.0, 0.0, 0), **(usual | changed))
+
+
+@pytest.mark.parametrize("sense", ["task", "joints", "both"])
+def test_the_task_is_computed_from_encoders_only_where_these_are_looked_at(sense):
+    track = closed(HAND, (3, 4), crossover_hz=0.7, sense=sense)
+    assert (track.supervisor().estimate is None) == (sense == "task")
+
+
+def test_the_reference_is_demanded_at_once_unless_that_is_declined(arm):
+    """Before any error was measured: the compensators add what is missing."""
+    reference = np.array([1e-3, -2e-3])
+    for feedforward in (True, False):
+        pilot = closed(ARM, (0, 1), feedforward=feedforward).controller(arm.goal)
+        state = pilot.step(pilot.start(), reference, Measurement(reference, np.zeros(2)))
+        np.testing.assert_allclose(state.asked.demand, feedforward * reference)
+    assert arm.feedforward
