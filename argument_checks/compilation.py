@@ -1,7 +1,8 @@
 """Functions that are compiled when their module is first imported, and then read from the cache.
 
 Compiling them all takes half a minute. It happens once for each version and processor, and is
-announced by one log record a process; where all are in the cache there is none.
+announced by one log record a process; where all are in the cache there is none. A cache that cannot
+be read or written is another record, and costs this half a minute at every start.
 """
 
 import logging
@@ -11,8 +12,12 @@ from typing import Any
 
 from numba import njit
 from numba.core import event
+from numba.core.caching import FunctionCache
 
 NOTICE = "fjh: compiling numeric functions for this computer, once: about half a minute"
+
+_complaints: list[str] = []
+"""That the cache cannot be used; a process says so once."""
 
 
 def kernel(signature: Any, **options: Any) -> Callable[[Callable[..., Any]], Any]:
@@ -26,9 +31,29 @@ def kernel(signature: Any, **options: Any) -> Callable[[Callable[..., Any]], Any
     def compiled(function: Callable[..., Any]) -> Any:
         # numba looks into its cache first, and starts this event only if that has nothing.
         with event.install_listener("numba:compile", _Announcement()):
-            return njit(signature, cache=True, error_model="numpy", **options)(function)
+            try:
+                return njit(signature, cache=True, error_model="numpy", **options)(function)
+            except Exception as error:  # a damaged file raises a dozen kinds
+                without = njit(signature, error_model="numpy", **options)(function)
+                if not _complaints:
+                    _complaints.append(_complaint(function, error))
+                    logging.getLogger(__name__).warning(_complaints[0])
+                return without
 
     return compiled
+
+
+def _complaint(function: Callable[..., Any], error: Exception) -> str:
+    """What is wrong with the cache, and where it is."""
+    try:
+        place = f"in {FunctionCache(function).cache_path}"
+    except RuntimeError:  # nor may the user's own folder be written to
+        place = "of numba"
+    why = " ".join(f"{type(error).__name__}: {error}".split())
+    return (
+        f"fjh: the compiler's cache {place} cannot be used ({why}): until it is removed or can be "
+        "written to, every start takes half a minute longer"
+    )
 
 
 class _Announcement(event.Listener):

@@ -1,10 +1,12 @@
 """`python -m experiments` is `fjh`."""
 
-import os
-import sys
-from importlib.util import find_spec
+from experiments.study.interrupts import exit_on_interrupt, ignore_interrupts, interrupted, notice
 
-from experiments.study.terminal import exit_on_interrupt, notice
+exit_on_interrupt()  # before all others: the imports take a second
+
+import os  # noqa: E402
+import sys  # noqa: E402
+from importlib.util import find_spec  # noqa: E402
 
 PACKAGES = (
     *("distributed", "jinja2", "matplotlib", "mujoco", "psutil", "pyarrow", "rerun"),
@@ -15,7 +17,7 @@ PACKAGES = (
 # MuJoCo otherwise imports a window library, which starts a process to find it: one that prints a
 # traceback if Ctrl-C ends this command, or one of its workers, at that moment.
 os.environ.setdefault("MUJOCO_GL", "disabled")
-exit_on_interrupt()  # the imports take a second: Ctrl-C must be ready before
+os.environ.setdefault("RUST_LOG", "off")  # Rerun's reader: what it cannot read we say ourselves
 
 
 def run() -> None:
@@ -28,7 +30,11 @@ def run() -> None:
         sys.exit(2)
     from experiments.app.cli import main
 
-    sys.exit(main())
+    code = main()
+    ignore_interrupts()
+    if interrupted():  # Python may have noted the exception, and would end by Ctrl-C's signal
+        os._exit(code)
+    sys.exit(code)
 
 
 if __name__ == "__main__":

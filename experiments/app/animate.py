@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from experiments.app.command import machine_refused
 from experiments.study.files import published, usable_file
 from experiments.study.spelling import check_file
 from experiments.study.study import WrongInput
@@ -49,7 +48,7 @@ def animate(
     for run in runs:
         check_file(run)
     folder = usable_file(out, ".gif")
-    with progress("animate", shown=not quiet) as on_progress, machine_refused():
+    with progress("animate", shown=not quiet) as on_progress:
         from experiments.recording.animation import Animation, write_animation
 
         animation = Animation(_read(runs, model))

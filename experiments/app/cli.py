@@ -10,22 +10,14 @@ from typing import Annotated
 import typer
 
 from experiments.app.animate import animate
-from experiments.app.command import command, machine_refused
+from experiments.app.command import command
+from experiments.app.refusals import INTERRUPTED, WRONG_INPUT, ending_of
 from experiments.app.report import report
 from experiments.studies import STUDIES
-from experiments.study.files import OutputError, published, usable_file
+from experiments.study.files import published, usable_file
+from experiments.study.interrupts import INTERRUPTION, interrupted, notice
 from experiments.study.spelling import check_file
-from experiments.study.study import Interrupted, Unsound, WrongInput
-from experiments.study.terminal import (
-    INTERRUPTED,
-    INTERRUPTION,
-    Ending,
-    notice,
-    print_ending,
-    progress,
-)
-
-UNSOUND, WRONG_INPUT = 1, 2
+from experiments.study.terminal import Ending, print_ending, progress
 
 HELP = """Simulate the fault-tolerant hexapod of Chen, McInroy and Yi (2003) and other mechanisms.
 
@@ -38,9 +30,10 @@ runs.
 EXIT_CODES = """\b
 Exit codes:
   0    all checks of the results passed
-  1    a check failed, a simulation diverged, or no picture could be drawn
+  1    a check failed, a simulation diverged, no picture could be drawn, or a mistake of the
+       program: with FJH_TRACEBACK=1 in the environment it comes with its traceback
   2    wrong input
-  130  interrupted; no file is left half-written
+  130  interrupted (143 and 129 if told to end or to hang up); no file is left half-written
 """
 
 _SIZE = re.compile(r"([1-9]\d{1,3})x([1-9]\d{1,3})")
@@ -71,7 +64,7 @@ def review(
     folder = usable_file(out, ".rrd")
     for run in (run for run in runs if not run.is_dir()):
         check_file(run)
-    with progress("review"), machine_refused():
+    with progress("review"):
         from experiments.app.review import write_review  # late: help does not wait for it
 
         with published(folder, index=out.name) as staging:
@@ -142,22 +135,16 @@ for each in (*map(command, STUDIES), report, review, render, animate):
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run `fjh`; returns the exit code: 0 sound, 1 unsound, 2 wrong input, 130 interrupted."""
+    """Run `fjh`; returns the exit code, as its help lists them."""
     words = sys.argv[1:] if arguments is None else arguments
     if empty := _empty_option(words):
         return _failed(f"{empty} is empty, expected a value", WRONG_INPUT)
     try:
         code = app(args=words or ["--help"], prog_name="fjh", standalone_mode=False)
-    except typer.exceptions.TyperException as error:
-        return _failed(error.format_message(), WRONG_INPUT)
-    except (WrongInput, OutputError) as error:
-        return _failed(str(error), WRONG_INPUT)
-    except Unsound as error:
-        return _failed(str(error), UNSOUND)
-    except Interrupted as error:
-        return _failed(str(error), INTERRUPTED)
+    except Exception as error:
+        return _failed(*ending_of(error))
     if code == INTERRUPTED:  # Typer has already caught the Ctrl-C
-        return _failed(INTERRUPTION, INTERRUPTED)
+        return _failed(INTERRUPTION, interrupted() or INTERRUPTED)
     return code or 0
 
 

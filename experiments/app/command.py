@@ -12,7 +12,7 @@ import typer
 
 from experiments.study.files import json_text, published, usable_folder, write_arrays
 from experiments.study.results import Results, publish
-from experiments.study.study import Option, Progress, Study, Unsound, WrongInput
+from experiments.study.study import Option, Progress, Study, Unsound
 from experiments.study.terminal import (
     Ending,
     print_ending,
@@ -53,7 +53,7 @@ def conduct(study: Study, folder: Path, progress: Progress, **options: Any) -> R
         options["folder"] = folder
     with ExitStack() as running:
         options["on_progress"] = running.enter_context(progress(study.name))
-        with machine_refused(), diverged_into(folder), study.perform(**options) as results:
+        with diverged_into(folder), study.perform(**options) as results:
             running.close()  # there is one bar at a time
             with progress(f"{study.name}: files") as on_progress:
                 return publish(folder, study.name, results, on_progress)
@@ -128,23 +128,9 @@ def _parameter(option: Option) -> inspect.Parameter:
 
 
 @contextmanager
-def machine_refused() -> Iterator[None]:
-    """Make a `WrongInput` of the error that a machine file raises.
-
-    To be entered when there is progress: the import takes seconds.
-    """
-    from sim import ModelError  # late: the help text does not wait for MuJoCo's import
-
-    try:
-        yield
-    except ModelError as error:
-        raise WrongInput(str(error)) from error
-
-
-@contextmanager
 def diverged_into(folder: Path) -> Iterator[None]:
     """Leave the state of a diverging simulation in the folder, and raise `Unsound`."""
-    import numpy as np  # late, as above
+    import numpy as np  # late: the help text does not wait for MuJoCo's import
 
     from sim import SimulationDiverged
 

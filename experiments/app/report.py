@@ -12,10 +12,11 @@ from experiments.app.chapter import Chapter, Edition, former_entry, run_chapter
 from experiments.app.command import show, with_options
 from experiments.studies import STUDIES
 from experiments.study.files import published, usable_folder, write_index
+from experiments.study.interrupts import INTERRUPTION
 from experiments.study.results import Results
 from experiments.study.study import Interrupted, NotInstalled, Progress, Unsound
 from experiments.study.tables import Column, tabulate
-from experiments.study.terminal import INTERRUPTION, Ending, print_ending, progress
+from experiments.study.terminal import Ending, print_ending, progress
 
 CHAPTERS = tuple(Chapter(study) for study in STUDIES if study.in_report is not None)
 

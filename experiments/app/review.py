@@ -16,6 +16,7 @@ from experiments.rig.hexapod import paper
 from experiments.rig.hexapod.metrics import closure_residual_max_m, pointing_rms_urad, rms
 from experiments.rig.hexapod.simulation import Trajectory
 from experiments.rig.hexapod.testbed import TestbedConfig
+from experiments.study.foreign import read_json
 from experiments.study.study import WrongInput
 from sim import hexapod, load_model, model_sha256
 
@@ -72,13 +73,7 @@ def _runs_in(folder: Path, stated: dict[str, Any]) -> dict[Path, RecordedRun]:
 
 def read_summaries(folder: Path) -> dict[str, Any]:
     """Contents of the JSON files of a folder, by their names; `WrongInput` if one is unreadable."""
-    contents = {}
-    for file in sorted(folder.glob("*.json")):
-        try:
-            contents[file.name] = json.loads(file.read_bytes())
-        except (OSError, ValueError, RecursionError):
-            raise WrongInput(f"{file} is not readable JSON") from None
-    return contents
+    return {file.name: read_json(file) for file in sorted(folder.glob("*.json"))}
 
 
 def check_stated(data: str, run: Trajectory, stated: dict[str, Any]) -> None:

@@ -1,6 +1,5 @@
 """Runs as an animation takes them: of the hexapod, and of any robot that `fjh track` flew."""
 
-import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -16,6 +15,7 @@ from experiments.recording.keep import NoRunError
 from experiments.recording.marks import Mark
 from experiments.recording.mechanism import Motion, exaggerated, exaggeration_of, motion_of, stills
 from experiments.recording.shown import Shown, magnified, scales_of
+from experiments.study.foreign import read_arrays, read_json
 from experiments.study.study import WrongInput
 
 _LARGER = 2
@@ -81,14 +81,12 @@ def of_robot(heading: str, model: mujoco.MjModel, file: Path, model_sha256: str)
         WrongInput: It, or what is beside it, is not whole, or of another machine; or its task is
             no path in a plane.
     """
-    with np.load(file) as opened:
-        arrays = dict(opened)
-    stated = file.with_name("track.json")
+    arrays, stated = read_arrays(file), file.with_name("track.json")
     names = ("time_s", "desired", "true", "qpos")
     if missing := [name for name in names if name not in arrays]:
         raise NoRunError(f"{file} is not a run of the hexapod or of fjh track: no {missing[0]}")
     try:
-        summary: dict[str, Any] = json.loads(stated.read_bytes())
+        summary: dict[str, Any] = read_json(stated)
         units, marks = [str(each) for each in summary["units"]], _marks(summary)
         another = summary["model_sha256"] != model_sha256
         time_s, desired, true, qpos = (check.finite(name, arrays[name]) for name in names)
@@ -97,7 +95,7 @@ def of_robot(heading: str, model: mujoco.MjModel, file: Path, model_sha256: str)
         check.exactly("true", true, len(time_s), len(units))
         if len(time_s) < 2 or (np.diff(time_s) <= 0).any():
             raise ValueError("time_s must ascend")
-    except (OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:
+    except (ValueError, LookupError, TypeError, AttributeError) as error:
         raise WrongInput(f"{file} and {stated.name} are not a run: {error}") from None
     if another or qpos.shape != (len(time_s), model.nq):
         raise WrongInput(f"{file} is a run of another machine; --model FILE draws that")

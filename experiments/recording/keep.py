@@ -1,6 +1,7 @@
 """A hexapod run on disk, written and read back: its data (.npz) and its recording (.rrd)."""
 
 import json
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -16,6 +17,7 @@ from experiments.recording.screens import RATE_HZ, write_run
 from experiments.recording.shown import Shown, run_notes
 from experiments.rig.hexapod.simulation import Trajectory
 from experiments.study.files import write_arrays
+from experiments.study.foreign import read_arrays
 from experiments.study.study import WrongInput
 from sim import Array
 
@@ -88,11 +90,7 @@ def read_run(path: Path) -> RecordedRun:
         NoRunError: It holds something else.
         WrongInput: It is no such file, or not a whole one, or the recording beside it is not of it.
     """
-    try:
-        with np.load(path) as file:
-            arrays = dict(file)
-    except Exception:  # numpy and zipfile raise a dozen kinds, MemoryError among them
-        raise WrongInput(f"{path} is not a readable .npz file") from None
+    arrays = read_arrays(path)
     run, recording = whole_run(str(path), arrays), path.with_suffix(".rrd")
     if not recording.is_file():
         return RecordedRun(Shown(run), "", {})
@@ -112,9 +110,10 @@ def read_run(path: Path) -> RecordedRun:
 
 def _read_recording(path: Path) -> tuple[dict[str, Any], Array]:
     """Properties of a run's recording, and the true angles that it shows [urad], (T, 2)."""
-    recording = RrdReader(path)
-    properties = recording.stream().filter(content="/__properties/run").to_chunks()
-    angles = recording.stream().filter(content="/pointing/true", is_static=False).to_chunks()
+    with warnings.catch_warnings(action="error"):  # of a file that ends too early it only warns
+        recording = RrdReader(path)
+        properties = recording.stream().filter(content="/__properties/run").to_chunks()
+        angles = recording.stream().filter(content="/pointing/true", is_static=False).to_chunks()
     cells = {
         name: column[0]
         for chunk in properties

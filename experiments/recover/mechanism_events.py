@@ -11,10 +11,11 @@ import numpy as np
 from experiments.recover.mechanism_event_row import SCHEMA, row_of
 from experiments.recover.mechanism_flight import MechanismFlight
 from experiments.recover.mechanisms import SOURCES
+from experiments.rig.bounds import check_number
 from experiments.rig.dither import option_dither
 from experiments.rig.events import EVENTS, Event
 from experiments.rig.mjcf import robot_rig
-from experiments.rig.options import RobotOptions, check_positive
+from experiments.rig.options import RobotOptions
 from experiments.rig.reach import check_reach
 from experiments.rig.rig import Rig
 from experiments.study.campaign import Campaign
@@ -72,7 +73,7 @@ def run_mechanism_events(
     **robot: Any,
 ) -> Iterator[MechanismEvents | dict[str, Any]]:
     """Fly a robot in all events; arguments and errors as of `mechanisms.run_mechanisms`."""
-    check_positive("turn", turn)
+    check_number("turn", turn)
     options, file = RobotOptions(**robot), model.resolve()
     rig = robot_rig(file, options)
     design = option_dither(rig, dither)

@@ -10,10 +10,11 @@ import numpy as np
 
 from experiments.recover.mechanism_flight import LEFT_S, MechanismFlight, recovered_s
 from experiments.recover.mechanism_row import SCHEMA, row_of
+from experiments.rig.bounds import check_number
 from experiments.rig.choices import Sensing
 from experiments.rig.dither import option_dither
 from experiments.rig.mjcf import robot_rig
-from experiments.rig.options import RobotOptions, check_positive
+from experiments.rig.options import RobotOptions
 from experiments.rig.reach import check_reach
 from experiments.rig.rig import Rig
 from experiments.study.basis import SHARED, Sources
@@ -92,7 +93,7 @@ def run_mechanisms(
         WrongInput: Something that the robot does not have or cannot do; or as `complete`.
         sim.ModelError: The file, or what it says.
     """
-    check_positive("turn", turn)
+    check_number("turn", turn)
     options, file = RobotOptions(**robot), model.resolve()
     drawn_from = {
         "seed": seed,

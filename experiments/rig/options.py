@@ -1,6 +1,5 @@
 """What a command says of its robot: the options that several studies have."""
 
-import math
 import re
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -8,8 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from experiments.rig.bounds import check_number, weights_of
 from experiments.rig.choices import Feedforward, Limited, Sensing
-from experiments.study.spelling import nearest
+from experiments.study.spelling import index_in, nearest
 from experiments.study.study import Option, WrongInput
 
 _TWIST = 6
@@ -29,7 +29,7 @@ class RobotOptions:
     """How a robot is controlled, in the words of the command; its options are below.
 
     Raises:
-        WrongInput: A number that is not positive, or no rows of a twist.
+        WrongInput: A number out of its bounds, or no rows of a twist, or no weights.
     """
 
     site: str = "payload"
@@ -51,7 +51,10 @@ class RobotOptions:
     def __post_init__(self) -> None:
         for name in ("size", "noise", "crossover", "period", "servo"):
             if (value := getattr(self, name)) is not None:
-                check_positive(name, value)
+                check_number(name, value)
+        for name in ("joint_weight", "secondary_weight"):
+            if (text := getattr(self, name)) is not None:
+                weights_of(f"--{name.replace('_', '-')}", text)
         _ = self.rows, self.pins
 
     @property
@@ -67,10 +70,12 @@ class RobotOptions:
     def rows(self) -> tuple[int, ...]:
         """The major ones, of the twist."""
         parts = self.major.split(",")
-        rows = [int(part) for part in parts if part.strip().isdecimal()]
-        if len(rows) < len(parts) or len(set(rows)) < len(rows) or max(rows) >= _TWIST:
-            raise WrongInput(f"--major must be different rows from 0 to 5 as 0,1, got {self.major}")
-        return tuple(rows)
+        rows = [index_in(_TWIST, part.strip()) for part in parts]
+        found = tuple(row for row in rows if row is not None)
+        if len(set(found)) < len(parts):
+            said = f"must be different rows from 0 to 5 as 0,1, got {self.major:.80}"
+            raise WrongInput(f"--major {said}")
+        return found
 
 
 def written(value: Any) -> Any:
@@ -136,16 +141,6 @@ def _argument(option: re.Match[str]) -> str:
     name = option[1].replace("-", "_")
     said = {"servo": "servo_hz", "keyframe": "start"}.get(name, name)
     return f"{said}=10" if option[2] else said
-
-
-def check_positive(name: str, value: float) -> None:
-    """Refuse a number of the command that is not positive and finite.
-
-    Raises:
-        WrongInput: It is not.
-    """
-    if not 0 < value < math.inf:
-        raise WrongInput(f"--{name} must be positive and finite, got {value:g}")
 
 
 _USUAL = RobotOptions

@@ -1,12 +1,12 @@
 """Paths of the major task: displacements from the start, row by row."""
 
-import zipfile
 from pathlib import Path
 
 import numpy as np
 
 import argument_checks as check
 from experiments.rig.options import check_path
+from experiments.study.foreign import read_arrays
 from experiments.study.study import WrongInput
 from sim import Array, spiral
 
@@ -48,13 +48,11 @@ def path_of(
 def _from_file(file: Path, rows: int, time_s: Array) -> Array:
     """A path from `time_s` (K,) and `desired` (K, rows) in an .npz file, between them linear."""
     check_path(str(file))
+    arrays = read_arrays(file)
     try:
-        with file.open("rb") as opened, np.load(opened) as arrays:
-            times = check.finite("time_s", arrays["time_s"])
-            desired = check.finite("desired", arrays["desired"])
-    except OSError as error:
-        raise WrongInput(f"--path {file} cannot be read: {error.strerror or error}") from None
-    except (KeyError, ValueError, TypeError, EOFError, zipfile.BadZipFile) as error:
+        times = check.finite("time_s", arrays["time_s"])
+        desired = check.finite("desired", arrays["desired"])
+    except (KeyError, ValueError, TypeError) as error:
         raise WrongInput(f"--path {file} holds no path: {error}") from None
     if (
         times.ndim != 1

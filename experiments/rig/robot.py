@@ -10,10 +10,12 @@ import mujoco
 import numpy as np
 
 import argument_checks as check
+from experiments.rig.bounds import weights_of
 from experiments.rig.mismatch import Mismatch
 from experiments.rig.mismatched import DriftingSensors, displaced, mismatched_model
 from experiments.rig.options import RobotOptions
 from experiments.study.draw import Draw
+from experiments.study.spelling import index_in
 from experiments.study.study import WrongInput
 from ftc.goal import Goal
 from ftc.tracking import is_possible, mapping_for
@@ -210,13 +212,10 @@ def _start(model: mujoco.MjModel, *, keyframe: str | None, at: Array | None) -> 
             mujoco.mj_resetDataKeyframe(model, data, 0)
         return data
     names = [model.key(k).name for k in range(model.nkey)]
-    if keyframe in names:
-        number = names.index(keyframe)
-    elif keyframe.isdecimal() and int(keyframe) < model.nkey:
-        number = int(keyframe)
-    else:
+    number = names.index(keyframe) if keyframe in names else index_in(model.nkey, keyframe)
+    if number is None:
         known = ", ".join(name or str(k) for k, name in enumerate(names)) or "none"
-        raise WrongInput(f"--keyframe {keyframe}: the model has {known}")
+        raise WrongInput(f"--keyframe {keyframe:.80}: the model has {known}")
     mujoco.mj_resetDataKeyframe(model, data, number)
     return data
 
@@ -236,12 +235,7 @@ def _goal(actuators: int, options: RobotOptions) -> Goal:
 
 
 def _weights(option: str, text: str, count: int) -> tuple[float, ...]:
-    try:
-        values = [float(part) for part in text.split(",")]
-    except ValueError:
-        raise WrongInput(f"{option} must be numbers with commas between, got {text}") from None
-    if not all(0 <= value < math.inf for value in values):
-        raise WrongInput(f"{option} must not be negative or infinite, got {text}")
+    values = weights_of(option, text)
     if len(values) not in (1, count):
         raise WrongInput(f"{option} must be one number or {count}, got {len(values)}")
-    return tuple(values * count if len(values) == 1 else values)
+    return values * count if len(values) == 1 else values

@@ -13,8 +13,8 @@ from distributed import Client, Future, as_completed, rpc
 
 from experiments.study.basis import Sources, check_workers, digest, identity
 from experiments.study.campaign import Campaign, Row, simulate
+from experiments.study.interrupts import notice
 from experiments.study.study import Unsound, WrongInput
-from experiments.study.terminal import notice
 from experiments.study.where import PATIENCE_S
 
 ANSWERS_IN_S = 5.0

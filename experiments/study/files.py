@@ -11,6 +11,8 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from experiments.study.interrupts import uninterrupted
+
 if TYPE_CHECKING:  # the help text does not wait for NumPy's import
     from numpy.typing import NDArray
 
@@ -82,7 +84,8 @@ def published(folder: Path, index: str) -> Iterator[Path]:
     try:
         with made(folder), staging_folder(folder) as staging:
             yield staging
-            _move_all(staging, folder, index)
+            with uninterrupted():  # all of them, or none
+                _move_all(staging, folder, index)
     except OSError as error:
         reason = error.strerror or str(error)
         raise OutputError(f"{folder} could not be written: {reason}") from None
@@ -145,10 +148,10 @@ def staging_folder(folder: Path) -> Iterator[Path]:
     """
     _remove_abandoned(folder)
     while True:
-        with (
-            tempfile.TemporaryDirectory(dir=folder, prefix=PREFIX) as name,
-            _locked(Path(name), wait=True),
-        ):
+        with ExitStack() as held:
+            with uninterrupted():  # until it is known, and will be removed
+                name = held.enter_context(tempfile.TemporaryDirectory(dir=folder, prefix=PREFIX))
+            held.enter_context(_locked(Path(name), wait=True))
             # Before it was locked, another process may have taken it for abandoned.
             if Path(name).is_dir():
                 yield Path(name)

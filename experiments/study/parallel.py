@@ -14,6 +14,7 @@ from multiprocessing.resource_tracker import ensure_running
 from traceback import format_exc
 from typing import Any
 
+from experiments.study.interrupts import SIGNALS, uninterrupted
 from experiments.study.study import OnProgress, Unsound
 
 CORES = len(os.sched_getaffinity(0))
@@ -60,8 +61,9 @@ def finished(jobs: Iterable[Job], workers: int) -> Generator[tuple[int, Any], No
     busy: dict[Any, Job] = {}  # by the pipe to its worker
 
     def begin(job: Job) -> None:
-        process, pipe = _worker()
-        processes.append(process)
+        with uninterrupted():  # until it is known, and can be ended
+            process, pipe = _worker()
+            processes.append(process)
         give(pipe, job)
 
     def give(pipe: Any, job: Job) -> None:
@@ -92,7 +94,7 @@ def finished(jobs: Iterable[Job], workers: int) -> Generator[tuple[int, Any], No
                 yield job[0], result
     finally:
         for process in processes:
-            process.terminate()
+            process.kill()  # at once, even while it starts
         for process in processes:
             process.join()
 
@@ -106,9 +108,10 @@ def _worker() -> tuple[BaseProcess, Connection]:
     context = get_context("spawn")
     pipe, its = context.Pipe()
     process = context.Process(target=_work, args=(its,), daemon=True)
-    ensure_running()  # of itself it would unblock the signal while the process starts
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
     try:
+        ensure_running()  # of itself it would unblock them while the process starts
+        signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
         process.start()
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
@@ -118,7 +121,10 @@ def _worker() -> tuple[BaseProcess, Connection]:
 
 def _work(pipe: Connection) -> None:
     os.environ.update(ONE_THREAD)  # before a job brings numpy
-    with suppress(EOFError, BrokenPipeError):  # the parent was killed
+    for each in SIGNALS:
+        signal.signal(each, signal.SIG_IGN if each == signal.SIGINT else signal.SIG_DFL)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
+    with suppress(EOFError, OSError):  # the parent was killed
         while True:
             _, function, call = pipe.recv()
             pipe.send_bytes(_answer(function, call))

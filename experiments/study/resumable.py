@@ -11,11 +11,11 @@ from typing import Any, Generic
 from experiments.study.basis import BASIS, basis_in, check_same
 from experiments.study.campaign import AnyRuns, Campaign, Row, simulate
 from experiments.study.dataset import Broken, Dataset, check_merged
+from experiments.study.interrupts import notice
 from experiments.study.lock import LOCK, alone_in
 from experiments.study.parallel import CORES, finished
 from experiments.study.provenance import versions
 from experiments.study.study import Interrupted, OnProgress, WrongInput
-from experiments.study.terminal import notice
 from experiments.study.where import Where
 
 UNFINISHED = "unfinished"

@@ -7,6 +7,8 @@ from pathlib import Path
 from experiments.study.study import WrongInput
 
 _SHOWN = 12
+LARGEST_FILE = 1_000_000_000
+"""Bytes of a file that is read: a sweep's endless design would fill the memory."""
 
 
 def nearest(name: str, known: Iterable[str]) -> str:
@@ -23,16 +25,27 @@ def hint(name: str, known: Iterable[str]) -> str:
     return nearest(name, names) or f"; it has {', '.join(names[:_SHOWN])}{more}"
 
 
+def index_in(count: int, text: str) -> int | None:
+    """The number below `count` that a text is, of however many digits; None where it is none."""
+    return next((number for number in range(count) if str(number) == text), None)
+
+
 def check_file(path: Path) -> None:
     """Refuse what is no file; its neighbours of similar names are shown.
 
     Raises:
         WrongInput: It is none.
     """
+    shown = f"{str(path)!r:.200}"
     try:
+        if path.is_file() and path.stat().st_size > LARGEST_FILE:
+            raise WrongInput(f"{shown} has more than {LARGEST_FILE / 1e9:g} GB")
         if path.is_file():
             return
-        beside = [str(each) for each in path.parent.iterdir() if each.suffix == path.suffix]
+        if path.exists():
+            raise WrongInput(f"{shown} is no file but a folder, a pipe or a device")
+        others = (each for each in path.parent.iterdir() if each != path)
+        beside = [str(each) for each in others if each.suffix == path.suffix]
     except (OSError, ValueError):  # there is no such folder; or it is no path at all
         beside = []
-    raise WrongInput(f"there is no file {str(path)!r}{nearest(str(path), beside)}")
+    raise WrongInput(f"there is no file {shown}{nearest(str(path), beside)}")

@@ -1,5 +1,6 @@
 """A study as data: what the command line offers of it, and the two functions that make it."""
 
+import logging
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field
@@ -7,6 +8,11 @@ from pkgutil import resolve_name
 from typing import Any
 
 from experiments.study.results import Results
+
+# What a warning of MuJoCo's means for a run, a sentence of the command's own says.
+logging.getLogger(f"{__name__.removesuffix('experiments.study.study')}sim").addHandler(
+    logging.NullHandler()
+)
 
 OnProgress = Callable[[int, int], None]
 """To be called with the finished and total steps of some work."""

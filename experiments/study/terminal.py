@@ -1,48 +1,18 @@
-"""What a person at a terminal sees, progress and tables, and what Ctrl-C does."""
+"""What a person at a terminal sees: progress and tables."""
 
-import os
-import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from types import FrameType
 from typing import TYPE_CHECKING
 
+from experiments.study.interrupts import raise_on_interrupt
 from experiments.study.layout import fitted, widths
 from experiments.study.tables import Table
 
 if TYPE_CHECKING:  # the help text does not wait for Rich's import
     from rich.table import Table as RichTable
-
-INTERRUPTED = 130
-INTERRUPTION = "interrupted: no file was left half-written"
-
-
-def exit_on_interrupt() -> None:
-    """From now on Ctrl-C ends the process with one sentence: for the time of the imports.
-
-    An exception in the middle of an import comes out as whatever the package makes of it. Workers,
-    which ignore Ctrl-C, go on ignoring it.
-    """
-    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-        signal.signal(signal.SIGINT, _exit)
-
-
-def raise_on_interrupt() -> None:
-    """From now on Ctrl-C is a KeyboardInterrupt: there are workers to end and files to remove.
-
-    The signals to end and to hang up are treated alike.
-    """
-    if signal.getsignal(signal.SIGINT) is _exit:
-        for each in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-            signal.signal(each, signal.default_int_handler)
-
-
-def _exit(_signal: int, _frame: FrameType | None) -> None:
-    notice(INTERRUPTION)
-    os._exit(INTERRUPTED)
 
 
 @contextmanager
@@ -53,7 +23,7 @@ def progress(description: str, *, shown: bool = True) -> Iterator[Callable[[int,
     results are being made after the last step. The work begins here: from here on Ctrl-C is an
     exception.
     """
-    # Late: Ctrl-C must be ready before any package is imported.
+    # Late: the help text does not wait for it.
     from rich import progress as rich
     from rich.console import Console
 
@@ -137,8 +107,3 @@ def print_ending(ending: Ending) -> None:
     where = f"Files are in {folder}; open {file} first."
     console.print(where, soft_wrap=True)
     console.print(f"Next: {ending.following}", soft_wrap=True)
-
-
-def notice(sentence: str) -> None:
-    """A sentence on standard error, whatever is left out or shown beside it."""
-    print(f"fjh: {sentence}", file=sys.stderr, flush=True)

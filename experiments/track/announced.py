@@ -6,9 +6,9 @@ from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple, get_args
 
+from experiments.rig.bounds import check_number
 from experiments.rig.choices import Failing
 from experiments.rig.events import Event
-from experiments.rig.options import check_positive
 from experiments.rig.spelling import actuators, check_robot
 from experiments.study.spelling import hint
 from experiments.study.study import WrongInput
@@ -27,14 +27,21 @@ class Announced(NamedTuple):
 
 
 def check(
-    *, model: Path | None, fail: Sequence[str], event: Sequence[str], duration: float, **others: Any
+    *,
+    model: Path | None,
+    fail: Sequence[str],
+    event: Sequence[str],
+    duration: float,
+    turn: float,
+    **others: Any,
 ) -> None:
     """Refuse names that the robot's file does not have, and numbers that cannot be.
 
     Raises:
         WrongInput: There is one.
     """
-    check_positive("duration", duration)
+    check_number("duration", duration)
+    check_number("turn", turn)
     check_robot(model=model, **others)
     names = actuators(model)
     known = [*chain(*names)]

@@ -12,15 +12,15 @@ from experiments.rig.choices import Diagnosing, Sensing
 from experiments.rig.dither import option_dither
 from experiments.rig.events import Event
 from experiments.rig.mjcf import robot_rig
-from experiments.rig.options import DITHER, RobotOptions, check_positive
+from experiments.rig.options import DITHER, RobotOptions
 from experiments.rig.other_controller import fly_with
 from experiments.rig.prediction import Prediction
 from experiments.rig.reach import check_reach
 from experiments.rig.rig import Rig
 from experiments.rig.run import Run
 from experiments.study.controllers import controller_factory
+from experiments.study.interrupts import notice
 from experiments.study.study import OnProgress, WrongInput
-from experiments.study.terminal import notice
 from experiments.track.advice import Means, advice, not_isolable
 from experiments.track.announced import announced, happening
 from experiments.track.failures import learnt_s, modelled, numbered, uncompared
@@ -112,7 +112,6 @@ def run_track(
         sim.ModelError: The file, or what it says.
         sim.SimulationDiverged: The physics left the finite numbers.
     """
-    check_positive("turn", turn)
     told = diagnosis == "on"
     if not told:
         if dither not in ("none", DITHER.default):

@@ -82,7 +82,7 @@ def frame_named(model: mujoco.MjModel, frame: str | Body) -> str | Body:
     if isinstance(frame, Body) or any(model.site(k).name == frame for k in range(model.nsite)):
         return frame
     is_name = any(model.body(k).name == frame for k in range(model.nbody))
-    return Body(int(frame) if frame.isdecimal() and not is_name else frame)
+    return Body(int(frame) if frame.isdecimal() and len(frame) < 10 and not is_name else frame)
 
 
 def _body(model: mujoco.MjModel, argument: str, name: str | int) -> int:

@@ -2,7 +2,7 @@
 
 import copy
 import hashlib
-import math
+import warnings
 from collections.abc import Sequence
 from difflib import get_close_matches
 from pathlib import Path
@@ -14,6 +14,7 @@ import numpy as np
 import argument_checks as check
 from sim.errors import ModelError
 from sim.mjcf.locks import add_locks as add_locks_to
+from sim.mjcf.numbers import check_numbers, check_text
 
 _MOST_LISTED = 12
 
@@ -35,8 +36,9 @@ def load_model(path: str | Path | None = None, *, add_locks: bool = False) -> mu
     actuator k of the joint. The file is not changed.
 
     Raises:
-        ModelError: The file is missing or not valid, or its time step is not positive; or the
-            name of a lock to be added is that of another equality.
+        ModelError: The file is missing or not valid; one of its numbers is NaN, infinite, beyond
+            1e10, or negative where none may be, or the time step is not within 1e-7 and 1 s; or
+            the name of a lock to be added is that of another equality.
         TypeError: An argument is of another type.
     """
     check.instance("add_locks", add_locks, bool)
@@ -51,14 +53,17 @@ def load_spec(path: str | Path | None = None) -> tuple[mujoco.MjSpec, mujoco.MjM
         ModelError, TypeError: As :func:`load_model`.
     """
     file = _file(path)
+    check_text(file)
     try:
-        spec = mujoco.MjSpec.from_file(str(file))
-        model = spec.compile()
+        with warnings.catch_warnings(record=True, action="always") as said:
+            spec = mujoco.MjSpec.from_file(str(file))
+            model = spec.compile()
     except ValueError as error:
         reason = " ".join(str(error).split())
         raise ModelError(f"{file} is not a valid MJCF or URDF model: {reason}") from None
-    if not 0 < model.opt.timestep < math.inf:  # MuJoCo takes any
-        raise ModelError(f"{file}: timestep must be positive and finite, got {model.opt.timestep}")
+    check_numbers(file, model)
+    for each in said:  # what is refused is refused in one sentence
+        warnings.warn(each.message, each.category, stacklevel=3)
     return spec, model
 
 

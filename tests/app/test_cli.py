@@ -1,15 +1,8 @@
 """The command: bad input in one sentence, sound exit codes, nothing half-written."""
 
-import contextlib
 import json
-import os
-import signal
-import subprocess
-import sys
-import time
 
 import numpy as np
-import psutil
 import pytest
 import typer
 from rerun.chunk import RrdReader
@@ -112,7 +105,7 @@ def test_a_broken_machine_file_is_refused(capsys, tmp_path, mjcf):
         # Nothing is missing, but it cannot point.
         ("<weld ", "<weld active='false' ", "six degrees of freedom"),
         ('gainprm="126000"', 'gainprm="0"', "has gain 0"),
-        ('damping="110"', 'damping="-4000"', "alpha loop is unstable"),
+        ('damping="110"', 'damping="110000"', "alpha loop is unstable"),
         (
             "</actuator>",
             '<motor name="coil7" joint="top_twist1"/></actuator>',
@@ -122,10 +115,6 @@ def test_a_broken_machine_file_is_refused(capsys, tmp_path, mjcf):
         pytest.param(  # which the processes see that compute in parallel
             *('timestep="1.25e-4"', 'timestep="3e-4"', "0.0003 s does not divide"),
             marks=pytest.mark.long,
-        ),
-        *(
-            ('timestep="1.25e-4"', f'timestep="{bad}"', f"positive and finite, got {got}")
-            for bad, got in (("0", "0.0"), ("-1e-4", "-0.0001"), ("nan", "nan"), ("inf", "inf"))
         ),
     ],
 )
@@ -197,58 +186,3 @@ def test_quick_writes_everything_at_full_rate_and_prints_one_table(capsys, tmp_p
     said = str([chunk.to_record_batch().to_pydict() for chunk in notes])
     assert "linear model" in said
     assert "2.4476" not in said
-
-
-def has_workers(process: subprocess.Popen) -> bool:
-    """Whether the pool's workers are there; importing MuJoCo starts a short-lived child too."""
-    for child in psutil.Process(process.pid).children():
-        with contextlib.suppress(psutil.Error):  # it may be gone by now
-            if any("spawn_main" in word for word in child.cmdline()):
-                return True
-    return False
-
-
-def started(command: list[str]) -> subprocess.Popen:
-    return subprocess.Popen(
-        [sys.executable, *command],
-        stderr=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        start_new_session=True,
-        text=True,
-    )
-
-
-@pytest.mark.long
-def test_ctrl_c_ends_the_run_with_a_word_and_leaves_nothing(tmp_path):
-    out = tmp_path / "out"
-    process = started(["-m", "experiments", "table1", "--out", str(out)])
-    deadline = time.monotonic() + 60
-    while not has_workers(process) and time.monotonic() < deadline:
-        time.sleep(0.05)
-    time.sleep(0.5)
-    os.killpg(process.pid, signal.SIGINT)
-    _, error = process.communicate(timeout=30)
-    assert process.returncode == 130
-    assert error == "fjh: interrupted: no file was left half-written\n"
-    assert not list(out.glob("*"))
-
-
-def test_ctrl_c_during_the_imports_ends_with_the_same_word():
-    """The packages' imports stand in the way for a second; here a stub stands in for them."""
-    imports = """
-import sys, time, types
-class Slow(types.ModuleType):
-    def __getattr__(self, name):
-        print("importing", flush=True)
-        time.sleep(30)
-sys.modules["experiments.app.cli"] = Slow("experiments.app.cli")
-import experiments.__main__
-experiments.__main__.run()
-"""
-    process = started(["-c", imports])
-    assert process.stdout
-    assert process.stdout.readline() == "importing\n"
-    process.send_signal(signal.SIGINT)
-    _, error = process.communicate(timeout=30)
-    assert process.returncode == 130
-    assert error == "fjh: interrupted: no file was left half-written\n"

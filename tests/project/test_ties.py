@@ -109,6 +109,7 @@ CHOOSES_OTHERWISE = {
     "sim/mjcf/accuracy.py": "the first that is true",
     "sim/plant/bench.py": "times that a user gave",
     "sim/mjcf/frame.py": "the first that is true",
+    "sim/mjcf/numbers.py": "what is stated before what follows",
 }
 """Files of the product that sort, or take the greatest, without the rule; of what."""
 

@@ -254,7 +254,7 @@ ARM = ["--model", str(ARM_MJCF)]
         ("arm/track.npz", [], "is a run of another machine"),
         ("other_file/track.npz", ARM, "is a run of another machine"),
         ("run.npz run.npz run.npz", [], "one run or two, got 3"),
-        ("no_json/track.npz", ARM, "are not a run"),
+        ("no_json/track.npz", ARM, "there is no file"),
         ("spoilt/track.npz", ARM, "are not a run"),
         ("mixed/track.npz", ARM, "no path in a plane"),
     ],

@@ -10,16 +10,20 @@ import pytest
 from experiments.study.parallel import in_parallel
 from sim import load_model
 
-ODD = "<mujoco><worldbody><body><joint damping='nan'/><geom size='1'/></body></worldbody></mujoco>"
+ODD = {
+    "odd.xml": "<mujoco><include file='part.xml'/></mujoco>",
+    "part.xml": "<mujoco><worldbody><geom size='1' mass='nan'/></worldbody></mujoco>",
+}
 
 
 @pytest.fixture
 def here(tmp_path, monkeypatch):
     """The current folder, with a machine file of which MuJoCo warns, and nothing else."""
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "odd.xml").write_text(ODD)
+    for name, content in ODD.items():
+        (tmp_path / name).write_text(content)
     yield tmp_path
-    assert [file.name for file in tmp_path.iterdir()] == ["odd.xml"]
+    assert {file.name for file in tmp_path.iterdir()} == set(ODD)
 
 
 def load_odd() -> None:
@@ -44,7 +48,7 @@ def alone(program: str) -> subprocess.CompletedProcess[str]:
     )
 
 
-@pytest.mark.parametrize(("first", "shown"), [("sim", True), ("experiments", False)])
+@pytest.mark.parametrize(("first", "shown"), [("sim", True), ("experiments.app.cli", False)])
 def test_a_program_without_logging_sees_it_and_a_command_does_not(here, first, shown):
     done = alone(f"import {first}, sim; sim.load_model('odd.xml')")
     assert ("NaN" in done.stderr) == shown

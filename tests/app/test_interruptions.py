@@ -1,0 +1,193 @@
+"""A signal at any moment: its exit code, one sentence, no traceback, no file, no process.
+
+What comes before Python runs the first line of `experiments` is Python's own.
+"""
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import psutil
+import pytest
+
+ROOT = Path(__file__).parents[2]
+CODES = {signal.SIGINT: 130, signal.SIGTERM: 143, signal.SIGHUP: 129}
+SAID = "fjh: interrupted: no file was left half-written\n"
+EVERY = pytest.mark.parametrize("number", CODES)
+
+
+def started(*command: str) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, *command],
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        stderr=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        start_new_session=True,
+        text=True,
+    )
+
+
+def ended(process: subprocess.Popen[str], number: int, said: str = SAID) -> None:
+    """It ends by the signal, with this sentence alone, and leaves no worker."""
+    _, error = process.communicate(timeout=60)
+    assert error == said
+    assert process.returncode == CODES[signal.Signals(number)]
+    with pytest.raises(ProcessLookupError):
+        for _ in range(200):  # Python's own tracker of resources takes a moment
+            os.killpg(process.pid, 0)
+            time.sleep(0.05)
+
+
+def at(moment: str) -> subprocess.Popen[str]:
+    """A command that has reached a line, and waits there."""
+    process = started("-c", moment)
+    assert process.stdout
+    assert process.stdout.readline() == "here\n"
+    return process
+
+
+STUB = """
+import sys, time, types
+class Slow(types.ModuleType):
+    def __getattr__(self, name):
+        print("here", flush=True)
+        time.sleep(60)
+sys.modules["experiments.app.cli"] = Slow("experiments.app.cli")
+import experiments.__main__
+experiments.__main__.run()
+"""
+"""The packages' imports stand in the way for a second; here a stub stands in for them."""
+
+RUN = """
+import sys
+import experiments.__main__
+from experiments.app import cli
+from tests.made import made_study
+{setting}
+def make(**options):
+    {work}
+cli.app.command()(cli.command(made_study("measure", make, ())))
+sys.argv[1:] = ["measure", "--out", {out!r}]
+experiments.__main__.run()
+"""
+
+
+@EVERY
+def test_during_the_imports(number):
+    process = at(STUB)
+    process.send_signal(number)
+    ended(process, number)
+
+
+def running(out: Path, setting: str, work: str) -> subprocess.Popen[str]:
+    """A study that does this work, and says when it does."""
+    return at(RUN.format(setting=setting, work=work, out=str(out)))
+
+
+@EVERY
+def test_while_a_study_runs_and_again_while_it_clears_away(number, tmp_path):
+    """`timeout` sends a signal twice, and a person presses Ctrl-C as often as it takes."""
+    process = running(
+        tmp_path / "out",
+        "import time",
+        """
+    try:
+        print("here", flush=True)
+        time.sleep(60)
+    finally:
+        time.sleep(1)
+        print("cleared", flush=True)
+""",
+    )
+    process.send_signal(number)
+    time.sleep(0.3)
+    for each in CODES:
+        process.send_signal(each)
+    assert process.stdout and process.stdout.readline() == "cleared\n"
+    ended(process, number)
+    assert not (tmp_path / "out").exists()
+
+
+@EVERY
+def test_in_a_finalizer_where_python_drops_the_exception(number, tmp_path):
+    setting = """
+import time
+class Last:
+    def __del__(self):
+        print("here", flush=True)
+        time.sleep(60)
+"""
+    process = running(tmp_path / "out", setting, "Last(); time.sleep(60)")
+    process.send_signal(number)
+    ended(process, number)
+
+
+@EVERY
+def test_an_error_that_a_signal_causes_is_the_signal(number, tmp_path):
+    """A library that is interrupted may say anything."""
+    work = """
+    try:
+        print("here", flush=True)
+        time.sleep(60)
+    except BaseException:
+        raise RuntimeError("no compiled object yet") from None
+"""
+    process = running(tmp_path / "out", "import time", work)
+    process.send_signal(number)
+    ended(process, number)
+
+
+def workers(process: subprocess.Popen[str]) -> int:
+    found = 0
+    for child in psutil.Process(process.pid).children():
+        with contextlib.suppress(psutil.Error):  # it may be gone by now
+            found += any("spawn_main" in word for word in child.cmdline())
+    return found
+
+
+@EVERY
+@pytest.mark.parametrize("later_s", [0.0, 0.3])
+@pytest.mark.parametrize("whom", [os.kill, os.killpg])
+def test_while_workers_start(number, later_s, whom, tmp_path):
+    setting = """
+import time
+from experiments.study.parallel import in_parallel
+"""
+    work = """
+    print("here", flush=True)
+    in_parallel(print, [{"sep": " ", "end": "", "flush": True}] * 100000, lambda *_: None)
+"""
+    process = running(tmp_path / "out", setting, work)
+    deadline = time.monotonic() + 60
+    while not workers(process) and time.monotonic() < deadline:
+        time.sleep(0.01)
+    time.sleep(later_s)
+    whom(process.pid, number)
+    ended(process, number)
+    assert not (tmp_path / "out").exists()
+
+
+def test_nohup_is_respected():
+    """A signal that the process was started to ignore does nothing."""
+    process = at(f"import signal; signal.signal(signal.SIGHUP, signal.SIG_IGN)\n{STUB}")
+    process.send_signal(signal.SIGHUP)
+    time.sleep(0.2)
+    assert process.poll() is None
+    process.send_signal(signal.SIGTERM)
+    ended(process, signal.SIGTERM)
+
+
+@pytest.mark.long
+@EVERY
+@pytest.mark.parametrize("after_s", [0.4, 1.0, 2.0, 4.0])
+def test_a_real_study(number, after_s, tmp_path):
+    out = tmp_path / "out"
+    process = started("-m", "experiments", "table1", "--out", str(out))
+    time.sleep(after_s)
+    os.killpg(process.pid, number)
+    ended(process, number)
+    assert not list(out.glob("*"))
