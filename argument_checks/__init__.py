@@ -17,7 +17,9 @@ from argument_checks.arrays import is_masked as is_masked
 from argument_checks.arrays import is_moderate as is_moderate
 from argument_checks.arrays import is_plain as is_plain
 from argument_checks.arrays import not_negative as not_negative
+from argument_checks.arrays import read_only as read_only
 from argument_checks.arrays import real as real
+from argument_checks.arrays import series as series
 from argument_checks.arrays import shaped as shaped
 from argument_checks.arrays import vector as vector
 from argument_checks.intervals import limit_vectors as limit_vectors
@@ -25,6 +27,7 @@ from argument_checks.intervals import limits as limits
 from argument_checks.kinds import attributes as attributes
 from argument_checks.kinds import choice as choice
 from argument_checks.kinds import flag as flag
+from argument_checks.kinds import members as members
 from argument_checks.kinds import methods as methods
 from argument_checks.kinds import seed as seed
 from argument_checks.matrices import batch as batch

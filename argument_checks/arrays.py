@@ -103,6 +103,13 @@ def vector(name: str, value: ArrayLike | None, size: int) -> Array:
     return v
 
 
+def series(name: str, value: ArrayLike) -> Array:
+    """One finite vector of any length, that of a float64 not copied."""
+    if (v := finite(name, value)).ndim != 1:
+        raise ValueError(f"{name} must be one vector, got shape {v.shape}")
+    return v
+
+
 def not_negative(name: str, value: ArrayLike) -> Array:
     """Finite numbers, none below zero."""
     if isinstance(value, float) and 0.0 <= value < LARGEST:
@@ -126,7 +133,11 @@ def common_axes(leads: dict[str, tuple[int, ...]]) -> tuple[int, ...]:
 
 def frozen(A: NDArray[_T]) -> NDArray[_T]:
     """A read-only copy."""
-    A = np.array(A)
+    return read_only(np.array(A))
+
+
+def read_only(A: NDArray[_T]) -> NDArray[_T]:
+    """The array itself, made read-only."""
     A.setflags(write=False)
     return A
 

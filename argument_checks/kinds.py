@@ -1,12 +1,15 @@
 """Switches, choices by name, seeds, and objects with certain attributes or methods."""
 
 from collections.abc import Iterable, Sequence
-from typing import Any
+from contextlib import suppress
+from typing import Any, TypeVar
 
 import numpy as np
 
 from argument_checks.scalars import index, instance
 from argument_checks.shown import shown
+
+_Kind = TypeVar("_Kind")
 
 
 def flag(name: str, value: Any) -> bool:
@@ -31,6 +34,18 @@ def seed(name: str, value: int | Sequence[int]) -> int | list[int]:
     if isinstance(value, list | tuple) and value:
         return [index(name, each) for each in value]
     return index(name, value)
+
+
+def members(name: str, value: Iterable[_Kind], *kinds: type[_Kind]) -> tuple[_Kind, ...]:
+    """All things of a list, each of one of these classes; a text is no list."""
+    each: tuple[Any, ...] = (None,)
+    if not isinstance(value, str):
+        with suppress(TypeError):
+            each = tuple(value)
+    if not all(isinstance(one, kinds) for one in each):
+        expected = " or ".join(kind.__name__ for kind in kinds)
+        raise TypeError(f"{name} must be a list of {expected}, got {shown(value)}")
+    return each
 
 
 def methods(name: str, value: Any, *wanted: str) -> Any:

@@ -10,7 +10,7 @@ from importlib.util import find_spec  # noqa: E402
 
 PACKAGES = (
     *("distributed", "jinja2", "matplotlib", "mujoco", "psutil", "pyarrow", "rerun"),
-    *("rerun_loader_mjcf", "rich", "typer"),
+    *("rerun_loader_mjcf", "rich", "threadpoolctl", "typer"),
 )
 """What the extra `testbed` installs, as it is imported."""
 

@@ -69,6 +69,7 @@ ARRAYS = {
     "no rows": np.zeros((0, 3)),
     "99 numbers": np.ones(99),
     "masked constant": [np.ma.masked, 1.0],
+    "a matrix of numpy": np.ones((1, 1)).view(np.matrix),  # as a seed it ended the process
 }
 FEW = {"none": None, "text": "text", "nan": np.nan, "minus one": -1, "99 numbers": np.ones(99)}
 SCALES = (0.0, -1.0, 5e-324, 1e-310, 1e-308, 1e-200, 1e-160, 1e-100, 1e100, 1e160, 1e300)

@@ -22,7 +22,7 @@ from experiments.study.files import usable_file
 from experiments.study.study import NotInstalled, OnProgress
 from sim import Array, load_model
 
-PACKAGES = ("mink", "placo", "daqp", "qpsolvers", "threadpoolctl")
+PACKAGES = ("mink", "placo", "daqp", "qpsolvers")
 """The peers, the interface between mink and daqp, and what keeps all of them to one thread."""
 
 

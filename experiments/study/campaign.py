@@ -9,6 +9,7 @@ from traceback import extract_tb
 from typing import Any, Generic, Protocol, TypeVar
 
 import pyarrow as pa
+from threadpoolctl import threadpool_limits
 
 from experiments.study.basis import Basis, Sources, identity
 from experiments.study.provenance import processor
@@ -67,9 +68,13 @@ class Campaign(Generic[AnyRuns]):
 
 
 def simulate(row_of: Callable[[Any], Row], run: Any) -> Row:
-    """The row of a run, on a worker; an `Unsound` says which one failed, why, and where."""
+    """The row of a run, on a worker; an `Unsound` says which one failed, why, and where.
+
+    On one thread, whatever the environment says: sums on several round otherwise.
+    """
     try:
-        return row_of(run)
+        with threadpool_limits(1):
+            return row_of(run)
     except Exception as error:
         [*_, last] = extract_tb(error.__traceback__)
         why = f"{type(error).__name__} in {Path(last.filename).name}, line {last.lineno}"

@@ -5,11 +5,13 @@ import logging
 import platform
 import time
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from ipaddress import ip_address
 from itertools import islice
 from typing import Any
 
-from distributed import Client, Future, as_completed, rpc
+from distributed import Client, Future, Security, as_completed, rpc
+from distributed.comm.addressing import parse_address, parse_host_port
 
 from experiments.study.basis import Sources, check_workers, digest, identity
 from experiments.study.campaign import Campaign, Row, simulate
@@ -33,7 +35,7 @@ _SILENT = logging.CRITICAL + 1
 
 @contextmanager
 def cluster(scheduler: str, sources: Sources) -> Iterator[Client]:
-    """A client of the scheduler at an address.
+    """A client of the scheduler at an address; for `tls://`, with the certificates Dask is given.
 
     Raises:
         WrongInput: No scheduler answers there; or it has no workers, and gets none; or they have
@@ -42,6 +44,11 @@ def cluster(scheduler: str, sources: Sources) -> Iterator[Client]:
     with _silenced("distributed"), _silenced("distributed.client"):
         try:
             asyncio.run(_check_scheduler(scheduler))
+            if not is_private(scheduler):
+                notice(
+                    f"--scheduler {scheduler} is not encrypted: whoever reaches that port runs "
+                    "programs as you, on its workers and here; docs/security.md shows tls://"
+                )
             client = Client(scheduler, timeout=ANSWERS_IN_S)
         except Exception as error:  # whatever there is at that port, and in Dask for that scheme
             why = " ".join(str(error).split()) or f"nothing within {ANSWERS_IN_S:g} s"
@@ -51,6 +58,17 @@ def cluster(scheduler: str, sources: Sources) -> Iterator[Client]:
             answers: Any = client.run(identity, sources, on_error="return")
             check_workers(identity(sources), answers)
             yield client
+
+
+def is_private(address: str) -> bool:
+    """Whether nobody else can listen or call: encrypted, or within this computer."""
+    scheme, host = parse_address(address)
+    if scheme in ("tls", "wss", "inproc"):
+        return True
+    name = parse_host_port(host, 0)[0]
+    with suppress(ValueError):
+        return ip_address(name).is_loopback
+    return name == "localhost"
 
 
 @contextmanager
@@ -67,7 +85,8 @@ def _silenced(name: str) -> Iterator[None]:
 
 async def _check_scheduler(address: str) -> None:
     """Ask what is there: Dask's client would wait for ever for what does not answer."""
-    async with asyncio.timeout(ANSWERS_IN_S), rpc(address, timeout=ANSWERS_IN_S) as there:
+    how = {"connection_args": Security().get_connection_args("client"), "timeout": ANSWERS_IN_S}
+    async with asyncio.timeout(ANSWERS_IN_S), rpc(address, **how) as there:
         found: Any = await there.identity()
     if found["type"] != "Scheduler":
         raise ValueError(f"it is a {found['type']}")

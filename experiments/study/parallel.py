@@ -7,10 +7,11 @@ from collections import Counter
 from collections.abc import Callable, Generator, Iterable, Sequence
 from contextlib import closing, suppress
 from itertools import islice
-from multiprocessing import get_context
+from multiprocessing import get_context, parent_process
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from multiprocessing.resource_tracker import ensure_running
+from threading import Thread
 from traceback import format_exc
 from typing import Any
 
@@ -108,22 +109,34 @@ def _worker() -> tuple[BaseProcess, Connection]:
     context = get_context("spawn")
     pipe, its = context.Pipe()
     process = context.Process(target=_work, args=(its,), daemon=True)
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
+    own = {name: os.environ[name] for name in ONE_THREAD if name in os.environ}
+    os.environ.update(ONE_THREAD)  # before the caller's own script, which spawn runs, brings numpy
     try:
         ensure_running()  # of itself it would unblock them while the process starts
         signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
         process.start()
     finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        for name in ONE_THREAD:
+            del os.environ[name]
+        os.environ.update(own)
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
     its.close()  # so that the pipe ends with the process
     return process, pipe
 
 
+def _end_with_parent() -> None:
+    """End this process when its parent has ended, however it did, whatever is under way."""
+    if (parent := parent_process()) is not None:
+        wait([parent.sentinel])
+        os._exit(1)
+
+
 def _work(pipe: Connection) -> None:
-    os.environ.update(ONE_THREAD)  # before a job brings numpy
     for each in SIGNALS:
         signal.signal(each, signal.SIG_IGN if each == signal.SIGINT else signal.SIG_DFL)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
+    Thread(target=_end_with_parent, daemon=True).start()
     with suppress(EOFError, OSError):  # the parent was killed
         while True:
             _, function, call = pipe.recv()

@@ -13,7 +13,7 @@ from experiments.study.campaign import AnyRuns, Campaign, Row, simulate
 from experiments.study.dataset import Broken, Dataset, check_merged
 from experiments.study.interrupts import notice
 from experiments.study.lock import LOCK, alone_in
-from experiments.study.parallel import CORES, finished
+from experiments.study.parallel import finished
 from experiments.study.provenance import versions
 from experiments.study.study import Interrupted, OnProgress, WrongInput
 from experiments.study.where import Where
@@ -171,7 +171,7 @@ def rows_of(
     else:
         given = {"row_of": campaign.row_of}
         jobs = ((n, simulate, given | {"run": campaign.runs[n]}) for n in numbers)
-        with closing(finished(jobs, min(where.workers or CORES, len(numbers)))) as found:
+        with closing(finished(jobs, min(where.processes, len(numbers)))) as found:
             yield (row for _, row in found)
 
 

@@ -13,7 +13,7 @@ from argument_checks import Array
 from prioritized._mapping.limited import Limiting, checked_rows
 from prioritized._mapping.task import Status, rows_of
 from prioritized._mechanism.measure import metric_of, units_of
-from prioritized._solver.arrays import ReadOnly, none
+from prioritized._solver.arrays import ReadOnly, none, read_only
 from prioritized._solver.limits import limits
 from prioritized._solver.packed import Equations, Packed, Point, Rows, Unknowns, pack, solve
 from prioritized._solver.rank import RANK_TOLERANCE, norm
@@ -169,7 +169,7 @@ class HierarchySolution:
 
     @cached_property
     def _at_bounds(self) -> NDArray[np.int8]:
-        return self.packed.at_bounds(self.point.x)[0]
+        return read_only(self.packed.at_bounds(self.point.x))[0]
 
     @property
     def gap(self) -> float:
@@ -184,8 +184,10 @@ class HierarchySolution:
         """
         rates = self.rates
         return tuple(
-            np.concatenate(
-                [_lacking(part, target, rates) for part, target in zip(*each, strict=True)]
+            read_only(
+                np.concatenate(
+                    [_lacking(part, target, rates) for part, target in zip(*each, strict=True)]
+                )
             )
             for each in zip(self.hierarchy.levels, self.targets, strict=True)
         )
@@ -240,7 +242,8 @@ def hierarchy(
     T = none((0, n))
     if tie_metric is not None:
         T = check.sized("tie_metric", check.weight("tie_metric", tie_metric, n))
-    return Hierarchy(parts, tuple(decided), constraint, limiting, T, is_held)
+    decided = tuple((read_only(A), size) for A, size in decided)
+    return Hierarchy(parts, decided, constraint, limiting, T, is_held)
 
 
 def _tasks(name: str, level: Task | Sequence[Task]) -> Sequence[Task]:
@@ -309,7 +312,8 @@ def _level_targets(name: str, parts: tuple[_Part, ...], target: Any) -> tuple[Ar
         raise ValueError(
             f"{name} must be {len(parts)} targets, one a task, got {check.shown(target)}"
         )
-    return tuple(_target(name, part, one) for part, one in zip(parts, each, strict=True))
+    pairs = zip(parts, each, strict=True)
+    return tuple(read_only(_target(name, part, one)) for part, one in pairs)
 
 
 def _target(name: str, part: _Part, target: Any) -> Array:

@@ -66,7 +66,7 @@ class Solution:
 
     @cached_property
     def _at_bounds(self) -> NDArray[np.int8]:
-        return self.packed.at_bounds(self.point.x)[0]
+        return read_only(self.packed.at_bounds(self.point.x))[0]
 
     @property
     def gap(self) -> float:
@@ -93,7 +93,7 @@ class Solution:
         if not self.hard_rows:
             return None
         infeasible = self.packed.unmet(slice(0, 1), self.point.x)[0]
-        return -self._rests[0] if infeasible else None
+        return read_only(-self._rests[0]) if infeasible else None
 
     @property
     def status(self) -> Status:
@@ -104,7 +104,7 @@ class Solution:
 
     @cached_property
     def _rests(self) -> tuple[Array, ...]:
-        return tuple(np.split(self.packed.rest(self.point.x)[0], self.packed.ends[:-1]))
+        return tuple(np.split(read_only(self.packed.rest(self.point.x))[0], self.packed.ends[:-1]))
 
 
 def lexicographic_least_squares(

@@ -13,7 +13,7 @@ from prioritized._mapping.levels import Level, lexicographic
 from prioritized._mapping.limited import Optimum
 from prioritized._mapping.problem import Problem
 from prioritized._mapping.task import Status
-from prioritized._solver.arrays import read_only, times
+from prioritized._solver.arrays import ReadOnly, read_only, times
 from prioritized._solver.packed import Point, Rows
 from prioritized._solver.rank import frobenius
 
@@ -41,7 +41,7 @@ class Mapping(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Limited:
+class Limited(ReadOnly):
     """An optimum under limits.
 
     Attributes:
@@ -59,7 +59,7 @@ class Limited:
     @cached_property
     def residual(self) -> Array:
         """Part of the major task that is not reached, shape (..., m1)."""
-        return self.asked - self._major(self.optimum.x)
+        return read_only(np.asarray(self.asked - self._major(self.optimum.x)))
 
     @property
     def scale(self) -> Array:
@@ -80,7 +80,8 @@ class Limited:
         lost = np.linalg.norm(self._major(self.optimum.x - self.unlimited), axis=-1)
         terms = np.abs(self.mapping.levels[1].A).sum(axis=(-2, -1))
         round_off = _ROUND_OFF * terms * np.linalg.norm(self.unlimited, axis=-1)
-        return np.asarray(lost > _HELD_BACK * np.linalg.norm(self.asked, axis=-1) + round_off)
+        held_back = lost > _HELD_BACK * np.linalg.norm(self.asked, axis=-1) + round_off
+        return read_only(np.asarray(held_back))
 
     @property
     def status(self) -> Status:
@@ -148,7 +149,7 @@ class ForceSolution(Limited):
     def torques(self) -> Array:
         """Of the surviving actuators, within the limits exactly, shape (..., n)."""
         limit = self.mapping.rows[0]
-        return times(limit.G, self.optimum.x).clip(*limit.limits)
+        return read_only(times(limit.G, self.optimum.x).clip(*limit.limits))
 
     @property
     def active_limits(self) -> NDArray[np.int8]:

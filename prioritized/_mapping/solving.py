@@ -178,7 +178,7 @@ def rates_within(
     packed = Packed(A, b, ends_of(p, k1 + k2, n), scales, tolerance, lower, upper)
     if not is_within(box, rates):
         return Optimum(packed, solve(packed, rates, start), n, 0, False, ())
-    point = Point(rates[None], (lower == upper) * np.int8(-1), *_NO_STEPS)
+    point = Point(read_only(rates)[None], (lower == upper) * np.int8(-1), *_NO_STEPS)
     return Optimum(packed, point, n, 0, False, ())
 
 

@@ -2,15 +2,13 @@
 
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 import argument_checks as check
 from argument_checks import Array
-
-_T = TypeVar("_T", bound=np.generic)
+from argument_checks import read_only as read_only
 
 
 def stack(top: Array, bottom: Array) -> Array:
@@ -86,12 +84,6 @@ def joined(lead: tuple[int, ...], required: str, **inputs: tuple[ArrayLike | Non
 def on_axes(A: Array, lead: tuple[int, ...]) -> Array:
     """The matrices A broadcast to all batch axes."""
     return A if A.shape[:-2] == lead else np.broadcast_to(A, (*lead, *A.shape[-2:]))
-
-
-def read_only(A: NDArray[_T]) -> NDArray[_T]:
-    """The array itself, made read-only."""
-    A.setflags(write=False)
-    return A
 
 
 @lru_cache

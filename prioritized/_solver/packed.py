@@ -137,7 +137,7 @@ def solve(
     most = 20 * (n + 1) * len(packed.ends) if most_steps is None else most_steps
     steps, ended, gap = np.empty(count, _INT64), np.empty(count, _BOOL), np.empty(count)
     solver.solve_each(*packed, x, active, how, most, steps, ended, gap)
-    return Point(x, active, steps, ended, gap)
+    return Point(read_only(x), active, steps, ended, gap)
 
 
 def packed_if_moderate(

@@ -11,9 +11,9 @@ import argument_checks as check
 from argument_checks.ties import greatest
 from sim.array import Array
 from sim.closing.equalities import check_closures
-from sim.closing.hold import hold
+from sim.closing.hold import held_in, hold
 from sim.closing.newton import CLOSED, close
-from sim.closing.pin import Pin
+from sim.closing.pin import Pin, pins_of
 from sim.mjcf.dynamics import mass_of
 from sim.mjcf.frame import Body
 from sim.mjcf.model import check_state, name_of
@@ -105,12 +105,13 @@ def advance(
         ClosureError, ModelError, TypeError: As :func:`assemble`.
     """
     check_state(model, data)
-    v = check.real("velocity", velocity)
-    if v.ndim != 1 or len(v) < model.nv:
+    v = check.series("velocity", velocity)
+    if len(v) < model.nv:
         raise ValueError(f"velocity must have shape (N,), N at least {model.nv}, got {v.shape}")
     motion = v[: model.nv] * check.positive("duration_s", duration_s)
     _refuse_long_turns(model, motion)
-    held, pinned, accuracy = list(held), list(pinned), _checked(geometry_accuracy)
+    held, pinned = held_in(held), pins_of(model, pinned)
+    accuracy = _checked(geometry_accuracy)
     moved = assemble(model, data, held, pinned, geometry_accuracy=accuracy)
     fixed = hold(model, moved, held, pinned).moved(model, moved, motion)
     begun, wanted = moved.site_xpos.copy(), _site_motion(model, moved, motion)

@@ -82,11 +82,9 @@ def hold(
         ModelError: Something that does not exist, with the nearest that does.
         TypeError: An argument is of another kind.
     """
-    if isinstance(held, str) or not isinstance(held, Iterable):
-        raise TypeError(f"held must be a list of names or indices, got {check.shown(held)}")
     free, of_drives = np.ones(model.nv, dtype=bool), []
-    for item in held:
-        kept = _held(model, item if isinstance(item, str) else check.index("held", item))
+    for item in held_in(held):
+        kept = _held(model, item)
         if isinstance(kept, Drive):
             of_drives.append(kept)
         else:
@@ -99,6 +97,17 @@ def hold(
         pins=pins,
         poses=tuple(frame_pose(data, pin.frame) for pin in pins),
     )
+
+
+def held_in(held: Iterable[str | int]) -> tuple[str | int, ...]:
+    """Names and indices as a list.
+
+    Raises:
+        ValueError: An index that is none.
+        TypeError: Something of another kind.
+    """
+    each = check.members("held", held, str, int, np.integer)
+    return tuple(item if isinstance(item, str) else check.index("held", item) for item in each)
 
 
 def _held(model: mujoco.MjModel, item: str | int) -> NDArray[np.intp] | Drive:

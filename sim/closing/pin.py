@@ -25,7 +25,8 @@ class Pin:
 
     def __post_init__(self) -> None:
         """Check the arguments."""
-        check.instance("weld", self.weld, bool)
+        check.instance("frame", self.frame, str, Body)
+        check.flag("weld", self.weld)
 
     @property
     def rows(self) -> slice:
@@ -40,9 +41,8 @@ def pins_of(model: mujoco.MjModel, pinned: Iterable[str | Body | Pin]) -> tuple[
         ModelError: A frame that does not exist.
         TypeError: Something of another kind.
     """
-    if isinstance(pinned, str) or not isinstance(pinned, Iterable):
-        raise TypeError(f"pinned must be a list of frames or pins, got {check.shown(pinned)}")
-    pins = tuple(pin if isinstance(pin, Pin) else Pin(pin) for pin in pinned)
+    given = check.members("pinned", pinned, str, Body, Pin)
+    pins = tuple(pin if isinstance(pin, Pin) else Pin(pin) for pin in given)
     for pin in pins:
         located(model, "pinned", pin.frame)
     return pins

@@ -29,7 +29,7 @@ class Posture(Pose):
     inverse_jacobian: Array
 
     def __post_init__(self) -> None:
-        """Take what numbers can be had as arrays."""
+        """Check the arguments, and keep read-only copies."""
         super().__post_init__()
         keep(self, "displacement_m", 6)
         keep(self, "inverse_jacobian", 6, 6)
@@ -72,7 +72,7 @@ class Hexapod:
     top_m: Array
 
     def __post_init__(self) -> None:
-        """Take what numbers can be had as arrays."""
+        """Check the arguments, and keep read-only copies."""
         for name in ("bottom_m", "top_m"):
             keep(self, name, 6, 3)
             check.exactly(name, getattr(self, name), 6, 3)
@@ -80,7 +80,7 @@ class Hexapod:
     @cached_property
     def nominal_length_m(self) -> Array:
         """Strut lengths at the nominal pose, shape (6,)."""
-        return np.linalg.norm(self.top_m - self.bottom_m, axis=1)
+        return check.read_only(np.linalg.norm(self.top_m - self.bottom_m, axis=1))
 
     def displacements(self, pose: Pose) -> Array:
         """Strut lengths less their nominal ones at a pose, shape (..., 6), [m].
@@ -123,6 +123,7 @@ class Hexapod:
             singular: Whether the rows of a strut without length may come back as NaN.
         """
         check.instance("pose", pose, Pose)
+        check.flag("singular", singular)
         lead, code = pose.lead, compiled()
         length_m, A = np.empty((*lead, 6)), np.empty((*lead, 6, 6))
         found = code.lengths(
@@ -177,6 +178,7 @@ def regular_jacobian(inverse_jacobian: Array) -> Array | None:
     None unless |A| |J|, which is no less than the condition number, is below 1e6: rank decisions
     must then be made.
     """
+    inverse_jacobian = check.exactly("inverse_jacobian", inverse_jacobian, 6, 6)
     J, code = np.empty((6, 6)), compiled()
     return J if code.invert(inverse_jacobian, J, _REGULAR) == code.FOUND else None
 

@@ -36,8 +36,6 @@ class StrutSensors:
             ValueError: Displacements that are no vector or not finite.
             TypeError: `rng` is no generator.
         """
-        displacement_m = check.finite("displacement_m", displacement_m)
+        displacement_m = check.series("displacement_m", displacement_m)
         check.instance("rng", rng, np.random.Generator)
-        if displacement_m.ndim != 1:
-            raise ValueError(f"displacement_m must be a vector, got shape {displacement_m.shape}")
         return displacement_m + self.noise_m * rng.standard_normal(len(displacement_m))

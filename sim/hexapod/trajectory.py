@@ -32,9 +32,7 @@ def spiral(
         ValueError: Times that are no vector or negative, or numbers that are not finite; a duration
             that is not positive; another exponent.
     """
-    time_s = check.not_negative("time_s", time_s)
-    if time_s.ndim != 1:
-        raise ValueError(f"time_s must be a vector, got shape {time_s.shape}")
+    time_s = check.not_negative("time_s", check.series("time_s", time_s))
     check.signed("radius_rad", radius_rad)
     check.signed("turns", turns)
     check.at_most_one("exponent", check.positive("exponent", exponent))

@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+import argument_checks as check
 from sim.array import Array
 from sim.closing.equalities import Closures
 from sim.closing.pin import Pin
@@ -82,7 +83,8 @@ class Natural:
     def velocity_units(self) -> Array:
         """Natural unit of each velocity, shape (N,): 1 of a turn, the length of a shift."""
         joints = np.where(turning(self.model), 1.0, self.length)
-        return np.append(joints, [self._drive_unit(drive, joints) for drive in self.extra])
+        others = [self._drive_unit(drive, joints) for drive in self.extra]
+        return check.read_only(np.append(joints, others))
 
     def _drive_unit(self, drive: Drive, joints: Array) -> float:
         model = self.model
@@ -104,7 +106,7 @@ class Natural:
     @cached_property
     def task_units(self) -> Array:
         """Of each row of J_T, shape (m,)."""
-        return np.where(self.task_rows, 1.0, self.length)
+        return check.read_only(np.where(self.task_rows, 1.0, self.length))
 
     @cached_property
     def closure_units(self) -> Array:
@@ -129,7 +131,7 @@ class Natural:
         """Of the rows of closures, drives that are no joint, and pins."""
         pins = [np.repeat([1.0, self.length], 3)[pin.rows] for pin in self.pins]
         drives = self.velocity_units[self.model.nv :]
-        return np.concatenate([self.closure_units, drives, *pins])
+        return check.read_only(np.concatenate([self.closure_units, drives, *pins]))
 
     @cached_property
     def extremes(self) -> tuple[tuple[float, float], ...]:
@@ -237,12 +239,12 @@ class EntryAccuracy:
         """Of each row of J_C, shape (c,)."""
         units, J_C = self.natural.constraint_units, self.jacobians[1]
         stuck = np.abs(J_C[len(units) :]) * self.velocity_units
-        return np.append(units, stuck.max(axis=1, initial=0.0)) if len(stuck) else units
+        return check.read_only(np.append(units, stuck.max(axis=1, initial=0.0)))
 
     @property
     def J_T_error(self) -> Array:
         """Shape (m, N)."""
-        return self._of_rounding[0]
+        return check.read_only(self._of_rounding[0])
 
     @cached_property
     def J_C_error(self) -> Array:
@@ -254,7 +256,7 @@ class EntryAccuracy:
                 rows = np.flatnonzero(equality == k)
                 gaps[rows] = J_C[rows].any(axis=0)
         gaps *= self.residual / natural.length * self.constraint_units[:, None]
-        return self._of_rounding[1] + gaps / self.velocity_units
+        return check.read_only(self._of_rounding[1] + gaps / self.velocity_units)
 
     @cached_property
     def _of_rounding(self) -> Jacobians:

@@ -47,12 +47,15 @@ class Jacobians:
     accuracy: EntryAccuracy | None = None
 
     def __post_init__(self) -> None:
-        """Check the arguments."""
-        nv = check.batch("J_T", self.J_T).shape[-1]
-        check.batch("J_C", self.J_C, columns=nv)
+        """Check the arguments, and keep read-only copies."""
+        nv = (J_T := check.batch("J_T", self.J_T)).shape[-1]
+        J_C = check.batch("J_C", self.J_C, columns=nv)
         active = check.indices("active", self.active, nv)
-        if not check.exactly("gear", self.gear, len(active)).all():
+        gear = check.exactly("gear", self.gear, len(active))
+        if not gear.all():
             raise ValueError(f"gear must not be zero, got {check.shown(self.gear)}")
+        for name, value in {"J_T": J_T, "J_C": J_C, "active": active, "gear": gear}.items():
+            object.__setattr__(self, name, check.frozen(value))
         check.instance("rows", self.rows, Mapping)
         check.number("closure_residual", self.closure_residual)
         if self.machine is not None:

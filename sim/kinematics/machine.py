@@ -7,14 +7,15 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
+import argument_checks as check
 from sim.array import Array
-from sim.closing.pin import Pin
+from sim.closing.pin import Pin, pins_of
 from sim.errors import ModelError
 from sim.mjcf.accuracy import written_accuracy
 from sim.mjcf.drive import Drive
 from sim.mjcf.dynamics import is_slack, joint_stiffness
 from sim.mjcf.frame import located
-from sim.mjcf.limits import at_limits, tendon_row, touching
+from sim.mjcf.limits import at_limits, stuck_names, tendon_row, touching
 from sim.mjcf.model import name_of
 from sim.mjcf.ranges import Ranges, joint_positions, ranges
 from sim.mjcf.transmission import drives, extra_drives, is_disabled
@@ -55,6 +56,19 @@ class Machine:
     mocap: tuple[Array, Array]
     pinned: tuple[Pin, ...]
     stuck: bool | tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        """Check the arguments, and keep read-only copies."""
+        model = check.instance("model", self.model, mujoco.MjModel)
+        qpos = check.frozen(check.exactly("qpos", self.qpos, model.nq))
+        object.__setattr__(self, "qpos", qpos)
+        if len(mocap := check.members("mocap", self.mocap, np.ndarray)) != 2:
+            raise ValueError(f"mocap must be positions and quaternions, got {len(mocap)} arrays")
+        sizes = (model.nmocap, 3), (model.nmocap, 4)
+        own = [check.exactly("mocap", A, *s) for A, s in zip(mocap, sizes, strict=True)]
+        object.__setattr__(self, "mocap", tuple(map(check.frozen, own)))
+        object.__setattr__(self, "pinned", pins_of(model, self.pinned))
+        object.__setattr__(self, "stuck", stuck_names("stuck", self.stuck))
 
     @cached_property
     def drives(self) -> tuple[Drive, ...]:
@@ -106,7 +120,7 @@ class Machine:
                     return None
                 row = tendon_row(model, self._data, int(k))
                 K[: model.nv, : model.nv] += model.tendon_stiffness[k] * np.outer(row, row)
-        return K
+        return check.read_only(K)
 
     @cached_property
     def room(self) -> Array:
@@ -120,17 +134,18 @@ class Machine:
         for row, drive in zip(extra, extra_drives(self.drives), strict=True):
             if drive.tendon is not None:
                 row[:] = limits.tendon[drive.tendon] - self._data.ten_length[drive.tendon]
-        return np.vstack([limits.joint - at[:, None], extra])
+        return check.read_only(np.vstack([limits.joint - at[:, None], extra]))
 
     @cached_property
     def force_range(self) -> Array:
         """Least and most force along each active velocity, shape (n, 2), [N] or [N m]."""
-        return np.array([drive.force_range for drive in self.drives]).reshape(-1, 2)
+        of_each = np.array([drive.force_range for drive in self.drives])
+        return check.read_only(of_each.reshape(-1, 2))
 
     @cached_property
     def one_sided(self) -> Array:
         """Of each active velocity 1 or -1 if it is only pushed so, 0 if both ways, shape (n,)."""
-        return np.array([drive.one_sided for drive in self.drives], dtype=int)
+        return check.read_only(np.array([drive.one_sided for drive in self.drives], dtype=int))
 
     @cached_property
     def warnings(self) -> tuple[str, ...]:

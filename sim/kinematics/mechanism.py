@@ -15,7 +15,7 @@ from sim.closing.pin import Pin
 from sim.kinematics.displacements import Displacements
 from sim.kinematics.jacobian import Jacobians
 from sim.kinematics.payload import Payload
-from sim.kinematics.pose import Pose
+from sim.kinematics.pose import Pose, computed
 from sim.kinematics.reader import JacobianReader
 from sim.mjcf.frame import Body, located
 from sim.mjcf.model import check_state
@@ -89,11 +89,12 @@ class Mechanism:
             sim.ModelError, sim.ClosureError, ValueError, TypeError: As :func:`jacobians`.
         """
         check.instance("model", model, mujoco.MjModel)
+        check.flag("springs", springs)
         self._model = copy.copy(model)
         self._data = mujoco.MjData(model) if data is None else copy.copy(data)
         check_state(self._model, self._data)
         self._reader = JacobianReader(
-            self._model, site, axes, pinned=tuple(pinned), closure_tolerance=np.inf
+            self._model, site, axes, pinned=pinned, closure_tolerance=np.inf
         )
         frame = located(model, "site", site)
         base = None if axes is None else located(model, "axes", axes)
@@ -111,15 +112,15 @@ class Mechanism:
 
     def jacobians(self, posture: JointPosture) -> Jacobians:
         """The Jacobians in a posture."""
-        return posture.jacobians
+        return _checked(posture).jacobians
 
     def displacements(self, posture: JointPosture) -> Array:
         """Displacements of the active velocities from the nominal posture, shape (n,)."""
-        return posture.displacements
+        return _checked(posture).displacements
 
     def task(self, posture: JointPosture) -> Array:
         """Displacement [rotation vector; translation] of the task frame from nominal, (6,)."""
-        return posture.pose.displacement()
+        return _checked(posture).pose.displacement()
 
     def moved(
         self, posture: JointPosture, displacements: Array, held: NDArray[np.intp]
@@ -131,10 +132,12 @@ class Mechanism:
         error. What nothing determines stays where it is, or moves as the springs have it.
 
         Raises:
-            ValueError: `displacements` of another number, or not finite.
+            ValueError: `displacements` of another number, or not finite; or no such actuators.
+            TypeError: `posture` is of another type.
         """
-        jac = posture.jacobians
+        jac = _checked(posture).jacobians
         J_C = jac.J_C
+        held = check.indices("held", held, len(posture.displacements))
         displacements = check.exactly("displacements", displacements, len(posture.displacements))
         missing = (displacements - posture.displacements)[held]
         if not posture.gaps.any() and np.abs(missing).max(initial=0.0) == 0.0:
@@ -162,4 +165,9 @@ class Mechanism:
         jac = self._reader.at(data)
         self._gauges.refresh(self._model, data)
         gaps = data.efc_pos[: data.ne].copy()
-        return JointPosture(qpos, self._payload.pose(data), jac, gaps, self._gauges.read(data))
+        here = {"pose": self._payload.pose(data), "jacobians": jac, "gaps": gaps}
+        return computed(JointPosture, qpos=qpos, displacements=self._gauges.read(data), **here)
+
+
+def _checked(posture: JointPosture) -> JointPosture:
+    return check.instance("posture", posture, JointPosture)

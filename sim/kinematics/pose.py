@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 import argument_checks as check
-from sim.array import Array
+from sim.array import Array, lock
 from sim.mjcf.frame import one_half_turn
 
 _Kind = TypeVar("_Kind")
@@ -32,7 +32,7 @@ class Pose:
     translation_m: Array
 
     def __post_init__(self) -> None:
-        """Take what numbers can be had as arrays."""
+        """Check the arguments, and keep read-only copies."""
         keep(self, "rotation", 3, 3)
         keep(self, "translation_m", 3)
         _ = self.lead  # raises where there is none
@@ -87,17 +87,17 @@ def flat(A: Array, own: int, lead: tuple[int, ...]) -> Array:
 
 
 def computed(kind: type[_Kind], **fields: Any) -> _Kind:
-    """A frozen record of arrays that come from checked ones, at every tick: not checked again."""
+    """A frozen record of new arrays that come from checked ones, at every tick: locked alone."""
     record = object.__new__(kind)
     record.__dict__.update(fields)
+    lock(record)
     return record
 
 
 def keep(frozen: object, name: str, *shape: int) -> None:
-    """Check an array of a frozen dataclass, and keep it as one."""
-    value = getattr(frozen, name)
-    if (A := check.shaped(name, value, *shape)) is not value:
-        object.__setattr__(frozen, name, A)
+    """Check an array of a frozen dataclass, and keep a read-only copy."""
+    A = check.frozen(check.shaped(name, getattr(frozen, name), *shape))
+    object.__setattr__(frozen, name, A)
 
 
 NOMINAL = Pose(np.eye(3), np.zeros(3))

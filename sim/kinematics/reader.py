@@ -101,10 +101,11 @@ class JacobianReader:
         tasks = task_list(model, site)
         self._tasks = [(task, located_task(model, task)) for task in tasks]
         self._pins = pins_of(model, pinned)
-        self._stuck = stuck_names(stuck_at_limits)
-        if closure_tolerance != np.inf:
-            check.number("closure_tolerance", closure_tolerance)
+        self._stuck = stuck_names("stuck_at_limits", stuck_at_limits)
+        unlimited = isinstance(closure_tolerance, float) and closure_tolerance == np.inf
         self._tolerance = closure_tolerance
+        if not unlimited:
+            self._tolerance = check.number("closure_tolerance", closure_tolerance)
         self._axes = None if axes is None else located_axes(model, axes)
         self._structures: dict[tuple[object, ...], Structure] = {}
         self._naturals: dict[tuple[object, ...], Natural] = {}

@@ -25,6 +25,11 @@ class CenterOfMass:
 
     body: str | None = None
 
+    def __post_init__(self) -> None:
+        """Check the argument."""
+        if self.body is not None:
+            check.instance("body", self.body, str)
+
 
 @dataclass(frozen=True)
 class Relative:
@@ -37,6 +42,11 @@ class Relative:
 
     frame: str | Body
     root: str | Body
+
+    def __post_init__(self) -> None:
+        """Check the arguments."""
+        check.instance("frame", self.frame, str, Body)
+        check.instance("root", self.root, str, Body)
 
 
 _ROTATION_ERROR = 1e-6
@@ -209,4 +219,4 @@ def located_axes(model: mujoco.MjModel, axes: str) -> Located:
 def _com_body(model: mujoco.MjModel, task: CenterOfMass) -> int:
     if task.body is None:
         return 0
-    return element_id(model, "body", check.instance("site", task.body, str))
+    return element_id(model, "body", task.body)

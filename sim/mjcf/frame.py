@@ -25,6 +25,11 @@ class Body:
 
     name: str | int
 
+    def __post_init__(self) -> None:
+        """Check the argument."""
+        if not isinstance(self.name, str):
+            check.index("name", self.name)
+
 
 class Located(NamedTuple):
     """A frame by its number.
@@ -63,7 +68,7 @@ def located(model: mujoco.MjModel, argument: str, frame: str | Body) -> Located:
         TypeError: The argument is no name, nor a body's number.
     """
     if isinstance(frame, Body):
-        body = _body(model, argument, frame.name)
+        body = _body(model, frame.name)
         return Located(body, body, is_site=False)
     try:
         site = element_id(model, "site", check.instance(argument, frame, str))
@@ -85,10 +90,10 @@ def frame_named(model: mujoco.MjModel, frame: str | Body) -> str | Body:
     return Body(int(frame) if frame.isdecimal() and len(frame) < 10 and not is_name else frame)
 
 
-def _body(model: mujoco.MjModel, argument: str, name: str | int) -> int:
-    if not isinstance(name, int):
-        return element_id(model, "body", check.instance(argument, name, str))
-    if not 0 <= name < model.nbody:
+def _body(model: mujoco.MjModel, name: str | int) -> int:
+    if isinstance(name, str):
+        return element_id(model, "body", name)
+    if name >= model.nbody:
         raise ModelError(f"the model has bodies 0 to {model.nbody - 1}, got {name}")
     return name
 

@@ -60,18 +60,13 @@ def at_limits(model: mujoco.MjModel, data: mujoco.MjData) -> list[Resting]:
     return found
 
 
-def stuck_names(stuck_at_limits: bool | Iterable[str]) -> bool | tuple[str, ...]:
+def stuck_names(argument: str, stuck: bool | Iterable[str]) -> bool | tuple[str, ...]:
     """All, none, or the names of some.
 
     Raises:
         TypeError: Something of another kind.
     """
-    if isinstance(stuck_at_limits, bool):
-        return stuck_at_limits
-    if isinstance(stuck_at_limits, str) or not isinstance(stuck_at_limits, Iterable):
-        got = check.shown(stuck_at_limits)
-        raise TypeError(f"stuck_at_limits must be True, False or a list of names, got {got}")
-    return tuple(check.instance("stuck_at_limits", name, str) for name in stuck_at_limits)
+    return stuck if isinstance(stuck, bool) else check.members(argument, stuck, str)
 
 
 def stuck_rows(model: mujoco.MjModel, data: mujoco.MjData, stuck: bool | tuple[str, ...]) -> Array:

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 import argument_checks as check
-from sim.array import Array
+from sim.array import Array, lock
 
 _SLIDE, _HINGE, _BALL, _FREE = (
     int(kind)
@@ -34,6 +34,10 @@ class Ranges:
     tendon: Array
     control: Array
     force: Array
+
+    def __post_init__(self) -> None:
+        """Make the arrays read-only."""
+        lock(self)
 
 
 def ranges(model: mujoco.MjModel) -> Ranges:

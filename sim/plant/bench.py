@@ -11,7 +11,7 @@ from sim.array import Array
 from sim.kinematics.mechanism import JointPosture, Mechanism
 from sim.kinematics.pose import Pose, computed
 from sim.plant.failure import Failure
-from sim.plant.plant import Plant
+from sim.plant.plant import Plant, physics_steps
 from sim.plant.slip import MaxwellSlip
 
 
@@ -55,11 +55,11 @@ class TaskSensor:
         self._rows = check.indices("rows", rows, 6)
         self._noise = check.number("noise", noise)
         self._encoder_noise = check.number("encoder_noise", encoder_noise)
-        self._rng = np.random.default_rng(seed)
+        self._rng = np.random.default_rng(check.seed("seed", seed))
 
     def read(self, pose: Pose, displacements: Array) -> Reading:
         """The rows and the displacements, with noise."""
-        draw = self._rng.standard_normal
+        displacements, draw = _seen(pose, displacements), self._rng.standard_normal
         output = pose.displacement()[self._rows] + self._noise * draw(len(self._rows))
         return Reading(output, displacements + self._encoder_noise * draw(len(displacements)))
 
@@ -75,17 +75,24 @@ class JointSensors:
         seed: int | Sequence[int],
     ) -> None:
         """Start at the nominal posture of the mechanism; arguments as :class:`TaskSensor`."""
-        self._mechanism, self._rows = mechanism, check.indices("rows", rows, 6)
+        self._mechanism = check.instance("mechanism", mechanism, Mechanism)
+        self._rows = check.indices("rows", rows, 6)
         self._noise = check.number("encoder_noise", encoder_noise)
-        self._rng = np.random.default_rng(seed)
+        self._rng = np.random.default_rng(check.seed("seed", seed))
         self._posture: JointPosture = mechanism.nominal
         self._all = np.arange(len(mechanism.nominal.displacements))
 
     def read(self, pose: Pose, displacements: Array) -> Reading:
         """The task as the encoders have it, and what they read; the true pose stays unknown."""
+        displacements = _seen(pose, displacements)
         seen = displacements + self._noise * self._rng.standard_normal(len(displacements))
         self._posture = self._mechanism.moved(self._posture, seen, self._all)
         return Reading(self._mechanism.task(self._posture)[self._rows], seen)
+
+
+def _seen(pose: Pose, displacements: Array) -> Array:
+    check.instance("pose", pose, Pose)
+    return check.series("displacements", displacements)
 
 
 class Bench:
@@ -123,7 +130,7 @@ class Bench:
             plant: The machine.
             sensors: What is read of it.
             time_s: Of each tick, shape (N,): failures strike at their times.
-            period_s: Between ticks.
+            period_s: Between ticks, with at most as many physics steps as :meth:`Plant.step`.
             failures: What happens to the plant.
             drives: From the inputs of the drives to displacements (n,); None: they are the same.
             floor_m_per_s2: Acceleration of the floor at each tick, shape (N, 3); None is at rest.
@@ -138,17 +145,23 @@ class Bench:
                 instead; `sent(tick, inputs)`, what the drives get instead. None is nothing.
 
         Raises:
-            ValueError: Times that are no vector, a period that is not positive, another number of
-                accelerations, a failure of an actuator that the plant does not have, a delay that
-                is no whole number, or hysteresis of another number of springs.
-            TypeError: The hysteresis is of another type, or `events` has none of these methods.
+            ValueError: Times that are no vector, a period that is not positive or too long, another
+                number of accelerations, a failure of an actuator that the plant does not have, a
+                delay that is no whole number, or hysteresis of another number of springs.
+            ModelError: The period is not a whole number of physics steps.
+            TypeError: An argument is of another type: `sensors` do not read, `drives` is no
+                function, or `events` has none of these methods.
         """
-        time_s = check.finite("time_s", time_s)
-        if time_s.ndim != 1:
-            raise ValueError(f"time_s must have shape (N,), got {time_s.shape}")
-        check.positive("period_s", period_s)
+        check.instance("plant", plant, Plant)
+        check.methods("sensors", sensors, "read")
+        if drives is not None:
+            check.methods("drives", drives, "__call__")
+        time_s = check.frozen(check.series("time_s", time_s))
+        physics_steps("period_s", period_s, plant.model.opt.timestep)
         if floor_m_per_s2 is not None:
-            check.exactly("floor_m_per_s2", floor_m_per_s2, len(time_s), 3)
+            floor_m_per_s2 = check.exactly("floor_m_per_s2", floor_m_per_s2, len(time_s), 3)
+            floor_m_per_s2 = check.frozen(floor_m_per_s2)
+        failures = check.members("failures", failures, Failure)
         for failure in failures:  # an actuator may fail twice
             if isinstance(failure.actuator, str):
                 plant.number(failure.actuator)
@@ -166,7 +179,8 @@ class Bench:
         if events is not None and not any(map(callable, hooks)):
             raise TypeError("events must have plant, measured or sent, got " + check.shown(events))
         self._on_plant, self._on_measured, self._on_sent = hooks
-        self._under_way = deque([plant.command] * check.index("delay_ticks", delay_ticks))
+        delay = min(check.index("delay_ticks", delay_ticks), len(time_s))  # then it never comes
+        self._under_way = deque([plant.command] * delay)
         self._hysteresis = hysteresis
         self._stretch = np.zeros((1, 1) if hysteresis is None else hysteresis.slip.shape)
         self._time_s, self._period_s, self._floor = time_s, period_s, floor_m_per_s2
@@ -177,7 +191,7 @@ class Bench:
         self.displacement = np.empty((ticks, len(plant.drives)))
         self.closure_residual_m = np.empty(ticks)
         self.qpos = self.actuator_force = None
-        if keep_qpos:
+        if check.flag("keep_qpos", keep_qpos):
             self.qpos = np.empty((ticks, plant.model.nq))
             self.actuator_force = np.empty((ticks, len(plant.data.actuator_force)))
 
@@ -201,10 +215,18 @@ class Bench:
         return reading if self._on_measured is None else self._on_measured(tick, reading)
 
     def apply(self, inputs: Array) -> None:
-        """Drive the actuators for a period."""
+        """Drive the actuators for a period.
+
+        Raises:
+            ValueError: Not finite; or the displacements, of the drives if there are any, are not
+                one for each actuator.
+        """
+        command, name = check.finite("inputs", inputs), "inputs"
         if self._on_sent is not None:
-            inputs = self._on_sent(self._tick, inputs)
-        command = inputs if self._drives is None else self._drives(inputs)
+            command = self._on_sent(self._tick, command)
+        if self._drives is not None:
+            command, name = self._drives(command), "drives(inputs)"
+        command = check.exactly(name, command, self.displacement.shape[1])
         if self._under_way:
             self._under_way.append(np.array(command))
             command = self._under_way.popleft()

@@ -41,13 +41,13 @@ class Coils:
         check.positive("resistance_ohm", self.resistance_ohm)
         check.positive("heat_capacity_j_per_k", self.heat_capacity_j_per_k)
         check.signed("ambient_c", self.ambient_c)
-        paths = check.real("thermal_resistance_k_per_w", self.thermal_resistance_k_per_w)
-        if paths.ndim != 1 or not (paths > check.SMALLEST).all():
+        paths = check.series("thermal_resistance_k_per_w", self.thermal_resistance_k_per_w)
+        if not (paths > check.SMALLEST).all():
             raise ValueError(
                 "thermal_resistance_k_per_w must be a list of positive numbers, "
                 f"got {check.shown(paths.tolist())}"
             )
-        object.__setattr__(self, "thermal_resistance_k_per_w", paths)
+        object.__setattr__(self, "thermal_resistance_k_per_w", check.frozen(paths))
 
     def cold(self) -> Array:
         """Temperatures of coils that have long been without current, shape (n,)."""

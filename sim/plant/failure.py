@@ -79,7 +79,6 @@ def failed_plant(model: mujoco.MjModel, failures: Iterable[Failure]) -> Plant:
         TypeError: Something in `failures` is of another type.
     """
     plant = Plant(model)
-    for failure in check.instance("failures", failures, Iterable):
-        check.instance("failures", failure, Failure)
+    for failure in check.members("failures", failures, Failure):
         failure.strike(plant)
     return plant

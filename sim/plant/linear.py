@@ -7,7 +7,8 @@ import mujoco
 import numpy as np
 import scipy.linalg
 
-from sim.array import Array
+import argument_checks as check
+from sim.array import Array, lock
 from sim.closing.equalities import check_closures, closure_rows
 from sim.errors import ModelError
 from sim.kinematics.task import Task, task_jacobian, task_list, to_axes_of
@@ -70,10 +71,23 @@ class LinearPlant:
     motion: Array | None = None
     joints: tuple[str, ...] = ()
 
+    def __post_init__(self) -> None:
+        """Make the arrays read-only."""
+        lock(self)
+
     def named(self, y: Array) -> tuple[str, ...]:
-        """The joints that mostly move in some motions y (k, ...), in their order."""
+        """The joints that mostly move in some motions y (k, ...), in their order.
+
+        Raises:
+            ValueError: Motions of another shape, or not finite.
+        """
         if self.motion is None:
             return ()
+        y = check.real("y", y)
+        if y.shape[:1] != self.motion.shape[1:]:
+            raise ValueError(
+                f"y must have shape (k, ...) with k = {self.motion.shape[1]}, got {y.shape}"
+            )
         moved = np.abs(self.motion @ y).reshape(len(self.joints), -1)
         most = moved >= _MOSTLY * moved.max(axis=0, initial=0.0)
         moving = (most & (moved > 0.0)).any(axis=1)

@@ -45,8 +45,11 @@ _NOT_FINITE = (
     mujoco.mjtWarning.mjWARN_BADQACC,
 )
 
-_MOST_STEPS = 2**31 - 1
-"""MuJoCo counts physics steps in 32 bits."""
+MOST_STEPS = 10_000_000
+"""Physics steps of one period: some minutes of computing, hours for a large robot."""
+
+_UNINTERRUPTED = 250
+"""Physics steps between which Ctrl-C acts: much more than those of a control tick."""
 
 _STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 
@@ -101,6 +104,8 @@ class Plant:
             TypeError: An argument is of another type.
         """
         check.instance("model", model, mujoco.MjModel)
+        if part is not None:
+            check.instance("part", part, Part)
         # Locks and switched-off coils live in the model, so a shared one would share its failures.
         self.model = copy.copy(model)
         # A diverging run must keep its state to be looked at, whatever the file says.
@@ -146,32 +151,36 @@ class Plant:
 
         Raises:
             ValueError: The command has a wrong shape or is not finite; or the period is not
-                positive, or has more physics steps than MuJoCo counts.
+                positive, or has more than 1e7 physics steps.
             ModelError: The period is not a whole number of physics steps.
             SimulationDiverged: The state is no longer finite.
         """
+        self._hold(command_m, physics_steps("period_s", period_s, self._opt.timestep))
+
+    def _hold(self, command_m: Array, steps: int) -> None:
+        """Hold the commanded displacements for so many physics steps; Ctrl-C ends it soon."""
         model, data = self.model, self.data
-        steps = _steps(check.positive("period_s", period_s), self._opt.timestep)
         command_m = check.exactly("command_m", command_m, len(self.drives))
         mujoco.mj_getState(model, data, self._last, _STATE)
         data.ctrl[:] = self._commands.controls(command_m)
         self._command[:] = command_m
-        mujoco.mj_step(model, data, steps)
-        if not self._is_finite():
-            raise SimulationDiverged(data.time, self._last.copy())
+        for done in range(0, steps, _UNINTERRUPTED):
+            mujoco.mj_step(model, data, min(steps - done, _UNINTERRUPTED))
+            if not self._is_finite():
+                raise SimulationDiverged(data.time, self._last.copy())
         mujoco.mj_kinematics(model, data)
         self._gauges.refresh(model, data)
 
     def settle(self, seconds: float, command_m: Array | None = None) -> None:
         """Let the machine come to rest at displacements (n,); time starts again at zero.
 
-        None is the nominal pose, of the hexapod without current.
+        None is the nominal pose, of the hexapod without current. It can be interrupted.
 
         Raises:
             ValueError, ModelError, SimulationDiverged: As :meth:`step`.
         """
-        check.positive("seconds", seconds)
-        self.step(np.zeros(len(self.drives)) if command_m is None else command_m, seconds)
+        steps = physics_steps("seconds", seconds, self._opt.timestep)
+        self._hold(np.zeros(len(self.drives)) if command_m is None else command_m, steps)
         self.data.time = 0.0
 
     def lock(self, actuator: int) -> None:
@@ -386,12 +395,24 @@ def _joint_velocities(model: mujoco.MjModel, drives: Sequence[Drive]) -> NDArray
     return model.jnt_dofadr[joints].astype(np.intp) if len(joints) == len(drives) else None
 
 
+def physics_steps(name: str, period_s: float, timestep_s: float) -> int:
+    """Physics steps in a period, an argument of this name.
+
+    Raises:
+        ValueError: It is not positive, or has too many.
+        ModelError: It is not a whole number of them.
+    """
+    return _steps(name, check.positive(name, period_s), timestep_s)
+
+
 @lru_cache(maxsize=8)
-def _steps(period_s: float, timestep_s: float) -> int:
-    """Physics steps in a period."""
+def _steps(name: str, period_s: float, timestep_s: float) -> int:
     steps = round(period_s / timestep_s)
-    if steps > _MOST_STEPS:
-        raise ValueError(f"period_s must be at most {_MOST_STEPS} steps, got {period_s:g} s")
+    if steps > MOST_STEPS:
+        raise ValueError(
+            f"{name} must be at most {MOST_STEPS:g} physics steps, here "
+            f"{MOST_STEPS * timestep_s:g} s, got {period_s:g} s"
+        )
     if steps < 1 or abs(steps * timestep_s - period_s) > 1e-12:
         raise ModelError(
             f"the model's physics step of {timestep_s} s does not divide the period of {period_s} s"

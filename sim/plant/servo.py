@@ -63,6 +63,8 @@ def servoed(
             f"natural_frequency_hz must be at most {most:.3g} with the model's time step of "
             f"{model.opt.timestep:g} s, got {natural_frequency_hz:g}"
         )
+    if among is not None:
+        among = sorted(check.index_set("among", among, model.nactuator))
     servo, of_model = copy.copy(model), drives(model, among=among)
     state = mujoco.MjData(model) if data is None else copy.copy(data)
     check_state(model, state)

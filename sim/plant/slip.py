@@ -44,9 +44,12 @@ class MaxwellSlip:
 
         Exact for displacements in one direction, whatever the steps.
         """
+        stretch = check.exactly("stretch", stretch, *self.slip.shape)
+        by = check.exactly("by", by, len(self.slip))
         # A third of the time of np.clip.
         return np.minimum(np.maximum(stretch + by[:, None], -self.slip), self.slip)
 
     def force(self, stretch: Array) -> Array:
         """Force on each spring's end, shape (n,), [N] or [N m]: against the stretch."""
+        stretch = check.exactly("stretch", stretch, *self.slip.shape)
         return -(self.stiffness * stretch).sum(axis=1)

@@ -686,7 +686,7 @@ def test_the_ticks_that_are_timed_are_those_that_were_compared(model, cases):
     assert len(np.unique(general, axis=0)) == len(cases)
 
 
-@pytest.mark.parametrize("absent", ["mink", "placo", "daqp", "threadpoolctl"])
+@pytest.mark.parametrize("absent", ["mink", "placo", "daqp"])
 def test_without_the_extra_one_sentence_says_what_to_install(
     capsys, monkeypatch, tmp_path, untimed, absent
 ):

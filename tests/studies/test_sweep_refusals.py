@@ -41,7 +41,7 @@ def refusal(capsys, tmp_path, *words: str) -> str:
 @pytest.mark.parametrize("address", [" ", "tcp://a b:1", "tcp://a:1\n"])
 def test_what_cannot_be_an_address_is_refused(capsys, tmp_path, command, address):
     said = refusal(capsys, tmp_path, command, "--scheduler", address)
-    assert said == (f"fjh: --scheduler must be an address, as tcp://host:8786, got {address!r}\n")
+    assert said == (f"fjh: --scheduler must be an address, as tls://host:8786, got {address!r}\n")
     said = refusal(capsys, tmp_path, command, "--scheduler", "")
     assert said == "fjh: --scheduler is empty, expected a value\n"
 

@@ -125,7 +125,7 @@ FALLING = """
         (["--path", "none.npz"], "cannot be read"),
         (["--joint-weight", "1,2"], "--joint-weight must be one number or 7"),
         (["--keyframe", "home"], "the model has none"),
-        (["--size", "-1"], "--size must be positive"),
+        (["--size", "-1"], "--size must be from"),
         (["--site", "tip"], "tip"),
     ],
 )
