@@ -9,6 +9,7 @@ from argument_checks.arrays import SMALLEST as SMALLEST
 from argument_checks.arrays import Array as Array
 from argument_checks.arrays import Indices as Indices
 from argument_checks.arrays import Mask as Mask
+from argument_checks.arrays import all_positive as all_positive
 from argument_checks.arrays import common_axes as common_axes
 from argument_checks.arrays import exactly as exactly
 from argument_checks.arrays import finite as finite
@@ -27,6 +28,7 @@ from argument_checks.intervals import limits as limits
 from argument_checks.kinds import attributes as attributes
 from argument_checks.kinds import choice as choice
 from argument_checks.kinds import flag as flag
+from argument_checks.kinds import function as function
 from argument_checks.kinds import members as members
 from argument_checks.kinds import methods as methods
 from argument_checks.kinds import seed as seed
@@ -35,7 +37,10 @@ from argument_checks.matrices import matrix as matrix
 from argument_checks.matrices import positive_semidefinite as positive_semidefinite
 from argument_checks.matrices import sized as sized
 from argument_checks.matrices import weight as weight
+from argument_checks.scalars import LONGEST_S as LONGEST_S
+from argument_checks.scalars import SHORTEST_S as SHORTEST_S
 from argument_checks.scalars import at_most_one as at_most_one
+from argument_checks.scalars import duration as duration
 from argument_checks.scalars import fraction as fraction
 from argument_checks.scalars import index as index
 from argument_checks.scalars import index_set as index_set
@@ -45,6 +50,7 @@ from argument_checks.scalars import number as number
 from argument_checks.scalars import positive as positive
 from argument_checks.scalars import shown as shown
 from argument_checks.scalars import signed as signed
+from argument_checks.scalars import within as within
 
 __version__ = "0.2.0"
 """The distribution's version, written here alone: this package is below all others."""

@@ -120,6 +120,14 @@ def not_negative(name: str, value: ArrayLike) -> Array:
     return x
 
 
+def all_positive(name: str, value: ArrayLike, size: int) -> Array:
+    """So many finite numbers above zero, none so small that its inverse is out of range."""
+    A = exactly(name, value, size)
+    if (A <= 1.0 / LARGEST).any():
+        raise ValueError(f"{name} must be positive, at least {1 / LARGEST:g}, got {shown(value)}")
+    return A
+
+
 def common_axes(leads: dict[str, tuple[int, ...]]) -> tuple[int, ...]:
     """The batch axes that arguments with these leading axes have together."""
     if not any(leads.values()):

@@ -1,4 +1,4 @@
-"""Switches, choices by name, seeds, and objects with certain attributes or methods."""
+"""Switches, choices by name, seeds, lists, functions, and objects with certain attributes."""
 
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
@@ -46,6 +46,13 @@ def members(name: str, value: Iterable[_Kind], *kinds: type[_Kind]) -> tuple[_Ki
         expected = " or ".join(kind.__name__ for kind in kinds)
         raise TypeError(f"{name} must be a list of {expected}, got {shown(value)}")
     return each
+
+
+def function(name: str, value: Any) -> Any:
+    """The function itself, or whatever can be called."""
+    if not callable(value):
+        raise TypeError(f"{name} must be a function, got {shown(value)}")
+    return value
 
 
 def methods(name: str, value: Any, *wanted: str) -> Any:

@@ -11,6 +11,9 @@ from argument_checks.shown import shown
 
 _Kind = TypeVar("_Kind")
 
+SHORTEST_S, LONGEST_S = 1e-9, 86_400.0
+"""Of a duration: what is counted in ticks of one and lasts for the other must come to an end."""
+
 
 def signed(name: str, value: ArrayLike) -> float:
     """One finite number."""
@@ -33,6 +36,20 @@ def positive(name: str, value: ArrayLike) -> float:
     """One finite number above zero, and not so small that its inverse is out of range."""
     if (x := signed(name, value)) <= 1.0 / LARGEST:
         raise ValueError(f"{name} must be positive, at least {1.0 / LARGEST:g}, got {shown(value)}")
+    return x
+
+
+def duration(
+    name: str, value: ArrayLike, least: float = SHORTEST_S, most: float = LONGEST_S
+) -> float:
+    """One time in seconds, up to a day unless less is told."""
+    return within(name, value, least, most, " s")
+
+
+def within(name: str, value: ArrayLike, least: float, most: float, unit: str = "") -> float:
+    """One number from one to another."""
+    if not least <= (x := signed(name, value)) <= most:
+        raise ValueError(f"{name} must be from {least:g} to {most:g}{unit}, got {shown(value)}")
     return x
 
 

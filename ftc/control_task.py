@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import argument_checks as check
 from argument_checks import Array
-from ftc.controller import Converter
+from ftc.controller import Converter, checked_drives
 from ftc.fdi.fault_model import NominalModel
 from ftc.goal import Goal
 
@@ -24,6 +24,8 @@ class ControlTask:
             where there is no limit.
         reference_limit: Largest reference of each major coordinate, either way, shape (m1,).
 
+    All arrays are copied, and read-only.
+
     Raises:
         ValueError, TypeError: Of another shape or kind than that.
     """
@@ -37,16 +39,20 @@ class ControlTask:
     reference_limit: Array
 
     def __post_init__(self) -> None:
-        nominal = check.instance("nominal", self.nominal, NominalModel)
-        J = check.matrix("J", self.J, columns=nominal.actuators)
-        major = check.indices("major", self.major, len(J))
-        if len(major) != nominal.plant.noutputs:
+        n = check.instance("nominal", self.nominal, NominalModel).actuators
+        kept = {"J": check.frozen(check.matrix("J", self.J, columns=n))}
+        major = check.indices("major", self.major, len(self.J))
+        check.instance("goal", self.goal, Goal).of(n)
+        checked_drives(self.drives, n)
+        if len(major) != (outputs := self.nominal.plant.noutputs):
             raise ValueError(
-                f"major must have a row for each of the {nominal.plant.noutputs} outputs of "
-                f"nominal, got {len(major)}"
+                f"major must have a row for each of the {outputs} outputs of nominal, got "
+                f"{len(major)}"
             )
-        check.limit_vectors("limits", self.limits, nominal.actuators)
-        check.exactly("reference_limit", self.reference_limit, len(major))
+        most = check.exactly("reference_limit", self.reference_limit, len(major))
+        limits = check.limit_vectors("limits", self.limits, n)
+        kept |= {"reference_limit": check.frozen(most), "limits": limits}
+        vars(self).update(kept, major=tuple(major.tolist()))
 
     @property
     def major_jacobian(self) -> Array:

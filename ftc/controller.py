@@ -8,10 +8,12 @@ from typing import Any, Generic, Protocol
 import numpy as np
 from scipy.linalg import block_diag
 
+import argument_checks as check
 from argument_checks import Array
-from ftc.control.anti_windup import tracking_gain
+from ftc.control.anti_windup import SLOWNESS, tracking_gain
 from ftc.control.bumpless_transfer import BumplessTransfer, bumpless_transfer
 from ftc.control.compensator import Channel
+from ftc.control.frequency_response import channels
 from ftc.control.geometry import Pose
 from ftc.control.local_mapping import PreviousCommand
 from ftc.control.mapping import PrioritizedMapping
@@ -52,6 +54,18 @@ class DirectDrive:
     def displacements(self, inputs: Array) -> Array:
         """The displacements themselves."""
         return inputs
+
+
+def checked_drives(drives: Converter, actuators: int) -> Any:
+    """The drives themselves, which convert the displacements of so many actuators at rest.
+
+    Raises:
+        ValueError, TypeError: They do not.
+    """
+    check.methods("drives", drives, "inputs", "displacements")
+    still = check.exactly("drives.inputs(0)", drives.inputs(np.zeros(actuators)), actuators)
+    check.exactly("drives.displacements", drives.displacements(still), actuators)
+    return drives
 
 
 @dataclass(frozen=True)
@@ -104,13 +118,22 @@ class PrioritizedController(Generic[Pose]):
         `tracking_slowness` as in :func:`ftc.control.anti_windup.tracking_gain`. With
         `reference_feedforward` the reference itself is demanded where no other feedforward is
         known, and the compensators add what is missing.
+
+        Raises:
+            ValueError, TypeError: Not one compensator for each major row, all of one period, no
+                mapping, no drives of its actuators; or a number or switch that is none.
         """
+        check.instance("mapping", mapping, PrioritizedMapping)
         self.mapping = mapping
-        self.drives: Any = drives  # clients know their own drives
-        self.handover_s = handover_s
-        self.demand_limit = demand_limit
-        self.anti_windup = anti_windup
-        self.reference_feedforward = reference_feedforward
+        self.drives = checked_drives(drives, mapping.actuators)  # clients know their own
+        self.handover_s = check.duration("handover_s", handover_s, least=0.0)
+        unlimited = isinstance(demand_limit, float) and demand_limit == inf
+        self.demand_limit = inf if unlimited else check.number("demand_limit", demand_limit)
+        self.anti_windup = check.flag("anti_windup", anti_windup)
+        self.reference_feedforward = check.flag("reference_feedforward", reference_feedforward)
+        self._m1 = len(mapping.nothing().demand)
+        channels("loops", loops, self._m1)
+        check.within("tracking_slowness", tracking_slowness, *SLOWNESS)
         self._effectiveness = np.ones(mapping.actuators)
         for actuator, left in mapping.goal.effectiveness.items():
             self._effectiveness[actuator] = left
@@ -140,7 +163,12 @@ class PrioritizedController(Generic[Pose]):
         return ControllerState(*still, mapping.nominal, mapping.nothing())
 
     def estimate(self, state: ControllerState[Pose]) -> Pose:
-        """The present pose, estimated from the inputs sent one tick before."""
+        """The present pose, estimated from the inputs sent one tick before.
+
+        Raises:
+            TypeError: No state of a controller.
+        """
+        check.instance("state", state, ControllerState)
         return self.mapping.estimate(self._commanded(state), state.pose)
 
     def step(
@@ -167,12 +195,26 @@ class PrioritizedController(Generic[Pose]):
             unused_reference: Displacements that actuators out of use are commanded after a
                 transfer, shape (n,), beside what they keep; None is zero.
             pose: As :meth:`estimate` gives it, for a caller that has it already.
+
+        Raises:
+            ValueError, TypeError: No state, or not finite numbers of these shapes. A task that may
+                not be measured is a supervisor's.
         """
+        n = len(self._still)
+        check.instance("state", state, ControllerState)
+        reference = check.exactly("reference", reference, self._m1)
+        output = check.exactly("measurement.output", _output(measurement), self._m1)
+        if secondary_reference is not None:
+            secondary_reference = check.exactly("secondary_reference", secondary_reference, n)
+        if feedforward is not None:
+            feedforward = check.exactly("feedforward", feedforward, self._m1)
+        if unused_reference is not None:
+            unused_reference = check.exactly("unused_reference", unused_reference, n)
         commanded = self._commanded(state)
         if pose is None:
             pose = self.mapping.estimate(commanded, state.pose)
 
-        error = reference - measurement.output
+        error = reference - output
         after = self._M.dot(np.concatenate((state.compensator, error)))
         compensator, demand = after[: self._order], after[self._order :]
         if self.demand_limit < inf:
@@ -239,18 +281,25 @@ class PrioritizedController(Generic[Pose]):
                 shape (n,); those of the rest fade in `handover_s`, and the others take over what
                 they did. None: they all fade.
             unused_reference: As the next step is given it: actuators out of use go on with it.
+
+        Raises:
+            ValueError, TypeError: No state, or not finite numbers of these shapes.
         """
-        commanded, owed = self._commanded(state), state.bumpless_transfer
-        pose, still = self.mapping.estimate(commanded, state.pose), self._still
+        commanded = self._commanded(check.instance("state", state, ControllerState))
+        pose, owed = self.mapping.estimate(commanded, state.pose), state.bumpless_transfer
+
+        def given(name: str, value: Array | None) -> Array:
+            return self._still if value is None else check.exactly(name, value, len(self._still))
+
         new = bumpless_transfer(
             self.mapping,
             state.asked,
             commanded,
             pose,
-            still if lost_displacements is None else lost_displacements,
-            still if acting is None else acting,
-            still if unused_reference is None else unused_reference,
-            still if keeps is None else keeps,
+            given("lost_displacements", lost_displacements),
+            given("acting", acting),
+            given("unused_reference", unused_reference),
+            given("keeps", keeps),
         )
         if owed is not None:
             new = new.after(owed, self.handover_s)
@@ -260,3 +309,12 @@ class PrioritizedController(Generic[Pose]):
         """Displacements that the actuators hold at the inputs last sent, shape (n,)."""
         exerted = self.drives.displacements(state.inputs)
         return self._effectiveness * exerted if self._is_weakened else exerted
+
+
+def _output(measurement: Measurement) -> Array:
+    try:
+        return measurement.output
+    except AttributeError:
+        raise TypeError(
+            f"measurement must have an output, got {check.shown(measurement)}"
+        ) from None

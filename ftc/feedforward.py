@@ -10,8 +10,9 @@ equation, one sweep backwards for the preview, one forwards for the states.
 
 import numpy as np
 
+import argument_checks as check
 from argument_checks import Array
-from ftc.fdi.fault_model import NominalModel, fault_model
+from ftc.fdi.fault_model import FaultModel, NominalModel, fault_model
 
 WEIGHT = 1e-2
 """Of what the demand differs from the path, beside what the response does. At one frequency, a
@@ -34,10 +35,27 @@ def inverse_feedforward(nominal: NominalModel, gain: Array, path: Array) -> Arra
         nominal: The plant; its outputs are the m1 rows of the path, in [rad] or [m].
         gain: Displacements per demand, shape (n, m1).
         path: Desired outputs, tick by tick, shape (N, m1).
+
+    Raises:
+        ValueError, TypeError: Not a model, another shape or kind, or no finite demands.
     """
     model = fault_model(nominal)
-    A, C, B = model.A, model.C, model.B @ gain * nominal.noise
-    scaled = path / nominal.noise
+    m1 = len(nominal.noise)
+    path = check.matrix("path", path, columns=m1)
+    gain = check.exactly("gain", gain, nominal.actuators, m1)
+    if not len(path):
+        return path
+    with np.errstate(all="ignore"):
+        demands = _inverse(model, nominal.noise, gain, path)
+    if not check.is_moderate(demands):
+        raise ValueError("path must have moderate demands by this gain, got larger ones")
+    return demands
+
+
+def _inverse(model: FaultModel, noise: Array, gain: Array, path: Array) -> Array:
+    """The same of a path of one tick or more, without checks."""
+    A, C, B = model.A, model.C, model.B @ gain * noise
+    scaled = path / noise
     P = _cost_to_go(A, B, C)
     towards = np.linalg.solve(WEIGHT * np.eye(B.shape[1]) + B.T @ P @ B, B.T)
     K, ahead = towards @ P @ A, towards @ P @ B
@@ -52,7 +70,7 @@ def inverse_feedforward(nominal: NominalModel, gain: Array, path: Array) -> Arra
     for tick, pull in enumerate(pulls):
         demands[tick] = scaled[tick] + pull - K @ x
         x = A @ x + B @ demands[tick]
-    return demands * nominal.noise
+    return demands * noise
 
 
 def _summed(F: Array, source: Array) -> Array:

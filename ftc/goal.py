@@ -2,6 +2,12 @@
 
 from dataclasses import dataclass, field
 
+from numpy.typing import ArrayLike
+
+import argument_checks as check
+
+MOST_ACTUATORS = 10_000
+
 
 @dataclass(frozen=True)
 class Goal:
@@ -15,7 +21,11 @@ class Goal:
         locked_at: Actuators known to be locked, and the displacement at which each stands.
         free: Actuators known to exert no force, their springs intact.
         spring_lost: Actuators known to have lost force and spring.
-        effectiveness: Actuators known to be weakened, and the part of the force that each has left.
+        effectiveness: Actuators known to be weakened, and the part of the force that each has left,
+            above zero.
+
+    Raises:
+        ValueError, TypeError: Not numbers, or not those of actuators.
     """
 
     joint_weight: tuple[float, ...] | None = None
@@ -24,3 +34,39 @@ class Goal:
     free: tuple[int, ...] = ()
     spring_lost: tuple[int, ...] = ()
     effectiveness: dict[int, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for name in ("joint_weight", "secondary_weight"):
+            if (weight := getattr(self, name)) is not None:
+                vars(self)[name] = _weights(name, weight)
+        for name in ("free", "spring_lost"):
+            vars(self)[name] = tuple(
+                check.indices(name, getattr(self, name), MOST_ACTUATORS).tolist()
+            )
+        for name in ("locked_at", "effectiveness"):
+            known = check.instance(name, getattr(self, name), dict)
+            actuators = check.indices(name, list(known), MOST_ACTUATORS).tolist()
+            vars(self)[name] = {
+                k: check.signed(name, value)
+                for k, value in zip(actuators, known.values(), strict=True)
+            }
+        for left in self.effectiveness.values():
+            check.at_most_one("effectiveness", check.positive("effectiveness", left))
+
+    def of(self, actuators: int) -> "Goal":
+        """The goal itself, of a mechanism with so many actuators.
+
+        Raises:
+            ValueError: A failure is of another actuator, or that is no number of them.
+        """
+        check.index("actuators", actuators)
+        for name in ("free", "spring_lost", "locked_at", "effectiveness"):
+            check.indices(name, list(getattr(self, name)), actuators)
+        return self
+
+
+def _weights(name: str, value: ArrayLike) -> tuple[float, ...]:
+    weight = check.not_negative(name, value)
+    if weight.ndim != 1:
+        raise ValueError(f"{name} must be the numbers of a diagonal, got shape {weight.shape}")
+    return tuple(weight.tolist())

@@ -9,13 +9,14 @@ from typing import Any, NoReturn, TypeVar
 
 import numpy as np
 
+import argument_checks as check
 from argument_checks import Array, shown
 from ftc.control_task import ControlTask
 from ftc.controller import Measurement
 from ftc.loop import Controller
 from ftc.sensor_check import SensorCheck
 from ftc.sensors import SensorChecks, Sensors
-from ftc.time_limit import TimeExceeded, time_limit
+from ftc.time_limit import LEAST_S, TimeExceeded, time_limit
 
 STEP_LIMIT_S, START_LIMIT_S = 1.0, 60.0
 """By the clock on the wall: one step, and what is designed and compiled before the first."""
@@ -64,13 +65,23 @@ class GuardedController:
         name: Of the other, in sentences.
         factory: Makes it for a task.
         task: That task.
-        step_limit_s: How long a step may take; making and starting it may take `START_LIMIT_S`.
+        step_limit_s: How long a step may take, a millisecond or more; making and starting it may
+            take `START_LIMIT_S`.
+
+    Raises:
+        ValueError, TypeError: Of another kind than that, or a limit longer than a day.
     """
 
     name: str
     factory: Callable[[ControlTask], Controller[Any]]
     task: ControlTask
     step_limit_s: float = STEP_LIMIT_S
+
+    def __post_init__(self) -> None:
+        check.instance("name", self.name, str)
+        check.function("factory", self.factory)
+        check.instance("task", self.task, ControlTask)
+        check.duration("step_limit_s", self.step_limit_s, least=LEAST_S)
 
     def start(self) -> GuardedState:
         """The other controller made and started; inputs are zero."""
@@ -90,8 +101,13 @@ class GuardedController:
         return SensorChecks(check, replace(check, noisy=False))
 
     def step(self, state: GuardedState, reference: Array, measurement: Measurement) -> GuardedState:
-        """One control tick; after a failure, or without a usable reading, the inputs stay."""
-        controller = state.controller
+        """One control tick; after a failure, or without a usable reading, the inputs stay.
+
+        Raises:
+            ValueError, TypeError: No state, or not a finite reference for each major row.
+        """
+        reference = check.exactly("reference", reference, len(self.task.major))
+        controller = check.instance("state", state, GuardedState).controller
         if state.failure is not None or controller is None:
             return replace(state, ticks=state.ticks + 1)
         sensors = self._checks.step(state.sensors, measurement, state.inputs)

@@ -10,8 +10,10 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+import argument_checks as check
 from argument_checks import Array
 from ftc.control.compensator import Channel
+from ftc.control.frequency_response import channels
 from ftc.fdi.fault_model import Fault, NominalModel, fault_model
 from ftc.fdi.friction import Rubbing
 
@@ -199,6 +201,11 @@ class LinearLoop:
             shape (N, n).
         reference: Of the major task, shape (N, m1).
         compensators: One for each major row.
+
+    All arrays are copied, and read-only.
+
+    Raises:
+        ValueError, TypeError: Of another shape or kind than that.
     """
 
     nominal: NominalModel
@@ -207,7 +214,19 @@ class LinearLoop:
     reference: Array
     compensators: Sequence[Channel]
 
+    def __post_init__(self) -> None:
+        n = check.instance("nominal", self.nominal, NominalModel).actuators
+        reference = check.batch("reference", self.reference)
+        ticks, m1 = check.exactly("reference", reference, *reference.shape[-2:]).shape
+        if not 0 < m1 <= len(self.nominal.noise):
+            raise ValueError(f"reference must be of outputs of nominal, got {m1} columns")
+        given = {"gain": (n, m1), "secondary": (ticks, n), "reference": (ticks, m1)}
+        for name, shape in given.items():
+            vars(self)[name] = check.frozen(check.exactly(name, getattr(self, name), *shape))
+        channels("compensators", self.compensators, m1)
 
+
+@np.errstate(over="ignore", invalid="ignore")  # the end says what overflows
 def simulate(loop: LinearLoop, faults: Sequence[Fault], onset: int) -> tuple[Array, Array]:
     """States of the plant, shape (N, s), and displacements commanded, (N, n), without noise.
 
@@ -215,7 +234,12 @@ def simulate(loop: LinearLoop, faults: Sequence[Fault], onset: int) -> tuple[Arr
         loop: The loop.
         faults: That strike, all at once, unknown to the mapping.
         onset: At which tick.
+
+    Raises:
+        ValueError, TypeError: Of another kind than that, or a loop that grows beyond all numbers.
     """
+    check.instance("loop", loop, LinearLoop)
+    check.index("onset", onset)
     sound, failed = fault_model(loop.nominal), fault_model(loop.nominal, faults)
     stages = [
         Stage(sound.A, sound.B),
@@ -231,4 +255,9 @@ def simulate(loop: LinearLoop, faults: Sequence[Fault], onset: int) -> tuple[Arr
             secondary=loop.secondary,
         )
     )
-    return np.array([tick.x for tick in ticks]), np.array([tick.commanded for tick in ticks])
+    states, commanded = (
+        np.array([getattr(tick, of) for tick in ticks]) for of in ("x", "commanded")
+    )
+    if not (check.is_moderate(states) and check.is_moderate(commanded)):
+        raise ValueError("loop must stay at moderate numbers, got a gain by which it grows further")
+    return states, commanded

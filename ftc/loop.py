@@ -85,8 +85,11 @@ def run_loop(
             takes `feedforward`, as those of `ftc`; None is none.
 
     Raises:
-        ValueError: The reference is no matrix, the feedforward of another shape, or not finite.
+        ValueError, TypeError: No machine, no controller; the reference is no matrix, the
+            feedforward of another shape, or not finite.
     """
+    check.methods("machine", machine, "measure", "apply")
+    check.methods("controller", controller, "start", "step")
     reference = check.finite("reference", reference)
     if reference.ndim != 2:
         raise ValueError(f"reference must have shape (N, m1), got {reference.shape}")

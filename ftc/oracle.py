@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+import argument_checks as check
 from argument_checks import Array
 from ftc.controller import ControllerState, Measurement, PrioritizedController
 
@@ -50,6 +51,10 @@ class OracleController:
             displacement commanded of those that the goal of `after` says are free.
         secondary: Reference of the secondary goal (n,) at each time of the run; None is zero.
         acting: As of :meth:`ftc.controller.PrioritizedController.transfer`.
+
+    Raises:
+        ValueError, TypeError: Not controllers of as many actuators, no tick, no function, or not so
+            many finite numbers.
     """
 
     before: PrioritizedController[Any]
@@ -58,6 +63,21 @@ class OracleController:
     lost_displacements: Array | None = None
     secondary: Callable[[float], Array] | None = None
     acting: Array | None = None
+
+    def __post_init__(self) -> None:
+        before, after = (
+            check.instance(name, getattr(self, name), PrioritizedController).mapping.actuators
+            for name in ("before", "after")
+        )
+        if before != after:
+            raise ValueError(f"after must have the {before} actuators of before, got {after}")
+        if not isinstance(self.tick, int) or self.tick != NEVER:
+            check.index("tick", self.tick)
+        if self.secondary is not None:
+            check.function("secondary", self.secondary)
+        for name in ("lost_displacements", "acting"):
+            if (given := getattr(self, name)) is not None:
+                vars(self)[name] = check.frozen(check.exactly(name, given, before))
 
     def start(self) -> OracleState:
         """At rest at the nominal pose."""
@@ -71,8 +91,12 @@ class OracleController:
         *,
         feedforward: Array | None = None,
     ) -> OracleState:
-        """One control tick."""
-        last = state.controller
+        """One control tick.
+
+        Raises:
+            ValueError, TypeError: As a step of :class:`.PrioritizedController`.
+        """
+        last = check.instance("state", state, OracleState).controller
         if state.ticks == self.tick:
             lost_displacements = (
                 self._lost_displacement(last)

@@ -2,10 +2,11 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
+import argument_checks as check
 from argument_checks import Array
 from ftc.fdi.diagnosis import Diagnosis
 from ftc.fdi.fault_model import Fault, NominalModel, resting_displacements, static_share
@@ -63,7 +64,18 @@ def goal_after(
         diagnoses: What has failed.
         nominal: Linear model of the sound machine.
         unused: What an actuator counts as that is free, loose, or too weak to be used.
+
+    Raises:
+        ValueError, TypeError: Of another kind than that, or of another mechanism.
     """
+    n = check.instance("nominal", nominal, NominalModel).actuators
+    check.instance("goal", goal, Goal).of(n)
+    check.choice("unused", unused, get_args(Unused))
+    if not isinstance(diagnoses, list | tuple):
+        raise TypeError(f"diagnoses must be a list of diagnoses, got {check.shown(diagnoses)}")
+    for found in diagnoses:
+        fault = check.instance("diagnoses", found, Diagnosis).fault
+        check.index("actuator of diagnoses", fault.actuator, n)
     locked_at, effectiveness, free = dict(goal.locked_at), dict(goal.effectiveness), set(goal.free)
     for found in diagnoses:
         actuator = found.fault.actuator

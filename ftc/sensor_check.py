@@ -9,10 +9,13 @@ show it as a difference from the task; that is not tested here.
 """
 
 from dataclasses import dataclass, replace
-from math import isfinite, nan
+from math import hypot, nan
 from operator import eq
 from typing import Any
 
+import numpy as np
+
+import argument_checks as check
 from argument_checks import Array
 
 _FEWEST = 5
@@ -98,6 +101,9 @@ class SensorCheck:
             end of what its sensor can show repeats as well.
         gap_s: A longer gap is a loss.
         usable_s: After a loss readings are used again when they have been usable for so long.
+
+    Raises:
+        ValueError, TypeError: Of another kind than that, or a time longer than a day.
     """
 
     period_s: float
@@ -107,8 +113,24 @@ class SensorCheck:
     gap_s: float = 20e-3
     usable_s: float = 20e-3
 
+    def __post_init__(self) -> None:
+        check.duration("period_s", self.period_s)
+        for name in ("stuck_s", "gap_s", "usable_s"):
+            check.duration(name, getattr(self, name), least=0.0)
+        check.flag("noisy", self.noisy)
+        if self.limits is not None:
+            most = check.instance("limits", self.limits, tuple, list, np.ndarray)
+            _, limits = check.limit_vectors("limits", (0.0, most), len(most))
+            vars(self)["limits"] = tuple(limits.tolist())
+
     def start(self, rows: int) -> SensorState:
-        """Before the first reading of so many rows."""
+        """Before the first reading of so many rows; none, if the sensor is not used.
+
+        Raises:
+            ValueError: Not so many as there are limits.
+        """
+        if check.index("rows", rows) and self.limits is not None and rows != len(self.limits):
+            raise ValueError(f"rows must be as many as limits, {len(self.limits)}, got {rows}")
         return SensorState((nan,) * rows, None, (0,) * rows)
 
     def step(self, state: SensorState, reading: Any, sent: Array) -> SensorState:
@@ -186,9 +208,9 @@ def _repeats(state: SensorState, seen: tuple[float, ...], sent: Array) -> tuple[
 
 
 def numbers(reading: Any, rows: int) -> tuple[float, ...] | None:
-    """The numbers of a reading; None where they are not `rows` finite ones in a vector."""
+    """The numbers of a reading; None where they are not `rows` moderate ones in a vector."""
     try:
         seen = tuple(reading.tolist())
-        return seen if len(seen) == rows and all(map(isfinite, seen)) else None
+        return seen if len(seen) == rows and hypot(*seen) < check.LARGEST else None
     except (AttributeError, TypeError, ValueError, OverflowError):
         return None

@@ -3,8 +3,12 @@
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
+import argument_checks as check
 from argument_checks import Array
-from ftc.sensor_check import SensorCheck, SensorState
+from ftc.controller import Measurement
+from ftc.sensor_check import SensorCheck, SensorState, numbers
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,10 +51,18 @@ class SensorChecks:
     Attributes:
         task: Of the major task.
         encoders: Of the actuators; None: they are not used, and not checked.
+
+    Raises:
+        TypeError: Of another kind than that.
     """
 
     task: SensorCheck
     encoders: SensorCheck | None = None
+
+    def __post_init__(self) -> None:
+        check.instance("task", self.task, SensorCheck)
+        if self.encoders is not None:
+            check.instance("encoders", self.encoders, SensorCheck)
 
     def start(self, rows: int, actuators: int) -> Sensors:
         """Before the first reading."""
@@ -75,3 +87,22 @@ class SensorChecks:
             encoders = self.encoders.step(encoders, displacement, sent)
         estimates = estimable and task.lost and not encoders.gap_ticks
         return Sensors(task, encoders, estimates)
+
+
+def in_numbers(measurement: Any, rows: int, actuators: int) -> Measurement:
+    """The measurement itself, or one of vectors: NaN where a reading is none, or a masked one."""
+    output, displacement = (getattr(measurement, name, None) for name in ("output", "displacement"))
+    if _is_vector(output, rows) and _is_vector(displacement, actuators):
+        return measurement
+    return Measurement(_vector(output, rows), _vector(displacement, actuators))
+
+
+def _is_vector(reading: Any, size: int) -> bool:
+    return check.is_plain(reading) and reading.shape == (size,)
+
+
+def _vector(reading: Any, size: int) -> Array:
+    if _is_vector(reading, size):
+        return reading
+    seen = numbers(reading, size)
+    return np.full(size, np.nan) if seen is None else np.array(seen, dtype=float)

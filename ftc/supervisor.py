@@ -3,10 +3,11 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
+import argument_checks as check
 from argument_checks import Array
 from ftc.controller import ControllerState, Measurement, PrioritizedController
 from ftc.decision import Case, Outlook
@@ -19,7 +20,7 @@ from ftc.goal import Goal
 from ftc.oracle import NestedState
 from ftc.reconfiguration import Unused, goal_after, lost_displacement
 from ftc.sensor_check import SensorCheck
-from ftc.sensors import SensorChecks, Sensors
+from ftc.sensors import SensorChecks, Sensors, in_numbers
 from ftc.status import status
 
 
@@ -95,6 +96,10 @@ class Supervisor:
             and of the encoders where they are used.
         test_motion: What actuators out of use are commanded at each time, shape (n,): one that
             works again is seen by it; None is `secondary`.
+
+    Raises:
+        ValueError, TypeError: Of another kind than that, or of machines with other actuators,
+            outputs or control periods.
     """
 
     first: PrioritizedController[Any]
@@ -107,6 +112,26 @@ class Supervisor:
     estimate: Callable[[Measurement, Any], Array] | None = None
     sensor_checks: SensorChecks | None = None
     test_motion: Callable[[float], Array] | None = None
+
+    def __post_init__(self) -> None:
+        mapping = check.instance("first", self.first, PrioritizedController).mapping
+        check.instance("monitor", self.monitor, Monitor)
+        for name in ("secondary", "reconfigured", "is_possible"):
+            check.function(name, getattr(self, name))
+        for name in ("watched", "estimate", "test_motion"):
+            if (function := getattr(self, name)) is not None:
+                check.function(name, function)
+        if self.sensor_checks is not None:
+            check.instance("sensor_checks", self.sensor_checks, SensorChecks)
+        models = {"monitor": self._nominal}
+        if self.task is not None:
+            models["task"] = check.instance("task", self.task, NominalModel)
+        for name, model in models.items():
+            if model.actuators != mapping.actuators or model.period_s != self.first.period_s:
+                raise ValueError(
+                    f"{name} must be of the {mapping.actuators} actuators and the period of first, "
+                    f"{self.first.period_s} s, got {model.actuators} and {model.period_s} s"
+                )
 
     @property
     def _test_motion(self) -> Callable[[float], Array]:
@@ -144,9 +169,10 @@ class Supervisor:
         It need not take its first samples for those of a sound machine.
 
         Raises:
-            ValueError: That run had a failure, or ended before anything was learned.
+            ValueError, TypeError: That run had a failure, or ended before anything was learned; or
+                it was not a supervisor's.
         """
-        watch = state.watch.watch
+        watch = check.instance("state", state, SupervisorState).watch.watch
         learned = watch.spectrum.samples * self.monitor.watch.period_s
         if state.diagnoses or state.watch.relearns or learned <= self.monitor.config.learning_s:
             raise ValueError(
@@ -168,7 +194,18 @@ class Supervisor:
 
         Without a usable reading of the task the commands and the controller's state stay as they
         are, unless the encoders give an estimate; the diagnosis goes on without what is missing.
+        A measurement may be of any kind: what is no numbers is missing, and so is what is masked.
+
+        Raises:
+            ValueError, TypeError: No state, or a reference or feedforward that is not finite, or of
+                another shape.
         """
+        rows = len(self._unknown)
+        check.instance("state", state, SupervisorState)
+        reference = check.exactly("reference", reference, rows)
+        if feedforward is not None:
+            feedforward = check.exactly("feedforward", feedforward, rows)
+        measurement = in_numbers(measurement, rows, self.first.mapping.actuators)
         ticks = state.ticks + 1
         commanded = self.first.drives.displacements(state.inputs)
         known = state.watch.diagnosis
@@ -355,9 +392,22 @@ def supervisor_for(
         config: Rates and confidences of the diagnosis.
         seen: `watched` of :class:`Supervisor`.
         sensors: Its `estimate` and `sensor_checks`.
+
+    Raises:
+        ValueError, TypeError: Of another kind than that, or a dither of other actuators.
     """
+    check.function("controller", controller)
+    check.function("is_possible", is_possible)
+    check.choice("unused", unused, get_args(Unused))
+    check.instance("watched", watched, NominalModel)
+    check.instance("config", config, FdiConfig)
     motion = test_motion = lambda _: np.zeros(watched.actuators)
     if dither is not None:
+        if len(check.instance("dither", dither, Dither).direction) != watched.actuators:
+            raise ValueError(
+                f"dither must have a direction of {watched.actuators} actuators, got "
+                f"{len(dither.direction)}"
+            )
         config = replace(config, dither_hz=dither.frequency_hz)
         motion = dither.at
         test_motion = replace(dither, amplitude=TEST_PART * dither.amplitude, offset=0.0).at

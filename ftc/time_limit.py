@@ -5,6 +5,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
+import argument_checks as check
+
+LEAST_S = 1e-3
+"""Less would come before the last one is dealt with."""
+
 
 class TimeExceeded(BaseException):
     """The code took too long; not an `Exception`, so that the code's own handlers let it pass."""
@@ -17,8 +22,10 @@ def time_limit(seconds: float) -> Iterator[None]:
     It is raised as soon as Python runs again: compiled code that does not return is not stopped.
 
     Raises:
-        ValueError: Not in the main thread, the only one in which Python handles signals.
+        ValueError: Less than a millisecond, or more than a day. Or not in the main thread, the only
+            one in which Python handles signals.
     """
+    check.duration("seconds", seconds, least=LEAST_S)
 
     def stop(number: int, frame: FrameType | None) -> None:
         raise TimeExceeded

@@ -32,13 +32,21 @@ from ftc.control.compensator import (
     margins,
     sensitivity_peak,
 )
+from ftc.control.frequency_response import channels
 from ftc.control.mapping import PrioritizedMapping
 from ftc.control.mechanism import MechanismGeometry, MechanismModel
 from ftc.control.minimal import minimal
 from ftc.controller import DirectDrive, Measurement, PrioritizedController
 from ftc.fdi.diagnosis import DEFAULT_CONFIG, FdiConfig
 from ftc.fdi.dither import Dither
-from ftc.fdi.fault_model import Fault, NominalModel, by_kind, fault_model, static_gain
+from ftc.fdi.fault_model import (
+    Fault,
+    NominalModel,
+    by_kind,
+    fault_model,
+    of_actuators,
+    static_gain,
+)
 from ftc.fdi.friction import DryFriction
 from ftc.goal import Goal
 from ftc.reconfiguration import Unused
@@ -87,6 +95,11 @@ class Tracking:
         feedforward: Whether the reference itself is demanded, and the compensators add to it.
         unused: What an actuator without force counts as, as in
             :func:`ftc.reconfiguration.goal_after`.
+
+    All arrays are copied, and read-only.
+
+    Raises:
+        ValueError, TypeError: Of another shape or kind than that.
     """
 
     model: MechanismModel[Any]
@@ -104,6 +117,35 @@ class Tracking:
     handover_s: float = 0.5
     unused: Unused = "free"
     feedforward: bool = True
+
+    def __post_init__(self) -> None:
+        n = check.instance("nominal", self.nominal, NominalModel).actuators
+        rows = len(self.nominal.noise)
+        check.methods("model", self.model, "jacobians", "displacements", "task", "moved")
+        kept: dict[str, Any] = {"goal": check.instance("goal", self.goal, Goal).of(n)}
+        check.flag("springs", self.springs)
+        m = len(self.system.J_T)
+        kept["major"] = tuple(check.indices("major", self.major, m).tolist())
+        if len(kept["major"]) != rows:
+            raise ValueError(f"major must be the {rows} outputs of nominal, got {kept['major']}")
+        kept["loops"] = channels("loops", self.loops, rows)
+        for each in check.instance("margins", self.margins, tuple, list):
+            check.instance("margins", each, Margins)
+        check.number("peak", self.peak)
+        if self.limits is not None:
+            kept["limits"] = check.limit_vectors("limits", self.limits, n)
+        if self.encoder_noise is not None:
+            sigma = check.all_positive("encoder_noise", self.encoder_noise, n)
+            kept["encoder_noise"] = check.frozen(sigma)
+        for name, known in (("when_limited", WhenLimited), ("sense", Sense), ("unused", Unused)):
+            check.choice(name, getattr(self, name), get_args(known))
+        if (self.sense == "task") != (self.encoder_noise is None):
+            raise ValueError(
+                f"encoder_noise must be given unless sense is task, got {self.encoder_noise}"
+            )
+        check.flag("feedforward", self.feedforward)
+        check.duration("handover_s", self.handover_s, least=0.0)
+        vars(self).update(kept)
 
     @cached_property
     def system(self) -> ConstrainedSystem:
@@ -146,6 +188,9 @@ class Tracking:
         Args:
             config: Rates and confidences of the diagnosis.
             dither: Secondary motion by which failures are told apart; None is none.
+
+        Raises:
+            ValueError, TypeError: Of another kind than that, or a dither of other actuators.
         """
         return supervisor_for(
             self.goal,
@@ -218,9 +263,13 @@ class Tracking:
         return standing + moving @ shared @ (np.eye(n) - standing)
 
     def classified(self, faults: Sequence[Fault] = ()) -> Manipulability:
-        """What the actuators that are left can do in the nominal posture, section 2.2."""
+        """What the actuators that are left can do in the nominal posture, section 2.2.
+
+        Raises:
+            ValueError, TypeError: Not faults of these actuators.
+        """
         return (
-            self.system.with_failures(**by_kind(faults))
+            self.system.with_failures(**by_kind(of_actuators(faults, self.nominal.actuators)))
             .kinematics()
             .manipulability(list(self.major))
         )
@@ -260,12 +309,18 @@ def tracking(
     Raises:
         TaskLost: The actuators cannot do the major task, something drifts that they do not hold, or
             no crossover leaves the loops stable.
-        ValueError: An argument of the wrong shape or size.
+        ValueError, TypeError: An argument of the wrong shape, size or kind; a crossover that is
+            not below half the control frequency.
     """
-    rows = tuple(int(row) for row in check.indices("major", major, len(linear.C_twist)))
+    check.methods("model", model, "jacobians", "displacements", "task", "moved")
+    n, m = _checked_plant(linear)
+    rows = tuple(check.indices("major", major, m).tolist())
     if not rows:
         raise ValueError("major must name at least one row, got none")
-    springs = bool(options.get("springs", False))
+    check.instance("goal", goal, Goal).of(n)
+    period_s = check.duration("period_s", period_s)
+    check.duration("step_s", step_s, most=period_s)
+    springs = check.flag("springs", options.get("springs", False))
     kinematics = MechanismGeometry(model, springs=springs).system.kinematics()
     report = kinematics.manipulability(list(rows))
     if not is_possible(report):
@@ -282,7 +337,7 @@ def tracking(
     rubs = getattr(linear, "friction", None)
     loops, peak = _loops(
         plant,
-        check.positive("period_s", period_s),
+        period_s,
         crossover_hz,
         partial(_hindrance, linear, J_m, rows),
     )
@@ -311,13 +366,27 @@ def tracking(
     return Tracking(model, nominal, rows, loops, each, peak, **(known | options))
 
 
+def _checked_plant(linear: Any) -> tuple[int, int]:
+    """Actuators n and task rows m of a plant that has its matrices, finite and of one size."""
+    for part in ("A", "B", "C_twist", "C_active"):
+        if not hasattr(linear, part):
+            raise TypeError(f"linear must have {part}, got {check.shown(linear)}")
+    s = len(check.matrix("linear.A", linear.A))
+    check.matrix("linear.A", linear.A, columns=s)
+    n = check.matrix("linear.B", linear.B, rows=s).shape[1]
+    check.matrix("linear.C_active", linear.C_active, columns=s, rows=n)
+    return n, len(check.matrix("linear.C_twist", linear.C_twist, columns=s))
+
+
 def _deviations(noise: ArrayLike, sense: Sense, rows: int, actuators: int) -> tuple[Array, Array]:
     """Standard deviations of what is measured of the major rows, and of the actuators."""
     check.choice("sense", sense, get_args(Sense))
     of_task, of_encoders = rows * (sense != "joints"), actuators * (sense != "task")
     sensors, given = of_task + of_encoders, check.finite("noise", noise)
-    if given.shape not in ((), (sensors,)) or (given <= 0).any():
-        raise ValueError(f"noise must be one positive number or {sensors}, got {noise}")
+    if given.shape not in ((), (sensors,)) or (given <= 1 / check.LARGEST).any():
+        raise ValueError(
+            f"noise must be one positive number or {sensors}, got {check.shown(noise)}"
+        )
     sigma = np.full(sensors, given)
     return sigma[:of_task], sigma[of_task:]
 
@@ -342,7 +411,7 @@ def mapping_for(
     springs: bool = False,
 ) -> PrioritizedMapping[Any]:
     """The mapping of a mechanism with the Jacobian of its present posture; other rows secondary."""
-    free = (*goal.free, *goal.spring_lost)
+    free = (*check.instance("goal", goal, Goal).free, *goal.spring_lost)
     geometry = MechanismGeometry(model, free, springs=springs)
     secondary = [row for row in range(len(geometry.system.J_T)) if row not in major]
     limited = {"limits": limits, "when_limited": when_limited}

@@ -19,10 +19,14 @@ import mujoco
 import numpy as np
 
 from argument_checks import is_masked
+from ftc.control.compensator import NoResponse, UnstableLoop
+from ftc.tracking import TaskLost
 from sim import ModelError, SimulationDiverged, UnreachableLengths
 
 OUR_ERRORS = (ValueError, TypeError, ModelError, UnreachableLengths)
 """Exactly these: LinAlgError is a ValueError too, but LAPACK's and not ours."""
+HARD = (UnreachableLengths, TaskLost, NoResponse, UnstableLoop)
+"""What arguments ask for that are valid each, but not to be had; the sentence says why."""
 
 NOT_NUMBERS = {
     "none": None,
@@ -78,7 +82,11 @@ PLANTED = (np.nan, np.inf, 1e308, 1e160, 5e-324, 1e-310, 1j)
 
 def hostile(good: Any) -> Iterator[tuple[str, Any]]:
     """Values to put in place of a good one, each with its name."""
-    yield from (NOT_NUMBERS | SCALARS | ARRAYS).items()
+    for label, value in (NOT_NUMBERS | SCALARS | ARRAYS).items():
+        if not (callable(good) and callable(value)):  # a function's own errors are its own
+            yield label, value
+    if isinstance(good, float):
+        yield from ((f"scaled by {factor:g}", good * factor) for factor in SCALES)
     if isinstance(good, np.ndarray) and good.dtype == float and good.size:
         yield from _bent(good)
 
@@ -114,11 +122,13 @@ class Target:
         call: Takes the arguments by name and returns all its numbers.
         good: Arguments that it accepts.
         spared: Arguments that are not replaced.
+        gaps: Arguments whose masked numbers count as missing, which other tests see to.
     """
 
     call: Callable[..., Any]
     good: Mapping[str, Any]
     spared: tuple[str, ...] = ()
+    gaps: tuple[str, ...] = ()
 
     def attacks(self) -> Iterator[tuple[str, str, Any]]:
         """Argument, name of what is put in its place, and the value."""
@@ -159,7 +169,7 @@ def complaint(target: Target, wrong: Mapping[str, Any]) -> str | None:
         return None
     except Exception as error:
         return _strange(error, target.good)
-    if any(map(is_masked, wrong.values())):
+    if any(is_masked(value) for name, value in wrong.items() if name not in target.gaps):
         return "took masked numbers for data"
     return next(_not_finite("answer", answer), None)
 
@@ -215,7 +225,7 @@ def _public(package: ModuleType) -> Iterator[tuple[str, list[str]]]:
 def _strange(error: Exception, names: Iterable[str]) -> str | None:
     text = str(error)
     named = "must" in text and any(re.search(rf"\b{name}\b", text) for name in names)
-    if type(error) is UnreachableLengths or (type(error) is ModelError and "\n" not in text):
+    if type(error) in (*HARD, ModelError) and "\n" not in text:
         return None
     if type(error) not in OUR_ERRORS or not named or "\n" in text or len(text) > 300:
         return f"raised {type(error).__name__}: {text[:200]!r}"

@@ -18,9 +18,13 @@ from typing import NamedTuple
 import numpy as np
 import scipy.linalg
 
+import argument_checks as check
 from argument_checks import Array
 from ftc.control.compensator import Channel
-from ftc.control.frequency_response import SampledSystem, frequency_response
+from ftc.control.frequency_response import SampledSystem, channels, frequency_response, sampled
+
+SLOWNESS = 1e-6, 1e6
+"""From and to."""
 
 
 def tracking_gain(channel: Channel, slowness: float = 1.0) -> Array:
@@ -28,7 +32,12 @@ def tracking_gain(channel: Channel, slowness: float = 1.0) -> Array:
 
     `slowness` multiplies the tracking time, in which an integrator of gain K loses its excess, 1/K:
     what is achieved counts as that many times more uncertain than the error.
+
+    Raises:
+        ValueError, TypeError: Not one channel, or a slowness that is not from 1e-6 to 1e6.
     """
+    sampled("channel", channel, 1, 1)
+    check.within("slowness", slowness, *SLOWNESS)
     A, B, C, D = (np.asarray(part) for part in (channel.A, channel.B, channel.C, channel.D))
     if not len(A):
         return np.zeros(0)
@@ -56,9 +65,15 @@ def circle_margin(
         anti_windup: Whether the compensators observe what is achieved. Without, H has the poles of
             the integrators: responses stay bounded, but need not converge.
 
+    Raises:
+        ValueError, TypeError: Of another kind or shape than that.
+
     Returns:
         Smallest eigenvalue of the Hermitian part of I + H over frequency.
     """
+    channels("compensators", compensators)
+    sampled("plant", plant, len(compensators), len(compensators))
+    check.flag("anti_windup", anti_windup)
     w = 2 * np.pi * np.geomspace(1e-2, 0.499 / plant.dt, 4000)
     P, K = frequency_response(plant, w), _diagonal([frequency_response(k, w) for k in compensators])
     M = np.zeros_like(K)

@@ -11,9 +11,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+import argument_checks as check
 from argument_checks import Array
 from argument_checks.ties import least
-from ftc.control.frequency_response import SampledSystem, frequency_response, response_of
+from ftc.control.frequency_response import (
+    SampledSystem,
+    frequency_response,
+    response_of,
+    sampled,
+)
 
 if TYPE_CHECKING:  # imported by what needs it: it takes a second, and controllers need no design
     import control
@@ -25,6 +31,10 @@ second, where there are no modes."""
 
 _ROUND_OFF = 1e-13
 """Part of a response."""
+
+
+_MODERATE = 1e-12, 1e6
+"""Of crossovers; the slowest loops of :mod:`ftc.tracking` have 1e-8 of the control frequency."""
 
 
 class UnstableLoop(ValueError):
@@ -43,11 +53,18 @@ class LoopShape:
         crossover_hz: Gain crossover.
         roll_off_hz: Corner of the second-order low-pass.
         roll_off_damping: Damping ratio of the low-pass.
+
+    Raises:
+        ValueError: Not numbers from 1e-12 to 1e6.
     """
 
     crossover_hz: float
     roll_off_hz: float
     roll_off_damping: float
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            check.within(name, value, *_MODERATE)
 
 
 @dataclass(frozen=True)
@@ -119,19 +136,35 @@ def compensator(plant: "control.StateSpace", shape: LoopShape, period_s: float) 
 
     Raises:
         UnstableLoop: The sampled loop would be unstable.
-        NoResponse: The plant's gain at the crossover is zero or not finite.
+        NoResponse: The plant's gain at the crossover is zero or no moderate number.
+        ValueError, TypeError: Not one continuous channel, no shape, a period longer than a day, or
+            a crossover that is not below half the sampling frequency.
     """
     import control  # late, as above
 
+    channel = check.instance("plant", plant, control.StateSpace)
+    if not channel.issiso() or not channel.isctime():
+        raise ValueError(
+            f"plant must be continuous, with one input and output, got {check.shown(plant)}"
+        )
+    check.instance("shape", shape, LoopShape)
+    if shape.crossover_hz >= 0.5 / check.duration("period_s", period_s):
+        raise ValueError(
+            f"shape must have a crossover below half the sampling frequency, {0.5 / period_s:g} Hz,"
+            f" got crossover_hz = {shape.crossover_hz:g}"
+        )
     w, zeta = 2 * np.pi * shape.roll_off_hz, shape.roll_off_damping
     crossover = 2 * np.pi * shape.crossover_hz
     unscaled = control.tf([w**2], [1, 2 * zeta * w, w**2, 0])
     response = abs(unscaled(1j * crossover) * plant(1j * crossover))
-    if not 0 < response < np.inf:
+    if not 0 < response < w**2 / _ROUND_OFF:
         raise NoResponse(f"plant must respond at {shape.crossover_hz} Hz, got a gain of {response}")
     G = unscaled * (1 / response)
     G_d = control.c2d(control.ss(G), period_s, "tustin", prewarp_frequency=crossover)
-    L = control.c2d(plant, period_s, method="zoh") * G_d
+    sampled_plant = control.c2d(plant, period_s, method="zoh")
+    if not check.is_moderate(sampled_plant.A):
+        raise NoResponse("plant must move by moderate numbers in a period, got more")
+    L = sampled_plant * G_d
     if np.abs(control.feedback(L, 1).poles()).max() >= 1:
         raise UnstableLoop(
             f"shape must leave the loop stable, got a crossover of {shape.crossover_hz} Hz"
@@ -145,12 +178,15 @@ def margins(L: SampledSystem) -> Margins:
     Of several crossovers those with the smallest margins. They are looked for from 1e-7 of the
     sampling frequency up to half of it; where there is none, the margin is infinite and the
     crossover NaN.
+
+    Raises:
+        ValueError, TypeError: Of another kind than that.
     """
     from scipy.optimize import brentq  # late: only the design needs it
 
     # On the frequency response: the polynomial method loses its digits on a dozen plant states.
+    response = response_of(sampled("L", L, 1, 1))
     frequencies = _frequencies(L.dt, _FASTEST, 8000)
-    response = response_of(L)
     curve = response(frequencies)[:, 0, 0]
 
     def at(frequency_rad_s: float) -> complex:
@@ -193,7 +229,12 @@ def sensitivity_peak(L: SampledSystem) -> float:
     channel that disturbs another without being disturbed by it endangers nothing, however much. The
     inverse is the distance of the loops from instability; a well-damped single loop has less
     than 2.
+
+    Raises:
+        ValueError, TypeError: Not a sampled system with as many inputs as outputs.
     """
+    channels = len(np.atleast_1d(getattr(L, "D", 0.0)))
+    sampled("L", L, channels, channels)
     response = frequency_response(L, _frequencies(L.dt, 0.45, 3000))
     S = np.linalg.inv(np.eye(len(response[0])) + response)
     largest = np.linalg.norm(S, 2, axis=(1, 2))

@@ -6,12 +6,13 @@ form. A solution of its own for each frequency takes twenty times as long. Eigen
 do, since masses that no spring holds have double poles.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
 import numpy as np
 import scipy.linalg
 
+import argument_checks as check
 from argument_checks import Array
 
 
@@ -44,6 +45,47 @@ class SampledSystem(Protocol):
         ...
 
 
+def sampled(name: str, system: SampledSystem, inputs: int, outputs: int) -> SampledSystem:
+    """The system itself, which has so many inputs and outputs, finite numbers and a period.
+
+    Raises:
+        ValueError, TypeError: It has not.
+    """
+    for part in ("A", "B", "C", "D", "dt"):
+        if not hasattr(system, part):
+            raise TypeError(f"{name} must have A, B, C, D and dt, got {check.shown(system)}")
+    s = len(check.batch(f"{name}.A", system.A))
+    for part, shape in {"A": (s, s), "B": (s, inputs), "C": (outputs, s)}.items():
+        check.exactly(f"{name}.{part}", getattr(system, part), *shape)
+    check.exactly(f"{name}.D", system.D, outputs, inputs)
+    check.duration(f"{name}.dt", system.dt)
+    return system
+
+
+def channels(
+    name: str, loops: Sequence[SampledSystem], count: int | None = None
+) -> tuple[SampledSystem, ...]:
+    """So many channels, or any number, one after the other; all of one period.
+
+    Raises:
+        ValueError, TypeError: They are not.
+    """
+    if not isinstance(loops, list | tuple) or len(loops) != (count or len(loops)):
+        expected = "channels" if count is None else f"{count} channels, one for each major row"
+        raise ValueError(f"{name} must be a list of {expected}, got {check.shown(loops)}")
+    for each in loops:
+        if sampled(name, each, 1, 1).dt != loops[0].dt:
+            raise ValueError(f"{name} must have one period, got {each.dt} and {loops[0].dt} s")
+    return tuple(loops)
+
+
+def balanced(A: Array) -> tuple[Array, Array]:
+    """A state matrix (s, s) of states in units that make it even, and these units, shape (s,)."""
+    with np.errstate(invalid="ignore"):  # scipy makes integers of them, which nobody asks for
+        A, (units, _) = scipy.linalg.matrix_balance(A, permute=False, separate=True)
+    return A, units
+
+
 def frequency_response(system: SampledSystem, frequency_rad_s: Array) -> Array:
     """C (z I - A)^-1 B + D at z = exp(i w dt), complex, shape (F, p, m).
 
@@ -57,7 +99,7 @@ def frequency_response(system: SampledSystem, frequency_rad_s: Array) -> Array:
 def response_of(system: SampledSystem) -> Callable[[Array], Array]:
     """The same as a function of the frequencies, for whoever asks for some after others."""
     # A loop in series has states of very different sizes, which an orthogonal U alone would mix.
-    (A, (scale, _)) = scipy.linalg.matrix_balance(system.A, permute=False, separate=True)
+    A, scale = balanced(system.A)
     T, U = scipy.linalg.schur(A, output="complex")
     B, C = U.conj().T @ (system.B / scale[:, None]), (system.C * scale) @ U
     D, period_s = system.D, system.dt

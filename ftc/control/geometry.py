@@ -6,6 +6,7 @@ from typing import Protocol, TypeVar
 
 import numpy as np
 
+import argument_checks as check
 from argument_checks import Array, Indices
 from prioritized import ConstrainedSystem
 
@@ -53,8 +54,12 @@ class LocalGeometry:
     """Any mechanism about its nominal pose, from its Jacobians alone; poses are twists (m,)."""
 
     def __init__(self, system: ConstrainedSystem) -> None:
-        """Make the geometry from the mechanism without failures at its nominal pose."""
-        self.system = system
+        """Make the geometry from the mechanism without failures at its nominal pose.
+
+        Raises:
+            TypeError: Not a mechanism.
+        """
+        self.system = check.instance("system", system, ConstrainedSystem)
         self.nominal = np.zeros(len(system.J_T))
         self._J = system.kinematics().J
 

@@ -5,7 +5,7 @@ when J is re-evaluated; docs/jacobian.md compares the forms.
 """
 
 from collections.abc import Callable, Sequence
-from typing import Generic, Literal, cast
+from typing import Generic, Literal, cast, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -57,10 +57,17 @@ class PrioritizedMapping(Generic[Pose]):
             when_limited: What becomes of a major task beyond them.
 
         Raises:
-            ValueError: An actuator locked off centre in incremental form: its displacement is in
-                no increment. The Gauss-Newton form without task coordinates. Limits of another
-                number, or in incremental form.
+            ValueError, TypeError: An actuator locked off centre in incremental form: its
+                displacement is in no increment. The Gauss-Newton form without task coordinates.
+                Limits in incremental form. Anything of another number or kind than that.
         """
+        parts = "posture", "jacobian", "placed", "twist", "moved"
+        check.methods("geometry", geometry, *parts)
+        check.choice("form", form, get_args(DisplacementForm))
+        check.choice("when_limited", when_limited, get_args(WhenLimited))
+        task = task if task is None else check.function("task", task)
+        check.instance("goal", goal, Goal).of(len(geometry.system.active))
+        rows = len(geometry.system.J_T)
         if form == "gauss_newton" and task is None:
             raise ValueError("task must be given in gauss_newton form, got None")
         if form == "incremental" and any(goal.locked_at.values()):
@@ -73,7 +80,10 @@ class PrioritizedMapping(Generic[Pose]):
                 'form must be "absolute" or "gauss_newton" with limits, got incremental'
             )
         self._model, self._task = geometry, task
-        self._major, self._secondary = list(major), list(secondary)
+        self._major, self._secondary = (
+            check.indices(name, value, rows).tolist()
+            for name, value in (("major", major), ("secondary", secondary))
+        )
         self.goal = goal
         self.form = form
         self._nominal = geometry.nominal

@@ -5,6 +5,7 @@ from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
+import argument_checks as check
 from argument_checks import Array, Indices
 from prioritized import ConstrainedSystem
 
@@ -54,12 +55,17 @@ class MechanismGeometry:
             model: The mechanism without failures.
             free: Actuators known to exert no force: the loops say where they go.
             springs: Whether the springs of the joints hold what the loops leave free.
+
+        Raises:
+            ValueError, TypeError: Not a model, or none of its actuators.
         """
-        self.model = model
+        self.model = check.methods("model", model, "jacobians", "displacements", "task", "moved")
         self.nominal = model.nominal
-        self.system = ConstrainedSystem.of(model.jacobians(model.nominal), springs)
-        n = len(self.system.active)
-        self._held = np.array([k for k in range(n) if k not in free], dtype=np.intp)
+        self.system = ConstrainedSystem.of(
+            model.jacobians(model.nominal), check.flag("springs", springs)
+        )
+        every = np.arange(len(self.system.active))
+        self._held = np.setdiff1d(every, check.indices("free", free, len(every)))
 
     def posture(self, pose: Any) -> Any:
         """The posture itself."""

@@ -6,6 +6,7 @@ import numpy as np
 import scipy.linalg
 
 from argument_checks import Array
+from ftc.control.frequency_response import balanced
 
 if TYPE_CHECKING:
     import control
@@ -29,7 +30,7 @@ def minimal(plant: "control.StateSpace") -> "control.StateSpace":
     """
     import control  # late, as in ftc.control.compensator
 
-    (A, (scale, _)) = scipy.linalg.matrix_balance(plant.A, permute=False, separate=True)
+    A, scale = balanced(plant.A)
     least = _DECAYS * float(np.linalg.norm(A, 2)) if len(A) else 0.0
     T, Z, count = scipy.linalg.schur(A, output="real", sort=lambda re, im: re > -least)
     if not count:

@@ -2,8 +2,11 @@
 
 from dataclasses import dataclass
 
+import argument_checks as check
 from ftc.fdi.fault_model import Fault, FaultKind
 from ftc.fdi.uncertainty import TYPICAL, Uncertainty
+
+_LONGEST_S, _MOST_ORDER = 3600.0, 100
 
 
 @dataclass(frozen=True)
@@ -37,6 +40,10 @@ class FdiConfig:
             sample: what fails slowly enough to be found late need not be dated sharply.
         confirmation_s: How long a diagnosis may be revised.
         effectiveness_step: A diagnosed effectiveness is revised when it has changed by this much.
+
+    Raises:
+        ValueError, TypeError: Not numbers of their kind, no probabilities, times longer than an
+            hour, a period of the dither included, or an order above 100.
     """
 
     uncertainty: Uncertainty = TYPICAL
@@ -56,6 +63,24 @@ class FdiConfig:
     confirmation_s: float = 1.0
     effectiveness_step: float = 0.1
 
+    def __post_init__(self) -> None:
+        check.instance("uncertainty", self.uncertainty, Uncertainty)
+        for name in ("sample_s", "learning_s", "memory_s", "look_back_s", "confirmation_s"):
+            check.duration(name, getattr(self, name), most=_LONGEST_S)
+        if self.dither_hz is not None:
+            hz = check.number("dither_hz", self.dither_hz)
+            if 0 < hz < 1 / _LONGEST_S:
+                raise ValueError(
+                    f"dither_hz must be zero or at least {1 / _LONGEST_S:.3g}, got {hz}"
+                )
+        for name in ("largest_inflation", "largest_strain", "false_alarms_per_hour"):
+            check.positive(name, getattr(self, name))
+        for name in ("confidence", "largest_unexplained", "model_error", "effectiveness_step"):
+            check.at_most_one(name, getattr(self, name))
+        check.index("order", self.order, _MOST_ORDER + 1)
+        if check.positive("onset_growth", self.onset_growth) < 1:
+            raise ValueError(f"onset_growth must be at least 1, got {self.onset_growth}")
+
     @property
     def evidence_s(self) -> float:
         """Time from an alarm to a name, at least: a period of the dither, if there is one.
@@ -63,7 +88,7 @@ class FdiConfig:
         In less of it an actuator that locks can look like another one that weakens, on a plant
         whose errors the believed model does not have.
         """
-        return 0.0 if self.dither_hz is None else 1 / self.dither_hz
+        return 1 / self.dither_hz if self.dither_hz else 0.0
 
 
 DEFAULT_CONFIG = FdiConfig()
@@ -102,5 +127,11 @@ class Diagnosis:
 
     @classmethod
     def told(cls, fault: Fault, displacement: float = 0.0) -> "Diagnosis":
-        """A failure that is known for certain, from elsewhere and from the start."""
+        """A failure that is known for certain, from elsewhere and from the start.
+
+        Raises:
+            ValueError, TypeError: No fault, or no finite displacement.
+        """
+        check.instance("fault", fault, Fault)
+        displacement = check.signed("displacement", displacement)
         return cls(fault, (fault.kind,), 1.0, 1.0, displacement, 0, 0, 0, confirmed=True)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+import argument_checks as check
 from argument_checks import Array
 
 
@@ -20,6 +21,9 @@ class Dither:
         frequency_hz: Its frequency.
         direction: Shape (n,); the mapping keeps the part that leaves the task alone.
         offset: Displacements about which it swings, shape (n,), or one for all.
+
+    Raises:
+        ValueError: Not finite numbers, or of other shapes.
     """
 
     amplitude: float
@@ -27,7 +31,25 @@ class Dither:
     direction: tuple[float, ...]
     offset: tuple[float, ...] | float = 0.0
 
+    def __post_init__(self) -> None:
+        check.number("amplitude", self.amplitude)
+        check.number("frequency_hz", self.frequency_hz)
+        direction = check.finite("direction", self.direction)
+        if direction.ndim != 1:
+            raise ValueError(f"direction must have shape (n,), got {direction.shape}")
+        offset = check.finite("offset", self.offset)
+        if offset.shape not in ((), direction.shape):
+            raise ValueError(
+                f"offset must be one number or {len(direction)}, got shape {offset.shape}"
+            )
+        swings_about = tuple(offset.tolist()) if offset.ndim else float(offset)
+        vars(self).update(direction=tuple(direction.tolist()), offset=swings_about)
+
     def at(self, time_s: float) -> Array:
-        """Desired actuator displacements, shape (n,)."""
-        swing = np.sin(2 * np.pi * self.frequency_hz * time_s)
+        """Desired actuator displacements, shape (n,).
+
+        Raises:
+            ValueError: Not one finite time.
+        """
+        swing = np.sin(2 * np.pi * self.frequency_hz * check.signed("time_s", time_s))
         return np.array(self.offset) + self.amplitude * swing * np.array(self.direction)

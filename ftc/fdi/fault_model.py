@@ -1,8 +1,9 @@
 """The linear plant with faulty actuators, derived from the fault-free one that is known."""
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, Protocol, get_args
+from typing import TYPE_CHECKING, Any, Literal, Protocol, get_args
 
 import numpy as np
 import scipy.linalg
@@ -89,6 +90,23 @@ def by_kind(faults: Sequence[Fault]) -> dict[str, list[int]]:
     }
 
 
+def of_actuators(faults: Sequence[Fault], n: int) -> Sequence[Fault]:
+    """The faults themselves, which are of these actuators."""
+    if not isinstance(faults, list | tuple):
+        raise TypeError(f"faults must be a list of faults, got {check.shown(faults)}")
+    for each in faults:
+        check.index(
+            "actuator of each fault in faults",
+            check.instance("each fault in faults", each, Fault).actuator,
+            n,
+        )
+    return faults
+
+
+MOST_STEPS = 10_000
+"""Physics steps of a control tick."""
+
+
 @dataclass(frozen=True)
 class NominalModel:
     """Model of the plant without faults.
@@ -114,8 +132,11 @@ class NominalModel:
             velocities at its end, as MuJoCo's `implicitfast` does; else with those at its start.
         friction: Dry friction of the plant's positions, beside its A; None: nothing rubs.
 
+    All arrays are copied, and read-only.
+
     Raises:
-        ValueError, TypeError: Of another shape or kind than that.
+        ValueError, TypeError: Of another shape or kind than that, a tick longer than a day or than
+            10,000 steps.
     """
 
     plant: "control.StateSpace"
@@ -133,30 +154,34 @@ class NominalModel:
     def __post_init__(self) -> None:
         import control  # late, as in ftc.compensator
 
-        plant = check.instance("plant", self.plant, control.StateSpace)
-        k = plant.nstates // 2
+        plant = copy(check.instance("plant", self.plant, control.StateSpace))
+        k, n, s = plant.nstates // 2, plant.ninputs, plant.nstates
+        for name in "ABCD":
+            setattr(plant, name, check.frozen(check.matrix(f"plant.{name}", getattr(plant, name))))
         mechanical = np.array_equal(plant.A[:k], np.eye(k, 2 * k, k)) and not plant.B[:k].any()
-        if not mechanical or plant.D.any() or not plant.isctime():
+        if not (k and n and plant.noutputs and mechanical) or plant.D.any() or not plant.isctime():
             raise ValueError(
                 "plant must be continuous with states [q; q_dot] and no feedthrough, got "
                 f"{check.shown(plant)}"
             )
-        check.exactly("displacement", self.displacement, plant.ninputs, plant.nstates)
-        if self.feedback is not None:
-            check.exactly("feedback", self.feedback, plant.ninputs, plant.nstates)
-        for name in ("holding", "preload"):
-            if (force := getattr(self, name)) is not None:
-                check.exactly(name, force, plant.ninputs)
-        if self.spring is not None:
-            check.exactly("spring", self.spring, plant.ninputs, plant.nstates)
-        for sigma in check.exactly("noise", self.noise, plant.noutputs):
-            check.positive("noise", sigma)
+        shapes = {"displacement": (n, s), "feedback": (n, s), "spring": (n, s)}
+        shapes |= {"holding": (n,), "preload": (n,), "noise": (plant.noutputs,)}
+        damping = check.flag("implicit_damping", self.implicit_damping)
+        kept: dict[str, Any] = {"plant": plant, "implicit_damping": damping}
+        for name, shape in shapes.items():
+            if name in ("displacement", "noise") or getattr(self, name) is not None:
+                kept[name] = check.frozen(check.exactly(name, getattr(self, name), *shape))
+        check.all_positive("noise", kept["noise"], plant.noutputs)
         if self.friction is not None:
-            check.exactly("friction.push", self.friction.push, k, len(self.friction.limit))
-            check.exactly("friction.rows", self.friction.rows, len(self.friction.limit), k)
-        check.positive("step_s", self.step_s)
-        if not self.step_s <= check.positive("period_s", self.period_s):
-            raise ValueError(f"step_s must not exceed period_s, got {self.step_s}, {self.period_s}")
+            kept["friction"] = check.instance("friction", self.friction, DryFriction).checked(k)
+        for name in ("period_s", "step_s"):
+            kept[name] = check.duration(name, getattr(self, name))
+        if not kept["step_s"] <= kept["period_s"] <= MOST_STEPS * kept["step_s"]:
+            raise ValueError(
+                f"step_s must not exceed period_s, nor be less than 1 / {MOST_STEPS} of it, got "
+                f"{self.step_s} and {self.period_s} s"
+            )
+        vars(self).update(kept)
 
     @property
     def actuators(self) -> int:
@@ -220,6 +245,7 @@ class FaultModel:
         return np.array([self.C @ x for x in self.states(commanded)[:-1]])
 
 
+@np.errstate(all="ignore")  # the end says what overflows
 def fault_model(nominal: NominalModel, faults: Sequence[Fault] = ()) -> FaultModel:
     """The plant with these faults from tick to tick, in the coordinates of the fault-free one.
 
@@ -230,13 +256,26 @@ def fault_model(nominal: NominalModel, faults: Sequence[Fault] = ()) -> FaultMod
     lost its own spring, preload included, besides.
 
     Raises:
-        ValueError: An actuator is loose whose spring the model does not know.
+        ValueError, TypeError: Not a model, or not faults of its actuators; one is loose whose
+            spring the model does not know, or locked and does not move itself; or the plant moves
+            beyond all numbers in a tick.
     """
-    plant = nominal.plant
+    plant = check.instance("nominal", nominal, NominalModel).plant
     k = plant.nstates // 2
-    locked = [fault.actuator for fault in faults if fault.kind == "locked"]
+    locked = sorted(
+        {
+            fault.actuator
+            for fault in of_actuators(faults, nominal.actuators)
+            if fault.kind == "locked"
+        }
+    )
     b, c = plant.B[k:, locked], nominal.displacement[locked, :k]
-    P = np.eye(k) - b @ np.linalg.solve(c @ b, c)
+    try:
+        P = np.eye(k) - b @ np.linalg.solve(c @ b, c)
+    except np.linalg.LinAlgError:
+        raise ValueError(
+            f"faults must not lock actuators whose displacement no command moves, got {locked}"
+        ) from None
     left = np.ones(nominal.actuators)
     for fault in faults:
         if fault.kind != "locked":
@@ -266,7 +305,7 @@ def fault_model(nominal: NominalModel, faults: Sequence[Fault] = ()) -> FaultMod
     B = np.vstack([h * drive, drive])
     steps = round(nominal.period_s / h)
     total = sum(np.linalg.matrix_power(A, step) for step in range(steps))
-    return FaultModel(
+    found = FaultModel(
         A=np.linalg.matrix_power(A, steps),
         B=total @ B,
         C=plant.C / nominal.noise[:, None],
@@ -276,6 +315,12 @@ def fault_model(nominal: NominalModel, faults: Sequence[Fault] = ()) -> FaultMod
             nominal, P, unimpeded, A, np.column_stack([B, [*(h * push), *push]]), kept
         ),
     )
+    if not all(map(check.is_moderate, (found.A, found.B, found.C, found.onset, found.drift))):
+        raise ValueError(
+            "nominal must move by moderate numbers in a tick, got more by its plant, displacement, "
+            "loads or noise"
+        )
+    return found
 
 
 def at_rest(A: Array, B: Array) -> Array:
@@ -294,7 +339,11 @@ def static_share(nominal: NominalModel, fault: Fault) -> float:
 
     Of a coil that works against a spring it is the part of the force that is left; a weak position
     servo still goes nearly where it is told.
+
+    Raises:
+        ValueError, TypeError: Not a model, or not a fault of its actuators.
     """
+    of_actuators([fault], check.instance("nominal", nominal, NominalModel).actuators)
     if fault.kind != "weak":
         return 0.0
     k = fault.actuator
@@ -308,8 +357,12 @@ def resting_displacements(
     """Displacements (n,) at which constant commands (n,) and loads hold the plant, with faults.
 
     None: it does not come to rest, because a load is held by nothing.
+
+    Raises:
+        ValueError, TypeError: As :func:`fault_model`, or commands of another shape.
     """
     plant = fault_model(nominal, faults)
+    commanded = check.exactly("commanded", commanded, nominal.actuators)
     if np.abs(np.linalg.eigvals(plant.A)).max() > 1 - _SLOW:
         return None
     at_rest = np.linalg.solve(np.eye(len(plant.A)) - plant.A, plant.B @ commanded + plant.drift)
@@ -338,7 +391,7 @@ def _rubbing(
         E=E,
         D=D,
         K=rubs.rows @ push + np.diag(rubs.softness),
-        limit=rubs.limit,
+        limit=rubs.limit.copy(),  # the compiled steps take no read-only arrays
         C=plant.C / nominal.noise[:, None],
         steps_a_tick=round(nominal.period_s / h),
     )

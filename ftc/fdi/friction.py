@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+import argument_checks as check
 from argument_checks import Array, Mask
 from ftc.fdi._friction import slide, slide_samples
 
@@ -33,6 +34,24 @@ class DryFriction(NamedTuple):
     limit: Array
     softness: Array
     rate: Array
+
+    def checked(self, positions: int) -> "DryFriction":
+        """The same with read-only copies, of a plant with so many positions.
+
+        Raises:
+            ValueError: Of another shape, or not positive.
+        """
+        r = check.real("friction.limit", self.limit).size
+        shapes = (positions, r), (r, positions), (r,), (r,), (r,)
+        found = DryFriction(
+            *(
+                check.frozen(check.exactly(f"friction.{name}", part, *shape))
+                for name, part, shape in zip(self._fields, self, shapes, strict=True)
+            )
+        )
+        for name in ("limit", "softness", "rate"):
+            check.not_negative(f"friction.{name}", getattr(found, name))
+        return found
 
 
 class Rubbing(NamedTuple):

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 import argument_checks as check
-from ftc.fdi.fault_model import Fault, FaultModel
+from ftc.fdi.fault_model import Fault, FaultModel, of_actuators
 from ftc.fdi.isolation.bank import HypothesisBank
 from ftc.fdi.isolation.hypotheses import bank_of
 
@@ -39,13 +39,11 @@ def input_fault_model(
     check.instance("plant", plant, control.StateSpace)
     if not plant.isdtime(strict=True) or plant.D.any():
         raise ValueError(f"plant must be sampled and without feedthrough, got {check.shown(plant)}")
-    sigma = check.exactly("noise", noise, plant.noutputs)
-    for each in sigma:
-        check.positive("noise", each)
+    sigma = check.all_positive("noise", noise, plant.noutputs)
     n, s = plant.ninputs, plant.nstates
     left, stuck = np.ones(n), np.zeros(n)
-    for fault in faults:
-        k = check.index("faults", fault.actuator, n)
+    for fault in of_actuators(faults, n):
+        k = fault.actuator
         if fault.kind == "locked":
             stuck[k] = 1.0
         else:
@@ -73,4 +71,5 @@ def input_fault_bank(
     Raises:
         ValueError, TypeError: As of that, or no actuator is left that could fail.
     """
+    input_fault_model(plant, noise, faults)  # refuses what is wrong
     return bank_of(partial(input_fault_model, plant, noise), plant.ninputs, faults)

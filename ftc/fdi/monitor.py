@@ -13,17 +13,21 @@ from functools import cached_property
 
 import numpy as np
 
+import argument_checks as check
 from argument_checks import Array
 from ftc.fdi.detection.replay import learned, quieter, replayed
 from ftc.fdi.detection.residual_test import ResidualTest, residual_test
 from ftc.fdi.detection.watch import Calibration, Moment, Watch
 from ftc.fdi.diagnosis import DEFAULT_CONFIG, FdiConfig
-from ftc.fdi.fault_model import Fault, NominalModel
+from ftc.fdi.fault_model import MOST_STEPS, Fault, NominalModel, of_actuators
 from ftc.fdi.isolation.bank import HypothesisBank
 from ftc.fdi.isolation.hypotheses import hypothesis_bank
 from ftc.fdi.isolation.look_back import weighed
 from ftc.fdi.judge import REVISED_EVERY, Judge, reset
 from ftc.fdi.monitor_state import MonitorState
+
+_MOST_SAMPLES = 10_000
+"""Of the history that is kept."""
 
 _JUDGED_EVERY, _SPECTRUM_EVERY = 4, 50
 """In samples: how often hypotheses are judged until one is named, and how often the filter of the
@@ -63,7 +67,14 @@ class Monitor:
             measured: Outputs now, in the units of the model's, shape (p,); None where they are
                 missing.
             commanded: Displacements since the tick before, shape (n,).
+
+        Raises:
+            ValueError, TypeError: No state, or not finite numbers of these shapes.
         """
+        check.instance("state", state, MonitorState)
+        commanded = check.exactly("commanded", commanded, self.nominal.actuators)
+        if measured is not None:
+            measured = check.exactly("measured", measured, len(self.nominal.noise))
         ticks = state.ticks + 1
         y = None if measured is None else measured / self.nominal.noise
         if not state.outputs:  # the first tick: what was commanded before it does not count
@@ -169,9 +180,24 @@ def _mean(outputs: Sequence[Array | None], before: Sequence[Moment]) -> Array | 
 def monitor(
     nominal: NominalModel, faults: Sequence[Fault] = (), config: FdiConfig = DEFAULT_CONFIG
 ) -> Monitor:
-    """A monitor for a plant with these known faults."""
+    """A monitor for a plant with these known faults.
+
+    Raises:
+        ValueError, TypeError: No model, no faults of its actuators, no settings, or samples of more
+            than 10,000 ticks, or more than 10,000 samples to look back or to learn.
+    """
+    check.instance("nominal", nominal, NominalModel)
+    faults = of_actuators(faults, nominal.actuators)
+    check.instance("config", config, FdiConfig)
     ticks = max(1, round(config.sample_s / nominal.period_s))
     period_s = ticks * nominal.period_s
+    longest_s = max(config.look_back_s, config.learning_s)
+    if ticks > MOST_STEPS or longest_s > _MOST_SAMPLES * period_s:
+        raise ValueError(
+            f"config must have samples of at most {MOST_STEPS} ticks, and look back and learn over "
+            f"at most {_MOST_SAMPLES} samples, got samples of {config.sample_s:g} s, and "
+            f"{longest_s:g} s"
+        )
     bank = hypothesis_bank(nominal, faults, config.uncertainty, ticks)
     test = residual_test(
         len(nominal.noise), config.false_alarms_per_hour, period_s, config.dither_hz

@@ -75,7 +75,10 @@ class Coils:
         with np.errstate(over="ignore", invalid="ignore"):  # refused below
             warmer_c = temperature_c + rate * period_s * exprel(-decay * period_s)
         if not check.is_moderate(warmer_c):
-            raise ValueError("current_a must leave temperatures finite, got a thermal runaway")
+            raise ValueError(
+                "current_a must leave temperatures finite at this resistance_ohm, got a thermal "
+                "runaway"
+            )
         return warmer_c
 
     def temperatures_c(self, current_a: Array, period_s: float) -> Array:

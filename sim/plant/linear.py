@@ -76,14 +76,17 @@ class LinearPlant:
         lock(self)
 
     def named(self, y: Array) -> tuple[str, ...]:
-        """The joints that mostly move in some motions y (k, ...), in their order.
+        """The joints that mostly move in some motions y (k, ...), real or complex, in their order.
 
         Raises:
             ValueError: Motions of another shape, or not finite.
         """
         if self.motion is None:
             return ()
-        y = check.real("y", y)
+        if isinstance(y, np.ndarray) and np.iscomplexobj(y):  # modes are
+            y = check.real("y", np.real(y)) + 1j * check.real("y", np.imag(y))
+        else:
+            y = check.real("y", y)
         if y.shape[:1] != self.motion.shape[1:]:
             raise ValueError(
                 f"y must have shape (k, ...) with k = {self.motion.shape[1]}, got {y.shape}"

@@ -336,7 +336,7 @@ def test_a_robot_among_other_things_flies_as_predicted_and_says_what_it_leaves_o
     ("wrong", "said"),
     [
         ({"joint_weight": "1,2,3"}, "joint_weight must be one number or 2"),
-        ({"size": -1.0}, "size must be positive"),
+        ({"size": -1.0}, "size must be from"),
         ({"start": "home"}, "start home: the model has none"),
         ({"pinned": ["tool", ""]}, "pinned must be NAME or NAME:point"),
     ],

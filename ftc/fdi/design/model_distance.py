@@ -41,9 +41,7 @@ def output_distance(
         ValueError, TypeError: Of another shape or kind than that.
     """
     _check_pair(first, second)
-    sigma = check.exactly("noise", noise, first.noutputs)
-    for each in sigma:
-        check.positive("noise", each)
+    sigma = check.all_positive("noise", noise, first.noutputs)
     for name, model in (("first", first), ("second", second)):
         if not _is_stable(model.A):
             raise ValueError(f"{name} must be stable, got poles {check.shown(model.poles())}")

@@ -102,9 +102,8 @@ def driven(nominal: NominalModel, dither: Dither) -> tuple[Array, Array]:
     check.instance("nominal", nominal, NominalModel)
     check.instance("dither", dither, Dither)
     direction = check.exactly("dither.direction", dither.direction, nominal.actuators)
-    amplitude = check.number("dither.amplitude", dither.amplitude)
     hz = check.positive("dither.frequency_hz", dither.frequency_hz)
-    commanded = check.exactly("dither", amplitude * direction, nominal.actuators)
+    commanded = check.exactly("dither", dither.amplitude * direction, nominal.actuators)
     return commanded, checked_frequencies(nominal, "dither.frequency_hz", [hz])
 
 

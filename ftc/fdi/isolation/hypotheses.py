@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from argument_checks import Array
-from ftc.fdi.fault_model import Fault, FaultKind, NominalModel, fault_model
+from ftc.fdi.fault_model import Fault, FaultKind, NominalModel, fault_model, of_actuators
 from ftc.fdi.friction import together
 from ftc.fdi.isolation.bank import HypothesisBank
 from ftc.fdi.isolation.causes import causes_of, own_drives, seen
@@ -98,10 +98,10 @@ def bank_of(
         options: Of :func:`ftc.fdi.uncertainty.uncertain_model`.
 
     Raises:
-        ValueError: No actuator is left that could fail.
+        ValueError, TypeError: No actuator is left that could fail, or not faults of these.
     """
     left = np.ones(n)
-    for fault in faults:
+    for fault in of_actuators(faults, n):
         left[fault.actuator] = fault.effectiveness if fault.kind == "weak" else 0.0
     if not left.any():
         raise ValueError("faults must leave a working actuator, got failures of all of them")

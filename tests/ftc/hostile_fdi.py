@@ -1,0 +1,144 @@
+"""What is attacked of the diagnosis and of the design: functions of `docs/api/ftc.md`."""
+
+from typing import Any
+
+import control
+import numpy as np
+
+from ftc import Fault, monitor
+from ftc.control.anti_windup import circle_margin, tracking_gain
+from ftc.control.compensator import sensitivity_peak
+from ftc.fdi.design.model_distance import nu_gap, output_distance
+from ftc.fdi.diagnosis import DEFAULT_CONFIG, Diagnosis, FdiConfig
+from ftc.fdi.dither import Dither
+from ftc.fdi.fault_model import resting_displacements, static_gain, static_share
+from ftc.fdi.input_faults import input_fault_bank, input_fault_model
+from ftc.linear_loop import LinearLoop, simulate
+from ftc.sensor_check import SensorCheck
+from ftc.sensors import SensorChecks
+from ftc.supervisor import supervisor_for
+from ftc.time_limit import time_limit
+from tests.ftc.hostile_loop import FAULTY, SWING
+from tests.ftc.hostile_machine import (
+    GOAL,
+    LOOP,
+    M1,
+    NOMINAL,
+    PERIOD_S,
+    PILOT,
+    PLANT,
+    STILL,
+    WATCH,
+    N,
+    flown,
+    pilot,
+    possible,
+)
+from tests.hostile import Target
+
+GAINED = control.ss(PLANT.A, PLANT.B @ PILOT.mapping.major_gain(), PLANT.C, 0)
+SAMPLED = control.c2d(GAINED, PERIOD_S)
+LOOPED = SAMPLED * control.append(LOOP.discrete, LOOP.discrete)
+DISCRETE = control.c2d(PLANT, PERIOD_S)
+ENOUGH = 3 * WATCH.ticks
+CONFIG = {name: value for name, value in vars(DEFAULT_CONFIG).items() if name != "uncertainty"}
+CLOSED: dict[str, Any] = {"nominal": NOMINAL, "gain": PILOT.mapping.major_gain()}
+CLOSED |= {
+    "secondary": np.zeros((4, N)),
+    "reference": np.ones((4, M1)),
+    "compensators": [LOOP] * M1,
+}
+
+
+def watched(config: FdiConfig) -> Any:
+    """What a monitor knows after some samples of zeros."""
+    watch = monitor(NOMINAL, config=config)
+    state = watch.start()
+    for _ in range(min(3 * watch.ticks, 100)):
+        state = watch.step(state, np.zeros(M1), STILL)
+    return state.watch.residual, state.watch.parameters.mean, state.last_commanded
+
+
+def sampled(**given: Any) -> Any:
+    """What a monitor knows after steps with these."""
+    state = given.pop("state")
+    for _ in range(ENOUGH):
+        state = WATCH.step(state, **given)
+    return state.watch.residual, state.last_commanded
+
+
+def limited(seconds: float) -> int:
+    with time_limit(seconds):
+        return 0
+
+
+def checked(**given: Any) -> Any:
+    """What sensors say after a reading."""
+    check = SensorChecks(SensorCheck(**given))
+    return check.step(check.start(2, N), None, STILL).task.held_ticks
+
+
+def answered(**given: Any) -> Any:
+    found = input_fault_model(**given)
+    return found.A, found.B, found.C
+
+
+TARGETS = {
+    "sensitivity_peak": Target(sensitivity_peak, {"L": LOOPED}),
+    "tracking_gain": Target(tracking_gain, {"channel": LOOP, "slowness": 1.0}),
+    "circle_margin": Target(
+        circle_margin, {"plant": SAMPLED, "compensators": [LOOP] * M1, "anti_windup": True}
+    ),
+    "simulate": Target(
+        lambda **a: simulate(**a),
+        {"loop": LinearLoop(**CLOSED), "faults": FAULTY, "onset": 1},
+    ),
+    "LinearLoop": Target(lambda **a: simulate(LinearLoop(**a), FAULTY, 1), CLOSED),
+    "static_gain": Target(static_gain, {"nominal": NOMINAL, "faults": FAULTY}),
+    "static_share": Target(static_share, {"nominal": NOMINAL, "fault": FAULTY[0]}),
+    "resting_displacements": Target(
+        resting_displacements, {"nominal": NOMINAL, "faults": FAULTY, "commanded": STILL}
+    ),
+    "output_distance": Target(
+        output_distance, {"first": PLANT, "second": 0.9 * PLANT, "noise": np.ones(M1)}
+    ),
+    "nu_gap": Target(nu_gap, {"first": PLANT, "second": 0.9 * PLANT}),
+    "input_fault_model": Target(
+        answered, {"plant": DISCRETE, "noise": np.ones(M1), "faults": FAULTY}
+    ),
+    "input_fault_bank": Target(
+        lambda **a: input_fault_bank(**a).M,
+        {"plant": DISCRETE, "noise": np.ones(M1), "faults": FAULTY},
+    ),
+    "FdiConfig": Target(lambda **a: watched(FdiConfig(**a)), CONFIG | {"dither_hz": 20.0}),
+    "FdiConfig of a model": Target(
+        lambda uncertainty: watched(FdiConfig(uncertainty)),
+        {"uncertainty": DEFAULT_CONFIG.uncertainty},
+    ),
+    "Monitor.step": Target(
+        sampled, {"state": WATCH.start(), "measured": np.zeros(M1), "commanded": STILL}
+    ),
+    "Diagnosis.told": Target(
+        lambda **a: Diagnosis.told(**a), {"fault": Fault(0, "locked"), "displacement": 1e-3}
+    ),
+    "Dither": Target(
+        lambda **a: Dither(**a).at(0.1),
+        {"amplitude": 1.0, "frequency_hz": 20.0, "direction": np.ones(N), "offset": np.ones(N)},
+    ),
+    "Dither.at": Target(SWING.at, {"time_s": 0.1}),
+    "SensorCheck": Target(
+        checked,
+        {"period_s": PERIOD_S, "limits": np.ones(2), "noisy": True}
+        | {"stuck_s": 1e-2, "gap_s": 2e-2, "usable_s": 2e-2},
+    ),
+    "SensorChecks": Target(
+        lambda **a: SensorChecks(**a).start(2, N).failed,
+        {"task": SensorCheck(PERIOD_S), "encoders": SensorCheck(PERIOD_S)},
+    ),
+    "supervisor_for": Target(
+        lambda **a: flown(supervisor_for(**a)),
+        {"goal": GOAL, "controller": pilot, "watched": NOMINAL, "is_possible": possible}
+        | {"task": NOMINAL, "unused": "free", "dither": SWING, "config": DEFAULT_CONFIG},
+    ),
+    "time_limit": Target(limited, {"seconds": 1.0}),
+}

@@ -1,0 +1,184 @@
+"""Laws of `ftc` beside its hostile table: gaps, bounds of durations, frozen arrays, clocks."""
+
+import pickle
+import time
+from dataclasses import FrozenInstanceError, is_dataclass, replace
+from typing import Any
+
+import control
+import numpy as np
+import pytest
+
+from ftc import ControlTask, Goal, GuardedController, Measurement, NominalModel, OracleController
+from ftc.fdi.diagnosis import FdiConfig
+from ftc.fdi.dither import Dither
+from ftc.fdi.friction import DryFriction
+from ftc.fdi.monitor import monitor
+from ftc.linear_loop import LinearLoop
+from ftc.sensor_check import SensorCheck
+from ftc.time_limit import time_limit
+from tests.ftc.hostile_fdi import CLOSED
+from tests.ftc.hostile_loop import GUARDED, ORACLE, TASK
+from tests.ftc.hostile_machine import (
+    DESIRED,
+    MODEL,
+    NOMINAL,
+    PILOT,
+    PLANT,
+    READ,
+    STILL,
+    SUPERVISED,
+    N,
+    pilot,
+)
+from tests.ftc.hostile_models import LOADED
+
+DURATIONS = {
+    "period_s": lambda s: NominalModel(**(MODEL | {"period_s": s})),
+    "step_s": lambda s: NominalModel(**(MODEL | {"step_s": s})),
+    "step_limit_s": lambda s: GuardedController("own", lambda task: PILOT, TASK, s),
+    "seconds": lambda s: time_limit(s).__enter__(),
+    "gap_s": lambda s: SensorCheck(1e-3, gap_s=s),
+    "sample_s": lambda s: FdiConfig(sample_s=s),
+    "look_back_s": lambda s: FdiConfig(look_back_s=s),
+    "memory_s": lambda s: FdiConfig(memory_s=s),
+}
+
+
+@pytest.mark.parametrize("duration_s", [1e6, 1e100, -1.0, -1e-200])
+@pytest.mark.parametrize("name", DURATIONS)
+def test_a_duration_without_end_is_refused_at_once(name, duration_s):
+    with pytest.raises(ValueError, match=rf"{name} must [^\n]*\Z"):
+        DURATIONS[name](duration_s)
+
+
+@pytest.mark.parametrize("name", ["step_limit_s", "seconds", "period_s", "step_s", "sample_s"])
+def test_a_duration_without_length_is_refused_at_once(name):
+    with pytest.raises(ValueError, match=rf"{name} must [^\n]*\Z"):
+        DURATIONS[name](1e-200)
+
+
+@pytest.mark.parametrize("short", [{"sample_s": 3600.0}, {"look_back_s": 3600.0}])
+def test_a_monitor_that_would_not_come_to_an_end_is_refused(short):
+    with pytest.raises(ValueError, match="config must have samples of at most 10000 ticks"):
+        monitor(NOMINAL, config=FdiConfig(**short))
+
+
+def masked(vector: np.ndarray) -> np.ma.MaskedArray:
+    """The first number hidden."""
+    return np.ma.array(vector, mask=np.arange(len(vector)) == 0)
+
+
+@pytest.mark.parametrize("controller", [SUPERVISED, GUARDED])
+@pytest.mark.parametrize(
+    "output",
+    [
+        *(masked(READ.output), [1e-3, 2e-3], READ.output[:1], None, "text", READ.output[None]),
+        *(np.array([1, "a"], dtype=object), READ.output + 1j, 1e200 * READ.output),
+    ],
+)
+def test_what_is_no_numbers_is_missing_as_a_gap_is(controller, output):
+    """Neither used as data nor an error: the commands are held, and that is said."""
+    sent = []
+    for each in (np.full(2, np.nan), output):
+        state = controller.step(controller.start(), DESIRED, READ)
+        state = controller.step(state, DESIRED, Measurement(each, READ.displacement))
+        sent.append((state.inputs.tolist(), state.sensors.task.missing))
+    assert sent[0] == sent[1]
+    assert sent[0][1] == 1
+
+
+def test_without_a_sensor_check_a_gap_is_refused():
+    for gap in (np.full(2, np.nan), masked(READ.output)):
+        with pytest.raises(ValueError, match=r"measurement\.output must "):
+            PILOT.step(PILOT.start(), DESIRED, Measurement(gap, READ.displacement))
+
+
+FRICTION = DryFriction(np.eye(N), np.eye(N), np.ones(N), np.ones(N), np.ones(N))
+HOLDERS: dict[str, tuple[Any, dict[str, Any]]] = {
+    "NominalModel": (NominalModel, MODEL | LOADED | {"friction": FRICTION}),
+    "ControlTask": (ControlTask, vars(TASK)),
+    "OracleController": (OracleController, ORACLE),
+    "LinearLoop": (LinearLoop, CLOSED),
+    "Dither": (Dither, {"amplitude": 1.0, "frequency_hz": 1.0, "direction": np.ones(N)}),
+    "Goal": (Goal, {"joint_weight": np.ones(N), "locked_at": {0: 1.0}, "effectiveness": {1: 0.5}}),
+    "SensorCheck": (SensorCheck, {"period_s": 1e-3, "limits": np.ones(2)}),
+}
+
+
+def copied(value: Any) -> Any:
+    """With arrays that may be written to."""
+    if isinstance(value, control.StateSpace):
+        return control.ss(*(np.array(getattr(value, part)) for part in "ABCD"))
+    if isinstance(value, tuple) and any(isinstance(each, np.ndarray) for each in value):
+        parts = [copied(each) for each in value]
+        return DryFriction(*parts) if isinstance(value, DryFriction) else tuple(parts)
+    return value.copy() if isinstance(value, np.ndarray | dict) else value
+
+
+def arrays(value: Any) -> list[np.ndarray]:
+    """All that are held."""
+    if isinstance(value, control.StateSpace):
+        return [getattr(value, part) for part in "ABCD"]
+    if isinstance(value, tuple):
+        return [found for each in value for found in arrays(each)]
+    return [value] if isinstance(value, np.ndarray) else []
+
+
+@pytest.mark.parametrize("name", HOLDERS)
+def test_what_is_frozen_does_not_change_with_what_it_was_made_of(name):
+    make, given = HOLDERS[name]
+    given = {key: copied(value) for key, value in given.items()}
+    held = make(**given)
+    before = {key: pickle.dumps([arrays(value), str(value)]) for key, value in vars(held).items()}
+    for value in given.values():
+        for array in arrays(value):
+            array[:] = 7.0
+        if isinstance(value, dict):
+            value.clear()
+    after = {key: pickle.dumps([arrays(value), str(value)]) for key, value in vars(held).items()}
+    assert after == before
+    assert is_dataclass(held)
+    for key, value in vars(held).items():
+        with pytest.raises(FrozenInstanceError):
+            setattr(held, key, value)
+        for array in arrays(value):
+            with pytest.raises(ValueError, match="read-only"):
+                array[...] = 0.0
+
+
+def test_a_model_of_a_model_is_the_same():
+    again = replace(NOMINAL)
+    for part in "ABCD":
+        np.testing.assert_array_equal(getattr(again.plant, part), getattr(PLANT, part))
+
+
+def test_no_clock_is_read(monkeypatch):
+    """Time goes by ticks: a clock that goes backwards changes nothing."""
+
+    def flight() -> list[list[float]]:
+        rng, sent = np.random.default_rng(0), []
+        controllers: list[Any] = [SUPERVISED, GUARDED, pilot()]
+        for controller in controllers:
+            state = controller.start()
+            for _ in range(20):
+                read = Measurement(READ.output + 1e-3 * rng.normal(size=2), READ.displacement)
+                state = controller.step(state, DESIRED, read)
+                sent.append(state.inputs.tolist())
+        return sent
+
+    usual, hands = flight(), iter(range(10**9, 0, -1000))
+    for clock in ("time", "monotonic", "perf_counter"):
+        monkeypatch.setattr(time, clock, lambda: next(hands))
+    assert flight() == usual
+
+
+def test_a_state_does_not_grow_with_its_ticks():
+    """What is kept of thousands of ticks is what is kept of hundreds of samples."""
+    rng, state, sizes = np.random.default_rng(0), SUPERVISED.start(), []
+    for tick in range(6000):
+        read = Measurement(1e-3 * rng.normal(size=2), STILL)
+        state = SUPERVISED.step(state, DESIRED, read)
+        if tick in (2999, 5999):
+            sizes.append(len(pickle.dumps((state.watch, state.sensors, state.controller))))
+    assert sizes[1] == pytest.approx(sizes[0], rel=0.01)
