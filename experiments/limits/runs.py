@@ -144,7 +144,7 @@ def track(testbed: Testbed, case: Case) -> Trajectory:
         testbed.amplifier(),
         testbed.bench.handover_s,
         anti_windup=strategy.anti_windup,
-        tracking_slowness=strategy.slowness,
+        tracking_slowness=strategy.slowness if strategy.anti_windup else 1.0,
     )
     start_m = np.zeros(struts)
     for strut, stands_m in case.locked_at.items():

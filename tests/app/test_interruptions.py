@@ -149,6 +149,7 @@ def workers(process: subprocess.Popen[str]) -> int:
     return found
 
 
+@pytest.mark.long
 @EVERY
 @pytest.mark.parametrize("later_s", [0.0, 0.3])
 @pytest.mark.parametrize("whom", [os.kill, os.killpg])
@@ -183,7 +184,7 @@ def test_nohup_is_respected():
 
 @pytest.mark.long
 @EVERY
-@pytest.mark.parametrize("after_s", [0.4, 1.0, 2.0, 4.0])
+@pytest.mark.parametrize("after_s", [1.0, 3.0])
 def test_a_real_study(number, after_s, tmp_path):
     out = tmp_path / "out"
     process = started("-m", "experiments", "table1", "--out", str(out))

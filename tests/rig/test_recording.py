@@ -186,7 +186,7 @@ def test_what_is_no_whole_run_is_refused_by_name(tmp_path, runs, how):
     path = tmp_path / "run.npz"
     if how != "nowhere":
         _spoil(path, how, runs["W_a"])
-    with pytest.raises(WrongInput, match=r"run\.npz is"):
+    with pytest.raises(WrongInput, match=r"run\.npz"):
         read_run(path)
 
 

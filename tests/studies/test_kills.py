@@ -18,7 +18,7 @@ from experiments.study.resumable import UNFINISHED
 ROOT = Path(__file__).parents[2]
 PYTHON = (sys.executable, "-m")
 LONGEST_S = 120.0
-pytestmark = pytest.mark.long
+pytestmark = [pytest.mark.long, pytest.mark.night]
 
 
 @contextmanager
