@@ -17,8 +17,8 @@ import fjh
 import ftc
 import prioritized
 import sim
-from experiments.__main__ import PACKAGES, run
 from experiments.app.cli import main
+from experiments.app.start import PACKAGES, run
 from experiments.benchmark.runs import PACKAGES as BENCH_PACKAGES
 from hatch_build import FOLDERS, stage
 

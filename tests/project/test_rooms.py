@@ -87,7 +87,9 @@ def test_a_test_is_in_the_folder_of_what_it_tests():
     assert not list((ROOT / "tests").glob("test_*.py"))
 
 
-@pytest.mark.parametrize("file", ["fjh/_checkout.py", "experiments/__main__.py"])
+@pytest.mark.parametrize(
+    "file", ["fjh/_checkout.py", "experiments/__main__.py", "experiments/app/start.py"]
+)
 def test_what_says_that_something_is_missing_needs_nothing_installed(file):
     outside = {name.split(".")[0] for name in imported(ROOT / file)}
     assert outside - sys.stdlib_module_names <= {"experiments"}

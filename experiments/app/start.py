@@ -1,0 +1,30 @@
+"""The start of `fjh`: what is not installed is said before anything is imported that needs it."""
+
+import os
+import sys
+from importlib.util import find_spec
+
+from experiments.study.interrupts import ignore_interrupts, interrupted, notice
+
+PACKAGES = (
+    *("distributed", "jinja2", "matplotlib", "mujoco", "psutil", "pyarrow", "rerun"),
+    *("rerun_loader_mjcf", "rich", "threadpoolctl", "typer"),
+)
+"""What the extra `testbed` installs, as it is imported."""
+
+
+def run() -> None:
+    """Entry point of the command; a package that is not installed is one sentence, exit code 2."""
+    if absent := [name for name in PACKAGES if find_spec(name) is None]:
+        notice(
+            f"fjh needs packages that are not installed, {', '.join(absent)}: "
+            'pip install "fault-tolerant-hexapod[testbed]"'
+        )
+        sys.exit(2)
+    from experiments.app.cli import main
+
+    code = main()
+    ignore_interrupts()
+    if interrupted():  # Python may have noted the exception, and would end by Ctrl-C's signal
+        os._exit(code)
+    sys.exit(code)
