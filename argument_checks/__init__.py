@@ -37,8 +37,6 @@ from argument_checks.matrices import matrix as matrix
 from argument_checks.matrices import positive_semidefinite as positive_semidefinite
 from argument_checks.matrices import sized as sized
 from argument_checks.matrices import weight as weight
-from argument_checks.scalars import LONGEST_S as LONGEST_S
-from argument_checks.scalars import SHORTEST_S as SHORTEST_S
 from argument_checks.scalars import at_most_one as at_most_one
 from argument_checks.scalars import duration as duration
 from argument_checks.scalars import fraction as fraction

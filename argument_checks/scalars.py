@@ -11,7 +11,7 @@ from argument_checks.shown import shown
 
 _Kind = TypeVar("_Kind")
 
-SHORTEST_S, LONGEST_S = 1e-9, 86_400.0
+_SHORTEST_S, _LONGEST_S = 1e-9, 86_400.0
 """Of a duration: what is counted in ticks of one and lasts for the other must come to an end."""
 
 
@@ -40,7 +40,7 @@ def positive(name: str, value: ArrayLike) -> float:
 
 
 def duration(
-    name: str, value: ArrayLike, least: float = SHORTEST_S, most: float = LONGEST_S
+    name: str, value: ArrayLike, least: float = _SHORTEST_S, most: float = _LONGEST_S
 ) -> float:
     """One time in seconds, up to a day unless less is told."""
     return within(name, value, least, most, " s")

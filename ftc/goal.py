@@ -2,8 +2,6 @@
 
 from dataclasses import dataclass, field
 
-from numpy.typing import ArrayLike
-
 import argument_checks as check
 
 MOST_ACTUATORS = 10_000
@@ -38,7 +36,8 @@ class Goal:
     def __post_init__(self) -> None:
         for name in ("joint_weight", "secondary_weight"):
             if (weight := getattr(self, name)) is not None:
-                vars(self)[name] = _weights(name, weight)
+                diagonal = check.not_negative(name, check.series(name, weight))
+                vars(self)[name] = tuple(diagonal.tolist())
         for name in ("free", "spring_lost"):
             vars(self)[name] = tuple(
                 check.indices(name, getattr(self, name), MOST_ACTUATORS).tolist()
@@ -63,10 +62,3 @@ class Goal:
         for name in ("free", "spring_lost", "locked_at", "effectiveness"):
             check.indices(name, list(getattr(self, name)), actuators)
         return self
-
-
-def _weights(name: str, value: ArrayLike) -> tuple[float, ...]:
-    weight = check.not_negative(name, value)
-    if weight.ndim != 1:
-        raise ValueError(f"{name} must be the numbers of a diagonal, got shape {weight.shape}")
-    return tuple(weight.tolist())

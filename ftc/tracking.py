@@ -368,9 +368,7 @@ def tracking(
 
 def _checked_plant(linear: Any) -> tuple[int, int]:
     """Actuators n and task rows m of a plant that has its matrices, finite and of one size."""
-    for part in ("A", "B", "C_twist", "C_active"):
-        if not hasattr(linear, part):
-            raise TypeError(f"linear must have {part}, got {check.shown(linear)}")
+    check.attributes("linear", linear, "A", "B", "C_twist", "C_active")
     s = len(check.matrix("linear.A", linear.A))
     check.matrix("linear.A", linear.A, columns=s)
     n = check.matrix("linear.B", linear.B, rows=s).shape[1]

@@ -51,9 +51,7 @@ def sampled(name: str, system: SampledSystem, inputs: int, outputs: int) -> Samp
     Raises:
         ValueError, TypeError: It has not.
     """
-    for part in ("A", "B", "C", "D", "dt"):
-        if not hasattr(system, part):
-            raise TypeError(f"{name} must have A, B, C, D and dt, got {check.shown(system)}")
+    check.attributes(name, system, "A", "B", "C", "D", "dt")
     s = len(check.batch(f"{name}.A", system.A))
     for part, shape in {"A": (s, s), "B": (s, inputs), "C": (outputs, s)}.items():
         check.exactly(f"{name}.{part}", getattr(system, part), *shape)

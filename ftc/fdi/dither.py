@@ -34,9 +34,7 @@ class Dither:
     def __post_init__(self) -> None:
         check.number("amplitude", self.amplitude)
         check.number("frequency_hz", self.frequency_hz)
-        direction = check.finite("direction", self.direction)
-        if direction.ndim != 1:
-            raise ValueError(f"direction must have shape (n,), got {direction.shape}")
+        direction = check.series("direction", self.direction)
         offset = check.finite("offset", self.offset)
         if offset.shape not in ((), direction.shape):
             raise ValueError(

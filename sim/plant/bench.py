@@ -155,7 +155,7 @@ class Bench:
         check.instance("plant", plant, Plant)
         check.methods("sensors", sensors, "read")
         if drives is not None:
-            check.methods("drives", drives, "__call__")
+            check.function("drives", drives)
         time_s = check.frozen(check.series("time_s", time_s))
         physics_steps("period_s", period_s, plant.model.opt.timestep)
         if floor_m_per_s2 is not None:

@@ -294,3 +294,18 @@ def test_motors_without_names_on_one_ball_joint_are_not_one_servo():
     assert str(system.with_failures(locked=[1])).endswith("ball (1) locked.")
     with pytest.raises(ValueError, match=r"which means ball \(0\), ball \(1\)$"):
         system.with_failures(locked=["ball"])
+
+
+def test_a_proxy_of_a_mechanism_is_one():
+    """It lists no attributes of its own, and has them all the same."""
+
+    class Proxy:
+        def __getattr__(self, name: str) -> object:
+            return getattr(whole, name)
+
+    whole = ConstrainedSystem(np.eye(2), None, [0, 1])
+    proxy: Any = Proxy()
+    np.testing.assert_array_equal(ConstrainedSystem.of(proxy).J_T, whole.J_T)
+    absent: Any = object()
+    with pytest.raises(TypeError, match=r"^mechanism must have J_T, J_C and active"):
+        ConstrainedSystem.of(absent)
