@@ -20,6 +20,12 @@ SAID = "fjh: interrupted: no file was left half-written\n"
 EVERY = pytest.mark.parametrize("number", CODES)
 
 
+def heard() -> None:
+    """What `nohup` and a shell in the background have ignored, a child would ignore as well."""
+    for each in CODES:
+        signal.signal(each, signal.SIG_DFL)
+
+
 def started(*command: str) -> subprocess.Popen[str]:
     return subprocess.Popen(
         [sys.executable, *command],
@@ -27,6 +33,7 @@ def started(*command: str) -> subprocess.Popen[str]:
         stderr=subprocess.PIPE,
         stdout=subprocess.PIPE,
         start_new_session=True,
+        preexec_fn=heard,
         text=True,
     )
 
