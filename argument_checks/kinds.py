@@ -64,7 +64,10 @@ def methods(name: str, value: Any, *wanted: str) -> Any:
 
 def attributes(name: str, value: Any, *wanted: str) -> Any:
     """The object itself, which has these attributes; none that it lists is computed for that."""
-    absent = set(wanted) - set(dir(value))
+    own, kind = getattr(value, "__dict__", ()), type(value)
+    absent = {each for each in wanted if each not in own and not hasattr(kind, each)}
+    if absent:  # the list of all takes longer
+        absent -= set(dir(value))
     if not all(hasattr(value, each) for each in absent):  # a proxy lists none of its own
         raise TypeError(f"{name} must have {_listed(wanted)}, got {shown(value)}")
     return value

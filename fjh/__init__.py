@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     import prioritized as prioritized
     import sim as sim
     from argument_checks import __version__ as __version__
+    from experiments.ik import Ik as Ik
+    from experiments.ik import Limits as Limits
     from experiments.recording.flight import record as record
     from experiments.rig import Mismatch as Mismatch
     from experiments.rig import Prediction as Prediction
@@ -35,15 +37,26 @@ if TYPE_CHECKING:
     from prioritized import force_mapping as force_mapping
     from prioritized import velocity_mapping as velocity_mapping
     from sim import MODELS as MODELS
+    from sim import CenterOfMassTask as CenterOfMassTask
+    from sim import DampingTask as DampingTask
+    from sim import Distances as Distances
     from sim import Failure as Failure
+    from sim import FrameTask as FrameTask
+    from sim import JointCouplingTask as JointCouplingTask
+    from sim import LookAtTask as LookAtTask
     from sim import Plant as Plant
+    from sim import Pose as Pose
+    from sim import PostureTask as PostureTask
+    from sim import RelativeFrameTask as RelativeFrameTask
     from sim import advance as advance
     from sim import assemble as assemble
     from sim import jacobians as jacobians
     from sim import load_model as load_model
+    from sim import pose_of as pose_of
 
 _NAMES = {
     "fjh.argument_checks": ("__version__",),
+    "fjh.experiments.ik": ("Ik", "Limits"),
     "fjh.experiments.recording.flight": ("record",),
     "fjh.experiments.rig.events": ("Event",),
     "fjh.experiments.rig": ("Mismatch", "Prediction", "Rig", "Run"),
@@ -52,7 +65,12 @@ _NAMES = {
         *("ConstrainedSystem", "Task"),
         *("failure_atlas", "force_mapping", "velocity_mapping"),
     ),
-    "fjh.sim": ("MODELS", "Failure", "Plant", "advance", "assemble", "jacobians", "load_model"),
+    "fjh.sim": (
+        *("MODELS", "Distances", "Failure", "Plant", "Pose"),
+        *("CenterOfMassTask", "DampingTask", "FrameTask", "JointCouplingTask", "LookAtTask"),
+        *("PostureTask", "RelativeFrameTask"),
+        *("advance", "assemble", "jacobians", "load_model", "pose_of"),
+    ),
 }
 _PACKAGES = ("experiments", "ftc", "prioritized", "sim")
 _MODULES = {name: module for module, names in _NAMES.items() for name in names}

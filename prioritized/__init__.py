@@ -29,8 +29,7 @@ from prioritized._kinematics import Kinematics as Kinematics
 from prioritized._mapping.force import ForceMapping as ForceMapping
 from prioritized._mapping.force import force_mapping as force_mapping
 from prioritized._mapping.hierarchy import Hierarchy as Hierarchy
-from prioritized._mapping.hierarchy import HierarchySolution as HierarchySolution
-from prioritized._mapping.hierarchy import Task as Task
+from prioritized._mapping.hierarchy_solution import HierarchySolution as HierarchySolution
 from prioritized._mapping.lexicographic import Solution as Solution
 from prioritized._mapping.lexicographic import (
     lexicographic_least_squares as lexicographic_least_squares,
@@ -39,11 +38,14 @@ from prioritized._mapping.limited import WhenLimited as WhenLimited
 from prioritized._mapping.solution import ForceSolution as ForceSolution
 from prioritized._mapping.solution import VelocitySolution as VelocitySolution
 from prioritized._mapping.task import Status as Status
+from prioritized._mapping.tasks import Task as Task
+from prioritized._mapping.tick import Tick as Tick
 from prioritized._mapping.velocity import VelocityMapping as VelocityMapping
 from prioritized._mapping.velocity_arguments import velocity_mapping as velocity_mapping
 from prioritized._mechanism.failures import Failures as Failures
 from prioritized._mechanism.geometry import Accuracy as Accuracy
 from prioritized._mechanism.names import Names as Names
+from prioritized._postures import Postures as Postures
 from prioritized._solver.canonical import canonical_basis as canonical_basis
 from prioritized._solver.rank import RANK_TOLERANCE as RANK_TOLERANCE
 from prioritized._system import ConstrainedSystem as ConstrainedSystem

@@ -14,16 +14,17 @@ from prioritized._analysis.attainable import Attainable, attainable
 from prioritized._analysis.major_maps import of_rates, of_torques, unweighted
 from prioritized._analysis.manipulability import Manipulability, classify
 from prioritized._mapping.force import ForceMapping, force_mapping
-from prioritized._mapping.hierarchy import Hierarchy, Task, hierarchy
+from prioritized._mapping.hierarchy import Hierarchy, hierarchy
 from prioritized._mapping.limited import WhenLimited
 from prioritized._mapping.problem import Problem
 from prioritized._mapping.survivors import Survivors
 from prioritized._mapping.task import task_selection
+from prioritized._mapping.tasks import Task
 from prioritized._mapping.velocity import VelocityMapping
 from prioritized._mapping.velocity_arguments import of_plain_arrays, velocity_mapping
 from prioritized._mechanism.active_constraint import ActiveConstraint, active_constraint
-from prioritized._mechanism.conditioning import certain_rank, clear_of_errors
-from prioritized._mechanism.decisions import MajorTask, in_order, respanned
+from prioritized._mechanism.conditioning import clear_of_errors
+from prioritized._mechanism.decisions import MajorTask, respanned
 from prioritized._mechanism.elimination import (
     Partition,
     PassiveMotion,
@@ -32,12 +33,13 @@ from prioritized._mechanism.elimination import (
 )
 from prioritized._mechanism.measure import Measure, metric_of, units_of
 from prioritized._mechanism.names import Known, Names, known_actuators, known_velocities
+from prioritized._mechanism.ordered import Directions, Stacked, in_order
 from prioritized._mechanism.statics import constraint_gain, internal_rows, torque_gain
 from prioritized._mechanism.task_motion import TaskMotion
 from prioritized._solver.arrays import none, read_only
 from prioritized._solver.canonical import canonical
 from prioritized._solver.limits import Limits, limits
-from prioritized._solver.rank import RANK_TOLERANCE, norm, singular_values
+from prioritized._solver.rank import RANK_TOLERANCE
 
 
 @dataclass(frozen=True, eq=False)
@@ -273,7 +275,7 @@ class Kinematics:
         """
         W1 = self.survivors.matrix("joint_weight", joint_weight)
         T = self.survivors.matrix("tie_metric", tie_metric)
-        if T is None and not _settles(W1):
+        if T is None and not settles(W1):
             T = metric_of(self.rate_units)
         box = self.survivors.pair(rate_limits)
         rows = self.survivors.rows("rate_rows", rate_rows)
@@ -324,7 +326,7 @@ class Kinematics:
         :data:`RANK_TOLERANCE` parts what counts of it from what does not, weighed with a metric
         (k, m1) of v_m.
         """
-        if self._is_clear([S_m, S_s]):
+        if self._are_clear(Directions.of([S_m, S_s])):
             return self.J, self.scale
         return self._major(S_m, S_s).cleaned(self.J, self.scale, self.active_constraint, metric)
 
@@ -382,15 +384,7 @@ class Kinematics:
         Raises:
             ValueError: No level, or an argument of the wrong shape; it is named.
         """
-        survivors = self.survivors
-        return hierarchy(
-            self,
-            survivors.tasks(levels),
-            self.active_constraint,
-            survivors.pair(rate_limits),
-            survivors.rows("rate_rows", rate_rows),
-            survivors.matrix("tie_metric", tie_metric),
-        )
+        return hierarchy(self, levels, rate_limits, rate_rows, tie_metric)
 
     def force_mapping(
         self,
@@ -426,7 +420,7 @@ class Kinematics:
             self.active_constraint,
             self.self_motion,  # decided: a second decision could contradict it at the threshold
             major_metric=forces if major_metric is None else major_metric,
-            tie_metric=torques if T is None and not _settles(W3) else T,
+            tie_metric=torques if T is None and not settles(W3) else T,
             scale=scale,
             torque_limits=self.survivors.pair(torque_limits),
             torque_rows=self.survivors.rows("torque_rows", torque_rows),
@@ -440,38 +434,21 @@ class Kinematics:
             measure=measure,
         )
 
-    def in_order(self, levels: list[tuple[Array, Array]]) -> tuple[list[tuple[Array, float]], bool]:
+    def in_order(self, levels: Stacked) -> tuple[list[tuple[Array, float]], bool]:
         """Rows of levels (k, n) and their sizes, their rank decisions made one after the other.
 
-        Args:
-            levels: Rows on the task (k, m), and on the rates (k, n), to be added.
-
-        Returns:
-            The rows, and whether no self-motion moves the first level.
+        And whether no self-motion moves the first level.
         """
-        J, scale = self.J, self.scale
-        rows = [(S @ J + R, float(np.hypot(norm(S) * scale, norm(R)))) for S, R in levels]
-        first = levels[0][0]
-        is_held = self.holds(first[first.any(axis=1)])
-        if not J.shape[1] or self._is_clear([S for S, _ in levels], [R for _, R in levels]):
+        rows, is_held = levels.at(self.J, self.scale), self.holds(levels.first)
+        if not len(self.active) or (levels.rates_last and self._are_clear(levels.directions)):
             return rows, is_held
         return in_order(self._task_motion, levels, rows), is_held
 
-    def _is_clear(self, tasks: list[Array], rates: Sequence[Array] = ()) -> bool:
-        """Whether all ranks of J are certain where tasks (k, m) are met one after the other.
-
-        Not where rows on the rates (k, n) come before the last of them.
-        """
-        if any(R.any() for R in rates[:-1]):
-            return False
-        C, J, scale, clear = self.active_constraint, self.J, self.scale, self.clear
+    def _are_clear(self, tasks: Directions) -> bool:
+        """Whether all ranks of J are certain where tasks are met one after the other."""
+        C, J = self.active_constraint, self.J
         admissible = J - (J @ C.T) @ C if C.size else J
-        for k in range(len(tasks)):
-            S = np.concatenate(tasks[: k + 1])
-            sigma = singular_values(S @ admissible)
-            if certain_rank(sigma, norm(S) * scale, clear) is None:
-                return False
-        return True
+        return tasks.are_clear(admissible, self.scale, self.clear)
 
     @property
     def survivors(self) -> Survivors:
@@ -531,6 +508,6 @@ class Kinematics:
         return limits(name, self.survivors.pair(value), len(self.actuators))
 
 
-def _settles(weight: Array | None) -> bool:
+def settles(weight: Array | None) -> bool:
     """Whether this weight of rates or torques, if it is a diagonal, leaves none of them open."""
     return weight is not None and weight.ndim == 1 and bool(weight.all())

@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from math import prod
 from typing import Any
 
 import numpy as np
@@ -25,6 +26,7 @@ from prioritized._mechanism.names import (
     known_velocities,
     passive_joints,
 )
+from prioritized._postures import Postures
 from prioritized._solver.arrays import read_only
 from prioritized._solver.rank import norm
 
@@ -97,11 +99,11 @@ class ConstrainedSystem:
             ValueError: An argument has a wrong shape or index or is not finite; it is named. Or
                 both accuracy and tolerance are given.
         """
-        task = check.matrix("J_T", J_T)
+        task = _copy("J_T", J_T)
         N = task.shape[1]
         constraint = np.zeros((0, N)) if J_C is None else J_C
         fields = {
-            "J_T": _copy("J_T", task, N),
+            "J_T": task,
             "J_C": _copy("J_C", constraint, N),
             "active": check.frozen(check.indices("active", active, N)),
             "stiffness": _metric("stiffness", stiffness, N),
@@ -205,10 +207,39 @@ class ConstrainedSystem:
         there, accuracy = self.at(mechanism.J_T, mechanism.J_C), accuracy_of(mechanism)
         return there if accuracy is None else there._changed(accuracy=accuracy)
 
+    def postures(self, J_T: ArrayLike, J_C: ArrayLike | None = None) -> Postures:
+        """The same mechanism with the same failures at a batch of postures.
+
+        Each is what `at(J_T[k], J_C[k]).kinematics()` is, with its own rank decisions.
+
+        Args:
+            J_T: Task Jacobians, shape (..., m, N).
+            J_C: Constraint Jacobians, shape (..., c, N); None is that of this system for all.
+
+        Raises:
+            ValueError: An argument has a wrong shape or is not finite, or there is no posture.
+        """
+        m, N = self.J_T.shape
+        tasks = check.batch("J_T", J_T, N, m)
+        loops = self.J_C if J_C is None else check.batch("J_C", J_C, N)
+        lead = check.common_axes({"J_T": tasks.shape[:-2], "J_C": loops.shape[:-2]})
+        if 0 in lead:
+            raise ValueError(f"J_T and J_C must hold a posture at least, got batch axes {lead}")
+        flat = [
+            np.broadcast_to(A, (*lead, *A.shape[-2:])).reshape(prod(lead), *A.shape[-2:])
+            for A in (tasks, loops)
+        ]
+        each = (self.at(*pair).kinematics() for pair in zip(*flat, strict=True))
+        return Postures(tuple(each), lead)
+
     def _changed(self, **changes: Any) -> "ConstrainedSystem":
         other = object.__new__(ConstrainedSystem)
         other.__dict__.update(self.__dict__)
-        other.__dict__.pop("_joints" if "failures" in changes else "geometry", None)
+        if "failures" in changes:
+            other.__dict__.pop("_joints", None)
+        else:
+            other.__dict__.pop("geometry", None)
+            other.__dict__["_joints"] = self._joints  # of every pose, sorted once
         other.__dict__.update(changes)
         return other
 
@@ -263,17 +294,25 @@ class ConstrainedSystem:
         return sort_joints(self.active, actuators, self.stuck, self.J_T.shape[1])
 
 
-def _copy(name: str, value: ArrayLike, columns: int, rows: int | None = None) -> Array:
+def _copy(
+    name: str, value: ArrayLike, columns: int | None = None, rows: int | None = None
+) -> Array:
     """A read-only copy of one finite matrix, row after row."""
     if (  # the common case, at every tick
         check.is_plain(value)
         and value.ndim == 2
-        and value.shape == (len(value) if rows is None else rows, columns)
+        and (columns is None or value.shape[1] == columns)
+        and (rows is None or len(value) == rows)
     ):
         size = norm(value)
         if check.SMALLEST <= size < check.LARGEST or size == 0.0:
             return read_only(value.copy())
-    return read_only(check.matrix(name, value, columns, rows).copy())
+    A = check.batch(name, value, columns, rows)
+    if A.ndim != 2:
+        raise ValueError(
+            f"{name} must be one matrix, got shape {A.shape}: ConstrainedSystem.postures takes many"
+        )
+    return read_only(check.sized(name, A).copy())
 
 
 def _metric(name: str, value: ArrayLike | None, size: int) -> Array | None:

@@ -11,9 +11,9 @@ if _find_spec("mujoco") is None:
     )
 
 from sim.array import Array as Array
-from sim.closing.assembly import advance as advance
 from sim.closing.assembly import assemble as assemble
 from sim.closing.pin import Pin as Pin
+from sim.closing.step import advance as advance
 from sim.errors import ClosureError as ClosureError
 from sim.errors import ModelError as ModelError
 from sim.errors import SimulationDiverged as SimulationDiverged
@@ -28,6 +28,8 @@ from sim.hexapod.forward import UnreachableLengths as UnreachableLengths
 from sim.hexapod.forward import forward_kinematics as forward_kinematics
 from sim.hexapod.strut_sensors import StrutSensors as StrutSensors
 from sim.hexapod.trajectory import spiral as spiral
+from sim.kinematics.distances import Distances as Distances
+from sim.kinematics.distances import Near as Near
 from sim.kinematics.entry_accuracy import EntryAccuracy as EntryAccuracy
 from sim.kinematics.jacobian import Jacobians as Jacobians
 from sim.kinematics.machine import Machine as Machine
@@ -74,6 +76,16 @@ from sim.plant.linear import linearize as linearize
 from sim.plant.plant import Plant as Plant
 from sim.plant.servo import servoed as servoed
 from sim.plant.slip import MaxwellSlip as MaxwellSlip
+from sim.tasks.center_of_mass import CenterOfMassTask as CenterOfMassTask
+from sim.tasks.frame import FrameTask as FrameTask
+from sim.tasks.frame import RelativeFrameTask as RelativeFrameTask
+from sim.tasks.function import LocatedFunction as LocatedFunction
+from sim.tasks.function import TaskFunction as TaskFunction
+from sim.tasks.joints import DampingTask as DampingTask
+from sim.tasks.joints import JointCouplingTask as JointCouplingTask
+from sim.tasks.joints import LocatedRates as LocatedRates
+from sim.tasks.joints import PostureTask as PostureTask
+from sim.tasks.look_at import LookAtTask as LookAtTask
 from sim.warning import log_warnings
 
 log_warnings()  # in every process that uses MuJoCo through us, workers too

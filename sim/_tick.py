@@ -102,6 +102,34 @@ def _solve(A, X):
 
 
 @_inlined
+def _turn(E, vector):
+    """The vector of a rotation (3, 3), and its angle; by its quaternion."""
+    trace = E[0, 0] + E[1, 1] + E[2, 2]
+    k = 0
+    for i in range(1, 3):
+        if E[i, i] > E[k, k]:
+            k = i
+    i, j = (k + 1) % 3, (k + 2) % 3
+    if trace > E[k, k]:
+        w = 1.0 + trace
+        vector[0], vector[1] = E[2, 1] - E[1, 2], E[0, 2] - E[2, 0]
+        vector[2] = E[1, 0] - E[0, 1]
+    else:
+        w = E[j, i] - E[i, j]
+        vector[k] = 1.0 + E[k, k] - E[i, i] - E[j, j]
+        vector[i], vector[j] = E[i, k] + E[k, i], E[j, k] + E[k, j]
+        if w < 0.0:
+            w = -w
+            for n in range(3):
+                vector[n] = -vector[n]
+    sine = np.sqrt(vector[0] ** 2 + vector[1] ** 2 + vector[2] ** 2)
+    angle = 2.0 * np.arctan2(sine, w)
+    for n in range(3):
+        vector[n] *= angle / sine if sine > 0.0 else 0.0
+    return angle
+
+
+@_inlined
 def _square(A):
     total = 0.0
     for row in A:
@@ -229,3 +257,14 @@ def convert(x, factor, lower, upper, gain, whole, y):
             value = np.rint(value)
         y[i] = gain * (lower if value < lower else upper if value > upper else value)
     return FOUND
+
+
+@kernel(types.float64(_any[2], _any[1], _any[2], _any[1], _new[1]))
+def way(R, p, R_to, p_to, way):
+    """[rotation vector; translation] (6,) from one pose to another, and the angle of the first."""
+    E = np.empty((3, 3))
+    for i in range(3):
+        for j in range(3):
+            E[i, j] = R_to[i, 0] * R[j, 0] + R_to[i, 1] * R[j, 1] + R_to[i, 2] * R[j, 2]
+        way[3 + i] = p_to[i] - p[i]
+    return _turn(E, way)

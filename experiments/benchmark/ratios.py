@@ -74,6 +74,17 @@ def _robot_tick(robot: str, what: str) -> Ratio:
     )
 
 
+def _ik_tick(robot: str, what: str) -> Ratio:
+    return Ratio(
+        f"ik_{robot}_over_mink",
+        lambda us: us[f"ik_{robot}"] / us[f"ik_{robot}_mink"],
+        f"fjh.Ik, tasks in strict levels under ranges and a velocity limit: {robot}, {what}; over "
+        "mink's Configuration.update and solve_ik of the same tasks, weighed",
+        bound=1.0,
+        goal=0.1,
+    )
+
+
 RATIOS = (
     Ratio(
         "closed_loop_over_mj_step",
@@ -101,6 +112,10 @@ RATIOS = (
     ),
     _robot_tick("arm", "models/arm.xml, camera in six directions"),
     _robot_tick("humanoid", "29 joints, on both feet, palm in six directions and centre of mass"),
+    _ik_tick("arm", "frame and posture"),
+    _ik_tick("mobile", "frame and posture"),
+    _ik_tick("quadruped", "four feet, trunk and posture"),
+    _ik_tick("humanoid", "two feet, centre of mass, hand and posture"),
     Ratio(
         "hexapod_tick_over_mink",
         lambda us: us["hexapod_tick"] / us["mink"],

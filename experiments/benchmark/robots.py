@@ -17,11 +17,10 @@ from scipy.linalg import null_space
 from scipy.optimize import LinearConstraint, minimize
 
 from argument_checks.ties import exceeds
-from experiments.benchmark.humanoid import humanoid
 from experiments.benchmark.measurement import Agreement, Contender, compare
 from experiments.benchmark.pointing import Rows, general_tick, solve_ik
 from prioritized import canonical_basis
-from sim import HEXAPOD_MJCF, Array, CenterOfMass, JacobianReader, Jacobians, Pin, load_model
+from sim import MODELS, Array, CenterOfMass, JacobianReader, Jacobians, Pin, load_model
 
 LIMIT = 1.0
 """Of each actuated joint, [rad]/[s]."""
@@ -72,13 +71,12 @@ class Robot:
 
 
 def robots() -> list[Robot]:
-    """The arm of models/arm.xml, and the humanoid."""
-    arm = load_model(HEXAPOD_MJCF.with_name("arm.xml"))
+    """The arm of models/arm.xml, and the humanoid of models/humanoid.xml."""
     return [
-        Robot("arm", arm, "payload", tuple(range(6)), spread=2.0),
+        Robot("arm", load_model(MODELS / "arm.xml"), "payload", tuple(range(6)), spread=2.0),
         Robot(
             "humanoid",
-            humanoid(),
+            load_model(MODELS / "humanoid.xml"),
             "right_hand",
             tuple(range(8)),
             spread=1.0,

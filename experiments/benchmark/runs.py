@@ -94,7 +94,7 @@ def run_bench(
         )
     from threadpoolctl import threadpool_limits
 
-    from experiments.benchmark import limited, pointing, robots, solvers
+    from experiments.benchmark import ik, limited, pointing, robots, solvers
 
     if save is not None:
         usable_file(save, ".json", option="--save")
@@ -107,9 +107,11 @@ def run_bench(
         cases = pointing.random_cases(model, 8, rng)
         limits = [limited.random_limited(6, rng) for _ in range(64)]
         others = {robot: robots.random_cases(robot, 8, rng) for robot in robots.robots()}
+        movers = {robot: ik.random_cases(robot, 8, rng) for robot in ik.ROBOTS}
         agreed = [*solvers.agreements(asked), *limited.agreements(limits)]
         agreed.append(pointing.agreement(model, cases))
         agreed += [robots.agreement(robot, cases) for robot, cases in others.items()]
+        agreed += [ik.agreement(robot, there) for robot, there in movers.items()]
         for each in agreed:
             each.check()
         testbed = Testbed(model, bench, nominal_loops(model, bench))
@@ -119,6 +121,8 @@ def run_bench(
         contenders += limited.contenders(limits)
         for robot, cases_there in others.items():
             contenders += robots.contenders(robot, cases_there)
+        for robot, there in movers.items():
+            contenders += ik.contenders(robot, there)
         run = recorded(testbed, seed)
         contenders.append(run.diagnosis())
         samples_us = by_turns(contenders, effort.rounds, on_progress)

@@ -2,18 +2,15 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import reduce
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 import argument_checks as check
 from argument_checks import Array, Mask
-from argument_checks.ties import ACCURACY, exceeds
 from prioritized._solver.arrays import ReadOnly
-
-_ROUND_OFF = 1e-12
-"""Part of positions and rates by which limits may be missed and still count as kept."""
+from prioritized._solver.compiled import boxes
 
 
 @dataclass(frozen=True)
@@ -66,60 +63,67 @@ def viable_rates(
         ValueError: An argument has a wrong shape or is not a number, a pair is not a lower and an
             upper limit, or zero is not between them as said above.
     """
+    T = check.positive("period_s", period_s)
+    pairs = position_limits, rate_limits, acceleration_limits
+    plain = _plain(position, rate, pairs)
+    box = None if plain is None else _box(plain, T)
+    if box is not None:
+        return box
+    every = np.broadcast_arrays(*_checked(position, rate, pairs))
+    box = _box([A.ravel() for A in every], T)
+    assert box is not None  # what would be refused is refused above
+    lead = every[0].shape
+    return RateBox(box.lower.reshape(lead), box.upper.reshape(lead), box.viable.reshape(lead))
+
+
+def _plain(position: Any, rate: Any, pairs: tuple[Any, ...]) -> list[Array] | None:
+    """All arguments, if they are arrays (n,) as they are to be: checks would take far longer."""
+    if type(position) is not np.ndarray or position.ndim != 1:
+        return None
+    for pair in pairs:
+        is_pair = type(pair) is tuple or (type(pair) is np.ndarray and pair.ndim)
+        if not is_pair or len(pair) != 2:
+            return None
+    every = [position, rate, *pairs[0], *pairs[1], *pairs[2]]
+    for A in every:
+        if type(A) is not np.ndarray or A.dtype is not _FLOAT64 or A.shape != position.shape:
+            return None
+    return every
+
+
+def _box(given: list[Array], T: float) -> RateBox | None:
+    """The box of plain arrays (n,); None where one is not what it must be."""
+    n = len(given[0])
+    lower, upper, viable = np.empty(n), np.empty(n), np.empty(n, dtype=bool)
+    if not boxes().viable_box(*given, T, lower, upper, viable):
+        return None
+    box = object.__new__(RateBox)  # read-only at little cost: the arrays are its own
+    for name, A in (("lower", lower), ("upper", upper), ("viable", viable)):
+        A.setflags(write=False)
+        box.__dict__[name] = A
+    return box
+
+
+def _checked(position: ArrayLike, rate: ArrayLike, pairs: tuple[Any, ...]) -> list[Array]:
+    """All arguments as arrays (..., n) or one number, whose leading axes broadcast."""
     x = check.real("position", position)
     if not x.ndim:
         raise ValueError("position must have shape (..., n), got one number")
-    n, T = x.shape[-1], check.positive("period_s", period_s)
-    v = check.vector("rate", rate, n)
-    x_min, x_max = check.limits("position_limits", position_limits, n)
-    v_min, v_max = check.limits("rate_limits", rate_limits, n)
-    a_min, a_max = check.limits("acceleration_limits", acceleration_limits, n)
-    if (v_min > 0).any() or (v_max < 0).any():
-        raise ValueError(f"rate_limits must be on both sides of 0, got {check.shown(rate_limits)}")
-    if (a_min > -check.SMALLEST).any() or (a_max < check.SMALLEST).any():
+    v = check.vector("rate", rate, n := x.shape[-1])
+    names = "position_limits", "rate_limits", "acceleration_limits"
+    positions, rates, accelerations = (
+        check.limits(name, pair, n) for name, pair in zip(names, pairs, strict=True)
+    )
+    if (rates[0] > 0).any() or (rates[1] < 0).any():
+        raise ValueError(f"rate_limits must be on both sides of 0, got {check.shown(pairs[1])}")
+    if (accelerations[0] > -check.SMALLEST).any() or (accelerations[1] < check.SMALLEST).any():
         raise ValueError(
-            f"acceleration_limits must be below and above 0, got {check.shown(acceleration_limits)}"
+            f"acceleration_limits must be below and above 0, got {check.shown(pairs[2])}"
         )
-    leads = {"position": x, "rate": v, "position_limits": x_min}
-    leads |= {"rate_limits": v_min, "acceleration_limits": a_min}
+    leads = {"position": x, "rate": v, "position_limits": positions[0]}
+    leads |= {"rate_limits": rates[0], "acceleration_limits": accelerations[0]}
     check.common_axes({name: A.shape[:-1] for name, A in leads.items()})
-
-    slowest, fastest = v + T * a_min, v + T * a_max
-    least, most = -_stoppable(x - x_min, a_max, T), _stoppable(x_max - x, -a_min, T)
-    size = np.maximum(abs(x), np.maximum(_finite(abs(x_min)), _finite(abs(x_max))))
-    lower = reduce(np.maximum, (slowest, v_min, least))
-    upper = reduce(np.minimum, (fastest, v_max, most))
-    viable = lower - upper <= _ROUND_OFF * (size / T + abs(v))
-    # Beyond a limit, the return must not be so fast that the other one cannot be kept.
-    most = np.where(x > x_max, np.maximum(most, least), most)
-    least = np.where(x < x_min, np.minimum(least, most), least)
-    lower, upper = _nearest(v_min, v_max, slowest, fastest)
-    lower, upper = _nearest(least, most, lower, upper)
-    # Where braking just suffices, one rate is left: round-off would make a direction of it.
-    upper = np.where(exceeds(upper, lower, zero=ACCURACY * abs(v)), upper, lower)
-    return RateBox(lower, upper, viable)
+    return [x, v, *positions, *rates, *accelerations]
 
 
-def _stoppable(distance: Array, braking: Array, T: float) -> Array:
-    """The largest rate w of the next tick after which hard braking ends within a distance d.
-
-    In n ticks the joint moves by T (w + (w - a T) + ... + (w - (n - 1) a T)), most far in
-    n = ceil(w / (a T)) of them, the terms above zero. As the largest over n is to be d,
-    w = min over n of d / (n T) + a T (n - 1) / 2, and the least is where d / (a T^2) lies between
-    n (n - 1) / 2 and n (n + 1) / 2. A negative distance is to be made good in one tick.
-    """
-    d, a = _finite(distance), _finite(braking)
-    # sqrt(8 d / (a T^2)), in an order that neither over- nor underflows
-    root = np.sqrt(8.0 * np.maximum(d, 0.0) / braking) / T
-    n = np.maximum(np.ceil((np.hypot(1.0, root) - 1.0) / 2.0), 1.0)
-    return np.where(np.isinf(distance), distance, d / (n * T) + a * T * (n - 1.0) / 2.0)
-
-
-def _finite(A: Array) -> Array:
-    """Zero where infinite: another term decides there."""
-    return np.where(np.isinf(A), 0.0, A)
-
-
-def _nearest(lower: Array, upper: Array, least: Array, most: Array) -> tuple[Array, Array]:
-    """Part of [lower, upper] inside [least, most]; the point nearest to it if there is none."""
-    return np.clip(lower, least, most), np.clip(upper, least, most)
+_FLOAT64 = np.dtype(np.float64)

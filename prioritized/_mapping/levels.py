@@ -82,13 +82,23 @@ def velocity_levels(problem: Problem, damping: float) -> list[Level]:
     ]
 
 
-def damped(major: Level, constraint: Level, tolerance: float) -> Level:
-    """A damped level without damping: with rows that weigh the unknowns which it determines."""
-    admissible = ranked_svd(constraint.A, constraint.scale, tolerance).null_projector()
-    decided = ranked_svd(major.A @ admissible, major.scale, tolerance)
-    P = np.eye(major.A.shape[-1]) - decided.null_projector()
-    nothing = np.zeros((P.shape[-1], major.target.shape[-1]))
-    return Level(stack(major.A, major.damping * P), stack(major.target, nothing), major.scale)
+def damped(levels: Sequence[Level], tolerance: float) -> list[Level]:
+    """The same levels without damping: a damped one has rows that weigh what it determines.
+
+    These are the unknowns' parts along the singular vectors of its rows on what the levels before
+    it leave. So it determines no more than before, limits or not, and later levels keep the rest.
+    """
+    free, plain = np.eye(levels[0].A.shape[-1]), []
+    for level in levels:
+        decided = ranked_svd(level.A @ free, level.scale, tolerance)
+        free = free @ decided.null_projector()
+        if level.damping:
+            V = decided.Vt * decided.kept[..., None]
+            nothing = np.zeros((V.shape[-2], level.target.shape[-1]))
+            A, target = stack(level.A, level.damping * V), stack(level.target, nothing)
+            level = Level(A, target, level.scale)
+        plain.append(level)
+    return plain
 
 
 class Forces(NamedTuple):

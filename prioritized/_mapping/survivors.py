@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 import argument_checks as check
 from argument_checks import Array, Indices
-from prioritized._mapping.hierarchy import Task
+from prioritized._mapping.tasks import Task
 
 
 class Survivors(NamedTuple):
@@ -46,13 +46,11 @@ class Survivors(NamedTuple):
         R, lower, upper = value
         return self.matrix(name, R), lower, upper
 
-    def tasks(self, levels: Any) -> Any:
-        """Tasks in levels: the weights of those that are rates."""
-        if isinstance(levels, list | tuple):
-            return [self.tasks(each) for each in levels]
-        if not isinstance(levels, Task) or levels.rows is not None:
-            return levels
-        return dataclasses.replace(levels, weight=self.matrix("weight", levels.weight))
+    def task(self, task: Task) -> Task:
+        """A task: the weight of one that is rates."""
+        if task.rows is not None or task.weight is None:
+            return task
+        return dataclasses.replace(task, weight=self.matrix("weight", task.weight))
 
 
 def _is_of(value: Any, size: int) -> bool:

@@ -260,10 +260,10 @@ class VelocityMapping:
     @property
     def levels(self) -> list[Level]:
         """Problem 1 as levels of least squares."""
-        constraint, major, *rest = velocity_levels(self.problem, self.damping)
+        levels = velocity_levels(self.problem, self.damping)
         if self.damping:
-            major = damped(major, constraint, self.problem.tolerance)
-        return [constraint, major, *rest]
+            return [*damped(levels[:2], self.problem.tolerance), *levels[2:]]
+        return levels
 
     def at(
         self, kinematics: Mechanism, *, rate_limits: tuple[ArrayLike, ArrayLike] | None = None

@@ -25,7 +25,12 @@ def well_conditioned_above(tolerance: float) -> float:
 
 
 def certain_rank(sigma: Array, scale: float, clear: float) -> int | None:
-    """Number of singular values above `clear` parts of the scale, if all others are round-off."""
+    """Number of singular values above `clear` parts of the scale, if all others are round-off.
+
+    They descend.
+    """
+    if len(sigma) and sigma[-1] > clear * scale:  # the common case
+        return len(sigma)
     count = int(np.count_nonzero(sigma > clear * scale))
     return None if (sigma[count:] > NOTHING * scale).any() else count
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from argument_checks import Array
 from prioritized._mechanism.measure import Measure, units_of
-from prioritized._mechanism.task_motion import LEAST_ROWS, Before, Step, TaskMotion, null_of
+from prioritized._mechanism.task_motion import LEAST_ROWS, Before, TaskMotion, null_of
 from prioritized._solver.rank import RANK_TOLERANCE, RankedSvd, frobenius, largest, norm
 
 _BELOW = 1e-15
@@ -161,33 +161,3 @@ def respanned(columns: Array, factors: Array) -> Array:
     U, sigma, _ = np.linalg.svd(moved, full_matrices=False)
     count = (np.linalg.norm(columns, axis=-2) > 0.5).sum(axis=-1)
     return U * (np.arange(sigma.shape[-1]) < count[..., None])[..., None, :]
-
-
-def in_order(
-    task: TaskMotion, levels: list[tuple[Array, Array]], rows: list[tuple[Array, float]]
-) -> list[tuple[Array, float]]:
-    """Levels of one condition without what counts as lost where those before them are at rest.
-
-    Args:
-        task: How the task moves; it has rates.
-        levels: Rows on the task (k, m), and on the rates (k, n), to be added.
-        rows: Their sums A (k, n) as rows on the rates, and the size of the terms.
-    """
-    before, decided = task.start, []
-    for (S, R), (A, size) in zip(levels, rows, strict=True):
-        units = units_of(np.hstack([S, R]), np.hstack([task.task_units, task.rate_units]))
-        on_task = S * task.task_units / units[:, None]
-        on_rates = R * task.rate_units / units[:, None]
-        step = task.step(on_task)
-        all_rows = Step(step.A + on_rates, step.scale + norm(on_rates), step.error)
-        decision, after = before.then(task, all_rows)
-        lost = before.dropped(decision)
-        if lost is not None:
-            A = A - units[:, None] * lost / task.rate_units
-        least = decision.sigma.min(initial=np.inf, where=decision.kept)
-        least *= units.min(initial=np.inf) / task.rate_units.max(initial=0.0)
-        if least < 2.0 * RANK_TOLERANCE * size:
-            size = float(np.sqrt(least * _BELOW * size)) / RANK_TOLERANCE
-        decided.append((A, size))
-        before = after
-    return decided

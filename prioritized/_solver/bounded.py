@@ -69,12 +69,55 @@ def _square(M, i, first, last):
 @_compiled
 def _largest(M, first, last, start, columns):
     """The row with the largest norm from column `start` on, and that norm."""
-    best, most = first, -1.0
-    for i in range(first, last):
-        square = _square(M, i, start, columns)
-        if square > most * _EQUAL:
-            best, most = i, square
+    best, most, i = first, -1.0, first
+    while i < last:
+        if i + 4 <= last:  # four sums at once: each waits for its own last term alone
+            a, b, c, d = 0.0, 0.0, 0.0, 0.0
+            for j in range(start, columns):
+                a += M[at(i), at(j)] * M[at(i), at(j)]
+                b += M[at(i + 1), at(j)] * M[at(i + 1), at(j)]
+                c += M[at(i + 2), at(j)] * M[at(i + 2), at(j)]
+                d += M[at(i + 3), at(j)] * M[at(i + 3), at(j)]
+            squares = (a, b, c, d)
+            for k in range(4):
+                if squares[k] > most * _EQUAL:
+                    best, most = i + k, squares[k]
+            i += 4
+        else:
+            square = _square(M, i, start, columns)
+            if square > most * _EQUAL:
+                best, most = i, square
+            i += 1
     return best, np.sqrt(most)
+
+
+@_compiled
+def _remove_from(v, factor, B, first, last, start, columns):
+    """Take factor (v . row) v from each of some rows of B, from column `start` on."""
+    i = first
+    while i < last:
+        if i + 4 <= last:  # as above
+            a, b, c, d = 0.0, 0.0, 0.0, 0.0
+            for j in range(start, columns):
+                a += v[at(j)] * B[at(i), at(j)]
+                b += v[at(j)] * B[at(i + 1), at(j)]
+                c += v[at(j)] * B[at(i + 2), at(j)]
+                d += v[at(j)] * B[at(i + 3), at(j)]
+            a, b, c, d = a * factor, b * factor, c * factor, d * factor
+            for j in range(start, columns):
+                B[at(i), at(j)] -= a * v[at(j)]
+                B[at(i + 1), at(j)] -= b * v[at(j)]
+                B[at(i + 2), at(j)] -= c * v[at(j)]
+                B[at(i + 3), at(j)] -= d * v[at(j)]
+            i += 4
+        else:
+            dot = 0.0
+            for j in range(start, columns):
+                dot += v[at(j)] * B[at(i), at(j)]
+            dot *= factor
+            for j in range(start, columns):
+                B[at(i), at(j)] -= dot * v[at(j)]
+            i += 1
 
 
 @_compiled
@@ -104,13 +147,7 @@ def _reduce_rows(B, first, last, rows, column, columns, beta, V, order, threshol
         V[at(rank), at(c)] -= diagonal
         B[at(t), at(c)] = diagonal
         beta[at(rank)] = 1.0 / (norm * abs(V[at(rank), at(c)]))
-        for i in range(t + 1, rows):
-            dot = 0.0
-            for j in range(c, columns):
-                dot += V[at(rank), at(j)] * B[at(i), at(j)]
-            dot *= beta[at(rank)]
-            for j in range(c, columns):
-                B[at(i), at(j)] -= dot * V[at(rank), at(j)]
+        _remove_from(V[rank], beta[at(rank)], B, t + 1, rows, c, columns)
         rank += 1
     return rank, gap
 
@@ -168,16 +205,6 @@ def _least_squares(B, first, rows, column, q, r):
 
 
 @_compiled
-def _remove(Q, t, M, i, n):
-    """Take the part along the unit row t of Q from row i of M."""
-    dot = 0.0
-    for j in range(n):
-        dot += Q[at(t), at(j)] * M[at(i), at(j)]
-    for j in range(n):
-        M[at(i), at(j)] -= dot * Q[at(t), at(j)]
-
-
-@_compiled
 def _orthonormal(Q, kept, A, first, last, held, threshold, M):
     """Orthonormal rows that span those of Q and a level's on what is not held; their number."""
     n, rows = Q.shape[1], kept + last - first
@@ -195,13 +222,12 @@ def _orthonormal(Q, kept, A, first, last, held, threshold, M):
             for j in range(n):
                 M[at(start), at(j)], M[at(best), at(j)] = M[at(best), at(j)], M[at(start), at(j)]
             for t in range(rank):  # once more, against cancellation
-                _remove(Q, t, M, start, n)
+                _remove_from(Q[t], 1.0, M, start, start + 1, 0, n)
             norm = np.sqrt(_square(M, start, 0, n))
             if norm > least:
                 for j in range(n):
                     Q[at(rank), at(j)] = M[at(start), at(j)] / norm
-                for i in range(start + 1, rows):
-                    _remove(Q, rank, M, i, n)
+                _remove_from(Q[rank], 1.0, M, start + 1, rows, 0, n)
                 rank += 1
             start += 1
         start = end

@@ -26,3 +26,27 @@ def bounded() -> Any:
     from prioritized._solver import bounded as _bounded
 
     return _bounded
+
+
+@cache
+def certain() -> Any:
+    """Bounds of singular values."""
+    from prioritized._solver import certain as _certain
+
+    return _certain
+
+
+@cache
+def boxes() -> Any:
+    """Rates from which limits can be kept."""
+    from prioritized._solver import boxes as _boxes
+
+    return _boxes
+
+
+@cache
+def regular() -> Any:
+    """All levels of a regular mechanism."""
+    from prioritized._solver import regular as _regular
+
+    return _regular

@@ -1,5 +1,6 @@
 """Limits of rates, torques, or any unknowns: a lower and an upper one for each."""
 
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -23,12 +24,17 @@ def limits(name: str, value: tuple[ArrayLike, ArrayLike] | None, n: int) -> Limi
         ValueError: Not a pair, a wrong length, NaN, or a lower limit above the upper one.
     """
     if value is None:
-        value = (-np.inf, np.inf)
+        return _none(n)
     if isinstance(value, tuple) and len(value) == 2:
         both = plain_limits(*value, n)  # the common case
         if both is not None:
             return both[0], both[1]
     return check.limit_vectors(name, value, n)
+
+
+@lru_cache
+def _none(n: int) -> Limits:
+    return read_only(np.full(n, -np.inf)), read_only(np.full(n, np.inf))
 
 
 def plain_limits(lower: Any, upper: Any, n: int) -> Array | None:

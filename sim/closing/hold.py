@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 import argument_checks as check
 from sim.array import Array
-from sim.closing.pin import Pin, pin_rows, pins_of
+from sim.closing.pin import Pin, located_pins, pin_rows, pins_of
 from sim.errors import ModelError
 from sim.mjcf.drive import Drive
 from sim.mjcf.frame import Body, frame_pose, rotation_vector
@@ -36,6 +36,10 @@ class Hold:
     pins: tuple[Pin, ...]
     poses: tuple[tuple[Array, Array], ...]
 
+    def binds(self, data: mujoco.MjData) -> bool:
+        """Whether there are loops to close, or what stays needs more than not to be moved."""
+        return bool(self.drives or self.pins or data.eq_active.any())
+
     def rows_and_gaps(self, model: mujoco.MjModel, data: mujoco.MjData) -> tuple[Array, Array]:
         """Slopes (p, nv) of how far these have moved, and how far, (p,), [m] or [rad]."""
         now = data.actuator_length[[drive.outputs[0] for drive in self.drives]]
@@ -45,7 +49,10 @@ class Hold:
             turned, shifted = frame_pose(data, pin.frame)
             change = np.concatenate([rotation_vector(turned @ rotation.T), shifted - position])
             gaps.append(change[pin.rows])
-        rows = [drive_rows(model, data, self.drives), pin_rows(model, data, self.pins)]
+        rows = [
+            drive_rows(model, data, self.drives),
+            pin_rows(model, data, located_pins(model, self.pins)),
+        ]
         return np.vstack(rows), np.concatenate(gaps)
 
     def moved(self, model: mujoco.MjModel, data: mujoco.MjData, motion: Array) -> "Hold":

@@ -38,13 +38,15 @@ def close(model: mujoco.MjModel, data: mujoco.MjData, fixed: Hold, accuracy: flo
         ClosureError: What does not close.
     """
     for _ in range(_MOST_STEPS):
-        gap, equality = _largest_gap(model, data, fixed)
+        gap, equality = largest_gap(model, data, fixed)
         if gap < CLOSED:
             return
         rows, gaps = _linearized(model, data, fixed)
         closing = _closing(model, rows[:, fixed.free], accuracy)
         closable = closing @ gaps
-        if np.abs(closable).max(initial=0.0) < CLOSED:
+        rest = gaps - closing.T @ closable
+        # Both in the units of the rows: a gap that motion can close is closed, however small.
+        if np.abs(gaps - rest).max(initial=0.0) < CLOSED <= np.abs(rest).max(initial=0.0):
             inexact = written_accuracy(model) if accuracy is None else accuracy
             if gap < _MARGIN * inexact * np.linalg.norm(rows):
                 return
@@ -52,8 +54,33 @@ def close(model: mujoco.MjModel, data: mujoco.MjData, fixed: Hold, accuracy: flo
         step = _least_change(mass_of(model, data), closing @ rows, -closable, fixed.free)
         if not _come_nearer(model, data, fixed, step, closing):
             break
-    gap, equality = _largest_gap(model, data, fixed)
+    gap, equality = largest_gap(model, data, fixed)
     raise ClosureError(equality, gap, "no pose nearby closes it: hold or pin less, or begin nearer")
+
+
+def lacking(
+    model: mujoco.MjModel, data: mujoco.MjData, goal: Hold, motion: Array, accuracy: float | None
+) -> tuple[Array, float]:
+    """What a motion from here lacks to keep the loops closed, to first order.
+
+    Args:
+        model: The model.
+        data: Its state, derived quantities up to date.
+        goal: What is held and pinned after the motion.
+        motion: A displacement of all joints, shape (nv,).
+        accuracy: As of :func:`close`.
+
+    Returns:
+        The least change (nv,) that closes them; and what no motion closes, as a part of the most
+        that a motion of this length may open.
+    """
+    rows, gaps = _linearized(model, data, goal)
+    gaps = gaps + rows @ motion
+    closing = _closing(model, rows[:, goal.free], accuracy)
+    closable = closing @ gaps
+    change = _least_change(mass_of(model, data), closing @ rows, -closable, goal.free)
+    rest = np.linalg.norm(gaps - closing.T @ closable)
+    return change, float(rest / (np.linalg.norm(rows) * np.linalg.norm(motion)))
 
 
 def _closing(model: mujoco.MjModel, rows: Array, accuracy: float | None) -> Array:
@@ -66,7 +93,7 @@ def _closing(model: mujoco.MjModel, rows: Array, accuracy: float | None) -> Arra
     return U[:, sigma > max(_REDUNDANT, _MARGIN * accuracy) * size].T
 
 
-def _largest_gap(model: mujoco.MjModel, data: mujoco.MjData, fixed: Hold) -> tuple[float, str]:
+def largest_gap(model: mujoco.MjModel, data: mujoco.MjData, fixed: Hold) -> tuple[float, str]:
     """Of closures and of what is held: how large, and whose, in words."""
     of_closures, equality = active_closures(model, data).largest_gap(data)
     of_held = np.abs(fixed.rows_and_gaps(model, data)[1])

@@ -2,13 +2,14 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
 
 import argument_checks as check
 from sim.array import Array
-from sim.mjcf.frame import Body, frame_jacobian, located
+from sim.mjcf.frame import Body, Located, located
 
 
 @dataclass(frozen=True)
@@ -43,12 +44,27 @@ def pins_of(model: mujoco.MjModel, pinned: Iterable[str | Body | Pin]) -> tuple[
     """
     given = check.members("pinned", pinned, str, Body, Pin)
     pins = tuple(pin if isinstance(pin, Pin) else Pin(pin) for pin in given)
-    for pin in pins:
-        located(model, "pinned", pin.frame)
+    located_pins(model, pins)  # raises where one does not exist
     return pins
 
 
-def pin_rows(model: mujoco.MjModel, data: mujoco.MjData, pins: tuple[Pin, ...]) -> Array:
+class LocatedPin(NamedTuple):
+    """A pin by the number of its frame, and which rows of its twist are zero."""
+
+    frame: Located
+    rows: slice
+
+
+def located_pins(model: mujoco.MjModel, pins: Iterable[Pin]) -> tuple[LocatedPin, ...]:
+    """The pins, looked up by their names.
+
+    Raises:
+        ModelError: A frame that does not exist.
+    """
+    return tuple(LocatedPin(located(model, "pinned", pin.frame), pin.rows) for pin in pins)
+
+
+def pin_rows(model: mujoco.MjModel, data: mujoco.MjData, pins: Iterable[LocatedPin]) -> Array:
     """Velocities that pins forbid, shape (p, nv)."""
-    rows = [frame_jacobian(model, data, pin.frame)[pin.rows] for pin in pins]
+    rows = [frame.jacobian(model, data)[forbidden] for frame, forbidden in pins]
     return np.vstack([np.zeros((0, model.nv)), *rows])

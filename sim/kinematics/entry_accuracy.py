@@ -175,15 +175,10 @@ def frames_of(
     model: mujoco.MjModel,
     closures: Closures,
     pins: Iterable[Pin],
-    tasks: Iterable[tuple[Located | None, Located | None]],
+    of_tasks: Iterable[Located],
 ) -> tuple[Located, ...]:
-    """What tasks, closures and pins read; a centre of mass reads the origin of every body."""
-    frames: list[Located] = [located(model, "pinned", pin.frame) for pin in pins]
-    for frame, root in tasks:
-        if frame is None:
-            frames += [Located(body, body, is_site=False) for body in range(1, model.nbody)]
-        else:
-            frames += [frame] if root is None else [frame, root]
+    """What tasks, closures and pins read."""
+    frames = [*(located(model, "pinned", pin.frame) for pin in pins), *of_tasks]
     for k in dict.fromkeys(closures.equality.tolist()):
         if model.eq_type[k] in (_CONNECT, _WELD):
             for end in (int(model.eq_obj1id[k]), int(model.eq_obj2id[k])):

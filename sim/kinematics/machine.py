@@ -17,13 +17,11 @@ from sim.mjcf.dynamics import is_slack, joint_stiffness
 from sim.mjcf.frame import located
 from sim.mjcf.limits import at_limits, stuck_names, tendon_row, touching
 from sim.mjcf.model import name_of
-from sim.mjcf.ranges import Ranges, joint_positions, ranges
 from sim.mjcf.transmission import drives, extra_drives, is_disabled
 
 _OF_JOINT = int(mujoco.mjtWrap.mjWRAP_JOINT)
 _UNLOADED_M = 1e-9
 _MOST_NAMED = 3
-_OF_ANY_POSE = "drives", "names", "written_accuracy", "_ranges"
 
 
 class Names(NamedTuple):
@@ -32,11 +30,43 @@ class Names(NamedTuple):
     Attributes:
         velocities: The joint, tendon or actuator of each of the N velocities; those of a ball or
             free joint share one, and a joint without a name has "".
-        actuators: Those that drive each active velocity.
+        actuators: Those that drive each active velocity; none for a variable without one.
     """
 
     velocities: tuple[str, ...]
     actuators: tuple[tuple[str, ...], ...]
+
+
+@dataclass(frozen=True, eq=False)
+class OfAnyPose:
+    """What of a :class:`Machine` no pose changes; read from the model when first asked for.
+
+    Attributes:
+        model: The model.
+        variables: As of the machine.
+    """
+
+    model: mujoco.MjModel
+    variables: int
+
+    @cached_property
+    def drives(self) -> tuple[Drive, ...]:
+        """See :class:`Machine`."""
+        return drives(self.model)
+
+    @cached_property
+    def names(self) -> Names:
+        """See :class:`Machine`."""
+        joints = [self.model.joint(k).name for k in self.model.dof_jntid]
+        return Names(
+            velocities=(*joints, *(drive.name for drive in extra_drives(self.drives))),
+            actuators=(*(drive.actuators for drive in self.drives), *((),) * self.variables),
+        )
+
+    @cached_property
+    def written_accuracy(self) -> float:
+        """See :class:`Machine`."""
+        return written_accuracy(self.model)
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +79,7 @@ class Machine:
         mocap: Positions and quaternions of bodies that are moved from outside.
         pinned: Frames that stay.
         stuck: Which joints on their limits count as stuck: none, all, or those of these names.
+        variables: How many active velocities have no actuator; they follow those that have.
     """
 
     model: mujoco.MjModel
@@ -56,6 +87,7 @@ class Machine:
     mocap: tuple[Array, Array]
     pinned: tuple[Pin, ...]
     stuck: bool | tuple[str, ...]
+    variables: int = 0
 
     def __post_init__(self) -> None:
         """Check the arguments, and keep read-only copies."""
@@ -69,35 +101,27 @@ class Machine:
         object.__setattr__(self, "mocap", tuple(map(check.frozen, own)))
         object.__setattr__(self, "pinned", pins_of(model, self.pinned))
         object.__setattr__(self, "stuck", stuck_names("stuck", self.stuck))
+        check.index("variables", self.variables, model.nv + 1)
 
-    @cached_property
+    @property
     def drives(self) -> tuple[Drive, ...]:
         """What each active velocity is and what drives it, in actuator order."""
-        return drives(self.model)
+        return self.of_any_pose.drives
 
-    @cached_property
+    @property
     def names(self) -> Names:
         """Names of the velocities and of the actuators."""
-        joints = [self.model.joint(k).name for k in self.model.dof_jntid]
-        return Names(
-            velocities=(*joints, *(drive.name for drive in extra_drives(self.drives))),
-            actuators=tuple(drive.actuators for drive in self.drives),
-        )
+        return self.of_any_pose.names
 
-    @cached_property
+    @property
     def written_accuracy(self) -> float:
         """Rounding of the model's numbers, in rad or relative length."""
-        return written_accuracy(self.model)
+        return self.of_any_pose.written_accuracy
 
     @cached_property
-    def _ranges(self) -> Ranges:
-        return ranges(self.model)
-
-    def as_at(self, other: "Machine") -> "Machine":
-        """Take what no pose changes from the same machine at another pose."""
-        known = vars(other)
-        vars(self).update({name: known[name] for name in _OF_ANY_POSE if name in known})
-        return self
+    def of_any_pose(self) -> OfAnyPose:
+        """What no pose changes, which the machines of one reader share."""
+        return OfAnyPose(self.model, self.variables)
 
     @cached_property
     def stiffness(self) -> Array | None:
@@ -123,29 +147,19 @@ class Machine:
         return check.read_only(K)
 
     @cached_property
-    def room(self) -> Array:
-        """How far each velocity's joint or tendon may still move down and up, shape (N, 2).
-
-        [m] or [rad], the first not above zero within the range; infinite without a limit. Divided
-        by a time step, limits of the rates.
-        """
-        limits, at = self._ranges, joint_positions(self.model, self.qpos)
-        extra = np.tile([-np.inf, np.inf], (len(extra_drives(self.drives)), 1))
-        for row, drive in zip(extra, extra_drives(self.drives), strict=True):
-            if drive.tendon is not None:
-                row[:] = limits.tendon[drive.tendon] - self._data.ten_length[drive.tendon]
-        return check.read_only(np.vstack([limits.joint - at[:, None], extra]))
-
-    @cached_property
     def force_range(self) -> Array:
-        """Least and most force along each active velocity, shape (n, 2), [N] or [N m]."""
-        of_each = np.array([drive.force_range for drive in self.drives])
-        return check.read_only(of_each.reshape(-1, 2))
+        """Least and most force along each active velocity, shape (n, 2), [N] or [N m].
+
+        Zero where no actuator is.
+        """
+        of_each = [drive.force_range for drive in self.drives] + [(0.0, 0.0)] * self.variables
+        return check.read_only(np.array(of_each).reshape(-1, 2))
 
     @cached_property
     def one_sided(self) -> Array:
         """Of each active velocity 1 or -1 if it is only pushed so, 0 if both ways, shape (n,)."""
-        return check.read_only(np.array([drive.one_sided for drive in self.drives], dtype=int))
+        of_each = [drive.one_sided for drive in self.drives] + [0] * self.variables
+        return check.read_only(np.array(of_each, dtype=int))
 
     @cached_property
     def warnings(self) -> tuple[str, ...]:

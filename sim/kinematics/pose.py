@@ -5,13 +5,17 @@ from functools import cache
 from typing import Any, TypeVar
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import RigidTransform, Rotation
 
 import argument_checks as check
 from sim.array import Array, lock
+from sim.kinematics.rigid import adjoint, homogeneous, rigid_motion, rotation_of
 from sim.mjcf.frame import one_half_turn
 
 _Kind = TypeVar("_Kind")
+_CLEARLY_LESS_RAD = 3.14
+"""Than half a turn."""
 
 
 @dataclass(frozen=True)
@@ -61,6 +65,63 @@ class Pose:
         turn = one_half_turn(turn.reshape(*self.rotation.shape[:-2], 3))
         return np.concatenate([turn, self.translation_m], axis=-1)
 
+    @classmethod
+    def from_matrix(cls, T: ArrayLike) -> "Pose":
+        """The pose of homogeneous matrices (..., 4, 4).
+
+        Raises:
+            ValueError: Another shape, a last row that is not 0 0 0 1, or no rotation matrix.
+        """
+        return cls(*rigid_motion("T", T))
+
+    @classmethod
+    def from_quaternion(cls, translation_m: ArrayLike, quat_wxyz: ArrayLike) -> "Pose":
+        """The pose of translations (..., 3) and quaternions (..., 4), of any length but zero.
+
+        Raises:
+            ValueError: Another shape, numbers that are not finite, or a quaternion of zeros.
+        """
+        return cls(rotation_of("quat_wxyz", quat_wxyz), check.real("translation_m", translation_m))
+
+    def matrix(self) -> Array:
+        """Homogeneous matrices, shape (..., 4, 4)."""
+        return homogeneous(self.rotation, self.translation_m, self.lead)
+
+    def quat_wxyz(self) -> Array:
+        """Unit quaternions, the real part first and not negative, shape (..., 4)."""
+        quat_wxyz = self._batch(self.lead).rotation.as_quat(canonical=True, scalar_first=True)
+        return quat_wxyz.reshape(*self.lead, 4)
+
+    def transform(self) -> RigidTransform:
+        """The same in scipy, whose logarithm [rotation vector; V^-1 translation] is as_exp_coords.
+
+        Before scipy 1.17 a batch has one leading axis there.
+        """
+        batch = self._batch(self.lead)
+        return batch if len(self.lead) == 1 else RigidTransform.from_matrix(self.matrix())
+
+    def inverse(self) -> "Pose":
+        """The outer frame as seen from this one."""
+        return _of_batch(self._batch(self.lead).inv(), self.lead)
+
+    def __matmul__(self, other: "Pose") -> "Pose":
+        """A pose seen from this one, as seen from the outer frame; batch axes broadcast."""
+        check.instance("other", other, Pose)
+        lead = check.common_axes({"the pose": self.lead, "other": other.lead})
+        return _of_batch(self._batch(lead) * other._batch(lead), lead)
+
+    def adjoint(self) -> Array:
+        """Takes twists [angular; linear] seen from this frame to the one that it is seen from.
+
+        Shape (..., 6, 6). Of T = `matrix()`: T exp(twist) T^-1 is exp(adjoint @ twist).
+        """
+        return adjoint(self.rotation, self.translation_m, self.lead)
+
+    def _batch(self, lead: tuple[int, ...]) -> RigidTransform:
+        """Broadcast to batch axes and then as one batch."""
+        rotation = Rotation.from_matrix(flat(self.rotation, 2, lead))
+        return RigidTransform.from_components(flat(self.translation_m, 1, lead), rotation)
+
     @property
     def lead(self) -> tuple[int, ...]:
         """Batch axes of rotation and translation together."""
@@ -68,6 +129,27 @@ class Pose:
         if axes == others:
             return axes
         return check.common_axes({"rotation": axes, "translation_m": others})
+
+
+def _of_batch(batch: RigidTransform, lead: tuple[int, ...]) -> Pose:
+    rotation, translation_m = batch.rotation.as_matrix(), batch.translation
+    return computed(
+        Pose,
+        rotation=rotation.reshape(*lead, 3, 3),
+        translation_m=translation_m.reshape(*lead, 3),
+    )
+
+
+def way_between(rotation: Array, position_m: Array, to_rotation: Array, to_m: Array) -> Array:
+    """[rotation vector; translation] (6,) from one pose to another, in the axes of both.
+
+    The vector is that of :func:`rotation_vector`, at every tick.
+    """
+    way = np.empty(6)
+    angle = compiled().way(rotation, position_m, to_rotation, to_m, way)
+    if angle > _CLEARLY_LESS_RAD:
+        way[:3] = one_half_turn(way[:3])
+    return way
 
 
 @cache
@@ -88,9 +170,15 @@ def flat(A: Array, own: int, lead: tuple[int, ...]) -> Array:
 
 def computed(kind: type[_Kind], **fields: Any) -> _Kind:
     """A frozen record of new arrays that come from checked ones, at every tick: locked alone."""
+    record = made(kind, **fields)
+    lock(record)
+    return record
+
+
+def made(kind: type[_Kind], **fields: Any) -> _Kind:
+    """The same of arrays that are locked already."""
     record = object.__new__(kind)
     record.__dict__.update(fields)
-    lock(record)
     return record
 
 

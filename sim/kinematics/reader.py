@@ -3,6 +3,7 @@
 import copy
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -10,14 +11,14 @@ import numpy as np
 import argument_checks as check
 from sim.array import Array
 from sim.closing.equalities import active_closures, equality_name
-from sim.closing.pin import Pin, pin_rows, pins_of
+from sim.closing.pin import Pin, located_pins, pin_rows, pins_of
 from sim.errors import ClosureError, ModelError
 from sim.kinematics.entry_accuracy import EntryAccuracy, Natural, frames_of
 from sim.kinematics.jacobian import Jacobians
-from sim.kinematics.machine import Machine
-from sim.kinematics.pose import computed
-from sim.kinematics.structure import Structure, bring_up_to_date, structure, unmoved
-from sim.kinematics.task import Task, located_axes, located_task, task_list
+from sim.kinematics.machine import Machine, OfAnyPose
+from sim.kinematics.pose import made
+from sim.kinematics.structure import Structure, bring_up_to_date, structure, unmoved, variables_of
+from sim.kinematics.task import HasRows, LocatedRows, Task, located_axes, located_task, task_list
 from sim.mjcf.frame import Body
 from sim.mjcf.limits import stuck_names, stuck_rows
 from sim.mjcf.model import check_state
@@ -36,6 +37,7 @@ def jacobians(
     pinned: Iterable[str | Body | Pin] = (),
     stuck_at_limits: bool | Iterable[str] = False,
     closure_tolerance: float = CLOSURE_TOLERANCE,
+    active: bool | Iterable[str | int] = (),
 ) -> Jacobians:
     """Jacobians at the present `data.qpos`; for one pose after another: :class:`JacobianReader`.
 
@@ -57,12 +59,15 @@ def jacobians(
             in both directions: none, all (True), or those of these names.
         closure_tolerance: Largest gap of a closure, [m] or [rad]. Up to 1 mm a gap changes the
             Jacobians by no more than its own size; infinity takes any.
+        active: Velocities that are variables though they have no actuator, as those of the base of
+            a robot that walks: names of joints, which mean all their velocities, or velocity
+            indices; True is every one without an actuator. They follow the others in `active`.
 
     Raises:
         ClosureError: A closure is open farther than the tolerance.
-        ModelError: A name that does not exist; a model without enabled actuators; a task that no
-            actuator moves; an actuator or an active equality that is no velocity; closures that
-            the model's flags switch off, or that sleep.
+        ModelError: A name that does not exist; a model in which nothing is active; a task that
+            nothing active moves; an actuator or an active equality that is no velocity; a variable
+            that has an actuator; closures that the model's flags switch off, or that sleep.
         ValueError: `data.qpos` is not finite, or `data` of another model.
         TypeError: An argument is of another kind.
     """
@@ -74,6 +79,7 @@ def jacobians(
         pinned=pinned,
         stuck_at_limits=stuck_at_limits,
         closure_tolerance=closure_tolerance,
+        active=active,
     ).at(data)
 
 
@@ -95,21 +101,24 @@ class JacobianReader:
         pinned: Iterable[str | Body | Pin] = (),
         stuck_at_limits: bool | Iterable[str] = False,
         closure_tolerance: float = CLOSURE_TOLERANCE,
+        active: bool | Iterable[str | int] = (),
     ) -> None:
         """Look up the names; arguments and errors are those of :func:`jacobians`."""
         self._model = check.instance("model", model, mujoco.MjModel)
         tasks = task_list(model, site)
         self._tasks = [(task, located_task(model, task)) for task in tasks]
+        self._rows = _rows_of(self._tasks)
+        self._in_own_axes = {task for task in tasks if isinstance(task, HasRows)}
         self._pins = pins_of(model, pinned)
+        self._located_pins = located_pins(model, self._pins)
         self._stuck = stuck_names("stuck_at_limits", stuck_at_limits)
         unlimited = isinstance(closure_tolerance, float) and closure_tolerance == np.inf
         self._tolerance = closure_tolerance
         if not unlimited:
             self._tolerance = check.number("closure_tolerance", closure_tolerance)
+        self._variables = variables_of(model, active)
         self._axes = None if axes is None else located_axes(model, axes)
-        self._structures: dict[tuple[object, ...], Structure] = {}
-        self._naturals: dict[tuple[object, ...], Natural] = {}
-        self._machines: dict[tuple[object, ...], Machine] = {}
+        self._known: dict[tuple[object, ...], _Known] = {}
 
     def at(self, data: mujoco.MjData) -> Jacobians:
         """The Jacobians at the present `data.qpos`, as :func:`jacobians` returns them.
@@ -123,53 +132,66 @@ class JacobianReader:
         model = self._model
         check_state(model, data)
         bring_up_to_date(model, data)
-        opt, equalities = model.opt, data.efc_id[: data.ne].tobytes() if model.neq else b""
-        key = data.eq_active.tobytes(), equalities, opt.disableactuator, opt.disableflags
-        known = self._structures.get(key)
-        closed = active_closures(model, data) if known is None else known.closures
+        opt, closures = model.opt, b""
+        if model.neq:
+            closures = data.eq_active.tobytes() + data.efc_id[: data.ne].tobytes()
+        key = closures, opt.disableactuator, opt.disableflags
+        known = self._known.get(key)
+        closed = active_closures(model, data) if known is None else known.structure.closures
         residual, worst = closed.largest_gap(data)
         if residual > self._tolerance:
             name = equality_name(model, worst)
             raise ClosureError(name, residual, "call sim.assemble(model, data)")
-        now = structure(model, closed) if known is None else known
-        J_T, rows = self._task_rows(data, len(now.extra))
+        now = structure(model, closed, self._variables) if known is None else known.structure
+        J_T = self._task_rows(data, len(now.extra))
         J_C = self._forbidden(data, now)
         if not check.is_moderate(J_C):
             raise ModelError("an equality or a transmission of the model is not finite")
         if known is None:
-            if resting := [t for t, own in rows.items() if unmoved(J_T[own], J_C, now.active)]:
-                raise ModelError(
-                    f"no actuator moves {check.shown(resting[0])}: name another task, or what its "
-                    "mechanism stands on in pinned="
-                )
-            self._structures[key], self._naturals[key] = now, self._natural(now, rows)
-        accuracy = computed(
-            EntryAccuracy,
-            natural=self._naturals[key],
-            residual=residual,
-            jacobians=(J_T, J_C),
-            reader=partial(self._read_anew, data.qpos.copy(), _outside(data)),
-        )
-        return computed(
+            self._refuse_unmoved(J_T, J_C, now)
+            of_any_pose = OfAnyPose(model, now.variables)
+            known = self._known[key] = _Known(now, self._natural(now), of_any_pose)
+        qpos, outside = check.read_only(data.qpos.copy()), _outside(model, data)
+        return made(
             Jacobians,
-            J_T=J_T,
-            J_C=J_C,
+            J_T=check.read_only(J_T),
+            J_C=check.read_only(J_C),
             active=now.active,
             gear=now.gear,
-            rows=rows,
+            rows=self._rows.copy(),
             closure_residual=residual,
-            machine=self._machine(data, key),
-            accuracy=accuracy,
+            machine=made(
+                Machine,
+                model=model,
+                qpos=qpos,
+                mocap=outside[1:],
+                pinned=self._pins,
+                stuck=self._stuck,
+                variables=now.variables,
+                of_any_pose=known.of_any_pose,
+            ),
+            accuracy=made(
+                EntryAccuracy,
+                natural=known.natural,
+                residual=residual,
+                jacobians=(J_T, J_C),
+                reader=partial(self._read_anew, qpos, outside),
+            ),
         )
 
-    def _natural(self, now: Structure, rows: dict[Task, slice]) -> Natural:
-        tasks = [(located.frame, located.root) for _, located in self._tasks]
-        is_angular = [
-            np.arange(own.stop - own.start) < (own.stop - own.start) - 3 for own in rows.values()
-        ]
-        frames = frames_of(self._model, now.closures, self._pins, tasks)
+    def _refuse_unmoved(self, J_T: Array, J_C: Array, now: Structure) -> None:
+        if resting := [t for t, own in self._rows.items() if unmoved(J_T[own], J_C, now.active)]:
+            raise ModelError(
+                f"no actuator moves {check.shown(resting[0])}: name another task, what its "
+                "mechanism stands on in pinned=, or joints that are variables in active="
+            )
+
+    def _natural(self, now: Structure) -> Natural:
+        frames = [frame for _, located in self._tasks for frame in located.frames]
+        angular = [each for _, located in self._tasks for each in located.angular]
+        read = frames_of(self._model, now.closures, self._pins, frames)
         return Natural(
-            self._model, frames, now.closures, now.extra, self._pins, np.concatenate(is_angular)
+            self._model, read, now.closures, now.extra, self._pins, np.array(angular, dtype=bool)
         )
 
     def _read_anew(
@@ -187,18 +209,21 @@ class JacobianReader:
 
         return read
 
-    def _task_rows(self, data: mujoco.MjData, extra: int) -> tuple[Array, dict[Task, slice]]:
-        parts, rows, start = [], {}, 0
-        for task, located in self._tasks:
-            velocity = located.jacobian(self._model, data)
-            if self._axes is not None:
-                blocks = velocity.reshape(-1, 3, velocity.shape[1])
-                velocity = (self._axes.rotation(data).T @ blocks).reshape(velocity.shape)
-            parts.append(velocity)
-            rows[task] = slice(start, start + len(velocity))
-            start += len(velocity)
-        J_T = parts[0] if len(parts) == 1 else np.vstack(parts)
-        return np.hstack([J_T, np.zeros((start, extra))]) if extra else J_T, rows
+    def _task_rows(self, data: mujoco.MjData, extra: int) -> Array:
+        """J_T, shape (m, nv + extra)."""
+        parts = [self._task(task, located, data) for task, located in self._tasks]
+        if len(parts) == 1 and not extra:
+            return parts[0]
+        J_T = np.concatenate(parts)
+        return np.hstack([J_T, np.zeros((len(J_T), extra))]) if extra else J_T
+
+    def _task(self, task: Task, located: LocatedRows, data: mujoco.MjData) -> Array:
+        """Rows of one task per qvel, shape (k, nv)."""
+        rows = located.jacobian(self._model, data)
+        if self._axes is None or task in self._in_own_axes:
+            return rows
+        blocks = rows.reshape(-1, 3, self._model.nv)
+        return (self._axes.rotation(data).T @ blocks).reshape(rows.shape)
 
     def _forbidden(self, data: mujoco.MjData, now: Structure) -> Array:
         """Rows of closures, transmissions, pins and limits.
@@ -211,7 +236,7 @@ class JacobianReader:
             return closed
         blocks = [closed]
         if self._pins:
-            blocks.append(pin_rows(model, data, self._pins))
+            blocks.append(pin_rows(model, data, self._located_pins))
         if self._stuck:
             blocks.append(stuck_rows(model, data, self._stuck))
         if not E:
@@ -221,25 +246,30 @@ class JacobianReader:
         driven = np.hstack([drive_rows(model, data, now.extra), -np.eye(E)])
         return np.vstack([wide[0], driven, *wide[1:]])
 
-    def _machine(self, data: mujoco.MjData, key: tuple[object, ...]) -> Machine:
-        model, mocap = self._model, _NO_MOCAP
-        if model.nmocap:
-            mocap = data.mocap_pos.copy(), data.mocap_quat.copy()
-        machine = computed(
-            Machine,
-            model=model,
-            qpos=data.qpos.copy(),
-            mocap=mocap,
-            pinned=self._pins,
-            stuck=self._stuck,
-        )
-        self._machines[key] = machine.as_at(self._machines.get(key, machine))
-        return machine
+
+class _Known(NamedTuple):
+    """What a reader has found of one set of equalities and actuators."""
+
+    structure: Structure
+    natural: Natural
+    of_any_pose: OfAnyPose
 
 
-def _outside(data: mujoco.MjData) -> tuple[Array, ...]:
-    """What decides the Jacobians besides the model and the pose."""
-    return data.eq_active.copy(), data.mocap_pos.copy(), data.mocap_quat.copy()
+def _rows_of(tasks: Iterable[tuple[Task, LocatedRows]]) -> dict[Task, slice]:
+    """Which rows of J_T belong to which task."""
+    rows, start = {}, 0
+    for task, located in tasks:
+        rows[task] = slice(start, start := start + len(located.angular))
+    return rows
 
 
+def _outside(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[Array, Array, Array]:
+    """What decides the Jacobians besides model and pose: active equalities, mocap bodies."""
+    active = data.eq_active.copy() if model.neq else _NO_EQUALITY
+    if not model.nmocap:
+        return active, *_NO_MOCAP
+    return active, data.mocap_pos.copy(), data.mocap_quat.copy()
+
+
+_NO_EQUALITY = np.zeros(0, dtype=bool)
 _NO_MOCAP = np.zeros((0, 3)), np.zeros((0, 4))

@@ -1,5 +1,6 @@
 """What of the Jacobians no pose changes: closures, active velocities, what is connected."""
 
+from collections.abc import Iterable
 from itertools import count
 from typing import NamedTuple
 
@@ -7,10 +8,13 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+import argument_checks as check
 from sim.array import Array
 from sim.closing.equalities import Closures
+from sim.errors import ModelError
 from sim.mjcf.drive import Drive
-from sim.mjcf.transmission import extra_drives, required_drives, simple_velocities
+from sim.mjcf.model import element_id, name_of
+from sim.mjcf.transmission import drives, extra_drives, required_drives, simple_velocities
 
 
 class Structure(NamedTuple):
@@ -18,15 +22,18 @@ class Structure(NamedTuple):
 
     Attributes:
         closures: The active equalities.
-        active: Velocity index of each active velocity, shape (n,).
-        gear: Of the first actuator of each, shape (n,).
+        active: Velocity index of each active velocity, shape (n,): of those with actuators, then of
+            those that are variables without one.
+        gear: Of the first actuator of each, 1 where there is none, shape (n,).
         extra: Those drives that are no joint.
+        variables: How many have no actuator.
     """
 
     closures: Closures
     active: NDArray[np.intp]
     gear: Array
     extra: tuple[Drive, ...]
+    variables: int
 
 
 def bring_up_to_date(model: mujoco.MjModel, data: mujoco.MjData) -> None:
@@ -41,23 +48,58 @@ def bring_up_to_date(model: mujoco.MjModel, data: mujoco.MjData) -> None:
         mujoco.mj_makeConstraint(model, data)
 
 
-def structure(model: mujoco.MjModel, closed: Closures) -> Structure:
-    """The structure of a model with these closures.
+def variables_of(
+    model: mujoco.MjModel, active: bool | Iterable[str | int]
+) -> NDArray[np.intp] | None:
+    """Velocities that are to be variables without an actuator, ascending; None is all without one.
 
     Raises:
-        ModelError: A model without enabled actuators, or an actuator that is no velocity.
+        ModelError: A joint that does not exist, with the nearest that does.
+        ValueError: An index out of range.
+        TypeError: Something of another kind.
+    """
+    if isinstance(active, bool):
+        return None if active else np.zeros(0, dtype=np.intp)
+    found = set[int]()
+    for item in check.members("active", active, str, int, np.integer):
+        if isinstance(item, str):
+            joint = element_id(model, "joint", item)
+            found |= set(np.flatnonzero(model.dof_jntid == joint).tolist())
+        elif (velocity := check.index("active", item)) < model.nv:
+            found.add(velocity)
+        else:
+            raise ValueError(f"active must lie in 0..{model.nv - 1}, got {velocity}")
+    return np.array(sorted(found), dtype=np.intp)
+
+
+def structure(
+    model: mujoco.MjModel, closed: Closures, variables: NDArray[np.intp] | None
+) -> Structure:
+    """The structure of a model with these closures, and these variables without an actuator.
+
+    Raises:
+        ModelError: A model without enabled actuators and without variables; an actuator that is no
+            velocity; a variable that has an actuator.
     """
     active, gear, extra = simple_velocities(model), model.actuator_gear[:, 0].copy(), ()
     if active is None or not len(active):
-        of_model = required_drives(model)
+        needed = variables is not None and not len(variables)
+        of_model = required_drives(model) if needed else drives(model)
         extra = extra_drives(of_model)
         after, first = count(model.nv), model.jnt_dofadr
         numbers = [next(after) if d.joint is None else int(first[d.joint]) for d in of_model]
         active = np.array(numbers, dtype=np.intp)
         gear = np.array([drive.gear[0] for drive in of_model])
+    if variables is None:
+        variables = np.setdiff1d(np.arange(model.nv), active)
+    elif len(both := np.intersect1d(variables, active)):
+        joint = name_of(model.joint(int(model.dof_jntid[both[0]])))
+        raise ModelError(f'active must name joints without an actuator, got "{joint}"')
+    active = np.append(active, variables)
+    gear = np.append(gear, np.ones(len(variables)))
     for shared in (active, gear):
         shared.setflags(write=False)
-    return Structure(closed, active, gear, extra)
+    return Structure(closed, active, gear, extra, len(variables))
 
 
 def unmoved(J_T: Array, J_C: Array, active: NDArray[np.intp]) -> bool:

@@ -2,15 +2,15 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple, Protocol, TypeAlias, runtime_checkable
 
 import mujoco
 import numpy as np
-from numpy.typing import ArrayLike
 
 import argument_checks as check
 from sim.array import Array
 from sim.kinematics.pose import Pose
+from sim.kinematics.target import Target, target_pose
 from sim.mjcf.frame import Body, Located, frame_pose, located, rotation_vector
 from sim.mjcf.model import check_state, element_id
 
@@ -49,10 +49,40 @@ class Relative:
         check.instance("root", self.root, str, Body)
 
 
-_ROTATION_ERROR = 1e-6
+class LocatedRows(Protocol):
+    """Rows of J_T, once their names are looked up in a model.
 
-Task: TypeAlias = str | Body | CenterOfMass | Relative
-"""A site by name, the frame of a body, a centre of mass, or one frame relative to another."""
+    Attributes:
+        frames: Whose motion they are made of.
+        angular: Whether each row is an angular velocity, shape (k,); otherwise a linear one.
+    """
+
+    @property
+    def frames(self) -> tuple[Located, ...]:
+        """See above."""
+        ...
+
+    @property
+    def angular(self) -> tuple[bool, ...]:
+        """See above."""
+        ...
+
+    def jacobian(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
+        """The rows in world axes per qvel, shape (k, nv); `data` is up to date."""
+        ...
+
+
+@runtime_checkable
+class HasRows(Protocol):
+    """What has rows in any model, such as a :class:`sim.TaskFunction`."""
+
+    def on(self, model: mujoco.MjModel) -> LocatedRows:
+        """The rows in one model."""
+        ...
+
+
+Task: TypeAlias = str | Body | CenterOfMass | Relative | HasRows
+"""A site by name, the frame of a body, a centre of mass, one frame relative to another, or rows."""
 
 
 def task_list(model: mujoco.MjModel, site: Task | Sequence[Task]) -> list[Task]:
@@ -73,25 +103,29 @@ def task_list(model: mujoco.MjModel, site: Task | Sequence[Task]) -> list[Task]:
     return tasks
 
 
-class LocatedTask(NamedTuple):
-    """A task by its numbers.
+class LocatedFrame(NamedTuple):
+    """The twist of a frame, by its number.
 
     Attributes:
-        frame: The frame that moves; None of a centre of mass.
+        frame: The frame that moves.
         root: The frame that it is seen from; None is the world.
-        body: The body whose centre of mass it is, if it is one.
     """
 
-    frame: Located | None
+    frame: Located
     root: Located | None = None
-    body: int = 0
+
+    @property
+    def frames(self) -> tuple[Located, ...]:
+        """The one or both."""
+        return (self.frame,) if self.root is None else (self.frame, self.root)
+
+    @property
+    def angular(self) -> tuple[bool, ...]:
+        """The first three."""
+        return (True,) * 3 + (False,) * 3
 
     def jacobian(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
-        """Its velocity in world axes per qvel, shape (6, nv) or (3, nv)."""
-        if self.frame is None:
-            rows = np.zeros((3, model.nv))
-            mujoco.mj_jacSubtreeCom(model, data, rows, self.body)
-            return rows
+        """Its twist in world axes per qvel, shape (6, nv)."""
         rows = self.frame.jacobian(model, data)
         if self.root is not None:
             root = self.root.jacobian(model, data)
@@ -101,7 +135,30 @@ class LocatedTask(NamedTuple):
         return rows
 
 
-def located_task(model: mujoco.MjModel, task: Task) -> LocatedTask:
+class LocatedCenter(NamedTuple):
+    """The velocity of a centre of mass.
+
+    Attributes:
+        body: With all that it carries.
+        frames: Of all bodies: the centre may be anywhere among them.
+    """
+
+    body: int
+    frames: tuple[Located, ...]
+
+    @property
+    def angular(self) -> tuple[bool, ...]:
+        """None."""
+        return (False,) * 3
+
+    def jacobian(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
+        """Its velocity in world axes per qvel, shape (3, nv)."""
+        rows = np.zeros((3, model.nv))
+        mujoco.mj_jacSubtreeCom(model, data, rows, self.body)
+        return rows
+
+
+def located_task(model: mujoco.MjModel, task: Task) -> LocatedRows:
     """The task, looked up by its names.
 
     Raises:
@@ -109,10 +166,19 @@ def located_task(model: mujoco.MjModel, task: Task) -> LocatedTask:
         TypeError: A name that is none.
     """
     if isinstance(task, CenterOfMass):
-        return LocatedTask(None, body=_com_body(model, task))
+        return located_center(model, task)
     if isinstance(task, Relative):
-        return LocatedTask(located(model, "site", task.frame), located(model, "site", task.root))
-    return LocatedTask(located(model, "site", task))
+        return LocatedFrame(located(model, "site", task.frame), located(model, "site", task.root))
+    if isinstance(task, HasRows):
+        return task.on(model)
+    return LocatedFrame(located(model, "site", task))
+
+
+def located_center(model: mujoco.MjModel, task: CenterOfMass) -> LocatedCenter:
+    """The centre of mass, looked up by the name of its body."""
+    check.instance("model", model, mujoco.MjModel)
+    bodies = tuple(Located(body, body, is_site=False) for body in range(1, model.nbody))
+    return LocatedCenter(_com_body(model, task), bodies)
 
 
 def task_jacobian(model: mujoco.MjModel, data: mujoco.MjData, task: Task) -> Array:
@@ -136,6 +202,8 @@ def pose_of(
     """
     check_state(model, data)
     (task,) = task_list(model, [site])
+    if isinstance(task, HasRows):
+        raise TypeError(f"site must be a frame or a centre of mass, got {check.shown(task)}")
     mujoco.mj_kinematics(model, data)
     mujoco.mj_comPos(model, data)
     if isinstance(task, CenterOfMass):
@@ -157,7 +225,7 @@ def pose_error(
     model: mujoco.MjModel,
     data: mujoco.MjData,
     site: Task | Sequence[Task],
-    target: Pose | ArrayLike | Sequence[Pose | ArrayLike],
+    target: Target | Sequence[Target],
     axes: str | None = None,
 ) -> Array:
     """The displacement from where tasks are to their targets, in the rows of `jacobians`.
@@ -168,8 +236,9 @@ def pose_error(
         model: Any model.
         data: Its state; frames in it are brought up to date.
         site: The tasks, as for :func:`jacobians`.
-        target: A pose for each, as :func:`pose_of` gives it; or a position (3,), with the rotation
-            as it is.
+        target: For each a pose, as :func:`pose_of` gives it; or as a homogeneous matrix (4, 4), a
+            pair of a position (3,) and a quaternion (w, x, y, z), or a `RigidTransform` of scipy;
+            or a position (3,) alone, with the rotation as it is.
         axes: As for :func:`jacobians`; a site that does not move.
 
     Raises:
@@ -183,7 +252,9 @@ def pose_error(
     errors = []
     for task, goal in zip(tasks, targets, strict=True):
         here = pose_of(model, data, task, axes)
-        there = _target(goal, here)
+        there = target_pose("target", goal)
+        if not isinstance(there, Pose):
+            there = Pose(here.rotation, there)
         turn = rotation_vector(there.rotation @ here.rotation.T)
         shift = there.translation_m - here.translation_m
         if isinstance(task, Relative):
@@ -191,19 +262,6 @@ def pose_error(
             turn, shift = to_axes @ turn, to_axes @ shift
         errors.append(shift if isinstance(task, CenterOfMass) else np.concatenate([turn, shift]))
     return np.concatenate(errors)
-
-
-def _target(target: Pose | ArrayLike, here: Pose) -> Pose:
-    """A pose; that of a position has the rotation that is there."""
-    if not isinstance(target, Pose):
-        return Pose(here.rotation, check.exactly("target", target, 3))
-    R = check.exactly("target.rotation", target.rotation, 3, 3)
-    check.exactly("target.translation_m", target.translation_m, 3)
-    if np.abs(R @ R.T - np.eye(3)).max() > _ROTATION_ERROR or np.linalg.det(R) < 0.0:
-        raise ValueError(
-            f"target.rotation must be a rotation matrix, got {check.shown(R.tolist())}"
-        )
-    return target
 
 
 def to_axes_of(model: mujoco.MjModel, data: mujoco.MjData, axes: str | None) -> Array:

@@ -13,6 +13,8 @@ from sim.errors import ModelError
 from sim.mjcf.model import element_id
 
 _HALF_TURN = np.pi * (1 - ACCURACY)
+_CLEARLY_LESS = 9.8
+"""Square of an angle below half a turn."""
 
 
 @dataclass(frozen=True)
@@ -112,7 +114,7 @@ def frame_pose(data: mujoco.MjData, frame: str | Body) -> tuple[Array, Array]:
 def rotation_vector(rotation: Array) -> Array:
     """The vector (3,) of a rotation (3, 3), its angle within 0..pi."""
     quat_wxyz, vector = np.empty(4), np.empty(3)
-    mujoco.mju_mat2Quat(quat_wxyz, np.ascontiguousarray(rotation).reshape(9))
+    mujoco.mju_mat2Quat(quat_wxyz, rotation.ravel())
     mujoco.mju_quat2Vel(vector, quat_wxyz, 1.0)
     return one_half_turn(vector)
 
@@ -122,6 +124,8 @@ def one_half_turn(vector: Array) -> Array:
 
     Else the last bits of a rotation would decide.
     """
+    if vector.ndim == 1 and vector.dot(vector) < _CLEARLY_LESS:  # the common case, at every tick
+        return vector
     angle = np.linalg.norm(vector, axis=-1, keepdims=True)
     if angle.max(initial=0.0) < _HALF_TURN:
         return vector

@@ -91,7 +91,9 @@ def model_sha256(path: str | Path | None = None) -> str:
 
 
 def element_id(model: mujoco.MjModel, kind: str, name: str) -> int:
-    """Id of a named element; `kind` as in MJCF: "site", "joint", "body", "equality", "actuator".
+    """Id of a named element, of one of MJCF's kinds.
+
+    These are "site", "joint", "body", "geom", "equality" and "actuator".
 
     Raises:
         ModelError: There is none of that name; the message lists those there are, and repeats the
@@ -101,7 +103,7 @@ def element_id(model: mujoco.MjModel, kind: str, name: str) -> int:
     """
     check.instance("model", model, mujoco.MjModel)
     counts = {"site": "nsite", "joint": "njnt", "body": "nbody", "equality": "neq"}
-    counts |= {"actuator": "nactuator"}  # an orientation servo has three controls
+    counts |= {"geom": "ngeom", "actuator": "nactuator"}  # an orientation servo has three controls
     check.choice("kind", kind, counts)
     try:
         return getattr(model, kind)(check.instance("name", name, str)).id
@@ -138,12 +140,22 @@ def check_state(model: mujoco.MjModel, data: mujoco.MjData) -> None:
         ValueError: `data` is of a model of other size, or its `qpos` is not finite.
         TypeError: One of them is of another type.
     """
-    check.instance("model", model, mujoco.MjModel)
-    check.instance("data", data, mujoco.MjData)
-    if data.model is not model and _sizes(data.model) != _sizes(model):
-        raise ValueError("data must be of this model, got that of a model of other size")
+    check_size("data", model, data)
     if not (check.is_moderate(data.qpos) or np.isfinite(data.qpos).all()):  # the first is faster
         raise ValueError(f"data.qpos must be finite, got {check.shown(data.qpos.tolist())}")
+
+
+def check_size(argument: str, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    """The same of a state that need not be finite.
+
+    Raises:
+        ValueError, TypeError: As :func:`check_state`.
+    """
+    if not (isinstance(model, mujoco.MjModel) and isinstance(data, mujoco.MjData)):
+        check.instance("model", model, mujoco.MjModel)
+        check.instance(argument, data, mujoco.MjData)
+    if data.model is not model and _sizes(data.model) != _sizes(model):
+        raise ValueError(f"{argument} must be of this model, got that of a model of other size")
 
 
 def _sizes(model: mujoco.MjModel) -> list[int]:

@@ -20,6 +20,7 @@ BOX = (-0.1 * np.ones(3), np.ones(3))
 RECORDS = {
     "system": SYSTEM,
     "kinematics": KIN,
+    "postures": SYSTEM.postures(np.stack([SYSTEM.J_T, 2 * SYSTEM.J_T])),
     "manipulability": KIN.manipulability([0]),
     "atlas": failure_atlas(SYSTEM, [0]),
     "velocity": KIN.velocity_mapping([0], rate_limits=BOX).solve([1.0]),

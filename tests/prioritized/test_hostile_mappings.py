@@ -14,8 +14,10 @@ from prioritized import (
     ForceMapping,
     Kinematics,
     Names,
+    Postures,
     Status,
     Task,
+    Tick,
     VelocityMapping,
     canonical_basis,
     failure_atlas,
@@ -34,6 +36,8 @@ J_C = RNG.normal(size=(1, 5))
 SPRUNG = ConstrainedSystem(J_T, J_C, [0, 1, 2], stiffness=np.ones(5))
 SYSTEM = ConstrainedSystem(J_T, J_C, [0, 1, 2])
 KIN = SYSTEM.kinematics()
+MANY_J_T, MANY_J_C = RNG.normal(size=(2, 3, 5)), RNG.normal(size=(2, 1, 5))
+POSTURES = SYSTEM.postures(MANY_J_T, MANY_J_C)
 LOOSE = SYSTEM.with_failures(free=[1]).kinematics()
 
 
@@ -66,6 +70,12 @@ def mechanism(kin: Kinematics) -> dict[str, Any]:
     return arrays | {"findings": report.findings, "worst_gain": report.worst_gain}
 
 
+def reached(postures: Postures) -> dict[str, Any]:
+    """All numbers of a batch of postures."""
+    names = ("J", "active_constraint", "self_motion", "passive_gain")
+    return {name: getattr(postures, name) for name in names}
+
+
 def reach(a: Attainable) -> dict[str, Any]:
     """All numbers of an attainable set; infinite where a limit is, or none."""
     unlimited = {"radius_gap": a.radius, "support_gap": a.support(np.eye(len(a.gain)))}
@@ -86,8 +96,21 @@ def limited(mapping: VelocityMapping | ForceMapping, wanted: str) -> dict[str, A
 def answer(found: Any) -> dict[str, Any]:
     """All public numbers of a solution, and its status."""
     names = "x rates torques residual residuals scale gains active gap steps certificate status"
-    names += " secondary_force internal_force active_rows"
+    names += " secondary_force internal_force active_rows damping_errors"
     return {name: getattr(found, name) for name in names.split() if hasattr(found, name)}
+
+
+CLOSED = ConstrainedSystem(J_T, RNG.normal(size=(2, 5)), [0, 1, 2]).kinematics()
+STEADY = CLOSED.hierarchy([Task([0]), Task.joints()])
+
+
+def met(tick: Tick | None, **changes: Any) -> dict[str, Any]:
+    """What a tick answers; nothing where others decide."""
+    assert tick is not None
+    given = {"J_T": J_T, "J_C": CLOSED.system.J_C, "targets": np.ones(4)}
+    given |= {"velocity_limits": (-np.ones(5), np.ones(5))}
+    found = tick(**given | changes)
+    return {} if found is None else {"velocities": found}
 
 
 PROBLEM = {"J": J, "major": [0, 1], "secondary": [2], "secondary_weight": np.ones(1)}
@@ -167,6 +190,15 @@ TARGETS = {
     "ConstrainedSystem.with_failures": Target(
         lambda **a: mechanism(SPRUNG.with_failures(**a).kinematics()),
         {"locked": [0], "free": [1], "locked_passive": [4]},
+    ),
+    "ConstrainedSystem.postures": Target(
+        lambda **a: reached(SYSTEM.postures(**a)), {"J_T": MANY_J_T, "J_C": MANY_J_C}
+    ),
+    "Postures.passive_rates": Target(POSTURES.passive_rates, {"rates": np.ones((2, 3))}),
+    "Postures.velocities": Target(POSTURES.velocities, {"rates": np.ones((2, 3))}),
+    "Postures.velocity_mapping": Target(
+        lambda **a: rates(POSTURES.velocity_mapping(**a)),
+        {"major": [0, 1], "secondary": [2], "joint_weight": np.ones(3), "secondary_weight": [1.0]},
     ),
     "ConstrainedSystem.at": Target(
         lambda **a: mechanism(SYSTEM.at(**a).kinematics()), {"J_T": J_T, "J_C": J_C}
@@ -265,7 +297,11 @@ TARGETS = {
     ),
     "Task": Target(
         lambda **a: answer(KIN.hierarchy([Task(**a)]).solve([None])),
-        {"rows": J[:2, :3], "weight": np.ones(2), "interval": False},
+        {"rows": J[:2, :3], "weight": np.ones(2), "interval": False, "damping": 0.1},
+    ),
+    "Task.joints": Target(
+        lambda **a: answer(KIN.hierarchy([Task.joints(**a)]).solve([np.ones(3)])),
+        {"weight": np.ones(3), "damping": 0.1},
     ),
     "Kinematics.hierarchy": Target(
         lambda **a: answer(LOOSE.hierarchy(**a).solve([np.ones(1)])),
@@ -275,6 +311,17 @@ TARGETS = {
     "Hierarchy.solve": Target(
         lambda **a: answer(LEVELS.solve(**a)),
         {"targets": [np.ones(1), np.ones((2, 2))], "start": None},
+    ),
+    "Hierarchy.at": Target(
+        lambda **a: answer(LEVELS.at(**a).solve([np.ones(1), np.ones((2, 2))])),
+        {"kinematics": KIN, "rate_limits": RNG.random((2, 3)) - [[1], [0]]}
+        | {"rate_rows": (np.ones((1, 3)), -1.0, 1.0)},
+    ),
+    "Hierarchy.tick": Target(lambda **a: met(STEADY.tick(**a)), {"kinematics": CLOSED}),
+    "Tick.__call__": Target(
+        lambda **a: met(STEADY.tick(CLOSED), **a),
+        {"J_T": CLOSED.system.geometry.J_T, "J_C": CLOSED.system.J_C, "targets": np.ones(4)}
+        | {"velocity_limits": (-np.ones(5), np.ones(5)), "error_bound": 0.0},
     ),
     "Hierarchy.solve of any target": Target(
         lambda targets: answer(LEVELS.solve([targets, None])), {"targets": np.ones(1)}
@@ -314,11 +361,13 @@ TARGETS = {
 TRUSTED = {
     # what the library returns, and what Names hold is checked where they are used
     *("Attainable", "Classes", "FailureAtlas", "Failures", "ForceMapping", "ForceSolution"),
-    *("Hierarchy", "HierarchySolution", "Kinematics", "Manipulability", "Names", "RateBox"),
-    *("Solution", "VelocityMapping", "VelocitySolution"),
+    *("Hierarchy", "HierarchySolution", "Kinematics", "Manipulability", "Names"),
+    *("Postures", "RateBox"),
+    *("Solution", "Tick", "VelocityMapping", "VelocitySolution"),
     # what its parts ask of each other, of what was checked
     *(f"Kinematics.{name}" for name in ("cleaned", "gain_uncertainty", "gap_of", "holds")),
     *("Kinematics.in_order", "Kinematics.measure", "VelocityMapping.belonging_to"),
+    "Hierarchy.undamped",
     *("Failures.and_also", "Failures.in_words"),
 }
 

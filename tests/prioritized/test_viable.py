@@ -1,5 +1,6 @@
 """The box of rates: what is in it can be kept up for ever, and what is not cannot."""
 
+import re
 from fractions import Fraction
 from typing import NamedTuple
 
@@ -9,9 +10,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import linprog
 
+from argument_checks.ties import exceeds
 from prioritized import RateBox, viable_rates
+from prioritized._solver.compiled import boxes
+from tests.random_systems import SEEDS
 
 EPS = np.finfo(float).eps
+EXTREMES = [x + y for x in (-np.inf, -3.0, 0.0, 1e-12, 3.0, np.inf) for y in (0.0, 1e-12, 1e-8)]
 
 
 class Joints(NamedTuple):
@@ -288,7 +293,22 @@ def test_round_off_is_no_loss_of_viability_and_what_is_more_is_one(beyond, viabl
     assert joints.box([0.4 + beyond], [4.0]).viable[0] == viable
 
 
+def test_where_braking_just_suffices_one_rate_is_left():
+    """At the limit from 1 with 10 m/s^2 and 0.1 s, however the last digits of the rate fall."""
+    joints = Joints(-1.0, 1.0, -9.0, 9.0, -10.0, 10.0, 0.1)
+    box = joints.box(np.full(7, 1.0), 1.0 + 1e-13 * np.arange(-3, 4))
+    assert box.viable.all()
+    np.testing.assert_array_equal(box.lower, box.upper)
+
+
 # Extremes.
+
+
+@pytest.mark.parametrize("d", [1e12, 1e25, 1e40, 1e100])
+def test_braking_that_takes_more_ticks_than_can_be_counted_is_continuous(d):
+    """From w = sqrt(2 a d), after which the ticks make no difference."""
+    joints = Joints(-np.inf, d, -np.inf, np.inf, -1e-9, np.inf, 1e-3)
+    assert joints.box([0.0], [0.0]).upper[0] == pytest.approx(np.sqrt(2e-9 * d), rel=1e-9)
 
 
 def test_without_limits_of_one_kind_the_others_are_the_box():
@@ -334,6 +354,74 @@ def test_a_batch_is_its_joints_one_by_one():
         one = Joints(*(np.asarray(A)[at[-1]] for A in joints[:-1]), T=0.1).box([x[at]], [v[at[1:]]])
         assert (box.lower[at], box.upper[at]) == (one.lower[0], one.upper[0])
         assert box.viable[at] == one.viable[0]
+
+
+# Plain arrays skip the checks: neither results nor refusals change.
+
+
+@given(SEEDS, st.integers(0, 6))
+def test_plain_arrays_and_lists_have_the_same_box(seed, n):
+    """To the bit, at any limits, infinite ones and such that are violated among them."""
+    rng = np.random.default_rng(seed)
+    joints = any_joints(rng, n)
+    sides = [
+        np.where(rng.random(n) < 0.2, infinite, side)
+        for side, infinite in zip(joints[:-1], (-np.inf, np.inf) * 3, strict=True)
+    ]
+    x, v = 10 * rng.normal(size=n), rng.normal(size=n)
+    plain = Joints(*sides, T=joints.T).box(x, v)
+    other = Joints(*(side.tolist() for side in sides), T=joints.T).box(x, v.tolist())
+    for name in ("lower", "upper", "viable"):
+        np.testing.assert_array_equal(getattr(plain, name), getattr(other, name), strict=True)
+        assert not getattr(plain, name).flags.writeable
+
+
+@pytest.mark.parametrize("wrong", [np.nan, np.inf, -np.inf, 1e121, 5.0, 0.5, 0.0, -0.5, -5.0])
+def test_plain_arrays_and_lists_are_refused_alike(wrong):
+    """Each argument in turn has one number that it may not have, or another that it may."""
+    for k in range(8):
+        every = [np.full(2, number) for number in (0.0, 0.0, -1.0, 1.0, -1.0, 1.0, -1.0, 1.0)]
+        every[k][1] = wrong
+        said = [outcome(every), outcome([A.tolist() for A in every])]
+        assert said[0] == said[1]
+
+
+def outcome(every):
+    """The limits found, or what is said against the arguments."""
+    x, v, *sides = every
+    try:
+        box = Joints(*sides, T=0.1).box(x, v)
+    except ValueError as error:
+        return re.sub(r", got .*", "", str(error), flags=re.DOTALL)
+    return box.lower.tolist(), box.upper.tolist()
+
+
+def test_arrays_of_other_shapes_and_numbers_are_no_plain_ones():
+    """One joint's position for all limits, a list for an array, whole numbers: checked as ever."""
+    joints = Joints(*(np.full(3, each) for each in (-1.0, 1.0) * 3), T=0.1)
+    whole, zero = joints.box(np.zeros(3, dtype=int), np.zeros(3)), joints.box(*np.zeros((2, 3)))
+    np.testing.assert_array_equal(whole.upper, zero.upper)
+    np.testing.assert_array_equal(joints.box([0, 0, 0], np.zeros(3)).upper, zero.upper)
+    for x, v in ((np.zeros(2), np.zeros(2)), (np.zeros(3), np.zeros(2)), (np.float64(0), [0, 0])):
+        with pytest.raises(ValueError, match=r"^(rate|position)"):
+            joints.box(x, v)
+    with pytest.raises(ValueError, match=r"^period_s must be positive"):
+        joints._replace(T=0.0).box(np.zeros(3), np.zeros(3))
+    for pair in (np.zeros((3, 3)), np.array(1.0), np.zeros((2, 2))):
+        with pytest.raises(ValueError, match=r"^position_limits must be a pair"):
+            viable_rates(
+                np.zeros(3),
+                np.zeros(3),
+                position_limits=pair,
+                rate_limits=(joints.v_min, joints.v_max),
+                acceleration_limits=(joints.a_min, joints.a_max),
+                period_s=0.1,
+            )
+
+
+@given(st.sampled_from(EXTREMES), st.sampled_from(EXTREMES), st.sampled_from([0.0, 1e-9, 1.0]))
+def test_the_compiled_rule_for_ties_is_the_rule(value, bound, zero):
+    assert boxes()._exceeds(value, bound, zero) == exceeds(value, bound, zero=zero)
 
 
 # Beside what is done without it.

@@ -168,3 +168,30 @@ def test_the_readmes_pictures_of_examples_are_small():
     assert all(picture.stat().st_size < 60e3 for picture in pictures)
     names = {picture.stem.removeprefix("example_") for picture in pictures}
     assert names < {example.stem for example in EXAMPLES}
+
+
+IK = {
+    "ik_arm": ("joint3", r"within ([\d.]+) mm"),
+    "ik_mobile": ("drive_y", r"within ([\d.]+) mm"),
+    "ik_humanoid": ("left_knee", r"within ([\d.]+) mm"),
+    "ik_quadruped": ("rear_right_hip", r"within ([\d.]+) mm"),
+}
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", IK)
+def test_who_is_told_of_a_lock_misses_no_more_than_without_one_and_who_is_not_a_hundred_times(
+    name, tmp_path
+):
+    joint, pattern = IK[name]
+    sound, told, unaware = numbers(printed(name, tmp_path), pattern)
+    assert told < 2 * sound < 0.2 and unaware > 100 * told
+    assert f'"{joint}"' in (ROOT / "examples" / f"{name}.py").read_text()
+
+
+@pytest.mark.long
+def test_of_five_motions_left_in_a_loop_the_place_is_exact_and_the_load_tilts(tmp_path):
+    lines = printed("ik_two_arms", tmp_path)
+    off = numbers(lines, r"lock: ([\d.]+) mm off")
+    tilted = numbers(lines, r"circle, ([\d.]+)° tilted")
+    assert max(off) < 0.01 and tilted[0] == 0.0 and min(tilted[1:]) > 1.0

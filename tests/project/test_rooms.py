@@ -16,7 +16,7 @@ ALLOWED = {
     "ftc": {"numpy", "scipy", "numba", "control", "prioritized", "argument_checks"},
 }
 """As in the table of CONTRIBUTING.md, which a test compares."""
-FLOORS = {"study": 0, "rig": 1, "recording": 2, "app": 4}
+FLOORS = {"study": 0, "ik": 1, "rig": 1, "recording": 2, "app": 4}
 """Of `experiments`, from below; whatever else is there is a study or their registry, `studies`."""
 STUDY = 3
 
@@ -53,7 +53,7 @@ def test_the_page_for_contributors_says_what_a_room_may_import(room):
 
 
 ORDER = {
-    "sim": ("mjcf", "closing", "kinematics", "hexapod", "plant", "scene"),
+    "sim": ("mjcf", "closing", "kinematics", "tasks", "hexapod", "plant", "scene"),
     "prioritized": ("_solver", "_mechanism", "_mapping", "_analysis"),
     "ftc": ("control", "fdi"),
 }

@@ -9,6 +9,7 @@ from sim import (
     MODELS,
     Body,
     CenterOfMass,
+    Distances,
     JacobianReader,
     Machine,
     Mechanism,
@@ -31,10 +32,16 @@ PLATFORM = load_model(MODELS / "platform.xml")
 ON_PLATFORM = mujoco.MjData(PLATFORM)
 HERE: dict[str, Any] = {"model": ARM, "data": AT_REST}
 READER = {"site": "payload", "axes": "base", "pinned": [], "stuck_at_limits": False}
-READER |= {"closure_tolerance": 1e-3}
+READER |= {"closure_tolerance": 1e-3, "active": []}
 CLOSED: dict[str, Any] = {"model": PLATFORM, "data": ON_PLATFORM, "held": [0], "pinned": []}
 CLOSED |= {"geometry_accuracy": 1e-9}
-MACHINE: dict[str, Any] = {"model": ARM, "qpos": np.zeros(7), "pinned": (), "stuck": False}
+MACHINE: dict[str, Any] = {
+    "model": ARM,
+    "qpos": np.zeros(7),
+    "pinned": (),
+    "stuck": False,
+    "variables": 0,
+}
 MACHINE |= {"mocap": (np.zeros((0, 3)), np.zeros((0, 4)))}
 MECHANISM = Mechanism(ARM, AT_REST)
 
@@ -66,21 +73,50 @@ def moved(**given: Any) -> Any:
     return posture.qpos, posture.displacements, posture.pose, posture.gaps
 
 
+def kept_apart(**given: Any) -> Any:
+    distances = Distances(**given)
+    return distances.at(SWUNG), distances.rate_limits(SWUNG, 0.01)
+
+
 def seen(**given: Any) -> Any:
     machine = Machine(**given)
     return machine.stiffness, machine.names, machine.one_sided
 
 
+SWING = mujoco.MjModel.from_xml_string(
+    """<mujoco><worldbody><geom name="floor" type="plane" size="1 1 1"/>
+      <body name="swing" pos="0 0 0.2">
+        <joint axis="1 0 0"/><geom type="box" size="0.1 0.1 0.19"/>
+      </body></worldbody></mujoco>"""
+)
+SWUNG = mujoco.MjData(SWING)
+APART: dict[str, Any] = {"model": SWING, "pairs": [(["floor"], [1, Body("swing")])]}
+APART |= {"margin_m": 0.005, "detection_m": 1.0, "gain": 0.5}
+DISTANCES = Distances(**APART)
 POSTURE = {"posture": MECHANISM.nominal}
 
 TARGETS = {
-    "advance": Target(advanced, CLOSED | {"velocity": np.zeros(PLATFORM.nv), "duration_s": 1.0}),
+    "advance": Target(
+        advanced,
+        CLOSED
+        | {"velocity": np.zeros(PLATFORM.nv), "duration_s": 1.0}
+        | {"warn_of_misses": True, "into": mujoco.MjData(PLATFORM)},
+    ),
     "assemble": Target(reached, CLOSED),
     "Pin": Target(
         lambda **a: reached(model=ARM, pinned=[Pin(**a)]), {"frame": "base", "weld": True}
     ),
     "Body": Target(lambda **a: pose_of(ARM, AT_REST, Body(**a)), {"name": 3}),
     "CenterOfMass": Target(lambda **a: pose_of(ARM, AT_REST, CenterOfMass(**a)), {"body": None}),
+    "Distances": Target(kept_apart, APART),
+    "Distances.at": Target(lambda **a: DISTANCES.at(**a), {"data": SWUNG}),
+    "Distances.rate_limits": Target(
+        lambda **a: DISTANCES.rate_limits(**a), {"data": SWUNG, "dt": 0.01}
+    ),
+    "Distances.safe_fraction": Target(
+        lambda **a: DISTANCES.safe_fraction(**a),
+        {"data": SWUNG, "qvel": np.ones(SWING.nv), "dt": 0.01},
+    ),
     "Relative": Target(
         lambda **a: pose_of(ARM, AT_REST, Relative(**a)), {"frame": "payload", "root": "base"}
     ),
@@ -110,6 +146,11 @@ TARGETS = {
     ),
     "pose_error of a position": Target(
         pose_error, HERE | {"site": "payload", "target": np.ones(3)}
+    ),
+    "pose_error of a matrix": Target(pose_error, HERE | {"site": "payload", "target": np.eye(4)}),
+    "pose_error of a quaternion": Target(
+        lambda quaternion, **a: pose_error(**a, target=(np.ones(3), quaternion)),
+        HERE | {"site": "payload", "quaternion": np.array([0.6, 0.0, 0.8, 0.0])},
     ),
     "ranges": Target(lambda model: {"force_gap": ranges(model).force}, {"model": ARM}),
 }

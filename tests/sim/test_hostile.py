@@ -4,15 +4,22 @@ import pytest
 
 import sim
 from tests.hostile import complaints, unattacked
-from tests.sim import hostile_hexapod, hostile_mechanisms, hostile_plants
+from tests.sim import hostile_hexapod, hostile_mechanisms, hostile_plants, hostile_tasks
 
-TARGETS = hostile_hexapod.TARGETS | hostile_mechanisms.TARGETS | hostile_plants.TARGETS
+TARGETS = (
+    hostile_hexapod.TARGETS
+    | hostile_mechanisms.TARGETS
+    | hostile_plants.TARGETS
+    | hostile_tasks.TARGETS
+)
 TRUSTED = {
     # What the package alone makes, of numbers that are checked.
     *("Drive", "EntryAccuracy", "Friction", "JointPosture", "LinearPlant", "Names", "Part"),
-    *("Ranges", "Reading"),
-    # A log's own arrays, overwritten at every tick; and what one reader hands to the next.
-    *("Plant.observe", "Machine.as_at"),
+    *("LocatedRates", "LocatedRates.jacobian", "LocatedRates.error", "Near", "Ranges", "Reading"),
+    # Attacked as each of its kinds.
+    *("TaskFunction", "TaskFunction.checked", "TaskFunction.on"),
+    # A log's own arrays, overwritten at every tick.
+    "Plant.observe",
 }
 
 

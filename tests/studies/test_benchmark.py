@@ -20,6 +20,7 @@ from threadpoolctl import threadpool_limits
 from experiments.app.cli import main
 from experiments.benchmark import (
     closed_loop,
+    ik,
     latency,
     limited,
     measurement,
@@ -41,6 +42,7 @@ from experiments.rig.hexapod.simulation import SpiralRun, track_spiral
 from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
 from experiments.study.results import Results, publish
 from experiments.study.study import Unsound
+from sim import MODELS, load_model
 from tests.pages import assert_says
 
 # Bound and goal as they were asked for.
@@ -50,6 +52,7 @@ ASKED = {
     "tick_over_mink": (0.4, 0.2),
     "arm_tick_over_mink": (0.5, 0.2),
     "humanoid_tick_over_mink": (0.5, 0.2),
+    **{f"ik_{robot}_over_mink": (1.0, 0.1) for robot in ("arm", "mobile", "quadruped", "humanoid")},
     "hexapod_tick_over_mink": (0.08, 0.04),
     "diagnosis_over_mj_step": (0.15, 0.05),
     "solve_over_daqp": (1.5, 0.8),
@@ -146,6 +149,8 @@ def test_ratios_are_those_of_medians_with_the_spread_over_rounds():
         humanoid_tick=40,
         humanoid_mink=90,
         humanoid_mink_update=10,
+        **{f"ik_{robot.name}": 30 for robot in ik.ROBOTS},
+        **{f"ik_{robot.name}_mink": 60 for robot in ik.ROBOTS},
         diagnosis=30,
         part_mj_step=150,
         prioritized=6,
@@ -169,6 +174,7 @@ def test_ratios_are_those_of_medians_with_the_spread_over_rounds():
             "tick_over_mink": 1.25,  # from joint positions to displacements, on both sides
             "arm_tick_over_mink": 0.5,
             "humanoid_tick_over_mink": 0.4,
+            **{f"ik_{robot.name}_over_mink": 0.5 for robot in ik.ROBOTS},
             "hexapod_tick_over_mink": 0.25,
             "diagnosis_over_mj_step": 0.2,
             "solve_over_daqp": 2.0,
@@ -416,6 +422,7 @@ def timed(asked) -> runs.Timed:
     names += ["mink_update", *(each.name for each in solvers.contenders(asked))]
     names += [each.name for solvers in limited.QUESTIONS.values() for each in solvers]
     names += ["diagnosis", *(f"{robot}_{way}" for robot in ROBOTS for way in WAYS)]
+    names += [f"ik_{robot.name}{way}" for robot in ik.ROBOTS for way in ("", "_mink")]
     names += ["part_" + part for part in ("mj_step", "plant_step", "sensors", "controller")]
     names += ["part_" + part for part in ("estimate", "mapping", "jacobian", "converter")]
     agreed = [measurement.Agreement("question", 1e-9, {"daqp": 1e-12})]
@@ -552,14 +559,28 @@ def test_a_robot_that_answers_otherwise_is_named(robot_cases, name, monkeypatch)
         robots.agreement(robot, cases).check()
 
 
+@pytest.mark.parametrize("robot", ik.ROBOTS, ids=lambda robot: robot.name)
+def test_both_ways_of_inverse_kinematics_meet_the_tasks_and_one_that_does_not_is_named(
+    robot, monkeypatch
+):
+    cases = ik.random_cases(robot, 4, np.random.default_rng(3))
+    found = ik.agreement(robot, cases)
+    found.check()
+    assert found.distances[f"ik_{robot.name}"] < 1e-9
+    honest = ik.mink_tick
+    monkeypatch.setattr(ik, "mink_tick", lambda *given: 0.8 * honest(*given))
+    with pytest.raises(Unsound, match=f"ik_{robot.name}_mink by"):
+        ik.agreement(robot, cases).check()
+
+
 def test_the_humanoid_has_29_joints_on_a_floating_base_and_is_its_own_mirror_image():
-    model = robots.humanoid()
+    model = load_model(MODELS / "humanoid.xml")
     assert (model.nv, model.nu) == (35, 29)
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     for site in ("foot", "hand"):
         left, right = (data.site(f"{side}_{site}").xpos for side in ("left", "right"))
-        np.testing.assert_allclose(left, right * [1, -1, 1], atol=1e-15)
+        np.testing.assert_allclose(left, right * [1, -1, 1], atol=1e-12)
     np.testing.assert_allclose(data.subtree_com[0, 1], 0, atol=1e-15)
 
 

@@ -1,0 +1,153 @@
+"""Inverse kinematics: the velocity that meets tasks in strict levels, under limits."""
+
+from collections.abc import Iterable, Sequence
+from copy import copy
+
+import mujoco
+import numpy as np
+
+import argument_checks as check
+from experiments.ik.levels import Levels
+from experiments.ik.limits import Limits
+from experiments.ik.solution import IkProblem, IkSolution
+from prioritized import ConstrainedSystem
+from sim import Array, Body, JacobianReader, Pin, TaskFunction, advance
+
+
+class Ik:
+    """The velocity of a robot that does several things at once, the important ones exactly.
+
+    Each level of tasks is met as far as limits, loops and the levels before it let. All that does
+    not change from tick to tick is looked up once::
+
+        hand = FrameTask("hand")
+        ik = Ik(model, [hand, PostureTask(target=data.qpos)], Limits(velocity=2.0))
+        while True:
+            hand.target = pose
+            ik.advance(data, ik.step(data, dt), dt, into=data)
+
+    The tasks hold their targets and gains, which the loop may set. Everything else stays as it is
+    when the object is made: :meth:`with_failures` gives another one.
+    """
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        tasks: Sequence[TaskFunction | Sequence[TaskFunction]],
+        limits: Limits | None = None,
+        *,
+        active: bool | Iterable[str | int] = (),
+        pinned: Iterable[str | Body | Pin] = (),
+    ) -> None:
+        """Look up what no pose changes.
+
+        Args:
+            model: Any model.
+            tasks: Of each level a task, or a list of tasks that are weighed against each other.
+            limits: None is `Limits()`: the ranges that the model states.
+            active: Velocities that are variables though they have no actuator, as for
+                :func:`sim.jacobians`: the base of a robot that walks.
+            pinned: Frames that stay where they are, as for :func:`sim.jacobians`: feet that stand.
+
+        Raises:
+            ModelError: A name that does not exist; a task that nothing active moves; or as
+                :func:`sim.jacobians`.
+            ValueError: No level, an empty one, or one task twice.
+            TypeError: An argument is of another kind.
+        """
+        self._model = check.instance("model", model, mujoco.MjModel)
+        self._levels = Levels.of(model, tasks)
+        self._pinned = tuple(pinned) if isinstance(pinned, Iterable) else pinned
+        read = {"pinned": self._pinned, "active": active}
+        self._reader = JacobianReader(model, self._levels.read, **read)
+        anywhere = JacobianReader(model, self._levels.read, closure_tolerance=np.inf, **read)
+        jac = anywhere.at(mujoco.MjData(model))
+        given = Limits() if limits is None else check.instance("limits", limits, Limits)
+        self._limits = given.of(model, jac)
+        assert jac.machine is not None
+        self._torque_limits = jac.machine.force_range[:, 0], jac.machine.force_range[:, 1]
+        system = ConstrainedSystem.of(jac)
+        self._asked = self._levels.levels(system)
+        self._take(system)
+
+    def with_failures(
+        self,
+        locked: Iterable[int | str] = (),
+        free: Iterable[int | str] = (),
+        locked_passive: Iterable[int | str] = (),
+    ) -> "Ik":
+        """The same after (further) failures, as of :class:`prioritized.ConstrainedSystem`.
+
+        The tasks are the same objects, with their targets.
+        """
+        failed = copy(self)
+        failed._take(self._system.with_failures(locked, free, locked_passive))
+        return failed
+
+    def step(self, data: mujoco.MjData, dt: float) -> Array:
+        """The velocity of all joints until the next tick, shape (nv,), as `data.qvel`.
+
+        Args:
+            data: The state, whose loops are closed; frames in it are brought up to date.
+            dt: Time until the next tick [s].
+
+        Raises:
+            ClosureError: A loop is open: see :func:`sim.assemble`.
+            ValueError: A task without a target, or one that does not fit the model.
+        """
+        return self.solve(data, dt).qvel
+
+    def solve(self, data: mujoco.MjData, dt: float) -> IkSolution:
+        """The same with its status, and what each task lacks; see :meth:`step`."""
+        period_s = check.duration("dt", dt)
+        problem = self._problem(data, period_s)
+        met = self._met(problem)
+        qvel = (problem.velocities if met is None else met)[: self._model.nv]
+        fraction, distances = 1.0, self._limits.limits.distances
+        if distances is not None:
+            fraction = distances.safe_fraction(data, qvel, period_s)
+        is_led_back = met is not None or problem.solved[1]
+        return IkSolution(fraction * qvel, self._torque_limits, fraction, is_led_back, problem)
+
+    def advance(
+        self, data: mujoco.MjData, qvel: Array, dt: float, into: mujoco.MjData | None = None
+    ) -> mujoco.MjData:
+        """The state after this velocity, all loops closed again, as :func:`sim.advance`.
+
+        A new one, or `into`, which may be `data`: that takes a tenth of the time. Joints that are
+        stuck rest whatever `qvel` says. The state's `qvel` is the velocity with which it got there,
+        and its `time` says how far it came. What the step misses of the targets is left to the
+        next tick.
+        """
+        stuck, taken = self._system.stuck, check.series("qvel", qvel).copy()
+        taken[stuck[stuck < len(taken)]] = 0.0
+        rest = {"held": stuck.tolist(), "pinned": self._pinned}
+        moved = advance(self._model, data, taken, dt, **rest, warn_of_misses=False, into=into)
+        moved.qvel[:] = taken
+        return moved
+
+    def _take(self, system: ConstrainedSystem) -> None:
+        """Keep a system, and what its tasks ask for at any pose."""
+        self._system, self._actuated = system, system.kinematics()
+        self._hierarchy = self._actuated.hierarchy(self._asked)
+        self._tick = self._hierarchy.tick(self._actuated)
+
+    def _problem(self, data: mujoco.MjData, period_s: float) -> IkProblem:
+        """What is asked for at this state."""
+        jac = self._reader.at(data)
+        limits = self._limits.at(data, period_s)
+        targets = self._levels.targets(data, self._actuated, jac.J_T.shape[1], period_s)
+        return IkProblem(self._system, self._hierarchy, jac, limits, targets)
+
+    def _met(self, problem: IkProblem) -> Array | None:
+        """All velocities in one compiled call; None where something is in doubt."""
+        jac, limits = problem.jacobians, problem.limits
+        if self._tick is None or jac.accuracy is None:
+            return None
+        parts = [
+            one for each in problem.targets for one in (each if type(each) is list else [each])
+        ]
+        met = self._tick(
+            jac.J_T, jac.J_C, np.concatenate(parts), limits.box, jac.accuracy.error_bound
+        )
+        return met if met is not None and limits.are_kept_by(met) else None

@@ -1,0 +1,142 @@
+"""All levels of a hierarchy as they were asked for, whatever the pose."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+import argument_checks as check
+from argument_checks import Array, Indices
+from prioritized._mapping.limited import Limiting, checked_rows
+from prioritized._mapping.survivors import Survivors
+from prioritized._mapping.tasks import Level, Task, level_of, tasks_of
+from prioritized._mechanism.elimination import Partition
+from prioritized._mechanism.measure import metric_of
+from prioritized._mechanism.ordered import Stacked
+from prioritized._solver.arrays import identity, none, read_only
+from prioritized._solver.limits import limits
+from prioritized._solver.packed import Equations, equations
+
+
+class Mechanism(Protocol):
+    """What a hierarchy takes from :class:`prioritized.Kinematics`, which imports this module."""
+
+    @property
+    def J(self) -> Array: ...
+    @property
+    def actuators(self) -> Indices: ...
+    @property
+    def active_constraint(self) -> Array: ...
+    @property
+    def system(self) -> Partition: ...
+    @property
+    def survivors(self) -> Survivors: ...
+    @property
+    def rate_units(self) -> Array: ...
+    @property
+    def task_units(self) -> Array: ...
+    def in_order(self, levels: Stacked) -> tuple[list[tuple[Array, float]], bool]: ...
+
+
+@dataclass(frozen=True, eq=False)
+class Asked:
+    """Levels of tasks, of the actuators of a mechanism that survive.
+
+    Attributes:
+        tasks: Of each level, weights of rates for all actuators or for those that survive.
+        tie_metric: Likewise, or None.
+        survivors: Of the actuators.
+        units: Natural units of the task rows (m,) and of the rates (n,).
+        levels: The tasks with the weights of the survivors.
+        damping: Of each level.
+        stacked: The weighted rows of all levels.
+        ties: What breaks ties: |T rates|, then |rates|.
+    """
+
+    tasks: tuple[tuple[Task, ...], ...]
+    tie_metric: Array | None
+    survivors: Survivors
+    units: tuple[Array, Array]
+    levels: tuple[Level, ...]
+    damping: tuple[float, ...]
+    stacked: Stacked
+    ties: tuple[Equations, Equations]
+
+    @classmethod
+    def of(
+        cls,
+        mechanism: Mechanism,
+        tasks: tuple[tuple[Task, ...], ...],
+        tie_metric: ArrayLike | None,
+    ) -> "Asked":
+        """Of a mechanism; see :meth:`Kinematics.hierarchy`."""
+        survivors, units = mechanism.survivors, (mechanism.task_units, mechanism.rate_units)
+        levels = tuple(
+            level_of(f"levels[{k}]", tuple(map(survivors.task, each)), *units)
+            for k, each in enumerate(tasks)
+        )
+        given = None if tie_metric is None else check.real("tie_metric", tie_metric)
+        T, n = survivors.matrix("tie_metric", given), len(survivors.actuators)
+        if T is None:
+            T = metric_of(units[1])
+        if T is not None:
+            T = check.sized("tie_metric", check.weight("tie_metric", T, n))
+        return cls(
+            tasks,
+            given,
+            survivors,
+            units,
+            levels,
+            tuple(max(task.damping for task in each) for each in tasks),
+            Stacked.of([_weighted(level, len(units[0]), n) for level in levels]),
+            (equations(none((0, n)) if T is None else read_only(T)), equations(identity(n))),
+        )
+
+    def at(self, mechanism: Mechanism) -> "Asked":
+        """The same of this mechanism at another pose, or after other failures."""
+        survivors, units = mechanism.survivors, (mechanism.task_units, mechanism.rate_units)
+        if all(map(_equal, (survivors.actuators, *units), (self.survivors.actuators, *self.units))):
+            return self
+        return Asked.of(mechanism, self.tasks, self.tie_metric)
+
+
+def asked_of(mechanism: Mechanism, levels: Any, tie_metric: ArrayLike | None) -> Asked:
+    """Checked levels and metric of ties."""
+    if not isinstance(levels, Sequence) or not len(levels):
+        raise ValueError(f"levels must be a list of tasks, got {check.shown(levels)}")
+    tasks = tuple(tasks_of(f"levels[{k}]", level) for k, level in enumerate(levels))
+    return Asked.of(mechanism, tasks, tie_metric)
+
+
+def _equal(a: Array | Indices, b: Array | Indices) -> bool:
+    return a is b or (a.shape == b.shape and bool((a == b).all()))
+
+
+def _weighted(level: Level, m: int, n: int) -> tuple[Array, Array]:
+    """Weighted rows of a level on the task (k, m) and on the rates (k, n), to be added."""
+    if len(level) == 1:
+        return level[0].weighted(m, n)
+    on_task, on_rates = zip(*(part.weighted(m, n) for part in level), strict=True)
+    return np.concatenate(on_task), np.concatenate(on_rates)
+
+
+class Bounds(NamedTuple):
+    """Limits of the rates, and rows of them, for all actuators or for those that survive."""
+
+    limits: Any
+    rows: Any
+
+    def of(self, survivors: Survivors) -> Limiting:
+        """Those of the survivors, checked."""
+        n = len(survivors.actuators)
+        box = limits("rate_limits", survivors.pair(self.limits), n)
+        if self.rows is None:
+            return Limiting(box)
+        rows = checked_rows("rate_rows", survivors.rows("rate_rows", self.rows), n)
+        return Limiting(box, (rows,) if len(rows.G) else ())
+
+    def kept(self) -> "Bounds":
+        """A copy of checked ones."""
+        return Bounds(*(None if each is None else tuple(map(check.frozen, each)) for each in self))

@@ -1,0 +1,142 @@
+"""Levels of rows that are met one after the other, and their rank decisions."""
+
+from collections.abc import Sequence
+from itertools import accumulate
+from math import hypot
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from argument_checks import Array
+from prioritized._mechanism.conditioning import certain_rank
+from prioritized._mechanism.measure import units_of
+from prioritized._mechanism.task_motion import Step, TaskMotion
+from prioritized._solver.arrays import read_only
+from prioritized._solver.compiled import certain
+from prioritized._solver.rank import RANK_TOLERANCE, norm, singular_values
+
+_BELOW = 1e-15
+"""Part of the size of the terms below which singular values are round-off."""
+_MARGIN = 2.0
+"""Of a bound of singular values, for the round-off of the bound and of the values themselves."""
+
+
+class Directions(NamedTuple):
+    """Rows on the task of levels, one after the other, without those that are zero.
+
+    Attributes:
+        S: Shape (k, m).
+        ends: Where each level that has any ends in S.
+        sizes: Norm of the rows up to there.
+    """
+
+    S: Array
+    ends: NDArray[np.int64]
+    sizes: Array
+
+    @classmethod
+    def of(cls, levels: Sequence[Array]) -> "Directions":
+        """Of levels of rows (k, m)."""
+        some = [S[S.any(axis=1)] for S in levels]
+        S = np.concatenate(some)
+        ends = np.array(sorted({*accumulate(map(len, some))} - {0}), np.int64)
+        sizes = np.array([norm(S[:end]) for end in ends])
+        return cls(read_only(S), read_only(ends), read_only(sizes))
+
+    def are_clear(self, J: Array, scale: float, clear: float) -> bool:
+        """Whether the ranks of these rows of J are certain, with every level that is added.
+
+        Args:
+            J: Task Jacobian on the admissible rates, (m, n).
+            scale: Size of its terms.
+            clear: Part of the scale above which a singular value is clearly not zero.
+        """
+        sizes = self.sizes * scale
+        # A singular value that counts is above clear * size; the bound shows it of all of them. Its
+        # own round-off is some 1e-15 of the size, and `clear` at least 1e-12.
+        if certain().all_exceed(self.S.dot(J), self.ends, _MARGIN * clear * sizes):
+            return True
+        for end, size in zip(self.ends, sizes.tolist(), strict=True):
+            if certain_rank(singular_values(self.S[:end].dot(J)), size, clear) is None:
+                return False
+        return True
+
+
+class Stacked(NamedTuple):
+    """Levels of rows S J + R, one after the other, J being that of any pose.
+
+    Attributes:
+        on_task: S, shape (k, m).
+        on_rates: R, shape (k, n).
+        ends: Where each level ends.
+        norms: Of S and of R of each level.
+        directions: S without the rows that are zero.
+        first: That of the first level.
+        rates_last: Whether no level but the last has rows on rates.
+    """
+
+    on_task: Array
+    on_rates: Array
+    ends: tuple[int, ...]
+    norms: tuple[tuple[float, float], ...]
+    directions: Directions
+    first: Array
+    rates_last: bool
+
+    @classmethod
+    def of(cls, levels: Sequence[tuple[Array, Array]]) -> "Stacked":
+        """Of S (k, m) and R (k, n) of each level."""
+        on_task, on_rates = zip(*levels, strict=True)
+        first = on_task[0]
+        return cls(
+            read_only(np.concatenate(on_task)),
+            read_only(np.concatenate(on_rates)),
+            tuple(accumulate(map(len, on_task))),
+            tuple((norm(S), norm(R)) for S, R in levels),
+            Directions.of(on_task),
+            read_only(first[first.any(axis=1)]),
+            not any(R.any() for R in on_rates[:-1]),
+        )
+
+    def split(self, rows: Array) -> list[Array]:
+        """Rows of all levels, by level."""
+        starts = (0, *self.ends[:-1])
+        return [rows[first:end] for first, end in zip(starts, self.ends, strict=True)]
+
+    def at(self, J: Array, scale: float) -> list[tuple[Array, float]]:
+        """Each level at a pose, J (m, n) being a sum of terms of this size: rows and their size."""
+        rows = self.split(read_only(self.on_task.dot(J) + self.on_rates))
+        sizes = [hypot(task * scale, rates) for task, rates in self.norms]
+        return list(zip(rows, sizes, strict=True))
+
+
+def in_order(
+    task: TaskMotion, levels: Stacked, rows: list[tuple[Array, float]]
+) -> list[tuple[Array, float]]:
+    """Levels of one condition without what counts as lost where those before them are at rest.
+
+    Args:
+        task: How the task moves; it has rates.
+        levels: What to decide on.
+        rows: Each as rows A (k, n) on the rates, and the size of the terms.
+    """
+    before, decided = task.start, []
+    parts = zip(levels.split(levels.on_task), levels.split(levels.on_rates), rows, strict=True)
+    for S, R, (A, size) in parts:
+        units = units_of(np.hstack([S, R]), np.hstack([task.task_units, task.rate_units]))
+        on_task = S * task.task_units / units[:, None]
+        on_rates = R * task.rate_units / units[:, None]
+        step = task.step(on_task)
+        all_rows = Step(step.A + on_rates, step.scale + norm(on_rates), step.error)
+        decision, after = before.then(task, all_rows)
+        lost = before.dropped(decision)
+        if lost is not None:
+            A = read_only(A - units[:, None] * lost / task.rate_units)
+        least = decision.sigma.min(initial=np.inf, where=decision.kept)
+        least *= units.min(initial=np.inf) / task.rate_units.max(initial=0.0)
+        if least < 2.0 * RANK_TOLERANCE * size:
+            size = float(np.sqrt(least * _BELOW * size)) / RANK_TOLERANCE
+        decided.append((A, size))
+        before = after
+    return decided

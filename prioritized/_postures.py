@@ -1,0 +1,131 @@
+"""One mechanism at many postures: its kinematics and velocity mappings in batches."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from argument_checks import Array, Indices
+from prioritized._kinematics import Kinematics, settles
+from prioritized._mapping.task import task_selection
+from prioritized._mapping.velocity import VelocityMapping
+from prioritized._mapping.velocity_arguments import velocity_mapping
+from prioritized._mechanism.measure import metric_of
+from prioritized._solver.arrays import apply, read_only, transposed
+
+
+@dataclass(frozen=True, eq=False)
+class Postures:
+    """A mechanism with the same failures at a batch of postures, each of which is as it is alone.
+
+    Made by :meth:`prioritized.ConstrainedSystem.postures`. Arrays are read-only and computed when
+    first used; their leading axes (...) are those of the batch. Of N velocities n have actuators,
+    q of which failed.
+
+    Attributes:
+        each: Kinematics of every posture, in the order of a flattened batch.
+        lead: Lengths of the batch axes.
+    """
+
+    each: tuple[Kinematics, ...]
+    lead: tuple[int, ...]
+
+    @property
+    def actuators(self) -> Indices:
+        """Surviving actuators in nominal numbering, shape (n - q,)."""
+        return self.each[0].actuators
+
+    @cached_property
+    def J(self) -> Array:
+        """Task Jacobian, eq. (14), shape (..., m, n - q)."""
+        return self._stacked([kin.J for kin in self.each])
+
+    @cached_property
+    def active_constraint(self) -> Array:
+        """Orthonormal rows, eq. (17), below them zeros where others have more, (..., r, n - q)."""
+        return self._stacked(_filled([kin.active_constraint for kin in self.each]))
+
+    @cached_property
+    def self_motion(self) -> Array:
+        """Basis of the task motion with every active joint locked, then zeros, (..., m, k)."""
+        return transposed(self._stacked(_filled([kin.self_motion.T for kin in self.each])))
+
+    @cached_property
+    def passive_gain(self) -> Array:
+        """Passive rates per active rate, eq. (10), shape (..., N - n + q, n - q)."""
+        return self._stacked([kin.passive_gain for kin in self.each])
+
+    def passive_rates(self, rates: ArrayLike) -> Array:
+        """As :meth:`prioritized.Kinematics.passive_rates`, shape (..., N - n + q).
+
+        Args:
+            rates: Of the survivors, shape (n - q,) or (..., n - q), one for each posture.
+
+        Raises:
+            ValueError: They have another shape, or are not finite.
+        """
+        return apply(self.passive_gain, "rates", rates)
+
+    def velocities(self, rates: ArrayLike) -> Array:
+        """All velocities in the order of J_T's columns, shape (..., N); arguments likewise."""
+        passive, one = self.passive_rates(rates), self.each[0]
+        velocities = np.empty((*passive.shape[:-1], one.system.task.J_T.shape[1]))
+        velocities[..., one.active] = rates
+        velocities[..., one.passive] = passive
+        return velocities
+
+    def velocity_mapping(
+        self,
+        major: Sequence[int] | ArrayLike,
+        secondary: Sequence[int] | ArrayLike | None = None,
+        joint_weight: ArrayLike | None = None,
+        secondary_weight: ArrayLike | None = None,
+    ) -> VelocityMapping:
+        """The mapping of every posture at once, with the rank decisions of each.
+
+        As :meth:`prioritized.Kinematics.velocity_mapping`; limits follow by
+        :meth:`prioritized.VelocityMapping.within`. Its gap is that of the mapping alone, its status
+        what holds in all postures; `each` says what the mechanism adds to the first.
+
+        Args:
+            major: Task rows of the major task, or a matrix of directions (m1, m).
+            secondary: Likewise of the secondary task, as of :func:`prioritized.velocity_mapping`.
+            joint_weight: W1, of all n actuators or the survivors; a matrix may be a batch.
+            secondary_weight: W2 likewise.
+
+        Raises:
+            ValueError: An argument has a wrong shape or index or is not finite; it is named.
+        """
+        one = self.each[0]  # units are the mechanism's own, at every posture
+        S_m, S_s = task_selection(major, secondary, self.J.shape[-2])
+        M = metric_of(one.measure(S_m).major)
+        weighed = None if M is None else np.diag(M)
+        J, scale = zip(*(kin.cleaned(S_m, S_s, weighed) for kin in self.each), strict=True)
+        W1, C = one.survivors.matrix("joint_weight", joint_weight), self.active_constraint
+        return velocity_mapping(
+            self._stacked(J),
+            major,
+            secondary,
+            W1,
+            secondary_weight,
+            C if C.size else None,
+            self.self_motion,
+            major_metric=M,
+            tie_metric=None if settles(W1) else metric_of(one.rate_units),
+            scale=self._stacked(scale),
+        )
+
+    def _stacked(self, arrays: Array | Sequence[Array | float]) -> Array:
+        """One array of each posture, all of one shape (i, ...), as one (..., i, ...)."""
+        stack = np.array(arrays)
+        return read_only(stack.reshape((*self.lead, *stack.shape[1:])))
+
+
+def _filled(rows: list[Array]) -> Array:
+    """Matrices in one array, with rows of zeros below those that have fewer than others."""
+    filled = np.zeros((len(rows), max(map(len, rows)), rows[0].shape[1]))
+    for room, A in zip(filled, rows, strict=True):
+        room[: len(A)] = A
+    return filled

@@ -1,0 +1,137 @@
+"""What a task function is, and what all of them share."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import Any, Protocol
+
+import mujoco
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+import argument_checks as check
+from sim.array import Array
+from sim.kinematics.task import LocatedRows
+
+
+class LocatedFunction(LocatedRows, Protocol):
+    """A task function, once its names are looked up in a model."""
+
+    def error(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
+        """The way to the target, (k,): J qvel times a second leads there to first order.
+
+        `data` is up to date: positions of frames and centres of mass belong to its `qpos`.
+
+        Raises:
+            ValueError: There is no target, or none of this model.
+        """
+        ...
+
+
+@dataclass(eq=False, kw_only=True)
+class TaskFunction(ABC):
+    """One thing to do: rows of a Jacobian, and the way to a target that the loop may move.
+
+    A class of your own is a dataclass with a method :meth:`on`. Arguments are checked whenever they
+    are set.
+
+    Attributes:
+        target: What is to be reached; None is nothing yet. It and the gain may be set at any time.
+        gain: Part of the way to the target that is asked for in one tick, in 0..1.
+        weight: Of the rows, against others of the same level: one number or (k,); None is 1, in
+            natural units.
+        damping: Tikhonov damping of this task's level, in units of the singular values of its rows;
+            see :class:`prioritized.Task`.
+
+    Raises:
+        ValueError: A gain outside of 0..1, a weight or damping that is negative or not finite, or a
+            target of the wrong shape.
+        TypeError: An argument is of another kind.
+    """
+
+    target: Any = field(default=None, repr=False)
+    gain: float = field(default=1.0, repr=False)
+    weight: ArrayLike | None = field(default=None, repr=False)
+    damping: float = field(default=0.0, repr=False)
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        """Check what is set."""
+        if name == "target":
+            value = None if value is None else self.checked(value)
+        elif name in _CHECKS:
+            value = _CHECKS[name](name, value)
+        object.__setattr__(self, name, value)
+
+    def checked(self, target: Any) -> Any:
+        """The target in the form that the error is computed with.
+
+        Raises:
+            ValueError: It is none.
+        """
+        return target
+
+    @abstractmethod
+    def on(self, model: mujoco.MjModel) -> LocatedFunction:
+        """Look up the names in a model.
+
+        Raises:
+            ModelError: A name that does not exist, with the nearest that does.
+        """
+
+    def needed(self) -> Any:
+        """The target, which there must be.
+
+        Raises:
+            ValueError: There is none yet.
+        """
+        if self.target is None:
+            raise ValueError(f"target of {type(self).__name__} must be set before the first tick")
+        return self.target
+
+
+def _weight(name: str, value: ArrayLike | None) -> Array | None:
+    if value is None:
+        return None
+    weight = check.frozen(check.not_negative(name, value))
+    if weight.ndim > 1:
+        raise ValueError(f"{name} must be one number or (k,), got {check.shown(value)}")
+    return weight
+
+
+_CHECKS: dict[str, Callable[[str, Any], Any]] = {
+    "gain": check.at_most_one,
+    "weight": _weight,
+    "damping": check.number,
+}
+
+
+def rows_among(rows: Sequence[int], count: int) -> tuple[int, ...]:
+    """Rows by number.
+
+    Raises:
+        ValueError: One out of range or repeated, or none at all.
+    """
+    chosen = tuple(check.indices("rows", rows, count).tolist())
+    if not chosen:
+        raise ValueError("rows must have one at least, got none")
+    return chosen
+
+
+def turned(rotation: Array, rows: Array) -> Array:
+    """Vectors in the axes of a frame, of stacked vectors (3 k, .) or (3 k,) in world axes."""
+    return (rotation.T @ rows.reshape(-1, 3, *rows.shape[1:] or (1,))).reshape(rows.shape)
+
+
+def chosen_rows(A: Array, rows: tuple[int, ...]) -> Array:
+    """These rows of a matrix or vector, in their order; a view where they follow one another."""
+    return A[_chosen(rows)]
+
+
+@lru_cache(maxsize=1024)
+def _chosen(rows: tuple[int, ...]) -> slice | NDArray[np.intp]:
+    """Rows as an index: looked up once, because they are the same at every tick."""
+    first = rows[0]
+    if rows == tuple(range(first, first + len(rows))):
+        return slice(first, first + len(rows))
+    return check.read_only(np.array(rows))

@@ -1,0 +1,135 @@
+"""Batches of postures: each gets what the system has there alone, whatever the others are."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from prioritized import ConstrainedSystem, Kinematics, Postures, Status, VelocityMapping
+from tests.random_systems import (
+    Drawn,
+    failures,
+    major_and_rest,
+    of_rank,
+    orthogonal,
+    projector,
+    springs,
+    systems,
+    weights,
+    with_stiffness,
+)
+
+WORST = [Status.SELF_MOTION, Status.LEAST_SQUARES, Status.EXACT]
+
+
+@st.composite
+def batches(draw: st.DrawFn) -> tuple[Drawn, ConstrainedSystem, np.ndarray, np.ndarray]:
+    """A mechanism with failures at four postures, some of them singular, some with looser loops."""
+    drawn = draw(systems())
+    system, rng = drawn.system, drawn.rng
+    if draw(st.booleans()):
+        R = draw(springs(system.J_T.shape[1], rng))
+        system = with_stiffness(system, R.T @ R)
+    (m, N), c = system.J_T.shape, len(system.J_C)
+    J_T = [orthogonal(rng, m) @ system.J_T for _ in range(2)]
+    J_T += [of_rank(rng, m, N, draw(st.integers(0, min(m, N)))) for _ in range(2)]
+    looser = of_rank(rng, c, N, draw(st.integers(0, min(c, N))))
+    J_C = [system.J_C, 0.0 * system.J_C, looser, orthogonal(rng, c) @ system.J_C]
+    return drawn, draw(failures(system)), np.array(J_T), np.array(J_C)
+
+
+def agrees_with(batch: np.ndarray, alone: list[np.ndarray], accuracy: float = 1e-9) -> None:
+    for here, there in zip(batch, alone, strict=True):
+        np.testing.assert_allclose(here, there, atol=accuracy * (1 + np.abs(there).max(initial=0)))
+
+
+@given(batches())
+def test_the_kinematics_of_every_posture_are_those_it_has_alone(drawn):
+    of, system, J_T, J_C = drawn
+    postures = system.postures(J_T, J_C)
+    alone = [system.at(*pair).kinematics() for pair in zip(J_T, J_C, strict=True)]
+    rates = of.rng.normal(size=(4, len(postures.actuators)))
+    agrees_with(postures.J, [kin.J for kin in alone])
+    for name in ("passive_rates", "velocities"):
+        found = getattr(postures, name)(rates)
+        agrees_with(found, [getattr(kin, name)(x) for kin, x in zip(alone, rates, strict=True)])
+    for name, own in (("active_constraint", np.transpose), ("self_motion", np.asarray)):
+        bases = [projector(own(getattr(kin, name))) for kin in alone]
+        agrees_with(np.array([projector(own(A)) for A in getattr(postures, name)]), bases)
+
+
+@given(st.data(), batches())
+def test_the_mapping_of_every_posture_is_that_it_has_alone(data, drawn):
+    """Rates, rank and status: a posture that is singular, or whose loops jam, changes no other."""
+    of, system, J_T, J_C = drawn
+    n, (major, rest) = len(system.active), major_and_rest(data, J_T.shape[1])
+    weighed = {
+        "joint_weight": data.draw(weights(n, of.rng)),
+        "secondary_weight": data.draw(weights(len(rest), of.rng)) if rest else None,
+    }
+
+    def mapping(kin: Kinematics | Postures) -> VelocityMapping:
+        return kin.velocity_mapping(major, rest, **weighed)
+
+    postures = system.postures(J_T, J_C)
+    together, alone = mapping(postures), [mapping(kin) for kin in postures.each]
+    inputs = [of.rng.normal(size=(4, k)) for k in (len(major), len(postures.actuators), len(rest))]
+    expected = [one(*target) for one, *target in zip(alone, *inputs, strict=True)]
+    agrees_with(together(*inputs), expected, 1e-6)
+    assert together.rank.tolist() == [int(one.rank) for one in alone]
+    assert together.status is next(s for s in WORST if s in [one.status for one in alone])
+
+
+@given(batches())
+def test_limits_hold_every_posture_back_as_they_do_alone(drawn):
+    of, system, J_T, J_C = drawn
+    postures, box = system.postures(J_T, J_C), (-0.2, 0.3)
+    together = postures.velocity_mapping([0]).within(box)
+    v = of.rng.normal(size=(4, 1))
+    alone = [
+        kin.velocity_mapping([0]).within(box)(x) for kin, x in zip(postures.each, v, strict=True)
+    ]
+    agrees_with(together(v), alone, 1e-6)
+
+
+@given(batches())
+def test_the_axes_of_a_batch_stay(drawn):
+    _, system, J_T, J_C = drawn
+    flat = system.postures(J_T, J_C)
+    square = system.postures(J_T.reshape(2, 2, *J_T.shape[1:]), J_C.reshape(2, 2, *J_C.shape[1:]))
+    one = system.postures(J_T[0], J_C[0])
+    same_loops = system.postures(J_T)
+    for name in ("J", "active_constraint"):
+        found = getattr(square, name)
+        np.testing.assert_array_equal(found.reshape(4, *found.shape[2:]), getattr(flat, name))
+    np.testing.assert_array_equal(one.J, flat.J[0])
+    np.testing.assert_array_equal(same_loops.J[1], system.at(J_T[1]).kinematics().J)
+    np.testing.assert_array_equal(
+        one.velocity_mapping([0]).rank, one.each[0].velocity_mapping([0]).rank
+    )
+
+
+SYSTEM = ConstrainedSystem(np.eye(3, 4), np.ones((1, 4)), [0, 1, 2])
+
+
+@pytest.mark.parametrize(
+    ("J_T", "J_C", "said"),
+    [
+        (np.ones((2, 3, 5)), None, r"J_T must have 4 columns, got shape \(2, 3, 5\)"),
+        (np.ones((2, 2, 4)), None, r"J_T must have 3 rows, got shape \(2, 2, 4\)"),
+        (np.ones((2, 3, 4)), np.ones((2, 1, 3)), r"J_C must have 4 columns"),
+        (np.ones((2, 3, 4)), np.ones((3, 1, 4)), r"leading axes must broadcast, got J_T \(2,\)"),
+        (np.ones((0, 3, 4)), None, r"J_T and J_C must hold a posture at least"),
+    ],
+)
+def test_postures_that_do_not_fit_are_refused(J_T, J_C, said):
+    with pytest.raises(ValueError, match=said):
+        SYSTEM.postures(J_T, J_C)
+
+
+@pytest.mark.parametrize(
+    "made", [lambda J: SYSTEM.at(J_T=J), lambda J: ConstrainedSystem(J, None, [0])]
+)
+def test_one_system_at_many_postures_is_told_how(made):
+    with pytest.raises(ValueError, match=r"J_T must be one matrix.*ConstrainedSystem\.postures"):
+        made(np.ones((2, 3, 4)))

@@ -1,0 +1,220 @@
+"""A tick is the general way in one compiled call, or it says nothing."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from prioritized import ConstrainedSystem, Hierarchy, Kinematics, Status, Task, Tick
+from tests.profiles import examples
+from tests.random_systems import SEEDS, Drawn, failures, major_and_rest, of_rank, systems
+
+SURE = Status.EXACT, Status.LEAST_SQUARES, Status.LIMITED
+
+
+@dataclass(frozen=True)
+class Asked:
+    """Levels of a mechanism and what they are asked for, whichever way answers.
+
+    Attributes:
+        system: The mechanism.
+        hierarchy: Its levels.
+        targets: Of each level.
+        limits: Of all velocities, (N,) each.
+    """
+
+    system: ConstrainedSystem
+    hierarchy: Hierarchy
+    targets: list[np.ndarray]
+    limits: tuple[np.ndarray, np.ndarray]
+
+    def tick(self) -> np.ndarray | None:
+        """The compiled way, all targets one after the other."""
+        tick = self.hierarchy.tick(self.system.kinematics())
+        there = self.system.J_T, self.system.J_C, np.concatenate(self.targets)
+        return None if tick is None else tick(*there, self.limits)
+
+    def general(self) -> tuple[np.ndarray, Status]:
+        """Limits of passive velocities as inequality rows."""
+        kin, (lower, upper) = self.system.kinematics(), self.limits
+        moving, n = kin.system.joints.moving, len(kin.actuators)
+        moving = moving[np.isfinite(lower[moving])]
+        rows = kin.velocities(np.eye(n)).T[moving], lower[moving], upper[moving]
+        box = lower[kin.active], upper[kin.active]
+        asked = self.hierarchy.at(kin, rate_limits=box, rate_rows=rows)
+        solution = asked.solve(self.targets)
+        return kin.velocities(solution.rates), solution.status
+
+
+def limits(rng: np.random.Generator, kin: Kinematics, size: float) -> tuple[np.ndarray, np.ndarray]:
+    """Around zero; infinite of some, of passive ones mostly."""
+    N = kin.system.task.J_T.shape[1]
+    lower, upper = (size * rng.uniform(0.2, 2.0, N) for _ in range(2))
+    free = rng.random(N) < 0.2
+    free[kin.passive] = rng.random(len(kin.passive)) < 0.8
+    lower[free] = upper[free] = np.inf
+    return -lower, upper
+
+
+def asked_of(
+    rng: np.random.Generator, system: ConstrainedSystem, rows: list[list[int]], size: float
+) -> Asked:
+    """Levels of task rows, then rates or none, weighted or not."""
+    kin, n = system.kinematics(), len(system.active)
+    levels = [
+        Task(each, rng.uniform(0.5, 2, len(each)) if rng.random() < 0.5 else None) for each in rows
+    ]
+    targets = [rng.normal(size=len(each)) for each in rows]
+    if rng.random() < 0.7:
+        weight = rng.uniform(0.5, 2, n) * (rng.random(n) < 0.9) if rng.random() < 0.5 else None
+        levels.append(Task.joints(weight))
+        targets.append(rng.normal(size=len(kin.active)))
+    metric = rng.uniform(0.5, 2, n) if rng.random() < 0.3 else None
+    hierarchy = kin.hierarchy(levels, tie_metric=metric)
+    return Asked(system, hierarchy, targets, limits(rng, kin, size))
+
+
+def regular(rng: np.random.Generator) -> ConstrainedSystem:
+    """Loops that determine the passive velocities and may tie rates; a task of full rank."""
+    p, q, m, more = (int(rng.integers(*ends)) for ends in ((0, 5), (0, 3), (1, 5), (0, 4)))
+    n = m + q + more
+    q = q if p else 0
+    J_C = of_rank(rng, p + q, p + n, p + q)
+    J_C[:, :p] = of_rank(rng, p + q, p, p)
+    order = rng.permutation(p + n)
+    J_T, J = rng.normal(size=(m, p + n)), np.empty_like(J_C)
+    J[:, order] = J_C
+    return ConstrainedSystem(J_T, J, order[p:])
+
+
+def in_levels(rng: np.random.Generator, m: int) -> list[list[int]]:
+    rows = rng.permutation(m)
+    return [each.tolist() for each in np.split(rows, sorted({rng.integers(0, m), 0})[1:])]
+
+
+def assert_same(asked: Asked, found: np.ndarray) -> None:
+    expected, status = asked.general()
+    assert status in SURE
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
+
+
+@given(st.data(), systems(tasks=(1, 5), actives=(1, 5)), st.integers(-18, 0), st.floats(0.1, 10.0))
+@examples(300)
+def test_a_tick_is_the_general_way_or_says_nothing(data, drawn: Drawn, nearness, size):
+    """Of any ranks, after any failures, near singular poses, within limits that may not do."""
+    first, rng = drawn.system, drawn.rng
+    J_T = first.J_T.copy()
+    J_T[-1] = J_T[0] + 10.0**nearness * rng.normal(size=J_T.shape[1])
+    system = data.draw(failures(ConstrainedSystem(J_T, first.J_C, first.active)))
+    levels = [each for each in major_and_rest(data, len(J_T)) if each]
+    asked = asked_of(rng, system, levels, size)
+    found = asked.tick()
+    if found is not None:
+        assert_same(asked, found)
+        assert not found[system.stuck].any()
+
+
+@pytest.mark.parametrize("size", [0.3, 3.0, np.inf])
+def test_a_tick_answers_where_nothing_is_in_doubt(size):
+    """Of all regular mechanisms nine tenths and more; each answer is that of the general way."""
+    answered, count = 0, 200
+    for seed in range(count):
+        rng = np.random.default_rng(seed)
+        system = regular(rng)
+        asked = asked_of(rng, system, in_levels(rng, len(system.J_T)), size)
+        found = asked.tick()
+        if found is None:
+            continue
+        answered += 1
+        assert_same(asked, found)
+    assert answered >= 0.9 * count
+
+
+@given(SEEDS)
+def test_without_limits_a_tick_solves_the_conditions_of_the_optimum(seed):
+    """By one linear system for all velocities, with Lagrange's multipliers."""
+    rng = np.random.default_rng(seed)
+    system = regular(rng)
+    (m, N), c = system.J_T.shape, len(system.J_C)
+    weight, wanted, v = rng.uniform(0.5, 2, N), rng.normal(size=N), rng.normal(size=m)
+    W = np.zeros((N, N))
+    W[system.active, system.active] = weight[system.active] ** 2
+    levels = [Task(list(range(m))), Task.joints(weight[system.active])]
+    hierarchy = system.kinematics().hierarchy(levels)
+    tick = hierarchy.tick(system.kinematics())
+    assert tick is not None
+    targets, none = np.append(v, wanted[system.active]), np.full(N, np.inf)
+    found = tick(system.J_T, system.J_C, targets, (-none, none))
+    E = np.vstack([system.J_C, system.J_T])
+    K = np.block([[W, E.T], [E, np.zeros((m + c, m + c))]])
+    right = np.concatenate([W @ wanted, np.zeros(c), v])
+    expected = np.linalg.lstsq(K, right, rcond=1e-12)[0][:N]
+    assert found is not None
+    np.testing.assert_allclose(found, expected, atol=1e-8 * np.abs(expected).max())
+
+
+ARM = ConstrainedSystem([[1.0, 0.5, 0.2], [0.0, 1.0, 0.7]], None, [0, 1, 2])
+FREELY = -np.full(3, np.inf), np.full(3, np.inf)
+
+
+def tick_of(system: ConstrainedSystem, *levels: Task) -> Tick | None:
+    return system.kinematics().hierarchy(levels).tick(system.kinematics())
+
+
+@pytest.mark.parametrize(
+    "levels",
+    [
+        [Task([0], damping=0.1), Task.joints()],
+        [Task([0], interval=True), Task.joints()],
+        [Task.joints(), Task([0])],
+        [Task([0]), Task.joints([1.0, 1e-6, 1.0])],
+        [Task([0]), Task.joints([[1.0, 0.5, 0.0], [0.0, 1.0, 0.0]])],
+    ],
+)
+def test_levels_that_are_not_for_a_tick_have_none(levels):
+    assert tick_of(ARM, *levels) is None
+
+
+TIED = ConstrainedSystem([[1.0, 0.0, 0.0]], [[1.0, -1.0, 0.0], [0.0, 1.0, -1.0]], [0, 1])
+
+
+def test_a_passive_limit_holds_the_rates():
+    tick, narrow = tick_of(TIED, Task([0]), Task.joints()), np.array([5.0, 5.0, 0.1])
+    assert tick is not None
+    found = tick(TIED.J_T, TIED.J_C, np.array([1.0, 0.0, 0.0]), (-narrow, narrow))
+    assert found is not None
+    np.testing.assert_allclose(found, [0.1, 0.1, 0.1])
+
+
+def test_contradictions_are_left_to_the_general_way():
+    """Limits and loops; one row asked for twice; a joint that swings."""
+    apart = np.array([1.0, -2.0, -5.0]), np.array([2.0, -1.0, 5.0])
+    free = ARM.with_failures(free=[2])
+    twice = ConstrainedSystem([ARM.J_T[0], ARM.J_T[0]], None, [0, 1, 2])
+    cases = [(TIED, [0], apart), (free, [0], FREELY), (twice, [0, 1], FREELY)]
+    for system, rows, box in cases:
+        tick = tick_of(system, Task(rows), Task.joints())
+        assert tick is not None
+        n = len(system.kinematics().actuators)
+        targets = np.concatenate([np.ones(len(rows)), np.zeros(n)])
+        assert tick(system.J_T, system.J_C, targets, box) is None
+
+
+def test_errors_that_could_cost_a_rank_silence_a_tick():
+    tick = tick_of(ARM, Task([0, 1]), Task.joints())
+
+    class Rounded:
+        error_bound, extremes = 0.0, ((1.0, 1.0), (1.0, 1.0), (1.0, 1.0))
+        task_units, velocity_units, constraint_units = np.ones(2), np.ones(3), np.ones(0)
+        J_T_error, J_C_error = np.zeros((2, 3)), np.zeros((0, 3))
+
+    rounded = ConstrainedSystem(ARM.J_T, None, [0, 1, 2], accuracy=Rounded())
+    careful = tick_of(rounded, Task([0, 1]), Task.joints())
+    assert tick is not None and careful is not None
+    asked = ARM.J_T, ARM.J_C, np.ones(5), FREELY
+    assert tick(*asked, 1.0) is not None  # it was said to be exact
+    assert careful(*asked, 1e-6) is not None
+    assert careful(*asked, 0.1) is None
+    assert careful(*asked, np.inf) is None

@@ -1,0 +1,229 @@
+"""Distances between geoms and their rates, against MuJoCo's own distances and contacts."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from sim import Body, Distances, ModelError
+from tests.scenes import PAIRS, arm_among, distances_of, moved, two
+
+SMOOTH = {"ellipsoid", "cylinder"}
+"""Shapes whose depth of penetration MuJoCo finds roughly."""
+
+
+def test_the_rows_are_the_slopes_of_the_distance_on_the_manifold():
+    """For all pairs of shapes, on slides, hinges, balls and free bodies, apart and overlapping."""
+    rng, h = np.random.default_rng(0), 1e-5
+    seen = {"apart": 0, "overlapping": 0}
+    for first, second in PAIRS:
+        model = two(first, second)
+        data, distances = mujoco.MjData(model), Distances(model, detection_m=1.0)
+        for _ in range(20):
+            data.qpos[:] = moved(model, model.qpos0, rng.normal(scale=0.2, size=model.nv))
+            (distance,), (row,), _ = near = distances.at(data)
+            if distance < 0 and SMOOTH & {first, second}:
+                continue
+            step = rng.normal(size=model.nv)
+            step *= h / np.linalg.norm(step)
+            ends = [moved(model, data.qpos, sign * step) for sign in (1, -1)]
+            after, before = (distances_of(model, q, near.pairs, 1.0)[0] for q in ends)
+            assert row @ step / h == pytest.approx((after - before) / (2 * h), abs=2e-3)
+            seen["apart" if distance > 0 else "overlapping"] += 1
+    assert min(seen.values()) > 50
+
+
+@pytest.mark.parametrize("second", ["sphere", "capsule", "box", "plane", "cylinder"])
+def test_the_row_of_a_sphere_in_another_geom_is_that_of_their_contact(second):
+    """MuJoCo's constraint solver has the rate of a contact without friction as its row."""
+    model, rng, found = two("sphere", second), np.random.default_rng(0), 0
+    model.geom_condim[:], model.opt.cone = 1, mujoco.mjtCone.mjCONE_ELLIPTIC
+    model.opt.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
+    data, distances = mujoco.MjData(model), Distances(model)
+    for _ in range(100):
+        data.qpos[:] = moved(model, model.qpos0, rng.normal(scale=0.1, size=model.nv))
+        mujoco.mj_forward(model, data)
+        near = distances.at(data)
+        if data.ncon and near.distance_m[0] < 0:
+            assert near.distance_m == pytest.approx(data.contact.dist, abs=1e-12)
+            of_contact = data.efc_J.reshape(-1, model.nv)
+            np.testing.assert_allclose(near.rows, of_contact, atol=1e-9)
+            found += 1
+    assert found > 10
+
+
+@pytest.mark.parametrize("other", ["sphere", "capsule", "box", "mesh", "plane"])
+def test_geoms_that_touch_part_along_the_direction_from_which_they_came(other):
+    """Their witness points coincide, and have no direction."""
+    model, rng = two("box", other), np.random.default_rng(0)
+    data, distances = mujoco.MjData(model), Distances(model, detection_m=1.0)
+    away = np.eye(model.nv)[0 if other == "plane" else 5]
+    turned = moved(model, model.qpos0, rng.normal(size=model.nv) * (away == 0))
+    turned[6:9] = 0.0  # a floating geom starts inside the other one
+    rows = {}
+    for height in (1e-5, 0.0):
+        low, high = 0.0, 1.0
+        for _ in range(60):
+            middle = (low + high) / 2
+            data.qpos[:] = moved(model, turned, middle * away)
+            is_high = distances.at(data).distance_m[0] > height
+            low, high = (low, middle) if is_high else (middle, high)
+        rows[height] = distances.at(data)
+    assert abs(rows[0.0].distance_m[0]) < 1e-12
+    np.testing.assert_allclose(rows[0.0].rows, rows[1e-5].rows, atol=1e-3)
+    fresh = mujoco.MjData(model)
+    fresh.qpos[:] = data.qpos
+    mujoco.mj_kinematics(model, fresh)
+    np.testing.assert_array_equal(data.geom_xpos, fresh.geom_xpos)
+
+
+def test_a_row_says_whether_spheres_approach_however_near_they_are():
+    model = two("sphere", "sphere")
+    data, rows = mujoco.MjData(model), []
+    for place in (0.35, 0.26, 0.2602, 0.1):
+        data.qpos[6:9] = [place, 0.0, 0.03]
+        rows.append(Distances(model, detection_m=1.0).at(data).rows[0])
+    assert all(row[5 + 0] > 0.9 for row in rows)
+    np.testing.assert_allclose(rows, [rows[0]] * 4, atol=1e-9)
+
+
+def test_what_bounding_spheres_leave_out_is_not_near():
+    rng, counts = np.random.default_rng(0), []
+    for _ in range(40):
+        model = arm_among(12, rng)
+        data, distances = mujoco.MjData(model), Distances(model, detection_m=0.1)
+        data.qpos[:] = rng.uniform(-2, 2, size=model.nq)
+        near, pairs = distances.at(data), distances.geom_pairs
+        every = distances_of(model, data.qpos, pairs, 1.0)
+        np.testing.assert_array_equal(near.pairs, pairs[every < 0.1])
+        np.testing.assert_allclose(near.distance_m, every[every < 0.1], atol=1e-9)
+        counts.append((len(near.pairs), len(pairs)))
+    assert np.sum(counts, axis=0)[0] > 50 and np.sum(counts, axis=0)[1] > 1000
+
+
+def crowd(rng: np.random.Generator) -> str:
+    """Nine bodies in random trees, some of them welded, all at one place."""
+    open_tags, xml = 0, '<geom contype="1" conaffinity="3"/><body name="b0"><geom/></body>'
+    for k in range(1, 9):
+        joint = '<joint axis="1 0 0"/>' if rng.random() < 0.7 else ""
+        bits = rng.integers(0, 4, size=2)
+        xml += f'<body name="b{k}">{joint}<geom contype="{bits[0]}" conaffinity="{bits[1]}"/>'
+        xml += '<geom name="twin"/>' if k == 5 else ""
+        open_tags += 1
+        for _ in range(rng.integers(0, open_tags + 1)):
+            xml, open_tags = xml + "</body>", open_tags - 1
+    contact = '<exclude body1="b7" body2="b2"/><exclude body1="b3" body2="b8"/>'
+    contact += '<pair geom1="twin" geom2="listed"/>'
+    listed = '<body name="own"><joint/><geom name="listed" contype="0" conaffinity="0"/></body>'
+    bodies = f"<worldbody>{xml}{'</body>' * open_tags}{listed}</worldbody>"
+    return (
+        f'<mujoco><default><geom size="0.1" mass="1"/></default>{bodies}'
+        f"<contact>{contact}</contact></mujoco>"
+    )
+
+
+@pytest.mark.parametrize("filtered", [True, False])
+def test_the_pairs_of_a_model_are_those_that_mujoco_lets_collide(filtered):
+    """All geoms are in one place, so that whatever can collide does."""
+    rng = np.random.default_rng(0)
+    for _ in range(30):
+        model = mujoco.MjModel.from_xml_string(crowd(rng))
+        if not filtered:
+            model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_FILTERPARENT)
+        data = mujoco.MjData(model)
+        mujoco.mj_forward(model, data)
+        colliding = {tuple(sorted(pair)) for pair in data.contact.geom.tolist()}
+        assert set(map(tuple, Distances(model).geom_pairs.tolist())) == colliding
+
+
+TREE = """<mujoco><worldbody>
+  <body name="left"><freejoint/><geom name="left1"/><body name="hand" pos="1 0 0"><joint/>
+    <geom name="left2"/><body name="tip"><joint/><geom name="left3"/></body></body></body>
+  <body name="right"><freejoint/><geom name="r1"/><geom name="air" contype="0" conaffinity="0"/>
+  </body></worldbody></mujoco>"""
+TREE = TREE.replace("<geom ", '<geom size="0.1" ')
+
+
+def pairs_of(*pairs) -> list[list[int]]:
+    return Distances(mujoco.MjModel.from_xml_string(TREE), list(pairs)).geom_pairs.tolist()
+
+
+def test_groups_are_geoms_by_name_or_number_and_bodies_with_all_that_they_carry():
+    assert pairs_of((["left1"], ["r1"])) == pairs_of(([0], [np.int64(3)])) == [[0, 3]]
+    assert pairs_of(([Body("left")], ["r1", "air"])) == [[0, 3], [1, 3], [2, 3]]
+    assert pairs_of(([Body("hand")], [Body(4)])) == [[1, 3], [2, 3]]
+    everything = [Body("left"), Body("right")]
+    every = [[0, 2], [0, 3], [1, 3], [2, 3]]  # but for parents
+    assert pairs_of((everything, everything)) == every
+
+
+def test_a_pair_counts_once_whatever_its_order():
+    once = [[0, 3], [1, 3]]
+    assert pairs_of((["left1", "left2"], ["r1"]), (["left1"], ["r1"]), (["r1"], ["left1"])) == once
+
+
+@pytest.mark.parametrize(
+    ("pairs", "error", "said"),
+    [
+        ([(["lift1"], ["r1"])], ModelError, 'no geom named "lift1".*did you mean "left1"'),
+        ([([Body("rigt")], ["r1"])], ModelError, 'no body named "rigt".*did you mean "right"'),
+        ([([Body(9)], ["r1"])], ModelError, "bodies 0 to 4, got 9"),
+        ([([9], ["r1"])], ValueError, r"pairs must lie in 0\.\.4, got 9"),
+        (
+            [(["left1"], ["left2"])],
+            ModelError,
+            "pairs must name two geoms that .* collide",
+        ),
+        ([(["left1"], ["air"])], ModelError, "pairs must name two geoms that .* collide"),
+        ([], TypeError, "pairs must be a list of pairs of lists"),
+        ([("left1", "r1")], TypeError, "pairs must be a list of str or int or integer or Body"),
+        (["left1"], TypeError, "pairs must be a list of pairs"),
+    ],
+)
+def test_pairs_that_are_none_are_refused(pairs, error, said):
+    with pytest.raises(error, match=said):
+        pairs_of(*pairs)
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"margin_m": -0.01}, "margin_m must not be negative"),
+        ({"margin_m": 0.05}, "margin_m must be below detection_m"),
+        ({"detection_m": 1e3}, "detection_m must be from 0 to 100 m"),
+        ({"gain": 0.0}, "gain must be positive"),
+        ({"gain": 1.5}, "gain must be from 0 to 1"),
+    ],
+)
+def test_a_number_out_of_range_is_refused(given, said):
+    with pytest.raises(ValueError, match=said):
+        Distances(two("box", "plane"), **given)
+
+
+TORUS = """<mujoco>
+  <extension><plugin plugin="mujoco.sdf.torus"><instance name="torus"/></plugin></extension>
+  <asset><mesh name="torus"><plugin instance="torus"/></mesh></asset>
+  <worldbody><body><freejoint/><geom size="0.1"/></body>
+    <body><freejoint/><geom type="sdf" mesh="torus"><plugin instance="torus"/></geom></body>
+  </worldbody></mujoco>"""
+
+
+def test_a_signed_distance_field_is_refused_whose_distance_mujoco_calls_far():
+    with pytest.raises(ModelError, match="signed distance field, got geom 1"):
+        Distances(mujoco.MjModel.from_xml_string(TORUS))
+
+
+@pytest.mark.parametrize("start_m", [0.2, 0.001, -0.02])
+@pytest.mark.parametrize("gain", [0.25, 1.0])
+def test_at_the_limit_the_way_to_the_margin_shrinks_by_the_gain_in_every_tick(start_m, gain):
+    """From above it and from below it, as a geometric sequence."""
+    model, dt = two("sphere", "plane"), 0.01
+    data, distances = (
+        mujoco.MjData(model),
+        Distances(model, None, 0.01, 1.0, gain),
+    )
+    data.qpos[0] = (start_m + 0.1 - 0.03) * np.sqrt(14) / 3  # along the slide's axis (1, 2, 3)
+    for k in range(5):
+        way = distances.at(data).distance_m[0] - 0.01
+        assert way == pytest.approx((1 - gain) ** k * (start_m - 0.01), abs=1e-12)
+        (row,), (lower,) = distances.rate_limits(data, dt)
+        data.qpos[0] += dt * lower / row[0]
