@@ -1,5 +1,6 @@
 """Inverse kinematics: strict levels of tasks, whatever fails, on arms, loops and legs."""
 
+from dataclasses import dataclass
 from typing import Any
 
 import mujoco
@@ -24,6 +25,7 @@ from sim import (
     Pose,
     PostureTask,
     RelativeFrameTask,
+    TaskFunction,
     assemble,
     load_model,
     pose_of,
@@ -415,3 +417,58 @@ def test_one_task_twice_is_refused():
     task = FrameTask("payload", target=np.zeros(3))
     with pytest.raises(ValueError, match="none twice"):
         Ik(ARM, [task, task])
+
+
+@dataclass(eq=False)
+class Apart(TaskFunction):
+    """The distance between two sites is to have a length: a task of a user's own."""
+
+    ends: tuple[str, str] = ("", "")
+    rows: int = 1
+
+    def on(self, model: mujoco.MjModel) -> "ApartIn":
+        """As :meth:`TaskFunction.on`."""
+        first, second = (model.site(end).id for end in self.ends)
+        return ApartIn(self, first, second)
+
+
+@dataclass
+class ApartIn:
+    """The same in one model."""
+
+    task: Apart
+    first: int
+    second: int
+    frames: tuple = ()
+    angular: tuple[bool, ...] = (False,)
+
+    def jacobian(self, model, data):
+        """Rate of the distance."""
+        rows = np.zeros((2, 3, model.nv))
+        for J, site in zip(rows, (self.first, self.second), strict=True):
+            mujoco.mj_jacSite(model, data, J, None, site)
+        way = data.site_xpos[self.second] - data.site_xpos[self.first]
+        return np.tile(way / np.linalg.norm(way) @ (rows[1] - rows[0]), (self.task.rows, 1))
+
+    def error(self, model, data):
+        """What it lacks."""
+        way = data.site_xpos[self.second] - data.site_xpos[self.first]
+        return np.array([self.task.needed() - np.linalg.norm(way)])
+
+
+def test_a_task_of_a_users_own_is_met_like_any_other():
+    data = bent(HUMANOID, 4, 0.2)
+    apart = Apart(ends=("left_hand", "right_hand"), target=0.25)
+    ik = Ik(HUMANOID, [apart, PostureTask(target=data.qpos, gain=0.2)], active=["root"])
+    for _ in range(60):
+        data = ik.advance(data, ik.step(data, DT), DT)
+    way = data.site("left_hand").xpos - data.site("right_hand").xpos
+    assert abs(np.linalg.norm(way) - 0.25) < 1e-9
+
+
+@pytest.mark.parametrize("wrong", [{"rows": 2}, {"target": np.nan}, {"target": "near"}])
+def test_a_task_of_a_users_own_that_is_wrong_is_refused(wrong):
+    given = {"ends": ("left_hand", "right_hand"), "target": 0.25} | wrong
+    with pytest.raises((ValueError, TypeError)) as refused:
+        Ik(HUMANOID, [Apart(**given)], active=["root"]).step(assemble(HUMANOID), DT)
+    assert "\n" not in str(refused.value)
