@@ -169,13 +169,20 @@ def test_the_origin_takes_the_straight_line_and_there_a_screw():
     assert abs(configuration.q[1]) > 0.05
 
 
-def test_beyond_its_range_a_joint_returns():
+def test_beyond_its_range_a_joint_returns_also_where_mink_finds_no_solution():
     data = mujoco.MjData(MOBILE)
     _, high = ranges(MOBILE).joint.T
     data.qpos[4] = high[4] + 0.1
     task = FrameTask("tool", target=pose_of(MOBILE, data, "tool"))
     after = data.qpos + DT * Ik(MOBILE, [task]).step(data, DT)
     np.testing.assert_allclose(after[4], high[4], atol=1e-12)
+    slowly = Ik(MOBILE, [task], Limits(velocity=1.0)).step(data, DT)
+    np.testing.assert_allclose(slowly[4], -1.0)
+    posture = mink.PostureTask(MOBILE, cost=1.0)
+    posture.set_target(data.qpos)
+    limits = [mink.ConfigurationLimit(MOBILE), mink.VelocityLimit(MOBILE, {"shoulder": 1.0})]
+    with pytest.raises(mink.NoSolutionFound):
+        mink.solve_ik(mink.Configuration(MOBILE, data.qpos), [posture], limits=limits, **BY_DAQP)
 
 
 def test_far_from_a_range_only_the_velocity_limits_and_near_it_less():
