@@ -95,6 +95,16 @@ def test_what_says_that_something_is_missing_needs_nothing_installed(file):
     assert outside - sys.stdlib_module_names <= {"experiments"}
 
 
+def test_inverse_kinematics_need_no_loop_and_no_study():
+    """Importable with the extra `sim` alone."""
+    files = (ROOT / "experiments" / "ik").rglob("*.py")
+    names = {name for file in files for name in imported(file)}
+    ours = {name.split(".")[0] for name in names if not name.startswith("experiments.ik")}
+    assert ours - sys.stdlib_module_names == {
+        *("argument_checks", "mujoco", "numpy", "prioritized", "sim")
+    }
+
+
 def floor_of(place: str) -> int:
     return FLOORS.get(place, STUDY)
 
