@@ -138,3 +138,16 @@ def test_a_mistake_in_a_function_is_no_matter_of_the_cache(loaded, caplog, tmp_p
     with pytest.raises(Exception, match="nowhere"):
         compilation.kernel("float64(float64)")(lambda x: nowhere(x))  # noqa: F821  # pyright: ignore
     assert [each for each in caplog.messages if each != NOTICE] == []
+
+
+def test_make_venv_compiles_everything_so_that_no_test_waits_for_it():
+    root = Path(__file__).parents[2]
+    line = next(x for x in (root / "Makefile").read_text().splitlines() if "import bounded" in x)
+    named = set(re.findall(r"\w+", line))
+    kernels = {
+        file.stem
+        for room in ("prioritized", "sim", "ftc")
+        for file in (root / room).rglob("*.py")
+        if re.search(r"^@kernel\(", file.read_text(), re.MULTILINE)
+    }
+    assert len(kernels) >= 9 and kernels - named == set()
