@@ -56,9 +56,10 @@ def run(bench: Bench) -> Any:
 
 def on_bench(**given: Any) -> Any:
     plant = given.pop("plant", None)
-    if isinstance(plant, Plant):  # each call has its own
-        plant = Plant(ARM)
-    return run(Bench(plant, **{**USUAL, **given}))
+    bench = Bench(plant, **{**USUAL, **given})
+    if isinstance(plant, Plant):  # what runs has its own; most are refused before, in less time
+        bench = Bench(Plant(ARM), **{**USUAL, **given})
+    return run(bench)
 
 
 def applied(**given: Any) -> Any:
