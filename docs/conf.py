@@ -29,7 +29,8 @@ nitpick_ignore_regex = [
     ("py:.*", r"(?!argument_checks|experiments|prioritized|ftc|sim)\w+(\..*)?"),
     ("py:.*", r"prioritized\._.*"),
     ("py:class", r"sim\.kinematics\.entry_accuracy\.(Natural|Jacobians)"),  # how it is computed
-    ("py:class", r"sim\.(kinematics\.task\.HasRows|mjcf\.frame\.Located)"),  # protocols inside
+    ("py:class", r"sim\.mjcf\.frame\.Located"),
+    ("py:class", r"sim\.kinematics\.(task\.HasRows|machine\.OfAnyPose)"),  # inside
     ("py:class", r"ftc\.[\w.]+\.(Pose|Posture|State)"),  # type variables
 ]
 
