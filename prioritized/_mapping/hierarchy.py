@@ -120,8 +120,8 @@ class Hierarchy:
             kinematics: The mechanism at any pose.
 
         Returns:
-            None where it could never answer: for damping, intervals, springs, rates in a level
-            before the last, or weights of rates that are no diagonals.
+            The tick, or None where it could never answer, as with damping, intervals, springs,
+            rates in a level before the last, or weights of rates that are no diagonals.
 
         Raises:
             TypeError: `kinematics` is not a :class:`prioritized.Kinematics`.
