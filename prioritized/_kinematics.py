@@ -204,11 +204,7 @@ class Kinematics:
             rates: Of the survivors, shape (..., n - q). The loops stay closed for admissible ones,
                 see :attr:`active_constraint`.
         """
-        passive = self.passive_rates(rates)
-        velocities = np.empty((*passive.shape[:-1], self.system.task.J_T.shape[1]))
-        velocities[..., self.active] = rates
-        velocities[..., self.passive] = passive
-        return velocities
+        return self.system.joints.together(rates, self.passive_rates(rates))
 
     def constraint_force(self, f: ArrayLike, torques: ArrayLike | None = None) -> Array:
         """Constraint forces f_C under the task force f, eq. (11), shape (..., c + s).

@@ -70,11 +70,7 @@ class Postures:
 
     def velocities(self, rates: ArrayLike) -> Array:
         """All velocities in the order of J_T's columns, shape (..., N); arguments likewise."""
-        passive, one = self.passive_rates(rates), self.each[0]
-        velocities = np.empty((*passive.shape[:-1], one.system.task.J_T.shape[1]))
-        velocities[..., one.active] = rates
-        velocities[..., one.passive] = passive
-        return velocities
+        return self.each[0].system.joints.together(rates, self.passive_rates(rates))
 
     def velocity_mapping(
         self,

@@ -64,8 +64,6 @@ class Ik:
         jac = anywhere.at(mujoco.MjData(model))
         given = Limits() if limits is None else check.instance("limits", limits, Limits)
         self._limits = given.of(model, jac)
-        assert jac.machine is not None
-        self._torque_limits = jac.machine.force_range[:, 0], jac.machine.force_range[:, 1]
         system = ConstrainedSystem.of(jac)
         self._asked = self._levels.levels(system)
         self._take(system)
@@ -107,7 +105,7 @@ class Ik:
         if distances is not None:
             fraction = distances.safe_fraction(data, qvel, period_s)
         is_led_back = met is not None or problem.solved[1]
-        return IkSolution(fraction * qvel, self._torque_limits, fraction, is_led_back, problem)
+        return IkSolution(fraction * qvel, fraction, is_led_back, problem)
 
     def advance(
         self, data: mujoco.MjData, qvel: Array, dt: float, into: mujoco.MjData | None = None

@@ -56,15 +56,12 @@ class IkSolution:
 
     Attributes:
         qvel: Of all joints, shape (nv,).
-        torque_limits: Least and most force of each actuator that the model states, (n,) each, for
-            `kinematics.force_mapping(torque_limits=...)`; zero of variables without an actuator.
         fraction: Part of the velocity that is left so that no geoms come too near.
         is_led_back: Whether all that is beyond a limit returns as :class:`Limits` says.
         problem: What was asked for; the properties are found from it when they are asked for.
     """
 
     qvel: Array
-    torque_limits: tuple[Array, Array]
     fraction: float
     is_led_back: bool
     problem: IkProblem
@@ -80,6 +77,16 @@ class IkSolution:
         return self.problem.kinematics
 
     @property
+    def torque_limits(self) -> tuple[Array, Array]:
+        """Least and most force of each actuator that the model states, (n,) each.
+
+        For `kinematics.force_mapping(torque_limits=...)`; zero of variables without an actuator.
+        """
+        machine = self.problem.jacobians.machine
+        assert machine is not None
+        return machine.force_range[:, 0], machine.force_range[:, 1]
+
+    @property
     def status(self) -> Status:
         """How the first level is met, and whether limits are."""
         return self.solution.status
@@ -93,7 +100,7 @@ class IkSolution:
             sentences.append(f"The step is shortened to {self.fraction:g} of it to keep distances.")
         return " ".join(sentences)
 
-    @cached_property
+    @property
     def residuals(self) -> tuple[Array, ...]:
         """What each level lacks of the velocity that its tasks ask for."""
         return self.solution.residuals

@@ -5,6 +5,7 @@ from functools import cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from argument_checks import Array, Indices
 from prioritized._mechanism.conditioning import certain_rank, clear_loops
@@ -45,6 +46,13 @@ class Joints(NamedTuple):
         passive = np.zeros((len(self.passive), rows.shape[1]))
         passive[np.searchsorted(self.passive, self.moving)] = rows
         return passive
+
+    def together(self, rates: ArrayLike, passive: Array) -> Array:
+        """All velocities (..., N), of active rates (..., n - q) and the others (..., N - n + q)."""
+        velocities = np.empty((*passive.shape[:-1], len(self.active) + len(self.passive)))
+        velocities[..., self.active] = rates
+        velocities[..., self.passive] = passive
+        return velocities
 
 
 def sort_joints(actuated: Indices, actuators: Indices, stuck: Indices, N: int) -> Joints:

@@ -100,11 +100,6 @@ def _body(model: mujoco.MjModel, name: str | int) -> int:
     return name
 
 
-def frame_jacobian(model: mujoco.MjModel, data: mujoco.MjData, frame: str | Body) -> Array:
-    """:meth:`Located.jacobian` of a frame by name."""
-    return located(model, "frame", frame).jacobian(model, data)
-
-
 def frame_pose(data: mujoco.MjData, frame: str | Body) -> tuple[Array, Array]:
     """Rotation (3, 3) and position (3,) of a frame in the world."""
     seen = data.body(frame.name) if isinstance(frame, Body) else data.site(frame)
