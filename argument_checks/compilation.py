@@ -6,8 +6,11 @@ be read or written is another record, and costs this half a minute at every star
 """
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache
+from hashlib import sha256
+from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 from numba import njit
@@ -20,15 +23,22 @@ _complaints: list[str] = []
 """That the cache cannot be used; a process says so once."""
 
 
-def kernel(signature: Any, **options: Any) -> Callable[[Callable[..., Any]], Any]:
+def kernel(
+    signature: Any, *, calls: Sequence[ModuleType] = (), **options: Any
+) -> Callable[[Callable[..., Any]], Any]:
     """A decorator: `numba.njit` for one signature, with numpy's rules for division, cached.
 
     Args:
         signature: Types of the arguments and of what is returned.
+        calls: Modules whose kernels it calls: what is cached holds them, too, and its name has
+            their text in it, since the compiler looks at the function's own file alone.
         options: Others of `numba.njit`.
     """
 
     def compiled(function: Callable[..., Any]) -> Any:
+        if calls:
+            text = b"".join(Path(str(module.__file__)).read_bytes() for module in calls)
+            function.__qualname__ += f"_{sha256(text).hexdigest()[:12]}"
         # numba looks into its cache first, and starts this event only if that has nothing.
         with event.install_listener("numba:compile", _Announcement()):
             try:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from math import inf
 from typing import Any, Generic, Protocol
 
@@ -54,6 +55,14 @@ class DirectDrive:
     def displacements(self, inputs: Array) -> Array:
         """The displacements themselves."""
         return inputs
+
+
+@cache
+def compiled() -> Any:
+    """The compiled code, loaded when first needed: the compiler takes some 0.3 s."""
+    from ftc.control import _compensators
+
+    return _compensators
 
 
 def checked_drives(drives: Converter, actuators: int) -> Any:
@@ -156,6 +165,16 @@ class PrioritizedController(Generic[Pose]):
         self._still = np.zeros(mapping.actuators)
         self._unused = mapping.unused.astype(float)
 
+    @property
+    def linear(self) -> Array | None:
+        """M in [next states; demands] = M [states; errors] of all compensators together.
+
+        None where more than that makes a demand, or inputs, of an error: limits, or a weakened
+        actuator.
+        """
+        limited = self.demand_limit < inf or self.mapping.limits is not None
+        return None if limited or self._is_weakened else self._M
+
     def start(self) -> ControllerState[Pose]:
         """State at rest at the nominal pose."""
         mapping = self.mapping
@@ -214,8 +233,8 @@ class PrioritizedController(Generic[Pose]):
         if pose is None:
             pose = self.mapping.estimate(commanded, state.pose)
 
-        error = reference - output
-        after = self._M.dot(np.concatenate((state.compensator, error)))
+        error, after = reference - output, np.empty(len(self._M))
+        compiled().compensate(self._M, state.compensator, error, after)
         compensator, demand = after[: self._order], after[self._order :]
         if self.demand_limit < inf:
             demanded = demand

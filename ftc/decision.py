@@ -9,6 +9,7 @@ believed to be before.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -65,6 +66,7 @@ class Outlook:
         C, noise = (part[: len(self.output)] for part in (self.nominal.plant.C, self.nominal.noise))
         off = self.output - C @ x
         for tick, reference in enumerate(self.references):
+            secondary, unused = self._motions[tick]
             output = C @ x + off
             square += float((((reference - output) / noise) ** 2).sum())
             if not np.isfinite(square):
@@ -74,9 +76,9 @@ class Outlook:
                 state,
                 reference,
                 measured,
-                self.secondary(tick),
+                secondary,
                 feedforward=None if self.feedforward is None else self.feedforward[tick],
-                unused_reference=self.unused(tick),
+                unused_reference=unused,
             )
             x = model.step(x, pilot.drives.displacements(state.inputs))
         return float(np.sqrt(square / len(self.references)))
@@ -96,8 +98,16 @@ class Outlook:
             goes: The new one.
             cases: What may be true.
         """
-        staying, going = (
-            sum(case.probability * self.rms(*each, case) for case in cases)
-            for each in (stays, goes)
-        )
-        return going <= max(staying, np.sqrt(len(self.output)))
+        cases = [case for case in cases if case.probability > 0]  # certain ones round to one
+        going = sum(case.probability * self.rms(*goes, case) for case in cases)
+        bearable, staying = float(np.sqrt(len(self.output))), 0.0
+        for case in cases:
+            if going <= max(staying, bearable):  # staying only grows with further cases
+                return True
+            staying += case.probability * self.rms(*stays, case)
+        return going <= max(staying, bearable)
+
+    @cached_property
+    def _motions(self) -> list[tuple[Array, Array]]:
+        """Both references at each tick, the same in all cases."""
+        return [(self.secondary(k), self.unused(k)) for k in range(len(self.references))]

@@ -70,6 +70,8 @@ def run_loop(
     controller: Controller[State],
     reference: Array,
     feedforward: Array | None = None,
+    *,
+    begun: LoopRun[State] | None = None,
 ) -> LoopRun[State]:
     """Close the loop for as many ticks as there are references.
 
@@ -83,10 +85,11 @@ def run_loop(
         reference: Of the major task, tick by tick, shape (N, m1).
         feedforward: Demands that are known beforehand, shape (N, m1), for a controller whose `step`
             takes `feedforward`, as those of `ftc`; None is none.
+        begun: The first ticks, where machine and controller have done them already.
 
     Raises:
         ValueError, TypeError: No machine, no controller; the reference is no matrix, the
-            feedforward of another shape, or not finite.
+            feedforward of another shape, or not finite; more ticks have passed than there are.
     """
     check.methods("machine", machine, "measure", "apply")
     check.methods("controller", controller, "start", "step")
@@ -99,14 +102,19 @@ def run_loop(
         if "feedforward" in signature(controller.step).parameters:
             known = [{"feedforward": each} for each in demands]
     step: Any = controller.step
-    state = controller.start()
-    ticks = len(reference)
+    if begun is not None:
+        check.instance("begun", begun, LoopRun)
+    state: State = controller.start() if begun is None else begun.state
+    ticks, done = len(reference), 0
     measured = np.empty(reference.shape)
     inputs = np.empty((ticks, len(state.inputs)))
     poses: list[Any] = []
-    for tick, desired in enumerate(reference):
+    if begun is not None:
+        done = check.index("begun", len(begun.inputs), ticks + 1)
+        measured[:done], inputs[:done], poses = begun.measured, begun.inputs, [*begun.poses]
+    for tick in range(done, ticks):
         measurement = machine.measure()
-        state = step(state, desired, measurement, **known[tick])
+        state = step(state, reference[tick], measurement, **known[tick])
         measured[tick] = _recorded(measurement, reference.shape[1])
         inputs[tick] = state.inputs
         poses.append(getattr(state, "pose", None))

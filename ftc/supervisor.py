@@ -9,6 +9,7 @@ import numpy as np
 
 import argument_checks as check
 from argument_checks import Array
+from ftc._records import changed
 from ftc.controller import ControllerState, Measurement, PrioritizedController
 from ftc.decision import Case, Outlook
 from ftc.fdi.detection.watch import Calibration
@@ -214,10 +215,10 @@ class Supervisor:
         measured = self._seen(state, measurement, sensors)
         watch = state.monitor.step(state.watch, measured, commanded)
         if state.ticks % state.monitor.ticks == 0:
-            state = replace(state, references=(reference, *state.references[: self._ahead]))
+            state = changed(state, references=(reference, *state.references[: self._ahead]))
             if feedforward is not None:
                 demands = (feedforward, *state.feedforward[: self._ahead])
-                state = replace(state, feedforward=demands)
+                state = changed(state, feedforward=demands)
         if watch.diagnosis is not known:
             state = replace(state, watch=watch)
             if known is not None and _is_taken_back(known, watch.diagnosis):
@@ -225,7 +226,7 @@ class Supervisor:
             state = self._reconfigured(state, known, commanded, measurement)
             watch = state.watch
         if not (sensors.task.usable or sensors.estimates):
-            return replace(state, watch=watch, sensors=sensors, ticks=ticks)
+            return changed(state, watch=watch, sensors=sensors, ticks=ticks)
         if self.estimate is not None and sensors.estimates:
             estimated = self.estimate(measurement, state.pose)
             measurement = Measurement(estimated, measurement.displacement)
@@ -237,7 +238,7 @@ class Supervisor:
             feedforward=feedforward,
             unused_reference=self._test_motion(state.ticks * self.first.period_s),
         )
-        return replace(state, watch=watch, sensors=sensors, controller=controller, ticks=ticks)
+        return changed(state, watch=watch, sensors=sensors, controller=controller, ticks=ticks)
 
     def _seen(
         self, state: SupervisorState, measurement: Measurement, sensors: Sensors

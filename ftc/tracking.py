@@ -12,9 +12,8 @@ the sampling frequency. The roll-off is at three times the crossover, as on the 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property, partial
-from typing import Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
-import control
 import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike
@@ -52,6 +51,9 @@ from ftc.goal import Goal
 from ftc.reconfiguration import Unused
 from ftc.supervisor import Supervisor, supervisor_for
 from prioritized import ConstrainedSystem, Kinematics, Manipulability, WhenLimited
+
+if TYPE_CHECKING:
+    import control
 
 LARGEST_PEAK = 1.7
 ROLL_OFF, ROLL_OFF_DAMPING = 3.0, 0.7
@@ -157,6 +159,8 @@ class Tracking:
         """Linear model of the plant to what the diagnosis looks at: task rows, then encoders."""
         if self.encoder_noise is None:
             return self.nominal
+        import control  # late, as in ftc.compensator
+
         plant, C, noise = self.nominal.plant, self.nominal.displacement, self.encoder_noise
         if self.sense == "both":
             C = np.vstack([plant.C, C])
@@ -320,6 +324,8 @@ def tracking(
     check.instance("goal", goal, Goal).of(n)
     period_s = check.duration("period_s", period_s)
     check.duration("step_s", step_s, most=period_s)
+    import control  # late, as in ftc.compensator
+
     springs = check.flag("springs", options.get("springs", False))
     kinematics = MechanismGeometry(model, springs=springs).system.kinematics()
     report = kinematics.manipulability(list(rows))
@@ -478,7 +484,7 @@ def deciding_sentence(report: Manipulability) -> str:
 
 
 def _loops(
-    plant: control.StateSpace,
+    plant: "control.StateSpace",
     period_s: float,
     crossover_hz: float | None,
     hinders: Callable[[], str],
@@ -501,7 +507,7 @@ def _loops(
 
 
 def _highest(
-    plant: control.StateSpace, period_s: float, low: float, high: float
+    plant: "control.StateSpace", period_s: float, low: float, high: float
 ) -> tuple[tuple[Compensator, ...], float] | None:
     """The same at the highest crossover between two [Hz] that leaves the peak as it may be."""
     found = None
@@ -515,7 +521,7 @@ def _highest(
 
 
 def _within_peak(
-    plant: control.StateSpace, period_s: float, hz: float
+    plant: "control.StateSpace", period_s: float, hz: float
 ) -> tuple[tuple[Compensator, ...], float] | None:
     """The same at this crossover; None where the peak is larger than allowed."""
     try:
@@ -526,8 +532,10 @@ def _within_peak(
 
 
 def _at(
-    plant: control.StateSpace, period_s: float, hz: float
+    plant: "control.StateSpace", period_s: float, hz: float
 ) -> tuple[tuple[Compensator, ...], float]:
+    import control  # late, as above
+
     shape = LoopShape(hz, ROLL_OFF * hz, ROLL_OFF_DAMPING)
     loops = tuple(compensator(plant[k, k], shape, period_s) for k in range(plant.noutputs))
     sampled = control.c2d(plant, period_s, method="zoh")

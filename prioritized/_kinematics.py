@@ -12,7 +12,7 @@ import argument_checks as check
 from argument_checks import Array, Indices
 from prioritized._analysis.attainable import Attainable, attainable
 from prioritized._analysis.major_maps import of_rates, of_torques, unweighted
-from prioritized._analysis.manipulability import Manipulability, classify
+from prioritized._analysis.manipulability import Manipulability
 from prioritized._mapping.force import ForceMapping, force_mapping
 from prioritized._mapping.hierarchy import Hierarchy, hierarchy
 from prioritized._mapping.limited import WhenLimited
@@ -233,13 +233,11 @@ class Kinematics:
             ValueError: A row out of range or repeated.
         """
         S_m, S_s = task_selection(major, None, len(self.J))
-        return classify(
-            self._major(S_m, S_s),
-            (self.internal_force, self.active_constraint),
-            self.passive,
-            (lambda: self._known(self.passive), lambda: self._known(self.active)),
-            partial(getattr, self, "closure_condition"),
-        )
+        known = {
+            "idle": partial(self._known, self.passive),
+            "constrained_active": partial(self._known, self.active),
+        }
+        return Manipulability(self._major(S_m, S_s), partial(getattr, self), known)
 
     def _known(self, velocities: Indices) -> Known:
         """These velocities by name, in the words of the system."""

@@ -32,6 +32,7 @@ from sim.kinematics.distances import Distances as Distances
 from sim.kinematics.distances import Near as Near
 from sim.kinematics.entry_accuracy import EntryAccuracy as EntryAccuracy
 from sim.kinematics.jacobian import Jacobians as Jacobians
+from sim.kinematics.jacobian import JacobianViews as JacobianViews
 from sim.kinematics.machine import Machine as Machine
 from sim.kinematics.machine import Names as Names
 from sim.kinematics.mechanism import JointPosture as JointPosture

@@ -14,11 +14,14 @@ FOUND, SINGULAR, NO_LENGTH = 0, 1, 2
 
 _DEPENDENT = 1e-12
 """Part of a column below which a pivot is round-off."""
+_COINCIDENT_M = 5e-15
+"""Half of a gap that is round-off."""
 _MOST = 1e240
 """Square of the largest number that the argument checks let pass."""
 
 _any = {k: types.Array(types.float64, k, "A", readonly=True) for k in (1, 2, 3)}
 _new = {k: types.Array(types.float64, k, "C") for k in (1, 2, 3)}
+_places = types.Array(types.int64, 1, "A", readonly=True)
 _inlined = njit(error_model="numpy")
 
 
@@ -230,6 +233,69 @@ def largest_gap(gaps, owners, counts, rows):
     for i in range(rows):
         largest = max(largest, abs(gaps[i] * counts[owners[i]]))
     return largest
+
+
+@kernel(types.float64(_any[1], _any[1]))
+def largest(gaps, units):
+    """Of the gaps times their units, as many as there are units; NaN if one is NaN."""
+    most = 0.0
+    for i in range(len(units)):
+        gap = abs(gaps[i] * units[i])
+        if not gap <= most:
+            most = gap
+        if not most < np.inf:
+            break
+    return most
+
+
+@kernel(types.void(_any[1], _any[2], _places, _any[2], _new[2]))
+def at_midpoints(gaps, axes, points, carried, J):
+    """Take rows of pairs of anchors as at their midpoints: see `Closures.write_rows`.
+
+    Three rows of `points` belong to each pair, whose gap is D; a joint that carries it moves it by
+    half of D x axis besides.
+    """
+    for i in range(0, len(points), 3):
+        D = gaps[points[i]] / 2, gaps[points[i + 1]] / 2, gaps[points[i + 2]] / 2
+        if max(abs(D[0]), abs(D[1]), abs(D[2])) > _COINCIDENT_M:
+            for j in range(len(axes)):
+                if carried[i, j] != 0.0:
+                    x, y, z = axes[j, 0], axes[j, 1], axes[j, 2]
+                    J[points[i], j] += (D[1] * z - D[2] * y) * carried[i, j]
+                    J[points[i + 1], j] += (D[2] * x - D[0] * z) * carried[i, j]
+                    J[points[i + 2], j] += (D[0] * y - D[1] * x) * carried[i, j]
+
+
+@_compiled(
+    *(types.int64, _any[1], types.Array(types.int32, 1, "A"), types.int64, _any[1]),
+    *(_any[2], _any[2], types.int64, _any[2], types.int64, _any[2], _any[1]),
+    *(_any[1], _places, _places, _any[1], _places, _places, _any[1], _any[1], _any[1]),
+    *(_new[3], _new[2], _new[2], _new[1], _new[2], _new[2]),
+)
+def observe(
+    k, gaps, owners, rows, counts,
+    xmat, xpos, frame, base_xmat, base, R_0, p_0,
+    qpos, joints, at, lengths, others, outputs, gear, nominal, forces,
+    R, t, displacements, gap, all_qpos, all_forces,
+):  # fmt: skip
+    """Write tick k of a log, whose arrays the last line has: pose, drives, loops, joints, forces.
+
+    The first two lines are as of `largest_gap` and `seen_from`. Drives number `joints` are read in
+    qpos, `at` these places; number `others` in the lengths of actuators, at `outputs`, divided by
+    their gear; both from their nominal displacements (n,). Of joints and forces a log may have no
+    columns.
+    """
+    seen_from(xmat, xpos, frame, base_xmat, base, R_0, p_0, R[k], t[k])
+    for i in range(len(joints)):
+        displacements[k, joints[i]] = qpos[at[i]] - nominal[joints[i]]
+    for i in range(len(others)):
+        displacements[k, others[i]] = lengths[outputs[i]] / gear[i] - nominal[others[i]]
+    gap[k] = largest_gap(gaps, owners, counts, rows)
+    for i in range(all_qpos.shape[1]):  # none if they are not kept
+        all_qpos[k, i] = qpos[i]
+    for i in range(all_forces.shape[1]):
+        all_forces[k, i] = forces[i]
+    return FOUND
 
 
 @_compiled(_any[2], *[types.float64] * 3, _any[1], _new[1])

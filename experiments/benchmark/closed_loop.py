@@ -1,23 +1,25 @@
-"""The closed loop as a whole and in parts, and its ticks with recorded measurements: no plant."""
+"""The closed loop as a whole, and its ticks with recorded measurements: no plant."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from time import process_time_ns
+from typing import Any, Generic, TypeVar
 
 import mujoco
 import numpy as np
 
 from experiments.benchmark.measurement import Contender
-from experiments.rig.hexapod.choices import JacobianChoice
 from experiments.rig.hexapod.columns import COLUMNS
-from experiments.rig.hexapod.controller import controller_for
 from experiments.rig.hexapod.fault_tolerance import nominal_model
 from experiments.rig.hexapod.simulation import SpiralRun, Trajectory, track_path, track_spiral
 from experiments.rig.hexapod.testbed import Testbed
 from ftc.controller import Measurement, PrioritizedController
 from ftc.fdi.diagnosis import DEFAULT_CONFIG
 from ftc.fdi.monitor import Monitor, MonitorState, monitor
-from sim import Array, Plant, Pose, hexapod
+from ftc.loop import Controller
+from sim import Array, Pose
+
+Pilot = TypeVar("Pilot", bound=Controller[Any])
 
 GOAL = COLUMNS[0].goal
 """W_a, all struts sound."""
@@ -44,9 +46,9 @@ class ClosedLoop:
         seconds = self.testbed.bench.settling_s + self.seconds
         return round(seconds / self.testbed.model.opt.timestep)
 
-    def run(self, jacobian: JacobianChoice) -> None:
+    def run(self) -> None:
         """The whole closed loop, its log kept in memory."""
-        run = SpiralRun(GOAL, jacobian=jacobian, seed=self.seed, duration_s=self.seconds)
+        run = SpiralRun(GOAL, seed=self.seed, duration_s=self.seconds)
         track_spiral(self.testbed, run)
 
     def step(self) -> None:
@@ -56,76 +58,42 @@ class ClosedLoop:
 
 
 def whole(loop: ClosedLoop) -> list[Contender]:
-    """Times per control tick: bare physics, and the loop with either Jacobian."""
+    """Times per control tick: bare physics, and the loop."""
     return [
         Contender("mj_step", loop.step, lambda: [()], loop.ticks),
-        Contender("closed_loop", loop.run, lambda: [("analytic",)], loop.ticks),
-        Contender("closed_loop_constant", loop.run, lambda: [("constant",)], loop.ticks),
-    ]
-
-
-def parts(loop: ClosedLoop) -> list[Contender]:
-    """Times of what a control tick is made of, each part alone, 0.2 s after the start of a run."""
-    model, bench = loop.testbed.model, loop.testbed.bench
-    controller = controller_for(loop.testbed, GOAL)
-    _, state = track_path(loop.testbed, controller, seed=loop.seed, duration_s=0.2)
-    mapping, amplifier = controller.mapping, controller.drives
-    command_m, asked_rad = amplifier.displacements(state.inputs), state.asked.demand
-    detector, strut_sensors = bench.detector(), bench.strut_sensors()
-    rng, plant, bare = np.random.default_rng(loop.seed), Plant(model), mujoco.MjData(model)
-    period_s = bench.control_period_s
-    # Without what the estimate has already computed from this pose.
-    bare_pose = Pose(state.pose.rotation, state.pose.translation_m)
-
-    def sense() -> Measurement:
-        plant.closure_residual_m()
-        return Measurement(
-            output=detector.read(plant.pose().rotation, rng),
-            displacement=strut_sensors.read(plant.displacements(), rng),
-        )
-
-    timed: dict[str, tuple[Callable[..., Any], *tuple[Any, ...]]] = {
-        "mj_step": (mujoco.mj_step, model, bare, round(period_s / model.opt.timestep)),
-        "plant_step": (plant.step, command_m, period_s),
-        "sensors": (sense,),
-        "controller": (controller.step, state, asked_rad, sense()),
-        "estimate": (mapping.estimate, command_m, state.pose),
-        "mapping": (mapping.displacements, asked_rad, state.pose),
-        "jacobian": (hexapod(model).inverse_jacobian, bare_pose),
-        "converter": (amplifier.inputs, command_m),
-    }
-    return [
-        Contender(f"part_{name}", call, lambda given=tuple(given): [given] * 32, 32, samples=5)
-        for name, (call, *given) in timed.items()
+        Contender("closed_loop", loop.run, lambda: [()], loop.ticks),
     ]
 
 
 @dataclass(frozen=True)
-class Recorded:
+class Recorded(Generic[Pilot]):
     """A run of the hexapod in closed loop, all struts sound, and the controller that made it."""
 
     testbed: Testbed
-    controller: PrioritizedController[Pose]
+    controller: Pilot
     run: Trajectory
 
     def controlling(self) -> Callable[[], None]:
         """A call is one control tick: with the inputs of the run, after the last over again."""
         pilot, run = self.controller, self.run
-        at_rest = np.zeros(pilot.mapping.actuators)
+        at_rest = np.zeros(run.strut_displacement_m.shape[1])
         given = [
             (desired, Measurement(output=measured, displacement=at_rest))
             for desired, measured in zip(run.desired_rad, run.measured_rad, strict=True)
         ]
-        state, k = pilot.start(), 0
+        begin = state = pilot.start()
+        k = 0
 
         def tick() -> None:
             nonlocal state, k
-            state = pilot.step(state if k else pilot.start(), *given[k])
+            state = pilot.step(state if k else begin, *given[k])
             k = (k + 1) % len(given)
 
         return tick
 
-    def watched(self) -> tuple[Monitor, list[tuple[MonitorState, Array, Array]]]:
+    def watched(
+        self: "Recorded[PrioritizedController[Pose]]",
+    ) -> tuple[Monitor, list[tuple[MonitorState, Array, Array]]]:
         """A monitor, and the arguments of its last ticks: state, outputs, displacements.
 
         Raises:
@@ -143,15 +111,21 @@ class Recorded:
             raise RuntimeError("the monitor raised an alarm in a run without failures")
         return watch, arguments[-_SAMPLED:]
 
-    def diagnosis(self) -> Contender:
-        """What the diagnosis adds to a control tick while nothing has failed."""
+    def diagnosis(self: "Recorded[PrioritizedController[Pose]]") -> list[Contender]:
+        """What the diagnosis adds to a control tick while nothing has failed: mean, slowest ticks.
+
+        Its work recurs with the ticks of one of its samples.
+        """
         watch, arguments = self.watched()
-        return Contender("diagnosis", watch.step, lambda: arguments, len(arguments), samples=5)
+        phases = [arguments[k :: watch.ticks] for k in range(watch.ticks)]
+        each = [Contender("diagnosis_worst", watch.step, lambda g=g: g, len(g), 5) for g in phases]
+        slowest = max(each, key=lambda one: min(one.timer(process_time_ns).repeat(9, number=1)))
+        whole = Contender("diagnosis", watch.step, lambda: arguments, len(arguments), samples=5)
+        return [whole, slowest]
 
 
-def recorded(testbed: Testbed, seed: int) -> Recorded:
+def recorded(testbed: Testbed, pilot: Pilot, seed: int) -> Recorded[Pilot]:
     """A run as long as the diagnosis looks back, so that its history is full, and a little more."""
-    controller = controller_for(testbed, GOAL)
     seconds = DEFAULT_CONFIG.look_back_s + 2 * _SAMPLED * testbed.bench.control_period_s
-    run, _ = track_path(testbed, controller, seed=seed, duration_s=seconds)
-    return Recorded(testbed, controller, run)
+    run, _ = track_path(testbed, pilot, seed=seed, duration_s=seconds)
+    return Recorded(testbed, pilot, run)

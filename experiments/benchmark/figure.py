@@ -6,6 +6,7 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from experiments.benchmark.ratios import RATIOS
 from experiments.study.plotting import (
     BLACK,
     BLUE,
@@ -28,27 +29,8 @@ _STYLES: dict[str, dict[str, Any]] = {
     "pinv_formula": {"label": "eq. (25), pinv", "color": PURPLE, "marker": "^"},
     "dgglse": {"label": "LAPACK dgglse", "color": SKY, "marker": "v"},
 }
-RATIOS = {
-    "closed_loop_over_mj_step": "closed loop / physics alone",
-    "loop_overhead_over_mink": "control tick without physics / mink",
-    "tick_over_mink": "tick, general path / mink",
-    "arm_tick_over_mink": "tick with limits, arm / mink",
-    "humanoid_tick_over_mink": "tick with limits, humanoid / mink",
-    "ik_arm_over_mink": "inverse kinematics, arm / mink",
-    "ik_mobile_over_mink": "inverse kinematics, mobile base / mink",
-    "ik_quadruped_over_mink": "inverse kinematics, quadruped / mink",
-    "ik_humanoid_over_mink": "inverse kinematics, humanoid / mink",
-    "hexapod_tick_over_mink": "tick, hexapod's closed form / mink",
-    "diagnosis_over_mj_step": "diagnosis / physics alone",
-    "solve_over_daqp": "one Problem 1 / daqp",
-    "solve_over_placo": "one Problem 1 / PlaCo",
-    "solve_over_placo_built": "one Problem 1 / PlaCo, built",
-    "limited_over_daqp": "Problem 1 with limits / daqp, built",
-    "hierarchy3_over_daqp": "three levels with limits / daqp",
-    "batched_over_daqp": "one mapping of a batch / daqp",
-    "growth_over_daqp": "one Problem 1, 200 actuators / daqp",
-}
-"""The ratios in words."""
+WORDS = {ratio.name: ratio.words for ratio in RATIOS if ratio.words is not None}
+"""Of the ratios that compare with others."""
 _COLORS = {"less time": BLUE, "about as much": "0.5", "more time": VERMILION}
 
 
@@ -66,7 +48,7 @@ def picture(summary: dict[str, Any]) -> Picture:
 
 def headline(summary: dict[str, Any]) -> str:
     """How many comparisons are won and lost, in one sentence."""
-    found = [comparison(one) for one in summary["ratios"].values()]
+    found = [comparison(summary["ratios"][name]) for name in WORDS]
     less, alike, more = (found.count(name) for name in _COLORS)
     return (
         f"This library needs less time in {less} of {len(found)} comparisons, about as much in "
@@ -85,7 +67,7 @@ def figure_bench(summary: dict[str, Any]) -> Figure:
     figure.suptitle(headline(summary))
     # Twelfths of the width: the names of the ratios stand on the left.
     panels = figure.subplot_mosaic("....rrrrrrr.;nnnnnnnnnnnn", height_ratios=[1.6, 1])
-    _ratios(panels["r"], summary["ratios"])
+    _ratios(panels["r"], {name: summary["ratios"][name] for name in WORDS})
     _actuators(panels["n"], summary["growth"]["actuators"])
     return figure
 
@@ -99,7 +81,7 @@ def _ratios(axes: Axes, ratios: dict[str, Any]) -> None:
         label = name if row == found.index(name) else None
         axes.plot([one["p5"], one["ratio"], one["p95"]], [row] * 3, **style, label=label)
     axes.set_yticks(range(len(ratios)), [""] * len(ratios))
-    name_rows(axes, [RATIOS[name] for name in ratios])
+    name_rows(axes, [WORDS[name] for name in ratios])
     name_rows(axes, [f"{one['ratio']:#.2g}" for one in ratios.values()], right=True)
     axes.set(xlabel="time / time: left is better", ylim=(len(ratios) - 0.5, -0.5))
     logarithmic(axes, "x")

@@ -15,7 +15,7 @@ import mink
 import mujoco
 import numpy as np
 
-from experiments.benchmark.measurement import Agreement, Contender
+from experiments.benchmark.measurement import Agreement, Contender, Entry
 from experiments.ik import Ik, Limits
 from sim import (
     MODELS,
@@ -181,3 +181,8 @@ def agreement(robot: Robot, cases: Sequence[Case]) -> Agreement:
                 size = _WAY_M / PERIOD_S
                 distances[name] = max(distances[name], float(np.linalg.norm(lacking)) / size)
     return Agreement(f"a tick of inverse kinematics of the {robot.name}", TOLERANCE, distances)
+
+
+def entry(robot: Robot, cases: Sequence[Case]) -> Entry:
+    """Both of them."""
+    return Entry(contenders(robot, cases), [agreement(robot, cases)])

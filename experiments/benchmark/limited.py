@@ -16,6 +16,7 @@ from argument_checks.ties import exceeds
 from experiments.benchmark.measurement import (
     Agreement,
     Contender,
+    Entry,
     Problem,
     compare,
     random_problem,
@@ -164,6 +165,11 @@ def active_limits(problems: list[LimitedProblem]) -> dict[str, list[int]]:
         counts = np.bincount(at_limit.sum(axis=1), minlength=at_limit.shape[1] + 1)
         found[question] = counts.tolist()
     return found
+
+
+def entry(problems: list[LimitedProblem]) -> Entry:
+    """All of them."""
+    return Entry(contenders(problems), agreements(problems), active_limits(problems))
 
 
 def compared(seed: int) -> dict[str, Any]:

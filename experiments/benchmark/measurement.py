@@ -2,7 +2,8 @@
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from itertools import cycle
 from timeit import Timer
 from typing import Any
 
@@ -150,6 +151,23 @@ class Contender:
         setup = "import gc; gc.enable(); call, given = contender.call, contender.arguments()"
         calls = "for arguments in given: call(*arguments)"
         return Timer(calls, setup, clock_ns, {"contender": self})
+
+    def single(self) -> Callable[[], Any]:
+        """One call after the other, with the same arguments over and over."""
+        call, given = self.call, cycle(self.arguments())
+        return lambda: call(*next(given))
+
+
+@dataclass(frozen=True)
+class Entry:
+    """Who is timed on some problems, and how far apart their answers are.
+
+    `at_limits`: for each question with limits, how many problems have 0, 1, ... rates at one.
+    """
+
+    contenders: Sequence[Contender]
+    agreements: Sequence[Agreement] = ()
+    at_limits: Mapping[str, list[int]] = field(default_factory=dict)
 
 
 def by_turns(

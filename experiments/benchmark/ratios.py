@@ -1,7 +1,7 @@
 """The published ratios: what they compare, their limits, and those of a saved run."""
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,21 +17,26 @@ from sim import Array
 CHECK_MARGIN = 3.0
 """A stable ratio fails beyond this multiple of its bound: between processors alone, the same code
 scattered up to 2.3 times it."""
-_FORMERLY = {"tick_over_mink": "hexapod_tick_over_mink", "tick": "hexapod_tick"}
-"""Before the general path was timed, these names stood for the closed form."""
 
 
 @dataclass(frozen=True)
 class Ratio:
-    """A quotient of medians, by its name in `bench.json`.
+    """A quotient of sums of medians, by its name in `bench.json`.
 
-    `of` computes it from the medians by name. It must be below `bound`, and should be at most
-    `goal`; None: it is reported only. A `stable` one scatters so little that a commit may fail on
-    it: docs/performance.md.
+    It must be below `bound`, and should be at most `goal`; None: it is reported only. A `stable`
+    one scatters so little that a commit may fail on it: docs/performance.md.
+
+    Attributes:
+        over: Names of what is timed, "-" before one that is taken off.
+        under: Likewise.
+        words: What is compared with whom, for the figure; None is this library with itself.
+        means: The same exactly.
     """
 
     name: str
-    of: Callable[[Mapping[str, Any]], Any]
+    over: str
+    under: str
+    words: str | None
     means: str
     bound: float | None = None
     goal: float | None = None
@@ -41,6 +46,10 @@ class Ratio:
     def check_bound(self) -> float | None:
         """From where on `--check` fails; None: never."""
         return CHECK_MARGIN * self.bound if self.stable and self.bound is not None else None
+
+    def of(self, us: Mapping[str, Any]) -> Any:
+        """Its value, from times by name."""
+        return _total(self.over, us) / _total(self.under, us)
 
     def measured(self, samples_us: Mapping[str, Array]) -> dict[str, Any]:
         """Its value, from samples by name, shape (rounds, samples), beside its limits.
@@ -63,131 +72,143 @@ class Ratio:
         }
 
 
-def _robot_tick(robot: str, what: str) -> Ratio:
+def _total(names: str, us: Mapping[str, Any]) -> Any:
+    return sum(-us[name[1:]] if name[0] == "-" else us[name] for name in names.split())
+
+
+def _tick(name: str, robot: str, words: str, what: str, bound: float, goal: float) -> Ratio:
     return Ratio(
-        f"{robot}_tick_over_mink",
-        lambda us: us[f"{robot}_tick"] / (us[f"{robot}_mink"] + us[f"{robot}_mink_update"]),
-        f"the general path with velocity limits: {robot}, {what}; over mink's "
-        "Configuration.update and solve_ik with the same limits",
-        bound=0.5,
-        goal=0.2,
+        name,
+        f"{robot}_tick",
+        f"{robot}_mink {robot}_mink_update",
+        f"tick, {words} / mink",
+        f"a tick for any MJCF, kinematics and one compiled call: {what}; over mink's "
+        "Configuration.update and solve_ik",
+        bound,
+        goal,
+        stable=True,
     )
 
 
-def _ik_tick(robot: str, what: str) -> Ratio:
+def _ik(robot: str, words: str, what: str) -> Ratio:
     return Ratio(
         f"ik_{robot}_over_mink",
-        lambda us: us[f"ik_{robot}"] / us[f"ik_{robot}_mink"],
-        f"fjh.Ik, tasks in strict levels under ranges and a velocity limit: {robot}, {what}; over "
-        "mink's Configuration.update and solve_ik of the same tasks, weighed",
-        bound=1.0,
-        goal=0.1,
+        f"ik_{robot}",
+        f"ik_{robot}_mink",
+        f"inverse kinematics, {words} / mink",
+        f"fjh.Ik, tasks in strict levels under ranges and a velocity limit: {what}; over mink's "
+        "Configuration.update and solve_ik of the same tasks, weighed",
+        1.0,
+        0.1,
     )
 
 
+_STANDS = "palm in six directions and centre of mass, velocity limits"
 RATIOS = (
     Ratio(
-        "closed_loop_over_mj_step",
-        lambda us: us["closed_loop"] / us["mj_step"],
+        *("closed_loop_over_mj_step", "closed_loop", "mj_step", "closed loop / physics alone"),
         "the whole closed loop over the physics steps alone",
-        bound=1.25,
-        goal=1.12,
+        *(1.2, 1.12),
     ),
     Ratio(
-        "loop_overhead_over_mink",
-        lambda us: (us["closed_loop"] - us["mj_step"]) / us["mink"],
+        *("loop_overhead_over_mink", "closed_loop -mj_step", "fjh_mink"),
+        "control tick without physics / mink",
         "a control tick without physics, mapping in the hexapod's closed form; over one "
         "mink.solve_ik",
-        bound=0.25,
-        goal=0.15,
+        *(0.25, 0.15),
     ),
-    Ratio(
-        "tick_over_mink",
-        lambda us: us["tick"] / (us["mink"] + us["mink_update"]),
-        "a tick by the general path, for any MJCF: kinematics, jacobians, reconfiguration, mapping "
-        "and apply; over mink's Configuration.update and solve_ik",
-        bound=0.4,
-        goal=0.2,
-        stable=True,
+    _tick(
+        *("tick_over_mink", "fjh", "hexapod", "the hexapod points, strut 1 locked"),
+        *(0.15, 0.08),
     ),
-    _robot_tick("arm", "models/arm.xml, camera in six directions"),
-    _robot_tick("humanoid", "29 joints, on both feet, palm in six directions and centre of mass"),
-    _ik_tick("arm", "frame and posture"),
-    _ik_tick("mobile", "frame and posture"),
-    _ik_tick("quadruped", "four feet, trunk and posture"),
-    _ik_tick("humanoid", "two feet, centre of mass, hand and posture"),
+    _tick("arm_tick_over_mink", "arm", "arm", "camera in six directions, limits", 0.2, 0.08),
+    _tick(
+        *("humanoid_one_foot_tick_over_mink", "humanoid_one_foot", "humanoid on one foot"),
+        *(f"29 joints, on one foot, {_STANDS}", 0.25, 0.1),
+    ),
+    _tick(
+        *("humanoid_tick_over_mink", "humanoid", "humanoid on both feet"),
+        *(f"29 joints, on both feet, {_STANDS}", 0.3, 0.12),
+    ),
+    _ik("arm", "arm", "arm, frame and posture"),
+    _ik("mobile", "mobile base", "mobile base, frame and posture"),
+    _ik("quadruped", "quadruped", "quadruped, four feet, trunk and posture"),
+    _ik("humanoid", "humanoid", "humanoid, two feet, centre of mass, hand and posture"),
     Ratio(
-        "hexapod_tick_over_mink",
-        lambda us: us["hexapod_tick"] / us["mink"],
+        *("hexapod_tick_over_mink", "hexapod_tick", "fjh_mink"),
+        "tick, hexapod's closed form / mink",
         "a tick in the hexapod's closed form: Jacobian, reconfiguration, mapping and apply; over "
         "one mink.solve_ik, a solver for any MJCF",
-        bound=0.08,
-        goal=0.04,
-        stable=True,
+        *(0.05, 0.03, True),
     ),
     Ratio(
-        "diagnosis_over_mj_step",
-        lambda us: us["diagnosis"] / us["part_mj_step"],
-        "one tick of the diagnosis while nothing has failed, after 2 s; over the eight physics "
-        "steps of a control tick",
-        bound=0.15,
-        goal=0.05,
-        stable=True,
+        *("diagnosis_over_mj_step", "diagnosis", "mj_step", "diagnosis / physics alone"),
+        "one tick of the diagnosis while nothing has failed, after 2 s; over the physics steps of "
+        "a control tick",
+        *(0.08, 0.04, True),
     ),
     Ratio(
-        "solve_over_daqp",
-        lambda us: us["prioritized"] / us["daqp"],
+        *("diagnosis_worst_over_mj_step", "diagnosis_worst", "mj_step"),
+        "diagnosis, worst of its ticks / physics alone",
+        "the same for those ticks in which it does most",
+        *(0.3, 0.15, True),
+    ),
+    Ratio(
+        *("solve_over_daqp", "prioritized", "daqp", "one Problem 1 / daqp"),
         "one Problem 1 from J and weights; over daqp with H given",
-        bound=1.5,
-        goal=0.8,
-        stable=True,
+        *(1.5, 0.8, True),
     ),
     Ratio(
-        "solve_over_placo",
-        lambda us: us["prioritized"] / us["placo"],
+        *("solve_over_placo", "prioritized", "placo", "one Problem 1 / PlaCo"),
         "the same; over PlaCo's solver with its problem given",
     ),
     Ratio(
-        "solve_over_placo_built",
-        lambda us: us["prioritized"] / us["placo_with_build"],
+        *("solve_over_placo_built", "prioritized", "placo_with_build"),
+        "one Problem 1 / PlaCo, built",
         "the same; over PlaCo with its problem built",
-        bound=0.4,
-        goal=0.2,
-        stable=True,
+        *(0.4, 0.2, True),
     ),
     Ratio(
-        "limited_over_daqp",
-        lambda us: us["limited"] / us["daqp_limited_with_build"],
+        *("limited_over_daqp", "limited", "daqp_limited_with_build"),
+        "Problem 1 with limits / daqp, built",
         "one Problem 1 with limits from J and weights; over daqp's flat program with the same "
         "limits, H built; the major task is within reach, else daqp calls it infeasible",
-        bound=1.0,
-        goal=0.4,
-        stable=True,
+        *(0.5, 0.3, True),
     ),
     Ratio(
-        "hierarchy3_over_daqp",
-        lambda us: us["hierarchy3"] / us["daqp_hierarchy3"],
+        *("limited_over_daqp_given", "limited", "daqp_limited"),
+        "Problem 1 with limits / daqp",
+        "the same with H given",
+        *(2.0, 1.0, True),
+    ),
+    Ratio(
+        *("hierarchy3_over_daqp", "hierarchy3", "daqp_hierarchy3"),
+        "three levels with limits / daqp",
         "limits and three levels from A and b; over daqp with break_points, the last level given "
         "as H; the first two levels are within reach, else daqp solves another problem",
-        bound=2.5,
-        goal=1.0,
-        stable=True,
+        *(1.5, 1.0, True),
     ),
     Ratio(
-        "batched_over_daqp",
-        lambda us: us["batched"] / us["daqp"],
+        *("batched_over_daqp", "batched", "daqp", "one mapping of a batch / daqp"),
         "one mapping of a large batch; over one by daqp with H given",
-        bound=0.12,
-        goal=0.08,
-        stable=True,
+        *(0.1, 0.06, True),
     ),
     Ratio(
-        "growth_over_daqp",
-        lambda us: us["prioritized_n200"] / us["daqp_n200"],
+        *("growth_over_daqp", "prioritized_n200", "daqp_n200"),
+        "one Problem 1, 200 actuators / daqp",
         "one Problem 1 of 200 actuators, joint weights diagonal; over daqp with H given",
-        bound=1.2,
-        goal=0.8,
-        stable=True,
+        *(1.2, 0.8, True),
+    ),
+    Ratio(
+        *("tied_over_square", "tied_loops", "square_loops", None),
+        "kinematics and mapping of six actuators, two of whose loop rows tie rates together; over "
+        "the same with square loops",
+        *(2.0, 1.3, True),
+    ),
+    Ratio(
+        *("manipulability_over_tick", "manipulability", "square_loops", None),
+        "kinematics and manipulability, every flag, of six actuators; over kinematics and mapping",
+        *(5.0, 2.0, True),
     ),
 )
 
@@ -229,7 +250,7 @@ def save(path: Path, summary: dict[str, Any]) -> None:
 
 
 def saved(path: Path) -> dict[str, Any]:
-    """The `bench.json` of an earlier run, every number under the name that it has now.
+    """The `bench.json` of an earlier run.
 
     Raises:
         WrongInput: There is no such file, or something else is in it.
@@ -238,7 +259,7 @@ def saved(path: Path) -> dict[str, Any]:
         summary = json.loads(path.read_bytes())
         if summary["experiment"] == "bench":
             compare(summary, summary)  # it has all that a comparison reads
-            return _renamed(summary)
+            return summary
     except OSError as error:
         raise WrongInput(f"--compare {path} cannot be read: {error.strerror}") from None
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError):
@@ -246,21 +267,10 @@ def saved(path: Path) -> dict[str, Any]:
     raise WrongInput(f"--compare {path} was not written by this fjh bench")
 
 
-def _renamed(summary: dict[str, Any]) -> dict[str, Any]:
-    if "hexapod_tick" in summary["timings"]:
-        return summary
-    named = {
-        kind: {_FORMERLY.get(name, name): one for name, one in summary[kind].items()}
-        for kind in ("ratios", "timings")
-    }
-    return summary | named | {"renamed": _FORMERLY}
-
-
 def compare(now: dict[str, Any], before: dict[str, Any]) -> dict[str, Any]:
     """What both runs have timed: now over before, and whether that is more than noise.
 
-    It is when the ranges from the 5th to the 95th percentile have nothing in common. `renamed`:
-    names whose meaning has changed since, each with the name under which its numbers are compared.
+    It is when the ranges from the 5th to the 95th percentile have nothing in common.
     """
 
     def changes(kind: str, key: str, unit: str) -> dict[str, dict[str, Any]]:
@@ -274,7 +284,6 @@ def compare(now: dict[str, Any], before: dict[str, Any]) -> dict[str, Any]:
 
     return {
         "saved_simulated_s": before["simulated_s"],
-        "renamed": before.get("renamed", {}),
         "ratios": changes("ratios", "ratio", ""),
         "timings": changes("timings", "median_us", "_us"),
     }

@@ -57,7 +57,6 @@ def summarize(timed: Timed) -> dict[str, Any]:
         "real_time_factor": 1e6 * TestbedConfig().control_period_s / us["closed_loop"],
         "ratios": found,
         "timings": {name: spread(each) for name, each in samples_us.items()},
-        "tick_parts_us": _parts(us),
         "active_limits": timed.active_limits,
         "out_of_reach": timed.out_of_reach,
         "latency": {"ticks": effort.ticks, "of": timed.latency},
@@ -71,17 +70,3 @@ def summarize(timed: Timed) -> dict[str, Any]:
 def _series(solver: str, sizes: Sequence[int], us: Mapping[str, float]) -> dict[str, Any]:
     medians = [us[f"{solver}_n{n}"] for n in sizes]
     return {"size": list(sizes), "median_us": medians} | power_law(sizes, medians)
-
-
-def _parts(us: Mapping[str, float]) -> dict[str, float]:
-    """Times of the parts of a control tick; parts without a public call are differences."""
-    overhead = us["closed_loop"] - us["mj_step"]
-    plant = us["part_plant_step"] - us["part_mj_step"]
-    alone = us["part_estimate"] + us["part_mapping"] + us["part_converter"]
-    direct = ("sensors", "estimate", "mapping", "jacobian", "converter")
-    return {name: us[f"part_{name}"] for name in direct} | {
-        "compensators": us["part_controller"] - alone,
-        "plant": plant,
-        "rest": overhead - us["part_sensors"] - us["part_controller"] - plant,
-        "all": overhead,
-    }

@@ -1,56 +1,75 @@
-"""One tick with velocity limits of robots that are no hexapod: by the general path, and by mink.
+"""One tick of robots in MJCF, from joint positions to rates: in three ways here, and by mink.
 
-An arm moves its camera in all six directions; a humanoid stands on both feet, moves its right palm
-in six directions and its centre of mass in the two horizontal ones. All this is exact, no joint is
-faster than its limit, and the rates are as close to desired ones as that leaves them.
+Each carries out a task exactly; where there are limits no joint is faster, and the rates are as
+close to desired ones as that leaves them. The hexapod points by (alpha, beta) with strut 1 locked,
+the other struts moving least. Arms move their camera in all six directions. The humanoid stands on
+pinned feet and moves its right palm in six directions, its centre of mass in the two horizontal
+ones.
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any
 
 import mink
 import mujoco
 import numpy as np
 from scipy.linalg import null_space
+from scipy.linalg.lapack import dgglse
 from scipy.optimize import LinearConstraint, minimize
 
 from argument_checks.ties import exceeds
-from experiments.benchmark.measurement import Agreement, Contender, compare
-from experiments.benchmark.pointing import Rows, general_tick, solve_ik
-from prioritized import canonical_basis
-from sim import MODELS, Array, CenterOfMass, JacobianReader, Jacobians, Pin, load_model
+from experiments.benchmark.measurement import Agreement, Contender, Entry, compare
+from prioritized import ConstrainedSystem, canonical_basis
+from sim import MODELS, Array, CenterOfMass, JacobianReader, Jacobians, Pin, jacobians, load_model
 
 LIMIT = 1.0
 """Of each actuated joint, [rad]/[s]."""
-TOLERANCE = 1e-6
-"""Of the answers, as a fraction of the rates: daqp's default tolerance."""
+TOLERANCE = 1e-5
+"""Of the answers, as a fraction of the rates: mink also closes what the loops sag by, 0.7 nm."""
 _INSIDE = 0.7
 """The task is that of rates within this fraction of the limits."""
 _AWAY_RAD = 0.3
 """How far joints are from the posture of the model, at most."""
+_UR5E = (
+    (0.0, 0, 0.1625), (0.0, 90, 0.0), (-0.425, 0, 0.0), (-0.3922, 0, 0.1333), (0.0, 90, 0.0997),
+    (0.0, -90, 0.0996),
+)  # fmt: skip
+"""Modified Denavit-Hartenberg rows as the maker publishes them: a [m], alpha [deg], d [m]."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Robot:
-    """A model and its task in world axes: rows `major` of site and centre of mass; pinned feet.
+    """A model and its task: rows `major` of a site and the centre of mass; pinned feet.
 
-    `spread` is the standard deviation of desired rates, [rad]/[s], chosen so that limits bind.
+    Desired rates have the standard deviation `spread` [rad]/[s], chosen so that limits bind; 0 is
+    neither desired rates nor limits.
     """
 
     name: str
     model: mujoco.MjModel
     site: str
     major: tuple[int, ...]
-    spread: float
+    spread: float = 0.0
     feet: tuple[str, ...] = ()
+    axes: str | None = None
+    locked: tuple[int, ...] = ()
+
+    @property
+    def task(self) -> list[str | CenterOfMass]:
+        """Rows 0 to 5 of J_T are the site's, 6 to 8 the centre of mass's."""
+        return [self.site, CenterOfMass()] if max(self.major) > 5 else [self.site]
+
+    @property
+    def pinned(self) -> list[Pin]:
+        """The feet."""
+        return [Pin(foot, weld=True) for foot in self.feet]
 
     @cached_property
-    def read(self) -> Callable[[mujoco.MjData], Jacobians]:
-        """Rows 0 to 5 of J_T are the site's, 6 to 8 the centre of mass's."""
-        pins = [Pin(foot, weld=True) for foot in self.feet]
-        return JacobianReader(self.model, [self.site, CenterOfMass()], pinned=pins).at
+    def reader(self) -> JacobianReader:
+        """Of the task."""
+        return JacobianReader(self.model, self.task, self.axes, pinned=self.pinned)
 
     @property
     def joints(self) -> Array:
@@ -58,31 +77,10 @@ class Robot:
         return self.model.jnt_dofadr[self.model.actuator_trnid[:, 0]]
 
     @property
-    def tick(self) -> Callable[..., Array]:
-        """The general path: rates (n,) from major velocity, joint positions, desired rates (n,)."""
-        limits = np.full(self.model.nu, LIMIT)
-        return general_tick(
-            self.model,
-            self.read,
-            lambda kinematics: kinematics.velocity_mapping(
-                self.major, joint_weight=np.ones(self.model.nu), rate_limits=(-limits, limits)
-            ),
-        )
-
-
-def robots() -> list[Robot]:
-    """The arm of models/arm.xml, and the humanoid of models/humanoid.xml."""
-    return [
-        Robot("arm", load_model(MODELS / "arm.xml"), "payload", tuple(range(6)), spread=2.0),
-        Robot(
-            "humanoid",
-            load_model(MODELS / "humanoid.xml"),
-            "right_hand",
-            tuple(range(8)),
-            spread=1.0,
-            feet=("left_foot", "right_foot"),
-        ),
-    ]
+    def limits(self) -> tuple[Array, Array] | None:
+        """Of the rates."""
+        most = np.full(self.model.nu, LIMIT)
+        return (-most, most) if self.spread else None
 
 
 @dataclass(frozen=True)
@@ -94,6 +92,32 @@ class Case:
     desired: Array
 
 
+def robots() -> list[Robot]:
+    """An arm of seven joints, one of six, a humanoid on one foot and on both."""
+    arm, humanoid = load_model(MODELS / "arm.xml"), load_model(MODELS / "humanoid.xml")
+    six, stands = tuple(range(6)), ("right_hand", tuple(range(8)))
+    return [
+        Robot("arm", arm, "payload", six, spread=2.0),
+        Robot("ur5e", _ur5e(), "tool", (3, 4, 5), spread=2.0),
+        Robot("humanoid_one_foot", humanoid, *stands, spread=1.0, feet=("left_foot",)),
+        Robot("humanoid", humanoid, *stands, spread=1.0, feet=("left_foot", "right_foot")),
+    ]
+
+
+def _ur5e() -> mujoco.MjModel:
+    """Six joints, as far apart as those of a UR5e."""
+    links = motors = ""
+    for k, (a, alpha, d) in enumerate(_UR5E):
+        sine, cosine = np.sin(np.radians(alpha)), np.cos(np.radians(alpha))
+        links += f'<body pos="{a} {-sine * d} {cosine * d}" euler="{alpha} 0 0"><joint name="{k}" '
+        links += 'axis="0 0 1"/><geom size="0.05" mass="1"/>'
+        motors += f'<motor joint="{k}"/>'
+    return mujoco.MjModel.from_xml_string(
+        f'<mujoco><worldbody>{links}<site name="tool"/>{"</body>" * len(_UR5E)}</worldbody>'
+        f"<actuator>{motors}</actuator></mujoco>"
+    )
+
+
 def random_cases(robot: Robot, count: int, rng: np.random.Generator) -> list[Case]:
     """Postures around that of the model; what is asked for there is within reach of the limits."""
     model, data = robot.model, mujoco.MjData(robot.model)
@@ -103,7 +127,7 @@ def random_cases(robot: Robot, count: int, rng: np.random.Generator) -> list[Cas
         away = rng.uniform(-_AWAY_RAD, _AWAY_RAD, size=model.nu)
         qpos[model.jnt_qposadr[model.actuator_trnid[:, 0]]] += away
         data.qpos[:] = qpos
-        jac = robot.read(data)
+        jac = robot.reader.at(data)
         allowed = canonical_basis(null_space(jac.J_C)) if len(jac.J_C) else np.eye(model.nv)
         velocities = allowed @ rng.normal(size=allowed.shape[1])
         velocities *= _INSIDE * LIMIT / np.abs(velocities[jac.active]).max()
@@ -112,31 +136,145 @@ def random_cases(robot: Robot, count: int, rng: np.random.Generator) -> list[Cas
     return cases
 
 
+# This library's ways, each from a case to rates (n,).
+
+
+def fastest(robot: Robot) -> Callable[[Case], Array]:
+    """One compiled call; what no pose changes is looked up once."""
+    data, reader = mujoco.MjData(robot.model), robot.reader
+    system = ConstrainedSystem.of(reader.at(data)).with_failures(locked=robot.locked)
+    kinematics = system.kinematics()
+    weight = np.ones(robot.model.nu)
+    mapping = kinematics.velocity_mapping(robot.major, joint_weight=weight)
+    tick, survivors, joints = mapping.tick(), kinematics.actuators, robot.joints
+    assert tick is not None
+    unlimited = np.full(system.J_T.shape[1], np.inf)
+    lower, upper = -unlimited, unlimited
+    if robot.limits is not None:
+        lower[joints], upper[joints] = robot.limits
+
+    def once(case: Case) -> Array:
+        data.qpos[:] = case.qpos
+        read = reader.read(data)
+        asked = np.concatenate([case.major, case.desired[survivors]])
+        velocities = tick(read.J_T, read.J_C, asked, (lower, upper), read.error_bound)
+        assert velocities is not None
+        return velocities[joints]
+
+    return once
+
+
+def by_system(robot: Robot) -> Callable[[Case], Array]:
+    """A system made anew of what a reader reads."""
+    data, read = mujoco.MjData(robot.model), robot.reader
+    return lambda case: _mapped(robot, case, data, read.at)
+
+
+def as_in_readme(robot: Robot) -> Callable[[Case], Array]:
+    """The code of the README, which also looks up all names."""
+    data = mujoco.MjData(robot.model)
+
+    def read(data: mujoco.MjData) -> Jacobians:
+        return jacobians(robot.model, data, robot.task, robot.axes, pinned=robot.pinned)
+
+    return lambda case: _mapped(robot, case, data, read)
+
+
+def _mapped(
+    robot: Robot, case: Case, data: mujoco.MjData, read: Callable[[mujoco.MjData], Jacobians]
+) -> Array:
+    data.qpos[:] = case.qpos
+    system = ConstrainedSystem.of(read(data))
+    failed = system.with_failures(locked=robot.locked).kinematics()
+    weight = np.ones(robot.model.nu)
+    mapping = failed.velocity_mapping(robot.major, joint_weight=weight, rate_limits=robot.limits)
+    return failed.expand(mapping(case.major, case.desired[failed.actuators]))
+
+
+WAYS = {"tick": fastest, "system": by_system, "readme": as_in_readme}
+"""By name of what is timed."""
+
+
+# mink.
+
+
+class Rows(mink.Task):
+    """Only the rows that are meant, of constant error.
+
+    mink's `FrameTask` has six rows where two are meant, all of which would be constraints, and its
+    `DampingTask` one for every joint, which takes 6 % longer.
+    """
+
+    def __init__(
+        self, cost: Array, error: Array, rows: Callable[[mink.Configuration], Array]
+    ) -> None:
+        """Rows of the Jacobian (rows, nv) follow from the configuration."""
+        super().__init__(cost=cost)
+        self._error, self._rows = error, rows
+
+    def compute_error(self, configuration: mink.Configuration) -> Array:
+        """What is left to move, with mink's sign."""
+        return self._error
+
+    def compute_jacobian(self, configuration: mink.Configuration) -> Array:
+        """Shape (rows, nv)."""
+        return self._rows(configuration)
+
+
 def mink_arguments(robot: Robot, cases: Sequence[Case]) -> list[tuple[Any, ...]]:
     """Of `solve_ik`: configurations already updated, tasks and limits already made."""
-    model = robot.model
-    moved = np.eye(model.nv)[robot.joints]
-    names = [model.joint(joint).name for joint in model.actuator_trnid[:, 0]]
-    limits = [mink.VelocityLimit(model, dict.fromkeys(names, LIMIT))]
-    feet = [Rows(np.ones(6), np.zeros(6), _twist(model, foot)) for foot in robot.feet]
+    model, moved, limits = robot.model, np.eye(robot.model.nv)[robot.joints], []
+    if robot.spread:
+        names = [model.joint(joint).name for joint in model.actuator_trnid[:, 0]]
+        limits = [mink.VelocityLimit(model, dict.fromkeys(names, LIMIT))]
+    held: list[Any] = [Rows(np.ones(6), np.zeros(6), _twist(model, foot)) for foot in robot.feet]
+    if model.neq:
+        held.append(mink.EqualityConstraintTask(model, cost=1.0))
+    if robot.locked:
+        stuck = [int(robot.joints[k]) for k in robot.locked]
+        held.append(mink.DofFreezingTask(model, stuck))
+    first = sum(row < 6 for row in robot.major)
+    own = robot.major[:first]
     arguments = []
     for case in cases:
         # mink's sign: what is left to move.
         posture = Rows(np.ones(model.nu), -case.desired, lambda _: moved)
-        exact = [*feet, Rows(np.ones(6), -case.major[:6], _twist(model, robot.site))]
-        if len(robot.major) > 6:
-            level = len(robot.major) - 6
-            exact.append(Rows(np.ones(level), -case.major[6:], _center_of_mass(model, level)))
+        rows = _twist(model, robot.site, own, robot.axes)
+        exact = [Rows(np.ones(first), -case.major[:first], rows), *held]
+        if level := len(robot.major) - first:
+            exact.append(Rows(np.ones(level), -case.major[first:], _center_of_mass(model, level)))
         arguments.append((mink.Configuration(model, case.qpos), [posture], exact, limits))
     return arguments
 
 
-def _twist(model: mujoco.MjModel, site: str) -> Callable[[mink.Configuration], Array]:
-    number, twist = model.site(site).id, np.zeros((6, model.nv))
+def solve_ik(
+    configuration: mink.Configuration,
+    tasks: list[Any],
+    constraints: list[Any],
+    limits: Sequence[mink.Limit] = (),
+) -> Array:
+    """A displacement of all joints (nv,), as a user of mink gets it fastest.
+
+    Tasks that are constraints are equalities: a strict priority, as here. Without `eq_reduction`
+    daqp's tolerance is 1e-4 of so small a motion; it costs no time.
+    """
+    return mink.solve_ik(
+        configuration, tasks, 1.0, "daqp", limits=limits, constraints=constraints, eq_reduction=1
+    )
+
+
+def _twist(
+    model: mujoco.MjModel, site: str, own: Sequence[int] = range(6), axes: str | None = None
+) -> Callable[[mink.Configuration], Array]:
+    """Rows `own` of a site's twist, in the axes of another site, which rests."""
+    number, twist, data = model.site(site).id, np.zeros((6, model.nv)), mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    turn = np.eye(3) if axes is None else data.site(axes).xmat.reshape(3, 3).T
+    chosen = np.kron(np.eye(2), turn)[list(own)]
 
     def rows(configuration: mink.Configuration) -> Array:
         mujoco.mj_jacSite(model, configuration.data, twist[3:], twist[:3], number)
-        return twist
+        return twist if len(chosen) == 6 else chosen @ twist
 
     return rows
 
@@ -151,39 +289,36 @@ def _center_of_mass(model: mujoco.MjModel, rows: int) -> Callable[[mink.Configur
     return first
 
 
+# All of them.
+
+
 def contenders(robot: Robot, cases: Sequence[Case]) -> list[Contender]:
-    """One tick in each way, and mink's kinematics, which the general path includes."""
+    """One tick in each way, and mink's kinematics, which the library's ways include."""
     theirs = mink_arguments(robot, cases)
     updates = [(each[0], case.qpos) for each, case in zip(theirs, cases, strict=True)]
-    at_joints = [(case.major, case.qpos, case.desired) for case in cases]
-    timed = {
-        "tick": (robot.tick, lambda: at_joints),
-        "mink": (solve_ik, lambda: theirs),
-        "mink_update": (mink.Configuration.update, lambda: updates),
+    ours = [(case,) for case in cases]
+    timed: dict[str, tuple[Callable[..., Any], list[tuple[Any, ...]]]] = {
+        **{name: (way(robot), ours) for name, way in WAYS.items()},
+        "mink": (solve_ik, theirs),
+        "mink_update": (mink.Configuration.update, updates),
     }
     return [
-        Contender(f"{robot.name}_{name}", *each, units=len(cases), samples=10)
-        for name, each in timed.items()
+        Contender(f"{robot.name}_{name}", call, lambda given=given: given, len(cases), samples=10)
+        for name, (call, given) in timed.items()
     ]
 
 
 def answers(robot: Robot, cases: Sequence[Case]) -> dict[str, Array]:
-    """Rates (N, n) of both contenders, and of scipy's sequential quadratic programming."""
-    tick, mink_tick, _ = (partial(_all, each) for each in contenders(robot, cases))
-    return {
-        f"{robot.name}_tick": tick(),
-        f"{robot.name}_mink": mink_tick()[:, robot.joints],
-        "slsqp": np.array([_by_slsqp(robot, case) for case in cases]),
-    }
-
-
-def _all(contender: Contender) -> Array:
-    return np.array([contender.call(*given) for given in contender.arguments()])
+    """Rates (N, n) of all contenders, and of LAPACK or scipy from MuJoCo's Jacobians."""
+    *found, _ = contenders(robot, cases)
+    rates = {each.name: np.array([each.call(*one) for one in each.arguments()]) for each in found}
+    rates[f"{robot.name}_mink"] = rates[f"{robot.name}_mink"][:, robot.joints]
+    return rates | {"reference": np.array([_reference(robot, case) for case in cases])}
 
 
 def question(robot: Robot) -> str:
     """What is asked, in words."""
-    return f"one tick of the {robot.name}"
+    return f"one tick of {robot.name.replace('_', ' ')}"
 
 
 def agreement(robot: Robot, cases: Sequence[Case]) -> Agreement:
@@ -193,18 +328,28 @@ def agreement(robot: Robot, cases: Sequence[Case]) -> Agreement:
 
 def active_limits(robot: Robot, cases: Sequence[Case]) -> list[int]:
     """How many cases have 0, 1, ... rates at a limit."""
-    rates = np.array([robot.tick(case.major, case.qpos, case.desired) for case in cases])
+    tick = fastest(robot)
+    rates = np.array([tick(case) for case in cases])
     return np.bincount((~exceeds(LIMIT, np.abs(rates))).sum(axis=1)).tolist()
 
 
-def _by_slsqp(robot: Robot, case: Case) -> Array:
+def entry(robot: Robot, cases: Sequence[Case]) -> Entry:
+    """All of them."""
+    at_limits = {} if robot.limits is None else {question(robot): active_limits(robot, cases)}
+    return Entry(contenders(robot, cases), [agreement(robot, cases)], at_limits)
+
+
+def _reference(robot: Robot, case: Case) -> Array:
     """The same rates from MuJoCo's Jacobians, in all joints at once."""
     data = mujoco.MjData(robot.model)
     data.qpos[:] = case.qpos
-    jac = robot.read(data)
+    jac = robot.reader.at(data)
     joints = np.eye(robot.model.nv)[jac.active]
-    equal = np.vstack([jac.J_T[list(robot.major)], jac.J_C])
-    target = np.concatenate([case.major, np.zeros(len(jac.J_C))])
+    equal = np.vstack([jac.J_T[list(robot.major)], jac.J_C, joints[list(robot.locked)]])
+    target = np.zeros(len(equal))
+    target[: len(robot.major)] = case.major
+    if not robot.spread:
+        return dgglse(joints, equal, case.desired, target)[3][jac.active]
     box = np.full(robot.model.nv, np.inf)
     box[jac.active] = LIMIT
     found = minimize(

@@ -6,22 +6,24 @@ installed.
 
 from dataclasses import dataclass
 from importlib.util import find_spec
-from itertools import cycle
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from experiments.benchmark.closed_loop import ClosedLoop, parts, recorded, whole
+from experiments.benchmark.closed_loop import GOAL, ClosedLoop, recorded, whole
 from experiments.benchmark.latency import latencies
-from experiments.benchmark.measurement import Agreement, by_turns, questions
+from experiments.benchmark.measurement import Agreement, Entry, by_turns, questions
 from experiments.benchmark.ratios import saved
-from experiments.rig.hexapod.controller import nominal_loops
+from experiments.rig.hexapod.controller import controller_for, nominal_loops
+from experiments.rig.hexapod.rig import rig_of
 from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
 from experiments.study.files import usable_file
 from experiments.study.study import NotInstalled, OnProgress
 from sim import Array, load_model
 
+LATENCY = ("fjh_tick", "humanoid_tick", "ik_humanoid")
+"""Ticks timed one by one besides those of the hexapod's controllers."""
 PACKAGES = ("mink", "placo", "daqp", "qpsolvers")
 """The peers, the interface between mink and daqp, and what keeps all of them to one thread."""
 
@@ -42,7 +44,7 @@ class Effort:
 
 
 _BATCHES = (1, 10, 100, 1_000, 10_000, 100_000)
-FULL = Effort(TestbedConfig().duration_s, rounds=7, ticks=100_000, batches=_BATCHES)
+FULL = Effort(TestbedConfig().duration_s, rounds=7, ticks=50_000, batches=_BATCHES)
 QUICK = Effort(2.0, rounds=5, ticks=2_000, batches=_BATCHES[:-1])
 
 
@@ -94,7 +96,7 @@ def run_bench(
         )
     from threadpoolctl import threadpool_limits
 
-    from experiments.benchmark import ik, limited, pointing, robots, solvers
+    from experiments.benchmark import ik, limited, mechanisms, pointing, robots, solvers
 
     if save is not None:
         usable_file(save, ".json", option="--save")
@@ -103,35 +105,31 @@ def run_bench(
     # Set at run time, since NumPy may long have been imported: OpenBLAS keeps to one thread.
     with threadpool_limits(1):
         model, bench = load_model(), TestbedConfig()
-        asked = questions(effort.actuators, effort.batches, rng)
         cases = pointing.random_cases(model, 8, rng)
         limits = [limited.random_limited(6, rng) for _ in range(64)]
-        others = {robot: robots.random_cases(robot, 8, rng) for robot in robots.robots()}
-        movers = {robot: ik.random_cases(robot, 8, rng) for robot in ik.ROBOTS}
-        agreed = [*solvers.agreements(asked), *limited.agreements(limits)]
-        agreed.append(pointing.agreement(model, cases))
-        agreed += [robots.agreement(robot, cases) for robot, cases in others.items()]
-        agreed += [ik.agreement(robot, there) for robot, there in movers.items()]
-        for each in agreed:
-            each.check()
         testbed = Testbed(model, bench, nominal_loops(model, bench))
         loop = ClosedLoop(testbed, effort.seconds, seed)
-        contenders = whole(loop) + parts(loop)
-        contenders += pointing.contenders(model, cases) + solvers.contenders(asked)
-        contenders += limited.contenders(limits)
-        for robot, cases_there in others.items():
-            contenders += robots.contenders(robot, cases_there)
-        for robot, there in movers.items():
-            contenders += ik.contenders(robot, there)
-        run = recorded(testbed, seed)
-        contenders.append(run.diagnosis())
+        entries = [
+            solvers.entry(questions(effort.actuators, effort.batches, rng)),
+            limited.entry(limits),
+            pointing.entry(model, cases),
+            *(robots.entry(each, robots.random_cases(each, 8, rng)) for each in robots.robots()),
+            *(ik.entry(each, ik.random_cases(each, 8, rng)) for each in ik.ROBOTS),
+            mechanisms.entry(rng),
+        ]
+        agreed = [each for entry in entries for each in entry.agreements]
+        for each in agreed:
+            each.check()
+        run = recorded(testbed, controller_for(testbed, GOAL), seed)
+        entries.append(Entry([*whole(loop), *run.diagnosis()]))
+        contenders = [each for entry in entries for each in entry.contenders]
         samples_us = by_turns(contenders, effort.rounds, on_progress)
-        general = cycle((case.pointing_rad, case.qpos) for case in cases)
-        tick = pointing.pointing_tick(model)
-        ticks = {"controller": run.controlling(), "tick": lambda: tick(*next(general))}
+        diagnosing = recorded(testbed, rig_of(testbed).supervisor(goal=GOAL), seed)
+        ticks = {"controller": run.controlling(), "supervisor": diagnosing.controlling()}
+        ticks |= {each.name: each.single() for each in contenders if each.name in LATENCY}
         latency = latencies(ticks, effort.ticks, on_progress)
-        active, weights = limited.active_limits(limits), limited.compared(seed)
-        active |= {
-            robots.question(each): robots.active_limits(each, others[each]) for each in others
+        active = {
+            question: counts for entry in entries for question, counts in entry.at_limits.items()
         }
+        weights = limited.compared(seed)
     return Timed(seed, effort, agreed, samples_us, active, weights, latency, save, before, check)

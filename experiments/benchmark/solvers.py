@@ -14,7 +14,14 @@ import numpy as np
 import scipy.linalg
 from scipy.linalg.lapack import dgglse
 
-from experiments.benchmark.measurement import Agreement, Contender, Problem, Questions, compare
+from experiments.benchmark.measurement import (
+    Agreement,
+    Contender,
+    Entry,
+    Problem,
+    Questions,
+    compare,
+)
 from experiments.rig.hexapod.columns import MAJOR, SECONDARY
 from prioritized import velocity_mapping
 from sim import Array
@@ -213,3 +220,8 @@ def contenders(asked: Questions) -> list[Contender]:
         ),
         *(OURS.contender(problems, name, size) for name, (size, problems) in batches),
     ]
+
+
+def entry(asked: Questions) -> Entry:
+    """All of them."""
+    return Entry(contenders(asked), agreements(asked))

@@ -10,24 +10,26 @@ from experiments.study.tables import Column, Table, tabulate
 TICK = {
     "mj_step": "physics alone: mj_step",
     "closed_loop": "closed loop",
-    "closed_loop_constant": "closed loop, constant Jacobian",
-    "tick": "general path: kinematics to apply",
     "hexapod_tick": "hexapod's closed form: Jacobian to apply",
-    "mink": "mink: solve_ik",
-    "mink_update": "mink: Configuration.update",
     "diagnosis": "diagnosis: Monitor.step",
+    "diagnosis_worst": "  its slowest ticks",
+    "square_loops": "kinematics and mapping, six actuators",
+    "tied_loops": "  the same, loops tie rates together",
+    "manipulability": "kinematics and manipulability, six actuators",
 }
 ROBOTS = {
-    "arm_tick": "arm: general path",
-    "arm_mink": "  mink: solve_ik, arm",
-    "arm_mink_update": "  mink: Configuration.update, arm",
-    "humanoid_tick": "humanoid: general path",
-    "humanoid_mink": "  mink: solve_ik, humanoid",
-    "humanoid_mink_update": "  mink: Configuration.update, humanoid",
+    "fjh": "hexapod, strut 1 locked",
+    "arm": "arm, limits",
+    "ur5e": "UR5e-like arm, limits",
+    "humanoid_one_foot": "humanoid on one foot, limits",
+    "humanoid": "humanoid on both feet, limits",
 }
 LATENCY = {
     "controller": "hexapod's controller",
-    "tick": "general path",
+    "supervisor": "the same with diagnosis",
+    "fjh_tick": "tick of the hexapod as any robot",
+    "humanoid_tick": "tick of the humanoid on both feet",
+    "ik_humanoid": "Ik.step of the humanoid",
 }
 COLLECTOR = {
     "on": "collector on",
@@ -37,63 +39,38 @@ COLLECTOR = {
 _ROUND_OFF = 1e-12
 """Part of a number; smaller ones are not printed, because they depend on the processor."""
 
-PARTS = {
-    "sensors": "sensors",
-    "estimate": "pose estimate",
-    "mapping": "mapping",
-    "jacobian": "  one Jacobian, included in both",
-    "converter": "converter",
-    "compensators": "compensators, by difference",
-    "plant": "plant beyond mj_step, by difference",
-    "rest": "log and the rest, by difference",
-    "all": "all",
-}
 SOLVE = {
     "prioritized": "velocity_mapping and apply",
     "batched": "the same, in one batch",
-    "daqp": "daqp, H given",
-    "daqp_with_build": "daqp, H built",
     "daqp_hierarchy": "daqp, hierarchy without H: unit rows",
-    "placo": "PlaCo, problem given",
-    "placo_with_build": "PlaCo, problem built",
     "pinv_formula": "eq. (25) with numpy's pinv",
     "dgglse": "LAPACK dgglse, A given",
 }
-LIMITED = {
-    "limited": "Problem 1: velocity_mapping and apply",
-    "daqp_limited": "  daqp, H given",
-    "daqp_limited_with_build": "  daqp, H built",
-    "hierarchy3": "three levels: lexicographic_least_squares",
-    "daqp_hierarchy3": "  daqp with break_points, H given",
-    "daqp_hierarchy3_with_build": "  the same, H built",
-}
+PEERS = (
+    ("Problem 1: daqp", "prioritized", ("daqp",), ("daqp_with_build",)),
+    ("Problem 1: PlaCo", "prioritized", ("placo",), ("placo_with_build",)),
+    ("Problem 1 with limits: daqp", "limited", ("daqp_limited",), ("daqp_limited_with_build",)),
+    ("three levels: daqp", "hierarchy3", ("daqp_hierarchy3",), ("daqp_hierarchy3_with_build",)),
+    *(
+        (f"tick, {words}: mink", f"{name}_tick", (f"{name}_mink",), (f"{name}_mink", up))
+        for name, words, up in ((*each, f"{each[0]}_mink_update") for each in ROBOTS.items())
+    ),
+)
+"""Question and peer, this library, the peer with its problem given, and with it built."""
 
 
 def tables(summary: dict[str, Any]) -> list[Table]:
     """Tables of the ratios and of the times they are made of."""
     seconds, timings = summary["simulated_s"], summary["timings"]
-    at_limits = {name: _at_limit(name, one) for name, one in summary["active_limits"].items()}
-    with_limits = " ".join(at_limits.pop(name) for name in list(at_limits) if "tick" in name)
+    at_limits = (_at_limit(name, one) for name, one in summary["active_limits"].items())
     part = f", {seconds:g} s of the spiral only" if seconds < TestbedConfig().duration_s else ""
     found = [
         ratios.table(summary["ratios"], f"Ratios of medians{part}"),
         _times("One control tick, us", TICK, timings),
-        _tick_parts(summary["tick_parts_us"]),
-        _times(
-            "One control tick with velocity limits, us",
-            ROBOTS,
-            timings,
-            f"{with_limits} Limits of -1 and 1 rad/s; all results agree to 1e-6.",
-        ),
+        _robots(timings),
         _latency(summary["latency"]),
-        _times("One Problem 1, hexapod's size, us", SOLVE, timings),
-        _times(
-            "Problems with limits, us",
-            LIMITED,
-            timings,
-            f"{' '.join(at_limits.values())} Six rates; limits of -1 and 1; all results agree to "
-            "1e-9.",
-        ),
+        _peers(timings, " ".join(at_limits)),
+        _times("One Problem 1 of six actuators in other ways, us", SOLVE, timings),
         _out_of_reach(summary["out_of_reach"]),
         _growth(
             "One Problem 1 by number of actuators, us",
@@ -123,6 +100,58 @@ def _times(title: str, labels: dict[str, str], timings: dict[str, Any], legend: 
     )
     entries = [{"label": label} | timings[name] for name, label in labels.items()]
     return tabulate(title, columns, entries, legend)
+
+
+def _robots(timings: dict[str, Any]) -> Table:
+    columns = (
+        Column("", "label"),
+        Column("compiled", "tick"),
+        Column("from a reader", "system"),
+        Column("as in README", "readme"),
+        Column("mink, with update", "mink"),
+    )
+    entries = []
+    for name, label in ROBOTS.items():
+        us = {way: timings[f"{name}_{way}"]["median_us"] for way in ("tick", "system", "readme")}
+        us["mink"] = (
+            timings[f"{name}_mink"]["median_us"] + timings[f"{name}_mink_update"]["median_us"]
+        )
+        entries.append({"label": label} | {way: _us(each) for way, each in us.items()})
+    return tabulate(
+        "One tick from joint positions to rates, us",
+        columns,
+        entries,
+        "compiled: JacobianReader.read and VelocityMapping.tick, made once. from a reader: "
+        "JacobianReader.at, ConstrainedSystem.of, velocity_mapping, all anew. as in README: "
+        "sim.jacobians instead, which also looks up all names. All results agree to 1e-5.",
+    )
+
+
+def _peers(timings: dict[str, Any], at_limits: str) -> Table:
+    """Each peer with its problem given, and with it built."""
+    columns = (
+        Column("", "label"),
+        Column("this library", lambda one: _us(one["ours"])),
+        Column("given", lambda one: _us(one["given"])),
+        Column("ratio", lambda one: one["ours"] / one["given"], ".3g"),
+        Column("built", lambda one: _us(one["built"])),
+        Column("ratio ", lambda one: one["ours"] / one["built"], ".3g"),
+    )
+
+    def total(names: tuple[str, ...]) -> float:
+        return sum(timings[name]["median_us"] for name in names)
+
+    entries = [
+        {"label": label, "ours": total((ours,)), "given": total(given), "built": total(built)}
+        for label, ours, given, built in PEERS
+    ]
+    return tabulate(
+        "Beside other solvers, us",
+        columns,
+        entries,
+        "given, built: daqp without and with the time that H takes, PlaCo likewise its problem, "
+        f"mink its kinematics; this library always begins at J or at positions. {at_limits}",
+    )
 
 
 def _at_limit(question: str, counts: list[int]) -> str:
@@ -177,21 +206,6 @@ def _out_of_reach(found: dict[str, Any]) -> Table:
 
 def _above_round_off(part: float) -> str:
     return f"{part:.1e}" if part > _ROUND_OFF else f"< {_ROUND_OFF:.0e}"
-
-
-def _tick_parts(parts_us: dict[str, float]) -> Table:
-    columns = (
-        Column("", "label"),
-        Column("us", lambda one: _us(one["us"])),
-        Column("%", lambda one: 100 * one["us"] / parts_us["all"], ".0f"),
-    )
-    return tabulate(
-        "Time of a control tick without physics",
-        columns,
-        [{"label": PARTS[name], "us": us} for name, us in parts_us.items()],
-        "Medians, each part timed separately, with warm caches; parts without a public call of "
-        "their own are differences. W_a, analytic Jacobian.",
-    )
 
 
 def _growth(title: str, growth: dict[str, Any], legend: str) -> Table:
@@ -250,7 +264,4 @@ def notes(summary: dict[str, Any]) -> list[str]:
             f"The saved run simulated {saved_s:g} s of the spiral, this one {now_s:g} s: with "
             "--quick settling is a larger part of the time, and batches are smaller."
         )
-    return found + [
-        f"The saved run's {before} was measured with the closed form; it is compared with {now}."
-        for before, now in summary["comparison"]["renamed"].items()
-    ]
+    return found

@@ -8,10 +8,10 @@ import numpy as np
 
 import argument_checks as check
 from experiments.ik.levels import Levels
-from experiments.ik.limits import Limits
+from experiments.ik.limits import Limits, VelocityLimits
 from experiments.ik.solution import IkProblem, IkSolution
 from prioritized import ConstrainedSystem
-from sim import Array, Body, JacobianReader, Pin, TaskFunction, advance
+from sim import Array, Body, JacobianReader, Jacobians, Pin, TaskFunction, advance
 
 
 class Ik:
@@ -27,7 +27,8 @@ class Ik:
             ik.advance(data, ik.step(data, dt), dt, into=data)
 
     The tasks hold their targets and gains, which the loop may set. Everything else stays as it is
-    when the object is made: :meth:`with_failures` gives another one.
+    when the object is made: :meth:`with_failures` gives another one. Both of them are for one
+    thread, because a step overwrites the Jacobians of the one before; solutions keep their own.
     """
 
     def __init__(
@@ -93,19 +94,21 @@ class Ik:
             ClosureError: A loop is open: see :func:`sim.assemble`.
             ValueError: A task without a target, or one that does not fit the model.
         """
-        return self.solve(data, dt).qvel
+        period_s = check.duration("dt", dt)
+        here = self._reader.read(data)
+        asked = self._asked_at(data, period_s)
+        met = self._met(here.J_T, here.J_C, here.error_bound, asked)
+        if met is None:
+            return self._solved(data, period_s, self._reader.at(data), asked, None).qvel
+        return self._kept_apart(data, met, period_s)[0]
 
     def solve(self, data: mujoco.MjData, dt: float) -> IkSolution:
         """The same with its status, and what each task lacks; see :meth:`step`."""
         period_s = check.duration("dt", dt)
-        problem = self._problem(data, period_s)
-        met = self._met(problem)
-        qvel = (problem.velocities if met is None else met)[: self._model.nv]
-        fraction, distances = 1.0, self._limits.limits.distances
-        if distances is not None:
-            fraction = distances.safe_fraction(data, qvel, period_s)
-        is_led_back = met is not None or problem.solved[1]
-        return IkSolution(fraction * qvel, fraction, is_led_back, problem)
+        jac = self._reader.at(data)
+        asked, accuracy = self._asked_at(data, period_s), jac.accuracy
+        met = accuracy and self._met(jac.J_T, jac.J_C, accuracy.error_bound, asked)
+        return self._solved(data, period_s, jac, asked, met)
 
     def advance(
         self, data: mujoco.MjData, qvel: Array, dt: float, into: mujoco.MjData | None = None
@@ -126,26 +129,46 @@ class Ik:
 
     def _take(self, system: ConstrainedSystem) -> None:
         """Keep a system, and what its tasks ask for at any pose."""
-        self._system, self._actuated = system, system.kinematics()
-        self._hierarchy = self._actuated.hierarchy(self._asked)
-        self._tick = self._hierarchy.tick(self._actuated)
+        self._system, actuated = system, system.kinematics()
+        self._hierarchy = actuated.hierarchy(self._asked)
+        self._tick = self._hierarchy.tick(actuated)
+        self._targets = self._levels.targets(actuated)
 
-    def _problem(self, data: mujoco.MjData, period_s: float) -> IkProblem:
-        """What is asked for at this state."""
-        jac = self._reader.at(data)
-        limits = self._limits.at(data, period_s)
-        targets = self._levels.targets(data, self._actuated, jac.J_T.shape[1], period_s)
-        return IkProblem(self._system, self._hierarchy, jac, limits, targets)
+    def _asked_at(self, data: mujoco.MjData, period_s: float) -> tuple[VelocityLimits, Array]:
+        """Limits of all velocities at a state that is up to date, and what the tasks ask for."""
+        return self._limits.at(data, period_s), self._targets.at(data, period_s)
 
-    def _met(self, problem: IkProblem) -> Array | None:
+    def _met(
+        self, J_T: Array, J_C: Array, error_bound: float, asked: tuple[VelocityLimits, Array]
+    ) -> Array | None:
         """All velocities in one compiled call; None where something is in doubt."""
-        jac, limits = problem.jacobians, problem.limits
-        if self._tick is None or jac.accuracy is None:
+        if self._tick is None:
             return None
-        parts = [
-            one for each in problem.targets for one in (each if type(each) is list else [each])
-        ]
-        met = self._tick(
-            jac.J_T, jac.J_C, np.concatenate(parts), limits.box, jac.accuracy.error_bound
-        )
+        limits, targets = asked
+        met = self._tick(J_T, J_C, targets, limits.box, error_bound)
         return met if met is not None and limits.are_kept_by(met) else None
+
+    def _solved(
+        self,
+        data: mujoco.MjData,
+        period_s: float,
+        jac: Jacobians,
+        asked: tuple[VelocityLimits, Array],
+        met: Array | None,
+    ) -> IkSolution:
+        """The solution with its findings, where the compiled one is known or none."""
+        limits, targets = asked[0], self._targets.of_levels(asked[1])
+        problem = IkProblem(self._system, self._hierarchy, jac, limits, targets)
+        velocities = problem.velocities if met is None else met
+        qvel, fraction = self._kept_apart(data, velocities, period_s)
+        return IkSolution(qvel, fraction, met is not None or problem.solved[1], problem)
+
+    def _kept_apart(
+        self, data: mujoco.MjData, velocities: Array, period_s: float
+    ) -> tuple[Array, float]:
+        """Of velocities (N,) those of the joints, (nv,), and the part left to keep distances."""
+        qvel, distances = velocities[: self._model.nv], self._limits.limits.distances
+        if distances is None:
+            return qvel, 1.0
+        fraction = distances.safe_fraction(data, qvel, period_s)
+        return fraction * qvel, fraction

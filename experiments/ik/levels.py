@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 import argument_checks as check
+from argument_checks import Indices
 from prioritized import ConstrainedSystem, Kinematics, Task
 from sim import Array, LocatedFunction, LocatedRates, TaskFunction
 
@@ -80,22 +81,77 @@ class Levels(NamedTuple):
             levels.append(level)
         return levels
 
-    def targets(
-        self, data: mujoco.MjData, kinematics: Kinematics, N: int, period_s: float
-    ) -> list[Array | list[Array]]:
-        """Velocity that each task asks for; for joints the rates of the survivors among N."""
-        asked = []
+    def targets(self, kinematics: Kinematics) -> "Targets":
+        """What asks for velocities at any state, for joints for the rates of the survivors."""
+        parts, start = list[list[Part]](), 0
         for tasks, places in zip(self.tasks, self.located, strict=True):
             level = []
             for task, place in zip(tasks, places, strict=True):
-                velocity = task.gain / period_s * place.error(self.model, data)
+                size = numbers = len(place.angular)
+                rows, among = slice(start, start + size), None
                 if isinstance(place, LocatedRates):
-                    every = np.zeros(N)
-                    every[place.velocities] = velocity
-                    velocity = every[kinematics.active]
-                level.append(velocity)
-            asked.append(level if len(level) > 1 else level[0])
+                    own = place.velocities == kinematics.active[:, None]
+                    rates, among = np.nonzero(own)
+                    rows, size = start + rates, len(own)
+                own = slice(start, start := start + size)
+                level.append(Part(task, place, numbers, rows, among, own))
+            parts.append(level)
+        return Targets(self.model, tuple(map(tuple, parts)), start)
+
+
+class Part(NamedTuple):
+    """What one task asks for.
+
+    Attributes:
+        task: With its gain.
+        located: The same in the model.
+        size: How many numbers its error has.
+        rows: Where they are among those of all tasks.
+        among: Which of them count; None is all.
+        own: Where its numbers and zeros are, of rates that it does not ask for.
+    """
+
+    task: TaskFunction
+    located: LocatedFunction
+    size: int
+    rows: slice | Indices
+    among: Indices | None
+    own: slice
+
+
+class Targets(NamedTuple):
+    """Velocities that tasks ask for.
+
+    Attributes:
+        model: Where.
+        levels: The tasks of each.
+        size: How many numbers they ask for.
+    """
+
+    model: mujoco.MjModel
+    levels: tuple[tuple[Part, ...], ...]
+    size: int
+
+    def at(self, data: mujoco.MjData, period_s: float) -> Array:
+        """Those at a state, one task after the other, shape (t,).
+
+        Raises:
+            ValueError: An error of another shape than the task says, or as that raises.
+        """
+        asked = np.zeros(self.size)
+        for level in self.levels:
+            for task, located, size, rows, among, _ in level:
+                velocity = task.gain / period_s * located.error(self.model, data)
+                if np.shape(velocity) != (size,):
+                    error = check.shown(velocity)
+                    raise ValueError(f"the error of {task} must be {size} numbers, got {error}")
+                asked[rows] = velocity if among is None else velocity[among]
         return asked
+
+    def of_levels(self, asked: Array) -> list[Array | list[Array]]:
+        """The same as a hierarchy takes them: of each level an array, or a list of arrays."""
+        every = [[asked[part.own] for part in level] for level in self.levels]
+        return [level if len(level) > 1 else level[0] for level in every]
 
 
 def _weight(task: TaskFunction) -> ArrayLike:

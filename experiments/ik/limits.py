@@ -68,19 +68,20 @@ class Limits:
         positions = Positions.of(model, jac) if self.ranges else Positions.free(len(names))
         velocity = _both_ways(_each("velocity", self.velocity, names))
         acceleration = _both_ways(_each("acceleration", self.acceleration, names))
-        return LimitsOf(self, positions, velocity, acceleration)
+        without = np.zeros((0, model.nv)), np.zeros(0)
+        return LimitsOf(self, positions, velocity, acceleration, without)
 
 
 class Positions(NamedTuple):
     """Positions of slides, hinges and tendons, of which ranges are stated.
 
     Attributes:
-        ranges: Lower and upper position of each velocity, infinite where there is none, (2, N).
+        ranges: Lower and upper position of each velocity, infinite where there is none, (N,) each.
         joints: Velocities of slides and hinges, and their places in `qpos`.
         tendons: Velocities of tendons, and their numbers.
     """
 
-    ranges: Array
+    ranges: tuple[Array, Array]
     joints: tuple[Indices, Indices]
     tendons: tuple[Indices, Indices]
 
@@ -96,7 +97,7 @@ class Positions(NamedTuple):
         tendons = [(model.nv + k, d.tendon) for k, d in enumerate(extra) if d.tendon is not None]
         numbers = np.array(tendons, dtype=np.intp).reshape(-1, 2).T
         bounds[:, numbers[0]] = stated.tendon[numbers[1]].T
-        return cls(check.read_only(bounds), (velocities, places), (numbers[0], numbers[1]))
+        return cls(_pair(bounds), (velocities, places), (numbers[0], numbers[1]))
 
     @classmethod
     def free(cls, N: int) -> "Positions":
@@ -107,7 +108,7 @@ class Positions(NamedTuple):
     def at(self, data: mujoco.MjData) -> Array:
         """Position of each velocity, zero where none is limited, (N,)."""
         (velocities, places), (lengths, tendons) = self.joints, self.tendons
-        x = np.zeros(self.ranges.shape[1])
+        x = np.zeros(len(self.ranges[0]))
         x[velocities] = data.qpos[places]
         if len(tendons):
             x[lengths] = data.ten_length[tendons]
@@ -181,25 +182,27 @@ class LimitsOf(NamedTuple):
     Attributes:
         limits: What is limited.
         positions: Of joints and tendons with ranges.
-        velocity: Least and largest rate of each velocity, shape (2, N).
-        acceleration: Least and largest acceleration, shape (2, N).
+        velocity: Least and largest rate of each velocity, (N,) each.
+        acceleration: Least and largest acceleration, (N,) each.
+        without: Of distances no rows, (0, nv), and no least products, (0,).
     """
 
     limits: Limits
     positions: Positions
-    velocity: Array
-    acceleration: Array
+    velocity: tuple[Array, Array]
+    acceleration: tuple[Array, Array]
+    without: tuple[Array, Array]
 
     def at(self, data: mujoco.MjData, period_s: float) -> VelocityLimits:
         """Limits of the velocities that are constant until the next tick."""
-        rows, least = np.zeros((0, len(data.qvel))), np.zeros(0)
+        rows, least = self.without
         if self.limits.distances is not None:
             rows, least = self.limits.distances.rate_limits(data, period_s)
         return VelocityLimits(self._of_velocities(data, period_s), rows, least)
 
     def _of_velocities(self, data: mujoco.MjData, period_s: float) -> tuple[Array, Array]:
         """Lower and upper limit of every velocity, (N,) each."""
-        rates, qvel = np.zeros(self.velocity.shape[1]), data.qvel
+        rates, qvel = np.zeros(len(self.velocity[0])), data.qvel
         rates[: len(qvel)] = qvel
         box = viable_rates(
             self.positions.at(data),
@@ -212,9 +215,15 @@ class LimitsOf(NamedTuple):
         return box.lower, box.upper
 
 
-def _both_ways(most: Array) -> Array:
-    """The least and the most, (2, N), of limits that are the same in both directions."""
-    return check.read_only(np.array([-most, most]))
+def _both_ways(most: Array) -> tuple[Array, Array]:
+    """The least and the most, (N,) each, of limits that are the same in both directions."""
+    return _pair(np.array([-most, most]))
+
+
+def _pair(both: Array) -> tuple[Array, Array]:
+    """Rows of an array (2, N), as plain vectors: a tick takes no views."""
+    lower, upper = check.read_only(both)
+    return lower, upper
 
 
 def _with_zero(lower: Array, upper: Array) -> tuple[Array, Array]:

@@ -26,6 +26,7 @@ from ftc.fdi.dither import Dither
 from ftc.fdi.fault_model import Fault, NominalModel
 from ftc.feedforward import inverse_feedforward
 from ftc.goal import Goal
+from ftc.loop import LoopRun
 from ftc.reconfiguration import Unused
 from ftc.supervisor import Supervisor
 from prioritized import Manipulability
@@ -242,6 +243,20 @@ class Rig(ABC):
         self, time_s: Array, failures: Sequence[Failure], seed: int, events: object = None
     ) -> Bench:
         """The simulated machine for times (N,)."""
+
+    def begun(
+        self,
+        bench: Bench,
+        pilot: Any,
+        reference: Array,
+        feedforward: Array | None,
+        on_tick: Callable[[int], None] | None,
+    ) -> LoopRun[Any] | None:
+        """The first ticks of a flight by a faster way; None: there is none for this pilot.
+
+        :func:`ftc.run_loop` goes on from there.
+        """
+        return None
 
     @property
     @abstractmethod

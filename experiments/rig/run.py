@@ -114,11 +114,14 @@ def flown(
     """A flight, `lead_in` ticks at rest before it; see :meth:`experiments.rig.Rig.fly`."""
     times = np.concatenate([np.full(lead_in, time_s[0]), time_s])
     bench, kept = rig.bench(times, failures, seed, events), slice(lead_in, None)
-    machine = bench if on_tick is None else _Counted(bench, on_tick)
     demands = rig.feedforward_demands(desired)
     if demands is not None:
         demands = after_rest(lead_in, demands)
-    looped = run_loop(machine, pilot, after_rest(lead_in, desired), demands)
+    reference = after_rest(lead_in, desired)
+    begun = rig.begun(bench, pilot, reference, demands, on_tick)
+    done = 0 if begun is None else len(begun.inputs)
+    machine = bench if on_tick is None else _Counted(bench, on_tick, done)
+    looped = run_loop(machine, pilot, reference, demands, begun=begun)
     pose = Pose(bench.rotation[kept], bench.translation_m[kept])
     assert bench.qpos is not None and bench.actuator_force is not None  # rigs keep them
     state, named = looped.state, ()
@@ -222,8 +225,8 @@ def _status(state: Any, named: Sequence[Named], rig: "Rig") -> str:
 class _Counted:
     """A machine in the loop that tells how many ticks it has done."""
 
-    def __init__(self, bench: Bench, on_tick: Callable[[int], None]) -> None:
-        self.measure, self._bench, self._on_tick, self._done = bench.measure, bench, on_tick, 0
+    def __init__(self, bench: Bench, on_tick: Callable[[int], None], done: int) -> None:
+        self.measure, self._bench, self._on_tick, self._done = bench.measure, bench, on_tick, done
 
     def apply(self, inputs: Array) -> None:
         """As the machine."""

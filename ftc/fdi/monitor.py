@@ -15,6 +15,7 @@ import numpy as np
 
 import argument_checks as check
 from argument_checks import Array
+from ftc._records import changed
 from ftc.fdi.detection.replay import learned, quieter, replayed
 from ftc.fdi.detection.residual_test import ResidualTest, residual_test
 from ftc.fdi.detection.watch import Calibration, Moment, Watch
@@ -25,6 +26,8 @@ from ftc.fdi.isolation.hypotheses import hypothesis_bank
 from ftc.fdi.isolation.look_back import weighed
 from ftc.fdi.judge import REVISED_EVERY, Judge, reset
 from ftc.fdi.monitor_state import MonitorState
+
+_ONE = np.ones(1)
 
 _MOST_SAMPLES = 10_000
 """Of the history that is kept."""
@@ -72,21 +75,26 @@ class Monitor:
             ValueError, TypeError: No state, or not finite numbers of these shapes.
         """
         check.instance("state", state, MonitorState)
-        commanded = check.exactly("commanded", commanded, self.nominal.actuators)
-        if measured is not None:
-            measured = check.exactly("measured", measured, len(self.nominal.noise))
+        commanded, noise = (
+            check.exactly("commanded", commanded, self._actuators),
+            self.nominal.noise,
+        )
+        y = None if measured is None else check.exactly("measured", measured, len(noise)) / noise
         ticks = state.ticks + 1
-        y = None if measured is None else measured / self.nominal.noise
         if not state.outputs:  # the first tick: what was commanded before it does not count
-            return replace(state, ticks=ticks, outputs=(y,))
+            return changed(state, ticks=ticks, outputs=(y,))
         every = (*state.commanded, commanded)
         if len(every) < self.ticks:
-            return replace(state, ticks=ticks, commanded=every, outputs=(*state.outputs, y))
+            return changed(state, ticks=ticks, commanded=every, outputs=(*state.outputs, y))
         mean_u = sum(every[1:], every[0]) / self.ticks  # np.mean takes three times as long
         mean_y = _mean(state.outputs, state.history[-2:])
-        v = np.concatenate([mean_u, state.last_commanded, [1.0]])
-        state = replace(state, ticks=ticks, commanded=(), outputs=(y,), last_commanded=mean_u)
-        return self._sample(state, v, mean_y)
+        v = np.concatenate([mean_u, state.last_commanded, _ONE])
+        now = {"ticks": ticks, "commanded": (), "outputs": (y,), "last_commanded": mean_u}
+        return self._sample(changed(state, **now), v, mean_y)
+
+    @cached_property
+    def _actuators(self) -> int:
+        return self.nominal.actuators
 
     def _sample(self, state: MonitorState, v: Array, y: Array | None) -> MonitorState:
         """One sample: inputs v and mean outputs y (p,) of as many ticks, or None."""
@@ -104,10 +112,10 @@ class Monitor:
         if how["learns"] and known and watch.sample % _SPECTRUM_EVERY == 0:
             watch = self.watch.with_spectrum(watch)
         left = max(state.relearns - moment.is_whole, 0)
-        state = replace(state, history=history, watch=watch, relearns=left)
+        state = changed(state, history=history, watch=watch, relearns=left)
         if state.evidence is not None:
             evidence = weighed(self.bank, state.evidence, moment, watch)
-            state = replace(state, evidence=evidence)
+            state = changed(state, evidence=evidence)
             every = _JUDGED_EVERY if state.diagnosis is None else REVISED_EVERY
             judges = moment.is_whole and evidence.samples % every == 0
             return self._judge.judged(state) if judges else state
@@ -117,7 +125,7 @@ class Monitor:
             return replace(state, watch=learned(self.watch, watch, history))
         if not relearns and watch.spectrum.samples < learning:
             return state
-        state = replace(state, recent=self.test.push(state.recent, watch.residual))
+        state = changed(state, recent=self.test.push(state.recent, watch.residual))
         if self.test.alarm(state.recent):
             state = replace(state, alarm_ticks=(*state.alarm_ticks, state.ticks - 1))
             return self._judge.judged(self._judge.begun(state, self.config.look_back_s))
@@ -163,13 +171,13 @@ def _mean(outputs: Sequence[Array | None], before: Sequence[Moment]) -> Array | 
 
     A mean without them would be that of another time, which a plant that moves shows as an error.
     """
-    known = [tick for tick, each in enumerate(outputs) if each is not None]
-    if not known:
-        return None
     measured = [each for each in outputs if each is not None]
+    if not measured:
+        return None
     mean = sum(measured[1:], measured[0]) / len(measured)
-    if len(known) == len(outputs):
+    if len(measured) == len(outputs):
         return mean
+    known = [tick for tick, each in enumerate(outputs) if each is not None]
     earlier = [each.y for each in before if each.y is not None]
     if len(earlier) < 2:
         return mean

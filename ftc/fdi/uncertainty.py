@@ -10,6 +10,7 @@ import argument_checks as check
 from argument_checks import Array
 from ftc.fdi.fault_model import Fault, FaultModel, NominalModel
 from ftc.fdi.friction import SampledFriction
+from ftc.fdi.isolation._evidence import advance
 
 
 @dataclass(frozen=True)
@@ -120,24 +121,20 @@ class UncertainModel:
         """How many limits of dry friction are among the errors: the last ones."""
         return 0 if self.friction is None else self.friction.limits
 
-    @cached_property
-    def _stacked(self) -> tuple[Array, Array]:
-        """[C; A]^T, (s, p + s), and [N; M], ((1 + J) (p + s), s + r): two products a sample."""
-        together = np.concatenate([self.N, self.M], axis=1)
-        alone = np.vstack([self.C, self.A]).T.copy()
-        return alone, together.reshape(-1, together.shape[-1])
-
     def step(self, X: Array, v: Array) -> tuple[Array, Array]:
         """Outputs (1 + J, p) of a sample with inputs v that begins with X; and X after it."""
-        p, (alone, together) = len(self.C), self._stacked
-        moved = X @ alone + (together @ np.concatenate([X[0], v])).reshape(len(X), -1)
-        Y, after = moved[:, :p].copy(), moved[:, p:].copy()
+        after, Y = X.copy(), np.empty((len(X), len(self.C)))
+        advance(_ONE, after[None, None], Y[None, None], *self._of_one, v, _AT_ONCE)
         if self.friction is not None:
             self.friction.apply(_ONE, X[None, None], after[None, None], Y[None, None], v)
         return Y, after
 
+    @cached_property
+    def _of_one(self) -> tuple[Array, ...]:
+        return self.A[None], self.M[None], self.C[None], self.N[None]
 
-_ONE = np.ones((1, 1), dtype=bool)
+
+_ONE, _AT_ONCE = np.ones((1, 1), dtype=bool), np.ones(1)
 
 STEP = 1e-3
 """Of differences, in standard deviations: curvature and rounding are both below 1e-4 of them."""

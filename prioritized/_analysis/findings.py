@@ -1,6 +1,6 @@
 """The conditions of section 2.2 in words."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -27,6 +27,28 @@ class Finding(ReadOnly):
     def gap(self) -> float:
         """Factor by which the rank threshold could change before the verdict might."""
         return self._gap()
+
+
+class Findings(Mapping[str, Finding]):
+    """Findings by name, each made when it is first looked up."""
+
+    def __init__(self, make: Callable[[str], Finding]) -> None:
+        """Take what makes one of its name."""
+        self._make = make
+        self._made: dict[str, Finding] = {}
+
+    def __getitem__(self, name: str) -> Finding:
+        if name not in self._made:
+            if name not in _SENTENCES:
+                raise KeyError(name)
+            self._made[name] = self._make(name)
+        return self._made[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(_SENTENCES)
+
+    def __len__(self) -> int:
+        return len(_SENTENCES)
 
 
 _SENTENCES = {

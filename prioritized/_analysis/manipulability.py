@@ -2,13 +2,14 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
 
-from argument_checks import Array, Indices
+from argument_checks import Array
 from argument_checks.ties import ACCURACY
-from prioritized._analysis.findings import Finding, found
+from prioritized._analysis.findings import Finding, Findings, found
 from prioritized._mapping.amplification import closure_sentences, doubt_sentences, gain_sentences
 from prioritized._mechanism.decisions import MajorTask, respanned
 from prioritized._mechanism.names import Known, involved
@@ -21,22 +22,46 @@ from prioritized._solver.rank import RankedSvd
 class Manipulability:
     """The conditions of section 2.2 for one major task; `str()` says them in words.
 
-    Attributes:
-        findings: By name: `unmanipulable`, `unmanipulable_task`, `unstable`, `unstable_major`,
-            `unstable_secondary`, `idle`, `irresolvable`, `constrained_active`.
-        worst_gain: Smallest singular value of J_m on the admissible active rates: the least major
-            speed per unit norm of these rates. Zero when unmanipulable, infinite without rows.
-        largest_gain: Its largest singular value, the greatest major speed per unit norm; zero
-            without rows.
-        gain_uncertainty: Relative error that the accuracy of the geometry allows the worst gain; 0
-            when unmanipulable.
+    Each is decided when it is first asked for.
     """
 
-    findings: Mapping[str, Finding]
-    worst_gain: float
-    largest_gain: float
-    gain_uncertainty: float
-    _closure_condition: Callable[[], float]
+    _task: MajorTask
+    _of_mechanism: Callable[[str], Any]
+    _known: Mapping[str, Callable[[], Known]]
+
+    @cached_property
+    def findings(self) -> Mapping[str, Finding]:
+        """By name, each made when it is first looked up.
+
+        `unmanipulable`, `unmanipulable_task`, `unstable`, `unstable_major`, `unstable_secondary`,
+        `idle`, `irresolvable`, `constrained_active`.
+        """
+        return Findings(self._finding)
+
+    @property
+    def worst_gain(self) -> float:
+        """Least major speed per unit norm of the admissible rates: J_m's least singular value.
+
+        Zero when unmanipulable, infinite without rows.
+        """
+        reach = self._task.reach
+        if reach.rank < len(self._task.S_m):
+            return 0.0
+        least = reach.sigma.min(initial=np.inf, where=reach.kept)
+        return float(least) * self._task.measure.gain_unit
+
+    @property
+    def largest_gain(self) -> float:
+        """Greatest major speed per unit norm of these rates; zero without rows."""
+        return float(self._task.reach.sigma.max(initial=0.0)) * self._task.measure.gain_unit
+
+    @property
+    def gain_uncertainty(self) -> float:
+        """Relative error that the accuracy of the geometry allows the worst gain.
+
+        0 when unmanipulable.
+        """
+        return self._task.gain_uncertainty
 
     @property
     def closure_condition(self) -> float:
@@ -44,7 +69,7 @@ class Manipulability:
 
         Errors of the geometry are multiplied by up to as much. In natural units.
         """
-        return self._closure_condition()
+        return self._of_mechanism("closure_condition")
 
     @property
     def unmanipulable(self) -> bool:
@@ -103,56 +128,63 @@ class Manipulability:
             sentences += doubt_sentences(1.0 / self.worst_gain, self.gain_uncertainty)
         return "\n".join(sentences + closure_sentences(self.closure_condition))
 
+    def _finding(self, name: str) -> Finding:
+        task, joints = self._task.task, ""
+        if name in _OF_ROWS:
+            shown, decisions = self._of_mechanism(_OF_ROWS[name]), ()
+            basis = shown.T
+        else:
+            columns, decisions = _COLUMNS[name](self._task, self._of_mechanism)
+            shown = basis = canonical(columns)
+        if name in self._known and basis.size:
+            geometry = task.geometry
+            accuracy = max(ACCURACY, geometry.rank_tolerance, geometry.error_bound)
+            joints = involved(basis, self._known[name](), accuracy)
+        return found(name, shown, basis.shape[1], partial(_gap, task, decisions), joints)
 
-def classify(
-    task: MajorTask,
-    constraints: tuple[Array, Array],
-    passive: Indices,
-    known: tuple[Callable[[], Known], Callable[[], Known]],
-    closure_condition: Callable[[], float],
-) -> Manipulability:
-    """The conditions for a major task, from the decisions on it under one failure condition.
 
-    Args:
-        task: The decisions.
-        constraints: Rows of internal_force and of active_constraint.
-        passive: Velocity indices of the passive joints.
-        known: Names of the passive and of the active joints.
-        closure_condition: Of J_Cp.
-    """
-    whole, reach, moved = task.task, task.reach, task.task.moved
-    geometry, major, units = whole.geometry, task.major_units, whole.task_units
-    internal_force, active_constraint = constraints
-    idle = whole.self_motion[passive] @ moved.null
-    columns = {
-        "unmanipulable": (respanned(_left_null(reach), 1.0 / major), (reach,)),
-        "unmanipulable_task": (respanned(_left_null(whole.reach), 1.0 / units), (whole.reach,)),
-        "unstable": (respanned(_range(moved), units), (moved,)),
-        "unstable_major": (respanned(_range(task.moved), major), (task.moved,)),
-        "unstable_secondary": (respanned(_range(task.aside), units), (task.aside, task.moved)),
-        "idle": (_orthonormal(geometry.velocity_units[passive, None] * idle), (moved,)),
-    }
-    bases = {name: canonical(A) for name, (A, _) in columns.items()}
-    bases |= {"irresolvable": internal_force.T, "constrained_active": active_constraint.T}
-    accuracy = max(ACCURACY, geometry.rank_tolerance, geometry.error_bound)
-    of_joints = dict(zip(("idle", "constrained_active"), known, strict=True))
-    findings = {}
-    for name, basis in bases.items():
-        joints = ""
-        if name in of_joints and basis.size:
-            joints = involved(basis, of_joints[name](), accuracy)
-        decisions = columns[name][1] if name in columns else ()
-        shown = basis if name in columns else basis.T
-        findings[name] = found(name, shown, basis.shape[1], partial(_gap, whole, decisions), joints)
-    is_reached = reach.rank == len(task.S_m)
-    worst = reach.sigma.min(initial=np.inf, where=reach.kept) if is_reached else 0.0
-    return Manipulability(
-        findings,
-        float(worst) * task.measure.gain_unit,
-        float(reach.sigma.max(initial=0.0)) * task.measure.gain_unit,
-        task.gain_uncertainty,
-        closure_condition,
-    )
+_Decided = tuple[Array, tuple[RankedSvd, ...]]
+"""Directions as columns, and the decisions behind them."""
+
+
+def _unmanipulable(task: MajorTask, _: Any) -> _Decided:
+    return respanned(_left_null(task.reach), 1.0 / task.major_units), (task.reach,)
+
+
+def _unmanipulable_task(task: MajorTask, _: Any) -> _Decided:
+    whole = task.task
+    return respanned(_left_null(whole.reach), 1.0 / whole.task_units), (whole.reach,)
+
+
+def _unstable(task: MajorTask, _: Any) -> _Decided:
+    whole = task.task
+    return respanned(_range(whole.moved), whole.task_units), (whole.moved,)
+
+
+def _unstable_major(task: MajorTask, _: Any) -> _Decided:
+    return respanned(_range(task.moved), task.major_units), (task.moved,)
+
+
+def _unstable_secondary(task: MajorTask, _: Any) -> _Decided:
+    return respanned(_range(task.aside), task.task.task_units), (task.aside, task.moved)
+
+
+def _idle(task: MajorTask, of_mechanism: Callable[[str], Any]) -> _Decided:
+    whole, passive = task.task, of_mechanism("passive")
+    idle = whole.self_motion[passive] @ whole.moved.null
+    return _orthonormal(whole.geometry.velocity_units[passive, None] * idle), (whole.moved,)
+
+
+_COLUMNS = {
+    "unmanipulable": _unmanipulable,
+    "unmanipulable_task": _unmanipulable_task,
+    "unstable": _unstable,
+    "unstable_major": _unstable_major,
+    "unstable_secondary": _unstable_secondary,
+    "idle": _idle,
+}
+_OF_ROWS = {"irresolvable": "internal_force", "constrained_active": "active_constraint"}
+"""Findings on rows of the mechanism, which it has decided on by itself."""
 
 
 def _gap(task: TaskMotion, decisions: tuple[RankedSvd, ...]) -> float:

@@ -77,6 +77,7 @@ class HierarchySolution:
     @property
     def gap(self) -> float:
         """Factor by which the rank threshold could change before any rank would."""
+        assert self.point.gap is not None  # of the lexicographic solver
         return float(self.point.gap[0])
 
     @cached_property

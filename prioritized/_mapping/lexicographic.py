@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -10,8 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 
 import argument_checks as check
 from argument_checks import Array
+from prioritized._mapping.solving import thresholds
 from prioritized._mapping.task import Status
-from prioritized._solver.arrays import none, read_only
+from prioritized._solver.arrays import identity, none, read_only
 from prioritized._solver.limits import Limits, limits
 from prioritized._solver.packed import (
     Equations,
@@ -21,8 +22,8 @@ from prioritized._solver.packed import (
     Unknowns,
     ends_of,
     pack,
-    packed_if_moderate,
     solve,
+    solved_if_moderate,
 )
 from prioritized._solver.rank import RANK_TOLERANCE, norm
 
@@ -68,10 +69,14 @@ class Solution:
     def _at_bounds(self) -> NDArray[np.int8]:
         return read_only(self.packed.at_bounds(self.point.x))[0]
 
-    @property
+    @cached_property
     def gap(self) -> float:
         """Factor by which the rank threshold could change before any rank would."""
-        return float(self.point.gap[0])
+        decided = self.point.gap
+        if decided is None:
+            decided = solve(self.packed).gap
+        assert decided is not None
+        return float(decided[0])
 
     @property
     def steps(self) -> int:
@@ -129,10 +134,12 @@ def lexicographic_least_squares(
     3. |A_1 x - b_1|, then |A_2 x - b_2|, ...   smallest
     4. |T x|, then |x|                         smallest (ties)
 
-    A primal active-set method with one orthogonal decomposition of each level on the unknowns that
-    are free (Escande, Mansard, Wieber, IJRR 33(7), 2014, with bounds alone: an inequality row is an
-    equation with one more bounded unknown). Levels never see the data of those after them, except
-    for the start. Cycling is excluded by Bland's rule and a bound on the number of steps.
+    Where all ranks are clearly full and all levels before the one that determines x can be met, a
+    dual active-set method (Goldfarb, Idnani, Math. Programming 27, 1983). Elsewhere a primal one
+    with one orthogonal decomposition of each level on the unknowns that are free (Escande, Mansard,
+    Wieber, IJRR 33(7), 2014, with bounds alone: an inequality row is an equation with one more
+    bounded unknown), whose levels never see the data of those after them, except for the start.
+    Cycling is excluded by Bland's rule and a bound on the number of steps.
 
     Args:
         levels: (A_k, b_k), shapes (m_k, n) and (m_k,); or (A_k, lower, upper), whose distance to
@@ -155,12 +162,15 @@ def lexicographic_least_squares(
             the upper one; it is named.
     """
     tolerance = check.fraction("rank_tolerance", rank_tolerance)
-    if not isinstance(levels, Sequence) or not len(levels):
+    if not (type(levels) is list or isinstance(levels, Sequence)) or not len(levels):
         raise ValueError(f"levels must be a list of (A, b), got {check.shown(levels)}")
-    packed, hard_rows = None, 0
+    if most_steps is not None:
+        most_steps = check.index("most_steps", most_steps, 10**9)
+    begun = None if start is None else check.instance("start", start, Solution).point
+    solved, hard_rows = None, 0
     if rows is rows_lower is rows_upper is tie_metric is None:
-        packed = _of_plain_arrays(levels, lower, upper, tolerance)
-    if packed is None:
+        solved = _of_plain_arrays(levels, (lower, upper), tolerance, begun, most_steps)
+    if solved is None:
         n = check.matrix("levels[0][0]", _parts(0, levels[0])[0]).shape[1]
         blocks = [_block(k, level, n) for k, level in enumerate(levels)]
         box = _between("lower and upper", lower, upper, n)
@@ -173,22 +183,24 @@ def lexicographic_least_squares(
         last = [_equations(T, np.zeros(len(T))) for T in (*ties, np.eye(n))]
         packed, _ = pack([*hard, *blocks, *last], Unknowns(box), tolerance)
         hard_rows = sum(len(each.G) for each in hard)
+        solved = packed, solve(packed, None, begun, most_steps)
     else:
-        n = packed.A.shape[2]
-    if most_steps is not None:
-        most_steps = check.index("most_steps", most_steps, 10**9)
-    begun = None if start is None else check.instance("start", start, Solution).point
-    return Solution(packed, solve(packed, None, begun, most_steps), n, hard_rows, len(levels))
+        n = solved[0].A.shape[2]
+    return Solution(*solved, n, hard_rows, len(levels))
 
 
 def _of_plain_arrays(
-    levels: Sequence[Any], lower: Any, upper: Any, tolerance: float
-) -> Packed | None:
-    """Levels and bounds as they are packed, where all levels are (A, b) as they should be.
+    levels: Sequence[Any],
+    box: tuple[Any, Any],
+    tolerance: float,
+    start: Point | None,
+    most_steps: int | None,
+) -> tuple[Packed, Point] | None:
+    """Levels and bounds as they are packed, and solved, where all levels are (A, b) as they should.
 
     None elsewhere: the checks then say what is wrong, or take what is right in another form.
     """
-    matrices, targets, counts = [], [], []
+    matrices, targets, counts, n = [], [], [], -1
     # Calls of the argument checks would take as long as the arithmetic.
     for level in levels:
         if type(level) is not tuple or len(level) != 2:
@@ -199,27 +211,21 @@ def _of_plain_arrays(
             and A.dtype is b.dtype is _FLOAT64
             and A.ndim == 2
             and A.shape[:1] == b.shape
+            and (n < 0 or A.shape[1] == n)
         ):
             return None
+        n = A.shape[1]
         matrices.append(A)
         targets.append(b)
         counts.append(len(b))
-    n = matrices[0].shape[1]
-    low = none((n,)) - np.inf if lower is None else lower
-    high = none((n,)) + np.inf if upper is None else upper
-    ends = ends_of(*counts, n)
-    A, b = np.empty((1, ends[-1], n)), np.empty((1, ends[-1]))
-    try:
-        np.concatenate([*matrices, _identity(n)], out=A[0])
-    except ValueError:  # of different widths
-        return None
-    np.concatenate([*targets, none((n,))], out=b[0])
-    return packed_if_moderate(A, b, ends, tolerance, low, high)
-
-
-@lru_cache
-def _identity(n: int) -> Array:
-    return read_only(np.eye(n))
+    A = np.concatenate([*matrices, identity(n)])[None]
+    b = np.concatenate([*targets, none((n,))])[None]
+    low, high = box
+    if low is None or high is None:
+        without = limits("", None, n)
+        low, high = without[0] if low is None else low, without[1] if high is None else high
+    clear, ends = thresholds(tolerance)[0], ends_of(*counts, n)
+    return solved_if_moderate(A, b, ends, tolerance, clear, low, high, start, most_steps)
 
 
 def _hard_rows(

@@ -5,9 +5,11 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import block_diag
 
-from argument_checks import Array, Indices
+from argument_checks import Array, Indices, Mask
 from prioritized._mapping.asked import Asked, Mechanism
+from prioritized._mapping.tasks import Level
 from prioritized._mechanism.conditioning import well_conditioned_above
+from prioritized._mechanism.elimination import Partition
 from prioritized._mechanism.geometry import Geometry
 from prioritized._solver.compiled import regular
 from prioritized._solver.rank import norm
@@ -20,6 +22,8 @@ class Plan(NamedTuple):
     """Arguments of :func:`prioritized._solver.regular.meet`, which says what they are."""
 
     S: Array
+    D: Array
+    E: Array
     T: Array
     order: Indices
     p: int
@@ -32,38 +36,64 @@ class Plan(NamedTuple):
     def of(cls, asked: Asked, mechanism: Mechanism) -> "Plan | None":
         """Of a mechanism at any pose; None where the compiled solution is not for these levels."""
         system, levels, stacked = mechanism.system, asked.levels, asked.stacked
-        first = (0, *stacked.ends)[-2]
-        on_rates = stacked.on_rates[first:]
-        has_rates = bool(on_rates.any())
+        rates = stacked.on_rates
         is_odd = any(asked.damping) or any(level[0].interval for level in levels)
-        if is_odd or not (stacked.rates_last and system.is_rigid and on_rates.shape[1]):
+        if is_odd or not (stacked.rates_last and system.is_rigid and rates.shape[1]):
             return None
-        weight = _weights(on_rates if has_rates else _tie(asked), needs_all=not has_rates)
-        if weight is None or (has_rates and stacked.on_task[first:].any()):
+        has_rates = bool(rates.any())
+        weight = _weights(rates if has_rates else _tie(asked), needs_all=not has_rates)
+        if weight is None:
             return None
-        weighted, rows = weight > 0.0, stacked.on_task.any(axis=1)
-        W = right_sides(asked)
-        wanted = np.zeros((len(weight), W.shape[1]))
-        if has_rates:
-            wanted[weighted] = (on_rates.T @ W[first:])[weighted] / weight[weighted, None] ** 2
+        D, E, is_beside = _beside(levels[-1:] if has_rates else (), stacked.on_task)
+        is_met = stacked.on_task.any(axis=1) & ~is_beside
+        S, W, weighted = stacked.on_task[is_met], right_sides(asked), weight > 0.0
+        own, joints, clear = weight[weighted], system.joints, regular().CLEAR
         order = np.append(np.flatnonzero(~weighted), np.flatnonzero(weighted))
-        moving = system.joints.moving
-        S, z = np.ascontiguousarray(stacked.on_task[rows]), int((~weighted).sum())
-        own = weight[order[z:]]
-        settling = regular().CLEAR * norm(own) / float(own.min())
+        wanted = (rates.T @ W)[weighted] / own[:, None] ** 2
+        sizes = clear * np.array([norm(own), norm(E @ D)]) / own.min()
         return cls(
-            S,
-            np.concatenate([W[rows], wanted[order[z:]]]),
-            np.concatenate([moving, system.joints.active[order]]),
-            *(len(moving), z, order, own),
-            np.array([*_errors(system.geometry), norm(S), settling]),
+            *(S, D, E, np.concatenate([W[is_met], wanted, W[is_beside]])),
+            np.concatenate([_widest_last(system), joints.active[order]]),
+            *(len(joints.moving), len(weight) - len(own), order, own),
+            np.array([*_errors(system.geometry), norm(np.concatenate([S, D])), *sizes]),
         )
+
+
+def _widest_last(system: Partition) -> Indices:
+    """The passive velocities that move, those of one loop first: more zeros then stay zeros."""
+    moving = system.joints.moving
+    rows = [np.flatnonzero(column) for column in system.J_C[:, moving].T]
+    widths = [int(np.ptp(each)) if len(each) else 0 for each in rows]
+    return moving[np.argsort(widths, kind="stable")]
+
+
+def _beside(last: tuple[Level, ...], on_task: Array) -> tuple[Array, Array, Mask]:
+    """Tasks that rates compromise with: directions (d, m), their weights, and which rows these are.
+
+    Args:
+        last: The last level, if its rates have weights.
+        on_task: Rows of all levels, (k, m).
+    """
+    parts = [part for level in last for part in level]
+    D, E, which = (
+        [np.zeros((0, on_task.shape[1]))],
+        [np.zeros((0, 0))],
+        np.zeros(len(on_task), bool),
+    )
+    end = len(on_task)
+    for part in reversed(parts):
+        W = part.matrix
+        if part.S is not None and W.any():
+            D.insert(0, part.S)
+            E.insert(0, W)
+            which[end - len(W) : end] = True
+        end -= len(W)
+    return np.concatenate(D), np.ascontiguousarray(block_diag(*E)), which
 
 
 def right_sides(asked: Asked) -> Array:
     """What the weighted rows of all levels are to be, per target, (k, t)."""
-    parts = [part for level in asked.levels for part in level]
-    return block_diag(*(np.eye(part.size) if part.W is None else part.W for part in parts))
+    return block_diag(*(part.matrix for level in asked.levels for part in level))
 
 
 def _tie(asked: Asked) -> Array:

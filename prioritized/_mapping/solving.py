@@ -13,11 +13,13 @@ from prioritized._mapping.limited import Optimum
 from prioritized._mapping.problem import Problem, exact_part
 from prioritized._mechanism.conditioning import well_conditioned_above
 from prioritized._solver.arrays import none, on_axes, read_only
-from prioritized._solver.compiled import unlimited
+from prioritized._solver.compiled import batch, unlimited
 from prioritized._solver.limits import Limits
-from prioritized._solver.packed import Packed, Point, ends_of, solve
+from prioritized._solver.packed import Packed, Point, active_of, ends_of, point_of, solve
 from prioritized._solver.rank import RankedSvd, norm
 
+_LARGEST = 1e50
+"""Norm of weights up to which their products with J and its inverse stay finite."""
 Factors = tuple[Array, int, int, int, int, int, int]
 """What the compiled solver made of J and its weights, and their sizes: p, m, n, k1, k2, m2."""
 
@@ -123,34 +125,33 @@ def rates_by(
     v_major: ArrayLike,
     joint_velocity: ArrayLike | None,
     secondary_velocity: ArrayLike | None,
+    box: Limits | None = None,
 ) -> Array | None:
-    """Optimal rates (n,) for one target; None where that is a batch.
+    """Optimal rates (n,) for one target, within these limits; None where another way is needed.
+
+    That is where the target is a batch, or where the optimum within limits is not beyond doubt.
 
     Raises:
         ValueError: A velocity of the wrong shape or not finite, by its name.
     """
     _, p, _, n, _, _, m2 = factors
     rates, solver = np.empty(n), unlimited()
+    solve = solver.apply if box is None else solver.apply_within
     joint = none((n,)) if joint_velocity is None else joint_velocity
     secondary = none((m2,)) if secondary_velocity is None else secondary_velocity
     # Calls of the argument checks would take as long as the arithmetic.
     if type(v_major) is type(joint) is type(secondary) is np.ndarray:
         try:
-            if solver.apply(*factors, v_major, joint, secondary, rates) == solver.CLEAR:
-                return rates
+            code = solve(*factors, v_major, joint, secondary, *(box or ()), rates)
+            if code != solver.REFUSED:
+                return rates if code == solver.CLEAR else None
         except TypeError:  # no vectors, or not of floats
             pass
     names, sizes = ("v_major", "joint_velocity", "secondary_velocity"), (p, n, m2)
     given = list(map(check.vector, names, (v_major, joint, secondary), sizes))
     if any(v.ndim > 1 for v in given):
         return None
-    solver.apply(*factors, *given, rates)
-    return rates
-
-
-def is_within(box: Limits, rates: Array) -> bool:
-    """Whether none of the rates (n,) is beyond a limit."""
-    return unlimited().is_within(*box, rates)
+    return rates if solve(*factors, *given, *(box or ()), rates) == solver.CLEAR else None
 
 
 def rates_within(
@@ -176,17 +177,10 @@ def rates_within(
         scales[0, 0] *= norm(weighed) / norm(A[0, :p])
         A[0, :p], b[0, :p] = weighed, M @ b[0, :p]
     packed = Packed(A, b, ends_of(p, k1 + k2, n), scales, tolerance, lower, upper)
-    if not is_within(box, rates):
-        return Optimum(packed, solve(packed, rates, start), n, 0, False, ())
-    point = Point(read_only(rates)[None], (lower == upper) * np.int8(-1), *_NO_STEPS)
-    return Optimum(packed, point, n, 0, False, ())
-
-
-_NO_STEPS = (
-    read_only(np.zeros(1, np.int64)),
-    read_only(np.ones(1, bool)),
-    read_only(np.full(1, np.inf)),
-)
+    x, active = rates.copy(), active_of(start, (1, n))
+    steps = unlimited().within(*factors, *box, x, active[0])
+    found = solve(packed, rates, start) if steps < 0 else point_of(x[None], active, steps)
+    return Optimum(packed, found, n, 0, False, ())
 
 
 def batched_rates(
@@ -221,16 +215,26 @@ def batched_rates(
     J, W1, W2 = (
         A[None] if A.ndim == 2 else A for A in (flat.J, flat.weight, flat.secondary_weight)
     )
-    F = np.empty(room(p, m, n, W1.shape[1], W2.shape[1], m2))
     rates, clear = np.empty((count, n)), np.empty(count, dtype=bool)
-    fractions = thresholds(problem.tolerance)
-    unlimited().solve_each(
-        J, flat.S_m, flat.S_s, W1, W2, np.ravel(flat.scale), *fractions, *targets, F, rates, clear
-    )
+    rest = np.ravel(flat.scale), *thresholds(problem.tolerance), *targets
+    if count == len(J) >= batch().LANES and len(W1) == len(W2) == 1 and _is_moderate(W1[0], W2[0]):
+        w, weighed = W1[0].diagonal(), W2[0] @ flat.S_s
+        batch().solve_each(J, flat.S_m, weighed, w, W2[0], *rest, rates, clear)
+    else:
+        F = np.empty(room(p, m, n, W1.shape[1], W2.shape[1], m2))
+        unlimited().solve_each(J, flat.S_m, flat.S_s, W1, W2, *rest, F, rates, clear)
     if not clear.all():
         X, _ = velocity_gains(flat.part(~clear))
         rates[~clear] = np.einsum("bij,bj->bi", X, np.hstack(targets)[~clear])
     return rates.reshape(*problem.lead, n)
+
+
+def _is_moderate(W1: Array, W2: Array) -> bool:
+    """Whether W1 is diagonal, and rates can be scaled by it without loss of digits."""
+    if not _is_diagonal(W1) or not len(W1) or norm(W2) > _LARGEST:
+        return False
+    sizes = np.abs(W1.diagonal())
+    return bool(1.0 / _LARGEST < sizes.max() < unlimited().SPREAD * sizes.min())
 
 
 def _or_zero(name: str, value: ArrayLike | None, size: int) -> Array:

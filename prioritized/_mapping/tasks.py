@@ -72,9 +72,14 @@ class Part(NamedTuple):
         """Its rows on the rates for J (m, n), shape (k, n)."""
         return np.eye(J.shape[1]) if self.S is None else self.S @ J
 
+    @property
+    def matrix(self) -> Array:
+        """W, shape (., k)."""
+        return np.eye(self.size) if self.W is None else self.W
+
     def weighted(self, m: int, n: int) -> tuple[Array, Array]:
         """Weighted rows on m task rows and on n rates, to be added: W S (., m), or W (., n)."""
-        W = np.eye(self.size) if self.W is None else self.W
+        W = self.matrix
         if self.S is None:
             return np.zeros((len(W), m)), W
         return W @ self.S, np.zeros((len(W), n))

@@ -1,7 +1,7 @@
 """The optimum of a hierarchy at one pose after another, where nothing is in doubt."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -10,37 +10,73 @@ import argument_checks as check
 from argument_checks import Array, Indices
 from prioritized._mapping.asked import Asked, Mechanism
 from prioritized._mapping.plan import Plan, right_sides
+from prioritized._mechanism.elimination import Partition
 from prioritized._solver.arrays import ReadOnly
 from prioritized._solver.compiled import regular
+from prioritized._solver.limits import Limits
 from prioritized._solver.packed import Equations, Rows, equations, pack_one, solve
 from prioritized._solver.rank import RANK_TOLERANCE
 
 
+class Basis(NamedTuple):
+    """All of a mechanism that a tick depends on and no pose changes.
+
+    Attributes:
+        joints: Velocities that are driven (n,), and passive ones that move (p,).
+        shape: Of J_C.
+        rest: Whether loops alone decide on passive velocities, and what is said of the accuracy.
+    """
+
+    joints: tuple[Indices, Indices]
+    shape: tuple[int, ...]
+    rest: tuple[Any, ...]
+
+    @classmethod
+    def of(cls, system: Partition) -> "Basis":
+        """That of a mechanism at any pose."""
+        joints, geometry, accuracy = system.joints, system.geometry, system.geometry.accuracy
+        extremes = None if accuracy is None else accuracy.extremes
+        rest = system.is_rigid, geometry.rank_tolerance, geometry.is_stated, extremes
+        return cls((joints.active, joints.moving), geometry.J_C.shape, rest)
+
+    def is_that_of(self, system: Partition) -> bool:
+        """Whether it is of this mechanism, too."""
+        joints, *rest = Basis.of(system)
+        pairs = zip(self.joints, joints, strict=True)
+        return rest == list(self[1:]) and all(a is b or np.array_equal(a, b) for a, b in pairs)
+
+
 @dataclass(frozen=True, eq=False)
 class Tick(ReadOnly):
-    """Levels of tasks of one mechanism, solved at any pose; made by :meth:`Hierarchy.tick`.
+    """Levels of tasks of one mechanism, solved at any pose.
+
+    Made by :meth:`Hierarchy.tick` and :meth:`VelocityMapping.tick`.
 
     Attributes:
         plan: What the compiled solution is given.
-        shape: Of J_C.
-        active: Velocities of the rates, (n,).
+        basis: What it depends on of the mechanism.
         asked: The levels.
         right: What their rows are to be, per target, (k, t).
     """
 
     plan: Plan
-    shape: tuple[int, int]
-    active: Indices
+    basis: Basis
     asked: Asked
     right: Array
 
     @classmethod
     def of(cls, asked: Asked, mechanism: Mechanism) -> "Tick | None":
         """Of a mechanism; see :meth:`Hierarchy.tick`."""
-        plan, active = Plan.of(asked, mechanism), mechanism.system.joints.active
+        plan = Plan.of(asked, mechanism)
         if plan is None:
             return None
-        return cls(plan, mechanism.system.J_C.shape, active, asked, right_sides(asked))
+        return cls(plan, Basis.of(mechanism.system), asked, right_sides(asked))
+
+    def at(self, mechanism: Mechanism) -> "Tick | None":
+        """The same of this mechanism at another pose, or after other failures."""
+        if self.basis.is_that_of(mechanism.system):
+            return self
+        return Tick.of(self.asked.at(mechanism), mechanism)
 
     def __call__(
         self,
@@ -69,37 +105,53 @@ class Tick(ReadOnly):
             ValueError: An argument has a wrong shape or number; it is named.
             TypeError: It is of another kind.
         """
-        given = J_T, J_C, targets, velocity_limits, error_bound
-        is_plain = type(velocity_limits) is tuple and type(error_bound) is float
-        is_plain = is_plain and all(map(check.is_plain, (J_T, J_C, targets, *velocity_limits)))
-        found = self._met(*given) if is_plain else None
-        if found is None or found[0] == regular().REFUSED:
-            given = self._checked(*given)
-            found = self._met(*given)
-        if found is None or found[0] in (regular().IN_DOUBT, regular().REFUSED):
-            return None
-        code, velocities, reduced = found
-        if code == regular().MET:
-            return velocities
-        return self._held_back(velocities, reduced, *given[2:4])
+        given, is_refused, velocities = (
+            (J_T, J_C, targets, velocity_limits, error_bound),
+            True,
+            None,
+        )
+        is_pair = type(velocity_limits) is tuple and type(error_bound) is float
+        arrays = (J_T, J_C, targets, *velocity_limits) if is_pair else ()
+        if is_pair and all(type(A) is np.ndarray for A in arrays):
+            is_refused, velocities = self.of_plain(*given)
+        return self.of_plain(*self._checked(*given))[1] if is_refused else velocities
 
-    def _met(
-        self, J_T: Array, J_C: Array, targets: Array, limits: tuple[Array, Array], bound: float
-    ) -> tuple[int, Array, Array] | None:
-        """What the compiled solution returns and writes; None for arrays of another layout."""
-        rows = self.shape[0] + self.plan.S.shape[1] + 1
-        velocities, reduced = np.empty(self.shape[1]), np.empty((rows, len(self.active)))
-        given = J_T, J_C, targets, *limits, bound, *self.plan
-        try:
-            return regular().meet(*given, velocities, reduced), velocities, reduced
-        except TypeError:  # of other axes, or not one row after another
-            return None
+    def of_plain(
+        self,
+        J_T: Array,
+        J_C: Array,
+        targets: Array,
+        velocity_limits: tuple[Array, Array],
+        error_bound: float,
+    ) -> tuple[bool, Array | None]:
+        """Whether an argument is wrong or no plain array; and what a call returns."""
+        solver, (c, N), n = regular(), self.basis.shape, len(self.basis.joints[0])
+        velocities, reduced = np.empty(N), np.empty((c + self.plan.S.shape[1] + 1, n))
+        try:  # looking at the types would take longer
+            code = solver.meet(
+                *(J_T, J_C, targets, *velocity_limits, error_bound),
+                *(*self.plan, velocities, reduced),
+            )
+        except TypeError:
+            return True, None
+        if code == solver.LIMITED:
+            return False, self._held_back(velocities, reduced, targets, velocity_limits)
+        return code == solver.REFUSED, velocities if code == solver.MET else None
+
+    def limits(self, rates: Limits | None) -> Limits:
+        """Limits of all velocities, (N,) each, of those of the rates; None is no limits."""
+        N, (active, _) = self.basis.shape[1], self.basis.joints
+        lower, upper = np.full(N, -np.inf), np.full(N, np.inf)
+        if rates is not None:
+            lower[active], upper[active] = rates
+        return lower, upper
 
     def _held_back(
         self, velocities: Array, reduced: Array, targets: Array, limits: tuple[Array, Array]
     ) -> Array | None:
         """The optimum of levels that limits hold back, one after the other."""
-        (c, _), p, active, (lower, upper) = self.shape, self.plan.p, self.active, limits
+        (c, _), p, (lower, upper) = self.basis.shape, self.plan.p, limits
+        active, _ = self.basis.joints
         hard, stacked = self._hard(reduced, *limits) if c else [], self.asked.stacked
         rights = stacked.split(self.right.dot(targets))
         rows = stacked.at(reduced[c:-1], reduced[-1, 0])
@@ -117,7 +169,7 @@ class Tick(ReadOnly):
 
     def _hard(self, reduced: Array, lower: Array, upper: Array) -> list[Rows | Equations]:
         """Limits of passive velocities, and constraints of the rates."""
-        (c, _), p, moving = self.shape, self.plan.p, self.plan.order[: self.plan.p]
+        (c, _), p, moving = self.basis.shape, self.plan.p, self.plan.order[: self.plan.p]
         limited = np.isfinite(lower[moving]) | np.isfinite(upper[moving])
         follow, constraint = moving[limited], equations(reduced[p:c])
         rows = Rows(reduced[:p][limited], (lower[follow], upper[follow]))
@@ -127,7 +179,7 @@ class Tick(ReadOnly):
         self, J_T: ArrayLike, J_C: ArrayLike, targets: ArrayLike, limits: Any, bound: Any
     ) -> tuple[Array, Array, Array, tuple[Array, Array], float]:
         """The arguments as plain arrays of the right shapes."""
-        N, plain = self.shape[1], np.ascontiguousarray
+        N, plain = self.basis.shape[1], np.ascontiguousarray
         lower, upper = check.limit_vectors("velocity_limits", limits, N)
         return (
             plain(check.exactly("J_T", J_T, self.plan.S.shape[1], N)),

@@ -17,6 +17,7 @@ from prioritized._mapping.amplification import (
     length_sentences,
     servo_sentences,
 )
+from prioritized._mapping.asked import Asked
 from prioritized._mapping.levels import Level, damped, smallest_gap, velocity_levels
 from prioritized._mapping.limited import Limiting, Optimum, optimum
 from prioritized._mapping.problem import Problem
@@ -28,7 +29,6 @@ from prioritized._mapping.solving import (
     batched_rates,
     factors_of,
     factors_of_diagonals,
-    is_within,
     problem_of,
     rates_by,
     rates_within,
@@ -39,12 +39,16 @@ from prioritized._mapping.solving import (
 )
 from prioritized._mapping.survivors import Survivors
 from prioritized._mapping.task import Status
+from prioritized._mapping.tasks import Task
+from prioritized._mapping.tick import Tick
+from prioritized._mechanism.elimination import Partition
 from prioritized._mechanism.measure import Measure
+from prioritized._mechanism.ordered import Stacked
 from prioritized._solver.arrays import apply, joined, none, on_axes, read_only, respond, transposed
 from prioritized._solver.compiled import unlimited
 from prioritized._solver.limits import Limits, limits
 from prioritized._solver.packed import Point, Rows
-from prioritized._solver.rank import RankedSvd, basis_scale, largest, ranked_svd
+from prioritized._solver.rank import RankedSvd, basis_scale, largest, norm, ranked_svd
 
 
 class Mechanism(Protocol):
@@ -55,7 +59,15 @@ class Mechanism(Protocol):
     @property
     def scale(self) -> float: ...
     @property
+    def actuators(self) -> Indices: ...
+    @property
     def active_constraint(self) -> Array: ...
+    @property
+    def system(self) -> Partition: ...
+    @property
+    def task_units(self) -> Array: ...
+    @property
+    def rate_units(self) -> Array: ...
     @property
     def is_tied(self) -> bool: ...
     @property
@@ -69,6 +81,7 @@ class Mechanism(Protocol):
     def gap_of(self, S_m: Array, S_s: Array) -> float: ...
     def gain_uncertainty(self, S_m: Array) -> float: ...
     def measure(self, S_m: Array) -> Measure: ...
+    def in_order(self, levels: Stacked) -> tuple[list[tuple[Array, float]], bool]: ...
 
 
 class VelocityMapping:
@@ -76,8 +89,8 @@ class VelocityMapping:
 
     rates = major @ v_m + joint @ rates_desired + secondary @ v_s_desired
 
-    A call solves for the rates alone, without a singular value decomposition where all ranks are
-    clearly full. Gains, ranks and gaps are computed when first used.
+    A call solves for the rates alone, without a singular value decomposition where no rank is in
+    doubt. Gains, ranks and gaps are computed when first used, and so is J at another pose.
 
     Attributes:
         damping: Of the major task.
@@ -88,7 +101,6 @@ class VelocityMapping:
     damping: float
     kinematics: Mechanism | None
     limiting: Limiting | None
-    _rest: tuple[Selected, float, float]
 
     def __init__(
         self,
@@ -99,7 +111,7 @@ class VelocityMapping:
     ) -> None:
         """Take checked arguments; :func:`velocity_mapping` checks them."""
         parts = {"damping": damping, "kinematics": kinematics, "limiting": limiting}
-        vars(self).update(parts, _problem=problem)
+        vars(self).update(parts, _problem=problem, _made=None)
 
     @staticmethod
     def of_factors(
@@ -119,7 +131,7 @@ class VelocityMapping:
         mapping = object.__new__(VelocityMapping)
         parts = vars(mapping)
         parts["damping"], parts["kinematics"], parts["limiting"] = 0.0, kinematics, limiting
-        parts["_factors"], parts["_rest"] = factors, rest
+        parts["_made"] = factors, rest
         return mapping
 
     def __setattr__(self, name: str, value: object) -> None:
@@ -132,13 +144,18 @@ class VelocityMapping:
         secondary_velocity: ArrayLike | None = None,
     ) -> Array:
         """Optimal active joint rates, shape (..., n); what is None counts as zero."""
+        rates = self._by_tick(v_major, joint_velocity, secondary_velocity)
+        if rates is not None:
+            return rates
         if self.limiting is None:
             return self._unlimited(v_major, joint_velocity, secondary_velocity)
-        answer = self._regardless_of_box(v_major, joint_velocity, secondary_velocity)
-        if answer is None:
+        factors, limiting, rates = self._factors, self.limiting, None
+        if factors is not None and limiting.is_box:
+            velocities = v_major, joint_velocity, secondary_velocity
+            rates = rates_by(factors, *velocities, limiting.box)
+        if rates is None:
             return self.solve(v_major, joint_velocity, secondary_velocity).rates
-        _, rates = answer
-        return rates if is_within(self.limiting.box, rates) else self._within_box(answer, None).x
+        return rates
 
     def _unlimited(
         self,
@@ -162,9 +179,93 @@ class VelocityMapping:
             secondary_velocity=secondary_velocity,
         )
 
+    @property
+    def _first(self) -> "VelocityMapping":
+        """The mapping of which this one is another pose, or this one."""
+        return vars(self).get("_origin", self)
+
+    def _by_tick(
+        self,
+        v_major: ArrayLike,
+        joint_velocity: ArrayLike | None,
+        secondary_velocity: ArrayLike | None,
+    ) -> Array | None:
+        """Optimal rates for one target from J_T and J_C; None where J must be known, or is."""
+        first = self._first
+        tick = None if first is self and self._factors is not None else self.tick()
+        targets = (
+            None if tick is None else first._targets(v_major, joint_velocity, secondary_velocity)
+        )
+        if tick is None or targets is None or self.kinematics is None:
+            return None
+        is_same = self.limiting is first.limiting and tick is first._tick
+        limits = first._limits if is_same else tick.limits(_box(self.limiting))
+        there = self.kinematics.system.geometry
+        _, velocities = tick.of_plain(there.J_T, there.J_C, targets, limits, there.error_bound)
+        return None if velocities is None else velocities[tick.basis.joints[0]]
+
+    def _targets(self, v_major: ArrayLike, *others: ArrayLike | None) -> Array | None:
+        """One target with the desired velocities after it; None where these are batches."""
+        problem, names = self.problem, ("v_major", "joint_velocity", "secondary_velocity")
+        sizes = len(problem.S_m), problem.J.shape[1], len(problem.S_s)
+        rest = (none((k,)) if v is None else v for v, k in zip(others, sizes[1:], strict=True))
+        given = [v_major, *rest]
+        # What is not finite is found later; the checks would take as long as the arithmetic.
+        if not all(map(check.is_plain, given)) or [v.shape for v in given] != [(k,) for k in sizes]:
+            given = list(map(check.vector, names, given, sizes))
+            if any(v.ndim > 1 for v in given):
+                return None
+        return np.concatenate(given if len(problem.secondary_weight) else given[:2])
+
+    def tick(self) -> Tick | None:
+        """The mapping at one pose after another, in one compiled call where nothing is in doubt.
+
+        It is made once for a mechanism and its failures. Its targets are the major velocity (m1,)
+        and the desired rates (n,), one after the other, and then the desired secondary velocity
+        (m2,), if that has a weight. Where it does not answer, :meth:`at` does.
+
+        Returns:
+            The tick, or None where it could never answer, as of a J given as a matrix, with
+            damping, `rate_rows`, springs, or a joint weight that is no diagonal.
+        """
+        tick = None if _system(self.kinematics) is None else self._first._tick
+        return None if tick is None or self.kinematics is None else tick.at(self.kinematics)
+
+    @cached_property
+    def _tick(self) -> Tick | None:
+        """The same where the mapping was made."""
+        problem, limiting, kinematics = self.problem, self.limiting, self.kinematics
+        is_box = limiting is None or limiting.is_box
+        if kinematics is None or self.damping or problem.lead or not is_box:
+            return None
+        sizes = [norm(W) for W in (problem.weight, problem.secondary_weight) if W.any()]
+        if any(not check.SMALLEST <= size < check.LARGEST for size in sizes):
+            return None
+        return Tick.of(_asked(problem, kinematics), kinematics)
+
+    @cached_property
+    def _limits(self) -> Limits:
+        """Of all velocities, where the mapping was made."""
+        assert self._tick is not None
+        return self._tick.limits(_box(self.limiting))
+
+    @cached_property
+    def _made(self) -> tuple[Factors, tuple[Selected, float, float]] | None:
+        """Factors at another pose and what is beside them; None where a rank is in doubt."""
+        first, kinematics = self._first, self.kinematics
+        simple = first._simple
+        if simple is None or kinematics is None or kinematics.is_tied:
+            return None
+        selected = simple.selected._replace(clear=kinematics.clear)
+        factors = factors_of_diagonals(kinematics.J, *simple.weights, kinematics.scale, selected)
+        rest = selected, kinematics.scale, first.tolerance
+        return None if factors is None else (factors, rest)
+
     @cached_property
     def _factors(self) -> Factors | None:
         """Of one problem without constraints and damping whose ranks are clearly full."""
+        if self._made is not None:
+            return self._made[0]
         problem = self.problem
         if self.damping or problem.lead or not problem.is_unconstrained:
             return None
@@ -177,10 +278,15 @@ class VelocityMapping:
 
     @cached_property
     def _problem(self) -> Problem:
-        """Made when it is needed, where the mapping was made of factors."""
-        assert self._factors is not None
-        selected, size, tolerance = self._rest
-        return problem_of(self._factors, selected, size, tolerance)
+        """Made when it is needed, where the mapping was made of factors or is at another pose."""
+        if self._made is not None:
+            factors, rest = self._made
+            return problem_of(factors, *rest)
+        there, kinematics = self._first.problem, self.kinematics
+        assert kinematics is not None
+        J, scale = kinematics.cleaned(there.S_m, there.S_s, there.major_metric)
+        C = kinematics.active_constraint
+        return there._replace(J=J, scale=np.asarray(scale), active_constraint=C)
 
     def solve(
         self,
@@ -244,7 +350,8 @@ class VelocityMapping:
         """The optimum within bounds for the target of this answer."""
         (factors, rates), limiting = answer, self.limiting
         assert limiting is not None
-        metric = self._rest[0].metric if "_rest" in vars(self) else self.problem.major_metric
+        made = self._made
+        metric = self.problem.major_metric if made is None else made[1][0].metric
         return rates_within(factors, rates, limiting.box, self.tolerance, metric, start)
 
     @property
@@ -255,7 +362,7 @@ class VelocityMapping:
     @property
     def tolerance(self) -> float:
         """Fraction of the scale below which a singular value is zero."""
-        return self._rest[2] if "_rest" in vars(self) else self.problem.tolerance
+        return self.problem.tolerance if self._made is None else self._made[1][2]
 
     @property
     def levels(self) -> list[Level]:
@@ -282,26 +389,20 @@ class VelocityMapping:
         """
         if not hasattr(kinematics, "cleaned"):
             raise TypeError(f"kinematics must be a Kinematics, got {check.shown(kinematics)}")
-        J, shape = kinematics.J, self.problem.J.shape
-        if J.shape != shape:
-            raise ValueError(f"kinematics must have a J of shape {shape}, got {J.shape}")
+        first, system = self._first, _system(kinematics)
+        shape = first.problem.J.shape
+        there = kinematics.J.shape if system is None else system.task.shape
+        if there != shape:
+            raise ValueError(f"kinematics must have a J of shape {shape}, got {there}")
         limiting = self.limiting
         if rate_limits is not None:
-            box = limits("rate_limits", kinematics.survivors.pair(rate_limits), J.shape[1])
+            box = limits("rate_limits", kinematics.survivors.pair(rate_limits), shape[1])
             limiting = _bounded_by(box, limiting)
-        simple = self._simple
-        if simple is not None and not kinematics.is_tied:
-            selected = simple.selected._replace(clear=kinematics.clear)
-            factors = factors_of_diagonals(J, *simple.weights, kinematics.scale, selected)
-            if factors is not None:
-                rest = selected, kinematics.scale, self.tolerance
-                mapping = VelocityMapping.of_factors(factors, rest, kinematics, limiting)
-                vars(mapping)["_simple"] = simple
-                return mapping
-        J, scale = kinematics.cleaned(*self.problem[1:3], self.problem.major_metric)
-        C = kinematics.active_constraint
-        there = self.problem._replace(J=J, scale=np.asarray(scale), active_constraint=C)
-        return VelocityMapping(there, self.damping, kinematics, limiting)
+        mapping = object.__new__(VelocityMapping)
+        vars(mapping).update(
+            damping=self.damping, kinematics=kinematics, limiting=limiting, _origin=first
+        )
+        return mapping
 
     @cached_property
     def _simple(self) -> Simple | None:
@@ -316,10 +417,11 @@ class VelocityMapping:
         Raises:
             ValueError: As :func:`velocity_mapping`.
         """
-        # Neither factors nor gains depend on limits.
-        box = limits("rate_limits", rate_limits, self.problem.J.shape[-1])
+        # Neither factors nor gains depend on limits, but those of all velocities do.
+        box = limits("rate_limits", rate_limits, self._first.problem.J.shape[-1])
         mapping = object.__new__(VelocityMapping)
         vars(mapping).update(vars(self), limiting=_bounded_by(box, self.limiting))
+        vars(mapping).pop("_limits", None)
         return mapping
 
     def belonging_to(self, kinematics: Mechanism) -> "VelocityMapping":
@@ -470,7 +572,7 @@ class VelocityMapping:
         Raises:
             TypeError, ValueError: As :meth:`at`, and as a call of what that returns.
         """
-        ready, J = self._ready, getattr(kinematics, "J", None)
+        ready, J = self.ready, getattr(kinematics, "J", None)
         if (
             ready is not None
             and J is not None
@@ -494,13 +596,13 @@ class VelocityMapping:
         return self.at(kinematics)(v_major, joint_velocity, secondary_velocity)
 
     @cached_property
-    def _ready(self) -> "_Ready | None":
+    def ready(self) -> "Ready | None":
         """What :meth:`rates_at` needs, looked up once; None where it takes the long way."""
         problem = self.problem
         if self.damping or problem.lead or not problem.is_unconstrained:
             return None
         J, S_m, S_s, W1, W2 = problem[:5]
-        return _Ready(
+        return Ready(
             unlimited().solve,
             unlimited().CLEAR,
             J.shape,
@@ -512,7 +614,7 @@ class VelocityMapping:
         )
 
 
-class _Ready(NamedTuple):
+class Ready(NamedTuple):
     """What one compiled call takes beside J, its scale, and the target.
 
     Attributes:
@@ -539,3 +641,23 @@ class _Ready(NamedTuple):
 def _bounded_by(box: Limits, limiting: Limiting | None) -> Limiting:
     """The same limits with another box of the rates."""
     return Limiting(box) if limiting is None else limiting._replace(box=box)
+
+
+def _box(limiting: Limiting | None) -> Limits | None:
+    return None if limiting is None else limiting.box
+
+
+def _system(kinematics: Mechanism | None) -> Partition | None:
+    """The mechanism by joints, where J follows from it; a subclass may know J alone."""
+    return None if kinematics is None else vars(kinematics).get("system")
+
+
+def _asked(problem: Problem, kinematics: Mechanism) -> Asked:
+    """Problem 1 as levels: the major task, then rates and secondary task beside each other."""
+    _, S_m, S_s, W1, W2, *_, M, T = problem[:9]
+    if M is not None and len(M) > len(S_m):
+        M = np.linalg.qr(M, mode="r")
+    rates = Task.joints(W1 if len(W1) else np.zeros(W1.shape[1]))
+    beside = [Task(S_s, W2)] if len(W2) else []
+    levels = (Task(S_m, M),), (rates, *beside)
+    return Asked.of(kinematics, levels, T if len(T) else None)

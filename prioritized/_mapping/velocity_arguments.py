@@ -9,13 +9,14 @@ from numpy.typing import ArrayLike
 
 import argument_checks as check
 from argument_checks import Array
-from prioritized._mapping.limited import WhenLimited, limiting
+from prioritized._mapping.limited import Limiting, WhenLimited, limiting
 from prioritized._mapping.problem import checked
 from prioritized._mapping.solving import Selected, factors_of_diagonals, room, thresholds
 from prioritized._mapping.task import are_rows, task_selection
 from prioritized._mapping.velocity import VelocityMapping
 from prioritized._mechanism.measure import metric_of, units_of
 from prioritized._solver.arrays import none
+from prioritized._solver.limits import limits as checked_limits
 from prioritized._solver.rank import RANK_TOLERANCE
 
 
@@ -155,8 +156,12 @@ def of_plain_arrays(
     if factors is None:
         return None
     (box, when), limited = limits, None
-    if box is not None or when != "least_squares":
-        limited = limiting(J.shape[1], "rate_limits", box, {}, when)
+    is_common = type(when) is str and when == "least_squares"
+    if is_common:
+        if box is not None:
+            limited = Limiting(checked_limits("rate_limits", box, J.shape[1]))
+    else:
+        limited = limiting(J.shape[1], "rate_limits", box, {}, limits[1])
     return VelocityMapping.of_factors(factors, (selected, size, rank_tolerance), None, limited)
 
 

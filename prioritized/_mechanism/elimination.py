@@ -91,6 +91,11 @@ class TaskJacobian(NamedTuple):
         return self.J_T.take(self.joints.moving, 1)
 
     @property
+    def shape(self) -> tuple[int, int]:
+        """Of J, (m, n - q)."""
+        return len(self.J_T), len(self.joints.active)
+
+    @property
     def size(self) -> float:
         """Norm of J_T."""
         return norm(self.J_T)

@@ -512,24 +512,3 @@ def solve_each(
             A[k], b[k], ends, scales[k], tolerance, lower[k % len(lower)], upper[k % len(upper)],
             x[k], state[k], start, most,
         )  # fmt: skip
-
-
-@kernel(
-    types.int64(
-        _array(types.float64, 3), _array(types.float64, 2), _array(types.int64, 1, True),
-        types.float64, types.float64, _array(types.float64, 2),
-    ),
-)  # fmt: skip
-def measure(A, b, ends, smallest, largest, scales):
-    """Write the norms of the levels of one problem; whether its numbers are of moderate size."""
-    n, first, targets = A.shape[2], 0, 0.0
-    for k in range(len(ends)):
-        square = 0.0
-        for i in range(first, ends[k]):
-            square += _square(A[0], i, 0, n)
-            targets += b[0, at(i)] * b[0, at(i)]
-        scales[0, k] = np.sqrt(square)
-        if not smallest < scales[0, k] < largest:  # nor is NaN
-            return 0
-        first = ends[k]
-    return 1 if targets < largest * largest else 0

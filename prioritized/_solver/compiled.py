@@ -13,6 +13,14 @@ def unlimited() -> Any:
 
 
 @cache
+def batch() -> Any:
+    """Problem 1 without limits, many at once."""
+    from prioritized._solver import batch as _batch
+
+    return _batch
+
+
+@cache
 def elimination() -> Any:
     """Passive velocities from regular loops."""
     from prioritized._solver import closing as _closing

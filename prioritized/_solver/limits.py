@@ -39,12 +39,13 @@ def _none(n: int) -> Limits:
 
 def plain_limits(lower: Any, upper: Any, n: int) -> Array | None:
     """A read-only copy (2, n) of limits that are vectors of floats in order; None of others."""
-    both = np.empty((2, n))
     if not (type(lower) is type(upper) is np.ndarray and lower.ndim == upper.ndim == 1):
         return None
+    both = np.empty((2, n))
     try:
         if not unlimited().copy_limits(lower, upper, check.LARGEST, both):
             return None
     except TypeError:  # not of floats
         return None
-    return read_only(both)
+    both.setflags(write=False)
+    return both

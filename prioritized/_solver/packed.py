@@ -12,8 +12,8 @@ import argument_checks as check
 from argument_checks import Array, Mask
 from argument_checks.ties import ACCURACY, exceeds
 from prioritized._solver.arrays import beside, none, read_only, times
-from prioritized._solver.compiled import bounded
-from prioritized._solver.limits import Limits, plain_limits
+from prioritized._solver.compiled import bounded, unlimited
+from prioritized._solver.limits import Limits
 from prioritized._solver.rank import frobenius, norm
 
 _INT8, _INT64, _BOOL = np.dtype(np.int8), np.dtype(np.int64), np.dtype(np.bool_)
@@ -96,14 +96,14 @@ class Point(NamedTuple):
             those that x is at, :meth:`Packed.at_bounds`, they are some.
         steps: Of the active set, (B,).
         ended: Whether x is the optimum: it always obeys the bounds, (B,).
-        gap: Smallest gap of the rank decisions, (B,).
+        gap: Smallest gap of the rank decisions, (B,); None where none was near its threshold.
     """
 
     x: Array
     active: NDArray[np.int8]
     steps: NDArray[np.int64]
     ended: NDArray[np.bool_]
-    gap: Array
+    gap: Array | None
 
 
 @lru_cache
@@ -129,7 +129,7 @@ def solve(
     count, _, n = packed.A.shape
     solver, shape, active = bounded(), (count, n), np.zeros((count, n), _INT8)
     if start is not None and start.x.shape == shape:
-        how, x, active = solver.WARM, start.x.copy(), start.active.copy()
+        how, x, active = solver.WARM, start.x.copy(), active_of(start, shape)
     elif optimum is not None:
         how, x = solver.FROM_OPTIMUM, optimum.reshape(shape).copy()
     else:
@@ -140,16 +140,65 @@ def solve(
     return Point(read_only(x), active, steps, ended, gap)
 
 
-def packed_if_moderate(
-    A: Array, b: Array, ends: NDArray[np.int64], tolerance: float, lower: Any, upper: Any
-) -> Packed | None:
-    """One problem with limits (n,), if the argument checks would let all its numbers pass."""
-    scales, limits = np.empty((1, len(ends))), plain_limits(lower, upper, A.shape[2])
-    if limits is None:
+def active_of(start: Point | None, shape: tuple[int, int]) -> NDArray[np.int8]:
+    """Active bounds to begin with, to be overwritten: none where the start is of another shape."""
+    if start is None or start.active.shape != shape:
+        return np.zeros(shape, _INT8)
+    return start.active.copy()
+
+
+def point_of(x: Array, active: NDArray[np.int8], steps: int) -> Point:
+    """The solution of one problem (1, n) none of whose ranks was in doubt."""
+    return Point(read_only(x), active, _count(steps), _ENDED, None)
+
+
+@lru_cache
+def _count(steps: int) -> NDArray[np.int64]:
+    return read_only(np.array([steps]))
+
+
+_ENDED = read_only(np.ones(1, dtype=bool))
+
+
+def solved_if_moderate(
+    A: Array,
+    b: Array,
+    ends: NDArray[np.int64],
+    tolerance: float,
+    clear: float,
+    lower: Any,
+    upper: Any,
+    start: Point | None,
+    most_steps: int | None,
+) -> tuple[Packed, Point] | None:
+    """One problem with limits (n,), and its solution; None where its numbers must be checked.
+
+    Args:
+        A: As in :class:`Packed`, and so are the next three.
+        b: Right sides.
+        ends: Of the levels.
+        tolerance: Of the rank decisions.
+        clear: Part of a level's scale above which its singular values are clearly not zero.
+        lower: Limits, (n,).
+        upper: Likewise.
+        start: As in :func:`solve`.
+        most_steps: Likewise.
+    """
+    n = A.shape[2]
+    limits, scales, x = np.empty((2, n)), np.empty((1, len(ends))), np.empty((1, n))
+    active, largest = active_of(start, x.shape), check.LARGEST
+    try:
+        steps = unlimited().levels_within(
+            A, b, ends, clear, largest, lower, upper, limits, scales, x, active
+        )
+    except TypeError:  # no vectors, or not of floats
         return None
-    if not bounded().measure(A, b, ends, check.SMALLEST, check.LARGEST, scales):
+    if steps < -1:
         return None
-    return Packed(A, b, ends, scales, tolerance, limits[:1], limits[1:])
+    packed = Packed(A, b, ends, scales, tolerance, limits[:1], limits[1:])
+    if steps < 0 or most_steps is not None:
+        return packed, solve(packed, None, start, most_steps)
+    return packed, point_of(x, active, steps)
 
 
 class Rows(NamedTuple):

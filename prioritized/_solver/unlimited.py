@@ -1,7 +1,8 @@
-"""Problem 1 without limits, compiled: Householder reflections where all ranks are clearly full.
+"""Problem 1 and levels of least squares, compiled, where all ranks are clearly full.
 
-`factor` decides that, once for a J and its weights; `apply` is for one target. A batch is one
-problem after another. All numbers of a problem stand in one array F, because views of it would
+`factor` decides that by Householder reflections, once for a J and its weights; `apply` is for one
+target, `apply_within` for one within limits, and `levels_within` for levels of any rows. A batch is
+one problem after another. All numbers of a problem stand in one array F, because views of it would
 take longer than the arithmetic. All compiled code stands in one file, because the compiler's cache
 notices a change of that file alone.
 """
@@ -20,12 +21,25 @@ _LARGEST = 1e240
 """Sum of the squares of numbers that the argument checks let pass."""
 _MODERATE = 1e100
 """Sum of squares up to which, and from the inverse of which on, no product over- or underflows."""
-_SPREAD = 1e4
+SPREAD = 1e4
 """Ratio of joint weights up to which rates are scaled by them without loss of digits."""
+_ROUND_OFF = 1e-14
+"""Part of the unknowns by which one may be beyond its limit before it is put on it."""
+_DEPENDENT = 1e-12
+"""Part of a limit's row that is round-off where the row depends on those of other limits."""
+_REGULAR = 1e-6
+"""Part of the scale, also the sine of an angle, above which any way finds nine digits."""
+_CANCELLED = 1e-3
+"""Where this fraction of an unknown is left, it has lost digits on its way."""
+_MISSED = 1e-12
+"""Part of a row's terms that round-off leaves of unknowns of one kind."""
+_STEPS = 6
+"""Of the active set for each unknown; where there are more, another method decides."""
 
 _any = {k: types.Array(types.float64, k, "A", readonly=True) for k in (1, 2, 3)}
 _new = {k: types.Array(types.float64, k, "C") for k in (1, 2, 3)}
 _int, _float = types.int64, types.float64
+_state = types.Array(types.int8, 1, "C")
 _inlined = njit(error_model="numpy")
 at = np.uint64
 """An index that cannot be negative: the compiler then leaves out Python's counting from the end."""
@@ -76,6 +90,7 @@ class _Parts(NamedTuple):
     v_sd: int  # (m2,)
     c: int  # right side of M
     x: int  # (n,)
+    most: int  # |L^-1|^2 of limits' rows up to which ranks are clear where these hold
     end: int
 
 
@@ -92,7 +107,7 @@ def _parts(z):
     return _Parts(
         1, 1 + z.p * z.m, W1 - z.n, W1, W1 + z.k1 * z.n, J, W, M,
         last, last + z.n, last + 2 * z.n, last + 3 * z.n,
-        v, v + z.p, v + z.p + z.n, c, x, x + z.n,
+        v, v + z.p, v + z.p + z.n, c, x, x + z.n, x + z.n + 1,
     )  # fmt: skip
 
 
@@ -233,7 +248,7 @@ def _factor(F, z, is_diagonal, size_1, size_2, scale, clear, exact):
         F[at(a.w + j)] = 1.0
         if is_diagonal:
             least, most = min(least, abs(F[at(on)])), max(most, abs(F[at(on)]))
-    scaled = is_diagonal and least * _SPREAD > most
+    scaled = is_diagonal and least * SPREAD > most
     F[0] = 1.0 if scaled else 0.0
     for j in range(z.n if scaled else 0):
         F[at(a.w + j)] = 1.0 / F[at(a.W1 + j * z.n + j)]
@@ -269,11 +284,28 @@ def _factor(F, z, is_diagonal, size_1, size_2, scale, clear, exact):
     inverse_A = _inverse_square(F, a.W, z.n, z.p, a.W_diagonal, False, a.c)
     if scaled:
         # The least singular value of J_m is at least that of J_m / w times the least weight.
-        ends = inverse_A * least_A * least_A < least * least and least_M < least
+        doubt_A, doubt_M = inverse_A * (least_A / least) ** 2, (least_M / least) ** 2
+        inverse_M = 1.0
     else:
         inverse_M = _inverse_square(F, a.M, q, q, a.M_diagonal, True, a.c)
-        ends = inverse_A * least_A**2 < 1.0 and inverse_M * least_M**2 < 1.0
-    return CLEAR if ends else IN_DOUBT
+        doubt_A, doubt_M = inverse_A * least_A**2, inverse_M * least_M**2
+    F[at(a.most)] = _most(doubt_A * max(1.0, _REGULAR / clear) ** 2, inverse_M)
+    return CLEAR if doubt_A < 1.0 and doubt_M < 1.0 else IN_DOUBT
+
+
+@_inlined
+def _most(doubt, inverse):
+    """Square of |L^-1|, L C's rows of limits, up to which no rank is in doubt where these hold.
+
+    Of unknowns that are zero, rows of least singular value s keep s sin(phi) at least, phi the
+    angle between them and these unknowns; and sin(phi) is no less than 1 / (|L^-1| |R^-1|), R the
+    factor of the objective.
+
+    Args:
+        doubt: Largest square of what is in doubt over s, of all rows that must be met.
+        inverse: |R^-1|^2 at most.
+    """
+    return min(1.0 / doubt, 1.0 / _REGULAR**2) / inverse
 
 
 @_inlined
@@ -312,6 +344,198 @@ def _apply(F, z):
     _reflect(F, a.W, z.n, count, a.W_beta, a.x, True)
     for j in range(z.n):
         F[at(a.x + j)] *= F[at(a.w + j)]
+
+
+@_inlined
+def _motions(F, W, n, count, W_beta, M, q, M_diagonal, w, x, C):
+    """Write to C (n, d) the unknowns that keep the rows which are met; the objective is |y|^2.
+
+    It is so of C y beside the optimum; W's reflections leave the last d free, of which M's triangle
+    weighs the first q, and the identity the others. x is room for n numbers.
+    """
+    d = C.shape[1]
+    free = x + n - d
+    for j in range(n):
+        for i in range(n):
+            F[at(x + i)] = F[at(w + j)] if i == j else 0.0
+        _reflect(F, W, n, count, W_beta, x, False)
+        for i in range(q):
+            s = F[at(free + i)]
+            for t in range(i):
+                s -= F[at(M + t * q + i)] * F[at(free + t)]
+            F[at(free + i)] = s / F[at(M_diagonal + i)]
+        for i in range(d):
+            C[at(j), at(i)] = F[at(free + i)]
+
+
+@_inlined
+def _columns(A):
+    """Norms of A's columns."""
+    rows, n = A.shape
+    norm = np.zeros(n)
+    for i in range(rows):
+        for j in range(n):
+            norm[at(j)] += A[at(i), at(j)] * A[at(i), at(j)]
+    for j in range(n):
+        norm[at(j)] = np.sqrt(norm[at(j)])
+    return norm
+
+
+@_inlined
+def _most_beyond(norm, w, column, lower, upper, most, x, state):
+    """The unknown farthest beyond a limit, per size of its row of C, and the side; -1 if none is.
+
+    Limits of the start come before all others. What is beyond by round-off of the largest unknown,
+    or of the rows' largest term, is not.
+    """
+    chosen, side, farthest, is_first, size, term = -1, 0.0, 0.0, False, 0.0, 0.0
+    for j in range(len(x)):
+        size = max(size, most[at(j)] / w[at(j)])
+        term = max(term, most[at(j)] * column[at(j)])
+    for j in range(len(x)):
+        beyond = max(lower[j] - x[at(j)], x[at(j)] - upper[j])
+        if beyond > _ROUND_OFF * (most[at(j)] + min(w[at(j)] * size, term / column[at(j)])):
+            towards = 1.0 if lower[j] > x[at(j)] else -1.0
+            of_start = state[at(j)] * towards < 0.0
+            if (of_start and not is_first) or (
+                of_start == is_first and not beyond <= farthest * norm[at(j)]
+            ):
+                chosen, side, farthest = j, towards, beyond / norm[at(j)]
+                is_first = of_start
+    return chosen, side
+
+
+@_inlined
+def _add_row(C, new, k, v):
+    """Reflect C's columns from k on so that the row of a limit ends there."""
+    n, d = C.shape
+    square = 0.0
+    for i in range(k, d):
+        v[at(i)] = C[at(new), at(i)]
+        square += v[at(i)] * v[at(i)]
+    diagonal = -np.copysign(np.sqrt(square), v[at(k)])
+    v[at(k)] -= diagonal
+    beta = 1.0 / (np.sqrt(square) * abs(v[at(k)]))
+    for j in range(n):
+        dot = 0.0
+        for i in range(k, d):
+            dot += C[at(j), at(i)] * v[at(i)]
+        dot *= beta
+        for i in range(k, d):
+            C[at(j), at(i)] -= dot * v[at(i)]
+    for i in range(k, d):
+        C[at(new), at(i)] = diagonal if i == k else 0.0
+
+
+@_inlined
+def _drop_row(C, held, u, dropped, k):
+    """Rotate C's columns so that the rows of k limits without this one are a triangle again."""
+    for a in range(dropped, k):
+        u[at(a)] = u[at(a + 1)]
+    for a in range(dropped, k - 1):
+        held[at(a)] = held[at(a + 1)]
+        own = held[at(a)]
+        cos, sin = C[at(own), at(a)], C[at(own), at(a + 1)]
+        size = np.hypot(cos, sin)
+        cos, sin = cos / size, sin / size
+        for j in range(len(C)):
+            left, right = C[at(j), at(a)], C[at(j), at(a + 1)]
+            C[at(j), at(a)] = cos * left + sin * right
+            C[at(j), at(a + 1)] = cos * right - sin * left
+        C[at(own), at(a + 1)] = 0.0
+
+
+@_inlined
+def _inverse_of_held(C, held, k, w, column):
+    """|L^-1|^2 of the rows of limits over weights, whose triangle L stands in C."""
+    total = 0.0
+    for c in range(k):
+        for a in range(c, k):
+            own = held[at(a)]
+            s = w[at(own)] if a == c else 0.0
+            for b in range(c, a):
+                s -= C[at(own), at(b)] * column[at(b)]
+            column[at(a)] = s / C[at(own), at(a)]
+            total += column[at(a)] * column[at(a)]
+    return total
+
+
+@_inlined
+def _hold(C, w, column, most_inverse, lower, upper, x, state):
+    """Move x by C y, |y| least, to within its limits; the steps taken, or -1 where in doubt.
+
+    A dual active-set method (Goldfarb, Idnani, Math. Programming 27, 1983): k limits hold, whose
+    rows of C are kept a lower triangle by orthogonal changes of y, and u are their multipliers.
+
+    Args:
+        C: Shape (n, d); overwritten.
+        w: Unit of each unknown, (n,).
+        column: Norm of each column of the rows that C y leaves, (n,).
+        most_inverse: Of :func:`_most`.
+        lower: Shape (n,).
+        upper: At least `lower`.
+        x: What is nearest without limits; overwritten.
+        state: Limits to begin with, -1 lower, 1 upper, 0 none; overwritten with those that hold.
+    """
+    n, d = C.shape
+    held, u, r = np.empty(d, np.int64), np.empty(d + 1), np.empty(d)
+    norm, most, v, sides, k, steps = np.empty(n), np.empty(n), np.empty(d), np.zeros(n), 0, 0
+    for j in range(n):
+        square = 0.0
+        for i in range(d):
+            square += C[at(j), at(i)] * C[at(j), at(i)]
+        norm[at(j)], most[at(j)] = np.sqrt(square), abs(x[at(j)])
+    while True:
+        new, side = _most_beyond(norm, w, column, lower, upper, most, x, state)
+        if new < 0:
+            break
+        limit, u[at(k)], dropped = lower[new] if side > 0.0 else upper[new], 0.0, 0
+        while dropped >= 0:
+            steps += 1
+            square = 0.0
+            for i in range(k, d):
+                square += C[at(new), at(i)] * C[at(new), at(i)]
+            moves, length, dropped = square > (_DEPENDENT * norm[at(new)]) ** 2, np.inf, -1
+            if moves:
+                length = side * (limit - x[at(new)]) / square
+            for a in range(k - 1, -1, -1):
+                own, s = held[at(a)], C[at(new), at(a)]
+                for b in range(a + 1, k):
+                    s -= C[at(held[at(b)]), at(a)] * v[at(b)]
+                v[at(a)] = s / C[at(own), at(a)]
+                r[at(a)] = side * sides[at(own)] * v[at(a)]
+                # What is fixed may be pushed either way.
+                if lower[own] < upper[own] and r[at(a)] > 0.0 and u[at(a)] < length * r[at(a)]:
+                    length, dropped = u[at(a)] / r[at(a)], a
+            if length == np.inf or steps > _STEPS * (n + 1):
+                return -1
+            for j in range(n if moves else 0):
+                dot = 0.0
+                for i in range(k, d):
+                    dot += C[at(j), at(i)] * C[at(new), at(i)]
+                x[at(j)] += length * side * dot
+                most[at(j)] = max(most[at(j)], abs(x[at(j)]))
+            for a in range(k):
+                u[at(a)] -= length * r[at(a)]
+            u[at(k)] += length
+            if dropped < 0:
+                if square < (_REGULAR * norm[at(new)]) ** 2:
+                    return -1
+                _add_row(C, new, k, v)
+                held[at(k)], sides[at(new)], x[at(new)] = new, side, limit
+                k += 1
+            else:
+                sides[at(held[at(dropped)])] = 0.0
+                _drop_row(C, held, u, dropped, k)
+                k -= 1
+    if not _inverse_of_held(C, held, k, w, v) < most_inverse:
+        return -1
+    for j in range(n):
+        if sides[at(j)] == 0.0 and abs(x[at(j)]) < _CANCELLED * most[at(j)]:
+            return -1
+        state[at(j)] = -sides[at(j)]
+        x[at(j)] = min(max(x[at(j)], lower[j]), upper[j])
+    return steps
 
 
 @_inlined
@@ -405,6 +629,15 @@ def factor_diagonals(J, S_m, S_s, w1, w2, scale, clear, exact, F):
     return _factor(F, z, z.k1 > 0, size_1, _square(F, a.G, z.k2 * m), scale, clear, exact)
 
 
+@_compiled(_any[1], _any[1], _any[1])
+def is_within(lower, upper, x):
+    """Whether each number of x is between its limits."""
+    for j in range(len(x)):
+        if not lower[j] <= x[j] <= upper[j]:
+            return 0
+    return 1
+
+
 @_compiled(_new[1], *[_int] * 6, _any[1], _any[1], _any[1], _new[1])
 def apply(F, p, m, n, k1, k2, m2, v, rates_d, v_sd, x):
     """Write the optimal rates for one target to x (n,); REFUSED where it has a wrong number.
@@ -431,6 +664,34 @@ def apply(F, p, m, n, k1, k2, m2, v, rates_d, v_sd, x):
     for j in range(n):
         x[j] = F[at(a.x + j)]
     return CLEAR
+
+
+@_compiled(_new[1], *[_int] * 6, _any[1], _any[1], _new[1], _state)
+def within(F, p, m, n, k1, k2, m2, lower, upper, x, state):
+    """Move the optimal rates x (n,) to the optimum within limits (n,).
+
+    Returns the steps of the active set, or -1 where another method decides. `state` are limits to
+    begin with, -1 lower, 1 upper, 0 none; overwritten with those that hold.
+    """
+    if is_within(lower, upper, x) == 1:
+        state[:] = 0
+        return 0
+    z = Sizes(p, m, n, k1, k2, m2)
+    a, C = _parts(z), np.empty((n, n - p))
+    _, count, _, q = _shape(F, z)
+    _motions(F, a.W, n, count, a.W_beta, a.M, q, a.M_diagonal, a.w, a.x, C)
+    w, column = F[a.w : a.w + n], _columns(F[a.J : a.J + m * n].reshape(m, n))
+    return _hold(C, w, column, F[at(a.most)], lower, upper, x, state)
+
+
+@_compiled(_new[1], *[_int] * 6, *[_any[1]] * 5, _new[1])
+def apply_within(F, p, m, n, k1, k2, m2, v, rates_d, v_sd, lower, upper, x):
+    """`apply` and `within` in one call; IN_DOUBT where another method decides."""
+    code = apply(F, p, m, n, k1, k2, m2, v, rates_d, v_sd, x)
+    if code != CLEAR or is_within(lower, upper, x) == 1:
+        return code
+    steps = within(F, p, m, n, k1, k2, m2, lower, upper, x, np.zeros(n, np.int8))
+    return IN_DOUBT if steps < 0 else CLEAR
 
 
 @_compiled(
@@ -466,15 +727,6 @@ def solve_each(J, S_m, S_s, W1, W2, scale, clear, exact, v, rates_d, v_sd, F, x,
             for j in range(z.n):
                 x[k, j] = F[at(a.x + j)]
     return CLEAR
-
-
-@_compiled(_any[1], _any[1], _any[1])
-def is_within(lower, upper, x):
-    """Whether each number of x is between its limits."""
-    for j in range(len(x)):
-        if not lower[j] <= x[j] <= upper[j]:
-            return 0
-    return 1
 
 
 @_compiled(_new[1], *[_int] * 6, _float, _new[3], _new[2], _new[2])
@@ -528,6 +780,108 @@ def copy_limits(lower, upper, largest, limits):
             return 0
         limits[0, i], limits[1, i] = low, high
     return 1
+
+
+@_inlined
+def _scales(A, b, ends, scales):
+    """Write the norms of the levels; whether no product of these numbers over- or underflows."""
+    first, targets = 0, 0.0
+    for k in range(len(ends)):
+        square = 0.0
+        for i in range(first, ends[k]):
+            for j in range(A.shape[2]):
+                square += A[0, at(i), at(j)] * A[0, at(i), at(j)]
+            targets += b[0, at(i)] * b[0, at(i)]
+        if not 1.0 / _MODERATE < square < _MODERATE:
+            return False
+        scales[0, k], first = np.sqrt(square), ends[k]
+    return targets < _MODERATE
+
+
+@_inlined
+def _are_met(A, b, rows, x):
+    """Whether the first rows of A x are b but for round-off of their terms."""
+    for i in range(rows):
+        rest, terms = b[0, at(i)], abs(b[0, at(i)])
+        for j in range(A.shape[2]):
+            part = A[0, at(i), at(j)] * x[0, at(j)]
+            rest -= part
+            terms += abs(part)
+        if not abs(rest) <= _MISSED * terms:
+            return False
+    return True
+
+
+@_compiled(
+    _new[3], _new[2], types.Array(_int, 1, "C", readonly=True), _float, _float, _any[1], _any[1],
+    _new[2], _new[2], _new[2], types.Array(types.int8, 2, "C"),
+)  # fmt: skip
+def levels_within(A, b, ends, clear, largest, lower, upper, limits, scales, x, state):
+    """Minimize |A_k x - b_k| level by level within limits, where only the last is not met.
+
+    The last is the first with which there are as many rows as unknowns. Returns the steps of the
+    active set, -1 where another method decides, -2 where that is to check the numbers first.
+
+    Args:
+        A: Rows of all levels, one after the other, (1, k, n).
+        b: Shape (1, k).
+        ends: Where each level ends in A, the last beyond n - 1.
+        clear: Part of a level's norm above which a singular value is clearly not zero.
+        largest: Limits below it pass, or infinite ones.
+        lower: Shape (n,).
+        upper: Likewise.
+        limits: Overwritten with both, (2, n).
+        scales: Overwritten with the norms of the levels, (1, levels).
+        x: Overwritten with the solution, (1, n).
+        state: As in `apply_within`, (1, n).
+    """
+    if copy_limits(lower, upper, largest, limits) == 0 or not _scales(A, b, ends, scales):
+        return -2
+    n, last, p, clear = A.shape[2], 0, 0, max(clear, _REGULAR)
+    while ends[last] < n:
+        p, last = ends[last], last + 1
+    rows, q = ends[last], n - p
+    k = rows - p
+    M = rows * n
+    diagonal = M + k * q
+    W_beta, M_diagonal, M_beta, own = diagonal + n, diagonal + 2 * n, diagonal + 3 * n, rows + n
+    c, w = diagonal + 4 * n, diagonal + 4 * n + own
+    F = np.empty(w + n)
+    for i in range(rows):
+        for j in range(n):
+            F[at(i * n + j)] = A[0, at(i), at(j)]
+    _reduce_rows(F, 0, rows, n, p, diagonal, W_beta)
+    for i in range(k):
+        for j in range(q):
+            F[at(M + i * q + j)] = F[at((p + i) * n + p + j)]
+    _reduce_columns(F, M, k, q, 0, M_diagonal, M_beta)
+    doubt = 0.0
+    for level in range(last):
+        inverse = _inverse_square(F, 0, n, ends[level], diagonal, False, c)
+        doubtful = inverse * (clear * scales[0, level]) ** 2
+        if not doubtful < 1.0:  # nor is NaN
+            return -1
+        doubt = max(doubt, doubtful)
+    inverse = _inverse_square(F, M, q, q, M_diagonal, True, c)
+    if not inverse * (clear * scales[0, last]) ** 2 < 1.0:
+        return -1
+    for i in range(rows):
+        s = b[0, at(i)]
+        for j in range(min(i, p)):
+            s -= F[at(i * n + j)] * F[at(c + j)]
+        F[at(c + i)] = s / F[at(diagonal + i)] if i < p else s
+    _least_squares(F, M, k, q, 0, M_diagonal, M_beta, c + p)
+    _reflect(F, 0, n, p, W_beta, c, True)
+    for j in range(n):
+        x[0, j], F[at(w + j)] = F[at(c + j)], 1.0
+    if is_within(limits[0], limits[1], x[0]) == 1:
+        state[:] = 0
+        return 0 if _are_met(A, b, p, x) else -1
+    C = np.empty((n, q))
+    _motions(F, 0, n, p, W_beta, M, q, M_diagonal, w, c, C)
+    most, column = _most(doubt, inverse), _columns(A[0, :rows])
+    steps = _hold(C, F[w:], column, most, limits[0], limits[1], x[0], state[0])
+    return steps if _are_met(A, b, p, x) else -1
 
 
 @_compiled(

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from argument_checks.ties import greatest
 from sim.array import Array
+from sim.compiled import compiled
 from sim.errors import ModelError
 from sim.mjcf.model import name_of
 
@@ -18,13 +19,8 @@ _CONNECT, _WELD, _JOINT, _TENDON = (
 )
 _KINDS = {_CONNECT: "connect", _WELD: "weld", _JOINT: "joint", _TENDON: "tendon"}
 _SITE = int(mujoco.mjtObj.mjOBJ_SITE)
-_ROUND_OFF_M = 1e-14
 _ROWS = {_CONNECT: 3, _WELD: 6}
 """Rows of an equality; others have one."""
-_CROSS = np.array(
-    [[0, 0, 0, 0, 0, -1, 0, 1, 0], [0, 0, 1, 0, 0, 0, -1, 0, 0], [0, -1, 0, 1, 0, 0, 0, 0, 0.0]]
-)
-"""v @ _CROSS is the matrix of the cross product v x, row by row."""
 _TORQUE_SCALE = 10
 """Where `eq_data` of a weld has its torquescale."""
 _WITHOUT_CLOSURES = int(mujoco.mjtDisableBit.mjDSBL_EQUALITY) | int(
@@ -71,7 +67,12 @@ class Closures(NamedTuple):
     carried: Array
 
     def rows(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
-        """Rows of the closures, shape (c, nv), from what MuJoCo last computed.
+        """Rows of the closures, shape (c, nv); see :meth:`write_rows`."""
+        self.write_rows(model, data, rows := np.empty((len(self.units), model.nv)))
+        return rows
+
+    def write_rows(self, model: mujoco.MjModel, data: mujoco.MjData, out: Array) -> None:
+        """Overwrite an array (c, nv) by the closures' rows, from what MuJoCo last computed.
 
         MuJoCo takes the rows of a connect or weld with each body's own anchor. While these are D
         apart, a joint that carries both bodies moves them apart by omega x D, although it opens
@@ -86,15 +87,11 @@ class Closures(NamedTuple):
                 "a part of the mechanism is asleep, with its closures: switch sleep off"
             )
         if not self.units.size:
-            return np.zeros((0, model.nv))
-        rows = constraint_rows(model, data)[: data.ne].copy()
+            return
+        out[:] = constraint_rows(model, data, data.ne)
         if self.points.size:
-            D = data.efc_pos[self.points]
-            if np.abs(D).max() > _ROUND_OFF_M:
-                across = (D.reshape(-1, 3) / 2).dot(_CROSS).reshape(-1, 3)
-                # The first three columns of cdof are a joint's axis, if it turns its body.
-                rows[self.points] += across.dot(data.cdof[:, :3].T) * self.carried
-        return rows
+            # The first three columns of cdof are a joint's axis, if it turns its body.
+            compiled().at_midpoints(data.efc_pos, data.cdof, self.points, self.carried, out)
 
     def gaps(self, data: mujoco.MjData) -> Array:
         """How far each row is open, shape (c,), from what MuJoCo last computed.
@@ -103,20 +100,23 @@ class Closures(NamedTuple):
         """
         return data.efc_pos[: len(self.units)] * self.units
 
-    def largest_gap(self, data: mujoco.MjData) -> tuple[float, int]:
-        """The largest gap, [m] or [rad], and its equality; 0 and -1 without closures.
+    def largest_gap(self, data: mujoco.MjData) -> float:
+        """The largest gap, [m] or [rad]; 0 without closures.
 
         Raises:
             ModelError: An equality is not finite.
         """
         if not self.units.size:
-            return 0.0, -1
-        sizes = np.abs(self.gaps(data))
-        worst = greatest(sizes)  # NaN, if there is one
-        largest = float(sizes[worst])
+            return 0.0
+        largest = compiled().largest(data.efc_pos, self.units)
         if not isfinite(largest):
             raise ModelError("an equality of the model is not finite")
-        return largest, int(self.equality[worst])
+        return largest
+
+    def worst(self, data: mujoco.MjData) -> int:
+        """The equality with the largest gap; -1 without closures."""
+        gaps = np.abs(self.gaps(data))
+        return int(self.equality[greatest(gaps)]) if gaps.size else -1
 
 
 def active_closures(model: mujoco.MjModel, data: mujoco.MjData) -> Closures:
@@ -163,13 +163,18 @@ def equality_name(model: mujoco.MjModel, equality: int) -> str:
     return f"equality {equality} ({kind} of " + " and ".join(f'"{end}"' for end in tied) + ")"
 
 
-def constraint_rows(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
-    """MuJoCo's own of all constraints, which may be a view; equalities come first, (nefc, nv)."""
+def constraint_rows(model: mujoco.MjModel, data: mujoco.MjData, count: int | None = None) -> Array:
+    """MuJoCo's own of so many constraints, or all, which may be a view; equalities come first."""
+    shape = data.nefc if count is None else count, model.nv
     if not mujoco.mj_isSparse(model):
-        return data.efc_J[: data.nefc * model.nv].reshape(data.nefc, model.nv)
-    rows = np.zeros((data.nefc, model.nv))
+        return data.efc_J[: shape[0] * shape[1]].reshape(shape)
+    rows, found = np.zeros(shape), slice(shape[0])
     mujoco.mju_sparse2dense(
-        rows, data.efc_J, data.efc_J_rownnz, data.efc_J_rowadr, data.efc_J_colind
+        rows,
+        data.efc_J,
+        data.efc_J_rownnz[found],
+        data.efc_J_rowadr[found],
+        data.efc_J_colind,
     )
     return rows
 

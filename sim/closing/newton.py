@@ -95,7 +95,8 @@ def _closing(model: mujoco.MjModel, rows: Array, accuracy: float | None) -> Arra
 
 def largest_gap(model: mujoco.MjModel, data: mujoco.MjData, fixed: Hold) -> tuple[float, str]:
     """Of closures and of what is held: how large, and whose, in words."""
-    of_closures, equality = active_closures(model, data).largest_gap(data)
+    closures = active_closures(model, data)
+    of_closures, equality = closures.largest_gap(data), closures.worst(data)
     of_held = np.abs(fixed.rows_and_gaps(model, data)[1])
     if exceeds(of_held.max(initial=0.0), of_closures):
         return float(of_held.max()), fixed.names()[greatest(of_held)]

@@ -54,6 +54,11 @@ class LocatedPin(NamedTuple):
     frame: Located
     rows: slice
 
+    @property
+    def height(self) -> int:
+        """How many rows."""
+        return self.rows.stop - self.rows.start
+
 
 def located_pins(model: mujoco.MjModel, pins: Iterable[Pin]) -> tuple[LocatedPin, ...]:
     """The pins, looked up by their names.

@@ -8,8 +8,9 @@ import numpy as np
 
 import argument_checks as check
 from sim.array import Array
+from sim.compiled import compiled
 from sim.errors import ModelError
-from sim.kinematics.pose import Pose, compiled, computed, flat, keep
+from sim.kinematics.pose import Pose, computed, flat, keep
 from sim.mjcf.model import element_id
 
 
@@ -169,7 +170,8 @@ class Hexapod:
         )
 
 
-_REGULAR = 1e6
+REGULAR = 1e6
+"""Product of the norms of a Jacobian and its inverse beyond which ranks must be decided."""
 
 
 def regular_jacobian(inverse_jacobian: Array) -> Array | None:
@@ -180,7 +182,7 @@ def regular_jacobian(inverse_jacobian: Array) -> Array | None:
     """
     inverse_jacobian = check.exactly("inverse_jacobian", inverse_jacobian, 6, 6)
     J, code = np.empty((6, 6)), compiled()
-    return J if code.invert(inverse_jacobian, J, _REGULAR) == code.FOUND else None
+    return J if code.invert(inverse_jacobian, J, REGULAR) == code.FOUND else None
 
 
 def hexapod(model: mujoco.MjModel) -> Hexapod:

@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 import argument_checks as check
 from sim.array import Array
-from sim.kinematics.pose import compiled
+from sim.compiled import compiled
 from sim.mjcf.frame import one_half_turn
 
 

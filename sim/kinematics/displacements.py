@@ -53,11 +53,11 @@ class Displacements:
             mujoco.mj_tendon(model, data)
             mujoco.mj_transmission(model, data)
 
-    def read(self, data: mujoco.MjData, out: Array | None = None) -> Array:
-        """Displacements (n,) from the nominal pose, [m] or [rad], new or in the array given."""
+    def read(self, data: mujoco.MjData) -> Array:
+        """Displacements (n,) from the nominal pose, [m] or [rad]."""
         now = data.qpos.take(self.qpos)
         if self.others.size:
             at_joints, now = now, np.empty(len(self.nominal))
             now[self.joints] = at_joints
             now[self.others] = data.actuator_length.take(self.outputs) / self.gear
-        return np.subtract(now, self.nominal, out)
+        return now - self.nominal

@@ -167,6 +167,10 @@ class Natural:
             own[body] += own[model.body_parentid[body]]
         return _MARGIN * float(own.sum(axis=1).max() + sites.max(initial=0.0) + closures)
 
+    def error_bound(self, residual: float) -> float:
+        """Of all entries in natural units, where closures are open so far, [m] or [rad]."""
+        return self.bound + residual / self.length
+
     def _is_spatial(self, tendon: int) -> bool:
         return self.model.wrap_type[self.model.tendon_adr[tendon]] != _OF_JOINT
 
@@ -212,7 +216,7 @@ class EntryAccuracy:
     @property
     def error_bound(self) -> float:
         """Of all entries in natural units."""
-        return self.natural.bound + self.residual / self.natural.length
+        return self.natural.error_bound(self.residual)
 
     @property
     def extremes(self) -> Any:

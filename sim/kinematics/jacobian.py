@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,28 @@ from sim.array import Array
 from sim.kinematics.entry_accuracy import EntryAccuracy
 from sim.kinematics.machine import Machine, Names
 from sim.kinematics.task import Task
+
+
+class JacobianViews(NamedTuple):
+    """What one tick needs of :class:`Jacobians`: the next reading overwrites the matrices.
+
+    They are one row after another and cannot be written to, as `Hierarchy.tick` wants them without
+    a copy.
+
+    Attributes:
+        J_T: As of :class:`Jacobians`, shape (m, N).
+        J_C: Likewise, shape (c, N).
+        active: Likewise, shape (n,); this array is the same one as long as the same equalities and
+            actuators count.
+        closure_residual: Largest gap of the closures, [m] or [rad].
+        error_bound: Of the errors of all entries in natural units, as of :class:`EntryAccuracy`.
+    """
+
+    J_T: Array
+    J_C: Array
+    active: NDArray[np.intp]
+    closure_residual: float
+    error_bound: float
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,13 +1,15 @@
 """The payload of a plant: where it is, seen from the base, and what pushes it."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import mujoco
 import numpy as np
 
 import argument_checks as check
 from sim.array import Array
-from sim.kinematics.pose import Pose, compiled, computed
+from sim.compiled import compiled
+from sim.kinematics.pose import Pose, computed
 from sim.mjcf.frame import Located
 
 _WORLD = check.frozen(np.eye(3))
@@ -42,25 +44,15 @@ class Payload:
     def pose(self, data: mujoco.MjData) -> Pose:
         """Motion from the nominal pose, in base axes: rotation R_now R_nominal^T."""
         rotation, translation_m = np.empty((3, 3)), np.empty(3)
-        self.write_pose(data, rotation, translation_m)
+        compiled().seen_from(*self.frames(data), rotation, translation_m)
         return computed(Pose, rotation=rotation, translation_m=translation_m)
 
-    def write_pose(self, data: mujoco.MjData, rotation: Array, translation_m: Array) -> None:
-        """Overwrite (3, 3) and (3,) with this motion, for a log of many ticks."""
+    def frames(self, data: mujoco.MjData) -> tuple[Any, ...]:
+        """What the compiled code takes to see this motion, good as long as `data` is."""
         frame, base = self.frame, self.base
         xmat, xpos = _arrays(frame, data)
         base_xmat, number = (_WORLD_9, 0) if base is None else (_arrays(base, data)[0], base.id)
-        compiled().seen_from(
-            xmat,
-            xpos,
-            frame.id,
-            base_xmat,
-            number,
-            self.world_to_frame,
-            self.origin_m,
-            rotation,
-            translation_m,
-        )
+        return xmat, xpos, frame.id, base_xmat, number, self.world_to_frame, self.origin_m
 
     def force_at_centre_of_mass(self, data: mujoco.MjData, wrench: Array) -> Array:
         """[force; moment] in world axes, as `xfrc_applied`, of [moment; force] (6,) at it."""

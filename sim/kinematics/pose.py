@@ -1,7 +1,6 @@
 """Poses of frames."""
 
 from dataclasses import dataclass
-from functools import cache
 from typing import Any, TypeVar
 
 import numpy as np
@@ -10,6 +9,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 import argument_checks as check
 from sim.array import Array, lock
+from sim.compiled import compiled
 from sim.kinematics.rigid import adjoint, homogeneous, rigid_motion, rotation_of
 from sim.mjcf.frame import one_half_turn
 
@@ -150,14 +150,6 @@ def way_between(rotation: Array, position_m: Array, to_rotation: Array, to_m: Ar
     if angle > _CLEARLY_LESS_RAD:
         way[:3] = one_half_turn(way[:3])
     return way
-
-
-@cache
-def compiled() -> Any:
-    """The compiled code, loaded when first needed: the compiler takes some 0.3 s."""
-    from sim import _tick
-
-    return _tick
 
 
 def flat(A: Array, own: int, lead: tuple[int, ...]) -> Array:

@@ -1,6 +1,5 @@
 """Reading the Jacobians of any MJCF model, once or at every tick."""
 
-import copy
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from typing import NamedTuple
@@ -10,19 +9,19 @@ import numpy as np
 
 import argument_checks as check
 from sim.array import Array
-from sim.closing.equalities import active_closures, equality_name
-from sim.closing.pin import Pin, located_pins, pin_rows, pins_of
+from sim.closing.equalities import Closures, active_closures, equality_name
+from sim.closing.pin import Pin, located_pins, pins_of
 from sim.errors import ClosureError, ModelError
 from sim.kinematics.entry_accuracy import EntryAccuracy, Natural, frames_of
-from sim.kinematics.jacobian import Jacobians
+from sim.kinematics.jacobian import Jacobians, JacobianViews
 from sim.kinematics.machine import Machine, OfAnyPose
 from sim.kinematics.pose import made
+from sim.kinematics.rows import Matrices, RowSource, task_rows
 from sim.kinematics.structure import Structure, bring_up_to_date, structure, unmoved, variables_of
-from sim.kinematics.task import HasRows, LocatedRows, Task, located_axes, located_task, task_list
+from sim.kinematics.task import Task, located_axes, located_task, task_list
 from sim.mjcf.frame import Body
-from sim.mjcf.limits import stuck_names, stuck_rows
+from sim.mjcf.limits import stuck_names
 from sim.mjcf.model import check_state
-from sim.mjcf.transmission import drive_rows
 
 CLOSURE_TOLERANCE = 1e-3
 """Largest gap of a closure, [m] or [rad], at which Jacobians are taken."""
@@ -86,6 +85,9 @@ def jacobians(
 class JacobianReader:
     """The Jacobians of one model at one pose after another, as a control loop needs them.
 
+    :meth:`at` gives arrays of their own, and all that a model says besides; :meth:`read` gives
+    views, which costs less.
+
     Names are looked up when it is made, so that a tick is mostly MuJoCo's own kinematics. Which
     equalities and actuators count is read anew whenever `data.eq_active`, `opt.disableactuator` or
     `opt.disableflags` change, and only then whether some actuator moves each task. After any other
@@ -104,21 +106,44 @@ class JacobianReader:
         active: bool | Iterable[str | int] = (),
     ) -> None:
         """Look up the names; arguments and errors are those of :func:`jacobians`."""
-        self._model = check.instance("model", model, mujoco.MjModel)
-        tasks = task_list(model, site)
-        self._tasks = [(task, located_task(model, task)) for task in tasks]
-        self._rows = _rows_of(self._tasks)
-        self._in_own_axes = {task for task in tasks if isinstance(task, HasRows)}
+        check.instance("model", model, mujoco.MjModel)
+        tasks = [(task, located_task(model, task)) for task in task_list(model, site)]
+        self._located = tuple(located for _, located in tasks)
         self._pins = pins_of(model, pinned)
-        self._located_pins = located_pins(model, self._pins)
-        self._stuck = stuck_names("stuck_at_limits", stuck_at_limits)
+        stuck = stuck_names("stuck_at_limits", stuck_at_limits)
         unlimited = isinstance(closure_tolerance, float) and closure_tolerance == np.inf
         self._tolerance = closure_tolerance
         if not unlimited:
             self._tolerance = check.number("closure_tolerance", closure_tolerance)
         self._variables = variables_of(model, active)
-        self._axes = None if axes is None else located_axes(model, axes)
+        in_axes = None if axes is None else located_axes(model, axes)
+        pins, rows = located_pins(model, self._pins), task_rows(tasks)
+        self._source = RowSource(model, rows, in_axes, pins, stuck, np.zeros((0, model.nv)))
+        self._rows = {task: each.rows for (task, _), each in zip(tasks, rows, strict=True)}
         self._known: dict[tuple[object, ...], _Known] = {}
+
+    def read(self, data: mujoco.MjData) -> JacobianViews:
+        """The same as :meth:`at` for the tick of a loop: views that the next reading overwrites.
+
+        MuJoCo writes the rows into matrices that the reader keeps. One reader serves one thread
+        so; `at` serves any number.
+
+        Args:
+            data: As of :meth:`at`.
+
+        Raises:
+            ClosureError, ModelError, ValueError, TypeError: As :func:`jacobians`.
+        """
+        known, residual = self._known_at(data)
+        now, stuck = known.structure, self._source.stuck_rows(data)
+        kept = known.kept.get(len(stuck))
+        if kept is None:
+            to = self._source.blank(now, len(stuck))
+            kept = to, check.read_only(to.J_T.view()), check.read_only(to.J_C.view())
+            known.kept[len(stuck)] = kept
+        to, J_T, J_C = kept
+        self._source.write(data, now, stuck, to)
+        return JacobianViews(J_T, J_C, now.active, residual, known.natural.error_bound(residual))
 
     def at(self, data: mujoco.MjData) -> Jacobians:
         """The Jacobians at the present `data.qpos`, as :func:`jacobians` returns them.
@@ -129,28 +154,9 @@ class JacobianReader:
         Raises:
             ClosureError, ModelError, ValueError, TypeError: As :func:`jacobians`.
         """
-        model = self._model
-        check_state(model, data)
-        bring_up_to_date(model, data)
-        opt, closures = model.opt, b""
-        if model.neq:
-            closures = data.eq_active.tobytes() + data.efc_id[: data.ne].tobytes()
-        key = closures, opt.disableactuator, opt.disableflags
-        known = self._known.get(key)
-        closed = active_closures(model, data) if known is None else known.structure.closures
-        residual, worst = closed.largest_gap(data)
-        if residual > self._tolerance:
-            name = equality_name(model, worst)
-            raise ClosureError(name, residual, "call sim.assemble(model, data)")
-        now = structure(model, closed, self._variables) if known is None else known.structure
-        J_T = self._task_rows(data, len(now.extra))
-        J_C = self._forbidden(data, now)
-        if not check.is_moderate(J_C):
-            raise ModelError("an equality or a transmission of the model is not finite")
-        if known is None:
-            self._refuse_unmoved(J_T, J_C, now)
-            of_any_pose = OfAnyPose(model, now.variables)
-            known = self._known[key] = _Known(now, self._natural(now), of_any_pose)
+        model, (known, residual) = self._source.model, self._known_at(data)
+        now = known.structure
+        J_T, J_C = self._source.rows(data, now, known.spare)
         qpos, outside = check.read_only(data.qpos.copy()), _outside(model, data)
         return made(
             Jacobians,
@@ -166,7 +172,7 @@ class JacobianReader:
                 qpos=qpos,
                 mocap=outside[1:],
                 pinned=self._pins,
-                stuck=self._stuck,
+                stuck=self._source.stuck,
                 variables=now.variables,
                 of_any_pose=known.of_any_pose,
             ),
@@ -175,92 +181,81 @@ class JacobianReader:
                 natural=known.natural,
                 residual=residual,
                 jacobians=(J_T, J_C),
-                reader=partial(self._read_anew, qpos, outside),
+                reader=partial(_read_anew, self._source, now, qpos, outside),
             ),
         )
 
-    def _refuse_unmoved(self, J_T: Array, J_C: Array, now: Structure) -> None:
+    def _known_at(self, data: mujoco.MjData) -> tuple["_Known", float]:
+        """Bring a state up to date: what is known of its equalities, and their largest gap."""
+        model = self._source.model
+        check_state(model, data)
+        bring_up_to_date(model, data)
+        opt, closures = model.opt, b""
+        if model.neq:
+            closures = data.eq_active.tobytes() + data.efc_id[: data.ne].tobytes()
+        key = closures, opt.disableactuator, opt.disableflags
+        known = self._known.get(key)
+        closed = active_closures(model, data) if known is None else known.structure.closures
+        residual = closed.largest_gap(data)
+        if residual > self._tolerance:
+            name = equality_name(model, closed.worst(data))
+            raise ClosureError(name, residual, "call sim.assemble(model, data)")
+        if known is None:
+            known = self._known[key] = self._found(data, closed)
+        return known, residual
+
+    def _found(self, data: mujoco.MjData, closed: Closures) -> "_Known":
+        """What no pose changes, where something active moves each task."""
+        model, now = self._source.model, structure(self._source.model, closed, self._variables)
+        J_T, J_C = self._source.rows(data, now, spare := {})
         if resting := [t for t, own in self._rows.items() if unmoved(J_T[own], J_C, now.active)]:
             raise ModelError(
                 f"no actuator moves {check.shown(resting[0])}: name another task, what its "
                 "mechanism stands on in pinned=, or joints that are variables in active="
             )
-
-    def _natural(self, now: Structure) -> Natural:
-        frames = [frame for _, located in self._tasks for frame in located.frames]
-        angular = [each for _, located in self._tasks for each in located.angular]
-        read = frames_of(self._model, now.closures, self._pins, frames)
-        return Natural(
-            self._model, read, now.closures, now.extra, self._pins, np.array(angular, dtype=bool)
-        )
-
-    def _read_anew(
-        self, qpos: Array, outside: tuple[Array, ...], model: mujoco.MjModel
-    ) -> Callable[[], tuple[Array, Array]]:
-        """What reads J_T and J_C of a model like this one at one pose, however its numbers move."""
-        reader, data = copy.copy(self), mujoco.MjData(model)
-        reader._model, reader._tolerance = model, np.inf
-        data.qpos[:] = qpos
-        data.eq_active[:], data.mocap_pos[:], data.mocap_quat[:] = outside
-
-        def read() -> tuple[Array, Array]:
-            there = reader.at(data)
-            return there.J_T, there.J_C
-
-        return read
-
-    def _task_rows(self, data: mujoco.MjData, extra: int) -> Array:
-        """J_T, shape (m, nv + extra)."""
-        parts = [self._task(task, located, data) for task, located in self._tasks]
-        if len(parts) == 1 and not extra:
-            return parts[0]
-        J_T = np.concatenate(parts)
-        return np.hstack([J_T, np.zeros((len(J_T), extra))]) if extra else J_T
-
-    def _task(self, task: Task, located: LocatedRows, data: mujoco.MjData) -> Array:
-        """Rows of one task per qvel, shape (k, nv)."""
-        rows = located.jacobian(self._model, data)
-        if self._axes is None or task in self._in_own_axes:
-            return rows
-        blocks = rows.reshape(-1, 3, self._model.nv)
-        return (self._axes.rotation(data).T @ blocks).reshape(rows.shape)
-
-    def _forbidden(self, data: mujoco.MjData, now: Structure) -> Array:
-        """Rows of closures, transmissions, pins and limits.
-
-        Each transmission has one: row qvel less its own velocity is zero.
-        """
-        model, E = self._model, len(now.extra)
-        closed = now.closures.rows(model, data)
-        if not E and not self._pins and not self._stuck:
-            return closed
-        blocks = [closed]
-        if self._pins:
-            blocks.append(pin_rows(model, data, self._located_pins))
-        if self._stuck:
-            blocks.append(stuck_rows(model, data, self._stuck))
-        if not E:
-            return np.vstack(blocks)
-        mujoco.mj_transmission(model, data)
-        wide = [np.hstack([rows, np.zeros((len(rows), E))]) for rows in blocks]
-        driven = np.hstack([drive_rows(model, data, now.extra), -np.eye(E)])
-        return np.vstack([wide[0], driven, *wide[1:]])
+        frames = [frame for located in self._located for frame in located.frames]
+        angular = [each for located in self._located for each in located.angular]
+        read = frames_of(model, now.closures, self._pins, frames)
+        is_turn = np.array(angular, dtype=bool)
+        natural = Natural(model, read, now.closures, now.extra, self._pins, is_turn)
+        return _Known(now, natural, OfAnyPose(model, now.variables), {}, spare)
 
 
 class _Known(NamedTuple):
-    """What a reader has found of one set of equalities and actuators."""
+    """What a reader has found of one set of equalities and actuators.
+
+    Attributes:
+        structure: Of the Jacobians.
+        natural: Of their accuracy.
+        of_any_pose: Of the model.
+        kept: By the number of rows of limits, matrices, and views of J_T and J_C.
+        spare: Likewise, matrices of which nobody has a view.
+    """
 
     structure: Structure
     natural: Natural
     of_any_pose: OfAnyPose
+    kept: dict[int, tuple[Matrices, Array, Array]]
+    spare: dict[int, Matrices]
 
 
-def _rows_of(tasks: Iterable[tuple[Task, LocatedRows]]) -> dict[Task, slice]:
-    """Which rows of J_T belong to which task."""
-    rows, start = {}, 0
-    for task, located in tasks:
-        rows[task] = slice(start, start := start + len(located.angular))
-    return rows
+def _read_anew(
+    source: RowSource,
+    now: Structure,
+    qpos: Array,
+    outside: tuple[Array, ...],
+    model: mujoco.MjModel,
+) -> Callable[[], tuple[Array, Array]]:
+    """What reads J_T and J_C of a model like this one at one pose, however its numbers move."""
+    source, data, spare = source._replace(model=model), mujoco.MjData(model), {}
+    data.qpos[:] = qpos
+    data.eq_active[:], data.mocap_pos[:], data.mocap_quat[:] = outside
+
+    def read() -> tuple[Array, Array]:
+        bring_up_to_date(model, data)
+        return source.rows(data, now, spare)
+
+    return read
 
 
 def _outside(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[Array, Array, Array]:

@@ -72,6 +72,20 @@ class LocatedRows(Protocol):
         ...
 
 
+class WritesRows(LocatedRows, Protocol):
+    """The same without an array in between, for every tick."""
+
+    def write_jacobian(self, model: mujoco.MjModel, data: mujoco.MjData, out: Array) -> None:
+        """Overwrite an array (k, nv) by the rows."""
+        ...
+
+
+def new_rows(located: WritesRows, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
+    """The rows in an array of their own, shape (k, nv)."""
+    located.write_jacobian(model, data, rows := np.empty((len(located.angular), model.nv)))
+    return rows
+
+
 @runtime_checkable
 class HasRows(Protocol):
     """What has rows in any model, such as a :class:`sim.TaskFunction`."""
@@ -126,13 +140,18 @@ class LocatedFrame(NamedTuple):
 
     def jacobian(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
         """Its twist in world axes per qvel, shape (6, nv)."""
-        rows = self.frame.jacobian(model, data)
+        return new_rows(self, model, data)
+
+    def write_jacobian(self, model: mujoco.MjModel, data: mujoco.MjData, out: Array) -> None:
+        """Overwrite an array (6, nv) by it; without a root, one (3, nv) by its linear rows."""
+        self.frame.write_jacobian(model, data, out)
         if self.root is not None:
             root = self.root.jacobian(model, data)
-            arm = self.frame.position_m(data) - self.root.position_m(data)
-            rows -= root
-            rows[3:] -= np.cross(root[:3], arm, axisa=0, axisc=0)
-        return rows
+            out -= root
+            x, y, z = self.frame.position_m(data) - self.root.position_m(data)
+            out[3] -= root[1] * z - root[2] * y
+            out[4] -= root[2] * x - root[0] * z
+            out[5] -= root[0] * y - root[1] * x
 
 
 class LocatedCenter(NamedTuple):
@@ -153,9 +172,11 @@ class LocatedCenter(NamedTuple):
 
     def jacobian(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
         """Its velocity in world axes per qvel, shape (3, nv)."""
-        rows = np.zeros((3, model.nv))
-        mujoco.mj_jacSubtreeCom(model, data, rows, self.body)
-        return rows
+        return new_rows(self, model, data)
+
+    def write_jacobian(self, model: mujoco.MjModel, data: mujoco.MjData, out: Array) -> None:
+        """Overwrite an array (3, nv) by it."""
+        mujoco.mj_jacSubtreeCom(model, data, out, self.body)
 
 
 def located_task(model: mujoco.MjModel, task: Task) -> LocatedRows:

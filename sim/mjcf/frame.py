@@ -56,10 +56,13 @@ class Located(NamedTuple):
 
     def jacobian(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
         """Twist [angular; linear] of its origin in world axes per qvel, shape (6, nv)."""
-        rows = np.zeros((6, model.nv))
-        of_frame = mujoco.mj_jacSite if self.is_site else mujoco.mj_jacBody
-        of_frame(model, data, rows[3:], rows[:3], self.id)
+        self.write_jacobian(model, data, rows := np.empty((6, model.nv)))
         return rows
+
+    def write_jacobian(self, model: mujoco.MjModel, data: mujoco.MjData, out: Array) -> None:
+        """Overwrite an array (6, nv) by it, or one (3, nv) by its linear rows."""
+        of_frame = mujoco.mj_jacSite if self.is_site else mujoco.mj_jacBody
+        of_frame(model, data, out[-3:], out[:3] if len(out) > 3 else None, self.id)
 
 
 def located(model: mujoco.MjModel, argument: str, frame: str | Body) -> Located:

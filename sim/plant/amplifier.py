@@ -8,7 +8,7 @@ import numpy as np
 
 import argument_checks as check
 from sim.array import Array
-from sim.kinematics.pose import compiled
+from sim.compiled import compiled
 
 
 @dataclass(frozen=True)
@@ -51,6 +51,11 @@ class Amplifier:
         """Strut displacement at which the suspension balances the coil."""
         return _converted("input_percent", input_percent, self._to_displacement)
 
+    @property
+    def conversions(self) -> tuple[float, ...]:
+        """From inputs to displacements and back, as the compiled code takes them, five each."""
+        return *self._to_displacement, *self._to_input
+
     @cached_property
     def _to_input(self) -> "_Conversion":
         half = 2.0 ** (self.bits - 1)
@@ -78,6 +83,6 @@ class _Conversion(NamedTuple):
 
 def _converted(name: str, value: Array, conversion: _Conversion) -> Array:
     x = check.finite(name, value)
-    y = np.empty(x.size)
-    compiled().convert(x.reshape(-1), *conversion, y)
-    return y.reshape(x.shape)
+    y = np.empty(x.shape)
+    compiled().convert(x.ravel(), *conversion, y.reshape(-1))
+    return y

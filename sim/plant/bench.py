@@ -8,6 +8,7 @@ import numpy as np
 
 import argument_checks as check
 from sim.array import Array
+from sim.compiled import compiled
 from sim.kinematics.mechanism import JointPosture, Mechanism
 from sim.kinematics.pose import Pose, computed
 from sim.plant.failure import Failure
@@ -100,6 +101,7 @@ class Bench:
 
     Attributes:
         plant: The machine itself.
+        sensors: What is read of it.
         rotation: True rotation of the task frame at each tick, shape (N, 3, 3).
         translation_m: Its true translation, shape (N, 3).
         displacement: True displacements of the actuators, shape (N, n).
@@ -107,6 +109,7 @@ class Bench:
         qpos: Joint positions, shape (N, nq); None where they are not kept.
         actuator_force: As MuJoCo has it, at the end of the period before, shape (N, outputs); kept
             with them.
+        observed: The other arguments of `observe` in :mod:`sim._tick`, which writes this log.
     """
 
     def __init__(
@@ -157,7 +160,7 @@ class Bench:
         if drives is not None:
             check.function("drives", drives)
         time_s = check.frozen(check.series("time_s", time_s))
-        physics_steps("period_s", period_s, plant.model.opt.timestep)
+        self._steps = physics_steps("period_s", period_s, plant.model.opt.timestep)
         if floor_m_per_s2 is not None:
             floor_m_per_s2 = check.exactly("floor_m_per_s2", floor_m_per_s2, len(time_s), 3)
             floor_m_per_s2 = check.frozen(floor_m_per_s2)
@@ -174,7 +177,7 @@ class Bench:
                     f"hysteresis must have one row for each of {len(plant.drives)} actuators, "
                     f"got shape {hysteresis.slip.shape}"
                 )
-        self.plant, self._sensors, self._drives = plant, sensors, drives
+        self.plant, self.sensors, self._drives = plant, sensors, drives
         hooks = [getattr(events, name, None) for name in ("plant", "measured", "sent")]
         if events is not None and not any(map(callable, hooks)):
             raise TypeError("events must have plant, measured or sent, got " + check.shown(events))
@@ -183,36 +186,55 @@ class Bench:
         self._under_way = deque([plant.command] * delay)
         self._hysteresis = hysteresis
         self._stretch = np.zeros((1, 1) if hysteresis is None else hysteresis.slip.shape)
-        self._time_s, self._period_s, self._floor = time_s, period_s, floor_m_per_s2
+        self._time_s, self._floor = time_s, floor_m_per_s2
         self._to_come = sorted(failures, key=lambda failure: failure.time_s)
-        self._tick, ticks = 0, len(time_s)
+        self._tick, ticks, n = 0, len(time_s), len(plant.drives)
         self.rotation = np.empty((ticks, 3, 3))
         self.translation_m = np.empty((ticks, 3))
-        self.displacement = np.empty((ticks, len(plant.drives)))
+        self.displacement = np.empty((ticks, n))
         self.closure_residual_m = np.empty(ticks)
-        self.qpos = self.actuator_force = None
-        if check.flag("keep_qpos", keep_qpos):
-            self.qpos = np.empty((ticks, plant.model.nq))
-            self.actuator_force = np.empty((ticks, len(plant.data.actuator_force)))
+        log = self.rotation, self.translation_m, self.displacement, self.closure_residual_m
+        is_kept = check.flag("keep_qpos", keep_qpos)
+        widths = (plant.model.nq, len(plant.data.actuator_force)) if is_kept else (0, 0)
+        kept = [np.empty((ticks, width)) for width in widths]
+        self.qpos, self.actuator_force = kept if is_kept else (None, None)
+        self.observed = (*plant.observed(), *log, *kept)
 
     def measure(self) -> Reading:
         """What the sensors read, after what happens now."""
-        plant, tick = self.plant, self._tick
-        while self._to_come and self._to_come[0].time_s <= self._time_s[tick]:
-            self._to_come.pop(0).strike(plant)
-        if self._floor is not None:
-            plant.shake(self._floor[tick])
-        rotation, translation_m = self.rotation[tick], self.translation_m[tick]
-        displacement = self.displacement[tick]
-        plant.observe(rotation, translation_m, displacement)
-        self.closure_residual_m[tick] = plant.closure_residual_m()
-        if self.qpos is not None:
-            self.qpos[tick] = plant.data.qpos
-        if self.actuator_force is not None:
-            self.actuator_force[tick] = plant.data.actuator_force
-        pose = computed(Pose, rotation=rotation, translation_m=translation_m)
-        reading = self._sensors.read(pose, displacement)
+        self._happen()
+        tick, data = self._tick, self.plant.data
+        compiled().observe(tick, data.efc_pos, data.efc_id, data.ne, *self.observed)
+        pose = computed(Pose, rotation=self.rotation[tick], translation_m=self.translation_m[tick])
+        reading = self.sensors.read(pose, self.displacement[tick])
         return reading if self._on_measured is None else self._on_measured(tick, reading)
+
+    def advance(self, closed: Callable[..., Array | None]) -> bool:
+        """A tick whose inputs one compiled call finds; whether it did, else nothing has moved.
+
+        Args:
+            closed: Takes the first four arguments of `observe` in :mod:`sim._tick`, does the same
+                with :attr:`observed`, and returns inputs (n,), or None where it cannot.
+
+        Raises:
+            SimulationDiverged: As :meth:`Plant.step`.
+        """
+        if self._on_measured is not None:  # who changes readings wants to see them
+            return False
+        self._happen()
+        data = self.plant.data
+        inputs = closed(self._tick, data.efc_pos, data.efc_id, data.ne)
+        if inputs is not None:
+            self._drive(inputs)
+        return inputs is not None
+
+    def _happen(self) -> None:
+        """What is due at this tick, in which failures strike once."""
+        now_s = self._time_s[self._tick]  # compiled code would write beyond the log
+        while self._to_come and self._to_come[0].time_s <= now_s:
+            self._to_come.pop(0).strike(self.plant)
+        if self._floor is not None:
+            self.plant.shake(self._floor[self._tick])
 
     def apply(self, inputs: Array) -> None:
         """Drive the actuators for a period.
@@ -221,7 +243,10 @@ class Bench:
             ValueError: Not finite; or the displacements, of the drives if there are any, are not
                 one for each actuator.
         """
-        command, name = check.finite("inputs", inputs), "inputs"
+        self._drive(check.finite("inputs", inputs))
+
+    def _drive(self, command: Array) -> None:
+        name = "inputs"
         if self._on_sent is not None:
             command = self._on_sent(self._tick, command)
         if self._drives is not None:
@@ -234,7 +259,7 @@ class Bench:
             self._slip(self._hysteresis)
         if self._on_plant is not None:
             self._on_plant(self._tick, self.plant.model, self.plant.data)
-        self.plant.step(command, self._period_s)
+        self.plant.hold(command, self._steps)
         self._tick += 1
 
     def _slip(self, hysteresis: MaxwellSlip) -> None:

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
 from math import isfinite
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -14,10 +15,11 @@ from scipy.linalg.blas import dnrm2
 import argument_checks as check
 from sim.array import Array
 from sim.closing.equalities import active_closures, check_closures, equality_name
+from sim.compiled import compiled
 from sim.errors import ClosureError, ModelError, SimulationDiverged
 from sim.kinematics.displacements import Displacements
 from sim.kinematics.payload import Payload
-from sim.kinematics.pose import Pose, compiled
+from sim.kinematics.pose import Pose
 from sim.kinematics.reader import CLOSURE_TOLERANCE
 from sim.mjcf.drive import Drive, names_of, number_of
 from sim.mjcf.frame import Body, located
@@ -155,12 +157,12 @@ class Plant:
             ModelError: The period is not a whole number of physics steps.
             SimulationDiverged: The state is no longer finite.
         """
-        self._hold(command_m, physics_steps("period_s", period_s, self._opt.timestep))
+        steps = physics_steps("period_s", period_s, self._opt.timestep)
+        self.hold(check.exactly("command_m", command_m, len(self.drives)), steps)
 
-    def _hold(self, command_m: Array, steps: int) -> None:
-        """Hold the commanded displacements for so many physics steps; Ctrl-C ends it soon."""
+    def hold(self, command_m: Array, steps: int) -> None:
+        """As :meth:`step`, displacements and number of steps being checked; Ctrl-C ends it soon."""
         model, data = self.model, self.data
-        command_m = check.exactly("command_m", command_m, len(self.drives))
         mujoco.mj_getState(model, data, self._last, _STATE)
         data.ctrl[:] = self._commands.controls(command_m)
         self._command[:] = command_m
@@ -180,7 +182,9 @@ class Plant:
             ValueError, ModelError, SimulationDiverged: As :meth:`step`.
         """
         steps = physics_steps("seconds", seconds, self._opt.timestep)
-        self._hold(np.zeros(len(self.drives)) if command_m is None else command_m, steps)
+        n = len(self.drives)
+        at_m = np.zeros(n) if command_m is None else check.exactly("command_m", command_m, n)
+        self.hold(at_m, steps)
         self.data.time = 0.0
 
     def lock(self, actuator: int) -> None:
@@ -357,10 +361,22 @@ class Plant:
         rows = self.data.ne  # equalities come first
         return compiled().largest_gap(self.data.efc_pos, self.data.efc_id, self._is_loop, rows)
 
-    def observe(self, rotation: Array, translation_m: Array, displacement: Array) -> None:
-        """Overwrite (3, 3), (3,) and (n,) by :meth:`pose` and :meth:`displacements`, in a log."""
-        self._payload.write_pose(self.data, rotation, translation_m)
-        self._gauges.read(self.data, displacement)
+    def observed(self) -> tuple[Any, ...]:
+        """What the compiled code reads of :attr:`data` to log a tick, as `counts` and on there."""
+        data, gauges = self.data, self._gauges
+        return (
+            self._is_loop,
+            *self._payload.frames(data),
+            data.qpos,
+            gauges.joints,
+            gauges.qpos,
+            data.actuator_length,
+            gauges.others,
+            gauges.outputs,
+            gauges.gear,
+            gauges.nominal,
+            data.actuator_force,
+        )
 
     def integration_state(self) -> Array:
         """The complete state of the integration (mjSTATE_INTEGRATION)."""
@@ -432,6 +448,7 @@ def _place(
         return
     check_closures(model, data)
     mujoco.mj_fwdPosition(model, data)
-    gap, worst = active_closures(model, data).largest_gap(data)
-    if gap > CLOSURE_TOLERANCE:
-        raise ClosureError(equality_name(model, worst), gap, "call sim.assemble(model, data)")
+    closures = active_closures(model, data)
+    if (gap := closures.largest_gap(data)) > CLOSURE_TOLERANCE:
+        name = equality_name(model, closures.worst(data))
+        raise ClosureError(name, gap, "call sim.assemble(model, data)")

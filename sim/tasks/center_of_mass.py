@@ -8,7 +8,7 @@ import mujoco
 
 import argument_checks as check
 from sim.array import Array
-from sim.kinematics.task import CenterOfMass, LocatedCenter, located_center
+from sim.kinematics.task import CenterOfMass, LocatedCenter, located_center, new_rows
 from sim.mjcf.frame import Located
 from sim.tasks.function import TaskFunction, chosen_rows, rows_among
 
@@ -66,7 +66,11 @@ class LocatedCenterTask(NamedTuple):
 
     def jacobian(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
         """Rows of its velocity per qvel, shape (k, nv)."""
-        return chosen_rows(self.center.jacobian(model, data), self.rows)
+        return new_rows(self, model, data)
+
+    def write_jacobian(self, model: mujoco.MjModel, data: mujoco.MjData, out: Array) -> None:
+        """Overwrite an array (k, nv) by it."""
+        out[:] = chosen_rows(self.center.jacobian(model, data), self.rows)
 
     def error(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
         """Translation to the target, its rows, shape (k,)."""

@@ -10,9 +10,12 @@ import argument_checks as check
 from sim.array import Array
 from sim.kinematics.pose import Pose, way_between
 from sim.kinematics.target import target_pose
-from sim.kinematics.task import LocatedFrame
+from sim.kinematics.task import LocatedFrame, new_rows
 from sim.mjcf.frame import Body, Located, located
 from sim.tasks.function import TaskFunction, chosen_rows, rows_among, turned
+
+_AS_WRITTEN = tuple(range(6)), tuple(range(3, 6))
+"""Rows that a frame writes itself."""
 
 
 @dataclass(eq=False, kw_only=True)
@@ -123,10 +126,17 @@ class LocatedTwist(NamedTuple):
 
     def jacobian(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
         """Rows of the twist per qvel, shape (k, nv)."""
+        return new_rows(self, model, data)
+
+    def write_jacobian(self, model: mujoco.MjModel, data: mujoco.MjData, out: Array) -> None:
+        """Overwrite an array (k, nv) by it."""
+        if self.axes is None and self.moving.root is None and self.rows in _AS_WRITTEN:
+            self.moving.write_jacobian(model, data, out)
+            return
         twist = self.moving.jacobian(model, data)
         if self.axes is not None:
             twist = turned(self.axes.rotation(data), twist)
-        return chosen_rows(twist, self.rows)
+        out[:] = chosen_rows(twist, self.rows)
 
     def error(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
         """[rotation vector; translation] to the target, its rows, shape (k,)."""

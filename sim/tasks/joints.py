@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 import argument_checks as check
 from sim.array import Array
 from sim.errors import ModelError
+from sim.kinematics.task import new_rows
 from sim.mjcf.frame import Located
 from sim.mjcf.model import element_id
 from sim.mjcf.ranges import joint_positions, one_axis, turning
@@ -96,7 +97,12 @@ class LocatedRates(NamedTuple):
 
     def jacobian(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
         """Rows of the identity, shape (k, nv)."""
-        return np.eye(model.nv)[self.velocities]
+        return new_rows(self, model, data)
+
+    def write_jacobian(self, model: mujoco.MjModel, data: mujoco.MjData, out: Array) -> None:
+        """Overwrite an array (k, nv) by them."""
+        out[:] = 0.0
+        out[np.arange(len(out)), self.velocities] = 1.0
 
     def error(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
         """Displacement of each of these velocities to the target, shape (k,)."""
@@ -171,7 +177,11 @@ class LocatedCoupling(NamedTuple):
 
     def jacobian(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
         """The row, shape (1, nv)."""
-        return self.row[None]
+        return new_rows(self, model, data)
+
+    def write_jacobian(self, model: mujoco.MjModel, data: mujoco.MjData, out: Array) -> None:
+        """Overwrite an array (1, nv) by it."""
+        out[0] = self.row
 
     def error(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
         """What the sum lacks to its target, shape (1,)."""

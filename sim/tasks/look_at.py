@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 import argument_checks as check
 from argument_checks.ties import least
 from sim.array import Array
+from sim.kinematics.task import new_rows
 from sim.mjcf.frame import Body, Located, located
 from sim.tasks.function import TaskFunction
 
@@ -90,13 +91,18 @@ class LocatedGaze(NamedTuple):
 
     def jacobian(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
         """Angular velocity of the axis less that of the direction, per qvel, shape (2, nv)."""
+        return new_rows(self, model, data)
+
+    def write_jacobian(self, model: mujoco.MjModel, data: mujoco.MjData, out: Array) -> None:
+        """Overwrite an array (2, nv) by it."""
         twist = self.frame.jacobian(model, data)
         across = self.frame.rotation(data) @ self.across
         direction, distance = self._sight(data)
         if distance < _NEAREST_M:
-            return across.T @ twist[:3]
+            out[:] = across.T @ twist[:3]
+            return
         # The direction turns with -(direction x velocity) / distance.
-        return across.T @ twist[:3] + np.cross(across.T, direction) / distance @ twist[3:]
+        out[:] = across.T @ twist[:3] + np.cross(across.T, direction) / distance @ twist[3:]
 
     def error(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
         """The rotation vector from the axis to the direction, about the two axes, shape (2,)."""

@@ -27,6 +27,7 @@ def still(_: int) -> np.ndarray:
 STILL = np.zeros(12)
 PATH = RIG.path("circle", duration_s=0.4)
 OUTLOOK = Outlook(RIG.nominal, np.zeros(2), PATH, secondary=still, unused=still)
+GIVEN = dict(vars(OUTLOOK))
 
 
 @pytest.mark.parametrize("kind", ["locked", "free", "weak"])
@@ -77,7 +78,7 @@ GOES: Any = ("goes", None)
 def test_it_goes_over_if_the_expected_error_is_no_larger(p, costs):
     cases = [Case(p, [], STILL), Case(1 - p, [], STILL)]
     keys = [(name, case.probability) for name in ("stays", "goes") for case in cases]
-    table = Table(**vars(OUTLOOK), errors=dict(zip(keys, costs, strict=True)))
+    table = Table(**GIVEN, errors=dict(zip(keys, costs, strict=True)))
     goes = table.goes_over(STAYS, GOES, cases)
     staying, going = p * costs[0] + (1 - p) * costs[1], p * costs[2] + (1 - p) * costs[3]
     assert goes == (going <= max(staying, np.sqrt(2)))
@@ -86,7 +87,7 @@ def test_it_goes_over_if_the_expected_error_is_no_larger(p, costs):
 def test_one_chance_in_a_thousand_of_instability_is_enough_to_stay():
     cases = [Case(0.999, [], STILL), Case(0.001, [], STILL)]
     errors = {("stays", 0.999): 9.0, ("stays", 0.001): 9.0, ("goes", 0.999): 0.1}
-    table = Table(**vars(OUTLOOK), errors=errors | {("goes", 0.001): np.inf})
+    table = Table(**GIVEN, errors=errors | {("goes", 0.001): np.inf})
     assert not table.goes_over(STAYS, GOES, cases)
 
 
@@ -109,3 +110,25 @@ def test_a_decision_looks_a_second_ahead_from_where_the_path_is(monkeypatch):
     assert np.abs(latest - outlook.references[0]).max(axis=1).min() < 1e-12
     assert sum(case.probability for case in cases) == pytest.approx(1.0)
     assert [len(case.faults) for case in cases] == [1, 0]
+
+
+def test_what_cannot_be_is_not_flown_and_an_infinite_error_of_it_does_not_count():
+    """Nor are more cases of staying, once those before them cost as much as to go."""
+    flown = []
+
+    @dataclass(frozen=True)
+    class Noted(Table):
+        def rms(self, pilot, state, case):
+            """Of the table, and noted."""
+            flown.append((pilot[0], case.probability))
+            return super().rms(pilot, state, case)
+
+    errors = {("stays", 1.0): 9.0, ("goes", 1.0): 3.0, ("stays", 0.0): np.inf}
+    table = Noted(**GIVEN, errors=errors | {("goes", 0.0): np.inf})
+    assert table.goes_over(STAYS, GOES, [Case(1.0, [], STILL), Case(0.0, [], STILL)])
+    assert flown == [("g", 1.0), ("s", 1.0)]
+    flown.clear()
+    cases = [Case(0.9, [], STILL), Case(0.1, [], STILL)]
+    errors = {("stays", 0.9): 9.0, ("goes", 0.9): 3.0, ("goes", 0.1): 3.0}
+    assert Noted(**GIVEN, errors=errors).goes_over(STAYS, GOES, cases)
+    assert ("s", 0.1) not in flown

@@ -1,5 +1,6 @@
 """The compiled parts of a simulated tick, against numpy and scipy over random poses."""
 
+import mujoco
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -10,7 +11,7 @@ from experiments.rig.hexapod.controller import StrutMapping
 from ftc.control.mapping import PrioritizedMapping
 from ftc.goal import Goal
 from prioritized import Kinematics
-from sim import Hexapod, Plant, Pose, _tick, load_model
+from sim import Bench, Hexapod, Plant, Pose, TaskSensor, _tick, load_model
 
 SEEDS = range(8)
 
@@ -167,15 +168,41 @@ def test_the_largest_gap_is_that_of_the_rows_that_count():
         assert _tick.largest_gap(gaps, owners, counts, rows) == max(own, default=0.0)
 
 
-def test_a_log_has_the_pose_and_the_displacements_of_the_plant():
-    plant = Plant(load_model())
-    plant.step(1e-5 * np.arange(6), 0.02)
-    R, t, moved = np.empty((3, 3)), np.empty(3), np.empty(6)
-    plant.observe(R, t, moved)
-    np.testing.assert_array_equal(R, plant.pose().rotation)
-    np.testing.assert_array_equal(t, plant.pose().translation_m)
-    np.testing.assert_array_equal(moved, plant.displacements())
-    assert np.abs(moved).max() > 1e-8
+MIXED = """<mujoco><worldbody><body><joint name="j" axis="0 1 0" stiffness="9"/>
+<geom size=".1"/><site name="payload" pos="1 0 0"/>
+<body pos="1 0 0"><joint name="t" axis="0 1 0"/><geom size=".1"/></body></body></worldbody>
+<tendon><fixed name="t" stiffness="5"><joint joint="t" coef="2"/></fixed></tendon>
+<equality><joint name="lock2" joint1="j" active="false"/></equality>
+<actuator><position tendon="t" gear="3" kp="40"/><motor joint="j"/></actuator></mujoco>"""
+"""Drives of both kinds, a tendon first; seen from the world."""
+
+
+@pytest.mark.parametrize(
+    "plant",
+    [
+        lambda: Plant(load_model()),
+        lambda: Plant(mujoco.MjModel.from_xml_string(MIXED), base=None),
+    ],
+    ids=["hexapod", "tendon and joint"],
+)
+def test_a_log_has_what_the_plant_says_of_itself_at_each_tick(plant):
+    plant = plant()
+    period_s = plant.model.opt.timestep * 4
+    sensors = TaskSensor([0], 0.0, 0.0, seed=0)
+    bench = Bench(plant, sensors, time_s=np.arange(3.0), period_s=period_s, keep_qpos=True)
+    for tick in range(3):
+        bench.measure()
+        assert bench.qpos is not None and bench.actuator_force is not None
+        np.testing.assert_array_equal(bench.rotation[tick], plant.pose().rotation)
+        np.testing.assert_array_equal(bench.translation_m[tick], plant.pose().translation_m)
+        np.testing.assert_array_equal(bench.displacement[tick], plant.displacements())
+        np.testing.assert_array_equal(bench.qpos[tick], plant.data.qpos)
+        np.testing.assert_array_equal(bench.actuator_force[tick], plant.data.actuator_force)
+        assert bench.closure_residual_m[tick] == plant.closure_residual_m()
+        bench.apply(1e-5 * np.arange(len(plant.drives)))
+    assert np.abs(bench.displacement[2]).max() > 1e-8
+    with pytest.raises(IndexError):
+        bench.measure()
 
 
 def test_a_converter_scales_rounds_and_clips():
@@ -214,3 +241,22 @@ def test_next_to_a_singularity_the_elimination_decides():
     kinematics = mapping.kinematics_at(A)
     assert type(kinematics) is Kinematics
     assert kinematics.manipulability(MAJOR).unstable
+
+
+@pytest.mark.parametrize("bad", [0.0, np.nan, np.inf])
+def test_the_largest_gap_in_its_unit_is_that_of_all_and_nothing_hides_one_that_is_not_finite(bad):
+    gaps, units = np.random.default_rng(0).normal(size=(2, 9))
+    gaps[4] += bad
+    np.testing.assert_array_equal(_tick.largest(gaps, units[:7]), np.abs(gaps * units)[:7].max())
+
+
+def test_rows_at_the_midpoint_move_each_pair_by_half_of_its_gap_across_the_axis():
+    rng = np.random.default_rng(1)
+    gaps, axes, J = rng.normal(size=8), rng.normal(size=(5, 6)), rng.normal(size=(8, 5))
+    points = np.array([1, 2, 3, 5, 6, 7])
+    carried = np.repeat(rng.integers(0, 3, size=(2, 5)), 3, axis=0).astype(float)
+    expected = J.copy()
+    for own in points.reshape(2, 3):
+        expected[own] += carried[own[0] // 4 * 3] * np.cross(gaps[own] / 2, axes[:, :3]).T
+    _tick.at_midpoints(gaps, axes, points, carried, J)
+    np.testing.assert_allclose(J, expected, rtol=1e-14)

@@ -347,6 +347,26 @@ def test_what_a_solution_says_of_itself_is_of_its_velocity(model, frame, size):
         np.testing.assert_allclose(answer.qvel, expected, rtol=0, atol=close)
 
 
+@pytest.mark.parametrize("model, frame", [(ARM, "payload"), (ARMS, Body("load"))])
+def test_a_solution_that_is_kept_says_the_same_after_further_steps(model, frame):
+    """Whether it was asked before or not; and its velocity is that of a step, to the bit."""
+    data, tool = bent(model, 4, 0.1), FrameTask(frame)
+    ik = Ik(model, [tool, PostureTask(target=data.qpos)], Limits(velocity=2.0))
+    kept, said = [], []
+    for _ in range(3):
+        tool.target = shifted(pose_of(model, data, frame), 0.01, 0.0, 0.01)
+        kept.append(ik.solve(data, DT))
+        asked = ik.solve(data, DT)
+        said.append((asked.qvel.copy(), asked.kinematics.J.copy(), asked.residuals, str(asked)))
+        np.testing.assert_array_equal(ik.step(data, DT), asked.qvel)
+        ik.advance(data, asked.qvel, DT, into=data)
+    for solution, (qvel, J, residuals, words) in zip(kept, said, strict=True):
+        np.testing.assert_array_equal(solution.qvel, qvel)
+        np.testing.assert_array_equal(solution.kinematics.J, J)
+        np.testing.assert_equal(solution.residuals, residuals)
+        assert str(solution) == words
+
+
 def test_time_and_velocity_of_the_state_after_say_how_it_got_there():
     data, tool = bent(MOBILE, 5, 0.1), FrameTask("tool", target=np.ones(3))
     ik = Ik(MOBILE, [tool], Limits(velocity=1.0))

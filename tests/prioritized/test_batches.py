@@ -74,3 +74,19 @@ def test_the_fast_way_of_batches_agrees_with_the_gains(of_J, of_W1, of_v, m2):
         (gain @ x[..., None])[..., 0] for gain, x in zip(gains, (v, rates_d, v_sd), strict=True)
     )
     np.testing.assert_allclose(mapping(v, rates_d, v_sd), expected, atol=1e-9)
+
+
+@pytest.mark.parametrize(("n", "p", "m"), [(6, 2, 6), (9, 2, 4), (4, 3, 5), (3, 3, 3)])
+def test_a_batch_has_the_rates_of_its_problems_one_by_one_near_a_singularity_too(n, p, m):
+    """The first major row fades from problem to problem, to below what counts."""
+    rng, count = np.random.default_rng(0), 53
+    J = rng.normal(size=(count, m, n))
+    J[:, 0] = J[:, p - 1] + np.logspace(0, -16, count)[:, None] * J[:, 0]
+    v, joint, secondary = (rng.normal(size=(count, k)) for k in (p, n, m - p))
+    weights = rng.uniform(0.5, 2.0, size=n), rng.uniform(0.5, 2.0, size=m - p)
+    together = velocity_mapping(J, list(range(p)), None, *weights)(v, joint, secondary)
+    for k in range(count):
+        alone = velocity_mapping(J[k], list(range(p)), None, *weights)(v[k], joint[k], secondary[k])
+        least = np.linalg.svd(J[k, :p], compute_uv=False)[-1]
+        error = 1e-14 / least if least > 1e-11 else 1e-9
+        np.testing.assert_allclose(together[k], alone, rtol=0, atol=error * (1 + abs(alone).max()))

@@ -367,7 +367,7 @@ TRUSTED = {
     # what its parts ask of each other, of what was checked
     *(f"Kinematics.{name}" for name in ("cleaned", "gain_uncertainty", "gap_of", "holds")),
     *("Kinematics.in_order", "Kinematics.measure", "VelocityMapping.belonging_to"),
-    "Hierarchy.undamped",
+    *("Hierarchy.undamped", "Tick.at", "Tick.limits", "Tick.of_plain"),
     *("Failures.and_also", "Failures.in_words"),
 }
 

@@ -202,3 +202,13 @@ def test_one_of_many_major_rows_may_be_given_in_any_length(seed, m1):
     assert holding(one) == holding(ten)
     np.testing.assert_allclose(one.gaps["unstable_major"], ten.gaps["unstable_major"])
     assert 10.0 * one.worst_gain == pytest.approx(ten.worst_gain)
+
+
+def test_what_is_not_asked_for_is_not_decided():
+    """A flag needs its own singular values, and sentences need them all."""
+    report = ConstrainedSystem(np.eye(2), None, [0, 1]).kinematics().manipulability([0])
+    assert not {"_first", "_second", "moved", "aside"} & set(vars(report._task))
+    assert report.unmanipulable in (True, False)
+    assert "_first" in vars(report._task) and "aside" not in vars(report._task)
+    assert str(report)
+    assert "aside" in vars(report._task)

@@ -62,6 +62,42 @@ def test_compilation_is_one_record_and_a_warm_cache_is_silent(loaded, caplog):
     assert caplog.messages == []
 
 
+CALLER = """
+import sys
+
+from numba import types
+
+from argument_checks.compilation import kernel
+
+kernels = sys.modules["kernels"]
+called = kernels.first
+
+@kernel(types.float64(types.float64), calls=(kernels,))
+def twice(x):
+    return called(called(x))
+"""
+
+
+def test_what_calls_a_kernel_of_another_file_is_compiled_anew_when_that_changes(
+    loaded, tmp_path, monkeypatch, caplog
+):
+    def twice(x: float) -> float:
+        loaded()
+        spec = importlib.util.spec_from_file_location("caller", tmp_path / "caller.py")
+        assert spec and spec.loader
+        module = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+        return module.twice(x)
+
+    (tmp_path / "caller.py").write_text(CALLER)
+    assert twice(4.0) == 4.0
+    caplog.clear()
+    assert twice(8.0) == 8.0
+    assert caplog.messages == []
+    (tmp_path / "kernels.py").write_text(KERNELS.replace("1 / x", "3 + x"))
+    assert twice(4.0) == 10.0
+
+
 def works(module) -> bool:
     return module.first(4.0) == 0.25 and module.second(2.0) == -2.0
 
@@ -146,8 +182,8 @@ def test_make_venv_compiles_everything_so_that_no_test_waits_for_it():
     named = set(re.findall(r"\w+", line))
     kernels = {
         file.stem
-        for room in ("prioritized", "sim", "ftc")
+        for room in ("prioritized", "sim", "ftc", "experiments")
         for file in (root / room).rglob("*.py")
         if re.search(r"^@kernel\(", file.read_text(), re.MULTILINE)
     }
-    assert len(kernels) >= 9 and kernels - named == set()
+    assert len(kernels) >= 11 and kernels - named == set()

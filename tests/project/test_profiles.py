@@ -69,3 +69,17 @@ def test_whoever_runs_one_test_does_not_wait_for_what_it_does_not_need():
         [sys.executable, "-c", LIGHT], cwd=ROOT, check=True, capture_output=True, text=True
     )
     assert done.stdout.split() == []
+
+
+CONTROLLER = """
+import sys
+import ftc
+print(*{"control", "matplotlib", "mujoco", "scipy.signal", "scipy.stats"} & set(sys.modules))
+"""
+
+
+def test_controllers_wait_neither_for_the_design_of_loops_nor_for_plots():
+    done = subprocess.run(
+        [sys.executable, "-c", CONTROLLER], cwd=ROOT, check=True, capture_output=True, text=True
+    )
+    assert done.stdout.split() == []

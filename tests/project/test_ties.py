@@ -92,6 +92,7 @@ ROOT = Path(__file__).parents[2]
 CHOOSES_OTHERWISE = {
     "argument_checks/ties.py": "the rule itself",
     "experiments/app/review.py": "places in a text",
+    "experiments/benchmark/closed_loop.py": "times of a clock",
     "experiments/figures/figure.py": "the first that is true",
     "experiments/recording/animation.py": "times that a user gave",
     "experiments/recording/drawing.py": "what is painted over what",
@@ -105,6 +106,7 @@ CHOOSES_OTHERWISE = {
     "experiments/track/failures.py": "times that a user gave",
     "experiments/track/happened.py": "times that a user gave",
     "experiments/uncorrected/answer.py": "counts",
+    "prioritized/_mapping/plan.py": "whole numbers",
     "prioritized/_solver/rank.py": "what counts before what does not",
     "sim/mjcf/accuracy.py": "the first that is true",
     "sim/plant/bench.py": "times that a user gave",

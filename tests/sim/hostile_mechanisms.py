@@ -138,6 +138,9 @@ TARGETS = {
     "JacobianReader.at": Target(
         lambda **a: numbers(JacobianReader(ARM, "payload").at(**a)), {"data": AT_REST}
     ),
+    "JacobianReader.read": Target(
+        lambda **a: numbers(JacobianReader(ARM, "payload").read(**a)), {"data": AT_REST}
+    ),
     "jacobians": Target(lambda **a: numbers(jacobians(**a)), HERE | READER),
     "pose_of": Target(pose_of, HERE | {"site": "payload", "axes": "base"}),
     "pose_error": Target(

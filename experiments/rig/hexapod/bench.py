@@ -1,7 +1,9 @@
 """The hexapod in a loop: the settled plant with detector, gauges, amplifiers, floor, failures."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from copy import deepcopy
+from dataclasses import astuple, replace
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -52,7 +54,7 @@ def simulated(
     floors = [f for f in (floor_m_per_s2, machine.floor(ticks, period_s)) if f is not None]
     return Bench(
         plant,
-        _Sensors(bench, seed, machine.zero_rad(ticks, period_s)),
+        HexapodSensors(bench, seed, machine.zero_rad(ticks, period_s)),
         time_s=time_s,
         period_s=period_s,
         failures=failures,
@@ -65,18 +67,35 @@ def simulated(
     )
 
 
-class _Sensors:
+class HexapodSensors:
     """The detector behind the telescope, its zero (N, 2) adrift, and the gauges."""
 
     def __init__(self, bench: TestbedConfig, seed: int, zero_rad: Array) -> None:
+        """Begin at the first tick; the seed is that of all noise."""
         self._detector, self._gauges = bench.detector(), bench.strut_sensors()
         # Sources of their own: whether gauges are read changes nothing of the detector's noise.
         self._detector_rng = np.random.default_rng(seed)
         self._gauge_rng = np.random.default_rng([seed, 1])
-        self._zeros_rad = iter(zero_rad)
+        self._zero_rad, self._tick = zero_rad, 0
 
     def read(self, pose: Pose, displacements: Array) -> Reading:
+        """Pointing and displacements, with noise."""
+        zero_rad, self._tick = self._zero_rad[self._tick], self._tick + 1
         return Reading(
-            output=self._detector.read(pose.rotation, self._detector_rng) + next(self._zeros_rad),
+            output=self._detector.read(pose.rotation, self._detector_rng) + zero_rad,
             displacement=self._gauges.read(displacements, self._gauge_rng),
         )
+
+    def detecting(self, ticks: int) -> tuple[Any, ...]:
+        """What the detector's first readings are made of, as the compiled code takes it.
+
+        Its optics, noise (N, 2) and zeros (N, 2); nothing is read yet.
+        """
+        noise = deepcopy(self._detector_rng).standard_normal((ticks, 2))
+        return *astuple(self._detector), noise, self._zero_rad
+
+    def skip(self, ticks: int) -> None:
+        """Go on as if so many ticks had been read."""
+        self._detector_rng.standard_normal((ticks, 2))
+        self._gauge_rng.standard_normal((ticks, 6))
+        self._tick += ticks

@@ -56,9 +56,9 @@ class StrutKinematics(Kinematics):
     @property
     def clear(self) -> float:
         """As of exact Jacobians."""
-        return _CLEAR
+        return CLEARLY_REGULAR
 
 
 _SIZE_OF_J_T = sqrt(6.0)
 _NO_ROWS = np.zeros((0, 6))
-_CLEAR = 2.0 * RANK_TOLERANCE
+CLEARLY_REGULAR = 2.0 * RANK_TOLERANCE

@@ -1,14 +1,15 @@
 """The hexapod's controller: the compensators of Fig. 3, the mapping to strut displacements."""
 
 from dataclasses import dataclass
-from functools import partial
-from typing import TYPE_CHECKING
+from functools import cache, partial
+from typing import TYPE_CHECKING, Any
 
 import mujoco
 import numpy as np
 
+import argument_checks as check
 from experiments.rig.hexapod.choices import JacobianChoice
-from experiments.rig.hexapod.closed_form import StrutKinematics
+from experiments.rig.hexapod.closed_form import CLEARLY_REGULAR, StrutKinematics
 from experiments.rig.hexapod.columns import MAJOR, SECONDARY
 from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
 from ftc.control.compensator import (
@@ -166,6 +167,14 @@ class HexapodGeometry:
         return self.hexapod.moved(pose, displacements)
 
 
+@cache
+def compiled() -> Any:
+    """The compiled code, loaded when first needed: the compiler takes some 0.3 s."""
+    from experiments.rig.hexapod import _strut_tick
+
+    return _strut_tick
+
+
 def task_coordinates(pose: Pose) -> Array:
     """[alpha, beta, gamma, t_x, t_y, t_z] of a pose, shape (6,)."""
     secondary = secondary_motion(pose.rotation, pose.translation_m)
@@ -204,6 +213,46 @@ class StrutMapping(PrioritizedMapping[Pose]):
         own = HexapodGeometry(geometry, constant=jacobian == "constant", stiffness=stiffness)
         how = {"limits": limits, "when_limited": when_limited}
         super().__init__(own, goal, MAJOR, SECONDARY, form, task_coordinates, **how)
+        self._compiled = self._one_call()
+
+    def _one_call(self) -> tuple[Any, ...] | None:
+        """What the compiled code takes beside the Jacobian; None where it does not apply."""
+        ready, is_absolute = self._prepared.ready, self.form == "absolute"
+        if ready is None or not is_absolute or not self._is_closed_form or self._is_off_centre:
+            return None
+        return self._surviving, *ready.weighed, CLEARLY_REGULAR, ready.exact, ready.room
+
+    def following(self) -> tuple[Any, ...] | None:
+        """What the compiled code takes to estimate a pose and map a demand there; None: it cannot.
+
+        Nodes and lengths of the struts, whether their Jacobian is constant, and the arguments of
+        :meth:`displacements`.
+        """
+        if self._compiled is None or not self._are_all_held:
+            return None
+        own, constant = self.geometry, self.jacobian == "constant"
+        return own.bottom_m, own.top_m, own.nominal_length_m, constant, *self._compiled
+
+    def displacements(
+        self,
+        demand: Array,
+        pose: Pose,
+        commanded: Array | None = None,
+        last: PreviousCommand | None = None,
+        secondary_reference: Array | None = None,
+    ) -> Array:
+        """As of any mechanism; in one compiled call where nothing but the demand asks for them."""
+        if (
+            self._compiled is not None
+            and secondary_reference is None
+            and check.is_plain(demand)
+            and demand.ndim == 1
+        ):
+            A, displacements = self._model.jacobian(self._model.posture(pose)), np.empty(6)
+            code = compiled()
+            if code.displace(A, *self._compiled, demand, displacements) == code.DONE:
+                return displacements
+        return super().displacements(demand, pose, commanded, last, secondary_reference)
 
     def kinematics_at(self, jacobian: Array) -> Kinematics:
         """Of the surviving struts where l_dot = A x_dot; eliminated only where it is needed."""

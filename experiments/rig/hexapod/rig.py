@@ -1,8 +1,9 @@
 """The rig of the testbed's own machine."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -10,6 +11,7 @@ from experiments.rig.dither import dither_of
 from experiments.rig.hexapod.bench import settled, simulated
 from experiments.rig.hexapod.choices import STRUTS
 from experiments.rig.hexapod.columns import COLUMNS, MAJOR
+from experiments.rig.hexapod.compiled_loop import begun
 from experiments.rig.hexapod.controller import StrutMapping, controller_for, nominal_loops
 from experiments.rig.hexapod.fault_tolerance import (
     DITHER,
@@ -29,6 +31,7 @@ from ftc.controller import PrioritizedController
 from ftc.fdi.dither import Dither
 from ftc.fdi.fault_model import Fault, by_kind
 from ftc.goal import Goal
+from ftc.loop import LoopRun
 from ftc.sensor_check import SensorCheck
 from ftc.sensors import SensorChecks
 from ftc.supervisor import Supervisor, supervisor_for
@@ -117,6 +120,17 @@ class HexapodRig(Rig):
             floor = after_rest(len(time_s) - len(floor), floor)
         around = {"start_m": self.start_m, "floor_m_per_s2": floor}
         return simulated(self._settled, time_s, failures, seed, events=events, **around)
+
+    def begun(
+        self,
+        bench: Bench,
+        pilot: Any,
+        reference: Array,
+        feedforward: Array | None,
+        on_tick: Callable[[int], None] | None,
+    ) -> LoopRun[Any] | None:
+        """In compiled code."""
+        return begun(bench, pilot, reference, feedforward, on_tick)
 
     @cached_property
     def _settled(self) -> Testbed:

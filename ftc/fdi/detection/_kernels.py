@@ -4,7 +4,7 @@ The functions stand in one file, because the compiler's cache notices a change o
 """
 
 import numpy as np
-from numba import types
+from numba import njit, types
 
 from argument_checks.compilation import kernel
 
@@ -12,44 +12,50 @@ _1, _2, _3 = (types.Array(types.float64, n, "C") for n in range(1, 4))
 _FASTMATH = {"reassoc", "contract"}
 
 
-@kernel(_2(_2, _1), fastmath=_FASTMATH)
-def spread(root, deviations):  # pragma: no cover
-    """Root (k, k) with the squares of deviations (k,) added to its covariance.
+_inlined = njit(error_model="numpy", fastmath=_FASTMATH)
 
-    By Givens rotations, which leave it lower triangular.
+
+@_inlined
+def _spread(upper, deviations):  # pragma: no cover
+    """Make upper (k, k), the transpose of a root, that of :func:`spread`, in place.
+
+    Column by column one reflection takes all steps into the diagonal.
     """
-    k = len(root)
-    upper, step = root.T.copy(), np.zeros(k)
-    for i in range(k):
-        if deviations[i] == 0.0:
+    k = len(upper)
+    steps, unit, along = np.zeros((k, k)), np.empty(k), np.empty(k)
+    for j in range(k):
+        steps[j, j] = deviations[j]
+        square = 0.0
+        for i in range(j + 1):
+            square += steps[i, j] ** 2
+        size = np.sqrt(square)
+        if size == 0.0:
             continue
-        step[i] = deviations[i]
-        for j in range(i, k):
-            length = np.sqrt(upper[j, j] ** 2 + step[j] ** 2)
-            if length == 0.0:
-                continue
-            cosine, sine = upper[j, j] / length, step[j] / length
+        length = np.sqrt(upper[j, j] ** 2 + square)
+        cosine, sine = upper[j, j] / length, size / length
+        along[j:] = 0.0
+        for i in range(j + 1):
+            unit[i] = steps[i, j] / size
             for a in range(j, k):
-                kept = upper[j, a]
-                upper[j, a] = cosine * kept + sine * step[a]
-                step[a] = cosine * step[a] - sine * kept
-        step[:] = 0.0
-    return upper.T.copy()
+                along[a] += unit[i] * steps[i, a]
+        for a in range(j, k):
+            kept, step = upper[j, a], along[a]
+            upper[j, a] = cosine * kept + sine * step
+            along[a] = cosine * step - sine * kept - step
+        for i in range(j + 1):
+            for a in range(j, k):
+                steps[i, a] += unit[i] * along[a]
 
 
-@kernel(types.Tuple((_1, _1, _2))(_1, _2, _1, _2), fastmath=_FASTMATH)
-def measured(mean, root, white, regressors):  # pragma: no cover
-    """Errors (p,), mean (k,) and root (k, k) after :meth:`.Parameters.measured`.
-
-    One output after another, each by rotations of [1, g' root; 0, root] into [deviation of its
-    error, 0; gain, root after it].
-    """
+@_inlined
+def _measured(mean, upper, white, regressors, errors):  # pragma: no cover
+    """Errors (p,), mean (k,) and the transposed root (k, k) of :func:`measured`, in place."""
     k, p = regressors.shape
-    after, upper, errors, gain = mean.copy(), root.T.copy(), np.empty(p), np.empty(k)
+    gain = np.empty(k)
     for i in range(p):
         left, deviation, gain[:] = white[i], 1.0, 0.0
         for a in range(k):
-            left -= after[a] * regressors[a, i]
+            left -= mean[a] * regressors[a, i]
         for j in range(k - 1, -1, -1):
             seen = 0.0
             for a in range(j, k):
@@ -63,23 +69,30 @@ def measured(mean, root, white, regressors):  # pragma: no cover
             deviation = length
         errors[i] = left / deviation
         for a in range(k):
-            after[a] += gain[a] * errors[i]
+            mean[a] += gain[a] * errors[i]
+
+
+@kernel(_2(_2, _1), fastmath=_FASTMATH)
+def spread(root, deviations):  # pragma: no cover
+    """Root (k, k) with the squares of deviations (k,) added to its covariance.
+
+    By reflections, which leave it lower triangular.
+    """
+    upper = root.T.copy()
+    _spread(upper, deviations)
+    return upper.T.copy()
+
+
+@kernel(types.Tuple((_1, _1, _2))(_1, _2, _1, _2), fastmath=_FASTMATH)
+def measured(mean, root, white, regressors):  # pragma: no cover
+    """Errors (p,), mean (k,) and root (k, k) after :meth:`.Parameters.measured`.
+
+    One output after another, each by rotations of [1, g' root; 0, root] into [deviation of its
+    error, 0; gain, root after it].
+    """
+    after, upper, errors = mean.copy(), root.T.copy(), np.empty(len(white))
+    _measured(after, upper, white, regressors, errors)
     return errors, after, upper.T.copy()
-
-
-@kernel(types.Tuple((_1, _2))(_3, _2), fastmath=_FASTMATH)
-def whitened(memory, whitening):  # pragma: no cover
-    """Whitened residuals (p,), and regressors (J + p, p) of the errors and of the offsets."""
-    q, rows, p = memory.shape
-    white, regressors = np.zeros(p), np.zeros((rows - 1 + p, p))
-    for lag in range(q):
-        for i in range(p):
-            weight = whitening[q - 1 - lag, i]
-            white[i] += weight * memory[lag, 0, i]
-            regressors[rows - 1 + i, i] += weight
-            for row in range(1, rows):
-                regressors[row - 1, i] += weight * memory[lag, row, i]
-    return white, regressors
 
 
 @kernel(types.Tuple((_2, _2))(_2, _2, _1, types.float64))
@@ -93,6 +106,73 @@ def correlated(recent, covariance, residual, rate):  # pragma: no cover
             product = later[q - 1 - lag, i] * residual[i]
             after[lag, i] = covariance[lag, i] + rate * (product - covariance[lag, i])
     return later, after
+
+
+@kernel(
+    types.Tuple((_3, _1, types.boolean, _1, _2, _2, _2))(
+        *(_3, _2, _1, _2, _1, _2, _1, _2, _2),
+        *(types.float64, types.float64, types.boolean),
+    ),
+    fastmath=_FASTMATH,
+)
+def corrected(
+    memory,
+    predicted,
+    y,
+    whitening,
+    mean,
+    root,
+    drift,
+    recent,
+    covariance,
+    rate,
+    largest,
+    learns,
+):  # pragma: no cover
+    """What a sample (p,) makes of a state: see :meth:`.Watch.step`, whose second half this is.
+
+    Args:
+        memory: Residuals and regressors before it, shape (q + 1, 1 + J, p).
+        predicted: Outputs of the model, and what each error adds to them, shape (1 + J, p).
+        y: Mean outputs.
+        whitening: Shape (q + 1, p).
+        mean: Of the parameters, shape (J + p,).
+        root: Of their covariance.
+        drift: Standard deviations of their steps, shape (J + p,).
+        recent: Of the spectrum, as its covariance (q + 1, p).
+        covariance: See there.
+        rate: Weight of this sample in the covariance.
+        largest: Sum of squares of an innovation that is still learned from.
+        learns: Whether anything is.
+
+    Returns:
+        Memory, innovation (p,), whether it was learned from, mean, root, recent and covariance
+        after it; the last four as they were if it was not.
+    """
+    q, rows, p = memory.shape
+    J = rows - 1
+    later = np.empty_like(memory)
+    later[: q - 1], later[q - 1] = memory[1:], predicted
+    white, regressors, left, residual = np.zeros(p), np.zeros((J + p, p)), np.empty(p), np.empty(p)
+    later[q - 1, 0] = y - predicted[0]
+    for lag in range(q):
+        for i in range(p):
+            weight = whitening[q - 1 - lag, i]
+            white[i] += weight * later[lag, 0, i]
+            regressors[J + i, i] += weight
+            for row in range(J):
+                regressors[row, i] += weight * later[lag, row + 1, i]
+    after, upper = mean.copy(), root.T.copy()
+    _measured(after, upper, white, regressors, residual)
+    if not learns or (residual**2).sum() > largest:
+        return later, residual, False, mean, root, recent, covariance
+    for i in range(p):
+        left[i] = later[q - 1, 0, i] - after[J + i]
+        for row in range(J):
+            left[i] -= after[row] * later[q - 1, row + 1, i]
+    _spread(upper, drift)
+    products = correlated(recent, covariance, left, rate)
+    return later, residual, True, after, upper.T.copy(), products[0], products[1]
 
 
 @kernel(_1(_1))

@@ -7,7 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from argument_checks import Array
-from ftc.fdi.detection._kernels import whitened
+from ftc._records import changed
+from ftc.fdi.detection._kernels import corrected
 from ftc.fdi.detection.parameter_filter import Parameters, drift
 from ftc.fdi.detection.whitening import Spectrum
 from ftc.fdi.diagnosis import FdiConfig
@@ -135,38 +136,32 @@ class Watch:
         With `gated` not by an innovation that is too large for noise. A sample that was not
         measured is as the model predicts it, whatever its parameters are, which drift meanwhile.
         """
-        config, p = self.config, len(self.model.C)
+        config, before = self.config, state.parameters
         measured = 0 if y is None else state.measured + 1
         whole = measured > config.order
-        moment = Moment(state.sample, state.X, state.memory, state.parameters, v, y, whole)
-        parameters, spectrum, residual = state.parameters, state.spectrum, np.zeros(p)
-        Y, X = self.model.step(state.X, v)
+        moment = Moment(state.sample, state.X, state.memory, before, v, y, whole)
+        predicted, X = self.model.step(state.X, v)
         if y is None:
-            Y[:] = 0.0
-            parameters = parameters.spread(self._drift)
+            memory = np.concatenate([state.memory[1:], np.zeros_like(predicted)[None]])
+            parameters, spectrum = before.spread(self._drift), state.spectrum
+            residual = np.zeros(predicted.shape[1])
         else:
-            Y[0] = y - Y[0]
-        memory = np.concatenate([state.memory[1:], Y[None]])
-        if y is not None:
-            residual, updated = parameters.measured(*whitened(memory, state.whitening))
+            spectrum = state.spectrum
             known = spectrum.samples * self.period_s >= config.learning_s
-            large = gated and known and residual @ residual > self.largest
-            if learns and whole and not large:
-                left = Y[0] - updated.mean[:-p] @ Y[1:] - updated.mean[-p:]
-                spectrum = spectrum.with_residual(left, config.memory_s / self.period_s)
-                parameters = updated.spread(self._drift)
-        after = WatchState(
-            state.sample + 1,
-            X,
-            memory,
-            parameters,
-            spectrum,
-            state.whitening,
-            state.decoupled,
-            residual,
-            measured,
-        )
-        return after, moment
+            memory, residual, is_learned, *after = corrected(
+                *(state.memory, predicted, y, state.whitening),
+                *(before.mean, before.root, self._drift),
+                *(spectrum.recent, spectrum.covariance),
+                1 / min(spectrum.samples + 1, config.memory_s / self.period_s),
+                self.largest if gated and known else np.inf,
+                learns and whole,
+            )
+            parameters = Parameters(after[0], after[1]) if is_learned else before
+            if is_learned:
+                spectrum = Spectrum(after[2], after[3], spectrum.samples + 1)
+        after = {"X": X, "memory": memory, "parameters": parameters, "spectrum": spectrum}
+        seen = {"residual": residual, "measured": measured}
+        return changed(state, sample=state.sample + 1, **after, **seen), moment
 
     def samples(self, time_s: float) -> int:
         """So many samples last so long."""

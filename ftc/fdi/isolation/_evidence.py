@@ -1,8 +1,8 @@
 """One sample of evidence for all hypotheses, compiled.
 
 All compiled code of an entry point stands in one file, because the compiler's cache notices a
-change of the file only. Arguments are those of :class:`.Evidence` and its bank,
-and arrays of the evidence are overwritten where `steps` (H, K).
+change of the file only. Arguments are those of :class:`.Evidence` and its bank, and what they
+compute is of the hypotheses and onsets that `steps` (H, K).
 """
 
 import numpy as np
@@ -10,9 +10,10 @@ from numba import types
 
 from argument_checks.compilation import kernel
 
-_1, _2, _3, _4, _5 = (types.Array(types.float64, n, "C") for n in range(1, 6))
-_flags = types.Array(types.boolean, 2, "C")
+_1, _2, _3, _4 = (types.Array(types.float64, n, "C") for n in range(1, 5))
+_onsets, _flags = (types.Array(types.boolean, n, "C") for n in (1, 2))
 _FASTMATH = {"reassoc", "contract"}
+_EPSILON = 2.0**-52
 
 
 @kernel(types.void(_flags, _4, _4, _3, _4, _3, _4, _1, _1), fastmath=_FASTMATH)
@@ -51,46 +52,147 @@ def advance(steps, X, outputs, A, M, C, N, v, age):  # pragma: no cover
             X[h, k] = after
 
 
-@kernel(types.void(_flags, _5, _4, _3, _2, _4, _3, _1, _1, _3), fastmath=_FASTMATH)
+@kernel(
+    types.void(
+        *(_flags, _onsets, types.boolean, types.boolean),
+        *(_4, _3, _3, _2, _4, _3, _1, _1, _3),
+        *(_4, _3, _3, _2),
+    ),
+    fastmath=_FASTMATH,
+)
 def weigh(
-    steps, memory, information, score, energy, outputs, slopes, y, mean, whitening
+    steps,
+    begins,
+    weighs,
+    keeps,
+    memory,
+    information,
+    score,
+    energy,
+    outputs,
+    slopes,
+    y,
+    mean,
+    weights,
+    memory_after,
+    information_after,
+    score_after,
+    energy_after,
 ):  # pragma: no cover
-    """Memory (H, K, q + 1, 5 + J, p) with residuals, and the sums of their products.
+    """Memory with residuals, and the sums of their products, written to the last four arrays.
 
-    `mean` (J + p,) is that of the prior; `whitening` (H, q + 1, p) begins with the newest residual.
+    These may be the first four, where nothing of them `keeps`. Of an onset (K,) that `begins`
+    hypotheses have the evidence of the first one, which therefore comes last.
+
+    Rows of memory (H, K, q + 1, (5 + J) p) are flat, of information the lower triangle.
+    `mean` (J + p,) is that of the prior; `weights` (2, q + 1, (5 + J) p) of the rows of memory, the
+    second of the last hypothesis.
     """
     H, K, rows, p = outputs.shape
-    q, J = whitening.shape[1], rows - 4
+    q, n = weights.shape[1:]
+    J = rows - 4
     R = J + p + 4
-    white, regressor = np.empty((rows + 1, p)), np.zeros(R)
-    for h in range(H):
+    white, regressors, offsets = np.empty(n), np.zeros((p, R)), np.zeros((2, p))
+    for which in range(2):
+        for lag in range(q):
+            for i in range(p):
+                offsets[which, i] += weights[which, lag, i]
+    for h in range(H - 1, -1, -1):
+        last = int(h == H - 1)
         for k in range(K):
             if not steps[h, k]:
+                if keeps:
+                    memory_after[h, k], score_after[h, k] = memory[h, k], score[h, k]
+                    information_after[h, k] = information[h, k]
+                    energy_after[h, k] = energy[h, k]
                 continue
+            g, b = (0, 0) if begins[k] and 0 < h < H - 1 else (h, k)
             for lag in range(q - 1):
-                memory[h, k, lag] = memory[h, k, lag + 1]
+                for i in range(n):
+                    memory_after[h, k, lag, i] = memory[g, b, lag + 1, i]
             for i in range(p):
                 left = y[i] - outputs[h, k, 0, i] - mean[J + i]
                 for row in range(1, rows):
                     if row <= J:
                         left -= mean[row - 1] * outputs[h, k, row, i]
-                    memory[h, k, q - 1, row, i] = outputs[h, k, row, i]
-                memory[h, k, q - 1, 0, i] = left
-                memory[h, k, q - 1, rows, i] = slopes[h, k, i]
+                    memory_after[h, k, q - 1, row * p + i] = outputs[h, k, row, i]
+                memory_after[h, k, q - 1, i] = left
+                memory_after[h, k, q - 1, rows * p + i] = slopes[h, k, i]
+            if not weighs:
+                information_after[h, k], score_after[h, k] = information[g, b], score[g, b]
+                energy_after[h, k] = energy[g, b]
+                continue
             white[:] = 0.0
             for lag in range(q):
-                for row in range(rows + 1):
-                    for i in range(p):
-                        white[row, i] += whitening[h, q - 1 - lag, i] * memory[h, k, lag, row, i]
+                for i in range(n):
+                    white[i] += weights[last, lag, i] * memory_after[h, k, lag, i]
+            total = energy[g, b]
             for i in range(p):
-                e = white[0, i]
-                regressor[:J] = white[1 : J + 1, i]
-                regressor[J : J + p] = 0.0
-                for lag in range(q):
-                    regressor[J + i] += whitening[h, lag, i]
-                regressor[J + p :] = white[J + 1 :, i]
-                energy[h, k] += e * e
-                for a in range(R):
-                    score[h, k, a] += regressor[a] * e
-                    for b in range(R):
-                        information[h, k, a, b] += regressor[a] * regressor[b]
+                total += white[i] ** 2
+                regressors[i, J + i] = offsets[last, i]
+                for row in range(J):
+                    regressors[i, row] = white[(1 + row) * p + i]
+                for row in range(4):
+                    regressors[i, J + p + row] = white[(1 + J + row) * p + i]
+            energy_after[h, k] = total
+            start = 0
+            for row in range(R):
+                for a in range(row + 1):
+                    information_after[h, k, start + a] = information[g, b, start + a]
+                total = score[g, b, row]
+                for i in range(p):
+                    each = regressors[i, row]
+                    total += each * white[i]
+                    for a in range(row + 1):
+                        information_after[h, k, start + a] += each * regressors[i, a]
+                score_after[h, k, row] = total
+                start += row + 1
+
+
+@kernel(types.void(_3, _3, _2, _4, _2), fastmath=_FASTMATH)
+def integrate(information, score, spread, solved, log_det):  # pragma: no cover
+    """Solve S = 1 + spread' information spread for each hypothesis and onset, by Cholesky.
+
+    `spread` (R, R) is lower triangular; `solved` (H, K, R, 3) comes with the right-hand sides, and
+    `log_det` (H, K) becomes half of log det S. S is at least 1, and so is each of its pivots: a
+    smaller one is rounding, as is one that is lost beside the diagonal.
+    """
+    H, K, R = score.shape
+    product, root = np.empty((R, R)), np.empty((R, R))
+    for h in range(H):
+        for k in range(K):
+            product[:] = 0.0
+            root[:] = 0.0
+            for row in range(R):
+                for b in range(R):
+                    at = row * (row + 1) // 2 + b if b <= row else b * (b + 1) // 2 + row
+                    each = information[h, k, at]
+                    for a in range(b + 1):
+                        product[row, a] += each * spread[b, a]
+            for b in range(R):
+                for row in range(b + 1):
+                    each = spread[b, row]
+                    for a in range(row + 1):
+                        root[row, a] += each * product[b, a]
+            total = 0.0
+            for row in range(R):
+                least = max(1.0, R * _EPSILON * root[row, row])
+                for a in range(row + 1):
+                    left = root[row, a] + (1.0 if a == row else 0.0)
+                    for b in range(a):
+                        left -= root[row, b] * root[a, b]
+                    root[row, a] = np.sqrt(max(left, least)) if a == row else left / root[a, a]
+                total += np.log(root[row, row])
+            log_det[h, k] = total
+            for row in range(R):
+                for b in range(row):
+                    for i in range(3):
+                        solved[h, k, row, i] -= root[row, b] * solved[h, k, b, i]
+                for i in range(3):
+                    solved[h, k, row, i] /= root[row, row]
+            for row in range(R - 1, -1, -1):
+                for i in range(3):
+                    solved[h, k, row, i] /= root[row, row]
+                for b in range(row):
+                    for i in range(3):
+                        solved[h, k, b, i] -= root[row, b] * solved[h, k, row, i]

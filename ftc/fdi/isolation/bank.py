@@ -1,10 +1,11 @@
 """A bank of hypotheses beside the plant, and the evidence that each sample adds to each of them."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from argument_checks import Array, Indices
+from ftc._records import changed
 from ftc.fdi.detection.parameter_filter import Parameters
 from ftc.fdi.fault_model import Fault
 from ftc.fdi.friction import SampledFriction
@@ -71,7 +72,7 @@ class HypothesisBank:
             0,
             states,
             kept,
-            np.zeros((H, K, R, R)),
+            np.zeros((H, K, R * (R + 1) // 2)),
             np.zeros((H, K, R)),
             np.zeros((H, K)),
         )
@@ -104,22 +105,17 @@ class HypothesisBank:
             weighs: Whether the sample is evidence: all that its whitening needs was measured.
             keeps: Whether the arrays of `state` stay as they are; else they are overwritten.
         """
-        X, memory, information, score, energy = (
-            part.copy() if keeps else part
-            for part in (state.X, state.memory, state.information, state.score, state.energy)
-        )
+        X = state.X.copy() if keeps else state.X
         last = whitening if decoupled is None else decoupled
         now, steps = state.onsets == sample, np.zeros(state.energy.shape, dtype=bool)
         steps[1:-1], steps[[0, -1], 0] = state.onsets <= sample, True
         later = np.zeros((len(X), X.shape[-1]))
         if now.any():  # until then each hypothesis is the first one
-            for part in (X, memory, information, score, energy):
-                part[1:-1, now] = part[0, 0]
             believed, sound = self.believed, X[0, 0, : 1 - EXTRA].copy()
             later = self.onset @ _later(believed, sound, v)
             X[1:-1, now] = (X[0, 0] @ self.onset[1:-1].swapaxes(-1, -2))[:, None]
             X[1:-1, now, -2] = self.scaled[1:-1, None, None] * sound[0]
-        outputs = np.zeros((*X.shape[:3], memory.shape[-1]))
+        outputs = np.zeros((*X.shape[:3], state.memory.shape[-1]))
         before = None if self.friction is None else X.copy()
         age = np.maximum(sample - state.onsets, 0).astype(float)
         advance(steps, X, outputs, self.A, self.M, self.C, self.N, v, age)
@@ -128,24 +124,27 @@ class HypothesisBank:
         if now.any():
             X[1:-1, now, -3] = ONSET_SPREAD * (later[1:-1, None] - X[1:-1, now, 0])
             X[1:-1, now, -2] += shaken * self.placed[1:-1, None]
-        sums = information, score, energy
+        sums = state.information, state.score, state.energy
+        given = (state.memory.reshape(*state.memory.shape[:3], -1), *sums)
+        after = tuple(np.empty_like(each) for each in given) if keeps else given
         weigh(
-            steps,
-            memory,
-            *(sums if weighs else (each.copy() for each in sums)),
+            *(steps, now, weighs, keeps),
+            *given,
             outputs,
             self._part_slopes(outputs[:, :, 0]),
             whitening[0] if y is None else y,
             state.prior.mean,
-            np.concatenate([np.tile(whitening, (len(X) - 1, 1, 1)), last[None]]),
+            np.tile(np.stack([whitening, last])[:, ::-1], state.memory.shape[3]),
+            *after,
         )
+        memory, information, score, energy = after
         if y is None:
             memory[steps, -1] = 0.0
-        return replace(
+        return changed(
             state,
             samples=state.samples + 1,
             X=X,
-            memory=memory,
+            memory=memory.reshape(state.memory.shape),
             information=information,
             score=score,
             energy=energy,

@@ -11,6 +11,7 @@ import numpy as np
 
 from argument_checks import Array, Indices, Mask
 from ftc.fdi.detection.parameter_filter import Parameters
+from ftc.fdi.isolation._evidence import integrate
 
 LOST = (0.25, 0.5, 0.75, 1.0)
 """Parts of an actuator's force that the models have lost. Within an eighth of each the part is one
@@ -44,7 +45,8 @@ class Evidence:
             both parameters of its own, by a standard deviation each, would add.
         memory: Latest residuals and regressors before whitening, newest last, shape
             (H, K, q + 1, 5 + J, p).
-        information: Sum of products of the regressors, shape (H, K, R, R).
+        information: Sum of products of the regressors: rows of the lower triangle, one after
+            another, shape (H, K, R (R + 1) / 2).
         score: Of regressors and residuals, shape (H, K, R).
         energy: Of the residuals, shape (H, K).
         gain: Log of how much less the filter of the last hypothesis amplifies than that of the
@@ -72,11 +74,11 @@ class Evidence:
         spread = np.zeros((self.score.shape[-1],) * 2)
         spread[:-EXTRA, :-EXTRA] = self.prior.root
         spread[-EXTRA:, -EXTRA:] = np.eye(EXTRA)
-        inner = np.eye(len(spread)) + spread.T @ self.information @ spread
         score = self.score @ spread
-        wanted = np.zeros((*score.shape, 3))
-        wanted[..., 0], wanted[..., _CELLS, [1, 2]] = score, 1.0
-        solved = np.linalg.solve(inner, wanted).astype(float)
+        solved = np.zeros((*score.shape, 3))
+        solved[..., 0], solved[..., _CELLS, [1, 2]] = score, 1.0
+        log_det = np.empty(self.energy.shape)
+        integrate(self.information, self.score, spread, solved, log_det)
         root = solved[..., 0]
         energy = self.energy - (score * root).sum(axis=-1)
         spreads = solved[..., _CELLS, 1:]
@@ -84,7 +86,6 @@ class Evidence:
         pull = np.linalg.solve(spreads, moved[..., None])
         energy = energy + (moved * pull[..., 0]).sum(axis=-1)
         root = root + (solved[..., 1:] @ pull)[..., 0]
-        log_det = np.linalg.slogdet(inner)[1] / 2
         return energy, log_det, root @ spread.T
 
     @property
@@ -101,7 +102,7 @@ class Evidence:
         parts = {}
         for name in ("X", "memory", "information", "score", "energy"):
             whole = getattr(self, name)
-            parts[name] = whole[:, kept]
+            parts[name] = np.compress(kept, whole, axis=1)
             for h in (0, -1):  # no failure, which has no onset
                 parts[name][h, 0] = whole[h, 0]
         return replace(self, onsets=self.onsets[kept], **parts)
