@@ -10,6 +10,7 @@ believed to be before.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,9 @@ import numpy as np
 from argument_checks import Array
 from ftc.controller import ControllerState, Measurement, PrioritizedController
 from ftc.fdi.fault_model import Fault, NominalModel, fault_model
+
+_ABOVE = 1 + 1e-9
+"""What exceeds so many times a number does so whatever round-off there is."""
 
 
 @dataclass(frozen=True)
@@ -56,22 +60,30 @@ class Outlook:
     feedforward: Array | None = None
 
     def rms(
-        self, pilot: PrioritizedController[Any], state: ControllerState[Any], case: Case
+        self,
+        pilot: PrioritizedController[Any],
+        state: ControllerState[Any],
+        case: Case,
+        enough: float = np.inf,
     ) -> float:
         """RMS error of the major task under a controller that begins in this state; or infinite.
 
-        In standard deviations of the sensors' noise: rows of different units count alike.
+        In standard deviations of the sensors' noise: rows of different units count alike. Once it
+        is sure to exceed `enough`, this much of it is returned.
         """
         model, x, square = fault_model(self.nominal, case.faults), case.x, 0.0
         C, noise = (part[: len(self.output)] for part in (self.nominal.plant.C, self.nominal.noise))
-        off = self.output - C @ x
+        off, most = self.output - C @ x, enough * enough * len(self.references)
         for tick, reference in enumerate(self.references):
             secondary, unused = self._motions[tick]
-            output = C @ x + off
-            square += float((((reference - output) / noise) ** 2).sum())
-            if not np.isfinite(square):
+            output = C.dot(x) + off
+            error = (reference - output) / noise
+            square += float(error.dot(error))
+            if not isfinite(square):
                 return np.inf
-            measured = Measurement(output, self.nominal.displacement @ x)
+            if square > most:
+                break
+            measured = Measurement(output, self.nominal.displacement.dot(x))
             state = pilot.step(
                 state,
                 reference,
@@ -104,7 +116,8 @@ class Outlook:
         for case in cases:
             if going <= max(staying, bearable):  # staying only grows with further cases
                 return True
-            staying += case.probability * self.rms(*stays, case)
+            enough = (_ABOVE * going - staying) / case.probability
+            staying += case.probability * self.rms(*stays, case, enough)
         return going <= max(staying, bearable)
 
     @cached_property

@@ -11,6 +11,7 @@ import numpy as np
 
 import argument_checks as check
 from argument_checks import Array, shown
+from ftc._records import changed
 from ftc.control_task import ControlTask
 from ftc.controller import Measurement
 from ftc.loop import Controller
@@ -109,11 +110,11 @@ class GuardedController:
         reference = check.exactly("reference", reference, len(self.task.major))
         controller = check.instance("state", state, GuardedState).controller
         if state.failure is not None or controller is None:
-            return replace(state, ticks=state.ticks + 1)
+            return changed(state, ticks=state.ticks + 1)
         sensors = self._checks.step(state.sensors, measurement, state.inputs)
-        state = replace(state, sensors=sensors)
+        state = changed(state, sensors=sensors, ticks=state.ticks + 1)
         if not sensors.task.usable:
-            return replace(state, ticks=state.ticks + 1)
+            return state
         read = sensors.task.last, sensors.encoders.last
         given = Measurement(*(np.array(each, dtype=float) for each in read))
 
@@ -124,10 +125,9 @@ class GuardedController:
         try:
             own, inputs = _call(self.step_limit_s, stepped)
         except _Failed as failed:
-            time_s = state.ticks * self.task.period_s
-            sentence = f"{self.name} {failed}, at {time_s:.3f} s"
-            return replace(state, ticks=state.ticks + 1, failure=sentence)
-        return replace(state, own=own, inputs=inputs, ticks=state.ticks + 1)
+            time_s = (state.ticks - 1) * self.task.period_s
+            return changed(state, failure=f"{self.name} {failed}, at {time_s:.3f} s")
+        return changed(state, own=own, inputs=inputs)
 
 
 def _call(limit_s: float, function: Callable[[], _T]) -> _T:

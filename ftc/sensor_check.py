@@ -17,12 +17,13 @@ import numpy as np
 
 import argument_checks as check
 from argument_checks import Array
+from ftc._records import changed
 
 _FEWEST = 5
 """Ticks that a row repeats before it counts as stuck, at least."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class SensorState:
     """What is known of a sensor after a tick.
 
@@ -153,11 +154,9 @@ class SensorCheck:
             repeated += all(repeats)
         elif any(repeats):
             repeats = (0,) * len(last)
-        after = SensorState(
-            *(seen, sent, repeats, state.ticks + 1),
-            *(0, 0, False, state.since, state.cause),
-            *(state.missing, repeated, state.held_ticks, state.losses),
-        )
+        read = {"last": seen, "sent": sent, "repeats": repeats, "repeated": repeated}
+        usable = {"ticks": state.ticks + 1, "gap_ticks": 0, "good_ticks": 0, "lost": False}
+        after = changed(state, **read, **usable)
         if any(repeats) and (state.lost or self._is_stuck(repeats)):
             return self._without(state, after, "repeats one value")
         if state.lost and state.good_ticks + 1 < self._ticks(self.usable_s):

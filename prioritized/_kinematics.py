@@ -275,11 +275,9 @@ class Kinematics:
         rows = self.survivors.rows("rate_rows", rate_rows)
         if not self.is_tied and major_metric is T is rows is None and not damping:
             mapping = of_plain_arrays(
-                *(self.J, major, secondary, W1, secondary_weight),
-                *(self.scale, RANK_TOLERANCE, self.clear),
-                (box, when_limited),
-                self.task_units,
-            )
+                self.J, major, secondary, W1, secondary_weight, self.scale, RANK_TOLERANCE,
+                self.clear, box, when_limited, self.task_units,
+            )  # fmt: skip
             if mapping is not None:
                 return mapping.belonging_to(self)
         S_m, S_s = task_selection(major, secondary, len(self.J))

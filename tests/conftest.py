@@ -93,21 +93,22 @@ def faults_of_figures(shared) -> Iterator[Callable[[str], list[str]]]:
 
     A fixture that runs a command needs this one, as those of `made_once` do.
     """
-    from experiments.study.plotting import save_figure
+    from experiments.study.plotting import printed
     from tests.figure_checks import faults
 
     def file(name: str) -> Path:
         return shared / f"{name}.faults.json"
 
-    def save(figure: "Figure", folder: Path, name: str, *formats: tuple[str, ...]) -> None:
-        save_figure(figure, folder, name, *formats)
+    def checked(figure: "Figure", name: str, formats: tuple[str, ...]) -> dict[str, bytes]:
+        files = printed(figure, name, formats)
         own = file(f"{name}.{os.getpid()}")
         # After it, since drawing moves what is not yet laid out.
         own.write_text(json.dumps(faults(figure)))
         own.replace(file(name))  # at once: another process may be reading
+        return files
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("experiments.study.plotting.save_figure", save)
+        patch.setattr("experiments.study.plotting.printed", checked)
         yield lambda name: json.loads(file(name).read_text())
 
 

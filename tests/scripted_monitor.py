@@ -1,7 +1,7 @@
 """A monitor whose verdicts are given, in flights of noise with a shock."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -79,7 +79,9 @@ def flown(
 ) -> dict[int, MonitorState]:
     """States of the monitor after each sample, of noise with a shock, to the confirmation."""
     config = replace(CONFIG, dither_hz=dither_hz)
-    watch = replace(USUAL, config=config, bank=Script(**vars(USUAL.bank), says=says))
+    watch = replace(USUAL, config=config)
+    own = {each.name: getattr(USUAL.bank, each.name) for each in fields(HypothesisBank)}
+    vars(watch)["bank"] = Script(**own, says=says)
     rng, state, states = np.random.default_rng(0), watch.start(), {}
     for tick in range(TICKS * samples + 1):
         y = rng.standard_normal(3) + 50.0 * (tick // TICKS == shock) + offset

@@ -12,7 +12,7 @@ STUDY = Study(
     The benchmark compares the closed loop with the physics alone, one control tick with mink, one
     Problem 1 with daqp, PlaCo, LAPACK and the paper's formula, for several numbers of actuators and
     batch sizes, and Problem 1 and three levels under limits with daqp. All results are compared
-    before the timing; the calls take turns in one process. 4 minutes, one with --quick; do not run
+    before the timing; the calls take turns in one process. 2 minutes, one with --quick; do not run
     other work meanwhile.
 
     Writes bench.json (times in us, medians and their ranges), the tables as bench.md, and a figure.

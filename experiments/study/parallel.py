@@ -4,7 +4,7 @@ import os
 import pickle
 import signal
 from collections import Counter
-from collections.abc import Callable, Generator, Iterable, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import closing, suppress
 from itertools import islice
 from multiprocessing import get_context, parent_process
@@ -31,19 +31,27 @@ Job = tuple[int, Callable[..., Any], dict[str, Any]]
 
 
 def in_parallel(
-    function: Callable[..., Any], calls: Sequence[dict[str, Any]], on_progress: OnProgress
+    function: Callable[..., Any],
+    calls: Sequence[dict[str, Any]],
+    on_progress: OnProgress,
+    meanwhile: Callable[[list[Any]], Iterator[object]] = lambda results: iter(()),
 ) -> list[Any]:
     """Results of function(**call), in the order of `calls`; raises as :func:`finished`.
 
-    An exception in a run ends all of them; so does Ctrl-C.
+    An exception in a run ends all of them; so does Ctrl-C. `meanwhile` does what need not wait for
+    all runs, one step after each of them: its list has their results so far, None of the others.
     """
     results: list[Any] = [None] * len(calls)
     jobs = ((number, function, call) for number, call in enumerate(calls))
+    steps = meanwhile(results)
     on_progress(0, len(calls))
     with closing(finished(jobs, min(len(calls), CORES))) as found:
         for done, (number, result) in enumerate(found, 1):
             results[number] = result
             on_progress(done, len(calls))
+            next(steps, None)
+    for _ in steps:  # there were fewer runs
+        pass
     return results
 
 

@@ -1,6 +1,7 @@
 """Figures for print: widths, colours, style, and how they are saved. No display is needed."""
 
 from collections.abc import Sequence
+from io import BytesIO
 from pathlib import Path
 
 import matplotlib
@@ -87,8 +88,17 @@ def save_figure(
     figure: Figure, folder: Path, name: str, formats: tuple[str, ...] = ("png", "pdf")
 ) -> None:
     """Write `name.png` and `name.pdf`, or the formats asked for; the same bytes every time."""
+    for file, content in printed(figure, name, formats).items():
+        (folder / file).write_bytes(content)
+
+
+def printed(figure: Figure, name: str, formats: tuple[str, ...]) -> dict[str, bytes]:
+    """What :func:`save_figure` writes, by the names of the files."""
     if figure.axes and (layout := figure.get_layout_engine()):
         layout.execute(figure)
         figure.set_layout_engine("none")  # laid out once: all formats are alike
+    files = {}
     for suffix in formats:
-        figure.savefig(folder / f"{name}.{suffix}", metadata=_NO_DATE[suffix])
+        figure.savefig(content := BytesIO(), format=suffix, metadata=_NO_DATE[suffix])
+        files[f"{name}.{suffix}"] = content.getvalue()
+    return files

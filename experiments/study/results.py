@@ -44,11 +44,18 @@ class Picture:
     alt: str  # what there is to see, for a reader who cannot
     draw: "Callable[[], Figure]"
     formats: tuple[str, ...] = ("png", "pdf")  # a page shows the first
+    printed: Mapping[str, bytes] | None = None  # its files by name, if they are made
 
     @property
     def file(self) -> str:
         """The file that a page shows."""
         return f"{self.name}.{self.formats[0]}"
+
+    def files(self) -> Mapping[str, bytes]:
+        """Their contents by name, the same every time."""
+        from experiments.study.plotting import printed  # late: matplotlib takes a second
+
+        return self.printed or printed(self.draw(), self.name, self.formats)
 
 
 @dataclass(frozen=True)
@@ -114,8 +121,6 @@ def publish(
     """
     if results.published:
         return results
-    from experiments.study.plotting import save_figure  # late: matplotlib takes a second
-
     with published(folder, index=f"{name}.json") as staging:
         for file, arrays in results.arrays.items():
             write_arrays(staging / file, dict(arrays))
@@ -125,6 +130,7 @@ def publish(
             record(staging)
         for done, picture in enumerate(results.pictures, len(results.records)):
             on_progress(done, total)
-            save_figure(picture.draw(), staging, picture.name, picture.formats)
+            for file, content in picture.files().items():
+                (staging / file).write_bytes(content)
         (staging / f"{name}.md").write_text(results.markdown(), encoding="utf-8")
         return replace(results, summary=write_index(staging / f"{name}.json", results.summary))

@@ -29,7 +29,6 @@ from experiments.table1.comparison import (
     controller_tables,
     is_ours,
 )
-from experiments.table1.figure import pictures
 from experiments.table1.quantities import (
     COLUMN,
     OTHER_CLOSURE,
@@ -50,7 +49,7 @@ def results(outcome: Table1) -> Results:
         tables=(table(summary), *controller_tables(summary)),
         notes=notes(summary),
         checks=checks(summary),
-        pictures=[*pictures(outcome.trajectories), *controller_pictures(outcome)],
+        pictures=[*outcome.pictures, *controller_pictures(outcome)],
         records=[partial(record_column, outcome, summary, column) for column in summary["columns"]],
     )
 

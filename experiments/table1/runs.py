@@ -1,8 +1,11 @@
 """The six tracking experiments of section 4.2, in one of two configurations of the bench."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
+from experiments.rig.hexapod.bench import settled
 from experiments.rig.hexapod.choices import ConfigurationName, JacobianChoice
 from experiments.rig.hexapod.columns import COLUMNS, Column
 from experiments.rig.hexapod.controller import Loop, nominal_loops
@@ -18,6 +21,7 @@ from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
 from experiments.rig.other_controller import fly_with
 from experiments.study.controllers import controller_factory, controller_label
 from experiments.study.parallel import in_parallel
+from experiments.study.results import Picture
 from experiments.study.study import OnProgress
 from experiments.table1.robustness import MismatchedRun, measured, mismatched_flights
 from sim import Array, ModelError, load_model, model_sha256
@@ -97,6 +101,7 @@ class Table1:
     mismatched: dict[str, MismatchedRun]  # on plants that are not the model
     controller: str | None = None  # another one, package.module:factory
     compared: tuple[Compared, ...] = ()  # its runs
+    pictures: tuple[Picture, ...] = ()  # of the trajectories
 
 
 def other_jacobian(jacobian: JacobianChoice) -> JacobianChoice:
@@ -132,7 +137,7 @@ def run_table1(
     bench = chosen.bench
     duration_s = bench.quick_duration_s if quick else bench.duration_s
     loops, constants = nominal_loops(machine, bench), plant_constants(machine)
-    testbed = Testbed(machine, bench, loops)
+    testbed = settled(Testbed(machine, bench, loops))
     choices: tuple[JacobianChoice, JacobianChoice] = (jacobian, other_jacobian(jacobian))
     asked = [
         SpiralRun(c.goal, c.failures, jacobian=choice, seed=seed, duration_s=duration_s)
@@ -150,7 +155,18 @@ def run_table1(
     by_name = dict(zip(names, asked, strict=False))
     flights = mismatched_flights(testbed, by_name, quick=quick)
     calls += [{"testbed": t, "run": run, "controller": None} for t, run in flights.values()]
-    done = in_parallel(_track, calls, on_progress)
+    predicted, pictures = dict[str, Array](), list[Picture]()
+
+    def meanwhile(found: list[Any]) -> Iterator[None]:
+        predicted.update((name, _predicted_rad(name, testbed, by_name[name])) for name in names)
+        yield
+        while not all(found[: len(names)]):
+            yield
+        for picture in _pictures({name: run for name, (run, _) in zip(names, found, strict=False)}):
+            pictures.append(replace(picture, printed=picture.files()))
+            yield
+
+    done = in_parallel(_track, calls, on_progress, meanwhile)
     runs, others = [run for run, _ in done[: len(asked)]], done[len(asked) :]
     flown = [run for run, _ in others[len(compared) :]]
     return Table1(
@@ -164,7 +180,7 @@ def run_table1(
         trajectories=dict(zip(names, runs[: len(names)], strict=True)),
         other=dict(zip(names, runs[len(names) : -1], strict=True)),
         reseeded=runs[-1],
-        predicted_rad={name: _predicted_rad(name, testbed, run) for name, run in by_name.items()},
+        predicted_rad=predicted,
         mismatched={
             name: measured(name, *flights[name], run)
             for name, run in zip(flights, flown, strict=True)
@@ -174,6 +190,7 @@ def run_table1(
             Compared(f"{controller_label(controller or '')}_{column.name}", column, *other)
             for column, other in zip(compared, others, strict=False)
         ),
+        pictures=tuple(pictures),
     )
 
 
@@ -188,6 +205,12 @@ def _track(
     flight = {"failures": run.failures, "seed": run.seed}
     flown, failed = fly_with(rig_of(testbed, run.goal), controller, path, **flight)
     return trajectory(flown), failed
+
+
+def _pictures(runs: dict[str, Trajectory]) -> list[Picture]:
+    from experiments.table1.figure import pictures  # late: workers draw nothing
+
+    return pictures(runs)
 
 
 def _predicted_rad(column: str, testbed: Testbed, run: SpiralRun) -> Array:

@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from argument_checks import Array
 from ftc.control.limits import LimitedMapping
-from prioritized import Kinematics, Status, VelocityMapping
+from prioritized import Status
 
 
 class PreviousCommand(NamedTuple):
@@ -43,35 +43,6 @@ class Mapping(Protocol):
     ) -> Array:
         """Optimal rates; arguments that are None count as zero."""
         ...
-
-
-class MappingThere(NamedTuple):
-    """A prepared mapping at another pose, made only where more than its rates is asked for.
-
-    `prepared` is at the nominal pose, `kinematics` of the surviving actuators at the other one.
-    """
-
-    prepared: VelocityMapping
-    kinematics: Kinematics
-
-    @property
-    def major(self) -> Array:
-        """Gain of the major velocity."""
-        return self.prepared.at(self.kinematics).major
-
-    @property
-    def status(self) -> Status:
-        """Status: whether the major task is met exactly."""
-        return self.prepared.at(self.kinematics).status
-
-    def __call__(
-        self,
-        v_major: ArrayLike,
-        joint_velocity: ArrayLike | None = None,
-        secondary_velocity: ArrayLike | None = None,
-    ) -> Array:
-        """Optimal rates; arguments that are None count as zero."""
-        return self.prepared.rates_at(self.kinematics, v_major, joint_velocity, secondary_velocity)
 
 
 @dataclass(frozen=True)

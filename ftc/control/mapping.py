@@ -14,7 +14,7 @@ import argument_checks as check
 from argument_checks import Array, Mask
 from ftc.control.geometry import Geometry, Pose, free_actuators_follow, without_springs, yielded
 from ftc.control.limits import LimitedDisplacements, LimitedMapping, MovableLimits
-from ftc.control.local_mapping import LocalMapping, Mapping, MappingThere, PreviousCommand
+from ftc.control.local_mapping import LocalMapping, Mapping, PreviousCommand
 from ftc.goal import Goal
 from prioritized import Kinematics, WhenLimited
 
@@ -348,7 +348,7 @@ class PrioritizedMapping(Generic[Pose]):
 
     def rates_at(self, kinematics: Kinematics) -> Mapping:
         """Optimal rates of the surviving actuators; another optimality would override this."""
-        return MappingThere(self._prepared, kinematics)
+        return self._prepared.at(kinematics)
 
     def limited_at(self, kinematics: Kinematics) -> LimitedMapping | None:
         """The same within the limits, if there are any; another allocation would override this."""

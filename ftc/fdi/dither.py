@@ -5,6 +5,7 @@ column of the task Jacobian uncancelled.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -50,4 +51,9 @@ class Dither:
             ValueError: Not one finite time.
         """
         swing = np.sin(2 * np.pi * self.frequency_hz * check.signed("time_s", time_s))
-        return np.array(self.offset) + self.amplitude * swing * np.array(self.direction)
+        offset, direction = self._arrays
+        return offset + self.amplitude * swing * direction
+
+    @cached_property
+    def _arrays(self) -> tuple[Array, Array]:
+        return np.array(self.offset), np.array(self.direction)

@@ -219,7 +219,7 @@ class FaultModel:
         """The state one tick later, with displacements (n,) commanded meanwhile."""
         if self.rubbing is not None:
             return self.rubbing.moved(x.T, commanded.T).T
-        moved = self.A @ x + self.B @ commanded
+        moved = self.A.dot(x) + self.B.dot(commanded)
         return (moved.T + self.drift).T  # of several sequences at once, too
 
     def states(self, commanded: Array, start: Array | None = None) -> Array:

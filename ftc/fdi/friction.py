@@ -15,7 +15,7 @@ import numpy as np
 
 import argument_checks as check
 from argument_checks import Array, Mask
-from ftc.fdi._friction import slide, slide_samples
+from ftc.fdi.compiled import compiled
 
 
 class DryFriction(NamedTuple):
@@ -86,7 +86,7 @@ class Rubbing(NamedTuple):
         X = np.array(x, dtype=float).reshape(-1, len(self.A))
         U = np.ones((len(X), self.B.shape[1]))
         U[:, :-1] = commanded.reshape(len(X), -1)
-        slide(X, U, *self[:7], self.steps_a_tick)
+        compiled().friction.slide(X, U, *self[:7], self.steps_a_tick)
         return X.reshape(x.shape)
 
 
@@ -129,7 +129,7 @@ class SampledFriction:
             v: Inputs of the sample.
         """
         own = self.lifted, self.ticks, self.first, self.spread
-        slide_samples(steps, before, X, outputs, v, *own, *self._parts)
+        compiled().friction.slide_samples(steps, before, X, outputs, v, *own, *self._parts)
 
 
 def together(parts: Sequence[SampledFriction]) -> SampledFriction:

@@ -16,13 +16,14 @@ import numpy as np
 import argument_checks as check
 from argument_checks import Array
 from ftc._records import changed
+from ftc.fdi.compiled import compiled
 from ftc.fdi.detection.replay import learned, quieter, replayed
 from ftc.fdi.detection.residual_test import ResidualTest, residual_test
 from ftc.fdi.detection.watch import Calibration, Moment, Watch
 from ftc.fdi.diagnosis import DEFAULT_CONFIG, FdiConfig
 from ftc.fdi.fault_model import MOST_STEPS, Fault, NominalModel, of_actuators
 from ftc.fdi.isolation.bank import HypothesisBank
-from ftc.fdi.isolation.hypotheses import hypothesis_bank
+from ftc.fdi.isolation.hypotheses import believed_model, hypothesis_bank
 from ftc.fdi.isolation.look_back import weighed
 from ftc.fdi.judge import REVISED_EVERY, Judge, reset
 from ftc.fdi.monitor_state import MonitorState
@@ -48,14 +49,14 @@ class Monitor:
     faults: tuple[Fault, ...]
     config: FdiConfig
     ticks: int
-    bank: HypothesisBank
     watch: Watch
     test: ResidualTest
     calibration: Calibration | None = None
 
     def start(self) -> MonitorState:
         """State at rest at the equilibrium."""
-        none = np.zeros(self.nominal.actuators)
+        compiled()  # no tick is to wait for that, nor for the bank
+        none, _ = np.zeros(self.nominal.actuators), self.bank
         watch = self.watch.start(self.calibration)
         return MonitorState(0, (), (), none, watch, (), self.test.start())
 
@@ -91,6 +92,11 @@ class Monitor:
         v = np.concatenate([mean_u, state.last_commanded, _ONE])
         now = {"ticks": ticks, "commanded": (), "outputs": (y,), "last_commanded": mean_u}
         return self._sample(changed(state, **now), v, mean_y)
+
+    @cached_property
+    def bank(self) -> HypothesisBank:
+        """The hypotheses, made when first needed: after a confirmed failure by the next alarm."""
+        return hypothesis_bank(self.nominal, self.faults, self.config.uncertainty, self.ticks)
 
     @cached_property
     def _actuators(self) -> int:
@@ -148,7 +154,7 @@ class Monitor:
         begun = replace(
             state.watch,
             sample=first.sample,
-            X=first.X @ after.bank.believed.onset.T,
+            X=first.X @ after.watch.model.onset.T,
             memory=first.memory,
             parameters=first.parameters,
         )
@@ -206,9 +212,9 @@ def monitor(
             f"at most {_MOST_SAMPLES} samples, got samples of {config.sample_s:g} s, and "
             f"{longest_s:g} s"
         )
-    bank = hypothesis_bank(nominal, faults, config.uncertainty, ticks)
+    believed = believed_model(nominal, faults, config.uncertainty, ticks)
     test = residual_test(
         len(nominal.noise), config.false_alarms_per_hour, period_s, config.dither_hz
     )
-    watch = Watch(bank.believed, config, period_s, test.threshold)
-    return Monitor(nominal, tuple(faults), config, ticks, bank, watch, test)
+    watch = Watch(believed, config, period_s, test.threshold)
+    return Monitor(nominal, tuple(faults), config, ticks, watch, test)

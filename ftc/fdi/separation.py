@@ -15,7 +15,7 @@ from scipy.sparse.csgraph import connected_components
 
 import argument_checks as check
 from argument_checks import Array, Mask
-from ftc.fdi.design._to_segments import to_segments
+from ftc.fdi.compiled import compiled
 from ftc.fdi.design.signatures import (
     HALF,
     Complex,
@@ -196,7 +196,7 @@ def separations_at(
         happens_C, last_C = np.zeros((2, 1, *S.shape))
     distance = np.empty((len(happens), len(first)))
     own, other = (_regular(S + each) / 2 for each in (happens_C, last_C))
-    to_segments(happens, first, last - first, own, other, distance)
+    compiled().segments.to_segments(happens, first, last - first, own, other, distance)
     n, kinds = len(change), len(KINDS)
     by_actuator = distance[:, :-1].reshape(kinds * n, n, -1)
     weak = by_actuator[..., 2:].min(axis=-1, keepdims=True)

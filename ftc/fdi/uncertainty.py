@@ -5,12 +5,13 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 import argument_checks as check
 from argument_checks import Array
+from ftc.fdi.compiled import compiled
 from ftc.fdi.fault_model import Fault, FaultModel, NominalModel
 from ftc.fdi.friction import SampledFriction
-from ftc.fdi.isolation._evidence import advance
 
 
 @dataclass(frozen=True)
@@ -124,17 +125,34 @@ class UncertainModel:
     def step(self, X: Array, v: Array) -> tuple[Array, Array]:
         """Outputs (1 + J, p) of a sample with inputs v that begins with X; and X after it."""
         after, Y = X.copy(), np.empty((len(X), len(self.C)))
-        advance(_ONE, after[None, None], Y[None, None], *self._of_one, v, _AT_ONCE)
+        own = after[None, None], Y[None, None], *self._stacked
+        compiled().evidence.advance(_ONE, *own, v, _AT_ONCE)
         if self.friction is not None:
             self.friction.apply(_ONE, X[None, None], after[None, None], Y[None, None], v)
         return Y, after
 
     @cached_property
-    def _of_one(self) -> tuple[Array, ...]:
-        return self.A[None], self.M[None], self.C[None], self.N[None]
+    def _stacked(self) -> tuple[Array, Array, NDArray[np.uint64]]:
+        return stacked(self.A[None], self.M[None], self.C[None], self.N[None])
 
 
 _ONE, _AT_ONCE = np.ones((1, 1), dtype=bool), np.ones(1)
+
+
+def stacked(A: Array, M: Array, C: Array, N: Array) -> tuple[Array, Array, NDArray[np.uint64]]:
+    """Of H models, outputs before states and columns before rows, as :func:`advance` takes them.
+
+    That is [C; A]' (H, s, p + s), of each row of a state, and [N; M]' (H, s + r, rows (p + s)),
+    of the first row and the inputs; and where that begins and ends not to be zero (H, s + r, 2).
+    """
+    alone = np.concatenate([C, A], axis=1).swapaxes(1, 2)
+    driven = np.concatenate([N, M], axis=2).transpose(0, 3, 1, 2)
+    flat = np.ascontiguousarray(driven.reshape(*driven.shape[:2], -1))
+    acts, n = flat != 0.0, flat.shape[-1]
+    ends = (acts * np.arange(1, n + 1)).max(axis=-1)
+    starts = n - (acts * np.arange(n, 0, -1)).max(axis=-1)
+    return np.ascontiguousarray(alone), flat, np.stack([starts, ends], axis=-1).astype(np.uint64)
+
 
 STEP = 1e-3
 """Of differences, in standard deviations: curvature and rounding are both below 1e-4 of them."""

@@ -15,6 +15,7 @@ from prioritized._analysis.major_maps import MajorMap, with_free
 from prioritized._analysis.polytope import Polytope, polytope
 from prioritized._mapping.amplification import as_sentence
 from prioritized._solver.arrays import ReadOnly, read_only
+from prioritized._solver.limits import Limits
 from prioritized._solver.rank import RANK_TOLERANCE
 
 BLOCK = 2**20
@@ -172,14 +173,14 @@ class Attainable(ReadOnly):
 
 
 def attainable(
-    of: MajorMap, limits: tuple[Array, Array], rank_tolerance: float, *, self_motion: bool = False
+    of: MajorMap, limits: Limits, rank_tolerance: float, *, self_motion: bool = False
 ) -> Attainable:
     """The set of one map within limits of its x.
 
     Raises:
         ValueError: Its facets are too many to be listed.
     """
-    G, C, lower, upper = with_free(of, *limits, int(of.dimension))
+    G, C, lower, upper = with_free(of, limits[0], limits[1], int(of.dimension))
     made = Attainable(G, C, lower, upper, float(of.scale), rank_tolerance, self_motion)
     refuse_too_many(made._polytope)
     return made

@@ -10,6 +10,7 @@ from prioritized._analysis.facets import ball, refuse_too_many
 from prioritized._analysis.major_maps import MajorMap, of_rates, of_torques, with_free
 from prioritized._analysis.polytope import Polytope, polytope
 from prioritized._mapping.problem import Problem
+from prioritized._solver.limits import Limits
 
 BLOCK = 2**18
 """Numbers at once in the facets of many sets: few enough for the cache."""
@@ -25,8 +26,8 @@ class Within(NamedTuple):
     """
 
     active: Mask
-    rates: tuple[Array, Array] | None
-    torques: tuple[Array, Array] | None
+    rates: Limits | None
+    torques: Limits | None
 
     def speed(self, problem: Problem, possible: Mask) -> Array | None:
         """Radius of the attainable velocities, zero where the task is not possible, shape (C,)."""
@@ -40,7 +41,7 @@ class Within(NamedTuple):
             return None
         return self._radii(of_torques(problem), self.torques, problem.tolerance)
 
-    def _radii(self, maps: MajorMap, limits: tuple[Array, Array], tolerance: float) -> Array:
+    def _radii(self, maps: MajorMap, limits: Limits, tolerance: float) -> Array:
         lower, upper = (np.where(self.active, limit, 0.0) for limit in limits)
         return radii(maps, lower, upper, tolerance)
 

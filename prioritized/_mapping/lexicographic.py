@@ -12,7 +12,8 @@ import argument_checks as check
 from argument_checks import Array
 from prioritized._mapping.solving import thresholds
 from prioritized._mapping.task import Status
-from prioritized._solver.arrays import identity, none, read_only
+from prioritized._solver.arrays import read_only
+from prioritized._solver.compiled import unlimited
 from prioritized._solver.limits import Limits, limits
 from prioritized._solver.packed import (
     Equations,
@@ -20,14 +21,19 @@ from prioritized._solver.packed import (
     Point,
     Rows,
     Unknowns,
+    active_of,
     ends_of,
     pack,
+    point_of,
     solve,
-    solved_if_moderate,
+    unpacked,
 )
 from prioritized._solver.rank import RANK_TOLERANCE, norm
 
-_FLOAT64 = np.dtype(np.float64)
+_FLOAT64, _INT8 = np.dtype(np.float64), np.dtype(np.int8)
+_Solved = tuple[Array, NDArray[np.int64], float, Array, NDArray[np.int8], int] | None
+"""What the compiled solver took and found: levels, their ends, and tolerance; x with limits and
+norms of levels, active bounds, and steps. None where the other was needed."""
 Level = tuple[ArrayLike, ArrayLike] | tuple[ArrayLike, ArrayLike, ArrayLike]
 """(A, b), or (A, lower, upper) for an A x that is to lie between two vectors."""
 
@@ -37,18 +43,30 @@ class Solution:
     """What :func:`lexicographic_least_squares` found.
 
     Attributes:
-        packed: The problem as it was solved: unknowns are x, then one for each inequality row.
-        point: Its solution, from which another call can start.
         n: Number of unknowns x.
         hard_rows: Number of inequality rows that hold first.
         levels: Number of levels.
     """
 
-    packed: Packed
-    point: Point
     n: int
     hard_rows: int
     levels: int
+    _solved: _Solved
+
+    @cached_property
+    def packed(self) -> Packed:
+        """The problem as it was solved: unknowns are x, then one for each inequality row."""
+        assert self._solved is not None
+        given, ends, tolerance, found, _, _ = self._solved
+        limits, scales = found[self.n : 3 * self.n].reshape(2, self.n), found[3 * self.n :]
+        return unpacked(given, ends, tolerance, limits, scales)
+
+    @cached_property
+    def point(self) -> Point:
+        """Its solution, from which another call can start."""
+        assert self._solved is not None
+        *_, found, active, steps = self._solved
+        return point_of(found[None, : self.n], active[None], steps)
 
     @property
     def x(self) -> Array:
@@ -167,40 +185,35 @@ def lexicographic_least_squares(
     if most_steps is not None:
         most_steps = check.index("most_steps", most_steps, 10**9)
     begun = None if start is None else check.instance("start", start, Solution).point
-    solved, hard_rows = None, 0
-    if rows is rows_lower is rows_upper is tie_metric is None:
-        solved = _of_plain_arrays(levels, (lower, upper), tolerance, begun, most_steps)
-    if solved is None:
-        n = check.matrix("levels[0][0]", _parts(0, levels[0])[0]).shape[1]
-        blocks = [_block(k, level, n) for k, level in enumerate(levels)]
-        box = _between("lower and upper", lower, upper, n)
-        hard = _hard_rows(rows, rows_lower, rows_upper, n)
-        ties = (
-            []
-            if tie_metric is None
-            else [check.sized("tie_metric", check.weight("tie_metric", tie_metric, n))]
-        )
-        last = [_equations(T, np.zeros(len(T))) for T in (*ties, np.eye(n))]
-        packed, _ = pack([*hard, *blocks, *last], Unknowns(box), tolerance)
-        hard_rows = sum(len(each.G) for each in hard)
-        solved = packed, solve(packed, None, begun, most_steps)
-    else:
-        n = solved[0].A.shape[2]
-    return Solution(*solved, n, hard_rows, len(levels))
+    if rows is rows_lower is rows_upper is tie_metric is most_steps is None:
+        quick = _of_plain_arrays(levels, lower, upper, tolerance, begun)
+        if quick is not None:
+            return quick
+    n = check.matrix("levels[0][0]", _parts(0, levels[0])[0]).shape[1]
+    blocks = [_block(k, level, n) for k, level in enumerate(levels)]
+    box = _between("lower and upper", lower, upper, n)
+    hard = _hard_rows(rows, rows_lower, rows_upper, n)
+    ties = (
+        []
+        if tie_metric is None
+        else [check.sized("tie_metric", check.weight("tie_metric", tie_metric, n))]
+    )
+    last = [_equations(T, np.zeros(len(T))) for T in (*ties, np.eye(n))]
+    packed, _ = pack([*hard, *blocks, *last], Unknowns(box), tolerance)
+    hard_rows = sum(len(each.G) for each in hard)
+    solution = Solution(n, hard_rows, len(levels), None)
+    vars(solution).update(packed=packed, point=solve(packed, None, begun, most_steps))
+    return solution
 
 
 def _of_plain_arrays(
-    levels: Sequence[Any],
-    box: tuple[Any, Any],
-    tolerance: float,
-    start: Point | None,
-    most_steps: int | None,
-) -> tuple[Packed, Point] | None:
-    """Levels and bounds as they are packed, and solved, where all levels are (A, b) as they should.
+    levels: Sequence[Any], lower: Any, upper: Any, tolerance: float, start: Point | None
+) -> Solution | None:
+    """The solution within bounds, where all levels are (A, b) as they should be.
 
     None elsewhere: the checks then say what is wrong, or take what is right in another form.
     """
-    matrices, targets, counts, n = [], [], [], -1
+    given, counts, n = [], [], -1
     # Calls of the argument checks would take as long as the arithmetic.
     for level in levels:
         if type(level) is not tuple or len(level) != 2:
@@ -211,21 +224,31 @@ def _of_plain_arrays(
             and A.dtype is b.dtype is _FLOAT64
             and A.ndim == 2
             and A.shape[:1] == b.shape
-            and (n < 0 or A.shape[1] == n)
         ):
             return None
-        n = A.shape[1]
-        matrices.append(A)
-        targets.append(b)
-        counts.append(len(b))
-    A = np.concatenate([*matrices, identity(n)])[None]
-    b = np.concatenate([*targets, none((n,))])[None]
-    low, high = box
-    if low is None or high is None:
-        without = limits("", None, n)
-        low, high = without[0] if low is None else low, without[1] if high is None else high
+        rows, columns = A.shape
+        n = columns if n < 0 else n
+        if columns != n:
+            return None
+        given += A.ravel(), b
+        counts.append(rows)
+    low = limits("", None, n)[0] if lower is None else lower
+    high = limits("", None, n)[1] if upper is None else upper
     clear, ends = thresholds(tolerance)[0], ends_of(*counts, n)
-    return solved_if_moderate(A, b, ends, tolerance, clear, low, high, start, most_steps)
+    numbers, found = np.concatenate(given), np.empty(3 * n + len(ends))
+    active = np.zeros(n, _INT8) if start is None else active_of(start, (1, n))[0]
+    try:
+        steps = unlimited().levels_within(
+            numbers, ends, clear, check.LARGEST, low, high, found, active
+        )
+    except TypeError:  # no vectors, or not of floats
+        return None
+    if steps < -1:
+        return None
+    solution = Solution(n, 0, len(counts), (numbers, ends, tolerance, found, active, steps))
+    if steps < 0:
+        vars(solution)["point"] = solve(solution.packed, None, start)
+    return solution
 
 
 def _hard_rows(

@@ -29,6 +29,7 @@ class Plan(NamedTuple):
     p: int
     z: int
     place: Indices
+    idle: Indices
     weight: Array
     errors: Array
 
@@ -50,21 +51,27 @@ class Plan(NamedTuple):
         own, joints, clear = weight[weighted], system.joints, regular().CLEAR
         order = np.append(np.flatnonzero(~weighted), np.flatnonzero(weighted))
         wanted = (rates.T @ W)[weighted] / own[:, None] ** 2
+        moving, idle = _widest_last(system)
         sizes = clear * np.array([norm(own), norm(E @ D)]) / own.min()
         return cls(
             *(S, D, E, np.concatenate([W[is_met], wanted, W[is_beside]])),
-            np.concatenate([_widest_last(system), joints.active[order]]),
-            *(len(joints.moving), len(weight) - len(own), order, own),
+            np.concatenate([moving, joints.active[order]]),
+            *(len(moving), len(weight) - len(own), order, idle, own),
             np.array([*_errors(system.geometry), norm(np.concatenate([S, D])), *sizes]),
         )
 
 
-def _widest_last(system: Partition) -> Indices:
-    """The passive velocities that move, those of one loop first: more zeros then stay zeros."""
+def _widest_last(system: Partition) -> tuple[Indices, Indices]:
+    """The passive velocities that move, and those that neither loops nor task know.
+
+    The former begin with those of one loop: more zeros then stay zeros.
+    """
     moving = system.joints.moving
+    is_idle = ~(system.J_C[:, moving].any(axis=0) | system.geometry.J_T[:, moving].any(axis=0))
+    moving, idle = moving[~is_idle], moving[is_idle]
     rows = [np.flatnonzero(column) for column in system.J_C[:, moving].T]
     widths = [int(np.ptp(each)) if len(each) else 0 for each in rows]
-    return moving[np.argsort(widths, kind="stable")]
+    return moving[np.argsort(widths, kind="stable")], idle
 
 
 def _beside(last: tuple[Level, ...], on_task: Array) -> tuple[Array, Array, Mask]:

@@ -134,24 +134,24 @@ def rates_by(
     Raises:
         ValueError: A velocity of the wrong shape or not finite, by its name.
     """
-    _, p, _, n, _, _, m2 = factors
-    rates, solver = np.empty(n), unlimited()
-    solve = solver.apply if box is None else solver.apply_within
+    n, m2, solver = factors[3], factors[6], unlimited()
+    solve, last = (solver.apply, ()) if box is None else (solver.apply_within, (box,))
     joint = none((n,)) if joint_velocity is None else joint_velocity
     secondary = none((m2,)) if secondary_velocity is None else secondary_velocity
+    rates = np.empty(n)
     # Calls of the argument checks would take as long as the arithmetic.
     if type(v_major) is type(joint) is type(secondary) is np.ndarray:
         try:
-            code = solve(*factors, v_major, joint, secondary, *(box or ()), rates)
+            code = solve(*factors, v_major, joint, secondary, *last, rates)
             if code != solver.REFUSED:
                 return rates if code == solver.CLEAR else None
         except TypeError:  # no vectors, or not of floats
             pass
-    names, sizes = ("v_major", "joint_velocity", "secondary_velocity"), (p, n, m2)
+    names, sizes = ("v_major", "joint_velocity", "secondary_velocity"), (factors[1], n, m2)
     given = list(map(check.vector, names, (v_major, joint, secondary), sizes))
     if any(v.ndim > 1 for v in given):
         return None
-    return rates if solve(*factors, *given, *(box or ()), rates) == solver.CLEAR else None
+    return rates if solve(*factors, *given, *last, rates) == solver.CLEAR else None
 
 
 def rates_within(
@@ -178,7 +178,7 @@ def rates_within(
         A[0, :p], b[0, :p] = weighed, M @ b[0, :p]
     packed = Packed(A, b, ends_of(p, k1 + k2, n), scales, tolerance, lower, upper)
     x, active = rates.copy(), active_of(start, (1, n))
-    steps = unlimited().within(*factors, *box, x, active[0])
+    steps = unlimited().within(*factors, box, x, active[0])
     found = solve(packed, rates, start) if steps < 0 else point_of(x[None], active, steps)
     return Optimum(packed, found, n, 0, False, ())
 

@@ -83,15 +83,15 @@ class Tick(ReadOnly):
         J_T: Array,
         J_C: Array,
         targets: Array,
-        velocity_limits: tuple[Array, Array],
+        velocity_limits: Limits,
         error_bound: float = 0.0,
     ) -> Array | None:
         """Optimal velocities in the order of J_T's columns, shape (N,); None where others decide.
 
         They are those of :meth:`Hierarchy.solve` at this pose, where limits of passive velocities
         are inequality rows. None is said where a rank may be in doubt, as near singular poses and
-        where tasks contradict each other; where a joint swings freely; and where limits and loops
-        contradict each other.
+        where tasks contradict each other; where a joint swings freely that task or loops know; and
+        where limits and loops contradict each other.
 
         Args:
             J_T: Task Jacobian there, shape (m, N).
@@ -121,7 +121,7 @@ class Tick(ReadOnly):
         J_T: Array,
         J_C: Array,
         targets: Array,
-        velocity_limits: tuple[Array, Array],
+        velocity_limits: Limits,
         error_bound: float,
     ) -> tuple[bool, Array | None]:
         """Whether an argument is wrong or no plain array; and what a call returns."""
@@ -147,7 +147,7 @@ class Tick(ReadOnly):
         return lower, upper
 
     def _held_back(
-        self, velocities: Array, reduced: Array, targets: Array, limits: tuple[Array, Array]
+        self, velocities: Array, reduced: Array, targets: Array, limits: Limits
     ) -> Array | None:
         """The optimum of levels that limits hold back, one after the other."""
         (c, _), p, (lower, upper) = self.basis.shape, self.plan.p, limits

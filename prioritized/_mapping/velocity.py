@@ -1,6 +1,5 @@
 """Velocity mapping: Problem 1 of the paper for all weights."""
 
-from collections.abc import Callable
 from dataclasses import FrozenInstanceError
 from functools import cached_property
 from typing import NamedTuple, Protocol
@@ -45,7 +44,6 @@ from prioritized._mechanism.elimination import Partition
 from prioritized._mechanism.measure import Measure
 from prioritized._mechanism.ordered import Stacked
 from prioritized._solver.arrays import apply, joined, none, on_axes, read_only, respond, transposed
-from prioritized._solver.compiled import unlimited
 from prioritized._solver.limits import Limits, limits
 from prioritized._solver.packed import Point, Rows
 from prioritized._solver.rank import RankedSvd, basis_scale, largest, norm, ranked_svd
@@ -95,12 +93,10 @@ class VelocityMapping:
     Attributes:
         damping: Of the major task.
         kinematics: The mechanism that J belongs to; None for a J given as a matrix.
-        limiting: The limits of the rates; None is none.
     """
 
     damping: float
     kinematics: Mechanism | None
-    limiting: Limiting | None
 
     def __init__(
         self,
@@ -117,21 +113,26 @@ class VelocityMapping:
     def of_factors(
         factors: Factors,
         rest: tuple[Selected, float, float],
-        kinematics: Mechanism | None,
-        limiting: Limiting | None,
+        box: Array | None,
+        limiting: Limiting | None = None,
     ) -> "VelocityMapping":
         """The mapping of one J with diagonal weights, all ranks clearly full.
 
         Args:
             factors: Of the problem.
             rest: Its tasks, the size of J (negative: its norm), and the rank tolerance.
-            kinematics: The mechanism that J belongs to, or None.
-            limiting: The limits of the rates, or None.
+            box: Its own limits of the rates, (2, n), or None.
+            limiting: Other ones, or None.
         """
         mapping = object.__new__(VelocityMapping)
         parts = vars(mapping)
-        parts["damping"], parts["kinematics"], parts["limiting"] = 0.0, kinematics, limiting
-        parts["_made"] = factors, rest
+        parts["damping"], parts["kinematics"] = 0.0, None
+        # What is not set follows from the other.
+        if limiting is None:
+            parts["_box"] = box
+        if box is None:
+            parts["limiting"] = limiting
+        parts["_factors"], parts["_made"] = factors, (factors, rest)
         return mapping
 
     def __setattr__(self, name: str, value: object) -> None:
@@ -144,18 +145,21 @@ class VelocityMapping:
         secondary_velocity: ArrayLike | None = None,
     ) -> Array:
         """Optimal active joint rates, shape (..., n); what is None counts as zero."""
-        rates = self._by_tick(v_major, joint_velocity, secondary_velocity)
-        if rates is not None:
-            return rates
+        # Where J is known, no tick is made.
+        factors = None if "_origin" in vars(self) else self._factors
+        if factors is None:
+            rates = self._by_tick(v_major, joint_velocity, secondary_velocity)
+            if rates is not None:
+                return rates
+            factors = self._factors
+        box = self._box
+        if factors is not None and (box is not None or self.limiting is None):
+            rates = rates_by(factors, v_major, joint_velocity, secondary_velocity, box)
+            if rates is not None:
+                return rates
         if self.limiting is None:
             return self._unlimited(v_major, joint_velocity, secondary_velocity)
-        factors, limiting, rates = self._factors, self.limiting, None
-        if factors is not None and limiting.is_box:
-            velocities = v_major, joint_velocity, secondary_velocity
-            rates = rates_by(factors, *velocities, limiting.box)
-        if rates is None:
-            return self.solve(v_major, joint_velocity, secondary_velocity).rates
-        return rates
+        return self.solve(v_major, joint_velocity, secondary_velocity).rates
 
     def _unlimited(
         self,
@@ -179,6 +183,18 @@ class VelocityMapping:
             secondary_velocity=secondary_velocity,
         )
 
+    @cached_property
+    def limiting(self) -> Limiting | None:
+        """The limits of the rates; None is none."""
+        assert self._box is not None
+        return Limiting(read_only(self._box))
+
+    @cached_property
+    def _box(self) -> Array | None:
+        """Limits of each rate (2, n), where nothing else limits them."""
+        limiting: Limiting | None = vars(self)["limiting"]
+        return np.asarray(limiting.box) if limiting is not None and limiting.is_box else None
+
     @property
     def _first(self) -> "VelocityMapping":
         """The mapping of which this one is another pose, or this one."""
@@ -191,8 +207,7 @@ class VelocityMapping:
         secondary_velocity: ArrayLike | None,
     ) -> Array | None:
         """Optimal rates for one target from J_T and J_C; None where J must be known, or is."""
-        first = self._first
-        tick = None if first is self and self._factors is not None else self.tick()
+        first, tick = self._first, self.tick()
         targets = (
             None if tick is None else first._targets(v_major, joint_velocity, secondary_velocity)
         )
@@ -421,7 +436,8 @@ class VelocityMapping:
         box = limits("rate_limits", rate_limits, self._first.problem.J.shape[-1])
         mapping = object.__new__(VelocityMapping)
         vars(mapping).update(vars(self), limiting=_bounded_by(box, self.limiting))
-        vars(mapping).pop("_limits", None)
+        for name in ("_limits", "_box"):
+            vars(mapping).pop(name, None)
         return mapping
 
     def belonging_to(self, kinematics: Mechanism) -> "VelocityMapping":
@@ -557,85 +573,29 @@ class VelocityMapping:
         X, m1, n = check.frozen(X), len(self.problem.S_m), X.shape[-2]
         return (X[..., :m1], X[..., m1 : m1 + n], X[..., m1 + n :]), decisions
 
-    def rates_at(
-        self,
-        kinematics: Mechanism,
-        v_major: ArrayLike,
-        joint_velocity: ArrayLike | None = None,
-        secondary_velocity: ArrayLike | None = None,
-    ) -> Array:
-        """Optimal rates (n,) at another pose: `at(kinematics)(v_major, ...)` without that mapping.
-
-        For a control loop, which asks once at each pose. Where nothing but the task restricts the
-        rates and all ranks are clearly full, it is one compiled call.
-
-        Raises:
-            TypeError, ValueError: As :meth:`at`, and as a call of what that returns.
-        """
-        ready, J = self.ready, getattr(kinematics, "J", None)
-        if (
-            ready is not None
-            and J is not None
-            and J.shape == ready.shape
-            and self.limiting is None
-            and not kinematics.is_tied
-        ):
-            joint = ready.joint if joint_velocity is None else joint_velocity
-            secondary = ready.secondary if secondary_velocity is None else secondary_velocity
-            F, rates, scale = np.empty(ready.room), np.empty(J.shape[1]), kinematics.scale
-            if check.is_plain(v_major) and check.is_plain(joint) and check.is_plain(secondary):
-                fractions = kinematics.clear, ready.exact
-                try:
-                    code = ready.solve(
-                        J, *ready.weighed, scale, *fractions, v_major, joint, secondary, F, rates
-                    )
-                except TypeError:  # no vectors
-                    code = None
-                if code == ready.clear:
-                    return rates
-        return self.at(kinematics)(v_major, joint_velocity, secondary_velocity)
-
-    @cached_property
+    @property
     def ready(self) -> "Ready | None":
-        """What :meth:`rates_at` needs, looked up once; None where it takes the long way."""
+        """What compiled code takes to solve the same at another J; None where it does not apply."""
         problem = self.problem
-        if self.damping or problem.lead or not problem.is_unconstrained:
+        if self.damping or self.limiting or problem.lead or not problem.is_unconstrained:
             return None
-        J, S_m, S_s, W1, W2 = problem[:5]
-        return Ready(
-            unlimited().solve,
-            unlimited().CLEAR,
-            J.shape,
-            (S_m, S_s, W1, W2),
-            room(len(S_m), *J.shape, len(W1), len(W2), len(S_s)),
-            thresholds(problem.tolerance)[1],
-            none(J.shape[1:]),
-            none((len(S_s),)),
-        )
+        J, *weighed = problem[:5]
+        sizes = len(weighed[0]), *J.shape, *map(len, (*weighed[2:], weighed[1]))
+        return Ready((*weighed,), thresholds(problem.tolerance)[1], room(*sizes))
 
 
 class Ready(NamedTuple):
-    """What one compiled call takes beside J, its scale, and the target.
+    """Arguments of `solve` in :mod:`prioritized._solver.unlimited`.
 
     Attributes:
-        solve: The call.
-        clear: What it returns where it has solved the problem.
-        shape: Of J.
         weighed: Directions and weights.
-        room: How many numbers it works on.
         exact: Part of the rank tolerance for weights.
-        joint: No desired rates.
-        secondary: No desired secondary velocity.
+        room: How many numbers it works on.
     """
 
-    solve: Callable[..., int]
-    clear: int
-    shape: tuple[int, ...]
-    weighed: tuple[Array, Array, Array, Array]
-    room: int
+    weighed: tuple[Array, ...]
     exact: float
-    joint: Array
-    secondary: Array
+    room: int
 
 
 def _bounded_by(box: Limits, limiting: Limiting | None) -> Limiting:

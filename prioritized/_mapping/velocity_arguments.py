@@ -9,14 +9,14 @@ from numpy.typing import ArrayLike
 
 import argument_checks as check
 from argument_checks import Array
-from prioritized._mapping.limited import Limiting, WhenLimited, limiting
+from prioritized._mapping.limited import WhenLimited, limiting
 from prioritized._mapping.problem import checked
 from prioritized._mapping.solving import Selected, factors_of_diagonals, room, thresholds
 from prioritized._mapping.task import are_rows, task_selection
 from prioritized._mapping.velocity import VelocityMapping
 from prioritized._mechanism.measure import metric_of, units_of
 from prioritized._solver.arrays import none
-from prioritized._solver.limits import limits as checked_limits
+from prioritized._solver.limits import plain_limits
 from prioritized._solver.rank import RANK_TOLERANCE
 
 
@@ -88,11 +88,10 @@ def velocity_mapping(
         and rate_rows is None
         and not damping
     ):
-        clear = _clear(rank_tolerance)
         quick = of_plain_arrays(
-            *(J, major, secondary, joint_weight, secondary_weight),
-            *(scale, rank_tolerance, clear, (rate_limits, when_limited)),
-        )
+            J, major, secondary, joint_weight, secondary_weight, scale, rank_tolerance, None,
+            rate_limits, when_limited,
+        )  # fmt: skip
         if quick is not None:
             return quick
     args = checked(
@@ -114,10 +113,6 @@ def velocity_mapping(
     return VelocityMapping(args, check.number("damping", damping), None, limited)
 
 
-def _clear(rank_tolerance: Any) -> float:
-    return thresholds(rank_tolerance)[0] if type(rank_tolerance) is float else 0.0
-
-
 def of_plain_arrays(
     J: Any,
     major: Any,
@@ -125,64 +120,82 @@ def of_plain_arrays(
     joint_weight: Any,
     secondary_weight: Any,
     scale: Any,
-    rank_tolerance: float,
-    clear: float,
-    limits: tuple[Any, Any],
+    rank_tolerance: Any,
+    clear: float | None,
+    box: Any,
+    when_limited: WhenLimited,
     task_units: Array | None = None,
 ) -> VelocityMapping | None:
     """The mapping of one J, its weights diagonal, where all arguments are as they should be.
 
-    None elsewhere, and where no singular value is below `clear` parts of the scale: the checks then
-    say what is wrong, or take what is right in another form.
+    None elsewhere, and where a singular value may be below `clear` parts of the scale, by default
+    those of the tolerance: the checks then say what is wrong, or take what is right.
     """
     w1 = _NOTHING if joint_weight is None else joint_weight
     w2 = _NOTHING if secondary_weight is None else secondary_weight
-    size = -1.0 if scale is None else scale
+    size, others = -1.0 if scale is None else scale, () if secondary is None else secondary
     # Calls of the argument checks would take as long as the arithmetic.
     if not (
         type(J) is type(w1) is type(w2) is np.ndarray
-        and J.ndim == 2
         and type(size) is type(rank_tolerance) is float
-        and 0.0 < rank_tolerance < 1.0
-        and are_rows(major)
-        and (secondary is None or are_rows(secondary))
+        and (type(major) is list or type(major) is tuple)
+        and (type(others) is list or type(others) is tuple)
     ):
         return None
-    rest = None if secondary is None else tuple(secondary)
-    exact = thresholds(rank_tolerance)[1]
     units = None if task_units is None else tuple(task_units)
-    selected = _selected(tuple(major), rest, J.shape, w1.size, w2.size, clear, exact, units)
+    numbers = rank_tolerance, clear, units
+    try:
+        selected = _selected(
+            J.shape, w1.size, w2.size, numbers, len(major), secondary is None, *major, *others
+        )
+    except TypeError:  # directions
+        return None
+    if selected is None:
+        return None
     factors = factors_of_diagonals(J, w1, w2, size, selected)
     if factors is None:
         return None
-    (box, when), limited = limits, None
-    is_common = type(when) is str and when == "least_squares"
-    if is_common:
-        if box is not None:
-            limited = Limiting(checked_limits("rate_limits", box, J.shape[1]))
-    else:
-        limited = limiting(J.shape[1], "rate_limits", box, {}, limits[1])
-    return VelocityMapping.of_factors(factors, (selected, size, rank_tolerance), None, limited)
+    rest = selected, size, rank_tolerance
+    if type(when_limited) is str and when_limited == "least_squares":
+        both = None if box is None else plain_limits(box, J.shape[1])
+        if box is None or both is not None:
+            return VelocityMapping.of_factors(factors, rest, both)
+    limited = limiting(J.shape[1], "rate_limits", box, {}, when_limited)
+    return VelocityMapping.of_factors(factors, rest, None, limited)
 
 
-@lru_cache(maxsize=1024)
+# Row 1 is no True.
+@lru_cache(maxsize=1024, typed=True)
 def _selected(
-    major: tuple[int, ...],
-    secondary: tuple[int, ...] | None,
-    shape: tuple[int, int],
+    shape: tuple[int, ...],
     k1: int,
     k2: int,
-    clear: float,
-    exact: float,
-    units: tuple[float, ...] | None,
-) -> Selected:
-    """Tasks and sizes, looked up once: they are the same at every tick."""
-    m, n = shape
-    S_m, S_s = task_selection(major, secondary, m)
-    sizes = len(S_m), m, n, k1, k2, len(S_s)
+    numbers: tuple[float, float | None, tuple[float, ...] | None],
+    p: int,
+    others: bool,
+    *rows: Any,
+) -> Selected | None:
+    """Tasks and sizes, looked up once: they are the same at every tick.
+
+    Args:
+        shape: Of J.
+        k1: Number of joint weights.
+        k2: Number of secondary weights.
+        numbers: As in :func:`of_plain_arrays`.
+        p: So many rows are those of the major task.
+        others: Whether all rows left are the secondary task.
+        rows: Of both tasks.
+    """
+    (tolerance, clear, units), major = numbers, rows[:p]
+    if not (len(shape) == 2 and 0.0 < tolerance < 1.0 and are_rows(rows)):
+        return None
+    S_m, S_s = task_selection(major, None if others else rows[p:], shape[0])
+    sizes = p, *shape, k1, k2, len(S_s)
+    fractions = thresholds(tolerance)
     metric = None if units is None else metric_of(units_of(S_m, np.array(units)))
     M = None if metric is None else check.frozen(np.diag(metric))
-    return Selected(S_m, S_s, sizes, room(*sizes), clear, exact, M)
+    least = fractions[0] if clear is None else clear
+    return Selected(S_m, S_s, sizes, room(*sizes), least, fractions[1], M)
 
 
 _NOTHING = none((0,))

@@ -11,12 +11,12 @@ from argument_checks import Array
 from prioritized._solver.arrays import read_only
 from prioritized._solver.compiled import unlimited
 
-Limits = tuple[Array, Array]
+Limits = tuple[Array, Array] | Array
 """Lower and upper limits, (n,) each, infinite where there is none."""
 
 
-def limits(name: str, value: tuple[ArrayLike, ArrayLike] | None, n: int) -> Limits:
-    """Lower and upper limits of n unknowns, read-only copies, shape (n,) each; None is infinite.
+def limits(name: str, value: tuple[ArrayLike, ArrayLike] | None, n: int) -> Array:
+    """Lower and upper limits of n unknowns, a read-only copy, shape (2, n); None is infinite.
 
     Each of the pair is n numbers, or one for all. Equal limits are a lock.
 
@@ -25,27 +25,25 @@ def limits(name: str, value: tuple[ArrayLike, ArrayLike] | None, n: int) -> Limi
     """
     if value is None:
         return _none(n)
-    if isinstance(value, tuple) and len(value) == 2:
-        both = plain_limits(*value, n)  # the common case
-        if both is not None:
-            return both[0], both[1]
-    return check.limit_vectors(name, value, n)
+    both = plain_limits(value, n)
+    return read_only(np.array(check.limit_vectors(name, value, n)) if both is None else both)
 
 
 @lru_cache
-def _none(n: int) -> Limits:
-    return read_only(np.full(n, -np.inf)), read_only(np.full(n, np.inf))
+def _none(n: int) -> Array:
+    return read_only(np.array([np.full(n, -np.inf), np.full(n, np.inf)]))
 
 
-def plain_limits(lower: Any, upper: Any, n: int) -> Array | None:
-    """A read-only copy (2, n) of limits that are vectors of floats in order; None of others."""
-    if not (type(lower) is type(upper) is np.ndarray and lower.ndim == upper.ndim == 1):
+def plain_limits(value: Any, n: int) -> Array | None:
+    """A copy (2, n) of a pair of vectors of floats in order, the common case; None of others."""
+    if not (type(value) is tuple and len(value) == 2):
+        return None
+    lower, upper = value
+    if not type(lower) is type(upper) is np.ndarray:
         return None
     both = np.empty((2, n))
     try:
-        if not unlimited().copy_limits(lower, upper, check.LARGEST, both):
-            return None
-    except TypeError:  # not of floats
+        is_copied = unlimited().copy_limits(lower, upper, check.LARGEST, both)
+    except TypeError:  # no vectors, or not of floats
         return None
-    both.setflags(write=False)
-    return both
+    return both if is_copied else None

@@ -3,12 +3,11 @@
 from collections.abc import Sequence
 from functools import lru_cache
 from math import prod
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-import argument_checks as check
 from argument_checks import Array, Mask
 from argument_checks.ties import ACCURACY, exceeds
 from prioritized._solver.arrays import beside, none, read_only, times
@@ -160,45 +159,13 @@ def _count(steps: int) -> NDArray[np.int64]:
 _ENDED = read_only(np.ones(1, dtype=bool))
 
 
-def solved_if_moderate(
-    A: Array,
-    b: Array,
-    ends: NDArray[np.int64],
-    tolerance: float,
-    clear: float,
-    lower: Any,
-    upper: Any,
-    start: Point | None,
-    most_steps: int | None,
-) -> tuple[Packed, Point] | None:
-    """One problem with limits (n,), and its solution; None where its numbers must be checked.
-
-    Args:
-        A: As in :class:`Packed`, and so are the next three.
-        b: Right sides.
-        ends: Of the levels.
-        tolerance: Of the rank decisions.
-        clear: Part of a level's scale above which its singular values are clearly not zero.
-        lower: Limits, (n,).
-        upper: Likewise.
-        start: As in :func:`solve`.
-        most_steps: Likewise.
-    """
-    n = A.shape[2]
-    limits, scales, x = np.empty((2, n)), np.empty((1, len(ends))), np.empty((1, n))
-    active, largest = active_of(start, x.shape), check.LARGEST
-    try:
-        steps = unlimited().levels_within(
-            A, b, ends, clear, largest, lower, upper, limits, scales, x, active
-        )
-    except TypeError:  # no vectors, or not of floats
-        return None
-    if steps < -1:
-        return None
-    packed = Packed(A, b, ends, scales, tolerance, limits[:1], limits[1:])
-    if steps < 0 or most_steps is not None:
-        return packed, solve(packed, None, start, most_steps)
-    return packed, point_of(x, active, steps)
+def unpacked(
+    given: Array, ends: NDArray[np.int64], tolerance: float, limits: Array, scales: Array
+) -> Packed:
+    """One problem with A_1, b_1, A_2 and so on, row by row, in `given`, and a last level |x|."""
+    A, b = np.empty((1, ends[-1], limits.shape[1])), np.empty((1, ends[-1]))
+    unlimited().unpack(given, ends, A[0], b[0])
+    return Packed(A, b, ends, scales[None], tolerance, limits[:1], limits[1:])
 
 
 class Rows(NamedTuple):

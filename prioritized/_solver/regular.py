@@ -497,16 +497,29 @@ def _reduce(M, J, p, end, place, scale, reduced):
         reduced[at(c + m), at(place[j])] = scale
 
 
+@_inlined
+def _are_idle(J_T, J_C, idle, lower, upper):
+    """Whether these velocities move neither loops nor task, and may be zero."""
+    for j in idle:
+        if not lower[j] <= 0.0 <= upper[j]:
+            return False
+        for A in (J_T, J_C):
+            for i in range(len(A)):
+                if A[i, j] != 0.0:
+                    return False
+    return True
+
+
 @kernel(
     _int(
         _given[2], _given[2], _given[1], _given[1], _given[1], _float,
         _given[2], _given[2], _given[2], _given[2],
-        _indices, _int, _int, _indices, _given[1], _given[1], _new[1], _new[2],
+        _indices, _int, _int, _indices, _indices, _given[1], _given[1], _new[1], _new[2],
     )
 )  # fmt: skip
 def meet(
     J_T, J_C, targets, lower, upper, bound,
-    S, D, E, T, order, p, z, place, weight, errors, x, reduced,
+    S, D, E, T, order, p, z, place, idle, weight, errors, x, reduced,
 ):  # fmt: skip
     """Meet all rows S J rates of all levels by the best rates.
 
@@ -527,11 +540,12 @@ def meet(
         p: Number of them.
         z: Likewise.
         place: Of each rate in this order its number among the actuators, (n,).
+        idle: Passive velocities that neither loops nor task know, which stay at rest.
         weight: Of the others, (n - z,).
         errors: Size of the errors of J_C and of J_T per `bound`; parts of the sizes of J_C and of J
             up to which a singular value is in doubt; norm of S and D; this part of |weight| and of
             |E D| per least weight.
-        x: Overwritten with all velocities, zero where stuck, (N,).
+        x: Overwritten with all velocities, zero where stuck or idle, (N,).
         reduced: Where limits forbid it, overwritten with passive velocities per rate (p, n),
             constraints of the rates (c - p, n), of which some may be zero, J (m, n), and the size
             of its terms (1, n), in the order of the actuators.
@@ -547,6 +561,8 @@ def meet(
     if not is_finite:
         return REFUSED
     if not (is_moderate and len(reduced) == c + m + 1 and p <= c):
+        return IN_DOUBT
+    if not _are_idle(J_T, J_C, idle, lower, upper):
         return IN_DOUBT
     M, sizes = np.empty((c + 1, p + n)), (np.sqrt(task), np.sqrt(loops))
     is_regular, end, scale, loops, task, follows = _through(

@@ -40,6 +40,8 @@ _any = {k: types.Array(types.float64, k, "A", readonly=True) for k in (1, 2, 3)}
 _new = {k: types.Array(types.float64, k, "C") for k in (1, 2, 3)}
 _int, _float = types.int64, types.float64
 _state = types.Array(types.int8, 1, "C")
+_limits = types.Array(types.float64, 2, "C", readonly=True)
+_ends = types.Array(types.int64, 1, "C", readonly=True)
 _inlined = njit(error_model="numpy")
 at = np.uint64
 """An index that cannot be negative: the compiler then leaves out Python's counting from the end."""
@@ -629,13 +631,13 @@ def factor_diagonals(J, S_m, S_s, w1, w2, scale, clear, exact, F):
     return _factor(F, z, z.k1 > 0, size_1, _square(F, a.G, z.k2 * m), scale, clear, exact)
 
 
-@_compiled(_any[1], _any[1], _any[1])
-def is_within(lower, upper, x):
+@_inlined
+def _is_within(limits, x):
     """Whether each number of x is between its limits."""
+    is_within = True
     for j in range(len(x)):
-        if not lower[j] <= x[j] <= upper[j]:
-            return 0
-    return 1
+        is_within = is_within and limits[0, j] <= x[j] <= limits[1, j]
+    return is_within
 
 
 @_compiled(_new[1], *[_int] * 6, _any[1], _any[1], _any[1], _new[1])
@@ -666,14 +668,14 @@ def apply(F, p, m, n, k1, k2, m2, v, rates_d, v_sd, x):
     return CLEAR
 
 
-@_compiled(_new[1], *[_int] * 6, _any[1], _any[1], _new[1], _state)
-def within(F, p, m, n, k1, k2, m2, lower, upper, x, state):
-    """Move the optimal rates x (n,) to the optimum within limits (n,).
+@_compiled(_new[1], *[_int] * 6, _limits, _new[1], _state)
+def within(F, p, m, n, k1, k2, m2, limits, x, state):
+    """Move the optimal rates x (n,) to the optimum within limits (2, n).
 
     Returns the steps of the active set, or -1 where another method decides. `state` are limits to
     begin with, -1 lower, 1 upper, 0 none; overwritten with those that hold.
     """
-    if is_within(lower, upper, x) == 1:
+    if _is_within(limits, x):
         state[:] = 0
         return 0
     z = Sizes(p, m, n, k1, k2, m2)
@@ -681,16 +683,16 @@ def within(F, p, m, n, k1, k2, m2, lower, upper, x, state):
     _, count, _, q = _shape(F, z)
     _motions(F, a.W, n, count, a.W_beta, a.M, q, a.M_diagonal, a.w, a.x, C)
     w, column = F[a.w : a.w + n], _columns(F[a.J : a.J + m * n].reshape(m, n))
-    return _hold(C, w, column, F[at(a.most)], lower, upper, x, state)
+    return _hold(C, w, column, F[at(a.most)], limits[0], limits[1], x, state)
 
 
-@_compiled(_new[1], *[_int] * 6, *[_any[1]] * 5, _new[1])
-def apply_within(F, p, m, n, k1, k2, m2, v, rates_d, v_sd, lower, upper, x):
+@_compiled(_new[1], *[_int] * 6, *[_any[1]] * 3, _limits, _new[1])
+def apply_within(F, p, m, n, k1, k2, m2, v, rates_d, v_sd, limits, x):
     """`apply` and `within` in one call; IN_DOUBT where another method decides."""
     code = apply(F, p, m, n, k1, k2, m2, v, rates_d, v_sd, x)
-    if code != CLEAR or is_within(lower, upper, x) == 1:
+    if code != CLEAR or _is_within(limits, x):
         return code
-    steps = within(F, p, m, n, k1, k2, m2, lower, upper, x, np.zeros(n, np.int8))
+    steps = within(F, p, m, n, k1, k2, m2, limits, x, np.zeros(n, np.int8))
     return IN_DOUBT if steps < 0 else CLEAR
 
 
@@ -782,6 +784,26 @@ def copy_limits(lower, upper, largest, limits):
     return 1
 
 
+@_compiled(_new[1], _ends, _new[2], _new[1])
+def unpack(given, ends, A, b):
+    """Write the levels of :func:`levels_within` to A (k, n) and b (k,)."""
+    first, on, n = 0, 0, A.shape[1]
+    for k in range(len(ends) - 1):
+        for i in range(first, ends[k]):
+            for j in range(n):
+                A[at(i), at(j)] = given[at(on + j)]
+            on += n
+        for i in range(first, ends[k]):
+            b[at(i)] = given[at(on)]
+            on += 1
+        first = ends[k]
+    for i in range(n):
+        for j in range(n):
+            A[at(first + i), at(j)] = 1.0 if i == j else 0.0
+        b[at(first + i)] = 0.0
+    return 1
+
+
 @_inlined
 def _scales(A, b, ends, scales):
     """Write the norms of the levels; whether no product of these numbers over- or underflows."""
@@ -789,12 +811,12 @@ def _scales(A, b, ends, scales):
     for k in range(len(ends)):
         square = 0.0
         for i in range(first, ends[k]):
-            for j in range(A.shape[2]):
-                square += A[0, at(i), at(j)] * A[0, at(i), at(j)]
-            targets += b[0, at(i)] * b[0, at(i)]
+            for j in range(A.shape[1]):
+                square += A[at(i), at(j)] * A[at(i), at(j)]
+            targets += b[at(i)] * b[at(i)]
         if not 1.0 / _MODERATE < square < _MODERATE:
             return False
-        scales[0, k], first = np.sqrt(square), ends[k]
+        scales[at(k)], first = np.sqrt(square), ends[k]
     return targets < _MODERATE
 
 
@@ -802,9 +824,9 @@ def _scales(A, b, ends, scales):
 def _are_met(A, b, rows, x):
     """Whether the first rows of A x are b but for round-off of their terms."""
     for i in range(rows):
-        rest, terms = b[0, at(i)], abs(b[0, at(i)])
-        for j in range(A.shape[2]):
-            part = A[0, at(i), at(j)] * x[0, at(j)]
+        rest, terms = b[at(i)], abs(b[at(i)])
+        for j in range(A.shape[1]):
+            part = A[at(i), at(j)] * x[at(j)]
             rest -= part
             terms += abs(part)
         if not abs(rest) <= _MISSED * terms:
@@ -813,31 +835,32 @@ def _are_met(A, b, rows, x):
 
 
 @_compiled(
-    _new[3], _new[2], types.Array(_int, 1, "C", readonly=True), _float, _float, _any[1], _any[1],
-    _new[2], _new[2], _new[2], types.Array(types.int8, 2, "C"),
+    _new[1], _ends, _float, _float, _any[1], _any[1],
+    _new[1], _state,
 )  # fmt: skip
-def levels_within(A, b, ends, clear, largest, lower, upper, limits, scales, x, state):
-    """Minimize |A_k x - b_k| level by level within limits, where only the last is not met.
+def levels_within(given, ends, clear, largest, lower, upper, found, state):
+    """Minimize |A_k x - b_k| level by level within limits, where only one before |x| is not met.
 
-    The last is the first with which there are as many rows as unknowns. Returns the steps of the
-    active set, -1 where another method decides, -2 where that is to check the numbers first.
+    That is the first with which there are as many rows as unknowns. Returns the steps of the active
+    set, -1 where another method decides, -2 where that is to check the numbers first.
 
     Args:
-        A: Rows of all levels, one after the other, (1, k, n).
-        b: Shape (1, k).
-        ends: Where each level ends in A, the last beyond n - 1.
+        given: A_1, b_1, A_2, and so on, row by row.
+        ends: Where each level ends in the rows of all, that of |x| at last.
         clear: Part of a level's norm above which a singular value is clearly not zero.
         largest: Limits below it pass, or infinite ones.
         lower: Shape (n,).
         upper: Likewise.
-        limits: Overwritten with both, (2, n).
-        scales: Overwritten with the norms of the levels, (1, levels).
-        x: Overwritten with the solution, (1, n).
-        state: As in `apply_within`, (1, n).
+        found: Overwritten with the solution, lower and upper limits, (n,) each, and the norms of
+            the levels.
+        state: As in `apply_within`, (n,).
     """
+    n, last, p, clear = len(state), 0, 0, max(clear, _REGULAR)
+    A, b = np.empty((ends[-1], n)), np.empty(ends[-1])
+    x, limits, scales = found[:n], found[n : 3 * n].reshape(2, n), found[3 * n :]
+    unpack(given, ends, A, b)
     if copy_limits(lower, upper, largest, limits) == 0 or not _scales(A, b, ends, scales):
         return -2
-    n, last, p, clear = A.shape[2], 0, 0, max(clear, _REGULAR)
     while ends[last] < n:
         p, last = ends[last], last + 1
     rows, q = ends[last], n - p
@@ -849,7 +872,7 @@ def levels_within(A, b, ends, clear, largest, lower, upper, limits, scales, x, s
     F = np.empty(w + n)
     for i in range(rows):
         for j in range(n):
-            F[at(i * n + j)] = A[0, at(i), at(j)]
+            F[at(i * n + j)] = A[at(i), at(j)]
     _reduce_rows(F, 0, rows, n, p, diagonal, W_beta)
     for i in range(k):
         for j in range(q):
@@ -858,29 +881,29 @@ def levels_within(A, b, ends, clear, largest, lower, upper, limits, scales, x, s
     doubt = 0.0
     for level in range(last):
         inverse = _inverse_square(F, 0, n, ends[level], diagonal, False, c)
-        doubtful = inverse * (clear * scales[0, level]) ** 2
+        doubtful = inverse * (clear * scales[at(level)]) ** 2
         if not doubtful < 1.0:  # nor is NaN
             return -1
         doubt = max(doubt, doubtful)
     inverse = _inverse_square(F, M, q, q, M_diagonal, True, c)
-    if not inverse * (clear * scales[0, last]) ** 2 < 1.0:
+    if not inverse * (clear * scales[at(last)]) ** 2 < 1.0:
         return -1
     for i in range(rows):
-        s = b[0, at(i)]
+        s = b[at(i)]
         for j in range(min(i, p)):
             s -= F[at(i * n + j)] * F[at(c + j)]
         F[at(c + i)] = s / F[at(diagonal + i)] if i < p else s
     _least_squares(F, M, k, q, 0, M_diagonal, M_beta, c + p)
     _reflect(F, 0, n, p, W_beta, c, True)
     for j in range(n):
-        x[0, j], F[at(w + j)] = F[at(c + j)], 1.0
-    if is_within(limits[0], limits[1], x[0]) == 1:
+        x[at(j)], F[at(w + j)] = F[at(c + j)], 1.0
+    if _is_within(limits, x):
         state[:] = 0
         return 0 if _are_met(A, b, p, x) else -1
     C = np.empty((n, q))
     _motions(F, 0, n, p, W_beta, M, q, M_diagonal, w, c, C)
-    most, column = _most(doubt, inverse), _columns(A[0, :rows])
-    steps = _hold(C, F[w:], column, most, limits[0], limits[1], x[0], state[0])
+    most, column = _most(doubt, inverse), _columns(A[:rows])
+    steps = _hold(C, F[w:], column, most, limits[0], limits[1], x, state)
     return steps if _are_met(A, b, p, x) else -1
 
 

@@ -7,6 +7,7 @@ import pytest
 from scipy.stats import chi2
 
 from ftc.fdi.fault_model import Fault, fault_model
+from ftc.fdi.isolation.hypotheses import believed_model, hypothesis_bank
 from ftc.fdi.monitor import monitor
 from tests.scripted_monitor import (
     LOCKED,
@@ -188,3 +189,11 @@ def test_what_was_known_of_other_actuators_stays_known(found, known):
     states = flown(lambda _: found)
     after, _ = before.believing(states[max(states)])
     assert after.faults == known
+
+
+@pytest.mark.parametrize("faults", [(), (Fault(0, "locked"),), (Fault(1, "weak", 0.4),)])
+def test_the_believed_model_alone_is_that_of_all_hypotheses(faults):
+    alone = believed_model(NOMINAL, faults, USUAL.config.uncertainty, TICKS)
+    together = hypothesis_bank(NOMINAL, faults, USUAL.config.uncertainty, TICKS).believed
+    for name in ("A", "M", "C", "N", "onset"):
+        np.testing.assert_array_equal(getattr(alone, name), getattr(together, name))

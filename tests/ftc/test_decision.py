@@ -58,15 +58,25 @@ def test_a_coil_that_is_taken_for_a_seventh_of_itself_is_driven_into_instability
     assert driven > 2 * calm
 
 
+@given(part=st.floats(0.0, 2.0))
+def test_an_error_that_is_enough_is_not_followed_to_its_end(part):
+    """What is returned then lies between what was enough and the error to its end."""
+    pilot, case = RIG.controller(), Case(1.0, [Fault(2, "free")], STILL)
+    short = replace(OUTLOOK, references=PATH[:40])
+    whole = short.rms(pilot, pilot.start(), case)
+    found = short.rms(pilot, pilot.start(), case, part * whole)
+    assert part * whole * (1 - 1e-12) <= found <= whole if part < 1 else found == whole
+
+
 @dataclass(frozen=True)
 class Table(Outlook):
     """Errors that are given, by controller and case."""
 
     errors: dict = None  # type: ignore[assignment]
 
-    def rms(self, pilot, state, case):
-        """From the table."""
-        return self.errors[pilot, case.probability]
+    def rms(self, pilot, state, case, enough=np.inf):
+        """From the table, as little of it as is enough."""
+        return min(self.errors[pilot, case.probability], enough)
 
 
 COSTS = st.floats(1e-3, 1e3)
@@ -118,10 +128,10 @@ def test_what_cannot_be_is_not_flown_and_an_infinite_error_of_it_does_not_count(
 
     @dataclass(frozen=True)
     class Noted(Table):
-        def rms(self, pilot, state, case):
+        def rms(self, pilot, state, case, enough=np.inf):
             """Of the table, and noted."""
             flown.append((pilot[0], case.probability))
-            return super().rms(pilot, state, case)
+            return super().rms(pilot, state, case, enough)
 
     errors = {("stays", 1.0): 9.0, ("goes", 1.0): 3.0, ("stays", 0.0): np.inf}
     table = Noted(**GIVEN, errors=errors | {("goes", 0.0): np.inf})

@@ -6,7 +6,8 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from ftc.fdi.detection.parameter_filter import Parameters
+from ftc.fdi.detection._kernels import corrected
+from ftc.fdi.detection.parameter_filter import Parameters, drift
 from ftc.fdi.uncertainty import CERTAIN, Uncertainty
 
 J, P = 4, 2
@@ -25,11 +26,22 @@ def measurements(seed: int, samples: int, true: np.ndarray | None = None):
     return regressors, white, true
 
 
-def tracked(regressors, white, drift: Uncertainty = STEADY) -> tuple[Parameters, np.ndarray]:
+def updated(parameters: Parameters, white, moving, walk) -> tuple[Parameters, np.ndarray]:
+    """As the watch does it at a sample, without a spectrum; regressors of offsets are one."""
+    errors, p = moving.shape
+    none, predicted = np.zeros((1, p)), np.vstack([np.zeros(p), moving])
+    memory, spectrum = np.zeros((1, errors + 1, p)), (none, none, 1.0, np.inf, True)
+    filtered = parameters.mean, parameters.root, walk
+    found = corrected(memory, predicted, white, np.ones((1, p)), *filtered, *spectrum)
+    return Parameters(found[3], found[4]), found[1]
+
+
+def tracked(regressors, white, rates: Uncertainty = STEADY) -> tuple[Parameters, np.ndarray]:
     parameters, innovations = Parameters.prior(J, P, STEADY), []
     for H, e in zip(regressors, white, strict=True):
-        innovations.append(parameters.innovations(e, H))
-        parameters = parameters.updated(e, H).drifted(0.01, P, drift)
+        walk = drift(J + P, 0.01, P, rates)
+        parameters, innovation = updated(parameters, e, H[:J], walk)
+        innovations.append(innovation)
     return parameters, np.array(innovations)
 
 
@@ -149,7 +161,7 @@ def test_an_innovation_is_measured_in_the_deviation_that_the_uncertainty_gives_i
     """The threshold grows with the motion: S = 1 + h^2 for one parameter of variance one."""
     one = Parameters.prior(1, 1, CERTAIN)
     for h in (0.0, 1.0, 10.0):
-        found = one.innovations(np.array([5.0]), np.array([[h], [0.0]]))
+        _, found = updated(one, np.array([5.0]), np.array([[h]]), np.zeros(2))
         assert found == pytest.approx(5.0 / np.sqrt(1 + h**2))
 
 

@@ -11,7 +11,6 @@ from ftc.fdi.design.isolability import distances
 from ftc.fdi.design.model_distance import nu_gap, output_distance
 from ftc.fdi.detection.parameter_filter import Parameters
 from ftc.fdi.detection.residual_test import residual_test
-from ftc.fdi.detection.whitening import Spectrum
 from ftc.fdi.diagnosis import DEFAULT_CONFIG
 from ftc.fdi.fault_model import Fault, FaultModel
 from ftc.fdi.input_faults import input_fault_bank, input_fault_model
@@ -36,6 +35,7 @@ from tests.aircraft import (
     model,
     sampled,
 )
+from tests.spectra import spectrum_of
 
 SIGMA = np.full(2, OUTPUT_NOISE / np.sqrt(12))  # of uniform noise of this width
 PLANT = sampled()[:, :2]
@@ -242,10 +242,7 @@ def whitening(gusts: bool) -> np.ndarray:
     """From the residuals of one sound flight of 10 s, seed 1000."""
     if not gusts:
         return WHITE
-    spectrum = Spectrum.start(DEFAULT_CONFIG.order, 2)
-    for residual in sound_residuals(1000, gusts):
-        spectrum = spectrum.with_residual(residual, memory=np.inf)
-    return spectrum.filter()
+    return spectrum_of(sound_residuals(1000, gusts), DEFAULT_CONFIG.order).filter()
 
 
 def sound_residuals(seed: int, gusts: bool) -> np.ndarray:

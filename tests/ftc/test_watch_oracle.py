@@ -8,11 +8,11 @@ import pytest
 from ftc.fdi.detection.parameter_filter import Parameters
 from ftc.fdi.detection.residual_test import WINDOWS, residual_test
 from ftc.fdi.detection.watch import Watch, WatchState
-from ftc.fdi.detection.whitening import Spectrum
 from ftc.fdi.diagnosis import FdiConfig
 from ftc.fdi.isolation.hypotheses import hypothesis_bank
 from ftc.fdi.uncertainty import CERTAIN
 from tests.cart_runs import Record, carts
+from tests.spectra import spectrum_of
 
 NOMINAL, PERIOD_S, ORDER = carts(1), 10e-3, 3
 WRONG = replace(
@@ -103,9 +103,7 @@ def test_a_filter_solves_the_equations_of_yule_and_walker(seed):
     """Its weights, but for the first, predict: they satisfy Toeplitz equations of the products."""
     rng = np.random.default_rng(seed)
     residuals = np.cumsum(rng.standard_normal((300, 2)), axis=0) % 3.0
-    spectrum = Spectrum.start(6, 2)
-    for residual in residuals:
-        spectrum = spectrum.with_residual(residual, np.inf)
+    spectrum = spectrum_of(residuals, 6)
     for weights, c in zip(spectrum.filter().T, spectrum.covariance.T, strict=True):
         lags = np.abs(np.subtract.outer(np.arange(6), np.arange(6)))
         toeplitz = c[lags] + 1e-4 * c[0] * np.eye(6)  # the ridge

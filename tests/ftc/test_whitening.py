@@ -6,6 +6,7 @@ import scipy.linalg
 import scipy.signal
 
 from ftc.fdi.detection.whitening import Spectrum
+from tests.spectra import spectrum_of
 
 ORDER = 6
 
@@ -24,10 +25,7 @@ def coloured(seed: int, samples: int, outputs: int = 2) -> tuple[np.ndarray, np.
 
 
 def measured(residuals: np.ndarray, memory: float = np.inf) -> Spectrum:
-    spectrum = Spectrum.start(ORDER, residuals.shape[1])
-    for residual in residuals:
-        spectrum = spectrum.with_residual(residual, memory)
-    return spectrum
+    return spectrum_of(residuals, ORDER, memory)
 
 
 def filtered(weights: np.ndarray, residuals: np.ndarray) -> np.ndarray:
@@ -101,9 +99,7 @@ def test_what_was_fitted_to_few_residuals_is_as_large_as_new_ones_are():
     """Fitted to 100 samples of white noise, the filter leaves unit variance in the next ones."""
     rng, order, squares = np.random.default_rng(1), 10, []
     for _ in range(60):
-        spectrum = Spectrum.start(order, 1)
-        for e in rng.standard_normal((100, 1)):
-            spectrum = spectrum.with_residual(e, 1e9)
+        spectrum = spectrum_of(rng.standard_normal((100, 1)), order)
         new = rng.standard_normal(200)
         left = np.convolve(new, spectrum.filter()[:, 0], mode="valid")
         squares.append((left**2).mean())

@@ -344,11 +344,6 @@ TARGETS = {
     "VelocityMapping.within": Target(
         lambda **a: WITHIN.within(**a)(np.ones(2)), {"rate_limits": (-np.ones(4), 0.2)}
     ),
-    "VelocityMapping.rates_at": Target(
-        KIN.velocity_mapping([0], [1], joint_weight=np.ones(3), secondary_weight=[1.0]).rates_at,
-        {"kinematics": KIN, "v_major": np.ones(1), "joint_velocity": np.ones(3)}
-        | {"secondary_velocity": np.ones(1)},
-    ),
     "ConstrainedSystem.at_pose": Target(
         lambda **a: mechanism(SYSTEM.at_pose(**a).kinematics()), {"mechanism": SPRUNG}
     ),

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from prioritized import ConstrainedSystem, Status, VelocityMapping
@@ -185,3 +185,27 @@ def test_other_limits_hold_after_a_call_within_the_first_ones(seed):
     for mapping in (narrow, there):
         np.testing.assert_allclose(mapping(v, desired), expected, atol=1e-9)
         assert np.all(np.abs(mapping(v, desired)) <= limits)
+
+
+@given(SEEDS)
+def test_a_body_beside_the_robot_rests_and_changes_nothing_until_the_task_knows_it(seed):
+    """A cube on the floor has passive velocities in no row; a task on the cube is another one."""
+    rng = np.random.default_rng(seed)
+    alone = tied(rng, 1)
+    v, desired = 0.1 * rng.normal(size=1), rng.normal(size=5)
+    J_T, J_C = (np.hstack([A, np.zeros((len(A), 6))]) for A in (alone.J_T, alone.J_C))
+    beside = ConstrainedSystem(J_T, J_C, alone.active)
+    found = []
+    for system in (alone, beside):
+        mapping = system.kinematics().velocity_mapping([0], joint_weight=np.ones(5))
+        found.append(ticked(mapping, system, v, desired))
+    assume(found[0] is not None)
+    np.testing.assert_allclose(found[1], np.append(found[0], np.zeros(6)), atol=1e-12)
+    tick = beside.kinematics().velocity_mapping([0], joint_weight=np.ones(5)).tick()
+    assert tick is not None
+    N, asked = J_T.shape[1], np.concatenate([v, desired])
+    lower, upper = np.full(N, -np.inf), np.full(N, np.inf)
+    lower[-1] = 0.1  # it cannot be that the cube moves
+    assert tick(J_T, J_C, asked, (lower, upper)) is None
+    J_T[0, -1] = 1.0
+    assert tick(J_T, J_C, asked, (-upper, upper)) is None

@@ -39,6 +39,8 @@ def test_levels_have_the_same_solution_however_they_are_given(seed):
         np.testing.assert_array_equal(plain.active, other.active)
         assert plain.status is other.status
         assert plain.levels == len(plain.residuals) == len(levels)
+        for left, same in zip(plain.residuals, other.residuals, strict=True):
+            np.testing.assert_allclose(left, same, rtol=0, atol=1e-11 * (1 + abs(other.x).max()))
 
 
 def test_levels_are_copied():
@@ -47,6 +49,27 @@ def test_levels_are_copied():
     found = lexicographic_least_squares([(A, b)], np.zeros(2), np.full(2, 0.5))
     A[:], b[:] = 7.0, 7.0
     np.testing.assert_allclose(found.residuals[0], [0.5, 0.5])
+
+
+def test_true_is_no_row_though_row_1_was_taken_before():
+    """They are equal, and what was looked up is found again."""
+    J, w = np.random.default_rng(0).normal(size=(3, 3)), np.ones(3)
+    velocity_mapping(J, [1], [0], w)
+    for major, secondary in (([True], [0]), ([1], [False]), ([1.0], [0])):
+        with pytest.raises((TypeError, ValueError), match=r"major|secondary"):
+            velocity_mapping(J, major, secondary, w)
+
+
+def test_limits_of_a_mapping_are_its_own():
+    """Neither what was given nor what it shows changes them."""
+    J, w, lower = np.random.default_rng(0).normal(size=(3, 3)), np.ones(3), -np.ones(3)
+    mapping = velocity_mapping(J, [0], None, w, rate_limits=(lower, np.ones(3)))
+    lower[:] = -9.0
+    assert mapping.limiting is not None
+    np.testing.assert_array_equal(mapping.limiting.box, [[-1.0] * 3, [1.0] * 3])
+    with pytest.raises(ValueError, match="read-only"):
+        mapping.limiting.box[0][:] = -9.0
+    assert abs(mapping(np.array([50.0]))).max() <= 1.0
 
 
 A, B = np.ones((2, 3)), np.ones(2)

@@ -267,11 +267,11 @@ def test_rates_at_another_pose_are_what_the_gains_there_say(data, drawn):
     there = drawn.system.at(J_T=orthogonal(rng, m) @ drawn.system.J_T).kinematics()
     aims = rng.normal(size=m1), rng.normal(size=n), rng.normal(size=m2)
     expected = by_gains(mapping.at(there), *aims)
-    np.testing.assert_allclose(mapping.rates_at(there, *aims), expected, atol=1e-7)
+    np.testing.assert_allclose(mapping.at(there)(*aims), expected, atol=1e-7)
     zeros = aims[0], np.zeros(n), np.zeros(m2)
     expected = by_gains(mapping.at(there), *zeros)
-    np.testing.assert_allclose(mapping.rates_at(there, aims[0]), expected, atol=1e-7)
-    np.testing.assert_allclose(mapping.rates_at(there, aims[0].tolist()), expected, atol=1e-7)
+    np.testing.assert_allclose(mapping.at(there)(aims[0]), expected, atol=1e-7)
+    np.testing.assert_allclose(mapping.at(there)(aims[0].tolist()), expected, atol=1e-7)
 
 
 def test_rates_at_another_pose_obey_limits_and_refuse_what_a_call_refuses():
@@ -281,18 +281,18 @@ def test_rates_at_another_pose_obey_limits_and_refuse_what_a_call_refuses():
     kin, there = system.kinematics(), system.at(J_T=2 * J).kinematics()
     free = kin.velocity_mapping([0, 1], joint_weight=np.ones(5))
     limited = kin.velocity_mapping([0, 1], joint_weight=np.ones(5), rate_limits=(-limit, limit))
-    assert np.abs(free.rates_at(there, np.ones(2))).max() > limit
-    assert np.abs(limited.rates_at(there, np.ones(2))).max() <= limit
-    many = free.rates_at(there, np.ones((4, 2)))
-    np.testing.assert_allclose(many, np.tile(free.rates_at(there, np.ones(2)), (4, 1)), rtol=1e-12)
+    assert np.abs(free.at(there)(np.ones(2))).max() > limit
+    assert np.abs(limited.at(there)(np.ones(2))).max() <= limit
+    many = free.at(there)(np.ones((4, 2)))
+    np.testing.assert_allclose(many, np.tile(free.at(there)(np.ones(2)), (4, 1)), rtol=1e-12)
     for wrong in (np.ones(3), np.array([np.nan, 0.0]), "fast"):
         with pytest.raises(ValueError, match="v_major must"):
-            free.rates_at(there, wrong)
+            free.at(there)(wrong)
     other = ConstrainedSystem(J[:, :4], None, range(4)).kinematics()
     with pytest.raises(ValueError, match="kinematics must have a J of shape"):
-        free.rates_at(other, np.ones(2))
+        free.at(other)(np.ones(2))
     with pytest.raises(TypeError, match="kinematics must be a Kinematics"):
-        free.rates_at(J, np.ones(2))  # type: ignore[arg-type]
+        free.at(J)(np.ones(2))  # type: ignore[arg-type]
 
 
 def test_rates_at_a_pose_where_the_loop_ties_the_actuators_obey_it():
@@ -300,8 +300,6 @@ def test_rates_at_a_pose_where_the_loop_ties_the_actuators_obey_it():
     J_T, loop = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]), np.array([[1.0, -1.0, 1.0]])
     system = ConstrainedSystem(J_T, loop, [0, 1])
     mapping = system.kinematics().velocity_mapping([0], joint_weight=np.ones(2))
-    np.testing.assert_allclose(
-        mapping.rates_at(system.kinematics(), np.ones(1)), [1, 0], atol=1e-14
-    )
+    np.testing.assert_allclose(mapping.at(system.kinematics())(np.ones(1)), [1, 0], atol=1e-14)
     tied = system.at(J_C=loop * [1.0, 1.0, 0.0]).kinematics()
-    np.testing.assert_allclose(mapping.rates_at(tied, np.ones(1)), [1, 1], atol=1e-14)
+    np.testing.assert_allclose(mapping.at(tied)(np.ones(1)), [1, 1], atol=1e-14)

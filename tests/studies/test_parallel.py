@@ -35,6 +35,19 @@ def test_results_are_in_the_order_of_the_calls_and_progress_is_told():
     assert told == [(done, 5) for done in range(6)]
 
 
+@pytest.mark.parametrize("runs", [1, 5])
+def test_what_need_not_wait_is_done_a_step_after_each_run_and_all_of_it_in_the_end(runs):
+    known = []
+
+    def meanwhile(results):
+        for _ in range(3):
+            known.append(sum(result is not None for result in results))
+            yield
+
+    in_parallel(square, [{"number": k} for k in range(runs)], nothing, meanwhile)
+    assert known == [min(k, runs) for k in (1, 2, 3)]
+
+
 def threads() -> set[int]:
     import numpy  # noqa: F401  (which brings the library)
     from threadpoolctl import threadpool_info

@@ -49,7 +49,12 @@ def _spread(upper, deviations):  # pragma: no cover
 
 @_inlined
 def _measured(mean, upper, white, regressors, errors):  # pragma: no cover
-    """Errors (p,), mean (k,) and the transposed root (k, k) of :func:`measured`, in place."""
+    """Errors (p,), mean (k,) and the transposed root (k, k) after whitened residuals, in place.
+
+    One output after another, each by rotations of [1, g' root; 0, root] into [deviation of its
+    error, 0; gain, root after it]. Errors are in standard deviations, which grow with the
+    regressors (k, p) and with the covariance.
+    """
     k, p = regressors.shape
     gain = np.empty(k)
     for i in range(p):
@@ -83,21 +88,9 @@ def spread(root, deviations):  # pragma: no cover
     return upper.T.copy()
 
 
-@kernel(types.Tuple((_1, _1, _2))(_1, _2, _1, _2), fastmath=_FASTMATH)
-def measured(mean, root, white, regressors):  # pragma: no cover
-    """Errors (p,), mean (k,) and root (k, k) after :meth:`.Parameters.measured`.
-
-    One output after another, each by rotations of [1, g' root; 0, root] into [deviation of its
-    error, 0; gain, root after it].
-    """
-    after, upper, errors = mean.copy(), root.T.copy(), np.empty(len(white))
-    _measured(after, upper, white, regressors, errors)
-    return errors, after, upper.T.copy()
-
-
 @kernel(types.Tuple((_2, _2))(_2, _2, _1, types.float64))
 def correlated(recent, covariance, residual, rate):  # pragma: no cover
-    """Residuals with the newest, and products (q + 1, p) of :meth:`.Spectrum.with_residual`."""
+    """Residuals with the newest, and their mean products (q + 1, p) with it, by lag."""
     q, p = recent.shape
     later, after = np.empty_like(recent), np.empty_like(covariance)
     later[: q - 1], later[q - 1] = recent[1:], residual

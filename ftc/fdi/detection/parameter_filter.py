@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from argument_checks import Array
-from ftc.fdi.detection import _kernels
+from ftc.fdi.compiled import compiled
 from ftc.fdi.uncertainty import Uncertainty
 
 
@@ -52,28 +52,7 @@ class Parameters:
 
     def spread(self, deviations: Array) -> "Parameters":
         """After independent random steps of these standard deviations, shape (J + p,)."""
-        return Parameters(self.mean, _kernels.spread(self.root, deviations))
-
-    def measured(self, white: Array, regressors: Array) -> tuple[Array, "Parameters"]:
-        """Prediction errors of whitened residuals (p,), and the parameters after them.
-
-        The errors are in standard deviations, which grow with the regressors and with the
-        covariance.
-
-        Args:
-            white: The residuals.
-            regressors: Shape (J + p, p).
-        """
-        errors, mean, root = _kernels.measured(self.mean, self.root, white, regressors)
-        return errors, Parameters(mean, root)
-
-    def innovations(self, white: Array, regressors: Array) -> Array:
-        """Of :meth:`measured`, the errors alone."""
-        return self.measured(white, regressors)[0]
-
-    def updated(self, white: Array, regressors: Array) -> "Parameters":
-        """Of :meth:`measured`, the parameters alone."""
-        return self.measured(white, regressors)[1]
+        return Parameters(self.mean, compiled().detection.spread(self.root, deviations))
 
 
 def drift(

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.special import chdtri
 
 from argument_checks import Array
-from ftc.fdi.detection._kernels import alarm
+from ftc.fdi.compiled import compiled
 
 WINDOWS = tuple(2**k for k in range(8))
 """Numbers of samples averaged: from one, for a jump, to 128, for a creeping change."""
@@ -55,7 +55,8 @@ class ResidualTest:
         """
         swing = _NO_DITHER if self.swing is None else self.swing
         shortest = _DEMODULATED[0]
-        return alarm(recent, swing, shortest, self.threshold, self.demodulated_threshold)
+        thresholds = self.threshold, self.demodulated_threshold
+        return compiled().detection.alarm(recent, swing, shortest, *thresholds)
 
 
 def residual_test(

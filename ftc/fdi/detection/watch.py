@@ -8,7 +8,7 @@ import numpy as np
 
 from argument_checks import Array
 from ftc._records import changed
-from ftc.fdi.detection._kernels import corrected
+from ftc.fdi.compiled import compiled
 from ftc.fdi.detection.parameter_filter import Parameters, drift
 from ftc.fdi.detection.whitening import Spectrum
 from ftc.fdi.diagnosis import FdiConfig
@@ -148,7 +148,7 @@ class Watch:
         else:
             spectrum = state.spectrum
             known = spectrum.samples * self.period_s >= config.learning_s
-            memory, residual, is_learned, *after = corrected(
+            memory, residual, is_learned, *after = compiled().detection.corrected(
                 *(state.memory, predicted, y, state.whitening),
                 *(before.mean, before.root, self._drift),
                 *(spectrum.recent, spectrum.covariance),

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from argument_checks import Array
-from ftc.fdi.detection._kernels import correlated, predictor
+from ftc.fdi.compiled import compiled
 
 _RIDGE = 1e-4
 
@@ -36,12 +36,6 @@ class Spectrum:
         """Nothing measured yet."""
         return cls(np.zeros((order + 1, outputs)), np.zeros((order + 1, outputs)), 0)
 
-    def with_residual(self, residual: Array, memory: float) -> "Spectrum":
-        """With one more (p,), all weighted alike up to so many, and forgotten after them."""
-        rate = 1 / min(self.samples + 1, memory)
-        recent, covariance = correlated(self.recent, self.covariance, residual, rate)
-        return Spectrum(recent, covariance, self.samples + 1)
-
     def filter(
         self, fitted: float = 0.0, memory: float = np.inf, slow: float | None = None
     ) -> Array:
@@ -64,7 +58,7 @@ class Spectrum:
         for k, c in enumerate(self.covariance.T):
             ridged = c + disturbance
             ridged[0] *= 1 + _RIDGE
-            a = predictor(ridged)
+            a = compiled().detection.predictor(ridged)
             variance = max(ridged[0] - a @ ridged[1:], _RIDGE * ridged[0])
             weights[:, k] = np.concatenate([[1.0], -a]) / np.sqrt(error * variance)
         return weights

@@ -11,45 +11,64 @@ from numba import types
 from argument_checks.compilation import kernel
 
 _1, _2, _3, _4 = (types.Array(types.float64, n, "C") for n in range(1, 5))
+_spans = types.Array(types.uint64, 3, "C")
 _onsets, _flags = (types.Array(types.boolean, n, "C") for n in (1, 2))
 _FASTMATH = {"reassoc", "contract"}
 _EPSILON = 2.0**-52
 
 
-@kernel(types.void(_flags, _4, _4, _3, _4, _3, _4, _1, _1), fastmath=_FASTMATH)
-def advance(steps, X, outputs, A, M, C, N, v, age):  # pragma: no cover
+@kernel(types.void(_flags, _4, _4, _3, _3, _spans, _1, _1), fastmath=_FASTMATH)
+def advance(steps, X, outputs, alone, driven, spans, v, age):  # pragma: no cover
     """States X (H, K, 4 + J, s) after the sample, and outputs (H, K, 4 + J, p) during it.
 
-    What drives the last row grows with the age (K,) of the onset, in samples.
+    What drives the last row grows with the age (K,) of the onset, in samples. `alone` (H, s, p + s)
+    and `driven` (H, s + r, (4 + J) (p + s)) as of :func:`stacked`, as are `spans` (H, s + r, 2),
+    the places in which a column of `driven` is not zero. Four columns at a time, for the sums are
+    many and short.
     """
     H, K, rows, s = X.shape
-    p, r = C.shape[1], len(v)
-    moving, after = np.empty(s + r), np.empty((rows, s))
-    moving[s:] = v
+    p, r = outputs.shape[3], len(v)
+    w = p + s
+    n = rows * w
+    given, out = np.empty(n), np.empty(n)
     for h in range(H):
+        given[:] = 0.0
+        for j in range(r):
+            for i in range(spans[h, s + j, 0], spans[h, s + j, 1]):
+                given[i] += driven[h, s + j, i] * v[j]
         for k in range(K):
             if not steps[h, k]:
                 continue
-            moving[:s] = X[h, k, 0]
+            out[:] = given
+            for j in range(0, s - s % 4, 4):
+                a, b, c, d = X[h, k, 0, j], X[h, k, 0, j + 1], X[h, k, 0, j + 2], X[h, k, 0, j + 3]
+                start, end = spans[h, j, 0], spans[h, j, 1]
+                for each in range(j + 1, j + 4):
+                    start, end = min(start, spans[h, each, 0]), max(end, spans[h, each, 1])
+                for i in range(start, end):
+                    one, two = driven[h, j, i] * a, driven[h, j + 1, i] * b
+                    out[i] += one + two + driven[h, j + 2, i] * c + driven[h, j + 3, i] * d
+            for j in range(s - s % 4, s):
+                for i in range(spans[h, j, 0], spans[h, j, 1]):
+                    out[i] += driven[h, j, i] * X[h, k, 0, j]
+            for i in range(n - w, n):
+                out[i] *= age[k]
             for row in range(rows):
-                grown = age[k] if row == rows - 1 else 1.0
+                o = row * w
+                for j in range(0, s - s % 4, 4):
+                    a, b = X[h, k, row, j], X[h, k, row, j + 1]
+                    c, d = X[h, k, row, j + 2], X[h, k, row, j + 3]
+                    for i in range(w):
+                        one, two = alone[h, j, i] * a, alone[h, j + 1, i] * b
+                        out[o + i] += one + two + alone[h, j + 2, i] * c + alone[h, j + 3, i] * d
+                for j in range(s - s % 4, s):
+                    for i in range(w):
+                        out[o + i] += alone[h, j, i] * X[h, k, row, j]
+            for row in range(rows):
                 for i in range(p):
-                    total = 0.0
-                    for j in range(s + r):
-                        total += N[h, row, i, j] * moving[j]
-                    total *= grown
-                    for j in range(s):
-                        total += C[h, i, j] * X[h, k, row, j]
-                    outputs[h, k, row, i] = total
+                    outputs[h, k, row, i] = out[row * w + i]
                 for i in range(s):
-                    total = 0.0
-                    for j in range(s + r):
-                        total += M[h, row, i, j] * moving[j]
-                    total *= grown
-                    for j in range(s):
-                        total += A[h, i, j] * X[h, k, row, j]
-                    after[row, i] = total
-            X[h, k] = after
+                    X[h, k, row, i] = out[row * w + p + i]
 
 
 @kernel(
@@ -167,7 +186,7 @@ def integrate(information, score, spread, solved, log_det):  # pragma: no cover
                 for b in range(R):
                     at = row * (row + 1) // 2 + b if b <= row else b * (b + 1) // 2 + row
                     each = information[h, k, at]
-                    for a in range(b + 1):
+                    for a in range(min(b, row) + 1):  # those that the lower triangle needs
                         product[row, a] += each * spread[b, a]
             for b in range(R):
                 for row in range(b + 1):

@@ -1,19 +1,21 @@
 """A bank of hypotheses beside the plant, and the evidence that each sample adds to each of them."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from argument_checks import Array, Indices
 from ftc._records import changed
+from ftc.fdi.compiled import compiled
 from ftc.fdi.detection.parameter_filter import Parameters
 from ftc.fdi.fault_model import Fault
 from ftc.fdi.friction import SampledFriction
-from ftc.fdi.isolation._evidence import advance, weigh
 from ftc.fdi.isolation.causes import Cause
 from ftc.fdi.isolation.evidence import EXTRA, LOST, ONSET_SPREAD, PART_SPREAD, Evidence
 from ftc.fdi.isolation.verdict import Verdict, verdict
-from ftc.fdi.uncertainty import UncertainModel
+from ftc.fdi.uncertainty import UncertainModel, stacked
 
 
 @dataclass(frozen=True)
@@ -118,7 +120,7 @@ class HypothesisBank:
         outputs = np.zeros((*X.shape[:3], state.memory.shape[-1]))
         before = None if self.friction is None else X.copy()
         age = np.maximum(sample - state.onsets, 0).astype(float)
-        advance(steps, X, outputs, self.A, self.M, self.C, self.N, v, age)
+        compiled().evidence.advance(steps, X, outputs, *self._stacked, v, age)
         if self.friction is not None and before is not None:
             self.friction.apply(steps, before, X, outputs, v)
         if now.any():
@@ -127,7 +129,7 @@ class HypothesisBank:
         sums = state.information, state.score, state.energy
         given = (state.memory.reshape(*state.memory.shape[:3], -1), *sums)
         after = tuple(np.empty_like(each) for each in given) if keeps else given
-        weigh(
+        compiled().evidence.weigh(
             *(steps, now, weighs, keeps),
             *given,
             outputs,
@@ -150,6 +152,10 @@ class HypothesisBank:
             energy=energy,
             gain=state.gain + weighs * float(np.log(last[0] / whitening[0]).sum()),
         )
+
+    @cached_property
+    def _stacked(self) -> tuple[Array, Array, NDArray[np.uint64]]:
+        return stacked(self.A, self.M, self.C, self.N)
 
     def _part_slopes(self, outputs: Array) -> Array:
         """What a standard deviation of the part lost within its cell adds to outputs (H, K, p)."""

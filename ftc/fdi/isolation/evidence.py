@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from argument_checks import Array, Indices, Mask
+from ftc.fdi.compiled import compiled
 from ftc.fdi.detection.parameter_filter import Parameters
-from ftc.fdi.isolation._evidence import integrate
 
 LOST = (0.25, 0.5, 0.75, 1.0)
 """Parts of an actuator's force that the models have lost. Within an eighth of each the part is one
@@ -78,7 +78,7 @@ class Evidence:
         solved = np.zeros((*score.shape, 3))
         solved[..., 0], solved[..., _CELLS, [1, 2]] = score, 1.0
         log_det = np.empty(self.energy.shape)
-        integrate(self.information, self.score, spread, solved, log_det)
+        compiled().evidence.integrate(self.information, self.score, spread, solved, log_det)
         root = solved[..., 0]
         energy = self.energy - (score * root).sum(axis=-1)
         spreads = solved[..., _CELLS, 1:]

@@ -26,6 +26,7 @@ from ftc.fdi.isolation.evidence import EXTRA, LOST
 from ftc.fdi.uncertainty import (
     CERTAIN,
     FaultModels,
+    UncertainModel,
     Uncertainty,
     perturbed,
     uncertain_model,
@@ -54,7 +55,7 @@ def hypothesis_bank(
         ticks: Of a sample.
 
     Raises:
-        ValueError: No actuator is left that could fail.
+        ValueError, TypeError: No actuator is left that could fail, or not faults of these.
     """
     k = nominal.plant.nstates // 2
     push, rows = nominal.plant.B[k:], nominal.displacement[:, :k]
@@ -68,11 +69,42 @@ def hypothesis_bank(
         lock_displacement=np.vstack([ways, np.zeros_like(ways)]).T,
         beside=uncertainty,
         sample_s=ticks * nominal.period_s,
-        others=[partial(fault_model, each) for each in perturbed(nominal, uncertainty)],
-        delay_ticks=uncertainty.delay_s / nominal.period_s,
-        friction=uncertainty.friction,
-        ticks=ticks,
+        **_options(nominal, uncertainty, ticks),
     )
+
+
+def believed_model(
+    nominal: NominalModel,
+    faults: Sequence[Fault] = (),
+    uncertainty: Uncertainty = CERTAIN,
+    ticks: int = 1,
+) -> UncertainModel:
+    """The first model of :func:`hypothesis_bank`, without the others, which take most of the time.
+
+    Arguments and errors as there.
+    """
+    _left(faults, nominal.actuators)
+    plant = partial(fault_model, nominal)
+    return uncertain_model(plant, faults, **_options(nominal, uncertainty, ticks))
+
+
+def _options(nominal: NominalModel, uncertainty: Uncertainty, ticks: int) -> dict[str, Any]:
+    return {
+        "others": [partial(fault_model, each) for each in perturbed(nominal, uncertainty)],
+        "delay_ticks": uncertainty.delay_s / nominal.period_s,
+        "friction": uncertainty.friction,
+        "ticks": ticks,
+    }
+
+
+def _left(faults: Sequence[Fault], n: int) -> Array:
+    """Effectiveness (n,) that actuators with these faults have left."""
+    left = np.ones(n)
+    for fault in of_actuators(faults, n):
+        left[fault.actuator] = fault.effectiveness if fault.kind == "weak" else 0.0
+    if not left.any():
+        raise ValueError("faults must leave a working actuator, got failures of all of them")
+    return left
 
 
 def bank_of(
@@ -100,11 +132,7 @@ def bank_of(
     Raises:
         ValueError, TypeError: No actuator is left that could fail, or not faults of these.
     """
-    left = np.ones(n)
-    for fault in of_actuators(faults, n):
-        left[fault.actuator] = fault.effectiveness if fault.kind == "weak" else 0.0
-    if not left.any():
-        raise ValueError("faults must leave a working actuator, got failures of all of them")
+    left = _left(faults, n)
     one_more = _one_more(faults, left)
     known = [
         [*(each for each in faults if each.actuator != fault.actuator), fault] for fault in one_more

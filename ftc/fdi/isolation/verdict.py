@@ -4,13 +4,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import logsumexp
 
 from argument_checks import Array
 from argument_checks.ties import greatest
 from ftc.fdi.fault_model import KINDS, Fault
 from ftc.fdi.isolation.causes import Cause
 from ftc.fdi.isolation.evidence import EXTRA, LEAST_LOST, PART_SPREAD, Evidence
+
+_log_sum = np.logaddexp.reduce
+"""Log of a sum of exponentials; scipy's takes twenty times as long, a dozen times a verdict."""
 
 _ALIKE = 1e-6
 """Log likelihoods that differ by less are of hypotheses that nothing distinguishes."""
@@ -83,16 +85,16 @@ def verdict(
     after = max(sample - int(state.onsets[k]) + 1, 1)
     excess = max(float(energy[1 + h, k]) - state.samples * p, 0.0)
     inflation = 1 + excess / (after * p)
-    by_hypothesis = logsumexp(ratios / inflation, axis=-1)
+    by_hypothesis = _log_sum(ratios / inflation, axis=-1)
     by_fault, by_cause = np.split(by_hypothesis, [len(faults)])
     ratios = ratios[: len(faults)] / inflation
     numbers = np.array([fault.actuator for fault in faults])
     candidates = np.unique(numbers)
-    actuators = np.array([logsumexp(by_fault[numbers == k]) for k in candidates])
+    actuators = np.array([_log_sum(by_fault[numbers == k]) for k in candidates])
     slow = (float(plain[-1, 0] - plain[0, 0]) + state.gain) / inflation if disturbed else None
     nothing, cause = _no_failure(by_cause - np.log(ratios.shape[1]), causes, slow)
     nothing += np.log(ratios.size)
-    total = np.logaddexp(logsumexp(actuators), nothing)
+    total = np.logaddexp(_log_sum(actuators), nothing)
     a = greatest(actuators, zero=_ALIKE)
     own = np.flatnonzero(numbers == candidates[a])
     i, k = _first_of_the_best(ratios[own])
@@ -130,11 +132,11 @@ def _no_failure(
     cases = {"nothing": 0.0} if slow is None else {"nothing": 0.0, "slow": slow}
     for kind in {each.kind: None for each in causes}:
         own = [by_cause[k] for k, each in enumerate(causes) if each.kind == kind]
-        cases[kind] = float(logsumexp(own) - np.log(len(own)))
+        cases[kind] = float(_log_sum(own) - np.log(len(own)))
     likeliest = list(cases)[greatest(list(cases.values()), zero=_ALIKE)]
     own = [k for k, each in enumerate(causes) if each.kind == likeliest]
     cause = causes[own[greatest(by_cause[own], zero=_ALIKE)]] if own else None
-    return float(logsumexp(list(cases.values())) - np.log(len(cases))), cause
+    return float(_log_sum(list(cases.values())) - np.log(len(cases))), cause
 
 
 def _first_of_the_best(ratios: Array) -> tuple[int, int]:
