@@ -254,7 +254,7 @@ class Rig(ABC):
     ) -> LoopRun[Any] | None:
         """The first ticks of a flight by a faster way; None: there is none for this pilot.
 
-        :func:`ftc.run_loop` goes on from there.
+        :func:`ftc.loop.run_loop` goes on from there.
         """
         return None
 

@@ -109,7 +109,7 @@ class Bench:
         qpos: Joint positions, shape (N, nq); None where they are not kept.
         actuator_force: As MuJoCo has it, at the end of the period before, shape (N, outputs); kept
             with them.
-        observed: The other arguments of `observe` in :mod:`sim._tick`, which writes this log.
+        observed: The other arguments of `observe` in `sim._tick`, which writes this log.
     """
 
     def __init__(
@@ -213,7 +213,7 @@ class Bench:
         """A tick whose inputs one compiled call finds; whether it did, else nothing has moved.
 
         Args:
-            closed: Takes the first four arguments of `observe` in :mod:`sim._tick`, does the same
+            closed: Takes the first four arguments of `observe` in `sim._tick`, does the same
                 with :attr:`observed`, and returns inputs (n,), or None where it cannot.
 
         Raises:
