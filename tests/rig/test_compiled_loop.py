@@ -5,15 +5,16 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
+from experiments.goals.control import PseudoInverseMapping
 from experiments.rig import Rig
 from experiments.rig.hexapod import compiled_loop
 from experiments.rig.hexapod.columns import COLUMNS
-from experiments.rig.hexapod.controller import controller_for
+from experiments.rig.hexapod.controller import StrutMapping, controller_for
 from experiments.rig.hexapod.rig import HexapodRig
 from experiments.rig.mismatch import Mismatch
 from experiments.rig.run import Run
 from ftc.goal import Goal
-from sim import Failure
+from sim import NOMINAL, Failure, hexapod
 
 TICKS = 60
 
@@ -129,3 +130,14 @@ def test_what_the_compiled_code_does_not_know_goes_step_by_step(
     pilot = controller_for(rig.testbed, goal, **how)
     assert_same(*both_ways(rig, pilot, events=events))
     assert compiled_ticks == [0, 0]
+
+
+def test_a_mapping_of_another_optimality_is_obeyed_and_not_the_compiled_one(model):
+    """A weighted pseudo-inverse that hardly weighs pointing hardly points."""
+    goal, demand = Goal(joint_weight=(1.0, 2.0, 3.0, 1.0, 1.0, 1.0)), np.array([1e-5, 2e-5])
+    pose = NOMINAL.moved(np.full(6, 1e-5))
+    strict = StrutMapping(hexapod(model), goal, "analytic")
+    other = PseudoInverseMapping(hexapod(model), goal, "analytic", major_weight=1e-3)
+    expected = other.at(hexapod(model).inverse_jacobian(pose)).mapping(demand)
+    np.testing.assert_allclose(other.displacements(demand, pose), expected, rtol=1e-9)
+    assert np.abs(expected).max() < 1e-3 * np.abs(strict.displacements(demand, pose)).max()

@@ -25,7 +25,7 @@ from ftc.control.local_mapping import PreviousCommand
 from ftc.control.mapping import DisplacementForm, PrioritizedMapping
 from ftc.controller import PrioritizedController
 from ftc.goal import Goal
-from prioritized import ConstrainedSystem, Kinematics, WhenLimited
+from prioritized import ConstrainedSystem, Kinematics, VelocityMapping, WhenLimited
 from sim import (
     NOMINAL,
     Array,
@@ -219,6 +219,8 @@ class StrutMapping(PrioritizedMapping[Pose]):
         """What the compiled code takes beside the Jacobian; None where it does not apply."""
         ready, is_absolute = self._prepared.ready, self.form == "absolute"
         if ready is None or not is_absolute or not self._is_closed_form or self._is_off_centre:
+            return None
+        if not isinstance(self._at_nominal.mapping, VelocityMapping):  # another optimality
             return None
         return self._surviving, *ready.weighed, CLEARLY_REGULAR, ready.exact, ready.room
 
