@@ -98,16 +98,17 @@ pictures: venv
 	$(BIN)/fjh report --out $(RUNS)
 	$(BIN)/fjh atlas --resume --out $(RUNS)/flown
 	cp $(RUNS)/*/*.png docs/pictures/
+	$(BIN)/fjh survey models/arm.xml --axes base --out $(RUNS)/surveyed/arm
+	cp $(RUNS)/surveyed/arm/survey.png docs/pictures/
 	cp $(RUNS)/figures/figure2.svg docs/pictures/
 	$(BIN)/fjh review $(RUNS)/table1 --out $(RUNS)/review.rrd
-	$(BIN)/fjh render $(RUNS)/table1/W_e.rrd --time 14 --out docs/pictures/run.png
 	$(BIN)/fjh render $(RUNS)/review.rrd --size 1600x1200 --out docs/pictures/review.png
 	$(BIN)/fjh render $(RUNS)/recover/locked.rrd --time 9.3 --out docs/pictures/failure.png
 	$(BIN)/fjh track models/arm.xml $(LOCKED) --diagnosis off --out $(RUNS)/lock/without_diagnosis
 	$(BIN)/fjh track models/arm.xml $(LOCKED) --out $(RUNS)/lock/with_diagnosis
+	$(BIN)/fjh render $(RUNS)/lock/with_diagnosis/track.rrd --out docs/pictures/run.png
 	$(BIN)/fjh animate $(RUNS)/lock/without_diagnosis/track.npz \
-	    $(RUNS)/lock/with_diagnosis/track.npz --model models/arm.xml \
-	    --out docs/pictures/animation.gif
+	    $(RUNS)/lock/with_diagnosis/track.npz --out docs/pictures/animation.gif
 	for name in own_arm hexapod_lock force limits hierarchy multirotor; do \
 	  (cd $(RUNS) && $(CURDIR)/$(BIN)/python $(CURDIR)/examples/$$name.py) || exit 1; \
 	  mv $(RUNS)/$$name.png docs/pictures/example_$$name.png; done

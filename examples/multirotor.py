@@ -11,7 +11,7 @@ import numpy as np
 
 import fjh
 
-WEIGHT, MOST, ARM, DRAG = 15.0, 6.0, 0.275, 0.1  # [N], [N], [m], drag torque per thrust [m]
+WEIGHT, MOST, ARM, DRAG = 15.043, 6.125, 0.275, 0.1  # theirs: [N], [N], [m], torque per thrust [m]
 place, angle = np.deg2rad(60 * np.arange(6)), np.deg2rad(np.arange(0, 361, 3))
 ring = 10 * np.column_stack([0 * angle, np.cos(angle), 0 * angle, np.sin(angle)])  # [N m]
 rows, torques, verdict = [0, 1, 2, 3], {}, {}  # lift [N]; roll, pitch, yaw [N m]

@@ -2,7 +2,8 @@
 =================================================
 
 One call writes two files: an .npz with all signals of every tick, and a recording in which the
-viewer Rerun moves the arm beside its signals (`rerun recording.rrd`), its failed motor marked.
+viewer Rerun moves the arm beside its signals (`rerun recording.rrd`), its failed motor marked; its
+results are its properties. `fjh review recording.npz` shows it beside other runs.
 """
 
 from pathlib import Path
@@ -11,6 +12,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import fjh
+from fjh.experiments.recording.properties import properties_of  # pyright: ignore[reportMissingImports]
 
 task = {"axes": "base", "major": [0, 1], "size": 0.1}  # [rad]
 rig = fjh.Rig.of_mjcf(fjh.MODELS / "arm.xml", **task)
@@ -19,6 +21,8 @@ run = rig.fly(rig.controller(), rig.path("circle", duration_s=2.5, turn_s=2.0), 
 fjh.record("recording.rrd", rig, run)
 for name in ("recording.npz", "recording.rrd"):
     print(f"{name}: {Path(name).stat().st_size / 1e3:.0f} kB, {len(run.time_s)} ticks of 1 ms")
+said = "{failures}: {rms_before_rad:.1g} rad RMS before, {rms_after_rad:.1g} after"
+print(said.format(**properties_of(Path("recording.rrd"))))
 
 with np.load("recording.npz") as kept:
     time_s, moved, error = kept["time_s"], kept["displacement"], kept["desired"] - kept["true"]
@@ -27,11 +31,10 @@ figure, (above, below) = plt.subplots(2, figsize=(6.4, 3.8), layout="constrained
 above.plot(time_s, moved, color="tab:gray", linewidth=1)
 above.plot(time_s, moved[:, rig.number("motor2")], color="tab:red", label="motor2")
 above.set(ylabel="joints [rad]")
-above.legend(frameon=True, loc="upper left")
+above.legend(loc="upper left")
 below.plot(time_s, 1e3 * np.linalg.norm(error, axis=1), color="tab:blue")
 below.set(xlabel="time [s]", ylabel="error [mrad]", ylim=(0, None))
-for axes in (above, below):
-    axes.axvline(lock.time_s, color="black", linestyle=":")
+above.axvline(lock.time_s, color="black", linestyle=":")
 most = 1e3 * np.linalg.norm(error, axis=1).max()
 figure.suptitle(f"A flight read back: motor2 stops at 1 s, the camera is off by {most:.0f} mrad")
 plt.savefig("recording.png")

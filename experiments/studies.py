@@ -13,6 +13,7 @@ from experiments.jacobian import STUDY as JACOBIAN
 from experiments.limits import STUDY as LIMITS
 from experiments.recover import STUDY as RECOVER
 from experiments.release import STUDY as RELEASE
+from experiments.survey import STUDY as SURVEY
 from experiments.sweep import ATLAS
 from experiments.sweep import STUDY as SWEEP
 from experiments.systems import STUDY as SYSTEMS
@@ -23,6 +24,7 @@ from experiments.uncorrected import STUDY as UNCORRECTED
 STUDIES = (
     TABLE1,
     TRACK,
+    SURVEY,
     FIGURES,
     SYSTEMS,
     RELEASE,

@@ -64,6 +64,12 @@ class SupervisorState(NestedState):
         return status(self)
 
     @property
+    def is_learning(self) -> bool:
+        """Whether what the sensors read is still taken for the machine without a failure."""
+        learned_s = self.watch.watch.spectrum.samples * self.monitor.watch.period_s
+        return learned_s <= self.monitor.config.learning_s
+
+    @property
     def standing(self) -> list[Diagnosis]:
         """The last diagnosis confirmed of each actuator, and the one being confirmed.
 
@@ -174,8 +180,7 @@ class Supervisor:
                 it was not a supervisor's.
         """
         watch = check.instance("state", state, SupervisorState).watch.watch
-        learned = watch.spectrum.samples * self.monitor.watch.period_s
-        if state.diagnoses or state.watch.relearns or learned <= self.monitor.config.learning_s:
+        if state.diagnoses or state.watch.relearns or state.is_learning:
             raise ValueError(
                 "state must be of a run without a failure, longer than "
                 f"{self.monitor.config.learning_s:g} s, got: {state.status}"

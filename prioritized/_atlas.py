@@ -20,7 +20,6 @@ from prioritized._mechanism.names import Known, known_actuators
 from prioritized._mechanism.task_motion import TaskMotion
 from prioritized._solver.arrays import ReadOnly, transposed
 from prioritized._solver.canonical import canonical
-from prioritized._solver.limits import limits
 from prioritized._solver.rank import RANK_TOLERANCE
 from prioritized._system import ConstrainedSystem
 
@@ -38,9 +37,9 @@ class Classes(ReadOnly):
 
     Attributes:
         possible: The major task is still possible: fully reachable, and no self-motion moves it.
-        worst_gain: Least major speed per unit norm of the admissible active rates; zero when some
-            direction is out of reach. Where the major task is unstable, passive joints follow with
-            the least norm.
+        gains: Major speeds per unit norm of the admissible active rates in the principal
+            directions, descending, zero where out of reach, shape (C, m1). Where the major task is
+            unstable, passive joints follow with the least norm.
         major_rank: Dimension of the reachable major velocities.
         secondary_rank: Dimension of the secondary velocities reachable with the major task at rest.
         lost_secondary: Orthonormal basis of the secondary velocities that are not, columns padded
@@ -62,7 +61,7 @@ class Classes(ReadOnly):
     unstable_major: Mask
     irresolvable: Mask
     constrained_active: Mask
-    worst_gain: Array
+    gains: Array
     major_rank: NDArray[np.intp]
     secondary_rank: NDArray[np.intp]
     lost_secondary: Array
@@ -70,6 +69,14 @@ class Classes(ReadOnly):
     gap: Array
     worst_speed: Array | None
     worst_force: Array | None
+
+    @property
+    def worst_gain(self) -> Array:
+        """The least of the gains, shape (C,); zero when some direction is out of reach.
+
+        Infinite without rows.
+        """
+        return self.gains.min(axis=1, initial=np.inf)
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,8 +140,8 @@ def failure_atlas(
         secondary: As for :func:`prioritized.velocity_mapping`.
         codes: Conditions to classify, 0 sound, 1 locked, 2 free, shape (C, n); None is all 3^n,
             the last actuator's code changing fastest.
-        rate_limits: Lower and upper limits of the rates, numbers or (n,) each, for `worst_speed`;
-            None is not to compute it.
+        rate_limits: Lower and upper limits of the rates for `worst_speed`: numbers, (n,), or (C, n)
+            with a row for each condition; None is not to compute it.
         torque_limits: Of the torques, likewise for `worst_force`.
 
     Raises:
@@ -152,8 +159,8 @@ def failure_atlas(
     active = ~locked & ~free
     within = Within(
         active,
-        None if rate_limits is None else limits("rate_limits", rate_limits, n),
-        None if torque_limits is None else limits("torque_limits", torque_limits, n),
+        None if rate_limits is None else _limits("rate_limits", rate_limits, active.shape),
+        None if torque_limits is None else _limits("torque_limits", torque_limits, active.shape),
     )
     stuck = np.array(sorted(known.locked_passive), dtype=np.intp)
     motions = motions_of(system.geometry, system.active, stuck, (locked, active))
@@ -183,6 +190,16 @@ def _conditions(codes: ArrayLike | None, n: int) -> NDArray[np.int8]:
     return listed.astype(np.int8)
 
 
+def _limits(
+    name: str, value: tuple[ArrayLike, ArrayLike], shape: tuple[int, ...]
+) -> tuple[Array, Array]:
+    """Lower and upper limits of each condition, shape (C, n) each."""
+    lower, upper = check.limits(name, value, shape[1])
+    if lower.shape not in ((), shape[1:], shape):
+        raise ValueError(f"{name} must be of shape {shape[1:]} or {shape}, got {lower.shape}")
+    return np.broadcast_to(lower, shape), np.broadcast_to(upper, shape)
+
+
 def _classes(motions: Motions, task: MajorTask, within: Within) -> Classes:
     whole = task.task
     m1, m2 = len(task.S_m), len(task.S_s)
@@ -192,7 +209,8 @@ def _classes(motions: Motions, task: MajorTask, within: Within) -> Classes:
     moves = moved.U[..., : moved.kept.shape[1]] * moved.kept[:, None, :]
     self_motion = canonical(respanned(moves, geometry.task_units))
     lost = secondary.U * (np.arange(m2) >= secondary.rank[:, None])[:, None, :]
-    least = reach.sigma.min(axis=1, initial=np.inf, where=reach.kept) * task.measure.gain_unit
+    gains = np.zeros((len(possible), m1))
+    gains[:, : reach.sigma.shape[1]] = np.where(reach.kept, reach.sigma, 0.0)
     problem = _problem(motions, task, self_motion)
     return Classes(
         possible=possible,
@@ -202,7 +220,7 @@ def _classes(motions: Motions, task: MajorTask, within: Within) -> Classes:
         unstable_major=task.moved.rank > 0,
         irresolvable=motions.internal > 0,
         constrained_active=motions.constraints(within.active.sum(axis=1)) > 0,
-        worst_gain=np.where(reach.rank == m1, least, 0.0),
+        gains=gains * task.measure.gain_unit,
         major_rank=reach.rank,
         secondary_rank=secondary.rank,
         lost_secondary=canonical(respanned(lost, 1.0 / task.secondary_units)),

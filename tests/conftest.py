@@ -126,6 +126,12 @@ def track_folder(made_once):
 
 
 @pytest.fixture(scope="session")
+def survey_folder(made_once):
+    """What failures leave the hexapod, made by the command."""
+    return made_once("survey", fjh("survey", "--quick"))
+
+
+@pytest.fixture(scope="session")
 def figures_folder(made_once):
     """Machine, loops and failures drawn, made by the command."""
     return made_once("figures", fjh("figures"))
@@ -213,8 +219,7 @@ def bench_folder(tmp_path_factory, faults_of_figures):
     least = runs.Effort(0.05, rounds=2, ticks=100, batches=(1, 10, 100), actuators=(6, 10, 200))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(runs, "QUICK", least)
-        saved = str(folder / "saved.json")
-        assert main(["bench", "--quick", "--save", saved, "--out", str(folder / "out")]) == 0
+        assert main(["bench", "--quick", "--out", str(folder / "out")]) == 0
     return folder / "out"
 
 

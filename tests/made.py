@@ -11,13 +11,12 @@ import numpy as np
 
 from experiments.recording.keep import record_run
 from experiments.recording.marks import Mark
-from experiments.recording.shown import Shown
 from experiments.rig.hexapod.simulation import Trajectory
 from experiments.rig.hexapod.testbed import TestbedConfig
 from experiments.study.results import Results
 from experiments.study.study import OnProgress, Option, Study
 
-MARK = Mark(0, 0.0, "strut 1 locked")
+MARK = Mark(0, 0.0, "strut 1 locked", kind="locked")
 
 
 def made_run(ticks: int = 400) -> Trajectory:
@@ -44,10 +43,8 @@ def made_run(ticks: int = 400) -> Trajectory:
 
 def keep_made(folder: Path, model: mujoco.MjModel, name: str = "made") -> None:
     """`made.npz` and `made.rrd`, as any study writes a run."""
-    shown, properties = Shown(made_run(), [MARK]), {"seed": 0}
-    record_run(
-        folder, name, "made-seed0", model, shown, said=["Made."], beside={}, properties=properties
-    )
+    told = {"said": ["Made."], "beside": {}, "properties": {"seed": 0}}
+    record_run(folder, name, "made-seed0", model, made_run(), [MARK], **told)
 
 
 @dataclass(frozen=True)

@@ -17,11 +17,11 @@ if TYPE_CHECKING:
 
 _RUNS = typer.Argument(
     metavar="RUN.npz [RUN.npz]",
-    help="A run, or two of the same path: of the hexapod, or track.npz.",
+    help="A run of any robot, or two of the same path.",
 )
 _OUT = typer.Option(metavar="FILE.gif", help="The animation to write.")
 _MODEL = typer.Option(
-    metavar="FILE", help="The machine file of the runs, MJCF.  [default: the hexapod, fjh.xml]"
+    metavar="FILE", help="The machine file of the runs, MJCF.  [default: that which they name]"
 )
 _QUIET = typer.Option("--quiet", help="No progress: file and exit code only.")
 
@@ -37,11 +37,12 @@ def animate(
     It shows the machine, what has failed in red; the desired and the true path; and the error, a
     number and a bar. Two runs must be of the same path; they are drawn on the same scales, at the
     same time. The heading of a run is the name of its file, or of its folder where both files have
-    one name. Failures and diagnoses are read from track.json, or from the hexapod's recording
-    (.rrd), beside the run. The animation begins shortly before the first failure. No display is
-    needed. A GIF of 7 s, below 1 MB; takes half a minute.
+    one name. Failures and diagnoses are read from the recording (.rrd) beside the run, or from
+    track.json. Where no two major rows have one unit, the first is drawn over time. The animation
+    begins shortly before the first failure. No display is needed. A GIF of 7 s, below 1 MB; takes
+    half a minute.
 
-    Example: fjh animate unaware/track.npz diagnosed/track.npz --model arm.xml --out lock.gif
+    Example: fjh animate unaware/track.npz diagnosed/track.npz --out lock.gif
     """
     if len(runs) > 2:
         raise WrongInput(f"an animation has one run or two, got {len(runs)}")
@@ -61,23 +62,14 @@ def animate(
 
 
 def _read(files: Sequence[Path], model: Path | None) -> "list[Animated]":
-    """Runs of the hexapod or of any robot, by the names of their files or folders."""
+    """Runs of any robot, by the names of their files or folders."""
     from experiments.app.review import find_runs  # late: help does not wait for it
-    from experiments.recording.animated import of_hexapod, of_robot
-    from experiments.recording.keep import NoRunError
-    from sim import hexapod, load_model, model_sha256
+    from experiments.recording.animated import Animated
 
-    machine, sha256 = load_model(model), model_sha256(model)
     names = [file.stem for file in files]
     if len(set(names)) < len(names):
         names = [file.resolve().parent.name for file in files]
-    found = list["Animated"]()
-    for name, file in zip((name.replace("_", " ") for name in names), files, strict=True):
-        try:
-            (one,) = find_runs([file], sha256).values()
-        except NoRunError:
-            found.append(of_robot(name, machine, file, sha256))
-        else:
-            hexapod(machine)  # raises for any other
-            found.append(of_hexapod(name, machine, one.shown))
-    return found
+    found = find_runs(files, model).values()
+    return [
+        Animated(name.replace("_", " "), one.shown) for name, one in zip(names, found, strict=True)
+    ]

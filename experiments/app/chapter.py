@@ -55,10 +55,8 @@ class Chapter:
 
     def command(self, edition: Edition) -> str:
         """The command line that gives the same numbers."""
-        switches = [name for name, on in {"quick": edition.quick, **self.switches}.items() if on]
-        words = ["fjh", self.name, *(f"--{name}" for name in switches)]
-        out = str(edition.folder / self.name)
-        return shlex.join([*words, "--seed", str(edition.seed), "--out", out])
+        words = self.study.words(seed=edition.seed, quick=edition.quick, **self.switches)
+        return shlex.join([*words, "--out", str(edition.folder / self.name)])
 
     def arguments(self, edition: Edition) -> dict[str, Any]:
         """All options of the study's runs; unfinished runs in the chapter's folder are used."""

@@ -11,6 +11,8 @@ import typer
 
 from experiments.app.animate import animate
 from experiments.app.command import command
+from experiments.app.compare import compare
+from experiments.app.find import find
 from experiments.app.refusals import INTERRUPTED, WRONG_INPUT, ending_of
 from experiments.app.report import report
 from experiments.studies import STUDIES
@@ -24,8 +26,9 @@ HELP = """Simulate the fault-tolerant hexapod of Chen, McInroy and Yi (2003) and
 Each study simulates one experiment in MuJoCo and prints its tables; `fjh report` runs most studies.
 A study writes into results/COMMAND/, or the folder given by --out: all numbers (.json, with units
 in the names), tables (.md), data (.npz), figures and recordings (.rrd; `rerun FILE.rrd` opens one).
-Start with `fjh table1`: a minute on two cores. `fjh review`, `fjh render` and `fjh animate` show
-runs.
+Start with `fjh table1`: a minute on two cores. `fjh find` lists runs by what came out of them,
+`fjh compare` says what changed between two results; `fjh review`, `fjh render` and `fjh animate`
+show runs.
 """
 EXIT_CODES = """\b
 Exit codes:
@@ -40,11 +43,11 @@ _SIZE = re.compile(r"([1-9]\d{1,3})x([1-9]\d{1,3})")
 
 
 _RUNS = typer.Argument(
-    metavar="RUN", help="Folders with results of the hexapod, or single runs (.npz)."
+    metavar="RUN", help="Folders with results, or single runs (.npz), of any robots."
 )
 _REVIEW = typer.Option(metavar="FILE.rrd", help="Recording to write.")
 _MODEL = typer.Option(
-    metavar="FILE", help="Another machine file, MJCF.  [default: the hexapod, fjh.xml]"
+    metavar="FILE", help="The machine file of the runs, MJCF.  [default: that which they name]"
 )
 
 
@@ -53,13 +56,14 @@ def review(
     out: Annotated[Path, _REVIEW] = Path("review.rrd"),
     model: Annotated[Path | None, _MODEL] = None,
 ) -> None:
-    """Show several runs side by side in one recording.
+    """Show several runs of any robots side by side in one recording.
 
-    The recording has one column for each run with spiral, errors, strut inputs and secondary
-    motion, on the same scales; a page with the hexapods in 3D; and a page with the numbers and
-    those of the paper. Takes seconds.
+    Two or three runs have the robot in 3D, its error, inputs, secondary motion, states and events;
+    of more there is one column of plots each, a page with the robots, and one with the numbers.
+    Runs of one robot and task are on the same scales. A robot's machine file is found by its
+    SHA-256, where `fjh track` read it or in models/. Takes seconds.
 
-    Example: fjh review results/table1 --out /tmp/table1.rrd
+    Example: fjh review results/table1 results/track --out /tmp/runs.rrd
     """
     folder = usable_file(out, ".rrd")
     for run in (run for run in runs if not run.is_dir()):
@@ -129,7 +133,7 @@ def _options(version: Annotated[bool, _VERSION] = False) -> None: ...
 app = typer.Typer(
     name="fjh", help=HELP, epilog=EXIT_CODES, rich_markup_mode=None, callback=_options
 )
-for each in (*map(command, STUDIES), report, review, render, animate):
+for each in (*map(command, STUDIES), report, compare, find, review, render, animate):
     # The first line whole: Typer itself would cut it at any full stop.
     app.command(short_help=(each.__doc__ or "").partition("\n")[0])(each)
 

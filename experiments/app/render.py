@@ -20,6 +20,9 @@ from experiments.app.light import on_white
 from experiments.recording.file import TIMELINE
 from experiments.study.study import Unsound, WrongInput
 
+VIEWER = Path(str(rerun_cli.__file__)).with_name("rerun")
+"""The viewer's program."""
+
 SIZE = (1600, 900)
 _PATIENCE_S = 60.0
 _SHOTS = 40
@@ -75,10 +78,9 @@ def _running(size: tuple[int, int], home: str, log: Path) -> Iterator[ViewerClie
         port = probe.getsockname()[1]
     options = ["--headless", "--hide-welcome-screen", "--bind", "127.0.0.1", "--port", str(port)]
     options += ["--window-size", f"{size[0]}x{size[1] + _WINDOW_BAR}"]
-    program = Path(str(rerun_cli.__file__)).with_name("rerun")
     with log.open("w") as output:
         viewer = subprocess.Popen(
-            [program, *options],
+            [VIEWER, *options],
             env=os.environ | _environment(home),
             stdout=output,
             stderr=subprocess.STDOUT,

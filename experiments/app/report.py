@@ -1,6 +1,5 @@
 """The command `fjh report`: the main studies, one after another, on one page."""
 
-import base64
 import shlex
 from collections.abc import Sequence
 from datetime import UTC, datetime
@@ -13,6 +12,7 @@ from experiments.app.command import show, with_options
 from experiments.studies import STUDIES
 from experiments.study.files import published, usable_folder, write_index
 from experiments.study.interrupts import INTERRUPTION
+from experiments.study.page import named_versions, rendered
 from experiments.study.results import Results
 from experiments.study.study import Interrupted, NotInstalled, Progress, Unsound
 from experiments.study.tables import Column, tabulate
@@ -145,22 +145,21 @@ def _publish(
 
 def page(summary: dict[str, Any], folder: Path) -> str:
     """The contents of `report.json` as HTML, with the figures that lie below `folder` inside."""
-    from jinja2 import Environment, PackageLoader, StrictUndefined  # late, as above
-
-    def embedded(name: str, file: str) -> str:
-        path = folder / name / file
-        encoded = base64.b64encode(path.read_bytes()).decode("ascii")
-        return f"data:image/{path.suffix[1:].replace('svg', 'svg+xml')};base64,{encoded}"
-
-    environment = Environment(
-        loader=PackageLoader("experiments.app", "."),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    template = environment.get_template("page.html.j2")
-    return template.render(report=summary, folder=folder, embedded=embedded, span=span, when=when)
+    machine = summary["machine"]
+    cores = f"{machine['cores']} cores, {machine['threads']} threads"
+    origin = {
+        "processor": f"{machine['processor']}; {cores}",
+        "memory": f"{machine['memory_gib']} GiB",
+        "system": machine["system"],
+        "versions": named_versions(summary["versions"]),
+        "commit": summary["commit"],
+        "code": f"SHA-256 {summary['code_sha256']}",
+        "hexapod": f"SHA-256 of fjh.xml {summary['model_sha256']}",
+        "seed": summary["seed"],
+        "written": when(summary["written"]),
+    }
+    shown = {"report": summary, "folder": folder, "origin": origin, "span": span, "when": when}
+    return rendered("experiments.app", "report.html.j2", **shown)
 
 
 def when(moment: str) -> str:

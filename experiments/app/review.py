@@ -10,64 +10,66 @@ import numpy as np
 
 from experiments.recording.file import RecordingInfo
 from experiments.recording.keep import NoRunError, RecordedRun, read_run
-from experiments.recording.screens import write_side_by_side
-from experiments.recording.shown import constants
+from experiments.recording.notes import constants
+from experiments.recording.screens import write_flights
+from experiments.recording.shown import Shown
 from experiments.rig.hexapod import paper
-from experiments.rig.hexapod.metrics import closure_residual_max_m, pointing_rms_urad, rms
-from experiments.rig.hexapod.simulation import Trajectory
 from experiments.rig.hexapod.testbed import TestbedConfig
 from experiments.study.foreign import read_json
 from experiments.study.study import WrongInput
-from sim import hexapod, load_model, model_sha256
 
 _ROUNDING = 1e-9
 """Relative: sums may be taken in another order elsewhere."""
 
 
 def write_review(file: Path, places: Sequence[Path], model: Path | None) -> None:
-    """Write the recording of the runs in some places, drawn as the hexapod of this MJCF."""
-    machine = load_model(model)
-    hexapod(machine)  # raises for any other
-    kept = find_runs(places, model_sha256(model))
-    shown = {name: one.shown for name, one in kept.items()}
-    write_side_by_side(file, about_runs(kept), machine, shown)
+    """Write the recording of the runs in some places, drawn with their machine files, or this."""
+    kept = find_runs(places, model)
+    write_flights(file, about_runs(kept), {name: one.shown for name, one in kept.items()})
 
 
-def find_runs(places: Sequence[Path], model_sha256: str) -> dict[str, RecordedRun]:
+def find_runs(places: Sequence[Path], model: Path | None = None) -> dict[str, RecordedRun]:
     """Runs by name: single ones, and those in folders, in the order in which its JSON names them.
 
-    Other files of a folder are ignored. What JSON beside a run states must agree with its data, and
-    its machine with the one to be drawn.
+    Other files of a folder are ignored. What JSON beside a run states must agree with its data.
 
     Raises:
-        WrongInput: There is no run of the hexapod in one of the places, one is named twice, is
-            not whole, is of another machine, or is not what the JSON beside it states.
+        WrongInput: There is no run in one of the places, one is named twice, is not whole, is of
+            another machine than the file `model`, or is not what the JSON beside it states; or the
+            file of its machine is not found.
     """
     found: dict[Path, RecordedRun] = {}
     for place in places:
         stated = read_summaries(place if place.is_dir() else place.parent)
-        runs = _runs_in(place, stated) if place.is_dir() else {place: read_run(place)}
+        runs = _runs_in(place, stated, model) if place.is_dir() else {place: read_run(place, model)}
         if not runs:
-            raise WrongInput(f"{place} holds no run of the hexapod as `fjh table1` writes them")
+            raise WrongInput(f"{place} holds no run as `fjh table1` and `fjh track` write them")
         for file, run in runs.items():
             if file.resolve() in found:
                 raise WrongInput(f"{file} is named twice")
-            if run.properties.get("model_sha256", model_sha256) != model_sha256:
-                raise WrongInput(f"{file} is a run of another machine; --model FILE draws that")
-            check_stated(file.name, run.shown.run, stated)
+            check_stated(file.name, run.shown, stated)
             found[file.resolve()] = run
-    stems = [file.stem for file in found]
-    return {
-        file.stem if stems.count(file.stem) == 1 else f"{file.parent.name}/{file.stem}": run
-        for file, run in found.items()
-    }
+    return dict(zip(_names(list(found)), found.values(), strict=True))
 
 
-def _runs_in(folder: Path, stated: dict[str, Any]) -> dict[Path, RecordedRun]:
+def _names(files: Sequence[Path]) -> list[str]:
+    """Short and different: of the file, with its folder where two files have one name."""
+    stems = [file.stem for file in files]
+    within = [f"{file.parent.name}/{file.stem}" for file in files]
+    names = [
+        stem if stems.count(stem) == 1 else place for stem, place in zip(stems, within, strict=True)
+    ]
+    return [
+        str(file.with_suffix("")) if names.count(name) > 1 else name
+        for file, name in zip(files, names, strict=True)
+    ]
+
+
+def _runs_in(folder: Path, stated: dict[str, Any], model: Path | None) -> dict[Path, RecordedRun]:
     words, found = json.dumps(stated), {}
     for file in sorted(folder.glob("*.npz"), key=lambda file: words.find(json.dumps(file.stem))):
         with suppress(NoRunError):
-            found[file] = read_run(file)
+            found[file] = read_run(file, model)
     return found
 
 
@@ -76,12 +78,13 @@ def read_summaries(folder: Path) -> dict[str, Any]:
     return {file.name: read_json(file) for file in sorted(folder.glob("*.json"))}
 
 
-def check_stated(data: str, run: Trajectory, stated: dict[str, Any]) -> None:
+def check_stated(data: str, shown: Shown, stated: dict[str, Any]) -> None:
     """Raise `WrongInput` where the JSON contents beside a data file contradict the run in it."""
-    computed = {"closure_residual_max_m": closure_residual_max_m(run)}
-    measured_urad = 1e6 * rms(run.desired_rad - run.measured_rad)
-    for kind, urad in (("rms", pointing_rms_urad(run)), ("measured_rms", measured_urad)):
-        computed |= {f"alpha_{kind}_urad": float(urad[0]), f"beta_{kind}_urad": float(urad[1])}
+    computed = {"closure_residual_max_m": float(shown.closure_m.max())}
+    read = np.sqrt(((shown.desired - shown.measured) ** 2).mean(axis=0))
+    for kind, errors in (("rms", shown.rms()), ("measured_rms", read)):
+        for row, unit, rms in zip(shown.rows, shown.row_units, errors, strict=True):
+            computed[f"{row}_{kind}_u{unit}"] = 1e6 * float(rms)
     for file, content in stated.items():
         for entry in (each for each in _entries(content) if each.get("data") == data):
             for name in computed.keys() & entry.keys():
@@ -109,35 +112,42 @@ def about_runs(runs: Mapping[str, RecordedRun]) -> RecordingInfo:
     """Notes with a table of the runs' numbers, the paper's beside; properties that all share."""
     first, *others = (one.properties for one in runs.values())
     common = dict(item for item in first.items() if all(item in other.items() for other in others))
-    table = [
-        "| run | alpha, urad RMS | beta | paper, alpha | beta | largest strut input, % "
-        "| largest t_x, um | t_y | t_z | gamma, urad | closure, nm |",
-        "| --- |" + " --- |" * 10,
-        *(_row(name, run) for name, run in runs.items()),
-    ]
-    colors = (
-        "The plane beside each run has the error of beta, desired minus true, over that of alpha. "
-        "Struts are blue for negative and red for positive input; a failed one wears a yellow "
-        "collar."
+    heads = ["run", "RMS error", "paper", "largest input", "named", "largest gap"]
+    table = [heads, ["---"] * len(heads), *(_row(name, run) for name, run in runs.items())]
+    drawn = (
+        "The plane beside each run has its error, desired minus true. What has failed is magenta; "
+        "struts are blue for negative and red for positive input."
     )
     shared = ["What all runs have in common:", "", *constants(common)]
-    notes = ["# Side by side", "", *table, "", colors, "", *shared]
-    return RecordingInfo("review", "review", "\n".join(notes), common)
+    lines = [f"| {' | '.join(cells)} |" for cells in table]
+    notes = ["# Side by side", "", *lines, "", drawn, "", *shared]
+    robots = "; ".join(dict.fromkeys(one.shown.robot for one in runs.values()))
+    results = {"study": "review", "robot": robots, "verdict": f"{len(runs)} runs side by side."}
+    return RecordingInfo("review", "review", "\n".join(notes), common, results)
 
 
-def _row(name: str, one: RecordedRun) -> str:
-    run = one.shown.run
-    alpha, beta = pointing_rms_urad(run)
+def _row(name: str, one: RecordedRun) -> list[str]:
+    shown = one.shown
     # The paper's numbers are of the whole spiral.
-    is_whole = len(run.time_s) == len(TestbedConfig().time_s(TestbedConfig().duration_s))
+    is_whole = len(shown.time_s) == len(TestbedConfig().time_s(TestbedConfig().duration_s))
     is_the_papers = one.experiment == "table1" and is_whole
     paper_rms = paper.TABLE_I_URAD.get(name) if is_the_papers else None
-    gamma, *translation = 1e6 * np.abs(run.secondary).max(axis=0)
-    cells = [
-        *(name, f"{alpha:.4f}", f"{beta:.4f}"),
-        *([f"{value:.4f}" for value in paper_rms] if paper_rms else ["", ""]),
-        f"{np.abs(run.strut_input_percent).max():.2f}",
-        *(f"{value:.3f}" for value in (*translation, gamma)),
-        f"{1e9 * closure_residual_max_m(run):.2f}",
+    largest = dict[str, float]()
+    for unit, peak in zip(shown.input_units, np.abs(shown.inputs).max(axis=0), strict=True):
+        largest[unit] = max(largest.get(unit, 0.0), float(peak))
+    named = [f"{m.named or 'found'}: {1e3 * (m.diagnosed_s - m.failed_s):.0f} ms"
+             for m in shown.marks if m.is_found]  # fmt: skip
+    return [
+        name,
+        _said(shown, 1e6 * shown.rms()),
+        _said(shown, paper_rms) if paper_rms else "",
+        ", ".join(f"{peak:.3g} {unit}" for unit, peak in largest.items()),
+        ", ".join(named) or ("not named" if shown.marks else ""),
+        f"{1e9 * shown.closure_m.max():.2f} nm" if shown.closure_m.any() else "",
     ]
-    return "| " + " | ".join(cells) + " |"
+
+
+def _said(shown: Shown, values: Any) -> str:
+    """Numbers of each major row with its name, in millionths of its unit."""
+    named = zip(shown.rows, values, shown.row_units, strict=True)
+    return ", ".join(f"{row} {value:.4f} u{unit}" for row, value, unit in named)

@@ -1,8 +1,5 @@
 """The benchmark: times of the closed loop and the mapping, compared with other libraries."""
 
-from pathlib import Path
-
-from experiments.study.spelling import check_file
 from experiments.study.study import Option, Study
 
 STUDY = Study(
@@ -17,28 +14,14 @@ STUDY = Study(
 
     Writes bench.json (times in us, medians and their ranges), the tables as bench.md, and a figure.
 
-    Example: fjh bench --quick --save /tmp/before.json
+    Example: fjh bench --quick --out /tmp/before
     """,
     runs="experiments.benchmark.runs:run_bench",
     results="experiments.benchmark.results:results",
     quick="2 s of the spiral, fewer rounds, batches up to 10,000.",
     seed="the detector noise and the random problems",
+    times=True,
     options=(
-        Option(
-            "save",
-            Path | None,
-            None,
-            "Also save the numbers in this file, for --compare.",
-            "FILE.json",
-        ),
-        Option(
-            "compare",
-            Path | None,
-            None,
-            "Print which times changed by more than noise since this file was saved.",
-            "FILE.json",
-            check=check_file,
-        ),
         Option(
             "check",
             bool,

@@ -1,16 +1,12 @@
-"""The published ratios: what they compare, their limits, and those of a saved run."""
+"""The published ratios: what they compare, and their limits."""
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from experiments.study.files import published, write_json
 from experiments.study.results import Check
-from experiments.study.study import WrongInput
 from experiments.study.tables import Column, Table, tabulate
 from sim import Array
 
@@ -241,49 +237,3 @@ def _met(one: dict[str, Any]) -> str:
     if one["reaches_goal"]:
         return "goal"
     return {None: "", True: "bound", False: "no"}[one["within_bound"]]
-
-
-def save(path: Path, summary: dict[str, Any]) -> None:
-    """Write the numbers for a later `--compare`."""
-    with published(path.parent, index=path.name) as staging:
-        write_json(staging / path.name, summary)
-
-
-def saved(path: Path) -> dict[str, Any]:
-    """The `bench.json` of an earlier run.
-
-    Raises:
-        WrongInput: There is no such file, or something else is in it.
-    """
-    try:
-        summary = json.loads(path.read_bytes())
-        if summary["experiment"] == "bench":
-            compare(summary, summary)  # it has all that a comparison reads
-            return summary
-    except OSError as error:
-        raise WrongInput(f"--compare {path} cannot be read: {error.strerror}") from None
-    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError):
-        pass
-    raise WrongInput(f"--compare {path} was not written by this fjh bench")
-
-
-def compare(now: dict[str, Any], before: dict[str, Any]) -> dict[str, Any]:
-    """What both runs have timed: now over before, and whether that is more than noise.
-
-    It is when the ranges from the 5th to the 95th percentile have nothing in common.
-    """
-
-    def changes(kind: str, key: str, unit: str) -> dict[str, dict[str, Any]]:
-        low, high, found = f"p5{unit}", f"p95{unit}", {}
-        for name in filter(before[kind].__contains__, now[kind]):
-            old, new = before[kind][name], now[kind][name]
-            ratio, changed = new[key] / old[key], new[low] > old[high] or new[high] < old[low]
-            found[name] = {"saved": old[key], "now": new[key]}
-            found[name] |= {"now_over_saved": ratio, "changed": changed}
-        return found
-
-    return {
-        "saved_simulated_s": before["simulated_s"],
-        "ratios": changes("ratios", "ratio", ""),
-        "timings": changes("timings", "median_us", "_us"),
-    }

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from experiments.benchmark import ratios
 from experiments.benchmark.figure import picture
 from experiments.benchmark.measurement import power_law, spread
+from experiments.benchmark.ratios import RATIOS, checks
 from experiments.benchmark.runs import PACKAGES, Timed
 from experiments.benchmark.solvers import GROWING, batch_names
 from experiments.benchmark.tables import notes, tables
@@ -20,18 +20,14 @@ from sim import model_sha256
 
 
 def results(timed: Timed) -> Results:
-    """Everything that `fjh bench` publishes, and the saved file outside its folder."""
+    """Everything that `fjh bench` publishes."""
     summary = summarize(timed)
-    shown = dict(summary)
-    if timed.before is not None:
-        shown["comparison"] = ratios.compare(summary, timed.before)
     return Results(
-        shown,
-        tables=tables(shown),
-        notes=notes(shown),
-        checks=ratios.checks(shown) if timed.check else (),
-        pictures=[picture(shown)],
-        records=[lambda _, file=file: ratios.save(file, summary) for file in [timed.save] if file],
+        summary,
+        tables=tables(summary),
+        notes=notes(summary),
+        checks=checks(summary) if timed.check else (),
+        pictures=[picture(summary)],
     )
 
 
@@ -39,7 +35,7 @@ def summarize(timed: Timed) -> dict[str, Any]:
     """All numbers, ready for JSON; times are in microseconds per call, control tick or mapping."""
     samples_us, effort = timed.samples_us, timed.effort
     us = {name: float(np.median(each)) for name, each in samples_us.items()}
-    found = {ratio.name: ratio.measured(samples_us) for ratio in ratios.RATIOS}
+    found = {ratio.name: ratio.measured(samples_us) for ratio in RATIOS}
     sizes, batches = effort.actuators, effort.batches
     batched_us = [us[name] for name in batch_names(batches)]
     of_call = power_law(batches, np.multiply(batched_us, batches))

@@ -6,7 +6,6 @@ installed.
 
 from dataclasses import dataclass
 from importlib.util import find_spec
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,11 +13,9 @@ import numpy as np
 from experiments.benchmark.closed_loop import GOAL, ClosedLoop, recorded, whole
 from experiments.benchmark.latency import latencies
 from experiments.benchmark.measurement import Agreement, Entry, by_turns, questions
-from experiments.benchmark.ratios import saved
 from experiments.rig.hexapod.controller import controller_for, nominal_loops
 from experiments.rig.hexapod.rig import rig_of
 from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
-from experiments.study.files import usable_file
 from experiments.study.study import NotInstalled, OnProgress
 from sim import Array, load_model
 
@@ -56,8 +53,7 @@ class Timed:
     `out_of_reach`: whether weights change a major task that limits hold back. `latency`: of single
     ticks, by name and setting of the garbage collector.
 
-    The numbers are also written to `save`, compared with those of the saved file `before`, and
-    unsound beyond their bounds if `check`.
+    The numbers are unsound beyond their bounds if `check`.
     """
 
     seed: int
@@ -67,26 +63,14 @@ class Timed:
     active_limits: dict[str, list[int]]
     out_of_reach: dict[str, Any]
     latency: dict[str, Any]
-    save: Path | None = None
-    before: dict[str, Any] | None = None
     check: bool = False
 
 
-def run_bench(
-    *,
-    seed: int,
-    quick: bool,
-    save: Path | None,
-    compare: Path | None,
-    check: bool,
-    on_progress: OnProgress,
-) -> Timed:
+def run_bench(*, seed: int, quick: bool, check: bool, on_progress: OnProgress) -> Timed:
     """Compare all answers, then time the contenders who gave them.
 
     Raises:
         NotInstalled: A package is missing.
-        WrongInput: `compare` is no saved file.
-        OutputError: `save` cannot be written.
         Unsound: Two answers to the same question differ; nothing is timed.
     """
     if absent := [name for name in PACKAGES if find_spec(name) is None]:
@@ -98,9 +82,6 @@ def run_bench(
 
     from experiments.benchmark import ik, limited, mechanisms, pointing, robots, solvers
 
-    if save is not None:
-        usable_file(save, ".json", option="--save")
-    before = None if compare is None else saved(compare)
     effort, rng = QUICK if quick else FULL, np.random.default_rng(seed)
     # Set at run time, since NumPy may long have been imported: OpenBLAS keeps to one thread.
     with threadpool_limits(1):
@@ -132,4 +113,4 @@ def run_bench(
             question: counts for entry in entries for question, counts in entry.at_limits.items()
         }
         weights = limited.compared(seed)
-    return Timed(seed, effort, agreed, samples_us, active, weights, latency, save, before, check)
+    return Timed(seed, effort, agreed, samples_us, active, weights, latency, check)

@@ -64,7 +64,7 @@ def tables(summary: dict[str, Any]) -> list[Table]:
     seconds, timings = summary["simulated_s"], summary["timings"]
     at_limits = (_at_limit(name, one) for name, one in summary["active_limits"].items())
     part = f", {seconds:g} s of the spiral only" if seconds < TestbedConfig().duration_s else ""
-    found = [
+    return [
         ratios.table(summary["ratios"], f"Ratios of medians{part}"),
         _times("One control tick, us", TICK, timings),
         _robots(timings),
@@ -84,7 +84,6 @@ def tables(summary: dict[str, Any]) -> list[Table]:
             "power: of the time of the whole call.",
         ),
     ]
-    return [*found, _changes(summary["comparison"])] if "comparison" in summary else found
 
 
 def _us(value: float) -> str:
@@ -223,45 +222,18 @@ def _growth(title: str, growth: dict[str, Any], legend: str) -> Table:
     return tabulate(title, columns, entries, legend)
 
 
-def _changes(comparison: dict[str, Any]) -> Table:
-    """Beside an earlier run."""
-    columns = (
-        Column("", "name"),
-        Column("saved", lambda one: _us(one["saved"])),
-        Column("now", lambda one: _us(one["now"])),
-        Column("now / saved", "now_over_saved", ".2f"),
-        Column("", lambda one: "changed" if one["changed"] else ""),
-    )
-    both = comparison["ratios"] | comparison["timings"]
-    return tabulate(
-        "Comparison with the saved run",
-        columns,
-        [{"name": name} | one for name, one in both.items()],
-        "Ratios, then medians in us. changed: the ranges from 5 to 95 % do not overlap.",
-    )
-
-
 def notes(summary: dict[str, Any]) -> list[str]:
-    """Real-time factor, agreement, machine and versions, and what the saved run had otherwise."""
+    """Real-time factor, agreement, machine and versions."""
     now_s, factor = summary["simulated_s"], summary["real_time_factor"]
     furthest = max(
         max(one["distances"].values()) / one["tolerance"] for one in summary["agreement"]
     )
     names = ("mujoco", "numpy", "scipy", *PACKAGES)
     installed = ", ".join(f"{name} {summary['versions'][name]}" for name in names)
-    found = [
+    return [
         f"A {now_s:g} s run takes {now_s / factor:.2g} s (real-time factor {factor:.1f}).",
         f"Before the timing, all results agreed on {len(summary['agreement'])} sets of problems; "
         f"the largest difference was {100 * furthest:.1g} % of its tolerance.",
         f"One process, one thread, {summary['rounds']} rounds in turn, on "
         f"{summary['machine']['processor']}; {installed}.",
     ]
-    if "comparison" not in summary:
-        return found
-    saved_s = summary["comparison"]["saved_simulated_s"]
-    if saved_s != now_s:
-        found.append(
-            f"The saved run simulated {saved_s:g} s of the spiral, this one {now_s:g} s: with "
-            "--quick settling is a larger part of the time, and batches are smaller."
-        )
-    return found

@@ -13,7 +13,9 @@ from experiments.figures.block_diagram import figure_3
 from experiments.figures.geometry import figure_2
 from experiments.figures.machine import figure_machine
 from experiments.figures.runs import OpenLoop, Portrait
-from experiments.rig.hexapod.fault_tolerance import Verdict, verdicts
+from experiments.rig.hexapod.fault_tolerance import pointing_verdicts
+from experiments.rig.letters import OF_ATLAS
+from experiments.rig.verdicts import Verdict
 from experiments.study.plotting import BLACK, BLUE, ORANGE, PAGE_IN, VERMILION, new_figure
 from experiments.study.results import Picture
 from prioritized import FailureAtlas
@@ -117,15 +119,16 @@ def _margin(
 def figure_atlas(atlas: FailureAtlas) -> Figure:
     """Map of all 3^6 conditions, and the share of each verdict over the number of failures."""
     figure = new_figure(PAGE_IN, 4.9)
-    found = [verdict for verdict in verdicts(atlas) if verdict.holds.any()]
-    count = {verdict.name: verdict.holds.sum() for verdict in verdicts(atlas)}
+    every = pointing_verdicts(atlas)
+    found = [verdict for verdict in every if verdict.holds.any()]
+    count = {verdict.name: verdict.holds.sum() for verdict in every}
     figure.suptitle(
         f"Pointing in the {len(atlas.codes)} failure conditions: still exact in {count['rigid']} "
         f"without springs, in {count['rigid'] + count['springs']} with them"
     )
     left, right = figure.subplots(1, 2, width_ratios=[1.4, 1])
     _map(left, found)
-    _by_failures(right, atlas, found)
+    _by_failures(right, found)
     legend = [
         Patch(fc=verdict.color, ec=BLACK, lw=0.4, label=f"{verdict.holds.sum()} {verdict.label}")
         for verdict in found
@@ -154,30 +157,28 @@ def _map(axes: Axes, found: list[Verdict]) -> None:
     for level in range(3):
         span, out = 3 ** (2 - level), -3 + level
         for k in range(3 ** (level + 1)):
-            middle, letter = (k + 0.5) * span, "SLF"[k % 3]
+            middle, letter = (k + 0.5) * span, OF_ATLAS[k % 3]
             axes.text(middle, out + 0.5, letter, ha="center", va="center")
             axes.text(out + 0.5, middle, letter, ha="center", va="center")
         axes.text(27.3, out + 0.5, f"strut {4 + level}", va="center")
         axes.text(out + 0.5, 27.3, f"strut {1 + level}", va="top", ha="center", rotation=90)
 
 
-def _by_failures(axes: Axes, atlas: FailureAtlas, found: list[Verdict]) -> None:
+def _by_failures(axes: Axes, found: list[Verdict]) -> None:
     """How many failures until the task is lost."""
-    failures = (atlas.codes != 0).sum(axis=1)
-    struts = atlas.codes.shape[1]
-    conditions = np.bincount(failures, minlength=struts + 1)
-    left = np.zeros(struts + 1)
+    conditions = np.sum([verdict.by_failures for verdict in found], axis=0)
+    left, rows = np.zeros(len(conditions)), range(len(conditions))
     for verdict in found:
         ink = "white" if verdict.color in (BLACK, BLUE) else BLACK
-        count = np.bincount(failures[verdict.holds], minlength=struts + 1)
+        count = verdict.by_failures
         share = 100 * count / conditions
-        axes.barh(range(struts + 1), share, left=left, color=verdict.color, ec="white", lw=0.4)
+        axes.barh(rows, share, left=left, color=verdict.color, ec="white", lw=0.4)
         for k in np.flatnonzero(share > 4).tolist():
             middle = float(left[k] + share[k] / 2)
             axes.text(middle, k, str(count[k]), ha="center", va="center", color=ink)
         left += share
     axes.set(
-        ylim=(struts + 0.6, -0.6),
+        ylim=(len(rows) - 0.4, -0.6),
         xlim=(0, 100),
         xlabel="share of the conditions with that many failures, %",
         ylabel="number of failed struts, locked or free",

@@ -3,18 +3,15 @@
 from dataclasses import asdict
 from typing import Any
 
-import numpy as np
-
 from experiments.figures.figure import pictures
 from experiments.figures.geometry import node_names
 from experiments.figures.runs import Portrait
-from experiments.rig.hexapod.fault_tolerance import verdicts
+from experiments.rig.hexapod.fault_tolerance import pointing_verdicts
 from experiments.rig.hexapod.metrics import loop_measures, plant_constants
 from experiments.study.provenance import versions
 from experiments.study.results import Results
 from experiments.study.tables import Column, Table, tabulate
 from prioritized import FailureAtlas
-from sim import Array
 
 
 def results(portrait: Portrait) -> Results:
@@ -47,11 +44,6 @@ def summarize(portrait: Portrait) -> dict[str, Any]:
 
 def _atlas(atlas: FailureAtlas) -> dict[str, Any]:
     assert atlas.elastic is not None  # the hexapod has springs
-    failures, most = (atlas.codes != 0).sum(axis=1), atlas.codes.shape[1]
-
-    def by_failures(holds: Array) -> list[int]:
-        return np.bincount(failures[holds], minlength=most + 1).tolist()
-
     return {
         "conditions": len(atlas.codes),
         "possible_rigid": int(atlas.possible.sum()),
@@ -60,9 +52,9 @@ def _atlas(atlas: FailureAtlas) -> dict[str, Any]:
             verdict.name: {
                 "label": verdict.label,
                 "conditions": int(verdict.holds.sum()),
-                "by_number_of_failures": by_failures(verdict.holds),
+                "by_number_of_failures": verdict.by_failures.tolist(),
             }
-            for verdict in verdicts(atlas)
+            for verdict in pointing_verdicts(atlas)
         },
     }
 

@@ -6,30 +6,20 @@ from typing import Any
 import mujoco
 import numpy as np
 import rerun as rr
-import rerun.blueprint as rrb
 
 from experiments.force.aims import PRESCRIBED
 from experiments.force.rig import Readings
 from experiments.force.runs import Examination, Trial
-from experiments.force.tables import tables
-from experiments.recording.file import (
-    RecordingInfo,
-    recording_file,
-    rgb,
-    screen,
-    time_column,
-)
-from experiments.recording.hexapod import Picture, log_hexapod
+from experiments.force.tables import checks, tables
+from experiments.recording.file import RecordingInfo, rgb, time_column
+from experiments.recording.hexapod import BODIES, FIXTURES, ROBOT, hexapod_motion, load_colors
+from experiments.recording.machine import Picture, body_entity, exaggeration
 from experiments.recording.marks import Mark
-from experiments.recording.mechanism import (
-    body_entity,
-    exaggeration,
-    machine_tabs,
-    sized_entity,
-    sizes,
-)
-from experiments.recording.shown import constants
-from experiments.recording.views import Plot, log_plots, notes_view, plot_views
+from experiments.recording.notes import constants
+from experiments.recording.properties import checked
+from experiments.recording.scene import Scene
+from experiments.recording.screens import entity_of, scenes_file, side_by_side
+from experiments.recording.signals import Plot
 from experiments.study.plotting import GREEN, ORANGE
 from experiments.study.provenance import version_properties
 from sim import NOMINAL, Array, load_model
@@ -37,6 +27,7 @@ from sim import NOMINAL, Array, load_model
 _WRENCH = ["m_x [N m]", "m_y [N m]", "m_z [N m]", "f_x [N]", "f_y [N]", "f_z [N]"]
 _STRUTS = [f"strut {k} [N]" for k in range(1, 7)]
 _MOTION = ["alpha [urad]", "beta [urad]", "gamma [urad]", "t_x [um]", "t_y [um]", "t_z [um]"]
+_DONE = "The hexapod holds prescribed wrenches, sound and with strut 1 failed."
 _M_PER_N, _M_PER_N_M = 0.01, 0.07
 """Lengths of arrows."""
 _ABOVE_M = 0.17
@@ -55,32 +46,15 @@ def write_force(examinations: list[Examination], summary: dict[str, Any], folder
     properties |= {f"model_sha256_{name}": sha for name, sha in summary["model_sha256"].items()}
     properties |= version_properties(summary) | summary["bench"]
     notes = _notes(summary, properties)
-    about = RecordingInfo(f"force-seed{summary['seed']}", "force mapping", notes, properties)
-    path = folder / summary["recording"]
-    with recording_file(path, about, _screen(model, shown, factor, full_n)) as recording:
+    failures = "; ".join(str(one.condition) for one in shown)
+    found = {"study": "force", "robot": ROBOT, "failures": failures}
+    found |= {"verdict": _DONE, "checks": checked(checks(summary))}
+    about = RecordingInfo(f"force-seed{summary['seed']}", "force mapping", notes, properties, found)
+    scenes = {str(one.condition): _scene(model, one, factor, full_n) for one in shown}
+    layout = side_by_side(scenes, pages=False)
+    with scenes_file(folder / summary["recording"], about, scenes, layout) as recording:
         for k, one in enumerate(shown):
-            trial = one.trial(PRESCRIBED)
-            for size in sizes(factor):
-                entity = sized_entity(f"{_entity(k)}/hexapod", size)
-                log_hexapod(recording, entity, model, _picture(one, size, full_n))
-                _log_wrench(recording, entity, model, trial)
-            log_plots(recording, _plots(one), f"{_entity(k)}/")
-
-
-def _entity(k: int) -> str:
-    return f"condition_{k}"
-
-
-def _screen(
-    model: mujoco.MjModel, shown: list[Examination], factor: int, full_n: float
-) -> rrb.Blueprint:
-    columns = []
-    for k, one in enumerate(shown):
-        title = f"{one.condition}; struts ±{full_n:g} N"
-        view = machine_tabs(f"{_entity(k)}/hexapod", title, model, factor)
-        plots = plot_views(_plots(one), f"{_entity(k)}/")
-        columns.append(rrb.Vertical(view, *plots, row_shares=[2] + [1] * len(plots)))
-    return screen(rrb.Horizontal(notes_view(), *columns))
+            _log_wrench(recording, f"{entity_of(k)}machine", model, one.trial(PRESCRIBED))
 
 
 def _yielding(one: Examination) -> Readings:
@@ -88,11 +62,18 @@ def _yielding(one: Examination) -> Readings:
     return one.prescribed[0].readings if one.prescribed else one.trial(PRESCRIBED).held
 
 
-def _picture(one: Examination, factor: int, full_n: float) -> Picture:
-    held = _yielding(one)
+def _scene(model: mujoco.MjModel, one: Examination, factor: int, full_n: float) -> Scene:
+    held, plots = _yielding(one), _plots(one)
     pose = NOMINAL.moved(factor * held.displacement.reshape(-1, 6))
-    marks = [Mark(0, 0.0, str(one.condition))] if one.condition.failures else []
-    return Picture(held.time_s.ravel(), pose, held.strut_n.reshape(-1, 6), full_n, marks)
+    colors = {}
+    for names, load in zip(BODIES, held.strut_n.reshape(-1, 6).T, strict=True):
+        colors |= dict.fromkeys(names, load_colors(load, full_n))
+    failing = [(BODIES[0], Mark(0, 0.0, str(one.condition)))] if one.condition.failures else []
+    motion, words = hexapod_motion(model, pose), f"struts -{full_n:g} N blue, +{full_n:g} N red"
+    picture = Picture(
+        model, held.time_s.ravel(), motion, factor, failing, colors, dict(FIXTURES), words
+    )
+    return Scene(picture, plots, plots, {plot.entity: plot.range for plot in plots})
 
 
 def _log_wrench(

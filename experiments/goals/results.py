@@ -12,11 +12,13 @@ from experiments.goals.demonstration import REFERENCE, Demonstration, Outcome, S
 from experiments.goals.figure import MEASURES, pictures, strategy_label
 from experiments.goals.runs import DEMONSTRATIONS, Goals
 from experiments.recording.file import RecordingInfo
+from experiments.recording.hexapod import of_hexapod
 from experiments.recording.marks import Mark
 from experiments.recording.mechanism import Driven, write_mechanism
-from experiments.recording.screens import write_side_by_side
-from experiments.recording.shown import Shown, constants
-from experiments.recording.views import Plot
+from experiments.recording.notes import constants
+from experiments.recording.properties import checked, results_of
+from experiments.recording.screens import write_flights
+from experiments.recording.signals import Plot
 from experiments.rig.arm import ARM_MJCF
 from experiments.rig.hexapod.metrics import closure_check, plant_constants, rms
 from experiments.rig.hexapod.simulation import Trajectory
@@ -207,28 +209,34 @@ def _record(
         **version_properties(summary),
         **(summary["bench"] if on_hexapod else {}),
     }
-    identity = f"goals-{name}-seed{summary['seed']}"
-    about = RecordingInfo(identity, goal["title"], _notes(goal, properties), properties)
+    identity, notes = f"goals-{name}-seed{summary['seed']}", _notes(goal, properties)
     path, shown = folder / goal["recording"], {key: ours[key] for key in ("pursued", "nothing")}
     if not on_hexapod:
         driven = {
             key: Driven(one.time_s, one.arrays["joint_rad"], _plots(goal, one))
             for key, one in shown.items()
         }
+        stated = {"study": "goals", "robot": goal["machine"], "failures": "none"}
+        stated |= {"verdict": goal["title"], "checks": checked(checks(summary))}
+        about = RecordingInfo(identity, goal["title"], notes, properties, stated)
         write_mechanism(path, about, load_model(ARM_MJCF), driven)
         return
     model, marks = load_model(), []
     if name == "obstacle":
         model = secondary_goals.cluttered()
-        marks = [Mark(secondary_goals.LOCKED_STRUT, 0.0, "strut 1 locked")]
+        marks = [Mark(secondary_goals.LOCKED_STRUT, 0.0, "strut 1 locked", kind="locked")]
     names = [field.name for field in fields(Trajectory) if field.name != "time_s"]
     runs = {
         key: Trajectory(one.time_s, **{each: one.arrays[each] for each in names})
         for key, one in shown.items()
     }
     # A run of the hexapod shows its pointing error anyway.
-    views = {key: Shown(runs[key], marks, _plots(goal, one)[1:]) for key, one in shown.items()}
-    write_side_by_side(path, about, model, views)
+    flights = {
+        key: of_hexapod(runs[key], model, marks, extras=_plots(goal, one)[1:])
+        for key, one in shown.items()
+    }
+    stated = results_of(flights["pursued"], "goals", checks=checks(summary), verdict=goal["title"])
+    write_flights(path, RecordingInfo(identity, goal["title"], notes, properties, stated), flights)
 
 
 def _plots(goal: dict[str, Any], outcome: Outcome) -> list[Plot]:

@@ -15,7 +15,6 @@ from experiments.jacobian.runs import Constancy
 from experiments.jacobian.variation import NORMS, ByNorm, Norm, Variation, size
 from experiments.recording.keep import record_run
 from experiments.recording.marks import Mark
-from experiments.recording.shown import Shown
 from experiments.rig.hexapod import paper
 from experiments.rig.hexapod.metrics import plant_constants
 from experiments.rig.hexapod.testbed import TestbedConfig, grown_bench, grown_machine
@@ -133,7 +132,8 @@ def _record(run: LoopRun, tracked: Tracked, summary: dict[str, Any], folder: Pat
         run.name,
         f"jacobian-{run.name}",
         machine,
-        Shown(tracked.trajectory, [Mark(0, 0.0, "strut 1 locked, known to the mapping")]),
+        tracked.trajectory,
+        [Mark(0, 0.0, "strut 1 locked, known to the mapping", kind="locked")],
         said=[
             f"- {run.column}, strut 1 locked; seed {run.seed}, {duration_s:g} s.",
             f"- Spiral {run.growth} as large as the paper's.",
@@ -144,6 +144,7 @@ def _record(run: LoopRun, tracked: Tracked, summary: dict[str, Any], folder: Pat
         ],
         beside={},
         properties=plain | growth | version_properties(summary) | around,
+        checks=checks(summary),
     )
 
 

@@ -101,7 +101,7 @@ class Animation:
     @cached_property
     def square(self) -> tuple[Array, float]:
         """Middle and half the side of what is shown of the plane of the path."""
-        all_of_it = np.vstack([c[:, :2] for one in self.runs for c in (one.desired, one.true)])
+        all_of_it = np.vstack([curve for one in self.runs for curve in one.curves])
         low, high = all_of_it.min(axis=0), all_of_it.max(axis=0)
         return (low + high) / 2, _MARGIN * float((high - low).max()) / 2
 
@@ -158,14 +158,15 @@ def state_at(one: Animated, tick: int) -> tuple[str, str]:
 
 def _machine(axes: Axes, animation: Animation, one: Animated, tick: int) -> None:
     """The machine at a tick, what has failed in red, seen as its MJCF says."""
-    seen = one.model.vis.global_
+    model, surface = one.shown.model, one.surface
+    seen = model.vis.global_
     view = drawing.View(seen.azimuth - 180.0, -seen.elevation)
     failed = [part for part, mark in one.marks if mark.failed_s <= one.time_s[tick]]
     colors = drawing.COLORS | {part: VERMILION for part in failed if part is not None}
-    points = one.surface.placed(one.motion([tick], animation.factor), 0)
-    drawing.draw_machine(axes, one.surface, points, view, colors)
-    right, up = view.on_paper(one.model.stat.center)
-    half = _HALF * float(one.model.stat.extent)
+    points = surface.placed(one.shown.motion([tick], animation.factor), 0)
+    drawing.draw_machine(axes, surface, points, view, colors)
+    right, up = view.on_paper(model.stat.center)
+    half = _HALF * float(model.stat.extent)
     ratio = SIZE_IN[0] / (0.36 * SIZE_IN[1])
     axes.set(xlim=(right - ratio * half, right + ratio * half), ylim=(up - half, up + half))
 
@@ -173,7 +174,7 @@ def _machine(axes: Axes, animation: Animation, one: Animated, tick: int) -> None
 def _path(axes: Axes, animation: Animation, one: Animated, tick: int) -> None:
     """The desired path, that taken until a tick, and how far the two are apart now."""
     (right, up), half = animation.square
-    desired, true = one.desired[:, :2], one.true[:, :2]
+    desired, true = one.curves
     axes.plot(*desired.T, color="0.65", lw=1.0, ls="--")
     axes.plot(*true[: tick + 1].T, color=MEASURED, lw=1.6)
     axes.plot(*np.array([desired[tick], true[tick]]).T, color=VERMILION, lw=2.2)
@@ -187,6 +188,8 @@ def _error(axes: Axes, animation: Animation, one: Animated, tick: int) -> None:
     unit, many = animation.unit
     value = many * one.error[tick]
     axes.barh(0.0, value, color=VERMILION, height=1.0)
-    axes.set(xlim=(0.0, many * animation.largest_error), ylim=(-0.5, 0.5), xticks=[], yticks=[])
+    axes.set(
+        xlim=(0.0, many * animation.largest_error or 1.0), ylim=(-0.5, 0.5), xticks=[], yticks=[]
+    )
     words = f"error {value:.{0 if value >= 10 else 1}f} {unit}"
     axes.set_title(words, fontsize=TITLE_PT, weight="bold", pad=3)

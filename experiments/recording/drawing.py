@@ -12,11 +12,11 @@ from matplotlib.colors import to_rgb
 from numpy.typing import NDArray
 
 from experiments.recording.hexapod import hexapod_motion
-from experiments.recording.mechanism import Motion, motion_of
+from experiments.recording.machine import Motion
 from experiments.recording.solids import Solid, solid_of
 from experiments.rig.bodies import body_name
 from experiments.study.palette import BLACK, SKY
-from sim import NOMINAL, Array, Pose, element_id
+from sim import NOMINAL, Array, element_id
 
 COLORS = {"base": "0.85", "payload": "0.7", "strut": SKY, "flexure": "0.4"}
 """Of parts of the machine; a strut is its housing and its stem."""
@@ -123,17 +123,6 @@ def _part(model: mujoco.MjModel, geom: int) -> str:
     return "payload" if model.geom_bodyid[geom] == payload else "base"
 
 
-def motion_at(model: mujoco.MjModel, pose: Pose) -> Motion:
-    """All bodies, in the order of their numbers, with the payload at poses (T,)."""
-    nominal, moved = motion_of(model, model.qpos0[None]), hexapod_motion(model, pose)
-    times = len(pose.translation_m)
-    rotation = np.repeat(nominal.rotation, times, axis=0)
-    position_m = np.repeat(nominal.position_m, times, axis=0)
-    at = [model.body(name).id for name in moved.names]
-    rotation[:, at], position_m[:, at] = moved.rotation, moved.position_m
-    return Motion(nominal.names, rotation, position_m)
-
-
 def draw_machine(
     axes: Axes, machine: Machine, points_m: Array, view: View, colors: Mapping[str, str] = COLORS
 ) -> None:
@@ -169,7 +158,7 @@ def draw_machine(
 
 def draw_at_rest(axes: Axes, model: mujoco.MjModel, view: View) -> None:
     """Draw the machine at its nominal pose, its struts numbered."""
-    motion, drawn = motion_at(model, NOMINAL.moved(np.zeros((1, 6)))), machine(model)
+    motion, drawn = hexapod_motion(model, NOMINAL.moved(np.zeros((1, 6)))), machine(model)
     draw_machine(axes, drawn, drawn.placed(motion, 0), view)
     number_struts(axes, motion, 0, view)
 

@@ -6,7 +6,7 @@ import re
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +31,7 @@ class RecordingInfo:
     name: str  # for people
     notes: str  # Markdown beside the views: parameters, results, the paper's numbers
     properties: dict[str, Any]  # seed, versions, model hash, every constant; units in the names
+    results: dict[str, Any] = field(default_factory=dict)  # as of `properties.results_of`
 
     @property
     def identity(self) -> str:
@@ -60,8 +61,9 @@ def recording_file(
     recording.send_blueprint(blueprint, make_active=False, make_default=True)
     recording.set_log_time_enabled(False)
     recording.send_recording_name(about.name)
-    if about.properties:
-        recording.send_property("run", rr.AnyValues(**about.properties))
+    for group, values in (("run", about.properties), ("results", about.results)):
+        if values:
+            recording.send_property(group, rr.AnyValues(**values))
     document = rr.TextDocument(about.notes, media_type=rr.MediaType.MARKDOWN)
     recording.log("notes", document, static=True)
     try:
@@ -90,14 +92,6 @@ def _read_back(path: Path) -> None:
 def rgb(color: str) -> list[int]:
     """A colour of the palette as Rerun takes it."""
     return [round(255 * part) for part in to_rgb(color)]
-
-
-def round_up(value: float) -> float:
-    """The next of 1, 2, 5, 10, 20, ... from a positive value on; 1 from any other."""
-    if value <= 0:
-        return 1.0
-    decade = 10.0 ** np.floor(np.log10(value))
-    return float(decade * min(step for step in _ROUND if step * decade >= value))
 
 
 def round_down(value: float) -> float:

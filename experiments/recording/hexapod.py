@@ -1,7 +1,6 @@
-"""The hexapod in 3D, its struts coloured by their current, and the marks of struts that fail."""
+"""The hexapod as recordings show it: loops that close however much motion is magnified."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import matplotlib
 import mujoco
@@ -9,33 +8,98 @@ import numpy as np
 import rerun as rr
 from scipy.spatial.transform import Rotation
 
-from experiments.recording.file import rgb, time_column
-from experiments.recording.marks import Mark, log_mark
-from experiments.recording.mechanism import Motion, body_entity, log_body_colors, log_machine
+from experiments.recording.file import rgb
+from experiments.recording.machine import Motion, exaggeration, motion_of
+from experiments.recording.marks import Mark, found_in
+from experiments.recording.shown import Shown, Ticks
+from experiments.recording.signals import Plot
 from experiments.rig.hexapod.simulation import Trajectory
-from experiments.study.palette import VERMILION, YELLOW
-from sim import Array, Pose
+from experiments.study.palette import VERMILION
+from sim import NOMINAL, Array, Pose
 
-_WHITE, _GREY, _LABEL, _YELLOW = [255] * 3, [190] * 3, [240] * 3, rgb(YELLOW)
-_MARK_WIDTH = 3.0
+ROBOT = "University of Wyoming hexapod"
+SECONDARY = ("gamma [urad]", "t_x [um]", "t_y [um]", "t_z [um]")
+STRUTS = tuple(f"strut {k}" for k in range(1, 7))
+BODIES = tuple((f"housing{k}", f"stem{k}") for k in range(1, 7))
+FULL = np.full(6, 100.0)
+"""Input at which a coil has its largest force [%]."""
+
+_LABEL = [240] * 3
+FIXTURES: tuple[tuple[str, rr.AsComponents], ...] = (
+    *(
+        (
+            f"housing{k}/number",
+            rr.Points3D(
+                [[0, 0, 0.21]], radii=[0.001], colors=[_LABEL], labels=[f"{k}"], show_labels=True
+            ),
+        )
+        for k in range(1, 7)
+    ),
+    # The pointing axis: the payload's z axis, upwards. The laser is in the MJCF, and stands still.
+    (
+        "payload/beam",
+        rr.LineStrips3D([[[0, 0, 0.17], [0, 0, 0.55]]], colors=[rgb(VERMILION)], radii=[0.002]),
+    ),
+)
+"""What is drawn beside the geoms of the MJCF."""
 
 
-@dataclass(frozen=True)
-class Picture:
-    """The hexapod at times (T,), as it is drawn: T poses of its payload, exaggeration included.
+def of_hexapod(
+    run: Trajectory,
+    model: mujoco.MjModel,
+    marks: Sequence[Mark] = (),
+    *,
+    extras: Sequence[Plot] = (),
+    status: str = "",
+) -> Shown:
+    """A run of the hexapod with the marks of its failing struts."""
+    motion = np.concatenate([run.true_rad, run.secondary], axis=1)
+    return Shown(
+        robot=ROBOT,
+        model=model,
+        time_s=run.time_s,
+        rows=("alpha", "beta"),
+        row_units=("rad", "rad"),
+        desired=run.desired_rad,
+        true=run.true_rad,
+        measured=run.measured_rad,
+        actuators=STRUTS,
+        input_units=("%",) * 6,
+        inputs=run.strut_input_percent,
+        limits=(-FULL, FULL),
+        units=("m",) * 6,
+        displacement=run.strut_displacement_m,
+        bodies=BODIES,
+        secondary=(SECONDARY, 1e6 * run.secondary),
+        estimated=1e6 * run.secondary_estimated,
+        closure_m=run.closure_residual_m,
+        motion=lambda ticks, factor: magnified(model, motion, ticks, factor),
+        factor=factor_of(motion),
+        marks=sorted(marks, key=lambda mark: mark.failed_s),
+        beliefs=found_in(marks),
+        status=status,
+        extras=extras,
+        colored=True,
+        fixtures=FIXTURES,
+    )
 
-    The loads (T, 6) colour the struts, the full load most deeply.
+
+def factor_of(motion: Array) -> int:
+    """A round factor that makes displacements (N, 6) [rotation vector; translation] visible."""
+    largest = np.abs(motion).max(axis=0)
+    return exaggeration(float(largest[:3].max()), float(largest[3:].max()))
+
+
+def magnified(model: mujoco.MjModel, motion: Array, ticks: Ticks, factor: float) -> Motion:
+    """Bodies at some ticks of displacements (N, 6) of the payload, multiplied by a factor.
+
+    Takes alpha, beta, gamma as a rotation vector: correct to the second order of the angles.
     """
-
-    time_s: Array
-    pose: Pose
-    load: Array
-    full_load: float
-    marks: Sequence[Mark] = ()
+    return hexapod_motion(model, NOMINAL.moved(factor * motion[ticks]))
 
 
 def hexapod_motion(model: mujoco.MjModel, pose: Pose) -> Motion:
-    """Bodies of the hexapod with its payload at poses (T,), each strut pointing at its top node.
+    """All bodies of the hexapod with its payload at poses (T,), struts pointing at their top nodes.
 
     However large the motion, its loops are closed.
     """
@@ -56,9 +120,13 @@ def hexapod_motion(model: mujoco.MjModel, pose: Pose) -> Motion:
         places[f"housing{k}"] = swing, np.broadcast_to(bottom, shift.shape)
         for upper in (f"stem{k}", f"tip{k}"):
             places[upper] = swing, carried(top) + swing @ (data.body(upper).xpos - top)
-    standing = [data.body(name).xmat.reshape(3, 3) for name in places]
-    turns, positions = zip(*places.values(), strict=True)
-    return Motion(tuple(places), np.stack(turns, axis=1) @ standing, np.stack(positions, axis=1))
+    standing = motion_of(model, model.qpos0[None])
+    rotation = np.repeat(standing.rotation, len(shift), axis=0)
+    position_m = np.repeat(standing.position_m, len(shift), axis=0)
+    for name, (swing, place) in places.items():
+        at = standing.names.index(name)
+        rotation[:, at], position_m[:, at] = swing @ rotation[:, at], place
+    return Motion(standing.names, rotation, position_m)
 
 
 def _smallest_turn(before: Array, after: Array) -> Array:
@@ -74,81 +142,3 @@ def load_colors(load: Array, full_load: float) -> Array:
     """Blue for negative, grey for no, red for positive load (T,), shape (T, 3), 0..255."""
     share = 0.5 + 0.5 * load / full_load
     return matplotlib.colormaps["coolwarm"](share, bytes=True)[:, :3]
-
-
-def log_hexapod(
-    recording: rr.RecordingStream, entity: str, model: mujoco.MjModel, picture: Picture
-) -> None:
-    """Log the hexapod, as its MJCF draws it, below an entity."""
-    time = time_column(picture.time_s)
-    motion = hexapod_motion(model, picture.pose)
-    log_machine(recording, entity, model, motion, picture.time_s)
-    for k in range(6):
-        colors = load_colors(picture.load[:, k], picture.full_load)
-        log_body_colors(recording, entity, model, (f"housing{k + 1}", f"stem{k + 1}"), time, colors)
-        label = rr.Points3D(
-            [[0, 0, 0.21]], radii=[0.001], colors=[_LABEL], labels=[f"{k + 1}"], show_labels=True
-        )
-        recording.log(f"{body_entity(entity, f'housing{k + 1}')}/number", label, static=True)
-    # The pointing axis: the payload's z axis, upwards. The laser is in the MJCF, and stands still.
-    beam = rr.LineStrips3D([[[0, 0, 0.17], [0, 0, 0.55]]], colors=[rgb(VERMILION)], radii=[0.002])
-    recording.log(f"{body_entity(entity, 'payload')}/beam", beam, static=True)
-    for mark in picture.marks:
-        _log_collar(recording, entity, mark)
-
-
-def _log_collar(recording: rr.RecordingStream, entity: str, mark: Mark) -> None:
-    """Log a yellow collar around a strut from its failure on."""
-    collar = rr.Cylinders3D(
-        lengths=[0.05],
-        radii=[0.032],
-        centers=[[0, 0, 0.05]],
-        colors=[_YELLOW],
-        fill_mode=rr.components.FillMode.Solid,
-    )
-    log_mark(recording, body_entity(entity, f"housing{mark.actuator + 1}"), mark, collar)
-
-
-def log_marks(recording: rr.RecordingStream, marks: Sequence[Mark], run: Trajectory) -> None:
-    """Log for each failing strut of a run: its state, the events as text, its input in colour."""
-    begin_s, end_s = float(run.time_s[0]), float(run.time_s[-1])
-    style = rr.StateConfiguration(
-        values=["sound", "failed", "diagnosed"], colors=[_GREY, _YELLOW, _WHITE]
-    )
-    for mark in marks:
-        strut, found_s = mark.actuator + 1, min(mark.diagnosed_s, end_s)
-        changes = [(begin_s, "sound")] if mark.failed_s > begin_s else []
-        changes.append((mark.failed_s, "failed"))
-        _log_input(recording, run, mark, "failed", _YELLOW, (mark.failed_s, found_s))
-        _log_text(recording, mark.failed_s, mark.failure)
-        if mark.is_found:
-            changes.append((mark.diagnosed_s, "diagnosed"))
-            _log_input(recording, run, mark, "diagnosed", _WHITE, (found_s, end_s))
-            _log_text(recording, mark.diagnosed_s, mark.diagnosis)
-        times, states = zip(*changes, strict=True)
-        columns = rr.StateChange.columns(state=states)
-        recording.log(f"state/strut_{strut}", style, static=True)
-        recording.send_columns(f"state/strut_{strut}", [time_column(np.array(times))], columns)
-
-
-def _log_input(
-    recording: rr.RecordingStream,
-    run: Trajectory,
-    mark: Mark,
-    state: str,
-    color: list[int],
-    span_s: tuple[float, float],
-) -> None:
-    """Log the input of a marked strut while it is in a state, as a thick line."""
-    entity = f"strut/input/strut_{mark.actuator + 1}_{state}"
-    name = f"strut {mark.actuator + 1} {state} [%]"
-    style = rr.SeriesLines(names=[name], colors=[color], widths=[_MARK_WIDTH])
-    recording.log(entity, style, static=True)
-    within = (run.time_s >= span_s[0]) & (run.time_s <= span_s[1])
-    columns = rr.Scalars.columns(scalars=run.strut_input_percent[within, mark.actuator])
-    recording.send_columns(entity, [time_column(run.time_s[within])], columns)
-
-
-def _log_text(recording: rr.RecordingStream, when_s: float, text: str) -> None:
-    columns = rr.TextLog.columns(text=[text])
-    recording.send_columns("events", [time_column(np.array([when_s]))], columns)

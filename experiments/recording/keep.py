@@ -1,8 +1,7 @@
-"""A hexapod run on disk, written and read back: its data (.npz) and its recording (.rrd)."""
+"""A run on disk, written and read back: its data (.npz) and its recording (.rrd)."""
 
 import json
-import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -11,15 +10,21 @@ import mujoco
 import numpy as np
 from rerun.chunk import RrdReader
 
-from experiments.recording.file import TIMELINE, RecordingInfo, at_most
-from experiments.recording.marks import Mark
-from experiments.recording.screens import RATE_HZ, write_run
-from experiments.recording.shown import Shown, run_notes
+from experiments.recording.file import TIMELINE, RecordingInfo
+from experiments.recording.hexapod import of_hexapod
+from experiments.recording.marks import Mark, marks_from, marks_text
+from experiments.recording.notes import run_notes
+from experiments.recording.properties import groups_of, results_of
+from experiments.recording.robot import of_robot
+from experiments.recording.screens import entity_of, write_flights
+from experiments.recording.shown import Shown
 from experiments.rig.hexapod.simulation import Trajectory
 from experiments.study.files import write_arrays
-from experiments.study.foreign import read_arrays
+from experiments.study.foreign import read_arrays, read_json
+from experiments.study.results import Check
+from experiments.study.spelling import LARGEST_FILE
 from experiments.study.study import WrongInput
-from sim import Array
+from sim import MODELS, Array, hexapod, load_model, model_sha256
 
 COLUMNS: dict[str, tuple[int, ...]] = {
     "time_s": (),
@@ -28,15 +33,18 @@ COLUMNS: dict[str, tuple[int, ...]] = {
     **dict.fromkeys(("secondary", "secondary_estimated"), (4,)),
     "closure_residual_m": (),
 }
-"""Shape of each signal of a run at one control tick."""
+"""Shape of each signal of a run of the hexapod at one control tick."""
+_OF_ANY = ("time_s", "desired", "true", "qpos")
+"""Signals by which a run of another robot is known."""
 
 LARGEST = 1e6
 """In [s], [rad], [m] or [%]: what the machine does stays far below."""
 
 _UNEVEN = 1e-6
-
-_FORMER = {"strut": "actuator"}
-"""Attributes of marks by the names that they have in earlier recordings."""
+_TRUE = ("/task/true", f"/{entity_of(0)}task/true", "/pointing/true")
+"""Where a recording has the true displacements; the last is of earlier ones."""
+_READING = ("marks", "flight", "experiment")
+"""Properties for reading a run back, which are no parameters."""
 
 
 class NoRunError(WrongInput):
@@ -45,7 +53,7 @@ class NoRunError(WrongInput):
 
 @dataclass(frozen=True)
 class RecordedRun:
-    """A run read back, with its marks; the experiment and its parameters are in the recording.
+    """A run read back; the study and its parameters are in the recording.
 
     Where there is no recording beside the data, they are empty.
     """
@@ -60,115 +68,147 @@ def record_run(
     name: str,
     identity: str,
     model: mujoco.MjModel,
-    shown: Shown,
+    run: Trajectory,
+    marks: Sequence[Mark],
     *,
     said: Sequence[str],
     beside: Mapping[str, tuple[float | None, float | None]],
     properties: dict[str, Any],
     further: dict[str, Array] | None = None,
+    predicted_rad: Sequence[float] | None = None,
+    checks: Sequence[Check] = (),
+    verdict: str = "",
 ) -> None:
-    """Write `name.npz`, every control tick, and `name.rrd`, with notes beside the views.
+    """Write `name.npz`, every control tick of a run of the hexapod, and `name.rrd`.
 
     The identity, experiment, run and seed, distinguishes the recording. Its notes have what was
     `said` of the run, a sentence or a list item each, the RMS of (alpha, beta) [urad] to compare
-    with, by where they come from, and all parameters. `further` arrays go beside the run's own.
+    with, by where they come from, and all parameters. `further` arrays go beside the run's own. The
+    rest is of :func:`.properties.results_of`; the prediction is of a whole run, and left out where
+    something fails on the way.
     """
-    notes = run_notes(name, [*said, ""], shown.run, beside, properties)
-    for_reading = {
-        "experiment": identity.partition("-")[0],
-        "marks": json.dumps([asdict(mark) for mark in shown.marks]),
-    }
-    write_arrays(folder / f"{name}.npz", asdict(shown.run) | (further or {}))
-    about = RecordingInfo(identity, name, notes, properties | for_reading)
-    write_run(folder / f"{name}.rrd", about, model, shown)
+    shown = of_hexapod(run, model, marks)
+    study, whole = identity.partition("-")[0], shown.first_tick in (0, len(run.time_s))
+    predicted = predicted_rad if whole else None
+    results = results_of(
+        shown,
+        study,
+        checks=checks,
+        predicted_before=predicted,
+        predicted_after=predicted,
+        verdict=verdict,
+    )
+    notes = run_notes(name, [*said, ""], shown, beside, properties)
+    for_reading = {"marks": marks_text(marks)}
+    write_arrays(folder / f"{name}.npz", asdict(run) | (further or {}))
+    about = RecordingInfo(identity, name, notes, properties | for_reading, results)
+    write_flights(folder / f"{name}.rrd", about, {name: shown})
 
 
-def read_run(path: Path) -> RecordedRun:
-    """A run, with what :func:`record_run` wrote beside it.
+def flight_properties(stated: Mapping[str, Any]) -> dict[str, Any]:
+    """What is stated of a flight of any robot, as properties for reading it back."""
+    plain = {key: stated[key] for key in ("model_file", "model_sha256")}
+    return plain | {"flight": json.dumps(stated, allow_nan=False)}
+
+
+def read_run(path: Path, machine: Path | None = None) -> RecordedRun:
+    """A run, with what its recording says of it; drawn with the machine file of this path.
+
+    None is the file that the recording names, or that of `models/` with its SHA-256.
 
     Raises:
         NoRunError: It holds something else.
-        WrongInput: It is no such file, or not a whole one, or the recording beside it is not of it.
+        WrongInput: It is no such file, or not a whole one; the recording beside it is not of it;
+            its machine file is another, or is nowhere.
     """
-    arrays = read_arrays(path)
-    run, recording = whole_run(str(path), arrays), path.with_suffix(".rrd")
-    if not recording.is_file():
-        return RecordedRun(Shown(run), "", {})
+    arrays, recording = read_arrays(path), path.with_suffix(".rrd")
+    is_hexapod = all(name in arrays for name in COLUMNS)
+    if not is_hexapod and (missing := [name for name in _OF_ANY if name not in arrays]):
+        raise NoRunError(f"{path} is not a run of the hexapod or another robot: no {missing[0]}")
+    run = whole_run(str(path), arrays) if is_hexapod else None
+    properties, results = dict[str, Any](), dict[str, Any]()
+    if recording.is_file():
+        properties, results = groups_of(recording)
+        true, time_s = (arrays["true_rad" if is_hexapod else "true"], arrays["time_s"])
+        if not _is_of(recording, time_s, true):
+            raise WrongInput(
+                f"{recording} is not the recording of {path.name}: their displacements differ"
+            )
+    if run is not None:
+        shown = _hexapod(path, run, properties, machine)
+    else:
+        shown = _robot(path, arrays, properties, machine)
+    experiment = str(results.get("study", properties.get("experiment", "")))
+    kept = {name: value for name, value in properties.items() if name not in _READING}
+    return RecordedRun(shown, experiment, kept)
+
+
+def _is_of(recording: Path, time_s: Array, true: Array) -> bool:
+    """Whether the true displacements in a recording are the run's, to the bit."""
+    reader = RrdReader(recording)
+    for entity in _TRUE:
+        chunks = reader.stream().filter(content=entity, is_static=False).to_chunks()
+        batches = [chunk.to_record_batch() for chunk in chunks]
+        if batches:
+            times = np.concatenate([each.column(TIMELINE).cast("int64") for each in batches])
+            values = [each.column("Scalars:scalars").flatten() for each in batches]
+            shown = np.concatenate(values).reshape(len(times), -1)[np.argsort(times)]
+            ticks = np.searchsorted(np.rint(1e9 * time_s), np.sort(times))
+            return bool(ticks.max() < len(true)) and np.array_equal(shown, 1e6 * true[ticks])
+    return False
+
+
+def _hexapod(
+    path: Path, run: Trajectory, properties: Mapping[str, Any], machine: Path | None
+) -> Shown:
     try:
-        properties, true_urad = _read_recording(recording)
-    except Exception as error:  # the reader's own errors have no common class
-        reason = " ".join(str(error).split())
-        raise WrongInput(f"{recording} is not a readable recording: {reason}") from None
-    if not np.array_equal(true_urad, 1e6 * run.true_rad[at_most(RATE_HZ, run.time_s)]):
-        raise WrongInput(f"{recording} is not the recording of {path.name}: their angles differ")
-    try:
-        marks = marks_from(properties.pop("marks", "[]"), end_s=float(run.time_s[-1]))
+        marks = marks_from(properties.get("marks", "[]"), end_s=float(run.time_s[-1]))
     except ValueError as error:
-        raise WrongInput(f"{recording} has invalid marks: {error}") from None
-    return RecordedRun(Shown(run, marks), str(properties.pop("experiment", "")), properties)
+        raise WrongInput(f"{path.with_suffix('.rrd')} has invalid marks: {error}") from None
+    model = load_model(_machine_of(path, properties, machine))
+    hexapod(model)  # raises for any other
+    return of_hexapod(run, model, marks)
 
 
-def _read_recording(path: Path) -> tuple[dict[str, Any], Array]:
-    """Properties of a run's recording, and the true angles that it shows [urad], (T, 2)."""
-    with warnings.catch_warnings(action="error"):  # of a file that ends too early it only warns
-        recording = RrdReader(path)
-        properties = recording.stream().filter(content="/__properties/run").to_chunks()
-        angles = recording.stream().filter(content="/pointing/true", is_static=False).to_chunks()
-    cells = {
-        name: column[0]
-        for chunk in properties
-        for name, column in chunk.to_record_batch().to_pydict().items()
-        if not name.startswith("rerun.")
-    }
-    batches = [chunk.to_record_batch() for chunk in angles]
-    times = np.concatenate([batch.column(TIMELINE).cast("int64") for batch in batches])
-    values = [batch.column("Scalars:scalars").flatten() for batch in batches]
-    shown = np.concatenate(values).reshape(len(times), 2)
-    plain = {name: cell[0] if len(cell) == 1 else cell for name, cell in cells.items()}
-    return plain, shown[np.argsort(times)]
-
-
-def marks_from(text: str, end_s: float) -> list[Mark]:
-    """Marks of a run that lasts until `end_s`, from JSON: a list of their attributes.
-
-    Raises:
-        ValueError: It is something else; the message states what came.
-    """
+def _robot(
+    path: Path, arrays: Mapping[str, Array], properties: Mapping[str, Any], machine: Path | None
+) -> Shown:
+    """From what the recording states, or else `track.json`."""
+    source = path.with_suffix(".rrd") if "flight" in properties else path.with_name("track.json")
     try:
-        entries: list[dict[str, Any]] = json.loads(text)
-        named = [{_FORMER.get(key, key): value for key, value in each.items()} for each in entries]
-        marks = [Mark(**each) for each in named]
-        valid = all(_is_valid(mark, end_s) for mark in marks)
-    except (ValueError, TypeError, AttributeError):
-        valid, marks = False, []
-    if not valid:
-        raise ValueError(
-            f"expected a list of failures of struts 0 to 5 within {end_s:g} s, got {text!s:.80}"
-        )
-    return marks
+        stated = json.loads(properties["flight"]) if "flight" in properties else read_json(source)
+        model = load_model(_machine_of(path, stated, machine))
+        return of_robot(arrays, stated, model)
+    except (ValueError, LookupError, TypeError, AttributeError) as error:
+        if isinstance(error, WrongInput):
+            raise
+        raise WrongInput(f"{path} and {source.name} are not a run: {error}") from None
 
 
-def _is_valid(mark: Mark, end_s: float) -> bool:
-    return (
-        isinstance(mark.actuator, int)
-        and mark.actuator in range(6)
-        and 0 <= mark.failed_s <= end_s
-        and mark.failed_s <= mark.diagnosed_s
-        and (mark.diagnosed_s <= end_s or not mark.is_found)
-        and isinstance(mark.failure, str)
-        and isinstance(mark.diagnosis, str)
+def _machine_of(path: Path, stated: Mapping[str, Any], given: Path | None) -> Path | None:
+    """The machine file of a run; None is that of the hexapod."""
+    sha256, named = stated.get("model_sha256"), str(stated.get("model_file", ""))
+    if given is not None or sha256 is None:
+        if sha256 not in (None, model_sha256(given)):
+            raise WrongInput(f"{path} is a run of another machine; --model FILE draws that")
+        return given
+    candidates: Iterator[Path] = (Path(each) for each in ([named] if named else []))
+    for file in (*candidates, *sorted(MODELS.glob("*.xml"))):
+        is_one = file.is_file() and file.stat().st_size <= LARGEST_FILE
+        if is_one and model_sha256(file) == sha256:
+            return file
+    raise WrongInput(
+        f"{path} is a run of another machine, {named or 'which is none of models/'}, and the file "
+        "is not there as it was; --model FILE draws it"
     )
 
 
 def whole_run(name: str, arrays: Mapping[str, Array]) -> Trajectory:
-    """The run in the arrays of a file of this name; further arrays are ignored.
+    """The run of the hexapod in the arrays of a file of this name; others are ignored.
 
     Raises:
-        NoRunError: A signal is missing.
         WrongInput: A signal, or the times, are not those of a run.
     """
-    if missing := [signal for signal in COLUMNS if signal not in arrays]:
-        raise NoRunError(f"{name} is not a run of the hexapod: {missing[0]} is missing")
     ticks = arrays["time_s"].size
     if ticks < 2:
         raise WrongInput(f"{name} is not a complete run: it has fewer than two ticks")

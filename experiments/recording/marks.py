@@ -1,16 +1,21 @@
-"""Marks of actuators that fail, in 3D: of any machine."""
+"""What happens to actuators in a flight, and what a diagnosis takes them for."""
 
-from dataclasses import dataclass
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
-import rerun as rr
 
-from experiments.recording.file import TIMELINE, time_column
+SOUND = "sound"
+"""What an actuator is taken for that is believed to work."""
+_FORMER = {"strut": "actuator"}
+"""Attributes of marks by the names that they have in earlier recordings."""
 
 
 @dataclass(frozen=True)
 class Mark:
-    """The failure of an actuator in a run and its diagnosis, each a time and in words.
+    """The failure of an actuator in a run and its diagnosis, each a time, a kind and in words.
 
     A failure that is never diagnosed has an infinite time of diagnosis.
     """
@@ -20,6 +25,8 @@ class Mark:
     failure: str
     diagnosed_s: float = np.inf
     diagnosis: str = ""
+    kind: str = ""
+    named: str = ""  # the kind that it was first taken for
 
     @property
     def is_found(self) -> bool:
@@ -27,15 +34,51 @@ class Mark:
         return self.diagnosed_s < np.inf
 
 
-def log_mark(
-    recording: rr.RecordingStream, body: str, mark: Mark, shape: rr.Cylinders3D | rr.Points3D
-) -> None:
-    """Log a shape at a body's entity from the failure on, labelled with what is known of it."""
-    path, times, labels = f"{body}/failed", [mark.failed_s], [mark.failure]
-    if mark.is_found:
-        times, labels = [*times, mark.diagnosed_s], [*labels, mark.diagnosis]
-    recording.set_time(TIMELINE, duration=mark.failed_s)
-    recording.log(path, shape)
-    recording.reset_time()
-    columns = type(shape).columns(labels=labels, show_labels=[True] * len(labels))
-    recording.send_columns(path, [time_column(np.array(times))], columns)
+@dataclass(frozen=True)
+class Belief:
+    """What a diagnosis takes an actuator for, from a time on: a kind of failure, or `SOUND`."""
+
+    actuator: int
+    time_s: float
+    kind: str
+
+
+def found_in(marks: Sequence[Mark]) -> list[Belief]:
+    """The beliefs of a diagnosis of which the marks alone are known."""
+    return [Belief(m.actuator, m.diagnosed_s, m.named or "found") for m in marks if m.is_found]
+
+
+def marks_text(marks: Sequence[Mark]) -> str:
+    """Marks as JSON, for :func:`marks_from`."""
+    return json.dumps([asdict(mark) for mark in marks])
+
+
+def marks_from(text: str, end_s: float, actuators: int = 6) -> list[Mark]:
+    """Marks of a run that lasts until `end_s`, from JSON: a list of their attributes.
+
+    Raises:
+        ValueError: It is something else; the message states what came.
+    """
+    try:
+        entries: list[dict[str, Any]] = json.loads(text)
+        named = [{_FORMER.get(key, key): value for key, value in each.items()} for each in entries]
+        marks = [Mark(**each) for each in named]
+        valid = all(_is_valid(mark, end_s, actuators) for mark in marks)
+    except (ValueError, TypeError, AttributeError):
+        valid, marks = False, []
+    if not valid:
+        raise ValueError(
+            f"expected a list of failures of struts 0 to 5 within {end_s:g} s, got {text!s:.80}"
+        )
+    return marks
+
+
+def _is_valid(mark: Mark, end_s: float, actuators: int) -> bool:
+    return (
+        isinstance(mark.actuator, int)
+        and mark.actuator in range(actuators)
+        and 0 <= mark.failed_s <= end_s
+        and mark.failed_s <= mark.diagnosed_s
+        and (mark.diagnosed_s <= end_s or not mark.is_found)
+        and all(isinstance(w, str) for w in (mark.failure, mark.diagnosis, mark.kind, mark.named))
+    )

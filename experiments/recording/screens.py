@@ -1,156 +1,218 @@
-"""Recordings of hexapod runs: one run on a screen of its own, or several side by side."""
+"""The layout of recordings: one flight, two or three side by side, many; conditions of a machine.
 
-from collections.abc import Mapping, Sequence
+Sizes are those of a window of 1600 x 900 pixels.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
-import mujoco
+import rerun as rr
 import rerun.blueprint as rrb
 
-from experiments.recording import Array
-from experiments.recording.file import RecordingInfo, recording_file, round_up, screen
-from experiments.recording.hexapod import log_marks
-from experiments.recording.mechanism import machine_tabs
-from experiments.recording.shown import (
-    Scales,
-    Shown,
-    log_detector,
-    log_error_plane,
-    log_shown,
-    scales_of,
-    signals_of,
-)
-from experiments.recording.views import Plot, legend_off, notes_view, plane_view, plot_views
-from experiments.rig.hexapod.simulation import Trajectory
+from experiments.recording.file import RecordingInfo, recording_file, screen
+from experiments.recording.machine import machine_view
+from experiments.recording.scene import Scene, log_scene, scenes_of
+from experiments.recording.shown import ERROR, Shown
+from experiments.recording.signals import Plot, Range, axis_range, plot_view
+from experiments.recording.views import notes_view, plane_view
 
-RATE_HZ = 500
-"""Of the signals of a single run."""
-SIDE_BY_SIDE_HZ = 100
+Axes = Mapping[str, Range]
+"""Of the panels of a scene, by entity."""
 FEW = 3
-"""Columns that leave room for the hexapod beside the plots; more have it on a page of its own."""
+"""Flights that leave room for the robot beside the plots; of more it has a page of its own."""
 MANY = 6
-"""Columns on a page."""
-
-_DETECTOR = "Detector: beta over alpha [urad]; desired orange, measured blue"
-_TITLES = {
-    "pointing/error": "Pointing error, desired - true [urad]",
-    "strut/input": "Strut inputs [%]",
-    "secondary/true": "Secondary motion [urad], [um]",
-    "closure/residual": "Closure residual [nm]",
-}
-_SHORT = {"pointing/error": "error ±{:.3g} urad", "strut/input": "inputs ±{:.3g} %"}
-_SHORT |= {"secondary/true": "SDOF ±{:.3g} urad, um"}
-_SHORT_SHARES = (4, 3, 5, 4)
-"""Heights of the plane of errors and of these: six names need room."""
+"""Flights on a page."""
+_ROOM = 4
+"""Panels below each other that leave room for the ticks of each, beside others."""
+_WIDTH, _HEIGHT = 1600, 880
+_SIGNALS = 0.7
+"""Share of the width."""
+_NAME_PX = 21
+"""Of a name in a legend."""
+_AROUND_PX = 46
+"""Of a panel: its title, and the times below."""
 
 
-def write_run(path: Path, about: RecordingInfo, model: mujoco.MjModel, shown: Shown) -> None:
-    """Write one run as an `.rrd` file, drawn as the hexapod of this MJCF."""
-    scales = scales_of([shown.run])
-    with recording_file(path, about, _single(model, shown, scales)) as recording:
-        log_shown(recording, "", model, shown, scales, RATE_HZ)
-        log_detector(recording, shown.run, scales)
-        if shown.marks:
-            log_marks(recording, shown.marks, shown.run)
+@dataclass(frozen=True)
+class Layout:
+    """All views of a recording; of each scene, where it is logged, and the axes of its panels."""
+
+    views: rrb.Container
+    places: Sequence[tuple[str, Axes]]
 
 
-def write_side_by_side(
-    path: Path, about: RecordingInfo, model: mujoco.MjModel, shown: Mapping[str, Shown]
-) -> None:
-    """Write runs of the same machine, by their names, as one `.rrd` file: a column each."""
-    scales = scales_of([one.run for one in shown.values()])
-    with recording_file(path, about, _columns(model, shown, scales)) as recording:
-        for k, one in enumerate(shown.values()):
-            log_shown(recording, f"{_entity(k)}/", model, one, scales, SIDE_BY_SIDE_HZ)
-            log_error_plane(recording, f"{_entity(k)}/error_plane", one.run, scales)
+def write_flights(path: Path, about: RecordingInfo, flights: Mapping[str, Shown]) -> None:
+    """Write flights of any robots, by their names, as one `.rrd` file."""
+    scenes = dict(zip(flights, scenes_of(list(flights.values())), strict=True))
+    layout = _single(next(iter(scenes.values()))) if len(scenes) == 1 else side_by_side(scenes)
+    with scenes_file(path, about, scenes, layout):
+        pass
 
 
-def _single(model: mujoco.MjModel, shown: Shown, scales: Scales) -> rrb.Blueprint:
-    machine = machine_tabs("hexapod", f"motion; {scales.loads}", model, scales.factor)
-    values = signals_of(shown.run)
-    error, *signals = (
-        _signal(entity, values[entity][1], scales.bounds[entity]) for entity in _TITLES
-    )
-    extras = plot_views(shown.extras)
-    below: list[rrb.View] = [notes_view()]
-    pointing: list[rrb.View] = [plane_view("detector", _DETECTOR, scales.square_urad), error]
-    # What was there from the start is no event.
-    if any(mark.failed_s > shown.run.time_s[0] for mark in shown.marks):
-        below.append(rrb.TextLogView(origin="events", name="Events"))
-        pointing.append(rrb.StateTimelineView(origin="state", name="Struts"))
-    return screen(
-        rrb.Horizontal(
-            rrb.Vertical(machine, *below, row_shares=[5, 4, 2][: 1 + len(below)]),
-            rrb.Vertical(*pointing, row_shares=[10, 6, 1 + len(shown.marks)][: len(pointing)]),
-            # Six names and the marks need room above the lines.
-            rrb.Vertical(*signals, *extras, row_shares=[11, 6, 4] + [4] * len(extras)),
+@contextmanager
+def scenes_file(
+    path: Path, about: RecordingInfo, scenes: Mapping[str, Scene], layout: Layout
+) -> Iterator[rr.RecordingStream]:
+    """A recording of scenes, to log more below the places of each."""
+    with recording_file(path, about, screen(layout.views)) as recording:
+        for (name, scene), (under, axes) in zip(scenes.items(), layout.places, strict=True):
+            log_scene(recording, under, scene, axes, name if len(scenes) > 1 else "")
+        yield recording
+
+
+def _single(scene: Scene) -> Layout:
+    """The machine, its path and the words; beside them all signals, one time axis below the other.
+
+    They are so wide that 16 s have a tick a second.
+    """
+    left, heights = list[rrb.View]([_machine("", scene)]), [310.0]
+    if scene.task and scene.square:
+        left.append(_plane("", scene))
+        heights.append(235.0)
+    if scene.has_events:
+        left += [_status(""), rrb.TextLogView(origin="events", name="Events")]
+        heights += [86.0, 132.0]
+    left.append(notes_view())
+    heights.append(max(110.0, _HEIGHT - sum(heights)))
+    states_px = _states_px(scene)
+    rest, width_px = _HEIGHT - states_px, _SIGNALS * _WIDTH
+    views, shares, axes = _column("", scene, scene.panels, rest, width_px)
+    right, signals_px = [*views], [rest * share / sum(shares) for share in shares]
+    if states_px:
+        right.append(rrb.StateTimelineView(origin="state", name="Actuators"))
+        signals_px.append(states_px)
+    columns = rrb.Vertical(*left, row_shares=heights), rrb.Vertical(*right, row_shares=signals_px)
+    shares = [1 - _SIGNALS, _SIGNALS]
+    return Layout(rrb.Horizontal(*columns, column_shares=shares), [("", axes)])
+
+
+def _states_px(*scenes: Scene) -> float:
+    """Height of the states of actuators, the same for all scenes."""
+    lanes = [len(scene.lanes) for scene in scenes if scene.has_events]
+    return 62.0 + 42.0 * max(lanes) if lanes else 0.0
+
+
+def side_by_side(scenes: Mapping[str, Scene], *, pages: bool = True) -> Layout:
+    """Two or three beside the notes; more without the machines, which have a page of their own.
+
+    Where `pages` is off, four are in one row, and more in rows of three: conditions have few plots.
+    """
+    if len(scenes) > FEW and pages:
+        return _pages(scenes)
+    per_row = len(scenes) if len(scenes) <= FEW + 1 else FEW
+    rows = -(-len(scenes) // per_row)
+    width_px, states_px = 0.8 * _WIDTH / per_row, _states_px(*scenes.values())
+    cells, places = list[rrb.Container](), []
+    for k, (name, scene) in enumerate(scenes.items()):
+        under, pictures = entity_of(k), list[rrb.View]([_machine(entity_of(k), scene, name)])
+        if scene.task and scene.square:
+            pictures.append(_plane(under, scene))
+        top = rrb.Horizontal(*pictures, column_shares=[3, 2][: len(pictures)])
+        below_px = 0.68 * _HEIGHT / rows - states_px
+        views, shares, axes = _column(
+            under, scene, scene.panels[:_ROOM], below_px, width_px, legend=None
         )
-    )
+        parts, heights = [top, *views], [0.32 * _HEIGHT / rows]
+        heights += [below_px * share / sum(shares) for share in shares]
+        if scene.has_events:
+            states = rrb.StateTimelineView(origin=f"{under}state", name="Actuators")
+            parts.append(rrb.Horizontal(states, _status(under)))
+            heights.append(states_px)
+        cells.append(rrb.Vertical(*parts, row_shares=heights))
+        places.append((under, axes))
+    grid = rrb.Grid(*cells, grid_columns=per_row)
+    return Layout(rrb.Horizontal(_words(scenes), grid, column_shares=[1, 4]), places)
 
 
-def _signal(entity: str, values: Array, bound: float) -> rrb.TimeSeriesView:
-    high = round_up(bound)
-    low = 0.0 if entity == "closure/residual" else -high
-    return rrb.TimeSeriesView(
-        origin=entity,
-        name=_TITLES[entity],
-        axis_y=rrb.ScalarAxis(range=(low, high)),
-        plot_legend=legend_off(values, low, high),
-    )
-
-
-def _entity(k: int) -> str:
-    return f"run_{k}"
-
-
-def _columns(model: mujoco.MjModel, shown: Mapping[str, Shown], scales: Scales) -> rrb.Blueprint:
-    ranges = [
-        _range_of(plots) for plots in zip(*(one.extras for one in shown.values()), strict=True)
+def _pages(scenes: Mapping[str, Scene]) -> Layout:
+    """Plots of six on a page; one page of machines, and one of words."""
+    columns, places = list[rrb.Container](), []
+    width_px = _WIDTH / min(MANY, len(scenes))
+    for k, (name, scene) in enumerate(scenes.items()):
+        under, parts, heights = entity_of(k), list[rrb.View](), list[float]()
+        if scene.task and scene.square:
+            parts, heights = [_plane(under, scene, name)], [0.26 * _HEIGHT]
+        rest = _HEIGHT - sum(heights)
+        views, shares, axes = _column(
+            under, scene, scene.panels[:_ROOM], rest, width_px, legend=k % MANY == 0
+        )
+        heights += [rest * share / sum(shares) for share in shares]
+        columns.append(rrb.Vertical(*parts, *views, row_shares=heights, name=name))
+        places.append((under, axes))
+    machines = [
+        _machine(entity_of(k), scene, name) for k, (name, scene) in enumerate(scenes.items())
     ]
-
-    def machine(k: int, name: str) -> rrb.Tabs:
-        title = f"{name}; {scales.loads}"
-        return machine_tabs(f"{_entity(k)}/hexapod", title, model, scales.factor)
-
-    def column(k: int, name: str, one: Shown) -> rrb.Container:
-        errors = plane_view(f"{_entity(k)}/error_plane", name, scales.error_urad)
-        plots = [
-            *_small_signals(k, one.run, scales),
-            *plot_views(one.extras, f"{_entity(k)}/", ranges),
-        ]
-        if len(shown) > FEW:
-            shares = [*_SHORT_SHARES, *[3] * len(one.extras)]
-            return rrb.Vertical(errors, *plots, row_shares=shares)
-        return rrb.Horizontal(rrb.Vertical(machine(k, name), errors), rrb.Vertical(*plots))
-
-    columns = [column(k, name, one) for k, (name, one) in enumerate(shown.items())]
-    if len(shown) <= FEW:
-        shares = [1] + [2] * len(columns)
-        return screen(rrb.Horizontal(notes_view(), *columns, column_shares=shares))
-    hexapods = rrb.Grid(*(machine(k, name) for k, name in enumerate(shown)), name="Hexapods")
     pages = [
         rrb.Horizontal(*columns[begin : begin + MANY], name=f"Side by side, from {begin + 1}")
         for begin in range(0, len(columns), MANY)
     ]
-    return screen(rrb.Tabs(*pages, hexapods, notes_view(), active_tab=0))
+    robots = rrb.Grid(*machines, name="Robots")
+    return Layout(rrb.Tabs(*pages, robots, _words(scenes), active_tab=0), places)
 
 
-def _small_signals(k: int, run: Trajectory, scales: Scales) -> list[rrb.View]:
-    """The signals of run k: no room for a scale, which the title states; one legend a row."""
-    values = signals_of(run)
+def entity_of(number: int) -> str:
+    """Where the scene of a number is logged, of several."""
+    return f"run_{number}/"
 
-    def view(entity: str, title: str) -> rrb.TimeSeriesView:
-        bound = scales.bounds[entity]
-        legend = legend_off(values[entity][1], -bound, bound)
-        return rrb.TimeSeriesView(
-            origin=f"{_entity(k)}/{entity}",
-            name=title.format(bound),
-            axis_y=rrb.ScalarAxis(range=(-bound, bound)),
-            plot_legend=legend if k == 0 else rrb.PlotLegend(visible=False),
+
+def _column(
+    under: str,
+    scene: Scene,
+    panels: Sequence[Plot],
+    height_px: float,
+    width_px: float,
+    *,
+    legend: bool | None = True,
+) -> tuple[list[rrb.View], list[float], Axes]:
+    """Views of panels in a column so high, their shares of it, and the ranges of their axes.
+
+    Legends are there, or not; None: where they fit.
+    """
+    # Names need room above the lines, and the error is what matters.
+    shares = [
+        max(3.5 * plot.entity.startswith(ERROR), 2.5 + 0.17 * min(6, len(plot.names)))
+        for plot in panels
+    ]
+    heights = [height_px * share / sum(shares) - _AROUND_PX for share in shares]
+    axes = {
+        plot.entity: axis_range(*scene.ranges[plot.entity], high)
+        for plot, high in zip(panels, heights, strict=True)
+    }
+    views = [
+        plot_view(
+            plot,
+            axes[plot.entity],
+            under,
+            width_px=width_px - 60,
+            legend=_NAME_PX * (2 + len(plot.names)) < high if legend is None else legend,
         )
+        for plot, high in zip(panels, heights, strict=True)
+    ]
+    return list[rrb.View](views), shares, axes
 
-    return [view(entity, title) for entity, title in _SHORT.items()]
+
+def _machine(under: str, scene: Scene, name: str = "") -> rrb.Spatial3DView:
+    picture = scene.picture
+    title = "; ".join(filter(None, (name, picture.title))) or "true size"
+    return machine_view(f"{under}machine", title, picture.model)
 
 
-def _range_of(plots: Sequence[Plot]) -> tuple[float, float]:
-    """Of the values of all plots: the same scale in every column."""
-    return float(min(p.values.min() for p in plots)), float(max(p.values.max() for p in plots))
+def _plane(under: str, scene: Scene, name: str = "") -> rrb.Spatial2DView:
+    assert scene.task and scene.square
+    title, task = scene.task
+    return plane_view(f"{under}plane", name or title.format(*task.names), scene.square)
+
+
+def _status(under: str) -> rrb.TextDocumentView:
+    return rrb.TextDocumentView(origin=f"{under}status", name="Status")
+
+
+def _words(scenes: Mapping[str, Scene]) -> rrb.Container:
+    """The notes, and the events of all scenes as a list."""
+    views: list[rrb.View] = [notes_view()]
+    if any(scene.has_events for scene in scenes.values()):
+        every = [f"+ /{entity_of(k)}events" for k in range(len(scenes))]
+        views.append(rrb.TextLogView(origin="/", contents=every, name="Events"))
+    return rrb.Vertical(*views, name="Notes", row_shares=[3, 1][: len(views)])

@@ -1,185 +1,245 @@
-"""A run of the hexapod as recordings show it: its signals, its 3D view, its scales, its notes."""
+"""A flight of any robot as recordings, reviews and animations take it."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import mujoco
 import numpy as np
 import rerun as rr
 
-from experiments.recording import Array, views
-from experiments.recording.file import at_most, log_series, time_column
-from experiments.recording.hexapod import Picture, log_hexapod
-from experiments.recording.marks import Mark
-from experiments.recording.mechanism import exaggeration, sized_entity, sizes, stills
-from experiments.recording.views import Plot, Square, Task
-from experiments.rig.hexapod.metrics import closure_residual_max_m, pointing_rms_urad
-from experiments.rig.hexapod.simulation import Trajectory
-from sim import NOMINAL, Pose
+from argument_checks.ties import greatest
+from experiments.recording import Array
+from experiments.recording.machine import Motion
+from experiments.recording.marks import SOUND, Belief, Mark
+from experiments.recording.signals import Line, Plot
+from experiments.study.palette import BLACK, FAILED, GREEN, ORANGE
 
-INPUTS = [f"strut {k} [%]" for k in range(1, 7)]
-SECONDARY = ["gamma [urad]", "t_x [um]", "t_y [um]", "t_z [um]"]
+Ticks = slice | Sequence[int]
 
-_TWO_LINES = 1.7
-"""Side of the square over the extent of the curves where the label has two lines."""
+ERROR, INPUT, SECONDARY = "task/error", "actuators/input", "secondary/true"
+"""Entities of those signals that have a panel of their own."""
+CLOSURE = "closure/residual"
+_SOLVER = 0.05
+"""A gap of the loops that varies by less, in [nm] or of its size, is a constant of the solver's."""
+_SOON_S = 1e-9
 
 
 @dataclass(frozen=True)
 class Shown:
-    """A run with the marks of its failing struts, and plots beside those that every run has."""
+    """A flight of N ticks of a robot with n actuators and m1 major rows.
 
-    run: Trajectory
+    Attributes:
+        robot: Its name.
+        model: Of it.
+        time_s: (N,).
+        rows: Names of the major rows.
+        row_units: Of them, "rad" or "m".
+        desired: (N, m1).
+        true: (N, m1).
+        measured: (N, m1).
+        actuators: Their names.
+        input_units: Of their inputs: "rad", "m" or "%".
+        inputs: (N, n).
+        limits: Lower and upper inputs (n,), infinite where there is none.
+        units: Of their displacements, "rad" or "m".
+        displacement: (N, n).
+        bodies: That each of them moves; empty of what moves none.
+        secondary: The other rows of the task frame, names with units and values [urad], [um].
+        estimated: The same as the controller has it; None where it is not kept.
+        closure_m: (N,) largest gap of a closed loop.
+        motion: Of its bodies at some ticks, magnified by a factor.
+        factor: By which the motion is to be magnified to be seen.
+        marks: Failures, in the order of time.
+        beliefs: What the diagnosis took actuators for.
+        happenings: What else happened: times and words.
+        status: What the pilot made of the flight, one sentence; empty where nobody says.
+        extras: Plots beside those that every flight has.
+        colored: Whether the bodies of actuators are coloured by their inputs.
+        fixtures: What else is drawn on bodies, by entities below them.
+    """
+
+    robot: str
+    model: mujoco.MjModel
+    time_s: Array
+    rows: tuple[str, ...]
+    row_units: tuple[str, ...]
+    desired: Array
+    true: Array
+    measured: Array
+    actuators: tuple[str, ...]
+    input_units: tuple[str, ...]
+    inputs: Array
+    limits: tuple[Array, Array]
+    units: tuple[str, ...]
+    displacement: Array
+    bodies: tuple[tuple[str, ...], ...]
+    secondary: tuple[Sequence[str], Array]
+    estimated: Array | None
+    closure_m: Array
+    motion: Callable[[Ticks, float], Motion]
+    factor: int
     marks: Sequence[Mark] = ()
+    beliefs: Sequence[Belief] = ()
+    happenings: Sequence[tuple[float, str]] = ()
+    status: str = ""
     extras: Sequence[Plot] = ()
-
-
-@dataclass(frozen=True)
-class Scales:
-    """The scales of one or several runs, the same for all of them."""
-
-    factor: int  # exaggerates the payload's motion
-    full_percent: float  # the input with the deepest colours
-    square_urad: Square  # the part of the detector that is shown
-    error_urad: Square  # the part of the plane of errors
-    bounds: dict[str, float]  # largest absolute value of each plotted signal, by its entity
+    colored: bool = False
+    fixtures: tuple[tuple[str, rr.AsComponents], ...] = ()
 
     @property
-    def loads(self) -> str:
-        """What the colours of the struts mean."""
-        return f"struts -{self.full_percent:g} % blue, +{self.full_percent:g} % red"
+    def kind(self) -> tuple[object, ...]:
+        """What runs have in common that can be drawn on the same scales."""
+        return self.robot, self.actuators, self.rows, self.row_units, self.model.nbody
+
+    @property
+    def drawn(self) -> list[int]:
+        """Columns of the major rows in the unit of the first; two of them are a plane."""
+        return [k for k, unit in enumerate(self.row_units) if unit == self.row_units[0]]
+
+    @cached_property
+    def error(self) -> Array:
+        """Desired minus true, (N, m1)."""
+        return self.desired - self.true
+
+    def rms(self, ticks: slice = slice(None)) -> Array:
+        """RMS error of each major row over some ticks, (m1,)."""
+        return np.sqrt((self.error[ticks] ** 2).mean(axis=0))
+
+    @property
+    def happened(self) -> list[tuple[float, str]]:
+        """Failures and other events, in the order of time."""
+        failures = [(mark.failed_s, mark.failure) for mark in self.marks]
+        return sorted([*failures, *self.happenings], key=lambda one: one[0])
+
+    @property
+    def first_tick(self) -> int:
+        """From which on something has happened; N where nothing does."""
+        first_s = min((at_s for at_s, _ in self.happened), default=np.inf)
+        return int(np.searchsorted(self.time_s, first_s - _SOON_S))
+
+    @property
+    def lines(self) -> list[Line]:
+        """All events with their colours, in the order of time."""
+        failures = [Line(mark.failed_s, mark.failure, FAILED) for mark in self.marks]
+        others = [Line(at_s, text, ORANGE) for at_s, text in self.happenings]
+        named = [Line(b.time_s, self._said(b), BLACK) for b in self.beliefs if b.kind != SOUND]
+        back = [Line(b.time_s, self._said(b), GREEN) for b in self.beliefs if b.kind == SOUND]
+        return sorted([*failures, *others, *named, *back], key=lambda line: line.time_s)
+
+    def _said(self, belief: Belief) -> str:
+        name = self.actuators[belief.actuator]
+        return f"{name} cleared" if belief.kind == SOUND else f"{name} named {belief.kind}"
+
+    @property
+    def lanes(self) -> dict[str, list[tuple[float, str]]]:
+        """Of each actuator that fails or is named: its state over time, and what it is taken for.
+
+        Without a diagnosis there are no lanes of what it is taken for.
+        """
+        begin_s, lanes = float(self.time_s[0]), dict[str, list[tuple[float, str]]]()
+        for number in sorted({each.actuator for each in (*self.marks, *self.beliefs)}):
+            fails = [(m.failed_s, m.kind or "failed") for m in self.marks if m.actuator == number]
+            taken = [(b.time_s, b.kind) for b in self.beliefs if b.actuator == number]
+            for words, changes in (("is", fails), ("taken for", taken)):
+                if changes or (self.beliefs and words != "is"):
+                    lane = [] if changes and changes[0][0] <= begin_s else [(begin_s, SOUND)]
+                    lanes[f"{self.actuators[number]} {words}"] = [*lane, *changes]
+        return lanes
+
+    @property
+    def sentences(self) -> list[tuple[float, str]]:
+        """What is known of the flight from each time on, and its status at the end."""
+        begin_s = float(self.time_s[0])
+        found = {begin_s: "Nothing has happened."}
+        for at_s, text in self.happened:
+            told = ", and the diagnosis names nothing so far" if self.beliefs else ""
+            found[max(begin_s, at_s)] = f"{text} at {at_s:.3f} s{told}."
+        for belief in self.beliefs:
+            since = [m.failed_s for m in self.marks if m.actuator == belief.actuator]
+            after = [1e3 * (belief.time_s - at_s) for at_s in since if at_s <= belief.time_s]
+            delay = f", {after[-1]:.0f} ms after it failed" if after else ""
+            found[belief.time_s] = f"{self._said(belief)} at {belief.time_s:.3f} s{delay}."
+        if self.status:
+            found[float(self.time_s[-1])] = self.status
+        return sorted(found.items())
+
+    @cached_property
+    def signals(self) -> list[Plot]:
+        """All that is logged, at every tick."""
+        names = _named(self.rows, [f"u{unit}" for unit in self.row_units])
+        moved = 1e6 if self.colored else 1.0
+        of_units = [f"u{unit}" if self.colored else unit for unit in self.units]
+        plots = [
+            self._plot("task/desired", "Desired", names, 1e6 * self.desired),
+            self._plot("task/true", "True", names, 1e6 * self.true),
+            self._plot("task/measured", "Measured", names, 1e6 * self.measured),
+            *self._by_unit(ERROR, "Error", self.rows, "u", self.row_units,
+                           1e6 * self.error),
+            *self._inputs(),
+            self._plot("actuators/displacement", "Displacements", _named(self.actuators, of_units),
+                       moved * self.displacement),
+            self._plot(SECONDARY, "Secondary [urad, um]", *self.secondary),
+        ]  # fmt: skip
+        if self.estimated is not None:
+            estimated = self.secondary[0], self.estimated
+            plots.append(self._plot("secondary/estimated", "Estimated", *estimated))
+        if self.closure_m.any():
+            gap_nm = 1e9 * self.closure_m[:, None]
+            plot = self._plot(CLOSURE, "Closure residual [nm]", ["closure [nm]"], gap_nm)
+            plots.append(replace(plot, flat=_SOLVER))
+        return [*plots, *self.extras]
+
+    def _inputs(self) -> list[Plot]:
+        """With their limits, and how near they come to them."""
+        plots, (lower, upper) = [], self.limits
+        reached = {
+            k: float(np.abs(self.inputs[:, k] - (lower[k] + upper[k]) / 2).max())
+            / (0.5 * (upper[k] - lower[k]))
+            for k in range(len(self.actuators))
+            if np.isfinite(upper[k] - lower[k]) and upper[k] > lower[k]
+        }
+        for plot in self._by_unit(
+            INPUT, "Inputs", self.actuators, "", self.input_units, self.inputs
+        ):
+            own = [k for k, unit in enumerate(self.input_units) if plot.title.endswith(f"[{unit}]")]
+            limited, note = [k for k in own if k in reached], ""
+            if limited:
+                most = limited[greatest([reached[k] for k in limited])]
+                note = f"at most {100 * reached[most]:.0f} % of a limit"
+            plots.append(
+                replace(
+                    plot,
+                    note=note,
+                    levels=sorted({float(each[k]) for each in self.limits for k in limited}),
+                    failed=[(own.index(m.actuator), m.failed_s) for m in self.marks
+                            if m.actuator in own],
+                )
+            )  # fmt: skip
+        return plots
+
+    def _plot(self, entity: str, title: str, names: Sequence[str], values: Array) -> Plot:
+        return Plot(entity, title, names, self.time_s, values)
+
+    def _by_unit(
+        self,
+        entity: str,
+        title: str,
+        names: Sequence[str],
+        prefix: str,
+        units: Sequence[str],
+        values: Array,
+    ) -> list[Plot]:
+        """One plot for each unit, as one axis has one."""
+        each = list(dict.fromkeys(units))
+        plots = []
+        for unit in each:
+            own = [k for k, other in enumerate(units) if other == unit]
+            called = _named([names[k] for k in own], [prefix + unit] * len(own))
+            where = entity if len(each) == 1 else f"{entity}/{unit}"
+            plots.append(self._plot(where, f"{title} [{prefix}{unit}]", called, values[:, own]))
+        return plots
 
 
-def scales_of(runs: Sequence[Trajectory]) -> Scales:
-    """Scales on which all of the runs can be seen."""
-    angles = [max(np.abs(r.true_rad).max(), np.abs(r.secondary[:, 0]).max()) for r in runs]
-    distances = [np.abs(run.secondary[:, 1:]).max() for run in runs]
-    signals = [signals_of(run) for run in runs]
-    bounds = {
-        entity: max(np.abs(one[entity][1]).max() for one in signals)
-        for entity in ("pointing/error", "strut/input", "secondary/true", "closure/residual")
-    }
-    curves = [curve for run in runs for curve in (run.desired_rad, run.measured_rad)]
-    return Scales(
-        factor=exaggeration(float(max(angles)), float(max(distances))),
-        full_percent=float(max(1.0, np.ceil(bounds["strut/input"]))),
-        # The first half of a spiral lies within the second.
-        square_urad=views.square_around(*(1e6 * curve[len(curve) // 2 :] for curve in curves)),
-        error_urad=views.square_around(
-            *(one["pointing/error"][1] for one in signals), margin=_TWO_LINES
-        ),
-        bounds=bounds,
-    )
-
-
-def log_shown(
-    recording: rr.RecordingStream,
-    under: str,
-    model: mujoco.MjModel,
-    shown: Shown,
-    scales: Scales,
-    rate_hz: float,
-) -> None:
-    """Log a run below an entity: signals, and the hexapod of this MJCF in both sizes."""
-    run = shown.run
-    log_signals(recording, under, run, rate_hz)
-    for size in sizes(scales.factor):
-        picture = picture_of(shown, size, scales.full_percent)
-        log_hexapod(recording, sized_entity(f"{under}hexapod", size), model, picture)
-    views.log_plots(recording, shown.extras, under)
-
-
-def log_detector(recording: rr.RecordingStream, run: Trajectory, scales: Scales) -> None:
-    """Log the desired angles and the detector's reading of a run by itself."""
-    task = Task(("alpha", "beta"), "urad", 1e6 * run.desired_rad, 1e6 * run.measured_rad)
-    views.log_plane(recording, "detector", run.time_s, task, scales.square_urad)
-
-
-def log_error_plane(
-    recording: rr.RecordingStream, entity: str, run: Trajectory, scales: Scales
-) -> None:
-    """Log the error of beta over that of alpha, with their RMS, beside the desired zero.
-
-    On the detector of many runs the desired and the true angles would be one line.
-    """
-    _, error_urad = signals_of(run)["pointing/error"]
-    said = "RMS {:.2f}, {:.2f} urad".format(*pointing_rms_urad(run))
-    task = Task(("alpha", "beta error"), "urad", np.zeros_like(error_urad), error_urad, said)
-    views.log_plane(recording, entity, run.time_s, task, scales.error_urad)
-
-
-def signals_of(run: Trajectory) -> dict[str, tuple[Sequence[str], Array]]:
-    """Names with units, and values (N, k), of every signal, by its entity."""
-    angles, struts = ["alpha [urad]", "beta [urad]"], [f"strut {k} [um]" for k in range(1, 7)]
-    return {
-        "pointing/desired": (angles, 1e6 * run.desired_rad),
-        "pointing/true": (angles, 1e6 * run.true_rad),
-        "pointing/measured": (angles, 1e6 * run.measured_rad),
-        "pointing/error": (angles, 1e6 * (run.desired_rad - run.true_rad)),
-        "strut/input": (INPUTS, run.strut_input_percent),
-        "strut/displacement": (struts, 1e6 * run.strut_displacement_m),
-        "secondary/true": (SECONDARY, 1e6 * run.secondary),
-        "secondary/estimated": (SECONDARY, 1e6 * run.secondary_estimated),
-        "closure/residual": (["closure [nm]"], 1e9 * run.closure_residual_m[:, None]),
-    }
-
-
-def log_signals(recording: rr.RecordingStream, under: str, run: Trajectory, rate_hz: float) -> None:
-    """Log every signal as float64, below an entity; at most so many values a second."""
-    every = at_most(rate_hz, run.time_s)
-    time = time_column(run.time_s[every])
-    for entity, (names, values) in signals_of(run).items():
-        log_series(recording, time, f"{under}{entity}", names, values[every])
-
-
-def picture_of(shown: Shown, factor: int, full_percent: float) -> Picture:
-    """A run as the hexapod is drawn, the payload's motion multiplied by a factor."""
-    run = shown.run
-    every = stills(run.time_s)
-    pose, load = magnified(run, every, factor), run.strut_input_percent[every]
-    return Picture(run.time_s[every], pose, load, full_percent, shown.marks)
-
-
-def magnified(run: Trajectory, ticks: slice | Sequence[int], factor: float) -> Pose:
-    """Poses of the payload at some ticks of a run, its motion multiplied by a factor.
-
-    Takes alpha, beta, gamma as a rotation vector: correct to the second order of the angles.
-    """
-    return NOMINAL.moved(factor * np.concatenate([run.true_rad, run.secondary], axis=1)[ticks])
-
-
-def run_notes(
-    title: str,
-    said: Sequence[str],
-    run: Trajectory,
-    beside: Mapping[str, tuple[float | None, float | None]],
-    properties: Mapping[str, Any],
-) -> str:
-    """The notes beside a run, as Markdown: what was done, results, every parameter.
-
-    Arguments as of :func:`experiments.recording.keep.record_run`.
-    """
-    rms = {"here": pointing_rms_urad(run), **beside}
-    gamma, *translation = 1e6 * np.abs(run.secondary).max(axis=0)
-    inputs = np.abs(run.strut_input_percent).max(axis=0)
-    peaks = {
-        "strut inputs 1 to 6, %": ", ".join(f"{peak:.2f}" for peak in inputs),
-        "gamma, urad": f"{gamma:.3f}",
-        "t_x, t_y, t_z, um": ", ".join(f"{peak:.3f}" for peak in translation),
-        "closure residual, nm": f"{1e9 * closure_residual_max_m(run):.2f}",
-    }
-    lines = [f"# {title}", "", *said, "", "| RMS, urad | alpha | beta |", "| --- | --- | --- |"]
-    lines += [f"| {name} | {_number(pair[0])} | {_number(pair[1])} |" for name, pair in rms.items()]
-    lines += ["", "| peak | |", "| --- | --- |"]
-    lines += [f"| {name} | {value} |" for name, value in peaks.items()]
-    return "\n".join([*lines, "", *constants(properties)])
-
-
-def constants(properties: Mapping[str, Any]) -> list[str]:
-    """All parameters as a table in Markdown; units are in their names."""
-    rows = [f"| {name} | {value} |" for name, value in properties.items()]
-    return ["| parameter | value |", "| --- | --- |", *rows]
-
-
-def _number(value: float | None) -> str:
-    return "" if value is None else f"{value:.4f}"
+def _named(names: Sequence[str], units: Sequence[str]) -> list[str]:
+    return [f"{name} [{unit}]" for name, unit in zip(names, units, strict=True)]

@@ -1,6 +1,5 @@
-"""Views beside the machine: signals over time, two curves in a plane, and the notes."""
+"""Views beside the machine: two curves in a plane, and the notes."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,17 +7,11 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from experiments.recording import Array
-from experiments.recording.file import (
-    TIMELINE,
-    at_most,
-    log_series,
-    rgb,
-    round_down,
-    time_column,
-)
+from experiments.recording.file import TIMELINE, at_most, rgb, round_down, time_column
+from experiments.recording.signals import Plot as Plot
 from experiments.study.palette import ORANGE, SKY
 
-RATE_HZ = 100
+RATE_HZ = 50
 """Of the curves in a plane."""
 _UP = np.array([1, -1])
 """Image axes run down: the second axis is drawn upwards."""
@@ -27,56 +20,6 @@ _MARGIN = 1.3
 _LABEL, _ARM = 0.93, 1.1
 """Where the label stands, in halves of the square; and these over the longest arm of the cross."""
 _WHITE, _GREY = [240, 240, 240], [120, 120, 120]
-
-
-@dataclass(frozen=True)
-class Plot:
-    """k lines over time (T,), values (T, k): where in the recording, and a title for people."""
-
-    entity: str
-    title: str
-    names: Sequence[str]
-    time_s: Array
-    values: Array
-
-
-def log_plots(recording: rr.RecordingStream, plots: Sequence[Plot], under: str = "") -> None:
-    """Log the lines of each plot, as float64, their entities below another."""
-    for plot in plots:
-        time = time_column(plot.time_s)
-        log_series(recording, time, f"{under}{plot.entity}", plot.names, plot.values)
-
-
-def plot_views(
-    plots: Sequence[Plot], under: str = "", ranges: Sequence[tuple[float, float]] = ()
-) -> list[rrb.TimeSeriesView]:
-    """A view of each; its title states the range of the values, or the one given."""
-    spans = ranges or [(float(plot.values.min()), float(plot.values.max())) for plot in plots]
-    return [
-        rrb.TimeSeriesView(
-            origin=f"{under}{plot.entity}",
-            name=f"{plot.title}, {low:.3g} to {high:.3g}",
-            axis_y=rrb.ScalarAxis(range=(low, high)) if high > low else None,
-            plot_legend=legend_off(plot.values, low, high),
-        )
-        for plot, (low, high) in zip(plots, spans, strict=True)
-    ]
-
-
-def legend_off(values: Array, low: float, high: float) -> rrb.PlotLegend:
-    """A legend in the corner where it hides least of k lines (T, k), in a plot from low to high.
-
-    It is taken to be as wide as a quarter of the plot, and a fourteenth as high for each.
-    """
-    quarter = max(1, len(values) // 4)
-    depth = values.shape[1] / 14 * (high - low)
-    parts = {"Left": values[:quarter], "Right": values[-quarter:]}
-    hidden = {
-        f"{side}{edge}": np.count_nonzero(beyond)
-        for side, part in parts.items()
-        for edge, beyond in (("Top", part > high - depth), ("Bottom", part < low + depth))
-    }
-    return rrb.PlotLegend(rrb.Corner2D[min(hidden, key=hidden.__getitem__)])
 
 
 def notes_view() -> rrb.TextDocumentView:
@@ -148,7 +91,9 @@ def _log_scale(recording: rr.RecordingStream, entity: str, square: Square, task:
     right, up = task.names
     where = " about {:.0f}, {:.0f}".format(*square.center) if square.center.any() else ""
     scaled = f"{up} over {right}; cross ±{arm:g} {task.unit}{where}"
-    label = "\n".join(filter(None, (scaled, task.note)))
+    label = "\n".join(
+        filter(None, (scaled.replace("; ", "\n") if task.note else scaled, task.note))
+    )
     scale = rr.Points2D(
         [middle - [0, _LABEL * square.half]],
         colors=[_GREY],

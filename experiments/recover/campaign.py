@@ -14,6 +14,7 @@ SOURCES = sources_of(
     without=(
         *(
             "__init__",
+            "again",
             "campaign",
             "checks",
             "command",

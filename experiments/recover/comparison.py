@@ -8,7 +8,6 @@ import numpy as np
 
 from experiments.recording.keep import record_run
 from experiments.recording.marks import Mark
-from experiments.recording.shown import Shown
 from experiments.recover.pointing import pointing_error_urad
 from experiments.recover.runs import SHOWN, Recover
 from experiments.rig.hexapod.fault_tolerance import fault_text
@@ -99,14 +98,18 @@ def record_compared(outcome: Recover, summary: dict[str, Any], name: str, folder
     ]
     if failure is not None:
         said += ["", f"{failure}; its last inputs were held."]
-    marks = [Mark(e.actuator, e.time_s, fault_text(Fault.of(e))) for e in SHOWN[name]]
+    marks = [
+        Mark(e.actuator, e.time_s, fault_text(Fault.of(e)), kind=str(e.kind)) for e in SHOWN[name]
+    ]
     record_run(
         folder,
         file,
         f"recover-{file}-seed{seed}",
         load_model(),
-        Shown(run, marks),
+        run,
+        marks,
         said=said,
         beside={},
         properties=recording_properties(summary) | {"controller": controller},
+        checks=controller_checks(summary),
     )

@@ -39,7 +39,7 @@ def event_columns(flight: Flight) -> Row:
     has the error's message.
     """
     rig, [event] = flight.rig(), flight.events
-    struck = round((event.time_s - flight.begin_s) / rig.period_s)
+    struck = _struck(rig, flight)
     row = {
         "event": event.name,
         "course": flight.course.shape,
@@ -48,7 +48,6 @@ def event_columns(flight: Flight) -> Row:
         "time_s": event.time_s,
         "strut": None if event.actuator is None else rig.number(event.actuator) + 1,
     }
-    failures = events_of(rig, flight.events, begin_s=flight.begin_s, seed=flight.seed)[1]
     unaware, why = ended(lambda: doing_nothing(rig, flight))
     row["unaware_ended"] = why
     if unaware is not None:
@@ -57,14 +56,29 @@ def event_columns(flight: Flight) -> Row:
     if flown is None:
         return row | {"status": "ended", "message": why}
     run, found = flown
-    row |= _errors("supervised", run, struck) | named(rig, flight, failures, run, found, struck)
-    row["said"] = run.status
+    row |= supervised_columns(rig, flight, run, found)
     if event.name in get_args(Failing):
+        failures = _failures(rig, flight)
         known = replace(flight, failures=tuple(failures), events=())
         fault = Fault.of(failures[0])
         stuck_m = float(run.displacement[struck, fault.actuator])
         row |= _errors("informed", informed(rig, known, fault, stuck_m), struck)
     return row
+
+
+def supervised_columns(rig: Rig, flight: Flight, run: Run, found: Identification) -> Row:
+    """What the row has of the controller that diagnoses."""
+    struck, failures = _struck(rig, flight), _failures(rig, flight)
+    row = _errors("supervised", run, struck) | named(rig, flight, failures, run, found, struck)
+    return row | {"said": run.status}
+
+
+def _struck(rig: Rig, flight: Flight) -> int:
+    return round((flight.events[0].time_s - flight.begin_s) / rig.period_s)
+
+
+def _failures(rig: Rig, flight: Flight) -> list[Failure]:
+    return events_of(rig, flight.events, begin_s=flight.begin_s, seed=flight.seed)[1]
 
 
 def named(

@@ -7,7 +7,7 @@ import numpy as np
 
 from experiments.recording.keep import record_run
 from experiments.recording.marks import Mark
-from experiments.recording.shown import Shown
+from experiments.recover.checks import checks
 from experiments.recover.recovery import Identification
 from experiments.recover.runs import Recover
 from experiments.rig.hexapod.fault_tolerance import fault_text
@@ -28,8 +28,9 @@ def marks(run: Trajectory, found: Identification) -> list[Mark]:
         ]
         found_s = float(run.time_s[own[0].tick]) if own else np.inf
         words = f"found: {fault_text(own[-1].fault)}" if own else ""
-        happened = fault_text(Fault.of(failure))
-        marks.append(Mark(failure.number, failure.time_s, happened, found_s, words))
+        fault, named = Fault.of(failure), str(own[0].fault.kind) if own else ""
+        happened = failure.number, failure.time_s, fault_text(fault)
+        marks.append(Mark(*happened, found_s, words, kind=str(fault.kind), named=named))
     return marks
 
 
@@ -60,8 +61,11 @@ def record(outcome: Recover, summary: dict[str, Any], name: str, folder: Path) -
         name,
         f"recover-{name}-seed{seed}",
         load_model(),
-        Shown(run, marks(run, found)),
+        run,
+        marks(run, found),
         said=said,
         beside={},
         properties=recording_properties(summary),
+        checks=checks(summary),
+        verdict=ends,
     )

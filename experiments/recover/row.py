@@ -75,7 +75,7 @@ def _failure(flight: Flight) -> Row:
     rig, fault = flight.rig(), flight.fault
     run, found = supervised(rig, flight)
     stuck_m = float(run.displacement[found.struck[0], fault.actuator])
-    row = _identified(flight, found) | error_columns("supervised", run)
+    row = supervised_columns(flight, run, found)
     row |= error_columns("informed", informed(rig, flight, fault, stuck_m))
     if flight.mismatch == "all":
         row |= error_columns("unaware", fault_unaware(rig, flight))
@@ -100,9 +100,21 @@ def flown_with(flight: Flight, controller: str) -> tuple[Run, str | None]:
     return fly_with(rig, controller, flight.path(rig), failures=flight.failures, **part)
 
 
-def _size(flight: Flight) -> Row:
-    run, found = supervised(flight.rig(), flight)
-    return _identified(flight, found) | error_columns("supervised", run)
+def supervised_columns(flight: Flight, run: Run, found: Identification) -> Row:
+    """What the row has of the supervised controller alone."""
+    match flight.sort:
+        case "sound":
+            return _watched(found)
+        case "pair":
+            return _identified(flight, found)
+        case "event":
+            return event_row.supervised_columns(flight.rig(), flight, run, found)
+        case "failure" | "size":
+            return _identified(flight, found) | error_columns("supervised", run)
+
+
+def _alone(flight: Flight) -> Row:
+    return supervised_columns(flight, *supervised(flight.rig(), flight))
 
 
 def _sound(flight: Flight) -> Row:
@@ -112,18 +124,14 @@ def _sound(flight: Flight) -> Row:
     changed = False
     if found.alarm_ticks:
         changed = not np.array_equal(run.inputs, fault_unaware(rig, flight).inputs)
-    return _watched(found) | {"commands_changed": changed}
-
-
-def _pair(flight: Flight) -> Row:
-    return _identified(flight, supervised(flight.rig(), flight)[1])
+    return supervised_columns(flight, run, found) | {"commands_changed": changed}
 
 
 _FLY: dict[Sort, Callable[[Flight], Row]] = {
     "failure": _failure,
-    "size": _size,
+    "size": _alone,
     "sound": _sound,
-    "pair": _pair,
+    "pair": _alone,
     "event": event_row.event_columns,
 }
 

@@ -10,7 +10,6 @@ import numpy as np
 
 from experiments.recording.keep import record_run
 from experiments.recording.marks import Mark
-from experiments.recording.shown import Shown
 from experiments.release.figure import pictures
 from experiments.release.runs import Release
 from experiments.rig.hexapod.metrics import (
@@ -194,7 +193,7 @@ def _record(release: Release, summary: dict[str, Any], spiral: dict[str, Any], f
     marks, what = [], "no failure"
     if kind is not None:
         when = spiral["failure_time_s"]
-        marks = [Mark(0, when, f"strut 1 {kind}, {known.replace('_', ' ')}")]
+        marks = [Mark(0, when, f"strut 1 {kind}, {known.replace('_', ' ')}", kind=kind)]
         lost = "coil" if kind == "free" else "coil and suspension spring"
         what = f"strut 1 loses its {lost}; {KNOWN[known]} (at {when:g} s)"
     orbit = " No gravity, no preload." if kind == "loose" else ""
@@ -205,9 +204,12 @@ def _record(release: Release, summary: dict[str, Any], spiral: dict[str, Any], f
         name,
         f"release-{name}-seed{seed}",
         load_model(),
-        Shown(flown.run, marks),
+        flown.run,
+        marks,
         said=[f"Seed {seed}, {duration_s:g} s, constant Jacobian, W_a; {what}.{orbit}"],
         beside={"linear model": predicted},
         properties=recording_properties(summary) | spiral["plant"],
         further={"linear": flown.linear, "quasi_static": flown.quasi_static},
+        predicted_rad=None if None in predicted else [1e-6 * urad for urad in predicted],
+        checks=checks(summary),
     )

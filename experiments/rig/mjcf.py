@@ -22,7 +22,6 @@ from ftc.controller import DirectDrive, PrioritizedController
 from ftc.fdi.dither import Dither
 from ftc.fdi.fault_model import Fault
 from ftc.goal import Goal
-from ftc.reconfiguration import Unused
 from ftc.supervisor import Supervisor
 from ftc.tracking import TaskLost, Tracking, tracking
 from prioritized import Manipulability
@@ -40,10 +39,6 @@ OF_THE_HEXAPOD = (
     *("gain_drift_per_s", "hysteresis", "timestep_s"),
 )
 """Sizes of a mismatch that are of the hexapod alone."""
-
-_HELD = 0.5
-"""Part of the stiffness with which an actuator is held that its own spring must give: it then
-stands nearly still without force."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -108,8 +103,7 @@ def robot_rig(file: Path, options: RobotOptions, at: Array | None = None) -> Rob
     plant = robot.alone
     names, limits = names_of(plant.drives), plant.limits()
     limited = options.limits == "stated" and any(np.isfinite(limit).any() for limit in limits)
-    unused: Unused = "locked" if (plant.spring_share > _HELD).all() else "free"
-    track = _tracking(robot, plant, limits if limited else None, file, unused)
+    track = _tracking(robot, plant, limits if limited else None, file)
     return RobotRig(
         title=file.stem,
         model=robot.model,
@@ -129,7 +123,7 @@ def robot_rig(file: Path, options: RobotOptions, at: Array | None = None) -> Rob
         noise=robot.noise,
         encoder_noise=robot.encoder_noise,
         travel=limits,
-        unused=unused,
+        unused=robot.unused,
         task=ControlTask(
             nominal=track.nominal,
             J=track.system.kinematics().J,
@@ -141,6 +135,7 @@ def robot_rig(file: Path, options: RobotOptions, at: Array | None = None) -> Rob
         ),
         warnings=warnings_of(robot),
         part=robot.scene.part,
+        file=file,
         robot=robot,
         track=track,
         mismatch=EXACT,
@@ -149,7 +144,7 @@ def robot_rig(file: Path, options: RobotOptions, at: Array | None = None) -> Rob
 
 
 def _tracking(
-    robot: Robot, plant: Plant, limits: tuple[Array, Array] | None, file: Path, unused: Unused
+    robot: Robot, plant: Plant, limits: tuple[Array, Array] | None, file: Path
 ) -> Tracking:
     """The loops of a plant at its start."""
     options = robot.options
@@ -166,9 +161,8 @@ def _tracking(
             sense=options.sense,
             limits=limits,
             implicit_damping=plant.implicit_damping,
-            # Without them a strut that is let go would be lost, or a finger on one cable.
-            springs=unused == "locked" or robot.springs_hold,
-            unused=unused,
+            springs=robot.springs_count,
+            unused=robot.unused,
             feedforward=options.feedforward != "off",
         )
     except TaskLost as error:

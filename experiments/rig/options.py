@@ -156,6 +156,23 @@ TASK = (
         "ROWS",
     ),
 )
+START = (
+    Option(
+        "keyframe",
+        str | None,
+        _USUAL.keyframe,
+        "Where the robot starts: name or number.  [default: the first, or qpos0]",
+        "KEY",
+    ),
+    Option(
+        "pinned",
+        str | None,
+        _USUAL.pinned,
+        "Sites or bodies that stand, such as feet: welded where the robot starts, or NAME:point, "
+        "which may turn.",
+        "NAME,...",
+    ),
+)
 PATH = (
     Option(
         "size",
@@ -218,21 +235,7 @@ LOOPS = (
         _USUAL.limits,
         "Displacements of the actuators: within the ranges that the file states, or unlimited.",
     ),
-    Option(
-        "keyframe",
-        str | None,
-        _USUAL.keyframe,
-        "Where the robot starts: name or number.  [default: the first, or qpos0]",
-        "KEY",
-    ),
-    Option(
-        "pinned",
-        str | None,
-        _USUAL.pinned,
-        "Sites or bodies that stand, such as feet: welded where the robot starts, or NAME:point, "
-        "which may turn.",
-        "NAME,...",
-    ),
+    *START,
     Option(
         "servo",
         float | None,

@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 import argument_checks as check
 from experiments.rig.choices import Sensing
+from experiments.rig.events import Event
 from experiments.rig.events.hooks import events_of
 from experiments.rig.mismatch import Known, Mismatch
 from experiments.rig.paths import path_of
@@ -66,6 +67,7 @@ class Rig(ABC):
         task: What somebody else's controller is told.
         warnings: What was left out of the model, and what a user would not expect.
         part: What of the model the task involves; None is everything.
+        file: The MJCF as the user named it; None is the hexapod's own.
     """
 
     title: str
@@ -90,6 +92,7 @@ class Rig(ABC):
     task: ControlTask
     warnings: tuple[str, ...]
     part: Part | None
+    file: Path | None = field(default=None, kw_only=True)
 
     @staticmethod
     def hexapod(
@@ -331,7 +334,7 @@ class Rig(ABC):
         hooks, caused = events_of(self, events, **around)
         struck = sorted((*self._numbered(failures), *caused), key=lambda one: one.time_s)
         time_s = begin_s + np.arange(len(desired)) * self.period_s
-        return flown(
+        run = flown(
             self,
             pilot,
             time_s,
@@ -342,6 +345,7 @@ class Rig(ABC):
             events=hooks,
             on_tick=on_tick,
         )
+        return replace(run, events=self._named(events))
 
     def predict(
         self,
@@ -371,6 +375,19 @@ class Rig(ABC):
             noise = check.exactly("noise", noise, *desired.shape)
         struck = self._numbered(failures)
         return predicted(self, desired, struck, told=told, noise=noise, dither=dither)
+
+    def _named(self, events: object) -> tuple[Event, ...]:
+        """Those events that have a name, in the order of time, actuators by number."""
+        named = (
+            [each for each in events if isinstance(each, Event)]
+            if isinstance(events, Sequence)
+            else []
+        )
+        known = (
+            each if each.actuator is None else replace(each, actuator=self.number(each.actuator))
+            for each in named
+        )
+        return tuple(sorted(known, key=lambda one: one.time_s))
 
     def _numbered(self, failures: Sequence[Failure]) -> list[Failure]:
         given = [check.instance("failures", each, Failure) for each in failures]

@@ -18,6 +18,7 @@ from experiments.study.draw import Draw
 from experiments.study.spelling import index_in
 from experiments.study.study import WrongInput
 from ftc.goal import Goal
+from ftc.reconfiguration import Unused
 from ftc.tracking import is_possible, mapping_for
 from prioritized import ConstrainedSystem
 from sim import (
@@ -41,6 +42,9 @@ from sim.scene.scene import Scene, robot_scene
 
 _SIZE = 1e-3
 """Of a path, in radians or extents of the model: so small that the linear model holds."""
+_HELD = 0.5
+"""Part of the stiffness with which an actuator is held that its own spring must give: it then
+stands nearly still without force."""
 _NOISE = 1e-2
 """Of a sensor, in what the path moves it: a row by its size, an actuator as far as it moves any."""
 
@@ -107,19 +111,31 @@ class Robot:
     @cached_property
     def mechanism(self) -> Mechanism:
         """The controller's own model, which knows no state: all readers share it."""
-        return self._mechanism(springs=True) if self.springs_hold else self._rigid
+        return self._mechanism(springs=True) if self.springs_hold else self.rigid
+
+    @cached_property
+    def unused(self) -> Unused:
+        """What happens to actuators that are out of use: their springs hold them, or nothing."""
+        return "locked" if (self.alone.spring_share > _HELD).all() else "free"
+
+    @property
+    def springs_count(self) -> bool:
+        """Whether the classification is that of the elastic mechanism."""
+        # Without them a strut that is let go would be lost, or a finger on one cable.
+        return self.unused == "locked" or self.springs_hold
 
     @cached_property
     def springs_hold(self) -> bool:
         """Whether springs, and neither actuators nor loops, decide how the major rows move."""
-        jac, major = self._rigid.nominal.jacobians, list(self.options.rows)
+        jac, major = self.rigid.nominal.jacobians, list(self.options.rows)
         rigid = ConstrainedSystem.of(jac).kinematics().manipulability(major)
         if not rigid.unstable_major or jac.stiffness is None:
             return False
         return is_possible(ConstrainedSystem.of(jac, True).kinematics().manipulability(major))
 
     @cached_property
-    def _rigid(self) -> Mechanism:
+    def rigid(self) -> Mechanism:
+        """The same without springs."""
         return self._mechanism(springs=False)
 
     def _mechanism(self, *, springs: bool) -> Mechanism:
@@ -163,8 +179,12 @@ class Robot:
         return DriftingSensors(sensors, of_task, of_encoders)
 
 
-def robot_of(file: Path, options: RobotOptions, at: Array | None) -> Robot:
+def robot_of(
+    file: Path, options: RobotOptions, at: Array | None = None, *, settle: bool = True
+) -> Robot:
     """The robot of a file; `at` are joint positions (nq,) to start at, None is the keyframe.
+
+    `settle` as of :func:`sim.scene.scene.robot_scene`.
 
     Raises:
         WrongInput: A weight or keyframe that the robot does not have.
@@ -173,7 +193,7 @@ def robot_of(file: Path, options: RobotOptions, at: Array | None) -> Robot:
     begin = partial(_start, keyframe=options.keyframe, at=at)
     pins, servo_hz = [Pin(name, weld) for name, weld in options.pins], options.servo
     try:
-        scene = robot_scene(file, options.site, options.axes, begin, pins, servo_hz)
+        scene = robot_scene(file, options.site, options.axes, begin, pins, servo_hz, settle)
     except ClosureError as error:
         raise ModelError(f"{file}: {error}") from None
     model = scene.whole
@@ -188,17 +208,22 @@ def robot_of(file: Path, options: RobotOptions, at: Array | None) -> Robot:
 
 def warnings_of(robot: Robot) -> tuple[str, ...]:
     """What the linear model and the mapping leave out."""
-    scene, beside = robot.scene, ()
-    if scene.part is not None and scene.part.left_out:
-        names = listed(scene.part.left_out)
-        beside = (f"no part of the task, and left to itself: {names}",)
-    if idle := robot.linear.idle:
-        beside = (*beside, f"nothing holds, and no task feels, a motion of {listed(idle)}")
+    scene, idle = robot.scene, robot.linear.idle
     return (
-        *(*beside, *scene.moved),
+        *left_out_of(robot),
+        *([f"nothing holds, and no task feels, a motion of {listed(idle)}"] if idle else ()),
+        *scene.moved,
         *robot.mechanism.nominal.jacobians.warnings,
         *beyond_linear(scene.own, scene.own_start),
     )
+
+
+def left_out_of(robot: Robot) -> tuple[str, ...]:
+    """What of the file the task does not involve, in words; none where it involves all."""
+    part = robot.scene.part
+    if part is None or not part.left_out:
+        return ()
+    return (f"no part of the task, and left to itself: {listed(part.left_out)}",)
 
 
 def _start(model: mujoco.MjModel, *, keyframe: str | None, at: Array | None) -> mujoco.MjData:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from experiments.rig.events.kinds import Event
 from ftc.fdi.fault_model import FaultKind
 from ftc.loop import Controller, run_loop
 from ftc.sensors import Sensors
@@ -61,6 +62,7 @@ class Run:
         task_lost: Whether the pilot believes that the major task cannot be done whole any more.
         undiagnosed: Why the pilot named nothing; None where it did.
         status: What the pilot made of the flight, one sentence.
+        events: What else happened and has a name, in the order of time.
     """
 
     time_s: Array
@@ -80,6 +82,7 @@ class Run:
     task_lost: bool
     undiagnosed: str | None
     status: str
+    events: tuple[Event, ...] = ()
 
     def __repr__(self) -> str:
         """One line; the arrays are thousands."""
@@ -203,6 +206,9 @@ def _undiagnosed(state: Any, names: Sequence[str]) -> str:
     if state.watch.alarm_ticks:
         causes = dict.fromkeys(explanation(each, names) for each in state.watch.causes)
         return f"there was an alarm, explained by {' and '.join(causes) or 'nothing yet'}"
+    if state.is_learning:
+        learning_s = state.monitor.config.learning_s
+        return f"it takes the first {learning_s:g} s for the robot without a failure"
     return "the sensors read what the model without a failure predicts"
 
 

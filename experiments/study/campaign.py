@@ -67,6 +67,20 @@ class Campaign(Generic[AnyRuns]):
         return json.loads(json.dumps(basis))
 
 
+@dataclass(frozen=True)
+class Again:
+    """A dataset's runs, to be flown once more.
+
+    Attributes:
+        campaign: Of these runs, as this version draws them.
+        fly: Of a run: the columns of its row that this flight gives anew, its trajectory, and marks
+            of its failures for a recording; a function that workers can import.
+    """
+
+    campaign: Campaign[Any]
+    fly: Callable[[Any], tuple[Row, Any, Sequence[Any]]]
+
+
 def simulate(row_of: Callable[[Any], Row], run: Any) -> Row:
     """The row of a run, on a worker; an `Unsound` says which one failed, why, and where.
 

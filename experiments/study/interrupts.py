@@ -34,15 +34,19 @@ def interrupted() -> int:
     return 128 + _came[0] if _came else 0
 
 
+def printable(text: str) -> str:
+    """The text without what would command a terminal, on one line: it may be anybody's."""
+    return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
+
+
 def notice(sentence: str) -> None:
     """A sentence on standard error, whatever is left out or shown beside it: one line.
 
-    What it quotes may be anybody's, and would command the terminal, or fill it.
+    What it quotes may be anybody's, and would fill the terminal.
     """
     short = sentence if len(sentence) <= _LONGEST else f"{sentence[: _LONGEST - 3]}..."
-    plain = "".join(c if c.isprintable() else repr(c)[1:-1] for c in short)
     with suppress(OSError):  # the terminal may have gone
-        print(f"fjh: {plain}", file=sys.stderr, flush=True)
+        print(f"fjh: {printable(short)}", file=sys.stderr, flush=True)
 
 
 def exit_on_interrupt() -> None:

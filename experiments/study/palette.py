@@ -9,3 +9,6 @@ PURPLE, ORANGE, SKY, YELLOW = "#CC79A7", "#E69F00", "#56B4E9", "#F0E442"
 
 LINES = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)
 """For curves of one kind, in the order of their use; yellow is too light for a line."""
+
+FAILED = "#E7298A"
+"""What has failed, among greys and the blue and red of loads, on black and on white."""

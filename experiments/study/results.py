@@ -63,8 +63,8 @@ class Results:
     """What came out of a study; it is sound if all checks passed.
 
     `arrays` are the contents of `.npz` files, by file name; each of the `records` writes further
-    files, a run's data and its recording, into a folder. Nothing is written if a former run has
-    `published` all of it.
+    files, a run's data and its recording, into a folder that has these and the figures already.
+    Nothing is written if a former run has `published` all of it.
     """
 
     summary: dict[str, Any]  # all numbers, as in its JSON file; units in the names
@@ -125,12 +125,12 @@ def publish(
         for file, arrays in results.arrays.items():
             write_arrays(staging / file, dict(arrays))
         total = len(results.records) + len(results.pictures)
-        for done, record in enumerate(results.records):
-            on_progress(done, total)
-            record(staging)
-        for done, picture in enumerate(results.pictures, len(results.records)):
+        for done, picture in enumerate(results.pictures):
             on_progress(done, total)
             for file, content in picture.files().items():
                 (staging / file).write_bytes(content)
+        for done, record in enumerate(results.records, len(results.pictures)):
+            on_progress(done, total)
+            record(staging)
         (staging / f"{name}.md").write_text(results.markdown(), encoding="utf-8")
         return replace(results, summary=write_index(staging / f"{name}.json", results.summary))

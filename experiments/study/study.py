@@ -1,13 +1,13 @@
 """A study as data: what the command line offers of it, and the two functions that make it."""
 
 import logging
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field
 from pkgutil import resolve_name
 from typing import Any
 
-from experiments.study.results import Results
+from experiments.study.results import Check, Results
 
 # What a warning of MuJoCo's means for a run, a sentence of the command's own says.
 logging.getLogger(f"{__name__.removesuffix('experiments.study.study')}sim").addHandler(
@@ -35,11 +35,27 @@ class Option:
 
 
 @dataclass(frozen=True)
+class Listing:
+    """How `fjh find` lists the rows of a study's dataset, and flies one of them again.
+
+    `again` is an entry point: again(summary) is the :class:`experiments.study.campaign.Again` of
+    the dataset that a JSON file names.
+    """
+
+    worst: tuple[str, ...]  # columns; of the first that the rows have the largest is the worst
+    shown: tuple[str, ...]  # columns that say which run it is, as far as the rows have them
+    again: str
+
+
+@dataclass(frozen=True)
 class Study:
     """One experiment.
 
     `check(**options)` is an entry point, too, if there is one: it raises `WrongInput` for names
     that cannot be, without importing or compiling what the runs need.
+
+    Beside `results` there is a function `checks(summary)`, if anything is checked: it makes the
+    checks anew from the study's JSON alone.
 
     `runs` and `results` are entry points, "package.module:function", resolved when the study is
     run: the help text does not wait for the import of MuJoCo. `runs(seed=, quick=, on_progress=,
@@ -63,6 +79,8 @@ class Study:
     check: str = ""
     streams: bool = False
     in_report: dict[str, bool] | None = field(default_factory=dict)
+    listing: Listing | None = None  # where it has a dataset
+    times: bool = False  # whether its numbers are times of a machine
 
     def check_options(self, **options: Any) -> None:
         """Refuse wrong names within a second.
@@ -75,6 +93,35 @@ class Study:
                 option.check(given)
         if self.check:
             resolve_name(self.check)(**options)
+
+    def checks(self, summary: dict[str, Any]) -> Sequence[Check]:
+        """The checks of a result, from its JSON alone.
+
+        Raises:
+            WrongInput: It is not what this version of the study writes.
+        """
+        module = resolve_name(self.results.partition(":")[0])
+        check = getattr(module, "checks", lambda _: ())
+        try:
+            return check(summary)
+        except (LookupError, TypeError, ValueError, AttributeError) as error:
+            why = f"{type(error).__name__}: {' '.join(str(error).split())}"
+            raise WrongInput(
+                f"it is no result of this version of fjh {self.name} ({why:.200})"
+            ) from None
+
+    def words(self, *, seed: int, quick: bool, **given: Any) -> list[str]:
+        """The command that gives the same numbers, without its folder; defaults are left out."""
+        found, options = ["fjh", self.name], ["--quick"] * quick
+        for option in self.options:
+            if (value := given.get(option.name, option.default)) == option.default:
+                continue
+            if option.positional:
+                found.append(str(value))
+                continue
+            options.append(f"--{option.name.replace('_', '-')}")
+            options += [] if option.kind is bool else [str(value)]
+        return [*found, *options, "--seed", str(seed)]
 
     @contextmanager
     def perform(self, *, on_progress: OnProgress, **options: Any) -> Iterator[Results]:

@@ -3,8 +3,14 @@
 from pathlib import Path
 
 from experiments.study.spelling import check_file
-from experiments.study.study import Option, Study
+from experiments.study.study import Listing, Option, Study
 from experiments.study.where import WHERE
+
+LISTING = Listing(
+    worst=("alpha_rms_urad",),
+    shown=("struts", "failure_time_s", "known", "weight", "jacobian", "verdict", "status"),
+    again="experiments.sweep.again:again",
+)
 
 STUDY = Study(
     name="sweep",
@@ -39,6 +45,7 @@ STUDY = Study(
         *WHERE,
     ),
     streams=True,
+    listing=LISTING,
 )
 
 ATLAS = Study(
@@ -62,5 +69,6 @@ ATLAS = Study(
     quick="W_a only, 0.5 s.",
     options=WHERE,
     streams=True,
+    listing=LISTING,
     in_report=None,
 )

@@ -8,8 +8,9 @@ import numpy as np
 import pyarrow as pa
 
 from argument_checks.ties import ascending
-from experiments.rig.hexapod.fault_tolerance import verdicts
+from experiments.rig.hexapod.fault_tolerance import pointing_verdicts
 from experiments.rig.hexapod.metrics import closure_check
+from experiments.rig.verdicts import KEPT
 from experiments.study.dataset import Columns
 from experiments.study.results import Check, Results
 from experiments.study.resumable import Complete, Outcome, origin, rate
@@ -18,9 +19,6 @@ from experiments.sweep.design import SweepRuns
 from experiments.sweep.figure import atlas_picture
 from experiments.sweep.results import comparable, off_by
 from experiments.sweep.row import ANGLES, JACOBIANS, classified, verdict_columns
-
-LOST = ("drifts", "one_direction", "none")
-"""Verdicts without pointing."""
 
 
 def results(outcome: Outcome[SweepRuns]) -> Results:
@@ -82,7 +80,7 @@ def _verdicts(columns: Columns, compared: np.ndarray) -> list[dict[str, Any]]:
         for source, prefix in (("predicted", "predicted_"), ("simulated", ""))
     }
     found = []
-    for each, name in itertools.product(verdicts(classified()), JACOBIANS):
+    for each, name in itertools.product(pointing_verdicts(classified()), JACOBIANS):
         chosen = (verdict == each.name) & (jacobian == name)
         off = relative[chosen & compared]
         entry = {
@@ -115,7 +113,8 @@ def _disagreement(columns: Columns, compared: np.ndarray) -> dict[str, Any]:
     status, possible = columns["status"], columns["elastic_possible"].astype(bool)
     # Runs that did not end, or have no prediction, are off as well.
     off = ~(allowed < 1) | ~compared | ((status == "exact") != possible)
-    explained = np.isin(columns["verdict"], LOST) & (columns["jacobian"] == "analytic")
+    lost = ~np.isin(columns["verdict"], KEPT)
+    explained = lost & (columns["jacobian"] == "analytic")
     order = ascending(-np.nan_to_num(allowed, nan=np.inf))
 
     def listed(chosen: np.ndarray) -> list[dict[str, Any]]:

@@ -7,7 +7,7 @@ from experiments.sweep.row import SCHEMA, row_of
 
 SOURCES = sources_of(
     "sweep",
-    without=("__init__", "atlas", "campaign", "figure", "results", "runs", "words"),
+    without=("__init__", "again", "atlas", "campaign", "figure", "results", "runs", "words"),
 )
 
 

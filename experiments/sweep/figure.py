@@ -8,6 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from argument_checks.ties import ascending
+from experiments.rig.verdicts import KEPT
 from experiments.study.dataset import Columns
 from experiments.study.plotting import (
     BLACK,
@@ -27,7 +28,7 @@ from experiments.sweep.words import WORDS
 
 COLORS = {"alpha": BLUE, "beta": VERMILION}
 LEFT = {
-    "both pointing directions left": (("rigid", "springs"), BLUE),
+    "both pointing directions left": (KEPT, BLUE),
     "one left": (("one_direction",), VERMILION),
     "none left": (("none",), BLACK),
     "payload drifts": (("drifts",), PURPLE),

@@ -14,6 +14,8 @@ from experiments.rig.hexapod.metrics import closure_residual_max_m, pointing_rms
 from experiments.rig.hexapod.prediction import prediction
 from experiments.rig.hexapod.simulation import SpiralRun, Trajectory, track_spiral
 from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
+from experiments.rig.letters import conditions
+from experiments.rig.verdicts import names_of
 from experiments.study.campaign import Row
 from experiments.sweep.sweep_run import KINDS, SweepRun
 from ftc.control.compensator import Compensator
@@ -93,12 +95,17 @@ def row_of(run: SweepRun) -> Row:
         row["dac_step_urad"] = _dac_step_urad(run, mapping)
         if predicted and PREDICTED[0] not in predicted:
             row["status"] = "unstable"
-        return row | _measured(track_spiral(_testbed(run), _spiral(run)))
+        return row | measured(flown(run))
     except SimulationDiverged as diverged:
         found = {"status": "diverged", "message": str(diverged), "diverged_at_s": diverged.time_s}
         return row | found
     except ModelError as refused:
         return row | {"status": "refused", "message": str(refused)}
+
+
+def flown(run: SweepRun) -> Trajectory:
+    """The run, simulated; raises as the simulation does."""
+    return track_spiral(_testbed(run), _spiral(run))
 
 
 def _testbed(run: SweepRun) -> Testbed:
@@ -140,7 +147,8 @@ def _dac_step_urad(run: SweepRun, mapping: StrutMapping) -> float:
     return 1e6 * float(np.linalg.norm(steps_rad, axis=1).max())
 
 
-def _measured(run: Trajectory) -> Row:
+def measured(run: Trajectory) -> Row:
+    """What the row has of a run to the end."""
     values = (
         pointing_rms_urad(run),
         np.abs(1e6 * (run.desired_rad - run.true_rad)).max(0),
@@ -160,15 +168,12 @@ def classified() -> FailureAtlas:
 
 
 def verdict_columns(struts: Sequence[str]) -> dict[str, np.ndarray]:
-    """The atlas' own columns: the classification of conditions, a letter S, L or F a strut."""
+    """The atlas' own columns: the classification of conditions of the struts."""
     atlas = classified()
     elastic = atlas.elastic
     assert elastic is not None  # the hexapod has springs
-    name = np.empty(len(atlas.codes), dtype=object)
-    for verdict in fault_tolerance.verdicts(atlas):
-        name[verdict.holds] = verdict.name
     columns = {
-        "verdict": name,
+        "verdict": names_of(fault_tolerance.pointing_verdicts(atlas)),
         "failures": (atlas.codes != 0).sum(axis=1),
         "rigid_possible": atlas.possible,
         "rigid_unstable_major": atlas.unstable_major,
@@ -177,7 +182,6 @@ def verdict_columns(struts: Sequence[str]) -> dict[str, np.ndarray]:
         "elastic_major_rank": elastic.major_rank,
         "elastic_worst_gain_rad_per_m": elastic.worst_gain,
     }
-    # The atlas counts conditions in base 3: sound, locked, free; strut 1 is the first digit.
-    digits = str.maketrans("SLF", "012")
-    rows = [int(each.translate(digits), 3) for each in struts]
+    row = {condition: k for k, condition in enumerate(conditions(6))}
+    rows = [row[each] for each in struts]
     return {name: values[rows] for name, values in columns.items()}

@@ -1,11 +1,11 @@
 """The runs of a sweep and of the atlas, whichever are missing in the folder."""
 
-import itertools
 from contextlib import AbstractContextManager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from experiments.rig.letters import conditions
 from experiments.study.resumable import Outcome, complete
 from experiments.sweep.campaign import sweep_of
 from experiments.sweep.design import SweepRuns, grid, read_design
@@ -37,14 +37,9 @@ def run_atlas(*, seed: int, quick: bool, **options: Any) -> Sweep:
     return complete("atlas", sweep_of(SweepRuns(design, seed)), **options)
 
 
-def conditions() -> tuple[str, ...]:
-    """All 3^6 failure conditions, a letter for each strut, in the order of the failure atlas."""
-    return tuple(map("".join, itertools.product("SLF", repeat=6)))
-
-
 def representatives() -> tuple[str, ...]:
     """The first of each set of conditions that turning by 120 degrees and mirroring make equal."""
-    every, found = conditions(), {}
+    every, found = conditions(6), {}
     for condition in every:
         for seen in (condition, _moved(condition, _MIRROR)):
             for _ in range(3):

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields, replace
 from typing import Any, Literal, get_args
 
+from experiments.rig import letters
 from experiments.rig.hexapod.choices import JacobianChoice
 from experiments.rig.hexapod.columns import COLUMNS
 from experiments.rig.hexapod.testbed import LIMITS as BENCH_LIMITS
@@ -29,9 +30,6 @@ WEIGHTS = {
     column.name: (column.goal.joint_weight, column.goal.secondary_weight) for column in COLUMNS[:5]
 } | {"both": (_ONES, _ONES[:4])}
 """W1 and W2 by name: the paper's five, and all ones in both."""
-
-STRUTS = {"S": None, "L": "locked", "F": "free", "B": "loose"}
-"""A letter for each state of a strut, and the failure that it stands for."""
 
 KINDS: dict[str, Literal["real", "integer", "sign", "name", "switch", "struts"]] = {
     "struts": "struts",
@@ -127,7 +125,7 @@ class SweepRun:
     number: int  # from 0 on; column `case` of the dataset
     seed: int  # of the detector noise
     duration_s: float  # of the spiral
-    struts: str  # a letter of `STRUTS` for each strut: its state from `failure_time_s` on
+    struts: str  # a letter of `STATES` for each strut: its state from `failure_time_s` on
     failure_time_s: float
     known: bool  # whether the mapping is reconfigured for the failures when they happen
     weight: str
@@ -141,8 +139,7 @@ class SweepRun:
         """What happens to the plant during the run."""
         if self.failure_time_s >= self.duration_s:
             return ()
-        kinds = [STRUTS[letter] for letter in self.struts]
-        return tuple(Failure(k, kind, self.failure_time_s) for k, kind in enumerate(kinds) if kind)
+        return letters.failures(self.struts, self.failure_time_s)
 
     @property
     def goal(self) -> Goal:

@@ -8,10 +8,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from experiments.rig.letters import in_words
 from experiments.study.plotting import BLACK, LINES, PAGE_IN, new_figure
 from experiments.study.results import Picture
 from experiments.systems.probe import CORNERS
-from experiments.systems.runs import Examination, Mechanism, Systems, in_words
+from experiments.systems.runs import Examination, Mechanism, Systems
 from sim import Array
 
 _REST_PT, _WAY_PT = (3.4, 0.8), 0.4

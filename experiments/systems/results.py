@@ -6,14 +6,17 @@ from typing import Any
 
 from experiments.recording.file import RecordingInfo
 from experiments.recording.mechanism import Driven, write_mechanism
-from experiments.recording.shown import constants
-from experiments.recording.views import Plot, Task
+from experiments.recording.notes import constants
+from experiments.recording.properties import checked
+from experiments.recording.signals import Plot
+from experiments.recording.views import Task
+from experiments.rig.letters import failed, in_words
 from experiments.study.provenance import version_properties, versions
 from experiments.study.results import Check, Results
 from experiments.study.tables import Column, Table, tabulate
 from experiments.systems.figure import pictures
 from experiments.systems.probe import PERIOD_S, STEP
-from experiments.systems.runs import Examination, Mechanism, Systems, failed, in_words
+from experiments.systems.runs import Examination, Mechanism, Systems
 from sim import Array, load_model, model_sha256
 
 LIMIT = 0.01
@@ -70,7 +73,7 @@ def table(summary: dict[str, Any]) -> Table:
     columns = (
         Column("mechanism", "mechanism"),
         Column("failed", "condition"),
-        Column("major task", _task_words),
+        Column("major task", lambda one: one["verdict"].replace("_", " ")),
         Column("self-motion", _self_motion_words),
         Column("constraints", lambda one: one["constrained_active"] or "-"),
         Column("error", lambda one: max(one[name] for name in checked_errors(one)), ".0e"),
@@ -79,17 +82,11 @@ def table(summary: dict[str, Any]) -> Table:
         "Classification of each condition, and the largest error of its prediction",
         columns,
         summary["systems"],
-        "major task: exact, moved by self-motion (not held), or not reachable. self-motion: number "
-        "of motions with all actuators at rest, and whether they move the major task. constraints: "
-        "number of combinations of actuator rates that the loops forbid. error: largest relative "
-        "difference between simulated and predicted motions, torques and forces.",
+        "major task: exact, drifts (self-motion moves it), or what is left of it. self-motion: "
+        "number of motions with all actuators at rest, and whether they move the major task. "
+        "constraints: number of combinations of actuator rates that the loops forbid. error: "
+        "largest relative difference between simulated and predicted motions, torques and forces.",
     )
-
-
-def _task_words(one: dict[str, Any]) -> str:
-    if one["unmanipulable"]:
-        return "not reachable"
-    return "not held" if one["unstable_major"] else "exact"
 
 
 def _self_motion_words(one: dict[str, Any]) -> str:
@@ -109,9 +106,10 @@ def _entry(one: Examination) -> dict[str, Any]:
         "mechanism": mechanism.name,
         "index": mechanism.conditions.index(one.condition),
         "condition": in_words(one.condition),
-        "locked": failed(one.condition, "L"),
-        "free": failed(one.condition, "F"),
+        "locked": failed(one.condition, "locked"),
+        "free": failed(one.condition, "free"),
         "major": mechanism.major_names,
+        "verdict": one.verdict,
         **{flag: getattr(report, flag) for flag in _FLAGS},
         **{count: one.predicted[count] for count in predicted},
         "internal_forces": len(report.bases["irresolvable"]),
@@ -153,7 +151,10 @@ def _record(
         notes += [f"## {in_words(one.condition)}", "", *sentences, ""]
     identity = f"systems-{mechanism.name}-seed{summary['seed']}"
     text = "\n".join([*notes, *constants(properties)])
-    about = RecordingInfo(identity, mechanism.title, text, properties)
+    found = {"study": "systems", "robot": mechanism.name, "verdict": notes[2]}
+    found |= {"failures": "; ".join(in_words(one.condition) for one in ours)}
+    found["checks"] = checked(checks(summary))
+    about = RecordingInfo(identity, mechanism.title, text, properties, found)
     driven = {in_words(one.condition): _driven(one) for one in ours}
     write_mechanism(folder / f"{mechanism.name}.rrd", about, load_model(mechanism.path), driven)
 

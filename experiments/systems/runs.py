@@ -7,12 +7,14 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from experiments.rig.letters import failed, failures
 from experiments.rig.units import ROWS
+from experiments.rig.verdicts import left_of
 from experiments.study.parallel import in_parallel
 from experiments.systems import probe
 from experiments.systems.probe import PERIOD_S, Polygon, Rig
-from prioritized import ConstrainedSystem, Kinematics, Manipulability
-from sim import HEXAPOD_MJCF, Array, Failure, jacobians, load_model, mass_matrix
+from prioritized import ConstrainedSystem, Kinematics, Manipulability, failure_atlas
+from sim import HEXAPOD_MJCF, Array, jacobians, load_model, mass_matrix
 
 
 @dataclass(frozen=True)
@@ -73,23 +75,6 @@ MECHANISMS = (
 )
 
 
-def failed(condition: str, letter: str) -> list[int]:
-    """Actuators 0..n-1 that have this letter in a condition."""
-    return [k for k, one in enumerate(condition) if one == letter]
-
-
-def in_words(condition: str) -> str:
-    """A condition for people, actuators 1..n; a run of three or more by its ends."""
-    words = []
-    for kind, letter in (("locked", "L"), ("free", "F")):
-        numbers = [k + 1 for k in failed(condition, letter)]
-        if len(numbers) > 2 and numbers[-1] - numbers[0] == len(numbers) - 1:
-            words.append(f"{kind} {numbers[0]}-{numbers[-1]}")
-        elif numbers:
-            words.append(f"{kind} {', '.join(map(str, numbers))}")
-    return "; ".join(words) or "sound"
-
-
 @dataclass(frozen=True)
 class Examination:
     """One mechanism in one condition, classified and simulated."""
@@ -97,6 +82,7 @@ class Examination:
     mechanism: Mechanism
     condition: str
     report: Manipulability
+    verdict: str  # as in `experiments.rig.verdicts`
     simulated: dict[str, int]  # dimensions of motions and constraints
     predicted: dict[str, int]  # the same by the report
     errors: dict[str, float]  # of simulated motions, torques and forces; relative or in steps
@@ -136,9 +122,7 @@ def run_systems(
 def examine(mechanism: Mechanism, condition: str, seed: int) -> Examination:
     """Classify one condition, then simulate it and compare."""
     model = load_model(mechanism.path)
-    failures = [Failure(k, "locked") for k in failed(condition, "L")]
-    failures += [Failure(k, "free") for k in failed(condition, "F")]
-    rig = Rig(model, tuple(failures), mechanism.task, mechanism.major)
+    rig = Rig(model, failures(condition), mechanism.task, mechanism.major)
     system, kin = classified(model, mechanism, condition)
     report, major = kin.manipulability(mechanism.major), list(mechanism.major)
     bases = report.bases
@@ -166,7 +150,12 @@ def examine(mechanism: Mechanism, condition: str, seed: int) -> Examination:
         "constrained_active": len(bases["constrained_active"]),
     }
     time_s = np.arange(1, len(polygon.desired) + 1) * PERIOD_S
-    return Examination(mechanism, condition, report, simulated, predicted, errors, time_s, polygon)
+    # The system's failures are part of every condition of its atlas.
+    atlas = failure_atlas(system, mechanism.major, codes=np.zeros((1, model.nu)))
+    [verdict] = left_of(atlas)
+    return Examination(
+        mechanism, condition, report, verdict, simulated, predicted, errors, time_s, polygon
+    )
 
 
 def classified(
@@ -180,5 +169,5 @@ def classified(
     data = mujoco.MjData(model)
     jac = jacobians(model, data, site="payload", axes="base")
     system = ConstrainedSystem(jac.J_T[list(mechanism.task)], jac.J_C, jac.active)
-    system = system.with_failures(failed(condition, "L"), failed(condition, "F"))
+    system = system.with_failures(failed(condition, "locked"), failed(condition, "free"))
     return system, system.kinematics(passive_metric=mass_matrix(model, data))

@@ -1,12 +1,13 @@
 """Data and recording of one column of Table I."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from experiments.recording.keep import record_run
 from experiments.recording.marks import Mark
-from experiments.recording.shown import Shown
 from experiments.rig.hexapod.metrics import is_cut, recording_properties
+from experiments.study.results import Check
 from experiments.table1.comparison import controller_said
 from experiments.table1.runs import Table1
 from sim import load_model
@@ -20,13 +21,19 @@ def loop_sentences(summary: dict[str, Any]) -> list[str]:
 
 
 def record_column(
-    outcome: Table1, summary: dict[str, Any], column: dict[str, Any], folder: Path
+    outcome: Table1,
+    summary: dict[str, Any],
+    checks: Sequence[Check],
+    column: dict[str, Any],
+    folder: Path,
 ) -> None:
     """Write the data and the recording of one column."""
     name, chosen = column["name"], summary["configuration"]
     ours = column.get("compared_with", name)
     known = "uncorrected" if "uncorrected" in ours else "corrected"
-    marks = [Mark(k, 0.0, f"strut {k + 1} locked, {known}") for k in column["locked"]]
+    marks = [
+        Mark(k, 0.0, f"strut {k + 1} locked, {known}", kind="locked") for k in column["locked"]
+    ]
     locked = ", ".join(mark.failure for mark in marks) or "no failure"
     joints, secondary = column["joint_weight"], column["secondary_weight_t_x_t_y_t_z_gamma"]
     minimized = f"secondary motion, weights on t_x, t_y, t_z, gamma {secondary}"
@@ -56,11 +63,18 @@ def record_column(
         name,
         "-".join([*words, f"seed{outcome.seed}"]),
         load_model(outcome.machine_file),
-        Shown(run, marks),
+        run,
+        marks,
         said=said,
         beside={
             source: (column[f"{key}_alpha_rms_urad"], column[f"{key}_beta_rms_urad"])
             for source, key in sources.items()
         },
         properties=properties,
+        predicted_rad=_predicted_rad(column) if sources else None,
+        checks=checks,
     )
+
+
+def _predicted_rad(column: dict[str, Any]) -> list[float]:
+    return [1e-6 * column[f"predicted_{angle}_rms_urad"] for angle in ("alpha", "beta")]

@@ -50,7 +50,10 @@ def results(outcome: Table1) -> Results:
         notes=notes(summary),
         checks=checks(summary),
         pictures=[*outcome.pictures, *controller_pictures(outcome)],
-        records=[partial(record_column, outcome, summary, column) for column in summary["columns"]],
+        records=[
+            partial(record_column, outcome, summary, checks(summary), column)
+            for column in summary["columns"]
+        ],
     )
 
 

@@ -1,26 +1,41 @@
 """The recording of `fjh track`: the robot with this controller, and beside it with another."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from experiments.recording.file import RecordingInfo
-from experiments.recording.flight import driven
-from experiments.recording.mechanism import write_mechanism
+from experiments.recording.flight import of_flight, stated_of
+from experiments.recording.keep import flight_properties
+from experiments.recording.properties import results_of
+from experiments.recording.screens import write_flights
 from experiments.study.controllers import controller_label
 from experiments.study.provenance import version_properties
+from experiments.study.results import Check
 from experiments.track.runs import Tracked
 
 
-def record(tracked: Tracked, summary: dict[str, Any], folder: Path) -> None:
+def record(
+    tracked: Tracked, summary: dict[str, Any], checks: Sequence[Check], folder: Path
+) -> None:
     """Write `track.rrd`."""
     rig = tracked.rig
-    properties = {key: summary[key] for key in ("seed", "model_sha256", "control_period_s")}
+    properties = {"seed": summary["seed"], "control_period_s": summary["control_period_s"]}
     properties |= {"path_size": rig.size, "sensor_noise": rig.noise} | version_properties(summary)
     said = [summary["verdict"], *(f"Loop: {margin}." for margin in rig.margins)]
     text = "\n".join([f"# {rig.title}", "", *(f"- {sentence}" for sentence in said)])
+    flights = {rig.title: of_flight(rig, tracked.run)}
+    results = results_of(
+        flights[rig.title],
+        "track",
+        checks=checks,
+        predicted_before=summary["predicted_rms_before"],
+        predicted_after=summary["predicted_rms_after_when_named"],
+        verdict=summary["verdict"],
+    )
+    properties |= flight_properties(stated_of(rig, tracked.run))
     identity = f"track-{rig.title}-seed{tracked.seed}"
-    about = RecordingInfo(identity, rig.title, text, properties)
-    flights = {rig.title: driven(rig, tracked.run)}
+    about = RecordingInfo(identity, rig.title, text, properties, results)
     if (other := tracked.other) is not None:
-        flights[controller_label(other.name)] = driven(rig, other.run)
-    write_mechanism(folder / "track.rrd", about, rig.model, flights)
+        flights[controller_label(other.name)] = of_flight(rig, other.run)
+    write_flights(folder / "track.rrd", about, flights)

@@ -47,7 +47,7 @@ def results(tracked: Tracked) -> Results:
         checks=checks(summary),
         pictures=pictures(tracked, summary),
         arrays={"track.npz": arrays},
-        records=[partial(record, tracked, summary)],
+        records=[partial(record, tracked, summary, checks(summary))],
     )
 
 
@@ -269,6 +269,8 @@ def _found(tracked: Tracked, summary: dict[str, Any]) -> str:
     if tracked.run.task_lost:
         parts.append("the controller gave the task up")
     parts += tracked.advice
+    if not parts and tracked.run.undiagnosed is not None:
+        return f"nothing was diagnosed, as {tracked.run.undiagnosed}"
     return "; ".join(parts) or "nothing was diagnosed"
 
 

@@ -10,7 +10,6 @@ import numpy as np
 from argument_checks.ties import least
 from experiments.recording.keep import record_run
 from experiments.recording.marks import Mark
-from experiments.recording.shown import Shown
 from experiments.rig.hexapod.metrics import (
     closure_check,
     closure_residual_max_m,
@@ -246,8 +245,10 @@ def _record(
         name,
         f"uncorrected-{name}-seed{seed}",
         load_model(),
-        Shown(run, [Mark(0, 0.0, "strut 1 locked, not known to the mapping")]),
+        run,
+        [Mark(0, 0.0, "strut 1 locked, not known to the mapping", kind="locked")],
         said=said,
         beside=beside,
         properties=recording_properties(summary) | differs,
+        checks=checks(summary),
     )

@@ -8,9 +8,10 @@ from numpy.typing import ArrayLike
 
 import argument_checks as check
 from argument_checks.ties import ascending
+from ftc.fdi.design.signatures import FaultResponses, driven, fault_responses
 from ftc.fdi.dither import Dither
 from ftc.fdi.fault_model import NominalModel
-from ftc.fdi.separation import ACCURACY, ALIKE, Conditions, Separations, separations
+from ftc.fdi.separation import ACCURACY, ALIKE, Conditions, Separations, separations_at
 
 
 @dataclass(frozen=True)
@@ -52,34 +53,52 @@ def ranked_sensors(
     check.instance("nominal", nominal, NominalModel)
     check.instance("candidates", candidates, Mapping)
     check.instance("conditions", conditions, Conditions)
+    commanded, at_hz = driven(nominal, dither)
+    own, every = len(nominal.noise), _with_sensors(nominal, candidates)
+    noise = _undisturbed_besides(conditions, len(candidates)).noise(every, "frequency_hz", at_hz)[0]
+    # What a sensor shows depends on no other: of all of them at once.
+    responses = fault_responses(every, at_hz, conditions.uncertainty)
     found = []
-    for name, candidate in candidates.items():
-        more = _with_sensor(nominal, candidate)
-        apart = separations(more, dither, _undisturbed_besides(conditions))
+    for k, name in enumerate(candidates):
+        seen = [*range(own), own + k]
+        apart = separations_at(
+            _of_outputs(responses, seen), 0, commanded, noise[np.ix_(seen, seen)]
+        )
         between = apart.between_actuators
         found.append(AddedSensor(name, apart, int(np.triu(between < ALIKE).sum())))
     alike, least = [each.alike for each in found], [-each.separations.least for each in found]
     return tuple(found[k] for k in ascending(alike, least, accuracy=ACCURACY))
 
 
-def _with_sensor(nominal: NominalModel, candidate: tuple[ArrayLike, float]) -> NominalModel:
+def _with_sensors(
+    nominal: NominalModel, candidates: Mapping[str, tuple[ArrayLike, float]]
+) -> NominalModel:
     import control  # late, as in ftc.compensator
 
-    try:
-        row, noise = candidate
-    except (TypeError, ValueError):
-        raise ValueError(
-            "candidates must be pairs of a row and its noise, got " + check.shown(candidate)
-        ) from None
-    plant = nominal.plant
-    C = np.vstack([plant.C, check.exactly("candidates", row, plant.nstates)])
-    sigma = np.append(nominal.noise, check.positive("candidates", noise))
-    return replace(nominal, plant=control.ss(plant.A, plant.B, C, 0), noise=sigma)
+    plant, rows, sigmas = nominal.plant, [nominal.plant.C], [*nominal.noise]
+    for candidate in candidates.values():
+        try:
+            row, noise = candidate
+        except (TypeError, ValueError):
+            raise ValueError(
+                "candidates must be pairs of a row and its noise, got " + check.shown(candidate)
+            ) from None
+        rows.append(check.exactly("candidates", row, plant.nstates))
+        sigmas.append(check.positive("candidates", noise))
+    C = np.vstack(rows)
+    return replace(nominal, plant=control.ss(plant.A, plant.B, C, 0), noise=np.array(sigmas))
 
 
-def _undisturbed_besides(conditions: Conditions) -> Conditions:
-    """With one output more, which the disturbance does not reach."""
+def _undisturbed_besides(conditions: Conditions, more: int) -> Conditions:
+    """With so many outputs more, which the disturbance does not reach."""
     if conditions.disturbance is None:
         return conditions
     lead = [(0, 0)] * (conditions.disturbance.ndim - 2)
-    return replace(conditions, disturbance=np.pad(conditions.disturbance, [*lead, (0, 1), (0, 1)]))
+    padded = np.pad(conditions.disturbance, [*lead, (0, more), (0, more)])
+    return replace(conditions, disturbance=padded)
+
+
+def _of_outputs(responses: FaultResponses, seen: list[int]) -> FaultResponses:
+    return replace(
+        responses, change=responses.change[..., seen, :], errors=responses.errors[..., seen, :]
+    )

@@ -21,7 +21,7 @@ class Within(NamedTuple):
 
     Attributes:
         active: Shape (C, n).
-        rates: Lower and upper limits, shape (n,) each; None where they are of no interest.
+        rates: Lower and upper limits, shape (C, n) each; None where they are of no interest.
         torques: Likewise.
     """
 
@@ -42,8 +42,19 @@ class Within(NamedTuple):
         return self._radii(of_torques(problem), self.torques, problem.tolerance)
 
     def _radii(self, maps: MajorMap, limits: Limits, tolerance: float) -> Array:
-        lower, upper = (np.where(self.active, limit, 0.0) for limit in limits)
-        return radii(maps, lower, upper, tolerance)
+        """Of the survivors alone: facets are chosen among their columns."""
+        radius, survivors = np.zeros(len(self.active)), self.active.sum(axis=1)
+        for count in np.unique(survivors).tolist():
+            rows = np.flatnonzero(survivors == count)
+            columns = np.nonzero(self.active[rows])[1].reshape(len(rows), 1, count)
+            lower, upper = (np.take_along_axis(A[rows], columns[:, 0], axis=1) for A in limits)
+            some = MajorMap._make(A[rows] for A in maps)
+            own = {
+                name: np.take_along_axis(getattr(some, name), columns, axis=-1)
+                for name in ("gain", "constraint")
+            }
+            radius[rows] = radii(some._replace(**own), lower, upper, tolerance)
+        return radius
 
 
 def radii(maps: MajorMap, lower: Array, upper: Array, tolerance: float) -> Array:

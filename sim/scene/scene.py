@@ -65,6 +65,7 @@ def robot_scene(
     begin: Callable[[mujoco.MjModel], mujoco.MjData],
     pinned: Sequence[Pin] = (),
     servo_hz: float | None = None,
+    settle: bool = True,
 ) -> Scene:
     """A file at rest, split into what a task involves and the rest.
 
@@ -79,6 +80,8 @@ def robot_scene(
         pinned: Frames that stand.
         servo_hz: Natural frequency of position servos for torque motors; None leaves them as they
             are.
+        settle: Whether it must rest; False is for kinematics alone, which take it where it begins,
+            loops closed, whatever holds it.
 
     Raises:
         sim.ModelError, sim.ClosureError: The file, a frame, or what does not rest.
@@ -97,10 +100,10 @@ def robot_scene(
         used = part.actuators
         model = servoed(model, natural_frequency_hz=servo_hz, data=start, among=used)
         part = replace(part, model=model)
-    held = is_held(part, start)
-    if held and not part.rest and not pinned:
+    held = settle and is_held(part, start)
+    if not part.rest and (not settle or (held and not pinned)):
         return Scene(model, start, frame, None, model, start, _moved(part, stated, start))
-    rested = _rested(part, start, held=held)
+    rested = _rested(part, start, held=held) if settle else start
     own = model
     if part.rest:
         own = reduced(spec, part, rested)

@@ -61,7 +61,7 @@ def test_tick_labels_that_are_not_printed_overlap_nothing():
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("study", ["goals", "systems", "release", "recover"])
+@pytest.mark.parametrize("study", ["goals", "systems", "release", "recover", "survey"])
 def test_a_referee_finds_no_fault_with_the_figure_of_a_study(request, faults_of_figures, study):
     request.getfixturevalue(f"{study}_folder")
     assert faults_of_figures(study) == []

@@ -12,12 +12,14 @@ import pytest
 from experiments.app.cli import main
 from experiments.app.review import check_stated
 from experiments.recording import keep as keep_module
-from experiments.recording.keep import COLUMNS, marks_from, whole_run
-from experiments.recording.marks import Mark
+from experiments.recording.hexapod import of_hexapod
+from experiments.recording.keep import COLUMNS, whole_run
+from experiments.recording.marks import Mark, marks_from
 from experiments.rig.hexapod.metrics import pointing_rms_urad
 from experiments.rig.hexapod.simulation import Trajectory
 from experiments.study.files import write_arrays
 from experiments.study.study import WrongInput
+from sim import load_model
 from tests.made import keep_made, made_run
 
 
@@ -140,13 +142,7 @@ def test_marks_that_no_run_of_this_length_has_are_refused(marks):
 
 
 def test_marks_in_a_recording_are_checked(folder, monkeypatch):
-    read = keep_module._read_recording
-
-    def spoilt(path: Path) -> tuple:
-        properties, angles = read(path)
-        return properties | {"marks": "[3]"}, angles
-
-    monkeypatch.setattr(keep_module, "_read_recording", spoilt)
+    monkeypatch.setattr(keep_module, "groups_of", lambda path: ({"marks": "[3]"}, {}))
     with pytest.raises(WrongInput, match=r"made\.rrd has invalid marks"):
         keep_module.read_run(folder / "made.npz")
 
@@ -169,7 +165,7 @@ def test_json_that_contradicts_the_data_is_noticed(alpha):
     ours = f"{pointing_rms_urad(RUN)[0]:.10g}"
     said = re.escape(f"made.json says alpha_rms_urad = {alpha} of made.npz, whose data give {ours}")
     with pytest.raises(WrongInput, match=said):
-        check_stated("made.npz", RUN, told)
+        check_stated("made.npz", of_hexapod(RUN, load_model()), told)
 
 
 @pytest.mark.parametrize("place", [".", "made.npz"])

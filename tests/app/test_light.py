@@ -9,7 +9,7 @@ from matplotlib.colors import to_rgb
 from matplotlib.image import imread, imsave
 
 from experiments.app.light import on_white
-from experiments.recording.views import legend_off
+from experiments.recording.signals import legend_off
 from experiments.study.plotting import LINES
 
 BLACK = np.zeros(3)

@@ -8,7 +8,6 @@ from typing import NoReturn
 
 import psutil
 import pytest
-import rerun_cli
 
 from experiments.app import render
 from experiments.app.cli import main
@@ -38,7 +37,7 @@ def stand_in(tmp_path, monkeypatch):
         program, logged = tmp_path / "rerun", tmp_path / "logged"
         program.write_text(f"#!/bin/sh\necho '{line}'\ntouch {logged}\nexec sleep 600\n")
         program.chmod(0o755)
-        monkeypatch.setattr(rerun_cli, "__file__", str(tmp_path / "__init__.py"))
+        monkeypatch.setattr(render, "VIEWER", program)
         monkeypatch.setattr(render, "_connected", lambda *_: Mute(logged, error))
 
     return put
@@ -68,8 +67,7 @@ def test_a_viewer_that_fails_after_connecting_is_one_sentence(
 
 
 DRAWS = """
-import subprocess, sys, time
-import rerun_cli
+import pathlib, sys, time
 from experiments.app import render
 
 class Client:
@@ -80,7 +78,7 @@ def connected(viewer, port):
     print(viewer.pid, flush=True)
     return Client()
 
-rerun_cli.__file__ = sys.argv[1]
+render.VIEWER = pathlib.Path(sys.argv[1])
 render._connected = connected
 with render.headless_viewer():
     time.sleep(600)
@@ -93,7 +91,7 @@ def test_a_killed_command_leaves_no_viewer(tmp_path):
     program = tmp_path / "rerun"
     program.write_text("#!/bin/sh\nexec sleep 600\n")
     program.chmod(0o755)
-    command = [sys.executable, "-c", DRAWS, str(tmp_path / "__init__.py")]
+    command = [sys.executable, "-c", DRAWS, str(program)]
     with subprocess.Popen(command, stdout=subprocess.PIPE) as process:
         assert process.stdout
         viewer = psutil.Process(int(process.stdout.readline()))

@@ -24,7 +24,7 @@ MISTYPED = {
     "track --dither desinged": "designed",
     "track --controller json:lods": "loads",
     "sweep --design nowhere.toml": "nowhere.toml",
-    "bench --compare nowhere.json": "nowhere.json",
+    "compare nowhere.json nowhere.json": "nowhere.json",
     "review nowhere": "nowhere",
     "render nowhere.rrd --out it.png": "nowhere.rrd",
     "animate nowhere.npz --out it.gif": "nowhere.npz",

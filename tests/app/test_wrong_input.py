@@ -65,7 +65,7 @@ SPECIAL = {
     "loop": lambda path: path.symlink_to(path),
     "huge": lambda path: (path.touch(), os.truncate(path, LARGEST_FILE + 1)),
 }
-READERS = ("sweep --design", "bench --compare", "track", "table1 --model", "render", "animate")
+READERS = ("sweep --design", "track", "table1 --model", "render", "animate")
 
 
 @pytest.mark.parametrize("kind", SPECIAL)

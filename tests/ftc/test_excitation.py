@@ -296,7 +296,7 @@ def test_groups_name_what_is_alike_and_a_sensor_that_ends_it():
 
 @servos
 @seeds
-def test_one_more_sensor_never_lowers_a_separation(seed, servo):
+def test_one_more_sensor_is_one_more_output_and_never_lowers_a_separation(seed, servo):
     """It can be ignored; with a disturbance and an uncertain model, too."""
     nominal, dither = mechanism(seed, servo=servo), random_dither(seed)
     floor = 1e-12 * np.array([[2.0, 1.0], [1.0, 3.0]])
@@ -305,7 +305,12 @@ def test_one_more_sensor_never_lowers_a_separation(seed, servo):
     encoders = {str(k): (row, 1e-4) for k, row in enumerate(nominal.displacement)}
     ranked = ranked_sensors(nominal, encoders, dither, known)
     for each in ranked:
-        slack = 1e-6 * before.distance.max()
+        slack, (row, noise) = 1e-6 * before.distance.max(), encoders[each.name]
+        C = np.vstack([nominal.plant.C, row])
+        plant = control.ss(nominal.plant.A, nominal.plant.B, C, 0)
+        beside = replace(nominal, plant=plant, noise=np.append(nominal.noise, noise))
+        alone = separations(beside, dither, replace(known, disturbance=np.pad(floor, (0, 1))))
+        np.testing.assert_allclose(each.separations.distance, alone.distance, atol=slack)
         assert (each.separations.distance >= before.distance - slack).all()
         assert (each.separations.from_none >= before.from_none - slack).all()
     order = [(each.alike, -each.separations.least) for each in ranked]

@@ -39,6 +39,12 @@ def assert_says(classes, row: int, system: ConstrainedSystem, major, secondary) 
         assert getattr(classes, flag)[row] == getattr(report, flag), flag
     assert classes.possible[row] == (not report.unmanipulable and not report.unstable_major)
     np.testing.assert_allclose(classes.worst_gain[row], report.worst_gain, atol=1e-7)
+    # Singular values of the major task on the rates that the loops admit.
+    admissible = kin.J[major] @ projector(null(kin.active_constraint))
+    gains = np.zeros(len(major))
+    sigma = np.linalg.svd(admissible, compute_uv=False)
+    gains[: len(sigma)] = sigma[: len(major)]
+    np.testing.assert_allclose(classes.gains[row], gains, atol=1e-6)
     assert classes.major_rank[row] == len(major) - report.bases["unmanipulable"].shape[1]
     # Padding with zeros leaves the projector as it is.
     moved = projector(classes.self_motion[row])

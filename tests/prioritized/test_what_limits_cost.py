@@ -194,6 +194,26 @@ def test_each_condition_has_the_worst_speed_and_force_that_it_has_alone(data, dr
             assert_alone(atlas.elastic, row, condition, major, rates, torques)
 
 
+@given(SEEDS)
+def test_each_condition_may_have_limits_of_its_own(seed):
+    rng = np.random.default_rng(seed)
+    arm = ConstrainedSystem(rng.normal(size=(2, 4)), None, range(4))
+    codes = rng.integers(0, 3, size=(5, 4))
+    own = -rng.uniform(0, 2, size=(5, 4)), rng.uniform(0, 2, size=(5, 4))
+    both = failure_atlas(arm, [0, 1], codes=codes, rate_limits=own, torque_limits=own)
+    assert both.worst_speed is not None and both.worst_force is not None
+    for row, code in enumerate(codes):
+        limits = own[0][row], own[1][row]
+        one = failure_atlas(arm, [0, 1], codes=[code], rate_limits=limits, torque_limits=limits)
+        assert one.worst_speed is not None and one.worst_force is not None
+        np.testing.assert_allclose(both.worst_speed[row], one.worst_speed[0], rtol=1e-9)
+        np.testing.assert_allclose(both.worst_force[row], one.worst_force[0], rtol=1e-9)
+    for rows in (4, 6):
+        wrong = -np.ones((rows, 4)), np.ones((rows, 4))
+        with pytest.raises(ValueError, match="rate_limits must be of shape"):
+            failure_atlas(arm, [0, 1], codes=codes, rate_limits=wrong)
+
+
 def test_the_limits_of_failed_actuators_do_not_matter():
     """A failed joint does not move and exerts nothing, even if its limits demand that it does."""
     limits = ([0.25, -1], [1, 1])

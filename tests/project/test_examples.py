@@ -16,6 +16,7 @@ from sphinx_gallery.notebook import python_to_jupyter_cli
 
 from argument_checks.compilation import NOTICE
 from sim import MODELS
+from tests.published.faces import LARGEST, WEIGHT, distances, effectiveness
 from tests.rrd import scalars
 
 ROOT = Path(__file__).parents[2]
@@ -121,18 +122,14 @@ def test_a_goal_is_exact_as_long_as_its_rows_and_those_above_have_a_solution(tmp
 
 
 @pytest.mark.long
-def test_a_hexarotor_is_controllable_where_small_torques_of_each_sign_are_possible(tmp_path):
+def test_a_hexarotor_is_controllable_where_hover_lies_inside_every_face(tmp_path):
     lines = printed("multirotor", tmp_path)
-    hover = np.array([15.0, 0, 0, 0])  # [N], [N m]
-    place, small = np.deg2rad(60 * np.arange(6)), 1e-3 * np.vstack([np.eye(4), -np.eye(4)])
     for line in lines:
-        turns = np.array([1 if letter == "P" else -1 for letter in line.split(",")[0]])
-        B = [np.ones(6), 0.275 * np.sin(place), -0.275 * np.cos(place), 0.1 * turns]
-        bounds = [(0, 0 if "1 of 6" in line and k == 0 else 6) for k in range(6)]
-        status = [
-            linprog(np.zeros(6), A_eq=B, b_eq=hover + each, bounds=bounds).status for each in small
-        ]
-        assert ("cannot" in line) == any(status), line
+        upper = np.full(6, LARGEST)
+        upper[0] *= "1 of 6" not in line
+        B, hover = effectiveness(line.split(",")[0]), np.array([WEIGHT, 0, 0, 0])
+        room = distances(B, hover, np.zeros(6), upper).min()
+        assert ("cannot" in line) == (room < 1e-9), line
 
 
 @pytest.mark.long
@@ -156,7 +153,7 @@ def test_the_recording_holds_the_errors_of_the_arrays_and_only_the_locked_motor_
     with np.load(tmp_path / "recording.npz") as run:
         error_urad = 1e6 * (run["desired"] - run["true"])
         moved = run["displacement"]
-    _, shown = scalars(tmp_path / "recording.rrd", "/condition_0/error")
+    _, shown = scalars(tmp_path / "recording.rrd", "/task/error")
     np.testing.assert_array_equal(shown, error_urad[::5])  # 200 Hz
     stands = np.abs(moved[1050:] - moved[1050]).max(axis=0) < 1e-4  # [rad], after the lock
     assert stands.tolist() == [False, True, *[False] * 5]
@@ -195,3 +192,15 @@ def test_of_five_motions_left_in_a_loop_the_place_is_exact_and_the_load_tilts(tm
     off = numbers(lines, r"lock: ([\d.]+) mm off")
     tilted = numbers(lines, r"circle, ([\d.]+)° tilted")
     assert max(off) < 0.01 and tilted[0] == 0.0 and min(tilted[1:]) > 1.0
+
+
+@pytest.mark.long
+def test_the_speed_left_after_a_lock_is_the_distance_of_the_nearest_face(tmp_path):
+    """The reachable velocities are a polytope about zero; a locked joint takes its column away."""
+    J = arm_jacobians()[0][3:]
+    one = np.ones(7)
+    left = [distances(J * (np.arange(7) != k), np.zeros(3), -one, one).min() for k in range(7)]
+    part = np.array(left) / distances(J, np.zeros(3), -one, one).min()
+    lines = printed("survey", tmp_path)
+    assert numbers(lines, r"any of (\d) joints") == [np.count_nonzero(part > 1e-9), 1]
+    assert lines[-1].endswith(f"motor{part.argmin() + 1} locked: {100 * part.min():.0f} %")

@@ -52,6 +52,15 @@ def test_the_reproduction_of_the_paper_is_shown_with_every_run():
     assert 'run: cat results/table1/table1.md >> "$GITHUB_STEP_SUMMARY"' in text
 
 
+def test_the_table_is_compared_with_that_of_the_last_release_with_every_run():
+    """By a shell that fails where the first command of a pipe does."""
+    text = (ROOT / ".github" / "workflows" / "ci.yml").read_text()
+    compare = ".venv/bin/fjh compare docs/data/table1.json results/table1"
+    summary = 'tee -a "$GITHUB_STEP_SUMMARY"'
+    assert f"      - run: {compare} | {summary}\n        shell: bash\n" in text
+    assert text.index("run: make table1") < text.index(compare)
+
+
 def recipe(folder: Path, target: str) -> str:
     """What `make` would do for a target in a folder, not done."""
     words = ["make", "--dry-run", target]

@@ -215,7 +215,7 @@ def test_its_columns_stand_beside_ours_in_every_file(compared):
         stated = column["alpha_rms_urad"], column["beta_rms_urad"]
         np.testing.assert_allclose(stated, np.sqrt((off_urad**2).mean(axis=0)), rtol=1e-12)
         assert f"{stated[0]:.4f}" in page
-        assert len(scalars(out / column["recording"], "/pointing/true")[0]) > 0
+        assert len(scalars(out / column["recording"], "/task/true")[0]) > 0
 
 
 def test_the_failed_run_is_named_kept_and_fails_the_study(compared):

@@ -55,6 +55,18 @@ def test_an_actuator_fails_by_its_name_or_its_number(name):
         one.predict(path, failures=[joint])  # type: ignore[list-item]
 
 
+def test_a_flight_that_ends_while_the_diagnosis_learns_says_so():
+    """What was taken for the robot without a failure has been compared with nothing."""
+    one = rig("arm")
+    pilot = one.supervisor(dither=None)
+    learning_s = pilot.monitor.config.learning_s
+    short, longer = (one.fly(pilot, path_of("arm", learning_s + more)) for more in (-0.1, 0.1))
+    assert (
+        short.undiagnosed == f"it takes the first {learning_s:g} s for the robot without a failure"
+    )
+    assert longer.undiagnosed == "the sensors read what the model without a failure predicts"
+
+
 @pytest.mark.parametrize("kind", ["locked", "free", "weak"])
 @pytest.mark.parametrize("name", ["hexapod", "platform"])
 def test_the_prediction_of_a_pilot_that_is_never_told_is_what_happens(name, kind):

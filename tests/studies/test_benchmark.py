@@ -2,7 +2,6 @@
 
 import copy
 import gc
-import json
 import re
 import sys
 from dataclasses import replace
@@ -31,15 +30,14 @@ from experiments.benchmark import (
 )
 from experiments.benchmark.figure import WORDS, comparison, headline
 from experiments.benchmark.measurement import Contender, by_turns, compare, power_law
-from experiments.benchmark.ratios import RATIOS, checks, saved
-from experiments.benchmark.ratios import compare as compare_runs
+from experiments.benchmark.ratios import RATIOS, checks
 from experiments.benchmark.results import results
 from experiments.benchmark.solvers import SOLVERS
 from experiments.benchmark.tables import notes, tables
 from experiments.rig.hexapod.controller import StrutMapping, controller_for, nominal_loops
 from experiments.rig.hexapod.simulation import SpiralRun, track_spiral
 from experiments.rig.hexapod.testbed import Testbed, TestbedConfig
-from experiments.study.results import Results, publish
+from experiments.study.results import Results
 from experiments.study.study import Unsound
 from sim import MODELS, load_model
 from tests.pages import assert_prints, assert_says
@@ -210,29 +208,6 @@ def test_a_power_law_gives_its_exponent_and_the_slopes_on_the_way():
     assert bent == pytest.approx({"exponent": 1.0, "least": 0.0, "most": 2.0})
 
 
-def test_changed_is_what_left_the_former_range(bench):
-    before, now = copy.deepcopy(bench), copy.deepcopy(bench)
-    for timing in now["timings"].values():
-        for key in timing:
-            timing[key] *= 0.5 if timing is now["timings"]["daqp"] else 1.0
-    now["ratios"]["tick_over_mink"] |= {"ratio": 7.0, "p5": 1.0, "p95": 9.0}
-    before["ratios"]["tick_over_mink"] |= {"ratio": 2.0, "p5": 0.5, "p95": 1.1}
-    before["timings"]["daqp"] |= {"median_us": 4.0, "p5_us": 3.9, "p95_us": 4.1}
-    now["timings"]["daqp"] = {"median_us": 2.0, "p5_us": 1.9, "p95_us": 2.1}
-    result = compare_runs(now, before)
-    assert {name for name, one in result["timings"].items() if one["changed"]} == {"daqp"}
-    assert result["timings"]["daqp"]["now_over_saved"] == 0.5
-    # More than three times, but so it was before now and then.
-    assert result["ratios"]["tick_over_mink"]["now_over_saved"] == 3.5
-    assert not any(one["changed"] for one in result["ratios"].values())
-    shown = now | {"comparison": result}
-    assert ("daqp", "4", "2", "0.50", "changed") in tables(shown)[-1].rows
-    assert not any("saved run simulated" in note for note in notes(shown))
-    before["simulated_s"] = 16.0
-    told = notes(now | {"comparison": compare_runs(now, before)})
-    assert any("saved run simulated 16 s" in note for note in told)
-
-
 # What the file says.
 
 
@@ -308,8 +283,6 @@ def test_files_are_listed_and_told_from_the_json_alone(bench, bench_folder):
     assert {"bench.png", "bench.pdf"} <= set(bench["files"])
     for table in told.tables:
         assert {len(row) for row in table.rows} == {len(table.headings)}
-    saved = json.loads((bench_folder.parent / "saved.json").read_text())
-    assert saved | {"files": bench["files"]} == bench
 
 
 def test_a_slow_run_is_unsound_only_where_that_is_asked_and_stable(bench):
@@ -341,19 +314,6 @@ def test_times_are_checked_only_where_that_is_asked(timed, check):
     assert (found.failed_check is None) == (not check)
     if check:
         assert str(found.failed_check).startswith("solve_over_daqp: ratio of medians is 1e+06")
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("place", ["elsewhere/saved.json", "out/saved.json"])
-def test_the_saved_file_is_written_wherever_it_lies_and_is_none_of_the_study(
-    timed, tmp_path, place
-):
-    found = publish(tmp_path / "out", "bench", results(replace(timed, save=tmp_path / place)))
-    assert set(found.summary["files"]) == {"bench.json", "bench.md", "bench.pdf", "bench.png"}
-    again = publish(tmp_path / "out", "bench", results(timed))
-    assert saved(tmp_path / place) | {"files": again.summary["files"]} == again.summary
-    compared = results(replace(timed, before=saved(tmp_path / place))).summary["comparison"]
-    assert {one["now_over_saved"] for one in compared["timings"].values()} == {1.0}
 
 
 # The same steps, the same task.
@@ -698,33 +658,6 @@ def test_without_the_extra_one_sentence_says_what_to_install(
     assert f"not installed, {absent}: pip install" in err
     assert "[bench]" in err
     assert err.count("\n") == 1
-    assert not (tmp_path / "out").exists()
-
-
-@pytest.mark.parametrize(
-    ("content", "reason"),
-    [
-        (None, "there is no file"),
-        ("no JSON", "not written by"),
-        ('{"experiment": "table1"}', "not written by"),
-        ('{"experiment": "bench", "median_s": {}}', "not written by"),
-        (
-            '{"experiment": "bench", "simulated_s": 2, "ratios": {"tick": {}}, "timings": {}}',
-            "not written by",
-        ),
-    ],
-)
-def test_a_file_that_is_no_saved_bench_is_refused(capsys, tmp_path, untimed, content, reason):
-    file = tmp_path / "before.json"
-    if content is not None:
-        file.write_text(content)
-    out = str(tmp_path / "out")
-    assert main(["bench", "--quick", "--compare", str(file), "--out", out]) == 2
-    err = capsys.readouterr().err
-    assert str(file) in err
-    assert reason in err
-    assert main(["bench", "--quick", "--save", str(tmp_path / "b.txt"), "--out", out]) == 2
-    assert "--save" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 
 

@@ -2,14 +2,19 @@
 
 import re
 
+import numpy as np
 import pytest
 
+from experiments.recording.flight import of_flight
+from experiments.recording.properties import properties_of
 from experiments.study.study import WrongInput
 from experiments.track.announced import happening
 from experiments.track.figure import headline
 from experiments.track.happened import event_tables, happened
+from experiments.track.recording import record
 from experiments.track.results import checks, first_tick, summarize, tables
 from experiments.track.runs import Tracked
+from tests import rrd
 from tests.studies.test_track_command import ARM, tracked
 
 
@@ -79,3 +84,24 @@ def test_an_actuator_fails_once():
 def test_an_event_that_cannot_be_is_refused_by_the_name_of_the_option(asked, said):
     with pytest.raises(WrongInput, match="^--event.*" + re.escape(said)):
         happening([asked], 8.0)
+
+
+def test_where_nothing_is_named_the_verdict_says_why(pushed):
+    assert summarize(pushed)["verdict"].count(
+        "nothing was diagnosed, as this controller does not diagnose"
+    )
+
+
+def test_the_recording_marks_actuators_and_lists_all_that_happens(pushed, locked, tmp_path):
+    """An event that is a failure is marked once."""
+    summary = summarize(pushed)
+    record(pushed, summary, checks(summary), tmp_path)
+    times, texts = rrd.rows(tmp_path / "track.rrd", "/events", "TextLog:text")
+    assert {text: int(at) // 1_000_000 for at, (text,) in zip(times, texts, strict=True)} == {
+        **{"bump": 200, "motor2 hard_over": 300, "motor4 locked": 320, "late": 350}
+    }
+    held = properties_of(tmp_path / "track.rrd")
+    assert (held["study"], held["actuator"], held["kind"]) == ("track", "motor2", "hard_over")
+    assert held["verdict"] == summary["verdict"]
+    assert held["rms_before_rad"] == pytest.approx(np.linalg.norm(summary["rms_before_rad"]))
+    assert [mark.failure for mark in of_flight(locked.rig, locked.run).marks] == ["motor4 locked"]

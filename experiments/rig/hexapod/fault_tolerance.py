@@ -1,15 +1,14 @@
 """Fault tolerance of the hexapod: springs, failure atlas, dithers, diagnosis, supervisor."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from experiments.rig.hexapod.columns import MAJOR
 from experiments.rig.hexapod.testbed import TestbedConfig
-from experiments.study.palette import BLACK, BLUE, SKY, VERMILION, YELLOW
+from experiments.rig.verdicts import Verdict, verdicts
 from ftc.control.springs import actuator_and_payload_stiffness
 from ftc.fdi.dither import Dither
 from ftc.fdi.fault_model import Fault, NominalModel
@@ -53,49 +52,9 @@ def with_suspension(system: ConstrainedSystem, suspension: dict[int, float]) -> 
     return replace(system, stiffness=stiffness)
 
 
-@dataclass(frozen=True)
-class Verdict:
-    """What is left of the pointing task in some of the conditions.
-
-    Attributes:
-        name: As in `figures.json`.
-        label: For a reader.
-        color: On the map.
-        holds: In which conditions, shape (C,).
-    """
-
-    name: str
-    label: str
-    color: str
-    holds: NDArray[np.bool_]
-
-
-def verdicts(atlas: FailureAtlas) -> list[Verdict]:
-    """The atlas' flags as five verdicts of which each condition has exactly one.
-
-    Raises:
-        ValueError: The atlas has no elastic verdicts.
-    """
-    elastic = atlas.elastic
-    if elastic is None:
-        raise ValueError("atlas must be of a system with springs, got one without elastic verdicts")
-    lost = ~atlas.possible & ~elastic.possible
-    drifts = lost & elastic.unstable_major
-    held = lost & ~elastic.unstable_major
-    return [
-        Verdict("rigid", "exact, with or without springs", BLUE, atlas.possible),
-        Verdict(
-            "springs",
-            "exact with the springs only",
-            SKY,
-            elastic.possible & ~atlas.possible,
-        ),
-        Verdict("drifts", "payload drifts", VERMILION, drifts),
-        Verdict(
-            "one_direction", "one pointing direction left", YELLOW, held & (elastic.major_rank == 1)
-        ),
-        Verdict("none", "no pointing direction left", BLACK, held & (elastic.major_rank == 0)),
-    ]
+def pointing_verdicts(atlas: FailureAtlas) -> list[Verdict]:
+    """What is left of pointing in each condition of the hexapod's atlas."""
+    return verdicts(atlas, task="pointing", body="payload")
 
 
 HEAVE = (1.0,) * 6

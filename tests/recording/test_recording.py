@@ -22,22 +22,21 @@ from experiments.recording.file import (
 )
 from experiments.recording.keep import read_run
 from experiments.rig.hexapod import paper
-from experiments.rig.hexapod.metrics import pointing_rms_urad
 from experiments.study.files import published, write_arrays
 from experiments.study.study import WrongInput
 from tests import rrd
 
 SIGNALS = {
-    "/pointing/desired": ("desired_rad", 1e6),
-    "/pointing/true": ("true_rad", 1e6),
-    "/pointing/measured": ("measured_rad", 1e6),
-    "/strut/input": ("strut_input_percent", 1.0),
-    "/strut/displacement": ("strut_displacement_m", 1e6),
+    "/task/desired": ("desired_rad", 1e6),
+    "/task/true": ("true_rad", 1e6),
+    "/task/measured": ("measured_rad", 1e6),
+    "/actuators/input": ("strut_input_percent", 1.0),
+    "/actuators/displacement": ("strut_displacement_m", 1e6),
     "/secondary/true": ("secondary", 1e6),
     "/secondary/estimated": ("secondary_estimated", 1e6),
 }
-EVERY = 2
-"""Ticks a row: 500 Hz."""
+EVERY = 5
+"""Ticks a row: 200 Hz."""
 
 
 @pytest.mark.parametrize("entity", SIGNALS)
@@ -45,12 +44,12 @@ def test_a_recording_holds_the_run_to_the_bit(table1_folder, runs, entity):
     field, factor = SIGNALS[entity]
     times, values = rrd.scalars(table1_folder / "W_e.rrd", entity)
     np.testing.assert_array_equal(values, factor * runs["W_e"][field][::EVERY])
-    np.testing.assert_array_equal(times, np.arange(8000) * EVERY * 1_000_000)
+    np.testing.assert_array_equal(times, np.arange(3200) * EVERY * 1_000_000)
 
 
 def test_error_and_closure_residual_are_those_of_the_run(table1_folder, runs):
     run = runs["W_d"]
-    _, error = rrd.scalars(table1_folder / "W_d.rrd", "/pointing/error")
+    _, error = rrd.scalars(table1_folder / "W_d.rrd", "/task/error")
     np.testing.assert_array_equal(error, 1e6 * (run["desired_rad"] - run["true_rad"])[::EVERY])
     _, closure = rrd.scalars(table1_folder / "W_d.rrd", "/closure/residual")
     np.testing.assert_array_equal(closure[:, 0], 1e9 * run["closure_residual_m"][::EVERY])
@@ -66,13 +65,13 @@ def test_every_line_has_a_name_with_its_unit(table1_folder, entity):
 
 @pytest.mark.parametrize(
     ("entity", "field"),
-    [("/detector/desired", "desired_rad"), ("/detector/reached", "measured_rad")],
+    [("/plane/desired", "desired_rad"), ("/plane/reached", "true_rad")],
 )
 def test_the_spirals_grow_piece_by_piece(table1_folder, runs, entity, field):
     """A piece ends where the spot is at its time, and begins where the one before it ended."""
     times, pieces = rrd.rows(table1_folder / "W_e.rrd", entity, "LineStrips2D:strips")
     ends = np.array(pieces)[:, 0]
-    assert ends.shape == (1599, 2, 2)
+    assert ends.shape == (799, 2, 2)
     there = 1e6 * runs["W_e"][field][times // 1_000_000] * [1, -1]
     np.testing.assert_allclose(ends[:, 1], there, rtol=1e-6, atol=1e-5)
     np.testing.assert_array_equal(ends[1:, 0], ends[:-1, 1])
@@ -81,7 +80,7 @@ def test_the_spirals_grow_piece_by_piece(table1_folder, runs, entity, field):
 def test_every_column_has_a_small_recording_with_one_screen(table1, table1_folder):
     for column in table1["columns"]:
         path = table1_folder / column["recording"]
-        assert path.stat().st_size < 8e6
+        assert path.stat().st_size < 3e6
         reader = RrdReader(path)
         own = rf"fjh-table1-{column['name']}-seed0-[0-9a-f]{{8}}"
         assert re.fullmatch(own, reader.recordings()[0].application_id)
@@ -121,7 +120,8 @@ def test_every_study_says_seed_versions_and_model_in_its_recordings(
         held = rrd.properties(path)
         assert {"seed", "model_sha256", "version_mujoco", "version_rerun_sdk"} <= set(held), path
         assert "| parameter | value |" in rrd.notes(path)
-        assert path.stat().st_size < 8e6
+        # Of a mechanism in up to ten conditions.
+        assert path.stat().st_size < (8e6 if path.parent == systems_folder else 3e6)
 
 
 def test_the_viewers_own_check_finds_all_files_whole(
@@ -139,16 +139,16 @@ def test_a_run_comes_back_from_its_data_with_marks_and_parameters(
     table1, table1_folder, runs, recover_folder
 ):
     kept = read_run(table1_folder / "W_e.npz")
-    np.testing.assert_array_equal(kept.shown.run.true_rad, runs["W_e"]["true_rad"])
+    np.testing.assert_array_equal(kept.shown.true, runs["W_e"]["true_rad"])
     marks = [(mark.actuator, mark.failed_s, mark.is_found) for mark in kept.shown.marks]
     assert marks == [(0, 0.0, False)]
     assert kept.experiment == "table1"
     assert kept.properties["detector_noise_m"] == table1["bench"]["detector_noise_m"]
-    assert read_run(table1_folder / "W_a.npz").shown.marks == []
+    assert not read_run(table1_folder / "W_a.npz").shown.marks
     found = read_run(recover_folder / "locked.npz").shown.marks[0]
     assert found.failed_s < found.diagnosed_s < found.failed_s + 0.3
     assert found.diagnosis == "found: strut 1 locked"
-    rms_urad = pointing_rms_urad(kept.shown.run)
+    rms_urad = 1e6 * np.sqrt((kept.shown.error**2).mean(axis=0))
     assert f"| here | {rms_urad[0]:.4f}" in rrd.notes(table1_folder / "W_e.rrd")
 
 

@@ -14,16 +14,17 @@ from PIL import Image
 
 from experiments.app.cli import main
 from experiments.recording import animation as animations
-from experiments.recording.animated import Animated, of_hexapod, of_robot
+from experiments.recording.animated import Animated
 from experiments.recording.animation import Animation, figure_at, state_at, write_animation
+from experiments.recording.hexapod import of_hexapod
+from experiments.recording.keep import read_run
 from experiments.recording.marks import Mark
-from experiments.recording.shown import Shown
 from experiments.rig.arm import ARM_MJCF
 from experiments.rig.hexapod.simulation import Trajectory
 from experiments.study.files import write_arrays
 from experiments.study.plotting import BLACK, BLUE, VERMILION
 from experiments.study.study import WrongInput
-from sim import load_model, model_sha256
+from sim import HEXAPOD_MJCF, load_model, model_sha256
 from tests.made import made_run
 
 FAILED, NAMED = 150, 170
@@ -42,6 +43,8 @@ def keep_arm_run(folder: Path, left: float, *, found: bool) -> Path:
     named = {"actuator": "motor2", "kind": "locked", "time_s": NAMED / 100, "delay_s": 0.2}
     summary = {
         "model_sha256": model_sha256(ARM_MJCF),
+        "robot": "arm",
+        "major": [3, 5, 4],
         "units": ["m"] * 3,
         "actuators": [f"motor{k}" for k in range(1, 8)],
         "bodies": [*(f"link{k}" for k in range(1, 7)), "camera"],
@@ -49,9 +52,10 @@ def keep_arm_run(folder: Path, left: float, *, found: bool) -> Path:
         "diagnoses": [named] if found else [],
     }
     folder.mkdir(parents=True)
-    write_arrays(
-        folder / "track.npz", {"time_s": time_s, "desired": desired, "true": true, "qpos": qpos}
-    )
+    arrays = {"time_s": time_s, "desired": desired, "true": true, "measured": true, "qpos": qpos}
+    arrays |= {"task": np.zeros((400, 6)), "closure_residual_m": np.zeros(400)}
+    arrays |= dict.fromkeys(("inputs", "displacement"), qpos)
+    write_arrays(folder / "track.npz", arrays)
     (folder / "track.json").write_text(json.dumps(summary))
     return folder / "track.npz"
 
@@ -66,7 +70,11 @@ def files(tmp_path_factory) -> list[Path]:
 
 
 def arm_run(file: Path) -> Animated:
-    return of_robot(file.parent.name, load_model(ARM_MJCF), file, model_sha256(ARM_MJCF))
+    return Animated(file.parent.name, read_run(file).shown)
+
+
+def changed(one: Animated, **shown: object) -> Animated:
+    return replace(one, shown=replace(one.shown, **shown))
 
 
 @pytest.fixture(scope="module")
@@ -86,7 +94,7 @@ def words(figure: Figure) -> list[str]:
 
 def test_two_runs_have_the_same_scales(both):
     """Also where one leaves the path far and the other hardly moves."""
-    spread = replace(both.runs[1], factor=100 * both.runs[0].factor)
+    spread = changed(both.runs[1], factor=100 * both.runs[0].factor)
     for animation in (both, Animation([both.runs[0], spread])):
         left, right = panels(animation, 300)
         for one, other in zip(left, right, strict=True):
@@ -116,18 +124,21 @@ def test_the_error_drawn_is_that_of_the_run(both):
 def test_runs_of_different_paths_or_durations_are_refused(both):
     one = both.runs[0]
     for other, said in (
-        (replace(one, desired=1.01 * one.desired), "different paths"),
-        (replace(one, time_s=2 * one.time_s), "duration"),
-        (replace(one, time_s=one.time_s[:-1], desired=one.desired[:-1]), "duration"),
-        (replace(one, unit="rad"), "the same task"),
-        (replace(one, desired=one.desired[:, :2]), "the same task"),
+        (changed(one, desired=1.01 * one.desired), "different paths"),
+        (changed(one, time_s=2 * one.time_s), "duration"),
+        (changed(one, time_s=one.time_s[:-1], desired=one.desired[:-1]), "duration"),
+        (changed(one, row_units=("rad",) * 3), "the same task"),
+        (changed(one, row_units=("m", "m", "rad")), "the same task"),
     ):
         with pytest.raises(WrongInput, match=f"^unaware and unaware .*{said}[^.]*$"):
             Animation([one, other])
 
 
 def test_each_column_says_what_its_controller_knows(both):
-    works, found = (BLACK, "all actuators work"), (BLUE, "found: motor2 locked, after 200 ms")
+    works, found = (
+        (BLACK, "all actuators work"),
+        (BLUE, "motor2 locked, named locked, after 200 ms"),
+    )
     failed = VERMILION, "motor2 locked"
     for tick, left, right in (
         *((FAILED - 1, works, works), (FAILED, failed, failed)),
@@ -149,15 +160,15 @@ def test_what_has_failed_is_red_from_the_failure_on(both):
 
 def test_a_robot_is_drawn_where_its_joints_have_it_and_magnified_about_its_start(both, files):
     """Points of its geoms by MuJoCo's kinematics; origins of bodies move so many times as far."""
-    one, data = both.runs[0], mujoco.MjData(both.runs[0].model)
+    one, data = both.runs[0], mujoco.MjData(both.runs[0].shown.model)
     with np.load(files[0]) as arrays:
         qpos = arrays["qpos"]
     origins = []
     for tick in (0, 90):
         data.qpos[:] = qpos[tick]
-        mujoco.mj_kinematics(one.model, data)
+        mujoco.mj_kinematics(one.shown.model, data)
         origins.append(data.xpos.copy())
-        placed = one.surface.placed(one.motion([tick], 1), 0)
+        placed = one.surface.placed(one.shown.motion([tick], 1), 0)
         for body in set(one.surface.bodies.tolist()):
             own = one.surface.bodies == body
             rotation = data.xmat[body].reshape(3, 3)
@@ -165,7 +176,7 @@ def test_a_robot_is_drawn_where_its_joints_have_it_and_magnified_about_its_start
                 (placed[own] - data.xpos[body]) @ rotation, one.surface.points_m[own], atol=1e-12
             )
     assert one.factor > 1
-    larger = one.motion([90], one.factor).position_m[0]
+    larger = one.shown.motion([90], one.factor).position_m[0]
     np.testing.assert_allclose(
         larger - origins[0], one.factor * (origins[1] - origins[0]), atol=1e-12
     )
@@ -182,7 +193,7 @@ def test_the_frames_begin_shortly_before_the_failure_and_run_forward(both):
     shown_ms = sum(frame.shown_ms for frame in both.frames if frame.tick <= FAILED)
     assert shown_ms < 2000
     assert sum(frame.shown_ms for frame in both.frames) < 8000
-    whole = Animation([replace(both.runs[0], marks=())]).frames
+    whole = Animation([changed(both.runs[0], marks=())]).frames
     assert whole[0].tick == 0
     assert np.ptp(np.diff([frame.tick for frame in whole])) <= 1
 
@@ -194,7 +205,7 @@ def run() -> Trajectory:
 
 def test_the_hexapod_is_drawn_alone_with_its_own_factor(model, run):
     mark = Mark(0, run.time_s[200], "strut 1 locked", run.time_s[224], "found: strut 1 locked")
-    alone = Animation([of_hexapod("locked", model, Shown(run, [mark]))])
+    alone = Animation([Animated("locked", of_hexapod(run, model, [mark]))])
     ((machine, _, error),) = panels(alone, 300)
     off_urad = 1e6 * np.linalg.norm(run.desired_rad[300] - run.true_rad[300])
     assert error.get_title() == f"error {off_urad:.1f} µrad"
@@ -240,6 +251,24 @@ def test_the_command_writes_the_animation_of_the_hexapod(run, tmp_path, monkeypa
     assert out.read_bytes()[:6] == b"GIF89a"
 
 
+@pytest.mark.parametrize("units", [["m"], ["rad", "m"], ["rad", "m", "m"]])
+def test_rows_that_make_no_plane_are_drawn_over_time(both, units):
+    """The first row, and the error of those in its unit alone."""
+    n = len(units)
+    one = changed(
+        both.runs[0],
+        row_units=tuple(units),
+        rows=both.runs[0].shown.rows[:n],
+        desired=both.runs[0].desired[:, :n],
+        true=both.runs[0].true[:, :n],
+    )
+    ((_, path, _),) = panels(Animation([one]), 300)
+    trace = np.asarray(path.lines[1].get_xydata())
+    assert (np.diff(trace[:, 0]) > 0).all()
+    np.testing.assert_array_equal(trace[:, 1], one.true[:301, 0])
+    np.testing.assert_allclose(one.error, np.abs(one.desired - one.true)[:, 0])
+
+
 ARM = ["--model", str(ARM_MJCF)]
 
 
@@ -251,19 +280,19 @@ ARM = ["--model", str(ARM_MJCF)]
         ("other.npz", [], "is not a run of the hexapod"),
         ("missing.npz", [], "there is no file"),
         ("run.npz", ARM, "six actuators"),
-        ("arm/track.npz", [], "is a run of another machine"),
+        ("arm/track.npz", ["--model", str(HEXAPOD_MJCF)], "is a run of another machine"),
         ("other_file/track.npz", ARM, "is a run of another machine"),
+        ("other_file/track.npz", [], "none of models/, and the file is not there as it was"),
         ("run.npz run.npz run.npz", [], "one run or two, got 3"),
         ("no_json/track.npz", ARM, "there is no file"),
         ("spoilt/track.npz", ARM, "are not a run"),
-        ("mixed/track.npz", ARM, "no path in a plane"),
     ],
 )
 def test_what_cannot_be_animated_is_one_sentence(capsys, run, tmp_path, names, options, said):
     write_arrays(tmp_path / "run.npz", vars(run))
     write_arrays(tmp_path / "other.npz", {"x": np.zeros(3)})
     (tmp_path / "text.npz").write_text("text")
-    for folder in ("arm", "other_file", "no_json", "spoilt", "mixed"):
+    for folder in ("arm", "other_file", "no_json", "spoilt"):
         stated = keep_arm_run(tmp_path / folder, 0.2, found=True).with_name("track.json")
         summary = json.loads(stated.read_text())
         match folder:
@@ -273,8 +302,6 @@ def test_what_cannot_be_animated_is_one_sentence(capsys, run, tmp_path, names, o
                 stated.write_text(json.dumps(summary | {"model_sha256": "0"}))
             case "spoilt":
                 stated.write_text(json.dumps(summary | {"failures": [{"actuator": "motor9"}]}))
-            case "mixed":
-                stated.write_text(json.dumps(summary | {"units": ["rad", "m", "m"]}))
     out = ["--out", str(tmp_path / "new" / "a.gif")]
     places = [str(tmp_path / name) for name in names.split()]
     assert main(["animate", *places, *out, *options]) == 2

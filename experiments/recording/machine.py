@@ -1,0 +1,223 @@
+"""A machine in 3D, drawn as its MJCF says: its bodies move, what has failed is coloured."""
+
+import copy
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import mujoco
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+from rerun_loader_mjcf import MJCFLogger, MJCFLogPaths
+from scipy.spatial.transform import Rotation
+
+from experiments.recording import Array
+from experiments.recording.file import TIMELINE, at_most, rgb, round_down, time_column
+from experiments.recording.marks import Mark
+from experiments.rig.bodies import body_name
+from experiments.study.palette import FAILED
+
+_PICTURES_HZ = 25
+_DISTANCE = 1.6
+"""Of the eye, in extents of the machine: all of it is seen, and labels beside it."""
+_BESIDE, _ABOVE, _BELOW = 0.3, 0.55, 0.09
+"""How far from the middle labels stand, and below each other, in extents of the machine."""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """B bodies of a machine at T times, in MuJoCo's world: (T, B, 3, 3) and (T, B, 3)."""
+
+    names: tuple[str, ...]
+    rotation: Array
+    position_m: Array
+
+
+def motion_of(model: mujoco.MjModel, qpos: Array) -> Motion:
+    """All bodies at positions (T, nq)."""
+    data = mujoco.MjData(model)
+    names = tuple(body_name(model, k) for k in range(model.nbody))
+    rotation = np.empty((len(qpos), model.nbody, 3, 3))
+    position_m = np.empty((len(qpos), model.nbody, 3))
+    for k, data.qpos[:] in enumerate(qpos):
+        mujoco.mj_kinematics(model, data)
+        rotation[k], position_m[k] = data.xmat.reshape(-1, 3, 3), data.xpos
+    return Motion(names, rotation, position_m)
+
+
+def exaggerated(motion: Motion, nominal: Motion, factor: float) -> Motion:
+    """The motion with every body's displacement from its nominal pose multiplied by a factor.
+
+    Rotation vectors and translations of the bodies' origins are multiplied: to first order loops
+    stay closed.
+    """
+    vector, shift = _displacement(motion, nominal)
+    turn = Rotation.from_rotvec(factor * vector.reshape(-1, 3)).as_matrix()
+    larger = turn.reshape(motion.rotation.shape) @ nominal.rotation
+    return Motion(motion.names, larger, nominal.position_m + factor * shift)
+
+
+def _displacement(motion: Motion, nominal: Motion) -> tuple[Array, Array]:
+    """Rotation vectors and translations from the nominal poses, shape (T, B, 3) each."""
+    turn = motion.rotation @ nominal.rotation.swapaxes(-1, -2)
+    vector = Rotation.from_matrix(turn.reshape(-1, 3, 3)).as_rotvec()
+    return vector.reshape(motion.position_m.shape), motion.position_m - nominal.position_m
+
+
+def exaggeration_of(motion: Motion, nominal: Motion) -> int:
+    """A round factor that makes the motion of all bodies visible."""
+    vector, shift = _displacement(motion, nominal)
+    return exaggeration(float(np.abs(vector).max()), float(np.abs(shift).max()))
+
+
+def exaggeration(angle_rad: float, distance_m: float) -> int:
+    """A round factor (1, 2, 5, 10, ...) that makes a motion visible: up to 7 degrees and 30 mm."""
+    most = min(0.12 / max(angle_rad, 1e-12), 0.03 / max(distance_m, 1e-12))
+    return int(round_down(np.clip(most, 1.0, 5e9)))
+
+
+def stills(time_s: Array) -> slice:
+    """The samples that are drawn in 3D, of evenly spaced ones."""
+    return at_most(_PICTURES_HZ, time_s)
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A machine at times (T,), as it is drawn.
+
+    Attributes:
+        model: Of all geoms.
+        time_s: (T,).
+        motion: Of its bodies, magnified by the factor.
+        factor: See there.
+        failing: Failures, each with the bodies that the actuator moves; without any, no picture.
+        colors: Of bodies over time, (T, 3) in 0..255, until they fail.
+        fixtures: What else moves with bodies, by entities below them.
+        words: On colours and the like, for the title.
+    """
+
+    model: mujoco.MjModel
+    time_s: Array
+    motion: Motion
+    factor: int
+    failing: Sequence[tuple[Sequence[str], Mark]] = ()
+    colors: Mapping[str, Array] = field(default_factory=dict)
+    fixtures: Mapping[str, rr.AsComponents] = field(default_factory=dict)
+    words: str = ""
+
+    @property
+    def title(self) -> str:
+        """By how much motion is magnified, and what colours mean."""
+        size = f"motion x{self.factor}" if self.factor > 1 else ""
+        return "; ".join(filter(None, (size, self.words)))
+
+
+def log_machine(recording: rr.RecordingStream, entity: str, picture: Picture) -> None:
+    """Log the geoms of an MJCF below an entity, their motion, and what fails of them."""
+    motion, time_s, begin_s = picture.motion, picture.time_s, float(picture.time_s[0])
+    logger = MJCFLogger(_drawn_once(picture.model), entity_path_prefix=entity)
+    recording.set_time(TIMELINE, duration=begin_s)
+    logger.log_model(recording)
+    for k, name in enumerate(motion.names):
+        place, turn = motion.position_m[:, k], motion.rotation[:, k]
+        moves = np.ptp(place, axis=0).any() or np.ptp(turn, axis=0).any()
+        rows = slice(None if moves else 1)
+        columns = rr.Transform3D.columns(
+            translation=place[rows], quaternion=Rotation.from_matrix(turn[rows]).as_quat()
+        )
+        recording.send_columns(body_entity(entity, name), [time_column(time_s[rows])], columns)
+    for below, archetype in picture.fixtures.items():
+        recording.log(body_entity(entity, below), archetype, static=True)
+    failed_s = {
+        name: max(begin_s, mark.failed_s) for names, mark in picture.failing for name in names
+    }
+    for name, colors in picture.colors.items():
+        until = slice(int(np.searchsorted(time_s, failed_s.get(name, np.inf))))
+        _log_colors(recording, entity, picture.model, name, time_s[until], colors[until])
+    number = {body_name(picture.model, k): k for k in range(picture.model.nbody)}
+    for name, when_s in failed_s.items():
+        recording.set_time(TIMELINE, duration=when_s)
+        logger.set_body_color(number[name], [*np.divide(rgb(FAILED), 255), 1.0], recording)
+    recording.reset_time()
+    for k, (names, mark) in enumerate(picture.failing):
+        if names:
+            _log_label(recording, f"{entity}/labels/failure_{k}", picture, names, mark)
+
+
+def _drawn_once(model: mujoco.MjModel) -> mujoco.MjModel:
+    """The model without collisions: the loader leaves out, or draws twice, geoms that collide."""
+    drawn = copy.copy(model)
+    drawn.geom_contype[:] = drawn.geom_conaffinity[:] = 0
+    return drawn
+
+
+def body_entity(entity: str, body: str) -> str:
+    """The entity of a body's pose; what is logged below it moves with the body."""
+    return MJCFLogPaths(entity).body_path(body)
+
+
+def _log_colors(
+    recording: rr.RecordingStream,
+    entity: str,
+    model: mujoco.MjModel,
+    name: str,
+    time_s: Array,
+    colors: Array,
+) -> None:
+    """Colour the cylinders of a body over time."""
+    body = model.body(name)
+    for k in range(body.geomadr[0], body.geomadr[0] + body.geomnum[0]):
+        if len(time_s) and model.geom_type[k] == mujoco.mjtGeom.mjGEOM_CYLINDER:
+            geom = model.geom(k).name or f"geom_{k}"
+            columns = rr.Cylinders3D.columns(colors=colors)
+            path = f"{MJCFLogPaths(entity).visual_root}/{name}/{geom}"
+            recording.send_columns(path, [time_column(time_s)], columns)
+
+
+def _log_label(
+    recording: rr.RecordingStream, path: str, picture: Picture, bodies: Sequence[str], mark: Mark
+) -> None:
+    """Log what is known of a failure beside the machine, and a line from there to the bodies."""
+    since = picture.time_s >= mark.failed_s - 1e-9
+    if not since.any():
+        return
+    at = [picture.motion.names.index(name) for name in bodies]
+    joint = picture.motion.position_m[since][:, at].mean(axis=1)
+    model, extent = picture.model, float(picture.model.stat.extent)
+    right = np.cross(_ahead(model), [0, 0, 1])
+    right /= np.linalg.norm(right)
+    side = 1 if (joint[0] - model.stat.center) @ right >= 0 else -1
+    row = [each for _, each in picture.failing].index(mark)
+    up = (_ABOVE - _BELOW * row) * np.cross(right, _ahead(model))
+    place = model.stat.center + extent * (side * _BESIDE * right + up)
+    color, lines = rgb(FAILED), np.stack([np.broadcast_to(place, joint.shape), joint], axis=1)
+    style = rr.LineStrips3D.from_fields(colors=[color], radii=[-0.5])
+    recording.log(f"{path}/line", style, static=True)
+    columns = rr.LineStrips3D.columns(strips=lines)
+    recording.send_columns(f"{path}/line", [time_column(picture.time_s[since])], columns)
+    style = rr.Points3D.from_fields(
+        positions=[place], colors=[color], radii=[-2.0], show_labels=True
+    )
+    recording.log(f"{path}/text", style, static=True)
+    known = [(mark.failed_s, mark.failure), (mark.diagnosed_s, mark.diagnosis)]
+    times, labels = zip(*known[: 1 + mark.is_found], strict=True)
+    columns = rr.Points3D.columns(labels=labels)
+    recording.send_columns(f"{path}/text", [time_column(np.array(times))], columns)
+
+
+def _ahead(model: mujoco.MjModel) -> Array:
+    """The direction in which a machine is seen, as its MJCF says."""
+    azimuth, elevation = np.deg2rad([model.vis.global_.azimuth, model.vis.global_.elevation])
+    level = np.cos(elevation)
+    return np.array([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)])
+
+
+def machine_view(entity: str, name: str, model: mujoco.MjModel) -> rrb.Spatial3DView:
+    """A mechanism, seen as its MJCF says."""
+    eye = rrb.EyeControls3D(
+        kind=rrb.Eye3DKind.Orbital,
+        position=model.stat.center - _DISTANCE * model.stat.extent * _ahead(model),
+        look_target=model.stat.center,
+        eye_up=[0, 0, 1],
+    )
+    return rrb.Spatial3DView(origin=entity, name=name, eye_controls=eye, line_grid=False)

@@ -1,0 +1,129 @@
+"""The survey of a robot or a matrix: at the start, and over the workspace."""
+
+import shlex
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from experiments.rig.choices import Diagnosing
+from experiments.rig.conditions import Codes, few_failures, with_failures
+from experiments.rig.examined import Examined, examine
+from experiments.rig.options import RobotOptions
+from experiments.study.study import OnProgress
+from experiments.survey import STUDY
+from experiments.survey.alike import Columns, alike_columns
+from experiments.survey.extent import Extent, extent_of
+from experiments.survey.hold import limits_about_rest
+from experiments.survey.matrix import matrix_subject
+from experiments.survey.recheck import recheck
+from experiments.survey.robot import robot_subject
+from experiments.survey.sensors import MOST_ACTUATORS, Sensors, sensors_of
+from experiments.survey.survey import Count, Subject, Survey
+from experiments.survey.workspace import at_best_posture, workspace_of
+from sim import HEXAPOD_MJCF
+
+_QUICK = 8
+"""Postures at most."""
+_NO_OTHER = (
+    "No other posture than the start was examined: no joint can be varied, or the loops could not "
+    "be closed within the joint ranges."
+)
+
+
+def run_survey(
+    *,
+    seed: int,
+    quick: bool,
+    on_progress: OnProgress,
+    model: Path | None,
+    matrix: Path | None,
+    lower: str | None,
+    upper: str | None,
+    hold: str | None,
+    postures: int,
+    sensors: Diagnosing,
+    servo: float | None,
+    **robot: Any,
+) -> Survey:
+    """Examine a robot, or a matrix; `robot` is of :class:`RobotOptions`, without those left None.
+
+    Raises:
+        WrongInput: Something that the file does not have.
+        sim.ModelError: The file, or what it says.
+    """
+    given = {"lower": lower, "upper": upper, "hold": hold, "postures": postures} | robot
+    given |= {"sensors": sensors, "servo": servo}
+    command = STUDY.words(seed=seed, quick=quick, model=model, matrix=matrix, **given)
+    if matrix is not None:
+        subject = matrix_subject(matrix, lower, upper, robot["major"], hold)
+    else:
+        subject = robot_subject(model, robot_options(model, **robot), lower, upper)
+    extent = extent_of(subject)
+    start = examine_at_start(subject, extent, few_failures(len(subject.actuators), extent.listed))
+    workspace, left_out = None, extent.left_out
+    count = min(postures, _QUICK) if quick else postures
+    if subject.robot is not None and count > 0:
+        workspace = workspace_of(subject, subject.robot, extent, count, seed, on_progress)
+        left_out += () if workspace else (_NO_OTHER,)
+        if workspace and not start.survived[0] and workspace.survived[:, 0].any():
+            subject = at_best_posture(subject, subject.robot, workspace, start.reason(0))
+            start = examine_at_start(subject, extent, start.codes)
+    counts, checked = tuple(_counts(subject, extent)), recheck(subject, start)
+    said, isolation = shlex.join(command), _isolation(model, subject, sensors, servo)
+    return Survey(said, seed, subject, start, counts, workspace, checked, isolation, left_out)
+
+
+def _isolation(
+    model: Path | None, subject: Subject, sensors: Diagnosing, servo: float | None
+) -> Sensors | Columns | str:
+    """Of a robot by its sensors, of a matrix by its columns."""
+    robot = subject.robot
+    if robot is None:
+        return alike_columns(subject.system.J_T, subject.system.rank_tolerance)
+    if sensors == "off":
+        return "it was not asked for"
+    if (count := len(subject.actuators)) > MOST_ACTUATORS:
+        return f"it takes minutes for more than {MOST_ACTUATORS} actuators; there are {count}"
+    at = None if subject.instead is None else robot.scene.start.qpos
+    # The loops are of position servos; all else takes the file as it is.
+    return sensors_of(model or HEXAPOD_MJCF, replace(robot.options, servo=servo), at)
+
+
+def robot_options(model: Path | None, **given: Any) -> RobotOptions:
+    """Options of a robot, defaults for None; of the hexapod its own axes.
+
+    Raises:
+        WrongInput: See :class:`RobotOptions`.
+    """
+    usual: dict[str, Any] = {"axes": "base"} if model is None else {}
+    return RobotOptions(
+        **usual | {name: value for name, value in given.items() if value is not None}
+    )
+
+
+def examine_at_start(subject: Subject, extent: Extent, codes: Codes) -> Examined:
+    """These conditions with all that is computed."""
+    torques = subject.torques.values if subject.torques is not None and extent.force else None
+    return examine(
+        subject.system,
+        subject.major,
+        codes,
+        rates=limits_about_rest(subject, codes) if extent.speed else None,
+        torques=torques,
+        are_joints=subject.robot is not None,
+    )
+
+
+def _counts(subject: Subject, extent: Extent) -> Iterator[Count]:
+    """How many conditions survive, by their number of failures."""
+    if extent.counted <= extent.listed:
+        return
+    lower, upper = subject.rates.values
+    decide = subject.hold is not None or bool(((lower >= 0.0) | (upper <= 0.0)).any())
+    cheaper = replace(extent, speed=extent.speed and decide, force=False)
+    n = len(subject.actuators)
+    for failures in range(extent.counted + 1):
+        codes = with_failures(n, failures)
+        survived = examine_at_start(subject, cheaper, codes).survived
+        yield Count(failures, len(codes), int(survived.sum()))

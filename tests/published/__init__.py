@@ -1,0 +1,1 @@
+"""What other people published of robots that we did not choose."""

@@ -1,0 +1,159 @@
+"""The mean-square theorem of Ukidve, McInroy and Jafari (2008), and how good a worst case can be.
+
+"Quantifying and optimizing failure tolerance of a class of parallel manipulators", in Parallel
+Manipulators, Towards New Applications (2008), theorem 1 (proof: eqs. 13 to 15) and eq. (17).
+"""
+
+from itertools import combinations
+from math import comb
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.linalg import null_space
+
+from prioritized import ConstrainedSystem
+from sim import jacobians
+from tests.pages import run
+from tests.random_systems import SEEDS
+
+PAGE = Path(__file__).parents[2] / "docs" / "published" / "relative-manipulability.md"
+SIZES = [(7, 6, 1), (8, 6, 1), (8, 6, 2), (7, 3, 2), (9, 6, 3)]
+
+
+@pytest.fixture(scope="module")
+def page():
+    """Names of the page's script, which prints what the page says."""
+    return run(PAGE.read_text())
+
+
+def theorem(n: int, m: int, i: int) -> float:
+    return comb(n - i, m) / comb(n, m)
+
+
+def assert_theorem(r: np.ndarray, J: np.ndarray, i: int) -> None:
+    """Of all relative manipulabilities; volumes of a badly conditioned J keep fewer digits."""
+    m, n = J.shape
+    assert len(r) == comb(n, i)
+    exact = max(1e-12, 1e-15 * np.linalg.cond(J))
+    np.testing.assert_allclose(np.mean(r**2), theorem(n, m, i), rtol=exact)
+
+
+def system_of(J: np.ndarray) -> ConstrainedSystem:
+    return ConstrainedSystem(J, None, range(J.shape[1]))
+
+
+def squared_volume(J: np.ndarray) -> float:
+    """det(J J^T) as the sum of the squares of all largest minors: Cauchy and Binet."""
+    m, n = J.shape
+    return sum(np.linalg.det(J[:, columns]) ** 2 for columns in combinations(range(n), m))
+
+
+@given(SEEDS, st.sampled_from(SIZES))
+def test_the_mean_square_is_that_of_the_theorem_on_any_matrix(page, seed, size):
+    n, m, i = size
+    J = np.random.default_rng(seed).normal(size=(m, n))
+    r = page["relative"](system_of(J), i)
+    assert_theorem(r, J, i)
+    left = [squared_volume(np.delete(J, lost, axis=1)) for lost in combinations(range(n), i)]
+    # Of a nearly singular remainder the determinant keeps fewer digits than the singular values.
+    np.testing.assert_allclose(r**2, np.array(left) / squared_volume(J), rtol=1e-9, atol=1e-12)
+
+
+@given(SEEDS, st.sampled_from(SIZES))
+def test_the_mean_square_is_that_of_the_theorem_on_any_arm(page, seed, size):
+    n, m, i = size
+    model = mujoco.MjModel.from_xml_string(page["arm"](n, np.random.default_rng(seed)))
+    jac = jacobians(model, mujoco.MjData(model), site="tool")
+    r = page["relative"](ConstrainedSystem(jac.J_T[-m:], None, jac.active), i)
+    assert_theorem(r, jac.J_T[-m:], i)
+
+
+@pytest.mark.parametrize("rows", [[0, 1], [0, 1, 2], [0, 1, 5]])
+@pytest.mark.parametrize("i", [1, 2])
+def test_the_mean_square_is_that_of_the_theorem_on_the_hexapod(page, model, rows, i):
+    """Its closed loops are eliminated first; pointing, turns, and pointing with height."""
+    jac = jacobians(model, mujoco.MjData(model), site="payload", axes="base")
+    system = ConstrainedSystem(jac.J_T[rows], jac.J_C, jac.active)
+    assert_theorem(page["relative"](system, i), system.kinematics().J, i)
+
+
+def of_null_space(N: np.ndarray) -> np.ndarray:
+    """A Jacobian (m, n) with orthonormal rows whose null space has these rows (n, n - m)."""
+    return null_space(N.T).T
+
+
+def spokes(n: int) -> np.ndarray:
+    angle = np.pi * np.arange(n) / n
+    return np.column_stack([np.cos(angle), np.sin(angle)])
+
+
+@pytest.mark.parametrize(
+    ("J", "best"),
+    [
+        (np.array([np.cos(np.deg2rad([0, 120, 240])), np.sin(np.deg2rad([0, 120, 240]))]), 0.577),
+        (of_null_space(np.ones((7, 1))), 0.378),
+        (of_null_space(spokes(8)), 0.5),
+    ],
+    ids=["three hinges", "7 for 6", "8 for 6"],
+)
+def test_for_one_failure_the_best_worst_case_is_possible(page, J, best):
+    m, n = J.shape
+    r = page["relative"](system_of(J), 1)
+    np.testing.assert_allclose(r, np.sqrt(theorem(n, m, 1)), rtol=1e-12)
+    assert r.min() == pytest.approx(best, abs=5e-4)
+
+
+@pytest.mark.parametrize("n", [3, 4, 7])
+def test_the_slowest_direction_of_an_optimal_robot_keeps_one_over_root_n_of_its_speed(n):
+    """Whichever of n = m + 1 actuators locks: the worst case that Maciejewski and Roberts design.
+
+    2 by 3, 3 by 4 and 6 by 7: K. Ben-Gharbia, A. Maciejewski, R. Roberts, "A kinematic analysis and
+    evaluation of planar robots designed from optimally fault-tolerant Jacobians", IEEE Trans.
+    Robotics 30(2), 2014 (0.577), and the same group's on spatial ones (0.5, 0.378); recalled.
+    """
+    system, rows = system_of(of_null_space(np.ones((n, 1)))), range(n - 1)
+    assert system.kinematics().manipulability(rows).worst_gain == pytest.approx(1.0)
+    for lost in range(n):
+        left = system.with_failures(locked=[lost]).kinematics().manipulability(rows)
+        assert left.worst_gain == pytest.approx(1 / np.sqrt(n), rel=1e-12)
+
+
+def best_of_two_failures(n: int) -> float:
+    """The largest least relative manipulability of n = m + 2 actuators; proved on the page."""
+    return 2 * np.sin(np.pi / n) / n
+
+
+@pytest.mark.parametrize("n", [3, 4, 6, 8])
+def test_for_two_failures_spokes_are_the_best_and_below_the_bound_of_the_theorem(page, n):
+    r = page["relative"](system_of(of_null_space(spokes(n))), 2)
+    assert r.min() == pytest.approx(best_of_two_failures(n), rel=1e-9)
+    bound = np.sqrt(theorem(n, n - 2, 2))
+    assert best_of_two_failures(n) == pytest.approx(bound) if n == 3 else r.min() < 0.9 * bound
+
+
+@given(SEEDS, st.integers(4, 8), st.floats(0.0, 1.0))
+def test_for_two_failures_no_robot_is_better_than_spokes(page, seed, n, bent):
+    """Any, and those near the best: spokes bent by up to as much as they are long."""
+    rows = spokes(n) + bent**4 * np.random.default_rng(seed).normal(size=(n, 2))
+    r = page["relative"](system_of(of_null_space(rows)), 2)
+    assert r.min() <= best_of_two_failures(n) * (1 + 1e-9)
+
+
+@given(SEEDS, st.integers(4, 8))
+def test_a_relative_manipulability_after_two_failures_is_an_area_of_the_null_space(page, seed, n):
+    J = np.random.default_rng(seed).normal(size=(n - 2, n))
+    N = null_space(J)
+    area = [abs(np.linalg.det(N[list(pair)])) for pair in combinations(range(n), 2)]
+    np.testing.assert_allclose(page["relative"](system_of(J), 2), area, rtol=1e-7, atol=1e-12)
+
+
+def test_no_four_vectors_of_a_plane_have_all_areas_equal():
+    """Two of them span the plane: a third is their sum or difference, up to sign and unit."""
+    first, second = np.eye(2)
+    thirds = [a * first + b * second for a in (-1, 1) for b in (-1, 1)]
+    for third, fourth in combinations(thirds, 2):
+        assert abs(np.linalg.det([third, fourth])) in (0.0, 2.0)

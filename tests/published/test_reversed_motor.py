@@ -1,0 +1,69 @@
+"""What reversing the opposite of a failed motor restores: PX4-Autopilot, pull request 28078."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from prioritized import ConstrainedSystem
+from tests.pages import run
+from tests.published.faces import ARM, DRAG, LARGEST, WEIGHT, distances, effectiveness
+
+PAGE = Path(__file__).parents[2] / "docs" / "published" / "reversed-motor.md"
+IN_PX4 = 0.4
+"""Default of CA_REV_THR_FRAC: "a standard prop has about 40 %" of its thrust in reverse."""
+
+PAIR = 3 * DRAG * ARM * LARGEST / np.hypot(2 * DRAG, ARM)
+"""Distance of hover from a face that only two opposite motors change, all motors sound."""
+YAW = 2 * DRAG * (2 * LARGEST - WEIGHT / 2) / np.hypot(1, DRAG)
+"""From that of two motors of one sense, which is left to them by the third."""
+
+
+@pytest.fixture(scope="module")
+def authority():
+    """The function of the page, which prints what the page says."""
+    return run(PAGE.read_text())["authority"]
+
+
+def test_the_authority_of_all_motors_is_the_distance_of_the_face_of_two(authority):
+    assert authority() == pytest.approx(PAIR, abs=1e-12)
+
+
+@pytest.mark.parametrize("lost", range(6))
+def test_x_of_the_thrust_restores_x_of_the_authority_until_yaw_is_nearer(authority, lost):
+    for x in np.linspace(0, 1, 21):
+        left = authority(lost=[lost], reversed_motor=(lost + 3) % 6, fraction=x)
+        assert left == pytest.approx(min(x * PAIR, YAW), abs=1e-12)
+
+
+def test_the_fraction_of_px4_restores_as_much_of_the_authority(authority):
+    left = authority(lost=[0], reversed_motor=3, fraction=IN_PX4)
+    assert left / authority() == pytest.approx(IN_PX4, abs=1e-12)
+
+
+@pytest.mark.parametrize("turns", ["PNPNPN", "PPNNPN"])
+@pytest.mark.parametrize("x", [0.1, IN_PX4, 1.0])
+def test_every_motor_restores_what_the_formula_of_du_et_al_says(authority, turns, x):
+    B, hover = effectiveness(turns), np.array([WEIGHT, 0, 0, 0])
+    for lost, motor in ((0, 3), (1, 4), (1, 5), (4, 2)):
+        upper = np.where(np.arange(6) == lost, 0.0, LARGEST)
+        lower = np.where(np.arange(6) == motor, -x * LARGEST, 0.0)
+        expected = max(distances(B, hover, lower, upper).min(), 0.0)
+        assert authority(turns, [lost], motor, x) == pytest.approx(expected, abs=1e-9)
+
+
+def test_a_stopped_opposite_leaves_pitch_and_yaw_alike():
+    system = ConstrainedSystem(effectiveness("PNPNPN"), None, range(6))
+    kin = system.with_failures(locked=[0, 3]).kinematics()
+    report = kin.manipulability([0, 1, 2, 3])
+    (lost,) = report.bases["unmanipulable"].T
+    assert lost[:2] == pytest.approx(0, abs=1e-12) and abs(lost[2:]).min() > 0.1
+    assert not kin.manipulability([0, 1, 2]).unmanipulable
+
+
+def test_on_the_other_hexacopter_a_neighbour_helps_and_the_opposite_does_not(authority):
+    sound, without = authority("PPNNPN"), authority("PPNNPN", [1])
+    assert round(100 * without / sound) == 40
+    assert authority("PPNNPN", [1], 4, 1.0) == pytest.approx(without, abs=1e-12)
+    for x in (0.2, 1.0):
+        assert round(100 * authority("PPNNPN", [1], 5, x) / sound) == 64

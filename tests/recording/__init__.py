@@ -1,0 +1,1 @@
+"""One machine in the loop, and its recordings."""

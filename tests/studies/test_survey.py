@@ -1,0 +1,416 @@
+"""`fjh survey`: each number is what one condition has alone, and the report follows its subject."""
+
+import csv
+import json
+import shlex
+from math import comb
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.optimize import linprog
+
+from experiments.app.cli import main
+from experiments.rig.conditions import FREE, LOCKED, few_failures, in_words, with_failures
+from experiments.rig.examined import Examined, directions_in_words, examine
+from experiments.survey.cost import cost_of
+from experiments.survey.results import summarize
+from experiments.survey.runs import run_survey
+from experiments.survey.survey import Survey
+from prioritized import ConstrainedSystem
+from sim import MODELS, ClosureError, assemble
+from tests.pages import assert_prints, blocks
+from tests.random_systems import SEEDS, systems
+
+ROBOT: dict[str, Any] = {
+    "site": "payload",
+    "axes": "base",
+    "keyframe": None,
+    "pinned": None,
+    "major": "0,1",
+}
+
+
+def of_model(name: str, postures: int = 0, seed: int = 0, **options: Any) -> Survey:
+    return survey(MODELS / name, None, postures=postures, seed=seed, **ROBOT | options)
+
+
+def of_matrix(file: Path, **options) -> Survey:
+    robot: dict[str, Any] = dict.fromkeys(ROBOT) | {"site": "payload"}
+    return survey(None, file, **robot | options)
+
+
+def speeds(examined: Examined) -> np.ndarray:
+    """The worst speeds, which were computed."""
+    assert examined.left.worst_speed is not None
+    return examined.left.worst_speed
+
+
+def survey(model, matrix, *, lower=None, upper=None, hold=None, postures=0, seed=0, **options):
+    return run_survey(
+        seed=seed, quick=False, on_progress=lambda done, total: None, model=model, matrix=matrix,
+        lower=lower, upper=upper, hold=hold, postures=postures, sensors="off", servo=None,
+        **options,
+    )  # fmt: skip
+
+
+def written(file: Path, B: np.ndarray) -> Path:
+    np.savetxt(file, B, delimiter=",")
+    return file
+
+
+@given(systems(actives=(2, 3), tasks=(1, 3)), st.data())
+def test_each_condition_is_what_it_is_alone(drawn, data):
+    """By classification and attainable set of one condition, which share none of the batches."""
+    system, n, m = drawn.system, len(drawn.system.active), len(drawn.system.J_T)
+    major = data.draw(st.lists(st.integers(0, m - 1), min_size=1, unique=True))
+    limits = -drawn.rng.uniform(0.5, 2, n), drawn.rng.uniform(0.5, 2, n)
+    codes = few_failures(n)
+    examined = examine(system, major, codes, rates=limits)
+    for row, code in enumerate(codes):
+        locked, free = (np.flatnonzero(code == kind) for kind in (LOCKED, FREE))
+        kin = system.with_failures(locked, free).kinematics()
+        report = kin.manipulability(major)
+        lost = report.unmanipulable or report.unstable_major
+        assert examined.survived[row] == (not lost)
+        radius = 0.0 if lost else kin.attainable(major, limits).radius
+        np.testing.assert_allclose(speeds(examined)[row], radius, rtol=1e-7, atol=1e-9)
+        if not lost:
+            assert examined.largest_gain[row] == pytest.approx(1 / report.worst_gain, rel=1e-6)
+            assert examined.error_gain[row] == pytest.approx(report.largest_gain, rel=1e-6)
+
+
+@given(SEEDS, st.integers(1, 3), st.integers(0, 4), st.integers(1, 3))
+def test_no_robot_exceeds_the_mean_square_over_all_sets_of_locks(seed, m, more, i):
+    """Ukidve, McInroy and Jafari (2008): the mean square is C(n - i, m) / C(n, m), exactly."""
+    n = m + more
+    system = ConstrainedSystem(np.random.default_rng(seed).normal(size=(m, n)), None, range(n))
+    codes = np.vstack([with_failures(n, 0), with_failures(n, min(i, n))])
+    codes = codes[~(codes == FREE).any(axis=1)]
+    examined = examine(system, range(m), codes)
+    mean = (examined.relative_manipulability[1:] ** 2).mean()
+    bound = comb(n - min(i, n), m) / comb(n, m)
+    assert mean == pytest.approx(bound, rel=1e-9, abs=1e-12)
+    np.testing.assert_allclose(examined.best_possible[1:] ** 2, bound, atol=1e-12)
+
+
+B = np.random.default_rng(3).normal(size=(3, 5))
+
+
+def conditions(file: Path, **options) -> dict[str, dict]:
+    return {each["failed"]: each for each in summarize(of_matrix(file, **options))["conditions"]}
+
+
+def test_actuators_in_another_order_have_the_same_report(tmp_path):
+    order = [3, 0, 4, 1, 2]
+    names = [f"a{k}" for k in range(5)]
+    for file, columns in (("one.csv", range(5)), ("other.csv", order)):
+        with (tmp_path / file).open("w") as stream:
+            rows = csv.writer(stream)
+            rows.writerow([names[k] for k in columns])
+            rows.writerows(B[:, list(columns)])
+    one, other = (summarize(of_matrix(tmp_path / f)) for f in ("one.csv", "other.csv"))
+
+    def numbers(summary, key):
+        return {
+            (*sorted(each["locked"]), "|", *sorted(each["free"])): each[key]
+            for each in summary["conditions"]
+        }
+
+    for key in ("worst_effect", "relative_manipulability", "largest_gain", "survived"):
+        assert numbers(one, key) == pytest.approx(numbers(other, key), rel=1e-9)
+    assert one["costliest"]["actuator"] == other["costliest"]["actuator"]
+    assert one["counts"] == other["counts"]
+
+
+def test_other_units_of_the_effects_change_effects_and_gains_alone(tmp_path):
+    one = conditions(written(tmp_path / "one.csv", B))
+    ten = conditions(written(tmp_path / "ten.csv", 10 * B))
+    for failed, each in one.items():
+        other = ten[failed]
+        for key in ("effect_left", "relative_manipulability", "best_possible", "survived"):
+            assert other[key] == pytest.approx(each[key], rel=1e-9), (failed, key)
+        assert other["worst_effect"] == pytest.approx(10 * each["worst_effect"], rel=1e-9)
+        assert other["error_gain"] == pytest.approx(10 * each["error_gain"], rel=1e-9)
+        if each["largest_gain"] is not None:
+            assert 10 * other["largest_gain"] == pytest.approx(each["largest_gain"], rel=1e-9)
+
+
+PLACE = np.deg2rad(60 * np.arange(6))
+
+
+def hexarotor(file: Path, turns: str) -> Path:
+    """Lift, roll, pitch, yaw per thrust, as in examples/multirotor.py."""
+    drag = 0.1 * np.array([1 if turn == "P" else -1 for turn in turns])
+    rows = [np.ones(6), 0.275 * np.sin(PLACE), -0.275 * np.cos(PLACE), drag]
+    return written(file, np.array(rows))
+
+
+def test_a_hexarotor_hovers_without_a_rotor_only_if_some_neighbours_turn_alike(tmp_path):
+    """Du, Quan, Yang and Cai, JGCD 38 (2015)."""
+    hover = {"lower": "0", "upper": "6.125", "hold": f"{1.535 * 9.8},0,0,0"}
+    for turns, kept in {"PNPNPN": 6 * [False], "PPNNPN": 4 * [True] + 2 * [False]}.items():
+        start = of_matrix(hexarotor(tmp_path / "B.csv", turns), **hover).start
+        assert start.survived[0]
+        assert start.survived[start.singles[:, FREE - LOCKED]].tolist() == kept
+
+
+def test_what_is_left_about_a_held_effect_is_what_a_linear_program_reaches(tmp_path):
+    """A locked rotor keeps its thrust, a free one has none; the others have 0 to 6 N."""
+    rng, held = np.random.default_rng(0), np.array([15.0, 0.1, 0, 0])
+    file = hexarotor(tmp_path / "B.csv", "PPNNPN")
+    found = of_matrix(file, lower="0", upper="6", hold="15,0.1,0,0")
+    B = found.subject.system.J_T
+    rest = np.linalg.pinv(B) @ held
+    assert (rest > 0).all() and (rest < 6).all()
+    directions = rng.normal(size=(60, 4))
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    for row in (0, 1, 2, 14):
+        code, reached = found.start.codes[row], []
+        stuck = np.where(code == FREE, 0.0, rest)
+        low, high = np.where(code, stuck, 0.0), np.where(code, stuck, 6.0)
+        bounds = np.column_stack([[*low, 0.0], [*high, np.inf]])
+        for direction in directions:
+            A = np.column_stack([B, -direction])
+            best = linprog([0] * 6 + [-1], A_eq=A, b_eq=held, bounds=bounds)
+            reached.append(best.x[-1] if best.success else 0.0)
+        radius = speeds(found.start)[row]
+        assert min(reached) >= radius * (1 - 1e-9)
+        assert radius == 0.0 or min(reached) < 2 * radius
+
+
+@pytest.mark.parametrize(("hold", "advice"), [(None, "(--hold)"), ("40,0,0,0", "hold less")])
+def test_inputs_without_room_about_rest_are_said_to_have_none(tmp_path, hold, advice):
+    """Thrusts from 0 have none about zero; six of 6 N do not carry 40 N."""
+    found = of_matrix(hexarotor(tmp_path / "B.csv", "PPNNPN"), lower="0", upper="6", hold=hold)
+    assert found.start.verdict(0) == "no room"
+    assert summarize(found)["sentences"][0].endswith(f"{advice}.")
+
+
+def test_a_matrix_is_the_same_with_names_and_without(tmp_path):
+    texts = {
+        "bare.csv": "1,2,0\n0,1,3\n",
+        "header.csv": "a,b,c\n1,2,0\n0,1,3\n",
+        "names.csv": "x,1,2,0\ny,0,1,3\n",
+        "both.csv": ",a,b,c\nx,1,2,0\ny,0,1,3\n",
+        "corner.csv": "a,b,c\nx,1,2,0\ny,0,1,3\n",
+        "blanks.txt": "# from somewhere\n1 2 0\n\n0 1 3\n",
+        "semicolons.csv": "a;b;c\n1;2;0\n0;1;3\n",
+        "tabs.tsv": "\ufeffa\tb\tc\n1\t2\t0\n0\t1\t3\n",
+    }
+    for name, text in texts.items():
+        (tmp_path / name).write_text(text)
+        subject = of_matrix(tmp_path / name).subject
+        np.testing.assert_array_equal(subject.system.J_T, [[1, 2, 0], [0, 1, 3]])
+        has_header = "a" in text.splitlines()[0] and "b" in text.splitlines()[0]
+        assert subject.actuators == (tuple("abc") if has_header else ("u1", "u2", "u3"))
+        assert subject.rows == (tuple("xy") if "x," in text else ("row 0", "row 1"))
+        assert subject.major == (0, 1)
+    assert of_matrix(tmp_path / "both.csv", major="y").subject.major == (1,)
+
+
+WRONG = {
+    "": "has no numbers",
+    "a,b,c\n": "has no numbers",
+    "1,2\n3\n": "row 2 has 1 numbers, row 1 has 2",
+    "1,2\n3,x\n": "row 2, column 2 must be a number",
+    "1,nan\n": "row 1, column 2 must be a number",
+    "1,inf\n": "row 1, column 2 must be a number",
+    "1,2\nx,3\n": "row 2, column 1 must be a number",
+    "1,,2\n": "row 1, column 2 must be a number",
+    "a,a\n1,2\n": "names of columns must differ",
+    "a,b,c,d\n1,2\n": "the first row has 4 names for 2 columns",
+}
+
+
+@pytest.mark.parametrize("text", WRONG, ids=lambda text: repr(text))
+def test_a_file_that_is_no_matrix_is_refused_in_one_sentence(tmp_path, capsys, text):
+    file = tmp_path / "B.csv"
+    file.write_text(text)
+    assert main(["survey", "--matrix", str(file), "--out", str(tmp_path / "out")]) == 2
+    said = capsys.readouterr().err
+    assert WRONG[text] in " ".join(said.split()) and "B.csv" in said
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--lower", "1", "--upper", "-1"], "--lower of u1 is above its --upper: 1 > -1"),
+        (["--lower", "nan"], "--lower must be a number below"),
+        (["--upper", "missing.csv"], "--upper: there is no file"),
+        (["--upper", "L.csv"], "with 3"),
+        (["--hold", "1"], "--hold must be 2 numbers"),
+        (["--hold", "1,x"], "--hold must be 2 numbers"),
+        (["--major", "2"], "--major must be different rows of the matrix"),
+        (["--major", "0,0"], "--major must be different rows of the matrix"),
+        (["--site", "tip"], "--site is for a robot"),
+        (["--postures", "-1"], "--postures must be from 0"),
+    ],
+)
+def test_what_a_matrix_cannot_be_asked_is_refused(tmp_path, capsys, monkeypatch, words, said):
+    monkeypatch.chdir(tmp_path)
+    written(tmp_path / "B.csv", B[:2])
+    written(tmp_path / "L.csv", np.ones((1, 3)))
+    assert main(["survey", "--matrix", "B.csv", *words]) == 2
+    assert said in " ".join(capsys.readouterr().err.split())
+
+
+def test_limits_come_from_files_of_numbers_in_a_row_or_a_column(tmp_path):
+    file = written(tmp_path / "B.csv", B)
+    upper = written(tmp_path / "U.csv", np.arange(1.0, 6.0)[None])
+    column = written(tmp_path / "V.csv", np.arange(1.0, 6.0)[:, None])
+    found = [of_matrix(file, lower="-1", upper=str(each)).start for each in (upper, column)]
+    np.testing.assert_array_equal(speeds(found[0]), speeds(found[1]))
+    kin = ConstrainedSystem(B, None, range(5)).kinematics()
+    radius = kin.attainable(range(3), (-1, range(1, 6))).radius
+    assert speeds(found[0])[0] == pytest.approx(radius)
+
+
+def test_29_actuators_get_singles_and_doubles_and_a_sentence(tmp_path):
+    file = written(tmp_path / "B.csv", np.random.default_rng(0).normal(size=(3, 29)))
+    found = of_matrix(file, major="0")
+    assert len(found.start.codes) == 1 + 2 * 29 + 4 * comb(29, 2)
+    assert found.counts == ()
+    (sentence,) = found.left_out
+    assert "singles and doubles were examined (1,683 conditions)" in sentence
+    assert sentence in summarize(found)["sentences"]
+
+
+def test_of_few_actuators_every_condition_is_counted():
+    found = of_model("hand.xml", major="3,4")
+    assert [each.conditions for each in found.counts] == [1, 8, 24, 32, 16]
+    assert sum(each.conditions for each in found.counts) == 3**4
+    start = found.start
+    for failures in (1, 2):
+        assert found.counts[failures].survived == start.survived[start.failures == failures].sum()
+    assert found.left_out == ()
+
+
+def test_conditions_come_in_the_order_of_the_actuators_locked_before_free():
+    expected = [[0, 0], [1, 0], [2, 0], [0, 1], [0, 2], [1, 1], [1, 2], [2, 1], [2, 2]]
+    assert few_failures(2).tolist() == expected
+    assert with_failures(3, 2)[[0, 4, 8]].tolist() == [[1, 1, 0], [1, 0, 1], [0, 1, 1]]
+
+
+def test_the_arm_keeps_pointing_with_any_joint_locked_and_with_none_free_but_the_last():
+    """A free joint turns the camera by itself, except the last, whose axis is the line of sight."""
+    start = of_model("arm.xml").start
+    assert start.survived[start.singles[:, 0]].all()
+    assert start.survived[start.singles[:, 1]].tolist() == 6 * [False] + [True]
+    assert {start.verdict(row) for row in start.singles[:6, 1]} == {"drifts"}
+    assert start.speed_left[start.singles[6]] == pytest.approx(1.0, rel=1e-9)
+
+
+def test_postures_are_within_the_joint_ranges_and_closed():
+    found = of_model("platform.xml", postures=8, major="3,4")
+    workspace, robot = found.workspace, found.subject.robot
+    assert workspace is not None and robot is not None
+    model = robot.scene.own
+    assert len(workspace.qpos) + workspace.unusable == workspace.tried == 8
+    for qpos in workspace.qpos:
+        data = assemble(model)
+        data.qpos[:] = qpos
+        try:
+            np.testing.assert_allclose(assemble(model, data).qpos, qpos, atol=1e-8)
+        except ClosureError:
+            pytest.fail("an open loop")
+    assert workspace.survived.shape == (len(workspace.qpos), len(found.start.codes))
+
+
+def test_a_seed_draws_the_same_postures_again_and_another_draws_others():
+    one, again, other = (of_model("arm.xml", 4, seed).workspace for seed in (1, 1, 2))
+    assert one is not None and again is not None and other is not None
+    np.testing.assert_array_equal(one.qpos, again.qpos)
+    np.testing.assert_array_equal(one.relative, again.relative)
+    assert not np.allclose(one.qpos, other.qpos)
+
+
+STRETCHED = """
+<mujoco model="stretched"><compiler angle="radian"/><worldbody>
+  <body><joint name="a" axis="0 0 1"/><geom size="0.1"/>
+    <body pos="1 0 0"><joint name="b" axis="0 0 1" range="0 2"/><geom size="0.1"/>
+      <body pos="1 0 0"><joint name="c" axis="0 0 1" range="0 2"/><geom size="0.1"/>
+        <site name="tip" pos="1 0 0"/></body></body></body></worldbody>
+  <actuator>
+    <velocity name="A" joint="a" kv="3" gear="2" ctrlrange="-1 1"/>
+    <velocity name="B" joint="b" kv="3" ctrlrange="-1 3"/>
+    <motor name="C" joint="c" ctrlrange="-7 7"/></actuator></mujoco>
+"""
+
+
+def test_at_a_singular_start_the_best_posture_stands_for_it(tmp_path):
+    """A planar arm stretched out cannot move its tip along itself; bent it can."""
+    file = tmp_path / "stretched.xml"
+    file.write_text(STRETCHED)
+    words = {**ROBOT, "site": "tip", "axes": None, "major": "3,4"}
+    alone, found = (survey(file, None, postures=count, **words) for count in (0, 8))
+    assert alone.start.verdict(0) == "one direction" and alone.subject.instead is None
+    workspace, robot = found.workspace, found.subject.robot
+    assert found.start.survived[0] and workspace is not None and robot is not None
+    best = int(np.argmin(workspace.largest_gain[:, 0]))
+    np.testing.assert_allclose(robot.scene.own_start.qpos, workspace.qpos[best])
+    assert found.start.largest_gain[0] == pytest.approx(workspace.largest_gain[best, 0])
+    said = summarize(found)["sentences"]
+    assert f"number {best}" in said[0]
+    assert "possible at 8 of 8 postures" in " ".join(said)
+
+
+def test_velocity_actuators_limit_rates_and_gears_count(tmp_path):
+    file = tmp_path / "stretched.xml"
+    file.write_text(STRETCHED)
+    words = {**ROBOT, "site": "tip", "axes": None, "major": "4"}
+    found = survey(file, None, **words)
+    subject, summary = found.subject, summarize(found)
+    assert summary["conditions"][0]["worst_speed_m_per_s"] is None
+    assert summary["conditions"][0]["speed_left"] == 1.0
+    assert "No limit bounds the speed" in " ".join(summary["sentences"])
+    np.testing.assert_allclose(subject.rates.values, [[-0.5, -1, -np.inf], [0.5, 3, np.inf]])
+    assert not subject.rates.assumed
+    assert subject.torques is not None
+    np.testing.assert_allclose(subject.torques.values[1], [np.inf, np.inf, 7])
+    given = survey(file, None, lower="-2", upper="2", **words).subject
+    np.testing.assert_array_equal(given.rates.values, [[-2] * 3, [2] * 3])
+
+
+def test_what_is_not_possible_without_failures_is_said_with_what_helps():
+    found = of_model("quadruped.xml", site="front_left", axes=None, major="3,4,5")
+    summary = summarize(found)
+    assert not found.start.survived[0] and cost_of(found) is None
+    assert "pin what stands (--pinned)" in summary["sentences"][0]
+    assert summary["costliest"] is None
+    json.dumps(summary, allow_nan=False)
+
+
+def test_a_robot_and_a_matrix_at_once_are_refused(tmp_path, capsys):
+    file = written(tmp_path / "B.csv", B)
+    assert main(["survey", str(MODELS / "arm.xml"), "--matrix", str(file)]) == 2
+    assert "one of them is surveyed at a time" in " ".join(capsys.readouterr().err.split())
+    assert main(["survey", "--hold", "1"]) == 2
+    assert "--hold is for a matrix" in capsys.readouterr().err
+
+
+def test_directions_and_conditions_in_words():
+    rows = ["turn z", "x", "y", "z"]
+    assert directions_in_words(np.zeros((4, 0)), rows) == "nothing"
+    assert directions_in_words(np.eye(4)[:, [2]], rows) == "y"
+    both = np.column_stack([np.eye(4)[1], np.array([0.6, 0, 0, -0.8])])
+    assert directions_in_words(both, rows) == "x; 0.6 turn z - 0.8 z"
+    assert in_words([0, 0], ["a", "b"]) == "sound"
+    assert in_words([1, 2, 1], ["a", "b", "c"]) == "a and c locked, b free"
+
+
+def test_the_page_prints_what_the_command_says(tmp_path, monkeypatch):
+    page = (Path(__file__).parents[2] / "docs" / "survey.md").read_text()
+    assert len(page.splitlines()) <= 100
+    (matrix,) = (content for language, content in blocks(page) if language == "csv")
+    (said,) = (content for language, content in blocks(page) if language == "text")
+    commands = [content for language, content in blocks(page) if language == "sh"]
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "rotors.csv").write_text(matrix)
+    assert main([*shlex.split(commands[1])[1:], "--quiet"]) == 0
+    summary = json.loads((tmp_path / "results" / "survey" / "survey.json").read_text())
+    assert_prints("\n".join(summary["sentences"]), said)

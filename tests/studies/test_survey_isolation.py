@@ -1,0 +1,188 @@
+"""Which failures can be told apart: of a matrix by its columns, of a robot by `ftc.fdi`."""
+
+import itertools
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from experiments.app.cli import main
+from experiments.rig.dither import CONDITIONS, rig_dither
+from experiments.rig.mjcf import robot_rig
+from experiments.rig.options import RobotOptions
+from experiments.survey.alike import alike_columns
+from experiments.survey.isolation import isolation_entry, isolation_sentences
+from experiments.survey.matrix import matrix_subject
+from experiments.survey.sensors import candidates, sensors_of, watched_by, with_outputs
+from ftc.control.minimal import minimal
+from ftc.fdi.separation import separations
+from ftc.tracking import tracking
+from sim import HEXAPOD_MJCF, Mechanism, Plant, load_model
+from tests.random_systems import SEEDS
+
+TOLERANCE = 1e-9
+HAND = HEXAPOD_MJCF.with_name("hand.xml")
+PLACING = RobotOptions(major="3,4")
+
+
+@given(SEEDS, st.integers(1, 4), st.integers(1, 7))
+def test_two_inputs_are_alike_where_their_columns_have_rank_one(seed, rows, columns):
+    """By brute force: the rank of [b_i b_j], of matrices with parallel and empty columns."""
+    rng = np.random.default_rng(seed)
+    some = rng.normal(size=(rows, 3))
+    B = some[:, rng.integers(0, 3, columns)] * rng.choice([-2.0, 1.0, 0.5, 0.0], columns)
+    B = rng.uniform(0.1, 10, (rows, 1)) * B
+    found = alike_columns(B, TOLERANCE)
+    ranks = {
+        (i, j): np.linalg.matrix_rank(B[:, [i, j]], tol=1e-9)
+        for i, j in itertools.combinations(range(columns), 2)
+    }
+    assert set(found.unseen) == {k for k in range(columns) if not B[:, k].any()}
+    seen = set(range(columns)) - set(found.unseen)
+    alike = {pair for group in found.groups for pair in itertools.combinations(group, 2)}
+    assert alike == {pair for pair, rank in ranks.items() if rank == 1 and seen.issuperset(pair)}
+    apart = [pair for pair, rank in ranks.items() if rank == 2]
+    assert (found.nearest is None) == (not apart)
+    if apart:
+        unit = B / np.linalg.norm(B, axis=1, keepdims=True)
+        angles = {pair: angle_deg(*unit[:, pair].T) for pair in apart}
+        assert found.angle_deg == pytest.approx(min(angles.values()), rel=1e-6)
+        assert found.nearest is not None and angles[found.nearest] == pytest.approx(
+            found.angle_deg, rel=1e-6
+        )
+    lonely = [k for k in sorted(seen) if all(k not in pair for pair in alike)]
+    assert found.isolable(columns) == lonely
+
+
+def angle_deg(a: np.ndarray, b: np.ndarray) -> float:
+    """Of two lines, from the cross product's size and the scalar product."""
+    across = np.sqrt(max((a @ a) * (b @ b) - (a @ b) ** 2, 0.0))
+    return float(np.rad2deg(np.arctan2(across, abs(a @ b))))
+
+
+def test_units_of_the_effects_change_no_verdict_and_no_angle():
+    B = np.random.default_rng(5).normal(size=(3, 5))
+    angle = alike_columns(B, TOLERANCE).angle_deg
+    assert alike_columns(np.diag([1e6, 1.0, 1e-6]) @ B, TOLERANCE).angle_deg == pytest.approx(angle)
+
+
+def test_rotors_on_one_arm_look_alike_and_the_sentence_says_so(tmp_path):
+    """Two rotors above each other, in the same sense: one column twice."""
+    (tmp_path / "b.csv").write_text("top,bottom,side,idle\n1,0.5,1,0\n0.2,0.1,-0.2,0\n")
+    subject = matrix_subject(tmp_path / "b.csv", None, None, None, None)
+    entry = isolation_entry(subject, alike_columns(subject.system.J_T, TOLERANCE))
+    assert entry["alike"] == [["top", "bottom"]] and entry["without_effect"] == ["idle"]
+    assert entry["isolable"] == ["side"]
+    said = " ".join(isolation_sentences(entry))
+    assert "top and bottom apart, because their columns are parallel" in said
+    assert "No sensor of the effects sees a failure of idle." in said
+
+
+@pytest.fixture(scope="module")
+def hand():
+    """Two fingers that place an object, and what sensors tell apart of its motors' failures."""
+    found = sensors_of(HAND, PLACING)
+    assert not isinstance(found, str)
+    return robot_rig(HAND, replace(PLACING, sense="both")), found
+
+
+@pytest.mark.long
+def test_what_is_told_apart_is_what_the_library_says_of_each_rig(hand):
+    """The command's own rig for these sensors, its designed dither, and separations."""
+    _, found = hand
+    for sensed in found.sensed:
+        rig = robot_rig(HAND, replace(PLACING, sense=sensed.sense))
+        design = rig_dither(rig, "designed")
+        assert design is not None
+        np.testing.assert_allclose(
+            sensed.separations.distance, design.separations.distance, rtol=1e-6, atol=1e-6
+        )
+        apart = separations(rig.watched, sensed.design.dither, CONDITIONS)
+        assert sensed.separations.isolable() == apart.isolable()
+
+
+@pytest.mark.long
+def test_a_further_sensor_tells_as_much_apart_as_one_that_the_robot_has(hand):
+    """The greedy choice, each beside those before it, one by one; a sensor of the same noise."""
+    rig, found = hand
+    joints = next(each for each in found.sensed if each.sense == "joints")
+    assert joints.added
+    watched, before = watched_by(rig, "joints"), len(joints.separations.isolable())
+    for added in joints.added:
+        told = {}
+        for name, (row, noise) in candidates(rig, "joints").items():
+            more = with_outputs(watched, row[None], [noise])
+            told[name] = len(separations(more, joints.design.dither, CONDITIONS).isolable())
+        assert told[added.name] == added.isolable > before
+        row, noise = candidates(rig, "joints")[added.name]
+        watched, before = with_outputs(watched, row[None], [noise]), added.isolable
+
+
+@pytest.mark.long
+def test_sensors_of_a_survey_are_those_of_the_library(hand):
+    """Built from `ftc` and `sim` alone, as on docs/diagnosis-design.md."""
+    rig, _ = hand
+    model = load_model(HAND)
+    noise = [rig.noise] * 2 + [rig.encoder_noise] * 4
+    track = tracking(
+        Mechanism(model, axes=None),
+        Plant(model, base=None).linear(),
+        [3, 4],
+        noise=noise,
+        period_s=rig.period_s,
+        step_s=model.opt.timestep,
+        goal=rig.goal,
+        sense="both",
+    )
+    ours = watched_by(rig, "both")
+    np.testing.assert_allclose(ours.noise, track.watched.noise)
+    hz = 2 * np.pi * np.array([1.0, 20.0])
+    for one, other in ((ours.plant, track.watched.plant), (minimal(ours.plant), ours.plant)):
+        np.testing.assert_allclose(one(1j * hz), other(1j * hz), rtol=1e-6, atol=1e-9)
+
+
+@pytest.mark.long
+def test_of_many_actuators_a_sentence_says_that_sensors_are_left_out(tmp_path):
+    """A train of thirteen slides."""
+    body = '<body><joint name="j{0}" type="slide" axis="1 {0} 0"/><geom size=".1"/>'
+    train = "".join(body.format(k) for k in range(13)) + '<site name="payload"/>' + 13 * "</body>"
+    motors = "".join(f'<position joint="j{k}" kp="9"/>' for k in range(13))
+    file = tmp_path / "train.xml"
+    file.write_text(f"<mujoco><worldbody>{train}</worldbody><actuator>{motors}</actuator></mujoco>")
+    words = ["survey", str(file), "--major", "3", "--postures", "0", "--quiet"]
+    assert main([*words, "--out", str(tmp_path)]) == 0
+    told = json.loads((tmp_path / "survey.json").read_text())
+    said = "it takes minutes for more than 12 actuators; there are 13"
+    assert told["isolation"] == {"refused": said}
+    assert f"Which failures sensors tell apart is not said: {said}." in told["sentences"]
+
+
+@pytest.mark.long
+def test_the_platform_is_as_on_the_page_on_the_design_of_a_diagnosis():
+    """All legs move alike, and with an exact model every sensor tells all twelve failures apart."""
+    found = sensors_of(HEXAPOD_MJCF.with_name("platform.xml"), PLACING)
+    assert not isinstance(found, str)
+    assert [each.exactly for each in found.sensed] == [12, 12, 12]
+    for each in found.sensed:
+        np.testing.assert_allclose(each.design.dither.direction, np.ones(4), atol=1e-3)
+        assert each.separations.alike_actuators() == ((0, 1, 2, 3),)
+
+
+@pytest.mark.parametrize(
+    ("name", "task", "said"),
+    [
+        ("quadruped", {"site": "trunk", "major": "3,4,5"}, "no actuator moves trunk"),
+        ("hand", {"major": "2,3,4"}, "leaves no motion"),
+        ("humanoid", {"site": "left_hand"}, "is a torque motor"),
+        ("mobile", {"site": "nothing"}, 'no body named "nothing"'),
+    ],
+)
+def test_where_nothing_can_be_said_a_sentence_says_why(name, task, said):
+    """A free base, a task that leaves no motion, torque motors, a wrong name."""
+    found = sensors_of(HEXAPOD_MJCF.with_name(f"{name}.xml"), RobotOptions(**task))
+    assert isinstance(found, str) and "\n" not in found and said in found
+    [sentence] = isolation_sentences({"refused": found})
+    assert sentence.startswith("Which failures sensors tell apart is not said")

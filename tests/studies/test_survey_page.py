@@ -1,0 +1,188 @@
+"""The survey as a page and a recording: whole, escaped, and of motions that are really lost."""
+
+import json
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from experiments.app.cli import main
+from experiments.recording.properties import properties_of
+from experiments.survey import recording
+from experiments.survey.recording import losses, write_losses
+from experiments.survey.runs import run_survey
+from experiments.survey.survey import Survey
+from sim import MODELS
+from tests.rrd import entities, notes, scalars
+
+VOID = {"meta", "img"}
+HOSTILE = ("<script>alert(1)</script>", 'a"onload="x', "r&d")
+
+
+class Page(HTMLParser):
+    """Text, addresses and tags of a page; fails on tags that are not closed in order."""
+
+    def __init__(self, html: str):
+        super().__init__()
+        self.open: list[str] = []
+        self.text, self.addresses, self.tags, self.ids = "", [], set(), []
+        self.feed(html)
+        self.close()
+        assert self.open == []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        """Called by the parser."""
+        given = dict(attrs)
+        assert len(given) == len(attrs) and not any(name.startswith("on") for name in given)
+        self.tags.add(tag)
+        self.open += [] if tag in VOID else [tag]
+        self.ids += [given["id"]] if "id" in given else []
+        self.addresses += [given[name] or "" for name in ("href", "src") if name in given]
+
+    def handle_endtag(self, tag: str) -> None:
+        """Called by the parser."""
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        """Called by the parser."""
+        self.text += data
+
+
+def page_of(folder: Path) -> tuple[Page, dict]:
+    """The page in a folder, and the numbers beside it; the laws of every page hold."""
+    html = (folder / "survey.html").read_text()
+    page, told = Page(html), json.loads((folder / "survey.json").read_text())
+    assert html.startswith("<!DOCTYPE html>\n<html lang=")
+    assert not page.tags & {"script", "link", "iframe", "object", "base"}
+    assert not re.search(r"url\(|@import|https?:", html)
+    for address in page.addresses:
+        assert address.startswith("data:image/png;base64,") or address.removeprefix("#") in page.ids
+    assert "survey.html" in told["files"]
+    for sentence in (told["headline"], told["command"], *told["sentences"]):
+        assert page.text.count(sentence) >= 1, sentence
+    for name, version in told["versions"].items():
+        assert f"{name} {version}" in page.text
+    return page, told
+
+
+def test_the_page_of_a_matrix_has_every_sentence_and_escapes_its_names(tmp_path):
+    file = tmp_path / "rotors.csv"
+    quoted = [f'"{name.replace(chr(34), 2 * chr(34))}"' for name in HOSTILE]
+    file.write_text(f"{','.join(quoted)}\n1,1,1\n0,1,2\n")
+    out = tmp_path / "out"
+    assert main(["survey", "--matrix", str(file), "--quiet", "--out", str(out)]) == 0
+    page, told = page_of(out)
+    assert told["actuators"] == list(HOSTILE)
+    assert all(f"{name} locked" in page.text for name in HOSTILE)
+    sha = told["matrix_sha256"]
+    assert sha in page.text and not list(out.glob("*.rrd"))
+    again = tmp_path / "again"
+    words = told["command"].split()[1:]
+    assert main([*words, "--quiet", "--out", str(again)]) == 0
+    files = told["files"]
+    assert json.loads((again / "survey.json").read_text())["files"] == files
+    assert (again / "survey.html").read_text() == (out / "survey.html").read_text()
+
+
+def test_a_page_that_leaves_out_a_sentence_or_leads_elsewhere_is_seen(tmp_path):
+    """The laws of a page, each broken once."""
+    (tmp_path / "b.csv").write_text("1,1,1\n0,1,2\n")
+    command = ["survey", "--matrix", str(tmp_path / "b.csv"), "--quiet", "--out", str(tmp_path)]
+    assert main(command) == 0
+    page, told = page_of(tmp_path)
+    html = (tmp_path / "survey.html").read_text()
+    for old, new in (
+        (told["headline"], "All is well."),
+        (told["sentences"][1], ""),
+        ('href="#origin"', 'href="elsewhere.html"'),
+        ("</h1>", "</h1><script></script>"),
+        ("</figure>", ""),
+    ):
+        assert old in html
+        (tmp_path / "survey.html").write_text(html.replace(old, new))
+        with pytest.raises(AssertionError):
+            page_of(tmp_path)
+    assert "table" in page.tags
+
+
+def survey(name: str, major: str, axes: str | None = None) -> Survey:
+    return run_survey(
+        seed=0, quick=True, on_progress=lambda done, total: None, model=MODELS / name, matrix=None,
+        lower=None, upper=None, hold=None, postures=0, sensors="off", servo=None, site="payload",
+        axes=axes, keyframe=None, pinned=None, major=major,
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def surveys() -> dict[str, Survey]:
+    """An arm with a free joint each, and a platform with a lost turn."""
+    return {"arm": survey("arm.xml", "0,1"), "platform": survey("platform.xml", "3,4")}
+
+
+def moved(model: mujoco.MjModel, qpos: np.ndarray) -> np.ndarray:
+    """How far the payload is from the start along the way, by MuJoCo alone, shape (T, 6)."""
+    data, poses = mujoco.MjData(model), []
+    site = model.site("payload").id
+    for data.qpos[:] in qpos:
+        mujoco.mj_kinematics(model, data)
+        poses.append((data.site_xmat[site].reshape(3, 3).copy(), data.site_xpos[site].copy()))
+    (R, x), *_ = poses
+    turns = [Rotation.from_matrix(each @ R.T).as_rotvec() for each, _ in poses]
+    return np.hstack([turns, [place - x for _, place in poses]])
+
+
+@pytest.mark.parametrize("name", ["arm", "platform"])
+def test_the_motion_is_along_the_direction_that_is_lost(surveys, name, monkeypatch, tmp_path):
+    """The pose of the site along the recorded joints; a locked joint moves, a held one rests."""
+    found, written = surveys[name], {}
+    monkeypatch.setattr(recording, "MOST", 99)
+    monkeypatch.setattr(
+        recording, "write_mechanism", lambda path, about, model, driven: written.update(driven)
+    )
+    write_losses(found, tmp_path)
+    model, lost = found.subject.robot.scene.own, losses(found)
+    assert len(written) == len(lost) > 0
+    active = found.subject.system.active
+    for loss, driven in zip(lost, written.values(), strict=True):
+        way = moved(model, driven.qpos)
+        size = way @ loss.direction
+        np.testing.assert_allclose(way, np.outer(size, loss.direction), atol=2e-3 * size.max())
+        shown = 1e-6 * driven.plots[0].values
+        np.testing.assert_allclose(shown[:, int(loss.drifts)], size, atol=2e-3 * size.max())
+        assert not shown[:, 1 - loss.drifts].any() and size.max() > 1e-4
+        rates = loss.velocities[active]
+        for codes in found.start.codes[list(loss.rows)]:
+            failing = np.flatnonzero(codes)
+            assert (codes[failing] == (2 if loss.drifts else 1)).all()
+            assert np.abs(rates[failing]).max() > 1e-3 * np.abs(rates).max()
+            if loss.drifts:
+                assert not np.delete(rates, failing).any()
+
+
+def test_every_lost_direction_of_the_survey_has_a_cell_with_its_failures(surveys, tmp_path):
+    found = surveys["platform"]
+    write_losses(found, tmp_path)
+    file = tmp_path / "survey.rrd"
+    cells = [entity for entity in entities(file) if entity.endswith("/along")]
+    assert len(cells) == len(losses(found)) == 1
+    _, values = scalars(file, cells[0])
+    assert np.ptp(values, axis=0)[0] > 1 and not np.ptp(values, axis=0)[1]
+    lost = {row for loss in losses(found) for row in loss.rows}
+    said = [row for row in found.start.singles.ravel() if found.start.lost(row).size]
+    assert lost == set(said)
+    assert "motor1, motor2, motor3 or motor4 locked: turn z is lost" in notes(file)
+    known = properties_of(file)
+    assert (known["study"], known["robot"]) == ("survey", "platform")
+    assert known["verdict"] == "The major task survives each of the 8 single failures."
+
+
+def test_more_directions_than_a_screen_holds_are_counted(surveys, tmp_path, monkeypatch):
+    monkeypatch.setattr(recording, "MOST", 2)
+    write_losses(surveys["arm"], tmp_path)
+    file = tmp_path / "survey.rrd"
+    assert sum(entity.endswith("/along") for entity in entities(file)) == 2
+    assert f"{len(losses(surveys['arm'])) - 2} further directions are left out." in notes(file)
