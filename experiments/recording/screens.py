@@ -110,11 +110,13 @@ def side_by_side(scenes: Mapping[str, Scene], *, pages: bool = True) -> Layout:
         if scene.task and scene.square:
             pictures.append(_plane(under, scene))
         top = rrb.Horizontal(*pictures, column_shares=[3, 2][: len(pictures)])
-        below_px = 0.68 * _HEIGHT / rows - states_px
+        # Conditions are about the machine: it is twice as high as a plot.
+        machine_px = (0.32 if pages else 2 / (2 + len(scene.panels))) * _HEIGHT / rows
+        below_px = _HEIGHT / rows - machine_px - states_px
         views, shares, axes = _column(
             under, scene, scene.panels[:_ROOM], below_px, width_px, legend=None
         )
-        parts, heights = [top, *views], [0.32 * _HEIGHT / rows]
+        parts, heights = [top, *views], [machine_px]
         heights += [below_px * share / sum(shares) for share in shares]
         if scene.has_events:
             states = rrb.StateTimelineView(origin=f"{under}state", name="Actuators")

@@ -139,7 +139,8 @@ def title(survey: Survey, loss: Loss, most: int = 3) -> str:
 def _driven(survey: Survey, robot: Robot, loss: Loss) -> Driven:
     """A slow oscillation of all joints about the start."""
     model, nominal = robot.scene.own, np.array(robot.scene.own_start.qpos)
-    time_s = np.arange(round(_PERIOD_S * _RATE_HZ) + 1) / _RATE_HZ
+    # It ends at its largest: the viewer opens there.
+    time_s = np.arange(round(1.25 * _PERIOD_S * _RATE_HZ) + 1) / _RATE_HZ
     wave = _SIZE / np.abs(loss.velocities).max() * np.sin(2 * np.pi * time_s / _PERIOD_S)
     qpos = np.tile(nominal, (len(time_s), 1))
     for each, size in zip(qpos, wave, strict=True):
