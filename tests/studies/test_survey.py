@@ -406,7 +406,7 @@ def test_directions_and_conditions_in_words():
 def test_the_page_prints_what_the_command_says(tmp_path, monkeypatch):
     page = (Path(__file__).parents[2] / "docs" / "survey.md").read_text()
     assert len(page.splitlines()) <= 100
-    (matrix,) = (content for language, content in blocks(page) if language == "csv")
+    (matrix,) = (content for language, content in blocks(page) if language == "none")
     (said,) = (content for language, content in blocks(page) if language == "text")
     commands = [content for language, content in blocks(page) if language == "sh"]
     monkeypatch.chdir(tmp_path)
