@@ -26,7 +26,7 @@ from sim import Array
 from sim.mjcf.transmission import drives
 
 MOST = 6
-"""Cells that a screen has room for."""
+"""Cells that a screen has room for, one recording."""
 _SIZE = 1e-3
 """Largest joint velocity times time, [rad] or [m]: loops stay closed to first order."""
 _PERIOD_S, _RATE_HZ = 2.0, 25
@@ -108,21 +108,25 @@ def self_motion(kin: Kinematics, J_T: Array, direction: Array) -> Array:
 
 
 def write_losses(survey: Survey, folder: Path) -> None:
-    """Write `survey.rrd`, unless nothing is lost."""
+    """Write `survey.rrd`, and `survey_2.rrd` and so on where a screen is too small for all.
+
+    Nothing is written where nothing is lost.
+    """
     found, robot, subject = losses(survey), survey.subject.robot, survey.subject
-    if robot is None or not found:
+    if robot is None:
         return
-    driven = {title(survey, loss): _driven(survey, robot, loss) for loss in found[:MOST]}
-    notes = [f"# {subject.title}", "", "Motions that single failures cost, and self-motions:", ""]
-    notes += [f"- {title(survey, loss, most=99)}" for loss in found[:MOST]]
-    if more := found[MOST:]:
-        notes += ["", f"{len(more)} further directions are left out."]
     results = {"study": "survey", "robot": subject.title, "verdict": headline(survey)}
     properties = {"model_sha256": subject.sha256, "command": survey.command}
-    text = "\n".join([*notes, "", f"Made by `{survey.command}`."])
-    identity, name = f"survey-{subject.title}", f"Survey of {subject.title}"
-    about = RecordingInfo(identity, name, text, properties, results)
-    write_mechanism(folder / "survey.rrd", about, robot.scene.own, driven)
+    for part, begin in enumerate(range(0, len(found), MOST), start=1):
+        shown = found[begin : begin + MOST]
+        driven = {title(survey, loss): _driven(survey, robot, loss) for loss in shown}
+        notes = [f"# {subject.title}", "", "Motions that single failures cost, and self-motions:"]
+        notes += ["", *(f"- {title(survey, loss, most=99)}" for loss in shown), ""]
+        notes += [f"{len(shown)} of {len(found)} directions. Made by `{survey.command}`."]
+        number = "" if part == 1 else f"_{part}"
+        identity, name = f"survey-{subject.title}{number}", f"Survey of {subject.title}{number}"
+        about = RecordingInfo(identity, name, "\n".join(notes), properties, results)
+        write_mechanism(folder / f"survey{number}.rrd", about, robot.scene.own, driven)
 
 
 def title(survey: Survey, loss: Loss, most: int = 3) -> str:

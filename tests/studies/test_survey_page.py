@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from experiments.app.cli import main
 from experiments.recording.properties import properties_of
 from experiments.survey import recording
-from experiments.survey.recording import losses, write_losses
+from experiments.survey.recording import losses, title, write_losses
 from experiments.survey.runs import run_survey
 from experiments.survey.survey import Survey
 from sim import MODELS
@@ -180,9 +180,13 @@ def test_every_lost_direction_of_the_survey_has_a_cell_with_its_failures(surveys
     assert known["verdict"] == "The major task survives each of the 8 single failures."
 
 
-def test_more_directions_than_a_screen_holds_are_counted(surveys, tmp_path, monkeypatch):
-    monkeypatch.setattr(recording, "MOST", 2)
+def test_more_directions_than_a_screen_holds_are_in_further_recordings(
+    surveys, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(recording, "MOST", 3)
     write_losses(surveys["arm"], tmp_path)
-    file = tmp_path / "survey.rrd"
-    assert sum(entity.endswith("/along") for entity in entities(file)) == 2
-    assert f"{len(losses(surveys['arm'])) - 2} further directions are left out." in notes(file)
+    total, files = len(losses(surveys["arm"])), sorted(tmp_path.glob("*.rrd"))
+    cells = [sum(entity.endswith("/along") for entity in entities(file)) for file in files]
+    assert sum(cells) == total and max(cells) == 3 and len(files) == -(-total // 3)
+    said = "\n".join(notes(file) for file in files)
+    assert all(title(surveys["arm"], loss, most=99) in said for loss in losses(surveys["arm"]))
