@@ -49,9 +49,9 @@ def of_robot(
         raise ValueError("time_s must ascend")
     widths = dict.fromkeys(("desired", "true", "measured"), len(units))
     widths |= {"task": len(ROWS), "inputs": n, "displacement": n, "qpos": model.nq}
-    its = {key: check.exactly(key, arrays[key], len(time_s), widths[key]) for key in widths}
-    for key, values in its.items():  # samples of sensors may be missing
-        its[key] = np.nan_to_num(values) if key == "measured" else check.finite(key, values)
+    # Samples of sensors may be missing.
+    whole = {key: arrays[key] for key in widths} | {"measured": np.nan_to_num(arrays["measured"])}
+    its = {key: check.exactly(key, whole[key], len(time_s), widths[key]) for key in widths}
     rest = [row for row in range(len(ROWS)) if row not in rows]
     names = [f"{ROWS[row]} [{'urad' if row < len(ROWS) // 2 else 'um'}]" for row in rest]
     marks, beliefs, others = _happened(stated, actuators)
@@ -73,7 +73,7 @@ def of_robot(
         row_units=units,
         desired=its["desired"],
         true=its["true"],
-        measured=its["measured"],
+        measured=arrays["measured"],
         actuators=actuators,
         input_units=input_units,
         inputs=its["inputs"],

@@ -78,6 +78,18 @@ def test_the_signals_are_those_of_the_run_to_the_bit(kept):
     assert names == ["x [um]", "y [um]"]
 
 
+def test_missing_samples_of_a_sensor_are_missing_in_the_recording_and_read_back_so(kept, tmp_path):
+    _, rig, run = kept
+    measured = run.measured.copy()
+    measured[100:150] = np.nan
+    record(tmp_path / "lost.rrd", rig, replace(run, measured=measured))
+    _, shown = rrd.scalars(tmp_path / "lost.rrd", "/task/measured")
+    np.testing.assert_array_equal(shown, 1e6 * measured[::EVERY])
+    read = read_run(tmp_path / "lost.npz", rig.file).shown
+    np.testing.assert_array_equal(read.measured, measured)
+    assert main(["review", str(tmp_path / "lost.npz"), "--out", str(tmp_path / "both.rrd")]) == 0
+
+
 def test_the_hand_is_where_mujoco_puts_it_at_the_angles_of_the_run(kept):
     file, rig, run = kept
     times, places = rrd.rows(file, "/machine/bodies/hand", "Transform3D:translation")
