@@ -10,7 +10,7 @@ the sampling frequency. The roll-off is at three times the crossover, as on the 
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache, cached_property, partial
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
@@ -159,13 +159,11 @@ class Tracking:
         """Linear model of the plant to what the diagnosis looks at: task rows, then encoders."""
         if self.encoder_noise is None:
             return self.nominal
-        import control  # late, as in ftc.compensator
-
-        plant, C, noise = self.nominal.plant, self.nominal.displacement, self.encoder_noise
+        C, noise = self.nominal.displacement, self.encoder_noise
         if self.sense == "both":
-            C = np.vstack([plant.C, C])
+            C = np.vstack([self.nominal.plant.C, C])
             noise = np.concatenate([self.nominal.noise, noise])
-        return replace(self.nominal, plant=control.ss(plant.A, plant.B, C, 0), noise=noise)
+        return self.nominal.measured(C, noise)
 
     def mapping(self, goal: Goal) -> PrioritizedMapping[Any]:
         """The mapping for a goal, failures that it knows included."""

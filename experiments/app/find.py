@@ -5,11 +5,13 @@ import shlex
 import subprocess
 import sys
 from collections.abc import Iterable, Sequence
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from experiments.studies import STUDIES
 from experiments.study.files import json_text, published, usable_file
 from experiments.study.interrupts import printable
 from experiments.study.tables import Column, Table, tabulate
@@ -86,8 +88,6 @@ def find(
 
 def worst_of(names: Sequence[str], sources: "Sequence[Source]", by: str | None) -> str | None:
     """The number by which runs are sorted; None where they have none that says so of itself."""
-    from experiments.studies import STUDIES  # late: as above
-
     if by is not None:
         return by
     listings = {study.name: study.listing for study in STUDIES}
@@ -104,8 +104,6 @@ def columns_of(
     found: "pa.Table", sources: "Sequence[Source]", asked: Iterable[str], number: str | None
 ) -> list[str]:
     """Of the table: what says which run it is, what was asked, and by what it is sorted."""
-    from experiments.studies import STUDIES
-
     of_studies = {source.summary.get("experiment") for source in sources}
     listings = [each.listing for each in STUDIES if each.listing and each.name in of_studies]
     own = [name for listing in listings for name in listing.shown]
@@ -137,13 +135,12 @@ def _content(question: str, number: str | None, found: "pa.Table", total: int) -
     from experiments.study.listing import ROW, SOURCE
 
     runs = found.drop_columns([SOURCE, ROW]).to_pylist()
-    finite = {"nan", "inf", "-inf"}
-    plain = [
-        {name: None if str(value) in finite and isinstance(value, float) else value
-         for name, value in run.items()}
-        for run in runs
-    ]  # fmt: skip
+    plain = [{name: _finite(value) for name, value in run.items()} for run in runs]
     return {"question": question, "by": number, "runs": total, "found": len(plain), "rows": plain}
+
+
+def _finite(value: Any) -> Any:
+    return None if isinstance(value, float) and not isfinite(value) else value
 
 
 def opened(out: Path, count: int) -> str:

@@ -53,8 +53,8 @@ def marks_text(marks: Sequence[Mark]) -> str:
     return json.dumps([asdict(mark) for mark in marks])
 
 
-def marks_from(text: str, end_s: float, actuators: int = 6) -> list[Mark]:
-    """Marks of a run that lasts until `end_s`, from JSON: a list of their attributes.
+def marks_from(text: str, end_s: float) -> list[Mark]:
+    """Marks of a hexapod's run that lasts until `end_s`, from JSON: a list of their attributes.
 
     Raises:
         ValueError: It is something else; the message states what came.
@@ -63,7 +63,7 @@ def marks_from(text: str, end_s: float, actuators: int = 6) -> list[Mark]:
         entries: list[dict[str, Any]] = json.loads(text)
         named = [{_FORMER.get(key, key): value for key, value in each.items()} for each in entries]
         marks = [Mark(**each) for each in named]
-        valid = all(_is_valid(mark, end_s, actuators) for mark in marks)
+        valid = all(_is_valid(mark, end_s) for mark in marks)
     except (ValueError, TypeError, AttributeError):
         valid, marks = False, []
     if not valid:
@@ -73,10 +73,10 @@ def marks_from(text: str, end_s: float, actuators: int = 6) -> list[Mark]:
     return marks
 
 
-def _is_valid(mark: Mark, end_s: float, actuators: int) -> bool:
+def _is_valid(mark: Mark, end_s: float) -> bool:
     return (
         isinstance(mark.actuator, int)
-        and mark.actuator in range(actuators)
+        and mark.actuator in range(6)
         and 0 <= mark.failed_s <= end_s
         and mark.failed_s <= mark.diagnosed_s
         and (mark.diagnosed_s <= end_s or not mark.is_found)

@@ -8,7 +8,6 @@ import rerun.blueprint as rrb
 
 from experiments.recording import Array
 from experiments.recording.file import TIMELINE, at_most, rgb, round_down, time_column
-from experiments.recording.signals import Plot as Plot
 from experiments.study.palette import ORANGE, SKY
 
 RATE_HZ = 50

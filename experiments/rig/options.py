@@ -9,7 +9,7 @@ from typing import Any
 
 from experiments.rig.bounds import check_number, weights_of
 from experiments.rig.choices import Feedforward, Limited, Sensing
-from experiments.study.spelling import index_in, nearest
+from experiments.study.spelling import check_file, index_in, nearest
 from experiments.study.study import Option, WrongInput
 
 _TWIST = 6
@@ -144,6 +144,17 @@ def _argument(option: re.Match[str]) -> str:
 
 
 _USUAL = RobotOptions
+
+ROBOT = Option(
+    "model",
+    Path | None,
+    None,
+    "The robot, MJCF.  [default: the hexapod]",
+    "MODEL.xml",
+    positional=True,
+    check=check_file,
+)
+"""The file, of a command that takes the hexapod without one."""
 
 TASK = (
     Option("site", str, _USUAL.site, "Task frame: a site, or a body, by name or number.", "NAME"),

@@ -4,8 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from experiments.rig.choices import Diagnosing
-from experiments.rig.options import LOOPS, START, TASK
-from experiments.study.spelling import check_file
+from experiments.rig.options import LOOPS, ROBOT, START, TASK
 from experiments.study.study import Option, Study
 
 _MAJOR = {"kind": str | None, "default": None}
@@ -35,15 +34,7 @@ STUDY = Study(
     quick="At most 8 postures.",
     seed="the postures",
     options=(
-        Option(
-            "model",
-            Path | None,
-            None,
-            "The robot, MJCF.  [default: the hexapod]",
-            "MODEL.xml",
-            True,
-            check_file,
-        ),
+        ROBOT,
         *_TASK,
         *START,
         Option("matrix", Path | None, None, "Effects per input, instead of a robot.", "FILE"),

@@ -10,7 +10,6 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
-from numpy.typing import ArrayLike
 
 from experiments.rig.choices import Sensing
 from experiments.rig.dither import CONDITIONS, rig_dither
@@ -107,12 +106,7 @@ def sensors_of(file: Path, options: RobotOptions, at: Array | None = None) -> Se
 
 def watched_by(rig: RobotRig, sense: Sensing) -> NominalModel:
     """The linear model from commands to what these sensors measure; task rows come first."""
-    encoders = np.full(rig.nominal.actuators, rig.encoder_noise)
-    both = with_outputs(rig.nominal, rig.nominal.displacement, encoders)
-    if sense == "joints":
-        rows = len(rig.major)
-        return replace(both, plant=both.plant[rows:, :], noise=both.noise[rows:])
-    return both if sense == "both" else rig.nominal
+    return rig.nominal if sense == "task" else replace(rig.track, sense=sense).watched
 
 
 def _sensed(rig: RobotRig, sense: Sensing) -> Sensed:
@@ -130,7 +124,7 @@ def _sensed(rig: RobotRig, sense: Sensing) -> Sensed:
         isolable = with_it
         added.append(Added(best.name, isolable))
         row, noise = left.pop(best.name)
-        watched = with_outputs(watched, row[None], [noise])
+        watched = watched.measured(np.vstack([watched.plant.C, row]), [*watched.noise, noise])
     return Sensed(sense, design, len(exact.isolable()), tuple(added))
 
 
@@ -164,16 +158,3 @@ def candidates(rig: RobotRig, sense: Sensing) -> dict[str, tuple[Array, float]]:
 
 def _named(kind: str, names: Sequence[str], rows: Array) -> dict[str, Array]:
     return {f"{kind} {name}": row for name, row in zip(names, rows, strict=True)}
-
-
-def with_outputs(nominal: NominalModel, rows: Array, noise: ArrayLike) -> NominalModel:
-    """A linear model with further outputs: rows per state (p, s), and their noise (p,)."""
-    import control  # late, as in ftc.compensator
-
-    plant = nominal.plant
-    C = np.vstack([plant.C, rows])
-    return replace(
-        nominal,
-        plant=control.ss(plant.A, plant.B, C, 0),
-        noise=np.concatenate([nominal.noise, noise]),
-    )

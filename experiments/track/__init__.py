@@ -1,11 +1,8 @@
 """Any robot in the loop: a path, failures in flight, diagnosis, and what the failures cost."""
 
-from pathlib import Path
-
 from experiments.rig.choices import Diagnosing
-from experiments.rig.options import DITHER, LOOPS, PATH, SENSE, TASK, check_path
+from experiments.rig.options import DITHER, LOOPS, PATH, ROBOT, SENSE, TASK, check_path
 from experiments.study.controllers import CONTROLLER
-from experiments.study.spelling import check_file
 from experiments.study.study import Option, Study
 
 STUDY = Study(
@@ -29,15 +26,7 @@ STUDY = Study(
     quick="The first half of the run only; failures and events come at half of their times.",
     seed="the sensors' noise, and what is drawn of events",
     options=(
-        Option(
-            "model",
-            Path | None,
-            None,
-            "The robot, MJCF.  [default: the hexapod]",
-            "MODEL.xml",
-            True,
-            check_file,
-        ),
+        ROBOT,
         *TASK,
         Option(
             "fail",

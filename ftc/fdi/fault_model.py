@@ -2,11 +2,12 @@
 
 from collections.abc import Sequence
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal, Protocol, get_args
 
 import numpy as np
 import scipy.linalg
+from numpy.typing import ArrayLike
 
 import argument_checks as check
 from argument_checks import Array
@@ -187,6 +188,21 @@ class NominalModel:
     def actuators(self) -> int:
         """Number of them, n."""
         return self.plant.ninputs
+
+    def measured(self, C: ArrayLike, noise: ArrayLike) -> "NominalModel":
+        """The same plant with other outputs.
+
+        Args:
+            C: What is measured, per state, shape (p, s).
+            noise: Standard deviation of each output's white noise, shape (p,).
+
+        Raises:
+            ValueError, TypeError: Of another shape than that.
+        """
+        import control  # late, as in ftc.compensator
+
+        rows = check.matrix("C", C, columns=self.plant.nstates)
+        return replace(self, plant=control.ss(self.plant.A, self.plant.B, rows, 0), noise=noise)
 
     @property
     def loses_only_commands(self) -> bool:

@@ -73,9 +73,7 @@ def ranked_sensors(
 def _with_sensors(
     nominal: NominalModel, candidates: Mapping[str, tuple[ArrayLike, float]]
 ) -> NominalModel:
-    import control  # late, as in ftc.compensator
-
-    plant, rows, sigmas = nominal.plant, [nominal.plant.C], [*nominal.noise]
+    rows, sigmas = [nominal.plant.C], [*nominal.noise]
     for candidate in candidates.values():
         try:
             row, noise = candidate
@@ -83,10 +81,9 @@ def _with_sensors(
             raise ValueError(
                 "candidates must be pairs of a row and its noise, got " + check.shown(candidate)
             ) from None
-        rows.append(check.exactly("candidates", row, plant.nstates))
+        rows.append(check.exactly("candidates", row, nominal.plant.nstates))
         sigmas.append(check.positive("candidates", noise))
-    C = np.vstack(rows)
-    return replace(nominal, plant=control.ss(plant.A, plant.B, C, 0), noise=np.array(sigmas))
+    return nominal.measured(np.vstack(rows), sigmas)
 
 
 def _undisturbed_besides(conditions: Conditions, more: int) -> Conditions:

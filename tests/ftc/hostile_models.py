@@ -147,6 +147,7 @@ TARGETS = {
         {"lower": LOWER, "drive": DRIVE, "C": C},
         gaps=("lower", "drive", "C"),  # numpy and python-control take masks off, not we
     ),
+    "NominalModel.measured": Target(NOMINAL.measured, {"C": C, "noise": NOMINAL.noise}),
     "fault_model": Target(fault_model, {"nominal": NOMINAL, "faults": FAULTY}),
     "inverse_feedforward": Target(
         inverse_feedforward,

@@ -16,7 +16,7 @@ from experiments.rig.options import RobotOptions
 from experiments.survey.alike import alike_columns
 from experiments.survey.isolation import isolation_entry, isolation_sentences
 from experiments.survey.matrix import matrix_subject
-from experiments.survey.sensors import candidates, sensors_of, watched_by, with_outputs
+from experiments.survey.sensors import candidates, sensors_of, watched_by
 from ftc.control.minimal import minimal
 from ftc.fdi.separation import separations
 from ftc.tracking import tracking
@@ -104,6 +104,10 @@ def test_what_is_told_apart_is_what_the_library_says_of_each_rig(hand):
         assert sensed.separations.isolable() == apart.isolable()
 
 
+def with_output(nominal, row, noise):
+    return nominal.measured(np.vstack([nominal.plant.C, row]), [*nominal.noise, noise])
+
+
 @pytest.mark.long
 def test_a_further_sensor_tells_as_much_apart_as_one_that_the_robot_has(hand):
     """The greedy choice, each beside those before it, one by one; a sensor of the same noise."""
@@ -114,11 +118,11 @@ def test_a_further_sensor_tells_as_much_apart_as_one_that_the_robot_has(hand):
     for added in joints.added:
         told = {}
         for name, (row, noise) in candidates(rig, "joints").items():
-            more = with_outputs(watched, row[None], [noise])
+            more = with_output(watched, row, noise)
             told[name] = len(separations(more, joints.design.dither, CONDITIONS).isolable())
         assert told[added.name] == added.isolable > before
         row, noise = candidates(rig, "joints")[added.name]
-        watched, before = with_outputs(watched, row[None], [noise]), added.isolable
+        watched, before = with_output(watched, row, noise), added.isolable
 
 
 @pytest.mark.long
