@@ -21,7 +21,7 @@ $(COMMAND): pyproject.toml constraints.txt | $(BIN)/python
 	touch $(COMMAND)
 
 $(STAMP): pyproject.toml constraints.txt | $(BIN)/python
-	$(INSTALL) ".[bench,test,check,docs]"
+	$(INSTALL) ".[bench,live,test,check,docs]"
 	$(BIN)/python -c "from prioritized._solver import bounded, batch, boxes, certain, closing, regular, unlimited; from sim import _tick; from ftc.control import _compensators; from ftc.fdi import _friction; from ftc.fdi.design import _to_segments; from ftc.fdi.detection import _kernels; from ftc.fdi.isolation import _evidence; from experiments.rig.hexapod import _strut_tick"  # 90 s
 	touch $(COMMAND) $(STAMP)
 
@@ -91,9 +91,9 @@ bench: venv
 bench-quick: venv
 	$(BIN)/fjh bench --quick --check
 
-# Every picture in docs/pictures: the figures of all studies, and recordings as the viewer shows
-# them. Two hours and a quarter the first time, by estimate 40 minutes of `recover`; what is there
-# already is not run again.
+# Every picture in docs/pictures: the figures of all studies, recordings as the viewer shows them,
+# and pages as Chromium does, which must be installed. Two hours and a quarter the first time, by
+# estimate 40 minutes of `recover`; what is there already is not run again.
 pictures: venv
 	$(BIN)/fjh report --out $(RUNS)
 	$(BIN)/fjh atlas --resume --out $(RUNS)/flown
@@ -112,6 +112,7 @@ pictures: venv
 	for name in own_arm hexapod_lock force limits hierarchy multirotor; do \
 	  (cd $(RUNS) && $(CURDIR)/$(BIN)/python $(CURDIR)/examples/$$name.py) || exit 1; \
 	  mv $(RUNS)/$$name.png docs/pictures/example_$$name.png; done
+	$(BIN)/python -m tests.live.pictures docs/pictures
 
 clean:
 	rm -rf .venv results build dist *.egg-info

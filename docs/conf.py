@@ -19,6 +19,7 @@ extensions = [
     "sphinx-mathjax-offline",  # equations are typeset without network, too
     "docstrings",
     "theory_links",
+    "tour",
 ]
 exclude_patterns = ["_extensions"]
 

@@ -1,6 +1,6 @@
 """The loop: a controller and a machine, tick by tick."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from inspect import signature
 from typing import Any, Generic, Protocol, TypeVar
@@ -113,13 +113,31 @@ def run_loop(
         done = check.index("begun", len(begun.inputs), ticks + 1)
         measured[:done], inputs[:done], poses = begun.measured, begun.inputs, [*begun.poses]
     for tick in range(done, ticks):
-        measurement = machine.measure()
-        state = step(state, reference[tick], measurement, **known[tick])
-        measured[tick] = _recorded(measurement, reference.shape[1])
+        state, measured[tick] = one_tick(machine, step, state, reference[tick], **known[tick])
         inputs[tick] = state.inputs
         poses.append(getattr(state, "pose", None))
-        machine.apply(state.inputs)
     return LoopRun(measured, inputs, poses, state)
+
+
+def one_tick(
+    machine: Machine, step: Callable[..., State], state: State, reference: Array, **known: Array
+) -> tuple[State, Array | float]:
+    """One tick of :func:`run_loop`, for who cannot know the references beforehand.
+
+    Args:
+        machine: The machine.
+        step: Of the controller.
+        state: Of it.
+        reference: Of the major task, shape (m1,).
+        known: What else `step` takes, such as `feedforward`.
+
+    Returns:
+        The state after it, and what was measured of the major task, as of :class:`LoopRun`.
+    """
+    measurement = machine.measure()
+    state = step(state, reference, measurement, **known)
+    machine.apply(state.inputs)
+    return state, _recorded(measurement, len(reference))
 
 
 def _recorded(measurement: Any, rows: int) -> Array | float:

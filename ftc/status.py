@@ -24,12 +24,18 @@ def status(state: "SupervisorState", names: Sequence[str] | None = None) -> str:
         parts.append(
             "the major task is lost, and the controller goes on with what it still reaches"
         )
-    elif state.refused is not None:
+    elif state.refused is not None and not _is_known(state, state.refused.fault.actuator):
         parts.append("the controller goes on as it was, which is expected to cost less")
     elif state.standing:
         parts.append("the other actuators do the task")
     said = "; ".join(parts)
     return f"{said[0].upper()}{said[1:]}."
+
+
+def _is_known(state: "SupervisorState", actuator: int) -> bool:
+    """Whether the controller in use already does without an actuator, or with a part of it."""
+    goal = state.current.mapping.goal
+    return actuator in {*goal.locked_at, *goal.free, *goal.spring_lost, *goal.effectiveness}
 
 
 def _believed(state: "SupervisorState", names: Sequence[str] | None) -> str:

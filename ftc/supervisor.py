@@ -188,6 +188,20 @@ class Supervisor:
         known = Calibration(watch.parameters, watch.spectrum)
         return replace(self, monitor=replace(self.monitor, calibration=known))
 
+    def transfer(self, state: "SupervisorState | ControllerState[Any]") -> SupervisorState:
+        """The state of another pilot of the machine, so that this one continues without a step.
+
+        What a supervisor believes stays, though its goal was another one. A controller alone
+        believes nothing: the diagnosis then begins to learn what the machine is like.
+
+        Raises:
+            TypeError: No state of either.
+        """
+        if isinstance(state, SupervisorState):
+            current, controller = self._transferred(state, state.standing)
+            return replace(state, current=current, controller=controller)
+        return replace(self.start(), controller=self.first.transfer(state))
+
     def step(
         self,
         state: SupervisorState,

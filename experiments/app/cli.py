@@ -13,6 +13,7 @@ from experiments.app.animate import animate
 from experiments.app.command import command
 from experiments.app.compare import compare
 from experiments.app.find import find
+from experiments.app.live.command import live
 from experiments.app.refusals import INTERRUPTED, WRONG_INPUT, ending_of
 from experiments.app.report import report
 from experiments.studies import STUDIES
@@ -133,7 +134,7 @@ def _options(version: Annotated[bool, _VERSION] = False) -> None: ...
 app = typer.Typer(
     name="fjh", help=HELP, epilog=EXIT_CODES, rich_markup_mode=None, callback=_options
 )
-for each in (*map(command, STUDIES), report, compare, find, review, render, animate):
+for each in (*map(command, STUDIES), report, live, compare, find, review, render, animate):
     # The first line whole: Typer itself would cut it at any full stop.
     app.command(short_help=(each.__doc__ or "").partition("\n")[0])(each)
 

@@ -2,7 +2,7 @@
 
 import inspect
 import shlex
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from functools import partial
 from pathlib import Path
@@ -105,6 +105,13 @@ def with_options(
         Option("quiet", bool, False, _QUIET),
         Option("json", bool, False, _JSON),
     )
+    return as_command(run, name, help, options)
+
+
+def as_command(
+    run: Callable[..., None], name: str, help: str, options: Sequence[Option]
+) -> Callable[..., None]:
+    """The function as Typer takes it, which takes these options by keyword."""
     parameters = [_parameter(option) for option in options]
     run.__name__, run.__doc__ = name, help
     run.__dict__["__signature__"] = inspect.Signature(parameters)

@@ -1,5 +1,6 @@
 """A flight of any robot, kept: every tick as arrays, and the robot in 3D beside its signals."""
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -39,14 +40,26 @@ def record(path: str | Path, rig: Rig, run: Run) -> None:
     stated = stated_of(rig, run)
     shown = of_robot(run.arrays, stated, rig.model)
     properties = {"control_period_s": rig.period_s} | version_properties({"versions": versions()})
-    said = [f"# {rig.title}", "", run.status, "", *constants(properties)]
-    properties |= flight_properties(stated)
-    results = results_of(shown, "record")
-    about = RecordingInfo(file.stem, rig.title, "\n".join(said), properties, results)
+    said = [run.status, "", *constants(properties)]
+    about = info_of(rig, run, file.stem, said, properties, results_of(shown, "record"))
     arrays = file.with_suffix(".npz").name
     with published(folder, arrays) as staging:
         write_arrays(staging / arrays, run.arrays)
         write_flights(staging / file.name, about, {rig.title: shown})
+
+
+def info_of(
+    rig: Rig,
+    run: Run,
+    identity: str,
+    said: Sequence[str],
+    properties: Mapping[str, Any],
+    results: dict[str, Any],
+) -> RecordingInfo:
+    """What a recording of a flight says of itself: lines of Markdown, constants, results."""
+    text = "\n".join([f"# {rig.title}", "", *said])
+    own = {**properties, **flight_properties(stated_of(rig, run))}
+    return RecordingInfo(identity, rig.title, text, own, results)
 
 
 def of_flight(rig: Rig, run: Run) -> Shown:

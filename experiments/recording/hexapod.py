@@ -1,6 +1,6 @@
 """The hexapod as recordings show it: loops that close however much motion is magnified."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import matplotlib
 import mujoco
@@ -103,30 +103,40 @@ def hexapod_motion(model: mujoco.MjModel, pose: Pose) -> Motion:
 
     However large the motion, its loops are closed.
     """
+    return hexapod_mover(model)(pose)
+
+
+def hexapod_mover(model: mujoco.MjModel) -> Callable[[Pose], Motion]:
+    """:func:`hexapod_motion` for who asks for many, one after the other."""
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     to_world = data.site("base").xmat.reshape(3, 3)
     origin = data.site("payload").xpos
-    turn = to_world @ pose.rotation @ to_world.T
-    shift = pose.translation_m @ to_world.T
-
-    def carried(point: Array) -> Array:
-        return origin + shift + turn @ (point - origin)
-
-    places = {"payload": (turn, carried(data.body("payload").xpos))}
-    for k in range(1, 7):
-        bottom, top = data.body(f"housing{k}").xpos, data.body(f"tip{k}").xpos
-        swing = _smallest_turn(top - bottom, carried(top) - bottom)
-        places[f"housing{k}"] = swing, np.broadcast_to(bottom, shift.shape)
-        for upper in (f"stem{k}", f"tip{k}"):
-            places[upper] = swing, carried(top) + swing @ (data.body(upper).xpos - top)
     standing = motion_of(model, model.qpos0[None])
-    rotation = np.repeat(standing.rotation, len(shift), axis=0)
-    position_m = np.repeat(standing.position_m, len(shift), axis=0)
-    for name, (swing, place) in places.items():
-        at = standing.names.index(name)
-        rotation[:, at], position_m[:, at] = swing @ rotation[:, at], place
-    return Motion(standing.names, rotation, position_m)
+    at = {name: (k, standing.position_m[0, k]) for k, name in enumerate(standing.names)}
+
+    def moved(pose: Pose) -> Motion:
+        turn = to_world @ pose.rotation @ to_world.T
+        shift = pose.translation_m @ to_world.T
+
+        def carried(point: Array) -> Array:
+            return origin + shift + turn @ (point - origin)
+
+        places = {"payload": (turn, carried(at["payload"][1]))}
+        for k in range(1, 7):
+            bottom, top = at[f"housing{k}"][1], at[f"tip{k}"][1]
+            swing = _smallest_turn(top - bottom, carried(top) - bottom)
+            places[f"housing{k}"] = swing, np.broadcast_to(bottom, shift.shape)
+            for upper in (f"stem{k}", f"tip{k}"):
+                places[upper] = swing, carried(top) + swing @ (at[upper][1] - top)
+        rotation = np.repeat(standing.rotation, len(shift), axis=0)
+        position_m = np.repeat(standing.position_m, len(shift), axis=0)
+        for name, (swing, place) in places.items():
+            number = at[name][0]
+            rotation[:, number], position_m[:, number] = swing @ rotation[:, number], place
+        return Motion(standing.names, rotation, position_m)
+
+    return moved
 
 
 def _smallest_turn(before: Array, after: Array) -> Array:

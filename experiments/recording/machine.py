@@ -184,11 +184,11 @@ def _log_label(
     at = [picture.motion.names.index(name) for name in bodies]
     joint = picture.motion.position_m[since][:, at].mean(axis=1)
     model, extent = picture.model, float(picture.model.stat.extent)
-    right = np.cross(_ahead(model), [0, 0, 1])
+    right = np.cross(ahead_of(model), [0, 0, 1])
     right /= np.linalg.norm(right)
     side = 1 if (joint[0] - model.stat.center) @ right >= 0 else -1
     row = [each for _, each in picture.failing].index(mark)
-    up = (_ABOVE - _BELOW * row) * np.cross(right, _ahead(model))
+    up = (_ABOVE - _BELOW * row) * np.cross(right, ahead_of(model))
     place = model.stat.center + extent * (side * _BESIDE * right + up)
     color, lines = rgb(FAILED), np.stack([np.broadcast_to(place, joint.shape), joint], axis=1)
     style = rr.LineStrips3D.from_fields(colors=[color], radii=[-0.5])
@@ -205,7 +205,7 @@ def _log_label(
     recording.send_columns(f"{path}/text", [time_column(np.array(times))], columns)
 
 
-def _ahead(model: mujoco.MjModel) -> Array:
+def ahead_of(model: mujoco.MjModel) -> Array:
     """The direction in which a machine is seen, as its MJCF says."""
     azimuth, elevation = np.deg2rad([model.vis.global_.azimuth, model.vis.global_.elevation])
     level = np.cos(elevation)
@@ -216,7 +216,7 @@ def machine_view(entity: str, name: str, model: mujoco.MjModel) -> rrb.Spatial3D
     """A mechanism, seen as its MJCF says."""
     eye = rrb.EyeControls3D(
         kind=rrb.Eye3DKind.Orbital,
-        position=model.stat.center - _DISTANCE * model.stat.extent * _ahead(model),
+        position=model.stat.center - _DISTANCE * model.stat.extent * ahead_of(model),
         look_target=model.stat.center,
         eye_up=[0, 0, 1],
     )

@@ -1,6 +1,6 @@
 """A flight of any robot as recordings show it, from its arrays and what is stated beside them."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import mujoco
@@ -8,7 +8,7 @@ import numpy as np
 
 import argument_checks as check
 from experiments.recording import Array
-from experiments.recording.hexapod import BODIES, FIXTURES, factor_of, magnified
+from experiments.recording.hexapod import BODIES, FIXTURES, factor_of, hexapod_mover
 from experiments.recording.machine import (
     Motion,
     exaggerated,
@@ -20,6 +20,7 @@ from experiments.recording.marks import SOUND, Belief, Mark
 from experiments.recording.shown import Shown, Ticks
 from experiments.rig.bodies import body_name
 from experiments.rig.units import ROWS
+from sim import NOMINAL
 
 _SOON_S = 1e-9
 
@@ -58,12 +59,10 @@ def of_robot(
     is_hexapod = not stated.get("model_file", "of another file")
     bodies = tuple(() if body is None else (str(body),) for body in stated["bodies"])
     qpos, task = its["qpos"], its["task"]
-    nominal = motion_of(model, qpos[:1])
+    moves = mover(model, is_hexapod, qpos[0])
 
     def moved(ticks: Ticks, factor: float) -> Motion:
-        if is_hexapod:
-            return magnified(model, task, ticks, factor)
-        return exaggerated(motion_of(model, qpos[ticks]), nominal, factor)
+        return moves(task[ticks], qpos[ticks], factor)
 
     return Shown(
         robot=str(stated["robot"]),
@@ -87,7 +86,7 @@ def of_robot(
         motion=moved,
         factor=factor_of(task)
         if is_hexapod
-        else exaggeration_of(motion_of(model, qpos[stills(time_s)]), nominal),
+        else exaggeration_of(motion_of(model, qpos[stills(time_s)]), motion_of(model, qpos[:1])),
         marks=marks,
         beliefs=beliefs,
         happenings=others,
@@ -95,6 +94,20 @@ def of_robot(
         colored=is_hexapod,
         fixtures=FIXTURES if is_hexapod else (),
     )
+
+
+def mover(
+    model: mujoco.MjModel, is_hexapod: bool, start: Array
+) -> Callable[[Array, Array, float], Motion]:
+    """Of displacements (T, 6) of the task frame, qpos (T, nq) and a factor: the motion, magnified.
+
+    The hexapod's follows from the displacements, that of other robots from qpos, from its start on.
+    """
+    if is_hexapod:
+        moved = hexapod_mover(model)
+        return lambda task, _, factor: moved(NOMINAL.moved(factor * task))
+    nominal = motion_of(model, start[None])
+    return lambda _, qpos, factor: exaggerated(motion_of(model, qpos), nominal, factor)
 
 
 def _limits(stated: Sequence[Sequence[float | None]]) -> tuple[Array, Array]:

@@ -100,7 +100,7 @@ def _picture(one: Shown, alike: Sequence[Shown]) -> Picture:
         words = f"inputs -{full:g} % blue, +{full:g} % red"
         for names, load in zip(one.bodies, one.inputs[at].T, strict=True):
             colors |= dict.fromkeys(names, load_colors(load, full))
-    failing = [(one.bodies[mark.actuator], mark) for mark in one.marks]
+    failing = [(one.bodies[mark.actuator], mark) for mark in one.marks if mark.kind != SOUND]
     motion = one.motion(at, factor)
     return Picture(
         one.model, one.time_s[at], motion, factor, failing, colors, dict(one.fixtures), words

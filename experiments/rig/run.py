@@ -9,7 +9,7 @@ import numpy as np
 
 from experiments.rig.events.kinds import Event
 from ftc.fdi.fault_model import FaultKind
-from ftc.loop import Controller, run_loop
+from ftc.loop import Controller, LoopRun, run_loop
 from ftc.sensors import Sensors
 from ftc.status import explanation
 from ftc.supervisor import SupervisorState
@@ -125,15 +125,38 @@ def flown(
     done = 0 if begun is None else len(begun.inputs)
     machine = bench if on_tick is None else _Counted(bench, on_tick, done)
     looped = run_loop(machine, pilot, reference, demands, begun=begun)
+    return run_of(rig, bench, looped, times, reference, failures, kept)
+
+
+def run_of(
+    rig: "Rig",
+    bench: Bench,
+    looped: LoopRun[Any],
+    time_s: Array,
+    desired: Array,
+    failures: Sequence[Failure],
+    kept: slice,
+    since: int = 0,
+) -> Run:
+    """What a machine has logged, and a loop beside it, at some ticks.
+
+    Args:
+        rig: The robot.
+        bench: Its machine.
+        looped: What passed between it and its pilot.
+        time_s: Of all ticks, (N,).
+        desired: Likewise, (N, m1).
+        failures: That happened.
+        kept: Ticks of the run.
+        since: The tick at which the pilot began.
+    """
     pose = Pose(bench.rotation[kept], bench.translation_m[kept])
     assert bench.qpos is not None and bench.actuator_force is not None  # rigs keep them
-    state, named = looped.state, ()
-    supervised = isinstance(state, SupervisorState)
-    if supervised:
-        named = _named(rig, state, times)
+    state = looped.state
+    named = named_of(rig, state, time_s[since:])
     return Run(
-        time_s=time_s,
-        desired=desired,
+        time_s=time_s[kept],
+        desired=desired[kept],
         true=rig.reached(pose),
         measured=looped.measured[kept],
         pose=pose,
@@ -146,9 +169,9 @@ def flown(
         failures=tuple(failures),
         state=state,
         diagnoses=named,
-        task_lost=supervised and state.task_lost,
+        task_lost=isinstance(state, SupervisorState) and state.task_lost,
         undiagnosed=None if named else _undiagnosed(state, rig.actuators),
-        status=_status(state, named, rig),
+        status=status_of(rig, state, named),
     )
 
 
@@ -166,8 +189,13 @@ def _saturated(drives: Sequence[Drive], force: Array) -> Array:
     return np.column_stack(at_limit)
 
 
-def _named(rig: "Rig", state: SupervisorState, time_s: Array) -> tuple[Named, ...]:
-    """Each diagnosis; another kind of the same actuator is one of its own, a confirmation none."""
+def named_of(rig: "Rig", state: Any, time_s: Array) -> tuple[Named, ...]:
+    """What the state of a pilot says was named, by the times of its ticks.
+
+    Another kind of the same actuator is one of its own, a confirmation none.
+    """
+    if not isinstance(state, SupervisorState):
+        return ()
     withdrawn, named = dict(state.withdrawn), list[Named]()
     for found in state.diagnoses:
         one = Named(
@@ -212,7 +240,8 @@ def _undiagnosed(state: Any, names: Sequence[str]) -> str:
     return "the sensors read what the model without a failure predicts"
 
 
-def _status(state: Any, named: Sequence[Named], rig: "Rig") -> str:
+def status_of(rig: "Rig", state: Any, named: Sequence[Named]) -> str:
+    """What the pilot makes of it, one sentence."""
     sensors: Sensors | None = getattr(state, "sensors", None)
     read = ""
     if sensors is not None and sensors.failed:

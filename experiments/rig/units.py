@@ -5,6 +5,7 @@ from typing import Any
 
 ROWS = ("turn x", "turn y", "turn z", "x", "y", "z")
 """Names of the rows of a twist."""
+_PREFIXES = {1.0: "", 1e3: "m", 1e6: "µ", 1e9: "n"}
 
 
 def by_unit(name: str, value: Any, units: Sequence[str]) -> dict[str, Any]:
@@ -42,3 +43,9 @@ def largest_by_unit(values: Sequence[float], units: Sequence[str]) -> str:
     """The largest number in each unit that there is: "0.001 rad, 2e-05 m"."""
     entries = by_unit("", list(values), units)
     return ", ".join(f"{max(own):.3g} {unit[1:]}" for unit, own in entries.items())
+
+
+def prefixed(size: float) -> tuple[float, str]:
+    """A factor and its prefix, such that numbers of this size are from 1 to 1000."""
+    large = (each for each in _PREFIXES.items() if size * each[0] >= 1.0)
+    return next(large, list(_PREFIXES.items())[-1])

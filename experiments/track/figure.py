@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from experiments.rig.run import Run
-from experiments.rig.units import ROWS, by_unit
+from experiments.rig.units import ROWS, by_unit, prefixed
 from experiments.study.controllers import controller_label
 from experiments.study.plotting import (
     BLACK,
@@ -26,7 +26,6 @@ from experiments.track.happened import happened
 from experiments.track.runs import Tracked
 from sim import Array
 
-_PREFIXES = {1.0: "", 1e3: "m", 1e6: "µ", 1e9: "n"}
 _FAILED, _NAMED = VERMILION, GREEN
 _ROW_IN = 0.2
 """Height of an actuator's row."""
@@ -89,12 +88,6 @@ def figure_track(tracked: Tracked, summary: dict[str, Any]) -> Figure:
     over_time[-1].set_xlabel("time, s")
     one_legend(figure, 4)
     return figure
-
-
-def prefixed(size: float) -> tuple[float, str]:
-    """A factor and its prefix, such that numbers of this size are from 1 to 1000."""
-    large = (each for each in _PREFIXES.items() if size * each[0] >= 1.0)
-    return next(large, list(_PREFIXES.items())[-1])
 
 
 def _path(axes: Axes, tracked: Tracked, summary: dict[str, Any]) -> None:

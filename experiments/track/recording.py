@@ -4,9 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from experiments.recording.file import RecordingInfo
-from experiments.recording.flight import of_flight, stated_of
-from experiments.recording.keep import flight_properties
+from experiments.recording.flight import info_of, of_flight
 from experiments.recording.properties import results_of
 from experiments.recording.screens import write_flights
 from experiments.study.controllers import controller_label
@@ -23,7 +21,6 @@ def record(
     properties = {"seed": summary["seed"], "control_period_s": summary["control_period_s"]}
     properties |= {"path_size": rig.size, "sensor_noise": rig.noise} | version_properties(summary)
     said = [summary["verdict"], *(f"Loop: {margin}." for margin in rig.margins)]
-    text = "\n".join([f"# {rig.title}", "", *(f"- {sentence}" for sentence in said)])
     flights = {rig.title: of_flight(rig, tracked.run)}
     results = results_of(
         flights[rig.title],
@@ -33,9 +30,9 @@ def record(
         predicted_after=summary["predicted_rms_after_when_named"],
         verdict=summary["verdict"],
     )
-    properties |= flight_properties(stated_of(rig, tracked.run))
     identity = f"track-{rig.title}-seed{tracked.seed}"
-    about = RecordingInfo(identity, rig.title, text, properties, results)
+    lines = [f"- {sentence}" for sentence in said]
+    about = info_of(rig, tracked.run, identity, lines, properties, results)
     if (other := tracked.other) is not None:
         flights[controller_label(other.name)] = of_flight(rig, other.run)
     write_flights(folder / "track.rrd", about, flights)

@@ -1,13 +1,14 @@
 """A run of a robot on its path, what the controller made of it, and what was predicted."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from experiments.rig.asked import asked_rig
 from experiments.rig.choices import Diagnosing, Sensing
 from experiments.rig.dither import option_dither
 from experiments.rig.events import Event
@@ -119,7 +120,7 @@ def run_track(
         dither = "none"
     options, shorter = RobotOptions(**robot), 0.5 if quick else 1.0
     given, others = announced(fail, duration), happening(event, duration)
-    rig = robot_rig(model, options) if model is not None else _hexapod(options)
+    rig = asked_rig(model, options)
     desired = rig.path(path, duration_s=shorter * duration, turn_s=turn)
     happens = numbered(rig, given, others, shorter, seed)
     failures, events = happens.failures, happens.events
@@ -177,20 +178,6 @@ def run_track(
         other=other,
         events=events,
     )
-
-
-def _hexapod(options: RobotOptions) -> Rig:
-    """The hexapod of the testbed, which has its own frame, loops and sensors.
-
-    Raises:
-        WrongInput: An option that is for a robot of a file.
-    """
-    for option in fields(options):
-        its_own = option.name not in ("size", "feedforward")
-        if its_own and getattr(options, option.name) != option.default:
-            name = option.name.replace("_", "-")
-            raise WrongInput(f"--{name} needs a MODEL.xml: the hexapod of the testbed has its own")
-    return Rig.hexapod(size=options.size, feedforward=options.feedforward == "on")
 
 
 def _called(rig: Rig, failure: Failure) -> str:

@@ -1,10 +1,11 @@
 """Drives that a plant can command and that can fail: their locks and switches."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import mujoco
 
 import argument_checks as check
+from sim.array import Array
 from sim.errors import ModelError
 from sim.mjcf.drive import Drive
 from sim.mjcf.locks import Lockable, lock_name, lockable_by, locked_by
@@ -93,6 +94,26 @@ def take_spring(model: mujoco.MjModel, drive: Drive) -> None:
         model.jnt_stiffness[drive.joint] = 0.0
     elif drive.tendon is not None:
         model.tendon_stiffness[drive.tendon] = 0.0
+
+
+_OF_ACTUATORS = "actuator_group", "actuator_gainprm", "actuator_biasprm"
+
+
+def strengths_of(model: mujoco.MjModel) -> dict[str, Array]:
+    """All that a failure changes of a model."""
+    names = (*_OF_ACTUATORS, "jnt_stiffness", "tendon_stiffness", "eq_data")
+    return {name: getattr(model, name).copy() for name in names}
+
+
+def restore(model: mujoco.MjModel, drive: Drive, strengths: Mapping[str, Array]) -> None:
+    """Give a drive its force and its spring as they were; its lock is not of the model."""
+    ids = list(drive.ids)
+    for name in _OF_ACTUATORS:
+        getattr(model, name)[ids] = strengths[name][ids]
+    if drive.joint is not None:
+        model.jnt_stiffness[drive.joint] = strengths["jnt_stiffness"][drive.joint]
+    elif drive.tendon is not None:
+        model.tendon_stiffness[drive.tendon] = strengths["tendon_stiffness"][drive.tendon]
 
 
 def _first(model: mujoco.MjModel, part: Lockable) -> int:

@@ -31,6 +31,8 @@ from sim.plant.actuators import (
     locks_of,
     plant_drives,
     reserve_off_group,
+    restore,
+    strengths_of,
     switch_off,
     take_spring,
 )
@@ -113,6 +115,7 @@ class Plant:
         # A diverging run must keep its state to be looked at, whatever the file says.
         self.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
         reserve_off_group(self.model)
+        self._sound = strengths_of(self.model)
         self.data = mujoco.MjData(self.model)
         self.drives = plant_drives(self.model, None if part is None else part.actuators)
         self._joints = _joint_velocities(self.model, self.drives)
@@ -143,7 +146,7 @@ class Plant:
         self._gauges = Displacements.from_here(self.model, self.data, self.drives)
         self._limits = rest_limits(self.model, self.data, self.drives, self._commands)
         self._payload = Payload.at_rest(self.data, frame, axes)
-        self._gravity = self.model.opt.gravity.copy()
+        self._gravity, self._held = self.model.opt.gravity.copy(), self.data.eq_active.copy()
 
     def step(self, command_m: Array, period_s: float) -> None:
         """Hold the commanded displacements (n,), [m] or [rad], for one period of physics steps.
@@ -226,6 +229,18 @@ class Plant:
         self.release(actuator)
         take_spring(self.model, self.drives[self._index(actuator)])
 
+    def repair(self, actuator: int) -> None:
+        """Actuator 0..n-1 works from now on as it did when the plant was made.
+
+        Raises:
+            ValueError: No such actuator.
+        """
+        k = self._index(actuator)
+        if (lock := self._locks[k]) >= 0:
+            self.data.eq_active[lock] = self._held[lock]
+            self.model.eq_data[lock] = self._sound["eq_data"][lock]
+        restore(self.model, self.drives[k], self._sound)
+
     def push(self, wrench: Array) -> None:
         """Push the payload, from now on, with [moment; force] at its site in base axes.
 
@@ -281,6 +296,16 @@ class Plant:
     def pose(self) -> Pose:
         """Payload relative to its nominal pose, in base axes: rotation R_now R_nominal^T."""
         return self._payload.pose(self.data)
+
+    @property
+    def axes(self) -> Array:
+        """Present axes of the base in the world as columns, shape (3, 3)."""
+        return self._payload.axes(self.data).copy()
+
+    @property
+    def origin_m(self) -> Array:
+        """Where the task frame is in the world in the nominal pose, shape (3,)."""
+        return self._payload.origin_m.copy()
 
     def displacements(self) -> Array:
         """Displacement of each actuator from the nominal pose, shape (n,), [m] or [rad].

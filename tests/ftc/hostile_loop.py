@@ -74,6 +74,10 @@ def calibrated(state: Any) -> Any:
     return flown(SUPERVISED.calibrated(state))
 
 
+def taken_over(state: Any) -> Any:
+    return SUPERVISED.step(SUPERVISED.transfer(state), **AT_REST).inputs
+
+
 def read(output: Any, displacement: Any) -> Any:
     return stepped(SUPERVISED, measurement=Measurement(output, displacement))
 
@@ -146,6 +150,8 @@ TARGETS = {
         gaps=("measurement",),
     ),
     "Supervisor.calibrated": Target(calibrated, {"state": SUPERVISED.start()}),
+    "Supervisor.transfer": Target(taken_over, {"state": PILOT.start()}),
+    "Supervisor.transfer of a supervisor's": Target(taken_over, {"state": SUPERVISED.start()}),
     "monitor": Target(
         lambda **a: monitor(**a).start().last_commanded,
         {"nominal": NOMINAL, "faults": FAULTY, "config": DEFAULT_CONFIG},

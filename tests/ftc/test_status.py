@@ -8,6 +8,7 @@ from experiments.rig import Rig
 from ftc.fdi.diagnosis import Diagnosis
 from ftc.fdi.fault_model import Fault
 from ftc.fdi.isolation.causes import Cause
+from ftc.goal import Goal
 from ftc.status import status
 
 START = Rig.hexapod().supervisor().start()
@@ -40,6 +41,14 @@ AGAIN = replace(Diagnosis.told(Fault(2, "weak", 1.0)), confirmed=False)
             replace(CONFIRMED, refused=LOCKED),
             "Actuator 2 is locked; the controller goes on as it was, which is expected to cost "
             "less.",
+        ),
+        (  # when it was first named the others took over, and the confirmation changed nothing
+            replace(
+                CONFIRMED,
+                refused=LOCKED,
+                current=Rig.hexapod().controller(Goal(locked_at={2: 0.0})),
+            ),
+            "Actuator 2 is locked; the other actuators do the task.",
         ),
         (
             replace(CONFIRMED, task_lost=True),

@@ -56,7 +56,7 @@ def test_of_what_a_page_prints_the_last_digit_may_differ_by_one_and_nothing_else
     "page",
     [
         *("add-a-mechanism.md", "add-an-experiment.md", "coming-from-mink.md"),
-        *("diagnosis-design.md", "recordings.md"),
+        *("diagnosis-design.md", "live.md", "recordings.md"),
     ],
 )
 def test_a_how_to_page_has_100_lines_at_most(page):

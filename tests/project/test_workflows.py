@@ -73,7 +73,7 @@ def test_table1_installs_the_command_alone_and_shows_what_pip_does(tmp_path):
         shutil.copy(ROOT / name, tmp_path)
     assert re.findall(r'--editable "(.*)"', recipe(tmp_path, "table1")) == [".[testbed]"]
     assert re.findall(r'--editable "(.*)"', recipe(tmp_path, "test")) == [
-        ".[bench,test,check,docs]"
+        ".[bench,live,test,check,docs]"
     ]
     assert "--quiet" not in recipe(tmp_path, "venv")
     (tmp_path / ".venv" / "bin").mkdir(parents=True)

@@ -106,6 +106,7 @@ TARGETS = {
     "Plant.lock": Target(after("lock"), {"actuator": 0}),
     "Plant.release": Target(after("release"), {"actuator": 0}),
     "Plant.break_loose": Target(after("break_loose"), {"actuator": 0}),
+    "Plant.repair": Target(after("repair"), {"actuator": 0}),
     "Plant.weaken": Target(after("weaken"), {"actuator": 0, "effectiveness": 0.5}),
     "Plant.push": Target(after("push"), {"wrench": np.full(6, 1e-3)}),
     "Plant.shake": Target(after("shake"), {"acceleration": np.full(3, 1e-3)}),

@@ -86,16 +86,26 @@ def events_of(
     if not isinstance(events, Sequence):
         return events, []
     named = [each for each in events if isinstance(each, Event)]
-    others, failures = [each for each in events if not isinstance(each, Event)], list[Failure]()
-    effects, lead_in = list[tuple[int, Effect]](), round(lead_in_s / rig.period_s)
+    hooks = Hooks([each for each in events if not isinstance(each, Event)])
+    failures, lead_in = list[Failure](), round(lead_in_s / rig.period_s)
     for number, event in enumerate(named):
         before = sum(each.name == event.name for each in named[:number])
-        draw = Draw(seed).seed(f"{event.name} {before}")
-        target = Target(rig, event, np.random.default_rng(draw))
+        effect, caused = effect_of(rig, event, seed, before)
         after = ceil((event.time_s - begin_s) / rig.period_s - _SOON)
-        effects.append((lead_in + after if after > 0 else 0, EFFECTS[event.name](target)))
-        failures += _failures(target)
-    return (_Hooks(others, effects) if effects or others else None), failures
+        hooks.begin(lead_in + after if after > 0 else 0, effect)
+        failures += caused
+    return (None if hooks.is_empty else hooks), failures
+
+
+def effect_of(rig: "Rig", event: Event, seed: int, before: int = 0) -> tuple[Effect, list[Failure]]:
+    """What an event does after so many of its name, and the failures that belong to it.
+
+    Raises:
+        WrongInput: An actuator that the robot does not have, or that cannot have this event.
+    """
+    draw = Draw(seed).seed(f"{event.name} {before}")
+    target = Target(rig, event, np.random.default_rng(draw))
+    return EFFECTS[event.name](target), _failures(target)
 
 
 def _failures(target: Target) -> list[Failure]:
@@ -109,12 +119,26 @@ def _failures(target: Target) -> list[Failure]:
     return [Failure(k, each, time_s) for k, each in zip(struck, kind.failures, strict=True)]
 
 
-class _Hooks:
-    """All that happens in a flight: other hooks first, then effects in their order."""
+class Hooks:
+    """All that happens to a machine: other hooks first, then effects in their order."""
 
-    def __init__(self, others: Sequence[Any], effects: Sequence[tuple[int, Effect]]) -> None:
-        self._others, self._effects = others, effects
-        self._pushes = any(effect.plant is not None for _, effect in effects)
+    def __init__(self, others: Sequence[Any] = ()) -> None:
+        """Begin with hooks as of :class:`sim.Bench`, without effects."""
+        self._others, self._effects, self._pushes = others, list[tuple[int, Effect]](), False
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether there is nothing of either."""
+        return not (self._others or self._effects)
+
+    def begin(self, tick: int, effect: Effect) -> None:
+        """An effect from a tick on."""
+        self._effects.append((tick, effect))
+        self._pushes |= effect.plant is not None
+
+    def end(self, effect: Effect) -> None:
+        """It is over; what it has changed of the plant's model stays."""
+        self._effects = [each for each in self._effects if each[1] is not effect]
 
     def plant(self, tick: int, model: mujoco.MjModel, data: mujoco.MjData) -> None:
         """Before the physics of a tick; forces of several events add up."""

@@ -1,0 +1,89 @@
+"""The command `fjh live`: a machine in the browser that one can break."""
+
+import shlex
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from experiments.app.command import as_command
+from experiments.rig.options import LOOPS, PATH, ROBOT, SENSE, TASK, RobotOptions
+from experiments.rig.spelling import check_robot
+from experiments.study.files import usable_file, usable_folder
+from experiments.study.study import Option, WrongInput
+from experiments.study.terminal import Ending, print_ending, progress
+
+_HELP = """Break a machine in the browser, and see what its controller does about it.
+
+    Two machines fly side by side in real time: one is supervised, the other's controller does
+    nothing about failures. Buttons lock, release or weaken each actuator, bump the payload, add
+    hum, freeze a sensor, let the supply sag; others change path, weights and diagnosis. The robot
+    is an MJCF file; without one it is the hexapod. The page is on this machine alone, at the
+    address that is printed, until Ctrl-C; it is there within 8 s, the first time after half a
+    minute. Needs the extra `live`.
+
+    Writes nothing, unless asked for the last minute: live_1.rrd and so on in the folder. With
+    --tour there is no server: each failure and disturbance is flown for 4.5 s and filmed, on one
+    page that needs no network; two minutes, less for the hexapod.
+
+    Example: fjh live arm.xml --site tool --major 3,4,5
+    """
+_OPTIONS = (
+    ROBOT,
+    *TASK,
+    PATH[0],
+    SENSE,
+    *LOOPS,
+    Option("port", int | None, None, "To listen at.  [default: 8080, or the next that is free]",
+           "PORT"),
+    Option("seed", int, 0, "Seed of all noise, and of what is drawn of disturbances.", "N"),
+    Option("tour", Path | None, None, "Write a page of all that can happen, and end.", "FILE.html"),
+    Option("out", Path, Path("results", "live"), "Folder for recordings that are asked for."),
+)  # fmt: skip
+_PACKAGES = ("viser", "mjviser")
+
+
+def _live(
+    *, model: Path | None, port: int | None, seed: int, tour: Path | None, out: Path, **robot: Any
+) -> None:
+    if absent := [name for name in _PACKAGES if find_spec(name) is None]:
+        raise WrongInput(
+            f"fjh live needs packages that are not installed, {' and '.join(absent)}: "
+            'pip install "fault-tolerant-hexapod[live]"'
+        )
+    if port is not None and port not in range(1, 1 << 16):
+        raise WrongInput(f"--port must be a number from 1 to 65535, got {port}")
+    check_robot(model=model, **robot)
+    if tour is not None:
+        return _tour(tour, model, RobotOptions(**robot), seed)
+    usable_folder(out)
+    with progress("live"):
+        from experiments.app.live.page import HOST, Page, local_server, stop
+        from experiments.rig.asked import asked_rig
+
+        rig = asked_rig(model, RobotOptions(**robot))
+        server = local_server(port)
+        try:
+            page = Page(server, rig, out, seed)
+        except BaseException:
+            stop(server)
+            raise
+    try:
+        print(f"{rig.title}: http://{HOST}:{server.get_port()} (Ctrl-C ends it)", flush=True)
+        page.run()
+    finally:
+        stop(server)
+    return None
+
+
+def _tour(file: Path, model: Path | None, options: RobotOptions, seed: int) -> None:
+    usable_file(file, ".html", "--tour")
+    with progress("live") as on_progress:
+        from experiments.app.live.tour import stops, write_tour
+
+        films = write_tour(file, stops(model, options), seed, on_progress)
+    robot = [] if model is None else [str(model)]
+    checked = f"{len(films)} pairs of flights; every number on the page is of them."
+    print_ending(Ending(checked, file, shlex.join(["fjh", "live", *robot])))
+
+
+live = as_command(_live, "live", _HELP, _OPTIONS)
