@@ -15,7 +15,7 @@ from ftc.supervisor import Supervisor, SupervisorState
 Kind = Literal["sound", "locked", "free", "weak", "loose"]
 LASTING = ("hum", "stuck", "sag")
 LONGEST_S = 300.0
-"""Of a flight: its machine then is replaced; 0.5 GB of log of two hexapods."""
+"""Of a flight: its machine then is replaced. That of two hexapods logs 0.4 GB."""
 KEPT_S = 60.0
 
 
@@ -32,22 +32,24 @@ class Session:
         diagnoses: Whether the first is supervised at present.
     """
 
-    def __init__(self, rig: Rig, seed: int = 0, course_name: str = COURSES[0]) -> None:
-        """Begin with sound machines at rest; all noise is of the seed."""
+    def __init__(self, rig: Rig, seed: int = 0) -> None:
+        """Begin with sound machines on the first of `COURSES`; all noise is of the seed."""
         self.rig, self._seed, self.goal = rig, seed, rig.goal
-        self.course, self._since = course(rig, course_name), 0
         self._supervisor, self.diagnoses = rig.supervisor(), True
         self._learned: Supervisor | None = None
-        self.restart()
+        self._begin(COURSES[0])
 
     def restart(self) -> None:
         """Sound machines after one tick at rest; path, goal and diagnosis stay."""
+        self._begin(self.course.name)
+
+    def _begin(self, path: str) -> None:
         rig, ticks = self.rig, round(LONGEST_S / self.rig.period_s)
         pilot = self._supervisor if self.diagnoses else self._unaware
         self.flights = [Flight(rig, each, ticks, self._seed) for each in (pilot, self._unaware)]
         self.states: list[Kind] = [SOUND] * len(rig.actuators)
         self.going_on = set[str]()
-        self.course, self._since = course(rig, self.course.name), 0
+        self.course, self._since = course(rig, path), 0
         self.advance(1)
 
     @property

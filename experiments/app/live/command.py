@@ -54,7 +54,8 @@ def _live(
         raise WrongInput(f"--port must be a number from 1 to 65535, got {port}")
     check_robot(model=model, **robot)
     if tour is not None:
-        return _tour(tour, model, RobotOptions(**robot), seed)
+        _tour(tour, model, RobotOptions(**robot), seed)
+        return
     usable_folder(out)
     with progress("live"):
         from experiments.app.live.page import HOST, Page, local_server, stop
@@ -72,7 +73,6 @@ def _live(
         page.run()
     finally:
         stop(server)
-    return None
 
 
 def _tour(file: Path, model: Path | None, options: RobotOptions, seed: int) -> None:

@@ -25,7 +25,7 @@ _APART, _DISTANCE, _HIGHER, _POINTER = 1.2, 1.75, 0.1, 0.6
 """In extents of the machine."""
 _TURN_RAD, _SHIFT = 0.2, 0.06
 """Of a magnified path: its radius, or that in extents of the machine."""
-_DOWN = -0.5
+_DOWN = -0.95, -0.5
 _TRAIL = 100
 _GREY = "#777777"
 _DRAWN_GROUPS = 3
@@ -91,9 +91,9 @@ class Stage:
 
 
 def _from_above(ahead: Array) -> Array:
-    """The same direction on the ground, and at least so far down that a circle there is seen."""
+    """The same direction on the ground, so far down that a circle there is seen, not upright."""
     level = np.array([ahead[0], ahead[1], 0.0])
-    down = min(ahead[2], _DOWN)
+    down = np.clip(ahead[2], *_DOWN)
     return level * (np.sqrt(1.0 - down**2) / np.linalg.norm(level)) + [0.0, 0.0, down]
 
 
