@@ -26,10 +26,10 @@ SMALL: ViewportSize = {"width": 800, "height": 420}
 """Of a window: what is drawn without a graphics card costs time by the pixel."""
 _SELDOM = """
 const next = window.requestAnimationFrame.bind(window);
-window.requestAnimationFrame = draw => setTimeout(() => next(draw), 250);
+window.requestAnimationFrame = draw => setTimeout(() => next(draw), 1000);
 window.cancelAnimationFrame = clearTimeout;
 """
-"""Four pictures a second leave the processor to the machines."""
+"""A picture a second leaves the processor to the machines."""
 _PATIENCE_S = 60.0
 _LONG_S = 3.0
 """Longer than a click takes: after it, new machines are younger than the former ones were."""

@@ -88,6 +88,7 @@ def test_where_the_usual_port_is_taken_the_next_one_is_printed_and_nobody_else_c
 
 
 @pytest.mark.long
+@pytest.mark.usefixtures("alone")
 def test_an_interrupted_command_leaves_no_listener_no_process_and_no_half_written_file(tmp_path):
     """In the middle of the writing of a recording: it is there whole, or not at all."""
     folder = tmp_path / "out"
@@ -101,7 +102,7 @@ def test_an_interrupted_command_leaves_no_listener_no_process_and_no_half_writte
         with pytest.raises(ConnectionRefusedError):
             socket.create_connection(("127.0.0.1", command.port))
         assert is_gone(command.process.pid)
-    assert {each.name for each in folder.iterdir()} <= {"live_1.rrd"}
+    assert {each.name for each in folder.glob("*")} <= {"live_1.rrd"}
     for recording in folder.iterdir():
         assert properties_of(recording)["study"] == "live"
 

@@ -9,6 +9,7 @@ SOUND = "All actuators are believed sound"
 
 
 @pytest.mark.long
+@pytest.mark.usefixtures("alone")
 @pytest.mark.parametrize(
     ("robot", "words", "broken"),
     [

