@@ -103,7 +103,7 @@ def test_an_interrupted_command_leaves_no_listener_no_process_and_no_half_writte
             socket.create_connection(("127.0.0.1", command.port))
         assert is_gone(command.process.pid)
     assert {each.name for each in folder.glob("*")} <= {"live_1.rrd"}
-    for recording in folder.iterdir():
+    for recording in folder.glob("*"):
         assert properties_of(recording)["study"] == "live"
 
 

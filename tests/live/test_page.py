@@ -110,9 +110,7 @@ def test_magnified_motion_is_seen_as_larger(page):
     page.until(lambda said: said.clock_s > 4.0)
     wide = extent(page)
     page.write("motion times", 10000)
-    begin = page.until(lambda _: True).clock_s
-    page.until(lambda said: said.clock_s > begin + 0.3)
-    assert extent(page) > 1.5 * wide
+    page.until(lambda _: extent(page) > 1.5 * wide)
 
 
 def extent(page: Seen) -> float:
