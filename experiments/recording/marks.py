@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-SOUND = "sound"
-"""What an actuator is taken for that is believed to work."""
+from experiments.rig.choices import SOUND as SOUND
+
 _FORMER = {"strut": "actuator"}
 """Attributes of marks by the names that they have in earlier recordings."""
 

@@ -17,3 +17,6 @@ Diagnosing = Literal["on", "off"]
 Feedforward = Literal["default", "on", "off"]
 """Whether the path is demanded through the inverse of the linear model; by default on, but for the
 hexapod, as in the paper."""
+
+SOUND = "sound"
+"""What an actuator is, or is taken for, that works."""

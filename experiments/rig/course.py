@@ -15,6 +15,8 @@ _SOFT_START_S = 0.5
 _AHEAD_S = 1.0
 """Of a path, for demands that begin before what they are for."""
 _SWITCH_S = 1.0
+_DRAWN_EVERY = 20
+"""Ticks."""
 
 
 @dataclass(frozen=True)
@@ -32,6 +34,11 @@ class Course:
     desired: Array
     demands: Array | None
     cycle: int
+
+    @property
+    def outline(self) -> Array:
+        """Some points of a cycle, to be drawn, (N, m1)."""
+        return self.desired[-self.cycle - 1 :: _DRAWN_EVERY]
 
     def at(self, ticks: Array) -> tuple[Array, Array | None]:
         """Desired and demanded at some ticks (T,), shape (T, m1)."""

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from experiments.rig import Rig, Run
+from experiments.rig.choices import SOUND
 from experiments.rig.events import Event
 from experiments.rig.events.hooks import Hooks, effect_of
 from experiments.rig.events.target import Effect
@@ -14,8 +15,6 @@ from ftc.loop import LoopRun, one_tick
 from ftc.status import status
 from ftc.supervisor import SupervisorState
 from sim import Array, Failure, FailureKind, Pose
-
-SOUND = "sound"
 
 
 class Flight:
@@ -116,6 +115,10 @@ class Flight:
         if state.sensors.failed:
             said = f"{said[:-1]}; {state.sensors.sentence(self.rig.period_s)}."
         return said
+
+    def error(self, ticks: slice) -> Array:
+        """Desired minus true at some ticks that are done, (T, m1)."""
+        return self.desired[ticks] - self.seen(ticks)[2]
 
     @property
     def frame(self) -> tuple[Array, Array]:

@@ -1,6 +1,7 @@
 """Rows of a twist, their units and those of actuators, in published numbers and in sentences."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from math import hypot
 from typing import Any
 
 ROWS = ("turn x", "turn y", "turn z", "x", "y", "z")
@@ -43,6 +44,17 @@ def largest_by_unit(values: Sequence[float], units: Sequence[str]) -> str:
     """The largest number in each unit that there is: "0.001 rad, 2e-05 m"."""
     entries = by_unit("", list(values), units)
     return ", ".join(f"{max(own):.3g} {unit[1:]}" for unit, own in entries.items())
+
+
+def norms_said(values: Iterable[float], units: Sequence[str]) -> str:
+    """The norm of the values of each unit together: "3.2 µrad and 1.5 mm"."""
+    said = []
+    for unit in dict.fromkeys(units):
+        own = [value for value, its in zip(values, units, strict=True) if its == unit]
+        size = hypot(*own)
+        factor, prefix = prefixed(size)
+        said.append(f"{factor * size:.3g} {prefix}{unit}")
+    return " and ".join(said)
 
 
 def prefixed(size: float) -> tuple[float, str]:

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from experiments.rig.run import Run
-from experiments.rig.units import ROWS, by_unit, prefixed
+from experiments.rig.units import ROWS, norms_said, prefixed
 from experiments.study.controllers import controller_label
 from experiments.study.plotting import (
     BLACK,
@@ -44,7 +44,10 @@ def pictures(tracked: Tracked, summary: dict[str, Any]) -> list[Picture]:
 
 def headline(summary: dict[str, Any]) -> str:
     """What failed, when it was named, and the errors before and after, in one sentence."""
-    before, after = (_sizes(summary, f"rms_{when}") for when in ("before", "after"))
+    before, after = (
+        norms_said(rms, summary["units"]) if rms else ""
+        for rms in (summary["rms_before"], summary["rms_after"])
+    )
     if not (summary["failures"] or summary["events"]):
         return f"{summary['robot']}: without a failure the RMS error is {before}."
     broken = (*summary["failures"], *summary["events"])
@@ -57,16 +60,6 @@ def headline(summary: dict[str, Any]) -> str:
     earlier = "" if summary["rms_before"] is None else f", {before} before"
     return (
         f"{summary['robot']}: after {happened(summary, named)} the RMS error is {after}{earlier}."
-    )
-
-
-def _sizes(summary: dict[str, Any], key: str) -> str:
-    """RMS of the rows of each unit together."""
-    rows = by_unit("", summary[key], summary["units"]) if summary[key] else {}
-    sizes = {unit[1:]: float(np.linalg.norm(own)) for unit, own in rows.items()}
-    found = ((*prefixed(size), size, unit) for unit, size in sizes.items())
-    return " and ".join(
-        f"{factor * size:.3g} {prefix}{unit}" for factor, prefix, size, unit in found
     )
 
 

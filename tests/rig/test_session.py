@@ -9,8 +9,8 @@ import pytest
 
 from experiments.rig import Rig
 from experiments.rig import session as sessions
+from experiments.rig.choices import SOUND
 from experiments.rig.course import COURSES, REST
-from experiments.rig.flight import SOUND
 from experiments.rig.session import LASTING, Kind, Session
 from ftc.supervisor import SupervisorState
 from tests.ftc.test_handover import LSB_PERCENT

@@ -10,21 +10,21 @@ import numpy as np
 
 from argument_checks.ties import greatest
 from experiments.app.live.page import local_server, stop
-from experiments.app.live.panel import sizes
-from experiments.app.live.stage import NAMES, Stage
+from experiments.app.live.panel import BUTTONS
+from experiments.app.live.stage import FRAME_S, NAMES, Stage
 from experiments.recording.file import round_down
 from experiments.rig import Rig
 from experiments.rig.asked import asked_rig
+from experiments.rig.choices import SOUND
 from experiments.rig.events import EVENTS
-from experiments.rig.flight import SOUND, Flight
+from experiments.rig.flight import Flight
 from experiments.rig.options import RobotOptions
 from experiments.rig.session import LASTING, Kind, Session
-from sim import Array
+from experiments.rig.units import norms_said
 
 BREAKS_S, ENDS_S = 1.5, 4.5
 BEGINS_S = 0.5
 """Of the errors before the failure: the path has begun."""
-_FRAME_S = 0.04
 _TURN_RAD, _SHIFT, _BELOW, _NEARER, _HIGHER = 0.6, 0.3, 0.95, 0.66, 0.3
 """No magnified motion goes further: an angle, and a part of the machine's extent. In extents, too,
 how far below the caption is, by how much the camera is nearer than the live page's, and higher."""
@@ -35,12 +35,7 @@ FAILING: dict[str, Kind] = {
     "Half force": "weak",
     "Loose": "loose",
 }
-_DISTURBING = {
-    "Bump": "bump",
-    "Hum": "hum",
-    "Stuck sensor": "stuck",
-    "Sagging supply": "sag",
-}
+_DISTURBING = {"Bump": "bump"} | {words: name for name, words in BUTTONS.items()}
 HAPPENINGS = (*FAILING, *_DISTURBING)
 _DATA = re.compile(r'(?<=window\.__VISER_EMBED_DATA__=")[^"]*')
 
@@ -98,7 +93,7 @@ def filmed(model: Path | None, options: RobotOptions, happening: str, seed: int)
     """
     rig = _rig(model, options)
     session, period_s = Session(rig, seed), rig.period_s
-    every, breaks = round(_FRAME_S / period_s), round(BREAKS_S / period_s)
+    every, breaks = round(FRAME_S / period_s), round(BREAKS_S / period_s)
     session.advance(breaks - session.tick)
     actuator = None
     if happening in FAILING:
@@ -133,23 +128,18 @@ def filmed(model: Path | None, options: RobotOptions, happening: str, seed: int)
     )
 
 
-def _missed(flight: Flight, ticks: slice) -> Array:
-    """Errors (T, m1) of the major rows."""
-    return flight.desired[ticks] - flight.seen(ticks)[2]
-
-
 def _errors(rig: Rig, flight: Flight, breaks: int) -> tuple[str, str, str]:
-    before = _missed(flight, slice(round(BEGINS_S / rig.period_s), breaks))
-    after = _missed(flight, slice(breaks, flight.tick))
+    before = flight.error(slice(round(BEGINS_S / rig.period_s), breaks))
+    after = flight.error(slice(breaks, flight.tick))
     rms = [np.sqrt((each**2).mean(axis=0)) for each in (before, after)]
     worst = after[greatest(np.linalg.norm(after, axis=1))]
-    before_s, after_s, worst_s = (sizes(rig, each) for each in (*rms, worst))
+    before_s, after_s, worst_s = (norms_said(each, rig.row_units) for each in (*rms, worst))
     return before_s, after_s, worst_s
 
 
 def _curve(rig: Rig, flight: Flight, every: int) -> tuple[float, ...]:
     """The largest error within each frame, in parts of the path's radius."""
-    size = np.linalg.norm(_missed(flight, slice(0, flight.tick)), axis=1) / rig.size
+    size = np.linalg.norm(flight.error(slice(0, flight.tick)), axis=1) / rig.size
     frames = len(size) // every
     return tuple(size[: frames * every].reshape(frames, every).max(axis=1).tolist())
 
@@ -158,7 +148,6 @@ def _film(session: Session, words: str, every: int) -> tuple[str, int]:
     """The flights again, as a page of viser, and the factor by which their motion is magnified."""
     rig, flights = session.rig, session.flights
     breaks = round(BREAKS_S / rig.period_s)
-    course = session.course.desired[-session.course.cycle - 1 :: 20]
     server = local_server(None)
     try:
         stage = Stage(server, rig, flights, NAMES)
@@ -172,7 +161,7 @@ def _film(session: Session, words: str, every: int) -> tuple[str, int]:
             broken = tick > breaks
             states = session.states if broken else (SOUND,) * len(session.states)
             with server.atomic():
-                stage.show(flights, states, course, tick)
+                stage.show(flights, states, session.course.outline, tick)
                 caption.text = f"{tick * rig.period_s:.1f} s: {words if broken else 'all is sound'}"
             recorded.insert_sleep(every * rig.period_s)
         return recorded.as_html(), stage.factor

@@ -14,7 +14,7 @@ import viser
 
 from experiments.app.live.kept import keep
 from experiments.app.live.panel import Panel
-from experiments.app.live.stage import NAMES, Stage
+from experiments.app.live.stage import FRAME_S, NAMES, Stage
 from experiments.rig import Rig
 from experiments.rig.session import LONGEST_S, Session
 from experiments.study.study import WrongInput
@@ -22,7 +22,6 @@ from sim import ModelError, SimulationDiverged
 
 HOST = "127.0.0.1"
 PORT = 8080
-_FRAME_S = 0.04
 _SAID_EVERY = 5
 """Frames between words, which nobody reads faster."""
 _BEHIND_S = 0.1
@@ -76,7 +75,7 @@ class Page:
         server.gui.main_panel.dock_right()
         server.gui.set_panel_label(f"fjh live: {rig.title}")
         self._panel = Panel(server, self.session, self._do, self._save, self._stage.factor)
-        self._paces = deque([(time.perf_counter(), 0.0)], maxlen=round(1 / _FRAME_S))
+        self._paces = deque([(time.perf_counter(), 0.0)], maxlen=round(1 / FRAME_S))
         self._flown_s, self._frame, self._server = 0.0, 0, server
 
     def run(self) -> None:
@@ -85,9 +84,9 @@ class Page:
         while True:
             now = time.perf_counter()
             owed_s, last = min(owed_s + now - last, _BEHIND_S), now
-            owed_s -= self.advance(owed_s, now + _FRAME_S)
+            owed_s -= self.advance(owed_s, now + FRAME_S)
             self.show()
-            time.sleep(max(0.0, now + _FRAME_S - time.perf_counter()))
+            time.sleep(max(0.0, now + FRAME_S - time.perf_counter()))
 
     def advance(self, seconds: float, until: float) -> float:
         """Of simulated time, unless the clock is past `until`; how many were done."""
@@ -127,9 +126,8 @@ class Page:
         begin, flown_s = self._paces[0]
         now = time.perf_counter()
         self._paces.append((now, self._flown_s))
-        course = session.course.desired[-session.course.cycle - 1 :: 20]
         with self._server.atomic():
-            self._stage.show(session.flights, session.states, course)
+            self._stage.show(session.flights, session.states, session.course.outline)
             if self._frame % _SAID_EVERY == 0:
                 self._panel.show((self._flown_s - flown_s) / max(now - begin, 1e-6))
         self._frame += 1

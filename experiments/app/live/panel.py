@@ -9,19 +9,18 @@ import viser
 from viser.uplot import Legend, Series
 
 from experiments.app.live.stage import COLORS, NAMES
-from experiments.rig import Rig
+from experiments.rig.choices import SOUND
 from experiments.rig.course import COURSES
 from experiments.rig.events import EVENTS
-from experiments.rig.flight import SOUND
 from experiments.rig.session import LASTING, Kind, Session
-from experiments.rig.units import prefixed
+from experiments.rig.units import norms_said
 from sim import Array
 
 Do = Callable[..., None]
 """Has a function called with arguments between two ticks."""
 
 _KINDS: dict[str, Kind] = {"sound": "sound", "lock": "locked", "free": "free", "weak": "weak"}
-_BUTTONS = {"hum": "Hum", "stuck": "Stuck sensor", "sag": "Sagging supply"}
+BUTTONS = {"hum": "Hum", "stuck": "Stuck sensor", "sag": "Sagging supply"}
 _PLOTTED = 250
 """Frames."""
 _WEIGHTS = 0.1, 10.0
@@ -73,7 +72,7 @@ class Panel:
             bump.on_click(lambda _: self._do(self._bump))
             self._lasting = {}
             for name in LASTING:
-                box = gui.add_checkbox(_BUTTONS[name], False, hint=EVENTS[name].sentence)
+                box = gui.add_checkbox(BUTTONS[name], False, hint=EVENTS[name].sentence)
                 box.on_update(
                     lambda event, name=name: self._do(session.last, name, event.target.value)
                 )
@@ -123,7 +122,7 @@ class Panel:
     def _rms(self, ticks: int) -> list[Array]:
         now = self._session.tick
         late = slice(max(0, now - ticks), now)
-        both = [flight.desired[late] - flight.seen(late)[2] for flight in self._session.flights]
+        both = [flight.error(late) for flight in self._session.flights]
         return [np.sqrt((each**2).mean(axis=0)) for each in both]
 
     def show(self, real_time_factor: float) -> None:
@@ -134,7 +133,7 @@ class Panel:
                   if s != SOUND]  # fmt: skip
         happens = [*broken, *(EVENTS[name].sentence for name in sorted(session.going_on))]
         rows = [
-            f"<b style='color:{color}'>{name}</b> {sizes(rig, error)} RMS<br>"
+            f"<b style='color:{color}'>{name}</b> {norms_said(error, rig.row_units)} RMS<br>"
             f"{escape(flight.belief)}"
             for name, color, error, flight in zip(
                 NAMES, COLORS, self._rms(second), session.flights, strict=True
@@ -148,15 +147,3 @@ class Panel:
         self._html.content = f"<div style='{_TEXT}'>{body}</div>"
         if len(self._times) > 1:
             self._plot.data = (np.array(self._times), *map(np.array, self._errors))
-
-
-def sizes(rig: Rig, error: Array) -> str:
-    """Of the rows of each unit together."""
-    said = []
-    for unit in dict.fromkeys(rig.row_units):
-        size = float(
-            np.linalg.norm([e for e, u in zip(error, rig.row_units, strict=True) if u == unit])
-        )
-        factor, prefix = prefixed(size)
-        said.append(f"{factor * size:.3g} {prefix}{unit}")
-    return " and ".join(said)

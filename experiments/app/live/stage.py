@@ -15,7 +15,9 @@ from experiments.recording.hexapod import BODIES
 from experiments.recording.machine import Motion, ahead_of
 from experiments.recording.robot import mover
 from experiments.rig import Rig
-from experiments.rig.flight import SOUND, Flight
+from experiments.rig.bodies import body_name
+from experiments.rig.choices import SOUND
+from experiments.rig.flight import Flight
 from experiments.study.palette import BLUE, FAILED, VERMILION
 from sim import Array
 
@@ -28,6 +30,7 @@ _TURN_RAD, _SHIFT = 0.2, 0.06
 _DOWN = -0.95, -0.5
 _TRAIL = 100
 _GREY = "#777777"
+FRAME_S = 0.04
 _DRAWN_GROUPS = 3
 """The first groups of geoms are what MuJoCo's viewer shows."""
 
@@ -78,7 +81,8 @@ class Stage:
         tick: int | None = None,
     ) -> None:  # fmt: skip
         """How they are after a tick, None is the last, what failed, and where they go: (N, m1)."""
-        every = max(1, round(0.04 / flights[0].rig.period_s))
+        every = max(1, round(FRAME_S / flights[0].rig.period_s))
+        path = self._pointer.at(course, self.factor)
         for actor, flight in zip(self._actors, flights, strict=True):
             now = flight.tick if tick is None else tick
             task, qpos, _ = flight.seen(slice(now - 1, now))
@@ -86,7 +90,7 @@ class Stage:
             late = flight.seen(
                 slice(now - 1 - every * min(_TRAIL, (now - 1) // every), now, every)
             )[2]
-            actor.trail(self._pointer.at(late, self.factor), self._pointer.at(course, self.factor))
+            actor.trail(self._pointer.at(late, self.factor), path)
             actor.color(states)
 
 
@@ -134,7 +138,7 @@ class Actor:
             geoms = [g for g in range(first, first + model.body_geomnum[body]) if _drawn(model, g)]
             if geoms:
                 self._add(body, merge_geoms(model, geoms))
-        ids = {model.body(k).name or f"body_{k}": k for k in range(model.nbody)}
+        ids = {body_name(model, k): k for k in range(model.nbody)}
         self._moves = model.body_weldid != 0
         bodies = BODIES if rig.file is None else [(body,) for body in rig.bodies]
         self._bodies = [[ids[b] for b in each if b in ids] for each in bodies]
