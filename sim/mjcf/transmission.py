@@ -55,7 +55,8 @@ def drives(
     """The active velocities of a model, in the order of their first actuators.
 
     Actuators of one joint, of one tendon, or with parallel gears at one site or ball joint share a
-    velocity. Those that `opt.disableactuator` switches off move nothing.
+    velocity; at a site, a ball or a free joint it is that along the gear of the first of them.
+    Those that `opt.disableactuator` switches off move nothing.
 
     Args:
         model: The model.
@@ -164,6 +165,8 @@ def _drive(model: mujoco.MjModel, outputs: list[_Output]) -> Drive:
     joint = end if kind == _JOINT and not direction else None
     tendon = end if kind == _TENDON else None
     has_length = joint is not None or kind in (_TENDON, _CRANK)
+    if direction and not has_length:  # their sign came from the direction's first component
+        gear = tuple(math.copysign(1.0, gear[0]) * each for each in gear)
     return Drive(model, ids, gear, numbers, joint, tendon, has_length)
 
 

@@ -160,11 +160,14 @@ MUSCLE = '<muscle name="{}" joint="a" gear="{}" lengthrange="-1 1"/>'
         (MUSCLE.format("m", 1) + MUSCLE.format("n", 2), -1),
         ('<motor tendon="cable" ctrlrange="-1 0"/>', -1),
         ('<motor tendon="cable" ctrlrange="-1 0"/><motor tendon="cable" ctrlrange="0 1"/>', 0),
-        ('<motor site="tool" gear="0 0 -1 0 0 0" ctrlrange="0 1"/>', -1),
+        (
+            '<motor site="tool" gear="0 0 -1 0 0 0" ctrlrange="0 1"/>',
+            1,
+        ),  # its velocity is along the gear
     ],
 )
 def test_what_pushes_to_one_side_only_is_marked_and_the_warnings_say_so(actuators, side):
-    """A negative gear turns the side round; an antagonistic pair pushes both ways."""
+    """A negative gear turns the side of a joint round; an antagonistic pair pushes both ways."""
     jac = arm(actuators)
     assert jac.machine is not None and jac.names is not None
     assert jac.machine.one_sided.tolist() == [side]

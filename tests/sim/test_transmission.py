@@ -101,7 +101,7 @@ WITH_LENGTH = {
 WITHOUT_LENGTH = {  # or with one whose slope is not the velocity, as the rotation vector's
     "site": Case('<motor name="m" site="tool" gear="0 3 0 4 0 0"/>', [("m", ("m",), (5.0,))]),
     "turn of a site": Case(
-        '<motor name="m" site="tool" refsite="post" gear="0 0 0 0 -1 0"/>', [("m", ("m",), (-1.0,))]
+        '<motor name="m" site="tool" refsite="post" gear="0 0 0 0 -1 0"/>', [("m", ("m",), (1.0,))]
     ),
     "thrusters": Case(
         '<motor name="a" site="buoy" gear="0 0 3 0 4 0"/>'
@@ -225,6 +225,23 @@ def test_the_drives_do_the_power_of_the_actuators(kind):
         ]
         power = forces @ of_drives(model, jac, qvel)
         assert power == pytest.approx(data.qfrc_actuator @ qvel, rel=1e-9)
+
+
+@pytest.mark.parametrize("at", ['site="tool"', 'site="tool" refsite="post"', 'joint="float"'])
+@pytest.mark.parametrize("gear", ["-.6 .8 0 0 0 0", "0 0 -2 0 0 0", "0 0 0 0 -1 0", "0 -1 0 2 0 0"])
+def test_along_a_direction_the_velocity_is_that_along_the_gear_of_the_first_actuator(at, gear):
+    """Whatever the sign of its first component; a second one that pushes back has gear -3."""
+    first, back = np.array(gear.split(), dtype=float), -3.0 * np.array(gear.split(), dtype=float)
+    pair = f'<motor {at} gear="{gear}"/><motor {at} gear="{" ".join(map(str, back))}"/>'
+    model, data = mechanism(pair)
+    jac = jacobians(model, data, "tool" if "site" in at else "buoy")
+    data.qvel[:] = np.random.default_rng(3).normal(size=model.nv)
+    mujoco.mj_forward(model, data)
+    size = np.linalg.norm(first)
+    np.testing.assert_allclose(jac.gear, [size])
+    rate = of_drives(model, jac, data.qvel)[0]
+    assert rate == pytest.approx(data.actuator_velocity[0] / size, rel=1e-9)
+    assert jac.machine is not None and jac.machine.drives[0].gear[1] == pytest.approx(-3.0 * size)
 
 
 @pytest.mark.parametrize("tendon", ["cable", "hoist", "wrap"])
