@@ -1,5 +1,6 @@
 """Inverse kinematics: the velocity that meets tasks in strict levels, under limits."""
 
+import warnings
 from collections.abc import Iterable, Sequence
 from copy import copy
 
@@ -63,6 +64,8 @@ class Ik:
         self._reader = JacobianReader(model, self._levels.read, **read)
         anywhere = JacobianReader(model, self._levels.read, closure_tolerance=np.inf, **read)
         jac = anywhere.at(mujoco.MjData(model))
+        for sentence in jac.machine.of_any_pose.left_out if jac.machine else ():
+            warnings.warn(sentence, RuntimeWarning, stacklevel=2)
         given = Limits() if limits is None else check.instance("limits", limits, Limits)
         self._limits = given.of(model, jac)
         system = ConstrainedSystem.of(jac)

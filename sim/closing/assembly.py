@@ -1,6 +1,7 @@
 """Assembly: joint positions at which every loop of a model is closed."""
 
 import copy
+import warnings
 from collections.abc import Iterable
 
 import mujoco
@@ -9,7 +10,7 @@ import argument_checks as check
 from sim.closing.equalities import check_closures
 from sim.closing.hold import hold
 from sim.closing.newton import close
-from sim.closing.pin import Pin
+from sim.closing.pin import Pin, located_pins
 from sim.mjcf.frame import Body
 from sim.mjcf.model import check_state
 
@@ -30,6 +31,9 @@ def assemble(
     An over-constrained mechanism closes as far as its geometry is accurate: with axes that are
     parallel to 1e-6 only, gaps of this size stay that no motion within it can close.
 
+    Equalities of a flex beside the mechanism, such as a cloth, are left out, and a `RuntimeWarning`
+    names each.
+
     Args:
         model: Any model.
         data: The state to begin from, which stays as it is; None is the model's `qpos0`.
@@ -44,8 +48,9 @@ def assemble(
 
     Raises:
         ClosureError: An equality that does not close: which, and how far it stays open.
-        ModelError: A name that does not exist; an active equality of a flex; closures that the
-            model's flags switch off.
+        ModelError: A name that does not exist; an active equality that ties a flex to what
+            actuators, closures or pins have to do with; closures that the model's flags switch
+            off.
         ValueError: `data` is of another model, or its `qpos` is not finite.
         TypeError: An argument is of another kind.
     """
@@ -53,7 +58,9 @@ def assemble(
     if data is not None:
         check_state(model, data)
     closed = mujoco.MjData(model) if data is None else copy.copy(data)
-    assemble_in_place(model, closed, held, pinned, checked_accuracy(geometry_accuracy))
+    accuracy = checked_accuracy(geometry_accuracy)
+    for sentence in assemble_in_place(model, closed, held, pinned, accuracy):
+        warnings.warn(sentence, RuntimeWarning, stacklevel=2)
     return closed
 
 
@@ -63,17 +70,19 @@ def assemble_in_place(
     held: Iterable[str | int],
     pinned: Iterable[str | Body | Pin],
     accuracy: float | None,
-) -> None:
-    """The same of a state that is changed.
+) -> tuple[str, ...]:
+    """The same of a state that is changed; returns a sentence for each equality that is left out.
 
     Raises:
         ClosureError, ModelError, TypeError: As :func:`assemble`.
     """
-    check_closures(model, data)
     mujoco.mj_fwdPosition(model, data)
     fixed = hold(model, data, held, pinned)
+    frames = [pin.frame for pin in located_pins(model, fixed.pins)]
+    beside = check_closures(model, data, frames)
     if fixed.binds(data):
         close(model, data, fixed, accuracy)
+    return beside
 
 
 def checked_accuracy(geometry_accuracy: float | None) -> float | None:

@@ -1,5 +1,6 @@
 """Rows of the active equalities, taken where the loops are closed, and how far they are open."""
 
+from collections.abc import Iterable
 from math import isfinite
 from typing import NamedTuple
 
@@ -11,7 +12,9 @@ from argument_checks.ties import greatest
 from sim.array import Array
 from sim.compiled import compiled
 from sim.errors import ModelError
-from sim.mjcf.model import name_of
+from sim.mjcf.frame import Located
+from sim.mjcf.model import name_of, with_sleepers
+from sim.mjcf.part import equality_bodies, moved_bodies, task_part
 
 _EQ = mujoco.mjtEq
 _CONNECT, _WELD, _JOINT, _TENDON = (
@@ -28,27 +31,80 @@ _WITHOUT_CLOSURES = int(mujoco.mjtDisableBit.mjDSBL_EQUALITY) | int(
 )
 
 
-def check_closures(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    """Refuse active equalities that are not closures, or that the model's flags switch off.
+def check_closures(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    frames: Iterable[Located] = (),
+    among: Iterable[int] | None = None,
+) -> tuple[str, ...]:
+    """Refuse active equalities that are no closures of what actuators move and closures tie.
+
+    Args:
+        model: The model.
+        data: Its state, of which `eq_active` counts.
+        frames: That belong to the mechanism besides.
+        among: Numbers of the actuators; None is all.
+
+    Returns:
+        As :func:`left_out`.
 
     Raises:
-        ModelError: As described.
+        ModelError: As described; or the model's flags switch equalities off that are active.
     """
+    _check_flags(model, data)
+    if not _of_flexes(model, data):  # the common case
+        return ()
+    actuators = range(model.nactuator) if among is None else among
+    bodies = [moved_bodies(model, k) for k in actuators]
+    closures = data.eq_active.astype(bool) & np.isin(model.eq_type, list(_KINDS))
+    bodies += [equality_bodies(model, k) for k in np.flatnonzero(closures).tolist()]
+    moved = (Located(body, body, is_site=False) for body in frozenset[int]().union(*bodies))
+    return left_out(model, data, [*frames, *moved])
+
+
+def _of_flexes(model: mujoco.MjModel, data: mujoco.MjData) -> list[int]:
+    """Active equalities of a flex."""
+    if not model.nflex:
+        return []
+    active = data.eq_active.astype(bool)
+    return np.flatnonzero(active & ~np.isin(model.eq_type, list(_KINDS))).tolist()
+
+
+def _check_flags(model: mujoco.MjModel, data: mujoco.MjData) -> None:
     if data.eq_active.any() and model.opt.disableflags & _WITHOUT_CLOSURES:
         raise ModelError(
             "equalities are active, and the model's flags disable them: clear these flags, or "
             "data.eq_active"
         )
-    strange = [
-        k
-        for k, kind in enumerate(model.eq_type.tolist())
-        if kind not in _KINDS and data.eq_active[k]
-    ]
-    if strange:
-        raise ModelError(
-            f"{equality_name(model, strange[0])} holds a flex, and only connect, weld, joint and "
-            "tendon are closures: set its data.eq_active to 0"
-        )
+
+
+def left_out(
+    model: mujoco.MjModel, data: mujoco.MjData, frames: Iterable[Located]
+) -> tuple[str, ...]:
+    """A sentence for each active equality of a flex beside a mechanism: these are no closures.
+
+    Args:
+        model: The model.
+        data: Its state, of which `eq_active` counts.
+        frames: That the mechanism moves.
+
+    Raises:
+        ModelError: One of them ties the mechanism to a flex.
+    """
+    if not (of_flexes := _of_flexes(model, data)):
+        return ()
+    part = task_part(model, frames, np.flatnonzero(data.eq_active).tolist()).bodies
+    for k in of_flexes:
+        if equality_bodies(model, k) & part:
+            raise ModelError(
+                f"{equality_name(model, k)} ties a flex to the mechanism, and only connect, weld, "
+                'joint and tendon are closures: state active="false" for it in the file, or set '
+                "its model.eq_active0 and data.eq_active to 0"
+            )
+    return tuple(
+        f"{equality_name(model, k)} holds a flex beside the mechanism and is left out"
+        for k in of_flexes
+    )
 
 
 class Closures(NamedTuple):
@@ -59,12 +115,14 @@ class Closures(NamedTuple):
         units: What makes of MuJoCo's residuals meters and radians, shape (c,).
         points: Which rows keep two points together: three of each connect and weld, shape (3k,).
         carried: How many of the two bodies each velocity carries, in each of these, (3k, nv).
+        places: Which of MuJoCo's rows of equalities these are; None is all. Others are of a flex.
     """
 
     equality: NDArray[np.intp]
     units: Array
     points: NDArray[np.intp]
     carried: Array
+    places: NDArray[np.intp] | None
 
     def rows(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
         """Rows of the closures, shape (c, nv); see :meth:`write_rows`."""
@@ -78,27 +136,25 @@ class Closures(NamedTuple):
         apart, a joint that carries both bodies moves them apart by omega x D, although it opens
         nothing, and redundant rows become constraints. Here both bodies move as at the anchors'
         midpoint.
-
-        Raises:
-            ModelError: A part of the mechanism sleeps; MuJoCo leaves its rows out.
         """
-        if data.ntree_awake < model.ntree:
-            raise ModelError(
-                "a part of the mechanism is asleep, with its closures: switch sleep off"
-            )
         if not self.units.size:
             return
-        out[:] = constraint_rows(model, data, data.ne)
+        rows = constraint_rows(model, data, data.ne)
+        out[:] = rows if self.places is None else rows[self.places]
         if self.points.size:
             # The first three columns of cdof are a joint's axis, if it turns its body.
-            compiled().at_midpoints(data.efc_pos, data.cdof, self.points, self.carried, out)
+            compiled().at_midpoints(self._open(data), data.cdof, self.points, self.carried, out)
+
+    def _open(self, data: mujoco.MjData) -> Array:
+        """MuJoCo's residuals, those of the closures first."""
+        return data.efc_pos if self.places is None else data.efc_pos[self.places]
 
     def gaps(self, data: mujoco.MjData) -> Array:
         """How far each row is open, shape (c,), from what MuJoCo last computed.
 
         [m] or [rad]; of a weld's turn the rotation vector.
         """
-        return data.efc_pos[: len(self.units)] * self.units
+        return self._open(data)[: len(self.units)] * self.units
 
     def largest_gap(self, data: mujoco.MjData) -> float:
         """The largest gap, [m] or [rad]; 0 without closures.
@@ -108,7 +164,7 @@ class Closures(NamedTuple):
         """
         if not self.units.size:
             return 0.0
-        largest = compiled().largest(data.efc_pos, self.units)
+        largest = compiled().largest(self._open(data), self.units)
         if not isfinite(largest):
             raise ModelError("an equality of the model is not finite")
         return largest
@@ -123,11 +179,15 @@ def active_closures(model: mujoco.MjModel, data: mujoco.MjData) -> Closures:
     """The active equality constraints, from what MuJoCo last computed.
 
     Raises:
-        ModelError: As :func:`check_closures`.
+        ModelError: The model's flags switch equalities off that are active.
     """
-    check_closures(model, data)
-    equality = data.efc_id[: data.ne].astype(np.intp)
-    units, points, carried, start = np.ones(data.ne), [], [np.zeros((0, model.nv))], 0
+    _check_flags(model, data)
+    with_sleepers(model, data, mujoco.mj_tendon, mujoco.mj_makeConstraint)
+    equality, places = data.efc_id[: data.ne].astype(np.intp), None
+    if len(others := np.setdiff1d(model.eq_type, list(_KINDS))):
+        places = np.flatnonzero(~np.isin(model.eq_type[equality], others))
+        equality = equality[places]
+    units, points, carried, start = np.ones(len(equality)), [], [np.zeros((0, model.nv))], 0
     for k in dict.fromkeys(equality.tolist()):
         kind = int(model.eq_type[k])
         if kind == _WELD:  # the last three rows are sines of half the angles, scaled
@@ -137,7 +197,7 @@ def active_closures(model: mujoco.MjModel, data: mujoco.MjData) -> Closures:
             points += range(start, start + 3)
             carried += [sum(_carries(model, body) for body in _bodies(model, k))] * 3
         start += _ROWS.get(kind, 1)
-    return Closures(equality, units, np.array(points, dtype=np.intp), np.vstack(carried))
+    return Closures(equality, units, np.array(points, dtype=np.intp), np.vstack(carried), places)
 
 
 def closure_rows(model: mujoco.MjModel, data: mujoco.MjData) -> Array:

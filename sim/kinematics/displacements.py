@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from sim.array import Array
 from sim.mjcf.drive import Drive
+from sim.mjcf.model import with_sleepers
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +53,7 @@ class Displacements:
             mujoco.mj_comPos(model, data)
             mujoco.mj_tendon(model, data)
             mujoco.mj_transmission(model, data)
+            with_sleepers(model, data, mujoco.mj_tendon, mujoco.mj_transmission)
 
     def read(self, data: mujoco.MjData) -> Array:
         """Displacements (n,) from the nominal pose, [m] or [rad]."""

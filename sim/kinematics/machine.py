@@ -44,10 +44,12 @@ class OfAnyPose:
     Attributes:
         model: The model.
         variables: As of the machine.
+        left_out: A sentence for each equality that does not count.
     """
 
     model: mujoco.MjModel
     variables: int
+    left_out: tuple[str, ...] = ()
 
     @cached_property
     def drives(self) -> tuple[Drive, ...]:
@@ -165,6 +167,7 @@ class Machine:
     def warnings(self) -> tuple[str, ...]:
         """What the Jacobians leave out, a sentence each."""
         return (
+            *self.of_any_pose.left_out,
             *self._limit_warnings(),
             *self._contact_warnings(),
             *self._drive_warnings(),

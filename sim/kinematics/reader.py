@@ -9,7 +9,7 @@ import numpy as np
 
 import argument_checks as check
 from sim.array import Array
-from sim.closing.equalities import Closures, active_closures, equality_name
+from sim.closing.equalities import Closures, active_closures, equality_name, left_out
 from sim.closing.pin import Pin, located_pins, pins_of
 from sim.errors import ClosureError, ModelError
 from sim.kinematics.entry_accuracy import EntryAccuracy, Natural, frames_of
@@ -66,7 +66,7 @@ def jacobians(
         ClosureError: A closure is open farther than the tolerance.
         ModelError: A name that does not exist; a model in which nothing is active; a task that
             nothing active moves; an actuator or an active equality that is no velocity; a variable
-            that has an actuator; closures that the model's flags switch off, or that sleep.
+            that has an actuator; closures that the model's flags switch off.
         ValueError: `data.qpos` is not finite, or `data` of another model.
         TypeError: An argument is of another kind.
     """
@@ -215,10 +215,12 @@ class JacobianReader:
             )
         frames = [frame for located in self._located for frame in located.frames]
         angular = [each for located in self._located for each in located.angular]
+        pinned = [pin.frame for pin in self._source.pins]
+        of_any_pose = OfAnyPose(model, now.variables, left_out(model, data, [*frames, *pinned]))
         read = frames_of(model, now.closures, self._pins, frames)
         is_turn = np.array(angular, dtype=bool)
         natural = Natural(model, read, now.closures, now.extra, self._pins, is_turn)
-        return _Known(now, natural, OfAnyPose(model, now.variables), {}, spare)
+        return _Known(now, natural, of_any_pose, {}, spare)
 
 
 class _Known(NamedTuple):

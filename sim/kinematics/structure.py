@@ -13,7 +13,7 @@ from sim.array import Array
 from sim.closing.equalities import Closures
 from sim.errors import ModelError
 from sim.mjcf.drive import Drive
-from sim.mjcf.model import element_id, name_of
+from sim.mjcf.model import element_id, name_of, with_sleepers
 from sim.mjcf.transmission import drives, extra_drives, required_drives, simple_velocities
 
 
@@ -46,6 +46,7 @@ def bring_up_to_date(model: mujoco.MjModel, data: mujoco.MjData) -> None:
         mujoco.mj_tendon(model, data)
     if model.neq:
         mujoco.mj_makeConstraint(model, data)
+    with_sleepers(model, data, mujoco.mj_tendon, mujoco.mj_makeConstraint)
 
 
 def variables_of(

@@ -159,7 +159,7 @@ class LocatedCenter(NamedTuple):
 
     Attributes:
         body: With all that it carries.
-        frames: Of all bodies: the centre may be anywhere among them.
+        frames: Of all these bodies: the centre may be anywhere among them.
     """
 
     body: int
@@ -198,8 +198,12 @@ def located_task(model: mujoco.MjModel, task: Task) -> LocatedRows:
 def located_center(model: mujoco.MjModel, task: CenterOfMass) -> LocatedCenter:
     """The centre of mass, looked up by the name of its body."""
     check.instance("model", model, mujoco.MjModel)
-    bodies = tuple(Located(body, body, is_site=False) for body in range(1, model.nbody))
-    return LocatedCenter(_com_body(model, task), bodies)
+    within = [_com_body(model, task)]
+    for body, above in enumerate(model.body_parentid.tolist()):  # parents come first
+        if body and above in within:
+            within.append(body)
+    bodies = tuple(Located(body, body, is_site=False) for body in within if body)
+    return LocatedCenter(within[0], bodies)
 
 
 def task_jacobian(model: mujoco.MjModel, data: mujoco.MjData, task: Task) -> Array:

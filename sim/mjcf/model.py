@@ -3,7 +3,7 @@
 import copy
 import hashlib
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
@@ -156,6 +156,25 @@ def check_size(argument: str, model: mujoco.MjModel, data: mujoco.MjData) -> Non
         check.instance(argument, data, mujoco.MjData)
     if data.model is not model and _sizes(data.model) != _sizes(model):
         raise ValueError(f"{argument} must be of this model, got that of a model of other size")
+
+
+def with_sleepers(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    *functions: Callable[[mujoco.MjModel, mujoco.MjData], None],
+) -> None:
+    """Call functions of MuJoCo once more if something sleeps, and as if nothing did.
+
+    They leave out tendons, transmissions and rows of constraints of trees that sleep. The frames of
+    their bodies, from which these follow, are up to date; and the trees sleep on.
+    """
+    trees, velocities = data.ntree_awake, data.nv_awake
+    if trees == model.ntree:
+        return
+    data.ntree_awake, data.nv_awake = model.ntree, model.nv
+    for function in functions:
+        function(model, data)
+    data.ntree_awake, data.nv_awake = trees, velocities
 
 
 def _sizes(model: mujoco.MjModel) -> list[int]:

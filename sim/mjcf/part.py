@@ -14,6 +14,7 @@ from sim.mjcf.model import joint_name
 _EQ, _TRN, _WRAP = mujoco.mjtEq, mujoco.mjtTrn, mujoco.mjtWrap
 _BETWEEN_BODIES = int(_EQ.mjEQ_CONNECT), int(_EQ.mjEQ_WELD)
 _OF_JOINTS, _OF_TENDONS = int(_EQ.mjEQ_JOINT), int(_EQ.mjEQ_TENDON)
+_OF_FLEXES = int(_EQ.mjEQ_FLEX), int(_EQ.mjEQ_FLEXVERT), int(_EQ.mjEQ_FLEXSTRAIN)
 _ON_JOINT = int(_TRN.mjTRN_JOINT), int(_TRN.mjTRN_JOINTINPARENT)
 _ON_TENDON, _ON_BODY = int(_TRN.mjTRN_TENDON), int(_TRN.mjTRN_BODY)
 _WRAPPED_JOINT, _WRAPPED_SITE = int(_WRAP.mjWRAP_JOINT), int(_WRAP.mjWRAP_SITE)
@@ -84,7 +85,7 @@ def task_part(model: mujoco.MjModel, frames: Iterable[Located], active: Iterable
     """
     carried = [bodies for frame in frames if (bodies := _above(model, frame.body))]
     part = frozenset[int]().union(*carried)
-    moved = [_moved(model, k) for k in range(model.nactuator)]
+    moved = [moved_bodies(model, k) for k in range(model.nactuator)]
     ties = [*(equality_bodies(model, k) for k in active), *_tendons(model), *moved]
     while reached := [tie for tie in ties if tie & part and not tie <= part]:
         part = part.union(*reached)
@@ -130,8 +131,17 @@ def equality_bodies(model: mujoco.MjModel, equality: int) -> Bodies:
     if kind in _BETWEEN_BODIES:
         sites = model.eq_objtype[equality] == _SITE
         return _between(model, model.site_bodyid[ends].tolist() if sites else ends)
+    if kind in _OF_FLEXES:
+        return _between(model, _flex_bodies(model, ends[0]))
     of = {_OF_JOINTS: _of_joint, _OF_TENDONS: tendon_bodies}.get(kind)
     return frozenset[int]().union(*(of(model, end) for end in ends)) if of else frozenset()
+
+
+def _flex_bodies(model: mujoco.MjModel, flex: int) -> list[int]:
+    """Bodies of the vertices of a flex, or of its nodes where these move it."""
+    of = "node" if model.flex_interp[flex] else "vert"
+    start, count = (getattr(model, f"flex_{of}{field}")[flex] for field in ("adr", "num"))
+    return sorted(set(getattr(model, f"flex_{of}bodyid")[start : start + count].tolist()))
 
 
 def _tendons(model: mujoco.MjModel) -> Iterator[Bodies]:
@@ -145,7 +155,7 @@ def _tendons(model: mujoco.MjModel) -> Iterator[Bodies]:
     return (tendon_bodies(model, int(k)) for k in np.flatnonzero(pulls))
 
 
-def _moved(model: mujoco.MjModel, actuator: int) -> Bodies:
+def moved_bodies(model: mujoco.MjModel, actuator: int) -> Bodies:
     """Bodies with joints on which an actuator acts."""
     kind = int(model.actuator_trntype[actuator])
     end, other = model.actuator_trnid[actuator].tolist()

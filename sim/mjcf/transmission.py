@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from sim.array import Array
 from sim.errors import ModelError
 from sim.mjcf.drive import Drive
-from sim.mjcf.model import name_of
+from sim.mjcf.model import name_of, with_sleepers
 
 _TRN = mujoco.mjtTrn
 _JOINT, _IN_PARENT, _CRANK, _TENDON, _BODY, _TURN = (  # as integers, which compare 10 times faster
@@ -121,6 +121,7 @@ def drive_rows(model: mujoco.MjModel, data: mujoco.MjData, some: Sequence[Drive]
     """
     if not some:
         return np.zeros((0, model.nv))
+    with_sleepers(model, data, mujoco.mj_tendon, mujoco.mj_transmission)
     moments = np.zeros((model.nout, model.nv))
     mujoco.mju_sparse2dense(
         moments, data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind

@@ -68,7 +68,7 @@ def servoed(
     servo, of_model = copy.copy(model), drives(model, among=among)
     state = mujoco.MjData(model) if data is None else copy.copy(data)
     check_state(model, state)
-    check_closures(model, state)
+    check_closures(model, state, among=among)
     mujoco.mj_fwdPosition(model, state)
     driven = [_lacks_position(model, drive) for drive in of_model]
     if of_model and not any(driven) and not any(drive.has_length for drive in of_model):

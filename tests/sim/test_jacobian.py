@@ -9,6 +9,8 @@ from scipy.spatial.transform import Rotation
 from prioritized import ConstrainedSystem
 from sim import (
     Body,
+    CenterOfMass,
+    ClosureError,
     JacobianReader,
     ModelError,
     Plant,
@@ -356,7 +358,8 @@ DRIVES = """
     </body>
     <body pos="4 0 0"><joint name="float" type="free"/><geom size="0.1"/><site name="buoy"/></body>
   </worldbody>
-  <tendon><fixed name="cable"><joint joint="a" coef="1"/></fixed></tendon>
+  <tendon>
+    <fixed name="cable"><joint joint="a" coef="1"/></fixed></tendon>
   <actuator><{drive}/></actuator>
 </mujoco>
 """
@@ -418,23 +421,67 @@ def test_what_the_theory_has_no_word_for_is_refused_by_name():
 FLEX = """
 <mujoco>
   <worldbody>
-    <body><joint name="a"/><geom size="0.1"/><site name="tool"/></body>
-    <flexcomp name="cloth" type="grid" count="3 3 1" spacing="0.1 0.1 0.1" dim="2" radius="0.01"
-              mass="1" pos="0 0 2"/>
+    <body pos="0 0 2">
+      <joint name="a"/><geom size="0.1"/>
+      <body name="hand" pos="0.3 0 0"><joint name="b"/><geom size="0.1"/><site name="tool"/>{held}
+      </body>
+    </body>
+    {beside}
   </worldbody>
-  <equality><flex name="skin" flex="cloth"/></equality>
+  <equality><joint joint1="b" joint2="a" polycoef="0 2 0 0 0"/>{ties}</equality>
   <actuator><motor joint="a"/></actuator>
 </mujoco>
 """
+CLOTH = """
+<flexcomp name="cloth" type="grid" count="3 3 1" spacing="0.1 0.1 0.1" dim="2" radius="0.01"
+          mass="1" pos="0 0 1">{}<edge equality="true"/></flexcomp>
+"""
 
 
-def test_a_flex_may_be_there_but_its_equality_may_not_be_active():
-    model = mujoco.MjModel.from_xml_string(FLEX)
-    data = mujoco.MjData(model)
-    with pytest.raises(ModelError, match='equality "skin" holds a flex'):
-        jacobians(model, data, "tool")
-    data.eq_active[0] = False
-    assert len(jacobians(model, data, "tool").J_C) == 0
+def cloth(where: str) -> tuple[mujoco.MjModel, mujoco.MjData]:
+    """A robot, and a cloth beside it, in its hand, or from its hand to the world."""
+    parts = {"held": "", "beside": CLOTH.format(""), "ties": ""}
+    if where == "in the hand":
+        parts = {"held": CLOTH.format('<pin id="0 2"/>'), "beside": "", "ties": ""}
+    elif where == "tied":
+        parts["beside"] = CLOTH.format('<pin id="8"/>')
+        parts["ties"] = '<weld body1="hand" body2="cloth_0"/>'
+    model = mujoco.MjModel.from_xml_string(FLEX.format(**parts))
+    return model, mujoco.MjData(model)
+
+
+@pytest.mark.parametrize("where", ["beside", "in the hand"])
+def test_the_equality_of_a_cloth_that_ties_nothing_of_the_task_is_left_out_with_a_warning(where):
+    """Also by `assemble`; the robot's own loop, whose row comes after the cloth's, stays closed."""
+    model, data = cloth(where)
+    data.joint("a").qpos, data.joint("b").qpos = 0.3, 0.5
+    with pytest.warns(RuntimeWarning, match="flex.* is left out"):
+        closed = assemble(model, data)
+    assert closed.joint("b").qpos == pytest.approx(2.0 * closed.joint("a").qpos, abs=1e-9)
+    jac = jacobians(model, closed, "tool")
+    assert any("flex" in sentence and "left out" in sentence for sentence in jac.warnings)
+    row = np.zeros((1, model.nv))
+    row[0, model.joint("b").dofadr], row[0, model.joint("a").dofadr] = 1.0, -2.0
+    np.testing.assert_array_equal(jac.J_C, row)
+    expected = np.zeros((3, model.nv))
+    mujoco.mj_jacSite(model, closed, expected, None, model.site("tool").id)
+    np.testing.assert_array_equal(jac.J_T[3:], expected)
+    closed.eq_active[model.eq_type == mujoco.mjtEq.mjEQ_FLEX] = 0
+    assert not any("flex" in sentence for sentence in jacobians(model, closed, "tool").warnings)
+
+
+def test_a_cloth_tied_to_the_robot_is_refused_and_what_the_refusal_advises_helps():
+    model, data = cloth("tied")
+    for ask in (
+        lambda: jacobians(model, data, "tool", closure_tolerance=np.inf),
+        lambda: assemble(model),
+    ):
+        with pytest.raises(ModelError, match=r"ties a flex to the mechanism.*eq_active0 and data"):
+            ask()
+    of_flex = model.eq_type == mujoco.mjtEq.mjEQ_FLEX
+    model.eq_active0[of_flex], data.eq_active[of_flex] = 0, 0
+    jacobians(model, assemble(model), "tool")
+    jacobians(model, data, "tool", closure_tolerance=np.inf)
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
@@ -450,23 +497,53 @@ SLEEPER = """
   <option gravity="0 0 0"><flag sleep="enable"/></option>
   <worldbody>
     <body sleep="allowed"><joint name="a"/><geom size="0.1"/></body>
-    <body sleep="allowed" pos="3 0 0"><joint name="b"/><geom size="0.1"/><site name="tool"/></body>
+    <body sleep="allowed" pos="3 0 0">
+      <joint name="b" axis="0 1 0"/><geom size="0.1" pos="0.2 0 0"/>
+      <site name="tool" pos="0.3 0 0"/>
+    </body>
+    <body sleep="allowed" pos="9 0 0"><freejoint/><geom size="0.1"/></body>
   </worldbody>
+  <tendon>
+    <fixed name="cable"><joint joint="a" coef="1"/><joint joint="b" coef="3"/></fixed>
+  </tendon>
   <equality><joint joint1="a" joint2="b"/></equality>
-  <actuator><motor joint="a"/></actuator>
+  <actuator><motor {drive}/></actuator>
 </mujoco>
 """
 
 
-def test_a_sleeping_part_whose_closures_mujoco_drops_is_refused():
-    model = mujoco.MjModel.from_xml_string(SLEEPER)
+@pytest.mark.parametrize("drive", ['joint="a"', 'tendon="cable"', 'site="tool" gear="0 0 1 0 0 0"'])
+def test_what_sleeps_has_the_jacobians_that_it_has_awake(drive):
+    """MuJoCo leaves rows of equalities and transmissions that sleep out; the frames are there."""
+    model = mujoco.MjModel.from_xml_string(SLEEPER.format(drive=drive))
     data = mujoco.MjData(model)
-    assert len(jacobians(model, data, "tool").J_C) == 1
+    data.qpos[:] = 0.2, 0.2, 9.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0
     mujoco.mj_step(model, data, 2000)
-    with pytest.raises(ModelError, match="switch sleep off"):
-        jacobians(model, data, "tool")
+    assert data.ntree_awake == 0
+    asleep = jacobians(model, data, ["tool", CenterOfMass()])
+    closed = assemble(model, data)
+    assert data.ntree_awake == 0  # as it was
     model.opt.enableflags = 0
-    assert len(jacobians(model, data, "tool").J_C) == 1
+    awake = jacobians(model, data, ["tool", CenterOfMass()])
+    assert len(awake.J_C) == 1 + ("joint" not in drive)
+    np.testing.assert_array_equal(asleep.J_T, awake.J_T)
+    np.testing.assert_array_equal(asleep.J_C, awake.J_C)
+    np.testing.assert_array_equal(asleep.accuracy.J_C_error, awake.accuracy.J_C_error)  # type: ignore[union-attr]
+    np.testing.assert_allclose(closed.qpos, data.qpos, atol=1e-9)
+
+
+def test_an_equality_that_is_switched_on_in_its_sleep_is_closed():
+    model = mujoco.MjModel.from_xml_string(SLEEPER.format(drive='joint="a"'))
+    data = mujoco.MjData(model)
+    data.eq_active[0] = 0
+    data.qpos[0] = 0.2
+    mujoco.mj_step(model, data, 2000)
+    assert data.ntree_awake == 0
+    data.eq_active[0] = 1
+    with pytest.raises(ClosureError, match=r"open by 0\.2"):
+        jacobians(model, data, "tool")
+    a, b = assemble(model, data).qpos[:2]
+    assert a == pytest.approx(b, abs=1e-9)
 
 
 SPRINGS = """
