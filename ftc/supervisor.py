@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, get_args
 
 import numpy as np
@@ -421,7 +421,7 @@ def supervisor_for(
     check.choice("unused", unused, get_args(Unused))
     check.instance("watched", watched, NominalModel)
     check.instance("config", config, FdiConfig)
-    motion = test_motion = lambda _: np.zeros(watched.actuators)
+    motion = test_motion = partial(_at_rest, watched.actuators)
     if dither is not None:
         if len(check.instance("dither", dither, Dither).direction) != watched.actuators:
             raise ValueError(
@@ -436,9 +436,25 @@ def supervisor_for(
         monitor=monitor(watched, config=config),
         secondary=motion,
         test_motion=test_motion,
-        reconfigured=lambda found: controller(goal_after(goal, found, watched, unused)),
+        reconfigured=partial(_reconfigured, controller, goal, watched, unused),
         is_possible=is_possible,
         task=task,
         watched=seen,
         **sensors,
     )
+
+
+def _at_rest(actuators: int, _: float) -> Array:
+    """No secondary motion."""
+    return np.zeros(actuators)
+
+
+def _reconfigured(
+    controller: Callable[[Goal], PrioritizedController[Any]],
+    goal: Goal,
+    watched: NominalModel,
+    unused: Unused,
+    found: Sequence[Diagnosis],
+) -> PrioritizedController[Any]:
+    """The controller that knows of these failures; a closure could not be pickled."""
+    return controller(goal_after(goal, found, watched, unused))

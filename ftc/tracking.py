@@ -11,7 +11,7 @@ the sampling frequency. The roll-off is at three times the crossover, as on the 
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property, partial
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
@@ -19,7 +19,7 @@ import scipy.linalg
 from numpy.typing import ArrayLike
 
 import argument_checks as check
-from argument_checks import Array
+from argument_checks import Array, Indices
 from argument_checks.ties import greatest
 from ftc.control.compensator import (
     Compensator,
@@ -198,61 +198,66 @@ class Tracking:
             self.goal,
             self.controller,
             self.watched,
-            lambda faults: is_possible(self.classified(faults)),
+            self._can,
             self.nominal,
             unused=self.unused,
             dither=dither,
             config=config,
-            seen=self._seen(),
-            estimate=None if self.sense == "task" else self._estimate(),
+            seen=self._seen,
+            estimate=None if self.sense == "task" else self._estimate,
         )
 
-    def _estimate(self) -> Callable[[Measurement, Any], Array]:
+    def _can(self, faults: Sequence[Fault]) -> bool:
+        """Whether the major task can be done in spite of these faults."""
+        return is_possible(self.classified(faults))
+
+    def _estimate(self, measurement: Measurement, near: Any) -> Array:
         """The major task by the forward kinematics of the encoders, from a posture near by."""
-        model, rows, every = self.model, list(self.major), np.arange(self.nominal.actuators)
+        posture = self.model.moved(near, measurement.displacement, self._every)
+        return self.model.task(posture)[list(self.major)]
 
-        def estimate(measurement: Measurement, near: Any) -> Array:
-            return model.task(model.moved(near, measurement.displacement, every))[rows]
+    @cached_property
+    def _every(self) -> Indices:
+        return np.arange(self.nominal.actuators)
 
-        return estimate
+    @cached_property
+    def _kinematics(self) -> Kinematics:
+        return self.system.kinematics()
 
-    def _seen(self) -> Callable[[Measurement, Any, tuple[Fault, ...]], Array]:
+    def _seen(self, measurement: Measurement, commanded: Any, faults: tuple[Fault, ...]) -> Array:
         """What the linear model predicts of the sensors: their readings as if they were linear.
 
         A task is curved in the displacements, and so are closed loops. What the curvature adds
         where the encoders say that the actuators are is taken off, so that larger motions are not
         mistaken for failures; the commanded posture is ahead of the one that servos have reached.
         """
-        model, rows = self.model, list(self.major)
-        kinematics = self.system.kinematics()
-        if self.sense == "joints" and not len(kinematics.active_constraint):
-            return lambda measurement, *_: measurement.displacement
-        J_m = kinematics.J[rows]
-        # Faults change a few times in a run, and the function is called at every tick.
-        allowed = cache(partial(self._allowed, kinematics.active_constraint))
-        every = np.arange(self.nominal.actuators)
+        model, rows, displacement = self.model, list(self.major), measurement.displacement
+        if self.sense == "joints" and not len(self._kinematics.active_constraint):
+            return displacement
+        posture = model.moved(commanded, displacement, self._every)
+        curved = model.displacements(posture)
+        # Faults change a few times in a run, and this is called at every tick.
+        if (allowed := self._projectors.get(faults)) is None:
+            allowed = self._projectors[faults] = self._allowed(faults)
+        linear, seen = allowed @ curved, []
+        if self.sense != "joints":
+            J_m = self._kinematics.J[rows]
+            seen.append(measurement.output - (model.task(posture)[rows] - J_m @ linear))
+        if self.sense != "task":
+            seen.append(displacement - (curved - linear))
+        return np.concatenate(seen)
 
-        def straightened(
-            measurement: Measurement, commanded: Any, faults: tuple[Fault, ...]
-        ) -> Array:
-            posture = model.moved(commanded, measurement.displacement, every)
-            curved = model.displacements(posture)
-            linear, seen = allowed(faults) @ curved, []
-            if self.sense != "joints":
-                seen.append(measurement.output - (model.task(posture)[rows] - J_m @ linear))
-            if self.sense != "task":
-                seen.append(measurement.displacement - (curved - linear))
-            return np.concatenate(seen)
+    @cached_property
+    def _projectors(self) -> dict[tuple[Fault, ...], Array]:
+        return {}
 
-        return straightened
-
-    def _allowed(self, constraint: Array, faults: tuple[Fault, ...]) -> Array:
+    def _allowed(self, faults: tuple[Fault, ...]) -> Array:
         """Projector (n, n) onto displacements that the closed loops allow, as the plant has it.
 
         Commands beyond these strain the loops, and the stiffness of the servos shares them out;
         locked actuators stand where they are.
         """
-        n = self.nominal.actuators
+        n, constraint = self.nominal.actuators, self._kinematics.active_constraint
         if not len(constraint):
             return np.eye(n)
         gain, locked = static_gain(self.nominal, faults), np.zeros((n, n))

@@ -2,6 +2,7 @@ import json
 import logging
 import os
 import signal
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -46,6 +47,15 @@ def model() -> "mujoco.MjModel":
     from sim import load_model
 
     return load_model()
+
+
+@pytest.fixture
+def switching() -> Iterator[None]:
+    """Threads take turns after 10 us."""
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(1e-5)
+    yield
+    sys.setswitchinterval(before)
 
 
 @pytest.fixture(scope="session")

@@ -160,7 +160,7 @@ class Robot:
             time_s=time_s,
             period_s=self.period_s,
             failures=failures,
-            drives=lambda command: per_command * command,
+            drives=partial(np.multiply, per_command),
             delay_ticks=mismatch.delay_ticks,
             keep_qpos=True,
             events=events,

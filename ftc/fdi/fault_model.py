@@ -184,6 +184,15 @@ class NominalModel:
             )
         vars(self).update(kept)
 
+    def __getstate__(self) -> dict[str, Any]:
+        """With the plant as arrays: python-control's systems cannot be pickled."""
+        return vars(self) | {"plant": [getattr(self.plant, name) for name in "ABCD"]}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        import control  # late, as above
+
+        vars(self).update(state, plant=control.ss(*state["plant"]))
+
     @property
     def actuators(self) -> int:
         """Number of them, n."""

@@ -60,6 +60,8 @@ class JointPosture:
 class Mechanism:
     """A mechanism as :class:`.MechanismModel`: MuJoCo's kinematics, no dynamics.
 
+    Threads may share one.
+
     Joints, closures and actuators of every kind that :func:`jacobians` takes; an actuator that is
     no joint or tendon has no position to be measured, and its displacement is that commanded.
     """
@@ -103,6 +105,8 @@ class Mechanism:
         gauged = drives(self._model)
         self._gauges = Displacements.from_here(self._model, self._data, gauged)
         self._springs: Array | None = None
+        # Each call takes one to compute in: no two threads have the same.
+        self._scratch = [copy.copy(self._data)]
         self.nominal = self._posture(self._data.qpos.copy())
 
         if springs and (K := self.nominal.jacobians.stiffness) is not None:
@@ -160,13 +164,18 @@ class Mechanism:
 
     def _posture(self, qpos: Array) -> JointPosture:
         """Everything at these joint positions."""
-        data = self._data
+        try:
+            data = self._scratch.pop()
+        except IndexError:  # another thread has it
+            data = copy.copy(self._data)
         data.qpos[:] = qpos
         jac = self._reader.at(data)
         self._gauges.refresh(self._model, data)
         gaps = data.efc_pos[: data.ne].copy()
         here = {"pose": self._payload.pose(data), "jacobians": jac, "gaps": gaps}
-        return computed(JointPosture, qpos=qpos, displacements=self._gauges.read(data), **here)
+        here["displacements"] = self._gauges.read(data)
+        self._scratch.append(data)
+        return computed(JointPosture, qpos=qpos, **here)
 
 
 def _checked(posture: JointPosture) -> JointPosture:

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -121,6 +121,10 @@ class JacobianReader:
         self._source = RowSource(model, rows, in_axes, pins, stuck, np.zeros((0, model.nv)))
         self._rows = {task: each.rows for (task, _), each in zip(tasks, rows, strict=True)}
         self._known: dict[tuple[object, ...], _Known] = {}
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without what is found again: matrices and their views would be copied apart."""
+        return vars(self) | {"_known": {}}
 
     def read(self, data: mujoco.MjData) -> JacobianViews:
         """The same as :meth:`at` for the tick of a loop: views that the next reading overwrites.

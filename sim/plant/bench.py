@@ -2,7 +2,7 @@
 
 from collections import deque
 from collections.abc import Callable, Sequence
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -193,12 +193,23 @@ class Bench:
         self.translation_m = np.empty((ticks, 3))
         self.displacement = np.empty((ticks, n))
         self.closure_residual_m = np.empty(ticks)
-        log = self.rotation, self.translation_m, self.displacement, self.closure_residual_m
         is_kept = check.flag("keep_qpos", keep_qpos)
         widths = (plant.model.nq, len(plant.data.actuator_force)) if is_kept else (0, 0)
-        kept = [np.empty((ticks, width)) for width in widths]
-        self.qpos, self.actuator_force = kept if is_kept else (None, None)
-        self.observed = (*plant.observed(), *log, *kept)
+        self._kept = [np.empty((ticks, width)) for width in widths]
+        self.qpos, self.actuator_force = self._kept if is_kept else (None, None)
+        self.observed = self._observed()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without the views of the plant's data, which a copy has of its own."""
+        return {name: value for name, value in vars(self).items() if name != "observed"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        self.observed = self._observed()
+
+    def _observed(self) -> tuple[Any, ...]:
+        log = self.rotation, self.translation_m, self.displacement, self.closure_residual_m
+        return (*self.plant.observed(), *log, *self._kept)
 
     def measure(self) -> Reading:
         """What the sensors read, after what happens now."""

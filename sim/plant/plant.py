@@ -122,11 +122,11 @@ class Plant:
         self._locks = locks_of(self.model, self.drives, locks)
         axes = None if base is None else located(self.model, "base", base)
         frame = located(self.model, "payload", payload)
-        self._opt, self._payload_frame = self.model.opt, payload
+        self._payload_frame = payload
         self._is_loop = np.isin(self.model.eq_type, _LOOPS).astype(float)
         if part is not None:
             self._is_loop[list(part.apart)] = 0.0
-        self._warnings = [self.data.warning[kind] for kind in _NOT_FINITE]
+        self._warnings = _warnings(self.data)
         if start is not None:
             _place(self.model, self.data, start, at_rest=part is not None)
         self._last = self.integration_state()
@@ -148,6 +148,13 @@ class Plant:
         self._payload = Payload.at_rest(self.data, frame, axes)
         self._gravity, self._held = self.model.opt.gravity.copy(), self.data.eq_active.copy()
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Without the views of :attr:`data`, which a copy has of its own."""
+        return {name: value for name, value in vars(self).items() if name != "_warnings"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state, _warnings=_warnings(state["data"]))
+
     def step(self, command_m: Array, period_s: float) -> None:
         """Hold the commanded displacements (n,), [m] or [rad], for one period of physics steps.
 
@@ -160,7 +167,7 @@ class Plant:
             ModelError: The period is not a whole number of physics steps.
             SimulationDiverged: The state is no longer finite.
         """
-        steps = physics_steps("period_s", period_s, self._opt.timestep)
+        steps = physics_steps("period_s", period_s, self.model.opt.timestep)
         self.hold(check.exactly("command_m", command_m, len(self.drives)), steps)
 
     def hold(self, command_m: Array, steps: int) -> None:
@@ -184,7 +191,7 @@ class Plant:
         Raises:
             ValueError, ModelError, SimulationDiverged: As :meth:`step`.
         """
-        steps = physics_steps("seconds", seconds, self._opt.timestep)
+        steps = physics_steps("seconds", seconds, self.model.opt.timestep)
         n = len(self.drives)
         at_m = np.zeros(n) if command_m is None else check.exactly("command_m", command_m, n)
         self.hold(at_m, steps)
@@ -428,6 +435,11 @@ class Plant:
     def _is_finite(self) -> bool:
         a, b, c = self._warnings
         return not (a.number or b.number or c.number) and isfinite(dnrm2(self.data.qpos))
+
+
+def _warnings(data: mujoco.MjData) -> list[Any]:
+    """Those counters of a state that say that it left the finite numbers."""
+    return [data.warning[kind] for kind in _NOT_FINITE]
 
 
 def _joint_velocities(model: mujoco.MjModel, drives: Sequence[Drive]) -> NDArray[np.intp] | None:

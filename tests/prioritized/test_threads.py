@@ -1,7 +1,6 @@
 """No answer depends on which call came before it, in whichever thread."""
 
-import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -28,15 +27,6 @@ CALLS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
         lexicographic_least_squares([(KIN.J[:2], v)], lower=-np.ones(6), upper=np.ones(6)).x
     ),
 }
-
-
-@pytest.fixture
-def switching() -> Iterator[None]:
-    """Threads take turns after 10 us."""
-    before = sys.getswitchinterval()
-    sys.setswitchinterval(1e-5)
-    yield
-    sys.setswitchinterval(before)
 
 
 @pytest.mark.usefixtures("switching")

@@ -1,7 +1,6 @@
 """Views of a reader are what a new reader finds at that pose, whatever was read before."""
 
-import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
@@ -172,15 +171,6 @@ def test_views_are_refused_where_a_loop_is_open():
     data.qpos[0] += 0.1
     with pytest.raises(ClosureError):
         reader.read(data)
-
-
-@pytest.fixture
-def switching() -> Iterator[None]:
-    """Threads take turns after 10 us."""
-    before = sys.getswitchinterval()
-    sys.setswitchinterval(1e-5)
-    yield
-    sys.setswitchinterval(before)
 
 
 @pytest.mark.usefixtures("switching")

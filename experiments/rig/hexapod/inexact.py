@@ -57,17 +57,30 @@ class InexactPlant:
         if self.model is known:  # which may have servos instead
             return amplifiers
         reached = _per_control(self.model) / _per_control(known)
-        drift, ticks = np.array(self.gain_drift_per_s), iter(range(2**63))
-
-        def displacement_m(input_percent: Array) -> Array:
-            gain = reached * (1 + drift * (next(ticks) * period_s))
-            return amplifiers(input_percent) * gain
-
-        return displacement_m
+        return _DriftingDrives(amplifiers, reached, np.array(self.gain_drift_per_s), period_s)
 
     def zero_rad(self, ticks: int, period_s: float) -> Array:
         """Where the detector's zero is in (alpha, beta), tick by tick, shape (N, 2)."""
         return np.outer(np.arange(ticks) * period_s, self.drift_rad_per_s)
+
+
+class _DriftingDrives:
+    """Displacements under inputs, of drives whose gains change with each call."""
+
+    def __init__(
+        self,
+        amplifiers: Callable[[Array], Array],
+        reached: Array,
+        drift_per_s: Array,
+        period_s: float,
+    ) -> None:
+        self._amplifiers, self._reached = amplifiers, reached
+        self._drift_per_s, self._period_s, self._ticks = drift_per_s, period_s, 0
+
+    def __call__(self, input_percent: Array) -> Array:
+        gain = self._reached * (1 + self._drift_per_s * (self._ticks * self._period_s))
+        self._ticks += 1
+        return self._amplifiers(input_percent) * gain
 
 
 def _per_control(model: mujoco.MjModel) -> Array:

@@ -104,12 +104,15 @@ class HexapodRig(Rig):
             goal or self.goal,
             self.controller,
             self.watched,
-            lambda faults: is_possible(self.classified(faults)),
+            self._can,
             self.nominal,
             unused=self.unused,
             dither=dither_of(self, dither, DITHER),
             sensor_checks=SensorChecks(check),
         )
+
+    def _can(self, faults: Sequence[Fault]) -> bool:
+        return is_possible(self.classified(faults))
 
     def bench(
         self, time_s: Array, failures: Sequence[Failure], seed: int, events: object = None
