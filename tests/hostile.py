@@ -89,6 +89,9 @@ def hostile(good: Any) -> Iterator[tuple[str, Any]]:
         yield from ((f"scaled by {factor:g}", good * factor) for factor in SCALES)
     if isinstance(good, np.ndarray) and good.dtype == float and good.size:
         yield from _bent(good)
+    if isinstance(good, tuple) and all(isinstance(each, np.ndarray) for each in good):
+        for number in (*PLANTED, -np.inf):  # a limit that nothing can be within
+            yield f"all {number}", tuple(np.full(each.shape, number) for each in good)
 
 
 def _bent(good: np.ndarray) -> Iterator[tuple[str, Any]]:

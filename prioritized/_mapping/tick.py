@@ -135,6 +135,9 @@ class Tick(ReadOnly):
         except TypeError:
             return True, None
         if code == solver.LIMITED:
+            lower, upper = (limit[self.plan.order] for limit in velocity_limits)
+            if lower.max() >= check.LARGEST or upper.min() <= -check.LARGEST:
+                return True, None
             return False, self._held_back(velocities, reduced, targets, velocity_limits)
         return code == solver.REFUSED, velocities if code == solver.MET else None
 

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from experiments.rig import Rig, Run
-from sim import HEXAPOD_MJCF, Bench, Failure
+from sim import Bench, Failure
 from tests.rig.test_rig import rig
 
 MADE = ["controller", "supervisor"]
