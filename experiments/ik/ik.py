@@ -3,6 +3,8 @@
 import warnings
 from collections.abc import Iterable, Sequence
 from copy import copy
+from dataclasses import replace
+from math import sqrt
 
 import mujoco
 import numpy as np
@@ -10,6 +12,7 @@ import numpy as np
 import argument_checks as check
 from experiments.ik.levels import Levels
 from experiments.ik.limits import Limits, VelocityLimits
+from experiments.ik.overshoot import MISSED, Trial
 from experiments.ik.solution import IkProblem, IkSolution
 from prioritized import ConstrainedSystem
 from sim import Array, Body, JacobianReader, Jacobians, Pin, TaskFunction, advance
@@ -63,7 +66,8 @@ class Ik:
         read = {"pinned": self._pinned, "active": active}
         self._reader = JacobianReader(model, self._levels.read, **read)
         anywhere = JacobianReader(model, self._levels.read, closure_tolerance=np.inf, **read)
-        jac = anywhere.at(mujoco.MjData(model))
+        self._there = mujoco.MjData(model)
+        jac = anywhere.at(self._there)
         for sentence in jac.machine.of_any_pose.left_out if jac.machine else ():
             warnings.warn(sentence, RuntimeWarning, stacklevel=2)
         given = Limits() if limits is None else check.instance("limits", limits, Limits)
@@ -101,8 +105,8 @@ class Ik:
         here = self._reader.read(data)
         asked = self._asked_at(data, period_s)
         met = self._met(here.J_T, here.J_C, here.error_bound, asked)
-        if met is None:
-            return self._solved(data, period_s, self._reader.at(data), asked, None).qvel
+        if met is None or not self._approaches(here.J_T, asked[1], met, period_s):
+            return self._solved(data, period_s, self._reader.at(data), asked, met).qvel
         return self._kept_apart(data, met, period_s)[0]
 
     def solve(self, data: mujoco.MjData, dt: float) -> IkSolution:
@@ -136,6 +140,10 @@ class Ik:
         self._hierarchy = actuated.hierarchy(self._asked)
         self._tick = self._hierarchy.tick(actuated)
         self._targets = self._levels.targets(actuated)
+        self._trial = Trial(self._model, self._there, self._targets)
+        asked, units = self._targets.of_rows(), system.geometry.velocity_units
+        self._rows = asked, 1.0 / system.geometry.task_units[: len(asked)], 1.0 / units
+        self._scale = np.outer(self._rows[1], units)
 
     def _asked_at(self, data: mujoco.MjData, period_s: float) -> tuple[VelocityLimits, Array]:
         """Limits of all velocities at a state that is up to date, and what the tasks ask for."""
@@ -151,6 +159,14 @@ class Ik:
         met = self._tick(J_T, J_C, targets, limits.box, error_bound)
         return met if met is not None and limits.are_kept_by(met) else None
 
+    def _approaches(self, J_T: Array, asked: Array, met: Array, period_s: float) -> bool:
+        """Whether a step clearly lowers the errors of all tasks: see :meth:`Trial.damping`."""
+        rows, weight, of_rates = self._rows
+        J, y, wanted = J_T[: len(rows)] * self._scale, of_rates * met, weight * asked[rows]
+        flat, rest = J.ravel(), wanted - J.dot(y)
+        bend = 0.5 * period_s * sqrt(len(y) * flat.dot(flat)) * y.dot(y)
+        return bool(sqrt(rest.dot(rest)) + bend <= MISSED * sqrt(wanted.dot(wanted)))
+
     def _solved(
         self,
         data: mujoco.MjData,
@@ -161,8 +177,14 @@ class Ik:
     ) -> IkSolution:
         """The solution with its findings, where the compiled one is known or none."""
         limits, targets = asked[0], self._targets.of_levels(asked[1])
-        problem = IkProblem(self._system, self._hierarchy, jac, limits, targets)
+        robot, undamped = (self._system, self._hierarchy, jac), (0.0,) * len(targets)
+        problem = IkProblem(*robot, limits, targets, undamped)
         velocities = problem.velocities if met is None else met
+        way, motion = period_s * asked[1], period_s * velocities
+        damping = self._trial.damping(data, self._hierarchy, problem.kinematics, way, motion)
+        if any(damping):
+            problem, met = replace(problem, damping=damping), None
+            velocities = problem.velocities
         qvel, fraction = self._kept_apart(data, velocities, period_s)
         return IkSolution(qvel, fraction, met is not None or problem.solved[1], problem)
 

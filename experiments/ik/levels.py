@@ -71,15 +71,20 @@ class Levels(NamedTuple):
                     natural = 1.0 / of_rates[place.velocities]
                     rates[place.velocities] = natural if is_natural else _weight(task)
                     W = np.diag(rates[system.active])
-                    level.append(Task(None, W[W.any(axis=1)], damping=task.damping))
+                    level.append(Task(None, W[W.any(axis=1)], damping=task.damping or 0.0))
                     continue
                 rows = slice(first, first + len(place.angular))
                 natural = 1.0 / of_rows[rows]
                 W = natural if is_natural else np.broadcast_to(_weight(task), natural.shape)
-                level.append(Task(rows, W, damping=task.damping))
+                level.append(Task(rows, W, damping=task.damping or 0.0))
                 first = rows.stop
             levels.append(level)
         return levels
+
+    @property
+    def are_free(self) -> tuple[bool, ...]:
+        """Whether no task of a level states its damping, of each level."""
+        return tuple(all(task.damping is None for task in tasks) for tasks in self.tasks)
 
     def targets(self, kinematics: Kinematics) -> "Targets":
         """What asks for velocities at any state, for joints for the rates of the survivors."""
@@ -148,10 +153,18 @@ class Targets(NamedTuple):
                 asked[rows] = velocity if among is None else velocity[among]
         return asked
 
+    def of_rows(self) -> Indices:
+        """Where those of each row of J_T are among them, shape (m,)."""
+        parts = [part for level in self.levels for part in level if part.among is None]
+        return np.concatenate([*(np.arange(self.size)[part.own] for part in parts), _NO_ROWS])
+
     def of_levels(self, asked: Array) -> list[Array | list[Array]]:
         """The same as a hierarchy takes them: of each level an array, or a list of arrays."""
         every = [[asked[part.own] for part in level] for level in self.levels]
         return [level if len(level) > 1 else level[0] for level in every]
+
+
+_NO_ROWS = np.zeros(0, dtype=np.intp)
 
 
 def _weight(task: TaskFunction) -> ArrayLike:

@@ -1,6 +1,6 @@
 """What is asked of a robot at one state, and what it answers."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 from experiments.ik.limits import RateLimits, VelocityLimits
@@ -18,6 +18,8 @@ class IkProblem:
         jacobians: At this pose.
         limits: Of all velocities.
         targets: Of each level.
+        damping: Of each level that a step without it would not bring nearer; see
+            :func:`experiments.ik.overshoot.damping_of`.
     """
 
     system: ConstrainedSystem
@@ -25,6 +27,7 @@ class IkProblem:
     jacobians: Jacobians
     limits: VelocityLimits
     targets: list[Array | list[Array]]
+    damping: tuple[float, ...]
 
     @cached_property
     def kinematics(self) -> Kinematics:
@@ -47,6 +50,13 @@ class IkProblem:
 
     def _within(self, limits: RateLimits) -> HierarchySolution:
         there = self.hierarchy.at(self.kinematics, rate_limits=limits.box, rate_rows=limits.rows)
+        if any(self.damping):
+            units = self.kinematics.rate_units
+            there = replace(
+                there,
+                damping=tuple(map(max, there.damping, self.damping)),
+                damping_units=tuple(units if own else None for own in self.damping),
+            )
         return there.solve(self.targets)
 
 

@@ -37,6 +37,7 @@ class Hierarchy:
         limiting: Limits of the rates.
         bounds: The same as they were given.
         is_held: Whether the first level's tasks stand still with every actuator locked.
+        damping_units: Of each level, as `units` of :class:`prioritized._mapping.levels.Level`.
     """
 
     asked: Asked
@@ -47,6 +48,7 @@ class Hierarchy:
     limiting: Limiting
     bounds: Bounds
     is_held: bool
+    damping_units: tuple[Array | None, ...] = ()
 
     def __call__(self, targets: Targets) -> Array:
         """Optimal rates, shape (n,)."""
@@ -157,12 +159,13 @@ class Hierarchy:
         if not any(self.damping):
             return self.decided
         levels = [Level(self.constraint, none((len(self.constraint), 1)), norm(self.constraint))]
-        for parts, (A, size), damping in zip(
-            self.asked.levels, self.decided, self.damping, strict=True
+        units = self.damping_units or (None,) * len(self.damping)
+        for parts, (A, size), *damping in zip(
+            self.asked.levels, self.decided, self.damping, units, strict=True
         ):
             # Before an interval is at one of its ends it determines nothing.
             rows = A[:0] if parts[0].interval else A
-            levels.append(Level(rows, none((len(rows), 1)), size, damping))
+            levels.append(Level(rows, none((len(rows), 1)), size, *damping))
         pairs = zip(self.decided, damped(levels, RANK_TOLERANCE)[1:], strict=True)
         return [(each.A if each.A.size else A, size) for (A, size), each in pairs]
 

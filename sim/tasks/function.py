@@ -42,7 +42,8 @@ class TaskFunction(ABC):
         weight: Of the rows, against others of the same level: one number or (k,); None is 1, in
             natural units.
         damping: Tikhonov damping of this task's level, in units of the singular values of its rows;
-            see :class:`prioritized.Task`.
+            see :class:`prioritized.Task`. None damps only a step that would not come nearer, as
+            before a target out of reach, by what is asked for (Levenberg and Marquardt).
 
     Raises:
         ValueError: A gain outside of 0..1, a weight or damping that is negative or not finite, or a
@@ -53,7 +54,7 @@ class TaskFunction(ABC):
     target: Any = field(default=None, repr=False)
     gain: float = field(default=1.0, repr=False)
     weight: ArrayLike | None = field(default=None, repr=False)
-    damping: float = field(default=0.0, repr=False)
+    damping: float | None = field(default=None, repr=False)
 
     def __setattr__(self, name: str, value: Any) -> None:
         """Check what is set."""
@@ -99,10 +100,14 @@ def _weight(name: str, value: ArrayLike | None) -> Array | None:
     return weight
 
 
+def _damping(name: str, value: float | None) -> float | None:
+    return None if value is None else check.number(name, value)
+
+
 _CHECKS: dict[str, Callable[[str, Any], Any]] = {
     "gain": check.at_most_one,
     "weight": _weight,
-    "damping": check.number,
+    "damping": _damping,
 }
 
 
