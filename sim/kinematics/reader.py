@@ -17,7 +17,14 @@ from sim.kinematics.jacobian import Jacobians, JacobianViews
 from sim.kinematics.machine import Machine, OfAnyPose
 from sim.kinematics.pose import made
 from sim.kinematics.rows import Matrices, RowSource, task_rows
-from sim.kinematics.structure import Structure, bring_up_to_date, structure, unmoved, variables_of
+from sim.kinematics.structure import (
+    Structure,
+    bring_up_to_date,
+    elsewhere,
+    structure,
+    unmoved,
+    variables_of,
+)
 from sim.kinematics.task import Task, located_axes, located_task, task_list
 from sim.mjcf.frame import Body
 from sim.mjcf.limits import stuck_names
@@ -212,7 +219,11 @@ class JacobianReader:
         """What no pose changes, where something active moves each task."""
         model, now = self._source.model, structure(self._source.model, closed, self._variables)
         J_T, J_C = self._source.rows(data, now, spare := {})
-        if resting := [t for t, own in self._rows.items() if unmoved(J_T[own], J_C, now.active)]:
+        resting = [t for t, own in self._rows.items() if unmoved(J_T[own], J_C, now.active)]
+        if resting:  # rows of what is stretched are zero here, and elsewhere are not
+            J_T, J_C = self._source.rows(elsewhere(model, data), now, {})
+            resting = [t for t in resting if unmoved(J_T[self._rows[t]], J_C, now.active)]
+        if resting:
             raise ModelError(
                 f"no actuator moves {check.shown(resting[0])}: name another task, what its "
                 "mechanism stands on in pinned=, or joints that are variables in active="

@@ -1,6 +1,7 @@
 """What of the Jacobians no pose changes: closures, active velocities, what is connected."""
 
 from collections.abc import Iterable
+from copy import copy
 from itertools import count
 from typing import NamedTuple
 
@@ -14,7 +15,12 @@ from sim.closing.equalities import Closures
 from sim.errors import ModelError
 from sim.mjcf.drive import Drive
 from sim.mjcf.model import element_id, name_of, with_sleepers
+from sim.mjcf.ranges import turning
 from sim.mjcf.transmission import drives, extra_drives, required_drives, simple_velocities
+
+
+_ROUND_OFF = 1e-13
+"""Part of the largest entry of a Jacobian, or of 1, that is zero but for round-off."""
 
 
 class Structure(NamedTuple):
@@ -103,10 +109,19 @@ def structure(
     return Structure(closed, active, gear, extra, len(variables))
 
 
+def elsewhere(model: mujoco.MjModel, data: mujoco.MjData) -> mujoco.MjData:
+    """A state near by where no entry of a Jacobian vanishes that does not at every pose."""
+    there, size = copy(data), np.where(turning(model), 0.3, 0.1 * model.stat.extent)
+    motion = size * np.random.default_rng(0).uniform(0.5, 1.5, size=model.nv)
+    mujoco.mj_integratePos(model, there.qpos, motion, 1.0)
+    bring_up_to_date(model, there)
+    return there
+
+
 def unmoved(J_T: Array, J_C: Array, active: NDArray[np.intp]) -> bool:
     """Whether no active velocity has to do with these rows, through whatever closures."""
-    reached = np.asarray(J_T.any(axis=0))
-    links = J_C != 0.0
+    reached = np.asarray((np.abs(J_T) > _ROUND_OFF * np.abs(J_T).max(initial=1.0)).any(axis=0))
+    links = np.abs(J_C) > _ROUND_OFF * np.abs(J_C).max(initial=1.0)
     while not reached[active].any():
         linked = np.asarray(reached | ((links @ reached) @ links))
         if (linked == reached).all():
