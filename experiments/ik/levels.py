@@ -51,6 +51,8 @@ class Levels(NamedTuple):
         if not all(tasks) or len(set(every)) < len(every):
             raise ValueError("tasks must have one at least in each level, and none twice")
         located = tuple(tuple(task.on(model) for task in level) for level in tasks)
+        for task in every:
+            task.give()
         rows = [
             task
             for level, places in zip(tasks, located, strict=True)

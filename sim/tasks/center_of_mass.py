@@ -29,13 +29,13 @@ class CenterOfMassTask(TaskFunction):
         TypeError: An argument is of another kind.
     """
 
+    _checks = {
+        "rows": lambda _, value: rows_among(value, 3),
+        "body": lambda _, value: CenterOfMass(value).body,
+    }
+
     body: str | None = None
     rows: Sequence[int] = field(default=range(3), kw_only=True)
-
-    def __post_init__(self) -> None:
-        """Check the arguments."""
-        CenterOfMass(self.body)
-        self.rows = rows_among(self.rows, 3)
 
     def checked(self, target: Any) -> Array:
         """A position (3,)."""

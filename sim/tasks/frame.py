@@ -6,13 +6,12 @@ from typing import Any, NamedTuple
 
 import mujoco
 
-import argument_checks as check
 from sim.array import Array
 from sim.kinematics.pose import Pose, way_between
 from sim.kinematics.target import target_pose
 from sim.kinematics.task import LocatedFrame, new_rows
 from sim.mjcf.frame import Body, Located, located
-from sim.tasks.function import TaskFunction, chosen_rows, rows_among, turned
+from sim.tasks.function import TaskFunction, chosen_rows, frame_name, rows_among, turned
 
 _AS_WRITTEN = tuple(range(6)), tuple(range(3, 6))
 """Rows that a frame writes itself."""
@@ -20,11 +19,14 @@ _AS_WRITTEN = tuple(range(6)), tuple(range(3, 6))
 
 @dataclass(eq=False, kw_only=True)
 class _OnTwist(TaskFunction):
-    rows: Sequence[int] = range(6)
+    _checks = {
+        "rows": lambda _, value: rows_among(value, 6),
+        "frame": frame_name,
+        "root": frame_name,
+        "axes": lambda name, value: None if value is None else frame_name(name, value),
+    }
 
-    def __post_init__(self) -> None:
-        """Check the rows."""
-        self.rows = rows_among(self.rows, 6)
+    rows: Sequence[int] = range(6)
 
     def checked(self, target: Any) -> Any:
         """A pose, or a position (3,)."""
@@ -56,13 +58,6 @@ class FrameTask(_OnTwist):
     frame: str | Body
     axes: str | Body | None = field(default=None, kw_only=True)
 
-    def __post_init__(self) -> None:
-        """Check the frames."""
-        super().__post_init__()
-        check.instance("frame", self.frame, str, Body)
-        if self.axes is not None:
-            check.instance("axes", self.axes, str, Body)
-
     def on(self, model: mujoco.MjModel) -> "LocatedTwist":
         """As :meth:`TaskFunction.on`."""
         axes = None if self.axes is None else located(model, "axes", self.axes)
@@ -85,12 +80,6 @@ class RelativeFrameTask(_OnTwist):
 
     frame: str | Body
     root: str | Body
-
-    def __post_init__(self) -> None:
-        """Check the frames."""
-        super().__post_init__()
-        check.instance("frame", self.frame, str, Body)
-        check.instance("root", self.root, str, Body)
 
     def on(self, model: mujoco.MjModel) -> "LocatedTwist":
         """As :meth:`TaskFunction.on`."""

@@ -1,10 +1,10 @@
 """What a task function is, and what all of them share."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 import mujoco
 import numpy as np
@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 import argument_checks as check
 from sim.array import Array
 from sim.kinematics.task import LocatedRows
+from sim.mjcf.frame import Body
 
 
 class LocatedFunction(LocatedRows, Protocol):
@@ -34,10 +35,11 @@ class TaskFunction(ABC):
     """One thing to do: rows of a Jacobian, and the way to a target that the loop may move.
 
     A class of your own is a dataclass with a method :meth:`on`. Arguments are checked whenever they
-    are set.
+    are set. The target and the gain may be set at any time; what else is checked is fixed once the
+    task is given to :class:`fjh.Ik`, which has looked it up by then: to set it raises.
 
     Attributes:
-        target: What is to be reached; None is nothing yet. It and the gain may be set at any time.
+        target: What is to be reached; None is nothing yet.
         gain: Part of the way to the target that is asked for in one tick, in 0..1.
         weight: Of the rows, against others of the same level: one number or (k,); None is 1, in
             natural units.
@@ -49,7 +51,12 @@ class TaskFunction(ABC):
         ValueError: A gain outside of 0..1, a weight or damping that is negative or not finite, or a
             target of the wrong shape.
         TypeError: An argument is of another kind.
+        AttributeError: What is fixed is set.
     """
+
+    _checks: ClassVar[Mapping[str, Callable[[str, Any], Any]]] = {}
+    """Of attributes of a class of its own, by their names."""
+    _is_given: ClassVar[bool] = False
 
     target: Any = field(default=None, repr=False)
     gain: float = field(default=1.0, repr=False)
@@ -58,11 +65,21 @@ class TaskFunction(ABC):
 
     def __setattr__(self, name: str, value: Any) -> None:
         """Check what is set."""
+        checks = {**_CHECKS, **self._checks}
+        if self._is_given and name in checks and name != "gain":
+            raise AttributeError(
+                f"{name} of {type(self).__name__} is fixed once an Ik has the task, only target and "
+                "gain may be set: make another task, and another Ik"
+            )
         if name == "target":
             value = None if value is None else self.checked(value)
-        elif name in _CHECKS:
-            value = _CHECKS[name](name, value)
+        elif name in checks:
+            value = checks[name](name, value)
         object.__setattr__(self, name, value)
+
+    def give(self) -> None:
+        """Fix what :meth:`on` looks up."""
+        object.__setattr__(self, "_is_given", True)
 
     def checked(self, target: Any) -> Any:
         """The target in the form that the error is computed with.
@@ -121,6 +138,15 @@ def rows_among(rows: Sequence[int], count: int) -> tuple[int, ...]:
     if not chosen:
         raise ValueError("rows must have one at least, got none")
     return chosen
+
+
+def frame_name(name: str, value: Any) -> str | Body:
+    """The name of a site, or a body.
+
+    Raises:
+        TypeError: It is neither.
+    """
+    return check.instance(name, value, str, Body)
 
 
 def turned(rotation: Array, rows: Array) -> Array:

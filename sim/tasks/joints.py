@@ -20,6 +20,18 @@ from sim.tasks.function import TaskFunction
 _FREE = int(mujoco.mjtJoint.mjJNT_FREE)
 
 
+def _names(name: str, value: Iterable[str] | None) -> tuple[str, ...] | None:
+    return None if value is None else check.members(name, value, str)
+
+
+def _factors(name: str, value: Mapping[str, float]) -> Mapping[str, float]:
+    given = check.instance(name, value, Mapping)
+    factors = {each: check.signed(name, given[each]) for each in check.members(name, given, str)}
+    if not any(factors.values()):
+        raise ValueError(f"{name} must name a joint at least, with a factor, got none")
+    return factors
+
+
 @dataclass(eq=False)
 class PostureTask(TaskFunction):
     """Joints are to be where they are in a posture: rows on the rates themselves.
@@ -36,11 +48,9 @@ class PostureTask(TaskFunction):
     Further attributes and errors are those of :class:`TaskFunction`.
     """
 
-    joints: Iterable[str] | None = field(default=None, kw_only=True)
+    _checks = {"joints": _names}
 
-    def __post_init__(self) -> None:
-        """Check the names."""
-        self.joints = _names(self.joints)
+    joints: Iterable[str] | None = field(default=None, kw_only=True)
 
     def checked(self, target: Any) -> Array:
         """Positions (nq,)."""
@@ -65,11 +75,9 @@ class DampingTask(TaskFunction):
     :class:`TaskFunction`.
     """
 
-    joints: Iterable[str] | None = field(default=None, kw_only=True)
+    _checks = {"joints": _names}
 
-    def __post_init__(self) -> None:
-        """Check the names."""
-        self.joints = _names(self.joints)
+    joints: Iterable[str] | None = field(default=None, kw_only=True)
 
     def checked(self, target: Any) -> Any:
         """None: the target is to rest."""
@@ -131,16 +139,10 @@ class JointCouplingTask(TaskFunction):
         TypeError: An argument is of another kind.
     """
 
+    _checks = {"coefficients": _factors}
+
     coefficients: Mapping[str, float]
     target: float = field(default=0.0, kw_only=True, repr=False)
-
-    def __post_init__(self) -> None:
-        """Check the arguments, and keep a copy."""
-        given = check.instance("coefficients", self.coefficients, Mapping)
-        names = check.members("coefficients", given, str)
-        self.coefficients = {name: check.signed("coefficients", given[name]) for name in names}
-        if not any(self.coefficients.values()):
-            raise ValueError("coefficients must name a joint at least, with a factor, got none")
 
     def checked(self, target: Any) -> float:
         """A number."""
@@ -186,10 +188,6 @@ class LocatedCoupling(NamedTuple):
     def error(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array:
         """What the sum lacks to its target, shape (1,)."""
         return np.array([self.task.needed() - self.row @ joint_positions(model, data.qpos)])
-
-
-def _names(joints: Iterable[str] | None) -> tuple[str, ...] | None:
-    return None if joints is None else check.members("joints", joints, str)
 
 
 def _rates(task: PostureTask | DampingTask, model: mujoco.MjModel, *, free: bool) -> LocatedRates:

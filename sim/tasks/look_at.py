@@ -12,10 +12,18 @@ from argument_checks.ties import least
 from sim.array import Array
 from sim.kinematics.task import new_rows
 from sim.mjcf.frame import Body, Located, located
-from sim.tasks.function import TaskFunction
+from sim.tasks.function import TaskFunction, frame_name
 
 _NEAREST_M = 1e-9
 """Of a point to the frame: nearer, no direction leads there."""
+
+
+def _direction(name: str, value: ArrayLike) -> Array:
+    given = check.exactly(name, value, 3)
+    length = np.linalg.norm(given)
+    if not check.SMALLEST <= length < check.LARGEST:
+        raise ValueError(f"{name} must have a length, got {check.shown(value)}")
+    return check.frozen(given / length)
 
 
 @dataclass(eq=False)
@@ -39,17 +47,10 @@ class LookAtTask(TaskFunction):
         TypeError: An argument is of another kind.
     """
 
+    _checks = {"frame": frame_name, "axis": _direction}
+
     frame: str | Body
     axis: ArrayLike
-
-    def __post_init__(self) -> None:
-        """Check the arguments."""
-        check.instance("frame", self.frame, str, Body)
-        given = check.exactly("axis", self.axis, 3)
-        length = np.linalg.norm(given)
-        if not check.SMALLEST <= length < check.LARGEST:
-            raise ValueError(f"axis must have a length, got {check.shown(self.axis)}")
-        self.axis = check.frozen(given / length)
 
     def checked(self, target: Any) -> Array:
         """A position (3,)."""
