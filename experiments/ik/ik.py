@@ -16,6 +16,7 @@ from experiments.ik.overshoot import MISSED, Trial
 from experiments.ik.solution import IkProblem, IkSolution
 from prioritized import ConstrainedSystem
 from sim import Array, Body, JacobianReader, Jacobians, Pin, TaskFunction, advance
+from sim.kinematics.distances import FRACTIONS
 
 
 class Ik:
@@ -104,17 +105,20 @@ class Ik:
         period_s = check.duration("dt", dt)
         here = self._reader.read(data)
         asked = self._asked_at(data, period_s)
-        met = self._met(here.J_T, here.J_C, here.error_bound, asked)
+        met = self._met(data, here.J_T, here.J_C, here.error_bound, asked)
         if met is None or not self._approaches(here.J_T, asked[1], met, period_s):
             return self._solved(data, period_s, self._reader.at(data), asked, met).qvel
-        return self._kept_apart(data, met, period_s)[0]
+        qvel, fraction = self._kept(data, met, asked[0], None)
+        if fraction < 1.0 and asked[0].braking is not None and len(here.J_C):
+            return self._solved(data, period_s, self._reader.at(data), asked, met).qvel
+        return qvel
 
     def solve(self, data: mujoco.MjData, dt: float) -> IkSolution:
         """The same with its status, and what each task lacks; see :meth:`step`."""
         period_s = check.duration("dt", dt)
         jac = self._reader.at(data)
         asked, accuracy = self._asked_at(data, period_s), jac.accuracy
-        met = accuracy and self._met(jac.J_T, jac.J_C, accuracy.error_bound, asked)
+        met = accuracy and self._met(data, jac.J_T, jac.J_C, accuracy.error_bound, asked)
         return self._solved(data, period_s, jac, asked, met)
 
     def advance(
@@ -136,7 +140,7 @@ class Ik:
 
     def _take(self, system: ConstrainedSystem) -> None:
         """Keep a system, and what its tasks ask for at any pose."""
-        self._system, actuated = system, system.kinematics()
+        self._system, self._anywhere = system, (actuated := system.kinematics())
         self._hierarchy = actuated.hierarchy(self._asked)
         self._tick = self._hierarchy.tick(actuated)
         self._targets = self._levels.targets(actuated)
@@ -147,17 +151,25 @@ class Ik:
 
     def _asked_at(self, data: mujoco.MjData, period_s: float) -> tuple[VelocityLimits, Array]:
         """Limits of all velocities at a state that is up to date, and what the tasks ask for."""
-        return self._limits.at(data, period_s), self._targets.at(data, period_s)
+        limits = self._limits.at(data, period_s, self._anywhere)
+        return limits, self._targets.at(data, period_s)
 
     def _met(
-        self, J_T: Array, J_C: Array, error_bound: float, asked: tuple[VelocityLimits, Array]
+        self,
+        data: mujoco.MjData,
+        J_T: Array,
+        J_C: Array,
+        error_bound: float,
+        asked: tuple[VelocityLimits, Array],
     ) -> Array | None:
         """All velocities in one compiled call; None where something is in doubt."""
         if self._tick is None:
             return None
         limits, targets = asked
         met = self._tick(J_T, J_C, targets, limits.box, error_bound)
-        return met if met is not None and limits.are_kept_by(met) else None
+        if met is None or not limits.are_kept_by(met):
+            return None
+        return met if self._limits.tightened(data, limits, met) is None else None
 
     def _approaches(self, J_T: Array, asked: Array, met: Array, period_s: float) -> bool:
         """Whether a step clearly lowers the errors of all tasks: see :meth:`Trial.damping`."""
@@ -179,21 +191,55 @@ class Ik:
         limits, targets = asked[0], self._targets.of_levels(asked[1])
         robot, undamped = (self._system, self._hierarchy, jac), (0.0,) * len(targets)
         problem = IkProblem(*robot, limits, targets, undamped)
+        if met is None:
+            problem = self._tightened(data, problem)
         velocities = problem.velocities if met is None else met
         way, motion = period_s * asked[1], period_s * velocities
         damping = self._trial.damping(data, self._hierarchy, problem.kinematics, way, motion)
         if any(damping):
-            problem, met = replace(problem, damping=damping), None
+            problem, met = self._tightened(data, replace(problem, damping=damping)), None
             velocities = problem.velocities
-        qvel, fraction = self._kept_apart(data, velocities, period_s)
+        qvel, fraction = self._kept(data, velocities, limits, problem.braking)
         return IkSolution(qvel, fraction, met is not None or problem.solved[1], problem)
 
-    def _kept_apart(
-        self, data: mujoco.MjData, velocities: Array, period_s: float
+    def _tightened(self, data: mujoco.MjData, problem: IkProblem) -> IkProblem:
+        """The problem with limits corrected for tendons that turn on the way of its solution."""
+        for _ in range(_BENDS):
+            tighter = self._limits.tightened(data, problem.limits, problem.velocities)
+            if tighter is None:
+                break
+            problem = replace(problem, limits=tighter)
+        return problem
+
+    def _kept(
+        self, data: mujoco.MjData, velocities: Array, limits: VelocityLimits, braked: Array | None
     ) -> tuple[Array, float]:
-        """Of velocities (N,) those of the joints, (nv,), and the part left to keep distances."""
-        qvel, distances = velocities[: self._model.nv], self._limits.limits.distances
+        """Of velocities (N,) those of joints, (nv,), and the part left to keep distances.
+
+        With accelerations that is the part of the way to them from `braked`; None is that without
+        loops. Braking from there keeps all limits that it can.
+        """
+        nv, distances, braking = self._model.nv, self._limits.limits.distances, limits.braking
+        if braking is None:
+            if distances is None:
+                return velocities[:nv], 1.0
+            fraction = distances.safe_fraction(data, velocities[:nv], limits.period_s)
+            return fraction * velocities[:nv], fraction
+        first = braking.first if braked is None else braked
+        least = braking.excess(first)
+
+        def steps(fraction: float) -> list[tuple[Array, float]] | None:
+            partly = first + fraction * (velocities - first)
+            if not braking.keeps(partly, least):
+                return None
+            return [(partly[:nv], duration_s) for duration_s in braking.way(partly)]
+
         if distances is None:
-            return qvel, 1.0
-        fraction = distances.safe_fraction(data, qvel, period_s)
-        return fraction * qvel, fraction
+            fraction = next((each for each in FRACTIONS[:-1] if steps(each) is not None), 0.0)
+        else:
+            fraction = distances.largest_fraction(data, steps)
+        return (first + fraction * (velocities - first))[:nv], fraction
+
+
+_BENDS = 3
+"""How often a step is corrected for tendons that turn on its way."""

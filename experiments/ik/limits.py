@@ -1,8 +1,9 @@
 """Limits of a robot in one call: ranges, velocities, accelerations, distances."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
+from functools import partial
 from typing import NamedTuple
 
 import mujoco
@@ -12,26 +13,47 @@ import argument_checks as check
 from argument_checks import Indices
 from prioritized import Kinematics, viable_rates
 from sim import Array, Distances, Jacobians, ranges
+from sim.mjcf.drive import Drive
+from sim.mjcf.limits import Coupled
+from sim.mjcf.model import joint_name, name_of
+from sim.mjcf.transmission import drive_rows
 
 Limited = float | Mapping[str, float] | None
 """One number for every velocity, one for each joint by its name, or no limit."""
+
+_ROUND_OFF = 1e-9
+"""Part of a position, or of a way to a limit, by which a stop may miss it."""
+_BENT = 1e-6
+"""Part of a step by which the end of a tendon may miss what it is to keep."""
+RETURNING = (1.0, 0.25, 0.0625, 0.0)
+"""Parts of the wanted return from beyond a limit that are tried where all of it is impossible."""
 
 
 @dataclass(frozen=True)
 class Limits:
     """What a robot may do, whatever its tasks ask for.
 
-    Rates are such that all limits can be kept at the next tick and every later one
-    (:func:`prioritized.viable_rates`). A joint beyond its range returns as fast as the other limits
-    allow; geoms nearer than their margin part by a share of what is missing in each tick
-    (:class:`sim.Distances`). Where loops and limits together do not let it return so fast, it goes
-    no farther.
+    Without accelerations, ranges, velocities and distances hold at every tick. With accelerations
+    the rates are such that they hold at this tick and at every later one: each joint that an
+    actuator drives keeps to :func:`prioritized.viable_rates`, and where several joints together
+    move what is limited (distances, tendons, balls, passive joints) all of them could be braked in
+    proportion, on a straight way, from each rate that is taken. Geoms are measured along that way,
+    farther than `detection_m` where it is longer; the others count to first order in it.
+
+    Where the start is too fast for that, or limits move, accelerations hold first: all joints
+    brake, and the solution names what is not kept (:attr:`IkSolution.exceeded`).
+    A joint beyond its range returns as fast as the other limits allow; geoms nearer than their
+    margin part by a share of what is missing in each tick (:class:`sim.Distances`). Where loops and
+    limits together do not let it return so fast, it returns more slowly, or goes no farther.
 
     Attributes:
-        ranges: Whether joints and tendons stay within the ranges that the model states.
+        ranges: Whether joints and tendons stay within the ranges that the model states, driven or
+            not; of a ball joint that is its angle. Ranges of controls are no positions.
         velocity: Largest rate of a joint [rad]/[s] or [m]/[s]: one number for all, or by name of
-            joint, tendon or actuator.
+            joint, tendon or actuator, which stands for what it drives. If there are two for one
+            joint, both hold.
         acceleration: Likewise, of joints [rad]/[s^2] or [m]/[s^2]; `data.qvel` is the rate before.
+            Of tendons only where an actuator drives them.
         distances: Geoms that keep their distance, or None.
 
     Raises:
@@ -50,10 +72,15 @@ class Limits:
         for name in ("velocity", "acceleration"):
             value = getattr(self, name)
             if isinstance(value, Mapping):
-                own = {key: check.positive(name, each) for key, each in value.items()}
+                own = {
+                    check.instance(f"{name}: a name", key, str): check.positive(
+                        f'{name}["{key}"]', each
+                    )
+                    for key, each in value.items()
+                }
                 object.__setattr__(self, name, own)
             elif value is not None:
-                check.positive(name, value)
+                object.__setattr__(self, name, check.positive(name, value))
         if self.distances is not None:
             check.instance("distances", self.distances, Distances)
 
@@ -61,15 +88,35 @@ class Limits:
         """The same by the numbers of a mechanism's velocities.
 
         Raises:
-            ValueError: A name that the mechanism does not have, with the nearest.
+            ValueError: A name that the mechanism does not have, with the nearest, or that means two
+                things; or distances of another model.
         """
         assert jac.machine is not None
-        names = jac.machine.names.velocities
-        positions = Positions.of(model, jac) if self.ranges else Positions.free(len(names))
-        velocity = _both_ways(_each("velocity", self.velocity, names))
-        acceleration = _both_ways(_each("acceleration", self.acceleration, names))
-        without = np.zeros((0, model.nv)), np.zeros(0)
-        return LimitsOf(self, positions, velocity, acceleration, without)
+        if self.distances is not None and not self.distances.fits(model):
+            raise ValueError("distances must be of this model, got those of another model")
+        N = len(jac.machine.names.velocities)
+        positions = Positions.of(model, jac) if self.ranges else Positions.free(N)
+        meanings = _meanings(model, jac)
+        velocity, of_tendons = _each("velocity", self.velocity, meanings, N, model.ntendon)
+        acceleration, wrong = _each("acceleration", self.acceleration, meanings, N, model.ntendon)
+        driven = [d.tendon for d in jac.machine.drives if d.tendon is not None]
+        of_tendons[driven] = np.inf
+        wrong[driven] = np.inf
+        for k in np.flatnonzero(np.isfinite(wrong)):
+            name = name_of(model.tendon(k))
+            raise ValueError(f'acceleration: no actuator drives the tendon "{name}"')
+        coupled = Coupled.of(model, driven, of_tendons, stated=self.ranges)
+        extra = tuple(d for d in jac.machine.drives if d.joint is None)
+        return LimitsOf(
+            self,
+            model,
+            positions,
+            _both_ways(velocity),
+            _both_ways(acceleration),
+            coupled,
+            (*(joint_name(model, k) for k in model.dof_jntid), *(d.name for d in extra)),
+            extra,
+        )
 
 
 class Positions(NamedTuple):
@@ -115,29 +162,103 @@ class Positions(NamedTuple):
         return x
 
 
+class Braking(NamedTuple):
+    """How all velocities are brought to rest in proportion, as fast as accelerations allow.
+
+    It keeps the limits of all that several joints move together, because each of these comes to
+    rest on its way there, too.
+
+    Attributes:
+        first: Velocities of the next tick if it brakes, (N,).
+        per_rate: Ticks that one unit of each velocity takes to stop, (N,).
+        period_s: Of a tick.
+        below: How far each position may sink, (N,), and how far it may rise.
+        above: Likewise.
+        rows: R (r, nv) of what may sink.
+        room: By how much, (r,).
+    """
+
+    first: Array
+    per_rate: Array
+    period_s: float
+    below: Array
+    above: Array
+    rows: Array
+    room: Array
+
+    def ticks(self, velocities: Array) -> float:
+        """Way to rest from these velocities, by the way of one tick; they hold for the first."""
+        return ticks_to_rest(float((np.abs(velocities) * self.per_rate).max()))
+
+    def excess(self, velocities: Array) -> Array:
+        """How far positions and rows end beyond their limits if it brakes after this tick."""
+        way = self.period_s * self.ticks(velocities) * velocities
+        sinks = self.rows @ way[: self.rows.shape[1]] if len(self.rows) else self.room
+        ends = np.concatenate([self.below + way, self.above - way, self.room + sinks])
+        return np.maximum(-ends, 0.0)
+
+    def slack(self, velocities: Array) -> Array:
+        """What round-off may make of each excess."""
+        known = np.concatenate([self.below, self.above, self.room])
+        size = np.where(np.isfinite(known), np.abs(known), 0.0)
+        return _ROUND_OFF * (size + self.period_s * float(np.abs(velocities).max(initial=0.0)))
+
+    def keeps(self, velocities: Array, least: Array) -> bool:
+        """Whether no limit is exceeded farther than it must be."""
+        return bool((self.excess(velocities) <= least + self.slack(velocities)).all())
+
+    def way(self, velocities: Array, most: int = 8) -> Iterator[float]:
+        """Durations at these velocities that end on the way to rest, the last one at its end."""
+        total = self.ticks(velocities)
+        parts = min(most, int(np.ceil(total)))
+        yield self.period_s
+        for part in range(1, parts):
+            yield self.period_s * (1.0 + (total - 1.0) * part / (parts - 1))
+
+
+def ticks_to_rest(ticks: float) -> float:
+    """Way of a rate that is kept for a tick and takes so many ticks to be braked, in its ticks."""
+    whole = np.floor(ticks)
+    return float(1.0 + whole - whole * (whole + 1.0) / (2.0 * ticks)) if whole else 1.0
+
+
 class RateLimits(NamedTuple):
     """Limits of the rates at one tick.
 
     Attributes:
         box: Lower and upper limit of each actuator's rate, (n,) each.
         rows: R, lower and upper of lower <= R rates <= upper, for those that survive.
+        rest: What rates (n,) and rows are if all brake: zero without accelerations.
+        is_cut: Whether a row asks for no more than its own best, which is not what it should.
     """
 
     box: tuple[Array, Array]
     rows: tuple[Array, Array, Array]
+    rest: tuple[Array, Array]
+    is_cut: bool
 
     @property
     def excludes_rest(self) -> bool:
-        """Whether something must move."""
-        sides = [self.box, self.rows[1:]] if len(self.rows[0]) else [self.box]
+        """Whether something must move otherwise than by braking."""
+        sides = [(*self.box, self.rest[0])]
+        if len(self.rows[0]):
+            sides.append((*self.rows[1:], self.rest[1]))
         return any(
-            np.count_nonzero(lower > 0.0) or np.count_nonzero(upper < 0.0) for lower, upper in sides
+            np.count_nonzero(lower > rest) or np.count_nonzero(upper < rest)
+            for lower, upper, rest in sides
         )
 
-    def no_farther(self) -> "RateLimits":
-        """The same where rest is allowed: what is beyond a limit need not return."""
+    def returning(self, part: float) -> "RateLimits":
+        """The same where what is beyond a limit need return by a part only."""
         R, *sides = self.rows
-        return RateLimits(_with_zero(*self.box), (R, *_with_zero(*sides)))
+        box, rows = (
+            (
+                np.minimum(lower, rest + part * np.maximum(lower - rest, 0.0)),
+                np.maximum(upper, rest + part * np.minimum(upper - rest, 0.0)),
+            )
+            for (lower, upper), rest in zip((self.box, sides), self.rest, strict=True)
+        )
+        return self._replace(box=box, rows=(R, *rows))
 
 
 class VelocityLimits(NamedTuple):
@@ -145,13 +266,21 @@ class VelocityLimits(NamedTuple):
 
     Attributes:
         box: Lower and upper limit of every velocity, (N,) each.
-        rows: R of least <= R qvel, shape (r, nv), from distances.
+        rows: R of least <= R qvel, shape (r, nv), of tendons, balls, and distances.
         least: Shape (r,).
+        braking: What is left to brake; None where accelerations need not be thought of.
+        viable: Whether each velocity can keep its own limits for ever, (N,).
+        period_s: Until the next tick.
+        names: Gives what each velocity and each row is called.
     """
 
     box: tuple[Array, Array]
     rows: Array
     least: Array
+    braking: Braking | None
+    viable: Array
+    period_s: float
+    names: Callable[[], tuple[tuple[str, ...], tuple[str, ...]]]
 
     def are_kept_by(self, velocities: Array) -> bool:
         """Whether the rows are; the box is left to whoever asks."""
@@ -159,21 +288,56 @@ class VelocityLimits(NamedTuple):
             (self.rows @ velocities[: self.rows.shape[1]] >= self.least).all()
         )
 
+    def exceeded(self) -> tuple[str, ...]:
+        """What cannot be kept: it is beyond its limit, or too fast to be stopped before it."""
+        of_velocities, of_rows = self.names()
+        late = ~self.viable
+        if self.braking is None:
+            return _each_once(of_velocities, late)
+        N, limit = len(late), self.braking.slack(self.braking.first)
+        beyond = self.braking.excess(self.braking.first) > limit
+        late = late | beyond[:N] | beyond[N : 2 * N]
+        return _each_once(of_velocities, late) + _each_once(of_rows, beyond[2 * N :])
+
+    def held_by(self, kinematics: Kinematics) -> tuple[str, ...]:
+        """What the rows of :meth:`of_rates` are of."""
+        of_velocities, of_rows = self.names()
+        passive = [of_velocities[k] for k in np.flatnonzero(self.limited(kinematics))]
+        return (*of_rows, *passive)
+
     def of_rates(self, active: Indices, kinematics: Kinematics) -> RateLimits:
         """The same for the rates of these velocities, which move all others."""
         (lower, upper), rows, least = self.box, self.rows, self.least
         n, box = len(kinematics.actuators), (lower[active], upper[active])
-        # Velocities without a working actuator that are limited, and not stuck.
-        limited = (lower > -np.inf) | (upper < np.inf)
-        limited[kinematics.active] = False
-        limited[kinematics.system.joints.stuck] = False
-        most = np.full(len(rows), np.inf)
+        first = np.zeros(len(lower)) if self.braking is None else self.braking.first
+        limited, most = self.limited(kinematics), np.full(len(rows), np.inf)
         if not limited.any() and not len(rows):
-            return RateLimits(box, (np.zeros((0, n)), least, most))
+            none = np.zeros((0, n)), least, most
+            return RateLimits(box, none, (first[active], least), is_cut=False)
         motions = kinematics.velocities(np.eye(n)).T
         R = np.vstack([rows @ motions[: rows.shape[1]], motions[limited]])
         least, most = np.append(least, lower[limited]), np.append(most, upper[limited])
-        return RateLimits(box, (R, least, most))
+        of_first = np.append(rows @ first[: rows.shape[1]], first[limited])
+        rest = R @ first[kinematics.active]
+        # Loops turn on the way: what braking was allowed is allowed as it is here.
+        least = np.where(least <= of_first, np.minimum(least, rest), least)
+        most = np.where(most >= of_first, np.maximum(most, rest), most)
+        asked = least, most
+        own = lower[kinematics.active], upper[kinematics.active]
+        below, above = np.where(R > 0, own[0], own[1]), np.where(R > 0, own[1], own[0])
+        with np.errstate(invalid="ignore"):
+            least = np.minimum(least, np.where(R, R * above, 0.0).sum(axis=1))
+            most = np.maximum(most, np.where(R, R * below, 0.0).sum(axis=1))
+        is_cut = bool((least < asked[0]).any() or (most > asked[1]).any())
+        return RateLimits(box, (R, least, most), (first[active], rest), is_cut)
+
+    def limited(self, kinematics: Kinematics) -> Array:
+        """Which velocities are limited though no working actuator moves them, and not stuck."""
+        lower, upper = self.box
+        limited = (lower > -np.inf) | (upper < np.inf)
+        limited[kinematics.active] = False
+        limited[kinematics.system.joints.stuck] = False
+        return limited
 
 
 class LimitsOf(NamedTuple):
@@ -181,38 +345,159 @@ class LimitsOf(NamedTuple):
 
     Attributes:
         limits: What is limited.
+        model: Of which.
         positions: Of joints and tendons with ranges.
         velocity: Least and largest rate of each velocity, (N,) each.
         acceleration: Least and largest acceleration, (N,) each.
-        without: Of distances no rows, (0, nv), and no least products, (0,).
+        coupled: Tendons and balls with limits that no velocity of their own stands for.
+        names: Of each velocity.
+        extra: Drives that are no joint, whose velocities follow those of joints.
     """
 
     limits: Limits
+    model: mujoco.MjModel
     positions: Positions
     velocity: tuple[Array, Array]
     acceleration: tuple[Array, Array]
-    without: tuple[Array, Array]
+    coupled: Coupled
+    names: tuple[str, ...]
+    extra: tuple[Drive, ...]
 
-    def at(self, data: mujoco.MjData, period_s: float) -> VelocityLimits:
-        """Limits of the velocities that are constant until the next tick."""
-        rows, least = self.without
-        if self.limits.distances is not None:
-            rows, least = self.limits.distances.rate_limits(data, period_s)
-        return VelocityLimits(self._of_velocities(data, period_s), rows, least)
+    @property
+    def has_rows(self) -> bool:
+        """Whether several joints together may move what is limited."""
+        return self.limits.distances is not None or len(self.coupled.names) > 0
 
-    def _of_velocities(self, data: mujoco.MjData, period_s: float) -> tuple[Array, Array]:
-        """Lower and upper limit of every velocity, (N,) each."""
-        rates, qvel = np.zeros(len(self.velocity[0])), data.qvel
-        rates[: len(qvel)] = qvel
+    def at(self, data: mujoco.MjData, period_s: float, kinematics: Kinematics) -> VelocityLimits:
+        """Limits of the velocities that are constant until the next tick.
+
+        Args:
+            data: The state, up to date.
+            period_s: Until then.
+            kinematics: The mechanism at any pose.
+        """
+        x, most = self.positions.at(data), self.acceleration[1]
+        v = np.zeros(len(x))
+        braked = self.limits.acceleration is not None
+        if braked:
+            v[: self.model.nv] = check.series("data.qvel", data.qvel)
+            v[self.model.nv :] = drive_rows(self.model, data, self.extra) @ data.qvel
+            v[kinematics.system.joints.stuck] = 0.0
         box = viable_rates(
-            self.positions.at(data),
-            rates,
+            x,
+            v,
             position_limits=self.positions.ranges,
             rate_limits=self.velocity,
             acceleration_limits=self.acceleration,
             period_s=period_s,
         )
-        return box.lower, box.upper
+        ticks = float((np.abs(v) / most).max()) / period_s if braked else 0.0
+        span_s = period_s * ticks_to_rest(ticks + 1.0) if braked else period_s
+        if not braked and not self.has_rows:
+            none = np.zeros((0, self.model.nv)), np.zeros(0)
+            known = partial(self._named, _NO_PAIRS)
+            return VelocityLimits((box.lower, box.upper), *none, None, box.viable, period_s, known)
+        rows, room, gain, pairs = self._rows(data, v, span_s)
+        least = np.where(room > 0.0, np.minimum(gain / period_s, 1.0 / span_s), gain / period_s)
+        with np.errstate(invalid="ignore"):
+            least = np.maximum(-least * room, self._least_rates(len(rows)))
+        limits = VelocityLimits(
+            (box.lower, box.upper),
+            *(rows, least, None, box.viable, period_s),
+            partial(self._named, pairs),
+        )
+        passive = limits.limited(kinematics) if braked else np.zeros(0, dtype=bool)
+        if not braked or not (len(rows) or passive.any()):
+            return limits
+        first = v * max(0.0, 1.0 - 1.0 / ticks) if ticks else v
+        low, high = self.positions.ranges
+        braking = Braking(first, 1.0 / (most * period_s), period_s, x - low, high - x, rows, room)
+        return limits._replace(
+            box=self._of_passive(limits.box, passive, v, span_s, braking),
+            least=np.where(room >= 0.0, np.minimum(least, rows @ first[: self.model.nv]), least),
+            braking=braking,
+        )
+
+    def tightened(
+        self, data: mujoco.MjData, limits: VelocityLimits, velocities: Array
+    ) -> VelocityLimits | None:
+        """Limits for what tendons and balls lack to stay in their ranges; None if they stay.
+
+        Rows are right at the start of a step; on its way tendons turn. `data` is moved and put
+        back.
+        """
+        model, count, braking = self.model, len(self.coupled.names), limits.braking
+        if not count:
+            return None
+        period_s, span_s = limits.period_s, limits.period_s
+        if braking is not None:
+            span_s *= braking.ticks(velocities)
+        ends = []
+        start, qvel = data.qpos.copy(), velocities[: model.nv]
+        for duration_s in (span_s, 0.0):
+            data.qpos[:] = start
+            mujoco.mj_integratePos(model, data.qpos, qvel, duration_s)
+            mujoco.mj_kinematics(model, data)
+            mujoco.mj_comPos(model, data)
+            mujoco.mj_tendon(model, data)
+            ends.append(self.coupled.room(data))
+        data.qpos[:] = start
+        lacking = np.minimum(ends[1], 0.0) - ends[0]
+        if (lacking <= _BENT * period_s * float(np.abs(qvel).max()) + _ROUND_OFF**2).all():
+            return None
+        least = limits.least.copy()
+        least[:count] += np.maximum(lacking, 0.0) / span_s
+        return limits._replace(least=least)
+
+    def _of_passive(
+        self,
+        box: tuple[Array, Array],
+        passive: Array,
+        v: Array,
+        span_s: float,
+        braking: Braking,
+    ) -> tuple[Array, Array]:
+        """The box where velocities that others move have room to brake with these."""
+        step = self.acceleration[1] * braking.period_s
+        least, most = (np.clip(side, v - step, v + step) for side in self.velocity)
+        below, above, first = braking.below, braking.above, braking.first
+        lower = np.clip(-below / np.where(below < 0.0, braking.period_s, span_s), least, most)
+        upper = np.clip(above / np.where(above < 0.0, braking.period_s, span_s), least, most)
+        lower = np.where(below < 0.0, lower, np.minimum(lower, first))
+        upper = np.where(above < 0.0, upper, np.maximum(upper, first))
+        return (
+            np.where(passive, np.where(above < 0.0, np.minimum(lower, upper), lower), box[0]),
+            np.where(passive, np.where(below < 0.0, np.maximum(lower, upper), upper), box[1]),
+        )
+
+    def _rows(
+        self, data: mujoco.MjData, v: Array, span_s: float
+    ) -> tuple[Array, Array, Array, Array]:
+        """R of what several joints move, its room, the part that a tick may take, and geoms."""
+        rows, room, pairs = self.coupled.rows(data), self.coupled.room(data), _NO_PAIRS
+        gain, distances = np.ones(len(room)), self.limits.distances
+        if distances is not None:
+            qvel = v[: self.model.nv]
+            way = 2.0 * distances.farthest(data, qvel, span_s) if qvel.any() else 0.0
+            near = distances.near(data, distances.margin_m + way)
+            rows = np.vstack([rows, near.rows])
+            room = np.append(room, near.distance_m - distances.margin_m)
+            gain, pairs = np.append(gain, np.full(len(near.rows), distances.gain)), near.pairs
+        return rows, room, gain, pairs
+
+    def _least_rates(self, count: int) -> Array:
+        """Of each row, from limits of velocity: those of tendons."""
+        least = np.full(count, -np.inf)
+        least[: len(self.coupled.velocity)] = -self.coupled.velocity
+        return least
+
+    def _named(self, pairs: Array) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        geoms = tuple(f"geoms {' and '.join(self._geom(k) for k in pair)}" for pair in pairs)
+        return self.names, (*self.coupled.names, *geoms)
+
+    def _geom(self, number: int) -> str:
+        geom = self.model.geom(number)
+        return geom.name or f"{number} of {name_of(self.model.body(geom.bodyid[0]))}"
 
 
 def _both_ways(most: Array) -> tuple[Array, Array]:
@@ -226,22 +511,69 @@ def _pair(both: Array) -> tuple[Array, Array]:
     return lower, upper
 
 
-def _with_zero(lower: Array, upper: Array) -> tuple[Array, Array]:
-    return np.minimum(lower, 0.0), np.maximum(upper, 0.0)
+class Meaning(NamedTuple):
+    """What a name stands for: all velocities of a joint, or one more drive.
+
+    Attributes:
+        what: Kind and number: an actuator is what it drives.
+        velocities: Their numbers; none of a tendon without an actuator.
+    """
+
+    what: tuple[str, int]
+    velocities: list[int]
 
 
-def _each(argument: str, value: Limited, names: Sequence[str]) -> Array:
-    """The limit of every velocity, infinite where there is none, (N,)."""
-    if not isinstance(value, Mapping):
-        return np.full(len(names), np.inf if value is None else value)
-    limits, known = np.full(len(names), np.inf), np.array(names)
-    for name, limit in value.items():
-        own = known == check.instance(argument, name, str)
-        if not own.any():
-            near = get_close_matches(name, filter(None, names), 1)
-            hint = (
-                f'did you mean "{near[0]}"?' if near else f"it has {', '.join(filter(None, names))}"
+def _meanings(model: mujoco.MjModel, jac: Jacobians) -> dict[str, list[Meaning]]:
+    """By each name of a joint, tendon or actuator that moves something what it stands for."""
+    assert jac.machine is not None
+    found: dict[str, list[Meaning]] = {}
+    for k in range(model.njnt):
+        own = np.flatnonzero(model.dof_jntid == k).tolist()
+        found.setdefault(model.joint(k).name, []).append(Meaning(("joint", k), own))
+    for k in range(model.ntendon):
+        found.setdefault(model.tendon(k).name, []).append(Meaning(("tendon", k), []))
+    for drive, velocity in zip(jac.machine.drives, jac.active.tolist(), strict=False):
+        first = drive.ids[0]
+        what = ("actuator", first)
+        if drive.tendon is not None:
+            what = ("tendon", drive.tendon)
+            found.setdefault(model.tendon(drive.tendon).name, []).append(Meaning(what, [velocity]))
+        elif int(model.actuator_trntype[first]) in _ON_JOINT:
+            what = ("joint", int(model.actuator_trnid[first, 0]))
+        for k in drive.ids:
+            found.setdefault(model.actuator(k).name, []).append(Meaning(what, [velocity]))
+    found.pop("", None)
+    return found
+
+
+def _each(
+    argument: str, value: Limited, meanings: dict[str, list[Meaning]], N: int, tendons: int
+) -> tuple[Array, Array]:
+    """The limit of every velocity, (N,), and of tendons by name; infinite where there is none."""
+    by_name = isinstance(value, Mapping)
+    limits = np.full(N, np.inf if value is None or by_name else value)
+    of_tendons = np.full(tendons, np.inf)
+    for name, limit in value.items() if by_name else ():
+        own = meanings.get(name, [])
+        if not own:
+            near = get_close_matches(name, meanings, 1)
+            hint = f'did you mean "{near[0]}"?' if near else f"it has {', '.join(meanings)}"
+            raise ValueError(
+                f'{argument}: the model has no joint, tendon or actuator "{name}"; {hint}'
             )
-            raise ValueError(f'{argument}: the model has no joint "{name}"; {hint}')
-        limits[own] = limit
-    return limits
+        if len(every := {meaning.what for meaning in own}) > 1:
+            both = " and ".join(f"{kind} {k}" for kind, k in sorted(every))
+            raise ValueError(f'{argument}: "{name}" stands for {both}: use another name of one')
+        for what, velocities in own:
+            limits[velocities] = np.minimum(limits[velocities], limit)
+            if what[0] == "tendon":
+                of_tendons[what[1]] = min(of_tendons[what[1]], limit)
+    return limits, of_tendons
+
+
+_ON_JOINT = int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT)
+_NO_PAIRS = np.zeros((0, 2), dtype=np.intp)
+
+
+def _each_once(names: tuple[str, ...], chosen: Array) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(names[k] for k in np.flatnonzero(chosen)))

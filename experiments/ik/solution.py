@@ -3,9 +3,12 @@
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-from experiments.ik.limits import RateLimits, VelocityLimits
+import numpy as np
+
+from experiments.ik.limits import RETURNING, RateLimits, VelocityLimits
 from prioritized import ConstrainedSystem, Hierarchy, HierarchySolution, Kinematics, Status
 from sim import Array, Jacobians
+from sim.mjcf.model import listed
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,13 +43,26 @@ class IkProblem:
         limits = self.limits.of_rates(self.system.active, self.kinematics)
         solution = self._within(limits)
         if not limits.excludes_rest or solution.status is not Status.INFEASIBLE:
-            return solution, True
-        return self._within(limits.no_farther()), False
+            return solution, not limits.is_cut
+        for part in RETURNING[1:]:
+            solution = self._within(limits.returning(part))
+            if solution.status is not Status.INFEASIBLE:
+                break
+        return solution, False
 
     @property
     def velocities(self) -> Array:
         """Of all joints and other drives, (N,)."""
         return self.kinematics.velocities(self.solved[0].rates)
+
+    @property
+    def braking(self) -> Array | None:
+        """The velocities of the next tick if all brake together, (N,); None: nothing need."""
+        if self.limits.braking is None:
+            return None
+        C, rates = self.kinematics.active_constraint, self.limits.braking.first
+        rates = rates[self.kinematics.active]
+        return self.kinematics.velocities(rates - (C @ rates) @ C if C.size else rates)
 
     def _within(self, limits: RateLimits) -> HierarchySolution:
         there = self.hierarchy.at(self.kinematics, rate_limits=limits.box, rate_rows=limits.rows)
@@ -66,7 +82,8 @@ class IkSolution:
 
     Attributes:
         qvel: Of all joints, shape (nv,).
-        fraction: Part of the velocity that is left so that no geoms come too near.
+        fraction: Part of the velocity that is left so that no geoms come too near; with
+            accelerations, of the way to it from that with which all joints brake.
         is_led_back: Whether all that is beyond a limit returns as :class:`Limits` says.
         problem: What was asked for; the properties are found from it when they are asked for.
     """
@@ -101,12 +118,33 @@ class IkSolution:
         """How the first level is met, and whether limits are."""
         return self.solution.status
 
+    @property
+    def exceeded(self) -> tuple[str, ...]:
+        """Joints, tendons and pairs of geoms that are not kept within their limits.
+
+        They are beyond these, or so fast that no acceleration within its limit stops them before.
+        """
+        return self.problem.limits.exceeded()
+
+    @property
+    def at_limits(self) -> tuple[str, ...]:
+        """Joints, tendons and pairs of geoms whose limits hold the robot back at this tick."""
+        (names, _), solution = self.problem.limits.names(), self.solution
+        active = self.kinematics.active[solution.active_limits != 0]
+        held_by = self.problem.limits.held_by(self.kinematics)
+        rows = [held_by[k] for k in np.flatnonzero(solution.active_rows)]
+        return tuple(dict.fromkeys((*(names[k] for k in active), *rows)))
+
     def __str__(self) -> str:
         """The status in words, with what is at a limit and what damping costs."""
-        sentences = [str(self.solution)]
+        sentences = [self.solution.in_words(self.at_limits)]
+        if exceeded := self.exceeded:
+            sentences.append(f"Beyond a limit, or too fast to stop before it: {listed(exceeded)}.")
         if not self.is_led_back:
             sentences.append("What is beyond a limit cannot return as fast as it should.")
-        if self.fraction < 1.0:
+        if self.fraction < 1.0 and self.problem.limits.braking is not None:
+            sentences.append(f"All brake, but for {self.fraction:g} of the way to what was asked.")
+        elif self.fraction < 1.0:
             sentences.append(f"The step is shortened to {self.fraction:g} of it to keep distances.")
         return " ".join(sentences)
 

@@ -1,6 +1,6 @@
 """What a hierarchy of tasks answers."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol
@@ -135,15 +135,20 @@ class HierarchySolution:
 
     def __str__(self) -> str:
         """Status, active limits, and what damping costs each level, the first being level 1."""
+        return self.in_words(None)
+
+    def in_words(self, at_limits: Sequence[str] | None) -> str:
+        """The same with these names of what is at a limit; None is numbers."""
         actuators = self.hierarchy.asked.survivors.actuators.tolist()
         rows = range(len(self.active_rows))
-        sentences = [
-            as_sentence(self.status.value),
+        limits = [
             *_at_limits("actuator", actuators, self.active_limits),
             *_at_limits("row", list(rows), self.active_rows),
-            *(f"Damping costs level {k} {error:.2g}." for k, error in self._costs()),
         ]
-        return " ".join(sentences)
+        if at_limits is not None:
+            limits = [f"At a limit: {', '.join(at_limits)}."] if at_limits else []
+        damping = (f"Damping costs level {k} {error:.2g}." for k, error in self._costs())
+        return " ".join([as_sentence(self.status.value), *limits, *damping])
 
     def _costs(self) -> Iterator[tuple[int, float]]:
         """Levels, from 1 on, that damping costs more than round-off, and how much."""

@@ -1,5 +1,7 @@
 """Distances between geoms, their rates, and steps that keep them."""
 
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -19,7 +21,14 @@ _TOUCHING_M, _LIFT_M = 1e-9, 1e-6
 """Witness points nearer than the first give no direction; geoms apart by the second do."""
 _ACCURACY_M = 1e-9
 """What a distance may lack of the one allowed: round-off of MuJoCo's."""
-_FRACTIONS = (*(0.5**k for k in range(11)), 0.0)
+FRACTIONS = (*(0.5**k for k in range(11)), 0.0)
+"""Of a step, to be tried one after the other."""
+_GEOMETRY = (
+    *("body_parentid", "body_pos", "body_quat", "jnt_type", "jnt_bodyid", "jnt_pos", "jnt_axis"),
+    *("qpos0", "geom_type", "geom_bodyid", "geom_size", "geom_pos", "geom_quat", "geom_dataid"),
+    *("mesh_vert", "hfield_size", "hfield_data"),
+)
+"""What distances depend on."""
 
 
 class Near(NamedTuple):
@@ -97,10 +106,14 @@ class Distances:
         Raises:
             ValueError, TypeError: `data` is of another model, or not finite.
         """
+        return self.near(data, self.detection_m)
+
+    def near(self, data: mujoco.MjData, within_m: float) -> Near:
+        """The same of the pairs nearer than a distance, but at least `detection_m`."""
         check_state(self.model, data)
         mujoco.mj_kinematics(self.model, data)
         mujoco.mj_comPos(self.model, data)
-        near = self._measured(data, self.detection_m)
+        near = self._measured(data, min(max(self.detection_m, within_m), _FARTHEST_M))
         rows, jacobians = np.empty((len(near), self.model.nv)), np.empty((2, 3, self.model.nv))
         for row, (k, distance, fromto) in zip(rows, near, strict=True):
             pair = self.geom_pairs[k]
@@ -133,6 +146,22 @@ class Distances:
         near = self.at(data)
         return near.rows, check.read_only(-self.gain / dt * (near.distance_m - self.margin_m))
 
+    def fits(self, model: mujoco.MjModel) -> bool:
+        """Whether a model has the same bodies, joints and geoms."""
+        return model is self.model or all(
+            np.array_equal(getattr(model, name), getattr(self.model, name)) for name in _GEOMETRY
+        )
+
+    def farthest(self, data: mujoco.MjData, qvel: Array, dt: float) -> float:
+        """How far the geom that moves most comes in a step; see :meth:`safe_fraction`."""
+        ends = []
+        for duration_s in (dt, 0.0):
+            with self._moved(data, qvel, duration_s):
+                ends.append((data.geom_xpos.copy(), data.geom_xmat.copy()))
+        (to, turned), (start, axes) = ends
+        turns = self.model.geom_rbound * np.linalg.norm(turned - axes, axis=1)
+        return float((np.linalg.norm(to - start, axis=1) + turns).max(initial=0.0))
+
     def safe_fraction(self, data: mujoco.MjData, qvel: ArrayLike, dt: float) -> float:
         """The largest of 1, 1/2, 1/4, ..., 1/1024 and 0 of a step that ends at safe distances.
 
@@ -152,22 +181,41 @@ class Distances:
         check_state(self.model, data)
         velocity = check.exactly("qvel", qvel, self.model.nv)
         check.duration("dt", dt)
-        start = data.qpos.copy()
+        return self.largest_fraction(data, lambda fraction: [(velocity, fraction * dt)])
+
+    def largest_fraction(
+        self,
+        data: mujoco.MjData,
+        steps: Callable[[float], Iterable[tuple[Array, float]] | None],
+    ) -> float:
+        """The largest of the same fractions for which all of these steps end at safe distances.
+
+        Args:
+            data: As of :meth:`at`.
+            steps: Gives for a fraction velocities and durations of steps from here, or None if that
+                fraction is out of the question.
+        """
         mujoco.mj_kinematics(self.model, data)
         allowed = np.full(len(self.geom_pairs), self.margin_m)
         for k, distance, _ in self._measured(data, self.margin_m):
             allowed[k] = distance
+        for fraction in FRACTIONS[:-1]:
+            every = steps(fraction)
+            if every is not None and all(self._keeps(data, allowed, *step) for step in every):
+                return fraction
+        return 0.0
+
+    @contextmanager
+    def _moved(self, data: mujoco.MjData, qvel: Array, dt: float) -> Iterator[None]:
+        """A state after a step; frames in it are brought up to date, and put back afterwards."""
+        start = data.qpos.copy()
         try:
-            for fraction in _FRACTIONS[:-1]:
-                data.qpos[:] = start
-                mujoco.mj_integratePos(self.model, data.qpos, velocity, fraction * dt)
-                mujoco.mj_kinematics(self.model, data)
-                if self._keeps(data, allowed):
-                    return fraction
+            mujoco.mj_integratePos(self.model, data.qpos, qvel, dt)
+            mujoco.mj_kinematics(self.model, data)
+            yield
         finally:
             data.qpos[:] = start
             mujoco.mj_kinematics(self.model, data)
-        return 0.0
 
     @cached_property
     def _bounds(self) -> Bounds:
@@ -184,13 +232,14 @@ class Distances:
                 found.append((k, distance, fromto))
         return found
 
-    def _keeps(self, data: mujoco.MjData, allowed: Array) -> bool:
-        """Whether no pair is nearer than allowed, shape (q,); it stops at the first that is."""
-        for k in self._bounds.within(data, self.margin_m):
-            first, second = self.geom_pairs[k]
-            distance = mujoco.mj_geomDistance(self.model, data, first, second, self.margin_m, None)
-            if distance < allowed[k] - _ACCURACY_M:
-                return False
+    def _keeps(self, data: mujoco.MjData, allowed: Array, qvel: Array, dt: float) -> bool:
+        """Whether no pair is nearer than allowed, (q,), after a step; it stops at one that is."""
+        with self._moved(data, qvel, dt):
+            for k in self._bounds.within(data, self.margin_m):
+                pair = self.geom_pairs[k]
+                distance = mujoco.mj_geomDistance(self.model, data, *pair, self.margin_m, None)
+                if distance < allowed[k] - _ACCURACY_M:
+                    return False
         return True
 
     def _normal(

@@ -1,15 +1,16 @@
 """What limits motion besides loops: joints and tendons at their limits, and contacts."""
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from typing import NamedTuple
 
 import mujoco
 import numpy as np
 
 import argument_checks as check
+from argument_checks import Indices
 from sim.array import Array
 from sim.errors import ModelError
-from sim.mjcf.model import name_of
+from sim.mjcf.model import joint_name, name_of
 from sim.mjcf.ranges import one_axis
 
 _BALL = int(mujoco.mjtJoint.mjJNT_BALL)
@@ -18,6 +19,71 @@ _WITHOUT_LIMITS = int(mujoco.mjtDisableBit.mjDSBL_LIMIT) | int(
 )
 _AT = 1e-6
 """A joint nearer to its limit than this fraction of its range rests on it."""
+
+
+class Coupled(NamedTuple):
+    """Lengths of tendons and angles of ball joints that are limited, which several velocities move.
+
+    Each has a row: a tendon one for its least and one for its greatest length, a ball one.
+
+    Attributes:
+        model: The model.
+        tendons: Their numbers.
+        span: Least and greatest length of each, infinite where there is none, (2, t).
+        balls: Numbers of joints.
+        velocity: Largest rate of what each row is of, (r,).
+        names: What each row is of.
+    """
+
+    model: mujoco.MjModel
+    tendons: Indices
+    span: Array
+    balls: Indices
+    velocity: Array
+    names: tuple[str, ...]
+
+    @classmethod
+    def of(
+        cls, model: mujoco.MjModel, but: Collection[int], velocity: Array, *, stated: bool
+    ) -> "Coupled":
+        """Those of a model.
+
+        Args:
+            model: The model.
+            but: Tendons that are left out.
+            velocity: Largest rate of each tendon's length, infinite where there is none.
+            stated: Whether the ranges that the model states count.
+        """
+        limited = model.tendon_limited.astype(bool) & stated
+        tendons = np.flatnonzero(limited | np.isfinite(velocity))
+        tendons = tendons[~np.isin(tendons, list(but))]
+        span = np.where(limited[tendons, None], model.tendon_range[tendons], [-np.inf, np.inf]).T
+        balls = np.flatnonzero(model.jnt_limited.astype(bool) & (model.jnt_type == _BALL) & stated)
+        names = [f"tendon {name_of(model.tendon(k))}" for k in tendons]
+        rates = np.append(np.tile(velocity[tendons], 2), np.full(len(balls), np.inf))
+        of_balls = [f"joint {joint_name(model, int(k))}" for k in balls]
+        return cls(model, tendons, span, balls, rates, (*names, *names, *of_balls))
+
+    def room(self, data: mujoco.MjData) -> Array:
+        """What is left of each range at a state that is up to date, (r,)."""
+        (low, high), length = self.span, data.ten_length[self.tendons]
+        angles = [ball_turn(self.model, data, k)[0] for k in self.balls]
+        return np.concatenate([length - low, high - length, self._largest - angles])
+
+    def rows(self, data: mujoco.MjData) -> Array:
+        """Slopes of what is left, (r, nv)."""
+        of_tendons = [tendon_row(self.model, data, int(k)) for k in self.tendons]
+        rows = np.zeros((len(self.names), self.model.nv))
+        for k, row in enumerate(of_tendons):
+            rows[k], rows[len(of_tendons) + k] = row, -row
+        for row, k in zip(rows[2 * len(of_tendons) :], self.balls, strict=True):
+            start = self.model.jnt_dofadr[k]
+            row[start : start + 3] = -ball_turn(self.model, data, k)[1]
+        return rows
+
+    @property
+    def _largest(self) -> Array:
+        return self.model.jnt_range[self.balls, 1]
 
 
 class Resting(NamedTuple):
@@ -44,12 +110,10 @@ def at_limits(model: mujoco.MjModel, data: mujoco.MjData) -> list[Resting]:
         for k in np.flatnonzero(resting)
     ]
     for k in np.flatnonzero(limited & (model.jnt_type == _BALL)):
-        vector, start = np.empty(3), model.jnt_qposadr[k]
-        mujoco.mju_quat2Vel(vector, data.qpos[start : start + 4], 1.0)
-        angle = float(np.linalg.norm(vector))
+        angle, axis = ball_turn(model, data, int(k))
         if angle >= high[k] - slack[k] and angle:
             row = np.zeros(model.nv)
-            row[model.jnt_dofadr[k] : model.jnt_dofadr[k] + 3] = vector / angle
+            row[model.jnt_dofadr[k] : model.jnt_dofadr[k] + 3] = axis
             found.append(Resting("joint", name_of(model.joint(k)), row))
     low, high = model.tendon_range.T
     slack, length = model.tendon_margin + _AT * (high - low), data.ten_length
@@ -89,6 +153,14 @@ def stuck_rows(model: mujoco.MjModel, data: mujoco.MjData, stuck: bool | tuple[s
                 raise ModelError(f'"{name}" rests on no limit; those that do: {there}')
         resting = [limit for limit in resting if limit.name in stuck]
     return np.vstack([np.zeros((0, model.nv)), *(limit.row for limit in resting)])
+
+
+def ball_turn(model: mujoco.MjModel, data: mujoco.MjData, joint: int) -> tuple[float, Array]:
+    """Angle and axis of a ball joint; no axis where it is not turned."""
+    vector, start = np.empty(3), model.jnt_qposadr[joint]
+    mujoco.mju_quat2Vel(vector, data.qpos[start : start + 4], 1.0)
+    angle = float(np.linalg.norm(vector))
+    return angle, vector / angle if angle else vector
 
 
 def tendon_row(model: mujoco.MjModel, data: mujoco.MjData, tendon: int) -> Array:
