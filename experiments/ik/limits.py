@@ -407,7 +407,7 @@ class LimitsOf(NamedTuple):
             partial(self._named, pairs),
         )
         passive = limits.limited(kinematics) if braked else np.zeros(0, dtype=bool)
-        if not braked or not (len(rows) or passive.any()):
+        if not braked or not (self.has_rows or passive.any()):
             return limits
         first = v * max(0.0, 1.0 - 1.0 / ticks) if ticks else v
         low, high = self.positions.ranges
