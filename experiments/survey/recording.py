@@ -42,7 +42,8 @@ class Loss:
 
     Attributes:
         direction: Of the task rows, a unit vector (m,).
-        velocities: Of all joints along it: of the sound robot, or of the one that drifts, (N,).
+        velocities: Along it, of all joints, then of drives that are no joints: of the sound robot,
+            or of the one that drifts, (N,).
         drifts: Whether it is a self-motion.
         rows: Of the conditions.
     """
@@ -143,12 +144,13 @@ def title(survey: Survey, loss: Loss, most: int = 3) -> str:
 def _driven(survey: Survey, robot: Robot, loss: Loss) -> Driven:
     """A slow oscillation of all joints about the start."""
     model, nominal = robot.scene.own, np.array(robot.scene.own_start.qpos)
+    joints = loss.velocities[: model.nv]  # behind them: of drives that are no joints
     # It ends at its largest: the viewer opens there.
     time_s = np.arange(round(1.25 * _PERIOD_S * _RATE_HZ) + 1) / _RATE_HZ
-    wave = _SIZE / np.abs(loss.velocities).max() * np.sin(2 * np.pi * time_s / _PERIOD_S)
+    wave = _SIZE / np.abs(joints).max() * np.sin(2 * np.pi * time_s / _PERIOD_S)
     qpos = np.tile(nominal, (len(time_s), 1))
     for each, size in zip(qpos, wave, strict=True):
-        mujoco.mj_integratePos(model, each, loss.velocities, size)
+        mujoco.mj_integratePos(model, each, joints, size)
     still = np.zeros_like(wave)
     values = 1e6 * np.column_stack([still, wave] if loss.drifts else [wave, still])
     subject = survey.subject
