@@ -16,6 +16,9 @@ from sim import Array
 
 Limits = tuple[Array, Array]
 
+LEAST_LEFT = 0.01
+"""Part of the sound robot's speed, force or effect that a failure leaves if it is survived."""
+
 
 @dataclass(frozen=True, eq=False)
 class Examined:
@@ -34,10 +37,26 @@ class Examined:
 
     @property
     def survived(self) -> NDArray[np.bool_]:
-        """Whether the major task is fully reachable, within limits too, and is held, shape (C,).
+        """Whether the task is possible with `LEAST_LEFT` of what the sound robot has, (C,)."""
+        return self._possible & ~(self.share < LEAST_LEFT)
 
-        Held: no self-motion moves it.
+    @cached_property
+    def share(self) -> Array:
+        """What decides: the speed left, and of a robot the force if that is less, shape (C,).
+
+        Without limits of the forces that of unit norm, which is the inverse of the error gain.
         """
+        if not self.are_joints:
+            return self.speed_left
+        force = self.force_left
+        if force is None:
+            with np.errstate(divide="ignore"):
+                force = _over_the_first(1.0 / self.error_gain)
+        return np.fmin(self.speed_left, force)
+
+    @property
+    def _possible(self) -> NDArray[np.bool_]:
+        """Whether it is fully reachable, within limits too, and no self-motion moves it."""
         if self.left.worst_speed is None:
             return self.left.possible
         return self.left.possible & (self.left.worst_speed > 0.0)
@@ -54,9 +73,9 @@ class Examined:
 
     @property
     def largest_gain(self) -> Array:
-        """Largest norm of the rates per major speed, infinite where the task is lost, (C,)."""
+        """Largest norm of the rates per major speed, infinite where there is none, (C,)."""
         with np.errstate(divide="ignore"):
-            return np.where(self.survived, 1.0 / self.left.worst_gain, np.inf)
+            return np.where(self._possible, 1.0 / self.left.worst_gain, np.inf)
 
     @cached_property
     def relative_manipulability(self) -> Array:
@@ -71,13 +90,13 @@ class Examined:
     def speed_left(self) -> Array:
         """Worst major speed over that of the sound robot, shape (C,).
 
-        Zero where the task is lost; NaN where it is lost without failures. Where no speed was
+        Zero where the task is impossible; NaN where it is so without failures. Where no speed was
         computed, or no limit bounds it, that of rates of norm one.
         """
         speed = self.left.worst_speed
         if speed is None or np.isinf(speed[0]):
             speed = self.left.worst_gain
-        return _over_the_first(np.where(self.survived, speed, 0.0))
+        return _over_the_first(np.where(self._possible, speed, 0.0))
 
     @property
     def force_left(self) -> Array | None:
@@ -115,12 +134,13 @@ class Examined:
         return U[:, sigma > _SAME]
 
     def verdict(self, row: int) -> str:
-        """Of the major task: that of :func:`experiments.rig.verdicts.left_of`, or "no room".
+        """Of the major task: that of :func:`experiments.rig.verdicts.left_of`, or one of two.
 
-        The limits then leave no room in some major direction.
+        "no room": the limits leave none in some major direction; "nearly lost": less than
+        `LEAST_LEFT` is left there.
         """
         if self.left.possible[row] and not self.survived[row]:
-            return NO_ROOM
+            return NEARLY_LOST if self._possible[row] else NO_ROOM
         return left_of(self.left)[row].replace("_", " ")
 
     def reason(self, row: int) -> str:
@@ -128,7 +148,7 @@ class Examined:
         return _REASONS.get(self.verdict(row), "the actuators do not reach every major direction")
 
 
-NO_ROOM = "no room"
+NO_ROOM, NEARLY_LOST = "no room", "nearly lost"
 _REASONS = {
     "drifts": "it moves although every actuator stands still",
     NO_ROOM: "the limits leave no room in some major direction",

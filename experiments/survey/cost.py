@@ -6,7 +6,8 @@ import numpy as np
 
 from argument_checks.ties import exceeds, least
 from experiments.rig.conditions import SOUND
-from experiments.survey.survey import Survey
+from experiments.rig.examined import Examined
+from experiments.survey.survey import Survey, Workspace
 from sim import Array
 
 
@@ -48,11 +49,19 @@ _ALIKE = 0.02
 
 
 def _everywhere(survey: Survey) -> Array:
-    """Speed left at the start and the other postures, shape (1 + P, C'); NaN where none is."""
-    start, workspace = survey.start.speed_left, survey.workspace
+    """Speed left at the start and the other postures, zero where the task is lost, (1 + P, C').
+
+    NaN where the sound robot does not do it.
+    """
+    here, workspace = _kept(survey.start), survey.workspace
     if workspace is None:
-        return start[None]
-    return np.vstack([start[: workspace.speed_left.shape[1]], workspace.speed_left])
+        return here[None]
+    there = _kept(workspace)
+    return np.vstack([here[: there.shape[1]], there])
+
+
+def _kept(at: Examined | Workspace) -> Array:
+    return np.where(at.survived | np.isnan(at.speed_left), at.speed_left, 0.0)
 
 
 def _doubles(survey: Survey) -> Array:

@@ -112,5 +112,6 @@ def pair_table(survey: Survey) -> Array:
     for row in np.flatnonzero((start.failures == 1) | (start.failures == 2)):
         failed = np.flatnonzero(start.codes[row])
         at = failed + n * (start.codes[row, failed] - LOCKED)
-        left[at[0], at[-1]] = left[at[-1], at[0]] = start.speed_left[row]
+        kept = start.speed_left[row] if start.survived[row] else 0.0
+        left[at[0], at[-1]] = left[at[-1], at[0]] = kept
     return left

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from experiments.rig.examined import LEAST_LEFT
 from experiments.study.provenance import versions
 from experiments.study.quantity import columns_of, entry_of
 from experiments.study.results import Check, Results
@@ -70,6 +71,7 @@ def summarize(survey: Survey) -> dict[str, Any]:
         "rows": list(subject.rows),
         "major": list(subject.major),
         "limits": limits_entry(subject),
+        "least_left_of_survived": LEAST_LEFT,
         "conditions": [entry_of(of_condition, Condition(survey, row)) for row in rows],
         "counts": [vars(count) for count in survey.counts],
         "instead_of_start": subject.instead,

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from experiments.rig.choices import Diagnosing
-from experiments.rig.conditions import Codes, few_failures, with_failures
+from experiments.rig.conditions import Codes, few_failures
 from experiments.rig.examined import Examined, examine
 from experiments.rig.options import RobotOptions
 from experiments.study.study import OnProgress
@@ -119,11 +119,8 @@ def _counts(subject: Subject, extent: Extent) -> Iterator[Count]:
     """How many conditions survive, by their number of failures."""
     if extent.counted <= extent.listed:
         return
-    lower, upper = subject.rates.values
-    decide = subject.hold is not None or bool(((lower >= 0.0) | (upper <= 0.0)).any())
-    cheaper = replace(extent, speed=extent.speed and decide, force=False)
-    n = len(subject.actuators)
+    codes = few_failures(len(subject.actuators), extent.counted)
+    found = examine_at_start(subject, extent, codes)
     for failures in range(extent.counted + 1):
-        codes = with_failures(n, failures)
-        survived = examine_at_start(subject, cheaper, codes).survived
-        yield Count(failures, len(codes), int(survived.sum()))
+        of = found.failures == failures
+        yield Count(failures, int(of.sum()), int(found.survived[of].sum()))

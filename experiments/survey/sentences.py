@@ -6,7 +6,7 @@ import numpy as np
 
 from argument_checks.ties import least
 from experiments.rig.conditions import KINDS, LOCKED, counted, in_words, listed
-from experiments.rig.examined import NO_ROOM
+from experiments.rig.examined import LEAST_LEFT, NEARLY_LOST, NO_ROOM
 from experiments.survey.cost import Cost
 from experiments.survey.quantities import Condition, survived_everywhere
 from experiments.survey.survey import Subject, Survey
@@ -42,6 +42,7 @@ def sentences(survey: Survey, cost: Cost | None, isolation: list[str]) -> list[s
     said += _uncertain(survey)
     if survey.start.survived[0]:
         said += [_singles(survey, kind) for kind in KINDS]
+        said += _hollow(survey)
         said += _multiples(survey)
         said += _speed(survey)
         said += _manipulability(survey)
@@ -98,6 +99,21 @@ def _singles(survey: Survey, kind: int) -> str:
     return (
         f"{n - len(lost)} of {n} actuators may be {word} alone; the major task is lost with "
         f"{listed(lost, 'or')} {word}."
+    )
+
+
+def _hollow(survey: Survey) -> Iterator[str]:
+    """Conditions that leave too little of every direction to be survived."""
+    start, names = survey.start, survey.subject.actuators
+    rows = [row for row in range(len(start.codes)) if start.verdict(row) == NEARLY_LOST]
+    if not rows:
+        return
+    what = "effect" if survey.subject.robot is None else "speed or force"
+    said = [f"{in_words(start.codes[row], names)} ({start.share[row]:.2%})" for row in rows]
+    more = f"; and {len(rows) - _FEW:,} more" if len(rows) > _FEW else ""
+    yield (
+        f"Less than {LEAST_LEFT:.0%} of the {what} without failures is left in the worst "
+        f"direction, which counts as lost: {'; '.join(said[:_FEW])}{more}."
     )
 
 

@@ -51,6 +51,7 @@ def workspace_of(
         major=subject.major,
         codes=few_failures(len(subject.actuators), extent.elsewhere),
         rates=subject.rates.values if extent.speed else None,
+        torques=subject.torques.values if subject.torques and extent.force else None,
     )
     systems = [{"system": subject.system.at_pose(reader.at(data))} for data in closed]
     found = _all(examined_at, systems, on_progress)
