@@ -9,10 +9,12 @@ from typing import Any
 
 from experiments.rig.bounds import check_number, weights_of
 from experiments.rig.choices import Feedforward, Limited, Sensing
-from experiments.study.spelling import check_file, index_in, nearest
+from experiments.rig.units import ROW_NAMES, ROWS
+from experiments.study.spelling import check_file, nearest
 from experiments.study.study import Option, WrongInput
 
-_TWIST = 6
+_ROWS = {each: k for k in range(6) for each in (ROW_NAMES[k], ROWS[k], str(k))}
+"""Rows of a twist, by what each may be called."""
 
 DITHER_SIZE = 0.1
 """Of a dither: no actuator moves further than this part of what the path moves one, nor a major row
@@ -69,12 +71,11 @@ class RobotOptions:
     @property
     def rows(self) -> tuple[int, ...]:
         """The major ones, of the twist."""
-        parts = self.major.split(",")
-        rows = [index_in(_TWIST, part.strip()) for part in parts]
-        found = tuple(row for row in rows if row is not None)
+        parts = [part.strip() for part in self.major.split(",")]
+        found = tuple(_ROWS[part] for part in parts if part in _ROWS)
         if len(set(found)) < len(parts):
-            said = f"must be different rows from 0 to 5 as 0,1, got {self.major:.80}"
-            raise WrongInput(f"--major {said}")
+            said = f"different rows from 0 to 5 or of {','.join(ROW_NAMES)}"
+            raise WrongInput(f"--major must be {said}, got {self.major:.80}")
         return found
 
 
@@ -163,7 +164,8 @@ TASK = (
         "major",
         str,
         _USUAL.major,
-        "Major rows of the twist [turn x, y, z; x, y, z], 0 to 5: controlled exactly.",
+        "Major rows of the twist [rx, ry, rz, x, y, z], turns about the axes and then motions along "
+        "them: controlled exactly. Names, such as x,y,z, or numbers, 0 to 5.",
         "ROWS",
     ),
 )

@@ -18,6 +18,7 @@ from experiments.rig.mismatch import Known, Mismatch
 from experiments.rig.paths import path_of
 from experiments.rig.prediction import Learns, Prediction, predicted
 from experiments.rig.run import Run, flown
+from experiments.rig.units import ROWS
 from experiments.study.study import WrongInput
 from ftc.control.compensator import Channel, Margins
 from ftc.control.mapping import PrioritizedMapping
@@ -117,13 +118,14 @@ class Rig(ABC):
 
     def __repr__(self) -> str:
         """One line, for interactive use: the model's own numbers fill pages."""
-        return f"<Rig {self.title}: {', '.join(self.actuators)}; major rows {self.major}>"
+        rows = ", ".join(ROWS[row] for row in self.major)
+        return f"<Rig {self.title}: {', '.join(self.actuators)}; major rows {rows}>"
 
     @staticmethod
     def of_mjcf(
         file: str | Path,
         *,
-        major: Sequence[int],
+        major: Sequence[int | str],
         site: str | int | Body = "payload",
         axes: str | None = None,
         start: str | int | ArrayLike | None = None,
@@ -140,7 +142,8 @@ class Rig(ABC):
 
         Args:
             file: MJCF.
-            major: Rows of the twist [turn x, y, z; x, y, z] that are controlled exactly.
+            major: Rows of the twist [rx, ry, rz, x, y, z], turns about the axes and then motions
+                along them, that are controlled exactly: names, or numbers 0 to 5.
             site: Task frame: a site, or a body; by its number where it has no name.
             axes: Site that gives the axes; None is the world.
             start: Keyframe by name or number, or joint positions (nq,); None is the first
@@ -166,10 +169,12 @@ class Rig(ABC):
         from experiments.rig.options import RobotOptions, by_argument, written
 
         with by_argument():
+            if not (isinstance(major, Sequence) and any(isinstance(row, str) for row in major)):
+                major = check.indices("major", major, 6).tolist()
             options = RobotOptions(
                 site=str(site.name if isinstance(site, Body) else site),
                 axes=axes,
-                major=written(check.indices("major", major, 6)),
+                major=written(major),
                 sense=sense,
                 noise=noise,
                 servo=servo_hz,

@@ -6,6 +6,8 @@ from typing import Any
 
 ROWS = ("turn x", "turn y", "turn z", "x", "y", "z")
 """Names of the rows of a twist."""
+ROW_NAMES = ("rx", "ry", "rz", "x", "y", "z")
+"""The same as they are typed."""
 _PREFIXES = {1.0: "", 1e3: "m", 1e6: "µ", 1e9: "n"}
 
 
@@ -28,7 +30,7 @@ def sizes_said(entries: Mapping[str, Any]) -> str:
     """A sentence on the sizes of path and noise, from the entries of :func:`by_unit`."""
     path, task, encoders = (
         " and ".join(
-            f"{entries[f'{name}_{unit}']:.3g} {unit}"
+            said(entries[f"{name}_{unit}"], unit)
             for unit in ("rad", "m")
             if f"{name}_{unit}" in entries
         )
@@ -41,23 +43,32 @@ def sizes_said(entries: Mapping[str, Any]) -> str:
 
 
 def largest_by_unit(values: Sequence[float], units: Sequence[str]) -> str:
-    """The largest number in each unit that there is: "0.001 rad, 2e-05 m"."""
+    """The largest number in each unit that there is: "1 mrad, 20 µm"."""
     entries = by_unit("", list(values), units)
-    return ", ".join(f"{max(own):.3g} {unit[1:]}" for unit, own in entries.items())
+    return ", ".join(said(max(own), unit[1:]) for unit, own in entries.items())
 
 
 def norms_said(values: Iterable[float], units: Sequence[str]) -> str:
     """The norm of the values of each unit together: "3.2 µrad and 1.5 mm"."""
-    said = []
-    for unit in dict.fromkeys(units):
-        own = [value for value, its in zip(values, units, strict=True) if its == unit]
-        size = hypot(*own)
-        factor, prefix = prefixed(size)
-        said.append(f"{factor * size:.3g} {prefix}{unit}")
-    return " and ".join(said)
+    entries = by_unit("", list(values), units)
+    return " and ".join(said(hypot(*own), unit[1:]) for unit, own in entries.items())
+
+
+def loops_said(major: Sequence[int], margins: Sequence[Any]) -> list[str]:
+    """A sentence on the loops of rows with the same margins: "Loops of x, y: crossover 8 Hz."."""
+    rows = dict[str, list[str]]()
+    for row, margin in zip(major, margins, strict=True):
+        rows.setdefault(str(margin), []).append(ROWS[row])
+    return [f"Loop{'s' * (len(of) > 1)} of {', '.join(of)}: {text}." for text, of in rows.items()]
+
+
+def said(value: float, unit: str) -> str:
+    """A number of three digits in a unit with a prefix: "131 mm", "2.27 µrad"."""
+    factor, prefix = prefixed(abs(float(f"{value:.3g}")))
+    return f"{float(f'{factor * value:.3g}'):g} {prefix}{unit}"
 
 
 def prefixed(size: float) -> tuple[float, str]:
     """A factor and its prefix, such that numbers of this size are from 1 to 1000."""
-    large = (each for each in _PREFIXES.items() if size * each[0] >= 1.0)
+    large = (each for each in _PREFIXES.items() if size * each[0] >= 1.0 or not size > 0.0)
     return next(large, list(_PREFIXES.items())[-1])

@@ -7,6 +7,7 @@ from typing import Any
 from experiments.recording.flight import info_of, of_flight
 from experiments.recording.properties import results_of
 from experiments.recording.screens import write_flights
+from experiments.rig.units import loops_said
 from experiments.study.controllers import controller_label
 from experiments.study.provenance import version_properties
 from experiments.study.results import Check
@@ -20,7 +21,7 @@ def record(
     rig = tracked.rig
     properties = {"seed": summary["seed"], "control_period_s": summary["control_period_s"]}
     properties |= {"path_size": rig.size, "sensor_noise": rig.noise} | version_properties(summary)
-    said = [summary["verdict"], *(f"Loop: {margin}." for margin in rig.margins)]
+    said = [summary["verdict"], *loops_said(rig.major, rig.margins)]
     flights = {rig.title: of_flight(rig, tracked.run)}
     results = results_of(
         flights[rig.title],

@@ -11,7 +11,15 @@ from experiments.rig.dither import dither_entry
 from experiments.rig.events import EVENTS
 from experiments.rig.limiting import limiting
 from experiments.rig.run import Named
-from experiments.rig.units import ROWS, by_unit, largest_by_unit, sizes_said
+from experiments.rig.units import (
+    ROWS,
+    by_unit,
+    largest_by_unit,
+    loops_said,
+    norms_said,
+    said,
+    sizes_said,
+)
 from experiments.study.controllers import controller_label
 from experiments.study.provenance import versions
 from experiments.study.results import Check, Results
@@ -30,6 +38,7 @@ AGREES = 0.2
 _OF_ROWS = (
     *("path_size", "sensor_noise", "rms_before", "rms_after"),
     *("predicted_rms_before", "predicted_rms_after", "predicted_rms_after_when_named"),
+    "rms_after_without_diagnosis",
 )
 """Numbers in the units of the major rows; each has an entry of its own in each of these units."""
 
@@ -68,7 +77,7 @@ def summarize(tracked: Tracked) -> dict[str, Any]:
     """All numbers, ready for JSON."""
     rig, run, failures = tracked.rig, tracked.run, tracked.run.failures
     error = run.desired - run.true
-    cut = first_tick(tracked)
+    cut, without = first_tick(tracked), tracked.undiagnosed
     before, after, _ = tracked.predicted
     when_named = tracked.comparable.rms_after
     is_predicted = bool(failures) and not tracked.events
@@ -115,6 +124,7 @@ def summarize(tracked: Tracked) -> dict[str, Any]:
         ],
         "rms_before": _rms(error[:cut]),
         "rms_after": _rms(error[cut:]),
+        "rms_after_without_diagnosis": without and _rms((without.desired - without.true)[cut:]),
         "predicted_rms_before": _listed(before),
         "predicted_rms_after": _listed(after) if is_predicted else None,
         "predicted_rms_after_when_named": _listed(when_named) if is_predicted else None,
@@ -277,7 +287,7 @@ def _found(tracked: Tracked, summary: dict[str, Any]) -> str:
 def _with_units(values: Sequence[float] | None, unit: Sequence[str]) -> str:
     if values is None:
         return "unknown"
-    return ", ".join(f"{1e6 * value:.3g} u{each}" for value, each in zip(values, unit, strict=True))
+    return ", ".join(said(value, each) for value, each in zip(values, unit, strict=True))
 
 
 def _rows(major: Sequence[int]) -> str:
@@ -292,28 +302,28 @@ def tables(tracked: Tracked, summary: dict[str, Any]) -> list[Table]:
     """Errors by major row, and what was diagnosed."""
     columns: tuple[Column, ...] = (
         Column("row", "row"),
-        Column("before", "before", ".3g"),
-        Column("pred.", "predicted_before", ".3g"),
-        Column("after", "after", ".3g"),
-        Column("pred.", "predicted_after_when_named", ".3g"),
+        Column("before", "rms_before"),
+        Column("pred.", "predicted_rms_before"),
+        Column("after", "rms_after"),
+        Column("pred.", "predicted_rms_after_when_named"),
     )
     if tracked.told:
-        columns += (Column("pred.,\nat once", "predicted_after", ".3g"),)
-    entries = []
-    for k, row in enumerate(tracked.rig.major):
-        entry: dict[str, Any] = {"row": f"{ROWS[row]} [u{summary['units'][k]}]"}
-        for label, key in (("before", "rms_before"), ("after", "rms_after")):
-            entry[label] = _one(summary[key], k)
-            entry[f"predicted_{label}"] = _one(summary[f"predicted_{key}"], k)
-        entry["predicted_after_when_named"] = _one(summary["predicted_rms_after_when_named"], k)
-        for one in summary.get("controllers", ()):
-            entry |= {f"{key}_other": _one(one[f"rms_{key}"], k) for key in ("before", "after")}
-        entries.append(entry)
+        columns += (Column("pred.,\nat once", "predicted_rms_after"),)
+    if tracked.undiagnosed is not None:
+        columns += (Column("without\ndiagnosis", "rms_after_without_diagnosis"),)
+    values = {name: summary[name] for name in _OF_ROWS if name.count("rms")}
+    for one in summary.get("controllers", ()):
+        values |= {f"{key}_other": one[f"rms_{key}"] for key in ("before", "after")}
+    entries = [
+        {"row": ROWS[row]}
+        | {key: each and said(each[k], summary["units"][k]) for key, each in values.items()}
+        for k, row in enumerate(tracked.rig.major)
+    ]
     if (other := tracked.other) is not None:
         label = controller_label(other.name)
         columns += (
-            Column(f"{label},\nbefore", "before_other", ".3g"),
-            Column(f"{label},\nafter", "after_other", ".3g"),
+            Column(f"{label},\nbefore", "before_other"),
+            Column(f"{label},\nafter", "after_other"),
         )
     title = f"{tracked.rig.title}: RMS of desired minus true"
     learns = "is never told"
@@ -337,34 +347,40 @@ def tables(tracked: Tracked, summary: dict[str, Any]) -> list[Table]:
     ]
 
 
-def _one(values: Sequence[float] | None, k: int) -> float | None:
-    return None if values is None else 1e6 * values[k]
-
-
 def notes(tracked: Tracked, summary: dict[str, Any]) -> list[str]:
     """The verdict first, then what is assumed."""
     rig = tracked.rig
-    said = [summary["verdict"]]
+    found = [summary["verdict"], *_without_diagnosis(tracked, summary)]
     if summary["limited_by"] is not None:
-        said.append(summary["limited_by"])
+        found.append(summary["limited_by"])
     if tracked.other is not None and tracked.other.failure is not None:
-        said.append(f"{tracked.other.failure}; its last inputs were held from then on.")
+        found.append(f"{tracked.other.failure}; its last inputs were held from then on.")
     if tracked.dither is not None:
-        said.append(_dither_said(tracked.dither, summary, rig.units))
-    said += [
-        f"Loop of {ROWS[row]}: {margin}."
-        for row, margin in zip(rig.major, rig.margins, strict=True)
-    ]
+        found.append(_dither_said(tracked.dither, summary, rig.units))
+    found += loops_said(rig.major, rig.margins)
     demanded = "is" if rig.feedforward else "is not"
-    said += [f"{sentence[0].upper()}{sentence[1:]}." for sentence in (*rig.warnings, *tracked.met)]
+    found += [f"{sentence[0].upper()}{sentence[1:]}." for sentence in (*rig.warnings, *tracked.met)]
     exact = "" if rig.warnings or tracked.met else "exact "
-    said.append(
+    found.append(
         f"The path {demanded} demanded through the inverse of the linear model. "
         f"{sizes_said(summary)} Diagnosis and controller have the {exact}model of the robot."
     )
     for failure, text in zip(tracked.run.failures, tracked.verdicts[1:], strict=True):
-        said.append(f"After {rig.actuators[failure.number]} {failure.kind}: {text}")
-    return said
+        found.append(f"After {rig.actuators[failure.number]} {failure.kind}: {text}")
+    return found
+
+
+def _without_diagnosis(tracked: Tracked, summary: dict[str, Any]) -> list[str]:
+    """What the same run costs without diagnosis, where something happens in it."""
+    if not tracked.told or not (tracked.run.failures or tracked.events):
+        return []
+    if (without := summary["rms_after_without_diagnosis"]) is None:
+        return ["The same run without diagnosis leaves the finite numbers."]
+    theirs, own = (norms_said(each, summary["units"]) for each in (without, summary["rms_after"]))
+    return [
+        f"The same run without diagnosis has an RMS error of {theirs} after {happened(summary)}, "
+        f"the major rows together; with it {own}."
+    ]
 
 
 def _dither_said(design: DitherDesign, summary: dict[str, Any], units: Sequence[str]) -> str:

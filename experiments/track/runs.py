@@ -1,6 +1,7 @@
 """A run of a robot on its path, what the controller made of it, and what was predicted."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -28,7 +29,7 @@ from experiments.track.failures import learnt_s, modelled, numbered, uncompared
 from ftc.fdi.dither_design import DitherDesign
 from ftc.fdi.fault_model import Fault
 from ftc.tracking import deciding_sentence, is_possible
-from sim import Failure, model_sha256
+from sim import Failure, SimulationDiverged, model_sha256
 from sim.plant.beyond_linear import Met
 
 _SHOWN_EVERY = 100
@@ -71,6 +72,8 @@ class Tracked:
         dither: For the diagnosis; None is none.
         other: With another controller; None where none was given.
         events: What else happened, in the order of time, actuators by number.
+        undiagnosed: The same run without a diagnosis; None where nothing happens, where this one
+            has none either, and where the physics left the finite numbers.
     """
 
     seed: int
@@ -88,6 +91,7 @@ class Tracked:
     dither: DitherDesign | None = None
     other: Other | None = None
     events: tuple[Event, ...] = ()
+    undiagnosed: Run | None = None
 
 
 def run_track(
@@ -135,7 +139,8 @@ def run_track(
         for each in not_isolable(rig, design, desired, failures):
             notice(f"{_called(rig, each)} may not be found: {advised(each)}")
     pilot: Any = rig.controller() if not told else rig.supervisor(design and design.dither)
-    runs = 1 if controller is None else 2
+    compares = told and bool(failures or events)
+    runs = 1 + compares + (controller is not None)
 
     def options_of(before: int) -> dict[str, Any]:
         def on_tick(done: int) -> None:
@@ -145,11 +150,14 @@ def run_track(
         return {"failures": happens.asked, "seed": seed, "on_tick": on_tick}
 
     met = Met(rig.model, rig.part)
-    run, other = rig.fly(pilot, desired, events=[*events, met], **options_of(0)), None
+    run = rig.fly(pilot, desired, events=[*events, met], **options_of(0))
+    other = undiagnosed = None
+    if compares:
+        with suppress(SimulationDiverged):
+            undiagnosed = rig.fly(rig.controller(), desired, events=events, **options_of(1))
     if controller is not None:
-        other = Other(
-            controller, *fly_with(rig, controller, desired, events=events, **options_of(1))
-        )
+        flight = options_of(runs - 1)
+        other = Other(controller, *fly_with(rig, controller, desired, events=events, **flight))
     faults = [Fault.of(failure) for failure in failures]
     reports = [rig.classified(faults[:count]) for count in range(len(faults) + 1)]
     learnt = learnt_s(rig, run, failures)
@@ -177,6 +185,7 @@ def run_track(
         dither=design,
         other=other,
         events=events,
+        undiagnosed=undiagnosed,
     )
 
 

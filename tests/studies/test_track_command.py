@@ -52,11 +52,12 @@ KEYS = {
     *("prediction_off_before", "prediction_off_after", "status", "warnings", "feedforward"),
     *("predicted_rms_after_when_named", "advice", "left_out"),
     *("measured_over_predicted_before", "measured_over_predicted_after", "dry_friction", "met"),
-    *("limited_by", "bodies", "events"),
+    *("limited_by", "bodies", "events", "rms_after_without_diagnosis"),
 }
 IN_UNITS = {
     *("path_size", "sensor_noise", "encoder_noise", "rms_before", "rms_after"),
     *("predicted_rms_before", "predicted_rms_after", "predicted_rms_after_when_named"),
+    "rms_after_without_diagnosis",
 }
 """Which are there once more with each of their units in the name."""
 
@@ -402,7 +403,8 @@ ASKED: dict[str, Refusal] = {
     "rows beyond the twist": (["--major", "0,6"], "--major must be different rows from 0 to 5"),
     "the same row twice": (["--major", "1,1"], "--major must be different rows"),
     "no row": (["--major", ""], "--major is empty"),
-    "rows that are no numbers": (["--major", "x"], "--major must be different rows"),
+    "rows that are none": (["--major", "x,w"], "--major must be different rows"),
+    "a row by name and by number": (["--major", "x,3"], "--major must be different rows"),
     "weights of another number": (["--joint-weight", "1,2"], "one number or 7, got 2"),
     "a weight that is no number": (["--joint-weight", "heavy"], "numbers with commas"),
     "a negative weight": (["--secondary-weight", "-1"], "must be from 0 to 1e+12"),
