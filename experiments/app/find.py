@@ -28,7 +28,9 @@ _OF_RECORDINGS = ("recording", "study", "robot", "actuator", "kind", "named_s")
 _QUERY = typer.Argument(
     metavar="QUESTION", help="Comparisons of columns, in quotes, as in Python; True is all runs."
 )
-_PLACES = typer.Argument(metavar="FOLDER", help="Folders with results or recordings.")
+_PLACES = typer.Argument(
+    metavar="FOLDER", help="Folders with results or recordings, or with such folders below."
+)
 _OUT = typer.Option(metavar="FILE.rrd", help="Recording of the worst to write.")
 _BY = typer.Option(
     metavar="NUMBER",
@@ -50,20 +52,21 @@ def find(
     """List the runs that satisfy a question, and open the worst three side by side.
 
     The runs are the rows of the dataset (.parquet) in a folder, or its recordings (.rrd) where it
-    has none. Names are those of the columns or of the recordings' properties; their units may be
-    others: named_s is named_ms / 1000. A missing number or word satisfies no comparison; "x is
-    None" asks for it. A run without a recording is flown again from its case number and compared
-    with its row. The exit code is 0 if no run is found. docs/find.md has all.
+    has none; of all folders below it likewise. Names are those of the columns or of the recordings'
+    properties; their units may be others: named_s is named_ms / 1000. A missing number or word
+    satisfies no comparison; "x is None" asks for it. A run without a recording is flown again from
+    its case number and compared with its row. The exit code is 0 if no run is found. docs/find.md has all.
 
     Example: fjh find "named_s > 0.1 and kind == 'locked'" results/recover
     """
     folder = usable_file(out, ".rrd")
     with progress("find"):
         from experiments.recording.properties import properties_of  # late: help does not wait
-        from experiments.study.listing import all_rows, satisfying, source_of
+        from experiments.study.listing import all_rows, satisfying, sources_of
         from experiments.study.query import Question
 
-        sources = [source_of(place, properties_of) for place in folders]
+        each = [source for place in folders for source in sources_of(place, properties_of)]
+        sources = list({source.folder.resolve(): source for source in each}.values())
         rows = all_rows(sources)
         asked = Question(question, rows.schema)
         number = worst_of(rows.column_names, sources, by)

@@ -15,11 +15,14 @@ from experiments.recording.screens import write_flights
 from experiments.recording.shown import Shown
 from experiments.rig.hexapod import paper
 from experiments.rig.hexapod.testbed import TestbedConfig
+from experiments.rig.units import said
 from experiments.study.foreign import read_json
 from experiments.study.study import WrongInput
 
 _ROUNDING = 1e-9
 """Relative: sums may be taken in another order elsewhere."""
+_FLIGHTS = ("track", "record", "live")
+"""Of one robot each: a run is called by its model, not by its file."""
 
 
 def write_review(file: Path, places: Sequence[Path], model: Path | None) -> None:
@@ -49,20 +52,25 @@ def find_runs(places: Sequence[Path], model: Path | None = None) -> dict[str, Re
                 raise WrongInput(f"{file} is named twice")
             check_stated(file.name, run.shown, stated)
             found[file.resolve()] = run
-    return dict(zip(_names(list(found)), found.values(), strict=True))
+    return dict(zip(_names(found), found.values(), strict=True))
 
 
-def _names(files: Sequence[Path]) -> list[str]:
-    """Short and different: of the file, with its folder where two files have one name."""
-    stems = [file.stem for file in files]
-    within = [f"{file.parent.name}/{file.stem}" for file in files]
-    names = [
-        stem if stems.count(stem) == 1 else place for stem, place in zip(stems, within, strict=True)
-    ]
-    return [
-        str(file.with_suffix("")) if names.count(name) > 1 else name
-        for file, name in zip(files, names, strict=True)
-    ]
+def _names(found: Mapping[Path, RecordedRun]) -> list[str]:
+    """Short and different: a flight's model, else the file; with its folder where two agree."""
+    ways = []
+    for file, run in found.items():
+        stem, place = file.stem, f"{file.parent.name}/{file.stem}"
+        each = [stem, place, str(file.with_suffix(""))]
+        if run.experiment in _FLIGHTS:
+            robot = run.shown.robot
+            each = [robot, *(f"{robot}, {way}" for way in each[1:])]
+        ways.append(each)
+    names = [each[0] for each in ways]
+    for k in (1, 2):
+        names = [
+            way[k] if names.count(name) > 1 else name for name, way in zip(names, ways, strict=True)
+        ]
+    return names
 
 
 def _runs_in(folder: Path, stated: dict[str, Any], model: Path | None) -> dict[Path, RecordedRun]:
@@ -135,13 +143,17 @@ def _row(name: str, one: RecordedRun) -> list[str]:
     largest = dict[str, float]()
     for unit, peak in zip(shown.input_units, np.abs(shown.inputs).max(axis=0), strict=True):
         largest[unit] = max(largest.get(unit, 0.0), float(peak))
-    named = [f"{m.named or 'found'}: {1e3 * (m.diagnosed_s - m.failed_s):.0f} ms"
-             for m in shown.marks if m.is_found]  # fmt: skip
+    named = [
+        f"{shown.actuators[m.actuator]} {m.named or 'found'}: "
+        f"{said(m.diagnosed_s - m.failed_s, 's')}"
+        for m in shown.marks
+        if m.is_found
+    ]
     return [
         name,
-        _said(shown, 1e6 * shown.rms()),
+        _said(shown, 1e6 * shown.rms()) if one.experiment == "table1" else shown.rms_said(),
         _said(shown, paper_rms) if paper_rms else "",
-        ", ".join(f"{peak:.3g} {unit}" for unit, peak in largest.items()),
+        ", ".join(said(peak, unit) for unit, peak in largest.items()),
         ", ".join(named) or ("not named" if shown.marks else ""),
         f"{1e9 * shown.closure_m.max():.2f} nm" if shown.closure_m.any() else "",
     ]

@@ -79,7 +79,7 @@ def results_of(
         if first.is_found:
             found["named_s"] = float(first.diagnosed_s - first.failed_s)
             found["named_kind"] = first.named or first.diagnosis
-    parts = _parts(shown)
+    parts = shown.parts
     for when, predicted in (("before", predicted_before), ("after", predicted_after)):
         if when in parts:
             found |= _by_row(shown, f"rms_{when}", shown.rms(parts[when]))
@@ -91,16 +91,6 @@ def results_of(
 def checked(checks: Sequence[Check]) -> str:
     """The first check that failed, or "passed"."""
     return next((str(check) for check in checks if not check.passed), "passed")
-
-
-def _parts(shown: "Shown") -> dict[str, slice]:
-    """Ticks before and after something happened, of those that there are."""
-    cut, parts = shown.first_tick, dict[str, slice]()
-    if cut:
-        parts["before"] = slice(cut)
-    if cut < len(shown.time_s):
-        parts["after"] = slice(cut, None)
-    return parts
 
 
 def _by_row(shown: "Shown", name: str, values: Any) -> dict[str, float]:
@@ -116,10 +106,5 @@ def _by_row(shown: "Shown", name: str, values: Any) -> dict[str, float]:
 
 def _verdict(shown: "Shown") -> str:
     """The errors in a sentence."""
-    said = []
-    for when, ticks in _parts(shown).items():
-        named = zip(shown.rows, shown.rms(ticks), shown.row_units, strict=True)
-        each = ", ".join(f"{row} {1e6 * value:.3g} u{unit}" for row, value, unit in named)
-        said.append(f"{each} {when} it" if shown.happened else each)
     first = shown.happened[0][1] if shown.happened else "no failure"
-    return f"{first[0].upper()}{first[1:]}: RMS error of {'; '.join(said)}."
+    return f"{first[0].upper()}{first[1:]}: RMS error of {shown.rms_said()}."

@@ -119,10 +119,9 @@ def _errors(one: Shown, alike: Sequence[Shown]) -> tuple[tuple[str, Task], Squar
         return 1e6 * of.error[:, of.drawn[:2]]
 
     own = error(one)
-    rms = ", ".join(f"{1e6 * each:.2f}" for each in one.rms()[one.drawn[:2]])
     (right, up), unit = one.drawn[:2], f"u{one.row_units[0]}"
     names = one.rows[right], f"{one.rows[up]} error"
-    task = Task(names, unit, np.zeros_like(own), own, f"RMS {rms} {unit}")
+    task = Task(names, unit, np.zeros_like(own), own, f"RMS {one.rms_said()}")
     return ("Error", task), square_around(*map(error, alike), margin=_LINES)
 
 

@@ -13,6 +13,7 @@ from experiments.recording import Array
 from experiments.recording.machine import Motion
 from experiments.recording.marks import SOUND, Belief, Mark
 from experiments.recording.signals import Line, Plot
+from experiments.rig.units import said
 from experiments.study.palette import BLACK, FAILED, GREEN, ORANGE
 
 Ticks = slice | Sequence[int]
@@ -105,6 +106,25 @@ class Shown:
     def rms(self, ticks: slice = slice(None)) -> Array:
         """RMS error of each major row over some ticks, (m1,)."""
         return np.sqrt((self.error[ticks] ** 2).mean(axis=0))
+
+    @property
+    def parts(self) -> dict[str, slice]:
+        """Ticks before and after something happened, of those that there are."""
+        cut, parts = self.first_tick, dict[str, slice]()
+        if cut:
+            parts["before"] = slice(cut)
+        if cut < len(self.time_s):
+            parts["after"] = slice(cut, None)
+        return parts
+
+    def rms_said(self) -> str:
+        """The RMS errors as of `fjh track`: "x 2.1 µm before; x 27.8 µm after"."""
+        found = []
+        for when, ticks in self.parts.items():
+            named = zip(self.rows, self.rms(ticks), self.row_units, strict=True)
+            each = ", ".join(f"{row} {said(value, unit)}" for row, value, unit in named)
+            found.append(f"{each} {when}" if self.happened else each)
+        return "; ".join(found)
 
     @property
     def happened(self) -> list[tuple[float, str]]:

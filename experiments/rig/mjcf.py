@@ -8,7 +8,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from experiments.rig.bodies import body_name
+from experiments.rig.bodies import body_name, model_name
 from experiments.rig.dither import dither_of
 from experiments.rig.mismatch import EXACT, Known, Mismatch, sizes_of
 from experiments.rig.mismatched import ALL
@@ -105,7 +105,7 @@ def robot_rig(file: Path, options: RobotOptions, at: Array | None = None) -> Rob
     limited = options.limits == "stated" and any(np.isfinite(limit).any() for limit in limits)
     track = _tracking(robot, plant, limits if limited else None, file)
     return RobotRig(
-        title=file.stem,
+        title=model_name(robot.model, file),
         model=robot.model,
         actuators=tuple(own for own, *_ in names),
         aliases=tuple(tuple(others) for _, *others in names),

@@ -164,7 +164,7 @@ TASK = (
         "major",
         str,
         _USUAL.major,
-        "Major rows of the twist [rx, ry, rz, x, y, z], turns about the axes and then motions along "
+        "Major rows of the twist [rx, ry, rz, x, y, z], turns about axes and then motions along "
         "them: controlled exactly. Names, such as x,y,z, or numbers, 0 to 5.",
         "ROWS",
     ),

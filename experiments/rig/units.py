@@ -64,7 +64,7 @@ def loops_said(major: Sequence[int], margins: Sequence[Any]) -> list[str]:
 
 def said(value: float, unit: str) -> str:
     """A number of three digits in a unit with a prefix: "131 mm", "2.27 µrad"."""
-    factor, prefix = prefixed(abs(float(f"{value:.3g}")))
+    factor, prefix = (1.0, "") if unit == "%" else prefixed(abs(float(f"{value:.3g}")))
     return f"{float(f'{factor * value:.3g}'):g} {prefix}{unit}"
 
 

@@ -1,5 +1,6 @@
 """Rows of runs in folders: of the dataset beside them, or of their recordings' properties."""
 
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -41,16 +42,31 @@ Properties = Callable[[Path], dict[str, Any]]
 """Reads those of a recording."""
 
 
-def source_of(folder: Path, properties_of: Properties) -> Source:
-    """The runs of a folder.
+def sources_of(folder: Path, properties_of: Properties) -> list[Source]:
+    """The runs of a folder, and of each folder below it that has some; hidden ones are left out.
 
     Raises:
-        WrongInput: It is no folder, it has neither a dataset nor a recording, or a file in it
-            cannot be read.
-        OutputError: The dataset is not what was written.
+        WrongInput: It is no folder, there is neither a dataset nor a recording, or a file beside
+            them cannot be read.
+        OutputError: A dataset is not what was written.
     """
     if not folder.is_dir():
         raise WrongInput(f"{folder} is no folder")
+    places = [folder]
+    for place, below, files in os.walk(folder):
+        below[:] = sorted(each for each in below if not each.startswith("."))
+        if Path(place) != folder and any(each.endswith((".rrd", ".parquet")) for each in files):
+            places.append(Path(place))
+    found = [each for place in places if (each := _source(place, properties_of)) is not None]
+    if not found:
+        raise WrongInput(
+            f"{folder} has neither a dataset nor a recording (.rrd), and no folder below it has one"
+        )
+    return found
+
+
+def _source(folder: Path, properties_of: Properties) -> Source | None:
+    """The runs of a folder itself; None where it has none."""
     for file in sorted(folder.glob("*.json")):
         summary = read_json(file)
         if isinstance(summary, dict) and isinstance(name := summary.get("dataset"), str):
@@ -59,7 +75,7 @@ def source_of(folder: Path, properties_of: Properties) -> Source:
             return Source(folder, parquet.read(path), summary)
     recordings = tuple(sorted(folder.glob("*.rrd")))
     if not recordings:
-        raise WrongInput(f"{folder} has neither a dataset nor a recording (.rrd)")
+        return None
     rows = [{"recording": path.stem} | properties_of(path) for path in recordings]
     return Source(folder, _together([_table([row]) for row in rows]), recordings=recordings)
 

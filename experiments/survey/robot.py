@@ -5,6 +5,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from experiments.rig.bodies import model_name
 from experiments.rig.options import RobotOptions
 from experiments.rig.robot import Robot, left_out_of, robot_of
 from experiments.rig.units import ROWS
@@ -44,7 +45,7 @@ def robot_subject(
     if rates is None or lower is not None or upper is not None:
         rates = input_limits(lower, upper, names, _UNSTATED)
     return Subject(
-        title=path.stem,
+        title=model_name(robot.model, path),
         sha256=model_sha256(path),
         actuators=names,
         units=tuple(drive.unit for drive in driven),

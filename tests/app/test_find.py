@@ -17,7 +17,7 @@ from experiments.recording.properties import properties_of
 from experiments.recover import mechanism_row
 from experiments.recover import row as recover_row
 from experiments.studies import STUDIES
-from experiments.study.listing import Source, source_of
+from experiments.study.listing import Source, sources_of
 from experiments.study.study import Unsound, WrongInput
 from experiments.sweep import row as sweep_row
 from tests import rrd
@@ -87,6 +87,17 @@ def test_the_page_shows_what_is_printed(capsys, monkeypatch):
     monkeypatch.chdir(DATA.parents[1])
     assert main(shlex.split(words)) == 0
     assert_prints(capsys.readouterr().out, shown)
+
+
+def test_folders_below_are_looked_into_once(capsys, recordings, tmp_path):
+    """As results lie on disk: a folder for each study. The second way to name one adds nothing."""
+    for place in ("results/deep/below", "results/beside", "results/.hidden"):
+        shutil.copytree(recordings, tmp_path / place)
+    (tmp_path / "results/beside/deeper").mkdir()
+    content = found(capsys, "True", "results", "results/beside")
+    listed = sorted((row["folder"], row["recording"]) for row in content["rows"])
+    names = ("first", "second")
+    assert listed == [(f"results/{at}", n) for at in ("beside", "deep/below") for n in names]
 
 
 def test_no_match_is_an_answer(capsys, flights):
@@ -211,7 +222,7 @@ def test_each_study_with_rows_names_what_it_has():
 def test_a_flown_row_is_repeated_to_the_bit(name, request):
     """On the processor that flew it: every number that the flight gives anew."""
     folder = request.getfixturevalue(f"{name}_folder")
-    source = source_of(folder, properties_of)
+    [source] = sources_of(folder, properties_of)
     once = again.again_of(source)
     rows = [row for row in source.rows.to_pylist() if row["status"] not in ("diverged", "refused")]
     chosen = rows if name == "recover" else rows[:: len(rows) // 4]

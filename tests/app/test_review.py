@@ -12,6 +12,7 @@ from experiments.recording.keep import RecordedRun
 from experiments.rig.hexapod import paper
 from sim import HEXAPOD_MJCF
 from tests import rrd
+from tests.conftest import fjh
 from tests.made import made_run
 from tests.recording.test_recording import SIGNALS
 
@@ -51,7 +52,8 @@ def test_the_plane_of_each_run_has_its_error_on_the_errors_own_scale(review, tab
         error_urad = 1e6 * (run["desired_rad"] - run["true_rad"])[times // 1_000_000]
         np.testing.assert_allclose(np.array(pieces)[:, 0, 1], error_urad * [1, -1], atol=1e-5)
         (label,) = rrd.static(review, f"{plane}/scale", "Points2D:labels")
-        assert "RMS {alpha_rms_urad:.2f}, {beta_rms_urad:.2f} urad".format(**column) in label
+        rms = "RMS alpha {alpha_rms_urad:.3g} µrad, beta {beta_rms_urad:.3g} µrad".format(**column)
+        assert rms in label
     assert not any(entity.endswith("/path/desired") for entity in rrd.entities(review))
 
 
@@ -94,6 +96,24 @@ def test_single_runs_of_several_folders(table1_folder, recover_folder, tmp_path)
     )
     # Only Table I is the paper's.
     assert told.count(f"{paper.TABLE_I_URAD['W_a'][0]:.4f}") == 1
+
+
+@pytest.mark.long
+def test_the_review_of_a_tracked_run_has_its_numbers_and_the_name_of_its_model(
+    made_once, tmp_path, table1_folder
+):
+    """Digit by digit those of the table that `fjh track` prints, before and after the failure."""
+    arm, words = HEXAPOD_MJCF.with_name("arm.xml"), ("--major", "0,1", "--crossover", "0.7")
+    flown = fjh("track", str(arm), *words, *"--duration 0.4 --turn 1".split(),
+                "--fail", "joint2:locked@0.3")  # fmt: skip
+    folder, out = made_once("track_of_the_arm", flown), tmp_path / "review.rrd"
+    assert main(["review", str(folder), str(table1_folder / "W_a.npz"), "--out", str(out)]) == 0
+    [row] = [line for line in rrd.notes(out).splitlines() if "turn x" in line]
+    assert row.startswith("| redundant serial arm, pointing | ")
+    printed = (folder / "track.md").read_text().splitlines()
+    for name in ("turn x", "turn y"):
+        [(before, _, after)] = [line.split(" | ")[1:4] for line in printed if f"| {name} |" in line]
+        assert f"{name} {before}" in row.split(";")[0] and f"{name} {after}" in row.split(";")[1]
 
 
 @pytest.mark.parametrize("place", ["nowhere", "empty", "other.npz", "twice"])

@@ -75,7 +75,7 @@ def tracked(model: Path | None, seed: int = 0, **options: Any) -> Tracked:
         "duration": 1.0,
     }
     usual |= ({} if model is None else {"crossover": 0.7}) | options
-    return run_track(seed=seed, quick=False, on_progress=lambda *_: None, **usual)
+    return run_track(**{"seed": seed, "quick": False, "on_progress": lambda *_: None} | usual)
 
 
 @cache
@@ -258,6 +258,27 @@ def test_the_command_writes_what_the_interface_says(made_once):
         error = (arrays["desired"] - arrays["true"])[arrays["time_s"] < 0.3 - 1e-9]
         assert arrays["displacement"].shape == (400, 7)
     np.testing.assert_allclose(np.sqrt((error**2).mean(axis=0)), summary["rms_before"], rtol=1e-12)
+
+
+@pytest.mark.long
+def test_what_the_run_costs_without_diagnosis_is_what_a_run_without_one_costs():
+    """Seed, failures, events and noise are the same: the same numbers to the bit, and said."""
+    happens = {"fail": ["motor2:locked@0.2"], "event": ["bump@0.3"], "duration": 0.5}
+    done = list[tuple[int, int]]()
+    both = tracked(ARM, **happens, on_progress=lambda *ticks: done.append(ticks))
+    summary, alone = summarize(both), summarize(tracked(ARM, diagnosis="off", **happens))
+    assert summary["rms_after_without_diagnosis_rad"] == alone["rms_after_rad"]
+    assert alone["rms_after_without_diagnosis"] is None
+    assert [each for each in notes(both, summary) if "without diagnosis" in each]
+    assert done[-1] == (1000, 1000) and len(done) == len(set(done))
+
+
+def test_loops_that_are_alike_are_said_once(sound):
+    summary = summarize(sound)
+    said = [each for each in notes(sound, summary) if each.startswith("Loop")]
+    rows = [row for each in said for row in each.split(" of ", 1)[1].split(": ")[0].split(", ")]
+    assert len(said) == len({str(each) for each in sound.rig.margins})
+    assert rows == ["turn x", "turn y"]
 
 
 UNSEEN: dict[str, Any] = {
