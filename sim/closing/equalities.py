@@ -139,8 +139,8 @@ class Closures(NamedTuple):
         """
         if not self.units.size:
             return
-        rows = constraint_rows(model, data, data.ne)
-        out[:] = rows if self.places is None else rows[self.places]
+        which = slice(data.ne) if self.places is None else self.places
+        out[:] = constraint_rows(model, data, which)
         if self.points.size:
             # The first three columns of cdof are a joint's axis, if it turns its body.
             compiled().at_midpoints(self._open(data), data.cdof, self.points, self.carried, out)
@@ -223,18 +223,15 @@ def equality_name(model: mujoco.MjModel, equality: int) -> str:
     return f"equality {equality} ({kind} of " + " and ".join(f'"{end}"' for end in tied) + ")"
 
 
-def constraint_rows(model: mujoco.MjModel, data: mujoco.MjData, count: int | None = None) -> Array:
-    """MuJoCo's own of so many constraints, or all, which may be a view; equalities come first."""
-    shape = data.nefc if count is None else count, model.nv
+def constraint_rows(
+    model: mujoco.MjModel, data: mujoco.MjData, which: slice | NDArray[np.intp] = slice(None)
+) -> Array:
+    """MuJoCo's own of these constraints, which may be a view; equalities come first."""
     if not mujoco.mj_isSparse(model):
-        return data.efc_J[: shape[0] * shape[1]].reshape(shape)
-    rows, found = np.zeros(shape), slice(shape[0])
+        return data.efc_J.reshape(data.nefc, model.nv)[which]
+    filled, first = data.efc_J_rownnz[which], data.efc_J_rowadr[which]
     mujoco.mju_sparse2dense(
-        rows,
-        data.efc_J,
-        data.efc_J_rownnz[found],
-        data.efc_J_rowadr[found],
-        data.efc_J_colind,
+        rows := np.zeros((len(filled), model.nv)), data.efc_J, filled, first, data.efc_J_colind
     )
     return rows
 

@@ -1,5 +1,6 @@
 """How accurate each entry of the Jacobians is, and what it is measured in."""
 
+import contextlib
 import copy
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -54,6 +55,19 @@ class Natural:
     def roundings(self) -> tuple[Rounding, ...]:
         """Numbers of the file that were rounded."""
         return roundings(self.model)
+
+    @cached_property
+    def copies(self) -> list[mujoco.MjData]:
+        """States of copies of the model, made once: each is taken by one thread at a time."""
+        return []
+
+    def copied(self) -> mujoco.MjData:
+        """The state of a copy of the model whose numbers may be moved."""
+        with contextlib.suppress(IndexError):  # another thread may have the only one
+            return self.copies.pop()
+        model = copy.copy(self.model)
+        model.opt.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)
+        return mujoco.MjData(model)
 
     @cached_property
     def length(self) -> float:
@@ -200,13 +214,13 @@ class EntryAccuracy:
         natural: What no pose changes.
         residual: Largest gap of the closures, [m] or [rad].
         jacobians: J_T and J_C there.
-        reader: J_T and J_C of a model at that pose, for a model with the same structure.
+        reader: J_T and J_C at that pose, for a state of a model with the same structure.
     """
 
     natural: Natural
     residual: float
     jacobians: Jacobians
-    reader: Callable[[mujoco.MjModel], Callable[[], Jacobians]]
+    reader: Callable[[mujoco.MjData], Callable[[], Jacobians]]
 
     @property
     def length(self) -> float:
@@ -260,11 +274,11 @@ class EntryAccuracy:
     @cached_property
     def _of_rounding(self) -> Jacobians:
         """The sum of what half a unit of the last digit of each number does."""
-        model = copy.copy(self.natural.model)
         errors = np.zeros(self.jacobians[0].shape), np.zeros(self.jacobians[1].shape)
         if not self.natural.roundings:
             return errors
-        read = self.reader(model)
+        data = self.natural.copied()
+        model, read = data.model, self.reader(data)
         here = read()
         for rounding in self.natural.roundings:
             before = moved(model, rounding, 1.0)
@@ -273,4 +287,5 @@ class EntryAccuracy:
                 change[change < _ROUND_OFF * np.abs(at).max(initial=0.0)] = 0.0
                 error += change
             getattr(model, rounding.field)[rounding.row] = before
+        self.natural.copies.append(data)
         return errors

@@ -261,10 +261,11 @@ def _read_anew(
     now: Structure,
     qpos: Array,
     outside: tuple[Array, ...],
-    model: mujoco.MjModel,
+    data: mujoco.MjData,
 ) -> Callable[[], tuple[Array, Array]]:
-    """What reads J_T and J_C of a model like this one at one pose, however its numbers move."""
-    source, data, spare = source._replace(model=model), mujoco.MjData(model), {}
+    """What reads J_T and J_C at one pose in a state of a model like this, whose numbers move."""
+    model, spare = data.model, {}
+    source = source._replace(model=model)
     data.qpos[:] = qpos
     data.eq_active[:], data.mocap_pos[:], data.mocap_quat[:] = outside
 

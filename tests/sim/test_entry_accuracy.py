@@ -7,8 +7,17 @@ import mujoco
 import numpy as np
 import pytest
 
+from experiments.ik import Ik
 from prioritized import ConstrainedSystem
-from sim import CenterOfMass, JacobianReader, jacobians, load_model
+from sim import (
+    CenterOfMass,
+    FrameTask,
+    JacobianReader,
+    Mechanism,
+    jacobians,
+    load_model,
+    pose_of,
+)
 from sim.mjcf.rounding import roundings
 from tests.three_rrr import EXACT, six_digits, taken, three_rrr
 
@@ -116,6 +125,32 @@ def test_loops_that_only_rounding_ties_move(seed):
         assert (kin.self_motion.shape[1], len(kin.active_constraint), int(rank)) == EXACT
     exact = ConstrainedSystem.of(jac, geometry_accuracy=1e-14).kinematics()
     assert len(exact.active_constraint) > 0
+
+
+def test_what_the_file_fixes_is_computed_once_and_no_tick_copies_the_model(monkeypatch):
+    """Of a robot with meshes a copy takes longer than a tick; each tick decides on the entries."""
+    model, copies = three_rrr(six_digits), []
+    mechanism, task = Mechanism(model, site="tool"), FrameTask("tool", rows=[3, 4], gain=0.1)
+    data = mujoco.MjData(model)
+    task.target = pose_of(model, data, "tool").translation_m + np.array([0.02, 0.02, 0.0])
+    ik, posture, states = Ik(model, [task]), mechanism.nominal, set()
+
+    def tick(k: int) -> None:
+        nonlocal posture
+        ik.advance(data, ik.step(data, 0.01), 0.01, into=data)
+        posture = mechanism.moved(posture, 1e-3 * k * np.ones(3), np.arange(3))
+        jac = mechanism.jacobians(posture)
+        ConstrainedSystem.of(jac).kinematics().velocity_mapping([3, 4])
+        assert jac.accuracy is not None
+        states.add(jac.accuracy.J_C_error.tobytes())
+
+    tick(0)
+    copied = mujoco.MjModel.__copy__
+    monkeypatch.setattr(mujoco.MjModel, "__copy__", lambda m: copies.append(m) or copied(m))
+    for k in range(1, 20):
+        tick(k)
+    assert not copies
+    assert len(states) == 20  # the errors are those of each pose all the same
 
 
 def test_a_weak_direction_says_how_well_its_gain_is_known():
