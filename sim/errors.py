@@ -26,19 +26,21 @@ class ClosureError(ModelError):
 
 
 class SimulationDiverged(RuntimeError):
-    """The simulation produced non-finite numbers.
+    """The simulation produced non-finite numbers, or was given some that MuJoCo does not take.
 
     Attributes:
         time_s: Simulation time at which it was noticed.
         state: MuJoCo's integration state (mjSTATE_INTEGRATION; its first number is the time) one
             control period before, the last that was finite: to go on from there and look.
+        what: That happened, in words.
     """
 
-    def __init__(self, time_s: float, state: NDArray[np.float64]) -> None:
-        # Both in `args`, so that the exception survives the way out of a worker process.
-        super().__init__(time_s, state)
-        self.time_s = time_s
-        self.state = state
+    def __init__(
+        self, time_s: float, state: NDArray[np.float64], what: str = "became non-finite"
+    ) -> None:
+        # All in `args`, so that the exception survives the way out of a worker process.
+        super().__init__(time_s, state, what)
+        self.time_s, self.state, self.what = time_s, state, what
 
     def __str__(self) -> str:
-        return f"the simulation became non-finite at t = {self.time_s:.4f} s"
+        return f"the simulation {self.what} at t = {self.time_s:.4f} s"

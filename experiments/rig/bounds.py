@@ -3,6 +3,8 @@
 Nothing is imported that takes time: wrong ones are refused at once.
 """
 
+from numbers import Real
+
 from experiments.study.study import WrongInput
 
 BOUNDS = {
@@ -26,8 +28,8 @@ def check_number(name: str, value: float) -> None:
         WrongInput: It is not within :data:`BOUNDS`.
     """
     low, high = BOUNDS[name]
-    if not low <= value <= high:
-        raise WrongInput(f"--{name} must be from {low:g} to {high:g}, got {value:g}")
+    if not isinstance(value, Real) or isinstance(value, bool) or not low <= value <= high:
+        raise WrongInput(f"--{name} must be from {low:g} to {high:g}, got {value!r:.80}")
 
 
 def weights_of(option: str, text: str) -> tuple[float, ...]:

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+import argument_checks as check
 from experiments.rig.options import COST_PART, DITHER_SIZE
 from experiments.rig.units import by_unit
 from experiments.study.study import WrongInput
@@ -86,6 +87,7 @@ def dither_of(rig: "Rig", asked: str | Dither | None, default: str | Dither) -> 
     chosen = default if asked == "default" else asked
     if chosen is None or isinstance(chosen, Dither):
         return chosen
+    check.instance("dither", chosen, str, int, float, Dither)
     design = rig_dither(rig, chosen)
     return None if design is None else design.dither
 

@@ -2,8 +2,9 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, get_args
 
+import argument_checks as check
 from experiments.study.draw import Family
 from experiments.study.study import WrongInput
 from experiments.study.within import check_within
@@ -73,6 +74,7 @@ class Mismatch:
         for name, (low, high) in LIMITS.items():
             check_within(name, getattr(self, name), low, high)
         check_within("steps", self.steps, 1, 1000)
+        check.choice("family", self.family, get_args(Family))
         if self.timestep_s is not None:
             check_within("timestep_s", self.timestep_s, 1e-6, 1e-2)
 
@@ -113,7 +115,9 @@ def sizes_of(mismatch: Known | Mismatch, everything: Mismatch, unknown: Sequence
     named = {"exact": EXACT, "all": everything}
     sizes = named.get(mismatch) if isinstance(mismatch, str) else mismatch
     if not isinstance(sizes, Mismatch):
-        raise WrongInput(f'mismatch must be "exact", "all" or a Mismatch, got {mismatch!r}')
+        raise WrongInput(
+            f'mismatch must be "exact", "all" or a Mismatch, got {check.shown(mismatch)}'
+        )
     for name in unknown:
         if getattr(sizes, name) != getattr(EXACT, name):
             raise WrongInput(f"this robot has no mismatch of {name}, got {getattr(sizes, name)}")

@@ -8,6 +8,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+import argument_checks as check
 from experiments.rig.bodies import body_name, model_name
 from experiments.rig.dither import dither_of
 from experiments.rig.mismatch import EXACT, Known, Mismatch, sizes_of
@@ -59,7 +60,8 @@ class RobotRig(Rig):
 
     def drawn(self, mismatch: Known | Mismatch, seed: int) -> "RobotRig":
         """The same with plants that differ so."""
-        return replace(self, mismatch=sizes_of(mismatch, ALL, OF_THE_HEXAPOD), seed=seed)
+        sizes = sizes_of(mismatch, ALL, OF_THE_HEXAPOD)
+        return replace(self, mismatch=sizes, seed=check.index("seed", seed))
 
     def mapping(self, goal: Goal) -> PrioritizedMapping[Any]:
         """With the Jacobian of the present posture."""
@@ -67,13 +69,13 @@ class RobotRig(Rig):
 
     def controller(self, goal: Goal | None = None) -> PrioritizedController[Any]:
         """For a goal; None is that of the rig."""
-        return self.track.controller(goal or self.goal)
+        return self.track.controller(self._goal(goal))
 
     def supervisor(
         self, dither: str | Dither | None = "default", goal: Goal | None = None
     ) -> Supervisor:
         """With the dither of the command's default, unless another is asked for."""
-        track = self.track if goal is None else replace(self.track, goal=goal)
+        track = self.track if goal is None else replace(self.track, goal=self._goal(goal))
         return track.supervisor(dither=dither_of(self, dither, "default"))
 
     def bench(

@@ -52,7 +52,7 @@ class RobotOptions:
 
     def __post_init__(self) -> None:
         for name in ("size", "noise", "crossover", "period", "servo"):
-            if (value := getattr(self, name)) is not None:
+            if (value := getattr(self, name)) is not None or name == "period":
                 check_number(name, value)
         for name in ("joint_weight", "secondary_weight"):
             if (text := getattr(self, name)) is not None:
@@ -140,7 +140,7 @@ def by_argument() -> Iterator[None]:
 
 def _argument(option: re.Match[str]) -> str:
     name = option[1].replace("-", "_")
-    said = {"servo": "servo_hz", "keyframe": "start"}.get(name, name)
+    said = {"servo": "servo_hz", "keyframe": "start", "path": "name"}.get(name, name)
     return f"{said}=10" if option[2] else said
 
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+import argument_checks as check
 from argument_checks.ties import greatest
 from ftc.fdi.diagnosis import Diagnosis
 from ftc.fdi.dither import Dither
@@ -100,14 +101,14 @@ def _changes(
     """At each tick at which something changes: faults that strike, and those that get known."""
     times: Sequence[float | None] = [each.time_s if told else None for each in failures]
     if not isinstance(told, bool):
-        times = told
+        times = check.instance("told", told, bool, list, tuple, np.ndarray)
     if len(times) != len(failures):
         raise ValueError(f"told must be a time for each of {len(failures)} failures, got {told}")
     changes = dict[int, list[tuple[Fault, bool]]]()
     for failure, known_s in zip(failures, times, strict=True):
         for at_s, is_known in ((failure.time_s, False), (known_s, True)):
             if at_s is not None:
-                if at_s < failure.time_s:
+                if check.signed("told", at_s) < failure.time_s:
                     raise ValueError(f"told must be no times before the failures, got {told}")
                 tick = math.ceil(at_s / rig.period_s - 1e-6)
                 changes.setdefault(tick, []).append((Fault.of(failure), is_known))

@@ -4,21 +4,24 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
 import argument_checks as check
-from experiments.rig.choices import Sensing
+from experiments.rig.bounds import BOUNDS
+from experiments.rig.choices import Limited, Sensing
 from experiments.rig.events import Event
 from experiments.rig.events.hooks import events_of
 from experiments.rig.mismatch import Known, Mismatch
+from experiments.rig.options import RobotOptions, by_argument, written
 from experiments.rig.paths import path_of
 from experiments.rig.prediction import Learns, Prediction, predicted
 from experiments.rig.run import Run, flown
 from experiments.rig.units import ROWS
+from experiments.study.spelling import hint
 from experiments.study.study import WrongInput
 from ftc.control.compensator import Channel, Margins
 from ftc.control.mapping import PrioritizedMapping
@@ -38,6 +41,15 @@ from sim.mjcf.part import Part
 
 _TURNS = 3
 """First rows of a twist."""
+
+_LOOPS = ("crossover", "period", "size", "joint_weight", "secondary_weight", "limits")
+"""What :meth:`Rig.of_mjcf` takes besides its own arguments."""
+
+LARGEST_DISPLACEMENT = 1e4
+"""Of a path, [rad] or [m]: MuJoCo takes controls beyond 1e10 for zeros."""
+
+MOST_TICKS = 100_000_000
+"""Of a path: more would fill the memory."""
 
 
 @dataclass(frozen=True)
@@ -114,6 +126,9 @@ class Rig(ABC):
         """
         from experiments.rig.hexapod.rig import hexapod_rig  # which makes one of these
 
+        check.flag("feedforward", feedforward)
+        if size is not None:
+            check.within("size", size, *BOUNDS["size"])
         return hexapod_rig(size, feedforward).drawn(mismatch, seed)
 
     def __repr__(self) -> str:
@@ -166,8 +181,18 @@ class Rig(ABC):
             sim.ModelError: The file, or what it says.
         """
         from experiments.rig.mjcf import robot_rig  # which makes one of these
-        from experiments.rig.options import RobotOptions, by_argument, written
 
+        check.instance("file", file, str, Path)
+        check.instance("site", site, str, int, Body)
+        check.flag("feedforward", feedforward)
+        check.choice("limits", loops.get("limits", "stated"), get_args(Limited))
+        if not isinstance(pinned, str):
+            check.members("pinned", pinned, str)
+        for name, value in loops.items():
+            if name not in _LOOPS:
+                raise TypeError(f"there is no argument {name}{hint(name, _LOOPS)}")
+            if name.endswith("weight") and not isinstance(value, str | None):
+                loops[name] = np.atleast_1d(check.finite(name, value)).tolist()
         with by_argument():
             if not (isinstance(major, Sequence) and any(isinstance(row, str) for row in major)):
                 major = check.indices("major", major, 6).tolist()
@@ -280,7 +305,7 @@ class Rig(ABC):
 
         Rows of [rotation vector; translation].
         """
-        return pose.displacement()[:, list(self.major)]
+        return check.instance("pose", pose, Pose).displacement()[:, list(self.major)]
 
     def path(self, name: str, *, duration_s: float, turn_s: float = 4.0) -> Array:
         """Desired displacements of the major rows at each tick, shape (N, m1).
@@ -290,8 +315,31 @@ class Rig(ABC):
             duration_s: Of it.
             turn_s: Time of one turn.
         """
-        time_s = np.arange(max(2, round(duration_s / self.period_s))) * self.period_s
-        return path_of(name, len(self.major), self.size, time_s, turn_s, self.period_s)
+        check.instance("name", name, str, Path)
+        ticks = self._ticks("duration_s", duration_s, BOUNDS["duration"][0])
+        check.within("turn_s", turn_s, *BOUNDS["turn"], " s")
+        time_s = np.arange(max(2, ticks)) * self.period_s
+        with by_argument():
+            return path_of(str(name), len(self.major), self.size, time_s, turn_s, self.period_s)
+
+    def _ticks(self, name: str, seconds: float, least: float) -> int:
+        most = min(BOUNDS["duration"][1], MOST_TICKS * self.period_s)
+        return round(check.within(name, seconds, least, most, " s") / self.period_s)
+
+    def _checked_path(self, path: ArrayLike) -> Array:
+        """A path (N, m1) of at least one tick, of displacements that a machine can be asked for."""
+        desired = check.matrix("path", path, columns=len(self.major))
+        if not len(desired):
+            raise ValueError(f"path must have a row for each tick, got shape {desired.shape}")
+        if (largest := np.abs(desired).max()) > LARGEST_DISPLACEMENT:
+            raise ValueError(
+                f"path must be at most {LARGEST_DISPLACEMENT:g} rad or m, got {largest:.3g}"
+            )
+        return desired
+
+    def _goal(self, goal: Goal | None) -> Goal:
+        """A goal, or that of the rig."""
+        return self.goal if goal is None else check.instance("goal", goal, Goal)
 
     def feedforward_demands(self, path: Array) -> Array | None:
         """What the sound machine is to be demanded to do a path (N, m1), of the same shape.
@@ -299,6 +347,7 @@ class Rig(ABC):
         By the inverse of the linear model; None where :attr:`feedforward` is off. After a failure
         they are demanded on, and the compensators make up for the difference.
         """
+        path = self._checked_path(path)
         if not self.feedforward:
             return None
         return inverse_feedforward(self.nominal, self.mapping(self.goal).major_gain(), path)
@@ -334,7 +383,13 @@ class Rig(ABC):
                 cannot have.
             sim.SimulationDiverged: The physics left the finite numbers.
         """
-        desired = check.matrix("path", path, columns=len(self.major))
+        check.methods("pilot", pilot, "start", "step")
+        desired = self._checked_path(path)
+        check.index("seed", seed)
+        check.duration("begin_s", begin_s, least=0.0)
+        lead_in = self._ticks("lead_in_s", lead_in_s, 0.0)
+        if on_tick is not None:
+            check.function("on_tick", on_tick)
         around = {"begin_s": begin_s, "lead_in_s": lead_in_s, "seed": seed}
         hooks, caused = events_of(self, events, **around)
         struck = sorted((*self._numbered(failures), *caused), key=lambda one: one.time_s)
@@ -346,7 +401,7 @@ class Rig(ABC):
             desired,
             struck,
             seed=seed,
-            lead_in=round(lead_in_s / self.period_s),
+            lead_in=lead_in,
             events=hooks,
             on_tick=on_tick,
         )
@@ -375,7 +430,9 @@ class Rig(ABC):
         Raises:
             ValueError: Another number of times than of failures, or a time before its failure.
         """
-        desired = check.matrix("path", path, columns=len(self.major))
+        desired, n = self._checked_path(path), len(self.actuators)
+        if dither is not None:
+            check.exactly("dither.direction", check.instance("dither", dither, Dither).direction, n)
         if noise is not None:
             noise = check.exactly("noise", noise, *desired.shape)
         struck = self._numbered(failures)
@@ -395,5 +452,6 @@ class Rig(ABC):
         return tuple(sorted(known, key=lambda one: one.time_s))
 
     def _numbered(self, failures: Sequence[Failure]) -> list[Failure]:
+        check.instance("failures", failures, list, tuple)
         given = [check.instance("failures", each, Failure) for each in failures]
         return [replace(each, actuator=self.number(each.actuator)) for each in given]

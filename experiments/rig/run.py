@@ -124,7 +124,15 @@ def flown(
     begun = rig.begun(bench, pilot, reference, demands, on_tick)
     done = 0 if begun is None else len(begun.inputs)
     machine = bench if on_tick is None else _Counted(bench, on_tick, done)
-    looped = run_loop(machine, pilot, reference, demands, begun=begun)
+    try:
+        looped = run_loop(machine, pilot, reference, demands, begun=begun)
+    except ValueError as error:
+        if not bench.is_gap:
+            raise
+        raise ValueError(
+            "pilot must go on without a measurement, which events take away here, as "
+            f"Rig.supervisor() does: {error}"
+        ) from None
     return run_of(rig, bench, looped, times, reference, failures, kept)
 
 

@@ -2,11 +2,14 @@
 
 from collections import deque
 from collections.abc import Callable, Sequence
+from contextlib import suppress
+from inspect import Signature, signature
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
 import argument_checks as check
+from argument_checks.arrays import as_float64
 from sim.array import Array
 from sim.compiled import compiled
 from sim.kinematics.mechanism import JointPosture, Mechanism
@@ -91,6 +94,68 @@ class JointSensors:
         return Reading(self._mechanism.task(self._posture)[self._rows], seen)
 
 
+def hooks_of(events: object) -> list[Any]:
+    """Functions `plant`, `measured` and `sent` of an object; None where it has none of a name.
+
+    Raises:
+        TypeError: It has none at all, or one that is no function of as many arguments.
+    """
+    hooks = [getattr(events, name, None) for name in _HOOKS]
+    if all(hook is None for hook in hooks):
+        raise TypeError("events must have plant, measured or sent, got " + check.shown(events))
+    for (name, takes), hook in zip(_HOOKS.items(), hooks, strict=True):
+        if hook is not None:
+            function = check.function(f"events.{name}", hook)
+            with suppress(ValueError):  # of compiled functions nothing is known
+                _check_takes(f"events.{name}", signature(function), takes)
+    return hooks
+
+
+def _check_takes(name: str, of: Signature, takes: Sequence[str]) -> None:
+    try:
+        of.bind(*takes)
+    except TypeError:
+        raise TypeError(f"{name} must be a function of ({', '.join(takes)}), got {of}") from None
+
+
+_HOOKS = {
+    "plant": ("tick", "model", "data"),
+    "measured": ("tick", "reading"),
+    "sent": ("tick", "inputs"),
+}
+
+
+def measured_by(hook: Callable[[int, Any], Any], tick: int, reading: Any) -> Any:
+    """What a hook makes of a reading: as many numbers, of which some may be NaN.
+
+    Raises:
+        ValueError, TypeError: It makes something else of it.
+    """
+    changed = hook(tick, reading)
+    if not isinstance(reading, Reading):
+        return changed
+    name, arrays = f"what events.measured returns at tick {tick}", list[Array]()
+    check.attributes(name, changed, *Reading._fields)
+    for part, before in zip(Reading._fields, reading, strict=True):
+        arrays.append(as_float64(f"{part} of {name}", getattr(changed, part)))
+        if arrays[-1].shape != before.shape:
+            raise ValueError(
+                f"{part} of {name} must have shape {before.shape}, got {arrays[-1].shape}"
+            )
+    return Reading(*arrays)
+
+
+def sent_by(hook: Callable[[int, Array], Array], tick: int, inputs: Array) -> Array:
+    """What a hook makes of inputs: as many finite numbers.
+
+    Raises:
+        ValueError: It makes something else of them.
+    """
+    return check.exactly(
+        f"what events.sent returns at tick {tick}", hook(tick, inputs), *inputs.shape
+    )
+
+
 def _seen(pose: Pose, displacements: Array) -> Array:
     check.instance("pose", pose, Pose)
     return check.series("displacements", displacements)
@@ -109,6 +174,7 @@ class Bench:
         qpos: Joint positions, shape (N, nq); None where they are not kept.
         actuator_force: As MuJoCo has it, at the end of the period before, shape (N, outputs); kept
             with them.
+        is_gap: Whether an event has left the last reading without all its numbers.
         observed: The other arguments of `observe` in `sim._tick`, which writes this log.
     """
 
@@ -178,13 +244,11 @@ class Bench:
                     f"got shape {hysteresis.slip.shape}"
                 )
         self.plant, self.sensors, self._drives = plant, sensors, drives
-        hooks = [getattr(events, name, None) for name in ("plant", "measured", "sent")]
-        if events is not None and not any(map(callable, hooks)):
-            raise TypeError("events must have plant, measured or sent, got " + check.shown(events))
+        hooks = [None] * len(_HOOKS) if events is None else hooks_of(events)
         self._on_plant, self._on_measured, self._on_sent = hooks
         delay = min(check.index("delay_ticks", delay_ticks), len(time_s))  # then it never comes
         self._under_way = deque([plant.command] * delay)
-        self._hysteresis = hysteresis
+        self._hysteresis, self.is_gap = hysteresis, False
         self._stretch = np.zeros((1, 1) if hysteresis is None else hysteresis.slip.shape)
         self._time_s, self._floor = time_s, floor_m_per_s2
         self._to_come = sorted(failures, key=lambda failure: failure.time_s)
@@ -218,7 +282,11 @@ class Bench:
         compiled().observe(tick, data.efc_pos, data.efc_id, data.ne, *self.observed)
         pose = computed(Pose, rotation=self.rotation[tick], translation_m=self.translation_m[tick])
         reading = self.sensors.read(pose, self.displacement[tick])
-        return reading if self._on_measured is None else self._on_measured(tick, reading)
+        if self._on_measured is None:
+            return reading
+        changed = measured_by(self._on_measured, tick, reading)
+        self.is_gap = isinstance(changed, Reading) and not np.isfinite(changed.output).all()
+        return changed
 
     def advance(self, closed: Callable[..., Array | None]) -> bool:
         """A tick whose inputs one compiled call finds; whether it did, else nothing has moved.
@@ -259,7 +327,7 @@ class Bench:
     def _drive(self, command: Array) -> None:
         name = "inputs"
         if self._on_sent is not None:
-            command = self._on_sent(self._tick, command)
+            command = sent_by(self._on_sent, self._tick, command)
         if self._drives is not None:
             command, name = self._drives(command), "drives(inputs)"
         command = check.exactly(name, command, self.displacement.shape[1])

@@ -47,6 +47,7 @@ _NOT_FINITE = (
     mujoco.mjtWarning.mjWARN_BADQPOS,
     mujoco.mjtWarning.mjWARN_BADQVEL,
     mujoco.mjtWarning.mjWARN_BADQACC,
+    mujoco.mjtWarning.mjWARN_BADCTRL,
 )
 
 MOST_STEPS = 10_000_000
@@ -179,7 +180,9 @@ class Plant:
         for done in range(0, steps, _UNINTERRUPTED):
             mujoco.mj_step(model, data, min(steps - done, _UNINTERRUPTED))
             if not self._is_finite():
-                raise SimulationDiverged(data.time, self._last.copy())
+                huge = "was given controls beyond 1e+10, which MuJoCo takes for zeros"
+                why = (huge,) if self._warnings[-1].number else ()
+                raise SimulationDiverged(data.time, self._last.copy(), *why)
         mujoco.mj_kinematics(model, data)
         self._gauges.refresh(model, data)
 
@@ -433,8 +436,10 @@ class Plant:
         return check.index("actuator", actuator, len(self.drives))
 
     def _is_finite(self) -> bool:
-        a, b, c = self._warnings
-        return not (a.number or b.number or c.number) and isfinite(dnrm2(self.data.qpos))
+        a, b, c, d = self._warnings
+        return not (a.number or b.number or c.number or d.number) and isfinite(
+            dnrm2(self.data.qpos)
+        )
 
 
 def _warnings(data: mujoco.MjData) -> list[Any]:

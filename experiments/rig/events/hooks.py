@@ -8,11 +8,13 @@ from typing import TYPE_CHECKING, Any
 import mujoco
 import numpy as np
 
+import argument_checks as check
 from experiments.rig.events import actuator, machine, sensor
-from experiments.rig.events.kinds import Event
+from experiments.rig.events.kinds import EVENTS, Event
 from experiments.rig.events.target import Effect, Target
 from experiments.study.draw import Draw
 from sim import Array, Failure, Reading
+from sim.plant.bench import hooks_of, measured_by, sent_by
 
 if TYPE_CHECKING:
     from experiments.rig.rig import Rig
@@ -83,8 +85,12 @@ def events_of(
     Raises:
         WrongInput: An actuator that the robot does not have, or that cannot have this event.
     """
+    if isinstance(events, str | Event):
+        raise TypeError(f"events must be a list of events, as {_written(events)}")
     if not isinstance(events, Sequence):
         return events, []
+    if texts := [each for each in events if isinstance(each, str)]:
+        raise TypeError(f"events must be a list of events, as {_written(texts[0])}")
     named = [each for each in events if isinstance(each, Event)]
     hooks = Hooks([each for each in events if not isinstance(each, Event)])
     failures, lead_in = list[Failure](), round(lead_in_s / rig.period_s)
@@ -95,6 +101,15 @@ def events_of(
         hooks.begin(lead_in + after if after > 0 else 0, effect)
         failures += caused
     return (None if hooks.is_empty else hooks), failures
+
+
+def _written(event: str | Event) -> str:
+    """How an event is given in a list."""
+    if isinstance(event, Event):
+        return f"[{event}], got it without a list"
+    actuator = ', "ACTUATOR"' if EVENTS.get(event, EVENTS["bump"]).of == "actuator" else ""
+    name = event if event in EVENTS else "NAME"
+    return f'[fjh.Event("{name}", 1.5{actuator})] at 1.5 s, got {check.shown(event)}'
 
 
 def effect_of(rig: "Rig", event: Event, seed: int, before: int = 0) -> tuple[Effect, list[Failure]]:
@@ -123,8 +138,16 @@ class Hooks:
     """All that happens to a machine: other hooks first, then effects in their order."""
 
     def __init__(self, others: Sequence[Any] = ()) -> None:
-        """Begin with hooks as of :class:`sim.Bench`, without effects."""
-        self._others, self._effects, self._pushes = others, list[tuple[int, Effect]](), False
+        """Begin with hooks as of :class:`sim.Bench`, without effects.
+
+        Raises:
+            TypeError: One has no such function.
+        """
+        self._others = [hooks_of(other) for other in others]
+        self._effects, self._pushes = list[tuple[int, Effect]](), False
+
+    def __getstate__(self) -> dict[str, Any]:
+        raise TypeError("events in flight cannot be copied: what they did so far would be shared")
 
     @property
     def is_empty(self) -> bool:
@@ -144,18 +167,18 @@ class Hooks:
         """Before the physics of a tick; forces of several events add up."""
         if self._pushes:
             data.xfrc_applied[:] = 0.0
-        for other in self._others:
-            if hasattr(other, "plant"):
-                other.plant(tick, model, data)
+        for plant, *_ in self._others:
+            if plant is not None:
+                plant(tick, model, data)
         for since, effect in self._begun(tick):
             if effect.plant is not None:
                 effect.plant(since, model, data)
 
     def measured(self, tick: int, reading: Reading) -> Reading:
         """What the controller reads instead."""
-        for other in self._others:
-            if hasattr(other, "measured"):
-                reading = other.measured(tick, reading)
+        for _, measured, _ in self._others:
+            if measured is not None:
+                reading = measured_by(measured, tick, reading)
         for since, effect in self._begun(tick):
             if effect.measured is not None:
                 reading = reading._replace(output=effect.measured(since, reading.output))
@@ -163,9 +186,9 @@ class Hooks:
 
     def sent(self, tick: int, inputs: Array) -> Array:
         """What the drives get instead."""
-        for other in self._others:
-            if hasattr(other, "sent"):
-                inputs = other.sent(tick, inputs)
+        for *_, sent in self._others:
+            if sent is not None:
+                inputs = sent_by(sent, tick, inputs)
         for since, effect in self._begun(tick):
             if effect.sent is not None:
                 inputs = effect.sent(since, inputs)

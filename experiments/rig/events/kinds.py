@@ -1,7 +1,7 @@
 """Names of what can happen to a machine; apart, so that a command's check imports no physics."""
 
 from dataclasses import dataclass
-from math import inf
+from numbers import Integral, Real
 from typing import Literal
 
 from experiments.rig.choices import Failing
@@ -85,6 +85,10 @@ EVENTS: dict[str, Kind] = {
 """Every event that has a name; sensors are those of the major rows."""
 
 
+LATEST_S = 1e9
+"""Of an event: later ones would have no tick."""
+
+
 @dataclass(frozen=True)
 class Event:
     """Something happens to a machine at one time.
@@ -95,7 +99,8 @@ class Event:
         actuator: By number or name, where the event is of one; else None.
 
     Raises:
-        ValueError: No such event; an actuator is missing or superfluous; a negative time.
+        ValueError, TypeError: No such event; an actuator is missing, superfluous or no name or
+            number; a time that is none, or negative.
     """
 
     name: str
@@ -103,10 +108,19 @@ class Event:
     actuator: int | str | None = None
 
     def __post_init__(self) -> None:
+        if not isinstance(self.name, str):
+            raise TypeError(f"name must be the name of an event, got {self.name!r:.80}")
         if self.name not in EVENTS:
-            raise ValueError(f'there is no event "{self.name}"{hint(self.name, EVENTS)}')
-        if not 0.0 <= self.time_s < inf:
-            raise ValueError(f"time_s must be a time from zero on, got {self.time_s}")
+            raise ValueError(f'there is no event "{self.name:.80}"{hint(self.name, EVENTS)}')
+        is_time = isinstance(self.time_s, Real) and not isinstance(self.time_s, bool)
+        if not (is_time and 0.0 <= self.time_s <= LATEST_S):
+            raise ValueError(
+                f"time_s must be a time from zero to {LATEST_S:g} s, got {self.time_s!r:.80}"
+            )
+        is_number = isinstance(self.actuator, Integral) and not isinstance(self.actuator, bool)
+        if not (isinstance(self.actuator, str | None) or (is_number and self.actuator >= 0)):
+            said = f"a name, or a number from 0 on, got {self.actuator!r:.80}"
+            raise ValueError(f"actuator must be {said}")
         if self.kind.of == "actuator" and self.actuator is None:
             raise ValueError(f"{self.name} is of an actuator, which must be named")
         if self.kind.of != "actuator" and self.actuator is not None:

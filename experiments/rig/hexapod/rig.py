@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+import argument_checks as check
 from experiments.rig.dither import dither_of
 from experiments.rig.hexapod.bench import settled, simulated
 from experiments.rig.hexapod.choices import STRUTS
@@ -29,7 +30,7 @@ from ftc.control.compensator import Margins
 from ftc.control_task import ControlTask
 from ftc.controller import PrioritizedController
 from ftc.fdi.dither import Dither
-from ftc.fdi.fault_model import Fault, by_kind
+from ftc.fdi.fault_model import Fault, by_kind, of_actuators
 from ftc.goal import Goal
 from ftc.loop import LoopRun
 from ftc.sensor_check import SensorCheck
@@ -75,14 +76,14 @@ class HexapodRig(Rig):
     def drawn(self, mismatch: Known | Mismatch, seed: int) -> "HexapodRig":
         """The same with a plant that differs so; floor and hysteresis included."""
         sizes = sizes_of(mismatch, ALL, ("drift_per_s", "steps"))
-        testbed = replace(self.testbed, inexact=None)
+        testbed, seed = replace(self.testbed, inexact=None), check.index("seed", seed)
         if sizes != EXACT:
             testbed = mismatched(testbed, sizes, seed)
         return replace(self, testbed=testbed)
 
     def mapping(self, goal: Goal) -> StrutMapping:
         """In closed form, with the constant Jacobian."""
-        return StrutMapping(self._geometry, goal, "constant")
+        return StrutMapping(self._geometry, self._goal(goal), "constant")
 
     @cached_property
     def _geometry(self) -> Hexapod:
@@ -91,7 +92,7 @@ class HexapodRig(Rig):
     def controller(self, goal: Goal | None = None) -> PrioritizedController[Pose]:
         """With the constant Jacobian."""
         how = {"jacobian": "constant", "feedforward": self.feedforward}
-        return controller_for(self.testbed, goal or self.goal, **how)
+        return controller_for(self.testbed, self._goal(goal), **how)
 
     def supervisor(
         self, dither: str | Dither | None = "default", goal: Goal | None = None
@@ -101,7 +102,7 @@ class HexapodRig(Rig):
         range_rad = bench.detector_half_width_m / bench.focal_length_m
         check = SensorCheck(self.period_s, limits=(_BEYOND * range_rad,) * len(self.major))
         return supervisor_for(
-            goal or self.goal,
+            self._goal(goal),
             self.controller,
             self.watched,
             self._can,
@@ -118,6 +119,7 @@ class HexapodRig(Rig):
         self, time_s: Array, failures: Sequence[Failure], seed: int, events: object = None
     ) -> Bench:
         """The machine, settled."""
+        time_s, seed = check.series("time_s", time_s), check.index("seed", seed)
         floor = self.floor_m_per_s2
         if floor is not None:
             floor = after_rest(len(time_s) - len(floor), floor)
@@ -148,10 +150,11 @@ class HexapodRig(Rig):
 
     def reached(self, pose: Pose) -> Array:
         """Where the payload points, (alpha, beta)."""
-        return pointing_angles(pose.rotation)
+        return pointing_angles(check.instance("pose", pose, Pose).rotation)
 
     def classified(self, faults: Sequence[Fault]) -> Manipulability:
         """What is left, springs included."""
+        faults = of_actuators(faults, len(self.actuators))
         loose = {fault.actuator: 0.0 for fault in faults if fault.kind == "loose"}
         elastic = with_suspension(self.elastic, loose)
         return elastic.with_failures(**by_kind(faults)).kinematics().manipulability(MAJOR)
