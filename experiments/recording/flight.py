@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+import argument_checks as check
 from experiments.recording.file import RecordingInfo
 from experiments.recording.hexapod import FULL
 from experiments.recording.keep import flight_properties
@@ -34,8 +35,12 @@ def record(path: str | Path, rig: Rig, run: Run) -> None:
 
     Raises:
         OutputError: Another ending, or the files cannot be written; the message says why.
+        TypeError, ValueError: No path, rig or run; or a run of another robot.
     """
-    file = Path(path)
+    file = Path(check.instance("path", path, str, Path))
+    nq = check.instance("rig", rig, Rig).model.nq
+    if check.instance("run", run, Run).qpos.shape[1] != nq:
+        raise ValueError(f"run must be of this rig, of {nq} joint positions, got {run}")
     folder = usable_file(file, ".rrd", option="path")
     stated = stated_of(rig, run)
     shown = of_robot(run.arrays, stated, rig.model)

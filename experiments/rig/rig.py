@@ -127,6 +127,7 @@ class Rig(ABC):
         from experiments.rig.hexapod.rig import hexapod_rig  # which makes one of these
 
         check.flag("feedforward", feedforward)
+        check.index("seed", seed)
         if size is not None:
             check.within("size", size, *BOUNDS["size"])
         return hexapod_rig(size, feedforward).drawn(mismatch, seed)
@@ -185,6 +186,7 @@ class Rig(ABC):
         check.instance("file", file, str, Path)
         check.instance("site", site, str, int, Body)
         check.flag("feedforward", feedforward)
+        check.index("seed", seed)
         check.choice("limits", loops.get("limits", "stated"), get_args(Limited))
         if not isinstance(pinned, str):
             check.members("pinned", pinned, str)
