@@ -67,8 +67,8 @@ class Ik:
         read = {"pinned": self._pinned, "active": active}
         self._reader = JacobianReader(model, self._levels.read, **read)
         anywhere = JacobianReader(model, self._levels.read, closure_tolerance=np.inf, **read)
-        self._there = mujoco.MjData(model)
-        jac = anywhere.at(self._there)
+        self._there = anywhere, mujoco.MjData(model)
+        jac = anywhere.at(self._there[1])
         for sentence in jac.machine.of_any_pose.left_out if jac.machine else ():
             warnings.warn(sentence, RuntimeWarning, stacklevel=2)
         given = Limits() if limits is None else check.instance("limits", limits, Limits)
@@ -144,7 +144,7 @@ class Ik:
         self._hierarchy = actuated.hierarchy(self._asked)
         self._tick = self._hierarchy.tick(actuated)
         self._targets = self._levels.targets(actuated)
-        self._trial = Trial(self._model, self._there, self._targets)
+        self._trial = Trial(self._model, *self._there, self._targets)
         asked, units = self._targets.of_rows(), system.geometry.velocity_units
         self._rows = asked, 1.0 / system.geometry.task_units[: len(asked)], 1.0 / units
         self._scale = np.outer(self._rows[1], units)
@@ -172,7 +172,7 @@ class Ik:
         return met if self._limits.tightened(data, limits, met) is None else None
 
     def _approaches(self, J_T: Array, asked: Array, met: Array, period_s: float) -> bool:
-        """Whether a step clearly lowers the errors of all tasks: see :meth:`Trial.damping`."""
+        """Whether a step clearly lowers the errors of all tasks: see :meth:`Trial.held_back`."""
         rows, weight, of_rates = self._rows
         J, y, wanted = J_T[: len(rows)] * self._scale, of_rates * met, weight * asked[rows]
         flat, rest = J.ravel(), wanted - J.dot(y)
@@ -189,15 +189,14 @@ class Ik:
     ) -> IkSolution:
         """The solution with its findings, where the compiled one is known or none."""
         limits, targets = asked[0], self._targets.of_levels(asked[1])
-        robot, undamped = (self._system, self._hierarchy, jac), (0.0,) * len(targets)
-        problem = IkProblem(*robot, limits, targets, undamped)
+        problem = IkProblem(self._system, self._hierarchy, jac, limits, targets, ())
         if met is None:
             problem = self._tightened(data, problem)
         velocities = problem.velocities if met is None else met
         way, motion = period_s * asked[1], period_s * velocities
-        damping = self._trial.damping(data, self._hierarchy, problem.kinematics, way, motion)
-        if any(damping):
-            problem, met = self._tightened(data, replace(problem, damping=damping)), None
+        held_back = self._trial.held_back(data, self._hierarchy, problem.kinematics, way, motion)
+        if held_back:
+            problem, met = self._tightened(data, replace(problem, held_back=held_back)), None
             velocities = problem.velocities
         qvel, fraction = self._kept(data, velocities, limits, problem.braking)
         return IkSolution(qvel, fraction, met is not None or problem.solved[1], problem)

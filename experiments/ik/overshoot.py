@@ -1,4 +1,4 @@
-"""Steps that come no nearer to a target, and the damping with which they do, or rest."""
+"""Steps that come no nearer to a target, and what holds them back so that they do, or rest."""
 
 from typing import NamedTuple
 
@@ -7,11 +7,14 @@ import numpy as np
 
 from experiments.ik.levels import Part, Targets
 from prioritized import Hierarchy, Kinematics
-from sim import Array
-from sim.kinematics.structure import bring_up_to_date
+from sim import Array, JacobianReader
 
 MISSED = 0.5
 """Part of the way that is asked for that a step may miss."""
+_SMALL = 1e-6
+"""Of steps in natural units that differences are taken of."""
+_CLEAR = 1e-6
+"""Part of the largest singular value or eigenvalue below which one counts as none."""
 
 
 class Trial(NamedTuple):
@@ -19,31 +22,32 @@ class Trial(NamedTuple):
 
     Attributes:
         model: The robot.
+        reader: Of its Jacobians, loops closed or not.
         data: The state; overwritten.
         targets: Of all tasks.
     """
 
     model: mujoco.MjModel
+    reader: JacobianReader
     data: mujoco.MjData
     targets: Targets
 
-    def damping(
+    def held_back(
         self,
         at: mujoco.MjData,
         hierarchy: Hierarchy,
         kinematics: Kinematics,
         way: Array,
         motion: Array,
-    ) -> tuple[float, ...]:
-        """Damping of each level that a motion without any does not bring nearer.
+    ) -> tuple[Array, ...]:
+        """Further rows of each level that a motion does not bring nearer; () where all come nearer.
 
         The motion is tried: of each level that which its rows and those of levels before it need.
-        Where it misses half of the way, as before a target out of reach, the squares of the level's
-        singular values count as 2 h |way| at least. The sum h of the norms of its Jacobian's
-        columns bounds the second derivative, because no column changes faster with a joint than by
-        its own length. So the step is stiffer than half of what the error is curved, and the robot
-        comes to rest, at any distance: the method of Levenberg and Marquardt with a damping in
-        proportion to the error (Sugihara, 2011; Fan and Yuan, 2005).
+        A level that misses half of its way, as before a target out of reach, gets the second
+        derivative of its error besides the first: rows whose squares are its curvature |S|, eigenvalues without their sign.
+        So the step is that of Newton, the damping of Levenberg and Marquardt in each direction what
+        the error makes it, and vanishes with that; and what does not curve the error is left to
+        the levels after it.
 
         Args:
             at: Where the motion begins.
@@ -52,38 +56,66 @@ class Trial(NamedTuple):
             way: What all tasks ask for until the next tick, (t,).
             motion: Of all velocities, (N,).
         """
-        units, damping = kinematics.rate_units, list[float]()
+        units, far = kinematics.rate_units, dict[int, Array]()
         J, step = kinematics.J * units, motion[kinematics.active] / units
         before, allowed = np.zeros((0, len(units))), 0.0
-        for parts, own in zip(hierarchy.asked.levels, self.targets.levels, strict=True):
-            damping.append(0.0)
-            tasks = [(p, q) for p, q in zip(parts, own, strict=True) if p.S is not None]
-            if not tasks or any(part.task.damping is not None for _, part in tasks):
+        above = np.zeros((0, len(J)))
+        for k, (parts, own) in enumerate(
+            zip(hierarchy.asked.levels, self.targets.levels, strict=True)
+        ):
+            tasks = [(p.matrix, p.S, q) for p, q in zip(parts, own, strict=True) if p.S is not None]
+            if not tasks:
                 continue
-            A = np.vstack([p.weighted(*kinematics.J.shape)[0] @ J for p, _ in tasks])
-            size = float(np.linalg.norm(np.concatenate([p.matrix @ way[q.own] for p, q in tasks])))
+            S = np.vstack([W @ S for W, S, _ in tasks])
+            wanted = np.concatenate([W @ way[q.own] for W, _, q in tasks])
+            A, size = S @ J, float(np.linalg.norm(wanted))
             h = float(np.linalg.norm(A, axis=0).sum())
-            if not (h and size):
-                continue
-            stack = np.vstack([before, A / h])
-            alone = units * np.linalg.lstsq(stack, stack @ step)[0]
-            self._move(at, kinematics.velocities(alone)[: self.model.nv])
-            missed = [p.matrix @ self._missed(q, way[q.own]) for p, q in tasks]
-            if np.linalg.norm(np.concatenate(missed)) <= MISSED * (size + h * allowed):
-                before, allowed = stack, allowed + size / h
-            else:
-                damping[-1] = float(np.sqrt(h * size))
-        return tuple(damping)
+            if h and size and not any(q.task.damping is not None for *_, q in tasks):
+                stack = np.vstack([before, A / h])
+                alone = units * np.linalg.lstsq(stack, stack @ step)[0]
+                self._move(at, kinematics.velocities(alone))
+                missed = np.concatenate([W @ self._missed(q, way[q.own]) for W, _, q in tasks])
+                if np.linalg.norm(missed) <= MISSED * (size + h * allowed):
+                    before, allowed = stack, allowed + size / h
+                else:
+                    of_rows = S.T @ wanted
+                    force = np.linalg.lstsq((above @ J).T, J.T @ of_rows, _CLEAR)[0]
+                    far[k] = of_rows - above.T @ force
+            above = np.vstack([above, S])
+        if not far:
+            return ()
+        bend, none = self._bend(at, kinematics), np.zeros((0, len(units)))
+        return tuple(
+            _root(bend @ far[k]) / units if k in far else none
+            for k in range(len(hierarchy.asked.levels))
+        )
 
     def _move(self, at: mujoco.MjData, motion: Array) -> None:
-        """Go to the state after a motion (nv,), loops not closed again."""
+        """Go to the state after a motion (N,), loops not closed again."""
         there = self.data
-        there.time, there.qpos[:] = at.time, at.qpos
+        there.time, there.qpos[:], there.eq_active[:] = at.time, at.qpos, at.eq_active
         there.mocap_pos[:], there.mocap_quat[:] = at.mocap_pos, at.mocap_quat
-        mujoco.mj_integratePos(self.model, there.qpos, motion, 1.0)
-        bring_up_to_date(self.model, there)
+        mujoco.mj_integratePos(self.model, there.qpos, motion[: self.model.nv], 1.0)
+        self.reader.read(there)
 
     def _missed(self, part: Part, way: Array) -> Array:
         """Of a way that is a part of the error, what is left of it after the motion."""
         gain = part.task.gain
         return part.located.error(self.model, self.data) - (1.0 - gain) / gain * way
+
+    def _bend(self, at: mujoco.MjData, kinematics: Kinematics) -> Array:
+        """Second derivatives of all rows by the rates in natural units, (n, n, m)."""
+        motions = kinematics.velocities(np.diag(kinematics.rate_units))
+        rows = []
+        for motion in (0.0 * motions[0], *motions):
+            self._move(at, _SMALL * motion)
+            rows.append(self.reader.read(self.data).J_T @ motions.T)
+        return np.transpose((np.array(rows[1:]) - rows[0]) / _SMALL, (0, 2, 1))
+
+
+def _root(S: Array) -> Array:
+    """Rows B with B^T B = |S|, eigenvalues without their sign, without those that are none."""
+    size, V = np.linalg.eigh(0.5 * (S + S.T))
+    size = np.abs(size)
+    kept = size > _CLEAR * size.max(initial=0.0)
+    return np.sqrt(size[kept])[:, None] * V[:, kept].T

@@ -21,8 +21,7 @@ class IkProblem:
         jacobians: At this pose.
         limits: Of all velocities.
         targets: Of each level.
-        damping: Of each level that a step without it would not bring nearer; see
-            :func:`experiments.ik.overshoot.damping_of`.
+        held_back: Further rows of each level; see :class:`experiments.ik.overshoot.Trial`.
     """
 
     system: ConstrainedSystem
@@ -30,7 +29,7 @@ class IkProblem:
     jacobians: Jacobians
     limits: VelocityLimits
     targets: list[Array | list[Array]]
-    damping: tuple[float, ...]
+    held_back: tuple[Array, ...]
 
     @cached_property
     def kinematics(self) -> Kinematics:
@@ -66,13 +65,7 @@ class IkProblem:
 
     def _within(self, limits: RateLimits) -> HierarchySolution:
         there = self.hierarchy.at(self.kinematics, rate_limits=limits.box, rate_rows=limits.rows)
-        if any(self.damping):
-            units = self.kinematics.rate_units
-            there = replace(
-                there,
-                damping=tuple(map(max, there.damping, self.damping)),
-                damping_units=tuple(units if own else None for own in self.damping),
-            )
+        there = replace(there, held_back=self.held_back)
         return there.solve(self.targets)
 
 

@@ -37,7 +37,8 @@ class Hierarchy:
         limiting: Limits of the rates.
         bounds: The same as they were given.
         is_held: Whether the first level's tasks stand still with every actuator locked.
-        damping_units: Of each level, as `units` of :class:`prioritized._mapping.levels.Level`.
+        held_back: Further rows (k, n) of each level, whose products with the rates are to be zero:
+            damping that is not alike in all directions. () is none.
     """
 
     asked: Asked
@@ -48,7 +49,12 @@ class Hierarchy:
     limiting: Limiting
     bounds: Bounds
     is_held: bool
-    damping_units: tuple[Array | None, ...] = ()
+    held_back: tuple[Array, ...] = ()
+
+    @property
+    def is_damped(self) -> bool:
+        """Whether a level is not met as well as it could be."""
+        return any(self.damping) or any(map(len, self.held_back))
 
     def __call__(self, targets: Targets) -> Array:
         """Optimal rates, shape (n,)."""
@@ -133,7 +139,7 @@ class Hierarchy:
 
     def undamped(self, targets: CheckedTargets) -> HierarchySolution:
         """The solution without damping, of targets that were checked."""
-        return replace(self, damping=(0.0,) * len(self.damping))._solved(targets, None)
+        return replace(self, damping=(0.0,) * len(self.damping), held_back=())._solved(targets, None)
 
     def _solved(self, targets: CheckedTargets, start: Point | None) -> HierarchySolution:
         blocks = map(_block, self.asked.levels, self._damped, targets)
@@ -156,17 +162,20 @@ class Hierarchy:
     @cached_property
     def _damped(self) -> Sequence[tuple[Array, float]]:
         """The weighted rows of each level, and those that damp it."""
+        decided = self.decided
+        if self.held_back:
+            pairs = zip(decided, self.held_back, strict=True)
+            decided = [(np.vstack([A, B]), float(np.hypot(size, norm(B)))) for (A, size), B in pairs]
         if not any(self.damping):
-            return self.decided
+            return decided
         levels = [Level(self.constraint, none((len(self.constraint), 1)), norm(self.constraint))]
-        units = self.damping_units or (None,) * len(self.damping)
-        for parts, (A, size), *damping in zip(
-            self.asked.levels, self.decided, self.damping, units, strict=True
+        for parts, (A, size), damping in zip(
+            self.asked.levels, decided, self.damping, strict=True
         ):
             # Before an interval is at one of its ends it determines nothing.
             rows = A[:0] if parts[0].interval else A
-            levels.append(Level(rows, none((len(rows), 1)), size, *damping))
-        pairs = zip(self.decided, damped(levels, RANK_TOLERANCE)[1:], strict=True)
+            levels.append(Level(rows, none((len(rows), 1)), size, damping))
+        pairs = zip(decided, damped(levels, RANK_TOLERANCE)[1:], strict=True)
         return [(each.A if each.A.size else A, size) for (A, size), each in pairs]
 
 

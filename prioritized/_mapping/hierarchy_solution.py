@@ -28,7 +28,7 @@ class Hierarchy(Protocol):
     @property
     def asked(self) -> Asked: ...
     @property
-    def damping(self) -> tuple[float, ...]: ...
+    def is_damped(self) -> bool: ...
     @property
     def J(self) -> Array: ...
     @property
@@ -108,7 +108,7 @@ class HierarchySolution:
     @cached_property
     def _undamped(self) -> "HierarchySolution":
         """The solution without any damping."""
-        return self.hierarchy.undamped(self.targets) if any(self.hierarchy.damping) else self
+        return self.hierarchy.undamped(self.targets) if self.hierarchy.is_damped else self
 
     @cached_property
     def status(self) -> Status:

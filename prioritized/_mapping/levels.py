@@ -19,15 +19,12 @@ class Level(NamedTuple):
         target: Shape (..., k, p).
         scale: Size of the matrices that A was made from, shape (...); ranks are decided against it.
         damping: Tikhonov damping of this level alone, in units of A's singular values.
-        units: Of the unknowns (n,), where the square of the damping is less by half of that of each
-            singular value in these units, so that what is clearly met is not damped; or None.
     """
 
     A: Array
     target: Array
     scale: Array | float
     damping: float = 0.0
-    units: Array | None = None
 
 
 def lexicographic(levels: Sequence[Level], tolerance: float) -> tuple[Array, list[RankedSvd]]:
@@ -93,24 +90,15 @@ def damped(levels: Sequence[Level], tolerance: float) -> list[Level]:
     """
     free, plain = np.eye(levels[0].A.shape[-1]), []
     for level in levels:
-        decided, before = ranked_svd(level.A @ free, level.scale, tolerance), free
+        decided = ranked_svd(level.A @ free, level.scale, tolerance)
         free = free @ decided.null_projector()
         if level.damping:
-            rows = level.damping * decided.Vt * decided.kept[..., None]
-            if level.units is not None:
-                rows = _faint(level, level.units, before, tolerance)
-            nothing = np.zeros((rows.shape[-2], level.target.shape[-1]))
-            A, target = stack(level.A, rows), stack(level.target, nothing)
+            V = decided.Vt * decided.kept[..., None]
+            nothing = np.zeros((V.shape[-2], level.target.shape[-1]))
+            A, target = stack(level.A, level.damping * V), stack(level.target, nothing)
             level = Level(A, target, level.scale)
         plain.append(level)
     return plain
-
-
-def _faint(level: Level, units: Array, free: Array, tolerance: float) -> Array:
-    """Rows that damp directions of small singular values, in these units."""
-    decided = ranked_svd(level.A @ free * units, frobenius(level.A * units), tolerance)
-    square = np.maximum(level.damping**2 - 0.5 * decided.sigma**2, 0.0) * decided.kept
-    return (np.sqrt(square)[..., None] * decided.Vt / units) @ free
 
 
 class Forces(NamedTuple):
