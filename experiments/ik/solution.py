@@ -11,6 +11,10 @@ from sim import Array, Jacobians
 from sim.mjcf.model import listed
 
 
+_LEAST = 1e-2
+"""Damping of levels from the first one on that is held back, per size of their rows."""
+
+
 @dataclass(frozen=True, eq=False)
 class IkProblem:
     """What is asked for at one state, solved with all its findings when it is asked for.
@@ -65,7 +69,12 @@ class IkProblem:
 
     def _within(self, limits: RateLimits) -> HierarchySolution:
         there = self.hierarchy.at(self.kinematics, rate_limits=limits.box, rate_rows=limits.rows)
-        there = replace(there, held_back=self.held_back)
+        if self.held_back:
+            # Differences leave no null space exact: what is lost by round-off is not divided by.
+            first = [len(B) > 0 for B in self.held_back].index(True)
+            least = [_LEAST * size * (k >= first) for k, (_, size) in enumerate(there.decided)]
+            damping = tuple(map(max, there.damping, least))
+            there = replace(there, held_back=self.held_back, damping=damping)
         return there.solve(self.targets)
 
 
