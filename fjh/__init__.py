@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from prioritized import force_mapping as force_mapping
     from prioritized import velocity_mapping as velocity_mapping
     from sim import MODELS as MODELS
+    from sim import Body as Body
     from sim import CenterOfMassTask as CenterOfMassTask
     from sim import DampingTask as DampingTask
     from sim import Distances as Distances
@@ -66,7 +67,7 @@ _NAMES = {
         *("failure_atlas", "force_mapping", "velocity_mapping"),
     ),
     "fjh.sim": (
-        *("MODELS", "Distances", "Failure", "Plant", "Pose"),
+        *("MODELS", "Body", "Distances", "Failure", "Plant", "Pose"),
         *("CenterOfMassTask", "DampingTask", "FrameTask", "JointCouplingTask", "LookAtTask"),
         *("PostureTask", "RelativeFrameTask"),
         *("advance", "assemble", "jacobians", "load_model", "pose_of"),

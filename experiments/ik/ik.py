@@ -51,8 +51,8 @@ class Ik:
             model: Any model.
             tasks: Of each level a task, or a list of tasks that are weighed against each other.
             limits: None is `Limits()`: the ranges that the model states.
-            active: Velocities that are variables though they have no actuator, as for
-                :func:`sim.jacobians`: the base of a robot that walks.
+            active: Joints that are variables though they have no actuator, by name or number, as
+                for :func:`sim.jacobians`: the base of a robot that walks.
             pinned: Frames that stay where they are, as for :func:`sim.jacobians`: feet that stand.
 
         Raises:
@@ -131,8 +131,10 @@ class Ik:
         and its `time` says how far it came. What the step misses of the targets is left to the
         next tick.
         """
-        stuck, taken = self._system.stuck, check.series("qvel", qvel).copy()
+        stuck = self._system.stuck
+        taken = check.exactly("qvel", qvel, self._model.nv).copy()
         taken[stuck[stuck < len(taken)]] = 0.0
+        check.finite("qvel times dt", taken * check.positive("dt", dt))
         rest = {"held": stuck.tolist(), "pinned": self._pinned}
         moved = advance(self._model, data, taken, dt, **rest, warn_of_misses=False, into=into)
         moved.qvel[:] = taken
@@ -144,13 +146,14 @@ class Ik:
         self._hierarchy = actuated.hierarchy(self._asked)
         self._tick = self._hierarchy.tick(actuated)
         self._targets = self._levels.targets(actuated)
-        self._trial = Trial(self._model, *self._there, self._targets)
+        self._trial = Trial(self._model, *self._there, self._targets, system)
         asked, units = self._targets.of_rows(), system.geometry.velocity_units
         self._rows = asked, 1.0 / system.geometry.task_units[: len(asked)], 1.0 / units
         self._scale = np.outer(self._rows[1], units)
 
     def _asked_at(self, data: mujoco.MjData, period_s: float) -> tuple[VelocityLimits, Array]:
         """Limits of all velocities at a state that is up to date, and what the tasks ask for."""
+        check.finite("data.qvel", data.qvel)
         limits = self._limits.at(data, period_s, self._anywhere)
         return limits, self._targets.at(data, period_s)
 

@@ -5,7 +5,6 @@ from typing import NamedTuple
 
 import mujoco
 import numpy as np
-from numpy.typing import ArrayLike
 
 import argument_checks as check
 from argument_checks import Indices
@@ -71,13 +70,13 @@ class Levels(NamedTuple):
                 if isinstance(place, LocatedRates):
                     rates = np.zeros(len(of_rates))
                     natural = 1.0 / of_rates[place.velocities]
-                    rates[place.velocities] = natural if is_natural else _weight(task)
+                    rates[place.velocities] = natural if is_natural else _weight(task, len(natural))
                     W = np.diag(rates[system.active])
                     level.append(Task(None, W[W.any(axis=1)], damping=task.damping or 0.0))
                     continue
                 rows = slice(first, first + len(place.angular))
                 natural = 1.0 / of_rows[rows]
-                W = natural if is_natural else np.broadcast_to(_weight(task), natural.shape)
+                W = natural if is_natural else _weight(task, len(natural))
                 level.append(Task(rows, W, damping=task.damping or 0.0))
                 first = rows.stop
             levels.append(level)
@@ -143,17 +142,18 @@ class Targets(NamedTuple):
         """Those at a state, one task after the other, shape (t,).
 
         Raises:
-            ValueError: An error of another shape than the task says, or as that raises.
+            ValueError: An error that is not what the task says, not finite, or as that raises.
         """
         asked = np.zeros(self.size)
         for level in self.levels:
             for task, located, size, rows, among, _ in level:
-                velocity = task.gain / period_s * located.error(self.model, data)
-                if np.shape(velocity) != (size,):
-                    error = check.shown(velocity)
-                    raise ValueError(f"the error of {task} must be {size} numbers, got {error}")
+                error = located.error(self.model, data)
+                is_plain = check.is_plain(error) and error.shape == (size,)
+                if not (is_plain and check.is_moderate(error)):  # of a user's own task
+                    error = check.exactly(f"the error of {check.shown(task)}", error, size)
+                velocity = task.gain / period_s * error
                 asked[rows] = velocity if among is None else velocity[among]
-        return asked
+        return check.finite("what the errors of the tasks ask for in dt", asked)
 
     def of_rows(self) -> Indices:
         """Where those of each row of J_T are among them, shape (m,)."""
@@ -169,5 +169,10 @@ class Targets(NamedTuple):
 _NO_ROWS = np.zeros(0, dtype=np.intp)
 
 
-def _weight(task: TaskFunction) -> ArrayLike:
-    return 1.0 if task.weight is None else task.weight
+def _weight(task: TaskFunction, size: int) -> Array:
+    """Of each row, shape (k,)."""
+    weight = np.asarray(1.0 if task.weight is None else task.weight)
+    if weight.ndim and len(weight) != size:
+        task_named = check.shown(task)
+        raise ValueError(f"weight of {task_named} must be one number or {size}, got {len(weight)}")
+    return np.broadcast_to(weight, (size,))

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from experiments.ik.levels import Part, Targets
-from prioritized import Hierarchy, Kinematics
+from prioritized import ConstrainedSystem, Hierarchy, Kinematics
 from sim import Array, JacobianReader
 
 MISSED = 0.5
@@ -25,12 +25,14 @@ class Trial(NamedTuple):
         reader: Of its Jacobians, loops closed or not.
         data: The state; overwritten.
         targets: Of all tasks.
+        system: The robot at any pose, with its failures.
     """
 
     model: mujoco.MjModel
     reader: JacobianReader
     data: mujoco.MjData
     targets: Targets
+    system: ConstrainedSystem
 
     def held_back(
         self,
@@ -84,11 +86,14 @@ class Trial(NamedTuple):
             above = np.vstack([above, S])
         if not far:
             return ()
-        bend, none = self._bend(at, kinematics), np.zeros((0, len(units)))
-        return tuple(
-            _root(bend @ far[k]) / units if k in far else none
-            for k in range(len(hierarchy.asked.levels))
+        bend, rows = (
+            self._bend(at, kinematics),
+            [np.zeros((0, len(units)))] * len(self.targets.levels),
         )
+        for k, of_rows in far.items():
+            least = _CLEAR * float(np.linalg.norm(J) * np.linalg.norm(of_rows))
+            rows[k] = _root(bend @ of_rows, least) / units
+        return tuple(rows) if any(map(len, rows)) else ()
 
     def _move(self, at: mujoco.MjData, motion: Array) -> None:
         """Go to the state after a motion (N,), loops not closed again."""
@@ -105,17 +110,24 @@ class Trial(NamedTuple):
 
     def _bend(self, at: mujoco.MjData, kinematics: Kinematics) -> Array:
         """Second derivatives of all rows by the rates in natural units, (n, n, m)."""
-        motions = kinematics.velocities(np.diag(kinematics.rate_units))
+        motions, loops = (
+            kinematics.velocities(np.diag(kinematics.rate_units)),
+            kinematics.system.joints.moving,
+        )
         rows = []
         for motion in (0.0 * motions[0], *motions):
             self._move(at, _SMALL * motion)
-            rows.append(self.reader.read(self.data).J_T @ motions.T)
+            if len(loops):  # passive joints follow otherwise, too
+                there = self.system.at_pose(self.reader.at(self.data)).kinematics()
+                rows.append(there.J * kinematics.rate_units)
+            else:
+                rows.append(self.reader.read(self.data).J_T @ motions.T)
         return np.transpose((np.array(rows[1:]) - rows[0]) / _SMALL, (0, 2, 1))
 
 
-def _root(S: Array) -> Array:
-    """Rows B with B^T B = |S|, eigenvalues without their sign, without those that are none."""
+def _root(S: Array, least: float) -> Array:
+    """Rows B with B^T B = |S|, of eigenvalues without their sign that are clearly not zero."""
     size, V = np.linalg.eigh(0.5 * (S + S.T))
     size = np.abs(size)
-    kept = size > _CLEAR * size.max(initial=0.0)
+    kept = size > least
     return np.sqrt(size[kept])[:, None] * V[:, kept].T

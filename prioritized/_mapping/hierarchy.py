@@ -139,7 +139,9 @@ class Hierarchy:
 
     def undamped(self, targets: CheckedTargets) -> HierarchySolution:
         """The solution without damping, of targets that were checked."""
-        return replace(self, damping=(0.0,) * len(self.damping), held_back=())._solved(targets, None)
+        return replace(self, damping=(0.0,) * len(self.damping), held_back=())._solved(
+            targets, None
+        )
 
     def _solved(self, targets: CheckedTargets, start: Point | None) -> HierarchySolution:
         blocks = map(_block, self.asked.levels, self._damped, targets)
@@ -165,13 +167,13 @@ class Hierarchy:
         decided = self.decided
         if self.held_back:
             pairs = zip(decided, self.held_back, strict=True)
-            decided = [(np.vstack([A, B]), float(np.hypot(size, norm(B)))) for (A, size), B in pairs]
+            decided = [
+                (np.vstack([A, B]), float(np.hypot(size, norm(B)))) for (A, size), B in pairs
+            ]
         if not any(self.damping):
             return decided
         levels = [Level(self.constraint, none((len(self.constraint), 1)), norm(self.constraint))]
-        for parts, (A, size), damping in zip(
-            self.asked.levels, decided, self.damping, strict=True
-        ):
+        for parts, (A, size), damping in zip(self.asked.levels, decided, self.damping, strict=True):
             # Before an interval is at one of its ends it determines nothing.
             rows = A[:0] if parts[0].interval else A
             levels.append(Level(rows, none((len(rows), 1)), size, damping))

@@ -18,10 +18,10 @@ class Status(Enum):
     """How well a mapping meets the major task; the value says what to do about it."""
 
     EXACT = "the major task is met exactly"
-    DAMPED = "damping makes the major task inexact: see residual(), or set damping=0"
+    DAMPED = "damping makes the major task inexact: see the residual, or set damping=0"
     LEAST_SQUARES = (
-        "part of the major task is out of reach and is met in the least-squares sense of the "
-        "major_metric: see residual(), drop major rows, or restore an actuator"
+        "part of the major task is out of reach and is met in the least-squares sense: "
+        "see the residual, drop major rows, or restore an actuator"
     )
     SELF_MOTION = (
         "the major task can move with every actuator locked, so no mapping can hold it: brake a "
@@ -32,8 +32,8 @@ class Status(Enum):
         "drop major rows, or move away from the singularity"
     )
     LIMITED = (
-        "limits hold the major task back, which is met in the least-squares sense of the "
-        "major_metric: see residual and active_limits, ask for less, or widen these limits"
+        "limits hold the major task back, which is met in the least-squares sense: "
+        "see the residual and active_limits, ask for less, or widen these limits"
     )
     SCALED = (
         "limits hold the major task back, whose direction is kept: see scale and active_limits, "

@@ -102,7 +102,7 @@ def advance(
     moved.time += part * duration_s
     if why:
         warnings.warn(
-            f"the step is shortened to {part:.3g} of velocity times duration_s, else {why}",
+            f"the step is shortened to {part:.3g} of what is asked for, else {why}",
             RuntimeWarning,
             stacklevel=2,
         )
@@ -180,7 +180,7 @@ def _longest_part(
         mujoco.mj_fwdPosition(model, data)
         if not trial and _opens(model, data, goal, step, accuracy):
             break
-    raise ValueError(f"velocity must keep the loops closed: however short the step, {why}")
+    raise ValueError(f"the velocity must keep the loops closed: however short the step, {why}")
 
 
 def _turned(model: mujoco.MjModel, motion: Array) -> tuple[float, str]:

@@ -66,8 +66,8 @@ def jacobians(
         closure_tolerance: Largest gap of a closure, [m] or [rad]. Up to 1 mm a gap changes the
             Jacobians by no more than its own size; infinity takes any.
         active: Velocities that are variables though they have no actuator, as those of the base of
-            a robot that walks: names of joints, which mean all their velocities, or velocity
-            indices; True is every one without an actuator. They follow the others in `active`.
+            a robot that walks: names or numbers of joints, which mean all their velocities; True is
+            every one without an actuator. They follow the others in `active`.
 
     Raises:
         ClosureError: A closure is open farther than the tolerance.

@@ -62,20 +62,18 @@ def variables_of(
 
     Raises:
         ModelError: A joint that does not exist, with the nearest that does.
-        ValueError: An index out of range.
+        ValueError: A number out of range.
         TypeError: Something of another kind.
     """
     if isinstance(active, bool):
         return None if active else np.zeros(0, dtype=np.intp)
     found = set[int]()
     for item in check.members("active", active, str, int, np.integer):
-        if isinstance(item, str):
-            joint = element_id(model, "joint", item)
-            found |= set(np.flatnonzero(model.dof_jntid == joint).tolist())
-        elif (velocity := check.index("active", item)) < model.nv:
-            found.add(velocity)
-        else:
-            raise ValueError(f"active must lie in 0..{model.nv - 1}, got {velocity}")
+        is_name = isinstance(item, str)
+        joint = element_id(model, "joint", item) if is_name else check.index("active", item)
+        if joint >= model.njnt:
+            raise ValueError(f"active must have numbers of joints below {model.njnt}, got {joint}")
+        found |= set(np.flatnonzero(model.dof_jntid == joint).tolist())
     return np.array(sorted(found), dtype=np.intp)
 
 

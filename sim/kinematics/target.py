@@ -38,6 +38,12 @@ def target_pose(name: str, target: Target) -> Pose | Array:
         return Pose(rotation_of(f"the quaternion of {name}", quat_wxyz), position_m)
     given: Any = target  # pyright knows no classes of scipy
     A = check.real(name, given.as_matrix() if isinstance(given, RigidTransform) else given)
-    if A.ndim == 1:
-        return check.frozen(check.exactly(name, A, 3))
-    return Pose(*rigid_motion(name, check.exactly(name, A, 4, 4)))
+    if A.shape == (3,):
+        return check.frozen(A)
+    if A.shape != (4, 4):
+        turn = ": a rotation R alone is Pose(R, position)" if A.shape == (3, 3) else ""
+        raise ValueError(
+            f"{name} must be a position (3,), a Pose, a matrix (4, 4), a pair of position and "
+            f"quaternion or a RigidTransform, got shape {A.shape}{turn}"
+        )
+    return Pose(*rigid_motion(name, A))

@@ -98,6 +98,9 @@ class LocatedGaze(NamedTuple):
         """Overwrite an array (2, nv) by it."""
         twist = self.frame.jacobian(model, data)
         across = self.frame.rotation(data) @ self.across
+        if self.task.target is None:  # as far away as can be
+            out[:] = across.T @ twist[:3]
+            return
         direction, distance = self._sight(data)
         if distance < _NEAREST_M:
             out[:] = across.T @ twist[:3]

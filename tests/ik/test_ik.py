@@ -27,6 +27,7 @@ from sim import (
     RelativeFrameTask,
     TaskFunction,
     assemble,
+    jacobians,
     load_model,
     pose_of,
 )
@@ -304,21 +305,145 @@ def test_near_a_singular_pose_damping_bounds_the_rates_and_says_what_it_costs(be
     assert answer.status is Status.DAMPED and f"level 1 {lost:.2g}" in str(answer)
 
 
-def test_before_a_target_out_of_reach_a_level_that_is_damped_comes_to_rest():
+def test_before_a_target_out_of_reach_a_hand_comes_to_rest_unless_its_damping_is_none_at_all():
     """Without damping the arm, at its stretch, swings at the limit of its joints."""
     speeds = {}
-    for damped in (True, False):
+    for damping in (None, 0.0):
         data, hand = assemble(HUMANOID), FrameTask("right_hand", rows=[3, 4, 5], weight=1.0)
         hand.gain = 0.3
         hand.target = np.add(pose_of(HUMANOID, data, "right_hand").translation_m, [0.6, 0.0, 0.3])
-        level = [hand, DampingTask(weight=0.1)] if damped else [hand]
+        hand.damping = damping
         pins = [Pin(foot, weld=True) for foot in FEET]
         com = CenterOfMassTask(rows=[0, 1], target=data.subtree_com[0])
-        ik = Ik(HUMANOID, [com, level], Limits(velocity=3.0), pinned=pins)
+        ik = Ik(HUMANOID, [com, hand], Limits(velocity=3.0), pinned=pins)
         for _ in range(150):
             data = ik.advance(data, ik.step(data, 0.02), 0.02)
-        speeds[damped] = np.abs(data.qvel).max()
-    assert speeds[True] < 0.3 < 1.0 < speeds[False]
+        speeds[damping] = np.abs(data.qvel).max()
+    assert speeds[None] < 0.3 < 1.0 < speeds[0.0]
+
+
+def three_links(*, bent: bool = True) -> tuple[mujoco.MjModel, mujoco.MjData]:
+    """A planar arm with a reach of 0.9 m, whose joints are at zero where it is stretched along x."""
+    link = """<body pos="{} 0 0"><joint name="{}" axis="0 1 0"/>
+        <geom type="capsule" fromto="0 0 0 0.3 0 0" size="0.02"/>"""
+    links = "".join(map(link.format, (0, 0.3, 0.3), "abc"))
+    motors = "".join(f'<position joint="{joint}"/>' for joint in "abc")
+    model = mujoco.MjModel.from_xml_string(
+        f"""<mujoco><worldbody>{links}<site name="tip" pos="0.3 0 0"/></body></body></body>
+        </worldbody><actuator>{motors}</actuator></mujoco>"""
+    )
+    data = mujoco.MjData(model)
+    data.qpos[:] = (-0.3, 0.6, -0.3) if bent else 0.0
+    mujoco.mj_forward(model, data)
+    return model, data
+
+
+def rested(ik: Ik, data: mujoco.MjData, ticks: int) -> float:
+    """The largest rate of the last ticks."""
+    fastest = 0.0
+    for k in range(ticks):
+        ik.advance(data, ik.step(data, DT), DT, into=data)
+        if k >= ticks - 20:
+            fastest = max(fastest, float(np.abs(data.qvel).max()))
+    return fastest
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    "limits", [FREELY, Limits(velocity=2.0), Limits(velocity=2.0, acceleration=20.0)]
+)
+@pytest.mark.parametrize("gain", [0.2, 1.0])
+@pytest.mark.parametrize("distance", [1.0, 1.8, 9.0])
+@pytest.mark.parametrize("level", ["alone", "with damping", "before a posture"])
+def test_out_of_reach_an_arm_rests_at_the_nearest_point(level, distance, gain, limits):
+    """However far, at any gain: stretched towards the target."""
+    model, data = three_links()
+    target = distance * np.array([0.6, 0.0, -0.8])
+    tip = FrameTask("tip", rows=[3, 5], target=target, gain=gain)
+    posture = PostureTask(target=data.qpos.copy(), gain=gain)
+    rest = DampingTask(weight=0.1)
+    levels = {"alone": [tip], "with damping": [[tip, rest]], "before a posture": [tip, posture]}
+    assert rested(Ik(model, levels[level], limits), data, 300) < 1e-3
+    np.testing.assert_allclose(data.site("tip").xpos, 0.9 * target / distance, atol=1e-4)
+
+
+def test_what_is_out_of_reach_costs_the_levels_before_and_after_it_nothing():
+    """The height first, exactly; the distance as far as it goes; and the roll, which both leave."""
+    model, data = three_links()
+    height = FrameTask("tip", rows=[5], target=[0.0, 0.0, 0.5])
+    far = FrameTask("tip", rows=[3], target=[4.0, 0.0, 0.0])
+    assert rested(Ik(model, [height, far], Limits(velocity=2.0)), data, 100) < 1e-3
+    np.testing.assert_allclose(data.site("tip").xpos, [np.sqrt(0.81 - 0.25), 0, 0.5], atol=1e-6)
+    data, wrist = assemble(ARM), PostureTask(joints=["joint7"], target=np.full(7, 0.4))
+    hand = FrameTask("payload", rows=[3, 4, 5], target=[3.0, 0.0, 1.0])
+    assert rested(Ik(ARM, [hand, wrist], Limits(velocity=2.0)), data, 150) < 1e-3
+    assert abs(data.qpos[6] - 0.4) < 1e-6
+
+
+@pytest.mark.parametrize("model, frame", [(ARM, "payload"), (MOBILE, "tool"), (ARMS, "payload")])
+def test_near_a_target_that_can_be_reached_nothing_is_damped_to_the_bit(model, frame):
+    data, steps = bent(model, 3, 0.1), []
+    for damping in (None, 0.0):
+        goal = shifted(pose_of(model, data, frame), 0.004, -0.003, 0.005)
+        task = FrameTask(frame, rows=[3, 4, 5], target=goal, damping=damping)
+        steps.append(Ik(model, [task], Limits(velocity=3.0)).step(data, DT))
+    np.testing.assert_array_equal(*steps)
+
+
+@pytest.mark.parametrize(
+    "make, way",
+    [
+        (lambda data: FrameTask("tip", rows=[3], target=data.site("tip").xpos + 0.01), 0.01),
+        (lambda data: CenterOfMassTask(rows=[0], target=data.subtree_com[0] + 0.01), 0.01),
+        (
+            lambda data: RelativeFrameTask(
+                "tip", Body("world"), rows=[3], target=data.site("tip").xpos + 0.01
+            ),
+            0.01,
+        ),
+    ],
+)
+def test_a_task_whose_rows_vanish_where_all_joints_are_zero_is_judged_where_the_robot_stands(
+    make, way
+):
+    """By numpy from rows apart; at the stretch itself a status; without a motion a refusal."""
+    model, data = three_links()
+    task = make(data)
+    A, _ = rows(model, data, task)
+    found = Ik(model, [task], FREELY).step(data, DT)
+    np.testing.assert_allclose(found, np.linalg.pinv(A)[:, 0] * way / DT, rtol=1e-6, atol=1e-9)
+    stretched = three_links(bent=False)[1]
+    assert Ik(model, [task], FREELY).solve(stretched, DT).status is Status.LEAST_SQUARES
+    assert not jacobians(model, stretched, task).J_T.any()
+    with pytest.raises(ModelError, match="no actuator moves"):
+        Ik(model, [FrameTask("tip", rows=[4], target=np.zeros(3))])
+
+
+@pytest.mark.parametrize(
+    "task, name, value",
+    [
+        (FrameTask("payload"), "weight", 2.0),
+        (FrameTask("payload"), "damping", 0.1),
+        (FrameTask("payload"), "rows", [3]),
+        (FrameTask("payload"), "frame", Body("link3")),
+        (FrameTask("payload"), "axes", "base"),
+        (RelativeFrameTask("payload", "base"), "root", Body("link3")),
+        (CenterOfMassTask(), "body", "link3"),
+        (PostureTask(), "joints", ["joint1"]),
+        (DampingTask(), "joints", ["joint1"]),
+        (LookAtTask("payload", [0, 0, 1]), "axis", [1, 0, 0]),
+        (JointCouplingTask({"joint1": 1.0}), "coefficients", {"joint2": 1.0}),
+    ],
+)
+def test_what_an_ik_has_looked_up_of_a_task_cannot_be_set_any_more(task, name, value):
+    """Before it may be, checked; the gain at any time."""
+    with pytest.raises((TypeError, ValueError), match=name):
+        setattr(task, name, WRONG if name in ("weight", "damping", "coefficients") else 3.5)
+    setattr(task, name, value)
+    Ik(ARM, [task])
+    with pytest.raises(AttributeError, match=f"{name} of .* is fixed .* another Ik"):
+        setattr(task, name, value)
+    task.gain = 0.5
 
 
 def test_the_same_question_has_the_same_answer_to_the_bit_whatever_came_before():
@@ -419,6 +544,36 @@ def test_a_state_in_which_the_loop_goes_on_is_the_same_as_one_after_another():
             ValueError,
             "data",
         ),
+        (
+            lambda: Ik(ARM, [[FrameTask("payload", weight=[1, 2]), PostureTask()]]),
+            ValueError,
+            r"weight of FrameTask\(.* must be one number or 6, got 2",
+        ),
+        (
+            lambda: Ik(ARM, [PostureTask(weight=[1, 2])]),
+            ValueError,
+            r"weight of PostureTask\(.* must be one number or 7, got 2",
+        ),
+        (
+            lambda: Ik(ARM, [PostureTask()]).advance(assemble(ARM), np.zeros(7), -1.0),
+            ValueError,
+            "^dt must be positive",
+        ),
+        (
+            lambda: Ik(ARM, [PostureTask()]).advance(assemble(ARM), np.full(7, 1e99), 1e99),
+            ValueError,
+            "^qvel times dt must be smaller",
+        ),
+        (
+            lambda: FrameTask("payload", target=np.eye(3)),
+            ValueError,
+            r"target must be a position .* got shape \(3, 3\): a rotation R alone is Pose",
+        ),
+        (
+            lambda: Ik(QUADRUPED, [FrameTask("trunk")], active=[QUADRUPED.njnt]),
+            ValueError,
+            "active must have numbers of joints below",
+        ),
         (lambda: Limits(velocity=-1.0), ValueError, "velocity must be positive"),
         (lambda: Limits(velocity={"joint1": np.nan}), ValueError, "velocity"),
         (lambda: Limits(ranges=WRONG), TypeError, "ranges must be True or False"),
@@ -433,6 +588,24 @@ def test_a_wrong_argument_is_refused_in_one_sentence(call, error, words):
     with pytest.raises(error, match=words) as refused:
         call()
     assert "\n" not in str(refused.value)
+
+
+def test_a_velocity_of_another_length_leaves_the_state_as_it_was():
+    data = bent(ARM, 1)
+    before = data.qpos.copy()
+    with pytest.raises(ValueError, match=r"qvel must be 7 finite numbers, got shape \(8,\)"):
+        Ik(ARM, [PostureTask()]).advance(data, np.ones(8), DT, into=data)
+    np.testing.assert_array_equal(data.qpos, before)
+    assert not data.time
+
+
+def test_numbers_in_active_are_those_of_joints():
+    tasks, data = [FrameTask("trunk", target=np.ones(3))], assemble(QUADRUPED)
+    by_name, by_number = (
+        Ik(QUADRUPED, tasks, active=[root]).step(data, DT)
+        for root in ("root", QUADRUPED.joint("root").id)
+    )
+    np.testing.assert_array_equal(by_name, by_number)
 
 
 def test_one_task_twice_is_refused():
@@ -486,6 +659,45 @@ def test_a_task_of_a_users_own_is_met_like_any_other():
         data = ik.advance(data, ik.step(data, DT), DT)
     way = data.site("left_hand").xpos - data.site("right_hand").xpos
     assert abs(np.linalg.norm(way) - 0.25) < 1e-9
+
+
+@dataclass(eq=False)
+class Said(TaskFunction):
+    """Of an arm, whatever error and Jacobian it is given."""
+
+    says: Any = None
+    frames: tuple = ()
+    angular: tuple[bool, ...] = (False,)
+
+    def on(self, model: mujoco.MjModel) -> "Said":
+        """As :meth:`TaskFunction.on`."""
+        return self
+
+    def error(self, model, data):
+        """As it is given."""
+        return self.says[0]
+
+    def jacobian(self, model, data):
+        """As it is given."""
+        return self.says[1]
+
+
+ONES = np.ones((1, 7))
+MASKED, COMPLEX = (np.ma.masked_array([1.0], [True]), ONES * 1j)
+
+
+def test_a_list_is_as_good_as_an_array_from_a_task_of_a_users_own():
+    found = Ik(ARM, [Said(says=([0.7], ONES.tolist()))], FREELY).step(assemble(ARM), DT)
+    np.testing.assert_allclose(found, 0.7 / DT / 7)
+
+
+@pytest.mark.parametrize("wrong", [MASKED, COMPLEX, None, "near", [np.nan], [1.0, 2.0], [None]])
+@pytest.mark.parametrize("what", ["error", "Jacobian"])
+def test_what_a_users_own_task_says_that_is_no_row_of_numbers_is_refused(what, wrong):
+    says = (wrong, ONES) if what == "error" else ([0.1], wrong)
+    with pytest.raises(ValueError, match=f"the {what} of Said.* must (be|hold|have)") as refused:
+        Ik(ARM, [Said(says=says)]).step(assemble(ARM), DT)
+    assert "\n" not in str(refused.value)
 
 
 @pytest.mark.parametrize("wrong", [{"rows": 2}, {"target": np.nan}, {"target": "near"}])

@@ -171,7 +171,7 @@ def test_a_solution_says_its_status_its_active_limits_and_what_damping_costs():
     limits = (-2.0, np.array([9.0, 9.0, 0.5]))
     found = kin.hierarchy(levels, rate_limits=limits).solve([[1.01], [0.7]])
     assert str(found) == (
-        "Damping makes the major task inexact: see residual(), or set damping=0. "
+        "Damping makes the major task inexact: see the residual, or set damping=0. "
         "At the upper limit: actuator 2. Damping costs level 1 0.01."
     )
     plain = kin.hierarchy([Task([1]), Task([2])]).solve([[1.0], [0.7]])
