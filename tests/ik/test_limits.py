@@ -229,3 +229,174 @@ def test_near_geoms_of_the_mobile_base_keep_away_while_the_tool_goes_home():
     for _ in range(80):
         data = ik.advance(data, ik.step(data, DT), DT)
         assert distances_of(MOBILE, data.qpos, distances.geom_pairs, 0.2).min() > 0.05 - 1e-6
+
+
+def cart(scale: float = 1.0) -> mujoco.MjModel:
+    """A ball before a wall on the right and a post, in metres times a scale."""
+    return mujoco.MjModel.from_xml_string(
+        f"""<mujoco><worldbody><geom name="wall" type="plane" pos="{scale} 0 0" zaxis="-1 0 0"
+        size="1 1 .1"/><geom name="post" size="{0.05 * scale}" pos="0 {0.8 * scale} 0"/><body>
+        <joint name="x" type="slide" axis="1 0 0"/><joint name="y" type="slide" axis="0 1 0"/>
+        <geom name="ball" size="{0.1 * scale}"/><site name="tip"/></body></worldbody>
+        <actuator><motor joint="x"/><motor joint="y"/></actuator></mujoco>"""
+    )
+
+
+@pytest.mark.parametrize("detection", [0.03, 0.5])
+@pytest.mark.parametrize(("scale", "dt"), [(1.0, 0.002), (1.0, 0.05), (1000.0, 0.01)])
+def test_before_a_wall_a_cart_brakes_as_it_may_and_stops_at_the_margin(scale, dt, detection):
+    """Past a post, in any units, and from however near the wall is seen."""
+    model = cart(scale)
+    data, speed, hard, margin = mujoco.MjData(model), 1.0 * scale, 2.0 * scale, 0.02 * scale
+    distances = Distances(model, margin_m=margin, detection_m=min(detection * scale, 100.0))
+    task = FrameTask("tip", rows=[3, 4], target=[3.0 * scale, 0.9 * scale, 0.0])
+    ik = Ik(model, [task], Limits(velocity=speed, acceleration=hard, distances=distances))
+    before = np.zeros(2)
+    for _ in range(round(4.0 / dt)):
+        qvel = ik.step(data, dt)
+        assert (np.abs(qvel - before) <= hard * dt * (1 + 1e-9)).all()
+        before = np.array(qvel)
+        data = ik.advance(data, qvel, dt, into=data)
+        assert distances_of(model, data.qpos, distances.geom_pairs, scale).min() > margin - 1e-6
+    assert scale - data.qpos[0] - 0.1 * scale == pytest.approx(margin, rel=0.05)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_no_joint_brakes_harder_than_it_may_among_obstacles(seed):
+    """Random arms, periods and accelerations; distances by MuJoCo."""
+    rng = np.random.default_rng(seed)
+    model, dt, hard = arm_among(8, rng), 10.0 ** rng.uniform(-2.5, -1.3), rng.uniform(1.0, 10.0)
+    data, distances = mujoco.MjData(model), Distances(model, margin_m=0.01, detection_m=0.05)
+    allowed = np.minimum(distances_of(model, data.qpos, distances.geom_pairs, 0.1), 0.01)
+    tip = FrameTask(Body(model.nbody - 1), rows=[3, 4, 5], target=rng.normal([0, 0, 0.5], 0.5))
+    ik = Ik(model, [tip], Limits(acceleration=hard, distances=distances), active=True)
+    before = np.zeros(model.nv)
+    for _ in range(60):
+        qvel = ik.step(data, dt)
+        assert np.abs(qvel - before).max() <= hard * dt * (1 + 1e-9)
+        before, data = np.array(qvel), ik.advance(data, qvel, dt)
+        near = distances_of(model, data.qpos, distances.geom_pairs, 0.1)
+        assert (near > allowed - 1e-6).all()
+    assert np.abs(data.qpos).max() > 0.01
+
+
+def test_a_start_that_is_too_fast_is_braked_as_hard_as_it_may_be_and_named():
+    model = cart()
+    data, distances = mujoco.MjData(model), Distances(model, margin_m=0.02)
+    data.qpos[0], data.qvel[0] = 0.8, 1.0
+    tip = FrameTask("tip", rows=[3], target=[0.0, 0.0, 0.0], gain=0.01)
+    ik = Ik(model, [tip], Limits(acceleration=2.0, distances=distances))
+    answer = ik.solve(data, 0.01)
+    assert answer.qvel[0] == pytest.approx(0.98)
+    assert answer.exceeded == ("geoms wall and ball",) and "geoms wall and ball" in str(answer)
+
+
+@pytest.mark.parametrize("dt", [0.005, 0.05])
+def test_a_passive_joint_is_braked_before_its_range_with_what_all_joints_may(dt):
+    data, before, rocker = assemble(FOUR_BAR), np.zeros(3), []
+    ik = Ik(FOUR_BAR, [PostureTask(target=[2.0, 0.0, 0.0])], Limits(velocity=1.0, acceleration=3.0))
+    for _ in range(round(3.0 / dt)):
+        qvel = ik.step(data, dt)
+        assert np.abs(qvel - before).max() <= 3.0 * dt * (1 + 1e-6)
+        before, data = qvel, ik.advance(data, qvel, dt)
+        rocker.append(abs(data.joint("rocker").qpos[0]))
+    assert 0.29 < max(rocker) < 0.3 + 1e-6
+
+
+TETHERED = mujoco.MjModel.from_xml_string(
+    """<mujoco><worldbody><site name="anchor" pos="0 0 1.2"/><body pos="0 0 .5">
+    <joint name="j1" axis="0 1 0"/><geom size=".02"/><body pos=".3 0 0">
+    <joint name="j2" axis="0 1 0"/><geom size=".02"/><site name="tip" pos=".3 0 0"/></body></body>
+    <body pos="5 0 0"><joint name="neck" type="ball" range="0 0.5"/><geom size=".02"/>
+    <site name="nose" pos="0 0 1"/></body></worldbody><compiler angle="radian"/>
+    <tendon><spatial name="tether" range="0.2 .95"><site site="anchor"/><site site="tip"/></spatial>
+    </tendon><actuator><position joint="j1"/><position joint="j2"/></actuator></mujoco>"""
+)
+
+
+@pytest.mark.parametrize("acceleration", [None, 2.0])
+@pytest.mark.parametrize("target", [(0.45, 0.25), (0.0, 1.1)])
+def test_a_tendon_without_an_actuator_and_a_ball_stay_in_their_ranges(acceleration, target):
+    """As MuJoCo measures them; the tip comes as near to its target as the tether lets it."""
+    data = mujoco.MjData(TETHERED)
+    data.qpos[:2] = -0.6, 0.4
+    tip = FrameTask("tip", rows=[3, 5], gain=0.2, target=[target[0], 0.0, target[1]])
+    nose = FrameTask("nose", rows=[3, 4], gain=0.2, target=[6.0, 0.7, 0.0])
+    limits = Limits(velocity=3.0, acceleration=acceleration)
+    ik, turn = Ik(TETHERED, [[tip, nose]], limits, active=["neck"]), np.zeros(3)
+    for _ in range(400):
+        data = ik.advance(data, ik.step(data, 0.01), 0.01, into=data)
+        mujoco.mj_fwdPosition(TETHERED, data)
+        mujoco.mju_quat2Vel(turn, data.joint("neck").qpos, 1.0)
+        assert 0.2 - 1e-6 < data.ten_length[0] < 0.95 + 1e-6 and np.linalg.norm(turn) < 0.5 + 1e-6
+    assert np.linalg.norm(turn) > 0.499
+    way = np.linalg.norm(tip.target[[0, 2]] - [0.0, 1.2])
+    missed = np.linalg.norm(data.site("tip").xpos - tip.target)
+    assert missed == pytest.approx(max(way - 0.95, 0.2 - way), abs=1e-3)
+    said = str(ik.solve(data, 0.01))
+    assert "tendon tether" in said and "joint neck" in said
+
+
+def test_a_driven_tendon_gathers_speed_as_its_acceleration_lets_it():
+    model = mujoco.MjModel.from_xml_string(
+        """<mujoco><worldbody><body><joint name="x" type="slide" axis="1 0 0"/><geom size="0.1"/>
+        <site name="a"/></body></worldbody><tendon><fixed name="rope"><joint joint="x" coef="2"/>
+        </fixed></tendon><actuator><motor name="winch" tendon="rope"/></actuator></mujoco>"""
+    )
+    data, lengths = mujoco.MjData(model), [0.0]
+    ik = Ik(model, [asked(9.0)], Limits(velocity={"winch": 0.5}, acceleration={"rope": 2.0}))
+    for _ in range(40):
+        data = ik.advance(data, ik.step(data, DT), DT)
+        lengths.append(2.0 * data.qpos[0])
+    rates = np.diff(lengths) / DT
+    np.testing.assert_allclose(rates, np.minimum(0.04 * np.arange(1, 41), 0.5))
+
+
+NAMED = mujoco.MjModel.from_xml_string(
+    """<mujoco><worldbody><body><joint name="x" type="slide" axis="1 0 0"/><geom size="0.1"/><body>
+    <joint name="y" type="slide" axis="0 1 0"/><geom size="0.1"/><site name="a"/></body></body>
+    </worldbody><tendon><fixed name="both"><joint joint="x" coef="1"/><joint joint="y" coef="1"/>
+    </fixed></tendon><actuator><motor name="y" joint="x"/><motor name="pull" joint="x" gear="-3"/>
+    <motor name="up" joint="y"/></actuator></mujoco>"""
+)
+
+
+@pytest.mark.parametrize(
+    ("limits", "expected"),
+    [
+        ({"pull": 0.1}, (0.1, 1.0)),
+        ({"up": 0.1, "x": 0.2, "pull": 0.3}, (0.2, 0.1)),
+        ({"both": 0.5}, (0.25, 0.25)),
+    ],
+)
+def test_names_of_actuators_and_tendons_are_taken(limits, expected):
+    task = FrameTask("a", rows=[3, 4], target=[1.0, 1.0, 0.0])
+    qvel = Ik(NAMED, [task], Limits(velocity=limits)).step(mujoco.MjData(NAMED), 1.0)
+    np.testing.assert_allclose(qvel, expected)
+
+
+WRONG = [
+    (lambda: Ik(NAMED, [asked(1)], Limits(velocity={"y": 1.0})), '"y" stands for joint'),
+    (lambda: Ik(NAMED, [asked(1)], Limits(velocity={"pul": 1.0})), 'tendon or .* mean "pull"'),
+    (lambda: Ik(NAMED, [asked(1)], Limits(acceleration={"both": 1.0})), 'no actuator .*"both"'),
+    (lambda: Limits(velocity={"x": np.nan}), r'velocity\["x"\] must be finite'),
+    (lambda: Limits(velocity={1: 2.0}), "velocity: a name must be a str"),  # type: ignore
+    (lambda: Limits(acceleration=-1.0), "acceleration must be positive"),
+    (lambda: Limits(acceleration=True), "acceleration must hold real numbers, got bool"),
+    (lambda: Limits(velocity=[1.0, 2.0]), "velocity must be one number"),  # type: ignore
+]
+
+
+@pytest.mark.parametrize(("make", "said"), WRONG)
+def test_limits_that_are_none_are_refused_by_the_name_as_typed(make, said):
+    with pytest.raises((ValueError, TypeError), match=said):
+        make()
+
+
+def test_distances_of_another_model_of_the_same_size_are_refused():
+    """They would keep what the other one's geoms need."""
+    model, other = cart(), cart(1.5)
+    task = FrameTask("tip", rows=[3], target=np.zeros(3))
+    Ik(model, [task], Limits(distances=Distances(cart())))
+    with pytest.raises(ValueError, match="distances must be of this model"):
+        Ik(model, [task], Limits(distances=Distances(other)))
