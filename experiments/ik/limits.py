@@ -1,9 +1,8 @@
 """Limits of a robot in one call: ranges, velocities, accelerations, distances."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
-from functools import partial
 from typing import NamedTuple
 
 import mujoco
@@ -116,6 +115,7 @@ class Limits:
             coupled,
             (*(joint_name(model, k) for k in model.dof_jntid), *(d.name for d in extra)),
             extra,
+            (np.zeros((0, model.nv)), np.zeros(0)),
         )
 
 
@@ -265,22 +265,29 @@ class VelocityLimits(NamedTuple):
     """Limits of all velocities at one tick.
 
     Attributes:
+        of: What they follow from.
+        pairs: Geoms that are near, (p, 2): rows after those of tendons and balls.
         box: Lower and upper limit of every velocity, (N,) each.
         rows: R of least <= R qvel, shape (r, nv), of tendons, balls, and distances.
         least: Shape (r,).
         braking: What is left to brake; None where accelerations need not be thought of.
         viable: Whether each velocity can keep its own limits for ever, (N,).
         period_s: Until the next tick.
-        names: Gives what each velocity and each row is called.
     """
 
+    of: "LimitsOf"
+    pairs: Indices
     box: tuple[Array, Array]
     rows: Array
     least: Array
     braking: Braking | None
     viable: Array
     period_s: float
-    names: Callable[[], tuple[tuple[str, ...], tuple[str, ...]]]
+
+    def names(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """What each velocity and each row is called."""
+        geoms = tuple(f"geoms {' and '.join(self.of.geom(k) for k in pair)}" for pair in self.pairs)
+        return self.of.names, (*self.of.coupled.names, *geoms)
 
     def are_kept_by(self, velocities: Array) -> bool:
         """Whether the rows are; the box is left to whoever asks."""
@@ -352,6 +359,7 @@ class LimitsOf(NamedTuple):
         coupled: Tendons and balls with limits that no velocity of their own stands for.
         names: Of each velocity.
         extra: Drives that are no joint, whose velocities follow those of joints.
+        without: No rows, (0, nv), and no least products, (0,).
     """
 
     limits: Limits
@@ -362,6 +370,7 @@ class LimitsOf(NamedTuple):
     coupled: Coupled
     names: tuple[str, ...]
     extra: tuple[Drive, ...]
+    without: tuple[Array, Array]
 
     @property
     def has_rows(self) -> bool:
@@ -391,29 +400,27 @@ class LimitsOf(NamedTuple):
             acceleration_limits=self.acceleration,
             period_s=period_s,
         )
+        if not self.has_rows and not (braked and len(kinematics.passive)):
+            return VelocityLimits(
+                *(self, _NO_PAIRS, (box.lower, box.upper), *self.without),
+                *(None, box.viable, period_s),
+            )
         ticks = float((np.abs(v) / most).max()) / period_s if braked else 0.0
         span_s = period_s * ticks_to_rest(ticks + 1.0) if braked else period_s
-        if not braked and not self.has_rows:
-            none = np.zeros((0, self.model.nv)), np.zeros(0)
-            known = partial(self._named, _NO_PAIRS)
-            return VelocityLimits((box.lower, box.upper), *none, None, box.viable, period_s, known)
         rows, room, gain, pairs = self._rows(data, v, span_s)
         least = np.where(room > 0.0, np.minimum(gain / period_s, 1.0 / span_s), gain / period_s)
         with np.errstate(invalid="ignore"):
             least = np.maximum(-least * room, self._least_rates(len(rows)))
         limits = VelocityLimits(
-            (box.lower, box.upper),
-            *(rows, least, None, box.viable, period_s),
-            partial(self._named, pairs),
+            self, pairs, (box.lower, box.upper), rows, least, None, box.viable, period_s
         )
-        passive = limits.limited(kinematics) if braked else np.zeros(0, dtype=bool)
-        if not braked or not (self.has_rows or passive.any()):
+        if not braked:
             return limits
         first = v * max(0.0, 1.0 - 1.0 / ticks) if ticks else v
         low, high = self.positions.ranges
         braking = Braking(first, 1.0 / (most * period_s), period_s, x - low, high - x, rows, room)
         return limits._replace(
-            box=self._of_passive(limits.box, passive, v, span_s, braking),
+            box=self._of_passive(limits.box, limits.limited(kinematics), v, span_s, braking),
             least=np.where(room >= 0.0, np.minimum(least, rows @ first[: self.model.nv]), least),
             braking=braking,
         )
@@ -472,7 +479,7 @@ class LimitsOf(NamedTuple):
 
     def _rows(
         self, data: mujoco.MjData, v: Array, span_s: float
-    ) -> tuple[Array, Array, Array, Array]:
+    ) -> tuple[Array, Array, Array, Indices]:
         """R of what several joints move, its room, the part that a tick may take, and geoms."""
         rows, room, pairs = self.coupled.rows(data), self.coupled.room(data), _NO_PAIRS
         gain, distances = np.ones(len(room)), self.limits.distances
@@ -491,11 +498,8 @@ class LimitsOf(NamedTuple):
         least[: len(self.coupled.velocity)] = -self.coupled.velocity
         return least
 
-    def _named(self, pairs: Array) -> tuple[tuple[str, ...], tuple[str, ...]]:
-        geoms = tuple(f"geoms {' and '.join(self._geom(k) for k in pair)}" for pair in pairs)
-        return self.names, (*self.coupled.names, *geoms)
-
-    def _geom(self, number: int) -> str:
+    def geom(self, number: int) -> str:
+        """Name of a geom; without one its number, and its body."""
         geom = self.model.geom(number)
         return geom.name or f"{number} of {name_of(self.model.body(geom.bodyid[0]))}"
 

@@ -324,7 +324,7 @@ def test_a_tendon_without_an_actuator_and_a_ball_stay_in_their_ranges(accelerati
     nose = FrameTask("nose", rows=[3, 4], gain=0.2, target=[6.0, 0.7, 0.0])
     limits = Limits(velocity=3.0, acceleration=acceleration)
     ik, turn = Ik(TETHERED, [[tip, nose]], limits, active=["neck"]), np.zeros(3)
-    for _ in range(400):
+    for _ in range(600):
         data = ik.advance(data, ik.step(data, 0.01), 0.01, into=data)
         mujoco.mj_fwdPosition(TETHERED, data)
         mujoco.mju_quat2Vel(turn, data.joint("neck").qpos, 1.0)
