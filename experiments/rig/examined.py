@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from experiments.rig.conditions import FREE, LOCKED, SOUND, Codes
 from experiments.rig.verdicts import left_of
+from experiments.study.study import OnProgress
 from prioritized import Classes, ConstrainedSystem, failure_atlas
 from sim import Array
 
@@ -181,6 +182,7 @@ def examine(
     rates: Limits | None = None,
     torques: Limits | None = None,
     are_joints: bool = True,
+    on_progress: OnProgress = lambda done, total: None,
 ) -> Examined:
     """What failures leave of a system; with its springs where it has some.
 
@@ -191,26 +193,51 @@ def examine(
         rates: Limits of the rates, (n,) or (C, n), for the worst speed; None: it is not computed.
         torques: Likewise of the torques.
         are_joints: As in :class:`Examined`.
+        on_progress: Called with the examined and the total number of conditions, if these are so
+            many that they are examined in several parts.
     """
-    within = {"rate_limits": rates, "torque_limits": torques}
-    if are_joints:
-        atlas = failure_atlas(system, list(major), codes=codes, **within)
-        return Examined(codes, atlas.elastic or atlas, are_joints)
-    out = np.where(codes == FREE, LOCKED, codes)
-    if rates is None or rates[0].ndim == 1:  # which failures there are does not matter
-        once, row_of = np.unique(out, axis=0, return_inverse=True)
-        left = failure_atlas(system, list(major), codes=once, **within)
-        return Examined(codes, _rows(left, row_of.ravel()), are_joints)
-    return Examined(codes, failure_atlas(system, list(major), codes=out, **within), are_joints)
+    different, row_of = codes, np.arange(len(codes))
+    if not are_joints:
+        different = np.where(codes == FREE, LOCKED, codes)
+        if rates is None or rates[0].ndim == 1:  # which failures there are does not matter
+            different, row_of = np.unique(different, axis=0, return_inverse=True)
+    parts: list[Classes] = []
+    step = max(1, _AT_ONCE // codes.shape[1] ** 2)
+    for begin in range(0, len(different), step):
+        part = slice(begin, begin + step)
+        atlas = failure_atlas(
+            system,
+            list(major),
+            codes=different[part],
+            rate_limits=_of_part(rates, part),
+            torque_limits=_of_part(torques, part),
+        )
+        parts.append(atlas.elastic or atlas)
+        if step < len(different):
+            on_progress(min(begin + step, len(different)), len(different))
+    return Examined(codes, _joined(parts, row_of.ravel()), are_joints)
 
 
-def _rows(left: Classes, rows: NDArray[np.intp]) -> Classes:
-    """Some of the conditions, each as often as it is named."""
-    chosen: dict[str, Any] = {}
+_AT_ONCE = 200_000
+"""Conditions times squared actuators: less than a second, and 100 MB."""
+
+
+def _of_part(limits: Limits | None, part: slice) -> Limits | None:
+    if limits is None or limits[0].ndim < 2:
+        return limits
+    return limits[0][part], limits[1][part]
+
+
+def _joined(parts: Sequence[Classes], rows: NDArray[np.intp]) -> Classes:
+    """Conditions of all parts by their rows, each as often as it is named."""
+    joined: dict[str, Any] = {}
     for each in fields(Classes):
-        values = getattr(left, each.name)
-        chosen[each.name] = None if values is None else values[rows]
-    return Classes(**chosen)
+        values = [getattr(part, each.name) for part in parts]
+        if values[0] is not None and each.name == "self_motion":  # padded for each part alone
+            most = max(basis.shape[2] for basis in values)
+            values = [np.pad(b, ((0, 0), (0, 0), (0, most - b.shape[2]))) for b in values]
+        joined[each.name] = None if values[0] is None else np.concatenate(values)[rows]
+    return Classes(**joined)
 
 
 _ALONE = 0.995

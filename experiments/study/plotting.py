@@ -1,5 +1,6 @@
 """Figures for print: widths, colours, style, and how they are saved. No display is needed."""
 
+import warnings
 from collections.abc import Sequence
 from io import BytesIO
 from pathlib import Path
@@ -94,11 +95,13 @@ def save_figure(
 
 def printed(figure: Figure, name: str, formats: tuple[str, ...]) -> dict[str, bytes]:
     """What :func:`save_figure` writes, by the names of the files."""
-    if figure.axes and (layout := figure.get_layout_engine()):
-        layout.execute(figure)
-        figure.set_layout_engine("none")  # laid out once: all formats are alike
     files = {}
-    for suffix in formats:
-        figure.savefig(content := BytesIO(), format=suffix, metadata=_NO_DATE[suffix])
-        files[f"{name}.{suffix}"] = content.getvalue()
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph .* missing")  # names are in any script
+        if figure.axes and (layout := figure.get_layout_engine()):
+            layout.execute(figure)
+            figure.set_layout_engine("none")  # laid out once: all formats are alike
+        for suffix in formats:
+            figure.savefig(content := BytesIO(), format=suffix, metadata=_NO_DATE[suffix])
+            files[f"{name}.{suffix}"] = content.getvalue()
     return files

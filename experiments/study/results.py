@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from experiments.study.files import published, write_arrays, write_index
-from experiments.study.tables import Table
+from experiments.study.tables import Table, literal
 
 if TYPE_CHECKING:  # the help text need not wait for these imports
     from matplotlib.figure import Figure
@@ -94,8 +94,8 @@ class Results:
         """Tables and notes as a page."""
         parts = []
         for table in self.tables:
-            parts += [f"## {table.title}", table.legend, table.markdown()]
-        parts.append("\n".join(f"- {note}" for note in self.notes))
+            parts += [f"## {literal(table.title)}", literal(table.legend), table.markdown()]
+        parts.append("\n".join(f"- {literal(note)}" for note in self.notes))
         return "\n\n".join(part for part in parts if part) + "\n"
 
 

@@ -1,8 +1,19 @@
 """Tables for people: columns with a key and a format, rows from a study's summary."""
 
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
+
+_MARKUP = re.compile(
+    r"[|*`$]|(?<!\w)_|_(?!\w)|<(?=[a-zA-Z/!?])|\[(?=[^]]*\]\()|\\(?=[!-/:-@[-`{-~])"
+    r"|&(?=#?\w+;)|~~|^[#>]"
+)
+
+
+def literal(text: str) -> str:
+    """Markdown that shows a text as it is: names are anybody's."""
+    return _MARKUP.sub(r"\\\g<0>", text)
 
 
 @dataclass(frozen=True)
@@ -41,7 +52,7 @@ class Table:
         """The table without title and legend."""
         headings = [heading.replace("\n", " ") for heading in self.headings]
         lines = [headings, ("---",) * len(headings), *self.rows]
-        return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+        return "\n".join("| " + " | ".join(map(literal, line)) + " |" for line in lines)
 
 
 def tabulate(

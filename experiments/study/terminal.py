@@ -51,7 +51,7 @@ def print_table(table: Table) -> None:
     from rich.console import Console
 
     # Units stand in brackets, where markup would.
-    console = Console(markup=False, highlight=False)
+    console = Console(markup=False, emoji=False, highlight=False)
     for part in fitted(table, console.width):
         if part.title:
             console.print(part.title, style="italic")
@@ -79,7 +79,7 @@ def print_notes(notes: Sequence[str]) -> None:
     from rich.console import Console
 
     for note in notes:
-        Console().print(note, highlight=False, markup=False)
+        Console().print(note, emoji=False, highlight=False, markup=False)
 
 
 @dataclass(frozen=True)

@@ -17,14 +17,16 @@ STUDY = Study(
 
     The robot is an MJCF file; without one it is the hexapod. A matrix is a text file of numbers
     whose columns are actuators and whose rows are effects, as of rotors or thrusters; rows and
-    columns may have names. Each failure of one or two actuators (all combinations of up to nine),
-    locked or free: whether the major task survives, what speed, force and precision is left in the
-    worst direction, and which secondary motion goes; for a robot also over its workspace. Takes
-    3 s for a matrix, 5 to 20 s for a robot.
+    columns may have names. Each failure of one or two actuators (of one with more than 99; of up to
+    nine all combinations are counted), locked or free: whether the major task survives, what speed
+    or effect, force and precision is left in the worst direction, and which secondary motion goes;
+    for a robot also over its workspace. A failure is survived if at least 1 % of the speed and
+    force, or of the effect, without failures is left. Takes 3 s for a matrix, 5 to 20 s for a
+    robot; what takes longer says so.
 
-    Writes survey.json, the report on one page as survey.html, the table as survey.md, all
-    conditions as survey.npz, a figure, and survey.rrd: a robot's motion in each direction that a
-    single failure costs.
+    Writes survey.json, the report on one page as survey.html, the tables as survey.md and all
+    conditions as survey.npz; a figure, if the task is possible without failures; and of a robot
+    survey.rrd, survey_2.rrd and so on: its motion in each direction that a single failure costs.
 
     Example: fjh survey --matrix rotors.csv --lower 0 --upper 6 --hold 15,0,0,0 --out rotors
     """,

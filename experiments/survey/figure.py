@@ -59,7 +59,8 @@ def figure_survey(survey: Survey) -> Figure:
     if right:
         _pairs(right[0], survey)
     one_legend(figure, 4)
-    figure.suptitle(f"{survey.subject.title}: {_what(survey)} left in the worst direction")
+    what = f"{survey.subject.title}: {_what(survey)} left in the worst direction"
+    figure.suptitle(what, parse_math=False)
     return figure
 
 
@@ -77,7 +78,7 @@ def _bars(axes: Axes, survey: Survey) -> None:
     axes.set(
         xlabel="left, of that without failures", title="one failure", ylim=(len(names) - 0.5, -0.5)
     )
-    axes.set_yticks(at, names)
+    axes.set_yticks(at, names, parse_math=False)
     axes.grid(axis="y", visible=False)
 
 
@@ -91,8 +92,8 @@ def _pairs(axes: Axes, survey: Survey) -> None:
     some = np.arange(0, n - step + 1, step)
     at = np.concatenate([some, n + some])
     labels = [names[k % n] for k in at]
-    axes.set_xticks(at, labels, rotation=90)
-    axes.set_yticks(at, labels)
+    axes.set_xticks(at, labels, rotation=90, parse_math=False)
+    axes.set_yticks(at, labels, parse_math=False)
     for k, word in enumerate(KINDS.values()):
         middle = (0.25 + 0.5 * k, 1.02)
         axes.text(*middle, word, transform=axes.transAxes, ha="center")

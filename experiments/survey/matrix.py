@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from experiments.study.interrupts import printable
 from experiments.study.spelling import check_file, hint, index_in
 from experiments.study.study import WrongInput
 from experiments.survey.survey import Limited, Subject
@@ -19,6 +20,8 @@ LARGEST = 1e12
 """Of the numbers; larger ones are mistakes, and their squares would overflow."""
 MOST = 200
 """Rows or columns."""
+MOST_CHARACTERS = 200
+"""Of a cell: a name is shown in tables and pictures."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +53,7 @@ def matrix_subject(
     rows = B.rows or tuple(f"row {k}" for k in range(len(B.values)))
     chosen = _rows(major, B.rows, len(rows))
     return Subject(
-        title=file.stem,
+        title=printable(file.stem),
         sha256=hashlib.sha256(file.read_bytes()).hexdigest(),
         actuators=names,
         units=("1",) * len(names),
@@ -77,15 +80,22 @@ def read_matrix(file: Path, option: str) -> Written:
     except (OSError, UnicodeDecodeError):
         raise WrongInput(f"{option} {file} is no text file that can be read") from None
     lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
-    cells = [_cells(line) for line in lines]
-    return _parsed(cells, f"{option} {file}")
+    called = f"{option} {file}"
+    return _parsed([_cells(line, f"{called}: row {k}") for k, line in enumerate(lines, 1)], called)
 
 
-def _cells(line: str) -> list[str]:
+def _cells(line: str, called: str) -> list[str]:
+    """The cells of a row, with nothing in them that would command a terminal."""
     mark = next((each for each in ",;\t" if each in line), None)
-    if mark is None:
-        return line.split()
-    return [cell.strip() for cell in next(csv.reader([line], delimiter=mark))]
+    try:
+        cells = line.split() if mark is None else next(csv.reader([line], delimiter=mark))
+    except csv.Error as error:
+        raise WrongInput(f"{called} cannot be read: {error}") from None
+    if (longest := max(map(len, cells))) > MOST_CHARACTERS:
+        raise WrongInput(
+            f"{called} has a cell of {longest:,} characters; at most {MOST_CHARACTERS} are taken"
+        )
+    return [printable(cell.strip()) for cell in cells]
 
 
 def _parsed(cells: list[list[str]], called: str) -> Written:

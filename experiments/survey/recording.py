@@ -18,6 +18,7 @@ from experiments.rig.bodies import body_name
 from experiments.rig.conditions import KINDS, listed
 from experiments.rig.examined import directions_in_words
 from experiments.rig.robot import Robot
+from experiments.study.tables import literal
 from experiments.survey.quantities import common
 from experiments.survey.sentences import headline
 from experiments.survey.survey import Survey
@@ -121,8 +122,12 @@ def write_losses(survey: Survey, folder: Path) -> None:
     for part, begin in enumerate(range(0, len(found), MOST), start=1):
         shown = found[begin : begin + MOST]
         driven = {title(survey, loss): _driven(survey, robot, loss) for loss in shown}
-        notes = [f"# {subject.title}", "", "Motions that single failures cost, and self-motions:"]
-        notes += ["", *(f"- {title(survey, loss, most=99)}" for loss in shown), ""]
+        notes = [
+            f"# {literal(subject.title)}",
+            "",
+            "Motions that single failures cost, and self-motions:",
+        ]
+        notes += ["", *(f"- {literal(title(survey, loss, most=99))}" for loss in shown), ""]
         notes += [f"{len(shown)} of {len(found)} directions. Made by `{survey.command}`."]
         number = "" if part == 1 else f"_{part}"
         identity, name = f"survey-{subject.title}{number}", f"Survey of {subject.title}{number}"

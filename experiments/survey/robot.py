@@ -9,6 +9,7 @@ from experiments.rig.bodies import model_name
 from experiments.rig.options import RobotOptions
 from experiments.rig.robot import Robot, left_out_of, robot_of
 from experiments.rig.units import ROWS
+from experiments.study.interrupts import printable
 from experiments.survey.matrix import input_limits
 from experiments.survey.survey import Limited, Subject
 from prioritized import ConstrainedSystem
@@ -45,7 +46,7 @@ def robot_subject(
     if rates is None or lower is not None or upper is not None:
         rates = input_limits(lower, upper, names, _UNSTATED)
     return Subject(
-        title=model_name(robot.model, path),
+        title=printable(model_name(robot.model, path)),
         sha256=model_sha256(path),
         actuators=names,
         units=tuple(drive.unit for drive in driven),

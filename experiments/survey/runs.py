@@ -4,12 +4,14 @@ import shlex
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from time import perf_counter
 from typing import Any
 
 from experiments.rig.choices import Diagnosing
-from experiments.rig.conditions import Codes, few_failures
+from experiments.rig.conditions import Codes, counted, few_failures
 from experiments.rig.examined import Examined, examine
 from experiments.rig.options import RobotOptions
+from experiments.study.interrupts import notice
 from experiments.study.study import OnProgress
 from experiments.survey import STUDY
 from experiments.survey.alike import Columns, alike_columns
@@ -25,6 +27,8 @@ from sim import HEXAPOD_MJCF
 
 _QUICK = 8
 """Postures at most."""
+_LONG_S = 3.0
+"""What takes longer is said before."""
 _NO_OTHER = (
     "No other posture than the start was examined: no joint can be varied, or the loops could not "
     "be closed within the joint ranges."
@@ -60,7 +64,8 @@ def run_survey(
     else:
         subject = robot_subject(model, robot_options(model, **robot), lower, upper)
     extent = extent_of(subject)
-    start = examine_at_start(subject, extent, few_failures(len(subject.actuators), extent.listed))
+    codes = few_failures(len(subject.actuators), extent.listed)
+    start = examine_at_start(subject, extent, codes, on_progress)
     workspace, left_out = None, extent.left_out
     count = min(postures, _QUICK) if quick else postures
     if subject.robot is not None and count > 0:
@@ -68,8 +73,8 @@ def run_survey(
         left_out += () if workspace else (_NO_OTHER,)
         if workspace and not start.survived[0] and workspace.survived[:, 0].any():
             subject = at_best_posture(subject, subject.robot, workspace, start.reason(0))
-            start = examine_at_start(subject, extent, start.codes)
-    counts, checked = tuple(_counts(subject, extent)), recheck(subject, start)
+            start = examine_at_start(subject, extent, codes, on_progress)
+    counts, checked = tuple(_counts(subject, extent, on_progress)), recheck(subject, start)
     said, isolation = shlex.join(command), _isolation(model, subject, sensors, servo)
     return Survey(said, seed, subject, start, counts, workspace, checked, isolation, left_out)
 
@@ -102,8 +107,10 @@ def robot_options(model: Path | None, **given: Any) -> RobotOptions:
     )
 
 
-def examine_at_start(subject: Subject, extent: Extent, codes: Codes) -> Examined:
-    """These conditions with all that is computed."""
+def examine_at_start(
+    subject: Subject, extent: Extent, codes: Codes, on_progress: OnProgress
+) -> Examined:
+    """These conditions with all that is computed; how long it takes is said where that is long."""
     torques = subject.torques.values if subject.torques is not None and extent.force else None
     return examine(
         subject.system,
@@ -112,15 +119,32 @@ def examine_at_start(subject: Subject, extent: Extent, codes: Codes) -> Examined
         rates=limits_about_rest(subject, codes) if extent.speed else None,
         torques=torques,
         are_joints=subject.robot is not None,
+        on_progress=_announced(on_progress, subject),
     )
 
 
-def _counts(subject: Subject, extent: Extent) -> Iterator[Count]:
+def _announced(on_progress: OnProgress, subject: Subject) -> OnProgress:
+    """The same, and after the first part a sentence if the others take long."""
+    begun, said = perf_counter(), False
+
+    def update(done: int, total: int) -> None:
+        nonlocal said
+        left_s = (perf_counter() - begun) / done * (total - done)
+        if not said and left_s > _LONG_S:
+            actuators = counted(len(subject.actuators), "actuator")
+            notice(f"{total:,} different conditions of {actuators} take about {left_s:.2g} s more")
+        said = True
+        on_progress(done, total)
+
+    return update
+
+
+def _counts(subject: Subject, extent: Extent, on_progress: OnProgress) -> Iterator[Count]:
     """How many conditions survive, by their number of failures."""
     if extent.counted <= extent.listed:
         return
     codes = few_failures(len(subject.actuators), extent.counted)
-    found = examine_at_start(subject, extent, codes)
+    found = examine_at_start(subject, extent, codes, on_progress)
     for failures in range(extent.counted + 1):
         of = found.failures == failures
         yield Count(failures, int(of.sum()), int(found.survived[of].sum()))

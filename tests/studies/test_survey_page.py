@@ -8,6 +8,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from markdown_it import MarkdownIt
 from scipy.spatial.transform import Rotation
 
 from experiments.app.cli import main
@@ -20,7 +21,15 @@ from sim import MODELS
 from tests.rrd import entities, notes, scalars
 
 VOID = {"meta", "img"}
-HOSTILE = ("<script>alert(1)</script>", 'a"onload="x', "r&d")
+HOSTILE = (
+    "<script>alert(1)</script>",
+    'a"onload="x',
+    "r&d",
+    "c|d _e_",
+    "[red]$\\bad{$",
+    ":x:",
+    "日",
+)
 
 
 class Page(HTMLParser):
@@ -69,15 +78,25 @@ def page_of(folder: Path) -> tuple[Page, dict]:
     return page, told
 
 
-def test_the_page_of_a_matrix_has_every_sentence_and_escapes_its_names(tmp_path):
+def shown_by_markdown(text: str) -> str:
+    """What a reader of rendered Markdown sees; no name is markup."""
+    page = Page(MarkdownIt("commonmark").enable("table").render(text))
+    plain = {"h2", "p", "table", "thead", "tbody", "tr", "th", "td", "ul", "li"}
+    assert page.tags <= plain, page.tags - plain
+    return page.text
+
+
+def test_the_page_of_a_matrix_has_every_sentence_and_its_names_are_no_markup(tmp_path, capfd):
     file = tmp_path / "rotors.csv"
     quoted = [f'"{name.replace(chr(34), 2 * chr(34))}"' for name in HOSTILE]
-    file.write_text(f"{','.join(quoted)}\n1,1,1\n0,1,2\n")
+    file.write_text(f"{','.join(quoted)}\n1,1,1,1,1,1,1\n0,1,2,3,4,5,6\n")
     out = tmp_path / "out"
-    assert main(["survey", "--matrix", str(file), "--quiet", "--out", str(out)]) == 0
-    page, told = page_of(out)
-    assert told["actuators"] == list(HOSTILE)
-    assert all(f"{name} locked" in page.text for name in HOSTILE)
+    assert main(["survey", "--matrix", str(file), "--out", str(out)]) == 0
+    printed, (page, told) = capfd.readouterr(), page_of(out)
+    assert told["actuators"] == list(HOSTILE) and not printed.err
+    shown = shown_by_markdown((out / "survey.md").read_text())
+    for name in HOSTILE:
+        assert all(f"{name} locked" in text for text in (page.text, printed.out, shown)), name
     sha = told["matrix_sha256"]
     assert sha in page.text and not list(out.glob("*.rrd"))
     again = tmp_path / "again"
@@ -109,18 +128,40 @@ def test_a_page_that_leaves_out_a_sentence_or_leads_elsewhere_is_seen(tmp_path):
     assert "table" in page.tags
 
 
-def survey(name: str, major: str, axes: str | None = None) -> Survey:
+ROPE = """
+<mujoco><compiler angle="radian"/><option gravity="0 0 0"/><worldbody><site name="there"/>
+  <body><joint name="j1" axis="0 0 1"/><geom type="capsule" fromto="0 0 0 .3 0 0" size=".02"/>
+    <body pos=".3 0 0"><joint name="j2" axis="0 0 1"/><geom size=".02"/>
+      <site name="here" pos="0 .1 0"/>
+      <body pos=".3 0 0"><joint name="j3" axis="0 0 1"/><geom size=".02"/>
+        <site name="payload" pos=".3 0 0"/></body></body></body></worldbody>
+  <tendon><fixed name="t1"><joint joint="j1" coef=".02"/><joint joint="j2" coef="-.01"/></fixed>
+    <spatial name="t2"><site site="there"/><site site="here"/></spatial></tendon>
+  <actuator><motor name="m1" tendon="t1"/><muscle name="m2" tendon="t2" lengthrange=".1 .5"/>
+    <motor name="m3" joint="j3"/><motor name="jet" site="payload" gear="0 -1 0 0 0 0"/></actuator>
+  <keyframe><key qpos=".3 .6 .5"/></keyframe></mujoco>
+"""
+"""Drives that are no joints: tendons, a muscle, a thruster; and one that is."""
+
+
+def survey(model: Path, major: str, axes: str | None = None) -> Survey:
     return run_survey(
-        seed=0, quick=True, on_progress=lambda done, total: None, model=MODELS / name, matrix=None,
+        seed=0, quick=True, on_progress=lambda done, total: None, model=model, matrix=None,
         lower=None, upper=None, hold=None, postures=0, sensors="off", servo=None, site="payload",
         axes=axes, keyframe=None, pinned=None, major=major,
     )  # fmt: skip
 
 
 @pytest.fixture(scope="module")
-def surveys() -> dict[str, Survey]:
-    """An arm with a free joint each, and a platform with a lost turn."""
-    return {"arm": survey("arm.xml", "0,1"), "platform": survey("platform.xml", "3,4")}
+def surveys(tmp_path_factory) -> dict[str, Survey]:
+    """An arm with a free joint each, a platform with a lost turn, and an arm of ropes."""
+    rope = tmp_path_factory.mktemp("rope") / "rope.xml"
+    rope.write_text(ROPE)
+    files = {"arm": MODELS / "arm.xml", "platform": MODELS / "platform.xml", "rope": rope}
+    return {name: survey(file, MAJOR[name]) for name, file in files.items()}
+
+
+MAJOR = {"arm": "0,1", "platform": "3,4", "rope": "3,4"}
 
 
 def moved(model: mujoco.MjModel, qpos: np.ndarray) -> np.ndarray:
@@ -135,7 +176,7 @@ def moved(model: mujoco.MjModel, qpos: np.ndarray) -> np.ndarray:
     return np.hstack([turns, [place - x for _, place in poses]])
 
 
-@pytest.mark.parametrize("name", ["arm", "platform"])
+@pytest.mark.parametrize("name", MAJOR)
 def test_the_motion_is_along_the_direction_that_is_lost(surveys, name, monkeypatch, tmp_path):
     """The pose of the site along the recorded joints; a locked joint moves, a held one rests."""
     found, written = surveys[name], {}
